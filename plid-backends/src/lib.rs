@@ -1,0 +1,1 @@
+//! Matrix backends of plid: nalgebra, faer, plain loops

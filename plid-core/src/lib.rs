@@ -1,0 +1,1 @@
+//! The PLID recursion: traits, canonical form, implicit model, noise model, identifier

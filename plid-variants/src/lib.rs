@@ -1,0 +1,1 @@
+//! Covariance forms and conditional expectations of plid

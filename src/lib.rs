@@ -1,0 +1,1 @@
+//! plid: pseudo-linear identification.

@@ -1,0 +1,2 @@
+//! The `plid` program.
+fn main() {}
