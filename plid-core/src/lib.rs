@@ -1,1 +1,32 @@
-//! The PLID recursion: traits, canonical form, implicit model, noise model, identifier
+//! The PLID recursion: traits, canonical form, implicit model, noise model, identifier.
+//!
+//! PLID (Hopkins and VanLandingham 1994; Vallone and Hopkins 1995) is a Kalman-like filter whose state holds the
+//! plant's n states *and* the unknown columns of its A and B in the MIMO observable canonical form,
+//! s = [x; a_1 .. a_p; b_1 .. b_m], N = (p + m + 1) n entries. Because an output *is* a state plus sensor noise, the model
+//! is linear in s with known coefficients z and u: pseudo-linear.
+//!
+//! [`Identifier`] is the one loop. It is generic over three seams: how P is carried ([`CovariancePropagation`]), what
+//! is taken as known when noise multiplies an unknown parameter ([`ConditionalExpectations`]) and the canonical form
+//! ([`ImplicitModel`]). A [`Backend`] gives storage, kernels and the [`Scalar`]. The variants live in `plid-variants`,
+//! the backends in `plid-backends`.
+
+mod backend;
+mod covariance;
+mod expectations;
+mod identified;
+mod identifier;
+pub mod kernels;
+mod matrix;
+mod model;
+mod noise;
+mod scalar;
+
+pub use backend::Backend;
+pub use covariance::{CovariancePropagation, Health, InitialCovariance, ScalarOf, Transition};
+pub use expectations::{ConditionalExpectations, Moment};
+pub use identified::IdentifiedModel;
+pub use identifier::{Checkpoint, Identifier, IdentifierError, Settings};
+pub use matrix::{Dense, Matrix, View, ViewMut};
+pub use model::{ImplicitModel, ObservableForm, StructureError};
+pub use noise::{NoiseError, NoiseModel, NoiseTerms};
+pub use scalar::Scalar;

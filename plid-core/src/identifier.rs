@@ -1,0 +1,393 @@
+//! The one loop: expectations that need P before the measurement, measurement update, expectations that need P
+//! after it, time update.
+
+use serde::{Deserialize, Serialize};
+
+use crate::kernels::{BadPivot, axpy};
+use crate::{
+    ConditionalExpectations, CovariancePropagation, Health, IdentifiedModel, ImplicitModel, InitialCovariance, Moment,
+    NoiseError, NoiseModel, NoiseTerms, ObservableForm, Scalar, ScalarOf, Transition,
+};
+
+/// Everything that can go wrong in the recursion.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum IdentifierError {
+    /// The noise model is not one.
+    #[error(transparent)]
+    Noise(#[from] NoiseError),
+    /// A vector has the wrong number of entries.
+    #[error("{name} has {found} entries; {expected} are needed")]
+    Length {
+        /// Which vector.
+        name: &'static str,
+        /// Its entries.
+        found: usize,
+        /// Those needed.
+        expected: usize,
+    },
+    /// A number that must be above zero is not.
+    #[error("{name} is {value}; it must be {range}")]
+    Range {
+        /// Which number.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it may be.
+        range: &'static str,
+    },
+    /// P0 is not positive semidefinite.
+    #[error("the initial covariance is not positive semidefinite (pivot {value:.3e} at entry {index} of s, from 0)")]
+    InitialCovariance {
+        /// The entry of s.
+        index: usize,
+        /// The pivot.
+        value: f64,
+    },
+    /// An input or an output that is not marked as missing is NaN or infinite.
+    #[error("step {step}: {channel} is {value}")]
+    NotFinite {
+        /// The step, from 0.
+        step: u64,
+        /// The channel: "input 2" or "output 1", from 1.
+        channel: String,
+        /// What stands there.
+        value: f64,
+    },
+    /// P has lost its positive definiteness.
+    #[error("step {step}: the covariance is no longer positive ({phase}: pivot {value:.3e} at index {index})")]
+    Indefinite {
+        /// The step, from 0.
+        step: u64,
+        /// "measurement update" or "time update".
+        phase: &'static str,
+        /// The index of the pivot.
+        index: usize,
+        /// The pivot.
+        value: f64,
+    },
+    /// The estimate is no longer finite.
+    #[error("step {step}: the estimate has diverged (entry {index} of s, from 0)")]
+    Diverged {
+        /// The step, from 0.
+        step: u64,
+        /// The entry of s.
+        index: usize,
+    },
+    /// A checkpoint belongs to another identifier.
+    #[error("the checkpoint does not fit: {0}")]
+    Checkpoint(&'static str),
+}
+
+/// What a run is begun with, besides structure and noise.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// P0.
+    pub initial_covariance: InitialCovariance,
+    /// The first estimate of s, N entries.
+    pub initial_estimate: Vec<f64>,
+    /// Variance added to each parameter's variance a step (the paper's cure for finite precision); 0 for none.
+    pub parameter_noise: f64,
+    /// Exponential forgetting: P is divided by this each step; 1 for none.
+    pub forgetting: f64,
+}
+
+impl Settings {
+    /// Zero estimate, variance `state` for each entry of x and `parameter` for each of theta, no parameter noise, no forgetting.
+    pub fn new(model: &impl ImplicitModel, state: f64, parameter: f64) -> Self {
+        let (n, joint) = (model.states(), model.joint_states());
+        let mut diagonal = vec![parameter; joint];
+        diagonal[..n].fill(state);
+        Self {
+            initial_covariance: InitialCovariance::Diagonal(diagonal),
+            initial_estimate: vec![0.0; joint],
+            parameter_noise: 0.0,
+            forgetting: 1.0,
+        }
+    }
+}
+
+/// All that a run needs to be continued to the same bits.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Checkpoint {
+    step: u64,
+    estimate: Vec<[f64; 2]>,
+    covariance: Vec<[f64; 2]>,
+}
+
+impl Checkpoint {
+    /// The steps done.
+    pub fn step(&self) -> u64 {
+        self.step
+    }
+}
+
+/// A PLID run over covariance form `C`, conditional expectation `E` and implicit model `M`.
+#[derive(Clone, Debug)]
+pub struct Identifier<C: CovariancePropagation, E, M = ObservableForm> {
+    model: M,
+    noise: NoiseTerms<ScalarOf<C>>,
+    covariance: C,
+    expectations: E,
+    s: Vec<ScalarOf<C>>,
+    parameter_noise: ScalarOf<C>,
+    inverse_forgetting: ScalarOf<C>,
+    step: u64,
+    // Scratch of a step.
+    transition: Transition<ScalarOf<C>>,
+    rows: Vec<usize>,
+    z: Vec<ScalarOf<C>>,
+    u: Vec<ScalarOf<C>>,
+    residual: Vec<ScalarOf<C>>,
+    innovation: Vec<f64>,
+}
+
+impl<C, E, M> Identifier<C, E, M>
+where
+    C: CovariancePropagation,
+    E: ConditionalExpectations<C>,
+    M: ImplicitModel,
+{
+    /// A run that is about to take its first sample.
+    ///
+    /// # Errors
+    /// A noise model, initial estimate, covariance, forgetting factor or parameter noise that cannot be.
+    pub fn new(model: M, noise: &NoiseModel, settings: &Settings) -> Result<Self, IdentifierError> {
+        let (n, m, p) = (model.states(), model.inputs(), model.outputs());
+        noise.check(p, m, n)?;
+        check_length("the initial estimate", settings.initial_estimate.len(), model.joint_states())?;
+        match &settings.initial_covariance {
+            InitialCovariance::Diagonal(d) => check_length("the initial variances", d.len(), model.joint_states())?,
+            InitialCovariance::Full(p0) => {
+                check_length("the initial covariance", p0.rows(), model.joint_states())?;
+                check_length("the initial covariance", p0.columns(), model.joint_states())?;
+            }
+        }
+        if let Some(index) = settings.initial_estimate.iter().position(|x| !x.is_finite()) {
+            return Err(IdentifierError::Diverged { step: 0, index });
+        }
+        if !(settings.forgetting > 0.0 && settings.forgetting <= 1.0) {
+            let (name, value) = ("the forgetting factor", settings.forgetting);
+            return Err(IdentifierError::Range { name, value, range: "above 0 and at most 1" });
+        }
+        if !(settings.parameter_noise >= 0.0 && settings.parameter_noise.is_finite()) {
+            let (name, value) = ("the parameter noise", settings.parameter_noise);
+            return Err(IdentifierError::Range { name, value, range: "at least 0" });
+        }
+        let covariance = C::new(&model, &settings.initial_covariance)
+            .map_err(|BadPivot { index, value }| IdentifierError::InitialCovariance { index, value })?;
+        let zero = C::zero();
+        Ok(Self {
+            noise: NoiseTerms::new(noise),
+            covariance,
+            expectations: E::new(&model),
+            s: settings.initial_estimate.iter().map(|&x| ScalarOf::<C>::from_f64(x)).collect(),
+            parameter_noise: ScalarOf::<C>::from_f64(settings.parameter_noise),
+            inverse_forgetting: ScalarOf::<C>::from_f64(1.0 / settings.forgetting),
+            step: 0,
+            transition: Transition::new(&model),
+            rows: Vec::with_capacity(p),
+            z: vec![zero; p],
+            u: vec![zero; m],
+            residual: vec![zero; p],
+            innovation: vec![0.0; p],
+            model,
+        })
+    }
+
+    /// Takes the outputs z_k (p) and the inputs u_k (m) of one sample.
+    ///
+    /// # Errors
+    /// [`IdentifierError`] with the step, and the channel or the pivot. After an error the estimate is not to be used.
+    pub fn step(&mut self, z: &[f64], u: &[f64]) -> Result<(), IdentifierError> {
+        self.take(z, u, false)
+    }
+
+    /// The same, where a NaN among the outputs means that this output is missing: the step updates with those that are there.
+    ///
+    /// # Errors
+    /// As [`Identifier::step`].
+    pub fn step_with_missing(&mut self, z: &[f64], u: &[f64]) -> Result<(), IdentifierError> {
+        self.take(z, u, true)
+    }
+
+    fn take(&mut self, z: &[f64], u: &[f64], nan_is_missing: bool) -> Result<(), IdentifierError> {
+        check_length("the outputs", z.len(), self.model.outputs())?;
+        check_length("the inputs", u.len(), self.model.inputs())?;
+        let missing = |value: f64| nan_is_missing && value.is_nan();
+        let step = self.step;
+        let bad = |kind: &str, index: usize, value: f64| IdentifierError::NotFinite {
+            step,
+            channel: format!("{kind} {}", index + 1),
+            value,
+        };
+        if let Some(i) = z.iter().position(|&x| !x.is_finite() && !missing(x)) {
+            return Err(bad("output", i, z[i]));
+        }
+        if let Some(j) = u.iter().position(|x| !x.is_finite()) {
+            return Err(bad("input", j, u[j]));
+        }
+        for (to, &from) in self.z.iter_mut().zip(z) {
+            *to = ScalarOf::<C>::from_f64(from);
+        }
+        for (to, &from) in self.u.iter_mut().zip(u) {
+            *to = ScalarOf::<C>::from_f64(from);
+        }
+        self.noise.set_available(z.iter().map(|&x| !missing(x)));
+        self.rows.clear();
+        self.rows.extend(self.noise.available().iter().map(|&i| self.model.output_states()[i]));
+        self.innovation.fill(f64::NAN);
+
+        let count = self.form_residual();
+        for (&i, &e) in self.noise.available().iter().zip(&self.residual) {
+            self.innovation[i] = e.to_f64();
+        }
+        let moment = Moment {
+            model: &self.model,
+            noise: &self.noise,
+            s: &self.s,
+            z: &self.z,
+            u: &self.u,
+            residual: &self.residual[..count],
+        };
+        self.expectations.before(&moment, &mut self.covariance, &mut self.transition);
+        self.covariance
+            .measurement_update(&self.rows, &self.noise, &self.residual[..count], &mut self.s)
+            .map_err(|e| indefinite(step, "measurement update", e))?;
+        self.form_residual();
+        let moment = Moment {
+            model: &self.model,
+            noise: &self.noise,
+            s: &self.s,
+            z: &self.z,
+            u: &self.u,
+            residual: &self.residual[..count],
+        };
+        self.expectations.after(&moment, &mut self.covariance, &mut self.transition);
+        self.advance_estimate();
+        self.covariance.time_update(&self.model, &self.transition).map_err(|e| indefinite(step, "time update", e))?;
+        if self.inverse_forgetting != C::one() {
+            self.covariance.scale(self.inverse_forgetting);
+        }
+        if self.parameter_noise != C::zero() {
+            self.covariance.add_parameter_noise(self.parameter_noise, step);
+        }
+        if let Some(index) = self.s.iter().position(|x| !x.is_finite()) {
+            return Err(IdentifierError::Diverged { step, index });
+        }
+        self.step += 1;
+        Ok(())
+    }
+
+    /// z - C x of the outputs that are there; returns how many.
+    fn form_residual(&mut self) -> usize {
+        let available = self.noise.available();
+        for (k, (&i, &row)) in available.iter().zip(&self.rows).enumerate() {
+            self.residual[k] = self.z[i] - self.s[row];
+        }
+        available.len()
+    }
+
+    /// x <- J x + sum_k phi_k theta_k + d.
+    fn advance_estimate(&mut self) {
+        let n = self.model.states();
+        let (x, theta) = self.s.split_at_mut(n);
+        self.model.shift(x);
+        for (column, &weight) in theta.chunks_exact(n).zip(&self.transition.phi) {
+            axpy(weight, column, x);
+        }
+        axpy(C::one(), &self.transition.drift, x);
+    }
+
+    /// Another noise model from the next step on: noise may be given per step. Allocates only on error.
+    ///
+    /// # Errors
+    /// A noise model that cannot be; the former one then stays.
+    pub fn set_noise(&mut self, noise: &NoiseModel) -> Result<(), IdentifierError> {
+        noise.check(self.model.outputs(), self.model.inputs(), self.model.states())?;
+        self.noise.set(noise);
+        Ok(())
+    }
+
+    /// The innovation z - C x- of the last step, p entries, NaN where an output was missing.
+    pub fn innovation(&self) -> &[f64] {
+        &self.innovation
+    }
+
+    /// The estimate of s = [x; a_1 .. a_p; b_1 .. b_m] that predicts the next sample, N entries.
+    pub fn estimate(&self) -> &[ScalarOf<C>] {
+        &self.s
+    }
+
+    /// The covariance of the estimate, in its form.
+    pub fn covariance(&self) -> &C {
+        &self.covariance
+    }
+
+    /// The structure.
+    pub fn model(&self) -> &M {
+        &self.model
+    }
+
+    /// The samples taken.
+    pub fn steps(&self) -> u64 {
+        self.step
+    }
+
+    /// How sound P is now.
+    pub fn health(&self) -> Health {
+        self.covariance.health()
+    }
+
+    /// The plant as it stands in the estimate, with the covariance of its parameters.
+    pub fn identified(&self) -> IdentifiedModel {
+        IdentifiedModel::from_estimate(&self.model, &self.s, &self.covariance.dense())
+    }
+
+    /// All that is needed to go on later.
+    pub fn checkpoint(&self) -> Checkpoint {
+        Checkpoint {
+            step: self.step,
+            estimate: self.s.iter().map(|x| x.to_parts()).collect(),
+            covariance: self.covariance.state().into_iter().map(Scalar::to_parts).collect(),
+        }
+    }
+
+    /// Goes on from a checkpoint of an identifier of the same types and structure.
+    ///
+    /// # Errors
+    /// A checkpoint of another size; nothing is changed then.
+    pub fn restore(&mut self, checkpoint: &Checkpoint) -> Result<(), IdentifierError> {
+        if checkpoint.estimate.len() != self.s.len() {
+            return Err(IdentifierError::Checkpoint("its estimate has another length"));
+        }
+        let state: Vec<_> = checkpoint.covariance.iter().map(|&x| ScalarOf::<C>::from_parts(x)).collect();
+        if !self.covariance.restore(&state) {
+            return Err(IdentifierError::Checkpoint("its covariance is of another form or size"));
+        }
+        for (to, &from) in self.s.iter_mut().zip(&checkpoint.estimate) {
+            *to = ScalarOf::<C>::from_parts(from);
+        }
+        self.step = checkpoint.step;
+        Ok(())
+    }
+}
+
+/// Zero and one of a form's scalar, for short.
+trait Numbers: CovariancePropagation {
+    fn zero() -> ScalarOf<Self> {
+        num_traits::Zero::zero()
+    }
+    fn one() -> ScalarOf<Self> {
+        num_traits::One::one()
+    }
+}
+
+impl<C: CovariancePropagation> Numbers for C {}
+
+fn indefinite(step: u64, phase: &'static str, pivot: BadPivot) -> IdentifierError {
+    IdentifierError::Indefinite { step, phase, index: pivot.index, value: pivot.value }
+}
+
+fn check_length(name: &'static str, found: usize, expected: usize) -> Result<(), IdentifierError> {
+    if found == expected { Ok(()) } else { Err(IdentifierError::Length { name, found, expected }) }
+}

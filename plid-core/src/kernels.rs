@@ -1,0 +1,247 @@
+//! Loops over slices and small matrices that the recursion is made of.
+
+use crate::{Scalar, View, ViewMut};
+
+/// y += alpha x.
+#[inline]
+pub fn axpy<S: Scalar>(alpha: S, x: &[S], y: &mut [S]) {
+    for (y, &x) in y.iter_mut().zip(x) {
+        *y += alpha * x;
+    }
+}
+
+/// The sum of x_i y_i, in four partial sums so that it vectorises.
+#[inline]
+pub fn dot<S: Scalar>(x: &[S], y: &[S]) -> S {
+    let mut sums = [S::zero(); 4];
+    let (xs, ys) = (x.chunks_exact(4), y[..x.len()].chunks_exact(4));
+    let tail = xs.remainder().iter().zip(ys.remainder()).fold(S::zero(), |t, (&a, &b)| t + a * b);
+    for (a, b) in xs.zip(ys) {
+        for k in 0..4 {
+            sums[k] += a[k] * b[k];
+        }
+    }
+    (sums[0] + sums[1]) + (sums[2] + sums[3]) + tail
+}
+
+/// The failing pivot of a factorisation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BadPivot {
+    /// Its index in the matrix that was factored, from 0.
+    pub index: usize,
+    /// Its value, not above zero or not a number.
+    pub value: f64,
+}
+
+/// Replaces the lower triangle of a positive definite matrix by its Cholesky factor L, A = L L^T.
+/// The strict upper triangle is neither read nor written.
+///
+/// # Errors
+/// The first pivot that is not positive.
+pub fn cholesky<S: Scalar>(mut a: ViewMut<'_, S>) -> Result<(), BadPivot> {
+    for j in 0..a.rows() {
+        for k in 0..j {
+            let factor = a.at(j, k);
+            let (from, to) = a.column_pair(k, j);
+            axpy(-factor, &from[j..], &mut to[j..]);
+        }
+        let pivot = a.at(j, j);
+        if !(pivot > S::zero() && pivot.is_finite()) {
+            return Err(BadPivot { index: j, value: pivot.to_f64() });
+        }
+        let root = pivot.sqrt();
+        for x in &mut a.column_mut(j)[j..] {
+            *x /= root;
+        }
+    }
+    Ok(())
+}
+
+/// Solves L x = b in place, L the lower triangle of `l`.
+pub fn solve_lower<S: Scalar>(l: View<'_, S>, x: &mut [S]) {
+    for j in 0..l.rows() {
+        x[j] /= l.at(j, j);
+        let xj = x[j];
+        axpy(-xj, &l.column(j)[j + 1..], &mut x[j + 1..]);
+    }
+}
+
+/// A = T D T^T of a positive semidefinite matrix, T unit lower triangular, written over the strict lower triangle;
+/// D into `d`. A pivot below `tolerance` times its diagonal entry counts as zero and takes its column along:
+/// in a semidefinite matrix nothing else can stand under it.
+///
+/// # Errors
+/// A pivot below minus `tolerance` times the diagonal entry, or not finite.
+pub fn semidefinite_ldl<S: Scalar>(mut a: ViewMut<'_, S>, d: &mut [S], tolerance: f64) -> Result<(), BadPivot> {
+    for j in 0..a.rows() {
+        let diagonal = a.at(j, j);
+        for k in 0..j {
+            let factor = a.at(j, k) * d[k];
+            let (from, to) = a.column_pair(k, j);
+            axpy(-factor, &from[j..], &mut to[j..]);
+        }
+        let pivot = a.at(j, j);
+        let floor = diagonal.abs() * S::from_f64(tolerance);
+        if !pivot.is_finite() || pivot < -floor {
+            return Err(BadPivot { index: j, value: pivot.to_f64() });
+        }
+        if pivot > floor {
+            d[j] = pivot;
+            for x in &mut a.column_mut(j)[j + 1..] {
+                *x /= pivot;
+            }
+        } else {
+            d[j] = S::zero();
+            a.column_mut(j)[j + 1..].fill(S::zero());
+        }
+    }
+    Ok(())
+}
+
+/// Cholesky with diagonal pivoting of a positive semidefinite matrix: A = L L^T with L (in the rows' own order, its
+/// columns in the order of the pivots) written into `l`, zero from the returned rank on. `a`, whose lower triangle is
+/// used, is destroyed. `tolerance` is relative to the largest diagonal entry.
+///
+/// # Errors
+/// A remaining diagonal entry below minus the tolerance, or one that is not finite.
+pub fn pivoted_cholesky<S: Scalar>(
+    mut a: ViewMut<'_, S>,
+    mut l: ViewMut<'_, S>,
+    tolerance: f64,
+) -> Result<usize, BadPivot> {
+    let n = a.rows();
+    l.fill(S::zero());
+    let largest = (0..n).fold(S::zero(), |m, i| m.max(a.at(i, i).abs()));
+    let floor = largest * S::from_f64(tolerance);
+    for k in 0..n {
+        let mut best = 0;
+        for i in 0..n {
+            let entry = a.at(i, i);
+            if !entry.is_finite() || entry < -floor {
+                return Err(BadPivot { index: i, value: entry.to_f64() });
+            }
+            if entry > a.at(best, best) {
+                best = i;
+            }
+        }
+        let pivot = a.at(best, best);
+        if pivot <= floor {
+            return Ok(k);
+        }
+        let root = pivot.sqrt();
+        for i in 0..n {
+            let entry = if i >= best { a.at(i, best) } else { a.at(best, i) };
+            *l.at_mut(i, k) = entry / root;
+        }
+        // Rows already eliminated hold rounding errors of zero; the factor must not take them up again.
+        let column = l.column_mut(k);
+        for j in 0..n {
+            let factor = column[j];
+            axpy(-factor, &column[j..], &mut a.column_mut(j)[j..]);
+        }
+        for i in 0..n {
+            if i >= best {
+                *a.at_mut(i, best) = S::zero();
+            } else {
+                *a.at_mut(best, i) = S::zero();
+            }
+        }
+    }
+    Ok(n)
+}
+
+/// C <- C + alpha A B^T for a product that is symmetric; only the lower triangle of C (N x N) is touched. A and B are
+/// N x k.
+pub fn symmetric_product_lower<S: Scalar>(mut c: ViewMut<'_, S>, alpha: S, a: View<'_, S>, b: View<'_, S>) {
+    for j in 0..c.columns() {
+        let column = &mut c.column_mut(j)[j..];
+        for k in 0..a.columns() {
+            axpy(alpha * b.at(j, k), &a.column(k)[j..], column);
+        }
+    }
+}
+
+/// Y <- Y + M (phi (x) I)^T for a symmetric M of which the lower triangle is stored. M is kn x kn, phi has k
+/// entries, Y is kn x n; `work` holds n entries.
+pub fn block_product_lower<S: Scalar>(m: View<'_, S>, phi: &[S], mut y: ViewMut<'_, S>, work: &mut [S]) {
+    let n = y.columns();
+    let work = &mut work[..n];
+    // Columns of M that end up in the same column b of Y stand together, so that it stays in the nearest cache.
+    for b in 0..n {
+        for (k, &weight) in phi.iter().enumerate() {
+            let c = k * n + b;
+            let column = m.column(c);
+            axpy(weight, &column[c..], &mut y.column_mut(b)[c..]);
+            // What the missing upper triangle would give: M's column c read as its row c.
+            work.fill(S::zero());
+            axpy(weight, &column[c + 1..(k + 1) * n], &mut work[b + 1..]);
+            for (l, &weight) in phi.iter().enumerate().skip(k + 1) {
+                axpy(weight, &column[l * n..(l + 1) * n], work);
+            }
+            for (a, &x) in work.iter().enumerate() {
+                *y.at_mut(c, a) += x;
+            }
+        }
+    }
+}
+
+/// Modified weighted Gram-Schmidt (Thornton; Bierman 1977, ch. VI): given the array W (n x r) as its transpose
+/// `wt` (r x n), and the weights of W's columns, finds U unit upper triangular and d with
+/// U diag(d) U^T = W diag(weights) W^T. `wt` is destroyed; `u` is n x n and is overwritten.
+pub fn weighted_gram_schmidt<S: Scalar>(
+    mut wt: ViewMut<'_, S>,
+    weights: &[S],
+    mut u: ViewMut<'_, S>,
+    d: &mut [S],
+    work: &mut [S],
+) {
+    let n = wt.columns();
+    let weighted = &mut work[..wt.rows()];
+    u.fill(S::zero());
+    for j in (0..n).rev() {
+        for ((x, &v), &w) in weighted.iter_mut().zip(wt.column(j)).zip(weights) {
+            *x = v * w;
+        }
+        d[j] = dot(weighted, wt.column(j));
+        *u.at_mut(j, j) = S::one();
+        if d[j] == S::zero() {
+            continue;
+        }
+        for i in 0..j {
+            let (vj, vi) = wt.column_pair(j, i);
+            let factor = dot(weighted, vi) / d[j];
+            axpy(-factor, vj, vi);
+            *u.at_mut(i, j) = factor;
+        }
+    }
+}
+
+/// The upper triangular S (n x n) with S S^T = W W^T, by Householder reflections of the transposed array `wt`
+/// (r x n, r >= n), whose columns are taken from the last to the first. `wt` is destroyed.
+pub fn triangular_factor<S: Scalar>(mut wt: ViewMut<'_, S>, mut s: ViewMut<'_, S>, work: &mut [S]) {
+    let (r, n) = (wt.rows(), wt.columns());
+    s.fill(S::zero());
+    // Step k works on column n-1-k and leaves its entries 0..=k: row k of the factor R of a QR factorisation.
+    for k in 0..n {
+        let pivot = n - 1 - k;
+        let reflector = &mut work[..r - k];
+        reflector.copy_from_slice(&wt.column(pivot)[k..]);
+        let norm = dot(reflector, reflector).sqrt();
+        if norm == S::zero() {
+            continue;
+        }
+        // The sign that does not cancel; the diagonal of S is then made positive by flipping column k of S.
+        let head = reflector[0];
+        let alpha = if head > S::zero() { -norm } else { norm };
+        reflector[0] = head - alpha;
+        let scale = -(alpha * reflector[0]);
+        let sign = if alpha < S::zero() { -S::one() } else { S::one() };
+        *s.at_mut(pivot, pivot) = alpha * sign;
+        for j in 0..pivot {
+            let column = &mut wt.column_mut(j)[k..];
+            let factor = dot(reflector, column) / scale;
+            axpy(-factor, reflector, column);
+            *s.at_mut(j, pivot) = column[0] * sign;
+        }
+    }
+}

@@ -1,0 +1,270 @@
+//! Column-major views and storage: the one shape of data that every backend's kernels take.
+
+use crate::Scalar;
+
+/// A read-only column-major matrix: entry (i, j) is `data[i + j * stride]`.
+#[derive(Clone, Copy, Debug)]
+pub struct View<'a, S> {
+    data: &'a [S],
+    rows: usize,
+    columns: usize,
+    stride: usize,
+}
+
+/// The same, to be written to.
+#[derive(Debug)]
+pub struct ViewMut<'a, S> {
+    data: &'a mut [S],
+    rows: usize,
+    columns: usize,
+    stride: usize,
+}
+
+impl<'a, S: Scalar> View<'a, S> {
+    /// A `rows` x `columns` view of `data`, columns `stride` apart. Panics if `data` is too short.
+    pub fn new(data: &'a [S], rows: usize, columns: usize, stride: usize) -> Self {
+        assert!(stride >= rows && (columns == 0 || data.len() >= (columns - 1) * stride + rows));
+        Self { data, rows, columns, stride }
+    }
+
+    /// The number of rows.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// The number of columns.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// The distance from one column to the next, in entries.
+    pub fn stride(&self) -> usize {
+        self.stride
+    }
+
+    /// The entries, from (0, 0) on, gaps between columns included.
+    pub fn data(&self) -> &'a [S] {
+        self.data
+    }
+
+    /// Column `j`.
+    #[inline]
+    pub fn column(&self, j: usize) -> &'a [S] {
+        &self.data[j * self.stride..j * self.stride + self.rows]
+    }
+
+    /// Entry (i, j).
+    #[inline]
+    pub fn at(&self, i: usize, j: usize) -> S {
+        self.data[i + j * self.stride]
+    }
+
+    /// The `rows` x `columns` block whose first entry is (row, column).
+    pub fn block(&self, row: usize, column: usize, rows: usize, columns: usize) -> View<'a, S> {
+        assert!(row + rows <= self.rows && column + columns <= self.columns);
+        let start = if rows == 0 || columns == 0 { 0 } else { row + column * self.stride };
+        View { data: &self.data[start..], rows, columns, stride: self.stride }
+    }
+}
+
+impl<'a, S: Scalar> ViewMut<'a, S> {
+    /// A `rows` x `columns` view of `data`, columns `stride` apart. Panics if `data` is too short.
+    pub fn new(data: &'a mut [S], rows: usize, columns: usize, stride: usize) -> Self {
+        assert!(stride >= rows && (columns == 0 || data.len() >= (columns - 1) * stride + rows));
+        Self { data, rows, columns, stride }
+    }
+
+    /// The number of rows.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// The number of columns.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// The distance from one column to the next, in entries.
+    pub fn stride(&self) -> usize {
+        self.stride
+    }
+
+    /// The entries, from (0, 0) on, gaps between columns included.
+    pub fn data_mut(&mut self) -> &mut [S] {
+        self.data
+    }
+
+    /// This view, read only, for as long as the borrow lasts.
+    #[inline]
+    pub fn view(&self) -> View<'_, S> {
+        View { data: self.data, rows: self.rows, columns: self.columns, stride: self.stride }
+    }
+
+    /// This view once more, for a shorter time.
+    pub fn reborrow(&mut self) -> ViewMut<'_, S> {
+        ViewMut { data: self.data, rows: self.rows, columns: self.columns, stride: self.stride }
+    }
+
+    /// Column `j`.
+    #[inline]
+    pub fn column(&self, j: usize) -> &[S] {
+        &self.data[j * self.stride..j * self.stride + self.rows]
+    }
+
+    /// Column `j`, to be written to.
+    #[inline]
+    pub fn column_mut(&mut self, j: usize) -> &mut [S] {
+        &mut self.data[j * self.stride..j * self.stride + self.rows]
+    }
+
+    /// Column `from` to be read and another column `to` to be written.
+    #[inline]
+    pub fn column_pair(&mut self, from: usize, to: usize) -> (&[S], &mut [S]) {
+        assert_ne!(from, to);
+        let (stride, rows) = (self.stride, self.rows);
+        if from < to {
+            let (head, tail) = self.data.split_at_mut(to * stride);
+            (&head[from * stride..from * stride + rows], &mut tail[..rows])
+        } else {
+            let (head, tail) = self.data.split_at_mut(from * stride);
+            (&tail[..rows], &mut head[to * stride..to * stride + rows])
+        }
+    }
+
+    /// Entry (i, j).
+    #[inline]
+    pub fn at(&self, i: usize, j: usize) -> S {
+        self.data[i + j * self.stride]
+    }
+
+    /// Entry (i, j), to be written to.
+    #[inline]
+    pub fn at_mut(&mut self, i: usize, j: usize) -> &mut S {
+        &mut self.data[i + j * self.stride]
+    }
+
+    /// The `rows` x `columns` block whose first entry is (row, column).
+    pub fn block_mut(&mut self, row: usize, column: usize, rows: usize, columns: usize) -> ViewMut<'_, S> {
+        assert!(row + rows <= self.rows && column + columns <= self.columns);
+        let start = if rows == 0 || columns == 0 { 0 } else { row + column * self.stride };
+        ViewMut { data: &mut self.data[start..], rows, columns, stride: self.stride }
+    }
+
+    /// The first `columns` columns, and the others.
+    pub fn split_at_column(self, columns: usize) -> (ViewMut<'a, S>, ViewMut<'a, S>) {
+        let (first, second) = self.data.split_at_mut((columns * self.stride).min(self.data.len()));
+        let rest = self.columns - columns;
+        (
+            ViewMut { data: first, rows: self.rows, columns, stride: self.stride },
+            ViewMut { data: second, rows: self.rows, columns: rest, stride: self.stride },
+        )
+    }
+
+    /// Sets every entry.
+    pub fn fill(&mut self, value: S) {
+        for j in 0..self.columns {
+            self.column_mut(j).fill(value);
+        }
+    }
+}
+
+/// Owned column-major storage of a backend.
+pub trait Matrix<S>: Clone + std::fmt::Debug + Send + Sync + 'static {
+    /// A matrix of zeros.
+    fn zeros(rows: usize, columns: usize) -> Self;
+
+    /// The whole matrix, read only.
+    fn view(&self) -> View<'_, S>;
+
+    /// The whole matrix, to be written to.
+    fn view_mut(&mut self) -> ViewMut<'_, S>;
+}
+
+/// A column-major matrix in a `Vec`: what the core keeps its small matrices in.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Dense<S> {
+    data: Vec<S>,
+    rows: usize,
+    columns: usize,
+}
+
+impl<S: Scalar> Dense<S> {
+    /// The matrix of `f(i, j)`.
+    pub fn from_fn(rows: usize, columns: usize, mut f: impl FnMut(usize, usize) -> S) -> Self {
+        let mut data = Vec::with_capacity(rows * columns);
+        for j in 0..columns {
+            for i in 0..rows {
+                data.push(f(i, j));
+            }
+        }
+        Self { data, rows, columns }
+    }
+
+    /// The matrix with `diagonal` on its diagonal and zeros elsewhere.
+    pub fn from_diagonal(diagonal: &[S]) -> Self {
+        Self::from_fn(diagonal.len(), diagonal.len(), |i, j| if i == j { diagonal[i] } else { S::zero() })
+    }
+
+    /// The number of rows.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// The number of columns.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// Entry (i, j).
+    #[inline]
+    pub fn at(&self, i: usize, j: usize) -> S {
+        self.data[i + j * self.rows]
+    }
+
+    /// Entry (i, j), to be written to.
+    #[inline]
+    pub fn at_mut(&mut self, i: usize, j: usize) -> &mut S {
+        &mut self.data[i + j * self.rows]
+    }
+
+    /// Column `j`.
+    #[inline]
+    pub fn column(&self, j: usize) -> &[S] {
+        &self.data[j * self.rows..(j + 1) * self.rows]
+    }
+
+    /// Column `j`, to be written to.
+    #[inline]
+    pub fn column_mut(&mut self, j: usize) -> &mut [S] {
+        &mut self.data[j * self.rows..(j + 1) * self.rows]
+    }
+
+    /// The entries, column by column.
+    pub fn data(&self) -> &[S] {
+        &self.data
+    }
+
+    /// Sets every entry.
+    pub fn fill(&mut self, value: S) {
+        self.data.fill(value);
+    }
+
+    /// The same matrix in another scalar.
+    pub fn cast<T: Scalar>(&self) -> Dense<T> {
+        Dense::from_fn(self.rows, self.columns, |i, j| T::from_f64(self.at(i, j).to_f64()))
+    }
+}
+
+impl<S: Scalar> Matrix<S> for Dense<S> {
+    fn zeros(rows: usize, columns: usize) -> Self {
+        Self { data: vec![S::zero(); rows * columns], rows, columns }
+    }
+
+    fn view(&self) -> View<'_, S> {
+        View { data: &self.data, rows: self.rows, columns: self.columns, stride: self.rows }
+    }
+
+    fn view_mut(&mut self) -> ViewMut<'_, S> {
+        ViewMut { data: &mut self.data, rows: self.rows, columns: self.columns, stride: self.rows }
+    }
+}

@@ -1,0 +1,142 @@
+//! The number type of the recursion: `f32`, `f64`, or double-double ([`qd::Quad`], about 31 digits).
+
+use std::fmt::Debug;
+
+use num_traits::NumAssign;
+
+/// A real number that the recursion can run in.
+///
+/// The trait asks for no more than the recursion uses, so that a type without `Display` or `num_traits::Float`
+/// (such as `qd::Quad`) qualifies.
+pub trait Scalar: NumAssign + std::ops::Neg<Output = Self> + PartialOrd + Copy + Debug + Send + Sync + 'static {
+    /// Unit roundoff: the largest relative error of one rounded operation, as an `f64`.
+    const EPSILON: f64;
+
+    /// The nearest number of this type.
+    fn from_f64(value: f64) -> Self;
+
+    /// The nearest `f64`.
+    fn to_f64(self) -> f64;
+
+    /// The square root; NaN below zero.
+    fn sqrt(self) -> Self;
+
+    /// Neither infinite nor NaN.
+    fn is_finite(self) -> bool;
+
+    /// The number as an unevaluated sum of two `f64`, exactly. Checkpoints store numbers so.
+    fn to_parts(self) -> [f64; 2] {
+        [self.to_f64(), 0.0]
+    }
+
+    /// The inverse of [`Scalar::to_parts`].
+    fn from_parts(parts: [f64; 2]) -> Self {
+        Self::from_f64(parts[0])
+    }
+
+    /// The absolute value.
+    fn abs(self) -> Self {
+        if self < Self::zero() { -self } else { self }
+    }
+
+    /// The larger of two numbers; `self` if `other` is NaN.
+    fn max(self, other: Self) -> Self {
+        if other > self { other } else { self }
+    }
+}
+
+impl Scalar for f64 {
+    const EPSILON: f64 = f64::EPSILON / 2.0;
+
+    fn from_f64(value: f64) -> Self {
+        value
+    }
+
+    fn to_f64(self) -> f64 {
+        self
+    }
+
+    fn sqrt(self) -> Self {
+        f64::sqrt(self)
+    }
+
+    fn is_finite(self) -> bool {
+        f64::is_finite(self)
+    }
+}
+
+impl Scalar for f32 {
+    const EPSILON: f64 = (f32::EPSILON / 2.0) as f64;
+
+    fn from_f64(value: f64) -> Self {
+        value as f32
+    }
+
+    fn to_f64(self) -> f64 {
+        self as f64
+    }
+
+    fn sqrt(self) -> Self {
+        f32::sqrt(self)
+    }
+
+    fn is_finite(self) -> bool {
+        f32::is_finite(self)
+    }
+}
+
+impl Scalar for qd::Quad {
+    const EPSILON: f64 = f64::EPSILON * f64::EPSILON / 4.0;
+
+    fn from_f64(value: f64) -> Self {
+        qd::Quad::from_f64(value)
+    }
+
+    fn to_f64(self) -> f64 {
+        self.0 + self.1
+    }
+
+    fn sqrt(self) -> Self {
+        // The library divides by the root, which makes NaN of zero.
+        if self == qd::Quad::from_f64(0.0) { self } else { qd::Quad::sqrt(self) }
+    }
+
+    fn is_finite(self) -> bool {
+        qd::Quad::is_finite(self)
+    }
+
+    fn to_parts(self) -> [f64; 2] {
+        [self.0, self.1]
+    }
+
+    fn from_parts(parts: [f64; 2]) -> Self {
+        qd::Quad(parts[0], parts[1])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn double_double_keeps_thirty_digits() {
+        let third = qd::Quad::from_f64(1.0) / qd::Quad::from_f64(3.0);
+        let error = (third * qd::Quad::from_f64(3.0) - qd::Quad::from_f64(1.0)).abs();
+        assert!(error.to_f64() < 1e-31, "{error:?}");
+        let root = Scalar::sqrt(qd::Quad::from_f64(2.0));
+        assert!((root * root - qd::Quad::from_f64(2.0)).abs().to_f64() < 1e-30);
+    }
+
+    #[test]
+    fn root_of_zero_is_zero_in_every_scalar() {
+        assert_eq!(Scalar::sqrt(qd::Quad::from_f64(0.0)).to_f64(), 0.0);
+        assert_eq!(Scalar::sqrt(0.0_f32), 0.0);
+    }
+
+    #[test]
+    fn parts_restore_every_bit() {
+        let x = qd::Quad::from_f64(1.0) / qd::Quad::from_f64(7.0);
+        assert_eq!(qd::Quad::from_parts(x.to_parts()), x);
+        assert_eq!(f32::from_parts(0.1_f32.to_parts()).to_bits(), 0.1_f32.to_bits());
+    }
+}

@@ -1,0 +1,329 @@
+//! P as a matrix, of which the lower triangle is kept. The time update is shared; the measurement update is a rule.
+
+use std::marker::PhantomData;
+
+use num_traits::{One, Zero};
+use plid_core::kernels::{BadPivot, axpy, cholesky, dot, semidefinite_ldl};
+use plid_core::{
+    Backend, CovariancePropagation, Dense, Health, ImplicitModel, InitialCovariance, Matrix, NoiseTerms, Scalar,
+    Transition, View, ViewMut,
+};
+
+use super::{advance, factor_initial};
+
+/// What a measurement update of k outputs starts from.
+#[derive(Clone, Copy, Debug)]
+pub struct Innovations<'a, S> {
+    /// P H^T, N x k.
+    pub cross: View<'a, S>,
+    /// The gain K = P H^T Re^-1, N x k.
+    pub gain: View<'a, S>,
+    /// H P H^T, k x k.
+    pub output: View<'a, S>,
+    /// R, k x k.
+    pub sensor: View<'a, S>,
+    /// The lower Cholesky factor of Re = H P H^T + R, k x k.
+    pub factor: View<'a, S>,
+}
+
+/// How P+ is written.
+pub trait UpdateRule: Clone + Send + Sync + 'static {
+    /// Fills the first columns of `left` and `right` (N x 2k) so that P+ = P - left right^T, and says how many.
+    fn correction<S: Scalar>(innovations: Innovations<'_, S>, left: ViewMut<'_, S>, right: ViewMut<'_, S>) -> usize;
+}
+
+/// P as a symmetric matrix with measurement update `R`.
+#[derive(Clone, Debug)]
+pub struct Symmetric<B: Backend, R> {
+    /// N x N; only the lower triangle means anything.
+    p: B::Matrix,
+    n: usize,
+    rule: PhantomData<R>,
+    // Scratch.
+    cross: B::Matrix,
+    gain: B::Matrix,
+    left: B::Matrix,
+    right: B::Matrix,
+    output: Dense<B::Scalar>,
+    sensor: Dense<B::Scalar>,
+    factor: Dense<B::Scalar>,
+    top: Dense<B::Scalar>,
+    work: Vec<B::Scalar>,
+}
+
+/// Column `c` of the symmetric matrix whose lower triangle is `p`.
+fn symmetric_column<S: Scalar>(p: View<'_, S>, c: usize, out: &mut [S]) {
+    for (i, x) in out.iter_mut().enumerate().take(c) {
+        *x = p.at(c, i);
+    }
+    out[c..].copy_from_slice(&p.column(c)[c..]);
+}
+
+impl<B: Backend, R: UpdateRule> Symmetric<B, R> {
+    /// `cross` holds P H^T in its first `k` columns, `output` and `sensor` H P H^T and R: forms the gain and corrects P.
+    fn correct(&mut self, k: usize) -> Result<(), BadPivot> {
+        let size = self.p.view().rows();
+        for j in 0..k {
+            for i in 0..k {
+                *self.factor.at_mut(i, j) = self.output.at(i, j) + self.sensor.at(i, j);
+            }
+        }
+        let mut factor = self.factor.view_mut();
+        let mut factor = factor.block_mut(0, 0, k, k);
+        cholesky(factor.reborrow())?;
+        let factor = factor.view();
+        // K = P H^T L^-T L^-1, column by column: first forward, then backward.
+        let mut gain = self.gain.view_mut();
+        for j in 0..k {
+            gain.column_mut(j).copy_from_slice(self.cross.view().column(j));
+            for i in 0..j {
+                let (from, to) = gain.column_pair(i, j);
+                axpy(-factor.at(j, i), from, to);
+            }
+            let pivot = factor.at(j, j);
+            gain.column_mut(j).iter_mut().for_each(|x| *x /= pivot);
+        }
+        for j in (0..k).rev() {
+            for i in j + 1..k {
+                let (from, to) = gain.column_pair(i, j);
+                axpy(-factor.at(i, j), from, to);
+            }
+            let pivot = factor.at(j, j);
+            gain.column_mut(j).iter_mut().for_each(|x| *x /= pivot);
+        }
+        let innovations = Innovations {
+            cross: self.cross.view().block(0, 0, size, k),
+            gain: self.gain.view().block(0, 0, size, k),
+            output: self.output.view().block(0, 0, k, k),
+            sensor: self.sensor.view().block(0, 0, k, k),
+            factor,
+        };
+        let columns = R::correction(innovations, self.left.view_mut(), self.right.view_mut());
+        let left = self.left.view().block(0, 0, size, columns);
+        let right = self.right.view().block(0, 0, size, columns);
+        B::symmetric_product_lower(self.p.view_mut(), -B::Scalar::one(), left, right);
+        // A variance may round below zero where the outputs tell a state exactly; beyond that P is lost.
+        let tolerance = B::Scalar::from_f64(64.0 * B::Scalar::EPSILON);
+        for i in 0..size {
+            let variance = self.p.view().at(i, i);
+            let taken = (0..columns).fold(B::Scalar::zero(), |t, c| t + left.at(i, c) * right.at(i, c));
+            if !(variance >= -tolerance * taken.abs()) {
+                return Err(BadPivot { index: i, value: variance.to_f64() });
+            }
+        }
+        Ok(())
+    }
+}
+
+impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
+    type Backend = B;
+
+    fn new(model: &impl ImplicitModel, initial: &InitialCovariance) -> Result<Self, BadPivot> {
+        factor_initial(initial)?;
+        let (n, outputs, size) = (model.states(), model.outputs(), model.joint_states());
+        let mut p = B::Matrix::zeros(size, size);
+        for j in 0..size {
+            match initial {
+                InitialCovariance::Diagonal(d) => *p.view_mut().at_mut(j, j) = B::Scalar::from_f64(d[j]),
+                InitialCovariance::Full(p0) => {
+                    for (to, &from) in p.view_mut().column_mut(j).iter_mut().zip(p0.column(j)) {
+                        *to = B::Scalar::from_f64(from);
+                    }
+                }
+            }
+        }
+        Ok(Self {
+            p,
+            n,
+            rule: PhantomData,
+            cross: B::Matrix::zeros(size, outputs),
+            gain: B::Matrix::zeros(size, outputs),
+            left: B::Matrix::zeros(size, 2 * outputs),
+            right: B::Matrix::zeros(size, 2 * outputs),
+            output: Dense::zeros(outputs, outputs),
+            sensor: Dense::zeros(outputs, outputs),
+            factor: Dense::zeros(outputs, outputs),
+            top: Dense::zeros(n, n),
+            work: vec![B::Scalar::zero(); n.max(outputs)],
+        })
+    }
+
+    fn output_columns(&self, rows: &[usize], mut out: ViewMut<'_, B::Scalar>) {
+        for (k, &row) in rows.iter().enumerate() {
+            symmetric_column(self.p.view(), row, out.column_mut(k));
+        }
+    }
+
+    fn add_parameter_blocks(&mut self, weights: &Dense<B::Scalar>, mut out: ViewMut<'_, B::Scalar>) {
+        let (n, p) = (self.n, self.p.view());
+        for t in 0..weights.columns() {
+            for s in t..weights.rows() {
+                let weight = weights.at(s, t);
+                if weight == B::Scalar::zero() {
+                    continue;
+                }
+                let block = p.block((1 + s) * n, (1 + t) * n, n, n);
+                for c in 0..n {
+                    axpy(weight, &block.column(c)[c..], &mut out.column_mut(c)[c..]);
+                    if s != t {
+                        // P_{theta_t theta_s} is this block transposed.
+                        for r in c..n {
+                            *out.at_mut(r, c) += weight * block.at(c, r);
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    fn measurement_update(
+        &mut self,
+        rows: &[usize],
+        noise: &NoiseTerms<B::Scalar>,
+        innovation: &[B::Scalar],
+        s: &mut [B::Scalar],
+    ) -> Result<(), BadPivot> {
+        let k = rows.len();
+        if k == 0 {
+            return Ok(());
+        }
+        for (j, &row) in rows.iter().enumerate() {
+            symmetric_column(self.p.view(), row, self.cross.view_mut().column_mut(j));
+            for (i, &row) in rows.iter().enumerate() {
+                *self.output.at_mut(i, j) = self.cross.view().at(row, j);
+                *self.sensor.at_mut(i, j) = noise.sensor(i, j);
+            }
+        }
+        self.correct(k)?;
+        for (j, &e) in innovation.iter().enumerate() {
+            axpy(e, self.gain.view().column(j), s);
+        }
+        Ok(())
+    }
+
+    fn scalar_update(&mut self, h: &[B::Scalar], r: B::Scalar, gain: &mut [B::Scalar]) -> Result<(), BadPivot> {
+        let mut cross = self.cross.view_mut();
+        let cross = cross.column_mut(0);
+        cross.fill(B::Scalar::zero());
+        let p = self.p.view();
+        for j in 0..h.len() {
+            let column = &p.column(j)[j..];
+            cross[j] += dot(column, &h[j..]);
+            axpy(h[j], &column[1..], &mut cross[j + 1..]);
+        }
+        *self.output.at_mut(0, 0) = dot(h, cross);
+        *self.sensor.at_mut(0, 0) = r;
+        self.correct(1)?;
+        gain.copy_from_slice(self.gain.view().column(0));
+        Ok(())
+    }
+
+    fn time_update(&mut self, model: &impl ImplicitModel, transition: &Transition<B::Scalar>) -> Result<(), BadPivot> {
+        let (n, size) = (self.n, self.p.view().rows());
+        let Transition { abar, phi, qbar, .. } = transition;
+        let outputs = &mut self.work[..model.outputs()];
+        // top = Abar P_xx + (phi (x) I) P_{theta x}
+        for c in 0..n {
+            let column = self.top.column_mut(c);
+            symmetric_column(self.p.view().block(0, 0, n, n), c, column);
+            advance(model, abar, column, outputs);
+            for (theta, &weight) in self.p.view().column(c)[n..].chunks_exact(n).zip(phi) {
+                axpy(weight, theta, column);
+            }
+        }
+        // P_{theta x} <- P_{theta x} Abar^T + P_{theta theta} (phi (x) I)^T. Columns from the last to the first, since J takes
+        // column i from one before it; those that the outputs read are kept aside.
+        let mut kept = self.cross.view_mut();
+        let mut p = self.p.view_mut();
+        let mut cross = p.block_mut(n, 0, size - n, n);
+        for (k, &row) in model.output_states().iter().enumerate() {
+            kept.column_mut(k)[n..].copy_from_slice(cross.column(row));
+        }
+        for i in (0..n).rev() {
+            match model.shift_source(i) {
+                Some(from) => {
+                    let (from, to) = cross.column_pair(from, i);
+                    to.copy_from_slice(from);
+                }
+                None => cross.column_mut(i).fill(B::Scalar::zero()),
+            }
+            for k in 0..model.outputs() {
+                axpy(abar.at(i, k), &kept.column(k)[n..], cross.column_mut(i));
+            }
+        }
+        let (mut left, mut right) = p.split_at_column(n);
+        let cross = left.block_mut(n, 0, size - n, n);
+        B::block_product_lower(right.block_mut(n, 0, size - n, size - n).view(), phi, cross, &mut self.work);
+        // P_xx <- (top Abar^T)^T + (phi (x) I) P_{theta x} + Qbar
+        for i in 0..n {
+            for c in i..n {
+                let from = model.shift_source(c).map_or(B::Scalar::zero(), |from| self.top.at(i, from));
+                let product = model
+                    .output_states()
+                    .iter()
+                    .enumerate()
+                    .fold(from, |sum, (k, &row)| sum + abar.at(c, k) * self.top.at(i, row));
+                *left.at_mut(c, i) = product + qbar.at(c, i);
+            }
+            let (x, theta) = left.column_mut(i).split_at_mut(n);
+            for (theta, &weight) in theta.chunks_exact(n).zip(phi) {
+                axpy(weight, &theta[i..], &mut x[i..]);
+            }
+            let variance = x[i];
+            if !(variance >= B::Scalar::zero()) {
+                return Err(BadPivot { index: i, value: variance.to_f64() });
+            }
+        }
+        Ok(())
+    }
+
+    fn add_parameter_noise(&mut self, q: B::Scalar, _step: u64) {
+        let mut p = self.p.view_mut();
+        for i in self.n..p.rows() {
+            *p.at_mut(i, i) += q;
+        }
+    }
+
+    fn scale(&mut self, factor: B::Scalar) {
+        let mut p = self.p.view_mut();
+        for j in 0..p.columns() {
+            p.column_mut(j)[j..].iter_mut().for_each(|x| *x *= factor);
+        }
+    }
+
+    fn dense(&self) -> Dense<B::Scalar> {
+        let p = self.p.view();
+        Dense::from_fn(p.rows(), p.rows(), |i, j| p.at(i.max(j), i.min(j)))
+    }
+
+    fn health(&self) -> Health {
+        let mut p = self.dense();
+        let mut pivots = vec![B::Scalar::zero(); p.rows()];
+        match semidefinite_ldl(p.view_mut(), &mut pivots, 0.0) {
+            Ok(()) => Health::from_pivots(pivots.iter().map(|d| d.to_f64()), 0.0),
+            Err(BadPivot { index, value }) => {
+                Health { smallest_pivot: value, index, symmetry_defect: 0.0, condition: f64::INFINITY }
+            }
+        }
+    }
+
+    fn state(&self) -> Vec<B::Scalar> {
+        let p = self.p.view();
+        (0..p.columns()).flat_map(|j| p.column(j)[j..].iter().copied()).collect()
+    }
+
+    fn restore(&mut self, state: &[B::Scalar]) -> bool {
+        let mut p = self.p.view_mut();
+        let size = p.rows();
+        if state.len() != size * (size + 1) / 2 {
+            return false;
+        }
+        let mut rest = state;
+        for j in 0..size {
+            let (column, tail) = rest.split_at(size - j);
+            p.column_mut(j)[j..].copy_from_slice(column);
+            rest = tail;
+        }
+        true
+    }
+}

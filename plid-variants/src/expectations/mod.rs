@@ -1,0 +1,118 @@
+//! Which conditional expectation? A genuine choice (plid-mathematics, section 5), so one file each.
+//!
+//! "Minus" is before the measurement z_k, "plus" after it.
+
+mod certainty_equivalent;
+mod joint_ekf;
+mod moment_matched;
+mod posterior;
+mod prior;
+
+pub use certainty_equivalent::CertaintyEquivalent;
+pub use joint_ekf::JointEkf;
+pub use moment_matched::MomentMatched;
+pub use posterior::Posterior;
+pub use prior::Prior;
+
+use plid_core::kernels::axpy;
+use plid_core::{Dense, ImplicitModel, Moment, Scalar, Transition};
+
+/// Column t of the parameters in s: a_1 .. a_p, then b_1 .. b_m.
+fn parameter<S>(s: &[S], n: usize, t: usize) -> &[S] {
+    &s[(1 + t) * n..(2 + t) * n]
+}
+
+/// What E[G] with the parameters of `moment.s` makes of the noise given w: the columns of Abar, a_i - (B L + M)_i, or a_i where
+/// output i is missing, and Qbar = Sigma' + B Q' B^T + B S' + (B S')^T, which is E[G] (Q0 - S R^-1 S^T) E[G]^T.
+fn condition_on_sensor_noise<S: Scalar, M: ImplicitModel>(
+    moment: &Moment<'_, S, M>,
+    scratch: &mut Dense<S>,
+    transition: &mut Transition<S>,
+) {
+    let Moment { model, noise, s, .. } = moment;
+    let (n, m, p) = (model.states(), model.inputs(), model.outputs());
+    for i in 0..p {
+        transition.abar.column_mut(i).copy_from_slice(parameter(s, n, i));
+    }
+    for (k, &i) in noise.available().iter().enumerate() {
+        let column = transition.abar.column_mut(i);
+        axpy(-S::one(), noise.m().column(k), column);
+        for j in 0..m {
+            axpy(-noise.l().at(j, k), parameter(s, n, p + j), column);
+        }
+    }
+    for c in 0..n {
+        transition.qbar.column_mut(c).copy_from_slice(noise.state_given().column(c));
+    }
+    for j in 0..m {
+        // scratch = (B Q')_j / 2 + S'_j, so that the sum of b_j scratch^T and its transpose is all of the rest.
+        let half = S::from_f64(0.5);
+        let sum = scratch.column_mut(0);
+        for (c, x) in sum.iter_mut().enumerate() {
+            *x = noise.actuator_state_given().at(j, c);
+        }
+        for l in 0..m {
+            axpy(half * noise.actuator_given().at(l, j), parameter(s, n, p + l), sum);
+        }
+        let b = parameter(s, n, p + j);
+        for c in 0..n {
+            let column = &mut transition.qbar.column_mut(c)[c..];
+            axpy(sum[c], &b[c..], column);
+            axpy(b[c], &sum[c..], column);
+        }
+    }
+}
+
+/// The weights of the parameters' covariances where E[.] is not conditioned on z_k: Q0_ab sigma_a sigma_b, sigma = -1 for w
+/// and +1 for v. Missing outputs have none.
+fn unconditioned_weights<S: Scalar, M: ImplicitModel>(moment: &Moment<'_, S, M>, weights: &mut Dense<S>) {
+    let noise = moment.noise;
+    let (p, m) = (moment.model.outputs(), moment.model.inputs());
+    weights.fill(S::zero());
+    for (k, &i) in noise.available().iter().enumerate() {
+        for (l, &j) in noise.available().iter().enumerate() {
+            *weights.at_mut(i, j) = noise.sensor(k, l);
+        }
+        for j in 0..m {
+            let covariance = noise.actuator_sensor().at(j, i);
+            *weights.at_mut(i, p + j) = -covariance;
+            *weights.at_mut(p + j, i) = -covariance;
+        }
+    }
+    for j in 0..m {
+        for l in 0..m {
+            *weights.at_mut(p + j, p + l) = noise.actuator().at(j, l);
+        }
+    }
+}
+
+/// phi = [z; u], x+_{c_i} in place of a missing z_i, and d = E[G] S R^-1 (z - C x+), which is the sum of -abar_i r_i.
+fn regress_on_measurement<S: Scalar, M: ImplicitModel>(moment: &Moment<'_, S, M>, transition: &mut Transition<S>) {
+    let Moment { model, noise, s, z, u, residual } = moment;
+    let p = model.outputs();
+    for (i, &row) in model.output_states().iter().enumerate() {
+        transition.phi[i] = s[row];
+    }
+    transition.phi[p..].copy_from_slice(u);
+    transition.drift.fill(S::zero());
+    for (&i, &r) in noise.available().iter().zip(*residual) {
+        transition.phi[i] = z[i];
+        axpy(-r, transition.abar.column(i), &mut transition.drift);
+    }
+}
+
+/// phi = [C x+; u + L r] and d = M r.
+fn regress_on_estimate<S: Scalar, M: ImplicitModel>(moment: &Moment<'_, S, M>, transition: &mut Transition<S>) {
+    let Moment { model, noise, s, u, residual, .. } = moment;
+    let p = model.outputs();
+    for (i, &row) in model.output_states().iter().enumerate() {
+        transition.phi[i] = s[row];
+    }
+    for (j, &u) in u.iter().enumerate() {
+        transition.phi[p + j] = residual.iter().enumerate().fold(u, |sum, (k, &r)| sum + noise.l().at(j, k) * r);
+    }
+    transition.drift.fill(S::zero());
+    for (k, &r) in residual.iter().enumerate() {
+        axpy(r, noise.m().column(k), &mut transition.drift);
+    }
+}

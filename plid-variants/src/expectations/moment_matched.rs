@@ -1,0 +1,116 @@
+//! psi = Z^k throughout: the exact second moments of the next state if s given Z^k is Gaussian.
+
+use num_traits::{One, Zero};
+use plid_core::kernels::axpy;
+use plid_core::{
+    ConditionalExpectations, CovariancePropagation, Dense, ImplicitModel, Matrix, Moment, ScalarOf, Transition,
+};
+
+use super::{condition_on_sensor_noise, regress_on_estimate};
+
+/// Moment matching (plid-mathematics, section 5).
+///
+/// The row g_t that multiplies parameter column t is e_{c_i}^T for a_i and -(L C)_j for b_j: a combination of the outputs' rows,
+/// g_t = sum_i W_ti e_{c_i}^T. With E_ij = sum_t W_tj P_{theta_t, x_{c_i}} the two sums over parameter pairs become
+/// the sum over s, t of (W H P H^T W^T)_st P_{theta_s theta_t}, and the sum over i, j of E_ij E_ji^T; the drift is the sum of E_ii.
+#[derive(Clone, Debug)]
+pub struct MomentMatched<S> {
+    scratch: Dense<S>,
+    /// P+ H^T, N x p.
+    outputs: Dense<S>,
+    /// W, (p + m) x p.
+    rows: Dense<S>,
+    /// W H P H^T, (p + m) x p.
+    product: Dense<S>,
+    weights: Dense<S>,
+    /// E_ij in column i p + j, n x p^2.
+    crossed: Dense<S>,
+}
+
+impl<C: CovariancePropagation> ConditionalExpectations<C> for MomentMatched<ScalarOf<C>> {
+    fn new(model: &impl ImplicitModel) -> Self {
+        let (n, p, columns) = (model.states(), model.outputs(), model.parameter_columns());
+        Self {
+            scratch: Dense::zeros(n, 1),
+            outputs: Dense::zeros(model.joint_states(), p),
+            rows: Dense::zeros(columns, p),
+            product: Dense::zeros(columns, p),
+            weights: Dense::zeros(columns, columns),
+            crossed: Dense::zeros(n, p * p),
+        }
+    }
+
+    fn before<M: ImplicitModel>(
+        &mut self,
+        _moment: &Moment<'_, ScalarOf<C>, M>,
+        _covariance: &mut C,
+        _transition: &mut Transition<ScalarOf<C>>,
+    ) {
+    }
+
+    fn after<M: ImplicitModel>(
+        &mut self,
+        moment: &Moment<'_, ScalarOf<C>, M>,
+        covariance: &mut C,
+        transition: &mut Transition<ScalarOf<C>>,
+    ) {
+        condition_on_sensor_noise(moment, &mut self.scratch, transition);
+        regress_on_estimate(moment, transition);
+        let Moment { model, noise, .. } = moment;
+        let (n, p, m) = (model.states(), model.outputs(), model.inputs());
+        let one = ScalarOf::<C>::one();
+        covariance.output_columns(model.output_states(), self.outputs.view_mut());
+
+        self.rows.fill(ScalarOf::<C>::zero());
+        for i in 0..p {
+            *self.rows.at_mut(i, i) = one;
+        }
+        for (k, &i) in noise.available().iter().enumerate() {
+            for j in 0..m {
+                *self.rows.at_mut(p + j, i) = -noise.l().at(j, k);
+            }
+        }
+
+        self.product.fill(ScalarOf::<C>::zero());
+        for j in 0..p {
+            for (i, &row) in model.output_states().iter().enumerate() {
+                axpy(self.outputs.at(row, j), self.rows.column(i), self.product.column_mut(j));
+            }
+        }
+        self.weights.fill(ScalarOf::<C>::zero());
+        for t in 0..p + m {
+            for i in 0..p {
+                axpy(self.rows.at(t, i), self.product.column(i), self.weights.column_mut(t));
+            }
+        }
+        for j in 0..m {
+            for l in 0..m {
+                *self.weights.at_mut(p + j, p + l) += noise.actuator_given().at(j, l);
+            }
+        }
+        covariance.add_parameter_blocks(&self.weights, transition.qbar.view_mut());
+
+        self.crossed.fill(ScalarOf::<C>::zero());
+        for i in 0..p {
+            let theta = &self.outputs.column(i)[n..];
+            for j in 0..p {
+                let sum = self.crossed.column_mut(i * p + j);
+                for (t, block) in theta.chunks_exact(n).enumerate() {
+                    let weight = self.rows.at(t, j);
+                    if weight != ScalarOf::<C>::zero() {
+                        axpy(weight, block, sum);
+                    }
+                }
+            }
+            axpy(one, self.crossed.column(i * p + i), &mut transition.drift);
+        }
+        for i in 0..p {
+            for j in 0..p {
+                let (left, right) = (self.crossed.column(i * p + j), self.crossed.column(j * p + i));
+                for c in 0..n {
+                    axpy(right[c], &left[c..], &mut transition.qbar.column_mut(c)[c..]);
+                }
+            }
+        }
+    }
+}
