@@ -67,7 +67,7 @@ const ACTUATOR_DEG: f64 = 100.0;
 
 /// Scale of every shape, of actuators and accelerometers alike. Its square is the gain from command to output, chosen
 /// so that 1 V RMS of the shaped white noise on all inputs gives 0.5 V RMS over the outputs.
-const SHAPE_SCALE: f64 = 0.158;
+const SHAPE_SCALE: f64 = 0.1515;
 /// Scale of the tubes' shapes against the others; sets the group of tube modes 40 dB below the highest dominant peak.
 const TUBE_SCALE: f64 = 0.091;
 
