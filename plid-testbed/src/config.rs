@@ -7,13 +7,15 @@ use crate::{INPUTS, structure};
 
 /// Samples over all repeats that are still thought to be meant.
 const MOST_SAMPLES: usize = 50_000_000;
+/// Rates between which the exact discretisation is tested, Hz.
+const RATES_HZ: [f64; 2] = [1.0, 1e6];
 
 /// An experiment on the simulated truss. The default is the paper's: 13 s at 1600 Hz, all three inputs with
 /// 1 V RMS of white noise below 200 Hz.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrussConfig {
-    /// Rate of both converters, Hz.
+    /// Rate of both converters, Hz; from 1 to 1e6.
     pub sample_rate_hz: f64,
     /// Length of a record, s; rounded to whole samples.
     pub duration_s: f64,
@@ -227,9 +229,13 @@ impl TrussConfig {
     /// Samples of a record.
     ///
     /// # Errors
-    /// If rate or duration are not positive, or the record has no sample or far too many.
+    /// If the rate is not from 1 Hz to 1 MHz, the duration is not positive, or the record has no sample or far too many.
     pub fn samples(&self) -> Result<usize, TestbedError> {
-        positive("sample_rate_hz", self.sample_rate_hz)?;
+        let (value, [least, most]) = (self.sample_rate_hz, RATES_HZ);
+        positive("sample_rate_hz", value)?;
+        if !(least..=most).contains(&value) {
+            return Err(TestbedError::Rate { value, least, most });
+        }
         positive("duration_s", self.duration_s)?;
         let samples = (self.duration_s * self.sample_rate_hz).round();
         let total = samples * self.repeats as f64;

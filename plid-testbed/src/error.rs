@@ -42,6 +42,16 @@ pub enum TestbedError {
         /// Largest allowed value.
         most: usize,
     },
+    /// The sample rate is not one at which the truss can be simulated.
+    #[error("`sample_rate_hz` must be from {least} to {most}, not {value}")]
+    Rate {
+        /// Its value, Hz.
+        value: f64,
+        /// Least allowed rate, Hz.
+        least: f64,
+        /// Largest allowed rate, Hz.
+        most: f64,
+    },
     /// A frequency of the input is not below half the sample rate.
     #[error("`{key}` is {value} Hz, not below half the sample rate ({nyquist_hz} Hz)")]
     AboveNyquist {

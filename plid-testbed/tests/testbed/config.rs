@@ -78,10 +78,12 @@ fn an_unknown_key_is_an_error_at_every_depth() {
 #[test]
 fn wrong_values_are_named() {
     type Change = fn(&mut TrussConfig);
-    let cases: [(&str, Change); 27] = [
+    let cases: [(&str, Change); 29] = [
         ("`sample_rate_hz`", |c| c.sample_rate_hz = 0.0),
         ("`sample_rate_hz`", |c| c.sample_rate_hz = f64::NAN),
         ("`sample_rate_hz`", |c| c.sample_rate_hz = f64::INFINITY),
+        ("`sample_rate_hz`", |c| c.sample_rate_hz = 0.5),
+        ("`sample_rate_hz`", |c| c.sample_rate_hz = 2e6),
         ("`duration_s`", |c| c.duration_s = -1.0),
         ("`duration_s`", |c| c.duration_s = 1e-9),
         ("`duration_s`", |c| c.duration_s = 1e12),

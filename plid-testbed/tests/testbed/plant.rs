@@ -284,7 +284,12 @@ fn any_rate_from_very_low_to_very_high_works() {
     let reference = truss(&TrussConfig::default()).unwrap().noise.at_rest;
     for rate in [1.0, 50.0, 1e5, 1e6] {
         let input = plid_testbed::InputConfig::Zero;
-        let config = TrussConfig { sample_rate_hz: rate, duration_s: 2.0 / rate, input, ..TrussConfig::default() };
+        let config = TrussConfig {
+            sample_rate_hz: rate,
+            duration_s: 2.0 / rate,
+            input,
+            ..TrussConfig::default()
+        };
         let run = simulate(&config).unwrap();
         assert!(run.outputs[0].iter().all(|v| v.is_finite()));
         let error = (&run.truth.noise.at_rest - &reference).amax() / reference.amax();
