@@ -1,0 +1,230 @@
+//! The truss with actuators, accelerometers and anti-alias filters as one linear model: the truth.
+
+use std::f64::consts::{PI, SQRT_2};
+
+use nalgebra::DMatrix;
+
+use crate::config::TrussConfig;
+use crate::converter::Converter;
+use crate::covariance;
+use crate::error::{TestbedError, Warning};
+use crate::state_space::StateSpace;
+use crate::structure::{self, Mode};
+use crate::{ACTUATOR_POLE_HZ, ANTI_ALIAS_HZ, INPUTS, OUTPUTS};
+
+/// The plant: its modes, its true model, and the noise that an identifier meets.
+///
+/// States, in this order: the output of each actuator (V); for each mode w q and dq/dt; for each output the filtered
+/// voltage y and (dy/dt) / w_c, with w_c the filter's corner in rad/s. All blocks are so scaled that A is of the size of the
+/// frequencies.
+#[derive(Clone, Debug)]
+pub struct Truss {
+    /// Sample rate of `discrete`, Hz.
+    pub sample_rate_hz: f64,
+    /// The modes, in the order of their states.
+    pub modes: Vec<Mode>,
+    /// The continuous model; D = 0.
+    pub continuous: StateSpace,
+    /// The model of the samples, with inputs held over a sample and outputs read before the new input acts; D = 0.
+    pub discrete: StateSpace,
+    /// The noise of the samples.
+    pub noise: NoiseCovariances,
+    /// Where a force may act at the strut of each input.
+    pub ports: Vec<StrutPort>,
+    /// What is unusual about this plant at this rate.
+    pub warnings: Vec<Warning>,
+}
+
+/// The noise that enters x_{k+1} = A x_k + B (u_k + v_k) + xi_k, z_k = C x_k + w_k; all three independent of each other
+/// and white. `u_k` is the command as the DAC gives it, so its rounding is no noise.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NoiseCovariances {
+    /// Covariance of w (p x p, V^2): sensor noise and the rounding of the ADC.
+    pub sensor: DMatrix<f64>,
+    /// Covariance of v (m x m, V^2): amplifier noise.
+    pub actuator: DMatrix<f64>,
+    /// Covariance of xi (n x n): the ambient force over a sample, in the states of `discrete`.
+    pub state: DMatrix<f64>,
+    /// Covariance of x (n x n) when only the ambient force acts; also that at the start of a record.
+    pub at_rest: DMatrix<f64>,
+}
+
+/// The strut of an input as a place where an internal force acts. The units are volts: a force of 1 V pushes as an
+/// actuator's output of 1 V does, and a displacement of 1 V is that which a constant command of 1 V gives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StrutPort {
+    /// The input, from 0.
+    pub input: usize,
+    /// Added to dx/dt per volt of force (n entries).
+    pub force: Vec<f64>,
+    /// Row that gives the displacement, V (n entries).
+    pub displacement: Vec<f64>,
+    /// Row that gives the velocity, V/s (n entries).
+    pub velocity: Vec<f64>,
+}
+
+/// Index of a mode's first state.
+pub(crate) fn mode_state(mode: usize) -> usize {
+    INPUTS + 2 * mode
+}
+
+/// The vector by which a modal force enters dx/dt: the mode's acceleration, and at once the accelerometers.
+pub(crate) fn modal_force(modes: &[Mode], mode: usize) -> Vec<f64> {
+    let mut force = vec![0.0; states(modes)];
+    force[mode_state(mode) + 1] = 1.0;
+    for i in 0..OUTPUTS {
+        force[filter_state(modes, i) + 1] = filter_corner() * modes[mode].output_shape[i];
+    }
+    force
+}
+
+fn filter_state(modes: &[Mode], output: usize) -> usize {
+    INPUTS + 2 * modes.len() + 2 * output
+}
+
+fn states(modes: &[Mode]) -> usize {
+    INPUTS + 2 * modes.len() + 2 * OUTPUTS
+}
+
+fn filter_corner() -> f64 {
+    2.0 * PI * ANTI_ALIAS_HZ
+}
+
+/// Builds the plant of a config.
+///
+/// # Errors
+/// If a key of the config is wrong.
+pub fn truss(config: &TrussConfig) -> Result<Truss, TestbedError> {
+    config.check()?;
+    let modes = structure::modes(config.structure.strut_modes_per_tube);
+    let step_s = 1.0 / config.sample_rate_hz;
+    let continuous = continuous(&modes);
+    let discrete = continuous.sampled(step_s);
+    let noise = noise(config, &modes, &continuous, &discrete, step_s);
+    let ports = (0..INPUTS).map(|input| strut_port(&modes, input)).collect();
+    let warnings = folded_modes(&modes, config.sample_rate_hz / 2.0)
+        .into_iter()
+        .collect();
+    Ok(Truss {
+        sample_rate_hz: config.sample_rate_hz,
+        modes,
+        continuous,
+        discrete,
+        noise,
+        ports,
+        warnings,
+    })
+}
+
+fn continuous(modes: &[Mode]) -> StateSpace {
+    let n = states(modes);
+    let mut a = DMatrix::zeros(n, n);
+    let mut b = DMatrix::zeros(n, INPUTS);
+    let mut c = DMatrix::zeros(OUTPUTS, n);
+    let pole = 2.0 * PI * ACTUATOR_POLE_HZ;
+    for j in 0..INPUTS {
+        a[(j, j)] = -pole;
+        b[(j, j)] = pole;
+    }
+    for (m, mode) in modes.iter().enumerate() {
+        let (w, q) = (mode.angular_frequency(), mode_state(m));
+        a[(q, q + 1)] = w;
+        // Each part of the modal acceleration also drives the filters at once.
+        for (row, &share) in modal_force(modes, m)
+            .iter()
+            .enumerate()
+            .filter(|(_, share)| **share != 0.0)
+        {
+            a[(row, q)] -= share * w;
+            a[(row, q + 1)] -= share * 2.0 * mode.damping_ratio * w;
+            for j in 0..INPUTS {
+                a[(row, j)] += share * mode.input_shape[j];
+            }
+        }
+    }
+    let corner = filter_corner();
+    for i in 0..OUTPUTS {
+        let y = filter_state(modes, i);
+        a[(y, y + 1)] = corner;
+        a[(y + 1, y)] = -corner;
+        a[(y + 1, y + 1)] = -SQRT_2 * corner;
+        c[(i, y)] = 1.0;
+    }
+    StateSpace {
+        a,
+        b,
+        c,
+        d: DMatrix::zeros(OUTPUTS, INPUTS),
+    }
+}
+
+/// The ambient force: independent white forces on the platform's corners, where the accelerometers sit, scaled so that
+/// the outputs have the RMS asked for.
+fn noise(
+    config: &TrussConfig,
+    modes: &[Mode],
+    continuous: &StateSpace,
+    discrete: &StateSpace,
+    step_s: f64,
+) -> NoiseCovariances {
+    let mut corners = DMatrix::<f64>::zeros(states(modes), OUTPUTS);
+    for (m, mode) in modes.iter().enumerate() {
+        for (row, share) in modal_force(modes, m).into_iter().enumerate() {
+            for l in 0..OUTPUTS {
+                corners[(row, l)] += share * mode.output_shape[l];
+            }
+        }
+    }
+    let unit = covariance::sampled(&continuous.a, &(&corners * corners.transpose()), step_s);
+    let at_rest = covariance::stationary(&discrete.a, &unit);
+    let mean_square = (&discrete.c * &at_rest * discrete.c.transpose()).trace() / OUTPUTS as f64;
+    let scale = config.noise.ambient_rms_v.powi(2) / mean_square;
+    let white = |rms: f64, size: usize| DMatrix::from_diagonal_element(size, size, rms * rms);
+    let adc = Converter {
+        step_v: config.converters.step_v,
+        range_v: config.converters.range_v,
+    };
+    NoiseCovariances {
+        sensor: white(config.noise.sensor_rms_v.hypot(adc.rounding_std()), OUTPUTS),
+        actuator: white(config.noise.amplifier_rms_v, INPUTS),
+        state: unit * scale,
+        at_rest: at_rest * scale,
+    }
+}
+
+fn strut_port(modes: &[Mode], input: usize) -> StrutPort {
+    let n = states(modes);
+    let shape = |mode: &Mode| mode.input_shape[input];
+    let compliance: f64 = modes
+        .iter()
+        .map(|mode| (shape(mode) / mode.angular_frequency()).powi(2))
+        .sum();
+    let (mut force, mut displacement, mut velocity) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
+    for (m, mode) in modes.iter().enumerate() {
+        for (total, share) in force.iter_mut().zip(modal_force(modes, m)) {
+            *total += share * shape(mode);
+        }
+        displacement[mode_state(m)] = shape(mode) / mode.angular_frequency() / compliance;
+        velocity[mode_state(m) + 1] = shape(mode) / compliance;
+    }
+    StrutPort {
+        input,
+        force,
+        displacement,
+        velocity,
+    }
+}
+
+fn folded_modes(modes: &[Mode], nyquist_hz: f64) -> Option<Warning> {
+    let above: Vec<f64> = modes
+        .iter()
+        .map(|m| m.frequency_hz)
+        .filter(|f| *f >= nyquist_hz)
+        .collect();
+    let highest_hz = above.iter().copied().reduce(f64::max)?;
+    Some(Warning::ModesAboveNyquist {
+        count: above.len(),
+        highest_hz,
+        nyquist_hz,
+    })
+}

@@ -1,0 +1,102 @@
+//! A whole experiment: one input, recorded once or several times.
+
+use ndarray::{Array2, ArrayView2};
+
+use crate::config::TrussConfig;
+use crate::converter::Converter;
+use crate::error::{TestbedError, Warning};
+use crate::input;
+use crate::plant::{Truss, truss};
+use crate::record::{Noise, convert, record};
+
+/// What an experimenter takes home, and the truth that he does not know.
+#[derive(Clone, Debug)]
+pub struct Simulation {
+    /// Sample rate, Hz.
+    pub sample_rate_hz: f64,
+    /// Commands as the DAC gives them (K x m), V; the same in every repeat.
+    pub commands: Array2<f64>,
+    /// Outputs as the ADC gives them (K x p), V, of each repeat.
+    pub outputs: Vec<Array2<f64>>,
+    /// Outputs of the first repeat without any noise and before the ADC (K x p), V. Without effects this is the free run of
+    /// `truth.discrete`, from rest, on the commands.
+    pub noise_free: Array2<f64>,
+    /// The plant.
+    pub truth: Truss,
+    /// What is unusual about these records.
+    pub warnings: Vec<Warning>,
+}
+
+/// Runs the experiment.
+///
+/// # Errors
+/// If a key of the config is wrong, or an effect makes the structure unstable.
+pub fn simulate(config: &TrussConfig) -> Result<Simulation, TestbedError> {
+    config.check()?;
+    run(config, input::command(config)?)
+}
+
+/// Runs the experiment on an input given as an array (K x m, V, before the DAC), in place of the config's `input`; its length
+/// stands for `duration_s`.
+///
+/// # Errors
+/// As [`simulate`]; also if the array is empty, has not three columns, or holds NaN or infinity.
+pub fn simulate_input(
+    config: &TrussConfig,
+    input: ArrayView2<f64>,
+) -> Result<Simulation, TestbedError> {
+    input::check_given(input)?;
+    crate::config::positive("sample_rate_hz", config.sample_rate_hz)?;
+    let duration_s = input.nrows() as f64 / config.sample_rate_hz;
+    run(
+        &TrussConfig {
+            duration_s,
+            ..config.clone()
+        },
+        input.to_owned(),
+    )
+}
+
+fn run(config: &TrussConfig, command: Array2<f64>) -> Result<Simulation, TestbedError> {
+    let truth = truss(config)?;
+    let converter = Converter {
+        step_v: config.converters.step_v,
+        range_v: config.converters.range_v,
+    };
+    let mut warnings = truth.warnings.clone();
+    let (commands, clipped) = convert(converter, command);
+    let clips = |counts: Vec<usize>| {
+        counts
+            .into_iter()
+            .enumerate()
+            .filter(|(_, samples)| *samples > 0)
+    };
+    warnings.extend(
+        clips(clipped).map(|(channel, samples)| Warning::CommandClipped { channel, samples }),
+    );
+    let noise_free = record(config, &truth, commands.view(), 0, None)?;
+    let mut outputs = Vec::with_capacity(config.repeats);
+    for repeat in 0..config.repeats {
+        let noise = Noise::new(config, &truth, repeat);
+        let (output, clipped) = convert(
+            converter,
+            record(config, &truth, commands.view(), repeat, Some(noise))?,
+        );
+        warnings.extend(
+            clips(clipped).map(|(channel, samples)| Warning::OutputClipped {
+                repeat,
+                channel,
+                samples,
+            }),
+        );
+        outputs.push(output);
+    }
+    Ok(Simulation {
+        sample_rate_hz: config.sample_rate_hz,
+        commands,
+        outputs,
+        noise_free,
+        truth,
+        warnings,
+    })
+}

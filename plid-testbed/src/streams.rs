@@ -1,0 +1,26 @@
+//! Random numbers: one ChaCha12 stream a purpose, so that turning one source off leaves the others as they were.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha12Rng;
+
+/// What a stream is for. The numbers are part of what a seed means: never change them.
+#[derive(Clone, Copy)]
+pub(crate) enum Purpose {
+    /// The command; indexed by input.
+    Input = 1,
+    /// Amplifier noise; indexed by repeat, as all that follow.
+    Amplifier = 2,
+    /// Ambient force during a record.
+    Ambient = 3,
+    /// Motion at the start of a record, due to the ambient force before it.
+    Start = 4,
+    /// Sensor noise.
+    Sensor = 5,
+}
+
+/// The stream of one purpose and index (input or repeat).
+pub(crate) fn stream(seed: u64, purpose: Purpose, index: usize) -> ChaCha12Rng {
+    let mut rng = ChaCha12Rng::seed_from_u64(seed);
+    rng.set_stream(((purpose as u64) << 32) | index as u64);
+    rng
+}
