@@ -1,1 +1,35 @@
-//! (in work)
+//! Measured data: files to tables, tables to records.
+//!
+//! [`read`] takes a file of any supported format to a [`Table`] of named columns;
+//! [`select`] takes the named inputs and outputs of it to a [`Record`], with the sample rate
+//! found and missing or useless values dealt with by name.
+//!
+//! | file | columns |
+//! |---|---|
+//! | text with a header (comma, semicolon, tab or blanks) | as named |
+//! | text without a header | `1`, `2`, ... |
+//! | MATLAB .mat v5, one matrix | `1`, `2`, ... |
+//! | MATLAB .mat v5 or NumPy .npz, several variables | a vector `u`: `u`; a matrix `y`: `y1`, `y2`, ... |
+//! | NumPy .npy | `1`, `2`, ... |
+mod checks;
+mod delimited;
+mod error;
+mod mat;
+mod numpy;
+mod rate;
+mod record;
+mod select;
+mod table;
+mod variables;
+mod warning;
+
+pub use checks::{check_excited, require_samples};
+pub use error::DataError;
+pub use rate::sample_rate;
+pub use record::{Record, require_alike};
+pub use select::{MissingPolicy, extract, select, select_all};
+pub use table::{Table, read};
+pub use warning::Warning;
+
+#[cfg(test)]
+mod real_files;

@@ -1,0 +1,138 @@
+//! A file as a table of named columns.
+use super::{DataError, delimited, mat, numpy};
+use ndarray::{Array2, ArrayView1};
+use sha2::{Digest, Sha256};
+use std::collections::{BTreeMap, HashSet};
+use std::path::{Path, PathBuf};
+
+/// What a data file holds: columns of equal length, and single values beside them.
+#[derive(Debug, Clone)]
+pub struct Table {
+    /// The file.
+    pub source: PathBuf,
+    /// Names of the columns.
+    pub names: Vec<String>,
+    /// Samples x columns, in the units of the file; NaN where a cell is empty.
+    pub columns: Array2<f64>,
+    /// Columns with a value in their first row only (as `Fs`), and variables of one element.
+    pub scalars: BTreeMap<String, f64>,
+    /// SHA-256 of the file's bytes, in hexadecimal.
+    pub sha256: String,
+    /// For text, the line of each sample in the file, from 1; else empty.
+    pub lines: Vec<usize>,
+}
+
+/// Columns and scalars as a reader of one format finds them.
+pub(super) struct Content {
+    pub names: Vec<String>,
+    pub columns: Array2<f64>,
+    pub scalars: BTreeMap<String, f64>,
+    pub lines: Vec<usize>,
+}
+
+/// Reads a data file. Its contents decide the format, then its extension.
+///
+/// `variable` chooses one variable of a .mat or .npz file.
+///
+/// # Errors
+/// Says file, and line and column where there are such; see [`DataError`].
+pub fn read(path: &Path, variable: Option<&str>) -> Result<Table, DataError> {
+    let bytes = std::fs::read(path).map_err(|source| DataError::Io {
+        file: path.into(),
+        source,
+    })?;
+    let extension = path
+        .extension()
+        .map(|e| e.to_string_lossy().to_lowercase())
+        .unwrap_or_default();
+    let content = if bytes.is_empty() {
+        Err(DataError::Empty { file: path.into() })
+    } else if bytes.starts_with(b"PK\x03\x04") || extension == "npz" {
+        numpy::read_npz(path, &bytes, variable)
+    } else if bytes.starts_with(b"\x93NUMPY") || extension == "npy" {
+        numpy::read_npy(path, &bytes)
+    } else if bytes.starts_with(b"MATLAB") || extension == "mat" {
+        mat::read(path, &bytes, variable)
+    } else {
+        delimited::read(path, &bytes)
+    }?;
+    let mut seen = HashSet::new();
+    if let Some(name) = content.names.iter().find(|name| !seen.insert(*name)) {
+        return Err(DataError::DuplicateColumn {
+            file: path.into(),
+            name: name.clone(),
+        });
+    }
+    Ok(Table {
+        source: path.into(),
+        names: content.names,
+        columns: content.columns,
+        scalars: content.scalars,
+        sha256: Sha256::digest(&bytes)
+            .iter()
+            .map(|byte| format!("{byte:02x}"))
+            .collect(),
+        lines: content.lines,
+    })
+}
+
+impl Table {
+    /// Number of samples.
+    pub fn samples(&self) -> usize {
+        self.columns.nrows()
+    }
+
+    /// The column of a name, if there is one.
+    pub fn column(&self, name: &str) -> Option<ArrayView1<'_, f64>> {
+        let index = self.names.iter().position(|n| n == name)?;
+        Some(self.columns.column(index))
+    }
+
+    /// Where sample `k` (from 0) stands, for messages: a line of the file, or a row.
+    pub fn place(&self, k: usize) -> String {
+        match self.lines.get(k) {
+            Some(line) => format!("line {line}"),
+            None => format!("row {}", k + 1),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hash_is_that_of_the_bytes() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("x.csv");
+        std::fs::write(&path, "a,b\n1,2\n3,4\n").unwrap();
+        let table = read(&path, None).unwrap();
+        // printf 'a,b\n1,2\n3,4\n' | sha256sum
+        assert_eq!(
+            table.sha256,
+            "b9485148546419a0f6a85e8d708c923557c15d7f3c7d078ef1fa7f7c0f57d5a5"
+        );
+        assert_eq!(table.column("b").unwrap().to_vec(), [2.0, 4.0]);
+        assert!(table.column("c").is_none());
+    }
+
+    #[test]
+    fn missing_and_empty_files_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("x.csv");
+        let error = read(&path, None).unwrap_err();
+        assert!(matches!(error, DataError::Io { .. }));
+        assert!(error.to_string().contains("x.csv"));
+        std::fs::write(&path, "").unwrap();
+        assert!(matches!(read(&path, None), Err(DataError::Empty { .. })));
+    }
+
+    #[test]
+    fn two_columns_of_one_name_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("x.csv");
+        std::fs::write(&path, "a,b,a\n1,2,3\n3,4,5\n").unwrap();
+        let error = read(&path, None).unwrap_err();
+        assert!(matches!(error, DataError::DuplicateColumn { name, .. } if name == "a"));
+    }
+}

@@ -1,0 +1,94 @@
+//! Things that do not stop the work, but that the reader of a report must know.
+use serde::{Deserialize, Serialize};
+
+/// A named warning on data or their preparation; `Display` says it in a sentence.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
+#[serde(tag = "warning", rename_all = "kebab-case")]
+pub enum Warning {
+    /// Neither config nor file gives the sample rate.
+    #[error(
+        "{file} does not say its sample rate: 1 Hz is assumed, so all frequencies are per sample"
+    )]
+    RateAssumed {
+        /// The file.
+        file: String,
+    },
+    /// An input that never changes.
+    #[error("input `{channel}` is constant: nothing can be learnt about its effect")]
+    ConstantInput {
+        /// The channel.
+        channel: String,
+    },
+    /// An output that never changes.
+    #[error("output `{channel}` is constant: is the sensor connected?")]
+    ConstantOutput {
+        /// The channel.
+        channel: String,
+    },
+    /// An output with samples that are missing (NaN).
+    #[error("output `{channel}` lacks {missing} of {samples} samples")]
+    MissingSamples {
+        /// The channel.
+        channel: String,
+        /// Samples that are missing.
+        missing: usize,
+        /// Samples in all.
+        samples: usize,
+    },
+    /// Hardly more equations than unknowns.
+    #[error("{samples} samples are few for {unknowns} unknown parameters")]
+    FewSamples {
+        /// Samples of an output.
+        samples: usize,
+        /// Unknown parameters of an output.
+        unknowns: usize,
+    },
+    /// The inputs cannot tell as many parameters apart as are wanted.
+    #[error("the inputs excite persistently to order {order} only, where {wanted} is wanted")]
+    PoorExcitation {
+        /// Order of persistent excitation that was found.
+        order: usize,
+        /// Order that was asked about.
+        wanted: usize,
+    },
+    /// The inputs excite, but some directions hardly.
+    #[error(
+        "the inputs are ill-conditioned over {depth} samples: condition number {condition:.1e}"
+    )]
+    IllConditionedInput {
+        /// Samples side by side in the block Hankel matrix.
+        depth: usize,
+        /// Largest over smallest eigenvalue of its covariance.
+        condition: f64,
+    },
+    /// An input whose power lies in a small part of the band.
+    #[error(
+        "99 % of the power of input `{channel}` lies in {low_hz:.4}-{high_hz:.4} Hz: outside of it the model is a guess"
+    )]
+    NarrowBand {
+        /// The channel.
+        channel: String,
+        /// Lower edge in Hz.
+        low_hz: f64,
+        /// Upper edge in Hz.
+        high_hz: f64,
+    },
+    /// The sample rate is high against the band of the data.
+    #[error(
+        "the data lie below {band_hz:.4} Hz but are sampled at {rate_hz:.6} Hz: decimation to {suggested_hz:.6} Hz is suggested"
+    )]
+    Oversampled {
+        /// The rate in Hz.
+        rate_hz: f64,
+        /// Frequency below which the data lie, in Hz.
+        band_hz: f64,
+        /// An integer fraction of the rate, in Hz.
+        suggested_hz: f64,
+    },
+    /// The test for an answer within the sample cannot be made.
+    #[error("whether the plant answers within the sample cannot be tested: {reason}")]
+    AdvanceUntested {
+        /// Why.
+        reason: String,
+    },
+}
