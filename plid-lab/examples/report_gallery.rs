@@ -1,0 +1,2 @@
+//! The report (in work).
+fn main() {}
