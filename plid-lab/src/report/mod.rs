@@ -1,1 +1,37 @@
-//! (in work)
+//! Reports: plots as SVG strings and a page of HTML that holds them, self-contained and without scripts.
+//!
+//! Plots are drawn by `kuva` (0.6, without its optional features). It was chosen over `plotters` (0.3) since it keeps
+//! coordinates to a hundredth of a pixel where plotters' SVG rounds to whole pixels, batches markers and heat-map cells
+//! into one element each, measures text without a font of the system, escapes it, and clips to the axes. What it lacks is
+//! small and lives in `figure`: panels of differing height on one page, a legend above the data, and names of clip paths that do not
+//! depend on what was drawn before.
+//!
+//! All output depends on the data only: no clock, no counter of the process.
+
+mod atomic;
+mod chart;
+mod convergence_plot;
+mod correlation_plot;
+mod decimate;
+mod figure;
+mod frf_plot;
+mod heat_map;
+mod html;
+mod mode_map;
+mod page;
+mod panel;
+mod style;
+mod ticks;
+mod trace_plot;
+
+pub use atomic::write_atomic;
+pub use chart::{Chart, chart};
+pub use convergence_plot::{ConvergencePlot, convergence_plot};
+pub use correlation_plot::correlation_plot;
+pub use frf_plot::{FrfCurve, FrfPlot, frf_grid, frf_plot};
+pub use heat_map::{HeatMap, heat_map};
+pub use html::escape;
+pub use mode_map::{ModeSet, mode_map};
+pub use page::{Cell, Report, Table};
+pub use panel::{Axis, Scale, Series};
+pub use trace_plot::{Trace, trace_plot};

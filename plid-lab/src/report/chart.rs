@@ -1,0 +1,114 @@
+use super::figure::single;
+use super::panel::{Axis, Panel, Series};
+
+/// Any set of series over one pair of axes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Chart {
+    /// Shown above the data; may be empty.
+    pub title: String,
+    /// Horizontal axis.
+    pub x: Axis,
+    /// Vertical axis.
+    pub y: Axis,
+    /// What is drawn, from the bottom upwards.
+    pub series: Vec<Series>,
+    /// Height of the data area in pixels, at a figure width of 900.
+    pub height: f64,
+}
+
+/// Draws a chart as SVG: order scans, bench curves, whatever has no plot of its own.
+pub fn chart(chart: &Chart) -> String {
+    single(
+        &chart.title,
+        vec![Panel::new(
+            chart.x.clone(),
+            chart.y.clone(),
+            chart.height,
+            chart.series.clone(),
+        )],
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plot(x: Axis, y: Axis, series: Vec<Series>) -> String {
+        chart(&Chart {
+            title: "t".into(),
+            x,
+            y,
+            series,
+            height: 200.0,
+        })
+    }
+
+    #[test]
+    fn the_same_data_give_the_same_bytes() {
+        let draw = || {
+            plot(
+                Axis::linear("x"),
+                Axis::log("y"),
+                vec![Series::line("a", vec![(0.0, 1.0), (1.0, 1e3)])],
+            )
+        };
+        let first = draw();
+        assert_eq!(first, draw());
+        assert!(first.starts_with("<svg viewBox=\"0 0 900.00 ") && first.contains("plid-clip-0"));
+    }
+
+    #[test]
+    fn labels_are_escaped() {
+        let svg = plot(
+            Axis::linear("a<b"),
+            Axis::linear("c&d"),
+            vec![Series::line("<script>", vec![(0.0, 1.0), (1.0, 2.0)])],
+        );
+        assert!(!svg.contains("<script") && svg.contains("a&lt;b") && svg.contains("c&amp;d"));
+    }
+
+    #[test]
+    fn odd_data_are_drawn_without_nonsense() {
+        let nan = f64::NAN;
+        let odd: Vec<Vec<(f64, f64)>> = vec![
+            vec![],
+            vec![(nan, nan)],
+            vec![(1.0, 5.0)],
+            vec![(0.0, 0.0), (1.0, 0.0)],
+            vec![(0.0, -1.0), (1.0, f64::INFINITY), (2.0, 3.0)],
+            vec![(1.0, 1e-300), (2.0, 1e300)],
+            vec![(1e-14, 1e-18), (2e-14, 3e-18)],
+        ];
+        for points in odd {
+            for axis in [Axis::linear("x"), Axis::log("x")] {
+                let band = points.iter().map(|&(x, y)| (x, y - 1.0, y + 1.0)).collect();
+                let series = vec![
+                    Series::band("band", band),
+                    Series::line("line", points.clone()),
+                    Series::points("points", points.clone()),
+                    Series::stems("stems", points.clone()),
+                    Series::area("area", points.clone()),
+                ];
+                let svg = plot(axis.clone(), axis, series);
+                assert!(!svg.contains("NaN") && !svg.contains("inf"), "{points:?}");
+                assert!(svg.len() < 60_000, "{points:?}: {} bytes", svg.len());
+            }
+        }
+    }
+
+    #[test]
+    fn a_long_series_stays_small() {
+        let long: Vec<(f64, f64)> = (0..200_000)
+            .map(|k| (k as f64, ((k * k) % 7919) as f64))
+            .collect();
+        assert!(
+            plot(
+                Axis::linear("x"),
+                Axis::linear("y"),
+                vec![Series::line("", long)]
+            )
+            .len()
+                < 80_000
+        );
+    }
+}

@@ -1,0 +1,75 @@
+use super::figure::single;
+use super::panel::{Axis, Panel, Scale, Series};
+use super::style;
+use crate::signal::Convergence;
+
+/// What is drawn of the course of a recursion.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ConvergencePlot<'a> {
+    /// The curve.
+    pub convergence: &'a Convergence,
+    /// Sample rate in Hz.
+    pub sample_rate_hz: f64,
+    /// Unit of the error, such as "V".
+    pub unit: String,
+    /// The level that noise alone leaves, if known.
+    pub noise_floor: Option<f64>,
+    /// Scale of time.
+    pub time_scale: Scale,
+    /// Scale of the error.
+    pub error_scale: Scale,
+}
+
+/// The largest one-step error over the sensors against time, as in the paper's Fig. 6: each sample in grey, the median and the
+/// range from the 10th to the 90th percentile over it.
+pub fn convergence_plot(plot: &ConvergencePlot) -> String {
+    // The first sample lies at one sample time, so that a logarithmic axis has it too.
+    let time = |k: f64| (k + 1.0) / plot.sample_rate_hz;
+    let each = plot
+        .convergence
+        .largest
+        .iter()
+        .enumerate()
+        .map(|(k, e)| (time(k as f64), *e))
+        .collect();
+    let centre = |start: usize, end: usize| match plot.time_scale {
+        Scale::Linear => time((start + end - 1) as f64 / 2.0),
+        Scale::Log => (time(start as f64) * time((end - 1) as f64)).sqrt(),
+    };
+    let bins = &plot.convergence.bins;
+    let band = bins
+        .iter()
+        .map(|b| (centre(b.start, b.end), b.low, b.high))
+        .collect();
+    let median = bins
+        .iter()
+        .map(|b| (centre(b.start, b.end), b.median))
+        .collect();
+    let mut series = vec![
+        Series::line("each sample", each)
+            .colour("#bdbdbd")
+            .width(0.7),
+        Series::band("10th to 90th percentile", band).colour(style::IDENTIFIED),
+        Series::line("median", median)
+            .colour(style::IDENTIFIED)
+            .width(2.0),
+    ];
+    if let Some(floor) = plot.noise_floor {
+        series.push(
+            Series::level("noise floor", floor)
+                .colour(style::REFERENCE)
+                .width(1.6),
+        );
+    }
+    let x = Axis {
+        label: "time, s".into(),
+        scale: plot.time_scale,
+        ..Axis::default()
+    };
+    let y = Axis {
+        label: format!("largest |e|, {}", plot.unit),
+        scale: plot.error_scale,
+        ..Axis::default()
+    };
+    single("", vec![Panel::new(x, y, 280.0, series)])
+}

@@ -1,0 +1,168 @@
+use kuva::plot::ColorMap;
+use kuva::render::color::Color;
+use kuva::render::render::Primitive;
+use ndarray::Array2;
+
+use super::figure::{Canvas, Text};
+use super::style;
+use super::ticks::format_tick;
+
+/// A table of numbers shown by colour.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HeatMap {
+    /// One name a row.
+    pub rows: Vec<String>,
+    /// One name a column.
+    pub columns: Vec<String>,
+    /// `rows x columns`; a cell that is not finite is left blank.
+    pub values: Array2<f64>,
+    /// What the columns are, such as "band, Hz".
+    pub column_label: String,
+    /// What the colour says, with its unit.
+    pub value_label: String,
+    /// Ends of the colour scale; left out, zero (or the least value below it) to the largest.
+    pub range: Option<(f64, f64)>,
+}
+
+const CELL: f64 = 30.0;
+const BAR: f64 = 14.0;
+const TOP: f64 = 8.0;
+
+/// A heat map with its colour bar, cells labelled with their value where there is room.
+pub fn heat_map(map: &HeatMap) -> String {
+    let (rows, columns) = map.values.dim();
+    let finite = || map.values.iter().copied().filter(|v| v.is_finite());
+    let (low, high) = map
+        .range
+        .unwrap_or((finite().fold(0.0, f64::min), finite().fold(0.0, f64::max)));
+    let share = |v: f64| {
+        if high > low {
+            ((v - low) / (high - low)).clamp(0.0, 1.0)
+        } else {
+            0.0
+        }
+    };
+
+    let longest = map
+        .rows
+        .iter()
+        .map(|name| style::text_width(name, style::LABEL_SIZE))
+        .fold(0.0, f64::max);
+    let left = (longest + 24.0).min(300.0);
+    let cell_width = (style::WIDTH - left - 110.0) / columns.max(1) as f64;
+    let bottom = TOP + rows as f64 * CELL;
+    let mut canvas = Canvas::new(style::WIDTH);
+    for ((i, j), value) in map.values.indexed_iter() {
+        let (x, y) = (left + j as f64 * cell_width, TOP + i as f64 * CELL);
+        let fill = if value.is_finite() {
+            colour(share(*value))
+        } else {
+            Color::from("#ffffff")
+        };
+        rectangle(&mut canvas, (x, y, cell_width, CELL), fill);
+        let text = if value.is_finite() {
+            format_tick(rounded(*value))
+        } else {
+            "–".into()
+        };
+        if style::text_width(&text, style::TICK_SIZE) < cell_width - 4.0 {
+            let ink = if share(*value) > 0.55 || !value.is_finite() {
+                "#111111"
+            } else {
+                "#ffffff"
+            };
+            canvas.scene.add(Primitive::Text {
+                x: x + cell_width / 2.0,
+                y: y + CELL / 2.0 + 4.0,
+                content: text,
+                size: style::TICK_SIZE,
+                anchor: kuva::render::render::TextAnchor::Middle,
+                rotate: None,
+                bold: false,
+                color: Some(Color::from(ink)),
+            });
+        }
+    }
+    for (i, name) in map.rows.iter().take(rows).enumerate() {
+        canvas.text(
+            name,
+            left - 8.0,
+            TOP + (i as f64 + 0.5) * CELL + 4.0,
+            Text::End,
+        );
+    }
+    // Names that would run into each other are thinned.
+    let widest = map
+        .columns
+        .iter()
+        .map(|name| style::text_width(name, style::LABEL_SIZE))
+        .fold(1.0, f64::max);
+    let every = ((widest + 6.0) / cell_width).ceil().max(1.0) as usize;
+    for (j, name) in map.columns.iter().take(columns).enumerate().step_by(every) {
+        canvas.text(
+            name,
+            left + (j as f64 + 0.5) * cell_width,
+            bottom + 17.0,
+            Text::Middle,
+        );
+    }
+    canvas.text(
+        &map.column_label,
+        left + columns as f64 * cell_width / 2.0,
+        bottom + 37.0,
+        Text::Middle,
+    );
+    colour_bar(&mut canvas, &map.value_label, (low, high), bottom);
+    canvas.finish(bottom + 46.0)
+}
+
+fn colour_bar(canvas: &mut Canvas, label: &str, range: (f64, f64), bottom: f64) {
+    const STEPS: usize = 48;
+    let x = style::WIDTH - 84.0;
+    let step = (bottom - TOP) / STEPS as f64;
+    for k in 0..STEPS {
+        let share = 1.0 - (k as f64 + 0.5) / STEPS as f64;
+        // Each step reaches into the next, so that no light seam shows between them.
+        rectangle(
+            canvas,
+            (
+                x,
+                TOP + k as f64 * step,
+                BAR,
+                step + if k + 1 < STEPS { 0.5 } else { 0.0 },
+            ),
+            colour(share),
+        );
+    }
+    let middle = 0.5 * (range.0 + range.1);
+    for (value, y) in [
+        (range.1, TOP + 10.0),
+        (middle, 0.5 * (TOP + bottom) + 4.0),
+        (range.0, bottom),
+    ] {
+        canvas.text(&format_tick(rounded(value)), x + BAR + 5.0, y, Text::Start);
+    }
+    canvas.text(label, x - 8.0, 0.5 * (TOP + bottom), Text::Upwards);
+}
+
+fn rectangle(canvas: &mut Canvas, (x, y, width, height): (f64, f64, f64, f64), fill: Color) {
+    canvas.scene.add(Primitive::Rect {
+        x,
+        y,
+        width,
+        height,
+        fill,
+        stroke: None,
+        stroke_width: None,
+        opacity: None,
+    });
+}
+
+fn colour(share: f64) -> Color {
+    Color::from(ColorMap::Viridis.map(share).as_str())
+}
+
+/// Three significant digits.
+fn rounded(value: f64) -> f64 {
+    format!("{value:.2e}").parse().unwrap_or(value)
+}

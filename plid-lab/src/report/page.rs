@@ -1,0 +1,445 @@
+use std::fmt::Write;
+use std::path::Path;
+
+use super::figure::CLIP_PREFIX;
+use super::html::escape;
+use super::write_atomic;
+
+/// A report: built from top to bottom, then written as one page of HTML that needs nothing else.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Report {
+    title: String,
+    verdict: Vec<String>,
+    blocks: Vec<Block>,
+    provenance: Vec<(String, String)>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum Block {
+    Heading(String),
+    Paragraph(String),
+    Figure {
+        svg: String,
+        caption: String,
+    },
+    Table(Table),
+    List {
+        kind: &'static str,
+        heading: &'static str,
+        items: Vec<String>,
+    },
+    Details {
+        summary: String,
+        blocks: Vec<Block>,
+    },
+    Listing {
+        caption: String,
+        text: String,
+    },
+}
+
+/// A table with a caption.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Table {
+    caption: String,
+    columns: Vec<(String, String)>,
+    rows: Vec<Vec<Cell>>,
+}
+
+/// One cell of a table. Numbers are set flush right.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Cell {
+    /// Words.
+    Text(String),
+    /// A number, as it is to be shown.
+    Number(String),
+}
+
+impl Cell {
+    /// A number with so many decimals; a dash where it is not finite.
+    pub fn fixed(value: f64, decimals: usize) -> Self {
+        Self::Number(if value.is_finite() {
+            format!("{value:.decimals$}")
+        } else {
+            not_finite(value)
+        })
+    }
+
+    /// A number with so many significant digits.
+    pub fn significant(value: f64, digits: usize) -> Self {
+        if !value.is_finite() {
+            return Self::Number(not_finite(value));
+        }
+        let exponent = if value == 0.0 {
+            0
+        } else {
+            value.abs().log10().floor() as i32
+        };
+        if !(-4..6).contains(&exponent) {
+            return Self::Number(format!("{value:.*e}", digits.saturating_sub(1)));
+        }
+        let decimals = (digits as i32 - 1 - exponent).max(0) as usize;
+        Self::Number(format!("{value:.decimals$}"))
+    }
+
+    /// A value with its standard deviation, both to two digits of the latter.
+    pub fn with_std(value: f64, std: f64) -> Self {
+        if !value.is_finite() || !std.is_finite() || std <= 0.0 {
+            return Self::significant(value, 5);
+        }
+        let decimals = (1 - std.log10().floor() as i32).clamp(0, 12) as usize;
+        Self::Number(format!("{value:.decimals$} ± {std:.decimals$}"))
+    }
+}
+
+impl From<&str> for Cell {
+    fn from(text: &str) -> Self {
+        Self::Text(text.into())
+    }
+}
+
+impl From<String> for Cell {
+    fn from(text: String) -> Self {
+        Self::Text(text)
+    }
+}
+
+impl From<usize> for Cell {
+    fn from(count: usize) -> Self {
+        Self::Number(count.to_string())
+    }
+}
+
+fn not_finite(value: f64) -> String {
+    if value.is_nan() {
+        "–".into()
+    } else {
+        "∞".into()
+    }
+}
+
+impl Table {
+    /// An empty table.
+    pub fn new(caption: impl Into<String>) -> Self {
+        Self {
+            caption: caption.into(),
+            ..Self::default()
+        }
+    }
+
+    /// Adds a column; the unit may be empty.
+    pub fn column(mut self, name: impl Into<String>, unit: impl Into<String>) -> Self {
+        self.columns.push((name.into(), unit.into()));
+        self
+    }
+
+    /// Adds a row. Cells beyond the columns are left out, missing ones are blank.
+    pub fn row(mut self, cells: impl IntoIterator<Item = Cell>) -> Self {
+        self.rows.push(cells.into_iter().collect());
+        self
+    }
+}
+
+impl Report {
+    /// An empty report.
+    pub fn new(title: impl Into<String>) -> Self {
+        Self {
+            title: title.into(),
+            ..Self::default()
+        }
+    }
+
+    /// Adds a sentence of the verdict, which stands at the top.
+    pub fn verdict(mut self, sentence: impl Into<String>) -> Self {
+        self.verdict.push(sentence.into());
+        self
+    }
+
+    /// Adds a heading.
+    pub fn heading(self, text: impl Into<String>) -> Self {
+        self.push(Block::Heading(text.into()))
+    }
+
+    /// Adds a paragraph.
+    pub fn paragraph(self, text: impl Into<String>) -> Self {
+        self.push(Block::Paragraph(text.into()))
+    }
+
+    /// Adds a plot, as the plot functions of this module return it, with a sentence below it. The SVG goes in as it is.
+    pub fn figure(self, svg: impl Into<String>, caption: impl Into<String>) -> Self {
+        self.push(Block::Figure {
+            svg: svg.into(),
+            caption: caption.into(),
+        })
+    }
+
+    /// Adds a table.
+    pub fn table(self, table: Table) -> Self {
+        self.push(Block::Table(table))
+    }
+
+    /// Adds a list of what may be wrong; nothing for an empty one.
+    pub fn warnings(self, items: impl IntoIterator<Item = impl Into<String>>) -> Self {
+        self.list("warnings", "Warnings", items)
+    }
+
+    /// Adds a list of what to do; nothing for an empty one.
+    pub fn advice(self, items: impl IntoIterator<Item = impl Into<String>>) -> Self {
+        self.list("advice", "Advice", items)
+    }
+
+    /// Adds a part that is folded away until it is asked for. `fill` gets an empty report; only its body is used.
+    pub fn details(self, summary: impl Into<String>, fill: impl FnOnce(Self) -> Self) -> Self {
+        let blocks = fill(Self::default()).blocks;
+        self.push(Block::Details {
+            summary: summary.into(),
+            blocks,
+        })
+    }
+
+    /// Adds a text to be copied, such as the config; a click selects all of it.
+    pub fn listing(self, caption: impl Into<String>, text: impl Into<String>) -> Self {
+        self.push(Block::Listing {
+            caption: caption.into(),
+            text: text.into(),
+        })
+    }
+
+    /// Adds a line of the footer: version, hash of an input file.
+    pub fn provenance(mut self, name: impl Into<String>, value: impl Into<String>) -> Self {
+        self.provenance.push((name.into(), value.into()));
+        self
+    }
+
+    fn push(mut self, block: Block) -> Self {
+        self.blocks.push(block);
+        self
+    }
+
+    fn list(
+        self,
+        kind: &'static str,
+        heading: &'static str,
+        items: impl IntoIterator<Item = impl Into<String>>,
+    ) -> Self {
+        let items: Vec<String> = items.into_iter().map(Into::into).collect();
+        if items.is_empty() {
+            self
+        } else {
+            self.push(Block::List {
+                kind,
+                heading,
+                items,
+            })
+        }
+    }
+
+    /// The page. The same report gives the same bytes.
+    pub fn to_html(&self) -> String {
+        let title = escape(&self.title);
+        let style = include_str!("page.css");
+        let mut page = format!(
+            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+             <title>{title}</title>\n<style>\n{style}</style>\n</head>\n<body>\n<main>\n<h1>{title}</h1>\n"
+        );
+        if !self.verdict.is_empty() {
+            page.push_str("<div class=\"verdict\">\n");
+            for sentence in &self.verdict {
+                line(&mut page, "p", sentence);
+            }
+            page.push_str("</div>\n");
+        }
+        let mut figures = 0;
+        for block in &self.blocks {
+            block.write(&mut page, &mut figures);
+        }
+        if !self.provenance.is_empty() {
+            page.push_str("<footer>\n<dl>\n");
+            for (name, value) in &self.provenance {
+                line(&mut page, "dt", name);
+                line(&mut page, "dd", value);
+            }
+            page.push_str("</dl>\n</footer>\n");
+        }
+        page.push_str("</main>\n</body>\n</html>\n");
+        page
+    }
+
+    /// Writes the page to a file, whole or not at all.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn write(&self, path: &Path) -> std::io::Result<()> {
+        write_atomic(path, self.to_html().as_bytes())
+    }
+}
+
+fn line(page: &mut String, tag: &str, text: &str) {
+    let _ = writeln!(page, "<{tag}>{}</{tag}>", escape(text));
+}
+
+impl Block {
+    fn write(&self, page: &mut String, figures: &mut usize) {
+        match self {
+            Self::Heading(text) => line(page, "h2", text),
+            Self::Paragraph(text) => line(page, "p", text),
+            Self::Figure { svg, caption } => {
+                *figures += 1;
+                // Names within an SVG are names within the page.
+                let svg = svg.replace(CLIP_PREFIX, &format!("{CLIP_PREFIX}{figures}-"));
+                page.push_str("<figure>\n");
+                page.push_str(&svg);
+                page.push('\n');
+                line(page, "figcaption", caption);
+                page.push_str("</figure>\n");
+            }
+            Self::Table(table) => table.write(page),
+            Self::List {
+                kind,
+                heading,
+                items,
+            } => {
+                let _ = writeln!(page, "<section class=\"{kind}\">\n<h3>{heading}</h3>\n<ul>");
+                items.iter().for_each(|item| line(page, "li", item));
+                page.push_str("</ul>\n</section>\n");
+            }
+            Self::Details { summary, blocks } => {
+                page.push_str("<details>\n");
+                line(page, "summary", summary);
+                blocks.iter().for_each(|block| block.write(page, figures));
+                page.push_str("</details>\n");
+            }
+            Self::Listing { caption, text } => {
+                line(page, "p", caption);
+                // A line feed right after the tag is not part of the text, so that one is given away.
+                let _ = writeln!(page, "<pre>\n{}</pre>", escape(text));
+            }
+        }
+    }
+}
+
+impl Table {
+    fn write(&self, page: &mut String) {
+        page.push_str("<div class=\"table\">\n<table>\n");
+        line(page, "caption", &self.caption);
+        page.push_str("<thead><tr>");
+        let numeric = |j: usize| {
+            self.rows
+                .iter()
+                .filter_map(|row| row.get(j))
+                .any(|cell| matches!(cell, Cell::Number(_)))
+        };
+        for (j, (name, unit)) in self.columns.iter().enumerate() {
+            let class = if numeric(j) { " class=\"number\"" } else { "" };
+            let unit = if unit.is_empty() {
+                String::new()
+            } else {
+                format!("<span class=\"unit\">{}</span>", escape(unit))
+            };
+            let _ = write!(page, "<th scope=\"col\"{class}>{}{unit}</th>", escape(name));
+        }
+        page.push_str("</tr></thead>\n<tbody>\n");
+        for row in &self.rows {
+            page.push_str("<tr>");
+            for j in 0..self.columns.len() {
+                let _ = match row.get(j) {
+                    Some(Cell::Number(text)) => {
+                        write!(page, "<td class=\"number\">{}</td>", escape(text))
+                    }
+                    Some(Cell::Text(text)) => write!(page, "<td>{}</td>", escape(text)),
+                    None => write!(page, "<td></td>"),
+                };
+            }
+            page.push_str("</tr>\n");
+        }
+        page.push_str("</tbody>\n</table>\n</div>\n");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::{Axis, Chart, Series, chart};
+
+    fn example() -> Report {
+        let svg = chart(&Chart {
+            title: String::new(),
+            x: Axis::linear("x"),
+            y: Axis::linear("y"),
+            series: vec![Series::line("a", vec![(0.0, 0.0), (1.0, 1.0)])],
+            height: 100.0,
+        });
+        Report::new("A <b> & c")
+            .verdict("Good & well.")
+            .figure(svg.clone(), "One < two.")
+            .table(
+                Table::new("T")
+                    .column("mode", "")
+                    .column("f", "Hz")
+                    .row(["a".into(), Cell::fixed(1.5, 2)])
+                    .row(["<i>".into()]),
+            )
+            .warnings(["beware <script>alert(1)</script>"])
+            .advice(Vec::<String>::new())
+            .details("more", |r| r.figure(svg, "again").paragraph("p"))
+            .listing("The config.", "name = \"<x>\"\n")
+            .provenance("version", "0.1.0")
+    }
+
+    #[test]
+    fn everything_is_escaped_and_nothing_is_loaded() {
+        let page = example().to_html();
+        assert!(
+            page.contains("<h1>A &lt;b&gt; &amp; c</h1>")
+                && page.contains("&lt;script&gt;alert(1)&lt;/script&gt;")
+        );
+        assert!(!page.contains("<script") && !page.contains("<i>") && !page.contains("Advice"));
+        assert!(page.contains("name = &quot;&lt;x&gt;&quot;"));
+        // The only addresses are names of XML vocabularies.
+        assert!(!page.contains("https://") && !page.contains("src=") && !page.contains("href="));
+        assert_eq!(
+            page.matches("http://").count(),
+            page.matches("xmlns=\"http://www.w3.org/2000/svg\"").count()
+        );
+    }
+
+    #[test]
+    fn names_of_clip_paths_differ_between_figures_and_the_page_repeats() {
+        let page = example().to_html();
+        assert_eq!(page, example().to_html());
+        for id in ["plid-clip-1-0", "plid-clip-2-0"] {
+            assert_eq!(page.matches(&format!("id=\"{id}\"")).count(), 1);
+            assert_eq!(page.matches(&format!("url(#{id})")).count(), 1);
+        }
+    }
+
+    #[test]
+    fn opened_tags_are_closed() {
+        let page = example().to_html();
+        for tag in [
+            "main", "figure", "table", "tr", "td", "section", "ul", "details", "pre", "footer",
+            "svg", "g", "defs",
+        ] {
+            let opened = page.matches(&format!("<{tag}>")).count()
+                + page.matches(&format!("<{tag} ")).count();
+            assert_eq!(opened, page.matches(&format!("</{tag}>")).count(), "{tag}");
+            assert!(opened > 0, "{tag}");
+        }
+    }
+
+    #[test]
+    fn numbers_are_set_as_asked() {
+        let text = |cell| match cell {
+            Cell::Number(text) | Cell::Text(text) => text,
+        };
+        assert_eq!(text(Cell::fixed(2.0, 3)), "2.000");
+        assert_eq!(text(Cell::fixed(f64::NAN, 3)), "–");
+        assert_eq!(text(Cell::significant(0.012345, 3)), "0.0123");
+        assert_eq!(text(Cell::significant(1.5e-9, 2)), "1.5e-9");
+        assert_eq!(text(Cell::significant(0.0, 3)), "0.00");
+        assert_eq!(text(Cell::significant(f64::INFINITY, 3)), "∞");
+        assert_eq!(text(Cell::with_std(136.0213, 0.0123)), "136.021 ± 0.012");
+        assert_eq!(text(Cell::with_std(1234.5, 55.0)), "1234 ± 55");
+    }
+}

@@ -1,0 +1,37 @@
+//! The look that all plots share. Colours are those of Okabe and Ito, which the colour-blind can tell apart.
+
+/// What was measured: the one dark neutral.
+pub const MEASURED: &str = "#4d4d4d";
+/// The identified model and its one-step prediction.
+pub const IDENTIFIED: &str = "#0072b2";
+/// The true model, where one is known.
+pub const TRUE_MODEL: &str = "#d55e00";
+/// Free-run simulation.
+pub const FREE_RUN: &str = "#e69f00";
+/// Coherence.
+pub const COHERENCE: &str = "#009e73";
+/// Bounds, floors and other lines to compare with.
+pub const REFERENCE: &str = "#d55e00";
+
+/// Colours handed out in turn to series that name none.
+pub const CYCLE: [&str; 8] = [
+    "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#4d4d4d", "#8c6d1f",
+];
+
+pub const GRID: &str = "#e6e6e6";
+pub const AXIS: &str = "#555555";
+pub const TEXT: &str = "#222222";
+pub const FONT: &str = "DejaVu Sans, Verdana, Helvetica, Arial, sans-serif";
+
+/// Width of a figure in pixels.
+pub const WIDTH: f64 = 900.0;
+pub const TICK_SIZE: u32 = 11;
+pub const LABEL_SIZE: u32 = 12;
+pub const TITLE_SIZE: u32 = 13;
+pub const LINE: f64 = 1.4;
+pub const BAND_OPACITY: f64 = 0.22;
+
+/// Width of a text in pixels, near enough to set texts side by side.
+pub fn text_width(text: &str, size: u32) -> f64 {
+    text.chars().count() as f64 * size as f64 * 0.6
+}

@@ -1,0 +1,86 @@
+use std::ops::Range;
+
+use super::figure::single;
+use super::panel::{Axis, Panel, Series};
+use super::style;
+
+/// One output: what was measured and what was computed. All slices start at the same sample.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trace<'a> {
+    /// Name of the output.
+    pub name: String,
+    /// Its unit, such as "V".
+    pub unit: String,
+    /// Measured samples; a missing one is a NaN.
+    pub measured: &'a [f64],
+    /// One-step predictions.
+    pub predicted: Option<&'a [f64]>,
+    /// Free-run simulation.
+    pub free_run: Option<&'a [f64]>,
+}
+
+/// Measured, one-step predicted and free-run outputs over a window of samples, the errors of each output below it.
+pub fn trace_plot(traces: &[Trace], sample_rate_hz: f64, window: Range<usize>) -> String {
+    let points = |values: &[f64]| -> Vec<(f64, f64)> {
+        let shown = window.start.min(values.len())..window.end.min(values.len());
+        shown
+            .map(|k| (k as f64 / sample_rate_hz, values[k]))
+            .collect()
+    };
+    let error = |measured: &[f64], other: &[f64]| {
+        points(
+            &measured
+                .iter()
+                .zip(other)
+                .map(|(y, x)| y - x)
+                .collect::<Vec<_>>(),
+        )
+    };
+    let last = window.end.max(window.start + 2) - 1;
+    let x = Axis::linear("time, s").range(
+        window.start as f64 / sample_rate_hz,
+        last as f64 / sample_rate_hz,
+    );
+    let mut panels = Vec::new();
+    for trace in traces {
+        let mut signals = vec![
+            Series::line("measured", points(trace.measured))
+                .colour(style::MEASURED)
+                .width(2.2),
+        ];
+        let mut errors = Vec::new();
+        let others = [
+            ("free run", trace.free_run, style::FREE_RUN),
+            ("one-step prediction", trace.predicted, style::IDENTIFIED),
+        ];
+        for (label, values, colour) in others {
+            if let Some(values) = values {
+                signals.push(
+                    Series::line(label, points(values))
+                        .colour(colour)
+                        .width(1.2),
+                );
+                errors.push(
+                    Series::line(label, error(trace.measured, values))
+                        .colour(colour)
+                        .width(1.0),
+                );
+            }
+        }
+        panels.push(Panel::new(
+            x.clone(),
+            Axis::linear(format!("{}, {}", trace.name, trace.unit)),
+            150.0,
+            signals,
+        ));
+        if !errors.is_empty() {
+            panels.push(Panel::new(
+                x.clone(),
+                Axis::linear(format!("error, {}", trace.unit)),
+                84.0,
+                errors,
+            ));
+        }
+    }
+    single("", panels)
+}

@@ -1,0 +1,349 @@
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use ndarray::ArrayView2;
+use rustfft::{FftPlanner, num_complex::Complex64};
+
+use super::correlation::{Correlation, CorrelationTest, centred, lags_outside, two_sided_quantile};
+use super::error::{SignalError, check_record, check_rows};
+
+/// Settings of [`cross_correlation`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CrossCorrelationOptions {
+    /// First lag in samples: 1 for the strictly past inputs, 0 where the plant answers at once, below 0 to look for feedback.
+    pub first_lag: i64,
+    /// Last lag in samples, positive lags being past inputs.
+    pub last_lag: i64,
+    /// Level of the bounds and of the verdict.
+    pub confidence: f64,
+}
+
+impl Default for CrossCorrelationOptions {
+    fn default() -> Self {
+        Self {
+            first_lag: 1,
+            last_lag: 50,
+            confidence: 0.99,
+        }
+    }
+}
+
+/// Directions in lag space with less than this share of the largest variance are left out of the statistic. An input
+/// of narrow band gives such directions, and there the asymptotic variance is no longer true.
+const WEAK_DIRECTION: f64 = 1e-3;
+
+/// Correlation of each residual with each past input: element `[i][j]` belongs to column i of `residuals`
+/// (`samples x p`) and column j of `inputs` (`samples x m`).
+///
+/// Bounds are Bartlett's for two independent series, var r(lag) = sum_k rho_e(k) rho_u(k) / N (Box and Jenkins,
+/// Time Series Analysis, section 12.1.3), so that a coloured residual of a coloured input is not taken for a missing model.
+/// The test is r^T V^{-1} r with his covariances V between the lags; its degrees of freedom are the directions
+/// of V that carry variance. Missing samples are left out of all sums.
+///
+/// # Errors
+/// [`SignalError::TooShort`] with fewer samples than four times the lags, [`SignalError::Constant`], [`SignalError::LengthMismatch`],
+/// [`SignalError::Infinite`], [`SignalError::Setting`].
+pub fn cross_correlation(
+    residuals: ArrayView2<f64>,
+    inputs: ArrayView2<f64>,
+    options: &CrossCorrelationOptions,
+) -> Result<Vec<Vec<Correlation>>, SignalError> {
+    check_record("the residual", residuals)?;
+    check_record("the input", inputs)?;
+    check_rows("the input", inputs, residuals.nrows())?;
+    let quantile = two_sided_quantile(options.confidence)?;
+    if options.last_lag < options.first_lag {
+        return Err(SignalError::Setting {
+            name: "last lag",
+            value: options.last_lag as f64,
+            allowed: "at least the first lag",
+        });
+    }
+    let span = (options.last_lag - options.first_lag + 1) as usize;
+    let reach = options
+        .first_lag
+        .unsigned_abs()
+        .max(options.last_lag.unsigned_abs()) as usize;
+    let prepare = |what: &'static str, data: ArrayView2<f64>| -> Result<Vec<Series>, SignalError> {
+        let needed = 4 * reach.max(span);
+        data.columns()
+            .into_iter()
+            .enumerate()
+            .map(|(c, column)| Series::new(what, c, column.iter().copied(), needed))
+            .collect()
+    };
+    let residuals = prepare("the residual", residuals)?;
+    let inputs = prepare("the input", inputs)?;
+    Ok(residuals
+        .iter()
+        .map(|e| {
+            inputs
+                .iter()
+                .map(|u| one_pair(e, u, options, quantile))
+                .collect()
+        })
+        .collect())
+}
+
+/// A centred series with the sums of products of its own past.
+struct Series {
+    value: Vec<f64>,
+    /// sum_t x_t x_{t+k} for k = 0, 1, ...
+    products: Vec<f64>,
+    present: usize,
+}
+
+impl Series {
+    fn new(
+        what: &'static str,
+        channel: usize,
+        series: impl Iterator<Item = f64> + Clone,
+        needed: usize,
+    ) -> Result<Self, SignalError> {
+        let (value, present) = centred(series);
+        if present < needed {
+            return Err(SignalError::TooShort {
+                what: "the cross-correlation test",
+                unit: "samples",
+                needed,
+                available: present,
+            });
+        }
+        let products = sums_of_products(&value);
+        if products[0] <= 0.0 {
+            return Err(SignalError::Constant { what, channel });
+        }
+        Ok(Self {
+            value,
+            products,
+            present,
+        })
+    }
+}
+
+fn one_pair(
+    e: &Series,
+    u: &Series,
+    options: &CrossCorrelationOptions,
+    quantile: f64,
+) -> Correlation {
+    let lags: Vec<i64> = (options.first_lag..=options.last_lag).collect();
+    let scale = (e.products[0] * u.products[0]).sqrt();
+    let n = e.value.len() as i64;
+    let value: Vec<f64> = lags
+        .iter()
+        .map(|&lag| {
+            (lag.max(0)..n.min(n + lag))
+                .map(|k| e.value[k as usize] * u.value[(k - lag) as usize])
+                .sum::<f64>()
+                / scale
+        })
+        .collect();
+    let covariance: Vec<f64> = (0..lags.len()).map(|apart| bartlett(e, u, apart)).collect();
+    let bound = vec![quantile * covariance[0].sqrt(); lags.len()];
+
+    let toeplitz = DMatrix::from_fn(lags.len(), lags.len(), |i, j| covariance[i.abs_diff(j)]);
+    let eigen = SymmetricEigen::new(toeplitz);
+    let along = eigen
+        .eigenvectors
+        .tr_mul(&DVector::from_column_slice(&value));
+    let least = WEAK_DIRECTION * eigen.eigenvalues.max();
+    let (mut statistic, mut freedom) = (0.0, 0);
+    for (component, variance) in along
+        .iter()
+        .zip(eigen.eigenvalues.iter())
+        .filter(|(_, variance)| **variance > least)
+    {
+        statistic += component * component / variance;
+        freedom += 1;
+    }
+    let outside = lags_outside(&lags, &value, &bound);
+    Correlation {
+        test: CorrelationTest::new(statistic, freedom, options.confidence, outside),
+        lags,
+        value,
+        bound,
+    }
+}
+
+/// Bartlett's covariance of the cross-correlations at two lags that lie `apart`: sum_k rho_e(k) rho_u(k + apart) / N.
+/// With gaps filled by zeros the sums of products hold just the pairs that are there.
+fn bartlett(e: &Series, u: &Series, apart: usize) -> f64 {
+    let at = |products: &[f64], k: i64| {
+        products
+            .get(k.unsigned_abs() as usize)
+            .copied()
+            .unwrap_or(0.0)
+    };
+    let n = e.products.len() as i64;
+    let sum: f64 = (1 - n..n)
+        .map(|k| at(&e.products, k) * at(&u.products, k + apart as i64))
+        .sum();
+    sum / (e.products[0] * u.products[0] * u.present as f64)
+}
+
+/// sum_t x_t x_{t+k} for k = 0 .. len - 1, by a Fourier transform long enough that nothing wraps.
+fn sums_of_products(x: &[f64]) -> Vec<f64> {
+    let length = (2 * x.len()).next_power_of_two();
+    let mut planner = FftPlanner::new();
+    let mut buffer: Vec<Complex64> = x.iter().map(|&v| Complex64::new(v, 0.0)).collect();
+    buffer.resize(length, Complex64::ZERO);
+    planner.plan_fft_forward(length).process(&mut buffer);
+    buffer
+        .iter_mut()
+        .for_each(|z| *z = Complex64::new(z.norm_sqr() / length as f64, 0.0));
+    planner.plan_fft_inverse(length).process(&mut buffer);
+    buffer[..x.len()].iter().map(|z| z.re).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::signal::test_noise::{coloured, white};
+    use ndarray::{Array2, array};
+
+    fn share_outside(e: &Array2<f64>, u: &Array2<f64>) -> (f64, f64) {
+        let options = CrossCorrelationOptions {
+            first_lag: 0,
+            last_lag: 19,
+            confidence: 0.95,
+        };
+        let (mut outside, mut alarms, mut count) = (0, 0, 0);
+        for column in 0..e.ncols() {
+            let pick =
+                |data: &Array2<f64>| data.column(column).insert_axis(ndarray::Axis(1)).to_owned();
+            let result =
+                &cross_correlation(pick(e).view(), pick(u).view(), &options).unwrap()[0][0];
+            outside += result.test.outside.len();
+            alarms += usize::from(!result.test.passes);
+            count += 1;
+        }
+        (
+            outside as f64 / (20 * count) as f64,
+            alarms as f64 / count as f64,
+        )
+    }
+
+    #[test]
+    fn products_and_lags_worked_by_hand() {
+        let sums = sums_of_products(&[1.0, -2.0, 3.0]);
+        for (sum, expected) in sums.iter().zip([14.0, -8.0, 3.0]) {
+            assert!((sum - expected).abs() < 1e-12);
+        }
+        // The residual is the input two samples ago: lag 2 stands out, and only it.
+        let u = white(31, 4000, 1);
+        let e = Array2::from_shape_fn((4000, 1), |(k, _)| if k > 1 { u[[k - 2, 0]] } else { 0.0 });
+        let options = CrossCorrelationOptions {
+            first_lag: -5,
+            ..Default::default()
+        };
+        let result = &cross_correlation(e.view(), u.view(), &options).unwrap()[0][0];
+        assert!((result.value[7] - 1.0).abs() < 5e-3 && result.lags[7] == 2);
+        assert!(
+            result.test.outside.contains(&2)
+                && result.test.outside.len() < 4
+                && !result.test.passes
+        );
+    }
+
+    #[test]
+    fn the_bound_holds_for_white_and_for_coloured_series() {
+        // For two first-order series Bartlett's sum is (1 + ab) / (1 - ab): for 0.8 and 0.9 it is 6.1, and bounds
+        // that took the residual for white would be left by 43 % of the values.
+        for (pole_e, pole_u) in [(0.0, 0.0), (0.0, 0.9), (0.8, 0.9)] {
+            let (outside, alarms) = share_outside(
+                &coloured(32, 2000, 300, pole_e),
+                &coloured(33, 2000, 300, pole_u),
+            );
+            assert!(
+                (outside - 0.05).abs() < 0.03,
+                "{pole_e} {pole_u}: {outside}"
+            );
+            assert!((alarms - 0.05).abs() < 0.045, "{pole_e} {pole_u}: {alarms}");
+        }
+    }
+
+    #[test]
+    fn the_bound_is_the_closed_form_of_two_first_order_series() {
+        let options = CrossCorrelationOptions::default();
+        let n = 100_000;
+        let result = &cross_correlation(
+            coloured(34, n, 1, 0.8).view(),
+            coloured(35, n, 1, 0.9).view(),
+            &options,
+        )
+        .unwrap()[0][0];
+        let expected = 2.575829 * ((1.0f64 + 0.72) / (1.0 - 0.72) / n as f64).sqrt();
+        assert!(
+            (result.bound[0] / expected - 1.0).abs() < 0.05,
+            "{} {expected}",
+            result.bound[0]
+        );
+    }
+
+    #[test]
+    fn the_bound_holds_with_gaps() {
+        let mut e = coloured(36, 2000, 300, 0.8);
+        e.zip_mut_with(&white(37, 2000, 300), |x, h| {
+            if *h > 0.7 {
+                *x = f64::NAN
+            }
+        });
+        let (outside, alarms) = share_outside(&e, &coloured(38, 2000, 300, 0.9));
+        assert!((outside - 0.05).abs() < 0.03, "{outside}");
+        assert!((alarms - 0.05).abs() < 0.045, "{alarms}");
+    }
+
+    #[test]
+    fn a_narrow_band_input_leaves_fewer_degrees_of_freedom() {
+        // Two poles at 0.97 leave the input with a small part of the band.
+        let mut u = coloured(39, 8000, 1, 0.97);
+        for k in 1..8000 {
+            u[[k, 0]] += 0.97 * u[[k - 1, 0]];
+        }
+        let result = &cross_correlation(
+            white(40, 8000, 1).view(),
+            u.view(),
+            &CrossCorrelationOptions::default(),
+        )
+        .unwrap()[0][0];
+        assert!(
+            (1..25).contains(&result.test.degrees_of_freedom),
+            "{}",
+            result.test.degrees_of_freedom
+        );
+        assert!(result.test.p_value > 0.01);
+    }
+
+    #[test]
+    fn bad_records_are_refused() {
+        let options = CrossCorrelationOptions::default();
+        let e = white(1, 300, 1);
+        let still =
+            cross_correlation(e.view(), Array2::zeros((300, 1)).view(), &options).unwrap_err();
+        assert_eq!(
+            still,
+            SignalError::Constant {
+                what: "the input",
+                channel: 0
+            }
+        );
+        let short =
+            cross_correlation(array![[1.0]].view(), array![[1.0]].view(), &options).unwrap_err();
+        assert!(matches!(
+            short,
+            SignalError::TooShort {
+                needed: 200,
+                available: 1,
+                ..
+            }
+        ));
+        let other = cross_correlation(e.view(), white(1, 200, 1).view(), &options).unwrap_err();
+        assert_eq!(
+            other,
+            SignalError::LengthMismatch {
+                what: "the input",
+                expected: 300,
+                found: 200
+            }
+        );
+    }
+}

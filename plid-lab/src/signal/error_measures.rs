@@ -1,0 +1,151 @@
+use ndarray::ArrayView2;
+
+use super::error::{SignalError, check_record, check_rows};
+
+/// How far a prediction or simulation is from the measured outputs. Vectors have one element an output.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ErrorMeasures {
+    /// RMS(y - yhat), in the output's unit.
+    pub rms_error: Vec<f64>,
+    /// RMS(y - yhat) / RMS(y); NaN where the output is zero throughout.
+    pub relative: Vec<f64>,
+    /// 100 (1 - |y - yhat| / |y - mean y|), the fit of MATLAB's `compare`; NaN where the output is constant.
+    pub fit_percent: Vec<f64>,
+    /// Samples that are there, of each output.
+    pub samples: Vec<usize>,
+    /// Relative error over all outputs together, each scaled to unit RMS; outputs that are zero throughout are left out.
+    pub overall_relative: f64,
+}
+
+/// Error measures of `predicted` against `measured` (both `samples x p`).
+///
+/// A NaN in `measured` is a missing sample and is left out. A prediction that is not finite where the output is there is
+/// not left out: it makes that output's error infinite.
+///
+/// # Errors
+/// [`SignalError::LengthMismatch`], [`SignalError::ChannelMismatch`], [`SignalError::NoChannels`],
+/// [`SignalError::Infinite`] for the measured outputs, [`SignalError::TooShort`] for an output without a sample.
+pub fn error_measures(
+    measured: ArrayView2<f64>,
+    predicted: ArrayView2<f64>,
+) -> Result<ErrorMeasures, SignalError> {
+    check_record("the measured output", measured)?;
+    check_rows("the predicted output", predicted, measured.nrows())?;
+    if predicted.ncols() != measured.ncols() {
+        return Err(SignalError::ChannelMismatch {
+            what: "the predicted output",
+            expected: measured.ncols(),
+            found: predicted.ncols(),
+        });
+    }
+    let mut result = ErrorMeasures {
+        rms_error: Vec::new(),
+        relative: Vec::new(),
+        fit_percent: Vec::new(),
+        samples: Vec::new(),
+        overall_relative: f64::NAN,
+    };
+    let (mut scaled_error, mut scaled_samples) = (0.0, 0.0);
+    for (y, prediction) in measured.columns().into_iter().zip(predicted.columns()) {
+        let present: Vec<(f64, f64)> = y
+            .iter()
+            .copied()
+            .zip(prediction.iter().copied())
+            .filter(|(y, _)| !y.is_nan())
+            .collect();
+        if present.is_empty() {
+            return Err(SignalError::TooShort {
+                what: "an error measure",
+                unit: "samples",
+                needed: 1,
+                available: 0,
+            });
+        }
+        let n = present.len() as f64;
+        let mean = present.iter().map(|(y, _)| y).sum::<f64>() / n;
+        let finite = |e: f64| if e.is_finite() { e } else { f64::INFINITY };
+        let error = (present
+            .iter()
+            .map(|(y, p)| finite(y - p).powi(2))
+            .sum::<f64>()
+            / n)
+            .sqrt();
+        let size = rms(present.iter().map(|(y, _)| *y));
+        let spread = rms(present.iter().map(|(y, _)| y - mean));
+        result.rms_error.push(error);
+        result
+            .relative
+            .push(if size > 0.0 { error / size } else { f64::NAN });
+        result.fit_percent.push(if spread > 0.0 {
+            100.0 * (1.0 - error / spread)
+        } else {
+            f64::NAN
+        });
+        result.samples.push(present.len());
+        if size > 0.0 {
+            scaled_error += n * (error / size).powi(2);
+            scaled_samples += n;
+        }
+    }
+    result.overall_relative = (scaled_error / scaled_samples).sqrt();
+    Ok(result)
+}
+
+/// Root mean square of the values that are not NaN; NaN where there is none.
+pub fn rms(values: impl IntoIterator<Item = f64>) -> f64 {
+    let (sum, count) = values
+        .into_iter()
+        .filter(|x| !x.is_nan())
+        .fold((0.0, 0usize), |(s, c), x| (s + x * x, c + 1));
+    (sum / count as f64).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::{Array2, array};
+
+    #[test]
+    fn figures_worked_by_hand() {
+        let y = array![[3.0, 10.0], [4.0, -10.0], [f64::NAN, 10.0], [5.0, -10.0]];
+        let p = array![[3.0, 11.0], [5.0, -9.0], [99.0, 9.0], [5.0, -11.0]];
+        let m = error_measures(y.view(), p.view()).unwrap();
+        assert_eq!(m.samples, [3, 4]);
+        assert!((m.rms_error[0] - (1.0f64 / 3.0).sqrt()).abs() < 1e-15);
+        assert!((m.relative[0] - (1.0f64 / 50.0).sqrt()).abs() < 1e-15);
+        // |y - mean| = sqrt(2), |e| = 1.
+        assert!((m.fit_percent[0] - 100.0 * (1.0 - 0.5f64.sqrt())).abs() < 1e-12);
+        assert!((m.relative[1] - 0.1).abs() < 1e-15 && (m.fit_percent[1] - 90.0).abs() < 1e-12);
+        // (3 / 50 + 4 / 100) / 7.
+        assert!((m.overall_relative - (0.1f64 / 7.0).sqrt()).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_diverged_prediction_is_not_a_gap_and_a_silent_output_has_no_relative_error() {
+        let y = array![[1.0, 0.0], [2.0, 0.0]];
+        let p = array![[1.0, 0.5], [f64::NAN, 0.5]];
+        let m = error_measures(y.view(), p.view()).unwrap();
+        assert_eq!(m.rms_error[0], f64::INFINITY);
+        assert_eq!(m.overall_relative, f64::INFINITY);
+        assert!(m.relative[1].is_nan() && m.fit_percent[1].is_nan() && m.rms_error[1] == 0.5);
+    }
+
+    #[test]
+    fn bad_shapes_are_refused() {
+        let y = array![[1.0], [f64::NAN]];
+        assert!(matches!(
+            error_measures(y.view(), array![[1.0]].view()),
+            Err(SignalError::LengthMismatch { .. })
+        ));
+        assert!(matches!(
+            error_measures(y.view(), Array2::zeros((2, 2)).view()),
+            Err(SignalError::ChannelMismatch { .. })
+        ));
+        let gone = array![[f64::NAN]];
+        assert!(matches!(
+            error_measures(gone.view(), gone.view()),
+            Err(SignalError::TooShort { .. })
+        ));
+        assert!(rms([]).is_nan() && rms([3.0, f64::NAN, 4.0]) == 12.5f64.sqrt());
+    }
+}

@@ -1,0 +1,271 @@
+use ndarray::{Array2, Array3, ArrayView2, s};
+use rustfft::{FftPlanner, num_complex::Complex64};
+
+use super::error::{SignalError, check_positive, check_record};
+
+/// How a record is cut for Welch's method. Segments carry a Hann window and overlap by half.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WelchOptions {
+    /// Sample rate in Hz.
+    pub sample_rate_hz: f64,
+    /// Samples in a segment; left out, the largest power of two that leaves about 15 of them.
+    pub segment_length: Option<usize>,
+}
+
+/// Auto and cross spectral densities of all channels of a record.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Spectra {
+    /// Frequencies in Hz, from 0 to half the sample rate.
+    pub frequency_hz: Vec<f64>,
+    /// `lines x channels x channels`: `density[[f, i, j]]` is the one-sided density E[X_i conj(X_j)], in units of
+    /// channel i times channel j per Hz.
+    pub density: Array3<Complex64>,
+    /// Samples in a segment.
+    pub segment_length: usize,
+    /// Segments averaged.
+    pub segments_used: usize,
+    /// Segments left out because a sample was missing.
+    pub segments_skipped: usize,
+    /// Number of independent averages that the overlapping segments are worth (Welch 1967, Eq. 12 for the Hann window).
+    pub averages: f64,
+}
+
+const SHORTEST_SEGMENT: usize = 8;
+
+/// Welch's estimate of the spectral density matrix of `data` (`samples x channels`).
+///
+/// The mean of each segment is removed. A segment with a missing sample in any channel is skipped and counted.
+///
+/// # Errors
+/// [`SignalError::TooShort`] with fewer samples than a segment or no complete segment, [`SignalError::Setting`],
+/// [`SignalError::Infinite`], [`SignalError::NoChannels`].
+pub fn welch_spectra(
+    data: ArrayView2<f64>,
+    options: &WelchOptions,
+) -> Result<Spectra, SignalError> {
+    check_record("the record", data)?;
+    check_positive("sample rate", options.sample_rate_hz)?;
+    let length = options
+        .segment_length
+        .unwrap_or_else(|| default_segment_length(data.nrows()));
+    if length < SHORTEST_SEGMENT || length % 2 == 1 {
+        return Err(SignalError::Setting {
+            name: "segment length",
+            value: length as f64,
+            allowed: "an even number of samples, at least 8",
+        });
+    }
+    let too_short = |unit, needed, available| SignalError::TooShort {
+        what: "Welch's method",
+        unit,
+        needed,
+        available,
+    };
+    if data.nrows() < length {
+        return Err(too_short("samples", length, data.nrows()));
+    }
+
+    let window = hann(length);
+    let power: f64 = window.iter().map(|w| w * w).sum();
+    let fft = FftPlanner::new().plan_fft_forward(length);
+    let (lines, channels) = (length / 2 + 1, data.ncols());
+    let mut sum = Array3::<Complex64>::zeros((lines, channels, channels));
+    let (mut used, mut skipped, mut neighbours) = (0, 0, 0);
+    let mut last_used = false;
+    let mut spectrum = Array2::<Complex64>::zeros((channels, lines));
+    for start in (0..=data.nrows() - length).step_by(length / 2) {
+        let segment = data.slice(s![start..start + length, ..]);
+        if segment.iter().any(|value| value.is_nan()) {
+            skipped += 1;
+            last_used = false;
+            continue;
+        }
+        used += 1;
+        neighbours += usize::from(last_used);
+        last_used = true;
+        for (channel, column) in segment.columns().into_iter().enumerate() {
+            let mean = column.sum() / length as f64;
+            let mut buffer: Vec<Complex64> = column
+                .iter()
+                .zip(&window)
+                .map(|(x, w)| Complex64::new((x - mean) * w, 0.0))
+                .collect();
+            fft.process(&mut buffer);
+            for line in 0..lines {
+                spectrum[[channel, line]] = buffer[line];
+            }
+        }
+        for line in 0..lines {
+            for i in 0..channels {
+                for j in 0..channels {
+                    sum[[line, i, j]] += spectrum[[i, line]] * spectrum[[j, line]].conj();
+                }
+            }
+        }
+    }
+    if used == 0 {
+        return Err(too_short("segments without a missing sample", 1, 0));
+    }
+
+    // Both halves of the spectrum are counted once, so all lines but the first and the last are doubled.
+    let scale = 1.0 / (options.sample_rate_hz * power * used as f64);
+    for line in 0..lines {
+        let fold = if line == 0 || line == lines - 1 {
+            1.0
+        } else {
+            2.0
+        };
+        sum.slice_mut(s![line, .., ..])
+            .mapv_inplace(|z| z * (scale * fold));
+    }
+    let shared: f64 = (0..length / 2)
+        .map(|k| window[k] * window[k + length / 2])
+        .sum::<f64>()
+        / power;
+    let averages = used as f64 / (1.0 + 2.0 * shared * shared * neighbours as f64 / used as f64);
+    Ok(Spectra {
+        frequency_hz: (0..lines)
+            .map(|line| line as f64 * options.sample_rate_hz / length as f64)
+            .collect(),
+        density: sum,
+        segment_length: length,
+        segments_used: used,
+        segments_skipped: skipped,
+        averages,
+    })
+}
+
+/// The Hann window in its periodic form, which adds up to a constant at half overlap.
+fn hann(length: usize) -> Vec<f64> {
+    (0..length)
+        .map(|k| 0.5 - 0.5 * (std::f64::consts::TAU * k as f64 / length as f64).cos())
+        .collect()
+}
+
+fn default_segment_length(samples: usize) -> usize {
+    let mut length = SHORTEST_SEGMENT;
+    while length * 2 <= samples / 8 {
+        length *= 2;
+    }
+    length
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::signal::test_noise::white;
+
+    fn options(segment_length: Option<usize>) -> WelchOptions {
+        WelchOptions {
+            sample_rate_hz: 1600.0,
+            segment_length,
+        }
+    }
+
+    #[test]
+    fn white_noise_has_the_density_of_its_variance() {
+        // Variance s^2 spread over fs / 2: 2 s^2 / fs.
+        let data = white(1, 40_000, 2) * 0.3;
+        let spectra = welch_spectra(data.view(), &options(Some(256))).unwrap();
+        let expected = 2.0 * 0.09 / 1600.0;
+        let inner: Vec<f64> = (2..127)
+            .map(|line| spectra.density[[line, 0, 0]].re)
+            .collect();
+        let mean = inner.iter().sum::<f64>() / inner.len() as f64;
+        assert!((mean / expected - 1.0).abs() < 0.03, "{mean} {expected}");
+        // Each line scatters by 1/sqrt(averages), which checks the count of independent averages.
+        let spread = (inner.iter().map(|x| (x / mean - 1.0).powi(2)).sum::<f64>()
+            / inner.len() as f64)
+            .sqrt();
+        assert!(
+            (spread * spectra.averages.sqrt() - 1.0).abs() < 0.25,
+            "{spread}"
+        );
+        // Independent channels: the cross density is small, of the order 1/sqrt(averages).
+        let cross = (2..127)
+            .map(|line| spectra.density[[line, 0, 1]].norm())
+            .sum::<f64>()
+            / 125.0;
+        assert!(cross / mean < 1.5 / spectra.averages.sqrt());
+    }
+
+    #[test]
+    fn the_density_integrates_to_the_power_of_a_sine() {
+        // A sine in the middle of a line of a Hann window: all power within two lines on each side.
+        let data = Array2::from_shape_fn((8192, 1), |(k, _)| {
+            0.7 * (std::f64::consts::TAU * 200.0 * k as f64 / 1600.0).sin()
+        });
+        let spectra = welch_spectra(data.view(), &options(Some(1024))).unwrap();
+        let power: f64 =
+            spectra.density.iter().map(|z| z.re).sum::<f64>() * spectra.frequency_hz[1];
+        assert!((power - 0.245).abs() < 1e-12, "{power}");
+        let peak = (0..spectra.frequency_hz.len()).max_by(|&a, &b| {
+            spectra.density[[a, 0, 0]]
+                .re
+                .total_cmp(&spectra.density[[b, 0, 0]].re)
+        });
+        assert_eq!(spectra.frequency_hz[peak.unwrap()], 200.0);
+    }
+
+    #[test]
+    fn a_hann_segment_at_half_overlap_counts_almost_whole() {
+        // rho = 1/6: K / (1 + 2 (K - 1) / (36 K)); 9 segments are worth 8.577.
+        let spectra = welch_spectra(white(3, 5 * 64, 1).view(), &options(Some(64))).unwrap();
+        assert_eq!(spectra.segments_used, 9);
+        assert!((spectra.averages - 9.0 / (1.0 + 2.0 * 8.0 / 9.0 / 36.0)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_missing_sample_costs_the_segments_that_hold_it() {
+        let mut data = white(2, 10 * 64, 2);
+        data[[200, 1]] = f64::NAN;
+        let spectra = welch_spectra(data.view(), &options(Some(64))).unwrap();
+        assert_eq!((spectra.segments_used, spectra.segments_skipped), (17, 2));
+        assert!(spectra.density.iter().all(|z| z.re.is_finite()));
+    }
+
+    #[test]
+    fn bad_records_are_refused() {
+        let short = welch_spectra(white(2, 20, 1).view(), &options(Some(64))).unwrap_err();
+        assert_eq!(
+            short,
+            SignalError::TooShort {
+                what: "Welch's method",
+                unit: "samples",
+                needed: 64,
+                available: 20
+            }
+        );
+        let gaps = Array2::from_elem((128, 1), f64::NAN);
+        assert!(matches!(
+            welch_spectra(gaps.view(), &options(Some(64))),
+            Err(SignalError::TooShort { available: 0, .. })
+        ));
+        let mut infinite = white(2, 100, 2);
+        infinite[[3, 1]] = f64::INFINITY;
+        assert_eq!(
+            welch_spectra(infinite.view(), &options(None)).unwrap_err(),
+            SignalError::Infinite {
+                what: "the record",
+                channel: 1,
+                sample: 3
+            }
+        );
+        assert!(matches!(
+            welch_spectra(white(2, 100, 1).view(), &options(Some(63))),
+            Err(SignalError::Setting { .. })
+        ));
+        let no_rate = WelchOptions {
+            sample_rate_hz: 0.0,
+            segment_length: None,
+        };
+        assert!(matches!(
+            welch_spectra(white(2, 100, 1).view(), &no_rate),
+            Err(SignalError::Setting { .. })
+        ));
+        assert!(matches!(
+            welch_spectra(Array2::<f64>::zeros((9, 0)).view(), &options(None)),
+            Err(SignalError::NoChannels { .. })
+        ));
+    }
+}
