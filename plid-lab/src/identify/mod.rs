@@ -1,0 +1,112 @@
+//! Identification of a prepared record: the recursion over it, the noise covariances, the order, and the frozen predictor.
+//!
+//! Everything here works on channels of comparable size (scaled to unit RMS as a rule), one row a sample.
+
+mod noise;
+mod order;
+mod predictor;
+mod recursion;
+
+pub use noise::{Bank, Trial, Tuned, tune};
+pub use order::{OrderScan, ScanRow, scan_orders, search_indices};
+pub use predictor::{Predictor, fit_predictor};
+pub use recursion::{Plan, RecursionRun, run};
+
+use ndarray::ArrayView2;
+use plid_core::{IdentifiedModel, ObservableForm};
+
+use crate::variant::VariantError;
+
+/// What is identified from: inputs K x m and outputs K x p.
+#[derive(Clone, Copy, Debug)]
+pub struct Samples<'a> {
+    /// K x m.
+    pub inputs: ArrayView2<'a, f64>,
+    /// K x p; NaN where a sample is missing.
+    pub outputs: ArrayView2<'a, f64>,
+    /// Whether NaN among the outputs means missing; else it is an error.
+    pub nan_is_missing: bool,
+}
+
+impl<'a> Samples<'a> {
+    /// K
+    pub fn len(&self) -> usize {
+        self.inputs.nrows()
+    }
+
+    /// Whether there is no sample.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Samples `from..to`.
+    pub fn range(&self, from: usize, to: usize) -> Samples<'a> {
+        Samples {
+            inputs: self.inputs.slice_move(ndarray::s![from..to, ..]),
+            outputs: self.outputs.slice_move(ndarray::s![from..to, ..]),
+            nan_is_missing: self.nan_is_missing,
+        }
+    }
+}
+
+/// An identification that did not succeed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum IdentifyError {
+    /// The recursion could not be built or broke down.
+    #[error(transparent)]
+    Variant(#[from] VariantError),
+    /// No setting of the noise covariances gave a usable model.
+    #[error("none of the {trials} noise settings tried gave a model: {last}")]
+    NoSetting {
+        /// How many were tried.
+        trials: usize,
+        /// What became of the last.
+        last: String,
+    },
+    /// The user asked for an end.
+    #[error("interrupted after {steps} of {total} samples")]
+    Interrupted {
+        /// Samples done.
+        steps: usize,
+        /// Samples in all.
+        total: usize,
+    },
+}
+
+/// Free-run simulation of an identified model on `samples` from its own state; the squared error relative to the outputs' power, its root,
+/// averaged over the outputs. Infinite if the simulation diverges.
+pub fn free_run_error(model: &IdentifiedModel, form: &ObservableForm, samples: Samples<'_>) -> f64 {
+    use plid_core::ImplicitModel;
+    let (n, p) = (form.states(), form.outputs());
+    let mut x = model.state.clone();
+    let mut feedback = vec![0.0; p];
+    let (mut error, mut power, mut count) = (vec![0.0; p], vec![0.0; p], vec![0usize; p]);
+    for (z, u) in samples.outputs.rows().into_iter().zip(samples.inputs.rows()) {
+        for (i, &row) in form.output_states().iter().enumerate() {
+            feedback[i] = x[row];
+            if z[i].is_finite() {
+                error[i] += (z[i] - x[row]).powi(2);
+                power[i] += z[i] * z[i];
+                count[i] += 1;
+            }
+        }
+        // A x from its structure: the shift and p columns.
+        form.shift(&mut x);
+        for (i, &row) in form.output_states().iter().enumerate() {
+            // The column of A at c_i holds a_i, and J's part of it, which the shift has already brought.
+            for r in 0..n {
+                let structural = if form.shift_source(r) == Some(row) { 1.0 } else { 0.0 };
+                x[r] += (model.a.at(r, row) - structural) * feedback[i];
+            }
+        }
+        for (j, &u) in u.iter().enumerate() {
+            plid_core::kernels::axpy(u, model.b.column(j), &mut x);
+        }
+        if !x.iter().all(|x| x.abs() < 1e6) {
+            return f64::INFINITY;
+        }
+    }
+    let relative = (0..p).filter(|&i| count[i] > 0 && power[i] > 0.0).map(|i| error[i] / power[i]);
+    let (sum, outputs) = relative.fold((0.0, 0), |(sum, count), x| (sum + x, count + 1));
+    if outputs == 0 { f64::INFINITY } else { (sum / outputs as f64).sqrt() }
+}

@@ -1,0 +1,113 @@
+//! The number of states and how the outputs share it.
+
+use plid_core::ObservableForm;
+use serde::{Deserialize, Serialize};
+
+use super::noise::{Bank, tune};
+use super::{IdentifyError, Samples};
+
+/// One order of a scan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ScanRow {
+    /// n
+    pub states: usize,
+    /// n_1 .. n_p
+    pub indices: Vec<usize>,
+    /// Free-run error of the best filter on the scoring part of the training data, relative; `None` if none gave a model.
+    pub free_run: Option<f64>,
+}
+
+/// Orders side by side.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OrderScan {
+    /// One row an order, rising.
+    pub rows: Vec<ScanRow>,
+    /// The smallest order whose error is within [`OrderScan::SLACK`] of the best.
+    pub recommended: usize,
+}
+
+impl OrderScan {
+    /// How much larger the error of a smaller model may be.
+    pub const SLACK: f64 = 1.05;
+}
+
+/// Tunes and scores each order with the indices shared out evenly. `template` is asked for the bank of an order.
+///
+/// # Errors
+/// [`IdentifyError::NoSetting`] if no order gave a model.
+pub fn scan_orders(
+    orders: &[usize],
+    template: impl Fn(usize) -> Result<Bank, IdentifyError>,
+    training: Samples<'_>,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<OrderScan, IdentifyError> {
+    let mut rows = Vec::new();
+    let mut failure = None;
+    for &states in orders {
+        let bank = template(states)?;
+        let free_run = match tune(&bank, training, progress) {
+            Ok(tuned) => tuned.best.free_run,
+            Err(error) => {
+                failure = Some(error);
+                None
+            }
+        };
+        rows.push(ScanRow { states, indices: bank.form.indices().to_vec(), free_run });
+    }
+    rows.sort_by_key(|row| row.states);
+    let best = rows.iter().filter_map(|row| row.free_run).fold(f64::INFINITY, f64::min);
+    match rows.iter().find(|row| row.free_run.is_some_and(|e| e <= OrderScan::SLACK * best)) {
+        Some(row) => Ok(OrderScan { recommended: row.states, rows }),
+        None => Err(failure.unwrap_or(IdentifyError::NoSetting { trials: 0, last: "no order was given".into() })),
+    }
+}
+
+/// Moves one state at a time from one output to another while that lessens the free-run error by more than two per cent.
+/// Returns the best indices and every step's.
+///
+/// # Errors
+/// [`IdentifyError::NoSetting`] if not even the start gave a model.
+pub fn search_indices(
+    start: &ObservableForm,
+    template: impl Fn(&[usize]) -> Result<Bank, IdentifyError>,
+    training: Samples<'_>,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<(Vec<usize>, Vec<ScanRow>), IdentifyError> {
+    let row = |indices: &[usize], free_run| ScanRow {
+        states: indices.iter().sum(),
+        indices: indices.to_vec(),
+        free_run: Some(free_run),
+    };
+    let score = |indices: &[usize]| -> Result<f64, IdentifyError> {
+        Ok(tune(&template(indices)?, training, progress)?.best.free_run.unwrap_or(f64::INFINITY))
+    };
+    let mut indices = start.indices().to_vec();
+    let mut error = score(&indices)?;
+    let mut rows = vec![row(&indices, error)];
+    loop {
+        let mut better: Option<(Vec<usize>, f64)> = None;
+        for from in 0..indices.len() {
+            for to in 0..indices.len() {
+                if from == to || indices[from] < 2 {
+                    continue;
+                }
+                let mut candidate = indices.clone();
+                candidate[from] -= 1;
+                candidate[to] += 1;
+                if rows.iter().any(|row| row.indices == candidate) {
+                    continue;
+                }
+                // A neighbour that gives no model is no reason to stop.
+                let Ok(found) = score(&candidate) else { continue };
+                rows.push(row(&candidate, found));
+                if found < 0.98 * error && better.as_ref().is_none_or(|(_, e)| found < *e) {
+                    better = Some((candidate, found));
+                }
+            }
+        }
+        match better {
+            Some((candidate, found)) => (indices, error) = (candidate, found),
+            None => return Ok((indices, rows)),
+        }
+    }
+}
