@@ -10,7 +10,7 @@ mod recursion;
 pub use noise::{Bank, Trial, Tuned, tune};
 pub use order::{OrderScan, ScanRow, scan_orders, search_indices};
 pub use predictor::{Predictor, fit_predictor};
-pub use recursion::{Plan, RecursionRun, run};
+pub use recursion::{Plan, RecursionRun, Unwatched, Watcher, run};
 
 use ndarray::ArrayView2;
 use plid_core::{IdentifiedModel, ObservableForm};

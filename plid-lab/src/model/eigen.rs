@@ -1,0 +1,56 @@
+use nalgebra::{Complex, DMatrix, DVector};
+
+use super::error::ModelError;
+
+/// Beyond this the squares in the balancing would overflow.
+const BALANCE_LIMIT: f64 = 1e100;
+
+/// Eigenvalues with right and left eigenvectors, l_k . r_k = 1.
+pub(super) struct Eigen {
+    pub values: Vec<Complex<f64>>,
+    /// Columns.
+    pub right: DMatrix<Complex<f64>>,
+    /// Rows: the inverse of `right`. `None` where the eigenvectors are no basis.
+    pub left: Option<DMatrix<Complex<f64>>>,
+}
+
+/// D^{-1} A D with rows and columns of like size (canonical forms are far from that), and the diagonal of D.
+pub(super) fn balance(a: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
+    let mut balanced = a.clone();
+    if a.amax() > BALANCE_LIMIT {
+        return (balanced, DVector::from_element(a.nrows(), 1.0));
+    }
+    let scale = nalgebra::linalg::balancing::balance_parlett_reinsch(&mut balanced);
+    (balanced, scale)
+}
+
+/// The eigenvalues of A, in the library's order.
+pub(super) fn eigenvalues(a: &DMatrix<f64>) -> Result<Vec<Complex<f64>>, ModelError> {
+    let (balanced, _) = balance(a);
+    library(&balanced)
+        .eigenvalues()
+        .map_err(|_| ModelError::Eigenvalues)
+}
+
+/// Eigenvalues and eigenvectors of A.
+pub(super) fn eigen(a: &DMatrix<f64>) -> Result<Eigen, ModelError> {
+    let n = a.nrows();
+    let (balanced, scale) = balance(a);
+    let found = library(&balanced)
+        .eigen()
+        .map_err(|_| ModelError::Eigenvalues)?;
+    let values = found.S().column_vector().iter().copied().collect();
+    let vectors = DMatrix::from_fn(n, n, |i, j| found.U()[(i, j)]);
+    let left = vectors.clone().try_inverse();
+    let left = left.map(|l| DMatrix::from_fn(n, n, |i, j| l[(i, j)] / scale[j]));
+    let right = DMatrix::from_fn(n, n, |i, j| vectors[(i, j)] * scale[i]);
+    Ok(Eigen {
+        values,
+        right,
+        left,
+    })
+}
+
+fn library(a: &DMatrix<f64>) -> faer::Mat<f64> {
+    faer::Mat::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)])
+}

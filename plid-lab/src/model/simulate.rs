@@ -1,0 +1,171 @@
+use nalgebra::DVector;
+use ndarray::{Array2, ArrayView2};
+
+use super::error::{ModelError, expect_shape};
+use super::state_space::Model;
+
+/// An output beyond this magnitude, in its own unit, counts as diverged.
+pub const DIVERGENCE_BOUND: f64 = 1e15;
+
+/// A free run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Simulation {
+    /// Samples x p.
+    pub outputs: Array2<f64>,
+    /// State after the last sample (n).
+    pub final_state: DVector<f64>,
+}
+
+/// Free-run simulation of `inputs` (samples x m) from `initial_state` (n; [`Model::rest`] for rest).
+///
+/// # Errors
+/// [`ModelError::Shape`]; [`ModelError::NotFinite`] for an input; [`ModelError::Diverged`] with the first sample at
+/// which an output is not finite or beyond [`DIVERGENCE_BOUND`].
+pub fn simulate(
+    model: &Model,
+    inputs: ArrayView2<f64>,
+    initial_state: &DVector<f64>,
+) -> Result<Simulation, ModelError> {
+    expect_inputs(model, inputs)?;
+    expect_shape("initial_state", (model.n(), 1), initial_state.shape())?;
+    let mut outputs = Array2::zeros((inputs.nrows(), model.p()));
+    let mut state = initial_state.clone();
+    let mut next = model.rest();
+    let (mut u, mut y) = (DVector::zeros(model.m()), DVector::zeros(model.p()));
+    for (sample, row) in inputs.outer_iter().enumerate() {
+        u.iter_mut().zip(row).for_each(|(to, from)| *to = *from);
+        y.gemv(1.0, &model.c, &state, 0.0);
+        y.gemv(1.0, &model.d, &u, 1.0);
+        expect_bounded(model, &y, sample)?;
+        outputs
+            .row_mut(sample)
+            .iter_mut()
+            .zip(&y)
+            .for_each(|(to, from)| *to = *from);
+        next.gemv(1.0, &model.a, &state, 0.0);
+        next.gemv(1.0, &model.b, &u, 1.0);
+        std::mem::swap(&mut state, &mut next);
+    }
+    let final_state = state;
+    Ok(Simulation {
+        outputs,
+        final_state,
+    })
+}
+
+/// An error unless `inputs` is samples x m and finite.
+pub(super) fn expect_inputs(model: &Model, inputs: ArrayView2<f64>) -> Result<(), ModelError> {
+    expect_shape("inputs", (inputs.nrows(), model.m()), inputs.dim())?;
+    let position = inputs.indexed_iter().find(|(_, x)| !x.is_finite());
+    position.map_or(Ok(()), |((sample, channel), _)| {
+        let channel = model.inputs[channel].clone();
+        Err(ModelError::NotFinite { channel, sample })
+    })
+}
+
+/// An error unless every output is finite and within the bound.
+pub(super) fn expect_bounded(
+    model: &Model,
+    outputs: &DVector<f64>,
+    sample: usize,
+) -> Result<(), ModelError> {
+    // Not `>`: NaN must count as diverged.
+    let beyond = outputs.iter().position(|y| !(y.abs() <= DIVERGENCE_BOUND));
+    beyond.map_or(Ok(()), |channel| {
+        Err(ModelError::Diverged {
+            output: model.outputs[channel].clone(),
+            sample,
+            bound: DIVERGENCE_BOUND,
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{canonical, pole, random, record, two_modes};
+    use super::*;
+    use approx::assert_relative_eq;
+    use nalgebra::DMatrix;
+    use ndarray::array;
+    use proptest::prelude::*;
+
+    #[test]
+    fn a_free_decay_has_its_closed_form() {
+        let model = two_modes();
+        let start = DVector::from_vec(vec![1.0, 0.0, 0.0, 0.0]);
+        let run = simulate(&model, Array2::zeros((200, 2)).view(), &start).unwrap();
+        let (radius, angle) = pole(12.0, 0.01, 100.0);
+        for k in 0..200 {
+            // The block [re im; -im re] turns (1, 0) to radius^k (cos, -sin).
+            let (size, phase) = (radius.powi(k as i32), angle * k as f64);
+            let closed =
+                model.c[(1, 0)] * size * phase.cos() - model.c[(1, 1)] * size * phase.sin();
+            assert_relative_eq!(run.outputs[(k, 1)], closed, epsilon = 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_unit_step_of_a_lag_has_its_closed_form() {
+        let one = |x| DMatrix::from_element(1, 1, x);
+        let model = Model::new(1.0, one(0.9), one(0.2), one(3.0), one(0.5)).unwrap();
+        let run = simulate(&model, Array2::ones((50, 1)).view(), &model.rest()).unwrap();
+        for k in 0..50 {
+            let closed = 0.5 + 3.0 * 0.2 * (1.0 - 0.9_f64.powi(k as i32)) / 0.1;
+            assert_relative_eq!(run.outputs[(k, 0)], closed, max_relative = 1e-13);
+        }
+        let end = 0.2 * (1.0 - 0.9_f64.powi(50)) / 0.1;
+        assert_relative_eq!(run.final_state[0], end, max_relative = 1e-13);
+    }
+
+    #[test]
+    fn divergence_is_found_at_its_sample() {
+        let one = |x| DMatrix::from_element(1, 1, x);
+        let model = Model::new(1.0, one(2.0), one(0.0), one(1.0), one(0.0)).unwrap();
+        let start = DVector::from_element(1, 1.0);
+        let error = simulate(&model, Array2::zeros((2000, 1)).view(), &start).unwrap_err();
+        // 2^50 is the first power of two above 1e15.
+        assert!(matches!(error, ModelError::Diverged { sample: 50, .. }));
+    }
+
+    #[test]
+    fn bad_inputs_are_told_by_channel_and_sample() {
+        let model = two_modes();
+        let mut inputs = record(1, 10, 2);
+        inputs[(7, 1)] = f64::NAN;
+        let error = simulate(&model, inputs.view(), &model.rest()).unwrap_err();
+        assert!(matches!(error, ModelError::NotFinite { channel, sample: 7 } if channel == "u2"));
+        let narrow = array![[1.0], [2.0]];
+        assert!(matches!(
+            simulate(&model, narrow.view(), &model.rest()),
+            Err(ModelError::Shape { .. })
+        ));
+        let empty = simulate(&model, Array2::zeros((0, 2)).view(), &model.rest()).unwrap();
+        assert_eq!(empty.outputs.dim(), (0, 2));
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(24))]
+        #[test]
+        fn a_change_of_state_changes_nothing_outside(
+            seed in 0_u64..1 << 40,
+            indices in prop::collection::vec(1_usize..4, 1..4),
+            m in 1_usize..4,
+        ) {
+            let model = canonical(seed, &indices, m);
+            let n = model.n();
+            let change = DMatrix::identity(n, n) + random(seed + 9, n, n) * (0.5 / n as f64);
+            let back = change.clone().try_inverse().unwrap();
+            let mut other = model.clone();
+            other.a = &change * &model.a * &back;
+            other.b = &change * &model.b;
+            other.c = &model.c * &back;
+            let inputs = record(seed, 60, m);
+            let start = random(seed + 3, n, 1).column(0).into_owned();
+            let one = simulate(&model, inputs.view(), &start).unwrap();
+            let two = simulate(&other, inputs.view(), &(&change * start)).unwrap();
+            for (a, b) in one.outputs.iter().zip(&two.outputs) {
+                prop_assert!((a - b).abs() < 1e-10);
+            }
+        }
+    }
+}

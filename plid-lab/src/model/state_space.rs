@@ -1,0 +1,277 @@
+use nalgebra::{DMatrix, DVector};
+use serde_json::{Map, Value};
+
+use super::error::{KeyProblem, ModelError};
+
+/// Standard deviations of the noise in the channels' units.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Noise {
+    /// Of each output (p), if known.
+    pub sensor_std: Option<Vec<f64>>,
+    /// Of each input (m), if known.
+    pub actuator_std: Option<Vec<f64>>,
+}
+
+/// The same states in continuous time: dx/dt = A x + B u, with the model's C and D.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Continuous {
+    /// n x n, 1/s.
+    pub a: DMatrix<f64>,
+    /// n x m.
+    pub b: DMatrix<f64>,
+}
+
+/// A place where an internal force may act.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Port {
+    /// Its name.
+    pub name: String,
+    /// The input that acts at the same place, if any.
+    pub input: Option<String>,
+    /// What a unit force adds to dx/dt (n).
+    pub force: Vec<f64>,
+    /// The row that gives the displacement (n).
+    pub displacement: Vec<f64>,
+    /// The row that gives the velocity (n).
+    pub velocity: Vec<f64>,
+    /// What a unit force adds to y at once (p), if anything.
+    pub output: Option<Vec<f64>>,
+}
+
+/// A linear model in discrete time: x_{k+1} = A x_k + B u_k, y_k = C x_k + D u_k, the inputs held over a sample.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Model {
+    /// Sample rate in Hz.
+    pub sample_rate_hz: f64,
+    /// Names of the inputs (m).
+    pub inputs: Vec<String>,
+    /// Names of the outputs (p).
+    pub outputs: Vec<String>,
+    /// n x n.
+    pub a: DMatrix<f64>,
+    /// n x m.
+    pub b: DMatrix<f64>,
+    /// p x n.
+    pub c: DMatrix<f64>,
+    /// p x m.
+    pub d: DMatrix<f64>,
+    /// What is known of the noise.
+    pub noise: Noise,
+    /// n x p: x_{k+1} = A x_k + B u_k + K e_k.
+    pub predictor_gain: Option<DMatrix<f64>>,
+    /// Observability indices (p, with sum n), where A and C are in observable canonical form.
+    pub observability_indices: Option<Vec<usize>>,
+    /// Covariance of [a_1; ..; a_p; b_1; ..; b_m], (p + m) n square.
+    pub parameter_covariance: Option<DMatrix<f64>>,
+    /// State at the start (n).
+    pub initial_state: Option<DVector<f64>>,
+    /// Where the model comes from: free to the writer.
+    pub provenance: Option<Map<String, Value>>,
+    /// The same states in continuous time.
+    pub continuous: Option<Continuous>,
+    /// Places where an internal force may act.
+    pub ports: Vec<Port>,
+}
+
+impl Model {
+    /// A model of the four matrices, with channels named u1.. and y1...
+    ///
+    /// # Errors
+    /// As [`Model::check`].
+    pub fn new(
+        sample_rate_hz: f64,
+        a: DMatrix<f64>,
+        b: DMatrix<f64>,
+        c: DMatrix<f64>,
+        d: DMatrix<f64>,
+    ) -> Result<Self, ModelError> {
+        let model = Self {
+            sample_rate_hz,
+            inputs: (1..=b.ncols()).map(|j| format!("u{j}")).collect(),
+            outputs: (1..=c.nrows()).map(|i| format!("y{i}")).collect(),
+            a,
+            b,
+            c,
+            d,
+            noise: Noise::default(),
+            predictor_gain: None,
+            observability_indices: None,
+            parameter_covariance: None,
+            initial_state: None,
+            provenance: None,
+            continuous: None,
+            ports: Vec::new(),
+        };
+        model.check("the model")?;
+        Ok(model)
+    }
+
+    /// Number of states.
+    pub fn n(&self) -> usize {
+        self.a.nrows()
+    }
+
+    /// Number of inputs.
+    pub fn m(&self) -> usize {
+        self.inputs.len()
+    }
+
+    /// Number of outputs.
+    pub fn p(&self) -> usize {
+        self.outputs.len()
+    }
+
+    /// The state at rest.
+    pub fn rest(&self) -> DVector<f64> {
+        DVector::zeros(self.n())
+    }
+
+    /// Checks sizes, finiteness and names; `place` is what an error calls the model.
+    ///
+    /// # Errors
+    /// [`ModelError::Key`] with the first key at fault.
+    pub fn check(&self, place: &str) -> Result<(), ModelError> {
+        self.first_problem()
+            .map_or(Ok(()), |(key, problem)| Err(at(place, key, problem)))
+    }
+
+    fn first_problem(&self) -> Option<(String, KeyProblem)> {
+        let (n, m, p) = (self.n(), self.m(), self.p());
+        let rate = self.sample_rate_hz;
+        if !(rate.is_finite() && rate > 0.0) {
+            let expected = "positive and finite";
+            let problem = KeyProblem::Range {
+                value: rate,
+                expected,
+            };
+            return Some(("sample_rate_hz".into(), problem));
+        }
+        names_problem("inputs", &self.inputs)
+            .or_else(|| names_problem("outputs", &self.outputs))
+            .or_else(|| matrix_problem("A", &self.a, (n.max(1), n.max(1))))
+            .or_else(|| matrix_problem("B", &self.b, (n, m)))
+            .or_else(|| matrix_problem("C", &self.c, (p, n)))
+            .or_else(|| matrix_problem("D", &self.d, (p, m)))
+            .or_else(|| std_problem("noise.sensor_std", self.noise.sensor_std.as_deref(), p))
+            .or_else(|| std_problem("noise.actuator_std", self.noise.actuator_std.as_deref(), m))
+            .or_else(|| {
+                let gain = self.predictor_gain.as_ref()?;
+                matrix_problem("predictor_gain", gain, (n, p))
+            })
+            .or_else(|| self.indices_problem())
+            .or_else(|| self.covariance_problem())
+            .or_else(|| {
+                let state = self.initial_state.as_ref()?;
+                list_problem("initial_state", state.as_slice(), n)
+            })
+            .or_else(|| {
+                let continuous = self.continuous.as_ref()?;
+                matrix_problem("continuous.A", &continuous.a, (n, n))
+                    .or_else(|| matrix_problem("continuous.B", &continuous.b, (n, m)))
+            })
+            .or_else(|| {
+                self.ports
+                    .iter()
+                    .enumerate()
+                    .find_map(|(i, port)| self.port_problem(i, port))
+            })
+    }
+
+    fn indices_problem(&self) -> Option<(String, KeyProblem)> {
+        let indices = self.observability_indices.as_ref()?;
+        let key = "observability_indices".to_string();
+        if indices.len() != self.p() {
+            return Some((key, wrong_shape((self.p(), 1), (indices.len(), 1))));
+        }
+        let sum: usize = indices.iter().sum();
+        if indices.contains(&0) || sum != self.n() {
+            let expected = "p positive integers whose sum is the number of states";
+            return Some((key, KeyProblem::Kind { expected }));
+        }
+        None
+    }
+
+    fn covariance_problem(&self) -> Option<(String, KeyProblem)> {
+        let covariance = self.parameter_covariance.as_ref()?;
+        let key = "parameter_covariance";
+        let size = (self.p() + self.m()) * self.n();
+        matrix_problem(key, covariance, (size, size)).or_else(|| {
+            let worst = covariance.diagonal().min();
+            let expected = "zero or positive on the diagonal";
+            (worst < 0.0).then(|| {
+                let value = worst;
+                (key.to_string(), KeyProblem::Range { value, expected })
+            })
+        })
+    }
+
+    fn port_problem(&self, index: usize, port: &Port) -> Option<(String, KeyProblem)> {
+        let key = |name: &str| format!("ports[{index}].{name}");
+        let n = self.n();
+        list_problem(&key("force"), &port.force, n)
+            .or_else(|| list_problem(&key("displacement"), &port.displacement, n))
+            .or_else(|| list_problem(&key("velocity"), &port.velocity, n))
+            .or_else(|| list_problem(&key("output"), port.output.as_deref()?, self.p()))
+            .or_else(|| {
+                let name = port.input.clone()?;
+                let problem = KeyProblem::UnknownChannel { name: name.clone() };
+                (!self.inputs.contains(&name)).then(|| (key("input"), problem))
+            })
+    }
+}
+
+/// A key's error.
+pub(super) fn at(place: &str, key: impl Into<String>, problem: KeyProblem) -> ModelError {
+    ModelError::Key {
+        place: place.to_string(),
+        key: key.into(),
+        problem,
+    }
+}
+
+fn wrong_shape(expected: (usize, usize), found: (usize, usize)) -> KeyProblem {
+    KeyProblem::Shape { expected, found }
+}
+
+fn names_problem(key: &str, names: &[String]) -> Option<(String, KeyProblem)> {
+    if names.is_empty() {
+        let expected = "a list of at least one name";
+        return Some((key.to_string(), KeyProblem::Kind { expected }));
+    }
+    let twice = (1..names.len()).find(|&i| names[..i].contains(&names[i]))?;
+    let name = names[twice].clone();
+    Some((key.to_string(), KeyProblem::Duplicate { name }))
+}
+
+fn matrix_problem(
+    key: &str,
+    matrix: &DMatrix<f64>,
+    expected: (usize, usize),
+) -> Option<(String, KeyProblem)> {
+    if matrix.shape() != expected {
+        return Some((key.to_string(), wrong_shape(expected, matrix.shape())));
+    }
+    let position = matrix.iter().position(|x| !x.is_finite())?;
+    let (row, column) = (position % expected.0, position / expected.0);
+    Some((format!("{key}[{row}][{column}]"), KeyProblem::NotFinite))
+}
+
+fn list_problem(key: &str, list: &[f64], expected: usize) -> Option<(String, KeyProblem)> {
+    if list.len() != expected {
+        return Some((key.to_string(), wrong_shape((expected, 1), (list.len(), 1))));
+    }
+    let position = list.iter().position(|x| !x.is_finite())?;
+    Some((format!("{key}[{position}]"), KeyProblem::NotFinite))
+}
+
+fn std_problem(key: &str, list: Option<&[f64]>, expected: usize) -> Option<(String, KeyProblem)> {
+    let list = list?;
+    list_problem(key, list, expected).or_else(|| {
+        let position = list.iter().position(|&x| x < 0.0)?;
+        let (value, expected) = (list[position], "zero or positive");
+        Some((
+            format!("{key}[{position}]"),
+            KeyProblem::Range { value, expected },
+        ))
+    })
+}
