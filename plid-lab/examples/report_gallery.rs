@@ -21,7 +21,7 @@ use rustfft::num_complex::Complex64;
 const RATE: f64 = 1600.0;
 const SAMPLES: usize = 20_000;
 const CHANNELS: usize = 3;
-const NOISE: f64 = 0.02;
+const NOISE: f64 = 0.004;
 const MODES: [(f64, f64); 5] = [
     (136.0, 0.008),
     (168.0, 0.006),

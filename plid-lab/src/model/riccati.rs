@@ -104,7 +104,8 @@ fn doubled(mut a: DMatrix<f64>, mut g: DMatrix<f64>, mut h: DMatrix<f64>) -> (DM
         g = symmetric(&(&g + &a * wg * a.transpose()));
         a *= wa;
         h += &change;
-        if !(change.norm() > SETTLED * h.norm()) {
+        let moves = change.norm() > SETTLED * h.norm();
+        if !moves {
             return (h, step);
         }
     }

@@ -69,8 +69,9 @@ pub(super) fn expect_bounded(
     outputs: &DVector<f64>,
     sample: usize,
 ) -> Result<(), ModelError> {
-    // Not `>`: NaN must count as diverged.
-    let beyond = outputs.iter().position(|y| !(y.abs() <= DIVERGENCE_BOUND));
+    // NaN must count as diverged.
+    let bounded = |y: &f64| y.abs() <= DIVERGENCE_BOUND;
+    let beyond = outputs.iter().position(|y| !bounded(y));
     beyond.map_or(Ok(()), |channel| {
         Err(ModelError::Diverged {
             output: model.outputs[channel].clone(),

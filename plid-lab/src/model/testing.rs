@@ -25,8 +25,8 @@ pub fn random(seed: u64, rows: usize, columns: usize) -> DMatrix<f64> {
 
 /// Samples x channels of uniform numbers in -1 to 1.
 pub fn record(seed: u64, samples: usize, channels: usize) -> Array2<f64> {
-    let mut next = numbers(seed);
-    Array2::from_shape_simple_fn((samples, channels), || next())
+    let next = numbers(seed);
+    Array2::from_shape_simple_fn((samples, channels), next)
 }
 
 /// A random positive definite matrix.

@@ -44,7 +44,7 @@ impl ResponseVariance {
 }
 
 /// Variance of the response at each frequency from the parameters' covariance (delta method), for A and C in observable
-/// canonical form: with W = C (z I - A)^{-1}, dH_lj / da_i[k] = W_lk H_ij and dH_lj / db_j[k] = z^advance W_lk.
+/// canonical form: with W = C (z I - A)^{-1}, `dH_lj / da_i[k] = W_lk H_ij` and `dH_lj / db_j[k] = z^advance W_lk`.
 ///
 /// `advance` is 1 for a model from [`super::undo_advance`], whose B and D are A b and C b and whose response is z times that of (A, b, C); else 0.
 ///
@@ -145,7 +145,7 @@ pub struct ModeDeviation {
 }
 
 /// The modes with first-order standard deviations from the parameters' covariance, for A and C in observable canonical
-/// form: with l . r = 1, dlambda / da_i[k] = l_k (C r)_i. `None` for a repeated pole and for poles at zero and one, where there is no first order.
+/// form: with l . r = 1, `dlambda / da_i[k] = l_k (C r)_i`. `None` for a repeated pole and for poles at zero and one, where there is no first order.
 ///
 /// # Errors
 /// [`ModelError::Needs`] without indices or covariance, [`ModelError::NotCanonical`], [`ModelError::Eigenvalues`].

@@ -61,15 +61,58 @@ pub fn convergence_plot(plot: &ConvergencePlot) -> String {
                 .width(1.6),
         );
     }
-    let x = Axis {
+    let mut x = Axis {
         label: "time, s".into(),
         scale: plot.time_scale,
         ..Axis::default()
     };
-    let y = Axis {
+    if plot.time_scale == Scale::Linear && !plot.convergence.largest.is_empty() {
+        x = x.range(0.0, time(plot.convergence.largest.len() as f64));
+    }
+    let mut y = Axis {
         label: format!("largest |e|, {}", plot.unit),
         scale: plot.error_scale,
         ..Axis::default()
     };
+    let highest = plot
+        .convergence
+        .largest
+        .iter()
+        .copied()
+        .filter(|e| e.is_finite())
+        .fold(0.0, f64::max);
+    if plot.error_scale == Scale::Linear && highest > 0.0 {
+        y = y.range(0.0, 1.06 * highest);
+    }
     single("", vec![Panel::new(x, y, 280.0, series)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::signal::convergence;
+    use ndarray::Array2;
+
+    #[test]
+    fn an_empty_course_and_exact_zeros_are_drawn_on_both_scales() {
+        for errors in [
+            Array2::<f64>::zeros((0, 1)),
+            Array2::zeros((50, 2)),
+            Array2::from_elem((9, 1), f64::INFINITY),
+        ] {
+            let curve = convergence(errors.view(), 10);
+            for scale in [Scale::Linear, Scale::Log] {
+                let svg = convergence_plot(&ConvergencePlot {
+                    convergence: &curve,
+                    sample_rate_hz: 10.0,
+                    unit: "V".into(),
+                    noise_floor: Some(0.01),
+                    time_scale: scale,
+                    error_scale: scale,
+                });
+                assert!(svg.contains("noise floor") && svg.contains("largest |e|, V"));
+                assert!(!svg.contains("NaN") && !svg.contains("inf"));
+            }
+        }
+    }
 }

@@ -12,11 +12,12 @@ pub fn correlation_plot(
 ) -> String {
     let stack = |(title, function): &(String, &Correlation)| {
         let lags: Vec<f64> = function.lags.iter().map(|lag| *lag as f64).collect();
-        let band = lags
-            .iter()
-            .zip(&function.bound)
-            .map(|(lag, b)| (*lag, -b, *b))
-            .collect();
+        let bound = |sign: f64| {
+            lags.iter()
+                .zip(&function.bound)
+                .map(|(lag, b)| (*lag, sign * b))
+                .collect()
+        };
         let values: Vec<(f64, f64)> = lags
             .iter()
             .copied()
@@ -31,13 +32,24 @@ pub fn correlation_plot(
             .filter(|&k| is_outside(k))
             .map(|k| values[k])
             .collect();
+        let ends = (
+            lags.first().copied().unwrap_or(0.0) - 0.8,
+            lags.last().copied().unwrap_or(1.0) + 0.8,
+        );
+        let name = format!("{} % bounds", trimmed(100.0 * function.test.confidence));
         // The two kinds differ in width too, for print without colour.
         let mut series = vec![
-            Series::band(
-                format!("{} % bounds", trimmed(100.0 * function.test.confidence)),
-                band,
-            )
-            .colour(style::MEASURED),
+            Series::line(name, bound(1.0))
+                .colour(style::TEXT)
+                .width(1.0)
+                .dashed(),
+            Series::line("", bound(-1.0))
+                .colour(style::TEXT)
+                .width(1.0)
+                .dashed(),
+            Series::line("", vec![(ends.0, 0.0), (ends.1, 0.0)])
+                .colour(style::AXIS)
+                .width(0.8),
             Series::stems("inside", inside)
                 .colour(style::IDENTIFIED)
                 .width(2.0),
@@ -49,10 +61,6 @@ pub fn correlation_plot(
                     .width(3.0),
             );
         }
-        let ends = (
-            lags.first().copied().unwrap_or(0.0) - 0.8,
-            lags.last().copied().unwrap_or(1.0) + 0.8,
-        );
         let x = Axis::linear("lag, samples").range(ends.0, ends.1);
         let reach = function
             .value
@@ -78,4 +86,37 @@ fn trimmed(value: f64) -> String {
         .trim_end_matches('0')
         .trim_end_matches('.')
         .to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::signal::CorrelationTest;
+
+    #[test]
+    fn lags_outside_stand_out() {
+        let test = CorrelationTest {
+            statistic: 1.0,
+            degrees_of_freedom: 2,
+            p_value: 0.5,
+            outside: vec![2],
+            confidence: 0.99,
+            passes: true,
+        };
+        let function = Correlation {
+            lags: vec![1, 2],
+            value: vec![0.1, -0.5],
+            bound: vec![0.2, 0.2],
+            test,
+        };
+        let svg = correlation_plot("autocorrelation", 1, &[("e1".into(), &function)]);
+        assert!(svg.contains("99 % bounds") && svg.contains("e1"));
+        assert_eq!(svg.matches("stroke-width=\"3\"").count(), 1);
+        let quiet = Correlation {
+            value: vec![0.1, 0.1],
+            ..function
+        };
+        let svg = correlation_plot("autocorrelation", 1, &[("e1".into(), &quiet)]);
+        assert_eq!(svg.matches("stroke-width=\"3\"").count(), 0);
+    }
 }

@@ -120,7 +120,7 @@ fn panels(plot: &FrfPlot, heights: [f64; 3]) -> Vec<Panel> {
             .width(1.0);
         panels.push(Panel::new(
             x.clone(),
-            Axis::linear("coher.").range(0.0, 1.05).step(0.5),
+            Axis::linear("γ²").range(0.0, 1.05).step(0.5),
             heights[0],
             vec![area],
         ));
@@ -166,7 +166,7 @@ fn magnitudes(plot: &FrfPlot) -> Vec<Series> {
         series.push(
             Series::line("measured", level(measured))
                 .colour(style::MEASURED)
-                .width(1.2),
+                .width(2.6),
         );
     }
     if let Some(identified) = &plot.identified {
@@ -178,14 +178,14 @@ fn magnitudes(plot: &FrfPlot) -> Vec<Series> {
         series.push(
             Series::line("identified", level(identified))
                 .colour(style::IDENTIFIED)
-                .width(1.8),
+                .width(1.5),
         );
     }
     if let Some(truth) = &plot.truth {
         series.push(
             Series::line("true", level(truth))
                 .colour(style::TRUE_MODEL)
-                .width(1.3)
+                .width(1.1)
                 .dashed(),
         );
     }
@@ -221,9 +221,9 @@ fn phases(plot: &FrfPlot) -> Vec<Series> {
             series.push(if dashed { line.dashed() } else { line });
         }
     };
-    add(&plot.measured, style::MEASURED, 0.9, false);
-    add(&plot.identified, style::IDENTIFIED, 1.5, false);
-    add(&plot.truth, style::TRUE_MODEL, 1.2, true);
+    add(&plot.measured, style::MEASURED, 1.8, false);
+    add(&plot.identified, style::IDENTIFIED, 1.3, false);
+    add(&plot.truth, style::TRUE_MODEL, 1.0, true);
     series
 }
 

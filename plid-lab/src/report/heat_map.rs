@@ -162,7 +162,51 @@ fn colour(share: f64) -> Color {
     Color::from(ColorMap::Viridis.map(share).as_str())
 }
 
-/// Three significant digits.
+/// Two significant digits.
 fn rounded(value: f64) -> f64 {
-    format!("{value:.2e}").parse().unwrap_or(value)
+    format!("{value:.1e}").parse().unwrap_or(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::array;
+
+    fn map(values: Array2<f64>, names: usize) -> String {
+        let name = |k: usize| format!("<{k}>");
+        heat_map(&HeatMap {
+            rows: (0..names).map(name).collect(),
+            columns: (0..names).map(name).collect(),
+            values,
+            column_label: "band, Hz".into(),
+            value_label: "gap".into(),
+            range: None,
+        })
+    }
+
+    #[test]
+    fn the_ends_of_the_scale_have_the_ends_of_the_colours_and_gaps_none() {
+        let svg = map(array![[0.0, 1.0], [f64::NAN, 0.5]], 2);
+        let first = ColorMap::Viridis.map(0.0);
+        let last = ColorMap::Viridis.map(1.0);
+        let count = |colour: &str| {
+            let mut hex = String::new();
+            Color::from(colour).write_svg(&mut hex);
+            svg.matches(&format!("fill=\"{hex}\"")).count()
+        };
+        assert!(count(&first) >= 1 && count(&last) >= 1);
+        assert!(svg.contains(">–<") && svg.contains(">0.5<") && svg.contains("&lt;1&gt;"));
+    }
+
+    #[test]
+    fn empty_and_constant_maps_are_drawn() {
+        for values in [
+            Array2::zeros((0, 0)),
+            Array2::zeros((2, 2)),
+            Array2::from_elem((1, 3), f64::NAN),
+        ] {
+            let svg = map(values, 1);
+            assert!(svg.starts_with("<svg") && !svg.contains("NaN") && !svg.contains("inf"));
+        }
+    }
 }

@@ -33,15 +33,51 @@ pub fn mode_map(sets: &[ModeSet]) -> String {
             series.push(bar((f - 2.0 * f_std, *d), (f + 2.0 * f_std, *d)));
             series.push(bar((*f, d - 200.0 * d_std), (*f, d + 200.0 * d_std)));
         }
-        series.push(Series::points(set.label.clone(), points).colour(colour));
+        // Later sets are drawn smaller, so that equal modes are both seen.
+        series.push(
+            Series::points(set.label.clone(), points)
+                .colour(colour)
+                .width(if index == 0 { 5.0 } else { 3.0 }),
+        );
+    }
+    let mut x = Axis::linear("frequency, Hz");
+    let frequencies = || {
+        sets.iter()
+            .flat_map(|set| set.frequency_hz.iter().copied())
+            .filter(|f| f.is_finite())
+    };
+    let (low, high) = frequencies().fold((f64::INFINITY, 0.0), |(l, h), f| (f.min(l), f.max(h)));
+    if low <= high {
+        let room = (0.08 * (high - low)).max(0.02 * high);
+        x = x.range(low - room, high + room);
     }
     single(
         "",
         vec![Panel::new(
-            Axis::linear("frequency, Hz"),
+            x,
             Axis::linear("damping ratio, %"),
             260.0,
             series,
         )],
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_mode_has_a_mark_and_two_bars() {
+        let set = ModeSet {
+            label: "identified".into(),
+            frequency_hz: vec![100.0, 120.0],
+            damping: vec![0.01, 0.02],
+            std: vec![(0.1, 0.001), (f64::NAN, 0.001)],
+        };
+        let bars = |sets: &[ModeSet]| mode_map(sets).matches("stroke-width=\"1.2\"").count();
+        // The bar of an unknown deviation is left out.
+        assert_eq!(bars(std::slice::from_ref(&set)), 3);
+        assert_eq!(bars(&[ModeSet { std: vec![], ..set }]), 0);
+        assert!(mode_map(&[]).starts_with("<svg"));
+    }
 }

@@ -1,12 +1,11 @@
 use kuva::plot::{BandPlot, LegendEntry, LegendShape, LinePlot, LineStyle, ScatterPlot};
-use kuva::render::layout::{Layout, TickFormat};
+use kuva::render::layout::Layout;
 use kuva::render::plots::Plot;
 use kuva::render::theme::Theme;
-use std::sync::Arc;
 
 use super::decimate::{decimate, thin_points};
 use super::style;
-use super::ticks::{drawing_factor, format_tick, nice_step};
+use super::ticks::{drawing_factor, nice_step, tick_format};
 
 /// How an axis maps numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -68,10 +67,22 @@ impl Axis {
         }
     }
 
+    /// At most 40 decades, within what numbers can hold.
+    fn drawable(&self, (low, high): (f64, f64)) -> (f64, f64) {
+        const LARGEST: f64 = 1e290;
+        match self.scale {
+            Scale::Linear => (low.max(-LARGEST), high.min(LARGEST)),
+            Scale::Log => (low.max(1e-40 * high.min(LARGEST)), high.min(LARGEST)),
+        }
+    }
+
     fn resolved(&self, values: impl Iterator<Item = f64>, room: f64) -> (f64, f64) {
-        let given = self.range.filter(|(from, to)| {
-            self.forward(*from).is_finite() && self.forward(*to).is_finite() && from < to
-        });
+        let given = self
+            .range
+            .map(|range| self.drawable(range))
+            .filter(|(from, to)| {
+                self.forward(*from).is_finite() && self.forward(*to).is_finite() && from < to
+            });
         if let Some(range) = given {
             return range;
         }
@@ -80,7 +91,7 @@ impl Axis {
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
                 (low.min(v), high.max(v))
             });
-        match self.scale {
+        let range = match self.scale {
             _ if low > high => (if self.scale == Scale::Log { 0.1 } else { 0.0 }, 1.0),
             Scale::Linear if high - low <= 1e-12 * high.abs().max(low.abs()) => {
                 let half = if high == 0.0 { 1.0 } else { 0.1 * high.abs() };
@@ -88,10 +99,11 @@ impl Axis {
             }
             Scale::Linear => (low - room * (high - low), high + room * (high - low)),
             Scale::Log => {
-                let factor = (high / low).powf(room).max(1.02);
+                let factor = (high / low).powf(room).clamp(1.02, 1e3);
                 (low / factor, high * factor)
             }
-        }
+        };
+        self.drawable(range)
     }
 }
 
@@ -134,7 +146,7 @@ impl Series {
 
     /// Markers.
     pub fn points(label: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
-        Self::new(label, Shape::Points(points))
+        Self::new(label, Shape::Points(points)).width(3.0)
     }
 
     /// A thin bar from zero to each point.
@@ -168,7 +180,7 @@ impl Series {
         self
     }
 
-    /// With this line width in pixels.
+    /// With this line width, or radius of markers, in pixels.
     pub fn width(mut self, width: f64) -> Self {
         self.width = width;
         self
@@ -293,6 +305,11 @@ impl Panel {
         }
 
         let scaled = |range: (f64, f64), factor: f64| (range.0 * factor, range.1 * factor);
+        // So many decades share one text.
+        let every = |axis: &Axis, range: (f64, f64), texts: f64| match axis.scale {
+            Scale::Linear => 1,
+            Scale::Log => ((range.1 / range.0).log10() / texts).ceil() as i32,
+        };
         let (xs, ys) = (scaled(x_range, fx), scaled(y_range, fy));
         let mut layout = Layout::new(xs, ys)
             .with_width(width + margins.left + margins.right)
@@ -309,8 +326,8 @@ impl Panel {
             .with_axis_line_width(0.8)
             .with_tick_width(0.8)
             .with_grid_line_width(0.8)
-            .with_x_tick_format(tick_format(fx))
-            .with_y_tick_format(tick_format(fy))
+            .with_x_tick_format(tick_format(fx, every(&self.x, x_range, width / 45.0)))
+            .with_y_tick_format(tick_format(fy, every(&self.y, y_range, self.height / 20.0)))
             .with_theme(theme());
         layout.show_legend = false;
         layout.suppress_x_ticks = !x_ticks;
@@ -326,18 +343,14 @@ impl Panel {
             Scale::Log if range.1 / range.0 > 8.0 => None,
             _ => Some(axis.step.unwrap_or_else(|| nice_step(range, count))),
         };
-        if let Some(step) = step(&self.x, x_range, (width / 85.0).clamp(2.0, 12.0)) {
+        if let Some(step) = step(&self.x, x_range, (width / 70.0).clamp(3.0, 10.0)) {
             layout = layout.with_x_tick_step(step * fx);
         }
-        if let Some(step) = step(&self.y, y_range, (self.height / 32.0).clamp(1.5, 10.0)) {
+        if let Some(step) = step(&self.y, y_range, (self.height / 32.0).clamp(2.5, 8.0)) {
             layout = layout.with_y_tick_step(step * fy);
         }
         (plots, layout)
     }
-}
-
-fn tick_format(factor: f64) -> TickFormat {
-    TickFormat::Custom(Arc::new(move |value| format_tick(value / factor)))
 }
 
 fn theme() -> Theme {
@@ -455,7 +468,7 @@ impl View<'_> {
                     ScatterPlot::new()
                         .with_data(self.scaled(kept))
                         .with_color(colour)
-                        .with_size(3.0),
+                        .with_size(series.width),
                 )]
             }
             Shape::Band(points) => {

@@ -1,7 +1,7 @@
 //! The look that all plots share. Colours are those of Okabe and Ito, which the colour-blind can tell apart.
 
-/// What was measured: the one dark neutral.
-pub const MEASURED: &str = "#4d4d4d";
+/// What was measured: a grey, drawn broad below the models so that it shows beside them.
+pub const MEASURED: &str = "#8f8f8f";
 /// The identified model and its one-step prediction.
 pub const IDENTIFIED: &str = "#0072b2";
 /// The true model, where one is known.
@@ -33,5 +33,5 @@ pub const BAND_OPACITY: f64 = 0.22;
 
 /// Width of a text in pixels, near enough to set texts side by side.
 pub fn text_width(text: &str, size: u32) -> f64 {
-    text.chars().count() as f64 * size as f64 * 0.6
+    text.chars().count() as f64 * size as f64 * 0.57
 }

@@ -1,13 +1,18 @@
+use std::sync::Arc;
+
+use kuva::render::layout::TickFormat;
+
 use super::panel::Scale;
 
-/// A step of 1, 2 or 5 times a power of ten that puts about `count` ticks on the range.
+/// The step of 1, 2 or 5 times a power of ten that comes nearest to `count` ticks on the range.
 pub(super) fn nice_step(range: (f64, f64), count: f64) -> f64 {
     let raw = (range.1 - range.0) / count;
     let power = 10f64.powf(raw.log10().floor());
+    let off = |factor: &f64| (factor * power / raw).ln().abs();
     let factor = [1.0, 2.0, 5.0, 10.0]
         .into_iter()
-        .find(|f| f * power >= raw * 0.9999)
-        .unwrap_or(10.0);
+        .min_by(|a, b| off(a).total_cmp(&off(b)))
+        .unwrap_or(1.0);
     factor * power
 }
 
@@ -23,6 +28,19 @@ pub(super) fn drawing_factor(scale: Scale, range: (f64, f64)) -> f64 {
     } else {
         1.0
     }
+}
+
+/// Text of ticks on an axis enlarged by `factor`. On a logarithmic axis only every so many decades get one.
+pub(super) fn tick_format(factor: f64, every: i32) -> TickFormat {
+    TickFormat::Custom(Arc::new(move |value| {
+        let value = value / factor;
+        let unmarked = every > 1 && (value.log10().round() as i32) % every != 0;
+        if unmarked {
+            String::new()
+        } else {
+            format_tick(value)
+        }
+    }))
 }
 
 /// A tick's text: plain where it is short, else a power of ten.
@@ -80,9 +98,9 @@ mod tests {
 
     #[test]
     fn steps_are_round() {
-        assert_eq!(nice_step((0.0, 200.0), 8.0), 50.0);
+        assert_eq!(nice_step((0.0, 200.0), 8.0), 20.0);
         assert_eq!(nice_step((0.0, 1.0), 5.0), 0.2);
-        assert!((nice_step((-3e-7, 4e-7), 6.0) - 2e-7).abs() < 1e-20);
+        assert!((nice_step((-3e-7, 4e-7), 6.0) - 1e-7).abs() < 1e-20);
     }
 
     #[test]
@@ -100,6 +118,14 @@ mod tests {
         for (value, text) in cases {
             assert_eq!(format_tick(value), text);
         }
+    }
+
+    #[test]
+    fn crowded_decades_lose_texts() {
+        let texts: Vec<String> = (0..5)
+            .map(|k| tick_format(1e3, 2).format(10f64.powi(k)))
+            .collect();
+        assert_eq!(texts, ["", "0.01", "", "1", ""]);
     }
 
     #[test]

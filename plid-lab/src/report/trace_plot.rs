@@ -46,7 +46,7 @@ pub fn trace_plot(traces: &[Trace], sample_rate_hz: f64, window: Range<usize>) -
         let mut signals = vec![
             Series::line("measured", points(trace.measured))
                 .colour(style::MEASURED)
-                .width(2.2),
+                .width(2.8),
         ];
         let mut errors = Vec::new();
         let others = [
@@ -83,4 +83,30 @@ pub fn trace_plot(traces: &[Trace], sample_rate_hz: f64, window: Range<usize>) -
         }
     }
     single("", panels)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaps_short_predictions_and_windows_beyond_the_record_are_drawn() {
+        let measured = [1.0, f64::NAN, 2.0, 3.0, f64::INFINITY];
+        let trace = Trace {
+            name: "y".into(),
+            unit: "V".into(),
+            measured: &measured,
+            predicted: Some(&[1.1, 1.2]),
+            free_run: None,
+        };
+        for window in [0..5, 3..900, 7..7] {
+            let svg = trace_plot(std::slice::from_ref(&trace), 10.0, window);
+            assert!(
+                svg.contains("error, V")
+                    && svg.contains("one-step prediction")
+                    && !svg.contains("free run")
+            );
+            assert!(!svg.contains("NaN") && !svg.contains("inf"));
+        }
+    }
 }
