@@ -5,13 +5,12 @@ use std::path::PathBuf;
 
 use ndarray::{Array2, Axis as Dimension, s};
 use plid_lab::report::{
-    Axis, Cell, Chart, ConvergencePlot, FrfCurve, FrfPlot, HeatMap, ModeSet, Report, Scale, Series,
-    Table, Trace, chart, convergence_plot, correlation_plot, frf_grid, frf_plot, heat_map,
-    mode_map, trace_plot,
+    Axis, Cell, Chart, ConvergencePlot, FrfCurve, FrfPlot, HeatMap, ModeSet, Report, Scale, Series, Table, Trace,
+    chart, convergence_plot, correlation_plot, frf_grid, frf_plot, heat_map, mode_map, trace_plot,
 };
 use plid_lab::signal::{
-    CrossCorrelationOptions, WelchFrf, WelchOptions, WhitenessOptions, convergence,
-    cross_correlation, error_measures, welch_frf, whiteness,
+    CrossCorrelationOptions, WelchFrf, WelchOptions, WhitenessOptions, convergence, cross_correlation, error_measures,
+    welch_frf, whiteness,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -22,13 +21,7 @@ const RATE: f64 = 1600.0;
 const SAMPLES: usize = 20_000;
 const CHANNELS: usize = 3;
 const NOISE: f64 = 0.004;
-const MODES: [(f64, f64); 5] = [
-    (136.0, 0.008),
-    (168.0, 0.006),
-    (186.0, 0.01),
-    (212.0, 0.007),
-    (243.0, 0.009),
-];
+const MODES: [(f64, f64); 5] = [(136.0, 0.008), (168.0, 0.006), (186.0, 0.01), (212.0, 0.007), (243.0, 0.009)];
 
 /// Residue of a mode for a pair, by a rule that gives each pair its own mixture.
 fn residue(mode: usize, output: usize, input: usize) -> f64 {
@@ -38,19 +31,13 @@ fn residue(mode: usize, output: usize, input: usize) -> f64 {
 /// Sampled poles: the second-order recursion of a mode, with its frequency scaled by `detune`.
 fn pole(mode: usize, detune: f64) -> Complex64 {
     let omega = TAU * MODES[mode].0 * detune / RATE;
-    Complex64::from_polar(
-        (-MODES[mode].1 * omega).exp(),
-        omega * (1.0 - MODES[mode].1.powi(2)).sqrt(),
-    )
+    Complex64::from_polar((-MODES[mode].1 * omega).exp(), omega * (1.0 - MODES[mode].1.powi(2)).sqrt())
 }
 
 fn response(frequency: f64, output: usize, input: usize, detune: f64) -> Complex64 {
     let z = Complex64::from_polar(1.0, TAU * frequency / RATE);
     (0..MODES.len())
-        .map(|mode| {
-            residue(mode, output, input) * z
-                / ((z - pole(mode, detune)) * (z - pole(mode, detune).conj()))
-        })
+        .map(|mode| residue(mode, output, input) * z / ((z - pole(mode, detune)) * (z - pole(mode, detune).conj())))
         .sum()
 }
 
@@ -75,24 +62,14 @@ fn simulate(inputs: &Array2<f64>, detune: f64) -> Array2<f64> {
 
 fn noise(seed: u64, samples: usize, channels: usize) -> Array2<f64> {
     let mut generator = ChaCha8Rng::seed_from_u64(seed);
-    Array2::from_shape_simple_fn((samples, channels), || {
-        StandardNormal.sample(&mut generator)
-    })
+    Array2::from_shape_simple_fn((samples, channels), || StandardNormal.sample(&mut generator))
 }
 
 fn pair(frf: &WelchFrf, output: usize, input: usize) -> FrfPlot {
     let fine: Vec<f64> = (0..900).map(|k| 20.0 + 0.4 * k as f64).collect();
-    let model = |detune: f64| {
-        fine.iter()
-            .map(|f| response(*f, output, input, detune))
-            .collect::<Vec<_>>()
-    };
+    let model = |detune: f64| fine.iter().map(|f| response(*f, output, input, detune)).collect::<Vec<_>>();
     let identified = model(1.0004);
-    let std = identified
-        .iter()
-        .zip(&fine)
-        .map(|(h, f)| 0.03 * h.norm() + 2e-4 * (1.0 + (f / 100.0).sin()))
-        .collect();
+    let std = identified.iter().zip(&fine).map(|(h, f)| 0.03 * h.norm() + 2e-4 * (1.0 + (f / 100.0).sin())).collect();
     FrfPlot {
         title: format!("u{} to y{}", input + 1, output + 1),
         unit: "V/V".into(),
@@ -102,16 +79,8 @@ fn pair(frf: &WelchFrf, output: usize, input: usize) -> FrfPlot {
             std: None,
         }),
         coherence: Some(frf.multiple_coherence.column(output).to_vec()),
-        identified: Some(FrfCurve {
-            frequency_hz: fine.clone(),
-            response: identified,
-            std: Some(std),
-        }),
-        truth: Some(FrfCurve {
-            frequency_hz: fine.clone(),
-            response: model(1.0),
-            std: None,
-        }),
+        identified: Some(FrfCurve { frequency_hz: fine.clone(), response: identified, std: Some(std) }),
+        truth: Some(FrfCurve { frequency_hz: fine.clone(), response: model(1.0), std: None }),
         peaks_hz: vec![],
         frequency_scale: Scale::Linear,
         range_hz: Some((20.0, 380.0)),
@@ -119,11 +88,7 @@ fn pair(frf: &WelchFrf, output: usize, input: usize) -> FrfPlot {
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let directory = PathBuf::from(
-        std::env::args()
-            .nth(1)
-            .ok_or("name a directory for the report")?,
-    );
+    let directory = PathBuf::from(std::env::args().nth(1).ok_or("name a directory for the report")?);
     std::fs::create_dir_all(&directory)?;
 
     let inputs = noise(1, SAMPLES, CHANNELS);
@@ -137,17 +102,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     let predicted = &measured - &errors;
 
-    let welch = WelchOptions {
-        sample_rate_hz: RATE,
-        segment_length: Some(1024),
-    };
+    let welch = WelchOptions { sample_rate_hz: RATE, segment_length: Some(1024) };
     let frf = welch_frf(inputs.view(), measured.view(), &welch)?;
     let mut first = pair(&frf, 0, 0);
     first.peaks_hz = MODES.iter().map(|mode| mode.0).collect();
-    let all: Vec<FrfPlot> = (0..CHANNELS)
-        .flat_map(|i| (0..CHANNELS).map(move |j| (i, j)))
-        .map(|(i, j)| pair(&frf, i, j))
-        .collect();
+    let all: Vec<FrfPlot> =
+        (0..CHANNELS).flat_map(|i| (0..CHANNELS).map(move |j| (i, j))).map(|(i, j)| pair(&frf, i, j)).collect();
 
     let held_out = 15_000..SAMPLES;
     let tail = |data: &Array2<f64>| data.slice(s![held_out.clone(), ..]).to_owned();
@@ -165,9 +125,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         })
     };
 
-    let columns: Vec<[Vec<f64>; 3]> = (0..CHANNELS)
-        .map(|i| [&measured, &predicted, &free_run].map(|data| data.column(i).to_vec()))
-        .collect();
+    let columns: Vec<[Vec<f64>; 3]> =
+        (0..CHANNELS).map(|i| [&measured, &predicted, &free_run].map(|data| data.column(i).to_vec())).collect();
     let traces: Vec<Trace> = columns
         .iter()
         .enumerate()
@@ -185,37 +144,17 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         residuals[[k, 2]] += 0.35 * residuals[[k - 1, 2]];
         residuals[[k, 1]] += 0.002 * inputs[[held_out.start + k - 1, 0]];
     }
-    let white = whiteness(
-        residuals.view(),
-        &WhitenessOptions {
-            lags: 40,
-            ..Default::default()
-        },
-    )?;
-    let options = CrossCorrelationOptions {
-        first_lag: -10,
-        last_lag: 40,
-        ..Default::default()
-    };
+    let white = whiteness(residuals.view(), &WhitenessOptions { lags: 40, ..Default::default() })?;
+    let options = CrossCorrelationOptions { first_lag: -10, last_lag: 40, ..Default::default() };
     let crossed = cross_correlation(residuals.view(), tail(&inputs).view(), &options)?;
-    let autos: Vec<_> = white
-        .iter()
-        .enumerate()
-        .map(|(i, c)| (format!("e{}", i + 1), c))
-        .collect();
+    let autos: Vec<_> = white.iter().enumerate().map(|(i, c)| (format!("e{}", i + 1), c)).collect();
     let crosses: Vec<_> = crossed
         .iter()
         .enumerate()
-        .flat_map(|(i, row)| {
-            row.iter()
-                .enumerate()
-                .map(move |(j, c)| (format!("e{} with past u{}", i + 1, j + 1), c))
-        })
+        .flat_map(|(i, row)| row.iter().enumerate().map(move |(j, c)| (format!("e{} with past u{}", i + 1, j + 1), c)))
         .collect();
 
-    let scan: Vec<(f64, f64)> = (1..=24)
-        .map(|n| (2.0 * n as f64, 0.35 * (-(n as f64) / 3.0).exp() + 0.011))
-        .collect();
+    let scan: Vec<(f64, f64)> = (1..=24).map(|n| (2.0 * n as f64, 0.35 * (-(n as f64) / 3.0).exp() + 0.011)).collect();
     let orders = chart(&Chart {
         title: "Order scan".into(),
         x: Axis::linear("states").range(0.0, 50.0),
@@ -229,10 +168,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         height: 220.0,
     });
     let power = |factor: f64, exponent: f64| {
-        (0..10)
-            .map(|k| 4.0 * 1.5f64.powi(k))
-            .map(|n| (n, factor * n.powf(exponent)))
-            .collect::<Vec<_>>()
+        (0..10).map(|k| 4.0 * 1.5f64.powi(k)).map(|n| (n, factor * n.powf(exponent))).collect::<Vec<_>>()
     };
     let bench = chart(&Chart {
         title: "Time of one step".into(),
@@ -252,26 +188,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         x: Axis::linear("step"),
         y: Axis::log("relative difference from double-double"),
         series: vec![
-            Series::line(
-                "direct",
-                (1..300)
-                    .map(|k| (k as f64, 1e-16 * (k as f64).powf(1.7)))
-                    .collect(),
-            ),
-            Series::line(
-                "bierman",
-                (1..300)
-                    .map(|k| (k as f64, 1e-16 * (k as f64).sqrt()))
-                    .collect(),
-            ),
+            Series::line("direct", (1..300).map(|k| (k as f64, 1e-16 * (k as f64).powf(1.7))).collect()),
+            Series::line("bierman", (1..300).map(|k| (k as f64, 1e-16 * (k as f64).sqrt())).collect()),
         ],
         height: 200.0,
     });
     let gap = heat_map(&HeatMap {
         rows: (1..=3).map(|i| format!("y{i}")).collect(),
-        columns: (0..12)
-            .map(|b| format!("{}–{}", 20 * b, 20 * b + 20))
-            .collect(),
+        columns: (0..12).map(|b| format!("{}–{}", 20 * b, 20 * b + 20)).collect(),
         values: Array2::from_shape_fn((3, 12), |(i, b)| {
             if (i, b) == (2, 0) {
                 f64::NAN
@@ -287,11 +211,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         label: label.into(),
         frequency_hz: MODES.iter().map(|m| m.0 * detune).collect(),
         damping: MODES.iter().map(|m| m.1 * (2.0 * detune - 1.0)).collect(),
-        std: MODES
-            .iter()
-            .map(|m| (std, std * m.1 / 20.0))
-            .filter(|_| std > 0.0)
-            .collect(),
+        std: MODES.iter().map(|m| (std, std * m.1 / 20.0)).filter(|_| std > 0.0).collect(),
     };
 
     let mut table = Table::new("Modes of the identified model, with one standard deviation.")
@@ -331,25 +251,37 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ))
         .verdict("All numbers are made up, to show every kind of plot.")
         .figure(frf_plot(&first), "Measured, identified and true response of one pair; above, the coherence.")
-        .figure(frf_grid(CHANNELS, &all), "All pairs: columns are inputs, rows are outputs. The green strip is full where the coherence is one.")
+        .figure(
+            frf_grid(CHANNELS, &all),
+            "All pairs: columns are inputs, rows are outputs. The green strip is full where the coherence is one.",
+        )
         .figure(plot(Scale::Log, Scale::Log), "Largest one-step error over the sensors, both axes logarithmic.")
         .figure(plot(Scale::Linear, Scale::Linear), "The same on linear axes, as in the paper.")
         .table(accuracy)
         .table(table)
         .warnings(["The residual of y3 is not white (Ljung-Box, p < 0.001)."])
-        .advice(["Raise the number of states from 24 to 30: the free-run error still falls.", "Decimate by 2: nothing is excited above 400 Hz."])
+        .advice([
+            "Raise the number of states from 24 to 30: the free-run error still falls.",
+            "Decimate by 2: nothing is excited above 400 Hz.",
+        ])
         .heading("Outputs")
         .figure(trace_plot(&traces, RATE, 15_000..15_400), "A window of the held-out record.")
         .figure(trace_plot(&traces[..1], RATE, 0..SAMPLES), "A whole record of 20 000 samples.")
         .heading("Residuals")
         .figure(correlation_plot("autocorrelation", 3, &autos), "Autocorrelation of the residuals.")
-        .figure(correlation_plot("correlation", 3, &crosses), "Correlation of each residual with each past input; negative lags would be feedback.")
+        .figure(
+            correlation_plot("correlation", 3, &crosses),
+            "Correlation of each residual with each past input; negative lags would be feedback.",
+        )
         .heading("Studies")
         .figure(orders, "A scan over the number of states.")
         .figure(bench, "A bench on logarithmic axes.")
         .figure(drift, "Numbers near rounding.")
         .figure(gap, "A heat map.")
-        .figure(mode_map(&[modes("identified", 1.0004, 0.9), modes("true", 1.0, 0.0)]), "Modes with bars of two standard deviations.")
+        .figure(
+            mode_map(&[modes("identified", 1.0004, 0.9), modes("true", 1.0, 0.0)]),
+            "Modes with bars of two standard deviations.",
+        )
         .details("How this was made", |r| r.paragraph("By the example report_gallery of plid-lab."))
         .listing("The config that repeats this report:", "[model]\nstates = 30\nname = \"<gallery> & co\"\n")
         .provenance("plid", env!("CARGO_PKG_VERSION"))

@@ -29,10 +29,7 @@ impl Butterworth {
                 let scale = 1.0 / (1.0 + damping * k + k * k);
                 Section {
                     b: k * k * scale,
-                    a: [
-                        2.0 * (k * k - 1.0) * scale,
-                        (1.0 - damping * k + k * k) * scale,
-                    ],
+                    a: [2.0 * (k * k - 1.0) * scale, (1.0 - damping * k + k * k) * scale],
                     state: [0.0; 2],
                 }
             })
@@ -80,10 +77,7 @@ mod tests {
         for f in [50.0, 150.0, 190.0, 210.0, 300.0, 400.0] {
             let warped = (PI * f / 1600.0).tan() / (PI * 200.0 / 1600.0).tan();
             let expected = -10.0 * (1.0 + warped.powi(12)).log10();
-            assert!(
-                (gain_db(3, 200.0, 1600.0, f) - expected).abs() < 1e-6,
-                "{f} Hz"
-            );
+            assert!((gain_db(3, 200.0, 1600.0, f) - expected).abs() < 1e-6, "{f} Hz");
         }
     }
 

@@ -83,10 +83,7 @@ pub struct WhiteNoise {
 
 impl Default for WhiteNoise {
     fn default() -> Self {
-        Self {
-            level_rms_v: [1.0; INPUTS],
-            cutoff_hz: 200.0,
-        }
+        Self { level_rms_v: [1.0; INPUTS], cutoff_hz: 200.0 }
     }
 }
 
@@ -104,11 +101,7 @@ pub struct Multisine {
 
 impl Default for Multisine {
     fn default() -> Self {
-        Self {
-            level_rms_v: [1.0; INPUTS],
-            period_samples: 2048,
-            band_hz: [20.0, 300.0],
-        }
+        Self { level_rms_v: [1.0; INPUTS], period_samples: 2048, band_hz: [20.0, 300.0] }
     }
 }
 
@@ -126,11 +119,7 @@ pub struct Chirp {
 
 impl Default for Chirp {
     fn default() -> Self {
-        Self {
-            level_rms_v: [1.0, 0.0, 0.0],
-            start_hz: 20.0,
-            end_hz: 300.0,
-        }
+        Self { level_rms_v: [1.0, 0.0, 0.0], start_hz: 20.0, end_hz: 300.0 }
     }
 }
 
@@ -149,11 +138,7 @@ pub struct NoiseConfig {
 
 impl Default for NoiseConfig {
     fn default() -> Self {
-        Self {
-            sensor_rms_v: 0.005,
-            amplifier_rms_v: 0.005,
-            ambient_rms_v: 0.016,
-        }
+        Self { sensor_rms_v: 0.005, amplifier_rms_v: 0.005, ambient_rms_v: 0.016 }
     }
 }
 
@@ -169,10 +154,7 @@ pub struct ConverterConfig {
 
 impl Default for ConverterConfig {
     fn default() -> Self {
-        Self {
-            step_v: 0.0025,
-            range_v: 5.0,
-        }
+        Self { step_v: 0.0025, range_v: 5.0 }
     }
 }
 
@@ -186,9 +168,7 @@ pub struct StructureConfig {
 
 impl Default for StructureConfig {
     fn default() -> Self {
-        Self {
-            strut_modes_per_tube: 2,
-        }
+        Self { strut_modes_per_tube: 2 }
     }
 }
 
@@ -206,11 +186,7 @@ pub struct EffectsConfig {
 
 impl Default for EffectsConfig {
     fn default() -> Self {
-        Self {
-            stiffness_drift_per_s: 0.0,
-            cubic_joint: None,
-            steps_per_sample: 4,
-        }
+        Self { stiffness_drift_per_s: 0.0, cubic_joint: None, steps_per_sample: 4 }
     }
 }
 
@@ -270,12 +246,7 @@ impl TrussConfig {
             1,
             structure::MOST_MODES_PER_TUBE,
         )?;
-        within(
-            "effects.steps_per_sample",
-            self.effects.steps_per_sample,
-            1,
-            1000,
-        )?;
+        within("effects.steps_per_sample", self.effects.steps_per_sample, 1, 1000)?;
         let rate = self.effects.stiffness_drift_per_s;
         finite("effects.stiffness_drift_per_s", rate)?;
         let end_s = (samples * self.repeats) as f64 / self.sample_rate_hz;
@@ -284,53 +255,24 @@ impl TrussConfig {
         }
         if let Some(joint) = &self.effects.cubic_joint {
             within("effects.cubic_joint.input", joint.input, 1, INPUTS)?;
-            finite(
-                "effects.cubic_joint.stiffness_per_v2",
-                joint.stiffness_per_v2,
-            )?;
+            finite("effects.cubic_joint.stiffness_per_v2", joint.stiffness_per_v2)?;
         }
         Ok(())
     }
 }
 
 pub(crate) fn positive(key: &'static str, value: f64) -> Result<(), TestbedError> {
-    if value > 0.0 && value.is_finite() {
-        Ok(())
-    } else {
-        Err(TestbedError::NotPositive { key, value })
-    }
+    if value > 0.0 && value.is_finite() { Ok(()) } else { Err(TestbedError::NotPositive { key, value }) }
 }
 
 pub(crate) fn not_negative(key: &'static str, value: f64) -> Result<(), TestbedError> {
-    if value >= 0.0 && value.is_finite() {
-        Ok(())
-    } else {
-        Err(TestbedError::Negative { key, value })
-    }
+    if value >= 0.0 && value.is_finite() { Ok(()) } else { Err(TestbedError::Negative { key, value }) }
 }
 
 fn finite(key: &'static str, value: f64) -> Result<(), TestbedError> {
-    if value.is_finite() {
-        Ok(())
-    } else {
-        Err(TestbedError::NotFinite { key, value })
-    }
+    if value.is_finite() { Ok(()) } else { Err(TestbedError::NotFinite { key, value }) }
 }
 
-pub(crate) fn within(
-    key: &'static str,
-    value: usize,
-    least: usize,
-    most: usize,
-) -> Result<(), TestbedError> {
-    if (least..=most).contains(&value) {
-        Ok(())
-    } else {
-        Err(TestbedError::OutOfRange {
-            key,
-            value,
-            least,
-            most,
-        })
-    }
+pub(crate) fn within(key: &'static str, value: usize, least: usize, most: usize) -> Result<(), TestbedError> {
+    if (least..=most).contains(&value) { Ok(()) } else { Err(TestbedError::OutOfRange { key, value, least, most }) }
 }

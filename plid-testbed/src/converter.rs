@@ -37,29 +37,20 @@ mod tests {
 
     #[test]
     fn rounds_to_the_nearest_code_and_clips() {
-        let adc = Converter {
-            step_v: 0.0025,
-            range_v: 5.0,
-        };
+        let adc = Converter { step_v: 0.0025, range_v: 5.0 };
         assert_eq!(adc.convert(0.0012), (0.0, false));
         assert_eq!(adc.convert(0.0013), (0.0025, false));
         assert_eq!(adc.convert(-0.0013), (-0.0025, false));
         assert_eq!(adc.convert(5.0), (5.0, false));
         assert_eq!(adc.convert(7.0), (5.0, true));
         assert_eq!(adc.convert(-5.1), (-5.0, true));
-        let coarse = Converter {
-            step_v: 0.3,
-            range_v: 1.0,
-        };
+        let coarse = Converter { step_v: 0.3, range_v: 1.0 };
         assert!((coarse.convert(1.0).0 - 0.9).abs() < 1e-12);
     }
 
     #[test]
     fn without_steps_and_range_values_pass() {
-        let ideal = Converter {
-            step_v: 0.0,
-            range_v: f64::INFINITY,
-        };
+        let ideal = Converter { step_v: 0.0, range_v: f64::INFINITY };
         assert_eq!(ideal.convert(123.456), (123.456, false));
         assert_eq!(ideal.rounding_std(), 0.0);
     }

@@ -15,9 +15,7 @@ pub(crate) fn sampled(a: &DMatrix<f64>, intensity: &DMatrix<f64>, step_s: f64) -
     let mut block = DMatrix::zeros(2 * n, 2 * n);
     block.view_mut((0, 0), (n, n)).copy_from(&(-a * h));
     block.view_mut((0, n), (n, n)).copy_from(&(intensity * h));
-    block
-        .view_mut((n, n), (n, n))
-        .copy_from(&(a.transpose() * h));
+    block.view_mut((n, n), (n, n)).copy_from(&(a.transpose() * h));
     let block = block.exp();
     let mut transition = block.view((n, n), (n, n)).transpose();
     let mut covariance = &transition * block.view((0, n), (n, n));
@@ -45,10 +43,7 @@ pub(crate) fn stationary(a: &DMatrix<f64>, q: &DMatrix<f64>) -> DMatrix<f64> {
 
 /// The symmetric square root of a positive semidefinite matrix; eigenvalues below zero by rounding count as zero.
 pub(crate) fn square_root(covariance: &DMatrix<f64>) -> DMatrix<f64> {
-    let SymmetricEigen {
-        eigenvectors: v,
-        eigenvalues,
-    } = SymmetricEigen::new(covariance.clone());
+    let SymmetricEigen { eigenvectors: v, eigenvalues } = SymmetricEigen::new(covariance.clone());
     let roots = eigenvalues.map(|l| l.max(0.0).sqrt());
     &v * DMatrix::from_diagonal(&roots) * v.transpose()
 }
@@ -71,16 +66,8 @@ mod tests {
             let q = sampled(&a, &intensity, step);
             let p = stationary(&(&a * step).exp(), &q);
             let (pq, pv) = (w / (4.0 * zeta * omega.powi(3)), w / (4.0 * zeta * omega));
-            assert!(
-                (p[(0, 0)] / pq - 1.0).abs() < 1e-8,
-                "{step}: {}",
-                p[(0, 0)] / pq
-            );
-            assert!(
-                (p[(1, 1)] / pv - 1.0).abs() < 1e-8,
-                "{step}: {}",
-                p[(1, 1)] / pv
-            );
+            assert!((p[(0, 0)] / pq - 1.0).abs() < 1e-8, "{step}: {}", p[(0, 0)] / pq);
+            assert!((p[(1, 1)] / pv - 1.0).abs() < 1e-8, "{step}: {}", p[(1, 1)] / pv);
             assert!(p[(0, 1)].abs() < 1e-8 * (pq * pv).sqrt());
         }
     }

@@ -164,28 +164,15 @@ pub enum Warning {
 impl fmt::Display for Warning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Warning::ModesAboveNyquist {
-                count,
-                highest_hz,
-                nyquist_hz,
-            } => write!(
+            Warning::ModesAboveNyquist { count, highest_hz, nyquist_hz } => write!(
                 f,
                 "{count} modes, up to {highest_hz} Hz, lie above half the sample rate ({nyquist_hz} Hz) and appear folded"
             ),
             Warning::CommandClipped { channel, samples } => {
                 write!(f, "the DAC clipped u{} in {samples} samples", channel + 1)
             }
-            Warning::OutputClipped {
-                repeat,
-                channel,
-                samples,
-            } => {
-                write!(
-                    f,
-                    "the ADC clipped y{} in {samples} samples of repeat {}",
-                    channel + 1,
-                    repeat + 1
-                )
+            Warning::OutputClipped { repeat, channel, samples } => {
+                write!(f, "the ADC clipped y{} in {samples} samples of repeat {}", channel + 1, repeat + 1)
             }
         }
     }

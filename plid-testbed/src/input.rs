@@ -7,9 +7,7 @@ use rand_distr::{Distribution, StandardNormal, Uniform};
 
 use crate::INPUTS;
 use crate::butterworth::Butterworth;
-use crate::config::{
-    Chirp, InputConfig, Multisine, TrussConfig, WhiteNoise, not_negative, positive, within,
-};
+use crate::config::{Chirp, InputConfig, Multisine, TrussConfig, WhiteNoise, not_negative, positive, within};
 use crate::error::TestbedError;
 use crate::streams::{Purpose, stream};
 
@@ -26,12 +24,7 @@ pub(crate) fn command(config: &TrussConfig) -> Result<Array2<f64>, TestbedError>
         }
         InputConfig::Multisine(c) => {
             check_levels("input.multisine.level_rms_v", &c.level_rms_v)?;
-            within(
-                "input.multisine.period_samples",
-                c.period_samples,
-                2,
-                10_000_000,
-            )?;
+            within("input.multisine.period_samples", c.period_samples, 2, 10_000_000)?;
             let lines = lines(c, rate)?;
             Box::new(move |j| multisine(c, &lines, config.seed, j, samples))
         }
@@ -44,11 +37,7 @@ pub(crate) fn command(config: &TrussConfig) -> Result<Array2<f64>, TestbedError>
     };
     let mut command = Array2::zeros((samples, INPUTS));
     for j in 0..INPUTS {
-        command
-            .column_mut(j)
-            .iter_mut()
-            .zip(channel(j))
-            .for_each(|(to, value)| *to = value);
+        command.column_mut(j).iter_mut().zip(channel(j)).for_each(|(to, value)| *to = value);
     }
     Ok(command)
 }
@@ -60,43 +49,23 @@ pub(crate) fn check_given(input: ArrayView2<f64>) -> Result<(), TestbedError> {
         return Err(TestbedError::InputShape { rows, columns });
     }
     match input.indexed_iter().find(|(_, value)| !value.is_finite()) {
-        Some(((sample, channel), &value)) => Err(TestbedError::InputNotFinite {
-            sample,
-            channel,
-            value,
-        }),
+        Some(((sample, channel), &value)) => Err(TestbedError::InputNotFinite { sample, channel, value }),
         None => Ok(()),
     }
 }
 
 fn check_levels(key: &'static str, levels: &[f64]) -> Result<(), TestbedError> {
-    levels
-        .iter()
-        .try_for_each(|level| not_negative(key, *level))
+    levels.iter().try_for_each(|level| not_negative(key, *level))
 }
 
 fn below_nyquist(key: &'static str, value: f64, rate: f64) -> Result<(), TestbedError> {
     positive(key, value)?;
     let nyquist_hz = rate / 2.0;
-    if value < nyquist_hz {
-        Ok(())
-    } else {
-        Err(TestbedError::AboveNyquist {
-            key,
-            value,
-            nyquist_hz,
-        })
-    }
+    if value < nyquist_hz { Ok(()) } else { Err(TestbedError::AboveNyquist { key, value, nyquist_hz }) }
 }
 
 /// The filter runs in for 50 periods of its cut-off before the record begins, so the record is stationary.
-fn white_noise(
-    config: &WhiteNoise,
-    seed: u64,
-    channel: usize,
-    samples: usize,
-    rate: f64,
-) -> Vec<f64> {
+fn white_noise(config: &WhiteNoise, seed: u64, channel: usize, samples: usize, rate: f64) -> Vec<f64> {
     let mut rng = stream(seed, Purpose::Input, channel);
     let mut filter = Butterworth::low_pass(3, config.cutoff_hz, rate);
     let mut next = || filter.filter(StandardNormal.sample(&mut rng));
@@ -104,10 +73,7 @@ fn white_noise(
     (0..run_in).for_each(|_| {
         next();
     });
-    scaled_to(
-        (0..samples).map(|_| next()).collect(),
-        config.level_rms_v[channel],
-    )
+    scaled_to((0..samples).map(|_| next()).collect(), config.level_rms_v[channel])
 }
 
 /// The multiples of the base frequency that lie in the band, below half the sample rate.
@@ -120,35 +86,15 @@ fn lines(config: &Multisine, rate: f64) -> Result<Vec<usize>, TestbedError> {
     let lines: Vec<usize> = (1..config.period_samples.div_ceil(2))
         .filter(|line| (low_hz..=high_hz).contains(&(*line as f64 * spacing_hz)))
         .collect();
-    if lines.is_empty() {
-        Err(TestbedError::NoLines {
-            key,
-            spacing_hz,
-            low_hz,
-            high_hz,
-        })
-    } else {
-        Ok(lines)
-    }
+    if lines.is_empty() { Err(TestbedError::NoLines { key, spacing_hz, low_hz, high_hz }) } else { Ok(lines) }
 }
 
-fn multisine(
-    config: &Multisine,
-    lines: &[usize],
-    seed: u64,
-    channel: usize,
-    samples: usize,
-) -> Vec<f64> {
+fn multisine(config: &Multisine, lines: &[usize], seed: u64, channel: usize, samples: usize) -> Vec<f64> {
     let mut rng = stream(seed, Purpose::Input, channel);
     let angle = Uniform::new(0.0, 2.0 * PI).expect("an interval of positive length");
-    let phases: Vec<(f64, f64)> = lines
-        .iter()
-        .map(|_| angle.sample(&mut rng).sin_cos())
-        .collect();
+    let phases: Vec<(f64, f64)> = lines.iter().map(|_| angle.sample(&mut rng).sin_cos()).collect();
     let period = config.period_samples;
-    let circle: Vec<(f64, f64)> = (0..period)
-        .map(|k| (2.0 * PI * k as f64 / period as f64).sin_cos())
-        .collect();
+    let circle: Vec<(f64, f64)> = (0..period).map(|k| (2.0 * PI * k as f64 / period as f64).sin_cos()).collect();
     let amplitude = config.level_rms_v[channel] * (2.0 / lines.len() as f64).sqrt();
     let one_period: Vec<f64> = (0..period.min(samples))
         .map(|k| {
@@ -173,10 +119,7 @@ fn chirp(config: &Chirp, channel: usize, samples: usize, rate: f64) -> Vec<f64> 
         let sweep = (config.end_hz - config.start_hz) / duration_s;
         (2.0 * PI * (config.start_hz + sweep * t / 2.0) * t).sin()
     };
-    scaled_to(
-        (0..samples).map(sine).collect(),
-        config.level_rms_v[channel],
-    )
+    scaled_to((0..samples).map(sine).collect(), config.level_rms_v[channel])
 }
 
 /// The signal at the RMS asked for, over its whole length; a signal of zeros stays one.

@@ -27,11 +27,7 @@ struct Work {
 }
 
 impl<'a> Integrator<'a> {
-    pub(crate) fn new(
-        truss: &'a Truss,
-        effects: Vec<Box<dyn StructureEffect>>,
-        steps: usize,
-    ) -> Self {
+    pub(crate) fn new(truss: &'a Truss, effects: Vec<Box<dyn StructureEffect>>, steps: usize) -> Self {
         let zeros = || vec![0.0; truss.discrete.states()];
         let step_s = 1.0 / (truss.sample_rate_hz * steps as f64);
         Self {
@@ -40,12 +36,7 @@ impl<'a> Integrator<'a> {
             half_step: truss.continuous.sampled(step_s / 2.0),
             steps,
             step_s,
-            work: Work {
-                k: std::array::from_fn(|_| zeros()),
-                advanced: zeros(),
-                stage: zeros(),
-                transported: zeros(),
-            },
+            work: Work { k: std::array::from_fn(|_| zeros()), advanced: zeros(), stage: zeros(), transported: zeros() },
         }
     }
 
@@ -59,15 +50,7 @@ impl<'a> Integrator<'a> {
             return;
         }
         for i in 0..self.steps {
-            sub_step(
-                &self.effects,
-                &self.half_step,
-                &mut self.work,
-                x,
-                u,
-                t_s + i as f64 * self.step_s,
-                self.step_s,
-            );
+            sub_step(&self.effects, &self.half_step, &mut self.work, x, u, t_s + i as f64 * self.step_s, self.step_s);
         }
     }
 }
@@ -93,12 +76,7 @@ fn sub_step(
         multiply_add(&half.a, from, to);
         multiply_add(&half.b, u, to);
     };
-    let Work {
-        k: [k1, k2, k3, k4],
-        advanced,
-        stage,
-        transported,
-    } = work;
+    let Work { k: [k1, k2, k3, k4], advanced, stage, transported } = work;
     let n = x.len();
 
     flow(x, advanced);

@@ -33,8 +33,8 @@ mod structure;
 
 pub use butterworth::Butterworth;
 pub use config::{
-    Chirp, ConverterConfig, CubicJoint, EffectsConfig, InputConfig, Multisine, NoiseConfig,
-    StructureConfig, TrussConfig, WhiteNoise,
+    Chirp, ConverterConfig, CubicJoint, EffectsConfig, InputConfig, Multisine, NoiseConfig, StructureConfig,
+    TrussConfig, WhiteNoise,
 };
 pub use converter::Converter;
 pub use error::{TestbedError, Warning};

@@ -102,18 +102,8 @@ pub fn truss(config: &TrussConfig) -> Result<Truss, TestbedError> {
     let discrete = continuous.sampled(step_s);
     let noise = noise(config, &modes, &continuous, &discrete, step_s);
     let ports = (0..INPUTS).map(|input| strut_port(&modes, input)).collect();
-    let warnings = folded_modes(&modes, config.sample_rate_hz / 2.0)
-        .into_iter()
-        .collect();
-    Ok(Truss {
-        sample_rate_hz: config.sample_rate_hz,
-        modes,
-        continuous,
-        discrete,
-        noise,
-        ports,
-        warnings,
-    })
+    let warnings = folded_modes(&modes, config.sample_rate_hz / 2.0).into_iter().collect();
+    Ok(Truss { sample_rate_hz: config.sample_rate_hz, modes, continuous, discrete, noise, ports, warnings })
 }
 
 fn continuous(modes: &[Mode]) -> StateSpace {
@@ -130,11 +120,7 @@ fn continuous(modes: &[Mode]) -> StateSpace {
         let (w, q) = (mode.angular_frequency(), mode_state(m));
         a[(q, q + 1)] = w;
         // Each part of the modal acceleration also drives the filters at once.
-        for (row, &share) in modal_force(modes, m)
-            .iter()
-            .enumerate()
-            .filter(|(_, share)| **share != 0.0)
-        {
+        for (row, &share) in modal_force(modes, m).iter().enumerate().filter(|(_, share)| **share != 0.0) {
             a[(row, q)] -= share * w;
             a[(row, q + 1)] -= share * 2.0 * mode.damping_ratio * w;
             for j in 0..INPUTS {
@@ -150,12 +136,7 @@ fn continuous(modes: &[Mode]) -> StateSpace {
         a[(y + 1, y + 1)] = -SQRT_2 * corner;
         c[(i, y)] = 1.0;
     }
-    StateSpace {
-        a,
-        b,
-        c,
-        d: DMatrix::zeros(OUTPUTS, INPUTS),
-    }
+    StateSpace { a, b, c, d: DMatrix::zeros(OUTPUTS, INPUTS) }
 }
 
 /// The ambient force: independent white forces on the platform's corners, where the accelerometers sit, scaled so that
@@ -180,10 +161,7 @@ fn noise(
     let mean_square = (&discrete.c * &at_rest * discrete.c.transpose()).trace() / OUTPUTS as f64;
     let scale = config.noise.ambient_rms_v.powi(2) / mean_square;
     let white = |rms: f64, size: usize| DMatrix::from_diagonal_element(size, size, rms * rms);
-    let adc = Converter {
-        step_v: config.converters.step_v,
-        range_v: config.converters.range_v,
-    };
+    let adc = Converter { step_v: config.converters.step_v, range_v: config.converters.range_v };
     NoiseCovariances {
         sensor: white(config.noise.sensor_rms_v.hypot(adc.rounding_std()), OUTPUTS),
         actuator: white(config.noise.amplifier_rms_v, INPUTS),
@@ -195,10 +173,7 @@ fn noise(
 fn strut_port(modes: &[Mode], input: usize) -> StrutPort {
     let n = states(modes);
     let shape = |mode: &Mode| mode.input_shape[input];
-    let compliance: f64 = modes
-        .iter()
-        .map(|mode| (shape(mode) / mode.angular_frequency()).powi(2))
-        .sum();
+    let compliance: f64 = modes.iter().map(|mode| (shape(mode) / mode.angular_frequency()).powi(2)).sum();
     let (mut force, mut displacement, mut velocity) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
     for (m, mode) in modes.iter().enumerate() {
         for (total, share) in force.iter_mut().zip(modal_force(modes, m)) {
@@ -207,24 +182,11 @@ fn strut_port(modes: &[Mode], input: usize) -> StrutPort {
         displacement[mode_state(m)] = shape(mode) / mode.angular_frequency() / compliance;
         velocity[mode_state(m) + 1] = shape(mode) / compliance;
     }
-    StrutPort {
-        input,
-        force,
-        displacement,
-        velocity,
-    }
+    StrutPort { input, force, displacement, velocity }
 }
 
 fn folded_modes(modes: &[Mode], nyquist_hz: f64) -> Option<Warning> {
-    let above: Vec<f64> = modes
-        .iter()
-        .map(|m| m.frequency_hz)
-        .filter(|f| *f >= nyquist_hz)
-        .collect();
+    let above: Vec<f64> = modes.iter().map(|m| m.frequency_hz).filter(|f| *f >= nyquist_hz).collect();
     let highest_hz = above.iter().copied().reduce(f64::max)?;
-    Some(Warning::ModesAboveNyquist {
-        count: above.len(),
-        highest_hz,
-        nyquist_hz,
-    })
+    Some(Warning::ModesAboveNyquist { count: above.len(), highest_hz, nyquist_hz })
 }

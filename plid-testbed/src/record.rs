@@ -33,14 +33,8 @@ impl Noise {
         Self {
             amplifier: (config.noise.amplifier_rms_v, rng(Purpose::Amplifier)),
             sensor: (config.noise.sensor_rms_v, rng(Purpose::Sensor)),
-            ambient: (
-                covariance::square_root(&truss.noise.state),
-                rng(Purpose::Ambient),
-            ),
-            start: (
-                covariance::square_root(&truss.noise.at_rest),
-                rng(Purpose::Start),
-            ),
+            ambient: (covariance::square_root(&truss.noise.state), rng(Purpose::Ambient)),
+            start: (covariance::square_root(&truss.noise.at_rest), rng(Purpose::Start)),
         }
     }
 }
@@ -55,9 +49,7 @@ fn add_white((std, rng): &mut (f64, ChaCha12Rng), values: &mut [f64]) {
 
 /// Adds a Gaussian vector whose covariance has the given square root.
 fn add_coloured((root, rng): &mut (DMatrix<f64>, ChaCha12Rng), values: &mut [f64]) {
-    let draws: Vec<f64> = (0..values.len())
-        .map(|_| StandardNormal.sample(rng))
-        .collect();
+    let draws: Vec<f64> = (0..values.len()).map(|_| StandardNormal.sample(rng)).collect();
     multiply_add(root, &draws, values);
 }
 
@@ -89,11 +81,7 @@ pub(crate) fn record(
             add_white(&mut noise.sensor, &mut y);
             add_white(&mut noise.amplifier, &mut u);
         }
-        outputs
-            .row_mut(k)
-            .iter_mut()
-            .zip(y)
-            .for_each(|(to, value)| *to = value);
+        outputs.row_mut(k).iter_mut().zip(y).for_each(|(to, value)| *to = value);
         let t_s = (repeat * samples + k) as f64 / truss.sample_rate_hz;
         integrator.advance(&mut x, &u, t_s);
         if let Some(noise) = &mut noise {

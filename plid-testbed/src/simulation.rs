@@ -41,62 +41,27 @@ pub fn simulate(config: &TrussConfig) -> Result<Simulation, TestbedError> {
 ///
 /// # Errors
 /// As [`simulate`]; also if the array is empty, has not three columns, or holds NaN or infinity.
-pub fn simulate_input(
-    config: &TrussConfig,
-    input: ArrayView2<f64>,
-) -> Result<Simulation, TestbedError> {
+pub fn simulate_input(config: &TrussConfig, input: ArrayView2<f64>) -> Result<Simulation, TestbedError> {
     input::check_given(input)?;
     crate::config::positive("sample_rate_hz", config.sample_rate_hz)?;
     let duration_s = input.nrows() as f64 / config.sample_rate_hz;
-    run(
-        &TrussConfig {
-            duration_s,
-            ..config.clone()
-        },
-        input.to_owned(),
-    )
+    run(&TrussConfig { duration_s, ..config.clone() }, input.to_owned())
 }
 
 fn run(config: &TrussConfig, command: Array2<f64>) -> Result<Simulation, TestbedError> {
     let truth = truss(config)?;
-    let converter = Converter {
-        step_v: config.converters.step_v,
-        range_v: config.converters.range_v,
-    };
+    let converter = Converter { step_v: config.converters.step_v, range_v: config.converters.range_v };
     let mut warnings = truth.warnings.clone();
     let (commands, clipped) = convert(converter, command);
-    let clips = |counts: Vec<usize>| {
-        counts
-            .into_iter()
-            .enumerate()
-            .filter(|(_, samples)| *samples > 0)
-    };
-    warnings.extend(
-        clips(clipped).map(|(channel, samples)| Warning::CommandClipped { channel, samples }),
-    );
+    let clips = |counts: Vec<usize>| counts.into_iter().enumerate().filter(|(_, samples)| *samples > 0);
+    warnings.extend(clips(clipped).map(|(channel, samples)| Warning::CommandClipped { channel, samples }));
     let noise_free = record(config, &truth, commands.view(), 0, None)?;
     let mut outputs = Vec::with_capacity(config.repeats);
     for repeat in 0..config.repeats {
         let noise = Noise::new(config, &truth, repeat);
-        let (output, clipped) = convert(
-            converter,
-            record(config, &truth, commands.view(), repeat, Some(noise))?,
-        );
-        warnings.extend(
-            clips(clipped).map(|(channel, samples)| Warning::OutputClipped {
-                repeat,
-                channel,
-                samples,
-            }),
-        );
+        let (output, clipped) = convert(converter, record(config, &truth, commands.view(), repeat, Some(noise))?);
+        warnings.extend(clips(clipped).map(|(channel, samples)| Warning::OutputClipped { repeat, channel, samples }));
         outputs.push(output);
     }
-    Ok(Simulation {
-        sample_rate_hz: config.sample_rate_hz,
-        commands,
-        outputs,
-        noise_free,
-        truth,
-        warnings,
-    })
+    Ok(Simulation { sample_rate_hz: config.sample_rate_hz, commands, outputs, noise_free, truth, warnings })
 }

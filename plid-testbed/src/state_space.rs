@@ -51,11 +51,7 @@ impl StateSpace {
         let mut next = x.clone();
         let mut outputs = Array2::zeros((inputs.nrows(), self.c.nrows()));
         for (u, mut y) in inputs.rows().into_iter().zip(outputs.rows_mut()) {
-            let (u, y) = (
-                u.to_vec(),
-                y.as_slice_mut()
-                    .expect("rows of a new array are contiguous"),
-            );
+            let (u, y) = (u.to_vec(), y.as_slice_mut().expect("rows of a new array are contiguous"));
             y.fill(0.0);
             multiply_add(&self.c, &x, y);
             multiply_add(&self.d, &u, y);
@@ -85,13 +81,7 @@ mod tests {
     #[test]
     fn one_pole_sampled_is_the_closed_form() {
         let one = |v: f64| DMatrix::from_element(1, 1, v);
-        let model = StateSpace {
-            a: one(-3.0),
-            b: one(6.0),
-            c: one(1.0),
-            d: one(0.0),
-        }
-        .sampled(0.1);
+        let model = StateSpace { a: one(-3.0), b: one(6.0), c: one(1.0), d: one(0.0) }.sampled(0.1);
         assert!((model.a[0] - (-0.3_f64).exp()).abs() < 1e-15);
         assert!((model.b[0] - 2.0 * (1.0 - (-0.3_f64).exp())).abs() < 1e-15);
     }

@@ -94,26 +94,15 @@ const TRUNCATED: [Row; 8] = [
 ];
 
 /// The tubes' frequencies in their two planes, Hz: nominally 60, apart by the scatter of tubes and bonds.
-const TUBE_HZ: [[f64; MOST_MODES_PER_TUBE]; TUBES] = [
-    [58.1, 61.4],
-    [59.0, 62.3],
-    [57.4, 60.6],
-    [59.6, 63.0],
-    [58.5, 61.0],
-    [60.1, 62.7],
-];
+const TUBE_HZ: [[f64; MOST_MODES_PER_TUBE]; TUBES] =
+    [[58.1, 61.4], [59.0, 62.3], [57.4, 60.6], [59.6, 63.0], [58.5, 61.0], [60.1, 62.7]];
 const TUBE_DAMPING: [f64; TUBES] = [0.0040, 0.0050, 0.0035, 0.0045, 0.0055, 0.0030];
 
 /// All modes, lowest group first. `modes_per_tube` is 1 or 2.
 pub(crate) fn modes(modes_per_tube: usize) -> Vec<Mode> {
-    let tubes =
-        (0..TUBES).flat_map(|tube| (0..modes_per_tube).map(move |plane| tube_mode(tube, plane)));
-    let dominant = DOMINANT
-        .iter()
-        .map(|row| platform_mode(row, ModeGroup::Dominant));
-    let truncated = TRUNCATED
-        .iter()
-        .map(|row| platform_mode(row, ModeGroup::Truncated));
+    let tubes = (0..TUBES).flat_map(|tube| (0..modes_per_tube).map(move |plane| tube_mode(tube, plane)));
+    let dominant = DOMINANT.iter().map(|row| platform_mode(row, ModeGroup::Dominant));
+    let truncated = TRUNCATED.iter().map(|row| platform_mode(row, ModeGroup::Truncated));
     tubes.chain(dominant).chain(truncated).collect()
 }
 
@@ -136,9 +125,7 @@ fn tube_mode(tube: usize, plane: usize) -> Mode {
     let sign = if plane == 0 { 1.0 } else { -1.0 };
     let own_actuator = if tube.is_multiple_of(2) { 1.0 } else { 0.5 };
     let shape = |own: f64, others: f64| -> [f64; 3] {
-        std::array::from_fn(|i| {
-            SHAPE_SCALE * TUBE_SCALE * if i == corner { own } else { sign * others }
-        })
+        std::array::from_fn(|i| SHAPE_SCALE * TUBE_SCALE * if i == corner { own } else { sign * others })
     };
     Mode {
         frequency_hz: TUBE_HZ[tube][plane],

@@ -8,12 +8,7 @@ use ndarray::ArrayView1;
 /// If all inputs or all outputs are constant; a single constant channel is a warning.
 pub fn check_excited(record: &Record) -> Result<Vec<Warning>, DataError> {
     let constant = |array: &ndarray::Array2<f64>, names: &[String]| -> Vec<String> {
-        names
-            .iter()
-            .enumerate()
-            .filter(|(i, _)| is_constant(array.column(*i)))
-            .map(|(_, name)| name.clone())
-            .collect()
+        names.iter().enumerate().filter(|(i, _)| is_constant(array.column(*i))).map(|(_, name)| name.clone()).collect()
     };
     let inputs = constant(&record.inputs, &record.input_names);
     let outputs = constant(&record.outputs, &record.output_names);
@@ -23,12 +18,8 @@ pub fn check_excited(record: &Record) -> Result<Vec<Warning>, DataError> {
     if outputs.len() == record.output_names.len() {
         return Err(DataError::NoResponse { channels: outputs });
     }
-    let inputs = inputs
-        .into_iter()
-        .map(|channel| Warning::ConstantInput { channel });
-    let outputs = outputs
-        .into_iter()
-        .map(|channel| Warning::ConstantOutput { channel });
+    let inputs = inputs.into_iter().map(|channel| Warning::ConstantInput { channel });
+    let outputs = outputs.into_iter().map(|channel| Warning::ConstantOutput { channel });
     Ok(inputs.chain(outputs).collect())
 }
 
@@ -88,32 +79,17 @@ mod tests {
     fn no_excitation_and_no_response_are_errors() {
         let mut r = record();
         r.inputs.fill(0.0);
-        assert!(matches!(
-            check_excited(&r),
-            Err(DataError::NoExcitation { .. })
-        ));
+        assert!(matches!(check_excited(&r), Err(DataError::NoExcitation { .. })));
         let mut r = record();
         r.outputs.fill(1.0);
-        assert!(matches!(
-            check_excited(&r),
-            Err(DataError::NoResponse { .. })
-        ));
+        assert!(matches!(check_excited(&r), Err(DataError::NoResponse { .. })));
     }
 
     #[test]
     fn samples_are_held_against_unknowns() {
-        assert!(matches!(
-            require_samples(9, 10),
-            Err(DataError::TooFewSamples { .. })
-        ));
+        assert!(matches!(require_samples(9, 10), Err(DataError::TooFewSamples { .. })));
         let warning = require_samples(39, 10).unwrap();
-        assert_eq!(
-            warning,
-            Some(Warning::FewSamples {
-                samples: 39,
-                unknowns: 10
-            })
-        );
+        assert_eq!(warning, Some(Warning::FewSamples { samples: 39, unknowns: 10 }));
         assert_eq!(require_samples(40, 10).unwrap(), None);
     }
 }

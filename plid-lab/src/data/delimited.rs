@@ -37,10 +37,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Content, DataError> {
     let lines: Vec<Line> = text
         .lines()
         .enumerate()
-        .map(|(k, text)| Line {
-            number: k + 1,
-            text,
-        })
+        .map(|(k, text)| Line { number: k + 1, text })
         .filter(|line| {
             let text = line.text.trim();
             !text.is_empty() && !text.starts_with('#')
@@ -53,29 +50,17 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Content, DataError> {
     let decimal_comma = separator != Separator::Mark(',');
     let mut first_cells = split(first.text, separator);
     drop_trailing_empty(&mut first_cells);
-    let has_header = first.text.contains('"')
-        || first_cells
-            .iter()
-            .any(|cell| number(cell, decimal_comma).is_none());
+    let has_header = first.text.contains('"') || first_cells.iter().any(|cell| number(cell, decimal_comma).is_none());
     let names: Vec<String> = first_cells
         .iter()
         .enumerate()
-        .map(|(i, cell)| {
-            if has_header && !cell.is_empty() {
-                cell.clone()
-            } else {
-                (i + 1).to_string()
-            }
-        })
+        .map(|(i, cell)| if has_header && !cell.is_empty() { cell.clone() } else { (i + 1).to_string() })
         .collect();
     let rows = &lines[usize::from(has_header)..];
     if rows.is_empty() {
         return Err(DataError::NoSamples { file: path.into() });
     }
-    let cells = rows
-        .iter()
-        .map(|line| row(path, line, separator, &names))
-        .collect::<Result<Vec<_>, _>>()?;
+    let cells = rows.iter().map(|line| row(path, line, separator, &names)).collect::<Result<Vec<_>, _>>()?;
     check_widths(path, rows, &cells, names.len())?;
     Ok(assemble(names, &cells, rows))
 }
@@ -93,10 +78,7 @@ fn separator_of(line: &str) -> Separator {
             !quoted
         })
         .collect();
-    let comma_ends_a_cell = bare
-        .trim_end()
-        .split('\t')
-        .any(|cell| cell.trim_end().ends_with(','));
+    let comma_ends_a_cell = bare.trim_end().split('\t').any(|cell| cell.trim_end().ends_with(','));
     if bare.contains(';') {
         Separator::Mark(';')
     } else if bare.trim().contains('\t') && !comma_ends_a_cell {
@@ -156,18 +138,11 @@ fn number(cell: &str, decimal_comma: bool) -> Option<f64> {
     // Fortran writes 1.0D+00.
     let exponent = cell.find(['d', 'D'])?;
     let digits_around = cell[..exponent].ends_with(|c: char| c.is_ascii_digit() || c == '.');
-    digits_around
-        .then(|| cell.replacen(['d', 'D'], "e", 1).parse().ok())
-        .flatten()
+    digits_around.then(|| cell.replacen(['d', 'D'], "e", 1).parse().ok()).flatten()
 }
 
 /// The cells of a row: `None` where a cell is empty.
-fn row(
-    path: &Path,
-    line: &Line,
-    separator: Separator,
-    names: &[String],
-) -> Result<Vec<Option<f64>>, DataError> {
+fn row(path: &Path, line: &Line, separator: Separator, names: &[String]) -> Result<Vec<Option<f64>>, DataError> {
     let mut cells = split(line.text, separator);
     if cells.len() == names.len() + 1 {
         drop_trailing_empty(&mut cells);
@@ -175,29 +150,22 @@ fn row(
     cells
         .iter()
         .enumerate()
-        .map(
-            |(i, cell)| match number(cell, separator != Separator::Mark(',')) {
-                Some(_) if cell.is_empty() => Ok(None),
-                Some(value) => Ok(Some(value)),
-                None => Err(DataError::NotANumber {
-                    file: path.into(),
-                    line: line.number,
-                    column: names.get(i).cloned().unwrap_or_else(|| (i + 1).to_string()),
-                    cell: cell.chars().take(40).collect(),
-                }),
-            },
-        )
+        .map(|(i, cell)| match number(cell, separator != Separator::Mark(',')) {
+            Some(_) if cell.is_empty() => Ok(None),
+            Some(value) => Ok(Some(value)),
+            None => Err(DataError::NotANumber {
+                file: path.into(),
+                line: line.number,
+                column: names.get(i).cloned().unwrap_or_else(|| (i + 1).to_string()),
+                cell: cell.chars().take(40).collect(),
+            }),
+        })
         .collect()
 }
 
 /// Every row is as wide as the names, or else all rows after the first lack the same last
 /// cells: those columns then have a value in their first row only.
-fn check_widths(
-    path: &Path,
-    lines: &[Line],
-    rows: &[Vec<Option<f64>>],
-    expected: usize,
-) -> Result<(), DataError> {
+fn check_widths(path: &Path, lines: &[Line], rows: &[Vec<Option<f64>>], expected: usize) -> Result<(), DataError> {
     let first_row_only = rows.len() > 2
         && rows[0].len() == expected
         && rows[1].len() < expected
@@ -207,31 +175,19 @@ fn check_widths(
     }
     match rows.iter().position(|row| row.len() != expected) {
         None => Ok(()),
-        Some(k) => Err(DataError::Ragged {
-            file: path.into(),
-            line: lines[k].number,
-            expected,
-            found: rows[k].len(),
-        }),
+        Some(k) => Err(DataError::Ragged { file: path.into(), line: lines[k].number, expected, found: rows[k].len() }),
     }
 }
 
 fn assemble(names: Vec<String>, rows: &[Vec<Option<f64>>], lines: &[Line]) -> Content {
     let cell = |k: usize, i: usize| rows[k].get(i).copied().flatten();
-    let is_scalar = |i: usize| {
-        rows.len() > 1 && cell(0, i).is_some() && (1..rows.len()).all(|k| cell(k, i).is_none())
-    };
-    let (scalar_columns, kept): (Vec<usize>, Vec<usize>) =
-        (0..names.len()).partition(|&i| is_scalar(i));
-    let scalars: BTreeMap<String, f64> = scalar_columns
-        .iter()
-        .filter_map(|&i| Some((names[i].clone(), cell(0, i)?)))
-        .collect();
+    let is_scalar = |i: usize| rows.len() > 1 && cell(0, i).is_some() && (1..rows.len()).all(|k| cell(k, i).is_none());
+    let (scalar_columns, kept): (Vec<usize>, Vec<usize>) = (0..names.len()).partition(|&i| is_scalar(i));
+    let scalars: BTreeMap<String, f64> =
+        scalar_columns.iter().filter_map(|&i| Some((names[i].clone(), cell(0, i)?))).collect();
     Content {
         names: kept.iter().map(|&i| names[i].clone()).collect(),
-        columns: Array2::from_shape_fn((rows.len(), kept.len()), |(k, i)| {
-            cell(k, kept[i]).unwrap_or(f64::NAN)
-        }),
+        columns: Array2::from_shape_fn((rows.len(), kept.len()), |(k, i)| cell(k, kept[i]).unwrap_or(f64::NAN)),
         scalars,
         lines: lines.iter().map(|line| line.number).collect(),
     }
@@ -268,12 +224,7 @@ mod tests {
 
     #[test]
     fn without_a_header_columns_are_numbered() {
-        for text in [
-            "1 2\n3 4\n",
-            "  1\t 2\n  3\t 4\n",
-            "1,5;2\n3;4\n",
-            "1,2,\n3,4,\n",
-        ] {
+        for text in ["1 2\n3 4\n", "  1\t 2\n  3\t 4\n", "1,5;2\n3;4\n", "1,2,\n3,4,\n"] {
             let content = parse(text).unwrap();
             assert_eq!(content.names, ["1", "2"]);
             assert_eq!(content.columns.row(1).to_vec(), [3.0, 4.0]);
@@ -282,11 +233,9 @@ mod tests {
 
     #[test]
     fn a_value_in_the_first_row_only_is_a_scalar() {
-        for text in [
-            "u,y,Fs,\n1,2,400,\n3,4,,\n5,6,,\n",
-            "u,y,Fs\n1,2,400\n3,4\n5,6\n",
-            "Fs,u,y\n400,1,2\n,3,4\n,5,6\n",
-        ] {
+        for text in
+            ["u,y,Fs,\n1,2,400,\n3,4,,\n5,6,,\n", "u,y,Fs\n1,2,400\n3,4\n5,6\n", "Fs,u,y\n400,1,2\n,3,4\n,5,6\n"]
+        {
             let content = parse(text).unwrap();
             assert_eq!(content.names, ["u", "y"], "{text:?}");
             assert_eq!(content.scalars["Fs"], 400.0);
@@ -309,36 +258,16 @@ mod tests {
         let Err(error) = parse("# c\nu,y\n1,2\n# c\n\n3\n4,5\n6,7\n") else {
             panic!("a ragged file was read");
         };
-        assert_eq!(
-            error.to_string(),
-            "x.csv, line 6: 1 cells where 2 are expected"
-        );
-        assert!(matches!(
-            parse("u,y\n1,2\n3,4,5\n"),
-            Err(DataError::Ragged {
-                line: 3,
-                expected: 2,
-                found: 3,
-                ..
-            })
-        ));
+        assert_eq!(error.to_string(), "x.csv, line 6: 1 cells where 2 are expected");
+        assert!(matches!(parse("u,y\n1,2\n3,4,5\n"), Err(DataError::Ragged { line: 3, expected: 2, found: 3, .. })));
     }
 
     #[test]
     fn words_among_numbers_name_line_and_column() {
         for (text, said) in [
-            (
-                "u,y\n1,2\n3,off\n",
-                "x.csv, line 3, column `y`: `off` is not a number",
-            ),
-            (
-                "u;y\n1;1,234.5\n",
-                "x.csv, line 2, column `y`: `1,234.5` is not a number",
-            ),
-            (
-                "1 2\n3 4d\n",
-                "x.csv, line 2, column `2`: `4d` is not a number",
-            ),
+            ("u,y\n1,2\n3,off\n", "x.csv, line 3, column `y`: `off` is not a number"),
+            ("u;y\n1;1,234.5\n", "x.csv, line 2, column `y`: `1,234.5` is not a number"),
+            ("1 2\n3 4d\n", "x.csv, line 2, column `2`: `4d` is not a number"),
         ] {
             assert_eq!(parse(text).err().unwrap().to_string(), said);
         }
@@ -346,10 +275,7 @@ mod tests {
 
     #[test]
     fn nothing_to_read_is_said() {
-        assert!(matches!(
-            parse(" \n# only a remark\n"),
-            Err(DataError::Empty { .. })
-        ));
+        assert!(matches!(parse(" \n# only a remark\n"), Err(DataError::Empty { .. })));
         assert!(matches!(parse("u,y\n"), Err(DataError::NoSamples { .. })));
         assert!(matches!(parse("a\0b"), Err(DataError::Malformed { .. })));
     }

@@ -128,9 +128,7 @@ pub enum DataError {
         origin: String,
     },
     /// A time column whose step changes.
-    #[error(
-        "{file}: the time step of column `{column}` changes at {at}: {step_s} s where {expected_s} s is usual"
-    )]
+    #[error("{file}: the time step of column `{column}` changes at {at}: {step_s} s where {expected_s} s is usual")]
     #[diagnostic(help("samples must be evenly spaced; resample the data, or give the rate"))]
     UnevenTime {
         /// The file.
@@ -199,17 +197,11 @@ pub enum DataError {
 }
 
 fn did_you_mean(suggestion: &Option<String>) -> String {
-    suggestion
-        .as_ref()
-        .map(|name| format!("; did you mean `{name}`?"))
-        .unwrap_or_default()
+    suggestion.as_ref().map(|name| format!("; did you mean `{name}`?")).unwrap_or_default()
 }
 
 /// The name nearest to `wanted`, if it is near enough to be a slip of the pen.
-pub(crate) fn nearest<'a>(
-    wanted: &str,
-    names: impl IntoIterator<Item = &'a String>,
-) -> Option<String> {
+pub(crate) fn nearest<'a>(wanted: &str, names: impl IntoIterator<Item = &'a String>) -> Option<String> {
     names
         .into_iter()
         .map(|name| {

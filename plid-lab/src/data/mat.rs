@@ -10,22 +10,14 @@ use std::path::Path;
 const HEADER: usize = 128;
 
 /// Reads the real arrays of a file.
-pub(super) fn read(
-    path: &Path,
-    bytes: &[u8],
-    variable: Option<&str>,
-) -> Result<Content, DataError> {
-    let malformed = |what: String| DataError::Malformed {
-        file: path.into(),
-        what,
-    };
+pub(super) fn read(path: &Path, bytes: &[u8], variable: Option<&str>) -> Result<Content, DataError> {
+    let malformed = |what: String| DataError::Malformed { file: path.into(), what };
     if bytes.starts_with(b"MATLAB 7.3") || bytes.starts_with(b"\x89HDF") {
         let what = "a MATLAB 7.3 file (HDF5), which is not read; save it with `save -v7`";
         return Err(malformed(what.into()));
     }
     check_complete(bytes).map_err(|what| malformed(what.into()))?;
-    let file =
-        MatFile::parse(bytes).map_err(|e| malformed(format!("not a readable .mat file: {e}")))?;
+    let file = MatFile::parse(bytes).map_err(|e| malformed(format!("not a readable .mat file: {e}")))?;
     let variables: Vec<Variable> = file.arrays().iter().map(to_variable).collect();
     assemble(path, &variables, variable)
 }
@@ -35,11 +27,7 @@ pub(super) fn read(
 fn check_complete(bytes: &[u8]) -> Result<(), &'static str> {
     let word = |at: usize, big: bool| {
         let four: [u8; 4] = bytes.get(at..at + 4)?.try_into().ok()?;
-        Some(if big {
-            u32::from_be_bytes(four)
-        } else {
-            u32::from_le_bytes(four)
-        } as usize)
+        Some(if big { u32::from_be_bytes(four) } else { u32::from_le_bytes(four) } as usize)
     };
     let big = match bytes.get(HEADER - 2..HEADER) {
         Some(b"IM") => false,
@@ -72,14 +60,8 @@ fn to_variable(array: &Array) -> Variable {
 
 /// The elements as f64; `None` if they are complex.
 fn real(data: &NumericData) -> Option<Vec<f64>> {
-    fn all<T: Copy, C>(
-        real: &[T],
-        imaginary: &Option<C>,
-        convert: fn(T) -> f64,
-    ) -> Option<Vec<f64>> {
-        imaginary
-            .is_none()
-            .then(|| real.iter().map(|&x| convert(x)).collect())
+    fn all<T: Copy, C>(real: &[T], imaginary: &Option<C>, convert: fn(T) -> f64) -> Option<Vec<f64>> {
+        imaginary.is_none().then(|| real.iter().map(|&x| convert(x)).collect())
     }
     match data {
         NumericData::Double { real, imag } => all(real, imag, |x| x),
@@ -117,18 +99,9 @@ mod tests {
         for (name, rows, columns, values) in variables {
             // Class 6 is double; data types 6, 5, 1 and 9 are u32, i32, i8 and double.
             let flags: Vec<u8> = [6_u32, 0].iter().flat_map(|x| x.to_le_bytes()).collect();
-            let size: Vec<u8> = [*rows as i32, *columns as i32]
-                .iter()
-                .flat_map(|x| x.to_le_bytes())
-                .collect();
+            let size: Vec<u8> = [*rows as i32, *columns as i32].iter().flat_map(|x| x.to_le_bytes()).collect();
             let data: Vec<u8> = values.iter().flat_map(|x| x.to_le_bytes()).collect();
-            let body = [
-                element(6, &flags),
-                element(5, &size),
-                element(1, name.as_bytes()),
-                element(9, &data),
-            ]
-            .concat();
+            let body = [element(6, &flags), element(5, &size), element(1, name.as_bytes()), element(9, &data)].concat();
             file.extend(element(14, &body));
         }
         file
@@ -148,11 +121,8 @@ mod tests {
 
     #[test]
     fn vectors_are_named_columns_whichever_way_they_lie() {
-        let bytes = mat_file(&[
-            ("force", 3, 1, &[1.0, 2.0, 3.0]),
-            ("acc", 1, 3, &[4.0, 5.0, 6.0]),
-            ("Fs", 1, 1, &[100.0]),
-        ]);
+        let bytes =
+            mat_file(&[("force", 3, 1, &[1.0, 2.0, 3.0]), ("acc", 1, 3, &[4.0, 5.0, 6.0]), ("Fs", 1, 1, &[100.0])]);
         let content = parse(&bytes, None).unwrap();
         assert_eq!(content.names, ["force", "acc"]);
         assert_eq!(content.columns, array![[1.0, 4.0], [2.0, 5.0], [3.0, 6.0]]);
@@ -161,15 +131,10 @@ mod tests {
 
     #[test]
     fn matrices_of_unequal_length_ask_for_a_choice() {
-        let bytes = mat_file(&[
-            ("first", 2, 2, &[1.0, 2.0, 3.0, 4.0]),
-            ("second", 3, 2, &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]),
-        ]);
+        let bytes =
+            mat_file(&[("first", 2, 2, &[1.0, 2.0, 3.0, 4.0]), ("second", 3, 2, &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0])]);
         let error = parse(&bytes, None).err().unwrap().to_string();
-        assert!(
-            error.contains("`first` (2 x 2), `second` (3 x 2)"),
-            "{error}"
-        );
+        assert!(error.contains("`first` (2 x 2), `second` (3 x 2)"), "{error}");
         assert_eq!(parse(&bytes, Some("second")).unwrap().columns.nrows(), 3);
         let error = parse(&bytes, Some("secnod")).err().unwrap().to_string();
         assert!(error.contains("did you mean `second`?"), "{error}");

@@ -8,24 +8,14 @@ use std::io::Cursor;
 use std::path::Path;
 
 /// Reads an archive of named arrays.
-pub(super) fn read_npz(
-    path: &Path,
-    bytes: &[u8],
-    variable: Option<&str>,
-) -> Result<Content, DataError> {
-    let malformed = |what: String| DataError::Malformed {
-        file: path.into(),
-        what,
-    };
+pub(super) fn read_npz(path: &Path, bytes: &[u8], variable: Option<&str>) -> Result<Content, DataError> {
+    let malformed = |what: String| DataError::Malformed { file: path.into(), what };
     let unreadable = |e: ReadNpzError| malformed(format!("not a readable .npz archive: {e}"));
     let mut archive = NpzReader::new(Cursor::new(bytes)).map_err(unreadable)?;
     let names = archive.names().map_err(unreadable)?;
     let mut variables = Vec::new();
     for (index, name) in names.into_iter().enumerate() {
-        let member = Member {
-            archive: &mut archive,
-            index,
-        };
+        let member = Member { archive: &mut archive, index };
         let values = real(member).map_err(|e| malformed(format!("array `{name}`: {e}")))?;
         variables.push(match values {
             Some(values) => Variable::new(name, values, false),
@@ -37,10 +27,7 @@ pub(super) fn read_npz(
 
 /// Reads a single array; its columns are numbered.
 pub(super) fn read_npy(path: &Path, bytes: &[u8]) -> Result<Content, DataError> {
-    let malformed = |what: String| DataError::Malformed {
-        file: path.into(),
-        what,
-    };
+    let malformed = |what: String| DataError::Malformed { file: path.into(), what };
     let values = real(bytes)
         .map_err(|e| malformed(format!("not a readable .npy array: {e}")))?
         .ok_or_else(|| malformed("the array does not hold real numbers".into()))?;
@@ -119,34 +106,24 @@ mod tests {
         let bytes = archive(|npz| {
             npz.add_array("Fs", &arr0(400.0)).unwrap();
             npz.add_array("u", &array![1_i32, 2, 3]).unwrap();
-            npz.add_array("y", &array![[1.5_f32, 2.5], [3.5, 4.5], [5.5, 6.5]])
-                .unwrap();
+            npz.add_array("y", &array![[1.5_f32, 2.5], [3.5, 4.5], [5.5, 6.5]]).unwrap();
         });
         let content = parse(&bytes, None).unwrap();
         assert_eq!(content.names, ["u", "y1", "y2"]);
         assert_eq!(content.scalars["Fs"], 400.0);
-        assert_eq!(
-            content.columns,
-            array![[1.0, 1.5, 2.5], [2.0, 3.5, 4.5], [3.0, 5.5, 6.5]]
-        );
+        assert_eq!(content.columns, array![[1.0, 1.5, 2.5], [2.0, 3.5, 4.5], [3.0, 5.5, 6.5]]);
     }
 
     #[test]
     fn unequal_lengths_ask_for_a_choice() {
         let bytes = archive(|npz| {
             npz.add_array("long", &array![1.0, 2.0, 3.0]).unwrap();
-            npz.add_array("short", &array![[1.0, 2.0], [3.0, 4.0]])
-                .unwrap();
-            npz.add_array("cube", &Array3::<f64>::zeros((2, 2, 2)))
-                .unwrap();
+            npz.add_array("short", &array![[1.0, 2.0], [3.0, 4.0]]).unwrap();
+            npz.add_array("cube", &Array3::<f64>::zeros((2, 2, 2))).unwrap();
             npz.add_array("flags", &array![true, false]).unwrap();
         });
         let error = parse(&bytes, None).err().unwrap().to_string();
-        for said in [
-            "`long` (3)",
-            "`short` (2 x 2)",
-            "`cube` (2 x 2 x 2, unusable)",
-        ] {
+        for said in ["`long` (3)", "`short` (2 x 2)", "`cube` (2 x 2 x 2, unusable)"] {
             assert!(error.contains(said), "{error}");
         }
         assert_eq!(parse(&bytes, Some("short")).unwrap().names, ["1", "2"]);
@@ -158,9 +135,7 @@ mod tests {
     #[test]
     fn a_single_array_has_numbered_columns() {
         let mut bytes = Vec::new();
-        array![[1_u8, 2], [3, 4], [5, 6]]
-            .write_npy(&mut bytes)
-            .unwrap();
+        array![[1_u8, 2], [3, 4], [5, 6]].write_npy(&mut bytes).unwrap();
         let content = read_npy(Path::new("x.npy"), &bytes).unwrap();
         assert_eq!(content.names, ["1", "2"]);
         assert_eq!(content.columns, array![[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]);
@@ -170,14 +145,8 @@ mod tests {
     fn broken_archives_are_errors() {
         let bytes = archive(|npz| npz.add_array("u", &array![1.0, 2.0]).unwrap());
         for broken in [&bytes[..bytes.len() - 30], &b"PK\x03\x04rubbish"[..]] {
-            assert!(matches!(
-                parse(broken, None),
-                Err(DataError::Malformed { .. })
-            ));
+            assert!(matches!(parse(broken, None), Err(DataError::Malformed { .. })));
         }
-        assert!(matches!(
-            read_npy(Path::new("x.npy"), b"\x93NUMPY\x01\x00"),
-            Err(DataError::Malformed { .. })
-        ));
+        assert!(matches!(read_npy(Path::new("x.npy"), b"\x93NUMPY\x01\x00"), Err(DataError::Malformed { .. })));
     }
 }

@@ -3,14 +3,8 @@ use super::{DataError, Table, Warning};
 use ndarray::ArrayView1;
 
 /// Names of a scalar that holds the rate in Hz, in lower case.
-const RATE_NAMES: [&str; 6] = [
-    "fs",
-    "sample_rate",
-    "sample_rate_hz",
-    "samplerate",
-    "sampling_rate",
-    "sampling_frequency",
-];
+const RATE_NAMES: [&str; 6] =
+    ["fs", "sample_rate", "sample_rate_hz", "samplerate", "sampling_rate", "sampling_frequency"];
 
 /// The sample rate in Hz: the given one; else a scalar such as `Fs`; else a column of time
 /// (`t`, `time`, `Time_s`, `time [ms]`, ...); else 1 Hz with a warning.
@@ -22,27 +16,17 @@ pub fn sample_rate(table: &Table, given: Option<f64>) -> Result<(f64, Option<War
         if rate_hz > 0.0 && rate_hz.is_finite() {
             Ok((rate_hz, None))
         } else {
-            Err(DataError::BadRate {
-                file: table.source.clone(),
-                rate_hz,
-                origin,
-            })
+            Err(DataError::BadRate { file: table.source.clone(), rate_hz, origin })
         }
     };
     if let Some(rate) = given {
         return checked(rate, "as given".into());
     }
-    let scalar = table
-        .scalars
-        .iter()
-        .find(|(name, _)| RATE_NAMES.contains(&name.to_lowercase().as_str()));
+    let scalar = table.scalars.iter().find(|(name, _)| RATE_NAMES.contains(&name.to_lowercase().as_str()));
     if let Some((name, rate)) = scalar {
         return checked(*rate, format!("`{name}` in the file"));
     }
-    let time = table
-        .names
-        .iter()
-        .find_map(|name| Some((name, unit_of_time(name)?)));
+    let time = table.names.iter().find_map(|name| Some((name, unit_of_time(name)?)));
     if let Some((name, unit_s)) = time
         && let Some(values) = table.column(name)
     {
@@ -56,9 +40,7 @@ pub fn sample_rate(table: &Table, given: Option<f64>) -> Result<(f64, Option<War
 /// The unit in s of a column of time; `None` if the name is not that of time.
 fn unit_of_time(name: &str) -> Option<f64> {
     let name = name.to_lowercase();
-    let mut words = name
-        .split(|c: char| !c.is_alphanumeric())
-        .filter(|word| !word.is_empty());
+    let mut words = name.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty());
     if !matches!(words.next()?, "t" | "time") {
         return None;
     }
@@ -76,12 +58,7 @@ fn unit_of_time(name: &str) -> Option<f64> {
 /// Printed times are rounded, so single steps say little: each time must lie within a quarter
 /// of a step of the line from first to last. A sample that is lost anywhere puts some time at
 /// least half a step off that line.
-fn rate_of_time(
-    table: &Table,
-    name: &str,
-    time: ArrayView1<f64>,
-    unit_s: f64,
-) -> Result<f64, DataError> {
+fn rate_of_time(table: &Table, name: &str, time: ArrayView1<f64>, unit_s: f64) -> Result<f64, DataError> {
     if let Some(k) = time.iter().position(|t| !t.is_finite()) {
         return Err(DataError::NotFinite {
             file: table.source.clone(),
@@ -92,35 +69,22 @@ fn rate_of_time(
     }
     let last = time.len() - 1;
     if last == 0 {
-        return Err(DataError::OneSample {
-            file: table.source.clone(),
-        });
+        return Err(DataError::OneSample { file: table.source.clone() });
     }
     let step = (time[last] - time[0]) / last as f64;
-    let off_the_line = (0..=last)
-        .map(|k| (time[k] - time[0] - k as f64 * step).abs())
-        .fold(0.0, f64::max);
+    let off_the_line = (0..=last).map(|k| (time[k] - time[0] - k as f64 * step).abs()).fold(0.0, f64::max);
     if step > 0.0 && off_the_line <= 0.25 * step {
         let rate = 1.0 / (step * unit_s);
         // The rounding of the times leaves this much open; a whole number in it is meant.
         let open = rate * (2.0 * off_the_line / (step * last as f64) + 1e-12);
-        return Ok(if (rate - rate.round()).abs() <= open {
-            rate.round()
-        } else {
-            rate
-        });
+        return Ok(if (rate - rate.round()).abs() <= open { rate.round() } else { rate });
     }
     let steps: Vec<f64> = (1..=last).map(|k| time[k] - time[k - 1]).collect();
     let mut sorted = steps.clone();
     sorted.sort_by(f64::total_cmp);
     let median = sorted[sorted.len() / 2];
-    let worst = (0..steps.len())
-        .max_by(|&a, &b| {
-            (steps[a] - median)
-                .abs()
-                .total_cmp(&(steps[b] - median).abs())
-        })
-        .unwrap_or(0);
+    let worst =
+        (0..steps.len()).max_by(|&a, &b| (steps[a] - median).abs().total_cmp(&(steps[b] - median).abs())).unwrap_or(0);
     Err(DataError::UnevenTime {
         file: table.source.clone(),
         column: name.into(),
@@ -193,10 +157,7 @@ mod tests {
     #[test]
     fn rounded_times_give_the_rate_that_was_meant() {
         // 1600 Hz with four decimals: single steps are 0.0006 or 0.0007 s.
-        let rounded = times(1.0 / 1600.0)
-            .iter()
-            .map(|t| (t * 1e4).round() / 1e4)
-            .collect();
+        let rounded = times(1.0 / 1600.0).iter().map(|t| (t * 1e4).round() / 1e4).collect();
         assert_eq!(sample_rate(&table("t", rounded), None).unwrap().0, 1600.0);
         // A rate that is no whole number stays so.
         let (rate, _) = sample_rate(&table("t", times(1.0 / 610.35)), None).unwrap();

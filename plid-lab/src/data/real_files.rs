@@ -5,10 +5,8 @@ use std::path::{Path, PathBuf};
 
 /// A benchmark file under `$PLID_SHARED/real` (or `../shared/real` beside the workspace).
 pub(crate) fn real_file(name: &str) -> Option<PathBuf> {
-    let shared = std::env::var_os("PLID_SHARED").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"),
-        PathBuf::from,
-    );
+    let shared = std::env::var_os("PLID_SHARED")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"), PathBuf::from);
     let path = shared.join("real").join(name);
     if path.is_file() {
         Some(path)
@@ -29,19 +27,10 @@ fn f16_has_a_scalar_rate_and_trailing_commas() {
     };
     let table = read(&path, None).unwrap();
     assert_eq!(table.samples(), 73728);
-    assert_eq!(
-        table.names,
-        names("Force Voltage Acceleration1 Acceleration2 Acceleration3")
-    );
+    assert_eq!(table.names, names("Force Voltage Acceleration1 Acceleration2 Acceleration3"));
     assert_eq!(table.scalars["Fs"], 400.0);
-    let (record, warnings) = select(
-        &table,
-        &names("Force"),
-        &names("Acceleration1 Acceleration3"),
-        None,
-        MissingPolicy::Error,
-    )
-    .unwrap();
+    let (record, warnings) =
+        select(&table, &names("Force"), &names("Acceleration1 Acceleration3"), None, MissingPolicy::Error).unwrap();
     assert_eq!(record.sample_rate_hz, 400.0);
     assert_eq!(warnings, []);
     // The second row of the file.
@@ -57,14 +46,7 @@ fn daisy_mat_is_one_matrix() {
     let table = read(&path, None).unwrap();
     assert_eq!(table.columns.dim(), (8523, 30));
     assert_eq!(table.names[29], "30");
-    let (_, warnings) = select(
-        &table,
-        &names("1 2"),
-        &names("3 4 5"),
-        None,
-        MissingPolicy::Error,
-    )
-    .unwrap();
+    let (_, warnings) = select(&table, &names("1 2"), &names("3 4 5"), None, MissingPolicy::Error).unwrap();
     assert!(matches!(warnings[..], [Warning::RateAssumed { .. }]));
 }
 
@@ -75,10 +57,7 @@ fn daisy_ascii_has_numbered_columns() {
     };
     let table = read(&path, None).unwrap();
     assert_eq!(table.columns.dim(), (2048, 4));
-    assert_eq!(
-        table.columns.row(0).to_vec(),
-        [0.0531, -0.0313, 0.0495, 0.0342]
-    );
+    assert_eq!(table.columns.row(0).to_vec(), [0.0531, -0.0313, 0.0495, 0.0342]);
 }
 
 #[test]

@@ -38,12 +38,7 @@ pub fn require_alike(records: &[Record]) -> Result<(), DataError> {
         return Ok(());
     };
     for (i, other) in rest.iter().enumerate() {
-        let differs = |what: String| {
-            Err(DataError::RecordsDiffer {
-                record: i + 2,
-                what,
-            })
-        };
+        let differs = |what: String| Err(DataError::RecordsDiffer { record: i + 2, what });
         // A rate from a column of printed times is known to its rounding only.
         let (rate, expected) = (other.sample_rate_hz, first.sample_rate_hz);
         if (rate - expected).abs() > 1e-4 * expected {

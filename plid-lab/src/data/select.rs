@@ -50,11 +50,7 @@ pub fn select_all(
     for table in tables {
         let (record, more) = select(table, inputs, outputs, rate_hz, missing)?;
         records.push(record);
-        warnings.extend(
-            more.into_iter()
-                .filter(|w| !warnings.contains(w))
-                .collect::<Vec<_>>(),
-        );
+        warnings.extend(more.into_iter().filter(|w| !warnings.contains(w)).collect::<Vec<_>>());
     }
     require_alike(&records)?;
     Ok((records, warnings))
@@ -78,19 +74,11 @@ pub fn extract(
         }
     }
     let mut seen = HashSet::new();
-    if let Some(twice) = inputs
-        .iter()
-        .chain(outputs)
-        .find(|name| !seen.insert(*name))
-    {
-        return Err(DataError::RepeatedChannel {
-            channel: twice.clone(),
-        });
+    if let Some(twice) = inputs.iter().chain(outputs).find(|name| !seen.insert(*name)) {
+        return Err(DataError::RepeatedChannel { channel: twice.clone() });
     }
     if table.samples() < 2 {
-        return Err(DataError::OneSample {
-            file: table.source.clone(),
-        });
+        return Err(DataError::OneSample { file: table.source.clone() });
     }
     let (sample_rate_hz, warning) = sample_rate(table, rate_hz)?;
     let record = Record {
@@ -106,21 +94,15 @@ pub fn extract(
 }
 
 /// K x (number of names), each value checked.
-fn channels(
-    table: &Table,
-    names: &[String],
-    missing: MissingPolicy,
-) -> Result<Array2<f64>, DataError> {
+fn channels(table: &Table, names: &[String], missing: MissingPolicy) -> Result<Array2<f64>, DataError> {
     let mut out = Array2::zeros((table.samples(), names.len()));
     for (i, name) in names.iter().enumerate() {
-        let column = table
-            .column(name)
-            .ok_or_else(|| DataError::UnknownChannel {
-                file: table.source.clone(),
-                channel: name.clone(),
-                there: table.names.clone(),
-                suggestion: nearest(name, &table.names),
-            })?;
+        let column = table.column(name).ok_or_else(|| DataError::UnknownChannel {
+            file: table.source.clone(),
+            channel: name.clone(),
+            there: table.names.clone(),
+            suggestion: nearest(name, &table.names),
+        })?;
         let bad = |v: &f64| v.is_infinite() || (v.is_nan() && missing == MissingPolicy::Error);
         if let Some(k) = column.iter().position(bad) {
             return Err(DataError::NotFinite {
@@ -141,17 +123,10 @@ fn missing_samples(table: &Table, record: &Record) -> Result<Vec<Warning>, DataE
     for (name, column) in record.output_names.iter().zip(record.outputs.columns()) {
         let missing = column.iter().filter(|v| v.is_nan()).count();
         if missing == samples {
-            return Err(DataError::AllMissing {
-                file: table.source.clone(),
-                channel: name.clone(),
-            });
+            return Err(DataError::AllMissing { file: table.source.clone(), channel: name.clone() });
         }
         if missing > 0 {
-            warnings.push(Warning::MissingSamples {
-                channel: name.clone(),
-                missing,
-                samples,
-            });
+            warnings.push(Warning::MissingSamples { channel: name.clone(), missing, samples });
         }
     }
     Ok(warnings)
@@ -174,20 +149,13 @@ mod tests {
     }
 
     fn take(text: &str, missing: MissingPolicy) -> Result<(Record, Vec<Warning>), DataError> {
-        select(
-            &table(text),
-            &names("u"),
-            &names("y z"),
-            Some(10.0),
-            missing,
-        )
+        select(&table(text), &names("u"), &names("y z"), Some(10.0), missing)
     }
 
     #[test]
     fn channels_come_in_the_order_asked_for() {
         let t = table("z,u,y,Fs\n1,2,3,400\n4,5,6,\n7,8,10,\n");
-        let (record, warnings) =
-            select(&t, &names("u"), &names("y z"), None, MissingPolicy::Error).unwrap();
+        let (record, warnings) = select(&t, &names("u"), &names("y z"), None, MissingPolicy::Error).unwrap();
         assert_eq!(record.sample_rate_hz, 400.0);
         assert_eq!(record.outputs.row(2).to_vec(), [10.0, 7.0]);
         assert_eq!(record.inputs.column(0).to_vec(), [2.0, 5.0, 8.0]);
@@ -198,16 +166,10 @@ mod tests {
     #[test]
     fn unknown_and_repeated_channels_are_named() {
         let t = table("Force,Acceleration1\n1,2\n2,3\n");
-        let go = |i: &str, o: &str| {
-            select(&t, &names(i), &names(o), None, MissingPolicy::Error)
-                .unwrap_err()
-                .to_string()
-        };
+        let go =
+            |i: &str, o: &str| select(&t, &names(i), &names(o), None, MissingPolicy::Error).unwrap_err().to_string();
         let error = go("Force", "Aceleration1");
-        assert!(
-            error.contains("no channel `Aceleration1`, only Force, Acceleration1"),
-            "{error}"
-        );
+        assert!(error.contains("no channel `Aceleration1`, only Force, Acceleration1"), "{error}");
         assert!(error.contains("did you mean `Acceleration1`?"), "{error}");
         assert!(!go("Force", "xyz").contains("did you mean"));
         assert!(go("force", "Acceleration1").contains("did you mean `Force`?"));
@@ -225,11 +187,7 @@ mod tests {
         assert!(record.outputs[[1, 0]].is_nan());
         let y = || "y".to_owned();
         let expected = [
-            Warning::MissingSamples {
-                channel: y(),
-                missing: 2,
-                samples: 3,
-            },
+            Warning::MissingSamples { channel: y(), missing: 2, samples: 3 },
             Warning::ConstantOutput { channel: y() },
         ];
         assert_eq!(warnings, expected);
@@ -263,14 +221,9 @@ mod tests {
         let a = table("u,y,Fs\n1,2,100\n2,3,\n4,3,\n");
         let b = table("y,u,Fs\n1,2,100\n2,3,\n4,5,\n");
         let c = table("u,y,Fs\n1,2,200\n2,3,\n4,5,\n");
-        let go = |tables: &[Table]| {
-            select_all(tables, &names("u"), &names("y"), None, MissingPolicy::Error)
-        };
+        let go = |tables: &[Table]| select_all(tables, &names("u"), &names("y"), None, MissingPolicy::Error);
         assert_eq!(go(&[a.clone(), b]).unwrap().0.len(), 2);
         let error = go(&[a, c]).unwrap_err().to_string();
-        assert!(
-            error.contains("record 2") && error.contains("200 Hz"),
-            "{error}"
-        );
+        assert!(error.contains("record 2") && error.contains("200 Hz"), "{error}");
     }
 }

@@ -37,14 +37,8 @@ pub(super) struct Content {
 /// # Errors
 /// Says file, and line and column where there are such; see [`DataError`].
 pub fn read(path: &Path, variable: Option<&str>) -> Result<Table, DataError> {
-    let bytes = std::fs::read(path).map_err(|source| DataError::Io {
-        file: path.into(),
-        source,
-    })?;
-    let extension = path
-        .extension()
-        .map(|e| e.to_string_lossy().to_lowercase())
-        .unwrap_or_default();
+    let bytes = std::fs::read(path).map_err(|source| DataError::Io { file: path.into(), source })?;
+    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     let content = if bytes.is_empty() {
         Err(DataError::Empty { file: path.into() })
     } else if bytes.starts_with(b"PK\x03\x04") || extension == "npz" {
@@ -58,20 +52,14 @@ pub fn read(path: &Path, variable: Option<&str>) -> Result<Table, DataError> {
     }?;
     let mut seen = HashSet::new();
     if let Some(name) = content.names.iter().find(|name| !seen.insert(*name)) {
-        return Err(DataError::DuplicateColumn {
-            file: path.into(),
-            name: name.clone(),
-        });
+        return Err(DataError::DuplicateColumn { file: path.into(), name: name.clone() });
     }
     Ok(Table {
         source: path.into(),
         names: content.names,
         columns: content.columns,
         scalars: content.scalars,
-        sha256: Sha256::digest(&bytes)
-            .iter()
-            .map(|byte| format!("{byte:02x}"))
-            .collect(),
+        sha256: Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect(),
         lines: content.lines,
     })
 }
@@ -108,10 +96,7 @@ mod tests {
         std::fs::write(&path, "a,b\n1,2\n3,4\n").unwrap();
         let table = read(&path, None).unwrap();
         // printf 'a,b\n1,2\n3,4\n' | sha256sum
-        assert_eq!(
-            table.sha256,
-            "b9485148546419a0f6a85e8d708c923557c15d7f3c7d078ef1fa7f7c0f57d5a5"
-        );
+        assert_eq!(table.sha256, "b9485148546419a0f6a85e8d708c923557c15d7f3c7d078ef1fa7f7c0f57d5a5");
         assert_eq!(table.column("b").unwrap().to_vec(), [2.0, 4.0]);
         assert!(table.column("c").is_none());
     }

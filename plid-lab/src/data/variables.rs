@@ -25,26 +25,15 @@ impl Variable {
                 let samples = values.len();
                 values.into_shape_with_order((samples, 1)).ok()
             }
-            [1, _] if row_is_vector => values
-                .into_dimensionality::<Ix2>()
-                .ok()
-                .map(|m| m.reversed_axes()),
+            [1, _] if row_is_vector => values.into_dimensionality::<Ix2>().ok().map(|m| m.reversed_axes()),
             _ => values.into_dimensionality::<Ix2>().ok(),
         };
-        Self {
-            name,
-            shape,
-            matrix,
-        }
+        Self { name, shape, matrix }
     }
 
     /// A variable that can only be named.
     pub fn unusable(name: String, shape: Vec<usize>) -> Self {
-        Self {
-            name,
-            shape,
-            matrix: None,
-        }
+        Self { name, shape, matrix: None }
     }
 
     fn describe(&self) -> String {
@@ -66,11 +55,7 @@ impl Variable {
 /// Variables of one element are scalars. All others, or only the one that is chosen, must have
 /// the same number of rows. A lone matrix has numbered columns; else a vector has its own name
 /// and a matrix `y` the names `y1`, `y2`, ...
-pub(super) fn assemble(
-    path: &Path,
-    variables: &[Variable],
-    choice: Option<&str>,
-) -> Result<Content, DataError> {
+pub(super) fn assemble(path: &Path, variables: &[Variable], choice: Option<&str>) -> Result<Content, DataError> {
     let there = || {
         let all: Vec<String> = variables.iter().map(Variable::describe).collect();
         all.join(", ")
@@ -103,18 +88,12 @@ pub(super) fn assemble(
             what: if variables.is_empty() {
                 "there is no variable in it".into()
             } else {
-                format!(
-                    "there is no matrix or vector of real numbers in it, only {}",
-                    there()
-                )
+                format!("there is no matrix or vector of real numbers in it, only {}", there())
             },
         });
     };
     if parts.iter().any(|(_, matrix)| matrix.nrows() != samples) {
-        return Err(DataError::ChooseVariable {
-            file: path.into(),
-            there: there(),
-        });
+        return Err(DataError::ChooseVariable { file: path.into(), there: there() });
     }
     let alone = parts.len() == 1;
     let names = parts
@@ -129,15 +108,7 @@ pub(super) fn assemble(
         })
         .collect();
     let views: Vec<_> = parts.iter().map(|(_, matrix)| matrix.view()).collect();
-    let columns =
-        ndarray::concatenate(ndarray::Axis(1), &views).map_err(|e| DataError::Malformed {
-            file: path.into(),
-            what: e.to_string(),
-        })?;
-    Ok(Content {
-        names,
-        columns,
-        scalars,
-        lines: Vec::new(),
-    })
+    let columns = ndarray::concatenate(ndarray::Axis(1), &views)
+        .map_err(|e| DataError::Malformed { file: path.into(), what: e.to_string() })?;
+    Ok(Content { names, columns, scalars, lines: Vec::new() })
 }

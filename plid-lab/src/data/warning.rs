@@ -6,9 +6,7 @@ use serde::{Deserialize, Serialize};
 #[serde(tag = "warning", rename_all = "kebab-case")]
 pub enum Warning {
     /// Neither config nor file gives the sample rate.
-    #[error(
-        "{file} does not say its sample rate: 1 Hz is assumed, so all frequencies are per sample"
-    )]
+    #[error("{file} does not say its sample rate: 1 Hz is assumed, so all frequencies are per sample")]
     RateAssumed {
         /// The file.
         file: String,
@@ -52,9 +50,7 @@ pub enum Warning {
         wanted: usize,
     },
     /// The inputs excite, but some directions hardly.
-    #[error(
-        "the inputs are ill-conditioned over {depth} samples: condition number {condition:.1e}"
-    )]
+    #[error("the inputs are ill-conditioned over {depth} samples: condition number {condition:.1e}")]
     IllConditionedInput {
         /// Samples side by side in the block Hankel matrix.
         depth: usize,

@@ -174,9 +174,5 @@ pub fn tune(
         state: Bank::value(point.1),
         free_run: error.is_finite().then_some(error),
     };
-    Ok(Tuned {
-        noise: bank.noise(point),
-        best: trial((point, error)),
-        trials: scores.into_iter().map(trial).collect(),
-    })
+    Ok(Tuned { noise: bank.noise(point), best: trial((point, error)), trials: scores.into_iter().map(trial).collect() })
 }

@@ -5,13 +5,12 @@
 //! steady-state Kalman gains over a bank of state noise levels, then Gauss-Newton on K itself.
 
 use nalgebra::{DMatrix, DVector};
-use serde::{Deserialize, Serialize};
 
 use super::Samples;
 use crate::model::{Model, NoiseCovariances, steady_state_gain};
 
 /// A frozen predictor's gain.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Predictor {
     /// K, n x p.
     pub gain: DMatrix<f64>,
@@ -52,9 +51,9 @@ fn one_step(model: &Model, gain: &DMatrix<f64>, samples: Samples<'_>, x0: &DVect
     (sum.iter().zip(&count).map(|(s, &c)| s / (c.max(1)) as f64).collect(), x)
 }
 
-/// The sum of the logarithms of the variances: a factor on an output's error counts the same for each output.
+/// The logarithm of the mean square error over all outputs, which are scaled alike: what reports call the overall error.
 fn cost(variances: &[f64]) -> f64 {
-    variances.iter().map(|v| v.max(f64::MIN_POSITIVE).ln()).sum()
+    variances.iter().sum::<f64>().max(f64::MIN_POSITIVE).ln()
 }
 
 /// Fits the predictor gain of `model` on the training data. The last quarter decides between candidates.
@@ -155,7 +154,7 @@ fn gauss_newton(model: &Model, start: &DMatrix<f64>, learn: Samples<'_>, rest: &
                 rows.view_mut((0, j * n), (p, n)).copy_from(&(&model.c * &sensitivities[j]));
             }
             for i in 0..p {
-                let weight = if z[i].is_finite() { 1.0 / variances[i].sqrt() } else { 0.0 };
+                let weight = if z[i].is_finite() { 1.0 } else { 0.0 };
                 block.row_mut(filled).copy_from(&(rows.row(i) * weight));
                 targets[filled] = e[i] * weight;
                 filled += 1;

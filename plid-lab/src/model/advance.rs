@@ -15,15 +15,10 @@ use super::state_space::Model;
 /// [`ModelError::Needs`] if D is not zero (y_k would depend on u_{k+1}), [`ModelError::Shape`].
 pub fn undo_advance(model: &Model, first_input: Option<&[f64]>) -> Result<Model, ModelError> {
     if model.d.iter().any(|&d| d != 0.0) {
-        return Err(ModelError::Needs {
-            key: "D = 0",
-            purpose: "undoing the advance of the inputs",
-        });
+        return Err(ModelError::Needs { key: "D = 0", purpose: "undoing the advance of the inputs" });
     }
     let state = model.initial_state.as_ref().zip(first_input);
-    let initial_state = state
-        .map(|(x, u)| advanced_state(model, x, u))
-        .transpose()?;
+    let initial_state = state.map(|(x, u)| advanced_state(model, x, u)).transpose()?;
     Ok(Model {
         b: &model.a * &model.b,
         d: &model.c * &model.b,
@@ -38,11 +33,7 @@ pub fn undo_advance(model: &Model, first_input: Option<&[f64]>) -> Result<Model,
 ///
 /// # Errors
 /// [`ModelError::Shape`].
-pub fn advanced_state(
-    model: &Model,
-    state: &DVector<f64>,
-    input: &[f64],
-) -> Result<DVector<f64>, ModelError> {
+pub fn advanced_state(model: &Model, state: &DVector<f64>, input: &[f64]) -> Result<DVector<f64>, ModelError> {
     expect_shape("state", (model.n(), 1), state.shape())?;
     expect_shape("input", (model.m(), 1), (input.len(), 1))?;
     Ok(state - &model.b * DVector::from_column_slice(input))
@@ -92,9 +83,6 @@ mod tests {
     fn an_answer_to_the_future_is_refused() {
         let mut model = canonical(6, &[2], 1);
         model.d[(0, 0)] = 1.0;
-        assert!(matches!(
-            undo_advance(&model, None),
-            Err(ModelError::Needs { .. })
-        ));
+        assert!(matches!(undo_advance(&model, None), Err(ModelError::Needs { .. })));
     }
 }

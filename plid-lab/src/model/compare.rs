@@ -57,10 +57,7 @@ pub struct CompareOptions {
 
 impl Default for CompareOptions {
     fn default() -> Self {
-        Self {
-            start: Start::Rest,
-            score_from: 0,
-        }
+        Self { start: Start::Rest, score_from: 0 }
     }
 }
 
@@ -127,29 +124,17 @@ pub struct Comparison {
 ///
 /// # Errors
 /// [`ModelError::Rate`], [`ModelError::UnknownChannel`], [`ModelError::TooShort`], [`ModelError::NotFinite`] for an input.
-pub fn compare(
-    models: &[NamedModel],
-    records: &[Record],
-    options: CompareOptions,
-) -> Result<Comparison, ModelError> {
+pub fn compare(models: &[NamedModel], records: &[Record], options: CompareOptions) -> Result<Comparison, ModelError> {
     let mut trials = Vec::with_capacity(models.len() * records.len());
     for record in records {
         for model in models {
             trials.push(trial(model, record, options)?);
         }
     }
-    Ok(Comparison {
-        start: options.start,
-        score_from: options.score_from,
-        trials,
-    })
+    Ok(Comparison { start: options.start, score_from: options.score_from, trials })
 }
 
-fn trial(
-    named: &NamedModel,
-    record: &Record,
-    options: CompareOptions,
-) -> Result<Trial, ModelError> {
+fn trial(named: &NamedModel, record: &Record, options: CompareOptions) -> Result<Trial, ModelError> {
     let model = named.model;
     expect_same_rate(named, record)?;
     let inputs = pick(named, record, &model.inputs)?;
@@ -157,17 +142,12 @@ fn trial(
     let from = options.score_from;
     if record.values.nrows() <= from {
         let (record, samples) = (record.name.to_string(), record.values.nrows());
-        return Err(ModelError::TooShort {
-            record,
-            samples,
-            from,
-        });
+        return Err(ModelError::TooShort { record, samples, from });
     }
     let (u, y) = (inputs.view(), outputs.view());
     let scored = |run| score(model, run, &outputs, from);
-    let free_run = free_start(model, u, y, options.start)
-        .and_then(|start| simulate(model, u, &start))
-        .map(|run| run.outputs);
+    let free_run =
+        free_start(model, u, y, options.start).and_then(|start| simulate(model, u, &start)).map(|run| run.outputs);
     let one_step = model.predictor_gain.as_ref().map(|_| {
         prediction_start(model, u, y, options.start)
             .and_then(|start| one_step_prediction(model, u, y, &start))
@@ -186,20 +166,11 @@ fn expect_same_rate(named: &NamedModel, record: &Record) -> Result<(), ModelErro
     if (model_hz - record_hz).abs() <= SAME_RATE * model_hz {
         return Ok(());
     }
-    Err(ModelError::Rate {
-        record: record.name.to_string(),
-        record_hz,
-        model: named.name.to_string(),
-        model_hz,
-    })
+    Err(ModelError::Rate { record: record.name.to_string(), record_hz, model: named.name.to_string(), model_hz })
 }
 
 /// The columns of a record with the names given, in their order.
-fn pick(
-    named: &NamedModel,
-    record: &Record,
-    channels: &[String],
-) -> Result<Array2<f64>, ModelError> {
+fn pick(named: &NamedModel, record: &Record, channels: &[String]) -> Result<Array2<f64>, ModelError> {
     let columns: Vec<usize> = channels
         .iter()
         .map(|channel| {
@@ -222,12 +193,7 @@ fn pick(
     Ok(record.values.select(Axis(1), &columns))
 }
 
-fn free_start(
-    model: &Model,
-    u: ArrayView2<f64>,
-    y: ArrayView2<f64>,
-    start: Start,
-) -> Result<DVector<f64>, ModelError> {
+fn free_start(model: &Model, u: ArrayView2<f64>, y: ArrayView2<f64>, start: Start) -> Result<DVector<f64>, ModelError> {
     match start {
         Start::Rest => Ok(model.rest()),
         Start::Fitted { window } => Ok(estimate_initial_state(model, u, y, window)?.state),
@@ -260,17 +226,13 @@ fn score(
         }
         Err(other) => return Err(other),
     };
-    let outputs: Vec<OutputScore> = (0..model.p())
-        .map(|i| output_score(&model.outputs[i], run.column(i), measured.column(i), from))
-        .collect();
+    let outputs: Vec<OutputScore> =
+        (0..model.p()).map(|i| output_score(&model.outputs[i], run.column(i), measured.column(i), from)).collect();
     // With each output scaled to unit RMS the whole is the mean square of the parts.
     let parts: Vec<f64> = outputs.iter().filter_map(|s| s.relative_rms).collect();
     let mean = parts.iter().map(|x| x * x).sum::<f64>() / parts.len() as f64;
     let relative_rms = (!parts.is_empty()).then(|| mean.sqrt());
-    Ok(Run::Scored {
-        outputs,
-        relative_rms,
-    })
+    Ok(Run::Scored { outputs, relative_rms })
 }
 
 fn output_score(
@@ -279,12 +241,7 @@ fn output_score(
     measured: ndarray::ArrayView1<f64>,
     from: usize,
 ) -> OutputScore {
-    let pairs = || {
-        run.into_iter()
-            .zip(measured)
-            .skip(from)
-            .filter(|(_, y)| !y.is_nan())
-    };
+    let pairs = || run.into_iter().zip(measured).skip(from).filter(|(_, y)| !y.is_nan());
     let samples = pairs().count();
     let count = samples as f64;
     let mean = pairs().map(|(_, y)| y).sum::<f64>() / count;
@@ -322,20 +279,12 @@ mod tests {
     }
 
     fn on<'a>(channels: &'a [String], values: &'a Array2<f64>) -> Record<'a> {
-        Record {
-            name: "held-out",
-            sample_rate_hz: 100.0,
-            channels,
-            values: values.view(),
-        }
+        Record { name: "held-out", sample_rate_hz: 100.0, channels, values: values.view() }
     }
 
     fn scored(run: &Run) -> (&[OutputScore], f64) {
         match run {
-            Run::Scored {
-                outputs,
-                relative_rms,
-            } => (outputs, relative_rms.unwrap()),
+            Run::Scored { outputs, relative_rms } => (outputs, relative_rms.unwrap()),
             Run::Diverged { .. } => panic!("{run:?}"),
         }
     }
@@ -349,14 +298,8 @@ mod tests {
         values.column_mut(0).mapv_inplace(|y| y + 2.0);
         values.column_mut(1).mapv_inplace(|y| y / 0.95);
         values[(7, 1)] = f64::NAN;
-        let named = NamedModel {
-            name: "m",
-            model: &model,
-        };
-        let options = CompareOptions {
-            score_from: 3,
-            ..CompareOptions::default()
-        };
+        let named = NamedModel { name: "m", model: &model };
+        let options = CompareOptions { score_from: 3, ..CompareOptions::default() };
         let table = compare(&[named], &[on(&channels, &values)], options).unwrap();
         let (outputs, all) = scored(&table.trials[0].free_run);
         assert_relative_eq!(outputs[1].relative_rms.unwrap(), 0.05, max_relative = 1e-9);
@@ -366,11 +309,7 @@ mod tests {
         let fit = 100.0 * (1.0 - 2.0 / spread);
         assert_relative_eq!(outputs[0].fit_percent.unwrap(), fit, max_relative = 1e-9);
         let first = outputs[0].relative_rms.unwrap();
-        assert_relative_eq!(
-            all,
-            ((first * first + 0.0025) / 2.0).sqrt(),
-            max_relative = 1e-9
-        );
+        assert_relative_eq!(all, ((first * first + 0.0025) / 2.0).sqrt(), max_relative = 1e-9);
         assert!(table.trials[0].one_step.is_none());
     }
 
@@ -380,20 +319,11 @@ mod tests {
         model.predictor_gain = Some(random(9, 4, 2) * 0.1);
         let (channels, values) = measured(&model, &DVector::from_element(4, 3.0));
         let run = |start| {
-            let named = NamedModel {
-                name: "m",
-                model: &model,
-            };
-            let options = CompareOptions {
-                start,
-                score_from: 0,
-            };
+            let named = NamedModel { name: "m", model: &model };
+            let options = CompareOptions { start, score_from: 0 };
             let table = compare(&[named], &[on(&channels, &values)], options).unwrap();
             let trial = &table.trials[0];
-            (
-                scored(&trial.free_run).1,
-                scored(trial.one_step.as_ref().unwrap()).1,
-            )
+            (scored(&trial.free_run).1, scored(trial.one_step.as_ref().unwrap()).1)
         };
         let rest = run(Start::Rest);
         assert!(rest.0 > 0.1 && rest.1 > 1e-3);
@@ -426,52 +356,30 @@ mod tests {
         let (channels, mut values) = measured(&model, &model.rest());
         values.column_mut(0).fill(0.1);
         values.column_mut(1).fill(f64::NAN);
-        let named = NamedModel {
-            name: "m",
-            model: &model,
-        };
-        let table = compare(
-            &[named],
-            &[on(&channels, &values)],
-            CompareOptions::default(),
-        );
+        let named = NamedModel { name: "m", model: &model };
+        let table = compare(&[named], &[on(&channels, &values)], CompareOptions::default());
         let table = table.unwrap();
         let (outputs, all) = scored(&table.trials[0].free_run);
         assert_relative_eq!(all, 1.0, max_relative = 1e-12);
         assert_eq!(outputs[0].fit_percent, None);
         let empty = &outputs[1];
-        assert_eq!(
-            (empty.samples, empty.rms_error, empty.relative_rms),
-            (0, None, None)
-        );
+        assert_eq!((empty.samples, empty.rms_error, empty.relative_rms), (0, None, None));
     }
 
     #[test]
     fn what_does_not_match_is_named() {
         let model = two_modes();
         let (mut channels, values) = measured(&model, &model.rest());
-        let named = [NamedModel {
-            name: "m",
-            model: &model,
-        }];
+        let named = [NamedModel { name: "m", model: &model }];
         let run = |record: Record, score_from| {
-            let options = CompareOptions {
-                score_from,
-                ..CompareOptions::default()
-            };
+            let options = CompareOptions { score_from, ..CompareOptions::default() };
             compare(&named, &[record], options).unwrap_err()
         };
         let late = run(on(&channels, &values), 400);
         assert!(matches!(late, ModelError::TooShort { samples: 400, .. }));
         let mut slow = on(&channels, &values);
         slow.sample_rate_hz = 50.0;
-        assert!(matches!(
-            run(slow, 0),
-            ModelError::Rate {
-                record_hz: 50.0,
-                ..
-            }
-        ));
+        assert!(matches!(run(slow, 0), ModelError::Rate { record_hz: 50.0, .. }));
         channels[1] = "other".into();
         let error = run(on(&channels, &values), 0);
         assert!(matches!(&error, ModelError::UnknownChannel { channel, .. } if channel == "y2"));

@@ -27,28 +27,20 @@ pub(super) fn balance(a: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
 /// The eigenvalues of A, in the library's order.
 pub(super) fn eigenvalues(a: &DMatrix<f64>) -> Result<Vec<Complex<f64>>, ModelError> {
     let (balanced, _) = balance(a);
-    library(&balanced)
-        .eigenvalues()
-        .map_err(|_| ModelError::Eigenvalues)
+    library(&balanced).eigenvalues().map_err(|_| ModelError::Eigenvalues)
 }
 
 /// Eigenvalues and eigenvectors of A.
 pub(super) fn eigen(a: &DMatrix<f64>) -> Result<Eigen, ModelError> {
     let n = a.nrows();
     let (balanced, scale) = balance(a);
-    let found = library(&balanced)
-        .eigen()
-        .map_err(|_| ModelError::Eigenvalues)?;
+    let found = library(&balanced).eigen().map_err(|_| ModelError::Eigenvalues)?;
     let values = found.S().column_vector().iter().copied().collect();
     let vectors = DMatrix::from_fn(n, n, |i, j| found.U()[(i, j)]);
     let left = vectors.clone().try_inverse();
     let left = left.map(|l| DMatrix::from_fn(n, n, |i, j| l[(i, j)] / scale[j]));
     let right = DMatrix::from_fn(n, n, |i, j| vectors[(i, j)] * scale[i]);
-    Ok(Eigen {
-        values,
-        right,
-        left,
-    })
+    Ok(Eigen { values, right, left })
 }
 
 fn library(a: &DMatrix<f64>) -> faer::Mat<f64> {

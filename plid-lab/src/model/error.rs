@@ -87,9 +87,7 @@ pub enum ModelError {
         purpose: &'static str,
     },
     /// The model is not in observable canonical form, so that its parameter covariance has no meaning.
-    #[error(
-        "the model is not in the observable canonical form of its indices: `{key}` departs from it"
-    )]
+    #[error("the model is not in the observable canonical form of its indices: `{key}` departs from it")]
     NotCanonical {
         /// `A` or `C`.
         key: &'static str,
@@ -204,9 +202,5 @@ pub(super) fn expect_shape(
     if expected == found {
         return Ok(());
     }
-    Err(ModelError::Shape {
-        what,
-        expected,
-        found,
-    })
+    Err(ModelError::Shape { what, expected, found })
 }

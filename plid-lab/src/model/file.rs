@@ -33,20 +33,14 @@ impl Model {
     }
 
     fn text(&self) -> String {
-        let lines: Vec<String> = self
-            .entries()
-            .into_iter()
-            .map(|(key, value)| format!("\"{key}\": {value}"))
-            .collect();
+        let lines: Vec<String> = self.entries().into_iter().map(|(key, value)| format!("\"{key}\": {value}")).collect();
         format!("{{\n{}\n}}\n", lines.join(",\n"))
     }
 }
 
 /// Writes beside the file and renames, so that no reader meets half a file.
 fn write_whole(path: &Path, text: &str) -> io::Result<()> {
-    let name = path
-        .file_name()
-        .ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "not a file name"))?;
+    let name = path.file_name().ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "not a file name"))?;
     let mut beside = name.to_os_string();
     beside.push(format!(".{}.part", std::process::id()));
     let part = path.with_file_name(beside);
@@ -82,18 +76,12 @@ mod tests {
         let (n, p) = (model.n(), model.p());
         let root = random(seed + 1, (p + m) * n, (p + m) * n);
         model.d = random(seed + 2, p, m);
-        model.noise = Noise {
-            sensor_std: Some(vec![0.1; p]),
-            actuator_std: Some(vec![1.0 / 3.0; m]),
-        };
+        model.noise = Noise { sensor_std: Some(vec![0.1; p]), actuator_std: Some(vec![1.0 / 3.0; m]) };
         model.predictor_gain = Some(random(seed + 3, n, p));
         model.parameter_covariance = Some(&root * root.transpose());
         model.initial_state = Some(DVector::from_element(n, -1e-300));
         model.provenance = json!({"b": 0.1, "a": [1, "x", null]}).as_object().cloned();
-        model.continuous = Some(Continuous {
-            a: random(seed + 4, n, n) * 1e6,
-            b: random(seed + 5, n, m),
-        });
+        model.continuous = Some(Continuous { a: random(seed + 4, n, n) * 1e6, b: random(seed + 5, n, m) });
         model.ports = vec![Port {
             name: "strut".into(),
             input: Some("u1".into()),
@@ -111,11 +99,7 @@ mod tests {
 
     fn key_error(value: &Value) -> (String, KeyProblem) {
         match reread(value) {
-            Err(ModelError::Key {
-                place,
-                key,
-                problem,
-            }) => {
+            Err(ModelError::Key { place, key, problem }) => {
                 assert_eq!(place, "m.json");
                 (key, problem)
             }
@@ -167,22 +151,13 @@ mod tests {
         let shape = |expected, found| KeyProblem::Shape { expected, found };
         assert_eq!(with("A", Value::Null), ("A".into(), KeyProblem::Missing));
         assert_eq!(with("A", json!([])).0, "A");
-        assert_eq!(
-            with("B", json!([[1, 2]])),
-            ("B".into(), shape((3, 2), (1, 2)))
-        );
-        assert_eq!(
-            with("B", json!([[1, 2], [1], [1, 2]])),
-            ("B[1]".into(), shape((1, 2), (1, 1)))
-        );
+        assert_eq!(with("B", json!([[1, 2]])), ("B".into(), shape((3, 2), (1, 2))));
+        assert_eq!(with("B", json!([[1, 2], [1], [1, 2]])), ("B[1]".into(), shape((1, 2), (1, 1))));
         assert_eq!(with("C", json!([[1, 2, null], [1, 2, 3]])).0, "C[0][2]");
         assert_eq!(with("D", json!([[1, 2]])).0, "D");
         assert_eq!(with("predictor_gain", json!([[1]])).0, "predictor_gain");
         assert_eq!(with("initial_state", json!([1])).0, "initial_state");
-        assert_eq!(
-            with("parameter_covariance", json!([[1]])).0,
-            "parameter_covariance"
-        );
+        assert_eq!(with("parameter_covariance", json!([[1]])).0, "parameter_covariance");
         let indices = "observability_indices";
         assert_eq!(with(indices, json!([1, 1])).0, indices);
         assert_eq!(with(indices, json!([3, 0])).0, indices);
@@ -192,12 +167,10 @@ mod tests {
         assert_eq!(with("outputs", json!(["a", 3])).0, "outputs[1]");
         assert_eq!(with("format", json!("arx")).0, "format");
         assert_eq!(with("provenance", json!(3)).0, "provenance");
-        assert_eq!(
-            with("noise", json!({"sensor_std": [1, -1]})).0,
-            "noise.sensor_std[1]"
-        );
+        assert_eq!(with("noise", json!({"sensor_std": [1, -1]})).0, "noise.sensor_std[1]");
         assert_eq!(with("continuous", json!({"A": [[1]]})).0, "continuous.B");
-        let port = json!({"name": "p", "input": "u9", "force": [1, 2, 3], "displacement": [1, 2, 3], "velocity": [1, 2, 3]});
+        let port =
+            json!({"name": "p", "input": "u9", "force": [1, 2, 3], "displacement": [1, 2, 3], "velocity": [1, 2, 3]});
         assert_eq!(with("ports", json!([port])).0, "ports[0].input");
     }
 
@@ -210,10 +183,7 @@ mod tests {
             fs::write(&path, text).unwrap();
             let error = Model::read(&path).unwrap_err();
             let wanted = usize::from(!text.is_empty()) + 1;
-            assert!(
-                matches!(error, ModelError::Syntax { line, .. } if line == wanted),
-                "{error}"
-            );
+            assert!(matches!(error, ModelError::Syntax { line, .. } if line == wanted), "{error}");
         }
         fs::write(&path, "[1]").unwrap();
         assert!(matches!(Model::read(&path), Err(ModelError::Key { .. })));

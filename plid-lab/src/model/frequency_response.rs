@@ -17,11 +17,7 @@ pub struct FrequencyResponse {
 impl FrequencyResponse {
     /// Prepares a model.
     pub fn of(model: &Model) -> Self {
-        Self {
-            reduced: HessenbergModel::of(model),
-            through: model.d.map(Complex::from),
-            rate: model.sample_rate_hz,
-        }
+        Self { reduced: HessenbergModel::of(model), through: model.d.map(Complex::from), rate: model.sample_rate_hz }
     }
 
     /// H = C (z I - A)^{-1} B + D (p x m) at z = exp(2 pi i hz / rate).
@@ -39,10 +35,7 @@ impl FrequencyResponse {
 ///
 /// # Errors
 /// [`ModelError::Frequency`] for a frequency outside 0 to half the sample rate.
-pub fn frequency_response(
-    model: &Model,
-    hz: &[f64],
-) -> Result<Vec<DMatrix<Complex<f64>>>, ModelError> {
+pub fn frequency_response(model: &Model, hz: &[f64]) -> Result<Vec<DMatrix<Complex<f64>>>, ModelError> {
     expect_frequencies(model, hz)?;
     let response = FrequencyResponse::of(model);
     Ok(hz.iter().map(|&f| response.at(f)).collect())
@@ -57,9 +50,7 @@ pub(super) fn on_circle(hz: f64, rate: f64) -> Complex<f64> {
 pub(super) fn expect_frequencies(model: &Model, hz: &[f64]) -> Result<(), ModelError> {
     let nyquist = model.sample_rate_hz / 2.0;
     // Half a grid step of rounding must not turn the last frequency of a grid into an error.
-    let bad = hz
-        .iter()
-        .find(|&&f| !(0.0..=nyquist * (1.0 + 1e-9)).contains(&f));
+    let bad = hz.iter().find(|&&f| !(0.0..=nyquist * (1.0 + 1e-9)).contains(&f));
     bad.map_or(Ok(()), |&hz| Err(ModelError::Frequency { hz, nyquist }))
 }
 
@@ -76,20 +67,14 @@ mod tests {
     fn a_lag_has_its_closed_form() {
         let one = |x| DMatrix::from_element(1, 1, x);
         let model = Model::new(10.0, one(0.8), one(2.0), one(3.0), one(0.5)).unwrap();
-        for (hz, h) in [0.0, 1.3, 5.0]
-            .into_iter()
-            .zip(frequency_response(&model, &[0.0, 1.3, 5.0]).unwrap())
-        {
+        for (hz, h) in [0.0, 1.3, 5.0].into_iter().zip(frequency_response(&model, &[0.0, 1.3, 5.0]).unwrap()) {
             let z = Complex::cis(TAU * hz / 10.0);
             let closed = 6.0 / (z - 0.8) + 0.5;
             assert_relative_eq!(h[(0, 0)].re, closed.re, max_relative = 1e-13);
             assert_relative_eq!(h[(0, 0)].im, closed.im, epsilon = 1e-13);
         }
         for bad in [-1.0, 5.1, f64::NAN] {
-            assert!(matches!(
-                frequency_response(&model, &[bad]),
-                Err(ModelError::Frequency { .. })
-            ));
+            assert!(matches!(frequency_response(&model, &[bad]), Err(ModelError::Frequency { .. })));
         }
     }
 
@@ -103,9 +88,8 @@ mod tests {
         for hz in [0.0, 7.0, 33.3, 50.0] {
             let h = &frequency_response(&model, &[hz]).unwrap()[0];
             for i in 0..2 {
-                let sum: Complex<f64> = (0..1500)
-                    .map(|k| Complex::cis(-TAU * hz / 100.0 * k as f64) * run.outputs[(k, i)])
-                    .sum();
+                let sum: Complex<f64> =
+                    (0..1500).map(|k| Complex::cis(-TAU * hz / 100.0 * k as f64) * run.outputs[(k, i)]).sum();
                 assert!((sum - h[(i, 1)]).norm() < 1e-10);
             }
         }

@@ -16,19 +16,10 @@ pub(super) struct HessenbergModel {
 impl HessenbergModel {
     pub fn of(model: &Model) -> Self {
         let (balanced, scale) = balance(&model.a);
-        let (q, h) = if model.n() == 1 {
-            (DMatrix::identity(1, 1), balanced)
-        } else {
-            balanced.hessenberg().unpack()
-        };
+        let (q, h) = if model.n() == 1 { (DMatrix::identity(1, 1), balanced) } else { balanced.hessenberg().unpack() };
         let change = DMatrix::from_fn(model.n(), model.n(), |i, j| scale[i] * q[(i, j)]);
         let inverse = DMatrix::from_fn(model.n(), model.n(), |i, j| q[(j, i)] / scale[j]);
-        Self {
-            h,
-            b: (&inverse * &model.b).map(Complex::from),
-            c: (&model.c * change).map(Complex::from),
-            inverse,
-        }
+        Self { h, b: (&inverse * &model.b).map(Complex::from), c: (&model.c * change).map(Complex::from), inverse }
     }
 
     /// C (z I - A)^{-1} B (p x m). Where z is a pole the result is very large or not finite.
@@ -135,19 +126,12 @@ mod tests {
         let mut wild = canonical(5, &[3, 2, 2], 2);
         wild.a.row_mut(0).scale_mut(1e6);
         wild.a.column_mut(0).scale_mut(1e-6);
-        let one = Model::new(
-            1.0,
-            random(1, 1, 1),
-            random(2, 1, 2),
-            random(3, 2, 1),
-            random(4, 2, 2),
-        );
+        let one = Model::new(1.0, random(1, 1, 1), random(2, 1, 2), random(3, 2, 1), random(4, 2, 2));
         for model in [canonical(3, &[4, 3], 2), two_modes(), wild, one.unwrap()] {
             let fast = HessenbergModel::of(&model);
             for angle in [0.0, 0.4, 1.9, std::f64::consts::PI] {
                 let z = Complex::from_polar(1.0, angle);
-                let shifted =
-                    DMatrix::identity(model.n(), model.n()) * z - model.a.map(Complex::from);
+                let shifted = DMatrix::identity(model.n(), model.n()) * z - model.a.map(Complex::from);
                 let rows = model.c.map(Complex::from) * shifted.try_inverse().unwrap();
                 let transfer = &rows * model.b.map(Complex::from);
                 let close = |a: DMatrix<Complex<f64>>, b: &DMatrix<Complex<f64>>| {

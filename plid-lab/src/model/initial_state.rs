@@ -61,11 +61,7 @@ pub fn estimate_initial_state(
         forced = &model.a * forced + &model.b * u;
     }
     let (state, rank) = fit.solve();
-    Ok(InitialState {
-        state,
-        samples,
-        rank,
-    })
+    Ok(InitialState { state, samples, rank })
 }
 
 /// As [`estimate_initial_state`], for the one-step prediction: minimises the innovations over the window.
@@ -82,9 +78,7 @@ pub fn estimate_predictor_state(
     let predictor = predictor(model)?;
     expect_outputs(model, outputs, inputs.nrows())?;
     expect_shape("inputs", (inputs.nrows(), model.m()), inputs.dim())?;
-    let missing = outputs
-        .outer_iter()
-        .position(|y| y.iter().any(|y| y.is_nan()));
+    let missing = outputs.outer_iter().position(|y| y.iter().any(|y| y.is_nan()));
     let whole = missing.unwrap_or(outputs.nrows());
     let window = whole.min(window.unwrap_or(whole));
     let both = concatenate![
@@ -151,10 +145,7 @@ impl Triangle {
                 rank += 1;
             }
         }
-        solution
-            .iter_mut()
-            .enumerate()
-            .for_each(|(j, x)| *x *= scale(j));
+        solution.iter_mut().enumerate().for_each(|(j, x)| *x *= scale(j));
         (solution, rank)
     }
 }

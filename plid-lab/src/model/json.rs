@@ -73,29 +73,12 @@ impl Model {
         entries.push(("noise", Value::Object(noise)));
         let optional = [
             ("predictor_gain", self.predictor_gain.as_ref().map(rows)),
-            (
-                "observability_indices",
-                self.observability_indices.as_ref().map(|x| json!(x)),
-            ),
-            (
-                "parameter_covariance",
-                self.parameter_covariance.as_ref().map(rows),
-            ),
-            (
-                "initial_state",
-                self.initial_state.as_ref().map(|x| json!(x.as_slice())),
-            ),
+            ("observability_indices", self.observability_indices.as_ref().map(|x| json!(x))),
+            ("parameter_covariance", self.parameter_covariance.as_ref().map(rows)),
+            ("initial_state", self.initial_state.as_ref().map(|x| json!(x.as_slice()))),
             ("provenance", self.provenance.clone().map(Value::Object)),
-            (
-                "continuous",
-                self.continuous
-                    .as_ref()
-                    .map(|x| json!({"A": rows(&x.a), "B": rows(&x.b)})),
-            ),
-            (
-                "ports",
-                (!self.ports.is_empty()).then(|| self.ports.iter().map(port_json).collect()),
-            ),
+            ("continuous", self.continuous.as_ref().map(|x| json!({"A": rows(&x.a), "B": rows(&x.b)}))),
+            ("ports", (!self.ports.is_empty()).then(|| self.ports.iter().map(port_json).collect())),
         ];
         entries.extend(optional.into_iter().filter_map(|(k, v)| Some((k, v?))));
         entries
@@ -103,10 +86,7 @@ impl Model {
 }
 
 fn rows(matrix: &DMatrix<f64>) -> Value {
-    matrix
-        .row_iter()
-        .map(|row| row.iter().copied().collect::<Value>())
-        .collect()
+    matrix.row_iter().map(|row| row.iter().copied().collect::<Value>()).collect()
 }
 
 fn port_json(port: &Port) -> Value {
@@ -135,21 +115,11 @@ struct Keys<'a> {
 
 impl<'a> Keys<'a> {
     fn of(value: &'a Value, place: &'a str, key: &str) -> Result<Self, ModelError> {
-        let kind = KeyProblem::Kind {
-            expected: "an object",
-        };
+        let kind = KeyProblem::Kind { expected: "an object" };
         let name = if key.is_empty() { "(all)" } else { key };
         let object = value.as_object().ok_or_else(|| at(place, name, kind))?;
-        let prefix = if key.is_empty() {
-            String::new()
-        } else {
-            format!("{key}.")
-        };
-        Ok(Self {
-            object,
-            place,
-            prefix,
-        })
+        let prefix = if key.is_empty() { String::new() } else { format!("{key}.") };
+        Ok(Self { object, place, prefix })
     }
 
     fn inner(&self, value: &'a Value, key: &str) -> Result<Keys<'a>, ModelError> {
@@ -168,8 +138,7 @@ impl<'a> Keys<'a> {
 
     fn need(&self, key: &str) -> Result<&'a Value, ModelError> {
         let name = || format!("{}{key}", self.prefix);
-        self.get(key)
-            .ok_or_else(|| at(self.place, name(), KeyProblem::Missing))
+        self.get(key).ok_or_else(|| at(self.place, name(), KeyProblem::Missing))
     }
 
     fn number(&self, value: &Value, key: &str) -> Result<f64, ModelError> {
@@ -182,16 +151,13 @@ impl<'a> Keys<'a> {
 
     fn list(&self, value: &'a Value, key: &str) -> Result<Vec<f64>, ModelError> {
         let items = self.array(value, key)?.iter().enumerate();
-        items
-            .map(|(i, x)| self.number(x, &format!("{key}[{i}]")))
-            .collect()
+        items.map(|(i, x)| self.number(x, &format!("{key}[{i}]"))).collect()
     }
 
     fn matrix(&self, value: &'a Value, key: &str) -> Result<DMatrix<f64>, ModelError> {
         let lists = self.array(value, key)?.iter().enumerate();
-        let rows: Vec<Vec<f64>> = lists
-            .map(|(i, row)| self.list(row, &format!("{key}[{i}]")))
-            .collect::<Result<_, _>>()?;
+        let rows: Vec<Vec<f64>> =
+            lists.map(|(i, row)| self.list(row, &format!("{key}[{i}]"))).collect::<Result<_, _>>()?;
         let columns = rows.first().map_or(0, Vec::len);
         for (i, row) in rows.iter().enumerate() {
             if row.len() != columns {
@@ -220,9 +186,7 @@ impl<'a> Keys<'a> {
 
     fn names(&self, key: &str) -> Result<Vec<String>, ModelError> {
         let items = self.array(self.need(key)?, key)?.iter().enumerate();
-        items
-            .map(|(i, x)| self.string(x, &format!("{key}[{i}]")))
-            .collect()
+        items.map(|(i, x)| self.string(x, &format!("{key}[{i}]"))).collect()
     }
 
     fn noise(&self) -> Result<Noise, ModelError> {
@@ -230,10 +194,7 @@ impl<'a> Keys<'a> {
             return Ok(Noise::default());
         };
         let keys = self.inner(value, "noise")?;
-        Ok(Noise {
-            sensor_std: keys.optional_list("sensor_std")?,
-            actuator_std: keys.optional_list("actuator_std")?,
-        })
+        Ok(Noise { sensor_std: keys.optional_list("sensor_std")?, actuator_std: keys.optional_list("actuator_std")? })
     }
 
     fn indices(&self) -> Result<Option<Vec<usize>>, ModelError> {
@@ -250,9 +211,7 @@ impl<'a> Keys<'a> {
     fn provenance(&self) -> Result<Option<Map<String, Value>>, ModelError> {
         let key = "provenance";
         let object = |x: &Value| x.as_object().cloned();
-        self.get(key)
-            .map(|x| object(x).ok_or_else(|| self.kind(key, "an object")))
-            .transpose()
+        self.get(key).map(|x| object(x).ok_or_else(|| self.kind(key, "an object"))).transpose()
     }
 
     fn continuous(&self) -> Result<Option<Continuous>, ModelError> {
@@ -260,10 +219,7 @@ impl<'a> Keys<'a> {
             return Ok(None);
         };
         let keys = self.inner(value, "continuous")?;
-        Ok(Some(Continuous {
-            a: keys.matrix(keys.need("A")?, "A")?,
-            b: keys.matrix(keys.need("B")?, "B")?,
-        }))
+        Ok(Some(Continuous { a: keys.matrix(keys.need("A")?, "A")?, b: keys.matrix(keys.need("B")?, "B")? }))
     }
 
     fn ports(&self) -> Result<Vec<Port>, ModelError> {

@@ -26,11 +26,7 @@ impl NoiseCovariances {
     /// Process and sensor noise that are independent of each other.
     pub fn independent(process: DMatrix<f64>, sensor: DMatrix<f64>) -> Self {
         let cross = DMatrix::zeros(process.nrows(), sensor.nrows());
-        Self {
-            process,
-            sensor,
-            cross,
-        }
+        Self { process, sensor, cross }
     }
 
     /// An error unless the sizes are the model's and the whole is a covariance.
@@ -46,8 +42,7 @@ impl NoiseCovariances {
         all.view_mut((0, 0), (n, n)).copy_from(&self.process);
         all.view_mut((n, n), (p, p)).copy_from(&self.sensor);
         all.view_mut((0, n), (n, p)).copy_from(&self.cross);
-        all.view_mut((n, 0), (p, n))
-            .copy_from(&self.cross.transpose());
+        all.view_mut((n, 0), (p, n)).copy_from(&self.cross.transpose());
         expect_covariance("the joint noise", &all)
     }
 }
@@ -106,12 +101,7 @@ pub fn kalman_filter(
         covariance = seen.next_covariance(model, noise, &covariance, &gain);
         state = &model.a * state + &model.b * u + gain * error;
     }
-    Ok(Filtered {
-        innovations,
-        innovation_std,
-        final_state: state,
-        final_covariance: covariance,
-    })
+    Ok(Filtered { innovations, innovation_std, final_state: state, final_covariance: covariance })
 }
 
 /// The parts of C, R and S that belong to the outputs that are there.
@@ -145,9 +135,7 @@ impl Seen {
     ) -> DMatrix<f64> {
         let closed = &model.a - gain * &self.c;
         let crossed = &self.cross * gain.transpose();
-        let next = &closed * covariance * closed.transpose()
-            + &noise.process
-            + gain * &self.sensor * gain.transpose()
+        let next = &closed * covariance * closed.transpose() + &noise.process + gain * &self.sensor * gain.transpose()
             - &crossed
             - crossed.transpose();
         symmetric(&next)
@@ -160,11 +148,7 @@ fn pseudo_inverse(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     // Scaled to a unit diagonal, so that the outputs' units do not decide what counts as zero.
     let scale = DVector::from_fn(size, |i, _| {
         let variance = covariance[(i, i)];
-        if variance > 0.0 {
-            variance.sqrt().recip()
-        } else {
-            0.0
-        }
+        if variance > 0.0 { variance.sqrt().recip() } else { 0.0 }
     });
     let scaled = DMatrix::from_fn(size, size, |i, j| covariance[(i, j)] * scale[i] * scale[j]);
     let eigen = scaled.symmetric_eigen();
@@ -233,11 +217,9 @@ mod tests {
         for k in 0..3 {
             let at = 3 + 5 * k;
             all.view_mut((at, at), (3, 3)).copy_from(&noise.process);
-            all.view_mut((at + 3, at + 3), (2, 2))
-                .copy_from(&noise.sensor);
+            all.view_mut((at + 3, at + 3), (2, 2)).copy_from(&noise.sensor);
             all.view_mut((at, at + 3), (3, 2)).copy_from(&noise.cross);
-            all.view_mut((at + 3, at), (2, 3))
-                .copy_from(&noise.cross.transpose());
+            all.view_mut((at + 3, at), (2, 3)).copy_from(&noise.cross.transpose());
             let mut output = &model.c * &state;
             output.view_mut((0, at + 3), (2, 2)).fill_with_identity();
             for i in (0..2).filter(|&i| !y[(k, i)].is_nan()) {
@@ -290,10 +272,7 @@ mod tests {
         let model = two_modes();
         let mut noise = joint_noise(7, 4, 2);
         noise.cross *= 100.0;
-        assert!(matches!(
-            noise.check(&model),
-            Err(ModelError::NotCovariance { .. })
-        ));
+        assert!(matches!(noise.check(&model), Err(ModelError::NotCovariance { .. })));
         let noise = NoiseCovariances::independent(DMatrix::zeros(3, 3), DMatrix::zeros(2, 2));
         assert!(matches!(noise.check(&model), Err(ModelError::Shape { .. })));
     }

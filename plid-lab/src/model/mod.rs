@@ -26,9 +26,7 @@ mod uncertainty;
 mod testing;
 
 pub use advance::{advanced_state, undo_advance};
-pub use compare::{
-    CompareOptions, Comparison, NamedModel, OutputScore, Record, Run, Start, Trial, compare,
-};
+pub use compare::{CompareOptions, Comparison, NamedModel, OutputScore, Record, Run, Start, Trial, compare};
 pub use error::{KeyProblem, ModelError};
 pub use frequency_response::{FrequencyResponse, frequency_response};
 pub use initial_state::{InitialState, estimate_initial_state, estimate_predictor_state};

@@ -74,31 +74,11 @@ pub fn modes(model: &Model) -> Result<Vec<Mode>, ModelError> {
     Ok(modes)
 }
 
-fn mode(
-    model: &Model,
-    pole: Complex<f64>,
-    right: DVector<Complex<f64>>,
-    left: Option<DVector<Complex<f64>>>,
-) -> Mode {
-    let kind = if pole.im == 0.0 {
-        ModeKind::Real
-    } else {
-        ModeKind::Oscillatory
-    };
+fn mode(model: &Model, pole: Complex<f64>, right: DVector<Complex<f64>>, left: Option<DVector<Complex<f64>>>) -> Mode {
+    let kind = if pole.im == 0.0 { ModeKind::Real } else { ModeKind::Oscillatory };
     let (hz, damping) = frequency_and_damping(pole, model.sample_rate_hz);
-    let strength_db = left
-        .as_ref()
-        .map(|left| strength(model, pole, kind, &right, left));
-    Mode {
-        pole,
-        kind,
-        hz,
-        damping,
-        stable: pole.norm() < 1.0,
-        strength_db,
-        right,
-        left,
-    }
+    let strength_db = left.as_ref().map(|left| strength(model, pole, kind, &right, left));
+    Mode { pole, kind, hz, damping, stable: pole.norm() < 1.0, strength_db, right, left }
 }
 
 fn frequency_and_damping(pole: Complex<f64>, rate: f64) -> (f64, f64) {
@@ -161,9 +141,7 @@ mod tests {
         let mut sum = DMatrix::zeros(2, 2);
         for mode in modes(&model).unwrap() {
             let left = mode.left.unwrap();
-            let residue = model.c.map(Complex::from)
-                * &mode.right
-                * (left.transpose() * model.b.map(Complex::from));
+            let residue = model.c.map(Complex::from) * &mode.right * (left.transpose() * model.b.map(Complex::from));
             sum += residue.map(|r| r / (z - mode.pole));
             if mode.kind == ModeKind::Oscillatory {
                 sum += residue.map(|r| r.conj() / (z - mode.pole.conj()));
@@ -191,13 +169,7 @@ mod tests {
     #[test]
     fn real_poles_and_the_edges() {
         let a = DMatrix::from_diagonal(&DVector::from_vec(vec![0.5, -0.9, 1.0, 1.2]));
-        let model = Model::new(
-            10.0,
-            a,
-            random(1, 4, 1),
-            random(2, 1, 4),
-            DMatrix::zeros(1, 1),
-        );
+        let model = Model::new(10.0, a, random(1, 4, 1), random(2, 1, 4), DMatrix::zeros(1, 1));
         let found = modes(&model.unwrap()).unwrap();
         let at = |pole: f64| found.iter().find(|m| m.pole.re == pole).unwrap();
         assert!(found.iter().all(|m| m.kind == ModeKind::Real));
@@ -209,24 +181,14 @@ mod tests {
         let db = 20.0 * part.abs().log10();
         assert_relative_eq!(half.strongest_db(), db, epsilon = 1e-9);
         assert!(at(-0.9).hz > 5.0 && at(-0.9).stable);
-        assert_eq!(
-            (at(1.0).hz, at(1.0).damping, at(1.0).stable),
-            (0.0, 0.0, false)
-        );
+        assert_eq!((at(1.0).hz, at(1.0).damping, at(1.0).stable), (0.0, 0.0, false));
         assert!(!at(1.2).stable && at(1.2).damping < 0.0);
     }
 
     #[test]
     fn a_repeated_pole_has_no_strength_of_its_own() {
         let a = dmatrix![0.0, 0.0, 0.0; 1.0, 0.0, 0.0; 0.0, 1.0, 0.0];
-        let model = Model::new(
-            10.0,
-            a,
-            random(1, 3, 1),
-            random(2, 1, 3),
-            DMatrix::zeros(1, 1),
-        )
-        .unwrap();
+        let model = Model::new(10.0, a, random(1, 3, 1), random(2, 1, 3), DMatrix::zeros(1, 1)).unwrap();
         for mode in modes(&model).unwrap() {
             assert!(mode.strength_db.is_none() && mode.strongest_db() == f64::NEG_INFINITY);
         }

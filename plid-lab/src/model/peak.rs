@@ -34,23 +34,15 @@ pub fn find_peak(
     if output >= model.p() || input >= model.m() {
         let (expected, found) = ((model.p(), model.m()), (output + 1, input + 1));
         let what = "the response up to the pair asked for";
-        return Err(ModelError::Shape {
-            what,
-            expected,
-            found,
-        });
+        return Err(ModelError::Shape { what, expected, found });
     }
     expect_frequencies(model, &[near_hz])?;
     let nyquist = model.sample_rate_hz / 2.0;
     let low = (near_hz - half_width_hz.abs()).max(0.0);
     let high = (near_hz + half_width_hz.abs()).min(nyquist);
-    let mut grid: Vec<f64> = (0..=GRID)
-        .map(|i| low + (high - low) * i as f64 / GRID as f64)
-        .collect();
+    let mut grid: Vec<f64> = (0..=GRID).map(|i| low + (high - low) * i as f64 / GRID as f64).collect();
     let poles = eigenvalues(&model.a)?;
-    let of_poles = poles
-        .iter()
-        .map(|z| z.arg() * nyquist / std::f64::consts::PI);
+    let of_poles = poles.iter().map(|z| z.arg() * nyquist / std::f64::consts::PI);
     grid.extend(of_poles.filter(|hz| (low..=high).contains(hz)));
     grid.sort_by(f64::total_cmp);
     grid.dedup();
@@ -61,17 +53,9 @@ pub fn find_peak(
     let best = (0..grid.len()).fold(0, |b, i| if sizes[i] > sizes[b] { i } else { b });
     let (left, right) = (best.saturating_sub(1), (best + 1).min(grid.len() - 1));
     let refined = golden_section(grid[left], grid[right], size);
-    let hz = if size(refined) > sizes[best] {
-        refined
-    } else {
-        grid[best]
-    };
+    let hz = if size(refined) > sizes[best] { refined } else { grid[best] };
     let from_end = WIDTH * nyquist;
-    Ok(Peak {
-        hz,
-        db: 20.0 * size(hz).log10(),
-        interior: hz - low > from_end && high - hz > from_end,
-    })
+    Ok(Peak { hz, db: 20.0 * size(hz).log10(), interior: hz - low > from_end && high - hz > from_end })
 }
 
 /// The maximum of a function with one hump between `low` and `high`.
@@ -111,14 +95,7 @@ mod tests {
         for damping in [1e-1, 1e-3, 1e-6] {
             let (r, t) = pole(212.0, damping, 1600.0);
             let a = dmatrix![2.0 * r * t.cos(), -r * r; 1.0, 0.0];
-            let model = Model::new(
-                1600.0,
-                a,
-                dmatrix![1.0; 0.0],
-                dmatrix![0.0, 1.0],
-                DMatrix::zeros(1, 1),
-            )
-            .unwrap();
+            let model = Model::new(1600.0, a, dmatrix![1.0; 0.0], dmatrix![0.0, 1.0], DMatrix::zeros(1, 1)).unwrap();
             let peak = find_peak(&model, 0, 0, 205.0, 40.0).unwrap();
             let angle = (t.cos() * (1.0 + r * r) / (2.0 * r)).acos();
             let closed = angle * 1600.0 / std::f64::consts::TAU;
@@ -134,13 +111,7 @@ mod tests {
         let model = two_modes();
         let slope = find_peak(&model, 0, 0, 10.0, 1.0).unwrap();
         assert!(!slope.interior && slope.hz == 11.0);
-        assert!(matches!(
-            find_peak(&model, 0, 0, 80.0, 1.0),
-            Err(ModelError::Frequency { .. })
-        ));
-        assert!(matches!(
-            find_peak(&model, 2, 0, 8.0, 1.0),
-            Err(ModelError::Shape { .. })
-        ));
+        assert!(matches!(find_peak(&model, 0, 0, 80.0, 1.0), Err(ModelError::Frequency { .. })));
+        assert!(matches!(find_peak(&model, 2, 0, 8.0, 1.0), Err(ModelError::Shape { .. })));
     }
 }

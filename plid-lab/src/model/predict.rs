@@ -49,11 +49,7 @@ pub fn one_step_prediction(
         state = &model.a * state + &model.b * u + gain * correction;
     }
     let final_state = state;
-    Ok(Prediction {
-        predicted,
-        innovations,
-        final_state,
-    })
+    Ok(Prediction { predicted, innovations, final_state })
 }
 
 /// The predictor as a model of its own, with inputs [u; y]: x_{k+1} = (A - K C) x_k + (B - K D) u_k + K y_k.
@@ -68,9 +64,7 @@ pub fn predictor(model: &Model) -> Result<Model, ModelError> {
     let mut all = Model::new(
         model.sample_rate_hz,
         &model.a - gain * &model.c,
-        DMatrix::from_fn(model.n(), m + p, |i, j| {
-            if j < m { b[(i, j)] } else { gain[(i, j - m)] }
-        }),
+        DMatrix::from_fn(model.n(), m + p, |i, j| if j < m { b[(i, j)] } else { gain[(i, j - m)] }),
         model.c.clone(),
         model.d.clone().resize_horizontally(m + p, 0.0),
     )?;
@@ -81,18 +75,11 @@ pub fn predictor(model: &Model) -> Result<Model, ModelError> {
 }
 
 fn need_gain(model: &Model) -> Result<&DMatrix<f64>, ModelError> {
-    model.predictor_gain.as_ref().ok_or(ModelError::Needs {
-        key: "predictor_gain",
-        purpose: "one-step prediction",
-    })
+    model.predictor_gain.as_ref().ok_or(ModelError::Needs { key: "predictor_gain", purpose: "one-step prediction" })
 }
 
 /// An error unless `outputs` is samples x p without infinities (NaN marks a missing one).
-pub(super) fn expect_outputs(
-    model: &Model,
-    outputs: ArrayView2<f64>,
-    samples: usize,
-) -> Result<(), ModelError> {
+pub(super) fn expect_outputs(model: &Model, outputs: ArrayView2<f64>, samples: usize) -> Result<(), ModelError> {
     expect_shape("outputs", (samples, model.p()), outputs.dim())?;
     let position = outputs.indexed_iter().find(|(_, y)| y.is_infinite());
     position.map_or(Ok(()), |((sample, channel), _)| {
@@ -125,21 +112,9 @@ mod tests {
         let mut driven = Model::new(
             100.0,
             model.a.clone(),
-            DMatrix::from_fn(4, 4, |i, j| {
-                if j < 2 {
-                    model.b[(i, j)]
-                } else {
-                    gain[(i, j - 2)]
-                }
-            }),
+            DMatrix::from_fn(4, 4, |i, j| if j < 2 { model.b[(i, j)] } else { gain[(i, j - 2)] }),
             model.c.clone(),
-            DMatrix::from_fn(2, 4, |i, j| {
-                if j < 2 {
-                    model.d[(i, j)]
-                } else {
-                    f64::from(u8::from(i == j - 2))
-                }
-            }),
+            DMatrix::from_fn(2, 4, |i, j| if j < 2 { model.d[(i, j)] } else { f64::from(u8::from(i == j - 2)) }),
         )
         .unwrap();
         driven.inputs = ["a", "b", "c", "d"].map(String::from).to_vec();
@@ -183,9 +158,7 @@ mod tests {
         let (u, mut y) = (record(3, 5, 2), record(4, 5, 2));
         y[(3, 0)] = f64::INFINITY;
         let run = one_step_prediction(&model, u.view(), y.view(), &model.rest());
-        assert!(
-            matches!(run, Err(ModelError::NotFinite { channel, sample: 3 }) if channel == "y1")
-        );
+        assert!(matches!(run, Err(ModelError::NotFinite { channel, sample: 3 }) if channel == "y1"));
         let run = one_step_prediction(&two_modes(), u.view(), y.view(), &model.rest());
         assert!(matches!(run, Err(ModelError::Needs { .. })));
     }

@@ -34,21 +34,14 @@ pub struct SteadyState {
 ///
 /// # Errors
 /// [`ModelError::Shape`], [`ModelError::NotCovariance`]; [`ModelError::Riccati`] where there is no stabilising solution.
-pub fn steady_state_gain(
-    model: &Model,
-    noise: &NoiseCovariances,
-) -> Result<SteadyState, ModelError> {
+pub fn steady_state_gain(model: &Model, noise: &NoiseCovariances) -> Result<SteadyState, ModelError> {
     noise.check(model)?;
     let (n, p) = (model.n(), model.p());
     let unstable = spectral_radius(&model.a)? >= 1.0;
     let seen_process = (&model.c * &noise.process * model.c.transpose()).trace() / p as f64;
     let sensor_scale = noise.sensor.trace() / p as f64 + seen_process;
     let sensor = regularised(&noise.sensor, sensor_scale);
-    let inverse = sensor
-        .clone()
-        .cholesky()
-        .map(|factor| factor.inverse())
-        .unwrap_or_else(|| DMatrix::zeros(p, p));
+    let inverse = sensor.clone().cholesky().map(|factor| factor.inverse()).unwrap_or_else(|| DMatrix::zeros(p, p));
     let cross = &noise.cross * &inverse;
     let mut process = symmetric(&(&noise.process - &cross * noise.cross.transpose()));
     if unstable {
@@ -66,30 +59,14 @@ pub fn steady_state_gain(
     let next = seen.next_covariance(model, noise, &covariance, &gain);
     let size = covariance.norm().max(noise.process.norm());
     let difference = (next - &covariance).norm();
-    let residual = if difference == 0.0 {
-        0.0
-    } else {
-        difference / size
-    };
+    let residual = if difference == 0.0 { 0.0 } else { difference / size };
     let closed = &model.a - &gain * &model.c;
     let finite = closed.iter().all(|x| x.is_finite());
-    let radius = if finite {
-        spectral_radius(&closed)?
-    } else {
-        f64::INFINITY
-    };
+    let radius = if finite { spectral_radius(&closed)? } else { f64::INFINITY };
     if !(residual <= RESIDUAL && radius < 1.0) {
-        return Err(ModelError::Riccati {
-            residual,
-            radius,
-            iterations,
-        });
+        return Err(ModelError::Riccati { residual, radius, iterations });
     }
-    Ok(SteadyState {
-        gain,
-        covariance,
-        residual,
-    })
+    Ok(SteadyState { gain, covariance, residual })
 }
 
 /// The stabilising X of X = A^T X (I + G X)^{-1} A + H, and the steps taken.
@@ -138,14 +115,10 @@ mod tests {
     /// A, C and joint noise by formula, so that another program can have the same.
     fn by_formula(n: usize, p: usize, scale: f64) -> (Model, NoiseCovariances) {
         let one = |i: usize| (i + 1) as f64;
-        let a = DMatrix::from_fn(n, n, |i, j| {
-            scale / (n as f64).sqrt() * (one(i) * (one(j) + 1.0)).sin()
-        });
+        let a = DMatrix::from_fn(n, n, |i, j| scale / (n as f64).sqrt() * (one(i) * (one(j) + 1.0)).sin());
         let c = DMatrix::from_fn(p, n, |i, j| (one(i) * (one(j) + 2.0)).cos());
         let size = n + p;
-        let root = DMatrix::from_fn(size, size, |i, j| {
-            (one(i) * (one(j) + 2.0)).cos() / (size as f64).sqrt()
-        });
+        let root = DMatrix::from_fn(size, size, |i, j| (one(i) * (one(j) + 2.0)).cos() / (size as f64).sqrt());
         let all = &root * root.transpose() + DMatrix::identity(size, size) * 0.1;
         let noise = NoiseCovariances {
             process: all.view((0, 0), (n, n)).into_owned(),
@@ -177,45 +150,25 @@ mod tests {
                 5,
                 2,
                 1.5,
-                [
-                    5.185_676_388_641_201,
-                    -0.757_306_574_129_708_5,
-                    -0.535_653_890_820_653_8,
-                    0.958_544_246_505_979_1,
-                ],
+                [5.185_676_388_641_201, -0.757_306_574_129_708_5, -0.535_653_890_820_653_8, 0.958_544_246_505_979_1],
             ),
             (
                 12,
                 3,
                 1.2,
-                [
-                    17.972_068_476_761_8,
-                    -0.296_476_520_342_111_9,
-                    -0.304_430_074_521_852_4,
-                    0.784_376_486_752_840_2,
-                ],
+                [17.972_068_476_761_8, -0.296_476_520_342_111_9, -0.304_430_074_521_852_4, 0.784_376_486_752_840_2],
             ),
             (
                 30,
                 3,
                 1.3,
-                [
-                    86.928_556_327_447_58,
-                    -1.093_864_349_024_403_8,
-                    -0.254_801_398_593_976_77,
-                    0.800_358_794_808_048,
-                ],
+                [86.928_556_327_447_58, -1.093_864_349_024_403_8, -0.254_801_398_593_976_77, 0.800_358_794_808_048],
             ),
             (
                 64,
                 3,
                 1.1,
-                [
-                    508.360_658_074_476_8,
-                    -0.648_991_101_649_843_6,
-                    -0.124_433_824_323_009_34,
-                    0.708_881_010_492_632,
-                ],
+                [508.360_658_074_476_8, -0.648_991_101_649_843_6, -0.124_433_824_323_009_34, 0.708_881_010_492_632],
             ),
         ];
         for (n, p, scale, [trace, sum, first, norm]) in figures {
@@ -272,15 +225,9 @@ mod tests {
 
     #[test]
     fn what_cannot_be_observed_and_grows_has_no_filter() {
-        assert!(matches!(
-            scalar(1.1, 0.0, 1.0, 1.0),
-            Err(ModelError::Riccati { .. })
-        ));
+        assert!(matches!(scalar(1.1, 0.0, 1.0, 1.0), Err(ModelError::Riccati { .. })));
         // A random walk without noise never settles.
-        assert!(matches!(
-            scalar(1.0, 0.0, 0.0, 1.0),
-            Err(ModelError::Riccati { .. })
-        ));
+        assert!(matches!(scalar(1.0, 0.0, 0.0, 1.0), Err(ModelError::Riccati { .. })));
     }
 
     #[test]
@@ -290,10 +237,7 @@ mod tests {
         let noise = NoiseCovariances::independent(process, sensor);
         assert!(steady_state_gain(&model, &noise).unwrap().residual < 1e-12);
         let model = canonical(9, &[10, 10, 10], 3);
-        let noise = NoiseCovariances::independent(
-            DMatrix::identity(30, 30) * 1e-8,
-            DMatrix::identity(3, 3) * 1e-4,
-        );
+        let noise = NoiseCovariances::independent(DMatrix::identity(30, 30) * 1e-8, DMatrix::identity(3, 3) * 1e-4);
         assert!(steady_state_gain(&model, &noise).unwrap().residual < 1e-12);
     }
 }

@@ -40,9 +40,7 @@ impl ChannelScaling {
         }
         let inputs = model.inputs.iter().zip(&self.input_scale);
         let outputs = model.outputs.iter().zip(&self.output_scale);
-        let bad = inputs
-            .chain(outputs)
-            .find(|(_, s)| !(s.is_finite() && **s > 0.0));
+        let bad = inputs.chain(outputs).find(|(_, s)| !(s.is_finite() && **s > 0.0));
         bad.map_or(Ok(()), |(channel, &value)| {
             let channel = channel.clone();
             Err(ModelError::Scale { channel, value })
@@ -72,13 +70,10 @@ pub fn undo_scaling(model: &Model, scaling: &ChannelScaling) -> Result<Model, Mo
     let s_out = DVector::from_column_slice(&scaling.output_scale);
     let states = state_scale(model, &s_out);
     let scaled = |matrix: &DMatrix<f64>, rows: &DVector<f64>, columns: &DVector<f64>| {
-        DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| {
-            matrix[(i, j)] * (rows[i] / columns[j])
-        })
+        DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| matrix[(i, j)] * (rows[i] / columns[j]))
     };
-    let times = |list: &[f64], by: &DVector<f64>| -> Vec<f64> {
-        list.iter().zip(by.iter()).map(|(x, s)| x * s).collect()
-    };
+    let times =
+        |list: &[f64], by: &DVector<f64>| -> Vec<f64> { list.iter().zip(by.iter()).map(|(x, s)| x * s).collect() };
     let over = states.map(f64::recip);
     Ok(Model {
         a: scaled(&model.a, &states, &states),
@@ -89,18 +84,12 @@ pub fn undo_scaling(model: &Model, scaling: &ChannelScaling) -> Result<Model, Mo
             sensor_std: model.noise.sensor_std.as_ref().map(|x| times(x, &s_out)),
             actuator_std: model.noise.actuator_std.as_ref().map(|x| times(x, &s_in)),
         },
-        predictor_gain: model
-            .predictor_gain
-            .as_ref()
-            .map(|k| scaled(k, &states, &s_out)),
+        predictor_gain: model.predictor_gain.as_ref().map(|k| scaled(k, &states, &s_out)),
         parameter_covariance: model.parameter_covariance.as_ref().map(|covariance| {
             let factors = parameter_factors(&states, &s_out, &s_in);
             scaled(covariance, &factors, &factors.map(f64::recip))
         }),
-        initial_state: model
-            .initial_state
-            .as_ref()
-            .map(|x| x.component_mul(&states)),
+        initial_state: model.initial_state.as_ref().map(|x| x.component_mul(&states)),
         continuous: model.continuous.as_ref().map(|continuous| Continuous {
             a: scaled(&continuous.a, &states, &states),
             b: scaled(&continuous.b, &states, &s_in),
@@ -131,19 +120,11 @@ fn state_scale(model: &Model, outputs: &DVector<f64>) -> DVector<f64> {
 }
 
 /// What each entry of [a_1; ..; a_p; b_1; ..; b_m] is multiplied by.
-fn parameter_factors(
-    states: &DVector<f64>,
-    outputs: &DVector<f64>,
-    inputs: &DVector<f64>,
-) -> DVector<f64> {
+fn parameter_factors(states: &DVector<f64>, outputs: &DVector<f64>, inputs: &DVector<f64>) -> DVector<f64> {
     let n = states.len();
     DVector::from_fn(n * (outputs.len() + inputs.len()), |t, _| {
         let vector = t / n;
-        let unit = if vector < outputs.len() {
-            outputs[vector]
-        } else {
-            inputs[vector - outputs.len()]
-        };
+        let unit = if vector < outputs.len() { outputs[vector] } else { inputs[vector - outputs.len()] };
         states[t % n] / unit
     })
 }
@@ -181,9 +162,7 @@ mod tests {
 
         let deviations = scaling.input_deviations(u.view());
         let small = simulate(model, small_u.view(), start).unwrap().outputs;
-        let large = simulate(&in_units, deviations.view(), other)
-            .unwrap()
-            .outputs;
+        let large = simulate(&in_units, deviations.view(), other).unwrap().outputs;
         let large = scaling.with_output_means(large.view());
         let back = prepared(&large, &scaling.output_mean, &scaling.output_scale);
         for (a, b) in small.iter().zip(&back) {
@@ -195,12 +174,7 @@ mod tests {
         let large = one_step_prediction(&in_units, deviations.view(), y.view(), other).unwrap();
         for ((k, i), e) in small.innovations.indexed_iter() {
             let e = e * scaling.output_scale[i];
-            assert_relative_eq!(
-                large.innovations[(k, i)],
-                e,
-                max_relative = 1e-9,
-                epsilon = 1e-12
-            );
+            assert_relative_eq!(large.innovations[(k, i)], e, max_relative = 1e-9, epsilon = 1e-12);
         }
     }
 

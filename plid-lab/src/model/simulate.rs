@@ -37,20 +37,13 @@ pub fn simulate(
         y.gemv(1.0, &model.c, &state, 0.0);
         y.gemv(1.0, &model.d, &u, 1.0);
         expect_bounded(model, &y, sample)?;
-        outputs
-            .row_mut(sample)
-            .iter_mut()
-            .zip(&y)
-            .for_each(|(to, from)| *to = *from);
+        outputs.row_mut(sample).iter_mut().zip(&y).for_each(|(to, from)| *to = *from);
         next.gemv(1.0, &model.a, &state, 0.0);
         next.gemv(1.0, &model.b, &u, 1.0);
         std::mem::swap(&mut state, &mut next);
     }
     let final_state = state;
-    Ok(Simulation {
-        outputs,
-        final_state,
-    })
+    Ok(Simulation { outputs, final_state })
 }
 
 /// An error unless `inputs` is samples x m and finite.
@@ -64,20 +57,12 @@ pub(super) fn expect_inputs(model: &Model, inputs: ArrayView2<f64>) -> Result<()
 }
 
 /// An error unless every output is finite and within the bound.
-pub(super) fn expect_bounded(
-    model: &Model,
-    outputs: &DVector<f64>,
-    sample: usize,
-) -> Result<(), ModelError> {
+pub(super) fn expect_bounded(model: &Model, outputs: &DVector<f64>, sample: usize) -> Result<(), ModelError> {
     // NaN must count as diverged.
     let bounded = |y: &f64| y.abs() <= DIVERGENCE_BOUND;
     let beyond = outputs.iter().position(|y| !bounded(y));
     beyond.map_or(Ok(()), |channel| {
-        Err(ModelError::Diverged {
-            output: model.outputs[channel].clone(),
-            sample,
-            bound: DIVERGENCE_BOUND,
-        })
+        Err(ModelError::Diverged { output: model.outputs[channel].clone(), sample, bound: DIVERGENCE_BOUND })
     })
 }
 
@@ -99,8 +84,7 @@ mod tests {
         for k in 0..200 {
             // The block [re im; -im re] turns (1, 0) to radius^k (cos, -sin).
             let (size, phase) = (radius.powi(k as i32), angle * k as f64);
-            let closed =
-                model.c[(1, 0)] * size * phase.cos() - model.c[(1, 1)] * size * phase.sin();
+            let closed = model.c[(1, 0)] * size * phase.cos() - model.c[(1, 1)] * size * phase.sin();
             assert_relative_eq!(run.outputs[(k, 1)], closed, epsilon = 1e-12);
         }
     }
@@ -136,10 +120,7 @@ mod tests {
         let error = simulate(&model, inputs.view(), &model.rest()).unwrap_err();
         assert!(matches!(error, ModelError::NotFinite { channel, sample: 7 } if channel == "u2"));
         let narrow = array![[1.0], [2.0]];
-        assert!(matches!(
-            simulate(&model, narrow.view(), &model.rest()),
-            Err(ModelError::Shape { .. })
-        ));
+        assert!(matches!(simulate(&model, narrow.view(), &model.rest()), Err(ModelError::Shape { .. })));
         let empty = simulate(&model, Array2::zeros((0, 2)).view(), &model.rest()).unwrap();
         assert_eq!(empty.outputs.dim(), (0, 2));
     }

@@ -34,11 +34,7 @@ impl Stability {
     /// The warning, if there is cause.
     pub fn warning(&self) -> Option<UnstableModel> {
         let hz = *self.unstable_hz.first()?;
-        Some(UnstableModel {
-            count: self.unstable.len(),
-            radius: self.spectral_radius,
-            hz,
-        })
+        Some(UnstableModel { count: self.unstable.len(), radius: self.spectral_radius, hz })
     }
 }
 
@@ -53,11 +49,7 @@ pub fn stability(model: &Model) -> Result<Stability, ModelError> {
     let unstable: Vec<_> = poles.into_iter().filter(|z| z.norm() >= 1.0).collect();
     let natural = |z: &Complex<f64>| z.ln().norm() * model.sample_rate_hz / std::f64::consts::TAU;
     let unstable_hz = unstable.iter().map(natural).collect();
-    Ok(Stability {
-        spectral_radius,
-        unstable,
-        unstable_hz,
-    })
+    Ok(Stability { spectral_radius, unstable, unstable_hz })
 }
 
 #[cfg(test)]
@@ -74,10 +66,7 @@ mod tests {
         assert_relative_eq!(found.spectral_radius, radius, max_relative = 1e-12);
         assert!(found.unstable.is_empty() && found.warning().is_none());
         let growth = 1.0 + 1e-6;
-        model
-            .a
-            .view_mut((0, 0), (2, 2))
-            .scale_mut(growth / pole(12.0, 0.01, 100.0).0);
+        model.a.view_mut((0, 0), (2, 2)).scale_mut(growth / pole(12.0, 0.01, 100.0).0);
         let warning = stability(&model).unwrap().warning().unwrap();
         assert_eq!(warning.count, 2);
         assert_relative_eq!(warning.radius, growth, max_relative = 1e-12);

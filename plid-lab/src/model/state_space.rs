@@ -131,8 +131,7 @@ impl Model {
     /// # Errors
     /// [`ModelError::Key`] with the first key at fault.
     pub fn check(&self, place: &str) -> Result<(), ModelError> {
-        self.first_problem()
-            .map_or(Ok(()), |(key, problem)| Err(at(place, key, problem)))
+        self.first_problem().map_or(Ok(()), |(key, problem)| Err(at(place, key, problem)))
     }
 
     fn first_problem(&self) -> Option<(String, KeyProblem)> {
@@ -140,10 +139,7 @@ impl Model {
         let rate = self.sample_rate_hz;
         if !(rate.is_finite() && rate > 0.0) {
             let expected = "positive and finite";
-            let problem = KeyProblem::Range {
-                value: rate,
-                expected,
-            };
+            let problem = KeyProblem::Range { value: rate, expected };
             return Some(("sample_rate_hz".into(), problem));
         }
         names_problem("inputs", &self.inputs)
@@ -169,12 +165,7 @@ impl Model {
                 matrix_problem("continuous.A", &continuous.a, (n, n))
                     .or_else(|| matrix_problem("continuous.B", &continuous.b, (n, m)))
             })
-            .or_else(|| {
-                self.ports
-                    .iter()
-                    .enumerate()
-                    .find_map(|(i, port)| self.port_problem(i, port))
-            })
+            .or_else(|| self.ports.iter().enumerate().find_map(|(i, port)| self.port_problem(i, port)))
     }
 
     fn indices_problem(&self) -> Option<(String, KeyProblem)> {
@@ -222,11 +213,7 @@ impl Model {
 
 /// A key's error.
 pub(super) fn at(place: &str, key: impl Into<String>, problem: KeyProblem) -> ModelError {
-    ModelError::Key {
-        place: place.to_string(),
-        key: key.into(),
-        problem,
-    }
+    ModelError::Key { place: place.to_string(), key: key.into(), problem }
 }
 
 fn wrong_shape(expected: (usize, usize), found: (usize, usize)) -> KeyProblem {
@@ -243,11 +230,7 @@ fn names_problem(key: &str, names: &[String]) -> Option<(String, KeyProblem)> {
     Some((key.to_string(), KeyProblem::Duplicate { name }))
 }
 
-fn matrix_problem(
-    key: &str,
-    matrix: &DMatrix<f64>,
-    expected: (usize, usize),
-) -> Option<(String, KeyProblem)> {
+fn matrix_problem(key: &str, matrix: &DMatrix<f64>, expected: (usize, usize)) -> Option<(String, KeyProblem)> {
     if matrix.shape() != expected {
         return Some((key.to_string(), wrong_shape(expected, matrix.shape())));
     }
@@ -269,9 +252,6 @@ fn std_problem(key: &str, list: Option<&[f64]>, expected: usize) -> Option<(Stri
     list_problem(key, list, expected).or_else(|| {
         let position = list.iter().position(|&x| x < 0.0)?;
         let (value, expected) = (list[position], "zero or positive");
-        Some((
-            format!("{key}[{position}]"),
-            KeyProblem::Range { value, expected },
-        ))
+        Some((format!("{key}[{position}]"), KeyProblem::Range { value, expected }))
     })
 }

@@ -78,8 +78,5 @@ pub fn two_modes() -> Model {
 /// Radius and angle of the discrete pole of a natural frequency and a damping ratio.
 pub fn pole(hz: f64, damping: f64, rate: f64) -> (f64, f64) {
     let omega = std::f64::consts::TAU * hz / rate;
-    (
-        (-damping * omega).exp(),
-        omega * (1.0 - damping * damping).sqrt(),
-    )
+    ((-damping * omega).exp(), omega * (1.0 - damping * damping).sqrt())
 }

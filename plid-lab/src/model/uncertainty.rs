@@ -36,9 +36,7 @@ impl ResponseVariance {
                 return (re + im).max(0.0).sqrt();
             }
             let (c, s) = (self.response[at].re / size, self.response[at].im / size);
-            (c * c * re + s * s * im + 2.0 * c * s * cross)
-                .max(0.0)
-                .sqrt()
+            (c * c * re + s * s * im + 2.0 * c * s * cross).max(0.0).sqrt()
         })
     }
 }
@@ -50,11 +48,7 @@ impl ResponseVariance {
 ///
 /// # Errors
 /// [`ModelError::Needs`] without indices or covariance, [`ModelError::NotCanonical`], [`ModelError::Frequency`].
-pub fn response_variance(
-    model: &Model,
-    hz: &[f64],
-    advance: u32,
-) -> Result<Vec<ResponseVariance>, ModelError> {
+pub fn response_variance(model: &Model, hz: &[f64], advance: u32) -> Result<Vec<ResponseVariance>, ModelError> {
     let covariance = canonical_covariance(model)?;
     expect_frequencies(model, hz)?;
     let reduced = HessenbergModel::of(model);
@@ -80,10 +74,8 @@ fn at_frequency(
         let blocks = Blocks::of(covariance, rows, l);
         for j in 0..m {
             // The gradient is weights (x) W_l: one weight for each parameter vector that moves the pair.
-            let weights: Vec<(usize, Complex<f64>)> = (0..p)
-                .map(|i| (i, response[(i, j)]))
-                .chain([(p + j, shift)])
-                .collect();
+            let weights: Vec<(usize, Complex<f64>)> =
+                (0..p).map(|i| (i, response[(i, j)])).chain([(p + j, shift)]).collect();
             let (mut hermitian, mut plain) = (0.0, Complex::<f64>::ZERO);
             for &(s, ws) in &weights {
                 for &(t, wt) in &weights {
@@ -96,12 +88,7 @@ fn at_frequency(
             cross[(l, j)] = plain.im / 2.0;
         }
     }
-    ResponseVariance {
-        response,
-        real,
-        imaginary,
-        cross,
-    }
+    ResponseVariance { response, real, imaginary, cross }
 }
 
 /// W_l P_st W_l^H and W_l P_st W_l^T for every pair of parameter vectors s and t.
@@ -153,11 +140,7 @@ pub fn mode_deviations(model: &Model) -> Result<Vec<ModeDeviation>, ModelError> 
     let covariance = canonical_covariance(model)?;
     let deviations = modes(model)?.into_iter().map(|mode| {
         let both = mode_std(model, covariance, &mode);
-        ModeDeviation {
-            hz_std: both.map(|x| x.0),
-            damping_std: both.map(|x| x.1),
-            mode,
-        }
+        ModeDeviation { hz_std: both.map(|x| x.0), damping_std: both.map(|x| x.1), mode }
     });
     Ok(deviations.collect())
 }
@@ -172,13 +155,9 @@ fn mode_std(model: &Model, covariance: &DMatrix<f64>, mode: &Mode) -> Option<(f6
     }
     let outputs = model.c.map(Complex::from) * &mode.right;
     let (n, count) = (model.n(), model.n() * model.p());
-    let ds = DVector::from_fn(count, |t, _| {
-        left[t % n] * outputs[t / n] * rate / mode.pole
-    });
+    let ds = DVector::from_fn(count, |t, _| left[t % n] * outputs[t / n] * rate / mode.pole);
     let along = ds.map(|ds| (s.conj() * ds).re / size);
-    let damping = ds.zip_map(&along, |ds, along| {
-        -ds.re / size + s.re * along / (size * size)
-    });
+    let damping = ds.zip_map(&along, |ds, along| -ds.re / size + s.re * along / (size * size));
     let of_a = covariance.view((0, 0), (count, count));
     let std = |g: &DVector<f64>| g.dot(&(of_a * g)).max(0.0).sqrt();
     // The ratio of a positive real pole is +-1 whatever its size; a negative one has the phase pi, and a ratio that moves.
@@ -278,37 +257,19 @@ mod tests {
         let model = uncertain(3, &[3, 2], 2, 1e-6);
         for advance in [0, 1] {
             let as_used = |model: &Model| {
-                if advance == 1 {
-                    undo_advance(model, None).unwrap()
-                } else {
-                    model.clone()
-                }
+                if advance == 1 { undo_advance(model, None).unwrap() } else { model.clone() }
             };
             let found = &response_variance(&as_used(&model), &[13.0], advance).unwrap()[0];
             for (l, j) in [(0, 0), (1, 0), (0, 1)] {
-                let h = |model: &Model| {
-                    frequency_response(&as_used(model), &[13.0]).unwrap()[0][(l, j)]
-                };
+                let h = |model: &Model| frequency_response(&as_used(model), &[13.0]).unwrap()[0][(l, j)];
                 let magnitude = gradient(&model, |x| h(x).norm());
                 let (re, im) = (gradient(&model, |x| h(x).re), gradient(&model, |x| h(x).im));
                 let cross = re.dot(&(model.parameter_covariance.as_ref().unwrap() * &im));
                 let at = (l, j);
                 let (tight, wide) = (1e-6, 1e-5);
-                assert_relative_eq!(
-                    found.magnitude_std()[at],
-                    std(&model, &magnitude),
-                    max_relative = tight
-                );
-                assert_relative_eq!(
-                    found.real[at].sqrt(),
-                    std(&model, &re),
-                    max_relative = tight
-                );
-                assert_relative_eq!(
-                    found.imaginary[at].sqrt(),
-                    std(&model, &im),
-                    max_relative = tight
-                );
+                assert_relative_eq!(found.magnitude_std()[at], std(&model, &magnitude), max_relative = tight);
+                assert_relative_eq!(found.real[at].sqrt(), std(&model, &re), max_relative = tight);
+                assert_relative_eq!(found.imaginary[at].sqrt(), std(&model, &im), max_relative = tight);
                 assert_relative_eq!(found.cross[at], cross, max_relative = wide, epsilon = 1e-13);
             }
         }
@@ -324,25 +285,14 @@ mod tests {
             let damping = gradient(&model, |x| modes(x).unwrap()[index].damping);
             let (a, b) = (deviation.hz_std.unwrap(), deviation.damping_std.unwrap());
             assert_relative_eq!(a, std(&model, &hz), max_relative = 1e-5);
-            assert_relative_eq!(
-                b,
-                std(&model, &damping),
-                max_relative = 1e-5,
-                epsilon = 1e-9
-            );
+            assert_relative_eq!(b, std(&model, &damping), max_relative = 1e-5, epsilon = 1e-9);
         }
     }
 
     #[test]
     fn both_agree_with_random_draws() {
         let model = uncertain(11, &[2, 2], 1, 1e-7);
-        let root = model
-            .parameter_covariance
-            .clone()
-            .unwrap()
-            .cholesky()
-            .unwrap()
-            .l();
+        let root = model.parameter_covariance.clone().unwrap().cholesky().unwrap().l();
         let response = response_variance(&model, &[9.0], 0).unwrap()[0].magnitude_std();
         let mode = &mode_deviations(&model).unwrap()[0];
         let mut next = numbers(1);
@@ -369,12 +319,6 @@ mod tests {
         let error = mode_deviations(&model);
         assert!(matches!(error, Err(ModelError::NotCanonical { key: "A" })));
         let error = response_variance(&two_modes(), &[1.0], 0);
-        assert!(matches!(
-            error,
-            Err(ModelError::Needs {
-                key: "observability_indices",
-                ..
-            })
-        ));
+        assert!(matches!(error, Err(ModelError::Needs { key: "observability_indices", .. })));
     }
 }

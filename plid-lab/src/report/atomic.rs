@@ -10,10 +10,7 @@ use std::path::Path;
 /// Whatever the file system says; the neighbour is then removed and `path` is as it was.
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let Some(name) = path.file_name() else {
-        return Err(io::Error::new(
-            io::ErrorKind::InvalidInput,
-            format!("{} names no file", path.display()),
-        ));
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, format!("{} names no file", path.display())));
     };
     let mut neighbour = OsString::from(".");
     neighbour.push(name);
@@ -37,10 +34,7 @@ mod tests {
     use super::*;
 
     fn names(directory: &Path) -> Vec<OsString> {
-        fs::read_dir(directory)
-            .unwrap()
-            .map(|entry| entry.unwrap().file_name())
-            .collect()
+        fs::read_dir(directory).unwrap().map(|entry| entry.unwrap().file_name()).collect()
     }
 
     #[test]
@@ -64,9 +58,6 @@ mod tests {
         assert_eq!(fs::read(taken.join("inside")).unwrap(), b"kept");
         assert_eq!(names(directory.path()), ["taken"]);
         assert!(write_atomic(&directory.path().join("missing/file"), b"x").is_err());
-        assert_eq!(
-            write_atomic(Path::new("/"), b"x").unwrap_err().kind(),
-            io::ErrorKind::InvalidInput
-        );
+        assert_eq!(write_atomic(Path::new("/"), b"x").unwrap_err().kind(), io::ErrorKind::InvalidInput);
     }
 }

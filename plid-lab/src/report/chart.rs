@@ -18,15 +18,7 @@ pub struct Chart {
 
 /// Draws a chart as SVG: order scans, bench curves, whatever has no plot of its own.
 pub fn chart(chart: &Chart) -> String {
-    single(
-        &chart.title,
-        vec![Panel::new(
-            chart.x.clone(),
-            chart.y.clone(),
-            chart.height,
-            chart.series.clone(),
-        )],
-    )
+    single(&chart.title, vec![Panel::new(chart.x.clone(), chart.y.clone(), chart.height, chart.series.clone())])
 }
 
 #[cfg(test)]
@@ -34,24 +26,12 @@ mod tests {
     use super::*;
 
     fn plot(x: Axis, y: Axis, series: Vec<Series>) -> String {
-        chart(&Chart {
-            title: "t".into(),
-            x,
-            y,
-            series,
-            height: 200.0,
-        })
+        chart(&Chart { title: "t".into(), x, y, series, height: 200.0 })
     }
 
     #[test]
     fn the_same_data_give_the_same_bytes() {
-        let draw = || {
-            plot(
-                Axis::linear("x"),
-                Axis::log("y"),
-                vec![Series::line("a", vec![(0.0, 1.0), (1.0, 1e3)])],
-            )
-        };
+        let draw = || plot(Axis::linear("x"), Axis::log("y"), vec![Series::line("a", vec![(0.0, 1.0), (1.0, 1e3)])]);
         let first = draw();
         assert_eq!(first, draw());
         assert!(first.starts_with("<svg viewBox=\"0 0 900.00 ") && first.contains("plid-clip-0"));
@@ -98,17 +78,7 @@ mod tests {
 
     #[test]
     fn a_long_series_stays_small() {
-        let long: Vec<(f64, f64)> = (0..200_000u64)
-            .map(|k| (k as f64, ((k * k) % 7919) as f64))
-            .collect();
-        assert!(
-            plot(
-                Axis::linear("x"),
-                Axis::linear("y"),
-                vec![Series::line("", long)]
-            )
-            .len()
-                < 50_000
-        );
+        let long: Vec<(f64, f64)> = (0..200_000u64).map(|k| (k as f64, ((k * k) % 7919) as f64)).collect();
+        assert!(plot(Axis::linear("x"), Axis::linear("y"), vec![Series::line("", long)]).len() < 50_000);
     }
 }

@@ -26,33 +26,21 @@ pub(super) const CLIP_PREFIX: &str = "plid-clip-";
 
 /// A figure with one stack of panels across its whole width.
 pub(super) fn single(title: &str, panels: Vec<Panel>) -> String {
-    grid(
-        style::WIDTH,
-        1,
-        vec![Stack {
-            title: title.into(),
-            panels,
-        }],
-    )
+    grid(style::WIDTH, 1, vec![Stack { title: title.into(), panels }])
 }
 
 /// A figure of stacks in rows of `columns`. Axes are named on the left and below only; the legend lies above all data.
 pub(super) fn grid(width: f64, columns: usize, stacks: Vec<Stack>) -> String {
     let mut canvas = Canvas::new(width);
     let mut entries: Vec<LegendEntry> = Vec::new();
-    for entry in stacks
-        .iter()
-        .flat_map(|s| &s.panels)
-        .flat_map(Panel::legend)
-    {
+    for entry in stacks.iter().flat_map(|s| &s.panels).flat_map(Panel::legend) {
         if !entries.iter().any(|known| known.label == entry.label) {
             entries.push(entry);
         }
     }
     let mut y = canvas.legend(&entries, LEFT, 6.0);
     let columns = columns.max(1);
-    let data_width =
-        (width - LEFT - RIGHT - (columns - 1) as f64 * (LEFT_INNER + RIGHT)) / columns as f64;
+    let data_width = (width - LEFT - RIGHT - (columns - 1) as f64 * (LEFT_INNER + RIGHT)) / columns as f64;
     let rows: Vec<&[Stack]> = stacks.chunks(columns).collect();
     for (row, stacks_of_row) in rows.iter().enumerate() {
         let last_row = row + 1 == rows.len();
@@ -72,12 +60,7 @@ pub(super) fn grid(width: f64, columns: usize, stacks: Vec<Stack>) -> String {
                 at += panel.height + if ticks { BELOW_TICKS } else { BETWEEN };
             }
             if let Some(panel) = stack.panels.last().filter(|_| last_row) {
-                canvas.text(
-                    &panel.x.label,
-                    x + data_width / 2.0,
-                    at + 10.0,
-                    Text::Middle,
-                );
+                canvas.text(&panel.x.label, x + data_width / 2.0, at + 10.0, Text::Middle);
             }
             bottom = bottom.max(at);
         }
@@ -112,18 +95,9 @@ impl Canvas {
 
     /// Draws a panel with the corner of its data area at (x, y).
     fn panel(&mut self, panel: &Panel, x: f64, y: f64, width: f64, ticks: bool) {
-        let margins = Margins {
-            left: LEFT,
-            right: RIGHT,
-            top: BETWEEN,
-            bottom: BELOW_TICKS,
-        };
+        let margins = Margins { left: LEFT, right: RIGHT, top: BETWEEN, bottom: BELOW_TICKS };
         let (plots, layout) = panel.build(width, margins, ticks);
-        self.place(
-            render_multiple(plots, layout),
-            x - margins.left,
-            y - margins.top,
-        );
+        self.place(render_multiple(plots, layout), x - margins.left, y - margins.top);
     }
 
     /// Puts a finished scene down at (x, y). The library numbers clip paths through the life of the process; here they
@@ -132,13 +106,7 @@ impl Canvas {
         let ids: Vec<String> = part
             .elements
             .iter()
-            .filter_map(|element| {
-                if let Primitive::ClipStart { id, .. } = element {
-                    Some(id.clone())
-                } else {
-                    None
-                }
-            })
+            .filter_map(|element| if let Primitive::ClipStart { id, .. } = element { Some(id.clone()) } else { None })
             .collect();
         let first = self.clips;
         self.clips += ids.len();
@@ -147,13 +115,9 @@ impl Canvas {
             None => id.to_string(),
         };
         for definition in part.defs {
-            let known = ids
-                .iter()
-                .find(|id| definition.contains(&format!("\"{id}\"")));
+            let known = ids.iter().find(|id| definition.contains(&format!("\"{id}\"")));
             self.scene.defs.push(match known {
-                Some(id) => {
-                    definition.replace(&format!("\"{id}\""), &format!("\"{}\"", renamed(id)))
-                }
+                Some(id) => definition.replace(&format!("\"{id}\""), &format!("\"{}\"", renamed(id))),
                 None => definition,
             });
         }
@@ -164,19 +128,9 @@ impl Canvas {
         });
         for element in part.elements {
             self.scene.add(match element {
-                Primitive::ClipStart {
-                    x,
-                    y,
-                    width,
-                    height,
-                    id,
-                } => Primitive::ClipStart {
-                    x,
-                    y,
-                    width,
-                    height,
-                    id: renamed(&id),
-                },
+                Primitive::ClipStart { x, y, width, height, id } => {
+                    Primitive::ClipStart { x, y, width, height, id: renamed(&id) }
+                }
                 other => other,
             });
         }
@@ -194,16 +148,7 @@ impl Canvas {
             Text::End => (style::LABEL_SIZE, TextAnchor::End, None, false),
             Text::Upwards => (style::LABEL_SIZE, TextAnchor::Middle, Some(-90.0), false),
         };
-        self.scene.add(Primitive::Text {
-            x,
-            y,
-            content: text.into(),
-            size,
-            anchor,
-            rotate,
-            bold,
-            color: None,
-        });
+        self.scene.add(Primitive::Text { x, y, content: text.into(), size, anchor, rotate, bold, color: None });
     }
 
     /// Draws entries side by side from (x, y), as many rows as they need; returns the height reached.
@@ -260,8 +205,6 @@ impl Canvas {
     pub fn finish(mut self, height: f64) -> String {
         self.scene.height = height;
         let view = format!("<svg viewBox=\"0 0 {:.2} {height:.2}\" ", self.scene.width);
-        SvgBackend::new()
-            .render_scene(&self.scene)
-            .replacen("<svg ", &view, 1)
+        SvgBackend::new().render_scene(&self.scene).replacen("<svg ", &view, 1)
     }
 }

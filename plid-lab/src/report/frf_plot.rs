@@ -55,10 +55,7 @@ pub fn frf_grid(columns: usize, plots: &[FrfPlot]) -> String {
             panels[0].y_ticks = false;
             panels[0].y.label = String::new();
         }
-        Stack {
-            title: plot.title.clone(),
-            panels,
-        }
+        Stack { title: plot.title.clone(), panels }
     };
     let width = style::WIDTH.max(230.0 * columns as f64);
     grid(width, columns, plots.iter().map(stack).collect())
@@ -67,19 +64,10 @@ pub fn frf_grid(columns: usize, plots: &[FrfPlot]) -> String {
 fn panels(plot: &FrfPlot, heights: [f64; 3]) -> Vec<Panel> {
     let curves = [&plot.measured, &plot.truth, &plot.identified];
     let shown = curves.iter().copied().flatten();
-    let ends = shown
-        .clone()
-        .flat_map(|c| c.frequency_hz.iter().copied())
-        .filter(|f| *f > 0.0);
-    let (low, high) = plot
-        .range_hz
-        .unwrap_or_else(|| ends.fold((f64::INFINITY, 0.0), |(l, h), f| (f.min(l), f.max(h))));
-    let x = Axis {
-        label: "frequency, Hz".into(),
-        scale: plot.frequency_scale,
-        range: Some((low, high)),
-        step: None,
-    };
+    let ends = shown.clone().flat_map(|c| c.frequency_hz.iter().copied()).filter(|f| *f > 0.0);
+    let (low, high) =
+        plot.range_hz.unwrap_or_else(|| ends.fold((f64::INFINITY, 0.0), |(l, h), f| (f.min(l), f.max(h))));
+    let x = Axis { label: "frequency, Hz".into(), scale: plot.frequency_scale, range: Some((low, high)), step: None };
 
     let levels: Vec<f64> = shown
         .flat_map(|c| {
@@ -92,16 +80,9 @@ fn panels(plot: &FrfPlot, heights: [f64; 3]) -> Vec<Panel> {
         .filter(|level| level.is_finite())
         .collect();
     let top = levels.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let bottom = levels
-        .iter()
-        .copied()
-        .fold(f64::INFINITY, f64::min)
-        .max(top - DEEPEST);
-    let mut magnitude = Axis::linear(if plot.unit.is_empty() {
-        "|H|, dB".into()
-    } else {
-        format!("|H|, dB re {}", plot.unit)
-    });
+    let bottom = levels.iter().copied().fold(f64::INFINITY, f64::min).max(top - DEEPEST);
+    let mut magnitude =
+        Axis::linear(if plot.unit.is_empty() { "|H|, dB".into() } else { format!("|H|, dB re {}", plot.unit) });
     if top > bottom {
         let room = 0.06 * (top - bottom);
         magnitude = magnitude.range(bottom - room, top + room);
@@ -109,103 +90,45 @@ fn panels(plot: &FrfPlot, heights: [f64; 3]) -> Vec<Panel> {
 
     let mut panels = Vec::new();
     if let (Some(measured), Some(coherence)) = (&plot.measured, &plot.coherence) {
-        let points = measured
-            .frequency_hz
-            .iter()
-            .copied()
-            .zip(coherence.iter().copied())
-            .collect();
-        let area = Series::area("coherence", points)
-            .colour(style::COHERENCE)
-            .width(1.0);
-        panels.push(Panel::new(
-            x.clone(),
-            Axis::linear("γ²").range(0.0, 1.05).step(0.5),
-            heights[0],
-            vec![area],
-        ));
+        let points = measured.frequency_hz.iter().copied().zip(coherence.iter().copied()).collect();
+        let area = Series::area("coherence", points).colour(style::COHERENCE).width(1.0);
+        panels.push(Panel::new(x.clone(), Axis::linear("γ²").range(0.0, 1.05).step(0.5), heights[0], vec![area]));
     }
-    panels.push(Panel::new(
-        x.clone(),
-        magnitude,
-        heights[1],
-        magnitudes(plot),
-    ));
-    let phase = Axis::linear("phase, °")
-        .range(-190.0, 190.0)
-        .step(if heights[2] > 80.0 { 90.0 } else { 180.0 });
+    panels.push(Panel::new(x.clone(), magnitude, heights[1], magnitudes(plot)));
+    let phase = Axis::linear("phase, °").range(-190.0, 190.0).step(if heights[2] > 80.0 { 90.0 } else { 180.0 });
     panels.push(Panel::new(x, phase, heights[2], phases(plot)));
     panels
 }
 
 fn magnitudes(plot: &FrfPlot) -> Vec<Series> {
-    let level = |c: &FrfCurve| {
-        c.frequency_hz
-            .iter()
-            .zip(&c.response)
-            .map(|(f, h)| (*f, decibel(h.norm())))
-            .collect()
-    };
+    let level = |c: &FrfCurve| c.frequency_hz.iter().zip(&c.response).map(|(f, h)| (*f, decibel(h.norm()))).collect();
     let band = |c: &FrfCurve, std: &[f64]| {
         let around = |((f, h), s): ((&f64, &Complex64), &f64)| {
-            (
-                *f,
-                decibel((h.norm() - 2.0 * s).max(0.0)),
-                decibel(h.norm() + 2.0 * s),
-            )
+            (*f, decibel((h.norm() - 2.0 * s).max(0.0)), decibel(h.norm() + 2.0 * s))
         };
-        c.frequency_hz
-            .iter()
-            .zip(&c.response)
-            .zip(std)
-            .map(around)
-            .collect()
+        c.frequency_hz.iter().zip(&c.response).zip(std).map(around).collect()
     };
     let mut series = Vec::new();
     if let Some(measured) = &plot.measured {
-        series.push(
-            Series::line("measured", level(measured))
-                .colour(style::MEASURED)
-                .width(2.6),
-        );
+        series.push(Series::line("measured", level(measured)).colour(style::MEASURED).width(2.6));
     }
     if let Some(identified) = &plot.identified {
         if let Some(std) = &identified.std {
-            series.push(
-                Series::band("identified ± 2 std", band(identified, std)).colour(style::IDENTIFIED),
-            );
+            series.push(Series::band("identified ± 2 std", band(identified, std)).colour(style::IDENTIFIED));
         }
-        series.push(
-            Series::line("identified", level(identified))
-                .colour(style::IDENTIFIED)
-                .width(1.5),
-        );
+        series.push(Series::line("identified", level(identified)).colour(style::IDENTIFIED).width(1.5));
     }
     if let Some(truth) = &plot.truth {
-        series.push(
-            Series::line("true", level(truth))
-                .colour(style::TRUE_MODEL)
-                .width(1.1)
-                .dashed(),
-        );
+        series.push(Series::line("true", level(truth)).colour(style::TRUE_MODEL).width(1.1).dashed());
     }
-    if let Some(identified) = plot
-        .identified
-        .as_ref()
-        .filter(|_| !plot.peaks_hz.is_empty())
-    {
+    if let Some(identified) = plot.identified.as_ref().filter(|_| !plot.peaks_hz.is_empty()) {
         let nearest = |peak: &f64| {
             let distance = |k: &usize| (identified.frequency_hz[*k] - peak).abs();
-            let k = (0..identified.frequency_hz.len())
-                .min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
-            Some((
-                identified.frequency_hz[k],
-                decibel(identified.response.get(k)?.norm()),
-            ))
+            let k = (0..identified.frequency_hz.len()).min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+            Some((identified.frequency_hz[k], decibel(identified.response.get(k)?.norm())))
         };
         series.push(
-            Series::points("modes", plot.peaks_hz.iter().filter_map(nearest).collect())
-                .colour(style::TRUE_MODEL),
+            Series::points("modes", plot.peaks_hz.iter().filter_map(nearest).collect()).colour(style::TRUE_MODEL),
         );
     }
     series
@@ -215,9 +138,7 @@ fn phases(plot: &FrfPlot) -> Vec<Series> {
     let mut series = Vec::new();
     let mut add = |curve: &Option<FrfCurve>, colour: &str, width: f64, dashed: bool| {
         if let Some(curve) = curve {
-            let line = Series::line("", phase_points(curve))
-                .colour(colour)
-                .width(width);
+            let line = Series::line("", phase_points(curve)).colour(colour).width(width);
             series.push(if dashed { line.dashed() } else { line });
         }
     };
@@ -232,10 +153,7 @@ fn phase_points(curve: &FrfCurve) -> Vec<(f64, f64)> {
     let mut points: Vec<(f64, f64)> = Vec::new();
     for (f, h) in curve.frequency_hz.iter().zip(&curve.response) {
         let phase = h.arg().to_degrees();
-        if points
-            .last()
-            .is_some_and(|last| (last.1 - phase).abs() > 180.0)
-        {
+        if points.last().is_some_and(|last| (last.1 - phase).abs() > 180.0) {
             points.push((*f, f64::NAN));
         }
         points.push((*f, phase));
@@ -253,13 +171,8 @@ mod tests {
 
     #[test]
     fn the_phase_is_cut_where_it_wraps() {
-        let response =
-            [170.0, 179.0, -179.0, -170.0].map(|d: f64| Complex64::from_polar(1.0, d.to_radians()));
-        let curve = FrfCurve {
-            frequency_hz: vec![1.0, 2.0, 3.0, 4.0],
-            response: response.to_vec(),
-            std: None,
-        };
+        let response = [170.0, 179.0, -179.0, -170.0].map(|d: f64| Complex64::from_polar(1.0, d.to_radians()));
+        let curve = FrfCurve { frequency_hz: vec![1.0, 2.0, 3.0, 4.0], response: response.to_vec(), std: None };
         let points = phase_points(&curve);
         assert_eq!(points.len(), 5);
         assert!(points[2].1.is_nan() && (points[3].1 + 179.0).abs() < 1e-9);
@@ -272,16 +185,8 @@ mod tests {
             response: vec![Complex64::ONE, Complex64::ZERO, Complex64::ONE],
             std: Some(vec![0.1, 0.6, f64::NAN]),
         };
-        let plot = FrfPlot {
-            identified: Some(curve),
-            peaks_hz: vec![2.9],
-            ..Default::default()
-        };
-        for svg in [
-            frf_plot(&plot),
-            frf_plot(&FrfPlot::default()),
-            frf_grid(2, &[plot.clone(), plot.clone()]),
-        ] {
+        let plot = FrfPlot { identified: Some(curve), peaks_hz: vec![2.9], ..Default::default() };
+        for svg in [frf_plot(&plot), frf_plot(&FrfPlot::default()), frf_grid(2, &[plot.clone(), plot.clone()])] {
             assert!(!svg.contains("NaN") && !svg.contains("inf"));
         }
     }

@@ -32,45 +32,23 @@ const TOP: f64 = 8.0;
 pub fn heat_map(map: &HeatMap) -> String {
     let (rows, columns) = map.values.dim();
     let finite = || map.values.iter().copied().filter(|v| v.is_finite());
-    let (low, high) = map
-        .range
-        .unwrap_or((finite().fold(0.0, f64::min), finite().fold(0.0, f64::max)));
+    let (low, high) = map.range.unwrap_or((finite().fold(0.0, f64::min), finite().fold(0.0, f64::max)));
     let share = |v: f64| {
-        if high > low {
-            ((v - low) / (high - low)).clamp(0.0, 1.0)
-        } else {
-            0.0
-        }
+        if high > low { ((v - low) / (high - low)).clamp(0.0, 1.0) } else { 0.0 }
     };
 
-    let longest = map
-        .rows
-        .iter()
-        .map(|name| style::text_width(name, style::LABEL_SIZE))
-        .fold(0.0, f64::max);
+    let longest = map.rows.iter().map(|name| style::text_width(name, style::LABEL_SIZE)).fold(0.0, f64::max);
     let left = (longest + 24.0).min(300.0);
     let cell_width = (style::WIDTH - left - 110.0) / columns.max(1) as f64;
     let bottom = TOP + rows as f64 * CELL;
     let mut canvas = Canvas::new(style::WIDTH);
     for ((i, j), value) in map.values.indexed_iter() {
         let (x, y) = (left + j as f64 * cell_width, TOP + i as f64 * CELL);
-        let fill = if value.is_finite() {
-            colour(share(*value))
-        } else {
-            Color::from("#ffffff")
-        };
+        let fill = if value.is_finite() { colour(share(*value)) } else { Color::from("#ffffff") };
         rectangle(&mut canvas, (x, y, cell_width, CELL), fill);
-        let text = if value.is_finite() {
-            format_tick(rounded(*value))
-        } else {
-            "–".into()
-        };
+        let text = if value.is_finite() { format_tick(rounded(*value)) } else { "–".into() };
         if style::text_width(&text, style::TICK_SIZE) < cell_width - 4.0 {
-            let ink = if share(*value) > 0.55 || !value.is_finite() {
-                "#111111"
-            } else {
-                "#ffffff"
-            };
+            let ink = if share(*value) > 0.55 || !value.is_finite() { "#111111" } else { "#ffffff" };
             canvas.scene.add(Primitive::Text {
                 x: x + cell_width / 2.0,
                 y: y + CELL / 2.0 + 4.0,
@@ -84,34 +62,15 @@ pub fn heat_map(map: &HeatMap) -> String {
         }
     }
     for (i, name) in map.rows.iter().take(rows).enumerate() {
-        canvas.text(
-            name,
-            left - 8.0,
-            TOP + (i as f64 + 0.5) * CELL + 4.0,
-            Text::End,
-        );
+        canvas.text(name, left - 8.0, TOP + (i as f64 + 0.5) * CELL + 4.0, Text::End);
     }
     // Names that would run into each other are thinned.
-    let widest = map
-        .columns
-        .iter()
-        .map(|name| style::text_width(name, style::LABEL_SIZE))
-        .fold(1.0, f64::max);
+    let widest = map.columns.iter().map(|name| style::text_width(name, style::LABEL_SIZE)).fold(1.0, f64::max);
     let every = ((widest + 6.0) / cell_width).ceil().max(1.0) as usize;
     for (j, name) in map.columns.iter().take(columns).enumerate().step_by(every) {
-        canvas.text(
-            name,
-            left + (j as f64 + 0.5) * cell_width,
-            bottom + 17.0,
-            Text::Middle,
-        );
+        canvas.text(name, left + (j as f64 + 0.5) * cell_width, bottom + 17.0, Text::Middle);
     }
-    canvas.text(
-        &map.column_label,
-        left + columns as f64 * cell_width / 2.0,
-        bottom + 37.0,
-        Text::Middle,
-    );
+    canvas.text(&map.column_label, left + columns as f64 * cell_width / 2.0, bottom + 37.0, Text::Middle);
     colour_bar(&mut canvas, &map.value_label, (low, high), bottom);
     canvas.finish(bottom + 46.0)
 }
@@ -123,39 +82,17 @@ fn colour_bar(canvas: &mut Canvas, label: &str, range: (f64, f64), bottom: f64) 
     for k in 0..STEPS {
         let share = 1.0 - (k as f64 + 0.5) / STEPS as f64;
         // Each step reaches into the next, so that no light seam shows between them.
-        rectangle(
-            canvas,
-            (
-                x,
-                TOP + k as f64 * step,
-                BAR,
-                step + if k + 1 < STEPS { 0.5 } else { 0.0 },
-            ),
-            colour(share),
-        );
+        rectangle(canvas, (x, TOP + k as f64 * step, BAR, step + if k + 1 < STEPS { 0.5 } else { 0.0 }), colour(share));
     }
     let middle = 0.5 * (range.0 + range.1);
-    for (value, y) in [
-        (range.1, TOP + 10.0),
-        (middle, 0.5 * (TOP + bottom) + 4.0),
-        (range.0, bottom),
-    ] {
+    for (value, y) in [(range.1, TOP + 10.0), (middle, 0.5 * (TOP + bottom) + 4.0), (range.0, bottom)] {
         canvas.text(&format_tick(rounded(value)), x + BAR + 5.0, y, Text::Start);
     }
     canvas.text(label, x - 8.0, 0.5 * (TOP + bottom), Text::Upwards);
 }
 
 fn rectangle(canvas: &mut Canvas, (x, y, width, height): (f64, f64, f64, f64), fill: Color) {
-    canvas.scene.add(Primitive::Rect {
-        x,
-        y,
-        width,
-        height,
-        fill,
-        stroke: None,
-        stroke_width: None,
-        opacity: None,
-    });
+    canvas.scene.add(Primitive::Rect { x, y, width, height, fill, stroke: None, stroke_width: None, opacity: None });
 }
 
 fn colour(share: f64) -> Color {
@@ -200,11 +137,7 @@ mod tests {
 
     #[test]
     fn empty_and_constant_maps_are_drawn() {
-        for values in [
-            Array2::zeros((0, 0)),
-            Array2::zeros((2, 2)),
-            Array2::from_elem((1, 3), f64::NAN),
-        ] {
+        for values in [Array2::zeros((0, 0)), Array2::zeros((2, 2)), Array2::from_elem((1, 3), f64::NAN)] {
             let svg = map(values, 1);
             assert!(svg.starts_with("<svg") && !svg.contains("NaN") && !svg.contains("inf"));
         }

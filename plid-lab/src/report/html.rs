@@ -18,9 +18,6 @@ pub fn escape(text: &str) -> String {
 mod tests {
     #[test]
     fn nothing_escapes() {
-        assert_eq!(
-            super::escape("<a href='x'>\"&\""),
-            "&lt;a href=&#39;x&#39;&gt;&quot;&amp;&quot;"
-        );
+        assert_eq!(super::escape("<a href='x'>\"&\""), "&lt;a href=&#39;x&#39;&gt;&quot;&amp;&quot;");
     }
 }

@@ -20,46 +20,23 @@ pub fn mode_map(sets: &[ModeSet]) -> String {
     let mut series = Vec::new();
     for (index, set) in sets.iter().enumerate() {
         let colour = super::style::CYCLE[index % super::style::CYCLE.len()];
-        let points: Vec<(f64, f64)> = set
-            .frequency_hz
-            .iter()
-            .zip(&set.damping)
-            .map(|(f, d)| (*f, 100.0 * d))
-            .collect();
+        let points: Vec<(f64, f64)> = set.frequency_hz.iter().zip(&set.damping).map(|(f, d)| (*f, 100.0 * d)).collect();
         for ((f, d), (f_std, d_std)) in points.iter().zip(&set.std) {
-            let bar = |from: (f64, f64), to: (f64, f64)| {
-                Series::line("", vec![from, to]).colour(colour).width(1.2)
-            };
+            let bar = |from: (f64, f64), to: (f64, f64)| Series::line("", vec![from, to]).colour(colour).width(1.2);
             series.push(bar((f - 2.0 * f_std, *d), (f + 2.0 * f_std, *d)));
             series.push(bar((*f, d - 200.0 * d_std), (*f, d + 200.0 * d_std)));
         }
         // Later sets are drawn smaller, so that equal modes are both seen.
-        series.push(
-            Series::points(set.label.clone(), points)
-                .colour(colour)
-                .width(if index == 0 { 5.0 } else { 3.0 }),
-        );
+        series.push(Series::points(set.label.clone(), points).colour(colour).width(if index == 0 { 5.0 } else { 3.0 }));
     }
     let mut x = Axis::linear("frequency, Hz");
-    let frequencies = || {
-        sets.iter()
-            .flat_map(|set| set.frequency_hz.iter().copied())
-            .filter(|f| f.is_finite())
-    };
+    let frequencies = || sets.iter().flat_map(|set| set.frequency_hz.iter().copied()).filter(|f| f.is_finite());
     let (low, high) = frequencies().fold((f64::INFINITY, 0.0), |(l, h), f| (f.min(l), f.max(h)));
     if low <= high {
         let room = (0.08 * (high - low)).max(0.02 * high);
         x = x.range(low - room, high + room);
     }
-    single(
-        "",
-        vec![Panel::new(
-            x,
-            Axis::linear("damping ratio, %"),
-            260.0,
-            series,
-        )],
-    )
+    single("", vec![Panel::new(x, Axis::linear("damping ratio, %"), 260.0, series)])
 }
 
 #[cfg(test)]

@@ -18,24 +18,11 @@ pub struct Report {
 enum Block {
     Heading(String),
     Paragraph(String),
-    Figure {
-        svg: String,
-        caption: String,
-    },
+    Figure { svg: String, caption: String },
     Table(Table),
-    List {
-        kind: &'static str,
-        heading: &'static str,
-        items: Vec<String>,
-    },
-    Details {
-        summary: String,
-        blocks: Vec<Block>,
-    },
-    Listing {
-        caption: String,
-        text: String,
-    },
+    List { kind: &'static str, heading: &'static str, items: Vec<String> },
+    Details { summary: String, blocks: Vec<Block> },
+    Listing { caption: String, text: String },
 }
 
 /// A table with a caption.
@@ -58,11 +45,7 @@ pub enum Cell {
 impl Cell {
     /// A number with so many decimals; a dash where it is not finite.
     pub fn fixed(value: f64, decimals: usize) -> Self {
-        Self::Number(if value.is_finite() {
-            format!("{value:.decimals$}")
-        } else {
-            not_finite(value)
-        })
+        Self::Number(if value.is_finite() { format!("{value:.decimals$}") } else { not_finite(value) })
     }
 
     /// A number with so many significant digits.
@@ -70,11 +53,7 @@ impl Cell {
         if !value.is_finite() {
             return Self::Number(not_finite(value));
         }
-        let exponent = if value == 0.0 {
-            0
-        } else {
-            value.abs().log10().floor() as i32
-        };
+        let exponent = if value == 0.0 { 0 } else { value.abs().log10().floor() as i32 };
         if !(-4..6).contains(&exponent) {
             return Self::Number(format!("{value:.*e}", digits.saturating_sub(1)));
         }
@@ -111,20 +90,13 @@ impl From<usize> for Cell {
 }
 
 fn not_finite(value: f64) -> String {
-    if value.is_nan() {
-        "–".into()
-    } else {
-        "∞".into()
-    }
+    if value.is_nan() { "–".into() } else { "∞".into() }
 }
 
 impl Table {
     /// An empty table.
     pub fn new(caption: impl Into<String>) -> Self {
-        Self {
-            caption: caption.into(),
-            ..Self::default()
-        }
+        Self { caption: caption.into(), ..Self::default() }
     }
 
     /// Adds a column; the unit may be empty.
@@ -143,10 +115,7 @@ impl Table {
 impl Report {
     /// An empty report.
     pub fn new(title: impl Into<String>) -> Self {
-        Self {
-            title: title.into(),
-            ..Self::default()
-        }
+        Self { title: title.into(), ..Self::default() }
     }
 
     /// Adds a sentence of the verdict, which stands at the top.
@@ -167,10 +136,7 @@ impl Report {
 
     /// Adds a plot, as the plot functions of this module return it, with a sentence below it. The SVG goes in as it is.
     pub fn figure(self, svg: impl Into<String>, caption: impl Into<String>) -> Self {
-        self.push(Block::Figure {
-            svg: svg.into(),
-            caption: caption.into(),
-        })
+        self.push(Block::Figure { svg: svg.into(), caption: caption.into() })
     }
 
     /// Adds a table.
@@ -191,18 +157,12 @@ impl Report {
     /// Adds a part that is folded away until it is asked for. `fill` gets an empty report; only its body is used.
     pub fn details(self, summary: impl Into<String>, fill: impl FnOnce(Self) -> Self) -> Self {
         let blocks = fill(Self::default()).blocks;
-        self.push(Block::Details {
-            summary: summary.into(),
-            blocks,
-        })
+        self.push(Block::Details { summary: summary.into(), blocks })
     }
 
     /// Adds a text to be copied, such as the config; a click selects all of it.
     pub fn listing(self, caption: impl Into<String>, text: impl Into<String>) -> Self {
-        self.push(Block::Listing {
-            caption: caption.into(),
-            text: text.into(),
-        })
+        self.push(Block::Listing { caption: caption.into(), text: text.into() })
     }
 
     /// Adds a line of the footer: version, hash of an input file.
@@ -223,15 +183,7 @@ impl Report {
         items: impl IntoIterator<Item = impl Into<String>>,
     ) -> Self {
         let items: Vec<String> = items.into_iter().map(Into::into).collect();
-        if items.is_empty() {
-            self
-        } else {
-            self.push(Block::List {
-                kind,
-                heading,
-                items,
-            })
-        }
+        if items.is_empty() { self } else { self.push(Block::List { kind, heading, items }) }
     }
 
     /// The page. The same report gives the same bytes.
@@ -295,11 +247,7 @@ impl Block {
                 page.push_str("</figure>\n");
             }
             Self::Table(table) => table.write(page),
-            Self::List {
-                kind,
-                heading,
-                items,
-            } => {
+            Self::List { kind, heading, items } => {
                 let _ = writeln!(page, "<section class=\"{kind}\">\n<h3>{heading}</h3>\n<ul>");
                 items.iter().for_each(|item| line(page, "li", item));
                 page.push_str("</ul>\n</section>\n");
@@ -324,19 +272,12 @@ impl Table {
         page.push_str("<div class=\"table\">\n<table>\n");
         line(page, "caption", &self.caption);
         page.push_str("<thead><tr>");
-        let numeric = |j: usize| {
-            self.rows
-                .iter()
-                .filter_map(|row| row.get(j))
-                .any(|cell| matches!(cell, Cell::Number(_)))
-        };
+        let numeric =
+            |j: usize| self.rows.iter().filter_map(|row| row.get(j)).any(|cell| matches!(cell, Cell::Number(_)));
         for (j, (name, unit)) in self.columns.iter().enumerate() {
             let class = if numeric(j) { " class=\"number\"" } else { "" };
-            let unit = if unit.is_empty() {
-                String::new()
-            } else {
-                format!("<span class=\"unit\">{}</span>", escape(unit))
-            };
+            let unit =
+                if unit.is_empty() { String::new() } else { format!("<span class=\"unit\">{}</span>", escape(unit)) };
             let _ = write!(page, "<th scope=\"col\"{class}>{}{unit}</th>", escape(name));
         }
         page.push_str("</tr></thead>\n<tbody>\n");
@@ -391,17 +332,13 @@ mod tests {
     fn everything_is_escaped_and_nothing_is_loaded() {
         let page = example().to_html();
         assert!(
-            page.contains("<h1>A &lt;b&gt; &amp; c</h1>")
-                && page.contains("&lt;script&gt;alert(1)&lt;/script&gt;")
+            page.contains("<h1>A &lt;b&gt; &amp; c</h1>") && page.contains("&lt;script&gt;alert(1)&lt;/script&gt;")
         );
         assert!(!page.contains("<script") && !page.contains("<i>") && !page.contains("Advice"));
         assert!(page.contains("name = &quot;&lt;x&gt;&quot;"));
         // The only addresses are names of XML vocabularies.
         assert!(!page.contains("https://") && !page.contains("src=") && !page.contains("href="));
-        assert_eq!(
-            page.matches("http://").count(),
-            page.matches("xmlns=\"http://www.w3.org/2000/svg\"").count()
-        );
+        assert_eq!(page.matches("http://").count(), page.matches("xmlns=\"http://www.w3.org/2000/svg\"").count());
     }
 
     #[test]
@@ -417,12 +354,10 @@ mod tests {
     #[test]
     fn opened_tags_are_closed() {
         let page = example().to_html();
-        for tag in [
-            "main", "figure", "table", "tr", "td", "section", "ul", "details", "pre", "footer",
-            "svg", "g", "defs",
-        ] {
-            let opened = page.matches(&format!("<{tag}>")).count()
-                + page.matches(&format!("<{tag} ")).count();
+        for tag in
+            ["main", "figure", "table", "tr", "td", "section", "ul", "details", "pre", "footer", "svg", "g", "defs"]
+        {
+            let opened = page.matches(&format!("<{tag}>")).count() + page.matches(&format!("<{tag} ")).count();
             assert_eq!(opened, page.matches(&format!("</{tag}>")).count(), "{tag}");
             assert!(opened > 0, "{tag}");
         }

@@ -33,19 +33,12 @@ pub struct Axis {
 impl Axis {
     /// A linear axis over the data's range.
     pub fn linear(label: impl Into<String>) -> Self {
-        Self {
-            label: label.into(),
-            ..Self::default()
-        }
+        Self { label: label.into(), ..Self::default() }
     }
 
     /// A logarithmic axis over the data's range.
     pub fn log(label: impl Into<String>) -> Self {
-        Self {
-            label: label.into(),
-            scale: Scale::Log,
-            ..Self::default()
-        }
+        Self { label: label.into(), scale: Scale::Log, ..Self::default() }
     }
 
     /// The same axis with given ends.
@@ -80,17 +73,13 @@ impl Axis {
         let given = self
             .range
             .map(|range| self.drawable(range))
-            .filter(|(from, to)| {
-                self.forward(*from).is_finite() && self.forward(*to).is_finite() && from < to
-            });
+            .filter(|(from, to)| self.forward(*from).is_finite() && self.forward(*to).is_finite() && from < to);
         if let Some(range) = given {
             return range;
         }
         let (low, high) = values
             .filter(|v| v.is_finite() && self.forward(*v).is_finite())
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
-                (low.min(v), high.max(v))
-            });
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
         let range = match self.scale {
             _ if low > high => (if self.scale == Scale::Log { 0.1 } else { 0.0 }, 1.0),
             Scale::Linear if high - low <= 1e-12 * high.abs().max(low.abs()) => {
@@ -130,13 +119,7 @@ pub struct Series {
 
 impl Series {
     fn new(label: impl Into<String>, shape: Shape) -> Self {
-        Self {
-            label: label.into(),
-            shape,
-            colour: None,
-            width: style::LINE,
-            dashed: false,
-        }
+        Self { label: label.into(), shape, colour: None, width: style::LINE, dashed: false }
     }
 
     /// A line through the points; a point that is not finite is a gap. An empty label keeps a series out of the legend.
@@ -194,9 +177,7 @@ impl Series {
 
     fn xs(&self) -> Vec<f64> {
         match &self.shape {
-            Shape::Line(p) | Shape::Points(p) | Shape::Stems(p) | Shape::Area(p) => {
-                p.iter().map(|p| p.0).collect()
-            }
+            Shape::Line(p) | Shape::Points(p) | Shape::Stems(p) | Shape::Area(p) => p.iter().map(|p| p.0).collect(),
             Shape::Band(p) => p.iter().map(|p| p.0).collect(),
             Shape::Vertical(x) => vec![*x],
             Shape::Level(_) => vec![],
@@ -248,13 +229,7 @@ impl Panel {
                 s
             })
             .collect();
-        Self {
-            x,
-            y,
-            series,
-            height,
-            y_ticks: true,
-        }
+        Self { x, y, series, height, y_ticks: true }
     }
 
     /// What the legend says of this panel.
@@ -269,39 +244,19 @@ impl Panel {
             },
             dasharray: s.dashed.then(|| "6 4".to_string()),
         };
-        self.series
-            .iter()
-            .filter(|s| !s.label.is_empty())
-            .map(entry)
-            .collect()
+        self.series.iter().filter(|s| !s.label.is_empty()).map(entry).collect()
     }
 
     /// The library's plots and layout for a data area of `width` pixels; `x_ticks` says whether tick texts are drawn below.
     pub fn build(&self, width: f64, margins: Margins, x_ticks: bool) -> (Vec<Plot>, Layout) {
-        let x_range = self
-            .x
-            .resolved(self.series.iter().flat_map(Series::xs), 0.0);
-        let y_range = self
-            .y
-            .resolved(self.series.iter().flat_map(Series::ys), 0.06);
-        let (fx, fy) = (
-            drawing_factor(self.x.scale, x_range),
-            drawing_factor(self.y.scale, y_range),
-        );
-        let view = View {
-            panel: self,
-            x_range,
-            y_range,
-            width,
-            fx,
-            fy,
-        };
+        let x_range = self.x.resolved(self.series.iter().flat_map(Series::xs), 0.0);
+        let y_range = self.y.resolved(self.series.iter().flat_map(Series::ys), 0.06);
+        let (fx, fy) = (drawing_factor(self.x.scale, x_range), drawing_factor(self.y.scale, y_range));
+        let view = View { panel: self, x_range, y_range, width, fx, fy };
         let mut plots: Vec<Plot> = self.series.iter().flat_map(|s| view.draw(s)).collect();
         if plots.is_empty() {
             // Without any plot the library draws no axes.
-            plots.push(Plot::Line(
-                LinePlot::new().with_data([(x_range.0 * fx, y_range.0 * fy)]),
-            ));
+            plots.push(Plot::Line(LinePlot::new().with_data([(x_range.0 * fx, y_range.0 * fy)])));
         }
 
         let scaled = |range: (f64, f64), factor: f64| (range.0 * factor, range.1 * factor);
@@ -409,18 +364,11 @@ impl View<'_> {
             return self.y_range.0 - 5.0 * (self.y_range.1 - self.y_range.0);
         }
         // Zero on a logarithmic axis lies below its end.
-        if axis.scale == Scale::Log && y <= 0.0 {
-            f64::NAN
-        } else {
-            y
-        }
+        if axis.scale == Scale::Log && y <= 0.0 { f64::NAN } else { y }
     }
 
     fn scaled(&self, points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
-        points
-            .into_iter()
-            .map(|(x, y)| (x * self.fx, y * self.fy))
-            .collect()
+        points.into_iter().map(|(x, y)| (x * self.fx, y * self.fy)).collect()
     }
 
     fn line(&self, points: &[(f64, f64)], series: &Series, fill: bool) -> Vec<Plot> {
@@ -431,11 +379,7 @@ impl View<'_> {
                 .with_data(self.scaled(run))
                 .with_color(colour.clone())
                 .with_stroke_width(series.width)
-                .with_line_style(if series.dashed {
-                    LineStyle::Custom("6 4".into())
-                } else {
-                    LineStyle::Solid
-                });
+                .with_line_style(if series.dashed { LineStyle::Custom("6 4".into()) } else { LineStyle::Solid });
             if fill {
                 line = line.with_fill().with_fill_opacity(0.35);
             }
@@ -449,56 +393,36 @@ impl View<'_> {
         match &series.shape {
             Shape::Line(points) => self.line(points, series, false),
             Shape::Area(points) => self.line(points, series, true),
-            Shape::Level(y) => {
-                self.line(&[(self.x_range.0, *y), (self.x_range.1, *y)], series, false)
+            Shape::Level(y) => self.line(&[(self.x_range.0, *y), (self.x_range.1, *y)], series, false),
+            Shape::Vertical(x) => self.line(&[(*x, self.y_range.0), (*x, self.y_range.1)], series, false),
+            Shape::Stems(points) => {
+                points.iter().flat_map(|&(x, y)| self.line(&[(x, 0.0), (x, y)], series, false)).collect()
             }
-            Shape::Vertical(x) => {
-                self.line(&[(*x, self.y_range.0), (*x, self.y_range.1)], series, false)
-            }
-            Shape::Stems(points) => points
-                .iter()
-                .flat_map(|&(x, y)| self.line(&[(x, 0.0), (x, y)], series, false))
-                .collect(),
             Shape::Points(points) => {
                 let kept = thin_points(points, |x, y| (self.column(x), self.row(y)));
                 if kept.is_empty() {
                     return vec![];
                 }
                 vec![Plot::Scatter(
-                    ScatterPlot::new()
-                        .with_data(self.scaled(kept))
-                        .with_color(colour)
-                        .with_size(series.width),
+                    ScatterPlot::new().with_data(self.scaled(kept)).with_color(colour).with_size(series.width),
                 )]
             }
             Shape::Band(points) => {
                 let low = |y: f64| {
-                    if self.panel.y.scale == Scale::Log && y <= 0.0 {
-                        self.y_range.0
-                    } else {
-                        self.tame(y)
-                    }
+                    if self.panel.y.scale == Scale::Log && y <= 0.0 { self.y_range.0 } else { self.tame(y) }
                 };
-                let kept: Vec<(f64, f64, f64)> = points
-                    .iter()
-                    .map(|&(x, l, h)| (x, low(l), self.tame(h)))
-                    .collect();
-                kept.split(|(x, l, h)| {
-                    !(l.is_finite() && h.is_finite() && self.column(*x).is_finite())
-                })
-                .filter(|run| run.len() > 1)
-                .map(|run| {
-                    let band = BandPlot::new(
-                        run.iter().map(|p| p.0 * self.fx),
-                        run.iter().map(|p| p.1 * self.fy),
-                        run.iter().map(|p| p.2 * self.fy),
-                    );
-                    Plot::Band(
-                        band.with_color(colour.clone())
-                            .with_opacity(style::BAND_OPACITY),
-                    )
-                })
-                .collect()
+                let kept: Vec<(f64, f64, f64)> = points.iter().map(|&(x, l, h)| (x, low(l), self.tame(h))).collect();
+                kept.split(|(x, l, h)| !(l.is_finite() && h.is_finite() && self.column(*x).is_finite()))
+                    .filter(|run| run.len() > 1)
+                    .map(|run| {
+                        let band = BandPlot::new(
+                            run.iter().map(|p| p.0 * self.fx),
+                            run.iter().map(|p| p.1 * self.fy),
+                            run.iter().map(|p| p.2 * self.fy),
+                        );
+                        Plot::Band(band.with_color(colour.clone()).with_opacity(style::BAND_OPACITY))
+                    })
+                    .collect()
             }
         }
     }

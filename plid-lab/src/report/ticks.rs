@@ -9,10 +9,7 @@ pub(super) fn nice_step(range: (f64, f64), count: f64) -> f64 {
     let raw = (range.1 - range.0) / count;
     let power = 10f64.powf(raw.log10().floor());
     let off = |factor: &f64| (factor * power / raw).ln().abs();
-    let factor = [1.0, 2.0, 5.0, 10.0]
-        .into_iter()
-        .min_by(|a, b| off(a).total_cmp(&off(b)))
-        .unwrap_or(1.0);
+    let factor = [1.0, 2.0, 5.0, 10.0].into_iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(1.0);
     factor * power
 }
 
@@ -35,11 +32,7 @@ pub(super) fn tick_format(factor: f64, every: i32) -> TickFormat {
     TickFormat::Custom(Arc::new(move |value| {
         let value = value / factor;
         let unmarked = every > 1 && (value.log10().round() as i32) % every != 0;
-        if unmarked {
-            String::new()
-        } else {
-            format_tick(value)
-        }
+        if unmarked { String::new() } else { format_tick(value) }
     }))
 }
 
@@ -58,38 +51,21 @@ pub(super) fn format_tick(value: f64) -> String {
         return text;
     };
     if (-3..5).contains(&exponent) {
-        return trim_zeros(&format!("{:.*}", (9 - exponent) as usize, value))
-            .replace('-', "\u{2212}");
+        return trim_zeros(&format!("{:.*}", (9 - exponent) as usize, value)).replace('-', "\u{2212}");
     }
-    let sign = if mantissa.starts_with('-') {
-        "\u{2212}"
-    } else {
-        ""
-    };
+    let sign = if mantissa.starts_with('-') { "\u{2212}" } else { "" };
     let mantissa = mantissa.trim_start_matches('-');
     let power = format!("10{}", superscript(exponent));
-    if mantissa == "1" {
-        format!("{sign}{power}")
-    } else {
-        format!("{sign}{mantissa}\u{b7}{power}")
-    }
+    if mantissa == "1" { format!("{sign}{power}") } else { format!("{sign}{mantissa}\u{b7}{power}") }
 }
 
 fn trim_zeros(text: &str) -> String {
-    if text.contains('.') {
-        text.trim_end_matches('0').trim_end_matches('.').to_string()
-    } else {
-        text.to_string()
-    }
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_string() } else { text.to_string() }
 }
 
 fn superscript(number: i32) -> String {
     let digits = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
-    number
-        .to_string()
-        .chars()
-        .map(|c| c.to_digit(10).map_or('⁻', |d| digits[d as usize]))
-        .collect()
+    number.to_string().chars().map(|c| c.to_digit(10).map_or('⁻', |d| digits[d as usize])).collect()
 }
 
 #[cfg(test)]
@@ -122,9 +98,7 @@ mod tests {
 
     #[test]
     fn crowded_decades_lose_texts() {
-        let texts: Vec<String> = (0..5)
-            .map(|k| tick_format(1e3, 2).format(10f64.powi(k)))
-            .collect();
+        let texts: Vec<String> = (0..5).map(|k| tick_format(1e3, 2).format(10f64.powi(k))).collect();
         assert_eq!(texts, ["", "0.01", "", "1", ""]);
     }
 

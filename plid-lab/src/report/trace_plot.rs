@@ -23,31 +23,15 @@ pub struct Trace<'a> {
 pub fn trace_plot(traces: &[Trace], sample_rate_hz: f64, window: Range<usize>) -> String {
     let points = |values: &[f64]| -> Vec<(f64, f64)> {
         let shown = window.start.min(values.len())..window.end.min(values.len());
-        shown
-            .map(|k| (k as f64 / sample_rate_hz, values[k]))
-            .collect()
+        shown.map(|k| (k as f64 / sample_rate_hz, values[k])).collect()
     };
-    let error = |measured: &[f64], other: &[f64]| {
-        points(
-            &measured
-                .iter()
-                .zip(other)
-                .map(|(y, x)| y - x)
-                .collect::<Vec<_>>(),
-        )
-    };
+    let error =
+        |measured: &[f64], other: &[f64]| points(&measured.iter().zip(other).map(|(y, x)| y - x).collect::<Vec<_>>());
     let last = window.end.max(window.start + 2) - 1;
-    let x = Axis::linear("time, s").range(
-        window.start as f64 / sample_rate_hz,
-        last as f64 / sample_rate_hz,
-    );
+    let x = Axis::linear("time, s").range(window.start as f64 / sample_rate_hz, last as f64 / sample_rate_hz);
     let mut panels = Vec::new();
     for trace in traces {
-        let mut signals = vec![
-            Series::line("measured", points(trace.measured))
-                .colour(style::MEASURED)
-                .width(2.8),
-        ];
+        let mut signals = vec![Series::line("measured", points(trace.measured)).colour(style::MEASURED).width(2.8)];
         let mut errors = Vec::new();
         let others = [
             ("free run", trace.free_run, style::FREE_RUN),
@@ -55,31 +39,13 @@ pub fn trace_plot(traces: &[Trace], sample_rate_hz: f64, window: Range<usize>) -
         ];
         for (label, values, colour) in others {
             if let Some(values) = values {
-                signals.push(
-                    Series::line(label, points(values))
-                        .colour(colour)
-                        .width(1.2),
-                );
-                errors.push(
-                    Series::line(label, error(trace.measured, values))
-                        .colour(colour)
-                        .width(1.0),
-                );
+                signals.push(Series::line(label, points(values)).colour(colour).width(1.2));
+                errors.push(Series::line(label, error(trace.measured, values)).colour(colour).width(1.0));
             }
         }
-        panels.push(Panel::new(
-            x.clone(),
-            Axis::linear(format!("{}, {}", trace.name, trace.unit)),
-            150.0,
-            signals,
-        ));
+        panels.push(Panel::new(x.clone(), Axis::linear(format!("{}, {}", trace.name, trace.unit)), 150.0, signals));
         if !errors.is_empty() {
-            panels.push(Panel::new(
-                x.clone(),
-                Axis::linear(format!("error, {}", trace.unit)),
-                84.0,
-                errors,
-            ));
+            panels.push(Panel::new(x.clone(), Axis::linear(format!("error, {}", trace.unit)), 84.0, errors));
         }
     }
     single("", panels)
@@ -101,11 +67,7 @@ mod tests {
         };
         for window in [0..5, 3..900, 7..7] {
             let svg = trace_plot(std::slice::from_ref(&trace), 10.0, window);
-            assert!(
-                svg.contains("error, V")
-                    && svg.contains("one-step prediction")
-                    && !svg.contains("free run")
-            );
+            assert!(svg.contains("error, V") && svg.contains("one-step prediction") && !svg.contains("free run"));
             assert!(!svg.contains("NaN") && !svg.contains("inf"));
         }
     }

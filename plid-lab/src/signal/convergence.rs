@@ -32,25 +32,15 @@ pub fn convergence(errors: ArrayView2<f64>, bins: usize) -> Convergence {
     let largest: Vec<f64> = errors
         .rows()
         .into_iter()
-        .map(|row| {
-            row.iter()
-                .filter(|e| !e.is_nan())
-                .map(|e| e.abs())
-                .fold(f64::NAN, f64::max)
-        })
+        .map(|row| row.iter().filter(|e| !e.is_nan()).map(|e| e.abs()).fold(f64::NAN, f64::max))
         .collect();
     let samples = largest.len();
     let mut edges: Vec<usize> = (0..=bins)
-        .map(|b| {
-            ((samples as f64 + 1.0).powf(b as f64 / bins.max(1) as f64) - 1.0).round() as usize
-        })
+        .map(|b| ((samples as f64 + 1.0).powf(b as f64 / bins.max(1) as f64) - 1.0).round() as usize)
         .chain([samples])
         .collect();
     edges.dedup();
-    let bins = edges
-        .windows(2)
-        .filter_map(|edge| summary(edge[0], edge[1], &largest[edge[0]..edge[1]]))
-        .collect();
+    let bins = edges.windows(2).filter_map(|edge| summary(edge[0], edge[1], &largest[edge[0]..edge[1]])).collect();
     Convergence { largest, bins }
 }
 
@@ -75,11 +65,7 @@ fn percentile(sorted: &[f64], share: f64) -> f64 {
     let above = (below + 1).min(sorted.len() - 1);
     let weight = position - below as f64;
     // Written so that an infinite neighbour of zero weight does no harm.
-    if weight == 0.0 {
-        sorted[below]
-    } else {
-        sorted[below] * (1.0 - weight) + sorted[above] * weight
-    }
+    if weight == 0.0 { sorted[below] } else { sorted[below] * (1.0 - weight) + sorted[above] * weight }
 }
 
 #[cfg(test)]
@@ -90,12 +76,7 @@ mod tests {
 
     #[test]
     fn the_largest_error_skips_gaps() {
-        let e = array![
-            [1.0, -3.0],
-            [f64::NAN, 0.5],
-            [f64::NAN, f64::NAN],
-            [-2.0, 1.0]
-        ];
+        let e = array![[1.0, -3.0], [f64::NAN, 0.5], [f64::NAN, f64::NAN], [-2.0, 1.0]];
         let c = convergence(e.view(), 1);
         assert_eq!(c.largest[..2], [3.0, 0.5]);
         assert!(c.largest[2].is_nan());
@@ -120,10 +101,6 @@ mod tests {
             let middle = 1.0 + 0.5 * (bin.start + bin.end) as f64;
             assert!((bin.median * middle / 1.264 - 1.0).abs() < 0.15, "{bin:?}");
         }
-        assert!(
-            convergence(Array2::zeros((0, 2)).view(), 10)
-                .bins
-                .is_empty()
-        );
+        assert!(convergence(Array2::zeros((0, 2)).view(), 10).bins.is_empty());
     }
 }

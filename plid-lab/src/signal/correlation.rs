@@ -33,44 +33,23 @@ pub struct CorrelationTest {
 }
 
 impl CorrelationTest {
-    pub(super) fn new(
-        statistic: f64,
-        degrees_of_freedom: usize,
-        confidence: f64,
-        outside: Vec<i64>,
-    ) -> Self {
+    pub(super) fn new(statistic: f64, degrees_of_freedom: usize, confidence: f64, outside: Vec<i64>) -> Self {
         // A positive number of degrees of freedom is always a valid distribution; callers guarantee it.
-        let p_value =
-            ChiSquared::new(degrees_of_freedom as f64).map_or(f64::NAN, |chi| chi.sf(statistic));
-        Self {
-            statistic,
-            degrees_of_freedom,
-            p_value,
-            outside,
-            confidence,
-            passes: p_value >= 1.0 - confidence,
-        }
+        let p_value = ChiSquared::new(degrees_of_freedom as f64).map_or(f64::NAN, |chi| chi.sf(statistic));
+        Self { statistic, degrees_of_freedom, p_value, outside, confidence, passes: p_value >= 1.0 - confidence }
     }
 }
 
 /// Two-sided quantile of the standard normal distribution.
 pub(super) fn two_sided_quantile(confidence: f64) -> Result<f64, SignalError> {
     if !(confidence > 0.0 && confidence < 1.0) {
-        return Err(SignalError::Setting {
-            name: "confidence",
-            value: confidence,
-            allowed: "between 0 and 1",
-        });
+        return Err(SignalError::Setting { name: "confidence", value: confidence, allowed: "between 0 and 1" });
     }
     Ok(Normal::standard().inverse_cdf(0.5 + 0.5 * confidence))
 }
 
 pub(super) fn lags_outside(lags: &[i64], value: &[f64], bound: &[f64]) -> Vec<i64> {
-    lags.iter()
-        .zip(value.iter().zip(bound))
-        .filter(|(_, (v, b))| v.abs() > **b)
-        .map(|(lag, _)| *lag)
-        .collect()
+    lags.iter().zip(value.iter().zip(bound)).filter(|(_, (v, b))| v.abs() > **b).map(|(lag, _)| *lag).collect()
 }
 
 /// The series with its mean taken off and its gaps filled with zeros, and the number of samples present.
@@ -78,10 +57,5 @@ pub(super) fn lags_outside(lags: &[i64], value: &[f64], bound: &[f64]) -> Vec<i6
 pub(super) fn centred(series: impl Iterator<Item = f64> + Clone) -> (Vec<f64>, usize) {
     let present = series.clone().filter(|x| !x.is_nan()).count();
     let mean = series.clone().filter(|x| !x.is_nan()).sum::<f64>() / present as f64;
-    (
-        series
-            .map(|x| if x.is_nan() { 0.0 } else { x - mean })
-            .collect(),
-        present,
-    )
+    (series.map(|x| if x.is_nan() { 0.0 } else { x - mean }).collect(), present)
 }

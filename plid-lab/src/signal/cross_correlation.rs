@@ -18,11 +18,7 @@ pub struct CrossCorrelationOptions {
 
 impl Default for CrossCorrelationOptions {
     fn default() -> Self {
-        Self {
-            first_lag: 1,
-            last_lag: 50,
-            confidence: 0.99,
-        }
+        Self { first_lag: 1, last_lag: 50, confidence: 0.99 }
     }
 }
 
@@ -58,10 +54,7 @@ pub fn cross_correlation(
         });
     }
     let span = (options.last_lag - options.first_lag + 1) as usize;
-    let reach = options
-        .first_lag
-        .unsigned_abs()
-        .max(options.last_lag.unsigned_abs()) as usize;
+    let reach = options.first_lag.unsigned_abs().max(options.last_lag.unsigned_abs()) as usize;
     let prepare = |what: &'static str, data: ArrayView2<f64>| -> Result<Vec<Series>, SignalError> {
         let needed = 4 * reach.max(span);
         data.columns()
@@ -72,15 +65,7 @@ pub fn cross_correlation(
     };
     let residuals = prepare("the residual", residuals)?;
     let inputs = prepare("the input", inputs)?;
-    Ok(residuals
-        .iter()
-        .map(|e| {
-            inputs
-                .iter()
-                .map(|u| one_pair(e, u, options, quantile))
-                .collect()
-        })
-        .collect())
+    Ok(residuals.iter().map(|e| inputs.iter().map(|u| one_pair(e, u, options, quantile)).collect()).collect())
 }
 
 /// A centred series with the sums of products of its own past.
@@ -111,30 +96,18 @@ impl Series {
         if products[0] <= 0.0 {
             return Err(SignalError::Constant { what, channel });
         }
-        Ok(Self {
-            value,
-            products,
-            present,
-        })
+        Ok(Self { value, products, present })
     }
 }
 
-fn one_pair(
-    e: &Series,
-    u: &Series,
-    options: &CrossCorrelationOptions,
-    quantile: f64,
-) -> Correlation {
+fn one_pair(e: &Series, u: &Series, options: &CrossCorrelationOptions, quantile: f64) -> Correlation {
     let lags: Vec<i64> = (options.first_lag..=options.last_lag).collect();
     let scale = (e.products[0] * u.products[0]).sqrt();
     let n = e.value.len() as i64;
     let value: Vec<f64> = lags
         .iter()
         .map(|&lag| {
-            (lag.max(0)..n.min(n + lag))
-                .map(|k| e.value[k as usize] * u.value[(k - lag) as usize])
-                .sum::<f64>()
-                / scale
+            (lag.max(0)..n.min(n + lag)).map(|k| e.value[k as usize] * u.value[(k - lag) as usize]).sum::<f64>() / scale
         })
         .collect();
     let covariance: Vec<f64> = (0..lags.len()).map(|apart| bartlett(e, u, apart)).collect();
@@ -142,41 +115,23 @@ fn one_pair(
 
     let toeplitz = DMatrix::from_fn(lags.len(), lags.len(), |i, j| covariance[i.abs_diff(j)]);
     let eigen = SymmetricEigen::new(toeplitz);
-    let along = eigen
-        .eigenvectors
-        .tr_mul(&DVector::from_column_slice(&value));
+    let along = eigen.eigenvectors.tr_mul(&DVector::from_column_slice(&value));
     let least = WEAK_DIRECTION * eigen.eigenvalues.max();
     let (mut statistic, mut freedom) = (0.0, 0);
-    for (component, variance) in along
-        .iter()
-        .zip(eigen.eigenvalues.iter())
-        .filter(|(_, variance)| **variance > least)
-    {
+    for (component, variance) in along.iter().zip(eigen.eigenvalues.iter()).filter(|(_, variance)| **variance > least) {
         statistic += component * component / variance;
         freedom += 1;
     }
     let outside = lags_outside(&lags, &value, &bound);
-    Correlation {
-        test: CorrelationTest::new(statistic, freedom, options.confidence, outside),
-        lags,
-        value,
-        bound,
-    }
+    Correlation { test: CorrelationTest::new(statistic, freedom, options.confidence, outside), lags, value, bound }
 }
 
 /// Bartlett's covariance of the cross-correlations at two lags that lie `apart`: sum_k rho_e(k) rho_u(k + apart) / N.
 /// With gaps filled by zeros the sums of products hold just the pairs that are there.
 fn bartlett(e: &Series, u: &Series, apart: usize) -> f64 {
-    let at = |products: &[f64], k: i64| {
-        products
-            .get(k.unsigned_abs() as usize)
-            .copied()
-            .unwrap_or(0.0)
-    };
+    let at = |products: &[f64], k: i64| products.get(k.unsigned_abs() as usize).copied().unwrap_or(0.0);
     let n = e.products.len() as i64;
-    let sum: f64 = (1 - n..n)
-        .map(|k| at(&e.products, k) * at(&u.products, k + apart as i64))
-        .sum();
+    let sum: f64 = (1 - n..n).map(|k| at(&e.products, k) * at(&u.products, k + apart as i64)).sum();
     sum / (e.products[0] * u.products[0] * u.present as f64)
 }
 
@@ -187,9 +142,7 @@ fn sums_of_products(x: &[f64]) -> Vec<f64> {
     let mut buffer: Vec<Complex64> = x.iter().map(|&v| Complex64::new(v, 0.0)).collect();
     buffer.resize(length, Complex64::ZERO);
     planner.plan_fft_forward(length).process(&mut buffer);
-    buffer
-        .iter_mut()
-        .for_each(|z| *z = Complex64::new(z.norm_sqr() / length as f64, 0.0));
+    buffer.iter_mut().for_each(|z| *z = Complex64::new(z.norm_sqr() / length as f64, 0.0));
     planner.plan_fft_inverse(length).process(&mut buffer);
     buffer[..x.len()].iter().map(|z| z.re).collect()
 }
@@ -201,25 +154,16 @@ mod tests {
     use ndarray::{Array2, array};
 
     fn share_outside(e: &Array2<f64>, u: &Array2<f64>) -> (f64, f64) {
-        let options = CrossCorrelationOptions {
-            first_lag: 0,
-            last_lag: 19,
-            confidence: 0.95,
-        };
+        let options = CrossCorrelationOptions { first_lag: 0, last_lag: 19, confidence: 0.95 };
         let (mut outside, mut alarms, mut count) = (0, 0, 0);
         for column in 0..e.ncols() {
-            let pick =
-                |data: &Array2<f64>| data.column(column).insert_axis(ndarray::Axis(1)).to_owned();
-            let result =
-                &cross_correlation(pick(e).view(), pick(u).view(), &options).unwrap()[0][0];
+            let pick = |data: &Array2<f64>| data.column(column).insert_axis(ndarray::Axis(1)).to_owned();
+            let result = &cross_correlation(pick(e).view(), pick(u).view(), &options).unwrap()[0][0];
             outside += result.test.outside.len();
             alarms += usize::from(!result.test.passes);
             count += 1;
         }
-        (
-            outside as f64 / (20 * count) as f64,
-            alarms as f64 / count as f64,
-        )
+        (outside as f64 / (20 * count) as f64, alarms as f64 / count as f64)
     }
 
     #[test]
@@ -231,17 +175,10 @@ mod tests {
         // The residual is the input two samples ago: lag 2 stands out, and only it.
         let u = white(31, 4000, 1);
         let e = Array2::from_shape_fn((4000, 1), |(k, _)| if k > 1 { u[[k - 2, 0]] } else { 0.0 });
-        let options = CrossCorrelationOptions {
-            first_lag: -5,
-            ..Default::default()
-        };
+        let options = CrossCorrelationOptions { first_lag: -5, ..Default::default() };
         let result = &cross_correlation(e.view(), u.view(), &options).unwrap()[0][0];
         assert!((result.value[7] - 1.0).abs() < 5e-3 && result.lags[7] == 2);
-        assert!(
-            result.test.outside.contains(&2)
-                && result.test.outside.len() < 4
-                && !result.test.passes
-        );
+        assert!(result.test.outside.contains(&2) && result.test.outside.len() < 4 && !result.test.passes);
     }
 
     #[test]
@@ -249,14 +186,8 @@ mod tests {
         // For two first-order series Bartlett's sum is (1 + ab) / (1 - ab): for 0.8 and 0.9 it is 6.1, and bounds
         // that took the residual for white would be left by 43 % of the values.
         for (pole_e, pole_u) in [(0.0, 0.0), (0.0, 0.9), (0.8, 0.9)] {
-            let (outside, alarms) = share_outside(
-                &coloured(32, 2000, 300, pole_e),
-                &coloured(33, 2000, 300, pole_u),
-            );
-            assert!(
-                (outside - 0.05).abs() < 0.03,
-                "{pole_e} {pole_u}: {outside}"
-            );
+            let (outside, alarms) = share_outside(&coloured(32, 2000, 300, pole_e), &coloured(33, 2000, 300, pole_u));
+            assert!((outside - 0.05).abs() < 0.03, "{pole_e} {pole_u}: {outside}");
             assert!((alarms - 0.05).abs() < 0.045, "{pole_e} {pole_u}: {alarms}");
         }
     }
@@ -265,18 +196,10 @@ mod tests {
     fn the_bound_is_the_closed_form_of_two_first_order_series() {
         let options = CrossCorrelationOptions::default();
         let n = 100_000;
-        let result = &cross_correlation(
-            coloured(34, n, 1, 0.8).view(),
-            coloured(35, n, 1, 0.9).view(),
-            &options,
-        )
-        .unwrap()[0][0];
+        let result =
+            &cross_correlation(coloured(34, n, 1, 0.8).view(), coloured(35, n, 1, 0.9).view(), &options).unwrap()[0][0];
         let expected = 2.575829 * ((1.0f64 + 0.72) / (1.0 - 0.72) / n as f64).sqrt();
-        assert!(
-            (result.bound[0] / expected - 1.0).abs() < 0.05,
-            "{} {expected}",
-            result.bound[0]
-        );
+        assert!((result.bound[0] / expected - 1.0).abs() < 0.05, "{} {expected}", result.bound[0]);
     }
 
     #[test]
@@ -299,17 +222,9 @@ mod tests {
         for k in 1..8000 {
             u[[k, 0]] += 0.97 * u[[k - 1, 0]];
         }
-        let result = &cross_correlation(
-            white(40, 8000, 1).view(),
-            u.view(),
-            &CrossCorrelationOptions::default(),
-        )
-        .unwrap()[0][0];
-        assert!(
-            (1..25).contains(&result.test.degrees_of_freedom),
-            "{}",
-            result.test.degrees_of_freedom
-        );
+        let result =
+            &cross_correlation(white(40, 8000, 1).view(), u.view(), &CrossCorrelationOptions::default()).unwrap()[0][0];
+        assert!((1..25).contains(&result.test.degrees_of_freedom), "{}", result.test.degrees_of_freedom);
         assert!(result.test.p_value > 0.01);
     }
 
@@ -317,33 +232,11 @@ mod tests {
     fn bad_records_are_refused() {
         let options = CrossCorrelationOptions::default();
         let e = white(1, 300, 1);
-        let still =
-            cross_correlation(e.view(), Array2::zeros((300, 1)).view(), &options).unwrap_err();
-        assert_eq!(
-            still,
-            SignalError::Constant {
-                what: "the input",
-                channel: 0
-            }
-        );
-        let short =
-            cross_correlation(array![[1.0]].view(), array![[1.0]].view(), &options).unwrap_err();
-        assert!(matches!(
-            short,
-            SignalError::TooShort {
-                needed: 200,
-                available: 1,
-                ..
-            }
-        ));
+        let still = cross_correlation(e.view(), Array2::zeros((300, 1)).view(), &options).unwrap_err();
+        assert_eq!(still, SignalError::Constant { what: "the input", channel: 0 });
+        let short = cross_correlation(array![[1.0]].view(), array![[1.0]].view(), &options).unwrap_err();
+        assert!(matches!(short, SignalError::TooShort { needed: 200, available: 1, .. }));
         let other = cross_correlation(e.view(), white(1, 200, 1).view(), &options).unwrap_err();
-        assert_eq!(
-            other,
-            SignalError::LengthMismatch {
-                what: "the input",
-                expected: 300,
-                found: 200
-            }
-        );
+        assert_eq!(other, SignalError::LengthMismatch { what: "the input", expected: 300, found: 200 });
     }
 }

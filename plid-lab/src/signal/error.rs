@@ -85,29 +85,17 @@ pub(super) fn check_record(what: &'static str, data: ArrayView2<f64>) -> Result<
         return Err(SignalError::NoChannels { what });
     }
     match data.indexed_iter().find(|(_, value)| value.is_infinite()) {
-        Some(((sample, channel), _)) => Err(SignalError::Infinite {
-            what,
-            channel,
-            sample,
-        }),
+        Some(((sample, channel), _)) => Err(SignalError::Infinite { what, channel, sample }),
         None => Ok(()),
     }
 }
 
 /// Refuses a record whose number of rows differs from `expected`.
-pub(super) fn check_rows(
-    what: &'static str,
-    data: ArrayView2<f64>,
-    expected: usize,
-) -> Result<(), SignalError> {
+pub(super) fn check_rows(what: &'static str, data: ArrayView2<f64>, expected: usize) -> Result<(), SignalError> {
     if data.nrows() == expected {
         return Ok(());
     }
-    Err(SignalError::LengthMismatch {
-        what,
-        expected,
-        found: data.nrows(),
-    })
+    Err(SignalError::LengthMismatch { what, expected, found: data.nrows() })
 }
 
 /// Refuses a number that is not finite and positive.
@@ -115,9 +103,5 @@ pub(super) fn check_positive(name: &'static str, value: f64) -> Result<(), Signa
     if value.is_finite() && value > 0.0 {
         return Ok(());
     }
-    Err(SignalError::Setting {
-        name,
-        value,
-        allowed: "a finite positive number",
-    })
+    Err(SignalError::Setting { name, value, allowed: "a finite positive number" })
 }

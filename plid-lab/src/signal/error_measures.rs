@@ -25,10 +25,7 @@ pub struct ErrorMeasures {
 /// # Errors
 /// [`SignalError::LengthMismatch`], [`SignalError::ChannelMismatch`], [`SignalError::NoChannels`],
 /// [`SignalError::Infinite`] for the measured outputs, [`SignalError::TooShort`] for an output without a sample.
-pub fn error_measures(
-    measured: ArrayView2<f64>,
-    predicted: ArrayView2<f64>,
-) -> Result<ErrorMeasures, SignalError> {
+pub fn error_measures(measured: ArrayView2<f64>, predicted: ArrayView2<f64>) -> Result<ErrorMeasures, SignalError> {
     check_record("the measured output", measured)?;
     check_rows("the predicted output", predicted, measured.nrows())?;
     if predicted.ncols() != measured.ncols() {
@@ -47,40 +44,20 @@ pub fn error_measures(
     };
     let (mut scaled_error, mut scaled_samples) = (0.0, 0.0);
     for (y, prediction) in measured.columns().into_iter().zip(predicted.columns()) {
-        let present: Vec<(f64, f64)> = y
-            .iter()
-            .copied()
-            .zip(prediction.iter().copied())
-            .filter(|(y, _)| !y.is_nan())
-            .collect();
+        let present: Vec<(f64, f64)> =
+            y.iter().copied().zip(prediction.iter().copied()).filter(|(y, _)| !y.is_nan()).collect();
         if present.is_empty() {
-            return Err(SignalError::TooShort {
-                what: "an error measure",
-                unit: "samples",
-                needed: 1,
-                available: 0,
-            });
+            return Err(SignalError::TooShort { what: "an error measure", unit: "samples", needed: 1, available: 0 });
         }
         let n = present.len() as f64;
         let mean = present.iter().map(|(y, _)| y).sum::<f64>() / n;
         let finite = |e: f64| if e.is_finite() { e } else { f64::INFINITY };
-        let error = (present
-            .iter()
-            .map(|(y, p)| finite(y - p).powi(2))
-            .sum::<f64>()
-            / n)
-            .sqrt();
+        let error = (present.iter().map(|(y, p)| finite(y - p).powi(2)).sum::<f64>() / n).sqrt();
         let size = rms(present.iter().map(|(y, _)| *y));
         let spread = rms(present.iter().map(|(y, _)| y - mean));
         result.rms_error.push(error);
-        result
-            .relative
-            .push(if size > 0.0 { error / size } else { f64::NAN });
-        result.fit_percent.push(if spread > 0.0 {
-            100.0 * (1.0 - error / spread)
-        } else {
-            f64::NAN
-        });
+        result.relative.push(if size > 0.0 { error / size } else { f64::NAN });
+        result.fit_percent.push(if spread > 0.0 { 100.0 * (1.0 - error / spread) } else { f64::NAN });
         result.samples.push(present.len());
         if size > 0.0 {
             scaled_error += n * (error / size).powi(2);
@@ -93,10 +70,7 @@ pub fn error_measures(
 
 /// Root mean square of the values that are not NaN; NaN where there is none.
 pub fn rms(values: impl IntoIterator<Item = f64>) -> f64 {
-    let (sum, count) = values
-        .into_iter()
-        .filter(|x| !x.is_nan())
-        .fold((0.0, 0usize), |(s, c), x| (s + x * x, c + 1));
+    let (sum, count) = values.into_iter().filter(|x| !x.is_nan()).fold((0.0, 0usize), |(s, c), x| (s + x * x, c + 1));
     (sum / count as f64).sqrt()
 }
 
@@ -133,19 +107,13 @@ mod tests {
     #[test]
     fn bad_shapes_are_refused() {
         let y = array![[1.0], [f64::NAN]];
-        assert!(matches!(
-            error_measures(y.view(), array![[1.0]].view()),
-            Err(SignalError::LengthMismatch { .. })
-        ));
+        assert!(matches!(error_measures(y.view(), array![[1.0]].view()), Err(SignalError::LengthMismatch { .. })));
         assert!(matches!(
             error_measures(y.view(), Array2::zeros((2, 2)).view()),
             Err(SignalError::ChannelMismatch { .. })
         ));
         let gone = array![[f64::NAN]];
-        assert!(matches!(
-            error_measures(gone.view(), gone.view()),
-            Err(SignalError::TooShort { .. })
-        ));
+        assert!(matches!(error_measures(gone.view(), gone.view()), Err(SignalError::TooShort { .. })));
         assert!(rms([]).is_nan() && rms([3.0, f64::NAN, 4.0]) == 12.5f64.sqrt());
     }
 }

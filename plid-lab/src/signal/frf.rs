@@ -61,19 +61,15 @@ pub fn welch_frf(
     for (channel, column) in inputs.columns().into_iter().enumerate() {
         let present = || column.iter().copied().filter(|x| !x.is_nan());
         if present().fold(f64::INFINITY, f64::min) >= present().fold(f64::NEG_INFINITY, f64::max) {
-            return Err(SignalError::Constant {
-                what: "the input",
-                channel,
-            });
+            return Err(SignalError::Constant { what: "the input", channel });
         }
     }
     let (m, p) = (inputs.ncols(), outputs.ncols());
-    let joint =
-        concatenate(Axis(1), &[inputs, outputs]).map_err(|_| SignalError::LengthMismatch {
-            what: "the output",
-            expected: inputs.nrows(),
-            found: outputs.nrows(),
-        })?;
+    let joint = concatenate(Axis(1), &[inputs, outputs]).map_err(|_| SignalError::LengthMismatch {
+        what: "the output",
+        expected: inputs.nrows(),
+        found: outputs.nrows(),
+    })?;
     let spectra = welch_spectra(joint.view(), options)?;
     let freedom = spectra.averages - m as f64;
     if freedom <= 0.0 {
@@ -87,9 +83,7 @@ pub fn welch_frf(
 
     let lines = spectra.frequency_hz.len() - 1;
     let auto = |first: usize, count: usize| {
-        Array2::from_shape_fn((lines, count), |(line, i)| {
-            spectra.density[[line + 1, first + i, first + i]].re
-        })
+        Array2::from_shape_fn((lines, count), |(line, i)| spectra.density[[line + 1, first + i, first + i]].re)
     };
     let mut frf = WelchFrf {
         frequency_hz: spectra.frequency_hz[1..].to_vec(),
@@ -105,9 +99,7 @@ pub fn welch_frf(
         segments_skipped: spectra.segments_skipped,
         averages: spectra.averages,
     };
-    let strongest: Vec<f64> = (0..m)
-        .map(|j| frf.input_density.column(j).fold(0.0, |a: f64, b| a.max(*b)))
-        .collect();
+    let strongest: Vec<f64> = (0..m).map(|j| frf.input_density.column(j).fold(0.0, |a: f64, b| a.max(*b))).collect();
     for line in 0..lines {
         let density = spectra.density.slice(s![line + 1, .., ..]);
         // An input without power at this line (far below rounding of its peak) cannot be divided by.
@@ -119,9 +111,8 @@ pub fn welch_frf(
         };
         for i in 0..p {
             let power = density[[m + i, m + i]].re;
-            let row: Vec<Complex64> = (0..m)
-                .map(|j| (0..m).map(|l| density[[m + i, l]] * inverse[(l, j)]).sum())
-                .collect();
+            let row: Vec<Complex64> =
+                (0..m).map(|j| (0..m).map(|l| density[[m + i, l]] * inverse[(l, j)]).sum()).collect();
             let explained: f64 = (0..m).map(|j| (row[j] * density[[j, m + i]]).re).sum();
             let noise = (power - explained).max(0.0);
             if power > 0.0 {
@@ -135,8 +126,7 @@ pub fn welch_frf(
                     let ordinary = density[[m + i, j]].norm_sqr() / (power * density[[j, j]].re);
                     frf.ordinary_coherence[[line, i, j]] = ordinary.min(1.0);
                     // From the inverse of the joint density matrix of the output and all inputs.
-                    frf.partial_coherence[[line, i, j]] =
-                        row[j].norm_sqr() / (row[j].norm_sqr() + variance);
+                    frf.partial_coherence[[line, i, j]] = row[j].norm_sqr() / (row[j].norm_sqr() + variance);
                 }
             }
         }
@@ -149,18 +139,11 @@ fn inverse_of_inputs(density: ArrayView2<Complex64>, m: usize) -> Option<DMatrix
     let scale: Vec<f64> = (0..m).map(|j| density[[j, j]].re.sqrt()).collect();
     let scaled = DMatrix::from_fn(m, m, |i, j| density[[i, j]] / (scale[i] * scale[j]));
     let cholesky = scaled.cholesky()?;
-    if cholesky
-        .l_dirty()
-        .diagonal()
-        .iter()
-        .any(|pivot| pivot.norm_sqr() < DEPENDENT)
-    {
+    if cholesky.l_dirty().diagonal().iter().any(|pivot| pivot.norm_sqr() < DEPENDENT) {
         return None;
     }
     let inverse = cholesky.inverse();
-    Some(DMatrix::from_fn(m, m, |i, j| {
-        inverse[(i, j)] / (scale[i] * scale[j])
-    }))
+    Some(DMatrix::from_fn(m, m, |i, j| inverse[(i, j)] / (scale[i] * scale[j])))
 }
 
 #[cfg(test)]
@@ -172,10 +155,7 @@ mod tests {
     const RATE: f64 = 100.0;
 
     fn options(length: usize) -> WelchOptions {
-        WelchOptions {
-            sample_rate_hz: RATE,
-            segment_length: Some(length),
-        }
+        WelchOptions { sample_rate_hz: RATE, segment_length: Some(length) }
     }
 
     /// y_k = a y_{k-1} + b u_{k-1}, and its response b z^{-1} / (1 - a z^{-1}).
@@ -200,13 +180,9 @@ mod tests {
         let u = Array2::from_shape_fn((samples, 2), |(k, j)| {
             source[[k, j]] + if j == 1 { 0.8 * source[[k, 0]] } else { 0.0 }
         });
-        let parts = [
-            first_order(u.column(0).iter().copied(), 0.5, 1.0),
-            first_order(u.column(1).iter().copied(), -0.3, 0.6),
-        ];
-        let y = Array2::from_shape_fn((samples, 1), |(k, _)| {
-            parts[0][k] + parts[1][k] + noise * source[[k, 2]]
-        });
+        let parts =
+            [first_order(u.column(0).iter().copied(), 0.5, 1.0), first_order(u.column(1).iter().copied(), -0.3, 0.6)];
+        let y = Array2::from_shape_fn((samples, 1), |(k, _)| parts[0][k] + parts[1][k] + noise * source[[k, 2]]);
         (u, y)
     }
 
@@ -217,8 +193,7 @@ mod tests {
         let (mut chi, mut count) = (0.0, 0.0);
         for line in 1..126 {
             for (j, (a, b)) in [(0.5, 1.0), (-0.3, 0.6)].into_iter().enumerate() {
-                let error =
-                    frf.response[[line, 0, j]] - first_order_response(frf.frequency_hz[line], a, b);
+                let error = frf.response[[line, 0, j]] - first_order_response(frf.frequency_hz[line], a, b);
                 chi += error.norm_sqr() / (2.0 * frf.response_std[[line, 0, j]].powi(2));
                 count += 1.0;
             }
@@ -234,10 +209,7 @@ mod tests {
         let frf = welch_frf(u.view(), y.view(), &options(128)).unwrap();
         for line in [5, 20, 40, 60] {
             let f = frf.frequency_hz[line];
-            let (h1, h2) = (
-                first_order_response(f, 0.5, 1.0),
-                first_order_response(f, -0.3, 0.6),
-            );
+            let (h1, h2) = (first_order_response(f, 0.5, 1.0), first_order_response(f, -0.3, 0.6));
             // Inputs s1 and 0.8 s1 + s2 with unit s1, s2.
             let power = (h1 + 0.8 * h2).norm_sqr() + h2.norm_sqr() + noise * noise;
             let multiple = 1.0 - noise * noise / power;
@@ -274,35 +246,10 @@ mod tests {
         let mut still = u.clone();
         still.column_mut(1).fill(2.0);
         let error = welch_frf(still.view(), y.view(), &options(128)).unwrap_err();
-        assert_eq!(
-            error,
-            SignalError::Constant {
-                what: "the input",
-                channel: 1
-            }
-        );
-        let error = welch_frf(
-            u.slice(s![..300, ..]),
-            y.slice(s![..300, ..]),
-            &options(256),
-        )
-        .unwrap_err();
-        assert!(matches!(
-            error,
-            SignalError::TooShort {
-                needed: 4,
-                available: 1,
-                ..
-            }
-        ));
+        assert_eq!(error, SignalError::Constant { what: "the input", channel: 1 });
+        let error = welch_frf(u.slice(s![..300, ..]), y.slice(s![..300, ..]), &options(256)).unwrap_err();
+        assert!(matches!(error, SignalError::TooShort { needed: 4, available: 1, .. }));
         let error = welch_frf(u.view(), y.slice(s![..10, ..]), &options(256)).unwrap_err();
-        assert_eq!(
-            error,
-            SignalError::LengthMismatch {
-                what: "the output",
-                expected: 5000,
-                found: 10
-            }
-        );
+        assert_eq!(error, SignalError::LengthMismatch { what: "the output", expected: 5000, found: 10 });
     }
 }

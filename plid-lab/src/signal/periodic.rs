@@ -74,41 +74,27 @@ pub fn periodic_frf(
     }
 
     let lines = period.div_ceil(2);
-    let largest = averages
-        .iter()
-        .flat_map(|a| a.inputs.iter())
-        .fold(0.0, |peak: f64, z| peak.max(z.norm()));
+    let largest = averages.iter().flat_map(|a| a.inputs.iter()).fold(0.0, |peak: f64, z| peak.max(z.norm()));
     let mut kept: Vec<(usize, Vec<usize>, DMatrix<Complex64>)> = Vec::new();
     let mut lines_unresolved = 0;
     for line in 1..lines {
-        let acts = |j: usize| {
-            averages
-                .iter()
-                .any(|a| a.inputs[[line, j]].norm() > EXCITED * largest)
-        };
+        let acts = |j: usize| averages.iter().any(|a| a.inputs[[line, j]].norm() > EXCITED * largest);
         let active: Vec<usize> = (0..m).filter(|&j| acts(j)).collect();
         if active.is_empty() {
             continue;
         }
-        let u = DMatrix::from_fn(active.len(), records.len(), |row, e| {
-            averages[e].inputs[[line, active[row]]]
-        });
+        let u = DMatrix::from_fn(active.len(), records.len(), |row, e| averages[e].inputs[[line, active[row]]]);
         match right_inverse(&u) {
             Some(weights) => kept.push((line, active, weights)),
             None => lines_unresolved += 1,
         }
     }
     if kept.is_empty() {
-        return Err(SignalError::NoResolvableLine {
-            records: records.len(),
-        });
+        return Err(SignalError::NoResolvableLine { records: records.len() });
     }
 
     let mut frf = PeriodicFrf {
-        frequency_hz: kept
-            .iter()
-            .map(|(line, ..)| *line as f64 * sample_rate_hz / period as f64)
-            .collect(),
+        frequency_hz: kept.iter().map(|(line, ..)| *line as f64 * sample_rate_hz / period as f64).collect(),
         response: Array3::from_elem((kept.len(), p, m), Complex64::new(f64::NAN, f64::NAN)),
         response_std: Array3::from_elem((kept.len(), p, m), f64::NAN),
         output_noise: Array2::zeros((kept.len(), p)),
@@ -141,21 +127,13 @@ pub fn periodic_frf(
 ///
 /// # Errors
 /// [`SignalError::TooShort`] with fewer than two whole periods, [`SignalError::Infinite`], [`SignalError::Setting`].
-pub fn period_noise_rms(
-    outputs: ArrayView2<f64>,
-    period: usize,
-    transient: usize,
-) -> Result<Vec<f64>, SignalError> {
+pub fn period_noise_rms(outputs: ArrayView2<f64>, period: usize, transient: usize) -> Result<Vec<f64>, SignalError> {
     check_record("the output", outputs)?;
     let periods = whole_periods(outputs.nrows(), period, transient)?;
     let noise = outputs.columns().into_iter().map(|column| {
         let (mut sum, mut freedom) = (0.0, 0usize);
         for k in 0..period {
-            let values: Vec<f64> = periods
-                .clone()
-                .map(|r| column[r * period + k])
-                .filter(|x| !x.is_nan())
-                .collect();
+            let values: Vec<f64> = periods.clone().map(|r| column[r * period + k]).filter(|x| !x.is_nan()).collect();
             if values.len() > 1 {
                 let mean = values.iter().sum::<f64>() / values.len() as f64;
                 sum += values.iter().map(|x| (x - mean).powi(2)).sum::<f64>();
@@ -176,11 +154,7 @@ struct PeriodAverage {
     skipped: usize,
 }
 
-fn average_periods(
-    record: &PeriodicRecord,
-    period: usize,
-    transient: usize,
-) -> Result<PeriodAverage, SignalError> {
+fn average_periods(record: &PeriodicRecord, period: usize, transient: usize) -> Result<PeriodAverage, SignalError> {
     let rows = |r: usize| s![r * period..(r + 1) * period, ..];
     let periods = whole_periods(record.outputs.nrows(), period, transient)?;
     let all = periods.len();
@@ -200,27 +174,16 @@ fn average_periods(
         sum.mapv(|z| z / spectra.len() as f64)
     };
     let transform = |data: ArrayView2<f64>| -> Vec<Array2<Complex64>> {
-        complete
-            .iter()
-            .map(|&r| amplitudes(data.slice(rows(r))))
-            .collect()
+        complete.iter().map(|&r| amplitudes(data.slice(rows(r)))).collect()
     };
     let inputs = mean(&transform(record.inputs));
     let each = transform(record.outputs);
     let outputs = mean(&each);
     let mut noise = Array2::<f64>::zeros(outputs.raw_dim());
     for one in &each {
-        noise.zip_mut_with(&(one - &outputs), |sum, z| {
-            *sum += z.norm_sqr() / (used - 1) as f64
-        });
+        noise.zip_mut_with(&(one - &outputs), |sum, z| *sum += z.norm_sqr() / (used - 1) as f64);
     }
-    Ok(PeriodAverage {
-        inputs,
-        outputs,
-        noise,
-        used,
-        skipped: all - used,
-    })
+    Ok(PeriodAverage { inputs, outputs, noise, used, skipped: all - used })
 }
 
 /// `lines x channels` Fourier amplitudes of one period.
@@ -250,17 +213,9 @@ fn right_inverse(u: &DMatrix<Complex64>) -> Option<DMatrix<Complex64>> {
     Some(u.adjoint() * (u * u.adjoint()).try_inverse()?)
 }
 
-fn whole_periods(
-    samples: usize,
-    period: usize,
-    transient: usize,
-) -> Result<std::ops::Range<usize>, SignalError> {
+fn whole_periods(samples: usize, period: usize, transient: usize) -> Result<std::ops::Range<usize>, SignalError> {
     if period < 3 {
-        return Err(SignalError::Setting {
-            name: "period",
-            value: period as f64,
-            allowed: "at least 3 samples",
-        });
+        return Err(SignalError::Setting { name: "period", value: period as f64, allowed: "at least 3 samples" });
     }
     let periods = samples / period;
     if periods < transient + 2 {
@@ -278,19 +233,11 @@ fn too_few_periods(available: usize) -> SignalError {
     }
 }
 
-fn check_channels(
-    what: &'static str,
-    data: ArrayView2<f64>,
-    expected: usize,
-) -> Result<(), SignalError> {
+fn check_channels(what: &'static str, data: ArrayView2<f64>, expected: usize) -> Result<(), SignalError> {
     if data.ncols() == expected {
         return Ok(());
     }
-    Err(SignalError::ChannelMismatch {
-        what,
-        expected,
-        found: data.ncols(),
-    })
+    Err(SignalError::ChannelMismatch { what, expected, found: data.ncols() })
 }
 
 #[cfg(test)]
@@ -312,10 +259,7 @@ mod tests {
         let e = white(seed, u.nrows(), 1) * noise;
         Array2::from_shape_fn((u.nrows(), 1), |(k, _)| {
             let past = |j: usize| if k > 0 { u[[k - 1, j]] } else { 0.0 };
-            e[[k, 0]]
-                + (0..u.ncols())
-                    .map(|j| (j + 1) as f64 * (u[[k, j]] + 0.5 * past(j)))
-                    .sum::<f64>()
+            e[[k, 0]] + (0..u.ncols()).map(|j| (j + 1) as f64 * (u[[k, j]] + 0.5 * past(j))).sum::<f64>()
         })
     }
 
@@ -327,27 +271,15 @@ mod tests {
     fn two_records_part_two_inputs_within_the_stated_error() {
         let inputs = [repeated(1, 9, 2), repeated(2, 9, 2)];
         let outputs = [plant(&inputs[0], 0.2, 3), plant(&inputs[1], 0.2, 4)];
-        let records: Vec<_> = (0..2)
-            .map(|e| PeriodicRecord {
-                inputs: inputs[e].view(),
-                outputs: outputs[e].view(),
-            })
-            .collect();
+        let records: Vec<_> =
+            (0..2).map(|e| PeriodicRecord { inputs: inputs[e].view(), outputs: outputs[e].view() }).collect();
         let frf = periodic_frf(&records, PERIOD, 1, 50.0).unwrap();
-        assert_eq!(
-            (
-                frf.frequency_hz.len(),
-                frf.periods_used,
-                frf.lines_unresolved
-            ),
-            (50, 16, 0)
-        );
+        assert_eq!((frf.frequency_hz.len(), frf.periods_used, frf.lines_unresolved), (50, 16, 0));
         let chi: f64 = frf
             .response
             .indexed_iter()
             .map(|((line, i, j), h)| {
-                (h - response(frf.frequency_hz[line], j)).norm_sqr()
-                    / (2.0 * frf.response_std[[line, i, j]].powi(2))
+                (h - response(frf.frequency_hz[line], j)).norm_sqr() / (2.0 * frf.response_std[[line, i, j]].powi(2))
             })
             .sum::<f64>()
             / 100.0;
@@ -369,16 +301,7 @@ mod tests {
                 .sum()
         });
         let y = plant(&u, 0.0, 0);
-        let frf = periodic_frf(
-            &[PeriodicRecord {
-                inputs: u.view(),
-                outputs: y.view(),
-            }],
-            PERIOD,
-            1,
-            50.0,
-        )
-        .unwrap();
+        let frf = periodic_frf(&[PeriodicRecord { inputs: u.view(), outputs: y.view() }], PERIOD, 1, 50.0).unwrap();
         assert_eq!(frf.frequency_hz.len(), 19);
         for (line, f) in frf.frequency_hz.iter().enumerate() {
             let acting = (line + 1) % 2;
@@ -392,39 +315,18 @@ mod tests {
         let u = repeated(5, 6, 1);
         let mut y = plant(&u, 0.1, 6);
         y[[250, 0]] = f64::NAN;
-        let record = PeriodicRecord {
-            inputs: u.view(),
-            outputs: y.view(),
-        };
+        let record = PeriodicRecord { inputs: u.view(), outputs: y.view() };
         let frf = periodic_frf(&[record], PERIOD, 1, 50.0).unwrap();
         assert_eq!((frf.periods_used, frf.periods_skipped), (4, 1));
         assert!((period_noise_rms(y.view(), PERIOD, 1).unwrap()[0] / 0.1 - 1.0).abs() < 0.15);
-        assert_eq!(
-            periodic_frf(&[record], PERIOD, 5, 50.0).unwrap_err(),
-            too_few_periods(1)
-        );
-        assert!(matches!(
-            periodic_frf(&[record], 2, 0, 50.0),
-            Err(SignalError::Setting { .. })
-        ));
+        assert_eq!(periodic_frf(&[record], PERIOD, 5, 50.0).unwrap_err(), too_few_periods(1));
+        assert!(matches!(periodic_frf(&[record], 2, 0, 50.0), Err(SignalError::Setting { .. })));
         let both = repeated(7, 6, 2);
         let y = plant(&both, 0.1, 6);
-        let record = PeriodicRecord {
-            inputs: both.view(),
-            outputs: y.view(),
-        };
-        assert_eq!(
-            periodic_frf(&[record], PERIOD, 1, 50.0).unwrap_err(),
-            SignalError::NoResolvableLine { records: 1 }
-        );
+        let record = PeriodicRecord { inputs: both.view(), outputs: y.view() };
+        assert_eq!(periodic_frf(&[record], PERIOD, 1, 50.0).unwrap_err(), SignalError::NoResolvableLine { records: 1 });
         let still = Array2::zeros((606, 1));
-        let record = PeriodicRecord {
-            inputs: still.view(),
-            outputs: still.view(),
-        };
-        assert_eq!(
-            periodic_frf(&[record], PERIOD, 1, 50.0).unwrap_err(),
-            SignalError::NoResolvableLine { records: 1 }
-        );
+        let record = PeriodicRecord { inputs: still.view(), outputs: still.view() };
+        assert_eq!(periodic_frf(&[record], PERIOD, 1, 50.0).unwrap_err(), SignalError::NoResolvableLine { records: 1 });
     }
 }

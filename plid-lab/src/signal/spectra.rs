@@ -39,15 +39,10 @@ const SHORTEST_SEGMENT: usize = 8;
 /// # Errors
 /// [`SignalError::TooShort`] with fewer samples than a segment or no complete segment, [`SignalError::Setting`],
 /// [`SignalError::Infinite`], [`SignalError::NoChannels`].
-pub fn welch_spectra(
-    data: ArrayView2<f64>,
-    options: &WelchOptions,
-) -> Result<Spectra, SignalError> {
+pub fn welch_spectra(data: ArrayView2<f64>, options: &WelchOptions) -> Result<Spectra, SignalError> {
     check_record("the record", data)?;
     check_positive("sample rate", options.sample_rate_hz)?;
-    let length = options
-        .segment_length
-        .unwrap_or_else(|| default_segment_length(data.nrows()));
+    let length = options.segment_length.unwrap_or_else(|| default_segment_length(data.nrows()));
     if length < SHORTEST_SEGMENT || length % 2 == 1 {
         return Err(SignalError::Setting {
             name: "segment length",
@@ -55,12 +50,7 @@ pub fn welch_spectra(
             allowed: "an even number of samples, at least 8",
         });
     }
-    let too_short = |unit, needed, available| SignalError::TooShort {
-        what: "Welch's method",
-        unit,
-        needed,
-        available,
-    };
+    let too_short = |unit, needed, available| SignalError::TooShort { what: "Welch's method", unit, needed, available };
     if data.nrows() < length {
         return Err(too_short("samples", length, data.nrows()));
     }
@@ -85,11 +75,8 @@ pub fn welch_spectra(
         last_used = true;
         for (channel, column) in segment.columns().into_iter().enumerate() {
             let mean = column.sum() / length as f64;
-            let mut buffer: Vec<Complex64> = column
-                .iter()
-                .zip(&window)
-                .map(|(x, w)| Complex64::new((x - mean) * w, 0.0))
-                .collect();
+            let mut buffer: Vec<Complex64> =
+                column.iter().zip(&window).map(|(x, w)| Complex64::new((x - mean) * w, 0.0)).collect();
             fft.process(&mut buffer);
             for line in 0..lines {
                 spectrum[[channel, line]] = buffer[line];
@@ -110,23 +97,13 @@ pub fn welch_spectra(
     // Both halves of the spectrum are counted once, so all lines but the first and the last are doubled.
     let scale = 1.0 / (options.sample_rate_hz * power * used as f64);
     for line in 0..lines {
-        let fold = if line == 0 || line == lines - 1 {
-            1.0
-        } else {
-            2.0
-        };
-        sum.slice_mut(s![line, .., ..])
-            .mapv_inplace(|z| z * (scale * fold));
+        let fold = if line == 0 || line == lines - 1 { 1.0 } else { 2.0 };
+        sum.slice_mut(s![line, .., ..]).mapv_inplace(|z| z * (scale * fold));
     }
-    let shared: f64 = (0..length / 2)
-        .map(|k| window[k] * window[k + length / 2])
-        .sum::<f64>()
-        / power;
+    let shared: f64 = (0..length / 2).map(|k| window[k] * window[k + length / 2]).sum::<f64>() / power;
     let averages = used as f64 / (1.0 + 2.0 * shared * shared * neighbours as f64 / used as f64);
     Ok(Spectra {
-        frequency_hz: (0..lines)
-            .map(|line| line as f64 * options.sample_rate_hz / length as f64)
-            .collect(),
+        frequency_hz: (0..lines).map(|line| line as f64 * options.sample_rate_hz / length as f64).collect(),
         density: sum,
         segment_length: length,
         segments_used: used,
@@ -137,9 +114,7 @@ pub fn welch_spectra(
 
 /// The Hann window in its periodic form, which adds up to a constant at half overlap.
 fn hann(length: usize) -> Vec<f64> {
-    (0..length)
-        .map(|k| 0.5 - 0.5 * (std::f64::consts::TAU * k as f64 / length as f64).cos())
-        .collect()
+    (0..length).map(|k| 0.5 - 0.5 * (std::f64::consts::TAU * k as f64 / length as f64).cos()).collect()
 }
 
 fn default_segment_length(samples: usize) -> usize {
@@ -156,10 +131,7 @@ mod tests {
     use crate::signal::test_noise::white;
 
     fn options(segment_length: Option<usize>) -> WelchOptions {
-        WelchOptions {
-            sample_rate_hz: 1600.0,
-            segment_length,
-        }
+        WelchOptions { sample_rate_hz: 1600.0, segment_length }
     }
 
     #[test]
@@ -168,42 +140,27 @@ mod tests {
         let data = white(1, 40_000, 2) * 0.3;
         let spectra = welch_spectra(data.view(), &options(Some(256))).unwrap();
         let expected = 2.0 * 0.09 / 1600.0;
-        let inner: Vec<f64> = (2..127)
-            .map(|line| spectra.density[[line, 0, 0]].re)
-            .collect();
+        let inner: Vec<f64> = (2..127).map(|line| spectra.density[[line, 0, 0]].re).collect();
         let mean = inner.iter().sum::<f64>() / inner.len() as f64;
         assert!((mean / expected - 1.0).abs() < 0.03, "{mean} {expected}");
         // Each line scatters by 1/sqrt(averages), which checks the count of independent averages.
-        let spread = (inner.iter().map(|x| (x / mean - 1.0).powi(2)).sum::<f64>()
-            / inner.len() as f64)
-            .sqrt();
-        assert!(
-            (spread * spectra.averages.sqrt() - 1.0).abs() < 0.25,
-            "{spread}"
-        );
+        let spread = (inner.iter().map(|x| (x / mean - 1.0).powi(2)).sum::<f64>() / inner.len() as f64).sqrt();
+        assert!((spread * spectra.averages.sqrt() - 1.0).abs() < 0.25, "{spread}");
         // Independent channels: the cross density is small, of the order 1/sqrt(averages).
-        let cross = (2..127)
-            .map(|line| spectra.density[[line, 0, 1]].norm())
-            .sum::<f64>()
-            / 125.0;
+        let cross = (2..127).map(|line| spectra.density[[line, 0, 1]].norm()).sum::<f64>() / 125.0;
         assert!(cross / mean < 1.5 / spectra.averages.sqrt());
     }
 
     #[test]
     fn the_density_integrates_to_the_power_of_a_sine() {
         // A sine in the middle of a line of a Hann window: all power within two lines on each side.
-        let data = Array2::from_shape_fn((8192, 1), |(k, _)| {
-            0.7 * (std::f64::consts::TAU * 200.0 * k as f64 / 1600.0).sin()
-        });
+        let data =
+            Array2::from_shape_fn((8192, 1), |(k, _)| 0.7 * (std::f64::consts::TAU * 200.0 * k as f64 / 1600.0).sin());
         let spectra = welch_spectra(data.view(), &options(Some(1024))).unwrap();
-        let power: f64 =
-            spectra.density.iter().map(|z| z.re).sum::<f64>() * spectra.frequency_hz[1];
+        let power: f64 = spectra.density.iter().map(|z| z.re).sum::<f64>() * spectra.frequency_hz[1];
         assert!((power - 0.245).abs() < 1e-12, "{power}");
-        let peak = (0..spectra.frequency_hz.len()).max_by(|&a, &b| {
-            spectra.density[[a, 0, 0]]
-                .re
-                .total_cmp(&spectra.density[[b, 0, 0]].re)
-        });
+        let peak = (0..spectra.frequency_hz.len())
+            .max_by(|&a, &b| spectra.density[[a, 0, 0]].re.total_cmp(&spectra.density[[b, 0, 0]].re));
         assert_eq!(spectra.frequency_hz[peak.unwrap()], 200.0);
     }
 
@@ -227,15 +184,7 @@ mod tests {
     #[test]
     fn bad_records_are_refused() {
         let short = welch_spectra(white(2, 20, 1).view(), &options(Some(64))).unwrap_err();
-        assert_eq!(
-            short,
-            SignalError::TooShort {
-                what: "Welch's method",
-                unit: "samples",
-                needed: 64,
-                available: 20
-            }
-        );
+        assert_eq!(short, SignalError::TooShort { what: "Welch's method", unit: "samples", needed: 64, available: 20 });
         let gaps = Array2::from_elem((128, 1), f64::NAN);
         assert!(matches!(
             welch_spectra(gaps.view(), &options(Some(64))),
@@ -245,24 +194,11 @@ mod tests {
         infinite[[3, 1]] = f64::INFINITY;
         assert_eq!(
             welch_spectra(infinite.view(), &options(None)).unwrap_err(),
-            SignalError::Infinite {
-                what: "the record",
-                channel: 1,
-                sample: 3
-            }
+            SignalError::Infinite { what: "the record", channel: 1, sample: 3 }
         );
-        assert!(matches!(
-            welch_spectra(white(2, 100, 1).view(), &options(Some(63))),
-            Err(SignalError::Setting { .. })
-        ));
-        let no_rate = WelchOptions {
-            sample_rate_hz: 0.0,
-            segment_length: None,
-        };
-        assert!(matches!(
-            welch_spectra(white(2, 100, 1).view(), &no_rate),
-            Err(SignalError::Setting { .. })
-        ));
+        assert!(matches!(welch_spectra(white(2, 100, 1).view(), &options(Some(63))), Err(SignalError::Setting { .. })));
+        let no_rate = WelchOptions { sample_rate_hz: 0.0, segment_length: None };
+        assert!(matches!(welch_spectra(white(2, 100, 1).view(), &no_rate), Err(SignalError::Setting { .. })));
         assert!(matches!(
             welch_spectra(Array2::<f64>::zeros((9, 0)).view(), &options(None)),
             Err(SignalError::NoChannels { .. })

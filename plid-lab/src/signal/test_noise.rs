@@ -6,9 +6,7 @@ use rand_distr::{Distribution, StandardNormal};
 /// White Gaussian noise of unit variance, the same for a seed on every machine.
 pub(super) fn white(seed: u64, samples: usize, channels: usize) -> Array2<f64> {
     let mut generator = ChaCha8Rng::seed_from_u64(seed);
-    Array2::from_shape_simple_fn((samples, channels), || {
-        StandardNormal.sample(&mut generator)
-    })
+    Array2::from_shape_simple_fn((samples, channels), || StandardNormal.sample(&mut generator))
 }
 
 /// First-order autoregression x_k = pole x_{k-1} + e_k of unit variance, in each column.

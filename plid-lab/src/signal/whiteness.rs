@@ -16,11 +16,7 @@ pub struct WhitenessOptions {
 
 impl Default for WhitenessOptions {
     fn default() -> Self {
-        Self {
-            lags: 50,
-            fitted_parameters: 0,
-            confidence: 0.99,
-        }
+        Self { lags: 50, fitted_parameters: 0, confidence: 0.99 }
     }
 }
 
@@ -33,10 +29,7 @@ impl Default for WhitenessOptions {
 /// # Errors
 /// [`SignalError::TooShort`] with fewer than twice as many samples as lags, [`SignalError::Constant`],
 /// [`SignalError::Infinite`], [`SignalError::Setting`].
-pub fn whiteness(
-    residuals: ArrayView2<f64>,
-    options: &WhitenessOptions,
-) -> Result<Vec<Correlation>, SignalError> {
+pub fn whiteness(residuals: ArrayView2<f64>, options: &WhitenessOptions) -> Result<Vec<Correlation>, SignalError> {
     check_record("the residual", residuals)?;
     let quantile = two_sided_quantile(options.confidence)?;
     if options.lags <= options.fitted_parameters {
@@ -47,9 +40,7 @@ pub fn whiteness(
         });
     }
     let columns = residuals.columns().into_iter().enumerate();
-    columns
-        .map(|(channel, column)| one_channel(channel, column.iter().copied(), options, quantile))
-        .collect()
+    columns.map(|(channel, column)| one_channel(channel, column.iter().copied(), options, quantile)).collect()
 }
 
 fn one_channel(
@@ -71,17 +62,12 @@ fn one_channel(
     let total = e.len() as f64;
     let power = e.iter().map(|x| x * x).sum::<f64>() / present as f64;
     if power == 0.0 {
-        return Err(SignalError::Constant {
-            what: "the residual",
-            channel,
-        });
+        return Err(SignalError::Constant { what: "the residual", channel });
     }
     let lags: Vec<i64> = (1..=options.lags as i64).collect();
     let (mut value, mut bound, mut statistic) = (Vec::new(), Vec::new(), 0.0);
     for lag in 1..=options.lags {
-        let pairs = (lag..e.len())
-            .filter(|&k| there[k] && there[k - lag])
-            .count();
+        let pairs = (lag..e.len()).filter(|&k| there[k] && there[k - lag]).count();
         if pairs == 0 {
             return Err(SignalError::TooShort {
                 what: "the whiteness test",
@@ -101,18 +87,8 @@ fn one_channel(
         bound.push(quantile * variance.sqrt());
     }
     let outside = lags_outside(&lags, &value, &bound);
-    let test = CorrelationTest::new(
-        statistic,
-        options.lags - options.fitted_parameters,
-        options.confidence,
-        outside,
-    );
-    Ok(Correlation {
-        lags,
-        value,
-        bound,
-        test,
-    })
+    let test = CorrelationTest::new(statistic, options.lags - options.fitted_parameters, options.confidence, outside);
+    Ok(Correlation { lags, value, bound, test })
 }
 
 #[cfg(test)]
@@ -125,14 +101,7 @@ mod tests {
     fn a_short_series_worked_by_hand() {
         // e = 1, -1, 2, -2: power 10/4, lag-1 sum -1 - 2 - 4 = -7, lag-2 sum 2 + 2 = 4.
         let e = array![[1.0], [-1.0], [2.0], [-2.0]];
-        let result = &whiteness(
-            e.view(),
-            &WhitenessOptions {
-                lags: 2,
-                ..Default::default()
-            },
-        )
-        .unwrap()[0];
+        let result = &whiteness(e.view(), &WhitenessOptions { lags: 2, ..Default::default() }).unwrap()[0];
         assert!((result.value[0] + 0.7).abs() < 1e-15 && (result.value[1] - 0.4).abs() < 1e-15);
         // n (n + 2) (r1^2 / 3 + r2^2 / 2) = 24 (0.49 / 3 + 0.16 / 2) = 5.84; chi-squared with 2: p = exp(-2.92).
         assert!((result.test.statistic - 5.84).abs() < 1e-12);
@@ -151,11 +120,7 @@ mod tests {
                     }
                 });
             }
-            let options = WhitenessOptions {
-                lags: 20,
-                fitted_parameters: 0,
-                confidence: 0.95,
-            };
+            let options = WhitenessOptions { lags: 20, fitted_parameters: 0, confidence: 0.95 };
             let results = whiteness(e.view(), &options).unwrap();
             let alarms = results.iter().filter(|r| !r.test.passes).count();
             // 25 expected of 500, deviation 4.9.
@@ -168,11 +133,7 @@ mod tests {
 
     #[test]
     fn coloured_noise_is_found_and_shows_its_correlation() {
-        let result = &whiteness(
-            coloured(23, 20_000, 1, 0.6).view(),
-            &WhitenessOptions::default(),
-        )
-        .unwrap()[0];
+        let result = &whiteness(coloured(23, 20_000, 1, 0.6).view(), &WhitenessOptions::default()).unwrap()[0];
         assert!(!result.test.passes && result.test.p_value < 1e-12);
         for lag in 0..3 {
             assert!((result.value[lag] - 0.6f64.powi(lag as i32 + 1)).abs() < 0.03);
@@ -183,41 +144,12 @@ mod tests {
     #[test]
     fn bad_residuals_are_refused() {
         let short = whiteness(white(1, 60, 1).view(), &WhitenessOptions::default()).unwrap_err();
-        assert!(matches!(
-            short,
-            SignalError::TooShort {
-                needed: 100,
-                available: 60,
-                ..
-            }
-        ));
-        let still = whiteness(
-            Array2::from_elem((200, 1), 3.0).view(),
-            &WhitenessOptions::default(),
-        )
-        .unwrap_err();
-        assert_eq!(
-            still,
-            SignalError::Constant {
-                what: "the residual",
-                channel: 0
-            }
-        );
-        let sure = WhitenessOptions {
-            confidence: 1.0,
-            ..Default::default()
-        };
-        assert!(matches!(
-            whiteness(white(1, 200, 1).view(), &sure),
-            Err(SignalError::Setting { .. })
-        ));
-        let many = WhitenessOptions {
-            fitted_parameters: 50,
-            ..Default::default()
-        };
-        assert!(matches!(
-            whiteness(white(1, 200, 1).view(), &many),
-            Err(SignalError::Setting { .. })
-        ));
+        assert!(matches!(short, SignalError::TooShort { needed: 100, available: 60, .. }));
+        let still = whiteness(Array2::from_elem((200, 1), 3.0).view(), &WhitenessOptions::default()).unwrap_err();
+        assert_eq!(still, SignalError::Constant { what: "the residual", channel: 0 });
+        let sure = WhitenessOptions { confidence: 1.0, ..Default::default() };
+        assert!(matches!(whiteness(white(1, 200, 1).view(), &sure), Err(SignalError::Setting { .. })));
+        let many = WhitenessOptions { fitted_parameters: 50, ..Default::default() };
+        assert!(matches!(whiteness(white(1, 200, 1).view(), &many), Err(SignalError::Setting { .. })));
     }
 }

@@ -17,22 +17,13 @@ pub(crate) trait StructureEffect {
 }
 
 /// The effects of a checked config.
-pub(crate) fn structure_effects(
-    config: &EffectsConfig,
-    truss: &Truss,
-) -> Vec<Box<dyn StructureEffect>> {
+pub(crate) fn structure_effects(config: &EffectsConfig, truss: &Truss) -> Vec<Box<dyn StructureEffect>> {
     let mut effects: Vec<Box<dyn StructureEffect>> = Vec::new();
     if config.stiffness_drift_per_s != 0.0 {
-        effects.push(Box::new(stiffness_drift::StiffnessDrift::new(
-            config.stiffness_drift_per_s,
-            &truss.modes,
-        )));
+        effects.push(Box::new(stiffness_drift::StiffnessDrift::new(config.stiffness_drift_per_s, &truss.modes)));
     }
     if let Some(joint) = &config.cubic_joint {
-        effects.push(Box::new(cubic_joint::CubicStiffness::new(
-            joint.stiffness_per_v2,
-            &truss.ports[joint.input - 1],
-        )));
+        effects.push(Box::new(cubic_joint::CubicStiffness::new(joint.stiffness_per_v2, &truss.ports[joint.input - 1])));
     }
     effects
 }

@@ -14,11 +14,8 @@ pub(crate) struct StiffnessDrift {
 
 impl StiffnessDrift {
     pub(crate) fn new(rate_per_s: f64, modes: &[Mode]) -> Self {
-        let modes = modes
-            .iter()
-            .enumerate()
-            .map(|(m, mode)| (mode.angular_frequency(), modal_force(modes, m)))
-            .collect();
+        let modes =
+            modes.iter().enumerate().map(|(m, mode)| (mode.angular_frequency(), modal_force(modes, m))).collect();
         Self { rate_per_s, modes }
     }
 }

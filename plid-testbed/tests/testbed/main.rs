@@ -13,15 +13,8 @@ use plid_testbed::{ConverterConfig, NoiseConfig, TrussConfig};
 /// Without noise and with ideal converters.
 fn ideal() -> TrussConfig {
     TrussConfig {
-        noise: NoiseConfig {
-            sensor_rms_v: 0.0,
-            amplifier_rms_v: 0.0,
-            ambient_rms_v: 0.0,
-        },
-        converters: ConverterConfig {
-            step_v: 0.0,
-            range_v: f64::INFINITY,
-        },
+        noise: NoiseConfig { sensor_rms_v: 0.0, amplifier_rms_v: 0.0, ambient_rms_v: 0.0 },
+        converters: ConverterConfig { step_v: 0.0, range_v: f64::INFINITY },
         ..TrussConfig::default()
     }
 }

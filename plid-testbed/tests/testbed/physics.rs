@@ -43,13 +43,7 @@ impl Physics<'_> {
         if let Some((strut, k)) = self.cubic {
             let squares = |m: &Mode| (m.input_shape[strut] / (2.0 * PI * m.frequency_hz)).powi(2);
             let compliance: f64 = self.modes.iter().map(squares).sum();
-            let d = self
-                .modes
-                .iter()
-                .zip(&s.q)
-                .map(|(m, q)| m.input_shape[strut] * q)
-                .sum::<f64>()
-                / compliance;
+            let d = self.modes.iter().zip(&s.q).map(|(m, q)| m.input_shape[strut] * q).sum::<f64>() / compliance;
             push[strut] -= k * d * d * d;
         }
         let mut acceleration = [0.0; 3];
@@ -57,9 +51,7 @@ impl Physics<'_> {
         for (m, mode) in self.modes.iter().enumerate() {
             let w = 2.0 * PI * mode.frequency_hz;
             let force: f64 = (0..3).map(|j| mode.input_shape[j] * push[j]).sum();
-            let a = force
-                - 2.0 * mode.damping_ratio * w * s.dq[m]
-                - w * w * (1.0 + self.drift_per_s * t) * s.q[m];
+            let a = force - 2.0 * mode.damping_ratio * w * s.dq[m] - w * w * (1.0 + self.drift_per_s * t) * s.q[m];
             for i in 0..3 {
                 acceleration[i] += mode.output_shape[i] * a;
             }
@@ -70,22 +62,14 @@ impl Physics<'_> {
             q: s.dq.clone(),
             dq: ddq,
             y: s.dy,
-            dy: std::array::from_fn(|i| {
-                corner * corner * (acceleration[i] - s.y[i]) - SQRT_2 * corner * s.dy[i]
-            }),
+            dy: std::array::from_fn(|i| corner * corner * (acceleration[i] - s.y[i]) - SQRT_2 * corner * s.dy[i]),
         }
     }
 
     /// Outputs at the samples, from rest, with commands held between.
     pub fn run(&self, commands: ArrayView2<f64>, rate_hz: f64, steps: usize) -> Array2<f64> {
         let n = self.modes.len();
-        let mut s = Motion {
-            actuator: [0.0; 3],
-            q: vec![0.0; n],
-            dq: vec![0.0; n],
-            y: [0.0; 3],
-            dy: [0.0; 3],
-        };
+        let mut s = Motion { actuator: [0.0; 3], q: vec![0.0; n], dq: vec![0.0; n], y: [0.0; 3], dy: [0.0; 3] };
         let h = 1.0 / (rate_hz * steps as f64);
         let mut outputs = Array2::zeros((commands.nrows(), 3));
         for k in 0..commands.nrows() {
@@ -97,11 +81,7 @@ impl Physics<'_> {
                 let k2 = self.rate(t + h / 2.0, &s.plus(h / 2.0, &k1), &u);
                 let k3 = self.rate(t + h / 2.0, &s.plus(h / 2.0, &k2), &u);
                 let k4 = self.rate(t + h, &s.plus(h, &k3), &u);
-                s = s
-                    .plus(h / 6.0, &k1)
-                    .plus(h / 3.0, &k2)
-                    .plus(h / 3.0, &k3)
-                    .plus(h / 6.0, &k4);
+                s = s.plus(h / 6.0, &k1).plus(h / 3.0, &k2).plus(h / 3.0, &k3).plus(h / 6.0, &k4);
             }
         }
         outputs
