@@ -1,1 +1,10 @@
-//! (in work)
+//! What an experiment is: a strict TOML file that names data, preparation, structure, noise, variant and validation.
+
+mod config;
+mod parse;
+
+pub use config::{
+    Covariance, DataConfig, Experiment, IdentificationConfig, IndicesChoice, NoiseConfig, NoiseReading, NoiseSource,
+    StartConfig, StructureConfig, TestbedData, ValidationConfig,
+};
+pub use parse::{ConfigError, from_toml, read, to_toml};

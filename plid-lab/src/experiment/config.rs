@@ -1,0 +1,350 @@
+//! The keys of an experiment file. Every default stands here; `manifest.json` records them.
+
+use std::path::PathBuf;
+
+use plid_testbed::TrussConfig;
+use serde::{Deserialize, Serialize};
+
+use crate::data::MissingPolicy;
+use crate::prepare::Preparation;
+use crate::variant::Variant;
+
+/// One experiment.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Experiment {
+    /// A name for reports and directories.
+    #[serde(default = "unnamed")]
+    pub name: String,
+    /// Where the data come from.
+    pub data: DataConfig,
+    /// What is done to them before identification.
+    #[serde(default)]
+    pub preparation: Preparation,
+    /// The canonical form.
+    #[serde(default)]
+    pub structure: StructureConfig,
+    /// The noise covariances.
+    #[serde(default)]
+    pub noise: NoiseConfig,
+    /// The types of the recursion.
+    #[serde(default)]
+    pub variant: Variant,
+    /// The first estimate and its covariance.
+    #[serde(default)]
+    pub start: StartConfig,
+    /// How the recursion runs.
+    #[serde(default)]
+    pub identification: IdentificationConfig,
+    /// What is held out.
+    #[serde(default)]
+    pub validation: ValidationConfig,
+}
+
+fn unnamed() -> String {
+    "experiment".into()
+}
+
+/// Files or the simulated truss: one of the two.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DataConfig {
+    /// Data files, each one record; paths are relative to the experiment file.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub files: Vec<PathBuf>,
+    /// The columns that are inputs.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub inputs: Vec<String>,
+    /// The columns that are outputs.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub outputs: Vec<String>,
+    /// Samples a second; left out, the file's own `Fs` or time column.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sample_rate_hz: Option<f64>,
+    /// What a NaN among the outputs is: `error`, or `nan` for a missing sample.
+    pub missing: MissingPolicy,
+    /// Which variable of a .mat or .npz file holds the record.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub variable: Option<String>,
+    /// The simulated truss in place of files.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub testbed: Option<TestbedData>,
+}
+
+/// The simulated truss, and the input that drives it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TestbedData {
+    /// An input from a file (columns u1, u2, u3, in V) in place of `truss.input`; its length is the record's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub input_file: Option<PathBuf>,
+    /// The truss, its converters, noise and seed.
+    pub truss: TrussConfig,
+}
+
+/// The canonical form: a number of states, or the indices.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct StructureConfig {
+    /// n, shared out evenly over the outputs unless `indices` say otherwise; left out, the scan's recommendation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub states: Option<usize>,
+    /// The observability indices n_1 .. n_p, or `"balanced"` (the default), or `"search"`: chosen by the data.
+    pub indices: IndicesChoice,
+    /// Orders to be compared on the training data; with `states` left out the recommended one is taken.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub scan: Vec<usize>,
+}
+
+/// How the states are shared out.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "IndicesWord", into = "IndicesWord")]
+pub enum IndicesChoice {
+    /// As evenly as they go.
+    #[default]
+    Balanced,
+    /// By the data.
+    Search,
+    /// As given.
+    Given(Vec<usize>),
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(untagged)]
+enum IndicesWord {
+    Given(Vec<usize>),
+    Word(String),
+}
+
+impl TryFrom<IndicesWord> for IndicesChoice {
+    type Error = String;
+
+    fn try_from(word: IndicesWord) -> Result<Self, String> {
+        match word {
+            IndicesWord::Given(indices) => Ok(Self::Given(indices)),
+            IndicesWord::Word(word) if word == "balanced" => Ok(Self::Balanced),
+            IndicesWord::Word(word) if word == "search" => Ok(Self::Search),
+            IndicesWord::Word(word) => Err(format!("indices are a list, \"balanced\" or \"search\", not \"{word}\"")),
+        }
+    }
+}
+
+impl From<IndicesChoice> for IndicesWord {
+    fn from(choice: IndicesChoice) -> Self {
+        match choice {
+            IndicesChoice::Balanced => Self::Word("balanced".into()),
+            IndicesChoice::Search => Self::Word("search".into()),
+            IndicesChoice::Given(indices) => Self::Given(indices),
+        }
+    }
+}
+
+/// Where the noise covariances come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum NoiseSource {
+    /// A bank of filters, scored by free-run error on training data (the default).
+    #[default]
+    Tuned,
+    /// The keys `sensor`, `actuator`, `state` and the cross-covariances.
+    Given,
+    /// The paper's 0.005, 0.005, 0.010, read as covariances.
+    PaperLiteral,
+    /// The same read as volts RMS.
+    PaperSquared,
+    /// R from the spread of averaged repeats; Sigma by the bank.
+    Repeats,
+    /// R from a record at rest, `zero_input_file`; Sigma by the bank.
+    ZeroInput,
+    /// R from the step of the converter, found in the codes; Sigma by the bank.
+    Converter,
+}
+
+/// What the numbers under `[noise]` are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum NoiseReading {
+    /// Covariances, in the channel's unit squared.
+    #[default]
+    Covariance,
+    /// Standard deviations; only single numbers and lists can be.
+    Rms,
+}
+
+/// A covariance: one number for all channels, one a channel, or a whole matrix (rows).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Covariance {
+    /// The same for all, independent.
+    Common(f64),
+    /// One each, independent.
+    Diagonal(Vec<f64>),
+    /// A matrix, row by row.
+    Full(Vec<Vec<f64>>),
+}
+
+/// The noise model of Eq. 5, in the units of the data.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct NoiseConfig {
+    /// Where the covariances come from.
+    pub from: NoiseSource,
+    /// Whether the numbers are covariances or RMS values.
+    pub read_as: NoiseReading,
+    /// R, p x p. With `from = "tuned"` it is taken as known where given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<Covariance>,
+    /// Q, m x m; 0 where left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub actuator: Option<Covariance>,
+    /// Sigma, n x n.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub state: Option<Covariance>,
+    /// S^{vw}, m x p.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub actuator_sensor: Option<Vec<Vec<f64>>>,
+    /// S^{w xi}, p x n.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sensor_state: Option<Vec<Vec<f64>>>,
+    /// S^{v xi}, m x n.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub actuator_state: Option<Vec<Vec<f64>>>,
+    /// The record at rest for `from = "zero-input"`: outputs named as the data's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub zero_input_file: Option<PathBuf>,
+}
+
+/// The first estimate and its covariance, for channels of unit RMS.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct StartConfig {
+    /// Variance of each entry of x.
+    pub state_variance: f64,
+    /// Variance of each entry of the parameters.
+    pub parameter_variance: f64,
+    /// A former model.json in observable canonical form to start from, with its parameter covariance where it has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub model: Option<PathBuf>,
+    /// Factor on the former model's parameter covariance: above 1 for a plant that has changed.
+    pub widen: f64,
+}
+
+impl Default for StartConfig {
+    fn default() -> Self {
+        Self { state_variance: 1.0, parameter_variance: 1.0, model: None, widen: 1.0 }
+    }
+}
+
+/// How the recursion runs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct IdentificationConfig {
+    /// How often the training data are gone through.
+    pub passes: usize,
+    /// Exponential forgetting: P is divided by this each step; 1 for none.
+    pub forgetting: f64,
+    /// Variance added to each parameter's variance a step; 0 for none.
+    pub parameter_noise: f64,
+}
+
+impl Default for IdentificationConfig {
+    fn default() -> Self {
+        Self { passes: 1, forgetting: 1.0, parameter_noise: 0.0 }
+    }
+}
+
+/// What is held out.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ValidationConfig {
+    /// The leading share of the last record that is for training; the rest is held out. Earlier records are for training.
+    pub training_share: f64,
+    /// The share of the training data that the noise bank learns from; the rest of it scores.
+    pub learning_share: f64,
+    /// Highest lag of the residual tests; left out, chosen by the record's length.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lags: Option<usize>,
+    /// Period of a periodic input in samples, for the noise floor; left out, none is assumed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub period: Option<usize>,
+    /// The band that the report's frequency responses show, in Hz; left out, where the inputs have power.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub band_hz: Option<[f64; 2]>,
+}
+
+impl Default for ValidationConfig {
+    fn default() -> Self {
+        Self { training_share: 0.75, learning_share: 0.75, lags: None, period: None, band_hz: None }
+    }
+}
+
+impl Experiment {
+    /// What is wrong with the values, as key and reason; the words are checked when the file is read.
+    pub fn problems(&self) -> Vec<(&'static str, String)> {
+        let mut problems = Vec::new();
+        let data = &self.data;
+        match (&data.testbed, data.files.is_empty()) {
+            (Some(_), false) => problems.push(("data", "give files or a testbed, not both".into())),
+            (None, true) => problems.push(("data", "give `files`, or a table `[data.testbed]`".into())),
+            (None, false) if data.inputs.is_empty() => problems.push(("data", "`inputs` are missing".into())),
+            (None, false) if data.outputs.is_empty() => problems.push(("data", "`outputs` are missing".into())),
+            _ => {}
+        }
+        let mut share = |key: &'static str, value: f64| {
+            if !(value > 0.0 && value < 1.0) {
+                problems.push((key, format!("{value} is not between 0 and 1")));
+            }
+        };
+        share("training_share", self.validation.training_share);
+        share("learning_share", self.validation.learning_share);
+        let mut positive = |key: &'static str, value: f64| {
+            if !(value > 0.0 && value.is_finite()) {
+                problems.push((key, format!("{value} is not above 0")));
+            }
+        };
+        positive("state_variance", self.start.state_variance);
+        positive("parameter_variance", self.start.parameter_variance);
+        positive("widen", self.start.widen);
+        let forgetting = self.identification.forgetting;
+        if !(forgetting > 0.0 && forgetting <= 1.0) {
+            problems.push(("forgetting", format!("{forgetting} is not above 0 and at most 1")));
+        }
+        let noise = self.identification.parameter_noise;
+        if !(noise >= 0.0 && noise.is_finite()) {
+            problems.push(("parameter_noise", format!("{noise} is not 0 or above")));
+        }
+        if self.identification.passes == 0 {
+            problems.push(("passes", "the data must be gone through at least once".into()));
+        }
+        let structure = &self.structure;
+        if structure.states.is_none()
+            && structure.scan.is_empty()
+            && !matches!(structure.indices, IndicesChoice::Given(_))
+        {
+            problems.push(("structure", "give `states`, `indices` or orders to `scan`".into()));
+        }
+        if let (IndicesChoice::Given(indices), Some(states)) = (&structure.indices, structure.states) {
+            let sum: usize = indices.iter().sum();
+            if sum != states {
+                problems.push(("indices", format!("they add up to {sum}, but `states` is {states}")));
+            }
+        }
+        if self.noise.from == NoiseSource::Given {
+            for (key, value) in [("sensor", &self.noise.sensor), ("state", &self.noise.state)] {
+                if value.is_none() {
+                    problems.push(("noise", format!("from = \"given\" needs `{key}`")));
+                }
+            }
+        }
+        if self.noise.from == NoiseSource::ZeroInput && self.noise.zero_input_file.is_none() {
+            problems.push(("noise", "from = \"zero-input\" needs `zero_input_file`".into()));
+        }
+        if self.noise.from == NoiseSource::Repeats
+            && self.preparation.repeats.is_none()
+            && data.testbed.as_ref().is_none_or(|t| t.truss.repeats < 2)
+        {
+            problems.push(("noise", "from = \"repeats\" needs `[preparation.repeats]` or a testbed with repeats".into()));
+        }
+        problems
+    }
+}
