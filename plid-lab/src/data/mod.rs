@@ -32,4 +32,4 @@ pub use table::{Table, read};
 pub use warning::Warning;
 
 #[cfg(test)]
-mod real_files;
+pub(crate) mod real_files;

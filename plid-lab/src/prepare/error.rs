@@ -1,0 +1,105 @@
+//! Why data cannot be prepared as asked.
+
+/// A preparation that is not possible with these data.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+pub enum PrepareError {
+    /// The records do not fit together, or teach nothing.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Data(#[from] crate::data::DataError),
+    /// There is nothing to prepare.
+    #[error("there is no record to prepare")]
+    NoRecords,
+    /// The shares of training data do not fit the records.
+    #[error(
+        "training shares {shares:?} do not fit {records} records: one share from 0 to 1 for each, not all 0"
+    )]
+    TrainingShares {
+        /// As given.
+        shares: Vec<f64>,
+        /// Number of records.
+        records: usize,
+    },
+    /// The rate to decimate to is impossible or above that of the data.
+    #[error("cannot decimate from {from_hz} Hz to {to_hz} Hz")]
+    DecimationRate {
+        /// Rate of the data in Hz.
+        from_hz: f64,
+        /// Rate asked for in Hz.
+        to_hz: f64,
+    },
+    /// The rate to decimate to is no integer fraction of the rate of the data.
+    #[error(
+        "{to_hz} Hz is no integer fraction of {from_hz} Hz; the nearest are {below_hz} and {above_hz} Hz"
+    )]
+    DecimationRatio {
+        /// Rate of the data in Hz.
+        from_hz: f64,
+        /// Rate asked for in Hz.
+        to_hz: f64,
+        /// Nearest possible rate below.
+        below_hz: f64,
+        /// Nearest possible rate above.
+        above_hz: f64,
+    },
+    /// A record is too short for a step.
+    #[error("record {record} has {samples} samples; {step} needs at least {needed}")]
+    TooShort {
+        /// Number of the record, from 1.
+        record: usize,
+        /// Its samples.
+        samples: usize,
+        /// The step.
+        step: &'static str,
+        /// Samples needed.
+        needed: usize,
+    },
+    /// Fewer than two repeats: no average, no spread.
+    #[error("averaging needs at least two repeats; there are {found}")]
+    TooFewRepeats {
+        /// Repeats found.
+        found: usize,
+    },
+    /// Repeats of different lengths.
+    #[error("repeat {repeat} has {samples} samples where {expected} are expected")]
+    RepeatLength {
+        /// Number of the repeat, from 1.
+        repeat: usize,
+        /// Its samples.
+        samples: usize,
+        /// Samples of the first repeat.
+        expected: usize,
+    },
+    /// The input of a repeat is not that of the others.
+    #[error(
+        "input `{channel}` does not repeat: repeat {repeat} differs from the mean by {difference:.2e} of its RMS, {tolerance:.2e} is allowed"
+    )]
+    NotRepeated {
+        /// The input.
+        channel: String,
+        /// Number of the repeat, from 1.
+        repeat: usize,
+        /// RMS of the difference over RMS of the mean.
+        difference: f64,
+        /// What is allowed.
+        tolerance: f64,
+    },
+    /// A record that should have no input has one.
+    #[error("input `{channel}` has an RMS of {rms:.3e}, where at most {limit:.3e} passes for zero")]
+    InputNotZero {
+        /// The input.
+        channel: String,
+        /// RMS about its mean, in its units.
+        rms: f64,
+        /// What is allowed.
+        limit: f64,
+    },
+    /// Too few complete samples for a covariance of the noise.
+    #[error("{samples} complete samples are too few for the noise covariance of {outputs} outputs")]
+    TooFewForNoise {
+        /// Samples without a gap.
+        samples: usize,
+        /// Outputs.
+        outputs: usize,
+    },
+}
