@@ -42,4 +42,17 @@ impl IdentifiedModel {
             covariance: covariance.cast(),
         }
     }
+
+    /// The parameters [a_1; ..; a_p; b_1; ..; b_m], (p + m) n entries: the inverse of [`IdentifiedModel::from_estimate`].
+    pub fn parameters(&self, model: &impl ImplicitModel) -> Vec<f64> {
+        let mut parameters = Vec::with_capacity(model.parameter_columns() * model.states());
+        for &column in model.output_states() {
+            parameters.extend((0..model.states()).map(|i| {
+                let structural = if model.shift_source(i) == Some(column) { 1.0 } else { 0.0 };
+                self.a.at(i, column) - structural
+            }));
+        }
+        parameters.extend_from_slice(self.b.data());
+        parameters
+    }
 }

@@ -7,10 +7,10 @@ mod order;
 mod predictor;
 mod recursion;
 
-pub use noise::{Bank, Trial, Tuned, tune};
+pub use noise::{Bank, Memory, Search, Split, Trial, Tuned, tune};
 pub use order::{OrderScan, ScanRow, scan_orders, search_indices};
 pub use predictor::{Predictor, fit_predictor};
-pub use recursion::{Plan, RecursionRun, Unwatched, Watcher, run};
+pub use recursion::{Ending, Paused, Plan, RecursionRun, Watcher, run};
 
 use ndarray::ArrayView2;
 use plid_core::{IdentifiedModel, ObservableForm};
@@ -56,21 +56,14 @@ pub enum IdentifyError {
     #[error(transparent)]
     Variant(#[from] VariantError),
     /// No setting of the noise covariances gave a usable model.
-    #[error("none of the {trials} noise settings tried gave a model: {last}")]
+    #[error("none of the {trials} noise settings tried gave a model that stays bounded on the data that score it")]
     NoSetting {
         /// How many were tried.
         trials: usize,
-        /// What became of the last.
-        last: String,
     },
     /// The user asked for an end.
-    #[error("interrupted after {steps} of {total} samples")]
-    Interrupted {
-        /// Samples done.
-        steps: usize,
-        /// Samples in all.
-        total: usize,
-    },
+    #[error("interrupted")]
+    Interrupted,
 }
 
 /// Free-run simulation of an identified model on `samples` from its own state; the squared error relative to the outputs' power, its root,

@@ -5,12 +5,13 @@
 //! The bank is a coarse grid over R and Sigma / R in decades, followed by a descent to the best neighbour.
 
 use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use plid_core::{ImplicitModel, NoiseModel, ObservableForm, Settings};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::recursion::{Plan, Unwatched, run};
+use super::recursion::{Ending, Plan, run};
 use super::{IdentifyError, Samples, free_run_error};
 use crate::variant::{ExpectationName, Variant};
 
@@ -27,8 +28,6 @@ pub struct Bank {
     pub sensor: Option<Vec<f64>>,
     /// Variances Q_jj (m).
     pub actuator: Vec<f64>,
-    /// The share of the training data that the filters learn from; the rest scores them.
-    pub learn: f64,
 }
 
 /// One filter of the bank.
@@ -99,50 +98,107 @@ impl Bank {
         points
     }
 
-    fn score(&self, point: Point, learn: Samples<'_>, score: Samples<'_>) -> Result<f64, String> {
+    /// The free-run error of the filter at `point`; infinite where it or its model diverges.
+    fn score(&self, point: Point, split: &Split<'_>, may_go_on: &(dyn Fn() -> bool + Sync)) -> Option<f64> {
         // The forms agree to rounding; the direct one is the fastest.
         let variant = Variant { expectations: self.expectations, ..Variant::default() };
         let (form, noise, settings) = (self.form.clone(), self.noise(point), self.settings.clone());
         let plan = Plan { form, noise, settings, variant, passes: 1 };
-        let run = run(&plan, learn, &mut Unwatched).map_err(|e| e.to_string())?;
-        Ok(free_run_error(&run.identified, &self.form, score))
+        match run(&plan, &split.learn, None, &mut |_, _| may_go_on()) {
+            Ok(Ending::Done(run)) => Some(free_run_error(&run.identified, &self.form, split.score)),
+            Ok(Ending::Paused(_)) => None,
+            Err(_) => Some(f64::INFINITY),
+        }
     }
 }
 
-/// Finds the noise covariances with which PLID's model simulates best. `progress` is told of each filter done, and of those planned so far.
+/// Training data, of which the last record's tail scores what is learnt from the rest.
+pub struct Split<'a> {
+    learn: Vec<Samples<'a>>,
+    score: Samples<'a>,
+}
+
+impl<'a> Split<'a> {
+    /// The leading `share` of all training samples is learnt from, but at least half of the last record.
+    ///
+    /// # Panics
+    /// Without a record.
+    pub fn new(training: &[Samples<'a>], share: f64) -> Self {
+        let (last, before) = training.split_last().expect("there is a training record");
+        let total: usize = training.iter().map(Samples::len).sum();
+        let held = ((1.0 - share) * total as f64) as usize;
+        let cut = last.len().saturating_sub(held).max(last.len() / 2);
+        let learn = before.iter().copied().chain([last.range(0, cut)]).collect();
+        Self { learn, score: last.range(cut, last.len()) }
+    }
+}
+
+/// Scores already known, by indices and point: what an interrupted run need not do again.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Memory(Vec<(Vec<usize>, Point, Option<f64>)>);
+
+impl Memory {
+    fn find(&self, indices: &[usize], point: Point) -> Option<f64> {
+        let entry = self.0.iter().find(|(i, p, _)| i == indices && *p == point)?;
+        Some(entry.2.unwrap_or(f64::INFINITY))
+    }
+
+    fn store(&mut self, indices: &[usize], point: Point, error: f64) {
+        self.0.push((indices.to_vec(), point, error.is_finite().then_some(error)));
+    }
+}
+
+/// What a search over filters is told and asked.
+pub struct Search<'a> {
+    /// Training data.
+    pub split: Split<'a>,
+    /// Told of filters done and planned.
+    pub progress: &'a (dyn Fn(usize, usize) + Sync),
+    /// Whether to go on.
+    pub may_go_on: &'a (dyn Fn() -> bool + Sync),
+    /// What is known already.
+    pub memory: Memory,
+}
+
+/// Finds the noise covariances with which PLID's model simulates best.
 ///
 /// # Errors
-/// [`IdentifyError::NoSetting`] if every filter or its model diverged.
-pub fn tune(
-    bank: &Bank,
-    training: Samples<'_>,
-    progress: &(dyn Fn(usize, usize) + Sync),
-) -> Result<Tuned, IdentifyError> {
-    let cut = (training.len() as f64 * bank.learn) as usize;
-    let (learn, score) = (training.range(0, cut), training.range(cut, training.len()));
+/// [`IdentifyError::NoSetting`] if every filter or its model diverged, [`IdentifyError::Interrupted`].
+pub fn tune(bank: &Bank, search: &mut Search<'_>) -> Result<Tuned, IdentifyError> {
+    let indices = bank.form.indices().to_vec();
     let mut scores: BTreeMap<Point, f64> = BTreeMap::new();
-    let mut last = String::from("free-run simulation diverged");
-    let mut evaluate = |points: Vec<Point>, scores: &mut BTreeMap<Point, f64>| {
-        let new: Vec<Point> = points.into_iter().filter(|p| !scores.contains_key(p)).collect();
-        let before = scores.len();
-        let planned = before + new.len();
-        let done = std::sync::atomic::AtomicUsize::new(before);
-        let results: Vec<_> = new
+    let mut evaluate = |points: Vec<Point>, scores: &mut BTreeMap<Point, f64>| -> Result<(), IdentifyError> {
+        let mut new = Vec::new();
+        for point in points {
+            if scores.contains_key(&point) || new.contains(&point) {
+                continue;
+            }
+            match search.memory.find(&indices, point) {
+                Some(error) => drop(scores.insert(point, error)),
+                None => new.push(point),
+            }
+        }
+        let done = AtomicUsize::new(scores.len());
+        let planned = scores.len() + new.len();
+        let results: Vec<(Point, Option<f64>)> = new
             .par_iter()
             .map(|&point| {
-                let result = bank.score(point, learn, score);
-                let count = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
-                progress(count, planned);
-                (point, result)
+                let score = bank.score(point, &search.split, search.may_go_on);
+                (search.progress)(done.fetch_add(1, Ordering::Relaxed) + 1, planned);
+                (point, score)
             })
             .collect();
-        for (point, result) in results {
-            let error = result.unwrap_or_else(|reason| {
-                last = reason;
-                f64::INFINITY
-            });
-            scores.insert(point, error);
+        let mut interrupted = false;
+        for (point, score) in results {
+            match score {
+                Some(error) => {
+                    search.memory.store(&indices, point, error);
+                    scores.insert(point, error);
+                }
+                None => interrupted = true,
+            }
         }
+        if interrupted { Err(IdentifyError::Interrupted) } else { Ok(()) }
     };
     // Ties, as between two infinities, go to the larger Sigma: it forgets a poor start sooner.
     let best = |scores: &BTreeMap<Point, f64>| -> (Point, f64) {
@@ -152,11 +208,11 @@ pub fn tune(
             .min_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)))
             .expect("the grid is not empty")
     };
-    evaluate(bank.start(), &mut scores);
+    evaluate(bank.start(), &mut scores)?;
     let mut step = DECADE;
     for _ in 0..12 {
         let before = best(&scores);
-        evaluate(bank.neighbours(before.0, step), &mut scores);
+        evaluate(bank.neighbours(before.0, step), &mut scores)?;
         // Half a per cent is less than what another record would change.
         if best(&scores).1 > 0.995 * before.1 {
             if step == THIRD {
@@ -167,12 +223,13 @@ pub fn tune(
     }
     let (point, error) = best(&scores);
     if !error.is_finite() {
-        return Err(IdentifyError::NoSetting { trials: scores.len(), last });
+        return Err(IdentifyError::NoSetting { trials: scores.len() });
     }
     let trial = |(point, error): (Point, f64)| Trial {
         sensor: Bank::value(point.0),
         state: Bank::value(point.1),
         free_run: error.is_finite().then_some(error),
     };
-    Ok(Tuned { noise: bank.noise(point), best: trial((point, error)), trials: scores.into_iter().map(trial).collect() })
+    let trials = scores.into_iter().map(trial).collect();
+    Ok(Tuned { noise: bank.noise(point), best: trial((point, error)), trials })
 }

@@ -3,8 +3,8 @@
 use plid_core::ObservableForm;
 use serde::{Deserialize, Serialize};
 
-use super::noise::{Bank, tune};
-use super::{IdentifyError, Samples};
+use super::IdentifyError;
+use super::noise::{Bank, Search, tune};
 
 /// One order of a scan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -38,15 +38,15 @@ impl OrderScan {
 pub fn scan_orders(
     orders: &[usize],
     template: impl Fn(usize) -> Result<Bank, IdentifyError>,
-    training: Samples<'_>,
-    progress: &(dyn Fn(usize, usize) + Sync),
+    search: &mut Search<'_>,
 ) -> Result<OrderScan, IdentifyError> {
     let mut rows = Vec::new();
     let mut failure = None;
     for &states in orders {
         let bank = template(states)?;
-        let free_run = match tune(&bank, training, progress) {
+        let free_run = match tune(&bank, search) {
             Ok(tuned) => tuned.best.free_run,
+            Err(IdentifyError::Interrupted) => return Err(IdentifyError::Interrupted),
             Err(error) => {
                 failure = Some(error);
                 None
@@ -58,7 +58,7 @@ pub fn scan_orders(
     let best = rows.iter().filter_map(|row| row.free_run).fold(f64::INFINITY, f64::min);
     match rows.iter().find(|row| row.free_run.is_some_and(|e| e <= OrderScan::SLACK * best)) {
         Some(row) => Ok(OrderScan { recommended: row.states, rows }),
-        None => Err(failure.unwrap_or(IdentifyError::NoSetting { trials: 0, last: "no order was given".into() })),
+        None => Err(failure.unwrap_or(IdentifyError::NoSetting { trials: 0 })),
     }
 }
 
@@ -70,16 +70,15 @@ pub fn scan_orders(
 pub fn search_indices(
     start: &ObservableForm,
     template: impl Fn(&[usize]) -> Result<Bank, IdentifyError>,
-    training: Samples<'_>,
-    progress: &(dyn Fn(usize, usize) + Sync),
+    search: &mut Search<'_>,
 ) -> Result<(Vec<usize>, Vec<ScanRow>), IdentifyError> {
     let row = |indices: &[usize], free_run| ScanRow {
         states: indices.iter().sum(),
         indices: indices.to_vec(),
         free_run: Some(free_run),
     };
-    let score = |indices: &[usize]| -> Result<f64, IdentifyError> {
-        Ok(tune(&template(indices)?, training, progress)?.best.free_run.unwrap_or(f64::INFINITY))
+    let mut score = |indices: &[usize]| -> Result<f64, IdentifyError> {
+        Ok(tune(&template(indices)?, search)?.best.free_run.unwrap_or(f64::INFINITY))
     };
     let mut indices = start.indices().to_vec();
     let mut error = score(&indices)?;
@@ -98,7 +97,11 @@ pub fn search_indices(
                     continue;
                 }
                 // A neighbour that gives no model is no reason to stop.
-                let Ok(found) = score(&candidate) else { continue };
+                let found = match score(&candidate) {
+                    Ok(found) => found,
+                    Err(IdentifyError::Interrupted) => return Err(IdentifyError::Interrupted),
+                    Err(_) => continue,
+                };
                 rows.push(row(&candidate, found));
                 if found < 0.98 * error && better.as_ref().is_none_or(|(_, e)| found < *e) {
                     better = Some((candidate, found));

@@ -1,10 +1,13 @@
-//! PLID over a record, with checkpoints.
+//! PLID over records, once or several times, with checkpoints.
 
 use ndarray::Array2;
-use plid_core::{Checkpoint, Health, IdentifiedModel, ImplicitModel, NoiseModel, ObservableForm, Settings};
+use plid_core::{
+    Checkpoint, Dense, Health, IdentifiedModel, ImplicitModel, InitialCovariance, NoiseModel, ObservableForm, Settings,
+};
+use serde::{Deserialize, Serialize};
 
 use super::{IdentifyError, Samples};
-use crate::variant::Variant;
+use crate::variant::{Recursion, Variant, VariantError};
 
 /// What the recursion is to be.
 #[derive(Clone, Debug)]
@@ -17,7 +20,7 @@ pub struct Plan {
     pub settings: Settings,
     /// The types.
     pub variant: Variant,
-    /// How often the record is gone through; each pass starts from the last one's estimate, with P as it stands.
+    /// How often the records are gone through.
     pub passes: usize,
 }
 
@@ -26,69 +29,124 @@ pub struct Plan {
 pub struct RecursionRun {
     /// The plant at the end, with the covariance of the estimate.
     pub identified: IdentifiedModel,
-    /// The innovations of the last pass, K x p.
-    pub innovations: Array2<f64>,
+    /// The innovations of the last pass, one array (K x p) a record.
+    pub innovations: Vec<Array2<f64>>,
     /// How sound P is at the end.
     pub health: Health,
 }
 
-/// What a caller is told between samples, and what it may ask for.
-pub trait Watcher {
-    /// Called after each sample with the samples done of all; false asks for an end, after which [`Watcher::store`] is called.
-    fn sample(&mut self, done: usize, total: usize) -> bool;
-    /// Takes the state of an interrupted run.
-    fn store(&mut self, checkpoint: Checkpoint, innovations: &Array2<f64>);
-    /// The state to go on from, and the innovations of the pass so far.
-    fn resume(&mut self) -> Option<(Checkpoint, Array2<f64>)>;
+/// An interrupted run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Paused {
+    /// Stretches (a record in a pass) that are finished.
+    stretch: usize,
+    /// The recursion within the next one.
+    checkpoint: Checkpoint,
+    /// The innovations so far, a record at a time, row by row; `None` for NaN, which JSON has not.
+    innovations: Vec<Vec<Option<f64>>>,
 }
 
-/// Nobody watches.
-pub struct Unwatched;
+/// Told between samples how many are done of all; false asks for an end.
+pub type Watcher<'a> = &'a mut dyn FnMut(usize, usize) -> bool;
 
-impl Watcher for Unwatched {
-    fn sample(&mut self, _done: usize, _total: usize) -> bool {
-        true
-    }
-    fn store(&mut self, _checkpoint: Checkpoint, _innovations: &Array2<f64>) {}
-    fn resume(&mut self) -> Option<(Checkpoint, Array2<f64>)> {
-        None
+/// The end of a run: done, or paused where the watcher asked for it.
+#[derive(Debug)]
+pub enum Ending {
+    /// All samples are done.
+    Done(Box<RecursionRun>),
+    /// The watcher asked for an end.
+    Paused(Box<Paused>),
+}
+
+/// What is known of the parameters, and nothing of the state: where a new record begins.
+fn carry_over(form: &ObservableForm, settings: &Settings, former: &IdentifiedModel) -> Settings {
+    let (n, size) = (form.states(), form.joint_states());
+    let state_variance = |i: usize| match &settings.initial_covariance {
+        InitialCovariance::Diagonal(d) => d[i],
+        InitialCovariance::Full(p0) => p0.at(i, i),
+    };
+    let covariance = Dense::from_fn(size, size, |i, j| match (i < n, j < n) {
+        (false, false) => former.covariance.at(i, j),
+        (true, true) if i == j => state_variance(i),
+        _ => 0.0,
+    });
+    let mut estimate = vec![0.0; n];
+    estimate.extend(former.parameters(form));
+    Settings {
+        initial_covariance: InitialCovariance::Full(covariance),
+        initial_estimate: estimate,
+        ..settings.clone()
     }
 }
 
-/// Runs the recursion of `plan` over `samples`.
+fn build(plan: &Plan, former: Option<&IdentifiedModel>) -> Result<Box<dyn Recursion>, VariantError> {
+    let settings = match former {
+        Some(former) => &carry_over(&plan.form, &plan.settings, former),
+        None => &plan.settings,
+    };
+    plan.variant.build(plan.form.clone(), &plan.noise, settings)
+}
+
+/// Runs the recursion of `plan` over the records, `plan.passes` times; each record after the first starts with the parameters
+/// and their covariance as they stand, and with a state of which nothing is known.
 ///
 /// # Errors
-/// What the recursion says, or [`IdentifyError::Interrupted`] when the watcher asked for an end.
-pub fn run(plan: &Plan, samples: Samples<'_>, watcher: &mut impl Watcher) -> Result<RecursionRun, IdentifyError> {
-    let (count, p) = (samples.len(), plan.form.outputs());
-    let total = count * plan.passes;
-    let mut recursion = plan.variant.build(plan.form.clone(), &plan.noise, &plan.settings)?;
-    let mut innovations = Array2::from_elem((count, p), f64::NAN);
-    let mut start = 0;
-    if let Some((checkpoint, so_far)) = watcher.resume() {
-        recursion.restore(&checkpoint).map_err(crate::variant::VariantError::from)?;
-        if so_far.dim() == innovations.dim() && checkpoint.step() as usize <= total {
-            innovations = so_far;
-            start = checkpoint.step() as usize;
+/// What the recursion says.
+pub fn run(
+    plan: &Plan,
+    records: &[Samples<'_>],
+    paused: Option<&Paused>,
+    watcher: Watcher<'_>,
+) -> Result<Ending, IdentifyError> {
+    let p = plan.form.outputs();
+    let total = plan.passes * records.iter().map(Samples::len).sum::<usize>();
+    let mut innovations: Vec<Array2<f64>> =
+        records.iter().map(|record| Array2::from_elem((record.len(), p), f64::NAN)).collect();
+    let stretches = plan.passes * records.len();
+    let (mut stretch, mut first) = (0, 0);
+    let mut recursion = build(plan, None)?;
+    if let Some(paused) = paused {
+        recursion.restore(&paused.checkpoint).map_err(VariantError::from)?;
+        (stretch, first) = (paused.stretch, paused.checkpoint.step() as usize);
+        for (array, saved) in innovations.iter_mut().zip(&paused.innovations) {
+            for (to, from) in array.iter_mut().zip(saved) {
+                *to = from.unwrap_or(f64::NAN);
+            }
         }
     }
+    let length = |stretch: usize| records[stretch % records.len()].len();
+    let mut done = (0..stretch).map(length).sum::<usize>() + first;
     let (mut z, mut u) = (vec![0.0; p], vec![0.0; plan.form.inputs()]);
-    for step in start..total {
-        let k = step % count;
-        for (to, &from) in z.iter_mut().zip(samples.outputs.row(k)) {
-            *to = from;
+    while stretch < stretches {
+        let number = stretch % records.len();
+        let record = records[number];
+        for k in first..record.len() {
+            for (to, &from) in z.iter_mut().zip(record.outputs.row(k)) {
+                *to = from;
+            }
+            for (to, &from) in u.iter_mut().zip(record.inputs.row(k)) {
+                *to = from;
+            }
+            recursion.step(&z, &u, record.nan_is_missing).map_err(VariantError::from)?;
+            for (to, &e) in innovations[number].row_mut(k).iter_mut().zip(recursion.innovation()) {
+                *to = e;
+            }
+            done += 1;
+            if !watcher(done, total) && done < total {
+                let saved = |array: &Array2<f64>| array.iter().map(|&e| e.is_finite().then_some(e)).collect();
+                return Ok(Ending::Paused(Box::new(Paused {
+                    stretch,
+                    checkpoint: recursion.checkpoint(),
+                    innovations: innovations.iter().map(saved).collect(),
+                })));
+            }
         }
-        for (to, &from) in u.iter_mut().zip(samples.inputs.row(k)) {
-            *to = from;
-        }
-        recursion.step(&z, &u, samples.nan_is_missing).map_err(crate::variant::VariantError::from)?;
-        for (to, &e) in innovations.row_mut(k).iter_mut().zip(recursion.innovation()) {
-            *to = e;
-        }
-        if !watcher.sample(step + 1, total) {
-            watcher.store(recursion.checkpoint(), &innovations);
-            return Err(IdentifyError::Interrupted { steps: step + 1, total });
+        first = 0;
+        stretch += 1;
+        if stretch < stretches {
+            recursion = build(plan, Some(&recursion.identified()))?;
         }
     }
-    Ok(RecursionRun { identified: recursion.identified(), innovations, health: recursion.health() })
+    let (identified, health) = (recursion.identified(), recursion.health());
+    Ok(Ending::Done(Box::new(RecursionRun { identified, innovations, health })))
 }

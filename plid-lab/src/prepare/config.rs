@@ -18,7 +18,7 @@ pub struct Preparation {
     pub trend: Trend,
     /// Put u_{k+1} in the place of u_k: `"auto"` (the default, by a test), 0 (no) or 1 (yes).
     pub advance: Advance,
-    /// What every channel is divided by: `none` (the default) or `rms`.
+    /// What every channel is divided by: `rms` (the default) or `none`.
     pub scaling: Scaling,
 }
 

@@ -51,6 +51,8 @@ pub struct Prepared {
     pub start_s: f64,
     /// Samples by which the input was advanced: 0 or 1.
     pub advanced: usize,
+    /// For each record the outputs (p, prepared as the others) of the last sample, which an advanced input does not reach.
+    pub last_outputs: Vec<Option<Vec<f64>>>,
     /// The test of whether the plant answers at once, if it was asked for and could be made.
     pub advance_test: Option<AdvanceTest>,
     /// For each record, the lines removed from the inputs and from the outputs.
@@ -135,7 +137,11 @@ pub fn prepare(
         Advance::No => false,
         Advance::Yes => true,
     };
+    let mut last_outputs = vec![None; records.len()];
     if advanced {
+        for (record, last) in records.iter().zip(&mut last_outputs) {
+            *last = record.outputs.rows().into_iter().next_back().map(|row| row.to_vec());
+        }
         for (record, training) in records.iter_mut().zip(&mut training) {
             *record = advance::advance(record);
             // The last training sample would take its input from the held-out part.
@@ -151,9 +157,13 @@ pub fn prepare(
     if preparation.scaling == scaling::Scaling::Rms {
         steps.push(Step::Scaled);
     }
+    for last in last_outputs.iter_mut().flatten() {
+        last.iter_mut().zip(&output_scales).for_each(|(value, scale)| *value /= scale);
+    }
     Ok(Prepared {
         records,
         training,
+        last_outputs,
         start_s,
         advanced: usize::from(advanced),
         advance_test,
@@ -371,7 +381,7 @@ mod tests {
             ..one.clone()
         };
         let mut how: Preparation =
-            toml::from_str("trend = \"none\"\nadvance = 0\nrepeats = { period = 1000, skip = 1 }")
+            toml::from_str("trend = \"none\"\nscaling = \"none\"\nadvance = 0\nrepeats = { period = 1000, skip = 1 }")
                 .unwrap();
         let prepared = prepare(vec![raw], &[1.0], &how).unwrap();
         assert!(

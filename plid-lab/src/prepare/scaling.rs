@@ -9,9 +9,9 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "kebab-case")]
 pub enum Scaling {
     /// One.
-    #[default]
     None,
-    /// Its RMS over the training parts of all records together.
+    /// Its RMS over the training parts of all records together: what the first covariance and the noise bank are made for.
+    #[default]
     Rms,
 }
 

@@ -1,1 +1,360 @@
-//! (in work)
+//! An experiment from its data to its report: obtain, prepare, identify, validate, write.
+
+mod advice;
+mod checkpoint;
+mod error;
+mod noise;
+mod obtain;
+mod output;
+mod peaks;
+mod progress;
+mod report;
+mod start;
+mod validate;
+
+pub use checkpoint::CHECKPOINT;
+pub use error::RunError;
+pub use obtain::{Obtained, Source, Truth};
+pub use output::write;
+pub use peaks::PeakRow;
+pub use progress::{Progress, Silent};
+pub use validate::{Errors, Validation};
+
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use nalgebra::DMatrix;
+use plid_core::{Dense, Health, IdentifiedModel, ImplicitModel, ObservableForm};
+
+use crate::data::require_samples;
+use crate::experiment::{Experiment, IndicesChoice};
+use crate::identify::{
+    Bank, Ending, IdentifyError, Memory, OrderScan, Plan, Predictor, RecursionRun, Samples, ScanRow, Search, Split,
+    Trial, fit_predictor, scan_orders, search_indices, tune,
+};
+use crate::model::{ChannelScaling, Model, Noise, undo_advance, undo_scaling};
+use crate::prepare::{self, Prepared, excitation};
+use checkpoint::Saved;
+use error::setting;
+use noise::Known;
+
+/// All that a run found, in the units of the data.
+#[derive(Debug)]
+pub struct Outcome {
+    /// The experiment as it was carried out, every default filled in.
+    pub experiment: Experiment,
+    /// The files read.
+    pub sources: Vec<Source>,
+    /// What was done to the data, in words.
+    pub steps: Vec<String>,
+    /// What the reader must know.
+    pub warnings: Vec<String>,
+    /// What to do about it, in words.
+    pub advice: Vec<String>,
+    /// The prepared data.
+    pub prepared: Prepared,
+    /// Observability indices.
+    pub form: ObservableForm,
+    /// Orders side by side, if asked for.
+    pub scan: Option<OrderScan>,
+    /// Indices tried, if asked for.
+    pub index_search: Vec<ScanRow>,
+    /// The filters of the noise bank, if it ran; their variances are those of scaled channels.
+    pub bank: Vec<Trial>,
+    /// R_ii of scaled channels, and the mean Sigma_ii.
+    pub noise_levels: (Vec<f64>, f64),
+    /// How sound P is at the end.
+    pub health: Health,
+    /// The model as it is handed over.
+    pub model: Model,
+    /// The model in canonical form, before an advanced input is undone; with the parameters' covariance.
+    pub canonical: Model,
+    /// How the predictor gain was found; `None` if there is no stable predictor.
+    pub predictor: Option<String>,
+    /// One-step and free-run errors, residual tests.
+    pub validation: Validation,
+    /// Peaks of the true plant and of the model, for simulated data.
+    pub peaks: Vec<PeakRow>,
+    /// The true plant, for simulated data at their own rate.
+    pub truth: Option<Truth>,
+}
+
+/// Carries out an experiment; paths in it are relative to `base`. With `directory`, an interrupted run leaves its checkpoint
+/// there, and `resume` goes on from it.
+///
+/// # Errors
+/// [`RunError`]
+pub fn carry_out(
+    experiment: &Experiment,
+    base: &Path,
+    directory: Option<&Path>,
+    resume: bool,
+    progress: &dyn Progress,
+) -> Result<Outcome, RunError> {
+    let mut experiment = experiment.clone();
+    if let Some((key, reason)) = experiment.problems().into_iter().next() {
+        return Err(setting(key, reason));
+    }
+    let asked = experiment.clone();
+    let saved = match (directory, resume) {
+        (Some(directory), true) => checkpoint::read(directory, &asked)?,
+        _ => Saved::default(),
+    };
+    progress.stage("data");
+    let obtained = obtain::obtain(&mut experiment, base)?;
+    let (raw, truth) = (obtained.records, obtained.truth);
+    let mut warnings = obtained.warnings;
+    let mut shares = vec![1.0; raw.len()];
+    if let Some(last) = shares.last_mut() {
+        *last = experiment.validation.training_share;
+    }
+    if experiment.preparation.repeats.as_ref().is_some_and(|r| r.period.is_none()) {
+        shares.fill(experiment.validation.training_share);
+    }
+    let mut prepared = prepare::prepare(raw.clone(), &shares, &experiment.preparation)?;
+    warnings.extend(prepared.warnings.iter().map(ToString::to_string));
+    let (p, m) = (prepared.records[0].outputs.ncols(), prepared.records[0].inputs.ncols());
+    let training: Vec<Samples<'_>> = prepared
+        .records
+        .iter()
+        .zip(&prepared.training)
+        .filter(|(_, count)| **count > 0)
+        .map(|(record, &count)| {
+            let (inputs, outputs) = (record.inputs.view(), record.outputs.view());
+            Samples { inputs, outputs, nan_is_missing: noise::has_missing(&record.outputs) }.range(0, count)
+        })
+        .collect();
+    let samples: usize = training.iter().map(Samples::len).sum();
+    let last_training = *prepared.training.last().unwrap_or(&0);
+    if training.is_empty() || last_training < 8 || prepared.records[prepared.records.len() - 1].samples() <= last_training {
+        return Err(setting("training_share", format!("it leaves {last_training} samples to learn from, or none to hold out")));
+    }
+
+    let memory = std::sync::Mutex::new(saved.memory);
+    let pause = |memory: Memory, paused| checkpoint::write(directory, &asked, memory, paused);
+    let actor = Actor { experiment: &experiment, base, raw: &raw, prepared: &prepared, progress };
+    let mut search = Search {
+        split: Split::new(&training, experiment.validation.learning_share),
+        progress: &|done, total| progress.advance(done, total),
+        may_go_on: &|| !progress.interrupted(),
+        memory: std::mem::take(&mut *memory.lock().unwrap_or_else(|e| e.into_inner())),
+    };
+    let structured = actor.structure(p, m, &mut search);
+    let (form, scan, index_search) = match structured {
+        Err(RunError::Identify(IdentifyError::Interrupted)) => return Err(pause(search.memory, None)),
+        other => other?,
+    };
+    warnings.extend(require_samples(samples, (p + m) * form.states())?.iter().map(ToString::to_string));
+    let segments = prepare::heads(&prepared.records, &prepared.training);
+    let deepest = form.indices().iter().copied().max().unwrap_or(1);
+    warnings.extend(excitation::excitation(&segments, 2 * deepest).warnings().iter().map(ToString::to_string));
+
+    let settings = start::settings(&experiment, base, &prepared, &form)?;
+    let (noise, bank) = match actor.known(&form)? {
+        Known::All(noise) => (*noise, Vec::new()),
+        Known::Some { .. } => {
+            progress.stage("noise covariances");
+            match tune(&actor.bank(&form)?, &mut search) {
+                Err(IdentifyError::Interrupted) => return Err(pause(search.memory, None)),
+                Err(other) => return Err(RunError::Identify(other)),
+                Ok(tuned) => (tuned.noise, tuned.trials),
+            }
+        }
+    };
+    progress.stage("identification");
+    let noise_levels = (
+        (0..p).map(|i| noise.sensor.at(i, i)).collect(),
+        (0..form.states()).map(|i| noise.state.at(i, i)).sum::<f64>() / form.states() as f64,
+    );
+    let plan = Plan {
+        form: form.clone(),
+        noise,
+        settings,
+        variant: experiment.variant,
+        passes: experiment.identification.passes,
+    };
+    let told = AtomicUsize::new(0);
+    let mut watcher = |done: usize, total: usize| {
+        if done == total || done >= told.load(Ordering::Relaxed) + 64 {
+            told.store(done, Ordering::Relaxed);
+            progress.advance(done, total);
+        }
+        !progress.interrupted()
+    };
+    let ending = crate::identify::run(&plan, &training, saved.paused.as_ref(), &mut watcher);
+    let run = match ending.map_err(RunError::Identify)? {
+        Ending::Done(run) => *run,
+        Ending::Paused(paused) => return Err(pause(search.memory, Some(*paused))),
+    };
+
+    progress.stage("validation");
+    let scaled = scaled_model(&run.identified, &form, &prepared)?;
+    let predictor = fit_predictor(&scaled, training[training.len() - 1]);
+    let (canonical, model) = in_data_units(&scaled, predictor.as_ref(), &plan, &prepared)?;
+    let truth = truth.filter(|t| {
+        let same = t.noise_free.nrows() == prepared.records[0].samples() + prepared.advanced;
+        same && prepared.records.len() == 1 && prepared.start_s == 0.0
+    });
+    let RecursionRun { innovations, health, identified } = run;
+    let state = identified.state;
+    let validation = validate::validate(
+        &experiment,
+        &scaled,
+        predictor.as_ref().map(|p| &p.gain),
+        &state,
+        innovations,
+        &prepared,
+        truth.as_ref(),
+    )?;
+    let peaks = match &truth {
+        Some(truth) => peaks::compare(truth, &model)?,
+        None => Vec::new(),
+    };
+    prepared.warnings.clear();
+    let mut outcome = Outcome {
+        steps: prepared.steps.iter().map(ToString::to_string).collect(),
+        sources: obtained.sources,
+        advice: Vec::new(),
+        predictor: predictor.map(|p| p.origin),
+        experiment,
+        warnings,
+        form,
+        scan,
+        index_search,
+        bank,
+        noise_levels,
+        health,
+        model,
+        canonical,
+        validation,
+        peaks,
+        truth,
+        prepared,
+    };
+    let (more_warnings, advice) = advice::advise(&outcome)?;
+    outcome.warnings.extend(more_warnings);
+    outcome.advice = advice;
+    Ok(outcome)
+}
+
+/// What the stages of a run share.
+struct Actor<'a> {
+    experiment: &'a Experiment,
+    base: &'a Path,
+    raw: &'a [crate::data::Record],
+    prepared: &'a Prepared,
+    progress: &'a dyn Progress,
+}
+
+impl Actor<'_> {
+    fn known(&self, form: &ObservableForm) -> Result<Known, RunError> {
+        noise::known(self.experiment, self.base, self.raw, self.prepared, form)
+    }
+
+    fn bank(&self, form: &ObservableForm) -> Result<Bank, RunError> {
+        let (sensor, actuator) = match self.known(form)? {
+            Known::Some { sensor, actuator } => (sensor, actuator),
+            // Comparing orders needs a bank even where the final run's noise is given for one order only.
+            Known::All(_) => (None, vec![0.0; form.inputs()]),
+        };
+        Ok(Bank {
+            form: form.clone(),
+            settings: start::settings(self.experiment, self.base, self.prepared, form)?,
+            expectations: self.experiment.variant.expectations,
+            sensor,
+            actuator,
+        })
+    }
+
+    /// The canonical form: given, shared out, searched or scanned for.
+    fn structure(
+        &self,
+        p: usize,
+        m: usize,
+        search: &mut Search<'_>,
+    ) -> Result<(ObservableForm, Option<OrderScan>, Vec<ScanRow>), RunError> {
+        let config = &self.experiment.structure;
+        let bad = |e: plid_core::StructureError| setting("structure", e);
+        let mut scan = None;
+        if !config.scan.is_empty() {
+            self.progress.stage("order");
+            let mut banks = Vec::new();
+            for &states in &config.scan {
+                banks.push((states, self.bank(&ObservableForm::balanced(states, p, m).map_err(bad)?)?));
+            }
+            let find = |states: usize| {
+                let bank = banks.iter().find(|(n, _)| *n == states).map(|(_, bank)| bank.clone());
+                bank.ok_or(IdentifyError::NoSetting { trials: 0 })
+            };
+            scan = Some(scan_orders(&config.scan, find, search).map_err(RunError::Identify)?);
+        }
+        let states = config.states.or(scan.as_ref().map(|s: &OrderScan| s.recommended));
+        let form = match (&config.indices, states) {
+            (IndicesChoice::Given(indices), _) => {
+                if indices.len() != p {
+                    return Err(setting("indices", format!("{} are given for {p} outputs", indices.len())));
+                }
+                ObservableForm::new(indices, m).map_err(bad)?
+            }
+            (_, Some(states)) => ObservableForm::balanced(states, p, m).map_err(bad)?,
+            (_, None) => return Err(setting("structure", "give `states`, `indices` or orders to `scan`")),
+        };
+        if config.indices != IndicesChoice::Search {
+            return Ok((form, scan, Vec::new()));
+        }
+        self.progress.stage("observability indices");
+        let template = |indices: &[usize]| {
+            let form = ObservableForm::new(indices, m).map_err(|_| IdentifyError::NoSetting { trials: 0 })?;
+            self.bank(&form).map_err(|_| IdentifyError::NoSetting { trials: 0 })
+        };
+        let (indices, rows) = search_indices(&form, template, search).map_err(RunError::Identify)?;
+        Ok((ObservableForm::new(&indices, m).map_err(bad)?, scan, rows))
+    }
+}
+
+fn dense(matrix: &Dense<f64>) -> DMatrix<f64> {
+    DMatrix::from_column_slice(matrix.rows(), matrix.columns(), matrix.data())
+}
+
+/// The identified plant as a model of scaled channels and, where they are, advanced inputs.
+fn scaled_model(identified: &IdentifiedModel, form: &ObservableForm, prepared: &Prepared) -> Result<Model, RunError> {
+    let (n, size) = (form.states(), form.joint_states());
+    let record = &prepared.records[0];
+    let through = DMatrix::zeros(form.outputs(), form.inputs());
+    let (a, b, c) = (dense(&identified.a), dense(&identified.b), dense(&identified.c));
+    let mut model = Model::new(record.sample_rate_hz, a, b, c, through)?;
+    model.inputs.clone_from(&record.input_names);
+    model.outputs.clone_from(&record.output_names);
+    model.observability_indices = Some(form.indices().to_vec());
+    let covariance = dense(&identified.covariance).view((n, n), (size - n, size - n)).into_owned();
+    // The last digits of a covariance carried in single precision may differ between the triangles.
+    model.parameter_covariance = Some((&covariance + covariance.transpose()) / 2.0);
+    Ok(model)
+}
+
+/// The same in the units of the data: in canonical form, and as it is handed over.
+fn in_data_units(
+    scaled: &Model,
+    predictor: Option<&Predictor>,
+    plan: &Plan,
+    prepared: &Prepared,
+) -> Result<(Model, Model), RunError> {
+    let scaling = ChannelScaling {
+        input_mean: vec![0.0; scaled.m()],
+        input_scale: prepared.input_scales.clone(),
+        output_mean: vec![0.0; scaled.p()],
+        output_scale: prepared.output_scales.clone(),
+    };
+    let std = |covariance: &Dense<f64>| (0..covariance.rows()).map(|i| covariance.at(i, i).max(0.0).sqrt()).collect();
+    let with_noise = Model {
+        noise: Noise {
+            sensor_std: Some(std(&plan.noise.sensor)),
+            actuator_std: Some(std(&plan.noise.actuator)),
+        },
+        predictor_gain: predictor.map(|p| p.gain.clone()),
+        ..scaled.clone()
+    };
+    let canonical = undo_scaling(&with_noise, &scaling)?;
+    let model = if prepared.advanced == 1 { undo_advance(&canonical, None)? } else { canonical.clone() };
+    Ok((canonical, model))
+}

@@ -1,0 +1,189 @@
+//! The noise covariances of a run: given, or measured, or left to the bank; from the data's units to those of the recursion.
+
+use std::path::Path;
+
+use ndarray::Array2;
+use plid_core::{Dense, ImplicitModel, NoiseModel, ObservableForm};
+
+use super::error::{RunError, setting};
+use crate::data::{self, MissingPolicy, Record};
+use crate::experiment::{Covariance, Experiment, NoiseReading, NoiseSource};
+use crate::prepare::converter::converter_step;
+use crate::prepare::noise::noise_from_zero_input;
+use crate::prepare::{Prepared, Step};
+
+/// What is known before the bank runs.
+pub(super) enum Known {
+    /// Everything.
+    All(Box<NoiseModel>),
+    /// R_ii at most, and Q_jj: variances for scaled channels.
+    Some { sensor: Option<Vec<f64>>, actuator: Vec<f64> },
+}
+
+/// Inputs at rest may be as large as this share of the inputs of the record that is identified.
+const REST: f64 = 1e-3;
+
+/// What the config says of the noise, for scaled channels. `raw` are the records before preparation.
+pub(super) fn known(
+    experiment: &Experiment,
+    base: &Path,
+    raw: &[Record],
+    prepared: &Prepared,
+    form: &ObservableForm,
+) -> Result<Known, RunError> {
+    let config = &experiment.noise;
+    let (p, m, n) = (form.outputs(), form.inputs(), form.states());
+    let scales = Scales::new(prepared, form);
+    let diagonal = |variances: &[f64], scales: &[f64]| -> Vec<f64> {
+        variances.iter().zip(scales).map(|(v, s)| v / (s * s)).collect()
+    };
+    let actuator = match &config.actuator {
+        Some(value) => {
+            let full = matrix("noise.actuator", value, m, config.read_as)?;
+            (0..m).map(|j| full.at(j, j) / prepared.input_scales[j].powi(2)).collect()
+        }
+        None => vec![0.0; m],
+    };
+    // Anti-alias filtering leaves about this share of white noise's power; averaging divides it by the repeats.
+    let kept: f64 = prepared
+        .steps
+        .iter()
+        .map(|step| match step {
+            Step::Decimated(plan) => 1.0 / plan.ratio as f64,
+            _ => 1.0,
+        })
+        .product();
+    let repeats = prepared.repeat_noise.first().map_or(1, |(_, count)| *count) as f64;
+    let measured = |variances: Vec<f64>| Known::Some {
+        sensor: Some(diagonal(&variances, &prepared.output_scales)),
+        actuator: actuator.clone(),
+    };
+    Ok(match config.from {
+        NoiseSource::PaperLiteral => Known::All(Box::new(scales.apply(&NoiseModel::paper_literal(p, m, n)))),
+        NoiseSource::PaperSquared => Known::All(Box::new(scales.apply(&NoiseModel::paper_squared(p, m, n)))),
+        NoiseSource::Given => {
+            let cross = |key, value: &Option<Vec<Vec<f64>>>, rows, columns| match value {
+                Some(value) => rectangle(key, value, rows, columns),
+                None => Ok(plid_core::Matrix::zeros(rows, columns)),
+            };
+            let read = |key, value: &Option<Covariance>, size| match value {
+                Some(value) => matrix(key, value, size, config.read_as),
+                None => Ok(plid_core::Matrix::zeros(size, size)),
+            };
+            let noise = NoiseModel {
+                sensor: read("noise.sensor", &config.sensor, p)?,
+                actuator: read("noise.actuator", &config.actuator, m)?,
+                state: read("noise.state", &config.state, n)?,
+                actuator_sensor: cross("noise.actuator_sensor", &config.actuator_sensor, m, p)?,
+                sensor_state: cross("noise.sensor_state", &config.sensor_state, p, n)?,
+                actuator_state: cross("noise.actuator_state", &config.actuator_state, m, n)?,
+            };
+            noise.check(p, m, n).map_err(|e| setting("noise", e))?;
+            Known::All(Box::new(scales.apply(&noise)))
+        }
+        NoiseSource::Tuned => match &config.sensor {
+            Some(value) => {
+                let full = matrix("noise.sensor", value, p, config.read_as)?;
+                measured((0..p).map(|i| full.at(i, i)).collect())
+            }
+            None => Known::Some { sensor: None, actuator },
+        },
+        NoiseSource::Repeats => {
+            let Some((noise, count)) = prepared.repeat_noise.first() else {
+                return Err(setting("noise", "from = \"repeats\" needs repeats in the data"));
+            };
+            measured(noise.covariance.diag().iter().map(|v| v / *count as f64 * kept).collect())
+        }
+        NoiseSource::ZeroInput => {
+            let Some(file) = &config.zero_input_file else {
+                return Err(setting("noise", "from = \"zero-input\" needs `zero_input_file`"));
+            };
+            let table = data::read(&base.join(file), experiment.data.variable.as_deref())?;
+            let first = &raw[0];
+            let rate = Some(first.sample_rate_hz);
+            let (rest, _) =
+                data::extract(&table, &first.input_names, &first.output_names, rate, MissingPolicy::Error)?;
+            let largest = prepared.input_scales.iter().copied().fold(0.0, f64::max);
+            let noise = noise_from_zero_input(&rest, REST * largest)?;
+            measured(noise.covariance.diag().iter().map(|v| v * kept / repeats).collect())
+        }
+        NoiseSource::Converter => {
+            let variances: Result<Vec<f64>, RunError> = raw[0]
+                .outputs
+                .columns()
+                .into_iter()
+                .zip(&raw[0].output_names)
+                .map(|(column, name)| match converter_step(column) {
+                    Some(step) => Ok(step.variance * kept / repeats),
+                    None => Err(setting("noise", format!("output `{name}` shows no converter step"))),
+                })
+                .collect();
+            measured(variances?)
+        }
+    })
+}
+
+/// The scales of outputs, inputs and states (a state has that of its block's output).
+pub(super) struct Scales {
+    outputs: Vec<f64>,
+    inputs: Vec<f64>,
+    states: Vec<f64>,
+}
+
+impl Scales {
+    pub(super) fn new(prepared: &Prepared, form: &ObservableForm) -> Self {
+        let blocks = form.indices().iter().zip(&prepared.output_scales);
+        Self {
+            outputs: prepared.output_scales.clone(),
+            inputs: prepared.input_scales.clone(),
+            states: blocks.flat_map(|(&count, &scale)| vec![scale; count]).collect(),
+        }
+    }
+
+    /// Noise in the data's units as that of scaled channels.
+    fn apply(&self, noise: &NoiseModel) -> NoiseModel {
+        let over = |matrix: &Dense<f64>, rows: &[f64], columns: &[f64]| {
+            Dense::from_fn(matrix.rows(), matrix.columns(), |i, j| matrix.at(i, j) / (rows[i] * columns[j]))
+        };
+        NoiseModel {
+            sensor: over(&noise.sensor, &self.outputs, &self.outputs),
+            actuator: over(&noise.actuator, &self.inputs, &self.inputs),
+            state: over(&noise.state, &self.states, &self.states),
+            actuator_sensor: over(&noise.actuator_sensor, &self.inputs, &self.outputs),
+            sensor_state: over(&noise.sensor_state, &self.outputs, &self.states),
+            actuator_state: over(&noise.actuator_state, &self.inputs, &self.states),
+        }
+    }
+}
+
+fn matrix(
+    key: &'static str,
+    value: &Covariance,
+    size: usize,
+    reading: NoiseReading,
+) -> Result<Dense<f64>, RunError> {
+    let square = |x: &f64| if reading == NoiseReading::Rms { x * x } else { *x };
+    match value {
+        Covariance::Common(x) => Ok(Dense::from_diagonal(&vec![square(x); size])),
+        Covariance::Diagonal(list) if list.len() == size => {
+            Ok(Dense::from_diagonal(&list.iter().map(square).collect::<Vec<_>>()))
+        }
+        Covariance::Diagonal(list) => Err(setting(key, format!("{} values, but {size} are needed", list.len()))),
+        Covariance::Full(_) if reading == NoiseReading::Rms => {
+            Err(setting(key, "a whole matrix is a covariance; read_as = \"rms\" takes a number or a list"))
+        }
+        Covariance::Full(rows) => rectangle(key, rows, size, size),
+    }
+}
+
+fn rectangle(key: &'static str, rows: &[Vec<f64>], height: usize, width: usize) -> Result<Dense<f64>, RunError> {
+    if rows.len() != height || rows.iter().any(|row| row.len() != width) {
+        return Err(setting(key, format!("must be {height} rows of {width} numbers")));
+    }
+    Ok(Dense::from_fn(height, width, |i, j| rows[i][j]))
+}
+
+/// Prepared samples hold NaN only where the config lets them be missing.
+pub(super) fn has_missing(outputs: &Array2<f64>) -> bool {
+    outputs.iter().any(|x| x.is_nan())
+}

@@ -1,0 +1,149 @@
+//! The data of an experiment: read from files, or simulated.
+
+use std::path::Path;
+
+use ndarray::Array2;
+use serde::{Deserialize, Serialize};
+
+use super::error::{RunError, setting};
+use crate::data::{self, MissingPolicy, Record};
+use crate::experiment::{DataConfig, Experiment};
+use crate::model::Model;
+use crate::prepare::repeats::Repeats;
+
+/// A file that went into a run.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Source {
+    /// As the config names it.
+    pub file: String,
+    /// SHA-256 of its bytes.
+    pub sha256: String,
+}
+
+/// The true plant behind simulated data.
+#[derive(Clone, Debug)]
+pub struct Truth {
+    /// Its discrete model, in volts.
+    pub model: Model,
+    /// Its answer to the commands without any noise, K x p.
+    pub noise_free: Array2<f64>,
+    /// The frequencies of its dominant modes, Hz.
+    pub dominant_hz: Vec<f64>,
+}
+
+/// Records, and where they come from.
+#[derive(Clone, Debug)]
+pub struct Obtained {
+    /// As many as files, or as repeats of the testbed.
+    pub records: Vec<Record>,
+    /// The files read.
+    pub sources: Vec<Source>,
+    /// The plant, if the data are simulated.
+    pub truth: Option<Truth>,
+    /// What the reader must know.
+    pub warnings: Vec<String>,
+}
+
+/// Reads or simulates the data; paths are relative to `base`. Repeats of the testbed are averaged unless the experiment says how.
+pub(super) fn obtain(experiment: &mut Experiment, base: &Path) -> Result<Obtained, RunError> {
+    match &experiment.data.testbed {
+        None => read(&experiment.data, base),
+        Some(_) => {
+            let obtained = simulate(&experiment.data, base)?;
+            if obtained.records.len() > 1 && experiment.preparation.repeats.is_none() {
+                // The DAC repeats its codes exactly.
+                experiment.preparation.repeats = Some(Repeats { period: None, skip: 0, tolerance: 1e-9 });
+            }
+            Ok(obtained)
+        }
+    }
+}
+
+fn read(config: &DataConfig, base: &Path) -> Result<Obtained, RunError> {
+    let mut tables = Vec::new();
+    let mut sources = Vec::new();
+    for file in &config.files {
+        let table = data::read(&base.join(file), config.variable.as_deref())?;
+        sources.push(Source { file: file.display().to_string(), sha256: table.sha256.clone() });
+        tables.push(table);
+    }
+    let (records, warnings) =
+        data::select_all(&tables, &config.inputs, &config.outputs, config.sample_rate_hz, config.missing)?;
+    Ok(Obtained { records, sources, truth: None, warnings: warnings.iter().map(ToString::to_string).collect() })
+}
+
+fn simulate(config: &DataConfig, base: &Path) -> Result<Obtained, RunError> {
+    let Some(testbed) = &config.testbed else { unreachable!("asked for only with a testbed") };
+    let names = |prefix: &str, count: usize| -> Vec<String> { (1..=count).map(|i| format!("{prefix}{i}")).collect() };
+    let (inputs, outputs) = (names("u", plid_testbed::INPUTS), names("y", plid_testbed::OUTPUTS));
+    let mut sources = Vec::new();
+    let simulation = match &testbed.input_file {
+        None => plid_testbed::simulate(&testbed.truss)?,
+        Some(file) => {
+            let table = data::read(&base.join(file), config.variable.as_deref())?;
+            sources.push(Source { file: file.display().to_string(), sha256: table.sha256.clone() });
+            let rate = Some(testbed.truss.sample_rate_hz);
+            let (record, _) = data::extract(&table, &inputs, &inputs, rate, MissingPolicy::Error)?;
+            plid_testbed::simulate_input(&testbed.truss, record.inputs.view())?
+        }
+    };
+    let plant = &simulation.truth;
+    let state_space = &plant.discrete;
+    let model = Model::new(
+        simulation.sample_rate_hz,
+        state_space.a.clone(),
+        state_space.b.clone(),
+        state_space.c.clone(),
+        state_space.d.clone(),
+    )?;
+    let dominant = plant.modes.iter().filter(|mode| mode.group == plid_testbed::ModeGroup::Dominant);
+    let truth = Truth {
+        model,
+        noise_free: simulation.noise_free.clone(),
+        dominant_hz: dominant.map(|mode| mode.frequency_hz).collect(),
+    };
+    let choose = |wanted: &[String], all: &[String], key| -> Result<Vec<usize>, RunError> {
+        let found = wanted.iter().map(|name| {
+            let place = all.iter().position(|n| n == name);
+            place.ok_or_else(|| setting(key, format!("the truss has {}, not `{name}`", all.join(", "))))
+        });
+        if wanted.is_empty() { Ok((0..all.len()).collect()) } else { found.collect() }
+    };
+    let (use_inputs, use_outputs) =
+        (choose(&config.inputs, &inputs, "inputs")?, choose(&config.outputs, &outputs, "outputs")?);
+    let pick = |array: &Array2<f64>, columns: &[usize]| array.select(ndarray::Axis(1), columns);
+    let records = simulation
+        .outputs
+        .iter()
+        .map(|measured| Record {
+            sample_rate_hz: simulation.sample_rate_hz,
+            input_names: use_inputs.iter().map(|&j| inputs[j].clone()).collect(),
+            output_names: use_outputs.iter().map(|&i| outputs[i].clone()).collect(),
+            inputs: pick(&simulation.commands, &use_inputs),
+            outputs: pick(measured, &use_outputs),
+        })
+        .collect();
+    // With an input left out the rest of the record is still its doing: the true model is then no yardstick.
+    let whole = use_inputs.len() == inputs.len();
+    let truth = whole.then(|| Truth {
+        model: Model {
+            c: truth.model.c.select_rows(&use_outputs),
+            d: truth.model.d.select_rows(&use_outputs),
+            outputs: use_outputs.iter().map(|&i| outputs[i].clone()).collect(),
+            ..truth.model.clone()
+        },
+        noise_free: pick(&truth.noise_free, &use_outputs),
+        dominant_hz: truth.dominant_hz.clone(),
+    });
+    let truth = truth.map(|t| Truth {
+        model: Model {
+            // Inputs may stand in another order.
+            b: t.model.b.select_columns(&use_inputs),
+            d: t.model.d.select_columns(&use_inputs),
+            inputs: use_inputs.iter().map(|&j| inputs[j].clone()).collect(),
+            ..t.model
+        },
+        ..t
+    });
+    Ok(Obtained { records, sources, truth, warnings: simulation.warnings.iter().map(ToString::to_string).collect() })
+}

@@ -1,0 +1,175 @@
+//! The files of a run: result.json, model.json, innovations.csv, manifest.json, report.html. Each is written whole or not at all, and
+//! the same run gives the same bytes: no time and no path of the machine stands in them.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use serde_json::{Map, Value, json};
+
+use super::error::RunError;
+use super::validate::Errors;
+use super::{CHECKPOINT, Outcome, report};
+use crate::experiment::to_toml;
+use crate::model::{Model, mode_deviations};
+use crate::report::write_atomic;
+
+/// Writes all files of a run into `directory`, and removes its checkpoint.
+///
+/// # Errors
+/// A file that cannot be written, or a model of which no frequency response can be formed.
+pub fn write(outcome: &Outcome, directory: &Path) -> Result<(), RunError> {
+    let file = |name: &str| directory.join(name);
+    let put = |name: &str, bytes: &[u8]| {
+        write_atomic(&file(name), bytes).map_err(|source| RunError::File { path: file(name), source })
+    };
+    std::fs::create_dir_all(directory).map_err(|source| RunError::File { path: directory.into(), source })?;
+    let page = report::page(outcome)?;
+    put("innovations.csv", innovations(outcome).as_bytes())?;
+    with_provenance(outcome).write(&file("model.json"))?;
+    put("manifest.json", pretty(&manifest(outcome)).as_bytes())?;
+    put("report.html", page.as_bytes())?;
+    // Last, so that its presence says that the others are there.
+    put("result.json", pretty(&result(outcome)?).as_bytes())?;
+    match std::fs::remove_file(file(CHECKPOINT)) {
+        Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
+            Err(RunError::File { path: file(CHECKPOINT), source })
+        }
+        _ => Ok(()),
+    }
+}
+
+fn pretty(value: &Value) -> String {
+    let mut text = serde_json::to_string_pretty(value).expect("JSON values are JSON");
+    text.push('\n');
+    text
+}
+
+/// k, e_1 .. e_p over the records, k running on; a missing sample is an empty cell.
+fn innovations(outcome: &Outcome) -> String {
+    let p = outcome.form.indices().len();
+    let mut text = String::from("k");
+    for i in 1..=p {
+        let _ = write!(text, ",e_{i}");
+    }
+    text.push('\n');
+    let rows = outcome.validation.innovations.iter().flat_map(|record| record.rows());
+    for (k, row) in rows.enumerate() {
+        let _ = write!(text, "{k}");
+        for e in row {
+            text.push(',');
+            if e.is_finite() {
+                let _ = write!(text, "{e}");
+            }
+        }
+        text.push('\n');
+    }
+    text
+}
+
+/// What `result.json` and the model's provenance say about means: the model acts on deviations from them.
+fn operating_point(outcome: &Outcome) -> Value {
+    let prepared = &outcome.prepared;
+    let record = prepared.records.len() - 1;
+    let offsets = |side: usize| prepared.lines[record][side].iter().map(|line| line.offset).collect::<Vec<_>>();
+    json!({ "inputs": offsets(0), "outputs": offsets(1) })
+}
+
+fn with_provenance(outcome: &Outcome) -> Model {
+    let mut provenance = Map::new();
+    provenance.insert("program".into(), json!(format!("plid {}", env!("CARGO_PKG_VERSION"))));
+    provenance.insert("experiment".into(), json!(outcome.experiment.name));
+    provenance.insert("operating_point".into(), operating_point(outcome));
+    provenance.insert("input_advanced_by".into(), json!(outcome.prepared.advanced));
+    provenance.insert("predictor".into(), json!(outcome.predictor));
+    Model { provenance: Some(provenance), ..outcome.model.clone() }
+}
+
+fn manifest(outcome: &Outcome) -> Value {
+    json!({
+        "program": "plid",
+        "version": env!("CARGO_PKG_VERSION"),
+        "experiment": outcome.experiment,
+        "experiment_toml": to_toml(&outcome.experiment),
+        "files": outcome.sources,
+        "preparation": outcome.steps,
+        "warnings": outcome.warnings,
+    })
+}
+
+fn errors(errors: &Errors) -> Value {
+    json!({
+        "relative": errors.relative,
+        "overall_relative": errors.overall_relative,
+        "rms": errors.rms_error,
+        "fit_percent": errors.fit_percent,
+    })
+}
+
+/// The figures of a run.
+fn result(outcome: &Outcome) -> Result<Value, RunError> {
+    let validation = &outcome.validation;
+    let record = &outcome.prepared.records[outcome.prepared.records.len() - 1];
+    let states: usize = outcome.form.indices().iter().sum();
+    let modes: Vec<Value> = mode_deviations(&outcome.canonical)?
+        .iter()
+        .map(|deviation| {
+            let mode = &deviation.mode;
+            let strength = mode.strongest_db();
+            json!({
+                "hz": mode.hz, "hz_std": deviation.hz_std, "damping_ratio": mode.damping, "damping_ratio_std": deviation.damping_std,
+                "kind": mode.kind, "stable": mode.stable, "strength_db": strength.is_finite().then_some(strength),
+            })
+        })
+        .collect();
+    let tests = |c: &crate::signal::Correlation| {
+        json!({ "statistic": c.test.statistic, "degrees_of_freedom": c.test.degrees_of_freedom,
+                "p_value": c.test.p_value, "passes": c.test.passes, "lags_outside": c.test.outside })
+    };
+    let peaks: Vec<Value> = outcome
+        .peaks
+        .iter()
+        .map(|row| {
+            json!({ "mode_hz": row.mode_hz, "input": row.input, "output": row.output, "truth_hz_db": row.truth, "model_hz_db": row.model,
+                    "frequency_error_relative": row.frequency_error(), "height_error_db": row.height_error_db() })
+        })
+        .collect();
+    let bank: Vec<Value> = outcome.bank.iter().map(|trial| json!(trial)).collect();
+    Ok(json!({
+        "name": outcome.experiment.name,
+        "variant": outcome.experiment.variant,
+        "sample_rate_hz": record.sample_rate_hz,
+        "inputs": record.input_names,
+        "outputs": record.output_names,
+        "states": states,
+        "observability_indices": outcome.form.indices(),
+        "joint_states": states * (record.input_names.len() + record.output_names.len() + 1),
+        "training_samples": outcome.prepared.training.iter().sum::<usize>(),
+        "held_out_samples": validation.measured.nrows() - validation.training,
+        "input_advanced_by": outcome.prepared.advanced,
+        "operating_point": operating_point(outcome),
+        "held_out": {
+            "one_step": validation.one_step_errors.as_ref().map(errors),
+            "free_run": errors(&validation.free_run_errors),
+            "free_run_of_the_true_plant": validation.truth_errors.as_ref().map(errors),
+            "noise_floor_relative": validation.noise_floor,
+        },
+        "predictor": outcome.predictor,
+        "noise": {
+            "of_channels_divided_by": { "inputs": outcome.prepared.input_scales, "outputs": outcome.prepared.output_scales },
+            "sensor_variances": outcome.noise_levels.0, "mean_state_variance": outcome.noise_levels.1, "bank": bank,
+        },
+        "order_scan": outcome.scan,
+        "index_search": outcome.index_search,
+        "modes": modes,
+        "peaks": peaks,
+        "residual_whiteness": validation.whiteness.iter().map(tests).collect::<Vec<_>>(),
+        "residual_input_correlation":
+            validation.cross.iter().map(|row| row.iter().map(tests).collect::<Vec<_>>()).collect::<Vec<_>>(),
+        "covariance_health": {
+            "smallest_pivot": outcome.health.smallest_pivot, "index": outcome.health.index,
+            "symmetry_defect": outcome.health.symmetry_defect, "condition_at_least": outcome.health.condition,
+        },
+        "warnings": outcome.warnings,
+        "advice": outcome.advice,
+    }))
+}

@@ -1,0 +1,459 @@
+//! The report of a run: the verdict, the pictures, then the figures behind them.
+
+use ndarray::Axis as Dimension;
+use rustfft::num_complex::Complex64;
+
+use super::Outcome;
+use super::error::RunError;
+use super::validate::Errors;
+use crate::experiment::to_toml;
+use crate::model::{FrequencyResponse, Mode, mode_deviations, response_variance};
+use crate::report::{
+    Axis, Cell, Chart, ConvergencePlot, FrfCurve, FrfPlot, ModeSet, Report, Scale, Series, Table, Trace, chart,
+    convergence_plot, correlation_plot, frf_grid, mode_map, trace_plot,
+};
+use crate::signal::{WelchFrf, WelchOptions, convergence, welch_frf};
+
+/// Frequencies at which a model's response is drawn.
+const LINES: usize = 600;
+/// Samples of the traces shown.
+const WINDOW: usize = 400;
+/// Modes weaker than this below the strongest are left out of the picture, in dB; the table has them all.
+const FAINT_DB: f64 = 70.0;
+
+/// The page.
+pub(super) fn page(outcome: &Outcome) -> Result<String, RunError> {
+    let validation = &outcome.validation;
+    let record = &outcome.prepared.records[outcome.prepared.records.len() - 1];
+    let rate = record.sample_rate_hz;
+    let measured = measured_response(outcome, rate);
+    let band = band(outcome, rate);
+
+    let mut report = Report::new(format!("Identification: {}", outcome.experiment.name));
+    for sentence in verdict(outcome) {
+        report = report.verdict(sentence);
+    }
+    report = report.figure(responses(outcome, measured.as_ref(), band)?, response_caption(outcome, measured.as_ref()));
+    let errors = match validation.innovations.last() {
+        Some(own) => convergence(own.view(), 200),
+        None => convergence(ndarray::Array2::zeros((0, 1)).view(), 1),
+    };
+    let unit = "data's unit".to_string();
+    report = report.figure(
+        convergence_plot(&ConvergencePlot {
+            convergence: &errors,
+            sample_rate_hz: rate,
+            unit: unit.clone(),
+            noise_floor: None,
+            time_scale: Scale::Linear,
+            error_scale: Scale::Log,
+        }),
+        format!(
+            "Convergence, as the paper's Fig. 6: the largest absolute one-step error over the sensors, sample by sample. From {:.2} s on the model is frozen.",
+            validation.training as f64 / rate
+        ),
+    );
+    let shown = validation.training..(validation.training + WINDOW).min(validation.measured.nrows());
+    let columns: Vec<[Vec<f64>; 3]> = (0..record.output_names.len())
+        .map(|i| {
+            [&validation.measured, &validation.predicted, &validation.free_run]
+                .map(|array| array.index_axis(Dimension(1), i).to_vec())
+        })
+        .collect();
+    let traces: Vec<Trace<'_>> = columns
+        .iter()
+        .zip(&record.output_names)
+        .map(|([measured, predicted, free_run], name)| Trace {
+            name: name.clone(),
+            unit: unit.clone(),
+            measured,
+            predicted: validation.one_step_errors.is_some().then_some(predicted.as_slice()),
+            free_run: validation.free_run_errors.overall_relative.is_finite().then_some(free_run.as_slice()),
+        })
+        .collect();
+    report = report.figure(
+        trace_plot(&traces, rate, shown),
+        "The first held-out samples: measured, predicted one step ahead, and simulated in free run from the last training state; the errors below.",
+    );
+    report = report
+        .warnings(outcome.warnings.iter().cloned())
+        .advice(outcome.advice.iter().cloned())
+        .heading("Errors on held-out data")
+        .table(error_table(outcome));
+    if !outcome.peaks.is_empty() {
+        report = report.heading("Peaks beside the true ones").table(peak_table(outcome));
+    }
+    report = modes(report, outcome)?;
+    report = residuals(report, outcome);
+    report = searches(report, outcome);
+    report = report
+        .details("Preparation, noise and covariance", |report| {
+            let health = &outcome.health;
+            report
+                .paragraph(if outcome.steps.is_empty() {
+                    "The data were taken as they are.".into()
+                } else {
+                    format!("{}.", outcome.steps.join("; "))
+                })
+                .paragraph(advance_sentence(outcome))
+                .paragraph(format!(
+                    "Noise covariances, for channels divided by their RMS: R_ii = {}, mean Sigma_ii = {:.2e}.",
+                    outcome.noise_levels.0.iter().map(|x| format!("{x:.2e}")).collect::<Vec<_>>().join(", "),
+                    outcome.noise_levels.1
+                ))
+                .paragraph(format!(
+                    "Covariance at the end: smallest pivot {:.2e} (entry {} of s), condition at least {:.1e}, symmetry defect {:.1e}.",
+                    health.smallest_pivot, health.index, health.condition, health.symmetry_defect
+                ))
+        })
+        .listing("The experiment, every default filled in. `plid run` repeats it.", to_toml(&outcome.experiment))
+        .provenance("plid", env!("CARGO_PKG_VERSION"));
+    for source in &outcome.sources {
+        report = report.provenance(source.file.clone(), format!("SHA-256 {}", source.sha256));
+    }
+    Ok(report.to_html())
+}
+
+fn percent(value: f64) -> String {
+    if !value.is_finite() {
+        "infinite".into()
+    } else if value >= 0.1 {
+        format!("{:.1} %", 100.0 * value)
+    } else {
+        format!("{:.2} %", 100.0 * value)
+    }
+}
+
+fn verdict(outcome: &Outcome) -> Vec<String> {
+    let validation = &outcome.validation;
+    let states: usize = outcome.form.indices().iter().sum();
+    let free_run = validation.free_run_errors.overall_relative;
+    let simulated = if free_run.is_finite() {
+        format!("simulates held-out data with an error of {} in free run", percent(free_run))
+    } else {
+        "diverges in free run on held-out data".into()
+    };
+    let predicted = match &validation.one_step_errors {
+        Some(errors) => format!("predicts them one step ahead with {}", percent(errors.overall_relative)),
+        None => "has no stable one-step predictor".into(),
+    };
+    let mut sentences = vec![format!("A model of {states} states {simulated} and {predicted} (RMS of the error over RMS of the output).")];
+    if let Some(truth) = &validation.truth_errors {
+        sentences.push(format!(
+            "The true plant itself leaves {}: noise that no model can simulate. The identified model is at {:.3} times that.",
+            percent(truth.overall_relative),
+            free_run / truth.overall_relative
+        ));
+    } else if let Some(floor) = &validation.noise_floor {
+        let floor = (floor.iter().map(|x| x * x).sum::<f64>() / floor.len() as f64).sqrt();
+        sentences.push(format!("The noise floor that the repeats show is {}.", percent(floor)));
+    }
+    sentences
+}
+
+fn advance_sentence(outcome: &Outcome) -> String {
+    match (outcome.prepared.advanced, outcome.model.d.iter().any(|&d| d != 0.0)) {
+        (1, _) => "The plant answers within the sample (as an acceleration answers a force), so the input was advanced by one sample; the model handed over carries the D that this means.".into(),
+        _ => "The plant does not answer within the sample: D is zero.".into(),
+    }
+}
+
+/// The band that the frequency responses show: as the config says, or where the inputs have 99.9 % of their power.
+fn band(outcome: &Outcome, rate: f64) -> (f64, f64) {
+    if let Some([low, high]) = outcome.experiment.validation.band_hz {
+        return (low, high);
+    }
+    let bands = &outcome.prepared.bands[0];
+    let low = bands.iter().map(|b| b.low_hz).fold(f64::INFINITY, f64::min);
+    let high = bands.iter().map(|b| b.high_hz).fold(0.0, f64::max);
+    if low.is_finite() && high > low {
+        ((0.8 * low).max(0.0), (1.25 * high).min(0.5 * rate))
+    } else {
+        (0.0, 0.5 * rate)
+    }
+}
+
+fn measured_response(outcome: &Outcome, rate: f64) -> Option<WelchFrf> {
+    let validation = &outcome.validation;
+    // An advanced input has no value at the first sample.
+    let first = outcome.prepared.advanced;
+    let inputs = validation.inputs.slice(ndarray::s![first.., ..]);
+    let outputs = validation.measured.slice(ndarray::s![first..first + inputs.nrows(), ..]);
+    let options = WelchOptions { sample_rate_hz: rate, segment_length: None };
+    // A record too short or too full of gaps for a spectrum is no reason to have no report.
+    welch_frf(inputs, outputs, &options).ok()
+}
+
+fn response_caption(outcome: &Outcome, measured: Option<&WelchFrf>) -> String {
+    let truth = if outcome.truth.is_some() { ", and the true plant" } else { "" };
+    let measured = match measured {
+        Some(frf) => format!("measured (Welch, {} segments of {} samples; coherence above)", frf.segments_used, frf.segment_length),
+        None => "too short a record for a measured response".into(),
+    };
+    format!("Transfer functions of every input-output pair: {measured}, identified with a band of two standard deviations{truth}.")
+}
+
+fn responses(outcome: &Outcome, measured: Option<&WelchFrf>, band: (f64, f64)) -> Result<String, RunError> {
+    let (low, high) = band;
+    let rate = outcome.model.sample_rate_hz;
+    let top = high.min(0.4999 * rate);
+    let bottom = low.max(top * 1e-4);
+    let hz: Vec<f64> = (0..LINES).map(|k| bottom + (top - bottom) * k as f64 / (LINES - 1) as f64).collect();
+    let advance = outcome.prepared.advanced as u32;
+    let with_covariance = crate::model::Model {
+        parameter_covariance: outcome.canonical.parameter_covariance.clone(),
+        ..outcome.model.clone()
+    };
+    let variances = response_variance(&with_covariance, &hz, advance)?;
+    let truth = outcome.truth.as_ref().map(|truth| FrequencyResponse::of(&truth.model));
+    let mut plots = Vec::new();
+    for (i, output) in outcome.model.outputs.iter().enumerate() {
+        for (j, input) in outcome.model.inputs.iter().enumerate() {
+            let measured_curve = measured.map(|frf| FrfCurve {
+                frequency_hz: frf.frequency_hz.clone(),
+                response: frf.response.slice(ndarray::s![.., i, j]).to_vec(),
+                std: None,
+            });
+            let identified = FrfCurve {
+                frequency_hz: hz.clone(),
+                response: variances.iter().map(|v| complex(v.response[(i, j)])).collect(),
+                std: Some(variances.iter().map(|v| v.magnitude_std()[(i, j)]).collect()),
+            };
+            plots.push(FrfPlot {
+                title: format!("{input} to {output}"),
+                unit: "output/input".into(),
+                measured: measured_curve,
+                coherence: measured.map(|frf| frf.multiple_coherence.column(i).to_vec()),
+                identified: Some(identified),
+                truth: truth.as_ref().map(|truth| FrfCurve {
+                    frequency_hz: hz.clone(),
+                    response: hz.iter().map(|&f| complex(truth.at(f)[(i, j)])).collect(),
+                    std: None,
+                }),
+                peaks_hz: Vec::new(),
+                frequency_scale: Scale::Linear,
+                range_hz: Some((low, high)),
+            });
+        }
+    }
+    Ok(frf_grid(outcome.model.inputs.len(), &plots))
+}
+
+fn complex(z: nalgebra::Complex<f64>) -> Complex64 {
+    Complex64::new(z.re, z.im)
+}
+
+fn error_table(outcome: &Outcome) -> Table {
+    let validation = &outcome.validation;
+    let mut table = Table::new("Errors on the held-out part, which nothing was learnt from. Relative: RMS of the error over RMS of the output about its mean. Fit: as MATLAB's compare.")
+        .column("output", "")
+        .column("one-step", "%")
+        .column("free run", "%")
+        .column("free-run fit", "%");
+    if validation.truth_errors.is_some() {
+        table = table.column("true plant", "%");
+    }
+    if validation.noise_floor.is_some() {
+        table = table.column("noise floor", "%");
+    }
+    let relative = |errors: Option<&Errors>, i: usize| Cell::significant(errors.map_or(f64::NAN, |e| 100.0 * e.relative[i]), 3);
+    for (i, name) in outcome.model.outputs.iter().enumerate() {
+        let free_run = &validation.free_run_errors;
+        let mut row = vec![
+            name.clone().into(),
+            relative(validation.one_step_errors.as_ref(), i),
+            relative(Some(free_run), i),
+            Cell::fixed(free_run.fit_percent[i], 1),
+        ];
+        if let Some(truth) = &validation.truth_errors {
+            row.push(relative(Some(truth), i));
+        }
+        if let Some(floor) = &validation.noise_floor {
+            row.push(Cell::significant(100.0 * floor[i], 3));
+        }
+        table = table.row(row);
+    }
+    let overall = |errors: Option<&Errors>| Cell::significant(errors.map_or(f64::NAN, |e| 100.0 * e.overall_relative), 3);
+    let mut row = vec!["all".into(), overall(validation.one_step_errors.as_ref()), overall(Some(&validation.free_run_errors)), "".into()];
+    if validation.truth_errors.is_some() {
+        row.push(overall(validation.truth_errors.as_ref()));
+    }
+    table.row(row)
+}
+
+fn peak_table(outcome: &Outcome) -> Table {
+    let mut table = Table::new("Peaks of |H| near the dominant modes, for each pair whose true response has a maximum there.")
+        .column("mode", "Hz")
+        .column("pair", "")
+        .column("true peak", "Hz")
+        .column("", "dB")
+        .column("identified", "Hz")
+        .column("", "dB")
+        .column("frequency error", "%")
+        .column("height error", "dB");
+    for row in &outcome.peaks {
+        let (hz, db) = row.model.unwrap_or((f64::NAN, f64::NAN));
+        table = table.row([
+            Cell::fixed(row.mode_hz, 1),
+            format!("{} to {}", row.input, row.output).into(),
+            Cell::fixed(row.truth.0, 3),
+            Cell::fixed(row.truth.1, 2),
+            Cell::fixed(hz, 3),
+            Cell::fixed(db, 2),
+            Cell::fixed(100.0 * row.frequency_error().unwrap_or(f64::NAN), 4),
+            Cell::fixed(row.height_error_db().unwrap_or(f64::NAN), 3),
+        ]);
+    }
+    table
+}
+
+fn modes(report: Report, outcome: &Outcome) -> Result<Report, RunError> {
+    let deviations = mode_deviations(&outcome.canonical)?;
+    let strongest = deviations.iter().map(|d| d.mode.strongest_db()).fold(f64::NEG_INFINITY, f64::max);
+    let cell = |value: f64, std: Option<f64>, digits: usize| match std {
+        Some(std) if std.is_finite() && std > 0.0 => Cell::with_std(value, std),
+        _ => Cell::fixed(value, digits),
+    };
+    let mut table = Table::new("Modes of the identified model, with one standard deviation from the covariance of the parameters. Strength: the largest peak over all pairs.")
+        .column("frequency", "Hz")
+        .column("damping ratio", "%")
+        .column("strength", "dB")
+        .column("", "");
+    for deviation in &deviations {
+        let mode = &deviation.mode;
+        table = table.row([
+            cell(mode.hz, deviation.hz_std, 3),
+            cell(100.0 * mode.damping, deviation.damping_std.map(|s| 100.0 * s), 3),
+            Cell::fixed(mode.strongest_db(), 1),
+            if mode.stable { "" } else { "unstable" }.into(),
+        ]);
+    }
+    let visible = |mode: &Mode| mode.strongest_db() > strongest - FAINT_DB && mode.hz.is_finite() && mode.damping < 0.2;
+    let drawn: Vec<_> = deviations.iter().filter(|d| visible(&d.mode)).collect();
+    let mut sets = vec![ModeSet {
+        label: "identified".into(),
+        frequency_hz: drawn.iter().map(|d| d.mode.hz).collect(),
+        damping: drawn.iter().map(|d| d.mode.damping).collect(),
+        // Bars longer than the picture say no more than that a mode is vague.
+        std: drawn
+            .iter()
+            .map(|d| (d.hz_std.unwrap_or(0.0).min(0.1 * d.mode.hz), d.damping_std.unwrap_or(0.0).min(0.05)))
+            .collect(),
+    }];
+    if let Some(truth) = &outcome.truth {
+        let modes = crate::model::modes(&truth.model)?;
+        let (low, high) = band(outcome, outcome.model.sample_rate_hz);
+        let shown: Vec<&Mode> =
+            modes.iter().filter(|m| visible(m) && m.hz >= low && m.hz <= high && m.damping < 0.2).collect();
+        sets.push(ModeSet {
+            label: "true plant".into(),
+            frequency_hz: shown.iter().map(|m| m.hz).collect(),
+            damping: shown.iter().map(|m| m.damping).collect(),
+            std: Vec::new(),
+        });
+    }
+    let report = report.heading("Modes");
+    let report = if drawn.is_empty() {
+        report
+    } else {
+        report.figure(mode_map(&sets), "Lightly damped modes: frequency and damping ratio, with bars of two standard deviations.")
+    };
+    Ok(report.details(format!("All {} modes", deviations.len()), |report| report.table(table)))
+}
+
+fn residuals(report: Report, outcome: &Outcome) -> Report {
+    let validation = &outcome.validation;
+    let report = report.heading("What is left in the residuals");
+    if validation.whiteness.is_empty() {
+        let reason = validation.tests_failed.clone().unwrap_or_else(|| "there is no one-step prediction".into());
+        return report.paragraph(format!("No tests: {reason}."));
+    }
+    let auto: Vec<(String, &crate::signal::Correlation)> =
+        outcome.model.outputs.iter().cloned().zip(&validation.whiteness).collect();
+    let cross: Vec<(String, &crate::signal::Correlation)> = validation
+        .cross
+        .iter()
+        .zip(&outcome.model.outputs)
+        .flat_map(|(row, output)| {
+            row.iter().zip(&outcome.model.inputs).map(move |(c, input)| (format!("{output} after {input}"), c))
+        })
+        .collect();
+    let count = |list: &[(String, &crate::signal::Correlation)]| list.iter().filter(|(_, c)| c.test.passes).count();
+    let sentence = format!(
+        "{} of {} outputs pass the whiteness test (Ljung-Box, 1 %), {} of {} pairs the test of independence from past inputs.",
+        count(&auto),
+        auto.len(),
+        count(&cross),
+        cross.len()
+    );
+    report
+        .paragraph(sentence)
+        .figure(
+            correlation_plot("autocorrelation", auto.len().min(3), &auto),
+            "Autocorrelation of the held-out one-step residuals, with 99 % bounds.",
+        )
+        .figure(
+            correlation_plot("cross-correlation", outcome.model.inputs.len().min(3), &cross),
+            format!("Correlation of the residuals with the inputs, from lag {} on, with 99 % bounds.", validation.first_lag),
+        )
+}
+
+fn searches(report: Report, outcome: &Outcome) -> Report {
+    let mut report = report;
+    if let Some(scan) = &outcome.scan {
+        let points = scan.rows.iter().filter_map(|r| r.free_run.map(|e| (r.states as f64, 100.0 * e))).collect::<Vec<_>>();
+        let plot = chart(&Chart {
+            title: String::new(),
+            x: Axis::linear("states"),
+            y: Axis::log("free-run error on training data held back, %"),
+            series: vec![
+                Series::line("", points.clone()),
+                Series::points("best filter of the order", points),
+                Series::vertical("recommended", scan.recommended as f64),
+            ],
+            height: 260.0,
+        });
+        report = report.heading("Order").figure(plot, format!("{} states are recommended: the fewest within 5 % of the best.", scan.recommended));
+    }
+    if !outcome.index_search.is_empty() {
+        let mut table = Table::new("Observability indices tried.").column("indices", "").column("free-run error", "%");
+        for row in &outcome.index_search {
+            table = table.row([format!("{:?}", row.indices).into(), Cell::significant(100.0 * row.free_run.unwrap_or(f64::NAN), 3)]);
+        }
+        report = report.heading("Observability indices").table(table);
+    }
+    if outcome.bank.is_empty() {
+        return report;
+    }
+    let mut levels: Vec<f64> = outcome.bank.iter().map(|t| t.sensor).collect();
+    levels.sort_by(f64::total_cmp);
+    levels.dedup();
+    let series = levels
+        .iter()
+        .map(|&level| {
+            let mut points: Vec<(f64, f64)> = outcome
+                .bank
+                .iter()
+                .filter(|t| t.sensor == level)
+                .filter_map(|t| t.free_run.map(|e| (t.state, 100.0 * e)))
+                .collect();
+            points.sort_by(|a, b| a.0.total_cmp(&b.0));
+            Series::line(format!("R = {level:.0e}"), points)
+        })
+        .collect();
+    let plot = chart(&Chart {
+        title: String::new(),
+        x: Axis::log("Sigma_ii (channels of unit RMS)"),
+        y: Axis::log("free-run error, %"),
+        series,
+        height: 260.0,
+    });
+    let diverged = outcome.bank.iter().filter(|t| t.free_run.is_none()).count();
+    report.heading("Noise covariances").figure(
+        plot,
+        format!(
+            "The bank of filters: each learnt from the first part of the training data and simulated the rest. {diverged} of {} diverged and are not drawn.",
+            outcome.bank.len()
+        ),
+    )
+}

@@ -1,0 +1,104 @@
+//! The first estimate and its covariance: nothing known, or a former model.
+
+use std::path::Path;
+
+use nalgebra::DMatrix;
+use plid_core::{Dense, ImplicitModel, InitialCovariance, ObservableForm, Settings};
+
+use super::error::{RunError, setting};
+use crate::experiment::Experiment;
+use crate::model::{ChannelScaling, Model, undo_scaling};
+use crate::prepare::Prepared;
+
+/// The settings of the recursion for scaled channels.
+pub(super) fn settings(
+    experiment: &Experiment,
+    base: &Path,
+    prepared: &Prepared,
+    form: &ObservableForm,
+) -> Result<Settings, RunError> {
+    let start = &experiment.start;
+    let mut settings = Settings::new(form, start.state_variance, start.parameter_variance);
+    settings.forgetting = experiment.identification.forgetting;
+    settings.parameter_noise = experiment.identification.parameter_noise;
+    if let Some(file) = &start.model {
+        let model = Model::read(&base.join(file))?;
+        from_model(&mut settings, &model, start.widen, prepared, form)?;
+    }
+    Ok(settings)
+}
+
+/// Takes the parameters of a former model, and their covariance times `widen` where it is there; of the state nothing is known.
+fn from_model(
+    settings: &mut Settings,
+    model: &Model,
+    widen: f64,
+    prepared: &Prepared,
+    form: &ObservableForm,
+) -> Result<(), RunError> {
+    let record = &prepared.records[0];
+    let rate = record.sample_rate_hz;
+    if (model.sample_rate_hz - rate).abs() > 1e-6 * rate {
+        return Err(setting("start.model", format!("sampled at {} Hz, the data at {rate} Hz", model.sample_rate_hz)));
+    }
+    if model.inputs != record.input_names || model.outputs != record.output_names {
+        return Err(setting("start.model", "its channels are not those of the data"));
+    }
+    if model.observability_indices.as_deref() != Some(form.indices()) {
+        let found = &model.observability_indices;
+        return Err(setting("start.model", format!("its indices are {found:?}, those wanted {:?}", form.indices())));
+    }
+    let inverse = |scales: &[f64]| scales.iter().map(|s| 1.0 / s).collect::<Vec<_>>();
+    let scaling = ChannelScaling {
+        input_mean: vec![0.0; model.m()],
+        input_scale: inverse(&prepared.input_scales),
+        output_mean: vec![0.0; model.p()],
+        output_scale: inverse(&prepared.output_scales),
+    };
+    // A model with D was identified with its input advanced: its B is A b, its D is C b.
+    let b = if model.d.iter().any(|&d| d != 0.0) { advanced_input(model)? } else { model.b.clone() };
+    let scaled = undo_scaling(&Model { b, d: DMatrix::zeros(model.p(), model.m()), ..model.clone() }, &scaling)?;
+    let n = form.states();
+    let estimate = &mut settings.initial_estimate;
+    for (i, &column) in form.output_states().iter().enumerate() {
+        for row in 0..n {
+            let structural = if form.shift_source(row) == Some(column) { 1.0 } else { 0.0 };
+            estimate[(1 + i) * n + row] = scaled.a[(row, column)] - structural;
+        }
+    }
+    for j in 0..form.inputs() {
+        let start = (1 + form.outputs() + j) * n;
+        estimate[start..start + n].copy_from_slice(scaled.b.column(j).as_slice());
+    }
+    if let (Some(covariance), InitialCovariance::Diagonal(d)) =
+        (&scaled.parameter_covariance, &settings.initial_covariance)
+    {
+        let size = form.joint_states();
+        settings.initial_covariance = InitialCovariance::Full(Dense::from_fn(size, size, |i, j| {
+            if i >= n && j >= n {
+                widen * covariance[(i - n, j - n)]
+            } else if i == j {
+                d[i]
+            } else {
+                0.0
+            }
+        }));
+    }
+    Ok(())
+}
+
+/// The b of B = A b, D = C b.
+fn advanced_input(model: &Model) -> Result<DMatrix<f64>, RunError> {
+    let (n, p, m) = (model.n(), model.p(), model.m());
+    let mut left = DMatrix::zeros(n + p, n);
+    left.rows_mut(0, n).copy_from(&model.a);
+    left.rows_mut(n, p).copy_from(&model.c);
+    let mut right = DMatrix::zeros(n + p, m);
+    right.rows_mut(0, n).copy_from(&model.b);
+    right.rows_mut(n, p).copy_from(&model.d);
+    let solution = left.clone().svd(true, true).solve(&right, 1e-13).map_err(|e| setting("start.model", e))?;
+    if (&left * &solution - &right).norm() > 1e-6 * right.norm() {
+        return Err(setting("start.model", "its D is not that of an advanced input, so it has no such start"));
+    }
+    Ok(solution)
+}

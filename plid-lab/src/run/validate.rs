@@ -1,0 +1,210 @@
+//! The frozen model on held-out data: one-step and free-run errors, and what is left in the residuals.
+
+use nalgebra::{DMatrix, DVector};
+use ndarray::{Array2, Axis, concatenate, s};
+
+use super::error::RunError;
+use super::obtain::Truth;
+use crate::experiment::Experiment;
+use crate::model::{Model, one_step_prediction, simulate};
+use crate::prepare::Prepared;
+use crate::signal::{
+    Correlation, CrossCorrelationOptions, ErrorMeasures, WhitenessOptions, cross_correlation, error_measures,
+    period_noise_rms, rms, whiteness,
+};
+
+/// Errors of one kind on the held-out part; of outputs as deviations from their means.
+pub type Errors = ErrorMeasures;
+
+/// What the held-out part says. Arrays are of the last record, K x p, in the data's units; K counts its last sample in, also where the
+/// input was advanced.
+#[derive(Debug)]
+pub struct Validation {
+    /// Samples of the last record that were learnt from.
+    pub training: usize,
+    /// Inputs at the same samples (K x m), the lines that preparation took away still in them.
+    pub inputs: Array2<f64>,
+    /// Measured outputs.
+    pub measured: Array2<f64>,
+    /// One-step prediction: by the recursion over the training part, by the frozen predictor after it.
+    pub predicted: Array2<f64>,
+    /// Free run over the held-out part from the last training state; NaN before.
+    pub free_run: Array2<f64>,
+    /// The innovations, one array a record; the last one's held-out part is the frozen predictor's.
+    pub innovations: Vec<Array2<f64>>,
+    /// One-step errors of the frozen predictor; `None` without one.
+    pub one_step_errors: Option<Errors>,
+    /// Free-run errors; infinite where the model diverges.
+    pub free_run_errors: Errors,
+    /// Free-run errors of the true plant, for simulated data.
+    pub truth_errors: Option<Errors>,
+    /// Noise of each output relative to its RMS, where repeats or periods show it.
+    pub noise_floor: Option<Vec<f64>>,
+    /// Whiteness of the held-out one-step residuals, one an output.
+    pub whiteness: Vec<Correlation>,
+    /// Their correlation with the inputs, output by input.
+    pub cross: Vec<Vec<Correlation>>,
+    /// Why there are no residual tests, if so.
+    pub tests_failed: Option<String>,
+    /// First lag of the correlation with the inputs.
+    pub first_lag: i64,
+}
+
+#[allow(clippy::too_many_arguments)]
+pub(super) fn validate(
+    experiment: &Experiment,
+    scaled: &Model,
+    gain: Option<&DMatrix<f64>>,
+    state: &[f64],
+    innovations: Vec<Array2<f64>>,
+    prepared: &Prepared,
+    truth: Option<&Truth>,
+) -> Result<Validation, RunError> {
+    let last = prepared.records.len() - 1;
+    let (record, training) = (&prepared.records[last], prepared.training[last]);
+    let scales = ndarray::Array1::from(prepared.output_scales.clone());
+    let x0 = DVector::from_column_slice(state);
+    let inputs = record.inputs.slice(s![training.., ..]);
+    let outputs = record.outputs.slice(s![training.., ..]);
+    let append = |array: &mut Array2<f64>, row: Vec<f64>| {
+        // The row has as many entries as the array has columns: both are the outputs.
+        let row = ndarray::ArrayView2::from_shape((1, row.len()), &row).expect("one row").to_owned();
+        *array = concatenate![Axis(0), array.view(), row];
+    };
+    let seen = |state: &DVector<f64>| (&scaled.c * state).as_slice().to_vec();
+
+    let mut measured = outputs.to_owned();
+    let dropped = prepared.last_outputs[last].clone();
+    if let Some(row) = &dropped {
+        append(&mut measured, row.clone());
+    }
+    // A free run that diverges is a finding, not an end: what cannot be simulated is infinite.
+    let held = measured.nrows();
+    let mut free_run = match simulate(scaled, inputs, &x0) {
+        Ok(simulation) => {
+            let mut free_run = simulation.outputs;
+            if dropped.is_some() {
+                append(&mut free_run, seen(&simulation.final_state));
+            }
+            free_run
+        }
+        Err(_) => Array2::from_elem(measured.dim(), f64::INFINITY),
+    };
+    let mut predicted = Array2::from_elem(measured.dim(), f64::NAN);
+    let mut predicts = false;
+    if let Some(gain) = gain {
+        let model = Model { predictor_gain: Some(gain.clone()), ..scaled.clone() };
+        if let Ok(prediction) = one_step_prediction(&model, inputs, outputs, &x0) {
+            predicted = prediction.predicted;
+            if dropped.is_some() {
+                append(&mut predicted, seen(&prediction.final_state));
+            }
+            predicts = true;
+        }
+    }
+    for array in [&mut measured, &mut free_run, &mut predicted] {
+        *array *= &scales;
+    }
+    let residual = &measured - &predicted;
+    let one_step_errors =
+        if predicts { Some(error_measures(measured.view(), predicted.view())?) } else { None };
+    let free_run_errors = error_measures(measured.view(), free_run.view())?;
+    let truth_errors = match truth {
+        Some(truth) => {
+            // The true model starts from rest with the record, so nothing is to be fitted.
+            let from = truth.noise_free.nrows() - held;
+            let offset = offsets(prepared, last, training, held);
+            let response = &truth.noise_free.slice(s![from.., ..]) - &offset;
+            Some(error_measures(measured.view(), response.view())?)
+        }
+        None => None,
+    };
+
+    let lags = experiment.validation.lags.unwrap_or(50.min(held / 8)).max(1);
+    let first_lag = if prepared.advanced == 1 { 0 } else { 1 };
+    let tested = residual.slice(s![..outputs.nrows(), ..]);
+    // An advanced input at k - 1 is the input at k.
+    let cross_options = CrossCorrelationOptions { first_lag: 1, last_lag: lags as i64, confidence: 0.99 };
+    let tests = if predicts {
+        whiteness(tested, &WhitenessOptions { lags, ..WhitenessOptions::default() })
+            .and_then(|white| Ok((white, cross_correlation(tested, inputs, &cross_options)?)))
+    } else {
+        Ok((Vec::new(), Vec::new()))
+    };
+    let (whiteness, mut cross, tests_failed) = match tests {
+        Ok((white, cross)) => (white, cross, None),
+        Err(reason) => (Vec::new(), Vec::new(), Some(reason.to_string())),
+    };
+    if prepared.advanced == 1 {
+        cross.iter_mut().flatten().for_each(|c| c.lags.iter_mut().for_each(|lag| *lag -= 1));
+    }
+
+    let mut all_innovations: Vec<Array2<f64>> = innovations.iter().map(|e| e * &scales).collect();
+    if let Some(own) = all_innovations.last_mut() {
+        *own = concatenate![Axis(0), own.view(), residual.view()];
+    }
+    let noise_floor = noise_floor(experiment, prepared, &measured)?;
+    let offset = offsets(prepared, last, 0, training + held);
+    let head = &record.outputs.slice(s![..training, ..]) * &scales;
+    let head_predicted = match innovations.last() {
+        Some(e) => &head - &(e * &scales),
+        None => head.clone(),
+    };
+    let whole = |head: &Array2<f64>, tail: &Array2<f64>| concatenate![Axis(0), head.view(), tail.view()] + &offset;
+    let nothing = Array2::from_elem(head.dim(), f64::NAN);
+    Ok(Validation {
+        training,
+        inputs: unadvanced(prepared, last),
+        measured: whole(&head, &measured),
+        predicted: whole(&head_predicted, &predicted),
+        free_run: whole(&nothing, &free_run),
+        innovations: all_innovations,
+        one_step_errors,
+        free_run_errors,
+        truth_errors,
+        noise_floor,
+        whiteness,
+        cross,
+        tests_failed,
+        first_lag,
+    })
+}
+
+/// What preparation took off the outputs of a record, from sample `first` on (count x p).
+fn offsets(prepared: &Prepared, record: usize, first: usize, count: usize) -> Array2<f64> {
+    let rate = prepared.records[record].sample_rate_hz;
+    let lines = &prepared.lines[record][1];
+    Array2::from_shape_fn((count, lines.len()), |(k, i)| {
+        lines[i].offset + lines[i].slope_per_s * ((first + k) as f64 / rate)
+    })
+}
+
+/// The inputs of a record at the samples of its outputs, in the data's units; NaN where an advance has used the first one up.
+fn unadvanced(prepared: &Prepared, record: usize) -> Array2<f64> {
+    let own = prepared.inputs_in_units(record, 0, &prepared.records[record].inputs);
+    if prepared.advanced == 0 {
+        return own;
+    }
+    let first = Array2::from_elem((1, own.ncols()), f64::NAN);
+    concatenate![Axis(0), first, own]
+}
+
+/// The noise of each output over its RMS: from the spread of averaged repeats, or of the periods that the config names.
+fn noise_floor(
+    experiment: &Experiment,
+    prepared: &Prepared,
+    measured: &Array2<f64>,
+) -> Result<Option<Vec<f64>>, RunError> {
+    let sizes: Vec<f64> =
+        measured.columns().into_iter().map(|y| rms(y.iter().copied().filter(|x| !x.is_nan()))).collect();
+    let over = |noise: Vec<f64>| noise.iter().zip(&sizes).map(|(n, s)| n / s).collect();
+    if let Some((noise, count)) = prepared.repeat_noise.first() {
+        return Ok(Some(over(noise.rms().iter().map(|n| n / (*count as f64).sqrt()).collect())));
+    }
+    if let Some(period) = experiment.validation.period {
+        let last = prepared.records.len() - 1;
+        let noise = period_noise_rms(prepared.records[last].outputs.view(), period, 1)?;
+        return Ok(Some(over(noise.iter().zip(&prepared.output_scales).map(|(n, s)| n * s).collect())));
+    }
+    Ok(None)
+}
