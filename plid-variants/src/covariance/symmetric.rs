@@ -119,7 +119,7 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
     type Backend = B;
 
     fn new(model: &impl ImplicitModel, initial: &InitialCovariance) -> Result<Self, BadPivot> {
-        factor_initial(initial)?;
+        factor_initial::<B::Scalar>(initial)?;
         let (n, outputs, size) = (model.states(), model.outputs(), model.joint_states());
         let mut p = B::Matrix::zeros(size, size);
         for j in 0..size {

@@ -45,17 +45,15 @@ impl<B: Backend> Triangular<B> {
     pub fn new(model: &impl ImplicitModel, initial: &InitialCovariance) -> Result<Self, BadPivot> {
         let (n, p, size) = (model.states(), model.outputs(), model.joint_states());
         let columns = model.parameter_columns();
-        let (u0, d0) = factor_initial(initial)?;
+        let (u0, d0) = factor_initial::<B::Scalar>(initial)?;
         let mut u = B::Matrix::zeros(size, size);
         for j in 0..size {
-            for (to, &from) in u.view_mut().column_mut(j).iter_mut().zip(u0.column(j)) {
-                *to = B::Scalar::from_f64(from);
-            }
+            u.view_mut().column_mut(j).copy_from_slice(u0.column(j));
         }
         let zero = B::Scalar::zero();
         Ok(Self {
             u,
-            d: d0.iter().map(|&x| B::Scalar::from_f64(x)).collect(),
+            d: d0,
             n,
             gains: B::Matrix::zeros(size, p),
             rows: Dense::zeros(p, p),
