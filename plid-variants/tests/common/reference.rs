@@ -63,6 +63,11 @@ pub fn joint_covariance(noise: &NoiseModel) -> Mat<f64> {
     q
 }
 
+/// F P F^T of a symmetric P, the sparse F on the left of both products.
+fn congruence<S: Scalar>(f: &Mat<S>, p: &Mat<S>) -> Mat<S> {
+    f * &(f * p).t()
+}
+
 impl<S: Scalar> Reference<S> {
     pub fn new(kind: Kind, indices: &[usize], m: usize, settings: &Settings) -> Self {
         let n = indices.iter().sum();
@@ -202,7 +207,7 @@ impl<S: Scalar> Reference<S> {
             }
         }
         let gain = &(&(&f * &ph) + &g_s) * &measured.re_inverse;
-        let advanced = &(&(&f * &self.p) * &f.t()) + &mean_gqg;
+        let advanced = &congruence(&f, &self.p) + &mean_gqg;
         self.p = &advanced - &(&(&gain * &measured.re) * &gain.t());
     }
 
@@ -296,7 +301,7 @@ impl<S: Scalar> Reference<S> {
         for r in 0..n {
             self.s[(r, 0)] = mean[(r, 0)];
         }
-        self.p = &(&fbar * cov) * &fbar.t();
+        self.p = congruence(&fbar, cov);
         self.p.add_block(0, 0, &qbar);
     }
 }
