@@ -228,6 +228,10 @@ pub fn triangular_factor<S: Scalar>(mut wt: ViewMut<'_, S>, mut s: ViewMut<'_, S
         reflector.copy_from_slice(&wt.column(pivot)[k..]);
         let norm = dot(reflector, reflector).sqrt();
         if norm == S::zero() {
+            // Nothing to reflect; row k of the other columns still belongs to R.
+            for j in 0..pivot {
+                *s.at_mut(j, pivot) = wt.at(k, j);
+            }
             continue;
         }
         // The sign that does not cancel; the diagonal of S is then made positive by flipping column k of S.
