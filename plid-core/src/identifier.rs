@@ -303,9 +303,7 @@ where
     /// # Errors
     /// A noise model that cannot be; the former one then stays.
     pub fn set_noise(&mut self, noise: &NoiseModel) -> Result<(), IdentifierError> {
-        noise.check(self.model.outputs(), self.model.inputs(), self.model.states())?;
-        self.noise.set(noise);
-        Ok(())
+        Ok(self.noise.set(noise)?)
     }
 
     /// The innovation z - C x- of the last step, p entries, NaN where an output was missing.
