@@ -5,7 +5,7 @@ use plid_core::{Backend, Dense, Matrix, Scalar};
 
 /// Numbers without a pattern that a wrong index could share.
 fn entries<S: Scalar>(rows: usize, columns: usize, seed: usize) -> Dense<S> {
-    Dense::from_fn(rows, columns, |i, j| S::from_f64(((seed + 7 * i + 31 * j) as f64 * 12.9898).sin()))
+    Dense::from_fn(rows, columns, |i, j| S::from_f64(((seed + 7 * i + 31 * j).pow(2) as f64 * 0.129898).sin()))
 }
 
 fn store<B: Backend>(from: &Dense<B::Scalar>) -> B::Matrix {
@@ -59,9 +59,8 @@ fn block_product<B: Backend>() {
         let size = n * k;
         let symmetric = entries::<B::Scalar>(size, size, 2);
         let at = |i: usize, j: usize| symmetric.at(i.max(j), i.min(j)).to_f64();
-        let lower = Dense::from_fn(size, size, |i, j| {
-            if i >= j { symmetric.at(i, j) } else { B::Scalar::from_f64(f64::NAN) }
-        });
+        let lower =
+            Dense::from_fn(size, size, |i, j| if i >= j { symmetric.at(i, j) } else { B::Scalar::from_f64(f64::NAN) });
         let phi: Vec<f64> = (0..k).map(|t| (1.0 + t as f64).sin()).collect();
         let phi_s: Vec<_> = phi.iter().map(|&x| B::Scalar::from_f64(x)).collect();
         let y = entries::<B::Scalar>(size, n, 9);
@@ -80,9 +79,8 @@ fn block_product<B: Backend>() {
 /// The arrays W (n x r) of the triangularisations: a general one, and some with rows that are zero or repeat.
 fn arrays<S: Scalar>() -> Vec<Dense<S>> {
     let general = entries::<S>(5, 9, 3);
-    let without = |zero: &[usize]| {
-        Dense::from_fn(5, 9, |i, j| if zero.contains(&i) { S::zero() } else { general.at(i, j) })
-    };
+    let without =
+        |zero: &[usize]| Dense::from_fn(5, 9, |i, j| if zero.contains(&i) { S::zero() } else { general.at(i, j) });
     let repeated = Dense::from_fn(5, 9, |i, j| general.at(i.min(3), j));
     vec![general.clone(), without(&[4]), without(&[2]), without(&[0, 3]), repeated, entries(4, 4, 8), entries(1, 2, 1)]
 }

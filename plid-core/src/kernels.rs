@@ -67,12 +67,14 @@ pub fn solve_lower<S: Scalar>(l: View<'_, S>, x: &mut [S]) {
 }
 
 /// A = T D T^T of a positive semidefinite matrix, T unit lower triangular, written over the strict lower triangle;
-/// D into `d`. A pivot below `tolerance` times its diagonal entry counts as zero and takes its column along:
+/// D into `d`. A pivot of at most `zero` times its diagonal entry counts as zero and takes its column along:
 /// in a semidefinite matrix nothing else can stand under it.
 ///
 /// # Errors
-/// A pivot below minus `tolerance` times the diagonal entry, or not finite.
-pub fn semidefinite_ldl<S: Scalar>(mut a: ViewMut<'_, S>, d: &mut [S], tolerance: f64) -> Result<(), BadPivot> {
+/// A pivot below minus `refuse` times the diagonal entry, or not finite; a pivot that counts as zero with an entry under
+/// it whose square is above `refuse` times the product of the diagonal entries.
+pub fn semidefinite_ldl<S: Scalar>(mut a: ViewMut<'_, S>, d: &mut [S], zero: f64, refuse: f64) -> Result<(), BadPivot> {
+    let (zero, refuse) = (S::from_f64(zero), S::from_f64(refuse));
     for j in 0..a.rows() {
         let diagonal = a.at(j, j);
         for k in 0..j {
@@ -81,16 +83,21 @@ pub fn semidefinite_ldl<S: Scalar>(mut a: ViewMut<'_, S>, d: &mut [S], tolerance
             axpy(-factor, &from[j..], &mut to[j..]);
         }
         let pivot = a.at(j, j);
-        let floor = diagonal.abs() * S::from_f64(tolerance);
-        if !pivot.is_finite() || pivot < -floor {
-            return Err(BadPivot { index: j, value: pivot.to_f64() });
+        let bad = BadPivot { index: j, value: pivot.to_f64() };
+        if !pivot.is_finite() || pivot < -refuse * diagonal.abs() {
+            return Err(bad);
         }
-        if pivot > floor {
+        if pivot > zero * diagonal.abs() {
             d[j] = pivot;
             for x in &mut a.column_mut(j)[j + 1..] {
                 *x /= pivot;
             }
         } else {
+            for i in j + 1..a.rows() {
+                if a.at(i, j) * a.at(i, j) > refuse * diagonal.abs() * a.at(i, i).abs() {
+                    return Err(bad);
+                }
+            }
             d[j] = S::zero();
             a.column_mut(j)[j + 1..].fill(S::zero());
         }

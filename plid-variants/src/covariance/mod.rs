@@ -55,7 +55,7 @@ fn factor<S: Scalar>(initial: &InitialCovariance) -> Result<(Dense<S>, Vec<S>), 
             let size = p0.rows();
             let mut reversed = Dense::from_fn(size, size, |i, j| S::from_f64(p0.at(size - 1 - i, size - 1 - j)));
             let mut d = vec![S::zero(); size];
-            kernels::semidefinite_ldl(reversed.view_mut(), &mut d, 1e-13)
+            kernels::semidefinite_ldl(reversed.view_mut(), &mut d, 1e-13, 1e-13)
                 .map_err(|e| BadPivot { index: size - 1 - e.index, value: e.value })?;
             d.reverse();
             let u = Dense::from_fn(size, size, |i, j| match i.cmp(&j) {

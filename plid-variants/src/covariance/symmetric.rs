@@ -324,7 +324,7 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
     fn health(&self) -> Health {
         let mut p = self.dense();
         let mut pivots = vec![B::Scalar::zero(); p.rows()];
-        match semidefinite_ldl(p.view_mut(), &mut pivots, 0.0) {
+        match semidefinite_ldl(p.view_mut(), &mut pivots, 0.0, 0.0) {
             Ok(()) => Health::from_pivots(pivots.iter().map(|d| d.to_f64()), 0.0),
             Err(BadPivot { index, value }) => {
                 Health { smallest_pivot: value, index, symmetry_defect: 0.0, condition: f64::INFINITY }
