@@ -107,24 +107,25 @@ pub fn semidefinite_ldl<S: Scalar>(mut a: ViewMut<'_, S>, d: &mut [S], zero: f64
 
 /// Cholesky with diagonal pivoting of a positive semidefinite matrix: A = L L^T with L (in the rows' own order, its
 /// columns in the order of the pivots) written into `l`, zero from the returned rank on. `a`, whose lower triangle is
-/// used, is destroyed. `tolerance` is relative to the largest diagonal entry.
+/// used, is destroyed. What is left with no diagonal entry above `zero` times the largest one counts as zero.
 ///
 /// # Errors
-/// A remaining diagonal entry below minus the tolerance, or one that is not finite.
+/// A remaining diagonal entry below minus `refuse` times the largest one, or one that is not finite.
 pub fn pivoted_cholesky<S: Scalar>(
     mut a: ViewMut<'_, S>,
     mut l: ViewMut<'_, S>,
-    tolerance: f64,
+    zero: f64,
+    refuse: f64,
 ) -> Result<usize, BadPivot> {
     let n = a.rows();
     l.fill(S::zero());
     let largest = (0..n).fold(S::zero(), |m, i| m.max(a.at(i, i).abs()));
-    let floor = largest * S::from_f64(tolerance);
+    let (floor, lowest) = (largest * S::from_f64(zero), -largest * S::from_f64(refuse));
     for k in 0..n {
         let mut best = 0;
         for i in 0..n {
             let entry = a.at(i, i);
-            if !entry.is_finite() || entry < -floor {
+            if !entry.is_finite() || entry < lowest {
                 return Err(BadPivot { index: i, value: entry.to_f64() });
             }
             if entry > a.at(best, best) {

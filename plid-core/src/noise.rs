@@ -185,7 +185,7 @@ impl NoiseModel {
                 *correlation.at_mut(i, j) = correlate(i, j);
             }
         }
-        pivoted_cholesky(correlation.view_mut(), factor.view_mut(), 1e-10)
+        pivoted_cholesky(correlation.view_mut(), factor.view_mut(), 1e-10, 1e-10)
             .map_err(|BadPivot { index, value }| NoiseError::Indefinite { place: place(index), value })?;
         // A zero pivot must leave nothing off the diagonal: [0 1; 1 0] has no negative pivot but is indefinite.
         for i in 0..size {

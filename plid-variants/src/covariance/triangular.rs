@@ -92,8 +92,9 @@ impl<B: Backend> Triangular<B> {
             self.mix_work.column_mut(j).copy_from_slice(weights.column(j));
         }
         let tolerance = 16.0 * count as f64 * B::Scalar::EPSILON;
-        // Weights are moments; what rounding leaves below zero is dropped with the tolerance.
-        let rank = pivoted_cholesky(self.mix_work.view_mut(), self.mix.view_mut(), tolerance).unwrap_or(0);
+        // Weights are moments; what rounding leaves below zero is dropped.
+        let rank =
+            pivoted_cholesky(self.mix_work.view_mut(), self.mix.view_mut(), tolerance, f64::INFINITY).unwrap_or(0);
         for r in 0..rank {
             let v = self.mix.column(r);
             // Ut is upper triangular: columns before the first block in use are zero.
@@ -186,7 +187,8 @@ impl<B: Backend> Triangular<B> {
             self.qbar.column_mut(c).copy_from_slice(transition.qbar.column(c));
         }
         let tolerance = 64.0 * n as f64 * B::Scalar::EPSILON;
-        let rank = pivoted_cholesky(self.qbar.view_mut(), self.root.view_mut(), tolerance)?;
+        // Qbar is a moment too. Where w tells all of v and xi, nothing but rounding of either sign is left of it.
+        let rank = pivoted_cholesky(self.qbar.view_mut(), self.root.view_mut(), tolerance, f64::INFINITY)?;
         for r in 0..rank {
             for i in 0..n {
                 *self.array.at_mut(n + r, i) = self.root.at(i, r);
