@@ -2,7 +2,7 @@
 
 use std::marker::PhantomData;
 
-use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut, Dyn, RealField};
+use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut, Dyn, MatrixView, RealField};
 use plid_core::{Backend, Matrix, Scalar, View, ViewMut};
 
 /// nalgebra, for `f32` and `f64`.
@@ -41,17 +41,23 @@ fn view<S: Scalar + RealField>(v: View<'_, S>) -> DMatrixView<'_, S, nalgebra::U
     )
 }
 
+/// Row `j` as a column. nalgebra's own transpose of a view would allocate.
+fn row_as_column<S: Scalar + RealField>(v: View<'_, S>, j: usize) -> MatrixView<'_, S, Dyn, nalgebra::U1, Dyn, Dyn> {
+    let strides = (Dyn(v.stride()), Dyn(v.data().len()));
+    MatrixView::from_slice_with_strides_generic(&v.data()[j..], Dyn(v.columns()), nalgebra::U1, strides.0, strides.1)
+}
+
 impl<S: Scalar + RealField> Backend for Nalgebra<S> {
     type Scalar = S;
     type Matrix = NalgebraMatrix<S>;
 
     fn symmetric_product_lower(mut c: ViewMut<'_, S>, alpha: S, a: View<'_, S>, b: View<'_, S>) {
-        let (a, b) = (view(a), view(b));
+        let a = view(a);
         let (rows, columns) = (c.rows(), c.columns());
         for j in 0..columns {
             let column = &mut c.column_mut(j)[j..];
             let mut column = DMatrixViewMut::from_slice(column, rows - j, 1);
-            column.column_mut(0).gemv(alpha, &a.rows(j, rows - j), &b.row(j).transpose(), S::one());
+            column.column_mut(0).gemv(alpha, &a.rows(j, rows - j), &row_as_column(b, j), S::one());
         }
     }
 }

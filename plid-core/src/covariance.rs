@@ -117,7 +117,7 @@ pub trait CovariancePropagation: Clone + Send + Sync + Sized + 'static {
     /// P <- Fbar P Fbar^T + diag(Qbar, 0).
     ///
     /// # Errors
-    /// The pivot of Qbar, or the diagonal entry of P, that is negative or not finite.
+    /// The pivot of Qbar that is not finite, or the diagonal entry of P that is negative or not finite.
     fn time_update(
         &mut self,
         model: &impl ImplicitModel,

@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::kernels::{BadPivot, axpy};
 use crate::{
-    ConditionalExpectations, CovariancePropagation, Health, IdentifiedModel, ImplicitModel, InitialCovariance, Moment,
-    NoiseError, NoiseModel, NoiseTerms, ObservableForm, Scalar, ScalarOf, Transition,
+    ConditionalExpectations, CovariancePropagation, Dense, Health, IdentifiedModel, ImplicitModel, InitialCovariance,
+    Moment, NoiseError, NoiseModel, NoiseTerms, ObservableForm, Scalar, ScalarOf, Transition,
 };
 
 /// Everything that can go wrong in the recursion.
@@ -42,6 +42,14 @@ pub enum IdentifierError {
         index: usize,
         /// The pivot.
         value: f64,
+    },
+    /// P0 is not symmetric.
+    #[error("the initial covariance is not symmetric at row {row}, column {column} (from 1)")]
+    InitialNotSymmetric {
+        /// Row, from 1.
+        row: usize,
+        /// Column, from 1.
+        column: usize,
     },
     /// An input or an output that is not marked as missing is NaN or infinite.
     #[error("step {step}: {channel} is {value}")]
@@ -160,6 +168,7 @@ where
             InitialCovariance::Full(p0) => {
                 check_length("the initial covariance", p0.rows(), model.joint_states())?;
                 check_length("the initial covariance", p0.columns(), model.joint_states())?;
+                check_symmetric(p0)?;
             }
         }
         if let Some(index) = settings.initial_estimate.iter().position(|x| !x.is_finite()) {
@@ -303,9 +312,7 @@ where
     /// # Errors
     /// A noise model that cannot be; the former one then stays.
     pub fn set_noise(&mut self, noise: &NoiseModel) -> Result<(), IdentifierError> {
-        noise.check(self.model.outputs(), self.model.inputs(), self.model.states())?;
-        self.noise.set(noise);
-        Ok(())
+        Ok(self.noise.set(noise)?)
     }
 
     /// The innovation z - C x- of the last step, p entries, NaN where an output was missing.
@@ -390,4 +397,17 @@ fn indefinite(step: u64, phase: &'static str, pivot: BadPivot) -> IdentifierErro
 
 fn check_length(name: &'static str, found: usize, expected: usize) -> Result<(), IdentifierError> {
     if found == expected { Ok(()) } else { Err(IdentifierError::Length { name, found, expected }) }
+}
+
+/// A P0 from a former model may have gone through a file or another program: rounding is let pass.
+fn check_symmetric(p0: &Dense<f64>) -> Result<(), IdentifierError> {
+    for j in 0..p0.columns() {
+        for i in j + 1..p0.rows() {
+            let scale = (p0.at(i, i) * p0.at(j, j)).abs().sqrt();
+            if (p0.at(i, j) - p0.at(j, i)).abs() > 1e-12 * scale {
+                return Err(IdentifierError::InitialNotSymmetric { row: i + 1, column: j + 1 });
+            }
+        }
+    }
+    Ok(())
 }

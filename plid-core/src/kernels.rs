@@ -67,12 +67,14 @@ pub fn solve_lower<S: Scalar>(l: View<'_, S>, x: &mut [S]) {
 }
 
 /// A = T D T^T of a positive semidefinite matrix, T unit lower triangular, written over the strict lower triangle;
-/// D into `d`. A pivot below `tolerance` times its diagonal entry counts as zero and takes its column along:
+/// D into `d`. A pivot of at most `zero` times its diagonal entry counts as zero and takes its column along:
 /// in a semidefinite matrix nothing else can stand under it.
 ///
 /// # Errors
-/// A pivot below minus `tolerance` times the diagonal entry, or not finite.
-pub fn semidefinite_ldl<S: Scalar>(mut a: ViewMut<'_, S>, d: &mut [S], tolerance: f64) -> Result<(), BadPivot> {
+/// A pivot below minus `refuse` times the diagonal entry, or not finite; a pivot that counts as zero with an entry under
+/// it whose square is above `refuse` times the product of the diagonal entries.
+pub fn semidefinite_ldl<S: Scalar>(mut a: ViewMut<'_, S>, d: &mut [S], zero: f64, refuse: f64) -> Result<(), BadPivot> {
+    let (zero, refuse) = (S::from_f64(zero), S::from_f64(refuse));
     for j in 0..a.rows() {
         let diagonal = a.at(j, j);
         for k in 0..j {
@@ -81,16 +83,21 @@ pub fn semidefinite_ldl<S: Scalar>(mut a: ViewMut<'_, S>, d: &mut [S], tolerance
             axpy(-factor, &from[j..], &mut to[j..]);
         }
         let pivot = a.at(j, j);
-        let floor = diagonal.abs() * S::from_f64(tolerance);
-        if !pivot.is_finite() || pivot < -floor {
-            return Err(BadPivot { index: j, value: pivot.to_f64() });
+        let bad = BadPivot { index: j, value: pivot.to_f64() };
+        if !pivot.is_finite() || pivot < -refuse * diagonal.abs() {
+            return Err(bad);
         }
-        if pivot > floor {
+        if pivot > zero * diagonal.abs() {
             d[j] = pivot;
             for x in &mut a.column_mut(j)[j + 1..] {
                 *x /= pivot;
             }
         } else {
+            for i in j + 1..a.rows() {
+                if a.at(i, j) * a.at(i, j) > refuse * diagonal.abs() * a.at(i, i).abs() {
+                    return Err(bad);
+                }
+            }
             d[j] = S::zero();
             a.column_mut(j)[j + 1..].fill(S::zero());
         }
@@ -100,24 +107,25 @@ pub fn semidefinite_ldl<S: Scalar>(mut a: ViewMut<'_, S>, d: &mut [S], tolerance
 
 /// Cholesky with diagonal pivoting of a positive semidefinite matrix: A = L L^T with L (in the rows' own order, its
 /// columns in the order of the pivots) written into `l`, zero from the returned rank on. `a`, whose lower triangle is
-/// used, is destroyed. `tolerance` is relative to the largest diagonal entry.
+/// used, is destroyed. What is left with no diagonal entry above `zero` times the largest one counts as zero.
 ///
 /// # Errors
-/// A remaining diagonal entry below minus the tolerance, or one that is not finite.
+/// A remaining diagonal entry below minus `refuse` times the largest one, or one that is not finite.
 pub fn pivoted_cholesky<S: Scalar>(
     mut a: ViewMut<'_, S>,
     mut l: ViewMut<'_, S>,
-    tolerance: f64,
+    zero: f64,
+    refuse: f64,
 ) -> Result<usize, BadPivot> {
     let n = a.rows();
     l.fill(S::zero());
     let largest = (0..n).fold(S::zero(), |m, i| m.max(a.at(i, i).abs()));
-    let floor = largest * S::from_f64(tolerance);
+    let (floor, lowest) = (largest * S::from_f64(zero), -largest * S::from_f64(refuse));
     for k in 0..n {
         let mut best = 0;
         for i in 0..n {
             let entry = a.at(i, i);
-            if !entry.is_finite() || entry < -floor {
+            if !entry.is_finite() || entry < lowest {
                 return Err(BadPivot { index: i, value: entry.to_f64() });
             }
             if entry > a.at(best, best) {
@@ -228,6 +236,10 @@ pub fn triangular_factor<S: Scalar>(mut wt: ViewMut<'_, S>, mut s: ViewMut<'_, S
         reflector.copy_from_slice(&wt.column(pivot)[k..]);
         let norm = dot(reflector, reflector).sqrt();
         if norm == S::zero() {
+            // Nothing to reflect; row k of the other columns still belongs to R.
+            for j in 0..pivot {
+                *s.at_mut(j, pivot) = wt.at(k, j);
+            }
             continue;
         }
         // The sign that does not cancel; the diagonal of S is then made positive by flipping column k of S.

@@ -100,6 +100,10 @@ impl NoiseModel {
     /// # Errors
     /// [`NoiseError`], naming the matrix and the entry.
     pub fn check(&self, p: usize, m: usize, n: usize) -> Result<(), NoiseError> {
+        self.check_within(p, m, n, &mut CheckScratch::new(p + m + n))
+    }
+
+    fn check_within(&self, p: usize, m: usize, n: usize, scratch: &mut CheckScratch) -> Result<(), NoiseError> {
         let all = [
             ("R (sensor)", &self.sensor, p, p, true),
             ("Q (actuator)", &self.actuator, m, m, true),
@@ -128,12 +132,13 @@ impl NoiseModel {
                 }
             }
         }
-        self.check_semidefinite(p, m, n)
+        self.check_semidefinite(p, m, n, scratch)
     }
 
     /// Works on the correlation matrix, so that volts and newtons side by side do not hide each other.
-    fn check_semidefinite(&self, p: usize, m: usize, n: usize) -> Result<(), NoiseError> {
+    fn check_semidefinite(&self, p: usize, m: usize, n: usize, scratch: &mut CheckScratch) -> Result<(), NoiseError> {
         let size = p + m + n;
+        let CheckScratch { deviation, correlation, factor } = scratch;
         let entry = |i: usize, j: usize| -> f64 {
             let kind = |i: usize| {
                 if i < p {
@@ -163,34 +168,50 @@ impl NoiseModel {
                 format!("state {}", i - p - m + 1)
             }
         };
-        let deviation: Vec<f64> = (0..size).map(|i| entry(i, i).max(0.0).sqrt()).collect();
+        for i in 0..size {
+            deviation[i] = entry(i, i).max(0.0).sqrt();
+        }
+        let correlate = |i: usize, j: usize| {
+            if deviation[i] > 0.0 && deviation[j] > 0.0 { entry(i, j) / (deviation[i] * deviation[j]) } else { 0.0 }
+        };
         for i in 0..size {
             let covaries = (0..size).any(|j| j != i && entry(i, j) != 0.0);
             if entry(i, i) < 0.0 || (entry(i, i) == 0.0 && covaries) {
                 return Err(NoiseError::Indefinite { place: place(i), value: entry(i, i) });
             }
         }
-        let mut correlation = Dense::from_fn(size, size, |i, j| {
-            if deviation[i] > 0.0 && deviation[j] > 0.0 { entry(i, j) / (deviation[i] * deviation[j]) } else { 0.0 }
-        });
-        let mut factor = Dense::zeros(size, size);
-        pivoted_cholesky(correlation.view_mut(), factor.view_mut(), 1e-10)
+        for j in 0..size {
+            for i in 0..size {
+                *correlation.at_mut(i, j) = correlate(i, j);
+            }
+        }
+        pivoted_cholesky(correlation.view_mut(), factor.view_mut(), 1e-10, 1e-10)
             .map_err(|BadPivot { index, value }| NoiseError::Indefinite { place: place(index), value })?;
         // A zero pivot must leave nothing off the diagonal: [0 1; 1 0] has no negative pivot but is indefinite.
         for i in 0..size {
             for j in 0..i {
                 let product: f64 = (0..size).map(|k| factor.at(i, k) * factor.at(j, k)).sum();
-                let target = if deviation[i] > 0.0 && deviation[j] > 0.0 {
-                    entry(i, j) / (deviation[i] * deviation[j])
-                } else {
-                    0.0
-                };
-                if (product - target).abs() > 1e-4 {
+                let target = correlate(i, j);
+                if (product - target).abs() > 1e-9 {
                     return Err(NoiseError::Indefinite { place: place(i), value: target - product });
                 }
             }
         }
         Ok(())
+    }
+}
+
+/// Room for the check that a noise model is positive semidefinite.
+#[derive(Clone, Debug)]
+struct CheckScratch {
+    deviation: Vec<f64>,
+    correlation: Dense<f64>,
+    factor: Dense<f64>,
+}
+
+impl CheckScratch {
+    fn new(size: usize) -> Self {
+        Self { deviation: vec![0.0; size], correlation: Dense::zeros(size, size), factor: Dense::zeros(size, size) }
     }
 }
 
@@ -214,6 +235,7 @@ pub struct NoiseTerms<S> {
     state_given: Dense<S>,
     actuator_state_given: Dense<S>,
     solve: Vec<S>,
+    scratch: CheckScratch,
 }
 
 impl<S: Scalar> NoiseTerms<S> {
@@ -236,13 +258,19 @@ impl<S: Scalar> NoiseTerms<S> {
             state_given: Dense::zeros(n, n),
             actuator_state_given: Dense::zeros(m, n),
             solve: vec![S::zero(); p],
+            scratch: CheckScratch::new(p + m + n),
         };
         terms.condition();
         terms
     }
 
-    /// Takes over another noise model of the same shape, without allocating.
-    pub fn set(&mut self, noise: &NoiseModel) {
+    /// Checks another noise model and takes it over, without allocating. After an error the former one stays.
+    ///
+    /// # Errors
+    /// [`NoiseError`], naming the matrix and the entry.
+    pub fn set(&mut self, noise: &NoiseModel) -> Result<(), NoiseError> {
+        let (p, m, n) = (self.sensor.rows(), self.actuator.rows(), self.state.rows());
+        noise.check_within(p, m, n, &mut self.scratch)?;
         let copy = |from: &Dense<f64>, to: &mut Dense<S>| {
             for j in 0..from.columns() {
                 for (to, &from) in to.column_mut(j).iter_mut().zip(from.column(j)) {
@@ -257,6 +285,7 @@ impl<S: Scalar> NoiseTerms<S> {
         copy(&noise.sensor_state, &mut self.sensor_state);
         copy(&noise.actuator_state, &mut self.actuator_state);
         self.condition();
+        Ok(())
     }
 
     /// Says which outputs are there; the others' w_i drops out of R and of the cross-covariances.
@@ -291,11 +320,12 @@ impl<S: Scalar> NoiseTerms<S> {
                 *self.unit.at_mut(i, j) = self.sensor.at(channel_i, channel_j);
             }
         }
-        // The model has been checked: a pivot that fails here is a rounding error of zero.
-        let tolerance = 64.0 * count as f64 * S::EPSILON;
-        let factored =
-            semidefinite_ldl(self.unit.view_mut().block_mut(0, 0, count, count), &mut self.pivots, tolerance);
-        debug_assert!(factored.is_ok(), "{factored:?}");
+        // The model has been checked: a pivot below zero is a rounding error of zero. What fails is R out of the scalar's
+        // range; NaN then stops the measurement update.
+        let zero = 64.0 * count as f64 * S::EPSILON;
+        self.pivots.fill(S::from_f64(f64::NAN));
+        let mut unit = self.unit.view_mut();
+        let _ = semidefinite_ldl(unit.block_mut(0, 0, count, count), &mut self.pivots, zero, f64::INFINITY);
         for row in 0..m {
             for (i, &channel) in self.available.iter().enumerate() {
                 self.solve[i] = self.actuator_sensor.at(row, channel);

@@ -13,11 +13,14 @@ pub type Direct<B> = Symmetric<B, DirectRule>;
 pub struct DirectRule;
 
 impl UpdateRule for DirectRule {
+    const CORRECTIONS: usize = 1;
+
     fn correction<S: Scalar>(
+        _which: usize,
         innovations: Innovations<'_, S>,
         mut left: ViewMut<'_, S>,
         mut right: ViewMut<'_, S>,
-    ) -> usize {
+    ) {
         let k = innovations.gain.columns();
         // K L, twice: an exactly symmetric product.
         for j in 0..k {
@@ -28,6 +31,5 @@ impl UpdateRule for DirectRule {
             }
             right.column_mut(j).copy_from_slice(column);
         }
-        k
     }
 }

@@ -13,7 +13,7 @@ pub use direct::Direct;
 pub use joseph::Joseph;
 pub use symmetric::{Innovations, Symmetric, UpdateRule};
 
-use plid_core::{Dense, ImplicitModel, InitialCovariance, Scalar, kernels, kernels::BadPivot};
+use plid_core::{Dense, ImplicitModel, InitialCovariance, Matrix, Scalar, kernels, kernels::BadPivot};
 
 /// x <- Abar x = J x + sum_i abar_i x_{c_i}, in place.
 fn advance<S: Scalar>(model: &impl ImplicitModel, abar: &Dense<S>, x: &mut [S], outputs: &mut [S]) {
@@ -34,26 +34,34 @@ fn check_variances(variances: &[f64]) -> Result<(), BadPivot> {
     }
 }
 
-/// P0 as U diag(d) U^T with U unit upper triangular.
-fn factor_initial(initial: &InitialCovariance) -> Result<(Dense<f64>, Vec<f64>), BadPivot> {
-    use plid_core::Matrix;
+/// P0 as U diag(d) U^T with U unit upper triangular: in f64 at least, in `S` where that has more digits.
+fn factor_initial<S: Scalar>(initial: &InitialCovariance) -> Result<(Dense<S>, Vec<S>), BadPivot> {
+    if S::EPSILON < <f64 as Scalar>::EPSILON {
+        return factor(initial);
+    }
+    let (u, d) = factor::<f64>(initial)?;
+    Ok((u.cast(), d.into_iter().map(S::from_f64).collect()))
+}
+
+fn factor<S: Scalar>(initial: &InitialCovariance) -> Result<(Dense<S>, Vec<S>), BadPivot> {
     match initial {
         InitialCovariance::Diagonal(d) => {
             check_variances(d)?;
-            Ok((Dense::from_diagonal(&vec![1.0; d.len()]), d.clone()))
+            let d: Vec<S> = d.iter().map(|&x| S::from_f64(x)).collect();
+            Ok((Dense::from_diagonal(&vec![S::one(); d.len()]), d))
         }
         InitialCovariance::Full(p0) => {
             // The same factorisation from the last entry up is that of the reversed matrix from the first one down.
             let size = p0.rows();
-            let mut reversed = Dense::from_fn(size, size, |i, j| p0.at(size - 1 - i, size - 1 - j));
-            let mut d = vec![0.0; size];
-            kernels::semidefinite_ldl(reversed.view_mut(), &mut d, 1e-13)
+            let mut reversed = Dense::from_fn(size, size, |i, j| S::from_f64(p0.at(size - 1 - i, size - 1 - j)));
+            let mut d = vec![S::zero(); size];
+            kernels::semidefinite_ldl(reversed.view_mut(), &mut d, 1e-13, 1e-13)
                 .map_err(|e| BadPivot { index: size - 1 - e.index, value: e.value })?;
             d.reverse();
             let u = Dense::from_fn(size, size, |i, j| match i.cmp(&j) {
                 std::cmp::Ordering::Less => reversed.at(size - 1 - i, size - 1 - j),
-                std::cmp::Ordering::Equal => 1.0,
-                std::cmp::Ordering::Greater => 0.0,
+                std::cmp::Ordering::Equal => S::one(),
+                std::cmp::Ordering::Greater => S::zero(),
             });
             Ok((u, d))
         }

@@ -11,15 +11,13 @@ use plid_core::{
 
 use super::{advance, factor_initial};
 
-/// What a measurement update of k outputs starts from.
+/// What a correction of P by k outputs starts from.
 #[derive(Clone, Copy, Debug)]
 pub struct Innovations<'a, S> {
-    /// P H^T, N x k.
+    /// P H^T with P as the corrections before this one have left it, N x k.
     pub cross: View<'a, S>,
     /// The gain K = P H^T Re^-1, N x k.
     pub gain: View<'a, S>,
-    /// H P H^T, k x k.
-    pub output: View<'a, S>,
     /// R, k x k.
     pub sensor: View<'a, S>,
     /// The lower Cholesky factor of Re = H P H^T + R, k x k.
@@ -28,8 +26,16 @@ pub struct Innovations<'a, S> {
 
 /// How P+ is written.
 pub trait UpdateRule: Clone + Send + Sync + 'static {
-    /// Fills the first columns of `left` and `right` (N x 2k) so that P+ = P - left right^T, and says how many.
-    fn correction<S: Scalar>(innovations: Innovations<'_, S>, left: ViewMut<'_, S>, right: ViewMut<'_, S>) -> usize;
+    /// How many corrections follow each other.
+    const CORRECTIONS: usize;
+
+    /// Fills `left` and `right` (N x k) of correction `which`, P <- P - left right^T.
+    fn correction<S: Scalar>(
+        which: usize,
+        innovations: Innovations<'_, S>,
+        left: ViewMut<'_, S>,
+        right: ViewMut<'_, S>,
+    );
 }
 
 /// P as a symmetric matrix with measurement update `R`.
@@ -60,8 +66,13 @@ fn symmetric_column<S: Scalar>(p: View<'_, S>, c: usize, out: &mut [S]) {
 }
 
 impl<B: Backend, R: UpdateRule> Symmetric<B, R> {
-    /// `cross` holds P H^T in its first `k` columns, `output` and `sensor` H P H^T and R: forms the gain and corrects P.
-    fn correct(&mut self, k: usize) -> Result<(), BadPivot> {
+    /// `observe` writes P H^T into the first `k` columns of its second argument; `output` and `sensor` hold H P H^T and R.
+    /// Forms the gain and corrects P.
+    fn correct(
+        &mut self,
+        k: usize,
+        observe: impl Fn(View<'_, B::Scalar>, ViewMut<'_, B::Scalar>),
+    ) -> Result<(), BadPivot> {
         let size = self.p.view().rows();
         for j in 0..k {
             for i in 0..k {
@@ -91,23 +102,31 @@ impl<B: Backend, R: UpdateRule> Symmetric<B, R> {
             let pivot = factor.at(j, j);
             gain.column_mut(j).iter_mut().for_each(|x| *x /= pivot);
         }
-        let innovations = Innovations {
-            cross: self.cross.view().block(0, 0, size, k),
-            gain: self.gain.view().block(0, 0, size, k),
-            output: self.output.view().block(0, 0, k, k),
-            sensor: self.sensor.view().block(0, 0, k, k),
-            factor,
-        };
-        let columns = R::correction(innovations, self.left.view_mut(), self.right.view_mut());
-        let left = self.left.view().block(0, 0, size, columns);
-        let right = self.right.view().block(0, 0, size, columns);
-        B::symmetric_product_lower(self.p.view_mut(), -B::Scalar::one(), left, right);
+        for which in 0..R::CORRECTIONS {
+            if which > 0 {
+                observe(self.p.view(), self.cross.view_mut());
+            }
+            let innovations = Innovations {
+                cross: self.cross.view().block(0, 0, size, k),
+                gain: gain.view().block(0, 0, size, k),
+                sensor: self.sensor.view().block(0, 0, k, k),
+                factor,
+            };
+            R::correction(which, innovations, self.left.view_mut(), self.right.view_mut());
+            let left = self.left.view().block(0, 0, size, k);
+            let right = self.right.view().block(0, 0, size, k);
+            B::symmetric_product_lower(self.p.view_mut(), -B::Scalar::one(), left, right);
+        }
         // A variance may round below zero where the outputs tell a state exactly; beyond that P is lost.
         let tolerance = B::Scalar::from_f64(64.0 * B::Scalar::EPSILON);
         for i in 0..size {
             let variance = self.p.view().at(i, i);
-            let taken = (0..columns).fold(B::Scalar::zero(), |t, c| t + left.at(i, c) * right.at(i, c));
-            if !(variance >= -tolerance * taken.abs()) {
+            // (K Re K^T)_ii
+            let taken = (0..k).fold(B::Scalar::zero(), |taken, c| {
+                let root = (c..k).fold(B::Scalar::zero(), |sum, r| sum + factor.at(r, c) * gain.at(i, r));
+                taken + root * root
+            });
+            if !(variance >= -tolerance * taken) {
                 return Err(BadPivot { index: i, value: variance.to_f64() });
             }
         }
@@ -119,7 +138,7 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
     type Backend = B;
 
     fn new(model: &impl ImplicitModel, initial: &InitialCovariance) -> Result<Self, BadPivot> {
-        factor_initial(initial)?;
+        factor_initial::<B::Scalar>(initial)?;
         let (n, outputs, size) = (model.states(), model.outputs(), model.joint_states());
         let mut p = B::Matrix::zeros(size, size);
         for j in 0..size {
@@ -138,8 +157,8 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
             rule: PhantomData,
             cross: B::Matrix::zeros(size, outputs),
             gain: B::Matrix::zeros(size, outputs),
-            left: B::Matrix::zeros(size, 2 * outputs),
-            right: B::Matrix::zeros(size, 2 * outputs),
+            left: B::Matrix::zeros(size, outputs),
+            right: B::Matrix::zeros(size, outputs),
             output: Dense::zeros(outputs, outputs),
             sensor: Dense::zeros(outputs, outputs),
             factor: Dense::zeros(outputs, outputs),
@@ -187,14 +206,19 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
         if k == 0 {
             return Ok(());
         }
-        for (j, &row) in rows.iter().enumerate() {
-            symmetric_column(self.p.view(), row, self.cross.view_mut().column_mut(j));
+        let observe = |p: View<'_, B::Scalar>, mut cross: ViewMut<'_, B::Scalar>| {
+            for (j, &row) in rows.iter().enumerate() {
+                symmetric_column(p, row, cross.column_mut(j));
+            }
+        };
+        observe(self.p.view(), self.cross.view_mut());
+        for j in 0..k {
             for (i, &row) in rows.iter().enumerate() {
                 *self.output.at_mut(i, j) = self.cross.view().at(row, j);
                 *self.sensor.at_mut(i, j) = noise.sensor(i, j);
             }
         }
-        self.correct(k)?;
+        self.correct(k, observe)?;
         for (j, &e) in innovation.iter().enumerate() {
             axpy(e, self.gain.view().column(j), s);
         }
@@ -202,18 +226,19 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
     }
 
     fn scalar_update(&mut self, h: &[B::Scalar], r: B::Scalar, gain: &mut [B::Scalar]) -> Result<(), BadPivot> {
-        let mut cross = self.cross.view_mut();
-        let cross = cross.column_mut(0);
-        cross.fill(B::Scalar::zero());
-        let p = self.p.view();
-        for j in 0..h.len() {
-            let column = &p.column(j)[j..];
-            cross[j] += dot(column, &h[j..]);
-            axpy(h[j], &column[1..], &mut cross[j + 1..]);
-        }
-        *self.output.at_mut(0, 0) = dot(h, cross);
+        let observe = |p: View<'_, B::Scalar>, mut cross: ViewMut<'_, B::Scalar>| {
+            let cross = cross.column_mut(0);
+            cross.fill(B::Scalar::zero());
+            for j in 0..h.len() {
+                let column = &p.column(j)[j..];
+                cross[j] += dot(column, &h[j..]);
+                axpy(h[j], &column[1..], &mut cross[j + 1..]);
+            }
+        };
+        observe(self.p.view(), self.cross.view_mut());
+        *self.output.at_mut(0, 0) = dot(h, self.cross.view().column(0));
         *self.sensor.at_mut(0, 0) = r;
-        self.correct(1)?;
+        self.correct(1, observe)?;
         gain.copy_from_slice(self.gain.view().column(0));
         Ok(())
     }
@@ -299,7 +324,7 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
     fn health(&self) -> Health {
         let mut p = self.dense();
         let mut pivots = vec![B::Scalar::zero(); p.rows()];
-        match semidefinite_ldl(p.view_mut(), &mut pivots, 0.0) {
+        match semidefinite_ldl(p.view_mut(), &mut pivots, 0.0, 0.0) {
             Ok(()) => Health::from_pivots(pivots.iter().map(|d| d.to_f64()), 0.0),
             Err(BadPivot { index, value }) => {
                 Health { smallest_pivot: value, index, symmetry_defect: 0.0, condition: f64::INFINITY }

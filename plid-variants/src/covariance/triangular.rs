@@ -45,17 +45,15 @@ impl<B: Backend> Triangular<B> {
     pub fn new(model: &impl ImplicitModel, initial: &InitialCovariance) -> Result<Self, BadPivot> {
         let (n, p, size) = (model.states(), model.outputs(), model.joint_states());
         let columns = model.parameter_columns();
-        let (u0, d0) = factor_initial(initial)?;
+        let (u0, d0) = factor_initial::<B::Scalar>(initial)?;
         let mut u = B::Matrix::zeros(size, size);
         for j in 0..size {
-            for (to, &from) in u.view_mut().column_mut(j).iter_mut().zip(u0.column(j)) {
-                *to = B::Scalar::from_f64(from);
-            }
+            u.view_mut().column_mut(j).copy_from_slice(u0.column(j));
         }
         let zero = B::Scalar::zero();
         Ok(Self {
             u,
-            d: d0.iter().map(|&x| B::Scalar::from_f64(x)).collect(),
+            d: d0,
             n,
             gains: B::Matrix::zeros(size, p),
             rows: Dense::zeros(p, p),
@@ -94,8 +92,9 @@ impl<B: Backend> Triangular<B> {
             self.mix_work.column_mut(j).copy_from_slice(weights.column(j));
         }
         let tolerance = 16.0 * count as f64 * B::Scalar::EPSILON;
-        // Weights are moments; what rounding leaves below zero is dropped with the tolerance.
-        let rank = pivoted_cholesky(self.mix_work.view_mut(), self.mix.view_mut(), tolerance).unwrap_or(0);
+        // Weights are moments; what rounding leaves below zero is dropped.
+        let rank =
+            pivoted_cholesky(self.mix_work.view_mut(), self.mix.view_mut(), tolerance, f64::INFINITY).unwrap_or(0);
         for r in 0..rank {
             let v = self.mix.column(r);
             // Ut is upper triangular: columns before the first block in use are zero.
@@ -188,7 +187,8 @@ impl<B: Backend> Triangular<B> {
             self.qbar.column_mut(c).copy_from_slice(transition.qbar.column(c));
         }
         let tolerance = 64.0 * n as f64 * B::Scalar::EPSILON;
-        let rank = pivoted_cholesky(self.qbar.view_mut(), self.root.view_mut(), tolerance)?;
+        // Qbar is a moment too. Where w tells all of v and xi, nothing but rounding of either sign is left of it.
+        let rank = pivoted_cholesky(self.qbar.view_mut(), self.root.view_mut(), tolerance, f64::INFINITY)?;
         for r in 0..rank {
             for i in 0..n {
                 *self.array.at_mut(n + r, i) = self.root.at(i, r);

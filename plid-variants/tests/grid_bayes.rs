@@ -1,0 +1,168 @@
+//! The scalar plant x+ = a x + b u + xi, z = x + w against exact Bayes (plid-mathematics, section 5, the table).
+//!
+//! Given a, the plant is linear in (x, b): a Kalman filter with two states integrates b exactly, so that the grid is one over a alone.
+
+mod common;
+
+use common::case::{normal, rng};
+use plid_backends::Plain;
+use plid_core::{
+    ConditionalExpectations, CovariancePropagation, Identifier, InitialCovariance, NoiseModel, ObservableForm, Settings,
+};
+use plid_variants::covariance::Direct;
+use plid_variants::expectations::{JointEkf, MomentMatched, Prior};
+use rand::RngExt;
+
+const STEPS: usize = 200;
+const PRIOR_A: (f64, f64) = (0.3, 0.09);
+const PRIOR_B: (f64, f64) = (1.0, 0.25);
+const LARGEST_A: f64 = 0.98;
+
+struct Record {
+    a: f64,
+    z: Vec<f64>,
+    u: Vec<f64>,
+}
+
+fn record(sigma: f64, r: f64, seed: u64) -> Record {
+    let mut rng = rng(seed);
+    let a = loop {
+        let a = PRIOR_A.0 + PRIOR_A.1.sqrt() * normal(&mut rng);
+        if a.abs() < LARGEST_A {
+            break a;
+        }
+    };
+    let b = PRIOR_B.0 + PRIOR_B.1.sqrt() * normal(&mut rng);
+    let mut x = normal(&mut rng);
+    let (mut z, mut u) = (Vec::new(), Vec::new());
+    for _ in 0..STEPS {
+        z.push(x + r.sqrt() * normal(&mut rng));
+        u.push(if rng.random::<bool>() { 1.0 } else { -1.0 });
+        x = a * x + b * u[u.len() - 1] + sigma.sqrt() * normal(&mut rng);
+    }
+    Record { a, z, u }
+}
+
+/// E[a | z] from a grid over a, with the weight of each point by its innovations.
+fn exact(record: &Record, sigma: f64, r: f64, points: usize) -> f64 {
+    let (mut total, mut first, mut largest) = (0.0, 0.0, f64::NEG_INFINITY);
+    for i in 0..points {
+        let a = LARGEST_A * (2.0 * (i as f64 + 0.5) / points as f64 - 1.0);
+        let mut log_weight = -(a - PRIOR_A.0).powi(2) / (2.0 * PRIOR_A.1);
+        let (mut x, mut b) = (0.0, PRIOR_B.0);
+        let (mut xx, mut xb, mut bb) = (1.0, 0.0, PRIOR_B.1);
+        for (&z, &u) in record.z.iter().zip(&record.u) {
+            let (e, s) = (z - x, xx + r);
+            log_weight -= 0.5 * (e * e / s + s.ln());
+            let (kx, kb) = (xx / s, xb / s);
+            (x, b) = (x + kx * e, b + kb * e);
+            (xx, xb, bb) = (xx - kx * xx, xb - kb * xx, bb - kb * xb);
+            x = a * x + b * u;
+            (xx, xb) = (a * a * xx + 2.0 * a * u * xb + u * u * bb + sigma, a * xb + u * bb);
+        }
+        if log_weight > largest {
+            let rescale = (largest - log_weight).exp();
+            (total, first, largest) = (total * rescale, first * rescale, log_weight);
+        }
+        let weight = (log_weight - largest).exp();
+        total += weight;
+        first += weight * a;
+    }
+    first / total
+}
+
+/// Error of a, and its square over its variance in P.
+fn filter<E: ConditionalExpectations<Direct<Plain<f64>>>>(record: &Record, sigma: f64, r: f64) -> (f64, f64) {
+    let form = ObservableForm::new(&[1], 1).unwrap();
+    let settings = Settings {
+        initial_covariance: InitialCovariance::Diagonal(vec![1.0, PRIOR_A.1, PRIOR_B.1]),
+        initial_estimate: vec![0.0, PRIOR_A.0, PRIOR_B.0],
+        ..Settings::new(&form, 1.0, 1.0)
+    };
+    let noise = NoiseModel::diagonal(&[r], &[0.0], &[sigma]);
+    let mut run = Identifier::<Direct<Plain<f64>>, E>::new(form, &noise, &settings).unwrap();
+    for (&z, &u) in record.z.iter().zip(&record.u) {
+        run.step(&[z], &[u]).unwrap();
+    }
+    let error = run.estimate()[1] - record.a;
+    (error, error * error / run.covariance().dense().at(1, 1))
+}
+
+/// Mean and standard deviation.
+fn moments(values: &[f64]) -> (f64, f64) {
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() - 1) as f64;
+    (mean, variance.sqrt())
+}
+
+/// What the table was made with.
+const TABLE_RUNS: f64 = 300.0;
+
+/// The difference in standard errors of both Monte Carlo runs, the table's and this one.
+fn deviation(name: &str, found: f64, published: f64, spread: f64, runs: usize) -> f64 {
+    let error = spread * (1.0 / TABLE_RUNS + 1.0 / runs as f64).sqrt();
+    let sigmas = (found - published) / error;
+    println!("  {name:24} {found:.4} (table {published}, standard error {error:.4}, {sigmas:+.1} of them)");
+    sigmas.abs()
+}
+
+fn rmse(name: &str, errors: &[f64], published: f64) -> f64 {
+    let squares: Vec<f64> = errors.iter().map(|e| e * e).collect();
+    let (mean, spread) = moments(&squares);
+    let root = mean.sqrt();
+    // Of a root: half the relative spread of what stands under it.
+    deviation(name, root, published, spread / (2.0 * root), errors.len())
+}
+
+fn nees(name: &str, values: &[f64], published: f64) -> f64 {
+    let (mean, spread) = moments(values);
+    deviation(name, mean, published, spread, values.len())
+}
+
+/// (Sigma, R, rmse exact, prior, moment-matched, EKF, NEES prior, moment-matched)
+const TABLE: [(f64, f64, f64, f64, f64, f64, f64, f64); 3] = [
+    (0.1, 0.5, 0.0721, 0.0783, 0.0764, 0.0780, 2.33, 1.03),
+    (0.1, 3.0, 0.1204, 0.1651, 0.1263, 0.1301, 7.7, 1.06),
+    (1.0, 1.0, 0.0708, 0.0779, 0.0733, 0.0738, 1.88, 0.92),
+];
+
+/// `runs` for the filters; the first `exact_runs` of them for the grid too.
+fn reproduce(runs: usize, exact_runs: usize, points: usize) {
+    for (sigma, r, rmse_exact, rmse_prior, rmse_moments, rmse_ekf, nees_prior, nees_moments) in TABLE {
+        println!("Sigma = {sigma}, R = {r}, {runs} runs ({exact_runs} on the grid)");
+        let records: Vec<Record> = (0..runs).map(|k| record(sigma, r, 1000 + k as u64)).collect();
+        let errors: Vec<f64> =
+            records[..exact_runs].iter().map(|record| exact(record, sigma, r, points) - record.a).collect();
+        let all = |one: fn(&Record, f64, f64) -> (f64, f64)| -> (Vec<f64>, Vec<f64>) {
+            records.iter().map(|record| one(record, sigma, r)).unzip()
+        };
+        let (prior, moments, ekf) =
+            (all(filter::<Prior<f64>>), all(filter::<MomentMatched<f64>>), all(filter::<JointEkf<f64>>));
+        let deviations = [
+            rmse("rmse exact", &errors, rmse_exact),
+            rmse("rmse prior", &prior.0, rmse_prior),
+            rmse("rmse moment-matched", &moments.0, rmse_moments),
+            rmse("rmse EKF", &ekf.0, rmse_ekf),
+            nees("NEES prior", &prior.1, nees_prior),
+            nees("NEES moment-matched", &moments.1, nees_moments),
+        ];
+        // Eighteen figures: one beyond 3.5 by chance in a hundred times.
+        assert!(deviations.iter().all(|&d| d < 3.5), "Sigma = {sigma}, R = {r}: {deviations:.1?}");
+        // On the same records, the order that the table shows and that its own spread would hide.
+        let square = |errors: &[f64]| errors[..exact_runs].iter().map(|e| e * e).sum::<f64>();
+        assert!(square(&errors) < square(&moments.0), "nothing is better than Bayes");
+        assert!(square(&moments.0) < square(&prior.0));
+    }
+}
+
+#[test]
+fn table_of_the_conditional_expectations() {
+    reproduce(1500, 300, 120);
+}
+
+/// cargo test --release -p plid-variants --test grid_bayes -- --ignored --nocapture
+#[test]
+#[ignore = "a minute: ten times the runs, and a finer grid"]
+fn table_of_the_conditional_expectations_at_length() {
+    reproduce(20_000, 3000, 300);
+}

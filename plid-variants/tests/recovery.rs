@@ -1,0 +1,93 @@
+//! A known plant from a record without noise: A, B and the transfer function come back.
+
+#[macro_use]
+mod common;
+
+use common::case::{Case, Plant, is_redundant, record, rng};
+use common::{HasForm, HasKind, finish, label};
+use nalgebra::{Complex, DMatrix};
+use plid_core::{
+    ConditionalExpectations, CovariancePropagation, InitialCovariance, NoiseModel, ObservableForm, Settings,
+};
+
+/// What the identifier is told of the noise is tiny, and there is none. `unique`: the entries of A that inputs and outputs
+/// cannot tell are zero in the plant, and known to be.
+fn case(indices: &[usize], unique: bool, seed: u64) -> Case {
+    let (inputs, p, n) = (2, indices.len(), indices.iter().sum::<usize>());
+    let mut rng = rng(seed);
+    let random = if unique { Plant::random_unique } else { Plant::random };
+    let plant = random(indices, inputs, 0.9, &mut rng);
+    let silent = NoiseModel::diagonal(&vec![0.0; p], &[0.0; 2], &vec![0.0; n]);
+    let (z, u) = record(&plant, &[silent], 400, &mut rng);
+    let noise = vec![NoiseModel::diagonal(&vec![1e-8; p], &[0.0; 2], &vec![0.0; n])];
+    let form = ObservableForm::new(indices, inputs).unwrap();
+    let mut settings = Settings::new(&form, 1.0, 10.0);
+    if let (true, InitialCovariance::Diagonal(d)) = (unique, &mut settings.initial_covariance) {
+        for output in 0..p {
+            for row in (0..n).filter(|&row| is_redundant(indices, row, output)) {
+                d[(1 + output) * n + row] = 0.0;
+            }
+        }
+    }
+    Case { indices: indices.to_vec(), inputs, plant, noise, settings, z, u }
+}
+
+/// C (z I - A)^-1 B on the unit circle.
+fn response(a: &DMatrix<f64>, b: &DMatrix<f64>, outputs: &[usize], angle: f64) -> DMatrix<Complex<f64>> {
+    let z = Complex::from_polar(1.0, angle);
+    let complex = |m: &DMatrix<f64>| m.map(|x| Complex::new(x, 0.0));
+    let resolvent = DMatrix::identity(a.nrows(), a.nrows()) * z - complex(a);
+    let states = resolvent.lu().solve(&complex(b)).unwrap();
+    DMatrix::from_fn(outputs.len(), b.ncols(), |i, j| states[(outputs[i], j)])
+}
+
+/// The largest errors of A, of B, and of the transfer function relative to its peak.
+fn errors<C, E>(case: &Case) -> [f64; 3]
+where
+    C: CovariancePropagation,
+    E: ConditionalExpectations<C>,
+{
+    let model = finish::<C, E>(case).identified();
+    let (n, m) = (case.states(), case.inputs);
+    let a = DMatrix::from_fn(n, n, |i, j| model.a.at(i, j));
+    let b = DMatrix::from_fn(n, m, |i, j| model.b.at(i, j));
+    for (output, &state) in case.plant.outputs.iter().enumerate() {
+        for j in 0..n {
+            assert_eq!(model.c.at(output, j), f64::from(u8::from(j == state)));
+        }
+    }
+    let (mut worst, mut peak) = (0.0_f64, 0.0_f64);
+    for k in 0..200 {
+        let angle = std::f64::consts::PI * (f64::from(k) + 0.5) / 200.0;
+        let truth = response(&case.plant.a, &case.plant.b, &case.plant.outputs, angle);
+        let found = response(&a, &b, &case.plant.outputs, angle);
+        worst = worst.max((found - &truth).iter().map(|z| z.norm()).fold(0.0, f64::max));
+        peak = peak.max(truth.iter().map(|z| z.norm()).fold(0.0, f64::max));
+    }
+    [(&a - &case.plant.a).amax(), (&b - &case.plant.b).amax(), worst / peak]
+}
+
+fn a_known_plant_is_recovered<C, E>()
+where
+    C: CovariancePropagation + HasForm,
+    E: ConditionalExpectations<C> + HasKind,
+{
+    let name = label::<C, E>();
+    for (indices, unique) in [(&[2, 2][..], false), (&[3, 1, 2], true), (&[3, 1, 2], false)] {
+        let [a, b, transfer] = errors::<C, E>(&case(indices, unique, 5));
+        println!("{name} {indices:?}, unique {unique}: A {a:.1e}, B {b:.1e}, transfer function {transfer:.1e}");
+        assert!(transfer < 1e-6, "{name} {indices:?}: transfer function {transfer:.1e}");
+        if unique || indices == [2, 2] {
+            assert!(a < 1e-6 && b < 1e-6, "{name} {indices:?}: A {a:.1e}, B {b:.1e}");
+        } else {
+            // Unequal indices: another A, of the same transfer function.
+            assert!(a > 1e-3, "{name} {indices:?}: A {a:.1e}");
+        }
+    }
+}
+
+test_every_variant!(a_known_plant_is_recovered:
+    plain_f64 = Plain<f64>,
+    nalgebra_f64 = Nalgebra<f64>,
+    faer_f64 = Faer<f64>,
+);
