@@ -15,12 +15,12 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CovarianceName {
-    /// Eq. 8-10 as they stand.
-    #[default]
+    /// Eq. 8-10 as they stand: the fastest, and the first to lose positivity.
     Direct,
     /// Joseph's measurement update.
     Joseph,
-    /// U D U^T.
+    /// U D U^T: cannot lose positivity, so it is the default.
+    #[default]
     BiermanUd,
     /// S S^T by orthogonal transformations.
     ArraySqrt,

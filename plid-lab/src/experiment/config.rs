@@ -61,6 +61,12 @@ pub struct DataConfig {
     /// Samples a second; left out, the file's own `Fs` or time column.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sample_rate_hz: Option<f64>,
+    /// The unit of the inputs, for the report's axes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub input_unit: Option<String>,
+    /// The unit of the outputs.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub output_unit: Option<String>,
     /// What a NaN among the outputs is: `error`, or `nan` for a missing sample.
     pub missing: MissingPolicy,
     /// Which variable of a .mat or .npz file holds the record.

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::recursion::{Ending, Plan, run};
 use super::{IdentifyError, Samples, free_run_error};
-use crate::variant::{ExpectationName, Variant};
+use crate::variant::{CovarianceName, ExpectationName, Variant};
 
 /// What the bank may vary.
 #[derive(Clone, Debug)]
@@ -100,8 +100,9 @@ impl Bank {
 
     /// The free-run error of the filter at `point`; infinite where it or its model diverges.
     fn score(&self, point: Point, split: &Split<'_>, may_go_on: &(dyn Fn() -> bool + Sync)) -> Option<f64> {
-        // The forms agree to rounding; the direct one is the fastest.
-        let variant = Variant { expectations: self.expectations, ..Variant::default() };
+        // The direct form is the fastest; where it breaks down, the setting is too near the edge to be chosen anyway.
+        let (covariance, expectations) = (CovarianceName::Direct, self.expectations);
+        let variant = Variant { covariance, expectations, ..Variant::default() };
         let (form, noise, settings) = (self.form.clone(), self.noise(point), self.settings.clone());
         let plan = Plan { form, noise, settings, variant, passes: 1 };
         match run(&plan, &split.learn, None, &mut |_, _| may_go_on()) {

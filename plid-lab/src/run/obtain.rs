@@ -50,6 +50,8 @@ pub(super) fn obtain(experiment: &mut Experiment, base: &Path) -> Result<Obtaine
         None => read(&experiment.data, base),
         Some(_) => {
             let obtained = simulate(&experiment.data, base)?;
+            experiment.data.input_unit.get_or_insert("V".into());
+            experiment.data.output_unit.get_or_insert("V".into());
             if obtained.records.len() > 1 && experiment.preparation.repeats.is_none() {
                 // The DAC repeats its codes exactly.
                 experiment.preparation.repeats = Some(Repeats { period: None, skip: 0, tolerance: 1e-9 });

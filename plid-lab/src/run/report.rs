@@ -38,7 +38,7 @@ pub(super) fn page(outcome: &Outcome) -> Result<String, RunError> {
         Some(own) => convergence(own.view(), 200),
         None => convergence(ndarray::Array2::zeros((0, 1)).view(), 1),
     };
-    let unit = "data's unit".to_string();
+    let unit = outcome.experiment.data.output_unit.clone().unwrap_or_else(|| "data's unit".into());
     report = report.figure(
         convergence_plot(&ConvergencePlot {
             convergence: &errors,
@@ -81,7 +81,10 @@ pub(super) fn page(outcome: &Outcome) -> Result<String, RunError> {
         .heading("Errors on held-out data")
         .table(error_table(outcome));
     if !outcome.peaks.is_empty() {
-        report = report.heading("Peaks beside the true ones").table(peak_table(outcome));
+        report = report
+            .heading("Peaks beside the true ones")
+            .paragraph(peak_sentence(outcome))
+            .details(format!("All {} peaks", outcome.peaks.len()), |report| report.table(peak_table(outcome)));
     }
     report = modes(report, outcome)?;
     report = residuals(report, outcome);
@@ -206,6 +209,11 @@ fn responses(outcome: &Outcome, measured: Option<&WelchFrf>, band: (f64, f64)) -
     };
     let variances = response_variance(&with_covariance, &hz, advance)?;
     let truth = outcome.truth.as_ref().map(|truth| FrequencyResponse::of(&truth.model));
+    let data = &outcome.experiment.data;
+    let unit = match (&data.output_unit, &data.input_unit) {
+        (Some(output), Some(input)) => format!("{output}/{input}"),
+        _ => "output/input".into(),
+    };
     let mut plots = Vec::new();
     for (i, output) in outcome.model.outputs.iter().enumerate() {
         for (j, input) in outcome.model.inputs.iter().enumerate() {
@@ -221,7 +229,7 @@ fn responses(outcome: &Outcome, measured: Option<&WelchFrf>, band: (f64, f64)) -
             };
             plots.push(FrfPlot {
                 title: format!("{input} to {output}"),
-                unit: "output/input".into(),
+                unit: unit.clone(),
                 measured: measured_curve,
                 coherence: measured.map(|frf| frf.multiple_coherence.column(i).to_vec()),
                 identified: Some(identified),
@@ -281,6 +289,20 @@ fn error_table(outcome: &Outcome) -> Table {
     table.row(row)
 }
 
+fn peak_sentence(outcome: &Outcome) -> String {
+    let largest = |errors: &mut dyn Iterator<Item = Option<f64>>| {
+        errors.flatten().map(f64::abs).fold(0.0, f64::max)
+    };
+    let missed = outcome.peaks.iter().filter(|row| row.model.is_none()).count();
+    let rest = if missed == 0 { "none is missed".to_string() } else { format!("{missed} are missed") };
+    format!(
+        "{} peaks of the dominant modes over all pairs that show them: {rest}; the largest errors are {:.4} % in frequency and {:.2} dB in height.",
+        outcome.peaks.len(),
+        100.0 * largest(&mut outcome.peaks.iter().map(|row| row.frequency_error())),
+        largest(&mut outcome.peaks.iter().map(|row| row.height_error_db()))
+    )
+}
+
 fn peak_table(outcome: &Outcome) -> Table {
     let mut table = Table::new("Peaks of |H| near the dominant modes, for each pair whose true response has a maximum there.")
         .column("mode", "Hz")
@@ -328,7 +350,10 @@ fn modes(report: Report, outcome: &Outcome) -> Result<Report, RunError> {
             if mode.stable { "" } else { "unstable" }.into(),
         ]);
     }
-    let visible = |mode: &Mode| mode.strongest_db() > strongest - FAINT_DB && mode.hz.is_finite() && mode.damping < 0.2;
+    let (low, high) = band(outcome, outcome.model.sample_rate_hz);
+    let visible = |mode: &Mode| {
+        mode.strongest_db() > strongest - FAINT_DB && (low..=high).contains(&mode.hz) && mode.damping < 0.2
+    };
     let drawn: Vec<_> = deviations.iter().filter(|d| visible(&d.mode)).collect();
     let mut sets = vec![ModeSet {
         label: "identified".into(),
@@ -342,9 +367,7 @@ fn modes(report: Report, outcome: &Outcome) -> Result<Report, RunError> {
     }];
     if let Some(truth) = &outcome.truth {
         let modes = crate::model::modes(&truth.model)?;
-        let (low, high) = band(outcome, outcome.model.sample_rate_hz);
-        let shown: Vec<&Mode> =
-            modes.iter().filter(|m| visible(m) && m.hz >= low && m.hz <= high && m.damping < 0.2).collect();
+        let shown: Vec<&Mode> = modes.iter().filter(|m| visible(m)).collect();
         sets.push(ModeSet {
             label: "true plant".into(),
             frequency_hz: shown.iter().map(|m| m.hz).collect(),
@@ -356,7 +379,7 @@ fn modes(report: Report, outcome: &Outcome) -> Result<Report, RunError> {
     let report = if drawn.is_empty() {
         report
     } else {
-        report.figure(mode_map(&sets), "Lightly damped modes: frequency and damping ratio, with bars of two standard deviations.")
+        report.figure(mode_map(&sets), "Lightly damped modes in the band: frequency and damping ratio, with bars of two standard deviations.")
     };
     Ok(report.details(format!("All {} modes", deviations.len()), |report| report.table(table)))
 }
@@ -438,7 +461,7 @@ fn searches(report: Report, outcome: &Outcome) -> Report {
                 .filter_map(|t| t.free_run.map(|e| (t.state, 100.0 * e)))
                 .collect();
             points.sort_by(|a, b| a.0.total_cmp(&b.0));
-            Series::line(format!("R = {level:.0e}"), points)
+            Series::line(format!("R = {level:.1e}"), points)
         })
         .collect();
     let plot = chart(&Chart {
