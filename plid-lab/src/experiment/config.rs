@@ -349,7 +349,8 @@ impl Experiment {
             && self.preparation.repeats.is_none()
             && data.testbed.as_ref().is_none_or(|t| t.truss.repeats < 2)
         {
-            problems.push(("noise", "from = \"repeats\" needs `[preparation.repeats]` or a testbed with repeats".into()));
+            problems
+                .push(("noise", "from = \"repeats\" needs `[preparation.repeats]` or a testbed with repeats".into()));
         }
         problems
     }

@@ -92,7 +92,10 @@ fn find_key(text: &str, key: &str) -> std::ops::Range<usize> {
     for line in text.split_inclusive('\n') {
         let content = line.trim_start();
         let found = content.strip_prefix(key).is_some_and(|rest| rest.trim_start().starts_with('='))
-            || content.strip_prefix('[').and_then(|rest| rest.strip_prefix(key)).is_some_and(|r| r.starts_with([']', '.']));
+            || content
+                .strip_prefix('[')
+                .and_then(|rest| rest.strip_prefix(key))
+                .is_some_and(|r| r.starts_with([']', '.']));
         if found {
             let start = offset + line.len() - content.len();
             return start..start + content.trim_end().len();
@@ -110,7 +113,8 @@ fn suggestion(message: &str) -> Option<String> {
     let mut words = message.split('`').skip(1).step_by(2);
     let wrong = words.next()?;
     let known: Vec<&str> = words.collect();
-    let nearest = known.iter().max_by(|a, b| strsim::jaro_winkler(wrong, a).total_cmp(&strsim::jaro_winkler(wrong, b)))?;
+    let nearest =
+        known.iter().max_by(|a, b| strsim::jaro_winkler(wrong, a).total_cmp(&strsim::jaro_winkler(wrong, b)))?;
     if strsim::jaro_winkler(wrong, nearest) > 0.7 {
         Some(format!("did you mean `{nearest}`?"))
     } else {
@@ -147,7 +151,8 @@ mod tests {
 
     #[test]
     fn every_default_survives_a_round_trip() {
-        let text = "name = \"a\"\n[data]\nfiles = [\"x.csv\"]\ninputs = [\"u\"]\noutputs = [\"y\"]\n[structure]\nstates = 4\n";
+        let text =
+            "name = \"a\"\n[data]\nfiles = [\"x.csv\"]\ninputs = [\"u\"]\noutputs = [\"y\"]\n[structure]\nstates = 4\n";
         let experiment: Experiment = from_toml(text, "e.toml").unwrap();
         assert!(experiment.problems().is_empty());
         let again: Experiment = from_toml(&to_toml(&experiment), "again").unwrap();

@@ -72,11 +72,7 @@ fn carry_over(form: &ObservableForm, settings: &Settings, former: &IdentifiedMod
     });
     let mut estimate = vec![0.0; n];
     estimate.extend(former.parameters(form));
-    Settings {
-        initial_covariance: InitialCovariance::Full(covariance),
-        initial_estimate: estimate,
-        ..settings.clone()
-    }
+    Settings { initial_covariance: InitialCovariance::Full(covariance), initial_estimate: estimate, ..settings.clone() }
 }
 
 fn build(plan: &Plan, former: Option<&IdentifiedModel>) -> Result<Box<dyn Recursion>, VariantError> {

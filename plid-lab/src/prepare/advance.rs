@@ -90,11 +90,7 @@ pub struct AdvanceTest {
 ///
 /// # Errors
 /// A warning, if there are too few samples or if the inputs' samples follow from their past.
-pub fn test(
-    segments: &[Segment],
-    input_names: &[String],
-    output_names: &[String],
-) -> Result<AdvanceTest, Warning> {
+pub fn test(segments: &[Segment], input_names: &[String], output_names: &[String]) -> Result<AdvanceTest, Warning> {
     let (m, p) = (input_names.len(), output_names.len());
     let untested = |reason: String| Err(Warning::AdvanceUntested { reason });
     let samples: usize = segments.iter().map(|s| s.inputs.nrows()).sum();
@@ -120,10 +116,8 @@ pub fn test(
     // The factor's corner holds what the past leaves unexplained: of u_k, and of y_k along it.
     let novel_u = factor.view((past, past), (m, m)).into_owned();
     let along_u = factor.view((past, past + m), (m, p)).into_owned();
-    let (Some(inverse), Some(coefficients)) = (
-        novel_u.clone().try_inverse(),
-        novel_u.solve_upper_triangular(&along_u),
-    ) else {
+    let (Some(inverse), Some(coefficients)) = (novel_u.clone().try_inverse(), novel_u.solve_upper_triangular(&along_u))
+    else {
         return untested("the inputs are collinear".into());
     };
     let freedom = (rows - past - m) as f64;
@@ -135,11 +129,7 @@ pub fn test(
         let rest = norm(column, past + m).powi(2);
         let already_known = (explained + rest).sqrt() <= PREDICTED * size(column);
         let share = |gain: f64| {
-            if already_known || gain + rest == 0.0 {
-                0.0
-            } else {
-                gain / (gain + rest)
-            }
+            if already_known || gain + rest == 0.0 { 0.0 } else { gain / (gain + rest) }
         };
         let joint = share(explained);
         outputs.push(OutputTest {
@@ -160,19 +150,9 @@ pub fn test(
             });
         }
     }
-    let by_share = outputs
-        .iter()
-        .any(|o| o.partial_r2 >= RELEVANT_SHARE && o.p_value <= SIGNIFICANT / p as f64);
-    let by_weight = pairs
-        .iter()
-        .any(|t| t.weight >= RELEVANT_WEIGHT && t.p_value <= SIGNIFICANT / (m * p) as f64);
-    Ok(AdvanceTest {
-        answers_at_once: by_share || by_weight,
-        lags,
-        rows,
-        outputs,
-        pairs,
-    })
+    let by_share = outputs.iter().any(|o| o.partial_r2 >= RELEVANT_SHARE && o.p_value <= SIGNIFICANT / p as f64);
+    let by_weight = pairs.iter().any(|t| t.weight >= RELEVANT_WEIGHT && t.p_value <= SIGNIFICANT / (m * p) as f64);
+    Ok(AdvanceTest { answers_at_once: by_share || by_weight, lags, rows, outputs, pairs })
 }
 
 /// Probability of a partial R^2 at least as large without any effect.
@@ -191,23 +171,14 @@ fn triangular_factor(segments: &[Segment], lags: usize) -> (DMatrix<f64>, usize)
     let m = segments.first().map_or(0, |s| s.inputs.ncols());
     let p = segments.first().map_or(0, |s| s.outputs.ncols());
     let columns = (lags + 1) * (m + p);
-    let u_mean: Vec<f64> = (0..m)
-        .map(|j| mean(segments.iter().map(|s| s.inputs.column(j))))
-        .collect();
-    let y_mean: Vec<f64> = (0..p)
-        .map(|j| mean(segments.iter().map(|s| s.outputs.column(j))))
-        .collect();
+    let u_mean: Vec<f64> = (0..m).map(|j| mean(segments.iter().map(|s| s.inputs.column(j)))).collect();
+    let y_mean: Vec<f64> = (0..p).map(|j| mean(segments.iter().map(|s| s.outputs.column(j)))).collect();
     let mut factor = DMatrix::zeros(columns, columns);
     let mut block = Vec::with_capacity(BLOCK * columns);
     let mut rows = 0;
     for segment in segments {
         for k in lags..segment.inputs.nrows() {
-            if segment
-                .outputs
-                .slice(s![k - lags..=k, ..])
-                .iter()
-                .any(|v| v.is_nan())
-            {
+            if segment.outputs.slice(s![k - lags..=k, ..]).iter().any(|v| v.is_nan()) {
                 continue;
             }
             for lag in 1..=lags {
@@ -261,10 +232,7 @@ mod tests {
     }
 
     fn run(u: &Array2<f64>, y: &Array2<f64>) -> Result<AdvanceTest, Warning> {
-        let segment = Segment {
-            inputs: u.view(),
-            outputs: y.view(),
-        };
+        let segment = Segment { inputs: u.view(), outputs: y.view() };
         test(&[segment], &names("u", u.ncols()), &names("y", y.ncols()))
     }
 
@@ -289,11 +257,7 @@ mod tests {
                 })
                 .collect::<Vec<f64>>()
         };
-        let zero = |x: Vec<f64>| {
-            (0..x.len())
-                .map(|k| x[k] + if k > 0 { x[k - 1] } else { 0.0 })
-                .collect::<Vec<f64>>()
-        };
+        let zero = |x: Vec<f64>| (0..x.len()).map(|k| x[k] + if k > 0 { x[k - 1] } else { 0.0 }).collect::<Vec<f64>>();
         match kind {
             Input::White => white,
             Input::Smooth => (0..2).fold(white, |x, _| pole(x, 0.8)),
@@ -313,10 +277,7 @@ mod tests {
         let respond = |disturbance: &[f64]| {
             let mut x = vec![0.0; samples];
             for k in 2..samples {
-                x[k] = 1.6 * x[k - 1] - 0.95 * x[k - 2]
-                    + 0.5 * u[k - 1]
-                    + 0.3 * u[k - 2]
-                    + disturbance[k];
+                x[k] = 1.6 * x[k - 1] - 0.95 * x[k - 2] + 0.5 * u[k - 1] + 0.3 * u[k - 2] + disturbance[k];
             }
             x
         };
@@ -324,26 +285,14 @@ mod tests {
         let size = (clean.iter().map(|v| v * v).sum::<f64>() / samples as f64).sqrt();
         let white: Vec<f64> = (0..samples).map(|_| g.draw()).collect();
         let y: Vec<f64> = if on_output {
-            clean
-                .iter()
-                .zip(&white)
-                .map(|(x, e)| x + noise * size * e)
-                .collect()
+            clean.iter().zip(&white).map(|(x, e)| x + noise * size * e).collect()
         } else {
             // The resonance amplifies what enters the recursion about sixfold.
-            respond(
-                &white
-                    .iter()
-                    .map(|e| noise * size / 6.0 * e)
-                    .collect::<Vec<_>>(),
-            )
+            respond(&white.iter().map(|e| noise * size / 6.0 * e).collect::<Vec<_>>())
         };
         let y: Vec<f64> = y.iter().zip(&u).map(|(y, u)| y + direct * u).collect();
-        run(
-            &Array2::from_shape_vec((samples, 1), u).unwrap(),
-            &Array2::from_shape_vec((samples, 1), y).unwrap(),
-        )
-        .unwrap()
+        run(&Array2::from_shape_vec((samples, 1), u).unwrap(), &Array2::from_shape_vec((samples, 1), y).unwrap())
+            .unwrap()
     }
 
     #[test]
@@ -380,13 +329,7 @@ mod tests {
     }
 
     /// Noise over the output's RMS, and whether it is on the output or within the recursion.
-    const NOISES: [(f64, bool); 5] = [
-        (0.0, true),
-        (0.01, true),
-        (0.3, true),
-        (0.01, false),
-        (0.3, false),
-    ];
+    const NOISES: [(f64, bool); 5] = [(0.0, true), (0.01, true), (0.3, true), (0.01, false), (0.3, false)];
 
     #[test]
     fn a_trace_is_significant_but_not_relevant() {
@@ -432,12 +375,7 @@ mod tests {
         let said = run(&sine, &y).unwrap_err().to_string();
         assert!(said.contains("`u1` follows from the past"), "{said}");
         let few = |a: &Array2<f64>| a.slice(s![..15, ..]).to_owned();
-        assert!(
-            run(&few(&y), &few(&y))
-                .unwrap_err()
-                .to_string()
-                .contains("15 samples")
-        );
+        assert!(run(&few(&y), &few(&y)).unwrap_err().to_string().contains("15 samples"));
         let u = Array2::from_shape_simple_fn((500, 1), || g.draw());
         let mut gaps = y.clone();
         gaps.slice_mut(s![..;20, ..]).fill(f64::NAN);
@@ -467,10 +405,7 @@ mod tests {
         let one: Vec<f64> = (0..period)
             .map(|k| {
                 let turn = 2.0 * PI * k as f64 / period as f64;
-                lines
-                    .iter()
-                    .map(|(l, phase)| (l * turn + phase).cos())
-                    .sum()
+                lines.iter().map(|(l, phase)| (l * turn + phase).cos()).sum()
             })
             .collect();
         let mut u = Array2::from_shape_fn((samples, 1), |(k, _)| one[k % period]);
@@ -481,11 +416,7 @@ mod tests {
             let step = (continuous / 400.0).exp();
             let mut state = Vector3::zeros();
             for k in 0..samples {
-                y[[k, 0]] += if velocity {
-                    w * state[1]
-                } else {
-                    w * w * state[0]
-                };
+                y[[k, 0]] += if velocity { w * state[1] } else { w * w * state[0] };
                 state[2] = u[[k, 0]];
                 state = step * state;
             }

@@ -27,12 +27,7 @@ const OVERSAMPLED: f64 = 0.125;
 const RATE_OVER_BAND: f64 = 3.125;
 
 /// Bands of inputs and of outputs.
-pub fn bands(
-    segments: &[Segment],
-    input_names: &[String],
-    output_names: &[String],
-    rate_hz: f64,
-) -> [Vec<Band>; 2] {
+pub fn bands(segments: &[Segment], input_names: &[String], output_names: &[String], rate_hz: f64) -> [Vec<Band>; 2] {
     let inputs = input_names
         .iter()
         .enumerate()
@@ -53,21 +48,13 @@ pub fn warnings(inputs: &[Band], outputs: &[Band], rate_hz: f64) -> Vec<Warning>
     let mut warnings: Vec<Warning> = inputs
         .iter()
         .filter(|b| b.high_hz > 0.0 && b.high_hz - b.low_hz < NARROW * nyquist)
-        .map(|b| Warning::NarrowBand {
-            channel: b.channel.clone(),
-            low_hz: b.low_hz,
-            high_hz: b.high_hz,
-        })
+        .map(|b| Warning::NarrowBand { channel: b.channel.clone(), low_hz: b.low_hz, high_hz: b.high_hz })
         .collect();
     let widest = |bands: &[Band]| bands.iter().map(|b| b.high_hz).fold(0.0, f64::max);
     let band_hz = widest(inputs).min(widest(outputs));
     if band_hz > 0.0 && band_hz < OVERSAMPLED * rate_hz {
         let ratio = (rate_hz / (RATE_OVER_BAND * band_hz)).floor().max(1.0);
-        warnings.push(Warning::Oversampled {
-            rate_hz,
-            band_hz,
-            suggested_hz: rate_hz / ratio,
-        });
+        warnings.push(Warning::Oversampled { rate_hz, band_hz, suggested_hz: rate_hz / ratio });
     }
     warnings
 }
@@ -75,10 +62,7 @@ pub fn warnings(inputs: &[Band], outputs: &[Band], rate_hz: f64) -> Vec<Warning>
 /// From the longest part: the accumulated power of its spectrum. A channel that is constant has
 /// the band from 0 to 0 Hz.
 fn band<'a>(channel: &str, parts: impl Iterator<Item = ArrayView1<'a, f64>>, rate_hz: f64) -> Band {
-    let power = parts
-        .max_by_key(|part| part.len())
-        .map(periodogram)
-        .unwrap_or_default();
+    let power = parts.max_by_key(|part| part.len()).map(periodogram).unwrap_or_default();
     let total: f64 = power.iter().sum();
     let edge = |share: f64| {
         let mut sum = 0.0;
@@ -90,16 +74,8 @@ fn band<'a>(channel: &str, parts: impl Iterator<Item = ArrayView1<'a, f64>>, rat
         let lines = power.len().saturating_sub(1).max(1);
         line.unwrap_or(0) as f64 * rate_hz / 2.0 / lines as f64
     };
-    let (low_hz, high_hz) = if total > 0.0 {
-        (edge(0.005), edge(0.995))
-    } else {
-        (0.0, 0.0)
-    };
-    Band {
-        channel: channel.into(),
-        low_hz,
-        high_hz,
-    }
+    let (low_hz, high_hz) = if total > 0.0 { (edge(0.005), edge(0.995)) } else { (0.0, 0.0) };
+    Band { channel: channel.into(), low_hz, high_hz }
 }
 
 /// Power at the lines from 0 to the Nyquist frequency, about the mean and under a Hann window;
@@ -121,13 +97,8 @@ fn periodogram(values: ArrayView1<f64>) -> Vec<f64> {
             Complex::new(window * about, 0.0)
         })
         .collect();
-    FftPlanner::new()
-        .plan_fft_forward(samples)
-        .process(&mut spectrum);
-    spectrum[..=samples / 2]
-        .iter()
-        .map(Complex::norm_sqr)
-        .collect()
+    FftPlanner::new().plan_fft_forward(samples).process(&mut spectrum);
+    spectrum[..=samples / 2].iter().map(Complex::norm_sqr).collect()
 }
 
 #[cfg(test)]
@@ -143,24 +114,15 @@ mod tests {
     /// Sines from `low` to `high` Hz at 400 Hz, in steps of 0.5 Hz, of random phase.
     fn multisine(low: f64, high: f64) -> Array2<f64> {
         let mut g = Gaussian::new(4);
-        let tones: Vec<(f64, f64)> = (0..)
-            .map(|i| low + 0.5 * i as f64)
-            .take_while(|hz| *hz <= high)
-            .map(|hz| (hz, 6.0 * g.draw()))
-            .collect();
+        let tones: Vec<(f64, f64)> =
+            (0..).map(|i| low + 0.5 * i as f64).take_while(|hz| *hz <= high).map(|hz| (hz, 6.0 * g.draw())).collect();
         Array2::from_shape_fn((8000, 1), |(k, _)| {
-            tones
-                .iter()
-                .map(|(hz, phase)| (2.0 * PI * hz * k as f64 / 400.0 + phase).sin())
-                .sum::<f64>()
+            tones.iter().map(|(hz, phase)| (2.0 * PI * hz * k as f64 / 400.0 + phase).sin()).sum::<f64>()
         })
     }
 
     fn found(u: &Array2<f64>, y: &Array2<f64>) -> ([Vec<Band>; 2], Vec<Warning>) {
-        let segment = Segment {
-            inputs: u.view(),
-            outputs: y.view(),
-        };
+        let segment = Segment { inputs: u.view(), outputs: y.view() };
         let both = bands(&[segment], &names("u"), &names("y"), 400.0);
         let said = warnings(&both[0], &both[1], 400.0);
         (both, said)
@@ -191,10 +153,7 @@ mod tests {
         // White excitation of a slow plant: the output decides.
         let u = u.slice(ndarray::s![..8000, ..]).to_owned();
         let (_, warnings) = found(&u, &multisine(1.0, 10.0));
-        assert!(
-            matches!(warnings[..], [Warning::Oversampled { .. }]),
-            "{warnings:?}"
-        );
+        assert!(matches!(warnings[..], [Warning::Oversampled { .. }]), "{warnings:?}");
     }
 
     #[test]

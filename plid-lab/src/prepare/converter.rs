@@ -43,9 +43,7 @@ pub fn converter_step(values: ArrayView1<f64>) -> Option<ConverterStep> {
     let code_mean = codes.iter().sum::<f64>() / count;
     let value_mean = sorted.iter().sum::<f64>() / count;
     let pairs = || codes.iter().zip(&sorted);
-    let across: f64 = pairs()
-        .map(|(n, v)| (n - code_mean) * (v - value_mean))
-        .sum();
+    let across: f64 = pairs().map(|(n, v)| (n - code_mean) * (v - value_mean)).sum();
     let along: f64 = codes.iter().map(|n| (n - code_mean).powi(2)).sum();
     if along == 0.0 {
         return None;
@@ -53,11 +51,7 @@ pub fn converter_step(values: ArrayView1<f64>) -> Option<ConverterStep> {
     let step = across / along;
     let off = |(n, v): (&f64, &f64)| (v - value_mean - step * (n - code_mean)).abs();
     let fits = pairs().all(|pair| off(pair) <= 0.1 * step);
-    (fits && step > 0.0).then_some(ConverterStep {
-        step,
-        variance: step * step / 12.0,
-        codes: codes.len(),
-    })
+    (fits && step > 0.0).then_some(ConverterStep { step, variance: step * step / 12.0, codes: codes.len() })
 }
 
 #[cfg(test)]

@@ -190,18 +190,12 @@ mod tests {
     #[test]
     fn other_ratios_name_the_nearest_rates() {
         let error = plan(400.0, 150.0).unwrap_err();
-        let PrepareError::DecimationRatio {
-            below_hz, above_hz, ..
-        } = error
-        else {
+        let PrepareError::DecimationRatio { below_hz, above_hz, .. } = error else {
             panic!("{error}");
         };
         assert!((below_hz - 400.0 / 3.0).abs() < 1e-9 && above_hz == 200.0);
         for to in [0.0, -50.0, f64::NAN, 500.0] {
-            assert!(matches!(
-                plan(400.0, to),
-                Err(PrepareError::DecimationRate { .. })
-            ));
+            assert!(matches!(plan(400.0, to), Err(PrepareError::DecimationRate { .. })));
         }
         assert_eq!(plan(400.0, 400.0).unwrap().edge, 0);
     }

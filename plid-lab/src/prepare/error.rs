@@ -11,9 +11,7 @@ pub enum PrepareError {
     #[error("there is no record to prepare")]
     NoRecords,
     /// The shares of training data do not fit the records.
-    #[error(
-        "training shares {shares:?} do not fit {records} records: one share from 0 to 1 for each, not all 0"
-    )]
+    #[error("training shares {shares:?} do not fit {records} records: one share from 0 to 1 for each, not all 0")]
     TrainingShares {
         /// As given.
         shares: Vec<f64>,
@@ -29,9 +27,7 @@ pub enum PrepareError {
         to_hz: f64,
     },
     /// The rate to decimate to is no integer fraction of the rate of the data.
-    #[error(
-        "{to_hz} Hz is no integer fraction of {from_hz} Hz; the nearest are {below_hz} and {above_hz} Hz"
-    )]
+    #[error("{to_hz} Hz is no integer fraction of {from_hz} Hz; the nearest are {below_hz} and {above_hz} Hz")]
     DecimationRatio {
         /// Rate of the data in Hz.
         from_hz: f64,

@@ -28,15 +28,9 @@ impl Excitation {
     /// What the reader of a report must know.
     pub fn warnings(&self) -> Vec<Warning> {
         if self.order < self.depth {
-            vec![Warning::PoorExcitation {
-                order: self.order,
-                wanted: self.depth,
-            }]
+            vec![Warning::PoorExcitation { order: self.order, wanted: self.depth }]
         } else if self.condition > ILL_CONDITIONED {
-            vec![Warning::IllConditionedInput {
-                depth: self.depth,
-                condition: self.condition,
-            }]
+            vec![Warning::IllConditionedInput { depth: self.depth, condition: self.condition }]
         } else {
             Vec::new()
         }
@@ -50,10 +44,7 @@ impl Excitation {
 pub fn excitation(segments: &[Segment], depth: usize) -> Excitation {
     let m = segments.first().map_or(0, |s| s.inputs.ncols());
     let enough = |d: usize| {
-        let windows: usize = segments
-            .iter()
-            .map(|s| (s.inputs.nrows() + 1).saturating_sub(d))
-            .sum();
+        let windows: usize = segments.iter().map(|s| (s.inputs.nrows() + 1).saturating_sub(d)).sum();
         windows >= m * d
     };
     let possible = (0..=depth).rev().find(|&d| enough(d)).unwrap_or(0);
@@ -67,15 +58,7 @@ pub fn excitation(segments: &[Segment], depth: usize) -> Excitation {
             too_deep = middle;
         }
     }
-    Excitation {
-        order,
-        depth,
-        condition: if order == depth {
-            spread(segments, depth)
-        } else {
-            f64::INFINITY
-        },
-    }
+    Excitation { order, depth, condition: if order == depth { spread(segments, depth) } else { f64::INFINITY } }
 }
 
 /// Largest over smallest eigenvalue of the block Hankel covariance; infinite if that is zero.
@@ -84,9 +67,7 @@ fn spread(segments: &[Segment], depth: usize) -> f64 {
     if depth == 0 || m == 0 {
         return 1.0;
     }
-    let scales: Vec<f64> = (0..m)
-        .map(|j| super::segment::rms(segments.iter().map(|s| s.inputs.column(j))))
-        .collect();
+    let scales: Vec<f64> = (0..m).map(|j| super::segment::rms(segments.iter().map(|s| s.inputs.column(j)))).collect();
     if scales.contains(&0.0) {
         return f64::INFINITY;
     }
@@ -108,8 +89,7 @@ fn spread(segments: &[Segment], depth: usize) -> f64 {
                             gram[(j, i)] += sum;
                         }
                         if row + lag + 1 < depth {
-                            sum += u(row + windows, a) * u(row + windows + lag, b)
-                                - u(row, a) * u(row + lag, b);
+                            sum += u(row + windows, a) * u(row + windows + lag, b) - u(row, a) * u(row + lag, b);
                         }
                     }
                 }
@@ -118,11 +98,7 @@ fn spread(segments: &[Segment], depth: usize) -> f64 {
     }
     let eigenvalues = gram.symmetric_eigenvalues();
     let (low, high) = (eigenvalues.min(), eigenvalues.max());
-    if low > ZERO * high {
-        high / low
-    } else {
-        f64::INFINITY
-    }
+    if low > ZERO * high { high / low } else { f64::INFINITY }
 }
 
 #[cfg(test)]
@@ -134,10 +110,7 @@ mod tests {
 
     fn of(inputs: &Array2<f64>, depth: usize) -> Excitation {
         let outputs = Array2::zeros((inputs.nrows(), 1));
-        let segment = Segment {
-            inputs: inputs.view(),
-            outputs: outputs.view(),
-        };
+        let segment = Segment { inputs: inputs.view(), outputs: outputs.view() };
         excitation(&[segment], depth)
     }
 
@@ -145,16 +118,12 @@ mod tests {
     fn s_sines_excite_to_order_2s_and_a_mean_adds_one() {
         for (sines, mean, order) in [(1, 0.0, 2), (3, 0.0, 6), (3, 1.0, 7), (0, 1.0, 1)] {
             let u = Array2::from_shape_fn((1000, 1), |(k, _)| {
-                let tones =
-                    (0..sines).map(|s| (2.0 * PI * (0.07 + 0.11 * s as f64) * k as f64).sin());
+                let tones = (0..sines).map(|s| (2.0 * PI * (0.07 + 0.11 * s as f64) * k as f64).sin());
                 mean + tones.sum::<f64>()
             });
             let found = of(&u, 20);
             assert_eq!(found.order, order);
-            assert_eq!(
-                found.warnings(),
-                [Warning::PoorExcitation { order, wanted: 20 }]
-            );
+            assert_eq!(found.warnings(), [Warning::PoorExcitation { order, wanted: 20 }]);
             assert_eq!(of(&u, order).warnings(), []);
         }
     }

@@ -92,10 +92,7 @@ pub fn prepare(
         || !training_shares.iter().all(in_range)
         || training_shares.iter().all(|share| *share == 0.0)
     {
-        return Err(PrepareError::TrainingShares {
-            shares: training_shares.to_vec(),
-            records: records.len(),
-        });
+        return Err(PrepareError::TrainingShares { shares: training_shares.to_vec(), records: records.len() });
     }
     let mut steps = Vec::new();
     let mut warnings = Vec::new();
@@ -110,12 +107,7 @@ pub fn prepare(
     let rate_hz = records[0].sample_rate_hz;
     let input_names = records[0].input_names.clone();
     let output_names = records[0].output_names.clone();
-    let bands = band::bands(
-        &heads(&records, &training),
-        &input_names,
-        &output_names,
-        rate_hz,
-    );
+    let bands = band::bands(&heads(&records, &training), &input_names, &output_names, rate_hz);
     warnings.extend(band::warnings(&bands[0], &bands[1], rate_hz));
 
     let lines = trend::remove(&mut records, &training, preparation.trend);
@@ -147,13 +139,10 @@ pub fn prepare(
             // The last training sample would take its input from the held-out part.
             *training = training.saturating_sub(1);
         }
-        steps.push(Step::Advanced {
-            by_test: preparation.advance == Advance::Auto,
-        });
+        steps.push(Step::Advanced { by_test: preparation.advance == Advance::Auto });
     }
 
-    let [input_scales, output_scales] =
-        scaling::apply(&mut records, &training, preparation.scaling);
+    let [input_scales, output_scales] = scaling::apply(&mut records, &training, preparation.scaling);
     if preparation.scaling == scaling::Scaling::Rms {
         steps.push(Step::Scaled);
     }
@@ -188,21 +177,16 @@ fn average_repeats(
         return Ok((records, Vec::new()));
     };
     let groups = match how.period {
-        Some(period) => records
-            .iter()
-            .map(|record| repeats::periods(record, period, how.skip))
-            .collect::<Result<Vec<_>, _>>()?,
+        Some(period) => {
+            records.iter().map(|record| repeats::periods(record, period, how.skip)).collect::<Result<Vec<_>, _>>()?
+        }
         None => vec![records.into_iter().skip(how.skip).collect()],
     };
     let mut averages = Vec::new();
     let mut noise = Vec::new();
     for group in &groups {
         let averaged = repeats::average(group, how.tolerance)?;
-        steps.push(Step::Averaged {
-            repeats: averaged.repeats,
-            samples: averaged.record.samples(),
-            skipped: how.skip,
-        });
+        steps.push(Step::Averaged { repeats: averaged.repeats, samples: averaged.record.samples(), skipped: how.skip });
         noise.push((averaged.noise, averaged.repeats));
         averages.push(averaged.record);
     }
@@ -235,34 +219,17 @@ fn decimate_all(
 impl Prepared {
     /// Outputs of record `record` (from 0), from its sample `first` on, in the data's units.
     /// Samples x p, measured or simulated.
-    pub fn outputs_in_units(
-        &self,
-        record: usize,
-        first: usize,
-        outputs: &Array2<f64>,
-    ) -> Array2<f64> {
+    pub fn outputs_in_units(&self, record: usize, first: usize, outputs: &Array2<f64>) -> Array2<f64> {
         self.in_units(record, 1, first, &self.output_scales, outputs)
     }
 
     /// Inputs of record `record` (from 0), from its sample `first` on, in the data's units.
     /// Samples x m. An advanced input stays advanced.
-    pub fn inputs_in_units(
-        &self,
-        record: usize,
-        first: usize,
-        inputs: &Array2<f64>,
-    ) -> Array2<f64> {
+    pub fn inputs_in_units(&self, record: usize, first: usize, inputs: &Array2<f64>) -> Array2<f64> {
         self.in_units(record, 0, first + self.advanced, &self.input_scales, inputs)
     }
 
-    fn in_units(
-        &self,
-        record: usize,
-        side: usize,
-        first: usize,
-        scales: &[f64],
-        values: &Array2<f64>,
-    ) -> Array2<f64> {
+    fn in_units(&self, record: usize, side: usize, first: usize, scales: &[f64], values: &Array2<f64>) -> Array2<f64> {
         let rate_hz = self.records[record].sample_rate_hz;
         let lines = &self.lines[record][side];
         Array2::from_shape_fn(values.dim(), |(k, i)| {
@@ -282,10 +249,7 @@ mod tests {
         let mut g = Gaussian::new(seed);
         let inputs = Array2::from_shape_fn((samples, 1), |(k, _)| 7.0 + 0.01 * k as f64 + g.draw());
         let outputs = Array2::from_shape_fn((samples, 2), |(k, i)| {
-            100.0
-                * (i as f64 + 1.0)
-                * (inputs[[k, 0]] + if k > 0 { 0.5 * inputs[[k - 1, 0]] } else { 0.0 })
-                + g.draw()
+            100.0 * (i as f64 + 1.0) * (inputs[[k, 0]] + if k > 0 { 0.5 * inputs[[k - 1, 0]] } else { 0.0 }) + g.draw()
         });
         Record {
             sample_rate_hz: 400.0,
@@ -324,10 +288,7 @@ mod tests {
                 }
                 assert!((inputs[[k, 0]] - plain.inputs[[k + 1, 0]]).abs() < 1e-9);
             }
-            let tail = prepared.records[r]
-                .outputs
-                .slice(ndarray::s![50.., ..])
-                .to_owned();
+            let tail = prepared.records[r].outputs.slice(ndarray::s![50.., ..]).to_owned();
             let back = prepared.outputs_in_units(r, 50, &tail);
             assert!((back[[0, 1]] - plain.outputs[[50, 1]]).abs() < 1e-8);
         }
@@ -341,17 +302,11 @@ mod tests {
         let mut other = raw.clone();
         other.outputs.slice_mut(ndarray::s![3000.., ..]).fill(1e3);
         other.inputs.slice_mut(ndarray::s![3000.., ..]).fill(-9.0);
-        let how = Preparation {
-            decimate_to_hz: None,
-            ..all_steps()
-        };
+        let how = Preparation { decimate_to_hz: None, ..all_steps() };
         let a = prepare(vec![raw], &[0.75], &how).unwrap();
         let b = prepare(vec![other], &[0.75], &how).unwrap();
         assert_eq!(a.lines, b.lines);
-        assert_eq!(
-            (a.input_scales, a.output_scales),
-            (b.input_scales, b.output_scales)
-        );
+        assert_eq!((a.input_scales, a.output_scales), (b.input_scales, b.output_scales));
         assert_eq!(a.advance_test, b.advance_test);
         assert_eq!(a.bands, b.bands);
     }
@@ -359,10 +314,7 @@ mod tests {
     #[test]
     fn the_config_overrules_the_test() {
         for (advance, advanced) in [(Advance::No, 0), (Advance::Yes, 1), (Advance::Auto, 1)] {
-            let how = Preparation {
-                advance,
-                ..Preparation::default()
-            };
+            let how = Preparation { advance, ..Preparation::default() };
             let prepared = prepare(vec![record(1, 1000)], &[1.0], &how).unwrap();
             assert_eq!(prepared.advanced, advanced);
             assert_eq!(prepared.records[0].samples(), 1000 - advanced);
@@ -375,49 +327,28 @@ mod tests {
     fn repeats_are_averaged_first() {
         let one = record(1, 1000);
         let stack = |a: &Array2<f64>| ndarray::concatenate![ndarray::Axis(0), *a, *a, *a];
-        let raw = Record {
-            inputs: stack(&one.inputs),
-            outputs: stack(&one.outputs),
-            ..one.clone()
-        };
+        let raw = Record { inputs: stack(&one.inputs), outputs: stack(&one.outputs), ..one.clone() };
         let mut how: Preparation =
             toml::from_str("trend = \"none\"\nscaling = \"none\"\nadvance = 0\nrepeats = { period = 1000, skip = 1 }")
                 .unwrap();
         let prepared = prepare(vec![raw], &[1.0], &how).unwrap();
-        assert!(
-            (&prepared.records[0].outputs - &one.outputs)
-                .iter()
-                .all(|v| v.abs() < 1e-9)
-        );
+        assert!((&prepared.records[0].outputs - &one.outputs).iter().all(|v| v.abs() < 1e-9));
         assert_eq!(prepared.repeat_noise[0].1, 2);
-        assert!(
-            prepared.steps[0]
-                .to_string()
-                .starts_with("2 repeats of 1000 samples")
-        );
+        assert!(prepared.steps[0].to_string().starts_with("2 repeats of 1000 samples"));
         how.repeats = toml::from_str("skip = 0").ok();
         let prepared = prepare(vec![one.clone(), one.clone()], &[1.0, 0.0], &how).unwrap();
-        assert_eq!(
-            (prepared.records.len(), prepared.training.clone()),
-            (1, vec![1000])
-        );
+        assert_eq!((prepared.records.len(), prepared.training.clone()), (1, vec![1000]));
     }
 
     #[test]
     fn records_and_shares_must_fit() {
         let how = Preparation::default();
-        assert!(matches!(
-            prepare(Vec::new(), &[], &how),
-            Err(PrepareError::NoRecords)
-        ));
+        assert!(matches!(prepare(Vec::new(), &[], &how), Err(PrepareError::NoRecords)));
         for shares in [&[][..], &[0.0], &[1.5], &[f64::NAN], &[0.5, 0.5]] {
             let error = prepare(vec![record(1, 100)], shares, &how).unwrap_err();
             assert!(matches!(error, PrepareError::TrainingShares { .. }));
         }
-        let other = Record {
-            sample_rate_hz: 100.0,
-            ..record(1, 100)
-        };
+        let other = Record { sample_rate_hz: 100.0, ..record(1, 100) };
         let error = prepare(vec![record(1, 100), other], &[1.0, 1.0], &how).unwrap_err();
         assert!(error.to_string().contains("record 2"), "{error}");
     }

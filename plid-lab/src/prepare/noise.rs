@@ -21,15 +21,9 @@ impl NoiseCovariance {
     pub(super) fn new(sum: Array2<f64>, freedom: usize) -> Result<Self, PrepareError> {
         let outputs = sum.nrows();
         if freedom <= outputs {
-            return Err(PrepareError::TooFewForNoise {
-                samples: freedom,
-                outputs,
-            });
+            return Err(PrepareError::TooFewForNoise { samples: freedom, outputs });
         }
-        Ok(Self {
-            covariance: sum / freedom as f64,
-            freedom,
-        })
+        Ok(Self { covariance: sum / freedom as f64, freedom })
     }
 
     /// RMS of the noise of each output: the noise floor of a single measurement.
@@ -45,38 +39,22 @@ impl NoiseCovariance {
 ///
 /// # Errors
 /// If an input is not zero, or if there are too few complete samples.
-pub fn noise_from_zero_input(
-    record: &Record,
-    input_limit: f64,
-) -> Result<NoiseCovariance, PrepareError> {
+pub fn noise_from_zero_input(record: &Record, input_limit: f64) -> Result<NoiseCovariance, PrepareError> {
     for (channel, column) in record.input_names.iter().zip(record.inputs.columns()) {
         let about = &column - mean([column]);
         let size = rms([about.view()]);
         // The mean of equal numbers is not quite that number.
         let rounding = 1e-12 * rms([column]);
         if size.is_nan() || size > input_limit + rounding {
-            return Err(PrepareError::InputNotZero {
-                channel: channel.clone(),
-                rms: size,
-                limit: input_limit,
-            });
+            return Err(PrepareError::InputNotZero { channel: channel.clone(), rms: size, limit: input_limit });
         }
     }
     let p = record.outputs.ncols();
-    let complete: Vec<_> = record
-        .outputs
-        .rows()
-        .into_iter()
-        .filter(|row| row.iter().all(|v| !v.is_nan()))
-        .collect();
-    let means: Vec<f64> = (0..p)
-        .map(|i| complete.iter().map(|row| row[i]).sum::<f64>() / complete.len() as f64)
-        .collect();
+    let complete: Vec<_> = record.outputs.rows().into_iter().filter(|row| row.iter().all(|v| !v.is_nan())).collect();
+    let means: Vec<f64> =
+        (0..p).map(|i| complete.iter().map(|row| row[i]).sum::<f64>() / complete.len() as f64).collect();
     let sum = Array2::from_shape_fn((p, p), |(i, j)| {
-        complete
-            .iter()
-            .map(|row| (row[i] - means[i]) * (row[j] - means[j]))
-            .sum()
+        complete.iter().map(|row| (row[i] - means[i]) * (row[j] - means[j])).sum()
     });
     NoiseCovariance::new(sum, complete.len().saturating_sub(1))
 }

@@ -4,17 +4,9 @@ use crate::data::real_files::real_file;
 use crate::data::{MissingPolicy, read, select};
 
 fn prepared(file: &str, inputs: &str, outputs: &str, how: &Preparation) -> Option<Prepared> {
-    let names =
-        |text: &str| -> Vec<String> { text.split_whitespace().map(str::to_owned).collect() };
+    let names = |text: &str| -> Vec<String> { text.split_whitespace().map(str::to_owned).collect() };
     let table = read(&real_file(file)?, None).unwrap();
-    let (record, _) = select(
-        &table,
-        &names(inputs),
-        &names(outputs),
-        None,
-        MissingPolicy::Error,
-    )
-    .unwrap();
+    let (record, _) = select(&table, &names(inputs), &names(outputs), None, MissingPolicy::Error).unwrap();
     Some(prepare(vec![record], &[0.75], how).unwrap())
 }
 
@@ -24,10 +16,7 @@ const F16_OUTPUTS: &str = "Acceleration1 Acceleration2 Acceleration3";
 #[test]
 fn f16_answers_at_once_and_is_sampled_too_fast() {
     for (to_hz, advanced) in [(None, 1), (Some(50.0), 1)] {
-        let how = Preparation {
-            decimate_to_hz: to_hz,
-            ..Preparation::default()
-        };
+        let how = Preparation { decimate_to_hz: to_hz, ..Preparation::default() };
         let Some(p) = prepared(F16, "Force", F16_OUTPUTS, &how) else {
             return;
         };
@@ -46,8 +35,7 @@ fn f16_answers_at_once_and_is_sampled_too_fast() {
 
 #[test]
 fn f16_periods_show_its_noise() {
-    let how: Preparation =
-        toml::from_str("repeats = { period = 8192, skip = 1, tolerance = 0.05 }").unwrap();
+    let how: Preparation = toml::from_str("repeats = { period = 8192, skip = 1, tolerance = 0.05 }").unwrap();
     let Some(p) = prepared(F16, "Force", F16_OUTPUTS, &how) else {
         return;
     };

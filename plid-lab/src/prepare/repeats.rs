@@ -67,9 +67,7 @@ pub fn periods(record: &Record, period: usize, skip: usize) -> Result<Vec<Record
 /// not repeat to within `tolerance`.
 pub fn average(repeats: &[Record], tolerance: f64) -> Result<Averaged, PrepareError> {
     let [first, _, ..] = repeats else {
-        return Err(PrepareError::TooFewRepeats {
-            found: repeats.len(),
-        });
+        return Err(PrepareError::TooFewRepeats { found: repeats.len() });
     };
     require_alike(repeats)?;
     if let Some(i) = repeats.iter().position(|r| r.samples() != first.samples()) {
@@ -81,17 +79,8 @@ pub fn average(repeats: &[Record], tolerance: f64) -> Result<Averaged, PrepareEr
     }
     let inputs = mean_of(repeats, |r| &r.inputs);
     let input_mismatch = mismatch(repeats, &inputs, tolerance)?;
-    let record = Record {
-        inputs,
-        outputs: mean_of(repeats, |r| &r.outputs),
-        ..first.clone()
-    };
-    Ok(Averaged {
-        noise: noise_from_repeats(repeats)?,
-        record,
-        repeats: repeats.len(),
-        input_mismatch,
-    })
+    let record = Record { inputs, outputs: mean_of(repeats, |r| &r.outputs), ..first.clone() };
+    Ok(Averaged { noise: noise_from_repeats(repeats)?, record, repeats: repeats.len(), input_mismatch })
 }
 
 /// Covariance of the outputs' noise in a single repeat, from the spread about the mean of the
@@ -101,9 +90,7 @@ pub fn average(repeats: &[Record], tolerance: f64) -> Result<Averaged, PrepareEr
 /// If there are fewer than two repeats or too few complete samples.
 pub fn noise_from_repeats(repeats: &[Record]) -> Result<NoiseCovariance, PrepareError> {
     let [first, _, ..] = repeats else {
-        return Err(PrepareError::TooFewRepeats {
-            found: repeats.len(),
-        });
+        return Err(PrepareError::TooFewRepeats { found: repeats.len() });
     };
     let p = first.outputs.ncols();
     let mut sum = Array2::<f64>::zeros((p, p));
@@ -113,10 +100,7 @@ pub fn noise_from_repeats(repeats: &[Record]) -> Result<NoiseCovariance, Prepare
         if rows.iter().any(|row| row.iter().any(|v| v.is_nan())) {
             continue;
         }
-        let mean = rows
-            .iter()
-            .fold(Array1::zeros(p), |a: Array1<f64>, b| a + b)
-            / repeats.len() as f64;
+        let mean = rows.iter().fold(Array1::zeros(p), |a: Array1<f64>, b| a + b) / repeats.len() as f64;
         for row in rows {
             let d = &row - &mean;
             for i in 0..p {
@@ -133,21 +117,13 @@ pub fn noise_from_repeats(repeats: &[Record]) -> Result<NoiseCovariance, Prepare
 
 fn mean_of(repeats: &[Record], side: fn(&Record) -> &Array2<f64>) -> Array2<f64> {
     Array2::from_shape_fn(side(&repeats[0]).dim(), |at| {
-        let present: Vec<f64> = repeats
-            .iter()
-            .map(|r| side(r)[at])
-            .filter(|v| !v.is_nan())
-            .collect();
+        let present: Vec<f64> = repeats.iter().map(|r| side(r)[at]).filter(|v| !v.is_nan()).collect();
         // No value at all gives 0 / 0, which marks the sample as missing.
         present.iter().sum::<f64>() / present.len() as f64
     })
 }
 
-fn mismatch(
-    repeats: &[Record],
-    mean: &Array2<f64>,
-    tolerance: f64,
-) -> Result<Vec<f64>, PrepareError> {
+fn mismatch(repeats: &[Record], mean: &Array2<f64>, tolerance: f64) -> Result<Vec<f64>, PrepareError> {
     let mut largest = vec![0.0_f64; mean.ncols()];
     for (r, repeat) in repeats.iter().enumerate() {
         for (j, channel) in repeat.input_names.iter().enumerate() {
@@ -204,12 +180,7 @@ mod tests {
         assert!(averaged.input_mismatch[0] < 1e-12);
         let c = &averaged.noise.covariance;
         // 4500 degrees of freedom: a standard error of sqrt(2 / 4500) = 2 %.
-        for (at, truth) in [
-            ([0, 0], 0.04),
-            ([1, 1], 0.05),
-            ([0, 1], 0.02),
-            ([1, 0], 0.02),
-        ] {
+        for (at, truth) in [([0, 0], 0.04), ([1, 1], 0.05), ([0, 1], 0.02), ([1, 0], 0.02)] {
             assert!((c[at] - truth).abs() < 0.004, "{at:?} {}", c[at]);
         }
         assert_eq!(averaged.noise.freedom, 4500);
@@ -254,13 +225,7 @@ mod tests {
         let mut repeats = periods(&raw, 500, 0).unwrap();
         repeats[3] = periods(&raw, 400, 0).unwrap().remove(0);
         let error = average(&repeats, 0.1).unwrap_err();
-        assert!(matches!(
-            error,
-            PrepareError::RepeatLength { repeat: 4, .. }
-        ));
-        assert!(matches!(
-            average(&[], 0.1),
-            Err(PrepareError::TooFewRepeats { .. })
-        ));
+        assert!(matches!(error, PrepareError::RepeatLength { repeat: 4, .. }));
+        assert!(matches!(average(&[], 0.1), Err(PrepareError::TooFewRepeats { .. })));
     }
 }

@@ -58,17 +58,11 @@ mod tests {
         let [inputs, outputs] = apply(&mut records, &[2], Scaling::Rms);
         assert_eq!(inputs, [3.0, 1.0]);
         assert_eq!(outputs, [0.1]);
-        assert_eq!(
-            records[0].inputs,
-            array![[1.0, 0.0], [-1.0, 0.0], [2.0, 5.0]]
-        );
+        assert_eq!(records[0].inputs, array![[1.0, 0.0], [-1.0, 0.0], [2.0, 5.0]]);
         assert!(records[0].outputs[[1, 0]].is_nan());
         assert_eq!(records[0].outputs[[2, 0]], 2.0);
 
         let mut records = vec![before];
-        assert_eq!(
-            apply(&mut records, &[2], Scaling::None),
-            [vec![1.0, 1.0], vec![1.0]]
-        );
+        assert_eq!(apply(&mut records, &[2], Scaling::None), [vec![1.0, 1.0], vec![1.0]]);
     }
 }

@@ -45,9 +45,5 @@ pub(super) fn rms<'a>(parts: impl IntoIterator<Item = ArrayView1<'a, f64>>) -> f
             count += 1;
         }
     }
-    if count == 0 {
-        0.0
-    } else {
-        (sum / count as f64).sqrt()
-    }
+    if count == 0 { 0.0 } else { (sum / count as f64).sqrt() }
 }

@@ -7,9 +7,7 @@ use serde::{Deserialize, Serialize};
 #[serde(tag = "step", rename_all = "kebab-case")]
 pub enum Step {
     /// Repeats of one input were averaged.
-    #[error(
-        "{repeats} repeats of {samples} samples were averaged ({skipped} left out at the start)"
-    )]
+    #[error("{repeats} repeats of {samples} samples were averaged ({skipped} left out at the start)")]
     Averaged {
         /// Repeats that went into the average.
         repeats: usize,
@@ -25,9 +23,7 @@ pub enum Step {
     #[error("the mean of each channel over the training part was removed")]
     MeanRemoved,
     /// Straight lines were removed.
-    #[error(
-        "a straight line, fitted to the training part of each record, was removed from each channel"
-    )]
+    #[error("a straight line, fitted to the training part of each record, was removed from each channel")]
     LineRemoved,
     /// The input was advanced.
     #[error("the input was advanced by one sample, because the plant {}", if *.by_test { "was found to answer within the sample" } else { "is said to answer within the sample" })]

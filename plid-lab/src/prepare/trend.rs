@@ -38,11 +38,7 @@ pub fn remove(records: &mut [Record], training: &[usize], trend: Trend) -> Vec<[
     let rates: Vec<f64> = records.iter().map(|r| r.sample_rate_hz).collect();
     let inputs = lines(records, |r| &mut r.inputs, training, &rates, trend);
     let outputs = lines(records, |r| &mut r.outputs, training, &rates, trend);
-    inputs
-        .into_iter()
-        .zip(outputs)
-        .map(|(u, y)| [u, y])
-        .collect()
+    inputs.into_iter().zip(outputs).map(|(u, y)| [u, y]).collect()
 }
 
 fn lines(
@@ -60,13 +56,8 @@ fn lines(
         let pooled = mean(heads.map(|(array, n)| array.slice(s![..*n, i])));
         for (r, array) in arrays.iter_mut().enumerate() {
             let line = match trend {
-                Trend::Linear if training[r] > 1 => {
-                    fit(array.slice(s![..training[r], i]), rates[r])
-                }
-                _ => Line {
-                    offset: pooled,
-                    slope_per_s: 0.0,
-                },
+                Trend::Linear if training[r] > 1 => fit(array.slice(s![..training[r], i]), rates[r]),
+                _ => Line { offset: pooled, slope_per_s: 0.0 },
             };
             for (k, value) in array.column_mut(i).iter_mut().enumerate() {
                 *value -= line.offset + line.slope_per_s * k as f64 / rates[r];
@@ -79,25 +70,15 @@ fn lines(
 
 /// Least-squares line through the values that are there.
 fn fit(values: ArrayView1<f64>, rate_hz: f64) -> Line {
-    let present: Vec<(f64, f64)> = values
-        .iter()
-        .enumerate()
-        .filter(|(_, v)| !v.is_nan())
-        .map(|(k, v)| (k as f64 / rate_hz, *v))
-        .collect();
+    let present: Vec<(f64, f64)> =
+        values.iter().enumerate().filter(|(_, v)| !v.is_nan()).map(|(k, v)| (k as f64 / rate_hz, *v)).collect();
     let count = (present.len() as f64).max(1.0);
     let t_mean = present.iter().map(|(t, _)| t).sum::<f64>() / count;
     let v_mean = present.iter().map(|(_, v)| v).sum::<f64>() / count;
-    let across: f64 = present
-        .iter()
-        .map(|(t, v)| (t - t_mean) * (v - v_mean))
-        .sum();
+    let across: f64 = present.iter().map(|(t, v)| (t - t_mean) * (v - v_mean)).sum();
     let along: f64 = present.iter().map(|(t, _)| (t - t_mean).powi(2)).sum();
     let slope = if along > 0.0 { across / along } else { 0.0 };
-    Line {
-        offset: v_mean - slope * t_mean,
-        slope_per_s: slope,
-    }
+    Line { offset: v_mean - slope * t_mean, slope_per_s: slope }
 }
 
 #[cfg(test)]
@@ -106,22 +87,13 @@ mod tests {
     use ndarray::array;
 
     fn record(inputs: Array2<f64>, outputs: Array2<f64>) -> Record {
-        Record {
-            sample_rate_hz: 2.0,
-            input_names: vec!["u".into()],
-            output_names: vec!["y".into()],
-            inputs,
-            outputs,
-        }
+        Record { sample_rate_hz: 2.0, input_names: vec!["u".into()], output_names: vec!["y".into()], inputs, outputs }
     }
 
     #[test]
     fn means_are_those_of_the_training_parts_together() {
         let mut records = vec![
-            record(
-                array![[1.0], [3.0], [99.0]],
-                array![[1.0], [f64::NAN], [7.0]],
-            ),
+            record(array![[1.0], [3.0], [99.0]], array![[1.0], [f64::NAN], [7.0]]),
             record(array![[8.0], [5.0]], array![[3.0], [5.0]]),
         ];
         let lines = remove(&mut records, &[2, 1], Trend::Mean);
@@ -146,10 +118,7 @@ mod tests {
     fn none_changes_nothing() {
         let before = record(array![[1.0], [3.0]], array![[1.0], [2.0]]);
         let mut records = vec![before.clone()];
-        assert_eq!(
-            remove(&mut records, &[2], Trend::None)[0][0],
-            [Line::default()]
-        );
+        assert_eq!(remove(&mut records, &[2], Trend::None)[0][0], [Line::default()]);
         assert_eq!(records[0], before);
     }
 }

@@ -21,7 +21,8 @@ pub(super) fn advise(outcome: &Outcome) -> Result<(Vec<String>, Vec<String>), Ru
     }
     if !free_run.is_finite() {
         warnings.push("the free run of the model diverges on the held-out part".into());
-        advice.push("Do not simulate with this model. Try fewer states, a lower sample rate, or a longer record.".into());
+        advice
+            .push("Do not simulate with this model. Try fewer states, a lower sample rate, or a longer record.".into());
     }
     let Some(one_step) = validation.one_step_errors.as_ref().map(|e| e.overall_relative) else {
         warnings.push("no predictor gain keeps the one-step prediction bounded".into());
@@ -60,7 +61,8 @@ pub(super) fn advise(outcome: &Outcome) -> Result<(Vec<String>, Vec<String>), Ru
         );
     }
     let deviations = mode_deviations(&outcome.canonical)?;
-    let vague = deviations.iter().filter(|d| d.mode.hz > 0.0 && d.hz_std.is_some_and(|std| std > VAGUE * d.mode.hz)).count();
+    let vague =
+        deviations.iter().filter(|d| d.mode.hz > 0.0 && d.hz_std.is_some_and(|std| std > VAGUE * d.mode.hz)).count();
     if 2 * vague > deviations.len() {
         advice.push(format!(
             "{vague} of {} modes are not told by the data (frequency known to no better than {:.0} %): fewer states may do as well.",
@@ -76,7 +78,10 @@ pub(super) fn advise(outcome: &Outcome) -> Result<(Vec<String>, Vec<String>), Ru
     if let Some(floor) = &validation.noise_floor {
         let floor = (floor.iter().map(|x| x * x).sum::<f64>() / floor.len() as f64).sqrt();
         if free_run.is_finite() && free_run < 1.2 * floor {
-            advice.push(format!("The free run reaches the noise floor ({:.2} %): more states cannot show in this record.", 100.0 * floor));
+            advice.push(format!(
+                "The free run reaches the noise floor ({:.2} %): more states cannot show in this record.",
+                100.0 * floor
+            ));
         }
     }
     Ok((warnings, advice))

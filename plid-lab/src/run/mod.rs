@@ -126,8 +126,14 @@ pub fn carry_out(
         .collect();
     let samples: usize = training.iter().map(Samples::len).sum();
     let last_training = *prepared.training.last().unwrap_or(&0);
-    if training.is_empty() || last_training < 8 || prepared.records[prepared.records.len() - 1].samples() <= last_training {
-        return Err(setting("training_share", format!("it leaves {last_training} samples to learn from, or none to hold out")));
+    if training.is_empty()
+        || last_training < 8
+        || prepared.records[prepared.records.len() - 1].samples() <= last_training
+    {
+        return Err(setting(
+            "training_share",
+            format!("it leaves {last_training} samples to learn from, or none to hold out"),
+        ));
     }
 
     let memory = std::sync::Mutex::new(saved.memory);
@@ -347,10 +353,7 @@ fn in_data_units(
     };
     let std = |covariance: &Dense<f64>| (0..covariance.rows()).map(|i| covariance.at(i, i).max(0.0).sqrt()).collect();
     let with_noise = Model {
-        noise: Noise {
-            sensor_std: Some(std(&plan.noise.sensor)),
-            actuator_std: Some(std(&plan.noise.actuator)),
-        },
+        noise: Noise { sensor_std: Some(std(&plan.noise.sensor)), actuator_std: Some(std(&plan.noise.actuator)) },
         predictor_gain: predictor.map(|p| p.gain.clone()),
         ..scaled.clone()
     };

@@ -101,8 +101,7 @@ pub(super) fn known(
             let table = data::read(&base.join(file), experiment.data.variable.as_deref())?;
             let first = &raw[0];
             let rate = Some(first.sample_rate_hz);
-            let (rest, _) =
-                data::extract(&table, &first.input_names, &first.output_names, rate, MissingPolicy::Error)?;
+            let (rest, _) = data::extract(&table, &first.input_names, &first.output_names, rate, MissingPolicy::Error)?;
             let largest = prepared.input_scales.iter().copied().fold(0.0, f64::max);
             let noise = noise_from_zero_input(&rest, REST * largest)?;
             measured(noise.covariance.diag().iter().map(|v| v * kept / repeats).collect())
@@ -156,12 +155,7 @@ impl Scales {
     }
 }
 
-fn matrix(
-    key: &'static str,
-    value: &Covariance,
-    size: usize,
-    reading: NoiseReading,
-) -> Result<Dense<f64>, RunError> {
+fn matrix(key: &'static str, value: &Covariance, size: usize, reading: NoiseReading) -> Result<Dense<f64>, RunError> {
     let square = |x: &f64| if reading == NoiseReading::Rms { x * x } else { *x };
     match value {
         Covariance::Common(x) => Ok(Dense::from_diagonal(&vec![square(x); size])),

@@ -140,7 +140,9 @@ fn verdict(outcome: &Outcome) -> Vec<String> {
         Some(errors) => format!("predicts them one step ahead with {}", percent(errors.overall_relative)),
         None => "has no stable one-step predictor".into(),
     };
-    let mut sentences = vec![format!("A model of {states} states {simulated} and {predicted} (RMS of the error over RMS of the output).")];
+    let mut sentences = vec![format!(
+        "A model of {states} states {simulated} and {predicted} (RMS of the error over RMS of the output)."
+    )];
     if let Some(truth) = &validation.truth_errors {
         sentences.push(format!(
             "The true plant itself leaves {}: noise that no model can simulate. The identified model is at {:.3} times that.",
@@ -190,10 +192,15 @@ fn measured_response(outcome: &Outcome, rate: f64) -> Option<WelchFrf> {
 fn response_caption(outcome: &Outcome, measured: Option<&WelchFrf>) -> String {
     let truth = if outcome.truth.is_some() { ", and the true plant" } else { "" };
     let measured = match measured {
-        Some(frf) => format!("measured (Welch, {} segments of {} samples; coherence above)", frf.segments_used, frf.segment_length),
+        Some(frf) => format!(
+            "measured (Welch, {} segments of {} samples; coherence above)",
+            frf.segments_used, frf.segment_length
+        ),
         None => "too short a record for a measured response".into(),
     };
-    format!("Transfer functions of every input-output pair: {measured}, identified with a band of two standard deviations{truth}.")
+    format!(
+        "Transfer functions of every input-output pair: {measured}, identified with a band of two standard deviations{truth}."
+    )
 }
 
 fn responses(outcome: &Outcome, measured: Option<&WelchFrf>, band: (f64, f64)) -> Result<String, RunError> {
@@ -264,7 +271,8 @@ fn error_table(outcome: &Outcome) -> Table {
     if validation.noise_floor.is_some() {
         table = table.column("noise floor", "%");
     }
-    let relative = |errors: Option<&Errors>, i: usize| Cell::significant(errors.map_or(f64::NAN, |e| 100.0 * e.relative[i]), 3);
+    let relative =
+        |errors: Option<&Errors>, i: usize| Cell::significant(errors.map_or(f64::NAN, |e| 100.0 * e.relative[i]), 3);
     for (i, name) in outcome.model.outputs.iter().enumerate() {
         let free_run = &validation.free_run_errors;
         let mut row = vec![
@@ -281,8 +289,14 @@ fn error_table(outcome: &Outcome) -> Table {
         }
         table = table.row(row);
     }
-    let overall = |errors: Option<&Errors>| Cell::significant(errors.map_or(f64::NAN, |e| 100.0 * e.overall_relative), 3);
-    let mut row = vec!["all".into(), overall(validation.one_step_errors.as_ref()), overall(Some(&validation.free_run_errors)), "".into()];
+    let overall =
+        |errors: Option<&Errors>| Cell::significant(errors.map_or(f64::NAN, |e| 100.0 * e.overall_relative), 3);
+    let mut row = vec![
+        "all".into(),
+        overall(validation.one_step_errors.as_ref()),
+        overall(Some(&validation.free_run_errors)),
+        "".into(),
+    ];
     if validation.truth_errors.is_some() {
         row.push(overall(validation.truth_errors.as_ref()));
     }
@@ -290,9 +304,7 @@ fn error_table(outcome: &Outcome) -> Table {
 }
 
 fn peak_sentence(outcome: &Outcome) -> String {
-    let largest = |errors: &mut dyn Iterator<Item = Option<f64>>| {
-        errors.flatten().map(f64::abs).fold(0.0, f64::max)
-    };
+    let largest = |errors: &mut dyn Iterator<Item = Option<f64>>| errors.flatten().map(f64::abs).fold(0.0, f64::max);
     let missed = outcome.peaks.iter().filter(|row| row.model.is_none()).count();
     let rest = if missed == 0 { "none is missed".to_string() } else { format!("{missed} are missed") };
     format!(
@@ -304,15 +316,16 @@ fn peak_sentence(outcome: &Outcome) -> String {
 }
 
 fn peak_table(outcome: &Outcome) -> Table {
-    let mut table = Table::new("Peaks of |H| near the dominant modes, for each pair whose true response has a maximum there.")
-        .column("mode", "Hz")
-        .column("pair", "")
-        .column("true peak", "Hz")
-        .column("", "dB")
-        .column("identified", "Hz")
-        .column("", "dB")
-        .column("frequency error", "%")
-        .column("height error", "dB");
+    let mut table =
+        Table::new("Peaks of |H| near the dominant modes, for each pair whose true response has a maximum there.")
+            .column("mode", "Hz")
+            .column("pair", "")
+            .column("true peak", "Hz")
+            .column("", "dB")
+            .column("identified", "Hz")
+            .column("", "dB")
+            .column("frequency error", "%")
+            .column("height error", "dB");
     for row in &outcome.peaks {
         let (hz, db) = row.model.unwrap_or((f64::NAN, f64::NAN));
         table = table.row([
@@ -379,7 +392,10 @@ fn modes(report: Report, outcome: &Outcome) -> Result<Report, RunError> {
     let report = if drawn.is_empty() {
         report
     } else {
-        report.figure(mode_map(&sets), "Lightly damped modes in the band: frequency and damping ratio, with bars of two standard deviations.")
+        report.figure(
+            mode_map(&sets),
+            "Lightly damped modes in the band: frequency and damping ratio, with bars of two standard deviations.",
+        )
     };
     Ok(report.details(format!("All {} modes", deviations.len()), |report| report.table(table)))
 }
@@ -417,14 +433,18 @@ fn residuals(report: Report, outcome: &Outcome) -> Report {
         )
         .figure(
             correlation_plot("cross-correlation", outcome.model.inputs.len().min(3), &cross),
-            format!("Correlation of the residuals with the inputs, from lag {} on, with 99 % bounds.", validation.first_lag),
+            format!(
+                "Correlation of the residuals with the inputs, from lag {} on, with 99 % bounds.",
+                validation.first_lag
+            ),
         )
 }
 
 fn searches(report: Report, outcome: &Outcome) -> Report {
     let mut report = report;
     if let Some(scan) = &outcome.scan {
-        let points = scan.rows.iter().filter_map(|r| r.free_run.map(|e| (r.states as f64, 100.0 * e))).collect::<Vec<_>>();
+        let points =
+            scan.rows.iter().filter_map(|r| r.free_run.map(|e| (r.states as f64, 100.0 * e))).collect::<Vec<_>>();
         let plot = chart(&Chart {
             title: String::new(),
             x: Axis::linear("states"),
@@ -436,12 +456,17 @@ fn searches(report: Report, outcome: &Outcome) -> Report {
             ],
             height: 260.0,
         });
-        report = report.heading("Order").figure(plot, format!("{} states are recommended: the fewest within 5 % of the best.", scan.recommended));
+        report = report
+            .heading("Order")
+            .figure(plot, format!("{} states are recommended: the fewest within 5 % of the best.", scan.recommended));
     }
     if !outcome.index_search.is_empty() {
         let mut table = Table::new("Observability indices tried.").column("indices", "").column("free-run error", "%");
         for row in &outcome.index_search {
-            table = table.row([format!("{:?}", row.indices).into(), Cell::significant(100.0 * row.free_run.unwrap_or(f64::NAN), 3)]);
+            table = table.row([
+                format!("{:?}", row.indices).into(),
+                Cell::significant(100.0 * row.free_run.unwrap_or(f64::NAN), 3),
+            ]);
         }
         report = report.heading("Observability indices").table(table);
     }

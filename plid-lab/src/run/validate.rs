@@ -106,8 +106,7 @@ pub(super) fn validate(
         *array *= &scales;
     }
     let residual = &measured - &predicted;
-    let one_step_errors =
-        if predicts { Some(error_measures(measured.view(), predicted.view())?) } else { None };
+    let one_step_errors = if predicts { Some(error_measures(measured.view(), predicted.view())?) } else { None };
     let free_run_errors = error_measures(measured.view(), free_run.view())?;
     let truth_errors = match truth {
         Some(truth) => {
