@@ -107,33 +107,49 @@ pub fn semidefinite_ldl<S: Scalar>(mut a: ViewMut<'_, S>, d: &mut [S], zero: f64
 
 /// Cholesky with diagonal pivoting of a positive semidefinite matrix: A = L L^T with L (in the rows' own order, its
 /// columns in the order of the pivots) written into `l`, zero from the returned rank on. `a`, whose lower triangle is
-/// used, is destroyed. What is left with no diagonal entry above `zero` times the largest one counts as zero.
+/// used, is destroyed; `scale` holds n entries. What is left with no pivot above `zero` times its diagonal entry counts
+/// as zero: relative to each entry's own, since rows of A may have different units.
 ///
 /// # Errors
-/// A remaining diagonal entry below minus `refuse` times the largest one, or one that is not finite.
+/// A pivot below minus `refuse` times its diagonal entry, or one that is not finite.
 pub fn pivoted_cholesky<S: Scalar>(
     mut a: ViewMut<'_, S>,
     mut l: ViewMut<'_, S>,
+    scale: &mut [S],
     zero: f64,
     refuse: f64,
 ) -> Result<usize, BadPivot> {
     let n = a.rows();
     l.fill(S::zero());
-    let largest = (0..n).fold(S::zero(), |m, i| m.max(a.at(i, i).abs()));
-    let (floor, lowest) = (largest * S::from_f64(zero), -largest * S::from_f64(refuse));
+    let (zero, lowest) = (S::from_f64(zero), -S::from_f64(refuse));
+    // A = diag(scale) C diag(scale) with ones on the diagonal of C.
+    for i in 0..n {
+        let entry = a.at(i, i);
+        if !entry.is_finite() || entry < lowest * entry.abs() {
+            return Err(BadPivot { index: i, value: entry.to_f64() });
+        }
+        scale[i] = if entry > S::zero() { entry.sqrt() } else { S::zero() };
+    }
+    for j in 0..n {
+        for i in j..n {
+            let product = scale[i] * scale[j];
+            let entry = a.at(i, j);
+            *a.at_mut(i, j) = if product > S::zero() { entry / product } else { S::zero() };
+        }
+    }
     for k in 0..n {
         let mut best = 0;
         for i in 0..n {
             let entry = a.at(i, i);
             if !entry.is_finite() || entry < lowest {
-                return Err(BadPivot { index: i, value: entry.to_f64() });
+                return Err(BadPivot { index: i, value: (entry * scale[i] * scale[i]).to_f64() });
             }
             if entry > a.at(best, best) {
                 best = i;
             }
         }
         let pivot = a.at(best, best);
-        if pivot <= floor {
+        if pivot <= zero {
             return Ok(k);
         }
         let root = pivot.sqrt();
@@ -141,12 +157,15 @@ pub fn pivoted_cholesky<S: Scalar>(
             let entry = if i >= best { a.at(i, best) } else { a.at(best, i) };
             *l.at_mut(i, k) = entry / root;
         }
-        // Rows already eliminated hold rounding errors of zero; the factor must not take them up again.
         let column = l.column_mut(k);
         for j in 0..n {
             let factor = column[j];
             axpy(-factor, &column[j..], &mut a.column_mut(j)[j..]);
         }
+        for (x, &scale) in column.iter_mut().zip(&*scale) {
+            *x *= scale;
+        }
+        // Rows already eliminated hold rounding errors of zero; the factor must not take them up again.
         for i in 0..n {
             if i >= best {
                 *a.at_mut(i, best) = S::zero();
@@ -205,6 +224,7 @@ pub fn weighted_gram_schmidt<S: Scalar>(
 ) {
     let n = wt.columns();
     let weighted = &mut work[..wt.rows()];
+    let smallest = S::from_f64(S::SMALLEST / (S::EPSILON * S::EPSILON));
     u.fill(S::zero());
     for j in (0..n).rev() {
         for ((x, &v), &w) in weighted.iter_mut().zip(wt.column(j)).zip(weights) {
@@ -212,7 +232,9 @@ pub fn weighted_gram_schmidt<S: Scalar>(
         }
         d[j] = dot(weighted, wt.column(j));
         *u.at_mut(j, j) = S::one();
-        if d[j] == S::zero() {
+        // Products near underflow have few digits: a direction made of them would spoil the rows above.
+        if d[j] <= smallest {
+            d[j] = S::zero();
             continue;
         }
         for i in 0..j {

@@ -138,7 +138,7 @@ impl NoiseModel {
     /// Works on the correlation matrix, so that volts and newtons side by side do not hide each other.
     fn check_semidefinite(&self, p: usize, m: usize, n: usize, scratch: &mut CheckScratch) -> Result<(), NoiseError> {
         let size = p + m + n;
-        let CheckScratch { deviation, correlation, factor } = scratch;
+        let CheckScratch { deviation, scale, correlation, factor } = scratch;
         let entry = |i: usize, j: usize| -> f64 {
             let kind = |i: usize| {
                 if i < p {
@@ -185,7 +185,7 @@ impl NoiseModel {
                 *correlation.at_mut(i, j) = correlate(i, j);
             }
         }
-        pivoted_cholesky(correlation.view_mut(), factor.view_mut(), 1e-10, 1e-10)
+        pivoted_cholesky(correlation.view_mut(), factor.view_mut(), scale, 1e-10, 1e-10)
             .map_err(|BadPivot { index, value }| NoiseError::Indefinite { place: place(index), value })?;
         // A zero pivot must leave nothing off the diagonal: [0 1; 1 0] has no negative pivot but is indefinite.
         for i in 0..size {
@@ -205,13 +205,19 @@ impl NoiseModel {
 #[derive(Clone, Debug)]
 struct CheckScratch {
     deviation: Vec<f64>,
+    scale: Vec<f64>,
     correlation: Dense<f64>,
     factor: Dense<f64>,
 }
 
 impl CheckScratch {
     fn new(size: usize) -> Self {
-        Self { deviation: vec![0.0; size], correlation: Dense::zeros(size, size), factor: Dense::zeros(size, size) }
+        Self {
+            deviation: vec![0.0; size],
+            scale: vec![0.0; size],
+            correlation: Dense::zeros(size, size),
+            factor: Dense::zeros(size, size),
+        }
     }
 }
 

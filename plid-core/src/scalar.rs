@@ -12,6 +12,9 @@ pub trait Scalar: NumAssign + std::ops::Neg<Output = Self> + PartialOrd + Copy +
     /// Unit roundoff: the largest relative error of one rounded operation, as an `f64`.
     const EPSILON: f64;
 
+    /// The smallest positive number with all its digits, as an `f64`.
+    const SMALLEST: f64;
+
     /// The nearest number of this type.
     fn from_f64(value: f64) -> Self;
 
@@ -47,6 +50,7 @@ pub trait Scalar: NumAssign + std::ops::Neg<Output = Self> + PartialOrd + Copy +
 
 impl Scalar for f64 {
     const EPSILON: f64 = f64::EPSILON / 2.0;
+    const SMALLEST: f64 = f64::MIN_POSITIVE;
 
     fn from_f64(value: f64) -> Self {
         value
@@ -67,6 +71,7 @@ impl Scalar for f64 {
 
 impl Scalar for f32 {
     const EPSILON: f64 = (f32::EPSILON / 2.0) as f64;
+    const SMALLEST: f64 = f32::MIN_POSITIVE as f64;
 
     fn from_f64(value: f64) -> Self {
         value as f32
@@ -87,6 +92,8 @@ impl Scalar for f32 {
 
 impl Scalar for qd::Quad {
     const EPSILON: f64 = f64::EPSILON * f64::EPSILON / 4.0;
+    // The second half of the sum must have its digits too.
+    const SMALLEST: f64 = f64::MIN_POSITIVE / f64::EPSILON;
 
     fn from_f64(value: f64) -> Self {
         qd::Quad::from_f64(value)

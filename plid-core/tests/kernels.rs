@@ -60,7 +60,7 @@ fn semidefinite_factors_of_a_singular_matrix() {
             }
         }
         let (mut rest, mut l) = (a.clone(), Dense::zeros(5, 5));
-        assert_eq!(pivoted_cholesky(rest.view_mut(), l.view_mut(), 1e-13, 1e-13), Ok(rank));
+        assert_eq!(pivoted_cholesky(rest.view_mut(), l.view_mut(), &mut [0.0; 5], 1e-13, 1e-13), Ok(rank));
         for i in 0..5 {
             for j in 0..=i {
                 let product: f64 = (0..5).map(|k| l.at(i, k) * l.at(j, k)).sum();
@@ -80,5 +80,19 @@ fn indefinite_matrices_are_refused_also_behind_a_zero_pivot() {
     let mut a = Dense::from_fn(2, 2, |i, j| if (i, j) == (0, 0) { 0.0 } else { 1.0 });
     assert_eq!(semidefinite_ldl(a.view_mut(), &mut d, 1e-13, 1e-13).unwrap_err().index, 0);
     let (mut a, mut l) = (Dense::from_diagonal(&[2.0, -1.0]), Dense::zeros(2, 2));
-    assert_eq!(pivoted_cholesky(a.view_mut(), l.view_mut(), 1e-13, 1e-13), Err(BadPivot { index: 1, value: -1.0 }));
+    assert_eq!(
+        pivoted_cholesky(a.view_mut(), l.view_mut(), &mut [0.0; 5], 1e-13, 1e-13),
+        Err(BadPivot { index: 1, value: -1.0 })
+    );
+}
+
+/// Rows of different units: no row is dropped for being small.
+#[test]
+fn small_entries_beside_large_ones_are_kept() {
+    let (mut a, mut l) = (Dense::from_diagonal(&[1e12, 1e-12, 1.0]), Dense::zeros(3, 3));
+    assert_eq!(pivoted_cholesky(a.view_mut(), l.view_mut(), &mut [0.0; 3], 1e-13, 1e-13), Ok(3));
+    for (i, expected) in [1e12, 1e-12, 1.0].into_iter().enumerate() {
+        let square: f64 = (0..3).map(|k| l.at(i, k) * l.at(i, k)).sum();
+        assert!((square / expected - 1.0).abs() < 1e-15);
+    }
 }

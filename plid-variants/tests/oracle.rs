@@ -5,11 +5,11 @@ mod common;
 
 use std::sync::LazyLock;
 
-use common::case::{Case, Options, random_case};
+use common::case::{Case, Options, random_case, record, rng};
 use common::dense::Mat;
 use common::reference::{KINDS, Kind, Reference};
-use common::{HasForm, HasKind, finish, label, outcome, relative};
-use plid_core::{ConditionalExpectations, CovariancePropagation, Scalar, ScalarOf};
+use common::{HasForm, HasKind, finish, label, outcome, quad, relative};
+use plid_core::{ConditionalExpectations, CovariancePropagation, NoiseModel, Scalar, ScalarOf};
 use qd::Quad;
 
 /// n = 4..12, p and m = 1..3, unequal indices; noise that changes, missing outputs and a full P0 among them.
@@ -27,8 +27,17 @@ static CASES: LazyLock<Vec<Case>> = LazyLock::new(|| {
         random_case(&[2, 6, 1], 1, all, 6),
         random_case(&[3, 7], 2, missing, 7),
         random_case(&[5, 3, 4], 3, changing, 8),
+        without_sensor_noise(),
     ]
 });
+
+/// R = 0, and no state noise where a block begins: these states are then known exactly, and P is singular in every step.
+fn without_sensor_noise() -> Case {
+    let mut case = random_case(&[2, 3, 2], 1, Options::default(), 9);
+    case.noise = vec![NoiseModel::diagonal(&[0.0; 3], &[0.0], &[0.0, 0.1, 0.0, 0.2, 0.1, 0.0, 0.3])];
+    (case.z, case.u) = record(&case.plant, &case.noise, 200, &mut rng(10));
+    case
+}
 
 /// The estimate and the covariance after the last step, one a case and kind.
 static REFERENCE: LazyLock<Vec<Vec<(Mat<Quad>, Mat<Quad>)>>> = LazyLock::new(|| {
@@ -42,9 +51,19 @@ static REFERENCE: LazyLock<Vec<Vec<(Mat<Quad>, Mat<Quad>)>>> = LazyLock::new(|| 
     CASES.iter().map(|case| KINDS.iter().map(|&kind| run(case, kind)).collect()).collect()
 });
 
+/// In f32 a run of 200 steps may lose as many roundoffs as it was seen to lose in f64 (at most 50, see the printed
+/// figures), a factor of 4 for the data, which f32 rounds too, and another of 5 in hand.
+const F32: f64 = 1000.0 * 6e-8;
+
 /// The largest relative differences of s and P that are let pass.
-fn tolerance<C: CovariancePropagation>() -> f64 {
-    if ScalarOf::<C>::EPSILON < 1e-20 { 1e-25 } else { 1e-11 }
+fn tolerance<S: Scalar>() -> f64 {
+    if S::EPSILON < 1e-20 {
+        1e-25
+    } else if S::EPSILON < 1e-10 {
+        1e-11
+    } else {
+        F32
+    }
 }
 
 fn agrees_with_the_dense_recursion<C, E>()
@@ -58,12 +77,43 @@ where
         let (ds, dp) = (relative(&s, &reference[kind].0), relative(&p, &reference[kind].1));
         let name = label::<C, E>();
         println!("{name} {:?} m = {}: s {ds:.1e}, P {dp:.1e}", case.indices, case.inputs);
-        let limit = tolerance::<C>();
+        let limit = tolerance::<ScalarOf<C>>();
         assert!(ds <= limit && dp <= limit, "{name} {:?}: s {ds:.2e}, P {dp:.2e}", case.indices);
     }
 }
 
 test_every_variant!(agrees_with_the_dense_recursion:
+    plain_f64 = Plain<f64>,
+    nalgebra_f64 = Nalgebra<f64>,
+    faer_f64 = Faer<f64>,
+    plain_double_double = Plain<qd::Quad>,
+    plain_f32 = Plain<f32>,
+    nalgebra_f32 = Nalgebra<f32>,
+    faer_f32 = Faer<f32>,
+);
+
+/// Two phases are one (section 4): a single step from a full P0, the dense recursion in the same scalar.
+fn one_step_is_eq_8_to_10<C, E>()
+where
+    C: CovariancePropagation + HasForm,
+    E: ConditionalExpectations<C> + HasKind,
+{
+    for (seed, missing) in [(31, 0.0), (32, 0.0), (33, 0.4)] {
+        let options = Options { steps: 1, full_initial: true, missing, ..Options::default() };
+        let case = random_case(&[3, 1, 2], 2, options, seed);
+        let mut reference = Reference::<ScalarOf<C>>::new(E::KIND, &case.indices, case.inputs, &case.settings);
+        reference.step(&case.z[0], &case.u[0], case.noise_at(0));
+        let (s, p) = outcome(&finish::<C, E>(&case));
+        let widened = |m: &Mat<ScalarOf<C>>| Mat::from_fn(m.rows, m.columns, |i, j| quad(m[(i, j)]));
+        let (ds, dp) = (relative(&s, &widened(&reference.s)), relative(&p, &widened(&reference.p)));
+        let limit = if ScalarOf::<C>::EPSILON < 1e-20 { 1e-28 } else { 1e-13 };
+        let name = label::<C, E>();
+        println!("{name}: s {ds:.1e}, P {dp:.1e}");
+        assert!(ds <= limit && dp <= limit, "{name}: s {ds:.2e}, P {dp:.2e}");
+    }
+}
+
+test_every_variant!(one_step_is_eq_8_to_10:
     plain_f64 = Plain<f64>,
     nalgebra_f64 = Nalgebra<f64>,
     faer_f64 = Faer<f64>,

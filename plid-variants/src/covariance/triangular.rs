@@ -36,6 +36,7 @@ pub struct Triangular<B: Backend> {
     root: Dense<B::Scalar>,
     mix: Dense<B::Scalar>,
     mix_work: Dense<B::Scalar>,
+    mix_scale: Vec<B::Scalar>,
     mixed: B::Matrix,
     mixed_weighted: B::Matrix,
 }
@@ -67,6 +68,7 @@ impl<B: Backend> Triangular<B> {
             root: Dense::zeros(n, n),
             mix: Dense::zeros(columns, columns),
             mix_work: Dense::zeros(columns, columns),
+            mix_scale: vec![zero; columns],
             mixed: B::Matrix::zeros(n, size - n),
             mixed_weighted: B::Matrix::zeros(n, size - n),
         })
@@ -93,8 +95,8 @@ impl<B: Backend> Triangular<B> {
         }
         let tolerance = 16.0 * count as f64 * B::Scalar::EPSILON;
         // Weights are moments; what rounding leaves below zero is dropped.
-        let rank =
-            pivoted_cholesky(self.mix_work.view_mut(), self.mix.view_mut(), tolerance, f64::INFINITY).unwrap_or(0);
+        let (work, mix) = (self.mix_work.view_mut(), self.mix.view_mut());
+        let rank = pivoted_cholesky(work, mix, &mut self.mix_scale, tolerance, f64::INFINITY).unwrap_or(0);
         for r in 0..rank {
             let v = self.mix.column(r);
             // Ut is upper triangular: columns before the first block in use are zero.
@@ -188,7 +190,8 @@ impl<B: Backend> Triangular<B> {
         }
         let tolerance = 64.0 * n as f64 * B::Scalar::EPSILON;
         // Qbar is a moment too. Where w tells all of v and xi, nothing but rounding of either sign is left of it.
-        let rank = pivoted_cholesky(self.qbar.view_mut(), self.root.view_mut(), tolerance, f64::INFINITY)?;
+        let (qbar, root) = (self.qbar.view_mut(), self.root.view_mut());
+        let rank = pivoted_cholesky(qbar, root, &mut self.work, tolerance, f64::INFINITY)?;
         for r in 0..rank {
             for i in 0..n {
                 *self.array.at_mut(n + r, i) = self.root.at(i, r);

@@ -220,8 +220,10 @@ impl<S: Scalar> Reference<S> {
             Mat::from_fn(rows.len(), columns.len(), |i, j| S::from_f64(joint[(rows[i], columns[j])]))
         };
         let (vs, xis): (Vec<usize>, Vec<usize>) = ((p..p + m).collect(), (p + m..p + m + n).collect());
-        let r_inverse = part(there, there).inverse();
         let (s_vw, s_wxi) = (part(&vs, there), part(there, &xis));
+        // Without cross-covariances L = M = 0, whatever R is; zero among others.
+        let correlated = s_vw.norm() > 0.0 || s_wxi.norm() > 0.0;
+        let r_inverse = if correlated { part(there, there).inverse() } else { Mat::zeros(k, k) };
         let l = &s_vw * &r_inverse;
         let big_m = &s_wxi.t() * &r_inverse;
         let q = &part(&vs, &vs) - &(&l * &s_vw.t());
