@@ -1,0 +1,46 @@
+//! One step of the recursion on the truss (3 inputs, 3 outputs), by number of states and variant.
+//!
+//!     cargo bench -p plid-bench
+//!     cargo bench -p plid-bench -- --test      # each bench once
+
+use std::time::Duration;
+
+use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
+use plid_bench::Workload;
+use plid_lab::variant::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
+
+/// A word for the bench's name, and the variant: each differs from the default (direct, moment-matched, plain, f64) as it says.
+fn variants() -> [(&'static str, Variant); 10] {
+    use {BackendName as B, CovarianceName as C, ExpectationName as E, ScalarName as S};
+    let default = Variant::default();
+    [
+        ("direct", default),
+        ("joseph", Variant { covariance: C::Joseph, ..default }),
+        ("bierman-ud", Variant { covariance: C::BiermanUd, ..default }),
+        ("array-sqrt", Variant { covariance: C::ArraySqrt, ..default }),
+        ("direct, prior", Variant { expectations: E::Prior, ..default }),
+        ("direct, joint-ekf", Variant { expectations: E::JointEkf, ..default }),
+        ("bierman-ud, joint-ekf", Variant { covariance: C::BiermanUd, expectations: E::JointEkf, ..default }),
+        ("bierman-ud, nalgebra", Variant { covariance: C::BiermanUd, backend: B::Nalgebra, ..default }),
+        ("bierman-ud, faer", Variant { covariance: C::BiermanUd, backend: B::Faer, ..default }),
+        ("bierman-ud, f32", Variant { covariance: C::BiermanUd, scalar: S::F32, ..default }),
+    ]
+}
+
+fn step(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("step");
+    group.sample_size(10).warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(1));
+    for states in [12, 30, 64] {
+        let workload = Workload::truss(states, 2.0).expect("the default truss can be simulated");
+        for (name, variant) in variants() {
+            let mut steps = workload.recursion(variant).expect("a variant that exists");
+            group.bench_function(BenchmarkId::new(name, states), |bench| {
+                bench.iter(|| steps.step().expect("the workload keeps every variant sound"));
+            });
+        }
+    }
+    group.finish();
+}
+
+criterion_group!(benches, step);
+criterion_main!(benches);
