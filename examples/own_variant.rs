@@ -126,7 +126,7 @@ impl CovariancePropagation for Textbook {
             InitialCovariance::Diagonal(variances) => Dense::from_diagonal(variances),
             InitialCovariance::Full(p0) => p0.clone(),
         };
-        pivoted_cholesky(p.clone().view_mut(), Dense::zeros(size, size).view_mut(), 1e-13)?;
+        pivoted_cholesky(p.clone().view_mut(), Dense::zeros(size, size).view_mut(), &mut vec![0.0; size], 1e-13, 1e-8)?;
         let (f, product) = (Dense::zeros(size, size), Dense::zeros(size, size));
         let (gain, factor) = (Dense::zeros(size, outputs), Dense::zeros(outputs, outputs));
         Ok(Self { n: model.states(), p, f, product, gain, factor, work: vec![0.0; outputs] })
