@@ -1,2 +1,9 @@
-//! The `plid` program.
-fn main() {}
+//! The `plid` program: one subcommand a file in `cli/`.
+
+mod cli;
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    cli::main()
+}

@@ -1,0 +1,176 @@
+//! `plid identify`: the main job without an experiment file.
+
+use std::path::{Path, PathBuf};
+
+use plid::lab::data::MissingPolicy;
+use plid::lab::experiment::{
+    DataConfig, Experiment, IdentificationConfig, IndicesChoice, NoiseConfig, StartConfig, StructureConfig,
+    ValidationConfig, to_toml,
+};
+use plid::lab::prepare::{Advance, Preparation};
+use plid::lab::report::write_atomic;
+use plid::lab::variant::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
+
+use super::{Failure, Voice, check_directory};
+
+/// Identify a model from records.
+///
+/// The experiment that the arguments stand for is written to DIR/experiment.toml, so that `plid run DIR/experiment.toml`
+/// repeats it. With several records the last one's tail is held out. Everything not given here has the defaults of an
+/// experiment file: noise covariances tuned on the training data, an input advance found by a test, channels scaled.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Examples:\n  plid identify record.csv --inputs force --outputs left,right --states 8 --out out/record\n  plid identify flexible.mat --inputs 1-2 --outputs 3-5 --states 48 --rate 100 --out out/flexible\n  plid identify record.csv --inputs u --outputs y --scan 2,4,8,12 --out out/scan"
+)]
+pub struct Arguments {
+    /// Data files: CSV and its relatives, MATLAB .mat (v5), NumPy .npz, headerless columns.
+    #[arg(required = true)]
+    data: Vec<PathBuf>,
+    /// The columns that are inputs, such as u1,u2 or, of numbered columns, 1-2.
+    #[arg(long, value_name = "NAMES")]
+    inputs: String,
+    /// The columns that are outputs.
+    #[arg(long, value_name = "NAMES")]
+    outputs: String,
+    /// The number of states; left out with --scan, the recommended one.
+    #[arg(long, value_name = "N")]
+    states: Option<usize>,
+    /// The observability indices, one an output; or `search`.
+    #[arg(long, value_name = "N1,N2,..")]
+    indices: Option<String>,
+    /// Orders to compare.
+    #[arg(long, value_name = "N,..", value_delimiter = ',')]
+    scan: Vec<usize>,
+    /// Samples a second; left out, the file's own.
+    #[arg(long, value_name = "HZ")]
+    rate: Option<f64>,
+    /// Decimate to this rate.
+    #[arg(long, value_name = "HZ")]
+    decimate: Option<f64>,
+    /// Advance the input by this many samples, for a plant that answers at once; `auto`: by a test.
+    #[arg(long, default_value = "auto", value_parser = ["auto", "0", "1"])]
+    advance: String,
+    /// What a NaN among the outputs is.
+    #[arg(long, default_value = "error", value_parser = ["error", "nan"])]
+    missing: String,
+    /// The variable of a .mat or .npz file that holds the record.
+    #[arg(long, value_name = "NAME")]
+    variable: Option<String>,
+    /// How the covariance is carried: direct, joseph, bierman-ud or array-sqrt.
+    #[arg(long, value_parser = parse::<CovarianceName>, default_value = "bierman-ud")]
+    covariance: CovarianceName,
+    /// The conditional expectation: prior, posterior, moment-matched, certainty-equivalent or joint-ekf.
+    #[arg(long, value_parser = parse::<ExpectationName>, default_value = "moment-matched")]
+    expectations: ExpectationName,
+    /// The matrix library: plain, nalgebra or faer.
+    #[arg(long, value_parser = parse::<BackendName>, default_value = "plain")]
+    backend: BackendName,
+    /// The number type: f32, f64 or double-double.
+    #[arg(long, value_parser = parse::<ScalarName>, default_value = "f64")]
+    scalar: ScalarName,
+    /// The leading share of the last record that is learnt from; the rest is held out.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.75)]
+    training_share: f64,
+    /// How often the training data are gone through.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    passes: usize,
+    /// What the experiment is called in the report; left out, the first file's name.
+    #[arg(long)]
+    name: Option<String>,
+    /// Where the results go; out/NAME if left out.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Go on from the checkpoint of an interrupted run in the output directory.
+    #[arg(long)]
+    resume: bool,
+    /// Write into a directory that is not empty.
+    #[arg(long)]
+    force: bool,
+}
+
+/// A word as an experiment file has it.
+fn parse<T: serde::de::DeserializeOwned>(word: &str) -> Result<T, String> {
+    use serde::de::IntoDeserializer;
+    let word: serde::de::value::StrDeserializer<'_, serde::de::value::Error> = word.into_deserializer();
+    T::deserialize(word).map_err(|e| e.to_string())
+}
+
+/// `u1,u2`, or ranges of numbers such as `3-5`.
+fn columns(list: &str) -> Vec<String> {
+    list.split(',')
+        .map(str::trim)
+        .filter(|word| !word.is_empty())
+        .flat_map(|word| match word.split_once('-').map(|(a, b)| (a.parse::<usize>(), b.parse::<usize>())) {
+            Some((Ok(first), Ok(last))) if first <= last => (first..=last).map(|i| i.to_string()).collect(),
+            _ => vec![word.to_string()],
+        })
+        .collect()
+}
+
+fn indices(word: Option<&str>) -> Result<IndicesChoice, Failure> {
+    match word {
+        None => Ok(IndicesChoice::Balanced),
+        Some("search") => Ok(IndicesChoice::Search),
+        Some(list) => {
+            let numbers: Result<Vec<usize>, _> = list.split(',').map(|n| n.trim().parse()).collect();
+            numbers
+                .map(IndicesChoice::Given)
+                .map_err(|_| Failure::input(format!("--indices {list}: give whole numbers such as 8,8,8, or `search`")))
+        }
+    }
+}
+
+/// Runs the command.
+pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
+    let stem = arguments.data[0].file_stem().map(|s| s.to_string_lossy().into_owned());
+    let name = arguments.name.clone().or(stem).unwrap_or_else(|| "record".into());
+    let out = arguments.out.clone().unwrap_or_else(|| Path::new("out").join(&name));
+    check_directory(&out, arguments.force || arguments.resume)?;
+    // The file that is written may be run from anywhere.
+    let absolute =
+        |path: &PathBuf| std::fs::canonicalize(path).map_err(|e| Failure::input(format!("{}: {e}", path.display())));
+    let experiment = Experiment {
+        name,
+        data: DataConfig {
+            files: arguments.data.iter().map(absolute).collect::<Result<_, _>>()?,
+            inputs: columns(&arguments.inputs),
+            outputs: columns(&arguments.outputs),
+            sample_rate_hz: arguments.rate,
+            missing: if arguments.missing == "nan" { MissingPolicy::Nan } else { MissingPolicy::Error },
+            variable: arguments.variable.clone(),
+            ..DataConfig::default()
+        },
+        preparation: Preparation {
+            decimate_to_hz: arguments.decimate,
+            advance: match arguments.advance.as_str() {
+                "0" => Advance::No,
+                "1" => Advance::Yes,
+                _ => Advance::Auto,
+            },
+            ..Preparation::default()
+        },
+        structure: StructureConfig {
+            states: arguments.states,
+            indices: indices(arguments.indices.as_deref())?,
+            scan: arguments.scan.clone(),
+        },
+        noise: NoiseConfig::default(),
+        variant: Variant {
+            covariance: arguments.covariance,
+            expectations: arguments.expectations,
+            backend: arguments.backend,
+            scalar: arguments.scalar,
+        },
+        start: StartConfig::default(),
+        identification: IdentificationConfig { passes: arguments.passes, ..IdentificationConfig::default() },
+        validation: ValidationConfig { training_share: arguments.training_share, ..ValidationConfig::default() },
+    };
+    if let Some((key, reason)) = experiment.problems().into_iter().next() {
+        return Err(Failure::input(format!("{key}: {reason}")));
+    }
+    let path = out.join("experiment.toml");
+    std::fs::create_dir_all(&out)
+        .and_then(|()| write_atomic(&path, to_toml(&experiment).as_bytes()))
+        .map_err(|e| Failure::work(format!("{}: {e}", path.display())))?;
+    super::run::carry_out(&experiment, &out, &out, arguments.resume, voice)
+}

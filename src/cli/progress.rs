@@ -1,0 +1,53 @@
+//! The progress bar, and Ctrl-C.
+
+use std::io::IsTerminal;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use plid::lab::run::Progress;
+
+static INTERRUPTED: AtomicBool = AtomicBool::new(false);
+
+/// A bar on standard error, if that is a terminal.
+pub struct Bar(ProgressBar);
+
+impl Bar {
+    /// A bar that is hidden where nobody looks; from here on the first Ctrl-C asks for an orderly end, the second one ends at once.
+    pub fn new(quiet: bool) -> Self {
+        // Without a handler Ctrl-C ends the program, as ever.
+        let _ = ctrlc::set_handler(|| {
+            if INTERRUPTED.swap(true, Ordering::SeqCst) {
+                std::process::exit(130);
+            }
+        });
+        let shown = !quiet && std::io::stderr().is_terminal();
+        let bar = if shown { ProgressBar::new(0) } else { ProgressBar::hidden() };
+        let style = ProgressStyle::with_template("{msg:<22} [{bar:36}] {pos}/{len}  {eta} left")
+            .expect("the template is well formed")
+            .progress_chars("=> ");
+        bar.set_style(style);
+        Self(bar)
+    }
+
+    /// Takes the bar away.
+    pub fn finish(&self) {
+        self.0.finish_and_clear();
+    }
+}
+
+impl Progress for Bar {
+    fn stage(&self, name: &str) {
+        self.0.reset();
+        self.0.set_length(0);
+        self.0.set_message(name.to_string());
+    }
+
+    fn advance(&self, done: usize, total: usize) {
+        self.0.set_length(total as u64);
+        self.0.set_position(done as u64);
+    }
+
+    fn interrupted(&self) -> bool {
+        INTERRUPTED.load(Ordering::Relaxed)
+    }
+}
