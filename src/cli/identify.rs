@@ -168,9 +168,12 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     if let Some((key, reason)) = experiment.problems().into_iter().next() {
         return Err(Failure::input(format!("{key}: {reason}")));
     }
-    let path = out.join("experiment.toml");
-    std::fs::create_dir_all(&out)
-        .and_then(|()| write_atomic(&path, to_toml(&experiment).as_bytes()))
-        .map_err(|e| Failure::work(format!("{}: {e}", path.display())))?;
-    super::run::carry_out(&experiment, &out, &out, arguments.resume, voice)
+    let result = super::run::carry_out(&experiment, &out, &out, arguments.resume, voice);
+    // An experiment that could not be begun leaves nothing behind.
+    if out.is_dir() {
+        let path = out.join("experiment.toml");
+        write_atomic(&path, to_toml(&experiment).as_bytes())
+            .map_err(|e| Failure::work(format!("{}: {e}", path.display())))?;
+    }
+    result
 }

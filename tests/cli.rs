@@ -1,0 +1,217 @@
+//! The program as a user meets it: files in, files out, exit status, messages.
+
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+fn plid(directory: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_plid"))
+        .current_dir(directory)
+        .args(arguments)
+        .stdin(Stdio::null())
+        .output()
+        .expect("the program starts")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Runs, and checks status and a part of what is said on standard error.
+fn fails(directory: &Path, arguments: &[&str], status: i32, said: &str) {
+    let output = plid(directory, arguments);
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(status), "{arguments:?}: {message}");
+    assert!(message.contains(said), "{arguments:?}: {message}");
+}
+
+fn put(directory: &Path, name: &str, content: &str) {
+    std::fs::write(directory.join(name), content).unwrap();
+}
+
+/// x' = 0.5 x + u, y = 2 x + 3 u.
+const MODEL: &str = r#"{"format": "state-space", "sample_rate_hz": 10.0, "inputs": ["u"], "outputs": ["y"],
+ "A": [[0.5]], "B": [[1.0]], "C": [[2.0]], "D": [[3.0]], "noise": {}, "predictor_gain": [[0.1]]}"#;
+
+#[test]
+fn help_teaches() {
+    let directory = tempfile::tempdir().unwrap();
+    for arguments in
+        [&["--help"][..], &["run", "--help"], &["identify", "--help"], &["simulate", "--help"], &["validate", "--help"]]
+    {
+        let output = plid(directory.path(), arguments);
+        assert_eq!(output.status.code(), Some(0));
+        assert!(text(&output.stdout).contains("plid "), "{arguments:?}");
+    }
+    fails(directory.path(), &["identify"], 2, "required");
+    fails(directory.path(), &["indentify"], 2, "identify");
+}
+
+#[test]
+fn simulate_follows_the_model_by_hand() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    put(at, "model.json", MODEL);
+    put(at, "u.csv", "t,u\n0,1\n0.1,0\n0.2,-2\n0.3,4\n");
+    let output = plid(at, &["simulate", "--model", "model.json", "--input", "u.csv", "--out", "y.csv", "--json"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let said: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(said["samples"], 4);
+    // x = 0, 1, 0.5, -1.75
+    assert_eq!(std::fs::read_to_string(at.join("y.csv")).unwrap(), "y\n3\n2\n-5\n8.5\n");
+}
+
+#[test]
+fn wrong_files_are_named_with_the_place() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    put(at, "model.json", MODEL);
+    put(at, "bad.json", &MODEL.replace("[[0.5]]", "[[0.5, 1.0]]"));
+    put(at, "syntax.json", "{\n\"format\": \n");
+    put(at, "u.csv", "u\n1\n2\n");
+    put(at, "v.csv", "v\n1\n2\n");
+    put(at, "nan.csv", "u\n1\nnan\n");
+    put(at, "ragged.csv", "a,u\n1,2\n1\n3,4\n");
+    put(at, "empty.csv", "");
+    let simulate = |model: &str, input: &str, said: &str| {
+        fails(at, &["simulate", "--model", model, "--input", input, "--out", "y.csv"], 2, said);
+        assert!(!at.join("y.csv").exists());
+    };
+    simulate("none.json", "u.csv", "none.json");
+    simulate("bad.json", "u.csv", "`A`");
+    simulate("syntax.json", "u.csv", "syntax.json:");
+    simulate("model.json", "none.csv", "none.csv");
+    simulate("model.json", "v.csv", "no channel `u`; it has v");
+    simulate("model.json", "nan.csv", "line 3");
+    simulate("model.json", "ragged.csv", "line 3");
+    simulate("model.json", "empty.csv", "empty.csv");
+    // Unstable: the work fails, and leaves no half of a file.
+    put(at, "unstable.json", &MODEL.replace("[[0.5]]", "[[50.0]]"));
+    put(at, "long.csv", &"1\n".repeat(200).replacen('1', "u", 1).replacen('\n', "\n1\n", 1));
+    fails(at, &["simulate", "--model", "unstable.json", "--input", "long.csv", "--out", "y.csv"], 1, "diverged");
+    assert!(!at.join("y.csv").exists());
+}
+
+/// A record of the model with a small error added to y.
+fn record(samples: usize, error: f64) -> String {
+    let mut content = String::from("Time,u,y\n");
+    let (mut x, mut seed) = (0.0, 1u64);
+    for k in 0..samples {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        let u = (seed >> 40) as f64 / f64::from(1 << 23) - 1.0;
+        let wrong = if k % 2 == 0 { error } else { -error };
+        content.push_str(&format!("{},{u},{}\n", k as f64 / 10.0, 2.0 * x + 3.0 * u + wrong));
+        x = 0.5 * x + u;
+    }
+    content
+}
+
+#[test]
+fn validate_ranks_the_true_model_first() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    put(at, "true.json", MODEL);
+    put(at, "off.json", &MODEL.replace("[[2.0]]", "[[1.5]]"));
+    put(at, "r.csv", &record(300, 0.01));
+    let both = ["validate", "--model", "off.json", "--model", "true.json", "r.csv", "--json", "--out", "compared"];
+    let output = plid(at, &both);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let table: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let error = |k: usize, run: &str| table["trials"][k][run]["scored"]["relative_rms"].as_f64().unwrap();
+    assert_eq!(table["trials"][1]["model"], "true.json");
+    assert!(error(1, "free_run") < 0.02 && error(0, "free_run") > 5.0 * error(1, "free_run"), "{table}");
+    assert!(error(1, "one_step") < 0.02);
+    let report = std::fs::read_to_string(at.join("compared/report.html")).unwrap();
+    assert!(report.contains("true.json simulates best") && report.contains("<svg"));
+    fails(at, &both, 2, "is not empty");
+    put(at, "rate.csv", &record(50, 0.0).replace("Time,", "t,").replace(".1,", ".13,"));
+    fails(at, &["validate", "--model", "true.json", "rate.csv"], 2, "rate.csv");
+    fails(at, &["validate", "--model", "true.json", "r.csv", "--rate", "20"], 2, "20 Hz");
+}
+
+#[test]
+fn identify_writes_the_experiment_that_run_repeats() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    put(at, "r.csv", &record(400, 0.001));
+    let identify = ["identify", "r.csv", "--inputs", "u", "--outputs", "y", "--states", "2", "--out", "first"];
+    let output = plid(at, &identify);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).contains("report: first"), "{}", text(&output.stdout));
+    let output = plid(at, &["run", "first/experiment.toml", "--out", "second", "--json"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let result: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(result["input_advanced_by"], 1);
+    assert!(result["held_out"]["free_run"]["overall_relative"].as_f64().unwrap() < 0.01, "{result}");
+    for file in ["model.json", "result.json", "innovations.csv", "manifest.json", "report.html"] {
+        let read = |out: &str| std::fs::read(at.join(out).join(file)).unwrap();
+        assert_eq!(read("first"), read("second"), "{file}");
+    }
+    // y = z / (z - 0.5) (3 z^-1 ... ): D = 3 and the pole at 0.5 are found.
+    let model: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(at.join("first/model.json")).unwrap()).unwrap();
+    assert!((model["D"][0][0].as_f64().unwrap() - 3.0).abs() < 0.01, "{model}");
+
+    fails(at, &identify, 2, "is not empty");
+    fails(at, &["identify", "r.csv", "--inputs", "u", "--outputs", "why", "--states", "2", "--out", "x"], 2, "why");
+    fails(at, &["identify", "r.csv", "--inputs", "u", "--outputs", "y", "--out", "x"], 2, "states");
+    fails(
+        at,
+        &["identify", "r.csv", "--inputs", "u", "--outputs", "y", "--states", "2", "--rate", "0", "--out", "x"],
+        2,
+        "rate",
+    );
+    fails(
+        at,
+        &["identify", "r.csv", "--inputs", "u", "--outputs", "y", "--states", "2", "--scalar", "f16", "--out", "x"],
+        2,
+        "f16",
+    );
+}
+
+#[test]
+fn an_experiment_with_a_wrong_key_says_where() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    put(at, "e.toml", "[data]\nfiles = [\"r.csv\"]\ninputs = [\"u\"]\noutputs = [\"y\"]\n\n[structure]\nsates = 4\n");
+    fails(at, &["run", "e.toml"], 2, "e.toml, line 7");
+    fails(at, &["run", "e.toml"], 2, "did you mean `states`?");
+    fails(at, &["run", "none.toml"], 2, "none.toml");
+    put(at, "e.toml", "[data]\nfiles = [\"r.csv\"]\ninputs = [\"u\"]\noutputs = [\"y\"]\n[structure]\nstates = 4\n");
+    fails(at, &["run", "e.toml"], 2, "r.csv");
+}
+
+/// Ctrl-C, then --resume: the same bytes as in one go.
+#[cfg(unix)]
+#[test]
+fn an_interrupted_run_leaves_a_checkpoint_that_resume_takes_up() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    put(
+        at,
+        "e.toml",
+        "name = \"e\"\n[data.testbed.truss]\nduration_s = 4.0\n[structure]\nstates = 24\n[noise]\nfrom = \"paper-squared\"\n[variant]\ncovariance = \"array-sqrt\"\n[identification]\npasses = 6\n",
+    );
+    let mut child = Command::new(env!("CARGO_BIN_EXE_plid"))
+        .current_dir(at)
+        .args(["run", "e.toml", "--out", "parts", "--quiet"])
+        .spawn()
+        .expect("the program starts");
+    std::thread::sleep(std::time::Duration::from_millis(700));
+    let signalled = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(signalled.success());
+    let status = child.wait().unwrap();
+    // On a machine that is done by then there is nothing to resume; the bytes must agree all the same.
+    if !status.success() {
+        assert_eq!(status.code(), Some(1));
+        assert!(at.join("parts/checkpoint.json").exists());
+        assert!(!at.join("parts/result.json").exists());
+        let output = plid(at, &["run", "e.toml", "--out", "parts", "--resume"]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    }
+    let output = plid(at, &["run", "e.toml", "--out", "whole"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    for file in ["model.json", "result.json", "innovations.csv", "manifest.json", "report.html"] {
+        let read = |out: &str| std::fs::read(at.join(out).join(file)).unwrap();
+        assert_eq!(read("parts"), read("whole"), "{file}");
+    }
+}
