@@ -324,6 +324,7 @@ fn record(indices: &[usize], parameters: &[f64], [sensor, state]: [f64; 2], samp
     Record { form, noise, inputs, outputs }
 }
 
+// ANCHOR: identify
 /// Runs any variant over the record: to swap a variant is to name another type.
 fn identify<C, E>(record: &Record) -> Result<Identifier<C, E>, plid::IdentifierError>
 where
@@ -337,6 +338,7 @@ where
     }
     Ok(identifier)
 }
+// ANCHOR_END: identify
 
 /// The largest difference of P between two runs, relative to sqrt(P_ii P_jj).
 fn difference<C: CovariancePropagation>(one: &C, other: &impl CovariancePropagation) -> f64 {
@@ -358,9 +360,11 @@ fn main() -> Result<(), plid::IdentifierError> {
     for k in (0..300).step_by(7) {
         two_outputs.outputs[k][k % 2] = f64::NAN;
     }
+    // ANCHOR: swap
     let built_in = identify::<Direct<Plain<f64>>, MomentMatched<f64>>(&two_outputs)?;
     let backend = identify::<Direct<Fused>, MomentMatched<f64>>(&two_outputs)?;
     let form = identify::<Textbook, MomentMatched<f64>>(&two_outputs)?;
+    // ANCHOR_END: swap
     let apart =
         [difference(built_in.covariance(), backend.covariance()), difference(built_in.covariance(), form.covariance())];
     println!("P of own backend and own form, relative to the built-in one: {:.1e}, {:.1e} apart", apart[0], apart[1]);

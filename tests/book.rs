@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use pulldown_cmark::{Event, Options, Parser, Tag};
+use pulldown_cmark::{Event, Options, Parser, Tag, TagEnd};
 
 fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
@@ -14,8 +14,8 @@ fn read(path: &Path) -> String {
     fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
 }
 
-/// Targets of links and images within this repository, without their fragments.
-fn local_links(text: &str) -> Vec<String> {
+/// Targets of links and images within this repository, as path and fragment.
+fn local_links(text: &str) -> Vec<(String, Option<String>)> {
     let parser = Parser::new_ext(text, Options::ENABLE_TABLES);
     let targets = parser.filter_map(|event| match event {
         Event::Start(Tag::Link { dest_url, .. } | Tag::Image { dest_url, .. }) => Some(dest_url.to_string()),
@@ -23,9 +23,30 @@ fn local_links(text: &str) -> Vec<String> {
     });
     targets
         .filter(|target| !target.contains("://"))
-        .map(|target| target.split('#').next().unwrap_or_default().to_string())
-        .filter(|target| !target.is_empty())
+        .map(|target| match target.split_once('#') {
+            Some((path, fragment)) => (path.to_string(), Some(fragment.to_string())),
+            None => (target, None),
+        })
         .collect()
+}
+
+/// The fragments by which the headings of a chapter are reached.
+fn headings(text: &str) -> BTreeSet<String> {
+    let mut found = BTreeSet::new();
+    let mut heading: Option<String> = None;
+    for event in Parser::new_ext(text, Options::ENABLE_TABLES) {
+        match (event, &mut heading) {
+            (Event::Start(Tag::Heading { .. }), _) => heading = Some(String::new()),
+            (Event::Text(text) | Event::Code(text), Some(title)) => title.push_str(&text),
+            (Event::End(TagEnd::Heading(_)), Some(title)) => {
+                let kept = title.to_lowercase().replace(' ', "-");
+                found.insert(kept.chars().filter(|c| c.is_alphanumeric() || "-_".contains(*c)).collect());
+                heading = None;
+            }
+            _ => {}
+        }
+    }
+    found
 }
 
 /// What `{{#include path:anchor}}` asks for.
@@ -43,9 +64,14 @@ fn dead_ends(file: &Path) -> Vec<String> {
     let text = read(file);
     let folder = file.parent().expect("a file has a folder");
     let mut dead = Vec::new();
-    for target in local_links(&text) {
-        if !folder.join(&target).exists() {
+    for (target, fragment) in local_links(&text) {
+        let path = if target.is_empty() { file.to_path_buf() } else { folder.join(&target) };
+        if !path.exists() {
             dead.push(format!("{}: link to {target}", file.display()));
+        } else if let Some(fragment) = fragment
+            && !headings(&read(&path)).contains(&fragment)
+        {
+            dead.push(format!("{}: link to heading {fragment} of {target}", file.display()));
         }
     }
     for (target, anchor) in includes(&text) {
@@ -74,7 +100,7 @@ fn chapters() -> BTreeSet<String> {
 #[test]
 fn the_summary_lists_every_chapter_once() {
     let listed = local_links(&read(&root().join("docs/SUMMARY.md")));
-    let unique: BTreeSet<String> = listed.iter().cloned().collect();
+    let unique: BTreeSet<String> = listed.iter().map(|(path, _)| path.clone()).collect();
     assert_eq!(unique.len(), listed.len(), "a chapter is listed twice");
     assert_eq!(unique, chapters());
 }
@@ -97,14 +123,14 @@ fn dead_links_includes_and_anchors_are_found() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     fs::write(folder.path().join("code.rs"), "// ANCHOR: here\n// ANCHOR_END: here\n").unwrap();
     let page = folder.path().join("page.md");
-    let text = "[a](code.rs) [b](https://x.org/y) [c](#part) ![d](gone.svg) `[e](not-a-link.md)`\n\n```rust\n\
+    let text = "# A, part\n\n[a](code.rs) [b](https://x.org/y) [c](#a-part) [c](#no-part) ![d](gone.svg) `[e](not-a-link.md)`\n\n```rust\n\
         {{#include code.rs:here}}\n{{#include code.rs:there}}\n{{#include gone.rs}}\n```\n";
     fs::write(&page, text).unwrap();
     let dead = dead_ends(&page).join("\n");
-    for said in ["link to gone.svg", "anchor there of code.rs", "include of gone.rs"] {
+    for said in ["link to gone.svg", "link to heading no-part", "anchor there of code.rs", "include of gone.rs"] {
         assert!(dead.contains(said), "{dead}");
     }
-    assert_eq!(dead.lines().count(), 3, "{dead}");
+    assert_eq!(dead.lines().count(), 4, "{dead}");
 }
 
 /// The command that the README gives for all tests is the one that the checks run; it must be found there, once.
