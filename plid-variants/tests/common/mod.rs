@@ -152,7 +152,7 @@ pub fn widen<S: Scalar>(p: &plid_core::Dense<S>) -> Mat<qd::Quad> {
 
 /// |a - b| / |b| in the Frobenius norm.
 pub fn relative(a: &Mat<qd::Quad>, b: &Mat<qd::Quad>) -> f64 {
-    (&(a - b)).norm() / b.norm()
+    (a - b).norm() / b.norm()
 }
 
 /// Name of a pair, for messages.
