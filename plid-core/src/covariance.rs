@@ -91,7 +91,7 @@ pub trait CovariancePropagation: Clone + Send + Sync + Sized + 'static {
     /// symmetric positive semidefinite.
     fn add_parameter_blocks(&mut self, weights: &Dense<ScalarOf<Self>>, out: ViewMut<'_, ScalarOf<Self>>);
 
-    /// The measurement update of P, and of the estimate `s`: z_i = s[rows[i]] + w_i, `innovation` is z - H s and `noise` holds R.
+    /// The measurement update of P, and of the estimate `s`: `z_i = s[rows[i]] + w_i`, `innovation` is z - H s and `noise` holds R.
     ///
     /// # Errors
     /// The pivot of the innovation covariance, or of P, that was not positive.

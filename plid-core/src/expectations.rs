@@ -19,7 +19,7 @@ pub struct Moment<'a, S, M> {
     pub residual: &'a [S],
 }
 
-/// E[G], E[G Q0 G^T], the regressor and the drift (plid-mathematics, sections 4 and 5).
+/// `E[G]`, `E[G Q0 G^T]`, the regressor and the drift (plid-mathematics, sections 4 and 5).
 ///
 /// The two calls of a step fill one [`Transition`] between them: `before` sees s- and P-, `after` sees s+ and P+. Neither allocates.
 pub trait ConditionalExpectations<C: CovariancePropagation>: Clone + Send + Sync + Sized + 'static {

@@ -88,6 +88,8 @@ fn filter<E: ConditionalExpectations<Direct<Plain<f64>>>>(record: &Record, sigma
     (error, error * error / run.covariance().dense().at(1, 1))
 }
 
+type Filter = fn(&Record, f64, f64) -> (f64, f64);
+
 /// Mean and standard deviation.
 fn moments(values: &[f64]) -> (f64, f64) {
     let mean = values.iter().sum::<f64>() / values.len() as f64;
@@ -120,22 +122,20 @@ fn nees(name: &str, values: &[f64], published: f64) -> f64 {
 }
 
 /// (Sigma, R, rmse exact, prior, moment-matched, EKF, NEES prior, moment-matched)
-const TABLE: [(f64, f64, f64, f64, f64, f64, f64, f64); 3] = [
-    (0.1, 0.5, 0.0721, 0.0783, 0.0764, 0.0780, 2.33, 1.03),
-    (0.1, 3.0, 0.1204, 0.1651, 0.1263, 0.1301, 7.7, 1.06),
-    (1.0, 1.0, 0.0708, 0.0779, 0.0733, 0.0738, 1.88, 0.92),
+const TABLE: [[f64; 8]; 3] = [
+    [0.1, 0.5, 0.0721, 0.0783, 0.0764, 0.0780, 2.33, 1.03],
+    [0.1, 3.0, 0.1204, 0.1651, 0.1263, 0.1301, 7.7, 1.06],
+    [1.0, 1.0, 0.0708, 0.0779, 0.0733, 0.0738, 1.88, 0.92],
 ];
 
 /// `runs` for the filters; the first `exact_runs` of them for the grid too.
 fn reproduce(runs: usize, exact_runs: usize, points: usize) {
-    for (sigma, r, rmse_exact, rmse_prior, rmse_moments, rmse_ekf, nees_prior, nees_moments) in TABLE {
+    for [sigma, r, rmse_exact, rmse_prior, rmse_moments, rmse_ekf, nees_prior, nees_moments] in TABLE {
         println!("Sigma = {sigma}, R = {r}, {runs} runs ({exact_runs} on the grid)");
         let records: Vec<Record> = (0..runs).map(|k| record(sigma, r, 1000 + k as u64)).collect();
         let errors: Vec<f64> =
             records[..exact_runs].iter().map(|record| exact(record, sigma, r, points) - record.a).collect();
-        let all = |one: fn(&Record, f64, f64) -> (f64, f64)| -> (Vec<f64>, Vec<f64>) {
-            records.iter().map(|record| one(record, sigma, r)).unzip()
-        };
+        let all = |one: Filter| -> (Vec<f64>, Vec<f64>) { records.iter().map(|record| one(record, sigma, r)).unzip() };
         let (prior, moments, ekf) =
             (all(filter::<Prior<f64>>), all(filter::<MomentMatched<f64>>), all(filter::<JointEkf<f64>>));
         let deviations = [

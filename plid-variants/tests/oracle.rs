@@ -39,8 +39,11 @@ fn without_sensor_noise() -> Case {
     case
 }
 
-/// The estimate and the covariance after the last step, one a case and kind.
-static REFERENCE: LazyLock<Vec<Vec<(Mat<Quad>, Mat<Quad>)>>> = LazyLock::new(|| {
+/// Estimate and covariance.
+type Outcome = (Mat<Quad>, Mat<Quad>);
+
+/// What stands after the last step, one a case and kind.
+static REFERENCE: LazyLock<Vec<Vec<Outcome>>> = LazyLock::new(|| {
     let run = |case: &Case, kind: Kind| {
         let mut reference = Reference::<Quad>::new(kind, &case.indices, case.inputs, &case.settings);
         for (k, (z, u)) in case.z.iter().zip(&case.u).enumerate() {
