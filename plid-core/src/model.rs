@@ -133,6 +133,20 @@ impl ObservableForm {
     pub fn indices(&self) -> &[usize] {
         &self.indices
     }
+
+    /// Whether entry `row` of the column a_i of `output` i can be given any value without a change of the plant's inputs and outputs.
+    ///
+    /// Block j of the form reads q^{n_j} y_j = sum_i (sum_l a_i\[j, l\] q^{l-1}) y_i + ..; where n_j > n_i, equation i times any
+    /// q^d with n_i + d < n_j may be added to it. With these entries held at zero the form is unique (Guidorzi 1975); it is only
+    /// where the indices differ that there are any.
+    pub fn is_redundant(&self, row: usize, output: usize) -> bool {
+        let (mut block, mut power) = (0, row);
+        while power >= self.indices[block] {
+            power -= self.indices[block];
+            block += 1;
+        }
+        block != output && power >= self.indices[output]
+    }
 }
 
 impl ImplicitModel for ObservableForm {
@@ -172,6 +186,17 @@ mod tests {
     fn balanced_gives_the_remainder_to_the_first() {
         assert_eq!(ObservableForm::balanced(11, 3, 1).unwrap().indices(), [4, 4, 3]);
         assert_eq!(ObservableForm::balanced(2, 3, 1), Err(StructureError::TooFewStates { states: 2, outputs: 3 }));
+    }
+
+    #[test]
+    fn only_unequal_indices_leave_entries_open() {
+        let form = ObservableForm::new(&[3, 1], 1).unwrap();
+        // Equation 2, of order one, times q or q^2 may be added to equation 1: its a_2 beyond the first power.
+        let open: Vec<(usize, usize)> =
+            (0..2).flat_map(|i| (0..4).map(move |r| (r, i))).filter(|&(r, i)| form.is_redundant(r, i)).collect();
+        assert_eq!(open, [(1, 1), (2, 1)]);
+        let equal = ObservableForm::new(&[3, 3], 1).unwrap();
+        assert!((0..2).all(|i| (0..6).all(|r| !equal.is_redundant(r, i))));
     }
 
     #[test]

@@ -3,7 +3,7 @@
 #[macro_use]
 mod common;
 
-use common::case::{Case, Plant, is_redundant, record, rng};
+use common::case::{Case, Plant, record, rng};
 use common::{HasForm, HasKind, finish, label};
 use nalgebra::{Complex, DMatrix};
 use plid_core::{
@@ -24,7 +24,7 @@ fn case(indices: &[usize], unique: bool, seed: u64) -> Case {
     let mut settings = Settings::new(&form, 1.0, 10.0);
     if let (true, InitialCovariance::Diagonal(d)) = (unique, &mut settings.initial_covariance) {
         for output in 0..p {
-            for row in (0..n).filter(|&row| is_redundant(indices, row, output)) {
+            for row in (0..n).filter(|&row| form.is_redundant(row, output)) {
                 d[(1 + output) * n + row] = 0.0;
             }
         }

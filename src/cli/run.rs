@@ -10,7 +10,7 @@ use super::{Failure, Voice, check_directory};
 
 /// Carry out an experiment: obtain the data, identify, validate on held-out data, report.
 ///
-/// Writes DIR/report.html (open it in a browser), result.json (the figures), model.json (the model), innovations.csv and
+/// Writes DIR/report.html (open it in a browser; its first picture also as frf.svg), result.json (the figures), model.json (the model), innovations.csv and
 /// manifest.json (every default, and the hashes of the input files). The same experiment gives the same bytes. Ctrl-C leaves a
 /// checkpoint, from which --resume goes on to the same result.
 #[derive(clap::Args)]

@@ -1,4 +1,4 @@
-//! The files of a run: result.json, model.json, innovations.csv, manifest.json, report.html. Each is written whole or not at all, and
+//! The files of a run: result.json, model.json, innovations.csv, manifest.json, report.html and its first picture, frf.svg. Each is written whole or not at all, and
 //! the same run gives the same bytes: no time and no path of the machine stands in them.
 
 use std::fmt::Write as _;
@@ -23,10 +23,11 @@ pub fn write(outcome: &Outcome, directory: &Path) -> Result<(), RunError> {
         write_atomic(&file(name), bytes).map_err(|source| RunError::File { path: file(name), source })
     };
     std::fs::create_dir_all(directory).map_err(|source| RunError::File { path: directory.into(), source })?;
-    let page = report::page(outcome)?;
+    let (page, responses) = report::page(outcome)?;
     put("innovations.csv", innovations(outcome).as_bytes())?;
     with_provenance(outcome).write(&file("model.json"))?;
     put("manifest.json", pretty(&manifest(outcome)).as_bytes())?;
+    put("frf.svg", responses.as_bytes())?;
     put("report.html", page.as_bytes())?;
     // Last, so that its presence says that the others are there.
     put("result.json", pretty(&result(outcome)?).as_bytes())?;

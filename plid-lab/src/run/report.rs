@@ -21,8 +21,8 @@ const WINDOW: usize = 400;
 /// Modes weaker than this below the strongest are left out of the picture, in dB; the table has them all.
 const FAINT_DB: f64 = 70.0;
 
-/// The page.
-pub(super) fn page(outcome: &Outcome) -> Result<String, RunError> {
+/// The page, and its first picture on its own.
+pub(super) fn page(outcome: &Outcome) -> Result<(String, String), RunError> {
     let validation = &outcome.validation;
     let record = &outcome.prepared.records[outcome.prepared.records.len() - 1];
     let rate = record.sample_rate_hz;
@@ -33,7 +33,8 @@ pub(super) fn page(outcome: &Outcome) -> Result<String, RunError> {
     for sentence in verdict(outcome) {
         report = report.verdict(sentence);
     }
-    report = report.figure(responses(outcome, measured.as_ref(), band)?, response_caption(outcome, measured.as_ref()));
+    let responses = responses(outcome, measured.as_ref(), band)?;
+    report = report.figure(responses.clone(), response_caption(outcome, measured.as_ref()));
     let errors = match validation.innovations.last() {
         Some(own) => convergence(own.view(), 200),
         None => convergence(ndarray::Array2::zeros((0, 1)).view(), 1),
@@ -114,7 +115,7 @@ pub(super) fn page(outcome: &Outcome) -> Result<String, RunError> {
     for source in &outcome.sources {
         report = report.provenance(source.file.clone(), format!("SHA-256 {}", source.sha256));
     }
-    Ok(report.to_html())
+    Ok((report.to_html(), responses))
 }
 
 fn percent(value: f64) -> String {

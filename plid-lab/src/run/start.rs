@@ -19,6 +19,15 @@ pub(super) fn settings(
 ) -> Result<Settings, RunError> {
     let start = &experiment.start;
     let mut settings = Settings::new(form, start.state_variance, start.parameter_variance);
+    if let InitialCovariance::Diagonal(variances) = &mut settings.initial_covariance {
+        // What the data cannot tell is held at zero: the form is then unique.
+        let n = form.states();
+        for output in 0..form.outputs() {
+            for row in (0..n).filter(|&row| form.is_redundant(row, output)) {
+                variances[(1 + output) * n + row] = 0.0;
+            }
+        }
+    }
     settings.forgetting = experiment.identification.forgetting;
     settings.parameter_noise = experiment.identification.parameter_noise;
     if let Some(file) = &start.model {

@@ -47,9 +47,10 @@ impl Plant {
         Self::with_entries(indices, inputs, radius, rng, |_, _| true)
     }
 
-    /// The same with a_i zero in the rows of block j from the (n_i + 1)-th on: see [`is_redundant`].
+    /// The same with a_i zero in the rows of block j from the (n_i + 1)-th on: see `ObservableForm::is_redundant`.
     pub fn random_unique(indices: &[usize], inputs: usize, radius: f64, rng: &mut ChaCha8Rng) -> Self {
-        Self::with_entries(indices, inputs, radius, rng, |row, output| !is_redundant(indices, row, output))
+        let form = ObservableForm::new(indices, inputs).unwrap();
+        Self::with_entries(indices, inputs, radius, rng, |row, output| !form.is_redundant(row, output))
     }
 
     fn with_entries(
@@ -89,18 +90,6 @@ impl Plant {
         let b = DMatrix::from_fn(n, inputs, |_, _| normal(rng));
         Self { a, b, outputs }
     }
-}
-
-/// Row j of the form reads q^{n_j} y_j = sum_i (sum_l a_i[j, l] q^{l-1}) y_i + ..; where n_j > n_i, row i times any
-/// q^d with n_i + d < n_j may be added to it, and inputs and outputs are the same. The plant is unique once
-/// a_i[j, l] is given for l > n_i (Guidorzi's canonical form: zero).
-pub fn is_redundant(indices: &[usize], row: usize, output: usize) -> bool {
-    let (mut block, mut power) = (0, row);
-    while power >= indices[block] {
-        power -= indices[block];
-        block += 1;
-    }
-    block != output && power >= indices[output]
 }
 
 pub fn normal(rng: &mut ChaCha8Rng) -> f64 {
