@@ -2,6 +2,7 @@
 
 use super::Outcome;
 use super::error::RunError;
+use crate::data::Warning;
 use crate::model::{mode_deviations, stability};
 
 /// A free-run error this many times the one-step error says that the predictor leans on the measured outputs.
@@ -11,8 +12,8 @@ const GOOD: f64 = 0.05;
 /// A mode whose frequency is known to no better than this share is not told by the data.
 const VAGUE: f64 = 0.05;
 
-/// Warnings about the model, and advice.
-pub(super) fn advise(outcome: &Outcome) -> Result<(Vec<String>, Vec<String>), RunError> {
+/// Warnings about the model, and advice on it and on what the data warn of.
+pub(super) fn advise(outcome: &Outcome, of_data: &[Warning]) -> Result<(Vec<String>, Vec<String>), RunError> {
     let (mut warnings, mut advice) = (Vec::new(), Vec::new());
     let validation = &outcome.validation;
     let free_run = validation.free_run_errors.overall_relative;
@@ -28,7 +29,7 @@ pub(super) fn advise(outcome: &Outcome) -> Result<(Vec<String>, Vec<String>), Ru
         warnings.push("no predictor gain keeps the one-step prediction bounded".into());
         return Ok((warnings, advice));
     };
-    let oversampled = outcome.warnings.iter().find(|w| w.contains("decimation to"));
+    let oversampled = of_data.iter().find(|w| matches!(w, Warning::Oversampled { .. }));
     if free_run.is_finite() && free_run > LEANS * one_step && free_run > GOOD {
         advice.push(format!(
             "The two errors disagree: {:.2} % one step ahead, {:.1} % in free run. One-step errors flatter a model that follows the measured outputs; for simulation trust the free run.",
@@ -42,7 +43,7 @@ pub(super) fn advise(outcome: &Outcome) -> Result<(Vec<String>, Vec<String>), Ru
     if let Some(warning) = oversampled {
         advice.push(format!("The sample rate is high against the band: {warning}. Set `preparation.decimate_to_hz`."));
     }
-    if outcome.warnings.iter().any(|w| w.contains("excite persistently") || w.contains("ill-conditioned")) {
+    if of_data.iter().any(|w| matches!(w, Warning::PoorExcitation { .. } | Warning::IllConditionedInput { .. })) {
         advice.push(
             "The inputs excite few frequencies. Outside of their band the model is a guess; add lines or noise there if it matters, or use fewer states."
                 .into(),

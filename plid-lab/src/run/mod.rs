@@ -112,7 +112,7 @@ pub fn carry_out(
         shares.fill(experiment.validation.training_share);
     }
     let mut prepared = prepare::prepare(raw.clone(), &shares, &experiment.preparation)?;
-    warnings.extend(prepared.warnings.iter().map(ToString::to_string));
+    let mut of_data = std::mem::take(&mut prepared.warnings);
     let (p, m) = (prepared.records[0].outputs.ncols(), prepared.records[0].inputs.ncols());
     let training: Vec<Samples<'_>> = prepared
         .records
@@ -150,10 +150,11 @@ pub fn carry_out(
         Err(RunError::Identify(IdentifyError::Interrupted)) => return Err(pause(search.memory, None)),
         other => other?,
     };
-    warnings.extend(require_samples(samples, (p + m) * form.states())?.iter().map(ToString::to_string));
+    of_data.extend(require_samples(samples, (p + m) * form.states())?);
     let segments = prepare::heads(&prepared.records, &prepared.training);
     let deepest = form.indices().iter().copied().max().unwrap_or(1);
-    warnings.extend(excitation::excitation(&segments, 2 * deepest).warnings().iter().map(ToString::to_string));
+    of_data.extend(excitation::excitation(&segments, 2 * deepest).warnings());
+    warnings.extend(of_data.iter().map(ToString::to_string));
 
     let settings = start::settings(&experiment, base, &prepared, &form)?;
     let (noise, bank) = match actor.known(&form)? {
@@ -216,7 +217,6 @@ pub fn carry_out(
         Some(truth) => peaks::compare(truth, &model)?,
         None => Vec::new(),
     };
-    prepared.warnings.clear();
     let mut outcome = Outcome {
         steps: prepared.steps.iter().map(ToString::to_string).collect(),
         sources: obtained.sources,
@@ -237,7 +237,7 @@ pub fn carry_out(
         truth,
         prepared,
     };
-    let (more_warnings, advice) = advice::advise(&outcome)?;
+    let (more_warnings, advice) = advice::advise(&outcome, &of_data)?;
     outcome.warnings.extend(more_warnings);
     outcome.advice = advice;
     Ok(outcome)

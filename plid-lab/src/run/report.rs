@@ -15,7 +15,7 @@ use crate::report::{
 use crate::signal::{WelchFrf, WelchOptions, convergence, welch_frf};
 
 /// Frequencies at which a model's response is drawn.
-const LINES: usize = 600;
+const LINES: usize = 400;
 /// Samples of the traces shown.
 const WINDOW: usize = 400;
 /// Modes weaker than this below the strongest are left out of the picture, in dB; the table has them all.
@@ -222,12 +222,17 @@ fn responses(outcome: &Outcome, measured: Option<&WelchFrf>, band: (f64, f64)) -
         (Some(output), Some(input)) => format!("{output}/{input}"),
         _ => "output/input".into(),
     };
+    // What is not shown is not drawn: it would only swell the file.
+    let shown = measured.map_or(0..0, |frf| {
+        let count = |limit: f64| frf.frequency_hz.iter().take_while(|f| **f < limit).count();
+        count(low)..count(high.next_up())
+    });
     let mut plots = Vec::new();
     for (i, output) in outcome.model.outputs.iter().enumerate() {
         for (j, input) in outcome.model.inputs.iter().enumerate() {
             let measured_curve = measured.map(|frf| FrfCurve {
-                frequency_hz: frf.frequency_hz.clone(),
-                response: frf.response.slice(ndarray::s![.., i, j]).to_vec(),
+                frequency_hz: frf.frequency_hz[shown.clone()].to_vec(),
+                response: frf.response.slice(ndarray::s![shown.clone(), i, j]).to_vec(),
                 std: None,
             });
             let identified = FrfCurve {
@@ -239,7 +244,7 @@ fn responses(outcome: &Outcome, measured: Option<&WelchFrf>, band: (f64, f64)) -
                 title: format!("{input} to {output}"),
                 unit: unit.clone(),
                 measured: measured_curve,
-                coherence: measured.map(|frf| frf.multiple_coherence.column(i).to_vec()),
+                coherence: measured.map(|frf| frf.multiple_coherence.slice(ndarray::s![shown.clone(), i]).to_vec()),
                 identified: Some(identified),
                 truth: truth.as_ref().map(|truth| FrfCurve {
                     frequency_hz: hz.clone(),

@@ -50,7 +50,6 @@ pub struct Validation {
     pub first_lag: i64,
 }
 
-#[allow(clippy::too_many_arguments)]
 pub(super) fn validate(
     experiment: &Experiment,
     scaled: &Model,
