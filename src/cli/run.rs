@@ -44,8 +44,8 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
 
 /// Carries out an experiment and says in short what came of it.
 pub fn carry_out(experiment: &Experiment, base: &Path, out: &Path, resume: bool, voice: Voice) -> Result<(), Failure> {
+    let bar = Bar::new(voice.quiet || voice.json);
     let outcome = directory::with(out, || {
-        let bar = Bar::new(voice.quiet || voice.json);
         let outcome = run::carry_out(experiment, base, Some(out), resume, &bar);
         bar.finish();
         let outcome = outcome?;

@@ -170,7 +170,7 @@ fn rows(kind: &str, runs: &[Option<&Run>]) -> String {
     for run in runs {
         let error = match run {
             Some(Run::Scored { relative_rms, .. }) => percent(*relative_rms),
-            Some(Run::Diverged { .. }) => "diverges".into(),
+            Some(Run::Diverged { sample, .. }) => format!("diverges at {sample}"),
             None => "-".into(),
         };
         text += &format!("{error:>21}");
