@@ -40,7 +40,9 @@ fn help_teaches() {
     {
         let output = plid(directory.path(), arguments);
         assert_eq!(output.status.code(), Some(0));
-        assert!(text(&output.stdout).contains("plid "), "{arguments:?}");
+        let help = text(&output.stdout);
+        assert!(help.contains("Example") || help.contains("Start here"), "{arguments:?}: {help}");
+        assert!(help.contains("\n  plid "), "{arguments:?}: {help}");
     }
     fails(directory.path(), &["identify"], 2, "required");
     fails(directory.path(), &["indentify"], 2, "identify");
@@ -72,6 +74,9 @@ fn wrong_files_are_named_with_the_place() {
     put(at, "nan.csv", "u\n1\nnan\n");
     put(at, "ragged.csv", "a,u\n1,2\n1\n3,4\n");
     put(at, "empty.csv", "");
+    put(at, "capital.csv", "a,U\n1,2\n3,4\n");
+    put(at, "slow.csv", "Time,u\n0,1\n0.2,1\n0.4,1\n");
+    put(at, "missing.json", &MODEL.replace("\"B\"", "\"b\""));
     let simulate = |model: &str, input: &str, said: &str| {
         fails(at, &["simulate", "--model", model, "--input", input, "--out", "y.csv"], 2, said);
         assert!(!at.join("y.csv").exists());
@@ -80,15 +85,84 @@ fn wrong_files_are_named_with_the_place() {
     simulate("bad.json", "u.csv", "`A`");
     simulate("syntax.json", "u.csv", "syntax.json:");
     simulate("model.json", "none.csv", "none.csv");
-    simulate("model.json", "v.csv", "no channel `u`; it has v");
-    simulate("model.json", "nan.csv", "line 3");
-    simulate("model.json", "ragged.csv", "line 3");
+    simulate("missing.json", "u.csv", "missing.json: key `B` is missing");
+    simulate("model.json", "v.csv", "v.csv: there is no channel `u`, only v\n");
+    simulate("model.json", "capital.csv", "did you mean `U`?");
+    simulate("model.json", "slow.csv", "`slow.csv` is at 5 Hz, model `model.json` at 10 Hz");
+    simulate("model.json", "nan.csv", "nan.csv: input `u` is NaN at line 3");
+    simulate("model.json", "ragged.csv", "ragged.csv, line 3");
     simulate("model.json", "empty.csv", "empty.csv");
     // Unstable: the work fails, and leaves no half of a file.
     put(at, "unstable.json", &MODEL.replace("[[0.5]]", "[[50.0]]"));
     put(at, "long.csv", &"1\n".repeat(200).replacen('1', "u", 1).replacen('\n', "\n1\n", 1));
     fails(at, &["simulate", "--model", "unstable.json", "--input", "long.csv", "--out", "y.csv"], 1, "diverged");
     assert!(!at.join("y.csv").exists());
+}
+
+#[test]
+fn an_output_file_is_replaced_but_never_what_is_read() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    put(at, "model.json", MODEL);
+    put(at, "u.csv", "u\n1\n2\n");
+    put(at, "y.csv", "old");
+    let simulate = |out: &'static str| ["simulate", "--model", "model.json", "--input", "u.csv", "--out", out];
+    let output = plid(at, &[&simulate("y.csv")[..], &["--quiet"]].concat());
+    assert_eq!(output.status.code(), Some(0));
+    assert!(output.stdout.is_empty() && output.stderr.is_empty());
+    assert_eq!(std::fs::read_to_string(at.join("y.csv")).unwrap(), "y\n3\n8\n");
+    fails(at, &simulate("model.json"), 2, "overwrite");
+    fails(at, &simulate("./u.csv"), 2, "overwrite");
+    fails(at, &simulate("none/y.csv"), 2, "none/y.csv");
+    assert_eq!(std::fs::read_to_string(at.join("model.json")).unwrap(), MODEL);
+    assert_eq!(std::fs::read_dir(at).unwrap().count(), 3, "nothing else is left");
+}
+
+/// Numbered columns, and names that hold a comma, come back as the names of the file that is written.
+#[test]
+fn names_of_any_kind_read_back() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    put(at, "first.json", &MODEL.replace("[\"y\"]", "[\"3\"]").replace("[\"u\"]", "[\"1\"]"));
+    put(at, "second.json", &MODEL.replace("[\"y\"]", "[\"left, \\\"x\\\"\"]").replace("[\"u\"]", "[\"3\"]"));
+    put(at, "third.json", &MODEL.replace("[\"u\"]", "[\"left, \\\"x\\\"\"]"));
+    put(at, "u.csv", "1,9\n1,9\n0,9\n");
+    for (model, input, out, content) in [
+        ("first.json", "u.csv", "y.csv", "\"3\"\n3\n5\n3\n"),
+        ("second.json", "y.csv", "z.csv", "\"left, \"\"x\"\"\"\n9\n21\n22\n"),
+        ("third.json", "z.csv", "w.csv", "y\n27\n81\n117\n"),
+    ] {
+        let output = plid(at, &["simulate", "--model", model, "--input", input, "--out", out]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        assert_eq!(std::fs::read_to_string(at.join(out)).unwrap(), content);
+    }
+}
+
+/// A reader that has gone, as `head` does, is no failure; a disk that is full is.
+#[cfg(target_os = "linux")]
+#[test]
+fn standard_output_may_be_closed_or_full() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    put(at, "model.json", MODEL);
+    put(at, "u.csv", "u\n1\n2\n");
+    let simulate = |stdout: Stdio| {
+        Command::new(env!("CARGO_BIN_EXE_plid"))
+            .current_dir(at)
+            .args(["simulate", "--model", "model.json", "--input", "u.csv", "--out", "y.csv"])
+            .stdout(stdout)
+            .stderr(Stdio::piped())
+            .spawn()
+            .and_then(std::process::Child::wait_with_output)
+            .expect("the program runs")
+    };
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let closed = simulate(writer.into());
+    assert_eq!(closed.status.code(), Some(0), "{}", text(&closed.stderr));
+    let full = simulate(std::fs::File::create("/dev/full").unwrap().into());
+    assert_eq!(full.status.code(), Some(1));
+    assert!(text(&full.stderr).starts_with("plid: standard output:"), "{}", text(&full.stderr));
 }
 
 /// A record of the model with a small error added to y.
@@ -123,6 +197,24 @@ fn validate_ranks_the_true_model_first() {
     let report = std::fs::read_to_string(at.join("compared/report.html")).unwrap();
     assert!(report.contains("true.json simulates best") && report.contains("<svg"));
     fails(at, &both, 2, "is not empty");
+    let table = text(&plid(at, &["validate", "--model", "off.json", "--model", "true.json", "r.csv"]).stdout);
+    let row = table.lines().find(|line| line.trim_start().starts_with("free run  all")).unwrap();
+    let errors: Vec<f64> = row.split_whitespace().skip(3).map(|word| word.parse().unwrap()).collect();
+    assert_eq!(errors.len(), 2, "{table}");
+    assert!((errors[0] - 100.0 * error(0, "free_run")).abs() < 1e-3, "{table}");
+    assert!((errors[1] - 100.0 * error(1, "free_run")).abs() < 1e-3, "{table}");
+    put(at, "nan.csv", &format!("{}5,nan,0\n", record(50, 0.0)));
+    fails(at, &["validate", "--model", "true.json", "nan.csv"], 2, "nan.csv: channel `u` is NaN at line 52");
+    put(at, "infinite.csv", &format!("{}5,0,inf\n", record(50, 0.0)));
+    fails(at, &["validate", "--model", "true.json", "infinite.csv"], 2, "infinite.csv: channel `y` is inf at line 52");
+    put(at, "other.json", &MODEL.replace("\"y\"", "\"y1\""));
+    fails(at, &["validate", "--model", "other.json", "r.csv"], 2, "did you mean `y`?");
+    fails(at, &["validate", "--model", "true.json", "r.csv", "--skip", "300"], 2, "300");
+    // A model that diverges is a row of the table.
+    put(at, "wild.json", &MODEL.replace("[[0.5]]", "[[50.0]]"));
+    let output = plid(at, &["validate", "--model", "wild.json", "r.csv"]);
+    assert_eq!(output.status.code(), Some(0));
+    assert!(text(&output.stdout).contains("diverges at"), "{}", text(&output.stdout));
     put(at, "rate.csv", &record(50, 0.0).replace("Time,", "t,").replace(".1,", ".13,"));
     fails(at, &["validate", "--model", "true.json", "rate.csv"], 2, "rate.csv");
     fails(at, &["validate", "--model", "true.json", "r.csv", "--rate", "20"], 2, "20 Hz");
@@ -154,18 +246,28 @@ fn identify_writes_the_experiment_that_run_repeats() {
     fails(at, &identify, 2, "is not empty");
     fails(at, &["identify", "r.csv", "--inputs", "u", "--outputs", "why", "--states", "2", "--out", "x"], 2, "why");
     fails(at, &["identify", "r.csv", "--inputs", "u", "--outputs", "y", "--out", "x"], 2, "states");
-    fails(
-        at,
-        &["identify", "r.csv", "--inputs", "u", "--outputs", "y", "--states", "2", "--rate", "0", "--out", "x"],
-        2,
-        "rate",
-    );
-    fails(
-        at,
-        &["identify", "r.csv", "--inputs", "u", "--outputs", "y", "--states", "2", "--scalar", "f16", "--out", "x"],
-        2,
-        "f16",
-    );
+    let refused = |extra: &[&str], said: &str| {
+        let arguments = ["identify", "r.csv", "--inputs", "u", "--outputs", "y", "--states", "2", "--out", "x"];
+        fails(at, &[&arguments[..], extra].concat(), 2, said);
+        assert!(!at.join("x").exists(), "{extra:?} leaves nothing behind");
+    };
+    refused(&["--rate", "0"], "rate");
+    refused(&["--rate", "-3"], "-3 Hz");
+    refused(&["--scalar", "f16"], "f16");
+    refused(&["--scalar", "double-double", "--backend", "faer"], "plain");
+    refused(&["--decimate", "3.3"], "10 Hz");
+    refused(&["--indices", "1,1"], "indices");
+    refused(&["--passes", "0"], "passes");
+    refused(&["--training-share", "1.5"], "training_share");
+    fails(at, &[&identify[..8], &["--out", "r.csv/x", "--force"]].concat(), 2, "r.csv/x");
+    fails(at, &["identify", "r.csv", "--inputs", "1-99999999999", "--outputs", "y", "--states", "1"], 2, "range");
+    // Into an old directory only by --force, and a refusal leaves that as it was.
+    let output = plid(at, &[&identify[..], &["--force", "--quiet"]].concat());
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    assert!(output.stdout.is_empty() && output.stderr.is_empty());
+    let config = std::fs::read(at.join("first/experiment.toml")).unwrap();
+    fails(at, &[&identify[..], &["--force", "--decimate", "3.3"]].concat(), 2, "10 Hz");
+    assert_eq!(std::fs::read(at.join("first/experiment.toml")).unwrap(), config);
 }
 
 #[test]
@@ -196,9 +298,13 @@ fn an_interrupted_run_leaves_a_checkpoint_that_resume_takes_up() {
         .args(["run", "e.toml", "--out", "parts", "--quiet"])
         .spawn()
         .expect("the program starts");
-    std::thread::sleep(std::time::Duration::from_millis(700));
-    let signalled = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-    assert!(signalled.success());
+    // The directory is made once Ctrl-C is heeded.
+    while !at.join("parts").exists() && child.try_wait().unwrap().is_none() {
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    std::thread::sleep(std::time::Duration::from_millis(500));
+    // A process that is done cannot be signalled, which is no failure.
+    Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
     let status = child.wait().unwrap();
     // On a machine that is done by then there is nothing to resume; the bytes must agree all the same.
     if !status.success() {

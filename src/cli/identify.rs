@@ -1,6 +1,6 @@
 //! `plid identify`: the main job without an experiment file.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use plid::lab::data::MissingPolicy;
 use plid::lab::experiment::{
@@ -9,9 +9,10 @@ use plid::lab::experiment::{
 };
 use plid::lab::prepare::{Advance, Preparation};
 use plid::lab::report::write_atomic;
+use plid::lab::run::CHECKPOINT;
 use plid::lab::variant::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
 
-use super::{Failure, Voice, check_directory};
+use super::{Failure, Voice, directory};
 
 /// Identify a model from records.
 ///
@@ -42,10 +43,10 @@ pub struct Arguments {
     #[arg(long, value_name = "N,..", value_delimiter = ',')]
     scan: Vec<usize>,
     /// Samples a second; left out, the file's own.
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
     rate: Option<f64>,
     /// Decimate to this rate.
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
     decimate: Option<f64>,
     /// Advance the input by this many samples, for a plant that answers at once; `auto`: by a test.
     #[arg(long, default_value = "auto", value_parser = ["auto", "0", "1"])]
@@ -95,16 +96,22 @@ fn parse<T: serde::de::DeserializeOwned>(word: &str) -> Result<T, String> {
     T::deserialize(word).map_err(|e| e.to_string())
 }
 
+/// No record has so many columns; a longer range is a slip.
+const LONGEST_RANGE: usize = 10_000;
+
 /// `u1,u2`, or ranges of numbers such as `3-5`.
-fn columns(list: &str) -> Vec<String> {
-    list.split(',')
-        .map(str::trim)
-        .filter(|word| !word.is_empty())
-        .flat_map(|word| match word.split_once('-').map(|(a, b)| (a.parse::<usize>(), b.parse::<usize>())) {
-            Some((Ok(first), Ok(last))) if first <= last => (first..=last).map(|i| i.to_string()).collect(),
-            _ => vec![word.to_string()],
-        })
-        .collect()
+fn columns(list: &str) -> Result<Vec<String>, Failure> {
+    let mut names = Vec::new();
+    for word in list.split(',').map(str::trim).filter(|word| !word.is_empty()) {
+        match word.split_once('-').map(|(first, last)| (first.parse::<usize>(), last.parse::<usize>())) {
+            Some((Ok(first), Ok(last))) if first > last || last - first > LONGEST_RANGE => {
+                return Err(Failure::input(format!("{word}: not a range of columns; one is 3-5")));
+            }
+            Some((Ok(first), Ok(last))) => names.extend((first..=last).map(|column| column.to_string())),
+            _ => names.push(word.to_string()),
+        }
+    }
+    Ok(names)
 }
 
 fn indices(word: Option<&str>) -> Result<IndicesChoice, Failure> {
@@ -124,17 +131,16 @@ fn indices(word: Option<&str>) -> Result<IndicesChoice, Failure> {
 pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     let stem = arguments.data[0].file_stem().map(|s| s.to_string_lossy().into_owned());
     let name = arguments.name.clone().or(stem).unwrap_or_else(|| "record".into());
-    let out = arguments.out.clone().unwrap_or_else(|| Path::new("out").join(&name));
-    check_directory(&out, arguments.force || arguments.resume)?;
+    let out = arguments.out.clone().unwrap_or_else(|| directory::default_for(&name));
+    directory::check(&out, arguments.force || arguments.resume)?;
     // The file that is written may be run from anywhere.
-    let absolute =
-        |path: &PathBuf| std::fs::canonicalize(path).map_err(|e| Failure::input(format!("{}: {e}", path.display())));
+    let absolute = |path: &PathBuf| std::fs::canonicalize(path).map_err(|error| Failure::file(path, &error));
     let experiment = Experiment {
         name,
         data: DataConfig {
             files: arguments.data.iter().map(absolute).collect::<Result<_, _>>()?,
-            inputs: columns(&arguments.inputs),
-            outputs: columns(&arguments.outputs),
+            inputs: columns(&arguments.inputs)?,
+            outputs: columns(&arguments.outputs)?,
             sample_rate_hz: arguments.rate,
             missing: if arguments.missing == "nan" { MissingPolicy::Nan } else { MissingPolicy::Error },
             variable: arguments.variable.clone(),
@@ -169,11 +175,10 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
         return Err(Failure::input(format!("{key}: {reason}")));
     }
     let result = super::run::carry_out(&experiment, &out, &out, arguments.resume, voice);
-    // An experiment that could not be begun leaves nothing behind.
-    if out.is_dir() {
+    // An experiment that could not be begun leaves nothing behind; one that was interrupted may be taken up.
+    if result.is_ok() || out.join(CHECKPOINT).exists() {
         let path = out.join("experiment.toml");
-        write_atomic(&path, to_toml(&experiment).as_bytes())
-            .map_err(|e| Failure::work(format!("{}: {e}", path.display())))?;
+        write_atomic(&path, to_toml(&experiment).as_bytes()).map_err(|error| Failure::file(&path, &error))?;
     }
     result
 }

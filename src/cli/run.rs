@@ -1,12 +1,13 @@
 //! `plid run`: an experiment from its file to its report.
 
+use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use plid::lab::experiment::{self, Experiment};
-use plid::lab::run::{self, Outcome};
+use plid::lab::run::{self, Outcome, RunError};
 
 use super::progress::Bar;
-use super::{Failure, Voice, check_directory};
+use super::{Failure, Voice, directory, voice};
 
 /// Carry out an experiment: obtain the data, identify, validate on held-out data, report.
 ///
@@ -34,56 +35,63 @@ pub struct Arguments {
 /// Runs the command.
 pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     let path = &arguments.experiment;
-    let experiment = experiment::read(path).map_err(plid::lab::run::RunError::from)?;
+    let experiment = experiment::read(path).map_err(RunError::from)?;
     let base = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let out = arguments.out.unwrap_or_else(|| Path::new("out").join(&experiment.name));
-    check_directory(&out, arguments.force || arguments.resume)?;
+    let out = arguments.out.unwrap_or_else(|| directory::default_for(&experiment.name));
+    directory::check(&out, arguments.force || arguments.resume)?;
     carry_out(&experiment, base, &out, arguments.resume, voice)
 }
 
 /// Carries out an experiment and says in short what came of it.
 pub fn carry_out(experiment: &Experiment, base: &Path, out: &Path, resume: bool, voice: Voice) -> Result<(), Failure> {
     let bar = Bar::new(voice.quiet || voice.json);
-    let result = run::carry_out(experiment, base, Some(out), resume, &bar);
-    bar.finish();
-    let outcome = result?;
-    run::write(&outcome, out)?;
+    let outcome = directory::with(out, || {
+        let outcome = run::carry_out(experiment, base, Some(out), resume, &bar);
+        bar.finish();
+        let outcome = outcome?;
+        run::write(&outcome, out)?;
+        Ok(outcome)
+    })?;
     if voice.json {
         let path = out.join("result.json");
-        let text = std::fs::read_to_string(&path).map_err(|e| Failure::work(format!("{}: {e}", path.display())))?;
-        print!("{text}");
-    } else if !voice.quiet {
-        say(&outcome, out);
+        let text = std::fs::read_to_string(&path).map_err(|error| Failure::file(&path, &error))?;
+        voice::print(&text)
+    } else if voice.quiet {
+        Ok(())
+    } else {
+        voice::print(&summary(&outcome, out))?;
+        outcome.warnings.iter().for_each(|warning| voice::remark(&format!("warning: {warning}")));
+        outcome.advice.iter().for_each(|advice| voice::remark(&format!("advice: {advice}")));
+        Ok(())
     }
-    Ok(())
 }
 
-fn say(outcome: &Outcome, out: &Path) {
+fn summary(outcome: &Outcome, out: &Path) -> String {
     let validation = &outcome.validation;
-    println!("{} states, observability indices {:?}", outcome.model.n(), outcome.form.indices());
-    println!("held-out errors, RMS over RMS of the output:");
-    println!("  {:<20} {:>10} {:>10}", "output", "one-step", "free run");
     let percent = |value: Option<f64>| match value {
         Some(value) if value.is_finite() => format!("{:.3} %", 100.0 * value),
         Some(_) => "diverges".into(),
         None => "-".into(),
     };
+    let mut text = String::new();
+    // Writing to a string does not fail.
+    let mut row = |name: &str, one_step: String, free_run: String| {
+        let _ = writeln!(text, "  {name:<20} {one_step:>10} {free_run:>10}");
+    };
+    row("output", "one-step".into(), "free run".into());
     let one_step = validation.one_step_errors.as_ref();
     let free_run = &validation.free_run_errors;
     for (i, name) in outcome.model.outputs.iter().enumerate() {
-        let row = (percent(one_step.map(|e| e.relative[i])), percent(Some(free_run.relative[i])));
-        println!("  {name:<20} {:>10} {:>10}", row.0, row.1);
+        row(name, percent(one_step.map(|e| e.relative[i])), percent(Some(free_run.relative[i])));
     }
-    let overall = (percent(one_step.map(|e| e.overall_relative)), percent(Some(free_run.overall_relative)));
-    println!("  {:<20} {:>10} {:>10}", "all", overall.0, overall.1);
+    row("all", percent(one_step.map(|e| e.overall_relative)), percent(Some(free_run.overall_relative)));
     if let Some(truth) = &validation.truth_errors {
-        println!("  {:<20} {:>10} {:>10}", "true plant", "", percent(Some(truth.overall_relative)));
+        row("true plant", String::new(), percent(Some(truth.overall_relative)));
     }
-    for warning in &outcome.warnings {
-        eprintln!("warning: {warning}");
-    }
-    for advice in &outcome.advice {
-        eprintln!("advice: {advice}");
-    }
-    println!("report: {}", out.join("report.html").display());
+    format!(
+        "{} states, observability indices {:?}\nheld-out errors, RMS over RMS of the output:\n{text}report: {}\n",
+        outcome.model.n(),
+        outcome.form.indices(),
+        out.join("report.html").display()
+    )
 }

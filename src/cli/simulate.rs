@@ -1,15 +1,15 @@
 //! `plid simulate`: the free run of a model on an input.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use ndarray::Array2;
-use plid::lab::model::{Model, simulate};
+use plid::lab::model::{Model, ModelError, simulate};
 
-use super::{Failure, Voice, table};
+use super::{Failure, Voice, table, voice};
 
 /// Simulate a model in free run: x_{k+1} = A x_k + B u_k, y_k = C x_k + D u_k, from rest.
 ///
-/// The input file has a column named as each input of the model. One row is written an input row, a column an output. A
+/// The input file has a column named as each input of the model, and the model's sample rate if it says any. One row is written an input row, a column an output. A
 /// model that plid identified acts on deviations from its operating point; --operating-point subtracts that
 /// from the input and adds it to the output.
 #[derive(clap::Args)]
@@ -48,13 +48,24 @@ fn shift(values: &mut Array2<f64>, by: &[f64], sign: f64) {
 
 /// Runs the command.
 pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
+    for source in [&arguments.model, &arguments.input] {
+        if same_file(source, &arguments.out) {
+            return Err(Failure::input(format!("--out {} would overwrite what is read", source.display())));
+        }
+    }
     let model = Model::read(&arguments.model)?;
     let input = table::read(&arguments.input)?;
-    let mut inputs = table::pick(&input, &model.inputs)?;
-    if let Some(((k, j), value)) = inputs.indexed_iter().find(|(_, x)| !x.is_finite()) {
-        let place = input.place(k);
-        return Err(Failure::input(format!("{place}: input `{}` is {value}", model.inputs[j])));
+    let record_hz = table::rate(&input, None, model.sample_rate_hz)?;
+    if record_hz != model.sample_rate_hz {
+        return Err(ModelError::Rate {
+            record: arguments.input.display().to_string(),
+            record_hz,
+            model: arguments.model.display().to_string(),
+            model_hz: model.sample_rate_hz,
+        }
+        .into());
     }
+    let mut inputs = table::pick(&input, &model.inputs)?;
     let x0 = match (arguments.from_model_state, &model.initial_state) {
         (false, _) => model.rest(),
         (true, Some(state)) => state.clone(),
@@ -75,10 +86,16 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
         shift(&mut simulation.outputs, means, 1.0);
     }
     table::write_csv(&arguments.out, &model.outputs, &simulation.outputs)?;
+    let samples = simulation.outputs.nrows();
     if voice.json {
-        println!("{}", serde_json::json!({ "out": arguments.out, "samples": simulation.outputs.nrows() }));
-    } else if !voice.quiet {
-        println!("{} samples of {} outputs: {}", simulation.outputs.nrows(), model.p(), arguments.out.display());
+        voice::print(&format!("{}\n", serde_json::json!({ "out": arguments.out, "samples": samples })))
+    } else if voice.quiet {
+        Ok(())
+    } else {
+        voice::print(&format!("{samples} samples of {}: {}\n", model.outputs.join(", "), arguments.out.display()))
     }
-    Ok(())
+}
+
+fn same_file(a: &Path, b: &Path) -> bool {
+    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }

@@ -4,34 +4,60 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use ndarray::Array2;
-use plid::lab::data::{self, Table};
+use plid::lab::data::{self, DataError, Table};
 use plid::lab::report::write_atomic;
 
 use super::Failure;
+
+/// Rates that differ by less than this, relatively, are the same: printed times are rounded.
+const SAME_RATE: f64 = 1e-4;
+/// Names that are less like each other than this are not a slip of the pen.
+const ALIKE: f64 = 0.75;
 
 /// Reads a file of any format that plid knows.
 pub fn read(path: &Path) -> Result<Table, Failure> {
     Ok(data::read(path, None)?)
 }
 
-/// The columns `names` of a table, in that order; a channel that it lacks is an error with what it has.
+/// The sample rate of a table: the given one, its own, or else the model's; the model's too where the two agree.
+pub fn rate(table: &Table, given: Option<f64>, model_hz: f64) -> Result<f64, Failure> {
+    // A single sample has no rate to contradict the model's.
+    if given.is_none() && table.samples() < 2 {
+        return Ok(model_hz);
+    }
+    let (rate, assumed) = data::sample_rate(table, given)?;
+    let is_the_models = assumed.is_some() || (rate - model_hz).abs() <= SAME_RATE * model_hz;
+    Ok(if is_the_models { model_hz } else { rate })
+}
+
+/// The columns `names` of a table, in that order, every value finite.
 pub fn pick(table: &Table, names: &[String]) -> Result<Array2<f64>, Failure> {
-    let columns: Result<Vec<_>, Failure> = names
-        .iter()
-        .map(|name| {
-            table.column(name).ok_or_else(|| {
-                let present = table.names.join(", ");
-                Failure::input(format!("{}: no channel `{name}`; it has {present}", table.source.display()))
-            })
-        })
-        .collect();
-    let columns = columns?;
-    Ok(Array2::from_shape_fn((table.samples(), names.len()), |(k, i)| columns[i][k]))
+    let mut picked = Array2::zeros((table.samples(), names.len()));
+    for (name, mut to) in names.iter().zip(picked.columns_mut()) {
+        let column = table.column(name).ok_or_else(|| DataError::UnknownChannel {
+            file: table.source.clone(),
+            channel: name.clone(),
+            there: table.names.clone(),
+            suggestion: nearest(name, &table.names),
+        })?;
+        if let Some(k) = column.iter().position(|value| !value.is_finite()) {
+            let (place, value) = (table.place(k), column[k]);
+            return Err(Failure::input(format!("{}: input `{name}` is {value} at {place}", table.source.display())));
+        }
+        to.assign(&column);
+    }
+    Ok(picked)
+}
+
+fn nearest(wanted: &str, names: &[String]) -> Option<String> {
+    let likeness = |name: &String| strsim::jaro_winkler(&wanted.to_lowercase(), &name.to_lowercase());
+    let near = names.iter().filter(|name| likeness(name) > ALIKE);
+    near.max_by(|a, b| likeness(a).total_cmp(&likeness(b))).cloned()
 }
 
 /// Writes columns under their names as CSV, whole or not at all.
 pub fn write_csv(path: &Path, names: &[String], values: &Array2<f64>) -> Result<(), Failure> {
-    let mut text = names.join(",");
+    let mut text = names.iter().map(|name| header(name)).collect::<Vec<_>>().join(",");
     text.push('\n');
     for row in values.rows() {
         for (i, value) in row.iter().enumerate() {
@@ -42,5 +68,13 @@ pub fn write_csv(path: &Path, names: &[String], values: &Array2<f64>) -> Result<
         }
         text.push('\n');
     }
-    write_atomic(path, text.as_bytes()).map_err(|e| Failure::work(format!("{}: {e}", path.display())))
+    write_atomic(path, text.as_bytes()).map_err(|error| Failure::file(path, &error))
+}
+
+/// A name that reads back as one: in quotes if it could pass for a number or for several cells.
+fn header(name: &str) -> String {
+    let is_plain = name.parse::<f64>().is_err()
+        && name.starts_with(|c: char| c.is_alphabetic())
+        && name.chars().all(|c| c.is_alphanumeric() || "_.-()[]/".contains(c));
+    if is_plain { name.to_string() } else { format!("\"{}\"", name.replace('"', "\"\"")) }
 }

@@ -3,14 +3,14 @@
 use std::path::PathBuf;
 
 use ndarray::{Array2, s};
-use plid::lab::data::{self, Table};
+use plid::lab::data::{self, MissingPolicy, Table};
 use plid::lab::model::{
     CompareOptions, Comparison, Model, NamedModel, OutputScore, Record, Run, Start, compare, estimate_initial_state,
     simulate,
 };
 use plid::lab::report::{self, Cell, Report, Trace, trace_plot, write_atomic};
 
-use super::{Failure, Voice, check_directory, table};
+use super::{Failure, Voice, directory, table, voice};
 
 /// Put one or more models beside each other on records: in free run, and one step ahead where a model has a predictor gain.
 ///
@@ -53,7 +53,7 @@ const WINDOW: usize = 400;
 /// Runs the command.
 pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     if let Some(out) = &arguments.out {
-        check_directory(out, arguments.force)?;
+        directory::check(out, arguments.force)?;
     }
     let names: Vec<String> = arguments.models.iter().map(|path| path.display().to_string()).collect();
     let models = arguments.models.iter().map(|path| Model::read(path)).collect::<Result<Vec<_>, _>>()?;
@@ -63,9 +63,11 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     let mut values = Vec::new();
     let mut rates = Vec::new();
     for table in &tables {
-        let (rate, assumed) = data::sample_rate(table, arguments.rate)?;
-        // A file that does not say its rate is taken to be at the model's.
-        rates.push(if assumed.is_some() { models[0].sample_rate_hz } else { rate });
+        rates.push(table::rate(table, arguments.rate, models[0].sample_rate_hz)?);
+        for model in &models {
+            // What is wrong with a channel is said with file and line.
+            data::extract(table, &model.inputs, &model.outputs, Some(model.sample_rate_hz), MissingPolicy::Nan)?;
+        }
         values.push(if arguments.keep_means { table.columns.clone() } else { without_means(&table.columns) });
     }
     let records: Vec<Record<'_>> = tables
@@ -83,19 +85,24 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     let start = if arguments.start == "rest" { Start::Rest } else { Start::Fitted { window: None } };
     let comparison = compare(&named, &records, CompareOptions { start, score_from: arguments.skip })?;
     let json = serde_json::to_string_pretty(&comparison).map_err(Failure::work)?;
-    if voice.json {
-        println!("{json}");
-    } else if !voice.quiet {
-        print(&comparison);
-    }
+    // The files come first: a reader of the table may be gone before its end.
     if let Some(out) = &arguments.out {
         let page = page(&comparison, &named, &records, start)?;
-        std::fs::create_dir_all(out)
-            .and_then(|()| write_atomic(&out.join("report.html"), page.as_bytes()))
-            .and_then(|()| write_atomic(&out.join("result.json"), format!("{json}\n").as_bytes()))
-            .map_err(|e| Failure::work(format!("{}: {e}", out.display())))?;
+        let files = [("report.html", page), ("result.json", format!("{json}\n"))];
+        directory::with(out, || {
+            files.iter().try_for_each(|(name, text)| {
+                let path = out.join(name);
+                write_atomic(&path, text.as_bytes()).map_err(|error| Failure::file(&path, &error))
+            })
+        })?;
     }
-    Ok(())
+    if voice.json {
+        voice::print(&format!("{json}\n"))
+    } else if voice.quiet {
+        Ok(())
+    } else {
+        voice::print(&beside(&comparison, &names))
+    }
 }
 
 fn without_means(columns: &Array2<f64>) -> Array2<f64> {
@@ -108,34 +115,68 @@ fn without_means(columns: &Array2<f64>) -> Array2<f64> {
     values
 }
 
-fn fit(score: &OutputScore) -> String {
-    score.fit_percent.map_or("-".into(), |fit| format!("{fit:.2}"))
-}
-
 fn percent(value: Option<f64>) -> String {
     value.map_or("-".into(), |x| format!("{:.3}", 100.0 * x))
 }
 
-fn print(comparison: &Comparison) {
-    println!("fit, % (100 is perfect), and RMS of the error over RMS of the output, %");
-    for trial in &comparison.trials {
-        println!("{} on {}", trial.model, trial.record);
-        for (kind, run) in [("free run", Some(&trial.free_run)), ("one-step", trial.one_step.as_ref())] {
-            match run {
-                None => {}
-                Some(Run::Diverged { output, sample }) => {
-                    println!("  {kind}: diverges ({output}, sample {sample})");
-                }
-                Some(Run::Scored { outputs, relative_rms }) => {
-                    for score in outputs {
-                        let relative = percent(score.relative_rms);
-                        println!("  {kind}  {:<20} fit {:>8}   error {relative:>8}", score.output, fit(score));
-                    }
-                    println!("  {kind}  {:<20} {:>12}   error {:>8}", "all", "", percent(*relative_rms));
-                }
-            }
+/// The table on standard output: a row an output, a pair of columns a model.
+fn beside(comparison: &Comparison, models: &[String]) -> String {
+    let mut text = String::from("fit: 100 is perfect; error: RMS of the error over RMS of the output\n");
+    for (k, model) in models.iter().enumerate() {
+        text += &format!("  [{}] {model}\n", k + 1);
+    }
+    for trials in comparison.trials.chunks(models.len()) {
+        text += &format!("\n{}\n  {:<9} {:<20}", trials[0].record, "", "");
+        text.extend((1..=models.len()).map(|k| format!("{:>21}", format!("[{k}] fit %   error %"))));
+        text.push('\n');
+        let free_runs: Vec<Option<&Run>> = trials.iter().map(|trial| Some(&trial.free_run)).collect();
+        let one_steps: Vec<Option<&Run>> = trials.iter().map(|trial| trial.one_step.as_ref()).collect();
+        text += &rows("free run", &free_runs);
+        text += &rows("one-step", &one_steps);
+    }
+    text
+}
+
+/// The rows of one kind of run, one run a model; none where no model has it.
+fn rows(kind: &str, runs: &[Option<&Run>]) -> String {
+    if runs.iter().all(Option::is_none) {
+        return String::new();
+    }
+    let scores = |run: &Option<&Run>| -> Vec<OutputScore> {
+        match run {
+            Some(Run::Scored { outputs, .. }) => outputs.clone(),
+            _ => Vec::new(),
+        }
+    };
+    let scores: Vec<Vec<OutputScore>> = runs.iter().map(scores).collect();
+    // Models need not have the same outputs.
+    let mut outputs: Vec<&String> = Vec::new();
+    for score in scores.iter().flatten() {
+        if !outputs.contains(&&score.output) {
+            outputs.push(&score.output);
         }
     }
+    let mut text = String::new();
+    for output in outputs {
+        text += &format!("  {kind:<9} {output:<20}");
+        for scores in &scores {
+            let score = scores.iter().find(|score| &score.output == output);
+            let fit = score.and_then(|s| s.fit_percent).map_or("-".into(), |fit| format!("{fit:.2}"));
+            text += &format!("{fit:>11}{:>10}", percent(score.and_then(|s| s.relative_rms)));
+        }
+        text.push('\n');
+    }
+    text += &format!("  {kind:<9} {:<20}", "all");
+    for run in runs {
+        let error = match run {
+            Some(Run::Scored { relative_rms, .. }) => percent(*relative_rms),
+            Some(Run::Diverged { sample, .. }) => format!("diverges at {sample}"),
+            None => "-".into(),
+        };
+        text += &format!("{error:>21}");
+    }
+    text.push('\n');
+    text
 }
 
 fn page(
@@ -156,15 +197,20 @@ fn page(
             .filter(|trial| trial.record == record.name)
             .min_by(|a, b| overall(&a.free_run).total_cmp(&overall(&b.free_run)));
         if let Some(trial) = best {
+            let best = if models.len() > 1 { " simulates best: its free run" } else { " in free run" };
             report = report.verdict(if overall(&trial.free_run).is_finite() {
                 format!(
-                    "On {}, {} simulates best: its free run is off by {} % (RMS of the error over RMS of the output).",
+                    "On {}, {}{best} is off by {} % (RMS of the error over RMS of the output).",
                     record.name,
                     trial.model,
                     percent(Some(overall(&trial.free_run)))
                 )
             } else {
-                format!("On {} every model diverges.", record.name)
+                format!(
+                    "On {} {}.",
+                    record.name,
+                    if models.len() > 1 { "every model diverges" } else { "the model diverges" }
+                )
             });
         }
     }

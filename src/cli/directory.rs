@@ -1,0 +1,62 @@
+//! The directory that takes the results.
+
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use super::Failure;
+
+/// `out/NAME`, which stays below `out` whatever the name is.
+pub fn default_for(name: &str) -> PathBuf {
+    let safe: String = name.chars().map(|c| if "/\\:".contains(c) || c.is_control() { '-' } else { c }).collect();
+    let safe = safe.trim_matches(['.', ' ']);
+    Path::new("out").join(if safe.is_empty() { "experiment" } else { safe })
+}
+
+/// An output directory must be new or empty, unless the user allows an old one; it must be a directory in any case.
+pub fn check(directory: &Path, old_is_allowed: bool) -> Result<(), Failure> {
+    match fs::read_dir(directory) {
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
+        Err(error) => Err(Failure::file(directory, &error)),
+        Ok(mut entries) => {
+            if old_is_allowed || entries.next().is_none() {
+                return Ok(());
+            }
+            Err(Failure::input(format!(
+                "{} exists and is not empty; name another --out, or give --force to write into it",
+                directory.display()
+            )))
+        }
+    }
+}
+
+/// Does work that writes into `directory`. The directory is made first, so that a place that cannot be written to is found
+/// before the work and not after it; work that fails without a trace leaves no new directory.
+pub fn with<T>(directory: &Path, work: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failure> {
+    let is_new = !directory.exists();
+    fs::create_dir_all(directory).map_err(|error| Failure::file(directory, &error))?;
+    let result = work();
+    if result.is_err() && is_new {
+        // This removes an empty directory only: a checkpoint stays.
+        let _ = fs::remove_dir(directory);
+    }
+    result
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_cannot_lead_elsewhere() {
+        for (name, directory) in [
+            ("truss 30", "out/truss 30"),
+            ("/etc", "out/-etc"),
+            ("../../x", "out/-..-x"),
+            ("..", "out/experiment"),
+            ("", "out/experiment"),
+        ] {
+            assert_eq!(default_for(name), Path::new(directory));
+        }
+    }
+}

@@ -1,0 +1,104 @@
+//! What went wrong, and the exit status that it has: 1 the work failed, 2 the arguments or a file are wrong.
+
+use std::fmt::Display;
+use std::io::{self, ErrorKind, IsTerminal, Write};
+use std::path::Path;
+
+use miette::Report;
+use plid::IdentifierError;
+use plid::lab::data::DataError;
+use plid::lab::identify::IdentifyError;
+use plid::lab::model::ModelError;
+use plid::lab::run::RunError;
+use plid::lab::variant::VariantError;
+
+/// A failure with the exit status that it has.
+pub enum Failure {
+    /// The arguments or a file are wrong: 2.
+    Input(Report),
+    /// The work failed: 1.
+    Work(Report),
+}
+
+impl Failure {
+    /// The arguments or a file are wrong.
+    pub fn input(message: impl Display) -> Self {
+        Self::Input(Report::msg(message.to_string()))
+    }
+
+    /// The work failed.
+    pub fn work(message: impl Display) -> Self {
+        Self::Work(Report::msg(message.to_string()))
+    }
+
+    /// A file or directory that the user named cannot be used (2), or the machine failed, as with a full disk (1).
+    pub fn file(path: &Path, error: &io::Error) -> Self {
+        let message = format!("{}: {error}", path.display());
+        match error.kind() {
+            ErrorKind::NotFound
+            | ErrorKind::PermissionDenied
+            | ErrorKind::AlreadyExists
+            | ErrorKind::NotADirectory
+            | ErrorKind::IsADirectory
+            | ErrorKind::ReadOnlyFilesystem
+            | ErrorKind::InvalidFilename
+            | ErrorKind::InvalidInput => Self::input(message),
+            _ => Self::work(message),
+        }
+    }
+
+    /// Says what is wrong on standard error, and gives the exit status.
+    pub fn show(&self) -> u8 {
+        let (Self::Work(report) | Self::Input(report)) = self;
+        // A terminal gets the text with the place marked; a log gets a line.
+        let text = if io::stderr().is_terminal() {
+            format!("{report:?}")
+        } else {
+            let help = report.help().map(|help| format!(" ({help})")).unwrap_or_default();
+            format!("plid: {report}{help}")
+        };
+        // The status still tells where nobody listens.
+        let _ = writeln!(io::stderr(), "{text}");
+        if matches!(self, Self::Work(_)) { 1 } else { 2 }
+    }
+}
+
+impl From<RunError> for Failure {
+    fn from(error: RunError) -> Self {
+        match error {
+            RunError::Model(error) => error.into(),
+            RunError::File { path, source } => Self::file(&path, &source),
+            RunError::Identify(IdentifyError::Variant(ref cause)) if was_asked_for(cause) => Self::Input(error.into()),
+            error if error.is_input() => Self::Input(error.into()),
+            error => Self::Work(error.into()),
+        }
+    }
+}
+
+/// Whether a recursion was impossible from the start, by what was asked for.
+fn was_asked_for(error: &VariantError) -> bool {
+    match error {
+        VariantError::NoDoubleDouble(_) => true,
+        VariantError::Identifier(error) => !matches!(
+            error,
+            IdentifierError::NotFinite { .. } | IdentifierError::Indefinite { .. } | IdentifierError::Diverged { .. }
+        ),
+    }
+}
+
+impl From<ModelError> for Failure {
+    fn from(error: ModelError) -> Self {
+        match error {
+            ModelError::Diverged { .. } | ModelError::Riccati { .. } | ModelError::Eigenvalues => {
+                Self::Work(error.into())
+            }
+            _ => Self::Input(error.into()),
+        }
+    }
+}
+
+impl From<DataError> for Failure {
+    fn from(error: DataError) -> Self {
+        Self::Input(error.into())
+    }
+}

@@ -1,0 +1,28 @@
+//! Results on standard output, remarks on standard error.
+
+use std::io::{self, ErrorKind, Write};
+
+use super::Failure;
+
+/// How much is said, and in which form.
+#[derive(Clone, Copy)]
+pub struct Voice {
+    /// Neither progress nor remarks.
+    pub quiet: bool,
+    /// Results as JSON.
+    pub json: bool,
+}
+
+/// Prints a result. A reader that has gone, as `head` does, has seen enough.
+pub fn print(text: &str) -> Result<(), Failure> {
+    let mut stdout = io::stdout().lock();
+    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::work(format!("standard output: {error}"))),
+        _ => Ok(()),
+    }
+}
+
+/// Says something beside the result; it does not matter if nobody listens.
+pub fn remark(text: &str) {
+    let _ = writeln!(io::stderr(), "{text}");
+}
