@@ -69,8 +69,13 @@ impl From<RunError> for Failure {
             RunError::Model(error) => error.into(),
             RunError::File { path, source } => Self::file(&path, &source),
             RunError::Identify(IdentifyError::Variant(ref cause)) if was_asked_for(cause) => Self::Input(error.into()),
-            error if error.is_input() => Self::Input(error.into()),
-            error => Self::Work(error.into()),
+            RunError::Config(_)
+            | RunError::Setting { .. }
+            | RunError::Data(_)
+            | RunError::Prepare(_)
+            | RunError::Testbed(_)
+            | RunError::Checkpoint { .. } => Self::Input(error.into()),
+            RunError::Identify(_) | RunError::Signal(_) | RunError::Interrupted { .. } => Self::Work(error.into()),
         }
     }
 }

@@ -4,15 +4,13 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use ndarray::Array2;
-use plid::lab::data::{self, DataError, Table};
+use plid::lab::data::{self, MissingPolicy, Table};
 use plid::lab::report::write_atomic;
 
 use super::Failure;
 
 /// Rates that differ by less than this, relatively, are the same: printed times are rounded.
 const SAME_RATE: f64 = 1e-4;
-/// Names that are less like each other than this are not a slip of the pen.
-const ALIKE: f64 = 0.75;
 
 /// Reads a file of any format that plid knows.
 pub fn read(path: &Path) -> Result<Table, Failure> {
@@ -32,27 +30,7 @@ pub fn rate(table: &Table, given: Option<f64>, model_hz: f64) -> Result<f64, Fai
 
 /// The columns `names` of a table, in that order, every value finite.
 pub fn pick(table: &Table, names: &[String]) -> Result<Array2<f64>, Failure> {
-    let mut picked = Array2::zeros((table.samples(), names.len()));
-    for (name, mut to) in names.iter().zip(picked.columns_mut()) {
-        let column = table.column(name).ok_or_else(|| DataError::UnknownChannel {
-            file: table.source.clone(),
-            channel: name.clone(),
-            there: table.names.clone(),
-            suggestion: nearest(name, &table.names),
-        })?;
-        if let Some(k) = column.iter().position(|value| !value.is_finite()) {
-            let (place, value) = (table.place(k), column[k]);
-            return Err(Failure::input(format!("{}: input `{name}` is {value} at {place}", table.source.display())));
-        }
-        to.assign(&column);
-    }
-    Ok(picked)
-}
-
-fn nearest(wanted: &str, names: &[String]) -> Option<String> {
-    let likeness = |name: &String| strsim::jaro_winkler(&wanted.to_lowercase(), &name.to_lowercase());
-    let near = names.iter().filter(|name| likeness(name) > ALIKE);
-    near.max_by(|a, b| likeness(a).total_cmp(&likeness(b))).cloned()
+    Ok(data::channels(table, names, MissingPolicy::Error)?)
 }
 
 /// Writes columns under their names as CSV, whole or not at all.

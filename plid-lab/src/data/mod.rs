@@ -27,7 +27,7 @@ pub use checks::{check_excited, require_samples};
 pub use error::DataError;
 pub use rate::sample_rate;
 pub use record::{Record, require_alike};
-pub use select::{MissingPolicy, extract, select, select_all};
+pub use select::{MissingPolicy, channels, extract, select, select_all};
 pub use table::{Table, read};
 pub use warning::Warning;
 

@@ -93,8 +93,11 @@ pub fn extract(
     Ok((record, warnings))
 }
 
-/// K x (number of names), each value checked.
-fn channels(table: &Table, names: &[String], missing: MissingPolicy) -> Result<Array2<f64>, DataError> {
+/// The columns `names` of a table in that order, K x (number of names), each value checked against the policy.
+///
+/// # Errors
+/// [`DataError::UnknownChannel`] with the nearest name, [`DataError::NotFinite`] with the place.
+pub fn channels(table: &Table, names: &[String], missing: MissingPolicy) -> Result<Array2<f64>, DataError> {
     let mut out = Array2::zeros((table.samples(), names.len()));
     for (i, name) in names.iter().enumerate() {
         let column = table.column(name).ok_or_else(|| DataError::UnknownChannel {

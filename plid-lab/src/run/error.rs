@@ -70,17 +70,6 @@ pub enum RunError {
     },
 }
 
-impl RunError {
-    /// Whether the arguments or a file are at fault (exit status 2), and not the work itself (exit status 1).
-    pub fn is_input(&self) -> bool {
-        match self {
-            Self::Config(_) | Self::Setting { .. } | Self::Data(_) | Self::Testbed(_) | Self::Checkpoint { .. } => true,
-            Self::Prepare(_) | Self::Model(_) => true,
-            Self::Identify(_) | Self::Signal(_) | Self::Interrupted { .. } | Self::File { .. } => false,
-        }
-    }
-}
-
 /// A wrong value of `key`.
 pub(super) fn setting(key: &'static str, reason: impl std::fmt::Display) -> RunError {
     RunError::Setting { key, reason: reason.to_string() }
