@@ -51,14 +51,6 @@ impl<C: CovariancePropagation> ConditionalExpectations<C> for Uncorrelated<Scala
         Self { weights: Dense::zeros(model.parameter_columns(), model.parameter_columns()) }
     }
 
-    fn before<M: ImplicitModel>(
-        &mut self,
-        _moment: &Moment<'_, ScalarOf<C>, M>,
-        _covariance: &mut C,
-        _transition: &mut Transition<ScalarOf<C>>,
-    ) {
-    }
-
     fn after<M: ImplicitModel>(
         &mut self,
         moment: &Moment<'_, ScalarOf<C>, M>,

@@ -26,13 +26,14 @@ pub trait ConditionalExpectations<C: CovariancePropagation>: Clone + Send + Sync
     /// Scratch space for the shapes of `model`.
     fn new(model: &impl ImplicitModel) -> Self;
 
-    /// Before the measurement update.
+    /// Before the measurement update; most expectations have no need of it.
     fn before<M: ImplicitModel>(
         &mut self,
-        moment: &Moment<'_, ScalarOf<C>, M>,
-        covariance: &mut C,
-        transition: &mut Transition<ScalarOf<C>>,
-    );
+        _moment: &Moment<'_, ScalarOf<C>, M>,
+        _covariance: &mut C,
+        _transition: &mut Transition<ScalarOf<C>>,
+    ) {
+    }
 
     /// After the measurement update.
     fn after<M: ImplicitModel>(

@@ -278,7 +278,7 @@ fn traces(named: &NamedModel<'_>, record: &Record<'_>, start: Start) -> Option<S
         .zip(&model.outputs)
         .map(|([measured, free_run], name)| Trace {
             name: name.clone(),
-            unit: "data's unit".into(),
+            unit: String::new(),
             measured,
             predicted: None,
             free_run: Some(free_run),

@@ -19,6 +19,11 @@ pub struct Trace<'a> {
     pub free_run: Option<&'a [f64]>,
 }
 
+/// "y1, V", or "y1" where the unit is not known.
+fn with_unit(name: &str, unit: &str) -> String {
+    if unit.is_empty() { name.to_string() } else { format!("{name}, {unit}") }
+}
+
 /// Measured, one-step predicted and free-run outputs over a window of samples, the errors of each output below it.
 pub fn trace_plot(traces: &[Trace], sample_rate_hz: f64, window: Range<usize>) -> String {
     let points = |values: &[f64]| -> Vec<(f64, f64)> {
@@ -43,9 +48,9 @@ pub fn trace_plot(traces: &[Trace], sample_rate_hz: f64, window: Range<usize>) -
                 errors.push(Series::line(label, error(trace.measured, values)).colour(colour).width(1.0));
             }
         }
-        panels.push(Panel::new(x.clone(), Axis::linear(format!("{}, {}", trace.name, trace.unit)), 150.0, signals));
+        panels.push(Panel::new(x.clone(), Axis::linear(with_unit(&trace.name, &trace.unit)), 150.0, signals));
         if !errors.is_empty() {
-            panels.push(Panel::new(x.clone(), Axis::linear(format!("error, {}", trace.unit)), 84.0, errors));
+            panels.push(Panel::new(x.clone(), Axis::linear(with_unit("error", &trace.unit)), 84.0, errors));
         }
     }
     single("", panels)

@@ -21,6 +21,9 @@ const WINDOW: usize = 400;
 /// Modes weaker than this below the strongest are left out of the picture, in dB; the table has them all.
 const FAINT_DB: f64 = 70.0;
 
+/// Damping ratios below this are drawn as modes; above it a pole shapes the response without a peak.
+const LIGHT: f64 = 0.05;
+
 /// The page, and its first picture on its own.
 pub(super) fn page(outcome: &Outcome) -> Result<(String, String), RunError> {
     let validation = &outcome.validation;
@@ -39,12 +42,12 @@ pub(super) fn page(outcome: &Outcome) -> Result<(String, String), RunError> {
         Some(own) => convergence(own.view(), 200),
         None => convergence(ndarray::Array2::zeros((0, 1)).view(), 1),
     };
-    let unit = outcome.experiment.data.output_unit.clone().unwrap_or_else(|| "data's unit".into());
+    let unit = outcome.experiment.data.output_unit.clone().unwrap_or_default();
     report = report.figure(
         convergence_plot(&ConvergencePlot {
             convergence: &errors,
             sample_rate_hz: rate,
-            unit: unit.clone(),
+            unit: if unit.is_empty() { "data's unit".into() } else { unit.clone() },
             noise_floor: None,
             time_scale: Scale::Linear,
             error_scale: Scale::Log,
@@ -371,7 +374,7 @@ fn modes(report: Report, outcome: &Outcome) -> Result<Report, RunError> {
     }
     let (low, high) = band(outcome, outcome.model.sample_rate_hz);
     let visible = |mode: &Mode| {
-        mode.strongest_db() > strongest - FAINT_DB && (low..=high).contains(&mode.hz) && mode.damping < 0.2
+        mode.strongest_db() > strongest - FAINT_DB && (low..=high).contains(&mode.hz) && mode.damping < LIGHT
     };
     let drawn: Vec<_> = deviations.iter().filter(|d| visible(&d.mode)).collect();
     let mut sets = vec![ModeSet {

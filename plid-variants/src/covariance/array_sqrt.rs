@@ -38,7 +38,7 @@ fn rotate<S: Scalar>(c: S, s: S, a: &mut [S], b: &mut [S]) {
 
 /// Rotates f, the entry of h S in this column, into the innovation's standard deviation `rho`, and the column into the scaled gain.
 #[inline]
-fn rotate_column<S: Scalar>(f: S, rho: &mut S, column: &mut [S], gain: &mut [S]) {
+fn pass<S: Scalar>(f: S, rho: &mut S, column: &mut [S], _d: &mut S, gain: &mut [S]) {
     if f == S::zero() {
         return;
     }
@@ -77,46 +77,11 @@ impl<B: Backend> CovariancePropagation for ArraySqrt<B> {
         innovation: &[B::Scalar],
         s: &mut [B::Scalar],
     ) -> Result<(), BadPivot> {
-        let factors = &mut self.factors;
-        factors.decorrelate(noise);
-        let count = rows.len();
-        let (mut u, mut gains) = (factors.u.view_mut(), factors.gains.view_mut());
-        let deviations = &mut factors.variances;
-        for k in 0..count {
-            gains.column_mut(k).fill(B::Scalar::zero());
-            deviations[k] = deviations[k].sqrt();
-        }
-        for j in 0..u.columns() {
-            let column = &mut u.column_mut(j)[..=j];
-            for k in 0..count {
-                let f = Triangular::<B>::output_entry(&factors.rows, k, rows, column);
-                rotate_column(f, &mut deviations[k], column, gains.column_mut(k));
-            }
-        }
-        for k in 0..count {
-            let rho = deviations[k];
-            if !(rho > B::Scalar::zero() && rho.is_finite()) {
-                return Err(BadPivot { index: k, value: rho.to_f64() });
-            }
-            gains.column_mut(k).iter_mut().for_each(|x| *x /= rho);
-        }
-        factors.correct_estimate(rows, innovation, s);
-        Ok(())
+        self.factors.measure(rows, noise, innovation, s, Scalar::sqrt, pass)
     }
 
     fn scalar_update(&mut self, h: &[B::Scalar], r: B::Scalar, gain: &mut [B::Scalar]) -> Result<(), BadPivot> {
-        let mut rho = r.sqrt();
-        gain.fill(B::Scalar::zero());
-        for j in 0..h.len() {
-            let f = self.factors.row_entry(h, j);
-            let mut u = self.factors.u.view_mut();
-            rotate_column(f, &mut rho, &mut u.column_mut(j)[..=j], gain);
-        }
-        if !(rho > B::Scalar::zero() && rho.is_finite()) {
-            return Err(BadPivot { index: 0, value: rho.to_f64() });
-        }
-        gain.iter_mut().for_each(|x| *x /= rho);
-        Ok(())
+        self.factors.measure_row(h, r.sqrt(), gain, pass)
     }
 
     fn time_update(&mut self, model: &impl ImplicitModel, transition: &Transition<B::Scalar>) -> Result<(), BadPivot> {

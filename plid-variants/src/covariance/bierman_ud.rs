@@ -15,33 +15,26 @@ pub struct BiermanUd<B: Backend> {
     factors: Triangular<B>,
 }
 
-/// One scalar measurement's way through the columns.
-struct Sweep<S> {
-    /// r + the sum of f_i d_i f_i so far.
-    variance: S,
-}
-
-impl<S: Scalar> Sweep<S> {
-    /// Updates column j of U (the entries above the diagonal) and d_j; `gain` gathers U D f, unscaled.
-    #[inline]
-    fn column(&mut self, f: S, column: &mut [S], d: &mut S, gain: &mut [S]) {
-        let j = column.len() - 1;
-        let g = *d * f;
-        let before = self.variance;
-        self.variance = before + f * g;
-        if self.variance == S::zero() {
-            return;
-        }
-        *d *= before / self.variance;
-        // With nothing gathered so far the gain is zero, and so is what it takes off.
-        let lambda = if before == S::zero() { S::zero() } else { -f / before };
-        for (u, k) in column[..j].iter_mut().zip(&mut gain[..j]) {
-            let old = *u;
-            *u = old + lambda * *k;
-            *k += g * old;
-        }
-        gain[j] = g;
+/// Bierman's update of column j of U (the entries above the diagonal) and of d_j; `variance` is r plus the sum of f_i d_i f_i so far, and
+/// `gain` gathers U D f.
+#[inline]
+fn pass<S: Scalar>(f: S, variance: &mut S, column: &mut [S], d: &mut S, gain: &mut [S]) {
+    let j = column.len() - 1;
+    let g = *d * f;
+    let before = *variance;
+    *variance = before + f * g;
+    if *variance == S::zero() {
+        return;
     }
+    *d *= before / *variance;
+    // With nothing gathered so far the gain is zero, and so is what it takes off.
+    let lambda = if before == S::zero() { S::zero() } else { -f / before };
+    for (u, k) in column[..j].iter_mut().zip(&mut gain[..j]) {
+        let old = *u;
+        *u = old + lambda * *k;
+        *k += g * old;
+    }
+    gain[j] = g;
 }
 
 impl<B: Backend> CovariancePropagation for BiermanUd<B> {
@@ -66,48 +59,11 @@ impl<B: Backend> CovariancePropagation for BiermanUd<B> {
         innovation: &[B::Scalar],
         s: &mut [B::Scalar],
     ) -> Result<(), BadPivot> {
-        let factors = &mut self.factors;
-        factors.decorrelate(noise);
-        let count = rows.len();
-        let (mut u, mut gains) = (factors.u.view_mut(), factors.gains.view_mut());
-        for k in 0..count {
-            gains.column_mut(k).fill(B::Scalar::zero());
-        }
-        // All scalar updates of a column while it is in the cache: update k needs of the later columns nothing.
-        for j in 0..u.columns() {
-            let column = &mut u.column_mut(j)[..=j];
-            for k in 0..count {
-                let f = Triangular::<B>::output_entry(&factors.rows, k, rows, column);
-                let mut sweep = Sweep { variance: factors.variances[k] };
-                sweep.column(f, column, &mut factors.d[j], gains.column_mut(k));
-                factors.variances[k] = sweep.variance;
-            }
-        }
-        for k in 0..count {
-            let variance = factors.variances[k];
-            if !(variance > B::Scalar::zero() && variance.is_finite()) {
-                return Err(BadPivot { index: k, value: variance.to_f64() });
-            }
-            gains.column_mut(k).iter_mut().for_each(|x| *x /= variance);
-        }
-        factors.correct_estimate(rows, innovation, s);
-        Ok(())
+        self.factors.measure(rows, noise, innovation, s, |variance| variance, pass)
     }
 
     fn scalar_update(&mut self, h: &[B::Scalar], r: B::Scalar, gain: &mut [B::Scalar]) -> Result<(), BadPivot> {
-        let mut sweep = Sweep { variance: r };
-        gain.fill(B::Scalar::zero());
-        for j in 0..h.len() {
-            let f = self.factors.row_entry(h, j);
-            let mut u = self.factors.u.view_mut();
-            sweep.column(f, &mut u.column_mut(j)[..=j], &mut self.factors.d[j], gain);
-        }
-        let variance = sweep.variance;
-        if !(variance > B::Scalar::zero() && variance.is_finite()) {
-            return Err(BadPivot { index: 0, value: variance.to_f64() });
-        }
-        gain.iter_mut().for_each(|x| *x /= variance);
-        Ok(())
+        self.factors.measure_row(h, r, gain, pass)
     }
 
     fn time_update(&mut self, model: &impl ImplicitModel, transition: &Transition<B::Scalar>) -> Result<(), BadPivot> {

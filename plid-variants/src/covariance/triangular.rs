@@ -29,7 +29,7 @@ pub struct Triangular<B: Backend> {
     /// 2n entries.
     pub work: Vec<B::Scalar>,
     /// One entry a measurement.
-    pub variances: Vec<B::Scalar>,
+    spreads: Vec<B::Scalar>,
     innovation: Vec<B::Scalar>,
     outputs: Vec<B::Scalar>,
     qbar: Dense<B::Scalar>,
@@ -61,7 +61,7 @@ impl<B: Backend> Triangular<B> {
             array: Dense::zeros(2 * n, n),
             weights: vec![B::Scalar::one(); 2 * n],
             work: vec![zero; 2 * n],
-            variances: vec![zero; p],
+            spreads: vec![zero; p],
             innovation: vec![zero; p],
             outputs: vec![zero; p],
             qbar: Dense::zeros(n, n),
@@ -123,8 +123,8 @@ impl<B: Backend> Triangular<B> {
         }
     }
 
-    /// Decorrelates the outputs that are there, R = T diag(r) T^T: the rows of T^-1 into `rows`, r into `variances`.
-    pub fn decorrelate(&mut self, noise: &NoiseTerms<B::Scalar>) {
+    /// Decorrelates the outputs that are there, R = T diag(r) T^T: the rows of T^-1 into `rows`, r into `spreads`.
+    fn decorrelate(&mut self, noise: &NoiseTerms<B::Scalar>) {
         let count = noise.available().len();
         for k in 0..count {
             for i in 0..count {
@@ -138,11 +138,63 @@ impl<B: Backend> Triangular<B> {
                 }
             }
         }
-        self.variances[..count].copy_from_slice(noise.sensor_pivots());
+        self.spreads[..count].copy_from_slice(noise.sensor_pivots());
+    }
+
+    /// The measurement update of all outputs that are there, as scalar updates. `pass` takes one of them through one column of U: given
+    /// the entry f of U^T h it updates the column down to its diagonal, its d, the `spread` (the innovation's variance or its
+    /// root, of the part of P gathered so far, from that of the noise on) and the gain times the spread.
+    pub fn measure(
+        &mut self,
+        outputs: &[usize],
+        noise: &NoiseTerms<B::Scalar>,
+        innovation: &[B::Scalar],
+        s: &mut [B::Scalar],
+        spread: impl Fn(B::Scalar) -> B::Scalar,
+        pass: impl Fn(B::Scalar, &mut B::Scalar, &mut [B::Scalar], &mut B::Scalar, &mut [B::Scalar]),
+    ) -> Result<(), BadPivot> {
+        self.decorrelate(noise);
+        let count = outputs.len();
+        let (mut u, mut gains) = (self.u.view_mut(), self.gains.view_mut());
+        for k in 0..count {
+            gains.column_mut(k).fill(B::Scalar::zero());
+            self.spreads[k] = spread(self.spreads[k]);
+        }
+        // All scalar updates of a column while it is in the cache: update k needs nothing of the later columns.
+        for j in 0..u.columns() {
+            let column = &mut u.column_mut(j)[..=j];
+            for k in 0..count {
+                let f = Self::output_entry(&self.rows, k, outputs, column);
+                pass(f, &mut self.spreads[k], column, &mut self.d[j], gains.column_mut(k));
+            }
+        }
+        for k in 0..count {
+            unscale(k, self.spreads[k], gains.column_mut(k))?;
+        }
+        self.correct_estimate(outputs, innovation, s);
+        Ok(())
+    }
+
+    /// One scalar update with any row h; `spread` is that of the noise.
+    pub fn measure_row(
+        &mut self,
+        h: &[B::Scalar],
+        mut spread: B::Scalar,
+        gain: &mut [B::Scalar],
+        pass: impl Fn(B::Scalar, &mut B::Scalar, &mut [B::Scalar], &mut B::Scalar, &mut [B::Scalar]),
+    ) -> Result<(), BadPivot> {
+        gain.fill(B::Scalar::zero());
+        let mut u = self.u.view_mut();
+        for j in 0..h.len() {
+            let column = &mut u.column_mut(j)[..=j];
+            let f = kernels::dot(column, &h[..=j]);
+            pass(f, &mut spread, column, &mut self.d[j], gain);
+        }
+        unscale(0, spread, gain)
     }
 
     /// The estimate after scalar updates with the gains in `gains` (scaled), one after the other.
-    pub fn correct_estimate(&mut self, outputs: &[usize], innovation: &[B::Scalar], s: &mut [B::Scalar]) {
+    fn correct_estimate(&mut self, outputs: &[usize], innovation: &[B::Scalar], s: &mut [B::Scalar]) {
         let count = outputs.len();
         for k in 0..count {
             self.innovation[k] = (0..count).fold(B::Scalar::zero(), |sum, i| sum + self.rows.at(k, i) * innovation[i]);
@@ -240,17 +292,12 @@ impl<B: Backend> Triangular<B> {
 
     /// One entry of f = U^T h, h the decorrelated row `k` over the outputs' states; `column` is U's down to the diagonal.
     #[inline]
-    pub fn output_entry(rows: &Dense<B::Scalar>, k: usize, outputs: &[usize], column: &[B::Scalar]) -> B::Scalar {
+    fn output_entry(rows: &Dense<B::Scalar>, k: usize, outputs: &[usize], column: &[B::Scalar]) -> B::Scalar {
         // T^-1 is lower triangular; below the diagonal U is zero.
         outputs[..=k].iter().enumerate().fold(B::Scalar::zero(), |sum, (i, &row)| match column.get(row) {
             Some(&u) => sum + rows.at(k, i) * u,
             None => sum,
         })
-    }
-
-    /// f_j = U^T h for a whole row h.
-    pub fn row_entry(&self, h: &[B::Scalar], j: usize) -> B::Scalar {
-        kernels::dot(&self.u.view().column(j)[..=j], &h[..=j])
     }
 
     /// The first entry of d that is not a number from zero up.
@@ -260,4 +307,13 @@ impl<B: Backend> Triangular<B> {
             None => Ok(()),
         }
     }
+}
+
+/// Divides a gathered gain by the spread of its innovation, which must be positive.
+fn unscale<S: Scalar>(index: usize, spread: S, gain: &mut [S]) -> Result<(), BadPivot> {
+    if !(spread > S::zero() && spread.is_finite()) {
+        return Err(BadPivot { index, value: spread.to_f64() });
+    }
+    gain.iter_mut().for_each(|x| *x /= spread);
+    Ok(())
 }

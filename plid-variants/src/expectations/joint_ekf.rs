@@ -17,14 +17,6 @@ impl<C: CovariancePropagation> ConditionalExpectations<C> for JointEkf<ScalarOf<
         Self { scratch: Dense::zeros(model.states(), 1) }
     }
 
-    fn before<M: ImplicitModel>(
-        &mut self,
-        _moment: &Moment<'_, ScalarOf<C>, M>,
-        _covariance: &mut C,
-        _transition: &mut Transition<ScalarOf<C>>,
-    ) {
-    }
-
     fn after<M: ImplicitModel>(
         &mut self,
         moment: &Moment<'_, ScalarOf<C>, M>,

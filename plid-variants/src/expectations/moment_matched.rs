@@ -40,14 +40,6 @@ impl<C: CovariancePropagation> ConditionalExpectations<C> for MomentMatched<Scal
         }
     }
 
-    fn before<M: ImplicitModel>(
-        &mut self,
-        _moment: &Moment<'_, ScalarOf<C>, M>,
-        _covariance: &mut C,
-        _transition: &mut Transition<ScalarOf<C>>,
-    ) {
-    }
-
     fn after<M: ImplicitModel>(
         &mut self,
         moment: &Moment<'_, ScalarOf<C>, M>,

@@ -19,14 +19,6 @@ impl<C: CovariancePropagation> ConditionalExpectations<C> for Posterior<ScalarOf
         Self { scratch: Dense::zeros(model.states(), 1), weights: Dense::zeros(columns, columns) }
     }
 
-    fn before<M: ImplicitModel>(
-        &mut self,
-        _moment: &Moment<'_, ScalarOf<C>, M>,
-        _covariance: &mut C,
-        _transition: &mut Transition<ScalarOf<C>>,
-    ) {
-    }
-
     fn after<M: ImplicitModel>(
         &mut self,
         moment: &Moment<'_, ScalarOf<C>, M>,
