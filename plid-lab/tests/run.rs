@@ -352,6 +352,63 @@ fn averaged_repeats_lower_the_noise_and_show_its_level() {
 }
 
 #[test]
+fn the_truss_takes_its_input_from_a_file() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut random = ChaCha8Rng::seed_from_u64(2);
+    let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
+    let mut text = String::from("u1,u2,u3\n");
+    for _ in 0..1500 {
+        writeln!(text, "{},{},{}", normal(), 0.5 * normal(), normal()).unwrap();
+    }
+    std::fs::write(directory.path().join("u.csv"), &text).unwrap();
+    let text = "[data]\noutputs = [\"y3\", \"y1\"]\n[data.testbed]\ninput_file = \"u.csv\"\n[structure]\nstates = 12\n[noise]\nfrom = \"paper-squared\"\n";
+    let experiment: Experiment = experiment::from_toml(text, "test").unwrap();
+    let outcome = carry_out(&experiment, directory.path());
+    assert_eq!(outcome.validation.measured.dim(), (1500, 2));
+    assert_eq!(outcome.sources[0].file, "u.csv");
+    assert_eq!(outcome.model.outputs, ["y3", "y1"]);
+    // The second input has half the size of the others.
+    let rms = |j: usize| ndarray_rms(&outcome.validation.inputs, j, 0.0);
+    assert!((rms(1) / rms(0) - 0.5).abs() < 0.05);
+    let truth = outcome.truth.as_ref().unwrap();
+    assert_eq!((truth.model.c.nrows(), truth.noise_free.ncols()), (2, 2));
+}
+
+#[test]
+fn periods_show_the_noise_floor_also_after_decimation() {
+    let directory = tempfile::tempdir().unwrap();
+    let one = Plant::new(false).csv(400, 0.0, 13);
+    let period: Vec<Vec<f64>> =
+        one.lines().skip(1).map(|l| l.split(',').map(|x| x.parse().unwrap()).collect()).collect();
+    let mut random = ChaCha8Rng::seed_from_u64(14);
+    let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
+    let mut text = String::from("force,left,right\n");
+    for k in 0..4000 {
+        // Its start is not periodic; from the second period on a copy is near enough for the noise to show.
+        let row = &period[k % 400];
+        writeln!(text, "{},{},{}", row[1], row[2] + 0.1 * normal(), row[3] + 100.0 * normal()).unwrap();
+    }
+    std::fs::write(directory.path().join("p.csv"), text).unwrap();
+    let run = |rest: &str| {
+        let text = format!(
+            "sample_rate_hz = 100.0\n{rest}[structure]\nstates = 4\n[noise]\nfrom = \"paper-squared\"\n[validation]\nperiod = 400\n"
+        );
+        run::carry_out(&config("\"p.csv\"", &text), directory.path(), None, false, &Silent)
+    };
+    let whole = run("").unwrap();
+    let size = ndarray_rms(&whole.validation.measured, 0, 40.0);
+    let floor = whole.validation.noise_floor.as_ref().unwrap()[0];
+    assert!((floor * size - 0.1).abs() < 0.01, "{}", floor * size);
+    let halved = run("[preparation]\ndecimate_to_hz = 50.0\n").unwrap();
+    let size = ndarray_rms(&halved.validation.measured, 0, 40.0);
+    let floor = halved.validation.noise_floor.as_ref().unwrap()[0];
+    // Half the band keeps somewhat less than half the power of white noise.
+    assert!((0.055..0.075).contains(&(floor * size)), "{}", floor * size);
+    let error = run("[preparation]\ndecimate_to_hz = 33.333333333\n").unwrap_err().to_string();
+    assert!(error.contains("period"), "{error}");
+}
+
+#[test]
 fn what_cannot_be_identified_is_refused_with_the_reason() {
     let directory = tempfile::tempdir().unwrap();
     let base = directory.path();

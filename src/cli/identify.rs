@@ -72,6 +72,9 @@ pub struct Arguments {
     /// The leading share of the last record that is learnt from; the rest is held out.
     #[arg(long, value_name = "SHARE", default_value_t = 0.75)]
     training_share: f64,
+    /// Period of a periodic input, in samples of the data as given; shows the noise floor.
+    #[arg(long, value_name = "SAMPLES")]
+    period: Option<usize>,
     /// How often the training data are gone through.
     #[arg(long, value_name = "N", default_value_t = 1)]
     passes: usize,
@@ -169,7 +172,11 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
         },
         start: StartConfig::default(),
         identification: IdentificationConfig { passes: arguments.passes, ..IdentificationConfig::default() },
-        validation: ValidationConfig { training_share: arguments.training_share, ..ValidationConfig::default() },
+        validation: ValidationConfig {
+            training_share: arguments.training_share,
+            period: arguments.period,
+            ..ValidationConfig::default()
+        },
     };
     if let Some((key, reason)) = experiment.problems().into_iter().next() {
         return Err(Failure::input(format!("{key}: {reason}")));

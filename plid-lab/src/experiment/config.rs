@@ -270,7 +270,7 @@ pub struct ValidationConfig {
     /// Highest lag of the residual tests; left out, chosen by the record's length.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lags: Option<usize>,
-    /// Period of a periodic input in samples, for the noise floor; left out, none is assumed.
+    /// Period of a periodic input in samples of the data as given, for the noise floor; left out, none is assumed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub period: Option<usize>,
     /// The band that the report's frequency responses show, in Hz; left out, where the inputs have power.

@@ -84,9 +84,8 @@ fn simulate(config: &DataConfig, base: &Path) -> Result<Obtained, RunError> {
         Some(file) => {
             let table = data::read(&base.join(file), config.variable.as_deref())?;
             sources.push(Source { file: file.display().to_string(), sha256: table.sha256.clone() });
-            let rate = Some(testbed.truss.sample_rate_hz);
-            let (record, _) = data::extract(&table, &inputs, &inputs, rate, MissingPolicy::Error)?;
-            plid_testbed::simulate_input(&testbed.truss, record.inputs.view())?
+            let command = data::channels(&table, &inputs, MissingPolicy::Error)?;
+            plid_testbed::simulate_input(&testbed.truss, command.view())?
         }
     };
     let plant = &simulation.truth;

@@ -3,11 +3,11 @@
 use nalgebra::{DMatrix, DVector};
 use ndarray::{Array2, Axis, concatenate, s};
 
-use super::error::RunError;
+use super::error::{RunError, setting};
 use super::obtain::Truth;
 use crate::experiment::Experiment;
 use crate::model::{Model, one_step_prediction, simulate};
-use crate::prepare::Prepared;
+use crate::prepare::{Prepared, Step};
 use crate::signal::{
     Correlation, CrossCorrelationOptions, ErrorMeasures, WhitenessOptions, cross_correlation, error_measures,
     period_noise_rms, rms, whiteness,
@@ -200,8 +200,17 @@ fn noise_floor(
         return Ok(Some(over(noise.rms().iter().map(|n| n / (*count as f64).sqrt()).collect())));
     }
     if let Some(period) = experiment.validation.period {
+        let ratio = prepared.steps.iter().find_map(|step| match step {
+            Step::Decimated(plan) => Some(plan.ratio),
+            _ => None,
+        });
+        let ratio = ratio.unwrap_or(1);
+        if period % ratio != 0 {
+            let reason = format!("{period} samples are no whole number of samples once each {ratio} have become one");
+            return Err(setting("period", reason));
+        }
         let last = prepared.records.len() - 1;
-        let noise = period_noise_rms(prepared.records[last].outputs.view(), period, 1)?;
+        let noise = period_noise_rms(prepared.records[last].outputs.view(), period / ratio, 1)?;
         return Ok(Some(over(noise.iter().zip(&prepared.output_scales).map(|(n, s)| n * s).collect())));
     }
     Ok(None)
