@@ -103,3 +103,37 @@ pub fn free_run_error(model: &IdentifiedModel, form: &ObservableForm, samples: S
     let (sum, outputs) = relative.fold((0.0, 0), |(sum, count), x| (sum + x, count + 1));
     if outputs == 0 { f64::INFINITY } else { (sum / outputs as f64).sqrt() }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{Model, simulate};
+    use nalgebra::{DMatrix, DVector};
+    use ndarray::Array2;
+    use plid_core::Dense;
+
+    /// The structured free run against the plain one, with unequal indices and a missing sample.
+    #[test]
+    fn the_free_run_error_is_that_of_the_plain_simulation() {
+        let form = ObservableForm::new(&[2, 1], 2).unwrap();
+        let s: Vec<f64> = [0.3, -0.2, 0.5].into_iter().chain((0..12).map(|k| 0.4 * f64::from(k).sin())).collect();
+        let model = IdentifiedModel::from_estimate(&form, &s, &Dense::from_diagonal(&[1.0; 15]));
+        let inputs = Array2::from_shape_fn((50, 2), |(k, j)| ((7 * k + 3 * j) as f64).cos());
+        let mut outputs = Array2::from_shape_fn((50, 2), |(k, i)| ((5 * k + i) as f64).sin());
+        outputs[[9, 1]] = f64::NAN;
+        let samples = Samples { inputs: inputs.view(), outputs: outputs.view(), nan_is_missing: true };
+
+        let dense = |m: &Dense<f64>| DMatrix::from_fn(m.rows(), m.columns(), |i, j| m.at(i, j));
+        let plain = Model::new(1.0, dense(&model.a), dense(&model.b), dense(&model.c), DMatrix::zeros(2, 2)).unwrap();
+        let simulated = simulate(&plain, inputs.view(), &DVector::from_vec(model.state.clone())).unwrap().outputs;
+        let relative = |i: usize| {
+            let there = (0..50).filter(|&k| outputs[[k, i]].is_finite());
+            let (error, power) = there.fold((0.0, 0.0), |(e, p), k| {
+                (e + (outputs[[k, i]] - simulated[[k, i]]).powi(2), p + outputs[[k, i]].powi(2))
+            });
+            error / power
+        };
+        let expected = ((relative(0) + relative(1)) / 2.0).sqrt();
+        assert!((free_run_error(&model, &form, samples) - expected).abs() < 1e-12 * expected);
+    }
+}
