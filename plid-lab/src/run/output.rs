@@ -147,6 +147,7 @@ fn result(outcome: &Outcome) -> Result<Value, RunError> {
         "training_samples": outcome.prepared.training.iter().sum::<usize>(),
         "held_out_samples": validation.measured.nrows() - validation.training,
         "input_advanced_by": outcome.prepared.advanced,
+        "input_advance_test": outcome.prepared.advance_test,
         "operating_point": operating_point(outcome),
         "held_out": {
             "one_step": validation.one_step_errors.as_ref().map(errors),
