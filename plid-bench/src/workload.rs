@@ -194,10 +194,10 @@ mod tests {
             for noise in [Noise::Diagonal, Noise::Full] {
                 let workload = Workload::new(&record, 12, noise).unwrap();
                 for covariance in [C::Direct, C::Joseph, C::BiermanUd, C::ArraySqrt] {
-                    for expectations in
-                        [E::Prior, E::Posterior, E::MomentMatched, E::CertaintyEquivalent, E::JointEkf]
+                    for expectations in [E::Prior, E::Posterior, E::MomentMatched, E::CertaintyEquivalent, E::JointEkf]
                     {
-                        let variant = Variant { covariance, expectations, scalar: ScalarName::F32, ..Variant::default() };
+                        let variant =
+                            Variant { covariance, expectations, scalar: ScalarName::F32, ..Variant::default() };
                         let mut steps = workload.recursion(variant).unwrap();
                         for _ in 0..record.samples() {
                             steps.step().unwrap_or_else(|error| panic!("{variant:?} {inputs} {noise:?}: {error}"));

@@ -36,6 +36,13 @@ impl Cell {
         (OUTPUTS + self.inputs + 1) * self.states
     }
 
+    /// The name of its operations: those do not depend on the library, the scalar or the threads.
+    pub fn operations_key(&self) -> String {
+        let Variant { covariance, expectations, .. } = self.variant;
+        let (form, expectation, noise) = (word(&covariance), word(&expectations), word(&self.noise));
+        format!("operations n={} {}x{OUTPUTS} {form} {expectation} noise={noise}", self.states, self.inputs)
+    }
+
     /// The name by which cells of different runs are compared.
     pub fn key(&self) -> String {
         let Variant { covariance, expectations, backend, scalar, .. } = self.variant;
@@ -65,6 +72,15 @@ pub fn scalar_bytes(scalar: ScalarName) -> usize {
 /// All covariance forms, in the order of the report.
 pub const FORMS: [CovarianceName; 4] =
     [CovarianceName::Direct, CovarianceName::Joseph, CovarianceName::BiermanUd, CovarianceName::ArraySqrt];
+
+/// All conditional expectations, in the order of the report.
+pub const EXPECTATIONS: [ExpectationName; 5] = [
+    ExpectationName::JointEkf,
+    ExpectationName::CertaintyEquivalent,
+    ExpectationName::Prior,
+    ExpectationName::Posterior,
+    ExpectationName::MomentMatched,
+];
 
 /// The word by which a config names a value.
 pub fn word(name: &impl Serialize) -> String {

@@ -114,17 +114,14 @@ impl Comparison {
                 text += &format!("  {old_passes:8.2} {new_passes:8.2} {factor:6.2} ({threshold:.2})  {key}\n");
             }
         }
-        text += &format!(
-            "{} cells compared: {} slower, {} faster\n",
-            self.compared,
-            self.slower.len(),
-            self.faster.len()
-        );
+        text +=
+            &format!("{} cells compared: {} slower, {} faster\n", self.compared, self.slower.len(), self.faster.len());
         if self.unmatched > 0 {
             text += &format!("{} cells are in one of the two runs only\n", self.unmatched);
         }
         if !self.same_machine {
-            text += "the runs are of different machines or compilers: ratios to the pass make up for only part of that\n";
+            text +=
+                "the runs are of different machines or compilers: ratios to the pass make up for only part of that\n";
         }
         text
     }

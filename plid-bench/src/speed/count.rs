@@ -50,7 +50,8 @@ fn operations<T>(work: impl FnOnce() -> T) -> (T, Operations) {
 /// # Errors
 /// As a visit.
 pub fn count(cell: &Cell, workload: &Workload<'_>) -> Result<Operations, VisitError> {
-    let recursion = workload.build(|form, noise, settings| cell.variant.build_on::<Plain<Counted>>(form, noise, settings))?;
+    let recursion =
+        workload.build(|form, noise, settings| cell.variant.build_on::<Plain<Counted>>(form, noise, settings))?;
     let mut steps = workload.with(recursion);
     // The second step meets a P that is full.
     steps.step().map_err(VisitError::Fails)?;

@@ -1,14 +1,17 @@
 //! What a speed study found: medians over the rounds, and what follows from them.
 
+use std::collections::BTreeMap;
+
 use plid_lab::variant::{CovarianceName, ExpectationName, ScalarName, Variant};
 use serde::{Deserialize, Serialize};
 
-use super::cell::Cell;
+use super::cell::{Cell, OUTPUTS, word};
 use super::config::Config;
+use super::cores::Cores;
 use super::count::Operations;
 use super::histogram::Histogram;
-use super::traffic;
 use super::visit::{Limit, Visit};
+use super::{Entry, Item, traffic};
 use crate::Noise;
 use crate::study::Machine;
 
@@ -120,7 +123,12 @@ impl Outcome {
         self.timings.iter().find(|timing| timing.cell == *cell)
     }
 
-    /// The timing of f64, plain loops, one thread, diagonal noise, 3 x 3, unless `change` makes it another.
+    /// The timing of f64, plain loops, one thread, diagonal noise, 3 x 3.
+    pub fn plain(&self, states: usize, covariance: CovarianceName, expectations: ExpectationName) -> Option<&Timing> {
+        self.timing(&Cell::plain(states, covariance, expectations))
+    }
+
+    /// The same, unless `change` makes it another.
     pub fn of(
         &self,
         states: usize,
@@ -149,6 +157,134 @@ impl Outcome {
         let scalar = timing.cell.variant.scalar;
         let rate = self.limits(timing.joint_states, scalar)?.gbytes_s;
         Some([timing.operations.total() as f64 / (1e3 * self.peak(scalar)?), timing.bytes / (1e3 * rate)])
+    }
+}
+
+/// A line of speed.csv.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    states: usize,
+    inputs: usize,
+    outputs: usize,
+    joint_states: usize,
+    covariance: String,
+    expectations: String,
+    backend: String,
+    scalar: String,
+    threads: usize,
+    noise: String,
+    steps: u64,
+    median_us: f64,
+    least_us: f64,
+    p99_us: f64,
+    p99_9_us: f64,
+    longest_us: f64,
+    passes: f64,
+    allocations: Option<usize>,
+    restarts: usize,
+    flops: u64,
+    bytes: f64,
+    gflops: f64,
+    gbytes_s: f64,
+}
+
+impl Outcome {
+    /// The lines of speed.csv.
+    pub fn rows(&self) -> impl Iterator<Item = Row> {
+        self.timings.iter().map(|timing| Row {
+            states: timing.cell.states,
+            inputs: timing.cell.inputs,
+            outputs: OUTPUTS,
+            joint_states: timing.joint_states,
+            covariance: word(&timing.cell.variant.covariance),
+            expectations: word(&timing.cell.variant.expectations),
+            backend: word(&timing.cell.variant.backend),
+            scalar: word(&timing.cell.variant.scalar),
+            threads: timing.cell.threads,
+            noise: word(&timing.cell.noise),
+            steps: timing.steps,
+            median_us: timing.median_us,
+            least_us: timing.least_us,
+            p99_us: timing.p99_us,
+            p99_9_us: timing.p99_9_us,
+            longest_us: timing.longest_us,
+            passes: timing.passes,
+            allocations: timing.allocations,
+            restarts: timing.restarts,
+            flops: timing.operations.total(),
+            bytes: timing.bytes,
+            gflops: timing.gflops,
+            gbytes_s: timing.gbytes_s,
+        })
+    }
+}
+
+/// All that was measured, by key, in the order of the rounds.
+#[derive(Debug, Default)]
+pub struct Found(BTreeMap<String, Vec<Entry>>);
+
+impl Found {
+    /// Takes the measurement of a round.
+    pub fn take(&mut self, key: String, entry: Entry) {
+        self.0.entry(key).or_default().push(entry);
+    }
+
+    fn all<'a, T: 'a>(&'a self, key: &str, pick: fn(&'a Entry) -> Option<T>) -> Vec<T> {
+        self.0.get(key).into_iter().flatten().filter_map(pick).collect()
+    }
+
+    /// What follows from it.
+    pub fn outcome(
+        &self,
+        config: &Config,
+        machine: Machine,
+        cores: &Cores,
+        items: &[Item],
+        skipped: &[Cell],
+    ) -> Outcome {
+        let mut outcome = Outcome {
+            machine,
+            cores: cores.ids().to_vec(),
+            pinned: cores.can_pin(),
+            config: config.clone(),
+            skipped: skipped.iter().map(Cell::key).collect(),
+            peaks: Vec::new(),
+            limits: Vec::new(),
+            timings: Vec::new(),
+            slopes: Vec::new(),
+        };
+        for item in items {
+            match item {
+                Item::Peak(scalar) => {
+                    let rounds = self.all(&item.key(), |entry| match entry {
+                        Entry::PeakGflops(gflops) => Some(*gflops),
+                        _ => None,
+                    });
+                    let gflops = rounds.into_iter().fold(f64::NAN, f64::max);
+                    outcome.peaks.push(Peak { scalar: *scalar, gflops });
+                }
+                Item::Limit(size, scalar) => {
+                    let rounds = self.all(&item.key(), |entry| match entry {
+                        Entry::Limit(limit) => Some(*limit),
+                        _ => None,
+                    });
+                    outcome.limits.push(limits(*size, *scalar, &rounds));
+                }
+                Item::Cell(cell) => {
+                    let visits = self.all(&item.key(), |entry| match entry {
+                        Entry::Visit(visit) => Some(visit),
+                        _ => None,
+                    });
+                    let operations = self.all(&cell.operations_key(), |entry| match entry {
+                        Entry::Operations(operations) => Some(*operations),
+                        _ => None,
+                    });
+                    outcome.timings.push(timing(cell, &visits, operations.first().copied().unwrap_or_default()));
+                }
+            }
+        }
+        outcome.slopes = slopes(&outcome.timings);
+        outcome
     }
 }
 

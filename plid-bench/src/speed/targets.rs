@@ -105,14 +105,19 @@ fn reason(outcome: &Outcome, timing: &Timing, target_us: f64) -> String {
     } else {
         let share = 100.0 * bound_us / timing.median_us;
         let what = if operations_us > bytes_us { "peak" } else { "rate of the pass" };
-        format!("{limits}; the step takes {:.0} us, {share:.0} % of the {what}, and the target is {target_us:.0} us", timing.median_us)
+        format!(
+            "{limits}; the step takes {:.0} us, {share:.0} % of the {what}, and the target is {target_us:.0} us",
+            timing.median_us
+        )
     }
 }
 
 fn beside_peers(peers: &Peers) -> Vec<Target> {
     let fastest = |structured: bool| {
         let known = peers.peers.iter().filter(|peer| peer.structured == structured && peer.dtype == "f64");
-        known.filter(|peer| peer.factor().is_some()).min_by(|a, b| a.us_per_step.partial_cmp(&b.us_per_step).expect("finite"))
+        known
+            .filter(|peer| peer.factor().is_some())
+            .min_by(|a, b| a.us_per_step.partial_cmp(&b.us_per_step).expect("finite"))
     };
     let mut targets = Vec::new();
     for (structured, kind, limit) in [(true, "structured", 5.0), (false, "dense", 25.0)] {
@@ -124,7 +129,11 @@ fn beside_peers(peers: &Peers) -> Vec<Target> {
                 target: format!("≥ {limit} × as fast"),
                 found: format!("{factor:.1} × ({us:.0} us, plid {own:.0} us)"),
                 met: Some(factor >= limit),
-                reason: if factor >= limit { String::new() } else { "the peer does the same work nearly as well".into() },
+                reason: if factor >= limit {
+                    String::new()
+                } else {
+                    "the peer does the same work nearly as well".into()
+                },
             });
         }
     }
@@ -132,14 +141,21 @@ fn beside_peers(peers: &Peers) -> Vec<Target> {
 }
 
 fn slopes(outcome: &Outcome) -> Vec<Target> {
-    let plain = |variant: &Variant| *variant == super::cell::Cell::plain(STATES, variant.covariance, variant.expectations).variant;
+    let plain = |variant: &Variant| {
+        *variant == super::cell::Cell::plain(STATES, variant.covariance, variant.expectations).variant
+    };
     let mut targets = Vec::new();
     for slope in outcome.slopes.iter().filter(|slope| plain(&slope.variant)) {
         let form = slope.variant.covariance;
         let what = format!("slope of log time, {}, {}", word(&form), word(&slope.variant.expectations));
         let beside = format!("{:.2} (operations {:.2})", slope.time, slope.operations);
         targets.push(if form == Form::Direct {
-            let reason = || format!("the operations' own slope is {:.2}; the larger matrices leave the nearest cache", slope.operations);
+            let reason = || {
+                format!(
+                    "the operations' own slope is {:.2}; the larger matrices leave the nearest cache",
+                    slope.operations
+                )
+            };
             Target { found: beside.clone(), ..at_most(what, slope.time, 2.1, "", reason) }
         } else {
             stated(what, beside)
@@ -162,7 +178,7 @@ fn single_precision(outcome: &Outcome, form: Form) -> Vec<Target> {
 fn two_threads(outcome: &Outcome, form: Form) -> Vec<Target> {
     let of = |(states, expectations)| {
         let one = outcome.plain(states, form, expectations)?;
-        let two = outcome.of(states, form, expectations, |cell| cell.variant.threads = 2)?;
+        let two = outcome.of(states, form, expectations, |cell| cell.threads = 2)?;
         let factor = one.median_us / two.median_us;
         let what = format!("two threads, n = {states}, {}, {}", word(&form), word(&expectations));
         let found = format!("{factor:.2} × as fast ({:.0} us)", two.median_us);
@@ -170,7 +186,11 @@ fn two_threads(outcome: &Outcome, form: Form) -> Vec<Target> {
             return Some(stated(what, found));
         }
         let met = factor >= 1.5;
-        let reason = if met { String::new() } else { "the parts that run on one thread, and the handing over between threads".into() };
+        let reason = if met {
+            String::new()
+        } else {
+            "the parts that run on one thread, and the handing over between threads".into()
+        };
         Some(Target { what, target: "≥ 1.5 × as fast".into(), found, met: Some(met), reason })
     };
     [48, STATES].into_iter().flat_map(|n| EXPECTATIONS.map(|e| (n, e))).filter_map(of).collect()
@@ -184,7 +204,10 @@ fn real_time(outcome: &Outcome, form: Form) -> Option<Target> {
         .max_by(|a, b| a.p99_9_us.total_cmp(&b.p99_9_us))?;
     let what = format!("real time at 1600 Hz: p99.9 of {}, {}", word(&form), word(&worst.cell.variant.expectations));
     Some(at_most(what, worst.p99_9_us, SAMPLE_US, "us", || {
-        format!("the median is {:.0} us, the longest of {} steps {:.0} us", worst.median_us, worst.steps, worst.longest_us)
+        format!(
+            "the median is {:.0} us, the longest of {} steps {:.0} us",
+            worst.median_us, worst.steps, worst.longest_us
+        )
     }))
 }
 
@@ -240,7 +263,11 @@ mod tests {
         let mut run = run(70.0);
         run.timings[1].operations.additions = 10_000_000;
         let all = targets(&run, None);
-        assert!(target(&all, "bierman-ud, joint-ekf").reason.starts_with("out of this machine's reach: its 10.00 Mflop take 200 us"));
+        assert!(
+            target(&all, "bierman-ud, joint-ekf")
+                .reason
+                .starts_with("out of this machine's reach: its 10.00 Mflop take 200 us")
+        );
     }
 
     #[test]

@@ -11,7 +11,7 @@ use super::cell::Cell;
 use super::config::Config;
 use super::cores::Cores;
 use super::histogram::Histogram;
-use super::limits::{passes, peak, time, Pass};
+use super::limits::{Pass, passes, peak, time};
 use crate::{Loop, Workload};
 
 /// What is kept of a visit.
@@ -71,10 +71,7 @@ pub fn visit(cell: &Cell, workload: &Workload<'_>, cores: &Cores, config: &Confi
     })
 }
 
-fn timed<'a>(
-    mut build: impl FnMut() -> Result<Loop<'a>, VariantError>,
-    config: &Config,
-) -> Result<Visit, VisitError> {
+fn timed<'a>(mut build: impl FnMut() -> Result<Loop<'a>, VariantError>, config: &Config) -> Result<Visit, VisitError> {
     let least_steps = config.steps_a_visit();
     let mut times: Vec<u32> = Vec::with_capacity(MOST_STEPS.max(least_steps));
     let (mut allocations, mut restarts) = (0, 0);
@@ -166,8 +163,7 @@ mod tests {
     use super::*;
     use crate::{Noise, Record};
 
-    const CONFIG: Config =
-        Config { rounds: 2, visit_ms: 0.0, steps: 60, warm_up: 5, cores: None, cross: Vec::new() };
+    const CONFIG: Config = Config { rounds: 2, visit_ms: 0.0, steps: 60, warm_up: 5, cores: None, cross: Vec::new() };
 
     #[test]
     fn a_visit_times_as_many_steps_as_asked_for() {
