@@ -5,12 +5,13 @@
 
 use std::fmt::Debug;
 
-use crate::{Matrix, Scalar, View, ViewMut, kernels};
+use crate::kernels::{self, Kernels};
+use crate::{Matrix, View, ViewMut};
 
 /// Storage and kernels. Nothing here allocates.
 pub trait Backend: Clone + Copy + Debug + Send + Sync + 'static {
     /// The number type.
-    type Scalar: Scalar;
+    type Scalar: Kernels;
 
     /// The matrix that holds P in one of its forms.
     type Matrix: Matrix<Self::Scalar>;
@@ -35,8 +36,8 @@ pub trait Backend: Clone + Copy + Debug + Send + Sync + 'static {
         let second = second.block_mut(half, 0, size - half, size - half);
         let rest = (a.block(half, 0, size - half, a.columns()), b.block(half, 0, size - half, b.columns()));
         Self::join(
-            || kernels::symmetric_product_lower(first, alpha, a, b),
-            || kernels::symmetric_product_lower(second, alpha, rest.0, rest.1),
+            || Self::Scalar::symmetric_product_lower(first, alpha, a, b),
+            || Self::Scalar::symmetric_product_lower(second, alpha, rest.0, rest.1),
         );
     }
 
@@ -52,13 +53,13 @@ pub trait Backend: Clone + Copy + Debug + Send + Sync + 'static {
         let (first, second) = y.reborrow().split_at_column(half);
         let (first_work, second_work) = work.reborrow().split_at_column(half * phi.len());
         Self::join(
-            || kernels::block_product_lower(m, phi, 0, first, first_work),
-            || kernels::block_product_lower(m, phi, half, second, second_work),
+            || Self::Scalar::block_product_lower(m, phi, 0, first, first_work),
+            || Self::Scalar::block_product_lower(m, phi, half, second, second_work),
         );
         let (first, second) = y.split_at_column(half);
         Self::join(
-            || kernels::add_mirrored(work.view(), 0, first),
-            || kernels::add_mirrored(work.view(), half, second),
+            || Self::Scalar::add_mirrored(work.view(), 0, first),
+            || Self::Scalar::add_mirrored(work.view(), half, second),
         );
     }
 

@@ -1,17 +1,13 @@
 //! Loops over slices and small matrices that the recursion is made of.
 //!
-//! Those that a step spends its time in are compiled for several instruction sets (`multiversion`), of which the best that the
-//! CPU has is chosen at run time. They use fused multiply-add and sum in an order that does not depend on the width of the
-//! registers, so that every instruction set gives the same bits. The short ones here at the top are for use anywhere.
+//! Those that a step spends its time in are methods of [`Kernels`]; the short ones here are for use anywhere.
 
+mod compiled;
 mod pack;
 mod symmetric;
 
+pub use compiled::Kernels;
 pub use pack::Pack;
-pub use symmetric::{
-    add_block_sums, add_mirrored, add_weighted_blocks_lower, advance_columns, advance_rows, block_product_lower,
-    solve_gain, symmetric_product_lower,
-};
 
 use crate::{Scalar, View, ViewMut};
 

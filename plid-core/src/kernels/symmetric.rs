@@ -1,13 +1,9 @@
 //! What a covariance of which the lower triangle is stored goes through in a step.
 
-use multiversion::multiversion;
-
 use super::Pack;
 use crate::{Scalar, View, ViewMut};
 
-/// C <- C + alpha A B^T for a product that is symmetric; only the lower triangle of C (N x N) is touched. A and B are
-/// N x k.
-#[multiversion(targets = "simd")]
+#[inline(always)]
 pub fn symmetric_product_lower<S: Scalar>(mut c: ViewMut<'_, S>, alpha: S, a: View<'_, S>, b: View<'_, S>) {
     let (rows, ranks) = (a.rows(), a.columns());
     let mut k = 0;
@@ -71,10 +67,7 @@ fn add_to_four<S: Scalar, const K: usize>(columns: [&mut [S]; TILE], a: [&[S]; K
     }
 }
 
-/// The part of M (phi (x) I)^T that columns `first`.. of Y (the columns of `y`) have from the stored lower triangle of the
-/// symmetric M (kn x kn), added to `y`; what its mirror image gives to rows b, n + b, 2n + b, .. of Y for the same columns b
-/// stands, transposed, in columns 0, 1, 2, .. of the k that each b has in `mirrored` (n x k times the columns of `y`).
-#[multiversion(targets = "simd")]
+#[inline(always)]
 pub fn block_product_lower<S: Scalar>(
     m: View<'_, S>,
     phi: &[S],
@@ -165,9 +158,7 @@ fn columns_of_product<S: Scalar, const W: usize, const G: usize>(
     G
 }
 
-/// Adds what [`block_product_lower`] has left in `mirrored` (n x kn, for all columns) to columns `first`.. of Y, the columns
-/// of `y` (kn rows).
-#[multiversion(targets = "simd")]
+#[inline(always)]
 pub fn add_mirrored<S: Scalar>(mirrored: View<'_, S>, first: usize, mut y: ViewMut<'_, S>) {
     let n = mirrored.rows();
     let k = mirrored.columns() / n;
@@ -204,9 +195,7 @@ pub fn add_mirrored<S: Scalar>(mirrored: View<'_, S>, first: usize, mut y: ViewM
 /// The side of a tile that is transposed at a time.
 const EDGE: usize = 8;
 
-/// X <- X + (phi^T (x) I) Theta: to each column of X (n x c) the weighted sum of the k blocks of n entries in that column of Theta
-/// (kn x c).
-#[multiversion(targets = "simd")]
+#[inline(always)]
 pub fn add_block_sums<S: Scalar>(mut x: ViewMut<'_, S>, theta: View<'_, S>, phi: &[S]) {
     for c in 0..x.columns() {
         add_blocks(x.column_mut(c), theta.column(c), phi);
@@ -240,8 +229,7 @@ fn add_blocks<S: Scalar>(x: &mut [S], theta: &[S], phi: &[S]) {
     }
 }
 
-/// K = M (L L^T)^-1 for M (N x k) and the lower Cholesky factor L (k x k).
-#[multiversion(targets = "simd")]
+#[inline(always)]
 pub fn solve_gain<S: Scalar>(cross: View<'_, S>, factor: View<'_, S>, mut gain: ViewMut<'_, S>) {
     let k = cross.columns();
     // K L^T first, column by column, then K.
@@ -274,9 +262,7 @@ fn divide<S: Scalar>(by: S, x: &mut [S]) {
     x.iter_mut().for_each(|x| *x /= by);
 }
 
-/// X <- Abar X for Abar = J + sum_k abar_k e_{c_k}^T: `shift_source` says where each row of J has its one (above it), `rows`
-/// are the c_k, `abar` (n x p) holds the abar_k. `work` holds p entries.
-#[multiversion(targets = "simd")]
+#[inline(always)]
 pub fn advance_columns<S: Scalar>(
     mut x: ViewMut<'_, S>,
     shift_source: &[Option<usize>],
@@ -298,8 +284,7 @@ pub fn advance_columns<S: Scalar>(
     }
 }
 
-/// X <- X Abar^T (N x n) for the same Abar. `kept` holds N x p.
-#[multiversion(targets = "simd")]
+#[inline(always)]
 pub fn advance_rows<S: Scalar>(
     mut x: ViewMut<'_, S>,
     shift_source: &[Option<usize>],
@@ -325,9 +310,7 @@ pub fn advance_rows<S: Scalar>(
     }
 }
 
-/// OUT <- OUT + sum_st W_st M_st, lower triangle, over the n x n blocks M_st of a symmetric M (kn x kn) of which the lower
-/// triangle is stored; W (k x k) is symmetric. `work` holds n x n.
-#[multiversion(targets = "simd")]
+#[inline(always)]
 pub fn add_weighted_blocks_lower<S: Scalar>(
     m: View<'_, S>,
     weights: View<'_, S>,

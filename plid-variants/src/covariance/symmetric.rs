@@ -3,7 +3,7 @@
 use std::marker::PhantomData;
 
 use num_traits::{One, Zero};
-use plid_core::kernels::{self, BadPivot, axpy, cholesky, dot, semidefinite_ldl};
+use plid_core::kernels::{BadPivot, Kernels, axpy, cholesky, dot, semidefinite_ldl};
 use plid_core::{
     Backend, CovariancePropagation, Dense, Health, ImplicitModel, InitialCovariance, Matrix, NoiseTerms, Scalar,
     Transition, View, ViewMut,
@@ -88,7 +88,7 @@ impl<B: Backend, R: UpdateRule> Symmetric<B, R> {
         let factor = factor.view();
         let mut gain = self.gain.view_mut();
         let mut gain = gain.block_mut(0, 0, size, k);
-        kernels::solve_gain(self.cross.view().block(0, 0, size, k), factor.block(0, 0, k, k), gain.reborrow());
+        B::Scalar::solve_gain(self.cross.view().block(0, 0, size, k), factor.block(0, 0, k, k), gain.reborrow());
         for which in 0..R::CORRECTIONS {
             if which > 0 {
                 observe(self.p.view(), self.cross.view_mut());
@@ -165,7 +165,7 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
     fn add_parameter_blocks(&mut self, weights: &Dense<B::Scalar>, mut out: ViewMut<'_, B::Scalar>) {
         let (n, size) = (self.n, self.p.view().rows());
         let theta = self.p.view().block(n, n, size - n, size - n);
-        kernels::add_weighted_blocks_lower(theta, weights.view(), out.reborrow(), self.top.view_mut());
+        B::Scalar::add_weighted_blocks_lower(theta, weights.view(), out.reborrow(), self.top.view_mut());
     }
 
     fn measurement_update(
@@ -225,15 +225,15 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
         for c in 0..n {
             symmetric_column(self.p.view().block(0, 0, n, n), c, self.top.column_mut(c));
         }
-        kernels::advance_columns(self.top.view_mut(), &self.shift_source, rows, abar, outputs);
-        kernels::add_block_sums(self.top.view_mut(), self.p.view().block(n, 0, size - n, n), phi);
+        B::Scalar::advance_columns(self.top.view_mut(), &self.shift_source, rows, abar, outputs);
+        B::Scalar::add_block_sums(self.top.view_mut(), self.p.view().block(n, 0, size - n, n), phi);
         // P_{theta x} <- P_{theta x} Abar^T + P_{theta theta} (phi (x) I)^T
         let mut p = self.p.view_mut();
         let (mut left, mut right) = p.reborrow().split_at_column(n);
         let mut cross = left.block_mut(n, 0, size - n, n);
         let mut kept = self.cross.view_mut();
         let kept = kept.block_mut(n, 0, size - n, rows.len());
-        kernels::advance_rows(cross.reborrow(), &self.shift_source, rows, abar, kept);
+        B::Scalar::advance_rows(cross.reborrow(), &self.shift_source, rows, abar, kept);
         let theta = right.block_mut(n, 0, size - n, size - n);
         B::block_product_lower(theta.view(), phi, cross, self.mirrored.view_mut());
         // P_xx <- Abar top^T + (phi (x) I) P_{theta x} + Qbar, in top, of which the lower triangle then goes to its place.
@@ -244,8 +244,8 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
                 *self.top.at_mut(c, i) = above;
             }
         }
-        kernels::advance_columns(self.top.view_mut(), &self.shift_source, rows, abar, outputs);
-        kernels::add_block_sums(self.top.view_mut(), left.view().block(n, 0, size - n, n), phi);
+        B::Scalar::advance_columns(self.top.view_mut(), &self.shift_source, rows, abar, outputs);
+        B::Scalar::add_block_sums(self.top.view_mut(), left.view().block(n, 0, size - n, n), phi);
         for i in 0..n {
             let x = &mut left.column_mut(i)[i..n];
             for ((x, &product), &noise) in x.iter_mut().zip(&self.top.column(i)[i..]).zip(&qbar.column(i)[i..]) {
