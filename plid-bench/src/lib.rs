@@ -1,5 +1,6 @@
 //! Studies of plid on the own machine: how fast it is and how sound it stays; and the benches.
 
+pub mod stability;
 pub mod study;
 mod workload;
 
