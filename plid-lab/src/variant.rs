@@ -19,7 +19,7 @@ pub enum CovarianceName {
     Direct,
     /// Joseph's measurement update.
     Joseph,
-    /// U D U^T: cannot lose positivity, so it is the default.
+    /// U D U^T: cannot lose positivity.
     #[default]
     BiermanUd,
     /// S S^T by orthogonal transformations.

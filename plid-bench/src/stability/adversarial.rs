@@ -1,10 +1,8 @@
 //! Records that are hard on a covariance: each test below holds one to the property that it is named after.
 
-use std::f64::consts::TAU;
-
 use ndarray::{Array2, s};
 use plid_testbed::{
-    ConverterConfig, INPUTS, InputConfig, Multisine, NoiseConfig, TestbedError, TrussConfig, WhiteNoise, simulate, simulate_input,
+    ConverterConfig, INPUTS, InputConfig, Multisine, NoiseConfig, Simulation, TestbedError, TrussConfig, WhiteNoise, simulate, simulate_input,
 };
 
 use super::record::{Record, lasting, of_simulation};
@@ -36,13 +34,18 @@ fn command(config: &TrussConfig) -> Result<Array2<f64>, TestbedError> {
 
 /// u2 = u1 + a little, u3 = u1 + u2 + a little: the data tell next to nothing of two differences of B's columns.
 pub fn dependent_inputs(samples: usize) -> Result<Record, TestbedError> {
-    let config = lasting(bare(), samples);
-    let mut input = command(&config)?;
-    for mut row in input.rows_mut() {
-        row[1] = row[0] + INDEPENDENT_PART * row[1];
-        row[2] = row[0] + row[1] + INDEPENDENT_PART * row[2];
-    }
-    let mut record = of_simulation(&simulate_input(&config, input.view())?, &bare())?;
+    let depend = |config: &TrussConfig| -> Result<Simulation, TestbedError> {
+        let mut input = command(config)?;
+        for mut row in input.rows_mut() {
+            row[1] = row[0] + INDEPENDENT_PART * row[1];
+            row[2] = row[0] + row[1] + INDEPENDENT_PART * row[2];
+        }
+        simulate_input(config, input.view())
+    };
+    let mut record = of_simulation(&depend(&lasting(bare(), samples))?, &bare())?;
+    // The check asks for what the data tell, and for no more.
+    let check = depend(&lasting(TrussConfig { seed: bare().seed + 1, ..bare() }, record.check.inputs.nrows()))?;
+    (record.check.inputs, record.check.outputs) = (check.commands, check.noise_free);
     record.actuator = amplifier_variance();
     Ok(record)
 }
@@ -95,8 +98,8 @@ fn relative_power(signal: impl Iterator<Item = f64> + Clone, hz: f64, rate_hz: f
     let count = signal.clone().count();
     for (k, x) in signal.enumerate() {
         // A window, so that lines far away do not leak in.
-        let window = 1.0 - (TAU * (k as f64 + 0.5) / count as f64).cos();
-        let angle = TAU * hz * k as f64 / rate_hz;
+        let window = 1.0 - (std::f64::consts::TAU * (k as f64 + 0.5) / count as f64).cos();
+        let angle = std::f64::consts::TAU * hz * k as f64 / rate_hz;
         re += window * x * angle.cos();
         im += window * x * angle.sin();
         power += x * x;

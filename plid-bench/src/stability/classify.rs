@@ -13,9 +13,9 @@ use super::cell::{Cell, model};
 pub const COVARIANCE_LIMIT: f64 = 0.1;
 /// or s by more than so many standard deviations;
 pub const DEVIATIONS_LIMIT: f64 = 1.0;
-/// or its frequency response, at the step where they are compared, from that of Bierman UD in f64 by more than this, over the peak;
+/// or its frequency response, at the step where they are compared, from that of its peer in f64 by more than this, over the peak;
 pub const RESPONSE_LIMIT: f64 = 0.02;
-/// or its free-run error is larger than that of Bierman UD in f64 by more than this factor;
+/// or its free-run error is larger than its peer's by more than this factor;
 pub const FREE_RUN_LIMIT: f64 = 1.1;
 /// or its NEES, where there is a truth, by more than this factor.
 pub const NEES_LIMIT: f64 = 2.0;
@@ -25,7 +25,8 @@ pub fn rule() -> String {
     format!(
         "Lost: the recursion stops with an error, or P is found not to be positive definite. Degraded: not lost, but P is off from double-double's \
          by more than {} of sqrt(P_ii P_jj) or s by more than {} standard deviation at a step where they are compared, or, measured against Bierman UD in f64 on \
-         the same record, the frequency response differs by more than {} % of the peak, the free-run error is larger by more than {} %, or NEES (where the plant is of the \
+         the same record (with parameter noise, which enters matrices and factors in different ways: against the direct form in f64 for a matrix), the frequency \
+         response differs by more than {} % of the peak, the free-run error is larger by more than {} %, or NEES (where the plant is of the \
          model's class) is more than {} times as large. Sound: neither.",
         COVARIANCE_LIMIT,
         DEVIATIONS_LIMIT,
@@ -58,7 +59,7 @@ pub struct Judged {
     pub why: String,
     /// The first step at which it was found lost.
     pub lost_at: Option<usize>,
-    /// The largest difference in frequency response from Bierman UD in f64, over that one's peak.
+    /// The largest difference in frequency response from the peer in f64, over that one's peak.
     pub response: Option<f64>,
 }
 
@@ -78,27 +79,30 @@ fn is_far(error: &super::cell::ErrorAt) -> bool {
     error.deviations > DEVIATIONS_LIMIT || error.covariance.is_none_or(|e| e > COVARIANCE_LIMIT)
 }
 
-/// Judges cells; those of one group are measured against its Bierman UD in f64.
+/// Judges cells; those of one group are measured against its peers in f64.
 ///
 /// # Errors
 /// A model whose frequency response cannot be formed.
 pub fn judge(cells: Vec<Cell>) -> Result<Vec<Judged>, ModelError> {
-    let peers: Vec<Cell> = cells.iter().filter(|c| is_peer(c)).cloned().collect();
+    let peers: Vec<Cell> = cells.iter().filter(|c| c.scalar == ScalarName::F64).cloned().collect();
     cells
         .into_iter()
         .map(|cell| {
-            let peer = peers.iter().find(|p| p.group == cell.group);
+            let peer = peers.iter().find(|p| p.group == cell.group && p.form == peer_form(&cell));
             let response = match peer {
-                Some(peer) => response_difference(&cell, peer)?,
-                None => None,
+                Some(peer) if cell.group.scenario.tells_every_response() => response_difference(&cell, peer)?,
+                _ => None,
             };
             Ok(with_class(cell, peer, response))
         })
         .collect()
 }
 
-fn is_peer(cell: &Cell) -> bool {
-    cell.form == CovarianceName::BiermanUd && cell.scalar == ScalarName::F64
+/// In f64, Bierman UD. Parameter noise enters a matrix in another way than a factor, which makes another filter of it; the peer of a matrix is
+/// then the direct form.
+fn peer_form(cell: &Cell) -> CovarianceName {
+    let matrix = matches!(cell.form, CovarianceName::Direct | CovarianceName::Joseph);
+    if matrix && cell.group.parameter_noise > 0.0 { CovarianceName::Direct } else { CovarianceName::BiermanUd }
 }
 
 fn with_class(cell: Cell, peer: Option<&Cell>, response: Option<f64>) -> Judged {

@@ -7,6 +7,11 @@ use serde::{Deserialize, Serialize};
 
 use super::scenario::Scenario;
 
+/// The full study, as experiments/bench/stability.toml has it.
+pub const FULL: &str = include_str!("../../../experiments/bench/stability.toml");
+/// The study of about ten minutes, as experiments/bench/stability-quick.toml has it.
+pub const QUICK: &str = include_str!("../../../experiments/bench/stability-quick.toml");
+
 /// A stability study. The defaults are the full study.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -89,7 +94,7 @@ impl Default for Variations {
         Self {
             states: vec![12, 24, 48],
             expectations: vec![E::Prior, E::Posterior, E::CertaintyEquivalent, E::JointEkf],
-            parameter_noise: vec![1e-12, 1e-10, 1e-8, 1e-6],
+            parameter_noise: vec![1e-12, 1e-10, 1e-9, 1e-8, 1e-6],
             sensor_rms_v: vec![0.15],
             initial_variance: vec![1e-2, 1e4],
             in_class: true,
@@ -204,19 +209,15 @@ pub fn one_three(last: usize) -> Vec<usize> {
 }
 
 impl Config {
-    /// The study in ten minutes: a tenth of the steps, fewer variations.
-    pub fn quick() -> Self {
-        Self {
-            steps: 10_000,
-            reference_work: 6e7,
-            variations: Variations { states: vec![12, 24], ..Variations::default() },
-            adversarial: Adversarial { steps: 5000, ..Adversarial::default() },
-            ..Self::default()
-        }
-    }
-
     /// The groups, the longest first, so that threads end together.
     pub fn groups(&self) -> Vec<Group> {
+        let mut groups = self.groups_in_order();
+        groups.sort_by_key(|group| std::cmp::Reverse(group.steps * group.states.pow(2) * group.cells().len()));
+        groups
+    }
+
+    /// The groups in the order of the config.
+    pub fn groups_in_order(&self) -> Vec<Group> {
         let mut groups: Vec<Group> = self.states.iter().map(|&n| self.centre(n)).collect();
         for &n in &self.variations.states {
             groups.extend(self.varied(n));
@@ -228,7 +229,6 @@ impl Config {
             let compared_at = steps.min(COMPARED_AT);
             groups.push(Group { part: Part::Long, label, steps, compared_at, ..self.centre(self.long.states) });
         }
-        groups.sort_by_key(|group| std::cmp::Reverse(group.steps * group.states.pow(2) * group.cells().len()));
         groups
     }
 
@@ -365,6 +365,14 @@ mod tests {
         assert_eq!((long.states, long.steps, long.cells().len()), (24, 1_000_000, 2));
         assert_eq!(SCALARS.map(|scalar| long.steps_of(scalar)), [1_000_000, 100_000]);
         assert!(Config::default().problems().is_empty());
+    }
+
+    #[test]
+    fn the_configs_that_are_built_in_are_read() {
+        let read = |text| crate::study::from_toml_checked::<Config>(text, "built in", Config::problems).unwrap();
+        assert_eq!(read(FULL), Config::default());
+        let quick = read(QUICK);
+        assert_eq!((quick.steps, quick.states, quick.long), (10_000, Config::default().states, Long::default()));
     }
 
     #[test]

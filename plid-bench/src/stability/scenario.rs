@@ -64,6 +64,12 @@ impl Scenario {
         matches!(self, Self::WindUp | Self::Jump)
     }
 
+    /// Whether the data determine the response of each input by itself: of inputs that nearly depend on each other they tell the sum only, and
+    /// rounding may move what nothing determines.
+    pub fn tells_every_response(self) -> bool {
+        self != Self::DependentInputs
+    }
+
     /// Whether another number of states makes another record.
     pub fn depends_on_states(self) -> bool {
         matches!(self, Self::InClass | Self::Jump)

@@ -1,6 +1,7 @@
 //! `plid bench`: studies on the own machine, one a file.
 
 mod speed;
+mod stability;
 
 use std::path::{Path, PathBuf};
 
@@ -21,6 +22,7 @@ pub struct Arguments {
 #[derive(Subcommand)]
 enum Study {
     Speed(speed::Arguments),
+    Stability(stability::Arguments),
 }
 
 /// What every study takes.
@@ -70,5 +72,6 @@ impl Common {
 pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     match arguments.study {
         Study::Speed(arguments) => speed::execute(&arguments, voice),
+        Study::Stability(arguments) => stability::execute(&arguments, voice),
     }
 }
