@@ -1,5 +1,7 @@
 //! The workload that benches and studies of speed share: the simulated truss, and a recursion that goes over its record again and again.
 
+pub mod expectations;
+
 use plid_core::{NoiseModel, ObservableForm, Settings};
 use plid_lab::variant::{Recursion, Variant, VariantError};
 use plid_testbed::{INPUTS, OUTPUTS, TestbedError, TrussConfig, simulate};
