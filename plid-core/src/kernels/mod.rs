@@ -1,4 +1,12 @@
 //! Loops over slices and small matrices that the recursion is made of.
+//!
+//! Those that a step spends its time in are compiled for several instruction sets (`multiversion`), of which the best that the
+//! CPU has is chosen at run time. They use fused multiply-add and sum in an order that does not depend on the width of the
+//! registers, so that every instruction set gives the same bits. The short ones here at the top are for use anywhere.
+
+mod pack;
+
+pub use pack::Pack;
 
 use crate::{Scalar, View, ViewMut};
 
