@@ -32,8 +32,10 @@ pub fn least_squares(trial: &Trial) -> Option<Vec<f64>> {
             if signal < p { trial.outputs[(at, signal)] } else { trial.inputs[(at, signal - p)] }
         });
         let y = DMatrix::from_fn(rows.len(), p, |row, i| trial.outputs[(rows[row], i)]);
-        normal += regressors.tr_mul(&regressors);
-        right += regressors.tr_mul(&y);
+        // As a product of matrices, which is blocked; tr_mul goes by dot products.
+        let transposed = regressors.transpose();
+        normal += &transposed * &regressors;
+        right += transposed * y;
     }
     let solution = normal.cholesky()?.solve(&right);
     // Entry l of block j of the parameter column of signal t.
@@ -197,9 +199,9 @@ impl<'a> Problem<'a> {
         let block_of: Vec<usize> = (0..n).map(|r| rows.iter().position(|&row| r <= row).unwrap_or(0)).collect();
         let mut filled = 0;
         let mut gather = |jacobian: &DMatrix<f64>, errors: &DVector<f64>, filled: usize| {
-            let (j, e) = (jacobian.rows(0, filled), errors.rows(0, filled));
-            normal += j.tr_mul(&j);
-            right += j.tr_mul(&e);
+            let transposed = jacobian.rows(0, filled).transpose();
+            normal += &transposed * jacobian.rows(0, filled);
+            right += transposed * errors.rows(0, filled);
         };
         let mut next = vec![0.0; n];
         self.predict(s, &predictor, |k, x, e| {
@@ -249,7 +251,7 @@ impl<'a> Problem<'a> {
 #[cfg(test)]
 mod tests {
     use super::super::batch::{self, Knowledge};
-    use super::super::grid::{ScalarPrior, ScalarRecord};
+    use super::super::grid::{ScalarPrior, ScalarRecord, exact_bayes};
     use super::super::plants::{Loudness, in_class, scalar};
     use super::*;
 
@@ -312,8 +314,10 @@ mod tests {
             let (z, u) = (trial.outputs.as_slice().unwrap(), trial.inputs.as_slice().unwrap());
             let record = ScalarRecord { z, u, sensor: noise.sensor.at(0, 0), state: noise.state.at(0, 0) };
             let exact = batch::most_probable(&record, &prior, Knowledge::Prior, 40);
-            // Standard deviations are near 0.013.
-            assert!((found[1] - exact[0]).abs() < 3e-3 && (found[2] - exact[1]).abs() < 3e-3, "{found:?}, {exact:?}");
+            // The gradient leaves the gain's dependence out: that moves the end by a part of a standard deviation.
+            let [aa, _, bb] = exact_bayes(&record, &prior, 60).covariance;
+            let off = [(found[1] - exact[0]) / aa.sqrt(), (found[2] - exact[1]) / bb.sqrt()];
+            assert!(off.iter().all(|x| x.abs() < 0.3), "{off:?}");
         }
     }
 }

@@ -49,7 +49,7 @@ pub fn root_mean(squares: &[f64]) -> Option<Figure> {
     Some(Figure { value: root, error })
 }
 
-/// Root of the ratio of two means over the same runs. The runs are paired, so what all runs of a seed share cancels in the error.
+/// Root of the ratio of two means of squares over the same runs. The runs are paired, so what all methods share in a run cancels in the error.
 pub fn paired_root_ratio(squares: &[f64], reference: &[f64]) -> Option<Figure> {
     let (over, under) = (mean(squares)?.value, mean(reference)?.value);
     if !(under > 0.0 && over > 0.0) {
