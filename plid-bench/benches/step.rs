@@ -6,7 +6,7 @@
 use std::time::Duration;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
-use plid_bench::Workload;
+use plid_bench::{Noise, Record, Workload};
 use plid_lab::variant::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
 
 /// The bench's name and the variant, which differs from direct, moment-matched, plain, f64 as the name says.
@@ -30,8 +30,9 @@ fn variants() -> [(&'static str, Variant); 10] {
 fn step(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("step");
     group.sample_size(10).warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(1));
+    let record = Record::truss(3, 1.0).expect("the default truss can be simulated");
     for states in [12, 30, 64] {
-        let workload = Workload::truss(states, 2.0).expect("the default truss can be simulated");
+        let workload = Workload::new(&record, states, Noise::Diagonal).expect("enough states");
         for (name, variant) in variants() {
             let mut steps = workload.recursion(variant).expect("a variant that exists");
             group.bench_function(BenchmarkId::new(name, states), |bench| {

@@ -1,7 +1,8 @@
 //! Studies of plid on the own machine: how fast it is, how sound it stays, which expectations it should take; and the benches.
 
 pub mod expectations;
+pub mod speed;
 pub mod study;
 mod workload;
 
-pub use workload::{Loop, Workload, WorkloadError};
+pub use workload::{Loop, Noise, Record, Workload};

@@ -137,7 +137,8 @@ pub enum VariantError {
     Identifier(#[from] IdentifierError),
 }
 
-type Built = Result<Box<dyn Recursion>, VariantError>;
+/// A recursion, or why there is none.
+pub type Built = Result<Box<dyn Recursion>, VariantError>;
 
 impl Variant {
     /// Builds the recursion.
@@ -157,6 +158,14 @@ impl Variant {
             (BackendName::Nalgebra, ScalarName::DoubleDouble) => Err(VariantError::NoDoubleDouble("nalgebra")),
             (BackendName::Faer, ScalarName::DoubleDouble) => Err(VariantError::NoDoubleDouble("faer")),
         }
+    }
+
+    /// Builds the recursion on a backend of one's own, whatever `backend` and `scalar` name.
+    ///
+    /// # Errors
+    /// An impossible start.
+    pub fn build_on<B: Backend>(self, form: ObservableForm, noise: &NoiseModel, settings: &Settings) -> Built {
+        self.on::<B>((form, noise, settings))
     }
 
     fn on<B: Backend>(self, start: Start<'_>) -> Built {

@@ -99,7 +99,12 @@ mod tests {
     use super::super::plants::{Loudness, scalar};
     use super::*;
 
-    fn with_record<T>(signal_to_noise: f64, seed: u64, steps: usize, f: impl Fn(&ScalarRecord<'_>, [f64; 2]) -> T) -> T {
+    fn with_record<T>(
+        signal_to_noise: f64,
+        seed: u64,
+        steps: usize,
+        f: impl Fn(&ScalarRecord<'_>, [f64; 2]) -> T,
+    ) -> T {
         let loudness = Loudness { signal_to_noise, state_share: 0.2, told_factor: 1.0 };
         let trial = scalar(&ScalarPrior::default(), loudness, steps, seed);
         let (z, u) = (trial.outputs.as_slice().unwrap(), trial.inputs.as_slice().unwrap());

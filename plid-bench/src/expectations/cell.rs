@@ -80,7 +80,9 @@ pub fn cells(config: &Config) -> Vec<Cell<'_>> {
     config
         .plants()
         .flat_map(|plant| plant.sigmas().into_iter().map(move |sigma| (plant, sigma)))
-        .flat_map(|(plant, sigma)| config.signal_to_noise.iter().map(move |&signal_to_noise| Cell { plant, signal_to_noise, sigma }))
+        .flat_map(|(plant, sigma)| {
+            config.signal_to_noise.iter().map(move |&signal_to_noise| Cell { plant, signal_to_noise, sigma })
+        })
         .collect()
 }
 
@@ -160,7 +162,8 @@ impl Cell<'_> {
             })
             .collect();
         let Some(outcomes) = outcomes else { return Ok(None) };
-        let of = |wanted: Method| methods.iter().position(|&m| m == wanted).map(|k| &outcomes[k * runs..(k + 1) * runs]);
+        let of =
+            |wanted: Method| methods.iter().position(|&m| m == wanted).map(|k| &outcomes[k * runs..(k + 1) * runs]);
         let (best, default) = (reference.and_then(of), of(DEFAULT));
         let scores = methods
             .iter()

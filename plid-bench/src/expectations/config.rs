@@ -105,13 +105,18 @@ fn not_empty<T>(key: &'static str, list: &[T]) -> Option<Problem> {
 impl Config {
     /// What is wrong with the values, as key and reason.
     pub fn problems(&self) -> Vec<Problem> {
-        let mut all = vec![not_empty("signal_to_noise", &self.signal_to_noise), positive("signal_to_noise", &self.signal_to_noise)];
+        let mut all = vec![
+            not_empty("signal_to_noise", &self.signal_to_noise),
+            positive("signal_to_noise", &self.signal_to_noise),
+        ];
         let share = self.state_noise_share;
         all.push((!(0.0..=1.0).contains(&share)).then(|| ("state_noise_share", format!("{share} is not from 0 to 1"))));
         // Names of plants are keys of cells: two of a kind with the same name would be one.
         let names: Vec<String> = self.plants().map(|plant| plant.name()).collect();
         let twice = (1..names.len()).find(|&i| names[..i].contains(&names[i]));
-        all.push(twice.map(|i| (if names[i].starts_with("truss") { "truss" } else { "in_class" }, format!("{} stands twice", names[i]))));
+        all.push(twice.map(|i| {
+            (if names[i].starts_with("truss") { "truss" } else { "in_class" }, format!("{} stands twice", names[i]))
+        }));
         for plant in &self.scalar {
             all.extend([
                 at_least("runs", plant.runs, 2),
@@ -158,7 +163,9 @@ impl Config {
 fn form(key: &'static str, states: usize, outputs: usize, inputs: usize) -> Option<Problem> {
     match ObservableForm::balanced(states, outputs, inputs) {
         Err(error) => Some((key, error.to_string())),
-        Ok(form) if form.states() % outputs != 0 => Some((key, format!("{states} is not a multiple of {outputs} outputs"))),
+        Ok(form) if form.states() % outputs != 0 => {
+            Some((key, format!("{states} is not a multiple of {outputs} outputs")))
+        }
         Ok(_) => None,
     }
 }
@@ -227,7 +234,8 @@ mod tests {
             ("batch_at = 0.001", "batch_at = 0.3", "not in sigma_over_r"),
         ] {
             assert!(QUICK.contains(from), "{from}");
-            let error = from_toml_checked::<Config>(&QUICK.replacen(from, to, 1), "c.toml", Config::problems).unwrap_err();
+            let error =
+                from_toml_checked::<Config>(&QUICK.replacen(from, to, 1), "c.toml", Config::problems).unwrap_err();
             let whole = format!("{error} {error:?}");
             assert!(whole.contains(said) && error.to_string().starts_with("c.toml, line "), "{whole}");
         }

@@ -157,7 +157,10 @@ mod tests {
             ];
             let covariance = [normal[2], -normal[1], normal[0]].map(|x| x / determinant);
             for (f, e) in found.mean.iter().chain(&found.covariance).zip(mean.iter().chain(&covariance)) {
-                assert!((f - e).abs() < 1e-6 * (1e-3 + e.abs()), "Sigma = {state}: {found:?} for {mean:?}, {covariance:?}");
+                assert!(
+                    (f - e).abs() < 1e-6 * (1e-3 + e.abs()),
+                    "Sigma = {state}: {found:?} for {mean:?}, {covariance:?}"
+                );
             }
         }
     }

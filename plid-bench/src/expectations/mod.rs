@@ -35,12 +35,7 @@ pub struct Study {
 ///
 /// # Errors
 /// [`StudyError`]
-pub fn run(
-    config: &Config,
-    directory: &Path,
-    resume: bool,
-    progress: &dyn Progress,
-) -> Result<Study, StudyError> {
+pub fn run(config: &Config, directory: &Path, resume: bool, progress: &dyn Progress) -> Result<Study, StudyError> {
     let text = to_toml(config);
     let machine = Machine::here();
     let mut journal = Journal::<Finished>::open(directory, "expectations", &text, resume)?;

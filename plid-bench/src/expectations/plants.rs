@@ -135,8 +135,10 @@ fn canonical(a: &DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>, form: &Observ
     // C A^q = sum_l L_l C A^l: the equations of the outputs; a_i[block j, l] is entry (j, i) of L_l.
     let (old, next) = observability(a, c);
     let equations = old.transpose().lu().solve(&next.transpose())?.transpose();
-    let mut parameters: Vec<f64> =
-        (0..p).flat_map(|i| (0..n).map(move |row| (i, row))).map(|(i, row)| equations[(row / each, row % each * p + i)]).collect();
+    let mut parameters: Vec<f64> = (0..p)
+        .flat_map(|i| (0..n).map(move |row| (i, row)))
+        .map(|(i, row)| equations[(row / each, row % each * p + i)])
+        .collect();
     parameters.resize((p + form.inputs()) * n, 0.0);
     let (a, c) = matrices(form, &parameters);
     let b = observability(&a, &c).0.lu().solve(&(old * b))?;
@@ -181,8 +183,9 @@ pub fn in_class(form: &ObservableForm, loudness: Loudness, initial_std: f64, ste
     };
     let variances: Vec<f64> = stationary(&a, &(&b * b.transpose())).diagonal().iter().copied().collect();
     let x0 = variances.iter().map(|v| v.sqrt() * normal(&mut rng)).collect();
-    let initial: Vec<f64> =
-        std::iter::repeat_n(0.0, n).chain(plant.parameters.iter().map(|x| x + initial_std * normal(&mut rng))).collect();
+    let initial: Vec<f64> = std::iter::repeat_n(0.0, n)
+        .chain(plant.parameters.iter().map(|x| x + initial_std * normal(&mut rng)))
+        .collect();
     let (inputs, held_out) = (white(&mut rng, steps, m), white(&mut rng, HELD_OUT, m));
     let outputs = plant.simulate(&inputs, x0, &mut || normal(&mut rng));
     let mut p0 = vec![initial_std.powi(2); form.joint_states()];
@@ -200,7 +203,13 @@ pub fn in_class(form: &ObservableForm, loudness: Loudness, initial_std: f64, ste
 ///
 /// # Errors
 /// What the testbed says.
-pub fn truss(states: usize, signal_to_noise: f64, ratio: f64, duration_s: [f64; 2], seed: u64) -> Result<Trial, TestbedError> {
+pub fn truss(
+    states: usize,
+    signal_to_noise: f64,
+    ratio: f64,
+    duration_s: [f64; 2],
+    seed: u64,
+) -> Result<Trial, TestbedError> {
     let [learnt_s, held_out_s] = duration_s;
     let mut config = TrussConfig { duration_s: learnt_s, seed, ..TrussConfig::default() };
     config.converters.step_v = 0.0;
@@ -271,7 +280,10 @@ mod tests {
             let (signal, rest) = (rms(&response), rms(&(&trial.outputs - &response)));
             assert!((signal - 1.0).abs() < 0.06 && (rest - 0.5).abs() < 0.04, "{share}: {signal}, {rest}");
         }
-        assert_eq!(in_class(&form, loudness(0.2), 0.1, 50, 5).outputs, in_class(&form, loudness(0.2), 0.1, 50, 5).outputs);
+        assert_eq!(
+            in_class(&form, loudness(0.2), 0.1, 50, 5).outputs,
+            in_class(&form, loudness(0.2), 0.1, 50, 5).outputs
+        );
     }
 
     #[test]

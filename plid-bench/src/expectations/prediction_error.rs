@@ -133,7 +133,12 @@ impl<'a> Problem<'a> {
     }
 
     /// Goes over the record: `each` gets x and the whitened innovation of every sample. None where the predictor diverges.
-    fn predict(&self, s: &DVector<f64>, predictor: &Predictor, mut each: impl FnMut(usize, &[f64], &[f64])) -> Option<()> {
+    fn predict(
+        &self,
+        s: &DVector<f64>,
+        predictor: &Predictor,
+        mut each: impl FnMut(usize, &[f64], &[f64]),
+    ) -> Option<()> {
         let (n, p) = (self.form.states(), self.form.outputs());
         let rows = self.form.output_states();
         let mut x = s.as_slice()[..n].to_vec();
@@ -182,8 +187,7 @@ impl<'a> Problem<'a> {
         let size = s.len();
         let (mean, variances) = &self.prior;
         let mut normal = DMatrix::from_diagonal(&DVector::from_iterator(size, variances.iter().map(|v| 1.0 / v)));
-        let mut right =
-            DVector::from_iterator(size, (0..size).map(|i| (mean[i] - s[i]) / variances[i]));
+        let mut right = DVector::from_iterator(size, (0..size).map(|i| (mean[i] - s[i]) / variances[i]));
         let rows = self.form.output_states();
         let longest = *self.form.indices().iter().max()?;
         // State of each filter (regressor t, block i), and the last `longest` whitened responses of each, newest last.

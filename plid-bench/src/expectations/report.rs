@@ -37,11 +37,14 @@ pub fn page(config: &Config, cells: &[Finished], machine: &Machine, text: &str) 
 }
 
 /// A line a method over the signal-to-noise ratios of `cells`, with its markers.
-fn line(cells: &[&Finished], method: &str, label: &str, of: impl Fn(&Score) -> Option<Figure>) -> Vec<(String, Vec<(f64, f64)>)> {
-    let points: Vec<(f64, f64)> = cells
-        .iter()
-        .filter_map(|cell| Some((cell.signal_to_noise, of(score(cell, method)?)?.value)))
-        .collect();
+fn line(
+    cells: &[&Finished],
+    method: &str,
+    label: &str,
+    of: impl Fn(&Score) -> Option<Figure>,
+) -> Vec<(String, Vec<(f64, f64)>)> {
+    let points: Vec<(f64, f64)> =
+        cells.iter().filter_map(|cell| Some((cell.signal_to_noise, of(score(cell, method)?)?.value))).collect();
     if points.is_empty() { Vec::new() } else { vec![(label.to_string(), points)] }
 }
 
@@ -84,7 +87,9 @@ fn in_class(mut report: Report, config: &Config, name: &str, own: &[&Finished]) 
     let mut lines = with(&right, &[], &|s| s.free_run);
     for cell in own.iter().filter(|cell| cell.sigma != 1.0 && cell.signal_to_noise == own[0].signal_to_noise) {
         let same: Vec<&Finished> = own.iter().copied().filter(|other| other.sigma == cell.sigma).collect();
-        lines.extend(line(&same, DEFAULT.name(), &format!("{}, Sigma told x {}", DEFAULT.name(), cell.sigma), |s| s.free_run));
+        lines.extend(line(&same, DEFAULT.name(), &format!("{}, Sigma told x {}", DEFAULT.name(), cell.sigma), |s| {
+            s.free_run
+        }));
     }
     report.figure(
         draw(format!("{name}: free run"), SNR, "free-run error, relative", vec![], lines),
@@ -110,7 +115,8 @@ fn truss(report: Report, name: &str, cells: &[Finished], own: &[&Finished]) -> R
         .map(|method| {
             let point = |&snr: &f64| {
                 let best = best_sigma(cells, name, snr, method)?.sigma;
-                let cell = own.iter().find(|c| c.signal_to_noise == snr && (c.sigma / best / 100.0 - 1.0).abs() < 1e-6)?;
+                let cell =
+                    own.iter().find(|c| c.signal_to_noise == snr && (c.sigma / best / 100.0 - 1.0).abs() < 1e-6)?;
                 Some((snr, free_run(cell, method)?))
             };
             (format!("{method}, Sigma x 100"), ratios.iter().filter_map(point).collect())

@@ -112,7 +112,8 @@ mod tests {
                 let nees: Vec<f64> = (0..runs)
                     .map(|_| {
                         // Prior N(0, 1), one measurement with variance 0.5: the posterior variance is 1/3.
-                        let (truth, noise): (f64, f64) = (StandardNormal.sample(&mut rng), StandardNormal.sample(&mut rng));
+                        let (truth, noise): (f64, f64) =
+                            (StandardNormal.sample(&mut rng), StandardNormal.sample(&mut rng));
                         let estimate = (truth + 0.5f64.sqrt() * noise) * 2.0 / 3.0;
                         (estimate - truth).powi(2) * 3.0
                     })

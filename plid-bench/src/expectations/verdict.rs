@@ -87,7 +87,8 @@ pub fn standings(cells: &[Finished]) -> Vec<Standing> {
         .map(|name| {
             let right = || told_right(cells).filter_map(|cell| score(cell, name));
             let nees = || right().filter_map(|s| s.nees).map(|f| f.value);
-            let at_best = |method: &str, (plant, snr): (&str, f64)| free_run(best_sigma(cells, plant, snr, method)?, method);
+            let at_best =
+                |method: &str, (plant, snr): (&str, f64)| free_run(best_sigma(cells, plant, snr, method)?, method);
             Standing {
                 name,
                 nees: range(nees()),
@@ -106,7 +107,9 @@ pub fn standings(cells: &[Finished]) -> Vec<Standing> {
 /// The expectation to take: those whose mean free-run error is within two per cent of the least are alike, and of them it is the one whose
 /// NEES misses one by least.
 pub fn recommended(standings: &[Standing]) -> Option<&Standing> {
-    let error = |s: &Standing| geometric([s.free_run_in_class, s.free_run_truss].into_iter().flatten()).unwrap_or(f64::INFINITY);
+    let error = |s: &Standing| {
+        geometric([s.free_run_in_class, s.free_run_truss].into_iter().flatten()).unwrap_or(f64::INFINITY)
+    };
     let least = standings.iter().map(error).fold(f64::INFINITY, f64::min);
     let alike = standings.iter().filter(|s| error(s) <= 1.02 * least);
     alike.min_by(|x, y| x.miss.unwrap_or(f64::INFINITY).total_cmp(&y.miss.unwrap_or(f64::INFINITY)))
@@ -129,7 +132,10 @@ pub fn sentences(cells: &[Finished]) -> Vec<String> {
         .filter_map(|s| s.nees.map(|(low, high)| format!("{} {low:.2} to {high:.2}", s.name)))
         .collect();
     if !nees.is_empty() {
-        all.push(format!("NEES over the number of parameters, in all cells with the true Sigma (one is honest): {}.", nees.join(", ")));
+        all.push(format!(
+            "NEES over the number of parameters, in all cells with the true Sigma (one is honest): {}.",
+            nees.join(", ")
+        ));
     }
     all.extend(where_it_matters(cells));
     all.extend(against_sigma(cells));
@@ -172,7 +178,8 @@ fn against_sigma(cells: &[Finished]) -> Option<String> {
         let Some(centre) = centre else { continue };
         // Decades are not exact in binary.
         let Some(beyond) = here().find(|cell| (cell.sigma / centre.sigma - 100.0).abs() < 1e-6) else { continue };
-        let by_choice = |cell| range(names().iter().filter_map(|name| free_run(cell, name))).map(|(low, high)| high / low);
+        let by_choice =
+            |cell| range(names().iter().filter_map(|name| free_run(cell, name))).map(|(low, high)| high / low);
         let by_sigma = free_run(beyond, DEFAULT.name()).zip(free_run(centre, DEFAULT.name())).map(|(x, y)| x / y);
         choices.extend(by_choice(centre));
         choices_beyond.extend(by_choice(beyond));

@@ -1,20 +1,12 @@
 //! What is timed.
 
-use plid_lab::variant::{CovarianceName, ScalarName, Variant};
+use plid_lab::variant::{CovarianceName, ExpectationName, ScalarName, Variant};
 use serde::{Deserialize, Serialize};
+
+use crate::Noise;
 
 /// The number of outputs of every cell, the truss's.
 pub const OUTPUTS: usize = plid_testbed::OUTPUTS;
-
-/// The shape of the noise covariances.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Noise {
-    /// R, Q and Sigma diagonal, no covariances between them.
-    Diagonal,
-    /// None of the six has a zero.
-    Full,
-}
 
 /// A recursion of which steps are timed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,18 +25,22 @@ pub struct Cell {
 }
 
 impl Cell {
+    /// 3 x 3, f64, plain loops, one thread, diagonal noise.
+    pub fn plain(states: usize, covariance: CovarianceName, expectations: ExpectationName) -> Self {
+        let variant = Variant { covariance, expectations, ..Variant::default() };
+        Self { states, inputs: 3, noise: Noise::Diagonal, threads: 1, variant }
+    }
+
     /// N = (p + m + 1) n.
     pub fn joint_states(&self) -> usize {
         (OUTPUTS + self.inputs + 1) * self.states
     }
 
-    /// The scalar's size in bytes.
-    pub fn scalar_bytes(&self) -> usize {
-        match self.variant.scalar {
-            ScalarName::F32 => 4,
-            ScalarName::F64 => 8,
-            ScalarName::DoubleDouble => 16,
-        }
+    /// The name of its operations: those do not depend on the library, the scalar or the threads.
+    pub fn operations_key(&self) -> String {
+        let Variant { covariance, expectations, .. } = self.variant;
+        let (form, expectation, noise) = (word(&covariance), word(&expectations), word(&self.noise));
+        format!("operations n={} {}x{OUTPUTS} {form} {expectation} noise={noise}", self.states, self.inputs)
     }
 
     /// The name by which cells of different runs are compared.
@@ -64,9 +60,27 @@ impl Cell {
     }
 }
 
+/// A scalar's size in bytes.
+pub fn scalar_bytes(scalar: ScalarName) -> usize {
+    match scalar {
+        ScalarName::F32 => 4,
+        ScalarName::F64 => 8,
+        ScalarName::DoubleDouble => 16,
+    }
+}
+
 /// All covariance forms, in the order of the report.
 pub const FORMS: [CovarianceName; 4] =
     [CovarianceName::Direct, CovarianceName::Joseph, CovarianceName::BiermanUd, CovarianceName::ArraySqrt];
+
+/// All conditional expectations, in the order of the report.
+pub const EXPECTATIONS: [ExpectationName; 5] = [
+    ExpectationName::JointEkf,
+    ExpectationName::CertaintyEquivalent,
+    ExpectationName::Prior,
+    ExpectationName::Posterior,
+    ExpectationName::MomentMatched,
+];
 
 /// The word by which a config names a value.
 pub fn word(name: &impl Serialize) -> String {

@@ -3,7 +3,8 @@
 use plid_lab::variant::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
 use serde::{Deserialize, Serialize};
 
-use super::cell::{Cell, Noise};
+use super::cell::Cell;
+use crate::Noise;
 
 /// The full study, as experiments/bench/speed.toml has it.
 pub const FULL: &str = include_str!("../../../experiments/bench/speed.toml");
