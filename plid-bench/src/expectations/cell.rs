@@ -47,8 +47,8 @@ pub struct Score {
     pub rmse_a: Option<Figure>,
     /// Root mean square error of the entries of b_1 .. b_m.
     pub rmse_b: Option<Figure>,
-    /// rmse_a over that of the reference, over the runs that both have. Where the reference says a variance of a, errors are in its
-    /// standard deviations: otherwise a few plants that hardly answer to the input would own the figure.
+    /// The same over that of the reference, over the runs that both have, errors in the reference's standard deviations:
+    /// otherwise the few plants that hardly answer to the input would own the figure.
     pub rmse_a_over_reference: Option<Figure>,
     /// The same over that of the default expectation.
     pub rmse_a_over_default: Option<Figure>,
@@ -191,7 +191,7 @@ fn summarise(name: &str, own: Outcomes<'_>, best: Option<Outcomes<'_>>, default:
         let rows = own.iter().zip(other.unwrap_or_default()).enumerate();
         let (over, under): (Vec<f64>, Vec<f64>) = rows
             .filter_map(|(run, (own, other))| {
-                let unit = best.and_then(|best| variance_of_a(best[run].as_ref()?)).unwrap_or(1.0);
+                let unit = best.map_or(Some(1.0), |best| Some(best[run].as_ref()?.variance_a))?;
                 Some((own.as_ref()?.squared_a / unit, other.as_ref()?.squared_a / unit))
             })
             .filter(|(x, y)| x.is_finite() && y.is_finite())
@@ -216,10 +216,4 @@ fn summarise(name: &str, own: Outcomes<'_>, best: Option<Outcomes<'_>>, default:
         free_run: geometric_mean(&own.iter().flatten().map(free_run).collect::<Vec<f64>>()),
         free_run_over_default: geometric_mean(&free_run_ratios),
     }
-}
-
-/// The variance that an estimate gives the entries of a, where it gives one.
-fn variance_of_a(outcome: &Outcome) -> Option<f64> {
-    let variance = outcome.squared_a / outcome.nees_a;
-    (variance > 0.0 && variance.is_finite()).then_some(variance)
 }

@@ -68,6 +68,8 @@ pub struct Outcome {
     pub nees: f64,
     /// The same of a_1 .. a_p alone.
     pub nees_a: f64,
+    /// The mean variance that the method gives the entries of a_1 .. a_p; NaN where it says none.
+    pub variance_a: f64,
     /// Free-run error on inputs not seen, relative; infinite where the model diverges.
     pub free_run: f64,
 }
@@ -82,7 +84,15 @@ pub fn run(method: Method, trial: &Trial, covariance: CovarianceName) -> Option<
         return None;
     }
     let free_run = trial.free_run_error(&parameters);
-    let mut outcome = Outcome { squared_a: f64::NAN, squared_b: f64::NAN, nees: f64::NAN, nees_a: f64::NAN, free_run };
+    let unknown = f64::NAN;
+    let mut outcome = Outcome {
+        squared_a: unknown,
+        squared_b: unknown,
+        nees: unknown,
+        nees_a: unknown,
+        variance_a: unknown,
+        free_run,
+    };
     let Some(truth) = &trial.truth else { return Some(outcome) };
     let of_a = trial.form.outputs() * trial.form.states();
     let error = DVector::from_iterator(truth.len(), parameters.iter().zip(truth).map(|(x, t)| x - t));
@@ -94,6 +104,7 @@ pub fn run(method: Method, trial: &Trial, covariance: CovarianceName) -> Option<
         outcome.nees = nees(&error, &covariance)?;
         let part = covariance.view((0, 0), (of_a, of_a)).into_owned();
         outcome.nees_a = nees(&error.rows(0, of_a).into_owned(), &part)?;
+        outcome.variance_a = part.diagonal().mean();
     }
     Some(outcome)
 }
@@ -132,7 +143,9 @@ fn estimate(method: Method, trial: &Trial, covariance: CovarianceName) -> Option
             let mut start = trial.settings.initial_estimate[..n].to_vec();
             start.extend(filter(trial, variant)?.0);
             let noise = trial.true_noise.as_ref().unwrap_or(&trial.told);
-            Some((prediction_error::most_probable(trial, noise, &start)?.split_off(n), None))
+            let (mut s, covariance) = prediction_error::most_probable(trial, noise, &start)?;
+            let size = s.len() - n;
+            Some((s.split_off(n), Some(covariance.view((n, n), (size, size)).into_owned())))
         }
     }
 }

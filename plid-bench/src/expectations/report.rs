@@ -84,17 +84,22 @@ fn in_class(mut report: Report, config: &Config, name: &str, own: &[&Finished]) 
             "Root mean square error of A's parameters over that of the reference on the same runs, with the true Sigma.",
         );
     }
-    let mut lines = with(&right, &[], &|s| s.free_run);
-    for cell in own.iter().filter(|cell| cell.sigma != 1.0 && cell.signal_to_noise == own[0].signal_to_noise) {
-        let same: Vec<&Finished> = own.iter().copied().filter(|other| other.sigma == cell.sigma).collect();
-        lines.extend(line(&same, DEFAULT.name(), &format!("{}, Sigma told x {}", DEFAULT.name(), cell.sigma), |s| {
-            s.free_run
-        }));
+    let mut lines = with(&right, &[], &|s| s.free_run_over_default);
+    let mut others: Vec<f64> = own.iter().map(|cell| cell.sigma).filter(|&sigma| sigma != 1.0).collect();
+    others.dedup();
+    for sigma in others {
+        let point = |cell: &Finished| {
+            let other = own.iter().find(|o| o.sigma == sigma && o.signal_to_noise == cell.signal_to_noise)?;
+            let free_run = |cell: &Finished| Some(score(cell, DEFAULT.name())?.free_run?.value);
+            Some((cell.signal_to_noise, free_run(other)? / free_run(cell)?))
+        };
+        let points = right.iter().filter_map(|cell| point(cell)).collect();
+        lines.push((format!("{}, Sigma told x {sigma}", DEFAULT.name()), points));
     }
     report.figure(
-        draw(format!("{name}: free run"), SNR, "free-run error, relative", vec![], lines),
-        "Error of the model's free run on inputs not seen against the true response without noise: the five with the true Sigma, and \
-         the default with another one.",
+        draw(format!("{name}: free run"), SNR, &format!("free-run error over {}'s", DEFAULT.name()), vec![one()], lines),
+        "Error of the model's free run on inputs not seen against the true response without noise, over that of the default with the true \
+         Sigma: the five with the true Sigma, and the default with another one.",
     )
 }
 

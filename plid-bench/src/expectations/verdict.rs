@@ -1,11 +1,15 @@
 //! What the cells say, in sentences.
 
+use statrs::distribution::{ContinuousCDF, StudentsT};
+
 use super::cell::{DEFAULT, Finished, Score};
 use super::method::{EXPECTATIONS, Method};
 use super::statistics::{Figure, geometric_mean};
 
-/// A difference matters if it is at least this large and three standard errors from none.
+/// A difference matters if it is at least this large..
 const MATTERS: f64 = 0.05;
+/// ..and would arise by chance, were there none, with less than this probability.
+const CHANCE: f64 = 0.003;
 
 /// The score of a method in a cell.
 pub fn score<'a>(cell: &'a Finished, method: &str) -> Option<&'a Score> {
@@ -17,9 +21,11 @@ pub fn names() -> [&'static str; 5] {
     EXPECTATIONS.map(|expectation| Method::Filter(expectation).name())
 }
 
-/// Whether a ratio is far enough from one, and surely so.
-fn matters(ratio: Option<Figure>) -> bool {
-    ratio.is_some_and(|r| (r.value.ln()).abs() >= MATTERS.ln_1p() && (r.value - 1.0).abs() >= 3.0 * r.error)
+/// Whether a ratio over so many runs is far enough from one, and surely so.
+fn matters(ratio: Option<Figure>, runs: usize) -> bool {
+    let Ok(student) = StudentsT::new(0.0, 1.0, (runs.max(2) - 1) as f64) else { return false };
+    let errors = student.inverse_cdf(1.0 - CHANCE / 2.0);
+    ratio.is_some_and(|r| r.value.ln().abs() >= MATTERS.ln_1p() && (r.value - 1.0).abs() >= errors * r.error)
 }
 
 /// Cells in which Sigma is told as it is.
@@ -142,40 +148,57 @@ pub fn sentences(cells: &[Finished]) -> Vec<String> {
     all
 }
 
-/// Up to which signal-to-noise ratio any of the others differs from the default.
+/// Up to which signal-to-noise ratio any of the others differs from the default, and by how much at most.
 fn where_it_matters(cells: &[Finished]) -> Vec<String> {
     let mut plants: Vec<&str> = cells.iter().map(|cell| cell.plant.as_str()).collect();
     plants.dedup();
-    plants
-        .into_iter()
-        .map(|plant| {
-            let cells = cells.iter().filter(|cell| cell.plant == plant && (cell.sigma == 1.0 || plant.starts_with("truss")));
-            let differs = |cell: &&Finished| {
-                names().iter().filter_map(|name| score(cell, name)).any(|s| matters(s.rmse_a_over_default) || matters(s.free_run_over_default))
-            };
-            let settings = if plant.starts_with("truss") { "at some Sigma" } else { "with the true Sigma" };
-            match cells.filter(differs).map(|cell| cell.signal_to_noise).reduce(f64::max) {
-                Some(largest) => format!(
-                    "{plant}: {settings} the choice changes rmse or free-run error by 5 % or more up to a signal-to-noise ratio of {largest}."
-                ),
-                None => format!("{plant}: {settings} the choice nowhere changes rmse or free-run error by 5 % that is more than chance."),
-            }
-        })
-        .collect()
+    plants.into_iter().filter_map(|plant| where_it_matters_for(cells, plant)).collect()
 }
 
-/// How much free-run error hangs on the expectation and how much on Sigma. The centre is the true Sigma, for the truss the one that is
-/// best for the default.
+fn where_it_matters_for(cells: &[Finished], plant: &str) -> Option<String> {
+    let is_truss = plant.starts_with("truss");
+    let own: Vec<&Finished> = places(cells)
+        .into_iter()
+        .filter(|place| place.0 == plant)
+        .filter_map(|(_, snr)| centre(cells, plant, snr))
+        .collect();
+    let differs = |cell: &&&Finished| {
+        let surely =
+            |s: &Score| matters(s.rmse_a_over_default, cell.runs) || matters(s.free_run_over_default, cell.runs);
+        names().iter().filter_map(|name| score(cell, name)).any(surely)
+    };
+    let largest = own.iter().filter(differs).map(|cell| cell.signal_to_noise).reduce(f64::max);
+    let (factor, name, snr) = own
+        .iter()
+        .flat_map(|cell| names().map(|name| (cell, name)))
+        .filter_map(|(cell, name)| Some((score(cell, name)?.free_run_over_default?.value, name, cell.signal_to_noise)))
+        .max_by(|x, y| x.0.total_cmp(&y.0))?;
+    let settings = if is_truss { "with the Sigma that is best for the default" } else { "with the true Sigma" };
+    let upto = match largest {
+        Some(largest) => format!(
+            "the choice changes rmse or free-run error by 5 % or more up to a signal-to-noise ratio of {largest}"
+        ),
+        None => "no difference of 5 % in rmse or free-run error is more than chance".into(),
+    };
+    Some(format!(
+        "{plant}, {settings}: {upto}; the largest free-run error is {factor:.2} times the default's ({name} at {snr})."
+    ))
+}
+
+/// The cell with the true Sigma, for the truss with the one that is best for the default.
+fn centre<'a>(cells: &'a [Finished], plant: &str, signal_to_noise: f64) -> Option<&'a Finished> {
+    if plant.starts_with("truss") {
+        return best_sigma(cells, plant, signal_to_noise, DEFAULT.name());
+    }
+    cells.iter().find(|cell| cell.plant == plant && cell.signal_to_noise == signal_to_noise && cell.sigma == 1.0)
+}
+
+/// How much free-run error hangs on the expectation and how much on Sigma.
 fn against_sigma(cells: &[Finished]) -> Option<String> {
     let (mut choices, mut sigmas, mut choices_beyond) = (Vec::new(), Vec::new(), Vec::new());
     for (plant, snr) in places(cells) {
         let here = || cells.iter().filter(|cell| cell.plant == plant && cell.signal_to_noise == snr);
-        let centre = if plant.starts_with("truss") {
-            best_sigma(cells, plant, snr, DEFAULT.name())
-        } else {
-            here().find(|cell| cell.sigma == 1.0)
-        };
-        let Some(centre) = centre else { continue };
+        let Some(centre) = centre(cells, plant, snr) else { continue };
         // Decades are not exact in binary.
         let Some(beyond) = here().find(|cell| (cell.sigma / centre.sigma - 100.0).abs() < 1e-6) else { continue };
         let by_choice =
