@@ -18,7 +18,7 @@ macro_rules! each_kernel {
             /// columns) is touched. A and B are N x k.
             symmetric::symmetric_product_lower(c: ViewMut<'_, $s>, alpha: $s, a: View<'_, $s>, b: View<'_, $s>);
             /// The part of M (phi (x) I)^T that columns `first`.. of Y (the columns of `y`) have from the stored lower triangle of the
-            /// symmetric M (kn x kn), added to `y`; what its mirror image gives to rows b, n + b, 2n + b, .. of Y for
+            /// symmetric M (kn x kn; zeros stand above its diagonal), added to `y`; what its mirror image gives to rows b, n + b, 2n + b, .. of Y for
             /// the same columns b stands, transposed, in the k columns that each b has in `mirrored` (n x k times the columns of `y`).
             symmetric::block_product_lower(
                 m: View<'_, $s>, phi: &[$s], first: usize, y: ViewMut<'_, $s>, mirrored: ViewMut<'_, $s>

@@ -21,23 +21,29 @@ pub fn symmetric_product_lower<S: Scalar>(mut c: ViewMut<'_, S>, alpha: S, a: Vi
 }
 
 /// As many columns of C as share the loads of A.
-const TILE: usize = 4;
+const FOUR: usize = 4;
+
+/// Entries of a cache line in f64; a half of one in f32.
+const LINE: usize = 8;
 
 #[inline(always)]
 fn product_of_rank<S: Scalar, const K: usize>(mut c: ViewMut<'_, S>, alpha: S, a: View<'_, S>, b: View<'_, S>) {
     let n = c.columns();
-    let tiled = n - n % TILE;
-    for j in (0..tiled).step_by(TILE) {
-        let weights: [[S; TILE]; K] = std::array::from_fn(|k| std::array::from_fn(|q| alpha * b.at(j + q, k)));
-        // The corner above row j + TILE is a small triangle.
-        for q in 0..TILE {
-            for i in j + q..j + TILE {
-                let entry = c.at_mut(i, j + q);
-                *entry = (0..K).fold(*entry, |sum, k| a.at(i, k).mul_add(weights[k][q], sum));
+    let tiled = n - n % LINE;
+    for j in (0..tiled).step_by(LINE) {
+        corner::<S, K>(c.reborrow(), j, alpha, a, b);
+        // Below the corner a line begins, if the matrix does on one.
+        let below = j + LINE;
+        for first in (j..below).step_by(FOUR) {
+            let weights: [[S; FOUR]; K] = std::array::from_fn(|k| std::array::from_fn(|q| alpha * b.at(first + q, k)));
+            let [c0, c1, c2, c3] = c.four_columns_mut(first);
+            let columns = [&mut c0[below..], &mut c1[below..], &mut c2[below..], &mut c3[below..]];
+            let mut factors: [&[S]; K] = [&[]; K];
+            for k in 0..K {
+                factors[k] = &a.column(k)[below..];
             }
+            add_to_four(columns, factors, weights);
         }
-        let columns = c.four_columns_mut(j).map(|column| &mut column[j + TILE..]);
-        add_to_four(columns, std::array::from_fn(|k| &a.column(k)[j + TILE..]), weights);
     }
     for j in tiled..n {
         for k in 0..K {
@@ -49,17 +55,33 @@ fn product_of_rank<S: Scalar, const K: usize>(mut c: ViewMut<'_, S>, alpha: S, a
     }
 }
 
+/// The LINE x LINE entries from (j, j) on: what is above the diagonal stays.
+#[inline(always)]
+fn corner<S: Scalar, const K: usize>(mut c: ViewMut<'_, S>, j: usize, alpha: S, a: View<'_, S>, b: View<'_, S>) {
+    for q in 0..LINE {
+        let column = &mut c.column_mut(j + q)[j..j + LINE];
+        let before = Pack::<S, LINE>::load(column);
+        let mut sum = before;
+        for k in 0..K {
+            sum = sum.add_scaled(Pack::load(&a.column(k)[j..]), alpha * b.at(j + q, k));
+        }
+        for i in 0..LINE {
+            sum.0[i] = if i < q { before.0[i] } else { sum.0[i] };
+        }
+        sum.store(column);
+    }
+}
+
 /// Column q of four gets the sum of `weights[k][q]` `a[k]`.
 #[inline(always)]
-fn add_to_four<S: Scalar, const K: usize>(columns: [&mut [S]; TILE], a: [&[S]; K], weights: [[S; TILE]; K]) {
+fn add_to_four<S: Scalar, const K: usize>(columns: [&mut [S]; FOUR], a: [&[S]; K], weights: [[S; FOUR]; K]) {
     let [c0, c1, c2, c3] = columns;
     let n = c0.len();
     let (c1, c2, c3) = (&mut c1[..n], &mut c2[..n], &mut c3[..n]);
-    let a = a.map(|a| &a[..n]);
     for i in 0..n {
         let mut sums = [c0[i], c1[i], c2[i], c3[i]];
         for k in 0..K {
-            for q in 0..TILE {
+            for q in 0..FOUR {
                 sums[q] = a[k][i].mul_add(weights[k][q], sums[q]);
             }
         }
@@ -76,22 +98,27 @@ pub fn block_product_lower<S: Scalar>(
     mut mirrored: ViewMut<'_, S>,
 ) {
     let (n, k) = (mirrored.rows(), phi.len());
-    for b in 0..y.columns() {
-        let y = y.column_mut(b);
-        let mut mirrored = mirrored.block_mut(0, b * k, n, k);
+    for column in 0..y.columns() {
+        let b = first + column;
+        let y = y.column_mut(column);
+        let mirrored = &mut mirrored.data_mut()[column * k * n..(column + 1) * k * n];
         let mut at = 0;
         while at < n {
             at += match n - at {
-                16.. => rows_of_product::<S, 16>(m, phi, first + b, at, y, mirrored.reborrow()),
-                8.. => rows_of_product::<S, 8>(m, phi, first + b, at, y, mirrored.reborrow()),
-                4.. => rows_of_product::<S, 4>(m, phi, first + b, at, y, mirrored.reborrow()),
-                _ => rows_of_product::<S, 1>(m, phi, first + b, at, y, mirrored.reborrow()),
+                16.. => rows_of_product::<S, 16>(m, phi, b, at, y, mirrored),
+                8.. => rows_of_product::<S, 8>(m, phi, b, at, y, mirrored),
+                4.. => rows_of_product::<S, 4>(m, phi, b, at, y, mirrored),
+                _ => rows_of_product::<S, 1>(m, phi, b, at, y, mirrored),
             };
+        }
+        for block in 0..k {
+            // The diagonal is its own mirror image.
+            mirrored[block * n + b] -= m.at(block * n + b, block * n + b) * phi[block];
         }
     }
 }
 
-/// Rows at .. at + W of each block. Returns W.
+/// Rows at .. at + W of each block; returns W.
 #[inline(always)]
 fn rows_of_product<S: Scalar, const W: usize>(
     m: View<'_, S>,
@@ -99,95 +126,114 @@ fn rows_of_product<S: Scalar, const W: usize>(
     b: usize,
     at: usize,
     y: &mut [S],
-    mut mirrored: ViewMut<'_, S>,
+    mirrored: &mut [S],
 ) -> usize {
-    let mut first = 0;
-    while first < phi.len() {
-        first += match phi.len() - first {
-            1 => columns_of_product::<S, W, 1>(m, phi, b, at, first, y, mirrored.reborrow()),
-            2 => columns_of_product::<S, W, 2>(m, phi, b, at, first, y, mirrored.reborrow()),
-            3 => columns_of_product::<S, W, 3>(m, phi, b, at, first, y, mirrored.reborrow()),
-            _ => columns_of_product::<S, W, 4>(m, phi, b, at, first, y, mirrored.reborrow()),
-        };
+    // As many sums as registers may hold, in straight code; more parameter columns take turns.
+    match phi.len() {
+        2 => columns_of_product::<S, W, 2>(m, phi, 0, b, at, y, mirrored),
+        3 => columns_of_product::<S, W, 3>(m, phi, 0, b, at, y, mirrored),
+        4 => columns_of_product::<S, W, 4>(m, phi, 0, b, at, y, mirrored),
+        5 => columns_of_product::<S, W, 5>(m, phi, 0, b, at, y, mirrored),
+        6 => columns_of_product::<S, W, 6>(m, phi, 0, b, at, y, mirrored),
+        k => (0..k).for_each(|left| columns_of_product::<S, W, 1>(m, phi, left, b, at, y, mirrored)),
     }
     W
 }
 
-/// Columns b of the blocks first .. first + G, of all blocks of rows at or below them. Returns G.
+/// Columns b of the K blocks from block `left` on, of all blocks of rows from theirs on.
 #[inline(always)]
-fn columns_of_product<S: Scalar, const W: usize, const G: usize>(
+fn columns_of_product<S: Scalar, const W: usize, const K: usize>(
     m: View<'_, S>,
     phi: &[S],
+    left: usize,
     b: usize,
     at: usize,
-    first: usize,
     y: &mut [S],
-    mut mirrored: ViewMut<'_, S>,
-) -> usize {
-    let n = mirrored.rows();
-    let columns: [&[S]; G] = std::array::from_fn(|g| m.column((first + g) * n + b));
-    let weights: [S; G] = std::array::from_fn(|g| phi[first + g]);
-    let mut sums = [Pack::<S, W>::zero(); G];
-    for row in first..phi.len() {
-        let at_row = row * n + at;
-        let mut straight = Pack::<S, W>::load(&y[at_row..]);
-        for g in 0..G {
-            if first + g < row {
-                let entries = Pack::load(&columns[g][at_row..]);
-                straight = straight.add_scaled(entries, weights[g]);
-                sums[g] = sums[g].add_scaled(entries, phi[row]);
-            } else if first + g == row {
-                // A block on the diagonal: rows from b on are stored, and those below b have a mirror image.
-                if at + W > b {
-                    let mut entries = Pack::<S, W>::load(&columns[g][at_row..]);
-                    let mut below = entries;
-                    for i in 0..W {
-                        entries.0[i] = if at + i < b { S::zero() } else { entries.0[i] };
-                        below.0[i] = if at + i <= b { S::zero() } else { below.0[i] };
-                    }
-                    straight = straight.add_scaled(entries, weights[g]);
-                    sums[g] = sums[g].add_scaled(below, phi[row]);
-                }
+    mirrored: &mut [S],
+) {
+    let (n, k) = (mirrored.len() / phi.len(), phi.len());
+    let mut sums = [Pack::<S, W>::zero(); K];
+    // The K block rows that belong to the columns too, and then those below them.
+    for l in 0..K {
+        let row = (left + l) * n + at;
+        let mut straight = Pack::load(&y[row..]);
+        // A loop of K terms is unrolled, so that the sums stay in registers; one up to l would not be.
+        for g in 0..K {
+            if g <= l {
+                let entry = Pack::load(&m.column((left + g) * n + b)[row..]);
+                straight = straight.add_scaled(entry, phi[left + g]);
+                sums[g] = sums[g].add_scaled(entry, phi[left + l]);
             }
         }
-        straight.store(&mut y[at_row..]);
+        straight.store(&mut y[row..]);
     }
-    for g in 0..G {
-        sums[g].store(&mut mirrored.column_mut(first + g)[at..]);
+    for l in left + K..k {
+        let row = l * n + at;
+        let mut straight = Pack::load(&y[row..]);
+        for g in 0..K {
+            let entry = Pack::load(&m.column((left + g) * n + b)[row..]);
+            straight = straight.add_scaled(entry, phi[left + g]);
+            sums[g] = sums[g].add_scaled(entry, phi[l]);
+        }
+        straight.store(&mut y[row..]);
     }
-    G
+    for g in 0..K {
+        sums[g].store(&mut mirrored[(left + g) * n + at..]);
+    }
 }
 
 #[inline(always)]
 pub fn add_mirrored<S: Scalar>(mirrored: View<'_, S>, first: usize, mut y: ViewMut<'_, S>) {
     let n = mirrored.rows();
-    let k = mirrored.columns() / n;
-    let tiled = y.columns() - y.columns() % EDGE;
-    for a in (0..tiled).step_by(EDGE) {
-        for block in 0..k {
-            let whole = n - n % EDGE;
-            for b in (0..whole).step_by(EDGE) {
-                let tile: [[S; EDGE]; EDGE] =
-                    std::array::from_fn(|q| Pack::load(&mirrored.column((b + q) * k + block)[first + a..]).0);
-                for i in 0..EDGE {
-                    let to = &mut y.column_mut(a + i)[block * n + b..][..EDGE];
-                    for q in 0..EDGE {
-                        to[q] += tile[q][i];
+    let (k, columns) = (mirrored.columns() / n, y.columns());
+    let stride = y.stride();
+    let (z, y) = (mirrored.data(), y.data_mut());
+    for block in 0..k {
+        for b in (0..n).step_by(EDGE) {
+            for a in (0..columns).step_by(EDGE) {
+                let from = &z[(b * k + block) * n + first + a..];
+                let to = &mut y[a * stride + block * n + b..];
+                if b + EDGE <= n && a + EDGE <= columns {
+                    add_transposed_tile(from, k * n, to, stride);
+                } else {
+                    for i in 0..EDGE.min(columns - a) {
+                        for q in 0..EDGE.min(n - b) {
+                            to[i * stride + q] += from[q * k * n + i];
+                        }
                     }
-                }
-            }
-            for i in 0..EDGE {
-                for b in whole..n {
-                    *y.at_mut(block * n + b, a + i) += mirrored.at(first + a + i, b * k + block);
                 }
             }
         }
     }
-    for a in tiled..y.columns() {
-        for block in 0..k {
-            for b in 0..n {
-                *y.at_mut(block * n + b, a) += mirrored.at(first + a, b * k + block);
+}
+
+/// Adds the transpose of a tile, whose columns are `step` apart, to a tile whose columns are `stride` apart.
+#[inline(always)]
+fn add_transposed_tile<S: Scalar>(from: &[S], step: usize, to: &mut [S], stride: usize) {
+    let mut tile = [[S::zero(); EDGE]; EDGE];
+    for q in 0..EDGE {
+        tile[q].copy_from_slice(&from[q * step..q * step + EDGE]);
+    }
+    // Three rounds of swaps of off-diagonal blocks, each half the size of the one before: shuffles of whole registers.
+    let mut size = EDGE / 2;
+    while size > 0 {
+        for q in 0..EDGE {
+            if q & size == 0 {
+                for i in 0..EDGE {
+                    if i & size != 0 {
+                        let kept = tile[q][i];
+                        tile[q][i] = tile[q + size][i - size];
+                        tile[q + size][i - size] = kept;
+                    }
+                }
             }
+        }
+        size /= 2;
+    }
+    for i in 0..EDGE {
+        let to = &mut to[i * stride..i * stride + EDGE];
+        for q in 0..EDGE {
+            to[q] += tile[i][q];
         }
     }
 }
@@ -297,15 +343,54 @@ pub fn advance_rows<S: Scalar>(
     }
     // From the last column to the first, since J takes column i from one before it.
     for i in (0..x.columns()).rev() {
-        match shift_source[i] {
-            Some(from) => {
-                let (from, to) = x.column_pair(from, i);
-                to.copy_from_slice(from);
+        for first in (0..rows.len()).step_by(3) {
+            let source = if first == 0 { shift_source[i] } else { Some(i) };
+            match rows.len() - first {
+                1 => column_of_sum::<S, 1>(x.reborrow(), i, source, abar, kept.view(), first),
+                2 => column_of_sum::<S, 2>(x.reborrow(), i, source, abar, kept.view(), first),
+                _ => column_of_sum::<S, 3>(x.reborrow(), i, source, abar, kept.view(), first),
             }
-            None => x.column_mut(i).fill(S::zero()),
         }
-        for k in 0..rows.len() {
-            subtract(-abar.at(i, k), kept.column(k), x.column_mut(i));
+    }
+}
+
+/// Column i of X becomes column `source`, or nothing, plus the sum of `abar(i, k)` times column k of `kept`, K of them.
+#[inline(always)]
+fn column_of_sum<S: Scalar, const K: usize>(
+    mut x: ViewMut<'_, S>,
+    i: usize,
+    source: Option<usize>,
+    abar: View<'_, S>,
+    kept: View<'_, S>,
+    first: usize,
+) {
+    let (rows, stride) = (x.rows(), x.stride());
+    let mut weights = [S::zero(); K];
+    let mut terms: [&[S]; K] = [&[]; K];
+    for k in 0..K {
+        weights[k] = abar.at(i, first + k);
+        terms[k] = &kept.column(first + k)[..rows];
+    }
+    let sum = |start: S, r: usize| (0..K).fold(start, |sum, k| terms[k][r].mul_add(weights[k], sum));
+    match source {
+        Some(from) if from != i => {
+            let (before, to) = x.data_mut()[from * stride..].split_at_mut((i - from) * stride);
+            let (before, to) = (&before[..rows], &mut to[..rows]);
+            for r in 0..rows {
+                to[r] = sum(before[r], r);
+            }
+        }
+        Some(_) => {
+            let to = x.column_mut(i);
+            for r in 0..rows {
+                to[r] = sum(to[r], r);
+            }
+        }
+        None => {
+            let to = x.column_mut(i);
+            for r in 0..rows {
+                to[r] = sum(S::zero(), r);
+            }
         }
     }
 }
