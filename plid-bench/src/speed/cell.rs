@@ -1,6 +1,6 @@
 //! What is timed.
 
-use plid_lab::variant::{CovarianceName, ExpectationName, ScalarName, Variant};
+use plid_lab::variant::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
 use serde::{Deserialize, Serialize};
 
 use crate::Noise;
@@ -29,6 +29,12 @@ impl Cell {
     pub fn plain(states: usize, covariance: CovarianceName, expectations: ExpectationName) -> Self {
         let variant = Variant { covariance, expectations, ..Variant::default() };
         Self { states, inputs: 3, noise: Noise::Diagonal, threads: 1, variant }
+    }
+
+    /// Whether it is f64 on plain loops and one thread.
+    pub fn is_plain(&self) -> bool {
+        let Variant { backend, scalar, .. } = self.variant;
+        (backend, scalar, self.threads) == (BackendName::Plain, ScalarName::F64, 1)
     }
 
     /// N = (p + m + 1) n.

@@ -6,6 +6,7 @@ use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Rem, RemAssi
 use num_traits::{Num, One, Zero};
 use plid_backends::Plain;
 use plid_core::Scalar;
+use plid_core::kernels::Kernels;
 use serde::{Deserialize, Serialize};
 
 use super::cell::Cell;
@@ -136,6 +137,8 @@ impl Scalar for Counted {
         self.0.is_finite()
     }
 }
+
+impl Kernels for Counted {}
 
 #[cfg(test)]
 mod tests {

@@ -7,7 +7,7 @@ use multiversion::multiversion;
 use plid_core::Scalar;
 
 /// x <- a x + b for every entry: what no step that reads and writes all of P can be faster than.
-#[multiversion(targets = "simd")]
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma"))]
 fn sweep<S: Scalar>(x: &mut [S], a: S, b: S) {
     for x in x {
         *x = a.mul_add(*x, b);
@@ -15,7 +15,7 @@ fn sweep<S: Scalar>(x: &mut [S], a: S, b: S) {
 }
 
 /// The same for the lower triangle of an n x n column-major matrix.
-#[multiversion(targets = "simd")]
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma"))]
 fn sweep_triangle<S: Scalar>(x: &mut [S], n: usize, a: S, b: S) {
     for (j, column) in x.chunks_exact_mut(n).enumerate() {
         for x in &mut column[j..] {
@@ -28,7 +28,7 @@ fn sweep_triangle<S: Scalar>(x: &mut [S], n: usize, a: S, b: S) {
 const SUMS: usize = 128;
 
 /// `rounds` multiplications and additions in each of [`SUMS`] numbers that stay in registers.
-#[multiversion(targets = "simd")]
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma"))]
 fn multiply_and_add<S: Scalar>(sums: &mut [S; SUMS], rounds: usize, a: S, b: S) {
     let mut inside = *sums;
     for _ in 0..rounds {

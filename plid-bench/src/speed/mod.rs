@@ -11,6 +11,7 @@ mod histogram;
 mod limits;
 mod outcome;
 pub mod peers;
+mod pictures;
 mod report;
 mod targets;
 mod traffic;
