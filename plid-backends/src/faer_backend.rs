@@ -5,7 +5,8 @@ use std::marker::PhantomData;
 use faer::linalg::matmul::triangular::{BlockStructure, matmul};
 use faer::traits::RealField;
 use faer::{Accum, MatMut, MatRef, Par};
-use plid_core::{Backend, Dense, Scalar, View, ViewMut, kernels};
+use plid_core::kernels::Kernels;
+use plid_core::{Backend, Dense, View, ViewMut};
 
 /// faer, for `f32` and `f64`, on one thread.
 #[derive(Clone, Copy, Debug)]
@@ -14,13 +15,13 @@ pub struct Faer<S>(PhantomData<S>);
 /// Below this many terms a product is faster as a few additions of columns than as faer's blocked product.
 const FEW_TERMS: usize = 12;
 
-impl<S: Scalar + RealField> Backend for Faer<S> {
+impl<S: Kernels + RealField> Backend for Faer<S> {
     type Scalar = S;
     type Matrix = Dense<S>;
 
     fn symmetric_product_lower(mut c: ViewMut<'_, S>, alpha: S, a: View<'_, S>, b: View<'_, S>) {
         if a.columns() < FEW_TERMS {
-            return kernels::symmetric_product_lower(c, alpha, a, b);
+            return S::symmetric_product_lower(c, alpha, a, b);
         }
         let (rows, columns, stride) = (c.rows(), c.columns(), c.stride());
         let c = MatMut::from_column_major_slice_with_stride_mut(c.data_mut(), rows, columns, stride);

@@ -3,6 +3,7 @@
 use std::marker::PhantomData;
 
 use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut, Dyn, MatrixView, RealField};
+use plid_core::kernels::Kernels;
 use plid_core::{Backend, Matrix, Scalar, View, ViewMut};
 
 /// nalgebra, for `f32` and `f64`.
@@ -47,7 +48,7 @@ fn row_as_column<S: Scalar + RealField>(v: View<'_, S>, j: usize) -> MatrixView<
     MatrixView::from_slice_with_strides_generic(&v.data()[j..], Dyn(v.columns()), nalgebra::U1, strides.0, strides.1)
 }
 
-impl<S: Scalar + RealField> Backend for Nalgebra<S> {
+impl<S: Kernels + RealField> Backend for Nalgebra<S> {
     type Scalar = S;
     type Matrix = NalgebraMatrix<S>;
 

@@ -23,7 +23,7 @@ fn assert_close<S: Scalar>(found: S, expected: f64, place: &str) {
 
 /// C + alpha A B^T; both below and above the size at which a library takes over, and in a block of a larger matrix.
 fn symmetric_product<B: Backend>() {
-    for (size, k) in [(1, 1), (5, 3), (17, 12), (40, 33)] {
+    for (size, k) in [(1, 1), (5, 3), (17, 12), (23, 2), (40, 33)] {
         let a = entries::<B::Scalar>(size, k, 1);
         let weights: Vec<f64> = (0..k).map(|j| 0.5 + (j as f64).cos()).collect();
         // B = A diag(weights): the product is symmetric.
@@ -55,7 +55,7 @@ fn symmetric_product<B: Backend>() {
 
 /// Y + M (phi (x) I)^T from the lower triangle of M alone.
 fn block_product<B: Backend>() {
-    for (n, k) in [(1, 1), (3, 2), (4, 5)] {
+    for (n, k) in [(1, 1), (3, 2), (4, 5), (9, 1), (12, 6), (29, 3), (34, 4)] {
         let size = n * k;
         let symmetric = entries::<B::Scalar>(size, size, 2);
         let at = |i: usize, j: usize| symmetric.at(i.max(j), i.min(j)).to_f64();
@@ -65,8 +65,8 @@ fn block_product<B: Backend>() {
         let phi_s: Vec<_> = phi.iter().map(|&x| B::Scalar::from_f64(x)).collect();
         let y = entries::<B::Scalar>(size, n, 9);
         let (m, mut result) = (store::<B>(&lower), store::<B>(&y));
-        let mut work = vec![B::Scalar::from_f64(f64::NAN); n];
-        B::block_product_lower(m.view(), &phi_s, result.view_mut(), &mut work);
+        let mut work = Dense::from_fn(n, size, |_, _| B::Scalar::from_f64(f64::NAN));
+        B::block_product_lower(m.view(), &phi_s, result.view_mut(), work.view_mut());
         for i in 0..size {
             for c in 0..n {
                 let sum: f64 = (0..k).map(|t| at(i, t * n + c) * phi_s[t].to_f64()).sum();

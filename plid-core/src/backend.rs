@@ -5,15 +5,21 @@
 
 use std::fmt::Debug;
 
-use crate::{Matrix, Scalar, View, ViewMut, kernels};
+use crate::kernels::{self, Kernels};
+use crate::{Matrix, View, ViewMut};
 
 /// Storage and kernels. Nothing here allocates.
 pub trait Backend: Clone + Copy + Debug + Send + Sync + 'static {
     /// The number type.
-    type Scalar: Scalar;
+    type Scalar: Kernels;
 
     /// The matrix that holds P in one of its forms.
     type Matrix: Matrix<Self::Scalar>;
+
+    /// Does both, on two threads where the backend has them. The order of all sums is the same either way.
+    fn join<A: Send, B: Send>(a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B + Send) -> (A, B) {
+        (a(), b())
+    }
 
     /// C <- C + alpha A B^T for a product that is symmetric. A and B are N x k. The lower triangle of C (N x N) is
     /// meant; the strict upper one may hold anything afterwards.
@@ -23,18 +29,38 @@ pub trait Backend: Clone + Copy + Debug + Send + Sync + 'static {
         a: View<'_, Self::Scalar>,
         b: View<'_, Self::Scalar>,
     ) {
-        kernels::symmetric_product_lower(c, alpha, a, b);
+        let size = c.columns();
+        // Where the columns before hold half of the triangle.
+        let half = size - (size as f64 * f64::sqrt(0.5)) as usize;
+        let (first, mut second) = c.split_at_column(half);
+        let second = second.block_mut(half, 0, size - half, size - half);
+        let rest = (a.block(half, 0, size - half, a.columns()), b.block(half, 0, size - half, b.columns()));
+        Self::join(
+            || Self::Scalar::symmetric_product_lower(first, alpha, a, b),
+            || Self::Scalar::symmetric_product_lower(second, alpha, rest.0, rest.1),
+        );
     }
 
     /// Y <- Y + M (phi (x) I)^T for a symmetric M of which the lower triangle is stored. M is kn x kn, phi has k
-    /// entries, Y is kn x n; `work` holds n entries.
+    /// entries, Y is kn x n; `work` holds n x kn.
     fn block_product_lower(
         m: View<'_, Self::Scalar>,
         phi: &[Self::Scalar],
-        y: ViewMut<'_, Self::Scalar>,
-        work: &mut [Self::Scalar],
+        mut y: ViewMut<'_, Self::Scalar>,
+        mut work: ViewMut<'_, Self::Scalar>,
     ) {
-        kernels::block_product_lower(m, phi, y, work);
+        let half = y.columns() / 2;
+        let (first, second) = y.reborrow().split_at_column(half);
+        let (first_work, second_work) = work.reborrow().split_at_column(half * phi.len());
+        Self::join(
+            || Self::Scalar::block_product_lower(m, phi, 0, first, first_work),
+            || Self::Scalar::block_product_lower(m, phi, half, second, second_work),
+        );
+        let (first, second) = y.split_at_column(half);
+        Self::join(
+            || Self::Scalar::add_mirrored(work.view(), 0, first),
+            || Self::Scalar::add_mirrored(work.view(), half, second),
+        );
     }
 
     /// Modified weighted Gram-Schmidt (Thornton; Bierman 1977, ch. VI): given the array W (n x r) as its transpose

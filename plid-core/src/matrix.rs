@@ -117,6 +117,16 @@ impl<'a, S: Scalar> ViewMut<'a, S> {
         &mut self.data[j * self.stride..j * self.stride + self.rows]
     }
 
+    /// Columns j .. j + 4, to be written to.
+    #[inline(always)]
+    pub fn four_columns_mut(&mut self, j: usize) -> [&mut [S]; 4] {
+        let (stride, rows) = (self.stride, self.rows);
+        let (c0, rest) = self.data[j * stride..].split_at_mut(stride);
+        let (c1, rest) = rest.split_at_mut(stride);
+        let (c2, c3) = rest.split_at_mut(stride);
+        [&mut c0[..rows], &mut c1[..rows], &mut c2[..rows], &mut c3[..rows]]
+    }
+
     /// Column `from` to be read and another column `to` to be written.
     #[inline]
     pub fn column_pair(&mut self, from: usize, to: usize) -> (&[S], &mut [S]) {

@@ -27,6 +27,12 @@ pub trait Scalar: NumAssign + std::ops::Neg<Output = Self> + PartialOrd + Copy +
     /// Neither infinite nor NaN.
     fn is_finite(self) -> bool;
 
+    /// self a + b, rounded once where the type can. Only the kernels use it, which are compiled for a CPU that has the instruction:
+    /// elsewhere it would be a call of a library function.
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        self * a + b
+    }
+
     /// The number as an unevaluated sum of two `f64`, exactly. Checkpoints store numbers so.
     fn to_parts(self) -> [f64; 2] {
         [self.to_f64(), 0.0]
@@ -67,6 +73,11 @@ impl Scalar for f64 {
     fn is_finite(self) -> bool {
         f64::is_finite(self)
     }
+
+    #[inline(always)]
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        f64::mul_add(self, a, b)
+    }
 }
 
 impl Scalar for f32 {
@@ -87,6 +98,11 @@ impl Scalar for f32 {
 
     fn is_finite(self) -> bool {
         f32::is_finite(self)
+    }
+
+    #[inline(always)]
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        f32::mul_add(self, a, b)
     }
 }
 

@@ -3,13 +3,13 @@
 use std::marker::PhantomData;
 
 use num_traits::{One, Zero};
-use plid_core::kernels::{BadPivot, axpy, cholesky, dot, semidefinite_ldl};
+use plid_core::kernels::{BadPivot, Kernels, axpy, cholesky, dot, semidefinite_ldl};
 use plid_core::{
     Backend, CovariancePropagation, Dense, Health, ImplicitModel, InitialCovariance, Matrix, NoiseTerms, Scalar,
     Transition, View, ViewMut,
 };
 
-use super::{advance, factor_initial};
+use super::factor_initial;
 
 /// What a correction of P by k outputs starts from.
 #[derive(Clone, Copy, Debug)]
@@ -54,7 +54,10 @@ pub struct Symmetric<B: Backend, R> {
     sensor: Dense<B::Scalar>,
     factor: Dense<B::Scalar>,
     top: Dense<B::Scalar>,
+    mirrored: Dense<B::Scalar>,
     work: Vec<B::Scalar>,
+    /// Where each row of J has its one.
+    shift_source: Vec<Option<usize>>,
 }
 
 /// Column `c` of the symmetric matrix whose lower triangle is `p`.
@@ -83,32 +86,16 @@ impl<B: Backend, R: UpdateRule> Symmetric<B, R> {
         let mut factor = factor.block_mut(0, 0, k, k);
         cholesky(factor.reborrow())?;
         let factor = factor.view();
-        // K = P H^T L^-T L^-1, column by column: first forward, then backward.
         let mut gain = self.gain.view_mut();
-        for j in 0..k {
-            gain.column_mut(j).copy_from_slice(self.cross.view().column(j));
-            for i in 0..j {
-                let (from, to) = gain.column_pair(i, j);
-                axpy(-factor.at(j, i), from, to);
-            }
-            let pivot = factor.at(j, j);
-            gain.column_mut(j).iter_mut().for_each(|x| *x /= pivot);
-        }
-        for j in (0..k).rev() {
-            for i in j + 1..k {
-                let (from, to) = gain.column_pair(i, j);
-                axpy(-factor.at(i, j), from, to);
-            }
-            let pivot = factor.at(j, j);
-            gain.column_mut(j).iter_mut().for_each(|x| *x /= pivot);
-        }
+        let mut gain = gain.block_mut(0, 0, size, k);
+        B::Scalar::solve_gain(self.cross.view().block(0, 0, size, k), factor.block(0, 0, k, k), gain.reborrow());
         for which in 0..R::CORRECTIONS {
             if which > 0 {
                 observe(self.p.view(), self.cross.view_mut());
             }
             let innovations = Innovations {
                 cross: self.cross.view().block(0, 0, size, k),
-                gain: gain.view().block(0, 0, size, k),
+                gain: gain.view(),
                 sensor: self.sensor.view().block(0, 0, k, k),
                 factor,
             };
@@ -163,7 +150,9 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
             sensor: Dense::zeros(outputs, outputs),
             factor: Dense::zeros(outputs, outputs),
             top: Dense::zeros(n, n),
-            work: vec![B::Scalar::zero(); n.max(outputs)],
+            mirrored: Dense::zeros(n, size - n),
+            work: vec![B::Scalar::zero(); outputs],
+            shift_source: (0..n).map(|i| model.shift_source(i)).collect(),
         })
     }
 
@@ -174,25 +163,9 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
     }
 
     fn add_parameter_blocks(&mut self, weights: &Dense<B::Scalar>, mut out: ViewMut<'_, B::Scalar>) {
-        let (n, p) = (self.n, self.p.view());
-        for t in 0..weights.columns() {
-            for s in t..weights.rows() {
-                let weight = weights.at(s, t);
-                if weight == B::Scalar::zero() {
-                    continue;
-                }
-                let block = p.block((1 + s) * n, (1 + t) * n, n, n);
-                for c in 0..n {
-                    axpy(weight, &block.column(c)[c..], &mut out.column_mut(c)[c..]);
-                    if s != t {
-                        // P_{theta_t theta_s} is this block transposed.
-                        for r in c..n {
-                            *out.at_mut(r, c) += weight * block.at(c, r);
-                        }
-                    }
-                }
-            }
-        }
+        let (n, size) = (self.n, self.p.view().rows());
+        let theta = self.p.view().block(n, n, size - n, size - n);
+        B::Scalar::add_weighted_blocks_lower(theta, weights.view(), out.reborrow(), self.top.view_mut());
     }
 
     fn measurement_update(
@@ -246,55 +219,39 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
     fn time_update(&mut self, model: &impl ImplicitModel, transition: &Transition<B::Scalar>) -> Result<(), BadPivot> {
         let (n, size) = (self.n, self.p.view().rows());
         let Transition { abar, phi, qbar, .. } = transition;
-        let outputs = &mut self.work[..model.outputs()];
+        let (abar, rows) = (abar.view(), model.output_states());
+        let outputs = &mut self.work[..rows.len()];
         // top = Abar P_xx + (phi (x) I) P_{theta x}
         for c in 0..n {
-            let column = self.top.column_mut(c);
-            symmetric_column(self.p.view().block(0, 0, n, n), c, column);
-            advance(model, abar, column, outputs);
-            for (theta, &weight) in self.p.view().column(c)[n..].chunks_exact(n).zip(phi) {
-                axpy(weight, theta, column);
-            }
+            symmetric_column(self.p.view().block(0, 0, n, n), c, self.top.column_mut(c));
         }
-        // P_{theta x} <- P_{theta x} Abar^T + P_{theta theta} (phi (x) I)^T. Columns from the last to the first, since J takes
-        // column i from one before it; those that the outputs read are kept aside.
-        let mut kept = self.cross.view_mut();
+        B::Scalar::advance_columns(self.top.view_mut(), &self.shift_source, rows, abar, outputs);
+        B::Scalar::add_block_sums(self.top.view_mut(), self.p.view().block(n, 0, size - n, n), phi);
+        // P_{theta x} <- P_{theta x} Abar^T + P_{theta theta} (phi (x) I)^T
         let mut p = self.p.view_mut();
-        let mut cross = p.block_mut(n, 0, size - n, n);
-        for (k, &row) in model.output_states().iter().enumerate() {
-            kept.column_mut(k)[n..].copy_from_slice(cross.column(row));
-        }
-        for i in (0..n).rev() {
-            match model.shift_source(i) {
-                Some(from) => {
-                    let (from, to) = cross.column_pair(from, i);
-                    to.copy_from_slice(from);
-                }
-                None => cross.column_mut(i).fill(B::Scalar::zero()),
+        let (mut left, mut right) = p.reborrow().split_at_column(n);
+        let mut cross = left.block_mut(n, 0, size - n, n);
+        let mut kept = self.cross.view_mut();
+        let kept = kept.block_mut(n, 0, size - n, rows.len());
+        B::Scalar::advance_rows(cross.reborrow(), &self.shift_source, rows, abar, kept);
+        let theta = right.block_mut(n, 0, size - n, size - n);
+        B::block_product_lower(theta.view(), phi, cross, self.mirrored.view_mut());
+        // P_xx <- Abar top^T + (phi (x) I) P_{theta x} + Qbar, in top, of which the lower triangle then goes to its place.
+        for c in 0..n {
+            for i in 0..c {
+                let (above, below) = (self.top.at(i, c), self.top.at(c, i));
+                *self.top.at_mut(i, c) = below;
+                *self.top.at_mut(c, i) = above;
             }
-            for k in 0..model.outputs() {
-                axpy(abar.at(i, k), &kept.column(k)[n..], cross.column_mut(i));
-            }
         }
-        let (mut left, mut right) = p.split_at_column(n);
-        let cross = left.block_mut(n, 0, size - n, n);
-        B::block_product_lower(right.block_mut(n, 0, size - n, size - n).view(), phi, cross, &mut self.work);
-        // P_xx <- (top Abar^T)^T + (phi (x) I) P_{theta x} + Qbar
+        B::Scalar::advance_columns(self.top.view_mut(), &self.shift_source, rows, abar, outputs);
+        B::Scalar::add_block_sums(self.top.view_mut(), left.view().block(n, 0, size - n, n), phi);
         for i in 0..n {
-            for c in i..n {
-                let from = model.shift_source(c).map_or(B::Scalar::zero(), |from| self.top.at(i, from));
-                let product = model
-                    .output_states()
-                    .iter()
-                    .enumerate()
-                    .fold(from, |sum, (k, &row)| sum + abar.at(c, k) * self.top.at(i, row));
-                *left.at_mut(c, i) = product + qbar.at(c, i);
+            let x = &mut left.column_mut(i)[i..n];
+            for ((x, &product), &noise) in x.iter_mut().zip(&self.top.column(i)[i..]).zip(&qbar.column(i)[i..]) {
+                *x = product + noise;
             }
-            let (x, theta) = left.column_mut(i).split_at_mut(n);
-            for (theta, &weight) in theta.chunks_exact(n).zip(phi) {
-                axpy(weight, &theta[i..], &mut x[i..]);
-            }
-            let variance = x[i];
+            let variance = x[0];
             if !(variance >= B::Scalar::zero()) {
                 return Err(BadPivot { index: i, value: variance.to_f64() });
             }

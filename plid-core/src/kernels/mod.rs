@@ -1,4 +1,13 @@
 //! Loops over slices and small matrices that the recursion is made of.
+//!
+//! Those that a step spends its time in are methods of [`Kernels`]; the short ones here are for use anywhere.
+
+mod compiled;
+mod pack;
+mod symmetric;
+
+pub use compiled::Kernels;
+pub use pack::Pack;
 
 use crate::{Scalar, View, ViewMut};
 
@@ -175,41 +184,6 @@ pub fn pivoted_cholesky<S: Scalar>(
         }
     }
     Ok(n)
-}
-
-/// C <- C + alpha A B^T for a product that is symmetric; only the lower triangle of C (N x N) is touched. A and B are
-/// N x k.
-pub fn symmetric_product_lower<S: Scalar>(mut c: ViewMut<'_, S>, alpha: S, a: View<'_, S>, b: View<'_, S>) {
-    for j in 0..c.columns() {
-        let column = &mut c.column_mut(j)[j..];
-        for k in 0..a.columns() {
-            axpy(alpha * b.at(j, k), &a.column(k)[j..], column);
-        }
-    }
-}
-
-/// Y <- Y + M (phi (x) I)^T for a symmetric M of which the lower triangle is stored. M is kn x kn, phi has k
-/// entries, Y is kn x n; `work` holds n entries.
-pub fn block_product_lower<S: Scalar>(m: View<'_, S>, phi: &[S], mut y: ViewMut<'_, S>, work: &mut [S]) {
-    let n = y.columns();
-    let work = &mut work[..n];
-    // Columns of M that end up in the same column b of Y stand together, so that it stays in the nearest cache.
-    for b in 0..n {
-        for (k, &weight) in phi.iter().enumerate() {
-            let c = k * n + b;
-            let column = m.column(c);
-            axpy(weight, &column[c..], &mut y.column_mut(b)[c..]);
-            // What the missing upper triangle would give: M's column c read as its row c.
-            work.fill(S::zero());
-            axpy(weight, &column[c + 1..(k + 1) * n], &mut work[b + 1..]);
-            for (l, &weight) in phi.iter().enumerate().skip(k + 1) {
-                axpy(weight, &column[l * n..(l + 1) * n], work);
-            }
-            for (a, &x) in work.iter().enumerate() {
-                *y.at_mut(c, a) += x;
-            }
-        }
-    }
 }
 
 /// Modified weighted Gram-Schmidt (Thornton; Bierman 1977, ch. VI): given the array W (n x r) as its transpose

@@ -1,0 +1,60 @@
+//! A few numbers that a kernel works on at once: W of them side by side, so that they fill vector registers.
+
+use crate::Scalar;
+
+/// W numbers. All operations are inlined, into a kernel that is compiled for the CPU's vector instructions.
+#[derive(Clone, Copy, Debug)]
+pub struct Pack<S, const W: usize>(pub [S; W]);
+
+impl<S: Scalar, const W: usize> Pack<S, W> {
+    /// W zeros.
+    #[inline(always)]
+    pub fn zero() -> Self {
+        Self([S::zero(); W])
+    }
+
+    /// The first W entries of `from`.
+    #[inline(always)]
+    pub fn load(from: &[S]) -> Self {
+        let mut pack = Self::zero();
+        pack.0.copy_from_slice(&from[..W]);
+        pack
+    }
+
+    /// Over the first W entries of `to`.
+    #[inline(always)]
+    pub fn store(self, to: &mut [S]) {
+        to[..W].copy_from_slice(&self.0);
+    }
+
+    /// self + a b, entry by entry.
+    #[inline(always)]
+    pub fn add_scaled(mut self, a: Self, b: S) -> Self {
+        for i in 0..W {
+            self.0[i] = a.0[i].mul_add(b, self.0[i]);
+        }
+        self
+    }
+
+    /// self + a b, entry by entry.
+    #[inline(always)]
+    pub fn add_product(mut self, a: Self, b: Self) -> Self {
+        for i in 0..W {
+            self.0[i] = a.0[i].mul_add(b.0[i], self.0[i]);
+        }
+        self
+    }
+
+    /// The sum of the entries, the two halves added until one is left.
+    #[inline(always)]
+    pub fn sum(mut self) -> S {
+        let mut width = W;
+        while width > 1 {
+            width /= 2;
+            for i in 0..width {
+                self.0[i] += self.0[i + width];
+            }
+        }
+        self.0[0]
+    }
+}
