@@ -58,6 +58,7 @@ PEERS = [
     Peer("jax dense scan", "direct", "jax", python=True),
     Peer("jax dense step", "direct", "jax", python=True),
     Peer("adskalman", "direct", "adskalman"),
+    Peer("adskalman plain", "direct", "adskalman"),
     Peer("bayes_estimate", "direct", "bayes_estimate"),
     Peer("kfilter", "direct", "kfilter"),
     Peer("multicalc", "direct", "multicalc"),

@@ -13,6 +13,7 @@ mod workload;
 
 use std::path::Path;
 
+use adskalman::CovarianceUpdateMethod as Method;
 use plid_backends::Plain;
 use plid_variants::covariance::{ArraySqrt, BiermanUd, Direct, Joseph};
 
@@ -66,7 +67,11 @@ fn choose(case: &Case, steps: usize, directory: &Path, name: &str) -> Result<(),
 /// Sizes fixed when the program was built.
 fn choose_fixed<const N: usize>(case: &Case, steps: usize, directory: &Path, name: &str) -> Result<(), Failure> {
     match name {
-        "adskalman" => serve(Adskalman::<N>::new(case), case, steps, directory, name),
+        "adskalman" => {
+            serve(Adskalman::<N>::new(case, Method::OptimalKalmanForcedSymmetric), case, steps, directory, name)
+        }
+        // P+ = (I - K H) P as it comes out.
+        "adskalman plain" => serve(Adskalman::<N>::new(case, Method::OptimalKalman), case, steps, directory, name),
         "kalmanfilt" => serve(Kalmanfilt::<N>::new(case), case, steps, directory, name),
         "kfilter" => serve(Kfilter::<N>::new(case), case, steps, directory, name),
         "minikalman" => serve(Minikalman::<N>::new(case), case, steps, directory, name),

@@ -45,17 +45,18 @@ impl<const N: usize> ObservationModel<f64, Const<N>, Const<CHANNELS>> for Observ
     }
 }
 
-/// adskalman: P+ = (I - K H) P, made symmetric. Without that the asymmetry grows until P is lost, within 40 samples.
+/// adskalman with one of its updates.
 pub struct Adskalman<const N: usize> {
     joint: Joint,
     transition: Box<Transition<N>>,
     observation: Observation<N>,
     estimate: Box<StateAndCovariance<f64, Const<N>>>,
+    method: CovarianceUpdateMethod,
 }
 
 impl<const N: usize> Adskalman<N> {
     /// For the shapes and the noise of `case`.
-    pub fn new(case: &Case) -> Self {
+    pub fn new(case: &Case, method: CovarianceUpdateMethod) -> Self {
         let h = SMatrix::from_fn(|i, j| if case.rows[i] == j { 1.0 } else { 0.0 });
         Self {
             joint: Joint::new(case),
@@ -66,6 +67,7 @@ impl<const N: usize> Adskalman<N> {
                 r: Square::from_diagonal(&SVector::from_column_slice(&case.sensor)),
             },
             estimate: Box::new(StateAndCovariance::new(SVector::zeros(), Square::zeros())),
+            method,
         }
     }
 }
@@ -77,8 +79,7 @@ impl<const N: usize> Peer for Adskalman<N> {
     }
 
     fn step(&mut self, z: &[f64; CHANNELS], u: &[f64; CHANNELS]) -> Result<(), Failure> {
-        let method = CovarianceUpdateMethod::OptimalKalmanForcedSymmetric;
-        *self.estimate = self.observation.update(&self.estimate, &SVector::from_column_slice(z), method)?;
+        *self.estimate = self.observation.update(&self.estimate, &SVector::from_column_slice(z), self.method)?;
         let mut s = *self.estimate.state();
         let Transition { f, transposed, q } = &mut *self.transition;
         self.joint.jacobian(s.as_slice(), u, |i, j, value| {
