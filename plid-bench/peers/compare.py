@@ -74,20 +74,23 @@ REFERENCE = "plid direct"
 
 
 class Ended(Exception):
-    """A filter's process has ended before it should; it has said why on standard error."""
+    """A filter's process has ended before it should, with these last words on standard error."""
+
+
+PIPES = ("stdin", "stdout", "stderr")
 
 
 class Served:
     """A filter in a process of its own, at rest until it is asked."""
 
     def __init__(self, command):
-        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self.process = subprocess.Popen(command, **dict.fromkeys(PIPES, subprocess.PIPE), text=True)
         self.answer()
 
     def answer(self):
         answer = self.process.stdout.readline().strip()
         if not answer:
-            raise Ended
+            raise Ended(self.process.stderr.read().strip().splitlines()[-1:])
         return answer
 
     def seconds(self, samples):
@@ -144,8 +147,8 @@ def measure(program, directory, states, peer, repeats):
             if not row["agreement"] <= TOLERANCE:
                 return row | {"refused": f"s or P differs by more than {TOLERANCE:.0e}"}
             return row | timed(program, directory, states, peer, served, repeats)
-    except Ended:
-        return row | {"refused": "its process ended"}
+    except Ended as error:
+        return row | {"refused": "".join(*error.args) or "its process ended"}
 
 
 def timed(program, directory, states, peer, served, repeats):
