@@ -19,7 +19,7 @@ pub enum CovarianceName {
     Direct,
     /// Joseph's measurement update.
     Joseph,
-    /// U D U^T: cannot lose positivity, so it is the default.
+    /// U D U^T: cannot lose positivity.
     #[default]
     BiermanUd,
     /// S S^T by orthogonal transformations.
@@ -80,6 +80,10 @@ pub trait Recursion: Send {
     fn innovation(&self) -> &[f64];
     /// The plant as it stands.
     fn identified(&self) -> IdentifiedModel;
+    /// The estimate of s, N entries, each as an unevaluated sum of two numbers: exactly, in every scalar.
+    fn estimate(&self) -> Vec<[f64; 2]>;
+    /// The numbers that P's form consists of, as [`CovariancePropagation::state`] lays them out, each likewise exactly.
+    fn covariance_state(&self) -> Vec<[f64; 2]>;
     /// How sound P is.
     fn health(&self) -> Health;
     /// All that is needed to go on.
@@ -100,6 +104,12 @@ impl<C: CovariancePropagation, E: ConditionalExpectations<C>> Recursion for Iden
     }
     fn identified(&self) -> IdentifiedModel {
         Identifier::identified(self)
+    }
+    fn estimate(&self) -> Vec<[f64; 2]> {
+        Identifier::estimate(self).iter().map(|x| x.to_parts()).collect()
+    }
+    fn covariance_state(&self) -> Vec<[f64; 2]> {
+        self.covariance().state().into_iter().map(Scalar::to_parts).collect()
     }
     fn health(&self) -> Health {
         Identifier::health(self)
