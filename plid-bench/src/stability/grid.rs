@@ -73,7 +73,8 @@ pub fn draw(grid: &Grid) -> String {
                 HEIGHT - 2.0
             );
             let middle = x + width / 2.0;
-            let lines = if field.note.is_empty() { vec![(word, 22.0)] } else { vec![(word, 15.0), (&*field.note, 29.0)] };
+            let lines =
+                if field.note.is_empty() { vec![(word, 22.0)] } else { vec![(word, 15.0), (&*field.note, 29.0)] };
             for (words, down) in lines {
                 let _ = write!(
                     svg,
@@ -99,7 +100,10 @@ mod tests {
             rows: vec!["a<b".into(), "c".into()],
             columns: vec!["12".into(), "24".into()],
             column_label: "states".into(),
-            fields: vec![vec![field(Class::Sound, ""), field(Class::Lost, "step 328")], vec![None, field(Class::Degraded, "")]],
+            fields: vec![
+                vec![field(Class::Sound, ""), field(Class::Lost, "step 328")],
+                vec![None, field(Class::Degraded, "")],
+            ],
         });
         assert_eq!(svg.matches("<rect").count(), 3);
         for (word, count) in [(">sound<", 1), (">lost<", 1), (">step 328<", 1), (">degraded<", 1), ("a&lt;b", 1)] {

@@ -40,7 +40,10 @@ pub fn page(outcome: &Outcome) -> Report {
         .details("What one step rounds, and P at the end", |r| r.table(rounding(outcome)))
         .details("The runs in double-double", |r| r.table(references(outcome)))
         .details("All cells that are not sound, and why", |r| r.table(reasons(outcome)))
-        .listing("The config. `plid bench stability CONFIG --out DIR` repeats the study.", crate::study::to_toml(&outcome.config));
+        .listing(
+            "The config. `plid bench stability CONFIG --out DIR` repeats the study.",
+            crate::study::to_toml(&outcome.config),
+        );
     for (name, value) in outcome.machine.lines() {
         report = report.provenance(name, value);
     }
@@ -81,7 +84,10 @@ fn find<'a>(
     cells.iter().find(|j| {
         let cell = &j.cell;
         let group = &cell.group;
-        group.part == part && group.label == label && group.states == states && (cell.form, cell.scalar) == (form, scalar)
+        group.part == part
+            && group.label == label
+            && group.states == states
+            && (cell.form, cell.scalar) == (form, scalar)
     })
 }
 
@@ -111,7 +117,9 @@ fn labels(outcome: &Outcome, part: Part, states: usize) -> Vec<String> {
 /// One row a label, one column a form and scalar.
 fn by_label(outcome: &Outcome, part: Part, states: usize) -> String {
     let labels = labels(outcome, part, states);
-    let row = |label: &String| pairs().into_iter().map(|pair| find(&outcome.cells, part, label, states, pair).map(field)).collect();
+    let row = |label: &String| {
+        pairs().into_iter().map(|pair| find(&outcome.cells, part, label, states, pair).map(field)).collect()
+    };
     draw(&Grid {
         columns: pairs().iter().map(|&(form, scalar)| format!("{} {}", word(&form), word(&scalar))).collect(),
         column_label: format!("form and scalar, n = {states}"),
@@ -133,7 +141,8 @@ fn errors(report: Report, outcome: &Outcome) -> Report {
                 .into_iter()
                 .filter_map(|pair| {
                     let judged = find(&outcome.cells, Part::Map, "centre", n, pair)?;
-                    let points = judged.cell.errors.iter().filter_map(|e| Some((e.step as f64, value(e).filter(|v| *v > 0.0)?)));
+                    let points =
+                        judged.cell.errors.iter().filter_map(|e| Some((e.step as f64, value(e).filter(|v| *v > 0.0)?)));
                     let line = Series::line(name(pair.0, pair.1), points.collect());
                     Some(if pair.1 == ScalarName::F32 { line.dashed() } else { line })
                 })
@@ -159,17 +168,18 @@ fn hard(report: Report, outcome: &Outcome) -> Report {
     }
     report.heading("Hard starts and records").figure(
         by_label(outcome, Part::Adversarial, states),
-        format!("Each over {} steps; wind-up and the jump with forgetting {:.6}.", outcome.config.adversarial.steps, outcome.config.adversarial.forgetting),
+        format!(
+            "Each over {} steps; wind-up and the jump with forgetting {:.6}.",
+            outcome.config.adversarial.steps, outcome.config.adversarial.forgetting
+        ),
     )
 }
 
 fn variations(report: Report, outcome: &Outcome) -> Report {
     let mut report = report.heading("One setting off the centre");
     for &states in &outcome.config.variations.states {
-        report = report.figure(
-            by_label(outcome, Part::Variation, states),
-            format!("Each over {} steps.", outcome.config.steps),
-        );
+        report = report
+            .figure(by_label(outcome, Part::Variation, states), format!("Each over {} steps.", outcome.config.steps));
     }
     report.table(free_runs(outcome))
 }
@@ -184,12 +194,14 @@ fn free_runs(outcome: &Outcome) -> Table {
     }
     table = table.column("NEES, bierman-ud f64", "");
     let mut row = |part: Part, label: &str, states: usize| {
-        let cells: Vec<Option<&Judged>> = pairs().into_iter().map(|pair| find(&outcome.cells, part, label, states, pair)).collect();
+        let cells: Vec<Option<&Judged>> =
+            pairs().into_iter().map(|pair| find(&outcome.cells, part, label, states, pair)).collect();
         let percent = |j: &Option<&Judged>| {
             let error = j.filter(|j| j.lost_at.is_none()).and_then(|j| j.cell.free_run);
             Field::significant(100.0 * error.unwrap_or(f64::NAN), 3)
         };
-        let nees = find(&outcome.cells, part, label, states, (CovarianceName::BiermanUd, ScalarName::F64)).and_then(|j| j.cell.nees);
+        let nees = find(&outcome.cells, part, label, states, (CovarianceName::BiermanUd, ScalarName::F64))
+            .and_then(|j| j.cell.nees);
         let first: [Field; 2] = [states.into(), label.into()];
         let last = Field::significant(nees.unwrap_or(f64::NAN), 3);
         let cells: Vec<Field> = first.into_iter().chain(cells.iter().map(percent)).chain([last]).collect();

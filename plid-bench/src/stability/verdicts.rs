@@ -103,7 +103,10 @@ fn twelve_states(config: &Config, cells: &Cells<'_>) -> Claim {
         SCALARS.map(|scalar| format!("{}: {}.", name(form, scalar), listed(&cells.of(Part::Map, form, scalar))))
     });
     Claim {
-        claim: format!("Direct propagation is fine for \"<= 12 states\" (the paper); here over {} steps.", config.steps),
+        claim: format!(
+            "Direct propagation is fine for \"<= 12 states\" (the paper); here over {} steps.",
+            config.steps
+        ),
         verdict,
         numbers: numbers.collect(),
     }
@@ -128,13 +131,15 @@ fn parameter_noise(cells: &Cells<'_>) -> Claim {
                     Some(step) => format!("lost at step {step}"),
                     None => format!("positive, free run off by {}", percent(j.cell.free_run)),
                 };
-                let mut said = at(form, scalar).map(|j| format!("without, {}", what(j))).into_iter().collect::<Vec<_>>();
+                let mut said =
+                    at(form, scalar).map(|j| format!("without, {}", what(j))).into_iter().collect::<Vec<_>>();
                 let bare = at(Form::BiermanUd, ScalarName::F64).and_then(|j| j.cell.free_run);
                 for j in varied.iter().filter(|j| j.cell.group.states == states) {
                     said.push(format!("{:e}, {}", j.cell.group.parameter_noise, what(j)));
                     if scalar == ScalarName::F32 && j.lost_at.is_none() {
                         kept += 1;
-                        worth += usize::from(matches!((j.cell.free_run, bare), (Some(own), Some(bare)) if own < 1.5 * bare));
+                        worth +=
+                            usize::from(matches!((j.cell.free_run, bare), (Some(own), Some(bare)) if own < 1.5 * bare));
                     }
                 }
                 numbers.push(format!(
@@ -236,8 +241,7 @@ pub fn recommended(config: &Config, cells: &Cells<'_>, start_ratio: f64) -> Vec<
                     let cells = cells.of(Part::Map, form, scalar);
                     cells.iter().any(|j| j.cell.group.states == states && j.holds_to(steps))
                 };
-                let recommended =
-                    Conditions { states, scalar, steps, start_ratio, forgets: false }.recommended();
+                let recommended = Conditions { states, scalar, steps, start_ratio, forgets: false }.recommended();
                 table.push(Recommended {
                     scalar,
                     states,
