@@ -4,7 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::variant::{CovarianceName, ExpectationName, BackendName, ScalarName, Variant};
+use crate::variant::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
 
 /// What a choice depends on.
 #[derive(Clone, Copy, Debug, PartialEq)]

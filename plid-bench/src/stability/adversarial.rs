@@ -2,7 +2,8 @@
 
 use ndarray::{Array2, s};
 use plid_testbed::{
-    ConverterConfig, INPUTS, InputConfig, Multisine, NoiseConfig, Simulation, TestbedError, TrussConfig, WhiteNoise, simulate, simulate_input,
+    ConverterConfig, INPUTS, InputConfig, Multisine, NoiseConfig, Simulation, TestbedError, TrussConfig, WhiteNoise,
+    simulate, simulate_input,
 };
 
 use super::record::{Record, lasting, of_simulation};
@@ -114,9 +115,8 @@ mod tests {
     #[test]
     fn dependent_inputs_are_nearly_dependent_and_not_quite() {
         let record = dependent_inputs(1000).unwrap();
-        let rms = |f: &dyn Fn(&[f64; 3]) -> f64| {
-            (record.inputs.iter().map(|u| f(u).powi(2)).sum::<f64>() / 1000.0).sqrt()
-        };
+        let rms =
+            |f: &dyn Fn(&[f64; 3]) -> f64| (record.inputs.iter().map(|u| f(u).powi(2)).sum::<f64>() / 1000.0).sqrt();
         let size = rms(&|u| u[0]);
         for difference in [rms(&|u| u[1] - u[0]) / size, rms(&|u| u[2] - u[0] - u[1]) / size] {
             assert!((0.5e-5..2e-5).contains(&difference), "{difference}");

@@ -124,7 +124,8 @@ impl Outcome {
         let cells = judge(found.cells).map_err(StudyError::cell("frequency responses"))?;
         let asked = Cells(&cells);
         // P0 / R of the centre.
-        let sensor = plid_testbed::truss(&plid_testbed::TrussConfig::default()).map_err(StudyError::cell("the truss"))?;
+        let sensor =
+            plid_testbed::truss(&plid_testbed::TrussConfig::default()).map_err(StudyError::cell("the truss"))?;
         let claims = claims(&config, &asked);
         let recommended = recommended(&config, &asked, 1.0 / sensor.noise.sensor[(0, 0)]);
         Ok(Self { config, machine, references: found.references, claims, recommended, cells })

@@ -105,7 +105,11 @@ impl Plant {
 
     /// Outputs from rest; with `noise` those of sensors, actuators and states come to it, and from sample `at` on the plant is the
     /// other one.
-    fn run(&self, inputs: &[[f64; INPUTS]], mut noise: Option<(&mut ChaCha12Rng, usize, &Self)>) -> Vec<[f64; OUTPUTS]> {
+    fn run(
+        &self,
+        inputs: &[[f64; INPUTS]],
+        mut noise: Option<(&mut ChaCha12Rng, usize, &Self)>,
+    ) -> Vec<[f64; OUTPUTS]> {
         let n = self.form.states();
         let mut x = vec![0.0; n];
         let mut outputs = Vec::with_capacity(inputs.len());

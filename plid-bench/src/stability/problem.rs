@@ -43,7 +43,11 @@ impl Problem {
     ///
     /// # Errors
     /// [`VariantError`]
-    pub fn recursion(&self, covariance: CovarianceName, scalar: ScalarName) -> Result<Box<dyn Recursion>, VariantError> {
+    pub fn recursion(
+        &self,
+        covariance: CovarianceName,
+        scalar: ScalarName,
+    ) -> Result<Box<dyn Recursion>, VariantError> {
         let expectations = self.group.expectations;
         let variant = Variant { covariance, expectations, backend: BackendName::Plain, scalar };
         variant.build(self.form.clone(), &self.noise, &self.settings)

@@ -40,7 +40,10 @@ pub fn page(outcome: &Outcome) -> Report {
         .details("What one step rounds, and P at the end", |r| r.table(rounding(outcome)))
         .details("The runs in double-double", |r| r.table(references(outcome)))
         .details("All cells that are not sound, and why", |r| r.table(reasons(outcome)))
-        .listing("The config. `plid bench stability CONFIG --out DIR` repeats the study.", crate::study::to_toml(&outcome.config));
+        .listing(
+            "The config. `plid bench stability CONFIG --out DIR` repeats the study.",
+            crate::study::to_toml(&outcome.config),
+        );
     for (name, value) in outcome.machine.lines() {
         report = report.provenance(name, value);
     }
@@ -81,7 +84,10 @@ fn find<'a>(
     cells.iter().find(|j| {
         let cell = &j.cell;
         let group = &cell.group;
-        group.part == part && group.label == label && group.states == states && (cell.form, cell.scalar) == (form, scalar)
+        group.part == part
+            && group.label == label
+            && group.states == states
+            && (cell.form, cell.scalar) == (form, scalar)
     })
 }
 
@@ -111,13 +117,25 @@ fn labels(outcome: &Outcome, part: Part, states: usize) -> Vec<String> {
 /// One row a label, one column a form and scalar.
 fn by_label(outcome: &Outcome, part: Part, states: usize) -> String {
     let labels = labels(outcome, part, states);
-    let row = |label: &String| pairs().into_iter().map(|pair| find(&outcome.cells, part, label, states, pair).map(field)).collect();
+    let row = |label: &String| {
+        pairs().into_iter().map(|pair| find(&outcome.cells, part, label, states, pair).map(field)).collect()
+    };
     draw(&Grid {
         columns: pairs().iter().map(|&(form, scalar)| format!("{} {}", word(&form), word(&scalar))).collect(),
         column_label: format!("form and scalar, n = {states}"),
         fields: labels.iter().map(row).collect(),
         rows: labels,
     })
+}
+
+/// A form has one colour; single precision is dashed.
+fn colour(form: CovarianceName) -> &'static str {
+    match form {
+        CovarianceName::Direct => "#d55e00",
+        CovarianceName::Joseph => "#e69f00",
+        CovarianceName::BiermanUd => "#0072b2",
+        CovarianceName::ArraySqrt => "#009e73",
+    }
 }
 
 fn errors(report: Report, outcome: &Outcome) -> Report {
@@ -133,8 +151,9 @@ fn errors(report: Report, outcome: &Outcome) -> Report {
                 .into_iter()
                 .filter_map(|pair| {
                     let judged = find(&outcome.cells, Part::Map, "centre", n, pair)?;
-                    let points = judged.cell.errors.iter().filter_map(|e| Some((e.step as f64, value(e).filter(|v| *v > 0.0)?)));
-                    let line = Series::line(name(pair.0, pair.1), points.collect());
+                    let points =
+                        judged.cell.errors.iter().filter_map(|e| Some((e.step as f64, value(e).filter(|v| *v > 0.0)?)));
+                    let line = Series::line(name(pair.0, pair.1), points.collect()).colour(colour(pair.0));
                     Some(if pair.1 == ScalarName::F32 { line.dashed() } else { line })
                 })
                 .collect()
@@ -159,37 +178,46 @@ fn hard(report: Report, outcome: &Outcome) -> Report {
     }
     report.heading("Hard starts and records").figure(
         by_label(outcome, Part::Adversarial, states),
-        format!("Each over {} steps; wind-up and the jump with forgetting {:.6}.", outcome.config.adversarial.steps, outcome.config.adversarial.forgetting),
+        format!(
+            "Each over {} steps; wind-up and the jump with forgetting {:.6}.",
+            outcome.config.adversarial.steps, outcome.config.adversarial.forgetting
+        ),
     )
 }
 
 fn variations(report: Report, outcome: &Outcome) -> Report {
     let mut report = report.heading("One setting off the centre");
     for &states in &outcome.config.variations.states {
-        report = report.figure(
-            by_label(outcome, Part::Variation, states),
-            format!("Each over {} steps.", outcome.config.steps),
-        );
+        report = report
+            .figure(by_label(outcome, Part::Variation, states), format!("Each over {} steps.", outcome.config.steps));
     }
     report.table(free_runs(outcome))
 }
 
 /// Free-run errors and NEES of the variations.
 fn free_runs(outcome: &Outcome) -> Table {
-    let mut table = Table::new("Free-run error on an undisturbed record, and NEES where the plant is of the model's class. A dash: the form was lost, or the free run diverges.")
+    let mut table = Table::new(
+        "Free-run error on an undisturbed record, and NEES of Bierman UD in f64 where the plant is of the model's class (1 is honest). A dash: the form was lost, or the free run diverges.",
+    )
         .column("n", "")
         .column("setting", "");
-    for (form, scalar) in pairs() {
-        table = table.column(name(form, scalar), "%");
+    let shown =
+        pairs().into_iter().filter(|&(form, scalar)| scalar == ScalarName::F32 || form != CovarianceName::Joseph);
+    let shown: Vec<_> =
+        shown.filter(|&(form, scalar)| scalar == ScalarName::F32 || form != CovarianceName::ArraySqrt).collect();
+    for &(form, scalar) in &shown {
+        table = table.column(format!("{} {}", word(&form), word(&scalar)), "%");
     }
-    table = table.column("NEES, bierman-ud f64", "");
+    table = table.column("NEES", "");
     let mut row = |part: Part, label: &str, states: usize| {
-        let cells: Vec<Option<&Judged>> = pairs().into_iter().map(|pair| find(&outcome.cells, part, label, states, pair)).collect();
+        let cells: Vec<Option<&Judged>> =
+            shown.iter().map(|&pair| find(&outcome.cells, part, label, states, pair)).collect();
         let percent = |j: &Option<&Judged>| {
             let error = j.filter(|j| j.lost_at.is_none()).and_then(|j| j.cell.free_run);
             Field::significant(100.0 * error.unwrap_or(f64::NAN), 3)
         };
-        let nees = find(&outcome.cells, part, label, states, (CovarianceName::BiermanUd, ScalarName::F64)).and_then(|j| j.cell.nees);
+        let nees = find(&outcome.cells, part, label, states, (CovarianceName::BiermanUd, ScalarName::F64))
+            .and_then(|j| j.cell.nees);
         let first: [Field; 2] = [states.into(), label.into()];
         let last = Field::significant(nees.unwrap_or(f64::NAN), 3);
         let cells: Vec<Field> = first.into_iter().chain(cells.iter().map(percent)).chain([last]).collect();

@@ -106,7 +106,8 @@ impl Study<'_> {
             let there = |&(form, scalar): &_| journal.get(&Cell::key(group, form, scalar)).is_some();
             group.cells().into_iter().filter(|cell| !there(cell)).collect()
         };
-        let had: usize = group.cells().iter().filter(|c| !wanted.contains(c)).map(|c| work(group, group.steps_of(c.1))).sum();
+        let had: usize =
+            group.cells().iter().filter(|c| !wanted.contains(c)).map(|c| work(group, group.steps_of(c.1))).sum();
         self.advance(had);
         if wanted.is_empty() {
             self.advance(DEARER * work(group, group.reference_steps));
@@ -124,7 +125,8 @@ impl Study<'_> {
             known.push((is_factored(name), found));
         }
         for (form, scalar) in wanted {
-            let own = known.iter().rfind(|(factored, _)| !factored || is_factored(form)).map(|(_, reference)| reference);
+            let own =
+                known.iter().rfind(|(factored, _)| !factored || is_factored(form)).map(|(_, reference)| reference);
             let cell_key = Cell::key(group, form, scalar);
             let go = self.ticker(group, 1);
             let cell = cell::run(&problem, (form, scalar), own, &go).map_err(StudyError::cell(&cell_key))?;

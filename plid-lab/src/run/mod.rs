@@ -179,13 +179,7 @@ pub fn carry_out(
     let conditions = start::conditions(&experiment, &settings, &noise, samples * experiment.identification.passes);
     let variant = experiment.variant.settle(&conditions);
     let form_was_open = experiment.variant.covariance.replace(variant.covariance).is_none();
-    let plan = Plan {
-        form: form.clone(),
-        noise,
-        settings,
-        variant,
-        passes: experiment.identification.passes,
-    };
+    let plan = Plan { form: form.clone(), noise, settings, variant, passes: experiment.identification.passes };
     let told = AtomicUsize::new(0);
     let mut watcher = |done: usize, total: usize| {
         if done == total || done >= told.load(Ordering::Relaxed) + 64 {

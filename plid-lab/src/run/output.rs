@@ -92,7 +92,9 @@ fn reason(conditions: &Conditions) -> String {
     let scalar = json!(conditions.scalar);
     let scalar = scalar.as_str().unwrap_or_default();
     let forgetting = if *forgets { "" } else { "no " };
-    format!("the recommendation for {scalar}, {states} states, {steps} steps, P0/R = {start_ratio:.1e}, {forgetting}forgetting")
+    format!(
+        "the recommendation for {scalar}, {states} states, {steps} steps, P0/R = {start_ratio:.1e}, {forgetting}forgetting"
+    )
 }
 
 fn manifest(outcome: &Outcome) -> Value {

@@ -39,12 +39,7 @@ pub(super) fn settings(
 }
 
 /// What the choice of a covariance form depends on.
-pub(super) fn conditions(
-    experiment: &Experiment,
-    settings: &Settings,
-    noise: &NoiseModel,
-    steps: usize,
-) -> Conditions {
+pub(super) fn conditions(experiment: &Experiment, settings: &Settings, noise: &NoiseModel, steps: usize) -> Conditions {
     let largest = match &settings.initial_covariance {
         InitialCovariance::Diagonal(variances) => variances.iter().copied().fold(0.0, f64::max),
         InitialCovariance::Full(p0) => (0..p0.rows()).map(|i| p0.at(i, i)).fold(0.0, f64::max),
