@@ -1,5 +1,6 @@
-//! Studies of plid on the own machine: how fast it is and how sound it stays; and the benches.
+//! Studies of plid on the own machine: how fast it is, how sound it stays, which expectations it should take; and the benches.
 
+pub mod expectations;
 pub mod speed;
 pub mod stability;
 pub mod study;

@@ -3,7 +3,8 @@
 use plid_lab::report::{Cell as Shown, Report, Table};
 use plid_lab::variant::CovarianceName;
 
-use super::cell::{FORMS, word};
+use super::cell::{Cell, FORMS, word};
+use super::flops;
 use super::outcome::{Outcome, Timing};
 use super::peers::Peers;
 use super::pictures;
@@ -20,7 +21,7 @@ pub fn page(outcome: &Outcome, peers: Option<&Peers>) -> Report {
     if let Some(peers) = peers {
         report = report.heading("Peers").table(peer_table(peers));
     }
-    report = report.heading("Figures").table(limit_table(outcome)).table(slope_table(outcome));
+    report = report.heading("Figures").table(limit_table(outcome)).table(slope_table(outcome)).table(term_table(outcome));
     report = report.details(format!("All {} cells", outcome.timings.len()), |part| part.table(cell_table(outcome)));
     report = report.warnings(warnings(outcome));
     report = report.paragraph(method(outcome)).details("The config that repeats it", |part| {
@@ -181,6 +182,32 @@ fn slope_table(outcome: &Outcome) -> Table {
             Shown::fixed(slope.operations, 2),
         ])
     })
+}
+
+/// Where the operations of a step go, a column a form.
+fn term_table(outcome: &Outcome) -> Table {
+    let expectations = pictures::shown_expectation(outcome).unwrap_or_default();
+    let caption = format!("Where the operations of a step go at n = {STATES}, {}, by the leading terms of the formulas.", word(&expectations));
+    let mut table = Table::new(caption).column("part", "");
+    let of = |form| flops::terms(&Cell::plain(STATES, form, expectations));
+    let mut parts: Vec<&str> = Vec::new();
+    for form in FORMS {
+        table = table.column(word(&form), "Mflop");
+        for term in of(form) {
+            if !parts.contains(&term.what) {
+                parts.push(term.what);
+            }
+        }
+    }
+    let cells = |part: &str| {
+        let megaflops = |form| of(form).iter().filter(|term| term.what == part).map(|term| term.flops / 1e6).sum::<f64>();
+        let shown = FORMS.map(|form| match megaflops(form) {
+            0.0 => Shown::Number(String::new()),
+            value => Shown::fixed(value, 3),
+        });
+        [Shown::from(part)].into_iter().chain(shown).collect::<Vec<_>>()
+    };
+    parts.into_iter().fold(table, |table, part| table.row(cells(part)))
 }
 
 fn cell_table(outcome: &Outcome) -> Table {

@@ -1,5 +1,6 @@
 //! `plid bench`: studies on the own machine, one a file.
 
+mod expectations;
 mod speed;
 mod stability;
 
@@ -11,7 +12,7 @@ use serde::de::DeserializeOwned;
 
 use super::{Failure, Voice, directory};
 
-/// Study plid on this machine: how fast it is, how sound it stays.
+/// Study plid on this machine: how fast it is, how sound it stays, which expectations it should take.
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  plid bench speed --quick --out out/speed\nthen open out/speed/report.html.")]
 pub struct Arguments {
@@ -21,6 +22,7 @@ pub struct Arguments {
 
 #[derive(Subcommand)]
 enum Study {
+    Expectations(expectations::Arguments),
     Speed(speed::Arguments),
     Stability(stability::Arguments),
 }
@@ -71,6 +73,7 @@ impl Common {
 /// Runs the study that the arguments name.
 pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     match arguments.study {
+        Study::Expectations(arguments) => expectations::execute(&arguments, voice),
         Study::Speed(arguments) => speed::execute(&arguments, voice),
         Study::Stability(arguments) => stability::execute(&arguments, voice),
     }
