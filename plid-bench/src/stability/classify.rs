@@ -192,14 +192,10 @@ mod tests {
             nees: Some(1.0),
             // x, then a_i = 0.5 e_i and b_j = e_j: three lags.
             estimate: (0..21)
-                .map(|k| {
-                    if k < 3 {
-                        0.0
-                    } else if k % 4 == 3 {
-                        0.5
-                    } else {
-                        0.0
-                    }
+                .map(|k| match k {
+                    3 | 7 | 11 => 0.5,
+                    12 | 16 | 20 => 1.0,
+                    _ => 0.0,
                 })
                 .collect(),
             ..Cell::new(&group, form, scalar, [1.0, 100.0], 400.0)

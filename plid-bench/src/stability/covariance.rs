@@ -128,8 +128,10 @@ pub fn quads(parts: &[[f64; 2]]) -> Vec<Quad> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use plid_core::{NoiseModel, ObservableForm, Settings};
+    use plid_backends::Plain;
+    use plid_core::{CovariancePropagation, InitialCovariance, NoiseModel, ObservableForm, ScalarOf, Settings};
     use plid_lab::variant::{ScalarName, Variant};
+    use plid_variants::covariance::{BiermanUd, Direct};
 
     /// The layouts are those of the forms: what is formed here is what the recursion itself gives.
     #[test]
@@ -155,6 +157,44 @@ mod tests {
             }
             assert_eq!(bad_pivot(&p), None);
         }
+    }
+
+    /// P after two measurements of Dyer and McReynolds' example, in the numbers of a form.
+    fn dyer_mcreynolds<C: CovariancePropagation>(form: CovarianceName, d: f64) -> Dense<Quad> {
+        let model = ObservableForm::new(&[1], 1).unwrap();
+        let mut p = C::new(&model, &InitialCovariance::Diagonal(vec![1.0; 3])).unwrap();
+        let number = ScalarOf::<C>::from_f64;
+        let mut gain = [number(0.0); 3];
+        // A form that finds an innovation variance that is not positive keeps its last P.
+        let _ = p.scalar_update(&[number(1.0); 3], number(d * d), &mut gain);
+        let _ = p.scalar_update(&[number(1.0), number(1.0), number(1.0) + number(d)], number(d * d), &mut gain);
+        dense(form, &p.state().into_iter().map(Scalar::to_parts).collect::<Vec<_>>(), 3)
+    }
+
+    /// The distance from double-double is the true error, where the answer is known in closed form.
+    #[test]
+    fn the_distance_from_double_double_is_the_true_error_of_dyer_and_mcreynolds() {
+        let d = 2.0_f64.powi(-25);
+        let exact = {
+            let d = Quad::from_f64(d);
+            let number = Quad::from_f64;
+            let (two, five) = (number(2.0), number(5.0));
+            let (a, c) = (five + two * d * (number(1.0) + d), -two - d);
+            let scale = number(8.0) + two * d * (number(1.0) + d);
+            let rows = [[a, number(-3.0), c], [number(-3.0), a, c], [c, c, number(4.0) + d * d]];
+            Dense::from_fn(3, 3, |i, j| rows[i][j] / scale)
+        };
+        let reference = dyer_mcreynolds::<Direct<Plain<Quad>>>(CovarianceName::Direct, d);
+        let deviations = deviations(&exact).unwrap();
+        assert!(scaled_difference(&reference, &exact, &deviations) < 1e-14);
+        let conventional = dyer_mcreynolds::<Direct<Plain<f64>>>(CovarianceName::Direct, d);
+        let factored = dyer_mcreynolds::<BiermanUd<Plain<f64>>>(CovarianceName::BiermanUd, d);
+        let error = |p: &Dense<Quad>, from: &Dense<Quad>| scaled_difference(p, from, &deviations);
+        for p in [&conventional, &factored] {
+            let (found, true_error) = (error(p, &reference), error(p, &exact));
+            assert!((found - true_error).abs() < 1e-13, "{found} {true_error}");
+        }
+        assert!(error(&conventional, &exact) > 1e-4 && error(&factored, &exact) < 1e-7);
     }
 
     #[test]

@@ -31,7 +31,7 @@ pub struct Grid {
 const WIDTH: f64 = 900.0;
 const LEFT: f64 = 170.0;
 const HEIGHT: f64 = 36.0;
-const TOP: f64 = 44.0;
+const TOP: f64 = 58.0;
 
 fn look(class: Class) -> (&'static str, &'static str, &'static str) {
     match class {
@@ -54,7 +54,10 @@ pub fn draw(grid: &Grid) -> String {
     };
     text(LEFT + width * grid.columns.len() as f64 / 2.0, 14.0, "text-anchor=\"middle\"", &grid.column_label);
     for (j, name) in grid.columns.iter().enumerate() {
-        text(LEFT + (j as f64 + 0.5) * width, 36.0, "text-anchor=\"middle\"", name);
+        // A name of two words stands in two lines.
+        for (line, word) in name.split(' ').enumerate() {
+            text(LEFT + (j as f64 + 0.5) * width, 34.0 + 15.0 * line as f64, "text-anchor=\"middle\"", word);
+        }
     }
     for (i, name) in grid.rows.iter().enumerate() {
         text(LEFT - 10.0, TOP + (i as f64 + 0.5) * HEIGHT + 4.0, "text-anchor=\"end\"", name);

@@ -128,6 +128,16 @@ fn by_label(outcome: &Outcome, part: Part, states: usize) -> String {
     })
 }
 
+/// A form has one colour; single precision is dashed.
+fn colour(form: CovarianceName) -> &'static str {
+    match form {
+        CovarianceName::Direct => "#d55e00",
+        CovarianceName::Joseph => "#e69f00",
+        CovarianceName::BiermanUd => "#0072b2",
+        CovarianceName::ArraySqrt => "#009e73",
+    }
+}
+
 fn errors(report: Report, outcome: &Outcome) -> Report {
     let states = &outcome.config.states;
     let shown = states.iter().copied().find(|&n| n >= 24).or(states.last().copied());
@@ -143,7 +153,7 @@ fn errors(report: Report, outcome: &Outcome) -> Report {
                     let judged = find(&outcome.cells, Part::Map, "centre", n, pair)?;
                     let points =
                         judged.cell.errors.iter().filter_map(|e| Some((e.step as f64, value(e).filter(|v| *v > 0.0)?)));
-                    let line = Series::line(name(pair.0, pair.1), points.collect());
+                    let line = Series::line(name(pair.0, pair.1), points.collect()).colour(colour(pair.0));
                     Some(if pair.1 == ScalarName::F32 { line.dashed() } else { line })
                 })
                 .collect()
@@ -186,16 +196,22 @@ fn variations(report: Report, outcome: &Outcome) -> Report {
 
 /// Free-run errors and NEES of the variations.
 fn free_runs(outcome: &Outcome) -> Table {
-    let mut table = Table::new("Free-run error on an undisturbed record, and NEES where the plant is of the model's class. A dash: the form was lost, or the free run diverges.")
+    let mut table = Table::new(
+        "Free-run error on an undisturbed record, and NEES of Bierman UD in f64 where the plant is of the model's class (1 is honest). A dash: the form was lost, or the free run diverges.",
+    )
         .column("n", "")
         .column("setting", "");
-    for (form, scalar) in pairs() {
-        table = table.column(name(form, scalar), "%");
+    let shown =
+        pairs().into_iter().filter(|&(form, scalar)| scalar == ScalarName::F32 || form != CovarianceName::Joseph);
+    let shown: Vec<_> =
+        shown.filter(|&(form, scalar)| scalar == ScalarName::F32 || form != CovarianceName::ArraySqrt).collect();
+    for &(form, scalar) in &shown {
+        table = table.column(format!("{} {}", word(&form), word(&scalar)), "%");
     }
-    table = table.column("NEES, bierman-ud f64", "");
+    table = table.column("NEES", "");
     let mut row = |part: Part, label: &str, states: usize| {
         let cells: Vec<Option<&Judged>> =
-            pairs().into_iter().map(|pair| find(&outcome.cells, part, label, states, pair)).collect();
+            shown.iter().map(|&pair| find(&outcome.cells, part, label, states, pair)).collect();
         let percent = |j: &Option<&Judged>| {
             let error = j.filter(|j| j.lost_at.is_none()).and_then(|j| j.cell.free_run);
             Field::significant(100.0 * error.unwrap_or(f64::NAN), 3)
