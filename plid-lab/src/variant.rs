@@ -19,7 +19,7 @@ pub enum CovarianceName {
     Direct,
     /// Joseph's measurement update.
     Joseph,
-    /// U D U^T: cannot lose positivity, so it is the default.
+    /// U D U^T: cannot lose positivity.
     #[default]
     BiermanUd,
     /// S S^T by orthogonal transformations.
@@ -80,6 +80,10 @@ pub trait Recursion: Send {
     fn innovation(&self) -> &[f64];
     /// The plant as it stands.
     fn identified(&self) -> IdentifiedModel;
+    /// The estimate of s, N entries, each as an unevaluated sum of two numbers: exactly, in every scalar.
+    fn estimate(&self) -> Vec<[f64; 2]>;
+    /// The numbers that P's form consists of, as [`CovariancePropagation::state`] lays them out, each likewise exactly.
+    fn covariance_state(&self) -> Vec<[f64; 2]>;
     /// How sound P is.
     fn health(&self) -> Health;
     /// All that is needed to go on.
@@ -100,6 +104,12 @@ impl<C: CovariancePropagation, E: ConditionalExpectations<C>> Recursion for Iden
     }
     fn identified(&self) -> IdentifiedModel {
         Identifier::identified(self)
+    }
+    fn estimate(&self) -> Vec<[f64; 2]> {
+        Identifier::estimate(self).iter().map(|x| x.to_parts()).collect()
+    }
+    fn covariance_state(&self) -> Vec<[f64; 2]> {
+        self.covariance().state().into_iter().map(Scalar::to_parts).collect()
     }
     fn health(&self) -> Health {
         Identifier::health(self)
@@ -137,7 +147,8 @@ pub enum VariantError {
     Identifier(#[from] IdentifierError),
 }
 
-type Built = Result<Box<dyn Recursion>, VariantError>;
+/// A recursion, or why there is none.
+pub type Built = Result<Box<dyn Recursion>, VariantError>;
 
 impl Variant {
     /// Builds the recursion.
@@ -157,6 +168,14 @@ impl Variant {
             (BackendName::Nalgebra, ScalarName::DoubleDouble) => Err(VariantError::NoDoubleDouble("nalgebra")),
             (BackendName::Faer, ScalarName::DoubleDouble) => Err(VariantError::NoDoubleDouble("faer")),
         }
+    }
+
+    /// Builds the recursion on a backend of one's own, whatever `backend` and `scalar` name.
+    ///
+    /// # Errors
+    /// An impossible start.
+    pub fn build_on<B: Backend>(self, form: ObservableForm, noise: &NoiseModel, settings: &Settings) -> Built {
+        self.on::<B>((form, noise, settings))
     }
 
     fn on<B: Backend>(self, start: Start<'_>) -> Built {
