@@ -110,12 +110,15 @@ pub fn standings(cells: &[Finished]) -> Vec<Standing> {
         .collect()
 }
 
+/// Free-run error over the default's: in class and on the truss count alike.
+fn overall(standing: &Standing) -> Option<f64> {
+    geometric([standing.free_run_in_class, standing.free_run_truss].into_iter().flatten())
+}
+
 /// The expectation to take: those whose mean free-run error is within two per cent of the least are alike, and of them it is the one whose
 /// NEES misses one by least.
 pub fn recommended(standings: &[Standing]) -> Option<&Standing> {
-    let error = |s: &Standing| {
-        geometric([s.free_run_in_class, s.free_run_truss].into_iter().flatten()).unwrap_or(f64::INFINITY)
-    };
+    let error = |s: &Standing| overall(s).unwrap_or(f64::INFINITY);
     let least = standings.iter().map(error).fold(f64::INFINITY, f64::min);
     let alike = standings.iter().filter(|s| error(s) <= 1.02 * least);
     alike.min_by(|x, y| x.miss.unwrap_or(f64::INFINITY).total_cmp(&y.miss.unwrap_or(f64::INFINITY)))
@@ -127,10 +130,15 @@ pub fn sentences(cells: &[Finished]) -> Vec<String> {
     let mut all = Vec::new();
     if let Some(best) = recommended(&standings) {
         let default = if best.name == DEFAULT.name() { "stays" } else { "should become" };
+        let others: Vec<String> = standings
+            .iter()
+            .filter_map(|s| Some(format!("{} {:.3}, {:.2}", s.name, overall(s)?, s.miss.unwrap_or(f64::NAN))))
+            .collect();
         all.push(format!(
-            "{} {default} the default of plid run: no other has a mean free-run error two per cent below its own, and of those within two per cent \
-             its P is the most honest one.",
-            best.name
+            "{} {default} the default of plid run: of those within two per cent of the least mean free-run error, its P is the most honest. \
+             Mean free-run error over the default's, and the factor by which NEES is off one: {}.",
+            best.name,
+            others.join("; ")
         ));
     }
     let nees: Vec<String> = standings
