@@ -2,6 +2,7 @@
 
 pub mod expectations;
 pub mod speed;
+pub mod stability;
 pub mod study;
 mod workload;
 

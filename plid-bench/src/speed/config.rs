@@ -105,6 +105,12 @@ impl Config {
             {
                 problems.push(("threads", format!("{threads} threads, but {} of `cores`", cores.len())));
             }
+            if let Some(threads) = cross.threads.iter().find(|&&t| t > 2) {
+                problems.push(("threads", format!("{threads}; a step has work for two")));
+            }
+            if cross.threads.iter().any(|&t| t > 1) && cross.backend != [BackendName::Plain] {
+                problems.push(("threads", "two threads need backend = [\"plain\"]".into()));
+            }
             if cross.scalar.contains(&ScalarName::DoubleDouble) && cross.backend != [BackendName::Plain] {
                 problems.push(("scalar", "double-double needs backend = [\"plain\"]".into()));
             }

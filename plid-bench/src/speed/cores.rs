@@ -33,12 +33,16 @@ impl Cores {
         !self.ids.is_empty() && (0..self.ids.len()).all(|index| self.on(index, |pinned| pinned))
     }
 
+    /// Keeps this thread on core `index` of these, and says whether the system took it.
+    pub fn pin_here(&self, index: usize) -> bool {
+        self.ids.get(index).is_some_and(|&id| set_for_current(CoreId { id }))
+    }
+
     /// Does `work` on a thread that is kept on core `index` of these, and on a second one the threads that it starts, where the
     /// system lets a thread inherit its starter's core. `work` is told whether it is kept there.
     pub fn on<T: Send>(&self, index: usize, work: impl FnOnce(bool) -> T + Send) -> T {
-        let id = self.ids.get(index).map(|&id| CoreId { id });
         std::thread::scope(|scope| {
-            let worker = scope.spawn(move || work(id.is_some_and(set_for_current)));
+            let worker = scope.spawn(|| work(self.pin_here(index)));
             worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
         })
     }

@@ -5,8 +5,8 @@ use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Rem, RemAssi
 
 use num_traits::{Num, One, Zero};
 use plid_backends::Plain;
-use plid_core::Scalar;
 use plid_core::kernels::Kernels;
+use plid_core::{Dense, ImplicitModel, InitialCovariance, Scalar, Settings};
 use serde::{Deserialize, Serialize};
 
 use super::cell::Cell;
@@ -51,10 +51,14 @@ fn operations<T>(work: impl FnOnce() -> T) -> (T, Operations) {
 /// # Errors
 /// As a visit.
 pub fn count(cell: &Cell, workload: &Workload<'_>) -> Result<Operations, VisitError> {
-    let recursion =
-        workload.build(|form, noise, settings| cell.variant.build_on::<Plain<Counted>>(form, noise, settings))?;
+    let recursion = workload.build(|form, noise, settings| {
+        // A P0 without zeros: what skips zeros is not to find them.
+        let size = form.joint_states();
+        let full = Dense::from_fn(size, size, |i, j| if i == j { 1.0 } else { 0.5 / size as f64 });
+        let settings = Settings { initial_covariance: InitialCovariance::Full(full), ..settings.clone() };
+        cell.variant.build_on::<Plain<Counted>>(form, noise, &settings)
+    })?;
     let mut steps = workload.with(recursion);
-    // The second step meets a P that is full.
     steps.step().map_err(VisitError::Fails)?;
     let (result, operations) = operations(|| steps.step());
     result.map_err(VisitError::Fails)?;

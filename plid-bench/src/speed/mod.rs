@@ -7,6 +7,7 @@ pub mod compare;
 mod config;
 mod cores;
 mod count;
+mod flops;
 mod histogram;
 mod limits;
 mod outcome;
@@ -24,6 +25,7 @@ use serde::{Deserialize, Serialize};
 
 pub use cell::{Cell, EXPECTATIONS, FORMS, OUTPUTS, word};
 pub use config::{Config, Cross, FULL, QUICK};
+pub use cores::Cores;
 pub use count::{Counted, Operations};
 pub use histogram::Histogram;
 pub use limits::Pass;
@@ -33,7 +35,6 @@ pub use visit::{Limit, Visit};
 
 use crate::study::{Journal, Machine, Progress, StudyError, to_toml, write, write_csv, write_json};
 use crate::{Record, Workload};
-use cores::Cores;
 
 /// One line of the journal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

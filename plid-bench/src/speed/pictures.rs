@@ -113,7 +113,7 @@ fn roofline(outcome: &Outcome, scalar: ScalarName, expectations: ExpectationName
     let largest = outcome.limits.iter().filter(|limit| limit.scalar == scalar).max_by_key(|limit| limit.joint_states);
     if let (Some(limit), Some(peak)) = (largest, outcome.peak(scalar)) {
         let roof =
-            (0..=80).map(|k| 10f64.powf(-1.0 + f64::from(k) / 20.0)).map(|x| (x, (x * limit.gbytes_s).min(peak)));
+            (0..=80).map(|k| 10f64.powf(-1.0 + f64::from(k) / 32.0)).map(|x| (x, (x * limit.gbytes_s).min(peak)));
         let label = format!("limit: {:.0} GB/s at N = {}, {peak:.0} Gflop/s", limit.gbytes_s, limit.joint_states);
         series.push(Series::line(label, roof.collect()).colour(REFERENCE).width(2.0));
     }
@@ -130,7 +130,7 @@ fn roofline(outcome: &Outcome, scalar: ScalarName, expectations: ExpectationName
     }
     let svg = chart(&Chart {
         title: String::new(),
-        x: Axis::log("operations per byte of P, flop/B").range(0.5, 300.0),
+        x: Axis::log("operations per byte of P, flop/B").range(0.1, 30.0),
         y: Axis::log("operations done, Gflop/s"),
         series,
         height: 340.0,

@@ -4,10 +4,12 @@
 
 mod compiled;
 mod pack;
+mod shift;
 mod symmetric;
 
 pub use compiled::Kernels;
 pub use pack::Pack;
+pub use shift::Shift;
 
 use crate::{Scalar, View, ViewMut};
 

@@ -1,6 +1,6 @@
 //! What a covariance of which the lower triangle is stored goes through in a step.
 
-use super::Pack;
+use super::{Pack, Shift};
 use crate::{Scalar, View, ViewMut};
 
 #[inline(always)]
@@ -105,7 +105,7 @@ pub fn block_product_lower<S: Scalar>(
         let mut at = 0;
         while at < n {
             at += match n - at {
-                16.. => rows_of_product::<S, 16>(m, phi, b, at, y, mirrored),
+                32.. => rows_of_product::<S, 32>(m, phi, b, at, y, mirrored),
                 8.. => rows_of_product::<S, 8>(m, phi, b, at, y, mirrored),
                 4.. => rows_of_product::<S, 4>(m, phi, b, at, y, mirrored),
                 _ => rows_of_product::<S, 1>(m, phi, b, at, y, mirrored),
@@ -128,14 +128,14 @@ fn rows_of_product<S: Scalar, const W: usize>(
     y: &mut [S],
     mirrored: &mut [S],
 ) -> usize {
-    // As many sums as registers may hold, in straight code; more parameter columns take turns.
-    match phi.len() {
-        2 => columns_of_product::<S, W, 2>(m, phi, 0, b, at, y, mirrored),
-        3 => columns_of_product::<S, W, 3>(m, phi, 0, b, at, y, mirrored),
-        4 => columns_of_product::<S, W, 4>(m, phi, 0, b, at, y, mirrored),
-        5 => columns_of_product::<S, W, 5>(m, phi, 0, b, at, y, mirrored),
-        6 => columns_of_product::<S, W, 6>(m, phi, 0, b, at, y, mirrored),
-        k => (0..k).for_each(|left| columns_of_product::<S, W, 1>(m, phi, left, b, at, y, mirrored)),
+    // As many sums as registers may hold, in straight code.
+    let mut left = 0;
+    while left < phi.len() {
+        left += match phi.len() - left {
+            1 => columns_of_product::<S, W, 1>(m, phi, left, b, at, y, mirrored),
+            2 | 4 => columns_of_product::<S, W, 2>(m, phi, left, b, at, y, mirrored),
+            _ => columns_of_product::<S, W, 3>(m, phi, left, b, at, y, mirrored),
+        };
     }
     W
 }
@@ -150,7 +150,7 @@ fn columns_of_product<S: Scalar, const W: usize, const K: usize>(
     at: usize,
     y: &mut [S],
     mirrored: &mut [S],
-) {
+) -> usize {
     let (n, k) = (mirrored.len() / phi.len(), phi.len());
     let mut sums = [Pack::<S, W>::zero(); K];
     // The K block rows that belong to the columns too, and then those below them.
@@ -180,24 +180,26 @@ fn columns_of_product<S: Scalar, const W: usize, const K: usize>(
     for g in 0..K {
         sums[g].store(&mut mirrored[(left + g) * n + at..]);
     }
+    K
 }
 
 #[inline(always)]
-pub fn add_mirrored<S: Scalar>(mirrored: View<'_, S>, first: usize, mut y: ViewMut<'_, S>) {
+pub fn add_mirrored<S: Scalar>(mirrored: View<'_, S>, k: usize, row: usize, first: usize, mut y: ViewMut<'_, S>) {
     let n = mirrored.rows();
-    let (k, columns) = (mirrored.columns() / n, y.columns());
+    let (height, columns) = (mirrored.columns() / k, y.columns());
     let stride = y.stride();
     let (z, y) = (mirrored.data(), y.data_mut());
-    for block in 0..k {
-        for b in (0..n).step_by(EDGE) {
-            for a in (0..columns).step_by(EDGE) {
+    // Columns of Y are far apart, in memory pages of their own: a few of them from top to bottom.
+    for a in (0..columns).step_by(EDGE) {
+        for block in 0..k {
+            for b in (0..height).step_by(EDGE) {
                 let from = &z[(b * k + block) * n + first + a..];
-                let to = &mut y[a * stride + block * n + b..];
-                if b + EDGE <= n && a + EDGE <= columns {
+                let to = &mut y[a * stride + block * n + row + b..];
+                if b + EDGE <= height && a + EDGE <= columns {
                     add_transposed_tile(from, k * n, to, stride);
                 } else {
                     for i in 0..EDGE.min(columns - a) {
-                        for q in 0..EDGE.min(n - b) {
+                        for q in 0..EDGE.min(height - b) {
                             to[i * stride + q] += from[q * k * n + i];
                         }
                     }
@@ -210,30 +212,15 @@ pub fn add_mirrored<S: Scalar>(mirrored: View<'_, S>, first: usize, mut y: ViewM
 /// Adds the transpose of a tile, whose columns are `step` apart, to a tile whose columns are `stride` apart.
 #[inline(always)]
 fn add_transposed_tile<S: Scalar>(from: &[S], step: usize, to: &mut [S], stride: usize) {
-    let mut tile = [[S::zero(); EDGE]; EDGE];
-    for q in 0..EDGE {
-        tile[q].copy_from_slice(&from[q * step..q * step + EDGE]);
-    }
-    // Three rounds of swaps of off-diagonal blocks, each half the size of the one before: shuffles of whole registers.
-    let mut size = EDGE / 2;
-    while size > 0 {
-        for q in 0..EDGE {
-            if q & size == 0 {
-                for i in 0..EDGE {
-                    if i & size != 0 {
-                        let kept = tile[q][i];
-                        tile[q][i] = tile[q + size][i - size];
-                        tile[q + size][i - size] = kept;
-                    }
-                }
-            }
-        }
-        size /= 2;
-    }
+    let from = &from[..(EDGE - 1) * step + EDGE];
     for i in 0..EDGE {
+        let mut row = Pack::<S, EDGE>::zero();
+        for q in 0..EDGE {
+            row.0[q] = from[q * step + i];
+        }
         let to = &mut to[i * stride..i * stride + EDGE];
         for q in 0..EDGE {
-            to[q] += tile[i][q];
+            to[q] += row.0[q];
         }
     }
 }
@@ -311,7 +298,7 @@ fn divide<S: Scalar>(by: S, x: &mut [S]) {
 #[inline(always)]
 pub fn advance_columns<S: Scalar>(
     mut x: ViewMut<'_, S>,
-    shift_source: &[Option<usize>],
+    shift: &Shift,
     rows: &[usize],
     abar: View<'_, S>,
     work: &mut [S],
@@ -321,19 +308,36 @@ pub fn advance_columns<S: Scalar>(
         for (y, &row) in work.iter_mut().zip(rows) {
             *y = x[row];
         }
-        for i in (0..x.len()).rev() {
-            x[i] = shift_source[i].map_or(S::zero(), |from| x[from]);
-        }
-        for k in 0..rows.len() {
-            subtract(-work[k], abar.column(k), x);
+        shift.apply(x);
+        let mut k = 0;
+        while k < rows.len() {
+            k += match rows.len() - k {
+                1 => add_columns::<S, 1>(x, abar, &work[k..], k),
+                2 => add_columns::<S, 2>(x, abar, &work[k..], k),
+                _ => add_columns::<S, 3>(x, abar, &work[k..], k),
+            };
         }
     }
+}
+
+/// x += the sum of K columns of `terms`, from `first` on, times `weights`. Returns K.
+#[inline(always)]
+fn add_columns<S: Scalar, const K: usize>(x: &mut [S], terms: View<'_, S>, weights: &[S], first: usize) -> usize {
+    let n = x.len();
+    let mut columns: [&[S]; K] = [&[]; K];
+    for k in 0..K {
+        columns[k] = &terms.column(first + k)[..n];
+    }
+    for i in 0..n {
+        x[i] = (0..K).fold(x[i], |sum, k| columns[k][i].mul_add(weights[k], sum));
+    }
+    K
 }
 
 #[inline(always)]
 pub fn advance_rows<S: Scalar>(
     mut x: ViewMut<'_, S>,
-    shift_source: &[Option<usize>],
+    shift: &Shift,
     rows: &[usize],
     abar: View<'_, S>,
     mut kept: ViewMut<'_, S>,
@@ -344,7 +348,7 @@ pub fn advance_rows<S: Scalar>(
     // From the last column to the first, since J takes column i from one before it.
     for i in (0..x.columns()).rev() {
         for first in (0..rows.len()).step_by(3) {
-            let source = if first == 0 { shift_source[i] } else { Some(i) };
+            let source = if first == 0 { shift.source(i) } else { Some(i) };
             match rows.len() - first {
                 1 => column_of_sum::<S, 1>(x.reborrow(), i, source, abar, kept.view(), first),
                 2 => column_of_sum::<S, 2>(x.reborrow(), i, source, abar, kept.view(), first),
@@ -402,35 +406,51 @@ pub fn add_weighted_blocks_lower<S: Scalar>(
     mut out: ViewMut<'_, S>,
     mut work: ViewMut<'_, S>,
 ) {
-    let (n, k) = (out.columns(), weights.columns());
-    let mut mirrored = false;
+    let n = out.columns();
     for c in 0..n {
-        let sum = work.column_mut(c);
-        sum.fill(S::zero());
-        for t in 0..k {
-            let column = m.column(t * n + c);
-            for s in t..k {
-                let weight = -weights.at(s, t);
-                if weight == S::zero() {
-                    continue;
-                }
-                let block = &column[s * n..(s + 1) * n];
-                if s == t {
-                    subtract(weight, &block[c..], &mut out.column_mut(c)[c..]);
-                } else {
-                    subtract(weight, block, sum);
-                    mirrored = true;
-                }
+        let mut at = 0;
+        while at < n {
+            let (out, work) = (out.column_mut(c), work.column_mut(c));
+            at += match n - at {
+                16.. => rows_of_blocks::<S, 16>(m, weights, c, at, out, work),
+                4.. => rows_of_blocks::<S, 4>(m, weights, c, at, out, work),
+                _ => rows_of_blocks::<S, 1>(m, weights, c, at, out, work),
+            };
+        }
+    }
+    for c in 0..n {
+        for (to, &from) in out.column_mut(c).iter_mut().zip(work.column(c)) {
+            *to += from;
+        }
+    }
+    // M_ts is M_st transposed.
+    add_mirrored(work.view(), 1, 0, 0, out);
+}
+
+/// Rows at .. at + W of column c: the blocks on the diagonal into `out`, those below it into `work`. Returns W.
+#[inline(always)]
+fn rows_of_blocks<S: Scalar, const W: usize>(
+    m: View<'_, S>,
+    weights: View<'_, S>,
+    c: usize,
+    at: usize,
+    out: &mut [S],
+    work: &mut [S],
+) -> usize {
+    let n = out.len();
+    let (mut diagonal, mut below) = (Pack::<S, W>::load(&out[at..]), Pack::<S, W>::zero());
+    for t in 0..weights.columns() {
+        let column = m.column(t * n + c);
+        if at + W > c {
+            diagonal = diagonal.add_scaled(Pack::load(&column[t * n + at..]), weights.at(t, t));
+        }
+        for s in t + 1..weights.columns() {
+            if weights.at(s, t) != S::zero() {
+                below = below.add_scaled(Pack::load(&column[s * n + at..]), weights.at(s, t));
             }
         }
     }
-    if mirrored {
-        // M_ts is M_st transposed.
-        for c in 0..n {
-            let to = out.column_mut(c);
-            for r in c..n {
-                to[r] += work.at(r, c) + work.at(c, r);
-            }
-        }
-    }
+    diagonal.store(&mut out[at..]);
+    below.store(&mut work[at..]);
+    W
 }

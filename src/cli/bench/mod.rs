@@ -2,6 +2,7 @@
 
 mod expectations;
 mod speed;
+mod stability;
 
 use std::path::{Path, PathBuf};
 
@@ -23,6 +24,7 @@ pub struct Arguments {
 enum Study {
     Expectations(expectations::Arguments),
     Speed(speed::Arguments),
+    Stability(stability::Arguments),
 }
 
 /// What every study takes.
@@ -73,5 +75,6 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     match arguments.study {
         Study::Expectations(arguments) => expectations::execute(&arguments, voice),
         Study::Speed(arguments) => speed::execute(&arguments, voice),
+        Study::Stability(arguments) => stability::execute(&arguments, voice),
     }
 }
