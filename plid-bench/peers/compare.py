@@ -205,7 +205,8 @@ def pin(core):
     return core
 
 
-HEADER = """| peer | version | form | us a step | plid direct | ratio | plid, same form | s, P differ by |
+# Microseconds a step are medians, with the least of all batches in brackets; the ratio is the median of the turns' ratios.
+HEADER = """| peer | version | form | us a step | plid direct, us | ratio | plid in the same form, us | s, P differ by |
 |---|---|---|---|---|---|---|---|"""
 
 
@@ -215,7 +216,9 @@ def line_of(row):
     if "refused" in row:
         return f"{start} refused: {row['refused']} | | | | {agreement} |"
     same = f"{row['plid_same_form']} {row['plid_same_form_us_per_step']:.1f}" if "plid_same_form" in row else ""
-    times = f"{row['us_per_step']:.1f} | {row['plid_us_per_step']:.1f} | {row['ratio']:.1f} | {same}"
+    theirs = f"{row['us_per_step']:.1f} ({row['us_per_step_min']:.1f})"
+    ours = f"{row['plid_us_per_step']:.1f} ({row['plid_us_per_step_min']:.1f})"
+    times = f"{theirs} | {ours} | {row['ratio']:.1f} | {same}"
     return f"{start} {times} | {agreement} |"
 
 

@@ -109,8 +109,8 @@ fn check(outcome: &Outcome) {
 
 fn files(config: &Config, outcome: &Outcome, at: &Path) {
     let peers_file = at.join("peers.json");
-    let text = r#"{"n": 12, "inputs": 3, "outputs": 3, "peers": [{"name": "numpy <dense>", "dtype": "f64",
-        "us_per_step": 600.0, "plid_us_per_step": 6.0, "agreement": 1e-9, "structured": false}]}"#;
+    let text = r#"{"sizes": [{"n": 12, "inputs": 3, "outputs": 3, "peers": [{"name": "numpy <dense>", "version": "2", "form": "direct",
+        "dtype": "f64", "us_per_step": 600.0, "plid_us_per_step": 6.0, "ratio": 100.0, "agreement": 1e-9, "structured": false}]}]}"#;
     fs::write(&peers_file, text).unwrap();
     speed::write_all(outcome, Some(&peers::read(&peers_file).unwrap()), at).unwrap();
 

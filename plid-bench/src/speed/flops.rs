@@ -128,7 +128,10 @@ fn expectation(cell: &Cell, size: &Size) -> Vec<Term> {
         CovarianceName::BiermanUd | CovarianceName::ArraySqrt => {
             terms.push(Term { what: "rows of the parameters' blocks", flops: c * (c + 1.0) * (c + 2.0) / 3.0 * n * n });
             // .. of which the squares are added up: n^2 for each column, or less in block k itself, which is triangular.
-            terms.push(Term { what: "sum of the parameters' blocks", flops: (c * (c - 1.0) / 2.0 + c / 3.0) * n * n * n });
+            terms.push(Term {
+                what: "sum of the parameters' blocks",
+                flops: (c * (c - 1.0) / 2.0 + c / 3.0) * n * n * n,
+            });
         }
     }
     if expectations == ExpectationName::MomentMatched {

@@ -6,7 +6,7 @@ use plid_lab::variant::CovarianceName;
 use super::cell::{Cell, FORMS, word};
 use super::flops;
 use super::outcome::{Outcome, Timing};
-use super::peers::Peers;
+use super::peers::{Peers, Size};
 use super::pictures;
 use super::targets::{STATES, targets};
 use crate::study::to_toml;
@@ -19,9 +19,10 @@ pub fn page(outcome: &Outcome, peers: Option<&Peers>) -> Report {
     }
     report = report.heading("Targets").table(target_table(outcome, peers));
     if let Some(peers) = peers {
-        report = report.heading("Peers").table(peer_table(peers));
+        report = peers.sizes.iter().fold(report.heading("Peers"), |report, size| report.table(peer_table(size)));
     }
-    report = report.heading("Figures").table(limit_table(outcome)).table(slope_table(outcome)).table(term_table(outcome));
+    report =
+        report.heading("Figures").table(limit_table(outcome)).table(slope_table(outcome)).table(term_table(outcome));
     report = report.details(format!("All {} cells", outcome.timings.len()), |part| part.table(cell_table(outcome)));
     report = report.warnings(warnings(outcome));
     report = report.paragraph(method(outcome)).details("The config that repeats it", |part| {
@@ -114,30 +115,34 @@ fn target_table(outcome: &Outcome, peers: Option<&Peers>) -> Table {
     })
 }
 
-fn peer_table(peers: &Peers) -> Table {
+fn peer_table(size: &Size) -> Table {
     let caption = format!(
-        "Other software on the same recursion and data, n = {}, {} inputs, {} outputs, timed by turns with plid (direct).",
-        peers.n, peers.inputs, peers.outputs
+        "Other software on the same recursion (joint-ekf) and data, n = {}, {} inputs, {} outputs, each timed in turn with plid's direct form.",
+        size.n, size.inputs, size.outputs
     );
     let table = Table::new(caption)
         .column("peer", "")
-        .column("numbers", "")
+        .column("version", "")
+        .column("form", "")
         .column("uses the structure", "")
         .column("a step", "us")
         .column("plid", "us")
         .column("plid is faster by", "×")
-        .column("estimates differ by", "");
-    peers.peers.iter().fold(table, |table, peer| {
-        let number = |value: Option<f64>, digits| Shown::significant(value.unwrap_or(f64::NAN), digits);
+        .column("s, P differ by", "");
+    let table = size.peers.iter().fold(table, |table, peer| {
         table.row([
             peer.name.as_str().into(),
-            peer.dtype.as_str().into(),
+            peer.version.as_str().into(),
+            peer.form.as_str().into(),
             if peer.structured { "yes" } else { "no" }.into(),
-            number(peer.us_per_step, 3),
-            number(peer.plid_us_per_step, 3),
-            number(peer.factor(), 3),
-            number(peer.agreement, 2),
+            Shown::significant(peer.us_per_step, 3),
+            Shown::significant(peer.plid_us_per_step, 3),
+            Shown::significant(peer.ratio, 3),
+            Shown::significant(peer.agreement, 2),
         ])
+    });
+    size.refused.iter().fold(table, |table, peer| {
+        table.row([peer.name.as_str().into(), "".into(), format!("no time: {}", peer.refused).into()])
     })
 }
 
@@ -187,7 +192,10 @@ fn slope_table(outcome: &Outcome) -> Table {
 /// Where the operations of a step go, a column a form.
 fn term_table(outcome: &Outcome) -> Table {
     let expectations = pictures::shown_expectation(outcome).unwrap_or_default();
-    let caption = format!("Where the operations of a step go at n = {STATES}, {}, by the leading terms of the formulas.", word(&expectations));
+    let caption = format!(
+        "Where the operations of a step go at n = {STATES}, {}, by the leading terms of the formulas.",
+        word(&expectations)
+    );
     let mut table = Table::new(caption).column("part", "");
     let of = |form| flops::terms(&Cell::plain(STATES, form, expectations));
     let mut parts: Vec<&str> = Vec::new();
@@ -200,7 +208,8 @@ fn term_table(outcome: &Outcome) -> Table {
         }
     }
     let cells = |part: &str| {
-        let megaflops = |form| of(form).iter().filter(|term| term.what == part).map(|term| term.flops / 1e6).sum::<f64>();
+        let megaflops =
+            |form| of(form).iter().filter(|term| term.what == part).map(|term| term.flops / 1e6).sum::<f64>();
         let shown = FORMS.map(|form| match megaflops(form) {
             0.0 => Shown::Number(String::new()),
             value => Shown::fixed(value, 3),

@@ -113,31 +113,20 @@ fn reason(outcome: &Outcome, timing: &Timing, target_us: f64) -> String {
 }
 
 fn beside_peers(peers: &Peers) -> Vec<Target> {
-    let fastest = |structured: bool| {
-        let known = peers.peers.iter().filter(|peer| peer.structured == structured && peer.dtype == "f64");
-        known
-            .filter(|peer| peer.factor().is_some())
-            .min_by(|a, b| a.us_per_step.partial_cmp(&b.us_per_step).expect("finite"))
+    let kinds = [(true, "structured", 5.0), (false, "dense", 25.0)];
+    let target = |(structured, kind, limit): (bool, &str, f64)| {
+        let peer = peers.fastest(STATES, structured)?;
+        let (own_us, met) = (peer.plid_us_per_step, peer.ratio >= limit);
+        let reason = format!("the target would need a step of {:.0} us", peer.us_per_step / limit);
+        Some(Target {
+            what: format!("direct, joint-ekf beside the fastest {kind} peer, {}", peer.name),
+            target: format!("≥ {limit} × as fast"),
+            found: format!("{:.1} × ({:.0} us, plid {own_us:.0} us)", peer.ratio, peer.us_per_step),
+            met: Some(met),
+            reason: if met { String::new() } else { reason },
+        })
     };
-    let mut targets = Vec::new();
-    for (structured, kind, limit) in [(true, "structured", 5.0), (false, "dense", 25.0)] {
-        if let Some(peer) = fastest(structured)
-            && let (Some(factor), Some(us), Some(own)) = (peer.factor(), peer.us_per_step, peer.plid_us_per_step)
-        {
-            targets.push(Target {
-                what: format!("direct beside the fastest {kind} peer, {}", peer.name),
-                target: format!("≥ {limit} × as fast"),
-                found: format!("{factor:.1} × ({us:.0} us, plid {own:.0} us)"),
-                met: Some(factor >= limit),
-                reason: if factor >= limit {
-                    String::new()
-                } else {
-                    "the peer does the same work nearly as well".into()
-                },
-            });
-        }
-    }
-    targets
+    kinds.into_iter().filter_map(target).collect()
 }
 
 fn slopes(outcome: &Outcome) -> Vec<Target> {
@@ -231,7 +220,7 @@ fn allocations(outcome: &Outcome) -> Option<Target> {
 mod tests {
     use super::*;
     use crate::speed::outcome::testing::{outcome, timing};
-    use crate::speed::peers::Peer;
+    use crate::speed::peers::{Peer, Size};
 
     fn run(ud: f64) -> Outcome {
         outcome(vec![
@@ -272,17 +261,23 @@ mod tests {
 
     #[test]
     fn the_fastest_peer_of_each_kind_counts() {
-        let peer = |name: &str, us, structured| Peer {
+        let peer = |name: &str, us: f64, structured| Peer {
             name: name.into(),
+            version: "1".into(),
+            form: "direct".into(),
             dtype: "f64".into(),
             us_per_step: us,
-            plid_us_per_step: Some(100.0),
-            agreement: None,
+            plid_us_per_step: 100.0,
+            ratio: us / 100.0,
+            agreement: 1e-9,
             structured,
         };
-        let peers = vec![peer("a", Some(600.0), true), peer("b", None, true), peer("c", Some(1000.0), false)];
-        let all = targets(&run(3.0), Some(&Peers { n: 64, inputs: 3, outputs: 3, peers }));
-        assert_eq!(target(&all, "direct beside the fastest structured peer, a").met, Some(true));
-        assert_eq!(target(&all, "direct beside the fastest dense peer, c").met, Some(false));
+        let peers = vec![peer("a", 600.0, true), peer("b", 700.0, true), peer("c", 1000.0, false)];
+        let size = Size { n: 64, inputs: 3, outputs: 3, peers, refused: Vec::new() };
+        let all = targets(&run(3.0), Some(&Peers { sizes: vec![size] }));
+        let beside = |peer: &str| target(&all, &format!("direct, joint-ekf beside the fastest {peer}"));
+        assert_eq!(beside("structured peer, a").met, Some(true));
+        assert_eq!(beside("dense peer, c").met, Some(false));
+        assert!(beside("dense peer, c").reason.contains("a step of 40 us"));
     }
 }
