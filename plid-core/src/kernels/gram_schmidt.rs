@@ -45,9 +45,11 @@ pub fn weighted_gram_schmidt<S: Scalar>(
     // Row j is made orthogonal to the rows below it. As soon as it is, the sweep that takes the row below it out of all
     // others forms their products with row j too.
     for j in (0..n).rev() {
-        for c in support.ranges(j, columns).into_iter().flatten() {
-            row[c] = done[c].mul_add(-factors[j], w.at(j, c));
-            weighted[c] = row[c] * weights[c];
+        for range in support.ranges(j, columns) {
+            for c in range {
+                row[c] = done[c].mul_add(-factors[j], w.at(j, c));
+                weighted[c] = row[c] * weights[c];
+            }
         }
         d[j] = dot(weighted, row);
         // Products near underflow have few digits: a direction made of them would spoil the rows above.
@@ -61,7 +63,7 @@ pub fn weighted_gram_schmidt<S: Scalar>(
         while at < j {
             let w = w.reborrow();
             at += match rows - at {
-                32.. => subtract_and_multiply::<S, 32>(w, support.ranges(j, columns), done, weighted, at, factors),
+                32.. if j - at > 16 => subtract_and_multiply::<S, 32>(w, support.ranges(j, columns), done, weighted, at, factors),
                 16.. => subtract_and_multiply::<S, 16>(w, support.ranges(j, columns), done, weighted, at, factors),
                 8.. => subtract_and_multiply::<S, 8>(w, support.ranges(j, columns), done, weighted, at, factors),
                 _ => subtract_and_multiply::<S, 1>(w, support.ranges(j, columns), done, weighted, at, factors),

@@ -32,9 +32,10 @@ pub fn triangular_factor<S: Scalar>(
     for j in (0..n).rev() {
         let (start, end, pivot) = (tails.starts[j], tails.ends[j], columns - n + j);
         next.fill(S::zero());
-        for c in (start..end).chain([pivot]) {
+        for c in start..end {
             next[c] = last[c].mul_add(-factors[j], w.at(j, c));
         }
+        next[pivot] = last[pivot].mul_add(-factors[j], w.at(j, pivot));
         let norm = dot(next, next).sqrt();
         // The sign that does not cancel; the diagonal of S is then made positive by flipping its column. A row of zeros is
         // not reflected.
@@ -51,7 +52,7 @@ pub fn triangular_factor<S: Scalar>(
             let w = w.reborrow();
             let columns = [from..to, pivot.max(to)..pivot + 1];
             at += match rows - at {
-                32.. => subtract_and_multiply::<S, 32>(w, columns, last, next, at, factors),
+                32.. if j - at > 16 => subtract_and_multiply::<S, 32>(w, columns, last, next, at, factors),
                 16.. => subtract_and_multiply::<S, 16>(w, columns, last, next, at, factors),
                 8.. => subtract_and_multiply::<S, 8>(w, columns, last, next, at, factors),
                 _ => subtract_and_multiply::<S, 1>(w, columns, last, next, at, factors),

@@ -49,21 +49,18 @@ impl<S: Scalar> ColumnPass<S> for Givens {
     #[inline(always)]
     fn enter(f: S, deviation: &mut S, _d: &mut S) -> [S; 2] {
         if f == S::zero() {
-            return [S::zero(); 2];
+            return [S::one(), S::zero()];
         }
         let length = hypotenuse(*deviation, f);
         let (c, s) = (*deviation / length, f / length);
         *deviation = length;
-        // The tangent of half the angle, which is at most a right one.
-        [s / (S::one() + c), s]
+        [c, s]
     }
 
-    /// A rotation as three shears: three multiply-adds for two products and two multiply-adds.
+    /// Not as shears, with a multiply-add less: where the angle is near a right one they lose what is left of the column.
     #[inline(always)]
-    fn apply<const W: usize>([t, s]: [S; 2], u: Pack<S, W>, gain: Pack<S, W>) -> (Pack<S, W>, Pack<S, W>) {
-        let gain = gain.add_scaled(u, t);
-        let u = u.add_scaled(gain, -s);
-        (u, gain.add_scaled(u, t))
+    fn apply<const W: usize>([c, s]: [S; 2], u: Pack<S, W>, gain: Pack<S, W>) -> (Pack<S, W>, Pack<S, W>) {
+        (u.scaled(c).add_scaled(gain, -s), gain.scaled(c).add_scaled(u, s))
     }
 }
 
@@ -90,16 +87,58 @@ fn recursion<S: Scalar, P: ColumnPass<S>>(
     mut gains: ViewMut<'_, S>,
 ) {
     gains.fill(S::zero());
+    let count = rows.rows();
+    let mut first = 0;
+    while first < count {
+        let taken = (count - first).min(4);
+        let (rows, gains) = (rows.reborrow(), gains.reborrow());
+        match taken {
+            1 => few_rows::<S, P, 1>(first, rows, spreads, d, changes.reborrow(), gains),
+            2 => few_rows::<S, P, 2>(first, rows, spreads, d, changes.reborrow(), gains),
+            3 => few_rows::<S, P, 3>(first, rows, spreads, d, changes.reborrow(), gains),
+            _ => few_rows::<S, P, 4>(first, rows, spreads, d, changes.reborrow(), gains),
+        }
+        first += taken;
+    }
+}
+
+/// Updates first .. first + K, with their numbers in registers, and what they do to the rows after them.
+#[inline(always)]
+fn few_rows<S: Scalar, P: ColumnPass<S>, const K: usize>(
+    first: usize,
+    mut rows: ViewMut<'_, S>,
+    spreads: &mut [S],
+    d: &mut [S],
+    mut changes: ViewMut<'_, S>,
+    mut gains: ViewMut<'_, S>,
+) {
+    let end = first + K;
+    let mut spread: [S; K] = std::array::from_fn(|k| spreads[first + k]);
+    let mut gain = [[Pack::<S, 1>::zero(); K]; K];
     for j in 0..rows.columns() {
         let (row, changes) = (rows.column_mut(j), changes.column_mut(j));
-        for i in 0..row.len() {
-            let by = P::enter(row[i], &mut spreads[i], &mut d[j]);
-            changes[2 * i..2 * i + 2].copy_from_slice(&by);
-            for l in i + 1..row.len() {
-                let gain = gains.at_mut(l, i);
-                let (u, next) = P::apply(by, Pack([row[l]]), Pack([*gain]));
-                (row[l], *gain) = (u.0[0], next.0[0]);
+        let mut own: [Pack<S, 1>; K] = std::array::from_fn(|k| Pack([row[first + k]]));
+        let (mut weight, mut by) = (d[j], [[S::zero(); 2]; K]);
+        for i in 0..K {
+            by[i] = P::enter(own[i].0[0], &mut spread[i], &mut weight);
+            for l in i + 1..K {
+                (own[l], gain[l][i]) = P::apply(by[i], own[l], gain[l][i]);
             }
+        }
+        d[j] = weight;
+        changes[2 * first..2 * end].copy_from_slice(by.as_flattened());
+        for (l, x) in row.iter_mut().enumerate().skip(end) {
+            for i in 0..K {
+                let gain = gains.at_mut(l, first + i);
+                let (u, next) = P::apply(by[i], Pack([*x]), Pack([*gain]));
+                (*x, *gain) = (u.0[0], next.0[0]);
+            }
+        }
+    }
+    for i in 0..K {
+        spreads[first + i] = spread[i];
+        for l in i + 1..K {
+            *gains.at_mut(first + l, first + i) = gain[l][i].0[0];
         }
     }
 }

@@ -81,21 +81,23 @@ pub fn advance_panel<S: Scalar>(
     mut x: ViewMut<'_, S>,
     work: &mut [S],
 ) {
-    for c in 0..x.columns() {
+    // From the last column and row on, since J takes a row from one above it.
+    let (rows, stride) = (x.rows(), x.stride());
+    for c in (0..x.columns()).rev() {
         let j = first + c;
         // Panels 1 .. blocks reach into this column.
         let column = Column { layout, theta, phi: &phi[..phi.len().min(j / layout.n)], offsets, shifts, abar, j };
-        let x = x.column_mut(c);
+        let begin = c * stride;
+        let x = x.data_mut();
         for (seen, &row) in work.iter_mut().zip(outputs) {
-            *seen = x[row];
+            *seen = x[begin + row];
         }
-        // From the last row up, since J takes a row from one above it.
-        let mut rows = x.len();
-        while rows > 0 {
-            rows -= match rows % 32 {
-                0 => column.advance::<32>(rows, x, work),
-                16 => column.advance::<16>(rows, x, work),
-                _ => column.advance::<8>(rows, x, work),
+        let mut end = rows;
+        while end > 0 {
+            end -= match end % 32 {
+                0 => column.advance::<32>(end, begin, x, work),
+                16 => column.advance::<16>(end, begin, x, work),
+                _ => column.advance::<8>(end, begin, x, work),
             };
         }
     }
@@ -113,32 +115,41 @@ struct Column<'a, S> {
 }
 
 impl<S: Scalar> Column<'_, S> {
-    /// Rows `end` - W .. `end` of the column. Returns W.
+    /// Rows `end` - W .. `end` of the column that begins at `x[begin]`. Returns W.
     #[inline(always)]
-    fn advance<const W: usize>(&self, end: usize, x: &mut [S], seen: &[S]) -> usize {
+    fn advance<const W: usize>(&self, end: usize, begin: usize, x: &mut [S], seen: &[S]) -> usize {
         let at = end - W;
         let mut sum = Pack::<S, W>::zero();
         for (i, &offset) in self.offsets.iter().enumerate() {
-            let mut from = Pack::zero();
-            if at >= offset {
-                from = Pack::load(&x[at - offset..]);
-            } else {
-                for l in 0..W {
-                    if at + l >= offset {
-                        from.0[l] = x[at + l - offset];
-                    }
-                }
-            }
+            // Above the column stands the end of the one before, which the zeros of J take out.
+            let place = begin + at;
+            let from = if place >= offset { Pack::load(&x[place - offset..]) } else { first_rows(x, offset - place) };
             sum = sum.add_product(from, Pack::load(&self.shifts.column(i)[at..]));
         }
         for k in 0..self.abar.columns() {
             sum = sum.add_scaled(Pack::load(&self.abar.column(k)[at..]), seen[k]);
         }
-        for (b, &weight) in self.phi.iter().enumerate() {
-            let place = self.layout.column(b + 1, self.j) - self.layout.start(1);
-            sum = sum.add_scaled(Pack::load(&self.theta.column(place)[at..]), weight);
+        if !self.phi.is_empty() {
+            // In panel 1, of which column n is the first; then a panel on, each with n columns fewer.
+            let (n, mut place) = (self.layout.n, self.j - self.layout.n);
+            let mut step = (self.layout.count - 1) * n;
+            for &weight in self.phi {
+                sum = sum.add_scaled(Pack::load(&self.theta.column(place)[at..]), weight);
+                step -= n;
+                place += step;
+            }
         }
-        sum.store(&mut x[at..]);
+        sum.store(&mut x[begin + at..]);
         W
     }
+}
+
+/// So many zeros, then entries of x.
+#[inline(always)]
+fn first_rows<S: Scalar, const W: usize>(x: &[S], zeros: usize) -> Pack<S, W> {
+    let mut pack = Pack::zero();
+    for l in zeros..W {
+        pack.0[l] = x[l - zeros];
+    }
+    pack
 }

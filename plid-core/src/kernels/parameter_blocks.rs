@@ -62,15 +62,39 @@ fn gather<S: Scalar>(
     filled: usize,
     to: &mut [S],
 ) {
-    let j = layout.n() + c;
-    for at in (0..filled).step_by(TILE) {
-        let mut sum = Pack::<S, TILE>::zero();
-        for (s, &weight) in weights.iter().enumerate().skip(first) {
-            let place = layout.column(s + 1, j) - layout.start(1);
-            sum = sum.add_scaled(Pack::load(&theta.column(place)[at..]), weight * root);
-        }
-        sum.store(&mut to[at..]);
+    let mut at = 0;
+    while at < filled {
+        at += match filled - at {
+            32.. => gather_rows::<S, 32>(layout, theta, weights, first, c, root, at, to),
+            16.. => gather_rows::<S, 16>(layout, theta, weights, first, c, root, at, to),
+            _ => gather_rows::<S, 8>(layout, theta, weights, first, c, root, at, to),
+        };
     }
+}
+
+/// Rows at .. at + W of it. Returns W.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn gather_rows<S: Scalar, const W: usize>(
+    layout: PanelLayout,
+    theta: View<'_, S>,
+    weights: &[S],
+    first: usize,
+    c: usize,
+    root: S,
+    at: usize,
+    to: &mut [S],
+) -> usize {
+    let mut sum = Pack::<S, W>::zero();
+    for s in first..weights.len() {
+        // Diagonal weights have one term.
+        if weights[s] != S::zero() {
+            let place = layout.column(s + 1, layout.n() + c) - layout.start(1);
+            sum = sum.add_scaled(Pack::load(&theta.column(place)[at..]), weights[s]);
+        }
+    }
+    sum.scaled(root).store(&mut to[at..]);
+    W
 }
 
 /// SUM <- SUM + V V^T, lower triangle, for the first `filled` rows of V; the others are zero.
@@ -91,17 +115,25 @@ fn add_squares<S: Scalar>(v: View<'_, S>, filled: usize, mut sum: ViewMut<'_, S>
 /// Rows i .. i + W and columns j .. j + TILE of the sum, in registers. Returns W.
 #[inline(always)]
 fn add_tile<S: Scalar, const W: usize>(v: View<'_, S>, i: usize, j: usize, mut sum: ViewMut<'_, S>) -> usize {
-    let mut tile: [Pack<S, W>; TILE] = std::array::from_fn(|q| Pack::load(&sum.column(j + q)[i..]));
+    // Each by its name: of an array of packs the compiler would make memory.
+    let load = |q: usize| Pack::<S, W>::load(&sum.column(j + q)[i..]);
+    let (mut t0, mut t1, mut t2, mut t3) = (load(0), load(1), load(2), load(3));
+    let (mut t4, mut t5, mut t6, mut t7) = (load(4), load(5), load(6), load(7));
     for c in 0..v.columns() {
         let column = v.column(c);
         let left = Pack::<S, W>::load(&column[i..]);
         let right = &column[j..j + TILE];
-        for q in 0..TILE {
-            tile[q] = tile[q].add_scaled(left, right[q]);
-        }
+        t0 = t0.add_scaled(left, right[0]);
+        t1 = t1.add_scaled(left, right[1]);
+        t2 = t2.add_scaled(left, right[2]);
+        t3 = t3.add_scaled(left, right[3]);
+        t4 = t4.add_scaled(left, right[4]);
+        t5 = t5.add_scaled(left, right[5]);
+        t6 = t6.add_scaled(left, right[6]);
+        t7 = t7.add_scaled(left, right[7]);
     }
-    for q in 0..TILE {
-        tile[q].store(&mut sum.column_mut(j + q)[i..]);
+    for (q, tile) in [t0, t1, t2, t3, t4, t5, t6, t7].into_iter().enumerate() {
+        tile.store(&mut sum.column_mut(j + q)[i..]);
     }
     W
 }
