@@ -63,7 +63,10 @@ impl<S: Kernels> Advance<S> {
 #[derive(Clone, Debug)]
 pub struct Corner<S> {
     n: usize,
-    /// A panel's rows x 2n.
+    /// A panel's rows.
+    rows: usize,
+    /// W, 2n columns of a panel's rows. They are stored a little further apart, lest the entries of a row fall on the same few
+    /// lines of a cache.
     array: Dense<S>,
     /// The weights of its columns.
     weights: Vec<S>,
@@ -95,7 +98,8 @@ impl<S: Kernels> Corner<S> {
         let (n, rows, starts) = (advance.layout.n(), advance.layout.rows(), advance.first_columns());
         Self {
             n,
-            array: Dense::zeros(rows, 2 * n),
+            rows,
+            array: Dense::zeros(rows + PanelLayout::ROWS, 2 * n),
             weights: vec![S::one(); 2 * n],
             triangular: starts.iter().enumerate().map(|(i, &start)| [start, n + i]).collect(),
             general: starts.iter().map(|&start| [start, n]).collect(),
@@ -116,9 +120,10 @@ impl<S: Kernels> Corner<S> {
     pub fn lay(&mut self, advance: &Advance<S>, ux: View<'_, S>, qbar: &Dense<S>) -> Result<Laid, BadPivot> {
         let n = self.n;
         for c in 0..n {
-            self.array.column_mut(c).copy_from_slice(ux.column(c));
+            self.array.column_mut(c)[..self.rows].copy_from_slice(ux.column(c));
         }
-        let (left, right) = self.array.view_mut().split_at_column(n);
+        let mut array = self.array.view_mut();
+        let (left, right) = array.block_mut(0, 0, self.rows, 2 * n).split_at_column(n);
         advance.apply(ux, &[], 0, left, &mut self.outputs);
         // Qbar is a moment. If it is clearly definite its factor may be triangular, which leaves rows of the array short.
         let tolerance = 64.0 * n as f64 * S::EPSILON;
@@ -148,9 +153,8 @@ impl<S: Kernels> Corner<S> {
         self.weights[..n].copy_from_slice(d);
         let starts = if laid.triangular { &self.triangular } else { &self.general };
         let mut array = self.array.view_mut();
-        let rows = array.rows();
         B::weighted_gram_schmidt(
-            array.block_mut(0, 0, rows, laid.columns),
+            array.block_mut(0, 0, self.rows, laid.columns),
             Support { starts, middle: n },
             &self.weights[..laid.columns],
             u,
@@ -176,8 +180,7 @@ impl<S: Kernels> Corner<S> {
         }
         let starts = if laid.triangular { &self.starts } else { &self.zeros };
         let mut array = self.array.view_mut();
-        let rows = array.rows();
         let tails = Tails { starts, ends: &self.ends };
-        B::triangular_factor(array.block_mut(0, 0, rows, laid.columns), n, tails, s, &mut self.work);
+        B::triangular_factor(array.block_mut(0, 0, self.rows, laid.columns), n, tails, s, &mut self.work);
     }
 }
