@@ -60,7 +60,7 @@ fn all_forms_and_backends_agree_on_it() {
         variance(tuned.noise_levels.1).iter().zip(tuned.form.indices()).flat_map(|(v, n)| vec![*v; *n]).collect();
     for (covariance, backend) in variants {
         let mut experiment = experiment();
-        experiment.variant.covariance = covariance;
+        experiment.variant.covariance = Some(covariance);
         experiment.variant.backend = backend;
         experiment.noise.from = plid::lab::experiment::NoiseSource::Given;
         experiment.noise.sensor = Some(plid::lab::experiment::Covariance::Diagonal(variance(tuned.noise_levels.0[0])));

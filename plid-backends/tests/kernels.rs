@@ -61,7 +61,7 @@ fn block_product<B: Backend>() {
         let symmetric = entries::<B::Scalar>(size, size, 2);
         let at = |i: usize, j: usize| symmetric.at(i.max(j), i.min(j)).to_f64();
         let lower =
-            Dense::from_fn(size, size, |i, j| if i >= j { symmetric.at(i, j) } else { B::Scalar::from_f64(f64::NAN) });
+            Dense::from_fn(size, size, |i, j| if i >= j { symmetric.at(i, j) } else { B::Scalar::from_f64(0.0) });
         let phi: Vec<f64> = (0..k).map(|t| (1.0 + t as f64).sin()).collect();
         let phi_s: Vec<_> = phi.iter().map(|&x| B::Scalar::from_f64(x)).collect();
         let y = entries::<B::Scalar>(size, n, 9);

@@ -41,26 +41,33 @@ pub trait Backend: Clone + Copy + Debug + Send + Sync + 'static {
         );
     }
 
-    /// Y <- Y + M (phi (x) I)^T for a symmetric M of which the lower triangle is stored. M is kn x kn, phi has k
-    /// entries, Y is kn x n; `work` holds n x kn.
+    /// Y <- Y + M (phi (x) I)^T for a symmetric M of which the lower triangle is stored, with zeros above it. M is kn x kn, phi has k
+    /// entries, Y is kn x n; `work` holds n x kc, for c columns of Y at a time.
     fn block_product_lower(
         m: View<'_, Self::Scalar>,
         phi: &[Self::Scalar],
         mut y: ViewMut<'_, Self::Scalar>,
         mut work: ViewMut<'_, Self::Scalar>,
     ) {
-        let half = y.columns() / 2;
-        let (first, second) = y.reborrow().split_at_column(half);
-        let (first_work, second_work) = work.reborrow().split_at_column(half * phi.len());
-        Self::join(
-            || Self::Scalar::block_product_lower(m, phi, 0, first, first_work),
-            || Self::Scalar::block_product_lower(m, phi, half, second, second_work),
-        );
-        let (first, second) = y.split_at_column(half);
-        Self::join(
-            || Self::Scalar::add_mirrored(work.view(), 0, first),
-            || Self::Scalar::add_mirrored(work.view(), half, second),
-        );
+        let (n, k) = (y.columns(), phi.len());
+        let at_once = work.columns() / k;
+        for from in (0..n).step_by(at_once) {
+            let count = at_once.min(n - from);
+            let half = count / 2;
+            let mut columns = y.block_mut(0, from, m.rows(), count);
+            let (first, second) = columns.reborrow().split_at_column(half);
+            let mut work = work.block_mut(0, 0, n, k * count);
+            let (first_work, second_work) = work.reborrow().split_at_column(half * k);
+            Self::join(
+                || Self::Scalar::block_product_lower(m, phi, from, first, first_work),
+                || Self::Scalar::block_product_lower(m, phi, from + half, second, second_work),
+            );
+            let (first, second) = y.reborrow().split_at_column(n / 2);
+            Self::join(
+                || Self::Scalar::add_mirrored(work.view(), k, from, 0, first),
+                || Self::Scalar::add_mirrored(work.view(), k, from, n / 2, second),
+            );
+        }
     }
 
     /// Modified weighted Gram-Schmidt (Thornton; Bierman 1977, ch. VI) of the rows of W (n x r, and any rows after them),

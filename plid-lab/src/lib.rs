@@ -4,6 +4,7 @@ pub mod experiment;
 pub mod identify;
 pub mod model;
 pub mod prepare;
+pub mod recommendation;
 pub mod report;
 pub mod run;
 pub mod signal;

@@ -2,7 +2,7 @@
 //!
 //! A new covariance form, expectation, backend or scalar is one line in its list below, and at once can be named in a config.
 
-use plid_backends::{Faer, Nalgebra, Plain};
+use plid_backends::{Faer, Nalgebra, Plain, TwoThreads};
 use plid_core::{
     Backend, Checkpoint, ConditionalExpectations, CovariancePropagation, Health, IdentifiedModel, Identifier,
     IdentifierError, NoiseModel, ObservableForm, Scalar, ScalarOf, Settings,
@@ -19,7 +19,7 @@ pub enum CovarianceName {
     Direct,
     /// Joseph's measurement update.
     Joseph,
-    /// U D U^T: cannot lose positivity, so it is the default.
+    /// U D U^T: cannot lose positivity.
     #[default]
     BiermanUd,
     /// S S^T by orthogonal transformations.
@@ -47,9 +47,11 @@ pub enum ExpectationName {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum BackendName {
-    /// Plain loops; the only one for double-double.
+    /// Plain loops.
     #[default]
     Plain,
+    /// Plain loops on two threads, to the same bits.
+    TwoThreads,
     /// nalgebra
     Nalgebra,
     /// faer
@@ -80,6 +82,10 @@ pub trait Recursion: Send {
     fn innovation(&self) -> &[f64];
     /// The plant as it stands.
     fn identified(&self) -> IdentifiedModel;
+    /// The estimate of s, N entries, each as an unevaluated sum of two numbers: exactly, in every scalar.
+    fn estimate(&self) -> Vec<[f64; 2]>;
+    /// The numbers that P's form consists of, as [`CovariancePropagation::state`] lays them out, each likewise exactly.
+    fn covariance_state(&self) -> Vec<[f64; 2]>;
     /// How sound P is.
     fn health(&self) -> Health;
     /// All that is needed to go on.
@@ -100,6 +106,12 @@ impl<C: CovariancePropagation, E: ConditionalExpectations<C>> Recursion for Iden
     }
     fn identified(&self) -> IdentifiedModel {
         Identifier::identified(self)
+    }
+    fn estimate(&self) -> Vec<[f64; 2]> {
+        Identifier::estimate(self).iter().map(|x| x.to_parts()).collect()
+    }
+    fn covariance_state(&self) -> Vec<[f64; 2]> {
+        self.covariance().state().into_iter().map(Scalar::to_parts).collect()
     }
     fn health(&self) -> Health {
         Identifier::health(self)
@@ -137,7 +149,8 @@ pub enum VariantError {
     Identifier(#[from] IdentifierError),
 }
 
-type Built = Result<Box<dyn Recursion>, VariantError>;
+/// A recursion, or why there is none.
+pub type Built = Result<Box<dyn Recursion>, VariantError>;
 
 impl Variant {
     /// Builds the recursion.
@@ -150,6 +163,9 @@ impl Variant {
             (BackendName::Plain, ScalarName::F32) => self.on::<Plain<f32>>(start),
             (BackendName::Plain, ScalarName::F64) => self.on::<Plain<f64>>(start),
             (BackendName::Plain, ScalarName::DoubleDouble) => self.on::<Plain<qd::Quad>>(start),
+            (BackendName::TwoThreads, ScalarName::F32) => self.on::<TwoThreads<f32>>(start),
+            (BackendName::TwoThreads, ScalarName::F64) => self.on::<TwoThreads<f64>>(start),
+            (BackendName::TwoThreads, ScalarName::DoubleDouble) => self.on::<TwoThreads<qd::Quad>>(start),
             (BackendName::Nalgebra, ScalarName::F32) => self.on::<Nalgebra<f32>>(start),
             (BackendName::Nalgebra, ScalarName::F64) => self.on::<Nalgebra<f64>>(start),
             (BackendName::Faer, ScalarName::F32) => self.on::<Faer<f32>>(start),
@@ -157,6 +173,14 @@ impl Variant {
             (BackendName::Nalgebra, ScalarName::DoubleDouble) => Err(VariantError::NoDoubleDouble("nalgebra")),
             (BackendName::Faer, ScalarName::DoubleDouble) => Err(VariantError::NoDoubleDouble("faer")),
         }
+    }
+
+    /// Builds the recursion on a backend of one's own, whatever `backend` and `scalar` name.
+    ///
+    /// # Errors
+    /// An impossible start.
+    pub fn build_on<B: Backend>(self, form: ObservableForm, noise: &NoiseModel, settings: &Settings) -> Built {
+        self.on::<B>((form, noise, settings))
     }
 
     fn on<B: Backend>(self, start: Start<'_>) -> Built {
@@ -201,7 +225,7 @@ mod tests {
         let covariances =
             [CovarianceName::Direct, CovarianceName::Joseph, CovarianceName::BiermanUd, CovarianceName::ArraySqrt];
         for covariance in covariances {
-            for backend in [BackendName::Plain, BackendName::Nalgebra, BackendName::Faer] {
+            for backend in [BackendName::Plain, BackendName::TwoThreads, BackendName::Nalgebra, BackendName::Faer] {
                 for scalar in [ScalarName::F32, ScalarName::F64, ScalarName::DoubleDouble] {
                     let variant = Variant { covariance, backend, scalar, ..Variant::default() };
                     match variant.build(form.clone(), &noise, &settings) {
@@ -210,7 +234,8 @@ mod tests {
                             assert_eq!(recursion.innovation(), [1.0, 2.0]);
                         }
                         Err(error) => {
-                            assert!(scalar == ScalarName::DoubleDouble && backend != BackendName::Plain, "{error}");
+                            let library = matches!(backend, BackendName::Nalgebra | BackendName::Faer);
+                            assert!(library && scalar == ScalarName::DoubleDouble, "{error}");
                         }
                     }
                 }

@@ -11,6 +11,7 @@ use plid::lab::identify::IdentifyError;
 use plid::lab::model::ModelError;
 use plid::lab::run::RunError;
 use plid::lab::variant::VariantError;
+use plid_bench::study::StudyError;
 
 /// A failure with the exit status that it has.
 pub enum Failure {
@@ -105,5 +106,17 @@ impl From<ModelError> for Failure {
 impl From<DataError> for Failure {
     fn from(error: DataError) -> Self {
         Self::Input(error.into())
+    }
+}
+
+impl From<StudyError> for Failure {
+    fn from(error: StudyError) -> Self {
+        match error {
+            StudyError::File { path, source } => Self::file(&path, &source),
+            // Not wrapped, so that the place in the file is shown.
+            StudyError::Config(error) => Self::Input(error.into()),
+            StudyError::Content { .. } => Self::input(error),
+            StudyError::Cell { .. } | StudyError::Interrupted { .. } => Self::work(error),
+        }
     }
 }

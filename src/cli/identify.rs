@@ -8,9 +8,10 @@ use plid::lab::experiment::{
     ValidationConfig, to_toml,
 };
 use plid::lab::prepare::{Advance, Preparation};
+use plid::lab::recommendation::VariantChoice;
 use plid::lab::report::write_atomic;
 use plid::lab::run::CHECKPOINT;
-use plid::lab::variant::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
+use plid::lab::variant::{BackendName, CovarianceName, ExpectationName, ScalarName};
 
 use super::{Failure, Voice, directory};
 
@@ -57,9 +58,9 @@ pub struct Arguments {
     /// The variable of a .mat or .npz file that holds the record.
     #[arg(long, value_name = "NAME")]
     variable: Option<String>,
-    /// How the covariance is carried: direct, joseph, bierman-ud or array-sqrt.
-    #[arg(long, value_parser = parse::<CovarianceName>, default_value = "bierman-ud")]
-    covariance: CovarianceName,
+    /// How the covariance is carried: direct, joseph, bierman-ud or array-sqrt; left out, what is recommended for the size, scalar and length.
+    #[arg(long, value_parser = parse::<CovarianceName>)]
+    covariance: Option<CovarianceName>,
     /// The conditional expectation: prior, posterior, moment-matched, certainty-equivalent or joint-ekf.
     #[arg(long, value_parser = parse::<ExpectationName>, default_value = "moment-matched")]
     expectations: ExpectationName,
@@ -164,7 +165,7 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
             scan: arguments.scan.clone(),
         },
         noise: NoiseConfig::default(),
-        variant: Variant {
+        variant: VariantChoice {
             covariance: arguments.covariance,
             expectations: arguments.expectations,
             backend: arguments.backend,

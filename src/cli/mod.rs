@@ -1,5 +1,6 @@
 //! The command line: one subcommand a file.
 
+mod bench;
 mod directory;
 mod failure;
 mod identify;
@@ -41,6 +42,7 @@ enum Command {
     Identify(identify::Arguments),
     Simulate(simulate::Arguments),
     Validate(validate::Arguments),
+    Bench(bench::Arguments),
 }
 
 /// Runs the command that the arguments name.
@@ -53,6 +55,7 @@ pub fn main() -> ExitCode {
         Command::Identify(arguments) => identify::execute(arguments, voice),
         Command::Simulate(arguments) => simulate::execute(arguments, voice),
         Command::Validate(arguments) => validate::execute(arguments, voice),
+        Command::Bench(arguments) => bench::execute(arguments, voice),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -10,7 +10,9 @@ use crate::{Scalar, View, ViewMut};
 use super::gram_schmidt::Support;
 use super::householder::Tails;
 use super::panels::PanelLayout;
-use super::{gram_schmidt, householder, measurement, output_columns, panels, parameter_blocks, rank_one, symmetric};
+use super::{
+    Shift, gram_schmidt, householder, measurement, output_columns, panels, parameter_blocks, rank_one, symmetric,
+};
 
 /// Hands the list of all kernels, for the scalar `$s`, to the macro `$make`. A new kernel is one entry here and its body.
 macro_rules! each_kernel {
@@ -21,32 +23,31 @@ macro_rules! each_kernel {
             /// columns) is touched. A and B are N x k.
             symmetric::symmetric_product_lower(c: ViewMut<'_, $s>, alpha: $s, a: View<'_, $s>, b: View<'_, $s>);
             /// The part of M (phi (x) I)^T that columns `first`.. of Y (the columns of `y`) have from the stored lower triangle of the
-            /// symmetric M (kn x kn), added to `y`; what its mirror image gives to rows b, n + b, 2n + b, .. of Y for
+            /// symmetric M (kn x kn; zeros stand above its diagonal), added to `y`; what its mirror image gives to rows b, n + b, 2n + b, .. of Y for
             /// the same columns b stands, transposed, in the k columns that each b has in `mirrored` (n x k times the columns of `y`).
             symmetric::block_product_lower(
                 m: View<'_, $s>, phi: &[$s], first: usize, y: ViewMut<'_, $s>, mirrored: ViewMut<'_, $s>
             );
-            /// Adds what [`Kernels::block_product_lower`] has left in `mirrored` (n x kn, for all columns) to columns `first`.. of Y,
-            /// the columns of `y` (kn rows).
-            symmetric::add_mirrored(mirrored: View<'_, $s>, first: usize, y: ViewMut<'_, $s>);
+            /// Adds what [`Kernels::block_product_lower`] has left in `mirrored` (n x k times some columns, of which the first is
+            /// column `row` of Y) to rows `row`.. of each of the k blocks of columns `first`.. of Y, the columns of `y` (kn rows).
+            symmetric::add_mirrored(mirrored: View<'_, $s>, k: usize, row: usize, first: usize, y: ViewMut<'_, $s>);
             /// X <- X + (phi^T (x) I) Theta: to each column of X (n x c) the weighted sum of the k blocks of n entries in that
             /// column of Theta (kn x c).
             symmetric::add_block_sums(x: ViewMut<'_, $s>, theta: View<'_, $s>, phi: &[$s]);
-            /// OUT <- OUT + sum_st W_st M_st, lower triangle, over the n x n blocks M_st of a symmetric M (kn x kn) of which the
-            /// lower triangle is stored; W (k x k) is symmetric. `work` holds n x n.
+            /// OUT <- OUT + sum_st W_st M_st over the n x n blocks M_st of a symmetric M (kn x kn) of which the lower triangle is
+            /// stored, with zeros above it; W (k x k) is symmetric. Only the lower triangle of OUT is meant. `work` holds n x n.
             symmetric::add_weighted_blocks_lower(
                 m: View<'_, $s>, weights: View<'_, $s>, out: ViewMut<'_, $s>, work: ViewMut<'_, $s>
             );
             /// K = M (L L^T)^-1 for M (N x k) and the lower Cholesky factor L (k x k).
             symmetric::solve_gain(cross: View<'_, $s>, factor: View<'_, $s>, gain: ViewMut<'_, $s>);
-            /// X <- Abar X for Abar = J + sum_k abar_k e_{c_k}^T: `shift_source` says where each row of J has its one (above
-            /// it), `rows` are the c_k, `abar` (n x p) holds the abar_k. `work` holds p entries.
+            /// X <- Abar X for Abar = J + sum_k abar_k e_{c_k}^T: `rows` are the c_k, `abar` (n x p) holds the abar_k. `work` holds p entries.
             symmetric::advance_columns(
-                x: ViewMut<'_, $s>, shift_source: &[Option<usize>], rows: &[usize], abar: View<'_, $s>, work: &mut [$s]
+                x: ViewMut<'_, $s>, shift: &Shift, rows: &[usize], abar: View<'_, $s>, work: &mut [$s]
             );
             /// X <- X Abar^T (N x n) for the same Abar. `kept` holds N x p.
             symmetric::advance_rows(
-                x: ViewMut<'_, $s>, shift_source: &[Option<usize>], rows: &[usize], abar: View<'_, $s>, kept: ViewMut<'_, $s>
+                x: ViewMut<'_, $s>, shift: &Shift, rows: &[usize], abar: View<'_, $s>, kept: ViewMut<'_, $s>
             );
             /// Takes the rows of H U (k x N, one a measurement) through all updates of U diag(d) U^T: `spreads` (the innovations'
             /// variances; before, those of the noise) and `d` as after them, and the two numbers of each update and column into

@@ -63,7 +63,9 @@ pub fn weighted_gram_schmidt<S: Scalar>(
         while at < j {
             let w = w.reborrow();
             at += match rows - at {
-                32.. if j - at > 16 => subtract_and_multiply::<S, 32>(w, support.ranges(j, columns), done, weighted, at, factors),
+                32.. if j - at > 16 => {
+                    subtract_and_multiply::<S, 32>(w, support.ranges(j, columns), done, weighted, at, factors)
+                }
                 16.. => subtract_and_multiply::<S, 16>(w, support.ranges(j, columns), done, weighted, at, factors),
                 8.. => subtract_and_multiply::<S, 8>(w, support.ranges(j, columns), done, weighted, at, factors),
                 _ => subtract_and_multiply::<S, 1>(w, support.ranges(j, columns), done, weighted, at, factors),

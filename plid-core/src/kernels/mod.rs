@@ -12,6 +12,7 @@ mod pack;
 mod panels;
 mod parameter_blocks;
 mod rank_one;
+mod shift;
 mod symmetric;
 
 pub use cholesky::{BadPivot, cholesky, pivoted_cholesky, semidefinite_ldl, solve_lower};
@@ -22,6 +23,7 @@ pub use measurement::hypotenuse;
 pub use pack::Pack;
 pub use panels::PanelLayout;
 pub use parameter_blocks::DEPTH;
+pub use shift::Shift;
 
 use crate::Scalar;
 

@@ -33,12 +33,7 @@ pub fn agee_turner<S: Scalar>(
 
 /// Rotates a into S.
 #[inline(always)]
-pub fn rotate_in<S: Scalar>(
-    layout: PanelLayout,
-    mut s: ViewMut<'_, S>,
-    mut a: ViewMut<'_, S>,
-    place: usize,
-) {
+pub fn rotate_in<S: Scalar>(layout: PanelLayout, mut s: ViewMut<'_, S>, mut a: ViewMut<'_, S>, place: usize) {
     for j in (0..=place).rev() {
         let (block, row) = (j / layout.n(), j % layout.n());
         let (pivot, head) = (s.at(row, layout.column(block, j)), a.at(row, block));

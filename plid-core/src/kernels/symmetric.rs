@@ -1,6 +1,6 @@
 //! What a covariance of which the lower triangle is stored goes through in a step.
 
-use super::Pack;
+use super::{Pack, Shift};
 use crate::{Scalar, View, ViewMut};
 
 #[inline(always)]
@@ -21,23 +21,29 @@ pub fn symmetric_product_lower<S: Scalar>(mut c: ViewMut<'_, S>, alpha: S, a: Vi
 }
 
 /// As many columns of C as share the loads of A.
-const TILE: usize = 4;
+const FOUR: usize = 4;
+
+/// Entries of a cache line in f64; a half of one in f32.
+const LINE: usize = 8;
 
 #[inline(always)]
 fn product_of_rank<S: Scalar, const K: usize>(mut c: ViewMut<'_, S>, alpha: S, a: View<'_, S>, b: View<'_, S>) {
     let n = c.columns();
-    let tiled = n - n % TILE;
-    for j in (0..tiled).step_by(TILE) {
-        let weights: [[S; TILE]; K] = std::array::from_fn(|k| std::array::from_fn(|q| alpha * b.at(j + q, k)));
-        // The corner above row j + TILE is a small triangle.
-        for q in 0..TILE {
-            for i in j + q..j + TILE {
-                let entry = c.at_mut(i, j + q);
-                *entry = (0..K).fold(*entry, |sum, k| a.at(i, k).mul_add(weights[k][q], sum));
+    let tiled = n - n % LINE;
+    for j in (0..tiled).step_by(LINE) {
+        corner::<S, K>(c.reborrow(), j, alpha, a, b);
+        // Below the corner a line begins, if the matrix does on one.
+        let below = j + LINE;
+        for first in (j..below).step_by(FOUR) {
+            let weights: [[S; FOUR]; K] = std::array::from_fn(|k| std::array::from_fn(|q| alpha * b.at(first + q, k)));
+            let [c0, c1, c2, c3] = c.four_columns_mut(first);
+            let columns = [&mut c0[below..], &mut c1[below..], &mut c2[below..], &mut c3[below..]];
+            let mut factors: [&[S]; K] = [&[]; K];
+            for k in 0..K {
+                factors[k] = &a.column(k)[below..];
             }
+            add_to_four(columns, factors, weights);
         }
-        let columns = c.four_columns_mut(j).map(|column| &mut column[j + TILE..]);
-        add_to_four(columns, std::array::from_fn(|k| &a.column(k)[j + TILE..]), weights);
     }
     for j in tiled..n {
         for k in 0..K {
@@ -49,17 +55,33 @@ fn product_of_rank<S: Scalar, const K: usize>(mut c: ViewMut<'_, S>, alpha: S, a
     }
 }
 
+/// The LINE x LINE entries from (j, j) on: what is above the diagonal stays.
+#[inline(always)]
+fn corner<S: Scalar, const K: usize>(mut c: ViewMut<'_, S>, j: usize, alpha: S, a: View<'_, S>, b: View<'_, S>) {
+    for q in 0..LINE {
+        let column = &mut c.column_mut(j + q)[j..j + LINE];
+        let before = Pack::<S, LINE>::load(column);
+        let mut sum = before;
+        for k in 0..K {
+            sum = sum.add_scaled(Pack::load(&a.column(k)[j..]), alpha * b.at(j + q, k));
+        }
+        for i in 0..LINE {
+            sum.0[i] = if i < q { before.0[i] } else { sum.0[i] };
+        }
+        sum.store(column);
+    }
+}
+
 /// Column q of four gets the sum of `weights[k][q]` `a[k]`.
 #[inline(always)]
-fn add_to_four<S: Scalar, const K: usize>(columns: [&mut [S]; TILE], a: [&[S]; K], weights: [[S; TILE]; K]) {
+fn add_to_four<S: Scalar, const K: usize>(columns: [&mut [S]; FOUR], a: [&[S]; K], weights: [[S; FOUR]; K]) {
     let [c0, c1, c2, c3] = columns;
     let n = c0.len();
     let (c1, c2, c3) = (&mut c1[..n], &mut c2[..n], &mut c3[..n]);
-    let a = a.map(|a| &a[..n]);
     for i in 0..n {
         let mut sums = [c0[i], c1[i], c2[i], c3[i]];
         for k in 0..K {
-            for q in 0..TILE {
+            for q in 0..FOUR {
                 sums[q] = a[k][i].mul_add(weights[k][q], sums[q]);
             }
         }
@@ -76,22 +98,27 @@ pub fn block_product_lower<S: Scalar>(
     mut mirrored: ViewMut<'_, S>,
 ) {
     let (n, k) = (mirrored.rows(), phi.len());
-    for b in 0..y.columns() {
-        let y = y.column_mut(b);
-        let mut mirrored = mirrored.block_mut(0, b * k, n, k);
+    for column in 0..y.columns() {
+        let b = first + column;
+        let y = y.column_mut(column);
+        let mirrored = &mut mirrored.data_mut()[column * k * n..(column + 1) * k * n];
         let mut at = 0;
         while at < n {
             at += match n - at {
-                16.. => rows_of_product::<S, 16>(m, phi, first + b, at, y, mirrored.reborrow()),
-                8.. => rows_of_product::<S, 8>(m, phi, first + b, at, y, mirrored.reborrow()),
-                4.. => rows_of_product::<S, 4>(m, phi, first + b, at, y, mirrored.reborrow()),
-                _ => rows_of_product::<S, 1>(m, phi, first + b, at, y, mirrored.reborrow()),
+                32.. => rows_of_product::<S, 32>(m, phi, b, at, y, mirrored),
+                8.. => rows_of_product::<S, 8>(m, phi, b, at, y, mirrored),
+                4.. => rows_of_product::<S, 4>(m, phi, b, at, y, mirrored),
+                _ => rows_of_product::<S, 1>(m, phi, b, at, y, mirrored),
             };
+        }
+        for block in 0..k {
+            // The diagonal is its own mirror image.
+            mirrored[block * n + b] -= m.at(block * n + b, block * n + b) * phi[block];
         }
     }
 }
 
-/// Rows at .. at + W of each block. Returns W.
+/// Rows at .. at + W of each block; returns W.
 #[inline(always)]
 fn rows_of_product<S: Scalar, const W: usize>(
     m: View<'_, S>,
@@ -99,95 +126,101 @@ fn rows_of_product<S: Scalar, const W: usize>(
     b: usize,
     at: usize,
     y: &mut [S],
-    mut mirrored: ViewMut<'_, S>,
+    mirrored: &mut [S],
 ) -> usize {
-    let mut first = 0;
-    while first < phi.len() {
-        first += match phi.len() - first {
-            1 => columns_of_product::<S, W, 1>(m, phi, b, at, first, y, mirrored.reborrow()),
-            2 => columns_of_product::<S, W, 2>(m, phi, b, at, first, y, mirrored.reborrow()),
-            3 => columns_of_product::<S, W, 3>(m, phi, b, at, first, y, mirrored.reborrow()),
-            _ => columns_of_product::<S, W, 4>(m, phi, b, at, first, y, mirrored.reborrow()),
+    // As many sums as registers may hold, in straight code.
+    let mut left = 0;
+    while left < phi.len() {
+        left += match phi.len() - left {
+            1 => columns_of_product::<S, W, 1>(m, phi, left, b, at, y, mirrored),
+            2 | 4 => columns_of_product::<S, W, 2>(m, phi, left, b, at, y, mirrored),
+            _ => columns_of_product::<S, W, 3>(m, phi, left, b, at, y, mirrored),
         };
     }
     W
 }
 
-/// Columns b of the blocks first .. first + G, of all blocks of rows at or below them. Returns G.
+/// Columns b of the K blocks from block `left` on, of all blocks of rows from theirs on.
 #[inline(always)]
-fn columns_of_product<S: Scalar, const W: usize, const G: usize>(
+fn columns_of_product<S: Scalar, const W: usize, const K: usize>(
     m: View<'_, S>,
     phi: &[S],
+    left: usize,
     b: usize,
     at: usize,
-    first: usize,
     y: &mut [S],
-    mut mirrored: ViewMut<'_, S>,
+    mirrored: &mut [S],
 ) -> usize {
-    let n = mirrored.rows();
-    let columns: [&[S]; G] = std::array::from_fn(|g| m.column((first + g) * n + b));
-    let weights: [S; G] = std::array::from_fn(|g| phi[first + g]);
-    let mut sums = [Pack::<S, W>::zero(); G];
-    for row in first..phi.len() {
-        let at_row = row * n + at;
-        let mut straight = Pack::<S, W>::load(&y[at_row..]);
-        for g in 0..G {
-            if first + g < row {
-                let entries = Pack::load(&columns[g][at_row..]);
-                straight = straight.add_scaled(entries, weights[g]);
-                sums[g] = sums[g].add_scaled(entries, phi[row]);
-            } else if first + g == row {
-                // A block on the diagonal: rows from b on are stored, and those below b have a mirror image.
-                if at + W > b {
-                    let mut entries = Pack::<S, W>::load(&columns[g][at_row..]);
-                    let mut below = entries;
-                    for i in 0..W {
-                        entries.0[i] = if at + i < b { S::zero() } else { entries.0[i] };
-                        below.0[i] = if at + i <= b { S::zero() } else { below.0[i] };
-                    }
-                    straight = straight.add_scaled(entries, weights[g]);
-                    sums[g] = sums[g].add_scaled(below, phi[row]);
-                }
+    let (n, k) = (mirrored.len() / phi.len(), phi.len());
+    let mut sums = [Pack::<S, W>::zero(); K];
+    // The K block rows that belong to the columns too, and then those below them.
+    for l in 0..K {
+        let row = (left + l) * n + at;
+        let mut straight = Pack::load(&y[row..]);
+        // A loop of K terms is unrolled, so that the sums stay in registers; one up to l would not be.
+        for g in 0..K {
+            if g <= l {
+                let entry = Pack::load(&m.column((left + g) * n + b)[row..]);
+                straight = straight.add_scaled(entry, phi[left + g]);
+                sums[g] = sums[g].add_scaled(entry, phi[left + l]);
             }
         }
-        straight.store(&mut y[at_row..]);
+        straight.store(&mut y[row..]);
     }
-    for g in 0..G {
-        sums[g].store(&mut mirrored.column_mut(first + g)[at..]);
+    for l in left + K..k {
+        let row = l * n + at;
+        let mut straight = Pack::load(&y[row..]);
+        for g in 0..K {
+            let entry = Pack::load(&m.column((left + g) * n + b)[row..]);
+            straight = straight.add_scaled(entry, phi[left + g]);
+            sums[g] = sums[g].add_scaled(entry, phi[l]);
+        }
+        straight.store(&mut y[row..]);
     }
-    G
+    for g in 0..K {
+        sums[g].store(&mut mirrored[(left + g) * n + at..]);
+    }
+    K
 }
 
 #[inline(always)]
-pub fn add_mirrored<S: Scalar>(mirrored: View<'_, S>, first: usize, mut y: ViewMut<'_, S>) {
+pub fn add_mirrored<S: Scalar>(mirrored: View<'_, S>, k: usize, row: usize, first: usize, mut y: ViewMut<'_, S>) {
     let n = mirrored.rows();
-    let k = mirrored.columns() / n;
-    let tiled = y.columns() - y.columns() % EDGE;
-    for a in (0..tiled).step_by(EDGE) {
+    let (height, columns) = (mirrored.columns() / k, y.columns());
+    let stride = y.stride();
+    let (z, y) = (mirrored.data(), y.data_mut());
+    // Columns of Y are far apart, in memory pages of their own: a few of them from top to bottom.
+    for a in (0..columns).step_by(EDGE) {
         for block in 0..k {
-            let whole = n - n % EDGE;
-            for b in (0..whole).step_by(EDGE) {
-                let tile: [[S; EDGE]; EDGE] =
-                    std::array::from_fn(|q| Pack::load(&mirrored.column((b + q) * k + block)[first + a..]).0);
-                for i in 0..EDGE {
-                    let to = &mut y.column_mut(a + i)[block * n + b..][..EDGE];
-                    for q in 0..EDGE {
-                        to[q] += tile[q][i];
+            for b in (0..height).step_by(EDGE) {
+                let from = &z[(b * k + block) * n + first + a..];
+                let to = &mut y[a * stride + block * n + row + b..];
+                if b + EDGE <= height && a + EDGE <= columns {
+                    add_transposed_tile(from, k * n, to, stride);
+                } else {
+                    for i in 0..EDGE.min(columns - a) {
+                        for q in 0..EDGE.min(height - b) {
+                            to[i * stride + q] += from[q * k * n + i];
+                        }
                     }
-                }
-            }
-            for i in 0..EDGE {
-                for b in whole..n {
-                    *y.at_mut(block * n + b, a + i) += mirrored.at(first + a + i, b * k + block);
                 }
             }
         }
     }
-    for a in tiled..y.columns() {
-        for block in 0..k {
-            for b in 0..n {
-                *y.at_mut(block * n + b, a) += mirrored.at(first + a, b * k + block);
-            }
+}
+
+/// Adds the transpose of a tile, whose columns are `step` apart, to a tile whose columns are `stride` apart.
+#[inline(always)]
+fn add_transposed_tile<S: Scalar>(from: &[S], step: usize, to: &mut [S], stride: usize) {
+    let from = &from[..(EDGE - 1) * step + EDGE];
+    for i in 0..EDGE {
+        let mut row = Pack::<S, EDGE>::zero();
+        for q in 0..EDGE {
+            row.0[q] = from[q * step + i];
+        }
+        let to = &mut to[i * stride..i * stride + EDGE];
+        for q in 0..EDGE {
+            to[q] += row.0[q];
         }
     }
 }
@@ -265,7 +298,7 @@ fn divide<S: Scalar>(by: S, x: &mut [S]) {
 #[inline(always)]
 pub fn advance_columns<S: Scalar>(
     mut x: ViewMut<'_, S>,
-    shift_source: &[Option<usize>],
+    shift: &Shift,
     rows: &[usize],
     abar: View<'_, S>,
     work: &mut [S],
@@ -275,19 +308,36 @@ pub fn advance_columns<S: Scalar>(
         for (y, &row) in work.iter_mut().zip(rows) {
             *y = x[row];
         }
-        for i in (0..x.len()).rev() {
-            x[i] = shift_source[i].map_or(S::zero(), |from| x[from]);
-        }
-        for k in 0..rows.len() {
-            subtract(-work[k], abar.column(k), x);
+        shift.apply(x);
+        let mut k = 0;
+        while k < rows.len() {
+            k += match rows.len() - k {
+                1 => add_columns::<S, 1>(x, abar, &work[k..], k),
+                2 => add_columns::<S, 2>(x, abar, &work[k..], k),
+                _ => add_columns::<S, 3>(x, abar, &work[k..], k),
+            };
         }
     }
+}
+
+/// x += the sum of K columns of `terms`, from `first` on, times `weights`. Returns K.
+#[inline(always)]
+fn add_columns<S: Scalar, const K: usize>(x: &mut [S], terms: View<'_, S>, weights: &[S], first: usize) -> usize {
+    let n = x.len();
+    let mut columns: [&[S]; K] = [&[]; K];
+    for k in 0..K {
+        columns[k] = &terms.column(first + k)[..n];
+    }
+    for i in 0..n {
+        x[i] = (0..K).fold(x[i], |sum, k| columns[k][i].mul_add(weights[k], sum));
+    }
+    K
 }
 
 #[inline(always)]
 pub fn advance_rows<S: Scalar>(
     mut x: ViewMut<'_, S>,
-    shift_source: &[Option<usize>],
+    shift: &Shift,
     rows: &[usize],
     abar: View<'_, S>,
     mut kept: ViewMut<'_, S>,
@@ -297,15 +347,54 @@ pub fn advance_rows<S: Scalar>(
     }
     // From the last column to the first, since J takes column i from one before it.
     for i in (0..x.columns()).rev() {
-        match shift_source[i] {
-            Some(from) => {
-                let (from, to) = x.column_pair(from, i);
-                to.copy_from_slice(from);
+        for first in (0..rows.len()).step_by(3) {
+            let source = if first == 0 { shift.source(i) } else { Some(i) };
+            match rows.len() - first {
+                1 => column_of_sum::<S, 1>(x.reborrow(), i, source, abar, kept.view(), first),
+                2 => column_of_sum::<S, 2>(x.reborrow(), i, source, abar, kept.view(), first),
+                _ => column_of_sum::<S, 3>(x.reborrow(), i, source, abar, kept.view(), first),
             }
-            None => x.column_mut(i).fill(S::zero()),
         }
-        for k in 0..rows.len() {
-            subtract(-abar.at(i, k), kept.column(k), x.column_mut(i));
+    }
+}
+
+/// Column i of X becomes column `source`, or nothing, plus the sum of `abar(i, k)` times column k of `kept`, K of them.
+#[inline(always)]
+fn column_of_sum<S: Scalar, const K: usize>(
+    mut x: ViewMut<'_, S>,
+    i: usize,
+    source: Option<usize>,
+    abar: View<'_, S>,
+    kept: View<'_, S>,
+    first: usize,
+) {
+    let (rows, stride) = (x.rows(), x.stride());
+    let mut weights = [S::zero(); K];
+    let mut terms: [&[S]; K] = [&[]; K];
+    for k in 0..K {
+        weights[k] = abar.at(i, first + k);
+        terms[k] = &kept.column(first + k)[..rows];
+    }
+    let sum = |start: S, r: usize| (0..K).fold(start, |sum, k| terms[k][r].mul_add(weights[k], sum));
+    match source {
+        Some(from) if from != i => {
+            let (before, to) = x.data_mut()[from * stride..].split_at_mut((i - from) * stride);
+            let (before, to) = (&before[..rows], &mut to[..rows]);
+            for r in 0..rows {
+                to[r] = sum(before[r], r);
+            }
+        }
+        Some(_) => {
+            let to = x.column_mut(i);
+            for r in 0..rows {
+                to[r] = sum(to[r], r);
+            }
+        }
+        None => {
+            let to = x.column_mut(i);
+            for r in 0..rows {
+                to[r] = sum(S::zero(), r);
+            }
         }
     }
 }
@@ -317,35 +406,51 @@ pub fn add_weighted_blocks_lower<S: Scalar>(
     mut out: ViewMut<'_, S>,
     mut work: ViewMut<'_, S>,
 ) {
-    let (n, k) = (out.columns(), weights.columns());
-    let mut mirrored = false;
+    let n = out.columns();
     for c in 0..n {
-        let sum = work.column_mut(c);
-        sum.fill(S::zero());
-        for t in 0..k {
-            let column = m.column(t * n + c);
-            for s in t..k {
-                let weight = -weights.at(s, t);
-                if weight == S::zero() {
-                    continue;
-                }
-                let block = &column[s * n..(s + 1) * n];
-                if s == t {
-                    subtract(weight, &block[c..], &mut out.column_mut(c)[c..]);
-                } else {
-                    subtract(weight, block, sum);
-                    mirrored = true;
-                }
+        let mut at = 0;
+        while at < n {
+            let (out, work) = (out.column_mut(c), work.column_mut(c));
+            at += match n - at {
+                16.. => rows_of_blocks::<S, 16>(m, weights, c, at, out, work),
+                4.. => rows_of_blocks::<S, 4>(m, weights, c, at, out, work),
+                _ => rows_of_blocks::<S, 1>(m, weights, c, at, out, work),
+            };
+        }
+    }
+    for c in 0..n {
+        for (to, &from) in out.column_mut(c).iter_mut().zip(work.column(c)) {
+            *to += from;
+        }
+    }
+    // M_ts is M_st transposed.
+    add_mirrored(work.view(), 1, 0, 0, out);
+}
+
+/// Rows at .. at + W of column c: the blocks on the diagonal into `out`, those below it into `work`. Returns W.
+#[inline(always)]
+fn rows_of_blocks<S: Scalar, const W: usize>(
+    m: View<'_, S>,
+    weights: View<'_, S>,
+    c: usize,
+    at: usize,
+    out: &mut [S],
+    work: &mut [S],
+) -> usize {
+    let n = out.len();
+    let (mut diagonal, mut below) = (Pack::<S, W>::load(&out[at..]), Pack::<S, W>::zero());
+    for t in 0..weights.columns() {
+        let column = m.column(t * n + c);
+        if at + W > c {
+            diagonal = diagonal.add_scaled(Pack::load(&column[t * n + at..]), weights.at(t, t));
+        }
+        for s in t + 1..weights.columns() {
+            if weights.at(s, t) != S::zero() {
+                below = below.add_scaled(Pack::load(&column[s * n + at..]), weights.at(s, t));
             }
         }
     }
-    if mirrored {
-        // M_ts is M_st transposed.
-        for c in 0..n {
-            let to = out.column_mut(c);
-            for r in c..n {
-                to[r] += work.at(r, c) + work.at(c, r);
-            }
-        }
-    }
+    diagonal.store(&mut out[at..]);
+    below.store(&mut work[at..]);
+    W
 }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::data::MissingPolicy;
 use crate::prepare::Preparation;
-use crate::variant::Variant;
+use crate::recommendation::VariantChoice;
 
 /// One experiment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,7 +29,7 @@ pub struct Experiment {
     pub noise: NoiseConfig,
     /// The types of the recursion.
     #[serde(default)]
-    pub variant: Variant,
+    pub variant: VariantChoice,
     /// The first estimate and its covariance.
     #[serde(default)]
     pub start: StartConfig,

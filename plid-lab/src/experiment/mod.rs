@@ -7,4 +7,4 @@ pub use config::{
     Covariance, DataConfig, Experiment, IdentificationConfig, IndicesChoice, NoiseConfig, NoiseReading, NoiseSource,
     StartConfig, StructureConfig, TestbedData, ValidationConfig,
 };
-pub use parse::{ConfigError, from_toml, read, to_toml};
+pub use parse::{ConfigError, from_toml, from_toml_checked, read, read_checked, to_toml};

@@ -45,13 +45,35 @@ pub enum ConfigError {
 /// # Errors
 /// [`ConfigError`] with file, line and, for a word that is not known, the nearest that is.
 pub fn read(path: &Path) -> Result<Experiment, ConfigError> {
+    read_checked(path, Experiment::problems)
+}
+
+/// Reads a strict TOML file of any kind. `problems` gives what is wrong with its values, as key and reason.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_checked<T: DeserializeOwned>(
+    path: &Path,
+    problems: impl FnOnce(&T) -> Vec<(&'static str, String)>,
+) -> Result<T, ConfigError> {
     let text = std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.into(), source })?;
-    let name = path.display().to_string();
-    let experiment: Experiment = from_toml(&text, &name)?;
-    if let Some((key, message)) = experiment.problems().into_iter().next() {
-        return Err(at(&text, &name, find_key(&text, key), format!("{key}: {message}"), None));
+    from_toml_checked(&text, &path.display().to_string(), problems)
+}
+
+/// Any strict TOML document, checked as by [`read_checked`].
+///
+/// # Errors
+/// As [`read`].
+pub fn from_toml_checked<T: DeserializeOwned>(
+    text: &str,
+    name: &str,
+    problems: impl FnOnce(&T) -> Vec<(&'static str, String)>,
+) -> Result<T, ConfigError> {
+    let value: T = from_toml(text, name)?;
+    match problems(&value).into_iter().next() {
+        Some((key, message)) => Err(at(text, name, find_key(text, key), format!("{key}: {message}"), None)),
+        None => Ok(value),
     }
-    Ok(experiment)
 }
 
 /// Any strict TOML document.

@@ -34,6 +34,7 @@ use crate::identify::{
 };
 use crate::model::{ChannelScaling, Model, Noise, undo_advance, undo_scaling};
 use crate::prepare::{self, Prepared, excitation};
+use crate::recommendation::Conditions;
 use checkpoint::Saved;
 use error::setting;
 use noise::Known;
@@ -43,6 +44,8 @@ use noise::Known;
 pub struct Outcome {
     /// The experiment as it was carried out, every default filled in.
     pub experiment: Experiment,
+    /// What decided the covariance form, where the experiment left it open.
+    pub chosen: Option<Conditions>,
     /// The files read.
     pub sources: Vec<Source>,
     /// What was done to the data, in words.
@@ -173,13 +176,10 @@ pub fn carry_out(
         (0..p).map(|i| noise.sensor.at(i, i)).collect(),
         (0..form.states()).map(|i| noise.state.at(i, i)).sum::<f64>() / form.states() as f64,
     );
-    let plan = Plan {
-        form: form.clone(),
-        noise,
-        settings,
-        variant: experiment.variant,
-        passes: experiment.identification.passes,
-    };
+    let conditions = start::conditions(&experiment, &settings, &noise, samples * experiment.identification.passes);
+    let variant = experiment.variant.settle(&conditions);
+    let form_was_open = experiment.variant.covariance.replace(variant.covariance).is_none();
+    let plan = Plan { form: form.clone(), noise, settings, variant, passes: experiment.identification.passes };
     let told = AtomicUsize::new(0);
     let mut watcher = |done: usize, total: usize| {
         if done == total || done >= told.load(Ordering::Relaxed) + 64 {
@@ -223,6 +223,7 @@ pub fn carry_out(
         advice: Vec::new(),
         predictor: predictor.map(|p| p.origin),
         experiment,
+        chosen: form_was_open.then_some(conditions),
         warnings,
         form,
         scan,

@@ -11,6 +11,7 @@ use super::validate::Errors;
 use super::{CHECKPOINT, Outcome, report};
 use crate::experiment::to_toml;
 use crate::model::{Model, mode_deviations};
+use crate::recommendation::Conditions;
 use crate::report::write_atomic;
 
 /// Writes all files of a run into `directory`, and removes its checkpoint.
@@ -85,11 +86,26 @@ fn with_provenance(outcome: &Outcome) -> Model {
     Model { provenance: Some(provenance), ..outcome.model.clone() }
 }
 
+/// What decided the covariance form.
+fn reason(conditions: &Conditions) -> String {
+    let Conditions { states, steps, start_ratio, forgets, .. } = conditions;
+    let scalar = json!(conditions.scalar);
+    let scalar = scalar.as_str().unwrap_or_default();
+    let forgetting = if *forgets { "" } else { "no " };
+    format!(
+        "the recommendation for {scalar}, {states} states, {steps} steps, P0/R = {start_ratio:.1e}, {forgetting}forgetting"
+    )
+}
+
 fn manifest(outcome: &Outcome) -> Value {
     json!({
         "program": "plid",
         "version": env!("CARGO_PKG_VERSION"),
         "experiment": outcome.experiment,
+        "covariance_form": {
+            "name": outcome.experiment.variant.covariance,
+            "chosen_by": outcome.chosen.as_ref().map_or("the experiment".into(), reason),
+        },
         "experiment_toml": to_toml(&outcome.experiment),
         "files": outcome.sources,
         "preparation": outcome.steps,

@@ -3,12 +3,13 @@
 use std::path::Path;
 
 use nalgebra::DMatrix;
-use plid_core::{Dense, ImplicitModel, InitialCovariance, ObservableForm, Settings};
+use plid_core::{Dense, ImplicitModel, InitialCovariance, NoiseModel, ObservableForm, Settings};
 
 use super::error::{RunError, setting};
 use crate::experiment::Experiment;
 use crate::model::{ChannelScaling, Model, undo_scaling};
 use crate::prepare::Prepared;
+use crate::recommendation::Conditions;
 
 /// The settings of the recursion for scaled channels.
 pub(super) fn settings(
@@ -35,6 +36,23 @@ pub(super) fn settings(
         from_model(&mut settings, &model, start.widen, prepared, form)?;
     }
     Ok(settings)
+}
+
+/// What the choice of a covariance form depends on.
+pub(super) fn conditions(experiment: &Experiment, settings: &Settings, noise: &NoiseModel, steps: usize) -> Conditions {
+    let largest = match &settings.initial_covariance {
+        InitialCovariance::Diagonal(variances) => variances.iter().copied().fold(0.0, f64::max),
+        InitialCovariance::Full(p0) => (0..p0.rows()).map(|i| p0.at(i, i)).fold(0.0, f64::max),
+    };
+    let sensor = &noise.sensor;
+    let smallest = (0..sensor.rows()).map(|i| sensor.at(i, i)).fold(f64::INFINITY, f64::min);
+    Conditions {
+        states: noise.state.rows(),
+        scalar: experiment.variant.scalar,
+        steps,
+        start_ratio: largest / smallest,
+        forgets: settings.forgetting < 1.0,
+    }
 }
 
 /// Takes the parameters of a former model, and their covariance times `widen` where it is there; of the state nothing is known.

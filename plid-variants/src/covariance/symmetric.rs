@@ -3,7 +3,7 @@
 use std::marker::PhantomData;
 
 use num_traits::{One, Zero};
-use plid_core::kernels::{BadPivot, Kernels, axpy, cholesky, dot, semidefinite_ldl};
+use plid_core::kernels::{BadPivot, Kernels, Shift, axpy, cholesky, dot, semidefinite_ldl};
 use plid_core::{
     Backend, CovariancePropagation, Dense, Health, ImplicitModel, InitialCovariance, Matrix, NoiseTerms, Scalar,
     Transition, View, ViewMut,
@@ -54,11 +54,16 @@ pub struct Symmetric<B: Backend, R> {
     sensor: Dense<B::Scalar>,
     factor: Dense<B::Scalar>,
     top: Dense<B::Scalar>,
+    transposed: Dense<B::Scalar>,
     mirrored: Dense<B::Scalar>,
     work: Vec<B::Scalar>,
-    /// Where each row of J has its one.
-    shift_source: Vec<Option<usize>>,
+    /// J.
+    shift: Shift,
 }
+
+/// Columns of the product with the regressor that are formed at once: few enough that their scratch stays in the nearest cache, and enough
+/// to be shared out.
+const COLUMNS_AT_ONCE: usize = 32;
 
 /// Column `c` of the symmetric matrix whose lower triangle is `p`.
 fn symmetric_column<S: Scalar>(p: View<'_, S>, c: usize, out: &mut [S]) {
@@ -108,6 +113,9 @@ impl<B: Backend, R: UpdateRule> Symmetric<B, R> {
         let tolerance = B::Scalar::from_f64(64.0 * B::Scalar::EPSILON);
         for i in 0..size {
             let variance = self.p.view().at(i, i);
+            if variance >= B::Scalar::zero() {
+                continue;
+            }
             // (K Re K^T)_ii
             let taken = (0..k).fold(B::Scalar::zero(), |taken, c| {
                 let root = (c..k).fold(B::Scalar::zero(), |sum, r| sum + factor.at(r, c) * gain.at(i, r));
@@ -150,9 +158,10 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
             sensor: Dense::zeros(outputs, outputs),
             factor: Dense::zeros(outputs, outputs),
             top: Dense::zeros(n, n),
-            mirrored: Dense::zeros(n, size - n),
+            transposed: Dense::zeros(n, n),
+            mirrored: Dense::zeros(n, COLUMNS_AT_ONCE.min(n) * model.parameter_columns()),
             work: vec![B::Scalar::zero(); outputs],
-            shift_source: (0..n).map(|i| model.shift_source(i)).collect(),
+            shift: Shift::new(model),
         })
     }
 
@@ -225,7 +234,7 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
         for c in 0..n {
             symmetric_column(self.p.view().block(0, 0, n, n), c, self.top.column_mut(c));
         }
-        B::Scalar::advance_columns(self.top.view_mut(), &self.shift_source, rows, abar, outputs);
+        B::Scalar::advance_columns(self.top.view_mut(), &self.shift, rows, abar, outputs);
         B::Scalar::add_block_sums(self.top.view_mut(), self.p.view().block(n, 0, size - n, n), phi);
         // P_{theta x} <- P_{theta x} Abar^T + P_{theta theta} (phi (x) I)^T
         let mut p = self.p.view_mut();
@@ -233,22 +242,17 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
         let mut cross = left.block_mut(n, 0, size - n, n);
         let mut kept = self.cross.view_mut();
         let kept = kept.block_mut(n, 0, size - n, rows.len());
-        B::Scalar::advance_rows(cross.reborrow(), &self.shift_source, rows, abar, kept);
+        B::Scalar::advance_rows(cross.reborrow(), &self.shift, rows, abar, kept);
         let theta = right.block_mut(n, 0, size - n, size - n);
         B::block_product_lower(theta.view(), phi, cross, self.mirrored.view_mut());
-        // P_xx <- Abar top^T + (phi (x) I) P_{theta x} + Qbar, in top, of which the lower triangle then goes to its place.
-        for c in 0..n {
-            for i in 0..c {
-                let (above, below) = (self.top.at(i, c), self.top.at(c, i));
-                *self.top.at_mut(i, c) = below;
-                *self.top.at_mut(c, i) = above;
-            }
-        }
-        B::Scalar::advance_columns(self.top.view_mut(), &self.shift_source, rows, abar, outputs);
-        B::Scalar::add_block_sums(self.top.view_mut(), left.view().block(n, 0, size - n, n), phi);
+        // P_xx <- Abar top^T + (phi (x) I) P_{theta x} + Qbar, of which the lower triangle goes to its place.
+        self.transposed.fill(B::Scalar::zero());
+        B::Scalar::add_mirrored(self.top.view(), 1, 0, 0, self.transposed.view_mut());
+        B::Scalar::advance_columns(self.transposed.view_mut(), &self.shift, rows, abar, outputs);
+        B::Scalar::add_block_sums(self.transposed.view_mut(), left.view().block(n, 0, size - n, n), phi);
         for i in 0..n {
             let x = &mut left.column_mut(i)[i..n];
-            for ((x, &product), &noise) in x.iter_mut().zip(&self.top.column(i)[i..]).zip(&qbar.column(i)[i..]) {
+            for ((x, &product), &noise) in x.iter_mut().zip(&self.transposed.column(i)[i..]).zip(&qbar.column(i)[i..]) {
                 *x = product + noise;
             }
             let variance = x[0];

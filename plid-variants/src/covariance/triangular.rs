@@ -143,12 +143,12 @@ impl<B: Backend> Triangular<B> {
         for j in 0..self.layout.size() {
             let (row, column) = (self.rows.column_mut(j), u.column(j));
             for k in 0..count {
-                row[k] = (0..k).fold(column[outputs[k]], |sum, i| sum + self.decorrelation.at(k, i) * column[outputs[i]]);
+                row[k] =
+                    (0..k).fold(column[outputs[k]], |sum, i| sum + self.decorrelation.at(k, i) * column[outputs[i]]);
             }
         }
         for k in 0..count {
-            self.innovation[k] =
-                (0..k).fold(innovation[k], |sum, i| sum + self.decorrelation.at(k, i) * innovation[i]);
+            self.innovation[k] = (0..k).fold(innovation[k], |sum, i| sum + self.decorrelation.at(k, i) * innovation[i]);
         }
         self.update(count, updates)?;
         for k in 0..count {
@@ -208,16 +208,17 @@ impl<B: Backend> Triangular<B> {
             return Err(BadPivot { index: k, value: self.spreads[k].to_f64() });
         }
         let changes = self.changes.view().block(0, 0, 2 * count, size);
-        let sweep = |panels: std::ops::Range<usize>, mut u: ViewMut<'_, B::Scalar>, mut gains: ViewMut<'_, B::Scalar>| {
-            for k in panels.clone() {
-                let (first, columns) = (k * layout.n(), size - k * layout.n());
-                (updates.sweep)(
-                    u.block_mut(0, layout.start(k) - layout.start(panels.start), layout.rows(), columns),
-                    changes.block(0, first, 2 * count, columns),
-                    gains.block_mut(0, (k - panels.start) * all, layout.rows(), count),
-                );
-            }
-        };
+        let sweep =
+            |panels: std::ops::Range<usize>, mut u: ViewMut<'_, B::Scalar>, mut gains: ViewMut<'_, B::Scalar>| {
+                for k in panels.clone() {
+                    let (first, columns) = (k * layout.n(), size - k * layout.n());
+                    (updates.sweep)(
+                        u.block_mut(0, layout.start(k) - layout.start(panels.start), layout.rows(), columns),
+                        changes.block(0, first, 2 * count, columns),
+                        gains.block_mut(0, (k - panels.start) * all, layout.rows(), count),
+                    );
+                }
+            };
         let half = layout.half();
         let (first, second) = self.u.view_mut().split_at_column(layout.start(half));
         let (first_gains, second_gains) = self.gains.view_mut().split_at_column(half * all);

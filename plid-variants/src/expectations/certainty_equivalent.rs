@@ -1,20 +1,18 @@
 //! The estimates from after the measurement in place of the parameters, as if they were certain: no covariances.
 
-use plid_core::{
-    ConditionalExpectations, CovariancePropagation, Dense, ImplicitModel, Matrix, Moment, ScalarOf, Transition,
-};
+use plid_core::{ConditionalExpectations, CovariancePropagation, ImplicitModel, Moment, ScalarOf, Transition};
 
-use super::{condition_on_sensor_noise, regress_on_measurement};
+use super::{Scratch, condition_on_sensor_noise, regress_on_measurement};
 
 /// The estimates from after the measurement in place of the parameters, as if they were certain: no covariances.
 #[derive(Clone, Debug)]
 pub struct CertaintyEquivalent<S> {
-    scratch: Dense<S>,
+    scratch: Scratch<S>,
 }
 
 impl<C: CovariancePropagation> ConditionalExpectations<C> for CertaintyEquivalent<ScalarOf<C>> {
     fn new(model: &impl ImplicitModel) -> Self {
-        Self { scratch: Dense::zeros(model.states(), 1) }
+        Self { scratch: Scratch::new(model) }
     }
 
     fn after<M: ImplicitModel>(

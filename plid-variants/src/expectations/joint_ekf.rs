@@ -1,20 +1,18 @@
 //! The joint extended Kalman filter: the model linearised about x+ and theta+.
 
-use plid_core::{
-    ConditionalExpectations, CovariancePropagation, Dense, ImplicitModel, Matrix, Moment, ScalarOf, Transition,
-};
+use plid_core::{ConditionalExpectations, CovariancePropagation, ImplicitModel, Moment, ScalarOf, Transition};
 
-use super::{condition_on_sensor_noise, regress_on_estimate};
+use super::{Scratch, condition_on_sensor_noise, regress_on_estimate};
 
 /// The joint extended Kalman filter: the model linearised about x+ and theta+.
 #[derive(Clone, Debug)]
 pub struct JointEkf<S> {
-    scratch: Dense<S>,
+    scratch: Scratch<S>,
 }
 
 impl<C: CovariancePropagation> ConditionalExpectations<C> for JointEkf<ScalarOf<C>> {
     fn new(model: &impl ImplicitModel) -> Self {
-        Self { scratch: Dense::zeros(model.states(), 1) }
+        Self { scratch: Scratch::new(model) }
     }
 
     fn after<M: ImplicitModel>(

@@ -14,8 +14,8 @@ pub use moment_matched::MomentMatched;
 pub use posterior::Posterior;
 pub use prior::Prior;
 
-use plid_core::kernels::axpy;
-use plid_core::{Dense, ImplicitModel, Moment, Scalar, Transition};
+use plid_core::kernels::{Kernels, axpy};
+use plid_core::{Dense, ImplicitModel, Matrix, Moment, Scalar, Transition};
 
 /// Column t of the parameters in s: a_1 .. a_p, then b_1 .. b_m.
 fn parameter<S>(s: &[S], n: usize, t: usize) -> &[S] {
@@ -24,9 +24,9 @@ fn parameter<S>(s: &[S], n: usize, t: usize) -> &[S] {
 
 /// What E[G] with the parameters of `moment.s` makes of the noise given w: the columns of Abar, a_i - (B L + M)_i, or a_i where
 /// output i is missing, and Qbar = Sigma' + B Q' B^T + B S' + (B S')^T, which is E[G] (Q0 - S R^-1 S^T) E[G]^T.
-fn condition_on_sensor_noise<S: Scalar, M: ImplicitModel>(
+fn condition_on_sensor_noise<S: Kernels, M: ImplicitModel>(
     moment: &Moment<'_, S, M>,
-    scratch: &mut Dense<S>,
+    scratch: &mut Scratch<S>,
     transition: &mut Transition<S>,
 ) {
     let Moment { model, noise, s, .. } = moment;
@@ -44,22 +44,38 @@ fn condition_on_sensor_noise<S: Scalar, M: ImplicitModel>(
     for c in 0..n {
         transition.qbar.column_mut(c).copy_from_slice(noise.state_given().column(c));
     }
+    // With T_j = (B Q')_j / 2 + S'_j all of the rest is the sum of b_j T_j^T and its transpose.
+    let half = S::from_f64(0.5);
     for j in 0..m {
-        // scratch = (B Q')_j / 2 + S'_j, so that the sum of b_j scratch^T and its transpose is all of the rest.
-        let half = S::from_f64(0.5);
-        let sum = scratch.column_mut(0);
+        let b = parameter(s, n, p + j);
+        scratch.left.column_mut(j).copy_from_slice(b);
+        scratch.right.column_mut(m + j).copy_from_slice(b);
+        let sum = scratch.right.column_mut(j);
         for (c, x) in sum.iter_mut().enumerate() {
             *x = noise.actuator_state_given().at(j, c);
         }
         for l in 0..m {
-            axpy(half * noise.actuator_given().at(l, j), parameter(s, n, p + l), sum);
+            let weight = noise.actuator_given().at(l, j);
+            if weight != S::zero() {
+                axpy(half * weight, parameter(s, n, p + l), sum);
+            }
         }
-        let b = parameter(s, n, p + j);
-        for c in 0..n {
-            let column = &mut transition.qbar.column_mut(c)[c..];
-            axpy(sum[c], &b[c..], column);
-            axpy(b[c], &sum[c..], column);
-        }
+        scratch.left.column_mut(m + j).copy_from_slice(scratch.right.column(j));
+    }
+    S::symmetric_product_lower(transition.qbar.view_mut(), S::one(), scratch.left.view(), scratch.right.view());
+}
+
+/// Two factors of a symmetric product, n x 2m each.
+#[derive(Clone, Debug)]
+struct Scratch<S> {
+    left: Dense<S>,
+    right: Dense<S>,
+}
+
+impl<S: Scalar> Scratch<S> {
+    fn new(model: &impl ImplicitModel) -> Self {
+        let (n, m) = (model.states(), model.inputs());
+        Self { left: Dense::zeros(n, 2 * m), right: Dense::zeros(n, 2 * m) }
     }
 }
 

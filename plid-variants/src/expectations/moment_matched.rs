@@ -1,12 +1,12 @@
 //! psi = Z^k throughout: the exact second moments of the next state if s given Z^k is Gaussian.
 
 use num_traits::{One, Zero};
-use plid_core::kernels::axpy;
+use plid_core::kernels::{Kernels, axpy};
 use plid_core::{
     ConditionalExpectations, CovariancePropagation, Dense, ImplicitModel, Matrix, Moment, ScalarOf, Transition,
 };
 
-use super::{condition_on_sensor_noise, regress_on_estimate};
+use super::{Scratch, condition_on_sensor_noise, regress_on_estimate};
 
 /// Moment matching (plid-mathematics, section 5).
 ///
@@ -15,7 +15,7 @@ use super::{condition_on_sensor_noise, regress_on_estimate};
 /// the sum over s, t of (W H P H^T W^T)_st P_{theta_s theta_t}, and the sum over i, j of E_ij E_ji^T; the drift is the sum of E_ii.
 #[derive(Clone, Debug)]
 pub struct MomentMatched<S> {
-    scratch: Dense<S>,
+    scratch: Scratch<S>,
     /// P+ H^T, N x p.
     outputs: Dense<S>,
     /// W, (p + m) x p.
@@ -25,18 +25,21 @@ pub struct MomentMatched<S> {
     weights: Dense<S>,
     /// E_ij in column i p + j, n x p^2.
     crossed: Dense<S>,
+    /// E_ji in that column.
+    swapped: Dense<S>,
 }
 
 impl<C: CovariancePropagation> ConditionalExpectations<C> for MomentMatched<ScalarOf<C>> {
     fn new(model: &impl ImplicitModel) -> Self {
         let (n, p, columns) = (model.states(), model.outputs(), model.parameter_columns());
         Self {
-            scratch: Dense::zeros(n, 1),
+            scratch: Scratch::new(model),
             outputs: Dense::zeros(model.joint_states(), p),
             rows: Dense::zeros(columns, p),
             product: Dense::zeros(columns, p),
             weights: Dense::zeros(columns, columns),
             crossed: Dense::zeros(n, p * p),
+            swapped: Dense::zeros(n, p * p),
         }
     }
 
@@ -98,11 +101,14 @@ impl<C: CovariancePropagation> ConditionalExpectations<C> for MomentMatched<Scal
         }
         for i in 0..p {
             for j in 0..p {
-                let (left, right) = (self.crossed.column(i * p + j), self.crossed.column(j * p + i));
-                for c in 0..n {
-                    axpy(right[c], &left[c..], &mut transition.qbar.column_mut(c)[c..]);
-                }
+                self.swapped.column_mut(i * p + j).copy_from_slice(self.crossed.column(j * p + i));
             }
         }
+        ScalarOf::<C>::symmetric_product_lower(
+            transition.qbar.view_mut(),
+            one,
+            self.crossed.view(),
+            self.swapped.view(),
+        );
     }
 }

@@ -4,19 +4,19 @@ use plid_core::{
     ConditionalExpectations, CovariancePropagation, Dense, ImplicitModel, Matrix, Moment, ScalarOf, Transition,
 };
 
-use super::{condition_on_sensor_noise, regress_on_measurement, unconditioned_weights};
+use super::{Scratch, condition_on_sensor_noise, regress_on_measurement, unconditioned_weights};
 
 /// The expectation of Eq. 8-10 with psi = Z^k for the parameters only: estimates and covariances from after the measurement.
 #[derive(Clone, Debug)]
 pub struct Posterior<S> {
-    scratch: Dense<S>,
+    scratch: Scratch<S>,
     weights: Dense<S>,
 }
 
 impl<C: CovariancePropagation> ConditionalExpectations<C> for Posterior<ScalarOf<C>> {
     fn new(model: &impl ImplicitModel) -> Self {
         let columns = model.parameter_columns();
-        Self { scratch: Dense::zeros(model.states(), 1), weights: Dense::zeros(columns, columns) }
+        Self { scratch: Scratch::new(model), weights: Dense::zeros(columns, columns) }
     }
 
     fn after<M: ImplicitModel>(

@@ -1,22 +1,17 @@
 //! The scalar plant x+ = a x + b u + xi, z = x + w against exact Bayes (plid-mathematics, section 5, the table).
-//!
-//! Given a, the plant is linear in (x, b): a Kalman filter with two states integrates b exactly, so that the grid is one over a alone.
 
-mod common;
-
-use common::case::{normal, rng};
 use plid_backends::Plain;
+use plid_bench::expectations::grid::{ScalarPrior, ScalarRecord, exact_bayes};
 use plid_core::{
     ConditionalExpectations, CovariancePropagation, Identifier, InitialCovariance, NoiseModel, ObservableForm, Settings,
 };
 use plid_variants::covariance::Direct;
 use plid_variants::expectations::{JointEkf, MomentMatched, Prior};
-use rand::RngExt;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 
 const STEPS: usize = 200;
-const PRIOR_A: (f64, f64) = (0.3, 0.09);
-const PRIOR_B: (f64, f64) = (1.0, 0.25);
-const LARGEST_A: f64 = 0.98;
 
 struct Record {
     a: f64,
@@ -24,15 +19,20 @@ struct Record {
     u: Vec<f64>,
 }
 
+fn normal(rng: &mut ChaCha8Rng) -> f64 {
+    StandardNormal.sample(rng)
+}
+
 fn record(sigma: f64, r: f64, seed: u64) -> Record {
-    let mut rng = rng(seed);
+    let prior = ScalarPrior::default();
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let a = loop {
-        let a = PRIOR_A.0 + PRIOR_A.1.sqrt() * normal(&mut rng);
-        if a.abs() < LARGEST_A {
+        let a = prior.a.0 + prior.a.1.sqrt() * normal(&mut rng);
+        if a.abs() < prior.largest_a {
             break a;
         }
     };
-    let b = PRIOR_B.0 + PRIOR_B.1.sqrt() * normal(&mut rng);
+    let b = prior.b.0 + prior.b.1.sqrt() * normal(&mut rng);
     let mut x = normal(&mut rng);
     let (mut z, mut u) = (Vec::new(), Vec::new());
     for _ in 0..STEPS {
@@ -43,40 +43,19 @@ fn record(sigma: f64, r: f64, seed: u64) -> Record {
     Record { a, z, u }
 }
 
-/// E[a | z] from a grid over a, with the weight of each point by its innovations.
+/// E[a | z].
 fn exact(record: &Record, sigma: f64, r: f64, points: usize) -> f64 {
-    let (mut total, mut first, mut largest) = (0.0, 0.0, f64::NEG_INFINITY);
-    for i in 0..points {
-        let a = LARGEST_A * (2.0 * (i as f64 + 0.5) / points as f64 - 1.0);
-        let mut log_weight = -(a - PRIOR_A.0).powi(2) / (2.0 * PRIOR_A.1);
-        let (mut x, mut b) = (0.0, PRIOR_B.0);
-        let (mut xx, mut xb, mut bb) = (1.0, 0.0, PRIOR_B.1);
-        for (&z, &u) in record.z.iter().zip(&record.u) {
-            let (e, s) = (z - x, xx + r);
-            log_weight -= 0.5 * (e * e / s + s.ln());
-            let (kx, kb) = (xx / s, xb / s);
-            (x, b) = (x + kx * e, b + kb * e);
-            (xx, xb, bb) = (xx - kx * xx, xb - kb * xx, bb - kb * xb);
-            x = a * x + b * u;
-            (xx, xb) = (a * a * xx + 2.0 * a * u * xb + u * u * bb + sigma, a * xb + u * bb);
-        }
-        if log_weight > largest {
-            let rescale = (largest - log_weight).exp();
-            (total, first, largest) = (total * rescale, first * rescale, log_weight);
-        }
-        let weight = (log_weight - largest).exp();
-        total += weight;
-        first += weight * a;
-    }
-    first / total
+    let record = ScalarRecord { z: &record.z, u: &record.u, sensor: r, state: sigma };
+    exact_bayes(&record, &ScalarPrior::default(), points).mean[0]
 }
 
 /// Error of a, and its square over its variance in P.
 fn filter<E: ConditionalExpectations<Direct<Plain<f64>>>>(record: &Record, sigma: f64, r: f64) -> (f64, f64) {
     let form = ObservableForm::new(&[1], 1).unwrap();
+    let ScalarPrior { a, b, state_variance, .. } = ScalarPrior::default();
     let settings = Settings {
-        initial_covariance: InitialCovariance::Diagonal(vec![1.0, PRIOR_A.1, PRIOR_B.1]),
-        initial_estimate: vec![0.0, PRIOR_A.0, PRIOR_B.0],
+        initial_covariance: InitialCovariance::Diagonal(vec![state_variance, a.1, b.1]),
+        initial_estimate: vec![0.0, a.0, b.0],
         ..Settings::new(&form, 1.0, 1.0)
     };
     let noise = NoiseModel::diagonal(&[r], &[0.0], &[sigma]);
@@ -160,7 +139,7 @@ fn table_of_the_conditional_expectations() {
     reproduce(1500, 300, 120);
 }
 
-/// cargo test --release -p plid-variants --test grid_bayes -- --ignored --nocapture
+/// cargo test --release -p plid-bench --test grid_bayes -- --ignored --nocapture
 #[test]
 #[ignore = "a minute: ten times the runs, and a finer grid"]
 fn table_of_the_conditional_expectations_at_length() {

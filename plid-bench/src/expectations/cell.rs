@@ -1,0 +1,219 @@
+//! A cell: all methods on the same runs of a plant at one signal-to-noise ratio, with one Sigma told.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use plid_core::ObservableForm;
+use plid_lab::variant::ExpectationName;
+use plid_testbed::TestbedError;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::config::{Config, Plant};
+use super::grid::ScalarPrior;
+use super::method::{self, EXPECTATIONS, Method, Outcome};
+use super::plants::{self, Loudness};
+use super::statistics::{Figure, geometric_mean, mean, paired_root_ratio, root_mean};
+use super::trial::Trial;
+use crate::study::Progress;
+
+/// The method that the others are compared with: the default of `plid run`.
+pub const DEFAULT: Method = Method::Filter(ExpectationName::MomentMatched);
+
+/// Where a cell stands in the study.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cell<'a> {
+    /// The plant.
+    pub plant: Plant<'a>,
+    /// RMS of the response to the input over RMS of all noise in the outputs.
+    pub signal_to_noise: f64,
+    /// Sigma as it is told: over the true one, or over R for the truss.
+    pub sigma: f64,
+}
+
+/// What a method did in a cell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Score {
+    /// Its name.
+    pub method: String,
+    /// Runs in which the recursion broke down, P was no covariance or the equations had no solution; the figures are without them.
+    pub lost: usize,
+    /// Runs whose model does worse in free run than no model at all.
+    pub useless: usize,
+    /// Normalised estimation error squared of all parameters, over their number: one for an honest P.
+    pub nees: Option<Figure>,
+    /// The same of a_1 .. a_p alone.
+    pub nees_a: Option<Figure>,
+    /// Root mean square error of the entries of a_1 .. a_p.
+    pub rmse_a: Option<Figure>,
+    /// Root mean square error of the entries of b_1 .. b_m.
+    pub rmse_b: Option<Figure>,
+    /// The same over that of the reference, over the runs that both have, errors in the reference's standard deviations:
+    /// otherwise the few plants that hardly answer to the input would own the figure.
+    pub rmse_a_over_reference: Option<Figure>,
+    /// The same over that of the default expectation.
+    pub rmse_a_over_default: Option<Figure>,
+    /// Free-run error on inputs not seen, relative; geometric mean over runs, in which a useless model counts as one.
+    pub free_run: Option<Figure>,
+    /// Free-run error over the default expectation's; geometric mean over the runs that both have, counted alike.
+    pub free_run_over_default: Option<Figure>,
+}
+
+/// A finished cell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Finished {
+    /// The plant's name.
+    pub plant: String,
+    /// RMS of the response to the input over RMS of all noise in the outputs.
+    pub signal_to_noise: f64,
+    /// Sigma as it is told: over the true one, or over R for the truss.
+    pub sigma: f64,
+    /// Runs.
+    pub runs: usize,
+    /// The best that can be had there, with which rmse_a is compared.
+    pub reference: Option<String>,
+    /// What each method did.
+    pub scores: Vec<Score>,
+}
+
+/// All cells of a study.
+pub fn cells(config: &Config) -> Vec<Cell<'_>> {
+    config
+        .plants()
+        .flat_map(|plant| plant.sigmas().into_iter().map(move |sigma| (plant, sigma)))
+        .flat_map(|(plant, sigma)| {
+            config.signal_to_noise.iter().map(move |&signal_to_noise| Cell { plant, signal_to_noise, sigma })
+        })
+        .collect()
+}
+
+impl Cell<'_> {
+    /// Its key in the journal.
+    pub fn key(&self) -> String {
+        format!("{}, signal-to-noise {}, sigma {}", self.plant.name(), self.signal_to_noise, self.sigma)
+    }
+
+    fn trial(&self, config: &Config, seed: u64) -> Result<Trial, TestbedError> {
+        let loudness = Loudness {
+            signal_to_noise: self.signal_to_noise,
+            state_share: config.state_noise_share,
+            told_factor: self.sigma,
+        };
+        match self.plant {
+            Plant::Scalar(plant) => Ok(plants::scalar(&ScalarPrior::default(), loudness, plant.steps, seed)),
+            Plant::InClass(plant) => {
+                let form = ObservableForm::balanced(plant.states, plant.outputs, plant.inputs);
+                let form = form.expect("a config has been checked");
+                Ok(plants::in_class(&form, loudness, plant.initial_std, plant.steps, seed))
+            }
+            Plant::Truss(plant) => {
+                let duration_s = [plant.duration_s, plant.held_out_s];
+                plants::truss(plant.states, self.signal_to_noise, self.sigma, duration_s, seed)
+            }
+        }
+    }
+
+    /// What is compared here, and the reference among it. Batch estimates know the true Sigma, so one setting of it has them.
+    fn methods(&self) -> (Vec<Method>, Option<Method>) {
+        let mut methods: Vec<Method> = EXPECTATIONS.map(Method::Filter).to_vec();
+        let reference = match self.plant {
+            Plant::Scalar(plant) => {
+                let (prior, points) = (ScalarPrior::default(), plant.grid_points);
+                if self.sigma == 1.0 {
+                    methods.extend([
+                        Method::MaximumPosterior(Some((prior, points))),
+                        Method::MaximumLikelihood(prior, points),
+                        Method::InstrumentalVariable,
+                        Method::LeastSquares,
+                    ]);
+                } else {
+                    methods.push(Method::ExactAsTold(prior, points));
+                }
+                Some(Method::Exact(prior, points))
+            }
+            Plant::InClass(_) => (self.sigma == 1.0).then_some(Method::MaximumPosterior(None)),
+            Plant::Truss(plant) => (plant.batch_at == Some(self.sigma)).then_some(Method::MaximumPosterior(None)),
+        };
+        methods.extend(reference);
+        if !matches!(self.plant, Plant::Scalar(_)) && reference.is_some() {
+            methods.push(Method::LeastSquares);
+        }
+        (methods, reference)
+    }
+
+    /// Does the runs, in parallel; the results do not depend on the number of threads. None where the user asks for an end.
+    ///
+    /// # Errors
+    /// What the testbed says.
+    pub fn measure(&self, config: &Config, progress: &dyn Progress) -> Result<Option<Finished>, TestbedError> {
+        let (methods, reference) = self.methods();
+        let runs = self.plant.runs();
+        let seeds = (0..runs as u64).into_par_iter().map(|run| config.seed + run);
+        let trials = seeds.map(|seed| self.trial(config, seed)).collect::<Result<Vec<Trial>, _>>()?;
+        let (done, total) = (AtomicUsize::new(0), runs * methods.len());
+        let outcomes: Option<Vec<Option<Outcome>>> = (0..total)
+            .into_par_iter()
+            .map(|task| {
+                if progress.interrupted() {
+                    return None;
+                }
+                let outcome = method::run(methods[task / runs], &trials[task % runs], config.covariance);
+                progress.advance(done.fetch_add(1, Ordering::Relaxed) + 1, total);
+                Some(outcome)
+            })
+            .collect();
+        let Some(outcomes) = outcomes else { return Ok(None) };
+        let of =
+            |wanted: Method| methods.iter().position(|&m| m == wanted).map(|k| &outcomes[k * runs..(k + 1) * runs]);
+        let (best, default) = (reference.and_then(of), of(DEFAULT));
+        let scores = methods
+            .iter()
+            .zip(outcomes.chunks(runs))
+            .map(|(method, own)| summarise(method.name(), own, best, default))
+            .collect();
+        Ok(Some(Finished {
+            plant: self.plant.name(),
+            signal_to_noise: self.signal_to_noise,
+            sigma: self.sigma,
+            runs,
+            reference: reference.map(|method| method.name().into()),
+            scores,
+        }))
+    }
+}
+
+type Outcomes<'a> = &'a [Option<Outcome>];
+
+fn summarise(name: &str, own: Outcomes<'_>, best: Option<Outcomes<'_>>, default: Option<Outcomes<'_>>) -> Score {
+    let all = |of: fn(&Outcome) -> f64| own.iter().flatten().map(of).filter(|x| x.is_finite()).collect::<Vec<f64>>();
+    // A model that is worse than none is not used: no model has an error of one.
+    let free_run = |outcome: &Outcome| outcome.free_run.min(1.0);
+    let ratio = |other: Option<Outcomes<'_>>| {
+        let rows = own.iter().zip(other.unwrap_or_default()).enumerate();
+        let (over, under): (Vec<f64>, Vec<f64>) = rows
+            .filter_map(|(run, (own, other))| {
+                let unit = best.map_or(Some(1.0), |best| Some(best[run].as_ref()?.variance_a))?;
+                Some((own.as_ref()?.squared_a / unit, other.as_ref()?.squared_a / unit))
+            })
+            .filter(|(x, y)| x.is_finite() && y.is_finite())
+            .unzip();
+        paired_root_ratio(&over, &under)
+    };
+    let free_run_ratios: Vec<f64> = own
+        .iter()
+        .zip(default.unwrap_or_default())
+        .filter_map(|(own, default)| Some(free_run(own.as_ref()?) / free_run(default.as_ref()?)))
+        .collect();
+    Score {
+        method: name.into(),
+        lost: own.iter().filter(|o| o.is_none()).count(),
+        useless: own.iter().flatten().filter(|o| o.free_run >= 1.0).count(),
+        nees: mean(&all(|o| o.nees)),
+        nees_a: mean(&all(|o| o.nees_a)),
+        rmse_a: root_mean(&all(|o| o.squared_a)),
+        rmse_b: root_mean(&all(|o| o.squared_b)),
+        rmse_a_over_reference: ratio(best),
+        rmse_a_over_default: ratio(default),
+        free_run: geometric_mean(&own.iter().flatten().map(free_run).collect::<Vec<f64>>()),
+        free_run_over_default: geometric_mean(&free_run_ratios),
+    }
+}

@@ -1,0 +1,331 @@
+//! Batch estimates of a plant with several outputs, in the same canonical form: least squares, and prediction errors.
+
+use nalgebra::{DMatrix, DVector};
+use ndarray::ArrayView2;
+use plid_core::{Dense, ImplicitModel, InitialCovariance, NoiseModel, ObservableForm, Settings};
+use plid_lab::model::{Model, NoiseCovariances, steady_state_gain};
+
+use super::plants::matrices;
+use super::trial::Trial;
+
+/// Rows whose normal equations are summed at a time.
+const BLOCK: usize = 1000;
+/// Gauss-Newton steps at most.
+const STEPS: usize = 20;
+/// A step that lowers the cost (half a sum of squared standard errors) by less than this is the last one.
+const SETTLED: f64 = 1e-3;
+/// A prediction beyond this many standard deviations of the innovation has diverged.
+const UNBOUNDED: f64 = 1e8;
+
+/// Least squares of y_k on the q samples of outputs and inputs before it, for a form with p equal indices q: the entries of a_i and b_j
+/// are its coefficients. The noise in the regressors draws modes towards more damping.
+pub fn least_squares(trial: &Trial) -> Option<Vec<f64>> {
+    let (n, m, p) = (trial.form.states(), trial.form.inputs(), trial.form.outputs());
+    let each = n / p;
+    let size = (p + m) * each;
+    let (mut normal, mut right) = (DMatrix::zeros(size, size), DMatrix::zeros(size, p));
+    let rows: Vec<usize> = (each..trial.outputs.nrows()).collect();
+    for rows in rows.chunks(BLOCK) {
+        // Column t q + l of the regressors: signal t, q - l samples back.
+        let regressors = DMatrix::from_fn(rows.len(), size, |row, column| {
+            let (signal, at) = (column / each, rows[row] - each + column % each);
+            if signal < p { trial.outputs[(at, signal)] } else { trial.inputs[(at, signal - p)] }
+        });
+        let y = DMatrix::from_fn(rows.len(), p, |row, i| trial.outputs[(rows[row], i)]);
+        // As a product of matrices, which is blocked; tr_mul goes by dot products.
+        let transposed = regressors.transpose();
+        normal += &transposed * &regressors;
+        right += transposed * y;
+    }
+    let solution = normal.cholesky()?.solve(&right);
+    // Entry l of block j of the parameter column of signal t.
+    let parameters: Vec<f64> = (0..p + m)
+        .flat_map(|signal| (0..n).map(move |row| (signal, row)))
+        .map(|(signal, row)| solution[(signal * each + row % each, row / each)])
+        .collect();
+    parameters.iter().all(|x| x.is_finite()).then_some(parameters)
+}
+
+/// The joint estimate s of largest posterior density given a record, from `start` (N entries), and the inverse of the information
+/// there (N x N), its covariance if it is Gaussian.
+///
+/// It is the estimate that the recursion approximates: the same prior and the same noise covariances, with the record gone through as
+/// often as needed. Predictions are those of the steady-state Kalman filter of the plant that s stands for; Gauss-Newton
+/// steps with Levenberg's and Marquardt's damping go over x0 and the parameters. The gain's own dependence on the parameters is in the
+/// cost but not in the gradient: at the truth innovations are white, and the left-out term is zero on average.
+pub fn most_probable(trial: &Trial, noise: &NoiseModel, start: &[f64]) -> Option<(Vec<f64>, DMatrix<f64>)> {
+    let problem = Problem::new(trial, noise);
+    let mut s = DVector::from_column_slice(start);
+    let mut cost = problem.cost(&s)?;
+    let mut damping = 1e-4;
+    for _ in 0..STEPS {
+        let (normal, right) = problem.linearised(&s)?;
+        let mut lowered = None;
+        while lowered.is_none() && damping < 1e6 {
+            let mut damped = normal.clone();
+            for i in 0..s.len() {
+                damped[(i, i)] *= 1.0 + damping;
+            }
+            let next = &s + damped.cholesky()?.solve(&right);
+            let found = problem.cost(&next).filter(|&found| found < cost);
+            damping *= if found.is_some() { 0.1 } else { 10.0 };
+            lowered = found.map(|found| (next, found));
+        }
+        let Some((next, found)) = lowered else { break };
+        let gained = cost - found;
+        (s, cost) = (next, found);
+        if gained < SETTLED {
+            break;
+        }
+    }
+    let (information, _) = problem.linearised(&s)?;
+    Some((s.as_slice().to_vec(), information.cholesky()?.inverse()))
+}
+
+struct Problem<'a> {
+    form: &'a ObservableForm,
+    inputs: ArrayView2<'a, f64>,
+    outputs: ArrayView2<'a, f64>,
+    noise: &'a NoiseModel,
+    prior: (&'a [f64], Vec<f64>),
+}
+
+/// The predictor of the plant that an s stands for.
+struct Predictor {
+    /// A - K C.
+    closed: DMatrix<f64>,
+    gain: DMatrix<f64>,
+    /// The inverse of the lower factor of the innovations' covariance.
+    whitener: DMatrix<f64>,
+    /// ln det of that covariance.
+    log_determinant: f64,
+}
+
+fn matrix(dense: &Dense<f64>) -> DMatrix<f64> {
+    DMatrix::from_fn(dense.rows(), dense.columns(), |i, j| dense.at(i, j))
+}
+
+impl<'a> Problem<'a> {
+    fn new(trial: &'a Trial, noise: &'a NoiseModel) -> Self {
+        let Settings { initial_covariance, initial_estimate, .. } = &trial.settings;
+        let variances = match initial_covariance {
+            InitialCovariance::Diagonal(d) => d.clone(),
+            InitialCovariance::Full(p0) => (0..p0.rows()).map(|i| p0.at(i, i)).collect(),
+        };
+        let (inputs, outputs) = (trial.inputs.view(), trial.outputs.view());
+        Self { form: &trial.form, inputs, outputs, noise, prior: (initial_estimate, variances) }
+    }
+
+    fn predictor(&self, s: &DVector<f64>) -> Option<Predictor> {
+        let (n, m, p) = (self.form.states(), self.form.inputs(), self.form.outputs());
+        let (a, c) = matrices(self.form, &s.as_slice()[n..]);
+        let b = DMatrix::from_column_slice(n, m, &s.as_slice()[(1 + p) * n..]);
+        let process = matrix(&self.noise.state) + &b * matrix(&self.noise.actuator) * b.transpose();
+        let covariances = NoiseCovariances::independent(process, matrix(&self.noise.sensor));
+        let model = Model::new(1.0, a, b, c, DMatrix::zeros(p, m)).ok()?;
+        let steady = steady_state_gain(&model, &covariances).ok()?;
+        let innovation = &model.c * &steady.covariance * model.c.transpose() + covariances.sensor;
+        let factor = innovation.cholesky()?.unpack();
+        Some(Predictor {
+            closed: &model.a - &steady.gain * &model.c,
+            log_determinant: factor.diagonal().iter().map(|d| 2.0 * d.ln()).sum(),
+            whitener: factor.try_inverse()?,
+            gain: steady.gain,
+        })
+    }
+
+    /// Goes over the record: `each` gets x and the whitened innovation of every sample. None where the predictor diverges.
+    fn predict(
+        &self,
+        s: &DVector<f64>,
+        predictor: &Predictor,
+        mut each: impl FnMut(usize, &[f64], &[f64]),
+    ) -> Option<()> {
+        let (n, p) = (self.form.states(), self.form.outputs());
+        let rows = self.form.output_states();
+        let mut x = s.as_slice()[..n].to_vec();
+        let (mut y, mut e, mut white) = (vec![0.0; p], vec![0.0; p], vec![0.0; p]);
+        for (k, (z, u)) in self.outputs.rows().into_iter().zip(self.inputs.rows()).enumerate() {
+            for i in 0..p {
+                y[i] = x[rows[i]];
+                e[i] = z[i] - y[i];
+            }
+            for i in 0..p {
+                white[i] = (0..=i).map(|j| predictor.whitener[(i, j)] * e[j]).sum();
+            }
+            if !white.iter().all(|w| w.abs() < UNBOUNDED) {
+                return None;
+            }
+            each(k, &x, &white);
+            self.form.shift(&mut x);
+            for (column, &by) in s.as_slice()[n..].chunks_exact(n).zip(y.iter().chain(u)) {
+                x.iter_mut().zip(column).for_each(|(x, c)| *x += by * c);
+            }
+            for i in 0..p {
+                x.iter_mut().zip(predictor.gain.column(i).iter()).for_each(|(x, g)| *x += e[i] * g);
+            }
+        }
+        Some(())
+    }
+
+    /// Minus the logarithm of the posterior density, but for a constant; none where the plant has no stable predictor.
+    fn cost(&self, s: &DVector<f64>) -> Option<f64> {
+        let predictor = self.predictor(s)?;
+        let mut squares = self.outputs.nrows() as f64 * predictor.log_determinant;
+        self.predict(s, &predictor, |_, _, e| squares += e.iter().map(|e| e * e).sum::<f64>())?;
+        let (mean, variances) = &self.prior;
+        squares += s.iter().zip(*mean).zip(variances).map(|((s, m), v)| (s - m).powi(2) / v).sum::<f64>();
+        Some(0.5 * squares)
+    }
+
+    /// Normal matrix and right side of a Gauss-Newton step at s.
+    ///
+    /// The prediction's derivative by entry r of a parameter column is the response of A - K C to its regressor (an output's prediction
+    /// or an input) at state r. Within a block a state is the one before it a sample later, so that only the last state of each
+    /// block needs a filter, and the others are its past. x0 is a regressor that is one before the first sample.
+    fn linearised(&self, s: &DVector<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
+        let (n, m, p) = (self.form.states(), self.form.inputs(), self.form.outputs());
+        let predictor = self.predictor(s)?;
+        let size = s.len();
+        let (mean, variances) = &self.prior;
+        let mut normal = DMatrix::from_diagonal(&DVector::from_iterator(size, variances.iter().map(|v| 1.0 / v)));
+        let mut right = DVector::from_iterator(size, (0..size).map(|i| (mean[i] - s[i]) / variances[i]));
+        let rows = self.form.output_states();
+        let longest = *self.form.indices().iter().max()?;
+        // State of each filter (regressor t, block i), and the last `longest` whitened responses of each, newest last.
+        let regressors = 1 + p + m;
+        let mut states = vec![vec![0.0; n]; regressors * p];
+        for (i, &row) in rows.iter().enumerate() {
+            states[i][row] = 1.0;
+        }
+        let mut past = vec![vec![0.0; longest * p]; regressors * p];
+        let samples = self.outputs.nrows();
+        let mut jacobian = DMatrix::zeros(BLOCK.min(samples) * p, size);
+        let mut errors = DVector::zeros(BLOCK.min(samples) * p);
+        let block_of: Vec<usize> = (0..n).map(|r| rows.iter().position(|&row| r <= row).unwrap_or(0)).collect();
+        let mut filled = 0;
+        let mut gather = |jacobian: &DMatrix<f64>, errors: &DVector<f64>, filled: usize| {
+            let transposed = jacobian.rows(0, filled).transpose();
+            normal += &transposed * jacobian.rows(0, filled);
+            right += transposed * errors.rows(0, filled);
+        };
+        let mut next = vec![0.0; n];
+        self.predict(s, &predictor, |k, x, e| {
+            for (filter, (state, past)) in states.iter_mut().zip(&mut past).enumerate() {
+                past.copy_within(p.., 0);
+                for i in 0..p {
+                    past[(longest - 1) * p + i] = (0..=i).map(|j| predictor.whitener[(i, j)] * state[rows[j]]).sum();
+                }
+                // A - K C differs from the shift in the outputs' columns alone.
+                next.copy_from_slice(state);
+                self.form.shift(&mut next);
+                for &row in rows {
+                    let by = state[row];
+                    for (r, next) in next.iter_mut().enumerate() {
+                        let structural = if self.form.shift_source(r) == Some(row) { 1.0 } else { 0.0 };
+                        *next += by * (predictor.closed[(r, row)] - structural);
+                    }
+                }
+                let (regressor, block) = (filter / p, filter % p);
+                next[rows[block]] += match regressor {
+                    0 => 0.0,
+                    t if t <= p => x[rows[t - 1]],
+                    t => self.inputs[(k, t - 1 - p)],
+                };
+                state.copy_from_slice(&next);
+            }
+            for column in 0..size {
+                let (regressor, r) = (column / n, column % n);
+                let delay = rows[block_of[r]] - r;
+                let past = &past[regressor * p + block_of[r]];
+                for i in 0..p {
+                    jacobian[(filled + i, column)] = past[(longest - 1 - delay) * p + i];
+                }
+            }
+            errors.rows_mut(filled, p).copy_from_slice(e);
+            filled += p;
+            if filled == jacobian.nrows() {
+                gather(&jacobian, &errors, filled);
+                filled = 0;
+            }
+        })?;
+        gather(&jacobian, &errors, filled);
+        Some((normal, right))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::batch::{self, Knowledge};
+    use super::super::grid::{ScalarPrior, ScalarRecord, exact_bayes};
+    use super::super::plants::{Loudness, in_class, scalar};
+    use super::*;
+
+    fn loudness(signal_to_noise: f64) -> Loudness {
+        Loudness { signal_to_noise, state_share: 0.2, told_factor: 1.0 }
+    }
+
+    #[test]
+    fn least_squares_is_exact_without_noise() {
+        let form = ObservableForm::new(&[3, 3], 2).unwrap();
+        let trial = in_class(&form, loudness(1e7), 0.5, 200, 2);
+        let found = least_squares(&trial).unwrap();
+        for (f, t) in found.iter().zip(trial.truth.as_ref().unwrap()) {
+            assert!((f - t).abs() < 1e-4, "{f} for {t}");
+        }
+    }
+
+    /// The derivative against differences of the whitened predictions, the gain held: by a plant whose gain is zero.
+    #[test]
+    fn the_normal_equations_are_those_of_the_numerical_derivative() {
+        let form = ObservableForm::new(&[2, 2], 1).unwrap();
+        let trial = in_class(&form, Loudness { state_share: 0.0, ..loudness(3.0) }, 0.05, 30, 11);
+        let noise = trial.true_noise.clone().unwrap();
+        let problem = Problem::new(&trial, &noise);
+        let s = DVector::from_iterator(16, [0.3, -0.2, 0.1, 0.4].into_iter().chain(trial.truth.clone().unwrap()));
+        let errors = |s: &DVector<f64>| {
+            let mut all = Vec::new();
+            problem.predict(s, &problem.predictor(s).unwrap(), |_, _, e| all.extend_from_slice(e)).unwrap();
+            DVector::from_vec(all)
+        };
+        let step = 1e-5;
+        let columns: Vec<DVector<f64>> = (0..16)
+            .map(|i| {
+                let at = |by: f64| {
+                    let mut s = s.clone();
+                    s[i] += by;
+                    errors(&s)
+                };
+                (at(-step) - at(step)) / (2.0 * step)
+            })
+            .collect();
+        let jacobian = DMatrix::from_columns(&columns);
+        let precision = DMatrix::from_diagonal(&DVector::from_iterator(16, problem.prior.1.iter().map(|v| 1.0 / v)));
+        let offset = DVector::from_iterator(16, (0..16).map(|i| problem.prior.0[i] - s[i]));
+        let (normal, right) = problem.linearised(&s).unwrap();
+        let expected = jacobian.tr_mul(&jacobian) + &precision;
+        assert!((&normal - &expected).norm() < 1e-6 * expected.norm(), "{normal} {expected}");
+        let expected = jacobian.tr_mul(&errors(&s)) + precision * offset;
+        assert!((&right - &expected).norm() < 1e-6 * expected.norm());
+    }
+
+    /// Of the scalar plant it is the exact maximum a posteriori, but for the filter's settling.
+    #[test]
+    fn of_the_scalar_plant_it_is_the_peak_of_the_posterior() {
+        let prior = ScalarPrior::default();
+        for seed in 0..5 {
+            let trial = scalar(&prior, loudness(2.0), 2000, seed);
+            let noise = trial.true_noise.clone().unwrap();
+            let (found, covariance) = most_probable(&trial, &noise, &trial.settings.initial_estimate).unwrap();
+            let (z, u) = (trial.outputs.as_slice().unwrap(), trial.inputs.as_slice().unwrap());
+            let record = ScalarRecord { z, u, sensor: noise.sensor.at(0, 0), state: noise.state.at(0, 0) };
+            let exact = batch::most_probable(&record, &prior, Knowledge::Prior, 40);
+            // The gradient leaves the gain's dependence out: that moves the end by a part of a standard deviation.
+            let [aa, _, bb] = exact_bayes(&record, &prior, 60).covariance;
+            let off = [(found[1] - exact[0]) / aa.sqrt(), (found[2] - exact[1]) / bb.sqrt()];
+            assert!(off.iter().all(|x| x.abs() < 0.6), "{off:?}");
+            let ratios = [covariance[(1, 1)] / aa, covariance[(2, 2)] / bb];
+            assert!(ratios.iter().all(|r| (0.7..1.5).contains(r)), "{ratios:?}");
+        }
+    }
+}

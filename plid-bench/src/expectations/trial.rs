@@ -1,0 +1,101 @@
+//! One run of a study: a record, what is told about it, and the truth.
+
+use ndarray::{Array1, Array2};
+use plid_core::{Dense, IdentifiedModel, ImplicitModel, NoiseModel, ObservableForm, Settings};
+use plid_lab::identify::{Samples, free_run_error};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+/// A record, what an estimate is told, and the truth that it is judged by.
+#[derive(Clone, Debug)]
+pub struct Trial {
+    /// The canonical form.
+    pub form: ObservableForm,
+    /// Samples x m.
+    pub inputs: Array2<f64>,
+    /// Samples x p.
+    pub outputs: Array2<f64>,
+    /// The noise covariances as they are told.
+    pub told: NoiseModel,
+    /// The noise covariances as they are, where the plant is in the model class.
+    pub true_noise: Option<NoiseModel>,
+    /// First estimate and P0.
+    pub settings: Settings,
+    /// The true parameters [a_1; ..; a_p; b_1; ..; b_m], where the plant is in the model class.
+    pub truth: Option<Vec<f64>>,
+    /// Inputs of another record (samples x m), and the true plant's response to them from rest without any noise (samples x p).
+    pub held_out: (Array2<f64>, Array2<f64>),
+}
+
+impl Trial {
+    /// RMS of what a model's free run from rest lacks of the true response over its RMS, on inputs that no estimate has seen.
+    pub fn free_run_error(&self, parameters: &[f64]) -> f64 {
+        let (n, joint) = (self.form.states(), self.form.joint_states());
+        let mut s = vec![0.0; n];
+        s.extend_from_slice(parameters);
+        let model = IdentifiedModel::from_estimate(&self.form, &s, &Dense::from_diagonal(&vec![0.0; joint]));
+        let (inputs, outputs) = (self.held_out.0.view(), self.held_out.1.view());
+        free_run_error(&model, &self.form, Samples { inputs, outputs, nan_is_missing: false })
+    }
+}
+
+/// The plant x+ = A x + B (u + v) + xi, z = C x + w in canonical form, with Q = 0 and independent noises.
+#[derive(Clone, Debug)]
+pub struct InClass {
+    /// The canonical form.
+    pub form: ObservableForm,
+    /// [a_1; ..; a_p; b_1; ..; b_m].
+    pub parameters: Vec<f64>,
+    /// Variance of each sensor.
+    pub sensor: f64,
+    /// Variance of each state's noise.
+    pub state: f64,
+}
+
+impl InClass {
+    /// Outputs (samples x p) to `inputs` from `x`; `normal` gives unit noise, first of the sensors and then of the states of each sample.
+    pub fn simulate(&self, inputs: &Array2<f64>, mut x: Vec<f64>, normal: &mut dyn FnMut() -> f64) -> Array2<f64> {
+        let (n, p) = (self.form.states(), self.form.outputs());
+        let mut outputs = Array2::zeros((inputs.nrows(), p));
+        for (mut z, u) in outputs.rows_mut().into_iter().zip(inputs.rows()) {
+            let y: Vec<f64> = self.form.output_states().iter().map(|&row| x[row]).collect();
+            for (z, y) in z.iter_mut().zip(&y) {
+                *z = y + self.sensor.sqrt() * normal();
+            }
+            self.form.shift(&mut x);
+            for (column, &by) in self.parameters.chunks_exact(n).zip(y.iter().chain(u)) {
+                x.iter_mut().zip(column).for_each(|(x, c)| *x += by * c);
+            }
+            x.iter_mut().for_each(|x| *x += self.state.sqrt() * normal());
+        }
+        outputs
+    }
+
+    /// R and Sigma, the latter `factor` times what it is.
+    pub fn noise(&self, factor: f64) -> NoiseModel {
+        let (n, m, p) = (self.form.states(), self.form.inputs(), self.form.outputs());
+        NoiseModel::diagonal(&vec![self.sensor; p], &vec![0.0; m], &vec![factor * self.state; n])
+    }
+
+    /// The response from rest without noise.
+    pub fn response(&self, inputs: &Array2<f64>) -> Array2<f64> {
+        let quiet = Self { sensor: 0.0, state: 0.0, ..self.clone() };
+        quiet.simulate(inputs, vec![0.0; self.form.states()], &mut || 0.0)
+    }
+}
+
+/// A number of the standard normal distribution.
+pub fn normal(rng: &mut ChaCha8Rng) -> f64 {
+    StandardNormal.sample(rng)
+}
+
+/// `samples` x `channels` of unit white noise.
+pub fn white(rng: &mut ChaCha8Rng, samples: usize, channels: usize) -> Array2<f64> {
+    Array2::from_shape_simple_fn((samples, channels), || normal(rng))
+}
+
+/// RMS over all entries.
+pub fn rms(values: &Array2<f64>) -> f64 {
+    let squares: Array1<f64> = values.iter().map(|v| v * v).collect();
+    squares.mean().unwrap_or(0.0).sqrt()
+}

@@ -1,0 +1,103 @@
+//! What is timed.
+
+use plid_lab::variant::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
+use serde::{Deserialize, Serialize};
+
+use crate::Noise;
+
+/// The number of outputs of every cell, the truss's.
+pub const OUTPUTS: usize = plid_testbed::OUTPUTS;
+
+/// A recursion of which steps are timed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Cell {
+    /// The number of states n.
+    pub states: usize,
+    /// The number of inputs m.
+    pub inputs: usize,
+    /// The shape of the noise covariances.
+    pub noise: Noise,
+    /// The number of threads.
+    pub threads: usize,
+    /// The recursion's types.
+    #[serde(flatten)]
+    pub variant: Variant,
+}
+
+impl Cell {
+    /// 3 x 3, f64, plain loops, one thread, diagonal noise.
+    pub fn plain(states: usize, covariance: CovarianceName, expectations: ExpectationName) -> Self {
+        let variant = Variant { covariance, expectations, ..Variant::default() };
+        Self { states, inputs: 3, noise: Noise::Diagonal, threads: 1, variant }
+    }
+
+    /// Whether it is f64 on plain loops and one thread.
+    pub fn is_plain(&self) -> bool {
+        let Variant { backend, scalar, .. } = self.variant;
+        (backend, scalar, self.threads) == (BackendName::Plain, ScalarName::F64, 1)
+    }
+
+    /// The recursion's types, with the backend that has so many threads.
+    pub fn threaded(&self) -> Variant {
+        let backend = if self.threads > 1 { BackendName::TwoThreads } else { self.variant.backend };
+        Variant { backend, ..self.variant }
+    }
+
+    /// N = (p + m + 1) n.
+    pub fn joint_states(&self) -> usize {
+        (OUTPUTS + self.inputs + 1) * self.states
+    }
+
+    /// The name of its operations: those do not depend on the library, the scalar or the threads.
+    pub fn operations_key(&self) -> String {
+        let Variant { covariance, expectations, .. } = self.variant;
+        let (form, expectation, noise) = (word(&covariance), word(&expectations), word(&self.noise));
+        format!("operations n={} {}x{OUTPUTS} {form} {expectation} noise={noise}", self.states, self.inputs)
+    }
+
+    /// The name by which cells of different runs are compared.
+    pub fn key(&self) -> String {
+        let Variant { covariance, expectations, backend, scalar, .. } = self.variant;
+        format!(
+            "n={} {}x{OUTPUTS} {} {} {} {} threads={} noise={}",
+            self.states,
+            self.inputs,
+            word(&covariance),
+            word(&expectations),
+            word(&backend),
+            word(&scalar),
+            self.threads,
+            word(&self.noise)
+        )
+    }
+}
+
+/// A scalar's size in bytes.
+pub fn scalar_bytes(scalar: ScalarName) -> usize {
+    match scalar {
+        ScalarName::F32 => 4,
+        ScalarName::F64 => 8,
+        ScalarName::DoubleDouble => 16,
+    }
+}
+
+/// All covariance forms, in the order of the report.
+pub const FORMS: [CovarianceName; 4] =
+    [CovarianceName::Direct, CovarianceName::Joseph, CovarianceName::BiermanUd, CovarianceName::ArraySqrt];
+
+/// All conditional expectations, in the order of the report.
+pub const EXPECTATIONS: [ExpectationName; 5] = [
+    ExpectationName::JointEkf,
+    ExpectationName::CertaintyEquivalent,
+    ExpectationName::Prior,
+    ExpectationName::Posterior,
+    ExpectationName::MomentMatched,
+];
+
+/// The word by which a config names a value.
+pub fn word(name: &impl Serialize) -> String {
+    match serde_json::to_value(name) {
+        Ok(serde_json::Value::String(word)) => word,
+        other => unreachable!("names are words, not {other:?}"),
+    }
+}

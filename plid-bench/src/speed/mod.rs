@@ -1,0 +1,161 @@
+//! How long a step takes, beside what the machine can do at best.
+//!
+//! [`carry_out`] measures, [`Outcome`] is what came of it, [`write_all`] makes its files, [`compare`] holds it to a former one.
+
+mod cell;
+pub mod compare;
+mod config;
+mod cores;
+mod count;
+mod flops;
+mod histogram;
+mod limits;
+mod outcome;
+pub mod peers;
+mod pictures;
+mod report;
+mod targets;
+mod traffic;
+mod visit;
+
+use std::path::Path;
+
+use plid_lab::variant::ScalarName;
+use serde::{Deserialize, Serialize};
+
+pub use cell::{Cell, EXPECTATIONS, FORMS, OUTPUTS, word};
+pub use config::{Config, Cross, FULL, QUICK};
+pub use cores::Cores;
+pub use count::{Counted, Operations};
+pub use histogram::Histogram;
+pub use limits::Pass;
+pub use outcome::{Limits, Outcome, Peak, Slope, Timing};
+pub use targets::{Target, targets};
+pub use visit::{Limit, Visit};
+
+use crate::study::{Journal, Machine, Progress, StudyError, to_toml, write, write_csv, write_json};
+use crate::{Record, Workload};
+
+/// One line of the journal.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Entry {
+    Visit(Visit),
+    Limit(Limit),
+    PeakGflops(f64),
+    Operations(Operations),
+}
+
+/// Seconds of the truss that a recursion goes over.
+const RECORD_S: f64 = 1.0;
+
+/// What is measured, in the order of a round.
+#[derive(Clone, Debug)]
+enum Item {
+    Peak(ScalarName),
+    Limit(usize, ScalarName),
+    Cell(Cell),
+}
+
+impl Item {
+    fn key(&self) -> String {
+        match self {
+            Self::Peak(scalar) => format!("peak {}", word(scalar)),
+            Self::Limit(size, scalar) => format!("pass N={size} {}", word(scalar)),
+            Self::Cell(cell) => cell.key(),
+        }
+    }
+}
+
+/// The limits that the cells need, then the cells.
+fn items(cells: &[Cell]) -> Vec<Item> {
+    let mut items: Vec<Item> = Vec::new();
+    let mut add = |item: Item| {
+        if !items.iter().any(|other| other.key() == item.key()) {
+            items.push(item);
+        }
+    };
+    cells.iter().for_each(|cell| add(Item::Peak(cell.variant.scalar)));
+    cells.iter().for_each(|cell| add(Item::Limit(cell.joint_states(), cell.variant.scalar)));
+    cells.iter().for_each(|cell| add(Item::Cell(*cell)));
+    items
+}
+
+/// Measures all cells of `config` in rounds, with a journal in `directory`.
+///
+/// # Errors
+/// A cell that cannot be measured, a journal that does not fit, or a wish for an end.
+pub fn carry_out(
+    config: &Config,
+    directory: &Path,
+    resume: bool,
+    progress: &dyn Progress,
+) -> Result<Outcome, StudyError> {
+    let machine = Machine::here();
+    let cores = Cores::choose(config.cores.as_deref(), config.threads());
+    let (cells, skipped): (Vec<Cell>, Vec<Cell>) =
+        config.cells().into_iter().partition(|cell| cores.suffice(cell.threads));
+    let identity = format!("{}\n{}\n{cores:?}", to_toml(config), machine.identity());
+    let mut journal: Journal<Entry> = Journal::open(directory, "speed", &identity, resume)?;
+    let records: Vec<Record> = (1..=plid_testbed::INPUTS)
+        .map(|inputs| Record::truss(inputs, RECORD_S).map_err(StudyError::cell("the truss")))
+        .collect::<Result<_, _>>()?;
+    let workload = |cell: &Cell| {
+        Workload::new(&records[cell.inputs - 1], cell.states, cell.noise).map_err(StudyError::cell(cell.key()))
+    };
+    let items = items(&cells);
+
+    let mut keep = |key: String, measure: &mut dyn FnMut() -> Result<Entry, StudyError>| {
+        if progress.interrupted() {
+            return Err(journal.interrupted());
+        }
+        match journal.get(&key) {
+            Some(entry) => Ok(entry.clone()),
+            None => {
+                let entry = measure()?;
+                journal.append(&key, entry.clone())?;
+                Ok(entry)
+            }
+        }
+    };
+    let mut found = outcome::Found::default();
+    for round in 0..config.rounds {
+        progress.stage(&format!("round {} of {}", round + 1, config.rounds));
+        for (done, item) in items.iter().enumerate() {
+            progress.advance(done, items.len());
+            let entry = keep(format!("{} #{round}", item.key()), &mut || {
+                Ok(match item {
+                    Item::Peak(scalar) => Entry::PeakGflops(visit::peak_gflops(*scalar, &cores)),
+                    Item::Limit(size, scalar) => Entry::Limit(visit::limit(*scalar, *size, &cores)),
+                    Item::Cell(cell) => Entry::Visit(
+                        visit::visit(cell, &workload(cell)?, &cores, config).map_err(StudyError::cell(cell.key()))?,
+                    ),
+                })
+            })?;
+            found.take(item.key(), entry);
+        }
+    }
+    progress.stage("counting operations");
+    for (done, cell) in cells.iter().enumerate() {
+        progress.advance(done, cells.len());
+        let key = cell.operations_key();
+        let entry = keep(key.clone(), &mut || {
+            count::count(cell, &workload(cell)?).map(Entry::Operations).map_err(StudyError::cell(cell.key()))
+        })?;
+        found.take(key, entry);
+    }
+    Ok(found.outcome(config, machine, &cores, &items, &skipped))
+}
+
+/// Writes report.html, speed.json, speed.csv, machine.json and the config into `directory`.
+///
+/// # Errors
+/// A file that cannot be written.
+pub fn write_all(outcome: &Outcome, peers: Option<&peers::Peers>, directory: &Path) -> Result<(), StudyError> {
+    write(&directory.join("config.toml"), to_toml(&outcome.config))?;
+    write_json(&directory.join("machine.json"), &outcome.machine)?;
+    write_csv(&directory.join("speed.csv"), outcome.rows())?;
+    write(&directory.join("report.html"), report::page(outcome, peers).to_html())?;
+    // Last, so that its presence says that the others are there.
+    write_json(&directory.join("speed.json"), outcome)
+}

@@ -1,0 +1,457 @@
+//! What a speed study found: medians over the rounds, and what follows from them.
+
+use std::collections::BTreeMap;
+
+use plid_lab::variant::{CovarianceName, ExpectationName, ScalarName, Variant};
+use serde::{Deserialize, Serialize};
+
+use super::cell::{Cell, OUTPUTS, word};
+use super::config::Config;
+use super::cores::Cores;
+use super::count::Operations;
+use super::histogram::Histogram;
+use super::visit::{Limit, Visit};
+use super::{Entry, Item, traffic};
+use crate::Noise;
+use crate::study::Machine;
+
+/// All figures of a study; speed.json.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Outcome {
+    /// What it ran on.
+    pub machine: Machine,
+    /// The logical cores used, the one that measured first; none where the system does not say.
+    pub cores: Vec<usize>,
+    /// Whether threads were kept on them.
+    pub pinned: bool,
+    /// What was asked for.
+    pub config: Config,
+    /// Cells that need more cores than there are.
+    pub skipped: Vec<String>,
+    /// Multiplications and additions in registers, of one core.
+    pub peaks: Vec<Peak>,
+    /// Passes over matrices.
+    pub limits: Vec<Limits>,
+    /// Steps.
+    pub timings: Vec<Timing>,
+    /// Growth with N.
+    pub slopes: Vec<Slope>,
+}
+
+/// The speed of one core in registers.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Peak {
+    /// The number type.
+    pub scalar: ScalarName,
+    /// Multiplications and additions, 10^9 a second; the best of the rounds.
+    pub gflops: f64,
+}
+
+/// Passes over an N x N matrix.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Limits {
+    /// N.
+    pub joint_states: usize,
+    /// The number type.
+    pub scalar: ScalarName,
+    /// Reading and writing the whole matrix, us.
+    pub full_us: f64,
+    /// Reading and writing its lower triangle, us.
+    pub triangle_us: f64,
+    /// Bytes read and written by the pass over the whole, 10^9 a second.
+    pub gbytes_s: f64,
+}
+
+/// Steps of one cell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Timing {
+    /// The cell's name.
+    pub key: String,
+    /// The cell.
+    pub cell: Cell,
+    /// N.
+    pub joint_states: usize,
+    /// Steps timed.
+    pub steps: u64,
+    /// Median over the rounds of the median time of a step, us.
+    pub median_us: f64,
+    /// The least of them, us.
+    pub least_us: f64,
+    /// The time that 99 % of all steps do not exceed, us.
+    pub p99_us: f64,
+    /// The time that 99.9 % of all steps do not exceed, us.
+    pub p99_9_us: f64,
+    /// The longest step, us.
+    pub longest_us: f64,
+    /// A step's time over that of a pass over P in the same visit, for each round.
+    pub pass_ratios: Vec<f64>,
+    /// The median of these.
+    pub passes: f64,
+    /// Allocations within all timed steps; none where they were not counted.
+    pub allocations: Option<usize>,
+    /// How often the recursion failed and began anew.
+    pub restarts: usize,
+    /// Operations of a step.
+    pub operations: Operations,
+    /// Bytes of P, its factors and their scratch that a step must read or write.
+    pub bytes: f64,
+    /// Operations done, 10^9 a second.
+    pub gflops: f64,
+    /// Those bytes, 10^9 a second.
+    pub gbytes_s: f64,
+}
+
+/// How time and operations grow with N: least squares of the logarithms.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Slope {
+    /// The recursion.
+    pub variant: Variant,
+    /// Sizes N.
+    pub sizes: Vec<usize>,
+    /// Slope of log time.
+    pub time: f64,
+    /// Slope of log operations.
+    pub operations: f64,
+}
+
+/// The sizes that slopes are taken over.
+const SLOPE_SIZES: std::ops::RangeInclusive<usize> = 168..=448;
+
+impl Outcome {
+    /// The timing of a cell.
+    pub fn timing(&self, cell: &Cell) -> Option<&Timing> {
+        self.timings.iter().find(|timing| timing.cell == *cell)
+    }
+
+    /// The timing of f64, plain loops, one thread, diagonal noise, 3 x 3.
+    pub fn plain(&self, states: usize, covariance: CovarianceName, expectations: ExpectationName) -> Option<&Timing> {
+        self.timing(&Cell::plain(states, covariance, expectations))
+    }
+
+    /// The same, unless `change` makes it another.
+    pub fn of(
+        &self,
+        states: usize,
+        covariance: CovarianceName,
+        expectations: ExpectationName,
+        change: impl FnOnce(&mut Cell),
+    ) -> Option<&Timing> {
+        let mut cell = Cell::plain(states, covariance, expectations);
+        change(&mut cell);
+        self.timing(&cell)
+    }
+
+    /// The passes of a size and scalar.
+    pub fn limits(&self, joint_states: usize, scalar: ScalarName) -> Option<&Limits> {
+        self.limits.iter().find(|limits| limits.joint_states == joint_states && limits.scalar == scalar)
+    }
+
+    /// The peak of a scalar, 10^9 operations a second.
+    pub fn peak(&self, scalar: ScalarName) -> Option<f64> {
+        self.peaks.iter().find(|peak| peak.scalar == scalar).map(|peak| peak.gflops)
+    }
+
+    /// The least time that the measured limits leave for a timing's operations and bytes on one thread, us: the operations at the peak, and the bytes
+    /// at the rate of a pass over P.
+    pub fn bounds_us(&self, timing: &Timing) -> Option<[f64; 2]> {
+        let scalar = timing.cell.variant.scalar;
+        let rate = self.limits(timing.joint_states, scalar)?.gbytes_s;
+        Some([timing.operations.total() as f64 / (1e3 * self.peak(scalar)?), timing.bytes / (1e3 * rate)])
+    }
+}
+
+/// A line of speed.csv.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    states: usize,
+    inputs: usize,
+    outputs: usize,
+    joint_states: usize,
+    covariance: String,
+    expectations: String,
+    backend: String,
+    scalar: String,
+    threads: usize,
+    noise: String,
+    steps: u64,
+    median_us: f64,
+    least_us: f64,
+    p99_us: f64,
+    p99_9_us: f64,
+    longest_us: f64,
+    passes: f64,
+    allocations: Option<usize>,
+    restarts: usize,
+    flops: u64,
+    bytes: f64,
+    gflops: f64,
+    gbytes_s: f64,
+}
+
+impl Outcome {
+    /// The lines of speed.csv.
+    pub fn rows(&self) -> impl Iterator<Item = Row> {
+        self.timings.iter().map(|timing| Row {
+            states: timing.cell.states,
+            inputs: timing.cell.inputs,
+            outputs: OUTPUTS,
+            joint_states: timing.joint_states,
+            covariance: word(&timing.cell.variant.covariance),
+            expectations: word(&timing.cell.variant.expectations),
+            backend: word(&timing.cell.variant.backend),
+            scalar: word(&timing.cell.variant.scalar),
+            threads: timing.cell.threads,
+            noise: word(&timing.cell.noise),
+            steps: timing.steps,
+            median_us: timing.median_us,
+            least_us: timing.least_us,
+            p99_us: timing.p99_us,
+            p99_9_us: timing.p99_9_us,
+            longest_us: timing.longest_us,
+            passes: timing.passes,
+            allocations: timing.allocations,
+            restarts: timing.restarts,
+            flops: timing.operations.total(),
+            bytes: timing.bytes,
+            gflops: timing.gflops,
+            gbytes_s: timing.gbytes_s,
+        })
+    }
+}
+
+/// All that was measured, by key, in the order of the rounds.
+#[derive(Debug, Default)]
+pub struct Found(BTreeMap<String, Vec<Entry>>);
+
+impl Found {
+    /// Takes the measurement of a round.
+    pub fn take(&mut self, key: String, entry: Entry) {
+        self.0.entry(key).or_default().push(entry);
+    }
+
+    fn all<'a, T: 'a>(&'a self, key: &str, pick: fn(&'a Entry) -> Option<T>) -> Vec<T> {
+        self.0.get(key).into_iter().flatten().filter_map(pick).collect()
+    }
+
+    /// What follows from it.
+    pub fn outcome(
+        &self,
+        config: &Config,
+        machine: Machine,
+        cores: &Cores,
+        items: &[Item],
+        skipped: &[Cell],
+    ) -> Outcome {
+        let mut outcome = Outcome {
+            machine,
+            cores: cores.ids().to_vec(),
+            pinned: cores.can_pin(),
+            config: config.clone(),
+            skipped: skipped.iter().map(Cell::key).collect(),
+            peaks: Vec::new(),
+            limits: Vec::new(),
+            timings: Vec::new(),
+            slopes: Vec::new(),
+        };
+        for item in items {
+            match item {
+                Item::Peak(scalar) => {
+                    let rounds = self.all(&item.key(), |entry| match entry {
+                        Entry::PeakGflops(gflops) => Some(*gflops),
+                        _ => None,
+                    });
+                    let gflops = rounds.into_iter().fold(f64::NAN, f64::max);
+                    outcome.peaks.push(Peak { scalar: *scalar, gflops });
+                }
+                Item::Limit(size, scalar) => {
+                    let rounds = self.all(&item.key(), |entry| match entry {
+                        Entry::Limit(limit) => Some(*limit),
+                        _ => None,
+                    });
+                    outcome.limits.push(limits(*size, *scalar, &rounds));
+                }
+                Item::Cell(cell) => {
+                    let visits = self.all(&item.key(), |entry| match entry {
+                        Entry::Visit(visit) => Some(visit),
+                        _ => None,
+                    });
+                    let operations = self.all(&cell.operations_key(), |entry| match entry {
+                        Entry::Operations(operations) => Some(*operations),
+                        _ => None,
+                    });
+                    outcome.timings.push(timing(cell, &visits, operations.first().copied().unwrap_or_default()));
+                }
+            }
+        }
+        outcome.slopes = slopes(&outcome.timings);
+        outcome
+    }
+}
+
+/// A cell's figures from its visits, one a round.
+pub fn timing(cell: &Cell, visits: &[&Visit], operations: Operations) -> Timing {
+    let mut times = Histogram::default();
+    visits.iter().for_each(|visit| times.merge(&visit.times));
+    let medians: Vec<f64> = visits.iter().map(|visit| visit.median_us).collect();
+    let pass_ratios: Vec<f64> = visits.iter().map(|visit| visit.median_us / visit.pass_us).collect();
+    let median_us = median(&medians);
+    let bytes = traffic::bytes(cell);
+    Timing {
+        key: cell.key(),
+        cell: *cell,
+        joint_states: cell.joint_states(),
+        steps: times.count(),
+        median_us,
+        least_us: medians.iter().copied().fold(f64::INFINITY, f64::min),
+        p99_us: times.quantile_us(0.99),
+        p99_9_us: times.quantile_us(0.999),
+        longest_us: times.quantile_us(1.0),
+        passes: median(&pass_ratios),
+        pass_ratios,
+        allocations: visits.iter().map(|visit| visit.allocations).sum(),
+        restarts: visits.iter().map(|visit| visit.restarts).sum(),
+        operations,
+        bytes,
+        gflops: operations.total() as f64 / (1e3 * median_us),
+        gbytes_s: bytes / (1e3 * median_us),
+    }
+}
+
+/// A size's passes from those of the rounds.
+pub fn limits(joint_states: usize, scalar: ScalarName, rounds: &[Limit]) -> Limits {
+    let of = |field: fn(&Limit) -> f64| median(&rounds.iter().map(field).collect::<Vec<_>>());
+    let full_us = of(|limit| limit.full_us);
+    let bytes = 2 * joint_states * joint_states * super::cell::scalar_bytes(scalar);
+    let gbytes_s = bytes as f64 / (1e3 * full_us);
+    Limits { joint_states, scalar, full_us, triangle_us: of(|limit| limit.triangle_us), gbytes_s }
+}
+
+/// The slopes of every recursion that was timed at three sizes at least, 3 x 3, one thread, diagonal noise.
+pub fn slopes(timings: &[Timing]) -> Vec<Slope> {
+    let fits = |timing: &&Timing| {
+        let cell = &timing.cell;
+        (cell.inputs, cell.threads, cell.noise) == (3, 1, Noise::Diagonal) && SLOPE_SIZES.contains(&timing.joint_states)
+    };
+    let timings: Vec<&Timing> = timings.iter().filter(fits).collect();
+    let mut slopes: Vec<Slope> = Vec::new();
+    for variant in timings.iter().map(|timing| timing.cell.variant) {
+        let same: Vec<&&Timing> = timings.iter().filter(|timing| timing.cell.variant == variant).collect();
+        if same.len() < 3 || slopes.iter().any(|slope| slope.variant == variant) {
+            continue;
+        }
+        let slope = |of: fn(&Timing) -> f64| {
+            slope(&same.iter().map(|t| ((t.joint_states as f64).ln(), of(t).ln())).collect::<Vec<_>>())
+        };
+        slopes.push(Slope {
+            variant,
+            sizes: same.iter().map(|timing| timing.joint_states).collect(),
+            time: slope(|timing| timing.median_us),
+            operations: slope(|timing| timing.operations.total() as f64),
+        });
+    }
+    slopes
+}
+
+/// Least squares.
+fn slope(points: &[(f64, f64)]) -> f64 {
+    let count = points.len() as f64;
+    let mean = |of: fn(&(f64, f64)) -> f64| points.iter().map(of).sum::<f64>() / count;
+    let (x, y) = (mean(|p| p.0), mean(|p| p.1));
+    let (product, square) =
+        points.iter().fold((0.0, 0.0), |(p, s), point| (p + (point.0 - x) * (point.1 - y), s + (point.0 - x).powi(2)));
+    product / square
+}
+
+/// The middle value, or the mean of the two; NaN of none.
+pub fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    match (sorted.len() / 2, sorted.len() % 2) {
+        (0, 0) => f64::NAN,
+        (half, 0) => 0.5 * (sorted[half - 1] + sorted[half]),
+        (half, _) => sorted[half],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn medians_and_slopes() {
+        assert_eq!(median(&[3.0, 1.0, 2.0]), 2.0);
+        assert_eq!(median(&[4.0, 1.0, 2.0, 3.0]), 2.5);
+        assert!(median(&[]).is_nan());
+        let line: Vec<(f64, f64)> = (0..5).map(|k| (f64::from(k), 3.0 - 2.5 * f64::from(k))).collect();
+        assert!((slope(&line) + 2.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_cell_is_the_middle_of_its_rounds() {
+        let visit = |median_us: f64, pass_us: f64, allocations| Visit {
+            median_us,
+            pass_us,
+            allocations,
+            restarts: 1,
+            times: Histogram::of(&[(1e3 * median_us) as u32]),
+        };
+        let cell = Cell::plain(12, CovarianceName::Direct, ExpectationName::Prior);
+        let visits = [visit(8.0, 2.0, Some(0)), visit(9.0, 3.0, Some(1)), visit(10.0, 2.0, Some(0))];
+        let operations = Operations { additions: 9000, ..Operations::default() };
+        let found = timing(&cell, &visits.iter().collect::<Vec<_>>(), operations);
+        assert_eq!((found.median_us, found.least_us, found.passes), (9.0, 8.0, 4.0));
+        assert_eq!((found.steps, found.restarts, found.allocations), (3, 3, Some(1)));
+        assert!((found.gflops - 1.0).abs() < 1e-12);
+        let uncounted = [visit(1.0, 1.0, Some(0)), visit(1.0, 1.0, None)];
+        assert_eq!(timing(&cell, &uncounted.iter().collect::<Vec<_>>(), operations).allocations, None);
+    }
+}
+
+/// Made-up outcomes for the tests of what is made of them.
+#[cfg(test)]
+pub mod testing {
+    use super::*;
+
+    /// A timing with these ratios, of a pass of 10 us.
+    pub fn timing(
+        states: usize,
+        covariance: CovarianceName,
+        expectations: ExpectationName,
+        pass_us: f64,
+        ratios: &[f64],
+    ) -> Timing {
+        let cell = Cell::plain(states, covariance, expectations);
+        let visits: Vec<Visit> = ratios
+            .iter()
+            .map(|ratio| {
+                let median_us = ratio * pass_us;
+                let times = Histogram::of(&[(1e3 * median_us) as u32]);
+                Visit { median_us, pass_us, allocations: Some(0), restarts: 0, times }
+            })
+            .collect();
+        let operations = Operations { additions: (cell.joint_states() as u64).pow(2), ..Operations::default() };
+        super::timing(&cell, &visits.iter().collect::<Vec<_>>(), operations)
+    }
+
+    /// An outcome of these timings, on this machine.
+    pub fn outcome(timings: Vec<Timing>) -> Outcome {
+        let config = Config { rounds: 1, visit_ms: 0.0, steps: 1, warm_up: 1, cores: None, cross: Vec::new() };
+        let mut limits: Vec<Limits> = Vec::new();
+        for timing in &timings {
+            let scalar = timing.cell.variant.scalar;
+            let limit = Limit { full_us: 10.0, triangle_us: 5.0 };
+            limits.push(super::limits(timing.joint_states, scalar, &[limit]));
+        }
+        Outcome {
+            machine: Machine::here(),
+            cores: vec![0],
+            pinned: true,
+            config,
+            skipped: Vec::new(),
+            peaks: vec![Peak { scalar: ScalarName::F64, gflops: 50.0 }],
+            limits,
+            slopes: slopes(&timings),
+            timings,
+        }
+    }
+}

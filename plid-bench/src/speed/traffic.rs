@@ -1,0 +1,31 @@
+//! Bytes that a step cannot do without, counted from the algorithm.
+
+use super::cell::{Cell, OUTPUTS, scalar_bytes};
+
+/// Bytes that a step must read or write, whatever its order of work, if nothing but the last step's sums stays in registers:
+///
+/// - P, or the factor that stands for it, one triangle with its diagonal: read once and written once, 2 N (N + 1) / 2;
+/// - the estimate s: read once and written once, 2 N;
+/// - the gain, N x p: written by the measurement update and read by what follows, 2 N p.
+///
+/// What is of the size n x n (Qbar, the array of a factorisation) stays in the nearest cache and is not counted.
+pub fn bytes(cell: &Cell) -> f64 {
+    let joint = cell.joint_states();
+    let entries = joint * (joint + 1) + 2 * joint + 2 * joint * OUTPUTS;
+    (entries * scalar_bytes(cell.variant.scalar)) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use plid_lab::variant::{CovarianceName, ExpectationName, ScalarName};
+
+    use super::*;
+
+    #[test]
+    fn a_triangle_is_read_and_written() {
+        let mut cell = Cell::plain(64, CovarianceName::Direct, ExpectationName::Prior);
+        assert_eq!(bytes(&cell), 8.0 * (448.0 * 449.0 + 8.0 * 448.0));
+        cell.variant.scalar = ScalarName::F32;
+        assert_eq!(bytes(&cell), 4.0 * (448.0 * 449.0 + 8.0 * 448.0));
+    }
+}

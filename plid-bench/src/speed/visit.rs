@@ -1,0 +1,192 @@
+//! The steps of one cell, timed one by one.
+
+use std::time::Instant;
+
+use plid_backends::on_threads;
+use plid_core::{IdentifierError, Scalar};
+use plid_lab::variant::{ScalarName, VariantError};
+use serde::{Deserialize, Serialize};
+use stats_alloc::{INSTRUMENTED_SYSTEM, Region};
+
+use super::cell::Cell;
+use super::config::Config;
+use super::cores::Cores;
+use super::histogram::Histogram;
+use super::limits::{Pass, passes, peak, time};
+use crate::{Loop, Workload};
+
+/// What is kept of a visit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Visit {
+    /// Median time of a step, us.
+    pub median_us: f64,
+    /// Time of a pass over an N x N matrix, us: the mean of one right before the steps and one right after them.
+    pub pass_us: f64,
+    /// Allocations within the timed steps, of all threads; none where the program does not count them.
+    pub allocations: Option<usize>,
+    /// How often the recursion failed and began anew.
+    pub restarts: usize,
+    /// Times of all steps.
+    pub times: Histogram,
+}
+
+/// Limits of one matrix size and scalar.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Limit {
+    /// Time of a pass over the whole matrix, us.
+    pub full_us: f64,
+    /// Time of a pass over its lower triangle, us.
+    pub triangle_us: f64,
+}
+
+/// A recursion that cannot be timed.
+#[derive(Debug, thiserror::Error)]
+pub enum VisitError {
+    /// It cannot be built.
+    #[error(transparent)]
+    Variant(#[from] VariantError),
+    /// The system gives no more threads.
+    #[error(transparent)]
+    Threads(#[from] rayon::ThreadPoolBuildError),
+    /// It fails again and again.
+    #[error("it fails again and again: {0}")]
+    Fails(IdentifierError),
+}
+
+/// Failures within a visit that are let pass.
+const MOST_RESTARTS: usize = 3;
+/// Single times that are kept of a visit at most.
+const MOST_STEPS: usize = 100_000;
+
+/// Visits a cell: a pass, the warm-up, the timed steps, a pass.
+///
+/// # Errors
+/// [`VisitError`]
+pub fn visit(cell: &Cell, workload: &Workload<'_>, cores: &Cores, config: &Config) -> Result<Visit, VisitError> {
+    let build = || workload.recursion(cell.threaded());
+    let timed = || {
+        let pass = || one_pass(cell.variant.scalar, cell.joint_states());
+        let before_us = pass();
+        let mut visit = timed(build, config)?;
+        visit.pass_us = 0.5 * (before_us + pass());
+        Ok(visit)
+    };
+    if cell.threads == 1 {
+        return cores.on(0, |_| timed());
+    }
+    let pinned = cores.clone();
+    on_threads(cell.threads, move |thread| _ = pinned.pin_here(thread), timed)?
+}
+
+fn timed<'a>(mut build: impl FnMut() -> Result<Loop<'a>, VariantError>, config: &Config) -> Result<Visit, VisitError> {
+    let least_steps = config.steps_a_visit();
+    let mut times: Vec<u32> = Vec::with_capacity(MOST_STEPS.max(least_steps));
+    let (mut allocations, mut restarts) = (0, 0);
+    let mut elapsed_ns = 0;
+    'anew: loop {
+        let mut steps = build()?;
+        for _ in 0..config.warm_up {
+            if let Err(error) = steps.step() {
+                restarts += 1;
+                if restarts > MOST_RESTARTS { return Err(VisitError::Fails(error)) } else { continue 'anew }
+            }
+        }
+        let region = Region::new(&INSTRUMENTED_SYSTEM);
+        while times.len() < least_steps
+            || (times.len() < times.capacity() && (elapsed_ns as f64) < 1e6 * config.visit_ms)
+        {
+            let start = Instant::now();
+            let result = steps.step();
+            let time_ns = start.elapsed().as_nanos().min(u32::MAX.into()) as u32;
+            if let Err(error) = result {
+                allocations += region.change().allocations;
+                restarts += 1;
+                if restarts > MOST_RESTARTS { return Err(VisitError::Fails(error)) } else { continue 'anew }
+            }
+            times.push(time_ns);
+            elapsed_ns += u64::from(time_ns);
+        }
+        allocations += region.change().allocations;
+        break;
+    }
+    let histogram = Histogram::of(&times);
+    Ok(Visit {
+        median_us: median_us(times),
+        pass_us: f64::NAN,
+        allocations: allocations_are_counted().then_some(allocations),
+        restarts,
+        times: histogram,
+    })
+}
+
+fn median_us(mut times: Vec<u32>) -> f64 {
+    let middle = times.len() / 2;
+    f64::from(*times.select_nth_unstable(middle).1) / 1e3
+}
+
+/// Whether the program has the counting allocator as its own.
+fn allocations_are_counted() -> bool {
+    let region = Region::new(&INSTRUMENTED_SYSTEM);
+    drop(std::hint::black_box(Box::new(0_u64)));
+    region.change().allocations > 0
+}
+
+/// Time of a pass over an N x N matrix, us.
+fn one_pass(scalar: ScalarName, size: usize) -> f64 {
+    fn of<S: Scalar>(size: usize) -> f64 {
+        let mut pass = Pass::<S>::new(size);
+        1e6 * time(|| pass.full())
+    }
+    match scalar {
+        ScalarName::F32 => of::<f32>(size),
+        ScalarName::F64 => of::<f64>(size),
+        ScalarName::DoubleDouble => of::<qd::Quad>(size),
+    }
+}
+
+/// Passes over a matrix of this size.
+pub fn limit(scalar: ScalarName, size: usize, cores: &Cores) -> Limit {
+    let [full, triangle] = cores.on(0, |_| match scalar {
+        ScalarName::F32 => passes::<f32>(size),
+        ScalarName::F64 => passes::<f64>(size),
+        ScalarName::DoubleDouble => passes::<qd::Quad>(size),
+    });
+    Limit { full_us: 1e6 * full, triangle_us: 1e6 * triangle }
+}
+
+/// Multiplications and additions in registers, 10^9 a second.
+pub fn peak_gflops(scalar: ScalarName, cores: &Cores) -> f64 {
+    1e-9 * cores.on(0, |_| match scalar {
+        ScalarName::F32 => peak::<f32>(),
+        ScalarName::F64 => peak::<f64>(),
+        ScalarName::DoubleDouble => peak::<qd::Quad>(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use plid_lab::variant::Variant;
+
+    use super::*;
+    use crate::{Noise, Record};
+
+    const CONFIG: Config = Config { rounds: 2, visit_ms: 0.0, steps: 60, warm_up: 5, cores: None, cross: Vec::new() };
+
+    #[test]
+    fn a_visit_times_as_many_steps_as_asked_for() {
+        let record = Record::truss(3, 0.1).unwrap();
+        let workload = Workload::new(&record, 6, Noise::Diagonal).unwrap();
+        let cell = Cell { states: 6, inputs: 3, noise: Noise::Diagonal, threads: 1, variant: Variant::default() };
+        let visit = visit(&cell, &workload, &Cores::choose(None, 1), &CONFIG).unwrap();
+        assert_eq!((visit.times.count(), visit.restarts), (30, 0));
+        assert!(visit.median_us > 0.0 && visit.pass_us > 0.0);
+        assert!((visit.times.quantile_us(0.5) / visit.median_us - 1.0).abs() < 0.5);
+        // Tests have no counting allocator: nothing is claimed then.
+        assert_eq!(visit.allocations, None);
+    }
+
+    #[test]
+    fn medians_are_of_single_steps() {
+        assert_eq!(median_us(vec![5000, 1000, 3000]), 3.0);
+    }
+}

@@ -1,0 +1,63 @@
+//! A group's problem made ready: record, form, noise, start; and its recursions.
+
+use std::sync::Arc;
+
+use plid_core::{NoiseModel, ObservableForm, Settings, StructureError};
+use plid_lab::variant::{BackendName, CovarianceName, Recursion, ScalarName, Variant, VariantError};
+use plid_testbed::{INPUTS, OUTPUTS};
+
+use super::config::Group;
+use super::record::{Record, single};
+
+/// What the cells of a group have in common.
+#[derive(Clone, Debug)]
+pub struct Problem {
+    /// The group.
+    pub group: Group,
+    /// The data.
+    pub record: Arc<Record>,
+    /// The canonical form.
+    pub form: ObservableForm,
+    noise: NoiseModel,
+    settings: Settings,
+}
+
+impl Problem {
+    /// The problem of `group` on its record.
+    ///
+    /// # Errors
+    /// A number of states that is impossible.
+    pub fn new(group: Group, record: Arc<Record>) -> Result<Self, StructureError> {
+        let form = ObservableForm::balanced(group.states, OUTPUTS, INPUTS)?;
+        let unit = if group.start_over_sensor { record.sensor } else { 1.0 };
+        let p0 = single(group.initial_variance * unit);
+        let settings = Settings {
+            parameter_noise: single(group.parameter_noise),
+            forgetting: group.forgetting,
+            ..Settings::new(&form, p0, p0)
+        };
+        Ok(Self { noise: record.noise(&form), group, record, form, settings })
+    }
+
+    /// A recursion on plain loops, before its first sample.
+    ///
+    /// # Errors
+    /// [`VariantError`]
+    pub fn recursion(
+        &self,
+        covariance: CovarianceName,
+        scalar: ScalarName,
+    ) -> Result<Box<dyn Recursion>, VariantError> {
+        let expectations = self.group.expectations;
+        let variant = Variant { covariance, expectations, backend: BackendName::Plain, scalar };
+        variant.build(self.form.clone(), &self.noise, &self.settings)
+    }
+
+    /// Sample `k` into `recursion`.
+    ///
+    /// # Errors
+    /// As [`plid_core::Identifier::step`].
+    pub fn step(&self, recursion: &mut dyn Recursion, k: usize) -> Result<(), plid_core::IdentifierError> {
+        recursion.step(&self.record.outputs[k], &self.record.inputs[k], false)
+    }
+}

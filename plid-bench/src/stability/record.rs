@@ -1,0 +1,117 @@
+//! Records that the study identifies from, and what it is told of their noise.
+
+use ndarray::Array2;
+use plid_core::{NoiseModel, ObservableForm};
+use plid_testbed::{INPUTS, OUTPUTS, Simulation, TestbedError, TrussConfig, simulate};
+
+/// One record of 3 inputs and 3 outputs, with an undisturbed one of the same plant beside it.
+#[derive(Clone, Debug)]
+pub struct Record {
+    /// K samples of m inputs.
+    pub inputs: Vec<[f64; INPUTS]>,
+    /// K samples of p outputs.
+    pub outputs: Vec<[f64; OUTPUTS]>,
+    /// Variance of each sensor's noise, as the recursion is told.
+    pub sensor: f64,
+    /// Variance of each actuator's noise, likewise.
+    pub actuator: f64,
+    /// The parameters [a_1; ..; a_p; b_1; ..; b_m] at the record's end, where the plant is of the model's class.
+    pub truth: Option<Vec<f64>>,
+    /// An input that the identification has not seen, and the plant's outputs to it from rest without any noise.
+    pub check: Check,
+}
+
+/// Samples x channels.
+#[derive(Clone, Debug)]
+pub struct Check {
+    /// K x m.
+    pub inputs: Array2<f64>,
+    /// K x p.
+    pub outputs: Array2<f64>,
+    /// Samples a second.
+    pub rate_hz: f64,
+    /// Where the inputs have power, Hz.
+    pub band_hz: [f64; 2],
+}
+
+/// Sigma of every state, as the recursion is told: what stands for ambient forces and truncated modes.
+pub const STATE_NOISE: f64 = 1e-6;
+/// Samples of the check.
+const CHECK_SAMPLES: usize = 4096;
+/// Where the default command of the truss has its power (-3 dB at 200 Hz), and the five dominant modes are, Hz.
+pub const TRUSS_BAND_HZ: [f64; 2] = [2.0, 250.0];
+
+/// The nearest number that single precision has. All scalars are given the same data, noise and start, to the bit, so
+/// that what differs afterwards is arithmetic alone.
+pub fn single(x: f64) -> f64 {
+    f64::from(x as f32)
+}
+
+impl Record {
+    /// The noise model of an identification with the states of `form`.
+    pub fn noise(&self, form: &ObservableForm) -> NoiseModel {
+        let states = form.indices().iter().sum();
+        NoiseModel::diagonal(
+            &[single(self.sensor); OUTPUTS],
+            &[single(self.actuator); INPUTS],
+            &vec![single(STATE_NOISE); states],
+        )
+    }
+
+    /// All samples as single precision has them.
+    pub(super) fn rounded(mut self) -> Self {
+        let all = self.inputs.iter_mut().flatten().chain(self.outputs.iter_mut().flatten());
+        all.for_each(|x| *x = single(*x));
+        self
+    }
+}
+
+/// The default truss with `sensor_rms_v` of sensor noise, `samples` long: never the same sample twice.
+pub fn truss(samples: usize, sensor_rms_v: f64) -> Result<Record, TestbedError> {
+    let mut config = lasting(TrussConfig::default(), samples);
+    config.noise.sensor_rms_v = sensor_rms_v;
+    of_simulation(&simulate(&config)?, &TrussConfig::default())
+}
+
+/// The config with a duration of so many samples.
+pub(super) fn lasting(config: TrussConfig, samples: usize) -> TrussConfig {
+    TrussConfig { duration_s: samples as f64 / config.sample_rate_hz, ..config }
+}
+
+/// The record of a simulation; the check is a run of `plant` with another seed.
+pub(super) fn of_simulation(simulation: &Simulation, plant: &TrussConfig) -> Result<Record, TestbedError> {
+    let check = simulate(&lasting(TrussConfig { seed: plant.seed + 1, ..plant.clone() }, CHECK_SAMPLES))?;
+    let truth = &simulation.truth;
+    let rows = |array: &Array2<f64>| array.rows().into_iter().map(|row| std::array::from_fn(|i| row[i])).collect();
+    let record = Record {
+        inputs: rows(&simulation.commands),
+        outputs: rows(&simulation.outputs[0]),
+        sensor: truth.noise.sensor[(0, 0)],
+        actuator: truth.noise.actuator[(0, 0)],
+        truth: None,
+        check: Check {
+            inputs: check.commands,
+            outputs: check.noise_free,
+            rate_hz: simulation.sample_rate_hz,
+            band_hz: TRUSS_BAND_HZ,
+        },
+    };
+    Ok(record.rounded())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_record_is_as_long_as_asked_for_and_holds_single_precision_numbers() {
+        let record = truss(500, 0.005).unwrap();
+        assert_eq!((record.inputs.len(), record.outputs.len()), (500, 500));
+        assert!(record.outputs.iter().flatten().all(|&x| x == f64::from(x as f32)));
+        // No sample repeats: the record is not a loop.
+        assert!((1..500).all(|k| record.inputs[k] != record.inputs[0]));
+        let form = ObservableForm::balanced(6, OUTPUTS, INPUTS).unwrap();
+        assert!(record.noise(&form).check(OUTPUTS, INPUTS, 6).is_ok());
+        assert_eq!(record.check.inputs.dim(), (CHECK_SAMPLES, INPUTS));
+    }
+}

@@ -1,0 +1,323 @@
+//! report.html: the map first, then how errors grow, hard starts, variations, the table, the verdicts' numbers.
+
+use plid_lab::report::{Axis, Cell as Field, Chart, Report, Series, Table, chart};
+use plid_lab::variant::{CovarianceName, ScalarName};
+
+use super::classify::{Judged, rule};
+use super::config::{FORMS, Part, SCALARS, word};
+use super::grid::{self, Grid, draw};
+use super::outcome::Outcome;
+use super::verdicts::name;
+
+/// The page.
+pub fn page(outcome: &Outcome) -> Report {
+    let mut report = Report::new("Stability of the covariance forms");
+    for claim in &outcome.claims {
+        report = report.verdict(format!("{} {}", claim.claim, claim.verdict));
+    }
+    let steps = outcome.config.steps;
+    report = report
+        .figure(
+            map(outcome),
+            format!(
+                "The map: what becomes of each form in each scalar over {steps} steps at the centre (truss, 3 x 3, sensor noise 0.005 V, moment-matched, \
+                 P0 = 1, no parameter noise). A lost cell names the step by which P was found not to be positive definite."
+            ),
+        )
+        .paragraph(rule());
+    report = errors(report, outcome);
+    report = hard(report, outcome);
+    report = variations(report, outcome);
+    report = report.heading("Which form to take").table(recommendations(outcome)).paragraph(
+        "plid run and plid identify take the recommended form where an experiment names none. In f64 the direct form is recommended up to the sizes and \
+         lengths of this table, P0 / R of 1e8 and without forgetting; beyond that, and in f32 always, Bierman UD.",
+    );
+    report = report.heading("Verdicts");
+    for claim in &outcome.claims {
+        report = report.paragraph(format!("{} {}", claim.claim, claim.verdict)).advice_of(&claim.numbers);
+    }
+    report = report
+        .details("What one step rounds, and P at the end", |r| r.table(rounding(outcome)))
+        .details("The runs in double-double", |r| r.table(references(outcome)))
+        .details("All cells that are not sound, and why", |r| r.table(reasons(outcome)))
+        .listing(
+            "The config. `plid bench stability CONFIG --out DIR` repeats the study.",
+            crate::study::to_toml(&outcome.config),
+        );
+    for (name, value) in outcome.machine.lines() {
+        report = report.provenance(name, value);
+    }
+    report
+}
+
+/// A list of numbers below a verdict.
+trait Numbers {
+    fn advice_of(self, numbers: &[String]) -> Self;
+}
+
+impl Numbers for Report {
+    fn advice_of(mut self, numbers: &[String]) -> Self {
+        for number in numbers {
+            self = self.paragraph(format!("– {number}"));
+        }
+        self
+    }
+}
+
+/// Form and scalar, in the order of all pictures: the scalars apart.
+fn pairs() -> Vec<(CovarianceName, ScalarName)> {
+    SCALARS.iter().flat_map(|&scalar| FORMS.map(|form| (form, scalar))).collect()
+}
+
+fn field(judged: &Judged) -> grid::Field {
+    let note = judged.lost_at.map(|step| format!("step {step}")).unwrap_or_default();
+    grid::Field { class: judged.class, note }
+}
+
+fn find<'a>(
+    cells: &'a [Judged],
+    part: Part,
+    label: &str,
+    states: usize,
+    (form, scalar): (CovarianceName, ScalarName),
+) -> Option<&'a Judged> {
+    cells.iter().find(|j| {
+        let cell = &j.cell;
+        let group = &cell.group;
+        group.part == part
+            && group.label == label
+            && group.states == states
+            && (cell.form, cell.scalar) == (form, scalar)
+    })
+}
+
+fn map(outcome: &Outcome) -> String {
+    let states = &outcome.config.states;
+    let row = |pair| states.iter().map(|&n| find(&outcome.cells, Part::Map, "centre", n, pair).map(field)).collect();
+    draw(&Grid {
+        rows: pairs().iter().map(|&(form, scalar)| name(form, scalar)).collect(),
+        columns: states.iter().map(usize::to_string).collect(),
+        column_label: "states n".into(),
+        fields: pairs().into_iter().map(row).collect(),
+    })
+}
+
+/// Labels of a part at a size, in the order of the config.
+fn labels(outcome: &Outcome, part: Part, states: usize) -> Vec<String> {
+    let mut labels: Vec<String> = Vec::new();
+    let groups = outcome.config.groups_in_order();
+    for group in groups.iter().filter(|g| g.part == part && g.states == states) {
+        if !labels.contains(&group.label) {
+            labels.push(group.label.clone());
+        }
+    }
+    labels
+}
+
+/// One row a label, one column a form and scalar.
+fn by_label(outcome: &Outcome, part: Part, states: usize) -> String {
+    let labels = labels(outcome, part, states);
+    let row = |label: &String| {
+        pairs().into_iter().map(|pair| find(&outcome.cells, part, label, states, pair).map(field)).collect()
+    };
+    draw(&Grid {
+        columns: pairs().iter().map(|&(form, scalar)| format!("{} {}", word(&form), word(&scalar))).collect(),
+        column_label: format!("form and scalar, n = {states}"),
+        fields: labels.iter().map(row).collect(),
+        rows: labels,
+    })
+}
+
+/// A form has one colour; single precision is dashed.
+fn colour(form: CovarianceName) -> &'static str {
+    match form {
+        CovarianceName::Direct => "#d55e00",
+        CovarianceName::Joseph => "#e69f00",
+        CovarianceName::BiermanUd => "#0072b2",
+        CovarianceName::ArraySqrt => "#009e73",
+    }
+}
+
+fn errors(report: Report, outcome: &Outcome) -> Report {
+    let states = &outcome.config.states;
+    let shown = states.iter().copied().find(|&n| n >= 24).or(states.last().copied());
+    let Some(shown) = shown else { return report };
+    let mut both = vec![shown];
+    both.extend(states.last().copied().filter(|&n| n != shown));
+    let mut report = report.heading("Distance from exact arithmetic");
+    for n in both {
+        let curves = |value: &dyn Fn(&super::ErrorAt) -> Option<f64>| -> Vec<Series> {
+            pairs()
+                .into_iter()
+                .filter_map(|pair| {
+                    let judged = find(&outcome.cells, Part::Map, "centre", n, pair)?;
+                    let points =
+                        judged.cell.errors.iter().filter_map(|e| Some((e.step as f64, value(e).filter(|v| *v > 0.0)?)));
+                    let line = Series::line(name(pair.0, pair.1), points.collect()).colour(colour(pair.0));
+                    Some(if pair.1 == ScalarName::F32 { line.dashed() } else { line })
+                })
+                .collect()
+        };
+        let draw = |y: &str, series| {
+            chart(&Chart { title: format!("n = {n}"), x: Axis::log("step"), y: Axis::log(y), series, height: 260.0 })
+        };
+        report = report
+            .figure(
+                draw("largest |ΔP_ij| / √(P_ii P_jj)", curves(&|e| e.covariance)),
+                "The error of P against the same recursion in double-double. A curve ends where the form stops or the double-double does.",
+            )
+            .figure(draw("|Δs| / |s|", curves(&|e| Some(e.estimate))), "The error of the estimate s of states and parameters, likewise.");
+    }
+    report
+}
+
+fn hard(report: Report, outcome: &Outcome) -> Report {
+    let states = outcome.config.adversarial.states;
+    if outcome.config.adversarial.steps == 0 {
+        return report;
+    }
+    report.heading("Hard starts and records").figure(
+        by_label(outcome, Part::Adversarial, states),
+        format!(
+            "Each over {} steps; wind-up and the jump with forgetting {:.6}.",
+            outcome.config.adversarial.steps, outcome.config.adversarial.forgetting
+        ),
+    )
+}
+
+fn variations(report: Report, outcome: &Outcome) -> Report {
+    let mut report = report.heading("One setting off the centre");
+    for &states in &outcome.config.variations.states {
+        report = report
+            .figure(by_label(outcome, Part::Variation, states), format!("Each over {} steps.", outcome.config.steps));
+    }
+    report.table(free_runs(outcome))
+}
+
+/// Free-run errors and NEES of the variations.
+fn free_runs(outcome: &Outcome) -> Table {
+    let mut table = Table::new(
+        "Free-run error on an undisturbed record, and NEES of Bierman UD in f64 where the plant is of the model's class (1 is honest). A dash: the form was lost, or the free run diverges.",
+    )
+        .column("n", "")
+        .column("setting", "");
+    let shown =
+        pairs().into_iter().filter(|&(form, scalar)| scalar == ScalarName::F32 || form != CovarianceName::Joseph);
+    let shown: Vec<_> =
+        shown.filter(|&(form, scalar)| scalar == ScalarName::F32 || form != CovarianceName::ArraySqrt).collect();
+    for &(form, scalar) in &shown {
+        table = table.column(format!("{} {}", word(&form), word(&scalar)), "%");
+    }
+    table = table.column("NEES", "");
+    let mut row = |part: Part, label: &str, states: usize| {
+        let cells: Vec<Option<&Judged>> =
+            shown.iter().map(|&pair| find(&outcome.cells, part, label, states, pair)).collect();
+        let percent = |j: &Option<&Judged>| {
+            let error = j.filter(|j| j.lost_at.is_none()).and_then(|j| j.cell.free_run);
+            Field::significant(100.0 * error.unwrap_or(f64::NAN), 3)
+        };
+        let nees = find(&outcome.cells, part, label, states, (CovarianceName::BiermanUd, ScalarName::F64))
+            .and_then(|j| j.cell.nees);
+        let first: [Field; 2] = [states.into(), label.into()];
+        let last = Field::significant(nees.unwrap_or(f64::NAN), 3);
+        let cells: Vec<Field> = first.into_iter().chain(cells.iter().map(percent)).chain([last]).collect();
+        table = std::mem::take(&mut table).row(cells);
+    };
+    for &n in &outcome.config.states {
+        row(Part::Map, "centre", n);
+    }
+    for &n in &outcome.config.variations.states {
+        for label in labels(outcome, Part::Variation, n) {
+            row(Part::Variation, &label, n);
+        }
+    }
+    table
+}
+
+fn recommendations(outcome: &Outcome) -> Table {
+    let mut table = Table::new("The fastest form that held in this run's map, and what plid recommends.")
+        .column("scalar", "")
+        .column("n", "")
+        .column("steps", "")
+        .column("fastest that held", "")
+        .column("recommended", "")
+        .column("did it hold", "");
+    for line in &outcome.recommended {
+        let fastest = line.fastest_sound.map_or("none".into(), |form| word(&form));
+        table = table.row([
+            word(&line.scalar).into(),
+            line.states.into(),
+            line.steps.into(),
+            Field::from(fastest),
+            word(&line.recommended).into(),
+            if line.holds { "yes" } else { "no" }.into(),
+        ]);
+    }
+    table
+}
+
+fn rounding(outcome: &Outcome) -> Table {
+    let mut table = Table::new(
+        "Centre: the largest scaled change of P by the rounding of one step (for factored forms the loss of orthogonality is in it), and P at the end.",
+    )
+    .column("form", "")
+    .column("n", "")
+    .column("one step", "")
+    .column("symmetry defect", "")
+    .column("smallest pivot", "")
+    .column("condition at least", "")
+    .column("response off by", "% of peak");
+    for (form, scalar) in pairs() {
+        for &n in &outcome.config.states {
+            let Some(judged) = find(&outcome.cells, Part::Map, "centre", n, (form, scalar)) else { continue };
+            let cell = &judged.cell;
+            let one_step = cell.local.iter().filter_map(|l| l.covariance).reduce(f64::max);
+            let number = |x: Option<f64>| Field::significant(x.unwrap_or(f64::NAN), 2);
+            table = table.row([
+                name(form, scalar).into(),
+                n.into(),
+                number(one_step),
+                number(Some(cell.symmetry_defect)),
+                number(cell.smallest_pivot),
+                number(cell.condition),
+                number(judged.response.map(|r| 100.0 * r)),
+            ]);
+        }
+    }
+    table
+}
+
+fn references(outcome: &Outcome) -> Table {
+    let mut table = Table::new("Double-double on plain loops: what it cost, and its own error, by comparison of the direct form with Bierman UD.")
+        .column("group", "")
+        .column("form", "")
+        .column("steps", "")
+        .column("a step", "µs")
+        .column("condition of P's correlations", "")
+        .column("own error of P", "")
+        .column("at step", "");
+    for reference in &outcome.references {
+        let number = |x: Option<f64>| Field::significant(x.unwrap_or(f64::NAN), 2);
+        let own = reference.own_error;
+        table = table.row([
+            reference.group.as_str().into(),
+            word(&reference.form).into(),
+            reference.steps.into(),
+            Field::fixed(reference.microseconds_per_step, 0),
+            number(reference.condition),
+            number(own.map(|(_, error)| error)),
+            own.map_or("–".into(), |(step, _)| step.into()),
+        ]);
+    }
+    table
+}
+
+fn reasons(outcome: &Outcome) -> Table {
+    let mut table = Table::new("Why.").column("cell", "").column("class", "").column("why", "");
+    for judged in outcome.cells.iter().filter(|j| !j.why.is_empty()) {
+        let cell = &judged.cell;
+        let key = super::Cell::key(&cell.group, cell.form, cell.scalar);
+        table = table.row([key.into(), word(&judged.class).into(), judged.why.as_str().into()]);
+    }
+    table
+}

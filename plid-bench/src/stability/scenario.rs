@@ -1,0 +1,100 @@
+//! The data of a group, by name.
+
+use plid_testbed::TestbedError;
+use serde::{Deserialize, Serialize};
+
+use super::adversarial;
+use super::plant::{Plant, PlantError};
+use super::record::{Record, truss};
+
+/// Where the data come from.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Scenario {
+    /// The default truss, sensor noise 0.005 V.
+    Truss,
+    /// The truss with so much sensor noise, V RMS.
+    TrussWithSensorNoise(f64),
+    /// A random plant of the model's class.
+    InClass,
+    /// Inputs that nearly depend on each other.
+    DependentInputs,
+    /// A mode that no input excites.
+    UnexcitedMode,
+    /// Converters that clip.
+    SaturatedConverters,
+    /// A long time without input, with forgetting.
+    WindUp,
+    /// A plant of the model's class of which a column of B grows by half in the middle of the record, with forgetting.
+    Jump,
+}
+
+/// A record that cannot be had.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordError {
+    /// The truss cannot be simulated.
+    #[error(transparent)]
+    Testbed(#[from] TestbedError),
+    /// The plant of the model's class cannot be made.
+    #[error(transparent)]
+    Plant(#[from] PlantError),
+}
+
+impl Scenario {
+    /// Those that are hard.
+    pub const HARD: [Self; 5] =
+        [Self::DependentInputs, Self::UnexcitedMode, Self::SaturatedConverters, Self::WindUp, Self::Jump];
+
+    /// In words.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Truss => "truss",
+            Self::TrussWithSensorNoise(_) => "truss, more sensor noise",
+            Self::InClass => "plant in class",
+            Self::DependentInputs => "dependent inputs",
+            Self::UnexcitedMode => "unexcited mode",
+            Self::SaturatedConverters => "saturated converters",
+            Self::WindUp => "wind-up",
+            Self::Jump => "jump of a parameter",
+        }
+    }
+
+    /// Whether it is about what forgetting does.
+    pub fn needs_forgetting(self) -> bool {
+        matches!(self, Self::WindUp | Self::Jump)
+    }
+
+    /// Whether the data determine the response of each input by itself: of inputs that nearly depend on each other they tell the sum only, and
+    /// rounding may move what nothing determines.
+    pub fn tells_every_response(self) -> bool {
+        self != Self::DependentInputs
+    }
+
+    /// Whether another number of states makes another record.
+    pub fn depends_on_states(self) -> bool {
+        matches!(self, Self::InClass | Self::Jump)
+    }
+
+    /// The record, the same for the same arguments. Only plants of the model's class depend on `states`.
+    ///
+    /// # Errors
+    /// [`RecordError`]
+    pub fn record(self, states: usize, samples: usize) -> Result<Record, RecordError> {
+        Ok(match self {
+            Self::Truss => truss(samples, 0.005)?,
+            Self::TrussWithSensorNoise(rms_v) => truss(samples, rms_v)?,
+            Self::InClass => {
+                let plant = Plant::random(states)?;
+                plant.record(samples, samples, &plant)
+            }
+            Self::DependentInputs => adversarial::dependent_inputs(samples)?,
+            Self::UnexcitedMode => adversarial::unexcited_mode(samples)?,
+            Self::SaturatedConverters => adversarial::saturated_converters(samples)?,
+            Self::WindUp => adversarial::wind_up(samples)?,
+            Self::Jump => {
+                let plant = Plant::random(states)?;
+                plant.record(samples, samples / 2, &plant.jumped())
+            }
+        })
+    }
+}

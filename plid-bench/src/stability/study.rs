@@ -1,0 +1,173 @@
+//! Carrying the study out: groups side by side, the cells of a group one after the other, each into the journal.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use plid_lab::variant::CovarianceName;
+use rayon::iter::{ParallelBridge, ParallelIterator};
+use serde::{Deserialize, Serialize};
+
+use super::cell::{self, Cell};
+use super::config::{Config, Group};
+use super::problem::Problem;
+use super::record::Record;
+use super::reference::{Reference, ReferenceSummary, reference};
+use crate::study::{Journal, Progress, StudyError, to_toml};
+
+/// What the journal keeps.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Entry {
+    /// A cell.
+    Cell(Box<Cell>),
+    /// A run in double-double.
+    Reference(ReferenceSummary),
+}
+
+/// Everything found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Found {
+    /// The cells, in the order of the config.
+    pub cells: Vec<Cell>,
+    /// The runs in double-double, likewise.
+    pub references: Vec<ReferenceSummary>,
+}
+
+/// Steps between two words to the progress.
+const SAY_EVERY: usize = 512;
+/// A step in double-double costs about as much as so many others.
+const DEARER: usize = 25;
+
+/// Runs all cells that `directory`'s journal does not have yet.
+///
+/// # Errors
+/// [`StudyError`]; interrupted work leaves its journal.
+pub fn run(config: &Config, directory: &Path, resume: bool, progress: &dyn Progress) -> Result<Found, StudyError> {
+    let journal = Mutex::new(Journal::open(directory, "stability", &to_toml(config), resume)?);
+    let groups = config.groups();
+    progress.stage("stability");
+    let total: usize = groups.iter().map(|g| g.cells().iter().map(|c| work(g, g.steps_of(c.1))).sum::<usize>()).sum();
+    let total = total + groups.iter().map(|g| DEARER * work(g, g.reference_steps)).sum::<usize>();
+    let study = Study { journal, records: Mutex::default(), done: AtomicUsize::new(0), total, progress };
+    groups.iter().par_bridge().try_for_each(|group| study.group(group))?;
+    let journal = study.journal.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let mut found = Found { cells: Vec::new(), references: Vec::new() };
+    for group in &groups {
+        for name in references(group) {
+            if let Some(Entry::Reference(reference)) = journal.get(&reference_key(group, name)) {
+                found.references.push(reference.clone());
+            }
+        }
+        for (form, scalar) in group.cells() {
+            if let Some(Entry::Cell(cell)) = journal.get(&Cell::key(group, form, scalar)) {
+                found.cells.push((**cell).clone());
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// The work of so many steps, in entries of P gone through, thousands.
+fn work(group: &Group, steps: usize) -> usize {
+    steps * group.joint_states().pow(2) / 1000
+}
+
+/// The forms that a group needs references of: parameter noise enters factored forms in another way.
+fn references(group: &Group) -> Vec<CovarianceName> {
+    if group.parameter_noise > 0.0 {
+        vec![CovarianceName::Direct, CovarianceName::BiermanUd]
+    } else {
+        vec![CovarianceName::Direct]
+    }
+}
+
+fn reference_key(group: &Group, form: CovarianceName) -> String {
+    format!("{}, {} double-double", group.key(), super::config::word(&form))
+}
+
+fn is_factored(form: CovarianceName) -> bool {
+    matches!(form, CovarianceName::BiermanUd | CovarianceName::ArraySqrt)
+}
+
+struct Study<'a> {
+    journal: Mutex<Journal<Entry>>,
+    records: Mutex<BTreeMap<String, Arc<Record>>>,
+    done: AtomicUsize,
+    total: usize,
+    progress: &'a dyn Progress,
+}
+
+impl Study<'_> {
+    fn group(&self, group: &Group) -> Result<(), StudyError> {
+        let wanted: Vec<_> = {
+            let journal = self.lock();
+            let there = |&(form, scalar): &_| journal.get(&Cell::key(group, form, scalar)).is_some();
+            group.cells().into_iter().filter(|cell| !there(cell)).collect()
+        };
+        let had: usize =
+            group.cells().iter().filter(|c| !wanted.contains(c)).map(|c| work(group, group.steps_of(c.1))).sum();
+        self.advance(had);
+        if wanted.is_empty() {
+            self.advance(DEARER * work(group, group.reference_steps));
+            return Ok(());
+        }
+        let key = group.key();
+        let record = self.record(group).map_err(StudyError::cell(&key))?;
+        let problem = Problem::new(group.clone(), record).map_err(StudyError::cell(&key))?;
+        let mut known: Vec<(bool, Reference)> = Vec::new();
+        for name in references(group) {
+            let go = self.ticker(group, DEARER);
+            let found = reference(&problem, name, &go).map_err(StudyError::cell(&key))?;
+            let found = found.ok_or_else(|| self.lock().interrupted())?;
+            self.lock().append(&reference_key(group, name), Entry::Reference(found.summary.clone()))?;
+            known.push((is_factored(name), found));
+        }
+        for (form, scalar) in wanted {
+            let own =
+                known.iter().rfind(|(factored, _)| !factored || is_factored(form)).map(|(_, reference)| reference);
+            let cell_key = Cell::key(group, form, scalar);
+            let go = self.ticker(group, 1);
+            let cell = cell::run(&problem, (form, scalar), own, &go).map_err(StudyError::cell(&cell_key))?;
+            let cell = cell.ok_or_else(|| self.lock().interrupted())?;
+            self.advance(work(group, group.steps_of(scalar) - cell.done));
+            self.lock().append(&cell_key, Entry::Cell(Box::new(cell)))?;
+        }
+        Ok(())
+    }
+
+    /// The group's record; that of the truss is the same for every number of states.
+    fn record(&self, group: &Group) -> Result<Arc<Record>, super::scenario::RecordError> {
+        let states = if group.scenario.depends_on_states() { group.states } else { 0 };
+        let key = format!("{:?} {states} {}", group.scenario, group.steps);
+        let mut records = self.records.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(record) = records.get(&key) {
+            return Ok(record.clone());
+        }
+        let record = Arc::new(group.scenario.record(group.states, group.steps)?);
+        records.insert(key, record.clone());
+        Ok(record)
+    }
+
+    /// Counts steps of a run, says so now and then, and asks whether to go on.
+    fn ticker(&self, group: &Group, dearer: usize) -> impl Fn() -> bool {
+        let (count, group) = (AtomicUsize::new(0), group.clone());
+        move || {
+            let count = 1 + count.fetch_add(1, Ordering::Relaxed);
+            if count % SAY_EVERY == 0 {
+                self.advance(dearer * work(&group, SAY_EVERY));
+            }
+            !self.progress.interrupted()
+        }
+    }
+
+    fn advance(&self, by: usize) {
+        let done = by + self.done.fetch_add(by, Ordering::Relaxed);
+        self.progress.advance(done.min(self.total), self.total);
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, Journal<Entry>> {
+        self.journal.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

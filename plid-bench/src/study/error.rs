@@ -1,0 +1,56 @@
+use std::error::Error;
+use std::path::PathBuf;
+
+use plid_lab::experiment::ConfigError;
+
+/// A study that cannot go on.
+#[derive(Debug, thiserror::Error)]
+pub enum StudyError {
+    /// The config cannot be used.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// A file cannot be read or written.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A file that was written by a study, and is not what it should be.
+    #[error("{}, line {line}: {reason}", path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A cell that cannot be measured.
+    #[error("{cell}: {source}")]
+    Cell {
+        /// Its key.
+        cell: String,
+        /// Why.
+        source: Box<dyn Error + Send + Sync>,
+    },
+    /// The user asked for an end.
+    #[error("interrupted; what is done stands in {}, and --resume goes on from it", journal.display())]
+    Interrupted {
+        /// The journal.
+        journal: PathBuf,
+    },
+}
+
+impl StudyError {
+    /// For `map_err`: the cell that could not be measured, with the cause.
+    pub fn cell<E: Error + Send + Sync + 'static>(cell: impl Into<String>) -> impl FnOnce(E) -> Self {
+        move |source| Self::Cell { cell: cell.into(), source: Box::new(source) }
+    }
+
+    /// For `map_err`: the file that could not be read or written.
+    pub fn file(path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
+        move |source| Self::File { path: path.into(), source }
+    }
+}

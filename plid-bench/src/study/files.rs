@@ -1,0 +1,61 @@
+use std::path::Path;
+
+use plid_lab::report::write_atomic;
+use serde::Serialize;
+
+use super::StudyError;
+
+/// Writes a file whole or not at all.
+///
+/// # Errors
+/// [`StudyError::File`]
+pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<(), StudyError> {
+    write_atomic(path, content.as_ref()).map_err(StudyError::file(path))
+}
+
+/// Writes a value as indented JSON.
+///
+/// # Errors
+/// [`StudyError::File`]
+///
+/// # Panics
+/// If the type cannot be JSON, which is a bug of the type and not of its value.
+pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), StudyError> {
+    let mut text = serde_json::to_string_pretty(value).expect("results are JSON by construction");
+    text.push('\n');
+    write(path, text)
+}
+
+/// Writes rows as CSV under the names of their fields; `None` is an empty cell.
+///
+/// # Errors
+/// [`StudyError::File`]
+///
+/// # Panics
+/// If a row is not flat, which is a bug of its type.
+pub fn write_csv<T: Serialize>(path: &Path, rows: impl IntoIterator<Item = T>) -> Result<(), StudyError> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for row in rows {
+        writer.serialize(row).expect("rows are flat by construction");
+    }
+    write(path, writer.into_inner().expect("a Vec takes everything"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Serialize)]
+    struct Row {
+        name: &'static str,
+        time_us: Option<f64>,
+    }
+
+    #[test]
+    fn a_table_has_names_quotes_and_gaps() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("t.csv");
+        write_csv(&path, [Row { name: "a, b", time_us: Some(0.5) }, Row { name: "c", time_us: None }]).unwrap();
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "name,time_us\n\"a, b\",0.5\nc,\n");
+    }
+}

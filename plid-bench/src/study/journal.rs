@@ -1,0 +1,185 @@
+use std::collections::BTreeMap;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use super::StudyError;
+
+/// The finished cells of a study, on disk as they come: DIR/cells.jsonl, a head and then a line a cell.
+///
+/// A crash loses no more than the line that was being written.
+#[derive(Debug)]
+pub struct Journal<T> {
+    path: PathBuf,
+    file: File,
+    cells: BTreeMap<String, T>,
+}
+
+/// The first line.
+#[derive(PartialEq, Serialize, Deserialize)]
+struct Head {
+    study: String,
+    config_sha256: String,
+}
+
+#[derive(Serialize)]
+struct Line<'a, T> {
+    key: &'a str,
+    cell: &'a T,
+}
+
+#[derive(Deserialize)]
+struct OwnedLine<T> {
+    key: String,
+    cell: T,
+}
+
+/// The journal's name in the output directory.
+const NAME: &str = "cells.jsonl";
+
+impl<T: Serialize + DeserializeOwned> Journal<T> {
+    /// Opens the journal of `study` in `directory`, which is made if it is missing. With `resume` the cells that stand there
+    /// are taken over; without, or where there are none, it begins anew. `config` is whatever the cells depend on, as text: the config,
+    /// and the machine for a study of time.
+    ///
+    /// # Errors
+    /// A journal of another study or config, or one with a line that is not a cell, except a torn last one, which is dropped; the
+    /// file system's.
+    pub fn open(directory: &Path, study: &str, config: &str, resume: bool) -> Result<Self, StudyError> {
+        let path = directory.join(NAME);
+        let sha256 = Sha256::digest(config).iter().map(|byte| format!("{byte:02x}")).collect();
+        let head = Head { study: study.into(), config_sha256: sha256 };
+        fs::create_dir_all(directory).map_err(StudyError::file(directory))?;
+        let old = match fs::read(&path) {
+            Ok(bytes) if resume => bytes,
+            Err(source) if source.kind() != io::ErrorKind::NotFound => return Err(StudyError::File { path, source }),
+            _ => Vec::new(),
+        };
+        let whole = old.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1);
+        let cells = cells(&path, &head, &old[..whole])?;
+        let file = open_at(&path, whole, &head).map_err(StudyError::file(&path))?;
+        Ok(Self { path, file, cells })
+    }
+
+    /// Appends a finished cell; one that is there already is replaced by it.
+    ///
+    /// # Errors
+    /// [`StudyError::File`]
+    ///
+    /// # Panics
+    /// If the type cannot be JSON, which is a bug of the type and not of its value.
+    pub fn append(&mut self, key: &str, cell: T) -> Result<(), StudyError> {
+        let line = serde_json::to_string(&Line { key, cell: &cell }).expect("cells are JSON by construction") + "\n";
+        // One write, so that what is torn is the last line.
+        self.file.write_all(line.as_bytes()).and_then(|()| self.file.flush()).map_err(StudyError::file(&self.path))?;
+        self.cells.insert(key.into(), cell);
+        Ok(())
+    }
+
+    /// A finished cell.
+    pub fn get(&self, key: &str) -> Option<&T> {
+        self.cells.get(key)
+    }
+
+    /// All finished cells by key.
+    pub fn cells(&self) -> &BTreeMap<String, T> {
+        &self.cells
+    }
+
+    /// What to return when the user asks for an end.
+    pub fn interrupted(&self) -> StudyError {
+        StudyError::Interrupted { journal: self.path.clone() }
+    }
+}
+
+/// The cells of a journal whose lines are whole; none where it is empty.
+fn cells<T: DeserializeOwned>(path: &Path, head: &Head, bytes: &[u8]) -> Result<BTreeMap<String, T>, StudyError> {
+    let bad = |line: usize, reason: String| StudyError::Content { path: path.into(), line, reason };
+    let text = std::str::from_utf8(bytes).map_err(|error| bad(1, error.to_string()))?;
+    let mut lines = text.lines().zip(1..);
+    if let Some((line, number)) = lines.next() {
+        let found: Head = serde_json::from_str(line).map_err(|_| bad(number, "not the journal of a study".into()))?;
+        if found.study != head.study {
+            return Err(bad(number, format!("the journal of another study, {}", found.study)));
+        }
+        if found != *head {
+            return Err(bad(
+                number,
+                "the cells belong to another config or machine; use --force in place of --resume to begin anew".into(),
+            ));
+        }
+    }
+    lines
+        .map(|(line, number)| {
+            let line: OwnedLine<T> =
+                serde_json::from_str(line).map_err(|error| bad(number, format!("not a cell: {error}")))?;
+            Ok((line.key, line.cell))
+        })
+        .collect()
+}
+
+/// The file, cut down to its first `whole` bytes, ready for the next line.
+fn open_at(path: &Path, whole: usize, head: &Head) -> io::Result<File> {
+    let file = OpenOptions::new().create(true).append(true).open(path)?;
+    file.set_len(whole as u64)?;
+    if whole == 0 {
+        let line = serde_json::to_string(head).expect("a head is two strings") + "\n";
+        (&file).write_all(line.as_bytes())?;
+    }
+    Ok(file)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn open(directory: &Path, config: &str, resume: bool) -> Result<Journal<f64>, StudyError> {
+        Journal::open(directory, "test", config, resume)
+    }
+
+    #[test]
+    fn what_was_done_is_taken_over_and_a_torn_line_is_dropped() {
+        let directory = tempfile::tempdir().unwrap();
+        let at = directory.path();
+        let mut journal = open(at, "config", false).unwrap();
+        journal.append("a", 1.5).unwrap();
+        journal.append("b", 2.5).unwrap();
+        let whole = fs::read_to_string(at.join(NAME)).unwrap();
+        // The last line is torn.
+        fs::write(at.join(NAME), &whole[..whole.len() - 4]).unwrap();
+        let mut journal = open(at, "config", true).unwrap();
+        assert_eq!(journal.get("a"), Some(&1.5));
+        assert_eq!(journal.get("b"), None);
+        journal.append("b", 2.5).unwrap();
+        assert_eq!(fs::read_to_string(at.join(NAME)).unwrap(), whole);
+        assert_eq!(open(at, "config", true).unwrap().cells().len(), 2);
+        // A head that is torn is no head.
+        fs::write(at.join(NAME), "{\"study\"").unwrap();
+        assert!(open(at, "config", true).unwrap().cells().is_empty());
+        // Without resume the old cells are gone.
+        fs::write(at.join(NAME), &whole).unwrap();
+        assert!(open(at, "config", false).unwrap().cells().is_empty());
+        assert!(open(at, "config", true).unwrap().cells().is_empty());
+    }
+
+    #[test]
+    fn what_does_not_belong_is_refused_by_name_and_line() {
+        let directory = tempfile::tempdir().unwrap();
+        let at = directory.path();
+        open(at, "config", false).unwrap().append("a", 1.0).unwrap();
+        let good = fs::read_to_string(at.join(NAME)).unwrap();
+        let message = open(at, "other", true).unwrap_err().to_string();
+        assert!(message.contains("cells.jsonl, line 1") && message.contains("another config"), "{message}");
+        let message = Journal::<f64>::open(at, "speed", "config", true).unwrap_err().to_string();
+        assert!(message.contains("another study, test"), "{message}");
+        fs::write(at.join(NAME), format!("{good}nonsense\n{{}}\n")).unwrap();
+        let message = open(at, "config", true).unwrap_err().to_string();
+        assert!(message.contains("line 3: not a cell"), "{message}");
+        // A refusal changes nothing.
+        assert!(fs::read_to_string(at.join(NAME)).unwrap().contains("nonsense"));
+    }
+}

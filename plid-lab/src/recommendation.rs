@@ -1,0 +1,106 @@
+//! Which covariance form to take: what the study of stability found, as a rule.
+//!
+//! `plid bench stability` holds the rule to its own cells; docs/stability.md has the figures.
+
+use serde::{Deserialize, Serialize};
+
+use crate::variant::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
+
+/// What a choice depends on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Conditions {
+    /// n
+    pub states: usize,
+    /// The number type.
+    pub scalar: ScalarName,
+    /// Samples to be taken.
+    pub steps: usize,
+    /// The largest variance of P0 over the smallest of R.
+    pub start_ratio: f64,
+    /// Whether P is divided by a forgetting factor, and so may grow without bound where the input is silent.
+    pub forgets: bool,
+}
+
+/// The largest number of states that the study covers.
+pub const STATES: usize = 64;
+/// The longest runs of the direct form in f64 that the study covers.
+pub const STEPS: usize = 100_000;
+/// The largest P0 / R at which the direct form in f64 is recommended: found sound up to 1e12, lost at 1e16.
+pub const START_RATIO: f64 = 1e8;
+
+impl Conditions {
+    /// The fastest form that the study found sound with a margin under such conditions; where it did not look, Bierman UD.
+    ///
+    /// In f64 that is the direct form, within the bounds of [`STATES`], [`STEPS`] and [`START_RATIO`] and without forgetting. In f32 it is Bierman
+    /// UD for every size and length: as a matrix P is lost within hundreds to thousands of steps even with 12 states.
+    /// Double-double has digits enough for the direct form.
+    pub fn recommended(&self) -> CovarianceName {
+        match self.scalar {
+            ScalarName::F32 => CovarianceName::BiermanUd,
+            ScalarName::DoubleDouble => CovarianceName::Direct,
+            ScalarName::F64 => {
+                let within = self.states <= STATES && self.steps <= STEPS && self.start_ratio <= START_RATIO;
+                if within && !self.forgets { CovarianceName::Direct } else { CovarianceName::BiermanUd }
+            }
+        }
+    }
+}
+
+/// A recursion as a config names it: the form may be left open.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct VariantChoice {
+    /// How P is carried; left out, as [`Conditions::recommended`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub covariance: Option<CovarianceName>,
+    /// What is taken as known when noise multiplies an unknown parameter.
+    pub expectations: ExpectationName,
+    /// The matrix library.
+    pub backend: BackendName,
+    /// The number type.
+    pub scalar: ScalarName,
+}
+
+impl VariantChoice {
+    /// The recursion, its form chosen where it was left open.
+    pub fn settle(self, conditions: &Conditions) -> Variant {
+        Variant {
+            covariance: self.covariance.unwrap_or_else(|| conditions.recommended()),
+            expectations: self.expectations,
+            backend: self.backend,
+            scalar: self.scalar,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_direct_form_is_for_double_precision_within_what_was_studied() {
+        let studied =
+            Conditions { states: 30, scalar: ScalarName::F64, steps: 15_600, start_ratio: 1e5, forgets: false };
+        assert_eq!(studied.recommended(), CovarianceName::Direct);
+        for beyond in [
+            Conditions { states: 65, ..studied },
+            Conditions { steps: 100_001, ..studied },
+            Conditions { start_ratio: 1e9, ..studied },
+            Conditions { start_ratio: f64::INFINITY, ..studied },
+            Conditions { start_ratio: f64::NAN, ..studied },
+            Conditions { forgets: true, ..studied },
+            Conditions { scalar: ScalarName::F32, ..studied },
+        ] {
+            assert_eq!(beyond.recommended(), CovarianceName::BiermanUd, "{beyond:?}");
+        }
+    }
+
+    #[test]
+    fn what_the_config_names_is_taken() {
+        let conditions =
+            Conditions { states: 12, scalar: ScalarName::F32, steps: 10, start_ratio: 1.0, forgets: false };
+        let named = VariantChoice { covariance: Some(CovarianceName::Joseph), ..VariantChoice::default() };
+        assert_eq!(named.settle(&conditions).covariance, CovarianceName::Joseph);
+        assert_eq!(VariantChoice::default().settle(&conditions).covariance, CovarianceName::BiermanUd);
+    }
+}

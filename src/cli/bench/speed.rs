@@ -1,0 +1,86 @@
+//! `plid bench speed`: how long a step takes, beside what the machine can do at best.
+
+use std::path::PathBuf;
+
+use plid_bench::speed::compare::{self, Comparison};
+use plid_bench::speed::{self, Config, FULL, Outcome, QUICK, peers};
+
+use super::Common;
+use crate::cli::progress::Bar;
+use crate::cli::{Failure, Voice, directory, voice};
+
+/// Time steps of all sizes, forms, expectations, libraries and scalars, beside a pass over P and the peak of the machine.
+///
+/// Writes DIR/report.html, speed.csv, speed.json (for --compare), machine.json and config.toml. The full study takes up to two hours; nothing
+/// else should run meanwhile. Ctrl-C leaves what is done in DIR/cells.jsonl, from which --resume goes on.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Examples:\n  plid bench speed --quick --out out/speed\n  plid bench speed experiments/bench/speed.toml --out out/speed\n  plid bench speed --quick --out out/after --compare out/before/speed.json"
+)]
+pub struct Arguments {
+    #[command(flatten)]
+    common: Common,
+    /// A former speed.json: list what has become slower or faster, in passes over P; exit with status 1 if something is slower.
+    #[arg(long, value_name = "OLD.json")]
+    compare: Option<PathBuf>,
+    /// Changes up to this share are not spoken of.
+    #[arg(long, value_name = "SHARE", default_value_t = compare::TOLERANCE, requires = "compare")]
+    tolerance: f64,
+    /// Times of other software as plid-bench/peers writes them, for the report.
+    #[arg(long, value_name = "FILE")]
+    peers: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
+    let config: Config = arguments.common.config(FULL, QUICK, Config::problems)?;
+    let old = arguments.compare.as_deref().map(compare::read).transpose()?;
+    let peers = arguments.peers.as_deref().map(peers::read).transpose()?;
+    if !(arguments.tolerance >= 0.0 && arguments.tolerance.is_finite()) {
+        return Err(Failure::input(format!("--tolerance: {} is not 0 or above", arguments.tolerance)));
+    }
+    let out = arguments.common.directory("speed")?;
+    let bar = Bar::new(voice.quiet || voice.json);
+    let outcome = directory::with(&out, || {
+        let outcome = speed::carry_out(&config, &out, arguments.common.resume, &bar);
+        bar.finish();
+        let outcome = outcome?;
+        speed::write_all(&outcome, peers.as_ref(), &out)?;
+        Ok(outcome)
+    })?;
+    let comparison = old.map(|old| compare::compare(&old, &outcome, arguments.tolerance));
+    if voice.json {
+        voice::print(&json(&outcome, comparison.as_ref()))?;
+    } else if !voice.quiet {
+        let compared = comparison.as_ref().map(Comparison::text).unwrap_or_default();
+        voice::print(&format!("{}{compared}report: {}\n", summary(&outcome), out.join("report.html").display()))?;
+    }
+    match comparison {
+        Some(comparison) if !comparison.slower.is_empty() => Err(Failure::work(format!(
+            "{} of {} cells are slower than in the former run",
+            comparison.slower.len(),
+            comparison.compared
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// The largest size's steps, in a few lines.
+fn summary(outcome: &Outcome) -> String {
+    let targets = speed::targets(outcome, None);
+    let mut text = format!("{} cells timed\n", outcome.timings.len());
+    for target in targets {
+        let met = match target.met {
+            Some(true) => "reached",
+            Some(false) => "not reached",
+            None => "",
+        };
+        text += &format!("  {:<60} {:>28}  {:>16}  {met}\n", target.what, target.found, target.target);
+    }
+    text
+}
+
+fn json(outcome: &Outcome, comparison: Option<&Comparison>) -> String {
+    let value = serde_json::json!({ "targets": speed::targets(outcome, None), "comparison": comparison });
+    format!("{value:#}\n")
+}
