@@ -2,7 +2,7 @@
 //!
 //! A new covariance form, expectation, backend or scalar is one line in its list below, and at once can be named in a config.
 
-use plid_backends::{Faer, Nalgebra, Plain};
+use plid_backends::{Faer, Nalgebra, Plain, TwoThreads};
 use plid_core::{
     Backend, Checkpoint, ConditionalExpectations, CovariancePropagation, Health, IdentifiedModel, Identifier,
     IdentifierError, NoiseModel, ObservableForm, Scalar, ScalarOf, Settings,
@@ -47,9 +47,11 @@ pub enum ExpectationName {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum BackendName {
-    /// Plain loops; the only one for double-double.
+    /// Plain loops.
     #[default]
     Plain,
+    /// Plain loops on two threads, to the same bits.
+    TwoThreads,
     /// nalgebra
     Nalgebra,
     /// faer
@@ -161,6 +163,9 @@ impl Variant {
             (BackendName::Plain, ScalarName::F32) => self.on::<Plain<f32>>(start),
             (BackendName::Plain, ScalarName::F64) => self.on::<Plain<f64>>(start),
             (BackendName::Plain, ScalarName::DoubleDouble) => self.on::<Plain<qd::Quad>>(start),
+            (BackendName::TwoThreads, ScalarName::F32) => self.on::<TwoThreads<f32>>(start),
+            (BackendName::TwoThreads, ScalarName::F64) => self.on::<TwoThreads<f64>>(start),
+            (BackendName::TwoThreads, ScalarName::DoubleDouble) => self.on::<TwoThreads<qd::Quad>>(start),
             (BackendName::Nalgebra, ScalarName::F32) => self.on::<Nalgebra<f32>>(start),
             (BackendName::Nalgebra, ScalarName::F64) => self.on::<Nalgebra<f64>>(start),
             (BackendName::Faer, ScalarName::F32) => self.on::<Faer<f32>>(start),
@@ -220,7 +225,7 @@ mod tests {
         let covariances =
             [CovarianceName::Direct, CovarianceName::Joseph, CovarianceName::BiermanUd, CovarianceName::ArraySqrt];
         for covariance in covariances {
-            for backend in [BackendName::Plain, BackendName::Nalgebra, BackendName::Faer] {
+            for backend in [BackendName::Plain, BackendName::TwoThreads, BackendName::Nalgebra, BackendName::Faer] {
                 for scalar in [ScalarName::F32, ScalarName::F64, ScalarName::DoubleDouble] {
                     let variant = Variant { covariance, backend, scalar, ..Variant::default() };
                     match variant.build(form.clone(), &noise, &settings) {
@@ -229,7 +234,8 @@ mod tests {
                             assert_eq!(recursion.innovation(), [1.0, 2.0]);
                         }
                         Err(error) => {
-                            assert!(scalar == ScalarName::DoubleDouble && backend != BackendName::Plain, "{error}");
+                            let library = matches!(backend, BackendName::Nalgebra | BackendName::Faer);
+                            assert!(library && scalar == ScalarName::DoubleDouble, "{error}");
                         }
                     }
                 }

@@ -37,6 +37,12 @@ impl Cell {
         (backend, scalar, self.threads) == (BackendName::Plain, ScalarName::F64, 1)
     }
 
+    /// The recursion's types, with the backend that has so many threads.
+    pub fn threaded(&self) -> Variant {
+        let backend = if self.threads > 1 { BackendName::TwoThreads } else { self.variant.backend };
+        Variant { backend, ..self.variant }
+    }
+
     /// N = (p + m + 1) n.
     pub fn joint_states(&self) -> usize {
         (OUTPUTS + self.inputs + 1) * self.states

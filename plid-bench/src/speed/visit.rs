@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use plid_backends::on_threads;
 use plid_core::{IdentifierError, Scalar};
 use plid_lab::variant::{ScalarName, VariantError};
 use serde::{Deserialize, Serialize};
@@ -44,6 +45,9 @@ pub enum VisitError {
     /// It cannot be built.
     #[error(transparent)]
     Variant(#[from] VariantError),
+    /// The system gives no more threads.
+    #[error(transparent)]
+    Threads(#[from] rayon::ThreadPoolBuildError),
     /// It fails again and again.
     #[error("it fails again and again: {0}")]
     Fails(IdentifierError),
@@ -59,16 +63,19 @@ const MOST_STEPS: usize = 100_000;
 /// # Errors
 /// [`VisitError`]
 pub fn visit(cell: &Cell, workload: &Workload<'_>, cores: &Cores, config: &Config) -> Result<Visit, VisitError> {
-    let build = || workload.recursion(cell.variant);
-    // Threads that the recursion starts are to be on the second core, so it is built there.
-    let mut built = if cell.threads > 1 { Some(cores.on(1, |_| build())) } else { None };
-    cores.on(0, move |_| {
+    let build = || workload.recursion(cell.threaded());
+    let timed = || {
         let pass = || one_pass(cell.variant.scalar, cell.joint_states());
         let before_us = pass();
-        let mut visit = timed(|| built.take().unwrap_or_else(build), config)?;
+        let mut visit = timed(build, config)?;
         visit.pass_us = 0.5 * (before_us + pass());
         Ok(visit)
-    })
+    };
+    if cell.threads == 1 {
+        return cores.on(0, |_| timed());
+    }
+    let pinned = cores.clone();
+    on_threads(cell.threads, move |thread| _ = pinned.pin_here(thread), timed)?
 }
 
 fn timed<'a>(mut build: impl FnMut() -> Result<Loop<'a>, VariantError>, config: &Config) -> Result<Visit, VisitError> {
