@@ -80,7 +80,7 @@ impl Default for Config {
         Self {
             states: vec![12, 18, 24, 30, 36, 48, 64],
             steps: 100_000,
-            reference_work: 6e8,
+            reference_work: 6.1e8,
             variations: Variations::default(),
             long: Long::default(),
             adversarial: Adversarial::default(),
@@ -380,7 +380,7 @@ mod tests {
         assert_eq!(one_three(999), [1, 3, 10, 30, 100, 300]);
         let config = Config::default();
         assert_eq!(config.centre(12).reference_steps, 30_000);
-        assert_eq!(config.centre(64).reference_steps, 1000);
+        assert_eq!(config.centre(64).reference_steps, 3000);
         let short = Config { steps: 50, ..config };
         assert_eq!(short.centre(12).reference_steps, 30);
     }
