@@ -4,8 +4,8 @@ use plid_lab::report::{Axis, Cell as Field, Chart, Report, Series, Table, chart}
 use plid_lab::variant::{CovarianceName, ScalarName};
 
 use super::classify::{Judged, rule};
-use super::config::{FORMS, Part, SCALARS, word};
 use super::grid::{self, Grid, draw};
+use super::group::{FORMS, Part, SCALARS, word};
 use super::outcome::Outcome;
 use super::verdicts::name;
 
