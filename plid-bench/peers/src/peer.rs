@@ -25,11 +25,7 @@ pub trait Peer {
 /// Takes `steps` samples and writes the estimate for comparison; then, for each number that comes in on standard input, goes on from
 /// there by as many samples and answers with the seconds that it took.
 pub fn serve(mut peer: impl Peer, case: &Case, steps: usize, directory: &Path, name: &str) -> Result<(), Failure> {
-    let mut p0 = vec![0.0; case.joint * case.joint];
-    for (i, variance) in case.variances.iter().enumerate() {
-        p0[i * case.joint + i] = *variance;
-    }
-    peer.load(&case.workload.settings.initial_estimate, &p0)?;
+    peer.load(&case.settings.initial_estimate, &case.covariance)?;
     for k in 0..steps {
         let (z, u) = case.sample(k);
         peer.step(z, u)?;

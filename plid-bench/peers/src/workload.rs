@@ -5,20 +5,27 @@ use std::path::Path;
 
 use ndarray::{Array2, ArrayView1, ArrayView2};
 use ndarray_npy::write_npy;
-use plid_bench::Workload;
-use plid_core::{ImplicitModel, InitialCovariance};
+use plid_core::{ImplicitModel, NoiseModel, ObservableForm, Settings};
+use plid_testbed::{INPUTS, OUTPUTS, TrussConfig, simulate};
 use serde_json::json;
 
 /// Inputs and outputs of the truss.
 pub const CHANNELS: usize = 3;
+const _: () = assert!(INPUTS == CHANNELS && OUTPUTS == CHANNELS);
 /// Seconds of the record; 1600 samples each.
 const DURATION_S: f64 = 2.0;
+/// Sigma's diagonal.
+const STATE_NOISE: f64 = 1e-6;
 
 /// All that a filter has to know: s_0, P_0, the noise, and the record.
 #[derive(Clone, Debug)]
 pub struct Case {
-    /// What plid is given.
-    pub workload: Workload,
+    /// The canonical form.
+    pub form: ObservableForm,
+    /// The covariances below, as plid takes them.
+    pub noise: NoiseModel,
+    /// s_0 and P_0, as plid takes them.
+    pub settings: Settings,
     /// n
     pub states: usize,
     /// N = (p + m + 1) n
@@ -27,41 +34,51 @@ pub struct Case {
     pub rows: Vec<usize>,
     /// For each state the one that J shifts into it.
     pub shift: Vec<Option<usize>>,
-    /// R's diagonal.
+    /// R's diagonal: the truss's.
     pub sensor: Vec<f64>,
-    /// Q's diagonal.
+    /// Q's diagonal: the truss's.
     pub actuator: Vec<f64>,
     /// Sigma's diagonal.
     pub state: Vec<f64>,
-    /// P_0's diagonal.
-    pub variances: Vec<f64>,
+    /// P_0, N x N.
+    pub covariance: Vec<f64>,
+    outputs: Vec<[f64; CHANNELS]>,
+    inputs: Vec<[f64; CHANNELS]>,
 }
 
 impl Case {
-    /// The truss identified with `states` states.
+    /// The default truss identified with `states` states, from s_0 = 0 and P_0 = I.
     pub fn truss(states: usize) -> Result<Self, Box<dyn Error>> {
-        let workload = Workload::truss(states, DURATION_S)?;
-        let diagonal = |matrix: &plid_core::Dense<f64>| (0..matrix.rows()).map(|i| matrix.at(i, i)).collect();
-        let InitialCovariance::Diagonal(variances) = workload.settings.initial_covariance.clone() else {
-            return Err("the peers are fed a diagonal P0".into());
+        let simulation = simulate(&TrussConfig { duration_s: DURATION_S, ..TrussConfig::default() })?;
+        let form = ObservableForm::balanced(states, CHANNELS, CHANNELS)?;
+        let joint = form.joint_states();
+        let sensor = simulation.truth.noise.sensor.diagonal().as_slice().to_vec();
+        let actuator = simulation.truth.noise.actuator.diagonal().as_slice().to_vec();
+        let state = vec![STATE_NOISE; states];
+        let samples = |record: &Array2<f64>| {
+            record.rows().into_iter().map(|row| std::array::from_fn(|channel| row[channel])).collect()
         };
         Ok(Self {
+            noise: NoiseModel::diagonal(&sensor, &actuator, &state),
+            settings: Settings::new(&form, 1.0, 1.0),
             states,
-            joint: workload.form.joint_states(),
-            rows: workload.form.output_states().to_vec(),
-            shift: (0..states).map(|i| workload.form.shift_source(i)).collect(),
-            sensor: diagonal(&workload.noise.sensor),
-            actuator: diagonal(&workload.noise.actuator),
-            state: diagonal(&workload.noise.state),
-            variances,
-            workload,
+            joint,
+            rows: form.output_states().to_vec(),
+            shift: (0..states).map(|i| form.shift_source(i)).collect(),
+            sensor,
+            actuator,
+            state,
+            covariance: (0..joint * joint).map(|k| if k % joint == k / joint { 1.0 } else { 0.0 }).collect(),
+            outputs: samples(&simulation.outputs[0]),
+            inputs: samples(&simulation.commands),
+            form,
         })
     }
 
     /// Sample `k`, counted on over the record's end: outputs and inputs.
     pub fn sample(&self, k: usize) -> (&[f64; CHANNELS], &[f64; CHANNELS]) {
-        let k = k % self.workload.inputs.len();
-        (&self.workload.outputs[k], &self.workload.inputs[k])
+        let k = k % self.inputs.len();
+        (&self.outputs[k], &self.inputs[k])
     }
 
     /// Writes case.json and the arrays beside it.
@@ -74,18 +91,18 @@ impl Case {
             "joint_states": self.joint,
             "inputs": CHANNELS,
             "outputs": CHANNELS,
-            "indices": self.workload.form.indices(),
+            "indices": self.form.indices(),
             "output_states": self.rows,
             "shift_source": self.shift,
             "sensor": self.sensor,
             "actuator": self.actuator,
             "state": self.state,
-            "initial_estimate": self.workload.settings.initial_estimate,
-            "initial_variances": self.variances,
+            "initial_estimate": self.settings.initial_estimate,
+            "initial_variances": vec![1.0; self.joint],
         });
         std::fs::write(directory.join("case.json"), serde_json::to_string_pretty(&case)?)?;
-        write_npy(directory.join("inputs.npy"), &record(&self.workload.inputs))?;
-        write_npy(directory.join("outputs.npy"), &record(&self.workload.outputs))?;
+        write_npy(directory.join("inputs.npy"), &record(&self.inputs))?;
+        write_npy(directory.join("outputs.npy"), &record(&self.outputs))?;
         Ok(())
     }
 }

@@ -18,8 +18,7 @@ where
 {
     /// For the shapes and the noise of `case`.
     pub fn new(case: &Case) -> Result<Self, Failure> {
-        let workload = &case.workload;
-        let identifier = Identifier::new(workload.form.clone(), &workload.noise, &workload.settings)?;
+        let identifier = Identifier::new(case.form.clone(), &case.noise, &case.settings)?;
         Ok(Self { case: case.clone(), identifier })
     }
 }
@@ -34,9 +33,9 @@ where
         let settings = Settings {
             initial_estimate: s.to_vec(),
             initial_covariance: InitialCovariance::Full(Dense::from_fn(joint, joint, |i, j| p[j * joint + i])),
-            ..self.case.workload.settings.clone()
+            ..self.case.settings.clone()
         };
-        self.identifier = Identifier::new(self.case.workload.form.clone(), &self.case.workload.noise, &settings)?;
+        self.identifier = Identifier::new(self.case.form.clone(), &self.case.noise, &settings)?;
         Ok(())
     }
 
