@@ -1,6 +1,7 @@
 //! The kernels of every backend against their definitions, entry by entry.
 
 use plid_backends::{Faer, Nalgebra, Plain};
+use plid_core::kernels::{Support, Tails};
 use plid_core::{Backend, Dense, Matrix, Scalar};
 
 /// Numbers without a pattern that a wrong index could share.
@@ -85,19 +86,23 @@ fn arrays<S: Scalar>() -> Vec<Dense<S>> {
     vec![general.clone(), without(&[4]), without(&[2]), without(&[0, 3]), repeated, entries(4, 4, 8), entries(1, 2, 1)]
 }
 
-fn transposed<S: Scalar>(w: &Dense<S>) -> Dense<S> {
-    Dense::from_fn(w.columns(), w.rows(), |i, j| w.at(j, i))
+/// The same with rows of zeros to fill a panel up.
+fn filled<S: Scalar>(w: &Dense<S>, rows: usize) -> Dense<S> {
+    Dense::from_fn(rows, w.columns(), |i, j| if i < w.rows() { w.at(i, j) } else { S::zero() })
 }
 
 /// U unit upper triangular with U diag(d) U^T = W diag(weights) W^T, d not negative.
 fn gram_schmidt<B: Backend>() {
     for (which, w) in arrays::<B::Scalar>().into_iter().enumerate() {
         let (n, r) = (w.rows(), w.columns());
+        let rows = n.next_multiple_of(8);
         let weights: Vec<f64> = (0..r).map(|j| if j == 1 { 0.0 } else { 0.3 + j as f64 }).collect();
         let weights_s: Vec<_> = weights.iter().map(|&x| B::Scalar::from_f64(x)).collect();
-        let (mut wt, mut u) = (store::<B>(&transposed(&w)), store::<B>(&entries(n, n, 4)));
-        let (mut d, mut work) = (vec![B::Scalar::from_f64(f64::NAN); n], vec![B::Scalar::from_f64(f64::NAN); r]);
-        B::weighted_gram_schmidt(wt.view_mut(), &weights_s, u.view_mut(), &mut d, &mut work);
+        let (mut array, mut u) = (store::<B>(&filled(&w, rows)), store::<B>(&entries(rows, n, 4)));
+        let nan = B::Scalar::from_f64(f64::NAN);
+        let (mut d, mut work) = (vec![nan; n], vec![nan; 3 * r + rows]);
+        let support = Support { starts: &vec![[0, n]; n], middle: n };
+        B::weighted_gram_schmidt(array.view_mut(), support, &weights_s, u.view_mut(), &mut d, &mut work);
         let u = u.view();
         for i in 0..n {
             assert!(d[i] >= B::Scalar::from_f64(0.0), "array {which}: d_{i} = {:?}", d[i]);
@@ -117,9 +122,12 @@ fn gram_schmidt<B: Backend>() {
 fn triangularised<B: Backend>() {
     for (which, w) in arrays::<B::Scalar>().into_iter().enumerate() {
         let (n, r) = (w.rows(), w.columns());
-        let (mut wt, mut s) = (store::<B>(&transposed(&w)), store::<B>(&entries(n, n, 4)));
-        let mut work = vec![B::Scalar::from_f64(f64::NAN); r];
-        B::triangular_factor(wt.view_mut(), s.view_mut(), &mut work);
+        let rows = n.next_multiple_of(8);
+        let (mut array, mut s) = (store::<B>(&filled(&w, rows)), store::<B>(&entries(rows, n, 4)));
+        let mut work = vec![B::Scalar::from_f64(f64::NAN); 2 * r + rows];
+        let ends: Vec<usize> = (0..n).map(|i| r - n + i).collect();
+        let tails = Tails { starts: &vec![0; n], ends: &ends };
+        B::triangular_factor(array.view_mut(), n, tails, s.view_mut(), &mut work);
         let s = s.view();
         for i in 0..n {
             assert!(s.at(i, i) >= B::Scalar::from_f64(0.0), "array {which}: S({i}, {i}) = {:?}", s.at(i, i));

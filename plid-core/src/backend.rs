@@ -5,7 +5,7 @@
 
 use std::fmt::Debug;
 
-use crate::kernels::{self, Kernels};
+use crate::kernels::{Kernels, Support, Tails};
 use crate::{Matrix, View, ViewMut};
 
 /// Storage and kernels. Nothing here allocates.
@@ -70,22 +70,29 @@ pub trait Backend: Clone + Copy + Debug + Send + Sync + 'static {
         }
     }
 
-    /// Modified weighted Gram-Schmidt (Thornton; Bierman 1977, ch. VI): given the array W (n x r) as its transpose
-    /// `wt` (r x n), and the weights of W's columns, finds U unit upper triangular and d with
-    /// U diag(d) U^T = W diag(weights) W^T. `wt` is destroyed; `u` is n x n and is overwritten.
+    /// Modified weighted Gram-Schmidt (Thornton; Bierman 1977, ch. VI) of the rows of W (n x r, and any rows after them),
+    /// whose columns have these weights: U unit upper triangular (rows after its n are zero) and d with
+    /// U diag(d) U^T = W diag(weights) W^T. `w` is destroyed; `work` holds 3r and W's rows.
     fn weighted_gram_schmidt(
-        wt: ViewMut<'_, Self::Scalar>,
+        w: ViewMut<'_, Self::Scalar>,
+        support: Support<'_>,
         weights: &[Self::Scalar],
         u: ViewMut<'_, Self::Scalar>,
         d: &mut [Self::Scalar],
         work: &mut [Self::Scalar],
     ) {
-        kernels::weighted_gram_schmidt(wt, weights, u, d, work);
+        Self::Scalar::weighted_gram_schmidt(w, support, weights, u, d, work);
     }
 
-    /// The upper triangular S (n x n) with S S^T = W W^T, by Householder reflections of the transposed array `wt`
-    /// (r x n, r >= n), whose columns are taken from the last to the first. `wt` is destroyed.
-    fn triangular_factor(wt: ViewMut<'_, Self::Scalar>, s: ViewMut<'_, Self::Scalar>, work: &mut [Self::Scalar]) {
-        kernels::triangular_factor(wt, s, work);
+    /// The upper triangular S (n x n, and any rows after them zero) with S S^T = W W^T, by Householder reflections of the
+    /// columns of W (n x r, and any rows after them, r >= n). `w` is destroyed; `work` holds 2r and W's rows.
+    fn triangular_factor(
+        w: ViewMut<'_, Self::Scalar>,
+        n: usize,
+        tails: Tails<'_>,
+        s: ViewMut<'_, Self::Scalar>,
+        work: &mut [Self::Scalar],
+    ) {
+        Self::Scalar::triangular_factor(w, n, tails, s, work);
     }
 }

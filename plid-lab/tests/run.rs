@@ -156,6 +156,10 @@ fn every_file_is_written_and_agrees_with_the_others() {
     assert!(model.predictor_gain.is_some() && model.parameter_covariance.is_some());
     let manifest: serde_json::Value = serde_json::from_str(&read("manifest.json")).unwrap();
     assert_eq!(manifest["files"][0]["sha256"].as_str().unwrap().len(), 64);
+    // The form that was left open, and why it was chosen.
+    let form = &manifest["covariance_form"];
+    assert_eq!(form["name"], manifest["experiment"]["variant"]["covariance"]);
+    assert!(form["chosen_by"].as_str().unwrap().starts_with("the recommendation for f64,"), "{form}");
     let again: Experiment = experiment::from_toml(manifest["experiment_toml"].as_str().unwrap(), "manifest").unwrap();
     assert_eq!(again, outcome.experiment);
     let report = read("report.html");

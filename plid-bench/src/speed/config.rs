@@ -111,6 +111,9 @@ impl Config {
             if cross.threads.iter().any(|&t| t > 1) && cross.backend != [BackendName::Plain] {
                 problems.push(("threads", "two threads need backend = [\"plain\"]".into()));
             }
+            if cross.backend.contains(&BackendName::TwoThreads) {
+                problems.push(("backend", "two threads are asked for by `threads = [2]`".into()));
+            }
             if cross.scalar.contains(&ScalarName::DoubleDouble) && cross.backend != [BackendName::Plain] {
                 problems.push(("scalar", "double-double needs backend = [\"plain\"]".into()));
             }
@@ -202,6 +205,8 @@ mod tests {
             (format!("{HEAD}{CROSS}threads = [0]\n"), "line 9: threads: 0 is less than 1"),
             (format!("{HEAD}cores = [1]\n{CROSS}threads = [2]\n"), "line 10: threads: 2 threads"),
             (format!("{HEAD}{CROSS}inputs = [4]\n"), "line 9: inputs: 4"),
+            (format!("{HEAD}{CROSS}threads = [3]\n"), "line 9: threads: 3; a step has work for two"),
+            (format!("{HEAD}{CROSS}backend = [\"two-threads\"]\n"), "line 9: backend: two threads"),
             (format!("{HEAD}{CROSS}backend = [\"faer\"]\nscalar = [\"double-double\"]\n"), "line 10: scalar"),
             (format!("{HEAD}{CROSS}").replace("12", "2"), "line 6: states: 2 is less than 3"),
             (format!("{HEAD}{CROSS}").replace("warm_up = 1", "warm_up = 0"), "line 4: warm_up"),

@@ -38,8 +38,7 @@ impl Cores {
         self.ids.get(index).is_some_and(|&id| set_for_current(CoreId { id }))
     }
 
-    /// Does `work` on a thread that is kept on core `index` of these, and on a second one the threads that it starts, where the
-    /// system lets a thread inherit its starter's core. `work` is told whether it is kept there.
+    /// Does `work` on a thread that is kept on core `index` of these. `work` is told whether it is.
     pub fn on<T: Send>(&self, index: usize, work: impl FnOnce(bool) -> T + Send) -> T {
         std::thread::scope(|scope| {
             let worker = scope.spawn(|| work(self.pin_here(index)));

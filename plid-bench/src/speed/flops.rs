@@ -154,6 +154,7 @@ mod tests {
 
     #[test]
     fn formulas_are_what_is_counted() {
+        let mut off = Vec::new();
         for (inputs, noise) in [(1, Noise::Diagonal), (3, Noise::Diagonal), (3, Noise::Full)] {
             let record = Record::truss(inputs, 0.01).unwrap();
             let workload = Workload::new(&record, 48, noise).unwrap();
@@ -162,8 +163,11 @@ mod tests {
                 let counted = count(&cell, &workload).unwrap().total() as f64;
                 let formula: f64 = terms(&cell).iter().map(|term| term.flops).sum();
                 let ratio = counted / formula;
-                assert!((1.0 - LESS..1.0 + MORE).contains(&ratio), "{}: {counted} for {formula}", cell.key());
+                if !(1.0 - LESS..1.0 + MORE).contains(&ratio) {
+                    off.push(format!("{ratio:.3} {}: {counted} for {formula}", cell.key()));
+                }
             }
         }
+        assert!(off.is_empty(), "{off:#?}");
     }
 }

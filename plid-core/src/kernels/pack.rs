@@ -27,6 +27,15 @@ impl<S: Scalar, const W: usize> Pack<S, W> {
         to[..W].copy_from_slice(&self.0);
     }
 
+    /// self b, entry by entry.
+    #[inline(always)]
+    pub fn scaled(mut self, b: S) -> Self {
+        for x in &mut self.0 {
+            *x *= b;
+        }
+        self
+    }
+
     /// self + a b, entry by entry.
     #[inline(always)]
     pub fn add_scaled(mut self, a: Self, b: S) -> Self {

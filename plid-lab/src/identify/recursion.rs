@@ -2,12 +2,13 @@
 
 use ndarray::Array2;
 use plid_core::{
-    Checkpoint, Dense, Health, IdentifiedModel, ImplicitModel, InitialCovariance, NoiseModel, ObservableForm, Settings,
+    Checkpoint, Dense, Health, IdentifiedModel, IdentifierError, ImplicitModel, InitialCovariance, NoiseModel,
+    ObservableForm, Settings,
 };
 use serde::{Deserialize, Serialize};
 
 use super::{IdentifyError, Samples};
-use crate::variant::{Recursion, Variant, VariantError};
+use crate::variant::{CovarianceName, Recursion, Variant, VariantError};
 
 /// What the recursion is to be.
 #[derive(Clone, Debug)]
@@ -40,6 +41,8 @@ pub struct RecursionRun {
 pub struct Paused {
     /// Stretches (a record in a pass) that are finished.
     stretch: usize,
+    /// The form that the checkpoint is in.
+    pub covariance: CovarianceName,
     /// The recursion within the next one.
     checkpoint: Checkpoint,
     /// The innovations so far, a record at a time, row by row; `None` for NaN, which JSON has not.
@@ -132,6 +135,7 @@ pub fn run(
                 let saved = |array: &Array2<f64>| array.iter().map(|&e| e.is_finite().then_some(e)).collect();
                 return Ok(Ending::Paused(Box::new(Paused {
                     stretch,
+                    covariance: plan.variant.covariance,
                     checkpoint: recursion.checkpoint(),
                     innovations: innovations.iter().map(saved).collect(),
                 })));
@@ -145,4 +149,52 @@ pub fn run(
     }
     let (identified, health) = (recursion.identified(), recursion.health());
     Ok(Ending::Done(Box::new(RecursionRun { identified, innovations, health })))
+}
+
+/// The same, for a form that was not asked for by name: where P is lost, Bierman UD takes its place in `plan`, from the start. Also
+/// says how P was lost.
+pub fn run_or_factor(
+    plan: &mut Plan,
+    records: &[Samples<'_>],
+    paused: Option<&Paused>,
+    watcher: Watcher<'_>,
+) -> (Result<Ending, IdentifyError>, Option<IdentifierError>) {
+    match run(plan, records, paused, watcher) {
+        Err(IdentifyError::Variant(VariantError::Identifier(lost @ IdentifierError::Indefinite { .. })))
+            if plan.variant.covariance != CovarianceName::BiermanUd =>
+        {
+            plan.variant.covariance = CovarianceName::BiermanUd;
+            (run(plan, records, None, watcher), Some(lost))
+        }
+        other => (other, None),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::variant::ScalarName;
+
+    #[test]
+    fn a_form_that_is_lost_gives_way_to_bierman_ud() {
+        let form = ObservableForm::new(&[6], 1).unwrap();
+        let signal = |k: usize, seed: usize| (((seed + 31 * k).pow(2) as f64) * 0.129898).sin();
+        let inputs = Array2::from_shape_fn((400, 1), |(k, _)| signal(k, 1));
+        let outputs =
+            Array2::from_shape_fn((400, 1), |(k, _)| signal(k, 7) + if k > 0 { signal(k - 1, 1) } else { 0.0 });
+        let records = [Samples { inputs: inputs.view(), outputs: outputs.view(), nan_is_missing: false }];
+        let variant = Variant { covariance: CovarianceName::Direct, scalar: ScalarName::F32, ..Variant::default() };
+        let mut plan = Plan {
+            noise: NoiseModel::diagonal(&[1e-7], &[0.0], &[1e-12; 6]),
+            settings: Settings::new(&form, 1.0, 1.0),
+            form,
+            variant,
+            passes: 1,
+        };
+        assert!(run(&plan, &records, None, &mut |_, _| true).is_err());
+        let (ending, lost) = run_or_factor(&mut plan, &records, None, &mut |_, _| true);
+        assert!(matches!(ending, Ok(Ending::Done(_))), "{ending:?}");
+        assert!(matches!(lost, Some(IdentifierError::Indefinite { .. })), "{lost:?}");
+        assert_eq!(plan.variant.covariance, CovarianceName::BiermanUd);
+    }
 }

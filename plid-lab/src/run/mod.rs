@@ -177,9 +177,12 @@ pub fn carry_out(
         (0..form.states()).map(|i| noise.state.at(i, i)).sum::<f64>() / form.states() as f64,
     );
     let conditions = start::conditions(&experiment, &settings, &noise, samples * experiment.identification.passes);
-    let variant = experiment.variant.settle(&conditions);
-    let form_was_open = experiment.variant.covariance.replace(variant.covariance).is_none();
-    let plan = Plan { form: form.clone(), noise, settings, variant, passes: experiment.identification.passes };
+    let mut variant = experiment.variant.settle(&conditions);
+    let form_is_open = experiment.variant.covariance.is_none();
+    if form_is_open && let Some(paused) = &saved.paused {
+        variant.covariance = paused.covariance;
+    }
+    let mut plan = Plan { form: form.clone(), noise, settings, variant, passes: experiment.identification.passes };
     let told = AtomicUsize::new(0);
     let mut watcher = |done: usize, total: usize| {
         if done == total || done >= told.load(Ordering::Relaxed) + 64 {
@@ -188,7 +191,17 @@ pub fn carry_out(
         }
         !progress.interrupted()
     };
-    let ending = crate::identify::run(&plan, &training, saved.paused.as_ref(), &mut watcher);
+    let paused = saved.paused.as_ref();
+    let ending = if form_is_open {
+        let (ending, lost) = crate::identify::run_or_factor(&mut plan, &training, paused, &mut watcher);
+        warnings.extend(lost.map(|lost| {
+            format!("the recommended covariance form was lost ({lost}); Bierman UD took its place from the start")
+        }));
+        ending
+    } else {
+        crate::identify::run(&plan, &training, paused, &mut watcher)
+    };
+    experiment.variant.covariance = Some(plan.variant.covariance);
     let run = match ending.map_err(RunError::Identify)? {
         Ending::Done(run) => *run,
         Ending::Paused(paused) => return Err(pause(search.memory, Some(*paused))),
@@ -223,7 +236,7 @@ pub fn carry_out(
         advice: Vec::new(),
         predictor: predictor.map(|p| p.origin),
         experiment,
-        chosen: form_was_open.then_some(conditions),
+        chosen: form_is_open.then_some(conditions),
         warnings,
         form,
         scan,

@@ -1,13 +1,13 @@
 //! P = U D U^T: Bierman's measurement update, Thornton's time update (Bierman 1977, ch. V and VI) restricted to the plant's states.
 
-use num_traits::{One, Zero};
-use plid_core::kernels::BadPivot;
+use num_traits::One;
+use plid_core::kernels::{BadPivot, Kernels};
 use plid_core::{
     Backend, CovariancePropagation, Dense, Health, ImplicitModel, InitialCovariance, Matrix, NoiseTerms, Scalar,
     ScalarOf, Transition, ViewMut,
 };
 
-use super::triangular::Triangular;
+use super::triangular::{Triangular, Updates};
 
 /// Bierman's UD form with the structured Thornton update (plid-mathematics, section 6).
 #[derive(Clone, Debug)]
@@ -15,26 +15,9 @@ pub struct BiermanUd<B: Backend> {
     factors: Triangular<B>,
 }
 
-/// Bierman's update of column j of U (the entries above the diagonal) and of d_j; `variance` is r plus the sum of f_i d_i f_i so far, and
-/// `gain` gathers U D f.
-#[inline]
-fn pass<S: Scalar>(f: S, variance: &mut S, column: &mut [S], d: &mut S, gain: &mut [S]) {
-    let j = column.len() - 1;
-    let g = *d * f;
-    let before = *variance;
-    *variance = before + f * g;
-    if *variance == S::zero() {
-        return;
-    }
-    *d *= before / *variance;
-    // With nothing gathered so far the gain is zero, and so is what it takes off.
-    let lambda = if before == S::zero() { S::zero() } else { -f / before };
-    for (u, k) in column[..j].iter_mut().zip(&mut gain[..j]) {
-        let old = *u;
-        *u = old + lambda * *k;
-        *k += g * old;
-    }
-    gain[j] = g;
+/// Bierman's scalar update.
+fn updates<S: Kernels>() -> Updates<S> {
+    Updates { spread: |variance| variance, recursion: S::bierman_recursion, sweep: S::bierman_sweep }
 }
 
 impl<B: Backend> CovariancePropagation for BiermanUd<B> {
@@ -59,53 +42,26 @@ impl<B: Backend> CovariancePropagation for BiermanUd<B> {
         innovation: &[B::Scalar],
         s: &mut [B::Scalar],
     ) -> Result<(), BadPivot> {
-        self.factors.measure(rows, noise, innovation, s, |variance| variance, pass)
+        self.factors.measure(rows, noise, innovation, s, updates())
     }
 
     fn scalar_update(&mut self, h: &[B::Scalar], r: B::Scalar, gain: &mut [B::Scalar]) -> Result<(), BadPivot> {
-        self.factors.measure_row(h, r, gain, pass)
+        self.factors.measure_row(h, r, gain, updates())
     }
 
-    fn time_update(&mut self, model: &impl ImplicitModel, transition: &Transition<B::Scalar>) -> Result<(), BadPivot> {
-        let rows = self.factors.advance(model, transition)?;
-        let Triangular { n, array, weights, work, u, d, .. } = &mut self.factors;
-        let n = *n;
-        weights[..n].copy_from_slice(&d[..n]);
-        B::weighted_gram_schmidt(
-            array.view_mut().block_mut(0, 0, rows, n),
-            &weights[..rows],
-            u.view_mut().block_mut(0, 0, n, n),
-            &mut d[..n],
-            work,
-        );
+    fn time_update(&mut self, _model: &impl ImplicitModel, transition: &Transition<B::Scalar>) -> Result<(), BadPivot> {
+        self.factors.time_update(transition, |corner, laid, u, d| corner.gram_schmidt::<B>(laid, u, d))?;
         self.factors.check()
     }
 
     fn add_parameter_noise(&mut self, q: B::Scalar, step: u64) {
-        let (n, size) = (self.factors.n, self.factors.d.len());
+        let (n, size) = (self.factors.layout.n(), self.factors.layout.size());
         let parameters = size - n;
         let place = n + (step % parameters as u64) as usize;
-        let mut a = self.factors.gains.view_mut();
-        let a = &mut a.column_mut(0)[..=place];
-        a.fill(B::Scalar::zero());
-        a[place] = B::Scalar::one();
-        let mut c = q * B::Scalar::from_f64(parameters as f64);
-        // Agee and Turner's update for U D U^T + c a a^T, columns from the last to the first.
-        let mut u = self.factors.u.view_mut();
-        for j in (0..=place).rev() {
-            let (head, d) = (a[j], self.factors.d[j]);
-            let sum = d + c * head * head;
-            if sum == B::Scalar::zero() {
-                continue;
-            }
-            let factor = c * head / sum;
-            for (u, a) in u.column_mut(j)[..j].iter_mut().zip(&mut a[..j]) {
-                *a -= head * *u;
-                *u += factor * *a;
-            }
-            c *= d / sum;
-            self.factors.d[j] = sum;
-        }
+        self.factors.point(place, B::Scalar::one());
+        let Triangular { layout, u, d, direction, .. } = &mut self.factors;
+        let c = q * B::Scalar::from_f64(parameters as f64);
+        B::Scalar::agee_turner(*layout, u.view_mut(), d, direction.view_mut(), place, c);
     }
 
     fn scale(&mut self, factor: B::Scalar) {

@@ -2,8 +2,10 @@
 
 mod array_sqrt;
 mod bierman_ud;
+mod corner;
 mod direct;
 mod joseph;
+mod parameter_blocks;
 mod symmetric;
 mod triangular;
 
@@ -13,18 +15,7 @@ pub use direct::Direct;
 pub use joseph::Joseph;
 pub use symmetric::{Innovations, Symmetric, UpdateRule};
 
-use plid_core::{Dense, ImplicitModel, InitialCovariance, Matrix, Scalar, kernels, kernels::BadPivot};
-
-/// x <- Abar x = J x + sum_i abar_i x_{c_i}, in place.
-fn advance<S: Scalar>(model: &impl ImplicitModel, abar: &Dense<S>, x: &mut [S], outputs: &mut [S]) {
-    for (y, &row) in outputs.iter_mut().zip(model.output_states()) {
-        *y = x[row];
-    }
-    model.shift(x);
-    for (i, &y) in outputs.iter().enumerate() {
-        kernels::axpy(y, abar.column(i), x);
-    }
-}
+use plid_core::{Dense, InitialCovariance, Matrix, Scalar, kernels, kernels::BadPivot};
 
 /// The first variances must be finite and not negative.
 fn check_variances(variances: &[f64]) -> Result<(), BadPivot> {

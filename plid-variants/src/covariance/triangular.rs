@@ -4,261 +4,267 @@
 //! Abar Uxt + (phi (x) I) Ut.
 
 use num_traits::{One, Zero};
-use plid_core::kernels::{self, BadPivot, axpy, pivoted_cholesky};
-use plid_core::{Backend, Dense, ImplicitModel, InitialCovariance, Matrix, NoiseTerms, Scalar, Transition, ViewMut};
+use plid_core::kernels::{self, BadPivot, Kernels, PanelLayout, axpy};
+use plid_core::{
+    Backend, Dense, ImplicitModel, InitialCovariance, Matrix, NoiseTerms, Scalar, Transition, View, ViewMut,
+};
 
-use super::{advance, factor_initial};
+use super::corner::{Advance, Corner, Laid};
+use super::factor_initial;
+use super::parameter_blocks::ParameterBlocks;
 
 /// The factors and the scratch of their updates.
 #[derive(Clone, Debug)]
 pub struct Triangular<B: Backend> {
-    /// U, N x N, zero below its diagonal.
+    /// Where U stands in `u`.
+    pub layout: PanelLayout,
+    /// U in panels.
     pub u: B::Matrix,
     /// d, N entries.
     pub d: Vec<B::Scalar>,
-    /// n
-    pub n: usize,
-    /// One column a scalar measurement, N x p: the unscaled gains.
-    pub gains: B::Matrix,
-    /// One row a decorrelated measurement, over the available outputs: the rows of T^-1.
-    pub rows: Dense<B::Scalar>,
-    /// [Abar Ux, L]^T, 2n x n.
-    pub array: Dense<B::Scalar>,
-    /// The weights of its rows.
-    pub weights: Vec<B::Scalar>,
-    /// 2n entries.
-    pub work: Vec<B::Scalar>,
-    /// One entry a measurement.
+    /// A vector of N entries, a column a panel.
+    pub direction: Dense<B::Scalar>,
+    // The measurement update; k of p entries are in use if k outputs are there.
+    /// H U, p x N, of decorrelated measurements.
+    rows: Dense<B::Scalar>,
+    /// Two numbers a measurement and column, 2p x N.
+    changes: Dense<B::Scalar>,
+    /// The gains times the spreads, p columns a panel.
+    gains: Dense<B::Scalar>,
+    /// Those through H.
+    seen: Dense<B::Scalar>,
+    /// T^-1 of R = T diag(r) T^T, p x p.
+    decorrelation: Dense<B::Scalar>,
     spreads: Vec<B::Scalar>,
     innovation: Vec<B::Scalar>,
+    // The time update.
+    advance: Advance<B::Scalar>,
+    corner: Corner<B::Scalar>,
     outputs: Vec<B::Scalar>,
-    qbar: Dense<B::Scalar>,
-    root: Dense<B::Scalar>,
-    mix: Dense<B::Scalar>,
-    mix_work: Dense<B::Scalar>,
-    mix_scale: Vec<B::Scalar>,
-    mixed: B::Matrix,
-    mixed_weighted: B::Matrix,
+    blocks: ParameterBlocks<B::Scalar>,
+}
+
+/// The kernels of a scalar measurement update.
+#[derive(Clone, Copy, Debug)]
+pub struct Updates<S> {
+    /// The spread of an innovation from its variance.
+    pub spread: fn(S) -> S,
+    /// As [`Kernels::bierman_recursion`].
+    pub recursion: fn(ViewMut<'_, S>, &mut [S], &mut [S], ViewMut<'_, S>, ViewMut<'_, S>),
+    /// As [`Kernels::bierman_sweep`].
+    pub sweep: fn(ViewMut<'_, S>, View<'_, S>, ViewMut<'_, S>),
 }
 
 impl<B: Backend> Triangular<B> {
     /// Factors P0.
     pub fn new(model: &impl ImplicitModel, initial: &InitialCovariance) -> Result<Self, BadPivot> {
-        let (n, p, size) = (model.states(), model.outputs(), model.joint_states());
-        let columns = model.parameter_columns();
-        let (u0, d0) = factor_initial::<B::Scalar>(initial)?;
-        let mut u = B::Matrix::zeros(size, size);
-        for j in 0..size {
-            u.view_mut().column_mut(j).copy_from_slice(u0.column(j));
+        let (p, size) = (model.outputs(), model.joint_states());
+        let layout = PanelLayout::new(model.states(), model.parameter_columns() + 1);
+        let (u0, d) = factor_initial::<B::Scalar>(initial)?;
+        let mut u = B::Matrix::zeros(layout.rows(), layout.start(layout.count()));
+        let n = layout.n();
+        for k in 0..layout.count() {
+            for j in k * n..size {
+                let from = &u0.column(j)[k * n..(k + 1) * n];
+                u.view_mut().column_mut(layout.column(k, j))[..n].copy_from_slice(from);
+            }
         }
         let zero = B::Scalar::zero();
+        let advance = Advance::new(model, layout);
         Ok(Self {
+            layout,
             u,
-            d: d0,
-            n,
-            gains: B::Matrix::zeros(size, p),
-            rows: Dense::zeros(p, p),
-            array: Dense::zeros(2 * n, n),
-            weights: vec![B::Scalar::one(); 2 * n],
-            work: vec![zero; 2 * n],
+            d,
+            direction: Dense::zeros(layout.rows(), layout.count()),
+            rows: Dense::zeros(p, size),
+            changes: Dense::zeros(2 * p, size),
+            gains: Dense::zeros(layout.rows(), p * layout.count()),
+            seen: Dense::zeros(p, p),
+            decorrelation: Dense::zeros(p, p),
             spreads: vec![zero; p],
             innovation: vec![zero; p],
+            corner: Corner::new(&advance),
+            advance,
             outputs: vec![zero; p],
-            qbar: Dense::zeros(n, n),
-            root: Dense::zeros(n, n),
-            mix: Dense::zeros(columns, columns),
-            mix_work: Dense::zeros(columns, columns),
-            mix_scale: vec![zero; columns],
-            mixed: B::Matrix::zeros(n, size - n),
-            mixed_weighted: B::Matrix::zeros(n, size - n),
+            blocks: ParameterBlocks::new(layout),
         })
     }
 
+    /// Entry (i, j) of U.
+    pub fn at(&self, i: usize, j: usize) -> B::Scalar {
+        let n = self.layout.n();
+        if i > j { B::Scalar::zero() } else { self.u.view().at(i % n, self.layout.column(i / n, j)) }
+    }
+
     /// U diag(d) U^T H^T for rows of H that each pick one state.
-    pub fn output_columns(&self, rows: &[usize], mut out: ViewMut<'_, B::Scalar>) {
-        let u = self.u.view();
-        for (k, &row) in rows.iter().enumerate() {
-            let out = out.column_mut(k);
-            out.fill(B::Scalar::zero());
-            for j in row..u.columns() {
-                axpy(self.d[j] * u.at(row, j), &u.column(j)[..=j], &mut out[..=j]);
-            }
-        }
+    pub fn output_columns(&self, rows: &[usize], out: ViewMut<'_, B::Scalar>) {
+        B::Scalar::output_columns(self.layout, self.u.view(), &self.d, rows, out);
     }
 
-    /// With weights = V V^T, the sum of the blocks is a sum over V's columns v of M diag(d_theta) M^T, M = (v (x) I)^T Ut.
-    pub fn add_parameter_blocks(&mut self, weights: &Dense<B::Scalar>, mut out: ViewMut<'_, B::Scalar>) {
-        let (n, count) = (self.n, weights.rows());
-        let size = self.u.view().rows();
-        for j in 0..count {
-            self.mix_work.column_mut(j).copy_from_slice(weights.column(j));
-        }
-        let tolerance = 16.0 * count as f64 * B::Scalar::EPSILON;
-        // Weights are moments; what rounding leaves below zero is dropped.
-        let (work, mix) = (self.mix_work.view_mut(), self.mix.view_mut());
-        let rank = pivoted_cholesky(work, mix, &mut self.mix_scale, tolerance, f64::INFINITY).unwrap_or(0);
-        for r in 0..rank {
-            let v = self.mix.column(r);
-            // Ut is upper triangular: columns before the first block in use are zero.
-            let Some(first) = v.iter().position(|&x| x != B::Scalar::zero()) else { continue };
-            let start = first * n;
-            let ut = self.u.view().block(n, n, size - n, size - n);
-            let (mut mixed, mut weighted) = (self.mixed.view_mut(), self.mixed_weighted.view_mut());
-            for c in start..size - n {
-                let (to, from) = (mixed.column_mut(c), ut.column(c));
-                to.fill(B::Scalar::zero());
-                for s in first..=(c / n) {
-                    if v[s] != B::Scalar::zero() {
-                        axpy(v[s], &from[s * n..(s + 1) * n], to);
-                    }
-                }
-                let d = self.d[n + c];
-                for (w, &x) in weighted.column_mut(c).iter_mut().zip(mixed.column(c)) {
-                    *w = d * x;
-                }
-            }
-            let a = self.mixed.view().block(0, start, n, size - n - start);
-            let b = self.mixed_weighted.view().block(0, start, n, size - n - start);
-            B::symmetric_product_lower(out.reborrow(), B::Scalar::one(), a, b);
-        }
+    /// The weighted sum of blocks of U diag(d) U^T between parameter columns.
+    pub fn add_parameter_blocks(&mut self, weights: &Dense<B::Scalar>, out: ViewMut<'_, B::Scalar>) {
+        let (layout, u) = (self.layout, self.u.view());
+        let theta = u.block(0, layout.start(1), u.rows(), u.columns() - layout.start(1));
+        self.blocks.add::<B>(weights, theta, &self.d[layout.n()..], out);
     }
 
-    /// Decorrelates the outputs that are there, R = T diag(r) T^T: the rows of T^-1 into `rows`, r into `spreads`.
+    /// Decorrelates the outputs that are there, R = T diag(r) T^T: T^-1 into `decorrelation`, r into `spreads`.
     fn decorrelate(&mut self, noise: &NoiseTerms<B::Scalar>) {
         let count = noise.available().len();
+        let rows = &mut self.decorrelation;
         for k in 0..count {
             for i in 0..count {
-                *self.rows.at_mut(k, i) = if i == k { B::Scalar::one() } else { B::Scalar::zero() };
+                *rows.at_mut(k, i) = if i == k { B::Scalar::one() } else { B::Scalar::zero() };
             }
             for l in 0..k {
                 let factor = noise.sensor_unit(k, l);
                 for i in 0..=l {
-                    let known = self.rows.at(l, i);
-                    *self.rows.at_mut(k, i) -= factor * known;
+                    let known = rows.at(l, i);
+                    *rows.at_mut(k, i) -= factor * known;
                 }
             }
         }
         self.spreads[..count].copy_from_slice(noise.sensor_pivots());
     }
 
-    /// The measurement update of all outputs that are there, as scalar updates. `pass` takes one of them through one column of U: given
-    /// the entry f of U^T h it updates the column down to its diagonal, its d, the `spread` (the innovation's variance or its
-    /// root, of the part of P gathered so far, from that of the noise on) and the gain times the spread.
+    /// The measurement update of all outputs that are there, as scalar updates one after the other.
     pub fn measure(
         &mut self,
         outputs: &[usize],
         noise: &NoiseTerms<B::Scalar>,
         innovation: &[B::Scalar],
         s: &mut [B::Scalar],
-        spread: impl Fn(B::Scalar) -> B::Scalar,
-        pass: impl Fn(B::Scalar, &mut B::Scalar, &mut [B::Scalar], &mut B::Scalar, &mut [B::Scalar]),
+        updates: Updates<B::Scalar>,
     ) -> Result<(), BadPivot> {
-        self.decorrelate(noise);
         let count = outputs.len();
-        let (mut u, mut gains) = (self.u.view_mut(), self.gains.view_mut());
-        for k in 0..count {
-            gains.column_mut(k).fill(B::Scalar::zero());
-            self.spreads[k] = spread(self.spreads[k]);
-        }
-        // All scalar updates of a column while it is in the cache: update k needs nothing of the later columns.
-        for j in 0..u.columns() {
-            let column = &mut u.column_mut(j)[..=j];
+        self.decorrelate(noise);
+        // H picks states, which the first panel holds; it begins with column 0 of U.
+        let u = self.u.view();
+        for j in 0..self.layout.size() {
+            let (row, column) = (self.rows.column_mut(j), u.column(j));
             for k in 0..count {
-                let f = Self::output_entry(&self.rows, k, outputs, column);
-                pass(f, &mut self.spreads[k], column, &mut self.d[j], gains.column_mut(k));
+                row[k] =
+                    (0..k).fold(column[outputs[k]], |sum, i| sum + self.decorrelation.at(k, i) * column[outputs[i]]);
             }
         }
         for k in 0..count {
-            unscale(k, self.spreads[k], gains.column_mut(k))?;
+            self.innovation[k] = (0..k).fold(innovation[k], |sum, i| sum + self.decorrelation.at(k, i) * innovation[i]);
         }
-        self.correct_estimate(outputs, innovation, s);
+        self.update(count, updates)?;
+        for k in 0..count {
+            let step = self.innovation[k] / self.spreads[k];
+            let gains = self.gains.view();
+            for (panel, s) in s.chunks_exact_mut(self.layout.n()).enumerate() {
+                axpy(step, gains.column(panel * self.rows.rows() + k), s);
+            }
+            // What this correction has already done to the innovations to come.
+            for l in k + 1..count {
+                self.innovation[l] -= self.seen.at(l, k) * step;
+            }
+        }
         Ok(())
     }
 
-    /// One scalar update with any row h; `spread` is that of the noise.
+    /// One scalar update with any row h; `r` is the variance of its noise.
     pub fn measure_row(
         &mut self,
         h: &[B::Scalar],
-        mut spread: B::Scalar,
+        r: B::Scalar,
         gain: &mut [B::Scalar],
-        pass: impl Fn(B::Scalar, &mut B::Scalar, &mut [B::Scalar], &mut B::Scalar, &mut [B::Scalar]),
+        updates: Updates<B::Scalar>,
     ) -> Result<(), BadPivot> {
-        gain.fill(B::Scalar::zero());
-        let mut u = self.u.view_mut();
+        let n = self.layout.n();
         for j in 0..h.len() {
-            let column = &mut u.column_mut(j)[..=j];
-            let f = kernels::dot(column, &h[..=j]);
-            pass(f, &mut spread, column, &mut self.d[j], gain);
+            let parts = h.chunks_exact(n).enumerate().take(j / n + 1);
+            *self.rows.at_mut(0, j) = parts.fold(B::Scalar::zero(), |sum, (k, h)| {
+                sum + kernels::dot(h, self.u.view().column(self.layout.column(k, j)))
+            });
         }
-        unscale(0, spread, gain)
-    }
-
-    /// The estimate after scalar updates with the gains in `gains` (scaled), one after the other.
-    fn correct_estimate(&mut self, outputs: &[usize], innovation: &[B::Scalar], s: &mut [B::Scalar]) {
-        let count = outputs.len();
-        for k in 0..count {
-            self.innovation[k] = (0..count).fold(B::Scalar::zero(), |sum, i| sum + self.rows.at(k, i) * innovation[i]);
-        }
-        for k in 0..count {
-            let e = self.innovation[k];
-            let gains = self.gains.view();
-            let gain = gains.column(k);
-            axpy(e, gain, s);
-            // What this correction has already done to the innovations to come.
-            for l in k + 1..count {
-                let seen = outputs
-                    .iter()
-                    .enumerate()
-                    .fold(B::Scalar::zero(), |sum, (i, &row)| sum + self.rows.at(l, i) * gain[row]);
-                self.innovation[l] -= seen * e;
+        self.spreads[0] = r;
+        self.update(1, updates)?;
+        for (panel, gain) in gain.chunks_exact_mut(n).enumerate() {
+            let from = self.gains.column(panel * self.rows.rows());
+            for (gain, &x) in gain.iter_mut().zip(from) {
+                *gain = x / self.spreads[0];
             }
         }
+        Ok(())
     }
 
-    /// Advances Uxt, and lays [Abar Ux, L]^T with L L^T = Qbar into `array`; returns how many of its rows are in use.
-    pub fn advance(
+    /// Takes U through the scalar updates whose H U is in `rows` and whose noises have the variances in `spreads`.
+    fn update(&mut self, count: usize, updates: Updates<B::Scalar>) -> Result<(), BadPivot> {
+        let (layout, size, all) = (self.layout, self.layout.size(), self.rows.rows());
+        for spread in &mut self.spreads[..count] {
+            *spread = (updates.spread)(*spread);
+        }
+        (updates.recursion)(
+            self.rows.view_mut().block_mut(0, 0, count, size),
+            &mut self.spreads[..count],
+            &mut self.d,
+            self.changes.view_mut().block_mut(0, 0, 2 * count, size),
+            self.seen.view_mut().block_mut(0, 0, count, count),
+        );
+        if let Some(k) = self.spreads[..count].iter().position(|x| !(*x > B::Scalar::zero() && x.is_finite())) {
+            return Err(BadPivot { index: k, value: self.spreads[k].to_f64() });
+        }
+        let changes = self.changes.view().block(0, 0, 2 * count, size);
+        let sweep =
+            |panels: std::ops::Range<usize>, mut u: ViewMut<'_, B::Scalar>, mut gains: ViewMut<'_, B::Scalar>| {
+                for k in panels.clone() {
+                    let (first, columns) = (k * layout.n(), size - k * layout.n());
+                    (updates.sweep)(
+                        u.block_mut(0, layout.start(k) - layout.start(panels.start), layout.rows(), columns),
+                        changes.block(0, first, 2 * count, columns),
+                        gains.block_mut(0, (k - panels.start) * all, layout.rows(), count),
+                    );
+                }
+            };
+        let half = layout.half();
+        let (first, second) = self.u.view_mut().split_at_column(layout.start(half));
+        let (first_gains, second_gains) = self.gains.view_mut().split_at_column(half * all);
+        B::join(|| sweep(0..half, first, first_gains), || sweep(half..layout.count(), second, second_gains));
+        Ok(())
+    }
+
+    /// The time update. `factor` puts the new factor of the laid array over Ux (and into its n entries of d).
+    pub fn time_update(
         &mut self,
-        model: &impl ImplicitModel,
         transition: &Transition<B::Scalar>,
-    ) -> Result<usize, BadPivot> {
-        let n = self.n;
-        let mut u = self.u.view_mut();
-        for j in n..u.columns() {
-            let (x, theta) = u.column_mut(j).split_at_mut(n);
-            advance(model, &transition.abar, x, &mut self.outputs);
-            let blocks = (j - n) / n + 1;
-            for (theta, &weight) in theta.chunks_exact(n).zip(&transition.phi).take(blocks) {
-                axpy(weight, theta, x);
-            }
-        }
-        for c in 0..n {
-            let x = &mut self.work[..n];
-            x.copy_from_slice(&u.column(c)[..n]);
-            advance(model, &transition.abar, x, &mut self.outputs);
-            for (i, &x) in x.iter().enumerate() {
-                *self.array.at_mut(c, i) = x;
-            }
-            self.qbar.column_mut(c).copy_from_slice(transition.qbar.column(c));
-        }
-        let tolerance = 64.0 * n as f64 * B::Scalar::EPSILON;
-        // Qbar is a moment too. Where w tells all of v and xi, nothing but rounding of either sign is left of it.
-        let (qbar, root) = (self.qbar.view_mut(), self.root.view_mut());
-        let rank = pivoted_cholesky(qbar, root, &mut self.work, tolerance, f64::INFINITY)?;
-        for r in 0..rank {
-            for i in 0..n {
-                *self.array.at_mut(n + r, i) = self.root.at(i, r);
-            }
-        }
-        Ok(n + rank)
+        factor: impl FnOnce(&mut Corner<B::Scalar>, Laid, ViewMut<'_, B::Scalar>, &mut [B::Scalar]) + Send,
+    ) -> Result<(), BadPivot> {
+        let n = self.layout.n();
+        self.advance.set(transition);
+        let (ux, rest) = self.u.view_mut().split_at_column(n);
+        let (uxt, theta) = rest.split_at_column(self.layout.start(1) - n);
+        let (advance, corner, d, outputs) = (&self.advance, &mut self.corner, &mut self.d[..n], &mut self.outputs);
+        // The two parts of the first panel's columns have nothing to do with each other.
+        let (result, ()) = B::join(
+            || {
+                let laid = corner.lay(advance, ux.view(), &transition.qbar)?;
+                factor(corner, laid, ux, d);
+                Ok(())
+            },
+            || advance.apply(theta.view(), &transition.phi, n, uxt, outputs),
+        );
+        result
+    }
+
+    /// Writes e_place times `value` into `direction`.
+    pub fn point(&mut self, place: usize, value: B::Scalar) {
+        let n = self.layout.n();
+        self.direction.fill(B::Scalar::zero());
+        *self.direction.at_mut(place % n, place / n) = value;
     }
 
     /// U diag(d) U^T.
     pub fn dense(&self) -> Dense<B::Scalar> {
-        let u = self.u.view();
-        let size = u.rows();
+        let size = self.layout.size();
         let mut p = Dense::<B::Scalar>::zeros(size, size);
+        let mut column = vec![B::Scalar::zero(); size];
         for k in 0..size {
-            let column = u.column(k);
+            for (i, x) in column.iter_mut().enumerate().take(k + 1) {
+                *x = self.at(i, k);
+            }
             for j in 0..=k {
                 axpy(self.d[k] * column[j], &column[..=k], &mut p.column_mut(j)[..=k]);
             }
@@ -269,35 +275,25 @@ impl<B: Backend> Triangular<B> {
 
     /// d, then the columns of U down to the diagonal.
     pub fn state(&self) -> Vec<B::Scalar> {
-        let u = self.u.view();
-        let columns = (0..u.columns()).flat_map(|j| u.column(j)[..=j].iter().copied());
+        let columns = (0..self.d.len()).flat_map(|j| (0..=j).map(move |i| self.at(i, j)));
         self.d.iter().copied().chain(columns).collect()
     }
 
     /// The inverse of `state`; false if the length is wrong.
     pub fn restore(&mut self, state: &[B::Scalar]) -> bool {
-        let size = self.d.len();
+        let (size, n) = (self.d.len(), self.layout.n());
         if state.len() != size + size * (size + 1) / 2 {
             return false;
         }
-        let (d, mut rest) = state.split_at(size);
+        let (d, rest) = state.split_at(size);
         self.d.copy_from_slice(d);
+        let mut rest = rest.iter();
         for j in 0..size {
-            let (column, tail) = rest.split_at(j + 1);
-            self.u.view_mut().column_mut(j)[..=j].copy_from_slice(column);
-            rest = tail;
+            for (i, &x) in (0..=j).zip(&mut rest) {
+                *self.u.view_mut().at_mut(i % n, self.layout.column(i / n, j)) = x;
+            }
         }
         true
-    }
-
-    /// One entry of f = U^T h, h the decorrelated row `k` over the outputs' states; `column` is U's down to the diagonal.
-    #[inline]
-    fn output_entry(rows: &Dense<B::Scalar>, k: usize, outputs: &[usize], column: &[B::Scalar]) -> B::Scalar {
-        // T^-1 is lower triangular; below the diagonal U is zero.
-        outputs[..=k].iter().enumerate().fold(B::Scalar::zero(), |sum, (i, &row)| match column.get(row) {
-            Some(&u) => sum + rows.at(k, i) * u,
-            None => sum,
-        })
     }
 
     /// The first entry of d that is not a number from zero up.
@@ -307,13 +303,4 @@ impl<B: Backend> Triangular<B> {
             None => Ok(()),
         }
     }
-}
-
-/// Divides a gathered gain by the spread of its innovation, which must be positive.
-fn unscale<S: Scalar>(index: usize, spread: S, gain: &mut [S]) -> Result<(), BadPivot> {
-    if !(spread > S::zero() && spread.is_finite()) {
-        return Err(BadPivot { index, value: spread.to_f64() });
-    }
-    gain.iter_mut().for_each(|x| *x /= spread);
-    Ok(())
 }

@@ -1,0 +1,186 @@
+//! The time update of a factor's first n columns: a new triangular factor of Abar Ux D Ux^T Abar^T + Qbar.
+
+use plid_core::kernels::{BadPivot, Kernels, PanelLayout, Support, Tails, pivoted_cholesky};
+use plid_core::{Backend, Dense, ImplicitModel, Matrix, Transition, View, ViewMut};
+
+/// Abar of a transition as the kernels take it.
+#[derive(Clone, Debug)]
+pub struct Advance<S> {
+    layout: PanelLayout,
+    /// The c_k.
+    outputs: Vec<usize>,
+    /// How far before the diagonal J has ones, and (a panel's rows, a column each) in which rows.
+    offsets: Vec<usize>,
+    shifts: Dense<S>,
+    /// The abar_k, a panel's rows x p.
+    abar: Dense<S>,
+}
+
+impl<S: Kernels> Advance<S> {
+    /// J and the c_k of `model`.
+    pub fn new(model: &impl ImplicitModel, layout: PanelLayout) -> Self {
+        let offset = |i: usize| model.shift_source(i).map(|from| i - from);
+        let mut offsets: Vec<usize> = (0..layout.n()).filter_map(offset).collect();
+        offsets.sort_unstable();
+        offsets.dedup();
+        let one_where = |is: bool| if is { S::one() } else { S::zero() };
+        let shifts = Dense::from_fn(layout.rows(), offsets.len(), |i, k| {
+            one_where(i < layout.n() && offset(i) == Some(offsets[k]))
+        });
+        let abar = Dense::zeros(layout.rows(), model.outputs());
+        Self { layout, outputs: model.output_states().to_vec(), offsets, shifts, abar }
+    }
+
+    /// Takes the columns of Abar.
+    pub fn set(&mut self, transition: &Transition<S>) {
+        for k in 0..self.outputs.len() {
+            self.abar.column_mut(k)[..self.layout.n()].copy_from_slice(transition.abar.column(k));
+        }
+    }
+
+    /// X <- Abar X + (phi (x) I) Ut for the columns of the first panel from `first` on.
+    pub fn apply(&self, theta: View<'_, S>, phi: &[S], first: usize, x: ViewMut<'_, S>, work: &mut [S]) {
+        let (shifts, abar) = (self.shifts.view(), self.abar.view());
+        S::advance_panel(self.layout, theta, phi, &self.offsets, shifts, &self.outputs, abar, first, x, work);
+    }
+
+    /// For each row of Abar Ux the column before which it, and all rows below it, are zero.
+    fn first_columns(&self) -> Vec<usize> {
+        let n = self.layout.n();
+        // Row i of Ux begins on the diagonal. Abar Ux has in row i the row that J takes, and the outputs' rows.
+        let first_output = self.outputs.iter().copied().min().unwrap_or(n);
+        let taken = |i: usize| (0..self.offsets.len()).find(|&k| self.shifts.at(i, k) != S::zero());
+        let mut starts: Vec<usize> =
+            (0..n).map(|i| taken(i).map_or(n, |k| i - self.offsets[k]).min(first_output)).collect();
+        for i in (0..n.saturating_sub(1)).rev() {
+            starts[i] = starts[i].min(starts[i + 1]);
+        }
+        starts
+    }
+}
+
+/// The array W = [Abar Ux, L] with weights, and what its triangularisation needs.
+#[derive(Clone, Debug)]
+pub struct Corner<S> {
+    n: usize,
+    /// A panel's rows.
+    rows: usize,
+    /// W, 2n columns of a panel's rows. They are stored a little further apart, lest the entries of a row fall on the same few
+    /// lines of a cache.
+    array: Dense<S>,
+    /// The weights of its columns.
+    weights: Vec<S>,
+    /// Where the rows begin if L is triangular.
+    triangular: Vec<[usize; 2]>,
+    /// Where they begin if it is not.
+    general: Vec<[usize; 2]>,
+    starts: Vec<usize>,
+    zeros: Vec<usize>,
+    ends: Vec<usize>,
+    work: Vec<S>,
+    outputs: Vec<S>,
+    qbar: Dense<S>,
+    root: Dense<S>,
+}
+
+/// How L has come out.
+#[derive(Clone, Copy, Debug)]
+pub struct Laid {
+    /// The columns of the array that are in use.
+    columns: usize,
+    /// L is upper triangular.
+    triangular: bool,
+}
+
+impl<S: Kernels> Corner<S> {
+    /// Room for the array.
+    pub fn new(advance: &Advance<S>) -> Self {
+        let (n, rows, starts) = (advance.layout.n(), advance.layout.rows(), advance.first_columns());
+        Self {
+            n,
+            rows,
+            array: Dense::zeros(rows + PanelLayout::ROWS, 2 * n),
+            weights: vec![S::one(); 2 * n],
+            triangular: starts.iter().enumerate().map(|(i, &start)| [start, n + i]).collect(),
+            general: starts.iter().map(|&start| [start, n]).collect(),
+            starts,
+            zeros: vec![0; n],
+            ends: vec![n; n],
+            work: vec![S::zero(); 6 * n + rows],
+            outputs: vec![S::zero(); advance.outputs.len()],
+            qbar: Dense::zeros(n, n),
+            root: Dense::zeros(n, n),
+        }
+    }
+
+    /// Lays [Abar Ux, L], and the weights of L's columns.
+    ///
+    /// # Errors
+    /// A pivot of Qbar that is not finite.
+    pub fn lay(&mut self, advance: &Advance<S>, ux: View<'_, S>, qbar: &Dense<S>) -> Result<Laid, BadPivot> {
+        let n = self.n;
+        for c in 0..n {
+            self.array.column_mut(c)[..self.rows].copy_from_slice(ux.column(c));
+        }
+        let mut array = self.array.view_mut();
+        let (left, right) = array.block_mut(0, 0, self.rows, 2 * n).split_at_column(n);
+        advance.apply(ux, &[], 0, left, &mut self.outputs);
+        // Qbar is a moment. If it is clearly definite its factor may be triangular, which leaves rows of the array short.
+        let tolerance = 64.0 * n as f64 * S::EPSILON;
+        S::upper_ldl(qbar.view(), right, &mut self.weights[n..], S::from_f64(tolerance), &mut self.work);
+        let lost = |i: usize| self.weights[n + i] == S::zero() && qbar.at(i, i) != S::zero();
+        if !(0..n).any(lost) {
+            return Ok(Laid { columns: 2 * n, triangular: true });
+        }
+        // Where w tells all of v and xi, nothing but rounding of either sign is left of a pivot: then the pivots have to be sought.
+        for c in 0..n {
+            self.qbar.column_mut(c).copy_from_slice(qbar.column(c));
+        }
+        let (copy, root) = (self.qbar.view_mut(), self.root.view_mut());
+        let rank = pivoted_cholesky(copy, root, &mut self.work, tolerance, f64::INFINITY)?;
+        for c in 0..rank {
+            let column = self.array.column_mut(n + c);
+            column[..n].copy_from_slice(self.root.column(c));
+            column[n..].fill(S::zero());
+        }
+        self.weights[n..].fill(S::one());
+        Ok(Laid { columns: n + rank, triangular: false })
+    }
+
+    /// U' and d' (n entries, those of Ux before) by weighted Gram-Schmidt.
+    pub fn gram_schmidt<B: Backend<Scalar = S>>(&mut self, laid: Laid, u: ViewMut<'_, S>, d: &mut [S]) {
+        let n = self.n;
+        self.weights[..n].copy_from_slice(d);
+        let starts = if laid.triangular { &self.triangular } else { &self.general };
+        let mut array = self.array.view_mut();
+        B::weighted_gram_schmidt(
+            array.block_mut(0, 0, self.rows, laid.columns),
+            Support { starts, middle: n },
+            &self.weights[..laid.columns],
+            u,
+            d,
+            &mut self.work,
+        );
+    }
+
+    /// S' by reflections.
+    pub fn reflect<B: Backend<Scalar = S>>(&mut self, laid: Laid, s: ViewMut<'_, S>) {
+        let n = self.n;
+        if laid.triangular {
+            for c in 0..n {
+                let root = self.weights[n + c].sqrt();
+                self.array.column_mut(n + c)[..=c].iter_mut().for_each(|x| *x *= root);
+            }
+            // Each row is reflected into its own column of L, which no row below it has.
+            self.ends.fill(n);
+        } else {
+            for (i, end) in self.ends.iter_mut().enumerate() {
+                *end = laid.columns - n + i;
+            }
+        }
+        let starts = if laid.triangular { &self.starts } else { &self.zeros };
+        let mut array = self.array.view_mut();
+        let tails = Tails { starts, ends: &self.ends };
+        B::triangular_factor(array.block_mut(0, 0, self.rows, laid.columns), n, tails, s, &mut self.work);
+    }
+}
