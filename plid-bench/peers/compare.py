@@ -2,7 +2,7 @@
 
     compare.py PROGRAM [--out DIR] [--states 12 30 64] [--only NAME ...] [--repeats 9] [--core 1]
 
-PROGRAM is plid-peers, built. A peer is a process that answers "run so many samples" with seconds. plid and the peer answer by turns on
+PROGRAM is plid-peers, built. A peer is a process that answers "run so many samples" with seconds of the processor. plid and the peer answer by turns on
 one core, so that whatever else the machine does falls on both.
 """
 

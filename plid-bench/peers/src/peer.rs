@@ -3,7 +3,8 @@
 use std::error::Error;
 use std::io::{BufRead, Write};
 use std::path::Path;
-use std::time::Instant;
+
+use cpu_time::ProcessTime;
 
 use crate::workload::{CHANNELS, Case, write_estimate};
 
@@ -23,7 +24,7 @@ pub trait Peer {
 }
 
 /// Takes `steps` samples and writes the estimate for comparison; then, for each number that comes in on standard input, goes on from
-/// there by as many samples and answers with the seconds that it took.
+/// there by as many samples and answers with the seconds of the processor that it took.
 pub fn serve(mut peer: impl Peer, case: &Case, steps: usize, directory: &Path, name: &str) -> Result<(), Failure> {
     peer.load(&case.settings.initial_estimate, &case.covariance)?;
     for k in 0..steps {
@@ -38,7 +39,7 @@ pub fn serve(mut peer: impl Peer, case: &Case, steps: usize, directory: &Path, n
     for line in std::io::stdin().lock().lines() {
         let batch: usize = line?.trim().parse()?;
         peer.load(&s, &p)?;
-        let start = Instant::now();
+        let start = ProcessTime::now();
         for k in steps..steps + batch {
             let (z, u) = case.sample(k);
             peer.step(z, u)?;
