@@ -22,7 +22,7 @@ pub trait Backend: Clone + Copy + Debug + Send + Sync + 'static {
     }
 
     /// C <- C + alpha A B^T for a product that is symmetric. A and B are N x k. The lower triangle of C (N x N) is
-    /// meant; the strict upper one may hold anything afterwards.
+    /// changed; the strict upper one stays as it is.
     fn symmetric_product_lower(
         c: ViewMut<'_, Self::Scalar>,
         alpha: Self::Scalar,
