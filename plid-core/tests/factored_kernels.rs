@@ -286,7 +286,7 @@ fn triangularised<S: Kernels>() {
         let starts: Vec<[usize; 2]> = (0..n).map(|i| [start(i), n + i]).collect();
 
         let (mut w, mut u) = (array.clone(), entries::<S>(rows, n, 7));
-        let mut work = vec![S::from_f64(f64::NAN); 6 * n + rows];
+        let mut work = vec![S::from_f64(f64::NAN); 8 * n + rows];
         let mut d = vec![S::from_f64(f64::NAN); n];
         let support = Support { starts: &starts, middle: n };
         S::weighted_gram_schmidt(w.view_mut(), support, &weights, u.view_mut(), &mut d, &mut work);
