@@ -153,9 +153,15 @@ mod tests {
     use crate::speed::count::count;
     use crate::{Record, Workload};
 
-    /// Kernels fill whole registers, also beyond a matrix's edge or diagonal: what is counted may be more than the formula, not less.
-    const MORE: f64 = 0.25;
     const LESS: f64 = 0.01;
+
+    /// The kernels of the factored forms fill whole registers, also beyond a matrix's edge or diagonal.
+    fn more(form: CovarianceName) -> f64 {
+        match form {
+            CovarianceName::Direct | CovarianceName::Joseph => 0.05,
+            CovarianceName::BiermanUd | CovarianceName::ArraySqrt => 0.25,
+        }
+    }
 
     #[test]
     fn formulas_are_what_is_counted() {
@@ -168,7 +174,7 @@ mod tests {
                 let counted = count(&cell, &workload).unwrap().total() as f64;
                 let formula: f64 = terms(&cell).iter().map(|term| term.flops).sum();
                 let ratio = counted / formula;
-                if !(1.0 - LESS..1.0 + MORE).contains(&ratio) {
+                if !(1.0 - LESS..1.0 + more(form)).contains(&ratio) {
                     off.push(format!("{ratio:.3} {}: {counted} for {formula}", cell.key()));
                 }
             }
