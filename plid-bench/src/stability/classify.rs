@@ -210,6 +210,9 @@ mod tests {
         (judged.class, judged.why)
     }
 
+    /// A change of a sound cell, and what is then said.
+    type Clause<'a> = (&'a dyn Fn(&mut Cell), &'a str);
+
     fn error(deviations: f64, covariance: Option<f64>) -> ErrorAt {
         ErrorAt { step: 30, estimate: 1e-3, deviations, covariance }
     }
@@ -223,7 +226,7 @@ mod tests {
             c.nees = Some(1.9);
         };
         assert_eq!(class(sound).0, Class::Sound);
-        let clauses: [(&dyn Fn(&mut Cell), &str); 8] = [
+        let clauses: [Clause<'_>; 8] = [
             (&|c| c.errors = vec![error(0.1, Some(0.2)), error(0.1, Some(0.01))], "P is off by 2.0e-1"),
             (&|c| c.errors = vec![error(0.1, None)], "not finite"),
             (&|c| c.errors = vec![error(2.0, Some(0.01))], "2.0e0 standard deviations"),

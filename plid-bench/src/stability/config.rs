@@ -128,7 +128,7 @@ impl Config {
             let form: Result<_, StructureError> = ObservableForm::balanced(states, OUTPUTS, INPUTS);
             match form {
                 Err(error) => problems.push((key, error.to_string())),
-                Ok(_) if equal && states % OUTPUTS != 0 => {
+                Ok(_) if equal && !states.is_multiple_of(OUTPUTS) => {
                     problems.push((key, format!("{states} is not a multiple of {OUTPUTS}")));
                 }
                 Ok(_) => {}
