@@ -47,8 +47,8 @@ fn a_study_repeats_on_any_number_of_threads_and_resumes_to_the_same_table() {
     run(directories[1].path(), 2, true);
     assert_eq!(table, read(directories[1].path(), "stability.csv"));
 
-    // 2 sizes, 5 variations, 2 starts, 5 records: 8 cells each; and the long run with its peer.
-    assert_eq!(outcome.cells.len(), 8 * (2 + 5 + 2 + 5) + 2);
+    // 2 sizes, 6 variations, 2 starts, 5 records: 8 cells each; and the long run with its peer.
+    assert_eq!(outcome.cells.len(), 8 * (2 + 6 + 2 + 5) + 2);
     assert_eq!(table.lines().count(), 1 + outcome.cells.len());
     let class = |part: Part, label: &str, name: &str| {
         let found = outcome.cells.iter().find(|j| {

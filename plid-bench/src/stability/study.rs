@@ -156,7 +156,7 @@ impl Study<'_> {
         let (count, group) = (AtomicUsize::new(0), group.clone());
         move || {
             let count = 1 + count.fetch_add(1, Ordering::Relaxed);
-            if count % SAY_EVERY == 0 {
+            if count.is_multiple_of(SAY_EVERY) {
                 self.advance(dearer * work(&group, SAY_EVERY));
             }
             !self.progress.interrupted()
