@@ -100,7 +100,7 @@ fn gram_schmidt<B: Backend>() {
         let weights_s: Vec<_> = weights.iter().map(|&x| B::Scalar::from_f64(x)).collect();
         let (mut array, mut u) = (store::<B>(&filled(&w, rows)), store::<B>(&entries(rows, n, 4)));
         let nan = B::Scalar::from_f64(f64::NAN);
-        let (mut d, mut work) = (vec![nan; n], vec![nan; 3 * r + rows]);
+        let (mut d, mut work) = (vec![nan; n], vec![nan; 4 * r + rows]);
         let support = Support { starts: &vec![[0, n]; n], middle: n };
         B::weighted_gram_schmidt(array.view_mut(), support, &weights_s, u.view_mut(), &mut d, &mut work);
         let u = u.view();

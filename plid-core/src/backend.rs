@@ -22,7 +22,7 @@ pub trait Backend: Clone + Copy + Debug + Send + Sync + 'static {
     }
 
     /// C <- C + alpha A B^T for a product that is symmetric. A and B are N x k. The lower triangle of C (N x N) is
-    /// meant; the strict upper one may hold anything afterwards.
+    /// changed; the strict upper one stays as it is.
     fn symmetric_product_lower(
         c: ViewMut<'_, Self::Scalar>,
         alpha: Self::Scalar,
@@ -72,7 +72,7 @@ pub trait Backend: Clone + Copy + Debug + Send + Sync + 'static {
 
     /// Modified weighted Gram-Schmidt (Thornton; Bierman 1977, ch. VI) of the rows of W (n x r, and any rows after them),
     /// whose columns have these weights: U unit upper triangular (rows after its n are zero) and d with
-    /// U diag(d) U^T = W diag(weights) W^T. `w` is destroyed; `work` holds 3r and W's rows.
+    /// U diag(d) U^T = W diag(weights) W^T. `w` is destroyed; `work` holds 4r and W's rows.
     fn weighted_gram_schmidt(
         w: ViewMut<'_, Self::Scalar>,
         support: Support<'_>,

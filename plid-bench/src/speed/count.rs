@@ -73,6 +73,8 @@ macro_rules! counts {
     ($operation:ident, $method:ident, $assign:ident, $assign_method:ident, $count:ident) => {
         impl $operation for Counted {
             type Output = Self;
+            // The sum is the count.
+            #[allow(clippy::suspicious_arithmetic_impl)]
             fn $method(self, other: Self) -> Self {
                 COUNTED.set(Operations { $count: COUNTED.get().$count + 1, ..COUNTED.get() });
                 Self(self.0.$method(other.0))

@@ -65,8 +65,9 @@ fn symmetric(size: &Size, corrections: f64) -> Vec<Term> {
         },
         // (K Re K^T)_ii for each of N variances.
         Term { what: "check of the variances", flops: joint * p * (p + 3.0) },
-        // Abar P_xx Abar^T: p products for each of n^2 entries, from either side; the same from one side for P_{theta x}.
-        Term { what: "Abar on the states' rows", flops: 4.0 * p * n * n + 2.0 * p * c * n * n },
+        // Abar P_xx Abar^T: p products for each of n^2 entries, and one with the one or zero of J, from either side; the same
+        // from one side for P_{theta x}.
+        Term { what: "Abar on the states' rows", flops: 2.0 * (p + 1.0) * (c + 2.0) * n * n },
         // (phi (x) I) P_{theta x}, twice: 2 c for each of n^2 entries.
         Term { what: "phi on P_{theta x}", flops: 4.0 * c * n * n },
         // P_{theta theta} (phi (x) I)^T: each entry of the lower triangle serves itself and its mirror image, whose sums are then added.
@@ -91,7 +92,7 @@ fn factored(size: &Size, factor: Factor) -> Vec<Term> {
     };
     vec![
         Term { what: "measurement update of the factor", flops: a_pass * p * size.triangle() },
-        // J as products with ones too, one for each distance that it shifts by.
+        // As above; U_x once.
         Term { what: "Abar on the states' rows", flops: 2.0 * (p + 1.0) * (c + 1.0) * n * n },
         // Column block t of U_theta has t blocks of rows: c (c + 1) / 2 blocks of n^2 entries.
         Term { what: "phi on U_theta", flops: c * (c + 1.0) * n * n },
@@ -135,6 +136,10 @@ fn expectation(cell: &Cell, size: &Size) -> Vec<Term> {
         }
     }
     if expectations == ExpectationName::MomentMatched {
+        if matches!(cell.variant.covariance, CovarianceName::BiermanUd | CovarianceName::ArraySqrt) {
+            // U D (U^T e) for the state that each output reads.
+            terms.push(Term { what: "columns of P from the factor", flops: 2.0 * p * size.triangle() });
+        }
         // E_ij E_ji^T for each pair of outputs: a triangle each.
         terms.push(Term { what: "products of the crossed covariances", flops: p * p * n * n });
     }
@@ -148,9 +153,15 @@ mod tests {
     use crate::speed::count::count;
     use crate::{Record, Workload};
 
-    /// Kernels fill whole registers, also beyond a matrix's edge or diagonal: what is counted may be more than the formula, not less.
-    const MORE: f64 = 0.20;
     const LESS: f64 = 0.01;
+
+    /// The kernels of the factored forms fill whole registers, also beyond a matrix's edge or diagonal.
+    fn more(form: CovarianceName) -> f64 {
+        match form {
+            CovarianceName::Direct | CovarianceName::Joseph => 0.05,
+            CovarianceName::BiermanUd | CovarianceName::ArraySqrt => 0.25,
+        }
+    }
 
     #[test]
     fn formulas_are_what_is_counted() {
@@ -163,7 +174,7 @@ mod tests {
                 let counted = count(&cell, &workload).unwrap().total() as f64;
                 let formula: f64 = terms(&cell).iter().map(|term| term.flops).sum();
                 let ratio = counted / formula;
-                if !(1.0 - LESS..1.0 + MORE).contains(&ratio) {
+                if !(1.0 - LESS..1.0 + more(form)).contains(&ratio) {
                     off.push(format!("{ratio:.3} {}: {counted} for {formula}", cell.key()));
                 }
             }

@@ -8,8 +8,8 @@ use plid_lab::variant::{CovarianceName, Recursion, ScalarName, VariantError};
 use plid_testbed::OUTPUTS;
 use serde::{Deserialize, Serialize};
 
-use super::config::{Group, word};
 use super::covariance::{bad_pivot, dense, estimate_errors, nees, quads, scaled_difference};
+use super::group::{Group, word};
 use super::problem::Problem;
 use super::record::Check;
 use super::reference::Reference;
@@ -300,7 +300,7 @@ mod tests {
 
     fn problem(states: usize, steps: usize) -> Problem {
         let config = Config { states: vec![states], steps, ..Config::default() };
-        let group = config.groups().into_iter().find(|g| g.part == crate::stability::config::Part::Map).unwrap();
+        let group = config.groups().into_iter().find(|g| g.part == crate::stability::group::Part::Map).unwrap();
         let record = group.scenario.record(states, steps).unwrap();
         Problem::new(group, Arc::new(record)).unwrap()
     }

@@ -223,15 +223,16 @@ mod tests {
             c.nees = Some(1.9);
         };
         assert_eq!(class(sound).0, Class::Sound);
-        let clauses: [(&dyn Fn(&mut Cell), &str); 8] = [
-            (&|c| c.errors = vec![error(0.1, Some(0.2)), error(0.1, Some(0.01))], "P is off by 2.0e-1"),
-            (&|c| c.errors = vec![error(0.1, None)], "not finite"),
-            (&|c| c.errors = vec![error(2.0, Some(0.01))], "2.0e0 standard deviations"),
-            (&|c| c.free_run = Some(0.12), "12.00 % against 10.00 %"),
-            (&|c| c.free_run = None, "diverges"),
-            (&|c| c.nees = Some(2.1), "NEES 2.10"),
-            (&|c| c.nees = None, "no NEES"),
-            (&|c| c.estimate[3] += 0.05, "frequency response off"),
+        type Change = fn(&mut Cell);
+        let clauses: [(Change, &str); 8] = [
+            (|c| c.errors = vec![error(0.1, Some(0.2)), error(0.1, Some(0.01))], "P is off by 2.0e-1"),
+            (|c| c.errors = vec![error(0.1, None)], "not finite"),
+            (|c| c.errors = vec![error(2.0, Some(0.01))], "2.0e0 standard deviations"),
+            (|c| c.free_run = Some(0.12), "12.00 % against 10.00 %"),
+            (|c| c.free_run = None, "diverges"),
+            (|c| c.nees = Some(2.1), "NEES 2.10"),
+            (|c| c.nees = None, "no NEES"),
+            (|c| c.estimate[3] += 0.05, "frequency response off"),
         ];
         for (change, said) in clauses {
             let (class, why) = class(change);

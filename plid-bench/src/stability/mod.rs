@@ -8,6 +8,7 @@ mod classify;
 mod config;
 mod covariance;
 mod grid;
+mod group;
 mod outcome;
 mod plant;
 mod problem;
@@ -22,7 +23,8 @@ use std::path::Path;
 
 pub use cell::{Cell, ErrorAt, Indefinite, LocalAt, Stop};
 pub use classify::{Class, Judged, rule};
-pub use config::{Adversarial, Config, FULL, Group, Long, Part, QUICK, Variations};
+pub use config::{Adversarial, Config, FULL, Long, QUICK, Variations};
+pub use group::{Group, Part};
 pub use outcome::Outcome;
 pub use reference::ReferenceSummary;
 pub use scenario::Scenario;

@@ -6,7 +6,8 @@ use plid_lab::variant::{CovarianceName, ExpectationName, ScalarName};
 use serde::Serialize;
 
 use super::classify::{Class, Judged, judge, rule};
-use super::config::{Config, Part};
+use super::config::Config;
+use super::group::Part;
 use super::reference::ReferenceSummary;
 use super::report;
 use super::scenario::Scenario;

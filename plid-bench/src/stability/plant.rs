@@ -54,7 +54,7 @@ impl Plant {
     /// # Errors
     /// [`PlantError`]
     pub fn random(states: usize) -> Result<Self, PlantError> {
-        if states % OUTPUTS != 0 {
+        if !states.is_multiple_of(OUTPUTS) {
             return Err(PlantError::Unequal(states));
         }
         let form = ObservableForm::balanced(states, OUTPUTS, INPUTS)?;

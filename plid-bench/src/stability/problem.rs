@@ -6,7 +6,7 @@ use plid_core::{NoiseModel, ObservableForm, Settings, StructureError};
 use plid_lab::variant::{BackendName, CovarianceName, Recursion, ScalarName, Variant, VariantError};
 use plid_testbed::{INPUTS, OUTPUTS};
 
-use super::config::Group;
+use super::group::Group;
 use super::record::{Record, single};
 
 /// What the cells of a group have in common.

@@ -7,8 +7,8 @@ use plid_lab::variant::{CovarianceName, ScalarName, VariantError};
 use qd::Quad;
 use serde::{Deserialize, Serialize};
 
-use super::config::one_three;
 use super::covariance::{condition, dense, deviations, quads, scaled_difference};
+use super::group::one_three;
 use super::problem::Problem;
 
 /// s and P after a number of steps.

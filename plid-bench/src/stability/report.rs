@@ -4,8 +4,8 @@ use plid_lab::report::{Axis, Cell as Field, Chart, Report, Series, Table, chart}
 use plid_lab::variant::{CovarianceName, ScalarName};
 
 use super::classify::{Judged, rule};
-use super::config::{FORMS, Part, SCALARS, word};
 use super::grid::{self, Grid, draw};
+use super::group::{FORMS, Part, SCALARS, word};
 use super::outcome::Outcome;
 use super::verdicts::name;
 
@@ -34,7 +34,8 @@ pub fn page(outcome: &Outcome) -> Report {
     );
     report = report.heading("Verdicts");
     for claim in &outcome.claims {
-        report = report.paragraph(format!("{} {}", claim.claim, claim.verdict)).advice_of(&claim.numbers);
+        report = report.paragraph(format!("{} {}", claim.claim, claim.verdict));
+        report = claim.numbers.iter().fold(report, |report, number| report.paragraph(format!("– {number}")));
     }
     report = report
         .details("What one step rounds, and P at the end", |r| r.table(rounding(outcome)))
@@ -48,20 +49,6 @@ pub fn page(outcome: &Outcome) -> Report {
         report = report.provenance(name, value);
     }
     report
-}
-
-/// A list of numbers below a verdict.
-trait Numbers {
-    fn advice_of(self, numbers: &[String]) -> Self;
-}
-
-impl Numbers for Report {
-    fn advice_of(mut self, numbers: &[String]) -> Self {
-        for number in numbers {
-            self = self.paragraph(format!("– {number}"));
-        }
-        self
-    }
 }
 
 /// Form and scalar, in the order of all pictures: the scalars apart.

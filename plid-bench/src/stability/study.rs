@@ -10,7 +10,8 @@ use rayon::iter::{ParallelBridge, ParallelIterator};
 use serde::{Deserialize, Serialize};
 
 use super::cell::{self, Cell};
-use super::config::{Config, Group};
+use super::config::Config;
+use super::group::Group;
 use super::problem::Problem;
 use super::record::Record;
 use super::reference::{Reference, ReferenceSummary, reference};
@@ -84,7 +85,7 @@ fn references(group: &Group) -> Vec<CovarianceName> {
 }
 
 fn reference_key(group: &Group, form: CovarianceName) -> String {
-    format!("{}, {} double-double", group.key(), super::config::word(&form))
+    format!("{}, {} double-double", group.key(), super::group::word(&form))
 }
 
 fn is_factored(form: CovarianceName) -> bool {

@@ -5,7 +5,8 @@ use plid_lab::variant::{CovarianceName as Form, ScalarName};
 use serde::Serialize;
 
 use super::classify::{Class, Judged, RESPONSE_LIMIT};
-use super::config::{Config, FORMS, Part, SCALARS, word};
+use super::config::Config;
+use super::group::{FORMS, Part, SCALARS, word};
 
 /// A claim with what the cells say of it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -153,9 +154,16 @@ fn parameter_noise(cells: &Cells<'_>) -> Claim {
     }
     let double = all_sound(&cells.of(Part::Map, Form::Direct, ScalarName::F64));
     let factored = all_sound(&cells.of(Part::Map, Form::BiermanUd, ScalarName::F32));
+    let in_single = if numbers.is_empty() {
+        "In f32 it was not tried.".into()
+    } else {
+        format!(
+            "In f32, parameter noise keeps a matrix positive in {kept} of the cells below, in {worth} of them at a free-run error within half \
+             again of what Bierman UD has without noise."
+        )
+    };
     let verdict = format!(
-        "{} In f32, parameter noise keeps a matrix positive in {kept} of the cells below, in {worth} of them at a free-run error within half \
-         again of what Bierman UD has without noise. {}",
+        "{} {in_single} {}",
         if double {
             "Not needed in f64: the direct form is sound without it."
         } else {
@@ -223,7 +231,9 @@ fn hard_starts(cells: &Cells<'_>) -> Claim {
             numbers.push(format!("{}: {}.", name(form, scalar), not.collect::<Vec<_>>().join("; ")));
         }
     }
-    let verdict = if unharmed.is_empty() {
+    let verdict = if numbers.is_empty() && unharmed.is_empty() {
+        "Not run.".into()
+    } else if unharmed.is_empty() {
         "No form comes through all of them.".into()
     } else {
         format!("Sound through all of them: {}.", unharmed.join("; "))

@@ -96,7 +96,7 @@ macro_rules! each_kernel {
             gram_schmidt::upper_ldl(q: View<'_, $s>, v: ViewMut<'_, $s>, d: &mut [$s], zero: $s, work: &mut [$s]);
             /// Modified weighted Gram-Schmidt (Thornton; Bierman 1977, ch. VI) of the rows of W (n x r, and any rows after
             /// them), whose columns have these weights: U unit upper triangular (rows after its n are zero) and d with
-            /// U diag(d) U^T = W diag(weights) W^T. `w` is destroyed; `work` holds 3r and W's rows.
+            /// U diag(d) U^T = W diag(weights) W^T. `w` is destroyed; `work` holds 4r and W's rows.
             gram_schmidt::weighted_gram_schmidt(
                 w: ViewMut<'_, $s>, support: Support<'_>, weights: &[$s], u: ViewMut<'_, $s>, d: &mut [$s], work: &mut [$s]
             );

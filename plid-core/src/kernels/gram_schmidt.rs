@@ -33,22 +33,28 @@ pub fn weighted_gram_schmidt<S: Scalar>(
 ) {
     let (n, rows, columns) = (d.len(), w.rows(), w.columns());
     let smallest = S::from_f64(S::SMALLEST / (S::EPSILON * S::EPSILON));
-    // The last row that is done, the one that is being made, and that one weighted.
+    // The last row that is done, the one that is being made, that one weighted, and the one after it.
     let (mut done, rest) = work.split_at_mut(columns);
     let (mut row, rest) = rest.split_at_mut(columns);
+    let (mut next, rest) = rest.split_at_mut(columns);
     let (weighted, factors) = rest.split_at_mut(columns);
     let factors = &mut factors[..rows];
-    done.fill(S::zero());
-    row.fill(S::zero());
-    weighted.fill(S::zero());
-    factors.fill(S::zero());
+    for zeros in [&mut *done, &mut *row, &mut *next, &mut *weighted, &mut *factors] {
+        zeros.fill(S::zero());
+    }
     // Row j is made orthogonal to the rows below it. As soon as it is, the sweep that takes the row below it out of all
-    // others forms their products with row j too.
+    // others forms their products with row j too, and picks up row j - 1, whose turn comes then.
     for j in (0..n).rev() {
-        for range in support.ranges(j, columns) {
-            for c in range {
-                row[c] = done[c].mul_add(-factors[j], w.at(j, c));
-                weighted[c] = row[c] * weights[c];
+        let before = if j + 1 < n { support.starts[j + 1] } else { [support.middle, columns] };
+        for (range, before) in support.ranges(j, columns).into_iter().zip(before) {
+            // Where no sweep has been yet.
+            for c in range.start..before {
+                row[c] = w.at(j, c);
+            }
+            let (row, done, weights) = (&mut row[range.clone()], &done[range.clone()], &weights[range.clone()]);
+            for (((x, &below), &weight), product) in row.iter_mut().zip(done).zip(weights).zip(&mut weighted[range]) {
+                *x = below.mul_add(-factors[j], *x);
+                *product = *x * weight;
             }
         }
         d[j] = dot(weighted, row);
@@ -61,14 +67,13 @@ pub fn weighted_gram_schmidt<S: Scalar>(
         factors[j..].fill(S::zero());
         let mut at = 0;
         while at < j {
+            let sweep = Sweep { ranges: support.ranges(j, columns), done, weighted, next_row: j - 1 };
             let w = w.reborrow();
             at += match rows - at {
-                32.. if j - at > 16 => {
-                    subtract_and_multiply::<S, 32>(w, support.ranges(j, columns), done, weighted, at, factors)
-                }
-                16.. => subtract_and_multiply::<S, 16>(w, support.ranges(j, columns), done, weighted, at, factors),
-                8.. => subtract_and_multiply::<S, 8>(w, support.ranges(j, columns), done, weighted, at, factors),
-                _ => subtract_and_multiply::<S, 1>(w, support.ranges(j, columns), done, weighted, at, factors),
+                32.. if j - at > 16 => sweep.take::<32>(w, at, factors, next),
+                16.. => sweep.take::<16>(w, at, factors, next),
+                8.. => sweep.take::<8>(w, at, factors, next),
+                _ => sweep.take::<1>(w, at, factors, next),
             };
         }
         for factor in &mut factors[..j] {
@@ -78,33 +83,40 @@ pub fn weighted_gram_schmidt<S: Scalar>(
         column.fill(S::zero());
         column[..j].copy_from_slice(&factors[..j]);
         column[j] = S::one();
-        std::mem::swap(&mut done, &mut row);
+        (done, row, next) = (row, next, done);
     }
 }
 
-/// Takes `factors` times the row `done` off rows at .. at + W of the array, and puts their products with `weighted` in place
-/// of the factors. Returns W.
-#[inline(always)]
-fn subtract_and_multiply<S: Scalar, const W: usize>(
-    mut w: ViewMut<'_, S>,
+/// One sweep over the rows of the array.
+struct Sweep<'a, S> {
     ranges: [std::ops::Range<usize>; 2],
-    done: &[S],
-    weighted: &[S],
-    at: usize,
-    factors: &mut [S],
-) -> usize {
-    let factor = Pack::<S, W>::load(&factors[at..]);
-    let mut products = Pack::<S, W>::zero();
-    for range in ranges {
-        for c in range {
-            let entries = &mut w.column_mut(c)[at..at + W];
-            let x = Pack::load(entries).add_scaled(factor, -done[c]);
-            x.store(entries);
-            products = products.add_scaled(x, weighted[c]);
+    done: &'a [S],
+    weighted: &'a [S],
+    next_row: usize,
+}
+
+impl<S: Scalar> Sweep<'_, S> {
+    /// Takes `factors` times the row `done` off rows at .. at + W of the array, and puts their products with `weighted` in place
+    /// of the factors. If the next row is among these, `next` becomes what is left of it. Returns W.
+    #[inline(always)]
+    fn take<const W: usize>(&self, mut w: ViewMut<'_, S>, at: usize, factors: &mut [S], next: &mut [S]) -> usize {
+        let factor = Pack::<S, W>::load(&factors[at..]);
+        let mut products = Pack::<S, W>::zero();
+        // It is among the last rows, and then stays.
+        let lane = (self.next_row - at).min(W - 1);
+        for range in self.ranges.clone() {
+            let rows = (&self.done[range.clone()], &self.weighted[range.clone()], &mut next[range.clone()]);
+            for (((c, &done), &weighted), next) in range.zip(rows.0).zip(rows.1).zip(rows.2) {
+                let entries = &mut w.column_mut(c)[at..at + W];
+                let x = Pack::load(entries).add_scaled(factor, -done);
+                x.store(entries);
+                *next = entries[lane];
+                products = products.add_scaled(x, weighted);
+            }
         }
+        products.store(&mut factors[at..]);
+        W
     }
-    products.store(&mut factors[at..]);
-    W
 }
 
 /// Q = V diag(d) V^T with V unit upper triangular, from the last row up, by its stored lower triangle: V into `v`, rows from n on

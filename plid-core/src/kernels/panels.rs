@@ -148,8 +148,7 @@ impl<S: Scalar> Column<'_, S> {
 #[inline(always)]
 fn first_rows<S: Scalar, const W: usize>(x: &[S], zeros: usize) -> Pack<S, W> {
     let mut pack = Pack::zero();
-    for l in zeros..W {
-        pack.0[l] = x[l - zeros];
-    }
+    let zeros = zeros.min(W);
+    pack.0[zeros..].copy_from_slice(&x[..W - zeros]);
     pack
 }

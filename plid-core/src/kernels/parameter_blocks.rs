@@ -39,11 +39,18 @@ pub fn add_parameter_blocks<S: Scalar>(
                 continue;
             }
             // The panel whose block on the diagonal this is has zeros below it.
-            let filled = if first == block { rows.min((c + taken - block * n).next_multiple_of(TILE)) } else { rows };
-            for q in 0..taken {
-                gather(layout, theta, &weights[..=block], first, c + q, roots[q], filled, work.column_mut(q));
+            let triangle = first == block;
+            let step = if triangle { DEPTH / 2 } else { DEPTH };
+            for part in (0..taken).step_by(step) {
+                let width = step.min(taken - part);
+                let last = c + part + width - block * n;
+                let filled = if triangle { rows.min(last.next_multiple_of(TILE)) } else { rows };
+                for q in 0..width {
+                    let (column, root) = (c + part + q, roots[part + q]);
+                    gather(layout, theta, &weights[..=block], first, column, root, filled, work.column_mut(q));
+                }
+                add_squares(work.view().block(0, 0, rows, width), filled, sum.reborrow());
             }
-            add_squares(work.view().block(0, 0, rows, taken), filled, sum.reborrow());
         }
         c += taken;
     }

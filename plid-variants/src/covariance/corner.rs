@@ -65,9 +65,8 @@ pub struct Corner<S> {
     n: usize,
     /// A panel's rows.
     rows: usize,
-    /// W, 2n columns of a panel's rows. They are stored a little further apart, lest the entries of a row fall on the same few
-    /// lines of a cache.
-    array: Dense<S>,
+    /// Room for W.
+    array: Vec<S>,
     /// The weights of its columns.
     weights: Vec<S>,
     /// Where the rows begin if L is triangular.
@@ -81,6 +80,16 @@ pub struct Corner<S> {
     outputs: Vec<S>,
     qbar: Dense<S>,
     root: Dense<S>,
+}
+
+/// Numbers between the columns of W, lest the entries of a row fall on the same few lines of a cache; as many are at most left
+/// out at the beginning.
+const GAP: usize = PanelLayout::ROWS;
+
+/// W in its room, 2n columns of a panel's rows. The kernels load and store whole lines of the cache, on which it therefore begins.
+fn array<S: Kernels>(room: &mut [S], rows: usize, columns: usize) -> ViewMut<'_, S> {
+    let offset = room.as_ptr().align_offset(GAP * size_of::<S>()).min(GAP);
+    ViewMut::new(&mut room[offset..], rows, columns, rows + GAP)
 }
 
 /// How L has come out.
@@ -99,14 +108,14 @@ impl<S: Kernels> Corner<S> {
         Self {
             n,
             rows,
-            array: Dense::zeros(rows + PanelLayout::ROWS, 2 * n),
+            array: vec![S::zero(); 2 * n * (rows + GAP) + GAP],
             weights: vec![S::one(); 2 * n],
             triangular: starts.iter().enumerate().map(|(i, &start)| [start, n + i]).collect(),
             general: starts.iter().map(|&start| [start, n]).collect(),
             starts,
             zeros: vec![0; n],
             ends: vec![n; n],
-            work: vec![S::zero(); 6 * n + rows],
+            work: vec![S::zero(); 8 * n + rows],
             outputs: vec![S::zero(); advance.outputs.len()],
             qbar: Dense::zeros(n, n),
             root: Dense::zeros(n, n),
@@ -119,15 +128,14 @@ impl<S: Kernels> Corner<S> {
     /// A pivot of Qbar that is not finite.
     pub fn lay(&mut self, advance: &Advance<S>, ux: View<'_, S>, qbar: &Dense<S>) -> Result<Laid, BadPivot> {
         let n = self.n;
+        let (mut left, mut right) = array(&mut self.array, self.rows, 2 * n).split_at_column(n);
         for c in 0..n {
-            self.array.column_mut(c)[..self.rows].copy_from_slice(ux.column(c));
+            left.column_mut(c).copy_from_slice(ux.column(c));
         }
-        let mut array = self.array.view_mut();
-        let (left, right) = array.block_mut(0, 0, self.rows, 2 * n).split_at_column(n);
         advance.apply(ux, &[], 0, left, &mut self.outputs);
         // Qbar is a moment. If it is clearly definite its factor may be triangular, which leaves rows of the array short.
         let tolerance = 64.0 * n as f64 * S::EPSILON;
-        S::upper_ldl(qbar.view(), right, &mut self.weights[n..], S::from_f64(tolerance), &mut self.work);
+        S::upper_ldl(qbar.view(), right.reborrow(), &mut self.weights[n..], S::from_f64(tolerance), &mut self.work);
         let lost = |i: usize| self.weights[n + i] == S::zero() && qbar.at(i, i) != S::zero();
         if !(0..n).any(lost) {
             return Ok(Laid { columns: 2 * n, triangular: true });
@@ -139,7 +147,7 @@ impl<S: Kernels> Corner<S> {
         let (copy, root) = (self.qbar.view_mut(), self.root.view_mut());
         let rank = pivoted_cholesky(copy, root, &mut self.work, tolerance, f64::INFINITY)?;
         for c in 0..rank {
-            let column = self.array.column_mut(n + c);
+            let column = right.column_mut(c);
             column[..n].copy_from_slice(self.root.column(c));
             column[n..].fill(S::zero());
         }
@@ -152,9 +160,8 @@ impl<S: Kernels> Corner<S> {
         let n = self.n;
         self.weights[..n].copy_from_slice(d);
         let starts = if laid.triangular { &self.triangular } else { &self.general };
-        let mut array = self.array.view_mut();
         B::weighted_gram_schmidt(
-            array.block_mut(0, 0, self.rows, laid.columns),
+            array(&mut self.array, self.rows, laid.columns),
             Support { starts, middle: n },
             &self.weights[..laid.columns],
             u,
@@ -167,9 +174,10 @@ impl<S: Kernels> Corner<S> {
     pub fn reflect<B: Backend<Scalar = S>>(&mut self, laid: Laid, s: ViewMut<'_, S>) {
         let n = self.n;
         if laid.triangular {
+            let mut array = array(&mut self.array, self.rows, 2 * n);
             for c in 0..n {
                 let root = self.weights[n + c].sqrt();
-                self.array.column_mut(n + c)[..=c].iter_mut().for_each(|x| *x *= root);
+                array.column_mut(n + c)[..=c].iter_mut().for_each(|x| *x *= root);
             }
             // Each row is reflected into its own column of L, which no row below it has.
             self.ends.fill(n);
@@ -179,8 +187,7 @@ impl<S: Kernels> Corner<S> {
             }
         }
         let starts = if laid.triangular { &self.starts } else { &self.zeros };
-        let mut array = self.array.view_mut();
         let tails = Tails { starts, ends: &self.ends };
-        B::triangular_factor(array.block_mut(0, 0, self.rows, laid.columns), n, tails, s, &mut self.work);
+        B::triangular_factor(array(&mut self.array, self.rows, laid.columns), n, tails, s, &mut self.work);
     }
 }

@@ -41,7 +41,7 @@ pub trait UpdateRule: Clone + Send + Sync + 'static {
 /// P as a symmetric matrix with measurement update `R`.
 #[derive(Clone, Debug)]
 pub struct Symmetric<B: Backend, R> {
-    /// N x N; the lower triangle, with zeros above it in the parameters' part.
+    /// N x N, the lower triangle; zeros stand above it, which the block product relies on.
     p: B::Matrix,
     n: usize,
     rule: PhantomData<R>,
@@ -140,8 +140,7 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
             match initial {
                 InitialCovariance::Diagonal(d) => *p.view_mut().at_mut(j, j) = B::Scalar::from_f64(d[j]),
                 InitialCovariance::Full(p0) => {
-                    // Zeros above the triangle: products take it in packs that reach over the diagonal.
-                    for (to, &from) in p.view_mut().column_mut(j).iter_mut().zip(p0.column(j)).skip(j) {
+                    for (to, &from) in p.view_mut().column_mut(j)[j..].iter_mut().zip(&p0.column(j)[j..]) {
                         *to = B::Scalar::from_f64(from);
                     }
                 }

@@ -44,13 +44,15 @@ pub struct Triangular<B: Backend> {
     blocks: ParameterBlocks<B::Scalar>,
 }
 
+type Recursion<S> = fn(ViewMut<'_, S>, &mut [S], &mut [S], ViewMut<'_, S>, ViewMut<'_, S>);
+
 /// The kernels of a scalar measurement update.
 #[derive(Clone, Copy, Debug)]
 pub struct Updates<S> {
     /// The spread of an innovation from its variance.
     pub spread: fn(S) -> S,
     /// As [`Kernels::bierman_recursion`].
-    pub recursion: fn(ViewMut<'_, S>, &mut [S], &mut [S], ViewMut<'_, S>, ViewMut<'_, S>),
+    pub recursion: Recursion<S>,
     /// As [`Kernels::bierman_sweep`].
     pub sweep: fn(ViewMut<'_, S>, View<'_, S>, ViewMut<'_, S>),
 }

@@ -1,0 +1,231 @@
+//! The groups of cells that a config stands for.
+
+use plid_lab::variant::{CovarianceName, ExpectationName, ScalarName};
+use plid_testbed::{INPUTS, OUTPUTS};
+use serde::{Deserialize, Serialize};
+
+use super::config::Config;
+use super::scenario::Scenario;
+
+/// Which part of the study a group belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Part {
+    /// The centre, for every number of states.
+    Map,
+    /// One setting off the centre.
+    Variation,
+    /// A hard start or record.
+    Adversarial,
+    /// The long run.
+    Long,
+}
+
+/// Cells that share a problem, and so a reference: they differ in form and scalar only.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Group {
+    /// Which part.
+    pub part: Part,
+    /// What is off the centre, in words.
+    pub label: String,
+    /// Where the data come from.
+    pub scenario: Scenario,
+    /// n
+    pub states: usize,
+    /// Steps asked for.
+    pub steps: usize,
+    /// The conditional expectation.
+    pub expectations: ExpectationName,
+    /// Variance added to each parameter's variance a step.
+    pub parameter_noise: f64,
+    /// P0, over R if `start_over_sensor`.
+    pub initial_variance: f64,
+    /// Whether P0 counts in R.
+    pub start_over_sensor: bool,
+    /// Exponential forgetting.
+    pub forgetting: f64,
+    /// Steps in double-double.
+    pub reference_steps: usize,
+    /// The step after which frequency responses are compared.
+    pub compared_at: usize,
+}
+
+/// The step at which the long run is compared with double precision.
+const COMPARED_AT: usize = 100_000;
+/// Every form.
+pub const FORMS: [CovarianceName; 4] =
+    [CovarianceName::Direct, CovarianceName::Joseph, CovarianceName::BiermanUd, CovarianceName::ArraySqrt];
+/// The scalars that are judged.
+pub const SCALARS: [ScalarName; 2] = [ScalarName::F32, ScalarName::F64];
+
+impl Group {
+    /// The name in the journal, the CSV and messages.
+    pub fn key(&self) -> String {
+        let part = match self.part {
+            Part::Map => "map",
+            Part::Variation => "variation",
+            Part::Adversarial => "adversarial",
+            Part::Long => "long",
+        };
+        format!("{part}, {}, n = {}", self.label, self.states)
+    }
+
+    /// Form and scalar of each cell.
+    pub fn cells(&self) -> Vec<(CovarianceName, ScalarName)> {
+        match self.part {
+            Part::Long => SCALARS.map(|scalar| (CovarianceName::BiermanUd, scalar)).to_vec(),
+            _ => FORMS.iter().flat_map(|&form| SCALARS.map(|scalar| (form, scalar))).collect(),
+        }
+    }
+
+    /// The steps of a cell: the long run is single precision's; double is there to be compared with.
+    pub fn steps_of(&self, scalar: ScalarName) -> usize {
+        if self.part == Part::Long && scalar == ScalarName::F64 { self.compared_at } else { self.steps }
+    }
+
+    /// N
+    pub fn joint_states(&self) -> usize {
+        self.states * (1 + INPUTS + OUTPUTS)
+    }
+}
+
+/// 1, 3, 10, 30 .. up to `last`.
+pub fn one_three(last: usize) -> Vec<usize> {
+    let decades = (0..9).map(|k| 10_usize.pow(k));
+    decades.flat_map(|decade| [decade, 3 * decade]).take_while(|&step| step <= last).collect()
+}
+
+impl Config {
+    /// The groups, the longest first, so that threads end together.
+    pub fn groups(&self) -> Vec<Group> {
+        let mut groups = self.groups_in_order();
+        groups.sort_by_key(|group| std::cmp::Reverse(group.steps * group.states.pow(2) * group.cells().len()));
+        groups
+    }
+
+    /// The groups in the order of the config.
+    pub fn groups_in_order(&self) -> Vec<Group> {
+        let mut groups: Vec<Group> = self.states.iter().map(|&n| self.centre(n)).collect();
+        for &n in &self.variations.states {
+            groups.extend(self.varied(n));
+        }
+        groups.extend(self.hard());
+        if self.long.steps > 0 {
+            let steps = self.long.steps;
+            let label = format!("{steps} steps");
+            let compared_at = steps.min(COMPARED_AT);
+            groups.push(Group { part: Part::Long, label, steps, compared_at, ..self.centre(self.long.states) });
+        }
+        groups
+    }
+
+    fn centre(&self, states: usize) -> Group {
+        let mut group = Group {
+            part: Part::Map,
+            label: "centre".into(),
+            scenario: Scenario::Truss,
+            states,
+            steps: self.steps,
+            expectations: ExpectationName::MomentMatched,
+            parameter_noise: 0.0,
+            initial_variance: 1.0,
+            start_over_sensor: false,
+            forgetting: 1.0,
+            reference_steps: 0,
+            compared_at: self.steps,
+        };
+        let most = self.reference_work / (group.joint_states() as f64).powi(2);
+        group.reference_steps = one_three(self.steps.min(most as usize)).last().copied().unwrap_or(0);
+        group
+    }
+
+    fn varied(&self, states: usize) -> Vec<Group> {
+        let vary = &self.variations;
+        let centre = Group { part: Part::Variation, ..self.centre(states) };
+        let mut groups = Vec::new();
+        for &expectations in &vary.expectations {
+            groups.push(Group { label: word(&expectations), expectations, ..centre.clone() });
+        }
+        for &parameter_noise in &vary.parameter_noise {
+            let label = format!("parameter noise {parameter_noise:e}");
+            groups.push(Group { label, parameter_noise, ..centre.clone() });
+        }
+        for &sensor_rms_v in &vary.sensor_rms_v {
+            let scenario = Scenario::TrussWithSensorNoise(sensor_rms_v);
+            groups.push(Group { label: format!("sensor noise {sensor_rms_v} V"), scenario, ..centre.clone() });
+        }
+        for &initial_variance in &vary.initial_variance {
+            groups.push(Group { label: format!("P0 = {initial_variance:e}"), initial_variance, ..centre.clone() });
+        }
+        if vary.in_class {
+            groups.push(Group { label: "plant in class".into(), scenario: Scenario::InClass, ..centre });
+        }
+        groups
+    }
+
+    fn hard(&self) -> Vec<Group> {
+        let hard = &self.adversarial;
+        if hard.steps == 0 {
+            return Vec::new();
+        }
+        let mut centre = self.centre(hard.states);
+        centre = Group {
+            part: Part::Adversarial,
+            steps: hard.steps,
+            compared_at: hard.steps,
+            reference_steps: centre.reference_steps.min(hard.steps),
+            ..centre
+        };
+        let starts = hard.start_ratios.iter().map(|&initial_variance| Group {
+            label: format!("P0/R = {initial_variance:e}"),
+            initial_variance,
+            start_over_sensor: true,
+            ..centre.clone()
+        });
+        let records = hard.scenarios.iter().map(|&scenario| Group {
+            label: scenario.name().into(),
+            scenario,
+            forgetting: if scenario.needs_forgetting() { hard.forgetting } else { 1.0 },
+            ..centre.clone()
+        });
+        starts.chain(records).collect()
+    }
+}
+
+/// The word that stands for a value in a config.
+pub fn word<T: Serialize>(value: &T) -> String {
+    match serde_json::to_value(value) {
+        Ok(serde_json::Value::String(word)) => word,
+        _ => String::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn the_full_study_has_every_form_scalar_and_size_and_no_key_twice() {
+        let groups = Config::default().groups();
+        let keys: BTreeSet<String> = groups.iter().map(Group::key).collect();
+        assert_eq!(keys.len(), groups.len());
+        let map: Vec<&Group> = groups.iter().filter(|g| g.part == Part::Map).collect();
+        assert_eq!(map.len(), 7);
+        assert!(map.iter().all(|g| g.cells().len() == 8 && g.steps == 100_000));
+        let long = groups.iter().find(|g| g.part == Part::Long).unwrap();
+        assert_eq!((long.states, long.steps, long.cells().len()), (24, 1_000_000, 2));
+        assert_eq!(SCALARS.map(|scalar| long.steps_of(scalar)), [1_000_000, 100_000]);
+        assert!(Config::default().problems().is_empty());
+    }
+
+    #[test]
+    fn the_reference_is_as_long_as_its_work_allows() {
+        assert_eq!(one_three(999), [1, 3, 10, 30, 100, 300]);
+        let config = Config::default();
+        assert_eq!(config.centre(12).reference_steps, 30_000);
+        assert_eq!(config.centre(64).reference_steps, 3000);
+        let short = Config { steps: 50, ..config };
+        assert_eq!(short.centre(12).reference_steps, 30);
+    }
+}
