@@ -23,7 +23,7 @@ inputs = [3, 1]
 covariance = ["direct", "joseph", "bierman-ud", "array-sqrt"]
 expectations = ["moment-matched", "joint-ekf"]
 [[cross]]
-states = [24, 26, 28]
+states = [24, 32, 40]
 covariance = ["direct", "bierman-ud"]
 expectations = ["prior"]
 noise = ["diagonal", "full"]
@@ -99,7 +99,8 @@ fn check(outcome: &Outcome) {
         assert!(timing.operations.total() < 2 * joint.pow(3), "{}", timing.key);
     }
     let sizes: Vec<_> = outcome.slopes.iter().map(|slope| slope.sizes.as_slice()).collect();
-    assert_eq!(sizes, [[168, 182, 196], [168, 182, 196]], "direct and UD");
+    // Multiples of eight: kernels fill whole lines, so that operations grow by steps in between.
+    assert_eq!(sizes, [[168, 224, 280], [168, 224, 280]], "direct and UD");
     for slope in &outcome.slopes {
         assert!((1.5..3.1).contains(&slope.operations), "{slope:?}");
     }

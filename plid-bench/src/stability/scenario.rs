@@ -78,7 +78,7 @@ impl Scenario {
     /// The record, the same for the same arguments. Only plants of the model's class depend on `states`.
     ///
     /// # Errors
-    /// [`RecordError`]
+    /// If it cannot be simulated.
     pub fn record(self, states: usize, samples: usize) -> Result<Record, RecordError> {
         Ok(match self {
             Self::Truss => truss(samples, 0.005)?,
