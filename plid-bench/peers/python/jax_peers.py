@@ -73,7 +73,7 @@ def structured(shapes: Shapes, state, sample):
     # The state rows of F P, n x N; then their state columns once more.
     moved = shapes.shift(P[:n]) + outer(A, P[rows].T) + sum(w * P[block] for w, block in blocks)
     corner = shapes.shift(moved[:, :n].T).T + moved[:, rows] @ A.T + sum(w * moved[:, block] for w, block in blocks) + Qbar
-    moved = moved.at[:, :n].set(0.5 * (corner + corner.T))
+    moved = moved.at[:, :n].set(corner)
     return s, P.at[:n].set(moved).at[n:, :n].set(moved[:, n:].T)
 
 
