@@ -17,11 +17,11 @@ use rand_chacha::ChaCha12Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 // ANCHOR: backend
-/// The core's storage and plain kernels, but products rounded once: fused multiply-add.
+/// The core's storage and kernels, but products rounded twice: no fused multiply-add.
 #[derive(Clone, Copy, Debug)]
-struct Fused;
+struct Unfused;
 
-impl Backend for Fused {
+impl Backend for Unfused {
     type Scalar = f64;
     type Matrix = Dense<f64>;
 
@@ -30,7 +30,7 @@ impl Backend for Fused {
             for k in 0..a.columns() {
                 let weight = alpha * b.at(j, k);
                 for (c, &a) in c.column_mut(j)[j..].iter_mut().zip(&a.column(k)[j..]) {
-                    *c = weight.mul_add(a, *c);
+                    *c += weight * a;
                 }
             }
         }
@@ -110,7 +110,7 @@ struct Textbook {
 }
 
 impl CovariancePropagation for Textbook {
-    type Backend = Fused;
+    type Backend = Unfused;
 
     fn new(model: &impl ImplicitModel, initial: &InitialCovariance) -> Result<Self, BadPivot> {
         let (size, outputs) = (model.joint_states(), model.outputs());
@@ -174,7 +174,7 @@ impl CovariancePropagation for Textbook {
             axpy(self.work[j], self.gain.column(j), s);
         }
         let y = self.gain.view().block(0, 0, size, k);
-        Fused::symmetric_product_lower(self.p.view_mut(), -1.0, y, y);
+        Unfused::symmetric_product_lower(self.p.view_mut(), -1.0, y, y);
         self.mirror();
         Ok(())
     }
@@ -354,7 +354,7 @@ fn main() -> Result<(), plid::IdentifierError> {
     }
     // ANCHOR: swap
     let built_in = identify::<Direct<Plain<f64>>, MomentMatched<f64>>(&two_outputs)?;
-    let backend = identify::<Direct<Fused>, MomentMatched<f64>>(&two_outputs)?;
+    let backend = identify::<Direct<Unfused>, MomentMatched<f64>>(&two_outputs)?;
     let form = identify::<Textbook, MomentMatched<f64>>(&two_outputs)?;
     // ANCHOR_END: swap
     let apart =
