@@ -26,13 +26,7 @@ fn normal(rng: &mut ChaCha8Rng) -> f64 {
 fn record(sigma: f64, r: f64, seed: u64) -> Record {
     let prior = ScalarPrior::default();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let a = loop {
-        let a = prior.a.0 + prior.a.1.sqrt() * normal(&mut rng);
-        if a.abs() < prior.largest_a {
-            break a;
-        }
-    };
-    let b = prior.b.0 + prior.b.1.sqrt() * normal(&mut rng);
+    let (a, b) = prior.draw(|| normal(&mut rng));
     let mut x = normal(&mut rng);
     let (mut z, mut u) = (Vec::new(), Vec::new());
     for _ in 0..STEPS {

@@ -22,6 +22,19 @@ impl Default for ScalarPrior {
     }
 }
 
+impl ScalarPrior {
+    /// a and b drawn from the prior; `normal` gives independent unit normals.
+    pub fn draw(&self, mut normal: impl FnMut() -> f64) -> (f64, f64) {
+        let a = loop {
+            let a = self.a.0 + self.a.1.sqrt() * normal();
+            if a.abs() < self.largest_a {
+                break a;
+            }
+        };
+        (a, self.b.0 + self.b.1.sqrt() * normal())
+    }
+}
+
 /// A record of the scalar plant, with the noise variances that the estimate is told.
 #[derive(Clone, Copy, Debug)]
 pub struct ScalarRecord<'a> {

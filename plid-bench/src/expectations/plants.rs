@@ -32,13 +32,7 @@ pub struct Loudness {
 /// that the noise variances, which are told, say nothing of the parameters.
 pub fn scalar(prior: &ScalarPrior, loudness: Loudness, steps: usize, seed: u64) -> Trial {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let a = loop {
-        let a = prior.a.0 + prior.a.1.sqrt() * normal(&mut rng);
-        if a.abs() < prior.largest_a {
-            break a;
-        }
-    };
-    let b = prior.b.0 + prior.b.1.sqrt() * normal(&mut rng);
+    let (a, b) = prior.draw(|| normal(&mut rng));
     let x0 = prior.state_variance.sqrt() * normal(&mut rng);
     // Of white noise of unit variance into the state.
     let power = 1.0 / (1.0 - prior.a.0.powi(2));

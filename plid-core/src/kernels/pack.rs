@@ -53,17 +53,4 @@ impl<S: Scalar, const W: usize> Pack<S, W> {
         }
         self
     }
-
-    /// The sum of the entries, the two halves added until one is left.
-    #[inline(always)]
-    pub fn sum(mut self) -> S {
-        let mut width = W;
-        while width > 1 {
-            width /= 2;
-            for i in 0..width {
-                self.0[i] += self.0[i + width];
-            }
-        }
-        self.0[0]
-    }
 }

@@ -33,7 +33,7 @@ pub struct Common {
     /// What is crossed and how long, a TOML file as those under experiments/bench; left out, the full study.
     #[arg(conflicts_with = "quick")]
     config: Option<PathBuf>,
-    /// A smaller study, of about ten minutes.
+    /// A smaller study, of minutes.
     #[arg(long)]
     quick: bool,
     /// Where the results go; out/bench-STUDY if left out.
