@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 use plid::backends::Plain;
 use plid::covariance::BiermanUd;
 use plid::expectations::MomentMatched;
-use plid::lab::model::{Model, modes};
+use plid::model::{Model, modes};
 use plid::{Identifier, NoiseModel, ObservableForm, Settings};
 use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;

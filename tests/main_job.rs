@@ -3,10 +3,10 @@
 use std::path::Path;
 use std::sync::OnceLock;
 
+use plid::catalogue::{BackendName, CovarianceName};
 use plid::lab::experiment::{self, Experiment};
-use plid::lab::model::frequency_response;
 use plid::lab::run::{self, Outcome, Silent};
-use plid::lab::variant::{BackendName, CovarianceName};
+use plid::model::frequency_response;
 
 fn experiment() -> Experiment {
     experiment::read(Path::new("experiments/truss-mimo-30.toml")).unwrap()

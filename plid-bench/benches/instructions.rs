@@ -14,8 +14,8 @@ use std::process::{Command, Stdio};
 use gungraun::{library_benchmark, library_benchmark_group};
 use plid_bench::speed::Cell;
 use plid_bench::{Loop, Record, Workload};
-use plid_lab::variant::CovarianceName::{self, ArraySqrt, BiermanUd, Direct, Joseph};
-use plid_lab::variant::ExpectationName::{self, JointEkf, MomentMatched};
+use plid_catalogue::CovarianceName::{self, ArraySqrt, BiermanUd, Direct, Joseph};
+use plid_catalogue::ExpectationName::{self, JointEkf, MomentMatched};
 
 /// A recursion on the truss (3 x 3, f64) that has taken its first steps, after which P is full.
 fn begun(states: usize, covariance: CovarianceName, expectations: ExpectationName) -> Loop<'static> {

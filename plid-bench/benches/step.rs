@@ -8,7 +8,7 @@ use std::time::Duration;
 use criterion::{Criterion, criterion_group, criterion_main};
 use plid_bench::speed::{Cell, Cores, FORMS, OUTPUTS, Pass};
 use plid_bench::{Noise, Record, Workload};
-use plid_lab::variant::{BackendName, ExpectationName, ScalarName};
+use plid_catalogue::{BackendName, ExpectationName, ScalarName};
 
 const SIZES: [usize; 3] = [12, 30, 64];
 

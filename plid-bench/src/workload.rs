@@ -3,8 +3,8 @@
 //! A step's time does not depend on the numbers, as long as they are ordinary ones. So the noise covariances are not the
 //! truss's, but chosen to keep every form sound in every scalar: R and P0 do not lie far apart, and Sigma keeps P from dwindling.
 
+use plid_catalogue::{Recursion, Variant, VariantError};
 use plid_core::{Dense, NoiseModel, ObservableForm, Settings};
-use plid_lab::variant::{Recursion, Variant, VariantError};
 use plid_testbed::{INPUTS, InputConfig, OUTPUTS, TestbedError, TrussConfig, WhiteNoise, simulate};
 use serde::{Deserialize, Serialize};
 
@@ -153,7 +153,7 @@ impl Loop<'_> {
 
 #[cfg(test)]
 mod tests {
-    use plid_lab::variant::{CovarianceName, ExpectationName, ScalarName};
+    use plid_catalogue::{CovarianceName, ExpectationName, ScalarName};
 
     use super::*;
 

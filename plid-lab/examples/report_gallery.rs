@@ -8,7 +8,7 @@ use plid_lab::report::{
     Axis, Cell, Chart, ConvergencePlot, FrfCurve, FrfPlot, HeatMap, ModeSet, Report, Scale, Series, Table, Trace,
     chart, convergence_plot, correlation_plot, frf_grid, frf_plot, heat_map, mode_map, trace_plot,
 };
-use plid_lab::signal::{
+use plid_model::signal::{
     CrossCorrelationOptions, WelchFrf, WelchOptions, WhitenessOptions, convergence, cross_correlation, error_measures,
     welch_frf, whiteness,
 };

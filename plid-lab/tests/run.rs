@@ -5,8 +5,8 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use plid_lab::experiment::{self, Experiment};
-use plid_lab::model::{Model, frequency_response};
 use plid_lab::run::{self, Outcome, Progress, RunError, Silent};
+use plid_model::{Model, frequency_response};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};

@@ -6,11 +6,11 @@ use std::path::Path;
 
 use miette::Report;
 use plid::IdentifierError;
+use plid::catalogue::VariantError;
 use plid::lab::data::DataError;
 use plid::lab::identify::IdentifyError;
-use plid::lab::model::ModelError;
 use plid::lab::run::RunError;
-use plid::lab::variant::VariantError;
+use plid::model::ModelError;
 use plid_bench::study::StudyError;
 
 /// A failure with the exit status that it has.

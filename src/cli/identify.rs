@@ -2,16 +2,16 @@
 
 use std::path::PathBuf;
 
+use plid::catalogue::VariantChoice;
+use plid::catalogue::{BackendName, CovarianceName, ExpectationName, ScalarName};
 use plid::lab::data::MissingPolicy;
 use plid::lab::experiment::{
     DataConfig, Experiment, IdentificationConfig, IndicesChoice, NoiseConfig, StartConfig, StructureConfig,
     ValidationConfig, to_toml,
 };
 use plid::lab::prepare::{Advance, Preparation};
-use plid::lab::recommendation::VariantChoice;
 use plid::lab::report::write_atomic;
 use plid::lab::run::CHECKPOINT;
-use plid::lab::variant::{BackendName, CovarianceName, ExpectationName, ScalarName};
 
 use super::{Failure, Voice, directory};
 

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use ndarray::Array2;
-use plid::lab::model::{Model, ModelError, simulate};
+use plid::model::{Model, ModelError, simulate};
 
 use super::{Failure, Voice, table, voice};
 

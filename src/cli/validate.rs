@@ -4,11 +4,11 @@ use std::path::PathBuf;
 
 use ndarray::{Array2, s};
 use plid::lab::data::{self, MissingPolicy, Table};
-use plid::lab::model::{
+use plid::lab::report::{self, Cell, Report, Trace, trace_plot, write_atomic};
+use plid::model::{
     CompareOptions, Comparison, Model, NamedModel, OutputScore, Record, Run, Start, compare, estimate_initial_state,
     simulate,
 };
-use plid::lab::report::{self, Cell, Report, Trace, trace_plot, write_atomic};
 
 use super::{Failure, Voice, directory, table, voice};
 

@@ -2,8 +2,8 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use plid_catalogue::ExpectationName;
 use plid_core::ObservableForm;
-use plid_lab::variant::ExpectationName;
 use plid_testbed::TestbedError;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};

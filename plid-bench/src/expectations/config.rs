@@ -1,7 +1,7 @@
 //! What a study of expectations compares, and over how many runs.
 
+use plid_catalogue::CovarianceName;
 use plid_core::{ImplicitModel, ObservableForm};
-use plid_lab::variant::CovarianceName;
 use plid_testbed::OUTPUTS;
 use serde::{Deserialize, Serialize};
 

@@ -1,8 +1,8 @@
 //! The estimates that are put beside each other, and what one of them makes of one run.
 
 use nalgebra::{DMatrix, DVector};
+use plid_catalogue::{CovarianceName, ExpectationName, Variant};
 use plid_core::ImplicitModel;
-use plid_lab::variant::{CovarianceName, ExpectationName, Variant};
 
 use super::batch::{self, Knowledge};
 use super::grid::{ScalarPrior, ScalarRecord, exact_bayes};

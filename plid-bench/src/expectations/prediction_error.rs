@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use ndarray::ArrayView2;
 use plid_core::{Dense, ImplicitModel, InitialCovariance, NoiseModel, ObservableForm, Settings};
-use plid_lab::model::{Model, NoiseCovariances, steady_state_gain};
+use plid_model::{Model, NoiseCovariances, steady_state_gain};
 
 use super::plants::matrices;
 use super::trial::Trial;

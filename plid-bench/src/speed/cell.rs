@@ -1,6 +1,6 @@
 //! What is timed.
 
-use plid_lab::variant::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
+use plid_catalogue::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
 use serde::{Deserialize, Serialize};
 
 use crate::Noise;

@@ -129,7 +129,7 @@ impl Comparison {
 
 #[cfg(test)]
 mod tests {
-    use plid_lab::variant::{CovarianceName, ExpectationName};
+    use plid_catalogue::{CovarianceName, ExpectationName};
 
     use super::*;
     use crate::speed::outcome::testing::{outcome, timing};

@@ -1,6 +1,6 @@
 //! What a speed study measures, and for how long.
 
-use plid_lab::variant::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
+use plid_catalogue::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
 use serde::{Deserialize, Serialize};
 
 use super::cell::Cell;

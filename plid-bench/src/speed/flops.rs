@@ -4,7 +4,7 @@
 //! N = (c + 1) n is the size of P, c = p + m the number of parameter columns, theta = c n. A multiplication and an addition are two
 //! operations. Terms of lower order (of N p where there is N p^2, of n where there is n^2) are left out.
 
-use plid_lab::variant::{CovarianceName, ExpectationName};
+use plid_catalogue::{CovarianceName, ExpectationName};
 
 use super::cell::{Cell, OUTPUTS};
 use crate::Noise;

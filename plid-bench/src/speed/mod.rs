@@ -20,7 +20,7 @@ mod visit;
 
 use std::path::Path;
 
-use plid_lab::variant::ScalarName;
+use plid_catalogue::ScalarName;
 use serde::{Deserialize, Serialize};
 
 pub use cell::{Cell, EXPECTATIONS, FORMS, OUTPUTS, word};

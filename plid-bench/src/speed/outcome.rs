@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use plid_lab::variant::{CovarianceName, ExpectationName, ScalarName, Variant};
+use plid_catalogue::{CovarianceName, ExpectationName, ScalarName, Variant};
 use serde::{Deserialize, Serialize};
 
 use super::cell::{Cell, OUTPUTS, word};

@@ -1,8 +1,8 @@
 //! The pictures of the report.
 
 use ndarray::Array2;
+use plid_catalogue::{ExpectationName, ScalarName};
 use plid_lab::report::{Axis, Chart, HeatMap, Series, chart, heat_map};
-use plid_lab::variant::{ExpectationName, ScalarName};
 
 use super::cell::{EXPECTATIONS, FORMS, word};
 use super::outcome::{Outcome, Timing};

@@ -1,6 +1,6 @@
 //! What the recursion is meant to reach at n = 64 (N = 448), and whether it does.
 
-use plid_lab::variant::{CovarianceName as Form, ExpectationName as Expectation, ScalarName, Variant};
+use plid_catalogue::{CovarianceName as Form, ExpectationName as Expectation, ScalarName, Variant};
 use serde::Serialize;
 
 use super::cell::{EXPECTATIONS, FORMS, word};

@@ -17,7 +17,7 @@ pub fn bytes(cell: &Cell) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use plid_lab::variant::{CovarianceName, ExpectationName, ScalarName};
+    use plid_catalogue::{CovarianceName, ExpectationName, ScalarName};
 
     use super::*;
 

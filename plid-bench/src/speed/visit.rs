@@ -3,8 +3,8 @@
 use std::time::Instant;
 
 use plid_backends::on_threads;
+use plid_catalogue::{ScalarName, VariantError};
 use plid_core::{IdentifierError, Scalar};
-use plid_lab::variant::{ScalarName, VariantError};
 use serde::{Deserialize, Serialize};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region};
 
@@ -165,7 +165,7 @@ pub fn peak_gflops(scalar: ScalarName, cores: &Cores) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use plid_lab::variant::Variant;
+    use plid_catalogue::Variant;
 
     use super::*;
     use crate::{Noise, Record};

@@ -2,9 +2,9 @@
 
 use std::time::{Duration, Instant};
 
+use plid_catalogue::{CovarianceName, Recursion, ScalarName, VariantError};
 use plid_core::{Dense, IdentifiedModel, IdentifierError, ObservableForm};
 use plid_lab::identify::{Samples, free_run_error};
-use plid_lab::variant::{CovarianceName, Recursion, ScalarName, VariantError};
 use plid_testbed::OUTPUTS;
 use serde::{Deserialize, Serialize};
 

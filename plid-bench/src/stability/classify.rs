@@ -1,9 +1,9 @@
 //! The rule by which a cell is sound, degraded or lost: all of it stands here.
 
 use nalgebra::DMatrix;
+use plid_catalogue::{CovarianceName, ScalarName};
 use plid_core::{Dense, ImplicitModel, ObservableForm};
-use plid_lab::model::{FrequencyResponse, Model, ModelError};
-use plid_lab::variant::{CovarianceName, ScalarName};
+use plid_model::{FrequencyResponse, Model, ModelError};
 use plid_testbed::{INPUTS, OUTPUTS};
 use serde::Serialize;
 

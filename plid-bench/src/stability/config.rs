@@ -1,7 +1,7 @@
 //! The keys of a stability study.
 
+use plid_catalogue::ExpectationName;
 use plid_core::{ObservableForm, StructureError};
-use plid_lab::variant::ExpectationName;
 use plid_testbed::{INPUTS, OUTPUTS};
 use serde::{Deserialize, Serialize};
 

@@ -1,12 +1,12 @@
 //! What can be asked of a P: formed in double-double from the very numbers that a form stores, so that the asking adds no rounding.
 
 use num_traits::{One, Zero};
+use plid_catalogue::CovarianceName;
 use plid_core::kernels::{BadPivot, axpy, cholesky, semidefinite_ldl, solve_lower};
 use plid_core::{Dense, Matrix, Scalar};
-use plid_lab::variant::CovarianceName;
 use qd::Quad;
 
-/// P, N x N, from the numbers of [`plid_lab::variant::Recursion::covariance_state`]: the lower triangle of P, or d and the columns of U down to
+/// P, N x N, from the numbers of [`plid_catalogue::Recursion::covariance_state`]: the lower triangle of P, or d and the columns of U down to
 /// the diagonal.
 pub fn dense(form: CovarianceName, state: &[[f64; 2]], size: usize) -> Dense<Quad> {
     let mut p = Dense::<Quad>::zeros(size, size);
@@ -129,8 +129,8 @@ pub fn quads(parts: &[[f64; 2]]) -> Vec<Quad> {
 mod tests {
     use super::*;
     use plid_backends::Plain;
+    use plid_catalogue::{ScalarName, Variant};
     use plid_core::{CovariancePropagation, InitialCovariance, NoiseModel, ObservableForm, ScalarOf, Settings};
-    use plid_lab::variant::{ScalarName, Variant};
     use plid_variants::covariance::{BiermanUd, Direct};
 
     /// The layouts are those of the forms: what is formed here is what the recursion itself gives.

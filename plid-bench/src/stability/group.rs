@@ -1,6 +1,6 @@
 //! The groups of cells that a config stands for.
 
-use plid_lab::variant::{CovarianceName, ExpectationName, ScalarName};
+use plid_catalogue::{CovarianceName, ExpectationName, ScalarName};
 use plid_testbed::{INPUTS, OUTPUTS};
 use serde::{Deserialize, Serialize};
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use plid_lab::variant::{CovarianceName, ExpectationName, ScalarName};
+use plid_catalogue::{CovarianceName, ExpectationName, ScalarName};
 use serde::Serialize;
 
 use super::classify::{Class, Judged, judge, rule};

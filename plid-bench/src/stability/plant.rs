@@ -6,7 +6,7 @@
 use nalgebra::DMatrix;
 use ndarray::Array2;
 use plid_core::{Dense, IdentifiedModel, ImplicitModel, ObservableForm, StructureError};
-use plid_lab::model::{Model, ModelError, stability};
+use plid_model::{Model, ModelError, stability};
 use plid_testbed::{INPUTS, OUTPUTS};
 use rand_chacha::ChaCha12Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -183,7 +183,7 @@ mod tests {
         let found = plant.run(&inputs, None);
         let model = plant.model().unwrap();
         let array = Array2::from_shape_fn((50, INPUTS), |(k, j)| inputs[k][j]);
-        let expected = plid_lab::model::simulate(&model, array.view(), &model.rest()).unwrap().outputs;
+        let expected = plid_model::simulate(&model, array.view(), &model.rest()).unwrap().outputs;
         for k in 0..50 {
             for i in 0..OUTPUTS {
                 assert!((found[k][i] - expected[(k, i)]).abs() < 1e-12);

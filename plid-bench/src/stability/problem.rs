@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
+use plid_catalogue::{BackendName, CovarianceName, Recursion, ScalarName, Variant, VariantError};
 use plid_core::{NoiseModel, ObservableForm, Settings, StructureError};
-use plid_lab::variant::{BackendName, CovarianceName, Recursion, ScalarName, Variant, VariantError};
 use plid_testbed::{INPUTS, OUTPUTS};
 
 use super::group::Group;

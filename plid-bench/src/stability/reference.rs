@@ -2,8 +2,8 @@
 
 use std::time::Instant;
 
+use plid_catalogue::{CovarianceName, ScalarName, VariantError};
 use plid_core::Dense;
-use plid_lab::variant::{CovarianceName, ScalarName, VariantError};
 use qd::Quad;
 use serde::{Deserialize, Serialize};
 

@@ -1,7 +1,7 @@
 //! The verdicts, in words and with their numbers: all of them are made from the cells.
 
-use plid_lab::recommendation::Conditions;
-use plid_lab::variant::{CovarianceName as Form, ScalarName};
+use plid_catalogue::Conditions;
+use plid_catalogue::{CovarianceName as Form, ScalarName};
 use serde::Serialize;
 
 use super::classify::{Class, Judged, RESPONSE_LIMIT};

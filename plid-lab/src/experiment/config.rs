@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::data::MissingPolicy;
 use crate::prepare::Preparation;
-use crate::recommendation::VariantChoice;
+use plid_catalogue::VariantChoice;
 
 /// One experiment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -15,7 +15,7 @@ pub use recursion::{Ending, Paused, Plan, RecursionRun, Watcher, run, run_or_fac
 use ndarray::ArrayView2;
 use plid_core::{IdentifiedModel, ObservableForm};
 
-use crate::variant::VariantError;
+use plid_catalogue::VariantError;
 
 /// What is identified from: inputs K x m and outputs K x p.
 #[derive(Clone, Copy, Debug)]
@@ -107,10 +107,10 @@ pub fn free_run_error(model: &IdentifiedModel, form: &ObservableForm, samples: S
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{Model, simulate};
     use nalgebra::{DMatrix, DVector};
     use ndarray::Array2;
     use plid_core::Dense;
+    use plid_model::{Model, simulate};
 
     /// The structured free run against the plain one, with unequal indices and a missing sample.
     #[test]

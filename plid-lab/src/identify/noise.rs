@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::recursion::{Ending, Plan, run};
 use super::{IdentifyError, Samples, free_run_error};
-use crate::variant::{CovarianceName, ExpectationName, Variant};
+use plid_catalogue::{CovarianceName, ExpectationName, Variant};
 
 /// What the bank may vary.
 #[derive(Clone, Debug)]

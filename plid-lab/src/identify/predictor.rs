@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::Samples;
-use crate::model::{Model, NoiseCovariances, steady_state_gain};
+use plid_model::{Model, NoiseCovariances, steady_state_gain};
 
 /// A frozen predictor's gain.
 #[derive(Clone, Debug, PartialEq)]

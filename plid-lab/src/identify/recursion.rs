@@ -8,7 +8,7 @@ use plid_core::{
 use serde::{Deserialize, Serialize};
 
 use super::{IdentifyError, Samples};
-use crate::variant::{CovarianceName, Recursion, Variant, VariantError};
+use plid_catalogue::{CovarianceName, Recursion, Variant, VariantError};
 
 /// What the recursion is to be.
 #[derive(Clone, Debug)]
@@ -173,7 +173,7 @@ pub fn run_or_factor(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::variant::ScalarName;
+    use plid_catalogue::ScalarName;
 
     #[test]
     fn a_form_that_is_lost_gives_way_to_bierman_ud() {

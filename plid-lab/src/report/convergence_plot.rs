@@ -1,7 +1,7 @@
 use super::figure::single;
 use super::panel::{Axis, Panel, Scale, Series};
 use super::style;
-use crate::signal::Convergence;
+use plid_model::signal::Convergence;
 
 /// What is drawn of the course of a recursion.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,8 +56,8 @@ pub fn convergence_plot(plot: &ConvergencePlot) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::signal::convergence;
     use ndarray::Array2;
+    use plid_model::signal::convergence;
 
     #[test]
     fn an_empty_course_and_exact_zeros_are_drawn_on_both_scales() {

@@ -1,7 +1,7 @@
 use super::figure::{Stack, grid};
 use super::panel::{Axis, Panel, Series};
 use super::style;
-use crate::signal::Correlation;
+use plid_model::signal::Correlation;
 
 /// Correlation functions with their bounds, each under its title, in rows of `columns`.
 /// `label` names the vertical axis, such as "autocorrelation".
@@ -40,7 +40,7 @@ fn trimmed(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::signal::CorrelationTest;
+    use plid_model::signal::CorrelationTest;
 
     #[test]
     fn lags_outside_stand_out() {

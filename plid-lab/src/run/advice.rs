@@ -3,7 +3,7 @@
 use super::Outcome;
 use super::error::RunError;
 use crate::data::Warning;
-use crate::model::{mode_deviations, stability};
+use plid_model::{mode_deviations, stability};
 
 /// A free-run error this many times the one-step error says that the predictor leans on the measured outputs.
 const LEANS: f64 = 4.0;

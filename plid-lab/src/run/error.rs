@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use crate::data::DataError;
 use crate::experiment::ConfigError;
 use crate::identify::IdentifyError;
-use crate::model::ModelError;
 use crate::prepare::PrepareError;
-use crate::signal::SignalError;
+use plid_model::ModelError;
+use plid_model::signal::SignalError;
 
 /// A run that did not come to its end.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]

@@ -32,12 +32,12 @@ use crate::identify::{
     Bank, Ending, IdentifyError, Memory, OrderScan, Plan, Predictor, RecursionRun, Samples, ScanRow, Search, Split,
     Trial, fit_predictor, scan_orders, search_indices, tune,
 };
-use crate::model::{ChannelScaling, Model, Noise, undo_advance, undo_scaling};
 use crate::prepare::{self, Prepared, excitation};
-use crate::recommendation::Conditions;
 use checkpoint::Saved;
 use error::setting;
 use noise::Known;
+use plid_catalogue::Conditions;
+use plid_model::{ChannelScaling, Model, Noise, undo_advance, undo_scaling};
 
 /// All that a run found, in the units of the data.
 #[derive(Debug)]

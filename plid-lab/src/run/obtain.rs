@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use super::error::{RunError, setting};
 use crate::data::{self, MissingPolicy, Record};
 use crate::experiment::{DataConfig, Experiment};
-use crate::model::Model;
 use crate::prepare::repeats::Repeats;
+use plid_model::Model;
 
 /// A file that went into a run.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

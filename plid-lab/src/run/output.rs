@@ -10,9 +10,9 @@ use super::error::RunError;
 use super::validate::Errors;
 use super::{CHECKPOINT, Outcome, report};
 use crate::experiment::to_toml;
-use crate::model::{Model, mode_deviations};
-use crate::recommendation::Conditions;
 use crate::report::write_atomic;
+use plid_catalogue::Conditions;
+use plid_model::{Model, mode_deviations};
 
 /// Writes all files of a run into `directory`, and removes its checkpoint.
 ///
@@ -138,7 +138,7 @@ fn result(outcome: &Outcome) -> Result<Value, RunError> {
             })
         })
         .collect();
-    let tests = |c: &crate::signal::Correlation| {
+    let tests = |c: &plid_model::signal::Correlation| {
         json!({ "statistic": c.test.statistic, "degrees_of_freedom": c.test.degrees_of_freedom,
                 "p_value": c.test.p_value, "passes": c.test.passes, "lags_outside": c.test.outside })
     };

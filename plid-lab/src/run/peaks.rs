@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::error::RunError;
 use super::obtain::Truth;
-use crate::model::{Model, find_peak};
+use plid_model::{Model, find_peak};
 
 /// One dominant mode in one input-output pair that shows it.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -7,12 +7,12 @@ use super::Outcome;
 use super::error::RunError;
 use super::validate::Errors;
 use crate::experiment::to_toml;
-use crate::model::{FrequencyResponse, Mode, mode_deviations, response_variance};
 use crate::report::{
     Axis, Cell, Chart, ConvergencePlot, FrfCurve, FrfPlot, ModeSet, Report, Scale, Series, Table, Trace, chart,
     convergence_plot, correlation_plot, frf_grid, mode_map, trace_plot,
 };
-use crate::signal::{WelchFrf, WelchOptions, convergence, welch_frf};
+use plid_model::signal::{WelchFrf, WelchOptions, convergence, welch_frf};
+use plid_model::{FrequencyResponse, Mode, mode_deviations, response_variance};
 
 /// Frequencies at which a model's response is drawn.
 const LINES: usize = 400;
@@ -214,7 +214,7 @@ fn responses(outcome: &Outcome, measured: Option<&WelchFrf>, band: (f64, f64)) -
     let bottom = low.max(top * 1e-4);
     let hz: Vec<f64> = (0..LINES).map(|k| bottom + (top - bottom) * k as f64 / (LINES - 1) as f64).collect();
     let advance = outcome.prepared.advanced as u32;
-    let with_covariance = crate::model::Model {
+    let with_covariance = plid_model::Model {
         parameter_covariance: outcome.canonical.parameter_covariance.clone(),
         ..outcome.model.clone()
     };
@@ -388,7 +388,7 @@ fn modes(report: Report, outcome: &Outcome) -> Result<Report, RunError> {
             .collect(),
     }];
     if let Some(truth) = &outcome.truth {
-        let modes = crate::model::modes(&truth.model)?;
+        let modes = plid_model::modes(&truth.model)?;
         let shown: Vec<&Mode> = modes.iter().filter(|m| visible(m)).collect();
         sets.push(ModeSet {
             label: "true plant".into(),
@@ -416,9 +416,9 @@ fn residuals(report: Report, outcome: &Outcome) -> Report {
         let reason = validation.tests_failed.clone().unwrap_or_else(|| "there is no one-step prediction".into());
         return report.paragraph(format!("No tests: {reason}."));
     }
-    let auto: Vec<(String, &crate::signal::Correlation)> =
+    let auto: Vec<(String, &plid_model::signal::Correlation)> =
         outcome.model.outputs.iter().cloned().zip(&validation.whiteness).collect();
-    let cross: Vec<(String, &crate::signal::Correlation)> = validation
+    let cross: Vec<(String, &plid_model::signal::Correlation)> = validation
         .cross
         .iter()
         .zip(&outcome.model.outputs)
@@ -426,7 +426,8 @@ fn residuals(report: Report, outcome: &Outcome) -> Report {
             row.iter().zip(&outcome.model.inputs).map(move |(c, input)| (format!("{output} after {input}"), c))
         })
         .collect();
-    let count = |list: &[(String, &crate::signal::Correlation)]| list.iter().filter(|(_, c)| c.test.passes).count();
+    let count =
+        |list: &[(String, &plid_model::signal::Correlation)]| list.iter().filter(|(_, c)| c.test.passes).count();
     let sentence = format!(
         "{} of {} outputs pass the whiteness test (Ljung-Box, 1 %), {} of {} pairs the test of independence from past inputs.",
         count(&auto),

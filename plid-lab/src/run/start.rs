@@ -7,9 +7,9 @@ use plid_core::{Dense, ImplicitModel, InitialCovariance, NoiseModel, ObservableF
 
 use super::error::{RunError, setting};
 use crate::experiment::Experiment;
-use crate::model::{ChannelScaling, Model, undo_scaling};
 use crate::prepare::Prepared;
-use crate::recommendation::Conditions;
+use plid_catalogue::Conditions;
+use plid_model::{ChannelScaling, Model, undo_scaling};
 
 /// The settings of the recursion for scaled channels.
 pub(super) fn settings(

@@ -6,12 +6,12 @@ use ndarray::{Array2, Axis, concatenate, s};
 use super::error::{RunError, setting};
 use super::obtain::Truth;
 use crate::experiment::Experiment;
-use crate::model::{Model, one_step_prediction, simulate};
 use crate::prepare::{Prepared, Step};
-use crate::signal::{
+use plid_model::signal::{
     Correlation, CrossCorrelationOptions, ErrorMeasures, WhitenessOptions, cross_correlation, error_measures,
     period_noise_rms, rms, whiteness,
 };
+use plid_model::{Model, one_step_prediction, simulate};
 
 /// Errors of one kind on the held-out part; of outputs as deviations from their means.
 pub type Errors = ErrorMeasures;

@@ -17,6 +17,7 @@ mod peak;
 mod predict;
 mod riccati;
 mod scaling;
+pub mod signal;
 mod simulate;
 mod stability;
 mod state_space;
