@@ -2,10 +2,10 @@
 
 use nalgebra::DVector;
 use ndarray::s;
-use plid_model::{Model, ModelError, estimate_initial_state, simulate};
+use plid_model::{Model, ModelError, simulate};
 
 use crate::error::RefineError;
-use crate::record::{Record, Start};
+use crate::record::Record;
 use crate::refine::{Options, Refined, Watcher, refine};
 
 /// A start by its name.
@@ -31,10 +31,21 @@ pub struct Choice {
 /// The share of the last training record that decides between starts.
 const DECIDING: f64 = 0.25;
 
-/// Refines each start on all but the last quarter of the last training record, takes the one that simulates that quarter best, and refines it on all the data.
+/// What starts may learn from, so that nothing of the slice that decides between them reaches one: all but the last quarter of the last record.
 ///
-/// `make` gives the starts for the records that they may learn from: it is called with the head, so that nothing of the deciding slice reaches a start through it, and not again. The last refinement goes on from the model that
-/// was best.
+/// # Errors
+/// [`RefineError::NoRecords`]
+pub fn head<'a>(records: &[Record<'a>]) -> Result<Vec<Record<'a>>, RefineError> {
+    let (last, before) = records.split_last().ok_or(RefineError::NoRecords)?;
+    Ok(before.iter().copied().chain([last.range(0, cut(last))]).collect())
+}
+
+/// The first deciding sample.
+fn cut(last: &Record<'_>) -> usize {
+    ((1.0 - DECIDING) * last.samples() as f64).round() as usize
+}
+
+/// Refines each start on the [`head`] of the records, in a third of the steps; takes the one that simulates the rest of the last record best, and goes on with it on all records.
 ///
 /// # Errors
 /// [`RefineError`] if no start could be refined.
@@ -44,16 +55,16 @@ pub fn best_of(
     options: &Options,
     watcher: Watcher<'_>,
 ) -> Result<Choice, RefineError> {
-    let (last, before) = records.split_last().ok_or(RefineError::NoRecords)?;
-    let cut = ((1.0 - DECIDING) * last.samples() as f64).round() as usize;
-    let head: Vec<Record<'_>> = before.iter().copied().chain([last.range(0, cut)]).collect();
-    let stages = starts.len() + 1;
+    let head = head(records)?;
+    let last = &records[records.len() - 1];
+    let first_try = Options { iterations: options.iterations.div_ceil(3), ..options.clone() };
+    let planned = starts.len() * first_try.iterations + options.iterations;
     let mut scores = Vec::new();
     let mut best: Option<(usize, f64, Model)> = None;
     let mut reason = None;
     for (number, start) in starts.iter().enumerate() {
-        let told = |done: usize, total: usize| watcher(number * total + done, stages * total);
-        let score = match refine(&start.model, &head, options, &told) {
+        let told = |done: usize, total: usize| watcher(number * total + done, planned);
+        let score = match refine(&start.model, &head, &first_try, &told) {
             Err(RefineError::Interrupted) => return Err(RefineError::Interrupted),
             Err(other) => {
                 reason.get_or_insert(other);
@@ -61,7 +72,7 @@ pub fn best_of(
             }
             Ok(refined) => {
                 let state = &refined.initial_states[refined.initial_states.len() - 1];
-                let error = free_run_error(&refined.model, last, state, cut)?;
+                let error = free_run_error(&refined.model, last, state, cut(last))?;
                 if best.as_ref().is_none_or(|b| error < b.1) {
                     best = Some((number, error, refined.model));
                 }
@@ -71,7 +82,8 @@ pub fn best_of(
         scores.push((start.name.clone(), score));
     }
     let Some((chosen, _, model)) = best else { return Err(reason.unwrap_or(RefineError::NoRecords)) };
-    let told = |done: usize, total: usize| watcher(starts.len() * total + done, stages * total);
+    let before = starts.len() * first_try.iterations;
+    let told = |done: usize, _: usize| watcher(before + done, planned);
     let refined = refine(&model, records, options, &told)?;
     Ok(Choice { scores, chosen, refined })
 }
@@ -81,7 +93,12 @@ pub fn best_of(
 ///
 /// # Errors
 /// [`ModelError`] for records of another shape.
-pub fn free_run_error(model: &Model, record: &Record<'_>, state: &DVector<f64>, from: usize) -> Result<f64, ModelError> {
+pub fn free_run_error(
+    model: &Model,
+    record: &Record<'_>,
+    state: &DVector<f64>,
+    from: usize,
+) -> Result<f64, ModelError> {
     let run = match simulate(model, record.inputs, state) {
         Ok(run) => run.outputs,
         Err(ModelError::Diverged { .. }) => return Ok(f64::INFINITY),
@@ -90,12 +107,4 @@ pub fn free_run_error(model: &Model, record: &Record<'_>, state: &DVector<f64>, 
     let (measured, run) = (record.outputs.slice(s![from.., ..]), run.slice_move(s![from.., ..]));
     let measures = plid_model::signal::error_measures(measured, run.view());
     Ok(measures.map_or(f64::INFINITY, |m| m.overall_relative))
-}
-
-/// The state at the first sample with which `model` simulates `record` best; zero at rest.
-pub fn fitted_state(model: &Model, record: &Record<'_>) -> Result<DVector<f64>, ModelError> {
-    match record.start {
-        Start::Rest => Ok(model.rest()),
-        Start::Unknown => Ok(estimate_initial_state(model, record.inputs, record.outputs, None)?.state),
-    }
 }

@@ -100,7 +100,15 @@ impl Filters {
     }
 
     /// Signals of `range` into `signals` (columns of BLOCK) and the states into `states` (two columns).
-    fn fill(&mut self, record: &Scaled, model: &Sections, s: usize, range: Range<usize>, signals: &mut [f64], states: &mut [f64]) {
+    fn fill(
+        &mut self,
+        record: &Scaled,
+        model: &Sections,
+        s: usize,
+        range: Range<usize>,
+        signals: &mut [f64],
+        states: &mut [f64],
+    ) {
         let Section { c, d, up } = self.section;
         let down = self.section.down();
         let m = model.m();
@@ -140,8 +148,7 @@ pub(crate) fn gram(record: &Scaled, model: &Sections, initial: Option<&DVector<f
     let mut states = vec![0.0; 2 * places.sections * BLOCK];
     let panels: Vec<Range<usize>> = (0..count).step_by(PANEL).map(|at| at..(at + PANEL).min(count)).collect();
     let groups = groups(record);
-    let pairs: Vec<(usize, usize)> =
-        (0..panels.len()).flat_map(|i| (0..=i).map(move |j| (i, j))).collect();
+    let pairs: Vec<(usize, usize)> = (0..panels.len()).flat_map(|i| (0..=i).map(move |j| (i, j))).collect();
     let mut sums: Vec<Vec<DMatrix<f64>>> = groups
         .iter()
         .map(|_| pairs.iter().map(|&(i, j)| DMatrix::zeros(panels[i].len(), panels[j].len())).collect())
@@ -164,8 +171,12 @@ pub(crate) fn gram(record: &Scaled, model: &Sections, initial: Option<&DVector<f
         }
         residuals(record, model, &range, &states, &mut signals[places.residual(0) * BLOCK..]);
         for (group, sums) in groups.iter().zip(&mut sums) {
-            let rows: Vec<usize> =
-                range.clone().enumerate().filter(|(_, k)| !record.outputs[(*k, group[0])].is_nan()).map(|(row, _)| row).collect();
+            let rows: Vec<usize> = range
+                .clone()
+                .enumerate()
+                .filter(|(_, k)| !record.outputs[(*k, group[0])].is_nan())
+                .map(|(row, _)| row)
+                .collect();
             let block = if rows.len() == range.len() {
                 &signals
             } else {

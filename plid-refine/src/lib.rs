@@ -19,7 +19,7 @@ mod sections;
 mod subspace;
 mod uncertainty;
 
-pub use choose::{Candidate, Choice, best_of, free_run_error};
+pub use choose::{Candidate, Choice, best_of, free_run_error, head};
 pub use error::RefineError;
 pub use memory::{TIME_CONSTANTS, period, slowest_radius};
 pub use record::{Record, Start};

@@ -179,7 +179,9 @@ impl Normal {
         }
         let shared = Cholesky::new(reduced)?.solve(&right);
         let initial = parts.into_iter().map(|part| {
-            part.map(|(own, own_size, across, gradient)| own.solve(&(gradient - across * &shared)).component_mul(&own_size))
+            part.map(|(own, own_size, across, gradient)| {
+                own.solve(&(gradient - across * &shared)).component_mul(&own_size)
+            })
         });
         let initial = initial.collect();
         Some(Step { shared: shared.component_mul(&size), initial })

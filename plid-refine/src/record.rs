@@ -109,8 +109,7 @@ impl Data {
 }
 
 fn check(record: &Record<'_>, number: usize, m: usize, p: usize) -> Result<(), RefineError> {
-    let shape =
-        |what, unit, expected, found| Err(RefineError::Shape { record: number, what, unit, expected, found });
+    let shape = |what, unit, expected, found| Err(RefineError::Shape { record: number, what, unit, expected, found });
     if record.inputs.ncols() != m || m == 0 {
         return shape("the input", "channels", m.max(1), record.inputs.ncols());
     }

@@ -9,7 +9,7 @@ use plid_model::Model;
 use rayon::prelude::*;
 
 use crate::error::RefineError;
-use crate::normal::{Free, Order};
+use crate::normal::Free;
 use crate::point::Point;
 use crate::record::{Data, Record};
 use crate::sections::Sections;
@@ -57,7 +57,7 @@ const TRIALS: [f64; 4] = [0.03, 0.3, 3.0, 30.0];
 /// Beyond this damping no step is left.
 const MOST_DAMPING: f64 = 1e8;
 
-/// Twice the negative log-likelihood over 2, up to a constant.
+/// The negative log-likelihood, up to a constant.
 fn cost(variances: &[f64], present: &[usize]) -> f64 {
     variances.iter().zip(present).map(|(v, &n)| 0.5 * n as f64 * v.ln()).sum()
 }
@@ -67,7 +67,12 @@ fn cost(variances: &[f64], present: &[usize]) -> f64 {
 ///
 /// # Errors
 /// [`RefineError`]: records that are empty, of other channels or not finite; fewer samples than parameters; settings out of range; an end asked for.
-pub fn refine(start: &Model, records: &[Record<'_>], options: &Options, watcher: Watcher<'_>) -> Result<Refined, RefineError> {
+pub fn refine(
+    start: &Model,
+    records: &[Record<'_>],
+    options: &Options,
+    watcher: Watcher<'_>,
+) -> Result<Refined, RefineError> {
     start.check("the start")?;
     let data = Data::new(records)?;
     check(start.n(), &data, options)?;
@@ -120,10 +125,15 @@ pub(crate) struct Descent {
     converged: bool,
 }
 
-pub(crate) fn descend(start: Point, data: &Data, iterations: usize, watcher: Watcher<'_>) -> Result<Descent, RefineError> {
+pub(crate) fn descend(
+    start: Point,
+    data: &Data,
+    iterations: usize,
+    watcher: Watcher<'_>,
+) -> Result<Descent, RefineError> {
     let present = data.present();
     let mut variances = start.variances(data);
-    let mut point = start;
+    let mut point = start.turned();
     let mut damping = 1e-2;
     let (mut small, mut done) = (0, 0);
     while done < iterations && small < SMALL_STEPS {
@@ -141,7 +151,8 @@ pub(crate) fn descend(start: Point, data: &Data, iterations: usize, watcher: Wat
                     variances.iter().all(|v| v.is_finite()).then_some((factor * damping, moved, variances))
                 })
                 .collect();
-            let best = trials.into_iter().flatten().min_by(|a, b| cost(&a.2, &present).total_cmp(&cost(&b.2, &present)));
+            let best =
+                trials.into_iter().flatten().min_by(|a, b| cost(&a.2, &present).total_cmp(&cost(&b.2, &present)));
             match best {
                 Some(best) if cost(&best.2, &present) < before => break Some(best),
                 _ if damping > MOST_DAMPING => break None,
@@ -154,7 +165,7 @@ pub(crate) fn descend(start: Point, data: &Data, iterations: usize, watcher: Wat
             break;
         };
         let gain = before - cost(&found, &present);
-        (point, variances) = (moved, found);
+        (point, variances) = (moved.turned(), found);
         damping = served.max(1e-14);
         small = if gain < SMALL_GAIN { small + 1 } else { 0 };
     }
@@ -199,9 +210,4 @@ pub(crate) fn initial_states(point: &Point, data: &Data) -> Vec<DVector<f64>> {
     debug_assert_eq!(point.initial.len(), data.records.len());
     let state = |x: &Option<DVector<f64>>| x.as_ref().map_or(DVector::zeros(n), |x| x.rows(0, n).into_owned());
     point.initial.iter().map(state).collect()
-}
-
-/// Parameters of a model: what [`Uncertainty`] is the covariance of.
-pub(crate) fn parameters(model: &Sections) -> usize {
-    Order::of(model).count()
 }

@@ -9,6 +9,8 @@ mod output;
 mod peaks;
 mod progress;
 mod report;
+mod report_simulation;
+mod simulation;
 mod start;
 mod validate;
 
@@ -18,6 +20,7 @@ pub use obtain::{Obtained, Source, Truth};
 pub use output::write;
 pub use peaks::PeakRow;
 pub use progress::{Progress, Silent};
+pub use simulation::{Alternative, Path as RefinementPath, Simulation};
 pub use validate::{Errors, Validation};
 
 use std::path::Path;
@@ -76,6 +79,8 @@ pub struct Outcome {
     pub predictor: Option<String>,
     /// One-step and free-run errors, residual tests.
     pub validation: Validation,
+    /// The baseline and the refined model beside PLID's.
+    pub simulation: Simulation,
     /// Peaks of the true plant and of the model, for simulated data.
     pub peaks: Vec<PeakRow>,
     /// The true plant, for simulated data at their own rate.
@@ -226,6 +231,14 @@ pub fn carry_out(
         &prepared,
         truth.as_ref(),
     )?;
+    let simulation = match simulation::carry_out(&experiment, &scaled, &prepared, &validation, progress) {
+        Err(RunError::Refine(plid_refine::RefineError::Interrupted)) => return Err(pause(search.memory, None)),
+        other => {
+            let (simulation, said) = other?;
+            warnings.extend(said);
+            simulation
+        }
+    };
     let peaks = match &truth {
         Some(truth) => peaks::compare(truth, &model)?,
         None => Vec::new(),
@@ -247,6 +260,7 @@ pub fn carry_out(
         model,
         canonical,
         validation,
+        simulation,
         peaks,
         truth,
         prepared,
