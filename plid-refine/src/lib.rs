@@ -21,7 +21,7 @@ mod uncertainty;
 
 pub use choose::{Candidate, Choice, best_of, free_run_error, head};
 pub use error::RefineError;
-pub use memory::{TIME_CONSTANTS, period, slowest_radius};
+pub use memory::{period, slowest_radius};
 pub use record::{Record, Start};
 pub use refine::{Options, Refined, Watcher, refine};
 pub use subspace::{Subspace, subspace};

@@ -1,8 +1,10 @@
 //! The limit on the slowest pole.
 //!
-//! A pole with a time constant of many periods of a periodic input answers at a single line of it: it is free to repeat, at that line, whatever was measured there, noise and the
-//! structure's nonlinearity included, and a held-out stretch that repeats the same periods cannot punish it. So no time constant may exceed a quarter of the input's period; within a period the answer to an impulse
-//! then dies to e^-4, 2 %. Where the input does not repeat, the longest record takes the period's place: a slower pole could not be told from a trend.
+//! A pole with a time constant of many periods of a periodic input answers at a single line of it: it is free to repeat, at that line, whatever was
+//! measured there, noise and the structure's nonlinearity included, and a held-out stretch that repeats the same periods cannot punish it. So under
+//! a periodic input no time constant may exceed a quarter of the period: within a period the answer to an impulse then dies to e^-4, 2 %, and the
+//! pole's half-power band, 1.3 times as wide as the lines are apart, holds a line at least. Where the input does not repeat, the time constant may be as long
+//! as the record; what is slower could not be told from a trend. The record that allows most decides.
 
 use ndarray::ArrayView2;
 use rustfft::FftPlanner;
@@ -11,7 +13,7 @@ use rustfft::num_complex::Complex64;
 use crate::record::Record;
 
 /// Time constants in a period, at least.
-pub const TIME_CONSTANTS: f64 = 4.0;
+const TIME_CONSTANTS: f64 = 4.0;
 /// Correlation of an input with itself a period later, at least.
 const REPEATS: f64 = 0.95;
 /// Below this the input has forgotten itself: a repeat is looked for behind it.
@@ -61,12 +63,11 @@ fn autocorrelation(channel: ndarray::ArrayView1<'_, f64>) -> Option<Vec<f64>> {
     Some(lags.collect())
 }
 
-/// The largest magnitude of a pole that the records can tell: exp(-4 / T) with T the period of the inputs in samples (the longest of the records' periods), or the longest
-/// record's length where none repeats.
+/// The largest magnitude of a pole that the records can tell: exp(-1 / T), where T, in samples, is a quarter of a record's period or, where its inputs do not
+/// repeat, its length; the largest over the records.
 pub fn slowest_radius(records: &[Record<'_>]) -> f64 {
-    let periods = records.iter().filter_map(|r| period(r.inputs)).max();
-    let longest = records.iter().map(Record::samples).max().unwrap_or(0);
-    (-TIME_CONSTANTS / periods.unwrap_or(longest).max(1) as f64).exp()
+    let longest = |r: &Record<'_>| period(r.inputs).map_or(r.samples() as f64, |p| p as f64 / TIME_CONSTANTS);
+    (-1.0 / records.iter().map(longest).fold(1.0, f64::max)).exp()
 }
 
 #[cfg(test)]
@@ -95,5 +96,10 @@ mod tests {
         // Slow signals are alike a sample later; that is no period.
         let slow = Array2::from_shape_fn((900, 1), |(k, _)| (0.003 * k as f64).sin());
         assert_eq!(period(slow.view()), None);
+        let outputs = Array2::zeros((900, 1));
+        let record =
+            |inputs| Record { inputs, outputs: ndarray::ArrayView2::from(&outputs), start: Default::default() };
+        assert_eq!(slowest_radius(&[record(repeated.view())]), (-1.0_f64 / 50.0).exp());
+        assert_eq!(slowest_radius(&[record(repeated.view()), record(random.view())]), (-1.0_f64 / 900.0).exp());
     }
 }

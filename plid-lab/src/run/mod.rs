@@ -8,6 +8,8 @@ mod obtain;
 mod output;
 mod peaks;
 mod progress;
+#[cfg(test)]
+mod real_files;
 mod report;
 mod report_simulation;
 mod simulation;

@@ -88,7 +88,7 @@ fn origin(outcome: &Outcome) -> String {
             simulation.longest_time_constant_s
         ),
         None => format!(
-            "No time constant is longer than {:.4} s, a quarter of the longest training record.",
+            "No time constant is longer than {:.4} s, the length of the longest training record.",
             simulation.longest_time_constant_s
         ),
     };

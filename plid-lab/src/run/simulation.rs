@@ -90,7 +90,7 @@ pub struct Simulation {
     pub refined: Option<(Alternative, Path)>,
     /// Longest time constant that a pole of them may have, in s.
     pub longest_time_constant_s: f64,
-    /// Period of the inputs in s, if they repeat: what the limit was taken from.
+    /// Period of the inputs in s, if they repeat in every record: what the limit was taken from.
     pub period_s: Option<f64>,
     /// What simulates the held-out part best: `plid`, `refined` or `subspace`.
     pub best: &'static str,
@@ -147,10 +147,10 @@ pub(super) fn carry_out(
         feedthrough: prepared.advanced == 1,
         iterations: ITERATIONS,
     };
-    let periods = training.iter().filter_map(|r| plid_refine::period(r.inputs));
+    let periods: Option<Vec<usize>> = training.iter().map(|r| plid_refine::period(r.inputs)).collect();
     let mut simulation = Simulation {
         longest_time_constant_s: -1.0 / (options.radius.ln() * rate),
-        period_s: periods.max().map(|samples| samples as f64 / rate),
+        period_s: periods.and_then(|p| p.into_iter().max()).map(|samples| samples as f64 / rate),
         best: "plid",
         ..Simulation::default()
     };
@@ -193,30 +193,32 @@ pub(super) fn carry_out(
             }
         }
     }
-    warnings.extend(simulation.compare(validation));
+    let error = |a: &Alternative| a.free_run_errors.overall_relative;
+    let (best, worse, said) = compare(
+        validation.free_run_errors.overall_relative,
+        simulation.refined.as_ref().map(|(a, _)| error(a)),
+        simulation.subspace.as_ref().map(error),
+    );
+    (simulation.best, simulation.refined_is_worse) = (best, worse);
+    warnings.extend(said);
     Ok((simulation, warnings))
 }
 
-impl Simulation {
-    /// Sets `best` and `refined_is_worse`; the warning, if there is cause.
-    fn compare(&mut self, validation: &Validation) -> Option<String> {
-        let own = validation.free_run_errors.overall_relative;
-        let error = |a: &Alternative| a.free_run_errors.overall_relative;
-        let refined = self.refined.as_ref().map(|(a, _)| error(a));
-        let candidates = [("plid", Some(own)), ("refined", refined), ("subspace", self.subspace.as_ref().map(error))];
-        let finite = candidates.iter().filter_map(|(name, e)| e.filter(|e| e.is_finite()).map(|e| (*name, e)));
-        self.best = finite.min_by(|a, b| a.1.total_cmp(&b.1)).map_or("plid", |(name, _)| name);
-        let refined = refined?;
-        self.refined_is_worse = refined > (1.0 + ALIKE) * own;
-        (refined > own).then(|| {
-            let kept = if self.refined_is_worse { "; it is not handed over" } else { ", no more than chance explains" };
-            format!(
-                "refinement-worse: on the held-out part the refined model simulates worse than PLID's ({:.3} % against {:.3} %){kept}",
-                100.0 * refined,
-                100.0 * own
-            )
-        })
-    }
+/// From the held-out errors of PLID's model, the refined one and the baseline: which is best, whether the refined one is worse than PLID's by more than chance explains, and
+/// the warning, if it is worse at all.
+fn compare(own: f64, refined: Option<f64>, subspace: Option<f64>) -> (&'static str, bool, Option<String>) {
+    let candidates = [("plid", Some(own)), ("refined", refined), ("subspace", subspace)];
+    let finite = candidates.iter().filter_map(|(name, e)| e.filter(|e| e.is_finite()).map(|e| (*name, e)));
+    let best = finite.min_by(|a, b| a.1.total_cmp(&b.1)).map_or("plid", |(name, _)| name);
+    let Some(refined) = refined.filter(|refined| *refined > own) else { return (best, false, None) };
+    let worse = refined > (1.0 + ALIKE) * own;
+    let kept = if worse { "it is not handed over" } else { "no more than another stretch of record might turn round" };
+    let said = format!(
+        "refinement-worse: on the held-out part the refined model simulates worse than PLID's ({:.3} % against {:.3} %): {kept}",
+        100.0 * refined,
+        100.0 * own
+    );
+    (best, worse, Some(said))
 }
 
 /// What every model is held against.
@@ -273,5 +275,21 @@ impl Bench<'_> {
         let mut drawn = Array2::from_elem(whole, f64::NAN);
         drawn.slice_mut(s![whole.0 - held.nrows().., ..]).assign(&(&held * &scales));
         drawn + offsets(self.prepared, last, 0, whole.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_refined_model_that_is_worse_is_named() {
+        assert_eq!(compare(0.05, Some(0.04), Some(0.06)), ("refined", false, None));
+        assert_eq!(compare(f64::INFINITY, Some(0.04), Some(0.03)), ("subspace", false, None));
+        assert_eq!(compare(0.05, None, None), ("plid", false, None));
+        let (best, worse, said) = compare(0.05, Some(0.0502), Some(0.06));
+        assert!(best == "plid" && !worse && said.unwrap().contains("refinement-worse"));
+        let (_, worse, said) = compare(0.05, Some(0.06), Some(0.055));
+        assert!(worse && said.unwrap().contains("not handed over"));
     }
 }
