@@ -6,7 +6,7 @@ use plid_model::{Model, ModelError, simulate};
 
 use crate::error::RefineError;
 use crate::record::Record;
-use crate::refine::{Options, Refined, Watcher, refine};
+use crate::refine::{Noise, Options, Refined, Watcher, refine};
 
 /// A start by its name.
 #[derive(Clone, Debug)]
@@ -20,12 +20,24 @@ pub struct Candidate {
 /// How the starts did, and the model refined from the best.
 #[derive(Clone, Debug)]
 pub struct Choice {
-    /// Name and free-run error of each start, refined on the head, on the tail of the training data; infinite where it failed.
-    pub scores: Vec<(String, f64)>,
-    /// The start that was taken.
+    /// Each start refined on the head, for white noise and then for coloured, and its free-run error on the tail of the training data; infinite where it
+    /// failed.
+    pub scores: Vec<Score>,
+    /// The one that was taken.
     pub chosen: usize,
     /// It, refined on all training data.
     pub refined: Refined,
+}
+
+/// How a start did.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Score {
+    /// Its name.
+    pub start: String,
+    /// What the noise was taken for.
+    pub noise: Noise,
+    /// RMS of the free-run error over RMS of the output.
+    pub error: f64,
 }
 
 /// The share of the last training record that decides between starts.
@@ -45,7 +57,7 @@ fn cut(last: &Record<'_>) -> usize {
     ((1.0 - DECIDING) * last.samples() as f64).round() as usize
 }
 
-/// Refines each start on the [`head`] of the records, in a third of the steps; takes the one that simulates the rest of the last record best, and goes on with it on all records.
+/// Refines each start on the [`head`] of the records, in a third of the steps, with the noise taken for white and then for coloured; takes the one that simulates the rest of the last record best, and goes on with it on all records. `options.noise` is not looked at.
 ///
 /// # Errors
 /// [`RefineError`] if no start could be refined.
@@ -58,33 +70,38 @@ pub fn best_of(
     let head = head(records)?;
     let last = &records[records.len() - 1];
     let first_try = Options { iterations: options.iterations.div_ceil(3), ..options.clone() };
-    let planned = starts.len() * first_try.iterations + options.iterations;
-    let mut scores = Vec::new();
-    let mut best: Option<(usize, f64, Model)> = None;
+    let planned = 2 * starts.len() * first_try.iterations + options.iterations;
+    let mut scores: Vec<Score> = Vec::new();
+    let mut best: Option<(usize, Model)> = None;
     let mut reason = None;
-    for (number, start) in starts.iter().enumerate() {
-        let told = |done: usize, total: usize| watcher(number * total + done, planned);
-        let score = match refine(&start.model, &head, &first_try, &told) {
-            Err(RefineError::Interrupted) => return Err(RefineError::Interrupted),
-            Err(other) => {
-                reason.get_or_insert(other);
-                f64::INFINITY
-            }
-            Ok(refined) => {
-                let state = &refined.initial_states[refined.initial_states.len() - 1];
-                let error = free_run_error(&refined.model, last, state, cut(last))?;
-                if best.as_ref().is_none_or(|b| error < b.1) {
-                    best = Some((number, error, refined.model));
+    for start in starts {
+        let mut from = start.model.clone();
+        for noise in [Noise::White, Noise::Coloured] {
+            let before = scores.len() * first_try.iterations;
+            let told = |done: usize, _: usize| watcher(before + done, planned);
+            let error = match refine(&from, &head, &Options { noise, ..first_try.clone() }, &told) {
+                Err(RefineError::Interrupted) => return Err(RefineError::Interrupted),
+                Err(other) => {
+                    reason.get_or_insert(other);
+                    f64::INFINITY
                 }
-                error
-            }
-        };
-        scores.push((start.name.clone(), score));
+                Ok(refined) => {
+                    let state = &refined.initial_states[refined.initial_states.len() - 1];
+                    let error = free_run_error(&refined.model, last, state, cut(last))?;
+                    if best.as_ref().is_none_or(|(place, _)| error < scores[*place].error) {
+                        best = Some((scores.len(), refined.model.clone()));
+                    }
+                    from = refined.model;
+                    error
+                }
+            };
+            scores.push(Score { start: start.name.clone(), noise, error });
+        }
     }
-    let Some((chosen, _, model)) = best else { return Err(reason.unwrap_or(RefineError::NoRecords)) };
-    let before = starts.len() * first_try.iterations;
+    let Some((chosen, model)) = best else { return Err(reason.unwrap_or(RefineError::NoRecords)) };
+    let before = scores.len() * first_try.iterations;
     let told = |done: usize, _: usize| watcher(before + done, planned);
-    let refined = refine(&model, records, options, &told)?;
+    let refined = refine(&model, records, &Options { noise: scores[chosen].noise, ..options.clone() }, &told)?;
     Ok(Choice { scores, chosen, refined })
 }
 

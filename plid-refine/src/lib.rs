@@ -18,11 +18,12 @@ mod refine;
 mod sections;
 mod subspace;
 mod uncertainty;
+mod whiten;
 
-pub use choose::{Candidate, Choice, best_of, free_run_error, head};
+pub use choose::{Candidate, Choice, Score, best_of, free_run_error, head};
 pub use error::RefineError;
 pub use memory::{period, slowest_radius};
 pub use record::{Record, Start};
-pub use refine::{Options, Refined, Watcher, refine};
+pub use refine::{Noise, Options, Refined, Watcher, refine};
 pub use subspace::{Subspace, subspace};
 pub use uncertainty::Uncertainty;

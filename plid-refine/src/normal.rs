@@ -57,6 +57,8 @@ pub(crate) enum Free {
     All,
     /// B, D and the initial states, in which the output is linear.
     Inputs,
+    /// The initial states.
+    States,
 }
 
 /// A column of the Jacobian: parameter, and the signals that it is a combination of.
@@ -233,7 +235,7 @@ fn columns(
                 add(order.pole(s, coordinate), all);
             }
         }
-        for j in 0..m {
+        for j in (0..m).filter(|_| free != Free::States) {
             add(order.b(at, j), first(places.of(s, j)).to_vec());
             if pair {
                 add(order.b(at + 1, j), second(places.of(s, j)).to_vec());
@@ -262,7 +264,7 @@ fn columns(
             }
         }
     }
-    if model.feedthrough {
+    if model.feedthrough && free != Free::States {
         for j in 0..m {
             add(order.d(i, j), vec![(places.input(j), 1.0)]);
         }

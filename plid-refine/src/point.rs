@@ -1,12 +1,14 @@
 //! A model of sections with the initial states of its records, and its free-run error.
 
 use nalgebra::DVector;
+use ndarray::Array2;
+use plid_model::simulate;
 use rayon::prelude::*;
 
 use crate::error::RefineError;
 use crate::gram::{gram, places, squares};
 use crate::normal::{Free, Normal, Order, Step};
-use crate::record::{Data, Start};
+use crate::record::{Data, Scaled, Start};
 use crate::sections::Sections;
 
 /// A variance is not taken below this share of its output's power: what is left then is rounding.
@@ -42,6 +44,16 @@ impl Point {
         (0..data.p()).map(|i| sums.iter().map(|s| s[i]).sum::<f64>() / present[i].max(1) as f64 + FLOOR).collect()
     }
 
+    /// Free-run errors of each record, samples x p; NaN where an output is missing.
+    pub fn errors(&self, data: &Data) -> Result<Vec<Array2<f64>>, RefineError> {
+        let model = self.model.to_model(1.0)?;
+        let error = |(record, initial): (&Scaled, &Option<DVector<f64>>)| {
+            let state = initial.as_ref().map_or(model.rest(), |x| x.rows(0, model.n()).into_owned());
+            Ok(&record.outputs - &simulate(&model, record.inputs.view(), &state)?.outputs)
+        };
+        data.records.iter().zip(&self.initial).map(error).collect()
+    }
+
     /// J'WJ and J'We, each output weighted by the inverse of `variances`.
     pub fn normal(&self, data: &Data, variances: &[f64], free: Free) -> Normal {
         let mut normal = Normal::new(&self.model, data.records.len());
@@ -74,7 +86,7 @@ impl Point {
                 }
             }
         }
-        for j in 0..m {
+        for j in (0..m).filter(|_| free != Free::States) {
             for state in 0..n {
                 to.model.b[(state, j)] += step.shared[order.b(state, j)];
             }
@@ -121,17 +133,17 @@ impl Point {
         self
     }
 
-    /// Fits B, D and the initial states, in which the free run is linear, by least squares with given poles and C.
+    /// Fits what is `free` of B, D and the initial states, in which the free run is linear, by least squares with given poles and C.
     ///
     /// # Errors
     /// If the normal equations cannot be solved.
-    pub fn fit_inputs(mut self, data: &Data) -> Result<Self, RefineError> {
+    pub fn fit(mut self, data: &Data, free: Free) -> Result<Self, RefineError> {
         let mut best = f64::INFINITY;
         for _ in 0..ROUNDS {
             let ones = vec![1.0; data.p()];
-            let normal = self.normal(data, &ones, Free::Inputs);
+            let normal = self.normal(data, &ones, free);
             let failed = RefineError::Decomposition { what: "the least-squares fit of B and D" };
-            let next = self.moved(&normal.step(LINEAR_DAMPING).ok_or(failed)?, Free::Inputs);
+            let next = self.moved(&normal.step(LINEAR_DAMPING).ok_or(failed)?, free);
             let error: f64 = next.variances(data).iter().sum();
             if !(error < best) {
                 break;
@@ -146,7 +158,6 @@ impl Point {
 mod tests {
     use super::*;
     use nalgebra::{DMatrix, Dyn, OMatrix};
-    use ndarray::Array2;
     use proptest::prelude::*;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;

@@ -1,5 +1,6 @@
 //! Records, and their channels brought to comparable size.
 
+use nalgebra::{DMatrix, DVector};
 use ndarray::{Array2, ArrayView2};
 
 use crate::error::RefineError;
@@ -49,6 +50,12 @@ pub(crate) struct Scaled {
     pub start: Start,
 }
 
+impl Scaled {
+    pub fn record(&self) -> Record<'_> {
+        Record { inputs: self.inputs.view(), outputs: self.outputs.view(), start: self.start }
+    }
+}
+
 /// Records of channels of unit RMS, and what they were divided by.
 pub(crate) struct Data {
     pub records: Vec<Scaled>,
@@ -96,6 +103,11 @@ impl Data {
 
     pub fn p(&self) -> usize {
         self.output_scale.len()
+    }
+
+    /// From scaled outputs to the records' own.
+    pub fn output_map(&self) -> DMatrix<f64> {
+        DMatrix::from_diagonal(&DVector::from_column_slice(&self.output_scale))
     }
 
     /// Samples that are there, of each output.

@@ -14,6 +14,17 @@ use crate::point::Point;
 use crate::record::{Data, Record};
 use crate::sections::Sections;
 use crate::uncertainty::Uncertainty;
+use crate::whiten::{Filtered, Whitening};
+
+/// What is taken for the free-run error of the true plant.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Noise {
+    /// White: the mean square error itself is minimised, an output weighted by its variance.
+    #[default]
+    White,
+    /// Coloured: inputs and outputs are filtered first, so that the error becomes white.
+    Coloured,
+}
 
 /// What the refinement may do.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,6 +35,8 @@ pub struct Options {
     pub feedthrough: bool,
     /// Steps at most.
     pub iterations: usize,
+    /// Whether the noise is white.
+    pub noise: Noise,
 }
 
 /// Told steps done and planned; false asks for an end.
@@ -54,6 +67,8 @@ const SMALL_GAIN: f64 = 1e-2;
 const SMALL_STEPS: usize = 4;
 /// Dampings tried side by side, about the last one that served.
 const TRIALS: [f64; 4] = [0.03, 0.3, 3.0, 30.0];
+/// Prefilters, each from the errors that the last one has left.
+const ROUNDS: usize = 2;
 /// Beyond this damping no step is left.
 const MOST_DAMPING: f64 = 1e8;
 
@@ -87,12 +102,52 @@ pub fn refine(
     // Scaled outputs: each row of C by its own scale.
     let c = DMatrix::from_fn(start.p(), start.n(), |i, j| start.c[(i, j)] / data.output_scale[i]);
     let sections = Sections::of_poles(&start.a, &c, start.m(), options.radius, options.feedthrough)?;
-    let point = Point::new(sections, &data).fit_inputs(&data)?;
-    let descent = descend(point, &data, options.iterations, watcher)?;
-    let mut refined = descent.into_refined(&data, start.sample_rate_hz)?;
+    let point = Point::new(sections, &data).fit(&data, Free::Inputs)?;
+    let rate = start.sample_rate_hz;
+    let mut refined = match options.noise {
+        Noise::White => {
+            let descent = descend(point, &data, options.iterations, watcher)?;
+            let uncertainty = descent.uncertainty(&data, &data.output_map(), &data.input_scale, rate)?;
+            descent.into_refined(&data, rate, uncertainty)?
+        }
+        Noise::Coloured => coloured(point, &data, options.iterations, rate, watcher)?,
+    };
     refined.model.inputs.clone_from(&start.inputs);
     refined.model.outputs.clone_from(&start.outputs);
     Ok(refined)
+}
+
+/// Fits with a prefilter, which is estimated from the free-run errors anew before each round.
+fn coloured(
+    mut point: Point,
+    data: &Data,
+    iterations: usize,
+    sample_rate_hz: f64,
+    watcher: Watcher<'_>,
+) -> Result<Refined, RefineError> {
+    let each = iterations.div_ceil(ROUNDS);
+    let mut found = None;
+    for round in 0..ROUNDS {
+        let whitening = Whitening::of(&point.errors(data)?)?;
+        let filtered: Vec<_> = data.records.iter().map(|r| whitening.apply(&r.record())).collect();
+        let records: Vec<Record<'_>> = filtered.iter().map(Filtered::record).collect();
+        let filtered = Data::new(&records)?;
+        let mixed = whitening.mixed(&point.model, &filtered);
+        let start = Point::new(mixed, &filtered).fit(&filtered, Free::States)?;
+        let told = |done: usize, _: usize| watcher(round * each + done, ROUNDS * each);
+        let descent = descend(start, &filtered, each, &told)?;
+        let model = whitening.unmixed(&descent.point.model, &filtered);
+        point = Point::new(model, data).fit(data, Free::States)?;
+        // From filtered and scaled outputs to the records' own.
+        let outputs = data.output_map() * whitening.unmix() * filtered.output_map();
+        let inputs: Vec<f64> = filtered.input_scale.iter().zip(&data.input_scale).map(|(a, b)| a * b).collect();
+        found = Some((descent, filtered, outputs, inputs));
+    }
+    let Some((descent, filtered, outputs, inputs)) = found else { return Err(RefineError::NoRecords) };
+    let uncertainty = descent.uncertainty(&filtered, &outputs, &inputs, sample_rate_hz)?;
+    let Descent { iterations, converged, .. } = descent;
+    let variances = point.variances(data);
+    Descent { point, variances, iterations, converged }.into_refined(data, sample_rate_hz, uncertainty)
 }
 
 /// Settings in range, and more samples than parameters.
@@ -174,10 +229,19 @@ pub(crate) fn descend(
 }
 
 impl Descent {
-    fn into_refined(self, data: &Data, sample_rate_hz: f64) -> Result<Refined, RefineError> {
+    fn uncertainty(
+        &self,
+        data: &Data,
+        outputs: &DMatrix<f64>,
+        inputs: &[f64],
+        sample_rate_hz: f64,
+    ) -> Result<Uncertainty, RefineError> {
+        let normal = self.point.normal(data, &self.variances, Free::All);
+        Uncertainty::new(&self.point.model, &normal.information(), outputs, inputs, sample_rate_hz)
+    }
+
+    fn into_refined(self, data: &Data, sample_rate_hz: f64, uncertainty: Uncertainty) -> Result<Refined, RefineError> {
         let Self { point, variances, iterations, converged } = self;
-        let normal = point.normal(data, &variances, Free::All);
-        let uncertainty = Uncertainty::new(&point.model, data, &normal.information(), sample_rate_hz)?;
         Ok(Refined {
             model: in_units(&point.model, data, sample_rate_hz)?,
             initial_states: initial_states(&point, data),
@@ -193,10 +257,7 @@ impl Descent {
 /// The model for channels in the records' units; the states stay as they are.
 pub(crate) fn in_units(model: &Sections, data: &Data, sample_rate_hz: f64) -> Result<Model, RefineError> {
     let mut scaled = model.clone();
-    for (j, input) in data.input_scale.iter().enumerate() {
-        scaled.b.column_mut(j).scale_mut(1.0 / input);
-        scaled.d.column_mut(j).scale_mut(1.0 / input);
-    }
+    scaled.scale_inputs(&data.input_scale, -1);
     for (i, output) in data.output_scale.iter().enumerate() {
         scaled.c.row_mut(i).scale_mut(*output);
         scaled.d.row_mut(i).scale_mut(*output);

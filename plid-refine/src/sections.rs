@@ -182,6 +182,14 @@ impl Sections {
         self.poles.iter().flat_map(Section::poles).filter(|z| z.norm() > near).count()
     }
 
+    /// The model for inputs that were divided by `scales` (power 1), or multiplied (power -1).
+    pub fn scale_inputs(&mut self, scales: &[f64], power: i32) {
+        for (j, scale) in scales.iter().enumerate() {
+            self.b.column_mut(j).scale_mut(scale.powi(power));
+            self.d.column_mut(j).scale_mut(scale.powi(power));
+        }
+    }
+
     /// The same as matrices.
     pub fn to_model(&self, sample_rate_hz: f64) -> Result<Model, RefineError> {
         let n = self.states;

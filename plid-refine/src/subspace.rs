@@ -17,6 +17,7 @@ use plid_model::Model;
 use rayon::prelude::*;
 
 use crate::error::RefineError;
+use crate::normal::Free;
 use crate::point::Point;
 use crate::record::{Data, Record, Scaled};
 use crate::refine::{Options, check, in_units, initial_states};
@@ -85,7 +86,7 @@ pub fn subspace(
     let mirrored = a.complex_eigenvalues().iter().filter(|z| z.norm() > 1.0).count();
     let c = gamma.rows(0, p).into_owned();
     let sections = Sections::of_poles(&a, &c, m, options.radius, options.feedthrough)?;
-    let point = Point::new(sections, &data).fit_inputs(&data)?;
+    let point = Point::new(sections, &data).fit(&data, Free::Inputs)?;
     Ok(Subspace {
         model: in_units(&point.model, &data, sample_rate_hz)?,
         initial_states: initial_states(&point, &data),

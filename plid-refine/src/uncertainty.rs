@@ -14,7 +14,6 @@ use plid_model::{ModeDeviation, Model, ModelError, ResponseVariance, modes};
 
 use crate::error::RefineError;
 use crate::normal::Order;
-use crate::record::Data;
 use crate::sections::Sections;
 
 /// Directions with less information than this, relative to the most, are not told by the data.
@@ -25,23 +24,26 @@ const TOLD: f64 = 1e-12;
 pub struct Uncertainty {
     model: Sections,
     covariance: DMatrix<f64>,
-    input_scale: Vec<f64>,
-    output_scale: Vec<f64>,
+    /// From the outputs that were fitted, which may be scaled and mixed, to the records' own (p x p).
+    outputs: DMatrix<f64>,
+    /// What the inputs were divided by.
+    inputs: Vec<f64>,
     sample_rate_hz: f64,
 }
 
 impl Uncertainty {
     pub(crate) fn new(
         model: &Sections,
-        data: &Data,
         information: &DMatrix<f64>,
+        outputs: &DMatrix<f64>,
+        inputs: &[f64],
         sample_rate_hz: f64,
     ) -> Result<Self, RefineError> {
         Ok(Self {
             model: model.clone(),
             covariance: pseudo_inverse(information)?,
-            input_scale: data.input_scale.clone(),
-            output_scale: data.output_scale.clone(),
+            outputs: outputs.clone(),
+            inputs: inputs.to_vec(),
             sample_rate_hz,
         })
     }
@@ -66,24 +68,31 @@ impl Uncertainty {
             imaginary: DMatrix::zeros(p, m),
             cross: DMatrix::zeros(p, m),
         };
-        for i in 0..p {
-            for j in 0..m {
-                let (response, gradient) = self.gradient(i, j, z);
-                let scale = self.output_scale[i] / self.input_scale[j];
-                let (mut real, mut imaginary, mut cross) = (0.0, 0.0, 0.0);
-                for &(a, ga) in &gradient {
-                    for &(b, gb) in &gradient {
-                        let v = self.covariance[(a, b)];
-                        real += ga.re * gb.re * v;
-                        imaginary += ga.im * gb.im * v;
-                        cross += ga.re * gb.im * v;
-                    }
+        for j in 0..m {
+            let fitted: Vec<_> = (0..p).map(|l| self.gradient(l, j, z)).collect();
+            for i in 0..p {
+                let mut response = Complex::ZERO;
+                let mut gradient = vec![Complex::ZERO; self.covariance.nrows()];
+                for (l, (own, slopes)) in fitted.iter().enumerate().filter(|(l, _)| self.outputs[(i, *l)] != 0.0) {
+                    let weight = self.outputs[(i, l)] / self.inputs[j];
+                    response += own * weight;
+                    slopes.iter().for_each(|&(parameter, slope)| gradient[parameter] += slope * weight);
+                }
+                let moved: Vec<(usize, Complex<f64>)> =
+                    gradient.into_iter().enumerate().filter(|(_, g)| *g != Complex::ZERO).collect();
+                let (mut real, mut imaginary, mut cross) = (0.0_f64, 0.0_f64, 0.0_f64);
+                for &(a, ga) in &moved {
+                    let column = self.covariance.column(a);
+                    let along = moved.iter().fold(Complex::<f64>::ZERO, |sum, &(b, gb)| sum + gb * column[b]);
+                    real += ga.re * along.re;
+                    imaginary += ga.im * along.im;
+                    cross += ga.re * along.im;
                 }
                 let at = (i, j);
-                result.response[at] = response * scale;
-                result.real[at] = (real * scale * scale).max(0.0);
-                result.imaginary[at] = (imaginary * scale * scale).max(0.0);
-                result.cross[at] = cross * scale * scale;
+                result.response[at] = response;
+                result.real[at] = real.max(0.0);
+                result.imaginary[at] = imaginary.max(0.0);
+                result.cross[at] = cross;
             }
         }
         result

@@ -139,8 +139,8 @@ fn the_better_start_is_taken() {
     let good = Candidate { name: "good".into(), model: spoilt(&truth, 0.005) };
     let poor = Candidate { name: "poor".into(), model: poor };
     let choice = best_of(&[poor, good], &[data.record(Start::Rest)], &options(false), &silent).unwrap();
-    assert_eq!(choice.chosen, 1, "{:?}", choice.scores);
-    assert!(choice.scores[1].1 < choice.scores[0].1);
+    assert!(choice.chosen >= 2, "{:?}", choice.scores);
+    assert!(choice.scores[2].error < choice.scores[0].error);
     assert!(response_difference(&choice.refined.model, &truth) < 0.02);
 }
 

@@ -4,6 +4,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
+use plid_refine::{Noise, Score};
 use serde_json::{Map, Value, json};
 
 use super::error::RunError;
@@ -75,11 +76,10 @@ fn simulation(outcome: &Outcome) -> Result<Value, RunError> {
     let refined = simulation.refined.as_ref().map(|(model, path)| -> Result<Value, RunError> {
         let mut value = figures(model);
         let modes: Vec<Value> = path.mode_deviations(&model.model)?.iter().map(mode).collect();
-        let starts: Vec<Value> =
-            path.scores.iter().map(|(name, error)| json!({ "start": name, "free_run": finite(*error) })).collect();
+        let starts: Vec<Value> = path.scores.iter().map(score).collect();
         value["handed_over"] = json!(!simulation.refined_is_worse);
         value["starts"] = json!(starts);
-        value["start_taken"] = json!(path.scores[path.chosen].0);
+        value["start_taken"] = score(&path.scores[path.chosen]);
         value["iterations"] = json!(path.iterations);
         value["converged"] = json!(path.converged);
         value["poles_at_limit"] = json!(path.poles_at_limit);
@@ -93,6 +93,11 @@ fn simulation(outcome: &Outcome) -> Result<Value, RunError> {
         "refined": refined.transpose()?,
         "subspace": simulation.subspace.as_ref().map(figures),
     }))
+}
+
+fn score(score: &Score) -> Value {
+    let noise = if score.noise == Noise::Coloured { "coloured" } else { "white" };
+    json!({ "start": score.start, "noise": noise, "free_run": finite(score.error) })
 }
 
 fn finite(value: f64) -> Option<f64> {

@@ -2,6 +2,7 @@
 
 use plid_model::signal::WelchFrf;
 use plid_model::{FrequencyResponse, Mode, modes};
+use plid_refine::{Noise, Score};
 
 use super::Outcome;
 use super::error::RunError;
@@ -93,16 +94,20 @@ fn origin(outcome: &Outcome) -> String {
         ),
     };
     let Some((_, path)) = &simulation.refined else { return limit };
-    let scores: Vec<String> = path.scores.iter().map(|(name, error)| format!("{} {name}", percent(*error))).collect();
+    let name = |score: &Score| {
+        format!("{}{}", score.start, if score.noise == Noise::Coloured { ", noise taken for coloured" } else { "" })
+    };
+    let scores: Vec<String> =
+        path.scores.iter().map(|score| format!("{} {}", name(score), percent(score.error))).collect();
     let end = if path.converged { "and converged" } else { "and was still gaining" };
     let at_limit = match path.poles_at_limit {
         0 => String::new(),
         count => format!(" {count} of its poles stand at that limit: what they add may be this record's alone."),
     };
     format!(
-        "Each start was refined on the first three quarters of the training data and simulated the last one ({}); the better one, {}, went on over all of it, took {} steps {end}. {limit}{at_limit}",
-        scores.join(", "),
-        path.scores[path.chosen].0,
+        "Each start was refined on the first three quarters of the training data and simulated the last one ({}); the best, {}, went on over all of it, took {} steps {end}. {limit}{at_limit}",
+        scores.join("; "),
+        name(&path.scores[path.chosen]),
         path.iterations
     )
 }

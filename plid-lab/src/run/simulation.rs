@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector};
 use ndarray::{Array2, ArrayView2, Axis, concatenate, s};
 use plid_model::signal::error_measures;
 use plid_model::{ChannelScaling, Model, ResponseVariance, one_step_prediction, simulate, undo_scaling};
-use plid_refine::{Candidate, Options, Record, RefineError, Refined, Start, Uncertainty};
+use plid_refine::{Candidate, Noise, Options, Record, RefineError, Refined, Score, Start, Uncertainty};
 
 use super::error::RunError;
 use super::progress::Progress;
@@ -38,7 +38,7 @@ pub struct Alternative {
 #[derive(Debug)]
 pub struct Path {
     /// Each start, refined on the first three quarters of the training data, and its free-run error on the last quarter.
-    pub scores: Vec<(String, f64)>,
+    pub scores: Vec<Score>,
     /// Which of them was taken.
     pub chosen: usize,
     /// Steps of the last refinement.
@@ -146,6 +146,7 @@ pub(super) fn carry_out(
         radius: plid_refine::slowest_radius(&training),
         feedthrough: prepared.advanced == 1,
         iterations: ITERATIONS,
+        noise: Noise::White,
     };
     let periods: Option<Vec<usize>> = training.iter().map(|r| plid_refine::period(r.inputs)).collect();
     let mut simulation = Simulation {

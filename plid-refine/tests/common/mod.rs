@@ -62,7 +62,7 @@ impl Data {
 }
 
 pub fn options(feedthrough: bool) -> Options {
-    Options { radius: 0.999, feedthrough, iterations: 60 }
+    Options { radius: 0.999, feedthrough, iterations: 60, noise: plid_refine::Noise::White }
 }
 
 /// The model with poles, shapes and inputs somewhat off.
