@@ -14,7 +14,7 @@ use crate::record::{Data, Record, Start};
 use crate::sections::Sections;
 
 /// Length of the autoregression, if the records are long enough.
-const LENGTH: usize = 40;
+const LENGTH: usize = 80;
 /// Samples for each of its coefficients, at least.
 const SAMPLES_EACH: usize = 25;
 
