@@ -61,10 +61,13 @@ pub(crate) enum Free {
     States,
 }
 
+/// Signals with their weights.
+type Combination = Vec<(usize, f64)>;
+
 /// A column of the Jacobian: parameter, and the signals that it is a combination of.
 struct Column {
     parameter: usize,
-    signals: Vec<(usize, f64)>,
+    signals: Combination,
 }
 
 /// One record's part for its initial state (states square and states x parameters).
@@ -92,15 +95,14 @@ pub(crate) struct Step {
 }
 
 impl Normal {
-    pub fn new(model: &Sections, records: usize) -> Self {
+    pub fn new(model: &Sections) -> Self {
         let count = Order::of(model).count();
-        Self { shared: DMatrix::zeros(count, count), gradient: DVector::zeros(count), initial: vec![None; records] }
+        Self { shared: DMatrix::zeros(count, count), gradient: DVector::zeros(count), initial: Vec::new() }
     }
 
-    /// Adds a record; `initial` is its initial state, None at rest.
+    /// Adds the next record; `initial` is its initial state, None at rest.
     pub fn add(
         &mut self,
-        record: usize,
         model: &Sections,
         initial: Option<&DVector<f64>>,
         places: &Places,
@@ -146,7 +148,7 @@ impl Normal {
                 }
             }
         }
-        self.initial[record] = part;
+        self.initial.push(part);
     }
 
     /// (J'WJ + damping diag J'WJ) step = J'We; None where that is not positive definite. A parameter that nothing depends on stays.
@@ -273,7 +275,7 @@ fn columns(
 }
 
 /// The two states of section s, as far as the inputs drive them.
-fn states(model: &Sections, places: &Places, s: usize) -> (Vec<(usize, f64)>, Vec<(usize, f64)>) {
+fn states(model: &Sections, places: &Places, s: usize) -> (Combination, Combination) {
     let (up, down) = (model.poles[s].up, model.poles[s].down());
     let mut both = (Vec::new(), Vec::new());
     for j in 0..model.m() {

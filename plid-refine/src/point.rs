@@ -56,12 +56,12 @@ impl Point {
 
     /// J'WJ and J'We, each output weighted by the inverse of `variances`.
     pub fn normal(&self, data: &Data, variances: &[f64], free: Free) -> Normal {
-        let mut normal = Normal::new(&self.model, data.records.len());
+        let mut normal = Normal::new(&self.model);
         let weights: Vec<f64> = variances.iter().map(|v| 1.0 / v).collect();
-        for (number, (record, initial)) in data.records.iter().zip(&self.initial).enumerate() {
+        for (record, initial) in data.records.iter().zip(&self.initial) {
             let grams = gram(record, &self.model, initial.as_ref());
             let places = places(record, &self.model);
-            normal.add(number, &self.model, initial.as_ref(), &places, &grams, &weights, free);
+            normal.add(&self.model, initial.as_ref(), &places, &grams, &weights, free);
         }
         normal
     }
