@@ -75,6 +75,7 @@ impl From<RunError> for Failure {
             | RunError::Data(_)
             | RunError::Prepare(_)
             | RunError::Testbed(_)
+            | RunError::Merge(_)
             | RunError::Checkpoint { .. } => Self::Input(error.into()),
             RunError::Identify(_) | RunError::Signal(_) | RunError::Interrupted { .. } => Self::Work(error.into()),
         }

@@ -4,6 +4,7 @@ mod bench;
 mod directory;
 mod failure;
 mod identify;
+mod merge;
 mod progress;
 mod run;
 mod simulate;
@@ -40,6 +41,7 @@ struct Cli {
 enum Command {
     Run(run::Arguments),
     Identify(identify::Arguments),
+    Merge(merge::Arguments),
     Simulate(simulate::Arguments),
     Validate(validate::Arguments),
     Bench(bench::Arguments),
@@ -53,6 +55,7 @@ pub fn main() -> ExitCode {
     let done = match command {
         Command::Run(arguments) => run::execute(arguments, voice),
         Command::Identify(arguments) => identify::execute(arguments, voice),
+        Command::Merge(arguments) => merge::execute(arguments, voice),
         Command::Simulate(arguments) => simulate::execute(arguments, voice),
         Command::Validate(arguments) => validate::execute(arguments, voice),
         Command::Bench(arguments) => bench::execute(arguments, voice),

@@ -30,6 +30,8 @@ pub struct FrfPlot {
     pub identified: Option<FrfCurve>,
     /// The true model, where one is known.
     pub truth: Option<FrfCurve>,
+    /// Another model to compare with, and its name.
+    pub beside: Option<(String, FrfCurve)>,
     /// Frequencies in Hz at which the identified model is marked.
     pub peaks_hz: Vec<f64>,
     /// Linear or logarithmic frequency.
@@ -62,8 +64,8 @@ pub fn frf_grid(columns: usize, plots: &[FrfPlot]) -> String {
 }
 
 fn panels(plot: &FrfPlot, heights: [f64; 3]) -> Vec<Panel> {
-    let curves = [&plot.measured, &plot.truth, &plot.identified];
-    let shown = curves.iter().copied().flatten();
+    let beside = plot.beside.as_ref().map(|(_, curve)| curve);
+    let shown = [plot.measured.as_ref(), plot.truth.as_ref(), plot.identified.as_ref(), beside].into_iter().flatten();
     let ends = shown.clone().flat_map(|c| c.frequency_hz.iter().copied()).filter(|f| *f > 0.0);
     let (low, high) =
         plot.range_hz.unwrap_or_else(|| ends.fold((f64::INFINITY, 0.0), |(l, h), f| (f.min(l), f.max(h))));
@@ -118,6 +120,9 @@ fn magnitudes(plot: &FrfPlot) -> Vec<Series> {
         }
         series.push(Series::line("identified", level(identified)).colour(style::IDENTIFIED).width(1.5));
     }
+    if let Some((name, beside)) = &plot.beside {
+        series.push(Series::line(name.clone(), level(beside)).colour(style::FREE_RUN).width(1.1));
+    }
     if let Some(truth) = &plot.truth {
         series.push(Series::line("true", level(truth)).colour(style::TRUE_MODEL).width(1.1).dashed());
     }
@@ -136,15 +141,16 @@ fn magnitudes(plot: &FrfPlot) -> Vec<Series> {
 
 fn phases(plot: &FrfPlot) -> Vec<Series> {
     let mut series = Vec::new();
-    let mut add = |curve: &Option<FrfCurve>, colour: &str, width: f64, dashed: bool| {
+    let mut add = |curve: Option<&FrfCurve>, colour: &str, width: f64, dashed: bool| {
         if let Some(curve) = curve {
             let line = Series::line("", phase_points(curve)).colour(colour).width(width);
             series.push(if dashed { line.dashed() } else { line });
         }
     };
-    add(&plot.measured, style::MEASURED, 1.8, false);
-    add(&plot.identified, style::IDENTIFIED, 1.3, false);
-    add(&plot.truth, style::TRUE_MODEL, 1.0, true);
+    add(plot.measured.as_ref(), style::MEASURED, 1.8, false);
+    add(plot.identified.as_ref(), style::IDENTIFIED, 1.3, false);
+    add(plot.beside.as_ref().map(|(_, curve)| curve), style::FREE_RUN, 1.0, false);
+    add(plot.truth.as_ref(), style::TRUE_MODEL, 1.0, true);
     series
 }
 

@@ -42,6 +42,10 @@ pub enum RunError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Model(#[from] ModelError),
+    /// Runs cannot be merged.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Merge(#[from] crate::merge::MergeError),
     /// A spectrum or test cannot be formed.
     #[error(transparent)]
     #[diagnostic(transparent)]

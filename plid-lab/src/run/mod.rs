@@ -3,21 +3,27 @@
 mod advice;
 mod checkpoint;
 mod error;
+mod estimate;
 mod noise;
 mod obtain;
 mod output;
 mod peaks;
 mod progress;
-mod report;
+pub(crate) mod report;
 mod start;
 mod validate;
 
 pub use checkpoint::CHECKPOINT;
 pub use error::RunError;
+pub use estimate::Estimate;
 pub use obtain::{Obtained, Source, Truth};
 pub use output::write;
 pub use peaks::PeakRow;
 pub use progress::{Progress, Silent};
+pub(crate) use obtain::obtain;
+pub(crate) use output::{errors as errors_json, modes_json, peaks_json, pretty};
+pub(crate) use peaks::compare as compare_peaks;
+pub(crate) use start::{canonical, parameters};
 pub use validate::{Errors, Validation};
 
 use std::path::Path;
@@ -27,7 +33,7 @@ use nalgebra::DMatrix;
 use plid_core::{Dense, Health, IdentifiedModel, ImplicitModel, ObservableForm};
 
 use crate::data::require_samples;
-use crate::experiment::{Experiment, IndicesChoice};
+use crate::experiment::{Experiment, IndicesChoice, StructureKind};
 use crate::identify::{
     Bank, Ending, IdentifyError, Memory, OrderScan, Plan, Predictor, RecursionRun, Samples, ScanRow, Search, Split,
     Trial, fit_predictor, scan_orders, search_indices, tune,
@@ -37,7 +43,7 @@ use checkpoint::Saved;
 use error::setting;
 use noise::Known;
 use plid_catalogue::Conditions;
-use plid_model::{ChannelScaling, Model, Noise, undo_advance, undo_scaling};
+use plid_model::{Model, Noise, undo_advance, undo_scaling};
 
 /// All that a run found, in the units of the data.
 #[derive(Debug)]
@@ -72,6 +78,8 @@ pub struct Outcome {
     pub model: Model,
     /// The model in canonical form, before an advanced input is undone; with the parameters' covariance.
     pub canonical: Model,
+    /// What a merge needs to know beside the model.
+    pub estimate: Estimate,
     /// How the predictor gain was found; `None` if there is no stable predictor.
     pub predictor: Option<String>,
     /// One-step and free-run errors, residual tests.
@@ -97,6 +105,9 @@ pub fn carry_out(
     let mut experiment = experiment.clone();
     if let Some((key, reason)) = experiment.problems().into_iter().next() {
         return Err(setting(key, reason));
+    }
+    if experiment.structure.kind == StructureKind::SimoMerge {
+        return Err(setting("structure", "runs that are to be merged are several: `merge::carry_out` makes them"));
     }
     let asked = experiment.clone();
     let saved = match (directory, resume) {
@@ -216,6 +227,7 @@ pub fn carry_out(
         same && prepared.records.len() == 1 && prepared.start_s == 0.0
     });
     let RecursionRun { innovations, health, identified } = run;
+    let estimate = Estimate::new(&plan, &scaled, &identified, &innovations, &prepared, obtained.channel_rms)?;
     let state = identified.state;
     let validation = validate::validate(
         &experiment,
@@ -246,6 +258,7 @@ pub fn carry_out(
         health,
         model,
         canonical,
+        estimate,
         validation,
         peaks,
         truth,
@@ -359,19 +372,13 @@ fn in_data_units(
     plan: &Plan,
     prepared: &Prepared,
 ) -> Result<(Model, Model), RunError> {
-    let scaling = ChannelScaling {
-        input_mean: vec![0.0; scaled.m()],
-        input_scale: prepared.input_scales.clone(),
-        output_mean: vec![0.0; scaled.p()],
-        output_scale: prepared.output_scales.clone(),
-    };
     let std = |covariance: &Dense<f64>| (0..covariance.rows()).map(|i| covariance.at(i, i).max(0.0).sqrt()).collect();
     let with_noise = Model {
         noise: Noise { sensor_std: Some(std(&plan.noise.sensor)), actuator_std: Some(std(&plan.noise.actuator)) },
         predictor_gain: predictor.map(|p| p.gain.clone()),
         ..scaled.clone()
     };
-    let canonical = undo_scaling(&with_noise, &scaling)?;
+    let canonical = undo_scaling(&with_noise, &estimate::scaling(prepared))?;
     let model = if prepared.advanced == 1 { undo_advance(&canonical, None)? } else { canonical.clone() };
     Ok((canonical, model))
 }

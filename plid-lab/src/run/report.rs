@@ -3,7 +3,7 @@
 use ndarray::Axis as Dimension;
 use rustfft::num_complex::Complex64;
 
-use super::Outcome;
+use super::{Outcome, PeakRow};
 use super::error::RunError;
 use super::validate::Errors;
 use crate::experiment::to_toml;
@@ -87,8 +87,8 @@ pub(super) fn page(outcome: &Outcome) -> Result<(String, String), RunError> {
     if !outcome.peaks.is_empty() {
         report = report
             .heading("Peaks beside the true ones")
-            .paragraph(peak_sentence(outcome))
-            .details(format!("All {} peaks", outcome.peaks.len()), |report| report.table(peak_table(outcome)));
+            .paragraph(peak_sentence(&outcome.peaks))
+            .details(format!("All {} peaks", outcome.peaks.len()), |report| report.table(peak_table(&outcome.peaks)));
     }
     report = modes(report, outcome)?;
     report = residuals(report, outcome);
@@ -121,7 +121,7 @@ pub(super) fn page(outcome: &Outcome) -> Result<(String, String), RunError> {
     Ok((report.to_html(), responses))
 }
 
-fn percent(value: f64) -> String {
+pub(crate) fn percent(value: f64) -> String {
     if !value.is_finite() {
         "infinite".into()
     } else if value >= 0.1 {
@@ -254,6 +254,7 @@ fn responses(outcome: &Outcome, measured: Option<&WelchFrf>, band: (f64, f64)) -
                     response: hz.iter().map(|&f| complex(truth.at(f)[(i, j)])).collect(),
                     std: None,
                 }),
+                beside: None,
                 peaks_hz: Vec::new(),
                 frequency_scale: Scale::Linear,
                 range_hz: Some((low, high)),
@@ -263,7 +264,7 @@ fn responses(outcome: &Outcome, measured: Option<&WelchFrf>, band: (f64, f64)) -
     Ok(frf_grid(outcome.model.inputs.len(), &plots))
 }
 
-fn complex(z: nalgebra::Complex<f64>) -> Complex64 {
+pub(crate) fn complex(z: nalgebra::Complex<f64>) -> Complex64 {
     Complex64::new(z.re, z.im)
 }
 
@@ -312,19 +313,19 @@ fn error_table(outcome: &Outcome) -> Table {
     table.row(row)
 }
 
-fn peak_sentence(outcome: &Outcome) -> String {
+pub(crate) fn peak_sentence(peaks: &[PeakRow]) -> String {
     let largest = |errors: &mut dyn Iterator<Item = Option<f64>>| errors.flatten().map(f64::abs).fold(0.0, f64::max);
-    let missed = outcome.peaks.iter().filter(|row| row.model.is_none()).count();
+    let missed = peaks.iter().filter(|row| row.model.is_none()).count();
     let rest = if missed == 0 { "none is missed".to_string() } else { format!("{missed} are missed") };
     format!(
         "{} peaks of the dominant modes over all pairs that show them: {rest}; the largest errors are {:.4} % in frequency and {:.2} dB in height.",
-        outcome.peaks.len(),
-        100.0 * largest(&mut outcome.peaks.iter().map(|row| row.frequency_error())),
-        largest(&mut outcome.peaks.iter().map(|row| row.height_error_db()))
+        peaks.len(),
+        100.0 * largest(&mut peaks.iter().map(|row| row.frequency_error())),
+        largest(&mut peaks.iter().map(|row| row.height_error_db()))
     )
 }
 
-fn peak_table(outcome: &Outcome) -> Table {
+pub(crate) fn peak_table(peaks: &[PeakRow]) -> Table {
     let mut table =
         Table::new("Peaks of |H| near the dominant modes, for each pair whose true response has a maximum there.")
             .column("mode", "Hz")
@@ -335,7 +336,7 @@ fn peak_table(outcome: &Outcome) -> Table {
             .column("", "dB")
             .column("frequency error", "%")
             .column("height error", "dB");
-    for row in &outcome.peaks {
+    for row in peaks {
         let (hz, db) = row.model.unwrap_or((f64::NAN, f64::NAN));
         table = table.row([
             Cell::fixed(row.mode_hz, 1),
