@@ -9,11 +9,13 @@ use super::finished::FinishedRun;
 use super::held_out::{HeldOut, judge};
 use super::merged::{Merged, merge};
 use super::split::split;
+use super::tune::common_noise;
 use crate::data::{self, MissingPolicy};
 use crate::experiment::{Experiment, to_toml};
 use crate::prepare::Preparation;
 use crate::report::write_atomic;
-use crate::run::{self, PeakRow, Progress, RunError, Truth};
+use crate::identify::{IdentifyError, Trial};
+use crate::run::{self, PeakRow, Progress, RunError, Saved, Truth, read_checkpoint, write_checkpoint};
 
 /// All that a merge found.
 #[derive(Debug)]
@@ -32,6 +34,8 @@ pub struct Outcome {
     pub peaks: Vec<PeakRow>,
     /// The true plant, for simulated data.
     pub truth: Option<Truth>,
+    /// Settings of the noise that were tried for all runs together; their variances are those of scaled channels.
+    pub bank: Vec<Trial>,
     /// What the reader must know.
     pub warnings: Vec<String>,
 }
@@ -51,7 +55,20 @@ pub fn carry_out(
     if let Some((key, reason)) = experiment.problems().into_iter().next() {
         return Err(RunError::Setting { key, reason });
     }
-    let parts = split(experiment, base)?;
+    let mut parts = split(experiment, base)?;
+    progress.stage("noise covariances");
+    let mut saved = if resume { read_checkpoint(directory, experiment)? } else { Saved::default() };
+    let trials = match common_noise(&parts, &mut saved.memory, progress) {
+        Err(RunError::Identify(IdentifyError::Interrupted)) => {
+            return Err(write_checkpoint(Some(directory), experiment, saved.memory, None));
+        }
+        Err(other) => return Err(other),
+        Ok(None) => Vec::new(),
+        Ok(Some(common)) => {
+            parts.iter_mut().zip(common.noise).for_each(|((_, part), noise)| part.noise = noise);
+            common.trials
+        }
+    };
     let together = Together::new(progress, parts.len());
     let directories: Vec<PathBuf> = parts.iter().map(|(name, _)| directory.join("runs").join(name)).collect();
     progress.stage(&format!("{} runs", parts.len()));
@@ -61,7 +78,9 @@ pub fn carry_out(
         .enumerate()
         .map(|(number, ((_, part), directory))| one_run(part, directory, resume, &together.of(number)))
         .collect();
-    // An interrupted run leaves the others to be taken up too.
+    if done.iter().any(|run| matches!(run, Err(RunError::Interrupted { .. }))) {
+        return Err(write_checkpoint(Some(directory), experiment, saved.memory, None));
+    }
     done.into_iter().collect::<Result<(), _>>()?;
     progress.stage("merge");
     let read = |((name, _), directory): (&(String, Experiment), &PathBuf)| {
@@ -83,6 +102,7 @@ pub fn carry_out(
     } else if let Some(file) = &experiment.validation.file {
         outcome.judge_file(&base.join(file), experiment.validation.training_share)?;
     }
+    outcome.bank = trials;
     outcome.experiment = Some(experiment.clone());
     Ok(outcome)
 }
@@ -98,7 +118,7 @@ pub fn of_runs(name: &str, runs: Vec<FinishedRun>) -> Result<Outcome, RunError> 
         warnings.push(unstable.to_string());
     }
     let (held_out, peaks) = (Vec::new(), Vec::new());
-    Ok(Outcome { name: name.into(), experiment: None, runs, merged, held_out, peaks, truth: None, warnings })
+    Ok(Outcome { name: name.into(), experiment: None, runs, merged, held_out, peaks, truth: None, bank: Vec::new(), warnings })
 }
 
 impl Outcome {

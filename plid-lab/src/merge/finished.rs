@@ -1,12 +1,12 @@
 //! A finished run, read from its directory.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use plid_core::ObservableForm;
 use plid_model::Model;
 use serde::Deserialize;
 
 use super::MergeError;
+use super::merged::Piece;
 use crate::experiment::{Experiment, from_toml};
 use crate::run::{Estimate, RunError, canonical};
 
@@ -87,13 +87,8 @@ impl FinishedRun {
         })
     }
 
-    /// Its structure.
-    pub(super) fn form(&self) -> Result<ObservableForm, RunError> {
-        let indices = self.model.observability_indices.as_deref().unwrap_or_default();
-        ObservableForm::new(indices, self.model.m()).map_err(|error| {
-            let problem = format!("is wrong: {error}");
-            MergeError::Key { file: PathBuf::from(&self.name).join("model.json"), key: "observability_indices".into(), problem }.into()
-        })
+    pub(super) fn piece(&self) -> Piece<'_> {
+        Piece { name: &self.name, model: &self.model, estimate: &self.estimate }
     }
 }
 

@@ -8,8 +8,8 @@ use plid_model::{Model, undo_advance};
 use serde_json::{Map, json};
 
 use super::finished::FinishedRun;
-use super::{Consistency, Knowledge, MergeError, combine, consistency};
-use crate::run::{RunError, parameters};
+use super::{Combined, Consistency, Knowledge, MergeError, combine, consistency};
+use crate::run::{Estimate, RunError, parameters};
 
 /// An input is at rest in a record if its RMS there is at most this share of its RMS where it acts.
 pub const REST: f64 = 1e-3;
@@ -39,23 +39,51 @@ pub fn merge(runs: &[FinishedRun]) -> Result<Merged, RunError> {
     }
     runs.iter().skip(1).try_for_each(|run| alike(&runs[0], run))?;
     let remarks = at_rest(runs)?;
-    let mut inputs: Vec<String> = Vec::new();
-    for input in runs.iter().flat_map(|run| &run.model.inputs) {
-        if !inputs.contains(input) {
-            inputs.push(input.clone());
-        }
-    }
-    let indices = runs[0].form()?.indices().to_vec();
-    let form = ObservableForm::new(&indices, inputs.len()).map_err(|e| RunError::Setting { key: "indices", reason: e.to_string() })?;
-    let knowledge = runs.iter().map(|run| knowledge(run, &form, &inputs)).collect::<Result<Vec<_>, _>>()?;
-    let size = form.parameter_columns() * form.states();
-    let combined = combine(&knowledge, size)?;
-    let consistency = consistency(&knowledge, size)?;
-    let canonical = model(runs, &form, inputs, &combined.estimate, combined.covariance)?;
+    let pieces: Vec<Piece<'_>> = runs.iter().map(FinishedRun::piece).collect();
+    let (form, inputs) = whole_form(&pieces)?;
+    let knowledge = pieces.iter().map(|piece| knowledge(piece, &form, &inputs)).collect::<Result<Vec<_>, _>>()?;
+    let canonical = joined(&pieces, &knowledge, &form, inputs)?;
+    let consistency = consistency(&knowledge, form.parameter_columns() * form.states())?;
     let advanced = runs[0].advanced;
     let mut model = if advanced == 1 { undo_advance(&canonical, None)? } else { canonical.clone() };
     model.provenance = Some(provenance(runs, advanced));
     Ok(Merged { model, canonical, advanced, consistency, remarks })
+}
+
+/// What the mathematics takes of a run.
+#[derive(Clone, Copy)]
+pub(super) struct Piece<'a> {
+    pub(super) name: &'a str,
+    /// In canonical form, in the data's units.
+    pub(super) model: &'a Model,
+    pub(super) estimate: &'a Estimate,
+}
+
+/// The model of all inputs in canonical form, from runs that are known to be alike.
+pub(super) fn join(pieces: &[Piece<'_>]) -> Result<Model, RunError> {
+    let (form, inputs) = whole_form(pieces)?;
+    let knowledge = pieces.iter().map(|piece| knowledge(piece, &form, &inputs)).collect::<Result<Vec<_>, _>>()?;
+    joined(pieces, &knowledge, &form, inputs)
+}
+
+/// The structure of all inputs, and these in the order of the runs.
+fn whole_form(pieces: &[Piece<'_>]) -> Result<(ObservableForm, Vec<String>), RunError> {
+    let mut inputs: Vec<String> = Vec::new();
+    for input in pieces.iter().flat_map(|piece| &piece.model.inputs) {
+        if !inputs.contains(input) {
+            inputs.push(input.clone());
+        }
+    }
+    Ok((form(&pieces[0], inputs.len())?, inputs))
+}
+
+/// The structure of a run's model, for so many inputs.
+fn form(piece: &Piece<'_>, inputs: usize) -> Result<ObservableForm, MergeError> {
+    let indices = piece.model.observability_indices.as_deref().unwrap_or_default();
+    ObservableForm::new(indices, inputs).map_err(|error| {
+        let problem = format!("its observability_indices are wrong: {error}");
+        MergeError::Unusable { run: piece.name.into(), problem }
+    })
 }
 
 fn alike(first: &FinishedRun, run: &FinishedRun) -> Result<(), MergeError> {
@@ -125,22 +153,22 @@ fn at_rest(runs: &[FinishedRun]) -> Result<Vec<String>, MergeError> {
 }
 
 /// What a run knows, with the places of its parameters among those of all inputs.
-fn knowledge(run: &FinishedRun, form: &ObservableForm, inputs: &[String]) -> Result<Knowledge, RunError> {
-    let own = run.form()?;
-    let (n, p) = (form.states(), form.outputs());
+fn knowledge(run: &Piece<'_>, whole: &ObservableForm, inputs: &[String]) -> Result<Knowledge, MergeError> {
+    let own = form(run, run.model.m())?;
+    let (n, p) = (whole.states(), whole.outputs());
     let columns = (0..p).chain(run.model.inputs.iter().map(|input| {
         p + inputs.iter().position(|name| name == input).expect("the list holds the inputs of all runs")
     }));
-    let unusable = |problem: &str| MergeError::Unusable { run: run.name.clone(), problem: problem.into() };
+    let unusable = |problem: &str| MergeError::Unusable { run: run.name.into(), problem: problem.into() };
     if run.estimate.forgets {
-        return Err(unusable("its recursion forgot or let the parameters wander, so it has no one A").into());
+        return Err(unusable("its recursion forgot or let the parameters wander, so it has no one A"));
     }
     let Some(prior_variances) = run.estimate.prior_variances.clone() else {
-        return Err(unusable("it began from a former model, whose knowledge is no common prior").into());
+        return Err(unusable("it began from a former model, whose knowledge is no common prior"));
     };
     let covariance = run.model.parameter_covariance.clone().ok_or_else(|| unusable("it has no parameter_covariance"))?;
     Ok(Knowledge {
-        run: run.name.clone(),
+        run: run.name.into(),
         places: columns.flat_map(|column| column * n..(column + 1) * n).collect(),
         estimate: DVector::from_vec(parameters(&run.model, &own)),
         covariance,
@@ -150,15 +178,15 @@ fn knowledge(run: &FinishedRun, form: &ObservableForm, inputs: &[String]) -> Res
     })
 }
 
-fn model(
-    runs: &[FinishedRun],
+fn joined(
+    pieces: &[Piece<'_>],
+    knowledge: &[Knowledge],
     form: &ObservableForm,
     inputs: Vec<String>,
-    estimate: &DVector<f64>,
-    covariance: DMatrix<f64>,
 ) -> Result<Model, RunError> {
     let (n, p, m) = (form.states(), form.outputs(), form.inputs());
-    let first = &runs[0].model;
+    let Combined { estimate, covariance, .. } = combine(knowledge, form.parameter_columns() * n)?;
+    let first = pieces[0].model;
     let mut a = DMatrix::from_fn(n, n, |row, column| f64::from(form.shift_source(row) == Some(column)));
     for (i, &column) in form.output_states().iter().enumerate() {
         let mut to = a.column_mut(column);

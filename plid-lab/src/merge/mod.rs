@@ -14,6 +14,7 @@ mod merged;
 mod output;
 mod report;
 mod split;
+mod tune;
 #[cfg(test)]
 mod tests;
 

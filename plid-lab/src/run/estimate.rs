@@ -33,7 +33,7 @@ const SETTLED: f64 = 0.25;
 
 impl Estimate {
     /// `innovations` are those of the training parts, K x p, of scaled channels.
-    pub(super) fn new(
+    pub(crate) fn new(
         plan: &Plan,
         scaled: &Model,
         identified: &IdentifiedModel,
@@ -62,7 +62,7 @@ impl Estimate {
 }
 
 /// How channels were divided. Means have no place in a linear model.
-pub(super) fn scaling(prepared: &Prepared) -> ChannelScaling {
+pub(crate) fn scaling(prepared: &Prepared) -> ChannelScaling {
     ChannelScaling {
         input_mean: vec![0.0; prepared.input_scales.len()],
         input_scale: prepared.input_scales.clone(),

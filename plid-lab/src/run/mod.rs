@@ -16,10 +16,12 @@ mod validate;
 pub use checkpoint::CHECKPOINT;
 pub use error::RunError;
 pub use estimate::Estimate;
+pub(crate) use estimate::scaling;
 pub use obtain::{Obtained, Source, Truth};
 pub use output::write;
 pub use peaks::PeakRow;
 pub use progress::{Progress, Silent};
+pub(crate) use checkpoint::{Saved, read as read_checkpoint, write as write_checkpoint};
 pub(crate) use obtain::obtain;
 pub(crate) use output::{errors as errors_json, modes_json, peaks_json, pretty};
 pub(crate) use peaks::compare as compare_peaks;
@@ -39,7 +41,6 @@ use crate::identify::{
     Trial, fit_predictor, scan_orders, search_indices, tune,
 };
 use crate::prepare::{self, Prepared, excitation};
-use checkpoint::Saved;
 use error::setting;
 use noise::Known;
 use plid_catalogue::Conditions;
@@ -115,29 +116,12 @@ pub fn carry_out(
         _ => Saved::default(),
     };
     progress.stage("data");
-    let obtained = obtain::obtain(&mut experiment, base)?;
+    let (obtained, mut prepared) = data(&mut experiment, base)?;
     let (raw, truth) = (obtained.records, obtained.truth);
     let mut warnings = obtained.warnings;
-    let mut shares = vec![1.0; raw.len()];
-    if let Some(last) = shares.last_mut() {
-        *last = experiment.validation.training_share;
-    }
-    if experiment.preparation.repeats.as_ref().is_some_and(|r| r.period.is_none()) {
-        shares.fill(experiment.validation.training_share);
-    }
-    let mut prepared = prepare::prepare(raw.clone(), &shares, &experiment.preparation)?;
     let mut of_data = std::mem::take(&mut prepared.warnings);
     let (p, m) = (prepared.records[0].outputs.ncols(), prepared.records[0].inputs.ncols());
-    let training: Vec<Samples<'_>> = prepared
-        .records
-        .iter()
-        .zip(&prepared.training)
-        .filter(|(_, count)| **count > 0)
-        .map(|(record, &count)| {
-            let (inputs, outputs) = (record.inputs.view(), record.outputs.view());
-            Samples { inputs, outputs, nan_is_missing: noise::has_missing(&record.outputs) }.range(0, count)
-        })
-        .collect();
+    let training = training(&prepared);
     let samples: usize = training.iter().map(Samples::len).sum();
     let last_training = *prepared.training.last().unwrap_or(&0);
     if training.is_empty()
@@ -270,6 +254,44 @@ pub fn carry_out(
     Ok(outcome)
 }
 
+/// The data, and what preparation makes of them.
+fn data(experiment: &mut Experiment, base: &Path) -> Result<(Obtained, Prepared), RunError> {
+    let obtained = obtain(experiment, base)?;
+    let mut shares = vec![1.0; obtained.records.len()];
+    if let Some(last) = shares.last_mut() {
+        *last = experiment.validation.training_share;
+    }
+    if experiment.preparation.repeats.as_ref().is_some_and(|r| r.period.is_none()) {
+        shares.fill(experiment.validation.training_share);
+    }
+    let prepared = prepare::prepare(obtained.records.clone(), &shares, &experiment.preparation)?;
+    Ok((obtained, prepared))
+}
+
+/// The training parts of prepared records.
+pub(crate) fn training(prepared: &Prepared) -> Vec<Samples<'_>> {
+    let records = prepared.records.iter().zip(&prepared.training).filter(|(_, count)| **count > 0);
+    let samples = records.map(|(record, &count)| {
+        let (inputs, outputs) = (record.inputs.view(), record.outputs.view());
+        Samples { inputs, outputs, nan_is_missing: noise::has_missing(&record.outputs) }.range(0, count)
+    });
+    samples.collect()
+}
+
+/// The prepared data of an experiment and its bank of filters; `None` in its place if the experiment gives all of the noise.
+pub(crate) fn bank(experiment: &Experiment, base: &Path) -> Result<(Prepared, Option<Bank>), RunError> {
+    let mut experiment = experiment.clone();
+    let (obtained, prepared) = data(&mut experiment, base)?;
+    let record = &prepared.records[0];
+    let actor = Actor { experiment: &experiment, base, raw: &obtained.records, prepared: &prepared, progress: &Silent };
+    let form = actor.form(experiment.structure.states, record.outputs.ncols(), record.inputs.ncols())?;
+    let bank = match actor.known(&form)? {
+        Known::All(_) => None,
+        Known::Some { .. } => Some(actor.bank(&form)?),
+    };
+    Ok((prepared, bank))
+}
+
 /// What the stages of a run share.
 struct Actor<'a> {
     experiment: &'a Experiment,
@@ -299,6 +321,19 @@ impl Actor<'_> {
         })
     }
 
+    /// The canonical form of so many states, or of the indices that are given.
+    fn form(&self, states: Option<usize>, p: usize, m: usize) -> Result<ObservableForm, RunError> {
+        let bad = |e: plid_core::StructureError| setting("structure", e);
+        match (&self.experiment.structure.indices, states) {
+            (IndicesChoice::Given(indices), _) if indices.len() != p => {
+                Err(setting("indices", format!("{} are given for {p} outputs", indices.len())))
+            }
+            (IndicesChoice::Given(indices), _) => ObservableForm::new(indices, m).map_err(bad),
+            (_, Some(states)) => ObservableForm::balanced(states, p, m).map_err(bad),
+            (_, None) => Err(setting("structure", "give `states`, `indices` or orders to `scan`")),
+        }
+    }
+
     /// The canonical form: given, shared out, searched or scanned for.
     fn structure(
         &self,
@@ -322,16 +357,7 @@ impl Actor<'_> {
             scan = Some(scan_orders(&config.scan, find, search).map_err(RunError::Identify)?);
         }
         let states = config.states.or(scan.as_ref().map(|s: &OrderScan| s.recommended));
-        let form = match (&config.indices, states) {
-            (IndicesChoice::Given(indices), _) => {
-                if indices.len() != p {
-                    return Err(setting("indices", format!("{} are given for {p} outputs", indices.len())));
-                }
-                ObservableForm::new(indices, m).map_err(bad)?
-            }
-            (_, Some(states)) => ObservableForm::balanced(states, p, m).map_err(bad)?,
-            (_, None) => return Err(setting("structure", "give `states`, `indices` or orders to `scan`")),
-        };
+        let form = self.form(states, p, m)?;
         if config.indices != IndicesChoice::Search {
             return Ok((form, scan, Vec::new()));
         }
@@ -350,7 +376,7 @@ fn dense(matrix: &Dense<f64>) -> DMatrix<f64> {
 }
 
 /// The identified plant as a model of scaled channels and, where they are, advanced inputs.
-fn scaled_model(identified: &IdentifiedModel, form: &ObservableForm, prepared: &Prepared) -> Result<Model, RunError> {
+pub(crate) fn scaled_model(identified: &IdentifiedModel, form: &ObservableForm, prepared: &Prepared) -> Result<Model, RunError> {
     let (n, size) = (form.states(), form.joint_states());
     let record = &prepared.records[0];
     let through = DMatrix::zeros(form.outputs(), form.inputs());
@@ -378,7 +404,7 @@ fn in_data_units(
         predictor_gain: predictor.map(|p| p.gain.clone()),
         ..scaled.clone()
     };
-    let canonical = undo_scaling(&with_noise, &estimate::scaling(prepared))?;
+    let canonical = undo_scaling(&with_noise, &scaling(prepared))?;
     let model = if prepared.advanced == 1 { undo_advance(&canonical, None)? } else { canonical.clone() };
     Ok((canonical, model))
 }

@@ -1,0 +1,167 @@
+//! One setting of the noise covariances for all runs, by the free-run error of the merged model.
+//!
+//! A bank for each run alone would find covariances decades apart, since a run's own free-run error hardly depends on them. The merge does: what a run
+//! knows better than another one is in the shape of its P, and P is shaped by R and Sigma.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use plid_core::{Dense, NoiseModel};
+use plid_model::signal::error_measures;
+use plid_model::{ChannelScaling, Model, estimate_initial_state, simulate, undo_scaling};
+use rayon::prelude::*;
+
+use super::MergeError;
+use super::merged::{Piece, join};
+use crate::experiment::{Covariance, Experiment, NoiseConfig, NoiseReading, NoiseSource};
+use crate::identify::{Bank, Ending, Memory, Point, Split, Trial, run, tune_by};
+use crate::prepare::Prepared;
+use crate::run::{self, Estimate, RunError, scaled_model, scaling, training};
+
+/// One run of the merge, before its noise is known.
+struct Candidate<'a> {
+    name: &'a str,
+    prepared: &'a Prepared,
+    bank: &'a Bank,
+    split: Split<'a>,
+}
+
+/// What the search found.
+pub(super) struct Common {
+    /// The noise of each run, in its data's units.
+    pub(super) noise: Vec<NoiseConfig>,
+    /// All settings tried; variances of scaled channels.
+    pub(super) trials: Vec<Trial>,
+}
+
+/// Searches the setting that all runs are to have. `None` where the experiment gives the noise itself.
+///
+/// # Errors
+/// [`IdentifyError::Interrupted`] with what is known in `memory`; data that cannot be used; runs of which one is advanced and another not.
+pub(super) fn common_noise(
+    parts: &[(String, Experiment)],
+    memory: &mut Memory,
+    progress: &dyn run::Progress,
+) -> Result<Option<Common>, RunError> {
+    let banks: Vec<(Prepared, Option<Bank>)> =
+        parts.par_iter().map(|(_, part)| run::bank(part, Path::new(""))).collect::<Result<_, _>>()?;
+    let mut candidates = Vec::new();
+    for ((name, part), (prepared, bank)) in parts.iter().zip(&banks) {
+        let Some(bank) = bank else { return Ok(None) };
+        let first = &banks[0].0;
+        if prepared.advanced != first.advanced {
+            let samples = |count: usize| format!("advanced by {count} (set `preparation.advance`)");
+            return Err(MergeError::Differ {
+                run: name.clone(),
+                what: "input is",
+                found: samples(prepared.advanced),
+                first: parts[0].0.clone(),
+                expected: samples(first.advanced),
+            }
+            .into());
+        }
+        let split = Split::new(&training(prepared), part.validation.learning_share);
+        candidates.push(Candidate { name, prepared, bank, split });
+    }
+    let score = |point: Point| score(&candidates, point, &|| !progress.interrupted());
+    let tuned = tune_by(candidates[0].bank, &|done, total| progress.advance(done, total), memory, &score)
+        .map_err(RunError::Identify)?;
+    let noise = candidates.iter().zip(parts).map(|(candidate, (_, part))| {
+        in_data_units(&candidate.bank.noise(tuned.point), candidate, &part.noise)
+    });
+    Ok(Some(Common { noise: noise.collect(), trials: tuned.trials }))
+}
+
+/// The merged model's free-run error over what each run held back, as the root of the mean square over the runs.
+fn score(candidates: &[Candidate<'_>], point: Point, may_go_on: &(dyn Fn() -> bool + Sync)) -> Option<f64> {
+    let learnt: Vec<Result<(Model, Estimate), Failed>> =
+        candidates.par_iter().map(|candidate| candidate.learn(point, may_go_on)).collect();
+    let interrupted = learnt.iter().any(|run| matches!(run, Err(Failed::Interrupted)));
+    if interrupted {
+        return None;
+    }
+    let Ok(learnt) = learnt.into_iter().collect::<Result<Vec<_>, _>>() else { return Some(f64::INFINITY) };
+    let pieces: Vec<Piece<'_>> = candidates
+        .iter()
+        .zip(&learnt)
+        .map(|(candidate, (model, estimate))| Piece { name: candidate.name, model, estimate })
+        .collect();
+    // A setting whose P is no covariance any more is not to be chosen, as one whose filter diverges.
+    let Ok(merged) = join(&pieces) else { return Some(f64::INFINITY) };
+    let errors: Vec<f64> = candidates.iter().map(|candidate| candidate.error(&merged)).collect();
+    Some((errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt())
+}
+
+/// Why a filter gave nothing.
+enum Failed {
+    Diverged,
+    Interrupted,
+}
+
+impl Candidate<'_> {
+    /// The filter's model in the data's units, and what a merge needs beside it.
+    fn learn(&self, point: Point, may_go_on: &(dyn Fn() -> bool + Sync)) -> Result<(Model, Estimate), Failed> {
+        let plan = self.bank.plan(self.bank.noise(point));
+        let ending = run(&plan, &self.split.learn, None, &mut |_, _| may_go_on());
+        let done = match ending {
+            Ok(Ending::Done(done)) => done,
+            Ok(Ending::Paused(_)) => return Err(Failed::Interrupted),
+            Err(_) => return Err(Failed::Diverged),
+        };
+        let diverged = |_: RunError| Failed::Diverged;
+        let scaled = scaled_model(&done.identified, &plan.form, self.prepared).map_err(diverged)?;
+        let estimate = Estimate::new(&plan, &scaled, &done.identified, &done.innovations, self.prepared, BTreeMap::new())
+            .map_err(diverged)?;
+        let model = undo_scaling(&scaled, &scaling(self.prepared)).map_err(|_| Failed::Diverged)?;
+        Ok((model, estimate))
+    }
+
+    /// The free-run error of the merged model on what this run held back; infinite where it diverges.
+    fn error(&self, merged: &Model) -> f64 {
+        let own = &self.prepared.records[0].input_names;
+        let places = own.iter().filter_map(|input| merged.inputs.iter().position(|name| name == input));
+        let places: Vec<usize> = places.collect();
+        let of_own = Model {
+            inputs: own.clone(),
+            b: merged.b.select_columns(&places),
+            d: merged.d.select_columns(&places),
+            parameter_covariance: None,
+            ..merged.clone()
+        };
+        let scales = scaling(self.prepared);
+        let over = |scales: &[f64]| scales.iter().map(|s| 1.0 / s).collect();
+        let back = ChannelScaling {
+            input_scale: over(&scales.input_scale),
+            output_scale: over(&scales.output_scale),
+            ..scales
+        };
+        let samples = self.split.score;
+        let simulated = undo_scaling(&of_own, &back).and_then(|model| {
+            let start = estimate_initial_state(&model, samples.inputs, samples.outputs, None)?;
+            Ok(simulate(&model, samples.inputs, &start.state)?.outputs)
+        });
+        simulated
+            .ok()
+            .and_then(|outputs| error_measures(samples.outputs, outputs.view()).ok())
+            .map_or(f64::INFINITY, |errors| errors.overall_relative)
+    }
+}
+
+/// The noise of scaled channels as a config gives it.
+fn in_data_units(noise: &NoiseModel, candidate: &Candidate<'_>, asked: &NoiseConfig) -> NoiseConfig {
+    let prepared = candidate.prepared;
+    let per_state = candidate.bank.form.indices().iter().zip(&prepared.output_scales);
+    let states: Vec<f64> = per_state.flat_map(|(&count, &scale)| vec![scale; count]).collect();
+    let variances = |covariance: &Dense<f64>, scales: &[f64]| {
+        Covariance::Diagonal(scales.iter().enumerate().map(|(i, s)| covariance.at(i, i) * s * s).collect())
+    };
+    NoiseConfig {
+        from: NoiseSource::Given,
+        read_as: NoiseReading::Covariance,
+        sensor: Some(variances(&noise.sensor, &prepared.output_scales)),
+        state: Some(variances(&noise.state, &states)),
+        actuator: asked.actuator.is_some().then(|| variances(&noise.actuator, &prepared.input_scales)),
+        zero_input_file: None,
+        ..asked.clone()
+    }
+}
