@@ -1,11 +1,17 @@
 //! Runs of the recursion merged: synthetic plants, uncontrollable modes, and whole merges from files.
 
+use std::fmt::Write as _;
+use std::path::Path;
+
 use nalgebra::{DMatrix, DVector};
 use ndarray::Array2;
-use plid_core::{ImplicitModel, NoiseModel, ObservableForm, Settings};
-use plid_lab::identify::{Ending, Plan, Samples, run};
-use plid_lab::merge::{Combined, Knowledge, combine, consistency, Agreement};
 use plid_catalogue::Variant;
+use plid_core::{NoiseModel, ObservableForm, Settings};
+use plid_lab::experiment::{self, Experiment};
+use plid_lab::identify::{Ending, Plan, Samples, run};
+use plid_lab::merge::{self, Agreement, Combined, FinishedRun, Knowledge, MergeError, combine, consistency};
+use plid_lab::run::{RunError, Silent};
+use plid_model::Model;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -108,4 +114,205 @@ fn the_merged_covariance_is_honest() {
     // 60 x 20 degrees of freedom: a standard deviation of 0.041; three of them.
     assert!((0.87..1.13).contains(&merged_nees), "{merged_nees}");
     assert!(disagree <= 3, "{disagree}");
+}
+
+/// The first input moves the first output's states only, which the second output does not feel: of the second block its run can tell nothing, and
+/// the merge is as good as the other runs alone are.
+#[test]
+fn a_run_that_cannot_move_a_mode_does_not_spoil_it() {
+    const SEEDS: u64 = 30;
+    let (mut with, mut without, mut disagree, mut all) = (0.0, 0.0, 0, 0.0);
+    for seed in 0..SEEDS {
+        let mut random = ChaCha8Rng::seed_from_u64(500 + seed);
+        let mut truth = plant(&mut random, 3);
+        // a_1 and a_2 keep to their own blocks.
+        for entry in [2, 3, 4, 5, 10, 11] {
+            truth[entry] = 0.0;
+        }
+        let runs: Vec<Knowledge> = (0..3)
+            .map(|j| {
+                let (inputs, outputs) = record(&mut random, &truth, j, 600, 0.05, 0.0);
+                knowledge(&format!("run {j}"), j, &inputs, &outputs, 0.05, 1e-4)
+            })
+            .collect();
+        let size = truth.len();
+        let own = |combined: &Combined| (combined.estimate.rows(6, 2) - DVector::from_column_slice(&truth[6..8])).norm();
+        let (merged, others) = (combine(&runs, size).unwrap(), combine(&runs[1..], size).unwrap());
+        with += own(&merged) / SEEDS as f64;
+        without += own(&others) / SEEDS as f64;
+        all += nees(&merged, &truth) / SEEDS as f64;
+        disagree += usize::from(consistency(&runs, size).unwrap().agreement != Agreement::Agree);
+    }
+    println!("error of the second mode {with:.2e}, without the run {without:.2e}; NEES {all:.2}; {disagree} disagree");
+    assert!(with < 1.02 * without, "{with} {without}");
+    assert!(disagree <= 2, "{disagree}");
+}
+
+/// u1, u2, u3, y1, y2 at 100 Hz with the inputs `acting` at work.
+fn csv(seed: u64, parameters: &[f64], acting: &[usize], samples: usize) -> String {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
+    let column = |t: usize| &parameters[t * STATES..(t + 1) * STATES];
+    let mut text = String::from("u1,u2,u3,y1,y2\n");
+    let mut x = [0.0; STATES];
+    for _ in 0..samples {
+        let u: Vec<f64> = (0..3).map(|j| if acting.contains(&j) { 2.0 * normal() } else { 0.0 }).collect();
+        let (y1, y2) = (x[1] + 0.05 * normal(), x[3] + 0.05 * normal());
+        writeln!(text, "{},{},{},{y1},{y2}", u[0], u[1], u[2]).unwrap();
+        let next = |i: usize| {
+            let shifted = if i % 2 == 1 { x[i - 1] } else { 0.0 };
+            let driven: f64 = (0..3).map(|j| column(OUTPUTS + j)[i] * u[j]).sum();
+            shifted + column(0)[i] * x[1] + column(1)[i] * x[3] + driven
+        };
+        x = std::array::from_fn(next);
+    }
+    text
+}
+
+/// Three records with one input each, of different lengths, and one with all.
+fn records(directory: &Path, truth: &[f64]) {
+    for (j, samples) in [900, 700, 1200].into_iter().enumerate() {
+        let text = csv(70 + j as u64, truth, &[j], samples);
+        std::fs::write(directory.join(format!("r{}.csv", j + 1)), text).unwrap();
+    }
+    std::fs::write(directory.join("all.csv"), csv(80, truth, &[0, 1, 2], 800)).unwrap();
+}
+
+fn config(files: &str, rest: &str) -> Experiment {
+    let text = format!(
+        "name = \"three\"\n[data]\nfiles = [{files}]\ninputs = [\"u1\", \"u2\", \"u3\"]\noutputs = [\"y1\", \"y2\"]\n\
+         sample_rate_hz = 100.0\n[structure]\nkind = \"simo-merge\"\nstates = 4\n{rest}"
+    );
+    experiment::from_toml(&text, "test").unwrap()
+}
+
+const FILES: &str = "\"r1.csv\", \"r2.csv\", \"r3.csv\"";
+
+#[test]
+fn a_config_makes_runs_and_merges_them_and_so_does_the_command_on_finished_runs() {
+    let directory = tempfile::tempdir().unwrap();
+    let base = directory.path();
+    let truth = plant(&mut ChaCha8Rng::seed_from_u64(9), 3);
+    records(base, &truth);
+    // Files may come in any order: what acts in them says which run they are.
+    let experiment = config("\"r3.csv\", \"r1.csv\", \"r2.csv\"", "[validation]\nfile = \"all.csv\"\n");
+    let out = base.join("out");
+    let outcome = merge::carry_out(&experiment, base, &out, false, &Silent).unwrap();
+    merge::write(&outcome, &out).unwrap();
+    assert_eq!(outcome.merged.consistency.agreement, Agreement::Agree);
+    assert_eq!(outcome.merged.model.inputs, ["u3", "u1", "u2"]);
+    assert!(outcome.warnings.is_empty(), "{:?}", outcome.warnings);
+
+    // Sensor noise is all that a free run cannot know.
+    let held_out = &outcome.held_out[0];
+    for (i, rms) in held_out.errors.rms_error.iter().enumerate() {
+        assert!((0.045..0.06).contains(rms), "output {i}: {rms}");
+    }
+    let column = |t: usize| DVector::from_column_slice(&truth[t * STATES..(t + 1) * STATES]);
+    for (place, input) in [2, 0, 1].into_iter().enumerate() {
+        let error = outcome.merged.model.b.column(place) - column(OUTPUTS + input);
+        assert!(error.amax() < 0.02, "{error}");
+    }
+    assert!((outcome.merged.model.a.column(1)[0] - truth[0]).abs() < 0.01);
+    assert!(outcome.merged.model.predictor_gain.is_some());
+
+    // The same again, from the files of the runs; only the predictor needs data.
+    let runs = ["u3", "u1", "u2"].map(|name| FinishedRun::read(&out.join("runs").join(name)).unwrap());
+    let mut again = merge::of_runs("again", runs.to_vec()).unwrap();
+    let bare = Model { predictor_gain: None, ..outcome.merged.model.clone() };
+    assert_eq!(again.merged.model, bare);
+    again.judge_file(&base.join("all.csv"), 0.25).unwrap();
+    let there = base.join("again");
+    merge::write(&again, &there).unwrap();
+    let page = std::fs::read_to_string(there.join("report.html")).unwrap();
+    for said in ["The runs share one A", "u1 to y2", "own free run", "is off by"] {
+        assert!(page.contains(said), "{said}");
+    }
+    assert_eq!(Model::read(&there.join("model.json")).unwrap(), bare);
+    let result: serde_json::Value = serde_json::from_slice(&std::fs::read(there.join("result.json")).unwrap()).unwrap();
+    assert_eq!(result["consistency"]["agreement"], "agree");
+    assert_eq!(result["training_samples"], 675 + 525 + 900);
+
+    // Resumed, finished runs stay as they are, and the bytes are the same.
+    let bytes = |name: &str| std::fs::read(out.join(name)).unwrap();
+    let before = (bytes("model.json"), bytes("report.html"), bytes("result.json"));
+    let written = std::fs::metadata(out.join("runs/u1/result.json")).unwrap().modified().unwrap();
+    merge::write(&merge::carry_out(&experiment, base, &out, true, &Silent).unwrap(), &out).unwrap();
+    assert!(before == (bytes("model.json"), bytes("report.html"), bytes("result.json")));
+    assert_eq!(std::fs::metadata(out.join("runs/u1/result.json")).unwrap().modified().unwrap(), written);
+
+    // A finished run whose result an older plid wrote.
+    let old = base.join("old");
+    std::fs::create_dir(&old).unwrap();
+    for name in ["model.json", "manifest.json"] {
+        std::fs::copy(out.join("runs/u1").join(name), old.join(name)).unwrap();
+    }
+    std::fs::write(old.join("result.json"), "{\"name\": \"old\"}").unwrap();
+    let error = FinishedRun::read(&old).unwrap_err();
+    assert!(
+        matches!(&error, RunError::Merge(MergeError::Key { file, key, .. }) if file == &old.join("result.json") && key == "estimate"),
+        "{error}"
+    );
+    // Another order cannot be merged with these.
+    let mut other = runs.to_vec();
+    other[1].model.observability_indices = Some(vec![3, 1]);
+    let error = merge::of_runs("x", other).unwrap_err().to_string();
+    assert!(error.contains("u1: its observability indices are [3, 1], that of"), "{error}");
+}
+
+#[test]
+fn records_in_which_another_input_acts_are_refused_by_file_and_channel() {
+    let directory = tempfile::tempdir().unwrap();
+    let base = directory.path();
+    let truth = plant(&mut ChaCha8Rng::seed_from_u64(9), 3);
+    records(base, &truth);
+    let refused = |files: &str| merge::carry_out(&config(files, ""), base, &base.join("out"), false, &Silent).unwrap_err();
+    let error = refused("\"r1.csv\", \"all.csv\", \"r3.csv\"");
+    assert!(
+        matches!(&error, RunError::Merge(MergeError::AnotherActs { record, share, .. }) if record == "all.csv" && *share > 0.5),
+        "{error}"
+    );
+    assert!(error.to_string().contains("all.csv: `u"), "{error}");
+    let error = refused("\"r1.csv\", \"r3.csv\"");
+    assert!(matches!(&error, RunError::Merge(MergeError::NeverActs { input, .. }) if input == "u2"), "{error}");
+    std::fs::write(base.join("rest.csv"), csv(1, &truth, &[], 300)).unwrap();
+    let error = refused(&format!("{FILES}, \"rest.csv\""));
+    assert!(matches!(&error, RunError::Merge(MergeError::NoneActs { record, .. }) if record == "rest.csv"), "{error}");
+
+    // A finished run tells too, though it was told of one input only.
+    let single = |file: &str, input: &str| {
+        let text = format!(
+            "name = \"{input}\"\n[data]\nfiles = [\"{file}\"]\ninputs = [\"{input}\"]\noutputs = [\"y1\", \"y2\"]\nsample_rate_hz = 100.0\n\
+             [structure]\nstates = 4\n[preparation]\nadvance = 0\n"
+        );
+        let experiment: Experiment = experiment::from_toml(&text, "test").unwrap();
+        let outcome = plid_lab::run::carry_out(&experiment, base, None, false, &Silent).unwrap();
+        let out = base.join(format!("{input}-of-{file}"));
+        plid_lab::run::write(&outcome, &out).unwrap();
+        FinishedRun::read(&out).unwrap()
+    };
+    let runs = vec![single("r1.csv", "u1"), single("all.csv", "u2")];
+    let error = merge::of_runs("x", runs).unwrap_err();
+    assert!(
+        matches!(&error, RunError::Merge(MergeError::AnotherActs { record, other, .. }) if record.ends_with("u2-of-all.csv") && other == "u1"),
+        "{error}"
+    );
+    let error = merge::of_runs("x", vec![single("r1.csv", "u1")]).unwrap_err();
+    assert!(matches!(error, RunError::Merge(MergeError::TooFew)), "{error}");
+}
+
+/// The second record is of a plant whose first mode lies a little higher.
+#[test]
+fn the_record_of_another_plant_is_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let base = directory.path();
+    let truth = plant(&mut ChaCha8Rng::seed_from_u64(9), 3);
+    records(base, &truth);
+    let mut other = truth.clone();
+    other[1] -= 0.05;
+    std::fs::write(base.join("r2.csv"), csv(71, &other, &[1], 700)).unwrap();
+    let outcome = merge::carry_out(&config(FILES, ""), base, &base.join("out"), false, &Silent).unwrap();
+    assert_eq!(outcome.merged.consistency.agreement, Agreement::Departs { run: "runs/u2".into() });
+    let verdict = merge::verdict(&outcome).join(" ");
+    assert!(verdict.contains("The run runs/u2 does not fit the others"), "{verdict}");
 }

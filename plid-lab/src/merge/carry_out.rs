@@ -9,7 +9,7 @@ use super::finished::FinishedRun;
 use super::held_out::{HeldOut, judge};
 use super::merged::{Merged, merge};
 use super::split::split;
-use super::tune::common_noise;
+use super::tune::{common_noise, predictor};
 use crate::data::{self, MissingPolicy};
 use crate::experiment::{Experiment, to_toml};
 use crate::prepare::Preparation;
@@ -34,6 +34,8 @@ pub struct Outcome {
     pub peaks: Vec<PeakRow>,
     /// The true plant, for simulated data.
     pub truth: Option<Truth>,
+    /// How the predictor gain was found; `None` without one.
+    pub predictor: Option<String>,
     /// Settings of the noise that were tried for all runs together; their variances are those of scaled channels.
     pub bank: Vec<Trial>,
     /// What the reader must know.
@@ -89,6 +91,11 @@ pub fn carry_out(
     let runs = parts.iter().zip(&directories).map(read).collect::<Result<Vec<_>, RunError>>()?;
     let mut outcome = of_runs(&experiment.name, runs)?;
     progress.stage("validation");
+    if let Some((gain, origin)) = predictor(&outcome.merged.canonical, &parts)? {
+        outcome.merged.canonical.predictor_gain = Some(gain.clone());
+        outcome.merged.model.predictor_gain = Some(gain);
+        outcome.predictor = Some(origin);
+    }
     if experiment.data.testbed.is_some() {
         let mut all = experiment.clone();
         let obtained = run::obtain(&mut all, base)?;
@@ -118,7 +125,7 @@ pub fn of_runs(name: &str, runs: Vec<FinishedRun>) -> Result<Outcome, RunError> 
         warnings.push(unstable.to_string());
     }
     let (held_out, peaks) = (Vec::new(), Vec::new());
-    Ok(Outcome { name: name.into(), experiment: None, runs, merged, held_out, peaks, truth: None, bank: Vec::new(), warnings })
+    Ok(Outcome { name: name.into(), experiment: None, runs, merged, held_out, peaks, truth: None, predictor: None, bank: Vec::new(), warnings })
 }
 
 impl Outcome {

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use super::carry_out::Outcome;
 use super::report;
 use crate::report::write_atomic;
-use crate::run::{RunError, errors_json, modes_json, peaks_json, pretty};
+use crate::run::{CHECKPOINT, RunError, errors_json, modes_json, peaks_json, pretty};
 
 /// Writes all files of a merge into `directory`.
 ///
@@ -23,7 +23,12 @@ pub fn write(outcome: &Outcome, directory: &Path) -> Result<(), RunError> {
     outcome.merged.model.write(&directory.join("model.json"))?;
     put("report.html", &page)?;
     // Last, so that its presence says that the others are there.
-    put("result.json", &pretty(&result(outcome)?))
+    put("result.json", &pretty(&result(outcome)?))?;
+    let checkpoint = directory.join(CHECKPOINT);
+    match std::fs::remove_file(&checkpoint) {
+        Err(source) if source.kind() != std::io::ErrorKind::NotFound => Err(RunError::File { path: checkpoint, source }),
+        _ => Ok(()),
+    }
 }
 
 fn result(outcome: &Outcome) -> Result<Value, RunError> {
@@ -42,6 +47,7 @@ fn result(outcome: &Outcome) -> Result<Value, RunError> {
         .iter()
         .map(|held_out| {
             json!({ "record": held_out.record, "samples": held_out.measured.nrows(), "free_run": errors_json(&held_out.errors),
+                    "one_step": held_out.one_step_errors.as_ref().map(errors_json),
                     "free_run_of_the_true_plant": held_out.truth_errors.as_ref().map(errors_json) })
         })
         .collect();
@@ -58,6 +64,8 @@ fn result(outcome: &Outcome) -> Result<Value, RunError> {
         "consistency": merged.consistency,
         "verdict": report::verdict(outcome),
         "held_out": held_out,
+        "predictor": outcome.predictor,
+        "noise_bank": outcome.bank,
         "modes": modes_json(&merged.canonical)?,
         "peaks": peaks_json(&outcome.peaks),
         "warnings": outcome.warnings,

@@ -13,7 +13,7 @@ use crate::report::{
     Cell, FrfCurve, FrfPlot, ModeSet, Report, Scale, Table, Trace, frf_grid, mode_map, trace_plot,
 };
 use crate::run::RunError;
-use crate::run::report::{complex, peak_sentence, peak_table, percent};
+use crate::run::report::{bank, complex, peak_sentence, peak_table, percent};
 
 /// Frequencies at which a model's response is drawn.
 const LINES: usize = 400;
@@ -52,6 +52,9 @@ pub(super) fn page(outcome: &Outcome) -> Result<String, RunError> {
             .details(format!("All {} peaks", outcome.peaks.len()), |report| report.table(peak_table(&outcome.peaks)));
     }
     report = with_modes(report, outcome)?;
+    if !outcome.bank.is_empty() {
+        report = bank(report, &outcome.bank).paragraph("Here each filter of the bank is one of each run; their merged model simulated what the runs had held back.");
+    }
     if let Some(experiment) = &outcome.experiment {
         report = report.listing("The experiment. `plid run` repeats it.", to_toml(experiment));
     }
@@ -136,6 +139,9 @@ fn errors(outcome: &Outcome, held_out: &HeldOut) -> Table {
         .column("output", "")
         .column("free run", "%")
         .column("fit", "%");
+    if held_out.one_step_errors.is_some() {
+        table = table.column("one step", "%");
+    }
     if held_out.truth_errors.is_some() {
         table = table.column("true plant", "%");
     }
@@ -145,11 +151,11 @@ fn errors(outcome: &Outcome, held_out: &HeldOut) -> Table {
             Cell::significant(100.0 * held_out.errors.relative[i], 3),
             Cell::fixed(held_out.errors.fit_percent[i], 1),
         ];
-        row.extend(held_out.truth_errors.iter().map(|truth| Cell::significant(100.0 * truth.relative[i], 3)));
+        row.extend(held_out.one_step_errors.iter().chain(&held_out.truth_errors).map(|errors| Cell::significant(100.0 * errors.relative[i], 3)));
         table = table.row(row);
     }
     let mut row: Vec<Cell> = vec!["all".into(), Cell::significant(100.0 * held_out.errors.overall_relative, 3), "".into()];
-    row.extend(held_out.truth_errors.iter().map(|truth| Cell::significant(100.0 * truth.overall_relative, 3)));
+    row.extend(held_out.one_step_errors.iter().chain(&held_out.truth_errors).map(|errors| Cell::significant(100.0 * errors.overall_relative, 3)));
     table.row(row)
 }
 

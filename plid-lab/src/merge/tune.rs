@@ -6,15 +6,16 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use nalgebra::DMatrix;
 use plid_core::{Dense, NoiseModel};
 use plid_model::signal::error_measures;
-use plid_model::{ChannelScaling, Model, estimate_initial_state, simulate, undo_scaling};
+use plid_model::{ChannelScaling, Model, ModelError, estimate_initial_state, simulate, undo_scaling};
 use rayon::prelude::*;
 
 use super::MergeError;
 use super::merged::{Piece, join};
 use crate::experiment::{Covariance, Experiment, NoiseConfig, NoiseReading, NoiseSource};
-use crate::identify::{Bank, Ending, Memory, Point, Split, Trial, run, tune_by};
+use crate::identify::{Bank, Ending, Memory, Point, Split, Trial, fit_predictor, run, tune_by};
 use crate::prepare::Prepared;
 use crate::run::{self, Estimate, RunError, scaled_model, scaling, training};
 
@@ -118,25 +119,8 @@ impl Candidate<'_> {
 
     /// The free-run error of the merged model on what this run held back; infinite where it diverges.
     fn error(&self, merged: &Model) -> f64 {
-        let own = &self.prepared.records[0].input_names;
-        let places = own.iter().filter_map(|input| merged.inputs.iter().position(|name| name == input));
-        let places: Vec<usize> = places.collect();
-        let of_own = Model {
-            inputs: own.clone(),
-            b: merged.b.select_columns(&places),
-            d: merged.d.select_columns(&places),
-            parameter_covariance: None,
-            ..merged.clone()
-        };
-        let scales = scaling(self.prepared);
-        let over = |scales: &[f64]| scales.iter().map(|s| 1.0 / s).collect();
-        let back = ChannelScaling {
-            input_scale: over(&scales.input_scale),
-            output_scale: over(&scales.output_scale),
-            ..scales
-        };
         let samples = self.split.score;
-        let simulated = undo_scaling(&of_own, &back).and_then(|model| {
+        let simulated = as_run(merged, self.prepared).and_then(|model| {
             let start = estimate_initial_state(&model, samples.inputs, samples.outputs, None)?;
             Ok(simulate(&model, samples.inputs, &start.state)?.outputs)
         });
@@ -145,6 +129,45 @@ impl Candidate<'_> {
             .and_then(|outputs| error_measures(samples.outputs, outputs.view()).ok())
             .map_or(f64::INFINITY, |errors| errors.overall_relative)
     }
+}
+
+/// The part of the merged model that a run has data of, for channels scaled as the run's.
+fn as_run(merged: &Model, prepared: &Prepared) -> Result<Model, ModelError> {
+    let own = &prepared.records[0].input_names;
+    let places: Vec<usize> =
+        own.iter().filter_map(|input| merged.inputs.iter().position(|name| name == input)).collect();
+    let of_own = Model {
+        inputs: own.clone(),
+        b: merged.b.select_columns(&places),
+        d: merged.d.select_columns(&places),
+        parameter_covariance: None,
+        ..merged.clone()
+    };
+    let scales = scaling(prepared);
+    let over = |scales: &[f64]| scales.iter().map(|s| 1.0 / s).collect();
+    let back =
+        ChannelScaling { input_scale: over(&scales.input_scale), output_scale: over(&scales.output_scale), ..scales };
+    undo_scaling(&of_own, &back)
+}
+
+/// The gain of a predictor with the merged model (canonical), fitted to the training part of the longest of `parts`, and how it was found; `None` if no gain
+/// keeps the prediction bounded.
+pub(super) fn predictor(
+    merged: &Model,
+    parts: &[(String, Experiment)],
+) -> Result<Option<(DMatrix<f64>, String)>, RunError> {
+    let data: Vec<Prepared> = parts
+        .par_iter()
+        .map(|(_, part)| Ok(run::bank(part, Path::new(""))?.0))
+        .collect::<Result<_, RunError>>()?;
+    let longest = data.iter().max_by_key(|prepared| prepared.training.iter().copied().max());
+    let Some((prepared, samples)) = longest.and_then(|prepared| Some((prepared, training(prepared).pop()?))) else {
+        return Ok(None);
+    };
+    let own = as_run(merged, prepared)?;
+    let Some(found) = fit_predictor(&own, samples) else { return Ok(None) };
+    let in_units = undo_scaling(&Model { predictor_gain: Some(found.gain), ..own }, &scaling(prepared))?;
+    Ok(in_units.predictor_gain.map(|gain| (gain, found.origin)))
 }
 
 /// The noise of scaled channels as a config gives it.

@@ -7,6 +7,7 @@ use super::{Outcome, PeakRow};
 use super::error::RunError;
 use super::validate::Errors;
 use crate::experiment::to_toml;
+use crate::identify::Trial;
 use crate::report::{
     Axis, Cell, Chart, ConvergencePlot, FrfCurve, FrfPlot, ModeSet, Report, Scale, Series, Table, Trace, chart,
     convergence_plot, correlation_plot, frf_grid, mode_map, trace_plot,
@@ -484,14 +485,18 @@ fn searches(report: Report, outcome: &Outcome) -> Report {
     if outcome.bank.is_empty() {
         return report;
     }
-    let mut levels: Vec<f64> = outcome.bank.iter().map(|t| t.sensor).collect();
+    bank(report, &outcome.bank)
+}
+
+/// The bank of filters.
+pub(crate) fn bank(report: Report, trials: &[Trial]) -> Report {
+    let mut levels: Vec<f64> = trials.iter().map(|t| t.sensor).collect();
     levels.sort_by(f64::total_cmp);
     levels.dedup();
     let series = levels
         .iter()
         .map(|&level| {
-            let mut points: Vec<(f64, f64)> = outcome
-                .bank
+            let mut points: Vec<(f64, f64)> = trials
                 .iter()
                 .filter(|t| t.sensor == level)
                 .filter_map(|t| t.free_run.map(|e| (t.state, 100.0 * e)))
@@ -507,12 +512,12 @@ fn searches(report: Report, outcome: &Outcome) -> Report {
         series,
         height: 260.0,
     });
-    let diverged = outcome.bank.iter().filter(|t| t.free_run.is_none()).count();
+    let diverged = trials.iter().filter(|t| t.free_run.is_none()).count();
     report.heading("Noise covariances").figure(
         plot,
         format!(
             "The bank of filters: each learnt from the first part of the training data and simulated the rest. {diverged} of {} diverged and are not drawn.",
-            outcome.bank.len()
+            trials.len()
         ),
     )
 }
