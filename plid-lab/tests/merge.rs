@@ -25,8 +25,14 @@ const OUTPUTS: usize = 2;
 fn plant(random: &mut ChaCha8Rng, inputs: usize) -> Vec<f64> {
     let mut normal = || -> f64 { StandardNormal.sample(&mut *random) };
     let mut parameters = vec![
-        -0.81 + 0.02 * normal(), 1.1 + 0.05 * normal(), 0.05 * normal(), 0.1 * normal(),
-        0.05 * normal(), 0.1 * normal(), -0.85 + 0.02 * normal(), 0.3 + 0.05 * normal(),
+        -0.81 + 0.02 * normal(),
+        1.1 + 0.05 * normal(),
+        0.05 * normal(),
+        0.1 * normal(),
+        0.05 * normal(),
+        0.1 * normal(),
+        -0.85 + 0.02 * normal(),
+        0.3 + 0.05 * normal(),
     ];
     parameters.extend((0..inputs * STATES).map(|_| normal()));
     parameters
@@ -61,12 +67,21 @@ fn record(
 }
 
 /// What PLID knows after a record, told the true noise.
-fn knowledge(name: &str, input: usize, inputs: &Array2<f64>, outputs: &Array2<f64>, sensor: f64, state: f64) -> Knowledge {
+fn knowledge(
+    name: &str,
+    input: usize,
+    inputs: &Array2<f64>,
+    outputs: &Array2<f64>,
+    sensor: f64,
+    state: f64,
+) -> Knowledge {
     let form = ObservableForm::new(&INDICES, 1).unwrap();
     let noise = NoiseModel::diagonal(&[sensor * sensor; OUTPUTS], &[0.0], &[state * state; STATES]);
     let plan = Plan { settings: Settings::new(&form, 1.0, 1.0), form, noise, variant: Variant::default(), passes: 1 };
     let samples = Samples { inputs: inputs.view(), outputs: outputs.view(), nan_is_missing: false };
-    let Ending::Done(done) = run(&plan, &[samples], None, &mut |_, _| true).unwrap() else { panic!("it was not interrupted") };
+    let Ending::Done(done) = run(&plan, &[samples], None, &mut |_, _| true).unwrap() else {
+        panic!("it was not interrupted")
+    };
     let size = (OUTPUTS + 1) * STATES;
     let covariance = DMatrix::from_fn(size, size, |i, j| done.identified.covariance.at(STATES + i, STATES + j));
     let own = (OUTPUTS + input) * STATES;
@@ -136,7 +151,8 @@ fn a_run_that_cannot_move_a_mode_does_not_spoil_it() {
             })
             .collect();
         let size = truth.len();
-        let own = |combined: &Combined| (combined.estimate.rows(6, 2) - DVector::from_column_slice(&truth[6..8])).norm();
+        let own =
+            |combined: &Combined| (combined.estimate.rows(6, 2) - DVector::from_column_slice(&truth[6..8])).norm();
         let (merged, others) = (combine(&runs, size).unwrap(), combine(&runs[1..], size).unwrap());
         with += own(&merged) / SEEDS as f64;
         without += own(&others) / SEEDS as f64;
@@ -266,7 +282,8 @@ fn records_in_which_another_input_acts_are_refused_by_file_and_channel() {
     let base = directory.path();
     let truth = plant(&mut ChaCha8Rng::seed_from_u64(9), 3);
     records(base, &truth);
-    let refused = |files: &str| merge::carry_out(&config(files, ""), base, &base.join("out"), false, &Silent).unwrap_err();
+    let refused =
+        |files: &str| merge::carry_out(&config(files, ""), base, &base.join("out"), false, &Silent).unwrap_err();
     let error = refused("\"r1.csv\", \"all.csv\", \"r3.csv\"");
     assert!(
         matches!(&error, RunError::Merge(MergeError::AnotherActs { record, share, .. }) if record == "all.csv" && *share > 0.5),

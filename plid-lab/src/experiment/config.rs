@@ -418,17 +418,27 @@ impl Experiment {
         }
         let identification = &self.identification;
         if identification.forgetting < 1.0 || identification.parameter_noise > 0.0 {
-            problems.push(("identification", "runs that forget have no A in common: a merge wants forgetting = 1 and no parameter noise".into()));
+            problems.push((
+                "identification",
+                "runs that forget have no A in common: a merge wants forgetting = 1 and no parameter noise".into(),
+            ));
         }
         if self.start.model.is_some() {
-            problems.push(("model", "runs that begin from a former model have no prior in common, so they cannot be merged".into()));
+            problems.push((
+                "model",
+                "runs that begin from a former model have no prior in common, so they cannot be merged".into(),
+            ));
         }
         if matches!(self.noise.actuator, Some(Covariance::Full(_))) {
-            problems.push(("actuator", "runs with one input each have one variance each: give a number or a list".into()));
+            problems
+                .push(("actuator", "runs with one input each have one variance each: give a number or a list".into()));
         }
         let data = &self.data;
         if data.testbed.as_ref().is_some_and(|testbed| testbed.input_file.is_some()) {
-            problems.push(("input_file", "for a merge the testbed makes records in which one input acts: leave the file out".into()));
+            problems.push((
+                "input_file",
+                "for a merge the testbed makes records in which one input acts: leave the file out".into(),
+            ));
         }
         if data.testbed.is_none() && data.files.len() == 1 {
             problems.push(("files", "a merge wants one file a run, each with one input at work".into()));

@@ -213,7 +213,9 @@ mod tests {
         let word = read("structure = \"simo-merge\"").unwrap();
         assert_eq!(word.structure.kind, StructureKind::SimoMerge);
         assert!(word.problems().iter().any(|(key, said)| *key == "structure" && said.contains("`states`")));
-        for (wrong, said) in [("structure = \"simo\"", "simo-merge"), ("structure = 30", "a table"), ("structure = { knd = 1 }", "knd")] {
+        for (wrong, said) in
+            [("structure = \"simo\"", "simo-merge"), ("structure = 30", "a table"), ("structure = { knd = 1 }", "knd")]
+        {
             let error = read(wrong).unwrap_err().to_string();
             assert!(error.contains(said) && error.contains("line 1"), "{error}");
         }

@@ -78,7 +78,8 @@ impl Bank {
         NoiseModel::diagonal(&sensor, &self.actuator, &state)
     }
 
-    fn start(&self) -> Vec<Point> {
+    /// Where a search begins: a coarse grid, or a column of it where R is known.
+    pub fn start(&self) -> Vec<Point> {
         let column = |sensor: i32, ratios: &[i32]| -> Vec<Point> {
             ratios.iter().map(|&ratio| (sensor, (sensor + ratio).max(SMALLEST))).collect()
         };
@@ -175,15 +176,16 @@ pub struct Search<'a> {
 /// [`IdentifyError::NoSetting`] if every filter or its model diverged, [`IdentifyError::Interrupted`].
 pub fn tune(bank: &Bank, search: &mut Search<'_>) -> Result<Tuned, IdentifyError> {
     let Search { split, progress, may_go_on, memory } = search;
-    tune_by(bank, *progress, memory, &|point| bank.score(bank.noise(point), split, *may_go_on))
+    tune_by(bank, bank.start(), *progress, memory, &|point| bank.score(bank.noise(point), split, *may_go_on))
 }
 
-/// The same by any score: the free-run error at a point of the grid of `bank`, infinite for none, or `None` where the user has asked for an end.
+/// The same from any points of the grid of `bank` and by any score: a free-run error, infinite for none, or `None` where the user has asked for an end.
 ///
 /// # Errors
 /// As [`tune`].
 pub fn tune_by(
     bank: &Bank,
+    start: Vec<Point>,
     progress: &(dyn Fn(usize, usize) + Sync),
     memory: &mut Memory,
     score: &(dyn Fn(Point) -> Option<f64> + Sync),
@@ -231,7 +233,7 @@ pub fn tune_by(
             .min_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)))
             .expect("the grid is not empty")
     };
-    evaluate(bank.start(), &mut scores)?;
+    evaluate(start, &mut scores)?;
     let mut step = DECADE;
     for _ in 0..12 {
         let before = best(&scores);

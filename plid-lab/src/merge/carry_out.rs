@@ -12,9 +12,9 @@ use super::split::split;
 use super::tune::{common_noise, predictor};
 use crate::data::{self, MissingPolicy};
 use crate::experiment::{Experiment, to_toml};
+use crate::identify::{IdentifyError, Trial};
 use crate::prepare::Preparation;
 use crate::report::write_atomic;
-use crate::identify::{IdentifyError, Trial};
 use crate::run::{self, PeakRow, Progress, RunError, Saved, Truth, read_checkpoint, write_checkpoint};
 
 /// All that a merge found.
@@ -104,7 +104,15 @@ pub fn carry_out(
         let share = experiment.validation.training_share;
         let name = "simulated, all inputs at work";
         let merged = &outcome.merged;
-        outcome.held_out.push(judge(&merged.canonical, merged.advanced, name, obtained.records, share, &all.preparation, noise_free)?);
+        outcome.held_out.push(judge(
+            &merged.canonical,
+            merged.advanced,
+            name,
+            obtained.records,
+            share,
+            &all.preparation,
+            noise_free,
+        )?);
         outcome.with_truth(truth)?;
     } else if let Some(file) = &experiment.validation.file {
         outcome.judge_file(&base.join(file), experiment.validation.training_share)?;
@@ -125,7 +133,18 @@ pub fn of_runs(name: &str, runs: Vec<FinishedRun>) -> Result<Outcome, RunError> 
         warnings.push(unstable.to_string());
     }
     let (held_out, peaks) = (Vec::new(), Vec::new());
-    Ok(Outcome { name: name.into(), experiment: None, runs, merged, held_out, peaks, truth: None, predictor: None, bank: Vec::new(), warnings })
+    Ok(Outcome {
+        name: name.into(),
+        experiment: None,
+        runs,
+        merged,
+        held_out,
+        peaks,
+        truth: None,
+        predictor: None,
+        bank: Vec::new(),
+        warnings,
+    })
 }
 
 impl Outcome {

@@ -2,8 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::knowledge::{Knowledge, Rows};
 use super::MergeError;
+use super::knowledge::{Knowledge, Rows};
 
 /// A Gaussian over all parameters.
 #[derive(Clone, Debug)]
@@ -41,6 +41,7 @@ pub fn combine(runs: &[Knowledge], size: usize) -> Result<Combined, MergeError> 
 
 /// The prior that the runs have in common. Where theirs differ a little, as by the scales of their channels, its information is the mean of theirs.
 pub(super) fn common_prior(runs: &[Knowledge], size: usize) -> Result<Vec<f64>, MergeError> {
+    runs.iter().try_for_each(Knowledge::check)?;
     let mut common = vec![0.0; size];
     for (place, variance) in common.iter_mut().enumerate() {
         let theirs: Vec<(f64, &str)> = runs

@@ -21,6 +21,8 @@ pub struct Departure {
     pub effective: f64,
     /// The other runs' own disagreement, chi-square over degrees of freedom, at least 1; `None` with two runs.
     pub overdispersion: Option<f64>,
+    /// Chi-square over `directions` and over `overdispersion`: about 1 for a run that fits.
+    pub quotient: f64,
     /// The chance of a departure as large as this or larger if the run shares its parameters with the others.
     pub p_value: f64,
 }
@@ -62,6 +64,9 @@ pub struct Consistency {
 
 /// The chance of calling a run wrong that is right, over all runs together.
 pub const LEVEL: f64 = 0.01;
+/// How alike the overdispersion of valid runs is, as degrees of freedom: of what a reduced order leaves out each input shows another part. The quotients of runs
+/// of the simulated truss that share one plant spread like Fisher's distribution with some 10 to 20 on both sides.
+const ALIKE: f64 = 10.0;
 
 /// Tests whether the runs agree on the parameters that they share (those of which at least two have a place).
 ///
@@ -69,13 +74,13 @@ pub const LEVEL: f64 = 0.01;
 /// Q of the others, are right, then in units of the prior's deviations the difference of the two estimates has the covariance
 /// P + Q - P Q - Q P: the prior that both contain is in neither part of it twice. Where a model is smaller than the plant this
 /// chi-square grows with the length of the records also for valid runs, and does so for all of them. It is therefore divided by the same figure of the
-/// other runs among themselves, and the quotient is held against Fisher's distribution.
+/// other runs among themselves, and the quotient is held against Fisher's distribution; the more of it is overdispersion, the fewer its degrees of freedom.
 ///
 /// # Errors
 /// As [`super::combine()`].
 pub fn consistency(runs: &[Knowledge], size: usize) -> Result<Consistency, MergeError> {
-    let data = runs.iter().map(Knowledge::data).collect::<Result<Vec<_>, _>>()?;
     let prior = common_prior(runs, size)?;
+    let data = runs.iter().map(Knowledge::data).collect::<Result<Vec<_>, _>>()?;
     let all: Vec<usize> = (0..runs.len()).collect();
     if runs.len() < 2 {
         return Ok(Consistency { agreement: Agreement::Alone, departures: Vec::new(), overdispersion: 1.0 });
@@ -91,9 +96,12 @@ pub fn consistency(runs: &[Knowledge], size: usize) -> Result<Consistency, Merge
             let among = test.departures(&others);
             let reference = pooled(&among).max(1.0);
             let freedom = among.iter().map(|d| d.effective).sum::<f64>() / among.len() as f64;
-            (Some(reference), tail_fisher(own.ratio() / reference, own.effective, freedom))
+            let excess = (1.0 - 1.0 / reference).powi(2) / ALIKE;
+            let fewer = |freedom: f64| 1.0 / (1.0 / freedom + excess);
+            (Some(reference), tail_fisher(own.ratio() / reference, fewer(own.effective), fewer(freedom)))
         };
-        departures.push(Departure { run: runs[k].run.clone(), overdispersion, p_value, ..own.clone() });
+        let quotient = own.ratio() / overdispersion.unwrap_or(1.0);
+        departures.push(Departure { overdispersion, quotient, p_value, ..own.clone() });
     }
     let worst = departures.iter().min_by(|a, b| a.p_value.total_cmp(&b.p_value).then(b.ratio().total_cmp(&a.ratio())));
     let agreement = match worst {
@@ -141,9 +149,8 @@ impl Test<'_> {
     }
 
     fn departure(&self, run: usize, others: &[usize]) -> Departure {
-        let is_shared = |place: &usize| {
-            self.prior[*place] > 0.0 && others.iter().any(|&j| self.runs[j].places.contains(place))
-        };
+        let is_shared =
+            |place: &usize| self.prior[*place] > 0.0 && others.iter().any(|&j| self.runs[j].places.contains(place));
         let shared: Vec<usize> = self.runs[run].places.iter().copied().filter(is_shared).collect();
         let (own, p) = self.marginal(&[run], &shared);
         let (theirs, q) = self.marginal(others, &shared);
@@ -170,6 +177,7 @@ impl Test<'_> {
             directions,
             effective: effective.min(directions as f64),
             overdispersion: None,
+            quotient: 1.0,
             p_value: 1.0,
         }
     }

@@ -6,7 +6,9 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 pub enum MergeError {
     /// A covariance that is none.
-    #[error("run {run}: the covariance of its parameters is not positive definite (entry {entry} of the parameters, from 0)")]
+    #[error(
+        "run {run}: the covariance of its parameters is not positive definite (entry {entry} of the parameters, from 0)"
+    )]
     #[diagnostic(help("run it in double precision with `covariance = \"bierman-ud\"`, which cannot lose it"))]
     Indefinite {
         /// The run.
@@ -65,8 +67,12 @@ pub enum MergeError {
         expected: String,
     },
     /// A record in which more than one input acts.
-    #[error("{record}: `{acting}` acts there, and `{other}` too ({share:.2e} of its RMS elsewhere); a record for a merge has one input at work and the others at rest")]
-    #[diagnostic(help("with another input known to act, a run is as large as one of all inputs: identify that record with all of them"))]
+    #[error(
+        "{record}: `{acting}` acts there, and `{other}` too ({share:.2e} of its RMS elsewhere); a record for a merge has one input at work and the others at rest"
+    )]
+    #[diagnostic(help(
+        "with another input known to act, a run is as large as one of all inputs: identify that record with all of them"
+    ))]
     AnotherActs {
         /// The file or run.
         record: String,

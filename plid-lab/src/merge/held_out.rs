@@ -62,22 +62,35 @@ pub(super) fn judge(
     let one_step_errors = match &model.predictor_gain {
         None => None,
         Some(_) => {
-            let predicted = one_step_prediction(model, inputs, measured.view(), &start).map_or_else(|_| diverged(), |run| run.predicted);
+            let predicted = one_step_prediction(model, inputs, measured.view(), &start)
+                .map_or_else(|_| diverged(), |run| run.predicted);
             Some(error_measures(measured.view(), predicted.view())?)
         }
     };
-    let truth_errors = match noise_free.filter(|noise_free| prepared.start_s == 0.0 && noise_free.nrows() == record.samples() + advanced) {
+    let truth_errors = match noise_free
+        .filter(|noise_free| prepared.start_s == 0.0 && noise_free.nrows() == record.samples() + advanced)
+    {
         None => None,
         Some(noise_free) => {
             let mut response = noise_free.slice(s![training..training + measured.nrows(), ..]).to_owned();
             for (k, mut row) in response.rows_mut().into_iter().enumerate() {
                 let seconds = (training + k) as f64 / record.sample_rate_hz;
-                row.iter_mut().zip(&prepared.lines[0][1]).for_each(|(y, line)| *y -= line.offset + line.slope_per_s * seconds);
+                row.iter_mut()
+                    .zip(&prepared.lines[0][1])
+                    .for_each(|(y, line)| *y -= line.offset + line.slope_per_s * seconds);
             }
             Some(error_measures(measured.view(), response.view())?)
         }
     };
-    Ok(HeldOut { record: name.into(), sample_rate_hz: record.sample_rate_hz, one_step_errors, measured, free_run, errors, truth_errors })
+    Ok(HeldOut {
+        record: name.into(),
+        sample_rate_hz: record.sample_rate_hz,
+        one_step_errors,
+        measured,
+        free_run,
+        errors,
+        truth_errors,
+    })
 }
 
 /// The state after a stretch of a record: by the predictor from rest, or without one by the free run that fits the stretch best.

@@ -40,7 +40,6 @@ impl Knowledge {
     /// In units of the prior's deviations, P = L L' with the singular values s of L. Its data have the information 1/s^2 - 1 along the
     /// left singular vectors: P is never inverted, and s is exact to about 1e-16 where s^2 would not be.
     pub(super) fn data(&self) -> Result<Rows, MergeError> {
-        self.check()?;
         let size = self.places.len();
         let free: Vec<usize> = (0..size).filter(|&k| self.prior_variances[k] > 0.0).collect();
         let deviations: Vec<f64> = free.iter().map(|&k| self.prior_variances[k].sqrt()).collect();
@@ -75,7 +74,8 @@ impl Knowledge {
         Ok(Rows { rows, right })
     }
 
-    fn check(&self) -> Result<(), MergeError> {
+    /// Whether the numbers make a Gaussian as far as sizes and signs go; what follows relies on it.
+    pub(super) fn check(&self) -> Result<(), MergeError> {
         let size = self.places.len();
         let shapes = self.estimate.len() == size
             && self.covariance.shape() == (size, size)

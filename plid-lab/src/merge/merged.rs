@@ -14,6 +14,9 @@ use crate::run::{Estimate, RunError, parameters};
 /// An input is at rest in a record if its RMS there is at most this share of its RMS where it acts.
 pub const REST: f64 = 1e-3;
 
+/// Scales of P that differ by more than this are worth a remark: the merge puts the scales right, but not the shapes.
+const UNLIKE: f64 = 30.0;
+
 /// One model of several runs.
 #[derive(Clone, Debug)]
 pub struct Merged {
@@ -38,7 +41,8 @@ pub fn merge(runs: &[FinishedRun]) -> Result<Merged, RunError> {
         return Err(MergeError::TooFew.into());
     }
     runs.iter().skip(1).try_for_each(|run| alike(&runs[0], run))?;
-    let remarks = at_rest(runs)?;
+    let mut remarks = at_rest(runs)?;
+    remarks.extend(unlike_noise(runs));
     let pieces: Vec<Piece<'_>> = runs.iter().map(FinishedRun::piece).collect();
     let (form, inputs) = whole_form(&pieces)?;
     let knowledge = pieces.iter().map(|piece| knowledge(piece, &form, &inputs)).collect::<Result<Vec<_>, _>>()?;
@@ -152,13 +156,25 @@ fn at_rest(runs: &[FinishedRun]) -> Result<Vec<String>, MergeError> {
     Ok(remarks)
 }
 
+/// Whether the runs' noise covariances are so unlike that the shapes of their P are too.
+fn unlike_noise(runs: &[FinishedRun]) -> Option<String> {
+    let ratios = || runs.iter().map(|run| run.estimate.innovation_ratio);
+    let (least, most) = (ratios().fold(f64::INFINITY, f64::min), ratios().fold(0.0, f64::max));
+    (most > UNLIKE * least).then(|| {
+        format!(
+            "the runs' noise covariances are unlike: innovations from {least:.1e} to {most:.1e} times what was expected; give all runs one `[noise]`, or merge by `structure.kind = \"simo-merge\"`"
+        )
+    })
+}
+
 /// What a run knows, with the places of its parameters among those of all inputs.
 fn knowledge(run: &Piece<'_>, whole: &ObservableForm, inputs: &[String]) -> Result<Knowledge, MergeError> {
     let own = form(run, run.model.m())?;
     let (n, p) = (whole.states(), whole.outputs());
-    let columns = (0..p).chain(run.model.inputs.iter().map(|input| {
-        p + inputs.iter().position(|name| name == input).expect("the list holds the inputs of all runs")
-    }));
+    let columns =
+        (0..p).chain(run.model.inputs.iter().map(|input| {
+            p + inputs.iter().position(|name| name == input).expect("the list holds the inputs of all runs")
+        }));
     let unusable = |problem: &str| MergeError::Unusable { run: run.name.into(), problem: problem.into() };
     if run.estimate.forgets {
         return Err(unusable("its recursion forgot or let the parameters wander, so it has no one A"));
@@ -166,7 +182,8 @@ fn knowledge(run: &Piece<'_>, whole: &ObservableForm, inputs: &[String]) -> Resu
     let Some(prior_variances) = run.estimate.prior_variances.clone() else {
         return Err(unusable("it began from a former model, whose knowledge is no common prior"));
     };
-    let covariance = run.model.parameter_covariance.clone().ok_or_else(|| unusable("it has no parameter_covariance"))?;
+    let covariance =
+        run.model.parameter_covariance.clone().ok_or_else(|| unusable("it has no parameter_covariance"))?;
     Ok(Knowledge {
         run: run.name.into(),
         places: columns.flat_map(|column| column * n..(column + 1) * n).collect(),

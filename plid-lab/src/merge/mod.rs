@@ -14,9 +14,9 @@ mod merged;
 mod output;
 mod report;
 mod split;
-mod tune;
 #[cfg(test)]
 mod tests;
+mod tune;
 
 pub use carry_out::{Outcome, carry_out, of_runs};
 pub use combine::{Combined, combine};

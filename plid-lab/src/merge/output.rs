@@ -26,7 +26,9 @@ pub fn write(outcome: &Outcome, directory: &Path) -> Result<(), RunError> {
     put("result.json", &pretty(&result(outcome)?))?;
     let checkpoint = directory.join(CHECKPOINT);
     match std::fs::remove_file(&checkpoint) {
-        Err(source) if source.kind() != std::io::ErrorKind::NotFound => Err(RunError::File { path: checkpoint, source }),
+        Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
+            Err(RunError::File { path: checkpoint, source })
+        }
         _ => Ok(()),
     }
 }

@@ -9,9 +9,7 @@ use super::carry_out::Outcome;
 use super::consistency::{Agreement, LEVEL};
 use super::held_out::HeldOut;
 use crate::experiment::to_toml;
-use crate::report::{
-    Cell, FrfCurve, FrfPlot, ModeSet, Report, Scale, Table, Trace, frf_grid, mode_map, trace_plot,
-};
+use crate::report::{Cell, FrfCurve, FrfPlot, ModeSet, Report, Scale, Table, Trace, frf_grid, mode_map, trace_plot};
 use crate::run::RunError;
 use crate::run::report::{bank, complex, peak_sentence, peak_table, percent};
 
@@ -34,7 +32,10 @@ pub(super) fn page(outcome: &Outcome) -> Result<String, RunError> {
     for held_out in &outcome.held_out {
         report = report.figure(
             traces(outcome, held_out),
-            format!("The first held-out samples of the record {}: measured, and simulated in free run; the error below.", held_out.record),
+            format!(
+                "The first held-out samples of the record {}: measured, and simulated in free run; the error below.",
+                held_out.record
+            ),
         );
     }
     report = report.warnings(outcome.warnings.iter().cloned()).heading("The runs, and whether they share A").table(runs(outcome)).paragraph(
@@ -60,7 +61,8 @@ pub(super) fn page(outcome: &Outcome) -> Result<String, RunError> {
     }
     report = report.provenance("plid", env!("CARGO_PKG_VERSION"));
     for run in &outcome.runs {
-        report = report.provenance(run.name.clone(), format!("{}, input {}", run.experiment.name, run.model.inputs.join(", ")));
+        report = report
+            .provenance(run.name.clone(), format!("{}, input {}", run.experiment.name, run.model.inputs.join(", ")));
     }
     Ok(report.to_html())
 }
@@ -77,7 +79,11 @@ pub fn verdict(outcome: &Outcome) -> Vec<String> {
     for held_out in &outcome.held_out {
         let error = held_out.errors.overall_relative;
         let simulates = if error.is_finite() {
-            format!("Its free run on held-out data in which all inputs act ({}) is off by {}", held_out.record, percent(error))
+            format!(
+                "Its free run on held-out data in which all inputs act ({}) is off by {}",
+                held_out.record,
+                percent(error)
+            )
         } else {
             format!("It diverges in free run on {}", held_out.record)
         };
@@ -97,27 +103,36 @@ fn agreement(outcome: &Outcome) -> String {
     let test = &outcome.merged.consistency;
     let spread = format!("their disagreement is {:.2} a degree of freedom", test.overdispersion);
     match &test.agreement {
-        Agreement::Agree => format!("The runs share one A: {spread}, and no run departs from the others by more than that explains."),
+        Agreement::Agree => {
+            format!("The runs share one A: {spread}, and no run departs from the others by more than that explains.")
+        }
         Agreement::Departs { run } => {
             let chance = test.departures.iter().find(|d| &d.run == run).map_or(f64::NAN, |d| d.p_value);
-            format!("The run {run} does not fit the others (chance {chance:.1e}): it is of another plant, or its record is disturbed. Do not use the merged model before that is understood.")
+            format!(
+                "The run {run} does not fit the others (chance {chance:.1e}): it is of another plant, or its record is disturbed. Do not use the merged model before that is understood."
+            )
         }
-        Agreement::Open => format!("Whether the two runs share one A is open: {spread}. Either the order is too small for the plant, or the plants differ; a third run would tell."),
+        Agreement::Open => format!(
+            "Whether the two runs share one A is open: {spread}. Either the order is too small for the plant, or the plants differ; a third run would tell."
+        ),
         Agreement::Alone => "There is one run only.".into(),
     }
 }
 
 fn runs(outcome: &Outcome) -> Table {
-    let mut table = Table::new(format!("A run is called wrong if the chance is below {:.2e}: 1 % over all runs together.", LEVEL / outcome.runs.len() as f64))
-        .column("run", "")
-        .column("input", "")
-        .column("samples learnt from", "")
-        .column("own free run", "%")
-        .column("scale", "")
-        .column("chi-square", "")
-        .column("degrees of freedom", "")
-        .column("others", "")
-        .column("chance", "");
+    let mut table = Table::new(format!(
+        "A run is called wrong if the chance is below {:.2e}: 1 % over all runs together.",
+        LEVEL / outcome.runs.len() as f64
+    ))
+    .column("run", "")
+    .column("input", "")
+    .column("samples learnt from", "")
+    .column("own free run", "%")
+    .column("scale", "")
+    .column("chi-square", "")
+    .column("degrees of freedom", "")
+    .column("others", "")
+    .column("chance", "");
     for (run, departure) in outcome.runs.iter().zip(&outcome.merged.consistency.departures) {
         table = table.row([
             run.name.clone().into(),
@@ -151,11 +166,24 @@ fn errors(outcome: &Outcome, held_out: &HeldOut) -> Table {
             Cell::significant(100.0 * held_out.errors.relative[i], 3),
             Cell::fixed(held_out.errors.fit_percent[i], 1),
         ];
-        row.extend(held_out.one_step_errors.iter().chain(&held_out.truth_errors).map(|errors| Cell::significant(100.0 * errors.relative[i], 3)));
+        row.extend(
+            held_out
+                .one_step_errors
+                .iter()
+                .chain(&held_out.truth_errors)
+                .map(|errors| Cell::significant(100.0 * errors.relative[i], 3)),
+        );
         table = table.row(row);
     }
-    let mut row: Vec<Cell> = vec!["all".into(), Cell::significant(100.0 * held_out.errors.overall_relative, 3), "".into()];
-    row.extend(held_out.one_step_errors.iter().chain(&held_out.truth_errors).map(|errors| Cell::significant(100.0 * errors.overall_relative, 3)));
+    let mut row: Vec<Cell> =
+        vec!["all".into(), Cell::significant(100.0 * held_out.errors.overall_relative, 3), "".into()];
+    row.extend(
+        held_out
+            .one_step_errors
+            .iter()
+            .chain(&held_out.truth_errors)
+            .map(|errors| Cell::significant(100.0 * errors.overall_relative, 3)),
+    );
     table.row(row)
 }
 
@@ -202,7 +230,10 @@ fn responses(outcome: &Outcome) -> Result<String, RunError> {
     let mut plots = Vec::new();
     for (i, output) in model.outputs.iter().enumerate() {
         for (j, input) in model.inputs.iter().enumerate() {
-            let own = outcome.runs.iter().find_map(|run| Some((run, run.model.inputs.iter().position(|name| name == input)?)));
+            let own = outcome
+                .runs
+                .iter()
+                .find_map(|run| Some((run, run.model.inputs.iter().position(|name| name == input)?)));
             let beside = own.map(|(run, column)| {
                 // A run's model answers its advanced input.
                 let undone = match merged.advanced {

@@ -6,7 +6,9 @@ use plid_testbed::{InputConfig, TrussConfig};
 
 use super::{MergeError, REST};
 use crate::data::{self, MissingPolicy};
-use crate::experiment::{Covariance, DataConfig, Experiment, NoiseConfig, StructureConfig, StructureKind, ValidationConfig};
+use crate::experiment::{
+    Covariance, DataConfig, Experiment, NoiseConfig, StructureConfig, StructureKind, ValidationConfig,
+};
 use crate::run::RunError;
 
 /// The experiments of the runs, each named as the input that acts in it (with a number where one input acts in several). The paths in them are absolute.
@@ -76,7 +78,10 @@ fn one_at_a_time(truss: &TrussConfig, place: usize, run: usize, runs: usize) -> 
             (0..levels.len()).filter(|&j| j != place).for_each(|j| levels[j] = 0.0);
             Ok(truss)
         }
-        _ => Err(MergeError::NeverActs { input: format!("u{}", place + 1), records: "the testbed's input".into() }.into()),
+        _ => {
+            Err(MergeError::NeverActs { input: format!("u{}", place + 1), records: "the testbed's input".into() }
+                .into())
+        }
     }
 }
 
@@ -122,7 +127,9 @@ fn of_one_input(noise: &NoiseConfig, place: usize, base: &Path) -> Result<NoiseC
     let row = |rows: &Option<Vec<Vec<f64>>>| rows.as_ref().map(|rows| rows.get(place).cloned().into_iter().collect());
     Ok(NoiseConfig {
         actuator: match &noise.actuator {
-            Some(Covariance::Diagonal(list)) => Some(Covariance::Diagonal(list.get(place).copied().into_iter().collect())),
+            Some(Covariance::Diagonal(list)) => {
+                Some(Covariance::Diagonal(list.get(place).copied().into_iter().collect()))
+            }
             other => other.clone(),
         },
         actuator_sensor: row(&noise.actuator_sensor),

@@ -15,16 +15,19 @@ use rayon::prelude::*;
 use super::MergeError;
 use super::merged::{Piece, join};
 use crate::experiment::{Covariance, Experiment, NoiseConfig, NoiseReading, NoiseSource};
-use crate::identify::{Bank, Ending, Memory, Point, Split, Trial, fit_predictor, run, tune_by};
+use crate::identify::{Bank, Ending, Memory, Point, Samples, Trial, fit_predictor, run, tune_by};
 use crate::prepare::Prepared;
 use crate::run::{self, Estimate, RunError, scaled_model, scaling, training};
+
+/// The smallest R that the search begins with: 1e-4 of the outputs' power.
+const FIRST_R: i32 = -40;
 
 /// One run of the merge, before its noise is known.
 struct Candidate<'a> {
     name: &'a str,
     prepared: &'a Prepared,
     bank: &'a Bank,
-    split: Split<'a>,
+    training: Vec<Samples<'a>>,
 }
 
 /// What the search found.
@@ -47,7 +50,7 @@ pub(super) fn common_noise(
     let banks: Vec<(Prepared, Option<Bank>)> =
         parts.par_iter().map(|(_, part)| run::bank(part, Path::new(""))).collect::<Result<_, _>>()?;
     let mut candidates = Vec::new();
-    for ((name, part), (prepared, bank)) in parts.iter().zip(&banks) {
+    for ((name, _), (prepared, bank)) in parts.iter().zip(&banks) {
         let Some(bank) = bank else { return Ok(None) };
         let first = &banks[0].0;
         if prepared.advanced != first.advanced {
@@ -61,15 +64,21 @@ pub(super) fn common_noise(
             }
             .into());
         }
-        let split = Split::new(&training(prepared), part.validation.learning_share);
-        candidates.push(Candidate { name, prepared, bank, split });
+        candidates.push(Candidate { name, prepared, bank, training: training(prepared) });
     }
     let score = |point: Point| score(&candidates, point, &|| !progress.interrupted());
-    let tuned = tune_by(candidates[0].bank, &|done, total| progress.advance(done, total), memory, &score)
+    let bank = candidates[0].bank;
+    let mut start = bank.start();
+    if bank.sensor.is_none() {
+        // A merge wants P to shrink slowly, so that each run has found its states by then: the smallest R are left to the descent.
+        start.retain(|point| point.0 >= FIRST_R);
+    }
+    let tuned = tune_by(bank, start, &|done, total| progress.advance(done, total), memory, &score)
         .map_err(RunError::Identify)?;
-    let noise = candidates.iter().zip(parts).map(|(candidate, (_, part))| {
-        in_data_units(&candidate.bank.noise(tuned.point), candidate, &part.noise)
-    });
+    let noise = candidates
+        .iter()
+        .zip(parts)
+        .map(|(candidate, (_, part))| in_data_units(&candidate.bank.noise(tuned.point), candidate, &part.noise));
     Ok(Some(Common { noise: noise.collect(), trials: tuned.trials }))
 }
 
@@ -103,7 +112,7 @@ impl Candidate<'_> {
     /// The filter's model in the data's units, and what a merge needs beside it.
     fn learn(&self, point: Point, may_go_on: &(dyn Fn() -> bool + Sync)) -> Result<(Model, Estimate), Failed> {
         let plan = self.bank.plan(self.bank.noise(point));
-        let ending = run(&plan, &self.split.learn, None, &mut |_, _| may_go_on());
+        let ending = run(&plan, &self.training, None, &mut |_, _| may_go_on());
         let done = match ending {
             Ok(Ending::Done(done)) => done,
             Ok(Ending::Paused(_)) => return Err(Failed::Interrupted),
@@ -111,23 +120,28 @@ impl Candidate<'_> {
         };
         let diverged = |_: RunError| Failed::Diverged;
         let scaled = scaled_model(&done.identified, &plan.form, self.prepared).map_err(diverged)?;
-        let estimate = Estimate::new(&plan, &scaled, &done.identified, &done.innovations, self.prepared, BTreeMap::new())
-            .map_err(diverged)?;
+        let estimate =
+            Estimate::new(&plan, &scaled, &done.identified, &done.innovations, self.prepared, BTreeMap::new())
+                .map_err(diverged)?;
         let model = undo_scaling(&scaled, &scaling(self.prepared)).map_err(|_| Failed::Diverged)?;
         Ok((model, estimate))
     }
 
     /// The free-run error of the merged model on what this run held back; infinite where it diverges.
     fn error(&self, merged: &Model) -> f64 {
-        let samples = self.split.score;
-        let simulated = as_run(merged, self.prepared).and_then(|model| {
-            let start = estimate_initial_state(&model, samples.inputs, samples.outputs, None)?;
-            Ok(simulate(&model, samples.inputs, &start.state)?.outputs)
-        });
-        simulated
-            .ok()
-            .and_then(|outputs| error_measures(samples.outputs, outputs.view()).ok())
-            .map_or(f64::INFINITY, |errors| errors.overall_relative)
+        let Ok(model) = as_run(merged, self.prepared) else { return f64::INFINITY };
+        // Enough to tell the state from noise; all samples would take longer than the filter.
+        let window = 10 * model.n();
+        let of_record = |samples: &Samples<'_>| {
+            let start = estimate_initial_state(&model, samples.inputs, samples.outputs, Some(window)).ok()?;
+            let simulated = simulate(&model, samples.inputs, &start.state).ok()?.outputs;
+            Some(
+                error_measures(samples.outputs, simulated.view()).ok()?.overall_relative.powi(2) * samples.len() as f64,
+            )
+        };
+        let sum: Option<f64> = self.training.iter().map(of_record).sum();
+        let samples: usize = self.training.iter().map(Samples::len).sum();
+        sum.map_or(f64::INFINITY, |sum| (sum / samples as f64).sqrt())
     }
 }
 
@@ -156,10 +170,8 @@ pub(super) fn predictor(
     merged: &Model,
     parts: &[(String, Experiment)],
 ) -> Result<Option<(DMatrix<f64>, String)>, RunError> {
-    let data: Vec<Prepared> = parts
-        .par_iter()
-        .map(|(_, part)| Ok(run::bank(part, Path::new(""))?.0))
-        .collect::<Result<_, RunError>>()?;
+    let data: Vec<Prepared> =
+        parts.par_iter().map(|(_, part)| Ok(run::bank(part, Path::new(""))?.0)).collect::<Result<_, RunError>>()?;
     let longest = data.iter().max_by_key(|prepared| prepared.training.iter().copied().max());
     let Some((prepared, samples)) = longest.and_then(|prepared| Some((prepared, training(prepared).pop()?))) else {
         return Ok(None);

@@ -14,17 +14,17 @@ mod start;
 mod validate;
 
 pub use checkpoint::CHECKPOINT;
+pub(crate) use checkpoint::{Saved, read as read_checkpoint, write as write_checkpoint};
 pub use error::RunError;
 pub use estimate::Estimate;
 pub(crate) use estimate::scaling;
+pub(crate) use obtain::obtain;
 pub use obtain::{Obtained, Source, Truth};
 pub use output::write;
-pub use peaks::PeakRow;
-pub use progress::{Progress, Silent};
-pub(crate) use checkpoint::{Saved, read as read_checkpoint, write as write_checkpoint};
-pub(crate) use obtain::obtain;
 pub(crate) use output::{errors as errors_json, modes_json, peaks_json, pretty};
+pub use peaks::PeakRow;
 pub(crate) use peaks::compare as compare_peaks;
+pub use progress::{Progress, Silent};
 pub(crate) use start::{canonical, parameters};
 pub use validate::{Errors, Validation};
 
@@ -376,7 +376,11 @@ fn dense(matrix: &Dense<f64>) -> DMatrix<f64> {
 }
 
 /// The identified plant as a model of scaled channels and, where they are, advanced inputs.
-pub(crate) fn scaled_model(identified: &IdentifiedModel, form: &ObservableForm, prepared: &Prepared) -> Result<Model, RunError> {
+pub(crate) fn scaled_model(
+    identified: &IdentifiedModel,
+    form: &ObservableForm,
+    prepared: &Prepared,
+) -> Result<Model, RunError> {
     let (n, size) = (form.states(), form.joint_states());
     let record = &prepared.records[0];
     let through = DMatrix::zeros(form.outputs(), form.inputs());

@@ -3,9 +3,9 @@
 use ndarray::Axis as Dimension;
 use rustfft::num_complex::Complex64;
 
-use super::{Outcome, PeakRow};
 use super::error::RunError;
 use super::validate::Errors;
+use super::{Outcome, PeakRow};
 use crate::experiment::to_toml;
 use crate::identify::Trial;
 use crate::report::{
