@@ -102,7 +102,7 @@ pub fn carry_out(
         let truth = obtained.truth;
         let noise_free = truth.as_ref().map(|truth| &truth.noise_free);
         let share = experiment.validation.training_share;
-        let name = "simulated, all inputs at work";
+        let name = "the truss with all inputs driven";
         let merged = &outcome.merged;
         outcome.held_out.push(judge(
             &merged.canonical,

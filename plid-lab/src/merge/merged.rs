@@ -187,7 +187,7 @@ fn knowledge(run: &Piece<'_>, whole: &ObservableForm, inputs: &[String]) -> Resu
     Ok(Knowledge {
         run: run.name.into(),
         places: columns.flat_map(|column| column * n..(column + 1) * n).collect(),
-        estimate: DVector::from_vec(parameters(&run.model, &own)),
+        estimate: DVector::from_vec(parameters(run.model, &own)),
         covariance,
         prior_variances,
         // A second pass takes the same data for new ones.

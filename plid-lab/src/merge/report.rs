@@ -264,8 +264,14 @@ fn responses(outcome: &Outcome) -> Result<String, RunError> {
 
 fn response_caption(outcome: &Outcome) -> String {
     let truth = if outcome.truth.is_some() { ", and the true plant" } else { "" };
+    let spread = outcome.merged.consistency.overdispersion.sqrt();
+    let narrow = if spread > 1.2 {
+        format!(" The runs disagree more than their covariances allow: read the band {spread:.1} times as wide.")
+    } else {
+        String::new()
+    };
     format!(
-        "Transfer functions of every input-output pair: merged (identified) with a band of two standard deviations, that of the run in which the input acts{truth}."
+        "Transfer functions of every input-output pair: merged (identified) with a band of two standard deviations, that of the run in which the input acts{truth}.{narrow}"
     )
 }
 

@@ -108,7 +108,7 @@ mod tests {
         let estimate = vec![0.1; form.joint_states()];
         let identified = IdentifiedModel::from_estimate(&form, &estimate, &Dense::from_diagonal(&variances));
         let sensor = Dense::from_diagonal(&[0.5, 3.0]);
-        let sign = |k: usize| if k % 3 == 0 { 1.0 } else { -1.0 };
+        let sign = |k: usize| if k.is_multiple_of(3) { 1.0 } else { -1.0 };
         let late = |k: usize, i: usize| if i == 0 { 2.0 } else { 4.0 } * sign(k);
         let mut record = Array2::from_shape_fn((300, 2), |(k, i)| if k < 225 { 1e3 } else { late(k, i) });
         record[[250, 1]] = f64::NAN;
