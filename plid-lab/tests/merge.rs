@@ -296,6 +296,11 @@ fn records_in_which_another_input_acts_are_refused_by_file_and_channel() {
     let error = refused(&format!("{FILES}, \"rest.csv\""));
     assert!(matches!(&error, RunError::Merge(MergeError::NoneActs { record, .. }) if record == "rest.csv"), "{error}");
 
+    // What is wrong with one run is said with its name.
+    std::fs::write(base.join("short.csv"), csv(1, &truth, &[1], 9)).unwrap();
+    let error = refused("\"r1.csv\", \"short.csv\", \"r3.csv\"");
+    assert!(error.to_string().starts_with("run u2: "), "{error}");
+
     // A finished run tells too, though it was told of one input only.
     let single = |file: &str, input: &str| {
         let text = format!(

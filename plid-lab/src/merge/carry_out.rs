@@ -5,6 +5,7 @@ use std::sync::Mutex;
 
 use rayon::prelude::*;
 
+use super::MergeError;
 use super::finished::FinishedRun;
 use super::held_out::{HeldOut, judge};
 use super::merged::{Merged, merge};
@@ -78,7 +79,9 @@ pub fn carry_out(
         .par_iter()
         .zip(&directories)
         .enumerate()
-        .map(|(number, ((_, part), directory))| one_run(part, directory, resume, &together.of(number)))
+        .map(|(number, ((name, part), directory))| {
+            one_run(part, directory, resume, &together.of(number)).map_err(|error| of_run(name, error))
+        })
         .collect();
     if done.iter().any(|run| matches!(run, Err(RunError::Interrupted { .. }))) {
         return Err(write_checkpoint(Some(directory), experiment, saved.memory, None));
@@ -175,12 +178,27 @@ impl Outcome {
     }
 }
 
+/// The error with the run's name; an interruption is that of the whole.
+pub(super) fn of_run(name: &str, error: RunError) -> RunError {
+    match error {
+        RunError::Interrupted { .. } | RunError::Identify(IdentifyError::Interrupted) => error,
+        other => MergeError::Run { run: name.into(), source: Box::new(other) }.into(),
+    }
+}
+
 fn one_run(experiment: &Experiment, directory: &Path, resume: bool, progress: &dyn Progress) -> Result<(), RunError> {
     let config = directory.join("experiment.toml");
     let text = to_toml(experiment);
     // The config is written last, so that its presence says that the run is finished.
     if resume && std::fs::read_to_string(&config).is_ok_and(|there| there == text) {
         return Ok(());
+    }
+    // What is not finished must not look so.
+    match std::fs::remove_file(&config) {
+        Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
+            return Err(RunError::File { path: config, source });
+        }
+        _ => {}
     }
     let outcome = run::carry_out(experiment, Path::new(""), Some(directory), resume, progress)?;
     run::write(&outcome, directory)?;

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use crate::run::RunError;
+
 /// Runs that cannot become one model.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 pub enum MergeError {
@@ -98,6 +100,14 @@ pub enum MergeError {
         input: String,
         /// The files.
         records: String,
+    },
+    /// One of the runs failed.
+    #[error("run {run}: {source}")]
+    Run {
+        /// The run.
+        run: String,
+        /// Why.
+        source: Box<RunError>,
     },
     /// One run alone.
     #[error("a merge needs at least two runs")]

@@ -13,6 +13,7 @@ use plid_model::{ChannelScaling, Model, ModelError, estimate_initial_state, simu
 use rayon::prelude::*;
 
 use super::MergeError;
+use super::carry_out::of_run;
 use super::merged::{Piece, join};
 use crate::experiment::{Covariance, Experiment, NoiseConfig, NoiseReading, NoiseSource};
 use crate::identify::{Bank, Ending, Memory, Point, Samples, Trial, fit_predictor, run, tune_by};
@@ -47,8 +48,9 @@ pub(super) fn common_noise(
     memory: &mut Memory,
     progress: &dyn run::Progress,
 ) -> Result<Option<Common>, RunError> {
-    let banks: Vec<(Prepared, Option<Bank>)> =
-        parts.par_iter().map(|(_, part)| run::bank(part, Path::new(""))).collect::<Result<_, _>>()?;
+    let bank_of =
+        |(name, part): &(String, Experiment)| run::bank(part, Path::new("")).map_err(|error| of_run(name, error));
+    let banks: Vec<(Prepared, Option<Bank>)> = parts.par_iter().map(bank_of).collect::<Result<_, _>>()?;
     let mut candidates = Vec::new();
     for ((name, _), (prepared, bank)) in parts.iter().zip(&banks) {
         let Some(bank) = bank else { return Ok(None) };
