@@ -286,6 +286,17 @@ impl Default for StartConfig {
     }
 }
 
+/// Whether a second model is refined for simulation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Refinement {
+    /// By the free-run error on the training data (the default).
+    #[default]
+    OutputError,
+    /// No second model; the subspace baseline is still shown.
+    Off,
+}
+
 /// How the recursion runs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -296,11 +307,13 @@ pub struct IdentificationConfig {
     pub forgetting: f64,
     /// Variance added to each parameter's variance a step; 0 for none.
     pub parameter_noise: f64,
+    /// Whether a second model is refined for simulation: `output-error`, or `off`.
+    pub refine: Refinement,
 }
 
 impl Default for IdentificationConfig {
     fn default() -> Self {
-        Self { passes: 1, forgetting: 1.0, parameter_noise: 0.0 }
+        Self { passes: 1, forgetting: 1.0, parameter_noise: 0.0, refine: Refinement::default() }
     }
 }
 

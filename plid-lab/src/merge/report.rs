@@ -251,7 +251,7 @@ fn responses(outcome: &Outcome) -> Result<String, RunError> {
                     response: variances.iter().map(|v| complex(v.response[(i, j)])).collect(),
                     std: Some(variances.iter().map(|v| v.magnitude_std()[(i, j)]).collect()),
                 }),
-                beside,
+                others: beside.into_iter().collect(),
                 truth: truth.as_ref().map(|truth| plain(hz.iter().map(|&f| complex(truth.at(f)[(i, j)])).collect())),
                 frequency_scale: Scale::Linear,
                 range_hz: Some((low, high)),

@@ -7,7 +7,8 @@ use plid_testbed::{InputConfig, TrussConfig};
 use super::{MergeError, REST};
 use crate::data::{self, MissingPolicy};
 use crate::experiment::{
-    Covariance, DataConfig, Experiment, NoiseConfig, StructureConfig, StructureKind, ValidationConfig,
+    Covariance, DataConfig, Experiment, IdentificationConfig, NoiseConfig, Refinement, StructureConfig, StructureKind,
+    ValidationConfig,
 };
 use crate::run::RunError;
 
@@ -53,6 +54,8 @@ pub(super) fn split(experiment: &Experiment, base: &Path) -> Result<Vec<(String,
             structure: StructureConfig { kind: StructureKind::Mimo, ..experiment.structure.clone() },
             noise: of_one_input(&experiment.noise, place, base)?,
             validation: ValidationConfig { file: None, ..experiment.validation.clone() },
+            // The merge wants PLID's estimates; a refined model has no Gaussian in their form.
+            identification: IdentificationConfig { refine: Refinement::Off, ..experiment.identification.clone() },
             ..experiment.clone()
         };
         experiments.push((name, part));

@@ -9,7 +9,11 @@ mod obtain;
 mod output;
 mod peaks;
 mod progress;
+#[cfg(test)]
+mod real_files;
 pub(crate) mod report;
+mod report_simulation;
+mod simulation;
 mod start;
 mod validate;
 
@@ -25,6 +29,7 @@ pub(crate) use output::{errors as errors_json, modes_json, peaks_json, pretty};
 pub use peaks::PeakRow;
 pub(crate) use peaks::compare as compare_peaks;
 pub use progress::{Progress, Silent};
+pub use simulation::{Alternative, Path as RefinementPath, Simulation};
 pub(crate) use start::{canonical, parameters};
 pub use validate::{Errors, Validation};
 
@@ -85,6 +90,8 @@ pub struct Outcome {
     pub predictor: Option<String>,
     /// One-step and free-run errors, residual tests.
     pub validation: Validation,
+    /// The baseline and the refined model beside PLID's.
+    pub simulation: Simulation,
     /// Peaks of the true plant and of the model, for simulated data.
     pub peaks: Vec<PeakRow>,
     /// The true plant, for simulated data at their own rate.
@@ -222,6 +229,14 @@ pub fn carry_out(
         &prepared,
         truth.as_ref(),
     )?;
+    let simulation = match simulation::carry_out(&experiment, &scaled, &prepared, &validation, progress) {
+        Err(RunError::Refine(plid_refine::RefineError::Interrupted)) => return Err(pause(search.memory, None)),
+        other => {
+            let (simulation, said) = other?;
+            warnings.extend(said);
+            simulation
+        }
+    };
     let peaks = match &truth {
         Some(truth) => peaks::compare(truth, &model)?,
         None => Vec::new(),
@@ -244,6 +259,7 @@ pub fn carry_out(
         canonical,
         estimate,
         validation,
+        simulation,
         peaks,
         truth,
         prepared,
