@@ -5,6 +5,7 @@ mod directory;
 mod failure;
 mod identify;
 mod progress;
+mod reproduce;
 mod run;
 mod simulate;
 mod table;
@@ -43,6 +44,7 @@ enum Command {
     Simulate(simulate::Arguments),
     Validate(validate::Arguments),
     Bench(bench::Arguments),
+    Reproduce(reproduce::Arguments),
 }
 
 /// Runs the command that the arguments name.
@@ -56,6 +58,7 @@ pub fn main() -> ExitCode {
         Command::Simulate(arguments) => simulate::execute(arguments, voice),
         Command::Validate(arguments) => validate::execute(arguments, voice),
         Command::Bench(arguments) => bench::execute(arguments, voice),
+        Command::Reproduce(arguments) => reproduce::execute(arguments, voice),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
