@@ -2,6 +2,7 @@
 
 mod converge;
 mod db46;
+mod drift;
 mod fig10;
 mod fig4;
 mod fig5;
@@ -13,9 +14,12 @@ mod graceful;
 mod halftime;
 mod nopoles;
 mod parnoise;
+mod rate;
+mod robust;
 mod sizing;
 mod tenfold;
 mod twelve;
+mod unstable;
 mod white;
 
 use crate::claim::Claim;
@@ -31,12 +35,16 @@ pub const CLAIMS: &[Claim] = &[
     fig10::CLAIM,
     db46::CLAIM,
     graceful::CLAIM,
+    robust::CLAIM,
     white::CLAIM,
     nopoles::CLAIM,
+    rate::CLAIM,
+    drift::CLAIM,
     halftime::CLAIM,
     tenfold::CLAIM,
     twelve::CLAIM,
     parnoise::CLAIM,
     converge::CLAIM,
+    unstable::CLAIM,
     sizing::CLAIM,
 ];
