@@ -95,11 +95,21 @@ impl Context<'_> {
         Ok(if self.quick { both.quick } else { both.full })
     }
 
-    /// Carries out an experiment; data files lie in the claim's directory.
+    /// Carries out an experiment but for its predictor, which would take longer than all the rest; data files lie in the claim's directory.
     ///
     /// # Errors
     /// [`run::RunError`]
     pub fn identify(&self, experiment: &Experiment) -> std::result::Result<Outcome, run::RunError> {
+        let mut experiment = experiment.clone();
+        experiment.validation.predictor = false;
+        self.validate(&experiment)
+    }
+
+    /// Carries out an experiment, with its one-step prediction of held-out data.
+    ///
+    /// # Errors
+    /// [`run::RunError`]
+    pub fn validate(&self, experiment: &Experiment) -> std::result::Result<Outcome, run::RunError> {
         run::carry_out(experiment, self.directory, None, false, &Inner(self.progress))
     }
 }

@@ -1,7 +1,7 @@
 //! The truss as the paper looks at it: one pair of channels, five modes, and errors of a model against the true plant.
 
 use nalgebra::{Complex, DMatrix};
-use plid_lab::experiment::Experiment;
+use plid_lab::experiment::{Experiment, NoiseSource};
 use plid_lab::report::{FrfCurve, FrfPlot, frf_plot};
 use plid_model::{FrequencyResponse, Model, find_peak};
 use plid_testbed::{InputConfig, TrussConfig};
@@ -44,6 +44,15 @@ pub fn with_seed(experiment: &Experiment, states: usize, seed: u64) -> Experimen
     other.structure.states = Some(states);
     truss_of(&mut other).seed = seed;
     other
+}
+
+/// The words for where covariances come from.
+pub fn covariances(noise: NoiseSource) -> &'static str {
+    match noise {
+        NoiseSource::PaperLiteral => "paper's covariances",
+        NoiseSource::PaperSquared => "paper's covariances squared",
+        _ => "tuned covariances",
+    }
 }
 
 /// The true plant between the inputs that are used and all outputs.

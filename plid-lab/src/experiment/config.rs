@@ -267,6 +267,9 @@ pub struct ValidationConfig {
     pub training_share: f64,
     /// The share of the training data that the noise bank learns from; the rest of it scores.
     pub learning_share: f64,
+    /// Whether the gain of a frozen predictor is fitted; without it there are no one-step errors on held-out data and no residual tests. For
+    /// many runs of which the model alone is wanted: the fit may take longer than the recursion.
+    pub predictor: bool,
     /// Highest lag of the residual tests; left out, chosen by the record's length.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lags: Option<usize>,
@@ -280,7 +283,7 @@ pub struct ValidationConfig {
 
 impl Default for ValidationConfig {
     fn default() -> Self {
-        Self { training_share: 0.75, learning_share: 0.75, lags: None, period: None, band_hz: None }
+        Self { training_share: 0.75, learning_share: 0.75, predictor: true, lags: None, period: None, band_hz: None }
     }
 }
 

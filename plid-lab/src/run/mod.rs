@@ -209,7 +209,8 @@ pub fn carry_out(
 
     progress.stage("validation");
     let scaled = scaled_model(&run.identified, &form, &prepared)?;
-    let predictor = fit_predictor(&scaled, training[training.len() - 1]);
+    let wanted = experiment.validation.predictor;
+    let predictor = wanted.then(|| fit_predictor(&scaled, training[training.len() - 1])).flatten();
     let (canonical, model) = in_data_units(&scaled, predictor.as_ref(), &plan, &prepared)?;
     let truth = truth.filter(|t| {
         let same = t.noise_free.nrows() == prepared.records[0].samples() + prepared.advanced;

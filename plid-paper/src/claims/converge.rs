@@ -43,7 +43,8 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         let study = expectations::run(&config, &directory, false, &Inner(context.progress))?;
         let cell = study.cells.first().ok_or("the study has no cell")?;
         for (k, name) in NAMES.iter().enumerate() {
-            let score = cell.scores.iter().find(|score| score.method == *name).ok_or("the study lacks an expectation")?;
+            let score =
+                cell.scores.iter().find(|score| score.method == *name).ok_or("the study lacks an expectation")?;
             lost[k] += score.lost;
             let error = score.rmse_a.as_ref().ok_or("no error: every run was lost")?.value;
             lines[k].push((samples as f64, error));
@@ -55,9 +56,15 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         // The first error is that of the start; the second half of the lengths tells how it goes on.
         let late = &lines[k][lines[k].len() / 2 - 1..];
         let last = lines[k].last().ok_or("no samples")?.1;
-        finding = finding.figure(format!("slope, {name}"), slope(late), "").figure(format!("error at the end, {name}"), last, "");
+        finding = finding.figure(format!("slope, {name}"), slope(late), "").figure(
+            format!("error at the end, {name}"),
+            last,
+            "",
+        );
         let errors = lines[k].iter().map(|(_, error)| format!("{error:.5}"));
-        rows.push([name.to_string(), format!("{:.2}", slope(late)), lost[k].to_string()].into_iter().chain(errors).collect());
+        rows.push(
+            [name.to_string(), format!("{:.2}", slope(late)), lost[k].to_string()].into_iter().chain(errors).collect(),
+        );
     }
     let slopes: Vec<f64> = NAMES.iter().map(|name| finding.value(&format!("slope, {name}"))).collect();
     let good: Vec<&str> = NAMES.iter().zip(&slopes).filter(|(_, s)| **s < -0.4).map(|(name, _)| *name).collect();
@@ -69,9 +76,15 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         height: 230.0,
     });
     let heads: Vec<String> = vary.samples.iter().map(|k| format!("{k} samples")).collect();
-    let heads: Vec<(&str, &str)> =
-        [("expectation", ""), ("slope", ""), ("lost runs", "")].into_iter().chain(heads.iter().map(|h| (h.as_str(), ""))).collect();
-    let rule = |name: &str| format!("With `{name}` the error falls with a slope below -0.4 over the longer records: the square root's is -0.5, and a bias would flatten it.");
+    let heads: Vec<(&str, &str)> = [("expectation", ""), ("slope", ""), ("lost runs", "")]
+        .into_iter()
+        .chain(heads.iter().map(|h| (h.as_str(), "")))
+        .collect();
+    let rule = |name: &str| {
+        format!(
+            "With `{name}` the error falls with a slope below -0.4 over the longer records: the square root's is -0.5, and a bias would flatten it."
+        )
+    };
     for (name, slope) in NAMES.iter().zip(&slopes) {
         finding = finding.part(rule(name), *slope < -0.4);
     }

@@ -65,14 +65,24 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         vec![n.to_string(), format!("{micros:.1}"), format!("{error:.2}"), format!("{spread:.2}")]
     });
     let mut finding = Finding::default()
-        .picture(picture, format!("One input, three outputs, direct form, f64, on {} ({} logical cores).", machine.cpu, machine.logical_cores))
+        .picture(
+            picture,
+            format!(
+                "One input, three outputs, direct form, f64, on {} ({} logical cores).",
+                machine.cpu, machine.logical_cores
+            ),
+        )
         .table(
             "Least time over the seeds; mean error over the seeds with its standard error.",
             &[("states", ""), ("iteration", "µs"), ("mean |e|", "mV"), ("±", "mV")],
             rows.collect(),
         );
     for (states, micros, error, _) in &points {
-        finding = finding.timed(format!("iteration, {states} states"), *micros, "µs").figure(format!("mean |e|, {states} states"), *error, "mV");
+        finding = finding.timed(format!("iteration, {states} states"), *micros, "µs").figure(
+            format!("mean |e|, {states} states"),
+            *error,
+            "mV",
+        );
     }
     let (early, late) = (first.2 - middle.2, middle.2 - last.2);
     Ok(finding

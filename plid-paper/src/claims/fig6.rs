@@ -24,6 +24,7 @@ pub const CLAIM: Claim = claim!("fig6",
 #[serde(deny_unknown_fields)]
 struct Vary {
     seeds: u64,
+    duration_s: f64,
     /// How often the transfer function is drawn, and up to which step.
     every: usize,
     until: usize,
@@ -47,7 +48,8 @@ fn end(errors: &Array2<f64>, rate: f64) -> (f64, f64) {
 }
 
 fn run(context: &Context<'_>) -> Result<Finding> {
-    let (base, vary): (_, Vary) = (context.experiment()?, context.vary()?);
+    let (mut base, vary): (_, Vary) = (context.experiment()?, context.vary()?);
+    truss_of(&mut base).duration_s = vary.duration_s;
     let ten = truss_of(&mut base.clone()).repeats;
     let rate = truss_of(&mut base.clone()).sample_rate_hz;
     let setting = |seed: u64, repeats: usize, from: NoiseSource| {

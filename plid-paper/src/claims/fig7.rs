@@ -20,6 +20,7 @@ pub const CLAIM: Claim = claim!("fig7",
 struct Vary {
     states: usize,
     seeds: u64,
+    duration_s: f64,
 }
 
 /// What a run left of the five modes: in the paper's pair, and in all pairs.
@@ -30,7 +31,8 @@ struct Found {
 }
 
 fn run(context: &Context<'_>) -> Result<Finding> {
-    let (base, vary): (_, Vary) = (context.experiment()?, context.vary()?);
+    let (mut base, vary): (_, Vary) = (context.experiment()?, context.vary()?);
+    truss_of(&mut base).duration_s = vary.duration_s;
     let truth = truth(&base)?;
     let ten = truss_of(&mut base.clone()).repeats;
     let kinds = [
@@ -50,7 +52,11 @@ fn run(context: &Context<'_>) -> Result<Finding> {
                 experiment.noise.from = from;
                 let model = context.identify(&experiment)?.model;
                 let pair = modes(&truth, &model, SENSOR, ACTUATOR)?;
-                Ok(Found { pair, all: modes_of_all_pairs(&truth, &model)?, picture: overlay(&truth, &model, SENSOR, ACTUATOR) })
+                Ok(Found {
+                    pair,
+                    all: modes_of_all_pairs(&truth, &model)?,
+                    picture: overlay(&truth, &model, SENSOR, ACTUATOR),
+                })
             })
             .collect::<Result<_>>()?;
         let close = |rows: &dyn Fn(&Found) -> Vec<ModeRow>| {

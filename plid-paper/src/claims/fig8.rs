@@ -7,7 +7,10 @@ use rayon::prelude::*;
 use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};
-use crate::truss::{ACTUATOR, BAND_HZ, MODES_HZ, ModeRow, SENSOR, band_error, median, modes, overlay, truth, with_samples, with_seed};
+use crate::truss::{
+    ACTUATOR, BAND_HZ, MODES_HZ, ModeRow, SENSOR, band_error, covariances, median, modes, overlay, truth, with_samples,
+    with_seed,
+};
 
 pub const CLAIM: Claim = claim!("fig8",
     statement: "With 27 and 30 states the MIMO transfer function is better than with 24: more states are better. The peak at 168 Hz is too low because too few samples were used.",
@@ -38,10 +41,6 @@ fn worth(truth: &Model, model: &Model) -> Result<Worth> {
     Ok(Worth { band: band_error(truth, model, BAND_HZ), modes: modes(truth, model, SENSOR, ACTUATOR)? })
 }
 
-fn word(noise: NoiseSource) -> &'static str {
-    if noise == NoiseSource::PaperLiteral { "paper's covariances" } else { "tuned covariances" }
-}
-
 fn run(context: &Context<'_>) -> Result<Finding> {
     let (base, vary): (_, Vary) = (context.experiment()?, context.vary()?);
     let truth = truth(&base)?;
@@ -52,22 +51,30 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     };
     let mut finding = Finding::default();
     for &noise in &vary.noise {
-        let name = word(noise);
-        let cells: Vec<(usize, usize)> = vary.states.iter().flat_map(|&n| vary.samples.iter().map(move |&k| (n, k))).collect();
+        let name = covariances(noise);
+        let cells: Vec<(usize, usize)> =
+            vary.states.iter().flat_map(|&n| vary.samples.iter().map(move |&k| (n, k))).collect();
         let table: Vec<Vec<Worth>> = cells
             .par_iter()
             .map(|&(states, samples)| {
                 let seeds = (1..=vary.seeds).into_par_iter();
-                seeds.map(|seed| worth(&truth, &context.identify(&experiment(states, samples, seed, noise))?.model)).collect()
+                seeds
+                    .map(|seed| worth(&truth, &context.identify(&experiment(states, samples, seed, noise))?.model))
+                    .collect()
             })
             .collect::<Result<_>>()?;
         let find = |n: usize, k: usize| {
             let place = cells.iter().position(|&cell| cell == (n, k));
-            place.map(|place| &table[place]).ok_or_else(|| format!("{n} states and {k} samples are not in the lists of fig8.vary.toml"))
+            place
+                .map(|place| &table[place])
+                .ok_or_else(|| format!("{n} states and {k} samples are not in the lists of fig8.vary.toml"))
         };
         let band = |worths: &[Worth]| median(&worths.iter().map(|w| w.band).collect::<Vec<_>>());
-        let height = |worths: &[Worth], mode: usize| median(&worths.iter().map(|w| w.modes[mode].db_off()).collect::<Vec<_>>());
-        let close = |worths: &[Worth]| worths.iter().flat_map(|w| &w.modes).filter(|row| row.is_close()).count() as f64 / worths.len() as f64;
+        let height =
+            |worths: &[Worth], mode: usize| median(&worths.iter().map(|w| w.modes[mode].db_off()).collect::<Vec<_>>());
+        let close = |worths: &[Worth]| {
+            worths.iter().flat_map(|w| &w.modes).filter(|row| row.is_close()).count() as f64 / worths.len() as f64
+        };
         for &states in &vary.states {
             let worths = find(states, vary.at_samples)?;
             finding = finding
@@ -79,7 +86,8 @@ fn run(context: &Context<'_>) -> Result<Finding> {
             finding = finding.figure(format!("168 Hz, {samples} samples, {name}"), height(worths, 1), "dB off");
         }
         let lines = vary.states.iter().map(|&n| {
-            let points = vary.samples.iter().map(|&k| Ok((k as f64, 100.0 * band(find(n, k)?)))).collect::<Result<Vec<_>>>()?;
+            let points =
+                vary.samples.iter().map(|&k| Ok((k as f64, 100.0 * band(find(n, k)?)))).collect::<Result<Vec<_>>>()?;
             Ok(Series::line(format!("{n} states"), points))
         });
         let picture = chart(&Chart {
@@ -91,7 +99,8 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         });
         let rows = cells.iter().zip(&table).map(|(&(n, k), worths)| {
             let heights = (0..MODES_HZ.len()).map(|mode| format!("{:+.2}", height(worths, mode)));
-            let errors = [n.to_string(), k.to_string(), format!("{:.1}", 100.0 * band(worths)), format!("{:.1}", close(worths))];
+            let errors =
+                [n.to_string(), k.to_string(), format!("{:.1}", 100.0 * band(worths)), format!("{:.1}", close(worths))];
             errors.into_iter().chain(heights).collect()
         });
         let rows: Vec<Vec<String>> = rows.collect();
@@ -100,13 +109,23 @@ fn run(context: &Context<'_>) -> Result<Finding> {
             .into_iter()
             .chain(heads.iter().map(|name| (name.as_str(), "dB off")));
         finding = finding
-            .picture(picture, format!("Error of all nine responses against samples, {name}, median over {} seeds.", vary.seeds))
-            .table(&format!("The paper's pair, {name}, medians over seeds; +inf where a peak is not there."), &heads.collect::<Vec<_>>(), rows);
+            .picture(
+                picture,
+                format!("Error of all nine responses against samples, {name}, median over {} seeds.", vary.seeds),
+            )
+            .table(
+                &format!("The paper's pair, {name}, medians over seeds; +inf where a peak is not there."),
+                &heads.collect::<Vec<_>>(),
+                rows,
+            );
     }
-    let first = word(vary.noise[0]);
+    let first = covariances(vary.noise[0]);
     for &states in vary.states.iter().filter(|&&n| n == 24 || n == 30) {
         let model = context.identify(&experiment(states, vary.at_samples, 1, vary.noise[0]))?.model;
-        finding = finding.picture(overlay(&truth, &model, SENSOR, ACTUATOR), format!("Actuator 1 to sensor 2, {states} states, {} samples, {first}, seed 1.", vary.at_samples));
+        finding = finding.picture(
+            overlay(&truth, &model, SENSOR, ACTUATOR),
+            format!("Actuator 1 to sensor 2, {states} states, {} samples, {first}, seed 1.", vary.at_samples),
+        );
     }
     let band = |n: usize| finding.value(&format!("error in band, {n} states, {first}"));
     let low = |k: usize| finding.value(&format!("168 Hz, {k} samples, {first}"));

@@ -50,7 +50,10 @@ fn run(context: &Context<'_>) -> Result<Finding> {
             .map(|&states| {
                 let runs: Vec<f64> = (1..=vary.seeds)
                     .into_par_iter()
-                    .map(|seed| Ok(100.0 * band_error(&truth, &context.identify(&with_seed(experiment, states, seed))?.model, BAND)))
+                    .map(|seed| {
+                        Ok(100.0
+                            * band_error(&truth, &context.identify(&with_seed(experiment, states, seed))?.model, BAND))
+                    })
                     .collect::<Result<_>>()?;
                 Ok(median(&runs))
             })
@@ -68,7 +71,11 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         series: inputs.iter().zip(&lines).map(|((name, _), errors)| Series::line(*name, points(errors))).collect(),
         height: 230.0,
     });
-    let rows = vary.states.iter().enumerate().map(|(k, n)| vec![n.to_string(), format!("{:.1}", lines[0][k]), format!("{:.1}", lines[1][k])]);
+    let rows = vary
+        .states
+        .iter()
+        .enumerate()
+        .map(|(k, n)| vec![n.to_string(), format!("{:.1}", lines[0][k]), format!("{:.1}", lines[1][k])]);
     let better = (0..vary.states.len()).filter(|&k| lines[0][k] < lines[1][k]).count();
     let ratio = (0..vary.states.len()).map(|k| lines[1][k] / lines[0][k]).fold(0.0, f64::max);
     let last = vary.states.len() - 1;

@@ -22,11 +22,23 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         let theory = (one.joint_states as f64 / all.joint_states as f64).powi(2);
         let work = one.operations.total() as f64 / all.operations.total() as f64;
         let name = format!("{}, {} states", plid_bench::speed::word(&one.cell.variant.covariance), one.cell.states);
-        finding = finding.timed(format!("SIMO over MIMO, {name}"), time, "").figure(format!("operations, SIMO over MIMO, {name}"), work, "");
-        rows.push(vec![name, format!("{:.1}", one.least_us), format!("{:.1}", all.least_us), format!("{time:.2}"), format!("{work:.2}"), format!("{theory:.2}")]);
+        finding = finding.timed(format!("SIMO over MIMO, {name}"), time, "").figure(
+            format!("operations, SIMO over MIMO, {name}"),
+            work,
+            "",
+        );
+        rows.push(vec![
+            name,
+            format!("{:.1}", one.least_us),
+            format!("{:.1}", all.least_us),
+            format!("{time:.2}"),
+            format!("{work:.2}"),
+            format!("{theory:.2}"),
+        ]);
         ratios.push(time);
     }
-    let (least, most) = (ratios.iter().copied().fold(f64::INFINITY, f64::min), ratios.iter().copied().fold(0.0, f64::max));
+    let (least, most) =
+        (ratios.iter().copied().fold(f64::INFINITY, f64::min), ratios.iter().copied().fold(0.0, f64::max));
     let half = |ratio: f64| (0.4..=0.6).contains(&ratio);
     let direct = finding.figures.iter().filter(|f| f.timed && f.name.contains("direct"));
     let direct_half = direct.filter_map(|f| f.value).all(half);

@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use super::graceful::whitened;
 use crate::claim::{Claim, Context, Finding, Result, claim};
-use crate::truss::{mean_and_spread, with_samples, with_seed};
+use crate::truss::{covariances, mean_and_spread, with_samples, with_seed};
 
 pub const CLAIM: Claim = claim!("nopoles",
     statement: "No poles are given to the band above about 600 Hz, where the input is below the noise.",
@@ -42,7 +42,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     let (mut shaped_poles, mut least_white) = (Vec::new(), f64::INFINITY);
     for &noise in &vary.noise {
         for (input, experiment) in [("shaped", base.clone()), ("white", whitened(&base, vary.white_cutoff_hz))] {
-            let words = if noise == NoiseSource::PaperLiteral { "paper's covariances" } else { "tuned" };
+            let words = covariances(noise);
             heads.push((format!("{input}, {words}"), "poles"));
             let counts: Vec<f64> = vary
                 .states

@@ -61,7 +61,11 @@ fn run(context: &Context<'_>) -> Result<Finding> {
                     let simulation = plid_testbed::simulate(truss_of(&mut run))?;
                     let record = (simulation.commands.view(), simulation.outputs[0].view());
                     let done = course(record, rate, &form_and_start(states, record)?, &noise, vary.every)?;
-                    Ok(done.models.iter().map(|(k, model)| (*k as f64, 100.0 * band_error(&truth, model, BAND))).collect())
+                    Ok(done
+                        .models
+                        .iter()
+                        .map(|(k, model)| (*k as f64, 100.0 * band_error(&truth, model, BAND)))
+                        .collect())
                 })
                 .collect::<Result<Vec<Line>>>()
         })
@@ -69,33 +73,57 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     let mut finding = Finding::default();
     let (mut rows, mut series, mut counts) = (Vec::new(), Vec::new(), Vec::new());
     for (&rate, runs) in vary.rates_hz.iter().zip(&lines) {
-        let count = median(&runs.iter().map(|line| needed(line, vary.target_percent).unwrap_or(f64::INFINITY)).collect::<Vec<_>>());
+        let count = median(
+            &runs.iter().map(|line| needed(line, vary.target_percent).unwrap_or(f64::INFINITY)).collect::<Vec<_>>(),
+        );
         let at = |k: usize| (runs[0][k].0, median(&runs.iter().map(|line| line[k].1).collect::<Vec<_>>()));
         let middle: Line = (0..runs[0].len()).map(at).collect();
         let last = middle.last().ok_or("`samples` is below `every`")?.1;
         let shown = if count.is_finite() { format!("{count:.0}") } else { format!("more than {}", vary.samples) };
-        finding = finding.figure(format!("samples needed at {rate} Hz"), count, "").figure(format!("error at the end at {rate} Hz"), last, "%");
+        finding = finding.figure(format!("samples needed at {rate} Hz"), count, "").figure(
+            format!("error at the end at {rate} Hz"),
+            last,
+            "%",
+        );
         rows.push(vec![format!("{rate:.0}"), shown, format!("{:.2}", count / rate), format!("{last:.2}")]);
         series.push(Series::line(format!("{rate:.0} Hz"), middle));
         counts.push(count);
     }
     let of = |rate: f64| vary.rates_hz.iter().position(|&r| r == rate).map_or(f64::NAN, |k| counts[k]);
     let paper = of(1600.0);
-    let faster: Vec<f64> = vary.rates_hz.iter().zip(&counts).filter(|(rate, _)| **rate > 1600.0).map(|p| *p.1).collect();
-    let slower: Vec<f64> = vary.rates_hz.iter().zip(&counts).filter(|(rate, _)| **rate < 1600.0).map(|p| *p.1).collect();
+    let faster: Vec<f64> =
+        vary.rates_hz.iter().zip(&counts).filter(|(rate, _)| **rate > 1600.0).map(|p| *p.1).collect();
+    let slower: Vec<f64> =
+        vary.rates_hz.iter().zip(&counts).filter(|(rate, _)| **rate < 1600.0).map(|p| *p.1).collect();
     series.push(Series::level("converged", vary.target_percent));
-    let picture = chart(&Chart { title: String::new(), x: Axis::log("samples"), y: Axis::log("error in 100-260 Hz, %"), series, height: 240.0 });
+    let picture = chart(&Chart {
+        title: String::new(),
+        x: Axis::log("samples"),
+        y: Axis::log("error in 100-260 Hz, %"),
+        series,
+        height: 240.0,
+    });
     let text: Vec<String> = rows.iter().map(|row| format!("{} at {} Hz", row[1], row[0])).collect();
     Ok(finding
         .part("At 1600 Hz fewer samples are needed than at any higher rate.", faster.iter().all(|&count| paper < count))
-        .part("At 1600 Hz no more samples are needed than at a lower rate, within a quarter.", slower.iter().all(|&count| paper <= 1.25 * count))
-        .picture(picture, format!("Error of all nine responses against samples, {states} states, median over {} seeds.", vary.seeds))
+        .part(
+            "At 1600 Hz no more samples are needed than at a lower rate, within a quarter.",
+            slower.iter().all(|&count| paper <= 1.25 * count),
+        )
+        .picture(
+            picture,
+            format!("Error of all nine responses against samples, {states} states, median over {} seeds.", vary.seeds),
+        )
         .table(
             &format!("Samples after which the error stays below {} %.", vary.target_percent),
             &[("rate", "Hz"), ("samples", ""), ("time", "s"), ("error at the end", "%")],
             rows,
         )
-        .say(format!("The error in 100-260 Hz comes to stay below {} % after this many samples: {}.", vary.target_percent, text.join(", "))))
+        .say(format!(
+            "The error in 100-260 Hz comes to stay below {} % after this many samples: {}.",
+            vary.target_percent,
+            text.join(", ")
+        )))
 }
 
 #[cfg(test)]

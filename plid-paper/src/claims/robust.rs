@@ -47,7 +47,10 @@ fn row(context: &Context<'_>, name: String, experiment: &Experiment) -> Result<R
         band: 100.0 * band_error(&truth, &outcome.model, BAND_HZ),
         close: rows.iter().filter(|row| row.is_close()).count(),
         peaks: rows.len(),
-        worst_db: rows.iter().map(|row| row.db_off().abs()).fold(0.0, |worst, db| if db > worst || db.is_nan() { db } else { worst }),
+        worst_db: rows
+            .iter()
+            .map(|row| row.db_off().abs())
+            .fold(0.0, |worst, db| if db > worst || db.is_nan() { db } else { worst }),
     })
 }
 
@@ -94,7 +97,8 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         experiment.noise.from = NoiseSource::Given;
         let p = tuned.form.outputs();
         experiment.noise.sensor = Some(Covariance::Diagonal((0..p).map(|i| r * found.sensor.at(i, i)).collect()));
-        experiment.noise.state = Some(Covariance::Diagonal((0..tuned.form.states()).map(|i| sigma * found.state.at(i, i)).collect()));
+        experiment.noise.state =
+            Some(Covariance::Diagonal((0..tuned.form.states()).map(|i| sigma * found.state.at(i, i)).collect()));
         experiment
     };
     for &factor in &vary.factors {
@@ -102,16 +106,27 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         settings.push((format!("all, Σ wrong by {factor:e}"), told(1.0, factor)));
         settings.push((format!("all, R and Σ wrong by {factor:e}"), told(factor, factor)));
     }
-    let rows = settings.into_par_iter().map(|(name, experiment)| row(context, name, &experiment)).collect::<Result<Vec<Row>>>()?;
+    let rows = settings
+        .into_par_iter()
+        .map(|(name, experiment)| row(context, name, &experiment))
+        .collect::<Result<Vec<Row>>>()?;
     let mut finding = Finding::default();
     for row in &rows {
-        finding = finding
-            .figure(format!("error in band, {}", row.name), row.band, "%")
-            .figure(format!("peaks within 3 dB, {}", row.name), row.close as f64, &format!("of {}", row.peaks));
+        finding = finding.figure(format!("error in band, {}", row.name), row.band, "%").figure(
+            format!("peaks within 3 dB, {}", row.name),
+            row.close as f64,
+            &format!("of {}", row.peaks),
+        );
     }
     let harmless = |row: &Row| row.close == row.peaks;
     let table = rows.iter().map(|row| {
-        vec![row.name.clone(), format!("{:.2}", row.free_run), format!("{:.2}", row.band), format!("{} of {}", row.close, row.peaks), format!("{:.2}", row.worst_db)]
+        vec![
+            row.name.clone(),
+            format!("{:.2}", row.free_run),
+            format!("{:.2}", row.band),
+            format!("{} of {}", row.close, row.peaks),
+            format!("{:.2}", row.worst_db),
+        ]
     });
     let worst = rows[factors..].iter().max_by(|a, b| a.band.total_cmp(&b.band)).ok_or("no factors")?;
     let wrong = rows[factors..].iter().filter(|row| harmless(row)).count();

@@ -34,18 +34,27 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     let (mut rows, mut most_time, mut most_work) = (Vec::new(), 0.0_f64, 0.0_f64);
     for &states in &config.states {
         for &expectations in &config.expectations {
-            let find = |form: CovarianceName, of: ExpectationName| outcome.plain(states, form, of).ok_or("the study lacks a cell");
+            let find = |form: CovarianceName, of: ExpectationName| {
+                outcome.plain(states, form, of).ok_or("the study lacks a cell")
+            };
             let direct = find(CovarianceName::Direct, expectations)?;
             let mut row = vec![states.to_string(), speed::word(&expectations), format!("{:.1}", direct.least_us)];
             for form in FORMS.into_iter().skip(1) {
                 let other = find(form, expectations)?;
-                let (time, work) = (other.least_us / direct.least_us, other.operations.total() as f64 / direct.operations.total() as f64);
+                let (time, work) = (
+                    other.least_us / direct.least_us,
+                    other.operations.total() as f64 / direct.operations.total() as f64,
+                );
                 row.push(format!("{time:.2}"));
                 row.push(format!("{work:.2}"));
                 if matches!(form, CovarianceName::BiermanUd | CovarianceName::ArraySqrt) {
                     (most_time, most_work) = (most_time.max(time), most_work.max(work));
                     let name = format!("{}, {states} states, {}", speed::word(&form), speed::word(&expectations));
-                    finding = finding.timed(format!("time over direct, {name}"), time, "").figure(format!("operations over direct, {name}"), work, "");
+                    finding = finding.timed(format!("time over direct, {name}"), time, "").figure(
+                        format!("operations over direct, {name}"),
+                        work,
+                        "",
+                    );
                 }
             }
             rows.push(row);

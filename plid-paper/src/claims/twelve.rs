@@ -49,7 +49,11 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     for (name, form, scalar) in kinds {
         for (judged, row) in of(form, scalar).into_iter().zip(&mut rows) {
             let steps = judged.lost_at.unwrap_or(judged.cell.done);
-            finding = finding.figure(format!("steps until lost or done, {name}, {} states", judged.cell.group.states), steps as f64, "");
+            finding = finding.figure(
+                format!("steps until lost or done, {name}, {} states", judged.cell.group.states),
+                steps as f64,
+                "",
+            );
             row.push(word(judged));
         }
     }
@@ -61,7 +65,8 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     let largest = vary.states.iter().max().ok_or("no states")?;
     let single_small = sound(direct, ScalarName::F32, &small);
     let double_all = sound(direct, ScalarName::F64, &|_| true);
-    let columns: Vec<(&str, &str)> = [("states", "")].into_iter().chain(kinds.iter().map(|kind| (kind.0, ""))).collect();
+    let columns: Vec<(&str, &str)> =
+        [("states", "")].into_iter().chain(kinds.iter().map(|kind| (kind.0, ""))).collect();
     Ok(finding
         .part("In f64 the direct form is sound with 12 states.", sound(direct, ScalarName::F64, &small))
         .part("In f32 it is.", single_small)

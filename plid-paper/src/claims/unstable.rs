@@ -121,9 +121,11 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         }
         let (pole, zero) = (median(&pole_errors), median(&zero_errors));
         let outside = |of: &dyn Fn(&(f64, f64)) -> f64| outermost.iter().filter(|x| of(x) > 1.0).count();
-        finding = finding
-            .figure(format!("error of the poles, {}", plant.name), pole, "")
-            .figure(format!("error of the zeros, {}", plant.name), zero, "");
+        finding = finding.figure(format!("error of the poles, {}", plant.name), pole, "").figure(
+            format!("error of the zeros, {}", plant.name),
+            zero,
+            "",
+        );
         let counted = if plant.name == UNSTABLE.name { outside(&|x| x.0) } else { outside(&|x| x.1) };
         let what = if plant.name == UNSTABLE.name { "pole" } else { "zero" };
         finding = finding
@@ -144,7 +146,9 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     }
     let sentence = format!(
         "An unstable plant in open loop is identified with its poles right to {:.4}, one of minimum phase lacking with its zeros right to {:.4}, medians over {} records each.",
-        finding.value("error of the poles, unstable"), finding.value("error of the zeros, non-minimum-phase"), vary.seeds
+        finding.value("error of the poles, unstable"),
+        finding.value("error of the zeros, non-minimum-phase"),
+        vary.seeds
     );
     Ok(finding
         .table(
@@ -161,7 +165,9 @@ mod tests {
 
     #[test]
     fn the_plants_have_the_poles_and_zeros_that_are_said() {
-        let near = |found: Vec<Complex<f64>>, expected: &[Complex<f64>]| assert!(distance(expected, &found) < 1e-9, "{found:?}");
+        let near = |found: Vec<Complex<f64>>, expected: &[Complex<f64>]| {
+            assert!(distance(expected, &found) < 1e-9, "{found:?}")
+        };
         let pair = [Complex::from_polar(0.9, 0.7), Complex::from_polar(0.9, -0.7)];
         let real = |x: f64| Complex::new(x, 0.0);
         near(poles(&UNSTABLE.model().unwrap()), &[pair[0], pair[1], real(1.03)]);

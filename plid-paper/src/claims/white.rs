@@ -25,7 +25,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     let outcomes = vary
         .states
         .par_iter()
-        .map(|&states| Ok((states, context.identify(&with_samples(&with_seed(&base, states, 1), vary.samples))?)))
+        .map(|&states| Ok((states, context.validate(&with_samples(&with_seed(&base, states, 1), vary.samples))?)))
         .collect::<Result<Vec<_>>>()?;
     let mut finding = Finding::default();
     let (mut rows, mut clean, mut whites) = (Vec::new(), Vec::new(), Vec::new());
@@ -46,7 +46,13 @@ fn run(context: &Context<'_>) -> Result<Finding> {
             .figure(format!("pairs without correlation with the inputs, {states} states"), uncorrelated as f64, "of 9")
             .figure(format!("largest autocorrelation, {states} states"), own, "")
             .figure(format!("largest correlation with an input, {states} states"), with_input, "");
-        rows.push(vec![states.to_string(), white.to_string(), uncorrelated.to_string(), format!("{own:.3}"), format!("{with_input:.3}")]);
+        rows.push(vec![
+            states.to_string(),
+            white.to_string(),
+            uncorrelated.to_string(),
+            format!("{own:.3}"),
+            format!("{with_input:.3}"),
+        ]);
         clean.push(uncorrelated == 9);
         whites.push(white == 3);
     }
@@ -54,19 +60,37 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         let correlations = &outcome.validation;
         let mut functions = vec![(format!("sensor 2 with itself, {states} states"), &correlations.whiteness[SENSOR])];
         functions.extend(correlations.cross[SENSOR].iter().zip(1..).map(|(c, j)| (format!("with actuator {j}"), c)));
-        finding = finding.picture(correlation_plot("correlation", 4, &functions), format!("The residual of sensor 2 on held-out data, {states} states."));
+        finding = finding.picture(
+            correlation_plot("correlation", 4, &functions),
+            format!("The residual of sensor 2 on held-out data, {states} states."),
+        );
     }
     let text: Vec<String> = rows.iter().map(|r| format!("{} states {}/3 and {}/9", r[0], r[1], r[2])).collect();
     let (reduced, full) = (&vary.states[..vary.states.len() - 1], vary.states.last().ok_or("no states")?);
     Ok(finding
-        .part(format!("At {reduced:?} states, the paper's, no residual is correlated with an input."), clean[..reduced.len()].iter().all(|&c| c))
+        .part(
+            format!("At {reduced:?} states, the paper's, no residual is correlated with an input."),
+            clean[..reduced.len()].iter().all(|&c| c),
+        )
         .part(format!("At {reduced:?} states every residual is white."), whites[..reduced.len()].iter().all(|&w| w))
-        .part(format!("At {full} states, the full order, no residual is correlated with an input."), *clean.last().unwrap_or(&false))
+        .part(
+            format!("At {full} states, the full order, no residual is correlated with an input."),
+            *clean.last().unwrap_or(&false),
+        )
         .part(format!("At {full} states every residual is white."), *whites.last().unwrap_or(&false))
         .table(
             "Tests at 99 % on held-out one-step residuals.",
-            &[("states", ""), ("white", "of 3"), ("uncorrelated with inputs", "of 9"), ("largest autocorrelation", ""), ("largest with an input", "")],
+            &[
+                ("states", ""),
+                ("white", "of 3"),
+                ("uncorrelated with inputs", "of 9"),
+                ("largest autocorrelation", ""),
+                ("largest with an input", ""),
+            ],
             rows,
         )
-        .say(format!("Residuals that are white, and pairs of residual and input without correlation: {}.", text.join("; "))))
+        .say(format!(
+            "Residuals that are white, and pairs of residual and input without correlation: {}.",
+            text.join("; ")
+        )))
 }
