@@ -111,7 +111,10 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         ("Gaussian, no clipping", ideal),
         ("multisine below 5 V", multisine),
     ]
-    .map(|(name, truss)| Ok(row(name, &context.validate(&with(truss))?, range_v)));
+    .map(|(name, truss)| {
+        let range_v = truss.converters.range_v;
+        Ok(row(name, &context.validate(&with(truss))?, range_v))
+    });
     let rows = rows.into_iter().collect::<Result<Vec<Row>>>()?;
     let mut finding = Finding::default();
     for row in &rows {
