@@ -212,15 +212,23 @@ pub fn add_mirrored<S: Scalar>(mirrored: View<'_, S>, k: usize, row: usize, firs
 /// Adds the transpose of a tile, whose columns are `step` apart, to a tile whose columns are `stride` apart.
 #[inline(always)]
 fn add_transposed_tile<S: Scalar>(from: &[S], step: usize, to: &mut [S], stride: usize) {
-    let from = &from[..(EDGE - 1) * step + EDGE];
-    for i in 0..EDGE {
-        let mut row = Pack::<S, EDGE>::zero();
-        for q in 0..EDGE {
-            row.0[q] = from[q * step + i];
+    let mut tile = [[S::zero(); EDGE]; EDGE];
+    for q in 0..EDGE {
+        tile[q].copy_from_slice(&from[q * step..][..EDGE]);
+    }
+    // Each round takes the first bit of a column's number and puts it behind the bits of a row's: after three the two have changed places. Written so,
+    // it becomes shuffles of whole registers.
+    for _ in 0..3 {
+        let before = tile;
+        for q in 0..EDGE / 2 {
+            let (a, b) = (before[q], before[q + EDGE / 2]);
+            tile[2 * q] = [a[0], b[0], a[1], b[1], a[2], b[2], a[3], b[3]];
+            tile[2 * q + 1] = [a[4], b[4], a[5], b[5], a[6], b[6], a[7], b[7]];
         }
-        let to = &mut to[i * stride..i * stride + EDGE];
-        for q in 0..EDGE {
-            to[q] += row.0[q];
+    }
+    for i in 0..EDGE {
+        for (to, &from) in to[i * stride..][..EDGE].iter_mut().zip(&tile[i]) {
+            *to += from;
         }
     }
 }
@@ -411,7 +419,9 @@ pub fn add_weighted_blocks_lower<S: Scalar>(
         let mut at = 0;
         while at < n {
             let (out, work) = (out.column_mut(c), work.column_mut(c));
+            // The sums of a few packs side by side hide each other's latency.
             at += match n - at {
+                32.. => rows_of_blocks::<S, 32>(m, weights, c, at, out, work),
                 16.. => rows_of_blocks::<S, 16>(m, weights, c, at, out, work),
                 4.. => rows_of_blocks::<S, 4>(m, weights, c, at, out, work),
                 _ => rows_of_blocks::<S, 1>(m, weights, c, at, out, work),

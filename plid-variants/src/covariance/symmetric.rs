@@ -53,8 +53,8 @@ pub struct Symmetric<B: Backend, R> {
     output: Dense<B::Scalar>,
     sensor: Dense<B::Scalar>,
     factor: Dense<B::Scalar>,
-    top: Dense<B::Scalar>,
-    transposed: Dense<B::Scalar>,
+    sums: Dense<B::Scalar>,
+    product: Dense<B::Scalar>,
     mirrored: Dense<B::Scalar>,
     work: Vec<B::Scalar>,
     /// J.
@@ -157,8 +157,8 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
             output: Dense::zeros(outputs, outputs),
             sensor: Dense::zeros(outputs, outputs),
             factor: Dense::zeros(outputs, outputs),
-            top: Dense::zeros(n, n),
-            transposed: Dense::zeros(n, n),
+            sums: Dense::zeros(n, n),
+            product: Dense::zeros(n, n),
             mirrored: Dense::zeros(n, COLUMNS_AT_ONCE.min(n) * model.parameter_columns()),
             work: vec![B::Scalar::zero(); outputs],
             shift: Shift::new(model),
@@ -174,7 +174,7 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
     fn add_parameter_blocks(&mut self, weights: &Dense<B::Scalar>, mut out: ViewMut<'_, B::Scalar>) {
         let (n, size) = (self.n, self.p.view().rows());
         let theta = self.p.view().block(n, n, size - n, size - n);
-        B::Scalar::add_weighted_blocks_lower(theta, weights.view(), out.reborrow(), self.top.view_mut());
+        B::Scalar::add_weighted_blocks_lower(theta, weights.view(), out.reborrow(), self.sums.view_mut());
     }
 
     fn measurement_update(
@@ -230,29 +230,34 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
         let Transition { abar, phi, qbar, .. } = transition;
         let (abar, rows) = (abar.view(), model.output_states());
         let outputs = &mut self.work[..rows.len()];
-        // top = Abar P_xx + (phi (x) I) P_{theta x}
+        // W = P_xx Abar^T + ((phi (x) I) P_{theta x})^T. First both triangles of P_xx, the diagonal once.
         for c in 0..n {
-            symmetric_column(self.p.view().block(0, 0, n, n), c, self.top.column_mut(c));
+            let column = &self.p.view().column(c)[..n];
+            self.product.column_mut(c).copy_from_slice(column);
+            self.sums.column_mut(c).copy_from_slice(column);
+            *self.sums.at_mut(c, c) = B::Scalar::zero();
         }
-        B::Scalar::advance_columns(self.top.view_mut(), &self.shift, rows, abar, outputs);
-        B::Scalar::add_block_sums(self.top.view_mut(), self.p.view().block(n, 0, size - n, n), phi);
+        B::Scalar::add_mirrored(self.sums.view(), 1, 0, 0, self.product.view_mut());
+        let mut kept = self.cross.view_mut();
+        let kept_states = kept.block_mut(0, 0, n, rows.len());
+        B::Scalar::advance_rows(self.product.view_mut(), &self.shift, rows, abar, kept_states);
+        self.sums.fill(B::Scalar::zero());
+        B::Scalar::add_block_sums(self.sums.view_mut(), self.p.view().block(n, 0, size - n, n), phi);
+        B::Scalar::add_mirrored(self.sums.view(), 1, 0, 0, self.product.view_mut());
         // P_{theta x} <- P_{theta x} Abar^T + P_{theta theta} (phi (x) I)^T
         let mut p = self.p.view_mut();
         let (mut left, mut right) = p.reborrow().split_at_column(n);
         let mut cross = left.block_mut(n, 0, size - n, n);
-        let mut kept = self.cross.view_mut();
         let kept = kept.block_mut(n, 0, size - n, rows.len());
         B::Scalar::advance_rows(cross.reborrow(), &self.shift, rows, abar, kept);
         let theta = right.block_mut(n, 0, size - n, size - n);
         B::block_product_lower(theta.view(), phi, cross, self.mirrored.view_mut());
-        // P_xx <- Abar top^T + (phi (x) I) P_{theta x} + Qbar, of which the lower triangle goes to its place.
-        self.transposed.fill(B::Scalar::zero());
-        B::Scalar::add_mirrored(self.top.view(), 1, 0, 0, self.transposed.view_mut());
-        B::Scalar::advance_columns(self.transposed.view_mut(), &self.shift, rows, abar, outputs);
-        B::Scalar::add_block_sums(self.transposed.view_mut(), left.view().block(n, 0, size - n, n), phi);
+        // P_xx <- Abar W + (phi (x) I) P_{theta x} + Qbar, of which the lower triangle goes to its place.
+        B::Scalar::advance_columns(self.product.view_mut(), &self.shift, rows, abar, outputs);
+        B::Scalar::add_block_sums(self.product.view_mut(), left.view().block(n, 0, size - n, n), phi);
         for i in 0..n {
             let x = &mut left.column_mut(i)[i..n];
-            for ((x, &product), &noise) in x.iter_mut().zip(&self.transposed.column(i)[i..]).zip(&qbar.column(i)[i..]) {
+            for ((x, &product), &noise) in x.iter_mut().zip(&self.product.column(i)[i..]).zip(&qbar.column(i)[i..]) {
                 *x = product + noise;
             }
             let variance = x[0];
