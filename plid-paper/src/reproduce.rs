@@ -57,6 +57,12 @@ pub fn reproduce(
     let journal: Journal<Done> = Journal::open(directory, "paper", "claims", !options.anew)?;
     let wanted = |task: &&Task| options.only.is_empty() || options.only.iter().any(|id| id == task.claim.id);
     let missing = |task: &&Task| journal.get(&task.key).is_none();
+    // A former run in the same directory may have been quick and this one not: files follow the journal.
+    for task in &tasks {
+        if let Some(done) = journal.get(&task.key) {
+            keep(task, &done.finding, &directory.join(task.claim.id))?;
+        }
+    }
     let (timed, plain): (Vec<&Task>, Vec<&Task>) =
         tasks.iter().filter(wanted).filter(missing).partition(|task| task.claim.timed);
 
@@ -70,6 +76,7 @@ pub fn reproduce(
             return Err(interrupted());
         }
         let at = directory.join(task.claim.id);
+        // Claims write data files there before they are done.
         fs::create_dir_all(&at).map_err(StudyError::file(&at))?;
         let context = Context {
             id: task.claim.id,
@@ -132,6 +139,7 @@ fn task(claim: &Claim, options: &Options) -> Result<Task, StudyError> {
 /// The claim's own files.
 fn keep(task: &Task, finding: &Finding, at: &Path) -> Result<(), StudyError> {
     let id = task.claim.id;
+    fs::create_dir_all(at).map_err(StudyError::file(at))?;
     write(&at.join(format!("{id}.toml")), &task.config)?;
     if !task.vary.is_empty() {
         write(&at.join(format!("{id}.vary.toml")), &task.vary)?;

@@ -19,7 +19,9 @@ struct Vary {
     runs: usize,
 }
 
-const NAMES: [&str; 5] = ["prior", "posterior", "moment-matched", "certainty-equivalent", "joint-ekf"];
+/// The best that can be had, for comparison: largest posterior density over the whole record.
+const BATCH: &str = "batch-maximum-posterior";
+const NAMES: [&str; 6] = ["prior", "posterior", "moment-matched", "certainty-equivalent", "joint-ekf", BATCH];
 
 /// Slope of log y over log x by least squares.
 fn slope(points: &[(f64, f64)]) -> f64 {
@@ -30,10 +32,19 @@ fn slope(points: &[(f64, f64)]) -> f64 {
     over / under
 }
 
+/// What the study has of one way to an estimate at one length.
+struct Point {
+    /// Geometric mean over plants of the free-run error against the true response.
+    free_run: f64,
+    /// RMS over plants of the error of the entries of a_1 .. a_p.
+    rmse: f64,
+    /// Normalised estimation error squared.
+    nees: f64,
+}
+
 fn run(context: &Context<'_>) -> Result<Finding> {
     let (config, vary): (Config, Vary) = (context.config()?, context.vary()?);
-    let mut lines: Vec<Vec<(f64, f64)>> = vec![Vec::new(); NAMES.len()];
-    let mut lost = [0; NAMES.len()];
+    let mut lines: Vec<Vec<Point>> = NAMES.iter().map(|_| Vec::new()).collect();
     for &samples in &vary.samples {
         let mut config = config.clone();
         for plant in &mut config.in_class {
@@ -42,59 +53,77 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         let directory = context.directory.join(format!("{samples}-samples"));
         let study = expectations::run(&config, &directory, false, &Inner(context.progress))?;
         let cell = study.cells.first().ok_or("the study has no cell")?;
-        for (k, name) in NAMES.iter().enumerate() {
+        for (line, name) in lines.iter_mut().zip(NAMES) {
             let score =
-                cell.scores.iter().find(|score| score.method == *name).ok_or("the study lacks an expectation")?;
-            lost[k] += score.lost;
-            let error = score.rmse_a.as_ref().ok_or("no error: every run was lost")?.value;
-            lines[k].push((samples as f64, error));
+                cell.scores.iter().find(|score| score.method == name).ok_or("the study lacks an expectation")?;
+            let value =
+                |figure: &Option<_>| figure.as_ref().map_or(f64::NAN, |f: &expectations::statistics::Figure| f.value);
+            line.push(Point { free_run: value(&score.free_run), rmse: value(&score.rmse_a), nees: value(&score.nees) });
         }
     }
+    let against = |line: &[Point], of: fn(&Point) -> f64| -> Vec<(f64, f64)> {
+        vary.samples.iter().zip(line).map(|(&samples, point)| (samples as f64, of(point))).collect()
+    };
     let mut finding = Finding::default();
     let mut rows = Vec::new();
-    for (k, name) in NAMES.iter().enumerate() {
-        // The first error is that of the start; the second half of the lengths tells how it goes on.
-        let late = &lines[k][lines[k].len() / 2 - 1..];
-        let last = lines[k].last().ok_or("no samples")?.1;
-        finding = finding.figure(format!("slope, {name}"), slope(late), "").figure(
-            format!("error at the end, {name}"),
-            last,
-            "",
-        );
-        let errors = lines[k].iter().map(|(_, error)| format!("{error:.5}"));
-        rows.push(
-            [name.to_string(), format!("{:.2}", slope(late)), lost[k].to_string()].into_iter().chain(errors).collect(),
-        );
+    let (mut slopes, mut honest) = (Vec::new(), Vec::new());
+    for (name, line) in NAMES.into_iter().zip(&lines) {
+        // The first half of the lengths tells of the start.
+        let late = line.len() / 2 - 1;
+        let slope = |of: fn(&Point) -> f64| slope(&against(line, of)[late..]);
+        let last = line.last().ok_or("no samples")?;
+        finding = finding
+            .figure(format!("slope of the free-run error, {name}"), slope(|p| p.free_run), "")
+            .figure(format!("free-run error at the end, {name}"), 100.0 * last.free_run, "%")
+            .figure(format!("slope of the parameters' RMS error, {name}"), slope(|p| p.rmse), "")
+            .figure(format!("NEES at the end, {name}"), last.nees, "");
+        if name != BATCH {
+            slopes.push((name, slope(|p| p.free_run)));
+            honest.push((name, last.nees < 2.0));
+        }
+        let errors = line.iter().map(|point| format!("{:.2}", 100.0 * point.free_run));
+        let start = [
+            name.to_string(),
+            format!("{:.2}", slope(|p| p.free_run)),
+            format!("{:.1}", last.nees),
+            format!("{:.4}", last.rmse),
+        ];
+        rows.push(start.into_iter().chain(errors).collect());
     }
-    let slopes: Vec<f64> = NAMES.iter().map(|name| finding.value(&format!("slope, {name}"))).collect();
-    let good: Vec<&str> = NAMES.iter().zip(&slopes).filter(|(_, s)| **s < -0.4).map(|(name, _)| *name).collect();
-    let picture = chart(&Chart {
-        title: String::new(),
-        x: Axis::log("samples"),
-        y: Axis::log("RMS error of the entries of a"),
-        series: NAMES.iter().zip(&lines).map(|(name, line)| Series::line(*name, line.clone())).collect(),
-        height: 230.0,
-    });
-    let heads: Vec<String> = vary.samples.iter().map(|k| format!("{k} samples")).collect();
-    let heads: Vec<(&str, &str)> = [("expectation", ""), ("slope", ""), ("lost runs", "")]
-        .into_iter()
-        .chain(heads.iter().map(|h| (h.as_str(), "")))
-        .collect();
-    let rule = |name: &str| {
-        format!(
-            "With `{name}` the error falls with a slope below -0.4 over the longer records: the square root's is -0.5, and a bias would flatten it."
-        )
+    let series = |of: fn(&Point) -> f64| {
+        NAMES.iter().zip(&lines).map(|(name, line)| Series::line(*name, against(line, of))).collect()
     };
-    for (name, slope) in NAMES.iter().zip(&slopes) {
-        finding = finding.part(rule(name), *slope < -0.4);
+    let draw = |label: &str, series: Vec<Series>| {
+        chart(&Chart { title: String::new(), x: Axis::log("samples"), y: Axis::log(label), series, height: 230.0 })
+    };
+    let pictures =
+        [draw("free-run error, relative", series(|p| p.free_run)), draw("NEES of the parameters", series(|p| p.nees))];
+    let heads: Vec<String> = vary.samples.iter().map(|k| format!("{k} samples")).collect();
+    let heads: Vec<(&str, &str)> = [("estimate", ""), ("slope", ""), ("NEES at the end", ""), ("RMS error of a", "")]
+        .into_iter()
+        .chain(heads.iter().map(|h| (h.as_str(), "%")))
+        .collect();
+    for (name, slope) in &slopes {
+        let rule = format!(
+            "With `{name}` the free-run error falls over the longer records with a slope below -0.25, half of the square root's -0.5: a bias would flatten it."
+        );
+        finding = finding.part(rule, *slope < -0.25);
     }
-    let listed: Vec<String> = NAMES.iter().zip(&slopes).map(|(name, slope)| format!("{name} {slope:.2}")).collect();
+    let listed: Vec<String> = slopes.iter().map(|(name, slope)| format!("{name} {slope:.2}")).collect();
+    let proud: Vec<&str> = honest.iter().filter(|(_, is)| !is).map(|(name, _)| *name).collect();
+    let [picture, nees] = pictures;
+    let batch = finding.value(&format!("slope of the free-run error, {BATCH}"));
     Ok(finding
-        .picture(picture, format!("RMS over {} random plants of the model's order, signal-to-noise ratio {}.", vary.runs, config.signal_to_noise[0]))
-        .table("RMS error of the entries of a_1 .. a_p.", &heads, rows)
+        .part("With every expectation P says how far the estimate still is: NEES at the end is below 2.", proud.is_empty())
+        .picture(picture, format!("Geometric mean over {} random plants of the model's order, signal-to-noise ratio {}.", vary.runs, config.signal_to_noise[0]))
+        .picture(nees, "One for an honest P.")
+        .table("Free-run error against the true response; the RMS error of the entries of a_1 .. a_p at the end is owned by the plants that the data tell least of.", &heads, rows)
         .say(format!(
-            "Over the longer records the error falls with these slopes (the square root's is -0.5): {}. {} of the five readings of the conditional expectation converge as they should up to {} samples.",
-            listed.join(", "), good.len(), vary.samples.last().unwrap_or(&0)
+            "Over the longer records, up to {} samples, the free-run error falls with these slopes (the square root's is -0.5): {}; batch estimation's with {:.2}. P falls faster than the error with {}.",
+            vary.samples.last().unwrap_or(&0),
+            listed.join(", "),
+            batch,
+            if proud.is_empty() { "none".into() } else { proud.join(", ") },
         )))
 }
 

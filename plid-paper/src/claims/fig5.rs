@@ -55,16 +55,17 @@ fn run(context: &Context<'_>) -> Result<Finding> {
 
     let fit = density.iter().filter(|(hz, _)| (20.0..=350.0).contains(hz));
     let off = fit.map(|&(hz, d)| 10.0 * (d / digital(hz)).log10()).fold(0.0, |worst: f64, db| worst.max(db.abs()));
-    let clipped = |hz: f64| analogue(hz).max(1e-3 * rounding);
-    let line = |of: &dyn Fn(f64) -> f64| grid.iter().map(|&hz| (hz, of(hz))).collect();
+    // What is far below both floors is not drawn.
+    let shown = |density: f64| if density > 1e-2 * rounding { density } else { f64::NAN };
+    let line = |of: &dyn Fn(f64) -> f64| grid.iter().map(|&hz| (hz, shown(of(hz)))).collect();
     let psd = chart(&Chart {
         title: String::new(),
         x: Axis::linear("frequency, Hz").range(0.0, rate / 2.0).step(100.0),
         y: Axis::log("density, V²/Hz"),
         series: vec![
             Series::line("command of actuator 1", density.clone()).colour("#8f8f8f").width(2.4),
-            Series::line("sixth-order Butterworth, sampled", line(&|hz| digital(hz).max(1e-3 * rounding))),
-            Series::line("the same, analogue", line(&clipped)).dashed(),
+            Series::line("sixth-order Butterworth, sampled", line(&digital)),
+            Series::line("the same, analogue", line(&analogue)).dashed(),
             Series::level("amplifier noise, 5 mV", amplifier),
             Series::level("rounding of the converter", rounding),
             Series::vertical("600 Hz", 600.0).colour("#555555"),
