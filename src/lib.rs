@@ -3,7 +3,7 @@
 //! This crate gathers the library. The recursion and its traits stand at the root: [`Identifier`] is the one loop, over a
 //! [`CovariancePropagation`], [`ConditionalExpectations`] and an [`ImplicitModel`]. The ready-made types to put in their
 //! places are in [`covariance`], [`expectations`] and [`backends`], and by name in [`catalogue`]; [`model`] is what may be
-//! asked of a linear model and of sampled signals, [`testbed`] the simulated truss, and [`lab`] the experiments on
+//! asked of a linear model and of sampled signals, [`refine`] the models refined for simulation, [`testbed`] the simulated truss, and [`lab`] the experiments on
 //! records: data files, noise covariances, validation, reports.
 //!
 //! A plant of two states, x1' = -0.81 x2 + 0.5 u, x2' = x1 + 1.2 x2 + u, y = x2, from its input and output alone:
@@ -47,6 +47,8 @@ pub use plid_core::*;
 pub use plid_lab as lab;
 #[doc(inline)]
 pub use plid_model as model;
+#[doc(inline)]
+pub use plid_refine as refine;
 #[doc(inline)]
 pub use plid_testbed as testbed;
 #[doc(inline)]

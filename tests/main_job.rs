@@ -29,6 +29,18 @@ fn thirty_states_simulate_the_truss_as_well_as_the_true_plant() {
 }
 
 #[test]
+fn the_refined_model_and_the_baseline_do_so_too() {
+    let simulation = &outcome().simulation;
+    let truth = outcome().validation.truth_errors.as_ref().unwrap().overall_relative;
+    let (refined, path) = simulation.refined.as_ref().unwrap();
+    let ratio = refined.free_run_errors.overall_relative / truth;
+    assert!((0.98..1.03).contains(&ratio), "{ratio}");
+    assert!(path.poles_at_limit == 0, "{}", path.poles_at_limit);
+    let ratio = simulation.subspace.as_ref().unwrap().free_run_errors.overall_relative / truth;
+    assert!((0.98..1.5).contains(&ratio), "{ratio}");
+}
+
+#[test]
 fn all_five_dominant_modes_are_found_in_every_pair_that_shows_them() {
     let peaks = &outcome().peaks;
     assert!(peaks.len() >= 40, "{}", peaks.len());
@@ -62,6 +74,7 @@ fn all_forms_and_backends_agree_on_it() {
         let mut experiment = experiment();
         experiment.variant.covariance = Some(covariance);
         experiment.variant.backend = backend;
+        experiment.identification.refine = plid::lab::experiment::Refinement::Off;
         experiment.noise.from = plid::lab::experiment::NoiseSource::Given;
         experiment.noise.sensor = Some(plid::lab::experiment::Covariance::Diagonal(variance(tuned.noise_levels.0[0])));
         experiment.noise.state = Some(plid::lab::experiment::Covariance::Diagonal(per_state.clone()));

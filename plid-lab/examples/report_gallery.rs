@@ -81,9 +81,9 @@ fn pair(frf: &WelchFrf, output: usize, input: usize) -> FrfPlot {
         coherence: Some(frf.multiple_coherence.column(output).to_vec()),
         identified: Some(FrfCurve { frequency_hz: fine.clone(), response: identified, std: Some(std) }),
         truth: Some(FrfCurve { frequency_hz: fine.clone(), response: model(1.0), std: None }),
-        peaks_hz: vec![],
         frequency_scale: Scale::Linear,
         range_hz: Some((20.0, 380.0)),
+        ..FrfPlot::default()
     }
 }
 

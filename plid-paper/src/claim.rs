@@ -4,7 +4,7 @@ use std::error::Error;
 use std::path::Path;
 
 use plid_bench::study::{ConfigError, Progress};
-use plid_lab::experiment::{Experiment, from_toml};
+use plid_lab::experiment::{Experiment, Refinement, from_toml};
 use plid_lab::run::{self, Outcome};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -95,22 +95,24 @@ impl Context<'_> {
         Ok(if self.quick { both.quick } else { both.full })
     }
 
-    /// Carries out an experiment but for its predictor, which would take longer than all the rest; data files lie in the claim's directory.
+    /// Carries out an experiment for PLID's model alone: what else a run does would take longer. Data files lie in the claim's directory.
     ///
     /// # Errors
     /// [`run::RunError`]
     pub fn identify(&self, experiment: &Experiment) -> std::result::Result<Outcome, run::RunError> {
         let mut experiment = experiment.clone();
-        experiment.validation.predictor = false;
+        experiment.validation.model_only = true;
         self.validate(&experiment)
     }
 
-    /// Carries out an experiment, with its one-step prediction of held-out data.
+    /// Carries out an experiment, with PLID's one-step prediction of held-out data; without a second model, of which the paper says nothing.
     ///
     /// # Errors
     /// [`run::RunError`]
     pub fn validate(&self, experiment: &Experiment) -> std::result::Result<Outcome, run::RunError> {
-        run::carry_out(experiment, self.directory, None, false, &Inner(self.progress))
+        let mut experiment = experiment.clone();
+        experiment.identification.refine = Refinement::Off;
+        run::carry_out(&experiment, self.directory, None, false, &Inner(self.progress))
     }
 }
 

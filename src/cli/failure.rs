@@ -76,7 +76,9 @@ impl From<RunError> for Failure {
             | RunError::Prepare(_)
             | RunError::Testbed(_)
             | RunError::Checkpoint { .. } => Self::Input(error.into()),
-            RunError::Identify(_) | RunError::Signal(_) | RunError::Interrupted { .. } => Self::Work(error.into()),
+            RunError::Identify(_) | RunError::Signal(_) | RunError::Refine(_) | RunError::Interrupted { .. } => {
+                Self::Work(error.into())
+            }
         }
     }
 }

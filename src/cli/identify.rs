@@ -6,7 +6,7 @@ use plid::catalogue::VariantChoice;
 use plid::catalogue::{BackendName, CovarianceName, ExpectationName, ScalarName};
 use plid::lab::data::MissingPolicy;
 use plid::lab::experiment::{
-    DataConfig, Experiment, IdentificationConfig, IndicesChoice, NoiseConfig, StartConfig, StructureConfig,
+    DataConfig, Experiment, IdentificationConfig, IndicesChoice, NoiseConfig, Refinement, StartConfig, StructureConfig,
     ValidationConfig, to_toml,
 };
 use plid::lab::prepare::{Advance, Preparation};
@@ -79,6 +79,9 @@ pub struct Arguments {
     /// How often the training data are gone through.
     #[arg(long, value_name = "N", default_value_t = 1)]
     passes: usize,
+    /// A second model, refined for simulation: output-error, or off.
+    #[arg(long, value_parser = parse::<Refinement>, default_value = "output-error")]
+    refine: Refinement,
     /// What the experiment is called in the report; left out, the first file's name.
     #[arg(long)]
     name: Option<String>,
@@ -94,7 +97,7 @@ pub struct Arguments {
 }
 
 /// A word as an experiment file has it.
-fn parse<T: serde::de::DeserializeOwned>(word: &str) -> Result<T, String> {
+pub(super) fn parse<T: serde::de::DeserializeOwned>(word: &str) -> Result<T, String> {
     use serde::de::IntoDeserializer;
     let word: serde::de::value::StrDeserializer<'_, serde::de::value::Error> = word.into_deserializer();
     T::deserialize(word).map_err(|e| e.to_string())
@@ -172,7 +175,11 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
             scalar: arguments.scalar,
         },
         start: StartConfig::default(),
-        identification: IdentificationConfig { passes: arguments.passes, ..IdentificationConfig::default() },
+        identification: IdentificationConfig {
+            passes: arguments.passes,
+            refine: arguments.refine,
+            ..IdentificationConfig::default()
+        },
         validation: ValidationConfig {
             training_share: arguments.training_share,
             period: arguments.period,

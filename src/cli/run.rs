@@ -3,7 +3,7 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use plid::lab::experiment::{self, Experiment};
+use plid::lab::experiment::{self, Experiment, Refinement};
 use plid::lab::run::{self, Outcome, RunError};
 
 use super::progress::Bar;
@@ -24,6 +24,9 @@ pub struct Arguments {
     /// Where the results go; out/NAME if left out.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// A second model, refined for simulation: output-error, or off; left out, what the experiment says.
+    #[arg(long, value_name = "HOW", value_parser = super::identify::parse::<Refinement>)]
+    refine: Option<Refinement>,
     /// Go on from the checkpoint of an interrupted run in the output directory.
     #[arg(long)]
     resume: bool,
@@ -35,7 +38,10 @@ pub struct Arguments {
 /// Runs the command.
 pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     let path = &arguments.experiment;
-    let experiment = experiment::read(path).map_err(RunError::from)?;
+    let mut experiment = experiment::read(path).map_err(RunError::from)?;
+    if let Some(refine) = arguments.refine {
+        experiment.identification.refine = refine;
+    }
     let base = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let out = arguments.out.unwrap_or_else(|| directory::default_for(&experiment.name));
     directory::check(&out, arguments.force || arguments.resume)?;
@@ -85,6 +91,15 @@ fn summary(outcome: &Outcome, out: &Path) -> String {
         row(name, percent(one_step.map(|e| e.relative[i])), percent(Some(free_run.relative[i])));
     }
     row("all", percent(one_step.map(|e| e.overall_relative)), percent(Some(free_run.overall_relative)));
+    let simulation = &outcome.simulation;
+    let alternatives =
+        [("refined", simulation.refined.as_ref().map(|r| &r.0)), ("subspace", simulation.subspace.as_ref())];
+    for (name, alternative) in alternatives {
+        if let Some(model) = alternative {
+            let one_step = model.one_step_errors.as_ref().map(|e| e.overall_relative);
+            row(name, percent(one_step), percent(Some(model.free_run_errors.overall_relative)));
+        }
+    }
     if let Some(truth) = &validation.truth_errors {
         row("true plant", String::new(), percent(Some(truth.overall_relative)));
     }

@@ -241,6 +241,17 @@ impl Default for StartConfig {
     }
 }
 
+/// Whether a second model is refined for simulation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Refinement {
+    /// By the free-run error on the training data (the default).
+    #[default]
+    OutputError,
+    /// No second model; the subspace baseline is still shown.
+    Off,
+}
+
 /// How the recursion runs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -251,11 +262,13 @@ pub struct IdentificationConfig {
     pub forgetting: f64,
     /// Variance added to each parameter's variance a step; 0 for none.
     pub parameter_noise: f64,
+    /// Whether a second model is refined for simulation: `output-error`, or `off`.
+    pub refine: Refinement,
 }
 
 impl Default for IdentificationConfig {
     fn default() -> Self {
-        Self { passes: 1, forgetting: 1.0, parameter_noise: 0.0 }
+        Self { passes: 1, forgetting: 1.0, parameter_noise: 0.0, refine: Refinement::default() }
     }
 }
 
@@ -267,9 +280,9 @@ pub struct ValidationConfig {
     pub training_share: f64,
     /// The share of the training data that the noise bank learns from; the rest of it scores.
     pub learning_share: f64,
-    /// Whether the gain of a frozen predictor is fitted; without it there are no one-step errors on held-out data and no residual tests. For
-    /// many runs of which the model alone is wanted: the fit may take longer than the recursion.
-    pub predictor: bool,
+    /// Whether PLID's model alone is wanted, as in a study of many runs: no predictor gain is fitted, so that there are no one-step errors on
+    /// held-out data and no residual tests, and no other model is put beside it. Both take longer than the recursion.
+    pub model_only: bool,
     /// Highest lag of the residual tests; left out, chosen by the record's length.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lags: Option<usize>,
@@ -283,7 +296,7 @@ pub struct ValidationConfig {
 
 impl Default for ValidationConfig {
     fn default() -> Self {
-        Self { training_share: 0.75, learning_share: 0.75, predictor: true, lags: None, period: None, band_hz: None }
+        Self { training_share: 0.75, learning_share: 0.75, model_only: false, lags: None, period: None, band_hz: None }
     }
 }
 

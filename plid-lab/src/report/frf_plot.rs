@@ -28,6 +28,8 @@ pub struct FrfPlot {
     pub coherence: Option<Vec<f64>>,
     /// The identified model.
     pub identified: Option<FrfCurve>,
+    /// Further models by name, each in a colour of its own.
+    pub others: Vec<(String, FrfCurve)>,
     /// The true model, where one is known.
     pub truth: Option<FrfCurve>,
     /// Frequencies in Hz at which the identified model is marked.
@@ -63,7 +65,7 @@ pub fn frf_grid(columns: usize, plots: &[FrfPlot]) -> String {
 
 fn panels(plot: &FrfPlot, heights: [f64; 3]) -> Vec<Panel> {
     let curves = [&plot.measured, &plot.truth, &plot.identified];
-    let shown = curves.iter().copied().flatten();
+    let shown = curves.into_iter().flatten().chain(plot.others.iter().map(|(_, curve)| curve));
     let ends = shown.clone().flat_map(|c| c.frequency_hz.iter().copied()).filter(|f| *f > 0.0);
     let (low, high) =
         plot.range_hz.unwrap_or_else(|| ends.fold((f64::INFINITY, 0.0), |(l, h), f| (f.min(l), f.max(h))));
@@ -118,6 +120,12 @@ fn magnitudes(plot: &FrfPlot) -> Vec<Series> {
         }
         series.push(Series::line("identified", level(identified)).colour(style::IDENTIFIED).width(1.5));
     }
+    for ((name, curve), colour) in plot.others.iter().zip(other_colours()) {
+        if let Some(std) = &curve.std {
+            series.push(Series::band(format!("{name} ± 2 std"), band(curve, std)).colour(colour));
+        }
+        series.push(Series::line(name.clone(), level(curve)).colour(colour).width(1.3));
+    }
     if let Some(truth) = &plot.truth {
         series.push(Series::line("true", level(truth)).colour(style::TRUE_MODEL).width(1.1).dashed());
     }
@@ -134,17 +142,24 @@ fn magnitudes(plot: &FrfPlot) -> Vec<Series> {
     series
 }
 
+/// Colours of the further models: none that the other curves have.
+fn other_colours() -> impl Iterator<Item = &'static str> {
+    let taken = [style::MEASURED, style::IDENTIFIED, style::TRUE_MODEL];
+    style::CYCLE.into_iter().filter(move |colour| !taken.contains(colour)).cycle()
+}
+
 fn phases(plot: &FrfPlot) -> Vec<Series> {
-    let mut series = Vec::new();
-    let mut add = |curve: &Option<FrfCurve>, colour: &str, width: f64, dashed: bool| {
-        if let Some(curve) = curve {
-            let line = Series::line("", phase_points(curve)).colour(colour).width(width);
-            series.push(if dashed { line.dashed() } else { line });
-        }
-    };
-    add(&plot.measured, style::MEASURED, 1.8, false);
-    add(&plot.identified, style::IDENTIFIED, 1.3, false);
-    add(&plot.truth, style::TRUE_MODEL, 1.0, true);
+    let models = plot.others.iter().zip(other_colours()).map(|((_, curve), colour)| (curve, colour, 1.1));
+    let measured = plot.measured.iter().map(|curve| (curve, style::MEASURED, 1.8));
+    let identified = plot.identified.iter().map(|curve| (curve, style::IDENTIFIED, 1.3));
+    let mut series: Vec<Series> = measured
+        .chain(identified)
+        .chain(models)
+        .map(|(curve, colour, width)| Series::line("", phase_points(curve)).colour(colour).width(width))
+        .collect();
+    if let Some(truth) = &plot.truth {
+        series.push(Series::line("", phase_points(truth)).colour(style::TRUE_MODEL).width(1.0).dashed());
+    }
     series
 }
 

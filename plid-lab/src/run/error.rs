@@ -42,6 +42,10 @@ pub enum RunError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Model(#[from] ModelError),
+    /// A refinement that was interrupted.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Refine(#[from] plid_refine::RefineError),
     /// A spectrum or test cannot be formed.
     #[error(transparent)]
     #[diagnostic(transparent)]

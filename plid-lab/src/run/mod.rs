@@ -8,7 +8,11 @@ mod obtain;
 mod output;
 mod peaks;
 mod progress;
+#[cfg(test)]
+mod real_files;
 mod report;
+mod report_simulation;
+mod simulation;
 mod start;
 mod validate;
 
@@ -18,6 +22,7 @@ pub use obtain::{Obtained, Source, Truth};
 pub use output::write;
 pub use peaks::PeakRow;
 pub use progress::{Progress, Silent};
+pub use simulation::{Alternative, Path as RefinementPath, Simulation};
 pub use validate::{Errors, Validation};
 
 use std::path::Path;
@@ -76,6 +81,8 @@ pub struct Outcome {
     pub predictor: Option<String>,
     /// One-step and free-run errors, residual tests.
     pub validation: Validation,
+    /// The baseline and the refined model beside PLID's.
+    pub simulation: Simulation,
     /// Peaks of the true plant and of the model, for simulated data.
     pub peaks: Vec<PeakRow>,
     /// The true plant, for simulated data at their own rate.
@@ -209,8 +216,8 @@ pub fn carry_out(
 
     progress.stage("validation");
     let scaled = scaled_model(&run.identified, &form, &prepared)?;
-    let wanted = experiment.validation.predictor;
-    let predictor = wanted.then(|| fit_predictor(&scaled, training[training.len() - 1])).flatten();
+    let alone = experiment.validation.model_only;
+    let predictor = if alone { None } else { fit_predictor(&scaled, training[training.len() - 1]) };
     let (canonical, model) = in_data_units(&scaled, predictor.as_ref(), &plan, &prepared)?;
     let truth = truth.filter(|t| {
         let same = t.noise_free.nrows() == prepared.records[0].samples() + prepared.advanced;
@@ -227,6 +234,18 @@ pub fn carry_out(
         &prepared,
         truth.as_ref(),
     )?;
+    let simulation = if alone {
+        Simulation { best: "plid", ..Simulation::default() }
+    } else {
+        match simulation::carry_out(&experiment, &scaled, &prepared, &validation, progress) {
+            Err(RunError::Refine(plid_refine::RefineError::Interrupted)) => return Err(pause(search.memory, None)),
+            other => {
+                let (simulation, said) = other?;
+                warnings.extend(said);
+                simulation
+            }
+        }
+    };
     let peaks = match &truth {
         Some(truth) => peaks::compare(truth, &model)?,
         None => Vec::new(),
@@ -248,6 +267,7 @@ pub fn carry_out(
         model,
         canonical,
         validation,
+        simulation,
         peaks,
         truth,
         prepared,

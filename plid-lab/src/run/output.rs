@@ -1,18 +1,19 @@
-//! The files of a run: result.json, model.json, innovations.csv, manifest.json, report.html and its first picture, frf.svg. Each is written whole or not at all, and
+//! The files of a run: result.json, model.json, model-refined.json, model-subspace.json, innovations.csv, manifest.json, report.html and its first picture, frf.svg. Each is written whole or not at all, and
 //! the same run gives the same bytes: no time and no path of the machine stands in them.
 
 use std::fmt::Write as _;
 use std::path::Path;
 
+use plid_refine::{Noise, Score};
 use serde_json::{Map, Value, json};
 
 use super::error::RunError;
 use super::validate::Errors;
-use super::{CHECKPOINT, Outcome, report};
+use super::{Alternative, CHECKPOINT, Outcome, report};
 use crate::experiment::to_toml;
 use crate::report::write_atomic;
 use plid_catalogue::Conditions;
-use plid_model::{Model, mode_deviations};
+use plid_model::{ModeDeviation, Model, mode_deviations};
 
 /// Writes all files of a run into `directory`, and removes its checkpoint.
 ///
@@ -27,6 +28,7 @@ pub fn write(outcome: &Outcome, directory: &Path) -> Result<(), RunError> {
     let (page, responses) = report::page(outcome)?;
     put("innovations.csv", innovations(outcome).as_bytes())?;
     with_provenance(outcome).write(&file("model.json"))?;
+    simulation_models(outcome, directory)?;
     put("manifest.json", pretty(&manifest(outcome)).as_bytes())?;
     put("frf.svg", responses.as_bytes())?;
     put("report.html", page.as_bytes())?;
@@ -38,6 +40,76 @@ pub fn write(outcome: &Outcome, directory: &Path) -> Result<(), RunError> {
         }
         _ => Ok(()),
     }
+}
+
+/// model-refined.json and model-subspace.json; one that this run does not hand over is not left from a former run either.
+fn simulation_models(outcome: &Outcome, directory: &Path) -> Result<(), RunError> {
+    let simulation = &outcome.simulation;
+    let refined = simulation.refined.as_ref().filter(|_| !simulation.refined_is_worse).map(|(model, _)| model);
+    for (name, alternative) in [("model-refined.json", refined), ("model-subspace.json", simulation.subspace.as_ref())]
+    {
+        let path = directory.join(name);
+        match alternative {
+            Some(alternative) => {
+                let provenance = with_provenance(outcome).provenance.map(|mut provenance| {
+                    provenance.remove("predictor");
+                    provenance.insert("held_out_free_run".into(), json!(alternative.free_run_errors.overall_relative));
+                    provenance
+                });
+                Model { provenance, ..alternative.model.clone() }.write(&path)?;
+            }
+            None => match std::fs::remove_file(&path) {
+                Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
+                    return Err(RunError::File { path, source });
+                }
+                _ => {}
+            },
+        }
+    }
+    Ok(())
+}
+
+/// The models for simulation beside PLID's: `refined` and `subspace`.
+fn simulation(outcome: &Outcome) -> Result<Value, RunError> {
+    let simulation = &outcome.simulation;
+    let figures = |model: &Alternative| json!({ "one_step": model.one_step_errors.as_ref().map(errors), "free_run": errors(&model.free_run_errors) });
+    let refined = simulation.refined.as_ref().map(|(model, path)| -> Result<Value, RunError> {
+        let mut value = figures(model);
+        let modes: Vec<Value> = path.mode_deviations(&model.model)?.iter().map(mode).collect();
+        let starts: Vec<Value> = path.scores.iter().map(score).collect();
+        value["handed_over"] = json!(!simulation.refined_is_worse);
+        value["starts"] = json!(starts);
+        value["start_taken"] = score(&path.scores[path.chosen]);
+        value["iterations"] = json!(path.iterations);
+        value["converged"] = json!(path.converged);
+        value["poles_at_limit"] = json!(path.poles_at_limit);
+        value["modes"] = json!(modes);
+        Ok(value)
+    });
+    Ok(json!({
+        "best_free_run": simulation.best,
+        "longest_time_constant_s": simulation.longest_time_constant_s,
+        "period_s": simulation.period_s,
+        "refined": refined.transpose()?,
+        "subspace": simulation.subspace.as_ref().map(figures),
+    }))
+}
+
+fn score(score: &Score) -> Value {
+    let noise = if score.noise == Noise::Coloured { "coloured" } else { "white" };
+    json!({ "start": score.start, "noise": noise, "free_run": finite(score.error) })
+}
+
+fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}
+
+fn mode(deviation: &ModeDeviation) -> Value {
+    let mode = &deviation.mode;
+    json!({
+        "hz": mode.hz, "hz_std": deviation.hz_std, "damping_ratio": mode.damping, "damping_ratio_std": deviation.damping_std,
+        "kind": mode.kind, "stable": mode.stable, "strength_db": finite(mode.strongest_db()),
+    })
 }
 
 fn pretty(value: &Value) -> String {
@@ -127,17 +199,7 @@ fn result(outcome: &Outcome) -> Result<Value, RunError> {
     let validation = &outcome.validation;
     let record = &outcome.prepared.records[outcome.prepared.records.len() - 1];
     let states: usize = outcome.form.indices().iter().sum();
-    let modes: Vec<Value> = mode_deviations(&outcome.canonical)?
-        .iter()
-        .map(|deviation| {
-            let mode = &deviation.mode;
-            let strength = mode.strongest_db();
-            json!({
-                "hz": mode.hz, "hz_std": deviation.hz_std, "damping_ratio": mode.damping, "damping_ratio_std": deviation.damping_std,
-                "kind": mode.kind, "stable": mode.stable, "strength_db": strength.is_finite().then_some(strength),
-            })
-        })
-        .collect();
+    let modes: Vec<Value> = mode_deviations(&outcome.canonical)?.iter().map(mode).collect();
     let tests = |c: &plid_model::signal::Correlation| {
         json!({ "statistic": c.test.statistic, "degrees_of_freedom": c.test.degrees_of_freedom,
                 "p_value": c.test.p_value, "passes": c.test.passes, "lags_outside": c.test.outside })
@@ -171,6 +233,7 @@ fn result(outcome: &Outcome) -> Result<Value, RunError> {
             "free_run_of_the_true_plant": validation.truth_errors.as_ref().map(errors),
             "noise_floor_relative": validation.noise_floor,
         },
+        "simulation": simulation(outcome)?,
         "predictor": outcome.predictor,
         "noise": {
             "of_channels_divided_by": { "inputs": outcome.prepared.input_scales, "outputs": outcome.prepared.output_scales },

@@ -5,6 +5,7 @@ use rustfft::num_complex::Complex64;
 
 use super::Outcome;
 use super::error::RunError;
+use super::report_simulation;
 use super::validate::Errors;
 use crate::experiment::to_toml;
 use crate::report::{
@@ -84,6 +85,7 @@ pub(super) fn page(outcome: &Outcome) -> Result<(String, String), RunError> {
         .advice(outcome.advice.iter().cloned())
         .heading("Errors on held-out data")
         .table(error_table(outcome));
+    report = report_simulation::section(report, outcome, measured.as_ref(), band)?;
     if !outcome.peaks.is_empty() {
         report = report
             .heading("Peaks beside the true ones")
@@ -121,7 +123,7 @@ pub(super) fn page(outcome: &Outcome) -> Result<(String, String), RunError> {
     Ok((report.to_html(), responses))
 }
 
-fn percent(value: f64) -> String {
+pub(super) fn percent(value: f64) -> String {
     if !value.is_finite() {
         "infinite".into()
     } else if value >= 0.1 {
@@ -157,6 +159,7 @@ fn verdict(outcome: &Outcome) -> Vec<String> {
         let floor = (floor.iter().map(|x| x * x).sum::<f64>() / floor.len() as f64).sqrt();
         sentences.push(format!("The noise floor that the repeats show is {}.", percent(floor)));
     }
+    sentences.extend(report_simulation::verdict(outcome));
     sentences
 }
 
@@ -168,7 +171,7 @@ fn advance_sentence(outcome: &Outcome) -> String {
 }
 
 /// The band that the frequency responses show: as the config says, or where the inputs have 99.9 % of their power.
-fn band(outcome: &Outcome, rate: f64) -> (f64, f64) {
+pub(super) fn band(outcome: &Outcome, rate: f64) -> (f64, f64) {
     if let Some([low, high]) = outcome.experiment.validation.band_hz {
         return (low, high);
     }
@@ -208,11 +211,7 @@ fn response_caption(outcome: &Outcome, measured: Option<&WelchFrf>) -> String {
 }
 
 fn responses(outcome: &Outcome, measured: Option<&WelchFrf>, band: (f64, f64)) -> Result<String, RunError> {
-    let (low, high) = band;
-    let rate = outcome.model.sample_rate_hz;
-    let top = high.min(0.4999 * rate);
-    let bottom = low.max(top * 1e-4);
-    let hz: Vec<f64> = (0..LINES).map(|k| bottom + (top - bottom) * k as f64 / (LINES - 1) as f64).collect();
+    let hz = lines(outcome, band);
     let advance = outcome.prepared.advanced as u32;
     let with_covariance = plid_model::Model {
         parameter_covariance: outcome.canonical.parameter_covariance.clone(),
@@ -220,6 +219,43 @@ fn responses(outcome: &Outcome, measured: Option<&WelchFrf>, band: (f64, f64)) -
     };
     let variances = response_variance(&with_covariance, &hz, advance)?;
     let truth = outcome.truth.as_ref().map(|truth| FrequencyResponse::of(&truth.model));
+    let mut plots = Vec::new();
+    for i in 0..outcome.model.p() {
+        for j in 0..outcome.model.m() {
+            let identified = FrfCurve {
+                frequency_hz: hz.clone(),
+                response: variances.iter().map(|v| complex(v.response[(i, j)])).collect(),
+                std: Some(variances.iter().map(|v| v.magnitude_std()[(i, j)]).collect()),
+            };
+            plots.push(FrfPlot {
+                identified: Some(identified),
+                truth: truth.as_ref().map(|truth| curve(&hz, |f| complex(truth.at(f)[(i, j)]))),
+                ..measured_pair(outcome, measured, band, (i, j))
+            });
+        }
+    }
+    Ok(frf_grid(outcome.model.inputs.len(), &plots))
+}
+
+/// The frequencies at which models are drawn.
+pub(super) fn lines(outcome: &Outcome, (low, high): (f64, f64)) -> Vec<f64> {
+    let top = high.min(0.4999 * outcome.model.sample_rate_hz);
+    let bottom = low.max(top * 1e-4);
+    (0..LINES).map(|k| bottom + (top - bottom) * k as f64 / (LINES - 1) as f64).collect()
+}
+
+/// A response without a band.
+pub(super) fn curve(hz: &[f64], at: impl Fn(f64) -> Complex64) -> FrfCurve {
+    FrfCurve { frequency_hz: hz.to_vec(), response: hz.iter().map(|&f| at(f)).collect(), std: None }
+}
+
+/// The plot of output i and input j with what was measured, and no model yet.
+pub(super) fn measured_pair(
+    outcome: &Outcome,
+    measured: Option<&WelchFrf>,
+    (low, high): (f64, f64),
+    (i, j): (usize, usize),
+) -> FrfPlot {
     let data = &outcome.experiment.data;
     let unit = match (&data.output_unit, &data.input_unit) {
         (Some(output), Some(input)) => format!("{output}/{input}"),
@@ -230,40 +266,22 @@ fn responses(outcome: &Outcome, measured: Option<&WelchFrf>, band: (f64, f64)) -
         let count = |limit: f64| frf.frequency_hz.iter().take_while(|f| **f < limit).count();
         count(low)..count(high.next_up())
     });
-    let mut plots = Vec::new();
-    for (i, output) in outcome.model.outputs.iter().enumerate() {
-        for (j, input) in outcome.model.inputs.iter().enumerate() {
-            let measured_curve = measured.map(|frf| FrfCurve {
-                frequency_hz: frf.frequency_hz[shown.clone()].to_vec(),
-                response: frf.response.slice(ndarray::s![shown.clone(), i, j]).to_vec(),
-                std: None,
-            });
-            let identified = FrfCurve {
-                frequency_hz: hz.clone(),
-                response: variances.iter().map(|v| complex(v.response[(i, j)])).collect(),
-                std: Some(variances.iter().map(|v| v.magnitude_std()[(i, j)]).collect()),
-            };
-            plots.push(FrfPlot {
-                title: format!("{input} to {output}"),
-                unit: unit.clone(),
-                measured: measured_curve,
-                coherence: measured.map(|frf| frf.multiple_coherence.slice(ndarray::s![shown.clone(), i]).to_vec()),
-                identified: Some(identified),
-                truth: truth.as_ref().map(|truth| FrfCurve {
-                    frequency_hz: hz.clone(),
-                    response: hz.iter().map(|&f| complex(truth.at(f)[(i, j)])).collect(),
-                    std: None,
-                }),
-                peaks_hz: Vec::new(),
-                frequency_scale: Scale::Linear,
-                range_hz: Some((low, high)),
-            });
-        }
+    FrfPlot {
+        title: format!("{} to {}", outcome.model.inputs[j], outcome.model.outputs[i]),
+        unit,
+        measured: measured.map(|frf| FrfCurve {
+            frequency_hz: frf.frequency_hz[shown.clone()].to_vec(),
+            response: frf.response.slice(ndarray::s![shown.clone(), i, j]).to_vec(),
+            std: None,
+        }),
+        coherence: measured.map(|frf| frf.multiple_coherence.slice(ndarray::s![shown, i]).to_vec()),
+        frequency_scale: Scale::Linear,
+        range_hz: Some((low, high)),
+        ..FrfPlot::default()
     }
-    Ok(frf_grid(outcome.model.inputs.len(), &plots))
 }
 
-fn complex(z: nalgebra::Complex<f64>) -> Complex64 {
+pub(super) fn complex(z: nalgebra::Complex<f64>) -> Complex64 {
     Complex64::new(z.re, z.im)
 }
 
@@ -373,9 +391,7 @@ fn modes(report: Report, outcome: &Outcome) -> Result<Report, RunError> {
         ]);
     }
     let (low, high) = band(outcome, outcome.model.sample_rate_hz);
-    let visible = |mode: &Mode| {
-        mode.strongest_db() > strongest - FAINT_DB && (low..=high).contains(&mode.hz) && mode.damping < LIGHT
-    };
+    let visible = |mode: &Mode| is_drawn(mode, strongest, (low, high));
     let drawn: Vec<_> = deviations.iter().filter(|d| visible(&d.mode)).collect();
     let mut sets = vec![ModeSet {
         label: "identified".into(),
@@ -407,6 +423,11 @@ fn modes(report: Report, outcome: &Outcome) -> Result<Report, RunError> {
         )
     };
     Ok(report.details(format!("All {} modes", deviations.len()), |report| report.table(table)))
+}
+
+/// Whether a mode is in the picture: light, in the band, and not too faint beside the strongest.
+pub(super) fn is_drawn(mode: &Mode, strongest_db: f64, (low, high): (f64, f64)) -> bool {
+    mode.strongest_db() > strongest_db - FAINT_DB && (low..=high).contains(&mode.hz) && mode.damping < LIGHT
 }
 
 fn residuals(report: Report, outcome: &Outcome) -> Report {

@@ -169,7 +169,7 @@ pub(super) fn validate(
 }
 
 /// What preparation took off the outputs of a record, from sample `first` on (count x p).
-fn offsets(prepared: &Prepared, record: usize, first: usize, count: usize) -> Array2<f64> {
+pub(super) fn offsets(prepared: &Prepared, record: usize, first: usize, count: usize) -> Array2<f64> {
     let rate = prepared.records[record].sample_rate_hz;
     let lines = &prepared.lines[record][1];
     Array2::from_shape_fn((count, lines.len()), |(k, i)| {

@@ -132,7 +132,8 @@ fn waterfall(experiment: &Experiment, vary: &Vary) -> Result<(usize, String)> {
     let mut series: Vec<Series> = MODES_HZ.iter().map(|&hz| Series::vertical("", hz).colour("#bdbdbd")).collect();
     for (number, (_, model)) in course.models.iter().enumerate() {
         let curve = curve(model, crate::truss::SENSOR, crate::truss::ACTUATOR);
-        let points = curve.frequency_hz.iter().zip(&curve.response);
+        // A hertz apart, which is the width of the narrowest mode.
+        let points = curve.frequency_hz.iter().zip(&curve.response).step_by(4);
         let points = points.map(|(hz, h)| (*hz, 20.0 * h.norm().log10().max(-4.0) + 10.0 * number as f64)).collect();
         series.push(Series::line("", points).colour("#0072b2").width(0.8));
     }

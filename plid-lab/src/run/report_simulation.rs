@@ -1,0 +1,192 @@
+//! The report's part on models for simulation: PLID's, the refined one and the subspace baseline side by side.
+
+use plid_model::signal::WelchFrf;
+use plid_model::{FrequencyResponse, Mode, modes};
+use plid_refine::{Noise, Score};
+
+use super::Outcome;
+use super::error::RunError;
+use super::report::{complex, curve, is_drawn, lines, measured_pair, percent};
+use super::simulation::Alternative;
+use crate::report::{Cell, FrfCurve, FrfPlot, ModeSet, Report, Table, frf_grid, mode_map};
+
+/// Which model simulates better, in a sentence.
+pub(super) fn verdict(outcome: &Outcome) -> Option<String> {
+    let simulation = &outcome.simulation;
+    let own = outcome.validation.free_run_errors.overall_relative;
+    let (refined, _) = simulation.refined.as_ref()?;
+    let error = refined.free_run_errors.overall_relative;
+    let of_baseline = simulation.subspace.as_ref().map_or(String::new(), |baseline| {
+        format!(" The subspace baseline is at {}.", percent(baseline.free_run_errors.overall_relative))
+    });
+    let compared = if simulation.refined_is_worse {
+        format!("leaves {} and simulates worse than PLID's own: it is not handed over.", percent(error))
+    } else if error > own {
+        format!("leaves {}, no better than PLID's own: either will do to simulate.", percent(error))
+    } else {
+        format!(
+            "leaves {}: take model-refined.json to simulate, model.json to predict and to go on from.",
+            percent(error)
+        )
+    };
+    Some(format!("Refined for simulation (output error), the same number of states {compared}{of_baseline}"))
+}
+
+/// Errors, frequency responses and poles of all three.
+pub(super) fn section(
+    report: Report,
+    outcome: &Outcome,
+    measured: Option<&WelchFrf>,
+    band: (f64, f64),
+) -> Result<Report, RunError> {
+    let models = alternatives(outcome);
+    if models.is_empty() {
+        return Ok(report);
+    }
+    let mut report = report
+        .heading("Models for simulation")
+        .paragraph(origin(outcome))
+        .table(errors(outcome, &models))
+        .figure(
+            responses(outcome, &models, measured, band)?,
+            "Transfer functions of the models side by side; the refined one with a band of two standard deviations, which is what noise alone would do.",
+        );
+    let poles = poles(outcome, &models, band)?;
+    if poles.iter().any(|set| !set.frequency_hz.is_empty()) {
+        report = report.figure(mode_map(&poles), "Lightly damped modes in the band, of each model.");
+    }
+    let Some((refined, path)) = &outcome.simulation.refined else { return Ok(report) };
+    let deviations = path.mode_deviations(&refined.model)?;
+    let mut table = Table::new("Modes of the refined model, with one standard deviation.")
+        .column("frequency", "Hz")
+        .column("damping ratio", "%")
+        .column("strength", "dB");
+    let cell = |value: f64, std: Option<f64>| match std {
+        Some(std) if std.is_finite() && std > 0.0 => Cell::with_std(value, std),
+        _ => Cell::fixed(value, 3),
+    };
+    for deviation in &deviations {
+        let mode = &deviation.mode;
+        table = table.row([
+            cell(mode.hz, deviation.hz_std),
+            cell(100.0 * mode.damping, deviation.damping_std.map(|s| 100.0 * s)),
+            Cell::fixed(mode.strongest_db(), 1),
+        ]);
+    }
+    Ok(report.details(format!("All {} modes of the refined model", deviations.len()), |report| report.table(table)))
+}
+
+fn alternatives(outcome: &Outcome) -> Vec<(&'static str, &Alternative)> {
+    let refined = outcome.simulation.refined.as_ref().map(|(model, _)| ("refined", model));
+    refined.into_iter().chain(outcome.simulation.subspace.as_ref().map(|model| ("subspace", model))).collect()
+}
+
+fn origin(outcome: &Outcome) -> String {
+    let simulation = &outcome.simulation;
+    let limit = match simulation.period_s {
+        Some(period) => format!(
+            "The inputs repeat every {period:.4} s, so no time constant is longer than {:.4} s, a quarter of that: a slower pole could repeat single lines of this record without being true of another.",
+            simulation.longest_time_constant_s
+        ),
+        None => format!(
+            "No time constant is longer than {:.4} s, the length of the longest training record.",
+            simulation.longest_time_constant_s
+        ),
+    };
+    let Some((_, path)) = &simulation.refined else { return limit };
+    let name = |score: &Score| {
+        format!("{}{}", score.start, if score.noise == Noise::Coloured { ", noise taken for coloured" } else { "" })
+    };
+    let scores: Vec<String> =
+        path.scores.iter().map(|score| format!("{} {}", name(score), percent(score.error))).collect();
+    let end = if path.converged { "and converged" } else { "and was still gaining" };
+    let at_limit = match path.poles_at_limit {
+        0 => String::new(),
+        count => format!(" {count} of its poles stand at that limit: what they add may be this record's alone."),
+    };
+    format!(
+        "Each start was refined on the first three quarters of the training data and simulated the last one ({}); the best, {}, went on over all of it, took {} steps {end}. {limit}{at_limit}",
+        scores.join("; "),
+        name(&path.scores[path.chosen]),
+        path.iterations
+    )
+}
+
+fn errors(outcome: &Outcome, models: &[(&'static str, &Alternative)]) -> Table {
+    let validation = &outcome.validation;
+    let mut table =
+        Table::new("Held-out errors of each model, RMS of the error over RMS of the output.").column("output", "");
+    let own = ("PLID", validation.one_step_errors.as_ref(), &validation.free_run_errors);
+    let others = models.iter().map(|(name, model)| (*name, model.one_step_errors.as_ref(), &model.free_run_errors));
+    let all: Vec<_> = std::iter::once(own).chain(others).collect();
+    for (name, _, _) in &all {
+        table = table.column(format!("{name}: free run"), "%").column("one-step", "%");
+    }
+    let percent = |value: Option<f64>| Cell::significant(100.0 * value.unwrap_or(f64::NAN), 3);
+    for (i, output) in outcome.model.outputs.iter().enumerate() {
+        let figures = all.iter().flat_map(|(_, one_step, free_run)| {
+            [percent(Some(free_run.relative[i])), percent(one_step.map(|e| e.relative[i]))]
+        });
+        table = table.row(std::iter::once(output.clone().into()).chain(figures).collect::<Vec<Cell>>());
+    }
+    let overall = all.iter().flat_map(|(_, one_step, free_run)| {
+        [percent(Some(free_run.overall_relative)), percent(one_step.map(|e| e.overall_relative))]
+    });
+    table.row(std::iter::once("all".into()).chain(overall).collect::<Vec<Cell>>())
+}
+
+fn responses(
+    outcome: &Outcome,
+    models: &[(&'static str, &Alternative)],
+    measured: Option<&WelchFrf>,
+    band: (f64, f64),
+) -> Result<String, RunError> {
+    let hz = lines(outcome, band);
+    let own = FrequencyResponse::of(&outcome.model);
+    let others: Vec<(&str, FrequencyResponse)> =
+        models.iter().map(|(name, model)| (*name, FrequencyResponse::of(&model.model))).collect();
+    let bands = match &outcome.simulation.refined {
+        Some((_, path)) => Some(path.response_variance(&hz)?.iter().map(|v| v.magnitude_std()).collect::<Vec<_>>()),
+        None => None,
+    };
+    let truth = outcome.truth.as_ref().map(|truth| FrequencyResponse::of(&truth.model));
+    let mut plots = Vec::new();
+    for i in 0..outcome.model.p() {
+        for j in 0..outcome.model.m() {
+            let of = |response: &FrequencyResponse| curve(&hz, |f| complex(response.at(f)[(i, j)]));
+            let named = |(name, response): &(&str, FrequencyResponse)| {
+                let std = bands.as_ref().filter(|_| *name == "refined");
+                let std = std.map(|all| all.iter().map(|s| s[(i, j)]).collect());
+                (name.to_string(), FrfCurve { std, ..of(response) })
+            };
+            plots.push(FrfPlot {
+                identified: Some(of(&own)),
+                others: others.iter().map(named).collect(),
+                truth: truth.as_ref().map(of),
+                ..measured_pair(outcome, measured, band, (i, j))
+            });
+        }
+    }
+    Ok(frf_grid(outcome.model.m(), &plots))
+}
+
+fn poles(
+    outcome: &Outcome,
+    models: &[(&'static str, &Alternative)],
+    band: (f64, f64),
+) -> Result<Vec<ModeSet>, RunError> {
+    let all = std::iter::once(("PLID", &outcome.model)).chain(models.iter().map(|(name, m)| (*name, &m.model)));
+    let mut sets = Vec::new();
+    for (label, model) in all {
+        let modes = modes(model)?;
+        let strongest = modes.iter().map(Mode::strongest_db).fold(f64::NEG_INFINITY, f64::max);
+        let drawn: Vec<&Mode> = modes.iter().filter(|mode| is_drawn(mode, strongest, band)).collect();
+        sets.push(ModeSet {
+            label: label.into(),
+            frequency_hz: drawn.iter().map(|mode| mode.hz).collect(),
+            damping: drawn.iter().map(|mode| mode.damping).collect(),
+            std: Vec::new(),
+        });
+    }
+    Ok(sets)
+}

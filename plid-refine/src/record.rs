@@ -1,0 +1,140 @@
+//! Records, and their channels brought to comparable size.
+
+use nalgebra::{DMatrix, DVector};
+use ndarray::{Array2, ArrayView2};
+
+use crate::error::RefineError;
+
+/// How a record begins.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Start {
+    /// The state at its first sample is zero.
+    Rest,
+    /// That state is unknown, and estimated.
+    #[default]
+    Unknown,
+}
+
+/// One record to learn from.
+#[derive(Clone, Copy, Debug)]
+pub struct Record<'a> {
+    /// K x m.
+    pub inputs: ArrayView2<'a, f64>,
+    /// K x p; NaN is a missing sample.
+    pub outputs: ArrayView2<'a, f64>,
+    /// How it begins.
+    pub start: Start,
+}
+
+impl<'a> Record<'a> {
+    /// K
+    pub fn samples(&self) -> usize {
+        self.inputs.nrows()
+    }
+
+    /// Samples `from..to`; one that does not begin with the record begins in an unknown state.
+    #[must_use]
+    pub fn range(&self, from: usize, to: usize) -> Record<'a> {
+        Record {
+            inputs: self.inputs.slice_move(ndarray::s![from..to, ..]),
+            outputs: self.outputs.slice_move(ndarray::s![from..to, ..]),
+            start: if from == 0 { self.start } else { Start::Unknown },
+        }
+    }
+}
+
+/// A record of channels of unit RMS.
+pub(crate) struct Scaled {
+    pub inputs: Array2<f64>,
+    pub outputs: Array2<f64>,
+    pub start: Start,
+}
+
+impl Scaled {
+    pub fn record(&self) -> Record<'_> {
+        Record { inputs: self.inputs.view(), outputs: self.outputs.view(), start: self.start }
+    }
+}
+
+/// Records of channels of unit RMS, and what they were divided by.
+pub(crate) struct Data {
+    pub records: Vec<Scaled>,
+    pub input_scale: Vec<f64>,
+    pub output_scale: Vec<f64>,
+}
+
+impl Data {
+    /// # Errors
+    /// A record without samples or of other channels, a value that is not finite, a channel without content.
+    pub fn new(records: &[Record<'_>]) -> Result<Self, RefineError> {
+        let first = records.first().ok_or(RefineError::NoRecords)?;
+        let (m, p) = (first.inputs.ncols(), first.outputs.ncols());
+        for (number, record) in records.iter().enumerate() {
+            check(record, number, m, p)?;
+        }
+        let size = |channel: &dyn Fn(&Record<'_>) -> (f64, usize)| {
+            let (sum, count) = records.iter().map(channel).fold((0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+            (sum / count.max(1) as f64).sqrt()
+        };
+        let square = |column: ndarray::ArrayView1<'_, f64>| {
+            column.iter().filter(|x| !x.is_nan()).fold((0.0, 0), |(s, n), x| (s + x * x, n + 1))
+        };
+        let input_scale: Vec<f64> = (0..m).map(|j| size(&|r| square(r.inputs.column(j)))).collect();
+        let output_scale: Vec<f64> = (0..p).map(|i| size(&|r| square(r.outputs.column(i)))).collect();
+        for (what, scales) in [("the input", &input_scale), ("the output", &output_scale)] {
+            if let Some(channel) = scales.iter().position(|s| !(*s > 0.0)) {
+                return Err(RefineError::EmptyChannel { what, channel });
+            }
+        }
+        let divided = |array: ArrayView2<'_, f64>, scales: &[f64]| {
+            Array2::from_shape_fn(array.dim(), |(k, j)| array[(k, j)] / scales[j])
+        };
+        let scaled = |r: &Record<'_>| Scaled {
+            inputs: divided(r.inputs, &input_scale),
+            outputs: divided(r.outputs, &output_scale),
+            start: r.start,
+        };
+        Ok(Self { records: records.iter().map(scaled).collect(), input_scale, output_scale })
+    }
+
+    pub fn m(&self) -> usize {
+        self.input_scale.len()
+    }
+
+    pub fn p(&self) -> usize {
+        self.output_scale.len()
+    }
+
+    /// From scaled outputs to the records' own.
+    pub fn output_map(&self) -> DMatrix<f64> {
+        DMatrix::from_diagonal(&DVector::from_column_slice(&self.output_scale))
+    }
+
+    /// Samples that are there, of each output.
+    pub fn present(&self) -> Vec<usize> {
+        let there = |i: usize| {
+            let of = |r: &Scaled| r.outputs.column(i).iter().filter(|y| !y.is_nan()).count();
+            self.records.iter().map(of).sum()
+        };
+        (0..self.p()).map(there).collect()
+    }
+}
+
+fn check(record: &Record<'_>, number: usize, m: usize, p: usize) -> Result<(), RefineError> {
+    let shape = |what, unit, expected, found| Err(RefineError::Shape { record: number, what, unit, expected, found });
+    if record.inputs.ncols() != m || m == 0 {
+        return shape("the input", "channels", m.max(1), record.inputs.ncols());
+    }
+    if record.outputs.ncols() != p || p == 0 {
+        return shape("the output", "channels", p.max(1), record.outputs.ncols());
+    }
+    if record.outputs.nrows() != record.inputs.nrows() {
+        return shape("the output", "samples", record.inputs.nrows(), record.outputs.nrows());
+    }
+    let bad_input = record.inputs.indexed_iter().find(|(_, x)| !x.is_finite()).map(|(at, _)| ("the input", at));
+    let bad_output = record.outputs.indexed_iter().find(|(_, x)| x.is_infinite()).map(|(at, _)| ("the output", at));
+    match bad_input.or(bad_output) {
+        Some((what, (sample, channel))) => Err(RefineError::NotFinite { record: number, what, channel, sample }),
+        None => Ok(()),
+    }
+}

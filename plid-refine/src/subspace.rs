@@ -1,0 +1,160 @@
+//! A subspace estimate: PO-MOESP (Verhaegen 1994; Van Overschee and De Moor 1996, chapter 4, with the weightings W1 = I, W2 = the projection onto the
+//! complement of the future inputs).
+//!
+//! The rows [future inputs, past inputs, past outputs, future outputs] of every window of 2 i samples that is free of gaps go into one triangular factor, a block of rows at a time, so
+//! that memory does not grow with the records. Of the factor,
+//!
+//! ```text
+//! L32 = U S V',    Gamma = the first n columns of U S^{1/2},    A from Gamma's shift, C its first p rows.
+//! ```
+//!
+//! Poles outside the circle are mirrored into it, those slower than the limit made faster; then B, D and the initial states are fitted to the free run of all records by least
+//! squares, which is where much of the quality comes from.
+
+use faer::{Mat, MatRef};
+use nalgebra::{DMatrix, DVector};
+use plid_model::Model;
+use rayon::prelude::*;
+
+use crate::error::RefineError;
+use crate::normal::Free;
+use crate::point::Point;
+use crate::record::{Data, Record, Scaled};
+use crate::refine::{Options, check, in_units, initial_states};
+use crate::sections::Sections;
+
+/// Rows that one triangular factor is updated with at a time, as a multiple of its columns.
+const BLOCK: usize = 2;
+/// Parts into which windows are dealt whatever the number of threads, so that the bits do not depend on it.
+const PARTS: usize = 2;
+/// Directions of Gamma weaker than this, relative to the strongest, are rounding.
+const RANK: f64 = 1e-13;
+
+/// A subspace estimate.
+#[derive(Clone, Debug)]
+pub struct Subspace {
+    /// In block-diagonal coordinates; channels are named u1.. and y1...
+    pub model: Model,
+    /// State at the first sample of each record.
+    pub initial_states: Vec<DVector<f64>>,
+    /// Singular values of L32, largest first: a gap among them suggests the order.
+    pub singular_values: Vec<f64>,
+    /// Half the window, i.
+    pub horizon: usize,
+    /// Poles that were outside the circle and have been mirrored.
+    pub mirrored: usize,
+}
+
+/// Half the window where none is given: three times what the order needs, at least 10 samples.
+fn default_horizon(states: usize, outputs: usize) -> usize {
+    (3 * states).div_ceil(outputs).max(10)
+}
+
+/// Estimates a model of `states` states; `horizon` is half the window in samples, by default 3 n / p and at least 10.
+///
+/// # Errors
+/// [`RefineError`]: records that are empty, of other channels or not finite; too few windows without a gap; settings out of range.
+pub fn subspace(
+    records: &[Record<'_>],
+    states: usize,
+    horizon: Option<usize>,
+    sample_rate_hz: f64,
+    options: &Options,
+) -> Result<Subspace, RefineError> {
+    let data = Data::new(records)?;
+    check(states, &data, options)?;
+    let (m, p) = (data.m(), data.p());
+    let i = horizon.unwrap_or(default_horizon(states, p));
+    if p * (i.max(1) - 1) < states {
+        let expected = "long enough that p (horizon - 1) is no less than the number of states";
+        return Err(RefineError::Setting { setting: "horizon", value: i as f64, expected });
+    }
+    let factor = triangle(&data, i)?;
+    let (inputs, past) = (m * i, (2 * m + p) * i);
+    // Rows of R are columns of L: L32 takes the future outputs along the past.
+    let l32 = Mat::from_fn(p * i, past - inputs, |row, column| factor[(inputs + column, past + row)]);
+    let failed = |what| RefineError::Decomposition { what };
+    let svd = l32.thin_svd().map_err(|_| failed("the singular value decomposition"))?;
+    let singular_values: Vec<f64> = svd.S().column_vector().iter().copied().collect();
+    let gamma = DMatrix::from_fn(p * i, states, |row, k| svd.U()[(row, k)] * singular_values[k].sqrt());
+    let (upper, lower) = (gamma.rows(0, p * (i - 1)), gamma.rows(p, p * (i - 1)));
+    let a = upper
+        .into_owned()
+        .svd(true, true)
+        .solve(&lower.into_owned(), RANK * singular_values[0].sqrt())
+        .map_err(|_| failed("the least-squares fit of A"))?;
+    let mirrored = a.complex_eigenvalues().iter().filter(|z| z.norm() > 1.0).count();
+    let c = gamma.rows(0, p).into_owned();
+    let sections = Sections::of_poles(&a, &c, m, options.radius, options.feedthrough)?;
+    let point = Point::new(sections, &data).fit(&data, Free::Inputs)?;
+    Ok(Subspace {
+        model: in_units(&point.model, &data, sample_rate_hz)?,
+        initial_states: initial_states(&point, &data),
+        singular_values,
+        horizon: i,
+        mirrored,
+    })
+}
+
+/// R of the windows' rows.
+fn triangle(data: &Data, i: usize) -> Result<Mat<f64>, RefineError> {
+    let windows: Vec<(&Scaled, usize)> =
+        data.records.iter().flat_map(|record| whole_windows(record, 2 * i).map(move |k| (record, k))).collect();
+    let columns = 2 * i * (data.m() + data.p());
+    if windows.len() < columns {
+        return Err(RefineError::TooLittleData {
+            purpose: "the subspace estimate",
+            unit: "windows without a gap",
+            needed: columns,
+            available: windows.len(),
+        });
+    }
+    let share = windows.len().div_ceil(PARTS);
+    let parts: Vec<Mat<f64>> = windows.par_chunks(share).map(|part| part_triangle(part, i, columns)).collect();
+    let all: usize = parts.iter().map(Mat::nrows).sum();
+    let mut stacked = Mat::zeros(all, columns);
+    let mut at = 0;
+    for part in &parts {
+        stacked.subrows_mut(at, part.nrows()).copy_from(part);
+        at += part.nrows();
+    }
+    Ok(stacked.qr().thin_R().to_owned())
+}
+
+fn part_triangle(windows: &[(&Scaled, usize)], i: usize, columns: usize) -> Mat<f64> {
+    let mut stacked = Mat::<f64>::zeros((1 + BLOCK) * columns, columns);
+    let mut filled = 0;
+    let reduce = |stacked: &mut Mat<f64>, filled: &mut usize| {
+        let rows: MatRef<'_, f64> = stacked.subrows(0, *filled);
+        let factor = rows.qr().thin_R().to_owned();
+        *filled = factor.nrows();
+        stacked.subrows_mut(0, *filled).copy_from(&factor);
+    };
+    for &(record, k) in windows {
+        if filled == stacked.nrows() {
+            reduce(&mut stacked, &mut filled);
+        }
+        let mut column = 0;
+        let halves = [(&record.inputs, k + i), (&record.inputs, k), (&record.outputs, k), (&record.outputs, k + i)];
+        for (array, from) in halves {
+            for row in from..from + i {
+                for &x in array.row(row) {
+                    stacked[(filled, column)] = x;
+                    column += 1;
+                }
+            }
+        }
+        filled += 1;
+    }
+    reduce(&mut stacked, &mut filled);
+    stacked.subrows(0, filled).to_owned()
+}
+
+/// First samples of the windows of `length` in which no output is missing.
+fn whole_windows(record: &Scaled, length: usize) -> impl Iterator<Item = usize> + '_ {
+    let mut whole = 0;
+    record.outputs.rows().into_iter().enumerate().filter_map(move |(k, y)| {
+        whole = if y.iter().any(|y| y.is_nan()) { 0 } else { whole + 1 };
+        (whole >= length).then(|| k + 1 - length)
+    })
+}
