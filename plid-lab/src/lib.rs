@@ -2,6 +2,7 @@
 pub mod data;
 pub mod experiment;
 pub mod identify;
+pub mod merge;
 pub mod prepare;
 pub mod report;
 pub mod run;

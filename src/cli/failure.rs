@@ -9,6 +9,7 @@ use plid::IdentifierError;
 use plid::catalogue::VariantError;
 use plid::lab::data::DataError;
 use plid::lab::identify::IdentifyError;
+use plid::lab::merge::MergeError;
 use plid::lab::run::RunError;
 use plid::model::ModelError;
 use plid_bench::study::StudyError;
@@ -69,12 +70,17 @@ impl From<RunError> for Failure {
         match error {
             RunError::Model(error) => error.into(),
             RunError::File { path, source } => Self::file(&path, &source),
+            RunError::Merge(MergeError::Run { run, source }) => match Self::from(*source) {
+                Self::Input(report) => Self::input(format!("run {run}: {report}")),
+                Self::Work(report) => Self::work(format!("run {run}: {report}")),
+            },
             RunError::Identify(IdentifyError::Variant(ref cause)) if was_asked_for(cause) => Self::Input(error.into()),
             RunError::Config(_)
             | RunError::Setting { .. }
             | RunError::Data(_)
             | RunError::Prepare(_)
             | RunError::Testbed(_)
+            | RunError::Merge(_)
             | RunError::Checkpoint { .. } => Self::Input(error.into()),
             RunError::Identify(_) | RunError::Signal(_) | RunError::Refine(_) | RunError::Interrupted { .. } => {
                 Self::Work(error.into())

@@ -166,6 +166,7 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
             states: arguments.states,
             indices: indices(arguments.indices.as_deref())?,
             scan: arguments.scan.clone(),
+            ..StructureConfig::default()
         },
         noise: NoiseConfig::default(),
         variant: VariantChoice {

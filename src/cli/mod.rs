@@ -4,7 +4,9 @@ mod bench;
 mod directory;
 mod failure;
 mod identify;
+mod merge;
 mod progress;
+mod reproduce;
 mod run;
 mod simulate;
 mod table;
@@ -40,9 +42,11 @@ struct Cli {
 enum Command {
     Run(run::Arguments),
     Identify(identify::Arguments),
+    Merge(merge::Arguments),
     Simulate(simulate::Arguments),
     Validate(validate::Arguments),
     Bench(bench::Arguments),
+    Reproduce(reproduce::Arguments),
 }
 
 /// Runs the command that the arguments name.
@@ -53,9 +57,11 @@ pub fn main() -> ExitCode {
     let done = match command {
         Command::Run(arguments) => run::execute(arguments, voice),
         Command::Identify(arguments) => identify::execute(arguments, voice),
+        Command::Merge(arguments) => merge::execute(arguments, voice),
         Command::Simulate(arguments) => simulate::execute(arguments, voice),
         Command::Validate(arguments) => validate::execute(arguments, voice),
         Command::Bench(arguments) => bench::execute(arguments, voice),
+        Command::Reproduce(arguments) => reproduce::execute(arguments, voice),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

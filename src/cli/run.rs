@@ -3,7 +3,7 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use plid::lab::experiment::{self, Experiment, Refinement};
+use plid::lab::experiment::{self, Experiment, Refinement, StructureKind};
 use plid::lab::run::{self, Outcome, RunError};
 
 use super::progress::Bar;
@@ -45,6 +45,9 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     let base = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let out = arguments.out.unwrap_or_else(|| directory::default_for(&experiment.name));
     directory::check(&out, arguments.force || arguments.resume)?;
+    if experiment.structure.kind == StructureKind::SimoMerge {
+        return super::merge::carry_out(&experiment, base, &out, arguments.resume, voice);
+    }
     carry_out(&experiment, base, &out, arguments.resume, voice)
 }
 

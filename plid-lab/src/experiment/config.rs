@@ -1,9 +1,12 @@
 //! The keys of an experiment file. Every default stands here; `manifest.json` records them.
 
+use std::fmt;
 use std::path::PathBuf;
 
 use plid_testbed::TrussConfig;
-use serde::{Deserialize, Serialize};
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{self, IntoDeserializer, MapAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::data::MissingPolicy;
 use crate::prepare::Preparation;
@@ -22,7 +25,7 @@ pub struct Experiment {
     #[serde(default)]
     pub preparation: Preparation,
     /// The canonical form.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "word_or_table")]
     pub structure: StructureConfig,
     /// The noise covariances.
     #[serde(default)]
@@ -92,6 +95,9 @@ pub struct TestbedData {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct StructureConfig {
+    /// Whether all inputs are identified at once, or each in a run of its own.
+    #[serde(skip_serializing_if = "StructureKind::is_default")]
+    pub kind: StructureKind,
     /// n, shared out evenly over the outputs unless `indices` say otherwise; left out, the scan's recommendation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub states: Option<usize>,
@@ -100,6 +106,45 @@ pub struct StructureConfig {
     /// Orders to be compared on the training data; with `states` left out the recommended one is taken.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub scan: Vec<usize>,
+}
+
+/// How the inputs are identified.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StructureKind {
+    /// All at once, from records in which they may act together (the default).
+    #[default]
+    Mimo,
+    /// Each in a run of its own, from a record in which it alone acts; the runs are then merged.
+    SimoMerge,
+}
+
+impl StructureKind {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// `structure = "simo-merge"` says the kind alone; a table says more.
+fn word_or_table<'de, D: Deserializer<'de>>(deserializer: D) -> Result<StructureConfig, D::Error> {
+    struct Either;
+    impl<'de> Visitor<'de> for Either {
+        type Value = StructureConfig;
+
+        fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+            formatter.write_str("a table, or the word \"simo-merge\"")
+        }
+
+        fn visit_str<E: de::Error>(self, word: &str) -> Result<StructureConfig, E> {
+            let kind = StructureKind::deserialize(word.into_deserializer())?;
+            Ok(StructureConfig { kind, ..StructureConfig::default() })
+        }
+
+        fn visit_map<M: MapAccess<'de>>(self, map: M) -> Result<StructureConfig, M::Error> {
+            StructureConfig::deserialize(MapAccessDeserializer::new(map))
+        }
+    }
+    deserializer.deserialize_any(Either)
 }
 
 /// How the states are shared out.
@@ -280,6 +325,13 @@ pub struct ValidationConfig {
     pub training_share: f64,
     /// The share of the training data that the noise bank learns from; the rest of it scores.
     pub learning_share: f64,
+    /// With `structure.kind = "simo-merge"`, a record in which all inputs act: its leading `training_share` finds the state, the rest judges the
+    /// merged model. Left out, the testbed makes one; files have none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<PathBuf>,
+    /// Whether PLID's model alone is wanted, as in a study of many runs: no predictor gain is fitted, so that there are no one-step errors on
+    /// held-out data and no residual tests, and no other model is put beside it. Both take longer than the recursion.
+    pub model_only: bool,
     /// Highest lag of the residual tests; left out, chosen by the record's length.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lags: Option<usize>,
@@ -293,7 +345,15 @@ pub struct ValidationConfig {
 
 impl Default for ValidationConfig {
     fn default() -> Self {
-        Self { training_share: 0.75, learning_share: 0.75, lags: None, period: None, band_hz: None }
+        Self {
+            training_share: 0.75,
+            learning_share: 0.75,
+            file: None,
+            model_only: false,
+            lags: None,
+            period: None,
+            band_hz: None,
+        }
     }
 }
 
@@ -336,10 +396,8 @@ impl Experiment {
             problems.push(("passes", "the data must be gone through at least once".into()));
         }
         let structure = &self.structure;
-        if structure.states.is_none()
-            && structure.scan.is_empty()
-            && !matches!(structure.indices, IndicesChoice::Given(_))
-        {
+        let is_open = structure.states.is_none() && !matches!(structure.indices, IndicesChoice::Given(_));
+        if is_open && structure.scan.is_empty() && structure.kind == StructureKind::Mimo {
             problems.push(("structure", "give `states`, `indices` or orders to `scan`".into()));
         }
         if let (IndicesChoice::Given(indices), Some(states)) = (&structure.indices, structure.states) {
@@ -365,6 +423,49 @@ impl Experiment {
             problems
                 .push(("noise", "from = \"repeats\" needs `[preparation.repeats]` or a testbed with repeats".into()));
         }
+        match structure.kind {
+            StructureKind::SimoMerge => self.problems_of_a_merge(is_open, &mut problems),
+            StructureKind::Mimo if self.validation.file.is_some() => {
+                problems.push(("file", "a record of its own for validation belongs to `kind = \"simo-merge\"`".into()));
+            }
+            StructureKind::Mimo => {}
+        }
         problems
+    }
+
+    /// What runs that are to be merged cannot have.
+    fn problems_of_a_merge(&self, is_open: bool, problems: &mut Vec<(&'static str, String)>) {
+        let structure = &self.structure;
+        if is_open || !structure.scan.is_empty() || structure.indices == IndicesChoice::Search {
+            let reason = "all runs of a merge need the same: give `states` or a list of `indices`, as in structure = { kind = \"simo-merge\", states = 30 }";
+            problems.push(("structure", reason.into()));
+        }
+        let identification = &self.identification;
+        if identification.forgetting < 1.0 || identification.parameter_noise > 0.0 {
+            problems.push((
+                "identification",
+                "runs that forget have no A in common: a merge wants forgetting = 1 and no parameter noise".into(),
+            ));
+        }
+        if self.start.model.is_some() {
+            problems.push((
+                "model",
+                "runs that begin from a former model have no prior in common, so they cannot be merged".into(),
+            ));
+        }
+        if matches!(self.noise.actuator, Some(Covariance::Full(_))) {
+            problems
+                .push(("actuator", "runs with one input each have one variance each: give a number or a list".into()));
+        }
+        let data = &self.data;
+        if data.testbed.as_ref().is_some_and(|testbed| testbed.input_file.is_some()) {
+            problems.push((
+                "input_file",
+                "for a merge the testbed makes records in which one input acts: leave the file out".into(),
+            ));
+        }
+        if data.testbed.is_none() && data.files.len() == 1 {
+            problems.push(("files", "a merge wants one file a run, each with one input at work".into()));
+        }
     }
 }

@@ -5,6 +5,6 @@ mod parse;
 
 pub use config::{
     Covariance, DataConfig, Experiment, IdentificationConfig, IndicesChoice, NoiseConfig, NoiseReading, NoiseSource,
-    Refinement, StartConfig, StructureConfig, TestbedData, ValidationConfig,
+    Refinement, StartConfig, StructureConfig, StructureKind, TestbedData, ValidationConfig,
 };
 pub use parse::{ConfigError, from_toml, from_toml_checked, read, read_checked, to_toml};

@@ -147,6 +147,7 @@ fn suggestion(message: &str) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::experiment::StructureKind;
 
     fn error(text: &str) -> (usize, String, String) {
         match from_toml::<Experiment>(text, "e.toml").unwrap_err() {
@@ -195,6 +196,31 @@ mod tests {
             let problems = format!("{:?}", experiment.problems());
             assert!(problems.contains(said), "{problems}");
         }
+    }
+
+    /// The word alone is understood; what it still needs is said, with an example.
+    #[test]
+    fn the_structure_may_be_a_word_or_a_table() {
+        let data = "[data]\nfiles = [\"1.csv\", \"2.csv\"]\ninputs = [\"u\", \"v\"]\noutputs = [\"y\"]\n";
+        let read = |structure: &str| from_toml::<Experiment>(&format!("{structure}\n{data}"), "e");
+        let table = read("structure = { kind = \"simo-merge\", states = 4 }").unwrap();
+        assert_eq!(table.structure.kind, StructureKind::SimoMerge);
+        assert_eq!(table.structure.states, Some(4));
+        assert!(table.problems().is_empty(), "{:?}", table.problems());
+        let again: Experiment = from_toml(&to_toml(&table), "again").unwrap();
+        assert_eq!(table, again);
+
+        let word = read("structure = \"simo-merge\"").unwrap();
+        assert_eq!(word.structure.kind, StructureKind::SimoMerge);
+        assert!(word.problems().iter().any(|(key, said)| *key == "structure" && said.contains("`states`")));
+        for (wrong, said) in
+            [("structure = \"simo\"", "simo-merge"), ("structure = 30", "a table"), ("structure = { knd = 1 }", "knd")]
+        {
+            let error = read(wrong).unwrap_err().to_string();
+            assert!(error.contains(said) && error.contains("line 1"), "{error}");
+        }
+        let scan = read("structure = { kind = \"simo-merge\", scan = [2, 4] }").unwrap();
+        assert!(scan.problems().iter().any(|(_, said)| said.contains("all runs")), "{:?}", scan.problems());
     }
 
     #[test]

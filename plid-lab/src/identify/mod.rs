@@ -7,7 +7,7 @@ mod order;
 mod predictor;
 mod recursion;
 
-pub use noise::{Bank, Memory, Search, Split, Trial, Tuned, tune};
+pub use noise::{Bank, Memory, Point, Search, Split, Trial, Tuned, tune, tune_by};
 pub use order::{OrderScan, ScanRow, scan_orders, search_indices};
 pub use predictor::{Predictor, fit_predictor};
 pub use recursion::{Ending, Paused, Plan, RecursionRun, Watcher, run, run_or_factor};

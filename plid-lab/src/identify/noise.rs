@@ -48,12 +48,14 @@ pub struct Tuned {
     pub noise: NoiseModel,
     /// The best filter.
     pub best: Trial,
+    /// Its place on the grid.
+    pub point: Point,
     /// All filters, in order of R and Sigma.
     pub trials: Vec<Trial>,
 }
 
 /// A point of the grid: log10 of R and of Sigma, in tenths of a decade so that they compare exactly.
-type Point = (i32, i32);
+pub type Point = (i32, i32);
 
 /// Steps of the descent: a decade, then a third of one.
 const DECADE: i32 = 10;
@@ -66,7 +68,8 @@ impl Bank {
         10f64.powf(f64::from(point) / 10.0)
     }
 
-    fn noise(&self, point: Point) -> NoiseModel {
+    /// The covariances at a point of the grid.
+    pub fn noise(&self, point: Point) -> NoiseModel {
         let state = vec![Self::value(point.1); self.form.states()];
         let sensor = match &self.sensor {
             Some(known) => known.clone(),
@@ -75,7 +78,8 @@ impl Bank {
         NoiseModel::diagonal(&sensor, &self.actuator, &state)
     }
 
-    fn start(&self) -> Vec<Point> {
+    /// Where a search begins: a coarse grid, or a column of it where R is known.
+    pub fn start(&self) -> Vec<Point> {
         let column = |sensor: i32, ratios: &[i32]| -> Vec<Point> {
             ratios.iter().map(|&ratio| (sensor, (sensor + ratio).max(SMALLEST))).collect()
         };
@@ -98,14 +102,17 @@ impl Bank {
         points
     }
 
-    /// The free-run error of the filter at `point`; infinite where it or its model diverges.
-    fn score(&self, point: Point, split: &Split<'_>, may_go_on: &(dyn Fn() -> bool + Sync)) -> Option<f64> {
+    /// The recursion with `noise`, as the bank runs it.
+    pub fn plan(&self, noise: NoiseModel) -> Plan {
         // The direct form is the fastest; where it breaks down, the setting is too near the edge to be chosen anyway.
         let (covariance, expectations) = (CovarianceName::Direct, self.expectations);
         let variant = Variant { covariance, expectations, ..Variant::default() };
-        let (form, noise, settings) = (self.form.clone(), self.noise(point), self.settings.clone());
-        let plan = Plan { form, noise, settings, variant, passes: 1 };
-        match run(&plan, &split.learn, None, &mut |_, _| may_go_on()) {
+        Plan { form: self.form.clone(), noise, settings: self.settings.clone(), variant, passes: 1 }
+    }
+
+    /// The free-run error of the filter with `noise`; infinite where it or its model diverges.
+    fn score(&self, noise: NoiseModel, split: &Split<'_>, may_go_on: &(dyn Fn() -> bool + Sync)) -> Option<f64> {
+        match run(&self.plan(noise), &split.learn, None, &mut |_, _| may_go_on()) {
             Ok(Ending::Done(run)) => Some(free_run_error(&run.identified, &self.form, split.score)),
             Ok(Ending::Paused(_)) => None,
             Err(_) => Some(f64::INFINITY),
@@ -115,8 +122,10 @@ impl Bank {
 
 /// Training data, of which the last record's tail scores what is learnt from the rest.
 pub struct Split<'a> {
-    learn: Vec<Samples<'a>>,
-    score: Samples<'a>,
+    /// What is learnt from.
+    pub learn: Vec<Samples<'a>>,
+    /// What scores.
+    pub score: Samples<'a>,
 }
 
 impl<'a> Split<'a> {
@@ -166,6 +175,21 @@ pub struct Search<'a> {
 /// # Errors
 /// [`IdentifyError::NoSetting`] if every filter or its model diverged, [`IdentifyError::Interrupted`].
 pub fn tune(bank: &Bank, search: &mut Search<'_>) -> Result<Tuned, IdentifyError> {
+    let Search { split, progress, may_go_on, memory } = search;
+    tune_by(bank, bank.start(), *progress, memory, &|point| bank.score(bank.noise(point), split, *may_go_on))
+}
+
+/// The same from any points of the grid of `bank` and by any score: a free-run error, infinite for none, or `None` where the user has asked for an end.
+///
+/// # Errors
+/// As [`tune`].
+pub fn tune_by(
+    bank: &Bank,
+    start: Vec<Point>,
+    progress: &(dyn Fn(usize, usize) + Sync),
+    memory: &mut Memory,
+    score: &(dyn Fn(Point) -> Option<f64> + Sync),
+) -> Result<Tuned, IdentifyError> {
     let indices = bank.form.indices().to_vec();
     let mut scores: BTreeMap<Point, f64> = BTreeMap::new();
     let mut evaluate = |points: Vec<Point>, scores: &mut BTreeMap<Point, f64>| -> Result<(), IdentifyError> {
@@ -174,7 +198,7 @@ pub fn tune(bank: &Bank, search: &mut Search<'_>) -> Result<Tuned, IdentifyError
             if scores.contains_key(&point) || new.contains(&point) {
                 continue;
             }
-            match search.memory.find(&indices, point) {
+            match memory.find(&indices, point) {
                 Some(error) => drop(scores.insert(point, error)),
                 None => new.push(point),
             }
@@ -184,8 +208,8 @@ pub fn tune(bank: &Bank, search: &mut Search<'_>) -> Result<Tuned, IdentifyError
         let results: Vec<(Point, Option<f64>)> = new
             .par_iter()
             .map(|&point| {
-                let score = bank.score(point, &search.split, search.may_go_on);
-                (search.progress)(done.fetch_add(1, Ordering::Relaxed) + 1, planned);
+                let score = score(point);
+                progress(done.fetch_add(1, Ordering::Relaxed) + 1, planned);
                 (point, score)
             })
             .collect();
@@ -193,7 +217,7 @@ pub fn tune(bank: &Bank, search: &mut Search<'_>) -> Result<Tuned, IdentifyError
         for (point, score) in results {
             match score {
                 Some(error) => {
-                    search.memory.store(&indices, point, error);
+                    memory.store(&indices, point, error);
                     scores.insert(point, error);
                 }
                 None => interrupted = true,
@@ -209,7 +233,7 @@ pub fn tune(bank: &Bank, search: &mut Search<'_>) -> Result<Tuned, IdentifyError
             .min_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)))
             .expect("the grid is not empty")
     };
-    evaluate(bank.start(), &mut scores)?;
+    evaluate(start, &mut scores)?;
     let mut step = DECADE;
     for _ in 0..12 {
         let before = best(&scores);
@@ -232,5 +256,5 @@ pub fn tune(bank: &Bank, search: &mut Search<'_>) -> Result<Tuned, IdentifyError
         free_run: error.is_finite().then_some(error),
     };
     let trials = scores.into_iter().map(trial).collect();
-    Ok(Tuned { noise: bank.noise(point), best: trial((point, error)), trials })
+    Ok(Tuned { noise: bank.noise(point), best: trial((point, error)), point, trials })
 }

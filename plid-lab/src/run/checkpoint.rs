@@ -15,10 +15,10 @@ pub const CHECKPOINT: &str = "checkpoint.json";
 
 /// The filters already scored, and the recursion where it stopped.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Saved {
+pub(crate) struct Saved {
     /// Of the experiment that it belongs to.
     experiment_sha256: String,
-    pub(super) memory: Memory,
+    pub(crate) memory: Memory,
     pub(super) paused: Option<Paused>,
 }
 
@@ -27,7 +27,7 @@ fn hash(experiment: &Experiment) -> String {
 }
 
 /// The checkpoint of `experiment` in `directory`; without one the run starts anew.
-pub(super) fn read(directory: &Path, experiment: &Experiment) -> Result<Saved, RunError> {
+pub(crate) fn read(directory: &Path, experiment: &Experiment) -> Result<Saved, RunError> {
     let path = directory.join(CHECKPOINT);
     let bad = |reason: String| RunError::Checkpoint { path: path.clone(), reason };
     let text = match std::fs::read_to_string(&path) {
@@ -43,7 +43,7 @@ pub(super) fn read(directory: &Path, experiment: &Experiment) -> Result<Saved, R
 }
 
 /// Writes the checkpoint and returns the error that says so.
-pub(super) fn write(
+pub(crate) fn write(
     directory: Option<&Path>,
     experiment: &Experiment,
     memory: Memory,

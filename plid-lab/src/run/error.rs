@@ -42,6 +42,10 @@ pub enum RunError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Model(#[from] ModelError),
+    /// Runs cannot be merged.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Merge(#[from] crate::merge::MergeError),
     /// A refinement that was interrupted.
     #[error(transparent)]
     #[diagnostic(transparent)]

@@ -3,6 +3,7 @@
 mod advice;
 mod checkpoint;
 mod error;
+mod estimate;
 mod noise;
 mod obtain;
 mod output;
@@ -10,19 +11,26 @@ mod peaks;
 mod progress;
 #[cfg(test)]
 mod real_files;
-mod report;
+pub(crate) mod report;
 mod report_simulation;
 mod simulation;
 mod start;
 mod validate;
 
 pub use checkpoint::CHECKPOINT;
+pub(crate) use checkpoint::{Saved, read as read_checkpoint, write as write_checkpoint};
 pub use error::RunError;
+pub use estimate::Estimate;
+pub(crate) use estimate::scaling;
+pub(crate) use obtain::obtain;
 pub use obtain::{Obtained, Source, Truth};
 pub use output::write;
+pub(crate) use output::{errors as errors_json, modes_json, peaks_json, pretty};
 pub use peaks::PeakRow;
+pub(crate) use peaks::compare as compare_peaks;
 pub use progress::{Progress, Silent};
 pub use simulation::{Alternative, Path as RefinementPath, Simulation};
+pub(crate) use start::{canonical, parameters};
 pub use validate::{Errors, Validation};
 
 use std::path::Path;
@@ -32,17 +40,16 @@ use nalgebra::DMatrix;
 use plid_core::{Dense, Health, IdentifiedModel, ImplicitModel, ObservableForm};
 
 use crate::data::require_samples;
-use crate::experiment::{Experiment, IndicesChoice};
+use crate::experiment::{Experiment, IndicesChoice, StructureKind};
 use crate::identify::{
     Bank, Ending, IdentifyError, Memory, OrderScan, Plan, Predictor, RecursionRun, Samples, ScanRow, Search, Split,
     Trial, fit_predictor, scan_orders, search_indices, tune,
 };
 use crate::prepare::{self, Prepared, excitation};
-use checkpoint::Saved;
 use error::setting;
 use noise::Known;
 use plid_catalogue::Conditions;
-use plid_model::{ChannelScaling, Model, Noise, undo_advance, undo_scaling};
+use plid_model::{Model, Noise, undo_advance, undo_scaling};
 
 /// All that a run found, in the units of the data.
 #[derive(Debug)]
@@ -77,6 +84,8 @@ pub struct Outcome {
     pub model: Model,
     /// The model in canonical form, before an advanced input is undone; with the parameters' covariance.
     pub canonical: Model,
+    /// What a merge needs to know beside the model.
+    pub estimate: Estimate,
     /// How the predictor gain was found; `None` if there is no stable predictor.
     pub predictor: Option<String>,
     /// One-step and free-run errors, residual tests.
@@ -105,35 +114,21 @@ pub fn carry_out(
     if let Some((key, reason)) = experiment.problems().into_iter().next() {
         return Err(setting(key, reason));
     }
+    if experiment.structure.kind == StructureKind::SimoMerge {
+        return Err(setting("structure", "runs that are to be merged are several: `merge::carry_out` makes them"));
+    }
     let asked = experiment.clone();
     let saved = match (directory, resume) {
         (Some(directory), true) => checkpoint::read(directory, &asked)?,
         _ => Saved::default(),
     };
     progress.stage("data");
-    let obtained = obtain::obtain(&mut experiment, base)?;
+    let (obtained, mut prepared) = data(&mut experiment, base)?;
     let (raw, truth) = (obtained.records, obtained.truth);
     let mut warnings = obtained.warnings;
-    let mut shares = vec![1.0; raw.len()];
-    if let Some(last) = shares.last_mut() {
-        *last = experiment.validation.training_share;
-    }
-    if experiment.preparation.repeats.as_ref().is_some_and(|r| r.period.is_none()) {
-        shares.fill(experiment.validation.training_share);
-    }
-    let mut prepared = prepare::prepare(raw.clone(), &shares, &experiment.preparation)?;
     let mut of_data = std::mem::take(&mut prepared.warnings);
     let (p, m) = (prepared.records[0].outputs.ncols(), prepared.records[0].inputs.ncols());
-    let training: Vec<Samples<'_>> = prepared
-        .records
-        .iter()
-        .zip(&prepared.training)
-        .filter(|(_, count)| **count > 0)
-        .map(|(record, &count)| {
-            let (inputs, outputs) = (record.inputs.view(), record.outputs.view());
-            Samples { inputs, outputs, nan_is_missing: noise::has_missing(&record.outputs) }.range(0, count)
-        })
-        .collect();
+    let training = training(&prepared);
     let samples: usize = training.iter().map(Samples::len).sum();
     let last_training = *prepared.training.last().unwrap_or(&0);
     if training.is_empty()
@@ -216,13 +211,15 @@ pub fn carry_out(
 
     progress.stage("validation");
     let scaled = scaled_model(&run.identified, &form, &prepared)?;
-    let predictor = fit_predictor(&scaled, training[training.len() - 1]);
+    let alone = experiment.validation.model_only;
+    let predictor = if alone { None } else { fit_predictor(&scaled, training[training.len() - 1]) };
     let (canonical, model) = in_data_units(&scaled, predictor.as_ref(), &plan, &prepared)?;
     let truth = truth.filter(|t| {
         let same = t.noise_free.nrows() == prepared.records[0].samples() + prepared.advanced;
         same && prepared.records.len() == 1 && prepared.start_s == 0.0
     });
     let RecursionRun { innovations, health, identified } = run;
+    let estimate = Estimate::new(&plan, &scaled, &identified, &innovations, &prepared, obtained.channel_rms)?;
     let state = identified.state;
     let validation = validate::validate(
         &experiment,
@@ -233,12 +230,16 @@ pub fn carry_out(
         &prepared,
         truth.as_ref(),
     )?;
-    let simulation = match simulation::carry_out(&experiment, &scaled, &prepared, &validation, progress) {
-        Err(RunError::Refine(plid_refine::RefineError::Interrupted)) => return Err(pause(search.memory, None)),
-        other => {
-            let (simulation, said) = other?;
-            warnings.extend(said);
-            simulation
+    let simulation = if alone {
+        Simulation { best: "plid", ..Simulation::default() }
+    } else {
+        match simulation::carry_out(&experiment, &scaled, &prepared, &validation, progress) {
+            Err(RunError::Refine(plid_refine::RefineError::Interrupted)) => return Err(pause(search.memory, None)),
+            other => {
+                let (simulation, said) = other?;
+                warnings.extend(said);
+                simulation
+            }
         }
     };
     let peaks = match &truth {
@@ -261,6 +262,7 @@ pub fn carry_out(
         health,
         model,
         canonical,
+        estimate,
         validation,
         simulation,
         peaks,
@@ -271,6 +273,44 @@ pub fn carry_out(
     outcome.warnings.extend(more_warnings);
     outcome.advice = advice;
     Ok(outcome)
+}
+
+/// The data, and what preparation makes of them.
+fn data(experiment: &mut Experiment, base: &Path) -> Result<(Obtained, Prepared), RunError> {
+    let obtained = obtain(experiment, base)?;
+    let mut shares = vec![1.0; obtained.records.len()];
+    if let Some(last) = shares.last_mut() {
+        *last = experiment.validation.training_share;
+    }
+    if experiment.preparation.repeats.as_ref().is_some_and(|r| r.period.is_none()) {
+        shares.fill(experiment.validation.training_share);
+    }
+    let prepared = prepare::prepare(obtained.records.clone(), &shares, &experiment.preparation)?;
+    Ok((obtained, prepared))
+}
+
+/// The training parts of prepared records.
+pub(crate) fn training(prepared: &Prepared) -> Vec<Samples<'_>> {
+    let records = prepared.records.iter().zip(&prepared.training).filter(|(_, count)| **count > 0);
+    let samples = records.map(|(record, &count)| {
+        let (inputs, outputs) = (record.inputs.view(), record.outputs.view());
+        Samples { inputs, outputs, nan_is_missing: noise::has_missing(&record.outputs) }.range(0, count)
+    });
+    samples.collect()
+}
+
+/// The prepared data of an experiment and its bank of filters; `None` in its place if the experiment gives all of the noise.
+pub(crate) fn bank(experiment: &Experiment, base: &Path) -> Result<(Prepared, Option<Bank>), RunError> {
+    let mut experiment = experiment.clone();
+    let (obtained, prepared) = data(&mut experiment, base)?;
+    let record = &prepared.records[0];
+    let actor = Actor { experiment: &experiment, base, raw: &obtained.records, prepared: &prepared, progress: &Silent };
+    let form = actor.form(experiment.structure.states, record.outputs.ncols(), record.inputs.ncols())?;
+    let bank = match actor.known(&form)? {
+        Known::All(_) => None,
+        Known::Some { .. } => Some(actor.bank(&form)?),
+    };
+    Ok((prepared, bank))
 }
 
 /// What the stages of a run share.
@@ -302,6 +342,19 @@ impl Actor<'_> {
         })
     }
 
+    /// The canonical form of so many states, or of the indices that are given.
+    fn form(&self, states: Option<usize>, p: usize, m: usize) -> Result<ObservableForm, RunError> {
+        let bad = |e: plid_core::StructureError| setting("structure", e);
+        match (&self.experiment.structure.indices, states) {
+            (IndicesChoice::Given(indices), _) if indices.len() != p => {
+                Err(setting("indices", format!("{} are given for {p} outputs", indices.len())))
+            }
+            (IndicesChoice::Given(indices), _) => ObservableForm::new(indices, m).map_err(bad),
+            (_, Some(states)) => ObservableForm::balanced(states, p, m).map_err(bad),
+            (_, None) => Err(setting("structure", "give `states`, `indices` or orders to `scan`")),
+        }
+    }
+
     /// The canonical form: given, shared out, searched or scanned for.
     fn structure(
         &self,
@@ -325,16 +378,7 @@ impl Actor<'_> {
             scan = Some(scan_orders(&config.scan, find, search).map_err(RunError::Identify)?);
         }
         let states = config.states.or(scan.as_ref().map(|s: &OrderScan| s.recommended));
-        let form = match (&config.indices, states) {
-            (IndicesChoice::Given(indices), _) => {
-                if indices.len() != p {
-                    return Err(setting("indices", format!("{} are given for {p} outputs", indices.len())));
-                }
-                ObservableForm::new(indices, m).map_err(bad)?
-            }
-            (_, Some(states)) => ObservableForm::balanced(states, p, m).map_err(bad)?,
-            (_, None) => return Err(setting("structure", "give `states`, `indices` or orders to `scan`")),
-        };
+        let form = self.form(states, p, m)?;
         if config.indices != IndicesChoice::Search {
             return Ok((form, scan, Vec::new()));
         }
@@ -353,7 +397,11 @@ fn dense(matrix: &Dense<f64>) -> DMatrix<f64> {
 }
 
 /// The identified plant as a model of scaled channels and, where they are, advanced inputs.
-fn scaled_model(identified: &IdentifiedModel, form: &ObservableForm, prepared: &Prepared) -> Result<Model, RunError> {
+pub(crate) fn scaled_model(
+    identified: &IdentifiedModel,
+    form: &ObservableForm,
+    prepared: &Prepared,
+) -> Result<Model, RunError> {
     let (n, size) = (form.states(), form.joint_states());
     let record = &prepared.records[0];
     let through = DMatrix::zeros(form.outputs(), form.inputs());
@@ -375,19 +423,13 @@ fn in_data_units(
     plan: &Plan,
     prepared: &Prepared,
 ) -> Result<(Model, Model), RunError> {
-    let scaling = ChannelScaling {
-        input_mean: vec![0.0; scaled.m()],
-        input_scale: prepared.input_scales.clone(),
-        output_mean: vec![0.0; scaled.p()],
-        output_scale: prepared.output_scales.clone(),
-    };
     let std = |covariance: &Dense<f64>| (0..covariance.rows()).map(|i| covariance.at(i, i).max(0.0).sqrt()).collect();
     let with_noise = Model {
         noise: Noise { sensor_std: Some(std(&plan.noise.sensor)), actuator_std: Some(std(&plan.noise.actuator)) },
         predictor_gain: predictor.map(|p| p.gain.clone()),
         ..scaled.clone()
     };
-    let canonical = undo_scaling(&with_noise, &scaling)?;
+    let canonical = undo_scaling(&with_noise, &scaling(prepared))?;
     let model = if prepared.advanced == 1 { undo_advance(&canonical, None)? } else { canonical.clone() };
     Ok((canonical, model))
 }

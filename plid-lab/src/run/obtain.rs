@@ -1,8 +1,9 @@
 //! The data of an experiment: read from files, or simulated.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
-use ndarray::Array2;
+use ndarray::{Array2, ArrayView1};
 use serde::{Deserialize, Serialize};
 
 use super::error::{RunError, setting};
@@ -10,6 +11,7 @@ use crate::data::{self, MissingPolicy, Record};
 use crate::experiment::{DataConfig, Experiment};
 use crate::prepare::repeats::Repeats;
 use plid_model::Model;
+use plid_model::signal::rms;
 
 /// A file that went into a run.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -42,10 +44,12 @@ pub struct Obtained {
     pub truth: Option<Truth>,
     /// What the reader must know.
     pub warnings: Vec<String>,
+    /// RMS of every column of the data about its mean, used or not; the largest over the records.
+    pub channel_rms: BTreeMap<String, f64>,
 }
 
 /// Reads or simulates the data; paths are relative to `base`. Repeats of the testbed are averaged unless the experiment says how.
-pub(super) fn obtain(experiment: &mut Experiment, base: &Path) -> Result<Obtained, RunError> {
+pub(crate) fn obtain(experiment: &mut Experiment, base: &Path) -> Result<Obtained, RunError> {
     match &experiment.data.testbed {
         None => read(&experiment.data, base),
         Some(_) => {
@@ -71,7 +75,22 @@ fn read(config: &DataConfig, base: &Path) -> Result<Obtained, RunError> {
     }
     let (records, warnings) =
         data::select_all(&tables, &config.inputs, &config.outputs, config.sample_rate_hz, config.missing)?;
-    Ok(Obtained { records, sources, truth: None, warnings: warnings.iter().map(ToString::to_string).collect() })
+    let columns = tables.iter().flat_map(|table| table.names.iter().zip(table.columns.columns()));
+    let (warnings, channel_rms) = (warnings.iter().map(ToString::to_string).collect(), largest_rms(columns));
+    Ok(Obtained { records, sources, truth: None, warnings, channel_rms })
+}
+
+/// RMS about the mean, by name. NaN is no sample.
+fn largest_rms<'a>(columns: impl Iterator<Item = (&'a String, ArrayView1<'a, f64>)>) -> BTreeMap<String, f64> {
+    let mut largest = BTreeMap::new();
+    for (name, column) in columns {
+        let there = || column.iter().copied().filter(|x| x.is_finite());
+        let mean = there().sum::<f64>() / there().count().max(1) as f64;
+        let size = rms(there().map(|x| x - mean));
+        let entry = largest.entry(name.clone()).or_insert(0.0);
+        *entry = size.max(*entry);
+    }
+    largest
 }
 
 fn simulate(config: &DataConfig, base: &Path) -> Result<Obtained, RunError> {
@@ -146,5 +165,8 @@ fn simulate(config: &DataConfig, base: &Path) -> Result<Obtained, RunError> {
         },
         ..t
     });
-    Ok(Obtained { records, sources, truth, warnings: simulation.warnings.iter().map(ToString::to_string).collect() })
+    let repeats = simulation.outputs.iter().flat_map(|measured| outputs.iter().zip(measured.columns()));
+    let channel_rms = largest_rms(inputs.iter().zip(simulation.commands.columns()).chain(repeats));
+    let warnings = simulation.warnings.iter().map(ToString::to_string).collect();
+    Ok(Obtained { records, sources, truth, warnings, channel_rms })
 }

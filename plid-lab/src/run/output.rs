@@ -9,7 +9,7 @@ use serde_json::{Map, Value, json};
 
 use super::error::RunError;
 use super::validate::Errors;
-use super::{Alternative, CHECKPOINT, Outcome, report};
+use super::{Alternative, CHECKPOINT, Outcome, PeakRow, report};
 use crate::experiment::to_toml;
 use crate::report::write_atomic;
 use plid_catalogue::Conditions;
@@ -112,7 +112,7 @@ fn mode(deviation: &ModeDeviation) -> Value {
     })
 }
 
-fn pretty(value: &Value) -> String {
+pub(crate) fn pretty(value: &Value) -> String {
     let mut text = serde_json::to_string_pretty(value).expect("JSON values are JSON");
     text.push('\n');
     text
@@ -185,7 +185,7 @@ fn manifest(outcome: &Outcome) -> Value {
     })
 }
 
-fn errors(errors: &Errors) -> Value {
+pub(crate) fn errors(errors: &Errors) -> Value {
     json!({
         "relative": errors.relative,
         "overall_relative": errors.overall_relative,
@@ -194,24 +194,29 @@ fn errors(errors: &Errors) -> Value {
     })
 }
 
+/// The modes of a canonical model with its parameters' covariance.
+pub(crate) fn modes_json(canonical: &Model) -> Result<Value, RunError> {
+    Ok(mode_deviations(canonical)?.iter().map(mode).collect())
+}
+
+/// The peaks of a model beside the true ones.
+pub(crate) fn peaks_json(peaks: &[PeakRow]) -> Value {
+    let row = |row: &PeakRow| {
+        json!({ "mode_hz": row.mode_hz, "input": row.input, "output": row.output, "truth_hz_db": row.truth, "model_hz_db": row.model,
+                "frequency_error_relative": row.frequency_error(), "height_error_db": row.height_error_db() })
+    };
+    peaks.iter().map(row).collect()
+}
+
 /// The figures of a run.
 fn result(outcome: &Outcome) -> Result<Value, RunError> {
     let validation = &outcome.validation;
     let record = &outcome.prepared.records[outcome.prepared.records.len() - 1];
     let states: usize = outcome.form.indices().iter().sum();
-    let modes: Vec<Value> = mode_deviations(&outcome.canonical)?.iter().map(mode).collect();
     let tests = |c: &plid_model::signal::Correlation| {
         json!({ "statistic": c.test.statistic, "degrees_of_freedom": c.test.degrees_of_freedom,
                 "p_value": c.test.p_value, "passes": c.test.passes, "lags_outside": c.test.outside })
     };
-    let peaks: Vec<Value> = outcome
-        .peaks
-        .iter()
-        .map(|row| {
-            json!({ "mode_hz": row.mode_hz, "input": row.input, "output": row.output, "truth_hz_db": row.truth, "model_hz_db": row.model,
-                    "frequency_error_relative": row.frequency_error(), "height_error_db": row.height_error_db() })
-        })
-        .collect();
     let bank: Vec<Value> = outcome.bank.iter().map(|trial| json!(trial)).collect();
     Ok(json!({
         "name": outcome.experiment.name,
@@ -235,14 +240,15 @@ fn result(outcome: &Outcome) -> Result<Value, RunError> {
         },
         "simulation": simulation(outcome)?,
         "predictor": outcome.predictor,
+        "estimate": outcome.estimate,
         "noise": {
             "of_channels_divided_by": { "inputs": outcome.prepared.input_scales, "outputs": outcome.prepared.output_scales },
             "sensor_variances": outcome.noise_levels.0, "mean_state_variance": outcome.noise_levels.1, "bank": bank,
         },
         "order_scan": outcome.scan,
         "index_search": outcome.index_search,
-        "modes": modes,
-        "peaks": peaks,
+        "modes": modes_json(&outcome.canonical)?,
+        "peaks": peaks_json(&outcome.peaks),
         "residual_whiteness": validation.whiteness.iter().map(tests).collect::<Vec<_>>(),
         "residual_input_correlation":
             validation.cross.iter().map(|row| row.iter().map(tests).collect::<Vec<_>>()).collect::<Vec<_>>(),

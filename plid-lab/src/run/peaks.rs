@@ -37,7 +37,7 @@ impl PeakRow {
 const WIDTH: f64 = 0.02;
 
 /// The peaks near the dominant modes, pair by pair. A pair shows a mode if its true response has a maximum there, not at the edge.
-pub(super) fn compare(truth: &Truth, model: &Model) -> Result<Vec<PeakRow>, RunError> {
+pub(crate) fn compare(truth: &Truth, model: &Model) -> Result<Vec<PeakRow>, RunError> {
     let mut rows = Vec::new();
     for &mode_hz in &truth.dominant_hz {
         for (j, input) in truth.model.inputs.iter().enumerate() {

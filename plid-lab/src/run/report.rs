@@ -3,11 +3,12 @@
 use ndarray::Axis as Dimension;
 use rustfft::num_complex::Complex64;
 
-use super::Outcome;
 use super::error::RunError;
 use super::report_simulation;
 use super::validate::Errors;
+use super::{Outcome, PeakRow};
 use crate::experiment::to_toml;
+use crate::identify::Trial;
 use crate::report::{
     Axis, Cell, Chart, ConvergencePlot, FrfCurve, FrfPlot, ModeSet, Report, Scale, Series, Table, Trace, chart,
     convergence_plot, correlation_plot, frf_grid, mode_map, trace_plot,
@@ -89,8 +90,8 @@ pub(super) fn page(outcome: &Outcome) -> Result<(String, String), RunError> {
     if !outcome.peaks.is_empty() {
         report = report
             .heading("Peaks beside the true ones")
-            .paragraph(peak_sentence(outcome))
-            .details(format!("All {} peaks", outcome.peaks.len()), |report| report.table(peak_table(outcome)));
+            .paragraph(peak_sentence(&outcome.peaks))
+            .details(format!("All {} peaks", outcome.peaks.len()), |report| report.table(peak_table(&outcome.peaks)));
     }
     report = modes(report, outcome)?;
     report = residuals(report, outcome);
@@ -123,7 +124,7 @@ pub(super) fn page(outcome: &Outcome) -> Result<(String, String), RunError> {
     Ok((report.to_html(), responses))
 }
 
-pub(super) fn percent(value: f64) -> String {
+pub(crate) fn percent(value: f64) -> String {
     if !value.is_finite() {
         "infinite".into()
     } else if value >= 0.1 {
@@ -281,7 +282,7 @@ pub(super) fn measured_pair(
     }
 }
 
-pub(super) fn complex(z: nalgebra::Complex<f64>) -> Complex64 {
+pub(crate) fn complex(z: nalgebra::Complex<f64>) -> Complex64 {
     Complex64::new(z.re, z.im)
 }
 
@@ -330,19 +331,19 @@ fn error_table(outcome: &Outcome) -> Table {
     table.row(row)
 }
 
-fn peak_sentence(outcome: &Outcome) -> String {
+pub(crate) fn peak_sentence(peaks: &[PeakRow]) -> String {
     let largest = |errors: &mut dyn Iterator<Item = Option<f64>>| errors.flatten().map(f64::abs).fold(0.0, f64::max);
-    let missed = outcome.peaks.iter().filter(|row| row.model.is_none()).count();
+    let missed = peaks.iter().filter(|row| row.model.is_none()).count();
     let rest = if missed == 0 { "none is missed".to_string() } else { format!("{missed} are missed") };
     format!(
         "{} peaks of the dominant modes over all pairs that show them: {rest}; the largest errors are {:.4} % in frequency and {:.2} dB in height.",
-        outcome.peaks.len(),
-        100.0 * largest(&mut outcome.peaks.iter().map(|row| row.frequency_error())),
-        largest(&mut outcome.peaks.iter().map(|row| row.height_error_db()))
+        peaks.len(),
+        100.0 * largest(&mut peaks.iter().map(|row| row.frequency_error())),
+        largest(&mut peaks.iter().map(|row| row.height_error_db()))
     )
 }
 
-fn peak_table(outcome: &Outcome) -> Table {
+pub(crate) fn peak_table(peaks: &[PeakRow]) -> Table {
     let mut table =
         Table::new("Peaks of |H| near the dominant modes, for each pair whose true response has a maximum there.")
             .column("mode", "Hz")
@@ -353,7 +354,7 @@ fn peak_table(outcome: &Outcome) -> Table {
             .column("", "dB")
             .column("frequency error", "%")
             .column("height error", "dB");
-    for row in &outcome.peaks {
+    for row in peaks {
         let (hz, db) = row.model.unwrap_or((f64::NAN, f64::NAN));
         table = table.row([
             Cell::fixed(row.mode_hz, 1),
@@ -504,14 +505,18 @@ fn searches(report: Report, outcome: &Outcome) -> Report {
     if outcome.bank.is_empty() {
         return report;
     }
-    let mut levels: Vec<f64> = outcome.bank.iter().map(|t| t.sensor).collect();
+    bank(report, &outcome.bank)
+}
+
+/// The bank of filters.
+pub(crate) fn bank(report: Report, trials: &[Trial]) -> Report {
+    let mut levels: Vec<f64> = trials.iter().map(|t| t.sensor).collect();
     levels.sort_by(f64::total_cmp);
     levels.dedup();
     let series = levels
         .iter()
         .map(|&level| {
-            let mut points: Vec<(f64, f64)> = outcome
-                .bank
+            let mut points: Vec<(f64, f64)> = trials
                 .iter()
                 .filter(|t| t.sensor == level)
                 .filter_map(|t| t.free_run.map(|e| (t.state, 100.0 * e)))
@@ -527,12 +532,12 @@ fn searches(report: Report, outcome: &Outcome) -> Report {
         series,
         height: 260.0,
     });
-    let diverged = outcome.bank.iter().filter(|t| t.free_run.is_none()).count();
+    let diverged = trials.iter().filter(|t| t.free_run.is_none()).count();
     report.heading("Noise covariances").figure(
         plot,
         format!(
             "The bank of filters: each learnt from the first part of the training data and simulated the rest. {diverged} of {} diverged and are not drawn.",
-            outcome.bank.len()
+            trials.len()
         ),
     )
 }

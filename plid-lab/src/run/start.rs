@@ -82,21 +82,9 @@ fn from_model(
         output_mean: vec![0.0; model.p()],
         output_scale: inverse(&prepared.output_scales),
     };
-    // A model with D was identified with its input advanced: its B is A b, its D is C b.
-    let b = if model.d.iter().any(|&d| d != 0.0) { advanced_input(model)? } else { model.b.clone() };
-    let scaled = undo_scaling(&Model { b, d: DMatrix::zeros(model.p(), model.m()), ..model.clone() }, &scaling)?;
+    let scaled = undo_scaling(&canonical(model).map_err(|e| setting("start.model", e))?, &scaling)?;
     let n = form.states();
-    let estimate = &mut settings.initial_estimate;
-    for (i, &column) in form.output_states().iter().enumerate() {
-        for row in 0..n {
-            let structural = if form.shift_source(row) == Some(column) { 1.0 } else { 0.0 };
-            estimate[(1 + i) * n + row] = scaled.a[(row, column)] - structural;
-        }
-    }
-    for j in 0..form.inputs() {
-        let start = (1 + form.outputs() + j) * n;
-        estimate[start..start + n].copy_from_slice(scaled.b.column(j).as_slice());
-    }
+    settings.initial_estimate[n..].copy_from_slice(&parameters(&scaled, form));
     if let (Some(covariance), InitialCovariance::Diagonal(d)) =
         (&scaled.parameter_covariance, &settings.initial_covariance)
     {
@@ -114,8 +102,28 @@ fn from_model(
     Ok(())
 }
 
+/// [a_1; ..; a_p; b_1; ..; b_m] of a model in the canonical form `form`.
+pub(crate) fn parameters(model: &Model, form: &ObservableForm) -> Vec<f64> {
+    let mut parameters = Vec::with_capacity(form.parameter_columns() * form.states());
+    for &column in form.output_states() {
+        parameters.extend((0..form.states()).map(|row| {
+            let structural = if form.shift_source(row) == Some(column) { 1.0 } else { 0.0 };
+            model.a[(row, column)] - structural
+        }));
+    }
+    parameters.extend_from_slice(model.b.as_slice());
+    parameters
+}
+
+/// The model before an advanced input was undone. A model with D was identified with its input advanced: its B is A b, its D is C b.
+pub(crate) fn canonical(model: &Model) -> Result<Model, String> {
+    let is_undone = model.d.iter().any(|&d| d != 0.0);
+    let b = if is_undone { advanced_input(model)? } else { model.b.clone() };
+    Ok(Model { b, d: DMatrix::zeros(model.p(), model.m()), ..model.clone() })
+}
+
 /// The b of B = A b, D = C b.
-fn advanced_input(model: &Model) -> Result<DMatrix<f64>, RunError> {
+fn advanced_input(model: &Model) -> Result<DMatrix<f64>, String> {
     let (n, p, m) = (model.n(), model.p(), model.m());
     let mut left = DMatrix::zeros(n + p, n);
     left.rows_mut(0, n).copy_from(&model.a);
@@ -123,9 +131,9 @@ fn advanced_input(model: &Model) -> Result<DMatrix<f64>, RunError> {
     let mut right = DMatrix::zeros(n + p, m);
     right.rows_mut(0, n).copy_from(&model.b);
     right.rows_mut(n, p).copy_from(&model.d);
-    let solution = left.clone().svd(true, true).solve(&right, 1e-13).map_err(|e| setting("start.model", e))?;
+    let solution = left.clone().svd(true, true).solve(&right, 1e-13)?;
     if (&left * &solution - &right).norm() > 1e-6 * right.norm() {
-        return Err(setting("start.model", "its D is not that of an advanced input, so it has no such start"));
+        return Err("its D is not that of an advanced input".into());
     }
     Ok(solution)
 }

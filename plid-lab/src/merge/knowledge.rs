@@ -1,0 +1,123 @@
+//! What a run's data say of the parameters: its Gaussian with the prior taken out again.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::MergeError;
+
+/// What one run knows of the parameters that all runs share, or that it has for itself: a Gaussian.
+#[derive(Clone, Debug)]
+pub struct Knowledge {
+    /// What errors call the run.
+    pub run: String,
+    /// Where its parameters stand among all parameters, each place once.
+    pub places: Vec<usize>,
+    /// Its estimate, one entry a place.
+    pub estimate: DVector<f64>,
+    /// The covariance of the estimate, prior and data together; in the square of the estimate's units.
+    pub covariance: DMatrix<f64>,
+    /// The prior: mean zero, independent, with these variances. Zero holds a parameter at zero.
+    pub prior_variances: Vec<f64>,
+    /// How many times larger the variances are than `covariance` says, as far as the data's noise goes: 1 if its scale is right.
+    pub overdispersion: f64,
+}
+
+/// Data as rows of a least-squares problem: `rows` theta = `right`, with noise of unit variance on each row.
+#[derive(Clone, Debug)]
+pub(super) struct Rows {
+    /// One column a parameter of the run.
+    pub(super) rows: DMatrix<f64>,
+    pub(super) right: DVector<f64>,
+}
+
+/// Directions of which the data say less than this share of what the prior says are left out.
+const NOTHING: f64 = 1e-10;
+/// A variance may exceed the prior's by this share through rounding, in single precision too.
+const ROUNDING: f64 = 1e-3;
+
+impl Knowledge {
+    /// The data of the run without its prior, from P^-1 = P0^-1 + (information of the data).
+    ///
+    /// In units of the prior's deviations, P = L L' with the singular values s of L. Its data have the information 1/s^2 - 1 along the
+    /// left singular vectors: P is never inverted, and s is exact to about 1e-16 where s^2 would not be.
+    pub(super) fn data(&self) -> Result<Rows, MergeError> {
+        let size = self.places.len();
+        let free: Vec<usize> = (0..size).filter(|&k| self.prior_variances[k] > 0.0).collect();
+        let deviations: Vec<f64> = free.iter().map(|&k| self.prior_variances[k].sqrt()).collect();
+        let whitened = DMatrix::from_fn(free.len(), free.len(), |i, j| {
+            let (a, b) = (free[i], free[j]);
+            0.5 * (self.covariance[(a, b)] + self.covariance[(b, a)]) / (deviations[i] * deviations[j])
+        });
+        let factor = self.factor(&whitened, &free)?;
+        let estimate = DVector::from_fn(free.len(), |i, _| self.estimate[free[i]] / deviations[i]);
+        let decomposition = factor.svd(true, false);
+        let directions = decomposition.u.ok_or_else(|| self.indefinite(0))?;
+        let mut kept = Vec::new();
+        for (k, &singular) in decomposition.singular_values.iter().enumerate() {
+            let share = singular * singular;
+            if share > 1.0 + ROUNDING {
+                return Err(MergeError::AbovePrior { run: self.run.clone(), factor: share });
+            }
+            if 1.0 - share > NOTHING {
+                kept.push((k, share));
+            }
+        }
+        let mut rows = DMatrix::zeros(kept.len(), size);
+        let mut right = DVector::zeros(kept.len());
+        for (row, &(k, share)) in kept.iter().enumerate() {
+            let direction = directions.column(k);
+            let weight = ((1.0 - share) / (share * self.overdispersion)).sqrt();
+            for (i, &place) in free.iter().enumerate() {
+                rows[(row, place)] = weight * direction[i] / deviations[i];
+            }
+            right[row] = direction.dot(&estimate) / (share * (1.0 - share) * self.overdispersion).sqrt();
+        }
+        Ok(Rows { rows, right })
+    }
+
+    /// Whether the numbers make a Gaussian as far as sizes and signs go; what follows relies on it.
+    pub(super) fn check(&self) -> Result<(), MergeError> {
+        let size = self.places.len();
+        let shapes = self.estimate.len() == size
+            && self.covariance.shape() == (size, size)
+            && self.prior_variances.len() == size;
+        let finite = self.estimate.iter().chain(self.covariance.iter()).all(|x| x.is_finite());
+        let priors = self.prior_variances.iter().all(|v| v.is_finite() && *v >= 0.0);
+        let problem = if !shapes {
+            "estimate, covariance and prior are of different sizes"
+        } else if !finite {
+            "the estimate or its covariance is not finite"
+        } else if !priors {
+            "a prior variance is negative or not finite"
+        } else if !(self.overdispersion > 0.0 && self.overdispersion.is_finite()) {
+            "the ratio of its innovations to what was expected of them is not above 0"
+        } else {
+            return Ok(());
+        };
+        Err(MergeError::Unusable { run: self.run.clone(), problem: problem.into() })
+    }
+
+    /// L of P = L L'. Cholesky's factor has errors relative to each parameter's own variance, however much these differ.
+    fn factor(&self, whitened: &DMatrix<f64>, free: &[usize]) -> Result<DMatrix<f64>, MergeError> {
+        let size = whitened.nrows();
+        let smallest = 4.0 * size as f64 * f64::EPSILON;
+        let mut factor: DMatrix<f64> = DMatrix::zeros(size, size);
+        for j in 0..size {
+            for i in j..size {
+                let above: f64 = (0..j).map(|k| factor[(i, k)] * factor[(j, k)]).sum();
+                let left = whitened[(i, j)] - above;
+                factor[(i, j)] = if i > j {
+                    left / factor[(j, j)]
+                } else if left > smallest * whitened[(j, j)] {
+                    left.sqrt()
+                } else {
+                    return Err(self.indefinite(free[j]));
+                };
+            }
+        }
+        Ok(factor)
+    }
+
+    fn indefinite(&self, entry: usize) -> MergeError {
+        MergeError::Indefinite { run: self.run.clone(), entry }
+    }
+}

@@ -1,0 +1,118 @@
+//! What another program needs to know of an estimate beside model.json, in order to combine it with others.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{DMatrix, DVector};
+use plid_core::{Dense, IdentifiedModel, ImplicitModel, InitialCovariance, ObservableForm};
+use serde::{Deserialize, Serialize};
+
+use super::error::RunError;
+use crate::identify::Plan;
+use crate::prepare::Prepared;
+use plid_model::{ChannelScaling, Model, undo_scaling};
+
+/// The key `estimate` of result.json.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    /// Variances of [a_1; ..; a_p; b_1; ..; b_m] before the data, independent and of mean zero, in the data's units as the covariance in
+    /// model.json; `None` if the run began from a former model.
+    pub prior_variances: Option<Vec<f64>>,
+    /// The last innovations' mean square over their variance by P and R at the end, averaged over the outputs: 1 if the noise covariances have the
+    /// right size. What model.json has for a covariance is too small by this factor.
+    pub innovation_ratio: f64,
+    /// How often the training data were gone through.
+    pub passes: usize,
+    /// Whether the recursion forgot, or let the parameters wander.
+    pub forgets: bool,
+    /// RMS of every column of the data about its mean, used or not, in the data's units; the largest over the records.
+    pub channel_rms: BTreeMap<String, f64>,
+}
+
+/// The share of the training data, at their end, whose innovations count: the recursion has settled by then.
+const SETTLED: f64 = 0.25;
+
+impl Estimate {
+    /// `innovations` are those of the training parts, K x p, of scaled channels.
+    pub(crate) fn new(
+        plan: &Plan,
+        scaled: &Model,
+        identified: &IdentifiedModel,
+        innovations: &[ndarray::Array2<f64>],
+        prepared: &Prepared,
+        channel_rms: BTreeMap<String, f64>,
+    ) -> Result<Self, RunError> {
+        let settings = &plan.settings;
+        let prior_variances = match &settings.initial_covariance {
+            InitialCovariance::Full(_) => None,
+            InitialCovariance::Diagonal(variances) => {
+                let prior = DVector::from_column_slice(&variances[plan.form.states()..]);
+                let prior = Model { parameter_covariance: Some(DMatrix::from_diagonal(&prior)), ..scaled.clone() };
+                let in_units = undo_scaling(&prior, &scaling(prepared))?.parameter_covariance;
+                in_units.map(|covariance| covariance.diagonal().as_slice().to_vec())
+            }
+        };
+        Ok(Self {
+            prior_variances,
+            innovation_ratio: innovation_ratio(&plan.form, &plan.noise.sensor, identified, innovations),
+            passes: plan.passes,
+            forgets: settings.forgetting < 1.0 || settings.parameter_noise > 0.0,
+            channel_rms,
+        })
+    }
+}
+
+/// How channels were divided. Means have no place in a linear model.
+pub(crate) fn scaling(prepared: &Prepared) -> ChannelScaling {
+    ChannelScaling {
+        input_mean: vec![0.0; prepared.input_scales.len()],
+        input_scale: prepared.input_scales.clone(),
+        output_mean: vec![0.0; prepared.output_scales.len()],
+        output_scale: prepared.output_scales.clone(),
+    }
+}
+
+fn innovation_ratio(
+    form: &ObservableForm,
+    sensor: &Dense<f64>,
+    identified: &IdentifiedModel,
+    innovations: &[ndarray::Array2<f64>],
+) -> f64 {
+    let total: usize = innovations.iter().map(|record| record.nrows()).sum();
+    let skipped = total - ((SETTLED * total as f64).ceil() as usize).min(total);
+    let rows = || innovations.iter().flat_map(|record| record.rows()).skip(skipped);
+    let ratios: Vec<f64> = form
+        .output_states()
+        .iter()
+        .enumerate()
+        .filter_map(|(i, &c)| {
+            let there = rows().map(|row| row[i]).filter(|e| e.is_finite());
+            let (sum, count) = there.fold((0.0, 0usize), |(sum, count), e| (sum + e * e, count + 1));
+            let expected = identified.covariance.at(c, c) + sensor.at(i, i);
+            (count > 0 && expected > 0.0).then(|| sum / count as f64 / expected)
+        })
+        .collect();
+    ratios.iter().sum::<f64>() / ratios.len() as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::Array2;
+
+    /// Innovations of twice the expected RMS after a beginning that must not count; one is missing.
+    #[test]
+    fn the_ratio_is_that_of_the_settled_innovations() {
+        let form = ObservableForm::new(&[1, 1], 1).unwrap();
+        let mut variances = vec![1.0; form.joint_states()];
+        variances[..2].copy_from_slice(&[0.5, 1.0]);
+        let estimate = vec![0.1; form.joint_states()];
+        let identified = IdentifiedModel::from_estimate(&form, &estimate, &Dense::from_diagonal(&variances));
+        let sensor = Dense::from_diagonal(&[0.5, 3.0]);
+        let sign = |k: usize| if k.is_multiple_of(3) { 1.0 } else { -1.0 };
+        let late = |k: usize, i: usize| if i == 0 { 2.0 } else { 4.0 } * sign(k);
+        let mut record = Array2::from_shape_fn((300, 2), |(k, i)| if k < 225 { 1e3 } else { late(k, i) });
+        record[[250, 1]] = f64::NAN;
+        let ratio = innovation_ratio(&form, &sensor, &identified, &[record]);
+        assert!((ratio - 4.0).abs() < 1e-12, "{ratio}");
+    }
+}
