@@ -42,7 +42,7 @@ fn plid(directory: &Path, arguments: &[&str]) -> Output {
 fn csv(u: f64, v: f64) -> String {
     let (mut text, mut x) = (String::from("t,u,v,y\n"), 0.0);
     for k in 0..400_usize {
-        let wave = |period: usize| if (k * k / period) % 2 == 0 { 1.0 } else { -1.0 };
+        let wave = |period: usize| if (k * k / period).is_multiple_of(2) { 1.0 } else { -1.0 };
         let (a, b) = (u * wave(7), v * wave(11));
         // Rounded as a converter would: what noise there is.
         writeln!(text, "{},{a},{b},{:.3}", 0.1 * k as f64, x).unwrap();

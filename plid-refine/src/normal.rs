@@ -98,6 +98,7 @@ impl Normal {
     }
 
     /// Adds a record; `initial` is its initial state, None at rest.
+    #[allow(clippy::too_many_arguments)]
     pub fn add(
         &mut self,
         record: usize,
@@ -272,8 +273,11 @@ fn columns(
     columns
 }
 
+/// Signals and their weights.
+type Combination = Vec<(usize, f64)>;
+
 /// The two states of section s, as far as the inputs drive them.
-fn states(model: &Sections, places: &Places, s: usize) -> (Vec<(usize, f64)>, Vec<(usize, f64)>) {
+fn states(model: &Sections, places: &Places, s: usize) -> (Combination, Combination) {
     let (up, down) = (model.poles[s].up, model.poles[s].down());
     let mut both = (Vec::new(), Vec::new());
     for j in 0..model.m() {

@@ -6,6 +6,7 @@ mod failure;
 mod identify;
 mod merge;
 mod progress;
+mod reproduce;
 mod run;
 mod simulate;
 mod table;
@@ -45,6 +46,7 @@ enum Command {
     Simulate(simulate::Arguments),
     Validate(validate::Arguments),
     Bench(bench::Arguments),
+    Reproduce(reproduce::Arguments),
 }
 
 /// Runs the command that the arguments name.
@@ -59,6 +61,7 @@ pub fn main() -> ExitCode {
         Command::Simulate(arguments) => simulate::execute(arguments, voice),
         Command::Validate(arguments) => validate::execute(arguments, voice),
         Command::Bench(arguments) => bench::execute(arguments, voice),
+        Command::Reproduce(arguments) => reproduce::execute(arguments, voice),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

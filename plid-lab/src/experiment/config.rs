@@ -329,6 +329,9 @@ pub struct ValidationConfig {
     /// merged model. Left out, the testbed makes one; files have none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
+    /// Whether PLID's model alone is wanted, as in a study of many runs: no predictor gain is fitted, so that there are no one-step errors on
+    /// held-out data and no residual tests, and no other model is put beside it. Both take longer than the recursion.
+    pub model_only: bool,
     /// Highest lag of the residual tests; left out, chosen by the record's length.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lags: Option<usize>,
@@ -342,7 +345,15 @@ pub struct ValidationConfig {
 
 impl Default for ValidationConfig {
     fn default() -> Self {
-        Self { training_share: 0.75, learning_share: 0.75, file: None, lags: None, period: None, band_hz: None }
+        Self {
+            training_share: 0.75,
+            learning_share: 0.75,
+            file: None,
+            model_only: false,
+            lags: None,
+            period: None,
+            band_hz: None,
+        }
     }
 }
 

@@ -26,6 +26,9 @@ pub(super) fn advise(outcome: &Outcome, of_data: &[Warning]) -> Result<(Vec<Stri
             .push("Do not simulate with this model. Try fewer states, a lower sample rate, or a longer record.".into());
     }
     let Some(one_step) = validation.one_step_errors.as_ref().map(|e| e.overall_relative) else {
+        if outcome.experiment.validation.model_only {
+            return Ok((warnings, advice));
+        }
         warnings.push("no predictor gain keeps the one-step prediction bounded".into());
         return Ok((warnings, advice));
     };

@@ -211,7 +211,8 @@ pub fn carry_out(
 
     progress.stage("validation");
     let scaled = scaled_model(&run.identified, &form, &prepared)?;
-    let predictor = fit_predictor(&scaled, training[training.len() - 1]);
+    let alone = experiment.validation.model_only;
+    let predictor = if alone { None } else { fit_predictor(&scaled, training[training.len() - 1]) };
     let (canonical, model) = in_data_units(&scaled, predictor.as_ref(), &plan, &prepared)?;
     let truth = truth.filter(|t| {
         let same = t.noise_free.nrows() == prepared.records[0].samples() + prepared.advanced;
@@ -229,12 +230,16 @@ pub fn carry_out(
         &prepared,
         truth.as_ref(),
     )?;
-    let simulation = match simulation::carry_out(&experiment, &scaled, &prepared, &validation, progress) {
-        Err(RunError::Refine(plid_refine::RefineError::Interrupted)) => return Err(pause(search.memory, None)),
-        other => {
-            let (simulation, said) = other?;
-            warnings.extend(said);
-            simulation
+    let simulation = if alone {
+        Simulation { best: "plid", ..Simulation::default() }
+    } else {
+        match simulation::carry_out(&experiment, &scaled, &prepared, &validation, progress) {
+            Err(RunError::Refine(plid_refine::RefineError::Interrupted)) => return Err(pause(search.memory, None)),
+            other => {
+                let (simulation, said) = other?;
+                warnings.extend(said);
+                simulation
+            }
         }
     };
     let peaks = match &truth {

@@ -1,0 +1,137 @@
+//! Convergence to the true parameters.
+
+use plid_bench::expectations::{self, Config};
+use plid_lab::report::{Axis, Chart, Series, chart};
+use serde::Deserialize;
+
+use crate::claim::{Claim, Context, Finding, Inner, Result, claim};
+
+pub const CLAIM: Claim = claim!("converge",
+    statement: "The estimate converges almost surely to the true parameters.",
+    limit: "A simulation sees many records of finite length, and not the limit. It can see a bias larger than the scatter at the end. Plants are of the model's own order; the truss is not.",
+    timed: false,
+);
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Vary {
+    samples: Vec<usize>,
+    runs: usize,
+}
+
+/// The best that can be had, for comparison: largest posterior density over the whole record.
+const BATCH: &str = "batch-maximum-posterior";
+const NAMES: [&str; 6] = ["prior", "posterior", "moment-matched", "certainty-equivalent", "joint-ekf", BATCH];
+
+/// Slope of log y over log x by least squares.
+fn slope(points: &[(f64, f64)]) -> f64 {
+    let logs: Vec<(f64, f64)> = points.iter().map(|(x, y)| (x.ln(), y.ln())).collect();
+    let count = logs.len() as f64;
+    let (mx, my) = (logs.iter().map(|p| p.0).sum::<f64>() / count, logs.iter().map(|p| p.1).sum::<f64>() / count);
+    let (over, under) = logs.iter().fold((0.0, 0.0), |(o, u), (x, y)| (o + (x - mx) * (y - my), u + (x - mx).powi(2)));
+    over / under
+}
+
+/// What the study has of one way to an estimate at one length.
+struct Point {
+    /// Geometric mean over plants of the free-run error against the true response.
+    free_run: f64,
+    /// RMS over plants of the error of the entries of a_1 .. a_p.
+    rmse: f64,
+    /// Normalised estimation error squared.
+    nees: f64,
+}
+
+fn run(context: &Context<'_>) -> Result<Finding> {
+    let (config, vary): (Config, Vary) = (context.config()?, context.vary()?);
+    let mut lines: Vec<Vec<Point>> = NAMES.iter().map(|_| Vec::new()).collect();
+    for &samples in &vary.samples {
+        let mut config = config.clone();
+        for plant in &mut config.in_class {
+            (plant.steps, plant.runs) = (samples, vary.runs);
+        }
+        let directory = context.directory.join(format!("{samples}-samples"));
+        let study = expectations::run(&config, &directory, false, &Inner(context.progress))?;
+        let cell = study.cells.first().ok_or("the study has no cell")?;
+        for (line, name) in lines.iter_mut().zip(NAMES) {
+            let score =
+                cell.scores.iter().find(|score| score.method == name).ok_or("the study lacks an expectation")?;
+            let value =
+                |figure: &Option<_>| figure.as_ref().map_or(f64::NAN, |f: &expectations::statistics::Figure| f.value);
+            line.push(Point { free_run: value(&score.free_run), rmse: value(&score.rmse_a), nees: value(&score.nees) });
+        }
+    }
+    let against = |line: &[Point], of: fn(&Point) -> f64| -> Vec<(f64, f64)> {
+        vary.samples.iter().zip(line).map(|(&samples, point)| (samples as f64, of(point))).collect()
+    };
+    let mut finding = Finding::default();
+    let mut rows = Vec::new();
+    let (mut slopes, mut honest) = (Vec::new(), Vec::new());
+    for (name, line) in NAMES.into_iter().zip(&lines) {
+        // The first half of the lengths tells of the start.
+        let late = line.len() / 2 - 1;
+        let slope = |of: fn(&Point) -> f64| slope(&against(line, of)[late..]);
+        let last = line.last().ok_or("no samples")?;
+        finding = finding
+            .figure(format!("slope of the free-run error, {name}"), slope(|p| p.free_run), "")
+            .figure(format!("free-run error at the end, {name}"), 100.0 * last.free_run, "%")
+            .figure(format!("slope of the parameters' RMS error, {name}"), slope(|p| p.rmse), "")
+            .figure(format!("NEES at the end, {name}"), last.nees, "");
+        if name != BATCH {
+            slopes.push((name, slope(|p| p.free_run)));
+            honest.push((name, last.nees < 2.0));
+        }
+        let errors = line.iter().map(|point| format!("{:.2}", 100.0 * point.free_run));
+        let start = [
+            name.to_string(),
+            format!("{:.2}", slope(|p| p.free_run)),
+            format!("{:.1}", last.nees),
+            format!("{:.4}", last.rmse),
+        ];
+        rows.push(start.into_iter().chain(errors).collect());
+    }
+    let series = |of: fn(&Point) -> f64| {
+        NAMES.iter().zip(&lines).map(|(name, line)| Series::line(*name, against(line, of))).collect()
+    };
+    let draw = |label: &str, series: Vec<Series>| {
+        chart(&Chart { title: String::new(), x: Axis::log("samples"), y: Axis::log(label), series, height: 230.0 })
+    };
+    let pictures =
+        [draw("free-run error, relative", series(|p| p.free_run)), draw("NEES of the parameters", series(|p| p.nees))];
+    let heads: Vec<String> = vary.samples.iter().map(|k| format!("{k} samples")).collect();
+    let heads: Vec<(&str, &str)> = [("estimate", ""), ("slope", ""), ("NEES at the end", ""), ("RMS error of a", "")]
+        .into_iter()
+        .chain(heads.iter().map(|h| (h.as_str(), "%")))
+        .collect();
+    for (name, slope) in &slopes {
+        let rule = format!(
+            "With `{name}` the free-run error falls over the longer records with a slope below -0.25, half of the square root's -0.5: a bias would flatten it."
+        );
+        finding = finding.part(rule, *slope < -0.25);
+    }
+    let listed: Vec<String> = slopes.iter().map(|(name, slope)| format!("{name} {slope:.2}")).collect();
+    let proud: Vec<&str> = honest.iter().filter(|(_, is)| !is).map(|(name, _)| *name).collect();
+    let [picture, nees] = pictures;
+    let batch = finding.value(&format!("slope of the free-run error, {BATCH}"));
+    Ok(finding
+        .part("With every expectation P says how far the estimate still is: NEES at the end is below 2.", proud.is_empty())
+        .picture(picture, format!("Geometric mean over {} random plants of the model's order, signal-to-noise ratio {}.", vary.runs, config.signal_to_noise[0]))
+        .picture(nees, "One for an honest P.")
+        .table("Free-run error against the true response; the RMS error of the entries of a_1 .. a_p at the end is owned by the plants that the data tell least of.", &heads, rows)
+        .say(format!(
+            "Over the longer records, up to {} samples, the free-run error falls with these slopes (the square root's is -0.5): {}; batch estimation's with {:.2}. P falls faster than the error with {}.",
+            vary.samples.last().unwrap_or(&0),
+            listed.join(", "),
+            batch,
+            if proud.is_empty() { "none".into() } else { proud.join(", ") },
+        )))
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_slope_of_a_power_is_its_exponent() {
+        let points: Vec<(f64, f64)> = [1.0_f64, 7.0, 30.0, 200.0].map(|x| (x, 3.0 * x.powf(-0.5))).to_vec();
+        assert!((super::slope(&points) + 0.5).abs() < 1e-12);
+    }
+}

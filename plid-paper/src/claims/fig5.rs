@@ -1,0 +1,102 @@
+//! Fig. 5: the actuator's signal.
+
+use plid_lab::report::{Axis, Chart, Series, chart};
+use plid_model::signal::{WelchOptions, welch_spectra};
+use serde::Deserialize;
+
+use crate::claim::{Claim, Context, Finding, Result, claim};
+use crate::truss::{ACTUATOR, truss_of};
+
+pub const CLAIM: Claim = claim!("fig5",
+    statement: "The actuator signal is noise through a sixth-order Butterworth low-pass filter at 200 Hz; from about 600 Hz it is below the noise floor.",
+    limit: "The filter is the paper's and the floors follow from its noise figure (5 mV) and its converter (12 bits over 10 V). Where the real amplifier's floor lay is not known.",
+    timed: false,
+);
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Vary {
+    segments: usize,
+}
+
+/// Order and corner of the paper's filter.
+const ORDER: i32 = 6;
+const CORNER_HZ: f64 = 200.0;
+const SEGMENT: usize = 512;
+
+fn run(context: &Context<'_>) -> Result<Finding> {
+    let (mut experiment, vary): (_, Vary) = (context.experiment()?, context.vary()?);
+    let truss = truss_of(&mut experiment);
+    let rate = truss.sample_rate_hz;
+    truss.duration_s = ((vary.segments + 1) * SEGMENT / 2) as f64 / rate;
+    let simulation = plid_testbed::simulate(truss)?;
+    let command = simulation.commands.select(ndarray::Axis(1), &[ACTUATOR]);
+    let spectra = welch_spectra(command.view(), &WelchOptions { sample_rate_hz: rate, segment_length: Some(SEGMENT) })?;
+    let density: Vec<(f64, f64)> =
+        (1..spectra.frequency_hz.len()).map(|k| (spectra.frequency_hz[k], spectra.density[[k, 0, 0]].re)).collect();
+    let passed = density.iter().filter(|(hz, _)| (20.0..=120.0).contains(hz)).map(|p| p.1);
+    let level = passed.clone().sum::<f64>() / passed.count() as f64;
+
+    // White noise of a given RMS, spread over all frequencies up to half the rate.
+    let white = |rms_v: f64| rms_v * rms_v / (rate / 2.0);
+    let amplifier = white(truss.noise.amplifier_rms_v);
+    let rounding = white(truss.converters.step_v / 12.0_f64.sqrt());
+    let butterworth = |x: f64| level / (1.0 + x.powi(2 * ORDER));
+    // The program's filter is the bilinear transform, which steepens towards half the rate; an analogue one is not.
+    let warped = |hz: f64| (std::f64::consts::PI * hz / rate).tan() / (std::f64::consts::PI * CORNER_HZ / rate).tan();
+    let digital = |hz: f64| butterworth(warped(hz));
+    let analogue = |hz: f64| butterworth(hz / CORNER_HZ);
+    let grid: Vec<f64> = (200..8000).map(|i| f64::from(i) / 10.0).collect();
+    let crossing =
+        |of: &dyn Fn(f64) -> f64, floor: f64| grid.iter().copied().find(|&hz| of(hz) < floor).unwrap_or(rate / 2.0);
+    let measured = density.iter().filter(|p| p.0 > CORNER_HZ).find(|p| p.1 < amplifier).map_or(f64::NAN, |p| p.0);
+    let (from, ideal) = (crossing(&digital, amplifier), crossing(&analogue, amplifier));
+    let (rounded, ideal_rounded) = (crossing(&digital, rounding), crossing(&analogue, rounding));
+
+    let fit = density.iter().filter(|(hz, _)| (20.0..=350.0).contains(hz));
+    let off = fit.map(|&(hz, d)| 10.0 * (d / digital(hz)).log10()).fold(0.0, |worst: f64, db| worst.max(db.abs()));
+    // What is far below both floors is not drawn.
+    let shown = |density: f64| if density > 1e-2 * rounding { density } else { f64::NAN };
+    let line = |of: &dyn Fn(f64) -> f64| grid.iter().map(|&hz| (hz, shown(of(hz)))).collect();
+    let psd = chart(&Chart {
+        title: String::new(),
+        x: Axis::linear("frequency, Hz").range(0.0, rate / 2.0).step(100.0),
+        y: Axis::log("density, V²/Hz"),
+        series: vec![
+            Series::line("command of actuator 1", density.clone()).colour("#8f8f8f").width(2.4),
+            Series::line("sixth-order Butterworth, sampled", line(&digital)),
+            Series::line("the same, analogue", line(&analogue)).dashed(),
+            Series::level("amplifier noise, 5 mV", amplifier),
+            Series::level("rounding of the converter", rounding),
+            Series::vertical("600 Hz", 600.0).colour("#555555"),
+        ],
+        height: 260.0,
+    });
+    let time = chart(&Chart {
+        title: String::new(),
+        x: Axis::linear("time, s"),
+        y: Axis::linear("command, V"),
+        series: vec![Series::line("", (0..800).map(|k| (k as f64 / rate, command[[k, 0]])).collect()).width(1.0)],
+        height: 130.0,
+    });
+    Ok(Finding::default()
+        .figure("below the amplifier's noise from", from, "Hz")
+        .figure("the same, measured", measured, "Hz")
+        .figure("the same for an analogue filter", ideal, "Hz")
+        .figure("below the converter's rounding from", rounded, "Hz")
+        .figure("the same for an analogue filter, rounding", ideal_rounded, "Hz")
+        .figure("largest distance of the density from the filter's, 20-350 Hz", off, "dB")
+        .part(
+            "From 20 to 350 Hz the density is the filter's within 3 dB (so many averages leave 1 dB of scatter a line, and the largest of a hundred lines is looked at).",
+            off < 3.0,
+        )
+        .part("From 600 Hz on the command is below the amplifier's noise of 5 mV.", from <= 600.0 && digital(700.0) < amplifier)
+        .part("It is so from about 600 Hz, 500 to 700, and not from much lower: for the sampled filter.", (500.0..=700.0).contains(&from))
+        .part("The same for an analogue filter.", (500.0..=700.0).contains(&ideal))
+        .picture(psd, "Density of the command as the converter gives it, the filter, and the floors.")
+        .picture(time, "The first half second.")
+        .say(format!(
+            "From 600 Hz on the command is below the floor of 5 mV, but a sampled filter of this kind is so from {from:.0} Hz already (measured {measured:.0} Hz), an analogue one from {ideal:.0} Hz. The converter's rounding takes over at \
+             {rounded:.0} Hz, or {ideal_rounded:.0} Hz. The paper's figure lies between the two floors of an analogue filter."
+        )))
+}

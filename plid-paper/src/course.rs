@@ -1,0 +1,87 @@
+//! The recursion sample by sample, in volts, so that it can be watched and timed.
+
+use std::time::Instant;
+
+use nalgebra::DMatrix;
+use ndarray::{Array2, ArrayView2};
+use plid_catalogue::{CovarianceName, Variant};
+use plid_core::{Dense, IdentifiedModel, NoiseModel, ObservableForm, Settings};
+use plid_lab::run::Outcome;
+use plid_model::Model;
+
+use crate::claim::Result;
+
+/// A record in volts: inputs K x m and outputs K x p.
+pub type Pair<'a> = (ArrayView2<'a, f64>, ArrayView2<'a, f64>);
+
+/// What a recursion went through.
+pub struct Course {
+    /// One-step errors (K x p), V.
+    pub innovations: Array2<f64>,
+    /// The model after every so many samples, and the number of samples.
+    pub models: Vec<(usize, Model)>,
+    /// The estimate at the end.
+    pub identified: IdentifiedModel,
+    /// Time of the steps, s; without that of the models.
+    pub seconds: f64,
+}
+
+/// Where the paper's recursion starts: nothing known, for channels of about 1 V.
+///
+/// # Errors
+/// Fewer states than outputs.
+pub fn form_and_start(states: usize, (inputs, outputs): Pair<'_>) -> Result<(ObservableForm, Settings)> {
+    let form = ObservableForm::balanced(states, outputs.ncols(), inputs.ncols())?;
+    let settings = Settings::new(&form, 1.0, 1.0);
+    Ok((form, settings))
+}
+
+/// Runs the recursion over a record; `every` says how often the model is kept.
+///
+/// # Errors
+/// A recursion that cannot be built or breaks down.
+pub fn course(
+    (inputs, outputs): Pair<'_>,
+    rate_hz: f64,
+    (form, settings): &(ObservableForm, Settings),
+    noise: &NoiseModel,
+    every: usize,
+) -> Result<Course> {
+    // Forgetting makes P grow where nothing is learnt, which a matrix does not survive for long.
+    let covariance = if settings.forgetting < 1.0 { CovarianceName::BiermanUd } else { CovarianceName::Direct };
+    let mut recursion = Variant { covariance, ..Variant::default() }.build(form.clone(), noise, settings)?;
+    let (mut innovations, mut models, mut seconds) = (Array2::zeros(outputs.dim()), Vec::new(), 0.0);
+    let mut start = Instant::now();
+    for k in 0..outputs.nrows() {
+        recursion.step(&outputs.row(k).to_vec(), &inputs.row(k).to_vec(), false)?;
+        innovations.row_mut(k).iter_mut().zip(recursion.innovation()).for_each(|(to, &e)| *to = e);
+        if (k + 1) % every == 0 {
+            seconds += start.elapsed().as_secs_f64();
+            models.push((k + 1, model(&recursion.identified(), rate_hz)?));
+            start = Instant::now();
+        }
+    }
+    seconds += start.elapsed().as_secs_f64();
+    Ok(Course { innovations, models, identified: recursion.identified(), seconds })
+}
+
+/// The plant of an estimate.
+///
+/// # Errors
+/// An estimate that is not finite.
+pub fn model(identified: &IdentifiedModel, rate_hz: f64) -> Result<Model> {
+    let matrix = |m: &Dense<f64>| DMatrix::from_column_slice(m.rows(), m.columns(), m.data());
+    let (b, c) = (matrix(&identified.b), matrix(&identified.c));
+    let through = DMatrix::zeros(c.nrows(), b.ncols());
+    Ok(Model::new(rate_hz, matrix(&identified.a), b, c, through)?)
+}
+
+/// The noise covariances of a run, in volts squared; those of actuators are zero.
+pub fn noise_of(outcome: &Outcome) -> NoiseModel {
+    let (sensor, state) = &outcome.noise_levels;
+    let scales = &outcome.prepared.output_scales;
+    let sensor: Vec<f64> = sensor.iter().zip(scales).map(|(r, scale)| r * scale * scale).collect();
+    let blocks = outcome.form.indices().iter().zip(scales);
+    let state: Vec<f64> = blocks.flat_map(|(&count, scale)| vec![state * scale * scale; count]).collect();
+    NoiseModel::diagonal(&sensor, &vec![0.0; outcome.model.m()], &state)
+}

@@ -1,0 +1,196 @@
+//! All claims one after the other or side by side, each kept as soon as it is there.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
+
+use plid_bench::study::{Journal, Machine, Progress, StudyError, write, write_json};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use crate::claim::{Claim, Context, Finding, Panel, Verdict};
+use crate::page::{self, Line};
+
+/// What is to be run.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// The claims; empty for all.
+    pub only: Vec<String>,
+    /// The quick tables of the configs.
+    pub quick: bool,
+    /// A directory with configs in place of those built in.
+    pub configs: Option<PathBuf>,
+    /// Whether what the output directory has is to be forgotten.
+    pub anew: bool,
+}
+
+/// A finished claim in the journal.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Done {
+    finding: Finding,
+    seconds: f64,
+}
+
+/// A claim with the configs that count.
+struct Task {
+    claim: Claim,
+    config: String,
+    vary: String,
+    key: String,
+}
+
+/// Runs the claims and writes, for each, DIR/ID/claim.json with its pictures and configs, and for all DIR/claims.json and DIR/report.html. A
+/// claim that DIR has already, from the same configs, is not run again.
+///
+/// # Errors
+/// [`StudyError::Cell`] names a claim that cannot be run, once the others are done; [`StudyError::Interrupted`]; files.
+pub fn reproduce(
+    claims: &[Claim],
+    options: &Options,
+    directory: &Path,
+    progress: &dyn Progress,
+) -> Result<Vec<Line>, StudyError> {
+    let tasks = claims.iter().map(|claim| task(claim, options)).collect::<Result<Vec<Task>, _>>()?;
+    let journal: Journal<Done> = Journal::open(directory, "paper", "claims", !options.anew)?;
+    let wanted = |task: &&Task| options.only.is_empty() || options.only.iter().any(|id| id == task.claim.id);
+    let missing = |task: &&Task| journal.get(&task.key).is_none();
+    // A former run in the same directory may have been quick and this one not: files follow the journal.
+    for task in &tasks {
+        if let Some(done) = journal.get(&task.key) {
+            keep(task, &done.finding, &directory.join(task.claim.id))?;
+        }
+    }
+    let (timed, plain): (Vec<&Task>, Vec<&Task>) =
+        tasks.iter().filter(wanted).filter(missing).partition(|task| task.claim.timed);
+
+    progress.stage("claims");
+    let (done, total) = (AtomicUsize::new(0), timed.len() + plain.len());
+    progress.advance(0, total);
+    let journal = Mutex::new(journal);
+    let carry_out = |task: &&Task| -> Result<(), StudyError> {
+        let interrupted = || journal.lock().unwrap_or_else(|e| e.into_inner()).interrupted();
+        if progress.interrupted() {
+            return Err(interrupted());
+        }
+        let at = directory.join(task.claim.id);
+        // Claims write data files there before they are done.
+        fs::create_dir_all(&at).map_err(StudyError::file(&at))?;
+        let context = Context {
+            id: task.claim.id,
+            quick: options.quick,
+            config: &task.config,
+            vary: &task.vary,
+            directory: &at,
+            progress,
+        };
+        let start = Instant::now();
+        let finding = match (task.claim.run)(&context) {
+            Ok(finding) => finding,
+            // Whatever broke off: the user asked for it.
+            Err(_) if progress.interrupted() => return Err(interrupted()),
+            Err(source) => return Err(StudyError::Cell { cell: task.claim.id.into(), source }),
+        };
+        let finished = Done { finding, seconds: start.elapsed().as_secs_f64() };
+        keep(task, &finished.finding, &at)?;
+        journal.lock().unwrap_or_else(|e| e.into_inner()).append(&task.key, finished)?;
+        progress.advance(done.fetch_add(1, Ordering::Relaxed) + 1, total);
+        Ok(())
+    };
+    // Longer ones would be better first, but nobody knows which they are; threads help each other within a claim.
+    let mut results: Vec<Result<(), StudyError>> = plain.par_iter().map(carry_out).collect();
+    // Beside other work there would be no timing.
+    results.extend(timed.iter().map(carry_out));
+    let journal = journal.into_inner().unwrap_or_else(|e| e.into_inner());
+
+    let lines: Vec<Line> = tasks
+        .into_iter()
+        .map(|task| {
+            let found = journal.get(&task.key).cloned();
+            let (finding, seconds) = found.map_or((None, None), |done| (Some(done.finding), Some(done.seconds)));
+            Line { claim: task.claim, config: task.config, vary: task.vary, finding, seconds }
+        })
+        .collect();
+    write_json(&directory.join("claims.json"), &lines.iter().filter_map(Line::summary).collect::<Vec<_>>())?;
+    write(&directory.join("report.html"), page::page(&lines, options.quick, &Machine::here()).to_html())?;
+    // An interruption is what the user wants to read of first.
+    let failed = results.into_iter().filter_map(Result::err);
+    let first = failed.min_by_key(|error| !matches!(error, StudyError::Interrupted { .. }));
+    first.map_or(Ok(lines), Err)
+}
+
+fn task(claim: &Claim, options: &Options) -> Result<Task, StudyError> {
+    let read = |name: String, built_in: &str| match &options.configs {
+        Some(directory) if !built_in.is_empty() => {
+            let path = directory.join(name);
+            fs::read_to_string(&path).map_err(StudyError::file(path))
+        }
+        _ => Ok(built_in.to_string()),
+    };
+    let config = read(format!("{}.toml", claim.id), claim.config)?;
+    let vary = read(format!("{}.vary.toml", claim.id), claim.vary)?;
+    let all = format!("{}\n{}\n{config}\n{vary}", env!("CARGO_PKG_VERSION"), options.quick);
+    let hash: String = Sha256::digest(all).iter().map(|byte| format!("{byte:02x}")).collect();
+    Ok(Task { claim: *claim, key: format!("{} {hash}", claim.id), config, vary })
+}
+
+/// The claim's own files.
+fn keep(task: &Task, finding: &Finding, at: &Path) -> Result<(), StudyError> {
+    let id = task.claim.id;
+    fs::create_dir_all(at).map_err(StudyError::file(at))?;
+    write(&at.join(format!("{id}.toml")), &task.config)?;
+    if !task.vary.is_empty() {
+        write(&at.join(format!("{id}.vary.toml")), &task.vary)?;
+    }
+    let mut panels = Vec::new();
+    for (number, panel) in finding.panels.iter().enumerate() {
+        panels.push(match panel {
+            Panel::Picture { svg, caption } => {
+                let file = format!("{id}-{}.svg", number + 1);
+                write(&at.join(&file), svg)?;
+                serde_json::json!({ "picture": file, "caption": caption })
+            }
+            table => serde_json::json!(table),
+        });
+    }
+    let mut record = serde_json::json!(Summary::of(&task.claim, finding));
+    record["panels"] = panels.into();
+    // Last, so that its presence says that the others are there.
+    write_json(&at.join("claim.json"), &record)
+}
+
+/// An entry of claims.json.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Summary {
+    /// The claim.
+    pub id: &'static str,
+    /// What the paper says.
+    pub statement: &'static str,
+    /// The verdict.
+    pub verdict: Verdict,
+    /// Whether figures and sentence depend on times, and so differ from run to run.
+    pub timed: bool,
+    /// The result in words.
+    pub sentence: String,
+    /// The rules of the verdict.
+    pub parts: Vec<crate::claim::Part>,
+    /// The figures.
+    pub figures: Vec<crate::claim::Figure>,
+}
+
+impl Summary {
+    /// The entry of a finding.
+    pub fn of(claim: &Claim, finding: &Finding) -> Self {
+        Self {
+            id: claim.id,
+            statement: claim.statement,
+            verdict: finding.verdict(),
+            timed: claim.timed,
+            sentence: finding.sentence.clone(),
+            parts: finding.parts.clone(),
+            figures: finding.figures.clone(),
+        }
+    }
+}

@@ -1,0 +1,216 @@
+//! The truss as the paper looks at it: one pair of channels, five modes, and errors of a model against the true plant.
+
+use nalgebra::{Complex, DMatrix};
+use plid_lab::experiment::{Experiment, NoiseSource};
+use plid_lab::report::{FrfCurve, FrfPlot, frf_plot};
+use plid_model::{FrequencyResponse, Model, find_peak};
+use plid_testbed::{InputConfig, TrussConfig};
+
+use crate::claim::Result;
+
+/// Sensor 2, the paper's, from 0.
+pub const SENSOR: usize = 1;
+/// Actuator 1, the paper's, from 0.
+pub const ACTUATOR: usize = 0;
+/// The five dominant modes, Hz.
+pub const MODES_HZ: [f64; 5] = [136.0, 168.0, 186.0, 212.0, 243.0];
+/// The band that the paper shows.
+pub const BAND_HZ: [f64; 2] = [50.0, 300.0];
+/// A peak off by more than this counts as missed: twice or half the power, the usual measure of a resonance.
+pub const CLOSE_DB: f64 = 3.0;
+/// Half the width in which a mode's peak is looked for, relative.
+const WIDTH: f64 = 0.02;
+
+/// The truss of an experiment.
+///
+/// # Panics
+/// If its data are files, which is a bug of the config built in.
+pub fn truss_of(experiment: &mut Experiment) -> &mut TrussConfig {
+    &mut experiment.data.testbed.as_mut().expect("the experiment has a testbed").truss
+}
+
+/// The experiment with so many samples to learn from.
+pub fn with_samples(experiment: &Experiment, samples: usize) -> Experiment {
+    let mut other = experiment.clone();
+    let share = other.validation.training_share;
+    let truss = truss_of(&mut other);
+    truss.duration_s = samples as f64 / share / truss.sample_rate_hz;
+    other
+}
+
+/// The experiment with other states and seed.
+pub fn with_seed(experiment: &Experiment, states: usize, seed: u64) -> Experiment {
+    let mut other = experiment.clone();
+    other.structure.states = Some(states);
+    truss_of(&mut other).seed = seed;
+    other
+}
+
+/// The words for where covariances come from.
+pub fn covariances(noise: NoiseSource) -> &'static str {
+    match noise {
+        NoiseSource::PaperLiteral => "paper's covariances",
+        NoiseSource::PaperSquared => "paper's covariances squared",
+        _ => "tuned covariances",
+    }
+}
+
+/// The true plant between the inputs that are used and all outputs.
+///
+/// # Errors
+/// A config that the testbed refuses.
+pub fn truth(experiment: &Experiment) -> Result<Model> {
+    let mut experiment = experiment.clone();
+    let used = experiment.data.inputs.clone();
+    let plant = plid_testbed::truss(truss_of(&mut experiment))?;
+    let mut model =
+        Model::new(plant.sample_rate_hz, plant.discrete.a, plant.discrete.b, plant.discrete.c, plant.discrete.d)?;
+    if !used.is_empty() {
+        let columns: Vec<usize> = used.iter().filter_map(|name| model.inputs.iter().position(|n| n == name)).collect();
+        model.b = model.b.select_columns(&columns);
+        model.d = model.d.select_columns(&columns);
+        model.inputs = used;
+    }
+    Ok(model)
+}
+
+/// A mode of one pair: the true peak, and the model's if it has one there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ModeRow {
+    /// The mode, Hz.
+    pub mode_hz: f64,
+    /// The true peak: Hz, dB.
+    pub truth: (f64, f64),
+    /// The model's: Hz, dB; `None` without a maximum within 2 % of the mode.
+    pub model: Option<(f64, f64)>,
+}
+
+impl ModeRow {
+    /// Height of the model's peak less that of the true one, dB; NaN without a peak.
+    pub fn db_off(&self) -> f64 {
+        self.model.map_or(f64::NAN, |(_, db)| db - self.truth.1)
+    }
+
+    /// Whether the peak is there and within 3 dB.
+    pub fn is_close(&self) -> bool {
+        self.db_off().abs() <= CLOSE_DB
+    }
+
+    /// The same for a table: decibels, or a word.
+    pub fn words(&self) -> String {
+        match self.model {
+            None => "no peak".into(),
+            Some(_) if self.is_close() => format!("{:+.2}", self.db_off()),
+            Some(_) => format!("{:+.2} (missed)", self.db_off()),
+        }
+    }
+}
+
+/// The five modes in one pair.
+///
+/// # Errors
+/// A model whose poles cannot be found.
+pub fn modes(truth: &Model, model: &Model, output: usize, input: usize) -> Result<Vec<ModeRow>> {
+    let row = |&mode_hz: &f64| {
+        let peak = find_peak(truth, output, input, mode_hz, WIDTH * mode_hz)?;
+        let found = find_peak(model, output, input, mode_hz, WIDTH * mode_hz)?;
+        let model = found.interior.then_some((found.hz, found.db));
+        Ok(ModeRow { mode_hz, truth: (peak.hz, peak.db), model })
+    };
+    MODES_HZ.iter().map(row).collect()
+}
+
+/// The five modes in every pair that shows them truly (its true response has a maximum there).
+///
+/// # Errors
+/// As [`modes`].
+pub fn modes_of_all_pairs(truth: &Model, model: &Model) -> Result<Vec<ModeRow>> {
+    let mut rows = Vec::new();
+    for j in 0..truth.m() {
+        for i in 0..truth.p() {
+            for row in modes(truth, model, i, j)? {
+                if find_peak(truth, i, j, row.mode_hz, WIDTH * row.mode_hz)?.interior {
+                    rows.push(row);
+                }
+            }
+        }
+    }
+    Ok(rows)
+}
+
+/// Frequencies of a band, evenly: fine enough for the narrowest mode (1 Hz wide).
+fn grid([low, high]: [f64; 2]) -> Vec<f64> {
+    let count = ((high - low) / 0.25).round() as usize;
+    (0..=count).map(|k| low + (high - low) * k as f64 / count as f64).collect()
+}
+
+/// RMS over a band and all pairs of the difference of two responses, over that of the true one.
+pub fn band_error(truth: &Model, model: &Model, band: [f64; 2]) -> f64 {
+    let (truth, model) = (FrequencyResponse::of(truth), FrequencyResponse::of(model));
+    let power = |h: &DMatrix<Complex<f64>>| h.iter().map(|x| x.norm_sqr()).sum::<f64>();
+    let (mut off, mut all) = (0.0, 0.0);
+    for hz in grid(band) {
+        let expected = truth.at(hz);
+        off += power(&(model.at(hz) - &expected));
+        all += power(&expected);
+    }
+    (off / all).sqrt()
+}
+
+/// The curve of one pair over the paper's band.
+pub fn curve(model: &Model, output: usize, input: usize) -> FrfCurve {
+    let response = FrequencyResponse::of(model);
+    let frequency_hz = grid(BAND_HZ);
+    FrfCurve {
+        response: frequency_hz.iter().map(|&hz| response.at(hz)[(output, input)]).collect(),
+        frequency_hz,
+        std: None,
+    }
+}
+
+/// The identified and the true response of one pair.
+pub fn overlay(truth: &Model, model: &Model, output: usize, input: usize) -> String {
+    frf_plot(&FrfPlot {
+        unit: "V/V".into(),
+        identified: Some(curve(model, output, input)),
+        truth: Some(curve(truth, output, input)),
+        range_hz: Some((BAND_HZ[0], BAND_HZ[1])),
+        ..FrfPlot::default()
+    })
+}
+
+/// What the outputs show with no command, V RMS over the three.
+///
+/// # Errors
+/// A config that the testbed refuses.
+pub fn noise_floor(experiment: &Experiment) -> Result<f64> {
+    let mut config = truss_of(&mut experiment.clone()).clone();
+    config.input = InputConfig::Zero;
+    config.repeats = 1;
+    let simulation = plid_testbed::simulate(&config)?;
+    Ok(rms(simulation.outputs[0].iter().copied()))
+}
+
+/// Root mean square.
+pub fn rms(values: impl IntoIterator<Item = f64>) -> f64 {
+    plid_model::signal::rms(values)
+}
+
+/// Mean and standard deviation of single values.
+pub fn mean_and_spread(values: &[f64]) -> (f64, f64) {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let square = values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
+    (mean, square.sqrt())
+}
+
+/// The middle value; NaN counts as the largest.
+pub fn median(values: &[f64]) -> f64 {
+    let mut sorted: Vec<f64> = values.iter().map(|x| if x.is_nan() { f64::INFINITY } else { *x }).collect();
+    sorted.sort_by(f64::total_cmp);
+    match sorted.len() {
+        0 => f64::NAN,
+        n if n % 2 == 1 => sorted[n / 2],
+        n => 0.5 * (sorted[n / 2 - 1] + sorted[n / 2]),
+    }
+}
