@@ -50,7 +50,7 @@ impl Knowledge {
         let factor = self.factor(&whitened, &free)?;
         let estimate = DVector::from_fn(free.len(), |i, _| self.estimate[free[i]] / deviations[i]);
         let decomposition = factor.svd(true, false);
-        let directions = decomposition.u.ok_or_else(|| self.indefinite(0))?;
+        let directions = decomposition.u.expect("the left vectors were asked for");
         let mut kept = Vec::new();
         for (k, &singular) in decomposition.singular_values.iter().enumerate() {
             let share = singular * singular;
@@ -110,14 +110,10 @@ impl Knowledge {
                 } else if left > smallest * whitened[(j, j)] {
                     left.sqrt()
                 } else {
-                    return Err(self.indefinite(free[j]));
+                    return Err(MergeError::Indefinite { run: self.run.clone(), entry: free[j] });
                 };
             }
         }
         Ok(factor)
-    }
-
-    fn indefinite(&self, entry: usize) -> MergeError {
-        MergeError::Indefinite { run: self.run.clone(), entry }
     }
 }
