@@ -16,7 +16,7 @@ use crate::experiment::{Experiment, Refinement};
 use crate::identify::{Samples, fit_predictor};
 use crate::prepare::Prepared;
 
-/// Steps of the refinement at most: measured records converge, or creep, well before.
+/// Steps of the refinement at most. A model of the plant's own order converges well before; one that lacks something of it gains slowly and for ever.
 const ITERATIONS: usize = 60;
 /// Held-out errors that differ by less than this share are alike: another stretch of record would turn them round.
 const ALIKE: f64 = 0.01;
