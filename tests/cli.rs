@@ -1,16 +1,11 @@
 //! The program as a user meets it: files in, files out, exit status, messages.
 
-use std::path::Path;
-use std::process::{Command, Output, Stdio};
+mod common;
 
-fn plid(directory: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_plid"))
-        .current_dir(directory)
-        .args(arguments)
-        .stdin(Stdio::null())
-        .output()
-        .expect("the program starts")
-}
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use common::plid;
 
 fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()

@@ -1,16 +1,14 @@
 //! `plid reproduce` as a user meets it.
 
-use std::process::{Command, Output};
+mod common;
 
-fn plid(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_plid")).args(arguments).output().expect("the program starts")
-}
+use common::plid;
 
 #[test]
 fn a_claim_is_run_told_and_kept() {
     let directory = tempfile::tempdir().unwrap();
     let out = directory.path().join("paper").display().to_string();
-    let first = plid(&["reproduce", "--only", "sizing", "--out", &out]);
+    let first = plid(directory.path(), &["reproduce", "--only", "sizing", "--out", &out]);
     assert_eq!(first.status.code(), Some(0), "{}", String::from_utf8_lossy(&first.stderr));
     let text = String::from_utf8_lossy(&first.stdout).into_owned();
     assert!(text.starts_with("sizing    confirmed in part") && text.contains("report.html"), "{text}");
@@ -18,7 +16,7 @@ fn a_claim_is_run_told_and_kept() {
         assert!(directory.path().join("paper").join(file).exists(), "{file}");
     }
     // The same directory is gone on with, and as JSON the answer is claims.json.
-    let again = plid(&["reproduce", "--only", "sizing", "--out", &out, "--json"]);
+    let again = plid(directory.path(), &["reproduce", "--only", "sizing", "--out", &out, "--json"]);
     assert_eq!(again.stdout, std::fs::read(directory.path().join("paper/claims.json")).unwrap());
 }
 
@@ -26,10 +24,10 @@ fn a_claim_is_run_told_and_kept() {
 fn a_claim_that_is_not_there_and_a_directory_of_others_are_refused() {
     let directory = tempfile::tempdir().unwrap();
     let out = directory.path().display().to_string();
-    let unknown = plid(&["reproduce", "--only", "fig3", "--out", &out]);
+    let unknown = plid(directory.path(), &["reproduce", "--only", "fig3", "--out", &out]);
     let message = String::from_utf8_lossy(&unknown.stderr).into_owned();
     assert!(unknown.status.code() == Some(2) && message.contains("no claim `fig3`"), "{message}");
     std::fs::write(directory.path().join("mine.txt"), "mine").unwrap();
-    let full = plid(&["reproduce", "--only", "sizing", "--out", &out]);
+    let full = plid(directory.path(), &["reproduce", "--only", "sizing", "--out", &out]);
     assert_eq!(full.status.code(), Some(2));
 }

@@ -1,9 +1,11 @@
 //! SIMO runs merged: the truss at 30 states, with what it is to reach, and the command.
 
+mod common;
+
 use std::fmt::Write;
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
 
+use common::plid;
 use plid::lab::experiment;
 use plid::lab::merge::{self, Agreement};
 use plid::lab::run::Silent;
@@ -27,15 +29,6 @@ fn three_runs_of_a_third_of_the_samples_simulate_the_truss_nearly_as_well_as_one
         assert!(row.height_error_db().unwrap_or(f64::INFINITY).abs() < 3.0, "{row:?}");
     }
     assert_eq!(outcome.merged.consistency.agreement, Agreement::Agree);
-}
-
-fn plid(directory: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_plid"))
-        .current_dir(directory)
-        .args(arguments)
-        .stdin(Stdio::null())
-        .output()
-        .expect("the program starts")
 }
 
 /// x' = 0.6 x + 0.4 u + v, y = x: `u` and `v` are 1, 2 or 3 times a square wave of a period of its own, or zero.

@@ -57,7 +57,7 @@ pub(super) fn expect_frequencies(model: &Model, hz: &[f64]) -> Result<(), ModelE
 #[cfg(test)]
 mod tests {
     use super::super::simulate::simulate;
-    use super::super::testing::{canonical, random};
+    use super::super::testing::{canonical, in_other_states, random};
     use super::*;
     use approx::assert_relative_eq;
     use ndarray::Array2;
@@ -105,13 +105,7 @@ mod tests {
             hz in 0.0..50.0,
         ) {
             let model = canonical(seed, &indices, m);
-            let n = model.n();
-            let change = DMatrix::identity(n, n) + random(seed + 9, n, n) * (0.5 / n as f64);
-            let back = change.clone().try_inverse().unwrap();
-            let mut other = model.clone();
-            other.a = &change * &model.a * &back;
-            other.b = &change * &model.b;
-            other.c = &model.c * &back;
+            let (other, _) = in_other_states(&model, seed + 9);
             let one = &frequency_response(&model, &[hz]).unwrap()[0];
             let two = &frequency_response(&other, &[hz]).unwrap()[0];
             prop_assert!((one - two).norm() < 1e-10 * (1.0 + one.norm()));

@@ -68,7 +68,7 @@ pub(super) fn expect_bounded(model: &Model, outputs: &DVector<f64>, sample: usiz
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::{canonical, pole, random, record, two_modes};
+    use super::super::testing::{canonical, in_other_states, pole, random, record, two_modes};
     use super::*;
     use approx::assert_relative_eq;
     use nalgebra::DMatrix;
@@ -135,12 +135,7 @@ mod tests {
         ) {
             let model = canonical(seed, &indices, m);
             let n = model.n();
-            let change = DMatrix::identity(n, n) + random(seed + 9, n, n) * (0.5 / n as f64);
-            let back = change.clone().try_inverse().unwrap();
-            let mut other = model.clone();
-            other.a = &change * &model.a * &back;
-            other.b = &change * &model.b;
-            other.c = &model.c * &back;
+            let (other, change) = in_other_states(&model, seed + 9);
             let inputs = record(seed, 60, m);
             let start = random(seed + 3, n, 1).column(0).into_owned();
             let one = simulate(&model, inputs.view(), &start).unwrap();

@@ -80,3 +80,15 @@ pub fn pole(hz: f64, damping: f64, rate: f64) -> (f64, f64) {
     let omega = std::f64::consts::TAU * hz / rate;
     ((-damping * omega).exp(), omega * (1.0 - damping * damping).sqrt())
 }
+
+/// The same model with states x' = T x for a random T, and T.
+pub fn in_other_states(model: &Model, seed: u64) -> (Model, DMatrix<f64>) {
+    let n = model.n();
+    let change = DMatrix::identity(n, n) + random(seed, n, n) * (0.5 / n as f64);
+    let back = change.clone().try_inverse().unwrap();
+    let mut other = model.clone();
+    other.a = &change * &model.a * &back;
+    other.b = &change * &model.b;
+    other.c = &model.c * &back;
+    (other, change)
+}

@@ -55,6 +55,16 @@ pub fn covariances(noise: NoiseSource) -> &'static str {
     }
 }
 
+/// What the paper compares, with both readings of its covariances: a name, the repeats that are averaged, the covariances.
+pub fn with_and_without_averages(averages: usize) -> [(&'static str, usize, NoiseSource); 4] {
+    [
+        ("paper's covariances, one record", 1, NoiseSource::PaperLiteral),
+        ("paper's covariances, ten averages", averages, NoiseSource::PaperLiteral),
+        ("tuned covariances, one record", 1, NoiseSource::Tuned),
+        ("tuned covariances, ten averages", averages, NoiseSource::Tuned),
+    ]
+}
+
 /// The true plant between the inputs that are used and all outputs.
 ///
 /// # Errors

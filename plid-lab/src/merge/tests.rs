@@ -92,6 +92,15 @@ fn records(random: &mut Random, samples: &[usize], noise: &[f64]) -> Vec<Static>
     both.map(|(j, (&samples, &noise))| random.record(&truth, &places(j), samples, noise)).collect()
 }
 
+/// One run a record, merged, against all records at once.
+fn merges_to_the_batch_estimate(records: &[Static], prior: &[f64]) {
+    let runs: Vec<Knowledge> = records.iter().map(|record| posterior(record, prior)).collect();
+    let merged = combine(&runs, prior.len()).unwrap();
+    let (estimate, covariance) = batch(records, prior);
+    assert!((&merged.estimate - &estimate).amax() < 1e-10 * estimate.amax());
+    close(&merged.covariance, &covariance, 1e-10);
+}
+
 fn close(a: &DMatrix<f64>, b: &DMatrix<f64>, tolerance: f64) {
     let difference = (a - b).amax();
     assert!(difference <= tolerance * b.amax(), "{difference:e}");
@@ -104,11 +113,7 @@ fn the_merge_is_the_batch_estimate_whatever_the_lengths_and_noises() {
     for (samples, noise) in [([40, 40, 40], [0.1; 3]), ([300, 5, 60], [0.01, 0.2, 3.0])] {
         let records = records(&mut random, &samples, &noise);
         let prior = prior(3);
-        let runs: Vec<Knowledge> = records.iter().map(|record| posterior(record, &prior)).collect();
-        let merged = combine(&runs, prior.len()).unwrap();
-        let (estimate, covariance) = batch(&records, &prior);
-        assert!((&merged.estimate - &estimate).amax() < 1e-10 * estimate.amax());
-        close(&merged.covariance, &covariance, 1e-10);
+        merges_to_the_batch_estimate(&records, &prior);
     }
 }
 
@@ -182,11 +187,7 @@ fn two_runs_of_one_input_share_its_column_too() {
     let prior = prior(1);
     let truth = random.vector(prior.len());
     let records: Vec<Static> = (0..2).map(|j| random.record(&truth, &places(0), 20 + 30 * j, 0.2)).collect();
-    let runs: Vec<Knowledge> = records.iter().map(|record| posterior(record, &prior)).collect();
-    let merged = combine(&runs, prior.len()).unwrap();
-    let (estimate, covariance) = batch(&records, &prior);
-    assert!((&merged.estimate - &estimate).amax() < 1e-10 * estimate.amax());
-    close(&merged.covariance, &covariance, 1e-10);
+    merges_to_the_batch_estimate(&records, &prior);
 }
 
 /// A run whose noise covariances are a hundred times too small would outweigh the others, but for the scale that its innovations show.

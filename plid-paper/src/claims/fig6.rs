@@ -10,7 +10,7 @@ use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};
 use crate::course::{course, form_and_start};
-use crate::truss::{MODES_HZ, curve, mean_and_spread, median, truss_of};
+use crate::truss::{MODES_HZ, curve, mean_and_spread, median, truss_of, with_and_without_averages};
 
 pub const CLAIM: Claim = claim!("fig6",
     statement: "The convergence plot (largest absolute one-step error over the sensors, a sample at a time) comes down to about 30 mV without averages and 20 mV with ten; \
@@ -59,12 +59,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         (truss.seed, truss.repeats) = (seed, repeats);
         experiment
     };
-    let kinds = [
-        ("paper's covariances, one record", 1, NoiseSource::PaperLiteral),
-        ("paper's covariances, ten averages", ten, NoiseSource::PaperLiteral),
-        ("tuned covariances, one record", 1, NoiseSource::Tuned),
-        ("tuned covariances, ten averages", ten, NoiseSource::Tuned),
-    ];
+    let kinds = with_and_without_averages(ten);
     let mut finding = Finding::default();
     let mut rows = Vec::new();
     for (name, repeats, from) in kinds {

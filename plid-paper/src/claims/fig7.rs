@@ -1,12 +1,12 @@
 //! Fig. 7: the smallest model, without and with averaging.
 
-use plid_lab::experiment::NoiseSource;
 use rayon::prelude::*;
 use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};
 use crate::truss::{
-    ACTUATOR, MODES_HZ, ModeRow, SENSOR, median, modes, modes_of_all_pairs, overlay, truss_of, truth, with_seed,
+    ACTUATOR, MODES_HZ, ModeRow, SENSOR, median, modes, modes_of_all_pairs, overlay, truss_of, truth,
+    with_and_without_averages, with_seed,
 };
 
 pub const CLAIM: Claim = claim!("fig7",
@@ -35,12 +35,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     truss_of(&mut base).duration_s = vary.duration_s;
     let truth = truth(&base)?;
     let ten = truss_of(&mut base.clone()).repeats;
-    let kinds = [
-        ("paper's covariances, one record", 1, NoiseSource::PaperLiteral),
-        ("paper's covariances, ten averages", ten, NoiseSource::PaperLiteral),
-        ("tuned covariances, one record", 1, NoiseSource::Tuned),
-        ("tuned covariances, ten averages", ten, NoiseSource::Tuned),
-    ];
+    let kinds = with_and_without_averages(ten);
     let mut finding = Finding::default();
     let mut rows = Vec::new();
     for (name, repeats, from) in kinds {
