@@ -1,0 +1,54 @@
+use super::{Action, Command, Drive, Effect, Parameter, Place, Range, Setting, Side};
+
+/// A command that also reaches another actuator.
+pub struct ActuatorCrosstalk;
+
+impl Effect for ActuatorCrosstalk {
+    fn name(&self) -> &'static str {
+        "actuator-crosstalk"
+    }
+
+    fn side(&self) -> Side {
+        Side::Actuator
+    }
+
+    fn equation(&self) -> &'static str {
+        "u'_j = u_j + c u_i"
+    }
+
+    fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
+        vec![Parameter::new("c", "1", Range::Signed)]
+    }
+
+    fn places(&self, setting: &Setting) -> Vec<Place> {
+        super::pairs(setting.plant.m, Place::InputToInput)
+    }
+
+    fn starts(&self, _setting: &Setting, _place: &Place) -> Vec<Vec<f64>> {
+        vec![vec![0.05]]
+    }
+
+    fn amplitude(&self) -> Option<(usize, f64)> {
+        Some((0, 0.0))
+    }
+
+    fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
+        let Place::InputToInput(i, j) = *place else { return Vec::new() };
+        vec![Action::Command(Box::new(Crosstalk { i, j, c: parameters[0] }))]
+    }
+}
+
+struct Crosstalk {
+    i: usize,
+    j: usize,
+    c: f64,
+}
+
+impl Command for Crosstalk {
+    fn apply(&self, drive: &mut Drive) {
+        let from = drive.u[self.i].clone();
+        for (u, from) in drive.u[self.j].iter_mut().zip(from) {
+            *u += self.c * from;
+        }
+    }
+}

@@ -1,0 +1,52 @@
+use super::{Action, Command, Drive, Effect, Parameter, Place, Range, Setting, Side};
+
+/// An actuator that is stronger or weaker than the simulation has it.
+pub struct ActuatorGain;
+
+impl Effect for ActuatorGain {
+    fn name(&self) -> &'static str {
+        "actuator-gain"
+    }
+
+    fn side(&self) -> Side {
+        Side::Actuator
+    }
+
+    fn equation(&self) -> &'static str {
+        "u' = g u"
+    }
+
+    fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
+        vec![Parameter::new("g", "1", Range::Signed)]
+    }
+
+    fn places(&self, setting: &Setting) -> Vec<Place> {
+        setting.inputs()
+    }
+
+    fn starts(&self, _setting: &Setting, _place: &Place) -> Vec<Vec<f64>> {
+        vec![vec![1.05]]
+    }
+
+    fn amplitude(&self) -> Option<(usize, f64)> {
+        Some((0, 1.0))
+    }
+
+    fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
+        let Place::Input(i) = *place else { return Vec::new() };
+        vec![Action::Command(Box::new(Gain { i, g: parameters[0] }))]
+    }
+}
+
+struct Gain {
+    i: usize,
+    g: f64,
+}
+
+impl Command for Gain {
+    fn apply(&self, drive: &mut Drive) {
+        for u in &mut drive.u[self.i] {
+            *u = self.g * *u;
+        }
+    }
+}

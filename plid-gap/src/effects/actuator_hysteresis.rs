@@ -1,0 +1,60 @@
+use super::{Action, Command, Drive, Effect, Parameter, Place, Range, Setting, Side};
+
+/// A piezo or magnetic actuator whose output depends on where the command came from.
+pub struct ActuatorHysteresis;
+
+impl Effect for ActuatorHysteresis {
+    fn name(&self) -> &'static str {
+        "actuator-hysteresis"
+    }
+
+    fn side(&self) -> Side {
+        Side::Actuator
+    }
+
+    fn equation(&self) -> &'static str {
+        "u' = u - z, dz = alpha du - (abs(du) z + du abs(z)) / (2 uy)"
+    }
+
+    fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
+        vec![
+            Parameter::new("alpha", "1", Range::Positive),
+            Parameter::new("uy", "V", Range::Positive),
+        ]
+    }
+
+    fn places(&self, setting: &Setting) -> Vec<Place> {
+        setting.inputs()
+    }
+
+    fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
+        let Place::Input(i) = *place else { return Vec::new() };
+        [0.3, 0.9, 2.5].map(|share| vec![0.02, share * setting.u_rms[i]]).to_vec()
+    }
+
+    fn amplitude(&self) -> Option<(usize, f64)> {
+        Some((0, 0.0))
+    }
+
+    fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
+        let Place::Input(i) = *place else { return Vec::new() };
+        vec![Action::Command(Box::new(Hysteresis { i, alpha: parameters[0], uy: parameters[1] }))]
+    }
+}
+
+struct Hysteresis {
+    i: usize,
+    alpha: f64,
+    uy: f64,
+}
+
+impl Command for Hysteresis {
+    fn apply(&self, drive: &mut Drive) {
+        let (mut z, mut before) = (0.0, 0.0);
+        for u in &mut drive.u[self.i] {
+            z = super::slip::advance(z, *u - before, self.alpha, self.uy);
+            before = *u;
+            *u -= z;
+        }
+    }
+}

@@ -1,0 +1,66 @@
+use super::{Action, Command, Drive, Effect, Parameter, Place, Range, Setting, Side};
+use std::f64::consts::TAU;
+
+/// An actuator that is slower or faster than the simulation has it.
+pub struct ActuatorLag;
+
+impl Effect for ActuatorLag {
+    fn name(&self) -> &'static str {
+        "actuator-lag"
+    }
+
+    fn side(&self) -> Side {
+        Side::Actuator
+    }
+
+    fn equation(&self) -> &'static str {
+        "the actuator's pole moves to fp (gain at zero frequency 1)"
+    }
+
+    fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
+        vec![Parameter::new("fp", "Hz", Range::Positive)]
+    }
+
+    fn places(&self, setting: &Setting) -> Vec<Place> {
+        setting.inputs()
+    }
+
+    fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
+        let Place::Input(i) = *place else { return Vec::new() };
+        match setting.plant.chain.actuator_hz(i) {
+            Some(hz) => [0.5, 0.75, 1.4, 2.2].map(|share| vec![share * hz]).to_vec(),
+            None => [0.1, 0.25, 0.5].map(|share| vec![share * setting.plant.rate]).to_vec(),
+        }
+    }
+
+    fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
+        let Place::Input(i) = *place else { return Vec::new() };
+        let (from, to) = (setting.plant.chain.actuator_hz(i), parameters[0]);
+        vec![Action::Command(Box::new(Lag { i, from: from.map(|hz| hz * TAU), to: to * TAU }))]
+    }
+}
+
+/// Parts of a sample: within one the mean of the lagged command is used.
+const PARTS: usize = 4;
+
+/// (1 + s / from) / (1 + s / to); without `from` a pole that is added.
+struct Lag {
+    i: usize,
+    from: Option<f64>,
+    to: f64,
+}
+
+impl Command for Lag {
+    fn apply(&self, drive: &mut Drive) {
+        drive.refine(PARTS);
+        let x = self.to * drive.step();
+        let (decay, mean) = ((-x).exp(), -(-x).exp_m1() / x);
+        let direct = self.from.map_or(0.0, |from| self.to / from);
+        let mut lagged = 0.0;
+        for u in &mut drive.u[self.i] {
+            let smooth = *u + (lagged - *u) * mean;
+            lagged = *u + (lagged - *u) * decay;
+            *u = direct * *u + (1.0 - direct) * smooth;
+        }
+    }
+}

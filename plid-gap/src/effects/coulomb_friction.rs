@@ -1,0 +1,55 @@
+use super::{Action, Effect, Force, Parameter, Place, Range, Setting, Side};
+
+/// Dry friction, smoothed at low velocity.
+pub struct CoulombFriction;
+
+impl Effect for CoulombFriction {
+    fn name(&self) -> &'static str {
+        "coulomb-friction"
+    }
+
+    fn side(&self) -> Side {
+        Side::Structure
+    }
+
+    fn equation(&self) -> &'static str {
+        "f = -F tanh(v/v0)"
+    }
+
+    fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
+        vec![
+            Parameter::new("F", "force", Range::Positive),
+            Parameter::new("v0", "velocity", Range::Positive),
+        ]
+    }
+
+    fn places(&self, setting: &Setting) -> Vec<Place> {
+        setting.struts()
+    }
+
+    fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
+        let port = setting.port(place);
+        let (force, v) = (setting.force[port], setting.v_rms[port]);
+        [0.03, 0.15, 0.6].map(|share| vec![0.01 * force, share * v]).to_vec()
+    }
+
+    fn amplitude(&self) -> Option<(usize, f64)> {
+        Some((0, 0.0))
+    }
+
+    fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
+        let law = Coulomb { size: parameters[0], v0: parameters[1] };
+        vec![Action::Force(setting.port(place), Box::new(law))]
+    }
+}
+
+struct Coulomb {
+    size: f64,
+    v0: f64,
+}
+
+impl Force for Coulomb {
+    fn force(&self, _d: f64, v: f64, _state: f64) -> f64 {
+        -self.size * (v / self.v0).tanh()
+    }
+}

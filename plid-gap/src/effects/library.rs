@@ -1,0 +1,79 @@
+use super::{ActuatorCrosstalk, ActuatorDeadZone, ActuatorDelay, ActuatorGain, ActuatorGainDrift, ActuatorHysteresis, ActuatorLag, ActuatorSaturation, ActuatorSlewLimit, Clearance, ColouredDisturbance, CoulombFriction, CubicStiffness, Effect, JointHysteresis, MainsHum, MissingMode, ModalDamping, ModalFrequency, NarrowbandDisturbance, QuadraticDamping, QuadraticStiffness, SensorCrosstalk, SensorDelay, SensorDrift, SensorDropout, SensorGain, SensorLag, SensorNoise, SensorOffset, SensorQuantisation, SensorSaturation, StiffnessDrift};
+
+/// The effects that a diagnosis knows.
+pub struct Library {
+    effects: Vec<Box<dyn Effect>>,
+}
+
+impl Library {
+    /// The whole vocabulary.
+    pub fn standard() -> Self {
+        let effects: Vec<Box<dyn Effect>> = vec![
+            Box::new(ActuatorCrosstalk),
+            Box::new(ActuatorDeadZone),
+            Box::new(ActuatorDelay),
+            Box::new(ActuatorGain),
+            Box::new(ActuatorGainDrift),
+            Box::new(ActuatorHysteresis),
+            Box::new(ActuatorLag),
+            Box::new(ActuatorSaturation),
+            Box::new(ActuatorSlewLimit),
+            Box::new(Clearance),
+            Box::new(CoulombFriction),
+            Box::new(CubicStiffness),
+            Box::new(JointHysteresis),
+            Box::new(MainsHum),
+            Box::new(MissingMode),
+            Box::new(ModalDamping),
+            Box::new(ModalFrequency),
+            Box::new(NarrowbandDisturbance),
+            Box::new(QuadraticDamping),
+            Box::new(QuadraticStiffness),
+            Box::new(SensorCrosstalk),
+            Box::new(SensorDelay),
+            Box::new(SensorDrift),
+            Box::new(SensorGain),
+            Box::new(SensorLag),
+            Box::new(SensorOffset),
+            Box::new(SensorSaturation),
+            Box::new(StiffnessDrift),
+            Box::new(ColouredDisturbance),
+            Box::new(SensorDropout),
+            Box::new(SensorNoise),
+            Box::new(SensorQuantisation),
+        ];
+        Self { effects }
+    }
+
+    /// With one effect more.
+    pub fn with(mut self, effect: Box<dyn Effect>) -> Self {
+        self.effects.push(effect);
+        self
+    }
+
+    /// Without the effects of these names.
+    pub fn without(mut self, names: &[String]) -> Self {
+        self.effects.retain(|effect| !names.iter().any(|name| name == effect.name()));
+        self
+    }
+
+    /// All effects.
+    pub fn effects(&self) -> impl Iterator<Item = &dyn Effect> {
+        self.effects.iter().map(AsRef::as_ref)
+    }
+
+    /// An effect by its name.
+    pub fn get(&self, name: &str) -> Option<&dyn Effect> {
+        self.effects().find(|effect| effect.name() == name)
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.effects.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.effects.is_empty()
+    }
+}

@@ -1,0 +1,58 @@
+use std::f64::consts::TAU;
+
+use super::{Action, Effect, Parameter, Place, Range, Setting, Side};
+use crate::plant::{C, Plant};
+
+/// A mode that the simulation does not have: q" + 2 zeta w q' + w^2 q = b.a, accelerations += c q".
+///
+/// Its forces pass the actuators' poles and its accelerations the filters, as far as the simulation shows them.
+pub struct MissingMode;
+
+impl Effect for MissingMode {
+    fn name(&self) -> &'static str {
+        "missing-mode"
+    }
+
+    fn side(&self) -> Side {
+        Side::Structure
+    }
+
+    fn equation(&self) -> &'static str {
+        "one mode more: q\" + 2 zeta w q' + w^2 q = b.a, accelerations += c q\", w = 2 pi f, norm(c) = 1"
+    }
+
+    fn parameters(&self, setting: &Setting) -> Vec<Parameter> {
+        let names = &setting.names;
+        let head = [Parameter::new("f", "Hz", Range::Positive), Parameter::new("zeta", "1", Range::Positive)];
+        let b = names.inputs.iter().map(|name| Parameter::new(format!("b_{name}"), "V/V", Range::Signed));
+        let c = names.outputs.iter().map(|name| Parameter::new(format!("c_{name}"), "1", Range::Signed));
+        head.into_iter().chain(b).chain(c).collect()
+    }
+
+    fn places(&self, setting: &Setting) -> Vec<Place> {
+        setting.missing.iter().map(|mode| Place::MissingMode(mode.hz)).collect()
+    }
+
+    fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
+        let at = |hz: f64| *place == Place::MissingMode(hz);
+        let start = |mode: &super::setting::MissingMode| {
+            [mode.hz, mode.damping].iter().chain(&mode.b).chain(&mode.c).copied().collect()
+        };
+        setting.missing.iter().filter(|mode| at(mode.hz)).map(start).collect()
+    }
+
+    fn act(&self, _setting: &Setting, _place: &Place, parameters: &[f64]) -> Vec<Action> {
+        let parameters = parameters.to_vec();
+        vec![Action::Plant(Box::new(move |plant| add(plant, &parameters)))]
+    }
+}
+
+/// Appends the mode; `c` is brought to norm one, so that its scale is in `b` alone.
+fn add(plant: &mut Plant, parameters: &[f64]) {
+    let (m, p) = (plant.m, plant.p);
+    let (w, zeta) = (TAU * parameters[0], parameters[1].min(0.99));
+    let c = &parameters[2 + m..2 + m + p];
+    let size = (c.iter().map(|c| c * c).sum::<f64>()).sqrt().max(f64::MIN_POSITIVE);
+    let c: Vec<f64> = c.iter().map(|c| c / size).collect();
+    plant.add_mode(C::new(-zeta * w, w * (1.0 - zeta * zeta).sqrt()), &parameters[2..2 + m], &c);
+}

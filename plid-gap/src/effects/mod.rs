@@ -1,0 +1,156 @@
+//! The vocabulary: what may be missing from a simulation, one file an effect.
+//!
+//! An effect says where it may act ([`Effect::places`]), from which values a fit starts ([`Effect::starts`]) and what it does to a
+//! simulation ([`Effect::act`]). Everything else (screen, fit, comparison, report, prediction) works on any effect, so that an
+//! effect of your own is one file and one line in [`Library::standard`] or [`Library::with`].
+
+mod action;
+mod actuator_crosstalk;
+mod actuator_dead_zone;
+mod actuator_delay;
+mod actuator_gain;
+mod actuator_gain_drift;
+mod actuator_hysteresis;
+mod actuator_lag;
+mod actuator_saturation;
+mod actuator_slew_limit;
+mod clearance;
+mod coulomb_friction;
+mod cubic_stiffness;
+mod joint_hysteresis;
+mod library;
+mod mains_hum;
+mod missing_mode;
+mod modal_damping;
+mod modal_frequency;
+mod narrowband_disturbance;
+mod noise;
+mod place;
+mod quadratic_damping;
+mod quadratic_stiffness;
+mod sensor_crosstalk;
+mod sensor_delay;
+mod sensor_drift;
+mod sensor_gain;
+mod sensor_lag;
+mod sensor_offset;
+mod sensor_saturation;
+mod setting;
+mod slip;
+mod stiffness_drift;
+
+pub use action::{Action, Command, Drive, Force, Sensor};
+pub use place::{Names, Place};
+pub use setting::{MissingMode as MissingModeStart, Setting};
+pub use actuator_crosstalk::ActuatorCrosstalk;
+pub use actuator_dead_zone::ActuatorDeadZone;
+pub use actuator_delay::ActuatorDelay;
+pub use actuator_gain::ActuatorGain;
+pub use actuator_gain_drift::ActuatorGainDrift;
+pub use actuator_hysteresis::ActuatorHysteresis;
+pub use actuator_lag::ActuatorLag;
+pub use actuator_saturation::ActuatorSaturation;
+pub use actuator_slew_limit::ActuatorSlewLimit;
+pub use clearance::Clearance;
+pub use coulomb_friction::CoulombFriction;
+pub use cubic_stiffness::CubicStiffness;
+pub use joint_hysteresis::JointHysteresis;
+pub use mains_hum::MainsHum;
+pub use missing_mode::MissingMode;
+pub use modal_damping::ModalDamping;
+pub use modal_frequency::ModalFrequency;
+pub use narrowband_disturbance::NarrowbandDisturbance;
+pub use quadratic_damping::QuadraticDamping;
+pub use quadratic_stiffness::QuadraticStiffness;
+pub use sensor_crosstalk::SensorCrosstalk;
+pub use sensor_delay::SensorDelay;
+pub use sensor_drift::SensorDrift;
+pub use sensor_gain::SensorGain;
+pub use sensor_lag::SensorLag;
+pub use sensor_offset::SensorOffset;
+pub use sensor_saturation::SensorSaturation;
+pub use stiffness_drift::StiffnessDrift;
+pub use library::Library;
+pub use noise::{ColouredDisturbance, SensorDropout, SensorNoise, SensorQuantisation};
+
+/// Where in the chain an effect acts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Side {
+    /// Between the command and the structure.
+    Actuator,
+    /// Inside.
+    Structure,
+    /// Between the structure and the record.
+    Sensor,
+    /// A force that no command causes.
+    Disturbance,
+    /// Something that changes while the records are taken.
+    Time,
+}
+
+/// What values a parameter can take, and how a fit steps through them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Range {
+    /// Any sign; zero means no effect. Steps are a share of the start.
+    Signed,
+    /// Above zero; steps in the logarithm.
+    Positive,
+    /// A frequency in Hz: steps are a small share of a line's width over all records.
+    Hz,
+    /// An angle in rad.
+    Angle,
+}
+
+/// A parameter of an effect.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parameter {
+    /// As in the equation.
+    pub name: String,
+    /// In the channels' and ports' own units.
+    pub unit: String,
+    /// What it can be.
+    pub range: Range,
+}
+
+impl Parameter {
+    /// A parameter.
+    pub fn new(name: impl Into<String>, unit: impl Into<String>, range: Range) -> Self {
+        Self { name: name.into(), unit: unit.into(), range }
+    }
+}
+
+/// Something that a simulation may lack.
+pub trait Effect: Send + Sync {
+    /// Its identifier.
+    fn name(&self) -> &'static str;
+
+    /// Where in the chain it acts.
+    fn side(&self) -> Side;
+
+    /// What it does, as a line of mathematics.
+    fn equation(&self) -> &'static str;
+
+    /// In the order in which [`Effect::act`] takes them.
+    fn parameters(&self, setting: &Setting) -> Vec<Parameter>;
+
+    /// All places where it may act on this simulation and these records.
+    fn places(&self, setting: &Setting) -> Vec<Place>;
+
+    /// Values from which to look for it there: a coarse grid over what is not linear, with moderate sizes.
+    fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>>;
+
+    /// The parameter in which the output is linear near the value at which the effect vanishes, and that value, if there is one:
+    /// the screen finds the size without a fit.
+    fn amplitude(&self) -> Option<(usize, f64)> {
+        None
+    }
+
+    /// What it does with these parameters there.
+    fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action>;
+}
+
+/// All ordered pairs of different channels.
+fn pairs(count: usize, of: fn(usize, usize) -> Place) -> Vec<Place> {
+    (0..count).flat_map(|i| (0..count).filter(move |&j| j != i).map(move |j| of(i, j))).collect()
+}

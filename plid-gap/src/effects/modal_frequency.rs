@@ -1,0 +1,36 @@
+use super::{Action, Effect, Parameter, Place, Range, Setting, Side};
+
+/// One mode at another frequency than the simulation has it.
+pub struct ModalFrequency;
+
+impl Effect for ModalFrequency {
+    fn name(&self) -> &'static str {
+        "modal-frequency"
+    }
+
+    fn side(&self) -> Side {
+        Side::Structure
+    }
+
+    fn equation(&self) -> &'static str {
+        "w_m -> w_m (1 + delta)"
+    }
+
+    fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
+        vec![Parameter::new("delta", "1", Range::Signed)]
+    }
+
+    fn places(&self, setting: &Setting) -> Vec<Place> {
+        setting.modes()
+    }
+
+    fn starts(&self, _setting: &Setting, _place: &Place) -> Vec<Vec<f64>> {
+        [0.004, 0.012, 0.03].iter().flat_map(|&delta| [vec![delta], vec![-delta]]).collect()
+    }
+
+    fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
+        let Place::Mode(k) = *place else { return Vec::new() };
+        let factor = 1.0 + parameters[0];
+        vec![Action::Plant(Box::new(move |plant| plant.move_pole(k, plant.modes[k].pole * factor)))]
+    }
+}

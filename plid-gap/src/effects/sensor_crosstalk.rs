@@ -1,0 +1,54 @@
+use super::{Action, Effect, Parameter, Place, Range, Sensor, Setting, Side};
+
+/// A signal that also reaches another channel.
+pub struct SensorCrosstalk;
+
+impl Effect for SensorCrosstalk {
+    fn name(&self) -> &'static str {
+        "sensor-crosstalk"
+    }
+
+    fn side(&self) -> Side {
+        Side::Sensor
+    }
+
+    fn equation(&self) -> &'static str {
+        "y'_j = y_j + c y_i"
+    }
+
+    fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
+        vec![Parameter::new("c", "1", Range::Signed)]
+    }
+
+    fn places(&self, setting: &Setting) -> Vec<Place> {
+        super::pairs(setting.plant.p, Place::OutputToOutput)
+    }
+
+    fn starts(&self, _setting: &Setting, _place: &Place) -> Vec<Vec<f64>> {
+        vec![vec![0.03]]
+    }
+
+    fn amplitude(&self) -> Option<(usize, f64)> {
+        Some((0, 0.0))
+    }
+
+    fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
+        let Place::OutputToOutput(i, j) = *place else { return Vec::new() };
+        vec![Action::Sensor(Box::new(Crosstalk { i, j, c: parameters[0] }))]
+    }
+}
+
+struct Crosstalk {
+    i: usize,
+    j: usize,
+    c: f64,
+}
+
+impl Sensor for Crosstalk {
+    fn apply(&self, y: &mut [Vec<f64>], _t0: f64, _rate: f64) {
+        let from = y[self.i].clone();
+        for (y, from) in y[self.j].iter_mut().zip(from) {
+            *y += self.c * from;
+        }
+    }
+}

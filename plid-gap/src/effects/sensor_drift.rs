@@ -1,0 +1,54 @@
+use super::{Action, Effect, Parameter, Place, Range, Sensor, Setting, Side};
+
+/// A sensor whose zero moves with time.
+pub struct SensorDrift;
+
+impl Effect for SensorDrift {
+    fn name(&self) -> &'static str {
+        "sensor-drift"
+    }
+
+    fn side(&self) -> Side {
+        Side::Sensor
+    }
+
+    fn equation(&self) -> &'static str {
+        "y' = y + s t"
+    }
+
+    fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
+        vec![Parameter::new("s", "V/s", Range::Signed)]
+    }
+
+    fn places(&self, setting: &Setting) -> Vec<Place> {
+        setting.outputs()
+    }
+
+    fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
+        let Place::Output(o) = *place else { return Vec::new() };
+        vec![vec![0.02 * setting.y_rms[o] / setting.duration_s]]
+    }
+
+    fn amplitude(&self) -> Option<(usize, f64)> {
+        Some((0, 0.0))
+    }
+
+    fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
+        let Place::Output(o) = *place else { return Vec::new() };
+        vec![Action::Sensor(Box::new(Drift { o, s: parameters[0] }))]
+    }
+}
+
+struct Drift {
+    o: usize,
+    s: f64,
+}
+
+impl Sensor for Drift {
+    fn apply(&self, y: &mut [Vec<f64>], t0: f64, rate: f64) {
+        for (k, y) in y[self.o].iter_mut().enumerate() {
+            let t = t0 + k as f64 / rate;
+            *y += self.s * t;
+        }
+    }
+}

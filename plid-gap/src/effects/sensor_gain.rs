@@ -1,0 +1,52 @@
+use super::{Action, Effect, Parameter, Place, Range, Sensor, Setting, Side};
+
+/// A sensor whose calibration is off.
+pub struct SensorGain;
+
+impl Effect for SensorGain {
+    fn name(&self) -> &'static str {
+        "sensor-gain"
+    }
+
+    fn side(&self) -> Side {
+        Side::Sensor
+    }
+
+    fn equation(&self) -> &'static str {
+        "y' = g y"
+    }
+
+    fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
+        vec![Parameter::new("g", "1", Range::Signed)]
+    }
+
+    fn places(&self, setting: &Setting) -> Vec<Place> {
+        setting.outputs()
+    }
+
+    fn starts(&self, _setting: &Setting, _place: &Place) -> Vec<Vec<f64>> {
+        vec![vec![1.05]]
+    }
+
+    fn amplitude(&self) -> Option<(usize, f64)> {
+        Some((0, 1.0))
+    }
+
+    fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
+        let Place::Output(o) = *place else { return Vec::new() };
+        vec![Action::Sensor(Box::new(Gain { o, g: parameters[0] }))]
+    }
+}
+
+struct Gain {
+    o: usize,
+    g: f64,
+}
+
+impl Sensor for Gain {
+    fn apply(&self, y: &mut [Vec<f64>], _t0: f64, _rate: f64) {
+        for y in &mut y[self.o] {
+            *y = self.g * *y;
+        }
+    }
+}

@@ -1,0 +1,83 @@
+use super::Place;
+use super::place::Names;
+use crate::plant::Plant;
+use crate::tones::Tone;
+
+/// What an effect may know of the simulation and of the records, to choose places and starts.
+#[derive(Debug, Clone)]
+pub struct Setting {
+    /// The simulation.
+    pub plant: Plant,
+    /// Names of channels, ports and modes.
+    pub names: Names,
+    /// RMS of each input at the highest level (m).
+    pub u_rms: Vec<f64>,
+    /// RMS of each input's slope at the highest level, 1/s (m).
+    pub u_slope: Vec<f64>,
+    /// RMS of each measured output at the highest level (p).
+    pub y_rms: Vec<f64>,
+    /// Largest magnitude of each measured output (p).
+    pub y_max: Vec<f64>,
+    /// RMS of displacement and velocity at each port, simulated at the highest level.
+    pub d_rms: Vec<f64>,
+    /// See `d_rms`.
+    pub v_rms: Vec<f64>,
+    /// Force at each port that moves the structure by about as much as one volt at its input.
+    pub force: Vec<f64>,
+    /// From the start of the first record to the end of the last, in s.
+    pub duration_s: f64,
+    /// Lines in what the linear simulation leaves.
+    pub tones: Vec<Tone>,
+    /// A mode that the residual's frequency response shows, if any.
+    pub missing: Vec<MissingMode>,
+}
+
+/// A resonance in the residual's frequency response.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MissingMode {
+    /// Hz.
+    pub hz: f64,
+    /// Damping ratio.
+    pub damping: f64,
+    /// Of each input (m).
+    pub b: Vec<f64>,
+    /// Of each output (p), of norm one.
+    pub c: Vec<f64>,
+}
+
+impl Setting {
+    /// Inputs by number.
+    pub fn inputs(&self) -> Vec<Place> {
+        (0..self.plant.m).map(Place::Input).collect()
+    }
+
+    /// Outputs by number.
+    pub fn outputs(&self) -> Vec<Place> {
+        (0..self.plant.p).map(Place::Output).collect()
+    }
+
+    /// Modes by number.
+    pub fn modes(&self) -> Vec<Place> {
+        (0..self.plant.modes.len()).map(Place::Mode).collect()
+    }
+
+    /// Places of internal forces: the strut of an input, or a port that has none.
+    pub fn struts(&self) -> Vec<Place> {
+        let ports = self.plant.ports.iter().enumerate();
+        ports.map(|(k, port)| port.input.map_or(Place::Port(k), Place::Input)).collect()
+    }
+
+    /// The port of a strut.
+    ///
+    /// # Panics
+    /// If the place is no strut of this simulation.
+    pub fn port(&self, place: &Place) -> usize {
+        let found = match *place {
+            Place::Port(k) => Some(k),
+            Place::Input(i) => self.plant.ports.iter().position(|port| port.input == Some(i)),
+            Place::Frequency(_, port) => Some(port),
+            _ => None,
+        };
+        found.expect("a strut's place has a port")
+    }
+}

@@ -1,0 +1,73 @@
+//! What can stop a diagnosis.
+
+use std::path::PathBuf;
+
+use miette::Diagnostic;
+use plid_lab::data::DataError;
+use plid_lab::experiment::ConfigError;
+use plid_model::ModelError;
+
+/// A diagnosis that cannot be made.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+pub enum GapError {
+    /// The case file is wrong.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Case(#[from] ConfigError),
+    /// A record is wrong.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Data(#[from] DataError),
+    /// The simulation's model is wrong.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// What a key of the case asks for does not fit the rest.
+    #[error("{}: {key}: {message}", file.display())]
+    Key {
+        /// The case.
+        file: PathBuf,
+        /// Its key.
+        key: String,
+        /// What is wrong.
+        message: String,
+    },
+    /// The simulation grows without bound.
+    #[error("{}: the simulation is unstable: a pole of magnitude {magnitude:.6} at {hz:.2} Hz", file.display())]
+    #[diagnostic(help("a free run of it says nothing; stabilise it, or leave `sim` out and let the records give a model"))]
+    Unstable {
+        /// The simulation.
+        file: PathBuf,
+        /// Of its largest pole.
+        magnitude: f64,
+        /// Frequency of that pole.
+        hz: f64,
+    },
+    /// A channel says nothing in any record.
+    #[error("channel `{channel}` is constant in every record")]
+    Constant {
+        /// The channel.
+        channel: String,
+    },
+    /// There is not enough to fit from.
+    #[error("{0}")]
+    TooLittle(String),
+    /// A file cannot be read or written.
+    #[error("{}: {source}", file.display())]
+    Io {
+        /// The file.
+        file: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A file of ours that is not what it should be.
+    #[error("{}: {message}", file.display())]
+    Malformed {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong.
+        message: String,
+    },
+    /// A step failed that should not: the model cannot be fitted.
+    #[error("{0}")]
+    Failed(String),
+}

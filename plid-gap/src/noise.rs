@@ -1,0 +1,225 @@
+//! The noise of the records: white sensors, actuator noise through the simulation, and a white force on each mode.
+//!
+//! S(f) = sum of theta_j h_j(f) h_j(f)^H, fitted by maximum likelihood (Whittle, Ark. Mat. 2, 1953) to what no command explains:
+//! records without input, and the differences between periods.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::plant::{C, Plant};
+use crate::transform;
+
+/// Bins whose power exceeds the model's by this factor (chance e^-16) hold a line and no noise.
+const LINE: f64 = 16.0;
+
+/// Rounds of the fixed-point iteration.
+const ROUNDS: usize = 60;
+
+/// Spectra of what no command explains: of one stretch, p channels of bins scaled so that |bin|^2 is a power spectral density
+/// with mean sigma^2 for white noise.
+#[derive(Debug, Clone)]
+pub struct Stretch {
+    /// Samples.
+    pub length: usize,
+    /// p channels of bins.
+    pub bins: Vec<Vec<C>>,
+}
+
+impl Stretch {
+    /// From residuals (p channels), without mean and trend.
+    pub fn new(residual: &[Vec<f64>]) -> Self {
+        let length = transform::good_length_below(residual[0].len());
+        let scale = 1.0 / (length as f64).sqrt();
+        let bins = residual
+            .iter()
+            .map(|x| {
+                let mut x = x[..length].to_vec();
+                detrend(&mut x);
+                transform::forward(&x).into_iter().map(|z| z * scale).collect()
+            })
+            .collect();
+        Self { length, bins }
+    }
+
+    fn hz(&self, k: usize, rate: f64) -> f64 {
+        k as f64 * rate / self.length as f64
+    }
+}
+
+fn detrend(x: &mut [f64]) {
+    let n = x.len() as f64;
+    let middle = (n - 1.0) / 2.0;
+    let mean = x.iter().sum::<f64>() / n;
+    let square: f64 = (0..x.len()).map(|k| (k as f64 - middle).powi(2)).sum();
+    let slope = x.iter().enumerate().map(|(k, x)| (k as f64 - middle) * x).sum::<f64>() / square.max(1.0);
+    x.iter_mut().enumerate().for_each(|(k, x)| *x -= mean + slope * (k as f64 - middle));
+}
+
+/// Where noise comes from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Source {
+    /// White, at one sensor.
+    Sensor(usize),
+    /// White over samples, at one input.
+    Actuator(usize),
+    /// A white force on one mode.
+    Mode(usize),
+}
+
+/// A fitted noise model.
+#[derive(Debug, Clone)]
+pub struct NoiseModel {
+    /// The plant through which it passes.
+    plant: Plant,
+    /// Sources with their variances.
+    pub sources: Vec<(Source, f64)>,
+    /// -log likelihood over the stretches (with constants left out) and number of bins.
+    pub misfit: f64,
+    /// Bins used.
+    pub bins: usize,
+}
+
+impl NoiseModel {
+    /// As declared: sensor and actuator standard deviations (p and m).
+    pub fn declared(plant: &Plant, sensor: &[f64], actuator: &[f64]) -> Self {
+        let sensors = sensor.iter().enumerate().map(|(o, std)| (Source::Sensor(o), std * std));
+        let actuators = actuator.iter().enumerate().map(|(i, std)| (Source::Actuator(i), std * std));
+        let sources = sensors.chain(actuators).collect();
+        Self { plant: plant.clone(), sources, misfit: f64::NAN, bins: 0 }
+    }
+
+    /// Fits sensors and modal forces to stretches; the actuators' noise stays as declared.
+    pub fn fit(&self, stretches: &[Stretch]) -> Self {
+        let mut model = self.clone();
+        let level = self.sensor_variance();
+        for k in 0..self.plant.modes.len() {
+            // A start that shows at the mode's peak by as much as the sensors.
+            let peak = self.column(Source::Mode(k), self.plant.modes[k].pole.im / TAU);
+            let power = peak.norm_squared();
+            if power > 0.0 {
+                model.sources.push((Source::Mode(k), level / power));
+            }
+        }
+        let rows: Vec<Row> = stretches.iter().flat_map(|s| model.rows(s)).collect();
+        let mut theta: Vec<f64> = model.sources.iter().map(|(_, theta)| *theta).collect();
+        let fixed: Vec<bool> = model.sources.iter().map(|(s, _)| matches!(s, Source::Actuator(_))).collect();
+        let mut used = vec![true; rows.len()];
+        for round in 0..ROUNDS {
+            let (mut up, mut down) = (vec![0.0; theta.len()], vec![0.0; theta.len()]);
+            for (row, used) in rows.iter().zip(&mut used) {
+                let Some(inverse) = row.covariance(&theta).try_inverse() else { continue };
+                let seen = &inverse * &row.data;
+                let power = row.data.dotc(&seen).re / row.data.len() as f64;
+                *used = round < 5 || power < LINE;
+                if !*used {
+                    continue;
+                }
+                for (j, h) in row.columns.iter().enumerate() {
+                    up[j] += h.dotc(&seen).norm_sqr();
+                    down[j] += h.dotc(&(&inverse * h)).re;
+                }
+            }
+            for j in 0..theta.len() {
+                if !fixed[j] && down[j] > 0.0 {
+                    theta[j] *= (up[j] / down[j]).sqrt().clamp(0.2, 5.0);
+                    theta[j] = theta[j].max(1e-8 * level.min(theta[j].max(1e-300)));
+                }
+            }
+        }
+        model.misfit = 0.0;
+        for (row, _) in rows.iter().zip(&used).filter(|(_, used)| **used) {
+            let covariance = row.covariance(&theta);
+            let determinant = covariance.determinant().norm().ln();
+            let power = covariance.try_inverse().map_or(0.0, |inverse| row.data.dotc(&(inverse * &row.data)).re);
+            model.misfit += determinant + power;
+        }
+        model.bins = used.iter().filter(|used| **used).count();
+        model.sources.iter_mut().zip(theta).for_each(|((_, to), from)| *to = from);
+        model
+    }
+
+    /// Of each sensor in V^2.
+    pub fn sensors(&self) -> Vec<f64> {
+        let of = |(source, theta): &(Source, f64)| matches!(source, Source::Sensor(_)).then_some(*theta);
+        self.sources.iter().filter_map(of).collect()
+    }
+
+    fn sensor_variance(&self) -> f64 {
+        let all = self.sensors();
+        all.iter().sum::<f64>() / all.len().max(1) as f64
+    }
+
+    fn rows(&self, stretch: &Stretch) -> Vec<Row> {
+        // Zero, the trend's first bin and half the rate are no circular Gaussians.
+        (2..stretch.bins[0].len() - 1)
+            .map(|k| {
+                let hz = stretch.hz(k, self.plant.rate);
+                let columns = self.sources.iter().map(|(source, _)| self.column(*source, hz)).collect();
+                let data = DVector::from_iterator(stretch.bins.len(), stretch.bins.iter().map(|bins| bins[k]));
+                Row { columns, data }
+            })
+            .collect()
+    }
+
+    /// What a unit of a source gives at the outputs, at a frequency.
+    fn column(&self, source: Source, hz: f64) -> DVector<C> {
+        let plant = &self.plant;
+        let z = C::cis(TAU * hz / plant.rate);
+        match source {
+            Source::Sensor(o) => DVector::from_fn(plant.p, |i, _| if i == o { C::ONE } else { C::ZERO }),
+            Source::Actuator(i) => plant.response(hz).column(i).into_owned(),
+            Source::Mode(k) => {
+                let mode = &plant.modes[k];
+                let turn = (mode.pole / plant.rate).exp();
+                let phase = C::cis(mode.b.iter().map(|b| b * b).sum::<C>().arg() / 2.0);
+                DVector::from_fn(plant.p, |o, _| {
+                    let residue = mode.c[o] * phase;
+                    residue / (z - turn) + residue.conj() / (z - turn.conj())
+                })
+            }
+        }
+    }
+
+    /// The spectral density at a frequency (p x p).
+    pub fn density(&self, hz: f64) -> DMatrix<C> {
+        let p = self.plant.p;
+        let mut sum = DMatrix::zeros(p, p);
+        for (source, theta) in &self.sources {
+            let h = self.column(*source, hz);
+            sum += (&h * h.adjoint()) * C::from(*theta);
+        }
+        sum
+    }
+
+    /// RMS of each output's noise.
+    pub fn rms(&self) -> Vec<f64> {
+        let bins = 2048;
+        let mut sums = vec![0.0; self.plant.p];
+        for k in 0..bins {
+            let density = self.density((k as f64 + 0.5) * self.plant.rate / (2 * bins) as f64);
+            sums.iter_mut().enumerate().for_each(|(o, sum)| *sum += density[(o, o)].re);
+        }
+        sums.into_iter().map(|sum| (sum / bins as f64).sqrt()).collect()
+    }
+}
+
+struct Row {
+    columns: Vec<DVector<C>>,
+    data: DVector<C>,
+}
+
+impl Row {
+    fn covariance(&self, theta: &[f64]) -> DMatrix<C> {
+        let p = self.data.len();
+        let mut sum = DMatrix::zeros(p, p);
+        for (h, &theta) in self.columns.iter().zip(theta) {
+            for j in 0..p {
+                for i in 0..p {
+                    sum[(i, j)] += h[i] * h[j].conj() * theta;
+                }
+            }
+        }
+        sum
+    }
+}

@@ -1,0 +1,170 @@
+use std::f64::consts::TAU;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::{C, Rest};
+
+/// Poles of the rest that are nearer than this (relative) count as one repeated pole.
+const SAME_POLE: f64 = 1e-3;
+
+/// How well one channel must be met alone by a pole's vectors.
+const ALONE: f64 = 1e-3;
+
+/// The library's iteration may not end where singular values repeat.
+const MOST_SWEEPS: usize = 10_000;
+
+/// The pole of one input's actuator.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Actuator {
+    /// rad/s: a' = pole (u - a).
+    pub pole: f64,
+    /// a = row . x_rest (r).
+    pub row: DVector<f64>,
+}
+
+/// A pole of one output's filter.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Filter {
+    /// rad/s; of a pair the upper one.
+    pub pole: C,
+    /// The direction in the rest that this output sees with gain one, and no other output sees (r).
+    pub column: DVector<C>,
+}
+
+/// What lies before the structure (a real pole an input) and behind it (the filter of an output), as far as the simulation shows it.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Chain {
+    /// Of each input: the real pole that this input drives and no other.
+    pub actuator: Vec<Option<Actuator>>,
+    /// Of each output: the poles that this output sees and no other.
+    pub filter: Vec<Vec<Filter>>,
+}
+
+impl Chain {
+    /// Looks for poles that belong to one input or to one output alone.
+    pub(super) fn find(rest: &Rest, step: f64) -> Self {
+        let (r, m, p) = (rest.a.nrows(), rest.b.ncols(), rest.c.nrows());
+        let mut chain = Self { actuator: vec![None; m], filter: vec![Vec::new(); p] };
+        let matrix = rest.a.map(C::from);
+        for (z, count) in clusters(&rest.a) {
+            if z.norm() < 1e-9 || (z.im == 0.0 && z.re <= 0.0) {
+                continue;
+            }
+            let pole = z.ln() / step;
+            let shifted = &matrix - DMatrix::from_diagonal_element(r, r, z);
+            let left = null_space(&shifted.transpose(), count);
+            let right = null_space(&shifted, count);
+            let (Some(left), Some(right)) = (left, right) else { continue };
+            // An input's own pole is real: a resonant amplifier would be a finding of its own.
+            let mut driven_alone = false;
+            if z.im == 0.0 {
+                let driven = rest.b.map(C::from).transpose() * &left;
+                for i in 0..m {
+                    if let Some(x) = alone(&driven, i) {
+                        // Over a sample a' = pole (u - a) takes 1 - e^{-pole T} of the held input.
+                        let row = (&left * x).map(|x| x.re) * (1.0 - z.re);
+                        chain.actuator[i] = Some(Actuator { pole: -pole.re, row });
+                        driven_alone = true;
+                    }
+                }
+            }
+            let seen = rest.c.map(C::from) * &right;
+            for o in 0..p {
+                if driven_alone {
+                    break;
+                }
+                if let Some(x) = alone(&seen, o) {
+                    chain.filter[o].push(Filter { pole, column: &right * x });
+                }
+            }
+        }
+        chain
+    }
+
+    /// Gain of what lies before the structure at s, relative to zero frequency; one where nothing is known.
+    pub fn before(&self, input: usize, s: C) -> C {
+        self.actuator[input].as_ref().map_or(C::ONE, |actuator| C::from(actuator.pole) / (s + actuator.pole))
+    }
+
+    /// Gain of what lies behind the structure at s, relative to zero frequency; one where nothing is known.
+    pub fn behind(&self, output: usize, s: C) -> C {
+        self.filter[output].iter().fold(C::ONE, |gain, filter| {
+            let section = |q: C| -q / (s - q);
+            let pole = filter.pole;
+            if pole.im == 0.0 { gain * section(pole) } else { gain * section(pole) * section(pole.conj()) }
+        })
+    }
+
+    /// The residue of what lies behind at one of its poles.
+    pub fn residue(&self, output: usize, index: usize) -> C {
+        let at = self.filter[output][index].pole;
+        let mut residue = -at;
+        for (k, filter) in self.filter[output].iter().enumerate() {
+            let section = |q: C| -q / (at - q);
+            if k != index {
+                residue *= section(filter.pole);
+            }
+            if filter.pole.im != 0.0 {
+                residue *= section(filter.pole.conj());
+            }
+        }
+        residue
+    }
+
+    /// Whether anything is known.
+    pub fn known(&self) -> bool {
+        self.actuator.iter().any(Option::is_some) || self.filter.iter().any(|filter| !filter.is_empty())
+    }
+
+    /// The actuator's pole in Hz.
+    pub fn actuator_hz(&self, input: usize) -> Option<f64> {
+        self.actuator[input].as_ref().map(|actuator| actuator.pole / TAU)
+    }
+}
+
+/// Poles (of a pair, the upper one) with how often each occurs.
+fn clusters(a: &DMatrix<f64>) -> Vec<(C, usize)> {
+    let mut found: Vec<(C, usize)> = Vec::new();
+    let matrix = faer::Mat::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)]);
+    for value in matrix.eigenvalues().unwrap_or_default() {
+        let value = C::new(value.re, value.im);
+        let size = value.norm().max(1e-12);
+        let value = if value.im.abs() < SAME_POLE * size { C::from(value.re) } else { value };
+        if value.im < 0.0 {
+            continue;
+        }
+        match found.iter_mut().find(|(other, _)| (*other - value).norm() < SAME_POLE * size) {
+            Some((mean, count)) => {
+                *mean = (*mean * *count as f64 + value) / (*count + 1) as f64;
+                *count += 1;
+            }
+            None => found.push((value, 1)),
+        }
+    }
+    found
+}
+
+/// The `count` directions in which a matrix is nearly zero, if there are that many.
+fn null_space(matrix: &DMatrix<C>, count: usize) -> Option<DMatrix<C>> {
+    let svd = matrix.clone().try_svd(false, true, f64::EPSILON, MOST_SWEEPS)?;
+    let v = svd.v_t?.adjoint();
+    let mut order: Vec<usize> = (0..svd.singular_values.len()).collect();
+    order.sort_by(|&i, &j| svd.singular_values[i].total_cmp(&svd.singular_values[j]));
+    let scale = svd.singular_values.max();
+    let last = *order.get(count - 1)?;
+    (svd.singular_values[last] < ALONE * scale)
+        .then(|| DMatrix::from_fn(v.nrows(), count, |i, j| v[(i, order[j])]))
+}
+
+/// The combination of the columns that is one in row `channel` and zero elsewhere, if there is one.
+fn alone(columns: &DMatrix<C>, channel: usize) -> Option<DVector<C>> {
+    let mut wanted = DVector::zeros(columns.nrows());
+    wanted[channel] = C::ONE;
+    let svd = columns.clone().try_svd(true, true, f64::EPSILON, MOST_SWEEPS)?;
+    let floor = 1e-6 * svd.singular_values.max();
+    if !(floor > 0.0) {
+        return None;
+    }
+    let x = svd.solve(&wanted, floor).ok()?;
+    ((columns * &x - wanted).norm() < ALONE.sqrt()).then_some(x)
+}

@@ -1,0 +1,514 @@
+//! The simulation in its modes: lightly damped pairs one by one, everything else (actuator poles, filters) in one block.
+//!
+//! In these coordinates a frequency, a damping ratio or a shape of one mode is changed by changing that mode's numbers, whatever
+//! the state-space basis in which the simulation was written.
+
+mod chain;
+mod logarithm;
+mod ports;
+
+use nalgebra::{Complex, DMatrix, DVector};
+use plid_model::{Model, ModeKind};
+
+use crate::error::GapError;
+
+pub use chain::{Actuator, Chain, Filter};
+pub use ports::PortSource;
+
+/// A complex number.
+pub type C = Complex<f64>;
+
+/// Pairs with a larger damping ratio belong to filters, not to the structure.
+const STRUCTURAL_DAMPING: f64 = 0.3;
+
+/// Poles whose eigenvectors' norms multiply to more than this are not parted from their neighbours.
+const PARTED: f64 = 1e5;
+
+/// One lightly damped mode: dz/dt = pole z + b u, y += 2 Re(c z), with a complex z.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mode {
+    /// rad/s, with a positive imaginary part.
+    pub pole: C,
+    /// Of each input (m).
+    pub b: Vec<C>,
+    /// Of each output (p).
+    pub c: Vec<C>,
+}
+
+impl Mode {
+    /// |pole| / 2 pi.
+    pub fn hz(&self) -> f64 {
+        self.pole.norm() / std::f64::consts::TAU
+    }
+
+    /// -Re pole / |pole|.
+    pub fn damping(&self) -> f64 {
+        -self.pole.re / self.pole.norm()
+    }
+}
+
+/// All that is not a structural mode: r states, discrete at the sample rate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rest {
+    /// r x r, over one sample.
+    pub a: DMatrix<f64>,
+    /// r x m, over one sample.
+    pub b: DMatrix<f64>,
+    /// p x r.
+    pub c: DMatrix<f64>,
+    /// r x r and r x m in continuous time, where the logarithm exists.
+    pub continuous: Option<(DMatrix<f64>, DMatrix<f64>)>,
+}
+
+/// Where an internal force acts: dz/dt += force f, d = 2 Re(displacement . z) + displacement_rest . x, v likewise.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Port {
+    /// Its name, or that of the input.
+    pub name: String,
+    /// The input (from 0) whose strut it is.
+    pub input: Option<usize>,
+    /// Of each mode.
+    pub force: Vec<C>,
+    /// Of each mode.
+    pub displacement: Vec<C>,
+    /// Of each mode.
+    pub velocity: Vec<C>,
+    /// Of the rest (r).
+    pub force_rest: DVector<f64>,
+    /// Of the rest (r).
+    pub displacement_rest: DVector<f64>,
+    /// Of the rest (r).
+    pub velocity_rest: DVector<f64>,
+    /// Added to y at once for a unit force (p); empty for nothing.
+    pub output: Vec<f64>,
+}
+
+/// A simulation in its modes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plant {
+    /// Samples a second.
+    pub rate: f64,
+    /// Inputs.
+    pub m: usize,
+    /// Outputs.
+    pub p: usize,
+    /// By rising frequency.
+    pub modes: Vec<Mode>,
+    /// Everything else.
+    pub rest: Rest,
+    /// p x m.
+    pub d: DMatrix<f64>,
+    /// Places of internal forces.
+    pub ports: Vec<Port>,
+    /// Where the ports come from.
+    pub port_source: PortSource,
+    /// What lies before and behind the structure.
+    pub chain: Chain,
+    /// The simulation's own basis, to write a changed plant back.
+    basis: Basis,
+}
+
+/// x = sum of 2 Re(right z) + rest x_r, with z = left x and x_r = rest_inverse x.
+#[derive(Debug, Clone, PartialEq)]
+struct Basis {
+    right: Vec<DVector<C>>,
+    left: Vec<DVector<C>>,
+    rest: DMatrix<f64>,
+    rest_inverse: DMatrix<f64>,
+}
+
+impl Plant {
+    /// Takes a simulation apart.
+    ///
+    /// # Errors
+    /// [`GapError::Model`] where the eigenvalues cannot be had.
+    pub fn new(model: &Model) -> Result<Self, GapError> {
+        let model = &balanced(model);
+        let (n, m, p, rate) = (model.n(), model.m(), model.p(), model.sample_rate_hz);
+        let structural: Vec<_> = plid_model::modes(model)?
+            .into_iter()
+            .filter(|mode| mode.kind == ModeKind::Oscillatory && mode.damping.abs() < STRUCTURAL_DAMPING)
+            .filter_map(|mode| eigenvectors(&model.a, mode.pole))
+            .filter(|(_, right, left)| left.norm() * right.norm() < PARTED)
+            .collect();
+        let (poles, right, left) = split(structural);
+        let mut projection = DMatrix::identity(n, n);
+        for (r, l) in right.iter().zip(&left) {
+            projection -= (r * l.transpose()).map(|x| 2.0 * x.re);
+        }
+        let rest_states = n - 2 * poles.len();
+        let rest = range(&projection, rest_states);
+        let rest_inverse = rest.transpose() * &projection;
+        let basis = Basis { right, left, rest, rest_inverse };
+
+        let step = 1.0 / rate;
+        let modes = poles
+            .iter()
+            .enumerate()
+            .map(|(k, &z)| {
+                let pole = z.ln() * rate;
+                // Over one sample the held input adds (e^{pole T} - 1) / pole b.
+                let held = (z - 1.0) / pole;
+                let b = (basis.left[k].transpose() * model.b.map(C::from)) / held;
+                let c = model.c.map(C::from) * &basis.right[k];
+                Mode { pole, b: b.iter().copied().collect(), c: c.iter().copied().collect() }
+            })
+            .collect();
+        let a = &basis.rest_inverse * &model.a * &basis.rest;
+        let b = &basis.rest_inverse * &model.b;
+        let continuous = rest_in_time(model, &basis, &a, &b, step);
+        let rest = Rest { c: &model.c * &basis.rest, a, b, continuous };
+        let chain = Chain::find(&rest, step);
+        let mut plant = Self {
+            rate,
+            m,
+            p,
+            modes,
+            rest,
+            d: model.d.clone(),
+            ports: Vec::new(),
+            port_source: PortSource::Declared,
+            chain,
+            basis,
+        };
+        let declared: Vec<Port> = model.ports.iter().map(|port| plant.declared(model, port)).collect();
+        (plant.ports, plant.port_source) =
+            if declared.is_empty() { ports::infer(&plant, &model.inputs) } else { (declared, PortSource::Declared) };
+        Ok(plant)
+    }
+
+    /// A declared port in this plant's coordinates.
+    fn declared(&self, model: &Model, port: &plid_model::Port) -> Port {
+        let Basis { right, left, rest, rest_inverse } = &self.basis;
+        let force = DVector::from_column_slice(&port.force);
+        let row = |values: &[f64]| DVector::from_column_slice(values);
+        let modal_row = |values: &[f64]| right.iter().map(|r| r.dot(&row(values).map(C::from))).collect();
+        Port {
+            name: port.name.clone(),
+            input: port.input.as_ref().and_then(|name| model.inputs.iter().position(|input| input == name)),
+            force: left.iter().map(|l| l.dot(&force.map(C::from))).collect(),
+            displacement: modal_row(&port.displacement),
+            velocity: modal_row(&port.velocity),
+            force_rest: rest_inverse * &force,
+            displacement_rest: rest.transpose() * row(&port.displacement),
+            velocity_rest: rest.transpose() * row(&port.velocity),
+            output: port.output.clone().unwrap_or_default(),
+        }
+    }
+
+    /// Number of states: two a mode, and the rest.
+    pub fn n(&self) -> usize {
+        2 * self.modes.len() + self.rest.a.nrows()
+    }
+
+    /// The mode nearest to a frequency.
+    pub fn mode_at(&self, hz: f64) -> Option<usize> {
+        (0..self.modes.len()).min_by(|&a, &b| {
+            let far = |k: usize| (self.modes[k].hz() / hz).ln().abs();
+            far(a).total_cmp(&far(b))
+        })
+    }
+
+    /// The plant as a model in real modal coordinates: (Re z, Im z) of each mode, then the rest. Ports and, where it is known,
+    /// continuous time are kept.
+    pub fn to_model(&self, names: &Model) -> Model {
+        let (n, q, r) = (self.n(), self.modes.len(), self.rest.a.nrows());
+        let step = 1.0 / self.rate;
+        let mut a = DMatrix::zeros(n, n);
+        let mut b = DMatrix::zeros(n, self.m);
+        let mut c = DMatrix::zeros(self.p, n);
+        let (mut a_time, mut b_time) = (a.clone(), b.clone());
+        for (k, mode) in self.modes.iter().enumerate() {
+            let i = 2 * k;
+            let z = (mode.pole * step).exp();
+            let held = (z - 1.0) / mode.pole;
+            put_rotation(&mut a, i, z);
+            put_rotation(&mut a_time, i, mode.pole);
+            for j in 0..self.m {
+                put_pair(&mut b, i, j, held * mode.b[j]);
+                put_pair(&mut b_time, i, j, mode.b[j]);
+            }
+            for o in 0..self.p {
+                c[(o, i)] = 2.0 * mode.c[o].re;
+                c[(o, i + 1)] = -2.0 * mode.c[o].im;
+            }
+        }
+        a.view_mut((2 * q, 2 * q), (r, r)).copy_from(&self.rest.a);
+        b.rows_mut(2 * q, r).copy_from(&self.rest.b);
+        c.columns_mut(2 * q, r).copy_from(&self.rest.c);
+        let continuous = self.rest.continuous.as_ref().map(|(ar, br)| {
+            a_time.view_mut((2 * q, 2 * q), (r, r)).copy_from(ar);
+            b_time.rows_mut(2 * q, r).copy_from(br);
+            plid_model::Continuous { a: a_time, b: b_time }
+        });
+        let mut model = names.clone();
+        (model.a, model.b, model.c, model.d, model.continuous) = (a, b, c, self.d.clone(), continuous);
+        model.predictor_gain = None;
+        model.observability_indices = None;
+        model.parameter_covariance = None;
+        model.initial_state = None;
+        model.ports = self.ports.iter().map(|port| self.written(port, &names.inputs)).collect();
+        model
+    }
+
+    fn written(&self, port: &Port, inputs: &[String]) -> plid_model::Port {
+        let column = |modal: &[C], rest: &DVector<f64>| {
+            modal.iter().flat_map(|x| [x.re, x.im]).chain(rest.iter().copied()).collect::<Vec<f64>>()
+        };
+        let row = |modal: &[C], rest: &DVector<f64>| {
+            modal.iter().flat_map(|x| [2.0 * x.re, -2.0 * x.im]).chain(rest.iter().copied()).collect::<Vec<f64>>()
+        };
+        plid_model::Port {
+            name: port.name.clone(),
+            input: port.input.map(|i| inputs[i].clone()),
+            force: column(&port.force, &port.force_rest),
+            displacement: row(&port.displacement, &port.displacement_rest),
+            velocity: row(&port.velocity, &port.velocity_rest),
+            output: (!port.output.is_empty()).then(|| port.output.clone()),
+        }
+    }
+}
+
+fn put_rotation(to: &mut DMatrix<f64>, i: usize, z: C) {
+    to[(i, i)] = z.re;
+    to[(i + 1, i + 1)] = z.re;
+    to[(i, i + 1)] = -z.im;
+    to[(i + 1, i)] = z.im;
+}
+
+fn put_pair(to: &mut DMatrix<f64>, i: usize, j: usize, z: C) {
+    to[(i, j)] = z.re;
+    to[(i + 1, j)] = z.im;
+}
+
+type Structural = (C, DVector<C>, DVector<C>);
+
+/// The simulation with states of like size, whatever basis it was written in.
+fn balanced(model: &Model) -> Model {
+    let mut balanced = model.clone();
+    let scale = nalgebra::linalg::balancing::balance_parlett_reinsch(&mut balanced.a);
+    let n = model.n();
+    balanced.b = DMatrix::from_fn(n, model.m(), |i, j| model.b[(i, j)] / scale[i]);
+    balanced.c = DMatrix::from_fn(model.p(), n, |i, j| model.c[(i, j)] * scale[j]);
+    if let Some(continuous) = &mut balanced.continuous {
+        continuous.a = DMatrix::from_fn(n, n, |i, j| continuous.a[(i, j)] * scale[j] / scale[i]);
+        continuous.b = DMatrix::from_fn(n, model.m(), |i, j| continuous.b[(i, j)] / scale[i]);
+    }
+    for port in &mut balanced.ports {
+        for i in 0..n {
+            port.force[i] /= scale[i];
+            port.displacement[i] *= scale[i];
+            port.velocity[i] *= scale[i];
+        }
+    }
+    balanced
+}
+
+/// A pole with its right and left eigenvectors (l . r = 1), by inverse iteration on each side: repeated poles elsewhere do not
+/// spoil it, as they spoil the inverse of all eigenvectors.
+fn eigenvectors(a: &DMatrix<f64>, pole: C) -> Option<Structural> {
+    let n = a.nrows();
+    let matrix = a.map(C::from);
+    let shift = pole * (1.0 + 1e-10);
+    let shifted = &matrix - DMatrix::from_diagonal_element(n, n, shift);
+    let (forth, back) = (shifted.clone().lu(), shifted.transpose().lu());
+    let mut right = DVector::from_fn(n, |i, _| C::cis(i as f64));
+    let mut left = right.clone();
+    for _ in 0..4 {
+        right = forth.solve(&right)?.normalize();
+        left = back.solve(&left)?.normalize();
+    }
+    let product = left.dot(&right);
+    if !(product.norm() > 0.0) {
+        return None;
+    }
+    left /= product;
+    let pole = left.dot(&(&matrix * &right));
+    Some((pole, right, left))
+}
+
+fn split(structural: Vec<Structural>) -> (Vec<C>, Vec<DVector<C>>, Vec<DVector<C>>) {
+    let mut parts = (Vec::new(), Vec::new(), Vec::new());
+    for (pole, right, left) in structural {
+        parts.0.push(pole);
+        parts.1.push(right);
+        parts.2.push(left);
+    }
+    parts
+}
+
+/// An orthonormal basis (n x rank) of a projection's range: its singular values are zero or at least one.
+fn range(projection: &DMatrix<f64>, rank: usize) -> DMatrix<f64> {
+    let svd = projection.clone().svd(true, false);
+    let u = svd.u.expect("asked for");
+    let mut order: Vec<usize> = (0..svd.singular_values.len()).collect();
+    order.sort_by(|&i, &j| svd.singular_values[j].total_cmp(&svd.singular_values[i]));
+    DMatrix::from_fn(u.nrows(), rank, |i, j| u[(i, order[j])])
+}
+
+/// The rest in continuous time: as the simulation says, or by the logarithm.
+fn rest_in_time(
+    model: &Model,
+    basis: &Basis,
+    a: &DMatrix<f64>,
+    b: &DMatrix<f64>,
+    step: f64,
+) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
+    if let Some(given) = &model.continuous {
+        return Some((&basis.rest_inverse * &given.a * &basis.rest, &basis.rest_inverse * &given.b));
+    }
+    let r = a.nrows();
+    let log = logarithm::logarithm(a)? / step;
+    // b = A^{-1} (e^{A T} - 1) b_time.
+    let b_time = (a - DMatrix::identity(r, r)).lu().solve(&(&log * b))?;
+    Some((log, b_time))
+}
+
+impl Plant {
+    /// Moves a mode's pole and keeps its physical shapes: q" + 2 zeta w q' + w^2 q = b.a with acceleration c q", behind the
+    /// actuators' poles and before the filters.
+    pub fn move_pole(&mut self, k: usize, pole: C) {
+        let from = self.modes[k].pole;
+        let rows = from.im / pole.im;
+        let acceleration = (pole / from) * (pole / from) * rows;
+        let before: Vec<C> = (0..self.m).map(|i| self.chain.before(i, pole) / self.chain.before(i, from)).collect();
+        let behind: Vec<C> = (0..self.p).map(|o| self.chain.behind(o, pole) / self.chain.behind(o, from)).collect();
+        self.change(k, |mode| {
+            mode.pole = pole;
+            mode.b.iter_mut().zip(before).for_each(|(b, ratio)| *b *= ratio);
+            mode.c.iter_mut().zip(behind).for_each(|(c, ratio)| *c *= acceleration * ratio);
+        });
+        for port in &mut self.ports {
+            port.displacement[k] *= rows;
+            port.velocity[k] *= rows * (pole / from);
+        }
+    }
+
+    /// Changes a mode, and with it what it sends through the actuators' and filters' own poles.
+    pub fn change(&mut self, k: usize, change: impl FnOnce(&mut Mode)) {
+        self.pass(k, -1.0);
+        change(&mut self.modes[k]);
+        self.pass(k, 1.0);
+    }
+
+    /// One mode more: q" + 2 zeta w q' + w^2 q = b.a with accelerations c q".
+    pub fn add_mode(&mut self, pole: C, b: &[f64], c: &[f64]) {
+        // z' = pole z + b a, q = 2 Re(z / (pole - conj pole)).
+        let scale = pole * pole / C::new(0.0, 2.0 * pole.im);
+        self.modes.push(Mode {
+            pole,
+            b: b.iter().enumerate().map(|(i, b)| self.chain.before(i, pole) * *b).collect(),
+            c: c.iter().enumerate().map(|(o, c)| self.chain.behind(o, pole) * scale * *c).collect(),
+        });
+        for port in &mut self.ports {
+            for modal in [&mut port.force, &mut port.displacement, &mut port.velocity] {
+                modal.push(C::ZERO);
+            }
+        }
+        self.pass(self.modes.len() - 1, 1.0);
+    }
+
+    /// c_o b_i of a mode in physical form (accelerations of one volt before the filter).
+    pub fn product(&self, mode: &Mode, o: usize, i: usize) -> f64 {
+        let pole = mode.pole;
+        let both = mode.c[o] * mode.b[i] / (self.chain.behind(o, pole) * self.chain.before(i, pole));
+        (both * C::new(0.0, 2.0 * pole.im) / (pole * pole)).re
+    }
+
+    /// s^2 / (s^2 + 2 zeta w s + w^2).
+    pub fn acceleration(pole: C, s: C) -> C {
+        s * s / ((s - pole) * (s - pole.conj()))
+    }
+
+    /// Adds (or takes away) what a mode sends through the poles of actuators and filters: in partial fractions, the residues there.
+    fn pass(&mut self, k: usize, sign: f64) {
+        if !self.chain.known() {
+            return;
+        }
+        let gains = Passed::new(self, &self.modes[k]);
+        for o in 0..self.p {
+            for i in 0..self.m {
+                if let Some(actuator) = &self.chain.actuator[i] {
+                    let gain = sign * gains.actuator(self, o, i);
+                    for (j, x) in actuator.row.iter().enumerate() {
+                        self.rest.c[(o, j)] += gain * x;
+                    }
+                } else if self.chain.filter[o].is_empty() {
+                    self.d[(o, i)] += sign * gains.products[(o, i)];
+                }
+                for (f, filter) in self.chain.filter[o].iter().enumerate() {
+                    let gain = gains.filter(self, o, i, f) * sign;
+                    let step = 1.0 / self.rate;
+                    let held = ((filter.pole * step).exp() - 1.0) / filter.pole;
+                    let both = if filter.pole.im == 0.0 { 1.0 } else { 2.0 };
+                    for (j, v) in filter.column.iter().enumerate() {
+                        self.rest.b[(j, i)] += both * (v * gain * held).re;
+                        if let Some((_, b)) = &mut self.rest.continuous {
+                            b[(j, i)] += both * (v * gain).re;
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl Plant {
+    /// The response p x m at a frequency, for held inputs.
+    pub fn response(&self, hz: f64) -> DMatrix<C> {
+        let z = C::cis(std::f64::consts::TAU * hz / self.rate);
+        let r = self.rest.a.nrows();
+        let mut sum = self.d.map(C::from);
+        for mode in &self.modes {
+            let turn = (mode.pole / self.rate).exp();
+            let held = (turn - 1.0) / mode.pole;
+            for i in 0..self.m {
+                let b = held * mode.b[i];
+                for o in 0..self.p {
+                    let residue = mode.c[o] * b;
+                    sum[(o, i)] += residue / (z - turn) + residue.conj() / (z - turn.conj());
+                }
+            }
+        }
+        if r > 0 {
+            let shifted = DMatrix::from_diagonal_element(r, r, z) - self.rest.a.map(C::from);
+            if let Some(x) = shifted.lu().solve(&self.rest.b.map(C::from)) {
+                sum += self.rest.c.map(C::from) * x;
+            }
+        }
+        sum
+    }
+}
+
+/// What a mode sends through the poles of actuators and filters.
+pub(crate) struct Passed {
+    pole: C,
+    /// p x m.
+    pub products: DMatrix<f64>,
+}
+
+impl Passed {
+    pub(crate) fn new(plant: &Plant, mode: &Mode) -> Self {
+        let products = DMatrix::from_fn(plant.p, plant.m, |o, i| plant.product(mode, o, i));
+        Self { pole: mode.pole, products }
+    }
+
+    /// The same shapes with another pole.
+    pub(crate) fn at(&self, pole: C) -> Self {
+        Self { pole, products: self.products.clone() }
+    }
+
+    /// The gain from the actuator's output to this output, at the actuator's pole.
+    pub(crate) fn actuator(&self, plant: &Plant, o: usize, i: usize) -> f64 {
+        let Some(actuator) = &plant.chain.actuator[i] else { return 0.0 };
+        let s = C::from(-actuator.pole);
+        (plant.chain.behind(o, s) * Plant::acceleration(self.pole, s)).re * self.products[(o, i)]
+    }
+
+    /// The gain from the input to the filter's state, which the output sees with gain one.
+    pub(crate) fn filter(&self, plant: &Plant, o: usize, i: usize, f: usize) -> C {
+        let s = plant.chain.filter[o][f].pole;
+        let through = plant.chain.before(i, s) * Plant::acceleration(self.pole, s);
+        plant.chain.residue(o, f) * through * self.products[(o, i)]
+    }
+}

@@ -1,0 +1,95 @@
+use nalgebra::DVector;
+
+use super::{C, Plant, Port};
+
+/// Where the places of internal forces come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PortSource {
+    /// The simulation declares them.
+    Declared,
+    /// The strut of each input, from the modes' input shapes; the scale of each mode by reciprocity (input and output shapes of
+    /// equal norm, as if sensors stood near the actuators).
+    Inferred,
+}
+
+/// The strut of each input, from the modes.
+///
+/// A mode in physical form is q" + 2 zeta w q' + w^2 q = beta f with acceleration gamma q"; its strut sees d = beta q. The
+/// simulation gives g = beta g0 (its input shape without the actuator's pole) and k = gamma / g0 up to one number g0 a mode.
+pub(super) fn infer(plant: &Plant, inputs: &[String]) -> (Vec<Port>, PortSource) {
+    let modal: Vec<(Vec<C>, Vec<C>)> = plant.modes.iter().map(|mode| modal_strut(plant, mode)).collect();
+    let ports = inputs
+        .iter()
+        .enumerate()
+        .map(|(i, name)| {
+            let displacement: Vec<C> = modal.iter().map(|(_, row)| row[i]).collect();
+            let velocity: Vec<C> = displacement.iter().zip(&plant.modes).map(|(row, mode)| row * mode.pole).collect();
+            Port {
+                name: name.clone(),
+                input: Some(i),
+                force: modal.iter().map(|(force, _)| force[i]).collect(),
+                force_rest: through_filters(plant, i),
+                displacement_rest: without_actuators(plant, &modal, &displacement),
+                velocity_rest: without_actuators(plant, &modal, &velocity),
+                displacement,
+                velocity,
+                output: at_once(plant, i),
+            }
+        })
+        .collect();
+    (ports, PortSource::Inferred)
+}
+
+/// What a strut's force sends through the filters' own poles: it passes no actuator.
+fn through_filters(plant: &Plant, i: usize) -> DVector<f64> {
+    let mut column = DVector::zeros(plant.rest.a.nrows());
+    for (o, filters) in plant.chain.filter.iter().enumerate() {
+        for (f, filter) in filters.iter().enumerate() {
+            let response: C =
+                plant.modes.iter().map(|mode| Plant::acceleration(mode.pole, filter.pole) * plant.product(mode, o, i)).sum();
+            let gain = plant.chain.residue(o, f) * response;
+            let both = if filter.pole.im == 0.0 { 1.0 } else { 2.0 };
+            column += filter.column.map(|v| both * (v * gain).re);
+        }
+    }
+    column
+}
+
+/// Accelerations without a filter answer a force at once.
+fn at_once(plant: &Plant, i: usize) -> Vec<f64> {
+    if !plant.chain.known() {
+        return Vec::new();
+    }
+    let sum = |o: usize| plant.modes.iter().map(|mode| plant.product(mode, o, i)).sum();
+    (0..plant.p).map(|o| if plant.chain.filter[o].is_empty() { sum(o) } else { 0.0 }).collect()
+}
+
+/// A mode's state z contains kappa_j a_j of each actuator's output, which is no motion: z = z_motion + sum of kappa_j a_j with
+/// kappa_j = g_j / (pole + pole_j).
+fn without_actuators(plant: &Plant, modal: &[(Vec<C>, Vec<C>)], row: &[C]) -> DVector<f64> {
+    let mut rest = DVector::zeros(plant.rest.a.nrows());
+    for (j, actuator) in plant.chain.actuator.iter().enumerate() {
+        let Some(actuator) = actuator else { continue };
+        let kappa = |k: usize| modal[k].0[j] / (plant.modes[k].pole + actuator.pole);
+        let gain: f64 = (0..row.len()).map(|k| 2.0 * (row[k] * kappa(k)).re).sum();
+        rest -= &actuator.row * gain;
+    }
+    rest
+}
+
+/// Force columns and displacement rows of all struts on one mode.
+fn modal_strut(plant: &Plant, mode: &super::Mode) -> (Vec<C>, Vec<C>) {
+    let pole = mode.pole;
+    let force: Vec<C> = (0..plant.m).map(|i| mode.b[i] / plant.chain.before(i, pole)).collect();
+    // y = gamma q" behind the filter: c = gamma pole^2 F(pole) / (2 j Im(pole) g0).
+    let twice = C::new(0.0, 2.0 * pole.im);
+    let sensed = (0..plant.p).map(|o| mode.c[o] * twice / (pole * pole * plant.chain.behind(o, pole)));
+    let norm = |sum: f64| sum.sqrt().max(f64::MIN_POSITIVE);
+    let size = norm(force.iter().map(|g| g.norm_sqr()).sum()) / norm(sensed.map(|k| k.norm_sqr()).sum());
+    // The phase of g0 is that which makes all of g / g0 as real as can be.
+    let phase = force.iter().map(|g| g * g).sum::<C>().arg();
+    let square = C::from_polar(size, phase);
+    let row = force.iter().map(|g| g / (square * twice)).collect();
+    (force, row)
+}

@@ -1,0 +1,207 @@
+//! From a case to a problem: which records are fitted, what the noise is, what effects may know.
+
+use crate::effects::{Names, Setting};
+use crate::error::GapError;
+use crate::noise::{NoiseModel, Stretch};
+use crate::nuisance::{Limits, Nuisance};
+use crate::plant::Plant;
+use crate::problem::Problem;
+use crate::record::{Channels, Excitation, Record, rms};
+use crate::simulate::{Fineness, State, simulate};
+use crate::tones;
+use crate::whiten::Whitener;
+use plid_model::Model;
+
+/// Records without input shorter than this say too little of the noise.
+const SHORTEST_QUIET: usize = 512;
+
+/// Lines that are offered to effects.
+const MOST_TONES: usize = 4;
+
+/// Noise where the simulation declares none: this share of each output's RMS.
+const UNDECLARED: f64 = 0.01;
+
+/// A simulation with records, made ready.
+pub struct Prepared {
+    /// What is fitted.
+    pub problem: Problem,
+    /// Held out from all fitting, in order.
+    pub held_out: Vec<Record>,
+    /// Of the records.
+    pub noise: NoiseModel,
+    /// As the simulation declares it: of sensors (p).
+    pub declared_sensor: Vec<f64>,
+    /// Spectra of what no command explains.
+    pub quiet: Vec<Stretch>,
+}
+
+/// Makes a problem.
+///
+/// # Errors
+/// [`GapError`] where the simulation cannot be taken apart.
+pub fn prepare(model: &Model, records: &[Record], limits: &Limits) -> Result<Prepared, GapError> {
+    let plant = Plant::new(model)?;
+    let (fitted, held_out) = split(records);
+    let declared_sensor = model.noise.sensor_std.clone().unwrap_or_else(|| {
+        (0..plant.p).map(|o| UNDECLARED * rms(fitted.iter().flat_map(|r| &r.y[o]))).collect()
+    });
+    let declared_actuator = model.noise.actuator_std.clone().unwrap_or_else(|| vec![0.0; plant.m]);
+    let declared = NoiseModel::declared(&plant, &declared_sensor, &declared_actuator);
+    let quiet = quiet_stretches(&plant, &fitted);
+    let noise = if quiet.is_empty() { declared } else { declared.fit(&quiet) };
+    let whiteners = fitted
+        .iter()
+        .map(|record| Whitener::new(record, &noise, plant.rate, vec![Vec::new(); plant.p]))
+        .collect();
+    let nuisance = Nuisance::new(&plant, &fitted, limits);
+    let setting = setting(&plant, model, &fitted);
+    let problem = Problem { plant, records: fitted, whiteners, nuisance, setting };
+    Ok(Prepared { problem, held_out, noise, declared_sensor, quiet })
+}
+
+/// Those to fit and those held out: as the case says, or the last record that is driven, if another one remains.
+fn split(records: &[Record]) -> (Vec<Record>, Vec<Record>) {
+    if records.iter().any(|record| record.held_out) {
+        return records.iter().cloned().partition(|record| !record.held_out);
+    }
+    let driven: Vec<usize> = (0..records.len()).filter(|&k| records[k].excitation != Excitation::Zero).collect();
+    match driven.as_slice() {
+        [_, .., last] => {
+            let held = records[*last].clone();
+            let fitted = records.iter().enumerate().filter(|(k, _)| k != last).map(|(_, r)| r.clone()).collect();
+            (fitted, vec![held])
+        }
+        _ => (records.to_vec(), Vec::new()),
+    }
+}
+
+/// What no command explains: records without input, and otherwise the differences between periods.
+fn quiet_stretches(plant: &Plant, records: &[Record]) -> Vec<Stretch> {
+    let silent: Vec<Stretch> = records
+        .iter()
+        .filter(|record| record.excitation == Excitation::Zero && record.samples() >= SHORTEST_QUIET)
+        .map(|record| Stretch::new(&record.y))
+        .collect();
+    if !silent.is_empty() {
+        return silent;
+    }
+    let _ = plant;
+    let half = std::f64::consts::FRAC_1_SQRT_2;
+    let mut stretches = Vec::new();
+    for record in records {
+        let Excitation::Periodic(period) = record.excitation else { continue };
+        let periods = record.samples() / period;
+        // The first period or two hold the transient.
+        for first in (periods.min(2)..periods.saturating_sub(1)).step_by(2) {
+            let at = first * period;
+            let difference: Channels = record
+                .y
+                .iter()
+                .map(|y| (at..at + period).map(|k| (y[k + period] - y[k]) * half).collect())
+                .collect();
+            if period >= SHORTEST_QUIET {
+                stretches.push(Stretch::new(&difference));
+            }
+        }
+    }
+    stretches
+}
+
+fn setting(plant: &Plant, model: &Model, records: &[Record]) -> Setting {
+    let loudest = records.iter().max_by(|a, b| a.level().total_cmp(&b.level()));
+    let (m, p, ports) = (plant.m, plant.p, plant.ports.len());
+    let mut setting = Setting {
+        plant: plant.clone(),
+        names: Names {
+            inputs: model.inputs.clone(),
+            outputs: model.outputs.clone(),
+            ports: plant.ports.iter().map(|port| port.name.clone()).collect(),
+            modes_hz: plant.modes.iter().map(|mode| mode.hz()).collect(),
+        },
+        u_rms: vec![0.0; m],
+        u_slope: vec![0.0; m],
+        y_rms: vec![0.0; p],
+        y_max: vec![0.0; p],
+        d_rms: vec![0.0; ports],
+        v_rms: vec![0.0; ports],
+        force: vec![0.0; ports],
+        duration_s: 0.0,
+        tones: Vec::new(),
+        missing: Vec::new(),
+    };
+    let Some(loudest) = loudest else { return setting };
+    setting.duration_s =
+        records.iter().map(|r| r.start_s + r.samples() as f64 / plant.rate).fold(0.0, f64::max);
+    for i in 0..m {
+        let u = &loudest.u[i];
+        setting.u_rms[i] = rms(u);
+        setting.u_slope[i] = rms(&u.windows(2).map(|w| (w[1] - w[0]) * plant.rate).collect::<Vec<f64>>());
+    }
+    for o in 0..p {
+        setting.y_rms[o] = rms(loudest.y[o].iter().filter(|y| y.is_finite()));
+        let all = records.iter().flat_map(|r| &r.y[o]);
+        setting.y_max[o] = all.filter(|y| y.is_finite()).fold(0.0, |most: f64, y| most.max(y.abs()));
+    }
+    let motion = port_motion(plant, loudest);
+    for (k, (d, v)) in motion.into_iter().enumerate() {
+        (setting.d_rms[k], setting.v_rms[k]) = (d, v);
+        setting.force[k] = force_size(plant, k, &setting.u_rms);
+    }
+    let errors: Vec<Channels> = records
+        .iter()
+        .map(|record| {
+            let start = (!record.from_rest).then(|| State::rest(plant));
+            let y = simulate(plant, &[], &record.u, record.start_s, start.as_ref(), Fineness::COARSE);
+            let error = |(a, b): (&Vec<f64>, &Vec<f64>)| {
+                a.iter().zip(b).map(|(a, b)| if a.is_finite() { a - b } else { 0.0 }).collect()
+            };
+            record.y.iter().zip(&y).map(error).collect()
+        })
+        .collect();
+    // Where a record without input is, lines stand out in it alone.
+    let quiet: Vec<usize> = (0..records.len()).filter(|&k| records[k].excitation == Excitation::Zero).collect();
+    let chosen: Vec<usize> = if quiet.is_empty() { (0..records.len()).collect() } else { quiet };
+    let stretch = |k: usize| tones::Stretch { start_s: records[k].start_s, residual: &errors[k] };
+    let first: Vec<tones::Stretch> = chosen.iter().map(|&k| stretch(k)).collect();
+    setting.tones = tones::tones(&first, plant.rate, MOST_TONES);
+    setting
+}
+
+/// RMS of displacement and velocity at each port, in the linear simulation.
+fn port_motion(plant: &Plant, record: &Record) -> Vec<(f64, f64)> {
+    // The ports' rows as outputs of the same modes.
+    let mut probe = plant.clone();
+    let ports = plant.ports.len();
+    probe.p = 2 * ports;
+    for (k, mode) in probe.modes.iter_mut().enumerate() {
+        mode.c = plant.ports.iter().flat_map(|port| [port.displacement[k], port.velocity[k]]).collect();
+    }
+    let r = plant.rest.a.nrows();
+    probe.rest.c = nalgebra::DMatrix::from_fn(2 * ports, r, |i, j| {
+        let port = &plant.ports[i / 2];
+        if i % 2 == 0 { port.displacement_rest[j] } else { port.velocity_rest[j] }
+    });
+    probe.d = nalgebra::DMatrix::zeros(2 * ports, plant.m);
+    let y = simulate(&probe, &[], &record.u, 0.0, None, Fineness::COARSE);
+    (0..ports).map(|k| (rms(&y[2 * k]), rms(&y[2 * k + 1]))).collect()
+}
+
+/// The force at a port that moves the modes by as much as the mean input does.
+fn force_size(plant: &Plant, port: usize, u_rms: &[f64]) -> f64 {
+    let forced: f64 = plant.ports[port].force.iter().map(|g| g.norm_sqr()).sum();
+    let driven: f64 = plant
+        .modes
+        .iter()
+        .map(|mode| mode.b.iter().zip(u_rms).map(|(b, u)| (b * u).norm_sqr()).sum::<f64>() / plant.m as f64)
+        .sum();
+    if forced > 0.0 && driven > 0.0 { (driven / forced).sqrt() } else { 1.0 }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    pub(crate) fn setting_of(plant: &Plant, model: &Model) -> Setting {
+        setting(plant, model, &[])
+    }
+}

@@ -1,0 +1,362 @@
+//! The fit that everything else asks for: linear parameters and effects together, on whitened free-run residuals.
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use crate::effects::{Action, Effect, Place, Range, Setting};
+use crate::nuisance::Nuisance;
+use crate::plant::Plant;
+use crate::record::{Channels, Record};
+use crate::simulate::{Fineness, simulate};
+use crate::whiten::Whitener;
+
+/// An effect at a place with its parameters.
+#[derive(Clone)]
+pub struct Placed<'a> {
+    /// The effect.
+    pub effect: &'a dyn Effect,
+    /// Where.
+    pub place: Place,
+    /// As [`Effect::parameters`] orders them.
+    pub parameters: Vec<f64>,
+}
+
+/// Records, simulation and noise: what a fit starts from.
+pub struct Problem {
+    /// The simulation as given.
+    pub plant: Plant,
+    /// Those that are fitted.
+    pub records: Vec<Record>,
+    /// Of each record.
+    pub whiteners: Vec<Whitener>,
+    /// The linear parameters.
+    pub nuisance: Nuisance,
+    /// What effects may know.
+    pub setting: Setting,
+}
+
+/// Derivatives of the whitened outputs (rows x nuisance) at one linear model, with the normal matrix and its factor.
+pub struct Tangent {
+    rows: usize,
+    columns: usize,
+    values: Vec<f64>,
+    /// J'J + 1/std^2.
+    pub normal: DMatrix<f64>,
+}
+
+/// A fit of linear parameters and effects.
+#[derive(Clone)]
+pub struct Fit<'a> {
+    /// Linear parameters.
+    pub eta: Vec<f64>,
+    /// Effects with fitted parameters.
+    pub effects: Vec<Placed<'a>>,
+    /// Whitened residual.
+    pub residual: Vec<f64>,
+    /// Sum of squares of the residual and of eta / std.
+    pub cost: f64,
+    /// Covariance of the effects' parameters, in their own units.
+    pub covariance: DMatrix<f64>,
+    /// Whether the last step was small.
+    pub converged: bool,
+}
+
+impl Fit<'_> {
+    /// Number of effect parameters.
+    pub fn parameters(&self) -> usize {
+        self.effects.iter().map(|placed| placed.parameters.len()).sum()
+    }
+}
+
+/// How far a fit goes.
+#[derive(Debug, Clone, Copy)]
+pub struct Effort {
+    /// Gauss-Newton steps at most.
+    pub steps: usize,
+    /// A step that lowers the cost by less than this ends the fit.
+    pub gain: f64,
+    /// Of forces within a sample.
+    pub fineness: Fineness,
+}
+
+impl Problem {
+    /// Rows of the whitened residual.
+    pub fn rows(&self) -> usize {
+        self.whiteners.iter().map(Whitener::rows).sum()
+    }
+
+    /// Rows of one record.
+    pub fn rows_of(&self, record: usize) -> std::ops::Range<usize> {
+        let start = self.whiteners[..record].iter().map(Whitener::rows).sum();
+        start..start + self.whiteners[record].rows()
+    }
+
+    /// What the effects do.
+    pub fn actions(&self, effects: &[Placed]) -> Vec<Action> {
+        effects.iter().flat_map(|placed| placed.effect.act(&self.setting, &placed.place, &placed.parameters)).collect()
+    }
+
+    /// Free run of one record.
+    pub fn outputs(&self, plant: &Plant, eta: &[f64], actions: &[Action], index: usize, fineness: Fineness) -> Channels {
+        let record = &self.records[index];
+        let start = self.nuisance.start(index, eta);
+        simulate(plant, actions, &record.u, record.start_s, start.as_ref(), fineness)
+    }
+
+    /// Whitened residual of a linear model with effects.
+    pub fn residual(&self, plant: &Plant, eta: &[f64], effects: &[Placed], fineness: Fineness) -> Vec<f64> {
+        let actions = self.actions(effects);
+        let mut to = vec![0.0; self.rows()];
+        for index in 0..self.records.len() {
+            let outputs = self.outputs(plant, eta, &actions, index, fineness);
+            let range = self.rows_of(index);
+            self.whitened_error(index, &outputs, &mut to[range]);
+        }
+        to
+    }
+
+    fn whitened_error(&self, index: usize, outputs: &[Vec<f64>], to: &mut [f64]) {
+        let record = &self.records[index];
+        let error: Channels = record
+            .y
+            .iter()
+            .zip(outputs)
+            .map(|(y, s)| y.iter().zip(s).map(|(y, s)| if y.is_finite() { y - s } else { 0.0 }).collect())
+            .collect();
+        self.whiteners[index].apply(&error, to);
+    }
+
+    /// Derivatives at a linear model.
+    pub fn tangent(&self, plant: &Plant) -> Tangent {
+        let (rows, columns) = (self.rows(), self.nuisance.len());
+        let mut values = vec![0.0; rows * columns];
+        let blocks: Vec<(usize, Vec<(usize, Vec<f64>)>)> = (0..self.records.len())
+            .into_par_iter()
+            .map(|index| {
+                let mut found = Vec::new();
+                self.nuisance.tangents(plant, &self.records[index], index, |column, outputs| {
+                    let mut white = vec![0.0; self.whiteners[index].rows()];
+                    self.whiteners[index].apply(outputs, &mut white);
+                    found.push((column, white));
+                });
+                (index, found)
+            })
+            .collect();
+        for (index, found) in blocks {
+            let range = self.rows_of(index);
+            for (column, white) in found {
+                values[column * rows + range.start..column * rows + range.end].copy_from_slice(&white);
+            }
+        }
+        let mut tangent = Tangent { rows, columns, values, normal: DMatrix::zeros(columns, columns) };
+        tangent.normal = tangent.cross(&tangent.values, columns);
+        for (j, std) in self.nuisance.std.iter().enumerate() {
+            tangent.normal[(j, j)] += 1.0 / (std * std);
+        }
+        tangent
+    }
+
+    /// Sum of squares of eta / std.
+    pub fn penalty(&self, eta: &[f64]) -> f64 {
+        eta.iter().zip(&self.nuisance.std).map(|(x, std)| (x / std).powi(2)).sum()
+    }
+
+    /// Fits the linear parameters and the effects from the given start.
+    pub fn fit<'a>(&self, tangent: &Tangent, eta: &[f64], effects: &[Placed<'a>], effort: Effort) -> Fit<'a> {
+        let mut eta = eta.to_vec();
+        let mut effects = effects.to_vec();
+        let mut plant = self.nuisance.apply(&self.plant, &eta);
+        let mut residual = self.residual(&plant, &eta, &effects, effort.fineness);
+        let mut cost = sum_of_squares(&residual) + self.penalty(&eta);
+        let mut damping = 1e-3;
+        let mut converged = false;
+        let mut covariance = DMatrix::zeros(0, 0);
+        let scales = self.scales(&effects);
+        for _ in 0..effort.steps {
+            let columns = self.effect_columns(&plant, &eta, &effects, &residual, &scales, effort.fineness);
+            let (normal, gradient) = self.normal(tangent, &columns, &residual, &eta);
+            covariance = effect_covariance(&normal, columns.len(), &scales, &effects);
+            let mut moved = false;
+            for _ in 0..6 {
+                let Some(step) = solve_damped(&normal, &gradient, columns.len(), damping) else {
+                    damping *= 10.0;
+                    continue;
+                };
+                let trial_eta: Vec<f64> = eta.iter().zip(step.iter()).map(|(x, dx)| x + dx).collect();
+                let trial = self.stepped(&effects, &step.as_slice()[eta.len()..], &scales);
+                let trial_plant = self.nuisance.apply(&self.plant, &trial_eta);
+                let trial_residual = self.residual(&trial_plant, &trial_eta, &trial, effort.fineness);
+                let trial_cost = sum_of_squares(&trial_residual) + self.penalty(&trial_eta);
+                if trial_cost < cost {
+                    let gain = cost - trial_cost;
+                    (eta, effects, plant, residual, cost) = (trial_eta, trial, trial_plant, trial_residual, trial_cost);
+                    damping = (damping * 0.1).max(1e-9);
+                    converged = gain < effort.gain;
+                    moved = true;
+                    break;
+                }
+                damping = (damping * 10.0).min(1e6);
+            }
+            if !moved {
+                converged = true;
+            }
+            if converged {
+                break;
+            }
+        }
+        Fit { eta, effects, residual, cost, covariance, converged }
+    }
+
+    /// How each effect parameter is stepped.
+    fn scales(&self, effects: &[Placed]) -> Vec<Scale> {
+        let mut scales = Vec::new();
+        for placed in effects {
+            for (parameter, &start) in placed.effect.parameters(&self.setting).iter().zip(&placed.parameters) {
+                scales.push(match parameter.range {
+                    Range::Signed => Scale::Linear(if start == 0.0 { 1.0 } else { start.abs() }),
+                    Range::Positive => Scale::Logarithm,
+                    Range::Hz => Scale::Linear(0.2 / self.setting.duration_s.max(1e-9)),
+                    Range::Angle => Scale::Linear(1.0),
+                });
+            }
+        }
+        scales
+    }
+
+    fn stepped<'a>(&self, effects: &[Placed<'a>], step: &[f64], scales: &[Scale]) -> Vec<Placed<'a>> {
+        let mut stepped = effects.to_vec();
+        let parameters = stepped.iter_mut().flat_map(|placed| placed.parameters.iter_mut());
+        for ((value, step), scale) in parameters.zip(step).zip(scales) {
+            *value = scale.moved(*value, *step);
+        }
+        stepped
+    }
+
+    /// Derivatives of the whitened outputs by each effect parameter (in its scale), by differences.
+    fn effect_columns(
+        &self,
+        plant: &Plant,
+        eta: &[f64],
+        effects: &[Placed],
+        residual: &[f64],
+        scales: &[Scale],
+        fineness: Fineness,
+    ) -> Vec<Vec<f64>> {
+        const STEP: f64 = 1e-3;
+        (0..scales.len())
+            .map(|j| {
+                let mut step = vec![0.0; scales.len()];
+                step[j] = STEP;
+                let mut moved = self.residual(plant, eta, &self.stepped(effects, &step, scales), fineness);
+                moved.iter_mut().zip(residual).for_each(|(m, r)| *m = (r - *m) / STEP);
+                moved
+            })
+            .collect()
+    }
+
+    fn normal(
+        &self,
+        tangent: &Tangent,
+        columns: &[Vec<f64>],
+        residual: &[f64],
+        eta: &[f64],
+    ) -> (DMatrix<f64>, DVector<f64>) {
+        let (n, k) = (tangent.columns, columns.len());
+        let mut flat: Vec<f64> = columns.iter().flatten().copied().collect();
+        flat.extend_from_slice(residual);
+        let cross = tangent.cross(&flat, k + 1);
+        let mut normal = DMatrix::zeros(n + k, n + k);
+        let mut gradient = DVector::zeros(n + k);
+        normal.view_mut((0, 0), (n, n)).copy_from(&tangent.normal);
+        for j in 0..k {
+            for i in 0..n {
+                normal[(i, n + j)] = cross[(i, j)];
+                normal[(n + j, i)] = cross[(i, j)];
+            }
+            for i in 0..=j {
+                let product = dot(&columns[i], &columns[j]);
+                normal[(n + i, n + j)] = product;
+                normal[(n + j, n + i)] = product;
+            }
+            gradient[n + j] = dot(&columns[j], residual);
+        }
+        for i in 0..n {
+            gradient[i] = cross[(i, k)] - eta[i] / self.nuisance.std[i].powi(2);
+        }
+        (normal, gradient)
+    }
+}
+
+impl Tangent {
+    /// J' V for V of `count` columns.
+    pub fn cross(&self, v: &[f64], count: usize) -> DMatrix<f64> {
+        let mut product = DMatrix::zeros(self.columns, count);
+        if self.columns == 0 || count == 0 {
+            return product;
+        }
+        let j = MatRef::from_column_major_slice(&self.values, self.rows, self.columns);
+        let v = MatRef::from_column_major_slice(v, self.rows, count);
+        let to = MatMut::from_column_major_slice_mut(product.as_mut_slice(), self.columns, count);
+        matmul(to, Accum::Replace, j.transpose(), v, 1.0, Par::Seq);
+        product
+    }
+}
+
+/// How a step in a fit changes a parameter.
+#[derive(Debug, Clone, Copy)]
+enum Scale {
+    /// value + step * scale.
+    Linear(f64),
+    /// value * e^step.
+    Logarithm,
+}
+
+impl Scale {
+    fn moved(self, value: f64, step: f64) -> f64 {
+        match self {
+            Scale::Linear(scale) => value + step * scale,
+            // No step goes further than a factor e: a shape that far off says little about the slope there.
+            Scale::Logarithm => value * step.clamp(-1.0, 1.0).exp(),
+        }
+    }
+
+    fn slope(self, value: f64) -> f64 {
+        match self {
+            Scale::Linear(scale) => scale,
+            Scale::Logarithm => value,
+        }
+    }
+}
+
+fn solve_damped(normal: &DMatrix<f64>, gradient: &DVector<f64>, effects: usize, damping: f64) -> Option<DVector<f64>> {
+    let mut damped = normal.clone();
+    let n = normal.nrows();
+    for i in n - effects..n {
+        damped[(i, i)] = damped[(i, i)] * (1.0 + damping) + f64::MIN_POSITIVE;
+    }
+    let step = damped.cholesky()?.solve(gradient);
+    step.iter().all(|x| x.is_finite()).then_some(step)
+}
+
+/// The effects' block of the inverse, in the parameters' own units.
+fn effect_covariance(normal: &DMatrix<f64>, effects: usize, scales: &[Scale], placed: &[Placed]) -> DMatrix<f64> {
+    let n = normal.nrows();
+    let Some(inverse) = normal.clone().cholesky().map(|c| c.inverse()) else {
+        return DMatrix::from_diagonal_element(effects, effects, f64::INFINITY);
+    };
+    let values: Vec<f64> = placed.iter().flat_map(|p| p.parameters.iter().copied()).collect();
+    let slope: Vec<f64> = scales.iter().zip(&values).map(|(scale, value)| scale.slope(*value)).collect();
+    DMatrix::from_fn(effects, effects, |i, j| inverse[(n - effects + i, n - effects + j)] * slope[i] * slope[j])
+}
+
+/// Of all entries.
+pub fn sum_of_squares(x: &[f64]) -> f64 {
+    dot(x, x)
+}
+
+/// Of two vectors.
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}

@@ -1,0 +1,62 @@
+//! The bounded refit: the linear parameters within their prior, before any effect.
+
+use crate::plant::Plant;
+use crate::problem::{Problem, Tangent, sum_of_squares};
+use crate::simulate::Fineness;
+
+/// A linear model of the records.
+pub struct Refit {
+    /// Linear parameters.
+    pub eta: Vec<f64>,
+    /// The simulation with them.
+    pub plant: Plant,
+    /// Derivatives there.
+    pub tangent: Tangent,
+    /// Whitened residual.
+    pub residual: Vec<f64>,
+    /// Sum of squares of residual and eta / std.
+    pub cost: f64,
+}
+
+/// Gauss-Newton steps at most; the derivatives are renewed at each.
+const STEPS: usize = 5;
+
+/// Fits the linear parameters alone.
+pub fn refit(problem: &Problem) -> Refit {
+    let mut eta = vec![0.0; problem.nuisance.len()];
+    let mut plant = problem.plant.clone();
+    let mut residual = problem.residual(&plant, &eta, &[], Fineness::FINE);
+    let mut cost = sum_of_squares(&residual);
+    let mut tangent = problem.tangent(&plant);
+    for _ in 0..STEPS {
+        let cross = tangent.cross(&residual, 1);
+        let mut gradient: Vec<f64> = cross.as_slice().to_vec();
+        for ((g, x), std) in gradient.iter_mut().zip(&eta).zip(&problem.nuisance.std) {
+            *g -= x / (std * std);
+        }
+        let Some(factor) = tangent.normal.clone().cholesky() else { break };
+        let step = factor.solve(&nalgebra::DVector::from_vec(gradient));
+        let mut share = 1.0;
+        let mut gain = 0.0;
+        while share > 0.05 {
+            let trial: Vec<f64> = eta.iter().zip(step.iter()).map(|(x, dx)| x + share * dx).collect();
+            let trial_plant = problem.nuisance.apply(&problem.plant, &trial);
+            let trial_residual = problem.residual(&trial_plant, &trial, &[], Fineness::FINE);
+            let trial_cost = sum_of_squares(&trial_residual) + problem.penalty(&trial);
+            if trial_cost < cost {
+                gain = cost - trial_cost;
+                (eta, plant, residual, cost) = (trial, trial_plant, trial_residual, trial_cost);
+                break;
+            }
+            share *= 0.5;
+        }
+        if gain <= 0.0 {
+            break;
+        }
+        tangent = problem.tangent(&plant);
+        if gain < 1.0 {
+            break;
+        }
+    }
+    Refit { eta, plant, tangent, residual, cost }
+}

@@ -1,0 +1,122 @@
+//! The score screen: how much would each effect, at each place and for each of a few shapes, explain of what a bounded refit leaves?
+//!
+//! One run an entry: the difference that the effect makes to the simulation, whitened, with what the refit could absorb projected
+//! out under its prior (a generalised likelihood ratio). Effects that are linear in a size are given the best size.
+
+use nalgebra::{Cholesky, DMatrix, Dyn};
+use rayon::prelude::*;
+
+use crate::effects::{Effect, Library};
+use crate::plant::Plant;
+use crate::problem::{Placed, Problem, Tangent, dot, sum_of_squares};
+use crate::simulate::Fineness;
+
+/// An entry of the screen: an effect at a place with the shape that does best.
+#[derive(Clone)]
+pub struct Entry<'a> {
+    /// With the start for a fit.
+    pub placed: Placed<'a>,
+    /// By how much the sum of squares would fall.
+    pub gain: f64,
+    /// Share of the effect's own trace that a refit absorbs.
+    pub absorbed: f64,
+    /// What is left of the effect's trace, whitened and projected, at the best size: its energy.
+    pub energy: f64,
+}
+
+/// What the screen starts from: a fit so far.
+pub struct Base<'p, 'a> {
+    /// Records, simulation, noise.
+    pub problem: &'p Problem,
+    /// Derivatives of the linear parameters.
+    pub tangent: &'p Tangent,
+    /// The linear model.
+    pub plant: &'p Plant,
+    /// Its parameters.
+    pub eta: &'p [f64],
+    /// Effects that are in it already.
+    pub effects: &'p [Placed<'a>],
+    /// What it leaves.
+    pub residual: &'p [f64],
+}
+
+/// All entries, best first: of each effect at each place the best shape.
+pub fn screen<'a>(base: &Base<'_, 'a>, library: &'a Library, skip: impl Fn(&Placed) -> bool + Sync) -> Vec<Entry<'a>> {
+    let problem = base.problem;
+    let Some(factor) = base.tangent.normal.clone().cholesky() else { return Vec::new() };
+    let setting = &problem.setting;
+    let pairs: Vec<(&dyn Effect, _)> = library
+        .effects()
+        .flat_map(|effect| effect.places(setting).into_iter().map(move |place| (effect, place)))
+        .filter(|(effect, place)| {
+            let placed = Placed { effect: *effect, place: place.clone(), parameters: Vec::new() };
+            !skip(&placed)
+        })
+        .collect();
+    // As the runs make it, so that what a coarse run does differently cancels.
+    let now = problem.residual(base.plant, base.eta, base.effects, Fineness::COARSE);
+    let left = projected(base.tangent, &factor, base.residual);
+    let mut entries: Vec<Entry> = pairs
+        .par_iter()
+        .filter_map(|(effect, place)| {
+            let starts = effect.starts(setting, place);
+            let tried = starts.into_iter().filter_map(|start| {
+                let placed = Placed { effect: *effect, place: place.clone(), parameters: start };
+                entry(base, &factor, &now, &left, placed)
+            });
+            tried.max_by(|a, b| a.gain.total_cmp(&b.gain))
+        })
+        .collect();
+    entries.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    entries
+}
+
+/// r - J (J'J + prior)^{-1} J' r enters all sums of products: only J'r is needed.
+struct Projected {
+    /// J' r.
+    cross: DMatrix<f64>,
+    /// (J'J + prior)^{-1} J' r.
+    solved: DMatrix<f64>,
+}
+
+fn projected(tangent: &Tangent, factor: &Cholesky<f64, Dyn>, v: &[f64]) -> Projected {
+    let cross = tangent.cross(v, 1);
+    let solved = factor.solve(&cross);
+    Projected { cross, solved }
+}
+
+fn entry<'a>(
+    base: &Base<'_, 'a>,
+    factor: &Cholesky<f64, Dyn>,
+    now: &[f64],
+    left: &Projected,
+    mut placed: Placed<'a>,
+) -> Option<Entry<'a>> {
+    let mut effects = base.effects.to_vec();
+    effects.push(placed.clone());
+    let with = base.problem.residual(base.plant, base.eta, &effects, Fineness::COARSE);
+    // What the effect adds to the outputs.
+    let trace: Vec<f64> = now.iter().zip(&with).map(|(a, b)| a - b).collect();
+    let whole = sum_of_squares(&trace);
+    if !(whole.is_finite() && whole > 0.0) {
+        return None;
+    }
+    let own = projected(base.tangent, factor, &trace);
+    let energy = whole - own.cross.dot(&own.solved);
+    let product = dot(&trace, base.residual) - own.cross.dot(&left.solved);
+    let absorbed = 1.0 - energy / whole;
+    let (gain, energy) = match placed.effect.amplitude() {
+        Some((index, neutral)) => {
+            let size = product / energy.max(1e-12 * whole);
+            let positive = placed.effect.parameters(&base.problem.setting)[index].range == crate::effects::Range::Positive;
+            if positive && !(size > 0.0) {
+                return None;
+            }
+            let parameter = &mut placed.parameters[index];
+            *parameter = neutral + size * (*parameter - neutral);
+            (size * product, size * size * energy)
+        }
+        None => (2.0 * product - energy, energy),
+    };
+    gain.is_finite().then_some(Entry { placed, gain, absorbed, energy })
+}

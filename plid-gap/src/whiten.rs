@@ -1,0 +1,94 @@
+//! Residuals in units of their noise: y(f) -> L(f)^{-1} y(f) with S(f) = L(f) L(f)^H, one record at a time.
+//!
+//! The sum of squares of what comes out is minus twice the log likelihood, so that it can be compared between explanations.
+
+use nalgebra::DMatrix;
+
+use crate::noise::NoiseModel;
+use crate::plant::C;
+use crate::record::Record;
+use crate::transform;
+
+/// The whitening of one record.
+#[derive(Debug, Clone)]
+pub struct Whitener {
+    /// Samples used: the last few are left out where the transform would be slow.
+    pub length: usize,
+    /// Samples of each channel that say nothing (dropouts): p lists of indices.
+    pub masked: Vec<Vec<usize>>,
+    p: usize,
+    /// Lower triangles of L^{-1}, of each bin, row by row.
+    factors: Vec<C>,
+}
+
+impl Whitener {
+    /// For a record under a noise model.
+    pub fn new(record: &Record, noise: &NoiseModel, rate: f64, masked: Vec<Vec<usize>>) -> Self {
+        let length = transform::good_length_below(record.samples());
+        let p = record.y.len();
+        let mut factors = Vec::new();
+        for k in 0..=length / 2 {
+            let mut density = noise.density(k as f64 * rate / length as f64);
+            let floor = 1e-12 * density.trace().re / p as f64;
+            (0..p).for_each(|i| density[(i, i)] += C::from(floor));
+            let lower = density.cholesky().map_or_else(|| DMatrix::identity(p, p), |c| c.l());
+            let inverse = lower.try_inverse().unwrap_or_else(|| DMatrix::identity(p, p));
+            for i in 0..p {
+                factors.extend((0..=i).map(|j| inverse[(i, j)]));
+            }
+        }
+        Self { length, masked, p, factors }
+    }
+
+    /// Number of values that [`Whitener::apply`] gives.
+    pub fn rows(&self) -> usize {
+        self.p * self.length
+    }
+
+    /// Whitened bins of p channels into `to`: all channels of a bin beside each other, by rising frequency.
+    pub fn apply(&self, y: &[Vec<f64>], to: &mut [f64]) {
+        let scale = 1.0 / (self.length as f64).sqrt();
+        let bins: Vec<Vec<C>> = (0..self.p).map(|o| self.bins(&y[o], o)).collect();
+        let mut at = 0;
+        let each = self.p * (self.p + 1) / 2;
+        for k in 0..=self.length / 2 {
+            let edge = k == 0 || 2 * k == self.length;
+            let weight = if edge { scale } else { scale * std::f64::consts::SQRT_2 };
+            let factors = &self.factors[k * each..(k + 1) * each];
+            let mut next = 0;
+            for i in 0..self.p {
+                let mut sum = C::ZERO;
+                for bins in &bins[..=i] {
+                    sum += factors[next] * bins[k];
+                    next += 1;
+                }
+                to[at] = sum.re * weight;
+                at += 1;
+                if !edge {
+                    to[at] = sum.im * weight;
+                    at += 1;
+                }
+            }
+        }
+    }
+
+    fn bins(&self, y: &[f64], channel: usize) -> Vec<C> {
+        let mut y = y[..self.length].to_vec();
+        for &k in self.masked[channel].iter().filter(|&&k| k < self.length) {
+            y[k] = 0.0;
+        }
+        transform::forward(&y)
+    }
+
+    /// The bin (0 to length / 2) and the whitened channel of each row.
+    pub fn bin_of(&self, row: usize) -> (usize, usize) {
+        if row < self.p {
+            return (0, row);
+        }
+        let within = row - self.p;
+        let bin = 1 + within / (2 * self.p);
+        let last = self.length % 2 == 0 && bin == self.length / 2;
+        let rest = within - (bin - 1) * 2 * self.p;
+        (bin, if last { rest } else { rest / 2 })
+    }
+}
