@@ -44,6 +44,8 @@ pub use plid_catalogue as catalogue;
 #[doc(inline)]
 pub use plid_core::*;
 #[doc(inline)]
+pub use plid_gap as gap;
+#[doc(inline)]
 pub use plid_lab as lab;
 #[doc(inline)]
 pub use plid_model as model;

@@ -1,11 +1,18 @@
 //! Where a simulation disagrees with its records, which unmodelled effect causes it, and how far the gap shrinks once it is added.
 
 pub mod case;
+pub mod codes;
+pub mod diagnose;
+pub mod diagnosis;
 pub mod effects;
 pub mod error;
+pub mod gap;
+pub mod locate;
+pub mod missing;
 pub mod noise;
 pub mod nuisance;
 pub mod plant;
+pub mod predict;
 pub mod prepare;
 pub mod problem;
 pub mod refit;
@@ -14,8 +21,15 @@ pub mod screen;
 pub mod simulate;
 #[cfg(test)]
 mod testing;
+pub mod stepwise;
+pub mod thresholds;
 pub mod tones;
 pub mod transform;
+pub mod unseen;
+pub mod verdict;
 pub mod whiten;
+mod write;
 
+pub use diagnose::{Evidence, Outcome, diagnose};
 pub use error::GapError;
+pub use write::write;

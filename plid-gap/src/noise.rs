@@ -13,6 +13,9 @@ use crate::transform;
 /// Bins whose power exceeds the model's by this factor (chance e^-16) hold a line and no noise.
 const LINE: f64 = 16.0;
 
+/// A sensor has at least this share of its declared variance.
+const QUIETEST: f64 = 0.25;
+
 /// Rounds of the fixed-point iteration.
 const ROUNDS: usize = 60;
 
@@ -65,6 +68,10 @@ pub enum Source {
     Actuator(usize),
     /// A white force on one mode.
     Mode(usize),
+    /// White forces on all modes, as large on each as the ports' shapes are.
+    Ambient,
+    /// A force at a port in a band: port, centre in Hz, relative width.
+    Band(usize, f64, f64),
 }
 
 /// A fitted noise model.
@@ -91,21 +98,33 @@ impl NoiseModel {
 
     /// Fits sensors and modal forces to stretches; the actuators' noise stays as declared.
     pub fn fit(&self, stretches: &[Stretch]) -> Self {
+        let modes: Vec<Source> = (0..self.plant.modes.len()).map(Source::Mode).collect();
+        self.fit_with(stretches, &modes, ROUNDS)
+    }
+
+    /// Fits sensors and these sources.
+    pub fn fit_with(&self, stretches: &[Stretch], more: &[Source], rounds: usize) -> Self {
         let mut model = self.clone();
         let level = self.sensor_variance();
-        for k in 0..self.plant.modes.len() {
-            // A start that shows at the mode's peak by as much as the sensors.
-            let peak = self.column(Source::Mode(k), self.plant.modes[k].pole.im / TAU);
-            let power = peak.norm_squared();
-            if power > 0.0 {
-                model.sources.push((Source::Mode(k), level / power));
+        for &source in more {
+            // A start that shows at its peak by as much as the sensors.
+            let power = |hz: f64| self.columns(source, hz).iter().map(|h| h.norm_squared()).sum::<f64>();
+            let peak = self.plant.modes.iter().map(|mode| power(mode.pole.im / TAU)).fold(0.0, f64::max);
+            if peak > 0.0 {
+                model.sources.push((source, level / peak));
             }
         }
         let rows: Vec<Row> = stretches.iter().flat_map(|s| model.rows(s)).collect();
         let mut theta: Vec<f64> = model.sources.iter().map(|(_, theta)| *theta).collect();
         let fixed: Vec<bool> = model.sources.iter().map(|(s, _)| matches!(s, Source::Actuator(_))).collect();
+        // A channel that is constant in a quiet record is coarse, not free of noise.
+        let least: Vec<f64> = model
+            .sources
+            .iter()
+            .map(|(source, theta)| if matches!(source, Source::Sensor(_)) { QUIETEST * theta } else { 1e-9 * theta })
+            .collect();
         let mut used = vec![true; rows.len()];
-        for round in 0..ROUNDS {
+        for round in 0..rounds {
             let (mut up, mut down) = (vec![0.0; theta.len()], vec![0.0; theta.len()]);
             for (row, used) in rows.iter().zip(&mut used) {
                 let Some(inverse) = row.covariance(&theta).try_inverse() else { continue };
@@ -115,15 +134,17 @@ impl NoiseModel {
                 if !*used {
                     continue;
                 }
-                for (j, h) in row.columns.iter().enumerate() {
-                    up[j] += h.dotc(&seen).norm_sqr();
-                    down[j] += h.dotc(&(&inverse * h)).re;
+                for (j, columns) in row.columns.iter().enumerate() {
+                    for h in columns {
+                        up[j] += h.dotc(&seen).norm_sqr();
+                        down[j] += h.dotc(&(&inverse * h)).re;
+                    }
                 }
             }
             for j in 0..theta.len() {
                 if !fixed[j] && down[j] > 0.0 {
                     theta[j] *= (up[j] / down[j]).sqrt().clamp(0.2, 5.0);
-                    theta[j] = theta[j].max(1e-8 * level.min(theta[j].max(1e-300)));
+                    theta[j] = theta[j].max(least[j]);
                 }
             }
         }
@@ -155,30 +176,44 @@ impl NoiseModel {
         (2..stretch.bins[0].len() - 1)
             .map(|k| {
                 let hz = stretch.hz(k, self.plant.rate);
-                let columns = self.sources.iter().map(|(source, _)| self.column(*source, hz)).collect();
+                let columns = self.sources.iter().map(|(source, _)| self.columns(*source, hz)).collect();
                 let data = DVector::from_iterator(stretch.bins.len(), stretch.bins.iter().map(|bins| bins[k]));
                 Row { columns, data }
             })
             .collect()
     }
 
-    /// What a unit of a source gives at the outputs, at a frequency.
-    fn column(&self, source: Source, hz: f64) -> DVector<C> {
+    /// What a unit of a source gives at the outputs, at a frequency: one column for each independent part.
+    fn columns(&self, source: Source, hz: f64) -> Vec<DVector<C>> {
         let plant = &self.plant;
-        let z = C::cis(TAU * hz / plant.rate);
         match source {
-            Source::Sensor(o) => DVector::from_fn(plant.p, |i, _| if i == o { C::ONE } else { C::ZERO }),
-            Source::Actuator(i) => plant.response(hz).column(i).into_owned(),
-            Source::Mode(k) => {
-                let mode = &plant.modes[k];
-                let turn = (mode.pole / plant.rate).exp();
-                let phase = C::cis(mode.b.iter().map(|b| b * b).sum::<C>().arg() / 2.0);
-                DVector::from_fn(plant.p, |o, _| {
-                    let residue = mode.c[o] * phase;
-                    residue / (z - turn) + residue.conj() / (z - turn.conj())
-                })
+            Source::Sensor(o) => vec![DVector::from_fn(plant.p, |i, _| if i == o { C::ONE } else { C::ZERO })],
+            Source::Actuator(i) => vec![plant.response(hz).column(i).into_owned()],
+            Source::Mode(k) => vec![self.modal(k, hz)],
+            Source::Ambient => (0..plant.modes.len()).map(|k| self.modal(k, hz)).collect(),
+            Source::Band(port, centre, width) => {
+                // A second-order band-pass of this width.
+                let ratio = hz / centre - centre / hz.max(1e-9);
+                let gain = 1.0 / (1.0 + (ratio / width).powi(2)).sqrt();
+                vec![plant.port_response(port, hz) * C::from(gain)]
             }
         }
+    }
+
+    /// A unit white force, held over samples, on one mode: of the size of the ports' shapes there.
+    fn modal(&self, k: usize, hz: f64) -> DVector<C> {
+        let plant = &self.plant;
+        let z = C::cis(TAU * hz / plant.rate);
+        let mode = &plant.modes[k];
+        let turn = (mode.pole / plant.rate).exp();
+        let force: Vec<C> = plant.ports.iter().map(|port| port.force[k]).collect();
+        let size = force.iter().map(|g| g.norm_sqr()).sum::<f64>().sqrt();
+        let phase = C::cis(force.iter().map(|g| g * g).sum::<C>().arg() / 2.0);
+        let held = (turn - 1.0) / mode.pole * size * phase;
+        DVector::from_fn(plant.p, |o, _| {
+            let residue = mode.c[o] * held;
+            residue / (z - turn) + residue.conj() / (z - turn.conj())
+        })
     }
 
     /// The spectral density at a frequency (p x p).
@@ -186,8 +221,9 @@ impl NoiseModel {
         let p = self.plant.p;
         let mut sum = DMatrix::zeros(p, p);
         for (source, theta) in &self.sources {
-            let h = self.column(*source, hz);
-            sum += (&h * h.adjoint()) * C::from(*theta);
+            for h in self.columns(*source, hz) {
+                sum += (&h * h.adjoint()) * C::from(*theta);
+            }
         }
         sum
     }
@@ -205,7 +241,8 @@ impl NoiseModel {
 }
 
 struct Row {
-    columns: Vec<DVector<C>>,
+    /// Of each source.
+    columns: Vec<Vec<DVector<C>>>,
     data: DVector<C>,
 }
 
@@ -213,7 +250,7 @@ impl Row {
     fn covariance(&self, theta: &[f64]) -> DMatrix<C> {
         let p = self.data.len();
         let mut sum = DMatrix::zeros(p, p);
-        for (h, &theta) in self.columns.iter().zip(theta) {
+        for (h, &theta) in self.columns.iter().zip(theta).flat_map(|(hs, theta)| hs.iter().map(move |h| (h, theta))) {
             for j in 0..p {
                 for i in 0..p {
                     sum[(i, j)] += h[i] * h[j].conj() * theta;

@@ -127,7 +127,7 @@ impl Nuisance {
         let mut y = vec![vec![0.0; samples]; self.p];
         let step = 1.0 / plant.rate;
         let through = Through::new(plant, record);
-        for (k, mode) in plant.modes.iter().enumerate() {
+        for (k, mode) in plant.modes.iter().take(self.modes).enumerate() {
             let turn = (mode.pole * step).exp();
             let held = (turn - 1.0) / mode.pole;
             let held_slope = (turn * step - held) / mode.pole;
@@ -197,7 +197,7 @@ impl Nuisance {
             }
         }
         let Some(at) = self.starts[index] else { return };
-        for (k, mode) in plant.modes.iter().enumerate() {
+        for (k, mode) in plant.modes.iter().take(self.modes).enumerate() {
             let turn = (mode.pole * step).exp();
             for (part, start) in [C::ONE, C::I].into_iter().enumerate() {
                 let mut z = start * self.sizes[k];

@@ -1,7 +1,9 @@
 //! From a case to a problem: which records are fitted, what the noise is, what effects may know.
 
+use crate::codes::{self, Codes};
 use crate::effects::{Names, Setting};
 use crate::error::GapError;
+use crate::missing;
 use crate::noise::{NoiseModel, Stretch};
 use crate::nuisance::{Limits, Nuisance};
 use crate::plant::Plant;
@@ -29,6 +31,10 @@ pub struct Prepared {
     pub held_out: Vec<Record>,
     /// Of the records.
     pub noise: NoiseModel,
+    /// As the simulation declares it.
+    pub declared: NoiseModel,
+    /// What raw values show, of each output.
+    pub codes: Vec<Codes>,
     /// As the simulation declares it: of sensors (p).
     pub declared_sensor: Vec<f64>,
     /// Spectra of what no command explains.
@@ -47,16 +53,21 @@ pub fn prepare(model: &Model, records: &[Record], limits: &Limits) -> Result<Pre
     });
     let declared_actuator = model.noise.actuator_std.clone().unwrap_or_else(|| vec![0.0; plant.m]);
     let declared = NoiseModel::declared(&plant, &declared_sensor, &declared_actuator);
-    let quiet = quiet_stretches(&plant, &fitted);
-    let noise = if quiet.is_empty() { declared } else { declared.fit(&quiet) };
+    let codes = codes::codes(&fitted, &declared_sensor);
+    let setting = setting(&plant, model, &fitted);
+    let quiet = quiet_stretches(&plant, &fitted, &setting.tones);
+    let noise = if quiet.is_empty() { declared.clone() } else { declared.fit(&quiet) };
     let whiteners = fitted
         .iter()
-        .map(|record| Whitener::new(record, &noise, plant.rate, vec![Vec::new(); plant.p]))
+        .enumerate()
+        .map(|(k, record)| {
+            let masked = codes.iter().map(|codes| codes.repeats[k].clone()).collect();
+            Whitener::new(record, &noise, plant.rate, masked)
+        })
         .collect();
     let nuisance = Nuisance::new(&plant, &fitted, limits);
-    let setting = setting(&plant, model, &fitted);
     let problem = Problem { plant, records: fitted, whiteners, nuisance, setting };
-    Ok(Prepared { problem, held_out, noise, declared_sensor, quiet })
+    Ok(Prepared { problem, held_out, declared, noise, declared_sensor, quiet, codes })
 }
 
 /// Those to fit and those held out: as the case says, or the last record that is driven, if another one remains.
@@ -76,16 +87,15 @@ fn split(records: &[Record]) -> (Vec<Record>, Vec<Record>) {
 }
 
 /// What no command explains: records without input, and otherwise the differences between periods.
-fn quiet_stretches(plant: &Plant, records: &[Record]) -> Vec<Stretch> {
+fn quiet_stretches(plant: &Plant, records: &[Record], tones: &[tones::Tone]) -> Vec<Stretch> {
     let silent: Vec<Stretch> = records
         .iter()
         .filter(|record| record.excitation == Excitation::Zero && record.samples() >= SHORTEST_QUIET)
-        .map(|record| Stretch::new(&record.y))
+        .map(|record| Stretch::new(&tones::without(&record.y, plant.rate, tones)))
         .collect();
     if !silent.is_empty() {
         return silent;
     }
-    let _ = plant;
     let half = std::f64::consts::FRAC_1_SQRT_2;
     let mut stretches = Vec::new();
     for record in records {
@@ -158,6 +168,13 @@ fn setting(plant: &Plant, model: &Model, records: &[Record]) -> Setting {
             record.y.iter().zip(&y).map(error).collect()
         })
         .collect();
+    let driven: Vec<(&[Vec<f64>], &[Vec<f64>])> = records
+        .iter()
+        .zip(&errors)
+        .filter(|(record, _)| record.excitation == Excitation::Random)
+        .map(|(record, error)| (record.u.as_slice(), error.as_slice()))
+        .collect();
+    setting.missing = missing::missing_modes(plant, &driven);
     // Where a record without input is, lines stand out in it alone.
     let quiet: Vec<usize> = (0..records.len()).filter(|&k| records[k].excitation == Excitation::Zero).collect();
     let chosen: Vec<usize> = if quiet.is_empty() { (0..records.len()).collect() } else { quiet };

@@ -70,6 +70,9 @@ impl Fit<'_> {
     }
 }
 
+/// Steps after which derivatives are taken anew where effects move modes.
+const RENEWED: usize = 3;
+
 /// How far a fit goes.
 #[derive(Debug, Clone, Copy)]
 pub struct Effort {
@@ -174,7 +177,15 @@ impl Problem {
         let mut converged = false;
         let mut covariance = DMatrix::zeros(0, 0);
         let scales = self.scales(&effects);
-        for _ in 0..effort.steps {
+        let mut own: Option<Tangent> = None;
+        for step in 0..effort.steps {
+            // Effects that move modes move what the modes' parameters do.
+            if step % RENEWED == 0
+                && let Some(changed) = self.changed(&plant, &effects)
+            {
+                own = Some(self.tangent(&changed));
+            }
+            let tangent = own.as_ref().unwrap_or(tangent);
             let columns = self.effect_columns(&plant, &eta, &effects, &residual, &scales, effort.fineness);
             let (normal, gradient) = self.normal(tangent, &columns, &residual, &eta);
             covariance = effect_covariance(&normal, columns.len(), &scales, &effects);
@@ -207,6 +218,17 @@ impl Problem {
             }
         }
         Fit { eta, effects, residual, cost, covariance, converged }
+    }
+
+    /// The plant with effects that change it, if there are any.
+    fn changed(&self, plant: &Plant, effects: &[Placed]) -> Option<Plant> {
+        let mut changed = None;
+        for action in self.actions(effects) {
+            if let Action::Plant(change) = action {
+                change(changed.get_or_insert_with(|| plant.clone()));
+            }
+        }
+        changed
     }
 
     /// How each effect parameter is stepped.

@@ -60,3 +60,25 @@ pub fn refit(problem: &Problem) -> Refit {
     }
     Refit { eta, plant, tangent, residual, cost }
 }
+
+/// Parts of a refit that lie further out than this many standard deviations are no nuisance, but the trace of an effect.
+const FAR: f64 = 2.5;
+
+impl Refit {
+    /// The same without what lies far outside the prior: where a search for effects starts.
+    pub fn clipped(&self, problem: &Problem) -> Option<Refit> {
+        let eta = clipped(problem, &self.eta)?;
+        let plant = problem.nuisance.apply(&problem.plant, &eta);
+        let residual = problem.residual(&plant, &eta, &[], Fineness::FINE);
+        let cost = sum_of_squares(&residual) + problem.penalty(&eta);
+        let tangent = problem.tangent(&plant);
+        Some(Refit { eta, plant, tangent, residual, cost })
+    }
+}
+
+/// Linear parameters brought back to the prior's bounds; none if all are within.
+pub fn clipped(problem: &Problem, eta: &[f64]) -> Option<Vec<f64>> {
+    let bound = |(x, std): (&f64, &f64)| x.clamp(-FAR * std, FAR * std);
+    let all: Vec<f64> = eta.iter().zip(&problem.nuisance.std).map(bound).collect();
+    (all != eta).then_some(all)
+}

@@ -96,3 +96,29 @@ fn line(x: &[f64], start_s: f64, rate: f64, hz: f64) -> C {
     }
     sum
 }
+
+/// Channels without these lines (and their third harmonics): sines and cosines by least squares over the stretch.
+pub fn without(y: &[Vec<f64>], rate: f64, tones: &[Tone]) -> Vec<Vec<f64>> {
+    let lines: Vec<f64> =
+        tones.iter().flat_map(|tone| [tone.hz, 3.0 * tone.hz]).filter(|hz| *hz < 0.5 * rate).collect();
+    if lines.is_empty() {
+        return y.to_vec();
+    }
+    let samples = y[0].len();
+    let columns = 2 * lines.len() + 1;
+    let basis = nalgebra::DMatrix::from_fn(samples, columns, |k, j| {
+        if j == columns - 1 {
+            return 1.0;
+        }
+        let phase = TAU * lines[j / 2] * k as f64 / rate;
+        if j % 2 == 0 { phase.cos() } else { phase.sin() }
+    });
+    let Some(factor) = basis.tr_mul(&basis).cholesky() else { return y.to_vec() };
+    y.iter()
+        .map(|y| {
+            let y = nalgebra::DVector::from_column_slice(y);
+            let left = &y - &basis * factor.solve(&basis.tr_mul(&y));
+            left.as_slice().to_vec()
+        })
+        .collect()
+}

@@ -3,6 +3,7 @@
 mod bench;
 mod directory;
 mod failure;
+mod gap;
 mod identify;
 mod merge;
 mod progress;
@@ -47,6 +48,7 @@ enum Command {
     Validate(validate::Arguments),
     Bench(bench::Arguments),
     Reproduce(reproduce::Arguments),
+    Gap(gap::Arguments),
 }
 
 /// Runs the command that the arguments name.
@@ -62,6 +64,7 @@ pub fn main() -> ExitCode {
         Command::Validate(arguments) => validate::execute(arguments, voice),
         Command::Bench(arguments) => bench::execute(arguments, voice),
         Command::Reproduce(arguments) => reproduce::execute(arguments, voice),
+        Command::Gap(arguments) => gap::execute(arguments, voice),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -26,7 +26,7 @@ impl Effect for ActuatorSlewLimit {
 
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
         let Place::Input(i) = *place else { return Vec::new() };
-        [0.3, 0.8, 2.0].map(|share| vec![share * setting.u_slope[i]]).to_vec()
+        [0.4, 0.8, 1.3, 2.0, 3.0].map(|share| vec![share * setting.u_slope[i]]).to_vec()
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

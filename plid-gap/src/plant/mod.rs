@@ -454,6 +454,32 @@ impl Plant {
 }
 
 impl Plant {
+    /// The response (p) to a force at a port, held over samples, at a frequency.
+    pub fn port_response(&self, port: usize, hz: f64) -> DVector<C> {
+        let z = C::cis(std::f64::consts::TAU * hz / self.rate);
+        let port = &self.ports[port];
+        let mut sum = DVector::from_fn(self.p, |o, _| C::from(port.output.get(o).copied().unwrap_or(0.0)));
+        for (mode, force) in self.modes.iter().zip(&port.force) {
+            let turn = (mode.pole / self.rate).exp();
+            let held = (turn - 1.0) / mode.pole * force;
+            for o in 0..self.p {
+                let residue = mode.c[o] * held;
+                sum[o] += residue / (z - turn) + residue.conj() / (z - turn.conj());
+            }
+        }
+        let Some((a, _)) = &self.rest.continuous else { return sum };
+        let r = a.nrows();
+        let s = C::new(0.0, std::f64::consts::TAU * hz);
+        let shifted = DMatrix::from_diagonal_element(r, r, s) - a.map(C::from);
+        if let Some(x) = shifted.lu().solve(&port.force_rest.map(C::from)) {
+            // The hold's own response: sinc and half a sample's delay.
+            let half = std::f64::consts::PI * hz / self.rate;
+            let hold = if half > 0.0 { C::cis(-half) * (half.sin() / half) } else { C::ONE };
+            sum += self.rest.c.map(C::from) * x * hold;
+        }
+        sum
+    }
+
     /// The response p x m at a frequency, for held inputs.
     pub fn response(&self, hz: f64) -> DMatrix<C> {
         let z = C::cis(std::f64::consts::TAU * hz / self.rate);

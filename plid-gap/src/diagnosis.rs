@@ -1,0 +1,162 @@
+//! diagnosis.json and sim-with-effect.json.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::effects::Side;
+use crate::verdict::Verdict;
+
+/// A parameter's value with its 95 % interval.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Value {
+    /// The estimate.
+    pub value: f64,
+    /// Its interval, where the fit gives one.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub ci95: Option<[f64; 2]>,
+    /// In the channels' and ports' own units.
+    pub unit: String,
+}
+
+/// An effect of the answer.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NamedEffect {
+    /// Its identifier.
+    pub effect: String,
+    /// Where.
+    pub location: String,
+    /// Probability that it is at work there.
+    pub confidence: f64,
+    /// By name.
+    pub parameters: BTreeMap<String, Value>,
+    /// The same place but a shape near this one.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub shape_differs: bool,
+}
+
+/// An effect at a place.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Located {
+    /// Its identifier.
+    pub effect: String,
+    /// Where.
+    pub location: String,
+}
+
+/// An explanation that the data leave open.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Explanation {
+    /// Empty for nothing or for something else.
+    pub effects: Vec<Located>,
+    /// Something outside the vocabulary.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub unknown: bool,
+    /// All add up to one.
+    pub probability: f64,
+    /// Expected gap with it, where it is a fit.
+    pub gap_after: Option<f64>,
+}
+
+/// Where the gap lies.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Where {
+    /// Side of the chain.
+    pub side: Side,
+    /// Share of the squared gap of each output.
+    pub channels: BTreeMap<String, f64>,
+    /// From, to (Hz), share: the bands that hold most of it.
+    pub bands_hz: Vec<[f64; 3]>,
+    /// Share of the squared gap of each of eight stretches of time.
+    pub time: Vec<f64>,
+    /// Slope of log relative gap against log level, where levels differ.
+    pub level_slope: Option<f64>,
+}
+
+/// How far the gap goes down.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Gap {
+    /// Of the simulation as given.
+    pub as_given: f64,
+    /// After the bounded refit.
+    pub refit: f64,
+    /// After a linear refit without bounds.
+    pub free_refit: f64,
+    /// After the refit with the effects.
+    pub with_effect: f64,
+    /// What noise alone makes.
+    pub noise_floor: f64,
+    /// 1 - with_effect / as_given, both beyond the floor.
+    pub shrink: f64,
+    /// Its 95 % interval.
+    pub shrink_ci95: [f64; 2],
+    /// The same over the bounded refit.
+    pub shrink_over_refit: f64,
+    /// Of a wrong effect with as many parameters.
+    pub placebo_shrink: f64,
+    /// Share of what a flexible model closes that the effects close.
+    pub share_of_ceiling: f64,
+    /// Stated before any held-out record was opened.
+    pub predicted_held_out_gap: f64,
+    /// Where these were measured: the held-out records, or the fitted ones where nothing could be held out.
+    pub measured_on: Vec<String>,
+}
+
+/// The answer.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Diagnosis {
+    /// In a word.
+    pub verdict: Verdict,
+    /// In a sentence.
+    pub sentence: String,
+    /// Largest share of the gap first.
+    pub effects: Vec<NamedEffect>,
+    /// Most probable first.
+    pub candidates: Vec<Explanation>,
+    /// Causes that these records cannot part.
+    pub not_separable: Vec<Vec<String>>,
+    /// Where.
+    #[serde(rename = "where")]
+    pub place: Where,
+    /// How far.
+    pub gap: Gap,
+    /// What would part what is left.
+    pub next_experiment: Option<String>,
+    /// The evidence in words.
+    pub evidence: Vec<String>,
+    /// What was noticed.
+    pub warnings: Vec<String>,
+}
+
+/// An effect as another program can use it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct WrittenEffect {
+    /// Its identifier.
+    pub effect: String,
+    /// Where.
+    pub location: String,
+    /// By name.
+    pub parameters: BTreeMap<String, Value>,
+    /// What it does.
+    pub equation: String,
+}
+
+/// sim-with-effect.json: all that a prediction uses.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SimulationWithEffects {
+    /// "simulation-with-effects".
+    pub format: String,
+    /// A model.json object after the bounded refit.
+    pub linear: serde_json::Value,
+    /// The same with the effects that change the linear model itself (modal effects): simulate this one where there is any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub linear_with_modal_effects: Option<serde_json::Value>,
+    /// What was changed, in words and figures.
+    pub refit: Vec<String>,
+    /// In the order of the chain.
+    pub effects: Vec<WrittenEffect>,
+    /// End of the last record, in s since the first began.
+    pub t0: f64,
+    /// Gap that noise alone makes, in V, of each output.
+    pub noise_rms: Vec<f64>,
+}

@@ -1,0 +1,216 @@
+//! One effect after the other: screen, fit of the best few, acceptance; then each effect is questioned again beside the others.
+
+use rayon::prelude::*;
+
+use crate::effects::{Library, Place};
+use crate::problem::{Effort, Fit, Placed, Problem, Tangent};
+use crate::refit::{Refit, clipped};
+use crate::screen::{Base, Entry, screen};
+use crate::simulate::Fineness;
+use crate::thresholds::{ACCEPT, FITTED, FURTHER_SHARE, MOST_EFFECTS};
+
+/// An explanation that was fitted, with its price.
+#[derive(Clone)]
+pub struct Candidate<'a> {
+    /// Effects with parameters.
+    pub effects: Vec<Placed<'a>>,
+    /// Sum of squares, with the linear parameters' penalty.
+    pub cost: f64,
+    /// The cost with the price of parameters and of choosing among the library.
+    pub priced: f64,
+}
+
+/// What the search found.
+pub struct Search<'a> {
+    /// The best explanation, fitted finely; without effects the refit itself.
+    pub best: Fit<'a>,
+    /// All explanations that were fitted, best first, "nothing" among them.
+    pub candidates: Vec<Candidate<'a>>,
+    /// The screen of each stage.
+    pub stages: Vec<Vec<Entry<'a>>>,
+    /// Derivatives at the best linear model.
+    pub tangent: Tangent,
+}
+
+/// Fits in the search.
+const QUICK: Effort = Effort { steps: 8, gain: 1.0, fineness: Fineness::COARSE };
+
+/// Fits of what was found.
+const FINE: Effort = Effort { steps: 12, gain: 0.1, fineness: Fineness::FINE };
+
+/// Searches for up to [`MOST_EFFECTS`] effects. `allowed` says what may be named where; `bonus` what the engineer suspects
+/// (subtracted from the price); `say` is told what is going on.
+pub fn search<'a>(
+    problem: &Problem,
+    refit: &Refit,
+    library: &'a Library,
+    allowed: &(dyn Fn(&Placed) -> bool + Sync),
+    bonus: &(dyn Fn(&Placed) -> f64 + Sync),
+    say: &mut dyn FnMut(String),
+) -> Search<'a> {
+    let price = Price { rows: problem.rows() as f64, bonus };
+    let noise = problem.rows() as f64;
+    let mut best = Fit {
+        eta: refit.eta.clone(),
+        effects: Vec::new(),
+        residual: refit.residual.clone(),
+        cost: refit.cost,
+        covariance: nalgebra::DMatrix::zeros(0, 0),
+        converged: true,
+    };
+    let mut candidates = vec![Candidate { effects: Vec::new(), cost: refit.cost, priced: refit.cost }];
+    let mut stages = Vec::new();
+    let mut tangent = None;
+    for stage in 0..MOST_EFFECTS {
+        let from = Start::new(problem, &best);
+        let base = from.base(problem, &best.effects);
+        // What is there already is not looked for a second time.
+        let there = |placed: &Placed| best.effects.iter().any(|other| same(other, placed)) || !allowed(placed);
+        let entries = screen(&base, library, there);
+        let fits = fit_all(problem, &from, &best.effects, &entries);
+        say(format!("stage {}: {} entries, {} fits", stage + 1, entries.len(), fits.len()));
+        stages.push(entries);
+        for fit in &fits {
+            candidates.push(price.candidate(fit));
+        }
+        let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else {
+            tangent = Some(from.tangent);
+            break;
+        };
+        let gain = price.of(&best) - price.of(&top);
+        let share = (best.cost - top.cost) / (best.cost - noise).max(1.0);
+        let accepted = gain > ACCEPT && (stage == 0 || share > FURTHER_SHARE);
+        if !accepted {
+            tangent = Some(from.tangent);
+            break;
+        }
+        best = polish(problem, top);
+        if best.effects.len() > 1 {
+            best = question(problem, best, library, allowed, &price, &mut candidates);
+        }
+    }
+    // The best with something beside it that was not accepted is no other explanation.
+    let beyond = |c: &Candidate| {
+        c.effects.len() > best.effects.len() && best.effects.iter().all(|b| c.effects.iter().any(|e| same(e, b)))
+    };
+    candidates.retain(|c| best.effects.is_empty() || !beyond(c));
+    candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
+    let tangent = tangent.unwrap_or_else(|| problem.tangent(&problem.nuisance.apply(&problem.plant, &best.eta)));
+    Search { best, candidates, stages, tangent }
+}
+
+/// Whether two name the same effect at the same place.
+pub fn same(a: &Placed, b: &Placed) -> bool {
+    a.effect.name() == b.effect.name() && near(&a.place, &b.place)
+}
+
+fn near(a: &Place, b: &Place) -> bool {
+    let close = |x: f64, y: f64| (x / y - 1.0).abs() < 0.02;
+    match (a, b) {
+        (Place::MissingMode(x), Place::MissingMode(y)) => close(*x, *y),
+        (Place::Frequency(x, _), Place::Frequency(y, _)) => close(*x, *y),
+        _ => a == b,
+    }
+}
+
+/// What parameters and choices cost.
+struct Price<'p> {
+    rows: f64,
+    bonus: &'p (dyn Fn(&Placed) -> f64 + Sync),
+}
+
+/// Twice the logarithm of the number of entries of the library: each is as likely as another before the data are seen.
+const CHOICE: f64 = 9.0;
+
+impl Price<'_> {
+    fn of(&self, fit: &Fit) -> f64 {
+        let bonus: f64 = fit.effects.iter().map(self.bonus).sum();
+        fit.cost + fit.parameters() as f64 * self.rows.ln() + CHOICE * fit.effects.len() as f64 - bonus
+    }
+
+    fn candidate<'a>(&self, fit: &Fit<'a>) -> Candidate<'a> {
+        Candidate { effects: fit.effects.clone(), cost: fit.cost, priced: self.of(fit) }
+    }
+}
+
+/// A linear model from which a stage starts: without what lies far outside the prior, for that may be an effect.
+struct Start {
+    eta: Vec<f64>,
+    plant: crate::plant::Plant,
+    tangent: Tangent,
+    residual: Vec<f64>,
+}
+
+impl Start {
+    fn new(problem: &Problem, fit: &Fit) -> Self {
+        let eta = clipped(problem, &fit.eta).unwrap_or_else(|| fit.eta.clone());
+        let plant = problem.nuisance.apply(&problem.plant, &eta);
+        let tangent = problem.tangent(&plant);
+        let residual = problem.residual(&plant, &eta, &fit.effects, Fineness::COARSE);
+        Self { eta, plant, tangent, residual }
+    }
+
+    fn base<'p, 'a>(&'p self, problem: &'p Problem, effects: &'p [Placed<'a>]) -> Base<'p, 'a> {
+        Base {
+            problem,
+            tangent: &self.tangent,
+            plant: &self.plant,
+            eta: &self.eta,
+            effects,
+            residual: &self.residual,
+        }
+    }
+}
+
+fn fit_all<'a>(problem: &Problem, from: &Start, effects: &[Placed<'a>], entries: &[Entry<'a>]) -> Vec<Fit<'a>> {
+    entries
+        .par_iter()
+        .take(FITTED)
+        .filter(|entry| entry.gain > 0.0)
+        .map(|entry| {
+            let mut all = effects.to_vec();
+            all.push(entry.placed.clone());
+            problem.fit(&from.tangent, &from.eta, &all, QUICK)
+        })
+        .filter(|fit| fit.cost.is_finite())
+        .collect()
+}
+
+/// The same fit with fine steps and derivatives at its own linear model.
+fn polish<'a>(problem: &Problem, fit: Fit<'a>) -> Fit<'a> {
+    let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
+    let tangent = problem.tangent(&plant);
+    problem.fit(&tangent, &fit.eta, &fit.effects, FINE)
+}
+
+/// With all effects in place, is each of them still the best at its turn? The first was chosen while the others were missing.
+fn question<'a>(
+    problem: &Problem,
+    mut best: Fit<'a>,
+    library: &'a Library,
+    allowed: &(dyn Fn(&Placed) -> bool + Sync),
+    price: &Price,
+    candidates: &mut Vec<Candidate<'a>>,
+) -> Fit<'a> {
+    for turn in 0..best.effects.len() {
+        let mut others = best.effects.clone();
+        let asked = others.remove(turn);
+        let without = Fit { effects: others.clone(), ..best.clone() };
+        let from = Start::new(problem, &without);
+        let base = from.base(problem, &others);
+        let there =
+            |placed: &Placed| others.iter().any(|other| same(other, placed)) || same(&asked, placed) || !allowed(placed);
+        let entries = screen(&base, library, there);
+        let fits = fit_all(problem, &from, &others, &entries[..entries.len().min(FITTED / 2)]);
+        for fit in &fits {
+            candidates.push(price.candidate(fit));
+        }
+        let top = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b)));
+        if let Some(top) = top
+            && price.of(&top) + ACCEPT < price.of(&best)
+        {
+            best = polish(problem, top);
+        }
+    }
+    best
+}

@@ -1,0 +1,129 @@
+//! Effects that no free run shows: found in the noise of quiet records and in the codes of all.
+
+use crate::codes::Codes;
+use crate::effects::{Effect, Library, Place};
+use crate::noise::{NoiseModel, Source};
+use crate::prepare::Prepared;
+use crate::problem::Placed;
+
+/// Evidence (twice the log likelihood) that such an effect needs: with a few dozen places to look at, noise alone reaches 12.
+pub const EVIDENCE: f64 = 40.0;
+
+/// A sensor's variance over what the other sensors' say it should be, from which it counts as noisy.
+const NOISIER: f64 = 1.3;
+
+/// All sensors may be misjudged by this factor together (in standard deviation).
+const MISJUDGED: f64 = 1.5;
+
+/// Relative widths of bands.
+const WIDTHS: [f64; 2] = [0.05, 0.2];
+
+/// A finding with its evidence.
+pub struct Unseen<'a> {
+    /// The effect.
+    pub placed: Placed<'a>,
+    /// Twice the gain in log likelihood.
+    pub gain: f64,
+}
+
+/// Looks for all of them.
+pub fn unseen<'a>(ready: &Prepared, library: &'a Library) -> Vec<Unseen<'a>> {
+    let mut found = Vec::new();
+    let mut put = |name: &str, place: Place, parameters: Vec<f64>, gain: f64| {
+        if let Some(effect) = library.get(name) {
+            found.push(Unseen { placed: Placed { effect, place, parameters }, gain });
+        }
+    };
+    for (o, codes) in ready.codes.iter().enumerate() {
+        if codes.coarse {
+            put("sensor-quantisation", Place::Output(o), vec![codes.step], 1e3);
+        }
+        if let Some(rate) = codes.dropout_rate {
+            let onsets = rate * ready.problem.records.iter().map(|r| r.samples() as f64).sum::<f64>();
+            put("sensor-dropout", Place::Output(o), vec![rate], 2.0 * onsets * 6.0);
+        }
+    }
+    for (o, std, gain) in noisy(&ready.noise, &ready.declared_sensor, &ready.codes) {
+        put("sensor-noise", Place::Output(o), vec![std], gain);
+    }
+    if let Some((port, hz, a, gain)) = coloured(ready) {
+        put("coloured-disturbance", Place::Frequency(hz, port), vec![a, hz], gain);
+    }
+    found
+}
+
+/// Sensors whose noise exceeds what is common to all: number, added standard deviation, evidence.
+fn noisy(noise: &NoiseModel, declared: &[f64], codes: &[Codes]) -> Vec<(usize, f64, f64)> {
+    let sensors = noise.sensors();
+    let ratios: Vec<f64> = sensors.iter().zip(declared).map(|(theta, std)| theta / (std * std)).collect();
+    let mut found = Vec::new();
+    for o in 0..ratios.len() {
+        if codes[o].coarse || noise.bins == 0 {
+            continue;
+        }
+        let mut others: Vec<f64> = (0..ratios.len()).filter(|&j| j != o && !codes[j].coarse).map(|j| ratios[j]).collect();
+        others.sort_by(f64::total_cmp);
+        // The least noisy other channel says what is common.
+        let common = others.first().copied().unwrap_or(MISJUDGED * MISJUDGED).max(0.4);
+        let excess = ratios[o] / common;
+        let gain = 2.0 * noise.bins as f64 * (excess - 1.0 - excess.ln());
+        if excess > NOISIER && gain > EVIDENCE {
+            found.push((o, declared[o] * (ratios[o] - common).sqrt(), gain));
+        }
+    }
+    found
+}
+
+/// A force in a band: where an equal force on all modes does not explain the quiet records, and one band at one port does.
+fn coloured(ready: &Prepared) -> Option<(usize, f64, f64, f64)> {
+    if ready.quiet.is_empty() {
+        return None;
+    }
+    let plant = &ready.problem.plant;
+    let plain = ready.declared.fit_with(&ready.quiet, &[Source::Ambient], 40);
+    let free = &ready.noise;
+    if 2.0 * (plain.misfit - free.misfit) < EVIDENCE {
+        return None;
+    }
+    // Round the mode that moves most.
+    let strongest = free
+        .sources
+        .iter()
+        .filter_map(|(source, theta)| if let Source::Mode(k) = source { Some((*k, *theta)) } else { None })
+        .max_by(|a, b| (a.1 * peak(ready, a.0)).total_cmp(&(b.1 * peak(ready, b.0))))?;
+    let centre = plant.modes[strongest.0].hz();
+    let mut best: Option<(f64, usize, f64, f64, f64)> = None;
+    for port in 0..plant.ports.len() {
+        for step in -6..=6 {
+            let hz = centre * (1.0 + 0.025 * f64::from(step));
+            for width in WIDTHS {
+                let band = Source::Band(port, hz, width);
+                let fitted = ready.declared.fit_with(&ready.quiet, &[Source::Ambient, band], 12);
+                if best.is_none_or(|best| fitted.misfit < best.0) {
+                    let theta = fitted.sources.last().map_or(0.0, |(_, theta)| *theta);
+                    best = Some((fitted.misfit, port, hz, width, theta));
+                }
+            }
+        }
+    }
+    let (misfit, port, hz, width, theta) = best?;
+    let gain = 2.0 * (plain.misfit - misfit);
+    // Three numbers of a band must do most of what a free force on every mode does.
+    let share = gain / (2.0 * (plain.misfit - free.misfit));
+    // Variance of a band of white noise of density theta: the band's share of half the sample rate, times pi / 2 for its skirts.
+    let variance = theta * std::f64::consts::FRAC_PI_2 * width * hz / (0.5 * plant.rate);
+    (gain > EVIDENCE && share > 0.6).then(|| (port, hz, variance.sqrt(), gain))
+}
+
+fn peak(ready: &Prepared, k: usize) -> f64 {
+    let plant = &ready.problem.plant;
+    let mode = &plant.modes[k];
+    let force: f64 = plant.ports.iter().map(|port| port.force[k].norm_sqr()).sum();
+    let size: f64 = mode.c.iter().map(|c| c.norm_sqr()).sum();
+    force * size / mode.pole.re.abs()
+}
+
+/// Whether an effect is one of these.
+pub fn is_unseen(effect: &dyn Effect) -> bool {
+    matches!(effect.name(), "sensor-quantisation" | "sensor-dropout" | "sensor-noise" | "coloured-disturbance")
+}

@@ -1,0 +1,83 @@
+//! Probabilities of all explanations, "something else" among them, and the verdict.
+
+use crate::problem::Placed;
+use crate::stepwise::{Candidate, same};
+use crate::thresholds::{EXCESS, MISFIT_TEMPERATURE, NOISE_LEVEL, TEMPERATURE};
+
+/// What a diagnosis says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// Named effects.
+    Effects,
+    /// The simulation is sound, within its limits.
+    None,
+    /// Something outside the vocabulary.
+    Unknown,
+}
+
+/// An explanation with its probability.
+pub struct Weighted<'a> {
+    /// Effects; empty for nothing, or for something else.
+    pub effects: Vec<Placed<'a>>,
+    /// Something outside the vocabulary.
+    pub unknown: bool,
+    /// Of all explanations together one.
+    pub probability: f64,
+    /// Sum of squares a row, if it is a fit.
+    pub cost: Option<f64>,
+}
+
+/// What is left after the best explanation, against the noise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Adequacy {
+    /// (cost a row - 1) / uncertainty of the noise level.
+    pub excess: f64,
+    /// Share of the bounded refit's excess that is left.
+    pub left: f64,
+    /// Probability of something else.
+    pub unknown: f64,
+}
+
+/// Judges what the best explanation leaves.
+pub fn adequacy(cost: f64, refit_cost: f64, given_cost: f64, rows: f64) -> Adequacy {
+    let excess = (cost / rows - 1.0) / NOISE_LEVEL;
+    let left = ((cost - rows) / (refit_cost.max(given_cost) - rows).max(1.0)).clamp(0.0, 1.0);
+    let certain = 1.0 / (1.0 + (-(excess - EXCESS)).exp());
+    // A rest of a thousandth of a large gap is a matter of the effect's third digit, not of another cause.
+    let material = 1.0 / (1.0 + (0.004 / left.max(1e-12)).powi(4));
+    let unknown = 0.02 + 0.97 * certain * material;
+    Adequacy { excess, left, unknown }
+}
+
+/// Spreads probability over the candidates; `unknown` goes to something else.
+pub fn weigh<'a>(candidates: &[Candidate<'a>], unknown: f64, rows: f64) -> Vec<Weighted<'a>> {
+    let Some(best) = candidates.first() else { return Vec::new() };
+    let temperature = TEMPERATURE + MISFIT_TEMPERATURE * (best.cost - rows).max(0.0);
+    let mut weighted: Vec<Weighted> = Vec::new();
+    for candidate in candidates {
+        let weight = (-(candidate.priced - best.priced) / temperature).exp();
+        let alike = |other: &Weighted| {
+            other.effects.len() == candidate.effects.len()
+                && candidate.effects.iter().all(|a| other.effects.iter().any(|b| same(a, b)))
+        };
+        if weighted.iter().any(alike) {
+            continue;
+        }
+        weighted.push(Weighted {
+            effects: candidate.effects.clone(),
+            unknown: false,
+            probability: weight,
+            cost: Some(candidate.cost / rows),
+        });
+    }
+    let all: f64 = weighted.iter().map(|w| w.probability).sum();
+    weighted.iter_mut().for_each(|w| w.probability *= (1.0 - unknown) / all);
+    weighted.push(Weighted { effects: Vec::new(), unknown: true, probability: unknown, cost: None });
+    weighted.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    // What nobody would read is left out, and its share given to the rest.
+    weighted.retain(|w| w.probability > 1e-4);
+    let all: f64 = weighted.iter().map(|w| w.probability).sum();
+    weighted.iter_mut().for_each(|w| w.probability /= all);
+    weighted
+}

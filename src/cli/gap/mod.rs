@@ -1,0 +1,46 @@
+//! `plid gap`: where a simulation disagrees with reality, and why.
+
+mod diagnose;
+mod predict;
+
+use clap::Subcommand;
+use plid::gap::GapError;
+
+use super::{Failure, Voice, directory, progress, table, voice};
+
+/// Find what a simulation lacks: where its gap to the records lies, which effect causes it, how far it shrinks with the effect.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example:\n  plid gap diagnose case.toml --out out/gap\nthen open out/gap/report.html, and\n  plid gap predict --diagnosis out/gap/diagnosis.json --input u.csv --out y.csv"
+)]
+pub struct Arguments {
+    #[command(subcommand)]
+    step: Step,
+}
+
+#[derive(Subcommand)]
+enum Step {
+    Diagnose(diagnose::Arguments),
+    Predict(predict::Arguments),
+}
+
+/// Runs the command.
+pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
+    match arguments.step {
+        Step::Diagnose(arguments) => diagnose::execute(arguments, voice),
+        Step::Predict(arguments) => predict::execute(arguments, voice),
+    }
+}
+
+impl From<GapError> for Failure {
+    fn from(error: GapError) -> Self {
+        match error {
+            GapError::Io { file, source } => Self::file(&file, &source),
+            GapError::Case(error) => Self::Input(error.into()),
+            GapError::Data(error) => error.into(),
+            GapError::Model(error) => error.into(),
+            GapError::Failed(_) => Self::Work(error.into()),
+            _ => Self::Input(error.into()),
+        }
+    }
+}
