@@ -20,6 +20,7 @@ use crate::record::{Channels, Excitation, Record};
 use crate::refit::{Refit, refit};
 use crate::simulate::{Fineness, State, simulate};
 use crate::stepwise::{Search, search};
+use crate::thresholds::HEAD;
 use crate::unseen::{self, EVIDENCE, unseen};
 use crate::verdict::{Adequacy, Verdict, Weighted, adequacy, weigh};
 
@@ -82,7 +83,8 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     let bonus = |placed: &Placed| {
         if case.config.suspects.iter().any(|word| matches(word, placed)) { SUSPECTED } else { 0.0 }
     };
-    let found = search(problem, &refitted, library, &allowed, &bonus, say);
+    let quick = problem.head(HEAD, &ready.noise);
+    let found = search(problem, &quick, &refitted, library, &allowed, &bonus, say);
     let best = &found.best;
     let judged = adequacy(best.cost, refitted.cost, given_cost, rows);
     let mut weighted = weigh(&found.candidates, judged.unknown, rows);
@@ -102,7 +104,7 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     say("gaps".into());
     let plant = problem.nuisance.apply(&problem.plant, &best.eta);
     let actions = problem.actions(&best.effects);
-    let gaps = gaps(&ready, &refitted, &found, &plant, &actions, limits);
+    let gaps = gaps(&ready, &quick, &refitted, &found, &plant, &actions, limits);
     let given_errors = locate::errors(problem);
     let before = locate::map(&problem.records, &given_errors, &ready.noise, plant.rate);
     let after_errors: Vec<Channels> = (0..problem.records.len())
@@ -173,6 +175,7 @@ const SUSPECTED: f64 = 8.0;
 /// Gaps on held-out records, or on the last driven one where nothing is held out.
 fn gaps(
     ready: &Prepared,
+    quick: &Problem,
     refitted: &Refit,
     found: &Search,
     plant: &Plant,
@@ -194,17 +197,17 @@ fn gaps(
     let (as_given, refit, with_effect) = (given.gap(), refit_blocks.gap(), with.gap());
     let wide = Limits { frequency: 40.0 * limits.frequency, damping: 10.0 * limits.damping, shape: 40.0 * limits.shape };
     let free = Problem {
-        plant: problem.plant.clone(),
-        records: problem.records.clone(),
-        whiteners: problem.whiteners.clone(),
-        nuisance: Nuisance::new(&problem.plant, &problem.records, &wide),
-        setting: problem.setting.clone(),
+        plant: quick.plant.clone(),
+        records: quick.records.clone(),
+        whiteners: quick.whiteners.clone(),
+        nuisance: Nuisance::new(&quick.plant, &quick.records, &wide),
+        setting: quick.setting.clone(),
     };
     let free = crate::refit::refit(&free);
     let free_refit = of(&free.plant, &[]).gap();
-    let placebo = placebo(problem, refitted, found);
+    let placebo = placebo(quick, found);
     let placebo_gap = placebo.map_or(refit, |(plant, actions)| of(&plant, &actions).gap());
-    let ceiling = ceiling(problem, found);
+    let ceiling = ceiling(quick, found);
     let ceiling_gap = ceiling.map_or(with_effect, |(plant, actions)| of(&plant, &actions).gap()).min(with_effect);
     let shrink = gap::shrink(as_given, with_effect, floor);
     let most = gap::shrink(as_given, ceiling_gap, floor);
@@ -264,14 +267,15 @@ fn fitted_start(plant: &Plant, actions: &[Action], record: &Record) -> State {
 const ROUGH: Effort = Effort { steps: 4, gain: 1.0, fineness: Fineness::COARSE };
 
 /// A wrong effect with as many parameters: from the lower half of the screen, on another side of the chain.
-fn placebo(problem: &Problem, refitted: &Refit, found: &Search) -> Option<(Plant, Vec<Action>)> {
+fn placebo(problem: &Problem, found: &Search) -> Option<(Plant, Vec<Action>)> {
     let first = found.best.effects.first()?;
     let wanted = first.parameters.len();
     let entries = found.stages.first()?;
     let entry = entries.iter().skip(entries.len() / 2).find(|entry| {
         entry.placed.effect.side() != first.effect.side() && entry.placed.parameters.len() == wanted
     })?;
-    let fit = problem.fit(&refitted.tangent, &refitted.eta, std::slice::from_ref(&entry.placed), ROUGH);
+    let tangent = problem.tangent(&problem.plant);
+    let fit = problem.fit(&tangent, &vec![0.0; problem.nuisance.len()], std::slice::from_ref(&entry.placed), ROUGH);
     Some((problem.nuisance.apply(&problem.plant, &fit.eta), problem.actions(&fit.effects)))
 }
 
@@ -280,7 +284,8 @@ fn ceiling(problem: &Problem, found: &Search) -> Option<(Plant, Vec<Action>)> {
     let mut effects = found.best.effects.clone();
     let entries = found.stages.last()?;
     effects.extend(entries.iter().filter(|e| e.gain > 20.0).take(3).map(|entry| entry.placed.clone()));
-    let fit = problem.fit(&found.tangent, &found.best.eta, &effects, ROUGH);
+    let tangent = problem.tangent(&problem.nuisance.apply(&problem.plant, &found.best.eta));
+    let fit = problem.fit(&tangent, &found.best.eta, &effects, ROUGH);
     Some((problem.nuisance.apply(&problem.plant, &fit.eta), problem.actions(&fit.effects)))
 }
 

@@ -9,7 +9,7 @@ use crate::nuisance::{Limits, Nuisance};
 use crate::plant::Plant;
 use crate::problem::Problem;
 use crate::record::{Channels, Excitation, Record, rms};
-use crate::simulate::{Fineness, State, simulate};
+use crate::simulate::{Fineness, simulate};
 use crate::tones;
 use crate::whiten::Whitener;
 use plid_model::Model;
@@ -53,8 +53,9 @@ pub fn prepare(model: &Model, records: &[Record], limits: &Limits) -> Result<Pre
     });
     let declared_actuator = model.noise.actuator_std.clone().unwrap_or_else(|| vec![0.0; plant.m]);
     let declared = NoiseModel::declared(&plant, &declared_sensor, &declared_actuator);
-    let codes = codes::codes(&fitted, &declared_sensor);
-    let setting = setting(&plant, model, &fitted);
+    let errors = given_errors(&plant, &fitted);
+    let codes = codes::codes(&fitted, &errors, &declared_sensor);
+    let setting = setting(&plant, model, &fitted, &errors);
     let quiet = quiet_stretches(&plant, &fitted, &setting.tones);
     let noise = if quiet.is_empty() { declared.clone() } else { declared.fit(&quiet) };
     let whiteners = fitted
@@ -117,7 +118,18 @@ fn quiet_stretches(plant: &Plant, records: &[Record], tones: &[tones::Tone]) -> 
     stretches
 }
 
-fn setting(plant: &Plant, model: &Model, records: &[Record]) -> Setting {
+/// Errors of the simulation as given (p channels), one for each record.
+fn given_errors(plant: &Plant, records: &[Record]) -> Vec<Channels> {
+    records
+        .iter()
+        .map(|record| {
+            let y = simulate(plant, &[], &record.u, record.start_s, None, Fineness::COARSE);
+            crate::locate::error(record, &y)
+        })
+        .collect()
+}
+
+fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]) -> Setting {
     let loudest = records.iter().max_by(|a, b| a.level().total_cmp(&b.level()));
     let (m, p, ports) = (plant.m, plant.p, plant.ports.len());
     let mut setting = Setting {
@@ -157,20 +169,9 @@ fn setting(plant: &Plant, model: &Model, records: &[Record]) -> Setting {
         (setting.d_rms[k], setting.v_rms[k]) = (d, v);
         setting.force[k] = force_size(plant, k, &setting.u_rms);
     }
-    let errors: Vec<Channels> = records
-        .iter()
-        .map(|record| {
-            let start = (!record.from_rest).then(|| State::rest(plant));
-            let y = simulate(plant, &[], &record.u, record.start_s, start.as_ref(), Fineness::COARSE);
-            let error = |(a, b): (&Vec<f64>, &Vec<f64>)| {
-                a.iter().zip(b).map(|(a, b)| if a.is_finite() { a - b } else { 0.0 }).collect()
-            };
-            record.y.iter().zip(&y).map(error).collect()
-        })
-        .collect();
     let driven: Vec<(&[Vec<f64>], &[Vec<f64>])> = records
         .iter()
-        .zip(&errors)
+        .zip(errors)
         .filter(|(record, _)| record.excitation == Excitation::Random)
         .map(|(record, error)| (record.u.as_slice(), error.as_slice()))
         .collect();
@@ -219,6 +220,6 @@ pub(crate) mod tests {
     use super::*;
 
     pub(crate) fn setting_of(plant: &Plant, model: &Model) -> Setting {
-        setting(plant, model, &[])
+        setting(plant, model, &[], &[])
     }
 }

@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::effects::{Action, Effect, Place, Range, Setting};
+use crate::noise::NoiseModel;
 use crate::nuisance::Nuisance;
 use crate::plant::Plant;
 use crate::record::{Channels, Record};
@@ -85,6 +86,28 @@ pub struct Effort {
 }
 
 impl Problem {
+    /// The same with the first samples of each record only: a search costs in proportion, and a record from rest stays one.
+    pub fn head(&self, samples: usize, noise: &NoiseModel) -> Self {
+        let cut = |channels: &Channels| channels.iter().map(|x| x[..x.len().min(samples)].to_vec()).collect();
+        let records: Vec<Record> = self
+            .records
+            .iter()
+            .map(|record| Record { u: cut(&record.u), y: cut(&record.y), simulated: None, ..record.clone() })
+            .collect();
+        let whiteners = records
+            .iter()
+            .zip(&self.whiteners)
+            .map(|(record, whole)| Whitener::new(record, noise, self.plant.rate, whole.masked.clone()))
+            .collect();
+        Self {
+            plant: self.plant.clone(),
+            whiteners,
+            nuisance: self.nuisance.clone(),
+            setting: self.setting.clone(),
+            records,
+        }
+    }
+
     /// Rows of the whitened residual.
     pub fn rows(&self) -> usize {
         self.whiteners.iter().map(Whitener::rows).sum()

@@ -4,6 +4,13 @@
 /// the rest is for near misses.
 pub const FITTED: usize = 12;
 
+/// Of these, the ones that are fitted to whole records.
+pub const POLISHED: usize = 4;
+
+/// Samples of each record that the search looks at. A third of a record ranks as a whole one does: effects of a few per cent stand
+/// out by thousands in twice the log likelihood.
+pub const HEAD: usize = 2000;
+
 /// Effects together, at most.
 pub const MOST_EFFECTS: usize = 3;
 
