@@ -8,6 +8,9 @@ const COARSER: f64 = 2.5;
 /// Repeats of a value beyond chance: this many onsets at least.
 const ONSETS: usize = 4;
 
+/// Values beyond this share of the extremes may be clipped.
+const NEAR_RAIL: f64 = 0.85;
+
 /// Samples on each side with which a repeat's error is compared.
 const AROUND: usize = 60;
 
@@ -75,7 +78,7 @@ fn repeats(y: &[f64], error: &[f64], noise: f64) -> Vec<usize> {
         if k < y.len() && y[k] == y[first] {
             continue;
         }
-        if k - first >= 2 && y[first] != low && y[first] != high {
+        if k - first >= 2 && y[first] > NEAR_RAIL * low && y[first] < NEAR_RAIL * high {
             let worst = error[first + 1..k].iter().fold(0.0, |most: f64, e| most.max(e.abs()));
             let mut near: Vec<f64> =
                 error[first.saturating_sub(AROUND)..(k + AROUND).min(error.len())].iter().map(|e| e.abs()).collect();

@@ -20,7 +20,8 @@ use crate::record::{Channels, Excitation, Record};
 use crate::refit::{Refit, refit};
 use crate::simulate::{Fineness, State, simulate};
 use crate::stepwise::{Search, search};
-use crate::thresholds::HEAD;
+use crate::shape;
+use crate::thresholds::{BEND_FROM, BEND_SHARE, HEAD, SHAPE_DIFFERS};
 use crate::unseen::{self, EVIDENCE, unseen};
 use crate::verdict::{Adequacy, Verdict, Weighted, adequacy, weigh};
 
@@ -68,15 +69,14 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     let model = case.model.as_ref().ok_or_else(|| GapError::Failed("a case without `sim` is not supported".into()))?;
     let limits = &case.config.nuisance;
     say("preparing".into());
-    let ready = prepare(model, &case.records, limits)?;
+    let mut ready = prepare(model, &case.records, limits)?;
     let problem = &ready.problem;
-    let names = &problem.setting.names;
     let rows = problem.rows() as f64;
-    let zero = vec![0.0; problem.nuisance.len()];
-    let given_cost = sum_of_squares(&problem.residual(&problem.plant, &zero, &[], Fineness::FINE));
     say("bounded refit".into());
-    let refitted = refit(problem);
+    let mut refitted = refit(problem);
     let unseen = unseen(&ready, library);
+    let names = problem.setting.names.clone();
+    let names = &names;
     let matches = |word: &String, placed: &Placed| word == placed.effect.name() || *word == placed.place.location(names);
     let excluded = |placed: &Placed| case.config.exclude.iter().any(|word| matches(word, placed));
     let allowed = |placed: &Placed| !unseen::is_unseen(placed.effect) && !excluded(placed);
@@ -84,9 +84,26 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
         if case.config.suspects.iter().any(|word| matches(word, placed)) { SUSPECTED } else { 0.0 }
     };
     let quick = problem.head(HEAD, &ready.noise);
-    let found = search(problem, &quick, &refitted, library, &allowed, &bonus, say);
+    let mut found = search(problem, &quick, &refitted, library, &allowed, &bonus, say);
+    let simulated = outputs(problem, &found.best);
+    if !found.best.effects.is_empty() && ready.renew_noise(&simulated) {
+        refitted.weigh_anew(&ready.problem);
+        found.weigh_anew(&ready.problem);
+    }
+    let problem = &ready.problem;
+    let zero = vec![0.0; problem.nuisance.len()];
+    let given_cost = sum_of_squares(&problem.residual(&problem.plant, &zero, &[], Fineness::FINE));
     let best = &found.best;
-    let judged = adequacy(best.cost, refitted.cost, given_cost, rows);
+    let mut judged = adequacy(best.cost, refitted.cost, given_cost, rows);
+    // What fails with its own shape and suffices with a free one is this place, and another shape.
+    let bent = if judged.excess > BEND_FROM { shape::bent(problem, &quick, best) } else { None };
+    let free_shape = bent.filter(|bent| {
+        let bent = adequacy(bent.fit.cost, refitted.cost, given_cost, rows);
+        bent.unknown < 0.5 && bent.excess < (1.0 - BEND_SHARE) * judged.excess
+    });
+    if free_shape.is_some() {
+        judged.unknown = SHAPE_DIFFERS.min(judged.unknown.max(0.1));
+    }
     let mut weighted = weigh(&found.candidates, judged.unknown, rows);
     // What quiet records show holds whatever the free runs say.
     let shown: Vec<&Placed> = unseen.iter().filter(|u| u.gain > EVIDENCE && !excluded(&u.placed)).map(|u| &u.placed).collect();
@@ -107,12 +124,11 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     let gaps = gaps(&ready, &quick, &refitted, &found, &plant, &actions, limits);
     let given_errors = locate::errors(problem);
     let before = locate::map(&problem.records, &given_errors, &ready.noise, plant.rate);
-    let after_errors: Vec<Channels> = (0..problem.records.len())
-        .map(|k| locate::error(&problem.records[k], &problem.outputs(&plant, &best.eta, &actions, k, Fineness::FINE)))
-        .collect();
+    let after_errors: Vec<Channels> =
+        problem.records.iter().zip(outputs(problem, best)).map(|(record, y)| locate::error(record, &y)).collect();
     let after = locate::map(&problem.records, &after_errors, &ready.noise, plant.rate);
 
-    let effects = if verdict == Verdict::Effects { named(&ready, best, &shown, &weighted) } else { Vec::new() };
+    let effects = if verdict == Verdict::Effects { named(&ready, best, &shown, &weighted, free_shape.map(|bent| bent.which)) } else { Vec::new() };
     let place = place(&before, &names.outputs, &found, &shown);
     let candidates = weighted
         .iter()
@@ -167,6 +183,14 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
         costs: [given_cost / rows, refitted.cost / rows, best.cost / rows],
     };
     Ok(Outcome { diagnosis, simulation, evidence })
+}
+
+/// Free runs of all fitted records.
+fn outputs(problem: &Problem, fit: &Fit) -> Vec<Channels> {
+    let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
+    let actions = problem.actions(&fit.effects);
+    let run = |k| problem.outputs(&plant, &fit.eta, &actions, k, Fineness::FINE);
+    (0..problem.records.len()).map(run).collect()
 }
 
 /// What a suspect is worth: odds of 50 : 1 against an entry that nobody named.
@@ -290,7 +314,13 @@ fn ceiling(problem: &Problem, found: &Search) -> Option<(Plant, Vec<Action>)> {
 }
 
 /// Effects of the answer with intervals and confidence.
-fn named(ready: &Prepared, best: &Fit, shown: &[&Placed], weighted: &[Weighted]) -> Vec<NamedEffect> {
+fn named(
+    ready: &Prepared,
+    best: &Fit,
+    shown: &[&Placed],
+    weighted: &[Weighted],
+    free_shape: Option<usize>,
+) -> Vec<NamedEffect> {
     let setting = &ready.problem.setting;
     let names = &setting.names;
     let rows = ready.problem.rows() as f64;
@@ -302,7 +332,7 @@ fn named(ready: &Prepared, best: &Fit, shown: &[&Placed], weighted: &[Weighted])
     };
     let mut at = 0;
     let mut named = Vec::new();
-    for placed in &best.effects {
+    for (which, placed) in best.effects.iter().enumerate() {
         let mut parameters = BTreeMap::new();
         for (parameter, &value) in placed.effect.parameters(setting).iter().zip(&placed.parameters) {
             let half = quantile * best.covariance[(at, at)].max(0.0).sqrt() * inflation;
@@ -315,7 +345,7 @@ fn named(ready: &Prepared, best: &Fit, shown: &[&Placed], weighted: &[Weighted])
             location: placed.place.location(names),
             confidence: confidence(placed),
             parameters,
-            shape_differs: false,
+            shape_differs: free_shape == Some(which),
         });
     }
     for placed in shown {

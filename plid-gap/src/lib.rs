@@ -18,6 +18,7 @@ pub mod problem;
 pub mod refit;
 pub mod record;
 pub mod screen;
+pub mod shape;
 pub mod simulate;
 #[cfg(test)]
 mod testing;

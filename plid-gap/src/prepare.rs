@@ -71,6 +71,36 @@ pub fn prepare(model: &Model, records: &[Record], limits: &Limits) -> Result<Pre
     Ok(Prepared { problem, held_out, declared, noise, declared_sensor, quiet, codes })
 }
 
+impl Prepared {
+    /// The noise once more, from what an explanation leaves of the quiet records: a disturbance or a line in them is no noise.
+    /// Whether it changed by so much that residuals must be whitened anew.
+    pub fn renew_noise(&mut self, simulated: &[Channels]) -> bool {
+        let records = &self.problem.records;
+        let quiet: Vec<Stretch> = records
+            .iter()
+            .zip(simulated)
+            .filter(|(record, _)| record.excitation == Excitation::Zero && record.samples() >= SHORTEST_QUIET)
+            .map(|(record, y)| Stretch::new(&crate::locate::error(record, y)))
+            .collect();
+        if quiet.is_empty() {
+            return false;
+        }
+        let noise = self.declared.fit(&quiet);
+        let changed = noise.rms().iter().zip(self.noise.rms()).any(|(a, b)| (a / b - 1.0).abs() > RENEWED);
+        if changed {
+            let rate = self.problem.plant.rate;
+            let whiteners = records.iter().zip(&self.problem.whiteners);
+            self.problem.whiteners =
+                whiteners.map(|(record, old)| Whitener::new(record, &noise, rate, old.masked.clone())).collect();
+            self.noise = noise;
+        }
+        changed
+    }
+}
+
+/// A relative change of an output's noise RMS from which whitening is done anew.
+const RENEWED: f64 = 0.05;
+
 /// Those to fit and those held out: as the case says, or the last record that is driven, if another one remains.
 fn split(records: &[Record]) -> (Vec<Record>, Vec<Record>) {
     if records.iter().any(|record| record.held_out) {

@@ -7,7 +7,7 @@ use crate::problem::{Effort, Fit, Placed, Problem, Tangent};
 use crate::refit::{Refit, clipped};
 use crate::screen::{Base, Entry, screen};
 use crate::simulate::Fineness;
-use crate::thresholds::{ACCEPT, FITTED, FURTHER_SHARE, MOST_EFFECTS, POLISHED};
+use crate::thresholds::{ACCEPT, FITTED, FURTHER_SHARE, MATERIAL, MOST_EFFECTS, POLISHED, STRAIGHTENED};
 
 /// An explanation that was fitted, with its price.
 #[derive(Clone)]
@@ -30,6 +30,18 @@ pub struct Search<'a> {
     pub stages: Vec<Vec<Entry<'a>>>,
 }
 
+impl Search<'_> {
+    /// The best explanation under a changed noise model; the others keep their distance from it.
+    pub fn weigh_anew(&mut self, problem: &Problem) {
+        let before = self.best.cost;
+        self.best = polish(problem, self.best.clone());
+        for candidate in &mut self.candidates {
+            candidate.cost += self.best.cost - before;
+            candidate.priced += self.best.cost - before;
+        }
+    }
+}
+
 /// Fits in the search.
 const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE };
 
@@ -49,7 +61,6 @@ pub fn search<'a>(
     say: &mut dyn FnMut(String),
 ) -> Search<'a> {
     let price = Price { rows: problem.rows() as f64, bonus };
-    let noise = problem.rows() as f64;
     let mut best = Fit {
         eta: refit.eta.clone(),
         effects: Vec::new(),
@@ -68,8 +79,7 @@ pub fn search<'a>(
         candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
         let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { break };
         let gain = price.of(&best) - price.of(&top);
-        let share = (best.cost - top.cost) / (best.cost - noise).max(1.0);
-        if !(gain > ACCEPT && (stage == 0 || share > FURTHER_SHARE)) {
+        if !(gain > ACCEPT && material(problem, &best, &top, stage)) {
             break;
         }
         best = top;
@@ -84,6 +94,17 @@ pub fn search<'a>(
     candidates.retain(|c| best.effects.is_empty() || !beyond(c));
     candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
     Search { best, candidates, stages }
+}
+
+/// Whether a further effect explains enough: of the residual, or of what the linear parameters had to be bent for it.
+fn material(problem: &Problem, before: &Fit, after: &Fit, stage: usize) -> bool {
+    let rows = problem.rows() as f64;
+    let left = |fit: &Fit| crate::problem::sum_of_squares(&fit.residual);
+    let explained = left(before) - left(after);
+    let share = explained / (left(before) - rows).max(MATERIAL * rows);
+    let straightened = problem.penalty(&before.eta) - problem.penalty(&after.eta);
+    let visible = explained > MATERIAL * rows && (stage == 0 || share > FURTHER_SHARE);
+    visible || (straightened > STRAIGHTENED && explained > -STRAIGHTENED)
 }
 
 /// One more effect beside those of `so_far`: the screen, quick fits of its first entries, whole fits of the best of these.
@@ -104,7 +125,7 @@ fn turn<'a>(
     let mut fits = fit_all(quick, &from, &so_far.effects, &entries[..entries.len().min(fitted)]);
     fits.sort_by(|a, b| price.of(a).total_cmp(&price.of(b)));
     fits.truncate(polished);
-    let whole = fits.into_par_iter().map(|fit| polish(problem, fit)).filter(|fit| fit.cost.is_finite()).collect();
+    let whole = fits.into_par_iter().map(|fit| polish(problem, fit)).filter(|fit| fit.cost.is_finite() && fit.effects.iter().all(|placed| sound(problem, placed))).collect();
     (entries, whole)
 }
 
@@ -180,8 +201,13 @@ fn fit_all<'a>(problem: &Problem, from: &Start, effects: &[Placed<'a>], entries:
             all.push(entry.placed.clone());
             problem.fit(&from.tangent, &from.eta, &all, QUICK)
         })
-        .filter(|fit| fit.cost.is_finite())
+        .filter(|fit| fit.cost.is_finite() && fit.effects.iter().all(|placed| sound(problem, placed)))
         .collect()
+}
+
+/// Whether the parameters still say what the effect's name says.
+fn sound(problem: &Problem, placed: &Placed) -> bool {
+    placed.effect.sound(&problem.setting, &placed.place, &placed.parameters)
 }
 
 /// The same fit with fine steps and derivatives at its own linear model.

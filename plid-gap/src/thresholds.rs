@@ -17,6 +17,15 @@ pub const MOST_EFFECTS: usize = 3;
 /// Twice the log likelihood that an effect must gain beyond its parameters' and the library's price: odds of 1 : 150.
 pub const ACCEPT: f64 = 10.0;
 
+/// What an effect must explain of the noise's own power: a gap of a twentieth of the noise. Below, the noise model's own errors
+/// (a resonance whose ambient force is a little off) look like effects.
+pub const MATERIAL: f64 = 0.003;
+
+/// What an effect may explain instead: this much of the linear parameters' penalty. A sound simulation within the stated limits has a
+/// penalty of about the number of modes' parameters times the square of how well it uses the limits; what an effect straightens comes
+/// on top of that, and does not depend on the noise model.
+pub const STRAIGHTENED: f64 = 40.0;
+
 /// Share of what a fit leaves above the noise that a further effect must explain. A true second effect explains nearly all of it;
 /// a wrong one nibbles at what the first left.
 pub const FURTHER_SHARE: f64 = 0.4;
@@ -31,6 +40,16 @@ pub const EXCESS: f64 = 5.0;
 /// noise model is estimated.
 pub const TEMPERATURE: f64 = 4.0;
 
-/// And by less than this share of what the best leaves above the noise: where a model is inadequate, differences between
+/// And by less than this share of what the best leaves beyond twice the noise level's uncertainty: where a model is inadequate, differences between
 /// inadequate models mean little.
 pub const MISFIT_TEMPERATURE: f64 = 0.05;
+
+/// Excess (in the noise level's uncertainty) from which a free shape is tried beside each effect.
+pub const BEND_FROM: f64 = 3.0;
+
+/// Share of the excess that a free shape must take away.
+pub const BEND_SHARE: f64 = 0.6;
+
+/// Probability that is kept for something else where a free shape suffices: one case in three of a cause that the library lacks is
+/// imitated by a free shape at the same place.
+pub const SHAPE_DIFFERS: f64 = 0.3;

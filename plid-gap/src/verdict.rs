@@ -53,7 +53,7 @@ pub fn adequacy(cost: f64, refit_cost: f64, given_cost: f64, rows: f64) -> Adequ
 /// Spreads probability over the candidates; `unknown` goes to something else.
 pub fn weigh<'a>(candidates: &[Candidate<'a>], unknown: f64, rows: f64) -> Vec<Weighted<'a>> {
     let Some(best) = candidates.first() else { return Vec::new() };
-    let temperature = TEMPERATURE + MISFIT_TEMPERATURE * (best.cost - rows).max(0.0);
+    let temperature = TEMPERATURE + MISFIT_TEMPERATURE * (best.cost - rows * (1.0 + 2.0 * NOISE_LEVEL)).max(0.0);
     let mut weighted: Vec<Weighted> = Vec::new();
     for candidate in candidates {
         let weight = (-(candidate.priced - best.priced) / temperature).exp();

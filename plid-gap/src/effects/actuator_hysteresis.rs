@@ -36,6 +36,12 @@ impl Effect for ActuatorHysteresis {
         Some((0, 0.0))
     }
 
+    fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
+        let Place::Input(i) = *place else { return false };
+        // Beyond, it never yields and is a gain; far below, it yields at once and is a shift.
+        (0.005..8.0).contains(&(parameters[1] / setting.u_rms[i]))
+    }
+
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
         let Place::Input(i) = *place else { return Vec::new() };
         vec![Action::Command(Box::new(Hysteresis { i, alpha: parameters[0], uy: parameters[1] }))]

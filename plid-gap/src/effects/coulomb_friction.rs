@@ -37,6 +37,11 @@ impl Effect for CoulombFriction {
         Some((0, 0.0))
     }
 
+    fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
+        // Beyond, it is a linear damper.
+        parameters[1] < 4.0 * setting.v_rms[setting.port(place)]
+    }
+
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
         let law = Coulomb { size: parameters[0], v0: parameters[1] };
         vec![Action::Force(setting.port(place), Box::new(law))]

@@ -17,6 +17,7 @@ mod actuator_slew_limit;
 mod clearance;
 mod coulomb_friction;
 mod cubic_stiffness;
+mod flexible;
 mod joint_hysteresis;
 mod library;
 mod mains_hum;
@@ -54,6 +55,7 @@ pub use actuator_slew_limit::ActuatorSlewLimit;
 pub use clearance::Clearance;
 pub use coulomb_friction::CoulombFriction;
 pub use cubic_stiffness::CubicStiffness;
+pub use flexible::Flexible;
 pub use joint_hysteresis::JointHysteresis;
 pub use mains_hum::MainsHum;
 pub use missing_mode::MissingMode;
@@ -144,6 +146,12 @@ pub trait Effect: Send + Sync {
     /// the screen finds the size without a fit.
     fn amplitude(&self) -> Option<(usize, f64)> {
         None
+    }
+
+    /// Whether the parameters still mean what the name says: a hysteresis that never yields is a gain, a gap that is never closed is
+    /// nothing.
+    fn sound(&self, _setting: &Setting, _place: &Place, _parameters: &[f64]) -> bool {
+        true
     }
 
     /// What it does with these parameters there.
