@@ -70,12 +70,11 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     let limits = &case.config.nuisance;
     say("preparing".into());
     let mut ready = prepare(model, &case.records, limits)?;
-    let problem = &ready.problem;
-    let rows = problem.rows() as f64;
+    let rows = ready.problem.rows() as f64;
     say("bounded refit".into());
-    let mut refitted = refit(problem);
+    let mut refitted = refit(&ready.problem);
     let unseen = unseen(&ready, library);
-    let names = problem.setting.names.clone();
+    let names = ready.problem.setting.names.clone();
     let names = &names;
     let matches = |word: &String, placed: &Placed| word == placed.effect.name() || *word == placed.place.location(names);
     let excluded = |placed: &Placed| case.config.exclude.iter().any(|word| matches(word, placed));
@@ -83,9 +82,9 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     let bonus = |placed: &Placed| {
         if case.config.suspects.iter().any(|word| matches(word, placed)) { SUSPECTED } else { 0.0 }
     };
-    let quick = problem.head(HEAD, &ready.noise);
-    let mut found = search(problem, &quick, &refitted, library, &allowed, &bonus, say);
-    let simulated = outputs(problem, &found.best);
+    let mut quick = ready.problem.head(HEAD, &ready.noise);
+    let mut found = search(&mut ready.problem, &mut quick, &refitted, library, &allowed, &bonus, say);
+    let simulated = outputs(&ready.problem, &found.best);
     if !found.best.effects.is_empty() && ready.renew_noise(&simulated) {
         refitted.weigh_anew(&ready.problem);
         found.weigh_anew(&ready.problem);
@@ -94,17 +93,18 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     let zero = vec![0.0; problem.nuisance.len()];
     let given_cost = sum_of_squares(&problem.residual(&problem.plant, &zero, &[], Fineness::FINE));
     let best = &found.best;
-    let mut judged = adequacy(best.cost, refitted.cost, given_cost, rows);
+    let level = ready.noise_level(&simulated);
+    let mut judged = adequacy(best.cost, refitted.cost, given_cost, rows, level);
     // What fails with its own shape and suffices with a free one is this place, and another shape.
     let bent = if judged.excess > BEND_FROM { shape::bent(problem, &quick, best) } else { None };
     let free_shape = bent.filter(|bent| {
-        let bent = adequacy(bent.fit.cost, refitted.cost, given_cost, rows);
+        let bent = adequacy(bent.fit.cost, refitted.cost, given_cost, rows, level);
         bent.unknown < 0.5 && bent.excess < (1.0 - BEND_SHARE) * judged.excess
     });
     if free_shape.is_some() {
         judged.unknown = SHAPE_DIFFERS.min(judged.unknown.max(0.1));
     }
-    let mut weighted = weigh(&found.candidates, judged.unknown, rows);
+    let mut weighted = weigh(&found.candidates, judged.unknown, rows, level);
     // What quiet records show holds whatever the free runs say.
     let shown: Vec<&Placed> = unseen.iter().filter(|u| u.gain > EVIDENCE && !excluded(&u.placed)).map(|u| &u.placed).collect();
     for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
@@ -184,6 +184,9 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     };
     Ok(Outcome { diagnosis, simulation, evidence })
 }
+
+/// A gap as given within this factor of the noise has nothing to shrink.
+const NOISE_ONLY: f64 = 1.1;
 
 /// Free runs of all fitted records.
 fn outputs(problem: &Problem, fit: &Fit) -> Vec<Channels> {
@@ -448,6 +451,7 @@ fn written(
                 .zip(&placed.parameters)
                 .map(|(p, &value)| (p.name.clone(), Value { value, ci95: None, unit: p.unit.clone() }))
                 .collect(),
+            given: given(placed, plant),
             equation: placed.effect.equation().into(),
         })
         .collect();
@@ -472,12 +476,22 @@ fn written(
     SimulationWithEffects {
         format: "simulation-with-effects".into(),
         linear: plant.to_model(model).to_json(),
+        modes: plant.modes.len(),
         linear_with_modal_effects: changed.then(|| modal.to_model(model).to_json()),
         refit,
         effects,
         t0,
         noise_rms: ready.noise.rms(),
     }
+}
+
+/// The actuator's present pole, for the effect that moves it.
+fn given(placed: &Placed, plant: &Plant) -> BTreeMap<String, Value> {
+    let pole = match placed.place {
+        crate::effects::Place::Input(i) if placed.effect.name() == "actuator-lag" => plant.chain.actuator_hz(i),
+        _ => None,
+    };
+    pole.map(|value| ("pole".into(), Value { value, ci95: None, unit: "Hz".into() })).into_iter().collect()
 }
 
 /// A disturbance's port matters for a prediction, and its location names the frequency alone.
@@ -503,9 +517,12 @@ fn sentence(verdict: Verdict, effects: &[NamedEffect], gap: &Gap) -> String {
         Verdict::Effects => {
             let one = |e: &NamedEffect| format!("{} at {}", e.effect, e.location);
             let all = effects.iter().map(one).collect::<Vec<_>>().join(" and ");
+            let sure = 100.0 * effects.iter().map(|e| e.confidence).fold(1.0, f64::min);
+            if gap.as_given < NOISE_ONLY * gap.noise_floor {
+                return format!("{all} ({sure:.0} % sure): it is noise that no simulation predicts, {} of the output.", percent(gap.noise_floor));
+            }
             format!(
-                "{all} ({:.0} % sure): with {} the gap falls from {} to {} (noise {}).",
-                100.0 * effects.iter().map(|e| e.confidence).fold(1.0, f64::min),
+                "{all} ({sure:.0} % sure): with {} the gap falls from {} to {} (noise {}).",
                 if effects.len() == 1 { "it" } else { "them" },
                 percent(gap.as_given), percent(gap.with_effect), percent(gap.noise_floor)
             )

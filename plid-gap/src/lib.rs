@@ -12,6 +12,7 @@ pub mod missing;
 pub mod noise;
 pub mod nuisance;
 pub mod plant;
+mod ports_fit;
 pub mod predict;
 pub mod prepare;
 pub mod problem;

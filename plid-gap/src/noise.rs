@@ -160,6 +160,16 @@ impl NoiseModel {
         model
     }
 
+    /// With another variance of one sensor (V^2).
+    pub fn with_sensor(mut self, output: usize, variance: f64) -> Self {
+        for (source, theta) in &mut self.sources {
+            if *source == Source::Sensor(output) {
+                *theta = variance;
+            }
+        }
+        self
+    }
+
     /// Of each sensor in V^2.
     pub fn sensors(&self) -> Vec<f64> {
         let of = |(source, theta): &(Source, f64)| matches!(source, Source::Sensor(_)).then_some(*theta);

@@ -58,6 +58,7 @@ pub fn prepare(model: &Model, records: &[Record], limits: &Limits) -> Result<Pre
     let setting = setting(&plant, model, &fitted, &errors);
     let quiet = quiet_stretches(&plant, &fitted, &setting.tones);
     let noise = if quiet.is_empty() { declared.clone() } else { declared.fit(&quiet) };
+    let noise = rounded(noise, &codes, &declared_sensor);
     let whiteners = fitted
         .iter()
         .enumerate()
@@ -71,7 +72,63 @@ pub fn prepare(model: &Model, records: &[Record], limits: &Limits) -> Result<Pre
     Ok(Prepared { problem, held_out, declared, noise, declared_sensor, quiet, codes })
 }
 
+/// How well the noise's level is known, and what it is over the model's.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NoiseLevel {
+    /// Power over that of the noise model.
+    pub factor: f64,
+    /// Relative standard deviation of the factor.
+    pub uncertainty: f64,
+}
+
 impl Prepared {
+    /// The level of the noise from all that repeats: quiet records, and what differs between the periods of periodic ones once the
+    /// best explanation is taken away. What a wrong explanation leaves repeats with the period, and does not enter.
+    pub fn noise_level(&self, simulated: &[Channels]) -> NoiseLevel {
+        let problem = &self.problem;
+        let p = problem.plant.p as f64;
+        let quiet: f64 = self.quiet.iter().map(|stretch| p * stretch.length as f64).sum();
+        let (mut power, mut freedom) = (quiet, quiet);
+        for ((record, y), whitener) in problem.records.iter().zip(simulated).zip(&problem.whiteners) {
+            let Excitation::Periodic(period) = record.excitation else { continue };
+            let mut error = crate::locate::error(record, y);
+            for (error, masked) in error.iter_mut().zip(&whitener.masked) {
+                masked.iter().for_each(|&k| error[k] = 0.0);
+            }
+            let periods: Vec<Channels> = (1..record.samples() / period)
+                .map(|j| error.iter().map(|e| e[j * period..(j + 1) * period].to_vec()).collect())
+                .collect();
+            if periods.len() < 2 {
+                continue;
+            }
+            let head = Record { u: Vec::new(), y: periods[0].clone(), simulated: None, ..record.clone() };
+            let white = Whitener::new(&head, &self.noise, problem.plant.rate, vec![Vec::new(); problem.plant.p]);
+            let whitened: Vec<Vec<f64>> = periods
+                .iter()
+                .map(|period| {
+                    let mut to = vec![0.0; white.rows()];
+                    white.apply(period, &mut to);
+                    to
+                })
+                .collect();
+            let count = whitened.len() as f64;
+            for row in 0..white.rows() {
+                let mean = whitened.iter().map(|w| w[row]).sum::<f64>() / count;
+                power += whitened.iter().map(|w| (w[row] - mean).powi(2)).sum::<f64>();
+            }
+            freedom += (count - 1.0) * white.rows() as f64;
+        }
+        // What a coarse converter rounds repeats with the period, and is no noise there.
+        if self.codes.iter().any(|codes| codes.coarse) {
+            return NoiseLevel { factor: 1.0, uncertainty: ROUNDED_LEVEL };
+        }
+        if freedom < 1000.0 {
+            return NoiseLevel { factor: 1.0, uncertainty: UNSEEN_LEVEL };
+        }
+        // A whitened value squared has variance two; a tenth more for what the noise model's shape does not follow.
+        NoiseLevel { factor: power / freedom, uncertainty: 1.1 * (2.0 / freedom).sqrt() }
+    }
+
     /// The noise once more, from what an explanation leaves of the quiet records: a disturbance or a line in them is no noise.
     /// Whether it changed by so much that residuals must be whitened anew.
     pub fn renew_noise(&mut self, simulated: &[Channels]) -> bool {
@@ -85,7 +142,7 @@ impl Prepared {
         if quiet.is_empty() {
             return false;
         }
-        let noise = self.declared.fit(&quiet);
+        let noise = rounded(self.declared.fit(&quiet), &self.codes, &self.declared_sensor);
         let changed = noise.rms().iter().zip(self.noise.rms()).any(|(a, b)| (a / b - 1.0).abs() > RENEWED);
         if changed {
             let rate = self.problem.plant.rate;
@@ -97,6 +154,18 @@ impl Prepared {
         changed
     }
 }
+
+/// A coarse converter rounds: q^2 / 12 once the signal moves, though a quiet record may show a constant.
+fn rounded(noise: NoiseModel, codes: &[Codes], declared: &[f64]) -> NoiseModel {
+    let coarse = codes.iter().zip(declared).enumerate().filter(|(_, (codes, _))| codes.coarse);
+    coarse.fold(noise, |noise, (o, (codes, std))| noise.with_sensor(o, std * std + codes.step * codes.step / 12.0))
+}
+
+/// Uncertainty of a noise level that is only declared.
+const UNSEEN_LEVEL: f64 = 0.3;
+
+/// Uncertainty where a converter is so coarse that its rounding is the noise: q^2 / 12 holds for a signal of many steps.
+const ROUNDED_LEVEL: f64 = 0.05;
 
 /// A relative change of an output's noise RMS from which whitening is done anew.
 const RENEWED: f64 = 0.05;
@@ -185,9 +254,10 @@ fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]
     setting.duration_s =
         records.iter().map(|r| r.start_s + r.samples() as f64 / plant.rate).fold(0.0, f64::max);
     for i in 0..m {
-        let u = &loudest.u[i];
-        setting.u_rms[i] = rms(u);
-        setting.u_slope[i] = rms(&u.windows(2).map(|w| (w[1] - w[0]) * plant.rate).collect::<Vec<f64>>());
+        let slope = |u: &[f64]| rms(&u.windows(2).map(|w| (w[1] - w[0]) * plant.rate).collect::<Vec<f64>>());
+        // A random record of the same level is much steeper than a multisine of a few lines.
+        setting.u_rms[i] = rms(&loudest.u[i]);
+        setting.u_slope[i] = records.iter().map(|record| slope(&record.u[i])).fold(0.0, f64::max);
     }
     for o in 0..p {
         setting.y_rms[o] = rms(loudest.y[o].iter().filter(|y| y.is_finite()));

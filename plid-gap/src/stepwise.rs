@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use crate::effects::{Library, Place};
+use crate::ports_fit::fit_ports;
 use crate::problem::{Effort, Fit, Placed, Problem, Tangent};
 use crate::refit::{Refit, clipped};
 use crate::screen::{Base, Entry, screen};
@@ -52,8 +53,8 @@ const FINE: Effort = Effort { steps: 8, gain: 0.1, fineness: Fineness::FINE };
 /// `allowed` says what may be named where; `bonus` what the engineer suspects (subtracted from the price); `say` is told what is
 /// going on.
 pub fn search<'a>(
-    problem: &Problem,
-    quick: &Problem,
+    problem: &mut Problem,
+    quick: &mut Problem,
     refit: &Refit,
     library: &'a Library,
     allowed: &(dyn Fn(&Placed) -> bool + Sync),
@@ -82,7 +83,7 @@ pub fn search<'a>(
         if !(gain > ACCEPT && material(problem, &best, &top, stage)) {
             break;
         }
-        best = top;
+        best = fit_ports(problem, quick, top);
         if best.effects.len() > 1 {
             best = question(problem, quick, best, library, allowed, &price, &mut candidates);
         }

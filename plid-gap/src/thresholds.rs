@@ -30,11 +30,8 @@ pub const STRAIGHTENED: f64 = 40.0;
 /// a wrong one nibbles at what the first left.
 pub const FURTHER_SHARE: f64 = 0.4;
 
-/// Uncertainty of the noise level (relative variance): a quiet record of 3200 samples and three sensors fixes it to 1.4 %.
-pub const NOISE_LEVEL: f64 = 0.018;
-
 /// Excess over the noise, in that uncertainty, at which "something else" is as likely as not.
-pub const EXCESS: f64 = 5.0;
+pub const EXCESS: f64 = 4.0;
 
 /// Confidence is spread over fits that differ by less than this in twice the log likelihood: twice the textbook's two, for the
 /// noise model is estimated.

@@ -2,7 +2,8 @@
 
 use crate::problem::Placed;
 use crate::stepwise::{Candidate, same};
-use crate::thresholds::{EXCESS, MISFIT_TEMPERATURE, NOISE_LEVEL, TEMPERATURE};
+use crate::prepare::NoiseLevel;
+use crate::thresholds::{EXCESS, MISFIT_TEMPERATURE, TEMPERATURE};
 
 /// What a diagnosis says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -40,9 +41,10 @@ pub struct Adequacy {
 }
 
 /// Judges what the best explanation leaves.
-pub fn adequacy(cost: f64, refit_cost: f64, given_cost: f64, rows: f64) -> Adequacy {
-    let excess = (cost / rows - 1.0) / NOISE_LEVEL;
-    let left = ((cost - rows) / (refit_cost.max(given_cost) - rows).max(1.0)).clamp(0.0, 1.0);
+pub fn adequacy(cost: f64, refit_cost: f64, given_cost: f64, rows: f64, level: NoiseLevel) -> Adequacy {
+    let noise = rows * level.factor;
+    let excess = (cost / noise - 1.0) / level.uncertainty;
+    let left = ((cost - noise) / (refit_cost.max(given_cost) - noise).max(1.0)).clamp(0.0, 1.0);
     let certain = 1.0 / (1.0 + (-(excess - EXCESS)).exp());
     // A rest of a thousandth of a large gap is a matter of the effect's third digit, not of another cause.
     let material = 1.0 / (1.0 + (0.004 / left.max(1e-12)).powi(4));
@@ -51,9 +53,9 @@ pub fn adequacy(cost: f64, refit_cost: f64, given_cost: f64, rows: f64) -> Adequ
 }
 
 /// Spreads probability over the candidates; `unknown` goes to something else.
-pub fn weigh<'a>(candidates: &[Candidate<'a>], unknown: f64, rows: f64) -> Vec<Weighted<'a>> {
+pub fn weigh<'a>(candidates: &[Candidate<'a>], unknown: f64, rows: f64, level: NoiseLevel) -> Vec<Weighted<'a>> {
     let Some(best) = candidates.first() else { return Vec::new() };
-    let temperature = TEMPERATURE + MISFIT_TEMPERATURE * (best.cost - rows * (1.0 + 2.0 * NOISE_LEVEL)).max(0.0);
+    let temperature = TEMPERATURE + MISFIT_TEMPERATURE * (best.cost - rows * level.factor * (1.0 + 2.0 * level.uncertainty)).max(0.0);
     let mut weighted: Vec<Weighted> = Vec::new();
     for candidate in candidates {
         let weight = (-(candidate.priced - best.priced) / temperature).exp();
