@@ -29,7 +29,7 @@ fn main() {
         std::fs::write(to.join("predicted.csv"), text).unwrap();
         let d = &outcome.diagnosis;
         println!("== {name} {:.1} s: {}", clock.elapsed().as_secs_f64(), d.sentence);
-        println!("   costs {:.4?} excess {:.1} left {:.4} unknown {:.2}", outcome.evidence.costs, outcome.evidence.adequacy.excess, outcome.evidence.adequacy.left, outcome.evidence.adequacy.unknown);
+        println!("   costs {:.4?} excess {:.1} left {:.4} bent {:.1} unknown {:.2}", outcome.evidence.costs, outcome.evidence.adequacy.excess, outcome.evidence.adequacy.left, outcome.evidence.adequacy.bent, outcome.evidence.adequacy.unknown);
         println!("   next: {:?}", outcome.evidence.stages.last().map(|s| s.iter().take(3).map(|e| format!("{}@{} {:.0} ({:.2})", e.0, e.1, e.2, e.3)).collect::<Vec<_>>()));
         println!("   first: {:?}", outcome.evidence.stages.first().map(|s| s.iter().take(3).map(|e| format!("{}@{} {:.0} ({:.2})", e.0, e.1, e.2, e.3)).collect::<Vec<_>>()));
         println!("   unseen {:?}", outcome.evidence.unseen);

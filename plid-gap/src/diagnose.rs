@@ -94,11 +94,11 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     let given_cost = sum_of_squares(&problem.residual(&problem.plant, &zero, &[], Fineness::FINE));
     let best = &found.best;
     let level = ready.noise_level(&simulated);
-    let mut judged = adequacy(best.cost, refitted.cost, given_cost, rows, level);
+    let mut judged = adequacy(problem.bent(&best.eta), best.cost, refitted.cost, given_cost, rows, level);
     // What fails with its own shape and suffices with a free one is this place, and another shape.
     let bent = if judged.excess > BEND_FROM { shape::bent(problem, &quick, best) } else { None };
     let free_shape = bent.filter(|bent| {
-        let bent = adequacy(bent.fit.cost, refitted.cost, given_cost, rows, level);
+        let bent = adequacy(problem.bent(&bent.fit.eta), bent.fit.cost, refitted.cost, given_cost, rows, level);
         bent.unknown < 0.5 && bent.excess < (1.0 - BEND_SHARE) * judged.excess
     });
     if free_shape.is_some() {

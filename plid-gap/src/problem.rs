@@ -189,6 +189,13 @@ impl Problem {
         eta.iter().zip(&self.nuisance.std).map(|(x, std)| (x / std).powi(2)).sum()
     }
 
+    /// The largest change of a mode's parameter, in standard deviations of its prior.
+    pub fn bent(&self, eta: &[f64]) -> f64 {
+        let modal = |index: &usize| self.nuisance.entry(*index).is_some();
+        let z = |index: usize| (eta[index] / self.nuisance.std[index]).abs();
+        (0..eta.len()).filter(modal).map(z).fold(0.0, f64::max)
+    }
+
     /// Fits the linear parameters and the effects from the given start.
     pub fn fit<'a>(&self, tangent: &Tangent, eta: &[f64], effects: &[Placed<'a>], effort: Effort) -> Fit<'a> {
         let mut eta = eta.to_vec();

@@ -33,6 +33,10 @@ pub const FURTHER_SHARE: f64 = 0.4;
 /// Excess over the noise, in that uncertainty, at which "something else" is as likely as not.
 pub const EXCESS: f64 = 4.0;
 
+/// Change of a linear parameter, in standard deviations of the stated limits, at which "something else" is as likely as not: the
+/// largest of eighty within their limits is about two and a half.
+pub const BENT: f64 = 3.8;
+
 /// Confidence is spread over fits that differ by less than this in twice the log likelihood: twice the textbook's two, for the
 /// noise model is estimated.
 pub const TEMPERATURE: f64 = 4.0;
