@@ -21,7 +21,7 @@ use crate::refit::{Refit, refit};
 use crate::simulate::{Fineness, State, simulate};
 use crate::stepwise::{Search, search};
 use crate::shape;
-use crate::thresholds::{BEND_FROM, BEND_SHARE, HEAD, SHAPE_DIFFERS};
+use crate::thresholds::{HEAD, SHAPE_DIFFERS, WORTH};
 use crate::unseen::{self, EVIDENCE, unseen};
 use crate::verdict::{Adequacy, Verdict, Weighted, adequacy, weigh};
 
@@ -94,16 +94,17 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     let given_cost = sum_of_squares(&problem.residual(&problem.plant, &zero, &[], Fineness::FINE));
     let best = &found.best;
     let level = ready.noise_level(&simulated);
-    let mut judged = adequacy(problem.bent(&best.eta), best.cost, refitted.cost, given_cost, rows, level);
+    // A stage that was looked at and not accepted says what is still there.
+    let last = if found.stages.len() > best.effects.len() { found.stages.last() } else { None };
+    let next = last.and_then(|entries| entries.first()).map_or(0.0, |entry| entry.gain);
+    let mut judged = adequacy(problem.bent(&best.eta), next, best.cost, refitted.cost, given_cost, rows, level);
     // What fails with its own shape and suffices with a free one is this place, and another shape.
-    let bent = if judged.excess > BEND_FROM { shape::bent(problem, &quick, best) } else { None };
-    let free_shape = bent.filter(|bent| {
-        let bent = adequacy(problem.bent(&bent.fit.eta), bent.fit.cost, refitted.cost, given_cost, rows, level);
-        bent.unknown < 0.5 && bent.excess < (1.0 - BEND_SHARE) * judged.excess
-    });
-    if free_shape.is_some() {
-        judged.unknown = SHAPE_DIFFERS.min(judged.unknown.max(0.1));
+    let bent = shape::bent(problem, &quick, best).filter(|bent| best.cost - bent.fit.cost > 4.0 * WORTH);
+    if let Some(bent) = &bent {
+        let freed = adequacy(problem.bent(&bent.fit.eta), 0.0, bent.fit.cost, refitted.cost, given_cost, rows, level);
+        judged.unknown = judged.unknown.min(freed.unknown).max(SHAPE_DIFFERS);
     }
+    let free_shape = bent;
     let mut weighted = weigh(&found.candidates, judged.unknown, rows, level);
     // What quiet records show holds whatever the free runs say.
     let shown: Vec<&Placed> = unseen.iter().filter(|u| u.gain > EVIDENCE && !excluded(&u.placed)).map(|u| &u.placed).collect();

@@ -2,9 +2,10 @@
 
 use rayon::prelude::*;
 
-use crate::effects::Flexible;
+use crate::effects::{Effect, Flexible};
 use crate::problem::{Effort, Fit, Placed, Problem};
 use crate::simulate::Fineness;
+use crate::thresholds::WORTH;
 
 static SIBLINGS: [Flexible; 8] = [
     Flexible::Stiffness,
@@ -28,25 +29,38 @@ pub struct Bent<'a> {
     pub which: usize,
 }
 
-/// The best of all fits with one sibling each, or none where no effect has a shape.
+/// The best of all fits with one sibling each; none where no effect has a shape, or where a free one gains nothing on the heads of
+/// the records.
 pub fn bent<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<Bent<'a>> {
-    let fits: Vec<Bent> = best
+    let siblings: Vec<(usize, &'static Flexible)> = best
         .effects
-        .par_iter()
+        .iter()
         .enumerate()
         .filter_map(|(which, placed)| {
             let kind = Flexible::of(placed.effect.name())?;
-            let sibling = SIBLINGS.iter().find(|sibling| **sibling == kind)?;
-            let start = crate::effects::Effect::starts(sibling, &problem.setting, &placed.place).pop()?;
-            let mut effects = best.effects.clone();
-            effects.push(Placed { effect: sibling, place: placed.place.clone(), parameters: start });
-            let tangent = quick.tangent(&quick.nuisance.apply(&quick.plant, &best.eta));
-            let fit = quick.fit(&tangent, &best.eta, &effects, QUICK);
-            Some(Bent { fit, which })
+            Some((which, SIBLINGS.iter().find(|sibling| **sibling == kind)?))
         })
         .collect();
-    let best = fits.into_iter().min_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost))?;
-    let tangent = problem.tangent(&problem.nuisance.apply(&problem.plant, &best.fit.eta));
-    let fit = problem.fit(&tangent, &best.fit.eta, &best.fit.effects, WHOLE);
-    Some(Bent { fit, which: best.which })
+    if siblings.is_empty() {
+        return None;
+    }
+    let tangent = quick.tangent(&quick.nuisance.apply(&quick.plant, &best.eta));
+    let own = quick.fit(&tangent, &best.eta, &best.effects, QUICK);
+    let fits: Vec<Bent> = siblings
+        .into_par_iter()
+        .map(|(which, sibling)| {
+            let place = own.effects[which].place.clone();
+            let parameters = sibling.starts(&quick.setting, &place).remove(0);
+            let mut effects = own.effects.clone();
+            effects.push(Placed { effect: sibling, place, parameters });
+            Bent { fit: quick.fit(&tangent, &own.eta, &effects, QUICK), which }
+        })
+        .collect();
+    let top = fits.into_iter().min_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost))?;
+    if !(own.cost - top.fit.cost > WORTH) {
+        return None;
+    }
+    let tangent = problem.tangent(&problem.nuisance.apply(&problem.plant, &top.fit.eta));
+    let fit = problem.fit(&tangent, &top.fit.eta, &top.fit.effects, WHOLE);
+    Some(Bent { fit, which: top.which })
 }

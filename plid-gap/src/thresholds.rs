@@ -45,11 +45,13 @@ pub const TEMPERATURE: f64 = 4.0;
 /// inadequate models mean little.
 pub const MISFIT_TEMPERATURE: f64 = 0.05;
 
-/// Excess (in the noise level's uncertainty) from which a free shape is tried beside each effect.
-pub const BEND_FROM: f64 = 3.0;
+/// Twice the log likelihood that a free shape must gain on the heads of the records, and four times that on whole ones: eight
+/// numbers gain eight by chance.
+pub const WORTH: f64 = 40.0;
 
-/// Share of the excess that a free shape must take away.
-pub const BEND_SHARE: f64 = 0.6;
+/// Twice the log likelihood that the best further entry of the screen would gain on the heads of the records, at which "something
+/// else" is as likely as not: beside a right explanation the best of a hundred entries gains up to 20.
+pub const NEXT: f64 = 50.0;
 
 /// Probability that is kept for something else where a free shape suffices: one case in three of a cause that the library lacks is
 /// imitated by a free shape at the same place.

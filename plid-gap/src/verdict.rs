@@ -3,7 +3,7 @@
 use crate::problem::Placed;
 use crate::stepwise::{Candidate, same};
 use crate::prepare::NoiseLevel;
-use crate::thresholds::{BENT, EXCESS, MISFIT_TEMPERATURE, TEMPERATURE};
+use crate::thresholds::{BENT, EXCESS, NEXT, MISFIT_TEMPERATURE, TEMPERATURE};
 
 /// What a diagnosis says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -38,12 +38,14 @@ pub struct Adequacy {
     pub left: f64,
     /// The largest change of a linear parameter, in standard deviations of the stated limits.
     pub bent: f64,
+    /// What the best further entry of the screen would gain.
+    pub next: f64,
     /// Probability of something else.
     pub unknown: f64,
 }
 
 /// Judges what the best explanation leaves, and how far (`bent`, in standard deviations) the linear parameters had to go for it.
-pub fn adequacy(bent: f64, cost: f64, refit_cost: f64, given_cost: f64, rows: f64, level: NoiseLevel) -> Adequacy {
+pub fn adequacy(bent: f64, next: f64, cost: f64, refit_cost: f64, given_cost: f64, rows: f64, level: NoiseLevel) -> Adequacy {
     let noise = rows * level.factor;
     let excess = (cost / noise - 1.0) / level.uncertainty;
     let left = ((cost - noise) / (refit_cost.max(given_cost) - noise).max(1.0)).clamp(0.0, 1.0);
@@ -52,8 +54,10 @@ pub fn adequacy(bent: f64, cost: f64, refit_cost: f64, given_cost: f64, rows: f6
     let material = 1.0 / (1.0 + (0.004 / left.max(1e-12)).powi(4));
     // Beyond the stated limits a refit hides an effect that the vocabulary does not have.
     let beyond = 1.0 / (1.0 + (-(bent - BENT) / 0.3).exp());
-    let unknown = 0.02 + 0.97 * (1.0 - (1.0 - certain * material) * (1.0 - beyond));
-    Adequacy { excess, left, bent, unknown }
+    // What still lies in the residual along some effect's trace, though no effect explains it.
+    let coherent = 1.0 / (1.0 + (-(next - NEXT) / 8.0).exp());
+    let sound = (1.0 - certain * material) * (1.0 - beyond) * (1.0 - coherent);
+    Adequacy { excess, left, bent, next, unknown: 0.02 + 0.97 * (1.0 - sound) }
 }
 
 /// Spreads probability over the candidates; `unknown` goes to something else.
