@@ -1,5 +1,7 @@
 //! Where a simulation disagrees with its records, which unmodelled effect causes it, and how far the gap shrinks once it is added.
 
+#[cfg(test)]
+mod blind;
 pub mod case;
 pub mod codes;
 pub mod diagnose;
