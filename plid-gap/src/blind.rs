@@ -18,15 +18,18 @@ use crate::verdict::Verdict;
 /// Runge-Kutta steps a sample.
 const STEPS: usize = 24;
 
+/// Changes commands or outputs.
+type Change = dyn Fn(&mut Channels);
+
 /// What the real thing does beside the simulation.
 #[derive(Default)]
 struct Truth {
     /// At the first port: force of displacement and velocity.
     force: Option<Box<dyn Fn(f64, f64) -> f64>>,
     /// On the commands.
-    command: Option<Box<dyn Fn(&mut Channels)>>,
+    command: Option<Box<Change>>,
     /// On the outputs, before noise.
-    sensor: Option<Box<dyn Fn(&mut Channels)>>,
+    sensor: Option<Box<Change>>,
 }
 
 fn integrate(model: &Model, u: &[Vec<f64>], force: Option<&dyn Fn(f64, f64) -> f64>) -> (Channels, f64) {
@@ -154,10 +157,8 @@ const CLIP: f64 = 0.25;
 /// A sensor whose gain depends on the square of its signal: the vocabulary has no word for that.
 #[test]
 fn what_the_vocabulary_lacks_is_kept_open() {
-    let truth = Truth {
-        sensor: Some(Box::new(|y| y[1].iter_mut().for_each(|y| *y += 0.6 * *y * *y))),
-        ..Truth::default()
-    };
+    let truth =
+        Truth { sensor: Some(Box::new(|y| y[1].iter_mut().for_each(|y| *y += 0.6 * *y * *y))), ..Truth::default() };
     let found = diagnosed(&case(4, quiet(4), &truth));
     let open = found.candidates.iter().filter(|c| c.unknown).map(|c| c.probability).sum::<f64>();
     assert!(found.verdict == Verdict::Unknown || open >= 0.2, "{}", found.sentence);

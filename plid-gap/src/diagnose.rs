@@ -18,9 +18,9 @@ use crate::prepare::{Prepared, prepare};
 use crate::problem::{Effort, Fit, Placed, Problem, sum_of_squares};
 use crate::record::{Channels, Excitation, Record};
 use crate::refit::{Refit, refit};
+use crate::shape;
 use crate::simulate::{Fineness, State, simulate};
 use crate::stepwise::{Search, search};
-use crate::shape;
 use crate::thresholds::{HEAD, SHAPE_DIFFERS, WORTH};
 use crate::unseen::{self, EVIDENCE, unseen};
 use crate::verdict::{Adequacy, Verdict, Weighted, adequacy, weigh};
@@ -76,7 +76,8 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     let unseen = unseen(&ready, library);
     let names = ready.problem.setting.names.clone();
     let names = &names;
-    let matches = |word: &String, placed: &Placed| word == placed.effect.name() || *word == placed.place.location(names);
+    let matches =
+        |word: &String, placed: &Placed| word == placed.effect.name() || *word == placed.place.location(names);
     let excluded = |placed: &Placed| case.config.exclude.iter().any(|word| matches(word, placed));
     let allowed = |placed: &Placed| !unseen::is_unseen(placed.effect) && !excluded(placed);
     let bonus = |placed: &Placed| {
@@ -107,7 +108,8 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     let free_shape = bent;
     let mut weighted = weigh(&found.candidates, judged.unknown, rows, level);
     // What quiet records show holds whatever the free runs say.
-    let shown: Vec<&Placed> = unseen.iter().filter(|u| u.gain > EVIDENCE && !excluded(&u.placed)).map(|u| &u.placed).collect();
+    let shown: Vec<&Placed> =
+        unseen.iter().filter(|u| u.gain > EVIDENCE && !excluded(&u.placed)).map(|u| &u.placed).collect();
     for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
         explanation.effects.extend(shown.iter().map(|placed| (*placed).clone()));
     }
@@ -129,7 +131,11 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
         problem.records.iter().zip(outputs(problem, best)).map(|(record, y)| locate::error(record, &y)).collect();
     let after = locate::map(&problem.records, &after_errors, &ready.noise, plant.rate);
 
-    let effects = if verdict == Verdict::Effects { named(&ready, best, &shown, &weighted, free_shape.map(|bent| bent.which)) } else { Vec::new() };
+    let effects = if verdict == Verdict::Effects {
+        named(&ready, best, &shown, &weighted, free_shape.map(|bent| bent.which))
+    } else {
+        Vec::new()
+    };
     let place = place(&before, &names.outputs, &found, &shown);
     let candidates = weighted
         .iter()
@@ -160,7 +166,9 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     };
     let simulation = written(&ready, model, best, &plant, &shown, verdict);
     let trace_record = ready.held_out.last().or(problem.records.last()).expect("a case has records").clone();
-    let run = |plant: &Plant, actions: &[Action]| simulate(plant, actions, &trace_record.u, trace_record.start_s, None, Fineness::FINE);
+    let run = |plant: &Plant, actions: &[Action]| {
+        simulate(plant, actions, &trace_record.u, trace_record.start_s, None, Fineness::FINE)
+    };
     let evidence = Evidence {
         outputs: names.outputs.clone(),
         rate: plant.rate,
@@ -179,7 +187,10 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
             .collect(),
         trace: [trace_record.y.clone(), run(&problem.plant, &[]), run(&plant, &actions)],
         trace_record: trace_record.name,
-        unseen: unseen.iter().map(|u| (u.placed.effect.name().into(), u.placed.place.location(names), u.gain)).collect(),
+        unseen: unseen
+            .iter()
+            .map(|u| (u.placed.effect.name().into(), u.placed.place.location(names), u.gain))
+            .collect(),
         refit: refit_summary(problem, &best.eta),
         costs: [given_cost / rows, refitted.cost / rows, best.cost / rows],
     };
@@ -223,7 +234,8 @@ fn gaps(
     let with = of(plant, actions);
     let floor = gap::floor(&noise, &record.y);
     let (as_given, refit, with_effect) = (given.gap(), refit_blocks.gap(), with.gap());
-    let wide = Limits { frequency: 40.0 * limits.frequency, damping: 10.0 * limits.damping, shape: 40.0 * limits.shape };
+    let wide =
+        Limits { frequency: 40.0 * limits.frequency, damping: 10.0 * limits.damping, shape: 40.0 * limits.shape };
     let free = Problem {
         plant: quick.plant.clone(),
         records: quick.records.clone(),
@@ -299,9 +311,10 @@ fn placebo(problem: &Problem, found: &Search) -> Option<(Plant, Vec<Action>)> {
     let first = found.best.effects.first()?;
     let wanted = first.parameters.len();
     let entries = found.stages.first()?;
-    let entry = entries.iter().skip(entries.len() / 2).find(|entry| {
-        entry.placed.effect.side() != first.effect.side() && entry.placed.parameters.len() == wanted
-    })?;
+    let entry = entries
+        .iter()
+        .skip(entries.len() / 2)
+        .find(|entry| entry.placed.effect.side() != first.effect.side() && entry.placed.parameters.len() == wanted)?;
     let tangent = problem.tangent(&problem.plant);
     let fit = problem.fit(&tangent, &vec![0.0; problem.nuisance.len()], std::slice::from_ref(&entry.placed), ROUGH);
     Some((problem.nuisance.apply(&problem.plant, &fit.eta), problem.actions(&fit.effects)))
@@ -332,7 +345,11 @@ fn named(
     // Where the fit leaves more than the noise, its intervals grow with it.
     let inflation = (best.cost / rows).max(1.0).sqrt();
     let confidence = |placed: &Placed| -> f64 {
-        weighted.iter().filter(|w| w.effects.iter().any(|e| crate::stepwise::same(e, placed))).map(|w| w.probability).sum()
+        weighted
+            .iter()
+            .filter(|w| w.effects.iter().any(|e| crate::stepwise::same(e, placed)))
+            .map(|w| w.probability)
+            .sum()
     };
     let mut at = 0;
     let mut named = Vec::new();
@@ -433,11 +450,8 @@ fn written(
 ) -> SimulationWithEffects {
     let setting = &ready.problem.setting;
     let records = &ready.problem.records;
-    let t0 = records
-        .iter()
-        .chain(&ready.held_out)
-        .map(|r| r.start_s + r.samples() as f64 / plant.rate)
-        .fold(0.0, f64::max);
+    let t0 =
+        records.iter().chain(&ready.held_out).map(|r| r.start_s + r.samples() as f64 / plant.rate).fold(0.0, f64::max);
     let fitted: &[Placed] = if verdict == Verdict::None { &[] } else { &best.effects };
     let effects = fitted
         .iter()
@@ -509,23 +523,31 @@ fn sentence(verdict: Verdict, effects: &[NamedEffect], gap: &Gap) -> String {
     match verdict {
         Verdict::None => format!(
             "Nothing is missing: within its stated limits the simulation explains the records down to {} (noise {}).",
-            percent(gap.refit), percent(gap.noise_floor)
+            percent(gap.refit),
+            percent(gap.noise_floor)
         ),
         Verdict::Unknown => format!(
             "Something outside the vocabulary: the best explanation leaves {} of {}, where noise makes {}.",
-            percent(gap.with_effect), percent(gap.as_given), percent(gap.noise_floor)
+            percent(gap.with_effect),
+            percent(gap.as_given),
+            percent(gap.noise_floor)
         ),
         Verdict::Effects => {
             let one = |e: &NamedEffect| format!("{} at {}", e.effect, e.location);
             let all = effects.iter().map(one).collect::<Vec<_>>().join(" and ");
             let sure = 100.0 * effects.iter().map(|e| e.confidence).fold(1.0, f64::min);
             if gap.as_given < NOISE_ONLY * gap.noise_floor {
-                return format!("{all} ({sure:.0} % sure): it is noise that no simulation predicts, {} of the output.", percent(gap.noise_floor));
+                return format!(
+                    "{all} ({sure:.0} % sure): it is noise that no simulation predicts, {} of the output.",
+                    percent(gap.noise_floor)
+                );
             }
             format!(
                 "{all} ({sure:.0} % sure): with {} the gap falls from {} to {} (noise {}).",
                 if effects.len() == 1 { "it" } else { "them" },
-                percent(gap.as_given), percent(gap.with_effect), percent(gap.noise_floor)
+                percent(gap.as_given),
+                percent(gap.with_effect),
+                percent(gap.noise_floor)
             )
         }
     }
@@ -543,7 +565,9 @@ fn words(
     let names = &ready.problem.setting.names;
     let mut words = vec![format!(
         "Squared residual over noise: {:.3} as given, {:.3} after the bounded refit, {:.3} with the best explanation (1 is noise alone).",
-        given_cost / rows, refitted.cost / rows, found.best.cost / rows
+        given_cost / rows,
+        refitted.cost / rows,
+        found.best.cost / rows
     )];
     if let Some(slope) = before.slope {
         words.push(format!("The relative gap goes with the level to the power {slope:+.1}."));
@@ -552,24 +576,25 @@ fn words(
         if let Some(entry) = found.stages.iter().flatten().find(|e| crate::stepwise::same(&e.placed, placed)) {
             words.push(format!(
                 "{} at {}: a refit would absorb {:.0} % of its trace.",
-                placed.effect.name(), placed.place.location(names), 100.0 * entry.absorbed
+                placed.effect.name(),
+                placed.place.location(names),
+                100.0 * entry.absorbed
             ));
         }
     }
     let other = found.candidates.iter().find(|c| {
-        !c.effects.is_empty() && !c.effects.iter().all(|a| found.best.effects.iter().any(|b| crate::stepwise::same(a, b)))
+        !c.effects.is_empty()
+            && !c.effects.iter().all(|a| found.best.effects.iter().any(|b| crate::stepwise::same(a, b)))
     });
     if let (Some(other), false) = (other, found.best.effects.is_empty()) {
         let one = |p: &Placed| format!("{} at {}", p.effect.name(), p.place.location(names));
         words.push(format!(
             "The nearest other explanation, {}, is worse by {:.0} in log likelihood.",
-            other.effects.iter().map(one).collect::<Vec<_>>().join(" + "), (other.cost - found.best.cost) / 2.0
+            other.effects.iter().map(one).collect::<Vec<_>>().join(" + "),
+            (other.cost - found.best.cost) / 2.0
         ));
     }
-    words.push(format!(
-        "What is left exceeds the noise by {:.1} times the uncertainty of its level.",
-        judged.excess
-    ));
+    words.push(format!("What is left exceeds the noise by {:.1} times the uncertainty of its level.", judged.excess));
     words
 }
 

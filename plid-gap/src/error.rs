@@ -33,7 +33,9 @@ pub enum GapError {
     },
     /// The simulation grows without bound.
     #[error("{}: the simulation is unstable: a pole of magnitude {magnitude:.6} at {hz:.2} Hz", file.display())]
-    #[diagnostic(help("a free run of it says nothing; stabilise it, or leave `sim` out and let the records give a model"))]
+    #[diagnostic(help(
+        "a free run of it says nothing; stabilise it, or leave `sim` out and let the records give a model"
+    ))]
     Unstable {
         /// The simulation.
         file: PathBuf,

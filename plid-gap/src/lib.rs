@@ -18,14 +18,14 @@ mod ports_fit;
 pub mod predict;
 pub mod prepare;
 pub mod problem;
-pub mod refit;
 pub mod record;
+pub mod refit;
 pub mod screen;
 pub mod shape;
 pub mod simulate;
+pub mod stepwise;
 #[cfg(test)]
 mod testing;
-pub mod stepwise;
 pub mod thresholds;
 pub mod tones;
 pub mod transform;

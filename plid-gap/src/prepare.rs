@@ -48,9 +48,11 @@ pub struct Prepared {
 pub fn prepare(model: &Model, records: &[Record], limits: &Limits) -> Result<Prepared, GapError> {
     let plant = Plant::new(model)?;
     let (fitted, held_out) = split(records);
-    let declared_sensor = model.noise.sensor_std.clone().unwrap_or_else(|| {
-        (0..plant.p).map(|o| UNDECLARED * rms(fitted.iter().flat_map(|r| &r.y[o]))).collect()
-    });
+    let declared_sensor = model
+        .noise
+        .sensor_std
+        .clone()
+        .unwrap_or_else(|| (0..plant.p).map(|o| UNDECLARED * rms(fitted.iter().flat_map(|r| &r.y[o]))).collect());
     let declared_actuator = model.noise.actuator_std.clone().unwrap_or_else(|| vec![0.0; plant.m]);
     let declared = NoiseModel::declared(&plant, &declared_sensor, &declared_actuator);
     let errors = given_errors(&plant, &fitted);
@@ -204,11 +206,8 @@ fn quiet_stretches(plant: &Plant, records: &[Record], tones: &[tones::Tone]) -> 
         // The first period or two hold the transient.
         for first in (periods.min(2)..periods.saturating_sub(1)).step_by(2) {
             let at = first * period;
-            let difference: Channels = record
-                .y
-                .iter()
-                .map(|y| (at..at + period).map(|k| (y[k + period] - y[k]) * half).collect())
-                .collect();
+            let difference: Channels =
+                record.y.iter().map(|y| (at..at + period).map(|k| (y[k + period] - y[k]) * half).collect()).collect();
             if period >= SHORTEST_QUIET {
                 stretches.push(Stretch::new(&difference));
             }
@@ -251,8 +250,7 @@ fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]
         missing: Vec::new(),
     };
     let Some(loudest) = loudest else { return setting };
-    setting.duration_s =
-        records.iter().map(|r| r.start_s + r.samples() as f64 / plant.rate).fold(0.0, f64::max);
+    setting.duration_s = records.iter().map(|r| r.start_s + r.samples() as f64 / plant.rate).fold(0.0, f64::max);
     for i in 0..m {
         let slope = |u: &[f64]| rms(&u.windows(2).map(|w| (w[1] - w[0]) * plant.rate).collect::<Vec<f64>>());
         // A random record of the same level is much steeper than a multisine of a few lines.
@@ -269,11 +267,11 @@ fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]
         (setting.d_rms[k], setting.v_rms[k]) = (d, v);
         setting.force[k] = force_size(plant, k, &setting.u_rms);
     }
-    let driven: Vec<(&[Vec<f64>], &[Vec<f64>])> = records
+    let driven: Vec<missing::Driven> = records
         .iter()
         .zip(errors)
         .filter(|(record, _)| record.excitation == Excitation::Random)
-        .map(|(record, error)| (record.u.as_slice(), error.as_slice()))
+        .map(|(record, error)| missing::Driven { u: &record.u, error })
         .collect();
     setting.missing = missing::missing_modes(plant, &driven);
     // Where a record without input is, lines stand out in it alone.

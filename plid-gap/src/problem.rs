@@ -125,7 +125,14 @@ impl Problem {
     }
 
     /// Free run of one record.
-    pub fn outputs(&self, plant: &Plant, eta: &[f64], actions: &[Action], index: usize, fineness: Fineness) -> Channels {
+    pub fn outputs(
+        &self,
+        plant: &Plant,
+        eta: &[f64],
+        actions: &[Action],
+        index: usize,
+        fineness: Fineness,
+    ) -> Channels {
         let record = &self.records[index];
         let start = self.nuisance.start(index, eta);
         simulate(plant, actions, &record.u, record.start_s, start.as_ref(), fineness)
@@ -158,7 +165,7 @@ impl Problem {
     pub fn tangent(&self, plant: &Plant) -> Tangent {
         let (rows, columns) = (self.rows(), self.nuisance.len());
         let mut values = vec![0.0; rows * columns];
-        let blocks: Vec<(usize, Vec<(usize, Vec<f64>)>)> = (0..self.records.len())
+        let blocks: Vec<Vec<(usize, Vec<f64>)>> = (0..self.records.len())
             .into_par_iter()
             .map(|index| {
                 let mut found = Vec::new();
@@ -167,10 +174,10 @@ impl Problem {
                     self.whiteners[index].apply(outputs, &mut white);
                     found.push((column, white));
                 });
-                (index, found)
+                found
             })
             .collect();
-        for (index, found) in blocks {
+        for (index, found) in blocks.into_iter().enumerate() {
             let range = self.rows_of(index);
             for (column, white) in found {
                 values[column * rows + range.start..column * rows + range.end].copy_from_slice(&white);

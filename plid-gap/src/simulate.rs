@@ -76,10 +76,8 @@ pub fn simulate(
             _ => None,
         })
         .collect();
-    let stiffness: Vec<_> = actions
-        .iter()
-        .filter_map(|action| if let Action::Stiffness(of) = action { Some(of) } else { None })
-        .collect();
+    let stiffness: Vec<_> =
+        actions.iter().filter_map(|action| if let Action::Stiffness(of) = action { Some(of) } else { None }).collect();
     let factor = |t: f64| stiffness.iter().map(|of| of(t)).product::<f64>();
 
     let mut runner = Runner::new(plant, drive.parts, &forces, &disturbances);

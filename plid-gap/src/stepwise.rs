@@ -126,7 +126,11 @@ fn turn<'a>(
     let mut fits = fit_all(quick, &from, &so_far.effects, &entries[..entries.len().min(fitted)]);
     fits.sort_by(|a, b| price.of(a).total_cmp(&price.of(b)));
     fits.truncate(polished);
-    let whole = fits.into_par_iter().map(|fit| polish(problem, fit)).filter(|fit| fit.cost.is_finite() && fit.effects.iter().all(|placed| sound(problem, placed))).collect();
+    let whole = fits
+        .into_par_iter()
+        .map(|fit| polish(problem, fit))
+        .filter(|fit| fit.cost.is_finite() && fit.effects.iter().all(|placed| sound(problem, placed)))
+        .collect();
     (entries, whole)
 }
 
@@ -182,14 +186,7 @@ impl Start {
     }
 
     fn base<'p, 'a>(&'p self, problem: &'p Problem, effects: &'p [Placed<'a>]) -> Base<'p, 'a> {
-        Base {
-            problem,
-            tangent: &self.tangent,
-            plant: &self.plant,
-            eta: &self.eta,
-            effects,
-            residual: &self.residual,
-        }
+        Base { problem, tangent: &self.tangent, plant: &self.plant, eta: &self.eta, effects, residual: &self.residual }
     }
 }
 
@@ -231,8 +228,9 @@ fn question<'a>(
     for place in 0..best.effects.len() {
         let mut others = best.effects.clone();
         let asked = others.remove(place);
-        let there =
-            |placed: &Placed| others.iter().any(|other| same(other, placed)) || same(&asked, placed) || !allowed(placed);
+        let there = |placed: &Placed| {
+            others.iter().any(|other| same(other, placed)) || same(&asked, placed) || !allowed(placed)
+        };
         let without = Fit { effects: others.clone(), ..best.clone() };
         let (_, fits) = turn(problem, quick, &without, library, &there, price, FITTED / 2, POLISHED / 2);
         candidates.extend(fits.iter().map(|fit| price.candidate(fit)));

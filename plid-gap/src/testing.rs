@@ -23,10 +23,7 @@ pub fn truss(seed: u64) -> Model {
 }
 
 /// The same with frequencies and damping ratios, input shapes (modes x 2) and output shapes (2 x modes) changed.
-pub fn truss_with(
-    seed: u64,
-    change: impl FnOnce(&mut [(f64, f64)], &mut DMatrix<f64>, &mut DMatrix<f64>),
-) -> Model {
+pub fn truss_with(seed: u64, change: impl FnOnce(&mut [(f64, f64)], &mut DMatrix<f64>, &mut DMatrix<f64>)) -> Model {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut normal = || -> f64 { rng.sample(StandardNormal) };
     let (q, m, p) = (MODES.len(), 2, 2);
@@ -84,14 +81,12 @@ pub fn truss_with(
     }
     // Another basis, of states of like size, so that nothing rests on this one.
     let basis = DMatrix::from_fn(n, n, |i, j| if i == j { 1.0 } else { 0.2 * normal() });
-    let scale = DMatrix::from_diagonal(&nalgebra::DVector::from_fn(n, |j, _| {
-        match j {
-            j if j < 2 * q && j % 2 == 0 => 1e4,
-            j if j < 2 * q => 10.0,
-            j if j < filters => 1.0,
-            j if (j - filters) % 2 == 0 => 10.0,
-            _ => 10.0 / filter,
-        }
+    let scale = DMatrix::from_diagonal(&nalgebra::DVector::from_fn(n, |j, _| match j {
+        j if j < 2 * q && j % 2 == 0 => 1e4,
+        j if j < 2 * q => 10.0,
+        j if j < filters => 1.0,
+        j if (j - filters) % 2 == 0 => 10.0,
+        _ => 10.0 / filter,
     }));
     let basis = basis * scale;
     let inverse = basis.clone().try_inverse().expect("a random matrix has an inverse");

@@ -36,11 +36,8 @@ pub fn tones(stretches: &[Stretch], rate: f64, most: usize) -> Vec<Tone> {
     let length = longest.residual[0].len();
     let mut power = vec![0.0; length / 2 + 1];
     for channel in longest.residual {
-        let windowed: Vec<f64> = channel
-            .iter()
-            .enumerate()
-            .map(|(k, x)| x * (1.0 - (TAU * k as f64 / length as f64).cos()))
-            .collect();
+        let windowed: Vec<f64> =
+            channel.iter().enumerate().map(|(k, x)| x * (1.0 - (TAU * k as f64 / length as f64).cos())).collect();
         let spectrum = transform::forward(&windowed);
         let size: f64 = spectrum.iter().map(|z| z.norm_sqr()).sum::<f64>().max(f64::MIN_POSITIVE);
         power.iter_mut().zip(&spectrum).for_each(|(p, z)| *p += z.norm_sqr() / size);

@@ -67,7 +67,8 @@ fn noisy(noise: &NoiseModel, declared: &[f64], codes: &[Codes]) -> Vec<(usize, f
         if codes[o].coarse || noise.bins == 0 {
             continue;
         }
-        let mut others: Vec<f64> = (0..ratios.len()).filter(|&j| j != o && !codes[j].coarse).map(|j| ratios[j]).collect();
+        let mut others: Vec<f64> =
+            (0..ratios.len()).filter(|&j| j != o && !codes[j].coarse).map(|j| ratios[j]).collect();
         others.sort_by(f64::total_cmp);
         // The least noisy other channel says what is common.
         let common = others.first().copied().unwrap_or(MISJUDGED * MISJUDGED).max(0.4);

@@ -1,9 +1,9 @@
 //! Probabilities of all explanations, "something else" among them, and the verdict.
 
+use crate::prepare::NoiseLevel;
 use crate::problem::Placed;
 use crate::stepwise::{Candidate, same};
-use crate::prepare::NoiseLevel;
-use crate::thresholds::{BENT, EXCESS, NEXT, MISFIT_TEMPERATURE, TEMPERATURE};
+use crate::thresholds::{BENT, EXCESS, MISFIT_TEMPERATURE, NEXT, TEMPERATURE};
 
 /// What a diagnosis says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -45,7 +45,15 @@ pub struct Adequacy {
 }
 
 /// Judges what the best explanation leaves, and how far (`bent`, in standard deviations) the linear parameters had to go for it.
-pub fn adequacy(bent: f64, next: f64, cost: f64, refit_cost: f64, given_cost: f64, rows: f64, level: NoiseLevel) -> Adequacy {
+pub fn adequacy(
+    bent: f64,
+    next: f64,
+    cost: f64,
+    refit_cost: f64,
+    given_cost: f64,
+    rows: f64,
+    level: NoiseLevel,
+) -> Adequacy {
     let noise = rows * level.factor;
     let excess = (cost / noise - 1.0) / level.uncertainty;
     let left = ((cost - noise) / (refit_cost.max(given_cost) - noise).max(1.0)).clamp(0.0, 1.0);
@@ -63,7 +71,8 @@ pub fn adequacy(bent: f64, next: f64, cost: f64, refit_cost: f64, given_cost: f6
 /// Spreads probability over the candidates; `unknown` goes to something else.
 pub fn weigh<'a>(candidates: &[Candidate<'a>], unknown: f64, rows: f64, level: NoiseLevel) -> Vec<Weighted<'a>> {
     let Some(best) = candidates.first() else { return Vec::new() };
-    let temperature = TEMPERATURE + MISFIT_TEMPERATURE * (best.cost - rows * level.factor * (1.0 + 2.0 * level.uncertainty)).max(0.0);
+    let temperature =
+        TEMPERATURE + MISFIT_TEMPERATURE * (best.cost - rows * level.factor * (1.0 + 2.0 * level.uncertainty)).max(0.0);
     let mut weighted: Vec<Weighted> = Vec::new();
     for candidate in candidates {
         let weight = (-(candidate.priced - best.priced) / temperature).exp();

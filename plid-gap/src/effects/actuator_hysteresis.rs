@@ -17,10 +17,7 @@ impl Effect for ActuatorHysteresis {
     }
 
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
-        vec![
-            Parameter::new("alpha", "1", Range::Positive),
-            Parameter::new("uy", "V", Range::Positive),
-        ]
+        vec![Parameter::new("alpha", "1", Range::Positive), Parameter::new("uy", "V", Range::Positive)]
     }
 
     fn places(&self, setting: &Setting) -> Vec<Place> {

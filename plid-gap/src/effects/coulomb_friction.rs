@@ -17,10 +17,7 @@ impl Effect for CoulombFriction {
     }
 
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
-        vec![
-            Parameter::new("F", "force", Range::Positive),
-            Parameter::new("v0", "velocity", Range::Positive),
-        ]
+        vec![Parameter::new("F", "force", Range::Positive), Parameter::new("v0", "velocity", Range::Positive)]
     }
 
     fn places(&self, setting: &Setting) -> Vec<Place> {
