@@ -159,7 +159,7 @@ pub struct SimulationWithEffects {
     pub linear_with_modal_effects: Option<serde_json::Value>,
     /// What was changed, in words and figures.
     pub refit: Vec<String>,
-    /// In the order of the chain.
+    /// Those on commands, and those on outputs, act in this order.
     pub effects: Vec<WrittenEffect>,
     /// End of the last record, in s since the first began.
     pub t0: f64,

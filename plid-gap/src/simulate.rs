@@ -125,11 +125,11 @@ fn advance(
                 runner.hold(&held);
             }
             if part == 0 {
-                runner.output(&held, y, k);
                 runner.sample(drive, k);
                 for (d, (_, signal)) in disturbances.iter().enumerate() {
                     runner.push(d, signal[k]);
                 }
+                runner.output(&held, y, k);
             }
             runner.step(part + 1 == drive.parts);
         }

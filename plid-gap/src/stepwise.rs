@@ -1,8 +1,10 @@
 //! One effect after the other: screen, fit of the best few, acceptance; then each effect is questioned again beside the others.
 
+use std::f64::consts::TAU;
+
 use rayon::prelude::*;
 
-use crate::effects::{Library, Place};
+use crate::effects::{Library, Place, Range};
 use crate::ports_fit::fit_ports;
 use crate::problem::{Effort, Fit, Placed, Problem, Tangent};
 use crate::refit::{Refit, clipped};
@@ -212,7 +214,16 @@ fn sound(problem: &Problem, placed: &Placed) -> bool {
 fn polish<'a>(problem: &Problem, fit: Fit<'a>) -> Fit<'a> {
     let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
     let tangent = problem.tangent(&plant);
-    problem.fit(&tangent, &fit.eta, &fit.effects, FINE)
+    let mut fit = problem.fit(&tangent, &fit.eta, &fit.effects, FINE);
+    for placed in &mut fit.effects {
+        let kinds = placed.effect.parameters(&problem.setting);
+        for (value, parameter) in placed.parameters.iter_mut().zip(kinds) {
+            if parameter.range == Range::Angle {
+                *value -= TAU * (*value / TAU).round();
+            }
+        }
+    }
+    fit
 }
 
 /// With all effects in place, is each of them still the best at its turn? The first was chosen while the others were missing.
