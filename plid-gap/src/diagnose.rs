@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
+use crate::audit::audit;
 use crate::case::Case;
 use crate::diagnosis::{
     Diagnosis, Explanation, Gap, Located, NamedEffect, SimulationWithEffects, Value, Where, WrittenEffect,
@@ -64,7 +65,10 @@ pub struct Evidence {
 /// # Errors
 /// [`GapError`].
 pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> Result<Outcome, GapError> {
-    let model = case.model.as_ref().ok_or_else(|| GapError::Failed("a case without `sim` is not supported".into()))?;
+    say("audit".into());
+    let audit = audit(case, library, say)?;
+    let case = &audit.case;
+    let model = case.model.as_ref().ok_or_else(|| GapError::Failed("a case has a model once it is audited".into()))?;
     let limits = &case.config.nuisance;
     say("preparing".into());
     let ready = prepare(model, &case.records, limits)?;
@@ -164,7 +168,9 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
         refit: refit_summary(problem, &best.eta),
         costs: [given_cost / rows, refitted.cost / rows, best.cost / rows],
     };
-    Ok(Outcome { diagnosis, simulation, evidence })
+    let mut outcome = Outcome { diagnosis, simulation, evidence };
+    audit.tell(&mut outcome);
+    Ok(outcome)
 }
 
 /// What a suspect is worth: odds of 50 : 1 against an entry that nobody named.

@@ -1,5 +1,6 @@
 //! Where a simulation disagrees with its records, which unmodelled effect causes it, and how far the gap shrinks once it is added.
 
+pub mod audit;
 pub mod case;
 pub mod codes;
 pub mod diagnose;
@@ -19,6 +20,7 @@ pub mod refit;
 pub mod record;
 pub mod screen;
 pub mod simulate;
+pub mod surrogate;
 #[cfg(test)]
 mod testing;
 pub mod stepwise;
