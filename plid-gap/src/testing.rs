@@ -132,7 +132,7 @@ pub fn run(model: &Model, u: &[Vec<f64>]) -> Channels {
 }
 
 /// A case in memory: what `sim` says, and records of what `real` does, 0.2 % of noise on each output: one of 1024 samples without input, and
-/// `random-1` to `random-3` of 2048 samples each at levels 1, 0.5 and 1.
+/// `random-1` to `random-3` of 3072 samples each at levels 1, 0.5 and 1.
 pub fn case(sim: &Model, real: &Model) -> Case {
     let config = CaseConfig {
         sim: Some("sim.json".into()),
@@ -151,7 +151,7 @@ pub fn case(sim: &Model, real: &Model) -> Case {
     let mut start_s = 0.0;
     for (k, level) in [0.0, 1.0, 0.5, 1.0].into_iter().enumerate() {
         let seed = 10 + k as u64;
-        let samples = if level > 0.0 { 2048 } else { 1024 };
+        let samples = if level > 0.0 { 3072 } else { 1024 };
         let mut u = random_input(seed, samples, real.m());
         u.iter_mut().flatten().for_each(|u| *u *= level);
         let noise = random_input(seed + 100, samples, real.p());

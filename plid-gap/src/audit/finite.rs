@@ -59,7 +59,7 @@ mod tests {
         (100..107).for_each(|k| gaps.records[1].y[1][k] = f64::NAN);
         let found = check(&gaps).unwrap();
         assert_eq!(found.len(), 1);
-        assert!(found[0].starts_with("random-1: 7 of 2048 samples of `y2`"), "{}", found[0]);
+        assert!(found[0].starts_with("random-1: 7 of 3072 samples of `y2`"), "{}", found[0]);
         gaps.records[1].y[1].fill(f64::NAN);
         assert!(check(&gaps).unwrap_err().to_string().contains("`y2` has no value at all"));
         let mut infinite = sound.clone();

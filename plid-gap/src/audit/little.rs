@@ -45,7 +45,7 @@ pub fn check(case: &Case, model: &Model, library: &Library) -> Result<Little, Ga
     let modes: Vec<f64> = plid_model::modes(model)?
         .iter()
         .filter(|mode| mode.kind == ModeKind::Oscillatory && mode.damping.abs() < STRUCTURAL_DAMPING)
-        .map(|mode| mode.frequency_hz)
+        .map(|mode| mode.hz)
         .collect();
     let lowest = modes.iter().copied().fold(f64::INFINITY, f64::min);
     let needed = PERIODS * rate / lowest;

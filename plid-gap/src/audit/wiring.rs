@@ -166,7 +166,8 @@ mod tests {
         assert_eq!(applied.ports[0].input.as_deref(), Some("u2"));
         assert_eq!(applied.noise.sensor_std, Some(vec![0.01, 5.0]));
         assert_eq!(applied.noise.actuator_std, Some(vec![0.01, 0.005]));
-        assert_eq!(wiring.changes(), 6);
+        // Each side: an exchange and a sign; two factors among the outputs, one among the inputs.
+        assert_eq!(wiring.changes(), 7);
     }
 
     #[test]
