@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
+use crate::audit::audit;
 use crate::case::Case;
 use crate::diagnosis::{
     Diagnosis, Explanation, Gap, Located, NamedEffect, SimulationWithEffects, Value, Where, WrittenEffect,
@@ -66,7 +67,10 @@ pub struct Evidence {
 /// # Errors
 /// [`GapError`].
 pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> Result<Outcome, GapError> {
-    let model = case.model.as_ref().ok_or_else(|| GapError::Failed("a case without `sim` is not supported".into()))?;
+    say("audit".into());
+    let audit = audit(case, library, say)?;
+    let case = &audit.case;
+    let model = case.model.as_ref().ok_or_else(|| GapError::Failed("a case has a model once it is audited".into()))?;
     let limits = &case.config.nuisance;
     say("preparing".into());
     let mut ready = prepare(model, &case.records, limits)?;
@@ -194,7 +198,9 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
         refit: refit_summary(problem, &best.eta),
         costs: [given_cost / rows, refitted.cost / rows, best.cost / rows],
     };
-    Ok(Outcome { diagnosis, simulation, evidence })
+    let mut outcome = Outcome { diagnosis, simulation, evidence };
+    audit.tell(&mut outcome);
+    Ok(outcome)
 }
 
 /// A gap as given within this factor of the noise has nothing to shrink.

@@ -50,6 +50,14 @@ pub enum GapError {
         /// The channel.
         channel: String,
     },
+    /// A record does not fit the case or the simulation, or holds what is no measurement.
+    #[error("{record}: {message}")]
+    Record {
+        /// The record.
+        record: String,
+        /// What is wrong.
+        message: String,
+    },
     /// There is not enough to fit from.
     #[error("{0}")]
     TooLittle(String),

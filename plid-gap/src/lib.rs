@@ -1,5 +1,6 @@
 //! Where a simulation disagrees with its records, which unmodelled effect causes it, and how far the gap shrinks once it is added.
 
+pub mod audit;
 #[cfg(test)]
 mod blind;
 pub mod case;
@@ -24,6 +25,7 @@ pub mod screen;
 pub mod shape;
 pub mod simulate;
 pub mod stepwise;
+pub mod surrogate;
 #[cfg(test)]
 mod testing;
 pub mod thresholds;

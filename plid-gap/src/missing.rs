@@ -7,7 +7,7 @@ use crate::plant::{C, Plant};
 use crate::transform;
 
 /// Samples of a segment: lines of a mode of one percent damping at a tenth of the sample rate are a few bins wide.
-const SEGMENT: usize = 2048;
+pub(crate) const SEGMENT: usize = 2048;
 
 /// A peak counts from this share of the largest.
 const SHARE: f64 = 0.05;

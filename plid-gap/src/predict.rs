@@ -74,7 +74,7 @@ impl Predictor {
 }
 
 /// Names and places only: a prediction needs no statistics of records.
-fn setting(plant: &Plant, model: &Model) -> Setting {
+pub(crate) fn setting(plant: &Plant, model: &Model) -> Setting {
     Setting {
         plant: plant.clone(),
         names: Names {

@@ -15,13 +15,13 @@ use crate::whiten::Whitener;
 use plid_model::Model;
 
 /// Records without input shorter than this say too little of the noise.
-const SHORTEST_QUIET: usize = 512;
+pub(crate) const SHORTEST_QUIET: usize = 512;
 
 /// Lines that are offered to effects.
 const MOST_TONES: usize = 4;
 
 /// Noise where the simulation declares none: this share of each output's RMS.
-const UNDECLARED: f64 = 0.01;
+pub(crate) const UNDECLARED: f64 = 0.01;
 
 /// A simulation with records, made ready.
 pub struct Prepared {
