@@ -29,7 +29,9 @@ const POOR: f64 = 0.05;
 pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<(Model, String), GapError> {
     let fitted = driven(&case.records);
     if fitted.is_empty() {
-        return Err(GapError::TooLittle("without `sim` a model is identified, and no record to fit from has an input".into()));
+        return Err(GapError::TooLittle(
+            "without `sim` a model is identified, and no record to fit from has an input".into(),
+        ));
     }
     let of_simulator = fitted.iter().all(|record| record.simulated.is_some());
     let states = case.config.states.unwrap_or(STATES);

@@ -22,7 +22,8 @@ pub fn check(case: &Case) -> Vec<String> {
             for (rail, count) in rails(x) {
                 found.push(format!(
                     "`{name}` clips at {rail} in {}: {count} samples lie on exactly that value ({:.2} %).",
-                    record.name, 100.0 * count as f64 / x.len() as f64
+                    record.name,
+                    100.0 * count as f64 / x.len() as f64
                 ));
             }
         }

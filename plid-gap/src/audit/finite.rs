@@ -38,7 +38,9 @@ pub fn check(case: &Case) -> Result<Vec<String>, GapError> {
                 let many = if share > MANY { ": what it says of the gap is blurred" } else { "" };
                 found.push(format!(
                     "{}: {missing} of {} samples of `{name}` are missing ({:.1} %) and say nothing{many}.",
-                    record.name, y.len(), 100.0 * share
+                    record.name,
+                    y.len(),
+                    100.0 * share
                 ));
             }
         }

@@ -1,6 +1,6 @@
 //! Whether the records hold enough to fit from, and which effects they are too short for.
 
-use plid_model::{Model, ModeKind};
+use plid_model::{ModeKind, Model};
 
 use super::driven;
 use crate::case::Case;
@@ -50,12 +50,11 @@ pub fn check(case: &Case, model: &Model, library: &Library) -> Result<Little, Ga
     let lowest = modes.iter().copied().fold(f64::INFINITY, f64::min);
     let needed = PERIODS * rate / lowest;
     let short = records.iter().filter(|record| (record.samples() as f64) < needed);
-    let short: Vec<String> =
-        short.map(|r| format!("{} ({:.3} s)", r.name, r.samples() as f64 / rate)).collect();
+    let short: Vec<String> = short.map(|r| format!("{} ({:.3} s)", r.name, r.samples() as f64 / rate)).collect();
     if !short.is_empty() {
-        little.findings.push(format!(
-            "Shorter than {PERIODS} periods of the lowest mode ({lowest:.1} Hz): {}.", short.join(", ")
-        ));
+        little
+            .findings
+            .push(format!("Shorter than {PERIODS} periods of the lowest mode ({lowest:.1} Hz): {}.", short.join(", ")));
     }
     let mut leave = |names: Vec<String>, why: String| {
         if !names.is_empty() {
@@ -76,7 +75,8 @@ pub fn check(case: &Case, model: &Model, library: &Library) -> Result<Little, Ga
         if segments <= m {
             let why = format!(
                 "the records with a random input hold {segments} stretches of {} samples, where a frequency response of {m} inputs needs {}",
-                missing::SEGMENT, m + 1
+                missing::SEGMENT,
+                m + 1
             );
             leave(vec![MISSING_MODE.into()], why);
         }
@@ -165,7 +165,11 @@ mod tests {
         // Two records of two outputs with six samples: 24 values, where the linear model alone has 4 (2 + 2 + 2) parameters.
         let none = check(&cut(6), &model, &library).unwrap();
         assert_eq!(none.left_out.len(), library.len());
-        assert!(none.findings.iter().any(|f| f.contains("more parameters (24 of the linear model")), "{:?}", none.findings);
+        assert!(
+            none.findings.iter().any(|f| f.contains("more parameters (24 of the linear model")),
+            "{:?}",
+            none.findings
+        );
         let error = check(&cut(3), &model, &library).err().unwrap().to_string();
         assert!(error.contains("12 values") && error.contains("14 states"), "{error}");
     }

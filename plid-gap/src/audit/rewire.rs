@@ -19,7 +19,7 @@ const SHORTEST: i64 = 3;
 /// Every change must pay: the squared gap falls by this factor for each.
 const PRICE: f64 = 1.5;
 
-/// A mismatch is said where it lowers the gap to this share. The strongest effect of any labelled case lowers it to no less than 0.9.
+/// A mismatch is said where it lowers the gap to this share, whatever it costs: the squared gap is then about halved.
 const SAID: f64 = 0.7;
 
 /// And it is taken for granted where it lowers the gap to this share: more than any single effect of a sound chain feigns.
@@ -147,8 +147,7 @@ fn with_outputs(responses: &Responses, from: &Wiring) -> Wiring {
             (0..p).map(of).collect()
         })
         .collect();
-    let explained =
-        |o: usize, q: usize, at: usize| with[o][q][at].powi(2) * responses.weight[o] / size[q];
+    let explained = |o: usize, q: usize, at: usize| with[o][q][at].powi(2) * responses.weight[o] / size[q];
     let orders = permutations(p);
     let best = |lags: &[usize]| {
         let all = orders.iter().flat_map(|order| {
@@ -289,7 +288,9 @@ fn sentence(wiring: &Wiring, case: &Case, before: f64, after: f64) -> String {
         late if late > 0 => {
             parts.push(format!("all channels look delayed by {late} samples ({seconds:.4} s) against the simulation"));
         }
-        early => parts.push(format!("the simulation looks delayed by {} samples ({seconds:.4} s) in all channels", -early)),
+        early => {
+            parts.push(format!("the simulation looks delayed by {} samples ({seconds:.4} s) in all channels", -early))
+        }
     }
     let mut text = parts.join("; ");
     if let Some(first) = text.get(..1) {
@@ -317,7 +318,8 @@ fn side(
         _ => parts.extend(off.iter().map(|&k| moved(&names[k], &names[wires[k].channel]))),
     }
     // A change of all outputs is the same as one of all inputs.
-    let either = |parts: &mut Vec<String>, text: &str| parts.push(format!("every {what} looks {text}, or every {opposite}"));
+    let either =
+        |parts: &mut Vec<String>, text: &str| parts.push(format!("every {what} looks {text}, or every {opposite}"));
     let negated: Vec<&str> = (0..wires.len()).filter(|&k| wires[k].gain < 0.0).map(|k| names[k].as_str()).collect();
     if negated.len() == wires.len() {
         either(&mut parts, "negated");
@@ -342,7 +344,11 @@ fn side(
 }
 
 fn short(x: f64) -> String {
-    if (1e-3..1e4).contains(&x) { format!("{:.4}", x).trim_end_matches('0').trim_end_matches('.').into() } else { format!("{x:.2e}") }
+    if (1e-3..1e4).contains(&x) {
+        format!("{:.4}", x).trim_end_matches('0').trim_end_matches('.').into()
+    } else {
+        format!("{x:.2e}")
+    }
 }
 
 #[cfg(test)]
@@ -394,10 +400,7 @@ mod tests {
     fn negated_channels() {
         says(found(|_, y| scaled(&mut y[1], -1.0)), "Output y2 looks negated");
         says(found(|u, _| scaled(&mut u[0], -1.0)), "Input u1 looks negated");
-        says(
-            found(|_, y| y.iter_mut().for_each(|y| scaled(y, -1.0))),
-            "Every output looks negated, or every input",
-        );
+        says(found(|_, y| y.iter_mut().for_each(|y| scaled(y, -1.0))), "Every output looks negated, or every input");
     }
 
     #[test]

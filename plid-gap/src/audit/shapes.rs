@@ -18,8 +18,7 @@ pub fn check(case: &Case) -> Result<(), GapError> {
         }
         let (m, p) = (config.inputs.len(), config.outputs.len());
         if (model.m(), model.p()) != (m, p) {
-            let message =
-                format!("it has {m} inputs and {p} outputs, the simulation {} and {}", model.m(), model.p());
+            let message = format!("it has {m} inputs and {p} outputs, the simulation {} and {}", model.m(), model.p());
             return Err(wrong(&case.records[0].name, message));
         }
     }
@@ -36,7 +35,8 @@ pub fn check(case: &Case) -> Result<(), GapError> {
             }
             for (channel, name) in channels.iter().zip(names) {
                 if channel.len() != record.samples() {
-                    let message = format!("{what} `{name}` has {} samples, the record {}", channel.len(), record.samples());
+                    let message =
+                        format!("{what} `{name}` has {} samples, the record {}", channel.len(), record.samples());
                     return Err(wrong(&record.name, message));
                 }
             }

@@ -16,7 +16,9 @@ pub fn check(case: &Case, model: &Model) -> Result<Option<String>, GapError> {
     let found = plid_model::stability(model)?;
     let Some(&hz) = found.unstable_hz.first() else { return Ok(None) };
     if found.spectral_radius <= 1.0 + ON_THE_CIRCLE {
-        return Ok(Some(format!("The simulation has a pole on the unit circle ({hz:.2} Hz): what it is told once it never forgets.")));
+        return Ok(Some(format!(
+            "The simulation has a pole on the unit circle ({hz:.2} Hz): what it is told once it never forgets."
+        )));
     }
     let file = case.config.sim.as_deref().unwrap_or("the simulation").into();
     Err(GapError::Unstable { file, magnitude: found.spectral_radius, hz })
