@@ -92,6 +92,8 @@ pub fn shrink_interval(before: &Blocks, after: &Blocks, floor: f64) -> [f64; 2] 
 /// records, over its own power as b level^2 over the random ones. One record of a lightly damped structure scatters by a tenth.
 pub fn expected(records: &[Record], simulated: &[Channels], level: f64) -> f64 {
     let p = records[0].y.len();
+    let periodic = |record: &Record| matches!(record.excitation, Excitation::Periodic(_));
+    let random = records.iter().any(|record| record.level() > 0.0 && !periodic(record));
     let power = |x: &mut dyn Iterator<Item = f64>| x.map(|x| x * x).sum::<f64>();
     let share = |o: usize| -> f64 {
         // Sums over records of weight, level^2, level^4, error power, error power x level^2; and of the output over random ones.
@@ -110,7 +112,7 @@ pub fn expected(records: &[Record], simulated: &[Channels], level: f64) -> f64 {
             {
                 *sum += term;
             }
-            if square > 0.0 && !matches!(record.excitation, Excitation::Periodic(_)) {
+            if square > 0.0 && !(random && periodic(record)) {
                 output += power(&mut measured().map(|(y, _)| *y)) / square;
                 driven += samples;
             }
@@ -120,8 +122,7 @@ pub fn expected(records: &[Record], simulated: &[Channels], level: f64) -> f64 {
         let slope = if determinant > 1e-9 * w * xx { (w * ex - x * e) / determinant } else { 0.0 };
         let slope = slope.clamp(0.0, e / x.max(f64::MIN_POSITIVE));
         let error = (e - slope * x) / w + slope * level * level;
-        let output =
-            if driven > 0.0 { output / driven * level * level } else { power(&mut records[0].y[o].iter().copied()) };
+        let output = output / driven.max(1.0) * level * level;
         error / output.max(f64::MIN_POSITIVE)
     };
     ((0..p).map(share).sum::<f64>() / p as f64).sqrt()
