@@ -7,6 +7,7 @@ pub mod diagnosis;
 pub mod effects;
 pub mod error;
 pub mod gap;
+pub mod levels;
 pub mod locate;
 pub mod missing;
 pub mod noise;
@@ -17,6 +18,7 @@ pub mod prepare;
 pub mod problem;
 pub mod refit;
 pub mod record;
+pub mod report;
 pub mod screen;
 pub mod simulate;
 #[cfg(test)]
