@@ -101,8 +101,8 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
         "The gap in figures, on {}. Shrink: one minus the gap after over the gap before, both beyond the noise.",
         gap.measured_on.join(", ")
     ))
-    .column("", "")
-    .column("", "%");
+    .column("figure", "")
+    .column("value", "%");
     let rows = [
         ("gap as given", gap.as_given),
         ("gap after the bounded refit", gap.refit),
@@ -118,14 +118,16 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
         ("share of what a flexible model closes", gap.share_of_ceiling),
     ];
     for (name, value) in rows {
+        // A zero has no sign.
+        let value = if value.abs() < 5e-5 { 0.0 } else { value };
         table = table.row([name.into(), Cell::fixed(100.0 * value, 2)]);
     }
     let judged = &outcome.evidence.adequacy;
     let [given, refit, found] = outcome.evidence.costs;
     let mut costs =
         Table::new("What is left in the fitted records. Squared whitened residual a row: 1 is noise alone.")
-            .column("", "")
-            .column("", "");
+            .column("figure", "")
+            .column("value", "");
     for (name, value) in [
         ("as given", given),
         ("after the bounded refit", refit),

@@ -22,7 +22,7 @@ pub(super) fn section(report: Report, outcome: &Outcome, case: &Case) -> Report 
                 .figure(
                     responses.by_level(outcome),
                     format!(
-                        "Frequency response level by level, for the pair ({}) and the band in which measured and simulated differ most. Left: measured. Right: simulated with the same inputs. {}.",
+                        "Frequency response level by level, for the pair ({}) and the band in which measured and simulated differ most. Left: measured. Right: simulated with the same inputs. 0 dB is one unit of the output for one of the input. {}.",
                         responses.pair(),
                         responses.how()
                     ),

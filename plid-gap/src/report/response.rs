@@ -15,7 +15,7 @@ use crate::record::Channels;
 const SEGMENTS: usize = 6;
 
 /// Share of all frequencies that is shown large.
-const SHOWN: f64 = 0.125;
+const SHOWN: f64 = 0.08;
 
 /// Pairs of input and output that are shown in a grid, at most.
 const MOST_PAIRS: usize = 36;
@@ -96,7 +96,6 @@ impl Responses {
             others.push(given.clone());
             FrfPlot {
                 title: format!("{}, {what}", self.title),
-                unit: "output/input".into(),
                 others,
                 range_hz: Some(self.range_hz),
                 ..FrfPlot::default()
@@ -143,7 +142,6 @@ impl Responses {
             .flat_map(|i| (0..m).map(move |j| (i, j)))
             .map(|(i, j)| FrfPlot {
                 title: format!("{} to {}", case.config.inputs[j], case.config.outputs[i]),
-                unit: "output/input".into(),
                 measured: Some(self.curve(&loudest.measured, (i, j), range)),
                 coherence: Some(loudest.measured.multiple_coherence.slice(s![.., i]).to_vec()),
                 others: vec![

@@ -79,7 +79,7 @@ pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
         String::new()
     } else {
         format!(
-            " The placebo is a wrong effect with as many parameters; the ceiling model has three effects more, and {} of what it closes is closed here. The whisker is the 95 % interval of the shrink.",
+            " The placebo is a wrong effect with as many parameters; the ceiling model has up to three effects more, and what was found closes {} of what it closes. The whisker is the 95 % interval of the shrink.",
             percent(gap.share_of_ceiling)
         )
     };

@@ -10,6 +10,12 @@ use crate::diagnose::Outcome;
 use crate::effects::Side;
 use crate::locate::{Map, STRETCHES};
 
+/// A share that shows as more than nothing.
+const HOLDS: f64 = 0.0005;
+
+/// Bands that are drawn at least.
+const FEWEST: usize = 8;
+
 /// The section.
 pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
     let evidence = &outcome.evidence;
@@ -52,17 +58,20 @@ fn sentence(outcome: &Outcome) -> String {
     format!("{side}{bands}")
 }
 
-/// Shares in per cent over bands.
+/// Shares in per cent over bands. Bands above the last that holds anything are left out.
 fn map(of: &Map, share: &DMatrix<f64>, rows: Vec<String>) -> String {
+    let holds =
+        |b: usize| share.column(b).iter().any(|x| *x >= HOLDS) || of.share.column(b).iter().any(|x| *x >= HOLDS);
+    let bands = (0..share.ncols()).rev().find(|&b| holds(b)).map_or(1, |b| b + 1).max(FEWEST.min(share.ncols()));
     heat_map(&HeatMap {
         rows,
-        columns: of.edges.windows(2).map(|edge| format!("{:.0}–{:.0}", edge[0], edge[1])).collect(),
-        values: Array2::from_shape_fn(share.shape(), |(i, j)| {
+        columns: of.edges.windows(2).take(bands).map(|edge| format!("{:.0}–{:.0}", edge[0], edge[1])).collect(),
+        values: Array2::from_shape_fn((share.nrows(), bands), |(i, j)| {
             let percent = 100.0 * share[(i, j)];
             // Tenths are enough, and short enough for a cell.
             if percent < 10.0 { (10.0 * percent).round() / 10.0 } else { percent.round() }
         }),
-        column_label: "band, Hz".into(),
+        column_label: if bands < share.ncols() { "band, Hz (nothing above)" } else { "band, Hz" }.into(),
         value_label: "share, %".into(),
         range: None,
     })
