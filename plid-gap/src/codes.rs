@@ -1,12 +1,24 @@
 //! What the raw values show before any model: a coarse converter, a channel that repeats itself, a channel that clips.
 
-use crate::record::Record;
+use crate::record::{Channels, Record};
 
 /// A channel whose values lie on a grid this many times as coarse as the finest channel's is quantised.
 const COARSER: f64 = 2.5;
 
 /// Repeats of a value beyond chance: this many onsets at least.
 const ONSETS: usize = 4;
+
+/// Values beyond this share of the extremes may be clipped.
+const NEAR_RAIL: f64 = 0.85;
+
+/// Samples on each side with which a repeat's error is compared.
+const AROUND: usize = 60;
+
+/// A repeat's error, in standard deviations of the declared noise.
+const OUT_OF_NOISE: f64 = 6.0;
+
+/// A repeat's error over the median of its neighbours' (five medians are 3.4 standard deviations).
+const OUT_OF_NEIGHBOURS: f64 = 5.0;
 
 /// What the codes of one output show.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -21,8 +33,8 @@ pub struct Codes {
     pub repeats: Vec<Vec<usize>>,
 }
 
-/// Looks at every output.
-pub fn codes(records: &[Record], sensor_std: &[f64]) -> Vec<Codes> {
+/// Looks at every output; `errors` are those of the simulation as given (p channels, one for each record).
+pub fn codes(records: &[Record], errors: &[Channels], sensor_std: &[f64]) -> Vec<Codes> {
     let p = records.first().map_or(0, |record| record.y.len());
     let steps: Vec<f64> = (0..p).map(|o| step(records, o)).collect();
     let finest = steps.iter().copied().filter(|s| *s > 0.0).fold(f64::INFINITY, f64::min);
@@ -32,7 +44,8 @@ pub fn codes(records: &[Record], sensor_std: &[f64]) -> Vec<Codes> {
             let noisy = sensor_std[o];
             let coarse = steps[o].is_finite()
                 && (steps[o] > COARSER * finest && steps[o] > 1.5 * noisy || steps[o] > 4.0 * noisy);
-            let repeats: Vec<Vec<usize>> = records.iter().map(|record| repeats(record, o, steps[o])).collect();
+            let repeats: Vec<Vec<usize>> =
+                records.iter().zip(errors).map(|(r, e)| repeats(&r.y[o], &e[o], sensor_std[o])).collect();
             let (mut onsets, mut samples) = (0, 0);
             for (record, repeats) in records.iter().zip(&repeats) {
                 onsets += repeats.iter().enumerate().filter(|(k, at)| *k == 0 || repeats[k - 1] + 1 != **at).count();
@@ -54,31 +67,27 @@ fn step(records: &[Record], o: usize) -> f64 {
     distances.fold(f64::INFINITY, f64::min)
 }
 
-/// Samples that belong to a run of three or more equal values while the signal moves by much more than the converter's step.
-fn repeats(record: &Record, o: usize, step: f64) -> Vec<usize> {
-    let y = &record.y[o];
-    let moves = crate::record::rms(&y.windows(2).map(|w| w[1] - w[0]).collect::<Vec<f64>>());
-    // Two equal neighbours happen by chance with this probability; three with its square.
-    let chance = step / (2.0 * std::f64::consts::PI.sqrt() * moves.max(f64::MIN_POSITIVE));
-    if !(chance < 0.03) {
-        return Vec::new();
-    }
+/// Samples that repeat the one before while the simulation moves away: two equal values happen by chance, but then the error is as
+/// everywhere.
+fn repeats(y: &[f64], error: &[f64], noise: f64) -> Vec<usize> {
     // At the rails a clipped converter repeats: that is no dropout.
     let (low, high) = y.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), y| (l.min(*y), h.max(*y)));
-    let needed = if chance < 2e-3 { 2 } else { 3 };
     let mut found = Vec::new();
     let mut first = 0;
     for k in 1..=y.len() {
         if k < y.len() && y[k] == y[first] {
             continue;
         }
-        if k - first >= needed && y[first] != low && y[first] != high {
-            found.extend(first + 1..k);
+        if k - first >= 2 && y[first] > NEAR_RAIL * low && y[first] < NEAR_RAIL * high {
+            let worst = error[first + 1..k].iter().fold(0.0, |most: f64, e| most.max(e.abs()));
+            let mut near: Vec<f64> =
+                error[first.saturating_sub(AROUND)..(k + AROUND).min(error.len())].iter().map(|e| e.abs()).collect();
+            near.sort_by(f64::total_cmp);
+            if worst > OUT_OF_NOISE * noise && worst > OUT_OF_NEIGHBOURS * near[near.len() / 2] {
+                found.extend(first + 1..k);
+            }
         }
         first = k;
     }
-    // Runs as long as chance makes them are chance.
-    let expected = y.len() as f64 * chance.powi(needed as i32 - 1);
-    let runs = found.iter().enumerate().filter(|(k, at)| *k == 0 || found[k - 1] + 1 != **at).count();
-    if (runs as f64) > 3.0 * expected + 3.0 { found } else { Vec::new() }
+    found
 }

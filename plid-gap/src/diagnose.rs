@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
+use crate::audit::audit;
 use crate::case::Case;
 use crate::diagnosis::{
     Diagnosis, Explanation, Gap, Located, NamedEffect, SimulationWithEffects, Value, Where, WrittenEffect,
@@ -19,8 +20,10 @@ use crate::prepare::{Prepared, prepare};
 use crate::problem::{Effort, Fit, Placed, Problem, sum_of_squares};
 use crate::record::{Channels, Excitation, Record};
 use crate::refit::{Refit, refit};
+use crate::shape;
 use crate::simulate::{Fineness, State, simulate};
 use crate::stepwise::{Search, search};
+use crate::thresholds::{HEAD, SHAPE_DIFFERS, WORTH};
 use crate::unseen::{self, EVIDENCE, unseen};
 use crate::verdict::{Adequacy, Verdict, Weighted, adequacy, weigh};
 
@@ -76,30 +79,53 @@ const NOISE_LINES: usize = 200;
 /// # Errors
 /// [`GapError`].
 pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> Result<Outcome, GapError> {
-    let model = case.model.as_ref().ok_or_else(|| GapError::Failed("a case without `sim` is not supported".into()))?;
+    say("audit".into());
+    let audit = audit(case, library, say)?;
+    let case = &audit.case;
+    let model = case.model.as_ref().ok_or_else(|| GapError::Failed("a case has a model once it is audited".into()))?;
     let limits = &case.config.nuisance;
     say("preparing".into());
-    let ready = prepare(model, &case.records, limits)?;
-    let problem = &ready.problem;
-    let names = &problem.setting.names;
-    let rows = problem.rows() as f64;
-    let zero = vec![0.0; problem.nuisance.len()];
-    let given_cost = sum_of_squares(&problem.residual(&problem.plant, &zero, &[], Fineness::FINE));
+    let mut ready = prepare(model, &case.records, limits)?;
+    let rows = ready.problem.rows() as f64;
     say("bounded refit".into());
-    let refitted = refit(problem);
+    let mut refitted = refit(&ready.problem);
     let unseen = unseen(&ready, library);
-    let matches = |word: &String, placed: &Placed| word == placed.effect.name() || *word == placed.place.location(names);
+    let names = ready.problem.setting.names.clone();
+    let names = &names;
+    let matches =
+        |word: &String, placed: &Placed| word == placed.effect.name() || *word == placed.place.location(names);
     let excluded = |placed: &Placed| case.config.exclude.iter().any(|word| matches(word, placed));
     let allowed = |placed: &Placed| !unseen::is_unseen(placed.effect) && !excluded(placed);
     let bonus = |placed: &Placed| {
         if case.config.suspects.iter().any(|word| matches(word, placed)) { SUSPECTED } else { 0.0 }
     };
-    let found = search(problem, &refitted, library, &allowed, &bonus, say);
+    let mut quick = ready.problem.head(HEAD, &ready.noise);
+    let mut found = search(&mut ready.problem, &mut quick, &refitted, library, &allowed, &bonus, say);
+    let simulated = outputs(&ready.problem, &found.best);
+    if !found.best.effects.is_empty() && ready.renew_noise(&simulated) {
+        refitted.weigh_anew(&ready.problem);
+        found.weigh_anew(&ready.problem);
+    }
+    let problem = &ready.problem;
+    let zero = vec![0.0; problem.nuisance.len()];
+    let given_cost = sum_of_squares(&problem.residual(&problem.plant, &zero, &[], Fineness::FINE));
     let best = &found.best;
-    let judged = adequacy(best.cost, refitted.cost, given_cost, rows);
-    let mut weighted = weigh(&found.candidates, judged.unknown, rows);
+    let level = ready.noise_level(&simulated);
+    // A stage that was looked at and not accepted says what is still there.
+    let last = if found.stages.len() > best.effects.len() { found.stages.last() } else { None };
+    let next = last.and_then(|entries| entries.first()).map_or(0.0, |entry| entry.gain);
+    let mut judged = adequacy(problem.bent(&best.eta), next, best.cost, refitted.cost, given_cost, rows, level);
+    // What fails with its own shape and suffices with a free one is this place, and another shape.
+    let bent = shape::bent(problem, &quick, best).filter(|bent| best.cost - bent.fit.cost > 4.0 * WORTH);
+    if let Some(bent) = &bent {
+        let freed = adequacy(problem.bent(&bent.fit.eta), 0.0, bent.fit.cost, refitted.cost, given_cost, rows, level);
+        judged.unknown = judged.unknown.min(freed.unknown).max(SHAPE_DIFFERS);
+    }
+    let free_shape = bent;
+    let mut weighted = weigh(&found.candidates, judged.unknown, rows, level);
     // What quiet records show holds whatever the free runs say.
-    let shown: Vec<&Placed> = unseen.iter().filter(|u| u.gain > EVIDENCE && !excluded(&u.placed)).map(|u| &u.placed).collect();
+    let shown: Vec<&Placed> =
+        unseen.iter().filter(|u| u.gain > EVIDENCE && !excluded(&u.placed)).map(|u| &u.placed).collect();
     for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
         explanation.effects.extend(shown.iter().map(|placed| (*placed).clone()));
     }
@@ -114,15 +140,18 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     say("gaps".into());
     let plant = problem.nuisance.apply(&problem.plant, &best.eta);
     let actions = problem.actions(&best.effects);
-    let gaps = gaps(&ready, &refitted, &found, &plant, &actions, limits);
+    let gaps = gaps(&ready, &quick, &refitted, &found, &plant, &actions, limits);
     let given_errors = locate::errors(problem);
     let before = locate::map(&problem.records, &given_errors, &ready.noise, plant.rate);
-    let after_errors: Vec<Channels> = (0..problem.records.len())
-        .map(|k| locate::error(&problem.records[k], &problem.outputs(&plant, &best.eta, &actions, k, Fineness::FINE)))
-        .collect();
+    let after_errors: Vec<Channels> =
+        problem.records.iter().zip(outputs(problem, best)).map(|(record, y)| locate::error(record, &y)).collect();
     let after = locate::map(&problem.records, &after_errors, &ready.noise, plant.rate);
 
-    let effects = if verdict == Verdict::Effects { named(&ready, best, &shown, &weighted) } else { Vec::new() };
+    let effects = if verdict == Verdict::Effects {
+        named(&ready, best, &shown, &weighted, free_shape.map(|bent| bent.which))
+    } else {
+        Vec::new()
+    };
     let place = place(&before, &names.outputs, &found, &shown);
     let candidates = weighted
         .iter()
@@ -154,11 +183,13 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     let simulation = written(&ready, model, best, &plant, &shown, verdict);
     let trace_record = ready.held_out.last().or(problem.records.last()).expect("a case has records").clone();
     let runs = |plant: &Plant, actions: &[Action]| run(plant, actions, &trace_record);
-    let levels = one_of_each_level(&case.records).into_iter().map(|k| LevelRun {
-        record: k,
-        level: case.records[k].level(),
-        given: run(&problem.plant, &[], &case.records[k]),
-        with: run(&plant, &actions, &case.records[k]),
+    let levels = one_of_each_level(&case.records).into_iter().map(|record| LevelRun {
+        record: record.name.clone(),
+        level: record.level(),
+        u: record.u.clone(),
+        y: record.y.clone(),
+        given: run(&problem.plant, &[], record),
+        with: run(&plant, &actions, record),
     });
     let noise_lines: Vec<(f64, nalgebra::DMatrix<crate::plant::C>)> = (1..NOISE_LINES)
         .map(|k| 0.5 * plant.rate * k as f64 / NOISE_LINES as f64)
@@ -182,7 +213,10 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
             .collect(),
         trace: [trace_record.y.clone(), runs(&problem.plant, &[]), runs(&plant, &actions)],
         trace_record: trace_record.name,
-        unseen: unseen.iter().map(|u| (u.placed.effect.name().into(), u.placed.place.location(names), u.gain)).collect(),
+        unseen: unseen
+            .iter()
+            .map(|u| (u.placed.effect.name().into(), u.placed.place.location(names), u.gain))
+            .collect(),
         refit: refit_summary(problem, &best.eta),
         costs: [given_cost / rows, refitted.cost / rows, best.cost / rows],
         fitted: problem.records.iter().map(|r| (r.name.clone(), r.start_s, r.samples())).collect(),
@@ -193,7 +227,20 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
             .collect(),
         linear: is_linear(&loudest(&problem.records).u, |u| simulate(&plant, &actions, u, 0.0, None, Fineness::FINE)),
     };
-    Ok(Outcome { diagnosis, simulation, evidence })
+    let mut outcome = Outcome { diagnosis, simulation, evidence };
+    audit.tell(&mut outcome);
+    Ok(outcome)
+}
+
+/// A gap as given within this factor of the noise has nothing to shrink.
+const NOISE_ONLY: f64 = 1.1;
+
+/// Free runs of all fitted records.
+fn outputs(problem: &Problem, fit: &Fit) -> Vec<Channels> {
+    let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
+    let actions = problem.actions(&fit.effects);
+    let run = |k| problem.outputs(&plant, &fit.eta, &actions, k, Fineness::FINE);
+    (0..problem.records.len()).map(run).collect()
 }
 
 /// What a suspect is worth: odds of 50 : 1 against an entry that nobody named.
@@ -202,6 +249,7 @@ const SUSPECTED: f64 = 8.0;
 /// Gaps on held-out records, or on the last driven one where nothing is held out.
 fn gaps(
     ready: &Prepared,
+    quick: &Problem,
     refitted: &Refit,
     found: &Search,
     plant: &Plant,
@@ -221,19 +269,20 @@ fn gaps(
     let with = of(plant, actions);
     let floor = gap::floor(&noise, &record.y);
     let (as_given, refit, with_effect) = (given.gap(), refit_blocks.gap(), with.gap());
-    let wide = Limits { frequency: 40.0 * limits.frequency, damping: 10.0 * limits.damping, shape: 40.0 * limits.shape };
+    let wide =
+        Limits { frequency: 40.0 * limits.frequency, damping: 10.0 * limits.damping, shape: 40.0 * limits.shape };
     let free = Problem {
-        plant: problem.plant.clone(),
-        records: problem.records.clone(),
-        whiteners: problem.whiteners.clone(),
-        nuisance: Nuisance::new(&problem.plant, &problem.records, &wide),
-        setting: problem.setting.clone(),
+        plant: quick.plant.clone(),
+        records: quick.records.clone(),
+        whiteners: quick.whiteners.clone(),
+        nuisance: Nuisance::new(&quick.plant, &quick.records, &wide),
+        setting: quick.setting.clone(),
     };
     let free = crate::refit::refit(&free);
     let free_refit = of(&free.plant, &[]).gap();
-    let placebo = placebo(problem, refitted, found);
+    let placebo = placebo(quick, found);
     let placebo_gap = placebo.map_or(refit, |(plant, actions)| of(&plant, &actions).gap());
-    let ceiling = ceiling(problem, found);
+    let ceiling = ceiling(quick, found);
     let ceiling_gap = ceiling.map_or(with_effect, |(plant, actions)| of(&plant, &actions).gap()).min(with_effect);
     let shrink = gap::shrink(as_given, with_effect, floor);
     let most = gap::shrink(as_given, ceiling_gap, floor);
@@ -293,14 +342,16 @@ fn fitted_start(plant: &Plant, actions: &[Action], record: &Record) -> State {
 const ROUGH: Effort = Effort { steps: 4, gain: 1.0, fineness: Fineness::COARSE };
 
 /// A wrong effect with as many parameters: from the lower half of the screen, on another side of the chain.
-fn placebo(problem: &Problem, refitted: &Refit, found: &Search) -> Option<(Plant, Vec<Action>)> {
+fn placebo(problem: &Problem, found: &Search) -> Option<(Plant, Vec<Action>)> {
     let first = found.best.effects.first()?;
     let wanted = first.parameters.len();
     let entries = found.stages.first()?;
-    let entry = entries.iter().skip(entries.len() / 2).find(|entry| {
-        entry.placed.effect.side() != first.effect.side() && entry.placed.parameters.len() == wanted
-    })?;
-    let fit = problem.fit(&refitted.tangent, &refitted.eta, std::slice::from_ref(&entry.placed), ROUGH);
+    let entry = entries
+        .iter()
+        .skip(entries.len() / 2)
+        .find(|entry| entry.placed.effect.side() != first.effect.side() && entry.placed.parameters.len() == wanted)?;
+    let tangent = problem.tangent(&problem.plant);
+    let fit = problem.fit(&tangent, &vec![0.0; problem.nuisance.len()], std::slice::from_ref(&entry.placed), ROUGH);
     Some((problem.nuisance.apply(&problem.plant, &fit.eta), problem.actions(&fit.effects)))
 }
 
@@ -309,12 +360,19 @@ fn ceiling(problem: &Problem, found: &Search) -> Option<(Plant, Vec<Action>)> {
     let mut effects = found.best.effects.clone();
     let entries = found.stages.last()?;
     effects.extend(entries.iter().filter(|e| e.gain > 20.0).take(3).map(|entry| entry.placed.clone()));
-    let fit = problem.fit(&found.tangent, &found.best.eta, &effects, ROUGH);
+    let tangent = problem.tangent(&problem.nuisance.apply(&problem.plant, &found.best.eta));
+    let fit = problem.fit(&tangent, &found.best.eta, &effects, ROUGH);
     Some((problem.nuisance.apply(&problem.plant, &fit.eta), problem.actions(&fit.effects)))
 }
 
 /// Effects of the answer with intervals and confidence.
-fn named(ready: &Prepared, best: &Fit, shown: &[&Placed], weighted: &[Weighted]) -> Vec<NamedEffect> {
+fn named(
+    ready: &Prepared,
+    best: &Fit,
+    shown: &[&Placed],
+    weighted: &[Weighted],
+    free_shape: Option<usize>,
+) -> Vec<NamedEffect> {
     let setting = &ready.problem.setting;
     let names = &setting.names;
     let rows = ready.problem.rows() as f64;
@@ -322,11 +380,15 @@ fn named(ready: &Prepared, best: &Fit, shown: &[&Placed], weighted: &[Weighted])
     // Where the fit leaves more than the noise, its intervals grow with it.
     let inflation = (best.cost / rows).max(1.0).sqrt();
     let confidence = |placed: &Placed| -> f64 {
-        weighted.iter().filter(|w| w.effects.iter().any(|e| crate::stepwise::same(e, placed))).map(|w| w.probability).sum()
+        weighted
+            .iter()
+            .filter(|w| w.effects.iter().any(|e| crate::stepwise::same(e, placed)))
+            .map(|w| w.probability)
+            .sum()
     };
     let mut at = 0;
     let mut named = Vec::new();
-    for placed in &best.effects {
+    for (which, placed) in best.effects.iter().enumerate() {
         let mut parameters = BTreeMap::new();
         for (parameter, &value) in placed.effect.parameters(setting).iter().zip(&placed.parameters) {
             let half = quantile * best.covariance[(at, at)].max(0.0).sqrt() * inflation;
@@ -339,7 +401,7 @@ fn named(ready: &Prepared, best: &Fit, shown: &[&Placed], weighted: &[Weighted])
             location: placed.place.location(names),
             confidence: confidence(placed),
             parameters,
-            shape_differs: false,
+            shape_differs: free_shape == Some(which),
         });
     }
     for placed in shown {
@@ -423,11 +485,8 @@ fn written(
 ) -> SimulationWithEffects {
     let setting = &ready.problem.setting;
     let records = &ready.problem.records;
-    let t0 = records
-        .iter()
-        .chain(&ready.held_out)
-        .map(|r| r.start_s + r.samples() as f64 / plant.rate)
-        .fold(0.0, f64::max);
+    let t0 =
+        records.iter().chain(&ready.held_out).map(|r| r.start_s + r.samples() as f64 / plant.rate).fold(0.0, f64::max);
     let fitted: &[Placed] = if verdict == Verdict::None { &[] } else { &best.effects };
     let effects = fitted
         .iter()
@@ -442,6 +501,7 @@ fn written(
                 .zip(&placed.parameters)
                 .map(|(p, &value)| (p.name.clone(), Value { value, ci95: None, unit: p.unit.clone() }))
                 .collect(),
+            given: given(placed, plant),
             equation: placed.effect.equation().into(),
         })
         .collect();
@@ -466,12 +526,22 @@ fn written(
     SimulationWithEffects {
         format: "simulation-with-effects".into(),
         linear: plant.to_model(model).to_json(),
+        modes: plant.modes.len(),
         linear_with_modal_effects: changed.then(|| modal.to_model(model).to_json()),
         refit,
         effects,
         t0,
         noise_rms: ready.noise.rms(),
     }
+}
+
+/// The actuator's present pole, for the effect that moves it.
+fn given(placed: &Placed, plant: &Plant) -> BTreeMap<String, Value> {
+    let pole = match placed.place {
+        crate::effects::Place::Input(i) if placed.effect.name() == "actuator-lag" => plant.chain.actuator_hz(i),
+        _ => None,
+    };
+    pole.map(|value| ("pole".into(), Value { value, ci95: None, unit: "Hz".into() })).into_iter().collect()
 }
 
 /// A disturbance's port matters for a prediction, and its location names the frequency alone.
@@ -488,20 +558,31 @@ fn sentence(verdict: Verdict, effects: &[NamedEffect], gap: &Gap) -> String {
     match verdict {
         Verdict::None => format!(
             "Nothing is missing: within its stated limits the simulation explains the records down to {} (noise {}).",
-            percent(gap.refit), percent(gap.noise_floor)
+            percent(gap.refit),
+            percent(gap.noise_floor)
         ),
         Verdict::Unknown => format!(
             "Something outside the vocabulary: the best explanation leaves {} of {}, where noise makes {}.",
-            percent(gap.with_effect), percent(gap.as_given), percent(gap.noise_floor)
+            percent(gap.with_effect),
+            percent(gap.as_given),
+            percent(gap.noise_floor)
         ),
         Verdict::Effects => {
             let one = |e: &NamedEffect| format!("{} at {}", e.effect, e.location);
             let all = effects.iter().map(one).collect::<Vec<_>>().join(" and ");
+            let sure = 100.0 * effects.iter().map(|e| e.confidence).fold(1.0, f64::min);
+            if gap.as_given < NOISE_ONLY * gap.noise_floor {
+                return format!(
+                    "{all} ({sure:.0} % sure): it is noise that no simulation predicts, {} of the output.",
+                    percent(gap.noise_floor)
+                );
+            }
             format!(
-                "{all} ({:.0} % sure): with {} the gap falls from {} to {} (noise {}).",
-                100.0 * effects.iter().map(|e| e.confidence).fold(1.0, f64::min),
+                "{all} ({sure:.0} % sure): with {} the gap falls from {} to {} (noise {}).",
                 if effects.len() == 1 { "it" } else { "them" },
-                percent(gap.as_given), percent(gap.with_effect), percent(gap.noise_floor)
+                percent(gap.as_given),
+                percent(gap.with_effect),
+                percent(gap.noise_floor)
             )
         }
     }
@@ -519,7 +600,9 @@ fn words(
     let names = &ready.problem.setting.names;
     let mut words = vec![format!(
         "Squared residual over noise: {:.3} as given, {:.3} after the bounded refit, {:.3} with the best explanation (1 is noise alone).",
-        given_cost / rows, refitted.cost / rows, found.best.cost / rows
+        given_cost / rows,
+        refitted.cost / rows,
+        found.best.cost / rows
     )];
     if let Some(slope) = before.slope {
         words.push(format!("The relative gap goes with the level to the power {slope:+.1}."));
@@ -528,24 +611,25 @@ fn words(
         if let Some(entry) = found.stages.iter().flatten().find(|e| crate::stepwise::same(&e.placed, placed)) {
             words.push(format!(
                 "{} at {}: a refit would absorb {:.0} % of its trace.",
-                placed.effect.name(), placed.place.location(names), 100.0 * entry.absorbed
+                placed.effect.name(),
+                placed.place.location(names),
+                100.0 * entry.absorbed
             ));
         }
     }
     let other = found.candidates.iter().find(|c| {
-        !c.effects.is_empty() && !c.effects.iter().all(|a| found.best.effects.iter().any(|b| crate::stepwise::same(a, b)))
+        !c.effects.is_empty()
+            && !c.effects.iter().all(|a| found.best.effects.iter().any(|b| crate::stepwise::same(a, b)))
     });
     if let (Some(other), false) = (other, found.best.effects.is_empty()) {
         let one = |p: &Placed| format!("{} at {}", p.effect.name(), p.place.location(names));
         words.push(format!(
             "The nearest other explanation, {}, is worse by {:.0} in log likelihood.",
-            other.effects.iter().map(one).collect::<Vec<_>>().join(" + "), (other.cost - found.best.cost) / 2.0
+            other.effects.iter().map(one).collect::<Vec<_>>().join(" + "),
+            (other.cost - found.best.cost) / 2.0
         ));
     }
-    words.push(format!(
-        "What is left exceeds the noise by {:.1} times the uncertainty of its level.",
-        judged.excess
-    ));
+    words.push(format!("What is left exceeds the noise by {:.1} times the uncertainty of its level.", judged.excess));
     words
 }
 

@@ -137,6 +137,9 @@ pub struct WrittenEffect {
     pub location: String,
     /// By name.
     pub parameters: BTreeMap<String, Value>,
+    /// Numbers of the simulation that the equation uses: the pole that moves.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub given: BTreeMap<String, Value>,
     /// What it does.
     pub equation: String,
 }
@@ -146,14 +149,17 @@ pub struct WrittenEffect {
 pub struct SimulationWithEffects {
     /// "simulation-with-effects".
     pub format: String,
-    /// A model.json object after the bounded refit.
+    /// A model.json object after the bounded refit, in modal coordinates: the first 2 `modes` states are (Re z, Im z) of each mode, with
+    /// dz/dt = pole z + b u.
     pub linear: serde_json::Value,
+    /// Modes of `linear`.
+    pub modes: usize,
     /// The same with the effects that change the linear model itself (modal effects): simulate this one where there is any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub linear_with_modal_effects: Option<serde_json::Value>,
     /// What was changed, in words and figures.
     pub refit: Vec<String>,
-    /// In the order of the chain.
+    /// Those on commands, and those on outputs, act in this order.
     pub effects: Vec<WrittenEffect>,
     /// End of the last record, in s since the first began.
     pub t0: f64,

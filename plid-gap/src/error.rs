@@ -33,7 +33,9 @@ pub enum GapError {
     },
     /// The simulation grows without bound.
     #[error("{}: the simulation is unstable: a pole of magnitude {magnitude:.6} at {hz:.2} Hz", file.display())]
-    #[diagnostic(help("a free run of it says nothing; stabilise it, or leave `sim` out and let the records give a model"))]
+    #[diagnostic(help(
+        "a free run of it says nothing; stabilise it, or leave `sim` out and let the records give a model"
+    ))]
     Unstable {
         /// The simulation.
         file: PathBuf,
@@ -47,6 +49,14 @@ pub enum GapError {
     Constant {
         /// The channel.
         channel: String,
+    },
+    /// A record does not fit the case or the simulation, or holds what is no measurement.
+    #[error("{record}: {message}")]
+    Record {
+        /// The record.
+        record: String,
+        /// What is wrong.
+        message: String,
     },
     /// There is not enough to fit from.
     #[error("{0}")]

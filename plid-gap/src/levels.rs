@@ -8,37 +8,41 @@ const ALIKE: f64 = 1.15;
 /// A driven record beside what the simulation makes of its input.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LevelRun {
-    /// Number among the case's records.
-    pub record: usize,
+    /// Its name.
+    pub record: String,
     /// RMS of its inputs.
     pub level: f64,
+    /// Inputs (m channels).
+    pub u: Channels,
+    /// Measured outputs (p channels).
+    pub y: Channels,
     /// The simulation as given (p channels).
     pub given: Channels,
     /// With the effects (p channels).
     pub with: Channels,
 }
 
-/// Numbers of the longest random record of each level, by rising level; where nothing is random, of any driven record.
-pub fn one_of_each_level(records: &[Record]) -> Vec<usize> {
-    let driven = |k: &usize| records[*k].excitation != Excitation::Zero && records[*k].level() > 0.0;
-    let random = |k: &usize| records[*k].excitation == Excitation::Random && driven(k);
-    let mut left: Vec<usize> = (0..records.len()).filter(random).collect();
+/// The longest random record of each level, by rising level; where nothing is random, of any driven record.
+pub fn one_of_each_level(records: &[Record]) -> Vec<&Record> {
+    let driven = |r: &&Record| r.excitation != Excitation::Zero && r.level() > 0.0;
+    let random = |r: &&Record| r.excitation == Excitation::Random && driven(r);
+    let mut left: Vec<&Record> = records.iter().filter(random).collect();
     if left.is_empty() {
-        left = (0..records.len()).filter(driven).collect();
+        left = records.iter().filter(driven).collect();
     }
     // The longest claims its level first.
-    left.sort_by_key(|&k| std::cmp::Reverse(records[k].samples()));
-    let mut chosen: Vec<usize> = Vec::new();
-    for k in left {
-        let alike = |other: &usize| {
-            let ratio = records[k].level() / records[*other].level();
+    left.sort_by_key(|r| std::cmp::Reverse(r.samples()));
+    let mut chosen: Vec<&Record> = Vec::new();
+    for record in left {
+        let alike = |other: &&Record| {
+            let ratio = record.level() / other.level();
             ratio < ALIKE && ratio > 1.0 / ALIKE
         };
         if !chosen.iter().any(alike) {
-            chosen.push(k);
+            chosen.push(record);
         }
     }
-    chosen.sort_by(|&a, &b| records[a].level().total_cmp(&records[b].level()));
+    chosen.sort_by(|a, b| a.level().total_cmp(&b.level()));
     chosen
 }
 
@@ -82,9 +86,10 @@ mod tests {
             record(1.05, 80, random),
             record(2.0, 500, Excitation::Periodic(50)),
         ];
-        assert_eq!(one_of_each_level(&records), [2, 3]);
-        assert_eq!(one_of_each_level(&[records[0].clone(), records[4].clone()]), [1]);
-        assert!(one_of_each_level(&records[..1]).is_empty());
+        let levels = |records: &[Record]| one_of_each_level(records).iter().map(|r| r.u[0][0]).collect::<Vec<f64>>();
+        assert_eq!(levels(&records), [0.3, 1.05]);
+        assert_eq!(levels(&[records[0].clone(), records[4].clone()]), [2.0]);
+        assert!(levels(&records[..1]).is_empty());
     }
 
     #[test]

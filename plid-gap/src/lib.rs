@@ -1,5 +1,8 @@
 //! Where a simulation disagrees with its records, which unmodelled effect causes it, and how far the gap shrinks once it is added.
 
+pub mod audit;
+#[cfg(test)]
+mod blind;
 pub mod case;
 pub mod codes;
 pub mod diagnose;
@@ -13,17 +16,20 @@ pub mod missing;
 pub mod noise;
 pub mod nuisance;
 pub mod plant;
+mod ports_fit;
 pub mod predict;
 pub mod prepare;
 pub mod problem;
-pub mod refit;
 pub mod record;
+pub mod refit;
 pub mod report;
 pub mod screen;
+pub mod shape;
 pub mod simulate;
+pub mod stepwise;
+pub mod surrogate;
 #[cfg(test)]
 mod testing;
-pub mod stepwise;
 pub mod thresholds;
 pub mod tones;
 pub mod transform;

@@ -52,11 +52,13 @@ pub fn error(record: &Record, simulated: &[Vec<f64>]) -> Channels {
 pub fn map(records: &[Record], errors: &[Channels], noise: &NoiseModel, rate: f64) -> Map {
     let p = records[0].y.len();
     let edges: Vec<f64> = (0..=BANDS).map(|k| 0.5 * rate * k as f64 / BANDS as f64).collect();
-    let scale: Vec<f64> =
-        (0..p).map(|o| 1.0 / rms(records.iter().flat_map(|r| r.y[o].iter().filter(|y| y.is_finite()))).max(1e-300)).collect();
+    let scale: Vec<f64> = (0..p)
+        .map(|o| 1.0 / rms(records.iter().flat_map(|r| r.y[o].iter().filter(|y| y.is_finite()))).max(1e-300))
+        .collect();
     // Noise power of each output in each band, a sample.
     let quiet = DMatrix::from_fn(p, BANDS, |o, b| {
-        let within = (0..4).map(|j| noise.density(edges[b] + (edges[b + 1] - edges[b]) * (f64::from(j) + 0.5) / 4.0)[(o, o)].re);
+        let within =
+            (0..4).map(|j| noise.density(edges[b] + (edges[b + 1] - edges[b]) * (f64::from(j) + 0.5) / 4.0)[(o, o)].re);
         within.sum::<f64>() / 4.0 / BANDS as f64
     });
     let samples: usize = records.iter().map(Record::samples).sum();
@@ -79,7 +81,8 @@ pub fn map(records: &[Record], errors: &[Channels], noise: &NoiseModel, rate: f6
                     time[(stretch, b)] += value;
                     beyond += value;
                 }
-                whole += record.y[o][from..to].iter().filter(|y| y.is_finite()).map(|y| (y * scale[o]).powi(2)).sum::<f64>();
+                whole +=
+                    record.y[o][from..to].iter().filter(|y| y.is_finite()).map(|y| (y * scale[o]).powi(2)).sum::<f64>();
             }
             from = to;
         }

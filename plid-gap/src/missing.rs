@@ -7,7 +7,7 @@ use crate::plant::{C, Plant};
 use crate::transform;
 
 /// Samples of a segment: lines of a mode of one percent damping at a tenth of the sample rate are a few bins wide.
-const SEGMENT: usize = 2048;
+pub(crate) const SEGMENT: usize = 2048;
 
 /// A peak counts from this share of the largest.
 const SHARE: f64 = 0.05;
@@ -15,8 +15,16 @@ const SHARE: f64 = 0.05;
 /// Peaks that are offered.
 const MOST: usize = 2;
 
+/// A driven record: inputs (m channels) and errors (p channels).
+pub struct Driven<'a> {
+    /// m channels.
+    pub u: &'a [Vec<f64>],
+    /// p channels.
+    pub error: &'a [Vec<f64>],
+}
+
 /// Residual frequency response over driven records (inputs and errors, each channel by channel), and its peaks.
-pub fn missing_modes(plant: &Plant, driven: &[(&[Vec<f64>], &[Vec<f64>])]) -> Vec<MissingModeStart> {
+pub fn missing_modes(plant: &Plant, driven: &[Driven]) -> Vec<MissingModeStart> {
     let (m, p) = (plant.m, plant.p);
     let bins = SEGMENT / 2 + 1;
     let mut uu = vec![DMatrix::<C>::zeros(m, m); bins];
@@ -28,7 +36,7 @@ pub fn missing_modes(plant: &Plant, driven: &[(&[Vec<f64>], &[Vec<f64>])]) -> Ve
         transform::forward(&windowed)
     };
     let mut segments = 0;
-    for (u, e) in driven {
+    for Driven { u, error: e } in driven {
         let samples = e[0].len();
         let mut at = 0;
         while at + SEGMENT <= samples {

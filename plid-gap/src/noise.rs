@@ -99,11 +99,11 @@ impl NoiseModel {
     /// Fits sensors and modal forces to stretches; the actuators' noise stays as declared.
     pub fn fit(&self, stretches: &[Stretch]) -> Self {
         let modes: Vec<Source> = (0..self.plant.modes.len()).map(Source::Mode).collect();
-        self.fit_with(stretches, &modes, ROUNDS)
+        self.fit_with(stretches, &modes, ROUNDS, 1)
     }
 
-    /// Fits sensors and these sources.
-    pub fn fit_with(&self, stretches: &[Stretch], more: &[Source], rounds: usize) -> Self {
+    /// Fits sensors and these sources, to every `thin`th bin.
+    pub fn fit_with(&self, stretches: &[Stretch], more: &[Source], rounds: usize, thin: usize) -> Self {
         let mut model = self.clone();
         let level = self.sensor_variance();
         for &source in more {
@@ -114,7 +114,7 @@ impl NoiseModel {
                 model.sources.push((source, level / peak));
             }
         }
-        let rows: Vec<Row> = stretches.iter().flat_map(|s| model.rows(s)).collect();
+        let rows: Vec<Row> = stretches.iter().flat_map(|s| model.rows(s, thin)).collect();
         let mut theta: Vec<f64> = model.sources.iter().map(|(_, theta)| *theta).collect();
         let fixed: Vec<bool> = model.sources.iter().map(|(s, _)| matches!(s, Source::Actuator(_))).collect();
         // A channel that is constant in a quiet record is coarse, not free of noise.
@@ -160,6 +160,16 @@ impl NoiseModel {
         model
     }
 
+    /// With another variance of one sensor (V^2).
+    pub fn with_sensor(mut self, output: usize, variance: f64) -> Self {
+        for (source, theta) in &mut self.sources {
+            if *source == Source::Sensor(output) {
+                *theta = variance;
+            }
+        }
+        self
+    }
+
     /// Of each sensor in V^2.
     pub fn sensors(&self) -> Vec<f64> {
         let of = |(source, theta): &(Source, f64)| matches!(source, Source::Sensor(_)).then_some(*theta);
@@ -171,9 +181,10 @@ impl NoiseModel {
         all.iter().sum::<f64>() / all.len().max(1) as f64
     }
 
-    fn rows(&self, stretch: &Stretch) -> Vec<Row> {
+    fn rows(&self, stretch: &Stretch, thin: usize) -> Vec<Row> {
         // Zero, the trend's first bin and half the rate are no circular Gaussians.
         (2..stretch.bins[0].len() - 1)
+            .step_by(thin)
             .map(|k| {
                 let hz = stretch.hz(k, self.plant.rate);
                 let columns = self.sources.iter().map(|(source, _)| self.columns(*source, hz)).collect();

@@ -114,9 +114,7 @@ impl Nuisance {
     /// The initial state of a record, if it is fitted.
     pub fn start(&self, record: usize, eta: &[f64]) -> Option<State> {
         let at = self.starts[record]?;
-        let modes = (0..self.modes).map(|k| {
-            C::new(eta[at + 2 * k], eta[at + 2 * k + 1]) * self.sizes[k]
-        });
+        let modes = (0..self.modes).map(|k| C::new(eta[at + 2 * k], eta[at + 2 * k + 1]) * self.sizes[k]);
         let rest = (0..self.rest).map(|j| eta[at + 2 * self.modes + j] * self.sizes[self.modes + j]);
         Some(State { modes: modes.collect(), rest: rest.collect() })
     }
@@ -282,9 +280,7 @@ impl Through {
         let filters = chain
             .filter
             .iter()
-            .map(|poles| {
-                poles.iter().map(|f| record.u.iter().map(|u| lagged(f.pole, C::ONE, u)).collect()).collect()
-            })
+            .map(|poles| poles.iter().map(|f| record.u.iter().map(|u| lagged(f.pole, C::ONE, u)).collect()).collect())
             .collect();
         Self { actuators, filters, u: record.u.clone() }
     }

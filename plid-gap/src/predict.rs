@@ -44,9 +44,10 @@ impl Predictor {
                 .ok_or_else(|| malformed(format!("`{}` is no place of this simulation", written.location)))?;
             let mut parameters = Vec::new();
             for parameter in effect.parameters(&setting) {
-                let value = written.parameters.get(&parameter.name).ok_or_else(|| {
-                    malformed(format!("{} has no parameter `{}`", written.effect, parameter.name))
-                })?;
+                let value = written
+                    .parameters
+                    .get(&parameter.name)
+                    .ok_or_else(|| malformed(format!("{} has no parameter `{}`", written.effect, parameter.name)))?;
                 parameters.push(value.value);
             }
             actions.extend(effect.act(&setting, &place, &parameters));
@@ -73,7 +74,7 @@ impl Predictor {
 }
 
 /// Names and places only: a prediction needs no statistics of records.
-fn setting(plant: &Plant, model: &Model) -> Setting {
+pub(crate) fn setting(plant: &Plant, model: &Model) -> Setting {
     Setting {
         plant: plant.clone(),
         names: Names {

@@ -9,19 +9,19 @@ use crate::nuisance::{Limits, Nuisance};
 use crate::plant::Plant;
 use crate::problem::Problem;
 use crate::record::{Channels, Excitation, Record, rms};
-use crate::simulate::{Fineness, State, simulate};
+use crate::simulate::{Fineness, simulate};
 use crate::tones;
 use crate::whiten::Whitener;
 use plid_model::Model;
 
 /// Records without input shorter than this say too little of the noise.
-const SHORTEST_QUIET: usize = 512;
+pub(crate) const SHORTEST_QUIET: usize = 512;
 
 /// Lines that are offered to effects.
 const MOST_TONES: usize = 4;
 
 /// Noise where the simulation declares none: this share of each output's RMS.
-const UNDECLARED: f64 = 0.01;
+pub(crate) const UNDECLARED: f64 = 0.01;
 
 /// A simulation with records, made ready.
 pub struct Prepared {
@@ -48,15 +48,19 @@ pub struct Prepared {
 pub fn prepare(model: &Model, records: &[Record], limits: &Limits) -> Result<Prepared, GapError> {
     let plant = Plant::new(model)?;
     let (fitted, held_out) = split(records);
-    let declared_sensor = model.noise.sensor_std.clone().unwrap_or_else(|| {
-        (0..plant.p).map(|o| UNDECLARED * rms(fitted.iter().flat_map(|r| &r.y[o]))).collect()
-    });
+    let declared_sensor = model
+        .noise
+        .sensor_std
+        .clone()
+        .unwrap_or_else(|| (0..plant.p).map(|o| UNDECLARED * rms(fitted.iter().flat_map(|r| &r.y[o]))).collect());
     let declared_actuator = model.noise.actuator_std.clone().unwrap_or_else(|| vec![0.0; plant.m]);
     let declared = NoiseModel::declared(&plant, &declared_sensor, &declared_actuator);
-    let codes = codes::codes(&fitted, &declared_sensor);
-    let setting = setting(&plant, model, &fitted);
+    let errors = given_errors(&plant, &fitted);
+    let codes = codes::codes(&fitted, &errors, &declared_sensor);
+    let setting = setting(&plant, model, &fitted, &errors);
     let quiet = quiet_stretches(&plant, &fitted, &setting.tones);
     let noise = if quiet.is_empty() { declared.clone() } else { declared.fit(&quiet) };
+    let noise = rounded(noise, &codes, &declared_sensor);
     let whiteners = fitted
         .iter()
         .enumerate()
@@ -69,6 +73,104 @@ pub fn prepare(model: &Model, records: &[Record], limits: &Limits) -> Result<Pre
     let problem = Problem { plant, records: fitted, whiteners, nuisance, setting };
     Ok(Prepared { problem, held_out, declared, noise, declared_sensor, quiet, codes })
 }
+
+/// How well the noise's level is known, and what it is over the model's.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NoiseLevel {
+    /// Power over that of the noise model.
+    pub factor: f64,
+    /// Relative standard deviation of the factor.
+    pub uncertainty: f64,
+}
+
+impl Prepared {
+    /// The level of the noise from all that repeats: quiet records, and what differs between the periods of periodic ones once the
+    /// best explanation is taken away. What a wrong explanation leaves repeats with the period, and does not enter.
+    pub fn noise_level(&self, simulated: &[Channels]) -> NoiseLevel {
+        let problem = &self.problem;
+        let p = problem.plant.p as f64;
+        let quiet: f64 = self.quiet.iter().map(|stretch| p * stretch.length as f64).sum();
+        let (mut power, mut freedom) = (quiet, quiet);
+        for ((record, y), whitener) in problem.records.iter().zip(simulated).zip(&problem.whiteners) {
+            let Excitation::Periodic(period) = record.excitation else { continue };
+            let mut error = crate::locate::error(record, y);
+            for (error, masked) in error.iter_mut().zip(&whitener.masked) {
+                masked.iter().for_each(|&k| error[k] = 0.0);
+            }
+            let periods: Vec<Channels> = (1..record.samples() / period)
+                .map(|j| error.iter().map(|e| e[j * period..(j + 1) * period].to_vec()).collect())
+                .collect();
+            if periods.len() < 2 {
+                continue;
+            }
+            let head = Record { u: Vec::new(), y: periods[0].clone(), simulated: None, ..record.clone() };
+            let white = Whitener::new(&head, &self.noise, problem.plant.rate, vec![Vec::new(); problem.plant.p]);
+            let whitened: Vec<Vec<f64>> = periods
+                .iter()
+                .map(|period| {
+                    let mut to = vec![0.0; white.rows()];
+                    white.apply(period, &mut to);
+                    to
+                })
+                .collect();
+            let count = whitened.len() as f64;
+            for row in 0..white.rows() {
+                let mean = whitened.iter().map(|w| w[row]).sum::<f64>() / count;
+                power += whitened.iter().map(|w| (w[row] - mean).powi(2)).sum::<f64>();
+            }
+            freedom += (count - 1.0) * white.rows() as f64;
+        }
+        // What a coarse converter rounds repeats with the period, and is no noise there.
+        if self.codes.iter().any(|codes| codes.coarse) {
+            return NoiseLevel { factor: 1.0, uncertainty: ROUNDED_LEVEL };
+        }
+        if freedom < 1000.0 {
+            return NoiseLevel { factor: 1.0, uncertainty: UNSEEN_LEVEL };
+        }
+        // A whitened value squared has variance two; a tenth more for what the noise model's shape does not follow.
+        NoiseLevel { factor: power / freedom, uncertainty: 1.1 * (2.0 / freedom).sqrt() }
+    }
+
+    /// The noise once more, from what an explanation leaves of the quiet records: a disturbance or a line in them is no noise.
+    /// Whether it changed by so much that residuals must be whitened anew.
+    pub fn renew_noise(&mut self, simulated: &[Channels]) -> bool {
+        let records = &self.problem.records;
+        let quiet: Vec<Stretch> = records
+            .iter()
+            .zip(simulated)
+            .filter(|(record, _)| record.excitation == Excitation::Zero && record.samples() >= SHORTEST_QUIET)
+            .map(|(record, y)| Stretch::new(&crate::locate::error(record, y)))
+            .collect();
+        if quiet.is_empty() {
+            return false;
+        }
+        let noise = rounded(self.declared.fit(&quiet), &self.codes, &self.declared_sensor);
+        let changed = noise.rms().iter().zip(self.noise.rms()).any(|(a, b)| (a / b - 1.0).abs() > RENEWED);
+        if changed {
+            let rate = self.problem.plant.rate;
+            let whiteners = records.iter().zip(&self.problem.whiteners);
+            self.problem.whiteners =
+                whiteners.map(|(record, old)| Whitener::new(record, &noise, rate, old.masked.clone())).collect();
+            self.noise = noise;
+        }
+        changed
+    }
+}
+
+/// A coarse converter rounds: q^2 / 12 once the signal moves, though a quiet record may show a constant.
+fn rounded(noise: NoiseModel, codes: &[Codes], declared: &[f64]) -> NoiseModel {
+    let coarse = codes.iter().zip(declared).enumerate().filter(|(_, (codes, _))| codes.coarse);
+    coarse.fold(noise, |noise, (o, (codes, std))| noise.with_sensor(o, std * std + codes.step * codes.step / 12.0))
+}
+
+/// Uncertainty of a noise level that is only declared.
+const UNSEEN_LEVEL: f64 = 0.3;
+
+/// Uncertainty where a converter is so coarse that its rounding is the noise: q^2 / 12 holds for a signal of many steps.
+const ROUNDED_LEVEL: f64 = 0.05;
+
+/// A relative change of an output's noise RMS from which whitening is done anew.
+const RENEWED: f64 = 0.05;
 
 /// Those to fit and those held out: as the case says, or the last record that is driven, if another one remains.
 fn split(records: &[Record]) -> (Vec<Record>, Vec<Record>) {
@@ -104,11 +206,8 @@ fn quiet_stretches(plant: &Plant, records: &[Record], tones: &[tones::Tone]) -> 
         // The first period or two hold the transient.
         for first in (periods.min(2)..periods.saturating_sub(1)).step_by(2) {
             let at = first * period;
-            let difference: Channels = record
-                .y
-                .iter()
-                .map(|y| (at..at + period).map(|k| (y[k + period] - y[k]) * half).collect())
-                .collect();
+            let difference: Channels =
+                record.y.iter().map(|y| (at..at + period).map(|k| (y[k + period] - y[k]) * half).collect()).collect();
             if period >= SHORTEST_QUIET {
                 stretches.push(Stretch::new(&difference));
             }
@@ -117,7 +216,18 @@ fn quiet_stretches(plant: &Plant, records: &[Record], tones: &[tones::Tone]) -> 
     stretches
 }
 
-fn setting(plant: &Plant, model: &Model, records: &[Record]) -> Setting {
+/// Errors of the simulation as given (p channels), one for each record.
+fn given_errors(plant: &Plant, records: &[Record]) -> Vec<Channels> {
+    records
+        .iter()
+        .map(|record| {
+            let y = simulate(plant, &[], &record.u, record.start_s, None, Fineness::COARSE);
+            crate::locate::error(record, &y)
+        })
+        .collect()
+}
+
+fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]) -> Setting {
     let loudest = records.iter().max_by(|a, b| a.level().total_cmp(&b.level()));
     let (m, p, ports) = (plant.m, plant.p, plant.ports.len());
     let mut setting = Setting {
@@ -140,12 +250,12 @@ fn setting(plant: &Plant, model: &Model, records: &[Record]) -> Setting {
         missing: Vec::new(),
     };
     let Some(loudest) = loudest else { return setting };
-    setting.duration_s =
-        records.iter().map(|r| r.start_s + r.samples() as f64 / plant.rate).fold(0.0, f64::max);
+    setting.duration_s = records.iter().map(|r| r.start_s + r.samples() as f64 / plant.rate).fold(0.0, f64::max);
     for i in 0..m {
-        let u = &loudest.u[i];
-        setting.u_rms[i] = rms(u);
-        setting.u_slope[i] = rms(&u.windows(2).map(|w| (w[1] - w[0]) * plant.rate).collect::<Vec<f64>>());
+        let slope = |u: &[f64]| rms(&u.windows(2).map(|w| (w[1] - w[0]) * plant.rate).collect::<Vec<f64>>());
+        // A random record of the same level is much steeper than a multisine of a few lines.
+        setting.u_rms[i] = rms(&loudest.u[i]);
+        setting.u_slope[i] = records.iter().map(|record| slope(&record.u[i])).fold(0.0, f64::max);
     }
     for o in 0..p {
         setting.y_rms[o] = rms(loudest.y[o].iter().filter(|y| y.is_finite()));
@@ -157,22 +267,11 @@ fn setting(plant: &Plant, model: &Model, records: &[Record]) -> Setting {
         (setting.d_rms[k], setting.v_rms[k]) = (d, v);
         setting.force[k] = force_size(plant, k, &setting.u_rms);
     }
-    let errors: Vec<Channels> = records
+    let driven: Vec<missing::Driven> = records
         .iter()
-        .map(|record| {
-            let start = (!record.from_rest).then(|| State::rest(plant));
-            let y = simulate(plant, &[], &record.u, record.start_s, start.as_ref(), Fineness::COARSE);
-            let error = |(a, b): (&Vec<f64>, &Vec<f64>)| {
-                a.iter().zip(b).map(|(a, b)| if a.is_finite() { a - b } else { 0.0 }).collect()
-            };
-            record.y.iter().zip(&y).map(error).collect()
-        })
-        .collect();
-    let driven: Vec<(&[Vec<f64>], &[Vec<f64>])> = records
-        .iter()
-        .zip(&errors)
+        .zip(errors)
         .filter(|(record, _)| record.excitation == Excitation::Random)
-        .map(|(record, error)| (record.u.as_slice(), error.as_slice()))
+        .map(|(record, error)| missing::Driven { u: &record.u, error })
         .collect();
     setting.missing = missing::missing_modes(plant, &driven);
     // Where a record without input is, lines stand out in it alone.
@@ -219,6 +318,6 @@ pub(crate) mod tests {
     use super::*;
 
     pub(crate) fn setting_of(plant: &Plant, model: &Model) -> Setting {
-        setting(plant, model, &[])
+        setting(plant, model, &[], &[])
     }
 }

@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::effects::{Action, Effect, Place, Range, Setting};
+use crate::noise::NoiseModel;
 use crate::nuisance::Nuisance;
 use crate::plant::Plant;
 use crate::record::{Channels, Record};
@@ -85,6 +86,28 @@ pub struct Effort {
 }
 
 impl Problem {
+    /// The same with the first samples of each record only: a search costs in proportion, and a record from rest stays one.
+    pub fn head(&self, samples: usize, noise: &NoiseModel) -> Self {
+        let cut = |channels: &Channels| channels.iter().map(|x| x[..x.len().min(samples)].to_vec()).collect();
+        let records: Vec<Record> = self
+            .records
+            .iter()
+            .map(|record| Record { u: cut(&record.u), y: cut(&record.y), simulated: None, ..record.clone() })
+            .collect();
+        let whiteners = records
+            .iter()
+            .zip(&self.whiteners)
+            .map(|(record, whole)| Whitener::new(record, noise, self.plant.rate, whole.masked.clone()))
+            .collect();
+        Self {
+            plant: self.plant.clone(),
+            whiteners,
+            nuisance: self.nuisance.clone(),
+            setting: self.setting.clone(),
+            records,
+        }
+    }
+
     /// Rows of the whitened residual.
     pub fn rows(&self) -> usize {
         self.whiteners.iter().map(Whitener::rows).sum()
@@ -102,7 +125,14 @@ impl Problem {
     }
 
     /// Free run of one record.
-    pub fn outputs(&self, plant: &Plant, eta: &[f64], actions: &[Action], index: usize, fineness: Fineness) -> Channels {
+    pub fn outputs(
+        &self,
+        plant: &Plant,
+        eta: &[f64],
+        actions: &[Action],
+        index: usize,
+        fineness: Fineness,
+    ) -> Channels {
         let record = &self.records[index];
         let start = self.nuisance.start(index, eta);
         simulate(plant, actions, &record.u, record.start_s, start.as_ref(), fineness)
@@ -135,7 +165,7 @@ impl Problem {
     pub fn tangent(&self, plant: &Plant) -> Tangent {
         let (rows, columns) = (self.rows(), self.nuisance.len());
         let mut values = vec![0.0; rows * columns];
-        let blocks: Vec<(usize, Vec<(usize, Vec<f64>)>)> = (0..self.records.len())
+        let blocks: Vec<Vec<(usize, Vec<f64>)>> = (0..self.records.len())
             .into_par_iter()
             .map(|index| {
                 let mut found = Vec::new();
@@ -144,10 +174,10 @@ impl Problem {
                     self.whiteners[index].apply(outputs, &mut white);
                     found.push((column, white));
                 });
-                (index, found)
+                found
             })
             .collect();
-        for (index, found) in blocks {
+        for (index, found) in blocks.into_iter().enumerate() {
             let range = self.rows_of(index);
             for (column, white) in found {
                 values[column * rows + range.start..column * rows + range.end].copy_from_slice(&white);
@@ -164,6 +194,13 @@ impl Problem {
     /// Sum of squares of eta / std.
     pub fn penalty(&self, eta: &[f64]) -> f64 {
         eta.iter().zip(&self.nuisance.std).map(|(x, std)| (x / std).powi(2)).sum()
+    }
+
+    /// The largest change of a mode's parameter, in standard deviations of its prior.
+    pub fn bent(&self, eta: &[f64]) -> f64 {
+        let modal = |index: &usize| self.nuisance.entry(*index).is_some();
+        let z = |index: usize| (eta[index] / self.nuisance.std[index]).abs();
+        (0..eta.len()).filter(modal).map(z).fold(0.0, f64::max)
     }
 
     /// Fits the linear parameters and the effects from the given start.

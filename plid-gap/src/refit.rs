@@ -65,6 +65,12 @@ pub fn refit(problem: &Problem) -> Refit {
 const FAR: f64 = 2.5;
 
 impl Refit {
+    /// Residual and cost under a changed noise model.
+    pub fn weigh_anew(&mut self, problem: &Problem) {
+        self.residual = problem.residual(&self.plant, &self.eta, &[], Fineness::FINE);
+        self.cost = sum_of_squares(&self.residual) + problem.penalty(&self.eta);
+    }
+
     /// The same without what lies far outside the prior: where a search for effects starts.
     pub fn clipped(&self, problem: &Problem) -> Option<Refit> {
         let eta = clipped(problem, &self.eta)?;

@@ -108,7 +108,8 @@ fn entry<'a>(
     let (gain, energy) = match placed.effect.amplitude() {
         Some((index, neutral)) => {
             let size = product / energy.max(1e-12 * whole);
-            let positive = placed.effect.parameters(&base.problem.setting)[index].range == crate::effects::Range::Positive;
+            let positive =
+                placed.effect.parameters(&base.problem.setting)[index].range == crate::effects::Range::Positive;
             if positive && !(size > 0.0) {
                 return None;
             }

@@ -76,10 +76,8 @@ pub fn simulate(
             _ => None,
         })
         .collect();
-    let stiffness: Vec<_> = actions
-        .iter()
-        .filter_map(|action| if let Action::Stiffness(of) = action { Some(of) } else { None })
-        .collect();
+    let stiffness: Vec<_> =
+        actions.iter().filter_map(|action| if let Action::Stiffness(of) = action { Some(of) } else { None }).collect();
     let factor = |t: f64| stiffness.iter().map(|of| of(t)).product::<f64>();
 
     let mut runner = Runner::new(plant, drive.parts, &forces, &disturbances);
@@ -87,36 +85,55 @@ pub fn simulate(
         runner.start(start);
     }
     let mut y = vec![vec![0.0; samples]; plant.p];
-    let mut held = vec![0.0; plant.m];
-    for k in 0..samples {
-        if !stiffness.is_empty() && k % fineness.drift == 0 {
-            let middle = t0 + (k as f64 + 0.5 * fineness.drift as f64) / plant.rate;
-            runner.stiffen(plant, factor(middle));
-        }
-        for part in 0..drive.parts {
-            let at = k * drive.parts + part;
-            let before = if part == 0 { None } else { Some(&held) };
-            let same = before.is_some_and(|held| held.iter().zip(&drive.u).all(|(h, u)| *h == u[at]));
-            if !same {
-                held.iter_mut().zip(&drive.u).for_each(|(h, u)| *h = u[at]);
-                runner.hold(&held);
-            }
-            if part == 0 {
-                runner.output(&held, &mut y, k);
-                runner.sample(&drive, k);
-                for (d, (_, signal)) in disturbances.iter().enumerate() {
-                    runner.push(d, signal[k]);
-                }
-            }
-            runner.step(part + 1 == drive.parts);
-        }
-    }
+    let factors: Vec<f64> = if stiffness.is_empty() {
+        Vec::new()
+    } else {
+        let middle = |k: usize| t0 + (k as f64 + 0.5) * fineness.drift as f64 / plant.rate;
+        (0..samples.div_ceil(fineness.drift)).map(|k| factor(middle(k))).collect()
+    };
+    advance(&mut runner, plant, &drive, &disturbances, &factors, fineness.drift, &mut y);
     for action in actions {
         if let Action::Sensor(sensor) = action {
             sensor.apply(&mut y, t0, plant.rate);
         }
     }
     y
+}
+
+/// All samples. The loops over modes are short, and gain by wide registers.
+#[multiversion::multiversion(targets("x86_64+avx2+fma", "x86_64+avx512f+avx512vl+avx2+fma"))]
+fn advance(
+    runner: &mut Runner,
+    plant: &Plant,
+    drive: &Drive,
+    disturbances: &[(usize, Vec<f64>)],
+    factors: &[f64],
+    drift: usize,
+    y: &mut [Vec<f64>],
+) {
+    let samples = y[0].len();
+    let mut held = vec![0.0; plant.m];
+    for k in 0..samples {
+        if !factors.is_empty() && k % drift == 0 {
+            runner.stiffen(plant, factors[k / drift]);
+        }
+        for part in 0..drive.parts {
+            let at = k * drive.parts + part;
+            let same = part > 0 && held.iter().zip(&drive.u).all(|(h, u)| *h == u[at]);
+            if !same {
+                held.iter_mut().zip(&drive.u).for_each(|(h, u)| *h = u[at]);
+                runner.hold(&held);
+            }
+            if part == 0 {
+                runner.sample(drive, k);
+                for (d, (_, signal)) in disturbances.iter().enumerate() {
+                    runner.push(d, signal[k]);
+                }
+                runner.output(&held, y, k);
+            }
+            runner.step(part + 1 == drive.parts);
+        }
+    }
 }
 
 fn changed_plant(plant: &Plant, actions: &[Action]) -> Option<Plant> {
@@ -181,6 +198,8 @@ struct Runner<'a> {
     /// What a unit of each disturbance adds over a part, to the modes and to the rest.
     pushes: Vec<(Vec<C>, DVector<f64>, Vec<f64>)>,
     pushed: Vec<f64>,
+    /// Of each port: the force before a part, then its change.
+    forces: Vec<f64>,
     step: f64,
 }
 
@@ -244,6 +263,7 @@ impl<'a> Runner<'a> {
             ports,
             pushes,
             pushed: vec![0.0; disturbances.len()],
+            forces: vec![0.0; forces.len()],
             step,
         }
     }
@@ -276,6 +296,7 @@ impl<'a> Runner<'a> {
     }
 
     /// A new held input.
+    #[inline(always)]
     fn hold(&mut self, u: &[f64]) {
         self.held_in_re.fill(0.0);
         self.held_in_im.fill(0.0);
@@ -289,6 +310,7 @@ impl<'a> Runner<'a> {
         self.renew();
     }
 
+    #[inline(always)]
     fn renew(&mut self) {
         self.in_re.copy_from_slice(&self.held_in_re);
         self.in_im.copy_from_slice(&self.held_in_im);
@@ -305,6 +327,7 @@ impl<'a> Runner<'a> {
     }
 
     /// A new value of a disturbance.
+    #[inline(always)]
     fn push(&mut self, disturbance: usize, value: f64) {
         self.pushed[disturbance] = value;
         self.renew();
@@ -324,6 +347,7 @@ impl<'a> Runner<'a> {
         self.in_rest.copy_from_slice(&self.held_in_rest);
     }
 
+    #[inline(always)]
     fn output(&self, u: &[f64], y: &mut [Vec<f64>], sample: usize) {
         for (o, channel) in y.iter_mut().enumerate() {
             let modal = dot(&self.c_re[o], &self.z_re) - dot(&self.c_im[o], &self.z_im);
@@ -346,6 +370,7 @@ impl<'a> Runner<'a> {
         }
     }
 
+    #[inline(always)]
     fn seen(&self, j: usize) -> (f64, f64) {
         let port = &self.ports[j];
         let row = |re: &[f64], im: &[f64], rest: &DVector<f64>| {
@@ -355,8 +380,11 @@ impl<'a> Runner<'a> {
     }
 
     /// One part of a sample.
+    #[inline(always)]
     fn step(&mut self, last: bool) {
-        let now: Vec<f64> = self.ports.iter().map(|port| port.law.force(port.d, port.v, port.state)).collect();
+        for (force, port) in self.forces.iter_mut().zip(&self.ports) {
+            *force = port.law.force(port.d, port.v, port.state);
+        }
         for k in 0..self.z_re.len() {
             let (re, im) = (self.z_re[k], self.z_im[k]);
             self.z_re[k] = self.poles_re[k] * re - self.poles_im[k] * im + self.in_re[k];
@@ -371,22 +399,21 @@ impl<'a> Runner<'a> {
         if self.ports.is_empty() {
             return;
         }
-        for (port, &force) in self.ports.iter().zip(&now) {
+        for (port, &force) in self.ports.iter().zip(&self.forces) {
             add(&mut self.z_re, &port.held_re, force);
             add(&mut self.z_im, &port.held_im, force);
             if self.rest.each_part {
                 add(&mut self.x, port.held_rest.as_slice(), force);
             }
         }
-        let mut changes = now;
         for j in 0..self.ports.len() {
             let (d, v) = self.seen(j);
             let port = &mut self.ports[j];
             port.state = port.law.advance(port.path, d, port.state);
             port.path = d;
-            changes[j] = port.law.force(d, v, port.state) - changes[j];
+            self.forces[j] = port.law.force(d, v, port.state) - self.forces[j];
         }
-        for (port, &change) in self.ports.iter().zip(&changes) {
+        for (port, &change) in self.ports.iter().zip(&self.forces) {
             add(&mut self.z_re, &port.ramp_re, change);
             add(&mut self.z_im, &port.ramp_im, change);
             if self.rest.each_part {
@@ -476,17 +503,20 @@ fn phi2(x: C) -> C {
     }
 }
 
+#[inline(always)]
 fn add(to: &mut [f64], from: &[f64], factor: f64) {
     for (t, f) in to.iter_mut().zip(from) {
         *t += f * factor;
     }
 }
 
+#[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 /// to = matrix * from.
+#[inline(always)]
 fn multiply(to: &mut [f64], matrix: &DMatrix<f64>, from: &[f64]) {
     to.fill(0.0);
     let rows = matrix.nrows();

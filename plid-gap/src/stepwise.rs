@@ -1,13 +1,16 @@
 //! One effect after the other: screen, fit of the best few, acceptance; then each effect is questioned again beside the others.
 
+use std::f64::consts::TAU;
+
 use rayon::prelude::*;
 
-use crate::effects::{Library, Place};
+use crate::effects::{Library, Place, Range};
+use crate::ports_fit::fit_ports;
 use crate::problem::{Effort, Fit, Placed, Problem, Tangent};
 use crate::refit::{Refit, clipped};
 use crate::screen::{Base, Entry, screen};
 use crate::simulate::Fineness;
-use crate::thresholds::{ACCEPT, FITTED, FURTHER_SHARE, MOST_EFFECTS};
+use crate::thresholds::{ACCEPT, FITTED, FURTHER_SHARE, MATERIAL, MOST_EFFECTS, POLISHED, STRAIGHTENED};
 
 /// An explanation that was fitted, with its price.
 #[derive(Clone)]
@@ -28,20 +31,32 @@ pub struct Search<'a> {
     pub candidates: Vec<Candidate<'a>>,
     /// The screen of each stage.
     pub stages: Vec<Vec<Entry<'a>>>,
-    /// Derivatives at the best linear model.
-    pub tangent: Tangent,
+}
+
+impl Search<'_> {
+    /// The best explanation under a changed noise model; the others keep their distance from it.
+    pub fn weigh_anew(&mut self, problem: &Problem) {
+        let before = self.best.cost;
+        self.best = polish(problem, self.best.clone());
+        for candidate in &mut self.candidates {
+            candidate.cost += self.best.cost - before;
+            candidate.priced += self.best.cost - before;
+        }
+    }
 }
 
 /// Fits in the search.
-const QUICK: Effort = Effort { steps: 8, gain: 1.0, fineness: Fineness::COARSE };
+const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE };
 
 /// Fits of what was found.
-const FINE: Effort = Effort { steps: 12, gain: 0.1, fineness: Fineness::FINE };
+const FINE: Effort = Effort { steps: 8, gain: 0.1, fineness: Fineness::FINE };
 
-/// Searches for up to [`MOST_EFFECTS`] effects. `allowed` says what may be named where; `bonus` what the engineer suspects
-/// (subtracted from the price); `say` is told what is going on.
+/// Searches for up to [`MOST_EFFECTS`] effects: on `quick` (the heads of the records), then among the best few on `problem`.
+/// `allowed` says what may be named where; `bonus` what the engineer suspects (subtracted from the price); `say` is told what is
+/// going on.
 pub fn search<'a>(
-    problem: &Problem,
+    problem: &mut Problem,
+    quick: &mut Problem,
     refit: &Refit,
     library: &'a Library,
     allowed: &(dyn Fn(&Placed) -> bool + Sync),
@@ -49,7 +64,6 @@ pub fn search<'a>(
     say: &mut dyn FnMut(String),
 ) -> Search<'a> {
     let price = Price { rows: problem.rows() as f64, bonus };
-    let noise = problem.rows() as f64;
     let mut best = Fit {
         eta: refit.eta.clone(),
         effects: Vec::new(),
@@ -60,33 +74,20 @@ pub fn search<'a>(
     };
     let mut candidates = vec![Candidate { effects: Vec::new(), cost: refit.cost, priced: refit.cost }];
     let mut stages = Vec::new();
-    let mut tangent = None;
     for stage in 0..MOST_EFFECTS {
-        let from = Start::new(problem, &best);
-        let base = from.base(problem, &best.effects);
-        // What is there already is not looked for a second time.
         let there = |placed: &Placed| best.effects.iter().any(|other| same(other, placed)) || !allowed(placed);
-        let entries = screen(&base, library, there);
-        let fits = fit_all(problem, &from, &best.effects, &entries);
-        say(format!("stage {}: {} entries, {} fits", stage + 1, entries.len(), fits.len()));
+        let (entries, fits) = turn(problem, quick, &best, library, &there, &price, FITTED, POLISHED);
+        say(format!("stage {}: {} entries of the screen", stage + 1, entries.len()));
         stages.push(entries);
-        for fit in &fits {
-            candidates.push(price.candidate(fit));
-        }
-        let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else {
-            tangent = Some(from.tangent);
-            break;
-        };
+        candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
+        let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { break };
         let gain = price.of(&best) - price.of(&top);
-        let share = (best.cost - top.cost) / (best.cost - noise).max(1.0);
-        let accepted = gain > ACCEPT && (stage == 0 || share > FURTHER_SHARE);
-        if !accepted {
-            tangent = Some(from.tangent);
+        if !(gain > ACCEPT && material(problem, &best, &top, stage)) {
             break;
         }
-        best = polish(problem, top);
+        best = fit_ports(problem, quick, top);
         if best.effects.len() > 1 {
-            best = question(problem, best, library, allowed, &price, &mut candidates);
+            best = question(problem, quick, best, library, allowed, &price, &mut candidates);
         }
     }
     // The best with something beside it that was not accepted is no other explanation.
@@ -95,8 +96,44 @@ pub fn search<'a>(
     };
     candidates.retain(|c| best.effects.is_empty() || !beyond(c));
     candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
-    let tangent = tangent.unwrap_or_else(|| problem.tangent(&problem.nuisance.apply(&problem.plant, &best.eta)));
-    Search { best, candidates, stages, tangent }
+    Search { best, candidates, stages }
+}
+
+/// Whether a further effect explains enough: of the residual, or of what the linear parameters had to be bent for it.
+fn material(problem: &Problem, before: &Fit, after: &Fit, stage: usize) -> bool {
+    let rows = problem.rows() as f64;
+    let left = |fit: &Fit| crate::problem::sum_of_squares(&fit.residual);
+    let explained = left(before) - left(after);
+    let share = explained / (left(before) - rows).max(MATERIAL * rows);
+    let straightened = problem.penalty(&before.eta) - problem.penalty(&after.eta);
+    let visible = explained > MATERIAL * rows && (stage == 0 || share > FURTHER_SHARE);
+    visible || (straightened > STRAIGHTENED && explained > -STRAIGHTENED)
+}
+
+/// One more effect beside those of `so_far`: the screen, quick fits of its first entries, whole fits of the best of these.
+#[allow(clippy::too_many_arguments)]
+fn turn<'a>(
+    problem: &Problem,
+    quick: &Problem,
+    so_far: &Fit<'a>,
+    library: &'a Library,
+    there: &(dyn Fn(&Placed) -> bool + Sync),
+    price: &Price,
+    fitted: usize,
+    polished: usize,
+) -> (Vec<Entry<'a>>, Vec<Fit<'a>>) {
+    let from = Start::new(quick, so_far);
+    let base = from.base(quick, &so_far.effects);
+    let entries = screen(&base, library, there);
+    let mut fits = fit_all(quick, &from, &so_far.effects, &entries[..entries.len().min(fitted)]);
+    fits.sort_by(|a, b| price.of(a).total_cmp(&price.of(b)));
+    fits.truncate(polished);
+    let whole = fits
+        .into_par_iter()
+        .map(|fit| polish(problem, fit))
+        .filter(|fit| fit.cost.is_finite() && fit.effects.iter().all(|placed| sound(problem, placed)))
+        .collect();
+    (entries, whole)
 }
 
 /// Whether two name the same effect at the same place.
@@ -151,65 +188,68 @@ impl Start {
     }
 
     fn base<'p, 'a>(&'p self, problem: &'p Problem, effects: &'p [Placed<'a>]) -> Base<'p, 'a> {
-        Base {
-            problem,
-            tangent: &self.tangent,
-            plant: &self.plant,
-            eta: &self.eta,
-            effects,
-            residual: &self.residual,
-        }
+        Base { problem, tangent: &self.tangent, plant: &self.plant, eta: &self.eta, effects, residual: &self.residual }
     }
 }
 
 fn fit_all<'a>(problem: &Problem, from: &Start, effects: &[Placed<'a>], entries: &[Entry<'a>]) -> Vec<Fit<'a>> {
     entries
         .par_iter()
-        .take(FITTED)
         .filter(|entry| entry.gain > 0.0)
         .map(|entry| {
             let mut all = effects.to_vec();
             all.push(entry.placed.clone());
             problem.fit(&from.tangent, &from.eta, &all, QUICK)
         })
-        .filter(|fit| fit.cost.is_finite())
+        .filter(|fit| fit.cost.is_finite() && fit.effects.iter().all(|placed| sound(problem, placed)))
         .collect()
+}
+
+/// Whether the parameters still say what the effect's name says.
+fn sound(problem: &Problem, placed: &Placed) -> bool {
+    placed.effect.sound(&problem.setting, &placed.place, &placed.parameters)
 }
 
 /// The same fit with fine steps and derivatives at its own linear model.
 fn polish<'a>(problem: &Problem, fit: Fit<'a>) -> Fit<'a> {
     let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
     let tangent = problem.tangent(&plant);
-    problem.fit(&tangent, &fit.eta, &fit.effects, FINE)
+    let mut fit = problem.fit(&tangent, &fit.eta, &fit.effects, FINE);
+    for placed in &mut fit.effects {
+        let kinds = placed.effect.parameters(&problem.setting);
+        for (value, parameter) in placed.parameters.iter_mut().zip(kinds) {
+            if parameter.range == Range::Angle {
+                *value -= TAU * (*value / TAU).round();
+            }
+        }
+    }
+    fit
 }
 
 /// With all effects in place, is each of them still the best at its turn? The first was chosen while the others were missing.
 fn question<'a>(
     problem: &Problem,
+    quick: &Problem,
     mut best: Fit<'a>,
     library: &'a Library,
     allowed: &(dyn Fn(&Placed) -> bool + Sync),
     price: &Price,
     candidates: &mut Vec<Candidate<'a>>,
 ) -> Fit<'a> {
-    for turn in 0..best.effects.len() {
+    for place in 0..best.effects.len() {
         let mut others = best.effects.clone();
-        let asked = others.remove(turn);
+        let asked = others.remove(place);
+        let there = |placed: &Placed| {
+            others.iter().any(|other| same(other, placed)) || same(&asked, placed) || !allowed(placed)
+        };
         let without = Fit { effects: others.clone(), ..best.clone() };
-        let from = Start::new(problem, &without);
-        let base = from.base(problem, &others);
-        let there =
-            |placed: &Placed| others.iter().any(|other| same(other, placed)) || same(&asked, placed) || !allowed(placed);
-        let entries = screen(&base, library, there);
-        let fits = fit_all(problem, &from, &others, &entries[..entries.len().min(FITTED / 2)]);
-        for fit in &fits {
-            candidates.push(price.candidate(fit));
-        }
+        let (_, fits) = turn(problem, quick, &without, library, &there, price, FITTED / 2, POLISHED / 2);
+        candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
         let top = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b)));
         if let Some(top) = top
             && price.of(&top) + ACCEPT < price.of(&best)
         {
-            best = polish(problem, top);
+            best = top;
         }
     }
     best

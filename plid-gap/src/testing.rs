@@ -9,7 +9,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use crate::record::Channels;
+use crate::case::{Case, CaseConfig};
+use crate::nuisance::Limits;
+use crate::record::{Channels, Excitation, Record, rms};
 
 /// Samples a second.
 pub const RATE: f64 = 1600.0;
@@ -23,10 +25,7 @@ pub fn truss(seed: u64) -> Model {
 }
 
 /// The same with frequencies and damping ratios, input shapes (modes x 2) and output shapes (2 x modes) changed.
-pub fn truss_with(
-    seed: u64,
-    change: impl FnOnce(&mut [(f64, f64)], &mut DMatrix<f64>, &mut DMatrix<f64>),
-) -> Model {
+pub fn truss_with(seed: u64, change: impl FnOnce(&mut [(f64, f64)], &mut DMatrix<f64>, &mut DMatrix<f64>)) -> Model {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut normal = || -> f64 { rng.sample(StandardNormal) };
     let (q, m, p) = (MODES.len(), 2, 2);
@@ -84,14 +83,12 @@ pub fn truss_with(
     }
     // Another basis, of states of like size, so that nothing rests on this one.
     let basis = DMatrix::from_fn(n, n, |i, j| if i == j { 1.0 } else { 0.2 * normal() });
-    let scale = DMatrix::from_diagonal(&nalgebra::DVector::from_fn(n, |j, _| {
-        match j {
-            j if j < 2 * q && j % 2 == 0 => 1e4,
-            j if j < 2 * q => 10.0,
-            j if j < filters => 1.0,
-            j if (j - filters) % 2 == 0 => 10.0,
-            _ => 10.0 / filter,
-        }
+    let scale = DMatrix::from_diagonal(&nalgebra::DVector::from_fn(n, |j, _| match j {
+        j if j < 2 * q && j % 2 == 0 => 1e4,
+        j if j < 2 * q => 10.0,
+        j if j < filters => 1.0,
+        j if (j - filters) % 2 == 0 => 10.0,
+        _ => 10.0 / filter,
     }));
     let basis = basis * scale;
     let inverse = basis.clone().try_inverse().expect("a random matrix has an inverse");
@@ -120,4 +117,52 @@ pub fn truss_with(
 pub fn random_input(seed: u64, samples: usize, channels: usize) -> Channels {
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x5eed);
     (0..channels).map(|_| (0..samples).map(|_| rng.sample(StandardNormal)).collect()).collect()
+}
+
+/// Free run from rest.
+pub fn run(model: &Model, u: &[Vec<f64>]) -> Channels {
+    let inputs = ndarray::Array2::from_shape_fn((u[0].len(), u.len()), |(k, i)| u[i][k]);
+    let outputs = plid_model::simulate(model, inputs.view(), &model.rest()).expect("a sound model").outputs;
+    crate::case::columns(&outputs)
+}
+
+/// A case in memory: what `sim` says, and records of what `real` does, 0.2 % of noise on each output: one of 1024 samples without input, and
+/// `random-1` to `random-3` of 3072 samples each at levels 1, 0.5 and 1.
+pub fn case(sim: &Model, real: &Model) -> Case {
+    let config = CaseConfig {
+        sim: Some("sim.json".into()),
+        states: None,
+        sample_rate_hz: RATE,
+        inputs: sim.inputs.clone(),
+        outputs: sim.outputs.clone(),
+        suspects: Vec::new(),
+        exclude: Vec::new(),
+        nuisance: Limits::default(),
+        record: Vec::new(),
+    };
+    let level_one = run(real, &random_input(0, 4096, real.m()));
+    let std: Vec<f64> = level_one.iter().map(|y| 0.002 * rms(y)).collect();
+    let mut records = Vec::new();
+    let mut start_s = 0.0;
+    for (k, level) in [0.0, 1.0, 0.5, 1.0].into_iter().enumerate() {
+        let seed = 10 + k as u64;
+        let samples = if level > 0.0 { 3072 } else { 1024 };
+        let mut u = random_input(seed, samples, real.m());
+        u.iter_mut().flatten().for_each(|u| *u *= level);
+        let noise = random_input(seed + 100, samples, real.p());
+        let mut y = run(real, &u);
+        for ((y, noise), std) in y.iter_mut().zip(&noise).zip(&std) {
+            y.iter_mut().zip(noise).for_each(|(y, e)| *y += std * e);
+        }
+        let (name, excitation) = match level {
+            0.0 => ("quiet".to_string(), Excitation::Zero),
+            _ => (format!("random-{k}"), Excitation::Random),
+        };
+        records.push(Record { name, excitation, from_rest: true, start_s, held_out: false, u, y, simulated: None });
+        start_s += samples as f64 / RATE;
+    }
+    let mut sim = sim.clone();
+    sim.noise.sensor_std = Some(std);
+    sim.noise.actuator_std = Some(vec![0.0; sim.m()]);
+    Case { config, model: Some(sim), records, warnings: Vec::new() }
 }

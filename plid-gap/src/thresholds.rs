@@ -4,26 +4,55 @@
 /// the rest is for near misses.
 pub const FITTED: usize = 12;
 
+/// Of these, the ones that are fitted to whole records.
+pub const POLISHED: usize = 4;
+
+/// Samples of each record that the search looks at. A third of a record ranks as a whole one does: effects of a few per cent stand
+/// out by thousands in twice the log likelihood.
+pub const HEAD: usize = 2000;
+
 /// Effects together, at most.
 pub const MOST_EFFECTS: usize = 3;
 
 /// Twice the log likelihood that an effect must gain beyond its parameters' and the library's price: odds of 1 : 150.
 pub const ACCEPT: f64 = 10.0;
 
+/// What an effect must explain of the noise's own power: a gap of a twentieth of the noise. Below, the noise model's own errors
+/// (a resonance whose ambient force is a little off) look like effects.
+pub const MATERIAL: f64 = 0.003;
+
+/// What an effect may explain instead: this much of the linear parameters' penalty. A sound simulation within the stated limits has a
+/// penalty of about the number of modes' parameters times the square of how well it uses the limits; what an effect straightens comes
+/// on top of that, and does not depend on the noise model.
+pub const STRAIGHTENED: f64 = 40.0;
+
 /// Share of what a fit leaves above the noise that a further effect must explain. A true second effect explains nearly all of it;
 /// a wrong one nibbles at what the first left.
 pub const FURTHER_SHARE: f64 = 0.4;
 
-/// Uncertainty of the noise level (relative variance): a quiet record of 3200 samples and three sensors fixes it to 1.4 %.
-pub const NOISE_LEVEL: f64 = 0.018;
-
 /// Excess over the noise, in that uncertainty, at which "something else" is as likely as not.
-pub const EXCESS: f64 = 5.0;
+pub const EXCESS: f64 = 4.0;
+
+/// Change of a linear parameter, in standard deviations of the stated limits, at which "something else" is as likely as not: the
+/// largest of eighty within their limits is about two and a half.
+pub const BENT: f64 = 3.8;
 
 /// Confidence is spread over fits that differ by less than this in twice the log likelihood: twice the textbook's two, for the
 /// noise model is estimated.
 pub const TEMPERATURE: f64 = 4.0;
 
-/// And by less than this share of what the best leaves above the noise: where a model is inadequate, differences between
+/// And by less than this share of what the best leaves beyond twice the noise level's uncertainty: where a model is inadequate, differences between
 /// inadequate models mean little.
 pub const MISFIT_TEMPERATURE: f64 = 0.05;
+
+/// Twice the log likelihood that a free shape must gain on the heads of the records, and four times that on whole ones: eight
+/// numbers gain eight by chance.
+pub const WORTH: f64 = 40.0;
+
+/// Twice the log likelihood that the best further entry of the screen would gain on the heads of the records, at which "something
+/// else" is as likely as not: beside a right explanation the best of a hundred entries gains up to 20.
+pub const NEXT: f64 = 50.0;
+
+/// Probability that is kept for something else where a free shape suffices: one case in three of a cause that the library lacks is
+/// imitated by a free shape at the same place.
+pub const SHAPE_DIFFERS: f64 = 0.3;

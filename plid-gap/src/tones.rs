@@ -14,11 +14,12 @@ pub struct Tone {
     pub prominence: f64,
 }
 
-/// Power over the neighbourhood's median from which a line counts: noise has an exponential tail, e^-14 a bin.
-const PROMINENT: f64 = 20.0;
+/// Power over the neighbourhood's median from which a line counts: a resonance in noise reaches ten times the chance of an exponential
+/// tail; a line of half the noise's RMS in a record of 3200 samples stands out by 250.
+const PROMINENT: f64 = 60.0;
 
-/// Half width of the neighbourhood in bins.
-const NEIGHBOURS: usize = 40;
+/// The neighbourhood in bins, on each side: beyond the window's own width, and near enough that a resonance is in it.
+const NEIGHBOURS: std::ops::Range<usize> = 3..13;
 
 /// A residual stretch: its start time, and p channels.
 pub struct Stretch<'a> {
@@ -35,11 +36,8 @@ pub fn tones(stretches: &[Stretch], rate: f64, most: usize) -> Vec<Tone> {
     let length = longest.residual[0].len();
     let mut power = vec![0.0; length / 2 + 1];
     for channel in longest.residual {
-        let windowed: Vec<f64> = channel
-            .iter()
-            .enumerate()
-            .map(|(k, x)| x * (1.0 - (TAU * k as f64 / length as f64).cos()))
-            .collect();
+        let windowed: Vec<f64> =
+            channel.iter().enumerate().map(|(k, x)| x * (1.0 - (TAU * k as f64 / length as f64).cos())).collect();
         let spectrum = transform::forward(&windowed);
         let size: f64 = spectrum.iter().map(|z| z.norm_sqr()).sum::<f64>().max(f64::MIN_POSITIVE);
         power.iter_mut().zip(&spectrum).for_each(|(p, z)| *p += z.norm_sqr() / size);
@@ -49,7 +47,9 @@ pub fn tones(stretches: &[Stretch], rate: f64, most: usize) -> Vec<Tone> {
         if !peak {
             continue;
         }
-        let mut near = power[k.saturating_sub(NEIGHBOURS).max(2)..(k + NEIGHBOURS).min(power.len())].to_vec();
+        let below = NEIGHBOURS.filter_map(|j| k.checked_sub(j).filter(|&at| at > 1).map(|at| power[at]));
+        let above = NEIGHBOURS.filter_map(|j| power.get(k + j).copied());
+        let mut near: Vec<f64> = below.chain(above).collect();
         near.sort_by(f64::total_cmp);
         let prominence = power[k] / near[near.len() / 2].max(f64::MIN_POSITIVE);
         if prominence > PROMINENT {

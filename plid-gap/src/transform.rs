@@ -22,7 +22,7 @@ pub fn good_length_below(most: usize) -> usize {
 
 fn smooth(mut n: usize) -> bool {
     for prime in [2, 3, 5] {
-        while n % prime == 0 {
+        while n.is_multiple_of(prime) {
             n /= prime;
         }
     }
@@ -46,7 +46,7 @@ pub fn backward(bins: &[C], n: usize) -> Vec<f64> {
     let mut whole: Vec<Complex<f64>> = (0..n).map(at).collect();
     // A signal is real: what is imaginary at zero and at half the rate has no place.
     whole[0].im = 0.0;
-    if n % 2 == 0 {
+    if n.is_multiple_of(2) {
         whole[n / 2].im = 0.0;
     }
     PLANNER.with(|planner| planner.borrow_mut().plan_fft_inverse(n)).process(&mut whole);

@@ -15,6 +15,12 @@ const NOISIER: f64 = 1.3;
 /// All sensors may be misjudged by this factor together (in standard deviation).
 const MISJUDGED: f64 = 1.5;
 
+/// Centres of bands, from here on in steps of 6 %, in Hz.
+const LOWEST: f64 = 15.0;
+
+/// The search for a band looks at every so many bins.
+const THINNED: usize = 4;
+
 /// Relative widths of bands.
 const WIDTHS: [f64; 2] = [0.05, 0.2];
 
@@ -61,7 +67,8 @@ fn noisy(noise: &NoiseModel, declared: &[f64], codes: &[Codes]) -> Vec<(usize, f
         if codes[o].coarse || noise.bins == 0 {
             continue;
         }
-        let mut others: Vec<f64> = (0..ratios.len()).filter(|&j| j != o && !codes[j].coarse).map(|j| ratios[j]).collect();
+        let mut others: Vec<f64> =
+            (0..ratios.len()).filter(|&j| j != o && !codes[j].coarse).map(|j| ratios[j]).collect();
         others.sort_by(f64::total_cmp);
         // The least noisy other channel says what is common.
         let common = others.first().copied().unwrap_or(MISJUDGED * MISJUDGED).max(0.4);
@@ -80,47 +87,34 @@ fn coloured(ready: &Prepared) -> Option<(usize, f64, f64, f64)> {
         return None;
     }
     let plant = &ready.problem.plant;
-    let plain = ready.declared.fit_with(&ready.quiet, &[Source::Ambient], 40);
+    let plain = ready.declared.fit_with(&ready.quiet, &[Source::Ambient], 40, 1);
     let free = &ready.noise;
     if 2.0 * (plain.misfit - free.misfit) < EVIDENCE {
         return None;
     }
-    // Round the mode that moves most.
-    let strongest = free
-        .sources
-        .iter()
-        .filter_map(|(source, theta)| if let Source::Mode(k) = source { Some((*k, *theta)) } else { None })
-        .max_by(|a, b| (a.1 * peak(ready, a.0)).total_cmp(&(b.1 * peak(ready, b.0))))?;
-    let centre = plant.modes[strongest.0].hz();
     let mut best: Option<(f64, usize, f64, f64, f64)> = None;
-    for port in 0..plant.ports.len() {
-        for step in -6..=6 {
-            let hz = centre * (1.0 + 0.025 * f64::from(step));
+    let mut hz = LOWEST;
+    while hz < 0.45 * plant.rate {
+        for port in 0..plant.ports.len() {
             for width in WIDTHS {
                 let band = Source::Band(port, hz, width);
-                let fitted = ready.declared.fit_with(&ready.quiet, &[Source::Ambient, band], 12);
+                let fitted = ready.declared.fit_with(&ready.quiet, &[Source::Ambient, band], 8, THINNED);
                 if best.is_none_or(|best| fitted.misfit < best.0) {
                     let theta = fitted.sources.last().map_or(0.0, |(_, theta)| *theta);
                     best = Some((fitted.misfit, port, hz, width, theta));
                 }
             }
         }
+        hz *= 1.06;
     }
-    let (misfit, port, hz, width, theta) = best?;
+    let (_, port, hz, width, theta) = best?;
+    let misfit = ready.declared.fit_with(&ready.quiet, &[Source::Ambient, Source::Band(port, hz, width)], 40, 1).misfit;
     let gain = 2.0 * (plain.misfit - misfit);
     // Three numbers of a band must do most of what a free force on every mode does.
     let share = gain / (2.0 * (plain.misfit - free.misfit));
     // Variance of a band of white noise of density theta: the band's share of half the sample rate, times pi / 2 for its skirts.
     let variance = theta * std::f64::consts::FRAC_PI_2 * width * hz / (0.5 * plant.rate);
     (gain > EVIDENCE && share > 0.6).then(|| (port, hz, variance.sqrt(), gain))
-}
-
-fn peak(ready: &Prepared, k: usize) -> f64 {
-    let plant = &ready.problem.plant;
-    let mode = &plant.modes[k];
-    let force: f64 = plant.ports.iter().map(|port| port.force[k].norm_sqr()).sum();
-    let size: f64 = mode.c.iter().map(|c| c.norm_sqr()).sum();
-    force * size / mode.pole.re.abs()
 }
 
 /// Whether an effect is one of these.

@@ -1,8 +1,9 @@
 //! Probabilities of all explanations, "something else" among them, and the verdict.
 
+use crate::prepare::NoiseLevel;
 use crate::problem::Placed;
 use crate::stepwise::{Candidate, same};
-use crate::thresholds::{EXCESS, MISFIT_TEMPERATURE, NOISE_LEVEL, TEMPERATURE};
+use crate::thresholds::{BENT, EXCESS, MISFIT_TEMPERATURE, NEXT, TEMPERATURE};
 
 /// What a diagnosis says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -35,25 +36,43 @@ pub struct Adequacy {
     pub excess: f64,
     /// Share of the bounded refit's excess that is left.
     pub left: f64,
+    /// The largest change of a linear parameter, in standard deviations of the stated limits.
+    pub bent: f64,
+    /// What the best further entry of the screen would gain.
+    pub next: f64,
     /// Probability of something else.
     pub unknown: f64,
 }
 
-/// Judges what the best explanation leaves.
-pub fn adequacy(cost: f64, refit_cost: f64, given_cost: f64, rows: f64) -> Adequacy {
-    let excess = (cost / rows - 1.0) / NOISE_LEVEL;
-    let left = ((cost - rows) / (refit_cost.max(given_cost) - rows).max(1.0)).clamp(0.0, 1.0);
+/// Judges what the best explanation leaves, and how far (`bent`, in standard deviations) the linear parameters had to go for it.
+pub fn adequacy(
+    bent: f64,
+    next: f64,
+    cost: f64,
+    refit_cost: f64,
+    given_cost: f64,
+    rows: f64,
+    level: NoiseLevel,
+) -> Adequacy {
+    let noise = rows * level.factor;
+    let excess = (cost / noise - 1.0) / level.uncertainty;
+    let left = ((cost - noise) / (refit_cost.max(given_cost) - noise).max(1.0)).clamp(0.0, 1.0);
     let certain = 1.0 / (1.0 + (-(excess - EXCESS)).exp());
     // A rest of a thousandth of a large gap is a matter of the effect's third digit, not of another cause.
     let material = 1.0 / (1.0 + (0.004 / left.max(1e-12)).powi(4));
-    let unknown = 0.02 + 0.97 * certain * material;
-    Adequacy { excess, left, unknown }
+    // Beyond the stated limits a refit hides an effect that the vocabulary does not have.
+    let beyond = 1.0 / (1.0 + (-(bent - BENT) / 0.3).exp());
+    // What still lies in the residual along some effect's trace, though no effect explains it.
+    let coherent = 1.0 / (1.0 + (-(next - NEXT) / 8.0).exp());
+    let sound = (1.0 - certain * material) * (1.0 - beyond) * (1.0 - coherent);
+    Adequacy { excess, left, bent, next, unknown: 0.02 + 0.97 * (1.0 - sound) }
 }
 
 /// Spreads probability over the candidates; `unknown` goes to something else.
-pub fn weigh<'a>(candidates: &[Candidate<'a>], unknown: f64, rows: f64) -> Vec<Weighted<'a>> {
+pub fn weigh<'a>(candidates: &[Candidate<'a>], unknown: f64, rows: f64, level: NoiseLevel) -> Vec<Weighted<'a>> {
     let Some(best) = candidates.first() else { return Vec::new() };
-    let temperature = TEMPERATURE + MISFIT_TEMPERATURE * (best.cost - rows).max(0.0);
+    let temperature =
+        TEMPERATURE + MISFIT_TEMPERATURE * (best.cost - rows * level.factor * (1.0 + 2.0 * level.uncertainty)).max(0.0);
     let mut weighted: Vec<Weighted> = Vec::new();
     for candidate in candidates {
         let weight = (-(candidate.priced - best.priced) / temperature).exp();

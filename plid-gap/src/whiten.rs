@@ -87,7 +87,7 @@ impl Whitener {
         }
         let within = row - self.p;
         let bin = 1 + within / (2 * self.p);
-        let last = self.length % 2 == 0 && bin == self.length / 2;
+        let last = self.length.is_multiple_of(2) && bin == self.length / 2;
         let rest = within - (bin - 1) * 2 * self.p;
         (bin, if last { rest } else { rest / 2 })
     }

@@ -66,6 +66,8 @@ pub fn reproduce(
     let (timed, plain): (Vec<&Task>, Vec<&Task>) =
         tasks.iter().filter(wanted).filter(missing).partition(|task| task.claim.timed);
 
+    // The load of before, for at the end it is this program's own.
+    let machine = Machine::here();
     progress.stage("claims");
     let (done, total) = (AtomicUsize::new(0), timed.len() + plain.len());
     progress.advance(0, total);
@@ -114,7 +116,7 @@ pub fn reproduce(
         })
         .collect();
     write_json(&directory.join("claims.json"), &lines.iter().filter_map(Line::summary).collect::<Vec<_>>())?;
-    write(&directory.join("report.html"), page::page(&lines, options.quick, &Machine::here()).to_html())?;
+    write(&directory.join("report.html"), page::page(&lines, options.quick, &machine).to_html())?;
     // An interruption is what the user wants to read of first.
     let failed = results.into_iter().filter_map(Result::err);
     let first = failed.min_by_key(|error| !matches!(error, StudyError::Interrupted { .. }));

@@ -120,7 +120,10 @@ impl CaseConfig {
         for record in &self.record {
             match (record.excitation, record.period) {
                 (ExcitationKind::Periodic, None) => {
-                    problems.push(("excitation", format!("{}: a periodic record needs its `period` in samples", record.file)));
+                    problems.push((
+                        "excitation",
+                        format!("{}: a periodic record needs its `period` in samples", record.file),
+                    ));
                 }
                 (ExcitationKind::Periodic, Some(period)) if period < 2 => {
                     problems.push(("period", format!("{}: {period} is no period", record.file)));
@@ -131,7 +134,11 @@ impl CaseConfig {
                 _ => {}
             }
         }
-        let limits = [("frequency", self.nuisance.frequency), ("damping", self.nuisance.damping), ("shape", self.nuisance.shape)];
+        let limits = [
+            ("frequency", self.nuisance.frequency),
+            ("damping", self.nuisance.damping),
+            ("shape", self.nuisance.shape),
+        ];
         for (key, value) in limits {
             if !(value.is_finite() && value > 0.0) {
                 problems.push((key, format!("{value} is not positive")));

@@ -51,8 +51,7 @@ impl Command for Delay {
                 continue;
             }
             let at = |k: usize, back: usize| if k >= back { channel[k - back] } else { 0.0 };
-            *channel =
-                (0..channel.len()).map(|k| (1.0 - share) * at(k, whole) + share * at(k, whole + 1)).collect();
+            *channel = (0..channel.len()).map(|k| (1.0 - share) * at(k, whole) + share * at(k, whole + 1)).collect();
         }
     }
 }

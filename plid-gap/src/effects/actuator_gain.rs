@@ -46,7 +46,7 @@ struct Gain {
 impl Command for Gain {
     fn apply(&self, drive: &mut Drive) {
         for u in &mut drive.u[self.i] {
-            *u = self.g * *u;
+            *u *= self.g;
         }
     }
 }

@@ -17,10 +17,7 @@ impl Effect for ActuatorHysteresis {
     }
 
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
-        vec![
-            Parameter::new("alpha", "1", Range::Positive),
-            Parameter::new("uy", "V", Range::Positive),
-        ]
+        vec![Parameter::new("alpha", "1", Range::Positive), Parameter::new("uy", "V", Range::Positive)]
     }
 
     fn places(&self, setting: &Setting) -> Vec<Place> {
@@ -34,6 +31,12 @@ impl Effect for ActuatorHysteresis {
 
     fn amplitude(&self) -> Option<(usize, f64)> {
         Some((0, 0.0))
+    }
+
+    fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
+        let Place::Input(i) = *place else { return false };
+        // Beyond, it never yields and is a gain; far below, it yields at once and is a shift.
+        (0.005..8.0).contains(&(parameters[1] / setting.u_rms[i]))
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

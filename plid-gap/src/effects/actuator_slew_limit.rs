@@ -29,6 +29,11 @@ impl Effect for ActuatorSlewLimit {
         [0.4, 0.8, 1.3, 2.0, 3.0].map(|share| vec![share * setting.u_slope[i]]).to_vec()
     }
 
+    fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
+        let Place::Input(i) = *place else { return false };
+        parameters[0] < 6.0 * setting.u_slope[i]
+    }
+
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
         let Place::Input(i) = *place else { return Vec::new() };
         vec![Action::Command(Box::new(Slew { i, limit: parameters[0] }))]

@@ -37,6 +37,11 @@ impl Effect for Clearance {
         Some((0, 0.0))
     }
 
+    fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
+        // Below, it is a spring; beyond, it is hardly ever reached.
+        (0.02..5.0).contains(&(parameters[1] / setting.d_rms[setting.port(place)]))
+    }
+
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
         let law = Gap { k: parameters[0], g: parameters[1] };
         vec![Action::Force(setting.port(place), Box::new(law))]

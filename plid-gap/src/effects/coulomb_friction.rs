@@ -17,10 +17,7 @@ impl Effect for CoulombFriction {
     }
 
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
-        vec![
-            Parameter::new("F", "force", Range::Positive),
-            Parameter::new("v0", "velocity", Range::Positive),
-        ]
+        vec![Parameter::new("F", "force", Range::Positive), Parameter::new("v0", "velocity", Range::Positive)]
     }
 
     fn places(&self, setting: &Setting) -> Vec<Place> {
@@ -35,6 +32,11 @@ impl Effect for CoulombFriction {
 
     fn amplitude(&self) -> Option<(usize, f64)> {
         Some((0, 0.0))
+    }
+
+    fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
+        // Beyond, it is a linear damper.
+        parameters[1] < 4.0 * setting.v_rms[setting.port(place)]
     }
 
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

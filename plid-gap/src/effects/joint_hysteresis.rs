@@ -37,6 +37,11 @@ impl Effect for JointHysteresis {
         Some((0, 0.0))
     }
 
+    fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
+        // Beyond, it never yields and is a spring; far below, it is Coulomb friction.
+        (0.01..10.0).contains(&(parameters[1] / setting.d_rms[setting.port(place)]))
+    }
+
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
         let law = Joint { k: parameters[0], dy: parameters[1] };
         vec![Action::Force(setting.port(place), Box::new(law))]

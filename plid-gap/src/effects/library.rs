@@ -1,4 +1,11 @@
-use super::{ActuatorCrosstalk, ActuatorDeadZone, ActuatorDelay, ActuatorGain, ActuatorGainDrift, ActuatorHysteresis, ActuatorLag, ActuatorSaturation, ActuatorSlewLimit, Clearance, ColouredDisturbance, CoulombFriction, CubicStiffness, Effect, JointHysteresis, MainsHum, MissingMode, ModalDamping, ModalFrequency, NarrowbandDisturbance, QuadraticDamping, QuadraticStiffness, SensorCrosstalk, SensorDelay, SensorDrift, SensorDropout, SensorGain, SensorLag, SensorNoise, SensorOffset, SensorQuantisation, SensorSaturation, StiffnessDrift};
+use super::{
+    ActuatorCrosstalk, ActuatorDeadZone, ActuatorDelay, ActuatorGain, ActuatorGainDrift, ActuatorHysteresis,
+    ActuatorLag, ActuatorSaturation, ActuatorSlewLimit, Clearance, ColouredDisturbance, CoulombFriction,
+    CubicStiffness, Effect, JointHysteresis, MainsHum, MissingMode, ModalDamping, ModalFrequency,
+    NarrowbandDisturbance, QuadraticDamping, QuadraticStiffness, SensorCrosstalk, SensorDelay, SensorDrift,
+    SensorDropout, SensorGain, SensorLag, SensorNoise, SensorOffset, SensorQuantisation, SensorSaturation,
+    StiffnessDrift,
+};
 
 /// The effects that a diagnosis knows.
 pub struct Library {

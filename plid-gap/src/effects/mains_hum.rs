@@ -36,7 +36,8 @@ impl Effect for MainsHum {
 
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
         let Place::Output(o) = *place else { return Vec::new() };
-        let near = |mains: f64| setting.tones.iter().map(|tone| tone.hz).filter(move |hz| (hz / mains - 1.0).abs() < 0.01);
+        let near =
+            |mains: f64| setting.tones.iter().map(|tone| tone.hz).filter(move |hz| (hz / mains - 1.0).abs() < 0.01);
         let hz = MAINS.iter().flat_map(|&mains| near(mains).chain([mains]).take(2));
         let a = 0.02 * setting.y_rms[o];
         hz.flat_map(|hz| [0.0, 0.5].map(|turns| vec![a, hz, turns * PI, 0.01 * a, 0.0])).collect()

@@ -17,6 +17,7 @@ mod actuator_slew_limit;
 mod clearance;
 mod coulomb_friction;
 mod cubic_stiffness;
+mod flexible;
 mod joint_hysteresis;
 mod library;
 mod mains_hum;
@@ -40,8 +41,6 @@ mod slip;
 mod stiffness_drift;
 
 pub use action::{Action, Command, Drive, Force, Sensor};
-pub use place::{Names, Place};
-pub use setting::{MissingMode as MissingModeStart, Setting};
 pub use actuator_crosstalk::ActuatorCrosstalk;
 pub use actuator_dead_zone::ActuatorDeadZone;
 pub use actuator_delay::ActuatorDelay;
@@ -54,12 +53,16 @@ pub use actuator_slew_limit::ActuatorSlewLimit;
 pub use clearance::Clearance;
 pub use coulomb_friction::CoulombFriction;
 pub use cubic_stiffness::CubicStiffness;
+pub use flexible::Flexible;
 pub use joint_hysteresis::JointHysteresis;
+pub use library::Library;
 pub use mains_hum::MainsHum;
 pub use missing_mode::MissingMode;
 pub use modal_damping::ModalDamping;
 pub use modal_frequency::ModalFrequency;
 pub use narrowband_disturbance::NarrowbandDisturbance;
+pub use noise::{ColouredDisturbance, SensorDropout, SensorNoise, SensorQuantisation};
+pub use place::{Names, Place};
 pub use quadratic_damping::QuadraticDamping;
 pub use quadratic_stiffness::QuadraticStiffness;
 pub use sensor_crosstalk::SensorCrosstalk;
@@ -69,9 +72,8 @@ pub use sensor_gain::SensorGain;
 pub use sensor_lag::SensorLag;
 pub use sensor_offset::SensorOffset;
 pub use sensor_saturation::SensorSaturation;
+pub use setting::{MissingMode as MissingModeStart, Setting};
 pub use stiffness_drift::StiffnessDrift;
-pub use library::Library;
-pub use noise::{ColouredDisturbance, SensorDropout, SensorNoise, SensorQuantisation};
 
 /// Where in the chain an effect acts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
@@ -144,6 +146,12 @@ pub trait Effect: Send + Sync {
     /// the screen finds the size without a fit.
     fn amplitude(&self) -> Option<(usize, f64)> {
         None
+    }
+
+    /// Whether the parameters still mean what the name says: a hysteresis that never yields is a gain, a gap that is never closed is
+    /// nothing.
+    fn sound(&self, _setting: &Setting, _place: &Place, _parameters: &[f64]) -> bool {
+        true
     }
 
     /// What it does with these parameters there.

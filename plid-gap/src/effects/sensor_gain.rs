@@ -46,7 +46,7 @@ struct Gain {
 impl Sensor for Gain {
     fn apply(&self, y: &mut [Vec<f64>], _t0: f64, _rate: f64) {
         for y in &mut y[self.o] {
-            *y = self.g * *y;
+            *y *= self.g;
         }
     }
 }

@@ -47,7 +47,7 @@ struct Offset {
 impl Sensor for Offset {
     fn apply(&self, y: &mut [Vec<f64>], _t0: f64, _rate: f64) {
         for y in &mut y[self.o] {
-            *y = *y + self.offset;
+            *y += self.offset;
         }
     }
 }

@@ -152,8 +152,7 @@ fn null_space(matrix: &DMatrix<C>, count: usize) -> Option<DMatrix<C>> {
     order.sort_by(|&i, &j| svd.singular_values[i].total_cmp(&svd.singular_values[j]));
     let scale = svd.singular_values.max();
     let last = *order.get(count - 1)?;
-    (svd.singular_values[last] < ALONE * scale)
-        .then(|| DMatrix::from_fn(v.nrows(), count, |i, j| v[(i, order[j])]))
+    (svd.singular_values[last] < ALONE * scale).then(|| DMatrix::from_fn(v.nrows(), count, |i, j| v[(i, order[j])]))
 }
 
 /// The combination of the columns that is one in row `channel` and zero elsewhere, if there is one.

@@ -8,7 +8,7 @@ mod logarithm;
 mod ports;
 
 use nalgebra::{Complex, DMatrix, DVector};
-use plid_model::{Model, ModeKind};
+use plid_model::{ModeKind, Model};
 
 use crate::error::GapError;
 

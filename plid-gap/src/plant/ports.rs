@@ -46,8 +46,11 @@ fn through_filters(plant: &Plant, i: usize) -> DVector<f64> {
     let mut column = DVector::zeros(plant.rest.a.nrows());
     for (o, filters) in plant.chain.filter.iter().enumerate() {
         for (f, filter) in filters.iter().enumerate() {
-            let response: C =
-                plant.modes.iter().map(|mode| Plant::acceleration(mode.pole, filter.pole) * plant.product(mode, o, i)).sum();
+            let response: C = plant
+                .modes
+                .iter()
+                .map(|mode| Plant::acceleration(mode.pole, filter.pole) * plant.product(mode, o, i))
+                .sum();
             let gain = plant.chain.residue(o, f) * response;
             let both = if filter.pole.im == 0.0 { 1.0 } else { 2.0 };
             column += filter.column.map(|v| both * (v * gain).re);

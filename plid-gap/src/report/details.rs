@@ -134,6 +134,8 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
         ("with all that was found", found),
         ("excess of that over the noise, in the uncertainty of its level", judged.excess),
         ("share of the gap that is left", judged.left),
+        ("largest change of a linear parameter, in standard deviations of the stated limits", judged.bent),
+        ("what the best further entry of the screen would gain", judged.next),
         ("probability that something else is at work", judged.unknown),
     ] {
         costs = costs.row([name.into(), Cell::significant(value, 4)]);

@@ -46,19 +46,18 @@ impl Responses {
     pub fn new(outcome: &Outcome, case: &Case) -> Option<Self> {
         let evidence = &outcome.evidence;
         let m = case.config.inputs.len();
-        let shortest = evidence.levels.iter().map(|run| case.records[run.record].samples()).min()?;
+        let shortest = evidence.levels.iter().filter_map(|run| run.y.first()).map(Vec::len).min()?;
         let length = 1usize << (shortest / SEGMENTS.max(2 * m)).checked_ilog2()?;
         let options = WelchOptions { sample_rate_hz: evidence.rate, segment_length: Some(length) };
         let levels: Vec<Level> = evidence
             .levels
             .iter()
             .filter_map(|run| {
-                let record = &case.records[run.record];
-                let u = matrix(&record.u);
+                let u = matrix(&run.u);
                 let of = |y: &Channels| welch_frf(u.view(), matrix(y).view(), &options).ok();
                 Some(Level {
                     name: format!("level {}", short(run.level)),
-                    measured: of(&record.y)?,
+                    measured: of(&run.y)?,
                     given: of(&run.given)?,
                     with: of(&run.with)?,
                 })

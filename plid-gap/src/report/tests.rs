@@ -97,12 +97,14 @@ fn outcome(case: &Case) -> Outcome {
     let simulation = SimulationWithEffects {
         format: "simulation-with-effects".into(),
         linear: serde_json::Value::Null,
+        modes: 1,
         linear_with_modal_effects: None,
         refit: vec!["mode 11.00 Hz: frequency 11.000 -> 11.010 Hz".into()],
         effects: vec![WrittenEffect {
             effect: cubic.into(),
             location: "input:u1".into(),
             parameters,
+            given: BTreeMap::new(),
             equation: "f = -k d^3".into(),
         }],
         t0: 24.0,
@@ -121,7 +123,7 @@ fn outcome(case: &Case) -> Outcome {
         rate: 100.0,
         before: map(vec![(0.3, 0.04), (1.0, 0.4)]),
         after: map(vec![(0.3, 0.0), (1.0, 0.01)]),
-        adequacy: Adequacy { excess: 0.5, left: 0.001, unknown: 0.015 },
+        adequacy: Adequacy { excess: 0.5, left: 0.001, bent: 1.2, next: 4.0, unknown: 0.015 },
         stages: vec![vec![
             (cubic.into(), "input:u1".into(), 5123.4, 0.78),
             ("clearance".into(), "input:u1".into(), 5000.0, 0.8),
@@ -133,10 +135,16 @@ fn outcome(case: &Case) -> Outcome {
         refit: vec![(11.0, 0.4, -1.2, 0.3)],
         costs: [1600.0, 220.0, 1.01],
         fitted: vec![("a&b.csv".into(), 0.0, SAMPLES)],
-        levels: (0..2)
-            .map(|record| {
-                let y = &case.records[record].y;
-                LevelRun { record, level: case.records[record].level(), given: scaled(y, 0.6), with: scaled(y, 0.98) }
+        levels: case
+            .records
+            .iter()
+            .map(|record| LevelRun {
+                record: record.name.clone(),
+                level: record.level(),
+                u: record.u.clone(),
+                y: record.y.clone(),
+                given: scaled(&record.y, 0.6),
+                with: scaled(&record.y, 0.98),
             })
             .collect(),
         noise: vec![vec![(1.0, 1e-6), (49.0, 1e-6)]; 2],

@@ -11,7 +11,7 @@ use crate::cli::{Failure, Voice, directory, voice};
 
 /// Time steps of all sizes, forms, expectations, libraries and scalars, beside a pass over P and the peak of the machine.
 ///
-/// Writes DIR/report.html, speed.csv, speed.json (for --compare), machine.json and config.toml. The full study takes up to two hours; nothing
+/// Writes DIR/report.html, speed.csv, speed.json (for --compare), machine.json and config.toml. The full study takes about ten minutes on two cores; nothing
 /// else should run meanwhile. Ctrl-C leaves what is done in DIR/cells.jsonl, from which --resume goes on.
 #[derive(clap::Args)]
 #[command(

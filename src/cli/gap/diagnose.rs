@@ -61,7 +61,10 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     for effect in &outcome.diagnosis.effects {
         for (name, value) in &effect.parameters {
             let interval = value.ci95.map(|[a, b]| format!(" ({a:.4e} to {b:.4e})")).unwrap_or_default();
-            text += &format!("  {} at {}: {name} = {:.5e} {}{interval}\n", effect.effect, effect.location, value.value, value.unit);
+            text += &format!(
+                "  {} at {}: {name} = {:.5e} {}{interval}\n",
+                effect.effect, effect.location, value.value, value.unit
+            );
         }
     }
     if let Some(next) = &outcome.diagnosis.next_experiment {

@@ -46,7 +46,10 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
             let own = columns(&table::pick(&table::read(file)?, &predictor.model.outputs)?);
             if own[0].len() != u[0].len() {
                 return Err(Failure::input(format!(
-                    "{}: {} rows, but the input has {}", file.display(), own[0].len(), u[0].len()
+                    "{}: {} rows, but the input has {}",
+                    file.display(),
+                    own[0].len(),
+                    u[0].len()
                 )));
             }
             let correction = predictor.correction(&u, t0);
@@ -58,14 +61,19 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     table::write_csv(&arguments.out, &predictor.model.outputs, &values)?;
     let gap = predictor.noise_gap(&y);
     if voice.json {
-        return voice::print(&format!("{}\n", serde_json::json!({
-            "out": arguments.out, "samples": samples, "t0": t0, "expected_gap": gap
-        })));
+        return voice::print(&format!(
+            "{}\n",
+            serde_json::json!({
+                "out": arguments.out, "samples": samples, "t0": t0, "expected_gap": gap
+            })
+        ));
     }
     if voice.quiet {
         return Ok(());
     }
     voice::print(&format!(
-        "{samples} samples from {t0:.3} s on: {}; expected gap {:.2} %\n", arguments.out.display(), 100.0 * gap
+        "{samples} samples from {t0:.3} s on: {}; expected gap {:.2} %\n",
+        arguments.out.display(),
+        100.0 * gap
     ))
 }

@@ -1,0 +1,289 @@
+#!/usr/bin/env python3
+"""Repeats `plid gap predict` from sim-with-effect.json alone: free run from rest, with the diagnosed effects.
+
+    python3 examples/predict_with_effect.py sim-with-effect.json u.csv y.csv [t0]
+
+t0: time since the first record began, in s (drifts and hum need it); the end of the last record if left out.
+To carry an effect into your own simulator, take its function from here, and the lines of `simulate` that call it.
+"""
+import json
+import math
+import re
+import sys
+
+import numpy as np
+
+TAU = 2 * math.pi
+FORCE_PARTS = 8  # parts of a sample over which a force that depends on the motion is a straight line
+DRIFT_SAMPLES = 16  # samples after which a drifting stiffness is brought up to date
+
+
+def slip(z, delta, slope, width):
+    """dz = slope dx - (|dx| z + dx |z|) / (2 width), exactly, for a motion by `delta` in one direction."""
+    sign = math.copysign(1, delta)
+    along, left = sign * z, abs(delta)
+    if along < 0:  # on the way back it is a spring, until z changes its sign
+        if left <= -along / slope:
+            return sign * (along + slope * left)
+        along, left = 0.0, left + along / slope
+    limit = slope * width
+    return sign * (limit + (along - limit) * math.exp(-left / width))
+
+
+# Effects on a channel: the new signal x, with parameters p, at times t (s), with h from one value to the next (s).
+# A command is held over h. What acts between samples gives the mean over h: while h is short beside the periods of the
+# structure, the structure cannot tell the two apart. PARTS says into how many parts a sample is divided for that.
+
+def actuator_hysteresis(x, p, t, h):
+    out, z, before = np.empty_like(x), 0.0, 0.0
+    for k, now in enumerate(x):
+        z = slip(z, now - before, p["alpha"], p["uy"])
+        out[k], before = now - z, now
+    return out
+
+
+def actuator_delay(x, p, t, h):
+    whole, share = int(p["tau"] * p["parts"]), p["tau"] * p["parts"] % 1
+    padded = np.concatenate([np.zeros(whole + 1), x])
+    return (1 - share) * padded[1:len(x) + 1] + share * padded[:len(x)]
+
+
+def actuator_lag(x, p, t, h):
+    # (1 + s / from) / (1 + s / to): the pole that the simulation has is undone, and the new one put in its place.
+    # Without "pole" the simulation shows none for this input, and there is nothing to undo.
+    decay = math.exp(-TAU * p["fp"] * h)
+    mean = -math.expm1(-TAU * p["fp"] * h) / (TAU * p["fp"] * h)
+    direct = p["fp"] / p["pole"] if "pole" in p else 0.0
+    out, lagged = np.empty_like(x), 0.0
+    for k, now in enumerate(x):
+        out[k] = direct * now + (1 - direct) * (now + (lagged - now) * mean)
+        lagged = now + (lagged - now) * decay
+    return out
+
+
+def actuator_slew_limit(x, p, t, h):
+    out, most, at = np.empty_like(x), p["R"] * h, 0.0
+    for k, now in enumerate(x):
+        far = now - at
+        if abs(far) <= most:  # it arrives within h, and stays for what is left
+            out[k], at = now - 0.5 * far * abs(far) / most, now
+        else:
+            start, at = at, at + math.copysign(most, far)
+            out[k] = 0.5 * (start + at)
+    return out
+
+
+def sensor_lag(x, p, t, h):
+    out, keep, lagged = np.empty_like(x), math.exp(-TAU * p["fc"] * h), 0.0
+    for k, now in enumerate(x):
+        out[k] = lagged = keep * lagged + (1 - keep) * now
+    return out
+
+
+def sensor_delay(x, p, t, h):
+    # Of linear phase over the whole band. Zeros behind the record keep its end out of its beginning; how many there are
+    # shows a little at both ends: up to a length without prime factors above 5, as plid has it.
+    length = len(x) + math.ceil(p["tau"]) + 64
+    while 30**20 % length != 0:
+        length += 1
+    turn = np.exp(-1j * TAU * p["tau"] / length * np.arange(length // 2 + 1))
+    return np.fft.irfft(np.fft.rfft(x, length) * turn, length)[:len(x)]
+
+
+PARTS = {"actuator-delay": 4, "actuator-lag": 4, "actuator-slew-limit": 8}
+COMMANDS = {
+    "actuator-gain": lambda x, p, t, h: p["g"] * x,
+    "actuator-gain-drift": lambda x, p, t, h: x * (1 + p["r"] * t),
+    "actuator-saturation": lambda x, p, t, h: p["a"] * np.tanh(x / p["a"]),
+    "actuator-dead-zone": lambda x, p, t, h: np.sign(x) * np.maximum(np.abs(x) - p["delta"], 0),
+    "actuator-crosstalk": lambda x, p, t, h: x + p["c"] * p["from"],
+    "actuator-hysteresis": actuator_hysteresis,
+    "actuator-delay": actuator_delay,
+    "actuator-lag": actuator_lag,
+    "actuator-slew-limit": actuator_slew_limit,
+}
+SENSORS = {
+    "sensor-gain": lambda x, p, t, h: p["g"] * x,
+    "sensor-offset": lambda x, p, t, h: x + p["o"],
+    "sensor-drift": lambda x, p, t, h: x + p["s"] * t,
+    "sensor-saturation": lambda x, p, t, h: np.clip(x, -p["a"], p["a"]),
+    "sensor-crosstalk": lambda x, p, t, h: x + p["c"] * p["from"],
+    "mains-hum": lambda x, p, t, h: x + p["a"] * np.sin(TAU * p["f"] * t + p["phi"])
+                                      + p["a3"] * np.sin(3 * TAU * p["f"] * t + p["phi3"]),
+    "sensor-lag": sensor_lag,
+    "sensor-delay": sensor_delay,
+}
+# Forces inside the structure, of the displacement d and the velocity v that their port sees, and of a joint's slip z.
+FORCES = {
+    "cubic-stiffness": lambda d, v, z, p: -p["k"] * d**3,
+    "quadratic-stiffness": lambda d, v, z, p: -p["k"] * d**2,
+    "clearance": lambda d, v, z, p: -p["k"] * math.copysign(max(abs(d) - p["g"], 0), d),
+    "coulomb-friction": lambda d, v, z, p: -p["F"] * math.tanh(v / p["v0"]),
+    "quadratic-damping": lambda d, v, z, p: -p["c"] * abs(v) * v,
+    "joint-hysteresis": lambda d, v, z, p: -p["k"] * z,
+}
+# How z changes while d moves by `delta`.
+SLIPS = {"joint-hysteresis": lambda z, delta, p: slip(z, delta, 1.0, p["dy"])}
+# Forces of the time alone.
+DISTURBANCES = {"narrowband-disturbance": lambda t, p: p["a"] * np.sin(TAU * p["f"] * t + p["phi"])}
+# Every w^2 is multiplied by this.
+DRIFTS = {"stiffness-drift": lambda t, p: 1 + p["r"] * t}
+# Already in linear_with_modal_effects; and what no free run shows.
+NOTHING_TO_DO = ["modal-frequency", "modal-damping", "missing-mode",
+                 "sensor-noise", "sensor-quantisation", "sensor-dropout", "coloured-disturbance"]
+
+
+def change(function, signal, location, names, p, t, h):
+    """Changes the channels that a location names: input:u1, input:all, or input:u1->u2, which is from u1 into u2."""
+    source, _, target = location.partition(":")[2].rpartition("->")
+    if source:
+        p = {**p, "from": signal[names.index(source)]}
+    for i in range(len(names)) if target == "all" else [names.index(target)]:
+        signal[i] = function(signal[i], p, t, h)
+
+
+def strut(location, model):
+    """The port of input:u1, of port:NAME or of freq:132.6 port:NAME."""
+    kind, _, at = location.rpartition("port:") if "port:" in location else location.partition(":")
+    key = "input" if kind == "input" else "name"
+    return next(port for port in model["ports"] if port.get(key) == at)
+
+
+def expm(a):
+    """The matrix exponential: the Taylor series of a / 2^s, squared s times."""
+    s = max(0, math.ceil(math.log2(np.linalg.norm(a, 1) + 1e-9)) + 2)
+    term = total = np.eye(len(a))
+    for k in range(1, 16):
+        term = term @ a / (k * 2**s)
+        total = total + term
+    return np.linalg.matrix_power(total, 2**s)
+
+
+def over(a, b, h):
+    """What dx/dt = A x + B w does in h: to x, with a held w, and with a w that rises from 0 to 1 (Van Loan 1978)."""
+    n, m = b.shape
+    whole = np.zeros((n + 2 * m, n + 2 * m))
+    whole[:n, :n], whole[:n, n:n + m], whole[n:n + m, n + m:] = a * h, b * h, np.eye(m)
+    whole = expm(whole)
+    return whole[:n, :n], whole[:n, n:n + m], whole[:n, n + m:]
+
+
+def in_time(model, q):
+    """A and B in continuous time. Without "continuous" (a pure delay has no logarithm) only the modes have one, each from
+    its own 2 x 2 block; the rest then stands still until the end of a sample."""
+    if "continuous" in model:
+        return np.array(model["continuous"]["A"]), np.array(model["continuous"]["B"])
+    a, b, held = np.zeros_like(model["A"], float), np.zeros_like(model["B"], float), np.array(model["B"])
+    for i in range(0, 2 * q, 2):
+        z = complex(model["A"][i][i], model["A"][i + 1][i])
+        pole = np.log(z) * model["sample_rate_hz"]
+        a[i:i + 2, i:i + 2] = [[pole.real, -pole.imag], [pole.imag, pole.real]]
+        drive = (held[i] + 1j * held[i + 1]) * pole / (z - 1)
+        b[i], b[i + 1] = drive.real, drive.imag
+    return a, b
+
+
+def simulate(file, u, t0):
+    """Outputs (p x samples) for held inputs u (m x samples), from rest."""
+    model = file.get("linear_with_modal_effects", file["linear"])
+    # A mode that was missing stands behind the others and before the rest.
+    q = file["modes"] + (len(model["A"]) - len(file["linear"]["A"])) // 2
+    rate, t = model["sample_rate_hz"], t0 + np.arange(u.shape[1]) / model["sample_rate_hz"]
+    effects = []
+    for effect in file["effects"]:
+        name, numbers = effect["effect"], {**effect["parameters"], **effect.get("given", {})}
+        if not any(name in known for known in (COMMANDS, FORCES, DISTURBANCES, DRIFTS, SENSORS, NOTHING_TO_DO)):
+            sys.exit(f"{name}: this script does not know it")
+        effects.append((name, effect["location"], {key: number["value"] for key, number in numbers.items()}))
+
+    u, parts = u.copy(), 1
+    for name, location, p in effects:
+        if name in COMMANDS:
+            u, parts = refined(u, parts, PARTS.get(name, 1))
+            change(COMMANDS[name], u, location, model["inputs"], {**p, "parts": parts}, np.repeat(t, parts),
+                   1 / (rate * parts))
+    forces = [(name, p, strut(location, model)) for name, location, p in effects if name in FORCES]
+    if forces:
+        u, parts = refined(u, parts, FORCE_PARTS)
+    pushes = [(DISTURBANCES[name](t, p), strut(location, model)) for name, location, p in effects if name in DISTURBANCES]
+    drifts = [(DRIFTS[name], p) for name, _, p in effects if name in DRIFTS]
+    y = structure(model, q, u, parts, t, forces, pushes, drifts)
+    for name, location, p in effects:
+        if name in SENSORS:
+            change(SENSORS[name], y, location, model["outputs"], p, t, 1 / rate)
+    return y
+
+
+def refined(u, parts, least):
+    """Each value repeated, so that a sample has at least so many."""
+    return (np.repeat(u, least // parts, axis=1), least) if parts < least else (u, parts)
+
+
+def structure(model, q, u, parts, t, forces, pushes, drifts):
+    """Everything between the command and the sensors, part by part."""
+    (a, b), c, d = in_time(model, q), np.array(model["C"]), np.array(model["D"])
+    n, count, h = len(a), len(forces), 1 / (model["sample_rate_hz"] * parts)
+    ports = [port for *_, port in forces + pushes]
+    column = np.array([port["force"] for port in ports]).reshape(-1, n).T
+    at_once = np.array([port.get("output") or [0.0] * len(c) for port in ports]).reshape(-1, len(c)).T
+    sees = np.array([[port["displacement"], port["velocity"]] for *_, port in forces]).reshape(-1, n)
+    waits, rest = "continuous" not in model, slice(2 * q, n)
+    if waits:
+        rest_a, rest_b, column[rest] = np.array(model["A"])[rest, rest], np.array(model["B"])[rest], 0
+    step, add, _ = over(a, b, h)
+    _, held, ramp = over(a, column, h)
+
+    x, y, f, z = np.zeros(n), np.zeros((len(c), len(t))), np.zeros(len(ports)), [0.0] * count
+    seen, passed = [(0.0, 0.0)] * count, [0.0] * count  # (d, v) of each port, and the d to which its z belongs
+    law = lambda: [FORCES[name](*seen[j], z[j], p) for j, (name, p, _) in enumerate(forces)]
+    for k in range(len(t)):
+        if drifts and k % DRIFT_SAMPLES == 0:
+            # The modes' poles go with the root of their stiffness, and so do the accelerations that they give.
+            middle = t[k] + DRIFT_SAMPLES / 2 * parts * h
+            root = np.ones(n)
+            root[:2 * q] = math.sqrt(max(math.prod(drift(middle, p) for drift, p in drifts), 0))
+            step, add, _ = over(a * root, b, h)
+            c = np.array(model["C"]) * root
+        for part in range(k * parts, (k + 1) * parts):
+            f[:count] = law()
+            if part == k * parts:
+                y[:, k] = c @ x + d @ u[:, part] + at_once @ f  # sampled before the disturbance's next value acts
+                f[count:] = [signal[k] for signal, _ in pushes]
+            x = step @ x + add @ u[:, part] + held @ f
+            if waits and part == (k + 1) * parts - 1:
+                x[rest] = rest_a @ x[rest] + rest_b @ u[:, k * parts:part + 1].mean(axis=1)
+            if forces:
+                # So far the forces were held. What they are at the end of that step says how they change on the way: the
+                # change is a ramp (exponential time differencing of second order, Cox and Matthews 2002).
+                seen = (sees @ x).reshape(-1, 2).tolist()
+                for j, (name, p, _) in enumerate(forces):
+                    if name in SLIPS:
+                        z[j], passed[j] = SLIPS[name](z[j], seen[j][0] - passed[j], p), seen[j][0]
+                x += ramp[:, :count] @ (np.array(law()) - f[:count])
+                seen = (sees @ x).reshape(-1, 2).tolist()
+    return y
+
+
+def read_inputs(path, names):
+    """Columns by name (m x samples)."""
+    with open(path, encoding="utf-8-sig") as text:
+        lines = [line.strip() for line in text if line.strip() and not line.startswith("#")]
+    header, *rows = [[cell.strip('" ') for cell in re.split(r" *[,;\t] *| +", line)] for line in lines]
+    missing = [name for name in names if name not in header]
+    if missing:
+        sys.exit(f"{path}: no column {', '.join(missing)}")
+    return np.array([[float(row[header.index(name)]) for name in names] for row in rows]).T
+
+
+def main():
+    if len(sys.argv) not in (4, 5):
+        sys.exit(__doc__)
+    with open(sys.argv[1], encoding="utf-8") as text:
+        file = json.load(text)
+    u = read_inputs(sys.argv[2], file["linear"]["inputs"])
+    y = simulate(file, u, float(sys.argv[4]) if len(sys.argv) == 5 else file["t0"])
+    np.savetxt(sys.argv[3], y.T, fmt="%.12g", delimiter=",", header=",".join(file["linear"]["outputs"]), comments="")
+
+
+if __name__ == "__main__":
+    main()

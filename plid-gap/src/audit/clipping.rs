@@ -1,0 +1,91 @@
+//! Converters that ran into their rails: many samples at one and the same extreme value.
+
+use crate::case::Case;
+
+/// Samples at the extreme value, at least.
+const SAMPLES: usize = 5;
+
+/// And so many times as many as at the value next to it: the tail of a signal gets thinner outwards, and even a sine, which dwells at its
+/// extremes, has only 2.4 times as many samples in its last code as in the one before.
+const PILE: usize = 5;
+
+/// Values that a channel takes, at least: a switched signal has few, and all of them are extremes.
+const VALUES: usize = 16;
+
+/// Findings, by channel and record.
+pub fn check(case: &Case) -> Vec<String> {
+    let mut found = Vec::new();
+    let config = &case.config;
+    for record in &case.records {
+        let channels = config.inputs.iter().zip(&record.u).chain(config.outputs.iter().zip(&record.y));
+        for (name, x) in channels {
+            for (rail, count) in rails(x) {
+                found.push(format!(
+                    "`{name}` clips at {rail} in {}: {count} samples lie on exactly that value ({:.2} %).",
+                    record.name,
+                    100.0 * count as f64 / x.len() as f64
+                ));
+            }
+        }
+    }
+    found
+}
+
+/// The lowest and the highest value, each with its samples, where they pile up.
+fn rails(x: &[f64]) -> Vec<(f64, usize)> {
+    let mut sorted: Vec<f64> = x.iter().copied().filter(|x| x.is_finite()).collect();
+    sorted.sort_by(f64::total_cmp);
+    let mut counts: Vec<(f64, usize)> = Vec::new();
+    for x in sorted {
+        match counts.last_mut() {
+            Some((value, count)) if *value == x => *count += 1,
+            _ => counts.push((x, 1)),
+        }
+    }
+    if counts.len() < VALUES {
+        return Vec::new();
+    }
+    let last = counts.len() - 1;
+    let piles = |at: usize, next: usize| counts[at].1 >= SAMPLES && counts[at].1 >= PILE * counts[next].1;
+    [(0, 1), (last, last - 1)].into_iter().filter(|&(at, next)| piles(at, next)).map(|(at, _)| counts[at]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{case, random_input, truss};
+
+    const CODE: f64 = 1.0 / 512.0;
+
+    fn codes(x: impl Iterator<Item = f64>) -> Vec<f64> {
+        x.map(|x| (x / CODE).round() * CODE).collect()
+    }
+
+    #[test]
+    fn a_rail_is_found_and_named() {
+        let mut case = case(&truss(1), &truss(1));
+        assert!(check(&case).is_empty());
+        let y = &mut case.records[1].y[0];
+        let size = crate::record::rms(y.iter());
+        let rail = (2.0 * size / CODE).round() * CODE;
+        *y = codes(y.iter().map(|y| y.min(rail)));
+        let count = y.iter().filter(|y| **y == rail).count();
+        let found = check(&case);
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!(found[0].contains(&format!("`y1` clips at {rail} in random-1: {count} samples")), "{}", found[0]);
+    }
+
+    #[test]
+    fn sines_switches_quiet_and_noisy_limits_are_no_rails() {
+        let sine = codes((0..8000).map(|k| (0.0371 * k as f64).sin()));
+        assert!(rails(&sine).is_empty());
+        let switched: Vec<f64> = random_input(1, 4000, 1)[0].iter().map(|x| x.signum()).collect();
+        assert!(rails(&switched).is_empty());
+        let quiet = codes(random_input(2, 4000, 1)[0].iter().map(|x| 0.6 * CODE * x));
+        assert!(rails(&quiet).is_empty());
+        // A sensor that saturates before its noise piles up near a value, not on it.
+        let (signal, noise) = (random_input(3, 4000, 1), random_input(4, 4000, 1));
+        let saturated = codes(signal[0].iter().zip(&noise[0]).map(|(x, n)| x.min(1.5) + 0.01 * n));
+        assert!(rails(&saturated).is_empty());
+    }
+}

@@ -1,0 +1,191 @@
+//! Whether the records hold enough to fit from, and which effects they are too short for.
+
+use plid_model::{ModeKind, Model};
+
+use super::driven;
+use crate::case::Case;
+use crate::effects::{Library, Side};
+use crate::error::GapError;
+use crate::missing;
+use crate::plant::Plant;
+use crate::predict;
+use crate::prepare::{SHORTEST_QUIET, UNDECLARED};
+use crate::record::Excitation;
+
+/// Periods of the lowest mode that a record must hold: in fewer, that mode shows no decay and hardly its frequency.
+const PERIODS: f64 = 3.0;
+
+/// Modes with a larger damping ratio are filters.
+const STRUCTURAL_DAMPING: f64 = 0.3;
+
+/// What there is too little data for.
+pub struct Little {
+    /// In words.
+    pub findings: Vec<String>,
+    /// Names of effects.
+    pub left_out: Vec<String>,
+}
+
+/// # Errors
+/// [`GapError::TooLittle`] where no record drives the structure, or all of them together have no more values than the simulation has states.
+pub fn check(case: &Case, model: &Model, library: &Library) -> Result<Little, GapError> {
+    let records = driven(&case.records);
+    if records.is_empty() {
+        return Err(GapError::TooLittle("no record to fit from has an input".into()));
+    }
+    let (n, m, p, rate) = (model.n(), model.m(), model.p(), model.sample_rate_hz);
+    let values = records.iter().flat_map(|r| r.y.iter().flatten()).filter(|y| y.is_finite()).count();
+    if values <= n {
+        return Err(GapError::TooLittle(format!(
+            "{values} values of all outputs in the records with an input: fewer than the simulation's {n} states need"
+        )));
+    }
+    let mut little = Little { findings: Vec::new(), left_out: Vec::new() };
+
+    let modes: Vec<f64> = plid_model::modes(model)?
+        .iter()
+        .filter(|mode| mode.kind == ModeKind::Oscillatory && mode.damping.abs() < STRUCTURAL_DAMPING)
+        .map(|mode| mode.hz)
+        .collect();
+    let lowest = modes.iter().copied().fold(f64::INFINITY, f64::min);
+    let needed = PERIODS * rate / lowest;
+    let short = records.iter().filter(|record| (record.samples() as f64) < needed);
+    let short: Vec<String> = short.map(|r| format!("{} ({:.3} s)", r.name, r.samples() as f64 / rate)).collect();
+    if !short.is_empty() {
+        little
+            .findings
+            .push(format!("Shorter than {PERIODS} periods of the lowest mode ({lowest:.1} Hz): {}.", short.join(", ")));
+    }
+    let mut leave = |names: Vec<String>, why: String| {
+        if !names.is_empty() {
+            little.findings.push(format!("Left out, for {why}: {}.", names.join(", ")));
+            little.left_out.extend(names);
+        }
+    };
+    let structural = |side: Side| side == Side::Structure;
+    if short.len() == records.len() {
+        let names = library.effects().filter(|e| structural(e.side())).map(|e| e.name().to_string()).collect();
+        leave(names, "no record with an input is long enough for the structure's own motion".into());
+    } else if library.get(MISSING_MODE).is_some() {
+        let segments: usize = records
+            .iter()
+            .filter(|record| record.excitation == Excitation::Random && record.samples() >= missing::SEGMENT)
+            .map(|record| 1 + 2 * (record.samples() - missing::SEGMENT) / missing::SEGMENT)
+            .sum();
+        if segments <= m {
+            let why = format!(
+                "the records with a random input hold {segments} stretches of {} samples, where a frequency response of {m} inputs needs {}",
+                missing::SEGMENT,
+                m + 1
+            );
+            leave(vec![MISSING_MODE.into()], why);
+        }
+    }
+
+    let setting = predict::setting(&Plant::new(model)?, model);
+    let starts = records.iter().filter(|record| !record.from_rest).count();
+    let linear = modes.len() * (2 + m + p) + starts * n;
+    let many = |names: &[String]| -> Vec<String> {
+        library
+            .effects()
+            .filter(|e| values <= linear + e.parameters(&setting).len() && !names.iter().any(|name| name == e.name()))
+            .map(|e| e.name().to_string())
+            .collect()
+    };
+    let names = many(&little.left_out);
+    if !names.is_empty() {
+        little.findings.push(format!(
+            "Left out, for more parameters ({linear} of the linear model, and their own) than the {values} values that were measured: {}.",
+            names.join(", ")
+        ));
+        little.left_out.extend(names);
+    }
+
+    if !noise_shows(case) {
+        let source = if model.noise.sensor_std.is_some() {
+            "it is taken as the simulation declares it".into()
+        } else {
+            format!("the simulation declares none, and {:.0} % of each output is assumed", 100.0 * UNDECLARED)
+        };
+        little.findings.push(format!(
+            "No record shows the noise alone (one without input, or four periods, of {SHORTEST_QUIET} samples): {source}."
+        ));
+    }
+    Ok(little)
+}
+
+/// The effect that is looked for in a frequency response.
+const MISSING_MODE: &str = "missing-mode";
+
+/// Whether the noise can be had from what no command explains.
+fn noise_shows(case: &Case) -> bool {
+    case.records.iter().filter(|record| !record.held_out).any(|record| match record.excitation {
+        Excitation::Zero => record.samples() >= SHORTEST_QUIET,
+        // The first two hold the transient.
+        Excitation::Periodic(period) => period >= SHORTEST_QUIET && record.samples() >= 4 * period,
+        Excitation::Random => false,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{MODES, RATE, case, truss};
+
+    /// The case with every driven record cut to so many samples.
+    fn cut(samples: usize) -> Case {
+        let mut case = case(&truss(1), &truss(1));
+        for record in case.records.iter_mut().filter(|r| r.excitation != Excitation::Zero) {
+            record.u.iter_mut().chain(&mut record.y).for_each(|x| x.truncate(samples));
+        }
+        case
+    }
+
+    #[test]
+    fn enough_is_enough() {
+        let case = case(&truss(1), &truss(1));
+        let little = check(&case, &truss(1), &Library::standard()).unwrap();
+        assert!(little.findings.is_empty() && little.left_out.is_empty(), "{:?}", little.findings);
+    }
+
+    #[test]
+    fn what_is_too_short_leaves_effects_out() {
+        let model = truss(1);
+        let library = Library::standard();
+        // Longer than three periods of the lowest mode, shorter than a segment of the frequency response.
+        let some = check(&cut(400), &model, &library).unwrap();
+        assert_eq!(some.left_out, ["missing-mode"]);
+        assert!(some.findings[0].contains("0 stretches"), "{:?}", some.findings);
+        // Shorter than those periods.
+        let least = (3.0 * RATE / MODES[0].0) as usize;
+        let few = check(&cut(least - 2), &model, &library).unwrap();
+        assert!(few.findings[0].contains("lowest mode (58.0 Hz)"), "{:?}", few.findings);
+        assert!(few.left_out.iter().any(|name| name == "cubic-stiffness"));
+        assert!(!few.left_out.iter().any(|name| name == "sensor-gain"));
+        // Two records of two outputs with six samples: 24 values, where the linear model alone has 4 (2 + 2 + 2) parameters.
+        let none = check(&cut(6), &model, &library).unwrap();
+        assert_eq!(none.left_out.len(), library.len());
+        assert!(
+            none.findings.iter().any(|f| f.contains("more parameters (24 of the linear model")),
+            "{:?}",
+            none.findings
+        );
+        let error = check(&cut(3), &model, &library).err().unwrap().to_string();
+        assert!(error.contains("12 values") && error.contains("14 states"), "{error}");
+    }
+
+    #[test]
+    fn no_input_is_too_little_and_no_quiet_record_is_said() {
+        let mut quiet = case(&truss(1), &truss(1));
+        quiet.records.retain(|record| record.excitation == Excitation::Zero);
+        assert!(matches!(check(&quiet, &truss(1), &Library::standard()), Err(GapError::TooLittle(_))));
+        let mut loud = case(&truss(1), &truss(1));
+        loud.records.retain(|record| record.excitation != Excitation::Zero);
+        let found = check(&loud, &truss(1), &Library::standard()).unwrap().findings;
+        assert!(found[0].contains("as the simulation declares it"), "{found:?}");
+        let mut silent = truss(1);
+        silent.noise.sensor_std = None;
+        let found = check(&loud, &silent, &Library::standard()).unwrap().findings;
+        assert!(found[0].contains("1 % of each output"), "{found:?}");
+    }
+}

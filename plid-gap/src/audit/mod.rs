@@ -1,0 +1,136 @@
+//! The input before anything is fitted: records that cannot be used, channels that clip, stand still or lack samples, a simulation that is
+//! unstable or meant for other wires and units, and effects that the records are too short for.
+//!
+//! What makes a diagnosis impossible is an error. What an engineer would put right before reading on (swapped, negated, delayed channels, other
+//! units) is named, and put right for the steps that follow.
+
+mod clipping;
+mod constant;
+mod finite;
+mod little;
+mod responses;
+mod rewire;
+mod shapes;
+mod stable;
+mod tell;
+mod wiring;
+
+use crate::case::Case;
+use crate::effects::Library;
+use crate::error::GapError;
+use crate::record::{Excitation, Record};
+use crate::surrogate;
+
+pub use rewire::Mismatch;
+pub use wiring::Wiring;
+
+/// What was found.
+#[derive(Debug, Clone)]
+pub struct Audit {
+    /// The case as the steps that follow use it: findings among its warnings, effects that there is too little data for among the excluded, wires and
+    /// units put right where [`Audit::mismatch`] explains the gap.
+    pub case: Case,
+    /// Wires, signs, units or a delay under which the simulation agrees much better.
+    pub mismatch: Option<Mismatch>,
+}
+
+/// Looks at a case; one without a simulation is given the model that stands in.
+///
+/// # Errors
+/// [`GapError::Record`], [`GapError::Constant`], [`GapError::Unstable`], [`GapError::TooLittle`], [`GapError::Model`]; [`GapError::Failed`] where no
+/// model is given and none can be identified.
+pub fn audit(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> Result<Audit, GapError> {
+    shapes::check(case)?;
+    let mut found = finite::check(case)?;
+    found.extend(constant::check(case)?);
+    found.extend(clipping::check(case));
+    let (model, stands_in) = match &case.model {
+        Some(model) => (model.clone(), None),
+        None => surrogate::identify(case, say).map(|(model, words)| (model, Some(words)))?,
+    };
+    found.extend(stands_in);
+    found.extend(stable::check(case, &model)?);
+    let little = little::check(case, &model, library)?;
+    found.extend(little.findings);
+    let mismatch = rewire::find(case, &model)?;
+
+    let mut case = case.clone();
+    case.config.exclude.extend(little.left_out);
+    let explained = mismatch.as_ref().filter(|mismatch| mismatch.explains);
+    found.extend(mismatch.iter().map(|mismatch| mismatch.sentence.clone()));
+    if let Some(mismatch) = explained {
+        found.push("All that follows is of the simulation with that put right.".into());
+        case.records.iter_mut().for_each(|record| mismatch.wiring.delay_inputs(record));
+    }
+    case.model = Some(explained.map_or(model.clone(), |mismatch| mismatch.wiring.applied(&model)));
+    case.warnings.extend(found);
+    Ok(Audit { case, mismatch })
+}
+
+/// Records that drive the structure and are not held out: the last one counts among them only if the case says so by its `use` or it is alone.
+pub(crate) fn driven(records: &[Record]) -> Vec<&Record> {
+    let driven: Vec<&Record> =
+        records.iter().filter(|r| r.excitation != Excitation::Zero && !r.held_out && r.level() > 0.0).collect();
+    let chosen = records.iter().any(|record| record.held_out);
+    match driven.as_slice() {
+        // The diagnosis will hold out the last one.
+        [before @ .., _] if !chosen && !before.is_empty() => before.to_vec(),
+        _ => driven,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{case, truss};
+
+    fn look(case: &Case) -> Audit {
+        audit(case, &Library::standard(), &mut |_| {}).unwrap()
+    }
+
+    #[test]
+    fn a_sound_case_stays_as_it_is() {
+        let case = case(&truss(1), &truss(1));
+        let audit = look(&case);
+        assert_eq!(audit.mismatch, None);
+        assert_eq!((audit.case.model, audit.case.config, audit.case.records), (case.model, case.config, case.records));
+        assert!(audit.case.warnings.is_empty());
+    }
+
+    #[test]
+    fn what_explains_the_gap_is_put_right() {
+        let mut case = case(&truss(1), &truss(1));
+        for record in &mut case.records {
+            record.y.swap(0, 1);
+        }
+        let first = look(&case);
+        assert!(first.mismatch.unwrap().explains);
+        assert!(first.case.warnings[0].contains("y1 and y2 look swapped"), "{:?}", first.case.warnings);
+        // Of what was put right nothing is left to be found.
+        assert_eq!(look(&first.case).mismatch, None);
+    }
+
+    #[test]
+    fn a_delay_is_put_right_in_the_records() {
+        let mut case = case(&truss(1), &truss(1));
+        for y in case.records.iter_mut().flat_map(|record| &mut record.y) {
+            y.splice(0..0, [0.0; 40]);
+            y.truncate(y.len() - 40);
+        }
+        let first = look(&case);
+        assert_eq!(first.mismatch.unwrap().wiring.delay, 40);
+        assert_eq!(first.case.model, case.model);
+        assert_eq!(look(&first.case).mismatch, None);
+    }
+
+    #[test]
+    fn the_last_driven_record_is_not_looked_at() {
+        let mut case = case(&truss(1), &truss(1));
+        let names = |case: &Case| driven(&case.records).iter().map(|r| r.name.clone()).collect::<Vec<_>>();
+        assert_eq!(names(&case), ["random-1", "random-2"]);
+        case.records[1].held_out = true;
+        assert_eq!(names(&case), ["random-2", "random-3"]);
+        case.records.drain(1..3);
+        assert_eq!(names(&case), ["random-3"]);
+    }
+}

@@ -1,0 +1,478 @@
+//! The wiring under which the simulation agrees best: outputs and inputs over permutations, signs, units and one delay, by
+//! cross-correlation and least squares, before anything is fitted.
+
+use nalgebra::{DMatrix, DVector};
+use plid_model::Model;
+
+use super::driven;
+use super::responses::{Responses, Simulated};
+use super::wiring::{Wire, Wiring};
+use crate::case::Case;
+use crate::error::GapError;
+
+/// Channels up to which all permutations are tried; beyond, all exchanges of two.
+const ALL_PERMUTATIONS: usize = 5;
+
+/// A shorter delay is an effect like others, to be fitted.
+const SHORTEST: i64 = 3;
+
+/// Every change must pay: the squared gap falls by this factor for each.
+const PRICE: f64 = 1.5;
+
+/// A mismatch is said where it lowers the gap to this share. The strongest effect of any labelled case lowers it to no less than 0.9.
+const SAID: f64 = 0.7;
+
+/// And it is taken for granted where it lowers the gap to this share: more than any single effect of a sound chain feigns.
+const EXPLAINS: f64 = 0.5;
+
+/// Below this a gap asks for no such explanation.
+const SMALL: f64 = 0.1;
+
+/// From this gap on several things may be wrong at once, and the search begins from every order and sign of the outputs: two channels that are
+/// exchanged alone make a gap of about one.
+const SEVERAL: f64 = 0.7;
+
+/// Outputs up to which signs are among these beginnings.
+const ALL_SIGNS: usize = 3;
+
+/// Factors between units that are in use, with the units. The smaller ones (2, the root of 2) are left to gains, which are fitted.
+const UNITS: [(f64, &str); 9] = [
+    (1e6, "as between micro-units and units"),
+    (1e3, "as between milli-units and units"),
+    (9.80665, "as between m/s2 and g"),
+    (57.29578, "as between degrees and radians"),
+    (std::f64::consts::TAU, "as between rad/s and Hz"),
+    (25.4, "as between millimetres and inches"),
+    (4.448222, "as between newtons and pounds"),
+    (100.0, "as between per cent and one"),
+    (10.0, "as of a setting of ten"),
+];
+
+/// A factor is one of these when it is this near.
+const NEAR: f64 = 0.08;
+
+/// Any other factor beyond this (or below one over it) counts as well.
+const OTHER: f64 = 20.0;
+
+/// What was found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mismatch {
+    /// How channels are to be read.
+    pub wiring: Wiring,
+    /// The gap as given.
+    pub before: f64,
+    /// With the channels so read.
+    pub after: f64,
+    /// Whether it is strong enough to be put right for what follows.
+    pub explains: bool,
+    /// In words.
+    pub sentence: String,
+}
+
+/// Looks for a mismatch.
+///
+/// # Errors
+/// [`GapError::Model`] where the simulation cannot be run.
+pub fn find(case: &Case, model: &Model) -> Result<Option<Mismatch>, GapError> {
+    let records = driven(&case.records);
+    let responses = Responses::new(model, &records)?;
+    let plain = Wiring::plain(responses.m, responses.p);
+    let before = responses.gap(&plain);
+    if !(before > SMALL) {
+        return Ok(None);
+    }
+    let outputs = |from: &Wiring| pruned(&responses, with_outputs(&responses, from));
+    let inputs = |from: &Wiring| pruned(&responses, with_inputs(&responses, from));
+    // Outputs first: where both say the same (all negated, all in other units), the sensors are the more usual cause.
+    let outer = outputs(&plain);
+    let inner = inputs(&plain);
+    let both = [inputs(&outer), outputs(&inner)];
+    let again = [outputs(&both[0]), inputs(&both[1])];
+    let mut best = plain;
+    let mut least = price(&responses, &best);
+    let mut take = |wiring: Wiring, best: &mut Wiring| {
+        let price = price(&responses, &wiring);
+        if price < 0.999 * least {
+            (least, *best) = (price, wiring);
+        }
+    };
+    for wiring in [outer, inner].into_iter().chain(both).chain(again) {
+        take(wiring, &mut best);
+    }
+    if before > SEVERAL && responses.gap(&best) > SMALL {
+        for start in starts(&responses) {
+            take(outputs(&inputs(&start)), &mut best);
+        }
+    }
+    let after = responses.gap(&best);
+    if best.changes() == 0 || after > SAID * before {
+        return Ok(None);
+    }
+    let sentence = sentence(&best, case, before, after);
+    Ok(Some(Mismatch { wiring: best, before, after, explains: after <= EXPLAINS * before, sentence }))
+}
+
+fn price(responses: &Responses, wiring: &Wiring) -> f64 {
+    responses.gap(wiring).powi(2) * PRICE.powi(wiring.changes() as i32)
+}
+
+/// Without what does not pay.
+fn pruned(responses: &Responses, mut wiring: Wiring) -> Wiring {
+    let mut least = price(responses, &wiring);
+    loop {
+        let simpler = wiring.simpler().into_iter().map(|w| (price(responses, &w), w));
+        match simpler.min_by(|a, b| a.0.total_cmp(&b.0)) {
+            Some((price, simpler)) if price <= least => (least, wiring) = (price, simpler),
+            _ => return wiring,
+        }
+    }
+}
+
+/// The best outputs and delay for these inputs.
+fn with_outputs(responses: &Responses, from: &Wiring) -> Wiring {
+    let (p, reach) = (responses.p, responses.reach as i64);
+    let simulated = |output: usize| -> Vec<Simulated> {
+        let wires = from.inputs.iter().enumerate();
+        wires.map(|(input, wire)| Simulated { input, wire: wire.channel, output, factor: wire.gain }).collect()
+    };
+    let size: Vec<f64> = (0..p)
+        .map(|q| {
+            let s = simulated(q);
+            s.iter().flat_map(|a| s.iter().map(|b| responses.product(*a, *b))).sum::<f64>().max(f64::MIN_POSITIVE)
+        })
+        .collect();
+    let with: Vec<Vec<Vec<f64>>> = (0..p)
+        .map(|o| {
+            let of = |q| responses.correlation(&simulated(q).into_iter().map(|s| (o, s)).collect::<Vec<_>>());
+            (0..p).map(of).collect()
+        })
+        .collect();
+    let explained = |o: usize, q: usize, at: usize| with[o][q][at].powi(2) * responses.weight[o] / size[q];
+    let orders = permutations(p);
+    let best = |lags: &[usize]| {
+        let all = orders.iter().flat_map(|order| {
+            lags.iter().map(move |&at| (order, at, (0..p).map(|o| explained(o, order[o], at)).sum::<f64>()))
+        });
+        all.max_by(|a, b| a.2.total_cmp(&b.2)).map(|(order, at, _)| (order.clone(), at)).expect("an order and a lag")
+    };
+    let (order, at) = best_or_at_once(best, reach);
+    let outputs = order
+        .iter()
+        .enumerate()
+        .map(|(o, &q)| Wire { channel: q, gain: plausible(with[o][q][at] / size[q]) })
+        .collect();
+    Wiring { outputs, inputs: from.inputs.clone(), delay: at as i64 - reach }
+}
+
+/// The best inputs and delay for these outputs: each order of the inputs by least squares in their gains.
+fn with_inputs(responses: &Responses, from: &Wiring) -> Wiring {
+    let (m, reach) = (responses.m, responses.reach as i64);
+    // The output o is measured where the simulation gives gain times its `channel`.
+    let simulated = |input: usize, wire: usize| -> Vec<(usize, Simulated)> {
+        let outputs = from.outputs.iter().enumerate();
+        outputs
+            .map(|(o, out)| (o, Simulated { input, wire, output: out.channel, factor: out.gain * responses.weight[o] }))
+            .collect()
+    };
+    let with: Vec<Vec<Vec<f64>>> =
+        (0..m).map(|i| (0..m).map(|j| responses.correlation(&simulated(i, j))).collect()).collect();
+    let orders: Vec<(Vec<usize>, DMatrix<f64>)> = permutations(m)
+        .into_iter()
+        .filter_map(|order| {
+            let normal = DMatrix::from_fn(m, m, |i, k| {
+                let (a, b) = (simulated(i, order[i]), simulated(k, order[k]));
+                a.iter().zip(&b).map(|((o, a), (_, b))| responses.product(*a, *b) / responses.weight[*o]).sum()
+            });
+            let ridge = 1e-9 * normal.trace() / m as f64;
+            let inverse = (normal + DMatrix::from_diagonal_element(m, m, ridge)).try_inverse()?;
+            Some((order, inverse))
+        })
+        .collect();
+    if orders.is_empty() {
+        return from.clone();
+    }
+    let gains = |which: usize, at: usize| {
+        let (order, inverse) = &orders[which];
+        let right = DVector::from_fn(m, |i, _| with[i][order[i]][at]);
+        let gains = inverse * &right;
+        let explained = gains.dot(&right);
+        (gains, explained)
+    };
+    let best = |lags: &[usize]| {
+        let all = (0..orders.len()).flat_map(|which| lags.iter().map(move |&at| (which, at, gains(which, at).1)));
+        all.max_by(|a, b| a.2.total_cmp(&b.2)).map(|(which, at, _)| (which, at)).expect("an order and a lag")
+    };
+    let (which, at) = best_or_at_once(best, reach);
+    let (gains, _) = gains(which, at);
+    let inputs = orders[which].0.iter().zip(&gains);
+    let inputs = inputs.map(|(&channel, &gain)| Wire { channel, gain: plausible(gain) }).collect();
+    Wiring { outputs: from.outputs.clone(), inputs, delay: at as i64 - reach }
+}
+
+/// The best over all lags; without delay where that one is short.
+fn best_or_at_once<T>(best: impl Fn(&[usize]) -> (T, usize), reach: i64) -> (T, usize) {
+    let all: Vec<usize> = (0..=2 * reach as usize).collect();
+    let found = best(&all);
+    if (found.1 as i64 - reach).abs() >= SHORTEST { found } else { best(&[reach as usize]) }
+}
+
+/// All orders of the outputs, of a few with all signs (all of them negated is the same as all inputs negated).
+fn starts(responses: &Responses) -> Vec<Wiring> {
+    let (m, p) = (responses.m, responses.p);
+    let signs = if p <= ALL_SIGNS { 1 << (p - 1) } else { 1 };
+    let start = |order: &[usize], signs: usize| {
+        let sign = |o: usize| if signs >> o & 1 == 1 { -1.0 } else { 1.0 };
+        let outputs = order.iter().enumerate().map(|(o, &channel)| Wire { channel, gain: sign(o) }).collect();
+        Wiring { outputs, ..Wiring::plain(m, p) }
+    };
+    permutations(p).iter().flat_map(|order| (0..signs).map(|signs| start(order, signs)).collect::<Vec<_>>()).collect()
+}
+
+/// A sign, with a factor where it is one between units.
+fn plausible(gain: f64) -> f64 {
+    let size = gain.abs();
+    let sign = if gain < 0.0 { -1.0 } else { 1.0 };
+    match unit(size) {
+        Some((factor, _)) => sign * factor,
+        None if (1.0 / OTHER..=OTHER).contains(&size) => sign,
+        None if size > 0.0 && size.is_finite() => gain,
+        None => 1.0,
+    }
+}
+
+/// The known factor that this one is near.
+fn unit(size: f64) -> Option<(f64, &'static str)> {
+    let both = UNITS.iter().flat_map(|&(factor, units)| [(factor, units), (1.0 / factor, units)]);
+    both.min_by(|a, b| (size / a.0).ln().abs().total_cmp(&(size / b.0).ln().abs()))
+        .filter(|(factor, _)| (size / factor - 1.0).abs() < NEAR)
+}
+
+/// All orders of a few channels; of many, all exchanges of two.
+fn permutations(count: usize) -> Vec<Vec<usize>> {
+    let plain: Vec<usize> = (0..count).collect();
+    let mut orders = vec![plain.clone()];
+    if count > ALL_PERMUTATIONS {
+        for i in 0..count {
+            for j in 0..i {
+                let mut order = plain.clone();
+                order.swap(i, j);
+                orders.push(order);
+            }
+        }
+        return orders;
+    }
+    for at in 0..count {
+        let mut longer = orders.clone();
+        for to in at + 1..count {
+            longer.extend(orders.iter().cloned().map(|mut order| {
+                order.swap(at, to);
+                order
+            }));
+        }
+        orders = longer;
+    }
+    orders
+}
+
+fn sentence(wiring: &Wiring, case: &Case, before: f64, after: f64) -> String {
+    let config = &case.config;
+    let mut parts = side(&wiring.outputs, &config.outputs, "output", "input", |name, other| {
+        format!("what is recorded as {name} looks like the simulation's {other}")
+    });
+    parts.extend(side(&wiring.inputs, &config.inputs, "input", "output", |name, other| {
+        format!("the simulation's {name} looks driven by what is recorded as {other}")
+    }));
+    let seconds = wiring.delay.unsigned_abs() as f64 / config.sample_rate_hz;
+    match wiring.delay {
+        0 => {}
+        late if late > 0 => {
+            parts.push(format!("all channels look delayed by {late} samples ({seconds:.4} s) against the simulation"));
+        }
+        early => {
+            parts.push(format!("the simulation looks delayed by {} samples ({seconds:.4} s) in all channels", -early))
+        }
+    }
+    let mut text = parts.join("; ");
+    if let Some(first) = text.get(..1) {
+        text.replace_range(..1, &first.to_uppercase());
+    }
+    format!("{text}: with that put right the gap falls from {} to {}.", percent(before), percent(after))
+}
+
+fn percent(gap: f64) -> String {
+    if gap < 100.0 { format!("{:.1} %", 100.0 * gap) } else { format!("{:.1e} %", 100.0 * gap) }
+}
+
+fn side(
+    wires: &[Wire],
+    names: &[String],
+    what: &str,
+    opposite: &str,
+    moved: impl Fn(&str, &str) -> String,
+) -> Vec<String> {
+    let mut parts = Vec::new();
+    let off: Vec<usize> = (0..wires.len()).filter(|&k| wires[k].channel != k).collect();
+    match off.as_slice() {
+        [] => {}
+        &[a, b] => parts.push(format!("{what}s {} and {} look swapped", names[a], names[b])),
+        _ => parts.extend(off.iter().map(|&k| moved(&names[k], &names[wires[k].channel]))),
+    }
+    // A change of all outputs is the same as one of all inputs.
+    let either =
+        |parts: &mut Vec<String>, text: &str| parts.push(format!("every {what} looks {text}, or every {opposite}"));
+    let negated: Vec<&str> = (0..wires.len()).filter(|&k| wires[k].gain < 0.0).map(|k| names[k].as_str()).collect();
+    if negated.len() == wires.len() {
+        either(&mut parts, "negated");
+    } else if !negated.is_empty() {
+        let look = if negated.len() == 1 { "looks" } else { "look" };
+        parts.push(format!("{what} {} {look} negated", negated.join(" and ")));
+    }
+    let scaled: Vec<usize> = (0..wires.len()).filter(|&k| wires[k].gain.abs() != 1.0).collect();
+    let sizes: Vec<f64> = scaled.iter().map(|&k| wires[k].gain.abs()).collect();
+    let alike = scaled.len() == wires.len() && sizes.iter().all(|size| (size / sizes[0] - 1.0).abs() < NEAR);
+    let text = |size: f64| match unit(size) {
+        Some((factor, units)) => format!("in other units, {} times the simulation's ({units})", short(factor)),
+        None if size < 1.0 => format!("{} times what the simulation has, as if it hardly acted", short(size)),
+        None => format!("{} times what the simulation has, as in other units", short(size)),
+    };
+    if alike {
+        either(&mut parts, &text(sizes[0]));
+    } else {
+        parts.extend(scaled.iter().zip(&sizes).map(|(&k, &size)| format!("{what} {} looks {}", names[k], text(size))));
+    }
+    parts
+}
+
+fn short(x: f64) -> String {
+    if (1e-3..1e4).contains(&x) {
+        format!("{:.4}", x).trim_end_matches('0').trim_end_matches('.').into()
+    } else {
+        format!("{x:.2e}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::Channels;
+    use crate::testing::{case, truss};
+
+    fn found(change: impl Fn(&mut Channels, &mut Channels)) -> Option<Mismatch> {
+        let mut case = case(&truss(3), &truss(3));
+        case.records.iter_mut().for_each(|record| change(&mut record.u, &mut record.y));
+        let model = case.model.clone().unwrap();
+        find(&case, &model).unwrap()
+    }
+
+    /// It explains the gap, in these words and no others.
+    fn says(mismatch: Option<Mismatch>, words: &str) -> Wiring {
+        let mismatch = mismatch.expect("a mismatch");
+        assert!(mismatch.explains && mismatch.after < 0.05, "{mismatch:?}");
+        assert!(mismatch.sentence.starts_with(&format!("{words}: with that put right")), "{}", mismatch.sentence);
+        mismatch.wiring
+    }
+
+    fn scaled(x: &mut [f64], gain: f64) {
+        x.iter_mut().for_each(|x| *x *= gain);
+    }
+
+    fn late(x: &mut Vec<f64>, samples: usize) {
+        x.splice(0..0, vec![0.0; samples]);
+        x.truncate(x.len() - samples);
+    }
+
+    #[test]
+    fn a_simulation_that_fits_is_left_alone() {
+        assert_eq!(found(|_, _| {}), None);
+        // Gains and short delays are effects.
+        assert_eq!(found(|_, y| scaled(&mut y[0], 0.5)), None);
+        assert_eq!(found(|u, _| scaled(&mut u[1], 2.0)), None);
+        assert_eq!(found(|_, y| late(&mut y[0], 1)), None);
+    }
+
+    #[test]
+    fn swapped_channels() {
+        says(found(|_, y| y.swap(0, 1)), "Outputs y1 and y2 look swapped");
+        says(found(|u, _| u.swap(0, 1)), "Inputs u1 and u2 look swapped");
+    }
+
+    #[test]
+    fn negated_channels() {
+        says(found(|_, y| scaled(&mut y[1], -1.0)), "Output y2 looks negated");
+        says(found(|u, _| scaled(&mut u[0], -1.0)), "Input u1 looks negated");
+        says(found(|_, y| y.iter_mut().for_each(|y| scaled(y, -1.0))), "Every output looks negated, or every input");
+    }
+
+    #[test]
+    fn other_units() {
+        says(
+            found(|_, y| y.iter_mut().for_each(|y| scaled(y, 1000.0))),
+            "Every output looks in other units, 1000 times the simulation's (as between milli-units and units), or every input",
+        );
+        says(
+            found(|_, y| scaled(&mut y[0], 1.0 / 9.80665)),
+            "Output y1 looks in other units, 0.102 times the simulation's (as between m/s2 and g)",
+        );
+        // What is recorded in millivolts drives the simulation with a thousandth.
+        says(
+            found(|u, _| scaled(&mut u[1], 1000.0)),
+            "Input u2 looks in other units, 0.001 times the simulation's (as between milli-units and units)",
+        );
+    }
+
+    #[test]
+    fn delays_by_a_block() {
+        let wiring = says(
+            found(|_, y| y.iter_mut().for_each(|y| late(y, 32))),
+            "All channels look delayed by 32 samples (0.0200 s) against the simulation",
+        );
+        assert_eq!(wiring.delay, 32);
+        let wiring = says(
+            found(|u, _| u.iter_mut().for_each(|u| late(u, 64))),
+            "The simulation looks delayed by 64 samples (0.0400 s) in all channels",
+        );
+        assert_eq!(wiring.delay, -64);
+    }
+
+    #[test]
+    fn several_at_once() {
+        let wiring = says(
+            found(|u, y| {
+                y.swap(0, 1);
+                scaled(&mut u[0], -1.0);
+                y.iter_mut().for_each(|y| late(y, 16));
+            }),
+            "Outputs y1 and y2 look swapped; input u1 looks negated; all channels look delayed by 16 samples (0.0100 s) against the simulation",
+        );
+        assert_eq!(wiring.changes(), 3);
+    }
+
+    #[test]
+    fn one_input_and_one_output() {
+        let one = |model: Model| {
+            let mut model = Model::new(
+                model.sample_rate_hz,
+                model.a.clone(),
+                model.b.columns(0, 1).into_owned(),
+                model.c.rows(0, 1).into_owned(),
+                DMatrix::zeros(1, 1),
+            )
+            .unwrap();
+            model.noise.sensor_std = Some(vec![0.005]);
+            model
+        };
+        let mut case = case(&one(truss(3)), &one(truss(3)));
+        case.records.iter_mut().for_each(|record| scaled(&mut record.y[0], -1.0));
+        let model = case.model.clone().unwrap();
+        let words = find(&case, &model).unwrap();
+        says(words, "Every output looks negated, or every input");
+    }
+
+    #[test]
+    fn orders_are_all_there() {
+        assert_eq!(permutations(1).len(), 1);
+        let four: std::collections::BTreeSet<Vec<usize>> = permutations(4).into_iter().collect();
+        assert_eq!(four.len(), 24);
+        assert_eq!(permutations(7).len(), 1 + 21);
+    }
+}

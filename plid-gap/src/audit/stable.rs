@@ -1,0 +1,47 @@
+//! A simulation whose free run grows.
+
+use plid_model::Model;
+
+use crate::case::Case;
+use crate::error::GapError;
+
+/// Poles this near the circle neither grow nor decay.
+const ON_THE_CIRCLE: f64 = 1e-9;
+
+/// A pole on the circle is a finding.
+///
+/// # Errors
+/// [`GapError::Unstable`] for a pole outside.
+pub fn check(case: &Case, model: &Model) -> Result<Option<String>, GapError> {
+    let found = plid_model::stability(model)?;
+    let Some(&hz) = found.unstable_hz.first() else { return Ok(None) };
+    if found.spectral_radius <= 1.0 + ON_THE_CIRCLE {
+        return Ok(Some(format!(
+            "The simulation has a pole on the unit circle ({hz:.2} Hz): what it is told once it never forgets."
+        )));
+    }
+    let file = case.config.sim.as_deref().unwrap_or("the simulation").into();
+    Err(GapError::Unstable { file, magnitude: found.spectral_radius, hz })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{case, truss};
+
+    #[test]
+    fn a_growing_simulation_is_refused() {
+        let mut model = truss(1);
+        let sound = case(&truss(1), &model);
+        assert_eq!(check(&sound, &model).unwrap(), None);
+        let radius = plid_model::stability(&model).unwrap().spectral_radius;
+        model.a *= 1.001 / radius;
+        match check(&sound, &model).unwrap_err() {
+            GapError::Unstable { magnitude, hz, .. } => {
+                assert!((magnitude - 1.001).abs() < 1e-6);
+                assert!(crate::testing::MODES.iter().any(|mode| (mode.0 - hz).abs() < 1.0), "{hz}");
+            }
+            other => panic!("{other}"),
+        }
+    }
+}

@@ -1,0 +1,66 @@
+//! Is it this place with another shape? Beside each effect of an explanation that does not suffice, its flexible sibling.
+
+use rayon::prelude::*;
+
+use crate::effects::{Effect, Flexible};
+use crate::problem::{Effort, Fit, Placed, Problem};
+use crate::simulate::Fineness;
+use crate::thresholds::WORTH;
+
+static SIBLINGS: [Flexible; 8] = [
+    Flexible::Stiffness,
+    Flexible::Damping,
+    Flexible::Joint,
+    Flexible::Command,
+    Flexible::Hysteresis,
+    Flexible::Path,
+    Flexible::Sensor,
+    Flexible::SensorPath,
+];
+
+const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE };
+const WHOLE: Effort = Effort { steps: 4, gain: 0.5, fineness: Fineness::FINE };
+
+/// A fit with one effect's shape set free.
+pub struct Bent<'a> {
+    /// The fit; its last effect is the sibling.
+    pub fit: Fit<'a>,
+    /// Which effect it bends.
+    pub which: usize,
+}
+
+/// The best of all fits with one sibling each; none where no effect has a shape, or where a free one gains nothing on the heads of
+/// the records.
+pub fn bent<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<Bent<'a>> {
+    let siblings: Vec<(usize, &'static Flexible)> = best
+        .effects
+        .iter()
+        .enumerate()
+        .filter_map(|(which, placed)| {
+            let kind = Flexible::of(placed.effect.name())?;
+            Some((which, SIBLINGS.iter().find(|sibling| **sibling == kind)?))
+        })
+        .collect();
+    if siblings.is_empty() {
+        return None;
+    }
+    let tangent = quick.tangent(&quick.nuisance.apply(&quick.plant, &best.eta));
+    let own = quick.fit(&tangent, &best.eta, &best.effects, QUICK);
+    let fits: Vec<Bent> = siblings
+        .into_par_iter()
+        .map(|(which, sibling)| {
+            let place = own.effects[which].place.clone();
+            let parameters = sibling.starts(&quick.setting, &place).remove(0);
+            let mut effects = own.effects.clone();
+            effects.push(Placed { effect: sibling, place, parameters });
+            Bent { fit: quick.fit(&tangent, &own.eta, &effects, QUICK), which }
+        })
+        .collect();
+    let top = fits.into_iter().min_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost))?;
+    if !(own.cost - top.fit.cost > WORTH) {
+        return None;
+    }
+    let tangent = problem.tangent(&problem.nuisance.apply(&problem.plant, &top.fit.eta));
+    let fit = problem.fit(&tangent, &top.fit.eta, &top.fit.effects, WHOLE);
+    Some(Bent { fit, which: top.which })
+}

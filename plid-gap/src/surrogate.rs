@@ -1,0 +1,168 @@
+//! A simulation where the case gives none: a linear model of what the engineer's own simulator gave for the records' inputs or, without
+//! such outputs, the best linear model of the records themselves.
+//!
+//! In both cases it is the output-error refinement of a subspace estimate. The first stands for a simulator of any kind, with a fit error of its own;
+//! the second has already taken in all of the gap that a linear model can, so that only what is not linear is left to be found.
+
+use ndarray::Array2;
+use plid_model::Model;
+use plid_refine::{Candidate, Noise, Options, RefineError, Start};
+
+use crate::audit::driven;
+use crate::case::Case;
+use crate::error::GapError;
+use crate::record::Record;
+
+/// States where the case does not say.
+const STATES: usize = 24;
+
+/// Steps of the refinement.
+const ITERATIONS: usize = 60;
+
+/// Of the simulator's outputs: beyond this relative error a linear model does not stand for it.
+const POOR: f64 = 0.05;
+
+/// A model for a case that has none, and in words how well it fits.
+///
+/// # Errors
+/// [`GapError::TooLittle`] where the records are too short for the states asked for; [`GapError::Failed`] where nothing can be identified.
+pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<(Model, String), GapError> {
+    let fitted = driven(&case.records);
+    if fitted.is_empty() {
+        return Err(GapError::TooLittle(
+            "without `sim` a model is identified, and no record to fit from has an input".into(),
+        ));
+    }
+    let of_simulator = fitted.iter().all(|record| record.simulated.is_some());
+    let states = case.config.states.unwrap_or(STATES);
+    let what = if of_simulator { "the simulated outputs" } else { "the records" };
+    say(format!("identifying {states} states from {what}"));
+    let target = |record: &Record| match &record.simulated {
+        Some(simulated) if of_simulator => matrix(simulated),
+        _ => matrix(&record.y),
+    };
+    let arrays: Vec<(Array2<f64>, Array2<f64>)> = fitted.iter().map(|r| (matrix(&r.u), target(r))).collect();
+    let records: Vec<plid_refine::Record<'_>> = fitted
+        .iter()
+        .zip(&arrays)
+        .map(|(record, (u, y))| plid_refine::Record {
+            inputs: u.view(),
+            outputs: y.view(),
+            start: if record.from_rest { Start::Rest } else { Start::Unknown },
+        })
+        .collect();
+    let options = Options {
+        radius: plid_refine::slowest_radius(&records),
+        // Whether it answers at once is not known.
+        feedthrough: true,
+        iterations: ITERATIONS,
+        noise: Noise::White,
+    };
+    let rate = case.config.sample_rate_hz;
+    // A start that the tail of the records judges must not have learnt from it.
+    let head = plid_refine::head(&records).map_err(failed)?;
+    let start = plid_refine::subspace(&head, states, None, rate, &options).map_err(failed)?.model;
+    let starts = [Candidate { name: "subspace".into(), model: start }];
+    let choice = plid_refine::best_of(&starts, &records, &options, &|_, _| true).map_err(failed)?;
+    let unseen = choice.scores[choice.chosen].error;
+    let mut model = choice.refined.model;
+    model.inputs.clone_from(&case.config.inputs);
+    model.outputs.clone_from(&case.config.outputs);
+    model.initial_state = None;
+    let error = relative(&choice.refined.residual_variances, &arrays);
+    let words = words(&model, of_simulator, error, unseen);
+    Ok((model, words))
+}
+
+fn words(model: &Model, of_simulator: bool, error: f64, unseen: f64) -> String {
+    let (error, unseen) = (100.0 * error, 100.0 * unseen);
+    let states = model.n();
+    if of_simulator {
+        let poor = if unseen > 100.0 * POOR {
+            ": a linear model does not stand for it, and what it misses counts as gap"
+        } else {
+            ", and this much of the gap is not the simulation's"
+        };
+        format!(
+            "The simulator is stood for by a linear model of {states} states that was identified from its outputs: it misses them by {error:.2} % where it was fitted, by {unseen:.2} % where it was not{poor}."
+        )
+    } else {
+        format!(
+            "No simulation is given: the best linear model of {states} states of the records stands in. It leaves {error:.2} % of them where it was fitted, {unseen:.2} % where it was not; linear effects are inside it and cannot be found."
+        )
+    }
+}
+
+/// RMS of the free-run error, each output scaled to unit RMS.
+fn relative(variances: &[f64], arrays: &[(Array2<f64>, Array2<f64>)]) -> f64 {
+    let share = |o: usize| {
+        let all = arrays.iter().flat_map(|(_, y)| y.column(o).to_vec()).filter(|y| y.is_finite());
+        let (sum, count) = all.fold((0.0, 0.0), |(s, n), y| (s + y * y, n + 1.0));
+        variances[o] * count / f64::max(sum, f64::MIN_POSITIVE)
+    };
+    ((0..variances.len()).map(share).sum::<f64>() / variances.len() as f64).sqrt()
+}
+
+fn matrix(channels: &[Vec<f64>]) -> Array2<f64> {
+    Array2::from_shape_fn((channels[0].len(), channels.len()), |(k, c)| channels[c][k])
+}
+
+fn failed(error: RefineError) -> GapError {
+    let message = format!("no model could be identified: {error}");
+    match error {
+        RefineError::TooLittleData { .. } => GapError::TooLittle(message),
+        _ => GapError::Failed(message),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{case, random_input, run, truss};
+
+    /// Relative difference of the free runs of two models on an input that neither has seen.
+    fn apart(a: &Model, b: &Model) -> f64 {
+        let u = random_input(99, 2048, a.m());
+        let (a, b) = (run(a, &u), run(b, &u));
+        let difference: Vec<f64> = a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| a - b).collect();
+        crate::record::rms(&difference) / crate::record::rms(b.iter().flatten())
+    }
+
+    #[test]
+    fn the_best_linear_model_of_the_records_stands_in() {
+        let mut case = case(&truss(3), &truss(3));
+        case.config.states = Some(truss(3).n());
+        let (model, words) = identify(&case, &mut |_| {}).unwrap();
+        assert_eq!((model.n(), &model.outputs), (truss(3).n(), &case.config.outputs));
+        // Noise of 0.2 % in 4096 samples.
+        assert!(apart(&model, &truss(3)) < 0.002, "{}", apart(&model, &truss(3)));
+        assert!(words.starts_with("No simulation is given: the best linear model of 14 states"), "{words}");
+    }
+
+    #[test]
+    fn the_engineers_simulator_is_identified_not_the_records() {
+        // The simulator is another truss than the one that was measured.
+        let mut case = case(&truss(4), &truss(3));
+        case.config.states = Some(truss(4).n());
+        for record in &mut case.records {
+            record.simulated = Some(run(&truss(4), &record.u));
+        }
+        let (model, words) = identify(&case, &mut |_| {}).unwrap();
+        assert!(apart(&model, &truss(4)) < 1e-3, "{}", apart(&model, &truss(4)));
+        assert!(apart(&model, &truss(3)) > 0.5);
+        assert!(words.contains("it misses them by 0.0"), "{words}");
+        // Too few states say so.
+        case.config.states = Some(6);
+        let (_, words) = identify(&case, &mut |_| {}).unwrap();
+        assert!(words.contains("does not stand for it"), "{words}");
+    }
+
+    #[test]
+    fn short_records_are_refused() {
+        let mut case = case(&truss(3), &truss(3));
+        for record in &mut case.records {
+            record.u.iter_mut().chain(&mut record.y).for_each(|x| x.truncate(60));
+        }
+        assert!(matches!(identify(&case, &mut |_| {}), Err(GapError::TooLittle(_))));
+    }
+}
