@@ -12,6 +12,7 @@ use crate::diagnosis::{
 use crate::effects::{Action, Library, Side};
 use crate::error::GapError;
 use crate::gap::{self, Blocks};
+use crate::levels::{LevelRun, is_linear, one_of_each_level};
 use crate::locate::{self, Map};
 use crate::nuisance::{Limits, Nuisance};
 use crate::plant::Plant;
@@ -60,7 +61,18 @@ pub struct Evidence {
     pub refit: Vec<(f64, f64, f64, f64)>,
     /// Sum of squares a row: as given, refit, with the effects.
     pub costs: [f64; 3],
+    /// Of the records that were fitted, in order: name, start in s, samples.
+    pub fitted: Vec<(String, f64, usize)>,
+    /// A record of each level beside its simulations.
+    pub levels: Vec<LevelRun>,
+    /// Of each output: frequencies in Hz with the density that noise alone makes there, in the output's unit squared a Hz.
+    pub noise: Vec<Vec<(f64, f64)>>,
+    /// Whether the simulation with the effects still is linear in its inputs.
+    pub linear: bool,
 }
+
+/// Frequencies at which the noise is shown.
+const NOISE_LINES: usize = 200;
 
 /// Diagnoses a case. `say` is told what is going on.
 ///
@@ -170,9 +182,19 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     };
     let simulation = written(&ready, model, best, &plant, &shown, verdict);
     let trace_record = ready.held_out.last().or(problem.records.last()).expect("a case has records").clone();
-    let run = |plant: &Plant, actions: &[Action]| {
-        simulate(plant, actions, &trace_record.u, trace_record.start_s, None, Fineness::FINE)
-    };
+    let runs = |plant: &Plant, actions: &[Action]| run(plant, actions, &trace_record);
+    let levels = one_of_each_level(&case.records).into_iter().map(|record| LevelRun {
+        record: record.name.clone(),
+        level: record.level(),
+        u: record.u.clone(),
+        y: record.y.clone(),
+        given: run(&problem.plant, &[], record),
+        with: run(&plant, &actions, record),
+    });
+    let noise_lines: Vec<(f64, nalgebra::DMatrix<crate::plant::C>)> = (1..NOISE_LINES)
+        .map(|k| 0.5 * plant.rate * k as f64 / NOISE_LINES as f64)
+        .map(|hz| (hz, ready.noise.density(hz)))
+        .collect();
     let evidence = Evidence {
         outputs: names.outputs.clone(),
         rate: plant.rate,
@@ -189,7 +211,7 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
                 entries.iter().take(15).map(line).collect()
             })
             .collect(),
-        trace: [trace_record.y.clone(), run(&problem.plant, &[]), run(&plant, &actions)],
+        trace: [trace_record.y.clone(), runs(&problem.plant, &[]), runs(&plant, &actions)],
         trace_record: trace_record.name,
         unseen: unseen
             .iter()
@@ -197,6 +219,13 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
             .collect(),
         refit: refit_summary(problem, &best.eta),
         costs: [given_cost / rows, refitted.cost / rows, best.cost / rows],
+        fitted: problem.records.iter().map(|r| (r.name.clone(), r.start_s, r.samples())).collect(),
+        levels: levels.collect(),
+        // One-sided, from a power spectral density that is the variance for white noise.
+        noise: (0..plant.p)
+            .map(|o| noise_lines.iter().map(|(hz, s)| (*hz, 2.0 * s[(o, o)].re / plant.rate)).collect())
+            .collect(),
+        linear: is_linear(&loudest(&problem.records).u, |u| simulate(&plant, &actions, u, 0.0, None, Fineness::FINE)),
     };
     let mut outcome = Outcome { diagnosis, simulation, evidence };
     audit.tell(&mut outcome);

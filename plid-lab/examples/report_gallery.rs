@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use ndarray::{Array2, Axis as Dimension, s};
 use plid_lab::report::{
-    Axis, Cell, Chart, ConvergencePlot, FrfCurve, FrfPlot, HeatMap, ModeSet, Report, Scale, Series, Table, Trace,
-    chart, convergence_plot, correlation_plot, frf_grid, frf_plot, heat_map, mode_map, trace_plot,
+    Axis, Bar, Bars, Cell, Chart, ConvergencePlot, FrfCurve, FrfPlot, HeatMap, ModeSet, Report, Scale, Series, Table,
+    Trace, bars, chart, convergence_plot, correlation_plot, frf_grid, frf_plot, heat_map, mode_map, trace_plot,
 };
 use plid_model::signal::{
     CrossCorrelationOptions, WelchFrf, WelchOptions, WhitenessOptions, convergence, cross_correlation, error_measures,
@@ -207,6 +207,18 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         value_label: "gap, relative".into(),
         range: None,
     });
+    let named = |name: &str, value: f64, strong: bool| Bar {
+        name: name.into(),
+        value,
+        text: format!("{value:.1} %"),
+        interval: strong.then_some((0.8 * value, 1.3 * value)),
+        strong,
+    };
+    let shrinking = bars(&Bars {
+        bars: vec![named("as given", 42.0, false), named("refitted", 15.3, false), named("with the effect", 3.1, true)],
+        label: "gap, %".into(),
+        reference: Some(("noise".into(), 1.0)),
+    });
     let modes = |label: &str, detune: f64, std: f64| ModeSet {
         label: label.into(),
         frequency_hz: MODES.iter().map(|m| m.0 * detune).collect(),
@@ -278,6 +290,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .figure(bench, "A bench on logarithmic axes.")
         .figure(drift, "Numbers near rounding.")
         .figure(gap, "A heat map.")
+        .figure(shrinking, "Bars, one with an interval.")
         .figure(
             mode_map(&[modes("identified", 1.0004, 0.9), modes("true", 1.0, 0.0)]),
             "Modes with bars of two standard deviations.",

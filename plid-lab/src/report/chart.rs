@@ -18,7 +18,14 @@ pub struct Chart {
 
 /// Draws a chart as SVG: order scans, bench curves, whatever has no plot of its own.
 pub fn chart(chart: &Chart) -> String {
-    single(&chart.title, vec![Panel::new(chart.x.clone(), chart.y.clone(), chart.height, chart.series.clone())])
+    charts(std::slice::from_ref(chart))
+}
+
+/// Draws charts one below the other, under the title of the first. They share the horizontal axis, whose numbers and name stand
+/// below the last: give all the same range.
+pub fn charts(charts: &[Chart]) -> String {
+    let panel = |chart: &Chart| Panel::new(chart.x.clone(), chart.y.clone(), chart.height, chart.series.clone());
+    single(charts.first().map_or("", |first| &first.title), charts.iter().map(panel).collect())
 }
 
 #[cfg(test)]
@@ -35,6 +42,22 @@ mod tests {
         let first = draw();
         assert_eq!(first, draw());
         assert!(first.starts_with("<svg viewBox=\"0 0 900.00 ") && first.contains("plid-clip-0"));
+    }
+
+    #[test]
+    fn charts_stand_below_each_other_with_one_legend() {
+        let one = |label: &str| Chart {
+            title: label.into(),
+            x: Axis::linear("x"),
+            y: Axis::linear(label),
+            series: vec![Series::line("same", vec![(0.0, 1.0), (1.0, 2.0)])],
+            height: 100.0,
+        };
+        let svg = charts(&[one("above"), one("below")]);
+        assert_eq!((svg.matches(">same<").count(), svg.matches(">x<").count()), (1, 1));
+        // The title of the first, and the names of both vertical axes.
+        assert_eq!((svg.matches(">above<").count(), svg.matches(">below<").count()), (2, 1));
+        assert!(charts(&[]).starts_with("<svg"));
     }
 
     #[test]

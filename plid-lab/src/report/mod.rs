@@ -9,6 +9,7 @@
 //! All output depends on the data only: no clock, no counter of the process.
 
 mod atomic;
+mod bars;
 mod chart;
 mod convergence_plot;
 mod correlation_plot;
@@ -25,7 +26,8 @@ mod ticks;
 mod trace_plot;
 
 pub use atomic::write_atomic;
-pub use chart::{Chart, chart};
+pub use bars::{Bar, Bars, bars};
+pub use chart::{Chart, chart, charts};
 pub use convergence_plot::{ConvergencePlot, convergence_plot};
 pub use correlation_plot::correlation_plot;
 pub use frf_plot::{FrfCurve, FrfPlot, frf_grid, frf_plot};

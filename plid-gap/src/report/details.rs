@@ -1,0 +1,239 @@
+//! What stands below the pictures: every figure of the diagnosis.
+
+use plid_lab::report::{Axis, Cell, Chart, Report, Series, Table, chart};
+
+use super::words::{at, explanation, percent};
+use super::{GIVEN, REFERENCE, WITH, shrink, whereabouts};
+use crate::case::Case;
+use crate::diagnose::Outcome;
+
+/// All of them.
+pub(super) fn section(report: Report, outcome: &Outcome, case: &Case) -> Report {
+    let report = report.heading("Details");
+    let report = parameters(report, outcome);
+    let report = explanations(report, outcome, case);
+    let report = gaps(report, outcome);
+    let report = refit(report, outcome);
+    let report = stages(report, outcome);
+    let report = quiet(report, outcome);
+    let report = whereabouts::after(report, outcome);
+    shrink::other_outputs(report, outcome)
+}
+
+fn parameters(report: Report, outcome: &Outcome) -> Report {
+    let diagnosis = &outcome.diagnosis;
+    if diagnosis.effects.is_empty() {
+        return report;
+    }
+    let mut table = Table::new("Effects of the answer, largest share of the gap first.")
+        .column("effect", "")
+        .column("place", "")
+        .column("sure", "%")
+        .column("parameter", "")
+        .column("value", "")
+        .column("95 % interval", "")
+        .column("unit", "");
+    for effect in &diagnosis.effects {
+        let shape = if effect.shape_differs { " (shape differs)" } else { "" };
+        let mut head: Vec<Cell> = vec![
+            format!("{}{shape}", effect.effect).into(),
+            effect.location.as_str().into(),
+            Cell::fixed(100.0 * effect.confidence, 1),
+        ];
+        for (name, value) in &effect.parameters {
+            let interval = value.ci95.filter(|ends| ends.iter().all(|x| x.is_finite()));
+            let interval = interval.map_or("not given".into(), |[low, high]| {
+                let text = |x| match Cell::significant(x, 4) {
+                    Cell::Number(text) | Cell::Text(text) => text,
+                };
+                Cell::Number(format!("{} to {}", text(low), text(high)))
+            });
+            let unit: &str = if value.unit.is_empty() { "1" } else { &value.unit };
+            head.extend([name.as_str().into(), Cell::significant(value.value, 4), interval, unit.into()]);
+            table = table.row(std::mem::replace(&mut head, vec!["".into(), "".into(), "".into()]));
+        }
+        if effect.parameters.is_empty() {
+            table = table.row(head);
+        }
+    }
+    let mut report = report.table(table);
+    for written in &outcome.simulation.effects {
+        report = report.paragraph(format!("{}: {}", at(&written.effect, &written.location), written.equation));
+    }
+    report
+}
+
+fn explanations(report: Report, outcome: &Outcome, case: &Case) -> Report {
+    let diagnosis = &outcome.diagnosis;
+    let mut table = Table::new("Every explanation that the data leave open, with its probability.")
+        .column("explanation", "")
+        .column("probability", "%")
+        .column("gap with it", "%")
+        .column("95 % set", "");
+    let mut before = 0.0;
+    for candidate in &diagnosis.candidates {
+        table = table.row([
+            explanation(candidate).into(),
+            Cell::fixed(100.0 * candidate.probability, 2),
+            Cell::fixed(100.0 * candidate.gap_after.unwrap_or(f64::NAN), 2),
+            if before < 0.95 { "in it" } else { "" }.into(),
+        ]);
+        before += candidate.probability;
+    }
+    let mut report = report.table(table);
+    for class in &diagnosis.not_separable {
+        report = report.paragraph(format!("These records cannot part: {}.", class.join("; ")));
+    }
+    for (words, what) in [
+        (&case.config.suspects, "Suspected by the engineer, and for that given a higher prior"),
+        (&case.config.exclude, "Excluded by the engineer"),
+    ] {
+        if !words.is_empty() {
+            report = report.paragraph(format!("{what}: {}.", words.join(", ")));
+        }
+    }
+    report
+}
+
+fn gaps(report: Report, outcome: &Outcome) -> Report {
+    let gap = &outcome.diagnosis.gap;
+    let mut table = Table::new(format!(
+        "The gap in figures, on {}. Shrink: one minus the gap after over the gap before, both beyond the noise.",
+        gap.measured_on.join(", ")
+    ))
+    .column("figure", "")
+    .column("value", "%");
+    let rows = [
+        ("gap as given", gap.as_given),
+        ("gap after the bounded refit", gap.refit),
+        ("gap after a linear refit without bounds", gap.free_refit),
+        ("gap with all that was found", gap.with_effect),
+        ("gap that noise alone makes", gap.noise_floor),
+        ("gap stated before the record was opened", gap.predicted_held_out_gap),
+        ("shrink", gap.shrink),
+        ("shrink, lower end of the 95 % interval", gap.shrink_ci95[0]),
+        ("shrink, upper end", gap.shrink_ci95[1]),
+        ("shrink over the bounded refit", gap.shrink_over_refit),
+        ("shrink by a placebo, over the bounded refit", gap.placebo_shrink),
+        ("share of what a flexible model closes", gap.share_of_ceiling),
+    ];
+    for (name, value) in rows {
+        // A zero has no sign.
+        let value = if value.abs() < 5e-5 { 0.0 } else { value };
+        table = table.row([name.into(), Cell::fixed(100.0 * value, 2)]);
+    }
+    let judged = &outcome.evidence.adequacy;
+    let [given, refit, found] = outcome.evidence.costs;
+    let mut costs =
+        Table::new("What is left in the fitted records. Squared whitened residual a row: 1 is noise alone.")
+            .column("figure", "")
+            .column("value", "");
+    for (name, value) in [
+        ("as given", given),
+        ("after the bounded refit", refit),
+        ("with all that was found", found),
+        ("excess of that over the noise, in the uncertainty of its level", judged.excess),
+        ("share of the gap that is left", judged.left),
+        ("largest change of a linear parameter, in standard deviations of the stated limits", judged.bent),
+        ("what the best further entry of the screen would gain", judged.next),
+        ("probability that something else is at work", judged.unknown),
+    ] {
+        costs = costs.row([name.into(), Cell::significant(value, 4)]);
+    }
+    report.table(table).details("What is left, against the noise", |report| report.table(costs))
+}
+
+fn refit(report: Report, outcome: &Outcome) -> Report {
+    let modes = &outcome.evidence.refit;
+    if modes.is_empty() {
+        return report;
+    }
+    let points = |of: fn(&(f64, f64, f64, f64)) -> f64| modes.iter().map(|mode| (mode.0, of(mode))).collect();
+    let plot = chart(&Chart {
+        title: String::new(),
+        x: Axis::linear("mode, Hz"),
+        y: Axis::linear("change, standard deviations"),
+        series: vec![
+            Series::level("stated limits (two)", 2.0).colour(REFERENCE),
+            Series::level("", -2.0).colour(REFERENCE),
+            Series::points("frequency", points(|m| m.1)).colour(WITH).width(4.5),
+            Series::points("damping", points(|m| m.2)).colour(GIVEN).width(4.5),
+            Series::points("largest of the shapes", points(|m| m.3)).colour("#009e73").width(4.5),
+        ],
+        height: 160.0,
+    });
+    let largest =
+        modes.iter().flat_map(|m| [m.1, m.2, m.3]).filter(|z| z.is_finite()).map(f64::abs).fold(0.0, f64::max);
+    let within = if largest <= 2.0 { "all within the stated limits" } else { "beyond the stated limits" };
+    report
+        .figure(
+            plot,
+            format!(
+                "What the refit beside the effects changed, mode by mode, in standard deviations of its prior (half the stated limits). The largest change is {largest:.1}: {within}."
+            ),
+        )
+        .details("What the refit changed, in figures", |mut report| {
+            for line in &outcome.simulation.refit {
+                report = report.paragraph(line);
+            }
+            report
+        })
+}
+
+fn stages(report: Report, outcome: &Outcome) -> Report {
+    report.details("The screen, stage by stage", |mut report| {
+        for (stage, entries) in outcome.evidence.stages.iter().enumerate() {
+            let mut table = Table::new(format!(
+                "Stage {}: the best entries, before any fit, beside {}.",
+                stage + 1,
+                if stage == 0 { "nothing" } else { "what the stages before it found" }
+            ))
+            .column("effect", "")
+            .column("place", "")
+            .column("fall of the sum of squares", "")
+            .column("absorbed by a refit", "%");
+            for (effect, location, gain, absorbed) in entries {
+                table = table.row([
+                    effect.as_str().into(),
+                    location.as_str().into(),
+                    Cell::fixed(*gain, 1),
+                    Cell::fixed(100.0 * absorbed, 1),
+                ]);
+            }
+            report = report.table(table);
+        }
+        report
+    })
+}
+
+fn quiet(report: Report, outcome: &Outcome) -> Report {
+    let evidence = &outcome.evidence;
+    let mut noise =
+        Table::new("Outputs: the noise that no command explains, and each output's share of the squared gap as given.")
+            .column("output", "")
+            .column("RMS of the noise", "as recorded")
+            .column("share of the squared gap", "%");
+    let channels = &outcome.diagnosis.place.channels;
+    for (name, rms) in evidence.outputs.iter().zip(&outcome.simulation.noise_rms) {
+        let share = channels.get(name).copied().unwrap_or(f64::NAN);
+        noise = noise.row([name.as_str().into(), Cell::significant(*rms, 3), Cell::fixed(100.0 * share, 1)]);
+    }
+    let report = report.table(noise);
+    if evidence.unseen.is_empty() {
+        return report.paragraph(
+            "Quiet records, differences between periods and the codes of all records show no effect that a free run cannot show (coarse codes, dropouts, a noisy sensor, a force in a band).",
+        );
+    }
+    let mut table = Table::new("Found in quiet records and in the codes of all, where no free run can show it.")
+        .column("effect", "")
+        .column("place", "")
+        .column("evidence: twice the log likelihood", "");
+    for (effect, location, gain) in &evidence.unseen {
+        table = table.row([effect.as_str().into(), location.as_str().into(), Cell::fixed(*gain, 1)]);
+    }
+    report.table(table).paragraph(format!(
+        "In the answer from {:.0} on; {} of all explanations is left to something else.",
+        crate::unseen::EVIDENCE,
+        percent(evidence.adequacy.unknown)
+    ))
+}

@@ -1,0 +1,73 @@
+//! The third picture: the evidence.
+
+use plid_lab::report::{Bar, Bars, Report, bars};
+
+use super::response::Responses;
+use super::words::{at, percent, short};
+use crate::case::Case;
+use crate::diagnose::Outcome;
+
+/// Entries of the screen that are drawn.
+const SHOWN: usize = 8;
+
+/// The section.
+pub(super) fn section(report: Report, outcome: &Outcome, case: &Case) -> Report {
+    let mut report = report.heading("3. The evidence");
+    for sentence in &outcome.diagnosis.evidence {
+        report = report.paragraph(sentence);
+    }
+    report = match Responses::new(outcome, case) {
+        Some(responses) => {
+            let report = report
+                .figure(
+                    responses.by_level(outcome),
+                    format!(
+                        "Frequency response level by level, for the pair ({}) and the band in which measured and simulated differ most. Left: measured. Right: simulated with the same inputs. 0 dB is one unit of the output for one of the input. {}.",
+                        responses.pair(),
+                        responses.how()
+                    ),
+                )
+                .figure(
+                    responses.change(outcome),
+                    "The same against the simulation as given at the same level: where the broad lines part, the structure answers other levels otherwise; where the dashed lines lie on them, what was found does the same.",
+                );
+            match responses.all_pairs(outcome, case) {
+                Some(svg) => report.details("All pairs at the highest level", |report| {
+                    report.figure(
+                        svg,
+                        "Columns are inputs, rows are outputs; the strip above is full where the coherence is one.",
+                    )
+                }),
+                None => report,
+            }
+        }
+        None => report.paragraph(
+            "No driven record is long enough, with all inputs moving, for a frequency response at its level.",
+        ),
+    };
+    match screen(outcome) {
+        Some(svg) => report.figure(
+            svg,
+            "The screen, first stage: by how much the sum of squares of the whitened residual (twice the log likelihood) would fall with each effect alone, before any fit, and the share of its trace that a linear refit would absorb. Dark: in the answer.",
+        ),
+        None => report.paragraph("The screen has no entry that would explain anything of what the bounded refit leaves."),
+    }
+}
+
+fn screen(outcome: &Outcome) -> Option<String> {
+    let entries = outcome.evidence.stages.first()?;
+    let rows: Vec<Bar> = entries
+        .iter()
+        .filter(|(_, _, gain, _)| *gain > 0.0)
+        .take(SHOWN)
+        .map(|(effect, location, gain, absorbed)| Bar {
+            name: at(effect, location),
+            value: *gain,
+            text: format!("{} (refit {})", short(*gain), percent(*absorbed)),
+            interval: None,
+            strong: outcome.diagnosis.effects.iter().any(|e| e.effect == *effect && e.location == *location),
+        })
+        .collect();
+    let plot = Bars { bars: rows, label: "fall of the sum of squares".into(), reference: None };
+    (!plot.bars.is_empty()).then(|| bars(&plot))
+}

@@ -1,0 +1,51 @@
+//! report.html of a diagnosis: the verdict in a sentence, three pictures (the gap before and after, where, the evidence), then
+//! the details.
+
+mod details;
+mod evidence;
+mod hidden;
+mod response;
+mod shrink;
+#[cfg(test)]
+mod tests;
+mod traces;
+mod whereabouts;
+mod words;
+
+use plid_lab::experiment::to_toml;
+use plid_lab::report::Report;
+
+use crate::case::Case;
+use crate::diagnose::Outcome;
+
+/// What was measured: grey, broad, below the rest.
+const MEASURED: &str = "#8f8f8f";
+/// The simulation as given.
+const GIVEN: &str = "#e69f00";
+/// The simulation with what was found.
+const WITH: &str = "#0072b2";
+/// Noise and limits.
+const REFERENCE: &str = "#d55e00";
+
+/// The page.
+pub fn page(outcome: &Outcome, case: &Case) -> Report {
+    let mut report = Report::new("The gap between the simulation and the records").verdict(&outcome.diagnosis.sentence);
+    for sentence in shrink::sentences(outcome).into_iter().chain(hidden::sentence(outcome)) {
+        report = report.verdict(sentence);
+    }
+    report = report.warnings(&outcome.diagnosis.warnings).advice(&outcome.diagnosis.next_experiment);
+    report = shrink::section(report, outcome);
+    report = whereabouts::section(report, outcome);
+    report = evidence::section(report, outcome, case);
+    report = details::section(report, outcome, case);
+    report
+        .listing(
+            "The case, every default filled in. Written beside the records as case.toml, it repeats this report:",
+            to_toml(&case.config),
+        )
+        .listing("The commands:", COMMANDS)
+        .provenance("plid", env!("CARGO_PKG_VERSION"))
+}
+
+const COMMANDS: &str = "plid gap diagnose case.toml --out DIR\n\
+                        plid gap predict --diagnosis DIR/diagnosis.json --input u.csv --out y.csv";

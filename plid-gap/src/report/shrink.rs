@@ -1,0 +1,130 @@
+//! The first picture: the gap before and after.
+
+use plid_lab::report::{Bar, Bars, Report, bars};
+
+use super::traces;
+use super::words::{held_out, percent, with, worst};
+use crate::diagnose::Outcome;
+use crate::gap::shrink;
+use crate::verdict::Verdict;
+
+/// What stands below the verdict: how far the gap shrinks, and what was stated before.
+pub(super) fn sentences(outcome: &Outcome) -> Vec<String> {
+    let gap = &outcome.diagnosis.gap;
+    let on = gap.measured_on.join(", ");
+    let kind =
+        if held_out(outcome) { "held out from all fitting" } else { "a fitted record: nothing could be held out" };
+    let mut sentences = Vec::new();
+    if outcome.diagnosis.verdict != Verdict::None {
+        sentences.push(format!(
+            "On {on} ({kind}) the gap shrinks by {} (95 % interval {} to {}), over the bounded refit by {}.",
+            percent(gap.shrink),
+            percent(gap.shrink_ci95[0]),
+            percent(gap.shrink_ci95[1]),
+            percent(gap.shrink_over_refit)
+        ));
+    }
+    if held_out(outcome) {
+        sentences.push(format!(
+            "Stated before that record was opened: a gap of {}; found: {}.",
+            percent(gap.predicted_held_out_gap),
+            percent(gap.with_effect)
+        ));
+    }
+    sentences
+}
+
+/// The gap that a shrink leaves.
+fn left(as_given: f64, floor: f64, shrink: f64) -> f64 {
+    if as_given <= floor {
+        return as_given;
+    }
+    let beyond = (as_given * as_given - floor * floor).sqrt() * (1.0 - shrink);
+    (beyond * beyond + floor * floor).sqrt()
+}
+
+fn gap_bars(outcome: &Outcome) -> Bars {
+    let gap = &outcome.diagnosis.gap;
+    let of = |shrink: f64| left(gap.as_given, gap.noise_floor, shrink);
+    let bar = |name: &str, value: f64| Bar {
+        name: name.into(),
+        value: 100.0 * value,
+        text: percent(value),
+        ..Bar::default()
+    };
+    let mut rows =
+        vec![bar("as given", gap.as_given), bar("bounded refit", gap.refit), bar("free linear refit", gap.free_refit)];
+    if outcome.diagnosis.verdict != Verdict::None {
+        let refit = shrink(gap.as_given, gap.refit, gap.noise_floor);
+        rows.push(bar("placebo beside the bounded refit", of(gap.placebo_shrink + refit)));
+        let [low, high] = gap.shrink_ci95;
+        let interval = Some((100.0 * of(high), 100.0 * of(low)));
+        rows.push(Bar { interval, strong: true, ..bar(with(outcome), gap.with_effect) });
+        if gap.share_of_ceiling > 0.0 {
+            rows.push(bar("flexible ceiling model", of(gap.shrink / gap.share_of_ceiling)));
+        }
+    }
+    Bars {
+        bars: rows,
+        label: "gap: RMS of the error over RMS of the output, %".into(),
+        reference: Some((format!("noise alone, {}", percent(gap.noise_floor)), 100.0 * gap.noise_floor)),
+    }
+}
+
+/// The section.
+pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
+    let gap = &outcome.diagnosis.gap;
+    let worst = worst(outcome);
+    let placebo = if outcome.diagnosis.verdict == Verdict::None {
+        String::new()
+    } else {
+        format!(
+            " The placebo is a wrong effect with as many parameters; the ceiling model has up to three effects more, and what was found closes {} of what it closes. The whisker is the 95 % interval of the shrink.",
+            percent(gap.share_of_ceiling)
+        )
+    };
+    let report = report
+        .heading("1. The gap before and after")
+        .figure(
+            bars(&gap_bars(outcome)),
+            format!("Free-run gap on {}, every output scaled to unit RMS.{placebo}", gap.measured_on.join(", ")),
+        )
+        .figure(
+            traces::window(outcome, worst),
+            format!(
+                "The loudest moment of {}, at the output with the largest share of the gap; errors below.",
+                outcome.evidence.trace_record
+            ),
+        );
+    match traces::spectra(outcome, worst) {
+        Some(svg) => report.figure(
+            svg,
+            format!(
+                "Spectra of {} in {}: the output, the error before and after, and what noise alone makes (Welch).",
+                outcome.evidence.outputs[worst], outcome.evidence.trace_record
+            ),
+        ),
+        None => report.paragraph(format!(
+            "{} gives no spectra: it is too short, or too much of it is missing.",
+            outcome.evidence.trace_record
+        )),
+    }
+}
+
+/// The other outputs, for the details.
+pub(super) fn other_outputs(report: Report, outcome: &Outcome) -> Report {
+    let others: Vec<usize> = (0..outcome.evidence.outputs.len()).filter(|&o| o != worst(outcome)).collect();
+    if others.is_empty() {
+        return report;
+    }
+    report.details("The other outputs: traces and spectra", |mut report| {
+        for o in others {
+            let name = &outcome.evidence.outputs[o];
+            report = report.figure(traces::window(outcome, o), format!("{name} at the same moment; errors below."));
+            if let Some(svg) = traces::spectra(outcome, o) {
+                report = report.figure(svg, format!("Spectra of {name} and of its error."));
+            }
+        }
+        report
+    })
+}

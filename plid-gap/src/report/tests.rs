@@ -1,0 +1,239 @@
+//! The page of a made-up diagnosis.
+
+use std::collections::BTreeMap;
+
+use nalgebra::DMatrix;
+
+use super::page;
+use crate::case::{Case, CaseConfig};
+use crate::diagnose::{Evidence, Outcome};
+use crate::diagnosis::{
+    Diagnosis, Explanation, Gap, Located, NamedEffect, SimulationWithEffects, Value, Where, WrittenEffect,
+};
+use crate::effects::Side;
+use crate::levels::LevelRun;
+use crate::locate::{BANDS, Map, STRETCHES};
+use crate::record::{Channels, Excitation, Record};
+use crate::testing::random_input;
+use crate::verdict::{Adequacy, Verdict};
+
+const SAMPLES: usize = 1200;
+
+fn scaled(y: &[Vec<f64>], by: f64) -> Channels {
+    y.iter().map(|y| y.iter().map(|y| by * y).collect()).collect()
+}
+
+fn case() -> Case {
+    let toml = "sample_rate_hz = 100.0\ninputs = [\"u1\"]\noutputs = [\"y<1>\", \"y2\"]\nsuspects = [\"clearance\"]\n\
+                [[record]]\nfile = \"a&b.csv\"\n[[record]]\nfile = \"last.csv\"\n";
+    let config: CaseConfig = plid_lab::experiment::from_toml(toml, "case.toml").expect("a sound case");
+    let record = |index: usize, level: f64| Record {
+        name: config.record[index].file.clone(),
+        excitation: Excitation::Random,
+        from_rest: true,
+        start_s: 12.0 * index as f64,
+        held_out: false,
+        u: scaled(&random_input(index as u64, SAMPLES, 1), level),
+        y: scaled(&random_input(10 + index as u64, SAMPLES, 2), level),
+        simulated: None,
+    };
+    let records = vec![record(0, 0.3), record(1, 1.0)];
+    Case { config, model: None, records, warnings: Vec::new() }
+}
+
+fn outcome(case: &Case) -> Outcome {
+    let located = |effect: &str, location: &str| Located { effect: effect.into(), location: location.into() };
+    let explained = |effects: Vec<Located>, probability: f64| Explanation {
+        effects,
+        unknown: false,
+        probability,
+        gap_after: Some(0.02),
+    };
+    let value = |value: f64, ci95: Option<[f64; 2]>| Value { value, ci95, unit: "f/d^3".into() };
+    let cubic = "cubic-stiffness";
+    let parameters = BTreeMap::from([("k".to_string(), value(1.25e3, Some([1.1e3, 1.4e3])))]);
+    let diagnosis = Diagnosis {
+        verdict: Verdict::Effects,
+        sentence: "cubic-stiffness at input:u1 <b>is it</b>.".into(),
+        effects: vec![NamedEffect {
+            effect: cubic.into(),
+            location: "input:u1".into(),
+            confidence: 0.93,
+            parameters: parameters.clone(),
+            shape_differs: true,
+        }],
+        candidates: vec![
+            explained(vec![located(cubic, "input:u1")], 0.9),
+            explained(vec![located("clearance", "input:u1"), located("sensor-gain", "output:y2")], 0.06),
+            explained(Vec::new(), 0.025),
+            Explanation { effects: Vec::new(), unknown: true, probability: 0.015, gap_after: None },
+        ],
+        not_separable: vec![vec!["actuator-delay@input:u1".into(), "actuator-lag@input:u1".into()]],
+        place: Where {
+            side: Side::Structure,
+            channels: BTreeMap::from([("y<1>".to_string(), 0.3), ("y2".to_string(), 0.7)]),
+            bands_hz: vec![[10.0, 12.0, 0.8]],
+            time: vec![0.125; STRETCHES],
+            level_slope: Some(2.0),
+        },
+        gap: Gap {
+            as_given: 0.4,
+            refit: 0.15,
+            free_refit: 0.12,
+            with_effect: 0.02,
+            noise_floor: 0.01,
+            shrink: 0.957,
+            shrink_ci95: [0.94, 0.97],
+            shrink_over_refit: 0.88,
+            placebo_shrink: 0.01,
+            share_of_ceiling: 0.99,
+            predicted_held_out_gap: 0.021,
+            measured_on: vec!["last.csv".into()],
+        },
+        next_experiment: Some("Record it at <twice> the level.".into()),
+        evidence: vec!["The resonance at 11 Hz stiffens & the damping does not change.".into()],
+        warnings: vec!["a&b.csv: 3 samples are missing.".into()],
+    };
+    let simulation = SimulationWithEffects {
+        format: "simulation-with-effects".into(),
+        linear: serde_json::Value::Null,
+        modes: 1,
+        linear_with_modal_effects: None,
+        refit: vec!["mode 11.00 Hz: frequency 11.000 -> 11.010 Hz".into()],
+        effects: vec![WrittenEffect {
+            effect: cubic.into(),
+            location: "input:u1".into(),
+            parameters,
+            given: BTreeMap::new(),
+            equation: "f = -k d^3".into(),
+        }],
+        t0: 24.0,
+        noise_rms: vec![0.01, 0.01],
+    };
+    let map = |levels: Vec<(f64, f64)>| Map {
+        edges: (0..=BANDS).map(|k| 50.0 * k as f64 / BANDS as f64).collect(),
+        share: DMatrix::from_fn(2, BANDS, |o, b| (1 + o + b) as f64 / 660.0),
+        time: DMatrix::from_element(STRETCHES, BANDS, 1.0 / (STRETCHES * BANDS) as f64),
+        levels,
+        slope: Some(2.0),
+    };
+    let last = &case.records[1].y;
+    let evidence = Evidence {
+        outputs: case.config.outputs.clone(),
+        rate: 100.0,
+        before: map(vec![(0.3, 0.04), (1.0, 0.4)]),
+        after: map(vec![(0.3, 0.0), (1.0, 0.01)]),
+        adequacy: Adequacy { excess: 0.5, left: 0.001, bent: 1.2, next: 4.0, unknown: 0.015 },
+        stages: vec![vec![
+            (cubic.into(), "input:u1".into(), 5123.4, 0.78),
+            ("clearance".into(), "input:u1".into(), 5000.0, 0.8),
+            ("sensor-gain".into(), "output:y2".into(), -3.0, 1.0),
+        ]],
+        trace_record: "last.csv".into(),
+        trace: [last.clone(), scaled(last, 0.6), scaled(last, 0.98)],
+        unseen: vec![("sensor-noise".into(), "output:y2".into(), 55.0)],
+        refit: vec![(11.0, 0.4, -1.2, 0.3)],
+        costs: [1600.0, 220.0, 1.01],
+        fitted: vec![("a&b.csv".into(), 0.0, SAMPLES)],
+        levels: case
+            .records
+            .iter()
+            .map(|record| LevelRun {
+                record: record.name.clone(),
+                level: record.level(),
+                u: record.u.clone(),
+                y: record.y.clone(),
+                given: scaled(&record.y, 0.6),
+                with: scaled(&record.y, 0.98),
+            })
+            .collect(),
+        noise: vec![vec![(1.0, 1e-6), (49.0, 1e-6)]; 2],
+        linear: false,
+    };
+    Outcome { diagnosis, simulation, evidence }
+}
+
+#[test]
+fn the_page_says_all_that_the_diagnosis_says() {
+    let case = case();
+    let html = page(&outcome(&case), &case).to_html();
+    for text in [
+        "cubic-stiffness at input:u1 &lt;b&gt;is it&lt;/b&gt;.",
+        // Every explanation.
+        ">cubic-stiffness at input:u1<",
+        "clearance at input:u1 and sensor-gain at output:y2",
+        "nothing is missing",
+        "something outside the vocabulary",
+        "actuator-delay@input:u1; actuator-lag@input:u1",
+        // The size with its unit and interval.
+        "f/d^3",
+        "1100 to 1400",
+        "(shape differs)",
+        "f = -k d^3",
+        "The resonance at 11 Hz stiffens &amp; the damping",
+        "a&amp;b.csv: 3 samples are missing.",
+        "Record it at &lt;twice&gt; the level.",
+        "frequency 11.000 -&gt; 11.010 Hz",
+        "sensor-noise",
+        "higher prior: clearance",
+        "Stated before that record was opened: a gap of 2.1 %; found: 2.0 %.",
+        // The case, and how to repeat it.
+        "file = &quot;a&amp;b.csv&quot;",
+        "plid gap diagnose case.toml",
+    ] {
+        assert!(html.contains(text), "{text}");
+    }
+    assert!(!html.contains("<b>is it") && !html.contains("NaN") && !html.contains(">inf"), "{html}");
+    // The gap, a trace, spectra, two maps, level, responses twice, the screen, the refit, and what is folded away.
+    assert!(html.matches("<figure>").count() >= 13, "{}", html.matches("<figure>").count());
+}
+
+#[test]
+fn a_linear_refit_that_hides_the_gap_is_shown_as_such() {
+    let case = case();
+    let mut outcome = outcome(&case);
+    let text = |outcome: &Outcome| page(outcome, &case).to_html();
+    // (0.4, 0.15) beyond 0.01 is a shrink of 63 %.
+    let html = text(&outcome);
+    assert!(html.contains("A linear refit hides most of this gap") && html.contains("not linear: such a model"));
+    assert!(html.contains("(62.6 % of the shrink that noise allows)"), "{html}");
+    outcome.evidence.linear = true;
+    assert!(text(&outcome).contains("It would put into modes and shapes"));
+    outcome.diagnosis.verdict = Verdict::Unknown;
+    assert!(text(&outcome).contains("That does not make the cause linear"));
+    (outcome.diagnosis.gap.refit, outcome.diagnosis.gap.free_refit) = (0.35, 0.3);
+    assert!(!text(&outcome).contains("hides most"));
+}
+
+#[test]
+fn nothing_and_what_is_not_a_number_make_a_page_too() {
+    let case = case();
+    let mut outcome = outcome(&case);
+    let diagnosis = &mut outcome.diagnosis;
+    diagnosis.verdict = Verdict::None;
+    diagnosis.sentence = "Nothing is missing.".into();
+    diagnosis.effects.clear();
+    diagnosis.evidence.clear();
+    diagnosis.next_experiment = None;
+    diagnosis.place.bands_hz.clear();
+    let nan = f64::NAN;
+    let gap = &mut diagnosis.gap;
+    (gap.as_given, gap.refit, gap.free_refit, gap.with_effect, gap.noise_floor) = (nan, nan, f64::INFINITY, nan, nan);
+    (gap.shrink, gap.shrink_ci95, gap.share_of_ceiling) = (nan, [nan, nan], nan);
+    let evidence = &mut outcome.evidence;
+    evidence.stages.clear();
+    evidence.unseen.clear();
+    evidence.levels.clear();
+    evidence.refit = vec![(11.0, nan, nan, nan)];
+    evidence.costs = [nan; 3];
+    evidence.before.levels.clear();
+    evidence.before.slope = None;
+    evidence.before.share.fill(0.0);
+    evidence.trace = [vec![vec![nan; 40]; 2], vec![vec![0.0; 40]; 2], vec![vec![f64::INFINITY; 40]; 2]];
+    for verdict in [Verdict::None, Verdict::Unknown, Verdict::Effects] {
+        outcome.diagnosis.verdict = verdict;
+        let html = page(&outcome, &case).to_html();
+        assert!(html.contains("Nothing is missing.") && html.contains("gives no spectra"));
+        assert!(!html.contains("NaN") && !html.contains(">inf"), "{verdict:?}");
+    }
+}

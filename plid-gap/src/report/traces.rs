@@ -1,0 +1,117 @@
+//! Traces and spectra of one output: measured, as given, with what was found.
+
+use std::ops::Range;
+
+use ndarray::Array2;
+use plid_lab::report::{Axis, Chart, Series, chart, charts};
+use plid_model::signal::{WelchOptions, welch_spectra};
+
+use super::words::with;
+use super::{GIVEN, MEASURED, REFERENCE, WITH};
+use crate::diagnose::Outcome;
+use crate::record::rms;
+
+/// Samples of a trace.
+const WINDOW: usize = 200;
+
+/// Where the outputs together, each in units of its RMS, are loudest.
+fn loudest(y: &[Vec<f64>]) -> Range<usize> {
+    let samples = y.first().map_or(0, Vec::len);
+    let finite = |y: &f64| if y.is_finite() { *y } else { 0.0 };
+    let scale: Vec<f64> = y.iter().map(|y| 1.0 / rms(y.iter().filter(|y| y.is_finite())).max(1e-300)).collect();
+    let mut sums = vec![0.0];
+    for k in 0..samples {
+        let now: f64 = y.iter().zip(&scale).map(|(y, s)| (finite(&y[k]) * s).powi(2)).sum();
+        sums.push(sums[k] + now);
+    }
+    let width = WINDOW.min(samples);
+    let within = |start: &usize| sums[start + width] - sums[*start];
+    let start = (0..=samples - width).max_by(|a, b| within(a).total_cmp(&within(b))).unwrap_or(0);
+    start..start + width
+}
+
+/// The loudest moment of output `o`, errors below.
+pub(super) fn window(outcome: &Outcome, o: usize) -> String {
+    let evidence = &outcome.evidence;
+    let [measured, given, found] = &evidence.trace;
+    let shown = loudest(measured);
+    let points = |value: &dyn Fn(usize) -> f64| -> Vec<(f64, f64)> {
+        shown.clone().map(|k| (k as f64 / evidence.rate, value(k))).collect()
+    };
+    let (y, as_given, with_it) = (&measured[o], &given[o], &found[o]);
+    let ends = (shown.start as f64 / evidence.rate, (shown.end.max(shown.start + 2) - 1) as f64 / evidence.rate);
+    let x = Axis::linear(format!("time since {} began, s", evidence.trace_record)).range(ends.0, ends.1);
+    let part = |label: String, height: f64, series: Vec<Series>| Chart {
+        title: String::new(),
+        x: x.clone(),
+        y: Axis::linear(label),
+        series,
+        height,
+    };
+    charts(&[
+        part(
+            format!("{}, as recorded", evidence.outputs[o]),
+            170.0,
+            vec![
+                Series::line("measured", points(&|k| y[k])).colour(MEASURED).width(3.0),
+                Series::line("as given", points(&|k| as_given[k])).colour(GIVEN).width(1.4),
+                Series::line(with(outcome), points(&|k| with_it[k])).colour(WITH).width(1.4),
+            ],
+        ),
+        part(
+            "error".into(),
+            100.0,
+            vec![
+                Series::line("as given", points(&|k| y[k] - as_given[k])).colour(GIVEN).width(1.4),
+                Series::line(with(outcome), points(&|k| y[k] - with_it[k])).colour(WITH).width(1.4),
+            ],
+        ),
+    ])
+}
+
+/// Spectra of output `o` and of its error, if the record is long enough.
+pub(super) fn spectra(outcome: &Outcome, o: usize) -> Option<String> {
+    let evidence = &outcome.evidence;
+    let [measured, given, found] = &evidence.trace;
+    let data = Array2::from_shape_fn((measured[o].len(), 3), |(k, which)| match which {
+        0 => measured[o][k],
+        1 => measured[o][k] - given[o][k],
+        _ => measured[o][k] - found[o][k],
+    });
+    let options = WelchOptions { sample_rate_hz: evidence.rate, segment_length: None };
+    let spectra = welch_spectra(data.view(), &options).ok()?;
+    let density = |which: usize| -> Vec<(f64, f64)> {
+        let lines = spectra.frequency_hz.iter().enumerate().skip(1);
+        lines.map(|(line, hz)| (*hz, spectra.density[[line, which, which]].re)).collect()
+    };
+    let noise = evidence.noise.get(o).cloned().unwrap_or_default();
+    Some(chart(&Chart {
+        title: String::new(),
+        x: Axis::linear("frequency, Hz").range(0.0, 0.5 * evidence.rate),
+        y: Axis::log(format!("density of {}, (as recorded)²/Hz", evidence.outputs[o])),
+        series: vec![
+            Series::line("measured", density(0)).colour(MEASURED).width(2.4),
+            Series::line("error as given", density(1)).colour(GIVEN).width(1.6),
+            Series::line(format!("error {}", with(outcome)), density(2)).colour(WITH).width(1.6),
+            Series::line("noise alone", noise).colour(REFERENCE).width(1.4).dashed(),
+        ],
+        height: 240.0,
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::loudest;
+
+    #[test]
+    fn the_loudest_moment_is_found_and_a_short_record_is_shown_whole() {
+        let quiet = |k: usize| 0.1 * (k as f64).sin();
+        let mut y: Vec<f64> = (0..2000).map(quiet).collect();
+        (900..1000).for_each(|k| y[k] = 5.0);
+        y[10] = f64::NAN;
+        let found = loudest(&[y.clone(), vec![0.0; 2000]]);
+        assert!(found.len() == 200 && found.start <= 900 && found.end >= 1000, "{found:?}");
+        assert_eq!(loudest(&[y[..50].to_vec()]), 0..50);
+        assert_eq!(loudest(&[Vec::new()]), 0..0);
+    }
+}

@@ -1,0 +1,77 @@
+//! Numbers and names as the report says them.
+
+use crate::diagnose::Outcome;
+use crate::diagnosis::{Explanation, Located};
+use crate::verdict::Verdict;
+
+/// "12.3 %"; a dash where there is no number.
+pub(super) fn percent(share: f64) -> String {
+    match 100.0 * share {
+        x if !x.is_finite() => "–".into(),
+        x if x.abs() < 0.95 && x != 0.0 => format!("{x:.2} %"),
+        x => format!("{x:.1} %"),
+    }
+}
+
+/// Two significant digits, without exponents where they can be helped.
+pub(super) fn short(value: f64) -> String {
+    if !value.is_finite() {
+        return "–".into();
+    }
+    let size = value.abs();
+    if size >= 100.0 || size == 0.0 {
+        format!("{value:.0}")
+    } else if size >= 0.01 {
+        format!(
+            "{value:.*}",
+            if size >= 10.0 {
+                0
+            } else if size >= 1.0 {
+                1
+            } else {
+                2
+            }
+        )
+    } else {
+        format!("{value:.1e}")
+    }
+}
+
+/// "cubic-stiffness at input:u2".
+pub(super) fn at(effect: &str, location: &str) -> String {
+    format!("{effect} at {location}")
+}
+
+/// An explanation in words.
+pub(super) fn explanation(explanation: &Explanation) -> String {
+    if explanation.unknown {
+        return "something outside the vocabulary".into();
+    }
+    if explanation.effects.is_empty() {
+        return "nothing is missing".into();
+    }
+    let one = |located: &Located| at(&located.effect, &located.location);
+    explanation.effects.iter().map(one).collect::<Vec<_>>().join(" and ")
+}
+
+/// What the simulation with all that was found is called.
+pub(super) fn with(outcome: &Outcome) -> &'static str {
+    match (outcome.diagnosis.verdict, outcome.diagnosis.effects.len()) {
+        (Verdict::None, _) => "after the bounded refit",
+        (Verdict::Unknown, _) => "with the best explanation",
+        (Verdict::Effects, 1) => "with the effect",
+        (Verdict::Effects, _) => "with the effects",
+    }
+}
+
+/// The output with the largest share of the gap.
+pub(super) fn worst(outcome: &Outcome) -> usize {
+    let share = &outcome.evidence.before.share;
+    (0..share.nrows()).max_by(|&a, &b| share.row(a).sum().total_cmp(&share.row(b).sum())).unwrap_or(0)
+}
+
+/// Whether the gaps were measured on records that nothing was fitted to.
+pub(super) fn held_out(outcome: &Outcome) -> bool {
+    let fitted = |name: &String| outcome.evidence.fitted.iter().any(|(other, ..)| other == name);
+    !outcome.diagnosis.gap.measured_on.iter().any(fitted)
+}
