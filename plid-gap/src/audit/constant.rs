@@ -18,13 +18,13 @@ pub fn check(case: &Case) -> Result<Vec<String>, GapError> {
             let still = case.records.iter().filter(|record| asked(record) && stands(&of(record)[c]));
             let still: Vec<&str> = still.map(|record| record.name.as_str()).collect();
             if !still.is_empty() {
-                found.push(format!("`{name}` is constant in {}: {so}.", still.join(", ")));
+                found.push(format!("`{name}` is constant in {}: {so}", still.join(", ")));
             }
         }
         Ok(())
     };
     let driven = |record: &Record| record.excitation != Excitation::Zero;
-    look(&case.config.inputs, |r| &r.u, &driven, "it tells nothing of that input")?;
+    look(&case.config.inputs, |r| &r.u, &driven, "it tells nothing of that input.")?;
     look(&case.config.outputs, |r| &r.y, &|_| true, "is the sensor connected, or its converter too coarse?")?;
     Ok(found)
 }
