@@ -260,7 +260,8 @@ fn gaps(
     let loudest = loudest(&problem.records);
     let noise = ready.noise.rms();
     // Stated first, from what was fitted.
-    let stated = Blocks::new(&loudest.y, &run(plant, actions, loudest), 0).gap();
+    let fitted: Vec<Channels> = problem.records.iter().map(|record| run(plant, actions, record)).collect();
+    let stated = gap::expected(&problem.records, &fitted, loudest.level());
     let opened: Vec<&Record> = if ready.held_out.is_empty() { vec![loudest] } else { ready.held_out.iter().collect() };
     let record = opened[opened.len() - 1];
     let of = |plant: &Plant, actions: &[Action]| Blocks::new(&record.y, &run(plant, actions, record), 0);

@@ -4,7 +4,7 @@ use rand::RngExt;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::record::rms;
+use crate::record::{Channels, Excitation, Record, rms};
 
 /// Blocks of a record that are drawn anew in a bootstrap.
 const BLOCKS: usize = 24;
@@ -86,6 +86,46 @@ pub fn shrink_interval(before: &Blocks, after: &Blocks, floor: f64) -> [f64; 2] 
         .collect();
     drawn.sort_by(f64::total_cmp);
     [drawn[DRAWS / 40], drawn[DRAWS - 1 - DRAWS / 40]]
+}
+
+/// The gap to expect on a record of a level like `level`, from fitted ones: each output's error power as a + b level^2 over all
+/// records, over its own power as b level^2 over the random ones. One record of a lightly damped structure scatters by a tenth.
+pub fn expected(records: &[Record], simulated: &[Channels], level: f64) -> f64 {
+    let p = records[0].y.len();
+    let periodic = |record: &Record| matches!(record.excitation, Excitation::Periodic(_));
+    let random = records.iter().any(|record| record.level() > 0.0 && !periodic(record));
+    let power = |x: &mut dyn Iterator<Item = f64>| x.map(|x| x * x).sum::<f64>();
+    let share = |o: usize| -> f64 {
+        // Sums over records of weight, level^2, level^4, error power, error power x level^2; and of the output over random ones.
+        let mut sums = [0.0; 5];
+        let (mut output, mut driven) = (0.0, 0.0);
+        for (record, simulated) in records.iter().zip(simulated) {
+            let measured = || record.y[o].iter().zip(&simulated[o]).filter(|(y, _)| y.is_finite());
+            let samples = measured().count() as f64;
+            if samples == 0.0 {
+                continue;
+            }
+            let error = power(&mut measured().map(|(y, s)| y - s));
+            let square = record.level().powi(2);
+            for (sum, term) in
+                sums.iter_mut().zip([samples, samples * square, samples * square * square, error, error * square])
+            {
+                *sum += term;
+            }
+            if square > 0.0 && !(random && periodic(record)) {
+                output += power(&mut measured().map(|(y, _)| *y)) / square;
+                driven += samples;
+            }
+        }
+        let [w, x, xx, e, ex] = sums;
+        let determinant = w * xx - x * x;
+        let slope = if determinant > 1e-9 * w * xx { (w * ex - x * e) / determinant } else { 0.0 };
+        let slope = slope.clamp(0.0, e / x.max(f64::MIN_POSITIVE));
+        let error = (e - slope * x) / w + slope * level * level;
+        let output = output / driven.max(1.0) * level * level;
+        error / output.max(f64::MIN_POSITIVE)
+    };
+    ((0..p).map(share).sum::<f64>() / p as f64).sqrt()
 }
 
 /// The gap that noise alone makes.

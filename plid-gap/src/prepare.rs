@@ -172,7 +172,11 @@ const ROUNDED_LEVEL: f64 = 0.05;
 /// A relative change of an output's noise RMS from which whitening is done anew.
 const RENEWED: f64 = 0.05;
 
-/// Those to fit and those held out: as the case says, or the last record that is driven, if another one remains.
+/// Share of a driven record that stands alone which is held out.
+const LAST_SHARE: f64 = 0.25;
+
+/// Those to fit and those held out: as the case says, or the last record that is driven, if another one remains, or else the last
+/// quarter of the only one.
 fn split(records: &[Record]) -> (Vec<Record>, Vec<Record>) {
     if records.iter().any(|record| record.held_out) {
         return records.iter().cloned().partition(|record| !record.held_out);
@@ -184,8 +188,28 @@ fn split(records: &[Record]) -> (Vec<Record>, Vec<Record>) {
             let fitted = records.iter().enumerate().filter(|(k, _)| k != last).map(|(_, r)| r.clone()).collect();
             (fitted, vec![held])
         }
-        _ => (records.to_vec(), Vec::new()),
+        [only] => {
+            let at = (records[*only].samples() as f64 * (1.0 - LAST_SHARE)) as usize;
+            let mut fitted = records.to_vec();
+            fitted[*only] = head(&records[*only], at);
+            (fitted, vec![tail(&records[*only], at)])
+        }
+        [] => (records.to_vec(), Vec::new()),
     }
+}
+
+/// The first samples of a record.
+fn head(record: &Record, samples: usize) -> Record {
+    let part = |channels: &Channels| channels.iter().map(|x| x[..samples].to_vec()).collect();
+    Record { u: part(&record.u), y: part(&record.y), simulated: record.simulated.as_ref().map(part), ..record.clone() }
+}
+
+/// A record whose first samples were not measured: it is simulated from its own start, and judged on the rest.
+fn tail(record: &Record, from: usize) -> Record {
+    let mut tail = record.clone();
+    tail.y.iter_mut().for_each(|y| y[..from].fill(f64::NAN));
+    tail.name = format!("the last {:.0} % of {}", 100.0 * LAST_SHARE, record.name);
+    tail
 }
 
 /// What no command explains: records without input, and otherwise the differences between periods.

@@ -9,7 +9,7 @@ use super::scenario::Scenario;
 
 /// The full study, as experiments/bench/stability.toml has it.
 pub const FULL: &str = include_str!("../../../experiments/bench/stability.toml");
-/// The study of about ten minutes, as experiments/bench/stability-quick.toml has it.
+/// The study of about two minutes, as experiments/bench/stability-quick.toml has it.
 pub const QUICK: &str = include_str!("../../../experiments/bench/stability-quick.toml");
 
 /// A stability study. The defaults are the full study.

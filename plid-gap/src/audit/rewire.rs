@@ -19,7 +19,7 @@ const SHORTEST: i64 = 3;
 /// Every change must pay: the squared gap falls by this factor for each.
 const PRICE: f64 = 1.5;
 
-/// A mismatch is said where it lowers the gap to this share. The strongest effect of any labelled case lowers it to no less than 0.9.
+/// A mismatch is said where it lowers the gap to this share, whatever it costs: the squared gap is then about halved.
 const SAID: f64 = 0.7;
 
 /// And it is taken for granted where it lowers the gap to this share: more than any single effect of a sound chain feigns.

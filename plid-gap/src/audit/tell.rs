@@ -67,3 +67,66 @@ impl Audit {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::case::Case;
+    use crate::diagnose::{Outcome, diagnose};
+    use crate::effects::Library;
+    use crate::gap::Blocks;
+    use crate::predict::Predictor;
+    use crate::testing::{case, random_input, run, truss};
+    use crate::verdict::Verdict;
+
+    /// A diagnosis that knows one effect only: what the audit says does not depend on the others.
+    fn diagnosed(case: &Case) -> Outcome {
+        let all = Library::standard();
+        let names: Vec<String> = all.effects().map(|e| e.name().to_string()).filter(|n| n != "sensor-gain").collect();
+        diagnose(case, &all.without(&names), &mut |_| {}).unwrap()
+    }
+
+    /// Gap of what sim-with-effect.json predicts for a new input, against these outputs.
+    fn predicted_gap(outcome: &Outcome, u: &[Vec<f64>], y: &[Vec<f64>]) -> f64 {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sim-with-effect.json");
+        std::fs::write(&path, serde_json::to_string(&outcome.simulation).unwrap()).unwrap();
+        let predictor = Predictor::read(&path, &Library::standard()).unwrap();
+        Blocks::new(y, &predictor.run(u, predictor.t0), 0).gap()
+    }
+
+    #[test]
+    fn swapped_outputs_come_first_and_are_put_right() {
+        let mut case = case(&truss(1), &truss(1));
+        case.records.iter_mut().for_each(|record| record.y.swap(0, 1));
+        let outcome = diagnosed(&case);
+        let diagnosis = &outcome.diagnosis;
+        assert!(diagnosis.sentence.starts_with("Outputs y1 and y2 look swapped: "), "{}", diagnosis.sentence);
+        assert_eq!((diagnosis.verdict, diagnosis.effects.len()), (Verdict::None, 0));
+        let u = random_input(50, 1024, 2);
+        let mut y = run(&truss(1), &u);
+        y.swap(0, 1);
+        assert!(predicted_gap(&outcome, &u, &y) < 0.01);
+    }
+
+    #[test]
+    fn a_delay_of_all_channels_is_an_effect() {
+        let late = |y: &mut Vec<f64>| {
+            y.splice(0..0, [0.0; 40]);
+            y.truncate(y.len() - 40);
+        };
+        let mut case = case(&truss(1), &truss(1));
+        case.records.iter_mut().flat_map(|record| &mut record.y).for_each(late);
+        let outcome = diagnosed(&case);
+        let diagnosis = &outcome.diagnosis;
+        assert!(diagnosis.sentence.starts_with("All channels look delayed by 40 samples"), "{}", diagnosis.sentence);
+        assert_eq!(diagnosis.verdict, Verdict::Effects);
+        let named = &diagnosis.effects[0];
+        assert_eq!((named.effect.as_str(), named.location.as_str()), ("actuator-delay", "input:all"));
+        assert_eq!(named.parameters["tau"].value, 40.0);
+        assert_eq!(diagnosis.candidates[0].effects[0].effect, "actuator-delay");
+        let u = random_input(50, 1024, 2);
+        let mut y = run(&truss(1), &u);
+        y.iter_mut().for_each(late);
+        assert!(predicted_gap(&outcome, &u, &y) < 0.01);
+    }
+}

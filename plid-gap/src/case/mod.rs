@@ -101,3 +101,48 @@ fn check_channels(path: &Path, config: &CaseConfig, model: &Model) -> Result<(),
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{RATE, truss};
+
+    /// A case of one record of two samples, written to files.
+    fn read(inputs: &str, rate: f64, samples: &str) -> Result<Case, GapError> {
+        let folder = tempfile::tempdir().unwrap();
+        let put = |name: &str, text: String| std::fs::write(folder.path().join(name), text).unwrap();
+        put("sim.json", truss(1).to_json().to_string());
+        put("r1.csv", format!("u1,u2,y1,y2\n{samples}\n0,1,2,3\n"));
+        put(
+            "case.toml",
+            format!(
+                "sim = \"sim.json\"\nsample_rate_hz = {rate:?}\ninputs = [{inputs}]\noutputs = [\"y1\", \"y2\"]\n[[record]]\nfile = \"r1.csv\"\n"
+            ),
+        );
+        Case::read(&folder.path().join("case.toml"))
+    }
+
+    const INPUTS: &str = "\"u1\", \"u2\"";
+
+    #[test]
+    fn missing_outputs_are_kept_and_named() {
+        let case = read(INPUTS, RATE, "1,2,nan,4").unwrap();
+        assert!(case.records[0].y[0][0].is_nan() && case.records[0].y[0][1] == 2.0);
+        assert!(case.warnings[0].contains("`y1` lacks 1 of 2 samples"), "{:?}", case.warnings);
+    }
+
+    #[test]
+    fn what_does_not_fit_the_simulation_is_refused() {
+        let says = |inputs: &str, rate: f64, samples: &str| read(inputs, rate, samples).unwrap_err().to_string();
+        let order = says("\"u2\", \"u1\"", RATE, "1,2,3,4");
+        assert!(order.contains("inputs: u2, u1 here, but u1, u2 in the simulation"), "{order}");
+        let rate = says(INPUTS, 800.0, "1,2,3,4");
+        assert!(rate.contains("sample_rate_hz: 800 here, but 1600"), "{rate}");
+        let input = says(INPUTS, RATE, "nan,2,3,4");
+        assert!(input.contains("channel `u1` is NaN"), "{input}");
+        let output = says(INPUTS, RATE, "1,2,3,inf");
+        assert!(output.contains("channel `y2` is inf"), "{output}");
+        let channel = says(INPUTS, RATE, "1,2,3,4,5");
+        assert!(channel.contains("5 cells where 4 are expected"), "{channel}");
+    }
+}

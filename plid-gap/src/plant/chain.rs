@@ -45,6 +45,9 @@ impl Chain {
     pub(super) fn find(rest: &Rest, step: f64) -> Self {
         let (r, m, p) = (rest.a.nrows(), rest.b.ncols(), rest.c.nrows());
         let mut chain = Self { actuator: vec![None; m], filter: vec![Vec::new(); p] };
+        if r == 0 {
+            return chain;
+        }
         let matrix = rest.a.map(C::from);
         for (z, count) in clusters(&rest.a) {
             if z.norm() < 1e-9 || (z.im == 0.0 && z.re <= 0.0) {

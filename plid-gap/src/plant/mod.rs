@@ -339,6 +339,9 @@ fn split(structural: Vec<Structural>) -> (Vec<C>, Vec<DVector<C>>, Vec<DVector<C
 
 /// An orthonormal basis (n x rank) of a projection's range: its singular values are zero or at least one.
 fn range(projection: &DMatrix<f64>, rank: usize) -> DMatrix<f64> {
+    if rank == 0 {
+        return DMatrix::zeros(projection.nrows(), 0);
+    }
     let svd = projection.clone().svd(true, false);
     let u = svd.u.expect("asked for");
     let mut order: Vec<usize> = (0..svd.singular_values.len()).collect();
@@ -358,6 +361,9 @@ fn rest_in_time(
         return Some((&basis.rest_inverse * &given.a * &basis.rest, &basis.rest_inverse * &given.b));
     }
     let r = a.nrows();
+    if r == 0 {
+        return Some((a.clone(), b.clone()));
+    }
     let log = logarithm::logarithm(a)? / step;
     // b = A^{-1} (e^{A T} - 1) b_time.
     let b_time = (a - DMatrix::identity(r, r)).lu().solve(&(&log * b))?;

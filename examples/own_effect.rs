@@ -1,0 +1,136 @@
+//! An effect of one's own: one type, one line, and the whole diagnosis knows it.
+//!
+//! A sensor that is bent: y' = y + c y^2. The records are simulated here, the vocabulary is asked without the effect and with it.
+//!
+//! ```sh
+//! cargo run --release --example own_effect
+//! ```
+
+use plid::gap::case::{Case, CaseConfig, columns};
+use plid::gap::diagnose;
+use plid::gap::effects::{Action, Effect, Library, Parameter, Place, Range, Sensor, Setting, Side};
+use plid::gap::nuisance::Limits;
+use plid::gap::record::{Excitation, Record};
+use plid::model::{Model, simulate};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+
+/// y' = y + c y^2 at one output.
+struct BentSensor;
+
+impl Effect for BentSensor {
+    fn name(&self) -> &'static str {
+        "bent-sensor"
+    }
+
+    fn side(&self) -> Side {
+        Side::Sensor
+    }
+
+    fn equation(&self) -> &'static str {
+        "y' = y + c y^2"
+    }
+
+    fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
+        vec![Parameter::new("c", "1/V", Range::Signed)]
+    }
+
+    fn places(&self, setting: &Setting) -> Vec<Place> {
+        setting.outputs()
+    }
+
+    /// A first size: it bends by one per cent of the signal.
+    fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
+        let Place::Output(o) = *place else { return Vec::new() };
+        vec![vec![0.01 / setting.y_rms[o]]]
+    }
+
+    /// The output is linear in c: the screen finds its size.
+    fn amplitude(&self) -> Option<(usize, f64)> {
+        Some((0, 0.0))
+    }
+
+    fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
+        let Place::Output(o) = *place else { return Vec::new() };
+        vec![Action::Sensor(Box::new(Bend { o, c: parameters[0] }))]
+    }
+}
+
+struct Bend {
+    o: usize,
+    c: f64,
+}
+
+impl Sensor for Bend {
+    fn apply(&self, y: &mut [Vec<f64>], _t0: f64, _rate: f64) {
+        for y in &mut y[self.o] {
+            *y += self.c * *y * *y;
+        }
+    }
+}
+
+const RATE: f64 = 200.0;
+const NOISE: f64 = 0.01;
+const BENT: f64 = 0.15;
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let case = case()?;
+    for (vocabulary, library) in
+        [("standard", Library::standard()), ("with one's own", Library::standard().with(Box::new(BentSensor)))]
+    {
+        let diagnosis = diagnose(&case, &library, &mut |_| {})?.diagnosis;
+        println!("{vocabulary}: {}", diagnosis.sentence);
+        for effect in &diagnosis.effects {
+            for (name, value) in &effect.parameters {
+                println!("    {name} = {:.4} {} ({:.3?})", value.value, value.unit, value.ci95.unwrap_or_default());
+            }
+        }
+    }
+    println!("true: c = {BENT}");
+    Ok(())
+}
+
+/// One mode at 17 Hz, one input, one output: records at rest, at full and at half level.
+fn case() -> Result<Case, Box<dyn std::error::Error>> {
+    let turn = nalgebra::Complex::from_polar((-0.02 * 0.534_f64).exp(), 0.534);
+    let a = nalgebra::dmatrix![turn.re, -turn.im; turn.im, turn.re];
+    let mut model = Model::new(
+        RATE,
+        a,
+        nalgebra::dmatrix![0.1; 0.3],
+        nalgebra::dmatrix![1.0, -0.4],
+        nalgebra::DMatrix::zeros(1, 1),
+    )?;
+    model.noise.sensor_std = Some(vec![NOISE]);
+    model.noise.actuator_std = Some(vec![0.0]);
+    let mut rng = ChaCha8Rng::seed_from_u64(7);
+    let mut normal = || -> f64 { rng.sample(StandardNormal) };
+    let mut records = Vec::new();
+    for (k, level) in [0.0, 1.0, 0.5, 1.0].into_iter().enumerate() {
+        let u = ndarray::Array2::from_shape_simple_fn((1500, 1), || level * normal());
+        let y = simulate(&model, u.view(), &model.rest())?.outputs.mapv(|y| y + BENT * y * y + NOISE * normal());
+        records.push(Record {
+            name: format!("record {}", k + 1),
+            excitation: if level > 0.0 { Excitation::Random } else { Excitation::Zero },
+            from_rest: true,
+            start_s: k as f64 * 1500.0 / RATE,
+            held_out: false,
+            u: columns(&u),
+            y: columns(&y),
+            simulated: None,
+        });
+    }
+    let config = CaseConfig {
+        sim: None,
+        states: None,
+        sample_rate_hz: RATE,
+        inputs: model.inputs.clone(),
+        outputs: model.outputs.clone(),
+        suspects: Vec::new(),
+        exclude: Vec::new(),
+        nuisance: Limits::default(),
+        record: Vec::new(),
+    };
+    Ok(Case { config, model: Some(model), records, warnings: Vec::new() })
+}

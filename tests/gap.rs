@@ -1,0 +1,122 @@
+//! `plid gap` as a user meets it: a case in files, the answer in files, the prediction on a new input.
+
+mod common;
+
+use std::fmt::Write;
+use std::path::Path;
+
+use common::plid;
+use plid::model::{Continuous, Model, simulate};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+
+const RATE: f64 = 400.0;
+const NOISE: f64 = 0.01;
+/// What the sensor adds and the simulation does not have.
+const OFFSET: f64 = 0.06;
+
+/// Two lightly damped modes, one input, one output.
+fn model() -> Model {
+    let mut a = nalgebra::DMatrix::zeros(4, 4);
+    for (k, hz) in [23.0, 61.0].into_iter().enumerate() {
+        let w = std::f64::consts::TAU * hz;
+        a[(2 * k, 2 * k + 1)] = w;
+        a[(2 * k + 1, 2 * k)] = -w;
+        a[(2 * k + 1, 2 * k + 1)] = -0.04 * w;
+    }
+    let b = nalgebra::dmatrix![0.0; 20.0; 0.0; 35.0];
+    let c = nalgebra::dmatrix![1.0, 0.3, -0.7, 0.2];
+    let mut whole = nalgebra::DMatrix::zeros(5, 5);
+    whole.view_mut((0, 0), (4, 4)).copy_from(&(&a / RATE));
+    whole.view_mut((0, 4), (4, 1)).copy_from(&(&b / RATE));
+    let whole = whole.exp();
+    let step = whole.view((0, 0), (4, 4)).into_owned();
+    let held = whole.view((0, 4), (4, 1)).into_owned();
+    let mut model = Model::new(RATE, step, held, c, nalgebra::DMatrix::zeros(1, 1)).unwrap();
+    model.continuous = Some(Continuous { a, b });
+    model.noise.sensor_std = Some(vec![NOISE]);
+    model.noise.actuator_std = Some(vec![0.0]);
+    model
+}
+
+fn record(rng: &mut ChaCha8Rng, samples: usize, level: f64, file: &Path) -> Vec<f64> {
+    let mut normal = || -> f64 { rng.sample(StandardNormal) };
+    let u = ndarray::Array2::from_shape_simple_fn((samples, 1), || level * normal());
+    let model = model();
+    let y = simulate(&model, u.view(), &model.rest()).unwrap().outputs;
+    let mut text = "u1,y1\n".to_string();
+    for k in 0..samples {
+        writeln!(text, "{},{}", u[(k, 0)], y[(k, 0)] + OFFSET + NOISE * normal()).unwrap();
+    }
+    std::fs::write(file, text).unwrap();
+    y.column(0).to_vec()
+}
+
+#[test]
+fn an_offset_is_diagnosed_and_predicted() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    model().write(&at.join("sim.json")).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut case = format!("sim = \"sim.json\"\nsample_rate_hz = {RATE}\ninputs = [\"u1\"]\noutputs = [\"y1\"]\n");
+    for (k, (level, samples)) in [(0.0, 1000), (1.0, 1800), (0.4, 1800), (1.0, 1800)].into_iter().enumerate() {
+        record(&mut rng, samples, level, &at.join(format!("r{k}.csv")));
+        let excitation = if level > 0.0 { "random" } else { "zero" };
+        write!(case, "\n[[record]]\nfile = \"r{k}.csv\"\nexcitation = \"{excitation}\"\n").unwrap();
+    }
+    std::fs::write(at.join("case.toml"), &case).unwrap();
+
+    let output = plid(at, &["gap", "diagnose", "case.toml", "--out", "out", "--json"]);
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let said: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let written: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(at.join("out/diagnosis.json")).unwrap()).unwrap();
+    assert_eq!(said, written);
+    assert_eq!(said["verdict"], "effects", "{said}");
+    assert_eq!(
+        (&said["effects"][0]["effect"], &said["effects"][0]["location"]),
+        (&"sensor-offset".into(), &"output:y1".into())
+    );
+    let interval = &said["effects"][0]["parameters"]["o"]["ci95"];
+    let (low, high) = (interval[0].as_f64().unwrap(), interval[1].as_f64().unwrap());
+    assert!(low < OFFSET && OFFSET < high && high - low < 0.01, "{interval}");
+    let probabilities: f64 =
+        said["candidates"].as_array().unwrap().iter().map(|c| c["probability"].as_f64().unwrap()).sum();
+    assert!((probabilities - 1.0).abs() < 1e-9);
+    assert!(std::fs::read_to_string(at.join("out/report.html")).unwrap().contains("sensor-offset"));
+
+    let truth = record(&mut rng, 500, 1.0, &at.join("new.csv"));
+    let predict = ["gap", "predict", "--diagnosis", "out/diagnosis.json", "--input", "new.csv", "--out", "y.csv"];
+    let output = plid(at, &predict);
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = std::fs::read_to_string(at.join("y.csv")).unwrap();
+    let mut lines = text.lines();
+    assert_eq!(lines.next(), Some("y1"));
+    for (line, truth) in lines.zip(&truth) {
+        let y: f64 = line.parse().unwrap();
+        assert!((y - truth - OFFSET).abs() < 0.02, "{y} for {truth}");
+    }
+
+    // The same again is refused, and an effect that nobody knows is named with the vocabulary.
+    assert_eq!(plid(at, &["gap", "diagnose", "case.toml", "--out", "out"]).status.code(), Some(2));
+    let output = plid(at, &["gap", "diagnose", "case.toml", "--out", "other", "--without", "sensor-ofset"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("sensor-offset"));
+}
+
+#[test]
+fn a_wrong_case_names_file_line_and_key() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    std::fs::write(
+        at.join("case.toml"),
+        "sample_rate_hz = 400.0\ninputs = [\"u1\"]\noutputs = [\"y1\"]\nrecords = 3\n",
+    )
+    .unwrap();
+    let output = plid(at, &["gap", "diagnose", "case.toml"]);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{message}");
+    assert!(message.contains("case.toml, line 4") && message.contains("did you mean `record`"), "{message}");
+    assert!(!at.join("out").exists() || std::fs::read_dir(at.join("out")).unwrap().next().is_none());
+}
