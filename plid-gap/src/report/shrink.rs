@@ -26,7 +26,7 @@ pub(super) fn sentences(outcome: &Outcome) -> Vec<String> {
     }
     if held_out(outcome) {
         sentences.push(format!(
-            "Stated before that record was opened: a gap of {}; found: {}.",
+            "Stated before opening {on}: a gap of {}; found: {}.",
             percent(gap.predicted_held_out_gap),
             percent(gap.with_effect)
         ));

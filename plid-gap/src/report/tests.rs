@@ -176,7 +176,7 @@ fn the_page_says_all_that_the_diagnosis_says() {
         "frequency 11.000 -&gt; 11.010 Hz",
         "sensor-noise",
         "higher prior: clearance",
-        "Stated before that record was opened: a gap of 2.1 %; found: 2.0 %.",
+        "Stated before opening last.csv: a gap of 2.1\u{a0}%; found: 2.0\u{a0}%.",
         // The case, and how to repeat it.
         "file = &quot;a&amp;b.csv&quot;",
         "plid gap diagnose case.toml",
@@ -196,7 +196,7 @@ fn a_linear_refit_that_hides_the_gap_is_shown_as_such() {
     // (0.4, 0.15) beyond 0.01 is a shrink of 63 %.
     let html = text(&outcome);
     assert!(html.contains("A linear refit hides most of this gap") && html.contains("not linear: such a model"));
-    assert!(html.contains("(62.6 % of the shrink that noise allows)"), "{html}");
+    assert!(html.contains("(62.6\u{a0}% of the shrink that noise allows)"), "{html}");
     outcome.evidence.linear = true;
     assert!(text(&outcome).contains("It would put into modes and shapes"));
     outcome.diagnosis.verdict = Verdict::Unknown;

@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 use ndarray::Array2;
 use plid_lab::report::{Axis, Chart, HeatMap, Report, Series, chart, heat_map};
 
-use super::words::{percent, short, with};
+use super::words::{percent, with};
 use super::{GIVEN, WITH};
 use crate::diagnose::Outcome;
 use crate::effects::Side;
@@ -121,23 +121,32 @@ fn levels(outcome: &Outcome) -> Option<String> {
     if last / first < 1.05 {
         return None;
     }
-    let name = with(outcome);
+    let mut series = vec![
+        Series::line("", before.clone()).colour(GIVEN),
+        Series::points("as given", before.clone()).colour(GIVEN).width(5.0),
+    ];
+    if !after.is_empty() {
+        series.push(Series::line("", after.clone()).colour(WITH));
+        series.push(Series::points(with(outcome), after.clone()).colour(WITH).width(5.0));
+    }
+    // Room above and below, so that scatter does not look like a slope.
+    let gaps = || before.iter().chain(&after).map(|(_, gap)| *gap);
+    let (low, high) = (gaps().fold(f64::INFINITY, f64::min), gaps().fold(0.0, f64::max));
     Some(chart(&Chart {
         title: String::new(),
         x: Axis::log("level: RMS of the inputs, as recorded").range(first / 1.2, last * 1.2),
-        y: Axis::log("gap beyond the noise, %"),
-        series: vec![
-            Series::line("", before.clone()).colour(GIVEN),
-            Series::points("as given", before).colour(GIVEN).width(5.0),
-            Series::line("", after.clone()).colour(WITH),
-            Series::points(name, after).colour(WITH).width(5.0),
-        ],
+        y: Axis::log("gap beyond the noise, %").range(low / 2.0, high * 2.0),
+        series,
         height: 200.0,
     }))
 }
 
 fn level_caption(outcome: &Outcome) -> String {
     let slope = match outcome.evidence.before.slope {
+        // A zero has no sign.
+        Some(slope) if slope.is_finite() && slope.abs() < 0.05 => {
+            "As given, the relative gap does not change with the level.".into()
+        }
         Some(slope) if slope.is_finite() => {
             format!("As given, the relative gap goes with the level to the power {slope:+.1}: ")
                 + match slope {
@@ -150,17 +159,10 @@ fn level_caption(outcome: &Outcome) -> String {
         }
         _ => "The levels are too near each other for a slope.".into(),
     };
-    let drawn = outcome.evidence.after.levels.iter().filter(|(_, gap)| *gap > 0.0).count();
-    let missing = outcome.evidence.after.levels.len() - drawn;
-    let least = outcome.evidence.after.levels.iter().map(|(_, gap)| *gap).fold(0.0, f64::max);
-    let left = if missing > 0 {
-        format!(
-            " {} of {} records: nothing beyond the noise is left {}, at most {} % in the others.",
-            missing,
-            missing + drawn,
-            with(outcome),
-            short(100.0 * least)
-        )
+    let after = &outcome.evidence.after.levels;
+    let clean = after.iter().filter(|(_, gap)| !(*gap > 0.0)).count();
+    let left = if clean > 0 {
+        format!(" Not drawn: {clean} of {} records with nothing beyond the noise {}.", after.len(), with(outcome))
     } else {
         String::new()
     };

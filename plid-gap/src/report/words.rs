@@ -4,12 +4,14 @@ use crate::diagnose::Outcome;
 use crate::diagnosis::{Explanation, Located};
 use crate::verdict::Verdict;
 
-/// "12.3 %"; a dash where there is no number.
+/// "12.3 %", held together by a blank that does not break; a dash where there is no number.
 pub(super) fn percent(share: f64) -> String {
     match 100.0 * share {
         x if !x.is_finite() => "–".into(),
-        x if x.abs() < 0.95 && x != 0.0 => format!("{x:.2} %"),
-        x => format!("{x:.1} %"),
+        // A zero has no sign.
+        x if x.abs() < 0.005 => "0\u{a0}%".into(),
+        x if x.abs() < 0.95 => format!("{x:.2}\u{a0}%"),
+        x => format!("{x:.1}\u{a0}%"),
     }
 }
 
@@ -74,4 +76,17 @@ pub(super) fn worst(outcome: &Outcome) -> usize {
 pub(super) fn held_out(outcome: &Outcome) -> bool {
     let fitted = |name: &String| outcome.evidence.fitted.iter().any(|(other, ..)| other == name);
     !outcome.diagnosis.gap.measured_on.iter().any(fitted)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{percent, short};
+
+    #[test]
+    fn numbers_are_short_and_zero_has_no_sign() {
+        let shares = [0.1234, 0.0012, -1e-9, 0.0, f64::NAN, 1.0];
+        let texts = ["12.3\u{a0}%", "0.12\u{a0}%", "0\u{a0}%", "0\u{a0}%", "–", "100.0\u{a0}%"];
+        assert_eq!(shares.map(percent), texts);
+        assert_eq!([0.3, 12.34, 1234.5, 1.5e-5, 0.0].map(short), ["0.30", "12", "1234", "1.5e-5", "0"]);
+    }
 }
