@@ -5,7 +5,7 @@ use std::path::Path;
 use plid_model::Model;
 
 use crate::diagnosis::SimulationWithEffects;
-use crate::effects::{Action, Library, Names, Place, Setting};
+use crate::effects::{Action, Library, Place, Setting};
 use crate::error::GapError;
 use crate::plant::Plant;
 use crate::record::Channels;
@@ -34,7 +34,7 @@ impl Predictor {
         let written: SimulationWithEffects = serde_json::from_str(&text).map_err(|e| malformed(e.to_string()))?;
         let model = Model::from_json(&written.linear, &path.display().to_string())?;
         let plant = Plant::new(&model)?;
-        let setting = setting(&plant, &model);
+        let setting = Setting::bare(&plant, &model);
         let mut actions = Vec::new();
         for written in &written.effects {
             let effect = library
@@ -70,29 +70,6 @@ impl Predictor {
         let with = self.run(u, t0);
         let without = simulate(&self.plant, &[], u, t0, None, Fineness::FINE);
         with.iter().zip(&without).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect()).collect()
-    }
-}
-
-/// Names and places only: a prediction needs no statistics of records.
-pub(crate) fn setting(plant: &Plant, model: &Model) -> Setting {
-    Setting {
-        plant: plant.clone(),
-        names: Names {
-            inputs: model.inputs.clone(),
-            outputs: model.outputs.clone(),
-            ports: plant.ports.iter().map(|port| port.name.clone()).collect(),
-            modes_hz: plant.modes.iter().map(|mode| mode.hz()).collect(),
-        },
-        u_rms: vec![0.0; plant.m],
-        u_slope: vec![0.0; plant.m],
-        y_rms: vec![0.0; plant.p],
-        y_max: vec![0.0; plant.p],
-        d_rms: vec![0.0; plant.ports.len()],
-        v_rms: vec![0.0; plant.ports.len()],
-        force: vec![0.0; plant.ports.len()],
-        duration_s: 0.0,
-        tones: Vec::new(),
-        missing: Vec::new(),
     }
 }
 

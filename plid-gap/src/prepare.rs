@@ -1,7 +1,7 @@
 //! From a case to a problem: which records are fitted, what the noise is, what effects may know.
 
 use crate::codes::{self, Codes};
-use crate::effects::{Names, Setting};
+use crate::effects::Setting;
 use crate::error::GapError;
 use crate::missing;
 use crate::noise::{NoiseModel, Stretch};
@@ -253,26 +253,8 @@ fn given_errors(plant: &Plant, records: &[Record]) -> Vec<Channels> {
 
 fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]) -> Setting {
     let loudest = records.iter().max_by(|a, b| a.level().total_cmp(&b.level()));
-    let (m, p, ports) = (plant.m, plant.p, plant.ports.len());
-    let mut setting = Setting {
-        plant: plant.clone(),
-        names: Names {
-            inputs: model.inputs.clone(),
-            outputs: model.outputs.clone(),
-            ports: plant.ports.iter().map(|port| port.name.clone()).collect(),
-            modes_hz: plant.modes.iter().map(|mode| mode.hz()).collect(),
-        },
-        u_rms: vec![0.0; m],
-        u_slope: vec![0.0; m],
-        y_rms: vec![0.0; p],
-        y_max: vec![0.0; p],
-        d_rms: vec![0.0; ports],
-        v_rms: vec![0.0; ports],
-        force: vec![0.0; ports],
-        duration_s: 0.0,
-        tones: Vec::new(),
-        missing: Vec::new(),
-    };
+    let (m, p) = (plant.m, plant.p);
+    let mut setting = Setting::bare(plant, model);
     let Some(loudest) = loudest else { return setting };
     setting.duration_s = records.iter().map(|r| r.start_s + r.samples() as f64 / plant.rate).fold(0.0, f64::max);
     for i in 0..m {

@@ -7,17 +7,6 @@ use crate::problem::{Effort, Fit, Placed, Problem};
 use crate::simulate::Fineness;
 use crate::thresholds::WORTH;
 
-static SIBLINGS: [Flexible; 8] = [
-    Flexible::Stiffness,
-    Flexible::Damping,
-    Flexible::Joint,
-    Flexible::Command,
-    Flexible::Hysteresis,
-    Flexible::Path,
-    Flexible::Sensor,
-    Flexible::SensorPath,
-];
-
 const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE };
 const WHOLE: Effort = Effort { steps: 4, gain: 0.5, fineness: Fineness::FINE };
 
@@ -36,10 +25,7 @@ pub fn bent<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<Be
         .effects
         .iter()
         .enumerate()
-        .filter_map(|(which, placed)| {
-            let kind = Flexible::of(placed.effect.name())?;
-            Some((which, SIBLINGS.iter().find(|sibling| **sibling == kind)?))
-        })
+        .filter_map(|(which, placed)| Some((which, Flexible::of(placed.effect.name())?)))
         .collect();
     if siblings.is_empty() {
         return None;

@@ -4,11 +4,10 @@ use plid_model::{ModeKind, Model};
 
 use super::driven;
 use crate::case::Case;
-use crate::effects::{Library, Side};
+use crate::effects::{Library, Setting, Side};
 use crate::error::GapError;
 use crate::missing;
 use crate::plant::Plant;
-use crate::predict;
 use crate::prepare::{SHORTEST_QUIET, UNDECLARED};
 use crate::record::Excitation;
 
@@ -82,7 +81,7 @@ pub fn check(case: &Case, model: &Model, library: &Library) -> Result<Little, Ga
         }
     }
 
-    let setting = predict::setting(&Plant::new(model)?, model);
+    let setting = Setting::bare(&Plant::new(model)?, model);
     let starts = records.iter().filter(|record| !record.from_rest).count();
     let linear = modes.len() * (2 + m + p) + starts * n;
     let many = |names: &[String]| -> Vec<String> {

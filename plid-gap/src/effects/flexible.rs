@@ -38,16 +38,16 @@ const TAPS: usize = 4;
 
 impl Flexible {
     /// The sibling of an effect, by its name; none for effects that have no shape.
-    pub fn of(effect: &str) -> Option<Self> {
+    pub fn of(effect: &str) -> Option<&'static Self> {
         Some(match effect {
-            "cubic-stiffness" | "quadratic-stiffness" | "clearance" => Self::Stiffness,
-            "coulomb-friction" | "quadratic-damping" => Self::Damping,
-            "joint-hysteresis" => Self::Joint,
-            "actuator-saturation" | "actuator-dead-zone" => Self::Command,
-            "actuator-hysteresis" => Self::Hysteresis,
-            "actuator-delay" | "actuator-lag" | "actuator-slew-limit" => Self::Path,
-            "sensor-saturation" => Self::Sensor,
-            "sensor-delay" | "sensor-lag" => Self::SensorPath,
+            "cubic-stiffness" | "quadratic-stiffness" | "clearance" => &Self::Stiffness,
+            "coulomb-friction" | "quadratic-damping" => &Self::Damping,
+            "joint-hysteresis" => &Self::Joint,
+            "actuator-saturation" | "actuator-dead-zone" => &Self::Command,
+            "actuator-hysteresis" => &Self::Hysteresis,
+            "actuator-delay" | "actuator-lag" | "actuator-slew-limit" => &Self::Path,
+            "sensor-saturation" => &Self::Sensor,
+            "sensor-delay" | "sensor-lag" => &Self::SensorPath,
             _ => return None,
         })
     }

@@ -1,5 +1,7 @@
 use super::Place;
 use super::place::Names;
+use plid_model::Model;
+
 use crate::plant::Plant;
 use crate::tones::Tone;
 
@@ -46,6 +48,29 @@ pub struct MissingMode {
 }
 
 impl Setting {
+    /// Names and places only: what a prediction needs, which has no statistics of records.
+    pub fn bare(plant: &Plant, model: &Model) -> Self {
+        Self {
+            plant: plant.clone(),
+            names: Names {
+                inputs: model.inputs.clone(),
+                outputs: model.outputs.clone(),
+                ports: plant.ports.iter().map(|port| port.name.clone()).collect(),
+                modes_hz: plant.modes.iter().map(|mode| mode.hz()).collect(),
+            },
+            u_rms: vec![0.0; plant.m],
+            u_slope: vec![0.0; plant.m],
+            y_rms: vec![0.0; plant.p],
+            y_max: vec![0.0; plant.p],
+            d_rms: vec![0.0; plant.ports.len()],
+            v_rms: vec![0.0; plant.ports.len()],
+            force: vec![0.0; plant.ports.len()],
+            duration_s: 0.0,
+            tones: Vec::new(),
+            missing: Vec::new(),
+        }
+    }
+
     /// Inputs by number.
     pub fn inputs(&self) -> Vec<Place> {
         (0..self.plant.m).map(Place::Input).collect()
