@@ -24,6 +24,7 @@ mod converter;
 mod covariance;
 pub mod effects;
 mod error;
+pub mod gap;
 mod input;
 mod integrator;
 mod plant;
@@ -41,7 +42,7 @@ pub use config::{
 pub use converter::Converter;
 pub use effects::Effect;
 pub use error::{TestbedError, Warning};
-pub use plant::{NoiseCovariances, StrutPort, Truss, truss};
+pub use plant::{NoiseCovariances, StrutPort, Truss, truss, truss_without_mode};
 pub use simulation::{Simulation, simulate, simulate_input};
 pub use state_space::StateSpace;
 pub use structure::{Mode, ModeGroup};

@@ -4,7 +4,7 @@ use std::f64::consts::{PI, SQRT_2};
 
 use nalgebra::DMatrix;
 
-use crate::config::TrussConfig;
+use crate::config::{TrussConfig, within};
 use crate::converter::Converter;
 use crate::covariance;
 use crate::effects;
@@ -104,6 +104,11 @@ pub fn truss(config: &TrussConfig) -> Result<Truss, TestbedError> {
 /// The plant of a checked config with these modes in place of the config's, without effects.
 pub(crate) fn assemble(config: &TrussConfig, modes: Vec<Mode>) -> Truss {
     let units = compliances(&modes);
+    assemble_in(config, modes, units)
+}
+
+/// The same with the displacement that counts as 1 V at each port given, in the modes' units.
+pub(crate) fn assemble_in(config: &TrussConfig, modes: Vec<Mode>, units: [f64; INPUTS]) -> Truss {
     build(config, Plant { modes, poles_hz: [ACTUATOR_POLE_HZ; INPUTS] }, units)
 }
 
@@ -115,6 +120,18 @@ pub(crate) fn altered(config: &TrussConfig, truss: &Truss) -> Truss {
         return truss.clone();
     }
     build(config, plant, compliances(&truss.modes))
+}
+
+/// The model of somebody who has missed a mode, from 0: the plant of a config without it and without effects.
+///
+/// # Errors
+/// If a key of the config is wrong, or there is no such mode.
+pub fn truss_without_mode(config: &TrussConfig, mode: usize) -> Result<Truss, TestbedError> {
+    let mut modes = truss(config)?.modes;
+    within("mode", mode, 0, modes.len() - 1)?;
+    let units = compliances(&modes);
+    modes.remove(mode);
+    Ok(assemble_in(config, modes, units))
 }
 
 fn build(config: &TrussConfig, plant: Plant, units: [f64; INPUTS]) -> Truss {
@@ -193,7 +210,7 @@ fn noise(
 }
 
 /// What a constant force of 1 V at the strut of each input gives there, in the modes' units.
-fn compliances(modes: &[Mode]) -> [f64; INPUTS] {
+pub(crate) fn compliances(modes: &[Mode]) -> [f64; INPUTS] {
     std::array::from_fn(|j| modes.iter().map(|mode| (mode.input_shape[j] / mode.angular_frequency()).powi(2)).sum())
 }
 

@@ -9,6 +9,8 @@ pub mod actuator;
 pub(crate) mod chain;
 pub mod disturbance;
 pub(crate) mod law;
+#[cfg(test)]
+mod oscillator;
 pub mod outside;
 pub mod place;
 pub mod sensor;
@@ -217,6 +219,11 @@ impl Effect {
             Effect::StickingValve(_) => "x-sticking-valve",
             Effect::VaryingDamping(_) => "x-varying-damping",
         }
+    }
+
+    /// One that changes nothing.
+    pub(crate) fn idle() -> Self {
+        Effect::ActuatorGain(actuator::ActuatorGain { at: Input(0), gain: 1.0 })
     }
 
     /// Makes it stronger by a factor: what it changes grows with it, to first order in proportion where the law allows that.

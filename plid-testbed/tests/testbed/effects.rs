@@ -28,7 +28,11 @@ fn both_effects_agree_with_a_fine_integration_of_the_physics() {
     for (drift, cubic) in [(DRIFT, None), (0.0, Some(CUBIC)), (DRIFT, Some(-CUBIC))] {
         let config = with_effects(drift, cubic, 8);
         let run = simulate(&config).unwrap();
-        let physics = Physics { modes: &run.truth.modes, drift_per_s: drift, cubic: cubic.map(|k| (1, k)) };
+        let mut physics = Physics::of(&run.truth.modes);
+        physics.stiffness = Box::new(move |t| 1.0 + drift * t);
+        if let Some(k) = cubic {
+            physics.force = Some((1, Box::new(move |d, _v| -k * d * d * d)));
+        }
         let expected = physics.run(run.commands.view(), 1600.0, 128);
         let error = largest((&run.noise_free - &expected).view());
         println!("drift {drift}, cubic {cubic:?}: change {:.3}, error {error:.1e} V", change(&config));
