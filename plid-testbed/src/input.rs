@@ -71,7 +71,13 @@ fn white_noise(config: &WhiteNoise, seed: u64, channel: usize, samples: usize, r
 }
 
 /// The filter runs in for 50 periods of its cut-off before the record begins, so the record is stationary.
-pub(crate) fn low_passed(level_rms_v: f64, cutoff_hz: f64, mut rng: ChaCha12Rng, samples: usize, rate: f64) -> Vec<f64> {
+pub(crate) fn low_passed(
+    level_rms_v: f64,
+    cutoff_hz: f64,
+    mut rng: ChaCha12Rng,
+    samples: usize,
+    rate: f64,
+) -> Vec<f64> {
     let mut filter = Butterworth::low_pass(3, cutoff_hz, rate);
     let mut next = || filter.filter(StandardNormal.sample(&mut rng));
     let run_in = (50.0 * rate / cutoff_hz).ceil() as usize;

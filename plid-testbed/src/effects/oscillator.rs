@@ -96,7 +96,7 @@ fn coulomb_friction_takes_four_times_its_force_from_each_period() {
 
 #[test]
 fn quadratic_damping_takes_its_share_of_the_amplitude_squared() {
-    let c = 1e-6;
+    let c = 1e-7;
     let d = free(&format!("kind = \"quadratic-damping\"\ndamping_s2_per_v = {c}"), 2.0, 40 * 20);
     let a = amplitudes(&d, HZ);
     for pair in a.windows(2) {

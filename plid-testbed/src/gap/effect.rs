@@ -70,12 +70,30 @@ fn place_of(kind: &str) -> Option<Place> {
         "sensor-crosstalk" => Place::OutputPair,
         "mains-hum" | "x-sensor-rate-limit" | "x-sensor-square" | "x-channel-product" => Place::Output,
         "x-command-play" | "x-delay-jitter" | "x-sticking-valve" => Place::Input,
-        "cubic-stiffness" | "quadratic-stiffness" | "coulomb-friction" | "clearance" | "joint-hysteresis"
-        | "quadratic-damping" | "narrowband-disturbance" | "coloured-disturbance" => Place::Input,
-        "actuator-saturation" | "actuator-dead-zone" | "actuator-hysteresis" | "actuator-slew-limit"
-        | "actuator-lag" | "actuator-gain" | "actuator-gain-drift" => Place::Input,
-        "sensor-saturation" | "sensor-gain" | "sensor-delay" | "sensor-lag" | "sensor-offset" | "sensor-drift"
-        | "sensor-noise" | "sensor-quantisation" | "sensor-dropout" => Place::Output,
+        "cubic-stiffness"
+        | "quadratic-stiffness"
+        | "coulomb-friction"
+        | "clearance"
+        | "joint-hysteresis"
+        | "quadratic-damping"
+        | "narrowband-disturbance"
+        | "coloured-disturbance" => Place::Input,
+        "actuator-saturation"
+        | "actuator-dead-zone"
+        | "actuator-hysteresis"
+        | "actuator-slew-limit"
+        | "actuator-lag"
+        | "actuator-gain"
+        | "actuator-gain-drift" => Place::Input,
+        "sensor-saturation"
+        | "sensor-gain"
+        | "sensor-delay"
+        | "sensor-lag"
+        | "sensor-offset"
+        | "sensor-drift"
+        | "sensor-noise"
+        | "sensor-quantisation"
+        | "sensor-dropout" => Place::Output,
         _ => return None,
     })
 }
@@ -140,9 +158,7 @@ fn parameters(kind: &str, channel: usize, drawn: &Drawn, signals: &Signals, rng:
         "sensor-drift" => json!({ "rate_v_per_s": sign * 1e-3 }),
         "mains-hum" => {
             let frequency_hz = if sign > 0.0 { 50.0 } else { 60.0 } + within(-0.05, 0.05);
-            let mut harmonic = |multiple: u32, share: f64| {
-                json!({ "multiple": multiple, "amplitude_v": 0.03 * share * within(0.5, 1.5), "phase_rad": within(0.0, 6.28) })
-            };
+            let mut harmonic = |multiple: u32, share: f64| json!({ "multiple": multiple, "amplitude_v": 0.03 * share * within(0.5, 1.5), "phase_rad": within(0.0, 6.28) });
             let harmonics = [harmonic(2, 0.1), harmonic(3, 0.3), harmonic(5, 0.15)];
             json!({
                 "amplitude_v": 0.03, "frequency_hz": frequency_hz, "phase_rad": within(0.0, 6.28), "harmonics": harmonics,

@@ -175,7 +175,8 @@ pub fn draw(seed: u64, spec: &GapSpec) -> Result<GapCase, GapError> {
         gap_sim: strength::gap(&held_out_record.outputs, &nominal),
         gap_floor: strength::gap(&held_out_record.outputs, &foretold),
     };
-    let simulation = SimulationFile::of(&drawn.nominal, plant::coordinates(seed, drawn.nominal.discrete.states()), spec.ports);
+    let simulation =
+        SimulationFile::of(&drawn.nominal, plant::coordinates(seed, drawn.nominal.discrete.states()), spec.ports);
     Ok(GapCase { simulation, records, held_out: held_out_record, label: label.or_none(), effects })
 }
 

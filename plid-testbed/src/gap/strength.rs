@@ -102,7 +102,11 @@ impl Bench<'_> {
             if miss(found) < miss(best.1) {
                 best = (log, found);
             }
-            if found < target { low = Some((log, found)) } else { high = Some((log, found)) }
+            if found < target {
+                low = Some((log, found))
+            } else {
+                high = Some((log, found))
+            }
             if let (Some((low, _)), Some((high, _))) = (low, high)
                 && high - low < 1e-9
             {

@@ -92,10 +92,8 @@ impl SimulationFile {
             c: rows(&(&truss.discrete.c * &back)),
             d: rows(&truss.discrete.d),
             noise: NoiseFile { sensor_std: [NOISE_V; OUTPUTS], actuator_std: [NOISE_V; INPUTS] },
-            continuous: ports.then(|| ContinuousFile {
-                a: turned(&truss.continuous.a),
-                b: rows(&(&t * &truss.continuous.b)),
-            }),
+            continuous: ports
+                .then(|| ContinuousFile { a: turned(&truss.continuous.a), b: rows(&(&t * &truss.continuous.b)) }),
             ports: ports.then(|| declared.collect()),
         }
     }
@@ -122,7 +120,8 @@ impl GapCase {
     }
 
     fn case_toml(&self) -> String {
-        let quoted = |letter, count| names(letter, count).iter().map(|n| format!("{n:?}")).collect::<Vec<_>>().join(", ");
+        let quoted =
+            |letter, count| names(letter, count).iter().map(|n| format!("{n:?}")).collect::<Vec<_>>().join(", ");
         let mut text = format!(
             "sim = \"sim.json\"\nsample_rate_hz = {SAMPLE_RATE_HZ:?}\ninputs = [{}]\noutputs = [{}]\n",
             quoted('u', INPUTS),

@@ -6,7 +6,8 @@ use crate::{ideal, largest, rms};
 
 fn with_effects(drift: f64, cubic: Option<f64>, steps_per_sample: usize) -> TrussConfig {
     let cubic_joint = cubic.map(|stiffness_per_v2| CubicJoint { input: 2, stiffness_per_v2 });
-    let effects = EffectsConfig { stiffness_drift_per_s: drift, cubic_joint, steps_per_sample, ..EffectsConfig::default() };
+    let effects =
+        EffectsConfig { stiffness_drift_per_s: drift, cubic_joint, steps_per_sample, ..EffectsConfig::default() };
     TrussConfig { duration_s: 0.4, effects, ..ideal() }
 }
 

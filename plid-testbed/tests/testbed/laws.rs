@@ -4,7 +4,8 @@ use std::f64::consts::PI;
 
 use ndarray::{Array2, Axis};
 use plid_testbed::{
-    Effect, InputConfig, Mode, StateSpace, TestbedError, TrussConfig, simulate, simulate_input, truss, truss_without_mode,
+    Effect, InputConfig, Mode, StateSpace, TestbedError, TrussConfig, simulate, simulate_input, truss,
+    truss_without_mode,
 };
 
 use crate::physics::Physics;
@@ -21,7 +22,8 @@ fn with(list: &str) -> TrussConfig {
     let list: List = toml::from_str(list).unwrap();
     let mut config = TrussConfig { duration_s: 0.4, ..ideal() };
     config.effects.list = list.effect;
-    config.effects.steps_per_sample = 16;
+    // As the draw of gap cases has it.
+    config.effects.steps_per_sample = 8;
     config
 }
 
@@ -82,7 +84,15 @@ fn memoryless_actuators() {
     let dead = |law: &str| one("actuator-dead-zone", "u1", &format!("width_v = 0.3\n{law}"));
     check_commands(&dead(""), |_, u| at(0, u, |u| u.signum() * (u.abs() - 0.3).max(0.0)));
     check_commands(&dead("law = 'asymmetric'"), |_, u| {
-        at(0, u, |u| if u > 0.3 { u - 0.3 } else if u < -0.15 { u + 0.15 } else { 0.0 })
+        at(0, u, |u| {
+            if u > 0.3 {
+                u - 0.3
+            } else if u < -0.15 {
+                u + 0.15
+            } else {
+                0.0
+            }
+        })
     });
     check_commands(&one("actuator-gain", "u3", "gain = 0.8"), |_, u| at(2, u, |u| 0.8 * u));
     check_commands(&one("actuator-crosstalk", "u1->u3", "share = -0.2"), |_, u| [u[0], u[1], u[2] - 0.2 * u[0]]);
@@ -177,7 +187,9 @@ fn sensors_sample_by_sample() {
     check_samples(&one("sensor-saturation", "y1", "limit_v = 0.5"), |_, y| at(0, y, |y| y.min(0.5).max(-0.5)));
     check_samples(&one("sensor-quantisation", "y2", "step_v = 0.05"), |_, y| at(1, y, |y| (y / 0.05).round() * 0.05));
     check_samples(&one("x-sensor-square", "y3", "square_per_v = 0.3"), |_, y| at(2, y, |y| y + 0.3 * y * y));
-    check_samples(&one("x-channel-product", "y1", "product_per_v = 0.3"), |_, y| [y[0] + 0.3 * y[1] * y[2], y[1], y[2]]);
+    check_samples(&one("x-channel-product", "y1", "product_per_v = 0.3"), |_, y| {
+        [y[0] + 0.3 * y[1] * y[2], y[1], y[2]]
+    });
     let hum = one(
         "mains-hum",
         "y1",
@@ -283,37 +295,44 @@ type Inner = fn(f64, f64) -> f64;
 
 #[test]
 fn forces_at_a_strut() {
-    let cases: [(&str, &str, Inner); 13] = [
-        ("cubic-stiffness", "stiffness_per_v2 = 1e-4", |d, _| -1e-4 * d * d * d),
-        ("cubic-stiffness", "stiffness_per_v2 = 1e-3\nscale_v = 4.0\nlaw = 'straightening'", |d, _| {
-            -1e-3 * d * d * d / (1.0 + d * d / 16.0)
-        }),
-        ("cubic-stiffness", "stiffness_per_v2 = 1e-4\nscale_v = 4.0\nlaw = 'power'", |d, _| {
-            -64e-4 * d.signum() * (d / 4.0).abs().powf(2.5)
-        }),
-        ("quadratic-stiffness", "stiffness_per_v = 1e-3", |d, _| -1e-3 * d * d),
-        ("quadratic-stiffness", "stiffness_per_v = -2e-3\nlaw = 'one-sided'", |d, _| {
-            if d > 0.0 { 2e-3 * d * d } else { 0.0 }
-        }),
-        ("coulomb-friction", "friction_v = 0.05\ntransition_v_per_s = 500.0", |_, v| -0.05 * (v / 500.0).tanh()),
-        ("coulomb-friction", "friction_v = 0.05\ntransition_v_per_s = 500.0\nlaw = 'root'", |_, v| {
-            -0.05 * v / (v * v + 25e4).sqrt()
-        }),
-        ("coulomb-friction", "friction_v = 0.05\ntransition_v_per_s = 500.0\nlaw = 'stribeck'", |_, v| {
-            -(0.05 + 0.025 * (-v * v / 625e4).exp()) * (v / 500.0).tanh()
-        }),
-        ("clearance", "stiffness = 0.05\ngap_v = 3.0", |d, _| -0.05 * d.signum() * (d.abs() - 3.0).max(0.0)),
-        ("clearance", "stiffness = -0.05\ngap_v = 3.0\nlaw = 'asymmetric'", |d, _| {
-            0.05 * if d > 3.0 { d - 3.0 } else if d < -1.5 { d + 1.5 } else { 0.0 }
-        }),
-        ("clearance", "stiffness = 0.05\ngap_v = 3.0\nlaw = 'rounded'", |d, _| {
-            -0.025 * (2.0 * d + ((d - 3.0).powi(2) + 1.0).sqrt() - ((d + 3.0).powi(2) + 1.0).sqrt())
-        }),
-        ("quadratic-damping", "damping_s2_per_v = 1e-8", |_, v| -1e-8 * v.abs() * v),
-        ("quadratic-damping", "damping_s2_per_v = 1e-8\nscale_v_per_s = 2000.0\nlaw = 'power'", |_, v| {
-            -0.04 * v.signum() * (v / 2000.0).abs().powf(1.7)
-        }),
-    ];
+    let cases: [(&str, &str, Inner); 13] =
+        [
+            ("cubic-stiffness", "stiffness_per_v2 = 1e-4", |d, _| -1e-4 * d * d * d),
+            ("cubic-stiffness", "stiffness_per_v2 = 1e-3\nscale_v = 4.0\nlaw = 'straightening'", |d, _| {
+                -1e-3 * d * d * d / (1.0 + d * d / 16.0)
+            }),
+            ("cubic-stiffness", "stiffness_per_v2 = 1e-4\nscale_v = 4.0\nlaw = 'power'", |d, _| {
+                -64e-4 * d.signum() * (d / 4.0).abs().powf(2.5)
+            }),
+            ("quadratic-stiffness", "stiffness_per_v = 1e-3", |d, _| -1e-3 * d * d),
+            ("quadratic-stiffness", "stiffness_per_v = -2e-3\nlaw = 'one-sided'", |d, _| {
+                if d > 0.0 { 2e-3 * d * d } else { 0.0 }
+            }),
+            ("coulomb-friction", "friction_v = 0.05\ntransition_v_per_s = 500.0", |_, v| -0.05 * (v / 500.0).tanh()),
+            ("coulomb-friction", "friction_v = 0.05\ntransition_v_per_s = 500.0\nlaw = 'root'", |_, v| {
+                -0.05 * v / (v * v + 25e4).sqrt()
+            }),
+            ("coulomb-friction", "friction_v = 0.05\ntransition_v_per_s = 500.0\nlaw = 'stribeck'", |_, v| {
+                -(0.05 + 0.025 * (-v * v / 625e4).exp()) * (v / 500.0).tanh()
+            }),
+            ("clearance", "stiffness = 0.05\ngap_v = 3.0", |d, _| -0.05 * d.signum() * (d.abs() - 3.0).max(0.0)),
+            ("clearance", "stiffness = -0.05\ngap_v = 3.0\nlaw = 'asymmetric'", |d, _| {
+                0.05 * if d > 3.0 {
+                    d - 3.0
+                } else if d < -1.5 {
+                    d + 1.5
+                } else {
+                    0.0
+                }
+            }),
+            ("clearance", "stiffness = 0.05\ngap_v = 3.0\nlaw = 'rounded'", |d, _| {
+                -0.025 * (2.0 * d + ((d - 3.0).powi(2) + 1.0).sqrt() - ((d + 3.0).powi(2) + 1.0).sqrt())
+            }),
+            ("quadratic-damping", "damping_s2_per_v = 1e-8", |_, v| -1e-8 * v.abs() * v),
+            ("quadratic-damping", "damping_s2_per_v = 1e-8\nscale_v_per_s = 2000.0\nlaw = 'power'", |_, v| {
+                -0.04 * v.signum() * (v / 2000.0).abs().powf(1.7)
+            }),
+        ];
     for (kind, parameters, force) in cases {
         check_physics(&one(kind, "u2", parameters), 2e-3, |_, physics| physics.force = Some((1, Box::new(force))));
     }

@@ -29,11 +29,11 @@ pub enum SlewLaw {
     /// At R until it is there.
     #[default]
     Hard,
-    /// du'/dt = R tanh((u - u') / (R T)) with T of 0.1 ms: slower as it comes near.
+    /// du'/dt = R tanh((u - u') / e) with e of 0.1 V: slower as it comes near.
     Soft,
 }
 
-const SOFT_S: f64 = 1e-4;
+const SOFT_V: f64 = 0.1;
 
 struct Slewing {
     input: usize,
@@ -47,11 +47,11 @@ fn remaining(law: SlewLaw, left: f64, rate: f64, t: f64) -> f64 {
     let size = match law {
         SlewLaw::Hard => (left.abs() - rate * t).max(0.0),
         SlewLaw::Soft => {
-            // With w = left / (R T): dw/dt = -tanh(w) / T, so sinh(w) decays as exp(-t / T). Far above 1, sinh is an exponential.
-            let w = left.abs() / (rate * SOFT_S);
-            let steps = t / SOFT_S;
+            // With w = left / e: dw/dt = -tanh(w) R / e, so sinh(w) decays as exp(-R t / e). Far above 1, sinh is an exponential.
+            let w = left.abs() / SOFT_V;
+            let steps = rate * t / SOFT_V;
             let end = if w - steps > 20.0 { w - steps } else { (log_sinh(w) - steps).exp().asinh() };
-            end * rate * SOFT_S
+            end * SOFT_V
         }
     };
     size * left.signum()
@@ -73,11 +73,11 @@ impl ActuatorEffect for Slewing {
                     let ramp_s = (left.abs() / self.rate).min(length_s);
                     ramp_s * (left + to_go(ramp_s)) / 2.0 / length_s
                 }
-                // Simpson's rule over ten parts.
+                // Simpson's rule over twenty parts.
                 SlewLaw::Soft => {
-                    let part = |i: usize| to_go(length_s * i as f64 / 10.0);
-                    let weight = |i: usize| if i % 10 == 0 { 1.0 } else { 2.0 + 2.0 * (i % 2) as f64 };
-                    (0..=10).map(|i| weight(i) * part(i)).sum::<f64>() / 30.0
+                    let part = |i: usize| to_go(length_s * i as f64 / 20.0);
+                    let weight = |i: usize| if i % 20 == 0 { 1.0 } else { 2.0 + 2.0 * (i % 2) as f64 };
+                    (0..=20).map(|i| weight(i) * part(i)).sum::<f64>() / 60.0
                 }
             };
             self.voltage = target - to_go(length_s);
@@ -124,7 +124,7 @@ mod tests {
             let (rate, mut fine) = (2000.0, left);
             let h = 1e-8;
             for _ in 0..60_000 {
-                fine -= h * rate * (fine / (rate * SOFT_S)).tanh();
+                fine -= h * rate * (fine / SOFT_V).tanh();
             }
             let closed = remaining(SlewLaw::Soft, left, rate, 6e-4);
             assert!((closed - fine).abs() < 1e-4 * left, "{left}: {closed} and {fine}");

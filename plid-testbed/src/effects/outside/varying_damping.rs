@@ -44,7 +44,9 @@ impl Law for VaryingDamping {
 
     fn install(&self, site: Site, chain: &mut Chain) {
         let modes = &site.truss.modes;
-        let modes = (0..modes.len()).map(|m| (2.0 * modes[m].damping_ratio * modes[m].angular_frequency(), modal_force(modes, m))).collect();
+        let modes = (0..modes.len())
+            .map(|m| (2.0 * modes[m].damping_ratio * modes[m].angular_frequency(), modal_force(modes, m)))
+            .collect();
         chain.structure.push(Box::new(Breathing { share: self.share, rate: 2.0 * PI * self.frequency_hz, modes }));
     }
 
