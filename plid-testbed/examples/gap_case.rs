@@ -18,7 +18,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             Ok(EffectSpec { kind: kind.clone(), at: None, law: None, gap })
         })
         .collect::<Result<Vec<_>, String>>()?;
-    let drawn = draw(seed, &GapSpec { effects, perturbed: seed % 2 == 1, ports: seed % 3 != 0 })?;
+    let drawn = draw(seed, &GapSpec { effects, perturbed: true, ports: true })?;
     drawn.write(Path::new(case), Path::new(label))?;
     println!("gap {:.4}, floor {:.4}", drawn.label.gap_sim, drawn.label.gap_floor);
     Ok(())

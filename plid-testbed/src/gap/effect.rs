@@ -1,5 +1,7 @@
 //! An effect's place and parameters, before its strength is found.
 
+use std::f64::consts::TAU;
+
 use rand::RngExt;
 use rand_chacha::ChaCha12Rng;
 use serde_json::{Map, Value, json};
@@ -158,17 +160,17 @@ fn parameters(kind: &str, channel: usize, drawn: &Drawn, signals: &Signals, rng:
         "sensor-drift" => json!({ "rate_v_per_s": sign * 1e-3 }),
         "mains-hum" => {
             let frequency_hz = if sign > 0.0 { 50.0 } else { 60.0 } + within(-0.05, 0.05);
-            let mut harmonic = |multiple: u32, share: f64| json!({ "multiple": multiple, "amplitude_v": 0.03 * share * within(0.5, 1.5), "phase_rad": within(0.0, 6.28) });
+            let mut harmonic = |multiple: u32, share: f64| json!({ "multiple": multiple, "amplitude_v": 0.03 * share * within(0.5, 1.5), "phase_rad": within(0.0, TAU) });
             let harmonics = [harmonic(2, 0.1), harmonic(3, 0.3), harmonic(5, 0.15)];
             json!({
-                "amplitude_v": 0.03, "frequency_hz": frequency_hz, "phase_rad": within(0.0, 6.28), "harmonics": harmonics,
+                "amplitude_v": 0.03, "frequency_hz": frequency_hz, "phase_rad": within(0.0, TAU), "harmonics": harmonics,
             })
         }
         "sensor-noise" => json!({ "rms_v": 0.02 }),
         "sensor-quantisation" => json!({ "step_v": 0.05 }),
         "sensor-dropout" => json!({ "onsets_per_sample": 1e-3 }),
         "narrowband-disturbance" => {
-            json!({ "amplitude_v": 0.1, "frequency_hz": within(80.0, 240.0), "phase_rad": within(0.0, 6.28) })
+            json!({ "amplitude_v": 0.1, "frequency_hz": within(80.0, 240.0), "phase_rad": within(0.0, TAU) })
         }
         "coloured-disturbance" => json!({ "rms_v": 0.1, "frequency_hz": within(80.0, 240.0) }),
         "x-command-play" => json!({ "play_v": 0.1 }),

@@ -76,7 +76,7 @@ impl ActuatorEffect for Slewing {
                 // Simpson's rule over twenty parts.
                 SlewLaw::Soft => {
                     let part = |i: usize| to_go(length_s * i as f64 / 20.0);
-                    let weight = |i: usize| if i % 20 == 0 { 1.0 } else { 2.0 + 2.0 * (i % 2) as f64 };
+                    let weight = |i: usize| if i == 0 || i == 20 { 1.0 } else { 2.0 + 2.0 * (i % 2) as f64 };
                     (0..=20).map(|i| weight(i) * part(i)).sum::<f64>() / 60.0
                 }
             };
