@@ -79,7 +79,7 @@ fn at(j: usize, mut u: [f64; 3], law: impl Fn(f64) -> f64) -> [f64; 3] {
 fn memoryless_actuators() {
     let saturation = |law: &str| one("actuator-saturation", "u2", &format!("limit_v = 1.5\n{law}"));
     check_commands(&saturation(""), |_, u| at(1, u, |u| 1.5 * (u / 1.5).tanh()));
-    check_commands(&saturation("law = 'clip'"), |_, u| at(1, u, |u| u.max(-1.5).min(1.5)));
+    check_commands(&saturation("law = 'clip'"), |_, u| at(1, u, |u| u.clamp(-1.5, 1.5)));
     check_commands(&saturation("law = 'arctangent'"), |_, u| at(1, u, |u| 3.0 / PI * (u * PI / 3.0).atan()));
     let dead = |law: &str| one("actuator-dead-zone", "u1", &format!("width_v = 0.3\n{law}"));
     check_commands(&dead(""), |_, u| at(0, u, |u| u.signum() * (u.abs() - 0.3).max(0.0)));
@@ -185,7 +185,7 @@ fn sensors_sample_by_sample() {
     check_samples(&one("sensor-offset", "y1", "offset_v = -0.02"), |_, y| at(0, y, |y| y - 0.02));
     check_samples(&one("sensor-drift", "y3", "rate_v_per_s = 0.1"), |k, y| at(2, y, |y| y + 0.1 * k as f64 / RATE));
     check_samples(&one("sensor-crosstalk", "y1->y2", "share = 0.05"), |_, y| [y[0], y[1] + 0.05 * y[0], y[2]]);
-    check_samples(&one("sensor-saturation", "y1", "limit_v = 0.5"), |_, y| at(0, y, |y| y.min(0.5).max(-0.5)));
+    check_samples(&one("sensor-saturation", "y1", "limit_v = 0.5"), |_, y| at(0, y, |y| y.clamp(-0.5, 0.5)));
     check_samples(&one("sensor-quantisation", "y2", "step_v = 0.05"), |_, y| at(1, y, |y| (y / 0.05).round() * 0.05));
     check_samples(&one("x-sensor-square", "y3", "square_per_v = 0.3"), |_, y| at(2, y, |y| y + 0.3 * y * y));
     check_samples(&one("x-channel-product", "y1", "product_per_v = 0.3"), |_, y| {
