@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::effects::law::Limits;
+use crate::effects::{self, Effect};
 use crate::error::TestbedError;
 use crate::{INPUTS, structure};
 
@@ -180,13 +182,16 @@ pub struct EffectsConfig {
     pub stiffness_drift_per_s: f64,
     /// Cubic stiffness at one strut.
     pub cubic_joint: Option<CubicJoint>,
-    /// Integration steps within a sample, used only where an effect acts inside the structure.
+    /// Integration steps within a sample, used only where an effect acts inside the structure or moves a voltage within
+    /// a sample.
     pub steps_per_sample: usize,
+    /// Any number of effects at once.
+    pub list: Vec<Effect>,
 }
 
 impl Default for EffectsConfig {
     fn default() -> Self {
-        Self { stiffness_drift_per_s: 0.0, cubic_joint: None, steps_per_sample: 4 }
+        Self { stiffness_drift_per_s: 0.0, cubic_joint: None, steps_per_sample: 4, list: Vec::new() }
     }
 }
 
@@ -231,6 +236,12 @@ impl TrussConfig {
     /// # Errors
     /// Names the first key that is wrong.
     pub fn check(&self) -> Result<(), TestbedError> {
+        let modes = self.structure.strut_modes_per_tube * structure::TUBES + structure::PLATFORM_MODES;
+        self.check_for(modes, 0)
+    }
+
+    /// Checks the keys for a plant of so many modes and a record that begins so many samples after the first.
+    pub(crate) fn check_for(&self, modes: usize, start: usize) -> Result<(), TestbedError> {
         within("repeats", self.repeats, 1, MOST_SAMPLES)?;
         let samples = self.samples()?;
         not_negative("noise.sensor_rms_v", self.noise.sensor_rms_v)?;
@@ -249,7 +260,7 @@ impl TrussConfig {
         within("effects.steps_per_sample", self.effects.steps_per_sample, 1, 1000)?;
         let rate = self.effects.stiffness_drift_per_s;
         finite("effects.stiffness_drift_per_s", rate)?;
-        let end_s = (samples * self.repeats) as f64 / self.sample_rate_hz;
+        let end_s = (start + samples * self.repeats) as f64 / self.sample_rate_hz;
         if 1.0 + rate * end_s <= 0.0 {
             return Err(TestbedError::NoStiffness { rate, end_s });
         }
@@ -257,7 +268,7 @@ impl TrussConfig {
             within("effects.cubic_joint.input", joint.input, 1, INPUTS)?;
             finite("effects.cubic_joint.stiffness_per_v2", joint.stiffness_per_v2)?;
         }
-        Ok(())
+        effects::check(&self.effects, &Limits { sample_rate_hz: self.sample_rate_hz, end_s, modes })
     }
 }
 
@@ -269,7 +280,7 @@ pub(crate) fn not_negative(key: &'static str, value: f64) -> Result<(), TestbedE
     if value >= 0.0 && value.is_finite() { Ok(()) } else { Err(TestbedError::Negative { key, value }) }
 }
 
-fn finite(key: &'static str, value: f64) -> Result<(), TestbedError> {
+pub(crate) fn finite(key: &'static str, value: f64) -> Result<(), TestbedError> {
     if value.is_finite() { Ok(()) } else { Err(TestbedError::NotFinite { key, value }) }
 }
 

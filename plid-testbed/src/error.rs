@@ -92,13 +92,23 @@ pub enum TestbedError {
     },
     /// The drift would make a mode's stiffness zero or negative before the last record ends.
     #[error(
-        "`effects.stiffness_drift_per_s` of {rate} leaves no stiffness after {end_s} s, the end of the last repeat"
+        "a stiffness drift (`effects.stiffness_drift_per_s`) of {rate} a second leaves no stiffness after {end_s} s, the end of the last record"
     )]
     NoStiffness {
         /// Relative change of stiffness a second.
         rate: f64,
         /// Time at the end of the last repeat, s.
         end_s: f64,
+    },
+    /// A value of an effect is wrong.
+    #[error("`effects.list`, number {number} ({kind}): {source}")]
+    Effect {
+        /// Which of the list, from 1.
+        number: usize,
+        /// Its kind.
+        kind: &'static str,
+        /// What is wrong with it.
+        source: Box<TestbedError>,
     },
     /// An input given as an array has the wrong shape.
     #[error("the input has {rows} rows and {columns} columns; it must have at least one row and {INPUTS} columns", INPUTS = crate::INPUTS)]

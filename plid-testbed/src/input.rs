@@ -3,6 +3,7 @@
 use std::f64::consts::PI;
 
 use ndarray::{Array2, ArrayView2};
+use rand_chacha::ChaCha12Rng;
 use rand_distr::{Distribution, StandardNormal, Uniform};
 
 use crate::INPUTS;
@@ -64,16 +65,26 @@ fn below_nyquist(key: &'static str, value: f64, rate: f64) -> Result<(), Testbed
     if value < nyquist_hz { Ok(()) } else { Err(TestbedError::AboveNyquist { key, value, nyquist_hz }) }
 }
 
-/// The filter runs in for 50 periods of its cut-off before the record begins, so the record is stationary.
 fn white_noise(config: &WhiteNoise, seed: u64, channel: usize, samples: usize, rate: f64) -> Vec<f64> {
-    let mut rng = stream(seed, Purpose::Input, channel);
-    let mut filter = Butterworth::low_pass(3, config.cutoff_hz, rate);
+    let rng = stream(seed, Purpose::Input, channel);
+    low_passed(config.level_rms_v[channel], config.cutoff_hz, rng, samples, rate)
+}
+
+/// The filter runs in for 50 periods of its cut-off before the record begins, so the record is stationary.
+pub(crate) fn low_passed(
+    level_rms_v: f64,
+    cutoff_hz: f64,
+    mut rng: ChaCha12Rng,
+    samples: usize,
+    rate: f64,
+) -> Vec<f64> {
+    let mut filter = Butterworth::low_pass(3, cutoff_hz, rate);
     let mut next = || filter.filter(StandardNormal.sample(&mut rng));
-    let run_in = (50.0 * rate / config.cutoff_hz).ceil() as usize;
+    let run_in = (50.0 * rate / cutoff_hz).ceil() as usize;
     (0..run_in).for_each(|_| {
         next();
     });
-    scaled_to((0..samples).map(|_| next()).collect(), config.level_rms_v[channel])
+    scaled_to((0..samples).map(|_| next()).collect(), level_rms_v)
 }
 
 /// The multiples of the base frequency that lie in the band, below half the sample rate.
@@ -123,7 +134,7 @@ fn chirp(config: &Chirp, channel: usize, samples: usize, rate: f64) -> Vec<f64> 
 }
 
 /// The signal at the RMS asked for, over its whole length; a signal of zeros stays one.
-fn scaled_to(mut signal: Vec<f64>, rms: f64) -> Vec<f64> {
+pub(crate) fn scaled_to(mut signal: Vec<f64>, rms: f64) -> Vec<f64> {
     let mean_square = signal.iter().map(|v| v * v).sum::<f64>() / signal.len() as f64;
     if mean_square > 0.0 {
         let scale = rms / mean_square.sqrt();

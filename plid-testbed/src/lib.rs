@@ -6,6 +6,8 @@
 //! command -> DAC (held over a sample) -> amplifier noise -> actuator pole -> structure ->
 //! accelerations -> anti-alias filter -> sampled at t_k, before u_k acts -> sensor noise -> ADC.
 //!
+//! [`effects`] lists what may be wrong with it beside that: at an actuator, in the structure, at a sensor, from outside.
+//!
 //! [`truss`] gives the plant with its true model, modes and noise covariances; [`simulate`] runs the
 //! experiment of a [`TrussConfig`]; [`simulate_input`] does so for an input given as an array.
 //!
@@ -20,8 +22,9 @@ mod butterworth;
 mod config;
 mod converter;
 mod covariance;
-mod effects;
+pub mod effects;
 mod error;
+pub mod gap;
 mod input;
 mod integrator;
 mod plant;
@@ -37,8 +40,9 @@ pub use config::{
     TrussConfig, WhiteNoise,
 };
 pub use converter::Converter;
+pub use effects::Effect;
 pub use error::{TestbedError, Warning};
-pub use plant::{NoiseCovariances, StrutPort, Truss, truss};
+pub use plant::{NoiseCovariances, StrutPort, Truss, truss, truss_without_mode};
 pub use simulation::{Simulation, simulate, simulate_input};
 pub use state_space::StateSpace;
 pub use structure::{Mode, ModeGroup};

@@ -4,9 +4,11 @@ use std::f64::consts::{PI, SQRT_2};
 
 use nalgebra::DMatrix;
 
-use crate::config::TrussConfig;
+use crate::config::{TrussConfig, within};
 use crate::converter::Converter;
 use crate::covariance;
+use crate::effects;
+use crate::effects::law::Plant;
 use crate::error::{TestbedError, Warning};
 use crate::state_space::StateSpace;
 use crate::structure::{self, Mode};
@@ -96,23 +98,60 @@ fn filter_corner() -> f64 {
 /// If a key of the config is wrong.
 pub fn truss(config: &TrussConfig) -> Result<Truss, TestbedError> {
     config.check()?;
-    let modes = structure::modes(config.structure.strut_modes_per_tube);
-    let step_s = 1.0 / config.sample_rate_hz;
-    let continuous = continuous(&modes);
-    let discrete = continuous.sampled(step_s);
-    let noise = noise(config, &modes, &continuous, &discrete, step_s);
-    let ports = (0..INPUTS).map(|input| strut_port(&modes, input)).collect();
-    let warnings = folded_modes(&modes, config.sample_rate_hz / 2.0).into_iter().collect();
-    Ok(Truss { sample_rate_hz: config.sample_rate_hz, modes, continuous, discrete, noise, ports, warnings })
+    Ok(assemble(config, structure::modes(config.structure.strut_modes_per_tube)))
 }
 
-fn continuous(modes: &[Mode]) -> StateSpace {
+/// The plant of a checked config with these modes in place of the config's, without effects.
+pub(crate) fn assemble(config: &TrussConfig, modes: Vec<Mode>) -> Truss {
+    let units = compliances(&modes);
+    assemble_in(config, modes, units)
+}
+
+/// The same with the displacement that counts as 1 V at each port given, in the modes' units.
+pub(crate) fn assemble_in(config: &TrussConfig, modes: Vec<Mode>, units: [f64; INPUTS]) -> Truss {
+    build(config, Plant { modes, poles_hz: [ACTUATOR_POLE_HZ; INPUTS] }, units)
+}
+
+/// The plant as the linear effects of a checked config change it. The units of its ports stay those of the unchanged plant.
+pub(crate) fn altered(config: &TrussConfig, truss: &Truss) -> Truss {
+    let mut plant = Plant { modes: truss.modes.clone(), poles_hz: [ACTUATOR_POLE_HZ; INPUTS] };
+    effects::alter(&config.effects, &mut plant);
+    if plant.modes == truss.modes && plant.poles_hz == [ACTUATOR_POLE_HZ; INPUTS] {
+        return truss.clone();
+    }
+    build(config, plant, compliances(&truss.modes))
+}
+
+/// The model of somebody who has missed a mode, from 0: the plant of a config without it and without effects.
+///
+/// # Errors
+/// If a key of the config is wrong, or there is no such mode.
+pub fn truss_without_mode(config: &TrussConfig, mode: usize) -> Result<Truss, TestbedError> {
+    let mut modes = truss(config)?.modes;
+    within("mode", mode, 0, modes.len() - 1)?;
+    let units = compliances(&modes);
+    modes.remove(mode);
+    Ok(assemble_in(config, modes, units))
+}
+
+fn build(config: &TrussConfig, plant: Plant, units: [f64; INPUTS]) -> Truss {
+    let Plant { modes, poles_hz } = plant;
+    let step_s = 1.0 / config.sample_rate_hz;
+    let continuous = continuous(&modes, poles_hz);
+    let discrete = continuous.sampled(step_s);
+    let noise = noise(config, &modes, &continuous, &discrete, step_s);
+    let ports = (0..INPUTS).map(|input| strut_port(&modes, input, units[input])).collect();
+    let warnings = folded_modes(&modes, config.sample_rate_hz / 2.0).into_iter().collect();
+    Truss { sample_rate_hz: config.sample_rate_hz, modes, continuous, discrete, noise, ports, warnings }
+}
+
+fn continuous(modes: &[Mode], poles_hz: [f64; INPUTS]) -> StateSpace {
     let n = states(modes);
     let mut a = DMatrix::zeros(n, n);
     let mut b = DMatrix::zeros(n, INPUTS);
     let mut c = DMatrix::zeros(OUTPUTS, n);
-    let pole = 2.0 * PI * ACTUATOR_POLE_HZ;
     for j in 0..INPUTS {
+        let pole = 2.0 * PI * poles_hz[j];
         a[(j, j)] = -pole;
         b[(j, j)] = pole;
     }
@@ -170,10 +209,15 @@ fn noise(
     }
 }
 
-fn strut_port(modes: &[Mode], input: usize) -> StrutPort {
+/// What a constant force of 1 V at the strut of each input gives there, in the modes' units.
+pub(crate) fn compliances(modes: &[Mode]) -> [f64; INPUTS] {
+    std::array::from_fn(|j| modes.iter().map(|mode| (mode.input_shape[j] / mode.angular_frequency()).powi(2)).sum())
+}
+
+/// `compliance` is the displacement, in the modes' units, that counts as 1 V.
+fn strut_port(modes: &[Mode], input: usize, compliance: f64) -> StrutPort {
     let n = states(modes);
     let shape = |mode: &Mode| mode.input_shape[input];
-    let compliance: f64 = modes.iter().map(|mode| (shape(mode) / mode.angular_frequency()).powi(2)).sum();
     let (mut force, mut displacement, mut velocity) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
     for (m, mode) in modes.iter().enumerate() {
         for (total, share) in force.iter_mut().zip(modal_force(modes, m)) {

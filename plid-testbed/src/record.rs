@@ -1,14 +1,15 @@
 //! One record: the chain from the DAC's voltage to the ADC's.
 
 use nalgebra::DMatrix;
-use ndarray::{Array2, ArrayView2};
+use ndarray::{Array2, ArrayView2, s};
 use rand_chacha::ChaCha12Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::config::TrussConfig;
 use crate::converter::Converter;
 use crate::covariance;
-use crate::effects::structure_effects;
+use crate::effects;
+use crate::effects::chain::{Chain, Clock};
 use crate::error::TestbedError;
 use crate::integrator::Integrator;
 use crate::plant::Truss;
@@ -53,40 +54,74 @@ fn add_coloured((root, rng): &mut (DMatrix<f64>, ChaCha12Rng), values: &mut [f64
     multiply_add(root, &draws, values);
 }
 
-/// Outputs before the ADC (K x p) for commands as the DAC gives them (K x m). Without noise, the structure starts
-/// motionless; with it, as the ambient force left it. An effect's clock runs on from the repeats before.
+/// Outputs of a record, and how many samples of each the ADC clipped.
+pub(crate) struct Recorded {
+    pub outputs: Array2<f64>,
+    pub clipped: Vec<usize>,
+}
+
+/// Outputs (K x p) of the plant, as its linear effects changed it, for commands as the DAC gives them (K x m). Without noise the
+/// structure starts motionless and nothing is converted; with it, it starts as the ambient force left it. Clocks of effects run
+/// on from the records before.
 pub(crate) fn record(
     config: &TrussConfig,
     truss: &Truss,
     commands: ArrayView2<f64>,
-    repeat: usize,
-    mut noise: Option<Noise>,
-) -> Result<Array2<f64>, TestbedError> {
-    let effects = structure_effects(&config.effects, truss);
-    let mut integrator = Integrator::new(truss, effects, config.effects.steps_per_sample);
-    let samples = commands.nrows();
-    let mut outputs = Array2::zeros((samples, OUTPUTS));
-    let mut x = vec![0.0; truss.discrete.states()];
-    if let Some(noise) = &mut noise {
-        add_coloured(&mut noise.start, &mut x);
+    clock: Clock,
+    noise: Option<Noise>,
+) -> Result<Recorded, TestbedError> {
+    let mut chain = effects::chain(&config.effects, truss, config.seed, clock);
+    let mut noise = noise;
+    let mut outputs = motion(config, truss, commands, clock, &mut chain, noise.as_mut())?;
+    for effect in &mut chain.sensor {
+        effect.apply(clock, &mut outputs);
     }
-    for k in 0..samples {
+    let mut outputs = outputs.slice_move(s![..commands.nrows(), ..]);
+    let mut clipped = vec![0; OUTPUTS];
+    if let Some(noise) = &mut noise {
+        // Sample by sample: the order in which the stream is drawn.
+        outputs.iter_mut().for_each(|y| add_white(&mut noise.sensor, std::slice::from_mut(y)));
+        let adc = Converter { step_v: config.converters.step_v, range_v: config.converters.range_v };
+        (outputs, clipped) = convert(adc, outputs);
+    }
+    for effect in &mut chain.codes {
+        effect.apply(clock, &mut outputs);
+    }
+    Ok(Recorded { outputs, clipped })
+}
+
+/// The filtered accelerations at the samples; as many more rows as the sensor effects look ahead, without command.
+fn motion(
+    config: &TrussConfig,
+    truss: &Truss,
+    commands: ArrayView2<f64>,
+    clock: Clock,
+    chain: &mut Chain,
+    mut noise: Option<&mut Noise>,
+) -> Result<Array2<f64>, TestbedError> {
+    let mut integrator = Integrator::new(truss, chain, config.effects.steps_per_sample);
+    let samples = commands.nrows();
+    let states = truss.discrete.states();
+    let mut outputs = Array2::zeros((samples + chain.look_ahead, OUTPUTS));
+    let mut x = integrator.at_rest();
+    if let Some(noise) = &mut noise {
+        add_coloured(&mut noise.start, &mut x[..states]);
+    }
+    for k in 0..samples + chain.look_ahead {
         let mut y = [0.0; OUTPUTS];
-        multiply_add(&truss.discrete.c, &x, &mut y);
+        multiply_add(&truss.discrete.c, &x[..states], &mut y);
         if y.iter().any(|v| v.is_nan() || v.abs() > UNBOUNDED_V) {
-            return Err(TestbedError::Diverged { sample: k, repeat });
-        }
-        let mut u: [f64; INPUTS] = std::array::from_fn(|j| commands[(k, j)]);
-        if let Some(noise) = &mut noise {
-            add_white(&mut noise.sensor, &mut y);
-            add_white(&mut noise.amplifier, &mut u);
+            return Err(TestbedError::Diverged { sample: k, repeat: clock.record });
         }
         outputs.row_mut(k).iter_mut().zip(y).for_each(|(to, value)| *to = value);
-        let t_s = (repeat * samples + k) as f64 / truss.sample_rate_hz;
-        integrator.advance(&mut x, &u, t_s);
+        let mut u: [f64; INPUTS] = std::array::from_fn(|j| if k < samples { commands[(k, j)] } else { 0.0 });
+        if let Some(noise) = &mut noise {
+            add_white(&mut noise.amplifier, &mut u);
+        }
+        integrator.advance(&mut x, u, clock.time_s(k));
         if let Some(noise) = &mut noise {
             // Exact for the linear structure; an effect meets the ambient force's motion at the next sample.
-            add_coloured(&mut noise.ambient, &mut x);
+            add_coloured(&mut noise.ambient, &mut x[..states]);
         }
     }
     Ok(outputs)

@@ -4,9 +4,10 @@ use ndarray::{Array2, ArrayView2};
 
 use crate::config::TrussConfig;
 use crate::converter::Converter;
+use crate::effects::chain::Clock;
 use crate::error::{TestbedError, Warning};
 use crate::input;
-use crate::plant::{Truss, truss};
+use crate::plant::{Truss, altered, truss};
 use crate::record::{Noise, convert, record};
 
 /// What an experimenter takes home, and the truth that he does not know.
@@ -21,7 +22,7 @@ pub struct Simulation {
     /// Outputs of the first repeat without any noise and before the ADC (K x p), V. Without effects this is the free run of
     /// `truth.discrete`, from rest, on the commands.
     pub noise_free: Array2<f64>,
-    /// The plant.
+    /// The plant without the effects.
     pub truth: Truss,
     /// What is unusual about these records.
     pub warnings: Vec<Warning>,
@@ -55,13 +56,17 @@ fn run(config: &TrussConfig, command: Array2<f64>) -> Result<Simulation, Testbed
     let (commands, clipped) = convert(converter, command);
     let clips = |counts: Vec<usize>| counts.into_iter().enumerate().filter(|(_, samples)| *samples > 0);
     warnings.extend(clips(clipped).map(|(channel, samples)| Warning::CommandClipped { channel, samples }));
-    let noise_free = record(config, &truth, commands.view(), 0, None)?;
+    let plant = altered(config, &truth);
+    let sample_rate_hz = config.sample_rate_hz;
+    let clock = |repeat: usize| Clock { record: repeat, start: repeat * commands.nrows(), sample_rate_hz };
+    let noise_free = record(config, &plant, commands.view(), clock(0), None)?.outputs;
     let mut outputs = Vec::with_capacity(config.repeats);
     for repeat in 0..config.repeats {
-        let noise = Noise::new(config, &truth, repeat);
-        let (output, clipped) = convert(converter, record(config, &truth, commands.view(), repeat, Some(noise))?);
-        warnings.extend(clips(clipped).map(|(channel, samples)| Warning::OutputClipped { repeat, channel, samples }));
-        outputs.push(output);
+        let noise = Noise::new(config, &plant, repeat);
+        let recorded = record(config, &plant, commands.view(), clock(repeat), Some(noise))?;
+        let clips = clips(recorded.clipped);
+        warnings.extend(clips.map(|(channel, samples)| Warning::OutputClipped { repeat, channel, samples }));
+        outputs.push(recorded.outputs);
     }
     Ok(Simulation { sample_rate_hz: config.sample_rate_hz, commands, outputs, noise_free, truth, warnings })
 }

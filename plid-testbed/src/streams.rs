@@ -16,6 +16,12 @@ pub(crate) enum Purpose {
     Start = 4,
     /// Sensor noise.
     Sensor = 5,
+    /// What is random in an effect; indexed by repeat and effect.
+    Effect = 6,
+    /// The truss, the nominal model and the effects of a gap case.
+    Draw = 7,
+    /// The commands of a gap case; indexed by record and input.
+    Excitation = 8,
 }
 
 /// The stream of one purpose and index (input or repeat).

@@ -8,6 +8,8 @@ use crate::{INPUTS, OUTPUTS};
 /// Six tubes, each bending in two planes.
 pub(crate) const TUBES: usize = 6;
 pub(crate) const MOST_MODES_PER_TUBE: usize = 2;
+/// Modes beside those of the tubes.
+pub(crate) const PLATFORM_MODES: usize = DOMINANT.len() + TRUNCATED.len();
 
 /// Why a mode is in the list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,9 +74,9 @@ const SHAPE_SCALE: f64 = 0.1515;
 const TUBE_SCALE: f64 = 0.091;
 
 /// Frequency (Hz), damping ratio, and (piston, tip, tilt) of the platform and of the strut ends.
-type Row = (f64, f64, [f64; 3], [f64; 3]);
+pub(crate) type Row = (f64, f64, [f64; 3], [f64; 3]);
 
-const DOMINANT: [Row; 5] = [
+pub(crate) const DOMINANT: [Row; 5] = [
     (136.0, 0.0045, [0.25, 0.15, 1.00], [0.40, 0.05, 0.95]),
     (168.0, 0.0055, [-0.20, 1.00, 0.25], [-0.15, 0.95, 0.10]),
     (186.0, 0.0040, [1.00, 0.20, -0.15], [1.05, 0.10, -0.25]),
@@ -82,7 +84,7 @@ const DOMINANT: [Row; 5] = [
     (243.0, 0.0070, [-0.75, 0.35, 0.65], [-0.70, 0.45, 0.60]),
 ];
 
-const TRUNCATED: [Row; 8] = [
+pub(crate) const TRUNCATED: [Row; 8] = [
     (312.0, 0.0060, [0.10, 0.20, -0.15], [0.12, 0.15, -0.20]),
     (357.0, 0.0070, [-0.20, 0.10, 0.15], [-0.15, 0.15, 0.10]),
     (401.0, 0.0080, [0.15, -0.20, 0.10], [0.20, -0.20, 0.05]),
@@ -106,7 +108,7 @@ pub(crate) fn modes(modes_per_tube: usize) -> Vec<Mode> {
     tubes.chain(dominant).chain(truncated).collect()
 }
 
-fn platform_mode(row: &Row, group: ModeGroup) -> Mode {
+pub(crate) fn platform_mode(row: &Row, group: ModeGroup) -> Mode {
     let (frequency_hz, damping_ratio, platform, struts) = *row;
     let motion = |[piston, tip, tilt]: [f64; 3]| Motion { piston, tip, tilt };
     Mode {
@@ -120,7 +122,7 @@ fn platform_mode(row: &Row, group: ModeGroup) -> Mode {
 
 /// Two tubes meet at each corner, and every other tube holds an actuator. Its own corner and its own actuator
 /// see a tube most; the others see it through the platform, with opposite signs for the two planes.
-fn tube_mode(tube: usize, plane: usize) -> Mode {
+pub(crate) fn tube_mode(tube: usize, plane: usize) -> Mode {
     let corner = tube / 2;
     let sign = if plane == 0 { 1.0 } else { -1.0 };
     let own_actuator = if tube.is_multiple_of(2) { 1.0 } else { 0.5 };

@@ -6,7 +6,8 @@ use crate::{ideal, largest, rms};
 
 fn with_effects(drift: f64, cubic: Option<f64>, steps_per_sample: usize) -> TrussConfig {
     let cubic_joint = cubic.map(|stiffness_per_v2| CubicJoint { input: 2, stiffness_per_v2 });
-    let effects = EffectsConfig { stiffness_drift_per_s: drift, cubic_joint, steps_per_sample };
+    let effects =
+        EffectsConfig { stiffness_drift_per_s: drift, cubic_joint, steps_per_sample, ..EffectsConfig::default() };
     TrussConfig { duration_s: 0.4, effects, ..ideal() }
 }
 
@@ -28,7 +29,11 @@ fn both_effects_agree_with_a_fine_integration_of_the_physics() {
     for (drift, cubic) in [(DRIFT, None), (0.0, Some(CUBIC)), (DRIFT, Some(-CUBIC))] {
         let config = with_effects(drift, cubic, 8);
         let run = simulate(&config).unwrap();
-        let physics = Physics { modes: &run.truth.modes, drift_per_s: drift, cubic: cubic.map(|k| (1, k)) };
+        let mut physics = Physics::of(&run.truth.modes);
+        physics.stiffness = Box::new(move |t| 1.0 + drift * t);
+        if let Some(k) = cubic {
+            physics.force = Some((1, Box::new(move |d, _v| -k * d * d * d)));
+        }
         let expected = physics.run(run.commands.view(), 1600.0, 128);
         let error = largest((&run.noise_free - &expected).view());
         println!("drift {drift}, cubic {cubic:?}: change {:.3}, error {error:.1e} V", change(&config));

@@ -3,6 +3,9 @@
 mod config;
 mod effects;
 mod experiment;
+mod gap;
+mod golden;
+mod laws;
 mod noise;
 mod physics;
 mod plant;

@@ -5,11 +5,20 @@ use ndarray::{Array2, ArrayView2};
 use plid_testbed::{ACTUATOR_POLE_HZ, ANTI_ALIAS_HZ, Mode};
 use std::f64::consts::{PI, SQRT_2};
 
-/// The structure with the two effects: stiffness (1 + r t), and k d^3 at a strut (from 0).
+type OfTime = Box<dyn Fn(f64) -> f64>;
+type OfMotion = Box<dyn Fn(f64, f64) -> f64>;
+
+/// The structure with what effects change of it.
 pub struct Physics<'a> {
     pub modes: &'a [Mode],
-    pub drift_per_s: f64,
-    pub cubic: Option<(usize, f64)>,
+    pub poles_hz: [f64; 3],
+    /// Factors of w^2 and of the damping ratio over time.
+    pub stiffness: OfTime,
+    pub damping: OfTime,
+    /// An inner force at a strut (from 0), of its displacement and velocity.
+    pub force: Option<(usize, OfMotion)>,
+    /// A force along a strut over the samples' times.
+    pub disturbance: Option<(usize, OfTime)>,
 }
 
 #[derive(Clone)]
@@ -35,30 +44,37 @@ impl Motion {
     }
 }
 
-impl Physics<'_> {
-    fn rate(&self, t: f64, s: &Motion, u: &[f64; 3]) -> Motion {
-        let pole = 2.0 * PI * ACTUATOR_POLE_HZ;
+impl<'a> Physics<'a> {
+    /// Without any effect.
+    pub fn of(modes: &'a [Mode]) -> Self {
+        let poles_hz = [ACTUATOR_POLE_HZ; 3];
+        let (stiffness, damping) = (Box::new(|_t| 1.0), Box::new(|_t| 1.0));
+        Self { modes, poles_hz, stiffness, damping, force: None, disturbance: None }
+    }
+
+    fn rate(&self, t: f64, s: &Motion, u: &[f64; 3], shake: [f64; 3]) -> Motion {
         let corner = 2.0 * PI * ANTI_ALIAS_HZ;
-        let mut push = s.actuator;
-        if let Some((strut, k)) = self.cubic {
-            let squares = |m: &Mode| (m.input_shape[strut] / (2.0 * PI * m.frequency_hz)).powi(2);
-            let compliance: f64 = self.modes.iter().map(squares).sum();
-            let d = self.modes.iter().zip(&s.q).map(|(m, q)| m.input_shape[strut] * q).sum::<f64>() / compliance;
-            push[strut] -= k * d * d * d;
+        let mut push: [f64; 3] = std::array::from_fn(|j| s.actuator[j] + shake[j]);
+        if let Some((strut, force)) = &self.force {
+            let squares = |m: &Mode| (m.input_shape[*strut] / (2.0 * PI * m.frequency_hz)).powi(2);
+            let unit: f64 = self.modes.iter().map(squares).sum();
+            let seen = |q: &[f64]| self.modes.iter().zip(q).map(|(m, q)| m.input_shape[*strut] * q).sum::<f64>() / unit;
+            push[*strut] += force(seen(&s.q), seen(&s.dq));
         }
         let mut acceleration = [0.0; 3];
         let mut ddq = Vec::new();
         for (m, mode) in self.modes.iter().enumerate() {
             let w = 2.0 * PI * mode.frequency_hz;
             let force: f64 = (0..3).map(|j| mode.input_shape[j] * push[j]).sum();
-            let a = force - 2.0 * mode.damping_ratio * w * s.dq[m] - w * w * (1.0 + self.drift_per_s * t) * s.q[m];
+            let damping = 2.0 * mode.damping_ratio * w * (self.damping)(t);
+            let a = force - damping * s.dq[m] - w * w * (self.stiffness)(t) * s.q[m];
             for i in 0..3 {
                 acceleration[i] += mode.output_shape[i] * a;
             }
             ddq.push(a);
         }
         Motion {
-            actuator: std::array::from_fn(|j| pole * (u[j] - s.actuator[j])),
+            actuator: std::array::from_fn(|j| 2.0 * PI * self.poles_hz[j] * (u[j] - s.actuator[j])),
             q: s.dq.clone(),
             dq: ddq,
             y: s.dy,
@@ -75,12 +91,16 @@ impl Physics<'_> {
         for k in 0..commands.nrows() {
             (0..3).for_each(|i| outputs[(k, i)] = s.y[i]);
             let u = std::array::from_fn(|j| commands[(k, j)]);
+            let mut shake = [0.0; 3];
+            if let Some((strut, force)) = &self.disturbance {
+                shake[*strut] = force(k as f64 / rate_hz);
+            }
             for step in 0..steps {
                 let t = k as f64 / rate_hz + step as f64 * h;
-                let k1 = self.rate(t, &s, &u);
-                let k2 = self.rate(t + h / 2.0, &s.plus(h / 2.0, &k1), &u);
-                let k3 = self.rate(t + h / 2.0, &s.plus(h / 2.0, &k2), &u);
-                let k4 = self.rate(t + h, &s.plus(h, &k3), &u);
+                let k1 = self.rate(t, &s, &u, shake);
+                let k2 = self.rate(t + h / 2.0, &s.plus(h / 2.0, &k1), &u, shake);
+                let k3 = self.rate(t + h / 2.0, &s.plus(h / 2.0, &k2), &u, shake);
+                let k4 = self.rate(t + h, &s.plus(h, &k3), &u, shake);
                 s = s.plus(h / 6.0, &k1).plus(h / 3.0, &k2).plus(h / 3.0, &k3).plus(h / 6.0, &k4);
             }
         }

@@ -50,7 +50,7 @@ fn exact_samples_agree_with_a_fine_integration_of_the_physics() {
     for rate in [1600.0, 700.0] {
         let config = TrussConfig { duration_s: 0.15, sample_rate_hz: rate, ..ideal() };
         let run = simulate(&config).unwrap();
-        let physics = Physics { modes: &run.truth.modes, drift_per_s: 0.0, cubic: None };
+        let physics = Physics::of(&run.truth.modes);
         let expected = physics.run(run.commands.view(), rate, 256);
         let error = largest((&run.noise_free - &expected).view());
         assert!(error < 1e-8 * largest(expected.view()), "{error} at {rate} Hz");

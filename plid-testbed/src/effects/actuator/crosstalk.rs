@@ -1,0 +1,50 @@
+//! One channel's voltage on another's actuator: u'_j = u_j + c u_i.
+
+use serde::{Deserialize, Serialize};
+
+use crate::INPUTS;
+use crate::config::finite;
+use crate::effects::chain::{ActuatorEffect, Chain, Site, Span};
+use crate::effects::law::{Law, Limits};
+use crate::effects::place::InputPair;
+use crate::error::TestbedError;
+
+/// u'_j = u_j + c u_i.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ActuatorCrosstalk {
+    /// From i into j.
+    pub at: InputPair,
+    /// c; either sign.
+    pub share: f64,
+}
+
+impl ActuatorEffect for ActuatorCrosstalk {
+    fn apply(&mut self, _span: &Span, u: &mut [[f64; INPUTS]]) {
+        for piece in u {
+            piece[self.at.1] += self.share * piece[self.at.0];
+        }
+    }
+}
+
+impl Law for ActuatorCrosstalk {
+    fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
+        finite("share", self.share)
+    }
+
+    fn install(&self, _site: Site, chain: &mut Chain) {
+        chain.actuator.push(Box::new(self.clone()));
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        self.share *= factor;
+    }
+
+    fn place(&self) -> usize {
+        self.at.0
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        vec![self.share, self.at.1 as f64]
+    }
+}

@@ -1,0 +1,54 @@
+//! An amplifier that runs out of voltage: u' = a tanh(u / a).
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::positive;
+use crate::effects::chain::{Chain, Site};
+use crate::effects::law::{Law, Limits};
+use crate::effects::place::Input;
+use crate::effects::shapes::Limit;
+use crate::error::TestbedError;
+
+/// u' = a tanh(u / a).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ActuatorSaturation {
+    /// The input.
+    pub at: Input,
+    /// a, V; positive.
+    pub limit_v: f64,
+    /// The curve.
+    #[serde(default = "tanh")]
+    pub law: Limit,
+}
+
+fn tanh() -> Limit {
+    Limit::Tanh
+}
+
+impl Law for ActuatorSaturation {
+    fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
+        positive("limit_v", self.limit_v)
+    }
+
+    fn install(&self, _site: Site, chain: &mut Chain) {
+        let (a, law) = (self.limit_v, self.law);
+        chain.change_inputs(vec![self.at.0], move |u| law.of(u, a));
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        self.limit_v /= factor;
+    }
+
+    fn place(&self) -> usize {
+        self.at.0
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        vec![self.limit_v]
+    }
+
+    fn own_equation(&self) -> bool {
+        self.law == Limit::Tanh
+    }
+}

@@ -1,0 +1,144 @@
+//! An amplifier that can change its voltage only so fast: |du'/dt| <= R, also between samples.
+
+use serde::{Deserialize, Serialize};
+
+use crate::INPUTS;
+use crate::config::positive;
+use crate::effects::chain::{ActuatorEffect, Chain, Site, Span};
+use crate::effects::law::{Law, Limits};
+use crate::effects::place::Input;
+use crate::error::TestbedError;
+
+/// u' follows u with |du'/dt| <= R.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ActuatorSlewLimit {
+    /// The input.
+    pub at: Input,
+    /// R, V/s; positive.
+    pub rate_v_per_s: f64,
+    /// How it follows.
+    #[serde(default)]
+    pub law: SlewLaw,
+}
+
+/// Ways to follow a voltage no faster than R.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SlewLaw {
+    /// At R until it is there.
+    #[default]
+    Hard,
+    /// du'/dt = R tanh((u - u') / e) with e of 0.1 V: slower as it comes near.
+    Soft,
+}
+
+const SOFT_V: f64 = 0.1;
+
+struct Slewing {
+    input: usize,
+    rate: f64,
+    law: SlewLaw,
+    voltage: f64,
+}
+
+/// What is left to go after `t`, where `left` was to go at first.
+fn remaining(law: SlewLaw, left: f64, rate: f64, t: f64) -> f64 {
+    let size = match law {
+        SlewLaw::Hard => (left.abs() - rate * t).max(0.0),
+        SlewLaw::Soft => {
+            // With w = left / e: dw/dt = -tanh(w) R / e, so sinh(w) decays as exp(-R t / e). Far above 1, sinh is an exponential.
+            let w = left.abs() / SOFT_V;
+            let steps = rate * t / SOFT_V;
+            let end = if w - steps > 20.0 { w - steps } else { (log_sinh(w) - steps).exp().asinh() };
+            end * SOFT_V
+        }
+    };
+    size * left.signum()
+}
+
+fn log_sinh(w: f64) -> f64 {
+    if w > 20.0 { w - std::f64::consts::LN_2 } else { w.sinh().ln() }
+}
+
+impl ActuatorEffect for Slewing {
+    fn apply(&mut self, span: &Span, u: &mut [[f64; INPUTS]]) {
+        for (piece, length_s) in u.iter_mut().zip(span.lengths_s()) {
+            let target = piece[self.input];
+            let left = target - self.voltage;
+            let to_go = |t: f64| remaining(self.law, left, self.rate, t);
+            let mean = match self.law {
+                // The area under a triangle that may be cut off.
+                SlewLaw::Hard => {
+                    let ramp_s = (left.abs() / self.rate).min(length_s);
+                    ramp_s * (left + to_go(ramp_s)) / 2.0 / length_s
+                }
+                // Simpson's rule over twenty parts.
+                SlewLaw::Soft => {
+                    let part = |i: usize| to_go(length_s * i as f64 / 20.0);
+                    let weight = |i: usize| if i == 0 || i == 20 { 1.0 } else { 2.0 + 2.0 * (i % 2) as f64 };
+                    (0..=20).map(|i| weight(i) * part(i)).sum::<f64>() / 60.0
+                }
+            };
+            self.voltage = target - to_go(length_s);
+            piece[self.input] = target - mean;
+        }
+    }
+}
+
+impl Law for ActuatorSlewLimit {
+    fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
+        positive("rate_v_per_s", self.rate_v_per_s)
+    }
+
+    fn install(&self, _site: Site, chain: &mut Chain) {
+        let (input, rate, law) = (self.at.0, self.rate_v_per_s, self.law);
+        chain.actuator.push(Box::new(Slewing { input, rate, law, voltage: 0.0 }));
+        chain.moves_within = true;
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        self.rate_v_per_s /= factor;
+    }
+
+    fn place(&self) -> usize {
+        self.at.0
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        vec![self.rate_v_per_s]
+    }
+
+    fn own_equation(&self) -> bool {
+        self.law == SlewLaw::Hard
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_soft_law_agrees_with_a_fine_integration() {
+        for left in [0.01, 0.5, 5.0, 60.0] {
+            let (rate, mut fine) = (2000.0, left);
+            let h = 1e-8;
+            for _ in 0..60_000 {
+                fine -= h * rate * (fine / SOFT_V).tanh();
+            }
+            let closed = remaining(SlewLaw::Soft, left, rate, 6e-4);
+            assert!((closed - fine).abs() < 1e-4 * left, "{left}: {closed} and {fine}");
+        }
+    }
+
+    #[test]
+    fn a_ramp_has_the_mean_of_its_area() {
+        let mut slewing = Slewing { input: 0, rate: 1000.0, law: SlewLaw::Hard, voltage: 0.0 };
+        let span = Span { start_s: 0.0, sample_s: 1e-3, edges: &[0.0, 0.25, 1.0] };
+        let mut u = [[0.5, 0.0, 0.0]; 2];
+        slewing.apply(&span, &mut u);
+        // 0 to 0.25 V in the first quarter; then 0.25 ms up to 0.5 V, and 0.5 ms there.
+        assert!((u[0][0] - 0.125).abs() < 1e-12, "{u:?}");
+        assert!((u[1][0] - (0.375 * 0.25 + 0.5 * 0.5) / 0.75).abs() < 1e-12, "{u:?}");
+    }
+}

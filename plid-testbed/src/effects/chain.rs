@@ -1,0 +1,158 @@
+//! The places in the chain where effects act, in the order in which a record meets them.
+
+use ndarray::Array2;
+use rand_chacha::ChaCha12Rng;
+
+use crate::INPUTS;
+use crate::plant::{StrutPort, Truss};
+
+/// A force inside the structure, integrated in continuous time together with it.
+pub(crate) trait StructureEffect {
+    /// Adds its share of dx/dt at time `t_s` (since the first record began). States of its own follow those of the truss
+    /// in `x` and `rate`.
+    fn add_rate(&self, t_s: f64, x: &[f64], rate: &mut [f64]);
+}
+
+/// A change of the voltages between amplifier and actuator pole.
+pub(crate) trait ActuatorEffect {
+    /// `u` holds the voltages of one sample, constant over each piece of it (their mean where they are not).
+    fn apply(&mut self, span: &Span, u: &mut [[f64; INPUTS]]);
+}
+
+/// A change of the samples (K x p), before the sensor noise or behind the ADC.
+pub(crate) trait SensorEffect {
+    fn apply(&mut self, clock: Clock, y: &mut Array2<f64>);
+}
+
+/// A force that is held over a sample and knows nothing of the state.
+pub(crate) trait Disturbance {
+    fn force(&mut self, t_s: f64) -> f64;
+}
+
+/// Time of a record.
+#[derive(Clone, Copy)]
+pub(crate) struct Clock {
+    /// Which record it is, from 0.
+    pub record: usize,
+    /// Samples since the first record began.
+    pub start: usize,
+    pub sample_rate_hz: f64,
+}
+
+impl Clock {
+    pub(crate) fn time_s(self, sample: usize) -> f64 {
+        (self.start + sample) as f64 / self.sample_rate_hz
+    }
+}
+
+/// A sample and its pieces.
+pub(crate) struct Span<'a> {
+    /// Since the first record began.
+    pub start_s: f64,
+    pub sample_s: f64,
+    /// Where the pieces begin and end, as shares of the sample: 0, ..., 1.
+    pub edges: &'a [f64],
+}
+
+impl Span<'_> {
+    /// Length of each piece, s.
+    pub(crate) fn lengths_s(&self) -> impl Iterator<Item = f64> + '_ {
+        self.edges.windows(2).map(|w| (w[1] - w[0]) * self.sample_s)
+    }
+}
+
+/// What an effect needs to know when a record begins.
+pub(crate) struct Site<'a> {
+    pub truss: &'a Truss,
+    pub clock: Clock,
+    /// A stream of its own.
+    pub rng: ChaCha12Rng,
+}
+
+/// All effects of one record, each with its internal state at zero.
+#[derive(Default)]
+pub(crate) struct Chain {
+    pub structure: Vec<Box<dyn StructureEffect>>,
+    /// States that effects have beside those of the truss.
+    pub own_states: usize,
+    pub actuator: Vec<Box<dyn ActuatorEffect>>,
+    /// Shares of the sample at which a voltage jumps.
+    pub jumps: Vec<f64>,
+    /// Whether a voltage moves within the sample.
+    pub moves_within: bool,
+    pub sensor: Vec<Box<dyn SensorEffect>>,
+    /// Samples that a sensor effect needs after the last.
+    pub look_ahead: usize,
+    /// Behind the ADC.
+    pub codes: Vec<Box<dyn SensorEffect>>,
+    /// With the input along whose strut each acts.
+    pub forces: Vec<(usize, Box<dyn Disturbance>)>,
+}
+
+impl Chain {
+    /// Adds a force that depends on a port's displacement and velocity.
+    pub(crate) fn force_at(&mut self, port: &StrutPort, force: impl Fn(f64, f64) -> f64 + 'static) {
+        self.structure.push(Box::new(PortForce { port: port.clone(), force }));
+    }
+
+    /// Adds a change of some inputs' voltages that depends on nothing but the voltage.
+    pub(crate) fn change_inputs(&mut self, inputs: Vec<usize>, law: impl Fn(f64) -> f64 + 'static) {
+        self.actuator.push(Box::new(StaticVoltage { inputs, law }));
+    }
+
+    /// Adds a change of one output's samples that depends on the sample and its time (s).
+    pub(crate) fn change_output(&mut self, output: usize, law: impl FnMut(f64, f64) -> f64 + 'static) {
+        self.sensor.push(Box::new(Samples { output, law }));
+    }
+}
+
+struct PortForce<F> {
+    port: StrutPort,
+    force: F,
+}
+
+impl<F: Fn(f64, f64) -> f64> StructureEffect for PortForce<F> {
+    fn add_rate(&self, _t_s: f64, x: &[f64], rate: &mut [f64]) {
+        let force = (self.force)(dot(&self.port.displacement, x), dot(&self.port.velocity, x));
+        add_scaled(rate, &self.port.force, force);
+    }
+}
+
+struct StaticVoltage<F> {
+    inputs: Vec<usize>,
+    law: F,
+}
+
+impl<F: Fn(f64) -> f64> ActuatorEffect for StaticVoltage<F> {
+    fn apply(&mut self, _span: &Span, u: &mut [[f64; INPUTS]]) {
+        for piece in u {
+            for &j in &self.inputs {
+                piece[j] = (self.law)(piece[j]);
+            }
+        }
+    }
+}
+
+struct Samples<F> {
+    output: usize,
+    law: F,
+}
+
+impl<F: FnMut(f64, f64) -> f64> SensorEffect for Samples<F> {
+    fn apply(&mut self, clock: Clock, y: &mut Array2<f64>) {
+        for (k, value) in y.column_mut(self.output).iter_mut().enumerate() {
+            *value = (self.law)(*value, clock.time_s(k));
+        }
+    }
+}
+
+/// A row of the truss's states times a state that may be longer.
+pub(crate) fn dot(row: &[f64], x: &[f64]) -> f64 {
+    row.iter().zip(x).map(|(row, x)| row * x).sum()
+}
+
+pub(crate) fn add_scaled(rate: &mut [f64], entry: &[f64], force: f64) {
+    for (r, share) in rate.iter_mut().zip(entry) {
+        *r += share * force;
+    }
+}

@@ -1,0 +1,94 @@
+//! A machine that runs nearby: force a sin(2 pi f t + phi), held over a sample.
+
+use std::f64::consts::PI;
+
+use rand_chacha::ChaCha12Rng;
+use rand_distr::{Distribution, StandardNormal};
+use serde::{Deserialize, Serialize};
+
+use crate::config::{finite, positive};
+use crate::effects::chain::{Chain, Disturbance, Site};
+use crate::effects::law::{Law, Limits};
+use crate::effects::place::Input;
+use crate::error::TestbedError;
+
+/// Force a sin(2 pi f t + phi) along a strut.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NarrowbandDisturbance {
+    /// The input along whose strut it acts.
+    pub at: Input,
+    /// a, V; positive.
+    pub amplitude_v: f64,
+    /// f, Hz; positive.
+    pub frequency_hz: f64,
+    /// phi, rad.
+    #[serde(default)]
+    pub phase_rad: f64,
+    /// How steady it runs.
+    #[serde(default)]
+    pub law: NarrowbandLaw,
+}
+
+/// How steady a machine runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum NarrowbandLaw {
+    /// A sine.
+    #[default]
+    Steady,
+    /// Its phase walks at random, one radian a second at one standard deviation.
+    Wandering,
+}
+
+struct Machine {
+    config: NarrowbandDisturbance,
+    sample_rate_hz: f64,
+    walked: f64,
+    rng: ChaCha12Rng,
+}
+
+impl Disturbance for Machine {
+    fn force(&mut self, t_s: f64) -> f64 {
+        let c = &self.config;
+        if c.law == NarrowbandLaw::Wandering {
+            let draw: f64 = StandardNormal.sample(&mut self.rng);
+            self.walked += draw / self.sample_rate_hz.sqrt();
+        }
+        c.amplitude_v * (2.0 * PI * c.frequency_hz * t_s + c.phase_rad + self.walked).sin()
+    }
+}
+
+impl Law for NarrowbandDisturbance {
+    fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
+        positive("amplitude_v", self.amplitude_v)?;
+        positive("frequency_hz", self.frequency_hz)?;
+        finite("phase_rad", self.phase_rad)
+    }
+
+    fn install(&self, site: Site, chain: &mut Chain) {
+        let sample_rate_hz = site.clock.sample_rate_hz;
+        let machine = Machine { config: self.clone(), sample_rate_hz, walked: 0.0, rng: site.rng };
+        chain.forces.push((self.at.0, Box::new(machine)));
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        self.amplitude_v *= factor;
+    }
+
+    fn place(&self) -> usize {
+        self.at.0
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        vec![self.amplitude_v, self.frequency_hz, self.phase_rad]
+    }
+
+    fn own_equation(&self) -> bool {
+        self.law == NarrowbandLaw::Steady
+    }
+
+    fn foretold(&self) -> bool {
+        self.law == NarrowbandLaw::Steady
+    }
+}

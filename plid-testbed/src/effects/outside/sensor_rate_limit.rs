@@ -1,0 +1,46 @@
+//! A sensor that cannot follow: |y'_k - y'_{k-1}| <= R / fs.
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::positive;
+use crate::effects::chain::{Chain, Site};
+use crate::effects::law::{Law, Limits};
+use crate::effects::place::Output;
+use crate::error::TestbedError;
+
+/// y' follows y with at most R a second.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensorRateLimit {
+    /// The output.
+    pub at: Output,
+    /// R, V/s; positive.
+    pub rate_v_per_s: f64,
+}
+
+impl Law for SensorRateLimit {
+    fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
+        positive("rate_v_per_s", self.rate_v_per_s)
+    }
+
+    fn install(&self, site: Site, chain: &mut Chain) {
+        let most = self.rate_v_per_s / site.clock.sample_rate_hz;
+        let mut last = 0.0;
+        chain.change_output(self.at.0, move |y, _t| {
+            last += (y - last).clamp(-most, most);
+            last
+        });
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        self.rate_v_per_s /= factor;
+    }
+
+    fn place(&self) -> usize {
+        self.at.0
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        vec![self.rate_v_per_s]
+    }
+}

@@ -1,0 +1,64 @@
+//! Damping that comes and goes: zeta -> zeta (1 + s sin(2 pi f t)).
+
+use std::f64::consts::PI;
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::{finite, positive};
+use crate::effects::chain::{Chain, Site, StructureEffect, add_scaled};
+use crate::effects::law::{Law, Limits};
+use crate::error::TestbedError;
+use crate::plant::{modal_force, mode_state};
+
+/// zeta_m -> zeta_m (1 + s sin(2 pi f t)) for every mode.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VaryingDamping {
+    /// s, below 1 in size.
+    pub share: f64,
+    /// f, Hz; positive.
+    pub frequency_hz: f64,
+}
+
+struct Breathing {
+    share: f64,
+    rate: f64,
+    modes: Vec<(f64, Vec<f64>)>,
+}
+
+impl StructureEffect for Breathing {
+    fn add_rate(&self, t_s: f64, x: &[f64], rate: &mut [f64]) {
+        let now = self.share * (self.rate * t_s).sin();
+        for (m, (own, entry)) in self.modes.iter().enumerate() {
+            add_scaled(rate, entry, -own * now * x[mode_state(m) + 1]);
+        }
+    }
+}
+
+impl Law for VaryingDamping {
+    fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
+        finite("share", self.share)?;
+        positive("1 - |share|", 1.0 - self.share.abs())?;
+        positive("frequency_hz", self.frequency_hz)
+    }
+
+    fn install(&self, site: Site, chain: &mut Chain) {
+        let modes = &site.truss.modes;
+        let modes = (0..modes.len())
+            .map(|m| (2.0 * modes[m].damping_ratio * modes[m].angular_frequency(), modal_force(modes, m)))
+            .collect();
+        chain.structure.push(Box::new(Breathing { share: self.share, rate: 2.0 * PI * self.frequency_hz, modes }));
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        self.share *= factor;
+    }
+
+    fn place(&self) -> usize {
+        0
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        vec![self.share, self.frequency_hz]
+    }
+}

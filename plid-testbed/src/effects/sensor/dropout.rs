@@ -1,0 +1,92 @@
+//! A line that fails for a few samples: the last good value repeats.
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::{not_negative, positive};
+use crate::effects::chain::{Chain, Clock, SensorEffect, Site};
+use crate::effects::law::{Law, Limits};
+use crate::effects::place::Output;
+use crate::error::TestbedError;
+use ndarray::Array2;
+use rand::RngExt;
+use rand_chacha::ChaCha12Rng;
+
+/// At random instants the last good value repeats for 2 to 8 samples.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensorDropout {
+    /// The output.
+    pub at: Output,
+    /// Mean rate of onsets, 1/sample; from 0 to 1.
+    pub onsets_per_sample: f64,
+    /// What is seen meanwhile.
+    #[serde(default)]
+    pub law: DropoutLaw,
+}
+
+/// What is seen of a line that fails.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DropoutLaw {
+    /// The last good value.
+    #[default]
+    Hold,
+    /// Half of it.
+    Half,
+}
+
+struct Dropping {
+    config: SensorDropout,
+    rng: ChaCha12Rng,
+}
+
+impl SensorEffect for Dropping {
+    fn apply(&mut self, _clock: Clock, y: &mut Array2<f64>) {
+        let (mut left, mut held) = (0, 0.0);
+        let mut good = 0.0;
+        for value in y.column_mut(self.config.at.0) {
+            // Both are drawn for every sample, so that a higher rate keeps the onsets of a lower one.
+            let (chance, length): (f64, usize) = (self.rng.random(), self.rng.random_range(2..=8));
+            if left == 0 && chance < self.config.onsets_per_sample {
+                (left, held) = (length, good);
+            }
+            if left > 0 {
+                left -= 1;
+                *value = if self.config.law == DropoutLaw::Hold { held } else { held / 2.0 };
+            } else {
+                good = *value;
+            }
+        }
+    }
+}
+
+impl Law for SensorDropout {
+    fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
+        positive("onsets_per_sample", self.onsets_per_sample)?;
+        not_negative("1 - onsets_per_sample", 1.0 - self.onsets_per_sample)
+    }
+
+    fn install(&self, site: Site, chain: &mut Chain) {
+        chain.codes.push(Box::new(Dropping { config: self.clone(), rng: site.rng }));
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        self.onsets_per_sample = (self.onsets_per_sample * factor).min(1.0);
+    }
+
+    fn place(&self) -> usize {
+        self.at.0
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        vec![self.onsets_per_sample]
+    }
+
+    fn own_equation(&self) -> bool {
+        self.law == DropoutLaw::Hold
+    }
+
+    fn foretold(&self) -> bool {
+        false
+    }
+}

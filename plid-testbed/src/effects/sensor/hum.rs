@@ -1,0 +1,75 @@
+//! Mains hum: a sine with harmonics, whose phase runs on through the records.
+
+use std::f64::consts::PI;
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::{finite, not_negative, positive};
+use crate::effects::chain::{Chain, Site};
+use crate::effects::law::{Law, Limits};
+use crate::effects::place::Output;
+use crate::error::TestbedError;
+
+/// y' = y + a sin(2 pi f t + phi) + its harmonics.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MainsHum {
+    /// The output.
+    pub at: Output,
+    /// a, V; positive.
+    pub amplitude_v: f64,
+    /// f, Hz; near 50 or 60.
+    pub frequency_hz: f64,
+    /// phi, rad.
+    #[serde(default)]
+    pub phase_rad: f64,
+    /// Beside the first.
+    #[serde(default)]
+    pub harmonics: Vec<Harmonic>,
+}
+
+/// One harmonic of the hum.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Harmonic {
+    /// Which multiple of f, from 2.
+    pub multiple: u32,
+    /// Amplitude, V.
+    pub amplitude_v: f64,
+    /// Phase, rad.
+    pub phase_rad: f64,
+}
+
+impl Law for MainsHum {
+    fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
+        positive("amplitude_v", self.amplitude_v)?;
+        positive("frequency_hz", self.frequency_hz)?;
+        finite("phase_rad", self.phase_rad)?;
+        self.harmonics.iter().try_for_each(|h| {
+            not_negative("harmonics.amplitude_v", h.amplitude_v)?;
+            finite("harmonics.phase_rad", h.phase_rad)
+        })
+    }
+
+    fn install(&self, _site: Site, chain: &mut Chain) {
+        let mut lines = vec![(self.frequency_hz, self.amplitude_v, self.phase_rad)];
+        lines.extend(
+            self.harmonics.iter().map(|h| (f64::from(h.multiple) * self.frequency_hz, h.amplitude_v, h.phase_rad)),
+        );
+        let hum = move |t: f64| -> f64 { lines.iter().map(|(f, a, phase)| a * (2.0 * PI * f * t + phase).sin()).sum() };
+        chain.change_output(self.at.0, move |y, t| y + hum(t));
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        self.amplitude_v *= factor;
+        self.harmonics.iter_mut().for_each(|h| h.amplitude_v *= factor);
+    }
+
+    fn place(&self) -> usize {
+        self.at.0
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        vec![self.amplitude_v, self.frequency_hz, self.phase_rad]
+    }
+}

@@ -1,0 +1,70 @@
+//! A slow sensor: y'_k = al y'_{k-1} + (1 - al) y_k, al = exp(-2 pi fc / fs).
+
+use std::f64::consts::PI;
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::positive;
+use crate::effects::chain::{Chain, Site};
+use crate::effects::law::{Law, Limits};
+use crate::effects::place::Output;
+use crate::error::TestbedError;
+
+/// y'_k = al y'_{k-1} + (1 - al) y_k.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensorLag {
+    /// The output.
+    pub at: Output,
+    /// fc, Hz; positive.
+    pub corner_hz: f64,
+    /// The filter.
+    #[serde(default)]
+    pub law: SensorLagLaw,
+}
+
+/// Filters of a slow sensor.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SensorLagLaw {
+    /// One pole at fc.
+    #[default]
+    OnePole,
+    /// Two poles at 2 fc.
+    TwoPoles,
+}
+
+impl Law for SensorLag {
+    fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
+        positive("corner_hz", self.corner_hz)
+    }
+
+    fn install(&self, site: Site, chain: &mut Chain) {
+        let poles = if self.law == SensorLagLaw::TwoPoles { 2 } else { 1 };
+        // Two equal poles of twice the corner lag as one does, to first order in the frequency.
+        let al = (-2.0 * PI * f64::from(poles) * self.corner_hz / site.clock.sample_rate_hz).exp();
+        for _ in 0..poles {
+            let mut state = 0.0;
+            chain.change_output(self.at.0, move |y, _t| {
+                state = al * state + (1.0 - al) * y;
+                state
+            });
+        }
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        self.corner_hz /= factor;
+    }
+
+    fn place(&self) -> usize {
+        self.at.0
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        vec![self.corner_hz]
+    }
+
+    fn own_equation(&self) -> bool {
+        self.law == SensorLagLaw::OnePole
+    }
+}

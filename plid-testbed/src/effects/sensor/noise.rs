@@ -1,0 +1,73 @@
+//! White noise on top of the declared.
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::positive;
+use crate::effects::chain::{Chain, Site};
+use crate::effects::law::{Law, Limits};
+use crate::effects::place::Output;
+use crate::error::TestbedError;
+use rand_distr::{Distribution, StandardNormal};
+
+/// y' = y + white noise.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensorNoise {
+    /// The output.
+    pub at: Output,
+    /// Standard deviation, V; positive.
+    pub rms_v: f64,
+    /// Its distribution.
+    #[serde(default)]
+    pub law: NoiseLaw,
+}
+
+/// Distributions of noise.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum NoiseLaw {
+    /// Gaussian.
+    #[default]
+    Gaussian,
+    /// Laplace's, with heavier tails.
+    Laplace,
+}
+
+impl Law for SensorNoise {
+    fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
+        positive("rms_v", self.rms_v)
+    }
+
+    fn install(&self, site: Site, chain: &mut Chain) {
+        let (rms, law, mut rng) = (self.rms_v, self.law, site.rng);
+        chain.change_output(self.at.0, move |y, _t| {
+            let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+            y + rms
+                * match law {
+                    NoiseLaw::Gaussian => normal(),
+                    // Differences of two products of normal values are Laplace distributed, here with unit variance.
+                    NoiseLaw::Laplace => (normal() * normal() - normal() * normal()) / 2.0_f64.sqrt(),
+                }
+        });
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        self.rms_v *= factor;
+    }
+
+    fn place(&self) -> usize {
+        self.at.0
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        vec![self.rms_v]
+    }
+
+    fn own_equation(&self) -> bool {
+        self.law == NoiseLaw::Gaussian
+    }
+
+    fn foretold(&self) -> bool {
+        false
+    }
+}

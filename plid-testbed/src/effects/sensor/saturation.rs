@@ -1,0 +1,54 @@
+//! A sensor that clips: y' = min(max(y, -a), a); the noise comes after.
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::positive;
+use crate::effects::chain::{Chain, Site};
+use crate::effects::law::{Law, Limits};
+use crate::effects::place::Output;
+use crate::effects::shapes::Limit;
+use crate::error::TestbedError;
+
+/// y' = min(max(y, -a), a).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensorSaturation {
+    /// The output.
+    pub at: Output,
+    /// a, V; positive.
+    pub limit_v: f64,
+    /// The curve.
+    #[serde(default = "clip")]
+    pub law: Limit,
+}
+
+fn clip() -> Limit {
+    Limit::Clip
+}
+
+impl Law for SensorSaturation {
+    fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
+        positive("limit_v", self.limit_v)
+    }
+
+    fn install(&self, _site: Site, chain: &mut Chain) {
+        let (a, law) = (self.limit_v, self.law);
+        chain.change_output(self.at.0, move |y, _t| law.of(y, a));
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        self.limit_v /= factor;
+    }
+
+    fn place(&self) -> usize {
+        self.at.0
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        vec![self.limit_v]
+    }
+
+    fn own_equation(&self) -> bool {
+        self.law == Limit::Clip
+    }
+}

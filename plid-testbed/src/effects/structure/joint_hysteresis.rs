@@ -1,0 +1,74 @@
+//! A joint that slips: f = -k z with z following the displacement until it yields.
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::positive;
+use crate::effects::chain::{Chain, Site, StructureEffect, add_scaled, dot};
+use crate::effects::law::{Law, Limits};
+use crate::effects::place::Input;
+use crate::effects::shapes::Yielding;
+use crate::error::TestbedError;
+use crate::plant::StrutPort;
+
+/// f = -k z, dz/dt = v - (|v| z + v |z|) / (2 dy).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointHysteresis {
+    /// The input whose strut it is.
+    pub at: Input,
+    /// k, V/V; positive.
+    pub stiffness: f64,
+    /// dy, V; positive.
+    pub yield_v: f64,
+    /// The curve.
+    #[serde(default)]
+    pub law: Yielding,
+}
+
+struct Slipping {
+    port: StrutPort,
+    stiffness: f64,
+    yield_v: f64,
+    law: Yielding,
+    /// Which state z is.
+    state: usize,
+}
+
+impl StructureEffect for Slipping {
+    fn add_rate(&self, _t_s: f64, x: &[f64], rate: &mut [f64]) {
+        let z = x[self.state];
+        rate[self.state] += self.law.rate(z, 1.0, self.yield_v, dot(&self.port.velocity, x));
+        add_scaled(rate, &self.port.force, -self.stiffness * z);
+    }
+}
+
+impl Law for JointHysteresis {
+    fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
+        positive("stiffness", self.stiffness)?;
+        positive("yield_v", self.yield_v)
+    }
+
+    fn install(&self, site: Site, chain: &mut Chain) {
+        let state = site.truss.continuous.states() + chain.own_states;
+        chain.own_states += 1;
+        let port = site.truss.ports[self.at.0].clone();
+        let (stiffness, yield_v, law) = (self.stiffness, self.yield_v, self.law);
+        chain.structure.push(Box::new(Slipping { port, stiffness, yield_v, law, state }));
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        self.stiffness *= factor;
+    }
+
+    fn place(&self) -> usize {
+        self.at.0
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        vec![self.stiffness, self.yield_v]
+    }
+
+    fn own_equation(&self) -> bool {
+        self.law == Yielding::BoucWen
+    }
+}

@@ -1,0 +1,57 @@
+//! A mode that the truss has and its list of modes has not.
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::{finite, positive};
+use crate::effects::law::{Law, Limits, Plant};
+use crate::error::TestbedError;
+use crate::structure::{Mode, ModeGroup};
+use crate::{INPUTS, OUTPUTS};
+
+/// One mode more: q" + 2 zeta w q' + w^2 q = b . a, and c q" more at the accelerometers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MissingMode {
+    /// w / (2 pi), Hz.
+    pub frequency_hz: f64,
+    /// zeta.
+    pub damping_ratio: f64,
+    /// b: modal force a volt at each actuator.
+    pub input_shape: [f64; INPUTS],
+    /// c: volts at each accelerometer a unit of modal acceleration.
+    pub output_shape: [f64; OUTPUTS],
+}
+
+impl Law for MissingMode {
+    fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
+        positive("frequency_hz", self.frequency_hz)?;
+        positive("damping_ratio", self.damping_ratio)?;
+        self.input_shape.iter().try_for_each(|b| finite("input_shape", *b))?;
+        self.output_shape.iter().try_for_each(|c| finite("output_shape", *c))
+    }
+
+    fn alter(&self, plant: &mut Plant) {
+        plant.modes.push(Mode {
+            frequency_hz: self.frequency_hz,
+            damping_ratio: self.damping_ratio,
+            input_shape: self.input_shape,
+            output_shape: self.output_shape,
+            group: ModeGroup::Truncated,
+        });
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        // Both shapes alike, as a mode that is nearer to the platform.
+        self.input_shape.iter_mut().for_each(|b| *b *= factor.sqrt());
+        self.output_shape.iter_mut().for_each(|c| *c *= factor.sqrt());
+    }
+
+    /// It is in no list: a label gives its rank by frequency instead.
+    fn place(&self) -> usize {
+        0
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        vec![self.frequency_hz]
+    }
+}

@@ -1,0 +1,42 @@
+//! One mode with another damping ratio: zeta -> rho zeta.
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::positive;
+use crate::effects::law::{Law, Limits, Plant};
+use crate::effects::place::ModeNumber;
+use crate::error::TestbedError;
+
+/// zeta_m -> rho zeta_m.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModalDamping {
+    /// The mode.
+    pub at: ModeNumber,
+    /// rho; positive.
+    pub factor: f64,
+}
+
+impl Law for ModalDamping {
+    fn check(&self, limits: &Limits) -> Result<(), TestbedError> {
+        limits.mode(self.at)?;
+        positive("factor", self.factor)
+    }
+
+    fn alter(&self, plant: &mut Plant) {
+        plant.modes[self.at.0].damping_ratio *= self.factor;
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        // By its logarithm: the damping stays positive however strong the effect.
+        self.factor = self.factor.powf(factor);
+    }
+
+    fn place(&self) -> usize {
+        self.at.0
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        vec![self.factor]
+    }
+}

@@ -1,0 +1,69 @@
+//! A slow change of stiffness: w_m^2 -> w_m^2 (1 + r t) for every mode, t since the first record began.
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::finite;
+use crate::effects::chain::{Chain, Site, StructureEffect, add_scaled};
+use crate::effects::law::{Law, Limits};
+use crate::effects::shapes::Course;
+use crate::error::TestbedError;
+use crate::plant::{modal_force, mode_state};
+
+/// w_m^2 -> w_m^2 (1 + r t).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StiffnessDrift {
+    /// r, 1/s; either sign.
+    pub rate_per_s: f64,
+    /// How it goes on.
+    #[serde(default)]
+    pub law: Course,
+}
+
+/// As a modal force -w^2 r t q, continuously in time. The damping force 2 zeta w dq/dt stays as it was, for only the
+/// stiffness changes.
+struct Drifting {
+    rate_per_s: f64,
+    law: Course,
+    /// Of each mode: natural frequency in rad/s, and how a modal force enters dx/dt.
+    modes: Vec<(f64, Vec<f64>)>,
+}
+
+impl StructureEffect for Drifting {
+    fn add_rate(&self, t_s: f64, x: &[f64], rate: &mut [f64]) {
+        let t_s = self.law.at(t_s);
+        for (m, (w, entry)) in self.modes.iter().enumerate() {
+            add_scaled(rate, entry, -w * self.rate_per_s * t_s * x[mode_state(m)]);
+        }
+    }
+}
+
+impl Law for StiffnessDrift {
+    fn check(&self, limits: &Limits) -> Result<(), TestbedError> {
+        let (rate, end_s) = (self.rate_per_s, limits.end_s);
+        finite("rate_per_s", rate)?;
+        if 1.0 + rate * self.law.at(end_s) <= 0.0 { Err(TestbedError::NoStiffness { rate, end_s }) } else { Ok(()) }
+    }
+
+    fn install(&self, site: Site, chain: &mut Chain) {
+        let modes = &site.truss.modes;
+        let modes = (0..modes.len()).map(|m| (modes[m].angular_frequency(), modal_force(modes, m))).collect();
+        chain.structure.push(Box::new(Drifting { rate_per_s: self.rate_per_s, law: self.law, modes }));
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        self.rate_per_s *= factor;
+    }
+
+    fn place(&self) -> usize {
+        0
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        vec![self.rate_per_s]
+    }
+
+    fn own_equation(&self) -> bool {
+        self.law == Course::Linear
+    }
+}

@@ -1,0 +1,190 @@
+//! An effect's place and parameters, before its strength is found.
+
+use std::f64::consts::TAU;
+
+use rand::RngExt;
+use rand_chacha::ChaCha12Rng;
+use serde_json::{Map, Value, json};
+
+use super::plant::{Drawn, EFFECTS};
+use super::strength::Signals;
+use super::{EffectSpec, GapError};
+use crate::effects::Effect;
+use crate::streams::{Purpose, stream};
+use crate::{INPUTS, OUTPUTS};
+
+/// What kind of place an effect takes.
+enum Place {
+    Input,
+    InputOrAll,
+    InputPair,
+    Output,
+    OutputPair,
+    Mode,
+    None,
+}
+
+/// Modes at which modal effects are drawn, from 0: the dominant ones.
+const DOMINANT: std::ops::Range<usize> = 3..7;
+
+/// The effect of a spec: what it leaves open is drawn.
+pub(crate) fn drawn(
+    seed: u64,
+    index: usize,
+    wanted: &EffectSpec,
+    drawn: &Drawn,
+    signals: &Signals,
+) -> Result<Effect, GapError> {
+    let wrong = |reason: String| GapError::Spec { number: index + 1, kind: wanted.kind.clone(), reason };
+    if !(wanted.gap > 0.0 && wanted.gap.is_finite()) {
+        return Err(wrong(format!("its gap must be positive and finite, not {}", wanted.gap)));
+    }
+    let mut rng = stream(seed, Purpose::Draw, EFFECTS + index);
+    let place = place_of(&wanted.kind).ok_or_else(|| wrong("there is no effect of this kind".to_owned()))?;
+    let random = random_place(&place, &mut rng);
+    let at = wanted.at.clone().or(random);
+    let channel = at.as_deref().map_or(0, first_number);
+    let parameters = parameters(&wanted.kind, channel, drawn, signals, &mut rng);
+    let Value::Object(mut keys) = parameters else { unreachable!("parameters are made as an object") };
+    keys.insert("kind".to_owned(), Value::from(wanted.kind.as_str()));
+    let mut also = |key: &str, value: &Option<String>| {
+        if let Some(text) = value {
+            keys.insert(key.to_owned(), Value::from(text.as_str()));
+        }
+    };
+    also("at", &at);
+    also("law", &wanted.law);
+    serde_json::from_value(Value::Object(Map::clone(&keys))).map_err(|e| wrong(e.to_string()))
+}
+
+/// The channel in `u2`, `y1->y3` or `m4`, from 0; a wrong place is found when the effect is made.
+fn first_number(place: &str) -> usize {
+    let digit = place.chars().nth(1).and_then(|c| c.to_digit(10)).unwrap_or(1);
+    (digit as usize).clamp(1, INPUTS) - 1
+}
+
+fn place_of(kind: &str) -> Option<Place> {
+    Some(match kind {
+        "modal-frequency" | "modal-damping" => Place::Mode,
+        "missing-mode" | "stiffness-drift" | "x-parametric-stiffness" | "x-varying-damping" => Place::None,
+        "actuator-delay" => Place::InputOrAll,
+        "actuator-crosstalk" => Place::InputPair,
+        "sensor-crosstalk" => Place::OutputPair,
+        "mains-hum" | "x-sensor-rate-limit" | "x-sensor-square" | "x-channel-product" => Place::Output,
+        "x-command-play" | "x-delay-jitter" | "x-sticking-valve" => Place::Input,
+        "cubic-stiffness"
+        | "quadratic-stiffness"
+        | "coulomb-friction"
+        | "clearance"
+        | "joint-hysteresis"
+        | "quadratic-damping"
+        | "narrowband-disturbance"
+        | "coloured-disturbance" => Place::Input,
+        "actuator-saturation"
+        | "actuator-dead-zone"
+        | "actuator-hysteresis"
+        | "actuator-slew-limit"
+        | "actuator-lag"
+        | "actuator-gain"
+        | "actuator-gain-drift" => Place::Input,
+        "sensor-saturation"
+        | "sensor-gain"
+        | "sensor-delay"
+        | "sensor-lag"
+        | "sensor-offset"
+        | "sensor-drift"
+        | "sensor-noise"
+        | "sensor-quantisation"
+        | "sensor-dropout" => Place::Output,
+        _ => return None,
+    })
+}
+
+fn random_place(place: &Place, rng: &mut ChaCha12Rng) -> Option<String> {
+    let mut pair = |letter: char, count: usize| {
+        let from = rng.random_range(0..count);
+        let to = (from + rng.random_range(1..count)) % count;
+        format!("{letter}{}->{letter}{}", from + 1, to + 1)
+    };
+    match place {
+        Place::Input => Some(format!("u{}", rng.random_range(1..=INPUTS))),
+        Place::InputOrAll => Some(match rng.random_range(1..=INPUTS + 1) {
+            all if all > INPUTS => "all".to_owned(),
+            one => format!("u{one}"),
+        }),
+        Place::InputPair => Some(pair('u', INPUTS)),
+        Place::Output => Some(format!("y{}", rng.random_range(1..=OUTPUTS))),
+        Place::OutputPair => Some(pair('y', OUTPUTS)),
+        Place::Mode => Some(format!("m{}", rng.random_range(DOMINANT) + 1)),
+        Place::None => None,
+    }
+}
+
+/// Parameters of a strength that the search then changes; those that are no strength are final.
+fn parameters(kind: &str, channel: usize, drawn: &Drawn, signals: &Signals, rng: &mut ChaCha12Rng) -> Value {
+    let (d, v, y) = (signals.displacement[channel], signals.velocity[channel], signals.output[channel]);
+    let sign = if rng.random::<bool>() { 1.0 } else { -1.0 };
+    let mut within = |low: f64, high: f64| rng.random_range(low..high);
+    match kind {
+        "cubic-stiffness" => json!({ "stiffness_per_v2": sign * 0.01 / (d * d), "scale_v": d }),
+        "quadratic-stiffness" => json!({ "stiffness_per_v": sign * 0.01 / d }),
+        "coulomb-friction" => json!({ "friction_v": 0.01, "transition_v_per_s": within(0.05, 0.15) * v }),
+        "clearance" => json!({ "stiffness": sign * 0.01, "gap_v": within(0.6, 1.6) * d }),
+        "joint-hysteresis" => json!({ "stiffness": 0.01, "yield_v": within(0.4, 1.2) * d }),
+        "quadratic-damping" => json!({ "damping_s2_per_v": 0.01 / (v * v), "scale_v_per_s": v }),
+        "modal-frequency" => json!({ "change": sign * 0.005 }),
+        "modal-damping" => json!({ "factor": (sign * 0.3_f64).exp() }),
+        "missing-mode" => {
+            let mode = drawn.left_out.as_ref().expect("the truss was drawn for it");
+            json!({
+                "frequency_hz": mode.frequency_hz, "damping_ratio": mode.damping_ratio,
+                "input_shape": mode.input_shape, "output_shape": mode.output_shape,
+            })
+        }
+        "stiffness-drift" => json!({ "rate_per_s": sign * 1e-4 }),
+        "actuator-saturation" => json!({ "limit_v": 4.0 }),
+        "actuator-dead-zone" => json!({ "width_v": 0.1 }),
+        "actuator-hysteresis" => json!({ "share": 0.3, "yield_v": within(0.5, 1.2) }),
+        "actuator-slew-limit" => json!({ "rate_v_per_s": 1500.0 }),
+        "actuator-lag" => json!({ "pole_hz": 200.0 }),
+        "actuator-gain" => json!({ "gain": 1.0 + sign * 0.2 }),
+        "actuator-delay" => json!({ "delay_samples": 0.3 }),
+        "actuator-crosstalk" => json!({ "share": sign * 0.2 }),
+        "actuator-gain-drift" => json!({ "rate_per_s": sign * 2e-3 }),
+        "sensor-saturation" => json!({ "limit_v": 2.0 * y }),
+        "sensor-gain" => json!({ "gain": 1.0 + sign * 0.05 }),
+        "sensor-delay" => json!({ "delay_samples": 0.3 }),
+        "sensor-lag" => json!({ "corner_hz": 600.0 }),
+        "sensor-crosstalk" => json!({ "share": sign * 0.05 }),
+        "sensor-offset" => json!({ "offset_v": sign * 0.02 }),
+        "sensor-drift" => json!({ "rate_v_per_s": sign * 1e-3 }),
+        "mains-hum" => {
+            let frequency_hz = if sign > 0.0 { 50.0 } else { 60.0 } + within(-0.05, 0.05);
+            let mut harmonic = |multiple: u32, share: f64| json!({ "multiple": multiple, "amplitude_v": 0.03 * share * within(0.5, 1.5), "phase_rad": within(0.0, TAU) });
+            let harmonics = [harmonic(2, 0.1), harmonic(3, 0.3), harmonic(5, 0.15)];
+            json!({
+                "amplitude_v": 0.03, "frequency_hz": frequency_hz, "phase_rad": within(0.0, TAU), "harmonics": harmonics,
+            })
+        }
+        "sensor-noise" => json!({ "rms_v": 0.02 }),
+        "sensor-quantisation" => json!({ "step_v": 0.05 }),
+        "sensor-dropout" => json!({ "onsets_per_sample": 1e-3 }),
+        "narrowband-disturbance" => {
+            json!({ "amplitude_v": 0.1, "frequency_hz": within(80.0, 240.0), "phase_rad": within(0.0, TAU) })
+        }
+        "coloured-disturbance" => json!({ "rms_v": 0.1, "frequency_hz": within(80.0, 240.0) }),
+        "x-command-play" => json!({ "play_v": 0.1 }),
+        "x-delay-jitter" => json!({ "most_samples": 0.3 }),
+        "x-sticking-valve" => json!({ "stick_v": 0.1 }),
+        "x-sensor-rate-limit" => json!({ "rate_v_per_s": 1000.0 * y }),
+        "x-sensor-square" => json!({ "square_per_v": sign * 0.1 / y }),
+        "x-channel-product" => json!({ "product_per_v": sign * 0.1 / y }),
+        // At twice the frequency of a dominant mode, where stiffness that is pumped does most.
+        "x-parametric-stiffness" => {
+            let mode = &drawn.base.modes[rng.random_range(DOMINANT)];
+            json!({ "share": 1e-3, "frequency_hz": 2.0 * mode.frequency_hz })
+        }
+        "x-varying-damping" => json!({ "share": 0.3, "frequency_hz": within(0.1, 1.0) }),
+        other => unreachable!("{other} has a place and no parameters"),
+    }
+}

@@ -1,0 +1,102 @@
+//! The records of a case: what is commanded, and when.
+
+use std::f64::consts::PI;
+
+use ndarray::Array2;
+use rand::RngExt;
+use serde::{Deserialize, Serialize};
+
+use super::SAMPLE_RATE_HZ;
+use crate::INPUTS;
+use crate::converter::Converter;
+use crate::input::{low_passed, scaled_to};
+use crate::record::convert;
+use crate::streams::{Purpose, stream};
+
+/// How a record was excited.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Excitation {
+    /// Not at all.
+    Zero,
+    /// Gaussian noise below 200 Hz.
+    Random {
+        /// RMS of each input, V.
+        level_v: f64,
+    },
+    /// Periods of a multisine of odd lines with random phases, 1 V RMS.
+    Periodic {
+        /// Samples of a period.
+        period: usize,
+    },
+}
+
+/// A record before it is taken.
+pub(crate) struct Planned {
+    pub excitation: Excitation,
+    /// As the DAC gives them.
+    pub commands: Array2<f64>,
+    /// Samples since the first record began.
+    pub start: usize,
+}
+
+/// Samples of a period of the multisine: a prime, so that no mains line falls on one of its lines.
+const PERIOD: usize = 2003;
+/// Its lines, as multiples of the sample rate over the period: 2.4 to 395 Hz.
+const LINES: std::ops::RangeInclusive<usize> = 3..=495;
+
+/// The six records of a case and the held-out one after them.
+pub(crate) fn schedule(seed: u64) -> Vec<Planned> {
+    let random = |level_v| (Excitation::Random { level_v }, 6400);
+    let plan = [
+        (Excitation::Zero, 3200),
+        random(1.0),
+        random(0.3),
+        (Excitation::Periodic { period: PERIOD }, 6 * PERIOD),
+        random(0.6),
+        random(1.0),
+        random(1.0),
+    ];
+    let dac = Converter { step_v: 10.0 / 4096.0, range_v: 5.0 };
+    let mut start = 0;
+    plan.into_iter()
+        .enumerate()
+        .map(|(index, (excitation, samples))| {
+            let mut commands = Array2::zeros((samples, INPUTS));
+            for j in 0..INPUTS {
+                let rng = stream(seed, Purpose::Excitation, (index << 8) | j);
+                let signal = match excitation {
+                    Excitation::Zero => vec![0.0; samples],
+                    Excitation::Random { level_v } => low_passed(level_v, 200.0, rng, samples, SAMPLE_RATE_HZ),
+                    Excitation::Periodic { .. } => multisine(&lines(seed, index), rng, samples),
+                };
+                commands.column_mut(j).iter_mut().zip(signal).for_each(|(to, value)| *to = value);
+            }
+            let planned = Planned { excitation, commands: convert(dac, commands).0, start };
+            start += samples;
+            planned
+        })
+        .collect()
+}
+
+/// Of each five odd lines one is left out at random: what is found there is no answer to the lines.
+fn lines(seed: u64, index: usize) -> Vec<usize> {
+    let mut rng = stream(seed, Purpose::Excitation, (index << 8) | INPUTS);
+    let odd: Vec<usize> = LINES.step_by(2).collect();
+    odd.chunks(5)
+        .flat_map(|group| {
+            let left_out = rng.random_range(0..group.len());
+            group.iter().enumerate().filter(move |(i, _)| *i != left_out).map(|(_, line)| *line)
+        })
+        .collect()
+}
+
+fn multisine(lines: &[usize], mut rng: rand_chacha::ChaCha12Rng, samples: usize) -> Vec<f64> {
+    let phases: Vec<f64> = lines.iter().map(|_| 2.0 * PI * rng.random::<f64>()).collect();
+    let at = |k: usize| -> f64 {
+        // The product modulo the period keeps the angle small and every period the same bits.
+        let angle = |line: usize| 2.0 * PI * ((k * line) % PERIOD) as f64 / PERIOD as f64;
+        lines.iter().zip(&phases).map(|(line, phase)| (angle(*line) + phase).cos()).sum()
+    };
+    let period = scaled_to((0..PERIOD).map(at).collect(), 1.0);
+    (0..samples).map(|k| period[k % PERIOD]).collect()
+}

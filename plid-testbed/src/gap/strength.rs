@@ -1,0 +1,145 @@
+//! How strong an effect must be to make the gap asked for.
+
+use ndarray::{Array2, ArrayView2};
+
+use super::excitation::Planned;
+use super::{GapError, with_effects};
+use crate::config::TrussConfig;
+use crate::effects::Effect;
+use crate::effects::chain::dot;
+use crate::error::TestbedError;
+use crate::plant::{Truss, altered};
+use crate::record::record;
+use crate::state_space::multiply_add;
+use crate::{INPUTS, OUTPUTS};
+
+/// RMS(y - other) / RMS(y) over all outputs, each scaled to unit RMS of y.
+pub(crate) fn gap(y: &Array2<f64>, other: &Array2<f64>) -> f64 {
+    let squares = (0..y.ncols()).map(|i| {
+        let (y, other) = (y.column(i), other.column(i));
+        let error: f64 = y.iter().zip(other).map(|(y, o)| (y - o) * (y - o)).sum();
+        error / y.iter().map(|y| y * y).sum::<f64>()
+    });
+    (squares.sum::<f64>() / y.ncols() as f64).sqrt()
+}
+
+/// RMS of what effects feel in the held-out record, without effects.
+pub(crate) struct Signals {
+    pub displacement: [f64; INPUTS],
+    pub velocity: [f64; INPUTS],
+    pub output: [f64; OUTPUTS],
+}
+
+impl Signals {
+    pub(crate) fn of(truss: &Truss, commands: ArrayView2<f64>) -> Self {
+        let model = &truss.discrete;
+        let (mut x, mut next) = (vec![0.0; model.states()], vec![0.0; model.states()]);
+        let mut squares = [[0.0; 3]; 3];
+        for u in commands.rows() {
+            let mut y = [0.0; OUTPUTS];
+            multiply_add(&model.c, &x, &mut y);
+            for i in 0..3 {
+                squares[0][i] += dot(&truss.ports[i].displacement, &x).powi(2);
+                squares[1][i] += dot(&truss.ports[i].velocity, &x).powi(2);
+                squares[2][i] += y[i] * y[i];
+            }
+            next.fill(0.0);
+            multiply_add(&model.a, &x, &mut next);
+            multiply_add(&model.b, &u.to_vec(), &mut next);
+            std::mem::swap(&mut x, &mut next);
+        }
+        let [displacement, velocity, output] = squares.map(|s| s.map(|s| (s / commands.nrows() as f64).sqrt()));
+        Self { displacement, velocity, output }
+    }
+}
+
+/// Where the strength of one effect is tried: the held-out record without noise.
+pub(crate) struct Bench<'a> {
+    pub config: &'a TrussConfig,
+    pub truss: &'a Truss,
+    pub planned: &'a Planned,
+    /// Which effect of the case: the streams that it draws from depend on it.
+    pub number: usize,
+}
+
+/// Relative error of the gap at which the search ends, and that which is still good enough.
+const SOUGHT: f64 = 0.005;
+const ACCEPTED: f64 = 0.05;
+/// The strengths tried reach so far either way.
+const FARTHEST: f64 = 1e7;
+const TRIALS: usize = 60;
+
+impl Bench<'_> {
+    /// The effect at the strength that makes the gap, and the gap that it makes: a bracket, then bisection of the strength's logarithm
+    /// with a secant in between where that falls well inside.
+    pub(crate) fn reach(&self, first: &Effect, target: f64) -> Result<(Effect, f64), GapError> {
+        let linear = self.outputs(&[])?;
+        let at = |log: f64| -> Result<f64, GapError> {
+            match self.with(&first.strengthened(log.exp())) {
+                Ok(y) => Ok(gap(&linear, &y)),
+                // Too strong for the structure to hold, or for the law to make sense.
+                Err(TestbedError::Diverged { .. } | TestbedError::Effect { .. }) => Ok(f64::INFINITY),
+                Err(other) => Err(other.into()),
+            }
+        };
+        let mut best = (0.0, f64::INFINITY);
+        let miss = |gap: f64| (gap / target).ln().abs();
+        let (mut low, mut high) = (None, None);
+        for _ in 0..TRIALS {
+            if miss(best.1) < SOUGHT {
+                break;
+            }
+            let log = match (low, high) {
+                (None, None) => 0.0,
+                (Some((low, _)), None) => low + 1.2,
+                (None, Some((high, _))) => high - 1.2,
+                (Some((low, at_low)), Some((high, at_high))) => between((low, at_low), (high, at_high), target),
+            };
+            if log.abs() > FARTHEST.ln() {
+                break;
+            }
+            let found = at(log)?;
+            if miss(found) < miss(best.1) {
+                best = (log, found);
+            }
+            if found < target {
+                low = Some((log, found))
+            } else {
+                high = Some((log, found))
+            }
+            if let (Some((low, _)), Some((high, _))) = (low, high)
+                && high - low < 1e-9
+            {
+                break;
+            }
+        }
+        let effect = first.strengthened(best.0.exp());
+        // What comes in whole events comes in steps: the nearest step is the best there is.
+        if miss(best.1) < ACCEPTED || (!effect.foretold() && miss(best.1) < 0.5) {
+            return Ok((effect, best.1));
+        }
+        Err(GapError::Unreachable { kind: effect.kind().to_owned(), target, nearest: best.1 })
+    }
+
+    fn with(&self, effect: &Effect) -> Result<Array2<f64>, TestbedError> {
+        // The ones before it are stood in for by gains of one, so that it draws from the stream that it has in the case.
+        let mut list = vec![Effect::idle(); self.number];
+        list.push(effect.clone());
+        self.outputs(&list)
+    }
+
+    fn outputs(&self, effects: &[Effect]) -> Result<Array2<f64>, TestbedError> {
+        let config = with_effects(self.config, effects);
+        config.check_for(self.truss.modes.len(), self.planned.start)?;
+        let plant = altered(&config, self.truss);
+        // The held-out record is the seventh.
+        Ok(record(&config, &plant, self.planned.commands.view(), self.planned.clock(6), None)?.outputs)
+    }
+}
+
+/// The logarithm of the strength to try next.
+fn between((low, at_low): (f64, f64), (high, at_high): (f64, f64), target: f64) -> f64 {
+    let share = (target.ln() - at_low.ln()) / (at_high.ln() - at_low.ln());
+    let share = if at_high.is_finite() && at_low > 0.0 && (0.02..0.98).contains(&share) { share } else { 0.5 };
+    low + share * (high - low)
+}
