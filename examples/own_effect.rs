@@ -121,16 +121,6 @@ fn case() -> Result<Case, Box<dyn std::error::Error>> {
             simulated: None,
         });
     }
-    let config = CaseConfig {
-        sim: None,
-        states: None,
-        sample_rate_hz: RATE,
-        inputs: model.inputs.clone(),
-        outputs: model.outputs.clone(),
-        suspects: Vec::new(),
-        exclude: Vec::new(),
-        nuisance: Limits::default(),
-        record: Vec::new(),
-    };
-    Ok(Case { config, model: Some(model), records, warnings: Vec::new() })
+    let config = CaseConfig::new(RATE, model.inputs.clone(), model.outputs.clone());
+    Ok(Case { config, model: Some(model), records, for_simulation: Vec::new(), warnings: Vec::new() })
 }

@@ -1,11 +1,12 @@
 //! Diagnoses a folder of labelled cases, so that a scorer can compare the answers with the labels.
 //!
 //! ```sh
-//! cargo run --release -p plid-gap --example diagnose_cases -- [--leave-out] OUT LABELS CASE-FOLDER...
+//! cargo run --release -p plid-gap --example diagnose_cases -- [--leave-out] [--verbose] OUT LABELS CASE-FOLDER...
 //! ```
 //!
 //! Each CASE-FOLDER holds a case.toml. OUT/NAME gets the diagnosis and predicted.csv, the prediction for LABELS/NAME/test_u.csv. With
 //! `--leave-out` each case is diagnosed without the effects that its label.json names: what is not in the vocabulary must be kept open.
+//! `--verbose` tells every stage of the search.
 
 use std::error::Error;
 use std::path::Path;
@@ -19,7 +20,8 @@ use plid_lab::data::{MissingPolicy, channels, read};
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
     let leave_out = arguments.iter().any(|argument| argument == "--leave-out");
-    arguments.retain(|argument| argument != "--leave-out");
+    let verbose = arguments.iter().any(|argument| argument == "--verbose");
+    arguments.retain(|argument| !argument.starts_with("--"));
     let [out, labels, folders @ ..] = arguments.as_slice() else {
         return Err("usage: diagnose_cases [--leave-out] OUT LABELS CASE-FOLDER...".into());
     };
@@ -30,7 +32,11 @@ fn main() -> Result<(), Box<dyn Error>> {
         let label = Path::new(labels).join(name);
         let library = if leave_out { without_truth(&label)? } else { Library::standard() };
         let case = Case::read(&folder.join("case.toml"))?;
-        let outcome = plid_gap::diagnose(&case, &library, &mut |_| {})?;
+        let outcome = plid_gap::diagnose(&case, &library, &mut |stage| {
+            if verbose {
+                println!("    {stage}");
+            }
+        })?;
         let to = Path::new(out).join(name);
         std::fs::create_dir_all(&to)?;
         plid_gap::write(&outcome, &case, &to)?;

@@ -86,21 +86,11 @@ fn case(seed: u64, noise: f64, truth: &Truth) -> Case {
         records.push(Record { name, excitation, from_rest: true, start_s, held_out: false, u, y, simulated: None });
         start_s += samples as f64 / testing::RATE;
     }
-    let config = CaseConfig {
-        sim: None,
-        states: None,
-        sample_rate_hz: testing::RATE,
-        inputs: model.inputs.clone(),
-        outputs: model.outputs.clone(),
-        suspects: Vec::new(),
-        exclude: Vec::new(),
-        nuisance: Limits::default(),
-        record: Vec::new(),
-    };
+    let config = CaseConfig::new(testing::RATE, model.inputs.clone(), model.outputs.clone());
     let mut model = model;
     model.noise.sensor_std = Some(vec![noise; model.p()]);
     model.noise.actuator_std = Some(vec![0.0; model.m()]);
-    Case { config, model: Some(model), records, warnings: Vec::new() }
+    Case { config, model: Some(model), records, for_simulation: Vec::new(), warnings: Vec::new() }
 }
 
 fn diagnosed(case: &Case) -> Diagnosis {

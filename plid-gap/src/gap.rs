@@ -39,6 +39,18 @@ impl Blocks {
         }
     }
 
+    /// Those of several records, one after the other.
+    pub fn joined(all: Vec<Self>) -> Option<Self> {
+        all.into_iter().reduce(|mut joined, next| {
+            let join = |to: &mut Vec<Vec<f64>>, from: Vec<Vec<f64>>| {
+                to.iter_mut().zip(from).for_each(|(to, from)| to.extend(from));
+            };
+            join(&mut joined.error, next.error);
+            join(&mut joined.output, next.output);
+            joined
+        })
+    }
+
     /// The relative gap.
     pub fn gap(&self) -> f64 {
         let all: Vec<usize> = (0..self.error[0].len()).collect();
@@ -130,6 +142,12 @@ pub fn expected(records: &[Record], simulated: &[Channels], level: f64) -> f64 {
 
 /// The gap that noise alone makes.
 pub fn floor(noise: &[f64], y: &[Vec<f64>]) -> f64 {
-    let share = |o: usize| (noise[o] / rms(y[o].iter().filter(|y| y.is_finite())).max(f64::MIN_POSITIVE)).powi(2);
-    ((0..y.len()).map(share).sum::<f64>() / y.len() as f64).sqrt()
+    floor_over(noise, &[y])
+}
+
+/// The same over several records, each of p channels.
+pub fn floor_over(noise: &[f64], records: &[&[Vec<f64>]]) -> f64 {
+    let size = |o: usize| rms(records.iter().flat_map(|y| y[o].iter().filter(|y| y.is_finite())));
+    let share = |o: usize| (noise[o] / size(o).max(f64::MIN_POSITIVE)).powi(2);
+    ((0..noise.len()).map(share).sum::<f64>() / noise.len() as f64).sqrt()
 }

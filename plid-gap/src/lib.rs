@@ -1,5 +1,6 @@
 //! Where a simulation disagrees with its records, which unmodelled effect causes it, and how far the gap shrinks once it is added.
 
+mod answer;
 pub mod audit;
 #[cfg(test)]
 mod blind;
@@ -9,10 +10,14 @@ pub mod diagnose;
 pub mod diagnosis;
 pub mod effects;
 pub mod error;
+pub mod explain;
 pub mod gap;
 pub mod levels;
 pub mod locate;
 pub mod missing;
+mod modal;
+pub mod model_error;
+mod next;
 pub mod noise;
 pub mod nuisance;
 pub mod plant;
@@ -25,6 +30,7 @@ pub mod refit;
 pub mod report;
 pub mod screen;
 pub mod shape;
+mod shrink;
 pub mod simulate;
 pub mod stepwise;
 pub mod surrogate;
@@ -37,6 +43,7 @@ pub mod unseen;
 pub mod verdict;
 pub mod whiten;
 mod write;
+mod written;
 
 pub use diagnose::{Evidence, Outcome, diagnose};
 pub use error::GapError;

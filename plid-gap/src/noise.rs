@@ -7,6 +7,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::model_error::ModelError;
 use crate::plant::{C, Plant};
 use crate::transform;
 
@@ -85,6 +86,10 @@ pub struct NoiseModel {
     pub misfit: f64,
     /// Bins used.
     pub bins: usize,
+    /// Of a model that stands in: what it leaves of its own records, which grows with the level and is no noise in quiet ones.
+    pub model_error: Option<ModelError>,
+    /// Frequencies that count, from and to; what lies outside is as if its noise had no bounds.
+    pub band_hz: Option<[f64; 2]>,
 }
 
 impl NoiseModel {
@@ -93,7 +98,7 @@ impl NoiseModel {
         let sensors = sensor.iter().enumerate().map(|(o, std)| (Source::Sensor(o), std * std));
         let actuators = actuator.iter().enumerate().map(|(i, std)| (Source::Actuator(i), std * std));
         let sources = sensors.chain(actuators).collect();
-        Self { plant: plant.clone(), sources, misfit: f64::NAN, bins: 0 }
+        Self { plant: plant.clone(), sources, misfit: f64::NAN, bins: 0, model_error: None, band_hz: None }
     }
 
     /// Fits sensors and modal forces to stretches; the actuators' noise stays as declared.

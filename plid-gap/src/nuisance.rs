@@ -67,6 +67,18 @@ impl Nuisance {
         Self { m, p, modes, rest, starts, sizes, std }
     }
 
+    /// The same for a simulation that was itself estimated: its parameters are in doubt by so much (standard deviations) beyond the
+    /// stated limits.
+    pub fn doubted(mut self, doubt: &[f64]) -> Self {
+        self.std.iter_mut().zip(doubt).for_each(|(std, doubt)| *std = std.hypot(*doubt));
+        self
+    }
+
+    /// Entries that belong to the modes; initial states follow.
+    pub fn of_modes(&self) -> usize {
+        self.modes * self.each()
+    }
+
     /// Number of entries.
     pub fn len(&self) -> usize {
         self.std.len()

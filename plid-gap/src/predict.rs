@@ -5,7 +5,7 @@ use std::path::Path;
 use plid_model::Model;
 
 use crate::diagnosis::SimulationWithEffects;
-use crate::effects::{Action, Library, Place, Setting};
+use crate::effects::{Action, Effect, Flexible, Library, Place, Setting};
 use crate::error::GapError;
 use crate::plant::Plant;
 use crate::record::Channels;
@@ -37,10 +37,12 @@ impl Predictor {
         let setting = Setting::bare(&plant, &model);
         let mut actions = Vec::new();
         for written in &written.effects {
+            let sibling = Flexible::named(&written.effect);
             let effect = library
                 .get(&written.effect)
+                .or(sibling.map(|sibling| sibling as &dyn Effect))
                 .ok_or_else(|| malformed(format!("there is no effect `{}`", written.effect)))?;
-            let place = place(&written.location, &written.effect, &setting)
+            let place = place(&written.location, effect, &setting)
                 .ok_or_else(|| malformed(format!("`{}` is no place of this simulation", written.location)))?;
             let mut parameters = Vec::new();
             for parameter in effect.parameters(&setting) {
@@ -50,7 +52,14 @@ impl Predictor {
                     .ok_or_else(|| malformed(format!("{} has no parameter `{}`", written.effect, parameter.name)))?;
                 parameters.push(value.value);
             }
-            actions.extend(effect.act(&setting, &place, &parameters));
+            let given = |name: &str| {
+                let value = written.given.get(name).map(|given| given.value);
+                value.ok_or_else(|| malformed(format!("{} lacks `{name}` among what is given", written.effect)))
+            };
+            actions.extend(match sibling {
+                Some(sibling) => sibling.act_in(&setting, &place, [given("unit")?, given("size")?], &parameters),
+                None => effect.act(&setting, &place, &parameters),
+            });
         }
         Ok(Self { model, t0: written.t0, noise_rms: written.noise_rms, plant, actions })
     }
@@ -74,11 +83,17 @@ impl Predictor {
 }
 
 /// A place as [`Place::location`] writes it.
-fn place(location: &str, effect: &str, setting: &Setting) -> Option<Place> {
+fn place(location: &str, effect: &dyn Effect, setting: &Setting) -> Option<Place> {
     let names = &setting.names;
     let of = |list: &[String], name: &str| list.iter().position(|x| x == name);
     if location == "structure" {
         return Some(Place::Structure);
+    }
+    // Before the modes themselves: a port on one mode has the mode's own name.
+    let has_strut =
+        |k: usize| effect.places(setting).contains(&Place::Port(k)) || Flexible::named(effect.name()).is_some();
+    if let Some(k) = of(&names.ports, location).filter(|&k| has_strut(k)) {
+        return Some(Place::Port(k));
     }
     let (kind, at) = location.split_once(':')?;
     match kind {
@@ -92,7 +107,7 @@ fn place(location: &str, effect: &str, setting: &Setting) -> Option<Place> {
             None => Some(Place::Output(of(&names.outputs, at)?)),
         },
         "port" => Some(Place::Port(of(&names.ports, at)?)),
-        "mode" if effect == "missing-mode" => Some(Place::MissingMode(at.parse().ok()?)),
+        "mode" if effect.name() == "missing-mode" => Some(Place::MissingMode(at.parse().ok()?)),
         "mode" => Some(Place::Mode(setting.plant.mode_at(at.parse().ok()?)?)),
         "freq" => {
             let (hz, port) = at.split_once(" port:")?;

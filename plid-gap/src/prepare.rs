@@ -4,6 +4,7 @@ use crate::codes::{self, Codes};
 use crate::effects::Setting;
 use crate::error::GapError;
 use crate::missing;
+use crate::model_error::ModelError;
 use crate::noise::{NoiseModel, Stretch};
 use crate::nuisance::{Limits, Nuisance};
 use crate::plant::Plant;
@@ -24,6 +25,7 @@ const MOST_TONES: usize = 4;
 pub(crate) const UNDECLARED: f64 = 0.01;
 
 /// A simulation with records, made ready.
+#[derive(Clone)]
 pub struct Prepared {
     /// What is fitted.
     pub problem: Problem,
@@ -41,11 +43,24 @@ pub struct Prepared {
     pub quiet: Vec<Stretch>,
 }
 
+/// What is known beforehand, beside model and records.
+#[derive(Debug, Clone, Default)]
+pub struct Known {
+    /// How far the simulation may be off.
+    pub limits: Limits,
+    /// Of a model that was itself estimated: standard deviations of its parameters, as the linear parameters are ordered.
+    pub doubt: Vec<f64>,
+    /// Of such a model: what it leaves of its own records.
+    pub model_error: Option<ModelError>,
+    /// Frequencies that count.
+    pub band_hz: Option<[f64; 2]>,
+}
+
 /// Makes a problem.
 ///
 /// # Errors
 /// [`GapError`] where the simulation cannot be taken apart.
-pub fn prepare(model: &Model, records: &[Record], limits: &Limits) -> Result<Prepared, GapError> {
+pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepared, GapError> {
     let plant = Plant::new(model)?;
     let (fitted, held_out) = split(records);
     let declared_sensor = model
@@ -54,7 +69,9 @@ pub fn prepare(model: &Model, records: &[Record], limits: &Limits) -> Result<Pre
         .clone()
         .unwrap_or_else(|| (0..plant.p).map(|o| UNDECLARED * rms(fitted.iter().flat_map(|r| &r.y[o]))).collect());
     let declared_actuator = model.noise.actuator_std.clone().unwrap_or_else(|| vec![0.0; plant.m]);
-    let declared = NoiseModel::declared(&plant, &declared_sensor, &declared_actuator);
+    let mut declared = NoiseModel::declared(&plant, &declared_sensor, &declared_actuator);
+    declared.model_error.clone_from(&known.model_error);
+    declared.band_hz = known.band_hz;
     let errors = given_errors(&plant, &fitted);
     let codes = codes::codes(&fitted, &errors, &declared_sensor);
     let setting = setting(&plant, model, &fitted, &errors);
@@ -69,7 +86,7 @@ pub fn prepare(model: &Model, records: &[Record], limits: &Limits) -> Result<Pre
             Whitener::new(record, &noise, plant.rate, masked)
         })
         .collect();
-    let nuisance = Nuisance::new(&plant, &fitted, limits);
+    let nuisance = Nuisance::new(&plant, &fitted, &known.limits).doubted(&known.doubt);
     let problem = Problem { plant, records: fitted, whiteners, nuisance, setting };
     Ok(Prepared { problem, held_out, declared, noise, declared_sensor, quiet, codes })
 }
@@ -81,12 +98,15 @@ pub struct NoiseLevel {
     pub factor: f64,
     /// Relative standard deviation of the factor.
     pub uncertainty: f64,
+    /// Whether records show the noise, and not only a declaration or an assumption says what it is.
+    pub seen: bool,
 }
 
 impl Prepared {
     /// The level of the noise from all that repeats: quiet records, and what differs between the periods of periodic ones once the
     /// best explanation is taken away. What a wrong explanation leaves repeats with the period, and does not enter.
-    pub fn noise_level(&self, simulated: &[Channels]) -> NoiseLevel {
+    /// `left` is what the best explanation leaves of a row's variance: where nothing shows the noise, it is no more than that.
+    pub fn noise_level(&self, simulated: &[Channels], left: f64) -> NoiseLevel {
         let problem = &self.problem;
         let p = problem.plant.p as f64;
         let quiet: f64 = self.quiet.iter().map(|stretch| p * stretch.length as f64).sum();
@@ -122,13 +142,16 @@ impl Prepared {
         }
         // What a coarse converter rounds repeats with the period, and is no noise there.
         if self.codes.iter().any(|codes| codes.coarse) {
-            return NoiseLevel { factor: 1.0, uncertainty: ROUNDED_LEVEL };
+            return NoiseLevel { factor: 1.0, uncertainty: ROUNDED_LEVEL, seen: true };
         }
         if freedom < 1000.0 {
-            return NoiseLevel { factor: 1.0, uncertainty: UNSEEN_LEVEL };
+            return NoiseLevel { factor: left.min(1.0), uncertainty: UNSEEN_LEVEL, seen: false };
         }
         // A whitened value squared has variance two; a tenth more for what the noise model's shape does not follow.
-        NoiseLevel { factor: power / freedom, uncertainty: 1.1 * (2.0 / freedom).sqrt() }
+        let uncertainty = 1.1 * (2.0 / freedom).sqrt();
+        // How a model's own error grows with the level is a guess.
+        let uncertainty = if self.noise.model_error.is_some() { UNSEEN_LEVEL } else { uncertainty };
+        NoiseLevel { factor: power / freedom, uncertainty, seen: true }
     }
 
     /// The noise once more, from what an explanation leaves of the quiet records: a disturbance or a line in them is no noise.
@@ -268,11 +291,7 @@ fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]
         let all = records.iter().flat_map(|r| &r.y[o]);
         setting.y_max[o] = all.filter(|y| y.is_finite()).fold(0.0, |most: f64, y| most.max(y.abs()));
     }
-    let motion = port_motion(plant, loudest);
-    for (k, (d, v)) in motion.into_iter().enumerate() {
-        (setting.d_rms[k], setting.v_rms[k]) = (d, v);
-        setting.force[k] = force_size(plant, k, &setting.u_rms);
-    }
+    of_ports(&mut setting, loudest);
     let driven: Vec<missing::Driven> = records
         .iter()
         .zip(errors)
@@ -287,6 +306,15 @@ fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]
     let first: Vec<tones::Stretch> = chosen.iter().map(|&k| stretch(k)).collect();
     setting.tones = tones::tones(&first, plant.rate, MOST_TONES);
     setting
+}
+
+/// What effects may know of the ports, from the loudest record.
+pub(crate) fn of_ports(setting: &mut Setting, loudest: &Record) {
+    let plant = &setting.plant;
+    setting.names.ports = plant.ports.iter().map(|port| port.name.clone()).collect();
+    (setting.d_rms, setting.v_rms) = port_motion(plant, loudest).into_iter().unzip();
+    setting.stiffness = plant.ports.iter().map(|port| plant.stiffness(port)).collect();
+    setting.force = (0..plant.ports.len()).map(|k| force_size(plant, k, &setting.u_rms)).collect();
 }
 
 /// RMS of displacement and velocity at each port, in the linear simulation.

@@ -25,6 +25,7 @@ pub struct Placed<'a> {
 }
 
 /// Records, simulation and noise: what a fit starts from.
+#[derive(Clone)]
 pub struct Problem {
     /// The simulation as given.
     pub plant: Plant,
@@ -39,6 +40,7 @@ pub struct Problem {
 }
 
 /// Derivatives of the whitened outputs (rows x nuisance) at one linear model, with the normal matrix and its factor.
+#[derive(Clone)]
 pub struct Tangent {
     rows: usize,
     columns: usize,
@@ -70,6 +72,9 @@ impl Fit<'_> {
         self.effects.iter().map(|placed| placed.parameters.len()).sum()
     }
 }
+
+/// Damping of a fit's first step (Marquardt 1963).
+const UNDAMPED: f64 = 1e-3;
 
 /// Steps after which derivatives are taken anew where effects move modes.
 const RENEWED: usize = 3;
@@ -210,7 +215,7 @@ impl Problem {
         let mut plant = self.nuisance.apply(&self.plant, &eta);
         let mut residual = self.residual(&plant, &eta, &effects, effort.fineness);
         let mut cost = sum_of_squares(&residual) + self.penalty(&eta);
-        let mut damping = 1e-3;
+        let mut damping = UNDAMPED;
         let mut converged = false;
         let mut covariance = DMatrix::zeros(0, 0);
         let scales = self.scales(&effects);
@@ -255,6 +260,16 @@ impl Problem {
             }
         }
         Fit { eta, effects, residual, cost, covariance, converged }
+    }
+
+    /// What the records tell of a fit's linear parameters and effect parameters (each in the fit's own scale): the normal matrix with the
+    /// prior, and J' residual without it.
+    pub fn information(&self, fit: &Fit, residual: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
+        let plant = self.nuisance.apply(&self.plant, &fit.eta);
+        let tangent = self.tangent(&self.changed(&plant, &fit.effects).unwrap_or_else(|| plant.clone()));
+        let scales = self.scales(&fit.effects);
+        let columns = self.effect_columns(&plant, &fit.eta, &fit.effects, residual, &scales, Fineness::COARSE);
+        self.normal(&tangent, &columns, residual, &vec![0.0; self.nuisance.len()])
     }
 
     /// The plant with effects that change it, if there are any.
@@ -392,7 +407,9 @@ impl Scale {
 fn solve_damped(normal: &DMatrix<f64>, gradient: &DVector<f64>, effects: usize, damping: f64) -> Option<DVector<f64>> {
     let mut damped = normal.clone();
     let n = normal.nrows();
-    for i in n - effects..n {
+    // Linear parameters are held back only where a whole step led astray.
+    for i in 0..n {
+        let damping = if i < n - effects && damping <= UNDAMPED { 0.0 } else { damping };
         damped[(i, i)] = damped[(i, i)] * (1.0 + damping) + f64::MIN_POSITIVE;
     }
     let step = damped.cholesky()?.solve(gradient);

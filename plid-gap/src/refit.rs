@@ -5,6 +5,7 @@ use crate::problem::{Problem, Tangent, sum_of_squares};
 use crate::simulate::Fineness;
 
 /// A linear model of the records.
+#[derive(Clone)]
 pub struct Refit {
     /// Linear parameters.
     pub eta: Vec<f64>,
@@ -18,28 +19,33 @@ pub struct Refit {
     pub cost: f64,
 }
 
-/// Gauss-Newton steps at most; the derivatives are renewed at each.
-const STEPS: usize = 5;
+/// Gauss-Newton steps at most within the prior's bounds; the derivatives are renewed at each.
+pub const STEPS: usize = 5;
+
+/// Of a step, in turn until one lowers the cost (Marquardt 1963).
+const DAMPINGS: [f64; 7] = [0.0, 0.01, 0.1, 1.0, 10.0, 100.0, 1000.0];
 
 /// Fits the linear parameters alone.
-pub fn refit(problem: &Problem) -> Refit {
+pub fn refit(problem: &Problem, steps: usize) -> Refit {
     let mut eta = vec![0.0; problem.nuisance.len()];
     let mut plant = problem.plant.clone();
     let mut residual = problem.residual(&plant, &eta, &[], Fineness::FINE);
     let mut cost = sum_of_squares(&residual);
     let mut tangent = problem.tangent(&plant);
-    for _ in 0..STEPS {
+    for _ in 0..steps {
         let cross = tangent.cross(&residual, 1);
         let mut gradient: Vec<f64> = cross.as_slice().to_vec();
         for ((g, x), std) in gradient.iter_mut().zip(&eta).zip(&problem.nuisance.std) {
             *g -= x / (std * std);
         }
-        let Some(factor) = tangent.normal.clone().cholesky() else { break };
-        let step = factor.solve(&nalgebra::DVector::from_vec(gradient));
-        let mut share = 1.0;
+        let gradient = nalgebra::DVector::from_vec(gradient);
         let mut gain = 0.0;
-        while share > 0.05 {
-            let trial: Vec<f64> = eta.iter().zip(step.iter()).map(|(x, dx)| x + share * dx).collect();
+        for damping in DAMPINGS {
+            let mut normal = tangent.normal.clone();
+            (0..normal.nrows()).for_each(|i| normal[(i, i)] *= 1.0 + damping);
+            let Some(factor) = normal.cholesky() else { continue };
+            let step = factor.solve(&gradient);
+            let trial: Vec<f64> = eta.iter().zip(step.iter()).map(|(x, dx)| x + dx).collect();
             let trial_plant = problem.nuisance.apply(&problem.plant, &trial);
             let trial_residual = problem.residual(&trial_plant, &trial, &[], Fineness::FINE);
             let trial_cost = sum_of_squares(&trial_residual) + problem.penalty(&trial);
@@ -48,7 +54,6 @@ pub fn refit(problem: &Problem) -> Refit {
                 (eta, plant, residual, cost) = (trial, trial_plant, trial_residual, trial_cost);
                 break;
             }
-            share *= 0.5;
         }
         if gain <= 0.0 {
             break;

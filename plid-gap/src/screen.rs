@@ -6,7 +6,7 @@
 use nalgebra::{Cholesky, DMatrix, Dyn};
 use rayon::prelude::*;
 
-use crate::effects::{Effect, Library};
+use crate::effects::{Effect, Library, Place, Range};
 use crate::plant::Plant;
 use crate::problem::{Placed, Problem, Tangent, dot, sum_of_squares};
 use crate::simulate::Fineness;
@@ -38,6 +38,8 @@ pub struct Base<'p, 'a> {
     pub effects: &'p [Placed<'a>],
     /// What it leaves.
     pub residual: &'p [f64],
+    /// Whether effects are tried at several sizes: where a gap is as large as the output, a linear guess of the size is none.
+    pub bold: bool,
 }
 
 /// All entries, best first: of each effect at each place the best shape.
@@ -62,7 +64,20 @@ pub fn screen<'a>(base: &Base<'_, 'a>, library: &'a Library, skip: impl Fn(&Plac
             let starts = effect.starts(setting, place);
             let tried = starts.into_iter().filter_map(|start| {
                 let placed = Placed { effect: *effect, place: place.clone(), parameters: start };
-                entry(base, &factor, &now, &left, placed)
+                let linear = entry(base, &factor, &now, &left, placed.clone(), true);
+                let bold = base.bold && matches!(place, Place::Port(k) if setting.is_on_a_mode(*k));
+                let (true, Some((index, neutral))) = (bold, effect.amplitude()) else { return linear };
+                let signs = match effect.parameters(setting)[index].range {
+                    Range::Positive => &[1.0][..],
+                    _ => &[1.0, -1.0],
+                };
+                let bolder = setting.bold_sizes(place).into_iter().flat_map(|by| signs.iter().map(move |s| by * s));
+                let tried = bolder.filter_map(|by| {
+                    let mut placed = placed.clone();
+                    placed.parameters[index] = neutral + by * (placed.parameters[index] - neutral);
+                    entry(base, &factor, &now, &left, placed, false)
+                });
+                tried.chain(linear).max_by(|a, b| a.gain.total_cmp(&b.gain))
             });
             tried.max_by(|a, b| a.gain.total_cmp(&b.gain))
         })
@@ -85,12 +100,14 @@ fn projected(tangent: &Tangent, factor: &Cholesky<f64, Dyn>, v: &[f64]) -> Proje
     Projected { cross, solved }
 }
 
+/// `scaled`: with the size that is best if the trace is proportional to it; otherwise with the size as it is.
 fn entry<'a>(
     base: &Base<'_, 'a>,
     factor: &Cholesky<f64, Dyn>,
     now: &[f64],
     left: &Projected,
     mut placed: Placed<'a>,
+    scaled: bool,
 ) -> Option<Entry<'a>> {
     let mut effects = base.effects.to_vec();
     effects.push(placed.clone());
@@ -102,14 +119,18 @@ fn entry<'a>(
         return None;
     }
     let own = projected(base.tangent, factor, &trace);
-    let energy = whole - own.cross.dot(&own.solved);
-    let product = dot(&trace, base.residual) - own.cross.dot(&left.solved);
-    let absorbed = 1.0 - energy / whole;
-    let (gain, energy) = match placed.effect.amplitude() {
+    let clear = whole - own.cross.dot(&own.solved);
+    let absorbed = 1.0 - clear / whole;
+    // What a refit absorbs is told by derivatives, which say nothing of a resonance that has gone further than its width.
+    let (energy, product) = if base.bold {
+        (whole, dot(&trace, base.residual))
+    } else {
+        (clear, dot(&trace, base.residual) - own.cross.dot(&left.solved))
+    };
+    let (gain, energy) = match placed.effect.amplitude().filter(|_| scaled) {
         Some((index, neutral)) => {
             let size = product / energy.max(1e-12 * whole);
-            let positive =
-                placed.effect.parameters(&base.problem.setting)[index].range == crate::effects::Range::Positive;
+            let positive = placed.effect.parameters(&base.problem.setting)[index].range == Range::Positive;
             if positive && !(size > 0.0) {
                 return None;
             }

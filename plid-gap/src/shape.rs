@@ -5,10 +5,10 @@ use rayon::prelude::*;
 use crate::effects::{Effect, Flexible};
 use crate::problem::{Effort, Fit, Placed, Problem};
 use crate::simulate::Fineness;
-use crate::thresholds::WORTH;
+use crate::thresholds::{MATERIAL, WORTH};
 
 const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE };
-const WHOLE: Effort = Effort { steps: 4, gain: 0.5, fineness: Fineness::FINE };
+const WHOLE: Effort = Effort { steps: 10, gain: 0.5, fineness: Fineness::FINE };
 
 /// A fit with one effect's shape set free.
 pub struct Bent<'a> {
@@ -16,6 +16,27 @@ pub struct Bent<'a> {
     pub fit: Fit<'a>,
     /// Which effect it bends.
     pub which: usize,
+}
+
+/// Two effects at one place that one of them with another shape explains as well: the fit of that one, and with its shape set free.
+pub fn one_for_two<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<(Fit<'a>, Bent<'a>)> {
+    let shared = |k: usize| {
+        let place = &best.effects[k].place;
+        best.effects.iter().filter(|other| other.place == *place).count() > 1
+    };
+    let tangent = quick.tangent(&quick.nuisance.apply(&quick.plant, &best.eta));
+    let whole = problem.tangent(&problem.nuisance.apply(&problem.plant, &best.eta));
+    let tried = (0..best.effects.len()).filter(|&k| shared(k)).filter_map(|k| {
+        let place = &best.effects[k].place;
+        let kept = |j: usize| j == k || best.effects[j].place != *place;
+        let effects: Vec<Placed> =
+            (0..best.effects.len()).filter(|&j| kept(j)).map(|j| best.effects[j].clone()).collect();
+        let alone = quick.fit(&tangent, &best.eta, &effects, QUICK);
+        let alone = problem.fit(&whole, &alone.eta, &alone.effects, WHOLE);
+        let bent = bent(problem, quick, &alone).filter(|bent| alone.effects[bent.which].place == *place)?;
+        (bent.fit.cost < best.cost + MATERIAL * problem.rows() as f64).then_some((alone, bent))
+    });
+    tried.min_by(|a, b| a.1.fit.cost.total_cmp(&b.1.fit.cost))
 }
 
 /// The best of all fits with one sibling each; none where no effect has a shape, or where a free one gains nothing on the heads of

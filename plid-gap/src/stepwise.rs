@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use rayon::prelude::*;
 
-use crate::effects::{Library, Place, Range};
+use crate::effects::{Library, Names, Place, Range};
 use crate::ports_fit::fit_ports;
 use crate::problem::{Effort, Fit, Placed, Problem, Tangent};
 use crate::refit::{Refit, clipped};
@@ -33,7 +33,30 @@ pub struct Search<'a> {
     pub stages: Vec<Vec<Entry<'a>>>,
 }
 
-impl Search<'_> {
+impl<'a> Search<'a> {
+    /// The best explanation with its shape set free, which costs `more` parameters.
+    pub fn set_free(&mut self, cost: f64, more: usize, rows: f64) {
+        let best = &self.best.effects;
+        let alike =
+            |c: &Candidate| c.effects.len() == best.len() && c.effects.iter().all(|a| best.iter().any(|b| same(a, b)));
+        let Some(at) = self.candidates.iter().position(alike) else { return };
+        let gain = self.candidates[at].cost - cost;
+        let candidate = &mut self.candidates[at];
+        candidate.cost = cost;
+        candidate.priced -= (gain - more as f64 * rows.ln()).max(0.0);
+        self.candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
+    }
+
+    /// Fewer effects in place of the best explanation, which with a free shape explain as much: they take its rank.
+    pub fn settle(&mut self, fewer: Fit<'a>, cost: f64) {
+        let alike = |a: &[Placed], b: &[Placed]| a.len() == b.len() && a.iter().all(|a| b.iter().any(|b| same(a, b)));
+        let first = self.candidates.first().map_or(cost, |candidate| candidate.priced);
+        let old = std::mem::replace(&mut self.best, fewer);
+        let replaced = |c: &Candidate| alike(&c.effects, &old.effects) || alike(&c.effects, &self.best.effects);
+        self.candidates.retain(|c| !replaced(c));
+        self.candidates.insert(0, Candidate { effects: self.best.effects.clone(), cost, priced: first });
+    }
+
     /// The best explanation under a changed noise model; the others keep their distance from it.
     pub fn weigh_anew(&mut self, problem: &Problem) {
         let before = self.best.cost;
@@ -52,8 +75,9 @@ const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE }
 const FINE: Effort = Effort { steps: 8, gain: 0.1, fineness: Fineness::FINE };
 
 /// Searches for up to [`MOST_EFFECTS`] effects: on `quick` (the heads of the records), then among the best few on `problem`.
-/// `allowed` says what may be named where; `bonus` what the engineer suspects (subtracted from the price); `say` is told what is
-/// going on.
+/// `allowed` says what may be named where; `bonus` what the engineer suspects (subtracted from the price); `bold` screens at several
+/// sizes; `say` is told what is going on.
+#[allow(clippy::too_many_arguments)]
 pub fn search<'a>(
     problem: &mut Problem,
     quick: &mut Problem,
@@ -61,9 +85,10 @@ pub fn search<'a>(
     library: &'a Library,
     allowed: &(dyn Fn(&Placed) -> bool + Sync),
     bonus: &(dyn Fn(&Placed) -> f64 + Sync),
+    bold: bool,
     say: &mut dyn FnMut(String),
 ) -> Search<'a> {
-    let price = Price { rows: problem.rows() as f64, bonus };
+    let price = Price { rows: problem.rows() as f64, bonus, bold };
     let mut best = Fit {
         eta: refit.eta.clone(),
         effects: Vec::new(),
@@ -77,7 +102,7 @@ pub fn search<'a>(
     for stage in 0..MOST_EFFECTS {
         let there = |placed: &Placed| best.effects.iter().any(|other| same(other, placed)) || !allowed(placed);
         let (entries, fits) = turn(problem, quick, &best, library, &there, &price, FITTED, POLISHED);
-        say(format!("stage {}: {} entries of the screen", stage + 1, entries.len()));
+        say(progress(stage + 1, &entries, &fits, &price, &problem.setting.names));
         stages.push(entries);
         candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
         let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { break };
@@ -97,6 +122,16 @@ pub fn search<'a>(
     candidates.retain(|c| best.effects.is_empty() || !beyond(c));
     candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
     Search { best, candidates, stages }
+}
+
+/// A stage in words: how many entries there were, and what the fits of the first of them gained.
+fn progress(stage: usize, entries: &[Entry], fits: &[Fit], price: &Price, names: &Names) -> String {
+    let one = |fit: &Fit| {
+        let last = fit.effects.last().expect("a stage adds an effect");
+        format!("{} at {} ({:.0})", last.effect.name(), last.place.location(names), price.of(fit))
+    };
+    let fits = fits.iter().map(one).collect::<Vec<_>>().join(", ");
+    format!("stage {stage}: {} entries of the screen; priced fits: {fits}", entries.len())
 }
 
 /// Whether a further effect explains enough: of the residual, or of what the linear parameters had to be bent for it.
@@ -123,7 +158,7 @@ fn turn<'a>(
     polished: usize,
 ) -> (Vec<Entry<'a>>, Vec<Fit<'a>>) {
     let from = Start::new(quick, so_far);
-    let base = from.base(quick, &so_far.effects);
+    let base = from.base(quick, &so_far.effects, price.bold);
     let entries = screen(&base, library, there);
     let mut fits = fit_all(quick, &from, &so_far.effects, &entries[..entries.len().min(fitted)]);
     fits.sort_by(|a, b| price.of(a).total_cmp(&price.of(b)));
@@ -150,8 +185,9 @@ fn near(a: &Place, b: &Place) -> bool {
     }
 }
 
-/// What parameters and choices cost.
+/// What parameters and choices cost, and how the screen goes about it.
 struct Price<'p> {
+    bold: bool,
     rows: f64,
     bonus: &'p (dyn Fn(&Placed) -> f64 + Sync),
 }
@@ -187,8 +223,16 @@ impl Start {
         Self { eta, plant, tangent, residual }
     }
 
-    fn base<'p, 'a>(&'p self, problem: &'p Problem, effects: &'p [Placed<'a>]) -> Base<'p, 'a> {
-        Base { problem, tangent: &self.tangent, plant: &self.plant, eta: &self.eta, effects, residual: &self.residual }
+    fn base<'p, 'a>(&'p self, problem: &'p Problem, effects: &'p [Placed<'a>], bold: bool) -> Base<'p, 'a> {
+        Base {
+            problem,
+            tangent: &self.tangent,
+            plant: &self.plant,
+            eta: &self.eta,
+            effects,
+            residual: &self.residual,
+            bold,
+        }
     }
 }
 

@@ -1,5 +1,5 @@
 //! A simulation where the case gives none: a linear model of what the engineer's own simulator gave for the records' inputs or, without
-//! such outputs, the best linear model of the records themselves.
+//! such outputs, the best linear model of the records themselves, or of those that the case sets aside for it.
 //!
 //! In both cases it is the output-error refinement of a subspace estimate. The first stands for a simulator of any kind, with a fit error of its own;
 //! the second has already taken in all of the gap that a linear model can, so that only what is not linear is left to be found.
@@ -10,8 +10,16 @@ use plid_refine::{Candidate, Noise, Options, RefineError, Start};
 
 use crate::audit::driven;
 use crate::case::Case;
+use crate::effects::Setting;
 use crate::error::GapError;
-use crate::record::Record;
+use crate::model_error::ModelError;
+use crate::noise::NoiseModel;
+use crate::nuisance::{Limits, Nuisance};
+use crate::plant::Plant;
+use crate::problem::Problem;
+use crate::record::{Excitation, Record};
+use crate::shrink::run;
+use crate::whiten::Whitener;
 
 /// States where the case does not say.
 const STATES: usize = 24;
@@ -22,12 +30,25 @@ const ITERATIONS: usize = 60;
 /// Of the simulator's outputs: beyond this relative error a linear model does not stand for it.
 const POOR: f64 = 0.05;
 
-/// A model for a case that has none, and in words how well it fits.
+/// A model that stands in where the case gives no simulation.
+pub struct StandIn {
+    /// The model.
+    pub model: Model,
+    /// In words how well it fits.
+    pub words: String,
+    /// Standard deviations of its modes' parameters, as [`Nuisance`] orders them: by so much more may it be off.
+    pub doubt: Vec<f64>,
+    /// What it leaves of the records it was identified from, where that is no noise.
+    pub model_error: Option<ModelError>,
+}
+
+/// A model for a case that has none.
 ///
 /// # Errors
 /// [`GapError::TooLittle`] where the records are too short for the states asked for; [`GapError::Failed`] where nothing can be identified.
-pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<(Model, String), GapError> {
-    let fitted = driven(&case.records);
+pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<StandIn, GapError> {
+    let fitted =
+        if case.for_simulation.is_empty() { driven(&case.records) } else { case.for_simulation.iter().collect() };
     if fitted.is_empty() {
         return Err(GapError::TooLittle(
             "without `sim` a model is identified, and no record to fit from has an input".into(),
@@ -58,7 +79,7 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<(Model, Stri
         iterations: ITERATIONS,
         noise: Noise::White,
     };
-    let rate = case.config.sample_rate_hz;
+    let rate = case.config.rate();
     // A start that the tail of the records judges must not have learnt from it.
     let head = plid_refine::head(&records).map_err(failed)?;
     let start = plid_refine::subspace(&head, states, None, rate, &options).map_err(failed)?.model;
@@ -70,21 +91,65 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<(Model, Stri
     model.outputs.clone_from(&case.config.outputs);
     model.initial_state = None;
     let error = relative(&choice.refined.residual_variances, &arrays);
-    let words = words(&model, of_simulator, error, unseen);
-    Ok((model, words))
+    let words = words(&model, &case.for_simulation, of_simulator, error, unseen);
+    let std: Vec<f64> = choice.refined.residual_variances.iter().map(|variance| variance.sqrt()).collect();
+    let doubt = doubt(&model, &fitted, &std)?;
+    let model_error = if of_simulator { None } else { model_error(&model, &fitted, !case.for_simulation.is_empty())? };
+    Ok(StandIn { model, words, doubt, model_error })
 }
 
-fn words(model: &Model, of_simulator: bool, error: f64, unseen: f64) -> String {
+/// Takes from what was measured what the model does not follow of the simulator's own outputs, where these are given: what is left to
+/// explain is the gap to the simulator, not to its stand-in.
+pub fn take_misfit(record: &mut Record, model: &Model) {
+    let Some(simulated) = &record.simulated else { return };
+    let Ok(run) = plid_model::simulate(model, matrix(&record.u).view(), &model.rest()) else { return };
+    for (o, y) in record.y.iter_mut().enumerate() {
+        y.iter_mut().enumerate().for_each(|(k, y)| *y += run.outputs[(k, o)] - simulated[o][k]);
+    }
+}
+
+/// From the longest record. What repeats in a periodic one may be an effect, unless the record was set aside for the model.
+fn model_error(model: &Model, records: &[&Record], aside: bool) -> Result<Option<ModelError>, GapError> {
+    let tells = |record: &&&Record| record.excitation == Excitation::Random || aside;
+    let Some(record) = records.iter().filter(tells).max_by_key(|record| record.samples()) else { return Ok(None) };
+    let plant = Plant::new(model)?;
+    let error = crate::locate::error(record, &run(&plant, &[], record));
+    Ok(ModelError::of(record, &error, plant.rate))
+}
+
+/// How well the records it was identified from tell the model's parameters, if white noise of these standard deviations is all that it
+/// leaves of them. What they do not tell at all stays within a tenth of itself.
+fn doubt(model: &Model, records: &[&Record], std: &[f64]) -> Result<Vec<f64>, GapError> {
+    let plant = Plant::new(model)?;
+    let records: Vec<Record> = records.iter().map(|record| (*record).clone()).collect();
+    let noise = NoiseModel::declared(&plant, std, &vec![0.0; plant.m]);
+    let masked = vec![Vec::new(); plant.p];
+    let whiteners = records.iter().map(|record| Whitener::new(record, &noise, plant.rate, masked.clone())).collect();
+    let nuisance = Nuisance::new(&plant, &records, &Limits { frequency: 0.2, damping: 2.0, shape: 0.2 });
+    let setting = Setting::bare(&plant, model);
+    let problem = Problem { plant, records, whiteners, nuisance, setting };
+    let normal = problem.tangent(&problem.plant).normal;
+    let Some(factor) = normal.cholesky() else { return Ok(Vec::new()) };
+    let covariance = factor.inverse();
+    Ok((0..problem.nuisance.of_modes()).map(|k| covariance[(k, k)].max(0.0).sqrt()).collect())
+}
+
+fn words(model: &Model, chosen: &[Record], of_simulator: bool, error: f64, unseen: f64) -> String {
     let (error, unseen) = (100.0 * error, 100.0 * unseen);
     let states = model.n();
     if of_simulator {
         let poor = if unseen > 100.0 * POOR {
             ": a linear model does not stand for it, and what it misses counts as gap"
         } else {
-            ", and this much of the gap is not the simulation's"
+            ", which is taken from what was measured; `predict` needs its outputs beside the effect's correction (`--simulated`)"
         };
         format!(
             "The simulator is stood for by a linear model of {states} states that was identified from its outputs: it misses them by {error:.2} % where it was fitted, by {unseen:.2} % where it was not{poor}."
+        )
+    } else if let [first, rest @ ..] = chosen {
+        let names = rest.iter().fold(first.name.clone(), |names, record| format!("{names} and {}", record.name));
+        format!(
+            "No simulation is given: the best linear model of {states} states of {names} stands in. It leaves {error:.2} % of it where it was fitted, {unseen:.2} % where it was not."
         )
     } else {
         format!(
@@ -132,7 +197,7 @@ mod tests {
     fn the_best_linear_model_of_the_records_stands_in() {
         let mut case = case(&truss(3), &truss(3));
         case.config.states = Some(truss(3).n());
-        let (model, words) = identify(&case, &mut |_| {}).unwrap();
+        let StandIn { model, words, .. } = identify(&case, &mut |_| {}).unwrap();
         assert_eq!((model.n(), &model.outputs), (truss(3).n(), &case.config.outputs));
         // Noise of 0.2 % in 4096 samples.
         assert!(apart(&model, &truss(3)) < 0.002, "{}", apart(&model, &truss(3)));
@@ -147,13 +212,13 @@ mod tests {
         for record in &mut case.records {
             record.simulated = Some(run(&truss(4), &record.u));
         }
-        let (model, words) = identify(&case, &mut |_| {}).unwrap();
+        let StandIn { model, words, .. } = identify(&case, &mut |_| {}).unwrap();
         assert!(apart(&model, &truss(4)) < 1e-3, "{}", apart(&model, &truss(4)));
         assert!(apart(&model, &truss(3)) > 0.5);
         assert!(words.contains("it misses them by 0.0"), "{words}");
         // Too few states say so.
         case.config.states = Some(6);
-        let (_, words) = identify(&case, &mut |_| {}).unwrap();
+        let words = identify(&case, &mut |_| {}).unwrap().words;
         assert!(words.contains("does not stand for it"), "{words}");
     }
 

@@ -129,17 +129,8 @@ pub fn run(model: &Model, u: &[Vec<f64>]) -> Channels {
 /// A case in memory: what `sim` says, and records of what `real` does, 0.2 % of noise on each output: one of 1024 samples without input, and
 /// `random-1` to `random-3` of 3072 samples each at levels 1, 0.5 and 1.
 pub fn case(sim: &Model, real: &Model) -> Case {
-    let config = CaseConfig {
-        sim: Some("sim.json".into()),
-        states: None,
-        sample_rate_hz: RATE,
-        inputs: sim.inputs.clone(),
-        outputs: sim.outputs.clone(),
-        suspects: Vec::new(),
-        exclude: Vec::new(),
-        nuisance: Limits::default(),
-        record: Vec::new(),
-    };
+    let config =
+        CaseConfig { sim: Some("sim.json".into()), ..CaseConfig::new(RATE, sim.inputs.clone(), sim.outputs.clone()) };
     let level_one = run(real, &random_input(0, 4096, real.m()));
     let std: Vec<f64> = level_one.iter().map(|y| 0.002 * rms(y)).collect();
     let mut records = Vec::new();
@@ -164,5 +155,5 @@ pub fn case(sim: &Model, real: &Model) -> Case {
     let mut sim = sim.clone();
     sim.noise.sensor_std = Some(std);
     sim.noise.actuator_std = Some(vec![0.0; sim.m()]);
-    Case { config, model: Some(sim), records, warnings: Vec::new() }
+    Case { config, model: Some(sim), records, for_simulation: Vec::new(), warnings: Vec::new() }
 }

@@ -56,3 +56,9 @@ pub const NEXT: f64 = 50.0;
 /// Probability that is kept for something else where a free shape suffices: one case in three of a cause that the library lacks is
 /// imitated by a free shape at the same place.
 pub const SHAPE_DIFFERS: f64 = 0.3;
+
+/// Probability of something else from which places on single modes are tried too: what a strut explains is not looked for elsewhere.
+pub const INADEQUATE: f64 = 0.5;
+
+/// And share of the refit's excess that must be left for that: a cause at another place leaves more than a shape's third digit.
+pub const ELSEWHERE: f64 = 0.05;

@@ -2,6 +2,8 @@
 //!
 //! The sum of squares of what comes out is minus twice the log likelihood, so that it can be compared between explanations.
 
+use std::ops::RangeInclusive;
+
 use nalgebra::DMatrix;
 
 use crate::noise::NoiseModel;
@@ -17,7 +19,9 @@ pub struct Whitener {
     /// Samples of each channel that say nothing (dropouts): p lists of indices.
     pub masked: Vec<Vec<usize>>,
     p: usize,
-    /// Lower triangles of L^{-1}, of each bin, row by row.
+    /// Bins that count.
+    bins: RangeInclusive<usize>,
+    /// Lower triangles of L^{-1}, of each of them, row by row.
     factors: Vec<C>,
 }
 
@@ -26,9 +30,15 @@ impl Whitener {
     pub fn new(record: &Record, noise: &NoiseModel, rate: f64, masked: Vec<Vec<usize>>) -> Self {
         let length = transform::good_length_below(record.samples());
         let p = record.y.len();
+        let level = record.level();
         let mut factors = Vec::new();
-        for k in 0..=length / 2 {
-            let mut density = noise.density(k as f64 * rate / length as f64);
+        let bins = counted(noise.band_hz, rate / length as f64, length / 2);
+        for k in bins.clone() {
+            let hz = k as f64 * rate / length as f64;
+            let mut density = noise.density(hz);
+            if let Some(error) = &noise.model_error {
+                (0..p).for_each(|o| density[(o, o)] += C::from(error.density(o, hz, level)));
+            }
             let floor = 1e-12 * density.trace().re / p as f64;
             (0..p).for_each(|i| density[(i, i)] += C::from(floor));
             let lower = density.cholesky().map_or_else(|| DMatrix::identity(p, p), |c| c.l());
@@ -37,12 +47,14 @@ impl Whitener {
                 factors.extend((0..=i).map(|j| inverse[(i, j)]));
             }
         }
-        Self { length, masked, p, factors }
+        Self { length, masked, p, bins, factors }
     }
 
     /// Number of values that [`Whitener::apply`] gives.
     pub fn rows(&self) -> usize {
-        self.p * self.length
+        let edge = |k: &&usize| **k == 0 || 2 * **k == self.length;
+        let edges = [*self.bins.start(), *self.bins.end()].iter().filter(edge).count();
+        self.p * (2 * self.bins.clone().count() - edges)
     }
 
     /// Whitened bins of p channels into `to`: all channels of a bin beside each other, by rising frequency.
@@ -51,10 +63,10 @@ impl Whitener {
         let bins: Vec<Vec<C>> = (0..self.p).map(|o| self.bins(&y[o], o)).collect();
         let mut at = 0;
         let each = self.p * (self.p + 1) / 2;
-        for k in 0..=self.length / 2 {
+        for (index, k) in self.bins.clone().enumerate() {
             let edge = k == 0 || 2 * k == self.length;
             let weight = if edge { scale } else { scale * std::f64::consts::SQRT_2 };
-            let factors = &self.factors[k * each..(k + 1) * each];
+            let factors = &self.factors[index * each..(index + 1) * each];
             let mut next = 0;
             for i in 0..self.p {
                 let mut sum = C::ZERO;
@@ -79,16 +91,11 @@ impl Whitener {
         }
         transform::forward(&y)
     }
+}
 
-    /// The bin (0 to length / 2) and the whitened channel of each row.
-    pub fn bin_of(&self, row: usize) -> (usize, usize) {
-        if row < self.p {
-            return (0, row);
-        }
-        let within = row - self.p;
-        let bin = 1 + within / (2 * self.p);
-        let last = self.length.is_multiple_of(2) && bin == self.length / 2;
-        let rest = within - (bin - 1) * 2 * self.p;
-        (bin, if last { rest } else { rest / 2 })
-    }
+/// The bins from 0 to `last` that lie in a band; all of them where none does.
+fn counted(band_hz: Option<[f64; 2]>, step: f64, last: usize) -> RangeInclusive<usize> {
+    let Some([from, to]) = band_hz else { return 0..=last };
+    let (first, end) = ((from / step).ceil() as usize, ((to / step).floor() as usize).min(last));
+    if first <= end { first..=end } else { 0..=last }
 }

@@ -18,6 +18,7 @@ mod wiring;
 use crate::case::Case;
 use crate::effects::Library;
 use crate::error::GapError;
+use crate::prepare::Known;
 use crate::record::{Excitation, Record};
 use crate::surrogate;
 
@@ -32,6 +33,8 @@ pub struct Audit {
     pub case: Case,
     /// Wires, signs, units or a delay under which the simulation agrees much better.
     pub mismatch: Option<Mismatch>,
+    /// What the preparation needs beside the case.
+    pub known: Known,
 }
 
 /// Looks at a case; one without a simulation is given the model that stands in.
@@ -44,17 +47,25 @@ pub fn audit(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> Res
     let mut found = finite::check(case)?;
     found.extend(constant::check(case)?);
     found.extend(clipping::check(case));
-    let (model, stands_in) = match &case.model {
+    let (model, stand_in) = match &case.model {
         Some(model) => (model.clone(), None),
-        None => surrogate::identify(case, say).map(|(model, words)| (model, Some(words)))?,
+        None => {
+            let stand_in = surrogate::identify(case, say)?;
+            (stand_in.model.clone(), Some(stand_in))
+        }
     };
-    found.extend(stands_in);
+    let of_records = stand_in.is_some() && case.records.iter().all(|record| record.simulated.is_none());
+    found.extend(stand_in.iter().map(|stand_in| stand_in.words.clone()));
     found.extend(stable::check(case, &model)?);
     let little = little::check(case, &model, library)?;
     found.extend(little.findings);
-    let mismatch = rewire::find(case, &model)?;
+    // A model of these very wires has none crossed.
+    let mismatch = if of_records { None } else { rewire::find(case, &model)? };
 
     let mut case = case.clone();
+    if stand_in.is_some() {
+        case.records.iter_mut().for_each(|record| surrogate::take_misfit(record, &model));
+    }
     case.config.exclude.extend(little.left_out);
     let explained = mismatch.as_ref().filter(|mismatch| mismatch.explains);
     found.extend(mismatch.iter().map(|mismatch| mismatch.sentence.clone()));
@@ -64,7 +75,10 @@ pub fn audit(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> Res
     }
     case.model = Some(explained.map_or(model.clone(), |mismatch| mismatch.wiring.applied(&model)));
     case.warnings.extend(found);
-    Ok(Audit { case, mismatch })
+    let (doubt, model_error) =
+        stand_in.map_or_else(Default::default, |stand_in| (stand_in.doubt, stand_in.model_error));
+    let known = Known { limits: case.config.nuisance, doubt, model_error, band_hz: case.config.band_hz };
+    Ok(Audit { case, mismatch, known })
 }
 
 /// Records that drive the structure and are not held out: the last one counts among them only if the case says so by its `use` or it is alone.

@@ -314,7 +314,7 @@ fn sentence(wiring: &Wiring, case: &Case, before: f64, after: f64) -> String {
     parts.extend(side(&wiring.inputs, &config.inputs, "input", "output", |name, other| {
         format!("the simulation's {name} looks driven by what is recorded as {other}")
     }));
-    let seconds = wiring.delay.unsigned_abs() as f64 / config.sample_rate_hz;
+    let seconds = wiring.delay.unsigned_abs() as f64 / config.rate();
     match wiring.delay {
         0 => {}
         late if late > 0 => {

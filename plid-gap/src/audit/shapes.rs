@@ -11,7 +11,7 @@ pub fn check(case: &Case) -> Result<(), GapError> {
         return Err(GapError::TooLittle("the case has no record".into()));
     }
     if let Some(model) = &case.model {
-        let rates = (config.sample_rate_hz, model.sample_rate_hz);
+        let rates = (config.rate(), model.sample_rate_hz);
         if (rates.0 / rates.1 - 1.0).abs() > 1e-6 {
             let message = format!("it is sampled at {} Hz, the simulation at {} Hz", rates.0, rates.1);
             return Err(wrong(&case.records[0].name, message));

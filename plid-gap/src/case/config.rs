@@ -1,5 +1,8 @@
 use serde::{Deserialize, Serialize};
 
+use plid_lab::prepare::decimate;
+use plid_lab::prepare::trend::Trend;
+
 use crate::nuisance::Limits;
 use crate::record::Excitation;
 
@@ -15,6 +18,15 @@ pub struct CaseConfig {
     pub states: Option<usize>,
     /// Of the records and of the simulation.
     pub sample_rate_hz: f64,
+    /// Records are decimated to this rate, which then is that of the simulation; left out, they are not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub decimate_to_hz: Option<f64>,
+    /// What is taken from every channel of the records: `none` (if left out), `mean` or `linear`.
+    #[serde(default = "no_trend", skip_serializing_if = "is_no_trend")]
+    pub trend: Trend,
+    /// Frequencies that are fitted and judged, from and to in Hz; left out, all are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub band_hz: Option<[f64; 2]>,
     /// Columns of the records.
     pub inputs: Vec<String>,
     /// Columns of the records.
@@ -33,12 +45,23 @@ pub struct CaseConfig {
     pub record: Vec<RecordConfig>,
 }
 
+fn no_trend() -> Trend {
+    Trend::None
+}
+
+fn is_no_trend(trend: &Trend) -> bool {
+    *trend == Trend::None
+}
+
 /// A record of a case.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordConfig {
     /// Beside the case.
     pub file: String,
+    /// First row of the file that counts, from 0, and the one behind the last; left out, all do.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub samples: Option<[usize; 2]>,
     /// What drove it.
     #[serde(default = "random")]
     pub excitation: ExcitationKind,
@@ -51,7 +74,7 @@ pub struct RecordConfig {
     /// Since the first record began; left out, records are back to back.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub start_s: Option<f64>,
-    /// For fitting or held out; left out, the diagnosis chooses.
+    /// For fitting, held out, or for the simulation that is missing; left out, the diagnosis chooses.
     #[serde(default, rename = "use", skip_serializing_if = "Option::is_none")]
     pub r#use: Option<Use>,
     /// What the engineer's own simulator gave for this input.
@@ -94,30 +117,70 @@ pub enum Use {
     Fit,
     /// Held out.
     Test,
+    /// The simulation is identified from it, and nothing else is done with it.
+    Sim,
 }
 
 impl RecordConfig {
-    /// With the period.
-    pub fn excitation(&self) -> Excitation {
+    /// With the period, of which one sample in `ratio` is kept.
+    pub fn excitation(&self, ratio: usize) -> Excitation {
         match self.excitation {
             ExcitationKind::Zero => Excitation::Zero,
             ExcitationKind::Random => Excitation::Random,
-            ExcitationKind::Periodic => Excitation::Periodic(self.period.unwrap_or(0)),
+            ExcitationKind::Periodic => Excitation::Periodic(self.period.unwrap_or(0) / ratio),
         }
+    }
+
+    fn is_for_simulation(&self) -> bool {
+        self.r#use == Some(Use::Sim)
     }
 }
 
 impl CaseConfig {
+    /// A case of channels at a rate, with nothing else said.
+    pub fn new(sample_rate_hz: f64, inputs: Vec<String>, outputs: Vec<String>) -> Self {
+        Self {
+            sim: None,
+            states: None,
+            sample_rate_hz,
+            decimate_to_hz: None,
+            trend: Trend::None,
+            band_hz: None,
+            inputs,
+            outputs,
+            suspects: Vec::new(),
+            exclude: Vec::new(),
+            nuisance: Limits::default(),
+            record: Vec::new(),
+        }
+    }
+
     /// What is wrong with the values, as key and reason.
     pub fn problems(&self) -> Vec<(&'static str, String)> {
         let mut problems = Vec::new();
         if !(self.sample_rate_hz.is_finite() && self.sample_rate_hz > 0.0) {
             problems.push(("sample_rate_hz", format!("{} is not positive", self.sample_rate_hz)));
         }
-        if self.record.is_empty() {
-            problems.push(("record", "a case needs at least one [[record]]".to_string()));
+        if self.record.iter().all(RecordConfig::is_for_simulation) {
+            let message = "a case needs at least one [[record]] that is not for the simulation";
+            problems.push(("record", message.to_string()));
         }
+        if self.sim.is_some() && self.record.iter().any(RecordConfig::is_for_simulation) {
+            problems.push(("use", "\"sim\" is for a case without `sim`: here the simulation is given".to_string()));
+        }
+        let ratio = match self.ratio() {
+            Ok(ratio) => ratio,
+            Err(message) => {
+                problems.push(("decimate_to_hz", message));
+                1
+            }
+        };
         for record in &self.record {
+            if let Some([from, to]) = record.samples
+                && from >= to
+            {
+                problems.push(("samples", format!("{}: no sample lies from {from} to {to}", record.file)));
+            }
             match (record.excitation, record.period) {
                 (ExcitationKind::Periodic, None) => {
                     problems.push((
@@ -128,11 +191,24 @@ impl CaseConfig {
                 (ExcitationKind::Periodic, Some(period)) if period < 2 => {
                     problems.push(("period", format!("{}: {period} is no period", record.file)));
                 }
+                (ExcitationKind::Periodic, Some(period)) if !period.is_multiple_of(ratio) => {
+                    let message = format!(
+                        "{}: {period} samples are no multiple of the {ratio} of which one is kept",
+                        record.file
+                    );
+                    problems.push(("period", message));
+                }
                 (ExcitationKind::Zero | ExcitationKind::Random, Some(_)) => {
                     problems.push(("period", format!("{}: only a periodic record has one", record.file)));
                 }
                 _ => {}
             }
+        }
+        if let Some([from, to]) = self.band_hz
+            && !(0.0 <= from && from < to && to <= 0.5 * self.rate())
+        {
+            let message = format!("{from} to {to} is no band from 0 to half the rate, {}", 0.5 * self.rate());
+            problems.push(("band_hz", message));
         }
         let limits = [
             ("frequency", self.nuisance.frequency),
@@ -149,5 +225,19 @@ impl CaseConfig {
             problems.push(("simulated", "either every record has its simulated outputs or none".to_string()));
         }
         problems
+    }
+
+    /// Of the samples of a file one in so many is kept.
+    ///
+    /// # Errors
+    /// If `decimate_to_hz` is no integer fraction of the rate.
+    pub fn ratio(&self) -> Result<usize, String> {
+        let Some(to) = self.decimate_to_hz else { return Ok(1) };
+        decimate::plan(self.sample_rate_hz, to).map(|plan| plan.ratio).map_err(|error| error.to_string())
+    }
+
+    /// Samples a second of what is diagnosed.
+    pub fn rate(&self) -> f64 {
+        self.sample_rate_hz / self.ratio().unwrap_or(1) as f64
     }
 }

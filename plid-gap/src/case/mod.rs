@@ -1,11 +1,11 @@
 //! A gap case: the simulation, the records, and what the engineer knows.
 
 mod config;
+mod records;
 
 use std::path::Path;
 
 use ndarray::Array2;
-use plid_lab::data;
 use plid_model::Model;
 
 use crate::error::GapError;
@@ -22,57 +22,39 @@ pub struct Case {
     pub model: Option<Model>,
     /// In order.
     pub records: Vec<Record>,
+    /// Those from which a missing simulation is identified; if there are none, the others serve.
+    pub for_simulation: Vec<Record>,
     /// What was noticed while reading.
     pub warnings: Vec<String>,
 }
 
 impl Case {
-    /// Reads a case and its files.
+    /// Reads a case and its files, all of them beside it.
     ///
     /// # Errors
     /// [`GapError`] with file, line, channel or key.
     pub fn read(path: &Path) -> Result<Self, GapError> {
+        Self::read_with(path, path.parent().unwrap_or(Path::new(".")))
+    }
+
+    /// The same with the records' files in another folder.
+    ///
+    /// # Errors
+    /// [`GapError`] with file, line, channel or key.
+    pub fn read_with(path: &Path, data: &Path) -> Result<Self, GapError> {
         let config: CaseConfig = plid_lab::experiment::read_checked(path, CaseConfig::problems)?;
         let folder = path.parent().unwrap_or(Path::new("."));
         let model = config.sim.as_ref().map(|sim| Model::read(&folder.join(sim))).transpose()?;
         if let Some(model) = &model {
             check_channels(path, &config, model)?;
         }
-        let mut records = Vec::new();
-        let mut warnings = Vec::new();
-        let mut clock = 0.0;
-        for given in &config.record {
-            let file = folder.join(&given.file);
-            let table = data::read(&file, None)?;
-            let (read, more) = data::extract(
-                &table,
-                &config.inputs,
-                &config.outputs,
-                Some(config.sample_rate_hz),
-                data::MissingPolicy::Nan,
-            )?;
-            warnings.extend(more.iter().map(|warning| format!("{}: {warning}", given.file)));
-            let simulated = match &given.simulated {
-                Some(name) => {
-                    let table = data::read(&folder.join(name), None)?;
-                    Some(columns(&data::channels(&table, &config.outputs, data::MissingPolicy::Error)?))
-                }
-                None => None,
-            };
-            let start_s = given.start_s.unwrap_or(clock);
-            clock = start_s + read.duration_s();
-            records.push(Record {
-                name: given.file.clone(),
-                excitation: given.excitation(),
-                from_rest: given.start == StartKind::Rest,
-                start_s,
-                held_out: given.r#use == Some(Use::Test),
-                u: columns(&read.inputs),
-                y: columns(&read.outputs),
-                simulated,
-            });
-        }
-        Ok(Self { config, model, records, warnings })
+        let (records, warnings) = records::read(path, &config, data)?;
+        let is_for_simulation = |k: usize| config.record[k].r#use == Some(Use::Sim);
+        let (for_simulation, records): (Vec<_>, Vec<_>) =
+            records.into_iter().enumerate().partition(|(k, _)| is_for_simulation(*k));
+        let only = |numbered: Vec<(usize, Record)>| numbered.into_iter().map(|(_, record)| record).collect();
+        let (records, for_simulation) = (only(records), only(for_simulation));
+        Ok(Self { config, model, records, for_simulation, warnings })
     }
 }
 
@@ -93,11 +75,9 @@ fn check_channels(path: &Path, config: &CaseConfig, model: &Model) -> Result<(),
             ));
         }
     }
-    if (config.sample_rate_hz / model.sample_rate_hz - 1.0).abs() > 1e-6 {
-        return Err(wrong(
-            "sample_rate_hz",
-            format!("{} here, but {} in the simulation", config.sample_rate_hz, model.sample_rate_hz),
-        ));
+    if (config.rate() / model.sample_rate_hz - 1.0).abs() > 1e-6 {
+        let key = if config.decimate_to_hz.is_some() { "decimate_to_hz" } else { "sample_rate_hz" };
+        return Err(wrong(key, format!("{} here, but {} in the simulation", config.rate(), model.sample_rate_hz)));
     }
     Ok(())
 }

@@ -22,10 +22,16 @@ pub enum Flexible {
     Sensor,
     /// Earlier values of an output.
     SensorPath,
+    /// All stiffnesses over time.
+    StiffnessCourse,
+    /// An actuator's gain over time.
+    GainCourse,
+    /// A sensor's zero over time.
+    ZeroCourse,
 }
 
-/// Knots of static curves in RMS of their signal.
-const KNOTS: [f64; 4] = [0.3, 0.9, 1.7, 2.7];
+/// Knots of static curves in RMS of their signal. The first ones are for what happens about zero: play, steps, other slopes either side.
+const KNOTS: [f64; 6] = [0.0, 0.1, 0.3, 0.8, 1.6, 2.6];
 
 /// Widths of smoothed steps of the velocity in RMS.
 const STEPS: [f64; 4] = [0.03, 0.12, 0.4, 1.5];
@@ -35,6 +41,24 @@ const YIELDS: [f64; 4] = [0.2, 0.6, 1.5, 4.0];
 
 /// Earlier values: in half samples.
 const TAPS: usize = 4;
+
+/// Where a course over time may turn, as shares of the records' duration.
+const TURNS: [f64; 5] = [0.08, 0.2, 0.38, 0.6, 0.8];
+
+/// All siblings.
+const ALL: [Flexible; 11] = [
+    Flexible::Stiffness,
+    Flexible::Damping,
+    Flexible::Joint,
+    Flexible::Command,
+    Flexible::Hysteresis,
+    Flexible::Path,
+    Flexible::Sensor,
+    Flexible::SensorPath,
+    Flexible::StiffnessCourse,
+    Flexible::GainCourse,
+    Flexible::ZeroCourse,
+];
 
 impl Flexible {
     /// The sibling of an effect, by its name; none for effects that have no shape.
@@ -48,40 +72,138 @@ impl Flexible {
             "actuator-delay" | "actuator-lag" | "actuator-slew-limit" => &Self::Path,
             "sensor-saturation" => &Self::Sensor,
             "sensor-delay" | "sensor-lag" => &Self::SensorPath,
+            "stiffness-drift" => &Self::StiffnessCourse,
+            "actuator-gain-drift" => &Self::GainCourse,
+            "sensor-drift" => &Self::ZeroCourse,
             _ => return None,
         })
     }
 
+    /// A sibling by its own name.
+    pub fn named(name: &str) -> Option<&'static Self> {
+        ALL.iter().find(|sibling| sibling.name() == name)
+    }
+
     fn count(self) -> usize {
         match self {
-            Self::Stiffness | Self::Sensor => 2 * KNOTS.len(),
-            Self::Damping => STEPS.len() + 1,
+            Self::Stiffness | Self::Sensor | Self::Command => 2 * KNOTS.len(),
+            Self::Damping => STEPS.len() + 2,
             Self::Joint | Self::Hysteresis => YIELDS.len(),
-            Self::Command => 2 * KNOTS.len(),
             Self::Path | Self::SensorPath => TAPS,
+            Self::StiffnessCourse | Self::GainCourse | Self::ZeroCourse => TURNS.len(),
+        }
+    }
+
+    /// In units of what its curve is drawn: the signal's, and where they are not the same the curve's.
+    pub fn units(self, setting: &Setting, place: &Place) -> [f64; 2] {
+        match (self, place) {
+            (Self::Stiffness | Self::Joint, _) => {
+                let port = setting.port(place);
+                [setting.d_rms[port], setting.force[port]]
+            }
+            (Self::Damping, _) => {
+                let port = setting.port(place);
+                [setting.v_rms[port], setting.force[port]]
+            }
+            (Self::Command | Self::Hysteresis, &Place::Input(i)) => [setting.u_rms[i], 1.0],
+            (Self::Sensor, &Place::Output(o)) => [setting.y_rms[o], 1.0],
+            (Self::StiffnessCourse | Self::GainCourse, _) => [setting.duration_s, 1.0],
+            (Self::ZeroCourse, &Place::Output(o)) => [setting.duration_s, setting.y_rms[o]],
+            _ => [1.0, 1.0],
+        }
+    }
+
+    /// What a sibling with these units does.
+    pub fn act_in(self, setting: &Setting, place: &Place, [unit, size]: [f64; 2], shape: &[f64]) -> Vec<Action> {
+        let shape = shape.to_vec();
+        match (self, place) {
+            (Self::Stiffness, _) => {
+                vec![Action::Force(setting.port(place), Box::new(Curve { unit, size, shape }))]
+            }
+            (Self::Damping, _) => vec![Action::Force(setting.port(place), Box::new(Rate { unit, size, shape }))],
+            (Self::Joint, _) => {
+                let port = setting.port(place);
+                let one = |(c, share): (&f64, &f64)| {
+                    let joint = Element { k: c * size / unit, dy: share * unit };
+                    Action::Force(port, Box::new(joint))
+                };
+                shape.iter().zip(&YIELDS).map(one).collect()
+            }
+            (Self::Command, &Place::Input(i)) => vec![Action::Command(Box::new(Bent { i, unit, shape }))],
+            (Self::Hysteresis, &Place::Input(i)) => vec![Action::Command(Box::new(Elements { i, unit, shape }))],
+            (Self::Path, _) => vec![Action::Command(Box::new(Taps { place: place.clone(), shape }))],
+            (Self::Sensor, &Place::Output(o)) => vec![Action::Sensor(Box::new(BentOutput { o, unit, shape }))],
+            (Self::SensorPath, &Place::Output(o)) => vec![Action::Sensor(Box::new(OutputTaps { o, shape }))],
+            (Self::StiffnessCourse, _) => {
+                vec![Action::Stiffness(Box::new(move |t| 1.0 + course(t / unit, &shape)))]
+            }
+            (Self::GainCourse, &Place::Input(i)) => vec![Action::Command(Box::new(GainOverTime { i, unit, shape }))],
+            (Self::ZeroCourse, &Place::Output(o)) => {
+                vec![Action::Sensor(Box::new(ZeroOverTime { o, unit, size, shape }))]
+            }
+            _ => Vec::new(),
         }
     }
 }
 
 impl Effect for Flexible {
     fn name(&self) -> &'static str {
-        "flexible"
+        match self {
+            Self::Stiffness => "free-stiffness",
+            Self::Damping => "free-damping",
+            Self::Joint => "free-joint",
+            Self::Command => "free-command",
+            Self::Hysteresis => "free-hysteresis",
+            Self::Path => "free-command-path",
+            Self::Sensor => "free-sensor",
+            Self::SensorPath => "free-sensor-path",
+            Self::StiffnessCourse => "free-stiffness-course",
+            Self::GainCourse => "free-gain-course",
+            Self::ZeroCourse => "free-zero-course",
+        }
     }
 
     fn side(&self) -> Side {
         match self {
             Self::Stiffness | Self::Damping | Self::Joint => Side::Structure,
             Self::Command | Self::Hysteresis | Self::Path => Side::Actuator,
-            Self::Sensor | Self::SensorPath => Side::Sensor,
+            Self::Sensor | Self::SensorPath | Self::ZeroCourse => Side::Sensor,
+            Self::StiffnessCourse | Self::GainCourse => Side::Time,
         }
     }
 
     fn equation(&self) -> &'static str {
-        "a free shape of the same signal"
+        match self {
+            Self::Stiffness => {
+                "f = -size sign(d) sum_k s_k max(abs(d)/unit - K_k, 0), K = 0, 0.1, 0.3, 0.8, 1.6, 2.6; s_1..s_6 where d >= 0, s_7..s_12 where d < 0"
+            }
+            Self::Damping => {
+                "x = v/unit; f = -size (sum_k s_k tanh(x/W_k) + s_5 x abs(x) + s_6 x^2), W = 0.03, 0.12, 0.4, 1.5"
+            }
+            Self::Joint => {
+                "f = -(size/unit) sum_k s_k z_k; dz_k/dt = v - (abs(v) z_k + v abs(z_k)) / (2 Y_k unit), Y = 0.2, 0.6, 1.5, 4"
+            }
+            Self::Command => {
+                "u' = u + unit sign(u) sum_k s_k max(abs(u)/unit - K_k, 0), K = 0, 0.1, 0.3, 0.8, 1.6, 2.6; s_1..s_6 where u >= 0, s_7..s_12 where u < 0"
+            }
+            Self::Hysteresis => {
+                "u' = u - sum_k s_k z_k; dz_k = du - (abs(du) z_k + du abs(z_k)) / (2 Y_k unit), Y = 0.2, 0.6, 1.5, 4"
+            }
+            Self::Path => "u'(t) = u(t) + sum_k s_k (u(t - k/2 samples) - u(t)), k = 1..4",
+            Self::Sensor => {
+                "y' = y + unit sign(y) sum_k s_k max(abs(y)/unit - K_k, 0), K = 0, 0.1, 0.3, 0.8, 1.6, 2.6; s_1..s_6 where y >= 0, s_7..s_12 where y < 0"
+            }
+            Self::SensorPath => "y'(k) = y(k) + sum_j s_j (y(k - j) - y(k)), j = 1..4",
+            Self::StiffnessCourse => {
+                "w_m^2 -> w_m^2 (1 + sum_k s_k max(t/unit - T_k, 0)), every mode, T = 0.08, 0.2, 0.38, 0.6, 0.8"
+            }
+            Self::GainCourse => "u' = u (1 + sum_k s_k max(t/unit - T_k, 0)), T = 0.08, 0.2, 0.38, 0.6, 0.8",
+            Self::ZeroCourse => "y' = y + size sum_k s_k max(t/unit - T_k, 0), T = 0.08, 0.2, 0.38, 0.6, 0.8",
+        }
     }
 
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
-        (1..=self.count()).map(|k| Parameter::new(format!("s{k}"), "1", Range::Signed)).collect()
+        (1..=self.count()).map(|k| Parameter::new(format!("s_{k}"), "1", Range::Signed)).collect()
     }
 
     fn places(&self, _setting: &Setting) -> Vec<Place> {
@@ -93,49 +215,47 @@ impl Effect for Flexible {
     }
 
     fn act(&self, setting: &Setting, place: &Place, shape: &[f64]) -> Vec<Action> {
-        let shape = shape.to_vec();
-        match *self {
-            Self::Stiffness | Self::Damping => {
-                let port = setting.port(place);
-                let size = setting.force[port];
-                let curve: Box<dyn Force> = if *self == Self::Stiffness {
-                    Box::new(Curve { unit: setting.d_rms[port], size, shape })
-                } else {
-                    Box::new(Rate { unit: setting.v_rms[port], size, shape })
-                };
-                vec![Action::Force(port, curve)]
-            }
-            Self::Joint => {
-                let port = setting.port(place);
-                let (size, d) = (setting.force[port], setting.d_rms[port]);
-                let one = |(c, share): (&f64, &f64)| {
-                    let joint = Element { k: c * size / d, dy: share * d };
-                    Action::Force(port, Box::new(joint))
-                };
-                shape.iter().zip(&YIELDS).map(one).collect()
-            }
-            Self::Command => {
-                let Place::Input(i) = *place else { return Vec::new() };
-                vec![Action::Command(Box::new(Bent { i, unit: setting.u_rms[i], shape }))]
-            }
-            Self::Hysteresis => {
-                let Place::Input(i) = *place else { return Vec::new() };
-                vec![Action::Command(Box::new(Elements { i, unit: setting.u_rms[i], shape }))]
-            }
-            Self::Path => vec![Action::Command(Box::new(Taps { place: place.clone(), shape }))],
-            Self::Sensor => {
-                let Place::Output(o) = *place else { return Vec::new() };
-                vec![Action::Sensor(Box::new(BentOutput { o, unit: setting.y_rms[o], shape }))]
-            }
-            Self::SensorPath => {
-                let Place::Output(o) = *place else { return Vec::new() };
-                vec![Action::Sensor(Box::new(OutputTaps { o, shape }))]
-            }
+        self.act_in(setting, place, self.units(setting, place), shape)
+    }
+}
+
+/// Straight pieces over time, each of which begins at a turn and goes on.
+fn course(share: f64, shape: &[f64]) -> f64 {
+    shape.iter().zip(TURNS).map(|(c, turn)| c * (share - turn).max(0.0)).sum()
+}
+
+struct GainOverTime {
+    i: usize,
+    unit: f64,
+    shape: Vec<f64>,
+}
+
+impl Command for GainOverTime {
+    fn apply(&self, drive: &mut Drive) {
+        let (t0, rate, parts) = (drive.t0, drive.rate, drive.parts);
+        for (k, u) in drive.u[self.i].iter_mut().enumerate() {
+            let t = t0 + (k / parts) as f64 / rate;
+            *u *= 1.0 + course(t / self.unit, &self.shape);
         }
     }
 }
 
-/// Straight pieces that begin at the knots, on either side of zero: 2 for each knot.
+struct ZeroOverTime {
+    o: usize,
+    unit: f64,
+    size: f64,
+    shape: Vec<f64>,
+}
+
+impl Sensor for ZeroOverTime {
+    fn apply(&self, y: &mut [Vec<f64>], t0: f64, rate: f64) {
+        for (k, y) in y[self.o].iter_mut().enumerate() {
+            *y += self.size * course((t0 + k as f64 / rate) / self.unit, &self.shape);
+        }
+    }
+}
+
+/// Straight pieces that begin at the knots, on either side of zero: two for each knot.
 fn bend(x: f64, shape: &[f64]) -> f64 {
     let side = if x >= 0.0 { &shape[..KNOTS.len()] } else { &shape[KNOTS.len()..] };
     let sum: f64 = side.iter().zip(KNOTS).map(|(c, knot)| c * (x.abs() - knot).max(0.0)).sum();
@@ -164,7 +284,8 @@ impl Force for Rate {
     fn force(&self, _d: f64, v: f64, _state: f64) -> f64 {
         let x = v / self.unit;
         let steps: f64 = self.shape.iter().zip(STEPS).map(|(c, width)| c * (x / width).tanh()).sum();
-        -self.size * (steps + self.shape[STEPS.len()] * x * x.abs())
+        let [odd, even] = [self.shape[STEPS.len()], self.shape[STEPS.len() + 1]];
+        -self.size * (steps + odd * x * x.abs() + even * x * x)
     }
 }
 

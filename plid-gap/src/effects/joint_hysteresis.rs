@@ -1,6 +1,9 @@
 use super::{Action, Effect, Force, Parameter, Place, Range, Setting, Side};
 
 /// A joint that slips: an elastic element in series with friction (Bouc-Wen with n = 1).
+///
+/// On a mode alone it is a joint that the simulation holds for stuck, as one does that was identified at a low level: its spring k is
+/// part of the mode's stiffness, and is taken out there.
 pub struct JointHysteresis;
 
 impl Effect for JointHysteresis {
@@ -43,8 +46,13 @@ impl Effect for JointHysteresis {
     }
 
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
-        let law = Joint { k: parameters[0], dy: parameters[1] };
-        vec![Action::Force(setting.port(place), Box::new(law))]
+        let (k, dy) = (parameters[0], parameters[1]);
+        let port = setting.port(place);
+        let mut actions: Vec<Action> = vec![Action::Force(port, Box::new(Joint { k, dy }))];
+        if setting.is_on_a_mode(port) {
+            actions.push(Action::Plant(Box::new(move |plant| plant.take_spring(port, k))));
+        }
+        actions
     }
 }
 

@@ -26,9 +26,8 @@ impl Effect for NarrowbandDisturbance {
     }
 
     fn places(&self, setting: &Setting) -> Vec<Place> {
-        (0..setting.plant.ports.len())
-            .flat_map(|port| setting.tones.iter().map(move |tone| Place::Frequency(tone.hz, port)))
-            .collect()
+        let struts = (0..setting.plant.ports.len()).filter(|&k| !setting.is_on_a_mode(k));
+        struts.flat_map(|port| setting.tones.iter().map(move |tone| Place::Frequency(tone.hz, port))).collect()
     }
 
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {

@@ -1,5 +1,10 @@
 use std::fmt;
 
+use crate::plant::plain_hz;
+
+/// How the names of ports on one mode alone begin; the mode's frequency follows.
+pub(crate) const ON_A_MODE: &str = "mode:";
+
 /// Where an effect acts. Channels count from zero here and are written by name.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Place {
@@ -13,7 +18,7 @@ pub enum Place {
     Output(usize),
     /// From one output into another.
     OutputToOutput(usize, usize),
-    /// A declared port that no input has (its number).
+    /// A port that no input has (its number): declared, or on one mode alone.
     Port(usize),
     /// One mode of the simulation, by its number.
     Mode(usize),
@@ -59,11 +64,12 @@ impl fmt::Display for Located<'_> {
             Place::InputToInput(i, j) => write!(f, "input:{}->{}", names.inputs[i], names.inputs[j]),
             Place::Output(o) => write!(f, "output:{}", names.outputs[o]),
             Place::OutputToOutput(o, q) => write!(f, "output:{}->{}", names.outputs[o], names.outputs[q]),
+            Place::Port(k) if names.ports[k].starts_with(ON_A_MODE) => f.write_str(&names.ports[k]),
             Place::Port(k) => write!(f, "port:{}", names.ports[k]),
-            Place::Mode(k) => write!(f, "mode:{:.1}", names.modes_hz[k]),
+            Place::Mode(k) => write!(f, "mode:{}", plain_hz(names.modes_hz[k])),
             Place::Structure => f.write_str("structure"),
-            Place::MissingMode(hz) => write!(f, "mode:{hz:.1}"),
-            Place::Frequency(hz, _) => write!(f, "freq:{hz:.1}"),
+            Place::MissingMode(hz) => write!(f, "mode:{}", plain_hz(hz)),
+            Place::Frequency(hz, _) => write!(f, "freq:{}", plain_hz(hz)),
         }
     }
 }

@@ -1,5 +1,5 @@
 use super::Place;
-use super::place::Names;
+use super::place::{Names, ON_A_MODE};
 use plid_model::Model;
 
 use crate::plant::Plant;
@@ -26,6 +26,8 @@ pub struct Setting {
     pub v_rms: Vec<f64>,
     /// Force at each port that moves the structure by about as much as one volt at its input.
     pub force: Vec<f64>,
+    /// Stiffness that each port meets: force over the displacement that it makes at rest.
+    pub stiffness: Vec<f64>,
     /// From the start of the first record to the end of the last, in s.
     pub duration_s: f64,
     /// Lines in what the linear simulation leaves.
@@ -65,6 +67,7 @@ impl Setting {
             d_rms: vec![0.0; plant.ports.len()],
             v_rms: vec![0.0; plant.ports.len()],
             force: vec![0.0; plant.ports.len()],
+            stiffness: plant.ports.iter().map(|port| plant.stiffness(port)).collect(),
             duration_s: 0.0,
             tones: Vec::new(),
             missing: Vec::new(),
@@ -90,6 +93,25 @@ impl Setting {
     pub fn struts(&self) -> Vec<Place> {
         let ports = self.plant.ports.iter().enumerate();
         ports.map(|(k, port)| port.input.map_or(Place::Port(k), Place::Input)).collect()
+    }
+
+    /// Whether a port is on one mode alone.
+    pub fn is_on_a_mode(&self, port: usize) -> bool {
+        self.names.ports[port].starts_with(ON_A_MODE)
+    }
+
+    /// Multiples of a start at which an internal force is 1, 3 and 10 % of the spring's there: what shifts a resonance by more than its width
+    /// cannot be guessed from a small change. One for other places.
+    pub(crate) fn bold_sizes(&self, place: &Place) -> Vec<f64> {
+        let port = match *place {
+            Place::Port(k) => Some(k),
+            Place::Input(i) => self.plant.ports.iter().position(|port| port.input == Some(i)),
+            _ => None,
+        };
+        let Some(port) = port.filter(|&port| self.force[port] > 0.0) else { return vec![1.0] };
+        // Starts are of a hundredth of `force`.
+        let spring = self.stiffness[port] * self.d_rms[port] / (0.01 * self.force[port]);
+        [0.01, 0.03, 0.1].map(|share| share * spring).to_vec()
     }
 
     /// The port of a strut.

@@ -196,6 +196,34 @@ impl Plant {
         }
     }
 
+    /// Puts a place for internal forces on one mode alone beside the ports: `mode:HZ`, for effects that no input's strut explains.
+    pub fn add_modal_port(&mut self, mode: usize) {
+        let name = format!("mode:{}", plain_hz(self.modes[mode].hz()));
+        if self.ports.iter().all(|port| port.name != name) {
+            let port = ports::of_mode(self, mode);
+            self.ports.push(Port { name, ..port });
+        }
+    }
+
+    /// Takes a spring between the ends of a port that lies on one mode alone out of that mode; what damps it stays.
+    pub(crate) fn take_spring(&mut self, port: usize, k: f64) {
+        let port = &self.ports[port];
+        let Some(mode) = port.force.iter().position(|force| *force != C::ZERO) else { return };
+        let share = (k / self.stiffness(port)).min(0.9);
+        let pole = self.modes[mode].pole;
+        let square = pole.norm_sqr() * (1.0 - share) - pole.re * pole.re;
+        if square > 0.0 {
+            self.move_pole(mode, C::new(pole.re, square.sqrt()));
+        }
+    }
+
+    /// Stiffness that a port meets: force over the displacement that it makes at rest, through the modes.
+    pub fn stiffness(&self, port: &Port) -> f64 {
+        let parts = self.modes.iter().zip(&port.force).zip(&port.displacement);
+        let compliance: f64 = parts.map(|((mode, force), row)| -2.0 * (row * force / mode.pole).re).sum();
+        if compliance == 0.0 { 0.0 } else { 1.0 / compliance.abs() }
+    }
+
     /// Number of states: two a mode, and the rest.
     pub fn n(&self) -> usize {
         2 * self.modes.len() + self.rest.a.nrows()
@@ -267,6 +295,12 @@ impl Plant {
             output: (!port.output.is_empty()).then(|| port.output.clone()),
         }
     }
+}
+
+/// A frequency with one decimal or four digits, whichever says more.
+pub fn plain_hz(hz: f64) -> String {
+    let digits = if hz > 0.0 { (3.0 - hz.log10().floor()).clamp(1.0, 12.0) as usize } else { 1 };
+    format!("{hz:.digits$}")
 }
 
 fn put_rotation(to: &mut DMatrix<f64>, i: usize, z: C) {
@@ -473,7 +507,7 @@ impl Plant {
                 sum[o] += residue / (z - turn) + residue.conj() / (z - turn.conj());
             }
         }
-        let Some((a, _)) = &self.rest.continuous else { return sum };
+        let Some((a, _)) = self.rest.continuous.as_ref().filter(|(a, _)| a.nrows() > 0) else { return sum };
         let r = a.nrows();
         let s = C::new(0.0, std::f64::consts::TAU * hz);
         let shifted = DMatrix::from_diagonal_element(r, r, s) - a.map(C::from);

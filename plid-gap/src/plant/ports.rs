@@ -18,39 +18,57 @@ pub enum PortSource {
 /// A mode in physical form is q" + 2 zeta w q' + w^2 q = beta f with acceleration gamma q"; its strut sees d = beta q. The
 /// simulation gives g = beta g0 (its input shape without the actuator's pole) and k = gamma / g0 up to one number g0 a mode.
 pub(super) fn infer(plant: &Plant, inputs: &[String]) -> (Vec<Port>, PortSource) {
-    let modal: Vec<(Vec<C>, Vec<C>)> = plant.modes.iter().map(|mode| modal_strut(plant, mode)).collect();
+    let modal = modal_struts(plant);
     let ports = inputs
         .iter()
         .enumerate()
-        .map(|(i, name)| {
-            let displacement: Vec<C> = modal.iter().map(|(_, row)| row[i]).collect();
-            let velocity: Vec<C> = displacement.iter().zip(&plant.modes).map(|(row, mode)| row * mode.pole).collect();
-            Port {
-                name: name.clone(),
-                input: Some(i),
-                force: modal.iter().map(|(force, _)| force[i]).collect(),
-                force_rest: through_filters(plant, i),
-                displacement_rest: without_actuators(plant, &modal, &displacement),
-                velocity_rest: without_actuators(plant, &modal, &velocity),
-                displacement,
-                velocity,
-                output: at_once(plant, i),
-            }
-        })
+        .map(|(i, name)| Port { name: name.clone(), input: Some(i), ..strut(plant, &modal, i, &|_| true) })
         .collect();
     (ports, PortSource::Inferred)
 }
 
+/// A place on one mode alone, for an effect that no input's strut explains: the strut of the input that drives this mode most, of
+/// which only this mode is kept.
+pub(super) fn of_mode(plant: &Plant, k: usize) -> Port {
+    let modal = modal_struts(plant);
+    let size = |i: usize| modal[k].0[i].norm_sqr();
+    let i = (0..plant.m).max_by(|&a, &b| size(a).total_cmp(&size(b))).expect("a plant has inputs");
+    strut(plant, &modal, i, &|mode| mode == k)
+}
+
+/// Force columns and displacement rows of all struts, of each mode.
+type ModalStruts = Vec<(Vec<C>, Vec<C>)>;
+
+fn modal_struts(plant: &Plant) -> ModalStruts {
+    plant.modes.iter().map(|mode| modal_strut(plant, mode)).collect()
+}
+
+/// The strut of an input, of the modes that are kept, without a name.
+fn strut(plant: &Plant, modal: &ModalStruts, i: usize, kept: &dyn Fn(usize) -> bool) -> Port {
+    let keep = |k: usize, x: C| if kept(k) { x } else { C::ZERO };
+    let displacement: Vec<C> = modal.iter().enumerate().map(|(k, (_, row))| keep(k, row[i])).collect();
+    let velocity: Vec<C> = displacement.iter().zip(&plant.modes).map(|(row, mode)| row * mode.pole).collect();
+    Port {
+        name: String::new(),
+        input: None,
+        force: modal.iter().enumerate().map(|(k, (force, _))| keep(k, force[i])).collect(),
+        force_rest: through_filters(plant, i, kept),
+        displacement_rest: without_actuators(plant, modal, &displacement),
+        velocity_rest: without_actuators(plant, modal, &velocity),
+        displacement,
+        velocity,
+        output: at_once(plant, i, kept),
+    }
+}
+
 /// What a strut's force sends through the filters' own poles: it passes no actuator.
-fn through_filters(plant: &Plant, i: usize) -> DVector<f64> {
+fn through_filters(plant: &Plant, i: usize, kept: &dyn Fn(usize) -> bool) -> DVector<f64> {
     let mut column = DVector::zeros(plant.rest.a.nrows());
     for (o, filters) in plant.chain.filter.iter().enumerate() {
         for (f, filter) in filters.iter().enumerate() {
-            let response: C = plant
-                .modes
-                .iter()
-                .map(|mode| Plant::acceleration(mode.pole, filter.pole) * plant.product(mode, o, i))
-                .sum();
+            let modes = plant.modes.iter().enumerate().filter(|(k, _)| kept(*k));
+            let response: C =
+                modes.map(|(_, mode)| Plant::acceleration(mode.pole, filter.pole) * plant.product(mode, o, i)).sum();
             let gain = plant.chain.residue(o, f) * response;
             let both = if filter.pole.im == 0.0 { 1.0 } else { 2.0 };
             column += filter.column.map(|v| both * (v * gain).re);
@@ -60,17 +78,18 @@ fn through_filters(plant: &Plant, i: usize) -> DVector<f64> {
 }
 
 /// Accelerations without a filter answer a force at once.
-fn at_once(plant: &Plant, i: usize) -> Vec<f64> {
+fn at_once(plant: &Plant, i: usize, kept: &dyn Fn(usize) -> bool) -> Vec<f64> {
     if !plant.chain.known() {
         return Vec::new();
     }
-    let sum = |o: usize| plant.modes.iter().map(|mode| plant.product(mode, o, i)).sum();
+    let modes = || plant.modes.iter().enumerate().filter(|(k, _)| kept(*k));
+    let sum = |o: usize| modes().map(|(_, mode)| plant.product(mode, o, i)).sum();
     (0..plant.p).map(|o| if plant.chain.filter[o].is_empty() { sum(o) } else { 0.0 }).collect()
 }
 
 /// A mode's state z contains kappa_j a_j of each actuator's output, which is no motion: z = z_motion + sum of kappa_j a_j with
 /// kappa_j = g_j / (pole + pole_j).
-fn without_actuators(plant: &Plant, modal: &[(Vec<C>, Vec<C>)], row: &[C]) -> DVector<f64> {
+fn without_actuators(plant: &Plant, modal: &ModalStruts, row: &[C]) -> DVector<f64> {
     let mut rest = DVector::zeros(plant.rest.a.nrows());
     for (j, actuator) in plant.chain.actuator.iter().enumerate() {
         let Some(actuator) = actuator else { continue };

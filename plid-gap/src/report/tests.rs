@@ -38,7 +38,7 @@ fn case() -> Case {
         simulated: None,
     };
     let records = vec![record(0, 0.3), record(1, 1.0)];
-    Case { config, model: None, records, warnings: Vec::new() }
+    Case { config, model: None, records, for_simulation: Vec::new(), warnings: Vec::new() }
 }
 
 fn outcome(case: &Case) -> Outcome {

@@ -18,6 +18,9 @@ pub struct Arguments {
     /// The case.
     #[arg(value_name = "CASE.toml")]
     case: PathBuf,
+    /// Where the records' files are; beside the case if left out.
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
     /// Where the results go; out/CASE if left out.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -42,7 +45,10 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     let out = arguments.out.clone().unwrap_or_else(|| directory::default_for(&stem));
     directory::check(&out, arguments.force)?;
     let outcome = directory::with(&out, || {
-        let case = Case::read(&arguments.case)?;
+        let case = match &arguments.data {
+            Some(data) => Case::read_with(&arguments.case, data)?,
+            None => Case::read(&arguments.case)?,
+        };
         let spinner = Spinner::new(voice.quiet || voice.json);
         let outcome = diagnose(&case, &library, &mut |stage| spinner.say(&stage));
         spinner.finish();

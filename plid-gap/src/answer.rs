@@ -1,0 +1,199 @@
+//! Step 9: the answer in names, figures and words.
+
+use std::collections::BTreeMap;
+
+use statrs::distribution::{ContinuousCDF, StudentsT};
+
+use crate::diagnosis::{Gap, NamedEffect, Value, Where};
+use crate::effects::{Names, Side};
+use crate::explain::Explained;
+use crate::locate::Map;
+use crate::problem::Placed;
+use crate::stepwise::{Candidate, Search, same};
+use crate::verdict::{Verdict, Weighted};
+
+/// Effects of the answer with intervals and confidence.
+pub(crate) fn named(explained: &Explained, shown: &[&Placed], weighted: &[Weighted]) -> Vec<NamedEffect> {
+    let (ready, best) = (&explained.ready, &explained.found.best);
+    let free_shape = explained.bent.as_ref().map(|bent| bent.which);
+    let setting = &ready.problem.setting;
+    let names = &setting.names;
+    let rows = ready.problem.rows() as f64;
+    let quantile = StudentsT::new(0.0, 1.0, rows.max(3.0)).map_or(1.96, |t| t.inverse_cdf(0.975));
+    // Where the fit leaves more than the noise, its intervals grow with it.
+    let inflation = (best.cost / rows).max(1.0).sqrt();
+    let confidence = |placed: &Placed| -> f64 {
+        weighted.iter().filter(|w| w.effects.iter().any(|e| same(e, placed))).map(|w| w.probability).sum()
+    };
+    let mut at = 0;
+    let mut named = Vec::new();
+    for (which, placed) in best.effects.iter().enumerate() {
+        let mut parameters = BTreeMap::new();
+        for (parameter, &value) in placed.effect.parameters(setting).iter().zip(&placed.parameters) {
+            let half = quantile * best.covariance[(at, at)].max(0.0).sqrt() * inflation;
+            let ci95 = half.is_finite().then_some([value - half, value + half]);
+            parameters.insert(parameter.name.clone(), Value { value, ci95, unit: parameter.unit.clone() });
+            at += 1;
+        }
+        named.push(NamedEffect {
+            effect: placed.effect.name().into(),
+            location: placed.place.location(names),
+            confidence: confidence(placed),
+            parameters,
+            shape_differs: free_shape == Some(which),
+        });
+    }
+    for placed in shown {
+        let parameters = placed
+            .effect
+            .parameters(setting)
+            .iter()
+            .zip(&placed.parameters)
+            .map(|(p, &value)| (p.name.clone(), Value { value, ci95: None, unit: p.unit.clone() }))
+            .collect();
+        named.push(NamedEffect {
+            effect: placed.effect.name().into(),
+            location: placed.place.location(names),
+            confidence: confidence(placed),
+            parameters,
+            shape_differs: false,
+        });
+    }
+    named
+}
+
+pub(crate) fn place(before: &Map, outputs: &[String], found: &Search, shown: &[&Placed]) -> Where {
+    let named = found.best.effects.first().map(|placed| placed.effect.side());
+    let screened = found.stages.first().and_then(|entries| entries.first()).map(|e| e.placed.effect.side());
+    let side = named.or(shown.first().map(|p| p.effect.side())).or(screened).unwrap_or(Side::Structure);
+    let channels = (0..outputs.len()).map(|o| (outputs[o].clone(), before.share.row(o).sum())).collect();
+    let bands = before.share.row_sum();
+    let mut order: Vec<usize> = (0..bands.len()).collect();
+    order.sort_by(|&a, &b| bands[b].total_cmp(&bands[a]));
+    let bands_hz = order
+        .into_iter()
+        .take(4)
+        .filter(|&b| bands[b] > 0.02)
+        .map(|b| [before.edges[b], before.edges[b + 1], bands[b]])
+        .collect();
+    let time = before.time.column_sum().iter().copied().collect();
+    Where { side, channels, bands_hz, time, level_slope: before.slope }
+}
+
+/// Single explanations that fit equally well (their expected log likelihoods differ by less than five).
+pub(crate) fn classes(found: &Search, names: &Names) -> Vec<Vec<String>> {
+    let Some(best) = found.candidates.first().filter(|c| !c.effects.is_empty()) else { return Vec::new() };
+    let text = |c: &Candidate| {
+        let one = |p: &Placed| format!("{}@{}", p.effect.name(), p.place.location(names));
+        c.effects.iter().map(one).collect::<Vec<_>>().join(" + ")
+    };
+    let mut class: Vec<String> = Vec::new();
+    for candidate in &found.candidates {
+        if candidate.effects.len() == best.effects.len() && candidate.cost - best.cost < 10.0 {
+            let text = text(candidate);
+            if !class.contains(&text) {
+                class.push(text);
+            }
+        }
+    }
+    if class.len() > 1 { vec![class] } else { Vec::new() }
+}
+
+/// A gap with the effects beyond this many times the noise is said to leave something.
+const LEFT: f64 = 1.1;
+
+/// A gap as given within this factor of the noise has nothing to shrink.
+const NOISE_ONLY: f64 = 1.1;
+
+/// The answer in a sentence. `nearest` is the best explanation, whether it suffices or not; `seen` says whether the records show the noise.
+pub(crate) fn sentence(verdict: Verdict, effects: &[NamedEffect], nearest: &[String], gap: &Gap, seen: bool) -> String {
+    let percent = |x: f64| format!("{:.1} %", 100.0 * x);
+    let noise = if seen {
+        format!("noise {}", percent(gap.noise_floor))
+    } else {
+        "what noise makes, these records do not show".to_string()
+    };
+    let beyond = (gap.with_effect.powi(2) - gap.noise_floor.powi(2)).max(0.0).sqrt();
+    match verdict {
+        Verdict::None => format!(
+            "Nothing is missing: within its stated limits the simulation explains the records down to {} ({noise}).",
+            percent(gap.refit),
+        ),
+        Verdict::Unknown if nearest.is_empty() => format!(
+            "Something outside the vocabulary: no effect explains the gap of {}, of which a refit leaves {} ({noise}).",
+            percent(gap.as_given),
+            percent(gap.refit),
+        ),
+        Verdict::Unknown => format!(
+            "Something outside the vocabulary: with what comes nearest, {}, the gap falls from {} to {} ({noise}), and a refit alone leaves {}.",
+            nearest.join(" and "),
+            percent(gap.as_given),
+            percent(gap.with_effect),
+            percent(gap.refit),
+        ),
+        Verdict::Effects => {
+            let one = |e: &NamedEffect| {
+                let differs = if e.shape_differs { " (its shape differs)" } else { "" };
+                format!("{} at {}{differs}", e.effect, e.location)
+            };
+            let all = effects.iter().map(one).collect::<Vec<_>>().join(" and ");
+            let sure = 100.0 * effects.iter().map(|e| e.confidence).fold(1.0, f64::min);
+            if gap.as_given < NOISE_ONLY * gap.noise_floor {
+                return format!(
+                    "{all} ({sure:.0} % sure): it is noise that no simulation predicts, {} of the output.",
+                    percent(gap.noise_floor)
+                );
+            }
+            let rest = if gap.with_effect > LEFT * gap.noise_floor {
+                format!(" {} of the output stays unexplained.", percent(beyond))
+            } else {
+                String::new()
+            };
+            format!(
+                "{all} ({sure:.0} % sure): with {} the gap falls from {} to {} ({noise}).{rest}",
+                if effects.len() == 1 { "it" } else { "them" },
+                percent(gap.as_given),
+                percent(gap.with_effect),
+            )
+        }
+    }
+}
+
+pub(crate) fn words(explained: &Explained, before: &Map) -> Vec<String> {
+    let Explained { ready, refitted, found, judged, given_cost, .. } = explained;
+    let rows = ready.problem.rows() as f64;
+    let names = &ready.problem.setting.names;
+    let mut words = vec![format!(
+        "Squared residual over noise: {:.3} as given, {:.3} after the bounded refit, {:.3} with the best explanation (1 is noise alone).",
+        given_cost / rows,
+        refitted.cost / rows,
+        found.best.cost / rows
+    )];
+    if let Some(slope) = before.slope {
+        words.push(format!("The relative gap goes with the level to the power {slope:+.1}."));
+    }
+    for placed in &found.best.effects {
+        if let Some(entry) = found.stages.iter().flatten().find(|e| same(&e.placed, placed)) {
+            words.push(format!(
+                "{} at {}: a refit would absorb {:.0} % of its trace.",
+                placed.effect.name(),
+                placed.place.location(names),
+                100.0 * entry.absorbed
+            ));
+        }
+    }
+    let other = found
+        .candidates
+        .iter()
+        .find(|c| !c.effects.is_empty() && !c.effects.iter().all(|a| found.best.effects.iter().any(|b| same(a, b))));
+    if let (Some(other), false) = (other, found.best.effects.is_empty()) {
+        let one = |p: &Placed| format!("{} at {}", p.effect.name(), p.place.location(names));
+        words.push(format!(
+            "The nearest other explanation, {}, is worse by {:.0} in log likelihood.",
+            other.effects.iter().map(one).collect::<Vec<_>>().join(" + "),
+            (other.cost - found.best.cost) / 2.0
+        ));
+    }
+    words.push(format!("What is left exceeds the noise by {:.1} times the uncertainty of its level.", judged.excess));
+    words
+}

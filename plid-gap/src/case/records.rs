@@ -1,0 +1,103 @@
+//! The records' files: the rows that count, decimated and without trend where the case asks for it.
+
+use std::path::Path;
+
+use ndarray::s;
+use plid_lab::data;
+use plid_lab::prepare::{decimate, trend};
+
+use super::{CaseConfig, RecordConfig, StartKind, Use, columns};
+use crate::error::GapError;
+use crate::record::{Excitation, Record};
+
+/// All records of a case, in order, and what was noticed. `path` is the case's own, for errors.
+pub(super) fn read(path: &Path, config: &CaseConfig, folder: &Path) -> Result<(Vec<Record>, Vec<String>), GapError> {
+    let mut warnings = Vec::new();
+    let mut measured = Vec::new();
+    for given in &config.record {
+        let table = data::read(&folder.join(&given.file), None)?;
+        let rate = Some(config.sample_rate_hz);
+        let (mut record, more) =
+            data::extract(&table, &config.inputs, &config.outputs, rate, data::MissingPolicy::Nan)?;
+        warnings.extend(more.iter().map(|warning| format!("{}: {warning}", given.file)));
+        let [from, to] = rows(path, given, record.samples())?;
+        record.inputs = record.inputs.slice(s![from..to, ..]).to_owned();
+        record.outputs = record.outputs.slice(s![from..to, ..]).to_owned();
+        let simulated = match &given.simulated {
+            Some(name) => {
+                let table = data::read(&folder.join(name), None)?;
+                let outputs = data::channels(&table, &config.outputs, data::MissingPolicy::Error)?;
+                let [from, to] = rows(path, given, outputs.nrows())?;
+                Some(data::Record { outputs: outputs.slice(s![from..to, ..]).to_owned(), ..record.clone() })
+            }
+            None => None,
+        };
+        measured.push((record, simulated));
+    }
+    let wrong = |key: &str, message: String| GapError::Key { file: path.into(), key: key.into(), message };
+    if let Some(to_hz) = config.decimate_to_hz {
+        let failed = |error: plid_lab::prepare::PrepareError| wrong("decimate_to_hz", error.to_string());
+        let plan = decimate::plan(config.sample_rate_hz, to_hz).map_err(failed)?;
+        for (number, (record, simulated)) in measured.iter_mut().enumerate() {
+            *record = decimate::decimate(record, &plan, number + 1).map_err(failed)?;
+            if let Some(simulated) = simulated {
+                *simulated = decimate::decimate(simulated, &plan, number + 1).map_err(failed)?;
+            }
+        }
+    }
+    let (mut records, simulated): (Vec<_>, Vec<_>) = measured.into_iter().unzip();
+    let learnt = learnt(config, &records);
+    trend::remove(&mut records, &learnt, config.trend);
+
+    let ratio = config.ratio().map_err(|message| wrong("decimate_to_hz", message))?;
+    let mut clock = 0.0;
+    let as_used = |((given, record), simulated): ((&RecordConfig, data::Record), Option<data::Record>)| {
+        let start_s = given.start_s.unwrap_or(clock);
+        clock = start_s + record.duration_s();
+        Record {
+            name: named(given),
+            excitation: given.excitation(ratio),
+            // Decimation drops samples at both ends: what is left begins in motion.
+            from_rest: given.start == StartKind::Rest && ratio == 1,
+            start_s,
+            held_out: given.r#use == Some(Use::Test),
+            u: columns(&record.inputs),
+            y: columns(&record.outputs),
+            simulated: simulated.map(|simulated| columns(&simulated.outputs)),
+        }
+    };
+    Ok((config.record.iter().zip(records).zip(simulated).map(as_used).collect(), warnings))
+}
+
+/// A record's name: the file, and the rows where not all of them count.
+fn named(given: &RecordConfig) -> String {
+    match given.samples {
+        Some([from, to]) => format!("{}, rows {from} to {to}", given.file),
+        None => given.file.clone(),
+    }
+}
+
+fn rows(path: &Path, given: &RecordConfig, samples: usize) -> Result<[usize; 2], GapError> {
+    match given.samples {
+        None => Ok([0, samples]),
+        Some([from, to]) if to <= samples => Ok([from, to]),
+        Some([_, to]) => Err(GapError::Key {
+            file: path.into(),
+            key: "samples".into(),
+            message: format!("{} has {samples} rows, but rows up to {to} are asked for", given.file),
+        }),
+    }
+}
+
+/// Samples of each record from which trends may be learnt: none of what is held out.
+fn learnt(config: &CaseConfig, records: &[data::Record]) -> Vec<usize> {
+    let is_test = |given: &RecordConfig| given.r#use == Some(Use::Test);
+    let chosen = config.record.iter().any(is_test);
+    let is_driven = |given: &RecordConfig| given.excitation(1) != Excitation::Zero && given.r#use != Some(Use::Sim);
+    let driven: Vec<usize> = (0..records.len()).filter(|&k| is_driven(&config.record[k])).collect();
+    // The diagnosis will hold out the last one.
+    let last = if chosen || driven.len() < 2 { None } else { driven.last() };
+    (0..records.len())
+        .map(|k| if is_test(&config.record[k]) || Some(&k) == last { 0 } else { records[k].samples() })
+        .collect()
+}
