@@ -1,0 +1,138 @@
+//! Effects of a command: the held command of the table through model.json, or, where it changes between samples, integrated piece by
+//! piece.
+
+use plid_gap::effects::{Effect, Place};
+
+use super::{Check, Rig, T0, structure};
+use crate::truth::{self, Channels, Equations, Piece};
+
+/// Static curves are the same arithmetic on both sides: rounding. The hysteresis has a corner where z changes its sign, which costs the
+/// integration some digits. Between samples plid-gap divides a sample: a lag and a ramp are their means over an eighth (second order:
+/// up to the square of w T / 8 over 12), a delayed step is right to the third order of a quarter.
+pub const CHECKS: &[Check] = &[
+    Check { effect: "actuator-saturation", limit: 1e-6, measure: |effect| fixed(effect, &[1.3], |p, u| p[0] * (u / p[0]).tanh()) },
+    Check {
+        effect: "actuator-dead-zone",
+        limit: 1e-6,
+        measure: |effect| {
+            fixed(effect, &[0.2], |p, u| if u > p[0] { u - p[0] } else if u < -p[0] { u + p[0] } else { 0.0 })
+        },
+    },
+    Check { effect: "actuator-gain", limit: 1e-6, measure: |effect| fixed(effect, &[1.07], |p, u| p[0] * u) },
+    Check { effect: "actuator-hysteresis", limit: 1e-5, measure: hysteresis },
+    Check { effect: "actuator-crosstalk", limit: 1e-6, measure: crosstalk },
+    Check { effect: "actuator-lag", limit: 1e-2, measure: lag },
+    Check { effect: "actuator-delay", limit: 1e-2, measure: delay },
+    Check { effect: "actuator-slew-limit", limit: 1e-2, measure: slew },
+];
+
+/// The input whose command changes.
+const INPUT: usize = 1;
+
+/// A static curve of one input.
+fn fixed(effect: &dyn Effect, parameters: &[f64], curve: fn(&[f64], f64) -> f64) -> f64 {
+    let rig = Rig::new(11);
+    let mut u = rig.u.clone();
+    u[INPUT].iter_mut().for_each(|u| *u = curve(parameters, *u));
+    let truth = truth::linear(&rig.model, &u);
+    rig.disagreement(&rig.simulated(effect, &Place::Input(INPUT), parameters, T0), &truth)
+}
+
+/// dz = alpha du - (|du| z + du |z|) / (2 uy) along each step of the command.
+fn hysteresis(effect: &dyn Effect) -> f64 {
+    let rig = Rig::new(12);
+    let (alpha, uy) = (0.3, 0.8);
+    let mut u = rig.u.clone();
+    let (mut z, mut before) = ([0.0], 0.0);
+    for u in &mut u[INPUT] {
+        let du = *u - before;
+        truth::advance(&mut z, 0.0, 1.0, truth::TOLERANCE, |_, z, rate| {
+            rate[0] = alpha * du - (du.abs() * z[0] + du * z[0].abs()) / (2.0 * uy);
+        });
+        before = *u;
+        *u -= z[0];
+    }
+    let truth = truth::linear(&rig.model, &u);
+    rig.disagreement(&rig.simulated(effect, &Place::Input(INPUT), &[alpha, uy], T0), &truth)
+}
+
+/// From the first input into the second; the first is unchanged.
+fn crosstalk(effect: &dyn Effect) -> f64 {
+    let rig = Rig::new(13);
+    let mut u = rig.u.clone();
+    let from = u[0].clone();
+    u[1].iter_mut().zip(from).for_each(|(u, from)| *u += -0.06 * from);
+    let truth = truth::linear(&rig.model, &u);
+    rig.disagreement(&rig.simulated(effect, &Place::InputToInput(0, 1), &[-0.06], T0), &truth)
+}
+
+/// A structure whose actuator has another pole: slower, faster, much faster.
+fn lag(effect: &dyn Effect) -> f64 {
+    let rig = Rig::new(14);
+    let one = |hz: f64| {
+        let mut other = rig.truss.clone();
+        other.actuators_hz[INPUT] = hz;
+        rig.disagreement(&rig.simulated(effect, &Place::Input(INPUT), &[hz], T0), &structure::built(&rig, &other))
+    };
+    [150.0, 300.0, 520.0].into_iter().map(|hz| { let e = one(hz); println!("lag {hz} {e:.1e}"); e }).fold(0.0, f64::max)
+}
+
+/// The command of one input or of all arrives late: each hold is split where the late value comes.
+fn delay(effect: &dyn Effect) -> f64 {
+    let rig = Rig::new(15);
+    let one = |place: Place, tau: f64| {
+        let late = |i: usize| place == Place::AllInputs || place == Place::Input(i);
+        let (whole, share) = (tau.floor() as usize, tau.fract());
+        let at = |i: usize, k: usize, back: usize| if k >= back { rig.u[i][k - back] } else { 0.0 };
+        let values = |k: usize, back: usize| -> Vec<f64> { (0..2).map(|i| at(i, k, if late(i) { back } else { 0 })).collect() };
+        let truth = pieces(&rig, |k| {
+            let (old, new) = (values(k, whole + 1), values(k, whole));
+            vec![
+                Piece { share, from: old.clone(), to: old },
+                Piece { share: 1.0 - share, from: new.clone(), to: new },
+            ]
+        });
+        rig.disagreement(&rig.simulated(effect, &place, &[tau], T0), &truth)
+    };
+    [(Place::Input(INPUT), 0.13), (Place::Input(INPUT), 0.37), (Place::AllInputs, 1.6), (Place::AllInputs, 2.0)]
+        .into_iter()
+        .map(|(place, tau)| { let e = one(place, tau); println!("delay {tau} {e:.1e}"); e })
+        .fold(0.0, f64::max)
+}
+
+/// u' runs towards u at the rate R and then stays.
+fn slew(effect: &dyn Effect) -> f64 {
+    let rig = Rig::new(16);
+    let one = |limit: f64| {
+        let mut ramps = Vec::new();
+        let mut now = 0.0;
+        for &u in &rig.u[INPUT] {
+            let share = ((u - now).abs() * crate::truss::RATE / limit).min(1.0);
+            let reached = if share < 1.0 { u } else { now + limit / crate::truss::RATE * (u - now).signum() };
+            ramps.push((share, now, reached));
+            now = reached;
+        }
+        let truth = pieces(&rig, |k| {
+            let (share, from, to) = ramps[k];
+            let with = |value: f64| {
+                let mut u: Vec<f64> = rig.u.iter().map(|u| u[k]).collect();
+                u[INPUT] = value;
+                u
+            };
+            vec![
+                Piece { share, from: with(from), to: with(to) },
+                Piece { share: 1.0 - share, from: with(to), to: with(to) },
+            ]
+        });
+        rig.disagreement(&rig.simulated(effect, &Place::Input(INPUT), &[limit], T0), &truth)
+    };
+    [1200.0, 3000.0].into_iter().map(one).fold(0.0, f64::max)
+}
+
+/// The linear structure driven piece by piece.
+fn pieces(rig: &Rig, drive: impl Fn(usize) -> Vec<Piece>) -> Channels {
+    let time = rig.model.continuous.as_ref().unwrap();
+    let c = |_: f64| rig.model.c.clone();
+    let equations = Equations { a: &time.a, b: &time.b, c: &c, stiffening: None, joint: None, push: None };
+    equations.run(T0, rig.u[0].len(), drive, truth::TOLERANCE).y
+}
