@@ -88,7 +88,10 @@ impl Truss {
             let mut at_once = vec![0.0; m];
             for k in 0..q {
                 acceleration += a.row(2 * k + 1).transpose() * self.gamma[(o, k)];
-                at_once.iter_mut().zip(&ports).for_each(|(sum, port)| *sum += self.gamma[(o, k)] * port.force[2 * k + 1]);
+                at_once
+                    .iter_mut()
+                    .zip(&ports)
+                    .for_each(|(sum, port)| *sum += self.gamma[(o, k)] * port.force[2 * k + 1]);
             }
             let Some(hz) = self.filter_hz else {
                 c.row_mut(o).copy_from(&acceleration.transpose());

@@ -91,7 +91,21 @@ pub fn advance(x: &mut [f64], from: f64, to: f64, tolerance: f64, rate: impl Fn(
     let (time, parameters) = (to - from, (0.9, 0.0, 0.333, 6.0));
     let (safety, beta, least, most) = parameters;
     let mut solver = Dop853::from_param(
-        Field(rate), from, to, time, start, tolerance, absolute, safety, beta, least, most, time, 0.3 * time, 100_000, u32::MAX,
+        Field(rate),
+        from,
+        to,
+        time,
+        start,
+        tolerance,
+        absolute,
+        safety,
+        beta,
+        least,
+        most,
+        time,
+        0.3 * time,
+        100_000,
+        u32::MAX,
         OutputType::Sparse,
     );
     solver.integrate().expect("the equations are smooth enough");
@@ -151,7 +165,8 @@ impl Equations<'_> {
                         rate.iter_mut().zip(&push.port.force).for_each(|(r, g)| *r += g * force);
                     }
                     if let Some(joint) = &self.joint {
-                        let (d, v, z) = (row(&joint.port.displacement, x), row(&joint.port.velocity, x), x[n] * joint.unit);
+                        let (d, v, z) =
+                            (row(&joint.port.displacement, x), row(&joint.port.velocity, x), x[n] * joint.unit);
                         let force = (joint.force)(d, v, z);
                         rate.iter_mut().zip(&joint.port.force).for_each(|(r, g)| *r += g * force);
                         rate[n] = (joint.slip)(d, v, z) / joint.unit;

@@ -1,7 +1,6 @@
-//! Golden maps of where a gap lies, one case a side of the chain: output x band, time, level slope and the side that the screen says,
+//! Golden maps of where a gap lies, one case each of actuator, structure, sensor and time: output x band, time, level slope and the side that the screen says,
 //! beside what physics says of each. `PLID_BLESS=1` writes the files anew.
 
-use std::f64::consts::TAU;
 use std::path::PathBuf;
 
 use plid_gap::effects::{Library, Side};
@@ -17,24 +16,20 @@ use serde_json::{Value, json};
 use crate::forward::structure::{CUBIC, STRUT};
 use crate::forward::{MODES, Rig, noise};
 use crate::truss::RATE;
-use crate::truth::{self, Channels, Equations, Joint, Piece, Push};
+use crate::truth::{self, Channels, Equations, Joint, Piece};
 
 /// Samples and level of each record; the last is held out from all fitting, and from the map.
 const RECORDS: [(usize, f64); 5] = [(1200, 0.0), (2000, 1.0), (2000, 0.4), (2000, 1.0), (600, 1.0)];
 
-/// Shares may differ by this from the golden ones, and relative gaps and the slope by this share: the same draws on another machine
-/// differ by rounding alone, another thinning of the map by much more.
+/// Shares, relative gaps and the slope may differ by this from the golden ones, and larger numbers by this share: other machines round
+/// otherwise, and nothing else is random.
 const TOLERANCE: f64 = 1e-6;
 
-/// What a case's structure does beside the simulation, at the second strut.
-type Force<'a> = &'a dyn Fn(f64) -> f64;
-
-/// A case: a change of commands (with the time of each sample), a force of the displacement, a force of the time, a change of outputs.
+/// A case: a change of commands (with the start of a record in s), a force of the displacement at the second strut, a change of outputs.
 #[derive(Default)]
 struct Truth<'a> {
     command: Option<&'a dyn Fn(&mut Channels, f64)>,
-    force: Option<Force<'a>>,
-    push: Option<Force<'a>>,
+    force: Option<&'a dyn Fn(f64) -> f64>,
     sensor: Option<&'a dyn Fn(&mut Channels)>,
 }
 
@@ -55,18 +50,17 @@ fn map(rig: &Rig, real: &Truth) -> (Map, Side) {
         if let Some(command) = real.command {
             command(&mut sent, start_s);
         }
-        let mut y = if real.force.is_some() || real.push.is_some() {
+        let mut y = if let Some(force) = real.force {
             let port = &rig.model.ports[STRUT];
-            let force = |d: f64, _: f64, _: f64| real.force.map_or(0.0, |force| force(d));
+            let force = |d: f64, _: f64, _: f64| force(d);
             let still = |_: f64, _: f64, _: f64| 0.0;
-            let pushed = |k: usize| real.push.map_or(0.0, |push| push(start_s + k as f64 / RATE));
             let equations = Equations {
                 a: &time.a,
                 b: &time.b,
                 c: &c,
                 stiffening: None,
                 joint: Some(Joint { port, force: &force, unit: 1.0, slip: &still }),
-                push: Some(Push { port, force: &pushed }),
+                push: None,
             };
             equations.run(start_s, samples, |k| Piece::held(sent.iter().map(|u| u[k]).collect()), 1e-9).y
         } else {
@@ -112,7 +106,9 @@ fn of_stretch(map: &Map, stretch: usize) -> f64 {
 
 /// Against the file, or into it.
 fn golden(name: &str, map: &Map, side: Side) {
-    let rows = |m: &nalgebra::DMatrix<f64>| -> Vec<Vec<f64>> { m.row_iter().map(|row| row.iter().copied().collect()).collect() };
+    let rows = |m: &nalgebra::DMatrix<f64>| -> Vec<Vec<f64>> {
+        m.row_iter().map(|row| row.iter().copied().collect()).collect()
+    };
     let found = json!({
         "edges_hz": map.edges,
         "output_x_band": rows(&map.share),
@@ -209,20 +205,4 @@ fn time() {
     let grown = map.levels[2].1 / map.levels[0].1;
     assert!((grown / (last / first) - 1.0).abs() < 0.15, "{grown}");
     assert!(of_stretch(&map, STRETCHES - 1) > 2.0 * of_stretch(&map, 2));
-}
-
-/// A machine nearby: in its own band, without a command as with one, so that its share falls as the level rises.
-#[test]
-fn disturbance() {
-    let rig = Rig::new(105);
-    let push = |t: f64| 0.1 * (TAU * 84.0 * t + 0.4).sin();
-    let (map, side) = map(&rig, &Truth { push: Some(&push), ..Truth::default() });
-    golden("narrowband-disturbance", &map, side);
-    assert_eq!(side, Side::Disturbance);
-    let own = of_bands(&map, |low, high| low <= 84.0 && 84.0 < high);
-    // The rest is in the modes that its onset in each record wakes.
-    assert!(own > 0.75, "{own}");
-    assert!(of_stretch(&map, 0) > 0.5 / STRETCHES as f64, "{}", of_stretch(&map, 0));
-    let slope = map.slope.unwrap();
-    assert!((-1.2..-0.8).contains(&slope), "{slope}");
 }

@@ -83,7 +83,14 @@ impl Rig {
     }
 
     /// With an effect.
-    pub fn simulated_at(&self, effect: &dyn Effect, place: &Place, parameters: &[f64], t0: f64, fineness: Fineness) -> Channels {
+    pub fn simulated_at(
+        &self,
+        effect: &dyn Effect,
+        place: &Place,
+        parameters: &[f64],
+        t0: f64,
+        fineness: Fineness,
+    ) -> Channels {
         assert_eq!(parameters.len(), effect.parameters(&self.setting).len(), "{}", effect.name());
         simulate(&self.plant, &effect.act(&self.setting, place, parameters), &self.u, t0, None, fineness)
     }
@@ -127,9 +134,9 @@ fn every_effect_agrees_with_an_independent_answer() {
     for (effect, found) in found {
         match found {
             Some((disagreement, limit)) => {
-                println!("{effect:24} {disagreement:8.1e} (limit {limit:.0e})");
+                println!("{effect:24} {disagreement:8.1e} (limit {limit:.1e})");
                 if !(disagreement <= limit) {
-                    wrong.push(format!("{effect}: {disagreement:.2e} > {limit:.0e}"));
+                    wrong.push(format!("{effect}: {disagreement:.2e} > {limit:.1e}"));
                 }
             }
             None => wrong.push(format!("{effect}: no forward check")),

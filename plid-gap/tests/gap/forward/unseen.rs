@@ -40,10 +40,16 @@ const QUIET: usize = 0;
 const FITTED: usize = 1;
 
 /// Records without input and with: what `push` adds to the structure and `raw` makes of the noisy samples (record, outputs, noise).
-fn records(rig: &Rig, std: f64, push: Option<&dyn Fn(usize) -> f64>, raw: &mut dyn FnMut(usize, &mut Channels)) -> Vec<Record> {
+fn records(
+    rig: &Rig,
+    std: f64,
+    push: Option<&dyn Fn(usize) -> f64>,
+    raw: &mut dyn FnMut(usize, &mut Channels),
+) -> Vec<Record> {
     let time = rig.model.continuous.as_ref().unwrap();
     let c = |_: f64| rig.model.c.clone();
-    let levels: [(f64, Excitation); 3] = [(0.0, Excitation::Zero), (1.0, Excitation::Random), (0.5, Excitation::Random)];
+    let levels: [(f64, Excitation); 3] =
+        [(0.0, Excitation::Zero), (1.0, Excitation::Random), (0.5, Excitation::Random)];
     let mut records = Vec::new();
     for (index, (level, excitation)) in levels.into_iter().enumerate() {
         let mut u = noise(50 + index as u64, 2, LONG);
@@ -53,7 +59,8 @@ fn records(rig: &Rig, std: f64, push: Option<&dyn Fn(usize) -> f64>, raw: &mut d
             Some(push) => {
                 let force = |k: usize| push(index * LONG + k);
                 let push = Push { port: &rig.model.ports[0], force: &force };
-                let equations = Equations { a: &time.a, b: &time.b, c: &c, stiffening: None, joint: None, push: Some(push) };
+                let equations =
+                    Equations { a: &time.a, b: &time.b, c: &c, stiffening: None, joint: None, push: Some(push) };
                 equations.run(0.0, LONG, |k| Piece::held(u.iter().map(|u| u[k]).collect()), 1e-7).y
             }
         };
