@@ -142,8 +142,9 @@ impl Equations<'_> {
             let mut at = start;
             for piece in drive(k).iter().filter(|piece| piece.share > 1e-9) {
                 let length = piece.share / RATE;
-                advance(&mut x, at, at + length, tolerance, |t, x, rate| {
-                    let along = (t - at) / length;
+                // From zero: in a short piece far from it, the place along the piece would be rounding.
+                advance(&mut x, 0.0, length, tolerance, |since, x, rate| {
+                    let (t, along) = (at + since, since / length);
                     let matrix = self.a.as_slice();
                     rate.fill(0.0);
                     for j in 0..n {
