@@ -1,10 +1,12 @@
-//! Effects of a command: the held command of the table through model.json, or, where it changes between samples, integrated piece by
-//! piece.
+//! Effects of a command: the held command of the table through model.json, or, where it changes between samples, piece by piece through
+//! its continuous time.
 
+use nalgebra::{DMatrix, DVector};
 use plid_gap::effects::{Effect, Place};
 
 use super::{Check, Rig, T0, structure};
-use crate::truth::{self, Channels, Equations, Piece};
+use crate::truss::RATE;
+use crate::truth::{self, Channels, Piece};
 
 /// Static curves are the same arithmetic on both sides: rounding. The hysteresis has a corner where z changes its sign, which costs the
 /// integration some digits. Between samples plid-gap divides a sample: a lag and a ramp are their means over an eighth (second order:
@@ -117,8 +119,8 @@ fn slew(effect: &dyn Effect) -> f64 {
         let mut ramps = Vec::new();
         let mut now = 0.0;
         for &u in &rig.u[INPUT] {
-            let share = ((u - now).abs() * crate::truss::RATE / limit).min(1.0);
-            let reached = if share < 1.0 { u } else { now + limit / crate::truss::RATE * (u - now).signum() };
+            let share = ((u - now).abs() * RATE / limit).min(1.0);
+            let reached = if share < 1.0 { u } else { now + limit / RATE * (u - now).signum() };
             ramps.push((share, now, reached));
             now = reached;
         }
@@ -139,10 +141,25 @@ fn slew(effect: &dyn Effect) -> f64 {
     [1200.0, 3000.0].into_iter().map(one).fold(0.0, f64::max)
 }
 
-/// The linear structure driven piece by piece.
+/// The linear structure driven piece by piece, exactly: (x, u, its change) over a piece is one matrix exponential.
 fn pieces(rig: &Rig, drive: impl Fn(usize) -> Vec<Piece>) -> Channels {
     let time = rig.model.continuous.as_ref().unwrap();
-    let c = |_: f64| rig.model.c.clone();
-    let equations = Equations { a: &time.a, b: &time.b, c: &c, stiffening: None, joint: None, push: None };
-    equations.run(T0, rig.u[0].len(), drive, truth::TOLERANCE).y
+    let (n, m) = time.b.shape();
+    let mut x = DVector::zeros(n);
+    let mut y = vec![Vec::new(); rig.model.c.nrows()];
+    for k in 0..rig.u[0].len() {
+        y.iter_mut().zip((&rig.model.c * &x).iter()).for_each(|(y, out)| y.push(*out));
+        for piece in drive(k) {
+            let length = piece.share / RATE;
+            let mut matrix = DMatrix::zeros(n + 2 * m, n + 2 * m);
+            matrix.view_mut((0, 0), (n, n)).copy_from(&(&time.a * length));
+            matrix.view_mut((0, n), (n, m)).copy_from(&(&time.b * length));
+            matrix.view_mut((n, n + m), (m, m)).fill_with_identity();
+            let change = piece.to.iter().zip(&piece.from).map(|(to, from)| to - from);
+            let from = x.iter().chain(&piece.from).copied().chain(change);
+            let all = matrix.exp() * DVector::from_iterator(n + 2 * m, from);
+            x = all.rows(0, n).into_owned();
+        }
+    }
+    y
 }
