@@ -51,6 +51,9 @@ pub struct Push<'a> {
     pub force: &'a dyn Fn(usize) -> f64,
 }
 
+/// A number of the time.
+pub type OfTime<'a> = &'a dyn Fn(f64) -> f64;
+
 /// dx/dt = (a + (factor(t) - 1) stiffening) x + b u + forces, y = c x.
 pub struct Equations<'a> {
     /// n x n.
@@ -60,7 +63,7 @@ pub struct Equations<'a> {
     /// p x n, of the factor.
     pub c: &'a dyn Fn(f64) -> DMatrix<f64>,
     /// What another unit of stiffness adds to `a`, and the factor of the stiffness in time.
-    pub stiffening: Option<(&'a DMatrix<f64>, &'a dyn Fn(f64) -> f64)>,
+    pub stiffening: Option<(&'a DMatrix<f64>, OfTime<'a>)>,
     /// A force of the motion.
     pub joint: Option<Joint<'a>>,
     /// A force of the time.
@@ -71,8 +74,9 @@ pub struct Equations<'a> {
 pub struct Motion {
     /// Outputs.
     pub y: Channels,
-    /// Displacement and velocity of the joint's port at the samples.
+    /// Displacement of the joint's port at the samples.
     pub d: Vec<f64>,
+    /// Its velocity.
     pub v: Vec<f64>,
 }
 

@@ -25,10 +25,13 @@ const RECORDS: [(usize, f64); 5] = [(1200, 0.0), (2000, 1.0), (2000, 0.4), (2000
 /// otherwise, and nothing else is random.
 const TOLERANCE: f64 = 1e-6;
 
+/// Changes the commands of a record that starts at this time in s.
+type Command<'a> = &'a dyn Fn(&mut Channels, f64);
+
 /// A case: a change of commands (with the start of a record in s), a force of the displacement at the second strut, a change of outputs.
 #[derive(Default)]
 struct Truth<'a> {
-    command: Option<&'a dyn Fn(&mut Channels, f64)>,
+    command: Option<Command<'a>>,
     force: Option<&'a dyn Fn(f64) -> f64>,
     sensor: Option<&'a dyn Fn(&mut Channels)>,
 }

@@ -94,7 +94,7 @@ fn delay(effect: &dyn Effect) -> f64 {
             sensor.apply(&mut y, T0, RATE);
         }
         assert_eq!(y[0], record, "the other output is unchanged");
-        let changed = truth::size(&truth::minus(&[truth.clone()], &[record.clone()]));
+        let changed = truth::size(&truth::minus(std::slice::from_ref(&truth), std::slice::from_ref(&record)));
         truth::size(&truth::minus(&y[OUTPUT..=OUTPUT], &[truth])) / changed
     };
     [0.13, 0.5, 1.6, 3.0].into_iter().map(one).fold(0.0, f64::max)
