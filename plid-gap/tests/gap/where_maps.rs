@@ -16,7 +16,7 @@ use serde_json::{Value, json};
 use crate::forward::structure::{CUBIC, STRUT};
 use crate::forward::{MODES, Rig, noise};
 use crate::truss::RATE;
-use crate::truth::{self, Channels, Equations, Joint, Piece};
+use crate::truth::{self, Channels, Equations, Joint};
 
 /// Samples and level of each record; the last is held out from all fitting, and from the map.
 const RECORDS: [(usize, f64); 5] = [(1200, 0.0), (2000, 1.0), (2000, 0.4), (2000, 1.0), (600, 1.0)];
@@ -65,7 +65,7 @@ fn map(rig: &Rig, real: &Truth) -> (Map, Side) {
                 joint: Some(Joint { port, force: &force, unit: 1.0, slip: &still }),
                 push: None,
             };
-            equations.run(start_s, samples, |k| Piece::held(sent.iter().map(|u| u[k]).collect()), 1e-9).y
+            equations.run(start_s, samples, |k| sent.iter().map(|u| u[k]).collect(), 1e-9).y
         } else {
             truth::linear(&rig.model, &sent)
         };

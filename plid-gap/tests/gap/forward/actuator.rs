@@ -6,7 +6,7 @@ use plid_gap::effects::{Effect, Place};
 
 use super::{Check, Rig, T0, structure};
 use crate::truss::RATE;
-use crate::truth::{self, Channels, Piece};
+use crate::truth::{self, Channels};
 
 /// Static curves are the same arithmetic on both sides: rounding. The hysteresis has a corner where z changes its sign, which costs the
 /// integration some digits. Between samples plid-gap divides a sample: a lag and a ramp are their means over an eighth (second order:
@@ -139,6 +139,13 @@ fn slew(effect: &dyn Effect) -> f64 {
         rig.disagreement(&rig.simulated(effect, &Place::Input(INPUT), &[limit], T0), &truth)
     };
     [1200.0, 3000.0].into_iter().map(one).fold(0.0, f64::max)
+}
+
+/// What drives the structure during a share of a sample: a straight line from one set of values to another.
+struct Piece {
+    share: f64,
+    from: Vec<f64>,
+    to: Vec<f64>,
 }
 
 /// The linear structure driven piece by piece, exactly: (x, u, its change) over a piece is one matrix exponential.

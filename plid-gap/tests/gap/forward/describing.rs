@@ -30,7 +30,7 @@ struct Describing {
 }
 
 /// Forces of about a per cent of the command: what this neglects, the harmonics' way back to the fundamental, is of second order in them,
-/// a per cent of the effect or less.
+/// half a per cent of the effect or less.
 const ALL: [Describing; 4] = [
     Describing {
         effect: "cubic-stiffness",

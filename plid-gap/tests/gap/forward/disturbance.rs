@@ -6,7 +6,7 @@ use plid_gap::effects::{Effect, Place};
 
 use super::{Check, Rig, T0};
 use crate::truss::RATE;
-use crate::truth::{self, Equations, Piece, Push};
+use crate::truth::{self, Equations, Push};
 
 /// A held force is exact on both sides: rounding.
 pub const CHECKS: &[Check] = &[Check { effect: "narrowband-disturbance", limit: 1e-6, measure: narrowband }];
@@ -20,7 +20,7 @@ fn narrowband(effect: &dyn Effect) -> f64 {
         let force = |k: usize| a * (TAU * f * (T0 + k as f64 / RATE) + phi).sin();
         let push = Push { port: &rig.model.ports[1], force: &force };
         let equations = Equations { a: &time.a, b: &time.b, c: &c, stiffening: None, joint: None, push: Some(push) };
-        let drive = |k: usize| Piece::held(rig.u.iter().map(|u| u[k]).collect());
+        let drive = |k: usize| rig.u.iter().map(|u| u[k]).collect();
         let truth = equations.run(T0, rig.u[0].len(), drive, truth::TOLERANCE).y;
         rig.disagreement(&rig.simulated(effect, &Place::Frequency(f, 1), &[a, f, phi], T0), &truth)
     };

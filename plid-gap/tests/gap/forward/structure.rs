@@ -8,7 +8,7 @@ use plid_model::Model;
 
 use super::{Check, Rig, T0};
 use crate::truss::Truss;
-use crate::truth::{self, Channels, Equations, Joint, Motion, Piece};
+use crate::truth::{self, Channels, Equations, Joint, Motion};
 
 /// plid-gap's forces are straight lines over an eighth of a sample: an error of second order in that step, which
 /// `half_the_step_is_a_quarter_of_the_error` measures. A corner or a jump inside a step costs more.
@@ -112,7 +112,7 @@ impl Law {
         };
         let c = |_: f64| rig.model.c.clone();
         let equations = Equations { a: &time.a, b: &time.b, c: &c, stiffening: None, joint: Some(joint), push: None };
-        equations.run(T0, rig.u[0].len(), |k| Piece::held(rig.u.iter().map(|u| u[k]).collect()), tolerance)
+        equations.run(T0, rig.u[0].len(), |k| rig.u.iter().map(|u| u[k]).collect(), tolerance)
     }
 
     /// For so many parts of a sample, the worse of a structure behind filters and one without, where a force shows at once.

@@ -5,7 +5,7 @@ use plid_gap::simulate::{Fineness, simulate};
 
 use super::{Check, Rig, T0, structure};
 use crate::truss::{RATE, Truss};
-use crate::truth::{self, Channels, Equations, Joint, Piece};
+use crate::truth::{self, Channels, Equations, Joint};
 
 /// A command's gain is rounding. A drift leaves what lies before and behind the structure as at the old pole: a phase of some
 /// w / (pole) of the shift, beside the resonance's own w / (half width), which is one per cent.
@@ -45,7 +45,7 @@ fn drifting(rig: &Rig, r: f64, t0: f64, cubic: Option<f64>) -> Channels {
     let still = |_: f64, _: f64, _: f64| 0.0;
     let joint = cubic.map(|_| Joint { port: &now.ports[structure::STRUT], force: &force, unit: 1.0, slip: &still });
     let equations = Equations { a: &now.a, b: &now.b, c: &c, stiffening: Some((&more, &factor)), joint, push: None };
-    equations.run(t0, rig.u[0].len(), |k| Piece::held(rig.u.iter().map(|u| u[k]).collect()), truth::TOLERANCE).y
+    equations.run(t0, rig.u[0].len(), |k| rig.u.iter().map(|u| u[k]).collect(), truth::TOLERANCE).y
 }
 
 /// Either sign, behind filters and without, where the accelerations of a stiffer mode are larger at once.

@@ -15,7 +15,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{Check, Rig, T0, noise};
 use crate::truss::RATE;
-use crate::truth::{self, Channels, Equations, Piece, Push};
+use crate::truth::{self, Channels, Equations, Push};
 
 /// A variance of 4096 samples is known to 2.2 %, a standard deviation to 1.1 %: three of those, and as much for the other sensor's. Of
 /// the onsets some fall where the signal hardly moves. A band is looked for on a grid of centres (6 %) and widths (5 and 20 %, the
@@ -61,7 +61,7 @@ fn records(
                 let push = Push { port: &rig.model.ports[0], force: &force };
                 let equations =
                     Equations { a: &time.a, b: &time.b, c: &c, stiffening: None, joint: None, push: Some(push) };
-                equations.run(0.0, LONG, |k| Piece::held(u.iter().map(|u| u[k]).collect()), 1e-7).y
+                equations.run(0.0, LONG, |k| u.iter().map(|u| u[k]).collect(), 1e-7).y
             }
         };
         let declared = noise(60 + index as u64, 2, LONG);
