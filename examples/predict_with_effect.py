@@ -44,8 +44,10 @@ def actuator_hysteresis(x, p, t, h):
 
 def actuator_delay(x, p, t, h):
     whole, share = int(p["tau"] * p["parts"]), p["tau"] * p["parts"] % 1
-    padded = np.concatenate([np.zeros(whole + 1), x])
-    return (1 - share) * padded[1:len(x) + 1] + share * padded[:len(x)]
+    # A step between two edges of the parts has a parabola's weights on the steps at the three next edges.
+    weights = [(1 - share) * (2 - share) / 2, share * (2 - share), -share * (1 - share) / 2]
+    padded = np.concatenate([np.zeros(whole + 2), x])
+    return sum(weight * padded[2 - j:len(x) + 2 - j] for j, weight in enumerate(weights))
 
 
 def actuator_lag(x, p, t, h):
@@ -90,7 +92,7 @@ def sensor_delay(x, p, t, h):
     return np.fft.irfft(np.fft.rfft(x, length) * turn, length)[:len(x)]
 
 
-PARTS = {"actuator-delay": 4, "actuator-lag": 4, "actuator-slew-limit": 8}
+PARTS = {"actuator-delay": 4, "actuator-lag": 8, "actuator-slew-limit": 8}
 COMMANDS = {
     "actuator-gain": lambda x, p, t, h: p["g"] * x,
     "actuator-gain-drift": lambda x, p, t, h: x * (1 + p["r"] * t),
@@ -233,17 +235,17 @@ def structure(model, q, u, parts, t, forces, pushes, drifts):
     step, add, _ = over(a, b, h)
     _, held, ramp = over(a, column, h)
 
+    plain_c, plain_sees = c, sees
     x, y, f, z = np.zeros(n), np.zeros((len(c), len(t))), np.zeros(len(ports)), [0.0] * count
     seen, passed = [(0.0, 0.0)] * count, [0.0] * count  # (d, v) of each port, and the d to which its z belongs
     law = lambda: [FORCES[name](*seen[j], z[j], p) for j, (name, p, _) in enumerate(forces)]
     for k in range(len(t)):
         if drifts and k % DRIFT_SAMPLES == 0:
-            # The modes' poles go with the root of their stiffness, and so do the accelerations that they give.
             middle = t[k] + DRIFT_SAMPLES / 2 * parts * h
-            root = np.ones(n)
-            root[:2 * q] = math.sqrt(max(math.prod(drift(middle, p) for drift, p in drifts), 0))
-            step, add, _ = over(a * root, b, h)
-            c = np.array(model["C"]) * root
+            now, c, sees = stiffened(a, plain_c, plain_sees, q, math.prod(drift(middle, p) for drift, p in drifts))
+            step, add, _ = over(now, b, h)
+            _, held, ramp = over(now, column, h)
+            seen = (sees @ x).reshape(-1, 2).tolist()
         for part in range(k * parts, (k + 1) * parts):
             f[:count] = law()
             if part == k * parts:
@@ -262,6 +264,26 @@ def structure(model, q, u, parts, t, forces, pushes, drifts):
                 x += ramp[:, :count] @ (np.array(law()) - f[:count])
                 seen = (sees @ x).reshape(-1, 2).tolist()
     return y
+
+
+def stiffened(a, c, sees, q, factor):
+    """With every w^2 times a factor. The force 2 zeta w q' stays, and with it the real part of each pole; with
+    dz/dt = pole z + b f, displacement, velocity and acceleration are rows times z that depend on the pole."""
+    a, c, sees = a.copy(), c.copy(), sees.copy()
+
+    def turn(rows, i, by):
+        value = (rows[:, i] - 1j * rows[:, i + 1]) * by
+        rows[:, i], rows[:, i + 1] = value.real, -value.imag
+
+    for i in range(0, 2 * q, 2):
+        pole = complex(a[i, i], a[i + 1, i])
+        moved = complex(pole.real, math.sqrt(max(abs(pole)**2 * factor - pole.real**2, 1e-6 * abs(pole)**2)))
+        a[i:i + 2, i:i + 2] = [[moved.real, -moved.imag], [moved.imag, moved.real]]
+        shape = pole.imag / moved.imag
+        turn(sees[0::2], i, shape)
+        turn(sees[1::2], i, shape * (moved / pole))
+        turn(c, i, shape * (moved / pole)**2)
+    return a, c, sees
 
 
 def read_inputs(path, names):

@@ -1,6 +1,6 @@
 //! What the raw values show before any model: a coarse converter, a channel that repeats itself, a channel that clips.
 
-use crate::record::{Channels, Record};
+use crate::record::{Channels, Excitation, Record};
 
 /// A channel whose values lie on a grid this many times as coarse as the finest channel's is quantised.
 const COARSER: f64 = 2.5;
@@ -47,7 +47,8 @@ pub fn codes(records: &[Record], errors: &[Channels], sensor_std: &[f64]) -> Vec
             let repeats: Vec<Vec<usize>> =
                 records.iter().zip(errors).map(|(r, e)| repeats(&r.y[o], &e[o], sensor_std[o])).collect();
             let (mut onsets, mut samples) = (0, 0);
-            for (record, repeats) in records.iter().zip(&repeats) {
+            // Where nothing moves, a repeat is not seen.
+            for (record, repeats) in records.iter().zip(&repeats).filter(|(record, _)| driven(record)) {
                 onsets += repeats.iter().enumerate().filter(|(k, at)| *k == 0 || repeats[k - 1] + 1 != **at).count();
                 samples += record.samples();
             }
@@ -56,6 +57,11 @@ pub fn codes(records: &[Record], errors: &[Channels], sensor_std: &[f64]) -> Vec
             Codes { step: steps[o], coarse, dropout_rate, repeats }
         })
         .collect()
+}
+
+/// Whether a repeat would show.
+pub(crate) fn driven(record: &Record) -> bool {
+    record.excitation != Excitation::Zero
 }
 
 /// The grid on which values lie: the smallest distance between two different ones that occurs often.

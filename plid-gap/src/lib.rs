@@ -39,6 +39,8 @@ mod testing;
 pub mod thresholds;
 pub mod tones;
 pub mod transform;
+#[cfg(test)]
+mod truss;
 pub mod unseen;
 pub mod verdict;
 pub mod whiten;

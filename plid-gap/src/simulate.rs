@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::effects::{Action, Drive, Force};
-use crate::plant::{C, Plant};
+use crate::plant::{C, Carried, Plant};
 use crate::record::Channels;
 
 /// How finely a sample is divided.
@@ -126,10 +126,11 @@ fn advance(
             }
             if part == 0 {
                 runner.sample(drive, k);
+                // Sampled before the next value of a disturbance acts, which an accelerometer without a filter would show.
+                runner.output(&held, y, k);
                 for (d, (_, signal)) in disturbances.iter().enumerate() {
                     runner.push(d, signal[k]);
                 }
-                runner.output(&held, y, k);
             }
             runner.step(part + 1 == drive.parts);
         }
@@ -149,6 +150,8 @@ fn changed_plant(plant: &Plant, actions: &[Action]) -> Option<Plant> {
 /// A port's numbers over one part of a sample.
 struct Bound<'a> {
     law: &'a dyn Force,
+    /// Its number in the plant.
+    port: usize,
     state: f64,
     /// d and v now, and the displacement to which the internal state belongs (the predictor's).
     d: f64,
@@ -180,7 +183,6 @@ struct Runner<'a> {
     /// p blocks of modes, already doubled.
     c_re: Vec<Vec<f64>>,
     c_im: Vec<Vec<f64>>,
-    c_now: f64,
     rest: RestSteps,
     d: DMatrix<f64>,
     /// What the held input (and disturbances) add over a part.
@@ -195,12 +197,21 @@ struct Runner<'a> {
     x: Vec<f64>,
     next: Vec<f64>,
     ports: Vec<Bound<'a>>,
-    /// What a unit of each disturbance adds over a part, to the modes and to the rest.
-    pushes: Vec<(Vec<C>, DVector<f64>, Vec<f64>)>,
+    /// What a unit of each disturbance adds over a part.
+    pushes: Vec<Push>,
     pushed: Vec<f64>,
     /// Of each port: the force before a part, then its change.
     forces: Vec<f64>,
     step: f64,
+}
+
+/// A disturbance at a port: what a unit adds over a part to the modes, to the rest and at once to the outputs.
+struct Push {
+    /// Its number in the plant.
+    port: usize,
+    modal: Vec<C>,
+    rest: DVector<f64>,
+    output: Vec<f64>,
 }
 
 /// How the rest steps: at each part where its continuous time is known, otherwise once a sample with the mean input.
@@ -230,10 +241,10 @@ impl<'a> Runner<'a> {
         let pushes = disturbances
             .iter()
             .map(|&(port, _)| {
-                let port = &plant.ports[port];
-                let modal = (0..q).map(|k| held[k] * port.force[k]).collect();
-                let (gain, _) = rest_force(plant, &port.force_rest, step);
-                (modal, gain, port.output.clone())
+                let of = &plant.ports[port];
+                let modal = (0..q).map(|k| held[k] * of.force[k]).collect();
+                let (rest, _) = rest_force(plant, &of.force_rest, step);
+                Push { port, modal, rest, output: of.output.clone() }
             })
             .collect();
         let parts_of = |values: &[Vec<C>], of: fn(&C) -> f64| -> Vec<Vec<f64>> {
@@ -247,7 +258,6 @@ impl<'a> Runner<'a> {
             b_im: parts_of(&b, |z| z.im),
             c_re: parts_of(&c, |z| z.re),
             c_im: parts_of(&c, |z| z.im),
-            c_now: 1.0,
             rest,
             d: plant.d.clone(),
             in_re: vec![0.0; q],
@@ -279,20 +289,43 @@ impl<'a> Runner<'a> {
         }
     }
 
-    /// Every w^2 times `factor`: poles times its root, and accelerations with them.
+    /// Every w^2 times `factor`: the force 2 zeta w q' stays, so the real part of each pole does, and a mode's rows go with its pole.
+    /// What lies before and behind the structure is taken as at the old pole.
     fn stiffen(&mut self, plant: &Plant, factor: f64) {
-        let root = factor.max(0.0).sqrt();
         for (k, mode) in plant.modes.iter().enumerate() {
-            let pole = mode.pole * root;
+            let from = mode.pole;
+            let square = from.norm_sqr() * factor - from.re * from.re;
+            let pole = C::new(from.re, square.max(1e-6 * from.norm_sqr()).sqrt());
+            let rows = Carried::new(from, pole);
             let turn = (pole * self.step).exp();
             let held = phi1(pole * self.step) * self.step;
+            let ramp = phi2(pole * self.step) * self.step;
             (self.poles_re[k], self.poles_im[k]) = (turn.re, turn.im);
             for i in 0..plant.m {
                 let b = held * mode.b[i];
                 (self.b_re[i][k], self.b_im[i][k]) = (b.re, b.im);
             }
+            for o in 0..plant.p {
+                let c = 2.0 * mode.c[o] * rows.acceleration;
+                (self.c_re[o][k], self.c_im[o][k]) = (c.re, c.im);
+            }
+            for to in &mut self.ports {
+                let port = &plant.ports[to.port];
+                let (held, ramp) = (held * port.force[k], ramp * port.force[k]);
+                let d = 2.0 * port.displacement[k] * rows.displacement;
+                let v = 2.0 * port.velocity[k] * rows.velocity;
+                (to.held_re[k], to.held_im[k]) = (held.re, held.im);
+                (to.ramp_re[k], to.ramp_im[k]) = (ramp.re, ramp.im);
+                (to.d_re[k], to.d_im[k]) = (d.re, d.im);
+                (to.v_re[k], to.v_im[k]) = (v.re, v.im);
+            }
+            for push in &mut self.pushes {
+                push.modal[k] = held * plant.ports[push.port].force[k];
+            }
         }
-        self.c_now = root;
+        for j in 0..self.ports.len() {
+            (self.ports[j].d, self.ports[j].v) = self.seen(j);
+        }
     }
 
     /// A new held input.
@@ -315,13 +348,13 @@ impl<'a> Runner<'a> {
         self.in_re.copy_from_slice(&self.held_in_re);
         self.in_im.copy_from_slice(&self.held_in_im);
         self.in_rest.copy_from_slice(&self.held_in_rest);
-        for ((modal, rest, _), &value) in self.pushes.iter().zip(&self.pushed) {
-            for (k, g) in modal.iter().enumerate() {
+        for (push, &value) in self.pushes.iter().zip(&self.pushed) {
+            for (k, g) in push.modal.iter().enumerate() {
                 self.in_re[k] += g.re * value;
                 self.in_im[k] += g.im * value;
             }
             if self.rest.each_part {
-                add(&mut self.in_rest, rest.as_slice(), value);
+                add(&mut self.in_rest, push.rest.as_slice(), value);
             }
         }
     }
@@ -350,8 +383,7 @@ impl<'a> Runner<'a> {
     #[inline(always)]
     fn output(&self, u: &[f64], y: &mut [Vec<f64>], sample: usize) {
         for (o, channel) in y.iter_mut().enumerate() {
-            let modal = dot(&self.c_re[o], &self.z_re) - dot(&self.c_im[o], &self.z_im);
-            let mut sum = self.c_now * modal;
+            let mut sum = dot(&self.c_re[o], &self.z_re) - dot(&self.c_im[o], &self.z_im);
             for (j, x) in self.x.iter().enumerate() {
                 sum += self.rest.c[(o, j)] * x;
             }
@@ -363,8 +395,8 @@ impl<'a> Runner<'a> {
                     sum += gain * port.law.force(port.d, port.v, port.state);
                 }
             }
-            for ((_, _, output), value) in self.pushes.iter().zip(&self.pushed) {
-                sum += output.get(o).map_or(0.0, |gain| gain * value);
+            for (push, value) in self.pushes.iter().zip(&self.pushed) {
+                sum += push.output.get(o).map_or(0.0, |gain| gain * value);
             }
             channel[sample] = sum;
         }
@@ -428,8 +460,8 @@ impl<'a> Runner<'a> {
     }
 }
 
-fn bind<'a>(plant: &Plant, port: usize, law: &'a dyn Force, step: f64, held: &[C]) -> Bound<'a> {
-    let port = &plant.ports[port];
+fn bind<'a>(plant: &Plant, number: usize, law: &'a dyn Force, step: f64, held: &[C]) -> Bound<'a> {
+    let port = &plant.ports[number];
     let q = plant.modes.len();
     let re = |values: &[C]| values.iter().map(|z| z.re).collect::<Vec<f64>>();
     let im = |values: &[C]| values.iter().map(|z| z.im).collect::<Vec<f64>>();
@@ -440,6 +472,7 @@ fn bind<'a>(plant: &Plant, port: usize, law: &'a dyn Force, step: f64, held: &[C
     let (held_rest, ramp_rest) = rest_force(plant, &port.force_rest, step);
     Bound {
         law,
+        port: number,
         state: 0.0,
         d: 0.0,
         v: 0.0,

@@ -45,7 +45,8 @@ pub fn unseen<'a>(ready: &Prepared, library: &'a Library) -> Vec<Unseen<'a>> {
             put("sensor-quantisation", Place::Output(o), vec![codes.step], 1e3);
         }
         if let Some(rate) = codes.dropout_rate {
-            let onsets = rate * ready.problem.records.iter().map(|r| r.samples() as f64).sum::<f64>();
+            let driven = ready.problem.records.iter().filter(|record| crate::codes::driven(record));
+            let onsets = rate * driven.map(|record| record.samples() as f64).sum::<f64>();
             put("sensor-dropout", Place::Output(o), vec![rate], 2.0 * onsets * 6.0);
         }
     }

@@ -33,7 +33,8 @@ impl Effect for ActuatorDelay {
     }
 }
 
-/// Parts of a sample: within one the mean of the delayed command is used.
+/// Parts of a sample. A step inside one is a parabola's weights on the steps at the three next edges, so that its mean, its delay and
+/// the delay's square are right; with two edges alone a delay of a tenth of a sample was 6 % wrong.
 const PARTS: usize = 4;
 
 struct Delay {
@@ -51,7 +52,8 @@ impl Command for Delay {
                 continue;
             }
             let at = |k: usize, back: usize| if k >= back { channel[k - back] } else { 0.0 };
-            *channel = (0..channel.len()).map(|k| (1.0 - share) * at(k, whole) + share * at(k, whole + 1)).collect();
+            let weights = [(1.0 - share) * (2.0 - share) / 2.0, share * (2.0 - share), -share * (1.0 - share) / 2.0];
+            *channel = (0..channel.len()).map(|k| (0..3).map(|j| weights[j] * at(k, whole + j)).sum()).collect();
         }
     }
 }

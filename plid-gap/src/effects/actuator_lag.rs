@@ -41,7 +41,7 @@ impl Effect for ActuatorLag {
 }
 
 /// Parts of a sample: within one the mean of the lagged command is used.
-const PARTS: usize = 4;
+const PARTS: usize = 8;
 
 /// (1 + s / from) / (1 + s / to); without `from` a pole that is added.
 struct Lag {

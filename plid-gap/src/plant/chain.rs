@@ -10,6 +10,9 @@ const SAME_POLE: f64 = 1e-3;
 /// How well one channel must be met alone by a pole's vectors.
 const ALONE: f64 = 1e-3;
 
+/// Singular values of a sampled matrix that are rounding: where the rest is one repeated pole and nothing else, all of them are.
+const ROUNDING: f64 = 1e-9;
+
 /// The library's iteration may not end where singular values repeat.
 const MOST_SWEEPS: usize = 10_000;
 
@@ -155,7 +158,8 @@ fn null_space(matrix: &DMatrix<C>, count: usize) -> Option<DMatrix<C>> {
     order.sort_by(|&i, &j| svd.singular_values[i].total_cmp(&svd.singular_values[j]));
     let scale = svd.singular_values.max();
     let last = *order.get(count - 1)?;
-    (svd.singular_values[last] < ALONE * scale).then(|| DMatrix::from_fn(v.nrows(), count, |i, j| v[(i, order[j])]))
+    (svd.singular_values[last] < (ALONE * scale).max(ROUNDING))
+        .then(|| DMatrix::from_fn(v.nrows(), count, |i, j| v[(i, order[j])]))
 }
 
 /// The combination of the columns that is one in row `channel` and zero elsewhere, if there is one.

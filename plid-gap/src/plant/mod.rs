@@ -47,6 +47,24 @@ impl Mode {
     }
 }
 
+/// What a mode's rows are multiplied by when its pole moves and its physical shapes stay: with dz/dt = pole z + b f,
+/// q = 2 Re(z / (pole - conj pole)) for a real b.
+pub(crate) struct Carried {
+    /// Of q.
+    pub displacement: f64,
+    /// Of q'.
+    pub velocity: C,
+    /// Of q".
+    pub acceleration: C,
+}
+
+impl Carried {
+    pub(crate) fn new(from: C, to: C) -> Self {
+        let (displacement, turn) = (from.im / to.im, to / from);
+        Self { displacement, velocity: turn * displacement, acceleration: turn * turn * displacement }
+    }
+}
+
 /// All that is not a structural mode: r states, discrete at the sample rate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rest {
@@ -380,7 +398,9 @@ fn range(projection: &DMatrix<f64>, rank: usize) -> DMatrix<f64> {
     let u = svd.u.expect("asked for");
     let mut order: Vec<usize> = (0..svd.singular_values.len()).collect();
     order.sort_by(|&i, &j| svd.singular_values[j].total_cmp(&svd.singular_values[i]));
-    DMatrix::from_fn(u.nrows(), rank, |i, j| u[(i, order[j])])
+    let near = DMatrix::from_fn(u.nrows(), rank, |i, j| u[(i, order[j])]);
+    // Where singular values repeat, the library's vectors may be off by 1e-5. Once more through the projection they are in its range.
+    (projection * near).qr().q()
 }
 
 /// The rest in continuous time: as the simulation says, or by the logarithm.
@@ -409,18 +429,17 @@ impl Plant {
     /// actuators' poles and before the filters.
     pub fn move_pole(&mut self, k: usize, pole: C) {
         let from = self.modes[k].pole;
-        let rows = from.im / pole.im;
-        let acceleration = (pole / from) * (pole / from) * rows;
+        let rows = Carried::new(from, pole);
         let before: Vec<C> = (0..self.m).map(|i| self.chain.before(i, pole) / self.chain.before(i, from)).collect();
         let behind: Vec<C> = (0..self.p).map(|o| self.chain.behind(o, pole) / self.chain.behind(o, from)).collect();
         self.change(k, |mode| {
             mode.pole = pole;
             mode.b.iter_mut().zip(before).for_each(|(b, ratio)| *b *= ratio);
-            mode.c.iter_mut().zip(behind).for_each(|(c, ratio)| *c *= acceleration * ratio);
+            mode.c.iter_mut().zip(behind).for_each(|(c, ratio)| *c *= rows.acceleration * ratio);
         });
         for port in &mut self.ports {
-            port.displacement[k] *= rows;
-            port.velocity[k] *= rows * (pole / from);
+            port.displacement[k] *= rows.displacement;
+            port.velocity[k] *= rows.velocity;
         }
     }
 

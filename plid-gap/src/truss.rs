@@ -1,0 +1,158 @@
+//! A small structure for tests: modes behind actuators' poles and filters. Its equations are written out here in physical form, so
+//! that they check the modal form. Nothing of this crate is used.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{DMatrix, DVector};
+use plid_model::{Continuous, Model, Port};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+
+/// Samples a second.
+pub const RATE: f64 = 1600.0;
+
+/// q" + 2 zeta w q' + w^2 q = beta a of each mode, with a' = pole (u - a) of each actuator; accelerations gamma q" behind a filter of
+/// two poles.
+#[derive(Debug, Clone)]
+pub struct Truss {
+    /// Frequencies in Hz and damping ratios.
+    pub modes: Vec<(f64, f64)>,
+    /// Modes x inputs.
+    pub beta: DMatrix<f64>,
+    /// Outputs x modes.
+    pub gamma: DMatrix<f64>,
+    /// Poles of the actuators in Hz.
+    pub actuators_hz: Vec<f64>,
+    /// Of the filters in Hz; without them accelerations are measured as they are.
+    pub filter_hz: Option<f64>,
+}
+
+/// dx/dt = a x + b u + force f of each port, y = c x + output f.
+#[derive(Debug, Clone)]
+pub struct Equations {
+    /// n x n.
+    pub a: DMatrix<f64>,
+    /// n x m.
+    pub b: DMatrix<f64>,
+    /// p x n.
+    pub c: DMatrix<f64>,
+    /// At the strut of each input.
+    pub ports: Vec<Port>,
+}
+
+impl Truss {
+    /// Two inputs and two outputs of random shapes, actuators with a pole at 260 Hz, filters at 600 Hz.
+    pub fn draw(modes: &[(f64, f64)], rng: &mut ChaCha8Rng) -> Self {
+        let mut normal = || -> f64 { rng.sample(StandardNormal) };
+        let beta = DMatrix::from_fn(modes.len(), 2, |_, _| normal());
+        let gamma = DMatrix::from_fn(2, modes.len(), |_, _| 0.05 * normal());
+        Self { modes: modes.to_vec(), beta, gamma, actuators_hz: vec![260.0; 2], filter_hz: Some(600.0) }
+    }
+
+    /// In the states (q, q') of each mode, a of each actuator, two of each filter.
+    pub fn equations(&self) -> Equations {
+        let (q, m, p) = (self.modes.len(), self.beta.ncols(), self.gamma.nrows());
+        let (acting, filters) = (2 * q, 2 * q + m);
+        let n = if self.filter_hz.is_some() { filters + 2 * p } else { filters };
+        let (mut a, mut b, mut c) = (DMatrix::zeros(n, n), DMatrix::zeros(n, m), DMatrix::zeros(p, n));
+        let mut ports: Vec<Port> = (0..m)
+            .map(|i| Port {
+                name: format!("strut{}", i + 1),
+                input: Some(format!("u{}", i + 1)),
+                force: vec![0.0; n],
+                displacement: vec![0.0; n],
+                velocity: vec![0.0; n],
+                output: self.filter_hz.is_none().then(|| vec![0.0; p]),
+            })
+            .collect();
+        for (k, (hz, zeta)) in self.modes.iter().enumerate() {
+            let w = TAU * hz;
+            a[(2 * k, 2 * k + 1)] = 1.0;
+            a[(2 * k + 1, 2 * k)] = -w * w;
+            a[(2 * k + 1, 2 * k + 1)] = -2.0 * zeta * w;
+            for i in 0..m {
+                a[(2 * k + 1, acting + i)] = self.beta[(k, i)];
+                ports[i].force[2 * k + 1] = self.beta[(k, i)];
+                ports[i].displacement[2 * k] = self.beta[(k, i)];
+                ports[i].velocity[2 * k + 1] = self.beta[(k, i)];
+            }
+        }
+        for (i, hz) in self.actuators_hz.iter().enumerate() {
+            a[(acting + i, acting + i)] = -TAU * hz;
+            b[(acting + i, i)] = TAU * hz;
+        }
+        for o in 0..p {
+            // The acceleration: of the states, and at once of a force.
+            let mut acceleration = DVector::zeros(n);
+            let mut at_once = vec![0.0; m];
+            for k in 0..q {
+                acceleration += a.row(2 * k + 1).transpose() * self.gamma[(o, k)];
+                at_once
+                    .iter_mut()
+                    .zip(&ports)
+                    .for_each(|(sum, port)| *sum += self.gamma[(o, k)] * port.force[2 * k + 1]);
+            }
+            let Some(hz) = self.filter_hz else {
+                c.row_mut(o).copy_from(&acceleration.transpose());
+                for (port, at_once) in ports.iter_mut().zip(at_once) {
+                    port.output.as_mut().expect("without a filter")[o] = at_once;
+                }
+                continue;
+            };
+            let (at, w) = (filters + 2 * o, TAU * hz);
+            a[(at, at + 1)] = 1.0;
+            let mut row = acceleration * (w * w);
+            row[at] -= w * w;
+            row[at + 1] -= 2_f64.sqrt() * w;
+            a.row_mut(at + 1).copy_from(&row.transpose());
+            for (port, at_once) in ports.iter_mut().zip(at_once) {
+                port.force[at + 1] = w * w * at_once;
+            }
+            c[(o, at)] = 1.0;
+        }
+        Equations { a, b, c, ports }
+    }
+
+    /// As a model in a random basis, of states of like size, so that nothing rests on this one.
+    pub fn model(&self, rng: &mut ChaCha8Rng) -> Model {
+        let Equations { a, b, c, mut ports } = self.equations();
+        let (n, m, p) = (a.nrows(), b.ncols(), c.nrows());
+        let (modal, filters) = (2 * self.modes.len(), 2 * self.modes.len() + m);
+        let mut normal = || -> f64 { rng.sample(StandardNormal) };
+        let basis = DMatrix::from_fn(n, n, |i, j| if i == j { 1.0 } else { 0.2 * normal() });
+        let scale = DMatrix::from_diagonal(&DVector::from_fn(n, |j, _| match j {
+            j if j < modal && j % 2 == 0 => 1e4,
+            j if j < modal => 10.0,
+            j if j < filters => 1.0,
+            j if (j - filters) % 2 == 0 => 10.0,
+            _ => 10.0 / (TAU * self.filter_hz.unwrap_or(RATE)),
+        }));
+        let basis = basis * scale;
+        let inverse = basis.clone().try_inverse().expect("a random matrix has an inverse");
+        let (a, b, c) = (&basis * a * &inverse, &basis * b, c * &inverse);
+        for port in &mut ports {
+            let row = |values: &[f64]| DMatrix::from_row_slice(1, n, values);
+            port.force = (&basis * DMatrix::from_column_slice(n, 1, &port.force)).as_slice().to_vec();
+            port.displacement = (row(&port.displacement) * &inverse).as_slice().to_vec();
+            port.velocity = (row(&port.velocity) * &inverse).as_slice().to_vec();
+        }
+        let (step, held) = held(&a, &b, 1.0 / RATE);
+        let mut model = Model::new(RATE, step, held, c, DMatrix::zeros(p, m)).expect("a sound model");
+        model.continuous = Some(Continuous { a, b });
+        model.ports = ports;
+        model.noise.sensor_std = Some(vec![0.005; p]);
+        model.noise.actuator_std = Some(vec![0.005; m]);
+        model
+    }
+}
+
+/// What dx/dt = a x + b u does over a time with a held u: to x, and with u.
+pub fn held(a: &DMatrix<f64>, b: &DMatrix<f64>, time: f64) -> (DMatrix<f64>, DMatrix<f64>) {
+    let (n, m) = b.shape();
+    let mut whole = DMatrix::zeros(n + m, n + m);
+    whole.view_mut((0, 0), (n, n)).copy_from(&(a * time));
+    whole.view_mut((0, n), (n, m)).copy_from(&(b * time));
+    let whole = whole.exp();
+    (whole.view((0, 0), (n, n)).into_owned(), whole.view((0, n), (n, m)).into_owned())
+}

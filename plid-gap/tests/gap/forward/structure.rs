@@ -1,0 +1,201 @@
+//! Forces inside the structure, integrated in continuous time from the matrices and ports of model.json; modes that differ, against
+//! a structure built with them.
+
+use nalgebra::DMatrix;
+use plid_gap::effects::{Effect, Library, Place};
+use plid_gap::simulate::Fineness;
+use plid_model::Model;
+
+use super::{Check, Rig, T0};
+use crate::truss::Truss;
+use crate::truth::{self, Channels, Equations, Joint, Motion};
+
+/// plid-gap's forces are straight lines over an eighth of a sample: an error of second order in that step, which
+/// `half_the_step_is_a_quarter_of_the_error` measures. A corner or a jump inside a step costs more.
+pub const CHECKS: &[Check] = &[
+    Check { effect: "cubic-stiffness", limit: 2.5e-3, measure: |effect| CUBIC.disagreement(effect) },
+    Check { effect: "quadratic-stiffness", limit: 2.5e-3, measure: |effect| QUADRATIC.disagreement(effect) },
+    Check { effect: "coulomb-friction", limit: 2.5e-3, measure: |effect| COULOMB.disagreement(effect) },
+    Check { effect: "clearance", limit: 2.5e-3, measure: |effect| CLEARANCE.disagreement(effect) },
+    Check { effect: "joint-hysteresis", limit: 2.5e-3, measure: |effect| HYSTERESIS.disagreement(effect) },
+    Check { effect: "quadratic-damping", limit: 2.5e-3, measure: |effect| DRAG.disagreement(effect) },
+    Check { effect: "modal-frequency", limit: 1e-5, measure: |effect| moved(effect, 0.02, 1.02, 1.0) },
+    Check { effect: "modal-damping", limit: 1e-5, measure: |effect| moved(effect, 1.6, 1.0, 1.6) },
+    Check { effect: "missing-mode", limit: 1e-5, measure: missing_mode },
+];
+
+/// A force law of the table.
+pub struct Law {
+    effect: &'static str,
+    /// Parameters for RMS displacement and velocity of the port in the linear simulation.
+    parameters: fn(f64, f64) -> Vec<f64>,
+    /// f(parameters, d, v, z).
+    force: fn(&[f64], f64, f64, f64) -> f64,
+    /// dz/dt of parameters, v, z.
+    slip: fn(&[f64], f64, f64) -> f64,
+}
+
+const NONE: fn(&[f64], f64, f64) -> f64 = |_, _, _| 0.0;
+
+/// A force of 0.05 is a twentieth of what a command of unit RMS does.
+pub const CUBIC: Law = Law {
+    effect: "cubic-stiffness",
+    parameters: |d, _| vec![0.03 / d.powi(3)],
+    force: |p, d, _, _| -p[0] * d.powi(3),
+    slip: NONE,
+};
+
+const QUADRATIC: Law = Law {
+    effect: "quadratic-stiffness",
+    parameters: |d, _| vec![-0.05 / d.powi(2)],
+    force: |p, d, _, _| -p[0] * d.powi(2),
+    slip: NONE,
+};
+
+const COULOMB: Law = Law {
+    effect: "coulomb-friction",
+    parameters: |_, v| vec![0.05, 0.1 * v],
+    force: |p, _, v, _| -p[0] * (v / p[1]).tanh(),
+    slip: NONE,
+};
+
+const CLEARANCE: Law = Law {
+    effect: "clearance",
+    parameters: |d, _| vec![0.2 / d, 0.8 * d],
+    force: |p, d, _, _| {
+        if d > p[1] {
+            -p[0] * (d - p[1])
+        } else if d < -p[1] {
+            -p[0] * (d + p[1])
+        } else {
+            0.0
+        }
+    },
+    slip: NONE,
+};
+
+const HYSTERESIS: Law = Law {
+    effect: "joint-hysteresis",
+    parameters: |d, _| vec![0.15 / d, 0.7 * d],
+    force: |p, _, _, z| -p[0] * z,
+    slip: |p, v, z| v - (v.abs() * z + v * z.abs()) / (2.0 * p[1]),
+};
+
+const DRAG: Law = Law {
+    effect: "quadratic-damping",
+    parameters: |_, v| vec![0.05 / v.powi(2)],
+    force: |p, _, v, _| -p[0] * v.abs() * v,
+    slip: NONE,
+};
+
+const LAWS: [&Law; 6] = [&CUBIC, &QUADRATIC, &COULOMB, &CLEARANCE, &HYSTERESIS, &DRAG];
+
+/// The strut at which the forces act.
+pub const STRUT: usize = 1;
+
+impl Law {
+    /// The parameters of a rig.
+    pub fn chosen(&self, rig: &Rig) -> Vec<f64> {
+        let still = self.run(rig, None, truth::TOLERANCE);
+        (self.parameters)(rms(&still.d), rms(&still.v))
+    }
+
+    /// The truth; without parameters the linear motion.
+    fn run(&self, rig: &Rig, parameters: Option<&[f64]>, tolerance: f64) -> Motion {
+        let time = rig.model.continuous.as_ref().unwrap();
+        let joint = Joint {
+            port: &rig.model.ports[STRUT],
+            force: &|d, v, z| parameters.map_or(0.0, |p| (self.force)(p, d, v, z)),
+            // Displacements are some 1e-6.
+            unit: 1e-6,
+            slip: &|_, v, z| parameters.map_or(0.0, |p| (self.slip)(p, v, z)),
+        };
+        let c = |_: f64| rig.model.c.clone();
+        let equations = Equations { a: &time.a, b: &time.b, c: &c, stiffening: None, joint: Some(joint), push: None };
+        equations.run(T0, rig.u[0].len(), |k| rig.u.iter().map(|u| u[k]).collect(), tolerance)
+    }
+
+    /// For so many parts of a sample, the worse of a structure behind filters and one without, where a force shows at once.
+    fn disagreements<const N: usize>(&self, effect: &dyn Effect, parts: [usize; N]) -> [f64; N] {
+        let of = |rig: &Rig| {
+            let parameters = self.chosen(rig);
+            let truth = self.run(rig, Some(&parameters), truth::TOLERANCE).y;
+            parts.map(|force| {
+                let fineness = Fineness { force, ..Fineness::FINE };
+                let simulated = rig.simulated_at(effect, &Place::Input(STRUT), &parameters, T0, fineness);
+                rig.disagreement(&simulated, &truth)
+            })
+        };
+        let (filtered, open) = (of(&Rig::new(3)), of(&Rig::with(4, |truss| truss.filter_hz = None)));
+        std::array::from_fn(|k| filtered[k].max(open[k]))
+    }
+
+    /// As finely as predictions are.
+    fn disagreement(&self, effect: &dyn Effect) -> f64 {
+        self.disagreements(effect, [Fineness::FINE.force])[0]
+    }
+}
+
+pub fn rms(x: &[f64]) -> f64 {
+    (x.iter().map(|x| x * x).sum::<f64>() / x.len() as f64).sqrt()
+}
+
+/// The second mode moved, in the simulation and in the structure.
+fn moved(effect: &dyn Effect, parameter: f64, hz: f64, zeta: f64) -> f64 {
+    let rig = Rig::new(5);
+    let mut other = rig.truss.clone();
+    let (old_hz, old_zeta) = other.modes[1];
+    other.modes[1] = (old_hz * hz, old_zeta * zeta);
+    let place = Place::Mode(rig.plant.mode_at(old_hz).unwrap());
+    rig.disagreement(&rig.simulated(effect, &place, &[parameter], T0), &built(&rig, &other))
+}
+
+/// What a structure that is built so answers.
+pub fn built(rig: &Rig, truss: &Truss) -> Channels {
+    use rand::SeedableRng;
+    // Another basis than the rig's.
+    let model: Model = truss.model(&mut rand_chacha::ChaCha8Rng::seed_from_u64(99));
+    truth::linear(&model, &rig.u)
+}
+
+/// A fourth mode that the simulation lacks.
+fn missing_mode(effect: &dyn Effect) -> f64 {
+    let rig = Rig::new(6);
+    let (hz, zeta, b, c) = (186.0, 0.01, [0.7, -0.4], [0.6, 0.8]);
+    let mut other = rig.truss.clone();
+    other.modes.push((hz, zeta));
+    other.beta = DMatrix::from_fn(4, 2, |k, i| if k < 3 { rig.truss.beta[(k, i)] } else { b[i] });
+    other.gamma = DMatrix::from_fn(2, 4, |o, k| if k < 3 { rig.truss.gamma[(o, k)] } else { c[o] });
+    let parameters = [hz, zeta, b[0], b[1], c[0], c[1]];
+    rig.disagreement(&rig.simulated(effect, &Place::MissingMode(hz), &parameters, T0), &built(&rig, &other))
+}
+
+/// The step is fine enough: halved, it changes no effect by more than 1 / 400, and the error against the truth falls by four, as the order
+/// of the method says (by three at least: corners).
+#[test]
+fn half_the_step_is_a_quarter_of_the_error() {
+    let library = Library::standard();
+    for law in LAWS {
+        let effect = library.get(law.effect).unwrap();
+        let [four, eight, sixteen] = law.disagreements(effect, [4, 8, 16]);
+        println!("{:20} {four:.1e} {eight:.1e} {sixteen:.1e}", law.effect);
+        assert!(eight < 0.33 * four && sixteen < 0.33 * eight, "{}: {four:.1e} {eight:.1e} {sixteen:.1e}", law.effect);
+        assert!(eight < 2.5e-3, "{}: {eight:.1e}", law.effect);
+    }
+}
+
+/// The independent answer itself is fine enough.
+#[test]
+fn a_finer_integration_changes_nothing() {
+    let rig = Rig::new(3);
+    let linear = CUBIC.run(&rig, None, truth::TOLERANCE).y;
+    let far = truth::size(&truth::minus(&linear, &rig.linear)) / truth::size(&rig.linear);
+    assert!(far < 1e-8, "{far:.1e}");
+    for law in LAWS {
+        let parameters = law.chosen(&rig);
+        let run = |tolerance: f64| law.run(&rig, Some(&parameters), tolerance).y;
+        let (coarse, fine) = (run(truth::TOLERANCE), run(0.01 * truth::TOLERANCE));
+        let far = truth::size(&truth::minus(&coarse, &fine)) / truth::size(&rig.linear);
+        assert!(far < 2e-8, "{}: {far:.1e}", law.effect);
+    }
+}

@@ -1,0 +1,7 @@
+//! What plid-gap simulates and where it sees a gap, against answers that share no code with it.
+
+mod forward;
+#[path = "../../src/truss.rs"]
+mod truss;
+mod truth;
+mod where_maps;
