@@ -17,6 +17,7 @@ use crate::record::Channels;
 use crate::refit::{self, refit};
 use crate::shrink::{gaps, loudest, run};
 use crate::simulate::{Fineness, simulate};
+use crate::tracks::Tracks;
 use crate::unseen::{EVIDENCE, Unseen, unseen};
 use crate::verdict::{Adequacy, Verdict, weigh};
 use crate::written::{refit_summary, written};
@@ -61,6 +62,8 @@ pub struct Evidence {
     pub levels: Vec<LevelRun>,
     /// Of each output: frequencies in Hz with the density that noise alone makes there, in the output's unit squared a Hz.
     pub noise: Vec<Vec<(f64, f64)>>,
+    /// What an adaptive PLID run sees.
+    pub tracks: Tracks,
     /// Whether the simulation with the effects still is linear in its inputs.
     pub linear: bool,
 }
@@ -126,6 +129,8 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
             gap_after: w.cost.map(|cost| gaps.noise_floor * cost.max(0.0).sqrt()),
         })
         .collect::<Vec<_>>();
+    say("adaptive run".into());
+    let tracks = Tracks::of(&problem.plant, &problem.records, &ready.noise.rms());
     say("next experiment".into());
     let diagnosis = Diagnosis {
         verdict,
@@ -136,11 +141,11 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
         not_separable: classes(found, names),
         place: place(&before, &names.outputs, found, &shown),
         gap: gaps,
-        evidence: words(&explained, &before),
+        evidence: words(&explained, &before, &tracks),
         warnings: case.warnings.clone(),
     };
     let simulation = written(&explained, model, &plant, &shown, verdict);
-    let evidence = evidence(case, &explained, &unseen, before, &plant, &actions);
+    let evidence = Evidence { tracks, ..evidence(case, &explained, &unseen, before, &plant, &actions) };
     let mut outcome = Outcome { diagnosis, simulation, evidence };
     audit.tell(&mut outcome);
     Ok(outcome)
@@ -198,6 +203,7 @@ fn evidence(
             .collect(),
         trace: [trace_record.y.clone(), runs(&problem.plant, &[]), runs(plant, actions)],
         trace_record: trace_record.name,
+        tracks: Tracks::default(),
         unseen: unseen
             .iter()
             .map(|u| (u.placed.effect.name().into(), u.placed.place.location(names), u.gain))

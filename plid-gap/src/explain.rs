@@ -144,13 +144,14 @@ fn once<'a>(
     // A stage that was looked at and not accepted says what is still there.
     let last = if found.stages.len() > best.effects.len() { found.stages.last() } else { None };
     let next = last.and_then(|entries| entries.first()).map_or(0.0, |entry| entry.gain);
-    let judge =
-        |fit: &Fit, next: f64| adequacy(problem.bent(&fit.eta), next, fit.cost, refitted.cost, given_cost, rows, level);
-    let mut judged = judge(&best, next);
+    let judge = |bent: f64, next: f64, cost: f64| adequacy(bent, next, cost, refitted.cost, given_cost, rows, level);
+    let straight = problem.bent(&best.eta);
+    let mut judged = judge(straight, next, best.cost);
     if let Some(bent) = &bent {
         let more = bent.fit.parameters() - found.best.parameters();
         found.set_free(bent.fit.cost, more, rows);
-        let freed = judge(&bent.fit, 0.0);
+        // A shape that is free to tilt may lean on the linear parameters; what they hide, they hide in both fits.
+        let freed = judge(straight.min(problem.bent(&bent.fit.eta)), 0.0, bent.fit.cost);
         say(format!("with a free shape: {freed:.2?}"));
         judged.unknown = judged.unknown.min(freed.unknown).max(SHAPE_DIFFERS);
     }
