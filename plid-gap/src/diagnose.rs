@@ -17,6 +17,7 @@ use crate::record::Channels;
 use crate::refit::{self, refit};
 use crate::shrink::{gaps, loudest, run};
 use crate::simulate::{Fineness, simulate};
+use crate::thresholds::{REFUTED, WORSE};
 use crate::tracks::Tracks;
 use crate::unseen::{EVIDENCE, Unseen, unseen};
 use crate::verdict::{Adequacy, Verdict, weigh};
@@ -90,7 +91,14 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     let Explained { ready, found, judged, level, .. } = &explained;
     let problem = &ready.problem;
     let names = &problem.setting.names;
-    let mut weighted = weigh(&found.candidates, judged.unknown, problem.rows() as f64, *level);
+    say("gaps".into());
+    let plant = problem.nuisance.apply(&problem.plant, &explained.fit().eta);
+    let actions = problem.actions(&explained.fit().effects);
+    let gaps = gaps(&explained, &plant, &actions, &case.config.nuisance);
+    // What was held out judges too: an effect that simulates it worse than a refit alone is not what happens there.
+    let fails = !ready.held_out.is_empty() && !found.best.effects.is_empty() && gaps.with_effect > WORSE * gaps.refit;
+    let unknown = if fails { judged.unknown.max(REFUTED) } else { judged.unknown };
+    let mut weighted = weigh(&found.candidates, unknown, problem.rows() as f64, *level);
     // What quiet records show holds whatever the free runs say.
     let shown: Vec<&Placed> = unseen
         .iter()
@@ -108,10 +116,6 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
         None => Verdict::Unknown,
     };
 
-    say("gaps".into());
-    let plant = problem.nuisance.apply(&problem.plant, &explained.fit().eta);
-    let actions = problem.actions(&explained.fit().effects);
-    let gaps = gaps(&explained, &plant, &actions, &case.config.nuisance);
     let before = locate::map(&problem.records, &locate::errors(problem), &ready.noise, plant.rate);
     let said = named(&explained, &shown, &weighted);
     let nearest: Vec<String> =
