@@ -14,6 +14,9 @@ import sys
 import numpy as np
 
 TAU = 2 * math.pi
+# Free shapes: knots of static curves, widths of smoothed steps and yield points in `unit`; turns of a course over time, likewise.
+KNOTS, STEPS = (0.0, 0.1, 0.3, 0.8, 1.6, 2.6), (0.03, 0.12, 0.4, 1.5)
+YIELDS, TURNS = (0.2, 0.6, 1.5, 4.0), (0.08, 0.2, 0.38, 0.6, 0.8)
 FORCE_PARTS = 8  # parts of a sample over which a force that depends on the motion is a straight line
 DRIFT_SAMPLES = 16  # samples after which a drifting stiffness is brought up to date
 
@@ -30,6 +33,22 @@ def slip(z, delta, slope, width):
     return sign * (limit + (along - limit) * math.exp(-left / width))
 
 
+def bend(x, s):
+    """sign(x) sum_k s_k max(|x| - K_k, 0): the first six s where x >= 0, the others where x < 0."""
+    pieces = zip(s[:6] if x >= 0 else s[6:], KNOTS)
+    return math.copysign(1, x) * sum(slope * max(abs(x) - knot, 0) for slope, knot in pieces)
+
+
+def free_rate(x, s):
+    """sum_k s_k tanh(x / W_k), and the last two times x |x| and x^2."""
+    return sum(size * math.tanh(x / width) for size, width in zip(s, STEPS)) + s[4] * x * abs(x) + s[5] * x * x
+
+
+def course(t, s):
+    """sum_k s_k max(t - T_k, 0)."""
+    return sum(slope * np.maximum(t - turn, 0) for slope, turn in zip(s, TURNS))
+
+
 # Effects on a channel: the new signal x, with parameters p, at times t (s), with h from one value to the next (s).
 # A command is held over h. What acts between samples gives the mean over h: while h is short beside the periods of the
 # structure, the structure cannot tell the two apart. PARTS says into how many parts a sample is divided for that.
@@ -40,6 +59,24 @@ def actuator_hysteresis(x, p, t, h):
         z = slip(z, now - before, p["alpha"], p["uy"])
         out[k], before = now - z, now
     return out
+
+
+def free_hysteresis(x, p, t, h):
+    out, z, before = np.empty_like(x), [0.0] * len(YIELDS), 0.0
+    for k, now in enumerate(x):
+        z = [slip(z, now - before, 1.0, share * p["unit"]) for z, share in zip(z, YIELDS)]
+        out[k], before = now - sum(s * z for s, z in zip(p["s"], z)), now
+    return out
+
+
+def free_curve(x, p, t, h):
+    return x + p["unit"] * np.array([bend(now / p["unit"], p["s"]) for now in x])
+
+
+def free_path(x, p, each):
+    """With values that are 1, 2, ... times `each` earlier."""
+    earlier = [np.concatenate([np.zeros(j * each), x])[:len(x)] for j in range(1, 1 + len(p["s"]))]
+    return x + sum(s * (then - x) for s, then in zip(p["s"], earlier))
 
 
 def actuator_delay(x, p, t, h):
@@ -92,7 +129,7 @@ def sensor_delay(x, p, t, h):
     return np.fft.irfft(np.fft.rfft(x, length) * turn, length)[:len(x)]
 
 
-PARTS = {"actuator-delay": 4, "actuator-lag": 8, "actuator-slew-limit": 8}
+PARTS = {"actuator-delay": 4, "actuator-lag": 8, "actuator-slew-limit": 8, "free-command-path": 2}
 COMMANDS = {
     "actuator-gain": lambda x, p, t, h: p["g"] * x,
     "actuator-gain-drift": lambda x, p, t, h: x * (1 + p["r"] * t),
@@ -103,6 +140,10 @@ COMMANDS = {
     "actuator-delay": actuator_delay,
     "actuator-lag": actuator_lag,
     "actuator-slew-limit": actuator_slew_limit,
+    "free-command": free_curve,
+    "free-hysteresis": free_hysteresis,
+    "free-command-path": lambda x, p, t, h: free_path(x, p, p["parts"] // 2),
+    "free-gain-course": lambda x, p, t, h: x * (1 + course(t / p["unit"], p["s"])),
 }
 SENSORS = {
     "sensor-gain": lambda x, p, t, h: p["g"] * x,
@@ -114,6 +155,9 @@ SENSORS = {
                                       + p["a3"] * np.sin(3 * TAU * p["f"] * t + p["phi3"]),
     "sensor-lag": sensor_lag,
     "sensor-delay": sensor_delay,
+    "free-sensor": free_curve,
+    "free-sensor-path": lambda x, p, t, h: free_path(x, p, 1),
+    "free-zero-course": lambda x, p, t, h: x + p["size"] * course(t / p["unit"], p["s"]),
 }
 # Forces inside the structure, of the displacement d and the velocity v that their port sees, and of a joint's slip z.
 FORCES = {
@@ -123,16 +167,26 @@ FORCES = {
     "coulomb-friction": lambda d, v, z, p: -p["F"] * math.tanh(v / p["v0"]),
     "quadratic-damping": lambda d, v, z, p: -p["c"] * abs(v) * v,
     "joint-hysteresis": lambda d, v, z, p: -p["k"] * z,
+    "free-stiffness": lambda d, v, z, p: -p["size"] * bend(d / p["unit"], p["s"]),
+    "free-damping": lambda d, v, z, p: -p["size"] * free_rate(v / p["unit"], p["s"]),
 }
+# Several forces at one port, each with a slip of its own.
+SEVERAL = {"free-joint": lambda p: [("joint-hysteresis", {"k": s * p["size"] / p["unit"], "dy": share * p["unit"]})
+                                    for s, share in zip(p["s"], YIELDS)]}
 # How z changes while d moves by `delta`.
 SLIPS = {"joint-hysteresis": lambda z, delta, p: slip(z, delta, 1.0, p["dy"])}
 # Forces of the time alone.
 DISTURBANCES = {"narrowband-disturbance": lambda t, p: p["a"] * np.sin(TAU * p["f"] * t + p["phi"])}
 # Every w^2 is multiplied by this.
-DRIFTS = {"stiffness-drift": lambda t, p: 1 + p["r"] * t}
+DRIFTS = {
+    "stiffness-drift": lambda t, p: 1 + p["r"] * t,
+    "free-stiffness-course": lambda t, p: 1 + course(t / p["unit"], p["s"]),
+}
 # Already in linear_with_modal_effects; and what no free run shows.
 NOTHING_TO_DO = ["modal-frequency", "modal-damping", "missing-mode",
                  "sensor-noise", "sensor-quantisation", "sensor-dropout", "coloured-disturbance"]
+
+KNOWN = [COMMANDS, FORCES, SEVERAL, DISTURBANCES, DRIFTS, SENSORS, NOTHING_TO_DO]
 
 
 def change(function, signal, location, names, p, t, h):
@@ -145,9 +199,11 @@ def change(function, signal, location, names, p, t, h):
 
 
 def strut(location, model):
-    """The port of input:u1, of port:NAME or of freq:132.6 port:NAME."""
-    kind, _, at = location.rpartition("port:") if "port:" in location else location.partition(":")
-    key = "input" if kind == "input" else "name"
+    """The port of input:u1, of port:NAME or of freq:132.6 port:NAME. A port on one mode is named as its place: mode:132.6."""
+    at = location.rpartition("port:")[2]
+    key = "name"
+    if at.startswith("input:"):
+        key, at = "input", at[len("input:"):]
     return next(port for port in model["ports"] if port.get(key) == at)
 
 
@@ -194,9 +250,13 @@ def simulate(file, u, t0):
     effects = []
     for effect in file["effects"]:
         name, numbers = effect["effect"], {**effect["parameters"], **effect.get("given", {})}
-        if not any(name in known for known in (COMMANDS, FORCES, DISTURBANCES, DRIFTS, SENSORS, NOTHING_TO_DO)):
+        if not any(name in known for known in KNOWN):
             sys.exit(f"{name}: this script does not know it")
-        effects.append((name, effect["location"], {key: number["value"] for key, number in numbers.items()}))
+        p = {key: number["value"] for key, number in numbers.items()}
+        if "s_1" in p:  # a free shape: s_1, s_2, ...
+            p["s"] = [p[f"s_{k}"] for k in range(1, 1 + sum(key.startswith("s_") for key in p))]
+        several = SEVERAL[name](p) if name in SEVERAL else [(name, p)]
+        effects.extend((name, effect["location"], p) for name, p in several)
 
     u, parts = u.copy(), 1
     for name, location, p in effects:

@@ -1,5 +1,6 @@
 //! What plid-gap simulates and where it sees a gap, against answers that share no code with it.
 
+mod carried;
 mod forward;
 #[path = "../../src/truss.rs"]
 mod truss;
