@@ -145,7 +145,7 @@ pub(crate) fn sentence(verdict: Verdict, effects: &[NamedEffect], nearest: &[Str
                     percent(gap.noise_floor)
                 );
             }
-            let rest = if gap.with_effect > LEFT * gap.noise_floor {
+            let rest = if seen && gap.with_effect > LEFT * gap.noise_floor {
                 format!(" {} of the output stays unexplained.", percent(beyond))
             } else {
                 String::new()

@@ -130,7 +130,7 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
                 .collect(),
             unknown: w.unknown,
             probability: w.probability,
-            gap_after: w.cost.map(|cost| gaps.noise_floor * cost.max(0.0).sqrt()),
+            gap_after: w.cost.map(|cost| gaps.noise_floor * (cost / level.factor.min(1.0)).max(0.0).sqrt()),
         })
         .collect::<Vec<_>>();
     say("adaptive run".into());

@@ -66,6 +66,11 @@ impl<'a> Explained<'a> {
         self.bent.as_ref().map_or(&self.found.best, |bent| &bent.fit)
     }
 
+    /// RMS of each output's noise; where nothing shows it, no more than what is left.
+    pub fn noise_rms(&self) -> Vec<f64> {
+        self.ready.noise.rms().iter().map(|rms| rms * self.level.factor.min(1.0).sqrt()).collect()
+    }
+
     fn price(&self) -> f64 {
         self.found.candidates.first().map_or(f64::INFINITY, |candidate| candidate.priced)
     }
