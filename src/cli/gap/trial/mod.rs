@@ -1,0 +1,58 @@
+//! `plid gap trial`: is the diagnosis right on cases whose effect is withheld from it?
+
+mod diagnose;
+mod draw;
+mod merge;
+mod run;
+mod score;
+
+use clap::Subcommand;
+use plid_trial::TrialError;
+
+use super::{Failure, Voice, directory, progress, voice};
+
+/// Check the diagnosis on cases whose effect is withheld from it: draw, diagnose, score.
+///
+/// The three steps cannot see each other: `draw` writes the cases in one directory and their answers, sealed, in another; `diagnose` reads
+/// the first alone; `score` fixes the hash of all answers before it opens what is sealed.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example:\n  plid gap trial run experiments/trials/quick.toml --out out/trial\nthen open out/trial/report.html; or step by step:\n  plid gap trial draw experiments/trials/quick.toml --out T --sealed S\n  plid gap trial diagnose T --jobs 2\n  plid gap trial score T --sealed S"
+)]
+pub struct Arguments {
+    #[command(subcommand)]
+    step: Step,
+}
+
+#[derive(Subcommand)]
+enum Step {
+    Draw(draw::Arguments),
+    Diagnose(diagnose::Arguments),
+    Merge(merge::Arguments),
+    Score(score::Arguments),
+    Run(run::Arguments),
+}
+
+/// Runs the command.
+pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
+    match arguments.step {
+        Step::Draw(arguments) => draw::execute(&arguments, voice),
+        Step::Diagnose(arguments) => diagnose::execute(&arguments, voice),
+        Step::Merge(arguments) => merge::execute(&arguments, voice),
+        Step::Score(arguments) => score::execute(&arguments, voice),
+        Step::Run(arguments) => run::execute(&arguments, voice),
+    }
+}
+
+impl From<TrialError> for Failure {
+    fn from(error: TrialError) -> Self {
+        match error {
+            TrialError::File { path, source } => Self::file(&path, &source),
+            TrialError::Config(error) => Self::Input(error.into()),
+            TrialError::Data(error) => error.into(),
+            TrialError::Model(error) => error.into(),
+            TrialError::Draw { .. } | TrialError::Interrupted { .. } => Self::Work(error.into()),
+            _ => Self::Input(error.into()),
+        }
+    }
+}
