@@ -243,3 +243,146 @@ pub fn judge(truth: &Truth, without: &[String], claim: &Claim, realised: Option<
         said: text,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn truth(effects: serde_json::Value) -> Truth {
+        serde_json::from_value(json!({ "effects": effects, "gap_sim": 0.1, "gap_floor": 0.02 })).unwrap()
+    }
+
+    fn effect(name: &str, loc: usize) -> serde_json::Value {
+        json!({ "effect": name, "loc": loc, "par": [1.0, 2.0], "gap": 0.08, "hz": 168.0, "own_equation": true })
+    }
+
+    fn claim(value: serde_json::Value) -> Claim {
+        serde_json::from_value(value).unwrap()
+    }
+
+    fn named(effect: &str, location: &str, confidence: f64) -> serde_json::Value {
+        json!({ "effect": effect, "location": location, "confidence": confidence })
+    }
+
+    fn clearance() -> Truth {
+        truth(json!([effect("clearance", 1)]))
+    }
+
+    /// One effect, rightly named first and a wrong one beside it; the truth is second among the candidates.
+    #[test]
+    fn a_single_effect_by_the_rules() {
+        let (right, beside) = (named("clearance", "input:u2", 0.93), named("sensor-gain", "output:y1", 0.6));
+        let both = json!([right, beside]);
+        let said = claim(json!({
+            "verdict": "effects", "effects": both,
+            "candidates": [
+                { "effects": [], "unknown": true, "probability": 0.1 },
+                { "effects": both, "probability": 0.5 },
+                { "effects": [right], "probability": 0.36 },
+                { "effects": [], "probability": 0.04 },
+            ],
+            "gap": { "predicted_held_out_gap": 0.03, "as_given": 0.1 },
+        }));
+        let found = judge(&clearance(), &[], &said, Some(0.03));
+        // The first name and its place count; exact is nothing else beside it.
+        assert!(found.family && found.located && !found.exact && found.spurious && !found.right);
+        assert!(found.confident && !found.wrong && !found.open && !found.unknown);
+        // 0.5 + 0.36 is below 0.95, so that something else is the third of the set.
+        assert_eq!((found.in_set, found.set_size), (true, 3));
+        assert_eq!(found.top, Some((0.5, false)));
+        assert_eq!(found.said, "clearance+sensor-gain");
+        // 1 - sqrt((0.03^2 - 0.02^2) / (0.1^2 - 0.02^2))
+        assert!((found.shrink - (1.0 - (0.0005f64 / 0.0096).sqrt())).abs() < 1e-12 && found.shrinkable);
+        assert_eq!(found.missed_by, Some(0.0));
+    }
+
+    #[test]
+    fn wrong_places_and_wrong_names() {
+        let at = |effect: &str, place: &str, sure: f64| {
+            let named = json!([named(effect, place, sure)]);
+            let said = json!({
+                "verdict": "effects", "effects": named,
+                "candidates": [{ "effects": named, "probability": 0.95 }, { "effects": [], "probability": 0.05 }],
+            });
+            judge(&clearance(), &[], &claim(said), None)
+        };
+        // The right name at a wrong place is exact, is not located, and is not confidently wrong: as `score-gap` has it.
+        let elsewhere = at("clearance", "input:u1", 0.95);
+        assert!(elsewhere.exact && !elsewhere.located && !elsewhere.wrong && elsewhere.right);
+        assert_eq!((elsewhere.in_set, elsewhere.set_size, elsewhere.top), (false, 1, Some((0.95, false))));
+        let kin = at("coulomb-friction", "input:u2", 0.95);
+        assert!(!kin.exact && kin.family && kin.wrong && kin.spurious);
+        let unsure = at("sensor-gain", "output:y2", 0.89);
+        assert!(!unsure.family && !unsure.wrong && !unsure.confident);
+        // Nothing was predicted: nothing shrinks.
+        assert_eq!((unsure.shrink, unsure.missed_by), (0.0, None));
+    }
+
+    #[test]
+    fn nothing_missing_and_no_answer() {
+        let nothing = truth(json!([effect("none", 0)]));
+        assert_eq!((asked(&nothing, &[]), wanted(&nothing).as_str()), (Asked::None, "none"));
+        let none = claim(json!({
+            "verdict": "none", "effects": [named("clearance", "input:u2", 0.99)],
+            "candidates": [{ "effects": [], "probability": 0.97 }, { "effects": [], "unknown": true, "probability": 0.03 }],
+        }));
+        // Effects count only where they are the verdict.
+        let found = judge(&nothing, &[], &none, Some(0.02));
+        assert!(!found.named && found.right && !found.confident);
+        assert_eq!(found.top, Some((0.97, true)));
+        let alarm = claim(json!({ "verdict": "effects", "effects": [named("clearance", "input:u2", 0.95)] }));
+        let found = judge(&nothing, &[], &alarm, None);
+        assert!(found.named && found.wrong && !found.right && found.top.is_none());
+        let missing = judge(&clearance(), &[], &Claim::missing(), None);
+        assert_eq!(missing, Judged { said: "missing".to_owned(), shrinkable: true, ..Judged::default() });
+    }
+
+    #[test]
+    fn outside_the_vocabulary_only_something_else_is_right() {
+        let outsider = truth(json!([effect("x-command-play", 0)]));
+        assert_eq!(asked(&outsider, &[]), Asked::Outside);
+        let left_out = ["clearance".to_owned()];
+        assert_eq!(asked(&clearance(), &left_out), Asked::Outside);
+        assert_eq!(asked(&clearance(), &["sensor-gain".to_owned()]), Asked::Single);
+        let with = |verdict: &str, unknown: f64, confidence: f64| {
+            let near = json!([named("actuator-dead-zone", "input:u1", confidence)]);
+            let said = json!({
+                "verdict": verdict, "effects": near,
+                "candidates": [
+                    { "effects": near, "probability": 1.0 - unknown }, { "effects": [], "unknown": true, "probability": unknown },
+                ],
+            });
+            judge(&outsider, &[], &claim(said), None)
+        };
+        assert!(with("effects", 0.2, 0.8).open && !with("effects", 0.19, 0.81).open);
+        assert!(with("effects", 0.05, 0.95).wrong && !with("effects", 0.2, 0.8).wrong);
+        let unknown = with("unknown", 0.7, 0.3);
+        assert!(unknown.open && !unknown.named);
+        assert_eq!((unknown.top, with("effects", 0.2, 0.8).top), (Some((0.7, true)), Some((0.8, false))));
+        // The name that was taken away would be wrong as well.
+        let said = json!({ "verdict": "effects", "effects": [named("clearance", "input:u2", 0.95)] });
+        assert!(judge(&clearance(), &left_out, &claim(said), None).wrong);
+    }
+
+    #[test]
+    fn several_effects_are_all_named_or_not() {
+        let pair = truth(json!([effect("clearance", 1), effect("sensor-gain", 0)]));
+        assert_eq!((asked(&pair, &[]), wanted(&pair).as_str()), (Asked::Several, "clearance+sensor-gain"));
+        let with = |effects: serde_json::Value| {
+            let said = json!({
+                "verdict": "effects", "effects": effects, "candidates": [{ "effects": effects, "probability": 1.0 }],
+            });
+            judge(&pair, &[], &claim(said), None)
+        };
+        let (one, other) = (named("clearance", "port:strut2", 0.95), named("sensor-gain", "output:y3", 0.95));
+        let both = with(json!([other, one]));
+        // Names are enough for "all named"; the explanation is right only with its places.
+        assert!(both.all_named && both.right && !both.spurious);
+        assert_eq!(both.top, Some((1.0, false)));
+        assert!(!with(json!([one])).all_named);
+        let more = with(json!([one, other, named("mains-hum", "output:y1", 0.5)]));
+        assert!(!more.all_named && more.spurious && !more.wrong);
+    }
+}

@@ -29,4 +29,4 @@ pub use diagnose::{Done, Options, diagnose, diagnose_with};
 pub use draw::{Drawn, draw};
 pub use error::TrialError;
 pub use merge::merge;
-pub use score::{Scored, score};
+pub use score::score;

@@ -39,18 +39,12 @@ struct Fixed {
 
 const FIXED: &str = "answers.json";
 
-/// A scored trial.
-pub struct Scored {
-    /// scores.json.
-    pub scores: Scores,
-}
-
 /// Scores a trial; writes scores.json and report.html into `out`.
 ///
 /// # Errors
 /// [`TrialError::Unanswered`] where cases have no answer, [`TrialError::Changed`] with the case whose answer has changed since it was
 /// given or since it was first scored, [`TrialError::Broken`] with the sealed file that is not the one that the trial commits to.
-pub fn score(trial: &Path, sealed: &Path, out: &Path, progress: &dyn Progress) -> Result<Scored, TrialError> {
+pub fn score(trial: &Path, sealed: &Path, out: &Path, progress: &dyn Progress) -> Result<Scores, TrialError> {
     let manifest = Manifest::read(trial)?;
     let answers = trial.join(ANSWERS);
     let given = given(&manifest, &answers)?;
@@ -89,7 +83,7 @@ pub fn score(trial: &Path, sealed: &Path, out: &Path, progress: &dyn Progress) -
     files::write(&out.join("scores.json"), &files::json(&scores))?;
     let page = out.join("report.html");
     report::page(&scores, &seal.config).write(&page).map_err(TrialError::file(page))?;
-    Ok(Scored { scores })
+    Ok(scores)
 }
 
 /// The answers to all cases, each with its hash, in order.

@@ -1,5 +1,5 @@
 //! The best linear refit: every mode's frequency, damping and shapes, almost without bounds. It predicts; and what it names, if
-//! anything, is the parameter that went furthest beyond the stated limits.
+//! anything, is the parameter that is most surely beyond the stated limits.
 
 use plid_gap::GapError;
 use plid_gap::plant::Plant;
@@ -26,11 +26,15 @@ pub struct Linear {
 
 pub(super) fn refit(problem: &Problem, model: &Model) -> Linear {
     let found = refit::refit(problem);
+    let covariance = found.tangent.normal.clone().try_inverse();
+    // The first number says how far beyond the stated limits a parameter is, the second how surely it is not zero.
     let changes = found.eta.iter().zip(&problem.nuisance.std).enumerate().filter_map(|(index, (x, std))| {
         let (mode, part) = problem.nuisance.entry(index)?;
-        Some((mode, part, (x / std * WIDER[part.min(2)]).abs()))
+        let variance = covariance.as_ref()?[(index, index)].max(f64::MIN_POSITIVE);
+        Some((mode, part, (x / std * WIDER[part.min(2)]).abs(), x.abs() / variance.sqrt()))
     });
-    let furthest = changes.max_by(|a, b| a.2.total_cmp(&b.2)).filter(|(_, _, z)| *z > BENT);
+    let beyond = changes.filter(|(_, _, limits, sure)| limits.min(*sure) > BENT);
+    let furthest = beyond.max_by(|a, b| a.3.total_cmp(&b.3)).map(|(mode, part, ..)| (mode, part));
     let named = |effect: &str, mode: usize| Claim {
         verdict: "effects".to_owned(),
         effects: vec![Named {
@@ -43,8 +47,8 @@ pub(super) fn refit(problem: &Problem, model: &Model) -> Linear {
     };
     let claim = match furthest {
         None => Claim { verdict: "none".to_owned(), ..Claim::default() },
-        Some((mode, 0, _)) => named("modal-frequency", mode),
-        Some((mode, 1, _)) => named("modal-damping", mode),
+        Some((mode, 0)) => named("modal-frequency", mode),
+        Some((mode, 1)) => named("modal-damping", mode),
         // The vocabulary has no word for a shape.
         Some(_) => Claim { verdict: "unknown".to_owned(), ..Claim::default() },
     };

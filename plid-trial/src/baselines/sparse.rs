@@ -1,5 +1,6 @@
 //! Sparse regression as SINDy does it: what the simulation leaves is regressed on the traces of monomials (of each command, of the
 //! motion at each port, of each output), and terms below a threshold are dropped, again and again (STLSQ). BIC chooses the threshold.
+//! Both sides are whitened by the diagnosis's own model of the noise, without which noise alone gets terms.
 
 use nalgebra::{DMatrix, DVector};
 use plid_gap::effects::{Action, Command, Drive, Force, Sensor, Setting};
@@ -29,7 +30,7 @@ pub struct Kept {
     pub term: Term,
     /// In the channels' and ports' own units.
     pub coefficient: f64,
-    /// RMS of its trace over that of what the simulation leaves.
+    /// RMS of its whitened trace over that of what the simulation leaves.
     pub share: f64,
 }
 
@@ -121,20 +122,20 @@ pub(super) fn regress(problem: &Problem) -> Sparse {
     let plant = &problem.plant;
     let terms = library(plant.m, plant.p, plant.ports.len());
     let base: Vec<Channels> = problem.records.iter().map(|r| run(plant, &[], &r.u, r.start_s)).collect();
-    // Every output counts alike, and a sample that is missing not at all.
-    let weigh = |record: usize, channels: &Channels, to: &mut Vec<f64>| {
-        let measured = &problem.records[record].y;
-        for (o, channel) in channels.iter().enumerate() {
-            let scale = 1.0 / setting.y_rms[o].max(f64::MIN_POSITIVE);
-            to.extend(channel.iter().zip(&measured[o]).map(|(x, y)| if y.is_finite() { scale * x } else { 0.0 }));
-        }
+    let whitened = |record: usize, channels: &Channels, to: &mut Vec<f64>| {
+        let whitener = &problem.whiteners[record];
+        let finite = |x: &f64| if x.is_finite() { *x } else { 0.0 };
+        let channels: Channels = channels.iter().map(|channel| channel.iter().map(finite).collect()).collect();
+        let first = to.len();
+        to.resize(first + whitener.rows(), 0.0);
+        whitener.apply(&channels, &mut to[first..]);
     };
     let difference = |a: &Channels, b: &Channels, scale: f64| -> Channels {
         a.iter().zip(b).map(|(a, b)| a.iter().zip(b).map(|(a, b)| (a - b) * scale).collect()).collect()
     };
     let mut left = Vec::new();
     for (k, record) in problem.records.iter().enumerate() {
-        weigh(k, &difference(&record.y, &base[k], 1.0), &mut left);
+        whitened(k, &difference(&record.y, &base[k], 1.0), &mut left);
     }
     let left = DVector::from_vec(left);
     let mut traces = DMatrix::zeros(left.len(), terms.len());
@@ -144,7 +145,7 @@ pub(super) fn regress(problem: &Problem) -> Sparse {
         let mut trace = Vec::with_capacity(left.len());
         for (k, record) in problem.records.iter().enumerate() {
             let with = run(plant, &[term.action(size)], &record.u, record.start_s);
-            weigh(k, &difference(&with, &base[k], 1.0 / size), &mut trace);
+            whitened(k, &difference(&with, &base[k], 1.0 / size), &mut trace);
         }
         let trace = DVector::from_vec(trace);
         let length = trace.norm();

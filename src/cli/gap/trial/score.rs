@@ -33,9 +33,9 @@ pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
 /// Scores into a directory and says what came of it.
 pub fn into(trial: &Path, sealed: &Path, out: &Path, voice: Voice) -> Result<(), Failure> {
     let bar = Bar::new(voice.quiet || voice.json);
-    let scored = score(trial, sealed, out, &bar);
+    let scores = score(trial, sealed, out, &bar);
     bar.finish();
-    let scores = scored?.scores;
+    let scores = scores?;
     if voice.json {
         let text = serde_json::json!({ "targets": scores.targets, "report": out.join("report.html") });
         return voice::print(&format!("{text:#}\n"));
