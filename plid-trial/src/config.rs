@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use plid_lab::experiment::{ConfigError, read_checked};
+use plid_lab::experiment::{ConfigError, from_toml_checked, read_checked};
 use serde::{Deserialize, Serialize};
 
 use crate::vocabulary::{VOCABULARY, family};
@@ -57,6 +57,9 @@ pub struct Draw {
     pub ports: f64,
 }
 
+/// The built-in trial of `--quick`.
+const QUICK: &str = include_str!("../../experiments/trials/quick.toml");
+
 impl Default for Draw {
     fn default() -> Self {
         let (least_over_floor, most) = (0.5, 0.3);
@@ -71,6 +74,14 @@ impl TrialConfig {
     /// [`ConfigError`] with file, line and key.
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
         read_checked(path, Self::problems)
+    }
+
+    /// The quick trial that is built in.
+    ///
+    /// # Errors
+    /// None, as a test says.
+    pub fn quick() -> Result<Self, ConfigError> {
+        from_toml_checked(QUICK, "the built-in trial", Self::problems)
     }
 
     /// What is wrong with the values, as key and reason.
@@ -126,7 +137,7 @@ impl TrialConfig {
 
 #[cfg(test)]
 mod tests {
-    use plid_lab::experiment::{from_toml_checked, to_toml};
+    use plid_lab::experiment::to_toml;
 
     use super::*;
 
@@ -173,6 +184,6 @@ mod tests {
         let singles = standard.cases.singles_per_effect * standard.effects().len();
         assert!(standard.total() >= 800 && standard.cases.none >= 200 && singles >= 300);
         assert!(standard.cases.outsiders >= 2 * crate::vocabulary::OUTSIDERS.len());
-        assert_eq!(TrialConfig::read(&folder.join("quick.toml")).unwrap().total(), 60);
+        assert_eq!(TrialConfig::quick().unwrap().total(), 60);
     }
 }

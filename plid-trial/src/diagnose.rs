@@ -99,8 +99,17 @@ pub fn diagnose_with(
     let trouble: Mutex<Option<TrialError>> = Mutex::new(None);
     let stop = || trouble.lock().is_ok_and(|trouble| trouble.is_some()) || progress.interrupted();
     let work = || {
+        let fail = |error| {
+            trouble.lock().expect("nobody panics while holding it").get_or_insert(error);
+        };
         // One thread a case: a diagnosis that shares its work out would make the others wait.
-        let Ok(pool) = rayon::ThreadPoolBuilder::new().num_threads(1).build() else { return };
+        let pool = match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
+            Ok(pool) => pool,
+            Err(error) => {
+                fail(TrialError::File { path: answers.clone(), source: std::io::Error::other(error) });
+                return;
+            }
+        };
         while !stop() {
             let Some(case) = open.get(next.fetch_add(1, Ordering::Relaxed)) else { break };
             let clock = Instant::now();
@@ -108,7 +117,7 @@ pub fn diagnose_with(
             let given = catch_unwind(AssertUnwindSafe(|| pool.install(|| answerer(&folder, &case.without))));
             let given = given.unwrap_or_else(|panic| Err(format!("panicked: {}", words(panic.as_ref()))));
             if let Err(error) = answer::write(&answers, &case.case, given, clock.elapsed().as_secs_f64()) {
-                trouble.lock().expect("nobody panics while holding it").get_or_insert(error);
+                fail(error);
                 break;
             }
             progress.advance(done.fetch_add(1, Ordering::Relaxed) + 1, ours.len());

@@ -28,5 +28,6 @@ pub use config::TrialConfig;
 pub use diagnose::{Done, Options, diagnose, diagnose_with};
 pub use draw::{Drawn, draw};
 pub use error::TrialError;
+pub use manifest::config_of;
 pub use merge::merge;
 pub use score::score;

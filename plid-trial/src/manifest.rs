@@ -102,3 +102,11 @@ impl Seal {
         Ok(read)
     }
 }
+
+/// The config that a trial was drawn from, for whoever holds what is sealed.
+///
+/// # Errors
+/// If S/seal.json cannot be read.
+pub fn config_of(sealed: &Path) -> Result<TrialConfig, TrialError> {
+    Ok(Seal::read(sealed)?.config)
+}

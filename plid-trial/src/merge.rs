@@ -74,7 +74,11 @@ pub fn merge(trial: &Path, folders: &[PathBuf]) -> Result<usize, TrialError> {
 
 fn list(directory: &Path) -> Result<Vec<PathBuf>, TrialError> {
     let mut found = Vec::new();
-    for entry in fs::read_dir(directory).map_err(TrialError::file(directory))? {
+    let entries = match fs::read_dir(directory) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(found),
+        entries => entries.map_err(TrialError::file(directory))?,
+    };
+    for entry in entries {
         let path = entry.map_err(TrialError::file(directory))?.path();
         if path.is_dir() {
             found.push(path);

@@ -173,6 +173,8 @@ pub const EFFECT: &str = "effect";
 pub const STRONG_EFFECT: &str = "effect, gap >= 2 %";
 /// Single effects at or above [`STRONG`].
 pub const FAMILY: &str = "family, gap >= 2 %";
+/// Before the name of an effect: it alone, by its gap; of plid only.
+pub const GAP_OF: &str = "gap of ";
 /// Effects outside the vocabulary.
 pub const OUTSIDER: &str = "outsider";
 /// Effects that were taken from the vocabulary.
@@ -243,7 +245,8 @@ fn groups(lines: &[Line]) -> Vec<Group> {
     let mut add = |by: &str, is: &str, keep: &dyn Fn(&Line) -> bool| {
         let these: Vec<&Line> = lines.iter().filter(|line| keep(line)).collect();
         if !these.is_empty() {
-            let totals = (0..ANSWERERS.len()).map(|who| Totals::of(these.iter().copied(), who)).collect();
+            let answerers = if by.starts_with(GAP_OF) { 1 } else { ANSWERERS.len() };
+            let totals = (0..answerers).map(|who| Totals::of(these.iter().copied(), who)).collect();
             groups.push(Group { by: by.to_owned(), is: is.to_owned(), totals });
         }
     };
@@ -267,6 +270,12 @@ fn groups(lines: &[Line]) -> Vec<Group> {
         add(EFFECT, kind.name, &|line| single(line) && line.truth == kind.name);
         add(STRONG_EFFECT, kind.name, &|line| strong(line) && line.truth == kind.name);
         add(LEFT_OUT, kind.name, &|line| line.arm == Arm::LeaveOneOut && line.truth == kind.name);
+    }
+    for kind in &VOCABULARY {
+        for bin in 0..GAPS.len() - 1 {
+            let within = |line: &Line| (GAPS[bin]..GAPS[bin + 1]).contains(&line.gap) && line.truth == kind.name;
+            add(&format!("{GAP_OF}{}", kind.name), &gap_bin(bin), &|line| single(line) && within(line));
+        }
     }
     let families: BTreeSet<&str> = VOCABULARY.iter().map(|kind| kind.family).collect();
     for name in families {

@@ -1,8 +1,9 @@
 //! Pictures.
 
-use plid_lab::report::{Axis, Chart, Report, Series, chart, charts};
+use ndarray::Array2;
+use plid_lab::report::{Axis, Chart, HeatMap, Report, Series, chart, charts, heat_map};
 
-use crate::scores::{ALL, ANSWERERS, GAP, GAP_NEAR, GAP_OWN, GAPS, Scores, Totals, gap_bin};
+use crate::scores::{ALL, ANSWERERS, EFFECT, GAP, GAP_NEAR, GAP_OF, GAP_OWN, GAPS, Scores, Totals, gap_bin};
 use crate::statistics::Rate;
 
 const COLOURS: [&str; 4] = ["#0072b2", "#d55e00", "#009e73", "#e69f00"];
@@ -39,7 +40,8 @@ fn strength() -> Axis {
 }
 
 fn percent(label: &str) -> Axis {
-    Axis::linear(label).range(0.0, 100.0).step(25.0)
+    // A little more than there is, so that markers at the ends are whole.
+    Axis::linear(label).range(-4.0, 104.0).step(25.0)
 }
 
 fn panel(scores: &Scores, label: &str, read: Reading, chance: Option<f64>) -> Chart {
@@ -88,8 +90,10 @@ pub(super) fn equations(report: Report, scores: &Scores) -> Report {
             if !dashed {
                 series.push(Series::band("", band(&found)).colour(colour));
             }
-            let line = Series::line(format!("{name}: {kind}"), line(&found)).colour(colour).width(2.0);
+            let points = line(&found);
+            let line = Series::line(format!("{name}: {kind}"), points.clone()).colour(colour).width(2.0);
             series.push(if dashed { line.dashed() } else { line });
+            series.push(Series::points("", points).colour(colour).width(3.0));
         }
     }
     let chart_of = Chart { title: String::new(), x: strength(), y: percent("of the cases, %"), series, height: 190.0 };
@@ -97,6 +101,24 @@ pub(super) fn equations(report: Report, scores: &Scores) -> Report {
         chart(&chart_of),
         "plid on single effects whose law is the vocabulary's own equation, and on those that follow another law of the same physics.",
     )
+}
+
+/// Power of each effect at each strength.
+pub(super) fn power_by_effect(scores: &Scores) -> String {
+    let kinds: Vec<&str> = scores.by(EFFECT).map(|group| group.is.as_str()).collect();
+    let bins: Vec<String> = (0..GAPS.len() - 1).map(gap_bin).collect();
+    let share = |(i, j): (usize, usize)| {
+        let totals = scores.totals(&format!("{GAP_OF}{}", kinds[i]), &bins[j], 0);
+        totals.and_then(|t| t.exact.share).map_or(f64::NAN, |share| 100.0 * share)
+    };
+    heat_map(&HeatMap {
+        values: Array2::from_shape_fn((kinds.len(), bins.len()), share),
+        rows: kinds.into_iter().map(str::to_owned).collect(),
+        columns: bins.clone(),
+        column_label: "gap that the effect makes alone".to_owned(),
+        value_label: "exactly named, %".to_owned(),
+        range: Some((0.0, 100.0)),
+    })
 }
 
 /// What was stated and what came true.

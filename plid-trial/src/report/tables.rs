@@ -2,7 +2,7 @@
 
 use plid_lab::report::{Cell, Report, Table};
 
-use super::{cell, number, of_all};
+use super::{cell, curves, number, of_all};
 use crate::scores::{
     ALL, ARM, EFFECT, EQUATION, FAMILY, LEFT_OUT, NEAR, NUISANCE, OUTSIDER, OWN, STRONG_EFFECT, Scores, Totals,
 };
@@ -22,8 +22,8 @@ pub(super) fn targets(report: Report, scores: &Scores) -> Report {
         let sign = if target.at_least { "≥" } else { "≤" };
         let reached = match target.reached {
             Some(true) => "reached",
-            Some(false) => "not reached",
-            None => "no case asks",
+            Some(false) => "not\u{a0}reached",
+            None => "no\u{a0}case\u{a0}asks",
         };
         table = table.row([
             target.what.as_str().into(),
@@ -61,12 +61,14 @@ fn answerers(report: Report, scores: &Scores) -> Report {
     let percent = |x: f64| Cell::fixed(100.0 * x, 0);
     let dash = || Cell::Number("–".to_owned());
     let guess = &scores.chance;
+    // Those that state no probability have no set.
+    const SET: &str = "own equation: in the 95 % set";
     let rows: [(&str, &str, &str, Reading, Cell); 9] = [
         ("own equation: exactly named", EQUATION, OWN, |t| t.exact, percent(guess.exact)),
         ("near miss: exactly named", EQUATION, NEAR, |t| t.exact, percent(guess.exact)),
         ("own equation: right family", EQUATION, OWN, |t| t.family, guess.family.map_or(dash(), percent)),
         ("own equation: right name and place", EQUATION, OWN, |t| t.located, dash()),
-        ("own equation: in the 95 % set", EQUATION, OWN, |t| t.in_set, dash()),
+        (SET, EQUATION, OWN, |t| t.in_set, dash()),
         ("false alarms on none", ARM, "none", |t| t.false_alarms, percent(guess.false_alarms)),
         ("confident and wrong, of all cases", ALL, ALL, |t| t.confident_wrong, percent(0.0)),
         ("outsiders kept open", ARM, "outsider", |t| t.kept_open, dash()),
@@ -77,8 +79,9 @@ fn answerers(report: Report, scores: &Scores) -> Report {
         if found.is_empty() {
             continue;
         }
-        let cells = [name.into()].into_iter().chain(found.iter().map(|(_, t)| cell(&read(t)))).chain([chance]);
-        table = table.row(cells);
+        let states = |t: &Totals| name != SET || t.calibration.of > 0;
+        let cells = found.iter().map(|(_, t)| if states(t) { cell(&read(t)) } else { dash() });
+        table = table.row([name.into()].into_iter().chain(cells).chain([chance]));
     }
     let shrink = [
         ("median held-out shrink, rightly named", (|t: &Totals| t.shrink_median) as fn(&Totals) -> Option<f64>),
@@ -131,6 +134,10 @@ fn effects(report: Report, scores: &Scores) -> Report {
         .heading("Effect by effect")
         .table(table("Families, single effects of 2 % and more.", FAMILY))
         .table(table("Single effects of 2 % and more.", STRONG_EFFECT))
+        .figure(
+            curves::power_by_effect(scores),
+            "Share of the cases in which the effect alone was named, by the gap that it makes. Blank: no case of this trial.",
+        )
         .details("Single effects of all strengths", |report| {
             report.table(table("Single effects of all strengths.", EFFECT))
         })

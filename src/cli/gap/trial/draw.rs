@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 use plid_trial::{Drawn, TrialConfig, draw};
 
 use super::progress::Bar;
-use super::{Failure, Voice, directory, voice};
+use super::{Failure, Voice, Which, directory, voice};
 
 /// Draw the cases of a trial, and seal their answers.
 ///
@@ -11,9 +11,8 @@ use super::{Failure, Voice, directory, voice};
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  plid gap trial draw experiments/trials/quick.toml --out T --sealed S")]
 pub struct Arguments {
-    /// How many cases of which kind.
-    #[arg(value_name = "TRIAL.toml")]
-    config: PathBuf,
+    #[command(flatten)]
+    which: Which,
     /// Where the cases go.
     #[arg(long, value_name = "T")]
     out: PathBuf,
@@ -27,7 +26,7 @@ pub struct Arguments {
 
 /// Runs the command.
 pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
-    let config = TrialConfig::read(&arguments.config).map_err(|error| Failure::Input(error.into()))?;
+    let config = arguments.which.read()?;
     let drawn = into(&config, arguments.seed, &arguments.out, &arguments.sealed, voice)?;
     if voice.json {
         let text = serde_json::json!({ "cases": drawn.cases, "repeated_draws": drawn.repeated });

@@ -6,8 +6,10 @@ mod merge;
 mod run;
 mod score;
 
+use std::path::PathBuf;
+
 use clap::Subcommand;
-use plid_trial::TrialError;
+use plid_trial::{TrialConfig, TrialError};
 
 use super::{Failure, Voice, directory, progress, voice};
 
@@ -17,7 +19,7 @@ use super::{Failure, Voice, directory, progress, voice};
 /// the first alone; `score` fixes the hash of all answers before it opens what is sealed.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example:\n  plid gap trial run experiments/trials/quick.toml --out out/trial\nthen open out/trial/report.html; or step by step:\n  plid gap trial draw experiments/trials/quick.toml --out T --sealed S\n  plid gap trial diagnose T --jobs 2\n  plid gap trial score T --sealed S"
+    after_help = "Example:\n  plid gap trial run --quick --out out/trial\nthen open out/trial/report.html; or step by step:\n  plid gap trial draw --quick --out T --sealed S\n  plid gap trial diagnose T --jobs 2\n  plid gap trial score T --sealed S"
 )]
 pub struct Arguments {
     #[command(subcommand)]
@@ -31,6 +33,24 @@ enum Step {
     Merge(merge::Arguments),
     Score(score::Arguments),
     Run(run::Arguments),
+}
+
+/// Which trial.
+#[derive(clap::Args)]
+struct Which {
+    /// How many cases of which kind: one of experiments/trials, or your own.
+    #[arg(value_name = "TRIAL.toml", required_unless_present = "quick", conflicts_with = "quick")]
+    config: Option<PathBuf>,
+    /// The built-in trial of sixty cases, experiments/trials/quick.toml.
+    #[arg(long)]
+    quick: bool,
+}
+
+impl Which {
+    fn read(&self) -> Result<TrialConfig, Failure> {
+        let config = self.config.as_ref().map_or_else(TrialConfig::quick, |path| TrialConfig::read(path));
+        config.map_err(|error| Failure::Input(error.into()))
+    }
 }
 
 /// Runs the command.

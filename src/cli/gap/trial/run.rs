@@ -1,21 +1,20 @@
 use std::path::PathBuf;
-use std::process::Command;
+use std::process::{Command, Stdio};
 
-use plid_trial::TrialConfig;
+use plid_trial::config_of;
 
-use super::{Failure, Voice, diagnose, directory, draw, score};
+use super::{Failure, Voice, Which, diagnose, directory, draw, score};
 
 /// Draw, diagnose and score: DIR/trial, DIR/sealed, DIR/report.html.
 ///
 /// The diagnosis runs in a process of its own, which is given DIR/trial alone.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Examples:\n  plid gap trial run experiments/trials/quick.toml --out out/trial\n  plid gap trial run experiments/trials/standard.toml --out out/standard --resume"
+    after_help = "Examples:\n  plid gap trial run --quick --out out/trial\n  plid gap trial run experiments/trials/standard.toml --out out/standard --resume"
 )]
 pub struct Arguments {
-    /// How many cases of which kind.
-    #[arg(value_name = "TRIAL.toml")]
-    config: PathBuf,
+    #[command(flatten)]
+    which: Which,
     /// Where everything goes.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -32,11 +31,15 @@ pub struct Arguments {
 
 /// Runs the command.
 pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
-    let config = TrialConfig::read(&arguments.config).map_err(|error| Failure::Input(error.into()))?;
+    let config = arguments.which.read()?;
     let jobs = diagnose::jobs(arguments.jobs)?;
     let out = &arguments.out;
     let (trial, sealed) = (out.join("trial"), out.join("sealed"));
-    if !arguments.resume {
+    if arguments.resume {
+        if config_of(&sealed)? != config {
+            return Err(Failure::input(format!("--resume: {} holds another trial", out.display())));
+        }
+    } else {
         directory::check(out, false)?;
         directory::with(out, || draw::into(&config, arguments.seed, &trial, &sealed, voice))?;
     }
@@ -44,7 +47,8 @@ pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
     let mut command = Command::new(program);
     command.args(["gap", "trial", "diagnose"]).arg(&trial).args(["--jobs", &jobs.to_string()]);
     command.args(["--quiet"].iter().filter(|_| voice.quiet || voice.json));
-    let status = command.status().map_err(Failure::work)?;
+    // What it prints is no result of this command.
+    let status = command.stdout(Stdio::null()).status().map_err(Failure::work)?;
     if !status.success() {
         return Err(Failure::work(format!("the diagnosis ended with {status}; --resume goes on from what is done")));
     }
