@@ -52,7 +52,12 @@ pub fn into(
     voice: Voice,
 ) -> Result<Drawn, Failure> {
     for place in [trial, sealed] {
-        directory::check(place, false)?;
+        if !directory::is_free(place)? {
+            let place = place.display();
+            return Err(Failure::input(format!(
+                "{place} exists and is not empty; a trial is drawn into a new directory"
+            )));
+        }
     }
     directory::with(trial, || {
         directory::with(sealed, || {

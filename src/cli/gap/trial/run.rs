@@ -40,7 +40,6 @@ pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
             return Err(Failure::input(format!("--resume: {} holds another trial", out.display())));
         }
     } else {
-        directory::check(out, false)?;
         directory::with(out, || draw::into(&config, arguments.seed, &trial, &sealed, voice))?;
     }
     let program = std::env::current_exe().map_err(Failure::work)?;

@@ -57,7 +57,7 @@ fn summary(scores: &Scores) -> String {
             None => "no case asks",
         };
         text +=
-            &format!("  {:<82} {found:>6} {sign} {:<5} of {:>4}  {reached}\n", target.what, target.bound, target.of);
+            &format!("  {:<86} {found:>6} {sign} {:<5} of {:>4}  {reached}\n", target.what, target.bound, target.of);
     }
     text
 }
