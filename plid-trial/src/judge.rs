@@ -1,4 +1,5 @@
-//! One answer beside the truth. The words mean what `score-gap` counts; a test holds this to a case-by-case account of its rules.
+//! One answer beside the truth, by rules that are fixed: the chapter "Can it be trusted?" says what each word counts. The tests go through
+//! them case by case.
 
 use std::collections::BTreeMap;
 
@@ -308,7 +309,7 @@ mod tests {
             });
             judge(&clearance(), &[], &claim(said), None)
         };
-        // The right name at a wrong place is exact, is not located, and is not confidently wrong: as `score-gap` has it.
+        // The right name at a wrong place is exact, is not located, and is not confidently wrong.
         let elsewhere = at("clearance", "input:u1", 0.95);
         assert!(elsewhere.exact && !elsewhere.located && !elsewhere.wrong && elsewhere.right);
         assert_eq!((elsewhere.in_set, elsewhere.set_size, elsewhere.top), (false, 1, Some((0.95, false))));

@@ -45,7 +45,7 @@ pub struct Line {
     pub judged: [Judged; 4],
 }
 
-/// What `score-gap` counts, over a group of cases, for one answerer.
+/// What is counted over a group of cases, for one answerer.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Totals {
     /// Cases.
@@ -342,4 +342,94 @@ impl Scores {
 
 pub(crate) fn totals<'a>(groups: &'a [Group], by: &str, is: &str, answerer: usize) -> Option<&'a Totals> {
     groups.iter().find(|group| group.by == by && group.is == is).and_then(|group| group.totals.get(answerer))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A single effect with a gap, named rightly or not at all.
+    fn line(case: &str, truth: &str, gap: f64, own: bool, named: bool) -> Line {
+        let asked = if truth == "none" { Asked::None } else { Asked::Single };
+        let judged = Judged {
+            named,
+            exact: named && truth != "none",
+            right: named == (truth != "none"),
+            shrinkable: true,
+            shrink: if named { 0.9 } else { 0.1 },
+            shape_differs: named && !own,
+            top: Some((0.8, named)),
+            ..Judged::default()
+        };
+        Line {
+            case: case.to_owned(),
+            arm: if truth == "none" { Arm::None } else { Arm::Single },
+            asked,
+            truth: truth.to_owned(),
+            gap,
+            own_equation: own,
+            without: Vec::new(),
+            gap_as_given: gap,
+            gap_floor: 0.01,
+            nuisances: BTreeMap::from([("ports".to_owned(), if own { "yes" } else { "no" }.to_owned())]),
+            failed: None,
+            covered: BTreeMap::from([("k".to_owned(), named)]),
+            judged: [judged, Judged::default(), Judged::default(), Judged::default()],
+        }
+    }
+
+    #[test]
+    fn cases_count_where_they_belong() {
+        let lines = vec![
+            line("case-1", "clearance", 0.03, true, true),
+            line("case-2", "clearance", 0.03, false, true),
+            line("case-3", "clearance", 0.015, true, false),
+            line("case-4", "sensor-gain", 0.3, true, false),
+            line("case-5", "none", 0.0, true, false),
+            line("case-6", "none", 0.0, true, true),
+        ];
+        let given = Given {
+            name: "t".to_owned(),
+            seed: 1,
+            answers_sha256: String::new(),
+            repeated_draws: 0,
+            seconds: vec![2.0, 4.0],
+        };
+        let scores = Scores::new(given, lines);
+        let count = |by: &str, is: &str, read: fn(&Totals) -> Rate| {
+            scores.totals(by, is, 0).map(|t| (read(t).hits, read(t).of))
+        };
+        assert_eq!(count(ALL, ALL, |t| t.exact), Some((2, 4)));
+        assert_eq!(count(ARM, "none", |t| t.false_alarms), Some((1, 2)));
+        assert_eq!(count(GAP, &gap_bin(2), |t| t.exact), Some((2, 2)));
+        assert_eq!(count(GAP_OWN, &gap_bin(2), |t| t.exact), Some((1, 1)));
+        assert_eq!(count(&format!("{GAP_OF}clearance"), &gap_bin(1), |t| t.exact), Some((0, 1)));
+        // The third one is below 2 %.
+        assert_eq!(count(EQUATION, OWN, |t| t.exact), Some((1, 2)));
+        assert_eq!(count(EQUATION, NEAR, |t| t.shape_differs), Some((1, 1)));
+        assert_eq!(count(EFFECT, "clearance", |t| t.exact), Some((2, 3)));
+        assert_eq!(count(FAMILY, "structure-nonlinear", |t| t.exact), Some((2, 2)));
+        // One near miss, and with ports the two strong single effects; cases with nothing missing tell of false alarms.
+        assert_eq!(count("nuisance: ports", "no", |t| t.exact), Some((1, 1)));
+        assert_eq!(count("nuisance: ports", "yes", |t| t.exact), Some((1, 2)));
+        assert_eq!(count("nuisance: ports", "yes", |t| t.false_alarms), Some((1, 2)));
+        // Shrink of those that are rightly named; intervals are plid's alone.
+        let all = scores.totals(ALL, ALL, 0).unwrap();
+        assert_eq!((all.shrink_median, all.shrink_of), (Some(0.9), 2));
+        assert_eq!((all.parameters_covered.hits, all.parameters_covered.of), (3, 6));
+        assert_eq!(scores.totals(ALL, ALL, 1).unwrap().parameters_covered.of, 0);
+        // Six of 33 names are of the strut, four of the linear sensors.
+        assert!((scores.chance.family.unwrap() - (3.0 * 6.0 + 4.0) / 4.0 / 33.0).abs() < 1e-12);
+        assert_eq!((scores.time.total_s, scores.time.longest_s), (6.0, Some(4.0)));
+        // A target with its bound, and one that no case of this trial asks for.
+        let target = |what: &str| scores.targets.iter().find(|t| t.what.starts_with(what)).unwrap();
+        assert_eq!(target("false alarms").reached, Some(false));
+        assert_eq!((target("outsiders").reached, target("outsiders").of), (None, 0));
+        assert_eq!(target("single effects of 2 % and more, near miss in shape: exactly").reached, Some(true));
+    }
+
+    #[test]
+    fn bins_are_said_in_words() {
+        assert_eq!([gap_bin(0), gap_bin(1), gap_bin(5)], ["below 1 %", "1 % to 2 %", "from 16 %"]);
+    }
 }

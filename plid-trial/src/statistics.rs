@@ -43,7 +43,7 @@ pub fn clopper_pearson(hits: usize, of: usize) -> [f64; 2] {
     [low, high]
 }
 
-/// The middle one of the sorted values (the upper of two), as `score-gap` takes it.
+/// The middle one of the sorted values (of two the upper).
 pub fn median(values: &[f64]) -> Option<f64> {
     at(values, values.len() / 2)
 }
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn middle_and_tenth_as_the_scorer_takes_them() {
+    fn middle_and_tenth_are_values_that_occur() {
         let values: Vec<f64> = (0..20).rev().map(f64::from).collect();
         assert_eq!((median(&values), lowest_tenth(&values)), (Some(10.0), Some(2.0)));
         assert_eq!((median(&[]), median(&[3.0])), (None, Some(3.0)));

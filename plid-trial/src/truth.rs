@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn places_mean_what_the_scorer_takes_them_for() {
+    fn places_mean_what_the_rules_take_them_for() {
         let yes = [
             (effect("clearance", 1, &[0.1, 1.0]), "input:u2"),
             (effect("clearance", 1, &[0.1, 1.0]), "port:strut2"),

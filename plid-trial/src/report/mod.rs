@@ -77,14 +77,22 @@ fn words(rate: &Rate) -> String {
     }
 }
 
-/// "86 (57 to 98), 14": per cent with its interval, of how many.
+/// "86 (57–98) of 14": per cent with its interval, of how many.
 fn cell(rate: &Rate) -> Cell {
-    match (rate.share, rate.ci95) {
-        (Some(share), Some([low, high])) => {
-            Cell::Number(format!("{:.0} ({:.0}–{:.0}) of {}", 100.0 * share, 100.0 * low, 100.0 * high, rate.of))
-        }
-        _ => Cell::Number("–".to_owned()),
+    match share(rate) {
+        Cell::Number(text) if rate.of > 0 => Cell::Number(format!("{text} of {}", rate.of)),
+        dash => dash,
     }
+}
+
+/// The same where the number of cases stands beside it.
+fn share(rate: &Rate) -> Cell {
+    Cell::Number(match (rate.share, rate.ci95) {
+        (Some(share), Some([low, high])) => {
+            format!("{:.0} ({:.0}–{:.0})", 100.0 * share, 100.0 * low, 100.0 * high)
+        }
+        _ => "–".to_owned(),
+    })
 }
 
 fn number(value: Option<f64>, decimals: usize) -> Cell {

@@ -2,7 +2,7 @@
 
 use plid_lab::report::{Cell, Report, Table};
 
-use super::{cell, curves, number, of_all};
+use super::{cell, curves, number, of_all, share};
 use crate::scores::{
     ALL, ARM, EFFECT, EQUATION, FAMILY, LEFT_OUT, NEAR, NUISANCE, OUTSIDER, OWN, STRONG_EFFECT, Scores, Totals,
 };
@@ -104,26 +104,28 @@ fn effects(report: Report, scores: &Scores) -> Report {
     let table = |caption: &str, by: &str| {
         let mut table = Table::new(caption)
             .column("effect", "")
+            .column("cases", "")
             .column("exact", "%")
             .column("family", "%")
-            .column("name and place", "%")
+            .column("place", "%")
             .column("in the set", "%")
-            .column("size of the set", "")
-            .column("called unknown", "%")
-            .column("confident, wrong", "%")
+            .column("its size", "")
+            .column("unknown", "%")
+            .column("wrong", "% confidently")
             .column("shrink", "median")
-            .column("parameters covered", "%");
+            .column("covered", "% of parameters");
         for group in scores.by(by) {
             let t = &group.totals[0];
             table = table.row([
                 group.is.as_str().into(),
-                cell(&t.exact),
-                cell(&t.family),
-                cell(&t.located),
-                cell(&t.in_set),
+                t.cases.into(),
+                share(&t.exact),
+                share(&t.family),
+                share(&t.located),
+                share(&t.in_set),
                 number(t.set_size, 2),
-                cell(&t.called_unknown),
-                cell(&t.confident_wrong),
+                share(&t.called_unknown),
+                share(&t.confident_wrong),
                 number(t.shrink_median, 2),
                 cell(&t.parameters_covered),
             ]);
