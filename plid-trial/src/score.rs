@@ -278,3 +278,57 @@ fn covers(effect: &TrueEffect, said: &Named, parameters: &[plid_gap::effects::Pa
     }
     covered
 }
+
+#[cfg(test)]
+mod tests {
+    use plid_gap::effects::Parameter;
+
+    use super::*;
+    use crate::judge::Stretch;
+
+    #[test]
+    fn the_gap_scales_each_output_to_unit_rms() {
+        let held_out = HeldOut { u: vec![], y: vec![vec![3.0, -3.0], vec![100.0, 100.0]] };
+        // A tenth of the one and two tenths of the other: sqrt((0.01 + 0.04) / 2).
+        let gap = held_out.gap(&vec![vec![3.3, -2.7], vec![80.0, 120.0]]).unwrap();
+        assert!((gap - 0.025f64.sqrt()).abs() < 1e-12);
+        assert_eq!(held_out.gap(&held_out.y.clone()), Some(0.0));
+        // Too short, too few, no number.
+        assert_eq!(held_out.gap(&vec![vec![3.0], vec![1.0]]), None);
+        assert_eq!(held_out.gap(&vec![vec![3.0, 3.0]]), None);
+        assert_eq!(held_out.gap(&vec![vec![f64::NAN, 3.0], vec![1.0, 1.0]]), None);
+    }
+
+    #[test]
+    fn a_parameter_is_covered_by_its_own_interval() {
+        let effect = |par: &[f64]| TrueEffect {
+            effect: "mains-hum".to_owned(),
+            loc: 0,
+            par: par.to_vec(),
+            gap: 0.1,
+            hz: 0.0,
+            own_equation: true,
+        };
+        let stretch = |low: f64, high: f64| Stretch { ci95: Some([Some(low), Some(high)]) };
+        let said = Named {
+            parameters: BTreeMap::from([
+                ("a".to_owned(), stretch(-0.04, -0.02)),
+                ("f".to_owned(), stretch(49.9, 49.95)),
+                ("phi".to_owned(), stretch(0.0, 7.0)),
+                ("a3".to_owned(), stretch(0.0, 1.0)),
+            ]),
+            ..Named::default()
+        };
+        let with = |turns: bool| {
+            let parameter = |name: &str, range: Range| Parameter::new(name, "", range);
+            let last = parameter("phi", if turns { Range::Angle } else { Range::Positive });
+            vec![parameter("a", Range::Signed), parameter("f", Range::Hz), last, parameter("a3", Range::Signed)]
+        };
+        let truth = effect(&[0.03, 50.0, 1.0]);
+        // The other sign is the same signal half a turn on; an angle has no interval on a line; the label has no third harmonic.
+        let found = covers(&truth, &said, &with(true));
+        assert_eq!(found, BTreeMap::from([("a".to_owned(), true), ("f".to_owned(), false)]));
+        let found = covers(&truth, &said, &with(false));
+        assert_eq!((found["a"], found["phi"]), (false, true));
+    }
+}
