@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::EffectSpec;
+use super::spec::EffectSpec;
 use crate::effects::Effect;
 use crate::plant::Truss;
 

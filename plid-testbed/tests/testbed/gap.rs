@@ -51,7 +51,7 @@ const OUTSIDERS: [&str; 8] = [
 
 fn spec(effects: &[(&str, f64)]) -> GapSpec {
     let effect = |(kind, gap): &(&str, f64)| EffectSpec { kind: (*kind).to_owned(), at: None, law: None, gap: *gap };
-    GapSpec { effects: effects.iter().map(effect).collect(), perturbed: false, ports: true }
+    GapSpec { effects: effects.iter().map(effect).collect(), ports: true, ..GapSpec::default() }
 }
 
 /// The label's gap against the one measured on the records: what the nominal simulation lacks beside the noise.
