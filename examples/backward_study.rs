@@ -50,6 +50,9 @@ struct Arguments {
 /// Gaps are drawn between these, evenly in their logarithm.
 const GAPS: [f64; 2] = [0.05, 0.15];
 
+/// Gap over the floor from which a shrink means something: random effects belong to the floor.
+const STANDS_OUT: f64 = 1.5;
+
 /// What became of a case.
 #[derive(Serialize, Deserialize)]
 struct Found {
@@ -67,8 +70,8 @@ struct Found {
     parameters: BTreeMap<String, (f64, Option<Value>)>,
     /// All of them are in their intervals; none where one has no interval.
     covered: Option<bool>,
-    /// Share of the gap beyond the noise that is gone on the held-out record.
-    shrink: f64,
+    /// Share of the gap beyond the noise that is gone on the held-out record; none where nothing stands out of the noise there.
+    shrink: Option<f64>,
     seconds: f64,
 }
 
@@ -152,7 +155,7 @@ fn plant_and_find(effect: &str, seed: u64, spec: GapSpec) -> Result<Found, Box<d
         located: false,
         parameters: BTreeMap::new(),
         covered: None,
-        shrink: 0.0,
+        shrink: None,
         seconds: 0.0,
     };
     let drawn = match draw(seed, &found.spec) {
@@ -201,7 +204,10 @@ fn covers(name: &str, (truth, stated): &(f64, Option<Value>)) -> Option<bool> {
 }
 
 /// On the held-out record, beyond what somebody who knew everything but the noise would be left with.
-fn shrink(drawn: &GapCase, answer: &Path) -> Result<f64, Box<dyn Error>> {
+fn shrink(drawn: &GapCase, answer: &Path) -> Result<Option<f64>, Box<dyn Error>> {
+    if drawn.label.gap_sim < STANDS_OUT * drawn.label.gap_floor {
+        return Ok(None);
+    }
     let predictor = Predictor::read(&answer.join("sim-with-effect.json"), &Library::standard())?;
     let simulated = predictor.run(&columns(&drawn.held_out.commands), predictor.t0);
     let measured = columns(&drawn.held_out.outputs);
@@ -211,7 +217,7 @@ fn shrink(drawn: &GapCase, answer: &Path) -> Result<f64, Box<dyn Error>> {
     });
     let gap = (squares.sum::<f64>() / measured.len() as f64).sqrt();
     let beyond = |gap: f64| (gap.powi(2) - drawn.label.gap_floor.powi(2)).max(0.0).sqrt();
-    Ok(1.0 - beyond(gap) / beyond(drawn.label.gap_sim))
+    Ok(Some(1.0 - beyond(gap) / beyond(drawn.label.gap_sim)))
 }
 
 fn print_table(effects: &[String], found: &[Found]) {
@@ -223,7 +229,7 @@ fn print_table(effects: &[String], found: &[Found]) {
         let located: Vec<&&Found> = cases.iter().filter(|f| f.located).collect();
         let intervals: Vec<bool> = located.iter().filter_map(|f| f.covered).collect();
         let covered = intervals.iter().filter(|covered| **covered).count();
-        let mut shrinks: Vec<f64> = located.iter().map(|f| f.shrink).collect();
+        let mut shrinks: Vec<f64> = located.iter().filter_map(|f| f.shrink).collect();
         shrinks.sort_by(f64::total_cmp);
         let median = shrinks.get(shrinks.len() / 2).map_or("-".to_owned(), |shrink| format!("{shrink:.3}"));
         let seconds = cases.iter().map(|f| f.seconds).sum::<f64>() / cases.len().max(1) as f64;
