@@ -3,6 +3,8 @@
 use std::path::Path;
 
 use plid_lab::experiment::{ConfigError, from_toml_checked, read_checked};
+use plid_testbed::gap::{Channels, Experiment, PlantKind};
+use plid_testbed::{INPUTS, OUTPUTS};
 use serde::{Deserialize, Serialize};
 
 use crate::vocabulary::{VOCABULARY, family};
@@ -55,6 +57,18 @@ pub struct Draw {
     pub perturbed: f64,
     /// Share of cases whose simulation says where internal forces may act.
     pub ports: f64,
+    /// Kinds of plants, drawn alike.
+    pub plants: Vec<PlantKind>,
+    /// Numbers of channels, drawn alike. An effect from one channel into another gets all of them.
+    pub channels: Vec<Channels>,
+    /// What is recorded, drawn alike.
+    pub experiments: Vec<Experiment>,
+    /// Share of cases whose simulator is given by its outputs alone.
+    pub outputs_only: f64,
+    /// Share of the other cases whose declared noise is off, by up to half either way.
+    pub misjudged: f64,
+    /// Length of the records over that of full ones.
+    pub length: f64,
 }
 
 /// The built-in trial of `--quick`.
@@ -63,7 +77,20 @@ const QUICK: &str = include_str!("../../experiments/trials/quick.toml");
 impl Default for Draw {
     fn default() -> Self {
         let (least_over_floor, most) = (0.5, 0.3);
-        Self { effects: Vec::new(), least_over_floor, most, near_misses: 0.5, perturbed: 0.5, ports: 0.67 }
+        Self {
+            effects: Vec::new(),
+            least_over_floor,
+            most,
+            near_misses: 0.5,
+            perturbed: 0.5,
+            ports: 0.67,
+            plants: vec![PlantKind::default()],
+            channels: vec![Channels::default()],
+            experiments: vec![Experiment::default()],
+            outputs_only: 0.0,
+            misjudged: 0.0,
+            length: 1.0,
+        }
     }
 }
 
@@ -106,7 +133,29 @@ impl TrialConfig {
             }
         }
         let draw = &self.draw;
-        for (key, value) in [("near_misses", draw.near_misses), ("perturbed", draw.perturbed), ("ports", draw.ports)] {
+        for (key, count) in
+            [("plants", draw.plants.len()), ("channels", draw.channels.len()), ("experiments", draw.experiments.len())]
+        {
+            if count == 0 {
+                problems.push((key, "there must be at least one".to_owned()));
+            }
+        }
+        for channels in &draw.channels {
+            if !(1..=INPUTS).contains(&channels.inputs) || !(1..=OUTPUTS).contains(&channels.outputs) {
+                problems.push(("channels", format!("inputs go from 1 to {INPUTS}, outputs from 1 to {OUTPUTS}")));
+            }
+        }
+        if !(0.1..=1.0).contains(&draw.length) {
+            problems.push(("length", format!("{} is not from 0.1 to 1", draw.length)));
+        }
+        let shares = [
+            ("near_misses", draw.near_misses),
+            ("perturbed", draw.perturbed),
+            ("ports", draw.ports),
+            ("outputs_only", draw.outputs_only),
+            ("misjudged", draw.misjudged),
+        ];
+        for (key, value) in shares {
             if !(0.0..=1.0).contains(&value) {
                 problems.push((key, format!("{value} is no share from 0 to 1")));
             }
@@ -152,6 +201,8 @@ mod tests {
             ("nones = 2\n", "line 4: unknown field `nones`"),
             ("[draw]\nports = 1.5\n", "line 5: ports: 1.5 is no share"),
             ("[draw]\nmost = -0.1\n", "line 5: most: -0.1 is not positive"),
+            ("[draw]\nchannels = [{ inputs = 4, outputs = 1 }]\n", "line 5: channels: inputs go from 1 to 3"),
+            ("[draw]\nplants = []\n", "line 5: plants: there must be"),
             ("[draw]\neffects = [\"cubic\"]\n", "line 5: effects: `cubic` is not of the vocabulary"),
             ("[draw]\neffects = [\"clearance\", \"clearance\"]\n", "twice"),
             ("pairs = 2\n[draw]\neffects = [\"clearance\"]\n", "line 4: pairs: they need 2"),
@@ -175,7 +226,7 @@ mod tests {
     #[test]
     fn the_trials_that_come_with_plid_are_as_large_as_they_must_be() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../experiments/trials");
-        for name in ["quick", "standard", "outsiders"] {
+        for name in ["quick", "standard", "passive", "outsiders"] {
             let config = TrialConfig::read(&folder.join(format!("{name}.toml"))).unwrap();
             assert_eq!(config.name, name);
             assert!(4 * config.cases.none >= config.total(), "{name}");

@@ -102,7 +102,7 @@ fn one(config: &TrialConfig, seed: u64, index: usize, planned: &Planned) -> Resu
     for repeated in 0..ATTEMPTS {
         let case_seed: u64 = rng.random();
         // The same plant without an effect says what noise makes of it.
-        let nothing = GapSpec { effects: Vec::new(), perturbed: planned.perturbed, ports: planned.ports };
+        let nothing = planned.spec.clone();
         let floor = gap::draw(case_seed, &nothing).map_err(|e| not_drawn(planned, &e))?.label.gap_floor;
         let range = (config.draw.least_over_floor * floor).ln()..=config.draw.most.ln();
         if range.is_empty() {
@@ -115,7 +115,7 @@ fn one(config: &TrialConfig, seed: u64, index: usize, planned: &Planned) -> Resu
             law: wanted.law.map(str::to_owned),
             gap: rng.random_range(range.clone()).exp(),
         });
-        let spec = GapSpec { effects: effects.collect(), ..nothing };
+        let spec = GapSpec { effects: effects.collect(), ..nothing.clone() };
         match gap::draw(case_seed, &spec) {
             Ok(case) if clear(&case.label) => {
                 return Ok(Made {

@@ -6,7 +6,9 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha12Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::config::TrialConfig;
+use plid_testbed::gap::{Channels, GapSpec, PlantKind, Simulator};
+
+use crate::config::{Draw, TrialConfig};
 use crate::seal::derived;
 use crate::vocabulary::{Kind, OUTSIDERS, find};
 
@@ -45,8 +47,8 @@ pub(crate) struct Wanted {
 pub(crate) struct Planned {
     pub arm: Arm,
     pub effects: Vec<Wanted>,
-    pub perturbed: bool,
-    pub ports: bool,
+    /// All of the case but its effects.
+    pub spec: GapSpec,
     pub without: Vec<String>,
 }
 
@@ -76,20 +78,59 @@ pub(crate) fn plan(config: &TrialConfig, seed: u64) -> Vec<Planned> {
         arms.extend(in_turn(from, count, &mut rng).into_iter().map(|kind| (arm, vec![kind])));
     }
 
-    let perturbed = shares(config.draw.perturbed, arms.len(), &mut rng);
-    let ports = shares(config.draw.ports, arms.len(), &mut rng);
+    let specs = specs(&config.draw, arms.len(), &mut rng);
     let mut planned: Vec<Planned> = arms
         .into_iter()
-        .zip(perturbed.into_iter().zip(ports))
-        .map(|((arm, kinds), (perturbed, ports))| {
+        .zip(specs)
+        .map(|((arm, kinds), mut spec)| {
+            if kinds.iter().any(|kind| kind.name.ends_with("crosstalk")) {
+                spec.channels = Channels::default();
+            }
             let without = if arm == Arm::LeaveOneOut { vec![kinds[0].name.to_owned()] } else { Vec::new() };
-            let effects = kinds.into_iter().map(|kind| turns.next(kind, config.draw.near_misses, &mut rng)).collect();
-            Planned { arm, effects, perturbed, ports, without }
+            let wanted = |kind| {
+                let wanted = turns.next(kind, config.draw.near_misses, &mut rng);
+                // Where not all channels are, or another plant's modes, the testbed draws the place.
+                let whole = spec.channels == Channels::default() && spec.plant == PlantKind::default();
+                Wanted { at: wanted.at.filter(|_| whole), ..wanted }
+            };
+            let effects = kinds.into_iter().map(wanted).collect();
+            Planned { arm, effects, spec, without }
         })
         .collect();
     add_decoys(&mut planned, &kinds, cases.leave_one_out, &mut rng);
     planned.shuffle(&mut rng);
     planned
+}
+
+/// Plants, channels, experiments and nuisances of `count` cases.
+fn specs(draw: &Draw, count: usize, rng: &mut ChaCha12Rng) -> Vec<GapSpec> {
+    let perturbed = shares(draw.perturbed, count, rng);
+    let ports = shares(draw.ports, count, rng);
+    let outputs_only = shares(draw.outputs_only, count, rng);
+    let misjudged = shares(draw.misjudged, count, rng);
+    (0..count)
+        .map(|k| {
+            let simulator = if outputs_only[k] { Simulator::Outputs } else { Simulator::Model };
+            let off = if misjudged[k] { rng.random_range(-1.0..1.0) } else { 0.0 };
+            GapSpec {
+                effects: Vec::new(),
+                perturbed: perturbed[k],
+                // Outputs do not say where forces may act, and declare no noise.
+                ports: ports[k] && !outputs_only[k],
+                noise_misjudged: if outputs_only[k] { 1.0 } else { 1.5_f64.powf(off) },
+                plant: one_of(&draw.plants, rng),
+                channels: one_of(&draw.channels, rng),
+                experiment: one_of(&draw.experiments, rng),
+                simulator,
+                length: draw.length,
+            }
+        })
+        .collect()
+}
+
+/// No number is drawn where there is no choice.
+fn one_of<T: Copy>(from: &[T], rng: &mut ChaCha12Rng) -> T {
+    if let [only] = from { *only } else { from[rng.random_range(0..from.len())] }
 }
 
 /// Singles that are diagnosed without an effect that is not at work: otherwise the list of what is left out would name causes.
@@ -182,7 +223,7 @@ mod tests {
         assert_eq!(decoys.len(), 6);
         assert!(decoys.iter().all(|c| c.without[0] != c.effects[0].kind.name));
         // Shares of all cases, to the nearest one.
-        let perturbed = planned.iter().filter(|c| c.perturbed).count();
+        let perturbed = planned.iter().filter(|c| c.spec.perturbed).count();
         assert_eq!(perturbed, (0.5 * planned.len() as f64).round() as usize);
     }
 

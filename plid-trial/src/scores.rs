@@ -264,8 +264,16 @@ fn groups(lines: &[Line]) -> Vec<Group> {
         add(GAP_OWN, &gap_bin(bin), &|line| within(line) && line.own_equation);
         add(GAP_NEAR, &gap_bin(bin), &|line| within(line) && !line.own_equation);
     }
-    add(EQUATION, OWN, &|line| strong(line) && line.own_equation);
-    add(EQUATION, NEAR, &|line| strong(line) && !line.own_equation);
+    // What the targets are for: all three channels, an experiment, a simulation as a model.
+    let is = |line: &Line, key: &str, value: &str| line.nuisances.get(key).is_none_or(|said| said == value);
+    let full = |line: &Line| {
+        is(line, "experiment", "active")
+            && is(line, "inputs", "3")
+            && is(line, "outputs", "3")
+            && is(line, "simulator", "model")
+    };
+    add(EQUATION, OWN, &|line| strong(line) && full(line) && line.own_equation);
+    add(EQUATION, NEAR, &|line| strong(line) && full(line) && !line.own_equation);
     for kind in &VOCABULARY {
         add(EFFECT, kind.name, &|line| single(line) && line.truth == kind.name);
         add(STRONG_EFFECT, kind.name, &|line| strong(line) && line.truth == kind.name);

@@ -52,10 +52,11 @@ pub(crate) fn targets(groups: &[Group]) -> Vec<Target> {
         let here = of(EQUATION, is);
         let equation = if is == OWN { "own equation" } else { "near miss in shape" };
         for (what, reading, bounds) in SINGLES {
-            let what = format!("single effects of 2 % and more, {equation}: {what}");
+            let what = format!("active, 3 x 3, single effects of 2 % and more, {equation}: {what}");
             targets.push(share(what, true, bounds[k], here.map(reading)));
         }
-        let what = format!("single effects of 2 % and more, {equation}: median held-out shrink, rightly named");
+        let what =
+            format!("active, 3 x 3, single effects of 2 % and more, {equation}: median held-out shrink, rightly named");
         let (found, count) = here.map_or((None, 0), |t| (t.shrink_median, t.shrink_of));
         targets.push(target(what, true, [0.9, 0.8][k], found, count));
     }

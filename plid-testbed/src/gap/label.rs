@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::spec::EffectSpec;
+use super::spec::{EffectSpec, Experiment, PlantKind, Simulator};
 use crate::INPUTS;
 use crate::effects::Effect;
 use crate::plant::Truss;
@@ -20,6 +20,18 @@ pub struct Label {
     pub gap_floor: f64,
     /// Whether the nominal simulation has ports.
     pub ports: bool,
+    /// Of which kind the plant is.
+    pub plant: PlantKind,
+    /// Inputs that there are.
+    pub inputs: usize,
+    /// Outputs that there are.
+    pub outputs: usize,
+    /// What was recorded.
+    pub experiment: Experiment,
+    /// In what form the case has the nominal simulation.
+    pub simulator: Simulator,
+    /// Whether the declared noise is off.
+    pub misjudged: bool,
 }
 
 /// One effect of the answer.
@@ -39,7 +51,8 @@ pub struct LabelledEffect {
     pub hz: f64,
     /// Whether its law is the vocabulary's own equation.
     pub own_equation: bool,
-    /// Whether it lies beyond four standard deviations of what a perturbed simulation may be off; always so for what is no nuisance.
+    /// Whether it lies beyond twice what a case lets a simulation be off (0.2 % of a frequency, a tenth of a damping ratio); always so
+    /// for what is no nuisance.
     pub clear_of_nuisance: bool,
     /// The effect as a config's list has it.
     pub config: Option<Effect>,
@@ -139,8 +152,8 @@ pub(crate) fn labelled(effect: &Effect, wanted: &EffectSpec, gap: f64, base: &Tr
         _ => (effect.place(), base.modes[effect.place()].frequency_hz),
     };
     let clear_of_nuisance = match effect {
-        Effect::ModalFrequency(e) => e.change.abs() > 4.0 * 5e-4,
-        Effect::ModalDamping(e) => e.factor.ln().abs() > 4.0 * 0.03,
+        Effect::ModalFrequency(e) => e.change.abs() > 2.0 * 0.002,
+        Effect::ModalDamping(e) => e.factor.ln().abs() > 2.0 * 0.1,
         _ => true,
     };
     LabelledEffect {

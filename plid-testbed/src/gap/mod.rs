@@ -170,6 +170,12 @@ pub fn draw(seed: u64, spec: &GapSpec) -> Result<GapCase, GapError> {
         effects: labelled,
         perturbed: spec.perturbed,
         ports: spec.ports,
+        plant: spec.plant,
+        inputs: spec.channels.inputs,
+        outputs: spec.channels.outputs,
+        experiment: spec.experiment,
+        simulator: spec.simulator,
+        misjudged: spec.noise_misjudged != 1.0,
         gap_sim: strength::gap(&last.outputs, &last.simulated),
         gap_floor: strength::gap(&last.outputs, &foretold),
     };

@@ -9,7 +9,7 @@ use plid_gap::case::Case;
 use plid_gap::effects::{Library, Setting};
 use plid_gap::nuisance::Limits;
 use plid_gap::plant::Plant;
-use plid_gap::prepare::prepare;
+use plid_gap::prepare::{Known, prepare};
 use plid_gap::record::Channels;
 use plid_gap::thresholds::HEAD;
 use plid_gap::{GapError, Outcome};
@@ -65,7 +65,7 @@ fn fitted(case: &Case, model: &Model) -> Result<Fitted, GapError> {
         damping: damping * stated.damping,
         shape: shape * stated.shape,
     };
-    let ready = prepare(model, &case.records, &wide)?;
+    let ready = prepare(model, &case.records, &Known { limits: wide, ..Known::default() })?;
     let heads = ready.problem.head(HEAD, &ready.noise);
     Ok(Fitted { sparse: sparse::regress(&heads), linear: linear::refit(&heads, model) })
 }
