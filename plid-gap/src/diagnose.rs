@@ -85,9 +85,10 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     let ready = prepare(model, &case.records, &audit.known)?;
     say("bounded refit".into());
     let refitted = refit(&ready.problem, refit::STEPS);
-    let unseen = unseen(&ready, library);
     let rules = Rules { suspects: &case.config.suspects, exclude: &case.config.exclude };
     let explained = explain(ready, refitted, library, &rules, say);
+    // What an explanation makes of the quiet records is no noise in them.
+    let unseen = unseen(&explained.ready, library);
     let Explained { ready, found, judged, level, .. } = &explained;
     let problem = &ready.problem;
     let names = &problem.setting.names;

@@ -168,6 +168,7 @@ impl Prepared {
             return false;
         }
         let noise = rounded(self.declared.fit(&quiet), &self.codes, &self.declared_sensor);
+        self.quiet = quiet;
         let changed = noise.rms().iter().zip(self.noise.rms()).any(|(a, b)| (a / b - 1.0).abs() > RENEWED);
         if changed {
             let rate = self.problem.plant.rate;
