@@ -256,6 +256,8 @@ impl Benches {
                 }
             }
         }
+        // Its places are found in noise.
+        cases.push((declared, vec![(get("coloured-disturbance"), Place::Frequency(133.0, 0))]));
         let on_mode = || Place::Port(declared.setting.names.ports.len() - 1);
         let joint = || (get("joint-hysteresis"), on_mode());
         for bench in [open, inferred, discrete] {
@@ -282,8 +284,12 @@ impl Benches {
 fn judge(of: impl Fn(&Bench, &Effects, &Path) -> [Channels; 2] + Sync) {
     let (library, benches) = (Library::standard(), Benches::new());
     assert!(benches.discrete.plant.rest.continuous.is_none());
-    let found: Vec<(String, f64, f64, bool)> = benches
-        .cases(&library)
+    let cases = benches.cases(&library);
+    for effect in library.effects() {
+        let tried = cases.iter().flat_map(|(_, effects)| effects).any(|(tried, _)| tried.name() == effect.name());
+        assert!(tried, "{} is not tried", effect.name());
+    }
+    let found: Vec<(String, f64, f64, bool)> = cases
         .par_iter()
         .map(|(bench, effects)| {
             let folder = tempfile::tempdir().unwrap();
