@@ -199,6 +199,9 @@ fn delayed(mut model: Model) -> Model {
 /// Effects with their places.
 type Effects<'a> = [(&'a dyn Effect, Place)];
 
+/// A simulation with the effects that are tried on it.
+type Case<'a> = (&'a Bench, Vec<(&'a dyn Effect, Place)>);
+
 /// The simulations on which effects are tried.
 struct Benches {
     /// The second strut without an input: `port:strut2`.
@@ -233,11 +236,11 @@ impl Benches {
     }
 
     /// Every effect at a place of each kind where it may act, and its free shape there; then several together.
-    fn cases<'a>(&'a self, library: &'a Library) -> Vec<(&'a Bench, Vec<(&'a dyn Effect, Place)>)> {
+    fn cases<'a>(&'a self, library: &'a Library) -> Vec<Case<'a>> {
         let Self { declared, open, inferred, discrete } = self;
         let get = |name: &str| library.get(name).unwrap();
         let free = |name: &str| Flexible::named(name).unwrap() as &dyn Effect;
-        let mut cases: Vec<(&Bench, Vec<(&dyn Effect, Place)>)> = Vec::new();
+        let mut cases: Vec<Case> = Vec::new();
         let mut tried = Vec::new();
         for effect in library.effects() {
             for place in effect.places(&declared.setting) {
