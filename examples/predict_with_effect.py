@@ -152,7 +152,7 @@ SENSORS = {
     "sensor-saturation": lambda x, p, t, h: np.clip(x, -p["a"], p["a"]),
     "sensor-crosstalk": lambda x, p, t, h: x + p["c"] * p["from"],
     "mains-hum": lambda x, p, t, h: x + p["a"] * np.sin(TAU * p["f"] * t + p["phi"])
-                                      + p["a3"] * np.sin(3 * TAU * p["f"] * t + p["phi3"]),
+                                      + sum(p[f"a{n}"] * np.sin(TAU * n * p["f"] * t + p[f"phi{n}"]) for n in (2, 3, 5)),
     "sensor-lag": sensor_lag,
     "sensor-delay": sensor_delay,
     "free-sensor": free_curve,

@@ -10,6 +10,7 @@ use crate::explain::Explained;
 use crate::locate::Map;
 use crate::problem::Placed;
 use crate::stepwise::{Candidate, Search, same};
+use crate::tracks::Tracks;
 use crate::verdict::{Verdict, Weighted};
 
 /// Effects of the answer with intervals and confidence.
@@ -144,7 +145,7 @@ pub(crate) fn sentence(verdict: Verdict, effects: &[NamedEffect], nearest: &[Str
                     percent(gap.noise_floor)
                 );
             }
-            let rest = if gap.with_effect > LEFT * gap.noise_floor {
+            let rest = if seen && gap.with_effect > LEFT * gap.noise_floor {
                 format!(" {} of the output stays unexplained.", percent(beyond))
             } else {
                 String::new()
@@ -159,7 +160,7 @@ pub(crate) fn sentence(verdict: Verdict, effects: &[NamedEffect], nearest: &[Str
     }
 }
 
-pub(crate) fn words(explained: &Explained, before: &Map) -> Vec<String> {
+pub(crate) fn words(explained: &Explained, before: &Map, tracks: &Tracks) -> Vec<String> {
     let Explained { ready, refitted, found, judged, given_cost, .. } = explained;
     let rows = ready.problem.rows() as f64;
     let names = &ready.problem.setting.names;
@@ -172,6 +173,7 @@ pub(crate) fn words(explained: &Explained, before: &Map) -> Vec<String> {
     if let Some(slope) = before.slope {
         words.push(format!("The relative gap goes with the level to the power {slope:+.1}."));
     }
+    words.extend(tracks.words(&ready.problem.plant));
     for placed in &found.best.effects {
         if let Some(entry) = found.stages.iter().flatten().find(|e| same(&e.placed, placed)) {
             words.push(format!(

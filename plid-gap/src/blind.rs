@@ -10,7 +10,6 @@ use rand_distr::StandardNormal;
 use crate::case::{Case, CaseConfig};
 use crate::diagnosis::Diagnosis;
 use crate::effects::Library;
-use crate::nuisance::Limits;
 use crate::record::{Channels, Excitation, Record, rms};
 use crate::testing;
 use crate::verdict::Verdict;

@@ -17,6 +17,8 @@ use crate::record::Channels;
 use crate::refit::{self, refit};
 use crate::shrink::{gaps, loudest, run};
 use crate::simulate::{Fineness, simulate};
+use crate::thresholds::{REFUTED, WORSE};
+use crate::tracks::Tracks;
 use crate::unseen::{EVIDENCE, Unseen, unseen};
 use crate::verdict::{Adequacy, Verdict, weigh};
 use crate::written::{refit_summary, written};
@@ -61,6 +63,8 @@ pub struct Evidence {
     pub levels: Vec<LevelRun>,
     /// Of each output: frequencies in Hz with the density that noise alone makes there, in the output's unit squared a Hz.
     pub noise: Vec<Vec<(f64, f64)>>,
+    /// What an adaptive PLID run sees.
+    pub tracks: Tracks,
     /// Whether the simulation with the effects still is linear in its inputs.
     pub linear: bool,
 }
@@ -87,7 +91,14 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     let Explained { ready, found, judged, level, .. } = &explained;
     let problem = &ready.problem;
     let names = &problem.setting.names;
-    let mut weighted = weigh(&found.candidates, judged.unknown, problem.rows() as f64, *level);
+    say("gaps".into());
+    let plant = problem.nuisance.apply(&problem.plant, &explained.fit().eta);
+    let actions = problem.actions(&explained.fit().effects);
+    let gaps = gaps(&explained, &plant, &actions, &case.config.nuisance);
+    // What was held out judges too: an effect that simulates it worse than a refit alone is not what happens there.
+    let fails = !ready.held_out.is_empty() && !found.best.effects.is_empty() && gaps.with_effect > WORSE * gaps.refit;
+    let unknown = if fails { judged.unknown.max(REFUTED) } else { judged.unknown };
+    let mut weighted = weigh(&found.candidates, unknown, problem.rows() as f64, *level);
     // What quiet records show holds whatever the free runs say.
     let shown: Vec<&Placed> = unseen
         .iter()
@@ -105,10 +116,6 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
         None => Verdict::Unknown,
     };
 
-    say("gaps".into());
-    let plant = problem.nuisance.apply(&problem.plant, &explained.fit().eta);
-    let actions = problem.actions(&explained.fit().effects);
-    let gaps = gaps(&explained, &plant, &actions, &case.config.nuisance);
     let before = locate::map(&problem.records, &locate::errors(problem), &ready.noise, plant.rate);
     let said = named(&explained, &shown, &weighted);
     let nearest: Vec<String> =
@@ -123,9 +130,11 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
                 .collect(),
             unknown: w.unknown,
             probability: w.probability,
-            gap_after: w.cost.map(|cost| gaps.noise_floor * cost.max(0.0).sqrt()),
+            gap_after: w.cost.map(|cost| gaps.noise_floor * (cost / level.factor.min(1.0)).max(0.0).sqrt()),
         })
         .collect::<Vec<_>>();
+    say("adaptive run".into());
+    let tracks = Tracks::of(&problem.plant, &problem.records, &ready.noise.rms());
     say("next experiment".into());
     let diagnosis = Diagnosis {
         verdict,
@@ -136,11 +145,11 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
         not_separable: classes(found, names),
         place: place(&before, &names.outputs, found, &shown),
         gap: gaps,
-        evidence: words(&explained, &before),
+        evidence: words(&explained, &before, &tracks),
         warnings: case.warnings.clone(),
     };
     let simulation = written(&explained, model, &plant, &shown, verdict);
-    let evidence = evidence(case, &explained, &unseen, before, &plant, &actions);
+    let evidence = Evidence { tracks, ..evidence(case, &explained, &unseen, before, &plant, &actions) };
     let mut outcome = Outcome { diagnosis, simulation, evidence };
     audit.tell(&mut outcome);
     Ok(outcome)
@@ -198,6 +207,7 @@ fn evidence(
             .collect(),
         trace: [trace_record.y.clone(), runs(&problem.plant, &[]), runs(plant, actions)],
         trace_record: trace_record.name,
+        tracks: Tracks::default(),
         unseen: unseen
             .iter()
             .map(|u| (u.placed.effect.name().into(), u.placed.place.location(names), u.gain))

@@ -66,6 +66,11 @@ impl<'a> Explained<'a> {
         self.bent.as_ref().map_or(&self.found.best, |bent| &bent.fit)
     }
 
+    /// RMS of each output's noise; where nothing shows it, no more than what is left.
+    pub fn noise_rms(&self) -> Vec<f64> {
+        self.ready.noise.rms().iter().map(|rms| rms * self.level.factor.min(1.0).sqrt()).collect()
+    }
+
     fn price(&self) -> f64 {
         self.found.candidates.first().map_or(f64::INFINITY, |candidate| candidate.priced)
     }
@@ -144,13 +149,14 @@ fn once<'a>(
     // A stage that was looked at and not accepted says what is still there.
     let last = if found.stages.len() > best.effects.len() { found.stages.last() } else { None };
     let next = last.and_then(|entries| entries.first()).map_or(0.0, |entry| entry.gain);
-    let judge =
-        |fit: &Fit, next: f64| adequacy(problem.bent(&fit.eta), next, fit.cost, refitted.cost, given_cost, rows, level);
-    let mut judged = judge(&best, next);
+    let judge = |bent: f64, next: f64, cost: f64| adequacy(bent, next, cost, refitted.cost, given_cost, rows, level);
+    let straight = problem.bent(&best.eta);
+    let mut judged = judge(straight, next, best.cost);
     if let Some(bent) = &bent {
         let more = bent.fit.parameters() - found.best.parameters();
         found.set_free(bent.fit.cost, more, rows);
-        let freed = judge(&bent.fit, 0.0);
+        // A shape that is free to tilt may lean on the linear parameters; what they hide, they hide in both fits.
+        let freed = judge(straight.min(problem.bent(&bent.fit.eta)), 0.0, bent.fit.cost);
         say(format!("with a free shape: {freed:.2?}"));
         judged.unknown = judged.unknown.min(freed.unknown).max(SHAPE_DIFFERS);
     }

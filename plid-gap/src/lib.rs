@@ -38,6 +38,7 @@ pub mod surrogate;
 mod testing;
 pub mod thresholds;
 pub mod tones;
+pub mod tracks;
 pub mod transform;
 #[cfg(test)]
 mod truss;

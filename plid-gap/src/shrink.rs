@@ -19,11 +19,10 @@ const FREE_STEPS: usize = 12;
 /// Gaps on held-out records, or on the loudest driven one where nothing is held out. `plant` and `actions` are the simulation with the
 /// effects.
 pub(crate) fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], limits: &Limits) -> Gap {
-    let Explained { ready, quick, refitted, found, level, .. } = explained;
+    let Explained { ready, quick, refitted, found, .. } = explained;
     let problem = &ready.problem;
     let loudest = loudest(&problem.records);
-    // Where nothing shows the noise, it is no more than what is left.
-    let noise: Vec<f64> = ready.noise.rms().iter().map(|rms| rms * level.factor.min(1.0).sqrt()).collect();
+    let noise = explained.noise_rms();
     // Stated first, from what was fitted.
     let fitted: Vec<Channels> = problem.records.iter().map(|record| run(plant, actions, record)).collect();
     let stated = gap::expected(&problem.records, &fitted, loudest.level());

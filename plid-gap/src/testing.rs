@@ -7,7 +7,6 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
 use crate::case::{Case, CaseConfig};
-use crate::nuisance::Limits;
 use crate::record::{Channels, Excitation, Record, rms};
 pub use crate::truss::RATE;
 use crate::truss::Truss;

@@ -62,3 +62,10 @@ pub const INADEQUATE: f64 = 0.5;
 
 /// And share of the refit's excess that must be left for that: a cause at another place leaves more than a shape's third digit.
 pub const ELSEWHERE: f64 = 0.05;
+
+/// A held-out gap with the effects over that of a refit alone from which the explanation is refuted: beside the noise, of which both hold
+/// the same, a right one is never worse by this.
+pub const WORSE: f64 = 1.05;
+
+/// Probability of something else then.
+pub const REFUTED: f64 = 0.9;

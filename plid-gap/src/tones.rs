@@ -97,10 +97,10 @@ fn line(x: &[f64], start_s: f64, rate: f64, hz: f64) -> C {
     sum
 }
 
-/// Channels without these lines (and their third harmonics): sines and cosines by least squares over the stretch.
+/// Channels without these lines (and the harmonics that a hum has): sines and cosines by least squares over the stretch.
 pub fn without(y: &[Vec<f64>], rate: f64, tones: &[Tone]) -> Vec<Vec<f64>> {
     let lines: Vec<f64> =
-        tones.iter().flat_map(|tone| [tone.hz, 3.0 * tone.hz]).filter(|hz| *hz < 0.5 * rate).collect();
+        tones.iter().flat_map(|tone| [1.0, 2.0, 3.0, 5.0].map(|h| h * tone.hz)).filter(|hz| *hz < 0.5 * rate).collect();
     if lines.is_empty() {
         return y.to_vec();
     }

@@ -83,7 +83,7 @@ pub(crate) fn written(
         refit,
         effects,
         t0,
-        noise_rms: ready.noise.rms(),
+        noise_rms: explained.noise_rms(),
     }
 }
 

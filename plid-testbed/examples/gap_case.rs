@@ -21,7 +21,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             Ok(EffectSpec { kind: kind.to_owned(), at: None, law: law.map(str::to_owned), gap })
         })
         .collect::<Result<Vec<_>, String>>()?;
-    let drawn = draw(seed, &GapSpec { effects, perturbed: seed % 2 == 1, ports: !seed.is_multiple_of(3) })?;
+    let drawn = draw(
+        seed,
+        &GapSpec { effects, perturbed: seed % 2 == 1, ports: !seed.is_multiple_of(3), ..GapSpec::default() },
+    )?;
     drawn.write(Path::new(case), Path::new(label))?;
     println!("gap {:.4}, floor {:.4}", drawn.label.gap_sim, drawn.label.gap_floor);
     Ok(())

@@ -25,6 +25,8 @@ pub struct Truss {
     pub sample_rate_hz: f64,
     /// The modes, in the order of their states.
     pub modes: Vec<Mode>,
+    /// Pole of each actuator with its amplifier, Hz.
+    pub actuator_poles_hz: [f64; INPUTS],
     /// The continuous model; D = 0.
     pub continuous: StateSpace,
     /// The model of the samples, with inputs held over a sample and outputs read before the new input acts; D = 0.
@@ -80,7 +82,8 @@ pub(crate) fn modal_force(modes: &[Mode], mode: usize) -> Vec<f64> {
     force
 }
 
-fn filter_state(modes: &[Mode], output: usize) -> usize {
+/// Index of an output's first filter state.
+pub(crate) fn filter_state(modes: &[Mode], output: usize) -> usize {
     INPUTS + 2 * modes.len() + 2 * output
 }
 
@@ -98,28 +101,24 @@ fn filter_corner() -> f64 {
 /// If a key of the config is wrong.
 pub fn truss(config: &TrussConfig) -> Result<Truss, TestbedError> {
     config.check()?;
-    Ok(assemble(config, structure::modes(config.structure.strut_modes_per_tube)))
+    let modes = structure::modes(config.structure.strut_modes_per_tube);
+    Ok(assemble(config, Plant { modes, poles_hz: [ACTUATOR_POLE_HZ; INPUTS] }))
 }
 
-/// The plant of a checked config with these modes in place of the config's, without effects.
-pub(crate) fn assemble(config: &TrussConfig, modes: Vec<Mode>) -> Truss {
-    let units = compliances(&modes);
-    assemble_in(config, modes, units)
-}
-
-/// The same with the displacement that counts as 1 V at each port given, in the modes' units.
-pub(crate) fn assemble_in(config: &TrussConfig, modes: Vec<Mode>, units: [f64; INPUTS]) -> Truss {
-    build(config, Plant { modes, poles_hz: [ACTUATOR_POLE_HZ; INPUTS] }, units)
+/// This plant under a checked config, without effects.
+pub(crate) fn assemble(config: &TrussConfig, plant: Plant) -> Truss {
+    let units = compliances(&plant.modes);
+    assemble_in(config, plant, units)
 }
 
 /// The plant as the linear effects of a checked config change it. The units of its ports stay those of the unchanged plant.
 pub(crate) fn altered(config: &TrussConfig, truss: &Truss) -> Truss {
-    let mut plant = Plant { modes: truss.modes.clone(), poles_hz: [ACTUATOR_POLE_HZ; INPUTS] };
+    let mut plant = Plant { modes: truss.modes.clone(), poles_hz: truss.actuator_poles_hz };
     effects::alter(&config.effects, &mut plant);
-    if plant.modes == truss.modes && plant.poles_hz == [ACTUATOR_POLE_HZ; INPUTS] {
+    if plant.modes == truss.modes && plant.poles_hz == truss.actuator_poles_hz {
         return truss.clone();
     }
-    build(config, plant, compliances(&truss.modes))
+    assemble_in(config, plant, compliances(&truss.modes))
 }
 
 /// The model of somebody who has missed a mode, from 0: the plant of a config without it and without effects.
@@ -131,10 +130,11 @@ pub fn truss_without_mode(config: &TrussConfig, mode: usize) -> Result<Truss, Te
     within("mode", mode, 0, modes.len() - 1)?;
     let units = compliances(&modes);
     modes.remove(mode);
-    Ok(assemble_in(config, modes, units))
+    Ok(assemble_in(config, Plant { modes, poles_hz: [ACTUATOR_POLE_HZ; INPUTS] }, units))
 }
 
-fn build(config: &TrussConfig, plant: Plant, units: [f64; INPUTS]) -> Truss {
+/// The same with the displacement that counts as 1 V at each port given, in the modes' units.
+pub(crate) fn assemble_in(config: &TrussConfig, plant: Plant, units: [f64; INPUTS]) -> Truss {
     let Plant { modes, poles_hz } = plant;
     let step_s = 1.0 / config.sample_rate_hz;
     let continuous = continuous(&modes, poles_hz);
@@ -142,7 +142,16 @@ fn build(config: &TrussConfig, plant: Plant, units: [f64; INPUTS]) -> Truss {
     let noise = noise(config, &modes, &continuous, &discrete, step_s);
     let ports = (0..INPUTS).map(|input| strut_port(&modes, input, units[input])).collect();
     let warnings = folded_modes(&modes, config.sample_rate_hz / 2.0).into_iter().collect();
-    Truss { sample_rate_hz: config.sample_rate_hz, modes, continuous, discrete, noise, ports, warnings }
+    Truss {
+        sample_rate_hz: config.sample_rate_hz,
+        modes,
+        actuator_poles_hz: poles_hz,
+        continuous,
+        discrete,
+        noise,
+        ports,
+        warnings,
+    }
 }
 
 fn continuous(modes: &[Mode], poles_hz: [f64; INPUTS]) -> StateSpace {

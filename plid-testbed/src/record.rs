@@ -26,6 +26,8 @@ pub(crate) struct Noise {
     sensor: (f64, ChaCha12Rng),
     ambient: (DMatrix<f64>, ChaCha12Rng),
     start: (DMatrix<f64>, ChaCha12Rng),
+    /// Inputs whose amplifiers are on: the first ones.
+    inputs: usize,
 }
 
 impl Noise {
@@ -36,7 +38,13 @@ impl Noise {
             sensor: (config.noise.sensor_rms_v, rng(Purpose::Sensor)),
             ambient: (covariance::square_root(&truss.noise.state), rng(Purpose::Ambient)),
             start: (covariance::square_root(&truss.noise.at_rest), rng(Purpose::Start)),
+            inputs: INPUTS,
         }
+    }
+
+    /// The same, but only the first inputs' amplifiers are on.
+    pub(crate) fn of_inputs(self, inputs: usize) -> Self {
+        Self { inputs, ..self }
     }
 }
 
@@ -116,7 +124,9 @@ fn motion(
         outputs.row_mut(k).iter_mut().zip(y).for_each(|(to, value)| *to = value);
         let mut u: [f64; INPUTS] = std::array::from_fn(|j| if k < samples { commands[(k, j)] } else { 0.0 });
         if let Some(noise) = &mut noise {
+            // All are drawn, so that those that are on have the same noise whatever the others do.
             add_white(&mut noise.amplifier, &mut u);
+            u[noise.inputs..].fill(0.0);
         }
         integrator.advance(&mut x, u, clock.time_s(k));
         if let Some(noise) = &mut noise {

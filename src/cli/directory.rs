@@ -15,18 +15,21 @@ pub fn default_for(name: &str) -> PathBuf {
 
 /// An output directory must be new or empty, unless the user allows an old one; it must be a directory in any case.
 pub fn check(directory: &Path, old_is_allowed: bool) -> Result<(), Failure> {
+    if is_free(directory)? || old_is_allowed {
+        return Ok(());
+    }
+    Err(Failure::input(format!(
+        "{} exists and is not empty; name another --out, or give --force to write into it",
+        directory.display()
+    )))
+}
+
+/// Whether a directory is new or empty.
+pub fn is_free(directory: &Path) -> Result<bool, Failure> {
     match fs::read_dir(directory) {
-        Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(true),
         Err(error) => Err(Failure::file(directory, &error)),
-        Ok(mut entries) => {
-            if old_is_allowed || entries.next().is_none() {
-                return Ok(());
-            }
-            Err(Failure::input(format!(
-                "{} exists and is not empty; name another --out, or give --force to write into it",
-                directory.display()
-            )))
-        }
+        Ok(mut entries) => Ok(entries.next().is_none()),
     }
 }
 

@@ -4,7 +4,10 @@ use std::f64::consts::{PI, TAU};
 /// Hz.
 const MAINS: [f64; 2] = [50.0, 60.0];
 
-/// The mains in a sensor line, with its third harmonic.
+/// Harmonics beside the mains itself: rectifiers make odd ones, half-wave loads and poor symmetry the second.
+const HARMONICS: [u32; 3] = [2, 3, 5];
+
+/// The mains in a sensor line, with its harmonics.
 pub struct MainsHum;
 
 impl Effect for MainsHum {
@@ -17,17 +20,20 @@ impl Effect for MainsHum {
     }
 
     fn equation(&self) -> &'static str {
-        "y' = y + a sin(2 pi f t + phi) + a3 sin(6 pi f t + phi3)"
+        "y' = y + a sin(2 pi f t + phi) + sum_h a_h sin(2 pi h f t + phi_h), h = 2, 3, 5"
     }
 
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
-        vec![
+        let mut parameters = vec![
             Parameter::new("a", "V", Range::Signed),
             Parameter::new("f", "Hz", Range::Hz),
             Parameter::new("phi", "rad", Range::Angle),
-            Parameter::new("a3", "V", Range::Signed),
-            Parameter::new("phi3", "rad", Range::Angle),
-        ]
+        ];
+        for h in HARMONICS {
+            parameters.push(Parameter::new(format!("a{h}"), "V", Range::Signed));
+            parameters.push(Parameter::new(format!("phi{h}"), "rad", Range::Angle));
+        }
+        parameters
     }
 
     fn places(&self, setting: &Setting) -> Vec<Place> {
@@ -40,7 +46,11 @@ impl Effect for MainsHum {
             |mains: f64| setting.tones.iter().map(|tone| tone.hz).filter(move |hz| (hz / mains - 1.0).abs() < 0.01);
         let hz = MAINS.iter().flat_map(|&mains| near(mains).chain([mains]).take(2));
         let a = 0.02 * setting.y_rms[o];
-        hz.flat_map(|hz| [0.0, 0.5].map(|turns| vec![a, hz, turns * PI, 0.01 * a, 0.0])).collect()
+        let start = |hz: f64, turns: f64| {
+            let harmonics = HARMONICS.iter().flat_map(|_| [0.01 * a, 0.0]);
+            [a, hz, turns * PI].into_iter().chain(harmonics).collect()
+        };
+        hz.flat_map(|hz| [0.0, 0.5].map(|turns| start(hz, turns))).collect()
     }
 
     fn amplitude(&self) -> Option<(usize, f64)> {
@@ -49,25 +59,24 @@ impl Effect for MainsHum {
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
         let Place::Output(o) = *place else { return Vec::new() };
-        let [a, f, phi, a3, phi3] = [0, 1, 2, 3, 4].map(|k| parameters[k]);
-        vec![Action::Sensor(Box::new(Hum { o, a, f, phi, a3, phi3 }))]
+        let [a, f, phi] = [0, 1, 2].map(|k| parameters[k]);
+        let mut lines = vec![(a, f, phi)];
+        lines.extend(HARMONICS.iter().zip(parameters[3..].chunks(2)).map(|(&h, x)| (x[0], f64::from(h) * f, x[1])));
+        vec![Action::Sensor(Box::new(Hum { o, lines }))]
     }
 }
 
 struct Hum {
     o: usize,
-    a: f64,
-    f: f64,
-    phi: f64,
-    a3: f64,
-    phi3: f64,
+    /// Amplitude, frequency in Hz, phase.
+    lines: Vec<(f64, f64, f64)>,
 }
 
 impl Sensor for Hum {
     fn apply(&self, y: &mut [Vec<f64>], t0: f64, rate: f64) {
         for (k, y) in y[self.o].iter_mut().enumerate() {
             let t = t0 + k as f64 / rate;
-            *y += self.a * (TAU * self.f * t + self.phi).sin() + self.a3 * (3.0 * TAU * self.f * t + self.phi3).sin();
+            *y += self.lines.iter().map(|(a, f, phi)| a * (TAU * f * t + phi).sin()).sum::<f64>();
         }
     }
 }

@@ -6,6 +6,7 @@ use super::words::{at, explanation, percent};
 use super::{GIVEN, REFERENCE, WITH, shrink, whereabouts};
 use crate::case::Case;
 use crate::diagnose::Outcome;
+use crate::plant::plain_hz;
 
 /// All of them.
 pub(super) fn section(report: Report, outcome: &Outcome, case: &Case) -> Report {
@@ -15,6 +16,7 @@ pub(super) fn section(report: Report, outcome: &Outcome, case: &Case) -> Report 
     let report = gaps(report, outcome);
     let report = refit(report, outcome);
     let report = stages(report, outcome);
+    let report = tracks(report, outcome);
     let report = quiet(report, outcome);
     let report = whereabouts::after(report, outcome);
     shrink::other_outputs(report, outcome)
@@ -94,6 +96,42 @@ fn explanations(report: Report, outcome: &Outcome, case: &Case) -> Report {
     }
     report
 }
+
+/// What an adaptive run sees: innovations, and each mode of the simulation from record to record.
+fn tracks(report: Report, outcome: &Outcome) -> Report {
+    let passed = &outcome.evidence.tracks.passed;
+    if passed.is_empty() {
+        return report;
+    }
+    let mut table = Table::new(
+        "An adaptive PLID run over the records that were fitted: it hides a gap in parameters that follow the level or the time.",
+    )
+    .column("record", "")
+    .column("level, RMS", "")
+    .column("innovations over the noise", "");
+    let modes: Vec<usize> =
+        (0..passed[0].modes.len()).filter(|&k| passed.iter().filter(|p| p.modes[k].is_some()).count() > 1).collect();
+    for &k in modes.iter().take(MODES) {
+        let hz = passed.iter().find_map(|p| p.modes[k]).map_or(0.0, |(hz, _)| hz);
+        table = table.column(format!("mode near {}", plain_hz(hz)), "Hz");
+    }
+    for record in passed {
+        let mut row: Vec<Cell> = vec![
+            record.record.as_str().into(),
+            Cell::significant(record.level, 3),
+            Cell::significant(record.innovations, 3),
+        ];
+        row.extend(modes.iter().take(MODES).map(|&k| match record.modes[k] {
+            Some((hz, _)) => Cell::significant(hz, 6),
+            None => "".into(),
+        }));
+        table = table.row(row);
+    }
+    report.table(table)
+}
+
+/// Modes that a table has room for.
+const MODES: usize = 8;
 
 fn gaps(report: Report, outcome: &Outcome) -> Report {
     let gap = &outcome.diagnosis.gap;

@@ -15,6 +15,7 @@ use crate::levels::LevelRun;
 use crate::locate::{BANDS, Map, STRETCHES};
 use crate::record::{Channels, Excitation, Record};
 use crate::testing::random_input;
+use crate::tracks::{Passed, Tracks};
 use crate::verdict::{Adequacy, Verdict};
 
 const SAMPLES: usize = 1200;
@@ -39,6 +40,10 @@ fn case() -> Case {
     };
     let records = vec![record(0, 0.3), record(1, 1.0)];
     Case { config, model: None, records, for_simulation: Vec::new(), warnings: Vec::new() }
+}
+
+fn passed(record: &str, level: f64, start_s: f64, hz: f64) -> Passed {
+    Passed { record: record.into(), level, start_s, innovations: 1.2, modes: vec![Some((hz, 0.01)), None] }
 }
 
 fn outcome(case: &Case) -> Outcome {
@@ -148,6 +153,7 @@ fn outcome(case: &Case) -> Outcome {
             })
             .collect(),
         noise: vec![vec![(1.0, 1e-6), (49.0, 1e-6)]; 2],
+        tracks: Tracks { passed: vec![passed("a&b.csv", 0.3, 0.0, 11.02), passed("last.csv", 1.0, 12.0, 10.97)] },
         linear: false,
     };
     Outcome { diagnosis, simulation, evidence }

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use plid_gap::effects::{Library, Side};
 use plid_gap::locate::{self, BANDS, Map, STRETCHES};
-use plid_gap::nuisance::Limits;
-use plid_gap::prepare::prepare;
+
+use plid_gap::prepare::{Known, prepare};
 use plid_gap::problem::Problem;
 use plid_gap::record::{Excitation, Record};
 use plid_gap::screen::{Base, screen};
@@ -79,7 +79,7 @@ fn map(rig: &Rig, real: &Truth) -> (Map, Side) {
         records.push(Record { name, excitation, from_rest: true, start_s, held_out, u, y, simulated: None });
         from += samples;
     }
-    let ready = prepare(&model, &records, &Limits::default()).unwrap();
+    let ready = prepare(&model, &records, &Known::default()).unwrap();
     let map = locate::map(&ready.problem.records, &locate::errors(&ready.problem), &ready.noise, RATE);
     (map, side(&ready.problem))
 }
@@ -90,7 +90,15 @@ fn side(problem: &Problem) -> Side {
     let eta = vec![0.0; problem.nuisance.len()];
     let tangent = problem.tangent(&problem.plant);
     let residual = problem.residual(&problem.plant, &eta, &[], Fineness::COARSE);
-    let base = Base { problem, tangent: &tangent, plant: &problem.plant, eta: &eta, effects: &[], residual: &residual };
+    let base = Base {
+        problem,
+        tangent: &tangent,
+        plant: &problem.plant,
+        eta: &eta,
+        effects: &[],
+        residual: &residual,
+        bold: false,
+    };
     screen(&base, &library, |_| false)[0].placed.effect.side()
 }
 

@@ -10,7 +10,7 @@ mod recursion;
 pub use noise::{Bank, Memory, Point, Search, Split, Trial, Tuned, tune, tune_by};
 pub use order::{OrderScan, ScanRow, scan_orders, search_indices};
 pub use predictor::{Predictor, fit_predictor};
-pub use recursion::{Ending, Paused, Plan, RecursionRun, Watcher, run, run_or_factor};
+pub use recursion::{Ending, Paused, Plan, RecursionRun, Watcher, carry_over, run, run_or_factor};
 
 use ndarray::ArrayView2;
 use plid_core::{IdentifiedModel, ObservableForm};

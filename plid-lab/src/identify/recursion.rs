@@ -62,7 +62,7 @@ pub enum Ending {
 }
 
 /// What is known of the parameters, and nothing of the state: where a new record begins.
-fn carry_over(form: &ObservableForm, settings: &Settings, former: &IdentifiedModel) -> Settings {
+pub fn carry_over(form: &ObservableForm, settings: &Settings, former: &IdentifiedModel) -> Settings {
     let (n, size) = (form.states(), form.joint_states());
     let state_variance = |i: usize| match &settings.initial_covariance {
         InitialCovariance::Diagonal(d) => d[i],

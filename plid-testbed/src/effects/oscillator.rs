@@ -5,10 +5,12 @@ use std::f64::consts::PI;
 
 use crate::config::{EffectsConfig, TrussConfig};
 use crate::effects::chain::{Clock, dot};
+use crate::effects::law::Plant;
 use crate::effects::{self, Effect};
 use crate::integrator::Integrator;
 use crate::plant::assemble;
 use crate::structure::{Mode, ModeGroup};
+use crate::{ACTUATOR_POLE_HZ, INPUTS};
 
 const HZ: f64 = 100.0;
 const W: f64 = 2.0 * PI * HZ;
@@ -31,7 +33,7 @@ fn free(effect: &str, start: f64, samples: usize) -> Vec<f64> {
         output_shape: [0.2, 0.1, 0.0],
         group: ModeGroup::Dominant,
     };
-    let mut truss = assemble(&config, vec![mode]);
+    let mut truss = assemble(&config, Plant { modes: vec![mode], poles_hz: [ACTUATOR_POLE_HZ; INPUTS] });
     // The other two struts do not take part: the mode does not move them.
     truss.ports.truncate(1);
     let port = truss.ports[0].clone();

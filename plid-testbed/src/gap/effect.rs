@@ -1,17 +1,19 @@
 //! An effect's place and parameters, before its strength is found.
 
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 use rand::RngExt;
 use rand_chacha::ChaCha12Rng;
 use serde_json::{Map, Value, json};
 
+use super::GapError;
 use super::plant::{Drawn, EFFECTS};
+use super::spec::{Channels, EffectSpec};
 use super::strength::Signals;
-use super::{EffectSpec, GapError};
 use crate::effects::Effect;
 use crate::streams::{Purpose, stream};
-use crate::{INPUTS, OUTPUTS};
+use crate::{ACTUATOR_POLE_HZ, INPUTS, OUTPUTS};
 
 /// What kind of place an effect takes.
 enum Place {
@@ -24,14 +26,12 @@ enum Place {
     None,
 }
 
-/// Modes at which modal effects are drawn, from 0: the dominant ones.
-const DOMINANT: std::ops::Range<usize> = 3..7;
-
 /// The effect of a spec: what it leaves open is drawn.
 pub(crate) fn drawn(
     seed: u64,
     index: usize,
     wanted: &EffectSpec,
+    channels: Channels,
     drawn: &Drawn,
     signals: &Signals,
 ) -> Result<Effect, GapError> {
@@ -41,8 +41,15 @@ pub(crate) fn drawn(
     }
     let mut rng = stream(seed, Purpose::Draw, EFFECTS + index);
     let place = place_of(&wanted.kind).ok_or_else(|| wrong("there is no effect of this kind".to_owned()))?;
-    let random = random_place(&place, &mut rng);
+    if let Some(reason) = lacking(&wanted.kind, &place, channels) {
+        return Err(wrong(reason.to_owned()));
+    }
+    let random = random_place(&place, channels, &drawn.dominant, &mut rng);
     let at = wanted.at.clone().or(random);
+    if let Some(at) = at.as_deref().filter(|at| !is_there(at, channels)) {
+        let Channels { inputs, outputs } = channels;
+        return Err(wrong(format!("`{at}` is no place in a case of {inputs} inputs and {outputs} outputs")));
+    }
     let channel = at.as_deref().map_or(0, first_number);
     let parameters = parameters(&wanted.kind, channel, drawn, signals, &mut rng);
     let Value::Object(mut keys) = parameters else { unreachable!("parameters are made as an object") };
@@ -100,22 +107,51 @@ fn place_of(kind: &str) -> Option<Place> {
     })
 }
 
-fn random_place(place: &Place, rng: &mut ChaCha12Rng) -> Option<String> {
+/// Why an effect cannot be where there are so few channels.
+fn lacking(kind: &str, place: &Place, channels: Channels) -> Option<&'static str> {
+    match place {
+        Place::InputPair if channels.inputs < 2 => Some("it needs two inputs, and the case has one"),
+        Place::OutputPair if channels.outputs < 2 => Some("it needs two outputs, and the case has one"),
+        _ if kind == "x-channel-product" && channels.outputs < OUTPUTS => Some("it needs three outputs"),
+        _ => None,
+    }
+}
+
+/// Whether a case has the channels of a place; what is no place at all is found when the effect is made.
+fn is_there(at: &str, channels: Channels) -> bool {
+    at.split("->").all(|part| {
+        let most = match part.chars().next() {
+            Some('u') => channels.inputs,
+            Some('y') => channels.outputs,
+            _ => return true,
+        };
+        part[1..].parse().map_or(true, |number: usize| number <= most)
+    })
+}
+
+fn random_place(
+    place: &Place,
+    Channels { inputs, outputs }: Channels,
+    dominant: &Range<usize>,
+    rng: &mut ChaCha12Rng,
+) -> Option<String> {
     let mut pair = |letter: char, count: usize| {
         let from = rng.random_range(0..count);
         let to = (from + rng.random_range(1..count)) % count;
         format!("{letter}{}->{letter}{}", from + 1, to + 1)
     };
     match place {
-        Place::Input => Some(format!("u{}", rng.random_range(1..=INPUTS))),
-        Place::InputOrAll => Some(match rng.random_range(1..=INPUTS + 1) {
-            all if all > INPUTS => "all".to_owned(),
+        Place::Input => Some(format!("u{}", rng.random_range(1..=inputs))),
+        // All of one input is that input.
+        Place::InputOrAll if inputs == 1 => Some("u1".to_owned()),
+        Place::InputOrAll => Some(match rng.random_range(1..=inputs + 1) {
+            all if all > inputs => "all".to_owned(),
             one => format!("u{one}"),
         }),
-        Place::InputPair => Some(pair('u', INPUTS)),
-        Place::Output => Some(format!("y{}", rng.random_range(1..=OUTPUTS))),
-        Place::OutputPair => Some(pair('y', OUTPUTS)),
-        Place::Mode => Some(format!("m{}", rng.random_range(DOMINANT) + 1)),
+        Place::InputPair => Some(pair('u', inputs)),
+        Place::Output => Some(format!("y{}", rng.random_range(1..=outputs))),
+        Place::OutputPair => Some(pair('y', outputs)),
+        Place::Mode => Some(format!("m{}", rng.random_range(dominant.clone()) + 1)),
         Place::None => None,
     }
 }
@@ -146,7 +182,10 @@ fn parameters(kind: &str, channel: usize, drawn: &Drawn, signals: &Signals, rng:
         "actuator-dead-zone" => json!({ "width_v": 0.1 }),
         "actuator-hysteresis" => json!({ "share": 0.3, "yield_v": within(0.5, 1.2) }),
         "actuator-slew-limit" => json!({ "rate_v_per_s": 1500.0 }),
-        "actuator-lag" => json!({ "pole_hz": 200.0 }),
+        "actuator-lag" => {
+            let from_hz = drawn.base.actuator_poles_hz[channel];
+            json!({ "pole_hz": from_hz * (200.0 / ACTUATOR_POLE_HZ), "from_hz": from_hz })
+        }
         "actuator-gain" => json!({ "gain": 1.0 + sign * 0.2 }),
         "actuator-delay" => json!({ "delay_samples": 0.3 }),
         "actuator-crosstalk" => json!({ "share": sign * 0.2 }),
@@ -181,7 +220,7 @@ fn parameters(kind: &str, channel: usize, drawn: &Drawn, signals: &Signals, rng:
         "x-channel-product" => json!({ "product_per_v": sign * 0.1 / y }),
         // At twice the frequency of a dominant mode, where stiffness that is pumped does most.
         "x-parametric-stiffness" => {
-            let mode = &drawn.base.modes[rng.random_range(DOMINANT)];
+            let mode = &drawn.base.modes[rng.random_range(drawn.dominant.clone())];
             json!({ "share": 1e-3, "frequency_hz": 2.0 * mode.frequency_hz })
         }
         "x-varying-damping" => json!({ "share": 0.3, "frequency_hz": within(0.1, 1.0) }),

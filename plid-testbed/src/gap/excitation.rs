@@ -7,6 +7,7 @@ use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
 use super::SAMPLE_RATE_HZ;
+use super::spec::{Experiment, GapSpec};
 use crate::INPUTS;
 use crate::converter::Converter;
 use crate::input::{low_passed, scaled_to};
@@ -33,55 +34,69 @@ pub enum Excitation {
 /// A record before it is taken.
 pub(crate) struct Planned {
     pub excitation: Excitation,
-    /// As the DAC gives them.
+    /// As the DAC gives them; zero where the case has no input.
     pub commands: Array2<f64>,
+    /// Which record it is, from 0.
+    pub index: usize,
     /// Samples since the first record began.
     pub start: usize,
 }
 
-/// Samples of a period of the multisine: a prime, so that no mains line falls on one of its lines.
+/// Samples of a period of the multisine in full records: a prime, so that no mains line falls on one of its lines.
 const PERIOD: usize = 2003;
 /// Its lines, as multiples of the sample rate over the period: 2.4 to 395 Hz.
-const LINES: std::ops::RangeInclusive<usize> = 3..=495;
+const LINES: [usize; 2] = [3, 495];
+const PERIODS: usize = 6;
 
-/// The six records of a case and the held-out one after them.
-pub(crate) fn schedule(seed: u64) -> Vec<Planned> {
-    let random = |level_v| (Excitation::Random { level_v }, 6400);
-    let plan = [
-        (Excitation::Zero, 3200),
-        random(1.0),
-        random(0.3),
-        (Excitation::Periodic { period: PERIOD }, 6 * PERIOD),
-        random(0.6),
-        random(1.0),
-        random(1.0),
-    ];
+/// The records of a case and the held-out one after them.
+pub(crate) fn schedule(seed: u64, spec: &GapSpec) -> Vec<Planned> {
+    let samples = |full: usize| (full as f64 * spec.length).round() as usize;
+    let random = |level_v| (Excitation::Random { level_v }, samples(6400));
+    let period = prime_from(samples(PERIOD));
+    let plan = match spec.experiment {
+        Experiment::Active => vec![
+            (Excitation::Zero, samples(3200)),
+            random(1.0),
+            random(0.3),
+            (Excitation::Periodic { period }, PERIODS * period),
+            random(0.6),
+            random(1.0),
+            random(1.0),
+        ],
+        Experiment::Passive => vec![(Excitation::Random { level_v: 1.0 }, samples(2 * 6400)), random(1.0)],
+    };
     let dac = Converter { step_v: 10.0 / 4096.0, range_v: 5.0 };
     let mut start = 0;
     plan.into_iter()
         .enumerate()
         .map(|(index, (excitation, samples))| {
             let mut commands = Array2::zeros((samples, INPUTS));
-            for j in 0..INPUTS {
+            for j in 0..spec.channels.inputs {
                 let rng = stream(seed, Purpose::Excitation, (index << 8) | j);
                 let signal = match excitation {
                     Excitation::Zero => vec![0.0; samples],
                     Excitation::Random { level_v } => low_passed(level_v, 200.0, rng, samples, SAMPLE_RATE_HZ),
-                    Excitation::Periodic { .. } => multisine(&lines(seed, index), rng, samples),
+                    Excitation::Periodic { period } => multisine(period, &lines(seed, index, period), rng, samples),
                 };
                 commands.column_mut(j).iter_mut().zip(signal).for_each(|(to, value)| *to = value);
             }
-            let planned = Planned { excitation, commands: convert(dac, commands).0, start };
+            let planned = Planned { excitation, commands: convert(dac, commands).0, index, start };
             start += samples;
             planned
         })
         .collect()
 }
 
+fn prime_from(least: usize) -> usize {
+    let is_prime = |n: &usize| (2..).take_while(|d| d * d <= *n).all(|d| !n.is_multiple_of(d));
+    (least.max(2)..).find(is_prime).expect("there are infinitely many")
+}
+
 /// Of each five odd lines one is left out at random: what is found there is no answer to the lines.
-fn lines(seed: u64, index: usize) -> Vec<usize> {
+fn lines(seed: u64, index: usize, period: usize) -> Vec<usize> {
     let mut rng = stream(seed, Purpose::Excitation, (index << 8) | INPUTS);
-    let odd: Vec<usize> = LINES.step_by(2).collect();
+    let [lowest, highest] = LINES.map(|line| line * period / PERIOD);
+    let odd: Vec<usize> = (lowest | 1..=highest).step_by(2).collect();
     odd.chunks(5)
         .flat_map(|group| {
             let left_out = rng.random_range(0..group.len());
@@ -90,13 +105,13 @@ fn lines(seed: u64, index: usize) -> Vec<usize> {
         .collect()
 }
 
-fn multisine(lines: &[usize], mut rng: rand_chacha::ChaCha12Rng, samples: usize) -> Vec<f64> {
+fn multisine(period: usize, lines: &[usize], mut rng: rand_chacha::ChaCha12Rng, samples: usize) -> Vec<f64> {
     let phases: Vec<f64> = lines.iter().map(|_| 2.0 * PI * rng.random::<f64>()).collect();
     let at = |k: usize| -> f64 {
         // The product modulo the period keeps the angle small and every period the same bits.
-        let angle = |line: usize| 2.0 * PI * ((k * line) % PERIOD) as f64 / PERIOD as f64;
+        let angle = |line: usize| 2.0 * PI * ((k * line) % period) as f64 / period as f64;
         lines.iter().zip(&phases).map(|(line, phase)| (angle(*line) + phase).cos()).sum()
     };
-    let period = scaled_to((0..PERIOD).map(at).collect(), 1.0);
-    (0..samples).map(|k| period[k % PERIOD]).collect()
+    let one = scaled_to((0..period).map(at).collect(), 1.0);
+    (0..samples).map(|k| one[k % period]).collect()
 }

@@ -2,7 +2,8 @@
 
 use serde::Serialize;
 
-use super::EffectSpec;
+use super::spec::EffectSpec;
+use crate::INPUTS;
 use crate::effects::Effect;
 use crate::plant::Truss;
 
@@ -42,6 +43,70 @@ pub struct LabelledEffect {
     pub clear_of_nuisance: bool,
     /// The effect as a config's list has it.
     pub config: Option<Effect>,
+}
+
+/// Relative distance at which a stated frequency still means the label's: of a mode, of a disturbance.
+const SAME_MODE: f64 = 0.05;
+const SAME_FREQUENCY: f64 = 0.1;
+
+impl LabelledEffect {
+    /// Names of `par` in the vocabulary's equations, in order; the index of the other channel, which a crosstalk has in it, has none.
+    #[must_use]
+    pub fn parameter_names(&self) -> &'static [&'static str] {
+        match self.effect.as_str() {
+            "cubic-stiffness" | "quadratic-stiffness" => &["k"],
+            "coulomb-friction" => &["F", "v0"],
+            "clearance" => &["k", "g"],
+            "joint-hysteresis" => &["k", "dy"],
+            "quadratic-damping" | "actuator-crosstalk" | "sensor-crosstalk" => &["c"],
+            "modal-frequency" | "actuator-dead-zone" => &["delta"],
+            "modal-damping" => &["rho"],
+            "missing-mode" => &["f"],
+            "actuator-saturation" | "sensor-saturation" => &["a"],
+            "actuator-hysteresis" => &["alpha", "uy"],
+            "actuator-slew-limit" => &["R"],
+            "actuator-lag" => &["fp"],
+            "actuator-gain" | "sensor-gain" => &["g"],
+            "actuator-delay" | "sensor-delay" => &["tau"],
+            "actuator-gain-drift" | "stiffness-drift" => &["r"],
+            "narrowband-disturbance" | "mains-hum" => &["a", "f", "phi"],
+            "coloured-disturbance" => &["a", "f"],
+            "sensor-lag" => &["fc"],
+            "sensor-offset" => &["o"],
+            "sensor-drift" => &["s"],
+            "sensor-noise" => &["std"],
+            "sensor-quantisation" => &["q"],
+            "sensor-dropout" => &["rate"],
+            _ => &[],
+        }
+    }
+
+    /// Whether a location, as a diagnosis states it (`input:u2`, `output:y1->y3`, `mode:168.2`), means the place of this effect.
+    #[must_use]
+    pub fn is_at(&self, location: &str) -> bool {
+        let (loc, par) = (self.loc + 1, &self.par);
+        let near = |hz: f64, within: f64| {
+            let stated = location.split_once(':').and_then(|(_, at)| at.split(' ').next()?.parse::<f64>().ok());
+            stated.is_some_and(|stated| (stated / hz - 1.0).abs() < within)
+        };
+        match self.effect.as_str() {
+            "cubic-stiffness"
+            | "quadratic-stiffness"
+            | "coulomb-friction"
+            | "clearance"
+            | "joint-hysteresis"
+            | "quadratic-damping" => location == format!("input:u{loc}") || location == format!("port:strut{loc}"),
+            "modal-frequency" | "modal-damping" | "missing-mode" => near(self.hz, SAME_MODE),
+            "narrowband-disturbance" | "coloured-disturbance" => near(par[1], SAME_FREQUENCY),
+            "stiffness-drift" => location == "structure",
+            "actuator-delay" if self.loc == INPUTS => location == "input:all",
+            "actuator-crosstalk" => location == format!("input:u{loc}->u{}", par[1] as usize + 1),
+            "sensor-crosstalk" => location == format!("output:y{loc}->y{}", par[1] as usize + 1),
+            kind if kind.starts_with("actuator-") => location == format!("input:u{loc}"),
+            kind if kind.starts_with("sensor-") || kind == "mains-hum" => location == format!("output:y{loc}"),
+            _ => false,
+        }
+    }
 }
 
 impl Label {

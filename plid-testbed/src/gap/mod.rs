@@ -1,7 +1,7 @@
-//! Gap cases with a known answer: a truss with effects, the nominal simulation that lacks them, and records.
+//! Gap cases with a known answer: a plant with effects, the nominal simulation that lacks them, and records.
 //!
 //! [`draw`] draws one from a seed and a [`GapSpec`]; [`GapCase::write`] writes what a diagnosis may see in one folder and the
-//! answer in another. The trusses have ten modes from 57 to 345 Hz, three piezo actuators with a pole at 260 Hz, three
+//! answer in another. All plants have up to three actuators (with a pole at 260 Hz; a drone's motors are slower), up to three
 //! accelerometers behind a two-pole filter at 1 kHz, 12-bit converters of +-5 V, 5 mV of noise on each sensor and amplifier, and
 //! an ambient force that gives 2 mV.
 
@@ -9,11 +9,12 @@ mod effect;
 mod excitation;
 mod label;
 mod plant;
+mod plants;
+mod spec;
 mod strength;
 mod write;
 
-use ndarray::Array2;
-use serde::{Deserialize, Serialize};
+use ndarray::{Array2, s};
 
 use crate::config::{ConverterConfig, EffectsConfig, NoiseConfig, TrussConfig};
 use crate::effects::Effect;
@@ -24,40 +25,8 @@ use crate::record::{Noise, record};
 
 pub use excitation::Excitation;
 pub use label::{Label, LabelledEffect};
+pub use spec::{Channels, EffectSpec, Experiment, GapSpec, PlantKind, Simulator};
 pub use write::SimulationFile;
-
-/// What is to be drawn.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct GapSpec {
-    /// The effects at work; empty for none.
-    #[serde(default)]
-    pub effects: Vec<EffectSpec>,
-    /// Whether the nominal simulation is slightly off beside them: one standard deviation is 0.05 % of a frequency, 3 % of a
-    /// damping ratio and 0.5 % of a shape's entry.
-    #[serde(default)]
-    pub perturbed: bool,
-    /// Whether the nominal simulation says where internal forces may act.
-    #[serde(default)]
-    pub ports: bool,
-}
-
-/// One effect to be drawn.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct EffectSpec {
-    /// Its name, as in a config's list.
-    pub kind: String,
-    /// Its place, as in a config's list; drawn where left out.
-    #[serde(default)]
-    pub at: Option<String>,
-    /// Its law, as in a config's list; the vocabulary's own where left out.
-    #[serde(default)]
-    pub law: Option<String>,
-    /// The gap that it is to make alone: RMS(y with it - y without) / RMS(y without) on the held-out record without noise, each
-    /// output scaled to unit RMS.
-    pub gap: f64,
-}
 
 /// Why a case could not be drawn or written.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -72,6 +41,28 @@ pub enum GapError {
         kind: String,
         /// What is wrong.
         reason: String,
+    },
+    /// A number of the spec is outside its range.
+    #[error("`{key}` must be from {least} to {most}, not {value}")]
+    OutOfRange {
+        /// The key.
+        key: &'static str,
+        /// Its value.
+        value: f64,
+        /// Least allowed value.
+        least: f64,
+        /// Largest allowed value.
+        most: f64,
+    },
+    /// Two keys of the spec contradict each other.
+    #[error("`{key}` cannot stand beside `{other}`: {reason}")]
+    Apart {
+        /// The key.
+        key: &'static str,
+        /// What it cannot stand beside.
+        other: &'static str,
+        /// Why.
+        reason: &'static str,
     },
     /// No strength of this draw makes the gap asked for.
     #[error("{kind}: no strength makes a gap of {target}; the nearest found is {nearest}. Another seed may")]
@@ -105,6 +96,8 @@ pub struct GapRecord {
     pub commands: Array2<f64>,
     /// As the ADC gave them (K x p), V.
     pub outputs: Array2<f64>,
+    /// What the nominal simulation gives for these commands (K x p), V.
+    pub simulated: Array2<f64>,
 }
 
 /// A drawn case.
@@ -112,6 +105,8 @@ pub struct GapRecord {
 pub struct GapCase {
     /// The nominal simulation, in arbitrary coordinates.
     pub simulation: SimulationFile,
+    /// In what form the case gives it.
+    pub simulator: Simulator,
     /// In the order in which they were taken, each from rest, back to back.
     pub records: Vec<GapRecord>,
     /// Follows the last of them.
@@ -132,19 +127,23 @@ const NOISE_V: f64 = 0.005;
 /// Draws a case: the same seed and spec give the same bits.
 ///
 /// # Errors
-/// If the spec names an effect, place or law that does not exist, or asks for a gap that its effect cannot make.
+/// If the spec names an effect, place or law that does not exist or not with these channels, has a number outside its range or
+/// keys that contradict each other, or asks for a gap that its effect cannot make.
 pub fn draw(seed: u64, spec: &GapSpec) -> Result<GapCase, GapError> {
+    spec.check()?;
+    let Channels { inputs, outputs } = spec.channels;
     let config = config(seed);
-    let schedule = excitation::schedule(seed);
+    let mut schedule = excitation::schedule(seed, spec);
     let drawn = plant::drawn(&config, spec, &schedule);
-    let held_out = schedule.len() - 1;
+    let held_out = schedule.pop().expect("one is planned at least");
 
     let mut effects = Vec::new();
     let mut labelled = Vec::new();
-    let signals = strength::Signals::of(&drawn.base, schedule[held_out].commands.view());
+    let signals = strength::Signals::of(&drawn.base, held_out.commands.view());
     for (i, wanted) in spec.effects.iter().enumerate() {
-        let first = effect::drawn(seed, i, wanted, &drawn, &signals)?;
-        let bench = strength::Bench { config: &config, truss: &drawn.base, planned: &schedule[held_out], number: i };
+        let first = effect::drawn(seed, i, wanted, spec.channels, &drawn, &signals)?;
+        let (truss, planned) = (&drawn.base, &held_out);
+        let bench = strength::Bench { config: &config, truss, planned, measured: outputs, number: i };
         let (effect, gap) = bench.reach(&first, wanted.gap)?;
         labelled.push(label::labelled(&effect, wanted, gap, &drawn.base));
         effects.push(effect);
@@ -152,45 +151,44 @@ pub fn draw(seed: u64, spec: &GapSpec) -> Result<GapCase, GapError> {
 
     let config = with_effects(&config, &effects);
     let plant = altered(&config, &drawn.base);
-    let last = &schedule[held_out];
-    config.check_for(drawn.base.modes.len(), last.start + last.commands.nrows())?;
-    let mut records = schedule
-        .iter()
-        .enumerate()
-        .map(|(index, planned)| {
-            let noise = Noise::new(&config, &plant, index);
-            let clock = planned.clock(index);
-            let outputs = record(&config, &plant, planned.commands.view(), clock, Some(noise))?.outputs;
-            Ok(GapRecord { excitation: planned.excitation, commands: planned.commands.clone(), outputs })
+    config.check_for(drawn.base.modes.len(), held_out.start + held_out.commands.nrows())?;
+    let take = |planned: &excitation::Planned| {
+        let noise = Noise::new(&config, &plant, planned.index).of_inputs(inputs);
+        let taken = record(&config, &plant, planned.commands.view(), planned.clock(), Some(noise))?;
+        Ok(GapRecord {
+            excitation: planned.excitation,
+            commands: planned.commands.slice(s![.., ..inputs]).to_owned(),
+            outputs: measured(taken.outputs, outputs),
+            simulated: measured(drawn.nominal.discrete.simulate(planned.commands.view()), outputs),
         })
-        .collect::<Result<Vec<_>, TestbedError>>()?;
-    let held_out_record = records.pop().expect("seven were planned");
+    };
+    let records = schedule.iter().map(take).collect::<Result<Vec<_>, TestbedError>>()?;
+    let last = take(&held_out)?;
 
-    let nominal = drawn.nominal.discrete.simulate(last.commands.view());
-    let foretold = foretold(&config, &drawn.base, last, held_out)?;
+    let foretold = measured(foretold(&config, &drawn.base, &held_out)?, outputs);
     let label = Label {
         effects: labelled,
         perturbed: spec.perturbed,
         ports: spec.ports,
-        gap_sim: strength::gap(&held_out_record.outputs, &nominal),
-        gap_floor: strength::gap(&held_out_record.outputs, &foretold),
+        gap_sim: strength::gap(&last.outputs, &last.simulated),
+        gap_floor: strength::gap(&last.outputs, &foretold),
     };
-    let simulation =
-        SimulationFile::of(&drawn.nominal, plant::coordinates(seed, drawn.nominal.discrete.states()), spec.ports);
-    Ok(GapCase { simulation, records, held_out: held_out_record, label: label.or_none(), effects })
+    let simulation = SimulationFile::of(seed, &drawn.nominal, spec);
+    let simulator = spec.simulator;
+    Ok(GapCase { simulation, simulator, records, held_out: last, label: label.or_none(), effects })
 }
 
-/// The held-out record as somebody would foretell it who knows the truss and its effects, but no random numbers.
-fn foretold(
-    config: &TrussConfig,
-    base: &Truss,
-    last: &excitation::Planned,
-    index: usize,
-) -> Result<Array2<f64>, TestbedError> {
+/// The first outputs: those that a case measures.
+fn measured(outputs: Array2<f64>, count: usize) -> Array2<f64> {
+    if count == outputs.ncols() { outputs } else { outputs.slice(s![.., ..count]).to_owned() }
+}
+
+/// The held-out record as somebody would foretell it who knows the plant and its effects, but no random numbers.
+fn foretold(config: &TrussConfig, base: &Truss, last: &excitation::Planned) -> Result<Array2<f64>, TestbedError> {
     let effects: Vec<Effect> = config.effects.list.iter().filter(|e| e.foretold()).cloned().collect();
     let config = with_effects(config, &effects);
     let plant = altered(&config, base);
-    Ok(record(&config, &plant, last.commands.view(), last.clock(index), None)?.outputs)
+    Ok(record(&config, &plant, last.commands.view(), last.clock(), None)?.outputs)
 }
 
 fn config(seed: u64) -> TrussConfig {
@@ -211,7 +209,7 @@ fn with_effects(config: &TrussConfig, effects: &[Effect]) -> TrussConfig {
 }
 
 impl excitation::Planned {
-    fn clock(&self, record: usize) -> Clock {
-        Clock { record, start: self.start, sample_rate_hz: SAMPLE_RATE_HZ }
+    fn clock(&self) -> Clock {
+        Clock { record: self.index, start: self.start, sample_rate_hz: SAMPLE_RATE_HZ }
     }
 }

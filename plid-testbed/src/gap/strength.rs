@@ -3,7 +3,7 @@
 use ndarray::{Array2, ArrayView2};
 
 use super::excitation::Planned;
-use super::{GapError, with_effects};
+use super::{GapError, measured, with_effects};
 use crate::config::TrussConfig;
 use crate::effects::Effect;
 use crate::effects::chain::dot;
@@ -58,6 +58,8 @@ pub(crate) struct Bench<'a> {
     pub config: &'a TrussConfig,
     pub truss: &'a Truss,
     pub planned: &'a Planned,
+    /// How many outputs are measured.
+    pub measured: usize,
     /// Which effect of the case: the streams that it draws from depend on it.
     pub number: usize,
 }
@@ -132,8 +134,8 @@ impl Bench<'_> {
         let config = with_effects(self.config, effects);
         config.check_for(self.truss.modes.len(), self.planned.start)?;
         let plant = altered(&config, self.truss);
-        // The held-out record is the seventh.
-        Ok(record(&config, &plant, self.planned.commands.view(), self.planned.clock(6), None)?.outputs)
+        let outputs = record(&config, &plant, self.planned.commands.view(), self.planned.clock(), None)?.outputs;
+        Ok(measured(outputs, self.measured))
     }
 }
 

@@ -8,9 +8,10 @@ use nalgebra::DMatrix;
 use ndarray::Array2;
 use serde::Serialize;
 
-use super::{Excitation, GapCase, GapError, NOISE_V, SAMPLE_RATE_HZ};
-use crate::plant::Truss;
-use crate::{INPUTS, OUTPUTS};
+use super::spec::{Channels, GapSpec, Simulator};
+use super::{Excitation, GapCase, GapError, GapRecord, NOISE_V, SAMPLE_RATE_HZ, plant};
+use crate::INPUTS;
+use crate::plant::{Truss, filter_state};
 
 /// The nominal simulation as `sim.json` holds it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -38,8 +39,8 @@ type Rows = Vec<Vec<f64>>;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 struct NoiseFile {
-    sensor_std: [f64; OUTPUTS],
-    actuator_std: [f64; INPUTS],
+    sensor_std: Vec<f64>,
+    actuator_std: Vec<f64>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -68,40 +69,52 @@ fn names(letter: char, count: usize) -> Vec<String> {
 }
 
 impl SimulationFile {
-    /// A truss with the states x' = T x; with its ports, or without a word of them.
-    pub(crate) fn of(truss: &Truss, t: DMatrix<f64>, ports: bool) -> Self {
+    /// A plant as a spec's case gives it: with the channels that there are, in arbitrary coordinates, with its ports or without a word
+    /// of them.
+    pub(crate) fn of(seed: u64, truss: &Truss, spec: &GapSpec) -> Self {
+        let Channels { inputs, outputs } = spec.channels;
+        // Actuators that nothing drives are not in it, nor are filters that nobody reads: no other state meets them.
+        let filters = filter_state(&truss.modes, 0);
+        let kept: Vec<usize> = (0..inputs).chain(INPUTS..filters + 2 * outputs).collect();
+        let t = plant::coordinates(seed, kept.len());
         let back = t.clone().try_inverse().expect("a rotation with scales has an inverse");
-        let turned = |a: &DMatrix<f64>| rows(&(&t * a * &back));
-        let declared = truss.ports.iter().map(|port| {
-            let row = |r: &[f64]| (DMatrix::from_row_slice(1, r.len(), r) * &back).as_slice().to_vec();
+        let turned = |a: &DMatrix<f64>| rows(&(&t * a.select_rows(&kept).select_columns(&kept) * &back));
+        let driven = |b: &DMatrix<f64>| rows(&(&t * b.select_rows(&kept).columns(0, inputs)));
+        let declared = truss.ports[..inputs].iter().map(|port| {
+            let of = |r: &[f64]| -> Vec<f64> { kept.iter().map(|&i| r[i]).collect() };
+            let row = |r: &[f64]| (DMatrix::from_row_slice(1, kept.len(), &of(r)) * &back).as_slice().to_vec();
             PortFile {
                 name: format!("strut{}", port.input + 1),
                 input: format!("u{}", port.input + 1),
-                force: (&t * DMatrix::from_column_slice(port.force.len(), 1, &port.force)).as_slice().to_vec(),
+                force: (&t * DMatrix::from_column_slice(kept.len(), 1, &of(&port.force))).as_slice().to_vec(),
                 displacement: row(&port.displacement),
                 velocity: row(&port.velocity),
             }
         });
+        let c = truss.discrete.c.rows(0, outputs).select_columns(&kept);
+        let noise_v = NOISE_V / spec.noise_misjudged;
         Self {
             format: "state-space",
             sample_rate_hz: truss.sample_rate_hz,
-            inputs: names('u', INPUTS),
-            outputs: names('y', OUTPUTS),
+            inputs: names('u', inputs),
+            outputs: names('y', outputs),
             a: turned(&truss.discrete.a),
-            b: rows(&(&t * &truss.discrete.b)),
-            c: rows(&(&truss.discrete.c * &back)),
-            d: rows(&truss.discrete.d),
-            noise: NoiseFile { sensor_std: [NOISE_V; OUTPUTS], actuator_std: [NOISE_V; INPUTS] },
-            continuous: ports
-                .then(|| ContinuousFile { a: turned(&truss.continuous.a), b: rows(&(&t * &truss.continuous.b)) }),
-            ports: ports.then(|| declared.collect()),
+            b: driven(&truss.discrete.b),
+            c: rows(&(c * &back)),
+            d: rows(&truss.discrete.d.view((0, 0), (outputs, inputs)).into_owned()),
+            noise: NoiseFile { sensor_std: vec![noise_v; outputs], actuator_std: vec![noise_v; inputs] },
+            continuous: spec
+                .ports
+                .then(|| ContinuousFile { a: turned(&truss.continuous.a), b: driven(&truss.continuous.b) }),
+            ports: spec.ports.then(|| declared.collect()),
         }
     }
 }
 
 impl GapCase {
-    /// Writes case.toml, sim.json and r1.csv to r6.csv into `case`, and label.json, test_u.csv and test_uy.csv into `label`. The
-    /// folders are made where they are missing; case.toml and label.json are written last.
+    /// Writes case.toml, sim.json and r1.csv to r6.csv (as many as there are records) into `case`, and label.json, test_u.csv and
+    /// test_uy.csv into `label`. Where the simulation is given only by its outputs, r1_sim.csv to r6_sim.csv stand for sim.json, and
+    /// test_sim.csv is in `label` too. The folders are made where they are missing; case.toml and label.json are written last.
     ///
     /// # Errors
     /// If a file cannot be written.
@@ -109,23 +122,35 @@ impl GapCase {
         for folder in [case, label] {
             fs::create_dir_all(folder).map_err(|e| file_error(folder, &e))?;
         }
-        save(&case.join("sim.json"), &json(&self.simulation))?;
+        if self.simulator == Simulator::Model {
+            save(&case.join("sim.json"), &json(&self.simulation))?;
+        }
         for (i, record) in self.records.iter().enumerate() {
-            save(&case.join(format!("r{}.csv", i + 1)), &csv(&record.commands, Some(&record.outputs)))?;
+            save(&case.join(format!("r{}.csv", i + 1)), &measured(record))?;
+            if self.simulator == Simulator::Outputs {
+                save(&case.join(format!("r{}_sim.csv", i + 1)), &csv(&[('y', &record.simulated)]))?;
+            }
         }
         save(&case.join("case.toml"), &self.case_toml())?;
-        save(&label.join("test_u.csv"), &csv(&self.held_out.commands, None))?;
-        save(&label.join("test_uy.csv"), &csv(&self.held_out.commands, Some(&self.held_out.outputs)))?;
+        save(&label.join("test_u.csv"), &csv(&[('u', &self.held_out.commands)]))?;
+        save(&label.join("test_uy.csv"), &measured(&self.held_out))?;
+        if self.simulator == Simulator::Outputs {
+            save(&label.join("test_sim.csv"), &csv(&[('y', &self.held_out.simulated)]))?;
+        }
         save(&label.join("label.json"), &json(&self.label))
     }
 
     fn case_toml(&self) -> String {
         let quoted =
             |letter, count| names(letter, count).iter().map(|n| format!("{n:?}")).collect::<Vec<_>>().join(", ");
+        let (simulation, by_outputs) = match self.simulator {
+            Simulator::Model => ("sim = \"sim.json\"\n", false),
+            Simulator::Outputs => ("", true),
+        };
         let mut text = format!(
-            "sim = \"sim.json\"\nsample_rate_hz = {SAMPLE_RATE_HZ:?}\ninputs = [{}]\noutputs = [{}]\n",
-            quoted('u', INPUTS),
-            quoted('y', OUTPUTS),
+            "{simulation}sample_rate_hz = {SAMPLE_RATE_HZ:?}\ninputs = [{}]\noutputs = [{}]\n",
+            quoted('u', self.held_out.commands.ncols()),
+            quoted('y', self.held_out.outputs.ncols()),
         );
         for (i, record) in self.records.iter().enumerate() {
             let excitation = match record.excitation {
@@ -135,6 +160,9 @@ impl GapCase {
             };
             // Writing into a text cannot fail.
             let _ = write!(text, "\n[[record]]\nfile = \"r{}.csv\"\n{excitation}\n", i + 1);
+            if by_outputs {
+                let _ = writeln!(text, "simulated = \"r{}_sim.csv\"", i + 1);
+            }
         }
         text
     }
@@ -144,15 +172,16 @@ fn json(value: &impl Serialize) -> String {
     serde_json::to_string(value).expect("plain numbers and names") + "\n"
 }
 
-fn csv(commands: &Array2<f64>, outputs: Option<&Array2<f64>>) -> String {
-    let mut header = names('u', INPUTS);
-    if outputs.is_some() {
-        header.extend(names('y', OUTPUTS));
-    }
+fn measured(record: &GapRecord) -> String {
+    csv(&[('u', &record.commands), ('y', &record.outputs)])
+}
+
+/// Signals beside each other, each with the letter of its channels.
+fn csv(signals: &[(char, &Array2<f64>)]) -> String {
+    let header: Vec<String> = signals.iter().flat_map(|(letter, signal)| names(*letter, signal.ncols())).collect();
     let mut text = header.join(",") + "\n";
-    for k in 0..commands.nrows() {
-        let row = commands.row(k);
-        let values = row.iter().chain(outputs.iter().flat_map(|y| y.row(k).to_slice().expect("rows are contiguous")));
+    for k in 0..signals[0].1.nrows() {
+        let values = signals.iter().flat_map(|(_, signal)| signal.row(k).to_vec());
         // A code of minus nothing is nothing.
         let values: Vec<String> = values.map(|v| (v + 0.0).to_string()).collect();
         text.push_str(&values.join(","));

@@ -51,7 +51,7 @@ const OUTSIDERS: [&str; 8] = [
 
 fn spec(effects: &[(&str, f64)]) -> GapSpec {
     let effect = |(kind, gap): &(&str, f64)| EffectSpec { kind: (*kind).to_owned(), at: None, law: None, gap: *gap };
-    GapSpec { effects: effects.iter().map(effect).collect(), perturbed: false, ports: true }
+    GapSpec { effects: effects.iter().map(effect).collect(), ports: true, ..GapSpec::default() }
 }
 
 /// The label's gap against the one measured on the records: what the nominal simulation lacks beside the noise.
@@ -248,6 +248,38 @@ fn the_multisine_has_odd_lines_only_and_leaves_some_of_them_out() {
     let found = odd.iter().filter(|n| present(n)).count();
     assert!((190..=200).contains(&found), "{found} of {}", odd.len());
     assert_eq!(u[..period], u[period..2 * period]);
+}
+
+#[test]
+fn a_label_knows_its_place_and_the_names_of_its_parameters() {
+    for (kind, at, right, wrong) in [
+        ("cubic-stiffness", "u2", "input:u2", "input:u1"),
+        ("cubic-stiffness", "u2", "port:strut2", "output:y2"),
+        ("actuator-gain", "u3", "input:u3", "input:u2"),
+        ("actuator-delay", "all", "input:all", "input:u1"),
+        ("actuator-crosstalk", "u3->u1", "input:u3->u1", "input:u1->u3"),
+        ("sensor-crosstalk", "y1->y2", "output:y1->y2", "input:u1->u2"),
+        ("mains-hum", "y3", "output:y3", "output:y1"),
+    ] {
+        let mut spec = GapSpec { length: 0.1, ..spec(&[(kind, 0.05)]) };
+        spec.effects[0].at = Some(at.to_owned());
+        let effect = draw(3, &spec).unwrap().label.effects.remove(0);
+        assert!(effect.is_at(right) && !effect.is_at(wrong), "{kind} at {at}");
+        assert_eq!(effect.parameter_names().len() + usize::from(kind.contains("crosstalk")), effect.par.len());
+    }
+    let short = |kind| {
+        let case = draw(3, &GapSpec { length: 0.1, ..spec(&[(kind, 0.05)]) });
+        case.unwrap().label.effects.remove(0)
+    };
+    let mode = short("modal-damping");
+    assert!(mode.is_at(&format!("mode:{:.1}", mode.hz)) && !mode.is_at(&format!("mode:{:.1}", 1.1 * mode.hz)));
+    let hum = short("narrowband-disturbance");
+    assert!(hum.is_at(&format!("freq:{:.1} port:strut1", hum.par[1])) && !hum.is_at("freq:12.0"));
+    for kind in STRUCTURE.iter().chain(&BESIDE_THE_STRUCTURE) {
+        let effect = short(kind);
+        let other_channel = usize::from(kind.contains("crosstalk"));
+        assert_eq!(effect.parameter_names().len() + other_channel, effect.par.len(), "{kind}");
+    }
 }
 
 #[test]

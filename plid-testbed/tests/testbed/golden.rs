@@ -1,5 +1,8 @@
 //! Codes of the ADC as they were before the list of effects existed (printed by the same loop at that commit).
 
+use std::fs;
+
+use plid_testbed::gap::{GapSpec, draw};
 use plid_testbed::{TrussConfig, simulate};
 
 /// FNV-1a over the bits of every value.
@@ -23,5 +26,35 @@ fn old_configs_give_the_codes_that_they_always_gave() {
         let run = simulate(&config).unwrap();
         assert_eq!(hash(run.commands.iter().copied()), commands, "{text}");
         assert_eq!(hash(run.outputs.iter().flatten().copied()), outputs, "{text}");
+    }
+}
+
+/// Files of gap cases as they were before cases could have other plants, channels and experiments (printed by the same loop at that
+/// commit).
+#[test]
+fn old_specs_give_the_cases_that_they_always_gave() {
+    for (seed, text, files) in [
+        (7, "perturbed = true", 0x88c7_9d81_566e_ee5c),
+        (8, "ports = true\n[[effects]]\nkind = \"cubic-stiffness\"\ngap = 0.1", 0xee83_5f12_3f57_ab27),
+        (9, "ports = true\n[[effects]]\nkind = \"missing-mode\"\ngap = 0.05", 0x5a0a_554b_1c77_97e6),
+        (
+            10,
+            "[[effects]]\nkind = \"actuator-lag\"\ngap = 0.05\n[[effects]]\nkind = \"sensor-crosstalk\"\ngap = 0.05",
+            0xaf4f_48d1_073b_6aae,
+        ),
+        (
+            11,
+            "[[effects]]\nkind = \"actuator-delay\"\ngap = 0.05\n[[effects]]\nkind = \"x-parametric-stiffness\"\ngap = 0.02",
+            0xd25b_2617_7a3e_d2a1,
+        ),
+    ] {
+        let spec: GapSpec = toml::from_str(text).unwrap();
+        let at = tempfile::tempdir().unwrap();
+        draw(seed, &spec).unwrap().write(&at.path().join("case"), &at.path().join("label")).unwrap();
+        let names = ["case/case.toml", "case/sim.json", "label/label.json", "label/test_uy.csv"].map(String::from);
+        let records = (1..=6).map(|i| format!("case/r{i}.csv"));
+        let bytes = names.into_iter().chain(records).flat_map(|name| fs::read(at.path().join(name)).unwrap());
+        let hash = bytes.fold(0xcbf2_9ce4_8422_2325_u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3));
+        assert_eq!(hash, files, "seed {seed}");
     }
 }

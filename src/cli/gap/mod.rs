@@ -2,6 +2,7 @@
 
 mod diagnose;
 mod predict;
+mod trial;
 
 use clap::Subcommand;
 use plid::gap::GapError;
@@ -22,6 +23,7 @@ pub struct Arguments {
 enum Step {
     Diagnose(diagnose::Arguments),
     Predict(predict::Arguments),
+    Trial(trial::Arguments),
 }
 
 /// Runs the command.
@@ -29,6 +31,7 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     match arguments.step {
         Step::Diagnose(arguments) => diagnose::execute(arguments, voice),
         Step::Predict(arguments) => predict::execute(arguments, voice),
+        Step::Trial(arguments) => trial::execute(arguments, voice),
     }
 }
 

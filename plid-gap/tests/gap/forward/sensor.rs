@@ -18,8 +18,9 @@ pub const CHECKS: &[Check] = &[
         effect: "mains-hum",
         limit: 1e-6,
         measure: |effect| {
-            fixed(effect, &[0.03, 50.02, 0.7, 0.01, -1.1], |p, y, t| {
-                y + p[0] * (TAU * p[1] * t + p[2]).sin() + p[3] * (TAU * 3.0 * p[1] * t + p[4]).sin()
+            fixed(effect, &[0.03, 50.02, 0.7, 0.004, 2.0, 0.01, -1.1, 0.006, 0.3], |p, y, t| {
+                let line = |h: f64, a: f64, phase: f64| a * (TAU * h * p[1] * t + phase).sin();
+                y + line(1.0, p[0], p[2]) + line(2.0, p[3], p[4]) + line(3.0, p[5], p[6]) + line(5.0, p[7], p[8])
             })
         },
     },

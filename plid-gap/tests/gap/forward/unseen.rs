@@ -5,8 +5,8 @@
 use std::f64::consts::TAU;
 
 use plid_gap::effects::{Effect, Library};
-use plid_gap::nuisance::Limits;
-use plid_gap::prepare::{Prepared, prepare};
+
+use plid_gap::prepare::{Known, Prepared, prepare};
 use plid_gap::record::{Excitation, Record};
 use plid_gap::simulate::{Fineness, simulate};
 use plid_gap::unseen::unseen;
@@ -98,7 +98,7 @@ fn found(rig: &Rig, effect: &dyn Effect, records: &[Record]) -> (Vec<f64>, Prepa
         let free_run = simulate(&rig.plant, &actions, &rig.u, T0, None, Fineness::FINE);
         assert_eq!(free_run, simulate(&rig.plant, &[], &rig.u, T0, None, Fineness::FINE), "a free run shows it");
     }
-    let ready = prepare(&rig.model, records, &Limits::default()).unwrap();
+    let ready = prepare(&rig.model, records, &Known::default()).unwrap();
     let library = Library::standard();
     let all = unseen(&ready, &library);
     let locations: Vec<(String, String)> = all

@@ -16,11 +16,23 @@ pub struct ActuatorLag {
     pub at: Input,
     /// fp, Hz; positive.
     pub pole_hz: f64,
+    /// Where the pole was, Hz: the strength counts from there.
+    #[serde(default = "usual_pole_hz", skip_serializing_if = "is_usual")]
+    pub from_hz: f64,
+}
+
+fn usual_pole_hz() -> f64 {
+    ACTUATOR_POLE_HZ
+}
+
+fn is_usual(pole_hz: &f64) -> bool {
+    *pole_hz == ACTUATOR_POLE_HZ
 }
 
 impl Law for ActuatorLag {
     fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
-        positive("pole_hz", self.pole_hz)
+        positive("pole_hz", self.pole_hz)?;
+        positive("from_hz", self.from_hz)
     }
 
     fn alter(&self, plant: &mut Plant) {
@@ -29,7 +41,7 @@ impl Law for ActuatorLag {
 
     fn strengthen(&mut self, factor: f64) {
         // By the ratio of the two poles, which stays positive.
-        self.pole_hz = ACTUATOR_POLE_HZ * (self.pole_hz / ACTUATOR_POLE_HZ).powf(factor);
+        self.pole_hz = self.from_hz * (self.pole_hz / self.from_hz).powf(factor);
     }
 
     fn place(&self) -> usize {

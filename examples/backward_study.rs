@@ -1,0 +1,244 @@
+//! Effects planted by the testbed and found by the diagnosis: how often the place is right, and the parameters in their intervals.
+//!
+//! ```sh
+//! cargo run --release --example backward_study -- [EFFECT...] [--seeds 40] [--first 1] [--length 1.0] [--jobs 1] [--out FOLDER]
+//! ```
+//!
+//! A case per effect and seed, at a gap from 5 to 15 %, with ports and all six records; `all` stands for every effect of the
+//! vocabulary. With `--out` each finished case is a file in FOLDER, and the same command goes on where it was stopped. Without
+//! arguments it is a trial of seconds: one effect, one seed, short records.
+
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::f64::consts::PI;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::time::Instant;
+
+use clap::Parser;
+use plid::gap::case::{Case, columns};
+use plid::gap::diagnosis::Value;
+use plid::gap::effects::Library;
+use plid::gap::predict::Predictor;
+use plid::testbed::gap::{EffectSpec, GapCase, GapError, GapSpec, LabelledEffect, draw};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+#[derive(Parser)]
+struct Arguments {
+    /// Effects of the vocabulary, or `all`.
+    effects: Vec<String>,
+    /// Cases of each effect.
+    #[arg(long, default_value_t = 40)]
+    seeds: u64,
+    /// The first seed.
+    #[arg(long, default_value_t = 1)]
+    first: u64,
+    /// Length of the records over that of full ones.
+    #[arg(long, default_value_t = 1.0)]
+    length: f64,
+    /// Cases at a time.
+    #[arg(long, default_value_t = 1)]
+    jobs: usize,
+    /// Where finished cases are kept.
+    #[arg(long)]
+    out: Option<PathBuf>,
+}
+
+/// Gaps are drawn between these, evenly in their logarithm.
+const GAPS: [f64; 2] = [0.05, 0.15];
+
+/// Gap over the floor from which a shrink means something: random effects belong to the floor.
+const STANDS_OUT: f64 = 1.5;
+
+/// What became of a case.
+#[derive(Serialize, Deserialize)]
+struct Found {
+    effect: String,
+    seed: u64,
+    /// The spec, so that a folder of another study is not taken for this one's.
+    spec: GapSpec,
+    /// No strength of this draw makes the gap: there is no case.
+    undrawn: Option<String>,
+    /// What was named, and where.
+    named: Vec<(String, String)>,
+    /// The first named effect is the planted one, at its place.
+    located: bool,
+    /// True value and stated one of each parameter, where the effect was found.
+    parameters: BTreeMap<String, (f64, Option<Value>)>,
+    /// All of them are in their intervals; none where one has no interval.
+    covered: Option<bool>,
+    /// Share of the gap beyond the noise that is gone on the held-out record; none where nothing stands out of the noise there.
+    shrink: Option<f64>,
+    seconds: f64,
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut arguments = Arguments::parse();
+    if arguments.effects.is_empty() {
+        println!("a trial of seconds; for the study: --example backward_study -- all [--seeds 40]");
+        arguments = Arguments { effects: vec!["sensor-offset".into()], seeds: 1, length: 0.2, ..arguments };
+    }
+    if arguments.effects == ["all"] {
+        arguments.effects = Library::standard().effects().map(|effect| effect.name().to_owned()).collect();
+    }
+    if let Some(out) = &arguments.out {
+        fs::create_dir_all(out)?;
+    }
+    let seeds = arguments.first..arguments.first + arguments.seeds;
+    let todo: Vec<(&str, u64)> =
+        arguments.effects.iter().flat_map(|effect| seeds.clone().map(move |seed| (effect.as_str(), seed))).collect();
+    let (next, results) = (Mutex::new(todo.iter()), Mutex::new(Vec::new()));
+    std::thread::scope(|scope| {
+        for _ in 0..arguments.jobs.max(1) {
+            scope.spawn(|| {
+                loop {
+                    let Some((effect, seed)) = next.lock().expect("no thread panics with it").next() else { break };
+                    let result = one(effect, *seed, &arguments).map_err(|e| format!("{effect}, seed {seed}: {e}"));
+                    let mut results = results.lock().expect("no thread panics with it");
+                    results.push(result);
+                    let word = match results.last() {
+                        Some(Ok(found)) if found.undrawn.is_some() => "not drawn".to_owned(),
+                        Some(Ok(found)) if found.located => "found".to_owned(),
+                        Some(Ok(found)) => format!("{:?}", found.named),
+                        Some(Err(error)) => error.clone(),
+                        None => String::new(),
+                    };
+                    eprintln!("{}/{} {effect}, seed {seed}: {word}", results.len(), todo.len());
+                }
+            });
+        }
+    });
+    let found = results.into_inner()?.into_iter().collect::<Result<Vec<Found>, String>>()?;
+    print_table(&arguments.effects, &found);
+    Ok(())
+}
+
+/// A case that was kept, or one that is made now.
+fn one(effect: &str, seed: u64, arguments: &Arguments) -> Result<Found, Box<dyn Error>> {
+    let spec = spec(effect, seed, arguments.length);
+    let file = arguments.out.as_ref().map(|out| out.join(format!("{effect}-{seed}.json")));
+    if let Some(file) = file.as_ref().filter(|file| file.exists()) {
+        let kept: Found = serde_json::from_str(&fs::read_to_string(file)?)?;
+        if kept.spec != spec {
+            return Err(format!("{} is of another study", file.display()).into());
+        }
+        return Ok(kept);
+    }
+    let found = plant_and_find(effect, seed, spec)?;
+    if let Some(file) = file {
+        let beside = file.with_extension("part");
+        fs::write(&beside, serde_json::to_string(&found)?)?;
+        fs::rename(beside, file)?;
+    }
+    Ok(found)
+}
+
+/// Every other simulation is slightly off.
+fn spec(effect: &str, seed: u64, length: f64) -> GapSpec {
+    let share: f64 = ChaCha8Rng::seed_from_u64(seed).random();
+    let gap = GAPS[0] * (GAPS[1] / GAPS[0]).powf(share);
+    let effects = vec![EffectSpec { kind: effect.to_owned(), at: None, law: None, gap }];
+    GapSpec { effects, perturbed: seed % 2 == 1, ports: true, length, ..GapSpec::default() }
+}
+
+fn plant_and_find(effect: &str, seed: u64, spec: GapSpec) -> Result<Found, Box<dyn Error>> {
+    let clock = Instant::now();
+    let mut found = Found {
+        effect: effect.to_owned(),
+        seed,
+        spec,
+        undrawn: None,
+        named: Vec::new(),
+        located: false,
+        parameters: BTreeMap::new(),
+        covered: None,
+        shrink: None,
+        seconds: 0.0,
+    };
+    let drawn = match draw(seed, &found.spec) {
+        Ok(drawn) => drawn,
+        Err(error @ GapError::Unreachable { .. }) => return Ok(Found { undrawn: Some(error.to_string()), ..found }),
+        Err(error) => return Err(error.into()),
+    };
+    let folder = tempfile::tempdir()?;
+    let (at, answer) = (folder.path().join("case"), folder.path().join("answer"));
+    drawn.write(&at, &folder.path().join("label"))?;
+    fs::create_dir(&answer)?;
+    let case = Case::read(&at.join("case.toml"))?;
+    let outcome = plid::gap::diagnose(&case, &Library::standard(), &mut |_| {})?;
+    plid::gap::write(&outcome, &case, &answer)?;
+
+    let truth = &drawn.label.effects[0];
+    let named = &outcome.diagnosis.effects;
+    found.named = named.iter().map(|e| (e.effect.clone(), e.location.clone())).collect();
+    if let Some(first) = named.first().filter(|e| e.effect == truth.effect && truth.is_at(&e.location)) {
+        found.located = true;
+        found.parameters = parameters(truth, &first.parameters);
+        let each: Option<Vec<bool>> = found.parameters.iter().map(|(name, pair)| covers(name, pair)).collect();
+        found.covered = each.map(|each| each.into_iter().all(|is_in| is_in));
+    }
+    found.shrink = shrink(&drawn, &answer)?;
+    found.seconds = clock.elapsed().as_secs_f64();
+    Ok(found)
+}
+
+fn parameters(truth: &LabelledEffect, stated: &BTreeMap<String, Value>) -> BTreeMap<String, (f64, Option<Value>)> {
+    let values = truth.parameter_names().iter().zip(&truth.par);
+    values.map(|(name, value)| ((*name).to_owned(), (*value, stated.get(*name).cloned()))).collect()
+}
+
+/// Whether the true value is in the stated interval. An amplitude and its phase mean the same with both signs turned: the amplitude
+/// is compared with the stated one's sign, the phase with the nearest half turn.
+fn covers(name: &str, (truth, stated): &(f64, Option<Value>)) -> Option<bool> {
+    let stated = stated.as_ref()?;
+    let [low, high] = stated.ci95?;
+    let truth = match name {
+        "a" => truth.abs() * stated.value.signum(),
+        "phi" => truth + PI * ((stated.value - truth) / PI).round(),
+        _ => *truth,
+    };
+    Some((low..=high).contains(&truth))
+}
+
+/// On the held-out record, beyond what somebody who knew everything but the noise would be left with.
+fn shrink(drawn: &GapCase, answer: &Path) -> Result<Option<f64>, Box<dyn Error>> {
+    if drawn.label.gap_sim < STANDS_OUT * drawn.label.gap_floor {
+        return Ok(None);
+    }
+    let predictor = Predictor::read(&answer.join("sim-with-effect.json"), &Library::standard())?;
+    let simulated = predictor.run(&columns(&drawn.held_out.commands), predictor.t0);
+    let measured = columns(&drawn.held_out.outputs);
+    let squares = measured.iter().zip(&simulated).map(|(y, s)| {
+        let error: f64 = y.iter().zip(s).map(|(y, s)| (y - s).powi(2)).sum();
+        error / y.iter().map(|y| y * y).sum::<f64>()
+    });
+    let gap = (squares.sum::<f64>() / measured.len() as f64).sqrt();
+    let beyond = |gap: f64| (gap.powi(2) - drawn.label.gap_floor.powi(2)).max(0.0).sqrt();
+    Ok(Some(1.0 - beyond(gap) / beyond(drawn.label.gap_sim)))
+}
+
+fn print_table(effects: &[String], found: &[Found]) {
+    println!("| effect | located | parameters in their intervals | median shrink | mean s | no case |");
+    println!("|---|---|---|---|---|---|");
+    for effect in effects {
+        let (cases, undrawn): (Vec<&Found>, Vec<&Found>) =
+            found.iter().filter(|f| f.effect == *effect).partition(|f| f.undrawn.is_none());
+        let located: Vec<&&Found> = cases.iter().filter(|f| f.located).collect();
+        let intervals: Vec<bool> = located.iter().filter_map(|f| f.covered).collect();
+        let covered = intervals.iter().filter(|covered| **covered).count();
+        let mut shrinks: Vec<f64> = located.iter().filter_map(|f| f.shrink).collect();
+        shrinks.sort_by(f64::total_cmp);
+        let median = shrinks.get(shrinks.len() / 2).map_or("-".to_owned(), |shrink| format!("{shrink:.3}"));
+        let seconds = cases.iter().map(|f| f.seconds).sum::<f64>() / cases.len().max(1) as f64;
+        println!(
+            "| {effect} | {} of {} | {covered} of {} | {median} | {seconds:.1} | {} |",
+            located.len(),
+            cases.len(),
+            intervals.len(),
+            undrawn.len()
+        );
+    }
+}

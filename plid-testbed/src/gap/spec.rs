@@ -1,0 +1,151 @@
+//! What a case is to be.
+
+use serde::{Deserialize, Serialize};
+
+use super::GapError;
+use crate::{INPUTS, OUTPUTS};
+
+/// What is to be drawn. Left out, each key is as it is in [`GapSpec::default`]: a truss with all its channels, no effect, six
+/// records of full length and a simulation that is exact.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct GapSpec {
+    /// The effects at work; empty for none.
+    pub effects: Vec<EffectSpec>,
+    /// Whether the nominal simulation is slightly off beside them: one standard deviation is 0.05 % of a frequency, 3 % of a
+    /// damping ratio and 0.5 % of a shape's entry.
+    pub perturbed: bool,
+    /// Whether the nominal simulation says where internal forces may act.
+    pub ports: bool,
+    /// The plant.
+    pub plant: PlantKind,
+    /// Channels that there are.
+    pub channels: Channels,
+    /// The records.
+    pub experiment: Experiment,
+    /// In what form the case has the nominal simulation.
+    pub simulator: Simulator,
+    /// What the noise of sensors and amplifiers is over what the nominal simulation declares; from 2/3 to 3/2.
+    pub noise_misjudged: f64,
+    /// Length of the records over that of full ones; from 0.1 to 1. At 0.16 a record without input has 512 samples. The multisine's
+    /// period shortens with it, so that it has six in any case.
+    pub length: f64,
+}
+
+impl Default for GapSpec {
+    fn default() -> Self {
+        Self {
+            effects: Vec::new(),
+            perturbed: false,
+            ports: false,
+            plant: PlantKind::default(),
+            channels: Channels::default(),
+            experiment: Experiment::default(),
+            simulator: Simulator::default(),
+            noise_misjudged: 1.0,
+            length: 1.0,
+        }
+    }
+}
+
+/// One effect to be drawn.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EffectSpec {
+    /// Its name, as in a config's list.
+    pub kind: String,
+    /// Its place, as in a config's list; drawn where left out, among the channels that there are.
+    #[serde(default)]
+    pub at: Option<String>,
+    /// Its law, as in a config's list; the vocabulary's own where left out.
+    #[serde(default)]
+    pub law: Option<String>,
+    /// The gap that it is to make alone: RMS(y with it - y without) / RMS(y without) on the held-out record without noise, each
+    /// output scaled to unit RMS.
+    pub gap: f64,
+}
+
+/// A kind of plant; each seed draws another of the kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PlantKind {
+    /// Ten modes from 57 to 345 Hz.
+    #[default]
+    Truss,
+    /// A uniform beam on two supports in bending: six modes, at 1, 4, 9, ... times the first.
+    Beam,
+    /// Seven inertias in a row on shafts, as of a gearbox.
+    Chain,
+    /// Motors that lag behind their commands more than anything else does, a body that is held in its attitude, and its arms.
+    Drone,
+    /// The truss with two pairs of modes, each closer than its modes are wide.
+    CloseModes,
+}
+
+/// How many inputs and outputs there are: the first ones of the plant's three. Inputs beyond are neither driven nor noisy, outputs
+/// beyond are not measured, and effects are drawn only where there is a channel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Channels {
+    /// From 1 to 3.
+    pub inputs: usize,
+    /// From 1 to 3.
+    pub outputs: usize,
+}
+
+impl Default for Channels {
+    fn default() -> Self {
+        Self { inputs: INPUTS, outputs: OUTPUTS }
+    }
+}
+
+/// Which records are taken.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Experiment {
+    /// One without input, three random ones at two levels, a multisine and a random one at full level.
+    #[default]
+    Active,
+    /// A single random one, of twice the length.
+    Passive,
+}
+
+/// How a case gives the nominal simulation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Simulator {
+    /// As a model, in sim.json.
+    #[default]
+    Model,
+    /// Only by what it gives for the input of each record.
+    Outputs,
+}
+
+/// How far a declared noise may be off, either way.
+const MOST_MISJUDGED: f64 = 1.5;
+/// Of a record.
+const SHORTEST: f64 = 0.1;
+
+impl GapSpec {
+    /// Checks all but the effects.
+    pub(crate) fn check(&self) -> Result<(), GapError> {
+        within("channels.inputs", self.channels.inputs as f64, 1.0, INPUTS as f64)?;
+        within("channels.outputs", self.channels.outputs as f64, 1.0, OUTPUTS as f64)?;
+        within("noise_misjudged", self.noise_misjudged, 1.0 / MOST_MISJUDGED, MOST_MISJUDGED)?;
+        within("length", self.length, SHORTEST, 1.0)?;
+        if self.simulator == Simulator::Outputs {
+            let apart = |key, reason| Err(GapError::Apart { key, other: "simulator = \"outputs\"", reason });
+            if self.ports {
+                return apart("ports", "outputs do not say where internal forces may act");
+            }
+            if self.noise_misjudged != 1.0 {
+                return apart("noise_misjudged", "outputs declare no noise");
+            }
+        }
+        Ok(())
+    }
+}
+
+fn within(key: &'static str, value: f64, least: f64, most: f64) -> Result<(), GapError> {
+    if (least..=most).contains(&value) { Ok(()) } else { Err(GapError::OutOfRange { key, value, least, most }) }
+}

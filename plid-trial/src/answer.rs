@@ -1,0 +1,174 @@
+//! The answer to a case on disk: its files, and answer.json with the hash of each.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::TrialError;
+use crate::files;
+use crate::seal::sha256;
+
+/// What a diagnosis gives: files by name.
+pub type Answer = BTreeMap<&'static str, Vec<u8>>;
+
+/// answer.json: of which files an answer consists.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Answered {
+    /// The case.
+    pub case: String,
+    /// Why there is no answer: the diagnosis said so, or it panicked.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub failed: Option<String>,
+    /// SHA-256 of the files, by name.
+    pub files: BTreeMap<String, String>,
+}
+
+/// Which part of a trial's cases: every `of`-th, from `number` on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Shard {
+    /// From 1 to `of`.
+    pub number: usize,
+    /// Shards in all.
+    pub of: usize,
+}
+
+impl Shard {
+    /// Whether a case belongs to it, by its index from 0.
+    pub fn has(self, index: usize) -> bool {
+        index % self.of == self.number - 1
+    }
+
+    /// The folder's name in T/shards.
+    pub(crate) fn folder(self) -> String {
+        format!("{}-of-{}", self.number, self.of)
+    }
+}
+
+impl std::str::FromStr for Shard {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+        match numbers {
+            Some((number, of)) if (1..=of).contains(&number) => Ok(Self { number, of }),
+            _ => Err(format!("`{text}` is no shard: give i/N, with i from 1 to N")),
+        }
+    }
+}
+
+/// answer.json's name.
+pub(crate) const ANSWER: &str = "answer.json";
+/// How long it took: beside the answer and not of it, for it never comes out the same twice.
+pub(crate) const SECONDS: &str = "seconds.json";
+
+/// seconds.json.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Seconds {
+    pub seconds: f64,
+}
+
+/// Writes an answer whole: a folder beside its place first, which then takes the place.
+pub(crate) fn write(
+    answers: &Path,
+    case: &str,
+    answer: Result<Answer, String>,
+    seconds: f64,
+) -> Result<(), TrialError> {
+    let beside = answers.join(format!(".{case}.part"));
+    if beside.exists() {
+        fs::remove_dir_all(&beside).map_err(TrialError::file(&beside))?;
+    }
+    files::make(&beside)?;
+    let (failed, content) = match answer {
+        Ok(content) => (None, content),
+        Err(reason) => (Some(reason), Answer::new()),
+    };
+    for (name, bytes) in &content {
+        files::write(&beside.join(name), bytes)?;
+    }
+    let hashes = content.iter().map(|(name, bytes)| ((*name).to_owned(), sha256(bytes))).collect();
+    let answered = Answered { case: case.to_owned(), failed, files: hashes };
+    files::write(&beside.join(SECONDS), &files::json(&Seconds { seconds }))?;
+    files::write(&beside.join(ANSWER), &files::json(&answered))?;
+    let place = answers.join(case);
+    fs::rename(&beside, &place).map_err(TrialError::file(place))
+}
+
+/// What answer.json of a case says and its hash, once its files are found to be those; none where the case has no answer.
+pub(crate) fn read(answers: &Path, case: &str) -> Result<Option<(Answered, String)>, TrialError> {
+    let folder = answers.join(case);
+    let path = folder.join(ANSWER);
+    let bytes = match fs::read(&path) {
+        Ok(bytes) => bytes,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound && !folder.exists() => return Ok(None),
+        Err(source) => return Err(TrialError::File { path, source }),
+    };
+    let answered: Answered = files::parse(&path, &bytes)?;
+    let changed = || TrialError::Changed { case: case.to_owned(), since: "it was given" };
+    if answered.case != case {
+        return Err(changed());
+    }
+    for (name, hash) in &answered.files {
+        match fs::read(folder.join(name)) {
+            Ok(content) if sha256(&content) == *hash => {}
+            _ => return Err(changed()),
+        }
+    }
+    Ok(Some((answered, sha256(&bytes))))
+}
+
+pub(crate) fn seconds(answers: &Path, case: &str) -> Result<f64, TrialError> {
+    let path = answers.join(case).join(SECONDS);
+    let read: Seconds = files::parse(&path, &files::read(&path)?)?;
+    Ok(read.seconds)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_answer_is_whole_or_not_there() {
+        let directory = tempfile::tempdir().unwrap();
+        let at = directory.path();
+        assert_eq!(read(at, "case-1").unwrap(), None);
+        // What a crash left is written over.
+        fs::create_dir(at.join(".case-1.part")).unwrap();
+        fs::write(at.join(".case-1.part/half"), "x").unwrap();
+        write(at, "case-1", Ok(Answer::from([("a.json", b"1".to_vec())])), 2.0).unwrap();
+        let (answered, _) = read(at, "case-1").unwrap().unwrap();
+        assert_eq!(answered.files["a.json"], sha256(b"1"));
+        assert!(!at.join("case-1/half").exists());
+        assert_eq!(seconds(at, "case-1").unwrap(), 2.0);
+        write(at, "case-2", Err("no".to_owned()), 0.0).unwrap();
+        assert_eq!(read(at, "case-2").unwrap().unwrap().0.failed.as_deref(), Some("no"));
+    }
+
+    #[test]
+    fn a_changed_file_is_found_with_its_case() {
+        let directory = tempfile::tempdir().unwrap();
+        let at = directory.path();
+        write(at, "case-7", Ok(Answer::from([("a.json", b"1".to_vec())])), 0.0).unwrap();
+        fs::write(at.join("case-7/a.json"), "2").unwrap();
+        assert!(read(at, "case-7").unwrap_err().to_string().starts_with("case-7: the answer has changed"));
+        fs::remove_file(at.join("case-7/a.json")).unwrap();
+        assert!(read(at, "case-7").is_err());
+    }
+
+    #[test]
+    fn shards_share_out_all_cases() {
+        assert_eq!("3/4".parse(), Ok(Shard { number: 3, of: 4 }));
+        for wrong in ["0/4", "5/4", "3", "a/b", "1/0", "-1/2"] {
+            assert!(wrong.parse::<Shard>().unwrap_err().contains("i/N"), "{wrong}");
+        }
+        for index in 0..20 {
+            let of: Vec<usize> = (1..=4).filter(|&number| Shard { number, of: 4 }.has(index)).collect();
+            assert_eq!(of, [index % 4 + 1]);
+        }
+    }
+}

@@ -1,0 +1,78 @@
+//! Simpler ways to answer the same cases, to stand beside the diagnosis.
+
+pub mod chance;
+mod linear;
+mod ranking;
+mod sparse;
+
+use plid_gap::case::Case;
+use plid_gap::effects::{Library, Setting};
+use plid_gap::nuisance::Limits;
+use plid_gap::plant::Plant;
+use plid_gap::prepare::prepare;
+use plid_gap::record::Channels;
+use plid_gap::thresholds::HEAD;
+use plid_gap::{GapError, Outcome};
+use plid_model::Model;
+use serde::{Deserialize, Serialize};
+
+use crate::judge::Claim;
+use linear::Linear;
+use sparse::Sparse;
+
+/// baselines.json: what they answer, and what their predictions need.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Baselines {
+    /// The diagnosis' own candidates ranked by BIC, without any test of whether the best is good enough.
+    pub ranking: Claim,
+    /// Those that need a simulation.
+    pub fitted: Option<Fitted>,
+}
+
+/// Baselines that fit the simulation as given.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fitted {
+    /// Sparse regression on monomials.
+    pub sparse: Sparse,
+    /// A linear refit almost without bounds.
+    pub linear: Linear,
+}
+
+/// How much wider than the stated limits a linear refit may go: frequency, damping, shapes.
+const WIDER: [f64; 3] = [40.0, 10.0, 40.0];
+
+/// Lets the baselines answer a case that was diagnosed with `library`.
+pub(crate) fn answers(case: &Case, outcome: &Outcome, library: &Library) -> Result<Baselines, GapError> {
+    let model = match &case.model {
+        Some(model) => model.clone(),
+        // What the diagnosis itself took for the simulation is only good for names and counts here.
+        None => Model::from_json(&outcome.simulation.linear, "sim-with-effect.json")?,
+    };
+    let setting = Setting::bare(&Plant::new(&model)?, &model);
+    let rows: usize = outcome.evidence.fitted.iter().map(|(_, _, samples)| samples * setting.plant.p).sum();
+    let ranking = ranking::claim(&outcome.diagnosis, rows as f64, library, &setting);
+    let fitted = case.model.is_some().then(|| fitted(case, &model)).transpose()?;
+    Ok(Baselines { ranking, fitted })
+}
+
+fn fitted(case: &Case, model: &Model) -> Result<Fitted, GapError> {
+    let stated = &case.config.nuisance;
+    let [frequency, damping, shape] = WIDER;
+    let wide = Limits {
+        frequency: frequency * stated.frequency,
+        damping: damping * stated.damping,
+        shape: shape * stated.shape,
+    };
+    let ready = prepare(model, &case.records, &wide)?;
+    let heads = ready.problem.head(HEAD, &ready.noise);
+    Ok(Fitted { sparse: sparse::regress(&heads), linear: linear::refit(&heads, model) })
+}
+
+impl Fitted {
+    /// Free runs on a new input from rest at `t0`: sparse, linear.
+    pub(crate) fn predict(&self, model: &Model, u: &[Vec<f64>], t0: f64) -> Result<[Channels; 2], GapError> {
+        Ok([self.sparse.predict(&Plant::new(model)?, u, t0), self.linear.predict(u)?])
+    }
+}

@@ -1,0 +1,396 @@
+//! Sparse regression as SINDy does it: what the simulation leaves is regressed on the traces of monomials (of each command, of the
+//! motion at each port, of each output), and terms below a threshold are dropped, again and again (STLSQ). BIC chooses the threshold.
+//! Both sides are whitened by the diagnosis's own model of the noise, without which noise alone gets terms.
+
+use nalgebra::{DMatrix, DVector};
+use plid_gap::effects::{Action, Command, Drive, Force, Sensor, Setting};
+use plid_gap::plant::Plant;
+use plid_gap::problem::Problem;
+use plid_gap::record::Channels;
+use plid_gap::simulate::{Fineness, simulate};
+use serde::{Deserialize, Serialize};
+
+use crate::judge::{Claim, Named};
+
+/// What it answers and predicts with.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sparse {
+    /// In the words of a diagnosis. It states no probability: what it names counts as certain.
+    pub claim: Claim,
+    /// What was kept, largest first.
+    pub terms: Vec<Kept>,
+}
+
+/// A term with its coefficient.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Kept {
+    /// The monomial.
+    pub term: Term,
+    /// In the channels' and ports' own units.
+    pub coefficient: f64,
+    /// RMS of its whitened trace over that of what the simulation leaves.
+    pub share: f64,
+}
+
+/// A monomial and where it is added. Channels and ports count from 0.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Term {
+    /// Force d^i v^j at a port.
+    Force {
+        /// The port.
+        port: usize,
+        /// Power of the displacement.
+        d: i32,
+        /// Power of the velocity.
+        v: i32,
+    },
+    /// A power of one command, added to a command.
+    Command {
+        /// Of this one.
+        from: usize,
+        /// To this one.
+        to: usize,
+        /// Its power.
+        power: i32,
+    },
+    /// What a command changed by since the last sample.
+    CommandStep {
+        /// The command.
+        input: usize,
+    },
+    /// Time times a command.
+    CommandTrend {
+        /// The command.
+        input: usize,
+    },
+    /// A power of one output, added to an output.
+    Output {
+        /// Of this one.
+        from: usize,
+        /// To this one.
+        to: usize,
+        /// Its power; 0 is a constant.
+        power: i32,
+    },
+    /// What an output changed by since the last sample.
+    OutputStep {
+        /// The output.
+        output: usize,
+    },
+    /// Time.
+    OutputTrend {
+        /// Added to this output.
+        output: usize,
+    },
+}
+
+/// Powers of the motion at a port: all up to the third degree.
+const MOTION: [(i32, i32); 9] = [(1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3)];
+/// Thresholds, as shares of what the simulation leaves.
+const THRESHOLDS: [f64; 6] = [0.01, 0.03, 0.1, 0.2, 0.4, 0.7];
+/// Rounds of dropping and fitting, at most.
+const ROUNDS: usize = 20;
+/// Relative size at which traces are taken: what they bend by their own feedback is of second order.
+const SMALL: f64 = 1e-3;
+/// Ridge on traces of unit length: some are nearly the same.
+const RIDGE: f64 = 1e-8;
+
+fn library(m: usize, p: usize, ports: usize) -> Vec<Term> {
+    let mut terms = Vec::new();
+    for port in 0..ports {
+        terms.extend(MOTION.map(|(d, v)| Term::Force { port, d, v }));
+    }
+    for to in 0..m {
+        terms.extend((0..m).map(|from| Term::Command { from, to, power: 1 }));
+        terms.extend([2, 3].map(|power| Term::Command { from: to, to, power }));
+        terms.extend([Term::CommandStep { input: to }, Term::CommandTrend { input: to }]);
+    }
+    for to in 0..p {
+        terms.extend((0..p).map(|from| Term::Output { from, to, power: 1 }));
+        terms.extend([0, 2, 3].map(|power| Term::Output { from: to, to, power }));
+        terms.extend([Term::OutputStep { output: to }, Term::OutputTrend { output: to }]);
+    }
+    terms
+}
+
+/// Regresses what the simulation leaves of a problem's records.
+pub(super) fn regress(problem: &Problem) -> Sparse {
+    let setting = &problem.setting;
+    let plant = &problem.plant;
+    let terms = library(plant.m, plant.p, plant.ports.len());
+    let base: Vec<Channels> = problem.records.iter().map(|r| run(plant, &[], &r.u, r.start_s)).collect();
+    let whitened = |record: usize, channels: &Channels, to: &mut Vec<f64>| {
+        let whitener = &problem.whiteners[record];
+        let finite = |x: &f64| if x.is_finite() { *x } else { 0.0 };
+        let channels: Channels = channels.iter().map(|channel| channel.iter().map(finite).collect()).collect();
+        let first = to.len();
+        to.resize(first + whitener.rows(), 0.0);
+        whitener.apply(&channels, &mut to[first..]);
+    };
+    let difference = |a: &Channels, b: &Channels, scale: f64| -> Channels {
+        a.iter().zip(b).map(|(a, b)| a.iter().zip(b).map(|(a, b)| (a - b) * scale).collect()).collect()
+    };
+    let mut left = Vec::new();
+    for (k, record) in problem.records.iter().enumerate() {
+        whitened(k, &difference(&record.y, &base[k], 1.0), &mut left);
+    }
+    let left = DVector::from_vec(left);
+    let mut traces = DMatrix::zeros(left.len(), terms.len());
+    let mut lengths = vec![0.0; terms.len()];
+    for (j, term) in terms.iter().enumerate() {
+        let size = SMALL * term.size(setting);
+        let mut trace = Vec::with_capacity(left.len());
+        for (k, record) in problem.records.iter().enumerate() {
+            let with = run(plant, &[term.action(size)], &record.u, record.start_s);
+            whitened(k, &difference(&with, &base[k], 1.0 / size), &mut trace);
+        }
+        let trace = DVector::from_vec(trace);
+        let length = trace.norm();
+        // What diverges or does nothing is no regressor.
+        if length.is_finite() && length > 0.0 {
+            lengths[j] = length;
+            traces.set_column(j, &(trace / length));
+        }
+    }
+    let chosen = stlsq(&traces, &left);
+    let mut kept: Vec<Kept> = chosen
+        .into_iter()
+        .filter(|(j, _)| lengths[*j] > 0.0)
+        .map(|(j, x)| Kept { term: terms[j], coefficient: x / lengths[j], share: x.abs() / left.norm() })
+        .collect();
+    kept.sort_by(|a, b| b.share.total_cmp(&a.share));
+    Sparse { claim: claim(&kept, setting), terms: kept }
+}
+
+fn run(plant: &Plant, actions: &[Action], u: &[Vec<f64>], t0: f64) -> Channels {
+    simulate(plant, actions, u, t0, None, Fineness::COARSE)
+}
+
+/// Sequentially thresholded least squares on regressors of unit length: which are kept, with their coefficients.
+fn stlsq(x: &DMatrix<f64>, y: &DVector<f64>) -> Vec<(usize, f64)> {
+    let rows = y.len() as f64;
+    let all = y.norm_squared();
+    let normal = x.tr_mul(x);
+    let cross = x.tr_mul(y);
+    let solve = |active: &[usize]| -> Option<DVector<f64>> {
+        let mut part = DMatrix::from_fn(active.len(), active.len(), |i, j| normal[(active[i], active[j])]);
+        (0..active.len()).for_each(|i| part[(i, i)] += RIDGE);
+        let right = DVector::from_fn(active.len(), |i, _| cross[active[i]]);
+        part.cholesky().map(|factor| factor.solve(&right))
+    };
+    let mut best: (f64, Vec<(usize, f64)>) = (rows * (all / rows).ln(), Vec::new());
+    for threshold in THRESHOLDS {
+        let mut active: Vec<usize> = (0..x.ncols()).collect();
+        let mut found = Vec::new();
+        for _ in 0..ROUNDS {
+            let Some(coefficients) = solve(&active) else { break };
+            found = active.iter().copied().zip(coefficients.iter().copied()).collect();
+            let large: Vec<usize> =
+                found.iter().filter(|(_, c)| c.abs() >= threshold * all.sqrt()).map(|(j, _)| *j).collect();
+            if large.len() == active.len() {
+                break;
+            }
+            active = large;
+            if active.is_empty() {
+                found.clear();
+                break;
+            }
+        }
+        let explained: DVector<f64> = found.iter().fold(DVector::zeros(y.len()), |sum, (j, c)| sum + x.column(*j) * *c);
+        let squares = (y - explained).norm_squared();
+        let bic = rows * (squares / rows).ln() + found.len() as f64 * rows.ln();
+        if bic < best.0 {
+            best = (bic, found);
+        }
+    }
+    best.1
+}
+
+fn claim(kept: &[Kept], setting: &Setting) -> Claim {
+    let named: Vec<Named> = kept
+        .iter()
+        .filter_map(|kept| {
+            let (effect, location) = kept.term.name(setting)?;
+            Some(Named { effect: effect.to_owned(), location, confidence: Some(1.0), ..Named::default() })
+        })
+        .collect();
+    let verdict = match kept.first() {
+        None => "none",
+        // What explains most has no name in the vocabulary.
+        Some(first) if first.term.name(setting).is_none() => "unknown",
+        Some(_) => "effects",
+    };
+    let effects = if verdict == "effects" { named } else { Vec::new() };
+    Claim { verdict: verdict.to_owned(), effects, ..Claim::default() }
+}
+
+impl Sparse {
+    pub(super) fn predict(&self, plant: &Plant, u: &[Vec<f64>], t0: f64) -> Channels {
+        let actions: Vec<Action> = self.terms.iter().map(|kept| kept.term.action(kept.coefficient)).collect();
+        simulate(plant, &actions, u, t0, None, Fineness::FINE)
+    }
+}
+
+impl Term {
+    /// The effect whose first term this is, and its place.
+    fn name(&self, setting: &Setting) -> Option<(&'static str, String)> {
+        let names = &setting.names;
+        let strut = |port: usize| match setting.plant.ports[port].input {
+            Some(input) => format!("input:{}", names.inputs[input]),
+            None => format!("port:{}", names.ports[port]),
+        };
+        let input = |i: usize| format!("input:{}", names.inputs[i]);
+        let output = |o: usize| format!("output:{}", names.outputs[o]);
+        Some(match *self {
+            Self::Force { port, d: 3, v: 0 } => ("cubic-stiffness", strut(port)),
+            Self::Force { port, d: 2, v: 0 } => ("quadratic-stiffness", strut(port)),
+            Self::Force { port, d: 0, v: 3 } => ("quadratic-damping", strut(port)),
+            Self::Force { .. } => return None,
+            Self::Command { from, to, power: 1 } if from == to => ("actuator-gain", input(to)),
+            Self::Command { from, to, power: 1 } => {
+                ("actuator-crosstalk", format!("input:{}->{}", names.inputs[from], names.inputs[to]))
+            }
+            Self::Command { to, power: 3, .. } => ("actuator-saturation", input(to)),
+            Self::Command { .. } => return None,
+            Self::CommandStep { input: i } => ("actuator-delay", input(i)),
+            Self::CommandTrend { input: i } => ("actuator-gain-drift", input(i)),
+            Self::Output { to, power: 0, .. } => ("sensor-offset", output(to)),
+            Self::Output { from, to, power: 1 } if from == to => ("sensor-gain", output(to)),
+            Self::Output { from, to, power: 1 } => {
+                ("sensor-crosstalk", format!("output:{}->{}", names.outputs[from], names.outputs[to]))
+            }
+            Self::Output { to, power: 3, .. } => ("sensor-saturation", output(to)),
+            Self::Output { .. } => return None,
+            Self::OutputStep { output: o } => ("sensor-delay", output(o)),
+            Self::OutputTrend { output: o } => ("sensor-drift", output(o)),
+        })
+    }
+
+    /// A coefficient at which the term is about as large as the command or output itself.
+    fn size(&self, setting: &Setting) -> f64 {
+        let over = |power: i32, rms: f64| 1.0 / rms.max(f64::MIN_POSITIVE).powi(power);
+        let size = match *self {
+            Self::Force { port, d, v } => {
+                setting.force[port] * over(d, setting.d_rms[port]) * over(v, setting.v_rms[port])
+            }
+            Self::Command { from, power, .. } => over(power - 1, setting.u_rms[from]),
+            Self::Output { from, to, power } => setting.y_rms[to] * over(power, setting.y_rms[from]),
+            Self::CommandStep { .. } | Self::OutputStep { .. } => 1.0,
+            Self::CommandTrend { .. } => over(1, setting.duration_s),
+            Self::OutputTrend { output } => setting.y_rms[output] * over(1, setting.duration_s),
+        };
+        if size.is_finite() && size > 0.0 { size } else { 1.0 }
+    }
+
+    fn action(&self, coefficient: f64) -> Action {
+        let term = *self;
+        match term {
+            Self::Force { port, d, v } => Action::Force(port, Box::new(Power { d, v, coefficient })),
+            Self::Command { .. } | Self::CommandStep { .. } | Self::CommandTrend { .. } => {
+                Action::Command(Box::new(Added { term, coefficient }))
+            }
+            _ => Action::Sensor(Box::new(Added { term, coefficient })),
+        }
+    }
+}
+
+struct Power {
+    d: i32,
+    v: i32,
+    coefficient: f64,
+}
+
+impl Force for Power {
+    fn force(&self, d: f64, v: f64, _state: f64) -> f64 {
+        self.coefficient * d.powi(self.d) * v.powi(self.v)
+    }
+}
+
+struct Added {
+    term: Term,
+    coefficient: f64,
+}
+
+impl Command for Added {
+    fn apply(&self, drive: &mut Drive) {
+        let (parts, step, t0) = (drive.parts, drive.step(), drive.t0);
+        let (from, to) = match self.term {
+            Term::Command { from, to, .. } => (from, to),
+            Term::CommandStep { input } | Term::CommandTrend { input } => (input, input),
+            _ => return,
+        };
+        let source = drive.u[from].clone();
+        for (k, value) in drive.u[to].iter_mut().enumerate() {
+            let added = match self.term {
+                Term::Command { power, .. } => source[k].powi(power),
+                Term::CommandStep { .. } => source[k] - if k < parts { 0.0 } else { source[k - parts] },
+                _ => (t0 + k as f64 * step) * source[k],
+            };
+            *value += self.coefficient * added;
+        }
+    }
+}
+
+impl Sensor for Added {
+    fn apply(&self, y: &mut [Vec<f64>], t0: f64, rate: f64) {
+        let (from, to) = match self.term {
+            Term::Output { from, to, .. } => (from, to),
+            Term::OutputStep { output } | Term::OutputTrend { output } => (output, output),
+            _ => return,
+        };
+        let source = y[from].clone();
+        for (k, value) in y[to].iter_mut().enumerate() {
+            let added = match self.term {
+                Term::Output { power, .. } => source[k].powi(power),
+                Term::OutputStep { .. } => source[k] - if k == 0 { 0.0 } else { source[k - 1] },
+                _ => t0 + k as f64 / rate,
+            };
+            *value += self.coefficient * added;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha12Rng;
+
+    use super::*;
+
+    /// Two of thirty regressors make the data; the others are noise.
+    #[test]
+    fn the_terms_that_made_the_data_are_kept() {
+        let mut rng = ChaCha12Rng::seed_from_u64(1);
+        let mut x = DMatrix::from_fn(4000, 30, |_, _| rng.random_range(-1.0..1.0));
+        for mut column in x.column_iter_mut() {
+            let length = column.norm();
+            column /= length;
+        }
+        let y = x.column(4) * 3.0 - x.column(17) * 1.0 + DVector::from_fn(4000, |_, _| rng.random_range(-0.01..0.01));
+        let kept = stlsq(&x, &y);
+        assert_eq!(kept.iter().map(|(j, _)| *j).collect::<Vec<_>>(), [4, 17]);
+        assert!((kept[0].1 - 3.0).abs() < 0.1 && (kept[1].1 + 1.0).abs() < 0.1, "{kept:?}");
+        // Of noise alone nothing is kept.
+        let noise = DVector::from_fn(4000, |_, _| rng.random_range(-1.0..1.0));
+        assert_eq!(stlsq(&x, &noise), []);
+    }
+
+    #[test]
+    fn what_a_term_adds_is_its_monomial() {
+        let mut y = vec![vec![1.0, 2.0, 3.0], vec![10.0, 20.0, 30.0]];
+        let apply = |term: Term, y: &mut Vec<Vec<f64>>| Sensor::apply(&Added { term, coefficient: 2.0 }, y, 5.0, 10.0);
+        apply(Term::Output { from: 0, to: 1, power: 2 }, &mut y);
+        assert_eq!(y[1], [12.0, 28.0, 48.0]);
+        apply(Term::OutputStep { output: 0 }, &mut y);
+        assert_eq!(y[0], [3.0, 4.0, 5.0]);
+        apply(Term::OutputTrend { output: 0 }, &mut y);
+        assert_eq!(y[0], [13.0, 14.2, 15.4]);
+        let mut drive = Drive { parts: 2, u: vec![vec![1.0, 2.0, 4.0, 8.0]], rate: 1.0, t0: 0.0 };
+        Command::apply(&Added { term: Term::CommandStep { input: 0 }, coefficient: 1.0 }, &mut drive);
+        assert_eq!(drive.u[0], [2.0, 4.0, 7.0, 14.0]);
+        assert_eq!(Power { d: 2, v: 1, coefficient: 3.0 }.force(2.0, 5.0, 0.0), 60.0);
+    }
+}

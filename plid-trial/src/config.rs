@@ -1,0 +1,189 @@
+//! TRIAL.toml: how many cases of which kind are drawn. It has no seed.
+
+use std::path::Path;
+
+use plid_lab::experiment::{ConfigError, from_toml_checked, read_checked};
+use serde::{Deserialize, Serialize};
+
+use crate::vocabulary::{VOCABULARY, family};
+
+/// A trial.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrialConfig {
+    /// For the report.
+    pub name: String,
+    /// How many cases.
+    pub cases: Cases,
+    /// What is drawn for each.
+    #[serde(default)]
+    pub draw: Draw,
+}
+
+/// How many cases of each arm.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Cases {
+    /// Nothing is missing.
+    pub none: usize,
+    /// One effect: so many of each, its places in turn.
+    pub singles_per_effect: usize,
+    /// Two effects.
+    pub pairs: usize,
+    /// Three effects.
+    pub triples: usize,
+    /// One effect that the vocabulary does not have; kinds in turn.
+    pub outsiders: usize,
+    /// One effect of the vocabulary that is taken from the diagnosis's; effects in turn. As many of the singles are diagnosed without an
+    /// effect that is not at work.
+    pub leave_one_out: usize,
+}
+
+/// What is drawn for each case.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Draw {
+    /// Effects of the vocabulary that take part; empty for all.
+    pub effects: Vec<String>,
+    /// Least gap that an effect makes alone, in units of the gap that noise makes in this case.
+    pub least_over_floor: f64,
+    /// Largest gap that an effect makes alone. Logarithms are drawn uniformly in between.
+    pub most: f64,
+    /// Share of effects that follow another law of the same physics, where the testbed has one.
+    pub near_misses: f64,
+    /// Share of cases whose simulation is slightly off beside the effect.
+    pub perturbed: f64,
+    /// Share of cases whose simulation says where internal forces may act.
+    pub ports: f64,
+}
+
+/// The built-in trial of `--quick`.
+const QUICK: &str = include_str!("../../experiments/trials/quick.toml");
+
+impl Default for Draw {
+    fn default() -> Self {
+        let (least_over_floor, most) = (0.5, 0.3);
+        Self { effects: Vec::new(), least_over_floor, most, near_misses: 0.5, perturbed: 0.5, ports: 0.67 }
+    }
+}
+
+impl TrialConfig {
+    /// Reads TRIAL.toml.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with file, line and key.
+    pub fn read(path: &Path) -> Result<Self, ConfigError> {
+        read_checked(path, Self::problems)
+    }
+
+    /// The quick trial that is built in.
+    ///
+    /// # Errors
+    /// None, as a test says.
+    pub fn quick() -> Result<Self, ConfigError> {
+        from_toml_checked(QUICK, "the built-in trial", Self::problems)
+    }
+
+    /// What is wrong with the values, as key and reason.
+    pub fn problems(&self) -> Vec<(&'static str, String)> {
+        let mut problems = Vec::new();
+        let effects = self.effects();
+        for name in &self.draw.effects {
+            if family(name).is_none() {
+                let known: Vec<&str> = VOCABULARY.iter().map(|kind| kind.name).collect();
+                problems.push(("effects", format!("`{name}` is not of the vocabulary: {}", known.join(", "))));
+            }
+        }
+        if (1..effects.len()).any(|i| effects[..i].contains(&effects[i])) {
+            problems.push(("effects", "one stands there twice".to_owned()));
+        }
+        if self.total() == 0 {
+            problems.push(("cases", "no case is asked for".to_owned()));
+        }
+        for (key, count, wanted) in [("pairs", self.cases.pairs, 2), ("triples", self.cases.triples, 3)] {
+            if count > 0 && effects.len() < wanted {
+                problems.push((key, format!("they need {wanted} different `effects`")));
+            }
+        }
+        let draw = &self.draw;
+        for (key, value) in [("near_misses", draw.near_misses), ("perturbed", draw.perturbed), ("ports", draw.ports)] {
+            if !(0.0..=1.0).contains(&value) {
+                problems.push((key, format!("{value} is no share from 0 to 1")));
+            }
+        }
+        for (key, value) in [("least_over_floor", draw.least_over_floor), ("most", draw.most)] {
+            if !(value.is_finite() && value > 0.0) {
+                problems.push((key, format!("{value} is not positive")));
+            }
+        }
+        problems
+    }
+
+    /// The effects that take part.
+    pub fn effects(&self) -> Vec<&str> {
+        if self.draw.effects.is_empty() {
+            VOCABULARY.iter().map(|kind| kind.name).collect()
+        } else {
+            self.draw.effects.iter().map(String::as_str).collect()
+        }
+    }
+
+    /// Cases in all.
+    pub fn total(&self) -> usize {
+        let Cases { none, singles_per_effect, pairs, triples, outsiders, leave_one_out } = self.cases;
+        none + singles_per_effect * self.effects().len() + pairs + triples + outsiders + leave_one_out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use plid_lab::experiment::to_toml;
+
+    use super::*;
+
+    fn read(text: &str) -> Result<TrialConfig, String> {
+        from_toml_checked(text, "t.toml", TrialConfig::problems).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn what_is_wrong_is_named_by_key_and_line() {
+        let start = "name = \"t\"\n[cases]\nnone = 1\n";
+        for (rest, said) in [
+            ("nones = 2\n", "line 4: unknown field `nones`"),
+            ("[draw]\nports = 1.5\n", "line 5: ports: 1.5 is no share"),
+            ("[draw]\nmost = -0.1\n", "line 5: most: -0.1 is not positive"),
+            ("[draw]\neffects = [\"cubic\"]\n", "line 5: effects: `cubic` is not of the vocabulary"),
+            ("[draw]\neffects = [\"clearance\", \"clearance\"]\n", "twice"),
+            ("pairs = 2\n[draw]\neffects = [\"clearance\"]\n", "line 4: pairs: they need 2"),
+            ("seed = 3\n", "unknown field `seed`"),
+        ] {
+            let error = read(&format!("{start}{rest}")).unwrap_err();
+            assert!(error.contains(said), "{error}");
+        }
+        assert!(read("name = \"t\"\n[cases]\n").unwrap_err().contains("no case"));
+    }
+
+    #[test]
+    fn defaults_are_as_said_and_read_back() {
+        let config = read("name = \"t\"\n[cases]\nnone = 3\nsingles_per_effect = 2\n").unwrap();
+        assert_eq!(config.total(), 3 + 2 * 32);
+        assert_eq!((config.draw.least_over_floor, config.draw.most), (0.5, 0.3));
+        assert_eq!(read(&to_toml(&config)).unwrap(), config);
+    }
+
+    /// What the standard trial must hold, and every trial: one case in four with nothing, six kinds of outsiders where there are some.
+    #[test]
+    fn the_trials_that_come_with_plid_are_as_large_as_they_must_be() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../experiments/trials");
+        for name in ["quick", "standard", "outsiders"] {
+            let config = TrialConfig::read(&folder.join(format!("{name}.toml"))).unwrap();
+            assert_eq!(config.name, name);
+            assert!(4 * config.cases.none >= config.total(), "{name}");
+        }
+        let standard = TrialConfig::read(&folder.join("standard.toml")).unwrap();
+        let singles = standard.cases.singles_per_effect * standard.effects().len();
+        assert!(standard.total() >= 800 && standard.cases.none >= 200 && singles >= 300);
+        assert!(standard.cases.outsiders >= 2 * crate::vocabulary::OUTSIDERS.len());
+        assert_eq!(TrialConfig::quick().unwrap().total(), 60);
+    }
+}

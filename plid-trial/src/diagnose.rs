@@ -1,0 +1,167 @@
+//! The diagnosis of all cases of a trial, from the trial's directory alone.
+
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
+
+use plid_gap::case::Case;
+use plid_gap::effects::Library;
+use plid_lab::run::Progress;
+use serde::{Deserialize, Serialize};
+
+use crate::answer::{self, Answer, Shard};
+use crate::baselines;
+use crate::error::TrialError;
+use crate::files;
+use crate::manifest::{MANIFEST, Manifest};
+use crate::seal::sha256;
+
+/// How the work is shared out; the answers do not depend on it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Options {
+    /// Which part of the cases; all if left out.
+    pub shard: Option<Shard>,
+    /// Cases at a time, each on one thread.
+    pub jobs: usize,
+}
+
+/// What was done.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Done {
+    /// Cases of this shard.
+    pub cases: usize,
+    /// Those that had an answer before.
+    pub before: usize,
+    /// Those whose diagnosis failed, in order.
+    pub failed: Vec<String>,
+    /// Where the answers are.
+    pub answers: PathBuf,
+}
+
+/// T/shards/i-of-N/shard.json, written when the shard is complete.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ShardFile {
+    pub shard: Shard,
+    /// Of T/trial.json.
+    pub trial_sha256: String,
+    pub cases: Vec<String>,
+}
+
+pub(crate) const SHARD: &str = "shard.json";
+pub(crate) const ANSWERS: &str = "answers";
+pub(crate) const SHARDS: &str = "shards";
+
+/// Answers one case: its folder, and the effects that the vocabulary lacks.
+pub type Answerer = dyn Fn(&Path, &[String]) -> Result<Answer, String> + Sync;
+
+/// Diagnoses the cases of a trial that have no answer yet, and lets the baselines answer.
+///
+/// # Errors
+/// If the trial cannot be read or an answer not be written. A case that cannot be diagnosed is no error: that is its answer.
+pub fn diagnose(trial: &Path, options: Options, progress: &dyn Progress) -> Result<Done, TrialError> {
+    diagnose_with(trial, options, &plid, progress)
+}
+
+/// The same with any diagnosis.
+///
+/// # Errors
+/// As [`diagnose`].
+pub fn diagnose_with(
+    trial: &Path,
+    options: Options,
+    answerer: &Answerer,
+    progress: &dyn Progress,
+) -> Result<Done, TrialError> {
+    let manifest = Manifest::read(trial)?;
+    let answers = match options.shard {
+        None => trial.join(ANSWERS),
+        Some(shard) => trial.join(SHARDS).join(shard.folder()),
+    };
+    files::make(&answers)?;
+    let ours = manifest.cases.iter().enumerate().filter(|(index, _)| options.shard.is_none_or(|s| s.has(*index)));
+    let ours: Vec<_> = ours.map(|(_, case)| case).collect();
+    let mut open = Vec::new();
+    for case in &ours {
+        if answer::read(&answers, &case.case)?.is_none() {
+            open.push(*case);
+        }
+    }
+    let before = ours.len() - open.len();
+    progress.stage("diagnosing");
+    progress.advance(before, ours.len());
+
+    let next = AtomicUsize::new(0);
+    let done = AtomicUsize::new(before);
+    let trouble: Mutex<Option<TrialError>> = Mutex::new(None);
+    let stop = || trouble.lock().is_ok_and(|trouble| trouble.is_some()) || progress.interrupted();
+    let work = || {
+        let fail = |error| {
+            trouble.lock().expect("nobody panics while holding it").get_or_insert(error);
+        };
+        // One thread a case: a diagnosis that shares its work out would make the others wait.
+        let pool = match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
+            Ok(pool) => pool,
+            Err(error) => {
+                fail(TrialError::File { path: answers.clone(), source: std::io::Error::other(error) });
+                return;
+            }
+        };
+        while !stop() {
+            let Some(case) = open.get(next.fetch_add(1, Ordering::Relaxed)) else { break };
+            let clock = Instant::now();
+            let folder = trial.join("cases").join(&case.case);
+            let given = catch_unwind(AssertUnwindSafe(|| pool.install(|| answerer(&folder, &case.without))));
+            let given = given.unwrap_or_else(|panic| Err(format!("panicked: {}", words(panic.as_ref()))));
+            if let Err(error) = answer::write(&answers, &case.case, given, clock.elapsed().as_secs_f64()) {
+                fail(error);
+                break;
+            }
+            progress.advance(done.fetch_add(1, Ordering::Relaxed) + 1, ours.len());
+        }
+    };
+    std::thread::scope(|scope| {
+        (0..options.jobs.clamp(1, open.len().max(1))).for_each(|_| drop(scope.spawn(work)));
+    });
+    if let Some(error) = trouble.into_inner().expect("nobody panics while holding it") {
+        return Err(error);
+    }
+    let mut failed = Vec::new();
+    for case in &ours {
+        match answer::read(&answers, &case.case)? {
+            Some((answered, _)) => failed.extend(answered.failed.map(|_| case.case.clone())),
+            None => return Err(TrialError::Interrupted { directory: answers }),
+        }
+    }
+    if let Some(shard) = options.shard {
+        let cases = ours.iter().map(|case| case.case.clone()).collect();
+        let trial_sha256 = sha256(&files::read(&trial.join(MANIFEST))?);
+        files::write(&answers.join(SHARD), &files::json(&ShardFile { shard, trial_sha256, cases }))?;
+    }
+    Ok(Done { cases: ours.len(), before, failed, answers })
+}
+
+fn words(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "without a word".to_owned())
+}
+
+/// plid's own diagnosis, with the baselines' answers.
+fn plid(folder: &Path, without: &[String]) -> Result<Answer, String> {
+    let library = Library::standard().without(without);
+    let case = Case::read(&folder.join("case.toml")).map_err(|e| e.to_string())?;
+    let outcome = plid_gap::diagnose(&case, &library, &mut |_| {}).map_err(|e| e.to_string())?;
+    let others = baselines::answers(&case, &outcome, &library).map_err(|e| e.to_string())?;
+    Ok(Answer::from([
+        (DIAGNOSIS, files::json(&outcome.diagnosis)),
+        (SIMULATION, files::json(&outcome.simulation)),
+        (BASELINES, files::json(&others)),
+    ]))
+}
+
+pub(crate) const DIAGNOSIS: &str = "diagnosis.json";
+pub(crate) const SIMULATION: &str = "sim-with-effect.json";
+pub(crate) const BASELINES: &str = "baselines.json";

@@ -1,0 +1,156 @@
+//! Cases in one directory, their answers under seal in another.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use plid_lab::run::Progress;
+use plid_testbed::gap::{self, EffectSpec, GapCase, GapError, GapSpec, Label};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha12Rng;
+use rayon::prelude::*;
+
+use crate::config::TrialConfig;
+use crate::error::TrialError;
+use crate::files;
+use crate::manifest::{DrawnCase, FORMAT, MANIFEST, Manifest, OpenCase, SEAL, SEAL_FORMAT, SEALED, Seal};
+use crate::plan::{Planned, plan};
+use crate::seal::{derived, salt, salted, sha256};
+
+/// What was drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Drawn {
+    /// How many.
+    pub cases: usize,
+    /// Draws that were repeated.
+    pub repeated: usize,
+}
+
+/// How often a case is drawn anew, with another plant and other strengths, before it is given up.
+const ATTEMPTS: usize = 60;
+
+/// A gain or a share of another channel within this is what the stated limits of a shape allow.
+const SHAPE: f64 = 0.02;
+
+/// Draws the cases of a trial. The same config and seed give the same bytes.
+///
+/// # Errors
+/// If an effect cannot be drawn as strong as asked for, or a file cannot be written.
+pub fn draw(
+    config: &TrialConfig,
+    seed: u64,
+    trial: &Path,
+    sealed: &Path,
+    progress: &dyn Progress,
+) -> Result<Drawn, TrialError> {
+    let planned = plan(config, seed);
+    let salt = salt(seed);
+    progress.stage("drawing");
+    progress.advance(0, config.total());
+    let done = AtomicUsize::new(0);
+    let cases_in_all = planned.len();
+    let width = planned.len().to_string().len().max(3);
+    let cases = planned
+        .par_iter()
+        .enumerate()
+        .map(|(index, planned)| {
+            if progress.interrupted() {
+                return Err(TrialError::Interrupted { directory: trial.into() });
+            }
+            let name = format!("case-{:0width$}", index + 1);
+            let made = one(config, seed, index, planned)?;
+            let folder = sealed.join("cases").join(&name);
+            made.case.write(&trial.join("cases").join(&name), &folder).map_err(|e| not_drawn(planned, &e))?;
+            files::write(&folder.join("drawn.json"), &files::json(&made.drawn))?;
+            let hashes = SEALED
+                .iter()
+                .map(|file| {
+                    let bytes = files::read(&folder.join(file))?;
+                    Ok(((*file).to_owned(), salted(&salt, &name, file, &bytes)))
+                })
+                .collect::<Result<BTreeMap<_, _>, TrialError>>()?;
+            progress.advance(done.fetch_add(1, Ordering::Relaxed) + 1, cases_in_all);
+            Ok((OpenCase { case: name, without: planned.without.clone(), sealed: hashes }, made.repeated))
+        })
+        .collect::<Result<Vec<_>, TrialError>>()?;
+    let repeated = cases.iter().map(|(_, repeated)| repeated).sum();
+    let manifest = Manifest { format: FORMAT.to_owned(), cases: cases.into_iter().map(|(case, _)| case).collect() };
+    let text = files::json(&manifest);
+    let seal = Seal {
+        format: SEAL_FORMAT.to_owned(),
+        seed,
+        salt,
+        trial_sha256: sha256(&text),
+        repeated,
+        config: config.clone(),
+    };
+    files::write(&sealed.join(SEAL), &files::json(&seal))?;
+    files::write(&trial.join(MANIFEST), &text)?;
+    Ok(Drawn { cases: manifest.cases.len(), repeated })
+}
+
+struct Made {
+    case: GapCase,
+    drawn: DrawnCase,
+    repeated: usize,
+}
+
+/// One case: plant, strengths and noise from its own seed.
+fn one(config: &TrialConfig, seed: u64, index: usize, planned: &Planned) -> Result<Made, TrialError> {
+    let mut rng = ChaCha12Rng::from_seed(derived(seed, "case", index));
+    let mut last = None;
+    for repeated in 0..ATTEMPTS {
+        let case_seed: u64 = rng.random();
+        // The same plant without an effect says what noise makes of it.
+        let nothing = GapSpec { effects: Vec::new(), perturbed: planned.perturbed, ports: planned.ports };
+        let floor = gap::draw(case_seed, &nothing).map_err(|e| not_drawn(planned, &e))?.label.gap_floor;
+        let range = (config.draw.least_over_floor * floor).ln()..=config.draw.most.ln();
+        if range.is_empty() {
+            let reason = format!("most: {} is below the least gap, at a noise of {floor:.4}", config.draw.most);
+            return Err(TrialError::Draw { what: what(planned), reason });
+        }
+        let effects = planned.effects.iter().map(|wanted| EffectSpec {
+            kind: wanted.kind.name.to_owned(),
+            at: wanted.at.clone(),
+            law: wanted.law.map(str::to_owned),
+            gap: rng.random_range(range.clone()).exp(),
+        });
+        let spec = GapSpec { effects: effects.collect(), ..nothing };
+        match gap::draw(case_seed, &spec) {
+            Ok(case) if clear(&case.label) => {
+                return Ok(Made {
+                    case,
+                    drawn: DrawnCase { arm: planned.arm, seed: case_seed, spec, floor },
+                    repeated,
+                });
+            }
+            Ok(_) => {}
+            // Several effects that are sound alone may be too much together.
+            Err(error @ (GapError::Unreachable { .. } | GapError::Testbed(_))) => last = Some(error),
+            Err(error) => return Err(not_drawn(planned, &error)),
+        }
+    }
+    let reason = last.map_or("it is never clear of what a nuisance may be".to_owned(), |e| e.to_string());
+    Err(TrialError::Draw { what: what(planned), reason: format!("{ATTEMPTS} draws failed: {reason}") })
+}
+
+/// Whether every effect lies beyond what the stated limits allow a simulation to be off.
+fn clear(label: &Label) -> bool {
+    label.effects.iter().all(|effect| {
+        effect.clear_of_nuisance
+            && match effect.effect.as_str() {
+                "actuator-gain" | "sensor-gain" => (effect.par[0] - 1.0).abs() > SHAPE,
+                "actuator-crosstalk" | "sensor-crosstalk" => effect.par[0].abs() > SHAPE,
+                _ => true,
+            }
+    })
+}
+
+fn what(planned: &Planned) -> String {
+    let names: Vec<&str> = planned.effects.iter().map(|e| e.kind.name).collect();
+    if names.is_empty() { "a case with nothing missing".to_owned() } else { names.join(" + ") }
+}
+
+fn not_drawn(planned: &Planned, error: &GapError) -> TrialError {
+    TrialError::Draw { what: what(planned), reason: error.to_string() }
+}

@@ -1,0 +1,90 @@
+use std::path::PathBuf;
+
+use miette::Diagnostic;
+use plid_lab::data::DataError;
+use plid_lab::experiment::ConfigError;
+use plid_model::ModelError;
+
+/// A trial that cannot go on.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+pub enum TrialError {
+    /// TRIAL.toml cannot be used.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Config(#[from] ConfigError),
+    /// A case cannot be drawn.
+    #[error("{what}: {reason}")]
+    Draw {
+        /// The effects that were asked for.
+        what: String,
+        /// Why.
+        reason: String,
+    },
+    /// A held-out record cannot be read.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Data(#[from] DataError),
+    /// A model cannot be read or simulated.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// A file cannot be read or written.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A file of a trial that is not what it should be.
+    #[error("{}: {reason}", path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A sealed file is not the one that the cases commit to.
+    #[error("{case}: {} is not what was sealed: its hash is not the one that the trial commits to", path.display())]
+    Broken {
+        /// The case.
+        case: String,
+        /// The sealed file.
+        path: PathBuf,
+    },
+    /// An answer is not the one that was given.
+    #[error("{case}: the answer has changed since {since}; it is refused")]
+    Changed {
+        /// The case.
+        case: String,
+        /// Since when.
+        since: &'static str,
+    },
+    /// Cases without an answer.
+    #[error(
+        "{missing} of {all} cases have no answer yet, {first} is the first; finish `diagnose`, and `merge` where it ran in shards"
+    )]
+    Unanswered {
+        /// How many.
+        missing: usize,
+        /// Of how many.
+        all: usize,
+        /// The first.
+        first: String,
+    },
+    /// Shards that do not make a whole.
+    #[error("{0}")]
+    Shards(String),
+    /// The user asked for an end.
+    #[error("interrupted; what is done stands in {}, and the same command goes on from it", directory.display())]
+    Interrupted {
+        /// The answers.
+        directory: PathBuf,
+    },
+}
+
+impl TrialError {
+    /// For `map_err`: the file that could not be read or written.
+    pub(crate) fn file(path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
+        move |source| Self::File { path: path.into(), source }
+    }
+}

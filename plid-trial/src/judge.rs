@@ -1,0 +1,389 @@
+//! One answer beside the truth, by rules that are fixed: the chapter "Can it be trusted?" says what each word counts. The tests go through
+//! them case by case.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::truth::Truth;
+use crate::vocabulary::family;
+
+/// Probability from which on a named effect is named with confidence.
+pub const CONFIDENT: f64 = 0.9;
+/// Probability of something else from which on a cause outside the vocabulary was kept open.
+pub const OPEN: f64 = 0.2;
+/// Of the set of explanations.
+pub const COVER: f64 = 0.95;
+
+/// An answer: what a score reads of diagnosis.json. Baselines answer in the same words.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Claim {
+    /// "effects", "none" or "unknown"; "missing" where there is no answer.
+    pub verdict: String,
+    /// The answer, largest first.
+    #[serde(default)]
+    pub effects: Vec<Named>,
+    /// All explanations.
+    #[serde(default)]
+    pub candidates: Vec<Candidate>,
+    /// What was stated of the gap.
+    #[serde(default)]
+    pub gap: Stated,
+}
+
+/// A named effect.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Named {
+    /// Its name.
+    pub effect: String,
+    /// Where.
+    #[serde(default)]
+    pub location: String,
+    /// Probability that it is at work there.
+    #[serde(default)]
+    pub confidence: Option<f64>,
+    /// By name.
+    #[serde(default)]
+    pub parameters: BTreeMap<String, Stretch>,
+    /// The same place but a shape near this one.
+    #[serde(default)]
+    pub shape_differs: bool,
+}
+
+/// A parameter's interval.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Stretch {
+    /// At 95 %.
+    #[serde(default)]
+    pub ci95: Option<[Option<f64>; 2]>,
+}
+
+/// An explanation.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Candidate {
+    /// Empty for nothing or for something else.
+    #[serde(default)]
+    pub effects: Vec<Named>,
+    /// Something else.
+    #[serde(default)]
+    pub unknown: bool,
+    /// All add up to one.
+    #[serde(default)]
+    pub probability: Option<f64>,
+}
+
+/// What was stated of the gap.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Stated {
+    /// Before the held-out record was seen.
+    #[serde(default)]
+    pub predicted_held_out_gap: Option<f64>,
+}
+
+impl Claim {
+    /// No answer.
+    pub fn missing() -> Self {
+        Self { verdict: "missing".to_owned(), ..Self::default() }
+    }
+
+    /// The effects of the answer; none unless that is the verdict.
+    pub fn said(&self) -> &[Named] {
+        if self.verdict == "effects" { &self.effects } else { &[] }
+    }
+}
+
+/// Which questions a case answers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Asked {
+    /// Nothing is missing.
+    None,
+    /// One effect of the vocabulary.
+    Single,
+    /// Several.
+    Several,
+    /// Something that the diagnosis has no word for.
+    Outside,
+}
+
+/// Which question a case answers, for a diagnosis whose vocabulary lacks `without`.
+pub fn asked(truth: &Truth, without: &[String]) -> Asked {
+    let outside = |name: &str| name.starts_with("x-") || without.iter().any(|lacks| lacks == name);
+    if truth.at_work().any(|effect| outside(&effect.effect)) {
+        return Asked::Outside;
+    }
+    match truth.at_work().count() {
+        0 => Asked::None,
+        1 => Asked::Single,
+        _ => Asked::Several,
+    }
+}
+
+/// What an answer is worth.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Judged {
+    /// Names in alphabetical order, or the verdict.
+    pub said: String,
+    /// The first place that was said.
+    pub at: String,
+    /// Something was named, whatever is true.
+    pub named: bool,
+    /// The one effect was named, and nothing else.
+    pub exact: bool,
+    /// The first effect named is of the right family.
+    pub family: bool,
+    /// The first effect named is right, and so is its place.
+    pub located: bool,
+    /// The truth, with its places, is in the 95 % set.
+    pub in_set: bool,
+    /// Explanations of that set.
+    pub set_size: usize,
+    /// Of several effects each was named, and no other.
+    pub all_named: bool,
+    /// An effect was named that is not at work.
+    pub spurious: bool,
+    /// Unknown is the verdict, or has its share.
+    pub open: bool,
+    /// Unknown is the verdict.
+    pub unknown: bool,
+    /// The first effect is named with confidence.
+    pub confident: bool,
+    /// And it is wrong.
+    pub wrong: bool,
+    /// The first effect named is right and said to differ in shape.
+    pub shape_differs: bool,
+    /// The first explanation: its probability, whether it is the truth.
+    pub top: Option<(f64, bool)>,
+    /// All names are right.
+    pub right: bool,
+    /// Of the held-out record with the answer's own simulation, where there is one.
+    pub gap: Option<f64>,
+    /// One minus the gap with the answer over the gap as given, both beyond the floor; zero where nothing was predicted.
+    pub shrink: f64,
+    /// Whether there was something to shrink.
+    pub shrinkable: bool,
+    /// Stated against realised gap, over the gap as given.
+    pub missed_by: Option<f64>,
+}
+
+/// Whether a list of effects is the truth: each at its place and nothing else.
+fn same(truth: &Truth, effects: &[Named]) -> bool {
+    let there =
+        |e: &crate::truth::TrueEffect| effects.iter().any(|said| said.effect == e.effect && e.is_at(&said.location));
+    truth.at_work().count() == effects.len() && truth.at_work().all(there)
+}
+
+/// Names joined in alphabetical order.
+fn joined<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    let mut names: Vec<&str> = names.collect();
+    names.sort_unstable();
+    names.join("+")
+}
+
+/// The names that are right.
+pub fn wanted(truth: &Truth) -> String {
+    let names: std::collections::BTreeSet<&str> = truth.at_work().map(|e| e.effect.as_str()).collect();
+    if names.is_empty() { "none".to_owned() } else { joined(names.into_iter()) }
+}
+
+/// Judges an answer; `realised` is the gap of its simulation on the held-out record.
+pub fn judge(truth: &Truth, without: &[String], claim: &Claim, realised: Option<f64>) -> Judged {
+    let outside = asked(truth, without) == Asked::Outside;
+    let is_at_work = |name: &str| truth.at_work().any(|e| e.effect == name);
+    let said = claim.said();
+    let first = said.first();
+    let probability = |c: &Candidate| c.probability.unwrap_or(0.0);
+    let mut order: Vec<&Candidate> = claim.candidates.iter().collect();
+    order.sort_by(|a, b| probability(b).total_cmp(&probability(a)));
+    let mut mass = 0.0;
+    let mut set = Vec::new();
+    for candidate in &order {
+        if mass >= COVER {
+            break;
+        }
+        set.push(*candidate);
+        mass += probability(candidate);
+    }
+    let right_name = first.is_some_and(|said| is_at_work(&said.effect));
+    let at_its_place = |said: &Named| truth.at_work().any(|e| e.effect == said.effect && e.is_at(&said.location));
+    let confident = first.is_some_and(|said| said.confidence.unwrap_or(0.0) >= CONFIDENT);
+    let top = order.first().and_then(|top| {
+        let hit = if outside { top.unknown } else { !top.unknown && same(truth, &top.effects) };
+        Some((top.probability?, hit))
+    });
+    let families: Vec<_> = truth.at_work().map(|e| family(&e.effect)).collect();
+    let text = if said.is_empty() { claim.verdict.clone() } else { joined(said.iter().map(|s| s.effect.as_str())) };
+    let right = text == wanted(truth);
+    let unknown = claim.verdict == "unknown";
+    let (given, floor) = (truth.gap_sim, truth.gap_floor);
+    let beyond = |gap: f64| (gap * gap - floor * floor).max(0.0);
+    let shrink = |gap: f64| 1.0 - (beyond(gap) / (given * given - floor * floor).max(1e-12)).sqrt();
+    let stated = claim.gap.predicted_held_out_gap;
+    Judged {
+        at: first.map(|said| said.location.clone()).unwrap_or_default(),
+        named: !said.is_empty(),
+        exact: right_name && said.len() == 1,
+        family: first.is_some_and(|said| families.contains(&family(&said.effect))) && !families.is_empty(),
+        located: first.is_some_and(at_its_place),
+        in_set: mass > 0.0 && set.iter().any(|c| same(truth, &c.effects)),
+        set_size: set.len(),
+        all_named: said.iter().all(|said| is_at_work(&said.effect))
+            && truth.at_work().all(|e| said.iter().any(|said| said.effect == e.effect)),
+        spurious: said.iter().any(|said| !is_at_work(&said.effect)),
+        open: unknown || order.iter().any(|c| c.unknown && probability(c) >= OPEN),
+        unknown,
+        confident,
+        wrong: confident && (outside || !right_name),
+        shape_differs: right_name && first.is_some_and(|said| said.shape_differs),
+        top,
+        right,
+        gap: realised,
+        shrink: realised.map_or(0.0, shrink),
+        shrinkable: given > 1.5 * floor,
+        missed_by: stated.zip(realised).map(|(stated, found)| (stated - found).abs() / given),
+        said: text,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn truth(effects: serde_json::Value) -> Truth {
+        serde_json::from_value(json!({ "effects": effects, "gap_sim": 0.1, "gap_floor": 0.02 })).unwrap()
+    }
+
+    fn effect(name: &str, loc: usize) -> serde_json::Value {
+        json!({ "effect": name, "loc": loc, "par": [1.0, 2.0], "gap": 0.08, "hz": 168.0, "own_equation": true })
+    }
+
+    fn claim(value: serde_json::Value) -> Claim {
+        serde_json::from_value(value).unwrap()
+    }
+
+    fn named(effect: &str, location: &str, confidence: f64) -> serde_json::Value {
+        json!({ "effect": effect, "location": location, "confidence": confidence })
+    }
+
+    fn clearance() -> Truth {
+        truth(json!([effect("clearance", 1)]))
+    }
+
+    /// One effect, rightly named first and a wrong one beside it; the truth is second among the candidates.
+    #[test]
+    fn a_single_effect_by_the_rules() {
+        let (right, beside) = (named("clearance", "input:u2", 0.93), named("sensor-gain", "output:y1", 0.6));
+        let both = json!([right, beside]);
+        let said = claim(json!({
+            "verdict": "effects", "effects": both,
+            "candidates": [
+                { "effects": [], "unknown": true, "probability": 0.1 },
+                { "effects": both, "probability": 0.5 },
+                { "effects": [right], "probability": 0.36 },
+                { "effects": [], "probability": 0.04 },
+            ],
+            "gap": { "predicted_held_out_gap": 0.03, "as_given": 0.1 },
+        }));
+        let found = judge(&clearance(), &[], &said, Some(0.03));
+        // The first name and its place count; exact is nothing else beside it.
+        assert!(found.family && found.located && !found.exact && found.spurious && !found.right);
+        assert!(found.confident && !found.wrong && !found.open && !found.unknown);
+        // 0.5 + 0.36 is below 0.95, so that something else is the third of the set.
+        assert_eq!((found.in_set, found.set_size), (true, 3));
+        assert_eq!(found.top, Some((0.5, false)));
+        assert_eq!(found.said, "clearance+sensor-gain");
+        // 1 - sqrt((0.03^2 - 0.02^2) / (0.1^2 - 0.02^2))
+        assert!((found.shrink - (1.0 - (0.0005f64 / 0.0096).sqrt())).abs() < 1e-12 && found.shrinkable);
+        assert_eq!(found.missed_by, Some(0.0));
+    }
+
+    #[test]
+    fn wrong_places_and_wrong_names() {
+        let at = |effect: &str, place: &str, sure: f64| {
+            let named = json!([named(effect, place, sure)]);
+            let said = json!({
+                "verdict": "effects", "effects": named,
+                "candidates": [{ "effects": named, "probability": 0.95 }, { "effects": [], "probability": 0.05 }],
+            });
+            judge(&clearance(), &[], &claim(said), None)
+        };
+        // The right name at a wrong place is exact, is not located, and is not confidently wrong.
+        let elsewhere = at("clearance", "input:u1", 0.95);
+        assert!(elsewhere.exact && !elsewhere.located && !elsewhere.wrong && elsewhere.right);
+        assert_eq!((elsewhere.in_set, elsewhere.set_size, elsewhere.top), (false, 1, Some((0.95, false))));
+        let kin = at("coulomb-friction", "input:u2", 0.95);
+        assert!(!kin.exact && kin.family && kin.wrong && kin.spurious);
+        let unsure = at("sensor-gain", "output:y2", 0.89);
+        assert!(!unsure.family && !unsure.wrong && !unsure.confident);
+        // Nothing was predicted: nothing shrinks.
+        assert_eq!((unsure.shrink, unsure.missed_by), (0.0, None));
+    }
+
+    #[test]
+    fn nothing_missing_and_no_answer() {
+        let nothing = truth(json!([effect("none", 0)]));
+        assert_eq!((asked(&nothing, &[]), wanted(&nothing).as_str()), (Asked::None, "none"));
+        let none = claim(json!({
+            "verdict": "none", "effects": [named("clearance", "input:u2", 0.99)],
+            "candidates": [{ "effects": [], "probability": 0.97 }, { "effects": [], "unknown": true, "probability": 0.03 }],
+        }));
+        // Effects count only where they are the verdict.
+        let found = judge(&nothing, &[], &none, Some(0.02));
+        assert!(!found.named && found.right && !found.confident);
+        assert_eq!(found.top, Some((0.97, true)));
+        let alarm = claim(json!({ "verdict": "effects", "effects": [named("clearance", "input:u2", 0.95)] }));
+        let found = judge(&nothing, &[], &alarm, None);
+        assert!(found.named && found.wrong && !found.right && found.top.is_none());
+        let missing = judge(&clearance(), &[], &Claim::missing(), None);
+        assert_eq!(missing, Judged { said: "missing".to_owned(), shrinkable: true, ..Judged::default() });
+    }
+
+    #[test]
+    fn outside_the_vocabulary_only_something_else_is_right() {
+        let outsider = truth(json!([effect("x-command-play", 0)]));
+        assert_eq!(asked(&outsider, &[]), Asked::Outside);
+        let left_out = ["clearance".to_owned()];
+        assert_eq!(asked(&clearance(), &left_out), Asked::Outside);
+        assert_eq!(asked(&clearance(), &["sensor-gain".to_owned()]), Asked::Single);
+        let with = |verdict: &str, unknown: f64, confidence: f64| {
+            let near = json!([named("actuator-dead-zone", "input:u1", confidence)]);
+            let said = json!({
+                "verdict": verdict, "effects": near,
+                "candidates": [
+                    { "effects": near, "probability": 1.0 - unknown }, { "effects": [], "unknown": true, "probability": unknown },
+                ],
+            });
+            judge(&outsider, &[], &claim(said), None)
+        };
+        assert!(with("effects", 0.2, 0.8).open && !with("effects", 0.19, 0.81).open);
+        assert!(with("effects", 0.05, 0.95).wrong && !with("effects", 0.2, 0.8).wrong);
+        let unknown = with("unknown", 0.7, 0.3);
+        assert!(unknown.open && !unknown.named);
+        assert_eq!((unknown.top, with("effects", 0.2, 0.8).top), (Some((0.7, true)), Some((0.8, false))));
+        // The name that was taken away would be wrong as well.
+        let said = json!({ "verdict": "effects", "effects": [named("clearance", "input:u2", 0.95)] });
+        assert!(judge(&clearance(), &left_out, &claim(said), None).wrong);
+    }
+
+    #[test]
+    fn several_effects_are_all_named_or_not() {
+        let pair = truth(json!([effect("clearance", 1), effect("sensor-gain", 0)]));
+        assert_eq!((asked(&pair, &[]), wanted(&pair).as_str()), (Asked::Several, "clearance+sensor-gain"));
+        let with = |effects: serde_json::Value| {
+            let said = json!({
+                "verdict": "effects", "effects": effects, "candidates": [{ "effects": effects, "probability": 1.0 }],
+            });
+            judge(&pair, &[], &claim(said), None)
+        };
+        let (one, other) = (named("clearance", "port:strut2", 0.95), named("sensor-gain", "output:y3", 0.95));
+        let both = with(json!([other, one]));
+        // Names are enough for "all named"; the explanation is right only with its places.
+        assert!(both.all_named && both.right && !both.spurious);
+        assert_eq!(both.top, Some((1.0, false)));
+        assert!(!with(json!([one])).all_named);
+        let more = with(json!([one, other, named("mains-hum", "output:y1", 0.5)]));
+        assert!(!more.all_named && more.spurious && !more.wrong);
+    }
+}

@@ -1,0 +1,33 @@
+//! Blind trials: the diagnosis is checked on cases whose effect is withheld from it.
+//!
+//! [`draw()`] writes the cases in one directory and their answers, sealed, in another. [`diagnose()`] reads the first alone.
+//! [`score()`] fixes the hash of all answers, checks that what was sealed is what was committed to, and only then opens it.
+
+mod answer;
+pub mod baselines;
+pub mod config;
+mod diagnose;
+mod draw;
+mod error;
+mod files;
+pub mod judge;
+mod manifest;
+mod merge;
+mod plan;
+mod report;
+mod score;
+pub mod scores;
+mod seal;
+pub mod statistics;
+mod targets;
+pub mod truth;
+pub mod vocabulary;
+
+pub use answer::{Answer, Answered, Shard};
+pub use config::TrialConfig;
+pub use diagnose::{Done, Options, diagnose, diagnose_with};
+pub use draw::{Drawn, draw};
+pub use error::TrialError;
+pub use manifest::config_of;
+pub use merge::merge;
+pub use score::score;

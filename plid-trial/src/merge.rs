@@ -1,0 +1,105 @@
+//! Shards joined: each once, none missing.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::answer::{self, Shard};
+use crate::diagnose::{ANSWERS, SHARD, SHARDS, ShardFile};
+use crate::error::TrialError;
+use crate::files;
+use crate::manifest::{MANIFEST, Manifest};
+use crate::seal::sha256;
+
+/// Joins the answers of shards into T/answers. Without `folders`, all of T/shards.
+///
+/// # Errors
+/// [`TrialError::Shards`] with the number of a shard that is missing, unfinished or there twice; an answer that has changed.
+pub fn merge(trial: &Path, folders: &[PathBuf]) -> Result<usize, TrialError> {
+    let manifest = Manifest::read(trial)?;
+    let hash = sha256(&files::read(&trial.join(MANIFEST))?);
+    let found = if folders.is_empty() { list(&trial.join(SHARDS))? } else { folders.to_vec() };
+    let mut shards: BTreeMap<usize, (PathBuf, Vec<String>)> = BTreeMap::new();
+    let mut of = None;
+    for folder in found {
+        let path = folder.join(SHARD);
+        if !path.exists() {
+            let shown = folder.display();
+            return Err(TrialError::Shards(format!("{shown}: this shard is not finished; run its `diagnose` again")));
+        }
+        let ShardFile { shard, trial_sha256, cases } = files::parse(&path, &files::read(&path)?)?;
+        let Shard { number, of: all } = shard;
+        if trial_sha256 != hash {
+            return Err(TrialError::Shards(format!("shard {number} of {all} is of another trial")));
+        }
+        if *of.get_or_insert(all) != all {
+            let other = of.unwrap_or(all);
+            return Err(TrialError::Shards(format!("shard {number} is one of {all}, but others are of {other}")));
+        }
+        let theirs = manifest.cases.iter().enumerate().filter(|(index, _)| shard.has(*index));
+        if theirs.map(|(_, case)| &case.case).ne(&cases) {
+            return Err(TrialError::Shards(format!("shard {number} of {all} does not hold the cases of its number")));
+        }
+        if let Some((first, _)) = shards.insert(number, (folder.clone(), cases)) {
+            let (a, b) = (first.display().to_string(), folder.display().to_string());
+            return Err(TrialError::Shards(format!("shard {number} of {all} is there twice: {a} and {b}")));
+        }
+    }
+    let Some(of) = of else { return Err(TrialError::Shards("there is no shard to merge".to_owned())) };
+    let missing: Vec<String> = (1..=of).filter(|i| !shards.contains_key(i)).map(|i| i.to_string()).collect();
+    if !missing.is_empty() {
+        let (word, verb) = if missing.len() == 1 { ("shard", "is") } else { ("shards", "are") };
+        return Err(TrialError::Shards(format!("{word} {} of {of} {verb} missing", missing.join(", "))));
+    }
+
+    let answers = trial.join(ANSWERS);
+    files::make(&answers)?;
+    for (folder, cases) in shards.values() {
+        for case in cases {
+            let Some((_, theirs)) = answer::read(folder, case)? else {
+                let shown = folder.display();
+                return Err(TrialError::Shards(format!("{shown}: the answer to {case} is missing")));
+            };
+            match answer::read(&answers, case)? {
+                None => copy(&folder.join(case), &answers, case)?,
+                Some((_, ours)) if ours == theirs => {}
+                Some(_) => {
+                    return Err(TrialError::Changed { case: case.clone(), since: "it was merged before" });
+                }
+            }
+        }
+    }
+    Ok(of)
+}
+
+fn list(directory: &Path) -> Result<Vec<PathBuf>, TrialError> {
+    let mut found = Vec::new();
+    let entries = match fs::read_dir(directory) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(found),
+        entries => entries.map_err(TrialError::file(directory))?,
+    };
+    for entry in entries {
+        let path = entry.map_err(TrialError::file(directory))?.path();
+        if path.is_dir() {
+            found.push(path);
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
+/// Copies a folder of plain files, whole.
+fn copy(from: &Path, answers: &Path, case: &str) -> Result<(), TrialError> {
+    let beside = answers.join(format!(".{case}.part"));
+    if beside.exists() {
+        fs::remove_dir_all(&beside).map_err(TrialError::file(&beside))?;
+    }
+    files::make(&beside)?;
+    for entry in fs::read_dir(from).map_err(TrialError::file(from))? {
+        let path = entry.map_err(TrialError::file(from))?.path();
+        let Some(name) = path.file_name() else { continue };
+        fs::copy(&path, beside.join(name)).map_err(TrialError::file(&path))?;
+    }
+    let place = answers.join(case);
+    fs::rename(&beside, &place).map_err(TrialError::file(place))
+}

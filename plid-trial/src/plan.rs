@@ -1,0 +1,210 @@
+//! Which cases a trial has, before any of them is simulated: arms, effects with places and laws, nuisances, in a random order.
+
+use rand::RngExt;
+use rand::SeedableRng;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha12Rng;
+use serde::{Deserialize, Serialize};
+
+use crate::config::TrialConfig;
+use crate::seal::derived;
+use crate::vocabulary::{Kind, OUTSIDERS, find};
+
+/// Channels of the testbed's plants.
+const INPUTS: usize = plid_testbed::INPUTS;
+const OUTPUTS: usize = plid_testbed::OUTPUTS;
+
+/// Why a case is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Arm {
+    /// Nothing is missing.
+    None,
+    /// One effect.
+    Single,
+    /// Two.
+    Pair,
+    /// Three.
+    Triple,
+    /// One that the vocabulary does not have.
+    Outsider,
+    /// One that is taken from the vocabulary.
+    LeaveOneOut,
+}
+
+/// An effect before its strength is drawn.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Wanted {
+    pub kind: &'static Kind,
+    pub at: Option<String>,
+    pub law: Option<&'static str>,
+}
+
+/// A case before it is simulated.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Planned {
+    pub arm: Arm,
+    pub effects: Vec<Wanted>,
+    pub perturbed: bool,
+    pub ports: bool,
+    pub without: Vec<String>,
+}
+
+/// The cases in the order of their names.
+pub(crate) fn plan(config: &TrialConfig, seed: u64) -> Vec<Planned> {
+    let mut rng = ChaCha12Rng::from_seed(derived(seed, "plan", 0));
+    let kinds: Vec<&'static Kind> = config.effects().iter().filter_map(|name| find(name)).collect();
+    let mut turns = Turns::default();
+    let mut arms: Vec<(Arm, Vec<&'static Kind>)> = Vec::new();
+    let cases = &config.cases;
+    arms.extend((0..cases.none).map(|_| (Arm::None, Vec::new())));
+    for _ in 0..cases.singles_per_effect {
+        arms.extend(kinds.iter().map(|kind| (Arm::Single, vec![*kind])));
+    }
+    for (arm, count, size) in [(Arm::Pair, cases.pairs, 2), (Arm::Triple, cases.triples, 3)] {
+        arms.extend((0..count).map(|_| {
+            let mut drawn = kinds.clone();
+            drawn.shuffle(&mut rng);
+            drawn.truncate(size);
+            (arm, drawn)
+        }));
+    }
+    let outsiders: Vec<&'static Kind> = OUTSIDERS.iter().collect();
+    for (arm, count, from) in
+        [(Arm::Outsider, cases.outsiders, &outsiders), (Arm::LeaveOneOut, cases.leave_one_out, &kinds)]
+    {
+        arms.extend(in_turn(from, count, &mut rng).into_iter().map(|kind| (arm, vec![kind])));
+    }
+
+    let perturbed = shares(config.draw.perturbed, arms.len(), &mut rng);
+    let ports = shares(config.draw.ports, arms.len(), &mut rng);
+    let mut planned: Vec<Planned> = arms
+        .into_iter()
+        .zip(perturbed.into_iter().zip(ports))
+        .map(|((arm, kinds), (perturbed, ports))| {
+            let without = if arm == Arm::LeaveOneOut { vec![kinds[0].name.to_owned()] } else { Vec::new() };
+            let effects = kinds.into_iter().map(|kind| turns.next(kind, config.draw.near_misses, &mut rng)).collect();
+            Planned { arm, effects, perturbed, ports, without }
+        })
+        .collect();
+    add_decoys(&mut planned, &kinds, cases.leave_one_out, &mut rng);
+    planned.shuffle(&mut rng);
+    planned
+}
+
+/// Singles that are diagnosed without an effect that is not at work: otherwise the list of what is left out would name causes.
+fn add_decoys(planned: &mut [Planned], kinds: &[&'static Kind], count: usize, rng: &mut ChaCha12Rng) {
+    let mut singles: Vec<&mut Planned> = planned.iter_mut().filter(|case| case.arm == Arm::Single).collect();
+    singles.shuffle(rng);
+    for case in singles.into_iter().take(count) {
+        let others: Vec<&Kind> = kinds.iter().copied().filter(|kind| *kind != case.effects[0].kind).collect();
+        if !others.is_empty() {
+            case.without = vec![others[rng.random_range(0..others.len())].name.to_owned()];
+        }
+    }
+}
+
+/// `count` of them, each as often as another up to one.
+fn in_turn(from: &[&'static Kind], count: usize, rng: &mut ChaCha12Rng) -> Vec<&'static Kind> {
+    let mut order = from.to_vec();
+    order.shuffle(rng);
+    order.into_iter().cycle().take(count).collect()
+}
+
+/// True for a share of `count`, to the nearest whole number, in a random order.
+fn shares(share: f64, count: usize, rng: &mut ChaCha12Rng) -> Vec<bool> {
+    let most = (share * count as f64).round() as usize;
+    let mut chosen: Vec<bool> = (0..count).map(|i| i < most).collect();
+    chosen.shuffle(rng);
+    chosen
+}
+
+/// Places and laws of each effect come in turn, from a random start, so that few draws cover many of them.
+#[derive(Default)]
+struct Turns(Vec<(&'static str, Turn)>);
+
+struct Turn {
+    places: Vec<Option<String>>,
+    drawn: usize,
+    /// What is owed to near misses, from 0 to 1.
+    owed: f64,
+}
+
+impl Turns {
+    fn next(&mut self, kind: &'static Kind, near_misses: f64, rng: &mut ChaCha12Rng) -> Wanted {
+        let at = self.0.iter().position(|(name, _)| *name == kind.name).unwrap_or_else(|| {
+            let mut places = kind.places(INPUTS, OUTPUTS);
+            places.shuffle(rng);
+            self.0.push((kind.name, Turn { places, drawn: 0, owed: rng.random() }));
+            self.0.len() - 1
+        });
+        let turn = &mut self.0[at].1;
+        let at = turn.places[turn.drawn % turn.places.len()].clone();
+        turn.drawn += 1;
+        turn.owed += near_misses;
+        let near = turn.owed >= 1.0;
+        turn.owed -= f64::from(near);
+        let laws = kind.near_misses;
+        let law = (near && !laws.is_empty()).then(|| laws[rng.random_range(0..laws.len())]);
+        Wanted { kind, at, law }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+    use crate::config::{Cases, Draw};
+
+    fn config() -> TrialConfig {
+        let cases = Cases { none: 12, singles_per_effect: 4, pairs: 5, triples: 3, outsiders: 9, leave_one_out: 6 };
+        TrialConfig { name: "t".to_owned(), cases, draw: Draw::default() }
+    }
+
+    #[test]
+    fn the_arms_have_what_was_asked_for() {
+        let config = config();
+        let planned = plan(&config, 7);
+        assert_eq!(planned.len(), config.total());
+        let of = |arm: Arm| planned.iter().filter(|c| c.arm == arm).collect::<Vec<_>>();
+        assert_eq!((of(Arm::None).len(), of(Arm::Single).len()), (12, 128));
+        for (arm, count) in [(Arm::Pair, 2), (Arm::Triple, 3)] {
+            for case in of(arm) {
+                let names: BTreeSet<&str> = case.effects.iter().map(|e| e.kind.name).collect();
+                assert_eq!(names.len(), count);
+            }
+        }
+        let outsiders: BTreeSet<&str> = of(Arm::Outsider).iter().map(|c| c.effects[0].kind.name).collect();
+        assert_eq!(outsiders.len(), OUTSIDERS.len());
+        assert!(of(Arm::LeaveOneOut).iter().all(|c| c.without == [c.effects[0].kind.name]));
+        let decoys: Vec<_> = planned.iter().filter(|c| c.arm == Arm::Single && !c.without.is_empty()).collect();
+        assert_eq!(decoys.len(), 6);
+        assert!(decoys.iter().all(|c| c.without[0] != c.effects[0].kind.name));
+        // Shares of all cases, to the nearest one.
+        let perturbed = planned.iter().filter(|c| c.perturbed).count();
+        assert_eq!(perturbed, (0.5 * planned.len() as f64).round() as usize);
+    }
+
+    #[test]
+    fn places_and_laws_come_in_turn() {
+        let planned = plan(&config(), 7);
+        let singles = |name: &str| {
+            planned.iter().filter(|c| c.arm == Arm::Single && c.effects[0].kind.name == name).collect::<Vec<_>>()
+        };
+        let places: BTreeSet<_> = singles("clearance").iter().map(|c| c.effects[0].at.clone()).collect();
+        assert_eq!(places.len(), 3);
+        // Of any run of draws one half, up to one.
+        let near = singles("clearance").iter().filter(|c| c.effects[0].law.is_some()).count();
+        assert_eq!(near, 2);
+        assert!(singles("sensor-gain").iter().all(|c| c.effects[0].law.is_none()));
+    }
+
+    #[test]
+    fn a_seed_is_an_order_and_another_is_another() {
+        assert_eq!(plan(&config(), 1), plan(&config(), 1));
+        assert_ne!(plan(&config(), 1), plan(&config(), 2));
+        let first: Vec<Arm> = plan(&config(), 3).iter().take(12).map(|c| c.arm).collect();
+        assert!(first.iter().any(|arm| *arm != Arm::None), "the order tells the arm");
+    }
+}

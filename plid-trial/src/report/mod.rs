@@ -1,0 +1,105 @@
+//! report.html of a trial: how often the right name is said and how often a wrong one with confidence, against strength; what was to be
+//! reached; then the tables.
+
+mod cases;
+mod curves;
+mod tables;
+
+use plid_lab::experiment::to_toml;
+use plid_lab::report::{Cell, Report};
+
+use crate::config::TrialConfig;
+use crate::scores::{ALL, ANSWERERS, ARM, EQUATION, NEAR, OWN, Scores, Totals};
+use crate::statistics::Rate;
+
+/// The page.
+pub(crate) fn page(scores: &Scores, config: &TrialConfig) -> Report {
+    let mut report = Report::new(format!("Blind trial: {}", scores.name));
+    for sentence in sentences(scores) {
+        report = report.verdict(sentence);
+    }
+    report = curves::first(report, scores);
+    report = tables::targets(report, scores);
+    report = curves::equations(report, scores);
+    report = curves::reliability(report, scores);
+    report = tables::all(report, scores);
+    report = cases::section(report, scores);
+    report
+        .listing("The trial:", to_toml(config))
+        .listing(
+            "The commands, in a process each:",
+            format!(
+                "plid gap trial draw TRIAL.toml --out T --sealed S --seed {}\nplid gap trial diagnose T\nplid gap trial score T --sealed S",
+                scores.seed
+            ),
+        )
+        .provenance("plid", env!("CARGO_PKG_VERSION"))
+        .provenance("SHA-256 of all answers, fixed before anything was opened", &scores.answers_sha256)
+        .provenance("seconds of diagnosis in all", format!("{:.0}", scores.time.total_s))
+}
+
+fn sentences(scores: &Scores) -> Vec<String> {
+    let mut sentences = Vec::new();
+    let kept = scores.targets.iter().filter(|t| t.reached == Some(true)).count();
+    let asked = scores.targets.iter().filter(|t| t.reached.is_some()).count();
+    sentences
+        .push(format!("{} cases; {kept} of the {asked} targets that they can show are reached.", scores.cases.len()));
+    for (is, equation) in [(OWN, "the vocabulary's own equation"), (NEAR, "another law of the same physics")] {
+        if let Some(t) = scores.totals(EQUATION, is, 0) {
+            sentences.push(format!(
+                "Single effects of 2 % and more with {equation}: exactly named {}, in the 95 % set {}.",
+                words(&t.exact),
+                words(&t.in_set)
+            ));
+        }
+    }
+    if let Some(t) = scores.totals(ARM, "none", 0) {
+        sentences.push(format!("False alarms where nothing is missing: {}.", words(&t.false_alarms)));
+    }
+    if let Some(t) = scores.totals(ALL, ALL, 0) {
+        sentences.push(format!("Confident and wrong, of all cases: {}.", words(&t.confident_wrong)));
+    }
+    sentences
+}
+
+/// "12 of 14 (86 %, 57 to 98)".
+fn words(rate: &Rate) -> String {
+    match (rate.share, rate.ci95) {
+        (Some(share), Some([low, high])) => format!(
+            "{} of {} ({:.0}\u{a0}%, 95\u{a0}% interval {:.0} to {:.0})",
+            rate.hits,
+            rate.of,
+            100.0 * share,
+            100.0 * low,
+            100.0 * high
+        ),
+        _ => "no case asks".to_owned(),
+    }
+}
+
+/// "86 (57–98) of 14": per cent with its interval, of how many.
+fn cell(rate: &Rate) -> Cell {
+    match share(rate) {
+        Cell::Number(text) if rate.of > 0 => Cell::Number(format!("{text} of {}", rate.of)),
+        dash => dash,
+    }
+}
+
+/// The same where the number of cases stands beside it.
+fn share(rate: &Rate) -> Cell {
+    Cell::Number(match (rate.share, rate.ci95) {
+        (Some(share), Some([low, high])) => {
+            format!("{:.0} ({:.0}–{:.0})", 100.0 * share, 100.0 * low, 100.0 * high)
+        }
+        _ => "–".to_owned(),
+    })
+}
+
+fn number(value: Option<f64>, decimals: usize) -> Cell {
+    Cell::fixed(value.unwrap_or(f64::NAN), decimals)
+}
+
+/// Every answerer's totals of a group that all have.
+fn of_all<'a>(scores: &'a Scores, by: &str, is: &str) -> Vec<(&'static str, &'a Totals)> {
+    (0..ANSWERERS.len()).filter_map(|who| Some((ANSWERERS[who], scores.totals(by, is, who)?))).collect()
+}

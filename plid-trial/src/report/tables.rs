@@ -1,0 +1,225 @@
+//! Tables.
+
+use plid_lab::report::{Cell, Report, Table};
+
+use super::{cell, curves, number, of_all, share};
+use crate::scores::{
+    ALL, ARM, EFFECT, EQUATION, FAMILY, LEFT_OUT, NEAR, NUISANCE, OUTSIDER, OWN, STRONG_EFFECT, Scores, Totals,
+};
+use crate::statistics::Rate;
+
+/// What is to be reached.
+pub(super) fn targets(report: Report, scores: &Scores) -> Report {
+    let mut table = Table::new("What is to be reached, with 95 % intervals (Clopper-Pearson).")
+        .column("figure", "")
+        .column("found", "")
+        .column("interval", "")
+        .column("of", "")
+        .column("wanted", "")
+        .column("", "");
+    for target in &scores.targets {
+        let ends = target.ci95.map_or("–".to_owned(), |[low, high]| format!("{low:.3}–{high:.3}"));
+        let sign = if target.at_least { "≥" } else { "≤" };
+        let reached = match target.reached {
+            Some(true) => "reached",
+            Some(false) => "not\u{a0}reached",
+            None => "no\u{a0}case\u{a0}asks",
+        };
+        table = table.row([
+            target.what.as_str().into(),
+            number(target.found, 3),
+            Cell::Number(ends),
+            target.of.into(),
+            Cell::Number(format!("{sign} {}", target.bound)),
+            reached.into(),
+        ]);
+    }
+    report.heading("What is to be reached").table(table)
+}
+
+/// Everything else.
+pub(super) fn all(report: Report, scores: &Scores) -> Report {
+    let report = answerers(report, scores);
+    let report = effects(report, scores);
+    let report = outside(report, scores);
+    let report = arms(report, scores);
+    nuisances(report, scores)
+}
+
+type Reading = fn(&Totals) -> Rate;
+
+fn answerers(report: Report, scores: &Scores) -> Report {
+    let mut table = Table::new(
+        "plid and the baselines on the same cases, per cent with 95 % intervals. Single effects are those of 2 % and more.",
+    )
+    .column("figure", "");
+    let all = of_all(scores, ALL, ALL);
+    for (name, _) in &all {
+        table = table.column(*name, "");
+    }
+    table = table.column("chance", "");
+    let percent = |x: f64| Cell::fixed(100.0 * x, 0);
+    let dash = || Cell::Number("–".to_owned());
+    let guess = &scores.chance;
+    // Those that state no probability have no set.
+    const SET: &str = "own equation: in the 95 % set";
+    let rows: [(&str, &str, &str, Reading, Cell); 9] = [
+        ("own equation: exactly named", EQUATION, OWN, |t| t.exact, percent(guess.exact)),
+        ("near miss: exactly named", EQUATION, NEAR, |t| t.exact, percent(guess.exact)),
+        ("own equation: right family", EQUATION, OWN, |t| t.family, guess.family.map_or(dash(), percent)),
+        ("own equation: right name and place", EQUATION, OWN, |t| t.located, dash()),
+        (SET, EQUATION, OWN, |t| t.in_set, dash()),
+        ("false alarms on none", ARM, "none", |t| t.false_alarms, percent(guess.false_alarms)),
+        ("confident and wrong, of all cases", ALL, ALL, |t| t.confident_wrong, percent(0.0)),
+        ("outsiders kept open", ARM, "outsider", |t| t.kept_open, dash()),
+        ("pairs: both named", ARM, "pair", |t| t.all_named, dash()),
+    ];
+    for (name, by, is, read, chance) in rows {
+        let found = of_all(scores, by, is);
+        if found.is_empty() {
+            continue;
+        }
+        let states = |t: &Totals| name != SET || t.calibration.of > 0;
+        let cells = found.iter().map(|(_, t)| if states(t) { cell(&read(t)) } else { dash() });
+        table = table.row([name.into()].into_iter().chain(cells).chain([chance]));
+    }
+    let shrink = [
+        ("median held-out shrink, rightly named", (|t: &Totals| t.shrink_median) as fn(&Totals) -> Option<f64>),
+        ("median held-out shrink, whatever was named", |t| t.shrink_of_all_median),
+        ("Brier score of the first explanation", |t| t.calibration.brier),
+    ];
+    for (name, read) in shrink {
+        let cells = all.iter().map(|(_, t)| number(read(t), 2));
+        table = table.row([name.into()].into_iter().chain(cells).chain([dash()]));
+    }
+    report.heading("Beside the baselines").table(table).paragraph(
+        "BIC alone: the candidates that the diagnosis fitted, ranked by BIC without any test of adequacy; it predicts with plid's \
+         simulation. Sparse regression: thresholded least squares on monomials of commands, outputs and motions at the ports. Linear refit: \
+         all modes almost without bounds; it names the frequency or damping that went furthest beyond the stated limits. Chance: one of the \
+         33 names with equal probability.",
+    )
+}
+
+fn effects(report: Report, scores: &Scores) -> Report {
+    let table = |caption: &str, by: &str| {
+        let mut table = Table::new(caption)
+            .column("effect", "")
+            .column("cases", "")
+            .column("exact", "%")
+            .column("family", "%")
+            .column("place", "%")
+            .column("in the set", "%")
+            .column("its size", "")
+            .column("unknown", "%")
+            .column("wrong", "% confidently")
+            .column("shrink", "median")
+            .column("covered", "% of parameters");
+        for group in scores.by(by) {
+            let t = &group.totals[0];
+            table = table.row([
+                group.is.as_str().into(),
+                t.cases.into(),
+                share(&t.exact),
+                share(&t.family),
+                share(&t.located),
+                share(&t.in_set),
+                number(t.set_size, 2),
+                share(&t.called_unknown),
+                share(&t.confident_wrong),
+                number(t.shrink_median, 2),
+                cell(&t.parameters_covered),
+            ]);
+        }
+        table
+    };
+    report
+        .heading("Effect by effect")
+        .table(table("Families, single effects of 2 % and more.", FAMILY))
+        .table(table("Single effects of 2 % and more.", STRONG_EFFECT))
+        .figure(
+            curves::power_by_effect(scores),
+            "Share of the cases in which the effect alone was named, by the gap that it makes. Blank: no case of this trial.",
+        )
+        .details("Single effects of all strengths", |report| {
+            report.table(table("Single effects of all strengths.", EFFECT))
+        })
+}
+
+fn outside(report: Report, scores: &Scores) -> Report {
+    let mut table = Table::new("Causes that the diagnosis had no word for.")
+        .column("cause", "")
+        .column("kept open", "%")
+        .column("called unknown", "")
+        .column("confident, wrong", "%");
+    let mut rows = 0;
+    for (by, prefix) in [(OUTSIDER, ""), (LEFT_OUT, "left out: ")] {
+        for group in scores.by(by) {
+            let t = &group.totals[0];
+            let unknown = scores
+                .cases
+                .iter()
+                .filter(|line| line.truth == group.is && line.asked == crate::judge::Asked::Outside)
+                .filter(|line| line.judged[0].unknown)
+                .count();
+            let name: Cell = format!("{prefix}{}", group.is).into();
+            table = table.row([name, cell(&t.kept_open), unknown.into(), cell(&t.confident_wrong)]);
+            rows += 1;
+        }
+    }
+    if rows == 0 { report } else { report.heading("Outside the vocabulary").table(table) }
+}
+
+fn arms(report: Report, scores: &Scores) -> Report {
+    let mut table = Table::new("Arm by arm.")
+        .column("arm", "")
+        .column("cases", "")
+        .column("exact, or all named", "%")
+        .column("a wrong name", "%")
+        .column("confident, wrong", "%")
+        .column("stated gap right", "%")
+        .column("shape said to differ", "% of near misses named")
+        .column("shrink", "median")
+        .column("shrink", "lowest tenth");
+    for group in scores.by(ARM) {
+        let t = &group.totals[0];
+        let named = if t.exact.of > 0 { &t.exact } else { &t.all_named };
+        table = table.row([
+            group.is.as_str().into(),
+            t.cases.into(),
+            cell(named),
+            cell(if t.false_alarms.of > 0 { &t.false_alarms } else { &t.spurious }),
+            cell(&t.confident_wrong),
+            cell(&t.stated_rightly),
+            cell(&t.shape_differs),
+            number(t.shrink_median, 2),
+            number(t.shrink_lowest_tenth, 2),
+        ]);
+    }
+    report.heading("Arm by arm").table(table)
+}
+
+fn nuisances(report: Report, scores: &Scores) -> Report {
+    let mut table = Table::new("Cases with nothing missing, and single effects of 2 % and more, by nuisance.")
+        .column("nuisance", "")
+        .column("", "")
+        .column("exact", "%")
+        .column("family", "%")
+        .column("name and place", "%")
+        .column("false alarms", "%")
+        .column("confident, wrong", "%")
+        .column("shrink", "median");
+    for group in scores.groups.iter().filter(|group| group.by.starts_with(NUISANCE)) {
+        let t = &group.totals[0];
+        table = table.row([
+            group.by.trim_start_matches(NUISANCE).into(),
+            group.is.as_str().into(),
+            cell(&t.exact),
+            cell(&t.family),
+            cell(&t.located),
+            cell(&t.false_alarms),
+            cell(&t.confident_wrong),
+            number(t.shrink_median, 2),
+        ]);
+    }
+    report.heading("What breaks it").table(table)
+}

@@ -1,0 +1,334 @@
+//! Answers beside the truth: the answers are fixed first, the seals checked next, and only then is anything opened.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use plid_gap::case::columns;
+use plid_gap::effects::{Library, Range, Setting};
+use plid_gap::plant::Plant;
+use plid_gap::predict::Predictor;
+use plid_gap::record::Channels;
+use plid_lab::data::{MissingPolicy, channels};
+use plid_lab::run::Progress;
+use plid_model::Model;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::answer::{self, Answered};
+use crate::baselines::Baselines;
+use crate::diagnose::{ANSWERS, BASELINES, DIAGNOSIS, SIMULATION};
+use crate::error::TrialError;
+use crate::files;
+use crate::judge::{Asked, Claim, Judged, Named, asked, judge, wanted};
+use crate::manifest::{DrawnCase, MANIFEST, Manifest, OpenCase, Seal};
+use crate::report;
+use crate::scores::{Given, Line, Scores};
+use crate::seal::{salted, sha256};
+use crate::truth::{TrueEffect, Truth};
+
+/// S/answers.json: the answers as they were before anything was opened.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Fixed {
+    /// Of all of them.
+    sha256: String,
+    /// Of each case's answer.json, which holds the hashes of the files.
+    cases: BTreeMap<String, String>,
+}
+
+const FIXED: &str = "answers.json";
+
+/// Scores a trial; writes scores.json and report.html into `out`.
+///
+/// # Errors
+/// [`TrialError::Unanswered`] where cases have no answer, [`TrialError::Changed`] with the case whose answer has changed since it was
+/// given or since it was first scored, [`TrialError::Broken`] with the sealed file that is not the one that the trial commits to.
+pub fn score(trial: &Path, sealed: &Path, out: &Path, progress: &dyn Progress) -> Result<Scores, TrialError> {
+    let manifest = Manifest::read(trial)?;
+    let answers = trial.join(ANSWERS);
+    let given = given(&manifest, &answers)?;
+    let fixed = fix(&given, sealed)?;
+    let seal = Seal::read(sealed)?;
+    if sha256(&files::read(&trial.join(MANIFEST))?) != seal.trial_sha256 {
+        let reason = format!("it is not the one that {} was drawn with", sealed.display());
+        return Err(TrialError::Malformed { path: trial.join(MANIFEST), reason });
+    }
+    check(&manifest, &seal, sealed)?;
+
+    progress.stage("scoring");
+    progress.advance(0, manifest.cases.len());
+    let done = std::sync::atomic::AtomicUsize::new(0);
+    let lines = manifest
+        .cases
+        .par_iter()
+        .zip(&given)
+        .map(|(case, (answered, _))| {
+            let line = line(trial, sealed, case, answered)?;
+            let done = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
+            progress.advance(done, manifest.cases.len());
+            Ok(line)
+        })
+        .collect::<Result<Vec<Line>, TrialError>>()?;
+    let seconds = manifest.cases.iter().map(|case| answer::seconds(&answers, &case.case)).collect::<Result<_, _>>()?;
+    let given = Given {
+        name: seal.config.name.clone(),
+        seed: seal.seed,
+        answers_sha256: fixed.sha256,
+        repeated_draws: seal.repeated,
+        seconds,
+    };
+    let scores = Scores::new(given, lines);
+    files::make(out)?;
+    files::write(&out.join("scores.json"), &files::json(&scores))?;
+    let page = out.join("report.html");
+    report::page(&scores, &seal.config).write(&page).map_err(TrialError::file(page))?;
+    Ok(scores)
+}
+
+/// The answers to all cases, each with its hash, in order.
+fn given(manifest: &Manifest, answers: &Path) -> Result<Vec<(Answered, String)>, TrialError> {
+    let mut given = Vec::new();
+    let mut missing = Vec::new();
+    for case in &manifest.cases {
+        match answer::read(answers, &case.case)? {
+            Some(answer) => given.push(answer),
+            None => missing.push(case.case.clone()),
+        }
+    }
+    match missing.first() {
+        Some(first) => {
+            let all = manifest.cases.len();
+            Err(TrialError::Unanswered { missing: missing.len(), all, first: first.clone() })
+        }
+        None => Ok(given),
+    }
+}
+
+/// Writes the hashes of the answers beside what is sealed; if they stand there already, they must be these.
+fn fix(given: &[(Answered, String)], sealed: &Path) -> Result<Fixed, TrialError> {
+    let cases: BTreeMap<String, String> =
+        given.iter().map(|(answered, hash)| (answered.case.clone(), hash.clone())).collect();
+    let fixed = Fixed { sha256: sha256(&files::json(&cases)), cases };
+    let path = sealed.join(FIXED);
+    match fs::read(&path) {
+        Ok(bytes) => {
+            let before: Fixed = files::parse(&path, &bytes)?;
+            let changed = fixed.cases.iter().find(|(case, hash)| before.cases.get(*case) != Some(hash));
+            if let Some((case, _)) = changed {
+                return Err(TrialError::Changed { case: case.clone(), since: "the answers were fixed for scoring" });
+            }
+        }
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => files::write(&path, &files::json(&fixed))?,
+        Err(source) => return Err(TrialError::File { path, source }),
+    }
+    Ok(fixed)
+}
+
+/// Whether what is sealed is what the trial commits to.
+fn check(manifest: &Manifest, seal: &Seal, sealed: &Path) -> Result<(), TrialError> {
+    for case in &manifest.cases {
+        for (file, hash) in &case.sealed {
+            let path = sealed.join("cases").join(&case.case).join(file);
+            if salted(&seal.salt, &case.case, file, &files::read(&path)?) != *hash {
+                return Err(TrialError::Broken { case: case.case.clone(), path });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A record that nothing was fitted to.
+struct HeldOut {
+    u: Channels,
+    y: Channels,
+}
+
+impl HeldOut {
+    fn read(folder: &Path, model: &Model) -> Result<Self, TrialError> {
+        let table = plid_lab::data::read(&folder.join("test_uy.csv"), None)?;
+        let pick = |names: &[String]| Ok::<_, TrialError>(columns(&channels(&table, names, MissingPolicy::Error)?));
+        Ok(Self { u: pick(&model.inputs)?, y: pick(&model.outputs)? })
+    }
+
+    /// RMS(y - simulated) / RMS(y), each output scaled to unit RMS; none where it is no number.
+    fn gap(&self, simulated: &Channels) -> Option<f64> {
+        let fits = |(y, s): (&Vec<f64>, &Vec<f64>)| y.len() == s.len();
+        if simulated.len() != self.y.len() || !self.y.iter().zip(simulated).all(fits) {
+            return None;
+        }
+        let share = |(y, s): (&Vec<f64>, &Vec<f64>)| {
+            let error: f64 = y.iter().zip(s).map(|(y, s)| (y - s) * (y - s)).sum();
+            error / y.iter().map(|y| y * y).sum::<f64>()
+        };
+        let squares: f64 = self.y.iter().zip(simulated).map(share).sum();
+        let gap = (squares / self.y.len() as f64).sqrt();
+        gap.is_finite().then_some(gap)
+    }
+}
+
+fn line(trial: &Path, sealed: &Path, case: &OpenCase, answered: &Answered) -> Result<Line, TrialError> {
+    let folder = sealed.join("cases").join(&case.case);
+    let path = folder.join("label.json");
+    let truth: Truth = files::parse(&path, &files::read(&path)?)?;
+    let path = folder.join("drawn.json");
+    let drawn: DrawnCase = files::parse(&path, &files::read(&path)?)?;
+    let (judged, covered) = match answered.failed {
+        Some(_) => {
+            let missing = || judge(&truth, &case.without, &Claim::missing(), None);
+            ([missing(), missing(), missing(), missing()], BTreeMap::new())
+        }
+        None => answers(trial, &folder, case, &truth)?,
+    };
+    Ok(Line {
+        case: case.case.clone(),
+        arm: drawn.arm,
+        asked: asked(&truth, &case.without),
+        truth: wanted(&truth),
+        gap: truth.at_work().map(|e| e.gap).reduce(f64::min).unwrap_or(0.0),
+        own_equation: truth.effects.iter().all(|e| e.own_equation),
+        without: case.without.clone(),
+        gap_as_given: truth.gap_sim,
+        gap_floor: truth.gap_floor,
+        nuisances: truth.nuisances(),
+        failed: answered.failed.clone(),
+        covered,
+        judged,
+    })
+}
+
+/// Judges plid's answer and those of the baselines; and which parameters plid's intervals cover.
+fn answers(
+    trial: &Path,
+    folder: &Path,
+    case: &OpenCase,
+    truth: &Truth,
+) -> Result<([Judged; 4], BTreeMap<String, bool>), TrialError> {
+    let answers = trial.join(ANSWERS).join(&case.case);
+    let path = answers.join(DIAGNOSIS);
+    let claim: Claim = files::parse(&path, &files::read(&path)?)?;
+    let path = answers.join(BASELINES);
+    let baselines: Baselines = files::parse(&path, &files::read(&path)?)?;
+    // An answer that cannot be read back predicts nothing.
+    let predictor = Predictor::read(&answers.join(SIMULATION), &Library::standard()).ok();
+    let mut gaps = [None; 4];
+    let mut covered = BTreeMap::new();
+    if let Some(predictor) = predictor {
+        let held_out = HeldOut::read(folder, &predictor.model)?;
+        gaps[0] = held_out.gap(&predictor.run(&held_out.u, predictor.t0));
+        // It has no fit of its own.
+        gaps[1] = gaps[0];
+        if let Some(fitted) = &baselines.fitted {
+            let model = Model::read(&trial.join("cases").join(&case.case).join("sim.json"))?;
+            if let Ok([sparse, linear]) = fitted.predict(&model, &held_out.u, predictor.t0) {
+                (gaps[2], gaps[3]) = (held_out.gap(&sparse), held_out.gap(&linear));
+            }
+        }
+        if let Ok(plant) = Plant::new(&predictor.model) {
+            covered = coverage(truth, &case.without, &claim, &Setting::bare(&plant, &predictor.model));
+        }
+    }
+    let judged = |claim: &Claim, gap: Option<f64>| judge(truth, &case.without, claim, gap);
+    let missing = Claim::missing();
+    let (sparse, linear) = match &baselines.fitted {
+        Some(fitted) => (&fitted.sparse.claim, &fitted.linear.claim),
+        None => (&missing, &missing),
+    };
+    let all = [
+        judged(&claim, gaps[0]),
+        judged(&baselines.ranking, gaps[1]),
+        judged(sparse, gaps[2]),
+        judged(linear, gaps[3]),
+    ];
+    Ok((all, covered))
+}
+
+/// Parameters of a single effect with the vocabulary's own equation, rightly named at its place, whose units are the label's.
+fn coverage(truth: &Truth, without: &[String], claim: &Claim, setting: &Setting) -> BTreeMap<String, bool> {
+    let (Asked::Single, Some(effect), [said]) = (asked(truth, without), truth.at_work().next(), claim.said()) else {
+        return BTreeMap::new();
+    };
+    let library = Library::standard();
+    let Some(known) = library.get(&effect.effect) else { return BTreeMap::new() };
+    // Without declared ports a force and a motion have units of the diagnosis's own.
+    let strut = effect.effect != "missing-mode"
+        && matches!(known.side(), plid_gap::effects::Side::Structure | plid_gap::effects::Side::Disturbance)
+        && !effect.effect.starts_with("modal");
+    let declared = truth.nuisances().get("ports").is_some_and(|ports| ports == "yes");
+    if said.effect != effect.effect || !effect.is_at(&said.location) || !effect.own_equation || (strut && !declared) {
+        return BTreeMap::new();
+    }
+    covers(effect, said, &known.parameters(setting))
+}
+
+fn covers(effect: &TrueEffect, said: &Named, parameters: &[plid_gap::effects::Parameter]) -> BTreeMap<String, bool> {
+    let turns = parameters.iter().any(|p| p.range == Range::Angle);
+    let mut covered = BTreeMap::new();
+    for (parameter, value) in parameters.iter().zip(&effect.par) {
+        let ends = said.parameters.get(&parameter.name).and_then(|stated| stated.ci95);
+        let Some([Some(low), Some(high)]) = ends else { continue };
+        let inside = |value: f64| (low..=high).contains(&value);
+        let hit = match parameter.range {
+            // An amplitude with the other sign and half a turn more is the same signal.
+            Range::Angle => continue,
+            Range::Signed if turns => inside(*value) || inside(-*value),
+            _ => inside(*value),
+        };
+        covered.insert(parameter.name.clone(), hit);
+    }
+    covered
+}
+
+#[cfg(test)]
+mod tests {
+    use plid_gap::effects::Parameter;
+
+    use super::*;
+    use crate::judge::Stretch;
+
+    #[test]
+    fn the_gap_scales_each_output_to_unit_rms() {
+        let held_out = HeldOut { u: vec![], y: vec![vec![3.0, -3.0], vec![100.0, 100.0]] };
+        // A tenth of the one and two tenths of the other: sqrt((0.01 + 0.04) / 2).
+        let gap = held_out.gap(&vec![vec![3.3, -2.7], vec![80.0, 120.0]]).unwrap();
+        assert!((gap - 0.025f64.sqrt()).abs() < 1e-12);
+        assert_eq!(held_out.gap(&held_out.y.clone()), Some(0.0));
+        // Too short, too few, no number.
+        assert_eq!(held_out.gap(&vec![vec![3.0], vec![1.0]]), None);
+        assert_eq!(held_out.gap(&vec![vec![3.0, 3.0]]), None);
+        assert_eq!(held_out.gap(&vec![vec![f64::NAN, 3.0], vec![1.0, 1.0]]), None);
+    }
+
+    #[test]
+    fn a_parameter_is_covered_by_its_own_interval() {
+        let effect = |par: &[f64]| TrueEffect {
+            effect: "mains-hum".to_owned(),
+            loc: 0,
+            par: par.to_vec(),
+            gap: 0.1,
+            hz: 0.0,
+            own_equation: true,
+        };
+        let stretch = |low: f64, high: f64| Stretch { ci95: Some([Some(low), Some(high)]) };
+        let said = Named {
+            parameters: BTreeMap::from([
+                ("a".to_owned(), stretch(-0.04, -0.02)),
+                ("f".to_owned(), stretch(49.9, 49.95)),
+                ("phi".to_owned(), stretch(0.0, 7.0)),
+                ("a3".to_owned(), stretch(0.0, 1.0)),
+            ]),
+            ..Named::default()
+        };
+        let with = |turns: bool| {
+            let parameter = |name: &str, range: Range| Parameter::new(name, "", range);
+            let last = parameter("phi", if turns { Range::Angle } else { Range::Positive });
+            vec![parameter("a", Range::Signed), parameter("f", Range::Hz), last, parameter("a3", Range::Signed)]
+        };
+        let truth = effect(&[0.03, 50.0, 1.0]);
+        // The other sign is the same signal half a turn on; an angle has no interval on a line; the label has no third harmonic.
+        let found = covers(&truth, &said, &with(true));
+        assert_eq!(found, BTreeMap::from([("a".to_owned(), true), ("f".to_owned(), false)]));
+        let found = covers(&truth, &said, &with(false));
+        assert_eq!((found["a"], found["phi"]), (false, true));
+    }
+}

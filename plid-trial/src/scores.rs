@@ -1,0 +1,435 @@
+//! All cases together: shares with intervals, by question, effect, family, strength and nuisance.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::Serialize;
+
+use crate::baselines::chance;
+use crate::judge::{Asked, Judged};
+use crate::plan::Arm;
+use crate::statistics::{Calibration, Rate, calibration, lowest_tenth, median};
+use crate::targets::{Target, targets};
+use crate::vocabulary::{VOCABULARY, family};
+
+/// Who answers: plid first.
+pub const ANSWERERS: [&str; 4] = ["plid", "BIC alone", "sparse regression", "linear refit"];
+
+/// A case with all that is said of it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Line {
+    /// Its name.
+    pub case: String,
+    /// Why it was drawn.
+    pub arm: Arm,
+    /// What it asks.
+    pub asked: Asked,
+    /// Names of the true effects, or "none".
+    pub truth: String,
+    /// Gap that the weakest of them makes alone.
+    pub gap: f64,
+    /// Whether all follow the vocabulary's own equations.
+    pub own_equation: bool,
+    /// Effects that the diagnosis did not know.
+    pub without: Vec<String>,
+    /// Gap of the simulation as given, and that of the noise alone.
+    pub gap_as_given: f64,
+    /// See `gap_as_given`.
+    pub gap_floor: f64,
+    /// By name.
+    pub nuisances: BTreeMap<String, String>,
+    /// Why there is no answer.
+    pub failed: Option<String>,
+    /// Of a rightly named effect's parameters, whether the stated 95 % interval holds the true value.
+    pub covered: BTreeMap<String, bool>,
+    /// In the order of [`ANSWERERS`].
+    pub judged: [Judged; 4],
+}
+
+/// What is counted over a group of cases, for one answerer.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Totals {
+    /// Cases.
+    pub cases: usize,
+    /// Nothing is missing, and something was named.
+    pub false_alarms: Rate,
+    /// One effect: it alone was named.
+    pub exact: Rate,
+    /// One effect: the first one named is of its family.
+    pub family: Rate,
+    /// One effect: the first one named is it, at its place.
+    pub located: Rate,
+    /// One effect: it is in the 95 % set.
+    pub in_set: Rate,
+    /// One effect: mean size of that set.
+    pub set_size: Option<f64>,
+    /// Several effects: all named and no other.
+    pub all_named: Rate,
+    /// Effects of the vocabulary: something was named that is not at work.
+    pub spurious: Rate,
+    /// Of all cases: a wrong name with confidence.
+    pub confident_wrong: Rate,
+    /// Of the confident names: wrong ones.
+    pub wrong_of_confident: Rate,
+    /// Effects of the vocabulary: called unknown.
+    pub called_unknown: Rate,
+    /// Outside the vocabulary: kept open.
+    pub kept_open: Rate,
+    /// Rightly named, and a gap to shrink: how much of it goes, in the middle.
+    pub shrink_median: Option<f64>,
+    /// The lowest tenth.
+    pub shrink_lowest_tenth: Option<f64>,
+    /// Of how many.
+    pub shrink_of: usize,
+    /// Every case with an effect and a gap to shrink, whatever was named: the middle.
+    pub shrink_of_all_median: Option<f64>,
+    /// Rightly named: the stated gap is within 5 % of the gap as given.
+    pub stated_rightly: Rate,
+    /// A near miss in shape, rightly named: said to differ in shape.
+    pub shape_differs: Rate,
+    /// Parameters of rightly named effects within their stated intervals.
+    pub parameters_covered: Rate,
+    /// Of the first explanation.
+    pub calibration: Calibration,
+}
+
+/// Cases that have something in common.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Group {
+    /// What is asked.
+    pub by: String,
+    /// What these have.
+    pub is: String,
+    /// In the order of [`ANSWERERS`].
+    pub totals: Vec<Totals>,
+}
+
+/// What a guess would score.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Chance {
+    /// The right name.
+    pub exact: f64,
+    /// A name of the right family, the mean over the single effects of the trial.
+    pub family: Option<f64>,
+    /// A name where nothing is missing.
+    pub false_alarms: f64,
+}
+
+/// Seconds a case took; no part of the scores that a seed repeats.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Time {
+    /// Of all together.
+    pub total_s: f64,
+    /// The middle.
+    pub median_s: Option<f64>,
+    /// The longest.
+    pub longest_s: Option<f64>,
+}
+
+/// scores.json.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Scores {
+    /// Of the trial.
+    pub name: String,
+    /// From which it was drawn.
+    pub seed: u64,
+    /// Of all answers, as it was fixed before anything was opened.
+    pub answers_sha256: String,
+    /// Draws that were repeated.
+    pub repeated_draws: usize,
+    /// Who answers.
+    pub answerers: [&'static str; 4],
+    /// What is to be reached.
+    pub targets: Vec<Target>,
+    /// A guess.
+    pub chance: Chance,
+    /// Every group.
+    pub groups: Vec<Group>,
+    /// Every case.
+    pub cases: Vec<Line>,
+    /// How long it took.
+    pub time: Time,
+}
+
+/// Ends of the bins of strength.
+pub const GAPS: [f64; 7] = [0.0, 0.01, 0.02, 0.04, 0.08, 0.16, f64::INFINITY];
+/// The gap from which on the targets hold.
+pub const STRONG: f64 = 0.02;
+
+/// Names of groups.
+pub const ALL: &str = "all";
+/// By arm.
+pub const ARM: &str = "arm";
+/// Single effects by their gap.
+pub const GAP: &str = "gap";
+/// The same of those with the vocabulary's own equations.
+pub const GAP_OWN: &str = "gap, own equation";
+/// The same of near misses in shape.
+pub const GAP_NEAR: &str = "gap, near miss";
+/// Single effects at or above [`STRONG`], by equation.
+pub const EQUATION: &str = "equation";
+/// Single effects.
+pub const EFFECT: &str = "effect";
+/// Single effects at or above [`STRONG`].
+pub const STRONG_EFFECT: &str = "effect, gap >= 2 %";
+/// Single effects at or above [`STRONG`].
+pub const FAMILY: &str = "family, gap >= 2 %";
+/// Before the name of an effect: it alone, by its gap; of plid only.
+pub const GAP_OF: &str = "gap of ";
+/// Effects outside the vocabulary.
+pub const OUTSIDER: &str = "outsider";
+/// Effects that were taken from the vocabulary.
+pub const LEFT_OUT: &str = "left out";
+/// Before the name of a nuisance: cases with nothing missing, and single effects at or above [`STRONG`].
+pub const NUISANCE: &str = "nuisance: ";
+/// The vocabulary's own.
+pub const OWN: &str = "own";
+/// Not quite.
+pub const NEAR: &str = "near miss";
+
+/// In words, such as "1 % to 2 %".
+pub fn gap_bin(bin: usize) -> String {
+    let percent = |x: f64| format!("{:.0} %", 100.0 * x);
+    match (GAPS[bin], GAPS[bin + 1]) {
+        (0.0, high) => format!("below {}", percent(high)),
+        (low, high) if high.is_infinite() => format!("from {}", percent(low)),
+        (low, high) => format!("{} to {}", percent(low), percent(high)),
+    }
+}
+
+impl Totals {
+    /// Of some cases, for one answerer.
+    pub fn of<'a>(lines: impl IntoIterator<Item = &'a Line>, answerer: usize) -> Self {
+        let lines: Vec<(&Line, &Judged)> = lines.into_iter().map(|line| (line, &line.judged[answerer])).collect();
+        let asked = |asked: &'static [Asked]| lines.iter().filter(move |(line, _)| asked.contains(&line.asked));
+        let rate = |asked_of: &'static [Asked], hit: fn(&Judged) -> bool| {
+            Rate::of(asked(asked_of).map(|(_, judged)| hit(judged)))
+        };
+        const VOCABULARY: &[Asked] = &[Asked::Single, Asked::Several];
+        let right = || asked(VOCABULARY).filter(|(_, judged)| judged.right);
+        let shrinks: Vec<f64> = right().filter(|(_, j)| j.shrinkable).map(|(_, j)| j.shrink).collect();
+        let of_all: Vec<f64> = asked(VOCABULARY).filter(|(_, j)| j.shrinkable).map(|(_, j)| j.shrink).collect();
+        let sizes: Vec<f64> = asked(&[Asked::Single]).map(|(_, j)| j.set_size as f64).collect();
+        let near =
+            lines.iter().filter(|(line, judged)| line.asked == Asked::Single && !line.own_equation && judged.exact);
+        let tops: Vec<(f64, bool)> = lines.iter().filter_map(|(_, judged)| judged.top).collect();
+        let covered = lines.iter().filter(|_| answerer == 0).flat_map(|(line, _)| line.covered.values().copied());
+        Self {
+            cases: lines.len(),
+            false_alarms: rate(&[Asked::None], |j| j.named),
+            exact: rate(&[Asked::Single], |j| j.exact),
+            family: rate(&[Asked::Single], |j| j.family),
+            located: rate(&[Asked::Single], |j| j.located),
+            in_set: rate(&[Asked::Single], |j| j.in_set),
+            set_size: (!sizes.is_empty()).then(|| sizes.iter().sum::<f64>() / sizes.len() as f64),
+            all_named: rate(&[Asked::Several], |j| j.all_named),
+            spurious: rate(VOCABULARY, |j| j.spurious),
+            confident_wrong: Rate::of(lines.iter().map(|(_, j)| j.wrong)),
+            wrong_of_confident: Rate::of(lines.iter().filter(|(_, j)| j.confident).map(|(_, j)| j.wrong)),
+            called_unknown: rate(VOCABULARY, |j| j.unknown),
+            kept_open: rate(&[Asked::Outside], |j| j.open),
+            shrink_median: median(&shrinks),
+            shrink_lowest_tenth: lowest_tenth(&shrinks),
+            shrink_of: shrinks.len(),
+            shrink_of_all_median: median(&of_all),
+            stated_rightly: Rate::of(right().map(|(_, j)| j.missed_by.is_some_and(|by| by < 0.05))),
+            shape_differs: Rate::of(near.map(|(_, j)| j.shape_differs)),
+            parameters_covered: Rate::of(covered),
+            calibration: calibration(&tops),
+        }
+    }
+}
+
+/// All groups of a trial's cases.
+fn groups(lines: &[Line]) -> Vec<Group> {
+    let mut groups = Vec::new();
+    let mut add = |by: &str, is: &str, keep: &dyn Fn(&Line) -> bool| {
+        let these: Vec<&Line> = lines.iter().filter(|line| keep(line)).collect();
+        if !these.is_empty() {
+            let answerers = if by.starts_with(GAP_OF) { 1 } else { ANSWERERS.len() };
+            let totals = (0..answerers).map(|who| Totals::of(these.iter().copied(), who)).collect();
+            groups.push(Group { by: by.to_owned(), is: is.to_owned(), totals });
+        }
+    };
+    let single = |line: &Line| line.asked == Asked::Single;
+    let strong = |line: &Line| single(line) && line.gap >= STRONG;
+    add(ALL, ALL, &|_| true);
+    for arm in [Arm::None, Arm::Single, Arm::Pair, Arm::Triple, Arm::Outsider, Arm::LeaveOneOut] {
+        let name = serde_json::to_value(arm).ok();
+        let name = name.as_ref().and_then(|name| name.as_str()).unwrap_or_default();
+        add(ARM, name, &|line| line.arm == arm);
+    }
+    for bin in 0..GAPS.len() - 1 {
+        let within = |line: &Line| single(line) && (GAPS[bin]..GAPS[bin + 1]).contains(&line.gap);
+        add(GAP, &gap_bin(bin), &within);
+        add(GAP_OWN, &gap_bin(bin), &|line| within(line) && line.own_equation);
+        add(GAP_NEAR, &gap_bin(bin), &|line| within(line) && !line.own_equation);
+    }
+    add(EQUATION, OWN, &|line| strong(line) && line.own_equation);
+    add(EQUATION, NEAR, &|line| strong(line) && !line.own_equation);
+    for kind in &VOCABULARY {
+        add(EFFECT, kind.name, &|line| single(line) && line.truth == kind.name);
+        add(STRONG_EFFECT, kind.name, &|line| strong(line) && line.truth == kind.name);
+        add(LEFT_OUT, kind.name, &|line| line.arm == Arm::LeaveOneOut && line.truth == kind.name);
+    }
+    for kind in &VOCABULARY {
+        for bin in 0..GAPS.len() - 1 {
+            let within = |line: &Line| (GAPS[bin]..GAPS[bin + 1]).contains(&line.gap) && line.truth == kind.name;
+            add(&format!("{GAP_OF}{}", kind.name), &gap_bin(bin), &|line| single(line) && within(line));
+        }
+    }
+    let families: BTreeSet<&str> = VOCABULARY.iter().map(|kind| kind.family).collect();
+    for name in families {
+        add(FAMILY, name, &|line| strong(line) && family(&line.truth) == Some(name));
+    }
+    let outsiders: BTreeSet<&str> =
+        lines.iter().filter(|line| line.arm == Arm::Outsider).map(|line| line.truth.as_str()).collect();
+    for name in outsiders {
+        add(OUTSIDER, name, &|line| line.arm == Arm::Outsider && line.truth == name);
+    }
+    let nuisances: BTreeSet<(&String, &String)> = lines.iter().flat_map(|line| &line.nuisances).collect();
+    for (key, value) in nuisances {
+        let asks = |line: &Line| line.asked == Asked::None || strong(line);
+        add(&format!("{NUISANCE}{key}"), value, &|line| asks(line) && line.nuisances.get(key) == Some(value));
+    }
+    groups
+}
+
+/// What a score adds to the cases.
+pub(crate) struct Given {
+    pub name: String,
+    pub seed: u64,
+    pub answers_sha256: String,
+    pub repeated_draws: usize,
+    pub seconds: Vec<f64>,
+}
+
+impl Scores {
+    pub(crate) fn new(given: Given, cases: Vec<Line>) -> Self {
+        let groups = groups(&cases);
+        let singles: Vec<f64> =
+            cases.iter().filter(|c| c.asked == Asked::Single).map(|c| chance::right_family(&c.truth)).collect();
+        let family = (!singles.is_empty()).then(|| singles.iter().sum::<f64>() / singles.len() as f64);
+        let chance = Chance { exact: chance::exact(), family, false_alarms: chance::false_alarm() };
+        let time = Time {
+            total_s: given.seconds.iter().sum(),
+            median_s: median(&given.seconds),
+            longest_s: given.seconds.iter().copied().max_by(f64::total_cmp),
+        };
+        Self {
+            name: given.name,
+            seed: given.seed,
+            answers_sha256: given.answers_sha256,
+            repeated_draws: given.repeated_draws,
+            answerers: ANSWERERS,
+            targets: targets(&groups),
+            chance,
+            groups,
+            cases,
+            time,
+        }
+    }
+
+    /// A group, for plid or a baseline.
+    pub fn totals(&self, by: &str, is: &str, answerer: usize) -> Option<&Totals> {
+        totals(&self.groups, by, is, answerer)
+    }
+
+    /// All that is asked of by one name.
+    pub fn by(&self, by: &str) -> impl Iterator<Item = &Group> {
+        self.groups.iter().filter(move |group| group.by == by)
+    }
+}
+
+pub(crate) fn totals<'a>(groups: &'a [Group], by: &str, is: &str, answerer: usize) -> Option<&'a Totals> {
+    groups.iter().find(|group| group.by == by && group.is == is).and_then(|group| group.totals.get(answerer))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A single effect with a gap, named rightly or not at all.
+    fn line(case: &str, truth: &str, gap: f64, own: bool, named: bool) -> Line {
+        let asked = if truth == "none" { Asked::None } else { Asked::Single };
+        let judged = Judged {
+            named,
+            exact: named && truth != "none",
+            right: named == (truth != "none"),
+            shrinkable: true,
+            shrink: if named { 0.9 } else { 0.1 },
+            shape_differs: named && !own,
+            top: Some((0.8, named)),
+            ..Judged::default()
+        };
+        Line {
+            case: case.to_owned(),
+            arm: if truth == "none" { Arm::None } else { Arm::Single },
+            asked,
+            truth: truth.to_owned(),
+            gap,
+            own_equation: own,
+            without: Vec::new(),
+            gap_as_given: gap,
+            gap_floor: 0.01,
+            nuisances: BTreeMap::from([("ports".to_owned(), if own { "yes" } else { "no" }.to_owned())]),
+            failed: None,
+            covered: BTreeMap::from([("k".to_owned(), named)]),
+            judged: [judged, Judged::default(), Judged::default(), Judged::default()],
+        }
+    }
+
+    #[test]
+    fn cases_count_where_they_belong() {
+        let lines = vec![
+            line("case-1", "clearance", 0.03, true, true),
+            line("case-2", "clearance", 0.03, false, true),
+            line("case-3", "clearance", 0.015, true, false),
+            line("case-4", "sensor-gain", 0.3, true, false),
+            line("case-5", "none", 0.0, true, false),
+            line("case-6", "none", 0.0, true, true),
+        ];
+        let given = Given {
+            name: "t".to_owned(),
+            seed: 1,
+            answers_sha256: String::new(),
+            repeated_draws: 0,
+            seconds: vec![2.0, 4.0],
+        };
+        let scores = Scores::new(given, lines);
+        let count = |by: &str, is: &str, read: fn(&Totals) -> Rate| {
+            scores.totals(by, is, 0).map(|t| (read(t).hits, read(t).of))
+        };
+        assert_eq!(count(ALL, ALL, |t| t.exact), Some((2, 4)));
+        assert_eq!(count(ARM, "none", |t| t.false_alarms), Some((1, 2)));
+        assert_eq!(count(GAP, &gap_bin(2), |t| t.exact), Some((2, 2)));
+        assert_eq!(count(GAP_OWN, &gap_bin(2), |t| t.exact), Some((1, 1)));
+        assert_eq!(count(&format!("{GAP_OF}clearance"), &gap_bin(1), |t| t.exact), Some((0, 1)));
+        // The third one is below 2 %.
+        assert_eq!(count(EQUATION, OWN, |t| t.exact), Some((1, 2)));
+        assert_eq!(count(EQUATION, NEAR, |t| t.shape_differs), Some((1, 1)));
+        assert_eq!(count(EFFECT, "clearance", |t| t.exact), Some((2, 3)));
+        assert_eq!(count(FAMILY, "structure-nonlinear", |t| t.exact), Some((2, 2)));
+        // One near miss, and with ports the two strong single effects; cases with nothing missing tell of false alarms.
+        assert_eq!(count("nuisance: ports", "no", |t| t.exact), Some((1, 1)));
+        assert_eq!(count("nuisance: ports", "yes", |t| t.exact), Some((1, 2)));
+        assert_eq!(count("nuisance: ports", "yes", |t| t.false_alarms), Some((1, 2)));
+        // Shrink of those that are rightly named; intervals are plid's alone.
+        let all = scores.totals(ALL, ALL, 0).unwrap();
+        assert_eq!((all.shrink_median, all.shrink_of), (Some(0.9), 2));
+        assert_eq!((all.parameters_covered.hits, all.parameters_covered.of), (3, 6));
+        assert_eq!(scores.totals(ALL, ALL, 1).unwrap().parameters_covered.of, 0);
+        // Six of 33 names are of the strut, four of the linear sensors.
+        assert!((scores.chance.family.unwrap() - (3.0 * 6.0 + 4.0) / 4.0 / 33.0).abs() < 1e-12);
+        assert_eq!((scores.time.total_s, scores.time.longest_s), (6.0, Some(4.0)));
+        // A target with its bound, and one that no case of this trial asks for.
+        let target = |what: &str| scores.targets.iter().find(|t| t.what.starts_with(what)).unwrap();
+        assert_eq!(target("false alarms").reached, Some(false));
+        assert_eq!((target("outsiders").reached, target("outsiders").of), (None, 0));
+        assert_eq!(target("single effects of 2 % and more, near miss in shape: exactly").reached, Some(true));
+    }
+
+    #[test]
+    fn bins_are_said_in_words() {
+        assert_eq!([gap_bin(0), gap_bin(1), gap_bin(5)], ["below 1 %", "1 % to 2 %", "from 16 %"]);
+    }
+}

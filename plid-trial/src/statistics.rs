@@ -1,0 +1,161 @@
+//! Shares with their intervals, medians, calibration.
+
+use serde::{Deserialize, Serialize};
+use statrs::distribution::{Beta, ContinuousCDF};
+
+/// A share of cases with its 95 % interval.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Rate {
+    /// How many.
+    pub hits: usize,
+    /// Of how many.
+    pub of: usize,
+    /// One over the other; none of none is no share.
+    pub share: Option<f64>,
+    /// Clopper-Pearson.
+    pub ci95: Option<[f64; 2]>,
+}
+
+impl Rate {
+    /// Of so many.
+    pub fn new(hits: usize, of: usize) -> Self {
+        let share = (of > 0).then(|| hits as f64 / of as f64);
+        Self { hits, of, share, ci95: (of > 0).then(|| clopper_pearson(hits, of)) }
+    }
+
+    /// How often something is true.
+    pub fn of(values: impl IntoIterator<Item = bool>) -> Self {
+        let (mut hits, mut of) = (0, 0);
+        for value in values {
+            hits += usize::from(value);
+            of += 1;
+        }
+        Self::new(hits, of)
+    }
+}
+
+/// The 95 % interval of a share that no table calls too short: each end leaves 2.5 % of the binomial distribution.
+pub fn clopper_pearson(hits: usize, of: usize) -> [f64; 2] {
+    let (k, n) = (hits as f64, of as f64);
+    let quantile = |a: f64, b: f64, p: f64| Beta::new(a, b).map_or(f64::NAN, |beta| beta.inverse_cdf(p));
+    let low = if hits == 0 { 0.0 } else { quantile(k, n - k + 1.0, 0.025) };
+    let high = if hits == of { 1.0 } else { quantile(k + 1.0, n - k, 0.975) };
+    [low, high]
+}
+
+/// The middle one of the sorted values (of two the upper).
+pub fn median(values: &[f64]) -> Option<f64> {
+    at(values, values.len() / 2)
+}
+
+/// The value below which a tenth lies.
+pub fn lowest_tenth(values: &[f64]) -> Option<f64> {
+    at(values, values.len() / 10)
+}
+
+fn at(values: &[f64], index: usize) -> Option<f64> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(index).copied()
+}
+
+/// What was stated, and what came of it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Calibration {
+    /// How many statements.
+    pub of: usize,
+    /// Mean of (stated - came true)^2.
+    pub brier: Option<f64>,
+    /// Mean over the statements of |mean stated - share that came true| of their bin.
+    pub expected_error: Option<f64>,
+    /// Ten of equal width.
+    pub bins: Vec<Bin>,
+}
+
+/// Statements of about the same probability.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Bin {
+    /// Mean of what was stated.
+    pub stated: f64,
+    /// What came true.
+    pub came_true: Rate,
+}
+
+/// Bins of the reliability diagram.
+const BINS: usize = 10;
+
+/// Of statements: probability, whether it came true.
+pub fn calibration(statements: &[(f64, bool)]) -> Calibration {
+    let of = statements.len();
+    let mean = |sum: f64| (of > 0).then(|| sum / of as f64);
+    let brier = mean(statements.iter().map(|(p, hit)| (p - f64::from(*hit)).powi(2)).sum());
+    let bins: Vec<Bin> = (0..BINS)
+        .filter_map(|bin| {
+            let inside = |p: f64| ((p * BINS as f64) as usize).min(BINS - 1) == bin;
+            let here: Vec<&(f64, bool)> = statements.iter().filter(|(p, _)| inside(*p)).collect();
+            let stated = here.iter().map(|(p, _)| p).sum::<f64>() / here.len() as f64;
+            (!here.is_empty()).then(|| Bin { stated, came_true: Rate::of(here.iter().map(|(_, hit)| *hit)) })
+        })
+        .collect();
+    let off = |bin: &Bin| bin.came_true.of as f64 * (bin.stated - bin.came_true.share.unwrap_or(0.0)).abs();
+    let expected_error = mean(bins.iter().map(off).sum());
+    Calibration { of, brier, expected_error, bins }
+}
+
+#[cfg(test)]
+mod tests {
+    use approx::assert_relative_eq;
+
+    use super::*;
+
+    /// Ends that have closed forms: 1 - (alpha/2)^(1/n) for none, (alpha/2)^(1/n) for all; and values of the tables of Clopper and
+    /// Pearson (5 of 10: 0.187 to 0.813; 1 of 10: 0.0025 to 0.445; 7 of 20: 0.154 to 0.592).
+    #[test]
+    fn intervals_are_those_of_the_tables() {
+        for n in [1, 7, 200] {
+            assert_relative_eq!(clopper_pearson(0, n)[1], 1.0 - 0.025f64.powf(1.0 / n as f64), epsilon = 1e-9);
+            assert_relative_eq!(clopper_pearson(n, n)[0], 0.025f64.powf(1.0 / n as f64), epsilon = 1e-9);
+        }
+        for (k, n, low, high) in [(5, 10, 0.1871, 0.8129), (1, 10, 0.0025, 0.4450), (7, 20, 0.1539, 0.5922)] {
+            let [a, b] = clopper_pearson(k, n);
+            assert!((a - low).abs() < 6e-5 && (b - high).abs() < 6e-5, "{k} of {n}: {a} to {b}");
+        }
+        assert_eq!(Rate::new(0, 0).ci95, None);
+    }
+
+    /// The defining property: at the upper end so few hits are a 2.5 % event.
+    #[test]
+    fn ends_leave_a_fortieth_each() {
+        let tail = |k: usize, n: usize, p: f64| {
+            let choose = |k: usize| (0..k).map(|i| (n - i) as f64 / (i + 1) as f64).product::<f64>();
+            (0..=k).map(|j| choose(j) * p.powi(j as i32) * (1.0 - p).powi((n - j) as i32)).sum::<f64>()
+        };
+        for (k, n) in [(3, 12), (11, 40), (1, 5)] {
+            let [low, high] = clopper_pearson(k, n);
+            assert_relative_eq!(tail(k, n, high), 0.025, epsilon = 1e-9);
+            assert_relative_eq!(1.0 - tail(k - 1, n, low), 0.025, epsilon = 1e-9);
+        }
+    }
+
+    #[test]
+    fn calibration_by_hand() {
+        let found = calibration(&[(0.9, true), (0.94, false), (0.2, false), (1.0, true)]);
+        // (0.01 + 0.8836 + 0.04 + 0) / 4
+        assert_relative_eq!(found.brier.unwrap(), 0.2334, epsilon = 1e-12);
+        // The last bin holds three: stated 0.94667, true 2/3; the third one: stated 0.2, true 0.
+        assert_relative_eq!(
+            found.expected_error.unwrap(),
+            (3.0 * (2.84 / 3.0 - 2.0 / 3.0) + 0.2) / 4.0,
+            epsilon = 1e-12
+        );
+        assert_eq!(found.bins.iter().map(|b| b.came_true.of).collect::<Vec<_>>(), [1, 3]);
+        assert_eq!(calibration(&[]).brier, None);
+    }
+
+    #[test]
+    fn middle_and_tenth_are_values_that_occur() {
+        let values: Vec<f64> = (0..20).rev().map(f64::from).collect();
+        assert_eq!((median(&values), lowest_tenth(&values)), (Some(10.0), Some(2.0)));
+        assert_eq!((median(&[]), median(&[3.0])), (None, Some(3.0)));
+    }
+}

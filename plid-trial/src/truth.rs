@@ -1,0 +1,143 @@
+//! The answer to a case as label.json has it, and whether a stated place means it.
+
+use std::collections::BTreeMap;
+
+use plid_testbed::INPUTS;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+/// label.json.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct Truth {
+    /// The single effect `none` where nothing is missing.
+    pub effects: Vec<TrueEffect>,
+    /// Gap of the simulation as given on the held-out record.
+    pub gap_sim: f64,
+    /// Gap that is left to somebody who knows everything but the noise.
+    pub gap_floor: f64,
+    /// Everything else that is said of the case: its nuisances.
+    #[serde(flatten)]
+    pub more: BTreeMap<String, Value>,
+}
+
+/// An effect that is at work.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TrueEffect {
+    /// Its name.
+    pub effect: String,
+    /// Its place, from 0.
+    pub loc: usize,
+    /// In the order of the vocabulary.
+    pub par: Vec<f64>,
+    /// The gap that it makes alone.
+    pub gap: f64,
+    /// Of the mode at `loc`, or of the one that is missing.
+    pub hz: f64,
+    /// Whether its law is the vocabulary's own equation.
+    pub own_equation: bool,
+}
+
+/// Effects inside the structure, at the strut of an input.
+const STRUT: &str = "structure-nonlinear";
+/// Effects of a mode.
+const MODAL: &str = "structure-linear";
+
+impl Truth {
+    /// The effects; none where nothing is missing.
+    pub fn at_work(&self) -> impl Iterator<Item = &TrueEffect> {
+        self.effects.iter().filter(|effect| effect.effect != "none")
+    }
+
+    /// What is said of the case beside its effects, in words: one table of the scores for each.
+    pub fn nuisances(&self) -> BTreeMap<String, String> {
+        let word = |value: &Value| match value {
+            Value::Bool(true) => Some("yes".to_owned()),
+            Value::Bool(false) => Some("no".to_owned()),
+            Value::String(text) => Some(text.clone()),
+            Value::Number(number) if number.is_u64() => Some(number.to_string()),
+            _ => None,
+        };
+        self.more.iter().filter_map(|(key, value)| Some((key.clone(), word(value)?))).collect()
+    }
+}
+
+impl TrueEffect {
+    /// Whether a stated location means this one's.
+    pub fn is_at(&self, location: &str) -> bool {
+        let (kind, at) = location.split_once(':').unwrap_or((location, ""));
+        let family = crate::vocabulary::family(&self.effect).unwrap_or("");
+        let number = self.loc + 1;
+        let pair = |letter: char| {
+            let to = self.par.get(1).map_or(0, |j| *j as usize + 1);
+            at == format!("{letter}{number}->{letter}{to}")
+        };
+        let frequency = at.split_whitespace().next().and_then(|word| word.parse::<f64>().ok());
+        let near = |hz: f64, share: f64| frequency.is_some_and(|f| (f / hz - 1.0).abs() < share);
+        match self.effect.as_str() {
+            "actuator-delay" if self.loc == INPUTS => kind == "input" && at == "all",
+            "actuator-crosstalk" => pair('u'),
+            "sensor-crosstalk" => pair('y'),
+            "stiffness-drift" => true,
+            name if name.starts_with("actuator") => kind == "input" && at == format!("u{number}"),
+            name if name.starts_with("sensor") || name == "mains-hum" => kind == "output" && at == format!("y{number}"),
+            _ if family == STRUT => {
+                (kind == "input" && at == format!("u{number}")) || (kind == "port" && at == format!("strut{number}"))
+            }
+            _ if family == MODAL => near(self.hz, 0.05),
+            _ => self.par.get(1).is_some_and(|hz| near(*hz, 0.1)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn effect(name: &str, loc: usize, par: &[f64]) -> TrueEffect {
+        let (gap, hz) = (0.1, 168.0);
+        TrueEffect { effect: name.to_owned(), loc, par: par.to_vec(), gap, hz, own_equation: true }
+    }
+
+    #[test]
+    fn places_mean_what_the_rules_take_them_for() {
+        let yes = [
+            (effect("clearance", 1, &[0.1, 1.0]), "input:u2"),
+            (effect("clearance", 1, &[0.1, 1.0]), "port:strut2"),
+            (effect("actuator-delay", 3, &[0.5]), "input:all"),
+            (effect("actuator-delay", 0, &[0.5]), "input:u1"),
+            (effect("actuator-crosstalk", 0, &[0.1, 2.0]), "input:u1->u3"),
+            (effect("sensor-crosstalk", 2, &[0.1, 0.0]), "output:y3->y1"),
+            (effect("mains-hum", 0, &[0.1, 50.0, 0.0]), "output:y1"),
+            (effect("stiffness-drift", 0, &[0.1]), "anything"),
+            (effect("missing-mode", 4, &[168.0]), "mode:170.1"),
+            (effect("modal-damping", 4, &[1.2]), "mode:161 Hz"),
+            (effect("narrowband-disturbance", 1, &[0.1, 120.0, 0.3]), "freq:130.0"),
+        ];
+        for (truth, said) in yes {
+            assert!(truth.is_at(said), "{truth:?} at {said}");
+        }
+        let no = [
+            (effect("clearance", 1, &[0.1, 1.0]), "input:u1"),
+            (effect("clearance", 1, &[0.1, 1.0]), "output:y2"),
+            (effect("actuator-delay", 3, &[0.5]), "input:u3"),
+            (effect("actuator-crosstalk", 0, &[0.1, 2.0]), "input:u3->u1"),
+            (effect("sensor-gain", 0, &[1.1]), "input:y1"),
+            (effect("modal-frequency", 4, &[0.01]), "mode:180"),
+            (effect("modal-frequency", 4, &[0.01]), "mode:"),
+            (effect("coloured-disturbance", 1, &[0.1, 120.0]), "freq:140"),
+        ];
+        for (truth, said) in no {
+            assert!(!truth.is_at(said), "{truth:?} at {said}");
+        }
+    }
+
+    #[test]
+    fn what_a_label_says_beside_the_effects_is_a_nuisance() {
+        let text = r#"{"effects": [], "perturbed": true, "gap_sim": 0.1, "gap_floor": 0.01, "ports": false,
+            "plant": "beam", "inputs": 2, "list": [1]}"#;
+        let truth: Truth = serde_json::from_str(text).unwrap();
+        let said: Vec<(String, String)> = truth.nuisances().into_iter().collect();
+        let pair = |a: &str, b: &str| (a.to_owned(), b.to_owned());
+        assert_eq!(said, [pair("inputs", "2"), pair("perturbed", "yes"), pair("plant", "beam"), pair("ports", "no")]);
+    }
+}

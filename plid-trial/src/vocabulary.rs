@@ -1,0 +1,174 @@
+//! The testbed's effects as a trial draws them: family, places, and the laws that are near misses in shape.
+
+/// What kind of place an effect takes, in the testbed's words.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum At {
+    /// `u1`
+    Input,
+    /// `u1`, or `all`
+    InputOrAll,
+    /// `u1->u3`
+    InputPair,
+    /// `y1`
+    Output,
+    /// `y1->y3`
+    OutputPair,
+    /// `m4`: one of the dominant modes
+    Mode,
+    /// The structure, without a choice.
+    Whole,
+}
+
+/// An effect that can be drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Kind {
+    /// Its identifier.
+    pub name: &'static str,
+    /// Effects that are alike.
+    pub family: &'static str,
+    /// Where it may be.
+    pub at: At,
+    /// Other laws of the same physics than the vocabulary's own equation.
+    pub near_misses: &'static [&'static str],
+}
+
+const fn kind(name: &'static str, family: &'static str, at: At, near_misses: &'static [&'static str]) -> Kind {
+    Kind { name, family, at, near_misses }
+}
+
+const STRUT: &str = "structure-nonlinear";
+const MODAL: &str = "structure-linear";
+const BENT_ACTUATOR: &str = "actuator-nonlinear";
+const ACTUATOR: &str = "actuator-linear";
+const BENT_SENSOR: &str = "sensor-nonlinear";
+const SENSOR: &str = "sensor-linear";
+const ADDED: &str = "sensor-additive";
+const TIME: &str = "time";
+const DISTURBANCE: &str = "disturbance";
+
+/// The vocabulary.
+pub const VOCABULARY: [Kind; 32] = [
+    kind("cubic-stiffness", STRUT, At::Input, &["power", "straightening"]),
+    kind("quadratic-stiffness", STRUT, At::Input, &["one-sided"]),
+    kind("coulomb-friction", STRUT, At::Input, &["root", "stribeck"]),
+    kind("clearance", STRUT, At::Input, &["rounded", "asymmetric"]),
+    kind("joint-hysteresis", STRUT, At::Input, &["dahl", "sharp"]),
+    kind("quadratic-damping", STRUT, At::Input, &["power", "asymmetric"]),
+    kind("modal-frequency", MODAL, At::Mode, &[]),
+    kind("modal-damping", MODAL, At::Mode, &[]),
+    kind("missing-mode", MODAL, At::Whole, &[]),
+    kind("actuator-saturation", BENT_ACTUATOR, At::Input, &["clip", "arctangent"]),
+    kind("actuator-dead-zone", BENT_ACTUATOR, At::Input, &["rounded", "asymmetric"]),
+    kind("actuator-hysteresis", BENT_ACTUATOR, At::Input, &["dahl", "sharp"]),
+    kind("actuator-slew-limit", BENT_ACTUATOR, At::Input, &["soft"]),
+    kind("actuator-lag", ACTUATOR, At::Input, &[]),
+    kind("actuator-gain", ACTUATOR, At::Input, &[]),
+    kind("actuator-delay", ACTUATOR, At::InputOrAll, &[]),
+    kind("actuator-crosstalk", ACTUATOR, At::InputPair, &[]),
+    kind("sensor-saturation", BENT_SENSOR, At::Output, &["tanh", "arctangent"]),
+    kind("sensor-quantisation", BENT_SENSOR, At::Output, &["truncate"]),
+    kind("sensor-dropout", BENT_SENSOR, At::Output, &["half"]),
+    kind("sensor-gain", SENSOR, At::Output, &[]),
+    kind("sensor-delay", SENSOR, At::Output, &["interpolated"]),
+    kind("sensor-lag", SENSOR, At::Output, &["two-poles"]),
+    kind("sensor-crosstalk", SENSOR, At::OutputPair, &[]),
+    kind("sensor-offset", ADDED, At::Output, &[]),
+    kind("sensor-drift", ADDED, At::Output, &["settling"]),
+    kind("mains-hum", ADDED, At::Output, &[]),
+    kind("sensor-noise", ADDED, At::Output, &["laplace"]),
+    kind("stiffness-drift", TIME, At::Whole, &["settling"]),
+    kind("actuator-gain-drift", TIME, At::Input, &["settling"]),
+    kind("narrowband-disturbance", DISTURBANCE, At::Input, &["wandering"]),
+    kind("coloured-disturbance", DISTURBANCE, At::Input, &[]),
+];
+
+const OUTSIDE: &str = "outside";
+
+/// Effects that plid-gap has no word for.
+pub const OUTSIDERS: [Kind; 8] = [
+    kind("x-channel-product", OUTSIDE, At::Output, &[]),
+    kind("x-command-play", OUTSIDE, At::Input, &[]),
+    kind("x-delay-jitter", OUTSIDE, At::Input, &[]),
+    kind("x-parametric-stiffness", OUTSIDE, At::Whole, &[]),
+    kind("x-sensor-rate-limit", OUTSIDE, At::Output, &[]),
+    kind("x-sensor-square", OUTSIDE, At::Output, &[]),
+    kind("x-sticking-valve", OUTSIDE, At::Input, &[]),
+    kind("x-varying-damping", OUTSIDE, At::Whole, &[]),
+];
+
+/// An effect of either list.
+pub fn find(name: &str) -> Option<&'static Kind> {
+    VOCABULARY.iter().chain(&OUTSIDERS).find(|kind| kind.name == name)
+}
+
+/// The family of an effect of the vocabulary.
+pub fn family(name: &str) -> Option<&'static str> {
+    VOCABULARY.iter().find(|kind| kind.name == name).map(|kind| kind.family)
+}
+
+impl Kind {
+    /// Every place that it may have in a plant of `inputs` and `outputs`; one that is left to the testbed is `None`.
+    pub fn places(&self, inputs: usize, outputs: usize) -> Vec<Option<String>> {
+        let single = |letter: char, count: usize| (1..=count).map(move |i| Some(format!("{letter}{i}")));
+        let pairs = |letter: char, count: usize| {
+            (1..=count).flat_map(move |i| {
+                (1..=count).filter(move |&j| j != i).map(move |j| Some(format!("{letter}{i}->{letter}{j}")))
+            })
+        };
+        match self.at {
+            At::Input => single('u', inputs).collect(),
+            At::InputOrAll => single('u', inputs).chain([Some("all".to_owned())]).collect(),
+            At::InputPair => pairs('u', inputs).collect(),
+            At::Output => single('y', outputs).collect(),
+            At::OutputPair => pairs('y', outputs).collect(),
+            At::Mode => (4..=7).map(|m| Some(format!("m{m}"))).collect(),
+            At::Whole => vec![None],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use plid_gap::effects::Library;
+    use plid_testbed::Effect;
+
+    use super::*;
+
+    #[test]
+    fn the_vocabulary_is_the_diagnosis_s_and_outsiders_are_not() {
+        let library = Library::standard();
+        let mut known: Vec<&str> = library.effects().map(|effect| effect.name()).collect();
+        let mut drawn: Vec<&str> = VOCABULARY.iter().map(|kind| kind.name).collect();
+        known.sort_unstable();
+        drawn.sort_unstable();
+        assert_eq!(known, drawn);
+        assert!(OUTSIDERS.len() >= 6 && OUTSIDERS.iter().all(|kind| library.get(kind.name).is_none()));
+    }
+
+    /// The testbed reads kind, place and law before it misses the parameters, which are not given here.
+    #[test]
+    fn the_testbed_knows_every_kind_place_and_law() {
+        for kind in VOCABULARY.iter().chain(&OUTSIDERS) {
+            let laws = kind.near_misses.iter().map(|law| Some(*law)).chain([None]);
+            for (place, law) in kind.places(3, 3).into_iter().flat_map(|p| laws.clone().map(move |l| (p.clone(), l))) {
+                let mut effect = serde_json::json!({ "kind": kind.name });
+                place.iter().for_each(|place| effect["at"] = place.as_str().into());
+                law.iter().for_each(|law| effect["law"] = (*law).into());
+                let said = serde_json::from_value::<Effect>(effect.clone()).map_err(|e| e.to_string());
+                let missing = said.as_ref().is_err_and(|e| e.starts_with("missing field") && !e.contains("`at`"));
+                assert!(missing, "{effect}: {said:?}");
+            }
+            let strange = serde_json::json!({ "kind": kind.name, "law": "strange" });
+            let said = serde_json::from_value::<Effect>(strange).unwrap_err().to_string();
+            assert_eq!(said.contains("unknown variant `strange`"), !kind.near_misses.is_empty(), "{said}");
+        }
+    }
+
+    #[test]
+    fn places_are_all_there_are() {
+        let count = |name: &str| find(name).unwrap().places(3, 3).len();
+        assert_eq!((count("actuator-delay"), count("sensor-crosstalk"), count("missing-mode")), (4, 6, 1));
+        assert_eq!(find("actuator-crosstalk").unwrap().places(1, 1).len(), 0);
+        assert_eq!(find("cubic-stiffness").unwrap().places(2, 1), [Some("u1".to_owned()), Some("u2".to_owned())]);
+    }
+}

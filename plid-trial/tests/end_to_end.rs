@@ -1,0 +1,56 @@
+//! A trial of three cases with plid's own diagnosis, from the draw to the report.
+
+use std::fs;
+use std::path::Path;
+
+use plid_lab::run::Silent;
+use plid_trial::config::{Cases, Draw};
+use plid_trial::{Options, Shard, TrialConfig, diagnose, draw, score};
+
+const FILES: [&str; 4] = ["answer.json", "baselines.json", "diagnosis.json", "sim-with-effect.json"];
+
+fn answer(folder: &Path) -> Vec<Vec<u8>> {
+    FILES.iter().map(|file| fs::read(folder.join(file)).unwrap()).collect()
+}
+
+#[test]
+fn three_cases_from_the_draw_to_the_report() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
+    let (t, s) = (at("T"), at("S"));
+    let cases = Cases { none: 1, singles_per_effect: 1, ..Cases::default() };
+    let draws = Draw {
+        effects: ["sensor-offset", "actuator-saturation"].map(str::to_owned).to_vec(),
+        // Above what may be missed.
+        least_over_floor: 5.0,
+        near_misses: 0.0,
+        ..Draw::default()
+    };
+    let config = TrialConfig { name: "three".to_owned(), cases, draw: draws };
+    draw(&config, 3, &t, &s, &Silent).unwrap();
+
+    // Diagnosed while what is sealed is out of sight.
+    fs::rename(&s, at("elsewhere")).unwrap();
+    diagnose(&t, Options { shard: None, jobs: 2 }, &Silent).unwrap();
+    fs::rename(at("elsewhere"), &s).unwrap();
+    // One of them again with everything in its place, as a shard on one thread: the same bytes.
+    let shard: Shard = "2/3".parse().unwrap();
+    diagnose(&t, Options { shard: Some(shard), jobs: 1 }, &Silent).unwrap();
+    assert_eq!(answer(&t.join("answers/case-002")), answer(&t.join("shards/2-of-3/case-002")));
+
+    let scored = score(&t, &s, &at("out"), &Silent).unwrap();
+    assert_eq!(scored.cases.len(), 3);
+    assert!(scored.cases.iter().all(|line| line.failed.is_none()));
+    for line in &scored.cases {
+        // Every answerer predicted the held-out record, and no gap is below what the noise makes.
+        for judged in &line.judged {
+            assert!(judged.gap.is_some_and(|gap| gap > 0.9 * line.gap_floor), "{line:?}");
+        }
+    }
+    // Both effects are loud and the vocabulary's own, and nothing is missing in the third.
+    let all = scored.totals("all", "all", 0).unwrap();
+    assert_eq!((all.exact.hits, all.exact.of, all.located.hits), (2, 2, 2), "{:#?}", scored.cases);
+    assert_eq!((all.false_alarms.hits, all.false_alarms.of), (0, 1));
+    assert!(all.shrink_median.is_some_and(|shrink| shrink > 0.9));
+    assert!(fs::read_to_string(at("out/report.html")).unwrap().contains("Power against strength"));
+}

@@ -1,0 +1,248 @@
+//! Drawing, sealing, sharing out, merging, scoring: with a diagnosis that is made up, so that only the machinery is at work.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use plid_lab::run::{Progress, Silent};
+use plid_trial::config::{Cases, Draw};
+use plid_trial::{Answer, Options, Shard, TrialConfig, TrialError, diagnose_with, draw, merge, score};
+use tempfile::TempDir;
+
+fn config() -> TrialConfig {
+    let cases = Cases { none: 2, singles_per_effect: 1, leave_one_out: 1, ..Cases::default() };
+    let effects = ["sensor-offset", "sensor-gain"].map(str::to_owned).to_vec();
+    TrialConfig { name: "made up".to_owned(), cases, draw: Draw { effects, ..Draw::default() } }
+}
+
+/// T and S in a directory of their own.
+struct Trial {
+    directory: TempDir,
+}
+
+impl Trial {
+    fn drawn(seed: u64) -> Self {
+        let directory = tempfile::tempdir().unwrap();
+        let trial = Self { directory };
+        draw(&config(), seed, &trial.t(), &trial.s(), &Silent).unwrap();
+        trial
+    }
+
+    fn t(&self) -> PathBuf {
+        self.directory.path().join("T")
+    }
+
+    fn s(&self) -> PathBuf {
+        self.directory.path().join("S")
+    }
+
+    fn diagnose(&self, shard: Option<&str>, jobs: usize) {
+        let shard = shard.map(|text| text.parse::<Shard>().unwrap());
+        diagnose_with(&self.t(), Options { shard, jobs }, &made_up, &Silent).unwrap();
+    }
+
+    fn score(&self) -> Result<serde_json::Value, TrialError> {
+        score(&self.t(), &self.s(), &self.directory.path().join("out"), &Silent)?;
+        let mut scores: serde_json::Value = read(&self.directory.path().join("out/scores.json"));
+        scores["time"] = serde_json::Value::Null;
+        Ok(scores)
+    }
+}
+
+fn read(path: &Path) -> serde_json::Value {
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+/// Names an effect that depends on the case's records, panics at one case and fails at another.
+fn made_up(folder: &Path, without: &[String]) -> Result<Answer, String> {
+    match folder.file_name().and_then(|name| name.to_str()) {
+        Some("case-002") => panic!("the second case is too much"),
+        Some("case-004") => return Err("the fourth case cannot be read".to_owned()),
+        _ => {}
+    }
+    let sum: usize = fs::read(folder.join("r1.csv")).map_err(|e| e.to_string())?.iter().map(|b| *b as usize).sum();
+    let effect = ["sensor-offset", "sensor-gain"][sum % 2];
+    let named = serde_json::json!([{ "effect": effect, "location": "output:y1", "confidence": 0.95 }]);
+    let claim = serde_json::json!({
+        "verdict": "effects", "effects": named, "without": without,
+        "candidates": [{ "effects": named, "probability": 0.9 }, { "effects": [], "unknown": true, "probability": 0.1 }],
+        "gap": { "predicted_held_out_gap": 0.02 },
+    });
+    let baselines = serde_json::json!({ "ranking": { "verdict": "none" }, "fitted": null });
+    let bytes = |value: &serde_json::Value| value.to_string().into_bytes();
+    Ok(Answer::from([
+        ("diagnosis.json", bytes(&claim)),
+        ("sim-with-effect.json", b"{}".to_vec()),
+        ("baselines.json", bytes(&baselines)),
+    ]))
+}
+
+/// Every file below a directory with its bytes, but for what says how long something took.
+fn bytes(directory: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut open = vec![directory.to_path_buf()];
+    while let Some(next) = open.pop() {
+        for entry in fs::read_dir(next).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                open.push(path);
+            } else if path.file_name().unwrap() != "seconds.json" {
+                found.insert(path.strip_prefix(directory).unwrap().to_path_buf(), fs::read(&path).unwrap());
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn a_seed_gives_its_draw_and_the_cases_say_nothing_of_it() {
+    let (first, again, other) = (Trial::drawn(11), Trial::drawn(11), Trial::drawn(12));
+    assert_eq!(bytes(&first.t()), bytes(&again.t()));
+    assert_eq!(bytes(&first.s()), bytes(&again.s()));
+    let cases = |trial: &Trial| bytes(&trial.t().join("cases"));
+    assert!(cases(&first).iter().zip(cases(&other)).any(|(a, b)| *a.1 != b.1));
+
+    // Names of files are those that every case has; and no text but the list of what is left out has the name of an effect.
+    let names: Vec<_> = cases(&first).keys().map(|path| path.file_name().unwrap().to_owned()).collect();
+    assert_eq!(names.len(), 5 * 8);
+    let seal = read(&first.s().join("seal.json"));
+    let salt = seal["salt"].as_str().unwrap();
+    assert_eq!((seal["seed"].as_u64(), salt.len()), (Some(11), 64));
+    for (path, content) in bytes(&first.t()) {
+        let text = String::from_utf8(content).unwrap();
+        assert!(!text.contains(salt) && !text.contains("seed") && !text.contains("gap"), "{}", path.display());
+        assert!(path.ends_with("trial.json") || !text.contains("sensor-"), "{}", path.display());
+    }
+    let manifest = read(&first.t().join("trial.json"));
+    let without = |case: &serde_json::Value| case["without"].as_array().unwrap().len();
+    // The one that lacks what is at work, and one that lacks what is not.
+    assert_eq!(manifest["cases"].as_array().unwrap().iter().map(without).sum::<usize>(), 2);
+}
+
+#[test]
+fn answers_and_scores_do_not_depend_on_jobs_shards_or_what_is_sealed() {
+    let (whole, shared) = (Trial::drawn(21), Trial::drawn(21));
+    whole.diagnose(None, 1);
+    let hidden = shared.directory.path().join("elsewhere");
+    fs::rename(shared.s(), &hidden).unwrap();
+    shared.diagnose(Some("2/2"), 3);
+    shared.diagnose(Some("1/2"), 2);
+    merge(&shared.t(), &[]).unwrap();
+    fs::rename(&hidden, shared.s()).unwrap();
+    assert_eq!(bytes(&whole.t().join("answers")), bytes(&shared.t().join("answers")));
+
+    let (one, other) = (whole.score().unwrap(), shared.score().unwrap());
+    assert_eq!(one, other);
+    // What failed is told, and counts as no answer.
+    let told = |k: usize| one["cases"][k]["failed"].as_str().map(str::to_owned);
+    assert_eq!(told(1).as_deref(), Some("panicked: the second case is too much"));
+    assert_eq!(told(3).as_deref(), Some("the fourth case cannot be read"));
+    assert_eq!(one["cases"][1]["judged"][0]["said"], "missing");
+    // Scored again, nothing changes; merged again, nothing either.
+    assert_eq!(merge(&shared.t(), &[]).unwrap(), 2);
+    assert_eq!(shared.score().unwrap(), other);
+    let page = fs::read_to_string(whole.directory.path().join("out/report.html")).unwrap();
+    assert!(page.contains("case-002: no answer: panicked") && page.contains("<svg"));
+}
+
+#[test]
+fn an_answer_that_changed_is_refused_by_its_number() {
+    let trial = Trial::drawn(31);
+    trial.diagnose(None, 2);
+    let answers = trial.t().join("answers");
+    let path = answers.join("case-003/diagnosis.json");
+    let before = fs::read(&path).unwrap();
+    // Changed before scoring: its own hash tells.
+    fs::write(&path, "{\"verdict\": \"none\"}").unwrap();
+    let said = trial.score().unwrap_err().to_string();
+    assert_eq!(said, "case-003: the answer has changed since it was given; it is refused");
+    fs::write(&path, before).unwrap();
+    trial.score().unwrap();
+    // Changed after scoring, hash and all.
+    fs::remove_dir_all(answers.join("case-005")).unwrap();
+    let said = trial.score().unwrap_err().to_string();
+    assert!(said.starts_with("1 of 5 cases have no answer yet, case-005 is the first"), "{said}");
+    let other = |_: &Path, _: &[String]| Err("I have thought again".to_owned());
+    diagnose_with(&trial.t(), Options { shard: None, jobs: 1 }, &other, &Silent).unwrap();
+    let said = trial.score().unwrap_err().to_string();
+    assert_eq!(said, "case-005: the answer has changed since the answers were fixed for scoring; it is refused");
+}
+
+#[test]
+fn a_broken_seal_is_found() {
+    let trial = Trial::drawn(41);
+    trial.diagnose(None, 2);
+    let label = trial.s().join("cases/case-004/label.json");
+    let before = fs::read(&label).unwrap();
+    fs::write(&label, String::from_utf8(before.clone()).unwrap().replace("true", "false")).unwrap();
+    let said = trial.score().unwrap_err().to_string();
+    assert!(said.starts_with("case-004: ") && said.contains("label.json is not what was sealed"), "{said}");
+    // The answers are fixed all the same: whoever broke it has seen what is sealed.
+    assert!(trial.s().join("answers.json").exists());
+    fs::write(&label, before).unwrap();
+    trial.score().unwrap();
+    // A trial.json with other commitments.
+    let manifest = trial.t().join("trial.json");
+    let text = fs::read_to_string(&manifest).unwrap();
+    fs::write(&manifest, text.replace("\"without\": []", "\"without\": [\"sensor-gain\"]")).unwrap();
+    assert!(trial.score().unwrap_err().to_string().contains("it is not the one that"));
+}
+
+#[test]
+fn shards_that_make_no_whole_are_named_by_number() {
+    let trial = Trial::drawn(51);
+    let t = trial.t();
+    let said = |folders: &[PathBuf]| merge(&t, folders).unwrap_err().to_string();
+    trial.diagnose(Some("1/3"), 1);
+    trial.diagnose(Some("3/3"), 1);
+    assert_eq!(said(&[]), "shard 2 of 3 is missing");
+    trial.diagnose(Some("2/3"), 1);
+    let shard = |i: usize| t.join(format!("shards/{i}-of-3"));
+    assert_eq!(said(&[shard(2)]), "shards 1, 3 of 3 are missing");
+    let twice = said(&[shard(1), shard(2), shard(2), shard(3)]);
+    assert!(twice.starts_with("shard 2 of 3 is there twice"), "{twice}");
+    trial.diagnose(Some("1/2"), 1);
+    assert!(said(&[]).contains("is one of 3, but others are of 2"));
+    fs::remove_dir_all(t.join("shards/1-of-2")).unwrap();
+    // A shard of another trial.
+    let other = Trial::drawn(52);
+    other.diagnose(Some("2/3"), 1);
+    let strange = other.t().join("shards/2-of-3");
+    assert_eq!(said(&[shard(1), strange, shard(3)]), "shard 2 of 3 is of another trial");
+    // One that is not finished.
+    fs::remove_file(shard(3).join("shard.json")).unwrap();
+    assert!(said(&[]).contains("3-of-3: this shard is not finished"));
+    trial.diagnose(Some("3/3"), 1);
+    fs::write(shard(3).join("case-003/diagnosis.json"), "{}").unwrap();
+    assert!(said(&[]).starts_with("case-003: the answer has changed"));
+}
+
+/// Asks for an end after so many cases.
+struct Until(std::sync::atomic::AtomicUsize);
+
+impl Progress for Until {
+    fn stage(&self, _name: &str) {}
+    fn advance(&self, done: usize, _total: usize) {
+        self.0.store(done, std::sync::atomic::Ordering::Relaxed);
+    }
+    fn interrupted(&self) -> bool {
+        self.0.load(std::sync::atomic::Ordering::Relaxed) >= 3
+    }
+}
+
+#[test]
+fn what_was_done_before_an_interruption_is_not_done_again() {
+    let (trial, whole) = (Trial::drawn(61), Trial::drawn(61));
+    let options = Options { shard: None, jobs: 1 };
+    let ended = diagnose_with(&trial.t(), options, &made_up, &Until(0.into())).unwrap_err();
+    assert!(matches!(ended, TrialError::Interrupted { .. }), "{ended}");
+    let answers = trial.t().join("answers");
+    assert_eq!(fs::read_dir(&answers).unwrap().count(), 3);
+    // A crash left half an answer.
+    fs::create_dir(answers.join(".case-004.part")).unwrap();
+    let done = diagnose_with(&trial.t(), options, &made_up, &Silent).unwrap();
+    assert_eq!((done.cases, done.before), (5, 3));
+    assert_eq!(done.failed, ["case-002", "case-004"]);
+    whole.diagnose(None, 1);
+    assert_eq!(bytes(&answers), bytes(&whole.t().join("answers")));
+}

@@ -1,0 +1,62 @@
+use std::path::PathBuf;
+
+use plid_trial::{Options, Shard, diagnose};
+
+use super::progress::Bar;
+use super::{Failure, Voice, voice};
+
+/// Diagnose the cases of a trial, without their answers.
+///
+/// Writes T/answers, a case at a time; what is done is not done again. With --shard, writes T/shards/i-of-N for `plid gap trial merge`.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Examples:\n  plid gap trial diagnose T --jobs 2\n  plid gap trial diagnose T --shard 3/16\n  plid gap trial merge T"
+)]
+pub struct Arguments {
+    /// The cases, as `plid gap trial draw` wrote them.
+    #[arg(value_name = "T")]
+    trial: PathBuf,
+    /// Only every N-th case, from the i-th on.
+    #[arg(long, value_name = "i/N")]
+    shard: Option<Shard>,
+    /// Cases at a time; as many as there are cores if left out.
+    #[arg(long, value_name = "J")]
+    jobs: Option<usize>,
+}
+
+/// Runs the command.
+pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
+    let jobs = jobs(arguments.jobs)?;
+    let bar = Bar::new(voice.quiet || voice.json);
+    let done = diagnose(&arguments.trial, Options { shard: arguments.shard, jobs }, &bar);
+    bar.finish();
+    let done = done?;
+    if voice.json {
+        let text = serde_json::json!({
+            "cases": done.cases, "before": done.before, "failed": done.failed, "answers": done.answers
+        });
+        return voice::print(&format!("{text}\n"));
+    }
+    if voice.quiet {
+        return Ok(());
+    }
+    let failed = match done.failed.as_slice() {
+        [] => String::new(),
+        failed => format!("no answer to {}\n", failed.join(", ")),
+    };
+    voice::print(&format!(
+        "{} cases, {} of them answered before: {}\n{failed}",
+        done.cases,
+        done.before,
+        done.answers.display()
+    ))
+}
+
+/// Cases at a time.
+pub fn jobs(given: Option<usize>) -> Result<usize, Failure> {
+    match given {
+        Some(0) => Err(Failure::input("--jobs 0: give 1 or more")),
+        Some(jobs) => Ok(jobs),
+        None => Ok(std::thread::available_parallelism().map_or(1, usize::from)),
+    }
+}

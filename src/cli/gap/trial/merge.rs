@@ -1,0 +1,28 @@
+use std::path::PathBuf;
+
+use plid_trial::merge;
+
+use super::{Failure, Voice, voice};
+
+/// Join the answers of all shards into T/answers.
+///
+/// Each shard must be there once and finished; one that is missing or there twice is an error with its number.
+#[derive(clap::Args)]
+#[command(after_help = "Examples:\n  plid gap trial merge T\n  plid gap trial merge T a/1-of-2 b/2-of-2")]
+pub struct Arguments {
+    /// The cases.
+    #[arg(value_name = "T")]
+    trial: PathBuf,
+    /// Folders of shards; all of T/shards if left out.
+    #[arg(value_name = "SHARD")]
+    shards: Vec<PathBuf>,
+}
+
+/// Runs the command.
+pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
+    let shards = merge(&arguments.trial, &arguments.shards)?;
+    if voice.json {
+        return voice::print(&format!("{}\n", serde_json::json!({ "shards": shards })));
+    }
+    if voice.quiet { Ok(()) } else { voice::print(&format!("{shards} shards joined\n")) }
+}

@@ -1,0 +1,78 @@
+//! `plid gap trial`: is the diagnosis right on cases whose effect is withheld from it?
+
+mod diagnose;
+mod draw;
+mod merge;
+mod run;
+mod score;
+
+use std::path::PathBuf;
+
+use clap::Subcommand;
+use plid_trial::{TrialConfig, TrialError};
+
+use super::{Failure, Voice, directory, progress, voice};
+
+/// Check the diagnosis on cases whose effect is withheld from it: draw, diagnose, score.
+///
+/// The three steps cannot see each other: `draw` writes the cases in one directory and their answers, sealed, in another; `diagnose` reads
+/// the first alone; `score` fixes the hash of all answers before it opens what is sealed.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example:\n  plid gap trial run --quick --out out/trial\nthen open out/trial/report.html; or step by step:\n  plid gap trial draw --quick --out T --sealed S\n  plid gap trial diagnose T --jobs 2\n  plid gap trial score T --sealed S"
+)]
+pub struct Arguments {
+    #[command(subcommand)]
+    step: Step,
+}
+
+#[derive(Subcommand)]
+enum Step {
+    Draw(draw::Arguments),
+    Diagnose(diagnose::Arguments),
+    Merge(merge::Arguments),
+    Score(score::Arguments),
+    Run(run::Arguments),
+}
+
+/// Which trial.
+#[derive(clap::Args)]
+struct Which {
+    /// How many cases of which kind: one of experiments/trials, or your own.
+    #[arg(value_name = "TRIAL.toml", required_unless_present = "quick", conflicts_with = "quick")]
+    config: Option<PathBuf>,
+    /// The built-in trial of sixty cases, experiments/trials/quick.toml.
+    #[arg(long)]
+    quick: bool,
+}
+
+impl Which {
+    fn read(&self) -> Result<TrialConfig, Failure> {
+        let config = self.config.as_ref().map_or_else(TrialConfig::quick, |path| TrialConfig::read(path));
+        config.map_err(|error| Failure::Input(error.into()))
+    }
+}
+
+/// Runs the command.
+pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
+    match arguments.step {
+        Step::Draw(arguments) => draw::execute(&arguments, voice),
+        Step::Diagnose(arguments) => diagnose::execute(&arguments, voice),
+        Step::Merge(arguments) => merge::execute(&arguments, voice),
+        Step::Score(arguments) => score::execute(&arguments, voice),
+        Step::Run(arguments) => run::execute(&arguments, voice),
+    }
+}
+
+impl From<TrialError> for Failure {
+    fn from(error: TrialError) -> Self {
+        match error {
+            TrialError::File { path, source } => Self::file(&path, &source),
+            TrialError::Config(error) => Self::Input(error.into()),
+            TrialError::Data(error) => error.into(),
+            TrialError::Model(error) => error.into(),
+            TrialError::Draw { .. } | TrialError::Interrupted { .. } => Self::Work(error.into()),
+            _ => Self::Input(error.into()),
+        }
+    }
+}

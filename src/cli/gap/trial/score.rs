@@ -1,0 +1,63 @@
+use std::path::{Path, PathBuf};
+
+use plid_trial::score;
+use plid_trial::scores::Scores;
+
+use super::progress::Bar;
+use super::{Failure, Voice, voice};
+
+/// Score the answers to a trial.
+///
+/// First writes the hash of all answers into S, then checks that what is sealed is what T commits to, and only then opens it. Writes
+/// report.html and scores.json. An answer that changes afterwards is refused.
+#[derive(clap::Args)]
+#[command(after_help = "Example:\n  plid gap trial score T --sealed S\nthen open S/report.html")]
+pub struct Arguments {
+    /// The cases, with answers to all of them.
+    #[arg(value_name = "T")]
+    trial: PathBuf,
+    /// What `plid gap trial draw` sealed.
+    #[arg(long, value_name = "S")]
+    sealed: PathBuf,
+    /// Where report.html and scores.json go; S if left out.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
+    let out = arguments.out.as_ref().unwrap_or(&arguments.sealed);
+    into(&arguments.trial, &arguments.sealed, out, voice)
+}
+
+/// Scores into a directory and says what came of it.
+pub fn into(trial: &Path, sealed: &Path, out: &Path, voice: Voice) -> Result<(), Failure> {
+    let bar = Bar::new(voice.quiet || voice.json);
+    let scores = score(trial, sealed, out, &bar);
+    bar.finish();
+    let scores = scores?;
+    if voice.json {
+        let text = serde_json::json!({ "targets": scores.targets, "report": out.join("report.html") });
+        return voice::print(&format!("{text:#}\n"));
+    }
+    if voice.quiet {
+        return Ok(());
+    }
+    voice::print(&format!("{}report: {}\n", summary(&scores), out.join("report.html").display()))
+}
+
+fn summary(scores: &Scores) -> String {
+    let mut text = format!("{} cases, seed {}\n", scores.cases.len(), scores.seed);
+    for target in &scores.targets {
+        let found = target.found.map_or("-".to_owned(), |found| format!("{found:.3}"));
+        let sign = if target.at_least { ">=" } else { "<=" };
+        let reached = match target.reached {
+            Some(true) => "reached",
+            Some(false) => "not reached",
+            None => "no case asks",
+        };
+        text +=
+            &format!("  {:<86} {found:>6} {sign} {:<5} of {:>4}  {reached}\n", target.what, target.bound, target.of);
+    }
+    text
+}

@@ -1,0 +1,108 @@
+//! The diagnosis on cases that the testbed draws: its effects are integrated by other code than what the diagnosis fits.
+//!
+//! One case of each family, each with the next seed in the order of this file. They are short, of few modes and channels: trials say
+//! how often the diagnosis is right, these only that it still is.
+
+use plid::gap::case::Case;
+use plid::gap::diagnosis::Diagnosis;
+use plid::gap::effects::Library;
+use plid::gap::verdict::Verdict;
+use plid::testbed::gap::{Channels, EffectSpec, GapCase, GapSpec, PlantKind, Simulator, draw};
+
+/// A beam with two channels each way and records of a fifth of the usual length.
+fn spec(kinds: &[&str]) -> GapSpec {
+    let effect = |kind: &&str| EffectSpec { kind: (*kind).to_owned(), at: None, law: None, gap: 0.1 };
+    GapSpec {
+        effects: kinds.iter().map(effect).collect(),
+        perturbed: true,
+        ports: true,
+        plant: PlantKind::Beam,
+        channels: Channels { inputs: 2, outputs: 2 },
+        length: 0.2,
+        ..GapSpec::default()
+    }
+}
+
+fn diagnosed(seed: u64, spec: &GapSpec) -> (GapCase, Diagnosis) {
+    let drawn = draw(seed, spec).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    drawn.write(&folder.path().join("case"), &folder.path().join("label")).unwrap();
+    let case = Case::read(&folder.path().join("case/case.toml")).unwrap();
+    let diagnosis = plid::gap::diagnose(&case, &Library::standard(), &mut |_| {}).unwrap().diagnosis;
+    println!("{:?}: {}", drawn.label.effects[0], diagnosis.sentence);
+    (drawn, diagnosis)
+}
+
+/// The effect and nothing else is named, at its place, and most of the gap goes.
+fn is_named(seed: u64, spec: &GapSpec) {
+    let (drawn, found) = diagnosed(seed, spec);
+    let truth = &drawn.label.effects[0];
+    let named: Vec<&str> = found.effects.iter().map(|e| e.effect.as_str()).collect();
+    assert_eq!((found.verdict, named), (Verdict::Effects, vec![truth.effect.as_str()]), "{}", found.sentence);
+    assert!(truth.is_at(&found.effects[0].location), "{}: {truth:?}", found.sentence);
+    assert!(found.gap.shrink > 0.5, "{:?}", found.gap);
+}
+
+#[test]
+fn structure_nonlinear() {
+    is_named(1, &spec(&["cubic-stiffness"]));
+}
+
+#[test]
+fn structure_linear() {
+    is_named(2, &spec(&["modal-frequency"]));
+}
+
+#[test]
+fn actuator_nonlinear() {
+    is_named(3, &spec(&["actuator-dead-zone"]));
+}
+
+#[test]
+fn actuator_linear() {
+    is_named(4, &spec(&["actuator-crosstalk"]));
+}
+
+#[test]
+fn sensor_nonlinear() {
+    is_named(5, &spec(&["sensor-saturation"]));
+}
+
+#[test]
+fn sensor_linear() {
+    is_named(6, &spec(&["sensor-lag"]));
+}
+
+#[test]
+fn sensor_additive() {
+    is_named(7, &spec(&["mains-hum"]));
+}
+
+#[test]
+fn time() {
+    is_named(8, &spec(&["stiffness-drift"]));
+}
+
+#[test]
+fn disturbance() {
+    is_named(9, &spec(&["narrowband-disturbance"]));
+}
+
+#[test]
+fn nothing_is_named_where_nothing_is() {
+    let (_, found) = diagnosed(10, &spec(&[]));
+    assert_eq!(found.verdict, Verdict::None, "{}", found.sentence);
+    assert!(found.effects.is_empty());
+}
+
+#[test]
+fn what_the_vocabulary_lacks_is_kept_open() {
+    let (_, found) = diagnosed(11, &spec(&["x-sensor-square"]));
+    let open: f64 = found.candidates.iter().filter(|c| c.unknown).map(|c| c.probability).sum();
+    assert!(found.verdict == Verdict::Unknown || open >= 0.2, "{open}: {}", found.sentence);
+}
+
+#[test]
+fn a_simulator_that_gives_only_its_outputs() {
+    is_named(12, &GapSpec { simulator: Simulator::Outputs, ports: false, ..spec(&["actuator-saturation"]) });
+}
