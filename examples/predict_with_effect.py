@@ -14,7 +14,7 @@ import sys
 import numpy as np
 
 TAU = 2 * math.pi
-# Free shapes: knots of static curves, widths of smoothed steps and yield points in `unit`; turns of a course over time, likewise.
+# Free shapes, in `unit`: knots of static curves, widths of smoothed steps, yield points, turns of a course over time.
 KNOTS, STEPS = (0.0, 0.1, 0.3, 0.8, 1.6, 2.6), (0.03, 0.12, 0.4, 1.5)
 YIELDS, TURNS = (0.2, 0.6, 1.5, 4.0), (0.08, 0.2, 0.38, 0.6, 0.8)
 FORCE_PARTS = 8  # parts of a sample over which a force that depends on the motion is a straight line
@@ -199,7 +199,7 @@ def change(function, signal, location, names, p, t, h):
 
 
 def strut(location, model):
-    """The port of input:u1, of port:NAME or of freq:132.6 port:NAME. A port on one mode is named as its place: mode:132.6."""
+    """The port of input:u1, of port:NAME or of freq:132.6 port:NAME. A port on one mode is named as its place."""
     at = location.rpartition("port:")[2]
     key = "name"
     if at.startswith("input:"):

@@ -6,14 +6,45 @@ use plid::gap::{diagnose, write};
 
 use super::{Failure, Voice, directory, progress::Spinner, voice};
 
+/// A case as short as can be, then the keys for measured data.
+const EXAMPLE: &str = r#"Example of a case:
+  sim = "sim.json"
+  sample_rate_hz = 1600.0
+  inputs = ["u1", "u2"]
+  outputs = ["y1", "y2"]
+
+  [[record]]
+  file = "quiet.csv"
+  excitation = "zero"
+
+  [[record]]
+  file = "random.csv"
+
+Keys for measured data, all of which may be left out:
+  states = 24               # without `sim`: of the linear model that stands in
+  decimate_to_hz = 400.0
+  trend = "mean"            # none, mean or linear: taken from every channel
+  band_hz = [1.0, 160.0]    # fitted and judged
+
+  [[record]]
+  file = "measured.csv"     # beside the case, or in --data DIR
+  samples = [0, 8192]       # the first row, and the one behind the last
+  start = "unknown"         # not at rest: the initial state is fitted
+  use = "sim"               # for the model that stands in; or "fit", "test"
+
+  [[record]]
+  file = "measured.csv"
+  samples = [8192, 40960]
+  excitation = "periodic"
+  period = 8192
+  start = "unknown""#;
+
 /// Diagnose the gap between records and a simulation.
 ///
 /// CASE.toml names the simulation (a model.json) and the records. Writes DIR/diagnosis.json (the answer),
 /// DIR/sim-with-effect.json (the simulation with what was found, which `plid gap predict` uses) and DIR/report.html.
 #[derive(clap::Args)]
-#[command(
-    after_help = "Example of a case:\n  sim = \"sim.json\"\n  sample_rate_hz = 1600.0\n  inputs = [\"u1\", \"u2\"]\n  outputs = [\"y1\", \"y2\"]\n\n  [[record]]\n  file = \"quiet.csv\"\n  excitation = \"zero\"\n\n  [[record]]\n  file = \"random.csv\"\n  excitation = \"random\""
-)]
+#[command(after_help = EXAMPLE)]
 pub struct Arguments {
     /// The case.
     #[arg(value_name = "CASE.toml")]
