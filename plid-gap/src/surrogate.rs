@@ -139,7 +139,7 @@ fn words(model: &Model, chosen: &[Record], of_simulator: bool, error: f64, unsee
     let states = model.n();
     if of_simulator {
         let poor = if unseen > 100.0 * POOR {
-            ": a linear model does not stand for it, and what it misses counts as gap"
+            ": a linear model does not stand for it well; what it misses is taken from what was measured, but effects act on the model"
         } else {
             ", which is taken from what was measured; `predict` needs its outputs beside the effect's correction (`--simulated`)"
         };
