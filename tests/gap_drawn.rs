@@ -110,7 +110,7 @@ fn what_the_vocabulary_lacks_is_kept_open() {
 }
 
 #[test]
-#[ignore = "does not hold: the stand-in follows the simulator to 0.3 %, and yet the gap counts as 125 % where it is 10 %"]
+#[ignore = "does not hold: the stand-in follows the simulator to 0.3 %, and yet the gap counts as 125 % where the label says 12.5 %"]
 fn a_simulator_that_gives_only_its_outputs() {
     is_named(12, &GapSpec { simulator: Simulator::Outputs, ports: false, ..spec(&["actuator-saturation"]) });
 }
