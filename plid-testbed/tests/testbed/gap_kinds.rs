@@ -278,7 +278,7 @@ fn a_simulator_of_outputs_gives_what_its_model_would() {
         assert_eq!(file.lines().next(), Some("y1,y2"));
         assert_eq!(file.lines().count(), 1 + outputs.records[i].outputs.nrows());
         let last: Vec<f64> = file.lines().last().unwrap().split(',').map(|v| v.parse().unwrap()).collect();
-        assert_eq!(last, outputs.records[i].simulated.rows().into_iter().last().unwrap().to_vec());
+        assert_eq!(last, outputs.records[i].simulated.rows().into_iter().next_back().unwrap().to_vec());
     }
     assert!(at.path().join("label/test_sim.csv").exists());
 }
