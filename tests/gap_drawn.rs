@@ -73,16 +73,9 @@ fn sensor_linear() {
     is_named(6, &spec(&["sensor-lag"]));
 }
 
-/// The testbed's hum has a second and a fifth harmonic too: a diagnosis that knows the third alone takes them for noise, and names that
-/// beside the hum.
 #[test]
 fn sensor_additive() {
-    let (drawn, found) = diagnosed(7, &spec(&["mains-hum"]));
-    let first = &found.effects[0];
-    assert_eq!(first.effect, "mains-hum", "{}", found.sentence);
-    assert!(drawn.label.effects[0].is_at(&first.location), "{}", found.sentence);
-    assert!(found.effects.iter().all(|e| e.effect == "mains-hum" || e.effect == "sensor-noise"), "{}", found.sentence);
-    assert!(found.gap.shrink > 0.5, "{:?}", found.gap);
+    is_named(7, &spec(&["mains-hum"]));
 }
 
 #[test]
@@ -110,7 +103,6 @@ fn what_the_vocabulary_lacks_is_kept_open() {
 }
 
 #[test]
-#[ignore = "does not hold: the stand-in follows the simulator to 0.3 %, and yet the gap counts as 125 % where the label says 12.5 %"]
 fn a_simulator_that_gives_only_its_outputs() {
     is_named(12, &GapSpec { simulator: Simulator::Outputs, ports: false, ..spec(&["actuator-saturation"]) });
 }

@@ -433,7 +433,10 @@ mod tests {
         let target = |what: &str| scores.targets.iter().find(|t| t.what.starts_with(what)).unwrap();
         assert_eq!(target("false alarms").reached, Some(false));
         assert_eq!((target("outsiders").reached, target("outsiders").of), (None, 0));
-        assert_eq!(target("single effects of 2 % and more, near miss in shape: exactly").reached, Some(true));
+        assert_eq!(
+            target("active, 3 x 3, single effects of 2 % and more, near miss in shape: exactly").reached,
+            Some(true)
+        );
     }
 
     #[test]

@@ -391,17 +391,14 @@ fn split(structural: Vec<Structural>) -> (Vec<C>, Vec<DVector<C>>, Vec<DVector<C
     parts
 }
 
-/// An orthonormal basis (n x rank) of a projection's range: its singular values are zero or at least one.
+/// An orthonormal basis (n x rank) of a projection's range: the first columns of a QR factorisation with pivots, for its singular values
+/// are zero or at least one. (The library's singular vectors are off where singular values repeat, as they do here.)
 fn range(projection: &DMatrix<f64>, rank: usize) -> DMatrix<f64> {
     if rank == 0 {
         return DMatrix::zeros(projection.nrows(), 0);
     }
-    let svd = projection.clone().svd(true, false);
-    let u = svd.u.expect("asked for");
-    let mut order: Vec<usize> = (0..svd.singular_values.len()).collect();
-    order.sort_by(|&i, &j| svd.singular_values[j].total_cmp(&svd.singular_values[i]));
-    let near = DMatrix::from_fn(u.nrows(), rank, |i, j| u[(i, order[j])]);
-    // Where singular values repeat, the library's vectors may be off by 1e-5. Once more through the projection they are in its range.
+    let near = projection.clone().col_piv_qr().q().columns(0, rank).into_owned();
+    // Once more through the projection, what rounding has put beside its range is gone.
     (projection * near).qr().q()
 }
 

@@ -3,9 +3,9 @@
 use serde::Serialize;
 
 use super::spec::{EffectSpec, Experiment, PlantKind, Simulator};
-use crate::INPUTS;
 use crate::effects::Effect;
 use crate::plant::Truss;
+use crate::{INPUTS, OUTPUTS};
 
 /// What is true of a case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -20,18 +20,32 @@ pub struct Label {
     pub gap_floor: f64,
     /// Whether the nominal simulation has ports.
     pub ports: bool,
-    /// Of which kind the plant is.
+    /// Of which kind the plant is; this and what follows is left out where it is as it always was.
+    #[serde(skip_serializing_if = "is_default")]
     pub plant: PlantKind,
     /// Inputs that there are.
+    #[serde(skip_serializing_if = "is_all")]
     pub inputs: usize,
     /// Outputs that there are.
+    #[serde(skip_serializing_if = "is_all")]
     pub outputs: usize,
     /// What was recorded.
+    #[serde(skip_serializing_if = "is_default")]
     pub experiment: Experiment,
     /// In what form the case has the nominal simulation.
+    #[serde(skip_serializing_if = "is_default")]
     pub simulator: Simulator,
     /// Whether the declared noise is off.
+    #[serde(skip_serializing_if = "is_default")]
     pub misjudged: bool,
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
+fn is_all(channels: &usize) -> bool {
+    *channels == INPUTS && *channels == OUTPUTS
 }
 
 /// One effect of the answer.
