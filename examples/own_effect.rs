@@ -9,7 +9,6 @@
 use plid::gap::case::{Case, CaseConfig, columns};
 use plid::gap::diagnose;
 use plid::gap::effects::{Action, Effect, Library, Parameter, Place, Range, Sensor, Setting, Side};
-use plid::gap::nuisance::Limits;
 use plid::gap::record::{Excitation, Record};
 use plid::model::{Model, simulate};
 use rand::{RngExt, SeedableRng};

@@ -37,8 +37,10 @@ pub struct Prepared {
     pub declared: NoiseModel,
     /// What raw values show, of each output.
     pub codes: Vec<Codes>,
-    /// As the simulation declares it: of sensors (p).
+    /// As the simulation declares it: of sensors (p); a share of each output where it declares none.
     pub declared_sensor: Vec<f64>,
+    /// Whether it declares it.
+    pub declares: bool,
     /// Spectra of what no command explains.
     pub quiet: Vec<Stretch>,
 }
@@ -88,7 +90,8 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
         .collect();
     let nuisance = Nuisance::new(&plant, &fitted, &known.limits).doubted(&known.doubt);
     let problem = Problem { plant, records: fitted, whiteners, nuisance, setting };
-    Ok(Prepared { problem, held_out, declared, noise, declared_sensor, quiet, codes })
+    let declares = model.noise.sensor_std.is_some();
+    Ok(Prepared { problem, held_out, declared, noise, declared_sensor, declares, quiet, codes })
 }
 
 /// How well the noise's level is known, and what it is over the model's.

@@ -92,8 +92,8 @@ impl Tracks {
                 Along::Time => p.start_s,
             };
             let n = seen.len() as f64;
-            let mean = |of: &dyn Fn(&(&Passed, (f64, f64))) -> f64| seen.iter().map(of).sum::<f64>() / n;
-            let (mx, mf) = (mean(&|s| x(s.0)), mean(&|s| s.1.0));
+            let mx = seen.iter().map(|s| x(s.0)).sum::<f64>() / n;
+            let mf = seen.iter().map(|s| s.1.0).sum::<f64>() / n;
             let square = seen.iter().map(|s| (x(s.0) - mx).powi(2)).sum::<f64>();
             if seen.len() < 4 || square <= 1e-6 * mx * mx * n {
                 return None;

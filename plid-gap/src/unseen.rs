@@ -50,8 +50,11 @@ pub fn unseen<'a>(ready: &Prepared, library: &'a Library) -> Vec<Unseen<'a>> {
             put("sensor-dropout", Place::Output(o), vec![rate], 2.0 * onsets * 6.0);
         }
     }
-    for (o, std, gain) in noisy(&ready.noise, &ready.declared_sensor, &ready.codes) {
-        put("sensor-noise", Place::Output(o), vec![std], gain);
+    // A sensor is noisy only against what was declared of it.
+    if ready.declares {
+        for (o, std, gain) in noisy(&ready.noise, &ready.declared_sensor, &ready.codes) {
+            put("sensor-noise", Place::Output(o), vec![std], gain);
+        }
     }
     if let Some((port, hz, a, gain)) = coloured(ready) {
         put("coloured-disturbance", Place::Frequency(hz, port), vec![a, hz], gain);
