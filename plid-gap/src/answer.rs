@@ -145,7 +145,9 @@ pub(crate) fn sentence(verdict: Verdict, effects: &[NamedEffect], nearest: &[Str
                     percent(gap.noise_floor)
                 );
             }
-            let rest = if seen && gap.with_effect > LEFT * gap.noise_floor {
+            // Samples that drop out are no part of what a simulation can follow.
+            let drops = effects.iter().any(|e| e.effect == "sensor-dropout");
+            let rest = if seen && !drops && gap.with_effect > LEFT * gap.noise_floor {
                 format!(" {} of the output stays unexplained.", percent(beyond))
             } else {
                 String::new()
