@@ -6,7 +6,7 @@ use crate::case::Case;
 use crate::diagnosis::{Diagnosis, Explanation, Located, SimulationWithEffects};
 use crate::effects::{Action, Library};
 use crate::error::GapError;
-use crate::explain::{Explained, Rules, explain, outputs};
+use crate::explain::{Explained, Rules, errors, explain};
 use crate::levels::{LevelRun, is_linear, one_of_each_level};
 use crate::locate::{self, Map};
 use crate::next::next_experiment;
@@ -150,7 +150,7 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
         warnings: case.warnings.clone(),
     };
     let simulation = written(&explained, model, &plant, &shown, verdict);
-    let evidence = Evidence { tracks, ..evidence(case, &explained, &unseen, before, &plant, &actions) };
+    let evidence = evidence(case, &explained, &unseen, before, tracks, &plant, &actions);
     let mut outcome = Outcome { diagnosis, simulation, evidence };
     audit.tell(&mut outcome);
     Ok(outcome)
@@ -162,6 +162,7 @@ fn evidence(
     explained: &Explained,
     unseen: &[Unseen],
     before: Map,
+    tracks: Tracks,
     plant: &Plant,
     actions: &[Action],
 ) -> Evidence {
@@ -169,12 +170,7 @@ fn evidence(
     let problem = &ready.problem;
     let names = &problem.setting.names;
     let rows = problem.rows() as f64;
-    let after: Vec<Channels> = problem
-        .records
-        .iter()
-        .zip(outputs(problem, explained.fit()))
-        .map(|(record, y)| locate::error(record, &y))
-        .collect();
+    let after = errors(problem, &explained.fit().eta, &explained.fit().effects);
     let after = locate::map(&problem.records, &after, &ready.noise, plant.rate);
     let trace_record = ready.held_out.last().or(problem.records.last()).expect("a case has records").clone();
     let runs = |plant: &Plant, actions: &[Action]| run(plant, actions, &trace_record);
@@ -208,7 +204,7 @@ fn evidence(
             .collect(),
         trace: [trace_record.y.clone(), runs(&problem.plant, &[]), runs(plant, actions)],
         trace_record: trace_record.name,
-        tracks: Tracks::default(),
+        tracks,
         unseen: unseen
             .iter()
             .map(|u| (u.placed.effect.name().into(), u.placed.place.location(names), u.gain))

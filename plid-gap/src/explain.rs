@@ -1,6 +1,7 @@
 //! Steps 3 to 8: which effects explain the gap, and whether they suffice.
 
 use crate::effects::{Library, Names};
+use crate::locate::error;
 use crate::modal::dominant;
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::problem::{Fit, Placed, Problem, sum_of_squares};
@@ -89,14 +90,7 @@ pub fn explain<'a>(
         return first;
     }
     let problem = &first.ready.problem;
-    let linear = Fit { eta: first.refitted.eta.clone(), effects: Vec::new(), ..first.found.best.clone() };
-    let errors: Vec<Channels> = problem
-        .records
-        .iter()
-        .zip(outputs(problem, &linear))
-        .map(|(record, y)| crate::locate::error(record, &y))
-        .collect();
-    let modes = dominant(problem, &errors);
+    let modes = dominant(problem, &errors(problem, &first.refitted.eta, &[]));
     if modes.is_empty() {
         return first;
     }
@@ -127,7 +121,7 @@ fn once<'a>(
     let allowed = |placed: &Placed| !is_unseen(placed.effect) && rules.allow(placed, &names);
     let bonus = |placed: &Placed| rules.bonus(placed, &names);
     let mut found = search(&mut ready.problem, &mut quick, &refitted, library, &allowed, &bonus, bold, say);
-    let simulated = outputs(&ready.problem, &found.best);
+    let simulated = outputs(&ready.problem, &found.best.eta, &found.best.effects);
     if !found.best.effects.is_empty() && ready.renew_noise(&simulated) {
         refitted.weigh_anew(&ready.problem);
         found.weigh_anew(&ready.problem);
@@ -164,9 +158,14 @@ fn once<'a>(
 }
 
 /// Free runs of all fitted records.
-pub(crate) fn outputs(problem: &Problem, fit: &Fit) -> Vec<Channels> {
-    let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
-    let actions = problem.actions(&fit.effects);
-    let run = |k| problem.outputs(&plant, &fit.eta, &actions, k, Fineness::FINE);
+fn outputs(problem: &Problem, eta: &[f64], effects: &[Placed]) -> Vec<Channels> {
+    let plant = problem.nuisance.apply(&problem.plant, eta);
+    let actions = problem.actions(effects);
+    let run = |k| problem.outputs(&plant, eta, &actions, k, Fineness::FINE);
     (0..problem.records.len()).map(run).collect()
+}
+
+/// What they leave.
+pub(crate) fn errors(problem: &Problem, eta: &[f64], effects: &[Placed]) -> Vec<Channels> {
+    problem.records.iter().zip(outputs(problem, eta, effects)).map(|(record, y)| error(record, &y)).collect()
 }

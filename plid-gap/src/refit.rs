@@ -75,16 +75,6 @@ impl Refit {
         self.residual = problem.residual(&self.plant, &self.eta, &[], Fineness::FINE);
         self.cost = sum_of_squares(&self.residual) + problem.penalty(&self.eta);
     }
-
-    /// The same without what lies far outside the prior: where a search for effects starts.
-    pub fn clipped(&self, problem: &Problem) -> Option<Refit> {
-        let eta = clipped(problem, &self.eta)?;
-        let plant = problem.nuisance.apply(&problem.plant, &eta);
-        let residual = problem.residual(&plant, &eta, &[], Fineness::FINE);
-        let cost = sum_of_squares(&residual) + problem.penalty(&eta);
-        let tangent = problem.tangent(&plant);
-        Some(Refit { eta, plant, tangent, residual, cost })
-    }
 }
 
 /// Linear parameters brought back to the prior's bounds; none if all are within.

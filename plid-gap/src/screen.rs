@@ -65,13 +65,14 @@ pub fn screen<'a>(base: &Base<'_, 'a>, library: &'a Library, skip: impl Fn(&Plac
             let tried = starts.into_iter().filter_map(|start| {
                 let placed = Placed { effect: *effect, place: place.clone(), parameters: start };
                 let linear = entry(base, &factor, &now, &left, placed.clone(), true);
-                let bold = base.bold && matches!(place, Place::Port(k) if setting.is_on_a_mode(*k));
+                let &Place::Port(port) = place else { return linear };
+                let bold = base.bold && setting.is_on_a_mode(port);
                 let (true, Some((index, neutral))) = (bold, effect.amplitude()) else { return linear };
                 let signs = match effect.parameters(setting)[index].range {
                     Range::Positive => &[1.0][..],
                     _ => &[1.0, -1.0],
                 };
-                let bolder = setting.bold_sizes(place).into_iter().flat_map(|by| signs.iter().map(move |s| by * s));
+                let bolder = setting.bold_sizes(port).into_iter().flat_map(|by| signs.iter().map(move |s| by * s));
                 let tried = bolder.filter_map(|by| {
                     let mut placed = placed.clone();
                     placed.parameters[index] = neutral + by * (placed.parameters[index] - neutral);

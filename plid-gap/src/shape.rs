@@ -24,6 +24,10 @@ pub fn one_for_two<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Op
         let place = &best.effects[k].place;
         best.effects.iter().filter(|other| other.place == *place).count() > 1
     };
+    // Derivatives cost seconds, and most explanations share no place.
+    if !(0..best.effects.len()).any(shared) {
+        return None;
+    }
     let tangent = quick.tangent(&quick.nuisance.apply(&quick.plant, &best.eta));
     let whole = problem.tangent(&problem.nuisance.apply(&problem.plant, &best.eta));
     let tried = (0..best.effects.len()).filter(|&k| shared(k)).filter_map(|k| {

@@ -36,10 +36,8 @@ pub struct Search<'a> {
 impl<'a> Search<'a> {
     /// The best explanation with its shape set free, which costs `more` parameters.
     pub fn set_free(&mut self, cost: f64, more: usize, rows: f64) {
-        let best = &self.best.effects;
-        let alike =
-            |c: &Candidate| c.effects.len() == best.len() && c.effects.iter().all(|a| best.iter().any(|b| same(a, b)));
-        let Some(at) = self.candidates.iter().position(alike) else { return };
+        let is_best = |c: &Candidate| all_same(&c.effects, &self.best.effects);
+        let Some(at) = self.candidates.iter().position(is_best) else { return };
         let gain = self.candidates[at].cost - cost;
         let candidate = &mut self.candidates[at];
         candidate.cost = cost;
@@ -49,10 +47,9 @@ impl<'a> Search<'a> {
 
     /// Fewer effects in place of the best explanation, which with a free shape explain as much: they take its rank.
     pub fn settle(&mut self, fewer: Fit<'a>, cost: f64) {
-        let alike = |a: &[Placed], b: &[Placed]| a.len() == b.len() && a.iter().all(|a| b.iter().any(|b| same(a, b)));
         let first = self.candidates.first().map_or(cost, |candidate| candidate.priced);
         let old = std::mem::replace(&mut self.best, fewer);
-        let replaced = |c: &Candidate| alike(&c.effects, &old.effects) || alike(&c.effects, &self.best.effects);
+        let replaced = |c: &Candidate| all_same(&c.effects, &old.effects) || all_same(&c.effects, &self.best.effects);
         self.candidates.retain(|c| !replaced(c));
         self.candidates.insert(0, Candidate { effects: self.best.effects.clone(), cost, priced: first });
     }
@@ -174,6 +171,11 @@ fn turn<'a>(
 /// Whether two name the same effect at the same place.
 pub fn same(a: &Placed, b: &Placed) -> bool {
     a.effect.name() == b.effect.name() && near(&a.place, &b.place)
+}
+
+/// Whether two explanations name the same effects at the same places, in any order.
+pub fn all_same(a: &[Placed], b: &[Placed]) -> bool {
+    a.len() == b.len() && a.iter().all(|a| b.iter().any(|b| same(a, b)))
 }
 
 fn near(a: &Place, b: &Place) -> bool {

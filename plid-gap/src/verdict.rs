@@ -2,7 +2,7 @@
 
 use crate::prepare::NoiseLevel;
 use crate::problem::Placed;
-use crate::stepwise::{Candidate, same};
+use crate::stepwise::{Candidate, all_same};
 use crate::thresholds::{BENT, EXCESS, MISFIT_TEMPERATURE, NEXT, TEMPERATURE};
 
 /// What a diagnosis says.
@@ -76,11 +76,7 @@ pub fn weigh<'a>(candidates: &[Candidate<'a>], unknown: f64, rows: f64, level: N
     let mut weighted: Vec<Weighted> = Vec::new();
     for candidate in candidates {
         let weight = (-(candidate.priced - best.priced) / temperature).exp();
-        let alike = |other: &Weighted| {
-            other.effects.len() == candidate.effects.len()
-                && candidate.effects.iter().all(|a| other.effects.iter().any(|b| same(a, b)))
-        };
-        if weighted.iter().any(alike) {
+        if weighted.iter().any(|other| all_same(&candidate.effects, &other.effects)) {
             continue;
         }
         weighted.push(Weighted {

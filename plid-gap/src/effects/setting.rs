@@ -101,14 +101,11 @@ impl Setting {
     }
 
     /// Multiples of a start at which an internal force is 1, 3 and 10 % of the spring's there: what shifts a resonance by more than its width
-    /// cannot be guessed from a small change. One for other places.
-    pub(crate) fn bold_sizes(&self, place: &Place) -> Vec<f64> {
-        let port = match *place {
-            Place::Port(k) => Some(k),
-            Place::Input(i) => self.plant.ports.iter().position(|port| port.input == Some(i)),
-            _ => None,
-        };
-        let Some(port) = port.filter(|&port| self.force[port] > 0.0) else { return vec![1.0] };
+    /// cannot be guessed from a small change.
+    pub(crate) fn bold_sizes(&self, port: usize) -> Vec<f64> {
+        if !(self.force[port] > 0.0) {
+            return vec![1.0];
+        }
         // Starts are of a hundredth of `force`.
         let spring = self.stiffness[port] * self.d_rms[port] / (0.01 * self.force[port]);
         [0.01, 0.03, 0.1].map(|share| share * spring).to_vec()
