@@ -149,6 +149,8 @@ fn once<'a>(
     // A stage that was looked at and not accepted says what is still there.
     let last = if found.stages.len() > best.effects.len() { found.stages.last() } else { None };
     let next = last.and_then(|entries| entries.first()).map_or(0.0, |entry| entry.gain);
+    // Where nothing shows the noise, what is left is its measure.
+    let next = if level.seen { next } else { next / (best.cost / rows).max(1.0) };
     let judge = |bent: f64, next: f64, cost: f64| adequacy(bent, next, cost, refitted.cost, given_cost, rows, level);
     let straight = problem.bent(&best.eta);
     let mut judged = judge(straight, next, best.cost);

@@ -59,7 +59,7 @@ pub const NEXT: f64 = 50.0;
 pub const SHAPE_DIFFERS: f64 = 0.3;
 
 /// Probability of something else from which places on single modes are tried too: what a strut explains is not looked for elsewhere.
-pub const INADEQUATE: f64 = 0.5;
+pub const INADEQUATE: f64 = 0.4;
 
 /// And share of the refit's excess that must be left for that: a cause at another place leaves more than a shape's third digit.
 pub const ELSEWHERE: f64 = 0.05;
@@ -68,5 +68,8 @@ pub const ELSEWHERE: f64 = 0.05;
 /// the same, a right one is never worse by this.
 pub const WORSE: f64 = 1.05;
 
-/// Probability of something else then.
-pub const REFUTED: f64 = 0.9;
+/// Least and largest probability of something else. Of the cases in which nothing of the vocabulary suffices, one in four still has its
+/// cause there, in a shape or beside another effect that the search did not follow: what comes nearest keeps that much.
+pub const LEAST_UNKNOWN: f64 = 0.02;
+/// See [`LEAST_UNKNOWN`]. What held-out records refute has it too.
+pub const MOST_UNKNOWN: f64 = 0.75;
