@@ -7,6 +7,7 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 use crate::diagnosis::{Gap, NamedEffect, Value, Where};
 use crate::effects::{Names, Side};
 use crate::explain::Explained;
+use crate::held_out::HeldOut;
 use crate::locate::Map;
 use crate::problem::Placed;
 use crate::stepwise::{Candidate, Search, same};
@@ -162,7 +163,7 @@ pub(crate) fn sentence(verdict: Verdict, effects: &[NamedEffect], nearest: &[Str
     }
 }
 
-pub(crate) fn words(explained: &Explained, before: &Map, tracks: &Tracks) -> Vec<String> {
+pub(crate) fn words(explained: &Explained, before: &Map, held_out: Option<HeldOut>, tracks: &Tracks) -> Vec<String> {
     let Explained { ready, refitted, found, judged, given_cost, .. } = explained;
     let rows = ready.problem.rows() as f64;
     let names = &ready.problem.setting.names;
@@ -196,6 +197,14 @@ pub(crate) fn words(explained: &Explained, before: &Map, tracks: &Tracks) -> Vec
             "The nearest other explanation, {}, is worse by {:.0} in log likelihood.",
             other.effects.iter().map(one).collect::<Vec<_>>().join(" + "),
             (other.cost - found.best.cost) / 2.0
+        ));
+    }
+    if let Some(held_out) = held_out {
+        words.push(format!(
+            "On what was held out from all fitting it gains {:.0} in log likelihood over a refit alone, {:.0} times what chance would make of it{}.",
+            held_out.gain / 2.0,
+            held_out.gain / held_out.deviation.max(f64::MIN_POSITIVE),
+            if held_out.refutes() { ": too little, which refutes it" } else { "" },
         ));
     }
     words.push(format!("What is left exceeds the noise by {:.1} times the uncertainty of its level.", judged.excess));
