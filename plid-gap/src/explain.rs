@@ -148,7 +148,9 @@ fn once<'a>(
     let level = ready.noise_level(&simulated, best.cost / rows);
     // A stage that was looked at and not accepted says what is still there.
     let last = if found.stages.len() > best.effects.len() { found.stages.last() } else { None };
-    let next = last.and_then(|entries| entries.first()).map_or(0.0, |entry| entry.gain);
+    // How far linear parameters are bent is asked for itself.
+    let further = last.and_then(|entries| entries.iter().find(|entry| !entry.placed.effect.is_in_refit()));
+    let next = further.map_or(0.0, |entry| entry.gain);
     // Where nothing shows the noise, what is left is its measure.
     let next = if level.seen { next } else { next / (best.cost / rows).max(1.0) };
     let judge = |bent: f64, next: f64, cost: f64| adequacy(bent, next, cost, refitted.cost, given_cost, rows, level);

@@ -61,7 +61,7 @@ pub fn screen<'a>(base: &Base<'_, 'a>, library: &'a Library, skip: impl Fn(&Plac
         .collect();
     // As the runs make it, so that what a coarse run does differently cancels.
     let now = problem.residual(base.plant, base.eta, base.effects, Fineness::COARSE);
-    let left = projected(base.tangent, &factor, base.residual);
+    let left = left(base, &factor);
     let mut entries: Vec<Entry> = pairs
         .par_iter()
         .filter_map(|(effect, place)| {
@@ -105,12 +105,21 @@ fn projected(tangent: &Tangent, factor: &Cholesky<f64, Dyn>, v: &[f64]) -> Proje
     Projected { cross, solved }
 }
 
+/// What a refit would do: (J'J + prior)^{-1} on J'r less the pull of the prior on what the linear parameters are at. At a refit's end that is nothing: what an
+/// effect explains there may be the residual, or what they were bent for.
+fn left(base: &Base, factor: &Cholesky<f64, Dyn>) -> DMatrix<f64> {
+    let mut cross = base.tangent.cross(base.residual, 1);
+    let std = &base.problem.nuisance.std;
+    cross.iter_mut().zip(base.eta).zip(std).for_each(|((g, x), std)| *g -= x / (std * std));
+    factor.solve(&cross)
+}
+
 /// `scaled`: with the size that is best if the trace is proportional to it; otherwise with the size as it is.
 fn entry<'a>(
     base: &Base<'_, 'a>,
     factor: &Cholesky<f64, Dyn>,
     now: &[f64],
-    left: &Projected,
+    left: &DMatrix<f64>,
     mut placed: Placed<'a>,
     scaled: bool,
 ) -> Option<Entry<'a>> {
@@ -130,7 +139,7 @@ fn entry<'a>(
     let (energy, product) = if base.bold {
         (whole, dot(&trace, base.residual))
     } else {
-        (clear, dot(&trace, base.residual) - own.cross.dot(&left.solved))
+        (clear, dot(&trace, base.residual) - own.cross.dot(left))
     };
     let (gain, energy) = match placed.effect.amplitude().filter(|_| scaled) {
         Some((index, neutral)) => {

@@ -10,7 +10,7 @@ use crate::problem::{Effort, Fit, Placed, Problem, Tangent};
 use crate::refit::{Refit, clipped};
 use crate::screen::{Base, Entry, screen};
 use crate::simulate::Fineness;
-use crate::thresholds::{ACCEPT, FITTED, FURTHER_SHARE, MATERIAL, MOST_EFFECTS, POLISHED, STRAIGHTENED};
+use crate::thresholds::{ACCEPT, FITTED, FURTHER_SHARE, MATERIAL, MOST_EFFECTS, NOT_ACCEPTED, POLISHED, STRAIGHTENED};
 
 /// An explanation that was fitted, with its price.
 #[derive(Clone)]
@@ -117,6 +117,11 @@ pub fn search<'a>(
         c.effects.len() > best.effects.len() && best.effects.iter().all(|b| c.effects.iter().any(|e| same(e, b)))
     };
     candidates.retain(|c| best.effects.is_empty() || !beyond(c));
+    // What was not accepted is no better than nothing, whatever its price.
+    if best.effects.is_empty() {
+        let least = best.cost + NOT_ACCEPTED;
+        candidates.iter_mut().filter(|c| !c.effects.is_empty()).for_each(|c| c.priced = c.priced.max(least));
+    }
     candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
     Search { best, candidates, stages }
 }
@@ -197,15 +202,19 @@ struct Price<'p> {
 /// Twice the logarithm of the number of entries of the library: each is as likely as another before the data are seen.
 const CHOICE: f64 = 9.0;
 
-/// Price of a number that the bounded refit has as well: it is fitted in any case, and the effect only lets it go further. Twice the logarithm
-/// of how much further, in standard deviations of the limits.
+/// Price of a number that the bounded refit has as well: it is fitted in any case, and chosen from few. The effect only lets it go further:
+/// twice the logarithm of how much further, in standard deviations of the limits.
 const LET_GO: f64 = 5.0;
 
 impl Price<'_> {
     fn of(&self, fit: &Fit) -> f64 {
         let one = |placed: &Placed| {
-            let number = if placed.effect.is_in_refit() { LET_GO } else { self.rows.ln() };
-            CHOICE + placed.parameters.len() as f64 * number - (self.bonus)(placed)
+            let own = if placed.effect.is_in_refit() {
+                LET_GO
+            } else {
+                CHOICE + placed.parameters.len() as f64 * self.rows.ln()
+            };
+            own - (self.bonus)(placed)
         };
         fit.cost + fit.effects.iter().map(one).sum::<f64>()
     }

@@ -23,9 +23,11 @@ pub const MATERIAL: f64 = 0.003;
 
 /// What an effect may explain instead: this much of the linear parameters' penalty. A sound simulation within the stated limits has a
 /// penalty of about the number of modes' parameters times the square of how well it uses the limits; what an effect straightens comes
-/// on top of that, and does not depend on the noise model. One parameter at twice the limit, four standard deviations, has 16 and is in doubt; at
-/// four and a half it is an effect.
-pub const STRAIGHTENED: f64 = 20.0;
+/// on top of that, and does not depend on the noise model. One parameter at twice the limit, four standard deviations, has 16.
+pub const STRAIGHTENED: f64 = 14.0;
+
+/// What an effect that explains no material part costs beside nothing at least: it stays among the candidates, behind.
+pub const NOT_ACCEPTED: f64 = 4.0;
 
 /// Share of what a fit leaves above the noise that a further effect must explain. A true second effect explains nearly all of it;
 /// a wrong one nibbles at what the first left.
