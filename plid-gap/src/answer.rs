@@ -4,12 +4,14 @@ use std::collections::BTreeMap;
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-use crate::diagnosis::{Gap, NamedEffect, Value, Where};
+use crate::diagnosis::{Comparison, Gap, NamedEffect, Value, Where};
 use crate::effects::{Names, Side};
 use crate::explain::Explained;
 use crate::locate::Map;
 use crate::problem::Placed;
-use crate::stepwise::{Candidate, Search, same};
+use crate::separable::{Rival, open};
+use crate::stepwise::{Search, all_same, same};
+use crate::thresholds::SEPARABLE;
 use crate::tracks::Tracks;
 use crate::verdict::{Verdict, Weighted};
 
@@ -81,23 +83,82 @@ pub(crate) fn place(before: &Map, outputs: &[String], found: &Search, shown: &[&
     Where { side, channels, bands_hz, time, level_slope: before.slope }
 }
 
-/// Single explanations that fit equally well (their expected log likelihoods differ by less than five).
-pub(crate) fn classes(found: &Search, names: &Names) -> Vec<Vec<String>> {
-    let Some(best) = found.candidates.first().filter(|c| !c.effects.is_empty()) else { return Vec::new() };
-    let text = |c: &Candidate| {
-        let one = |p: &Placed| format!("{}@{}", p.effect.name(), p.place.location(names));
-        c.effects.iter().map(one).collect::<Vec<_>>().join(" + ")
-    };
-    let mut class: Vec<String> = Vec::new();
+/// "cubic-stiffness at input:u2 + sensor-gain at output:y1".
+pub(crate) fn in_words(effects: &[Placed], names: &Names) -> String {
+    if effects.is_empty() { "nothing".into() } else { joined(effects, names, " at ") }
+}
+
+fn joined(effects: &[Placed], names: &Names, at: &str) -> String {
+    let one = |p: &Placed| format!("{}{at}{}", p.effect.name(), p.place.location(names));
+    effects.iter().map(one).collect::<Vec<_>>().join(" + ")
+}
+
+/// Explanations that these records cannot part from the best, with it: the most probable first.
+pub(crate) fn classes(found: &Search, rivals: &[Rival], names: &Names) -> Vec<Vec<String>> {
+    let best = &found.best.effects;
+    let class: Vec<&[Placed]> =
+        open(rivals, best).map(|rival| rival.effects.as_slice()).chain([best.as_slice()]).collect();
+    if class.len() < 2 {
+        return Vec::new();
+    }
+    let mut texts: Vec<String> = Vec::new();
     for candidate in &found.candidates {
-        if candidate.effects.len() == best.effects.len() && candidate.cost - best.cost < 10.0 {
-            let text = text(candidate);
-            if !class.contains(&text) {
-                class.push(text);
-            }
+        let text = joined(&candidate.effects, names, "@");
+        if class.iter().any(|member| all_same(member, &candidate.effects)) && !texts.contains(&text) {
+            texts.push(text);
         }
     }
-    if class.len() > 1 { vec![class] } else { Vec::new() }
+    vec![texts]
+}
+
+/// What the best cannot be told from, in words.
+pub(crate) fn others(found: &Search, rivals: &[Rival], names: &Names) -> Option<String> {
+    let texts: Vec<String> = open(rivals, &found.best.effects).map(|rival| in_words(&rival.effects, names)).collect();
+    (!texts.is_empty()).then(|| texts.join(", nor from "))
+}
+
+/// Whether the records could part the best explanation from others: itself first, then those that it was held against after the fits, then
+/// the entries of the first screen that did not come so far.
+pub(crate) fn comparisons(found: &Search, rivals: &[Rival], names: &Names) -> Vec<Comparison> {
+    let best = &found.best.effects;
+    let entries = found.stages.first().map_or(&[][..], Vec::as_slice);
+    let overlap = found.overlap.as_ref();
+    let leading = overlap.map_or(0, |overlap| overlap.absorbed.len());
+    let place = |placed: &Placed| entries[..leading].iter().position(|entry| same(&entry.placed, placed));
+    // Which effect the others would stand in for.
+    let reference = if best.is_empty() { (leading > 0).then_some(0) } else { best.iter().find_map(place) };
+    let before = |entry: Option<usize>, explanation: String| Comparison {
+        explanation,
+        absorbed: overlap.zip(entry).map(|(overlap, entry)| overlap.absorbed[entry]),
+        cosine: overlap.zip(reference).zip(entry).map(|((overlap, from), entry)| overlap.cosine[(from, entry)]),
+        expected_before: overlap.zip(reference).zip(entry).map(|((overlap, from), to)| overlap.expected[(from, to)]),
+        expected: None,
+        realised: None,
+    };
+    let mut rows = Vec::new();
+    if !best.is_empty() {
+        let own = before(reference, joined(best, names, "@"));
+        rows.push(Comparison { expected: Some(0.0), realised: Some(0.0), ..own });
+    }
+    // The entry that takes the place of the reference in a rival.
+    let stand_in = |rival: &Rival| {
+        let replaced = &entries[reference?].placed;
+        let kept = |placed: &Placed| best.iter().any(|b| !same(b, replaced) && same(b, placed));
+        let new: Vec<&Placed> = rival.effects.iter().filter(|placed| !kept(placed)).collect();
+        if let [one] = new.as_slice() { place(one) } else { None }
+    };
+    let mut listed: Vec<usize> = best.iter().filter_map(place).collect();
+    for rival in rivals {
+        let entry = stand_in(rival);
+        listed.extend(entry);
+        let row = before(entry, joined(&rival.effects, names, "@"));
+        rows.push(Comparison { expected: Some(rival.expected), realised: Some(rival.realised), ..row });
+    }
+    let rest = (0..leading).filter(|entry| !listed.contains(entry));
+    rows.extend(
+        rest.map(|entry| before(Some(entry), joined(std::slice::from_ref(&entries[entry].placed), names, "@"))),
+    );
+    rows
 }
 
 /// A gap with the effects beyond this many times the noise is said to leave something.
@@ -162,7 +223,8 @@ pub(crate) fn sentence(verdict: Verdict, effects: &[NamedEffect], nearest: &[Str
     }
 }
 
-pub(crate) fn words(explained: &Explained, before: &Map, tracks: &Tracks) -> Vec<String> {
+/// The evidence in words. `others` is what the records cannot part from the best explanation.
+pub(crate) fn words(explained: &Explained, before: &Map, tracks: &Tracks, others: Option<&str>) -> Vec<String> {
     let Explained { ready, refitted, found, judged, given_cost, .. } = explained;
     let rows = ready.problem.rows() as f64;
     let names = &ready.problem.setting.names;
@@ -191,11 +253,16 @@ pub(crate) fn words(explained: &Explained, before: &Map, tracks: &Tracks) -> Vec
         .iter()
         .find(|c| !c.effects.is_empty() && !c.effects.iter().all(|a| found.best.effects.iter().any(|b| same(a, b))));
     if let (Some(other), false) = (other, found.best.effects.is_empty()) {
-        let one = |p: &Placed| format!("{} at {}", p.effect.name(), p.place.location(names));
         words.push(format!(
             "The nearest other explanation, {}, is worse by {:.0} in log likelihood.",
-            other.effects.iter().map(one).collect::<Vec<_>>().join(" + "),
+            in_words(&other.effects, names),
             (other.cost - found.best.cost) / 2.0
+        ));
+    }
+    if let Some(others) = others {
+        words.push(format!(
+            "These records cannot tell {} from {others}: if the first is true, the others were to be expected to fit worse by less than {SEPARABLE:.0} in log likelihood. The next experiment is chosen to part them.",
+            in_words(&found.best.effects, names)
         ));
     }
     words.push(format!("What is left exceeds the noise by {:.1} times the uncertainty of its level.", judged.excess));

@@ -1,6 +1,6 @@
 //! The whole diagnosis, step after step.
 
-use crate::answer::{classes, named, place, sentence, words};
+use crate::answer::{classes, comparisons, named, others, place, sentence, words};
 use crate::audit::audit;
 use crate::case::Case;
 use crate::diagnosis::{Diagnosis, Explanation, Located, SimulationWithEffects};
@@ -15,6 +15,7 @@ use crate::prepare::prepare;
 use crate::problem::Placed;
 use crate::record::Channels;
 use crate::refit::{self, refit};
+use crate::separable::{Foretold, rivals};
 use crate::shrink::{gaps, loudest, run};
 use crate::simulate::{Fineness, simulate};
 use crate::thresholds::{REFUTED, WORSE};
@@ -136,17 +137,26 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
         .collect::<Vec<_>>();
     say("adaptive run".into());
     let tracks = Tracks::of(&problem.plant, &problem.records, &ready.noise.rms());
+    say("held against its rivals".into());
+    let foretold = Foretold::new(problem, explained.fit());
+    let rivals = rivals(&foretold, &found.best.effects, &found.candidates);
+    let others = others(found, &rivals, names);
+    let mut sentence = sentence(verdict, &said, &nearest, &gaps, level.seen);
+    if let (Verdict::Effects, Some(others)) = (verdict, &others) {
+        sentence += &format!(" These records cannot tell it from {others}.");
+    }
     say("next experiment".into());
     let diagnosis = Diagnosis {
         verdict,
-        sentence: sentence(verdict, &said, &nearest, &gaps, level.seen),
-        next_experiment: next_experiment(&explained, verdict, &weighted, &candidates),
+        sentence,
+        next_experiment: next_experiment(&explained, verdict, &weighted, &foretold, &rivals),
         effects: if verdict == Verdict::Effects { said } else { Vec::new() },
         candidates,
-        not_separable: classes(found, names),
+        not_separable: classes(found, &rivals, names),
+        separability: comparisons(found, &rivals, names),
         place: place(&before, &names.outputs, found, &shown),
         gap: gaps,
-        evidence: words(&explained, &before, &tracks),
+        evidence: words(&explained, &before, &tracks, others.as_deref()),
         warnings: case.warnings.clone(),
     };
     let simulation = written(&explained, model, &plant, &shown, verdict);

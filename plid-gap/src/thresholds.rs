@@ -69,3 +69,13 @@ pub const WORSE: f64 = 1.05;
 
 /// Probability of something else then.
 pub const REFUTED: f64 = 0.9;
+
+/// Expected difference in log likelihood below which records, in hand or to come, do not part two explanations: odds of 150 : 1.
+pub const SEPARABLE: f64 = 5.0;
+
+/// Realised difference in log likelihood within which explanations are held against the best one: what is further off is refuted,
+/// whatever was to be expected.
+pub const NEAR: f64 = 60.0;
+
+/// So many of them at most, for each is a fit to whole records.
+pub const COMPARED: usize = 8;
