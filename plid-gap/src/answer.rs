@@ -154,10 +154,23 @@ pub(crate) fn comparisons(found: &Search, rivals: &[Rival], names: &Names) -> Ve
         let row = before(entry, joined(&rival.effects, names, "@"));
         rows.push(Comparison { expected: Some(rival.expected), realised: Some(rival.realised), ..row });
     }
-    let rest = (0..leading).filter(|entry| !listed.contains(entry));
-    rows.extend(
-        rest.map(|entry| before(Some(entry), joined(std::slice::from_ref(&entries[entry].placed), names, "@"))),
-    );
+    // What was fitted in place of the reference and came too far off.
+    let fitted = |entry: usize| {
+        let replaced = &entries[reference?].placed;
+        let one = |placed: &Placed| same(placed, &entries[entry].placed);
+        let kept = |placed: &Placed| best.iter().any(|b| !same(b, replaced) && same(b, placed));
+        let same_but_for_it = |effects: &[Placed]| {
+            effects.len() == best.len() && effects.iter().any(one) && effects.iter().all(|p| one(p) || kept(p))
+        };
+        found.candidates.iter().find(|candidate| same_but_for_it(&candidate.effects))
+    };
+    let own = found.candidates.iter().find(|candidate| all_same(&candidate.effects, best));
+    for entry in (0..leading).filter(|entry| !listed.contains(entry)) {
+        let candidate = fitted(entry);
+        let effects = candidate.map_or(std::slice::from_ref(&entries[entry].placed), |candidate| &candidate.effects);
+        let realised = candidate.zip(own).map(|(candidate, own)| 0.5 * (candidate.cost - own.cost));
+        rows.push(Comparison { realised, ..before(Some(entry), joined(effects, names, "@")) });
+    }
     rows
 }
 
