@@ -94,10 +94,8 @@ fn joined(effects: &[Placed], names: &Names, at: &str) -> String {
 }
 
 /// Explanations that these records cannot part from the best, with it: the most probable first.
-pub(crate) fn classes(found: &Search, rivals: &[Rival], names: &Names) -> Vec<Vec<String>> {
-    let best = &found.best.effects;
-    let class: Vec<&[Placed]> =
-        open(rivals, best).map(|rival| rival.effects.as_slice()).chain([best.as_slice()]).collect();
+pub(crate) fn classes(found: &Search, best: &[Placed], rivals: &[Rival], names: &Names) -> Vec<Vec<String>> {
+    let class: Vec<&[Placed]> = open(rivals, best).map(|rival| rival.effects.as_slice()).chain([best]).collect();
     if class.len() < 2 {
         return Vec::new();
     }
@@ -112,15 +110,14 @@ pub(crate) fn classes(found: &Search, rivals: &[Rival], names: &Names) -> Vec<Ve
 }
 
 /// What the best cannot be told from, in words.
-pub(crate) fn others(found: &Search, rivals: &[Rival], names: &Names) -> Option<String> {
-    let texts: Vec<String> = open(rivals, &found.best.effects).map(|rival| in_words(&rival.effects, names)).collect();
+pub(crate) fn others(best: &[Placed], rivals: &[Rival], names: &Names) -> Option<String> {
+    let texts: Vec<String> = open(rivals, best).map(|rival| in_words(&rival.effects, names)).collect();
     (!texts.is_empty()).then(|| texts.join(", nor from "))
 }
 
 /// Whether the records could part the best explanation from others: itself first, then those that it was held against after the fits, then
 /// the entries of the first screen that did not come so far.
-pub(crate) fn comparisons(found: &Search, rivals: &[Rival], names: &Names) -> Vec<Comparison> {
-    let best = &found.best.effects;
+pub(crate) fn comparisons(found: &Search, best: &[Placed], rivals: &[Rival], names: &Names) -> Vec<Comparison> {
     let entries = found.stages.first().map_or(&[][..], Vec::as_slice);
     let overlap = found.overlap.as_ref();
     let leading = overlap.map_or(0, |overlap| overlap.absorbed.len());
@@ -164,7 +161,7 @@ pub(crate) fn comparisons(found: &Search, rivals: &[Rival], names: &Names) -> Ve
         };
         found.candidates.iter().find(|candidate| same_but_for_it(&candidate.effects))
     };
-    let own = found.candidates.iter().find(|candidate| all_same(&candidate.effects, best));
+    let own = found.candidates.iter().find(|candidate| !best.is_empty() && all_same(&candidate.effects, best));
     for entry in (0..leading).filter(|entry| !listed.contains(entry)) {
         let candidate = fitted(entry);
         let effects = candidate.map_or(std::slice::from_ref(&entries[entry].placed), |candidate| &candidate.effects);
@@ -236,8 +233,8 @@ pub(crate) fn sentence(verdict: Verdict, effects: &[NamedEffect], nearest: &[Str
     }
 }
 
-/// The evidence in words. `others` is what the records cannot part from the best explanation.
-pub(crate) fn words(explained: &Explained, before: &Map, tracks: &Tracks, others: Option<&str>) -> Vec<String> {
+/// The evidence in words. `class` is the most probable explanation and what the records cannot part from it.
+pub(crate) fn words(explained: &Explained, before: &Map, tracks: &Tracks, class: Option<(&str, &str)>) -> Vec<String> {
     let Explained { ready, refitted, found, judged, given_cost, .. } = explained;
     let rows = ready.problem.rows() as f64;
     let names = &ready.problem.setting.names;
@@ -272,10 +269,9 @@ pub(crate) fn words(explained: &Explained, before: &Map, tracks: &Tracks, others
             (other.cost - found.best.cost) / 2.0
         ));
     }
-    if let Some(others) = others {
+    if let Some((first, others)) = class {
         words.push(format!(
-            "These records cannot tell {} from {others}: if the first is true, the others were to be expected to fit worse by less than {SEPARABLE:.0} in log likelihood. The next experiment is chosen to part them.",
-            in_words(&found.best.effects, names)
+            "These records cannot tell {first} from {others}: if the first is true, the rest is expected to fit worse by less than {SEPARABLE:.0} in log likelihood. The next experiment is chosen to part them.",
         ));
     }
     words.push(format!("What is left exceeds the noise by {:.1} times the uncertainty of its level.", judged.excess));

@@ -135,7 +135,11 @@ fn a_spring_that_hardly_stiffens_may_be_a_clearance() {
     let found = diagnosed(&case(2, quiet(2), &truth));
     assert_eq!(found.not_separable, [["cubic-stiffness@input:u1", "clearance@input:u1"]]);
     let other = "clearance at input:u1";
-    assert!(found.sentence.contains(&format!("cannot tell it from {other}")), "{}", found.sentence);
+    assert!(
+        found.sentence.contains(&format!("cannot tell cubic-stiffness at input:u1 from {other}")),
+        "{}",
+        found.sentence
+    );
     let next = found.next_experiment.expect("something is open");
     assert!(next.contains(&format!("from {other}")), "{next}");
     // The first says how the others compare, the best among them.

@@ -32,14 +32,14 @@ pub(crate) fn next_experiment<'a>(
     explained: &Explained<'a>,
     verdict: Verdict,
     weighted: &[Weighted<'a>],
+    best: &[Placed],
     records: &Foretold<'a>,
     rivals: &[Rival<'a>],
 ) -> Option<String> {
     if verdict == Verdict::None || weighted.len() < 2 {
         return None;
     }
-    let best = &explained.found.best;
-    let mut fitted: Vec<Fit> = open(rivals, &best.effects).map(|rival| rival.fit.clone()).collect();
+    let mut fitted: Vec<Fit> = open(rivals, best).map(|rival| rival.fit.clone()).collect();
     let most = fitted.len().max(RIVALS);
     for likely in weighted.iter().filter(|w| !w.unknown && w.probability > OPEN && !alike(w, best)) {
         let effects: Vec<Placed> = likely.effects.iter().filter(|p| !is_unseen(p.effect)).cloned().collect();
@@ -55,7 +55,7 @@ pub(crate) fn next_experiment<'a>(
     let known: Vec<Option<DMatrix<f64>>> = fitted.iter().map(|fit| known(&records.problem, fit)).collect();
     let mut proposed: Option<(f64, String)> = None;
     for experiment in experiments(&records.problem) {
-        let problem = imagined(explained, &experiment);
+        let problem = imagined(explained, &records.truth, &experiment);
         let least = fitted
             .iter()
             .zip(&known)
@@ -66,8 +66,9 @@ pub(crate) fn next_experiment<'a>(
         }
     }
     let (gain, words) = proposed?;
-    let name = |fit: &Fit| in_words(&fit.effects, &records.problem.setting.names);
-    let from = format!("{} from {}", name(best), fitted.iter().map(name).collect::<Vec<_>>().join(" and from "));
+    let name = |effects: &[Placed]| in_words(effects, &records.problem.setting.names);
+    let others: Vec<String> = fitted.iter().map(|fit| name(&fit.effects)).collect();
+    let from = format!("{} from {}", name(best), others.join(" and from "));
     Some(if gain > SEPARABLE {
         format!("{words}: {SAMPLES} samples are expected to part {from} by {gain:.0} in log likelihood.")
     } else {
@@ -102,11 +103,11 @@ fn by_rule(explained: &Explained) -> String {
     format!("Nothing of the vocabulary explains the rest; to see what it is, record {}.", wanted.join(", then "))
 }
 
-fn alike(a: &Weighted, best: &Fit) -> bool {
+fn alike(a: &Weighted, best: &[Placed]) -> bool {
     let within = |a: &[Placed], b: &[Placed]| {
         a.iter().all(|a| is_unseen(a.effect) || b.iter().any(|b| crate::stepwise::same(a, b)))
     };
-    within(&a.effects, &best.effects) && within(&best.effects, &a.effects)
+    within(&a.effects, best) && within(best, &a.effects)
 }
 
 /// An input that could be applied.
@@ -142,7 +143,7 @@ fn experiments(problem: &Problem) -> Vec<Experiment> {
 }
 
 /// What would be measured if the best explanation were true.
-fn imagined(explained: &Explained, experiment: &Experiment) -> Problem {
+fn imagined(explained: &Explained, best: &Fit, experiment: &Experiment) -> Problem {
     let problem = &explained.ready.problem;
     let ends = problem.records.iter().map(|r| r.start_s + r.samples() as f64 / problem.plant.rate);
     let record = Record {
@@ -161,7 +162,6 @@ fn imagined(explained: &Explained, experiment: &Experiment) -> Problem {
     let nuisance = Nuisance::new(&problem.plant, &records, &Limits::default());
     let (plant, setting) = (problem.plant.clone(), problem.setting.clone());
     let made = Problem { plant, records, whiteners: vec![whitener], nuisance, setting };
-    let best = explained.fit();
     foretold(&made, &best.eta[..made.nuisance.len()], &best.effects)
 }
 

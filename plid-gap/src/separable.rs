@@ -55,14 +55,17 @@ pub fn of_screen(base: &Base, entries: &[Entry]) -> Option<Overlap> {
 }
 
 /// A rival needs to be near what it is fitted to, no nearer than the comparison is.
-const NEARLY: Effort = Effort { steps: 6, gain: 0.2, fineness: Fineness::COARSE };
+pub(crate) const NEARLY: Effort = Effort { steps: 6, gain: 0.2, fineness: Fineness::COARSE };
 
 /// Records as an explanation foretells them, without noise, and how well it explains these itself.
 pub struct Foretold<'a> {
     /// With outputs that were simulated.
     pub problem: Problem,
+    /// The explanation, as it was fitted to what was measured.
+    pub truth: Fit<'a>,
     tangent: Tangent,
-    truth: Fit<'a>,
+    /// Its own cost on what it foretells.
+    own: f64,
 }
 
 impl<'a> Foretold<'a> {
@@ -70,9 +73,9 @@ impl<'a> Foretold<'a> {
     pub fn new(problem: &Problem, truth: &Fit<'a>) -> Self {
         let problem = foretold(problem, &truth.eta, &truth.effects);
         let tangent = problem.tangent(&problem.nuisance.apply(&problem.plant, &truth.eta));
-        // Its own linear parameters also give way to their prior.
-        let truth = problem.fit(&tangent, &truth.eta, &truth.effects, NEARLY);
-        Self { problem, tangent, truth }
+        // Its own linear parameters give way to their prior as a rival's do.
+        let own = problem.fit(&tangent, &truth.eta, &truth.effects, NEARLY).cost;
+        Self { problem, truth: truth.clone(), tangent, own }
     }
 
     /// The fit of another explanation to them.
@@ -83,7 +86,7 @@ impl<'a> Foretold<'a> {
     /// The difference in log likelihood that the records are expected to make between the explanation that foretold them and another
     /// that was fitted to them.
     pub fn expected(&self, fit: &Fit) -> f64 {
-        (0.5 * (fit.cost - self.truth.cost)).max(0.0)
+        (0.5 * (fit.cost - self.own)).max(0.0)
     }
 }
 
@@ -116,9 +119,13 @@ pub struct Rival<'a> {
     pub realised: f64,
 }
 
-/// The candidates that come nearest to the best explanation, held against it. `best` are its effects, without a free shape beside them.
+/// The candidates that come nearest to the best explanation, held against it; none against the explanation that nothing is missing, which
+/// each of them contains. `best` are its effects, without a free shape beside them.
 pub fn rivals<'a>(foretold: &Foretold<'a>, best: &[Placed], candidates: &[Candidate<'a>]) -> Vec<Rival<'a>> {
     let Some(own) = candidates.iter().find(|candidate| all_same(&candidate.effects, best)) else { return Vec::new() };
+    if best.is_empty() {
+        return Vec::new();
+    }
     let realised = |candidate: &Candidate| 0.5 * (candidate.cost - own.cost);
     let mut near: Vec<&Candidate> = Vec::new();
     for candidate in candidates {
