@@ -95,18 +95,14 @@ fn joined(effects: &[Placed], names: &Names, at: &str) -> String {
 
 /// Explanations that these records cannot part from the best, with it: the most probable first.
 pub(crate) fn classes(found: &Search, best: &[Placed], rivals: &[Rival], names: &Names) -> Vec<Vec<String>> {
-    let class: Vec<&[Placed]> = open(rivals, best).map(|rival| rival.effects.as_slice()).chain([best]).collect();
+    let mut class: Vec<&[Placed]> = open(rivals, best).map(|rival| rival.effects.as_slice()).chain([best]).collect();
     if class.len() < 2 {
         return Vec::new();
     }
-    let mut texts: Vec<String> = Vec::new();
-    for candidate in &found.candidates {
-        let text = joined(&candidate.effects, names, "@");
-        if class.iter().any(|member| all_same(member, &candidate.effects)) && !texts.contains(&text) {
-            texts.push(text);
-        }
-    }
-    vec![texts]
+    let place =
+        |effects: &[Placed]| found.candidates.iter().position(|candidate| all_same(&candidate.effects, effects));
+    class.sort_by_key(|effects| place(effects));
+    vec![class.into_iter().map(|effects| joined(effects, names, "@")).collect()]
 }
 
 /// What the best cannot be told from, in words.

@@ -125,7 +125,8 @@ fn a_cubic_spring_is_named_with_place_and_size() {
     let value = &found.effects[0].parameters["k"];
     assert!((value.value / k - 1.0).abs() < 0.05, "{} for {k}", value.value);
     assert!(found.gap.shrink > 0.9, "{:?}", found.gap);
-    assert!(found.not_separable.is_empty(), "{:?}", found.not_separable);
+    let class = found.not_separable.iter().flatten();
+    assert!(class.clone().all(|text| !text.contains("clearance")), "{:?}", found.not_separable);
 }
 
 /// A gap of a tenth of the noise shows that a spring stiffens, and not how.

@@ -18,9 +18,9 @@ use crate::refit::{self, refit};
 use crate::separable::{Foretold, rivals};
 use crate::shrink::{gaps, loudest, run};
 use crate::simulate::{Fineness, simulate};
-use crate::thresholds::{REFUTED, WORSE};
+use crate::thresholds::{MOST_UNKNOWN, WORSE};
 use crate::tracks::Tracks;
-use crate::unseen::{EVIDENCE, Unseen, unseen};
+use crate::unseen::{EVIDENCE, Unseen, unseen, wandering};
 use crate::verdict::{Adequacy, Verdict, weigh};
 use crate::written::{refit_summary, written};
 
@@ -99,13 +99,13 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     let gaps = gaps(&explained, &plant, &actions, &case.config.nuisance);
     // What was held out judges too: an effect that simulates it worse than a refit alone is not what happens there.
     let fails = !ready.held_out.is_empty() && !found.best.effects.is_empty() && gaps.with_effect > WORSE * gaps.refit;
-    let unknown = if fails { judged.unknown.max(REFUTED) } else { judged.unknown };
+    let unknown = if fails { judged.unknown.max(MOST_UNKNOWN) } else { judged.unknown };
     let mut weighted = weigh(&found.candidates, unknown, problem.rows() as f64, *level);
     // What quiet records show holds whatever the free runs say.
     let shown: Vec<&Placed> = unseen
         .iter()
         .map(|u| (&u.placed, u.gain))
-        .filter(|(p, gain)| *gain > EVIDENCE && rules.allow(p, names))
+        .filter(|(p, gain)| *gain > EVIDENCE && rules.allow(p, names) && wandering(p, &found.best.effects).is_none())
         .map(|(p, _)| p)
         .collect();
     for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
@@ -119,7 +119,10 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     };
 
     let before = locate::map(&problem.records, &locate::errors(problem), &ready.noise, plant.rate);
-    let said = named(&explained, &shown, &weighted);
+    let mut said = named(&explained, &shown, &weighted);
+    for which in unseen.iter().filter_map(|u| wandering(&u.placed, &found.best.effects)) {
+        said[which].shape_differs = true;
+    }
     let nearest: Vec<String> =
         found.best.effects.iter().map(|p| format!("{} at {}", p.effect.name(), p.place.location(names))).collect();
     let candidates = weighted

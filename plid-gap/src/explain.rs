@@ -6,7 +6,7 @@ use crate::modal::dominant;
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::problem::{Fit, Placed, Problem, sum_of_squares};
 use crate::record::Channels;
-use crate::refit::Refit;
+use crate::refit::{Refit, STEPS, refit};
 use crate::separable::NEARLY;
 use crate::shape::{Bent, bent, one_for_two};
 use crate::simulate::Fineness;
@@ -99,7 +99,7 @@ pub fn explain<'a>(
     rules: &Rules,
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
-    let first = once(ready, refitted, library, rules, false, say);
+    let first = once(ready, refitted, library, rules, false, true, say);
     if first.judged.unknown < INADEQUATE || first.judged.left < ELSEWHERE {
         return first;
     }
@@ -112,7 +112,7 @@ pub fn explain<'a>(
     let mut ready = first.ready.clone();
     ready.problem = ready.problem.with_modal_places(&modes);
     let refitted = first.refitted.clone();
-    let mut second = once(ready, refitted, library, rules, true, say);
+    let mut second = once(ready, refitted, library, rules, true, true, say);
     if second.price() + ACCEPT > first.price() {
         return first;
     }
@@ -127,6 +127,7 @@ fn once<'a>(
     library: &'a Library,
     rules: &Rules,
     bold: bool,
+    first: bool,
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
     let rows = ready.problem.rows() as f64;
@@ -136,6 +137,11 @@ fn once<'a>(
     let bonus = |placed: &Placed| rules.bonus(placed, &names);
     let mut found = search(&mut ready.problem, &mut quick, &refitted, library, &allowed, &bonus, bold, say);
     let simulated = outputs(&ready.problem, &found.best.eta, &found.best.effects);
+    if first && ready.renew_codes(&simulated) {
+        say("samples drop out: once more without them".into());
+        refitted = refit(&ready.problem, STEPS);
+        return once(ready, refitted, library, rules, bold, false, say);
+    }
     if !found.best.effects.is_empty() && ready.renew_noise(&simulated) {
         refitted.weigh_anew(&ready.problem);
         found.weigh_anew(&ready.problem);
@@ -157,6 +163,8 @@ fn once<'a>(
     // A stage that was looked at and not accepted says what is still there.
     let last = if found.stages.len() > best.effects.len() { found.stages.last() } else { None };
     let next = last.and_then(|entries| entries.first()).map_or(0.0, |entry| entry.gain);
+    // Where nothing shows the noise, what is left is its measure.
+    let next = if level.seen { next } else { next / (best.cost / rows).max(1.0) };
     let judge = |bent: f64, next: f64, cost: f64| adequacy(bent, next, cost, refitted.cost, given_cost, rows, level);
     let straight = problem.bent(&best.eta);
     let mut judged = judge(straight, next, best.cost);

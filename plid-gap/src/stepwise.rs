@@ -203,10 +203,17 @@ struct Price<'p> {
 /// Twice the logarithm of the number of entries of the library: each is as likely as another before the data are seen.
 const CHOICE: f64 = 9.0;
 
+/// Price of a number that the bounded refit has as well: it is fitted in any case, and the effect only lets it go further. Twice the logarithm
+/// of how much further, in standard deviations of the limits.
+const LET_GO: f64 = 5.0;
+
 impl Price<'_> {
     fn of(&self, fit: &Fit) -> f64 {
-        let bonus: f64 = fit.effects.iter().map(self.bonus).sum();
-        fit.cost + fit.parameters() as f64 * self.rows.ln() + CHOICE * fit.effects.len() as f64 - bonus
+        let one = |placed: &Placed| {
+            let number = if placed.effect.is_in_refit() { LET_GO } else { self.rows.ln() };
+            CHOICE + placed.parameters.len() as f64 * number - (self.bonus)(placed)
+        };
+        fit.cost + fit.effects.iter().map(one).sum::<f64>()
     }
 
     fn candidate<'a>(&self, fit: &Fit<'a>) -> Candidate<'a> {

@@ -3,7 +3,7 @@
 use crate::prepare::NoiseLevel;
 use crate::problem::Placed;
 use crate::stepwise::{Candidate, all_same};
-use crate::thresholds::{BENT, EXCESS, MISFIT_TEMPERATURE, NEXT, TEMPERATURE};
+use crate::thresholds::{BENT, EXCESS, LEAST_UNKNOWN, MISFIT_TEMPERATURE, MOST_UNKNOWN, NEXT, TEMPERATURE};
 
 /// What a diagnosis says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -65,7 +65,7 @@ pub fn adequacy(
     // What still lies in the residual along some effect's trace, though no effect explains it.
     let coherent = 1.0 / (1.0 + (-(next - NEXT) / 8.0).exp());
     let sound = (1.0 - certain * material) * (1.0 - beyond) * (1.0 - coherent);
-    Adequacy { excess, left, bent, next, unknown: 0.02 + 0.97 * (1.0 - sound) }
+    Adequacy { excess, left, bent, next, unknown: LEAST_UNKNOWN + (MOST_UNKNOWN - LEAST_UNKNOWN) * (1.0 - sound) }
 }
 
 /// Spreads probability over the candidates; `unknown` goes to something else.
