@@ -7,6 +7,7 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 use crate::diagnosis::{Comparison, Gap, NamedEffect, Value, Where};
 use crate::effects::{Names, Side};
 use crate::explain::Explained;
+use crate::held_out::HeldOut;
 use crate::locate::Map;
 use crate::problem::Placed;
 use crate::separable::{Rival, open};
@@ -230,7 +231,13 @@ pub(crate) fn sentence(verdict: Verdict, effects: &[NamedEffect], nearest: &[Str
 }
 
 /// The evidence in words. `class` is the most probable explanation and what the records cannot part from it.
-pub(crate) fn words(explained: &Explained, before: &Map, tracks: &Tracks, class: Option<(&str, &str)>) -> Vec<String> {
+pub(crate) fn words(
+    explained: &Explained,
+    before: &Map,
+    held_out: Option<HeldOut>,
+    tracks: &Tracks,
+    class: Option<(&str, &str)>,
+) -> Vec<String> {
     let Explained { ready, refitted, found, judged, given_cost, .. } = explained;
     let rows = ready.problem.rows() as f64;
     let names = &ready.problem.setting.names;
@@ -268,6 +275,14 @@ pub(crate) fn words(explained: &Explained, before: &Map, tracks: &Tracks, class:
     if let Some((first, others)) = class {
         words.push(format!(
             "These records cannot tell {first} from {others}: if the first is true, the rest is expected to fit worse by less than {SEPARABLE:.0} in log likelihood. The next experiment is chosen to part them.",
+        ));
+    }
+    if let Some(held_out) = held_out {
+        words.push(format!(
+            "On what was held out from all fitting it gains {:.0} in log likelihood over a refit alone, {:.0} times what chance would make of it{}.",
+            held_out.gain / 2.0,
+            held_out.gain / held_out.deviation.max(f64::MIN_POSITIVE),
+            if held_out.refutes() { ": too little, which refutes it" } else { "" },
         ));
     }
     words.push(format!("What is left exceeds the noise by {:.1} times the uncertainty of its level.", judged.excess));

@@ -7,6 +7,7 @@ use crate::diagnosis::{Diagnosis, Explanation, Located, SimulationWithEffects};
 use crate::effects::{Action, Library};
 use crate::error::GapError;
 use crate::explain::{Explained, Rules, errors, explain};
+use crate::held_out::held_out;
 use crate::levels::{LevelRun, is_linear, one_of_each_level};
 use crate::locate::{self, Map};
 use crate::next::next_experiment;
@@ -14,11 +15,11 @@ use crate::plant::Plant;
 use crate::prepare::prepare;
 use crate::problem::Placed;
 use crate::record::Channels;
-use crate::refit::{self, refit};
+use crate::refit::{self, clipped, refit};
 use crate::separable::{Foretold, rivals};
 use crate::shrink::{gaps, loudest, run};
 use crate::simulate::{Fineness, simulate};
-use crate::thresholds::{MOST_UNKNOWN, WORSE};
+use crate::thresholds::MOST_UNKNOWN;
 use crate::tracks::Tracks;
 use crate::unseen::{EVIDENCE, Unseen, unseen, wandering};
 use crate::verdict::{Adequacy, Verdict, weigh};
@@ -90,15 +91,20 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     let explained = explain(ready, refitted, library, &rules, say);
     // What an explanation makes of the quiet records is no noise in them.
     let unseen = unseen(&explained.ready, library);
-    let Explained { ready, found, judged, level, .. } = &explained;
+    let Explained { ready, refitted, found, judged, level, .. } = &explained;
     let problem = &ready.problem;
     let names = &problem.setting.names;
     say("gaps".into());
     let plant = problem.nuisance.apply(&problem.plant, &explained.fit().eta);
     let actions = problem.actions(&explained.fit().effects);
     let gaps = gaps(&explained, &plant, &actions, &case.config.nuisance);
-    // What was held out judges too: an effect that simulates it worse than a refit alone is not what happens there.
-    let fails = !ready.held_out.is_empty() && !found.best.effects.is_empty() && gaps.with_effect > WORSE * gaps.refit;
+    // What was held out judges too: an effect that does not simulate it better than a refit alone is not what happens there. A refit beyond
+    // the stated limits may stand for the effect itself.
+    let bounded = clipped(problem, &refitted.eta).map(|eta| problem.nuisance.apply(&problem.plant, &eta));
+    let bounded = bounded.as_ref().unwrap_or(&refitted.plant);
+    let held_out =
+        held_out(&ready.held_out, &ready.noise, bounded, &plant, &actions).filter(|_| !found.best.effects.is_empty());
+    let fails = held_out.is_some_and(|held_out| held_out.refutes());
     let unknown = if fails { judged.unknown.max(MOST_UNKNOWN) } else { judged.unknown };
     let mut weighted = weigh(&found.candidates, unknown, problem.rows() as f64, *level);
     // What quiet records show holds whatever the free runs say.
@@ -161,7 +167,13 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
         separability: comparisons(found, &best, &rivals, names),
         place: place(&before, &names.outputs, found, &shown),
         gap: gaps,
-        evidence: words(&explained, &before, &tracks, others.as_deref().map(|others| (first.as_str(), others))),
+        evidence: words(
+            &explained,
+            &before,
+            held_out,
+            &tracks,
+            others.as_deref().map(|others| (first.as_str(), others)),
+        ),
         warnings: case.warnings.clone(),
     };
     let simulation = written(&explained, model, &plant, &shown, verdict);

@@ -12,6 +12,7 @@ pub mod effects;
 pub mod error;
 pub mod explain;
 pub mod gap;
+pub mod held_out;
 pub mod levels;
 pub mod locate;
 pub mod missing;

@@ -64,9 +64,8 @@ pub const INADEQUATE: f64 = 0.4;
 /// And share of the refit's excess that must be left for that: a cause at another place leaves more than a shape's third digit.
 pub const ELSEWHERE: f64 = 0.05;
 
-/// A held-out gap with the effects over that of a refit alone from which the explanation is refuted: beside the noise, of which both hold
-/// the same, a right one is never worse by this.
-pub const WORSE: f64 = 1.05;
+/// Gain on held-out records in its own standard deviations that an explanation must reach where twice as much is expected of it.
+pub const HELD_OUT_GAIN: f64 = 3.0;
 
 /// Least and largest probability of something else. Of the cases in which nothing of the vocabulary suffices, one in four still has its
 /// cause there, in a shape or beside another effect that the search did not follow: what comes nearest keeps that much.
