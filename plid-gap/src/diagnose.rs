@@ -1,6 +1,6 @@
 //! The whole diagnosis, step after step.
 
-use crate::answer::{classes, named, place, sentence, words};
+use crate::answer::{classes, comparisons, in_words, named, others, place, sentence, words};
 use crate::audit::audit;
 use crate::case::Case;
 use crate::diagnosis::{Diagnosis, Explanation, Located, SimulationWithEffects};
@@ -16,6 +16,7 @@ use crate::prepare::prepare;
 use crate::problem::Placed;
 use crate::record::Channels;
 use crate::refit::{self, clipped, refit};
+use crate::separable::{Foretold, rivals};
 use crate::shrink::{gaps, loudest, run};
 use crate::simulate::{Fineness, simulate};
 use crate::thresholds::MOST_UNKNOWN;
@@ -145,17 +146,34 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
         .collect::<Vec<_>>();
     say("adaptive run".into());
     let tracks = Tracks::of(&problem.plant, &problem.records, &ready.noise.rms());
+    say("held against its rivals".into());
+    let (best, fit) = explained.leading();
+    let foretold = Foretold::new(problem, &fit);
+    let rivals = rivals(&foretold, &best, &found.candidates);
+    let first = in_words(&best, names);
+    let others = others(&best, &rivals, names);
+    let mut sentence = sentence(verdict, &said, &nearest, &gaps, level.seen);
+    if let (Verdict::Effects, Some(others)) = (verdict, &others) {
+        sentence += &format!(" These records cannot tell {first} from {others}.");
+    }
     say("next experiment".into());
     let diagnosis = Diagnosis {
         verdict,
-        sentence: sentence(verdict, &said, &nearest, &gaps, level.seen),
-        next_experiment: next_experiment(&explained, verdict, &weighted, &candidates),
+        sentence,
+        next_experiment: next_experiment(&explained, verdict, &weighted, &best, &foretold, &rivals),
         effects: if verdict == Verdict::Effects { said } else { Vec::new() },
         candidates,
-        not_separable: classes(found, names),
+        not_separable: classes(found, &best, &rivals, names),
+        separability: comparisons(found, &best, &rivals, names),
         place: place(&before, &names.outputs, found, &shown),
         gap: gaps,
-        evidence: words(&explained, &before, held_out, &tracks),
+        evidence: words(
+            &explained,
+            &before,
+            held_out,
+            &tracks,
+            others.as_deref().map(|others| (first.as_str(), others)),
+        ),
         warnings: case.warnings.clone(),
     };
     let simulation = written(&explained, model, &plant, &shown, verdict);

@@ -30,6 +30,7 @@ pub mod record;
 pub mod refit;
 pub mod report;
 pub mod screen;
+pub mod separable;
 pub mod shape;
 mod shrink;
 pub mod simulate;

@@ -9,6 +9,7 @@ use crate::ports_fit::fit_ports;
 use crate::problem::{Effort, Fit, Placed, Problem, Tangent};
 use crate::refit::{Refit, clipped};
 use crate::screen::{Base, Entry, screen};
+use crate::separable::{Overlap, of_screen};
 use crate::simulate::Fineness;
 use crate::thresholds::{ACCEPT, FITTED, FURTHER_SHARE, MATERIAL, MOST_EFFECTS, NOT_ACCEPTED, POLISHED, STRAIGHTENED};
 
@@ -31,6 +32,8 @@ pub struct Search<'a> {
     pub candidates: Vec<Candidate<'a>>,
     /// The screen of each stage.
     pub stages: Vec<Vec<Entry<'a>>>,
+    /// How alike the first entries of the first stage are, before any fit.
+    pub overlap: Option<Overlap>,
 }
 
 impl<'a> Search<'a> {
@@ -96,9 +99,14 @@ pub fn search<'a>(
     };
     let mut candidates = vec![Candidate { effects: Vec::new(), cost: refit.cost, priced: refit.cost }];
     let mut stages = Vec::new();
+    let mut overlap = None;
     for stage in 0..MOST_EFFECTS {
         let there = |placed: &Placed| best.effects.iter().any(|other| same(other, placed)) || !allowed(placed);
-        let (entries, fits) = turn(problem, quick, &best, library, &there, &price, FITTED, POLISHED);
+        let from = Start::new(quick, &best);
+        let (entries, fits) = turn(problem, quick, &from, library, &there, &price, FITTED, POLISHED);
+        if stage == 0 {
+            overlap = of_screen(&from.base(quick, bold), &entries[..entries.len().min(FITTED)]);
+        }
         say(progress(stage + 1, &entries, &fits, &price, &problem.setting.names));
         stages.push(entries);
         candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
@@ -123,7 +131,7 @@ pub fn search<'a>(
         candidates.iter_mut().filter(|c| !c.effects.is_empty()).for_each(|c| c.priced = c.priced.max(least));
     }
     candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
-    Search { best, candidates, stages }
+    Search { best, candidates, stages, overlap }
 }
 
 /// A stage in words: how many entries there were, and what the fits of the first of them gained.
@@ -147,22 +155,20 @@ fn material(problem: &Problem, before: &Fit, after: &Fit, stage: usize) -> bool 
     visible || (straightened > STRAIGHTENED && explained > -STRAIGHTENED)
 }
 
-/// One more effect beside those of `so_far`: the screen, quick fits of its first entries, whole fits of the best of these.
+/// One more effect beside those of `from`: the screen, quick fits of its first entries, whole fits of the best of these.
 #[allow(clippy::too_many_arguments)]
 fn turn<'a>(
     problem: &Problem,
     quick: &Problem,
-    so_far: &Fit<'a>,
+    from: &Start<'a>,
     library: &'a Library,
     there: &(dyn Fn(&Placed) -> bool + Sync),
     price: &Price,
     fitted: usize,
     polished: usize,
 ) -> (Vec<Entry<'a>>, Vec<Fit<'a>>) {
-    let from = Start::new(quick, so_far);
-    let base = from.base(quick, &so_far.effects, price.bold);
-    let entries = screen(&base, library, there);
-    let mut fits = fit_all(quick, &from, &so_far.effects, &entries[..entries.len().min(fitted)]);
+    let entries = screen(&from.base(quick, price.bold), library, there);
+    let mut fits = fit_all(quick, from, &entries[..entries.len().min(fitted)]);
     fits.sort_by(|a, b| price.of(a).total_cmp(&price.of(b)));
     fits.truncate(polished);
     let whole = fits
@@ -225,41 +231,42 @@ impl Price<'_> {
 }
 
 /// A linear model from which a stage starts: without what lies far outside the prior, for that may be an effect.
-struct Start {
+struct Start<'a> {
+    effects: Vec<Placed<'a>>,
     eta: Vec<f64>,
     plant: crate::plant::Plant,
     tangent: Tangent,
     residual: Vec<f64>,
 }
 
-impl Start {
-    fn new(problem: &Problem, fit: &Fit) -> Self {
+impl<'a> Start<'a> {
+    fn new(problem: &Problem, fit: &Fit<'a>) -> Self {
         let eta = clipped(problem, &fit.eta).unwrap_or_else(|| fit.eta.clone());
         let plant = problem.nuisance.apply(&problem.plant, &eta);
         let tangent = problem.tangent(&plant);
         let residual = problem.residual(&plant, &eta, &fit.effects, Fineness::COARSE);
-        Self { eta, plant, tangent, residual }
+        Self { effects: fit.effects.clone(), eta, plant, tangent, residual }
     }
 
-    fn base<'p, 'a>(&'p self, problem: &'p Problem, effects: &'p [Placed<'a>], bold: bool) -> Base<'p, 'a> {
+    fn base<'p>(&'p self, problem: &'p Problem, bold: bool) -> Base<'p, 'a> {
         Base {
             problem,
             tangent: &self.tangent,
             plant: &self.plant,
             eta: &self.eta,
-            effects,
+            effects: &self.effects,
             residual: &self.residual,
             bold,
         }
     }
 }
 
-fn fit_all<'a>(problem: &Problem, from: &Start, effects: &[Placed<'a>], entries: &[Entry<'a>]) -> Vec<Fit<'a>> {
+fn fit_all<'a>(problem: &Problem, from: &Start<'a>, entries: &[Entry<'a>]) -> Vec<Fit<'a>> {
     entries
         .par_iter()
         .filter(|entry| entry.gain > 0.0)
         .map(|entry| {
-            let mut all = effects.to_vec();
+            let mut all = from.effects.clone();
             all.push(entry.placed.clone());
             problem.fit(&from.tangent, &from.eta, &all, QUICK)
         })
@@ -304,7 +311,7 @@ fn question<'a>(
         let there = |placed: &Placed| {
             others.iter().any(|other| same(other, placed)) || same(&asked, placed) || !allowed(placed)
         };
-        let without = Fit { effects: others.clone(), ..best.clone() };
+        let without = Start::new(quick, &Fit { effects: others.clone(), ..best.clone() });
         let (_, fits) = turn(problem, quick, &without, library, &there, price, FITTED / 2, POLISHED / 2);
         candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
         let top = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b)));

@@ -74,3 +74,13 @@ pub const HELD_OUT_GAIN: f64 = 3.0;
 pub const LEAST_UNKNOWN: f64 = 0.02;
 /// See [`LEAST_UNKNOWN`]. What held-out records refute has it too.
 pub const MOST_UNKNOWN: f64 = 0.75;
+
+/// Expected difference in log likelihood below which records, in hand or to come, do not part two explanations: odds of 150 : 1.
+pub const SEPARABLE: f64 = 5.0;
+
+/// Realised difference in log likelihood within which explanations are held against the best one: what is further off is refuted,
+/// whatever was to be expected.
+pub const NEAR: f64 = 60.0;
+
+/// So many of them at most, for each is a fit to whole records.
+pub const COMPARED: usize = 8;
