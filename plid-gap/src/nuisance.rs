@@ -108,7 +108,7 @@ impl Nuisance {
                 continue;
             }
             let (w, zeta) = (plant.modes[k].pole.norm(), plant.modes[k].damping());
-            let (w, zeta) = (w * (1.0 + at[0]).max(0.1), (zeta * at[1].clamp(-3.0, 3.0).exp()).min(0.9));
+            let (w, zeta) = (w * (1.0 + at[0]).max(0.1), (zeta * at[1].clamp(-3.0, 3.0).exp()).min(0.99));
             changed.move_pole(k, C::new(-zeta * w, w * (1.0 - zeta * zeta).sqrt()));
             let (b, c) = directions(&changed.modes[k]);
             changed.change(k, |mode| {

@@ -316,7 +316,7 @@ fn question<'a>(
         candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
         let top = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b)));
         if let Some(top) = top
-            && price.of(&top) + ACCEPT < price.of(&best)
+            && price.of(&top) < price.of(&best)
         {
             best = top;
         }

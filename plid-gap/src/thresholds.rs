@@ -27,7 +27,7 @@ pub const MATERIAL: f64 = 0.003;
 pub const STRAIGHTENED: f64 = 14.0;
 
 /// What an effect that explains no material part costs beside nothing at least: it stays among the candidates, behind.
-pub const NOT_ACCEPTED: f64 = 4.0;
+pub const NOT_ACCEPTED: f64 = 10.0;
 
 /// Share of what a fit leaves above the noise that a further effect must explain. A true second effect explains nearly all of it;
 /// a wrong one nibbles at what the first left.

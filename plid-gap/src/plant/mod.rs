@@ -22,7 +22,7 @@ pub type C = Complex<f64>;
 const LIGHT: f64 = 0.3;
 
 /// And then up to this damping ratio: a body in a soft suspension, held by its controller or in a fluid.
-const HEAVY: f64 = 0.85;
+const HEAVY: f64 = 0.95;
 
 /// Poles whose eigenvectors' norms multiply to more than this are not parted from their neighbours.
 const PARTED: f64 = 1e5;
