@@ -1,5 +1,6 @@
 //! The whole diagnosis, step after step.
 
+use crate::ablation::Step;
 use crate::answer::{classes, named, place, sentence, words};
 use crate::audit::audit;
 use crate::case::Case;
@@ -77,8 +78,21 @@ const NOISE_LINES: usize = 200;
 /// # Errors
 /// [`GapError`].
 pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> Result<Outcome, GapError> {
+    diagnose_without(case, library, &[], say)
+}
+
+/// Diagnoses a case with some steps off, to see what they are worth.
+///
+/// # Errors
+/// [`GapError`].
+pub fn diagnose_without(
+    case: &Case,
+    library: &Library,
+    off: &[Step],
+    say: &mut dyn FnMut(String),
+) -> Result<Outcome, GapError> {
     say("audit".into());
-    let audit = audit(case, library, say)?;
+    let audit = audit(case, library, off, say)?;
     let case = &audit.case;
     let model = case.model.as_ref().ok_or_else(|| GapError::Failed("a case has a model once it is audited".into()))?;
     say("preparing".into());
@@ -88,7 +102,7 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     let rules = Rules { suspects: &case.config.suspects, exclude: &case.config.exclude };
     let explained = explain(ready, refitted, library, &rules, say);
     // What an explanation makes of the quiet records is no noise in them.
-    let unseen = unseen(&explained.ready, library);
+    let unseen = if off.contains(&Step::Unseen) { Vec::new() } else { unseen(&explained.ready, library) };
     let Explained { ready, found, judged, level, .. } = &explained;
     let problem = &ready.problem;
     let names = &problem.setting.names;
@@ -97,9 +111,11 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     let actions = problem.actions(&explained.fit().effects);
     let gaps = gaps(&explained, &plant, &actions, &case.config.nuisance);
     // What was held out judges too: an effect that simulates it worse than a refit alone is not what happens there.
-    let fails = !ready.held_out.is_empty() && !found.best.effects.is_empty() && gaps.with_effect > WORSE * gaps.refit;
+    let judges = !off.contains(&Step::HeldOutVeto);
+    let fails =
+        judges && !ready.held_out.is_empty() && !found.best.effects.is_empty() && gaps.with_effect > WORSE * gaps.refit;
     let unknown = if fails { judged.unknown.max(REFUTED) } else { judged.unknown };
-    let mut weighted = weigh(&found.candidates, unknown, problem.rows() as f64, *level);
+    let mut weighted = weigh(&found.candidates, unknown, problem.rows() as f64, *level, off);
     // What quiet records show holds whatever the free runs say.
     let shown: Vec<&Placed> = unseen
         .iter()

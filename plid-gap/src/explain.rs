@@ -1,5 +1,6 @@
 //! Steps 3 to 8: which effects explain the gap, and whether they suffice.
 
+use crate::ablation::Step;
 use crate::effects::{Library, Names};
 use crate::locate::error;
 use crate::modal::dominant;
@@ -86,7 +87,8 @@ pub fn explain<'a>(
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
     let first = once(ready, refitted, library, rules, false, say);
-    if first.judged.unknown < INADEQUATE || first.judged.left < ELSEWHERE {
+    let off = first.ready.off.contains(&Step::ModalPlaces);
+    if off || first.judged.unknown < INADEQUATE || first.judged.left < ELSEWHERE {
         return first;
     }
     let problem = &first.ready.problem;
@@ -115,35 +117,39 @@ fn once<'a>(
     bold: bool,
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
+    let off = ready.off.clone();
     let rows = ready.problem.rows() as f64;
     let mut quick = ready.problem.head(HEAD, &ready.noise);
     let names = ready.problem.setting.names.clone();
     let allowed = |placed: &Placed| !is_unseen(placed.effect) && rules.allow(placed, &names);
     let bonus = |placed: &Placed| rules.bonus(placed, &names);
-    let mut found = search(&mut ready.problem, &mut quick, &refitted, library, &allowed, &bonus, bold, say);
+    let mut found = search(&mut ready.problem, &mut quick, &refitted, library, &allowed, &bonus, bold, &off, say);
     let simulated = outputs(&ready.problem, &found.best.eta, &found.best.effects);
     if !found.best.effects.is_empty() && ready.renew_noise(&simulated) {
         refitted.weigh_anew(&ready.problem);
-        found.weigh_anew(&ready.problem);
+        found.weigh_anew(&ready.problem, &off);
     }
     let problem = &ready.problem;
     let zero = vec![0.0; problem.nuisance.len()];
     let given_cost = sum_of_squares(&problem.residual(&problem.plant, &zero, &[], Fineness::FINE));
-    let simpler = one_for_two(problem, &quick, &found.best);
+    let free = !off.contains(&Step::FreeShapes);
+    let simpler = if free { one_for_two(problem, &quick, &found.best) } else { None };
     let bent = match simpler {
         Some((alone, bent)) => {
             found.settle(alone, bent.fit.cost);
             Some(bent)
         }
         // What fails with its own shape and suffices with a free one is this place, and another shape.
-        None => bent(problem, &quick, &found.best).filter(|bent| found.best.cost - bent.fit.cost > 4.0 * WORTH),
+        None if free => bent(problem, &quick, &found.best).filter(|bent| found.best.cost - bent.fit.cost > 4.0 * WORTH),
+        None => None,
     };
     let best = found.best.clone();
     let level = ready.noise_level(&simulated, best.cost / rows);
     // A stage that was looked at and not accepted says what is still there.
     let last = if found.stages.len() > best.effects.len() { found.stages.last() } else { None };
     let next = last.and_then(|entries| entries.first()).map_or(0.0, |entry| entry.gain);
-    let judge = |bent: f64, next: f64, cost: f64| adequacy(bent, next, cost, refitted.cost, given_cost, rows, level);
+    let before = refitted.cost.max(given_cost);
+    let judge = |bent: f64, next: f64, cost: f64| adequacy(bent, next, cost, before, rows, level, &off);
     let straight = problem.bent(&best.eta);
     let mut judged = judge(straight, next, best.cost);
     if let Some(bent) = &bent {

@@ -4,9 +4,10 @@ use std::f64::consts::TAU;
 
 use rayon::prelude::*;
 
+use crate::ablation::Step;
 use crate::effects::{Library, Names, Place, Range};
 use crate::ports_fit::fit_ports;
-use crate::problem::{Effort, Fit, Placed, Problem, Tangent};
+use crate::problem::{Effort, Fit, Placed, Problem, Tangent, sum_of_squares};
 use crate::refit::{Refit, clipped};
 use crate::screen::{Base, Entry, screen};
 use crate::simulate::Fineness;
@@ -55,9 +56,9 @@ impl<'a> Search<'a> {
     }
 
     /// The best explanation under a changed noise model; the others keep their distance from it.
-    pub fn weigh_anew(&mut self, problem: &Problem) {
+    pub fn weigh_anew(&mut self, problem: &Problem, off: &[Step]) {
         let before = self.best.cost;
-        self.best = polish(problem, self.best.clone());
+        self.best = on_whole(problem, self.best.clone(), off);
         for candidate in &mut self.candidates {
             candidate.cost += self.best.cost - before;
             candidate.priced += self.best.cost - before;
@@ -73,7 +74,7 @@ const FINE: Effort = Effort { steps: 8, gain: 0.1, fineness: Fineness::FINE };
 
 /// Searches for up to [`MOST_EFFECTS`] effects: on `quick` (the heads of the records), then among the best few on `problem`.
 /// `allowed` says what may be named where; `bonus` what the engineer suspects (subtracted from the price); `bold` screens at several
-/// sizes; `say` is told what is going on.
+/// sizes; `off` are the steps that are left out; `say` is told what is going on.
 #[allow(clippy::too_many_arguments)]
 pub fn search<'a>(
     problem: &mut Problem,
@@ -83,9 +84,10 @@ pub fn search<'a>(
     allowed: &(dyn Fn(&Placed) -> bool + Sync),
     bonus: &(dyn Fn(&Placed) -> f64 + Sync),
     bold: bool,
+    off: &[Step],
     say: &mut dyn FnMut(String),
 ) -> Search<'a> {
-    let price = Price { rows: problem.rows() as f64, bonus, bold };
+    let price = Price { rows: problem.rows() as f64, bonus, bold, off };
     let mut best = Fit {
         eta: refit.eta.clone(),
         effects: Vec::new(),
@@ -104,11 +106,12 @@ pub fn search<'a>(
         candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
         let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { break };
         let gain = price.of(&best) - price.of(&top);
-        if !(gain > ACCEPT && material(problem, &best, &top, stage)) {
+        let material = off.contains(&Step::Material) || material(problem, &best, &top, stage);
+        if !(gain > ACCEPT && material) {
             break;
         }
-        best = fit_ports(problem, quick, top);
-        if best.effects.len() > 1 {
+        best = if off.contains(&Step::PortScales) { top } else { fit_ports(problem, quick, top) };
+        if best.effects.len() > 1 && !off.contains(&Step::Questioning) {
             best = question(problem, quick, best, library, allowed, &price, &mut candidates);
         }
     }
@@ -134,7 +137,7 @@ fn progress(stage: usize, entries: &[Entry], fits: &[Fit], price: &Price, names:
 /// Whether a further effect explains enough: of the residual, or of what the linear parameters had to be bent for it.
 fn material(problem: &Problem, before: &Fit, after: &Fit, stage: usize) -> bool {
     let rows = problem.rows() as f64;
-    let left = |fit: &Fit| crate::problem::sum_of_squares(&fit.residual);
+    let left = |fit: &Fit| sum_of_squares(&fit.residual);
     let explained = left(before) - left(after);
     let share = explained / (left(before) - rows).max(MATERIAL * rows);
     let straightened = problem.penalty(&before.eta) - problem.penalty(&after.eta);
@@ -154,7 +157,7 @@ fn turn<'a>(
     fitted: usize,
     polished: usize,
 ) -> (Vec<Entry<'a>>, Vec<Fit<'a>>) {
-    let from = Start::new(quick, so_far);
+    let from = Start::new(quick, so_far, price.off);
     let base = from.base(quick, &so_far.effects, price.bold);
     let entries = screen(&base, library, there);
     let mut fits = fit_all(quick, &from, &so_far.effects, &entries[..entries.len().min(fitted)]);
@@ -162,7 +165,7 @@ fn turn<'a>(
     fits.truncate(polished);
     let whole = fits
         .into_par_iter()
-        .map(|fit| polish(problem, fit))
+        .map(|fit| on_whole(problem, fit, price.off))
         .filter(|fit| fit.cost.is_finite() && fit.effects.iter().all(|placed| sound(problem, placed)))
         .collect();
     (entries, whole)
@@ -187,9 +190,10 @@ fn near(a: &Place, b: &Place) -> bool {
     }
 }
 
-/// What parameters and choices cost, and how the screen goes about it.
+/// What parameters and choices cost, and how a turn goes about it.
 struct Price<'p> {
     bold: bool,
+    off: &'p [Step],
     rows: f64,
     bonus: &'p (dyn Fn(&Placed) -> f64 + Sync),
 }
@@ -217,8 +221,9 @@ struct Start {
 }
 
 impl Start {
-    fn new(problem: &Problem, fit: &Fit) -> Self {
-        let eta = clipped(problem, &fit.eta).unwrap_or_else(|| fit.eta.clone());
+    fn new(problem: &Problem, fit: &Fit, off: &[Step]) -> Self {
+        let within = if off.contains(&Step::Clipping) { None } else { clipped(problem, &fit.eta) };
+        let eta = within.unwrap_or_else(|| fit.eta.clone());
         let plant = problem.nuisance.apply(&problem.plant, &eta);
         let tangent = problem.tangent(&plant);
         let residual = problem.residual(&plant, &eta, &fit.effects, Fineness::COARSE);
@@ -254,6 +259,17 @@ fn fit_all<'a>(problem: &Problem, from: &Start, effects: &[Placed<'a>], entries:
 /// Whether the parameters still say what the effect's name says.
 fn sound(problem: &Problem, placed: &Placed) -> bool {
     placed.effect.sound(&problem.setting, &placed.place, &placed.parameters)
+}
+
+/// A fit to the heads of the records, fitted to whole ones; where that is off, judged there.
+fn on_whole<'a>(problem: &Problem, fit: Fit<'a>, off: &[Step]) -> Fit<'a> {
+    if !off.contains(&Step::Polishing) {
+        return polish(problem, fit);
+    }
+    let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
+    let residual = problem.residual(&plant, &fit.eta, &fit.effects, Fineness::FINE);
+    let cost = sum_of_squares(&residual) + problem.penalty(&fit.eta);
+    Fit { residual, cost, ..fit }
 }
 
 /// The same fit with fine steps and derivatives at its own linear model.
