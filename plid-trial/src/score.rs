@@ -30,14 +30,14 @@ use crate::truth::{TrueEffect, Truth};
 /// S/answers.json: the answers as they were before anything was opened.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Fixed {
+pub(crate) struct Fixed {
     /// Of all of them.
-    sha256: String,
+    pub(crate) sha256: String,
     /// Of each case's answer.json, which holds the hashes of the files.
     cases: BTreeMap<String, String>,
 }
 
-const FIXED: &str = "answers.json";
+pub(crate) const FIXED: &str = "answers.json";
 
 /// Scores a trial; writes scores.json and report.html into `out`.
 ///
@@ -48,29 +48,11 @@ pub fn score(trial: &Path, sealed: &Path, out: &Path, progress: &dyn Progress) -
     let manifest = Manifest::read(trial)?;
     let answers = trial.join(ANSWERS);
     let given = given(&manifest, &answers)?;
-    let fixed = fix(&given, sealed)?;
-    let seal = Seal::read(sealed)?;
-    if sha256(&files::read(&trial.join(MANIFEST))?) != seal.trial_sha256 {
-        let reason = format!("it is not the one that {} was drawn with", sealed.display());
-        return Err(TrialError::Malformed { path: trial.join(MANIFEST), reason });
-    }
-    check(&manifest, &seal, sealed)?;
-
+    let fixed = fix(&given, &sealed.join(FIXED))?;
+    let seal = unseal(&manifest, trial, sealed)?;
     progress.stage("scoring");
-    progress.advance(0, manifest.cases.len());
-    let done = std::sync::atomic::AtomicUsize::new(0);
-    let lines = manifest
-        .cases
-        .par_iter()
-        .zip(&given)
-        .map(|(case, (answered, _))| {
-            let line = line(trial, sealed, case, answered)?;
-            let done = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
-            progress.advance(done, manifest.cases.len());
-            Ok(line)
-        })
-        .collect::<Result<Vec<Line>, TrialError>>()?;
-    let seconds = manifest.cases.iter().map(|case| answer::seconds(&answers, &case.case)).collect::<Result<_, _>>()?;
+    let lines = lines(trial, sealed, &manifest, &answers, &given, progress)?;
+    let seconds = seconds(&manifest, &answers)?;
     let given = Given {
         name: seal.config.name.clone(),
         seed: seal.seed,
@@ -86,8 +68,37 @@ pub fn score(trial: &Path, sealed: &Path, out: &Path, progress: &dyn Progress) -
     Ok(scores)
 }
 
+/// Every answer beside the truth.
+pub(crate) fn lines(
+    trial: &Path,
+    sealed: &Path,
+    manifest: &Manifest,
+    answers: &Path,
+    given: &[(Answered, String)],
+    progress: &dyn Progress,
+) -> Result<Vec<Line>, TrialError> {
+    progress.advance(0, manifest.cases.len());
+    let done = std::sync::atomic::AtomicUsize::new(0);
+    manifest
+        .cases
+        .par_iter()
+        .zip(given)
+        .map(|(case, (answered, _))| {
+            let line = line(trial, sealed, case, answers, answered)?;
+            let done = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
+            progress.advance(done, manifest.cases.len());
+            Ok(line)
+        })
+        .collect()
+}
+
+/// How long each case took.
+pub(crate) fn seconds(manifest: &Manifest, answers: &Path) -> Result<Vec<f64>, TrialError> {
+    manifest.cases.iter().map(|case| answer::seconds(answers, &case.case)).collect()
+}
+
 /// The answers to all cases, each with its hash, in order.
-fn given(manifest: &Manifest, answers: &Path) -> Result<Vec<(Answered, String)>, TrialError> {
+pub(crate) fn given(manifest: &Manifest, answers: &Path) -> Result<Vec<(Answered, String)>, TrialError> {
     let mut given = Vec::new();
     let mut missing = Vec::new();
     for case in &manifest.cases {
@@ -106,23 +117,33 @@ fn given(manifest: &Manifest, answers: &Path) -> Result<Vec<(Answered, String)>,
 }
 
 /// Writes the hashes of the answers beside what is sealed; if they stand there already, they must be these.
-fn fix(given: &[(Answered, String)], sealed: &Path) -> Result<Fixed, TrialError> {
+pub(crate) fn fix(given: &[(Answered, String)], path: &Path) -> Result<Fixed, TrialError> {
     let cases: BTreeMap<String, String> =
         given.iter().map(|(answered, hash)| (answered.case.clone(), hash.clone())).collect();
     let fixed = Fixed { sha256: sha256(&files::json(&cases)), cases };
-    let path = sealed.join(FIXED);
-    match fs::read(&path) {
+    match fs::read(path) {
         Ok(bytes) => {
-            let before: Fixed = files::parse(&path, &bytes)?;
+            let before: Fixed = files::parse(path, &bytes)?;
             let changed = fixed.cases.iter().find(|(case, hash)| before.cases.get(*case) != Some(hash));
             if let Some((case, _)) = changed {
                 return Err(TrialError::Changed { case: case.clone(), since: "the answers were fixed for scoring" });
             }
         }
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => files::write(&path, &files::json(&fixed))?,
-        Err(source) => return Err(TrialError::File { path, source }),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => files::write(path, &files::json(&fixed))?,
+        Err(source) => return Err(TrialError::File { path: path.into(), source }),
     }
     Ok(fixed)
+}
+
+/// What is sealed, once it is found to be what the trial commits to.
+pub(crate) fn unseal(manifest: &Manifest, trial: &Path, sealed: &Path) -> Result<Seal, TrialError> {
+    let seal = Seal::read(sealed)?;
+    if sha256(&files::read(&trial.join(MANIFEST))?) != seal.trial_sha256 {
+        let reason = format!("it is not the one that {} was drawn with", sealed.display());
+        return Err(TrialError::Malformed { path: trial.join(MANIFEST), reason });
+    }
+    check(manifest, &seal, sealed)?;
+    Ok(seal)
 }
 
 /// Whether what is sealed is what the trial commits to.
@@ -167,7 +188,7 @@ impl HeldOut {
     }
 }
 
-fn line(trial: &Path, sealed: &Path, case: &OpenCase, answered: &Answered) -> Result<Line, TrialError> {
+fn line(trial: &Path, sealed: &Path, case: &OpenCase, answers: &Path, answered: &Answered) -> Result<Line, TrialError> {
     let folder = sealed.join("cases").join(&case.case);
     let path = folder.join("label.json");
     let truth: Truth = files::parse(&path, &files::read(&path)?)?;
@@ -178,7 +199,7 @@ fn line(trial: &Path, sealed: &Path, case: &OpenCase, answered: &Answered) -> Re
             let missing = || judge(&truth, &case.without, &Claim::missing(), None);
             ([missing(), missing(), missing(), missing()], BTreeMap::new())
         }
-        None => answers(trial, &folder, case, &truth)?,
+        None => judged(trial, &folder, case, &answers.join(&case.case), answered, &truth)?,
     };
     Ok(Line {
         case: case.case.clone(),
@@ -197,20 +218,23 @@ fn line(trial: &Path, sealed: &Path, case: &OpenCase, answered: &Answered) -> Re
     })
 }
 
-/// Judges plid's answer and those of the baselines; and which parameters plid's intervals cover.
-fn answers(
+/// Judges plid's answer and those of the baselines, where they answered; and which parameters plid's intervals cover.
+fn judged(
     trial: &Path,
     folder: &Path,
     case: &OpenCase,
+    answer: &Path,
+    answered: &Answered,
     truth: &Truth,
 ) -> Result<([Judged; 4], BTreeMap<String, bool>), TrialError> {
-    let answers = trial.join(ANSWERS).join(&case.case);
-    let path = answers.join(DIAGNOSIS);
+    let path = answer.join(DIAGNOSIS);
     let claim: Claim = files::parse(&path, &files::read(&path)?)?;
-    let path = answers.join(BASELINES);
-    let baselines: Baselines = files::parse(&path, &files::read(&path)?)?;
+    let path = answer.join(BASELINES);
+    let missing = || Baselines { ranking: Claim::missing(), fitted: None };
+    let baselines: Baselines =
+        if answered.files.contains_key(BASELINES) { files::parse(&path, &files::read(&path)?)? } else { missing() };
     // An answer that cannot be read back predicts nothing.
-    let predictor = Predictor::read(&answers.join(SIMULATION), &Library::standard()).ok();
+    let predictor = Predictor::read(&answer.join(SIMULATION), &Library::standard()).ok();
     let mut gaps = [None; 4];
     let mut covered = BTreeMap::new();
     if let Some(predictor) = predictor {
