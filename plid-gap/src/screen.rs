@@ -42,6 +42,10 @@ pub struct Base<'p, 'a> {
     pub bold: bool,
 }
 
+/// How far, as a factor, a start may miss the size of an effect that is not linear in a parameter: its fit goes on from there.
+const LEAST_SIZE: f64 = 0.1;
+const MOST_SIZE: f64 = 3.0;
+
 /// All entries, best first: of each effect at each place the best shape.
 pub fn screen<'a>(base: &Base<'_, 'a>, library: &'a Library, skip: impl Fn(&Placed) -> bool + Sync) -> Vec<Entry<'a>> {
     let problem = base.problem;
@@ -138,6 +142,11 @@ fn entry<'a>(
             let parameter = &mut placed.parameters[index];
             *parameter = neutral + size * (*parameter - neutral);
             (size * product, size * size * energy)
+        }
+        // Along a bend of its own the trace grows nearly in proportion too: a start that is some times too strong must not hide it.
+        None if scaled => {
+            let size = (product / energy.max(1e-12 * whole)).clamp(LEAST_SIZE, MOST_SIZE);
+            (size * (2.0 * product - size * energy), size * size * energy)
         }
         None => (2.0 * product - energy, energy),
     };

@@ -26,12 +26,13 @@ impl Effect for ActuatorSlewLimit {
 
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
         let Place::Input(i) = *place else { return Vec::new() };
-        [0.4, 0.8, 1.3, 2.0, 3.0].map(|share| vec![share * setting.u_slope[i]]).to_vec()
+        [0.4, 0.8, 1.3, 2.0, 3.0, 8.0].map(|share| vec![share * setting.u_slope[i]]).to_vec()
     }
 
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
         let Place::Input(i) = *place else { return false };
-        parameters[0] < 6.0 * setting.u_slope[i]
+        // A step still takes a part of a sample; beyond, no more than a hundredth.
+        parameters[0] < 50.0 * setting.u_slope[i]
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
