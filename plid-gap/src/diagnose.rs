@@ -1,8 +1,10 @@
 //! The whole diagnosis, step after step.
 
+use std::cell::OnceCell;
+
 use crate::ablation::Step;
 use crate::answer::{classes, named, place, sentence, words};
-use crate::audit::audit;
+use crate::audit::{Audit, audit};
 use crate::case::Case;
 use crate::diagnosis::{Diagnosis, Explanation, Located, SimulationWithEffects};
 use crate::effects::{Action, Library};
@@ -12,12 +14,13 @@ use crate::levels::{LevelRun, is_linear, one_of_each_level};
 use crate::locate::{self, Map};
 use crate::next::next_experiment;
 use crate::plant::Plant;
-use crate::prepare::prepare;
+use crate::prepare::{Prepared, prepare};
 use crate::problem::Placed;
 use crate::record::Channels;
-use crate::refit::{self, refit};
+use crate::refit::{self, Refit, refit};
 use crate::shrink::{gaps, loudest, run};
 use crate::simulate::{Fineness, simulate};
+use crate::stepwise::Turn;
 use crate::thresholds::{REFUTED, WORSE};
 use crate::tracks::Tracks;
 use crate::unseen::{EVIDENCE, Unseen, unseen};
@@ -91,18 +94,74 @@ pub fn diagnose_without(
     off: &[Step],
     say: &mut dyn FnMut(String),
 ) -> Result<Outcome, GapError> {
-    say("audit".into());
-    let audit = audit(case, library, off, say)?;
-    let case = &audit.case;
-    let model = case.model.as_ref().ok_or_else(|| GapError::Failed("a case has a model once it is audited".into()))?;
-    say("preparing".into());
-    let ready = prepare(model, &case.records, &audit.known)?;
-    say("bounded refit".into());
-    let refitted = refit(&ready.problem, refit::STEPS);
-    let rules = Rules { suspects: &case.config.suspects, exclude: &case.config.exclude };
-    let explained = explain(ready, refitted, library, &rules, say);
+    let ground = Groundwork::new(case, library, off, say)?;
+    finish(&ground, &ground.audit, &[], say)
+}
+
+/// What a diagnosis does before it matters which effects it knows: audit, preparation, bounded refit; and the first turn of the search, from which one that
+/// knows fewer effects takes all but theirs.
+pub struct Groundwork<'a> {
+    case: &'a Case,
+    library: &'a Library,
+    audit: Audit,
+    ready: Prepared,
+    refitted: Refit,
+    first: OnceCell<Turn<'a>>,
+}
+
+impl<'a> Groundwork<'a> {
+    fn new(case: &'a Case, library: &'a Library, off: &[Step], say: &mut dyn FnMut(String)) -> Result<Self, GapError> {
+        say("audit".into());
+        let audit = audit(case, library, off, say)?;
+        say("preparing".into());
+        let ready = prepare(model(&audit)?, &audit.case.records, &audit.known)?;
+        say("bounded refit".into());
+        let refitted = refit(&ready.problem, refit::STEPS);
+        Ok(Self { case, library, audit, ready, refitted, first: OnceCell::new() })
+    }
+
+    /// The answer with the whole library, and what can be used again where effects are left out.
+    ///
+    /// # Errors
+    /// [`GapError`].
+    pub fn whole(
+        case: &'a Case,
+        library: &'a Library,
+        say: &mut dyn FnMut(String),
+    ) -> Result<(Outcome, Self), GapError> {
+        let ground = Self::new(case, library, &[], say)?;
+        let outcome = finish(&ground, &ground.audit, &[], say)?;
+        Ok((outcome, ground))
+    }
+
+    /// The answer of a diagnosis that does not know these effects: to the last bit that with [`Library::without`].
+    ///
+    /// # Errors
+    /// [`GapError`].
+    pub fn leave_out(&self, without: &[String], say: &mut dyn FnMut(String)) -> Result<Outcome, GapError> {
+        finish(self, &self.audit.without(self.case, self.library, without)?, without, say)
+    }
+}
+
+fn model(audit: &Audit) -> Result<&plid_model::Model, GapError> {
+    audit.case.model.as_ref().ok_or_else(|| GapError::Failed("a case has a model once it is audited".into()))
+}
+
+/// All that depends on which effects are known.
+fn finish(
+    ground: &Groundwork,
+    audit: &Audit,
+    without: &[String],
+    say: &mut dyn FnMut(String),
+) -> Result<Outcome, GapError> {
+    let (case, model) = (&audit.case, model(audit)?);
+    let off = &audit.known.off;
+    let rules = Rules { suspects: &case.config.suspects, exclude: &case.config.exclude, without };
+    let (ready, refitted) = (ground.ready.clone(), ground.refitted.clone());
+    let explained = explain(ready, refitted, ground.library, &rules, &ground.first, say);
     // What an explanation makes of the quiet records is no noise in them.
-    let unseen = if off.contains(&Step::Unseen) { Vec::new() } else { unseen(&explained.ready, library) };
+    let mut unseen = if off.contains(&Step::Unseen) { Vec::new() } else { unseen(&explained.ready, ground.library) };
+    unseen.retain(|unseen| rules.knows(unseen.placed.effect));
     let Explained { ready, found, judged, level, .. } = &explained;
     let problem = &ready.problem;
     let names = &problem.setting.names;

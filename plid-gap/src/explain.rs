@@ -1,7 +1,9 @@
 //! Steps 3 to 8: which effects explain the gap, and whether they suffice.
 
+use std::cell::OnceCell;
+
 use crate::ablation::Step;
-use crate::effects::{Library, Names};
+use crate::effects::{Effect, Library, Names};
 use crate::locate::error;
 use crate::modal::dominant;
 use crate::prepare::{NoiseLevel, Prepared};
@@ -10,7 +12,7 @@ use crate::record::Channels;
 use crate::refit::Refit;
 use crate::shape::{Bent, bent, one_for_two};
 use crate::simulate::Fineness;
-use crate::stepwise::{Search, search};
+use crate::stepwise::{Search, Turn, search};
 use crate::thresholds::{ACCEPT, ELSEWHERE, HEAD, INADEQUATE, SHAPE_DIFFERS, WORTH};
 use crate::unseen::is_unseen;
 use crate::verdict::{Adequacy, adequacy};
@@ -21,15 +23,22 @@ pub struct Rules<'r> {
     pub suspects: &'r [String],
     /// What cannot be.
     pub exclude: &'r [String],
+    /// Effects of the library that the diagnosis does not know.
+    pub without: &'r [String],
 }
 
 /// What a suspect is worth: odds of 50 : 1 against an entry that nobody named.
 const SUSPECTED: f64 = 8.0;
 
 impl Rules<'_> {
+    /// Whether it knows an effect.
+    pub fn knows(&self, effect: &dyn Effect) -> bool {
+        !self.without.iter().any(|name| name == effect.name())
+    }
+
     /// Whether an effect may be named at a place.
     pub fn allow(&self, placed: &Placed, names: &Names) -> bool {
-        !self.exclude.iter().any(|word| means(word, placed, names))
+        self.knows(placed.effect) && !self.exclude.iter().any(|word| means(word, placed, names))
     }
 
     /// What a suspicion is worth, in twice the log likelihood.
@@ -78,15 +87,17 @@ impl<'a> Explained<'a> {
     }
 }
 
-/// Searches, with the struts as places of internal forces; where that does not suffice, with the modes about which the gap lies too.
+/// Searches, with the struts as places of internal forces; where that does not suffice, with the modes about which the gap lies too. `turn` keeps the
+/// first turn of the first search, or has it.
 pub fn explain<'a>(
     ready: Prepared,
     refitted: Refit,
     library: &'a Library,
     rules: &Rules,
+    turn: &OnceCell<Turn<'a>>,
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
-    let first = once(ready, refitted, library, rules, false, say);
+    let first = once(ready, refitted, library, rules, false, turn, say);
     let off = first.ready.off.contains(&Step::ModalPlaces);
     if off || first.judged.unknown < INADEQUATE || first.judged.left < ELSEWHERE {
         return first;
@@ -100,7 +111,7 @@ pub fn explain<'a>(
     let mut ready = first.ready.clone();
     ready.problem = ready.problem.with_modal_places(&modes);
     let refitted = first.refitted.clone();
-    let mut second = once(ready, refitted, library, rules, true, say);
+    let mut second = once(ready, refitted, library, rules, true, &OnceCell::new(), say);
     if second.price() + ACCEPT > first.price() {
         return first;
     }
@@ -115,6 +126,7 @@ fn once<'a>(
     library: &'a Library,
     rules: &Rules,
     bold: bool,
+    turn: &OnceCell<Turn<'a>>,
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
     let off = ready.off.clone();
@@ -123,7 +135,7 @@ fn once<'a>(
     let names = ready.problem.setting.names.clone();
     let allowed = |placed: &Placed| !is_unseen(placed.effect) && rules.allow(placed, &names);
     let bonus = |placed: &Placed| rules.bonus(placed, &names);
-    let mut found = search(&mut ready.problem, &mut quick, &refitted, library, &allowed, &bonus, bold, &off, say);
+    let mut found = search(&mut ready.problem, &mut quick, &refitted, library, &allowed, &bonus, bold, &off, turn, say);
     let simulated = outputs(&ready.problem, &found.best.eta, &found.best.effects);
     if !found.best.effects.is_empty() && ready.renew_noise(&simulated) {
         refitted.weigh_anew(&ready.problem);

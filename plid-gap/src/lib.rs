@@ -50,6 +50,6 @@ mod write;
 mod written;
 
 pub use ablation::Step;
-pub use diagnose::{Evidence, Outcome, diagnose, diagnose_without};
+pub use diagnose::{Evidence, Groundwork, Outcome, diagnose, diagnose_without};
 pub use error::GapError;
 pub use write::write;

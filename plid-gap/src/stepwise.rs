@@ -1,5 +1,6 @@
 //! One effect after the other: screen, fit of the best few, acceptance; then each effect is questioned again beside the others.
 
+use std::cell::OnceCell;
 use std::f64::consts::TAU;
 
 use rayon::prelude::*;
@@ -74,7 +75,7 @@ const FINE: Effort = Effort { steps: 8, gain: 0.1, fineness: Fineness::FINE };
 
 /// Searches for up to [`MOST_EFFECTS`] effects: on `quick` (the heads of the records), then among the best few on `problem`.
 /// `allowed` says what may be named where; `bonus` what the engineer suspects (subtracted from the price); `bold` screens at several
-/// sizes; `off` are the steps that are left out; `say` is told what is going on.
+/// sizes; `off` are the steps that are left out; `first` keeps the first turn, or has it; `say` is told what is going on.
 #[allow(clippy::too_many_arguments)]
 pub fn search<'a>(
     problem: &mut Problem,
@@ -85,6 +86,7 @@ pub fn search<'a>(
     bonus: &(dyn Fn(&Placed) -> f64 + Sync),
     bold: bool,
     off: &[Step],
+    first: &OnceCell<Turn<'a>>,
     say: &mut dyn FnMut(String),
 ) -> Search<'a> {
     let price = Price { rows: problem.rows() as f64, bonus, bold, off };
@@ -100,7 +102,12 @@ pub fn search<'a>(
     let mut stages = Vec::new();
     for stage in 0..MOST_EFFECTS {
         let there = |placed: &Placed| best.effects.iter().any(|other| same(other, placed)) || !allowed(placed);
-        let (entries, fits) = turn(problem, quick, &best, library, &there, &price, FITTED, POLISHED);
+        let new = || Turn::new(problem, quick, &best, library, &there, &price, [FITTED, POLISHED]);
+        let (entries, fits) = if stage == 0 {
+            first.get_or_init(new).without(problem, quick, &there, &price)
+        } else {
+            new().without(problem, quick, &there, &price)
+        };
         say(progress(stage + 1, &entries, &fits, &price, &problem.setting.names));
         stages.push(entries);
         candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
@@ -145,30 +152,87 @@ fn material(problem: &Problem, before: &Fit, after: &Fit, stage: usize) -> bool 
     visible || (straightened > STRAIGHTENED && explained > -STRAIGHTENED)
 }
 
-/// One more effect beside those of `so_far`: the screen, quick fits of its first entries, whole fits of the best of these.
-#[allow(clippy::too_many_arguments)]
-fn turn<'a>(
-    problem: &Problem,
-    quick: &Problem,
-    so_far: &Fit<'a>,
-    library: &'a Library,
-    there: &(dyn Fn(&Placed) -> bool + Sync),
-    price: &Price,
-    fitted: usize,
-    polished: usize,
-) -> (Vec<Entry<'a>>, Vec<Fit<'a>>) {
-    let from = Start::new(quick, so_far, price.off);
-    let base = from.base(quick, &so_far.effects, price.bold);
-    let entries = screen(&base, library, there);
-    let mut fits = fit_all(quick, &from, &so_far.effects, &entries[..entries.len().min(fitted)]);
-    fits.sort_by(|a, b| price.of(a).total_cmp(&price.of(b)));
-    fits.truncate(polished);
-    let whole = fits
-        .into_par_iter()
-        .map(|fit| on_whole(problem, fit, price.off))
-        .filter(|fit| fit.cost.is_finite() && fit.effects.iter().all(|placed| sound(problem, placed)))
-        .collect();
-    (entries, whole)
+/// One more effect beside those that were found: the screen, quick fits of its first entries, whole fits of the best of these. No entry and no fit depends
+/// on which others there are, so that a search which knows fewer effects can take them from here.
+pub struct Turn<'a> {
+    from: Start,
+    /// Those that were found before.
+    effects: Vec<Placed<'a>>,
+    entries: Vec<Entry<'a>>,
+    /// How many are fitted, and how many of these to whole records.
+    counts: [usize; 2],
+    /// Fits to the heads of the records by number of the entry; none where the fit is not sound.
+    quick: Numbered<'a>,
+    /// Fits to whole records.
+    whole: Numbered<'a>,
+}
+
+type Numbered<'a> = Vec<(usize, Option<Fit<'a>>)>;
+
+impl<'a> Turn<'a> {
+    fn new(
+        problem: &Problem,
+        quick: &Problem,
+        so_far: &Fit<'a>,
+        library: &'a Library,
+        there: &(dyn Fn(&Placed) -> bool + Sync),
+        price: &Price,
+        counts: [usize; 2],
+    ) -> Self {
+        let from = Start::new(quick, so_far, price.off);
+        let effects = so_far.effects.clone();
+        let entries = screen(&from.base(quick, &effects, price.bold), library, there);
+        let mut turn = Self { from, effects, entries, counts, quick: Vec::new(), whole: Vec::new() };
+        let all: Vec<usize> = (0..turn.entries.len()).collect();
+        (turn.quick, turn.whole) = turn.fits(problem, quick, &all, price);
+        turn
+    }
+
+    /// Entries and whole fits of those that are not there already, and not left out.
+    fn without(
+        &self,
+        problem: &Problem,
+        quick: &Problem,
+        there: &dyn Fn(&Placed) -> bool,
+        price: &Price,
+    ) -> (Vec<Entry<'a>>, Vec<Fit<'a>>) {
+        let kept: Vec<usize> = (0..self.entries.len()).filter(|&k| !there(&self.entries[k].placed)).collect();
+        let (_, whole) = self.fits(problem, quick, &kept, price);
+        let entries = kept.into_iter().map(|k| self.entries[k].clone()).collect();
+        (entries, whole.into_iter().filter_map(|(_, fit)| fit).collect())
+    }
+
+    /// Fits of the first of these entries, to heads and to whole records; those that are known are not made again.
+    fn fits(&self, problem: &Problem, quick: &Problem, at: &[usize], price: &Price) -> (Numbered<'a>, Numbered<'a>) {
+        let [fitted, polished] = self.counts;
+        let known = |fits: &Numbered<'a>, k: usize| fits.iter().find(|(n, _)| *n == k).map(|(_, fit)| fit.clone());
+        let whether_sound = |problem: &Problem, fit: Fit<'a>| {
+            (fit.cost.is_finite() && fit.effects.iter().all(|placed| sound(problem, placed))).then_some(fit)
+        };
+        let heads: Numbered<'a> = at[..at.len().min(fitted)]
+            .par_iter()
+            .filter(|&&k| self.entries[k].gain > 0.0)
+            .map(|&k| {
+                let new = || {
+                    let mut all = self.effects.clone();
+                    all.push(self.entries[k].placed.clone());
+                    whether_sound(quick, quick.fit(&self.from.tangent, &self.from.eta, &all, QUICK))
+                };
+                (k, known(&self.quick, k).unwrap_or_else(new))
+            })
+            .collect();
+        let mut best: Vec<(usize, &Fit<'a>)> = heads.iter().filter_map(|(k, fit)| Some((*k, fit.as_ref()?))).collect();
+        best.sort_by(|a, b| price.of(a.1).total_cmp(&price.of(b.1)));
+        best.truncate(polished);
+        let whole = best
+            .into_par_iter()
+            .map(|(k, fit)| {
+                let new = || whether_sound(problem, on_whole(problem, fit.clone(), price.off));
+                (k, known(&self.whole, k).unwrap_or_else(new))
+            })
+            .collect();
+        (heads, whole)
+    }
 }
 
 /// Whether two name the same effect at the same place.
@@ -243,19 +307,6 @@ impl Start {
     }
 }
 
-fn fit_all<'a>(problem: &Problem, from: &Start, effects: &[Placed<'a>], entries: &[Entry<'a>]) -> Vec<Fit<'a>> {
-    entries
-        .par_iter()
-        .filter(|entry| entry.gain > 0.0)
-        .map(|entry| {
-            let mut all = effects.to_vec();
-            all.push(entry.placed.clone());
-            problem.fit(&from.tangent, &from.eta, &all, QUICK)
-        })
-        .filter(|fit| fit.cost.is_finite() && fit.effects.iter().all(|placed| sound(problem, placed)))
-        .collect()
-}
-
 /// Whether the parameters still say what the effect's name says.
 fn sound(problem: &Problem, placed: &Placed) -> bool {
     placed.effect.sound(&problem.setting, &placed.place, &placed.parameters)
@@ -305,7 +356,8 @@ fn question<'a>(
             others.iter().any(|other| same(other, placed)) || same(&asked, placed) || !allowed(placed)
         };
         let without = Fit { effects: others.clone(), ..best.clone() };
-        let (_, fits) = turn(problem, quick, &without, library, &there, price, FITTED / 2, POLISHED / 2);
+        let turn = Turn::new(problem, quick, &without, library, &there, price, [FITTED / 2, POLISHED / 2]);
+        let (_, fits) = turn.without(problem, quick, &there, price);
         candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
         let top = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b)));
         if let Some(top) = top
