@@ -39,7 +39,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 println!("    {stage}");
             }
         };
-        let (outcome, ground) = Groundwork::whole(&case, &library, &mut say)?;
+        let (outcome, ground) = Groundwork::whole(&case, &library, &[], &mut say)?;
         let to = Path::new(out).join(name);
         told(&outcome, &case, &label, &to, clock)?;
         if leave_out {

@@ -120,16 +120,17 @@ impl<'a> Groundwork<'a> {
         Ok(Self { case, library, audit, ready, refitted, first: OnceCell::new() })
     }
 
-    /// The answer with the whole library, and what can be used again where effects are left out.
+    /// The answer with the whole library, and what can be used again where effects are left out. `off` are steps that neither makes.
     ///
     /// # Errors
     /// [`GapError`].
     pub fn whole(
         case: &'a Case,
         library: &'a Library,
+        off: &[Step],
         say: &mut dyn FnMut(String),
     ) -> Result<(Outcome, Self), GapError> {
-        let ground = Self::new(case, library, &[], say)?;
+        let ground = Self::new(case, library, off, say)?;
         let outcome = finish(&ground, &ground.audit, &[], say)?;
         Ok((outcome, ground))
     }

@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use plid_gap::case::Case;
 use plid_gap::effects::Library;
-use plid_gap::{Outcome, Step};
+use plid_gap::{Groundwork, Outcome, Step};
 use plid_lab::run::Progress;
 use serde::{Deserialize, Serialize};
 
@@ -56,7 +56,7 @@ pub(crate) const SHARD: &str = "shard.json";
 pub(crate) const ANSWERS: &str = "answers";
 pub(crate) const SHARDS: &str = "shards";
 
-/// Answers one case: its folder, and the effects that the vocabulary lacks.
+/// Answers one case: its folder, and the effects without which it is to be answered a second time, if any.
 pub type Answerer<'a> = dyn Fn(&Path, &[String]) -> Result<Answer, String> + Sync + 'a;
 
 /// Diagnoses the cases of a trial that have no answer yet, and lets the baselines answer.
@@ -165,27 +165,51 @@ fn words(panic: &(dyn Any + Send)) -> String {
 
 /// plid's own diagnosis, with the baselines' answers.
 fn plid(folder: &Path, without: &[String]) -> Result<Answer, String> {
-    let library = Library::standard().without(without);
     let case = Case::read(&folder.join("case.toml")).map_err(|e| e.to_string())?;
-    let outcome = plid_gap::diagnose(&case, &library, &mut |_| {}).map_err(|e| e.to_string())?;
-    let others = baselines::answers(&case, &outcome, &library).map_err(|e| e.to_string())?;
-    let mut answer = answer_of(&outcome);
+    let library = Library::standard();
+    let (whole, left_out) = outcomes(&case, &library, without, &[])?;
+    let others = baselines::answers(&case, &whole, left_out.as_ref(), &library).map_err(|e| e.to_string())?;
+    let mut answer = answer_of(&whole, left_out.as_ref());
     answer.insert(BASELINES, files::json(&others));
     Ok(answer)
 }
 
 /// The same with a step off, and no baselines.
 pub(crate) fn plid_without(folder: &Path, without: &[String], off: &[Step]) -> Result<Answer, String> {
-    let library = Library::standard().without(without);
     let case = Case::read(&folder.join("case.toml")).map_err(|e| e.to_string())?;
-    let outcome = plid_gap::diagnose_without(&case, &library, off, &mut |_| {}).map_err(|e| e.to_string())?;
-    Ok(answer_of(&outcome))
+    let (whole, left_out) = outcomes(&case, &Library::standard(), without, off)?;
+    Ok(answer_of(&whole, left_out.as_ref()))
 }
 
-fn answer_of(outcome: &Outcome) -> Answer {
-    Answer::from([(DIAGNOSIS, files::json(&outcome.diagnosis)), (SIMULATION, files::json(&outcome.simulation))])
+/// With the whole vocabulary; and from the same groundwork without what is to be left out, if anything is.
+fn outcomes(
+    case: &Case,
+    library: &Library,
+    without: &[String],
+    off: &[Step],
+) -> Result<(Outcome, Option<Outcome>), String> {
+    let (whole, ground) = Groundwork::whole(case, library, off, &mut |_| {}).map_err(|e| e.to_string())?;
+    let left_out = (!without.is_empty()).then(|| ground.leave_out(without, &mut |_| {}));
+    Ok((whole, left_out.transpose().map_err(|e| e.to_string())?))
 }
 
-pub(crate) const DIAGNOSIS: &str = "diagnosis.json";
-pub(crate) const SIMULATION: &str = "sim-with-effect.json";
+fn answer_of(whole: &Outcome, left_out: Option<&Outcome>) -> Answer {
+    let files = std::iter::once((WHOLE, whole)).chain(left_out.map(|outcome| (LEFT_OUT, outcome)));
+    let both = files.flat_map(|(names, outcome)| {
+        [(names.diagnosis, files::json(&outcome.diagnosis)), (names.simulation, files::json(&outcome.simulation))]
+    });
+    both.collect()
+}
+
+/// Names of the files of an answer.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Names {
+    pub diagnosis: &'static str,
+    pub simulation: &'static str,
+}
+
+/// With the whole vocabulary.
+pub(crate) const WHOLE: Names = Names { diagnosis: "diagnosis.json", simulation: "sim-with-effect.json" };
+/// Without what the case leaves out.
+pub(crate) const LEFT_OUT: Names = Names { diagnosis: "left-out.json", simulation: "left-out-sim.json" };
 pub(crate) const BASELINES: &str = "baselines.json";

@@ -17,11 +17,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::answer::{self, Answered};
 use crate::baselines::Baselines;
-use crate::diagnose::{ANSWERS, BASELINES, DIAGNOSIS, SIMULATION};
+use crate::diagnose::{ANSWERS, BASELINES, LEFT_OUT, Names, WHOLE};
 use crate::error::TrialError;
 use crate::files;
 use crate::judge::{Asked, Claim, Judged, Named, asked, judge, wanted};
 use crate::manifest::{DrawnCase, MANIFEST, Manifest, OpenCase, Seal};
+use crate::plan::Arm;
 use crate::report;
 use crate::scores::{Given, Line, Scores};
 use crate::seal::{salted, sha256};
@@ -84,12 +85,13 @@ pub(crate) fn lines(
         .par_iter()
         .zip(given)
         .map(|(case, (answered, _))| {
-            let line = line(trial, sealed, case, answers, answered)?;
+            let lines = lines_of(trial, sealed, case, answers, answered)?;
             let done = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
             progress.advance(done, manifest.cases.len());
-            Ok(line)
+            Ok(lines)
         })
-        .collect()
+        .collect::<Result<Vec<Vec<Line>>, TrialError>>()
+        .map(|lines| lines.into_iter().flatten().collect())
 }
 
 /// How long each case took.
@@ -188,82 +190,101 @@ impl HeldOut {
     }
 }
 
-fn line(trial: &Path, sealed: &Path, case: &OpenCase, answers: &Path, answered: &Answered) -> Result<Line, TrialError> {
+/// What a case asks with the whole vocabulary; and without what it leaves out, if that is at work.
+fn lines_of(
+    trial: &Path,
+    sealed: &Path,
+    case: &OpenCase,
+    answers: &Path,
+    answered: &Answered,
+) -> Result<Vec<Line>, TrialError> {
     let folder = sealed.join("cases").join(&case.case);
     let path = folder.join("label.json");
     let truth: Truth = files::parse(&path, &files::read(&path)?)?;
     let path = folder.join("drawn.json");
     let drawn: DrawnCase = files::parse(&path, &files::read(&path)?)?;
-    let (judged, covered) = match answered.failed {
-        Some(_) => {
-            let missing = || judge(&truth, &case.without, &Claim::missing(), None);
-            ([missing(), missing(), missing(), missing()], BTreeMap::new())
-        }
-        None => judged(trial, &folder, case, &answers.join(&case.case), answered, &truth)?,
+    let place = Place { trial, sealed: &folder, answer: &answers.join(&case.case), case };
+    let line = |arm: Arm, without: &[String], names: Names| {
+        let (judged, covered) = match answered.failed {
+            Some(_) => {
+                let missing = || judge(&truth, without, &Claim::missing(), None);
+                ([missing(), missing(), missing(), missing()], BTreeMap::new())
+            }
+            None => judged(&place, answered, &truth, without, names)?,
+        };
+        let told = if without.is_empty() { String::new() } else { format!(" without {}", without.join(", ")) };
+        Ok::<_, TrialError>(Line {
+            case: format!("{}{told}", case.case),
+            arm,
+            asked: asked(&truth, without),
+            truth: wanted(&truth),
+            gap: truth.at_work().map(|e| e.gap).reduce(f64::min).unwrap_or(0.0),
+            own_equation: truth.effects.iter().all(|e| e.own_equation),
+            without: without.to_vec(),
+            gap_as_given: truth.gap_sim,
+            gap_floor: truth.gap_floor,
+            nuisances: truth.nuisances(),
+            failed: answered.failed.clone(),
+            covered,
+            judged,
+        })
     };
-    Ok(Line {
-        case: case.case.clone(),
-        arm: drawn.arm,
-        asked: asked(&truth, &case.without),
-        truth: wanted(&truth),
-        gap: truth.at_work().map(|e| e.gap).reduce(f64::min).unwrap_or(0.0),
-        own_equation: truth.effects.iter().all(|e| e.own_equation),
-        without: case.without.clone(),
-        gap_as_given: truth.gap_sim,
-        gap_floor: truth.gap_floor,
-        nuisances: truth.nuisances(),
-        failed: answered.failed.clone(),
-        covered,
-        judged,
-    })
+    if drawn.arm != Arm::LeaveOneOut {
+        return Ok(vec![line(drawn.arm, &[], WHOLE)?]);
+    }
+    Ok(vec![line(Arm::Single, &[], WHOLE)?, line(Arm::LeaveOneOut, &case.without, LEFT_OUT)?])
+}
+
+/// Where a case and its answer are.
+struct Place<'p> {
+    trial: &'p Path,
+    sealed: &'p Path,
+    answer: &'p Path,
+    case: &'p OpenCase,
 }
 
 /// Judges plid's answer and those of the baselines, where they answered; and which parameters plid's intervals cover.
 fn judged(
-    trial: &Path,
-    folder: &Path,
-    case: &OpenCase,
-    answer: &Path,
+    place: &Place,
     answered: &Answered,
     truth: &Truth,
+    without: &[String],
+    names: Names,
 ) -> Result<([Judged; 4], BTreeMap<String, bool>), TrialError> {
-    let path = answer.join(DIAGNOSIS);
+    let path = place.answer.join(names.diagnosis);
     let claim: Claim = files::parse(&path, &files::read(&path)?)?;
-    let path = answer.join(BASELINES);
-    let missing = || Baselines { ranking: Claim::missing(), fitted: None };
+    let path = place.answer.join(BASELINES);
+    let missing = Claim::missing();
+    let none = || Baselines { ranking: missing.clone(), ranking_left_out: None, fitted: None };
     let baselines: Baselines =
-        if answered.files.contains_key(BASELINES) { files::parse(&path, &files::read(&path)?)? } else { missing() };
+        if answered.files.contains_key(BASELINES) { files::parse(&path, &files::read(&path)?)? } else { none() };
+    let ranking =
+        if without.is_empty() { &baselines.ranking } else { baselines.ranking_left_out.as_ref().unwrap_or(&missing) };
     // An answer that cannot be read back predicts nothing.
-    let predictor = Predictor::read(&answer.join(SIMULATION), &Library::standard()).ok();
+    let predictor = Predictor::read(&place.answer.join(names.simulation), &Library::standard()).ok();
     let mut gaps = [None; 4];
     let mut covered = BTreeMap::new();
     if let Some(predictor) = predictor {
-        let held_out = HeldOut::read(folder, &predictor.model)?;
+        let held_out = HeldOut::read(place.sealed, &predictor.model)?;
         gaps[0] = held_out.gap(&predictor.run(&held_out.u, predictor.t0));
         // It has no fit of its own.
         gaps[1] = gaps[0];
         if let Some(fitted) = &baselines.fitted {
-            let model = Model::read(&trial.join("cases").join(&case.case).join("sim.json"))?;
+            let model = Model::read(&place.trial.join("cases").join(&place.case.case).join("sim.json"))?;
             if let Ok([sparse, linear]) = fitted.predict(&model, &held_out.u, predictor.t0) {
                 (gaps[2], gaps[3]) = (held_out.gap(&sparse), held_out.gap(&linear));
             }
         }
         if let Ok(plant) = Plant::new(&predictor.model) {
-            covered = coverage(truth, &case.without, &claim, &Setting::bare(&plant, &predictor.model));
+            covered = coverage(truth, without, &claim, &Setting::bare(&plant, &predictor.model));
         }
     }
-    let judged = |claim: &Claim, gap: Option<f64>| judge(truth, &case.without, claim, gap);
-    let missing = Claim::missing();
+    let judged = |claim: &Claim, gap: Option<f64>| judge(truth, without, claim, gap);
     let (sparse, linear) = match &baselines.fitted {
         Some(fitted) => (&fitted.sparse.claim, &fitted.linear.claim),
         None => (&missing, &missing),
     };
-    let all = [
-        judged(&claim, gaps[0]),
-        judged(&baselines.ranking, gaps[1]),
-        judged(sparse, gaps[2]),
-        judged(linear, gaps[3]),
-    ];
+    let all = [judged(&claim, gaps[0]), judged(ranking, gaps[1]), judged(sparse, gaps[2]), judged(linear, gaps[3])];
     Ok((all, covered))
 }
 

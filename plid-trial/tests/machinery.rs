@@ -72,11 +72,16 @@ fn made_up(folder: &Path, without: &[String]) -> Result<Answer, String> {
     });
     let baselines = serde_json::json!({ "ranking": { "verdict": "none" }, "fitted": null });
     let bytes = |value: &serde_json::Value| value.to_string().into_bytes();
-    Ok(Answer::from([
+    let mut answer = Answer::from([
         ("diagnosis.json", bytes(&claim)),
         ("sim-with-effect.json", b"{}".to_vec()),
         ("baselines.json", bytes(&baselines)),
-    ]))
+    ]);
+    if !without.is_empty() {
+        answer.insert("left-out.json", bytes(&serde_json::json!({ "verdict": "unknown" })));
+        answer.insert("left-out-sim.json", b"{}".to_vec());
+    }
+    Ok(answer)
 }
 
 /// Every file below a directory with its bytes, but for what says how long something took.
@@ -136,10 +141,10 @@ fn answers_and_scores_do_not_depend_on_jobs_shards_or_what_is_sealed() {
     let (one, other) = (whole.score().unwrap(), shared.score().unwrap());
     assert_eq!(one, other);
     // What failed is told, and counts as no answer.
-    let told = |k: usize| one["cases"][k]["failed"].as_str().map(str::to_owned);
-    assert_eq!(told(1).as_deref(), Some("panicked: the second case is too much"));
-    assert_eq!(told(3).as_deref(), Some("the fourth case cannot be read"));
-    assert_eq!(one["cases"][1]["judged"][0]["said"], "missing");
+    let line = |case: &str| one["cases"].as_array().unwrap().iter().find(|line| line["case"] == case).unwrap();
+    assert_eq!(line("case-002")["failed"], "panicked: the second case is too much");
+    assert_eq!(line("case-004")["failed"], "the fourth case cannot be read");
+    assert_eq!(line("case-002")["judged"][0]["said"], "missing");
     // Scored again, nothing changes; merged again, nothing either.
     assert_eq!(merge(&shared.t(), &[]).unwrap(), 2);
     assert_eq!(shared.score().unwrap(), other);
@@ -276,9 +281,9 @@ fn what_a_step_is_worth_is_read_case_by_case() {
     let found = ablated(&steps).unwrap();
     let scores = trial.score().unwrap();
     let cases = scores["cases"].as_array().unwrap();
-    let of = |asked: &str, key: &str| -> Vec<&str> {
+    let of = |asked: &str, key: &str| -> Vec<String> {
         let there = |case: &&serde_json::Value| case["asked"] == asked && case["judged"][0][key] == true;
-        cases.iter().filter(there).filter_map(|case| case["case"].as_str()).collect()
+        cases.iter().filter(there).filter_map(|case| case["case"].as_str().map(str::to_owned)).collect()
     };
     let [polishing, audit] = found.steps.as_slice() else { panic!("two steps were asked for") };
     // Two of the five have no answer with or without it.
@@ -314,4 +319,27 @@ fn another_program_s_answers_are_no_measure_for_a_step() {
     diagnose_without_with(&trial.t(), &[Step::Audit], 1, &other, &Silent).unwrap();
     let said = score_without(&trial.t(), &trial.s(), &[Step::Audit], &trial.t(), &Silent).unwrap_err().to_string();
     assert!(said.starts_with("case-001: the answer has changed since the trial was diagnosed"), "{said}");
+}
+
+/// The case whose effect is left out is a single effect with the whole vocabulary, and outside it in its second answer; the decoy's second answer is not
+/// counted.
+#[test]
+fn a_second_answer_is_asked_what_it_cannot_know() {
+    let trial = Trial::drawn(21);
+    trial.diagnose(None, 2);
+    let manifest = read(&trial.t().join("trial.json"));
+    let twice = manifest["cases"].as_array().unwrap().iter().filter(|case| case["without"] != serde_json::json!([]));
+    assert_eq!(twice.count(), 2);
+    let scores = trial.score().unwrap();
+    let lines = scores["cases"].as_array().unwrap();
+    assert_eq!(lines.len(), 5 + 1);
+    let second = lines.iter().find(|line| line["arm"] == "leave-one-out").unwrap();
+    let name = second["case"].as_str().unwrap();
+    let (case, left_out) = name.split_once(" without ").unwrap();
+    assert_eq!((left_out, second["asked"].as_str()), (second["truth"].as_str().unwrap(), Some("outside")));
+    let first = lines.iter().find(|line| line["case"] == case).unwrap();
+    assert_eq!((first["arm"].as_str(), first["asked"].as_str()), (Some("single"), Some("single")));
+    assert_eq!(first["truth"], second["truth"]);
+    let answered = first["failed"].is_null();
+    assert_eq!(second["judged"][0]["open"], answered);
 }

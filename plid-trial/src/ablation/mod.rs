@@ -9,7 +9,7 @@ use plid_lab::run::Progress;
 use serde::Serialize;
 
 use crate::answer::{Answer, Answered};
-use crate::diagnose::{ANSWERS, DIAGNOSIS, Done, SIMULATION, answer_all, plid_without};
+use crate::diagnose::{ANSWERS, BASELINES, Done, answer_all, plid_without};
 use crate::error::TrialError;
 use crate::files;
 use crate::judge::Asked;
@@ -18,7 +18,7 @@ use crate::score::{FIXED, fix, given, lines, seconds, unseal};
 use crate::scores::{Line, Totals};
 use crate::statistics::{median, paired, sign_test};
 
-/// Answers one case: its folder, the effects that the vocabulary lacks, and the step that is off.
+/// Answers one case: its folder, the effects without which it is to be answered a second time, and the step that is off.
 pub type AblatedAnswerer<'a> = dyn Fn(&Path, &[String], Option<Step>) -> Result<Answer, String> + Sync + 'a;
 
 /// Where the answers with a step off are, and those with none.
@@ -243,9 +243,12 @@ pub fn score_without(
 
 /// Cases whose answers differ, in what was found or in why there is none.
 fn differing(one: &[(Answered, String)], other: &[(Answered, String)]) -> Vec<String> {
-    let same = |a: &Answered, b: &Answered| {
-        a.failed == b.failed && [DIAGNOSIS, SIMULATION].iter().all(|file| a.files.get(*file) == b.files.get(*file))
+    let own = |answered: &Answered| {
+        let mut files = answered.files.clone();
+        files.remove(BASELINES);
+        files
     };
+    let same = |a: &Answered, b: &Answered| a.failed == b.failed && own(a) == own(b);
     let pairs = one.iter().zip(other).filter(|((a, _), (b, _))| !same(a, b));
     pairs.map(|((a, _), _)| a.case.clone()).collect()
 }
