@@ -4,12 +4,15 @@ use std::collections::BTreeMap;
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-use crate::diagnosis::{Gap, NamedEffect, Value, Where};
+use crate::diagnosis::{Comparison, Gap, NamedEffect, Value, Where};
 use crate::effects::{Names, Side};
 use crate::explain::Explained;
+use crate::held_out::HeldOut;
 use crate::locate::Map;
 use crate::problem::Placed;
-use crate::stepwise::{Candidate, Search, same};
+use crate::separable::{Rival, open};
+use crate::stepwise::{Search, all_same, same};
+use crate::thresholds::SEPARABLE;
 use crate::tracks::Tracks;
 use crate::verdict::{Verdict, Weighted};
 
@@ -81,23 +84,88 @@ pub(crate) fn place(before: &Map, outputs: &[String], found: &Search, shown: &[&
     Where { side, channels, bands_hz, time, level_slope: before.slope }
 }
 
-/// Single explanations that fit equally well (their expected log likelihoods differ by less than five).
-pub(crate) fn classes(found: &Search, names: &Names) -> Vec<Vec<String>> {
-    let Some(best) = found.candidates.first().filter(|c| !c.effects.is_empty()) else { return Vec::new() };
-    let text = |c: &Candidate| {
-        let one = |p: &Placed| format!("{}@{}", p.effect.name(), p.place.location(names));
-        c.effects.iter().map(one).collect::<Vec<_>>().join(" + ")
-    };
-    let mut class: Vec<String> = Vec::new();
-    for candidate in &found.candidates {
-        if candidate.effects.len() == best.effects.len() && candidate.cost - best.cost < 10.0 {
-            let text = text(candidate);
-            if !class.contains(&text) {
-                class.push(text);
-            }
-        }
+/// "cubic-stiffness at input:u2 + sensor-gain at output:y1".
+pub(crate) fn in_words(effects: &[Placed], names: &Names) -> String {
+    if effects.is_empty() { "nothing".into() } else { joined(effects, names, " at ") }
+}
+
+fn joined(effects: &[Placed], names: &Names, at: &str) -> String {
+    let one = |p: &Placed| format!("{}{at}{}", p.effect.name(), p.place.location(names));
+    effects.iter().map(one).collect::<Vec<_>>().join(" + ")
+}
+
+/// Explanations that these records cannot part from the best, with it: the most probable first.
+pub(crate) fn classes(found: &Search, best: &[Placed], rivals: &[Rival], names: &Names) -> Vec<Vec<String>> {
+    let mut class: Vec<&[Placed]> = open(rivals, best).map(|rival| rival.effects.as_slice()).chain([best]).collect();
+    if class.len() < 2 {
+        return Vec::new();
     }
-    if class.len() > 1 { vec![class] } else { Vec::new() }
+    let place =
+        |effects: &[Placed]| found.candidates.iter().position(|candidate| all_same(&candidate.effects, effects));
+    class.sort_by_key(|effects| place(effects));
+    vec![class.into_iter().map(|effects| joined(effects, names, "@")).collect()]
+}
+
+/// What the best cannot be told from, in words.
+pub(crate) fn others(best: &[Placed], rivals: &[Rival], names: &Names) -> Option<String> {
+    let texts: Vec<String> = open(rivals, best).map(|rival| in_words(&rival.effects, names)).collect();
+    (!texts.is_empty()).then(|| texts.join(", nor from "))
+}
+
+/// Whether the records could part the best explanation from others: itself first, then those that it was held against after the fits, then
+/// the entries of the first screen that did not come so far.
+pub(crate) fn comparisons(found: &Search, best: &[Placed], rivals: &[Rival], names: &Names) -> Vec<Comparison> {
+    let entries = found.stages.first().map_or(&[][..], Vec::as_slice);
+    let overlap = found.overlap.as_ref();
+    let leading = overlap.map_or(0, |overlap| overlap.absorbed.len());
+    let place = |placed: &Placed| entries[..leading].iter().position(|entry| same(&entry.placed, placed));
+    // Which effect the others would stand in for.
+    let reference = if best.is_empty() { (leading > 0).then_some(0) } else { best.iter().find_map(place) };
+    let before = |entry: Option<usize>, explanation: String| Comparison {
+        explanation,
+        absorbed: overlap.zip(entry).map(|(overlap, entry)| overlap.absorbed[entry]),
+        cosine: overlap.zip(reference).zip(entry).map(|((overlap, from), entry)| overlap.cosine[(from, entry)]),
+        expected_before: overlap.zip(reference).zip(entry).map(|((overlap, from), to)| overlap.expected[(from, to)]),
+        expected: None,
+        realised: None,
+    };
+    let mut rows = Vec::new();
+    if !best.is_empty() {
+        let own = before(reference, joined(best, names, "@"));
+        rows.push(Comparison { expected: Some(0.0), realised: Some(0.0), ..own });
+    }
+    // The entry that takes the place of the reference in a rival.
+    let stand_in = |rival: &Rival| {
+        let replaced = &entries[reference?].placed;
+        let kept = |placed: &Placed| best.iter().any(|b| !same(b, replaced) && same(b, placed));
+        let new: Vec<&Placed> = rival.effects.iter().filter(|placed| !kept(placed)).collect();
+        if let [one] = new.as_slice() { place(one) } else { None }
+    };
+    let mut listed: Vec<usize> = best.iter().filter_map(place).collect();
+    for rival in rivals {
+        let entry = stand_in(rival);
+        listed.extend(entry);
+        let row = before(entry, joined(&rival.effects, names, "@"));
+        rows.push(Comparison { expected: Some(rival.expected), realised: Some(rival.realised), ..row });
+    }
+    // What was fitted in place of the reference and came too far off.
+    let fitted = |entry: usize| {
+        let replaced = &entries[reference?].placed;
+        let one = |placed: &Placed| same(placed, &entries[entry].placed);
+        let kept = |placed: &Placed| best.iter().any(|b| !same(b, replaced) && same(b, placed));
+        let same_but_for_it = |effects: &[Placed]| {
+            effects.len() == best.len() && effects.iter().any(one) && effects.iter().all(|p| one(p) || kept(p))
+        };
+        found.candidates.iter().find(|candidate| same_but_for_it(&candidate.effects))
+    };
+    let own = found.candidates.iter().find(|candidate| !best.is_empty() && all_same(&candidate.effects, best));
+    for entry in (0..leading).filter(|entry| !listed.contains(entry)) {
+        let candidate = fitted(entry);
+        let effects = candidate.map_or(std::slice::from_ref(&entries[entry].placed), |candidate| &candidate.effects);
+        let realised = candidate.zip(own).map(|(candidate, own)| 0.5 * (candidate.cost - own.cost));
+        rows.push(Comparison { realised, ..before(Some(entry), joined(effects, names, "@")) });
+    }
+    rows
 }
 
 /// A gap with the effects beyond this many times the noise is said to leave something.
@@ -162,7 +230,14 @@ pub(crate) fn sentence(verdict: Verdict, effects: &[NamedEffect], nearest: &[Str
     }
 }
 
-pub(crate) fn words(explained: &Explained, before: &Map, tracks: &Tracks) -> Vec<String> {
+/// The evidence in words. `class` is the most probable explanation and what the records cannot part from it.
+pub(crate) fn words(
+    explained: &Explained,
+    before: &Map,
+    held_out: Option<HeldOut>,
+    tracks: &Tracks,
+    class: Option<(&str, &str)>,
+) -> Vec<String> {
     let Explained { ready, refitted, found, judged, given_cost, .. } = explained;
     let rows = ready.problem.rows() as f64;
     let names = &ready.problem.setting.names;
@@ -191,11 +266,23 @@ pub(crate) fn words(explained: &Explained, before: &Map, tracks: &Tracks) -> Vec
         .iter()
         .find(|c| !c.effects.is_empty() && !c.effects.iter().all(|a| found.best.effects.iter().any(|b| same(a, b))));
     if let (Some(other), false) = (other, found.best.effects.is_empty()) {
-        let one = |p: &Placed| format!("{} at {}", p.effect.name(), p.place.location(names));
         words.push(format!(
             "The nearest other explanation, {}, is worse by {:.0} in log likelihood.",
-            other.effects.iter().map(one).collect::<Vec<_>>().join(" + "),
+            in_words(&other.effects, names),
             (other.cost - found.best.cost) / 2.0
+        ));
+    }
+    if let Some((first, others)) = class {
+        words.push(format!(
+            "These records cannot tell {first} from {others}: if the first is true, the rest is expected to fit worse by less than {SEPARABLE:.0} in log likelihood. The next experiment is chosen to part them.",
+        ));
+    }
+    if let Some(held_out) = held_out {
+        words.push(format!(
+            "On what was held out from all fitting it gains {:.0} in log likelihood over a refit alone, {:.0} times what chance would make of it{}.",
+            held_out.gain / 2.0,
+            held_out.gain / held_out.deviation.max(f64::MIN_POSITIVE),
+            if held_out.refutes() { ": too little, which refutes it" } else { "" },
         ));
     }
     words.push(format!("What is left exceeds the noise by {:.1} times the uncertainty of its level.", judged.excess));

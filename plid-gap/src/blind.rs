@@ -125,6 +125,29 @@ fn a_cubic_spring_is_named_with_place_and_size() {
     let value = &found.effects[0].parameters["k"];
     assert!((value.value / k - 1.0).abs() < 0.05, "{} for {k}", value.value);
     assert!(found.gap.shrink > 0.9, "{:?}", found.gap);
+    let class = found.not_separable.iter().flatten();
+    assert!(class.clone().all(|text| !text.contains("clearance")), "{:?}", found.not_separable);
+}
+
+/// A gap of a tenth of the noise shows that a spring stiffens, and not how.
+#[test]
+fn a_spring_that_hardly_stiffens_may_be_a_clearance() {
+    let (truth, _) = cubic(2, 0.001);
+    let found = diagnosed(&case(2, quiet(2), &truth));
+    assert_eq!(found.not_separable, [["cubic-stiffness@input:u1", "clearance@input:u1"]]);
+    let other = "clearance at input:u1";
+    assert!(
+        found.sentence.contains(&format!("cannot tell cubic-stiffness at input:u1 from {other}")),
+        "{}",
+        found.sentence
+    );
+    let next = found.next_experiment.expect("something is open");
+    assert!(next.contains(&format!("from {other}")), "{next}");
+    // The first says how the others compare, the best among them.
+    assert_eq!(found.separability[0].explanation, "cubic-stiffness@input:u1");
+    let compared =
+        found.separability.iter().find(|row| row.explanation == "clearance@input:u1").expect("it was fitted");
+    assert!(compared.cosine.is_some_and(|cosine| cosine > 0.8) && compared.expected.is_some(), "{compared:?}");
 }
 
 #[test]

@@ -89,8 +89,11 @@ fn repeats(y: &[f64], error: &[f64], noise: f64) -> Vec<usize> {
             let mut near: Vec<f64> =
                 error[first.saturating_sub(AROUND)..(k + AROUND).min(error.len())].iter().map(|e| e.abs()).collect();
             near.sort_by(f64::total_cmp);
-            if worst > OUT_OF_NOISE * noise && worst > OUT_OF_NEIGHBOURS * near[near.len() / 2] {
-                found.extend(first + 1..k);
+            let out = |e: f64| e > OUT_OF_NOISE * noise && e > OUT_OF_NEIGHBOURS * near[near.len() / 2];
+            if out(worst) {
+                // Most hold the last good value; where another one is put in its place, the first of the run is wrong as well.
+                let good = usize::from(!out(error[first].abs()));
+                found.extend(first + good..k);
             }
         }
         first = k;

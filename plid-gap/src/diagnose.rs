@@ -3,13 +3,14 @@
 use std::cell::OnceCell;
 
 use crate::ablation::Step;
-use crate::answer::{classes, named, place, sentence, words};
+use crate::answer::{classes, comparisons, in_words, named, others, place, sentence, words};
 use crate::audit::{Audit, audit};
 use crate::case::Case;
 use crate::diagnosis::{Diagnosis, Explanation, Located, SimulationWithEffects};
 use crate::effects::{Action, Library};
 use crate::error::GapError;
 use crate::explain::{Explained, Rules, errors, explain};
+use crate::held_out::held_out;
 use crate::levels::{LevelRun, is_linear, one_of_each_level};
 use crate::locate::{self, Map};
 use crate::next::next_experiment;
@@ -17,13 +18,14 @@ use crate::plant::Plant;
 use crate::prepare::{Prepared, prepare};
 use crate::problem::Placed;
 use crate::record::Channels;
-use crate::refit::{self, Refit, refit};
+use crate::refit::{self, Refit, clipped, refit};
+use crate::separable::{Foretold, rivals};
 use crate::shrink::{gaps, loudest, run};
 use crate::simulate::{Fineness, simulate};
 use crate::stepwise::Turn;
-use crate::thresholds::{REFUTED, WORSE};
+use crate::thresholds::MOST_UNKNOWN;
 use crate::tracks::Tracks;
-use crate::unseen::{EVIDENCE, Unseen, unseen};
+use crate::unseen::{EVIDENCE, Unseen, unseen, wandering};
 use crate::verdict::{Adequacy, Verdict, weigh};
 use crate::written::{refit_summary, written};
 
@@ -163,24 +165,27 @@ fn finish(
     // What an explanation makes of the quiet records is no noise in them.
     let mut unseen = if off.contains(&Step::Unseen) { Vec::new() } else { unseen(&explained.ready, ground.library) };
     unseen.retain(|unseen| rules.knows(unseen.placed.effect));
-    let Explained { ready, found, judged, level, .. } = &explained;
+    let Explained { ready, refitted, found, judged, level, .. } = &explained;
     let problem = &ready.problem;
     let names = &problem.setting.names;
     say("gaps".into());
     let plant = problem.nuisance.apply(&problem.plant, &explained.fit().eta);
     let actions = problem.actions(&explained.fit().effects);
     let gaps = gaps(&explained, &plant, &actions, &case.config.nuisance);
-    // What was held out judges too: an effect that simulates it worse than a refit alone is not what happens there.
-    let judges = !off.contains(&Step::HeldOutVeto);
-    let fails =
-        judges && !ready.held_out.is_empty() && !found.best.effects.is_empty() && gaps.with_effect > WORSE * gaps.refit;
-    let unknown = if fails { judged.unknown.max(REFUTED) } else { judged.unknown };
+    // What was held out judges too: an effect that does not simulate it better than a refit alone is not what happens there. A refit beyond
+    // the stated limits may stand for the effect itself.
+    let bounded = clipped(problem, &refitted.eta).map(|eta| problem.nuisance.apply(&problem.plant, &eta));
+    let bounded = bounded.as_ref().unwrap_or(&refitted.plant);
+    let held_out =
+        held_out(&ready.held_out, &ready.noise, bounded, &plant, &actions).filter(|_| !found.best.effects.is_empty());
+    let fails = !off.contains(&Step::HeldOutVeto) && held_out.is_some_and(|held_out| held_out.refutes());
+    let unknown = if fails { judged.unknown.max(MOST_UNKNOWN) } else { judged.unknown };
     let mut weighted = weigh(&found.candidates, unknown, problem.rows() as f64, *level, off);
     // What quiet records show holds whatever the free runs say.
     let shown: Vec<&Placed> = unseen
         .iter()
         .map(|u| (&u.placed, u.gain))
-        .filter(|(p, gain)| *gain > EVIDENCE && rules.allow(p, names))
+        .filter(|(p, gain)| *gain > EVIDENCE && rules.allow(p, names) && wandering(p, &found.best.effects).is_none())
         .map(|(p, _)| p)
         .collect();
     for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
@@ -194,7 +199,10 @@ fn finish(
     };
 
     let before = locate::map(&problem.records, &locate::errors(problem), &ready.noise, plant.rate);
-    let said = named(&explained, &shown, &weighted);
+    let mut said = named(&explained, &shown, &weighted);
+    for which in unseen.iter().filter_map(|u| wandering(&u.placed, &found.best.effects)) {
+        said[which].shape_differs = true;
+    }
     let nearest: Vec<String> =
         found.best.effects.iter().map(|p| format!("{} at {}", p.effect.name(), p.place.location(names))).collect();
     let candidates = weighted
@@ -212,17 +220,34 @@ fn finish(
         .collect::<Vec<_>>();
     say("adaptive run".into());
     let tracks = Tracks::of(&problem.plant, &problem.records, &ready.noise.rms());
+    say("held against its rivals".into());
+    let (best, fit) = explained.leading();
+    let foretold = Foretold::new(problem, &fit);
+    let rivals = rivals(&foretold, &best, &found.candidates);
+    let first = in_words(&best, names);
+    let others = others(&best, &rivals, names);
+    let mut sentence = sentence(verdict, &said, &nearest, &gaps, level.seen);
+    if let (Verdict::Effects, Some(others)) = (verdict, &others) {
+        sentence += &format!(" These records cannot tell {first} from {others}.");
+    }
     say("next experiment".into());
     let diagnosis = Diagnosis {
         verdict,
-        sentence: sentence(verdict, &said, &nearest, &gaps, level.seen),
-        next_experiment: next_experiment(&explained, verdict, &weighted, &candidates),
+        sentence,
+        next_experiment: next_experiment(&explained, verdict, &weighted, &best, &foretold, &rivals),
         effects: if verdict == Verdict::Effects { said } else { Vec::new() },
         candidates,
-        not_separable: classes(found, names),
+        not_separable: classes(found, &best, &rivals, names),
+        separability: comparisons(found, &best, &rivals, names),
         place: place(&before, &names.outputs, found, &shown),
         gap: gaps,
-        evidence: words(&explained, &before, &tracks),
+        evidence: words(
+            &explained,
+            &before,
+            held_out,
+            &tracks,
+            others.as_deref().map(|others| (first.as_str(), others)),
+        ),
         warnings: case.warnings.clone(),
     };
     let simulation = written(&explained, model, &plant, &shown, verdict);

@@ -102,6 +102,23 @@ pub struct Gap {
     pub measured_on: Vec<String>,
 }
 
+/// Whether the records could part an explanation from the best one. Differences are in log likelihood, the best explanation taken for true.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Comparison {
+    /// As in `not_separable`.
+    pub explanation: String,
+    /// Share of its trace that a bounded refit absorbs, where it is one entry of the first screen.
+    pub absorbed: Option<f64>,
+    /// Cosine between what is left of its trace and of that of the best explanation's effect, in whose place it would stand.
+    pub cosine: Option<f64>,
+    /// Expected difference, to first order, before any fit.
+    pub expected_before: Option<f64>,
+    /// Expected difference with the explanation fitted to what the best one foretells.
+    pub expected: Option<f64>,
+    /// The difference that the records made.
+    pub realised: Option<f64>,
+}
+
 /// The answer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Diagnosis {
@@ -115,6 +132,9 @@ pub struct Diagnosis {
     pub candidates: Vec<Explanation>,
     /// Causes that these records cannot part.
     pub not_separable: Vec<Vec<String>>,
+    /// Whether they could: the best explanation first.
+    #[serde(default)]
+    pub separability: Vec<Comparison>,
     /// Where.
     #[serde(rename = "where")]
     pub place: Where,

@@ -9,10 +9,11 @@ use crate::modal::dominant;
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::problem::{Fit, Placed, Problem, sum_of_squares};
 use crate::record::Channels;
-use crate::refit::Refit;
+use crate::refit::{Refit, STEPS, refit};
+use crate::separable::NEARLY;
 use crate::shape::{Bent, bent, one_for_two};
 use crate::simulate::Fineness;
-use crate::stepwise::{Search, Turn, search};
+use crate::stepwise::{Search, Turn, all_same, search};
 use crate::thresholds::{ACCEPT, ELSEWHERE, HEAD, INADEQUATE, SHAPE_DIFFERS, WORTH};
 use crate::unseen::is_unseen;
 use crate::verdict::{Adequacy, adequacy};
@@ -77,6 +78,19 @@ impl<'a> Explained<'a> {
         self.bent.as_ref().map_or(&self.found.best, |bent| &bent.fit)
     }
 
+    /// The most probable explanation's effects, and its fit: the best, unless one that explains too little to be accepted is cheaper.
+    pub fn leading(&self) -> (Vec<Placed<'a>>, Fit<'a>) {
+        let best = &self.found.best;
+        match self.found.candidates.first() {
+            Some(first) if !all_same(&first.effects, &best.effects) => {
+                let problem = &self.ready.problem;
+                let tangent = problem.tangent(&problem.nuisance.apply(&problem.plant, &best.eta));
+                (first.effects.clone(), problem.fit(&tangent, &best.eta, &first.effects, NEARLY))
+            }
+            _ => (best.effects.clone(), self.fit().clone()),
+        }
+    }
+
     /// RMS of each output's noise; where nothing shows it, no more than what is left.
     pub fn noise_rms(&self) -> Vec<f64> {
         self.ready.noise.rms().iter().map(|rms| rms * self.level.factor.min(1.0).sqrt()).collect()
@@ -97,7 +111,7 @@ pub fn explain<'a>(
     turn: &OnceCell<Turn<'a>>,
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
-    let first = once(ready, refitted, library, rules, false, turn, say);
+    let first = once(ready, refitted, library, rules, false, Some(turn), say);
     let off = first.ready.off.contains(&Step::ModalPlaces);
     if off || first.judged.unknown < INADEQUATE || first.judged.left < ELSEWHERE {
         return first;
@@ -111,7 +125,7 @@ pub fn explain<'a>(
     let mut ready = first.ready.clone();
     ready.problem = ready.problem.with_modal_places(&modes);
     let refitted = first.refitted.clone();
-    let mut second = once(ready, refitted, library, rules, true, &OnceCell::new(), say);
+    let mut second = once(ready, refitted, library, rules, true, Some(&OnceCell::new()), say);
     if second.price() + ACCEPT > first.price() {
         return first;
     }
@@ -120,13 +134,14 @@ pub fn explain<'a>(
     second
 }
 
+/// `turn` keeps the first turn of the search, or has it; none for a search that was made before with other records.
 fn once<'a>(
     mut ready: Prepared,
     mut refitted: Refit,
     library: &'a Library,
     rules: &Rules,
     bold: bool,
-    turn: &OnceCell<Turn<'a>>,
+    turn: Option<&OnceCell<Turn<'a>>>,
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
     let off = ready.off.clone();
@@ -135,8 +150,15 @@ fn once<'a>(
     let names = ready.problem.setting.names.clone();
     let allowed = |placed: &Placed| !is_unseen(placed.effect) && rules.allow(placed, &names);
     let bonus = |placed: &Placed| rules.bonus(placed, &names);
-    let mut found = search(&mut ready.problem, &mut quick, &refitted, library, &allowed, &bonus, bold, &off, turn, say);
+    let own = OnceCell::new();
+    let kept = turn.unwrap_or(&own);
+    let mut found = search(&mut ready.problem, &mut quick, &refitted, library, &allowed, &bonus, bold, &off, kept, say);
     let simulated = outputs(&ready.problem, &found.best.eta, &found.best.effects);
+    if turn.is_some() && ready.renew_codes(&simulated) {
+        say("samples drop out: once more without them".into());
+        refitted = refit(&ready.problem, STEPS);
+        return once(ready, refitted, library, rules, bold, None, say);
+    }
     if !found.best.effects.is_empty() && ready.renew_noise(&simulated) {
         refitted.weigh_anew(&ready.problem);
         found.weigh_anew(&ready.problem, &off);
@@ -159,7 +181,11 @@ fn once<'a>(
     let level = ready.noise_level(&simulated, best.cost / rows);
     // A stage that was looked at and not accepted says what is still there.
     let last = if found.stages.len() > best.effects.len() { found.stages.last() } else { None };
-    let next = last.and_then(|entries| entries.first()).map_or(0.0, |entry| entry.gain);
+    // How far linear parameters are bent is asked for itself.
+    let further = last.and_then(|entries| entries.iter().find(|entry| !entry.placed.effect.is_in_refit()));
+    let next = further.map_or(0.0, |entry| entry.gain);
+    // Where nothing shows the noise, what is left is its measure.
+    let next = if level.seen { next } else { next / (best.cost / rows).max(1.0) };
     let before = refitted.cost.max(given_cost);
     let judge = |bent: f64, next: f64, cost: f64| adequacy(bent, next, cost, before, rows, level, &off);
     let straight = problem.bent(&best.eta);

@@ -1,82 +1,79 @@
 //! What next: the experiment that would part what is left, by expected information.
 //!
-//! For each experiment that could be made with this setup, and each pair of the best explanation and a rival: the rival is fitted to what
-//! the best explanation says that would be measured, with all that the records already say of its parameters. What it cannot follow, whitened, is
-//! twice the expected log likelihood ratio (Box and Hill 1967, with the noise known).
+//! For each experiment that could be made with this setup, and each pair of the best explanation and a rival: the rival, fitted to what the
+//! best explanation says of the records in hand (`separable.rs`), is fitted to what it says that would be measured, with all that those records
+//! tell of its parameters. What it cannot follow, whitened, is twice the expected log likelihood ratio (Box and Hill 1967, with the noise known).
 
 use nalgebra::DMatrix;
 
-use crate::diagnosis::Explanation;
+use crate::answer::in_words;
 use crate::explain::Explained;
 use crate::nuisance::{Limits, Nuisance};
-use crate::problem::{Effort, Fit, Problem, sum_of_squares};
+use crate::problem::{Fit, Placed, Problem, sum_of_squares};
 use crate::record::{Channels, Excitation, Record};
+use crate::separable::{Foretold, Rival, foretold, open};
 use crate::shrink::loudest;
 use crate::simulate::Fineness;
+use crate::stepwise::all_same;
+use crate::thresholds::SEPARABLE;
+use crate::unseen::is_unseen;
 use crate::verdict::{Verdict, Weighted};
 use crate::whiten::Whitener;
 
-/// Rivals that are looked at, and the probability from which an explanation is one.
+/// Rivals that are looked at beside those that the records cannot part from the best, and the probability from which an explanation is one.
 const RIVALS: usize = 3;
 const OPEN: f64 = 0.02;
-
-/// Expected log likelihood ratio from which an experiment settles a question: odds of 150 : 1.
-const SETTLES: f64 = 5.0;
 
 /// Samples of an experiment.
 const SAMPLES: usize = 2000;
 
-const ROUGH: Effort = Effort { steps: 4, gain: 1.0, fineness: Fineness::COARSE };
-
 /// The experiment to make next, in words with its predicted gain; none where nothing is open.
-pub(crate) fn next_experiment(
-    explained: &Explained,
+pub(crate) fn next_experiment<'a>(
+    explained: &Explained<'a>,
     verdict: Verdict,
-    weighted: &[Weighted],
-    candidates: &[Explanation],
+    weighted: &[Weighted<'a>],
+    best: &[Placed],
+    records: &Foretold<'a>,
+    rivals: &[Rival<'a>],
 ) -> Option<String> {
     if verdict == Verdict::None || weighted.len() < 2 {
         return None;
     }
-    let open = |w: &&Weighted| !w.unknown && w.probability > OPEN && !alike(w, &explained.found.best);
-    let rivals: Vec<&Weighted> = weighted.iter().filter(open).take(RIVALS).collect();
-    let unknown = weighted.iter().find(|w| w.unknown).map_or(0.0, |w| w.probability);
-    if rivals.is_empty() {
+    let mut fitted: Vec<Fit> = open(rivals, best).map(|rival| rival.fit.clone()).collect();
+    let most = fitted.len().max(RIVALS);
+    for likely in weighted.iter().filter(|w| !w.unknown && w.probability > OPEN && !alike(w, best)) {
+        let effects: Vec<Placed> = likely.effects.iter().filter(|p| !is_unseen(p.effect)).cloned().collect();
+        if fitted.len() < most && !fitted.iter().any(|fit| all_same(&fit.effects, &effects)) {
+            let compared = rivals.iter().find(|rival| all_same(&rival.effects, &effects));
+            fitted.push(compared.map_or_else(|| records.fit(&effects), |rival| rival.fit.clone()));
+        }
+    }
+    if fitted.is_empty() {
+        let unknown = weighted.iter().find(|w| w.unknown).map_or(0.0, |w| w.probability);
         return (unknown > 0.05).then(|| by_rule(explained));
     }
-    let quick = &explained.quick;
-    let tangent = quick.tangent(&quick.nuisance.apply(&quick.plant, &explained.found.best.eta));
-    let fitted: Vec<Fit> =
-        rivals.iter().map(|rival| quick.fit(&tangent, &explained.found.best.eta, &rival.effects, ROUGH)).collect();
-    let known: Vec<Option<DMatrix<f64>>> = fitted.iter().map(|fit| known(quick, fit)).collect();
-    let mut best: Option<(f64, String)> = None;
-    for experiment in experiments(quick) {
-        let problem = imagined(explained, &experiment);
+    let known: Vec<Option<DMatrix<f64>>> = fitted.iter().map(|fit| known(&records.problem, fit)).collect();
+    let mut proposed: Option<(f64, String)> = None;
+    for experiment in experiments(&records.problem) {
+        let problem = imagined(explained, &records.truth, &experiment);
         let least = fitted
             .iter()
             .zip(&known)
             .map(|(fit, known)| known.as_ref().map_or(0.0, |known| gain(&problem, fit, known)))
             .fold(f64::INFINITY, f64::min);
-        if best.as_ref().is_none_or(|(most, _)| least > *most) {
-            best = Some((least, experiment.words));
+        if proposed.as_ref().is_none_or(|(most, _)| least > *most) {
+            proposed = Some((least, experiment.words));
         }
     }
-    let (gain, words) = best?;
-    let name =
-        |k: usize| -> String {
-            let text = |e: &crate::diagnosis::Located| format!("{} at {}", e.effect, e.location);
-            let effects = candidates.iter().filter(|c| !c.unknown).nth(k).map(|c| c.effects.iter().map(text).collect());
-            effects.map_or_else(String::new, |effects: Vec<String>| {
-                if effects.is_empty() { "nothing".to_string() } else { effects.join(" + ") }
-            })
-        };
-    let from =
-        format!("{} from {}", name(0), if rivals.len() > 1 { "each of its rivals".to_string() } else { name(1) });
-    Some(if gain > SETTLES {
+    let (gain, words) = proposed?;
+    let name = |effects: &[Placed]| in_words(effects, &records.problem.setting.names);
+    let others: Vec<String> = fitted.iter().map(|fit| name(&fit.effects)).collect();
+    let from = format!("{} from {}", name(best), others.join(" and from "));
+    Some(if gain > SEPARABLE {
         format!("{words}: {SAMPLES} samples are expected to part {from} by {gain:.0} in log likelihood.")
     } else {
         format!(
-            "No level of the inputs at hand parts {from} ({words}: {gain:.1} in log likelihood, where {SETTLES:.0} would do): it takes a sensor or an input at another place."
+            "No level of the inputs at hand parts {from} ({words}: {gain:.1} in log likelihood, where {SEPARABLE:.0} would do): it takes a sensor or an input at another place."
         )
     })
 }
@@ -106,11 +103,11 @@ fn by_rule(explained: &Explained) -> String {
     format!("Nothing of the vocabulary explains the rest; to see what it is, record {}.", wanted.join(", then "))
 }
 
-fn alike(a: &Weighted, best: &Fit) -> bool {
-    let within = |a: &[crate::problem::Placed], b: &[crate::problem::Placed]| {
-        a.iter().all(|a| crate::unseen::is_unseen(a.effect) || b.iter().any(|b| crate::stepwise::same(a, b)))
+fn alike(a: &Weighted, best: &[Placed]) -> bool {
+    let within = |a: &[Placed], b: &[Placed]| {
+        a.iter().all(|a| is_unseen(a.effect) || b.iter().any(|b| crate::stepwise::same(a, b)))
     };
-    within(&a.effects, &best.effects) && within(&best.effects, &a.effects)
+    within(&a.effects, best) && within(best, &a.effects)
 }
 
 /// An input that could be applied.
@@ -120,8 +117,8 @@ struct Experiment {
 }
 
 /// The loudest input again, at other levels, and one input alone.
-fn experiments(quick: &Problem) -> Vec<Experiment> {
-    let loudest = loudest(&quick.records);
+fn experiments(problem: &Problem) -> Vec<Experiment> {
+    let loudest = loudest(&problem.records);
     let scaled = |by: &dyn Fn(usize) -> f64| -> Channels {
         let scale = |(i, u): (usize, &Vec<f64>)| u.iter().take(SAMPLES).map(|x| by(i) * x).collect();
         loudest.u.iter().enumerate().map(scale).collect()
@@ -135,7 +132,7 @@ fn experiments(quick: &Problem) -> Vec<Experiment> {
     ] {
         experiments.push(Experiment { u: scaled(&|_| level), words: words.into() });
     }
-    let names = &quick.setting.names.inputs;
+    let names = &problem.setting.names.inputs;
     if names.len() > 1 {
         for (alone, name) in names.iter().enumerate() {
             let words = format!("Record with {name} alone at twice its highest level");
@@ -146,34 +143,32 @@ fn experiments(quick: &Problem) -> Vec<Experiment> {
 }
 
 /// What would be measured if the best explanation were true.
-fn imagined(explained: &Explained, experiment: &Experiment) -> Problem {
-    let quick = &explained.quick;
-    let best = explained.fit();
-    let t0 = quick.records.iter().map(|r| r.start_s + r.samples() as f64 / quick.plant.rate).fold(0.0, f64::max);
+fn imagined(explained: &Explained, best: &Fit, experiment: &Experiment) -> Problem {
+    let problem = &explained.ready.problem;
+    let ends = problem.records.iter().map(|r| r.start_s + r.samples() as f64 / problem.plant.rate);
     let record = Record {
         name: String::new(),
         excitation: Excitation::Random,
         from_rest: true,
-        start_s: t0,
+        start_s: ends.fold(0.0, f64::max),
         held_out: false,
         u: experiment.u.clone(),
-        y: vec![Vec::new(); quick.plant.p],
+        y: vec![vec![0.0; experiment.u[0].len()]; problem.plant.p],
         simulated: None,
     };
-    let plant = quick.nuisance.apply(&quick.plant, &best.eta);
-    let y = crate::simulate::simulate(&plant, &quick.actions(&best.effects), &record.u, t0, None, Fineness::COARSE);
-    let record = Record { y, ..record };
-    let masked = vec![Vec::new(); quick.plant.p];
-    let whitener = Whitener::new(&record, &explained.ready.noise, quick.plant.rate, masked);
+    let masked = vec![Vec::new(); problem.plant.p];
+    let whitener = Whitener::new(&record, &explained.ready.noise, problem.plant.rate, masked);
     let records = vec![record];
-    let nuisance = Nuisance::new(&quick.plant, &records, &Limits::default());
-    Problem { plant: quick.plant.clone(), records, whiteners: vec![whitener], nuisance, setting: quick.setting.clone() }
+    let nuisance = Nuisance::new(&problem.plant, &records, &Limits::default());
+    let (plant, setting) = (problem.plant.clone(), problem.setting.clone());
+    let made = Problem { plant, records, whiteners: vec![whitener], nuisance, setting };
+    foretold(&made, &best.eta[..made.nuisance.len()], &best.effects)
 }
 
 /// What the records say of a rival's parameters: the information on modes and effects, with initial states let go.
-fn known(quick: &Problem, fit: &Fit) -> Option<DMatrix<f64>> {
-    let (normal, _) = quick.information(fit, &fit.residual);
-    let kept: Vec<usize> = (0..quick.nuisance.of_modes()).chain(quick.nuisance.len()..normal.nrows()).collect();
+fn known(problem: &Problem, fit: &Fit) -> Option<DMatrix<f64>> {
+    let (normal, _) = problem.information(fit, &fit.residual);
+    let kept: Vec<usize> = (0..problem.nuisance.of_modes()).chain(problem.nuisance.len()..normal.nrows()).collect();
     let covariance = normal.cholesky()?.inverse();
     let part = DMatrix::from_fn(kept.len(), kept.len(), |i, j| covariance[(kept[i], kept[j])]);
     part.cholesky().map(|factor| factor.inverse())

@@ -164,6 +164,24 @@ impl Prepared {
         NoiseLevel { factor: power / freedom, uncertainty, seen: true }
     }
 
+    /// Repeats once more, among the errors that an explanation leaves: where the gap as given is large, they do not stand out of it.
+    /// Whether an output turned out to drop out.
+    pub fn renew_codes(&mut self, simulated: &[Channels]) -> bool {
+        let records = &self.problem.records;
+        let errors: Vec<Channels> = records.iter().zip(simulated).map(|(r, y)| crate::locate::error(r, y)).collect();
+        let seen = codes::codes(records, &errors, &self.declared_sensor);
+        let more = |(new, old): (&Codes, &Codes)| new.dropout_rate > old.dropout_rate;
+        if !seen.iter().zip(&self.codes).any(more) {
+            return false;
+        }
+        self.codes = seen;
+        for (k, whitener) in self.problem.whiteners.iter_mut().enumerate() {
+            let masked = self.codes.iter().map(|codes| codes.repeats[k].clone()).collect();
+            *whitener = Whitener::new(&records[k], &self.noise, self.problem.plant.rate, masked);
+        }
+        true
+    }
+
     /// The noise once more, from what an explanation leaves of the quiet records: a disturbance or a line in them is no noise.
     /// Whether it changed by so much that residuals must be whitened anew.
     pub fn renew_noise(&mut self, simulated: &[Channels]) -> bool {

@@ -188,12 +188,7 @@ impl Problem {
                 values[column * rows + range.start..column * rows + range.end].copy_from_slice(&white);
             }
         }
-        let mut tangent = Tangent { rows, columns, values, normal: DMatrix::zeros(columns, columns) };
-        tangent.normal = tangent.cross(&tangent.values, columns);
-        for (j, std) in self.nuisance.std.iter().enumerate() {
-            tangent.normal[(j, j)] += 1.0 / (std * std);
-        }
-        tangent
+        Tangent::new(values, rows, &self.nuisance.std)
     }
 
     /// Sum of squares of eta / std.
@@ -364,6 +359,17 @@ impl Problem {
 }
 
 impl Tangent {
+    /// Of derivatives, column after column, of parameters with a prior of these standard deviations.
+    pub fn new(values: Vec<f64>, rows: usize, std: &[f64]) -> Self {
+        let columns = std.len();
+        let mut tangent = Self { rows, columns, values, normal: DMatrix::zeros(columns, columns) };
+        tangent.normal = tangent.cross(&tangent.values, columns);
+        for (j, std) in std.iter().enumerate() {
+            tangent.normal[(j, j)] += 1.0 / (std * std);
+        }
+        tangent
+    }
+
     /// J' V for V of `count` columns.
     pub fn cross(&self, v: &[f64], count: usize) -> DMatrix<f64> {
         let mut product = DMatrix::zeros(self.columns, count);

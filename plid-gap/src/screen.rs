@@ -22,6 +22,10 @@ pub struct Entry<'a> {
     pub absorbed: f64,
     /// What is left of the effect's trace, whitened and projected, at the best size: its energy.
     pub energy: f64,
+    /// The parameters with which it was simulated.
+    tried: Vec<f64>,
+    /// By how much that trace is multiplied at the best size.
+    size: f64,
 }
 
 /// What the screen starts from: a fit so far.
@@ -61,7 +65,7 @@ pub fn screen<'a>(base: &Base<'_, 'a>, library: &'a Library, skip: impl Fn(&Plac
         .collect();
     // As the runs make it, so that what a coarse run does differently cancels.
     let now = problem.residual(base.plant, base.eta, base.effects, Fineness::COARSE);
-    let left = projected(base.tangent, &factor, base.residual);
+    let left = left(base, &factor);
     let mut entries: Vec<Entry> = pairs
         .par_iter()
         .filter_map(|(effect, place)| {
@@ -105,20 +109,26 @@ fn projected(tangent: &Tangent, factor: &Cholesky<f64, Dyn>, v: &[f64]) -> Proje
     Projected { cross, solved }
 }
 
+/// What a refit would do: (J'J + prior)^{-1} on J'r less the pull of the prior on what the linear parameters are at. At a refit's end that is nothing: what an
+/// effect explains there may be the residual, or what they were bent for.
+fn left(base: &Base, factor: &Cholesky<f64, Dyn>) -> DMatrix<f64> {
+    let mut cross = base.tangent.cross(base.residual, 1);
+    let std = &base.problem.nuisance.std;
+    cross.iter_mut().zip(base.eta).zip(std).for_each(|((g, x), std)| *g -= x / (std * std));
+    factor.solve(&cross)
+}
+
 /// `scaled`: with the size that is best if the trace is proportional to it; otherwise with the size as it is.
 fn entry<'a>(
     base: &Base<'_, 'a>,
     factor: &Cholesky<f64, Dyn>,
     now: &[f64],
-    left: &Projected,
+    left: &DMatrix<f64>,
     mut placed: Placed<'a>,
     scaled: bool,
 ) -> Option<Entry<'a>> {
-    let mut effects = base.effects.to_vec();
-    effects.push(placed.clone());
-    let with = base.problem.residual(base.plant, base.eta, &effects, Fineness::COARSE);
-    // What the effect adds to the outputs.
-    let trace: Vec<f64> = now.iter().zip(&with).map(|(a, b)| a - b).collect();
+    let trace = added(base, now, &placed);
+    let tried = placed.parameters.clone();
     let whole = sum_of_squares(&trace);
     if !(whole.is_finite() && whole > 0.0) {
         return None;
@@ -130,9 +140,9 @@ fn entry<'a>(
     let (energy, product) = if base.bold {
         (whole, dot(&trace, base.residual))
     } else {
-        (clear, dot(&trace, base.residual) - own.cross.dot(&left.solved))
+        (clear, dot(&trace, base.residual) - own.cross.dot(left))
     };
-    let (gain, energy) = match placed.effect.amplitude().filter(|_| scaled) {
+    let (gain, energy, size) = match placed.effect.amplitude().filter(|_| scaled) {
         Some((index, neutral)) => {
             let size = product / energy.max(1e-12 * whole);
             let positive = placed.effect.parameters(&base.problem.setting)[index].range == Range::Positive;
@@ -141,14 +151,32 @@ fn entry<'a>(
             }
             let parameter = &mut placed.parameters[index];
             *parameter = neutral + size * (*parameter - neutral);
-            (size * product, size * size * energy)
+            (size * product, size * size * energy, size)
         }
         // Along a bend of its own the trace grows nearly in proportion too: a start that is some times too strong must not hide it.
         None if scaled => {
             let size = (product / energy.max(1e-12 * whole)).clamp(LEAST_SIZE, MOST_SIZE);
-            (size * (2.0 * product - size * energy), size * size * energy)
+            (size * (2.0 * product - size * energy), size * size * energy, size)
         }
-        None => (2.0 * product - energy, energy),
+        None => (2.0 * product - energy, energy, 1.0),
     };
-    gain.is_finite().then_some(Entry { placed, gain, absorbed, energy })
+    gain.is_finite().then_some(Entry { placed, gain, absorbed, energy, tried, size })
+}
+
+/// What each entry adds to the whitened outputs at its best size, in proportion to what it was simulated with.
+pub fn traces(base: &Base, entries: &[Entry]) -> Vec<Vec<f64>> {
+    let now = base.problem.residual(base.plant, base.eta, base.effects, Fineness::COARSE);
+    let trace = |entry: &Entry| -> Vec<f64> {
+        let tried = Placed { parameters: entry.tried.clone(), ..entry.placed.clone() };
+        added(base, &now, &tried).into_iter().map(|x| entry.size * x).collect()
+    };
+    entries.par_iter().map(trace).collect()
+}
+
+/// What an effect adds to the whitened outputs, whose residual is `now` without it.
+fn added(base: &Base, now: &[f64], placed: &Placed) -> Vec<f64> {
+    let mut effects = base.effects.to_vec();
+    effects.push(placed.clone());
+    let with = base.problem.residual(base.plant, base.eta, &effects, Fineness::COARSE);
+    now.iter().zip(&with).map(|(a, b)| a - b).collect()
 }

@@ -11,8 +11,9 @@ use crate::ports_fit::fit_ports;
 use crate::problem::{Effort, Fit, Placed, Problem, Tangent, sum_of_squares};
 use crate::refit::{Refit, clipped};
 use crate::screen::{Base, Entry, screen};
+use crate::separable::{Overlap, of_screen};
 use crate::simulate::Fineness;
-use crate::thresholds::{ACCEPT, FITTED, FURTHER_SHARE, MATERIAL, MOST_EFFECTS, POLISHED, STRAIGHTENED};
+use crate::thresholds::{ACCEPT, FITTED, FURTHER_SHARE, MATERIAL, MOST_EFFECTS, NOT_ACCEPTED, POLISHED, STRAIGHTENED};
 
 /// An explanation that was fitted, with its price.
 #[derive(Clone)]
@@ -33,6 +34,8 @@ pub struct Search<'a> {
     pub candidates: Vec<Candidate<'a>>,
     /// The screen of each stage.
     pub stages: Vec<Vec<Entry<'a>>>,
+    /// How alike the first entries of the first stage are, before any fit.
+    pub overlap: Option<Overlap>,
 }
 
 impl<'a> Search<'a> {
@@ -100,14 +103,16 @@ pub fn search<'a>(
     };
     let mut candidates = vec![Candidate { effects: Vec::new(), cost: refit.cost, priced: refit.cost }];
     let mut stages = Vec::new();
+    let mut overlap = None;
     for stage in 0..MOST_EFFECTS {
         let there = |placed: &Placed| best.effects.iter().any(|other| same(other, placed)) || !allowed(placed);
         let new = || Turn::new(problem, quick, &best, library, &there, &price, [FITTED, POLISHED]);
-        let (entries, fits) = if stage == 0 {
-            first.get_or_init(new).without(problem, quick, &there, &price)
-        } else {
-            new().without(problem, quick, &there, &price)
-        };
+        let own = OnceCell::new();
+        let turn = if stage == 0 { first } else { &own }.get_or_init(new);
+        let (entries, fits) = turn.without(problem, quick, &there, &price);
+        if stage == 0 {
+            overlap = of_screen(&turn.from.base(quick, bold), &entries[..entries.len().min(FITTED)]);
+        }
         say(progress(stage + 1, &entries, &fits, &price, &problem.setting.names));
         stages.push(entries);
         candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
@@ -127,8 +132,13 @@ pub fn search<'a>(
         c.effects.len() > best.effects.len() && best.effects.iter().all(|b| c.effects.iter().any(|e| same(e, b)))
     };
     candidates.retain(|c| best.effects.is_empty() || !beyond(c));
+    // What was not accepted is no better than nothing, whatever its price.
+    if best.effects.is_empty() {
+        let least = best.cost + NOT_ACCEPTED;
+        candidates.iter_mut().filter(|c| !c.effects.is_empty()).for_each(|c| c.priced = c.priced.max(least));
+    }
     candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
-    Search { best, candidates, stages }
+    Search { best, candidates, stages, overlap }
 }
 
 /// A stage in words: how many entries there were, and what the fits of the first of them gained.
@@ -155,9 +165,7 @@ fn material(problem: &Problem, before: &Fit, after: &Fit, stage: usize) -> bool 
 /// One more effect beside those that were found: the screen, quick fits of its first entries, whole fits of the best of these. No entry and no fit depends
 /// on which others there are, so that a search which knows fewer effects can take them from here.
 pub struct Turn<'a> {
-    from: Start,
-    /// Those that were found before.
-    effects: Vec<Placed<'a>>,
+    from: Start<'a>,
     entries: Vec<Entry<'a>>,
     /// How many are fitted, and how many of these to whole records.
     counts: [usize; 2],
@@ -180,9 +188,8 @@ impl<'a> Turn<'a> {
         counts: [usize; 2],
     ) -> Self {
         let from = Start::new(quick, so_far, price.off);
-        let effects = so_far.effects.clone();
-        let entries = screen(&from.base(quick, &effects, price.bold), library, there);
-        let mut turn = Self { from, effects, entries, counts, quick: Vec::new(), whole: Vec::new() };
+        let entries = screen(&from.base(quick, price.bold), library, there);
+        let mut turn = Self { from, entries, counts, quick: Vec::new(), whole: Vec::new() };
         let all: Vec<usize> = (0..turn.entries.len()).collect();
         (turn.quick, turn.whole) = turn.fits(problem, quick, &all, price);
         turn
@@ -214,7 +221,7 @@ impl<'a> Turn<'a> {
             .filter(|&&k| self.entries[k].gain > 0.0)
             .map(|&k| {
                 let new = || {
-                    let mut all = self.effects.clone();
+                    let mut all = self.from.effects.clone();
                     all.push(self.entries[k].placed.clone());
                     whether_sound(quick, quick.fit(&self.from.tangent, &self.from.eta, &all, QUICK))
                 };
@@ -265,10 +272,21 @@ struct Price<'p> {
 /// Twice the logarithm of the number of entries of the library: each is as likely as another before the data are seen.
 const CHOICE: f64 = 9.0;
 
+/// Price of a number that the bounded refit has as well: it is fitted in any case, and chosen from few. The effect only lets it go further:
+/// twice the logarithm of how much further, in standard deviations of the limits.
+const LET_GO: f64 = 5.0;
+
 impl Price<'_> {
     fn of(&self, fit: &Fit) -> f64 {
-        let bonus: f64 = fit.effects.iter().map(self.bonus).sum();
-        fit.cost + fit.parameters() as f64 * self.rows.ln() + CHOICE * fit.effects.len() as f64 - bonus
+        let one = |placed: &Placed| {
+            let own = if placed.effect.is_in_refit() {
+                LET_GO
+            } else {
+                CHOICE + placed.parameters.len() as f64 * self.rows.ln()
+            };
+            own - (self.bonus)(placed)
+        };
+        fit.cost + fit.effects.iter().map(one).sum::<f64>()
     }
 
     fn candidate<'a>(&self, fit: &Fit<'a>) -> Candidate<'a> {
@@ -277,30 +295,31 @@ impl Price<'_> {
 }
 
 /// A linear model from which a stage starts: without what lies far outside the prior, for that may be an effect.
-struct Start {
+struct Start<'a> {
+    effects: Vec<Placed<'a>>,
     eta: Vec<f64>,
     plant: crate::plant::Plant,
     tangent: Tangent,
     residual: Vec<f64>,
 }
 
-impl Start {
-    fn new(problem: &Problem, fit: &Fit, off: &[Step]) -> Self {
+impl<'a> Start<'a> {
+    fn new(problem: &Problem, fit: &Fit<'a>, off: &[Step]) -> Self {
         let within = if off.contains(&Step::Clipping) { None } else { clipped(problem, &fit.eta) };
         let eta = within.unwrap_or_else(|| fit.eta.clone());
         let plant = problem.nuisance.apply(&problem.plant, &eta);
         let tangent = problem.tangent(&plant);
         let residual = problem.residual(&plant, &eta, &fit.effects, Fineness::COARSE);
-        Self { eta, plant, tangent, residual }
+        Self { effects: fit.effects.clone(), eta, plant, tangent, residual }
     }
 
-    fn base<'p, 'a>(&'p self, problem: &'p Problem, effects: &'p [Placed<'a>], bold: bool) -> Base<'p, 'a> {
+    fn base<'p>(&'p self, problem: &'p Problem, bold: bool) -> Base<'p, 'a> {
         Base {
             problem,
             tangent: &self.tangent,
             plant: &self.plant,
             eta: &self.eta,
-            effects,
+            effects: &self.effects,
             residual: &self.residual,
             bold,
         }

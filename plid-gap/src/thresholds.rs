@@ -23,8 +23,11 @@ pub const MATERIAL: f64 = 0.003;
 
 /// What an effect may explain instead: this much of the linear parameters' penalty. A sound simulation within the stated limits has a
 /// penalty of about the number of modes' parameters times the square of how well it uses the limits; what an effect straightens comes
-/// on top of that, and does not depend on the noise model.
-pub const STRAIGHTENED: f64 = 40.0;
+/// on top of that, and does not depend on the noise model. One parameter at twice the limit, four standard deviations, has 16.
+pub const STRAIGHTENED: f64 = 14.0;
+
+/// What an effect that explains no material part costs beside nothing at least: it stays among the candidates, behind.
+pub const NOT_ACCEPTED: f64 = 4.0;
 
 /// Share of what a fit leaves above the noise that a further effect must explain. A true second effect explains nearly all of it;
 /// a wrong one nibbles at what the first left.
@@ -61,14 +64,26 @@ pub const NEXT: f64 = 50.0;
 pub const SHAPE_DIFFERS: f64 = 0.3;
 
 /// Probability of something else from which places on single modes are tried too: what a strut explains is not looked for elsewhere.
-pub const INADEQUATE: f64 = 0.5;
+pub const INADEQUATE: f64 = 0.4;
 
 /// And share of the refit's excess that must be left for that: a cause at another place leaves more than a shape's third digit.
 pub const ELSEWHERE: f64 = 0.05;
 
-/// A held-out gap with the effects over that of a refit alone from which the explanation is refuted: beside the noise, of which both hold
-/// the same, a right one is never worse by this.
-pub const WORSE: f64 = 1.05;
+/// Gain on held-out records in its own standard deviations that an explanation must reach where twice as much is expected of it.
+pub const HELD_OUT_GAIN: f64 = 3.0;
 
-/// Probability of something else then.
-pub const REFUTED: f64 = 0.9;
+/// Least and largest probability of something else. Of the cases in which nothing of the vocabulary suffices, one in four still has its
+/// cause there, in a shape or beside another effect that the search did not follow: what comes nearest keeps that much.
+pub const LEAST_UNKNOWN: f64 = 0.02;
+/// See [`LEAST_UNKNOWN`]. What held-out records refute has it too.
+pub const MOST_UNKNOWN: f64 = 0.75;
+
+/// Expected difference in log likelihood below which records, in hand or to come, do not part two explanations: odds of 150 : 1.
+pub const SEPARABLE: f64 = 5.0;
+
+/// Realised difference in log likelihood within which explanations are held against the best one: what is further off is refuted,
+/// whatever was to be expected.
+pub const NEAR: f64 = 60.0;
+
+/// So many of them at most, for each is a fit to whole records.
+pub const COMPARED: usize = 8;

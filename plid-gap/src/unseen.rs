@@ -125,3 +125,18 @@ fn coloured(ready: &Prepared) -> Option<(usize, f64, f64, f64)> {
 pub fn is_unseen(effect: &dyn Effect) -> bool {
     matches!(effect.name(), "sensor-quantisation" | "sensor-dropout" | "sensor-noise" | "coloured-disturbance")
 }
+
+/// A band about the line of a narrowband disturbance that is named is that line: it wanders. Which of the effects that is.
+pub fn wandering(band: &Placed, effects: &[Placed]) -> Option<usize> {
+    let Place::Frequency(hz, _) = band.place else { return None };
+    let line = |placed: &Placed| match placed.place {
+        Place::Frequency(line, _) => {
+            placed.effect.name() == "narrowband-disturbance" && (line / hz - 1.0).abs() < NEAR_LINE
+        }
+        _ => false,
+    };
+    (band.effect.name() == "coloured-disturbance").then(|| effects.iter().position(line)).flatten()
+}
+
+/// Bands are looked for in steps of 6 %.
+const NEAR_LINE: f64 = 0.04;

@@ -4,7 +4,7 @@ use crate::ablation::Step;
 use crate::prepare::NoiseLevel;
 use crate::problem::Placed;
 use crate::stepwise::{Candidate, all_same};
-use crate::thresholds::{BENT, EXCESS, MISFIT_TEMPERATURE, NEXT, TEMPERATURE, TEXTBOOK};
+use crate::thresholds::{BENT, EXCESS, LEAST_UNKNOWN, MISFIT_TEMPERATURE, MOST_UNKNOWN, NEXT, TEMPERATURE, TEXTBOOK};
 
 /// What a diagnosis says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -62,7 +62,7 @@ pub fn adequacy(bent: f64, next: f64, cost: f64, before: f64, rows: f64, level: 
     let sound = (1.0 - speaks(Step::Excess, certain * material))
         * (1.0 - speaks(Step::BeyondLimits, beyond))
         * (1.0 - speaks(Step::Coherent, coherent));
-    Adequacy { excess, left, bent, next, unknown: 0.02 + 0.97 * (1.0 - sound) }
+    Adequacy { excess, left, bent, next, unknown: LEAST_UNKNOWN + (MOST_UNKNOWN - LEAST_UNKNOWN) * (1.0 - sound) }
 }
 
 /// Spreads probability over the candidates; `unknown` goes to something else.

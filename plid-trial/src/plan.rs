@@ -83,7 +83,7 @@ pub(crate) fn plan(config: &TrialConfig, seed: u64) -> Vec<Planned> {
         .into_iter()
         .zip(specs)
         .map(|((arm, kinds), mut spec)| {
-            if kinds.iter().any(|kind| kind.name.ends_with("crosstalk")) {
+            if kinds.iter().any(|kind| joins_channels(kind)) {
                 spec.channels = Channels::default();
             }
             let without = if arm == Arm::LeaveOneOut { vec![kinds[0].name.to_owned()] } else { Vec::new() };
@@ -100,6 +100,11 @@ pub(crate) fn plan(config: &TrialConfig, seed: u64) -> Vec<Planned> {
     add_decoys(&mut planned, &kinds, cases.leave_one_out, &mut rng);
     planned.shuffle(&mut rng);
     planned
+}
+
+/// Whether an effect needs more than one channel.
+fn joins_channels(kind: &Kind) -> bool {
+    kind.name.ends_with("crosstalk") || kind.name == "x-channel-product"
 }
 
 /// Plants, channels, experiments and nuisances of `count` cases.
@@ -225,6 +230,22 @@ mod tests {
         // Shares of all cases, to the nearest one.
         let perturbed = planned.iter().filter(|c| c.spec.perturbed).count();
         assert_eq!(perturbed, (0.5 * planned.len() as f64).round() as usize);
+    }
+
+    #[test]
+    fn an_effect_between_channels_gets_all_of_them() {
+        let draw = Draw { channels: vec![Channels { inputs: 1, outputs: 1 }], ..Draw::default() };
+        let planned = plan(&TrialConfig { draw, ..config() }, 7);
+        let joined = |case: &&Planned| case.effects.iter().any(|effect| joins_channels(effect.kind));
+        let kinds: BTreeSet<&str> =
+            planned.iter().filter(joined).flat_map(|c| &c.effects).map(|e| e.kind.name).collect();
+        assert!(
+            ["actuator-crosstalk", "sensor-crosstalk", "x-channel-product"].iter().all(|name| kinds.contains(name))
+        );
+        for case in &planned {
+            let whole = case.spec.channels == Channels::default();
+            assert_eq!(whole, joined(&case), "{:?}", case.spec.channels);
+        }
     }
 
     #[test]

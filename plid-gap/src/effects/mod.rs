@@ -148,6 +148,11 @@ pub trait Effect: Send + Sync {
         None
     }
 
+    /// Whether its number is one that the bounded refit has too, within the stated limits.
+    fn is_in_refit(&self) -> bool {
+        false
+    }
+
     /// Whether the parameters still mean what the name says: a hysteresis that never yields is a gain, a gap that is never closed is
     /// nothing.
     fn sound(&self, _setting: &Setting, _place: &Place, _parameters: &[f64]) -> bool {

@@ -29,6 +29,10 @@ impl Effect for ModalDamping {
         [0.4, 0.7, 1.4, 2.5].map(|rho| vec![rho]).to_vec()
     }
 
+    fn is_in_refit(&self) -> bool {
+        true
+    }
+
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
         let Place::Mode(k) = *place else { return Vec::new() };
         let rho = parameters[0];

@@ -28,6 +28,10 @@ impl Effect for ModalFrequency {
         [0.004, 0.012, 0.03].iter().flat_map(|&delta| [vec![delta], vec![-delta]]).collect()
     }
 
+    fn is_in_refit(&self) -> bool {
+        true
+    }
+
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
         let Place::Mode(k) = *place else { return Vec::new() };
         let factor = 1.0 + parameters[0];

@@ -1,4 +1,4 @@
-//! The simulation in its modes: lightly damped pairs one by one, everything else (actuator poles, filters) in one block.
+//! The simulation in its modes: the structure's pairs one by one, everything else (actuator poles, filters) in one block.
 //!
 //! In these coordinates a frequency, a damping ratio or a shape of one mode is changed by changing that mode's numbers, whatever
 //! the state-space basis in which the simulation was written.
@@ -18,13 +18,16 @@ pub use ports::PortSource;
 /// A complex number.
 pub type C = Complex<f64>;
 
-/// Pairs with a larger damping ratio belong to filters, not to the structure.
-const STRUCTURAL_DAMPING: f64 = 0.3;
+/// Pairs with a larger damping ratio belong to filters, unless they lie below a pair that is damped less: filters lie above the structure.
+const LIGHT: f64 = 0.3;
+
+/// And then up to this damping ratio: a body in a soft suspension, held by its controller or in a fluid.
+const HEAVY: f64 = 0.85;
 
 /// Poles whose eigenvectors' norms multiply to more than this are not parted from their neighbours.
 const PARTED: f64 = 1e5;
 
-/// One lightly damped mode: dz/dt = pole z + b u, y += 2 Re(c z), with a complex z.
+/// One mode of the structure: dz/dt = pole z + b u, y += 2 Re(c z), with a complex z.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mode {
     /// rad/s, with a positive imaginary part.
@@ -143,9 +146,13 @@ impl Plant {
     pub fn new(model: &Model) -> Result<Self, GapError> {
         let model = &balanced(model);
         let (n, m, p, rate) = (model.n(), model.m(), model.p(), model.sample_rate_hz);
-        let structural: Vec<_> = plid_model::modes(model)?
+        let mut oscillatory = plid_model::modes(model)?;
+        oscillatory.retain(|mode| mode.kind == ModeKind::Oscillatory);
+        let light = |damping: f64| damping.abs() < LIGHT;
+        let highest = oscillatory.iter().filter(|m| light(m.damping)).map(|m| m.hz).fold(0.0, f64::max);
+        let structural: Vec<_> = oscillatory
             .into_iter()
-            .filter(|mode| mode.kind == ModeKind::Oscillatory && mode.damping.abs() < STRUCTURAL_DAMPING)
+            .filter(|mode| light(mode.damping) || mode.hz < highest && mode.damping.abs() < HEAVY)
             .filter_map(|mode| eigenvectors(&model.a, mode.pole))
             .filter(|(_, right, left)| left.norm() * right.norm() < PARTED)
             .collect();

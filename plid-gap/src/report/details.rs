@@ -7,12 +7,14 @@ use super::{GIVEN, REFERENCE, WITH, shrink, whereabouts};
 use crate::case::Case;
 use crate::diagnose::Outcome;
 use crate::plant::plain_hz;
+use crate::thresholds::SEPARABLE;
 
 /// All of them.
 pub(super) fn section(report: Report, outcome: &Outcome, case: &Case) -> Report {
     let report = report.heading("Details");
     let report = parameters(report, outcome);
     let report = explanations(report, outcome, case);
+    let report = separability(report, outcome);
     let report = gaps(report, outcome);
     let report = refit(report, outcome);
     let report = stages(report, outcome);
@@ -95,6 +97,50 @@ fn explanations(report: Report, outcome: &Outcome, case: &Case) -> Report {
         }
     }
     report
+}
+
+/// Whether the records could have parted the explanations.
+fn separability(report: Report, outcome: &Outcome) -> Report {
+    let diagnosis = &outcome.diagnosis;
+    let [first, others @ ..] = diagnosis.separability.as_slice() else { return report };
+    if others.is_empty() {
+        return report;
+    }
+    let mut table = Table::new(format!(
+        "Could these records tell them apart? Differences in log likelihood, if {} is at work. The columns on the left are to first order, from the first screen.",
+        first.explanation
+    ))
+    .column("explanation", "")
+    .column("absorbed by a refit", "%")
+    .column("cosine", "")
+    .column("difference expected before any fit", "")
+    .column("expected after the fits", "")
+    .column("found", "")
+    .column("told apart", "");
+    let cell = |value: Option<f64>, digits: usize| match value {
+        Some(value) if value.is_finite() => Cell::fixed(value, digits),
+        _ => "".into(),
+    };
+    for row in &diagnosis.separability {
+        let told = match row.expected {
+            None => "",
+            Some(_) if row.explanation == first.explanation => "",
+            Some(_) if diagnosis.not_separable.iter().any(|class| class.contains(&row.explanation)) => "no",
+            Some(_) => "yes",
+        };
+        table = table.row([
+            row.explanation.as_str().into(),
+            cell(row.absorbed.map(|share| 100.0 * share), 1),
+            cell(row.cosine, 4),
+            cell(row.expected_before, 1),
+            cell(row.expected, 1),
+            cell(row.realised, 1),
+            told.into(),
+        ]);
+    }
+    report.table(table).paragraph(format!(
+        "How to read it. A bounded refit takes the absorbed share of an effect's trace for its own; only the rest can be seen. The cosine says how alike two such rests are, and does not decide alone: what counts is the rest's energy times one minus the squared cosine, halved, so that a cosine of 0.99 hides a cause in a small gap and not in a large one. A rival may bend its other parameters too, so it is fitted to what the first explanation foretells for these records: where less than {SEPARABLE:.0} is expected after the fits (odds of 150 : 1), they cannot part the two, whatever they happened to show. An empty field: the entry was not fitted, or came too far off to be fitted again."
+    ))
 }
 
 /// What an adaptive run sees: innovations, and each mode of the simulation from record to record.

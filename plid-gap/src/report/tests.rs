@@ -8,7 +8,7 @@ use super::page;
 use crate::case::{Case, CaseConfig};
 use crate::diagnose::{Evidence, Outcome};
 use crate::diagnosis::{
-    Diagnosis, Explanation, Gap, Located, NamedEffect, SimulationWithEffects, Value, Where, WrittenEffect,
+    Comparison, Diagnosis, Explanation, Gap, Located, NamedEffect, SimulationWithEffects, Value, Where, WrittenEffect,
 };
 use crate::effects::Side;
 use crate::levels::LevelRun;
@@ -54,6 +54,14 @@ fn outcome(case: &Case) -> Outcome {
         probability,
         gap_after: Some(0.02),
     };
+    let compared = |explanation: &str, before: Option<(f64, f64)>, after: Option<(f64, f64)>| Comparison {
+        explanation: explanation.into(),
+        absorbed: before.map(|_| 0.6543),
+        cosine: before.map(|(cosine, _)| cosine),
+        expected_before: before.map(|(_, expected)| expected),
+        expected: after.map(|(expected, _)| expected),
+        realised: after.map(|(_, realised)| realised),
+    };
     let value = |value: f64, ci95: Option<[f64; 2]>| Value { value, ci95, unit: "f/d^3".into() };
     let cubic = "cubic-stiffness";
     let parameters = BTreeMap::from([("k".to_string(), value(1.25e3, Some([1.1e3, 1.4e3])))]);
@@ -73,7 +81,13 @@ fn outcome(case: &Case) -> Outcome {
             explained(Vec::new(), 0.025),
             Explanation { effects: Vec::new(), unknown: true, probability: 0.015, gap_after: None },
         ],
-        not_separable: vec![vec!["actuator-delay@input:u1".into(), "actuator-lag@input:u1".into()]],
+        not_separable: vec![vec!["cubic-stiffness@input:u1".into(), "clearance@input:u1".into()]],
+        separability: vec![
+            compared("cubic-stiffness@input:u1", Some((1.0, 0.0)), Some((0.0, 0.0))),
+            compared("clearance@input:u1", Some((0.9871, 7.25)), Some((3.75, 1.5))),
+            compared("clearance@input:u1 + sensor-gain@output:y2", None, Some((31.5, 33.5))),
+            compared("sensor-gain@output:y2", Some((0.25, 481.5)), None),
+        ],
         place: Where {
             side: Side::Structure,
             channels: BTreeMap::from([("y<1>".to_string(), 0.3), ("y2".to_string(), 0.7)]),
@@ -170,7 +184,13 @@ fn the_page_says_all_that_the_diagnosis_says() {
         "clearance at input:u1 and sensor-gain at output:y2",
         "nothing is missing",
         "something outside the vocabulary",
-        "actuator-delay@input:u1; actuator-lag@input:u1",
+        "cubic-stiffness@input:u1; clearance@input:u1",
+        // Whether the records could part them.
+        "if cubic-stiffness@input:u1 is at work",
+        "65.4",
+        "0.9871",
+        "481.5",
+        "33.5",
         // The size with its unit and interval.
         "f/d^3",
         "1100 to 1400",
