@@ -3,10 +3,13 @@
 //! One case of each family, each with the next seed in the order of this file. They are short, of few modes and channels: trials say
 //! how often the diagnosis is right, these only that it still is.
 
+use std::time::Instant;
+
 use plid::gap::case::Case;
 use plid::gap::diagnosis::Diagnosis;
 use plid::gap::effects::Library;
 use plid::gap::verdict::Verdict;
+use plid::gap::{Groundwork, Outcome};
 use plid::testbed::gap::{Channels, EffectSpec, GapCase, GapSpec, PlantKind, Simulator, draw};
 
 /// A beam with two channels each way and records of a fifth of the usual length.
@@ -111,4 +114,33 @@ fn a_simulator_that_gives_only_its_outputs() {
     assert_eq!((found.verdict, &first.effect), (Verdict::Effects, &truth.effect), "{}", found.sentence);
     assert!(truth.is_at(&first.location), "{}: {truth:?}", found.sentence);
     assert!(found.gap.shrink > 0.5, "{:?}", found.gap);
+}
+
+/// An effect that is at work, and one that was fitted beside it: leaving it out of a diagnosis that was made gives the bytes of one that never knew it.
+#[test]
+fn what_is_left_out_is_as_if_it_had_never_been_known() {
+    let spec = GapSpec { channels: Channels { inputs: 1, outputs: 1 }, ..spec(&["actuator-dead-zone"]) };
+    let drawn = draw(3, &spec).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    drawn.write(&folder.path().join("case"), &folder.path().join("label")).unwrap();
+    let case = Case::read(&folder.path().join("case/case.toml")).unwrap();
+    let bytes = |outcome: &Outcome| {
+        let seen = (&outcome.evidence.stages, &outcome.evidence.unseen);
+        serde_json::to_string(&(&outcome.diagnosis, &outcome.simulation, seen)).unwrap()
+    };
+    let library = Library::standard();
+    let (whole, ground) = Groundwork::whole(&case, &library, &[], &mut |_| {}).unwrap();
+    // An entry of the first stage that is not at work: without it others move up.
+    let mut first = whole.evidence.stages[0].iter().map(|(name, ..)| name.as_str());
+    let beside = first.find(|name| *name != "actuator-dead-zone").unwrap();
+    for name in ["actuator-dead-zone", beside] {
+        let without = [name.to_owned()];
+        let clock = Instant::now();
+        let left_out = ground.leave_out(&without, &mut |_| {}).unwrap();
+        let again = clock.elapsed().as_secs_f64();
+        let never = plid::gap::diagnose(&case, &Library::standard().without(&without), &mut |_| {}).unwrap();
+        println!("{name}: {again:.2} s left out, {:.2} s from scratch", clock.elapsed().as_secs_f64() - again);
+        assert_eq!(bytes(&left_out), bytes(&never), "{name}");
+        assert!(left_out.diagnosis.effects.iter().all(|effect| effect.effect != name));
+    }
 }

@@ -7,8 +7,7 @@ use std::path::Path;
 
 use common::plid;
 
-const TRIAL: &str =
-    "name = \"one\"\n[cases]\nsingles_per_effect = 1\n[draw]\neffects = [\"sensor-offset\"]\nleast_over_floor = 5.0\n";
+const TRIAL: &str = "name = \"one\"\n[cases]\nsingles_per_effect = 1\n[draw]\neffects = [\"sensor-offset\"]\nleast_over_floor = 5.0\nlength = 0.2\nchannels = [{ inputs = 1, outputs = 1 }]\n";
 
 /// Runs it and gives status, standard output and standard error.
 fn run(at: &Path, arguments: &[&str]) -> (i32, String, String) {
@@ -39,6 +38,17 @@ fn a_trial_in_one_command() {
     assert_eq!(status, 0, "{wrong}");
     let said: serde_json::Value = serde_json::from_str(&said).unwrap();
     assert_eq!(said["report"], "out/report.html");
+    // What two steps are worth in this one case: nothing off gives the same bytes, or it would be refused.
+    let command = ["gap", "trial", "ablate", "out/trial", "--sealed", "out/sealed", "--out", "ablation"];
+    let (status, said, wrong) =
+        run(at, &[&command[..], &["--steps", "modal-places,noise-fit", "--jobs", "1"]].concat());
+    assert_eq!(status, 0, "{wrong}");
+    assert!(said.contains("report: ablation/report.html"), "{said}");
+    let changed = |step: &str| said.lines().any(|line| line.contains(step) && line.contains("1 of 1 answers changed"));
+    assert!(changed("noise-fit") && !changed("modal-places"), "{said}");
+    let page = fs::read_to_string(at.join("ablation/report.html")).unwrap();
+    assert!(page.contains("No answer changed at all without modal-places"));
+
     let (status, _, wrong) = run(at, &["gap", "trial", "run", "--quick", "--out", "out", "--resume"]);
     assert!(status == 2 && wrong.contains("out holds another trial"), "{wrong}");
 }
@@ -64,4 +74,9 @@ fn what_is_wrong_is_said() {
     refused(&["merge", "T"], "no shard to merge");
     refused(&["diagnose", "T", "--shard", "3/2"], "i from 1 to N");
     refused(&["diagnose", "T", "--jobs", "0"], "--jobs 0");
+    for command in [&["diagnose", "T", "--off"][..], &["ablate", "T", "--sealed", "S", "--out", "A", "--steps"]] {
+        let command = [command, &["audit,polish"]].concat();
+        refused(&command, "`polish` is no step that can be off; those are audit, noise-fit");
+        refused(&command, "temperature");
+    }
 }

@@ -5,7 +5,8 @@
 //! ```
 //!
 //! Each CASE-FOLDER holds a case.toml. OUT/NAME gets the diagnosis and predicted.csv, the prediction for LABELS/NAME/test_u.csv. With
-//! `--leave-out` each case is diagnosed without the effects that its label.json names: what is not in the vocabulary must be kept open.
+//! `--leave-out` each case is diagnosed a second time, without the effects that its label.json names, into OUT/NAME/left-out: what is not in the
+//! vocabulary must be kept open.
 //! `--verbose` tells every stage of the search.
 
 use std::error::Error;
@@ -15,6 +16,7 @@ use std::time::Instant;
 use plid_gap::case::{Case, columns};
 use plid_gap::effects::Library;
 use plid_gap::predict::Predictor;
+use plid_gap::{Groundwork, Outcome};
 use plid_lab::data::{MissingPolicy, channels, read};
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -30,33 +32,45 @@ fn main() -> Result<(), Box<dyn Error>> {
         let folder = Path::new(folder);
         let name = folder.file_name().ok_or("a case folder has a name")?;
         let label = Path::new(labels).join(name);
-        let library = if leave_out { without_truth(&label)? } else { Library::standard() };
+        let library = Library::standard();
         let case = Case::read(&folder.join("case.toml"))?;
-        let outcome = plid_gap::diagnose(&case, &library, &mut |stage| {
+        let mut say = |stage: String| {
             if verbose {
                 println!("    {stage}");
             }
-        })?;
+        };
+        let (outcome, ground) = Groundwork::whole(&case, &library, &[], &mut say)?;
         let to = Path::new(out).join(name);
-        std::fs::create_dir_all(&to)?;
-        plid_gap::write(&outcome, &case, &to)?;
-        predict(&to, &label)?;
-        let judged = outcome.evidence.adequacy;
-        println!("{} {:.1} s: {}", name.display(), clock.elapsed().as_secs_f64(), outcome.diagnosis.sentence);
-        println!("    squared residual over noise: {:.4?} (as given, refit, with effects)", outcome.evidence.costs);
-        println!(
-            "    something else: {:.2} (excess {:.1}, bent {:.1}, next {:.0})",
-            judged.unknown, judged.excess, judged.bent, judged.next
-        );
+        told(&outcome, &case, &label, &to, clock)?;
+        if leave_out {
+            let clock = Instant::now();
+            let outcome = ground.leave_out(&true_effects(&label)?, &mut say)?;
+            told(&outcome, &case, &label, &to.join("left-out"), clock)?;
+        }
     }
     Ok(())
 }
 
-fn without_truth(label: &Path) -> Result<Library, Box<dyn Error>> {
+/// Writes an answer with its prediction, and says it.
+fn told(outcome: &Outcome, case: &Case, label: &Path, to: &Path, clock: Instant) -> Result<(), Box<dyn Error>> {
+    std::fs::create_dir_all(to)?;
+    plid_gap::write(outcome, case, to)?;
+    predict(to, label)?;
+    let judged = outcome.evidence.adequacy;
+    println!("{} {:.1} s: {}", to.display(), clock.elapsed().as_secs_f64(), outcome.diagnosis.sentence);
+    println!("    squared residual over noise: {:.4?} (as given, refit, with effects)", outcome.evidence.costs);
+    println!(
+        "    something else: {:.2} (excess {:.1}, bent {:.1}, next {:.0})",
+        judged.unknown, judged.excess, judged.bent, judged.next
+    );
+    Ok(())
+}
+
+/// Effects that a label names.
+fn true_effects(label: &Path) -> Result<Vec<String>, Box<dyn Error>> {
     let label: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(label.join("label.json"))?)?;
     let effects = label["effects"].as_array().ok_or("a label names its effects")?;
-    let names: Vec<String> = effects.iter().filter_map(|e| e["effect"].as_str()).map(String::from).collect();
-    Ok(Library::standard().without(&names))
+    Ok(effects.iter().filter_map(|e| e["effect"].as_str()).map(String::from).collect())
 }
 
 fn predict(to: &Path, label: &Path) -> Result<(), Box<dyn Error>> {

@@ -1,7 +1,10 @@
 //! The whole diagnosis, step after step.
 
+use std::cell::OnceCell;
+
+use crate::ablation::Step;
 use crate::answer::{classes, comparisons, in_words, named, others, place, sentence, words};
-use crate::audit::audit;
+use crate::audit::{Audit, audit};
 use crate::case::Case;
 use crate::diagnosis::{Diagnosis, Explanation, Located, SimulationWithEffects};
 use crate::effects::{Action, Library};
@@ -12,13 +15,14 @@ use crate::levels::{LevelRun, is_linear, one_of_each_level};
 use crate::locate::{self, Map};
 use crate::next::next_experiment;
 use crate::plant::Plant;
-use crate::prepare::prepare;
+use crate::prepare::{Prepared, prepare};
 use crate::problem::Placed;
 use crate::record::Channels;
-use crate::refit::{self, clipped, refit};
+use crate::refit::{self, Refit, clipped, refit};
 use crate::separable::{Foretold, rivals};
 use crate::shrink::{gaps, loudest, run};
 use crate::simulate::{Fineness, simulate};
+use crate::stepwise::Turn;
 use crate::thresholds::MOST_UNKNOWN;
 use crate::tracks::Tracks;
 use crate::unseen::{EVIDENCE, Unseen, unseen, wandering};
@@ -79,18 +83,88 @@ const NOISE_LINES: usize = 200;
 /// # Errors
 /// [`GapError`].
 pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> Result<Outcome, GapError> {
-    say("audit".into());
-    let audit = audit(case, library, say)?;
-    let case = &audit.case;
-    let model = case.model.as_ref().ok_or_else(|| GapError::Failed("a case has a model once it is audited".into()))?;
-    say("preparing".into());
-    let ready = prepare(model, &case.records, &audit.known)?;
-    say("bounded refit".into());
-    let refitted = refit(&ready.problem, refit::STEPS);
-    let rules = Rules { suspects: &case.config.suspects, exclude: &case.config.exclude };
-    let explained = explain(ready, refitted, library, &rules, say);
+    diagnose_without(case, library, &[], say)
+}
+
+/// Diagnoses a case with some steps off, to see what they are worth.
+///
+/// # Errors
+/// [`GapError`].
+pub fn diagnose_without(
+    case: &Case,
+    library: &Library,
+    off: &[Step],
+    say: &mut dyn FnMut(String),
+) -> Result<Outcome, GapError> {
+    let ground = Groundwork::new(case, library, off, say)?;
+    finish(&ground, &ground.audit, &[], say)
+}
+
+/// What a diagnosis does before it matters which effects it knows: audit, preparation, bounded refit; and the first turn of the search, from which one that
+/// knows fewer effects takes all but theirs.
+pub struct Groundwork<'a> {
+    case: &'a Case,
+    library: &'a Library,
+    audit: Audit,
+    ready: Prepared,
+    refitted: Refit,
+    first: OnceCell<Turn<'a>>,
+}
+
+impl<'a> Groundwork<'a> {
+    fn new(case: &'a Case, library: &'a Library, off: &[Step], say: &mut dyn FnMut(String)) -> Result<Self, GapError> {
+        say("audit".into());
+        let audit = audit(case, library, off, say)?;
+        say("preparing".into());
+        let ready = prepare(model(&audit)?, &audit.case.records, &audit.known)?;
+        say("bounded refit".into());
+        let refitted = refit(&ready.problem, refit::STEPS);
+        Ok(Self { case, library, audit, ready, refitted, first: OnceCell::new() })
+    }
+
+    /// The answer with the whole library, and what can be used again where effects are left out. `off` are steps that neither makes.
+    ///
+    /// # Errors
+    /// [`GapError`].
+    pub fn whole(
+        case: &'a Case,
+        library: &'a Library,
+        off: &[Step],
+        say: &mut dyn FnMut(String),
+    ) -> Result<(Outcome, Self), GapError> {
+        let ground = Self::new(case, library, off, say)?;
+        let outcome = finish(&ground, &ground.audit, &[], say)?;
+        Ok((outcome, ground))
+    }
+
+    /// The answer of a diagnosis that does not know these effects: to the last bit that with [`Library::without`].
+    ///
+    /// # Errors
+    /// [`GapError`].
+    pub fn leave_out(&self, without: &[String], say: &mut dyn FnMut(String)) -> Result<Outcome, GapError> {
+        finish(self, &self.audit.without(self.case, self.library, without)?, without, say)
+    }
+}
+
+fn model(audit: &Audit) -> Result<&plid_model::Model, GapError> {
+    audit.case.model.as_ref().ok_or_else(|| GapError::Failed("a case has a model once it is audited".into()))
+}
+
+/// All that depends on which effects are known.
+fn finish(
+    ground: &Groundwork,
+    audit: &Audit,
+    without: &[String],
+    say: &mut dyn FnMut(String),
+) -> Result<Outcome, GapError> {
+    let (case, model) = (&audit.case, model(audit)?);
+    let off = &audit.known.off;
+    let rules = Rules { suspects: &case.config.suspects, exclude: &case.config.exclude, without };
+    let (ready, refitted) = (ground.ready.clone(), ground.refitted.clone());
+    let explained = explain(ready, refitted, ground.library, &rules, &ground.first, say);
     // What an explanation makes of the quiet records is no noise in them.
-    let unseen = unseen(&explained.ready, library);
+    let mut unseen = if off.contains(&Step::Unseen) { Vec::new() } else { unseen(&explained.ready, ground.library) };
+    unseen.retain(|unseen| rules.knows(unseen.placed.effect));
     let Explained { ready, refitted, found, judged, level, .. } = &explained;
     let problem = &ready.problem;
     let names = &problem.setting.names;
@@ -104,9 +178,9 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     let bounded = bounded.as_ref().unwrap_or(&refitted.plant);
     let held_out =
         held_out(&ready.held_out, &ready.noise, bounded, &plant, &actions).filter(|_| !found.best.effects.is_empty());
-    let fails = held_out.is_some_and(|held_out| held_out.refutes());
+    let fails = !off.contains(&Step::HeldOutVeto) && held_out.is_some_and(|held_out| held_out.refutes());
     let unknown = if fails { judged.unknown.max(MOST_UNKNOWN) } else { judged.unknown };
-    let mut weighted = weigh(&found.candidates, unknown, problem.rows() as f64, *level);
+    let mut weighted = weigh(&found.candidates, unknown, problem.rows() as f64, *level, off);
     // What quiet records show holds whatever the free runs say.
     let shown: Vec<&Placed> = unseen
         .iter()

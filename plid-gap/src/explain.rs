@@ -1,6 +1,9 @@
 //! Steps 3 to 8: which effects explain the gap, and whether they suffice.
 
-use crate::effects::{Library, Names};
+use std::cell::OnceCell;
+
+use crate::ablation::Step;
+use crate::effects::{Effect, Library, Names};
 use crate::locate::error;
 use crate::modal::dominant;
 use crate::prepare::{NoiseLevel, Prepared};
@@ -10,7 +13,7 @@ use crate::refit::{Refit, STEPS, refit};
 use crate::separable::NEARLY;
 use crate::shape::{Bent, bent, one_for_two};
 use crate::simulate::Fineness;
-use crate::stepwise::{Search, all_same, search};
+use crate::stepwise::{Search, Turn, all_same, search};
 use crate::thresholds::{ACCEPT, ELSEWHERE, HEAD, INADEQUATE, SHAPE_DIFFERS, WORTH};
 use crate::unseen::is_unseen;
 use crate::verdict::{Adequacy, adequacy};
@@ -21,15 +24,22 @@ pub struct Rules<'r> {
     pub suspects: &'r [String],
     /// What cannot be.
     pub exclude: &'r [String],
+    /// Effects of the library that the diagnosis does not know.
+    pub without: &'r [String],
 }
 
 /// What a suspect is worth: odds of 50 : 1 against an entry that nobody named.
 const SUSPECTED: f64 = 8.0;
 
 impl Rules<'_> {
+    /// Whether it knows an effect.
+    pub fn knows(&self, effect: &dyn Effect) -> bool {
+        !self.without.iter().any(|name| name == effect.name())
+    }
+
     /// Whether an effect may be named at a place.
     pub fn allow(&self, placed: &Placed, names: &Names) -> bool {
-        !self.exclude.iter().any(|word| means(word, placed, names))
+        self.knows(placed.effect) && !self.exclude.iter().any(|word| means(word, placed, names))
     }
 
     /// What a suspicion is worth, in twice the log likelihood.
@@ -91,16 +101,19 @@ impl<'a> Explained<'a> {
     }
 }
 
-/// Searches, with the struts as places of internal forces; where that does not suffice, with the modes about which the gap lies too.
+/// Searches, with the struts as places of internal forces; where that does not suffice, with the modes about which the gap lies too. `turn` keeps the
+/// first turn of the first search, or has it.
 pub fn explain<'a>(
     ready: Prepared,
     refitted: Refit,
     library: &'a Library,
     rules: &Rules,
+    turn: &OnceCell<Turn<'a>>,
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
-    let first = once(ready, refitted, library, rules, false, true, say);
-    if first.judged.unknown < INADEQUATE || first.judged.left < ELSEWHERE {
+    let first = once(ready, refitted, library, rules, false, Some(turn), say);
+    let off = first.ready.off.contains(&Step::ModalPlaces);
+    if off || first.judged.unknown < INADEQUATE || first.judged.left < ELSEWHERE {
         return first;
     }
     let problem = &first.ready.problem;
@@ -112,7 +125,7 @@ pub fn explain<'a>(
     let mut ready = first.ready.clone();
     ready.problem = ready.problem.with_modal_places(&modes);
     let refitted = first.refitted.clone();
-    let mut second = once(ready, refitted, library, rules, true, true, say);
+    let mut second = once(ready, refitted, library, rules, true, Some(&OnceCell::new()), say);
     if second.price() + ACCEPT > first.price() {
         return first;
     }
@@ -121,42 +134,48 @@ pub fn explain<'a>(
     second
 }
 
+/// `turn` keeps the first turn of the search, or has it; none for a search that was made before with other records.
 fn once<'a>(
     mut ready: Prepared,
     mut refitted: Refit,
     library: &'a Library,
     rules: &Rules,
     bold: bool,
-    first: bool,
+    turn: Option<&OnceCell<Turn<'a>>>,
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
+    let off = ready.off.clone();
     let rows = ready.problem.rows() as f64;
     let mut quick = ready.problem.head(HEAD, &ready.noise);
     let names = ready.problem.setting.names.clone();
     let allowed = |placed: &Placed| !is_unseen(placed.effect) && rules.allow(placed, &names);
     let bonus = |placed: &Placed| rules.bonus(placed, &names);
-    let mut found = search(&mut ready.problem, &mut quick, &refitted, library, &allowed, &bonus, bold, say);
+    let own = OnceCell::new();
+    let kept = turn.unwrap_or(&own);
+    let mut found = search(&mut ready.problem, &mut quick, &refitted, library, &allowed, &bonus, bold, &off, kept, say);
     let simulated = outputs(&ready.problem, &found.best.eta, &found.best.effects);
-    if first && ready.renew_codes(&simulated) {
+    if turn.is_some() && ready.renew_codes(&simulated) {
         say("samples drop out: once more without them".into());
         refitted = refit(&ready.problem, STEPS);
-        return once(ready, refitted, library, rules, bold, false, say);
+        return once(ready, refitted, library, rules, bold, None, say);
     }
     if !found.best.effects.is_empty() && ready.renew_noise(&simulated) {
         refitted.weigh_anew(&ready.problem);
-        found.weigh_anew(&ready.problem);
+        found.weigh_anew(&ready.problem, &off);
     }
     let problem = &ready.problem;
     let zero = vec![0.0; problem.nuisance.len()];
     let given_cost = sum_of_squares(&problem.residual(&problem.plant, &zero, &[], Fineness::FINE));
-    let simpler = one_for_two(problem, &quick, &found.best);
+    let free = !off.contains(&Step::FreeShapes);
+    let simpler = if free { one_for_two(problem, &quick, &found.best) } else { None };
     let bent = match simpler {
         Some((alone, bent)) => {
             found.settle(alone, bent.fit.cost);
             Some(bent)
         }
         // What fails with its own shape and suffices with a free one is this place, and another shape.
-        None => bent(problem, &quick, &found.best).filter(|bent| found.best.cost - bent.fit.cost > 4.0 * WORTH),
+        None if free => bent(problem, &quick, &found.best).filter(|bent| found.best.cost - bent.fit.cost > 4.0 * WORTH),
+        None => None,
     };
     let best = found.best.clone();
     let level = ready.noise_level(&simulated, best.cost / rows);
@@ -167,7 +186,8 @@ fn once<'a>(
     let next = further.map_or(0.0, |entry| entry.gain);
     // Where nothing shows the noise, what is left is its measure.
     let next = if level.seen { next } else { next / (best.cost / rows).max(1.0) };
-    let judge = |bent: f64, next: f64, cost: f64| adequacy(bent, next, cost, refitted.cost, given_cost, rows, level);
+    let before = refitted.cost.max(given_cost);
+    let judge = |bent: f64, next: f64, cost: f64| adequacy(bent, next, cost, before, rows, level, &off);
     let straight = problem.bent(&best.eta);
     let mut judged = judge(straight, next, best.cost);
     if let Some(bent) = &bent {

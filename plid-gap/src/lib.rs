@@ -1,5 +1,6 @@
 //! Where a simulation disagrees with its records, which unmodelled effect causes it, and how far the gap shrinks once it is added.
 
+pub mod ablation;
 mod answer;
 pub mod audit;
 #[cfg(test)]
@@ -50,6 +51,7 @@ pub mod whiten;
 mod write;
 mod written;
 
-pub use diagnose::{Evidence, Outcome, diagnose};
+pub use ablation::Step;
+pub use diagnose::{Evidence, Groundwork, Outcome, diagnose, diagnose_without};
 pub use error::GapError;
 pub use write::write;

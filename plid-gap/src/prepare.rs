@@ -1,5 +1,6 @@
 //! From a case to a problem: which records are fitted, what the noise is, what effects may know.
 
+use crate::ablation::Step;
 use crate::codes::{self, Codes};
 use crate::effects::Setting;
 use crate::error::GapError;
@@ -43,6 +44,8 @@ pub struct Prepared {
     pub declares: bool,
     /// Spectra of what no command explains.
     pub quiet: Vec<Stretch>,
+    /// Steps that the diagnosis leaves out.
+    pub off: Vec<Step>,
 }
 
 /// What is known beforehand, beside model and records.
@@ -56,6 +59,8 @@ pub struct Known {
     pub model_error: Option<ModelError>,
     /// Frequencies that count.
     pub band_hz: Option<[f64; 2]>,
+    /// Steps that the diagnosis leaves out.
+    pub off: Vec<Step>,
 }
 
 /// Makes a problem.
@@ -77,7 +82,9 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     let errors = given_errors(&plant, &fitted);
     let codes = codes::codes(&fitted, &errors, &declared_sensor);
     let setting = setting(&plant, model, &fitted, &errors);
-    let quiet = quiet_stretches(&plant, &fitted, &setting.tones);
+    let off = &known.off;
+    let quiet =
+        if off.contains(&Step::NoiseFit) { Vec::new() } else { quiet_stretches(&plant, &fitted, &setting.tones) };
     let noise = if quiet.is_empty() { declared.clone() } else { declared.fit(&quiet) };
     let noise = rounded(noise, &codes, &declared_sensor);
     let whiteners = fitted
@@ -91,7 +98,7 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     let nuisance = Nuisance::new(&plant, &fitted, &known.limits).doubted(&known.doubt);
     let problem = Problem { plant, records: fitted, whiteners, nuisance, setting };
     let declares = model.noise.sensor_std.is_some();
-    Ok(Prepared { problem, held_out, declared, noise, declared_sensor, declares, quiet, codes })
+    Ok(Prepared { problem, held_out, declared, noise, declared_sensor, declares, quiet, codes, off: off.clone() })
 }
 
 /// How well the noise's level is known, and what it is over the model's.
@@ -178,6 +185,9 @@ impl Prepared {
     /// The noise once more, from what an explanation leaves of the quiet records: a disturbance or a line in them is no noise.
     /// Whether it changed by so much that residuals must be whitened anew.
     pub fn renew_noise(&mut self, simulated: &[Channels]) -> bool {
+        if self.off.iter().any(|step| matches!(step, Step::NoiseFit | Step::RenewedNoise)) {
+            return false;
+        }
         let records = &self.problem.records;
         let quiet: Vec<Stretch> = records
             .iter()

@@ -1,12 +1,14 @@
 //! One effect after the other: screen, fit of the best few, acceptance; then each effect is questioned again beside the others.
 
+use std::cell::OnceCell;
 use std::f64::consts::TAU;
 
 use rayon::prelude::*;
 
+use crate::ablation::Step;
 use crate::effects::{Library, Names, Place, Range};
 use crate::ports_fit::fit_ports;
-use crate::problem::{Effort, Fit, Placed, Problem, Tangent};
+use crate::problem::{Effort, Fit, Placed, Problem, Tangent, sum_of_squares};
 use crate::refit::{Refit, clipped};
 use crate::screen::{Base, Entry, screen};
 use crate::separable::{Overlap, of_screen};
@@ -58,9 +60,9 @@ impl<'a> Search<'a> {
     }
 
     /// The best explanation under a changed noise model; the others keep their distance from it.
-    pub fn weigh_anew(&mut self, problem: &Problem) {
+    pub fn weigh_anew(&mut self, problem: &Problem, off: &[Step]) {
         let before = self.best.cost;
-        self.best = polish(problem, self.best.clone());
+        self.best = on_whole(problem, self.best.clone(), off);
         for candidate in &mut self.candidates {
             candidate.cost += self.best.cost - before;
             candidate.priced += self.best.cost - before;
@@ -76,7 +78,7 @@ const FINE: Effort = Effort { steps: 8, gain: 0.1, fineness: Fineness::FINE };
 
 /// Searches for up to [`MOST_EFFECTS`] effects: on `quick` (the heads of the records), then among the best few on `problem`.
 /// `allowed` says what may be named where; `bonus` what the engineer suspects (subtracted from the price); `bold` screens at several
-/// sizes; `say` is told what is going on.
+/// sizes; `off` are the steps that are left out; `first` keeps the first turn, or has it; `say` is told what is going on.
 #[allow(clippy::too_many_arguments)]
 pub fn search<'a>(
     problem: &mut Problem,
@@ -86,9 +88,11 @@ pub fn search<'a>(
     allowed: &(dyn Fn(&Placed) -> bool + Sync),
     bonus: &(dyn Fn(&Placed) -> f64 + Sync),
     bold: bool,
+    off: &[Step],
+    first: &OnceCell<Turn<'a>>,
     say: &mut dyn FnMut(String),
 ) -> Search<'a> {
-    let price = Price { rows: problem.rows() as f64, bonus, bold };
+    let price = Price { rows: problem.rows() as f64, bonus, bold, off };
     let mut best = Fit {
         eta: refit.eta.clone(),
         effects: Vec::new(),
@@ -102,21 +106,24 @@ pub fn search<'a>(
     let mut overlap = None;
     for stage in 0..MOST_EFFECTS {
         let there = |placed: &Placed| best.effects.iter().any(|other| same(other, placed)) || !allowed(placed);
-        let from = Start::new(quick, &best);
-        let (entries, fits) = turn(problem, quick, &from, library, &there, &price, FITTED, POLISHED);
+        let new = || Turn::new(problem, quick, &best, library, &there, &price, [FITTED, POLISHED]);
+        let own = OnceCell::new();
+        let turn = if stage == 0 { first } else { &own }.get_or_init(new);
+        let (entries, fits) = turn.without(problem, quick, &there, &price);
         if stage == 0 {
-            overlap = of_screen(&from.base(quick, bold), &entries[..entries.len().min(FITTED)]);
+            overlap = of_screen(&turn.from.base(quick, bold), &entries[..entries.len().min(FITTED)]);
         }
         say(progress(stage + 1, &entries, &fits, &price, &problem.setting.names));
         stages.push(entries);
         candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
         let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { break };
         let gain = price.of(&best) - price.of(&top);
-        if !(gain > ACCEPT && material(problem, &best, &top, stage)) {
+        let material = off.contains(&Step::Material) || material(problem, &best, &top, stage);
+        if !(gain > ACCEPT && material) {
             break;
         }
-        best = fit_ports(problem, quick, top);
-        if best.effects.len() > 1 {
+        best = if off.contains(&Step::PortScales) { top } else { fit_ports(problem, quick, top) };
+        if best.effects.len() > 1 && !off.contains(&Step::Questioning) {
             best = question(problem, quick, best, library, allowed, &price, &mut candidates);
         }
     }
@@ -147,7 +154,7 @@ fn progress(stage: usize, entries: &[Entry], fits: &[Fit], price: &Price, names:
 /// Whether a further effect explains enough: of the residual, or of what the linear parameters had to be bent for it.
 fn material(problem: &Problem, before: &Fit, after: &Fit, stage: usize) -> bool {
     let rows = problem.rows() as f64;
-    let left = |fit: &Fit| crate::problem::sum_of_squares(&fit.residual);
+    let left = |fit: &Fit| sum_of_squares(&fit.residual);
     let explained = left(before) - left(after);
     let share = explained / (left(before) - rows).max(MATERIAL * rows);
     let straightened = problem.penalty(&before.eta) - problem.penalty(&after.eta);
@@ -155,28 +162,84 @@ fn material(problem: &Problem, before: &Fit, after: &Fit, stage: usize) -> bool 
     visible || (straightened > STRAIGHTENED && explained > -STRAIGHTENED)
 }
 
-/// One more effect beside those of `from`: the screen, quick fits of its first entries, whole fits of the best of these.
-#[allow(clippy::too_many_arguments)]
-fn turn<'a>(
-    problem: &Problem,
-    quick: &Problem,
-    from: &Start<'a>,
-    library: &'a Library,
-    there: &(dyn Fn(&Placed) -> bool + Sync),
-    price: &Price,
-    fitted: usize,
-    polished: usize,
-) -> (Vec<Entry<'a>>, Vec<Fit<'a>>) {
-    let entries = screen(&from.base(quick, price.bold), library, there);
-    let mut fits = fit_all(quick, from, &entries[..entries.len().min(fitted)]);
-    fits.sort_by(|a, b| price.of(a).total_cmp(&price.of(b)));
-    fits.truncate(polished);
-    let whole = fits
-        .into_par_iter()
-        .map(|fit| polish(problem, fit))
-        .filter(|fit| fit.cost.is_finite() && fit.effects.iter().all(|placed| sound(problem, placed)))
-        .collect();
-    (entries, whole)
+/// One more effect beside those that were found: the screen, quick fits of its first entries, whole fits of the best of these. No entry and no fit depends
+/// on which others there are, so that a search which knows fewer effects can take them from here.
+pub struct Turn<'a> {
+    from: Start<'a>,
+    entries: Vec<Entry<'a>>,
+    /// How many are fitted, and how many of these to whole records.
+    counts: [usize; 2],
+    /// Fits to the heads of the records by number of the entry; none where the fit is not sound.
+    quick: Numbered<'a>,
+    /// Fits to whole records.
+    whole: Numbered<'a>,
+}
+
+type Numbered<'a> = Vec<(usize, Option<Fit<'a>>)>;
+
+impl<'a> Turn<'a> {
+    fn new(
+        problem: &Problem,
+        quick: &Problem,
+        so_far: &Fit<'a>,
+        library: &'a Library,
+        there: &(dyn Fn(&Placed) -> bool + Sync),
+        price: &Price,
+        counts: [usize; 2],
+    ) -> Self {
+        let from = Start::new(quick, so_far, price.off);
+        let entries = screen(&from.base(quick, price.bold), library, there);
+        let mut turn = Self { from, entries, counts, quick: Vec::new(), whole: Vec::new() };
+        let all: Vec<usize> = (0..turn.entries.len()).collect();
+        (turn.quick, turn.whole) = turn.fits(problem, quick, &all, price);
+        turn
+    }
+
+    /// Entries and whole fits of those that are not there already, and not left out.
+    fn without(
+        &self,
+        problem: &Problem,
+        quick: &Problem,
+        there: &dyn Fn(&Placed) -> bool,
+        price: &Price,
+    ) -> (Vec<Entry<'a>>, Vec<Fit<'a>>) {
+        let kept: Vec<usize> = (0..self.entries.len()).filter(|&k| !there(&self.entries[k].placed)).collect();
+        let (_, whole) = self.fits(problem, quick, &kept, price);
+        let entries = kept.into_iter().map(|k| self.entries[k].clone()).collect();
+        (entries, whole.into_iter().filter_map(|(_, fit)| fit).collect())
+    }
+
+    /// Fits of the first of these entries, to heads and to whole records; those that are known are not made again.
+    fn fits(&self, problem: &Problem, quick: &Problem, at: &[usize], price: &Price) -> (Numbered<'a>, Numbered<'a>) {
+        let [fitted, polished] = self.counts;
+        let known = |fits: &Numbered<'a>, k: usize| fits.iter().find(|(n, _)| *n == k).map(|(_, fit)| fit.clone());
+        let whether_sound = |problem: &Problem, fit: Fit<'a>| {
+            (fit.cost.is_finite() && fit.effects.iter().all(|placed| sound(problem, placed))).then_some(fit)
+        };
+        let heads: Numbered<'a> = at[..at.len().min(fitted)]
+            .par_iter()
+            .filter(|&&k| self.entries[k].gain > 0.0)
+            .map(|&k| {
+                let new = || {
+                    let mut all = self.from.effects.clone();
+                    all.push(self.entries[k].placed.clone());
+                    whether_sound(quick, quick.fit(&self.from.tangent, &self.from.eta, &all, QUICK))
+                };
+                (k, known(&self.quick, k).unwrap_or_else(new))
+            })
+            .collect();
+        let mut best: Vec<(usize, &Fit<'a>)> = heads.iter().filter_map(|(k, fit)| Some((*k, fit.as_ref()?))).collect();
+        best.sort_by(|a, b| price.of(a.1).total_cmp(&price.of(b.1)));
+        best.truncate(polished);
+        let whole = best
+            .into_par_iter()
+            .map(|(k, fit)| {
+                let new = || whether_sound(problem, on_whole(problem, fit.clone(), price.off));
+                (k, known(&self.whole, k).unwrap_or_else(new))
+            })
+            .collect();
+        (heads, whole)
+    }
 }
 
 /// Whether two name the same effect at the same place.
@@ -198,9 +261,10 @@ fn near(a: &Place, b: &Place) -> bool {
     }
 }
 
-/// What parameters and choices cost, and how the screen goes about it.
+/// What parameters and choices cost, and how a turn goes about it.
 struct Price<'p> {
     bold: bool,
+    off: &'p [Step],
     rows: f64,
     bonus: &'p (dyn Fn(&Placed) -> f64 + Sync),
 }
@@ -240,8 +304,9 @@ struct Start<'a> {
 }
 
 impl<'a> Start<'a> {
-    fn new(problem: &Problem, fit: &Fit<'a>) -> Self {
-        let eta = clipped(problem, &fit.eta).unwrap_or_else(|| fit.eta.clone());
+    fn new(problem: &Problem, fit: &Fit<'a>, off: &[Step]) -> Self {
+        let within = if off.contains(&Step::Clipping) { None } else { clipped(problem, &fit.eta) };
+        let eta = within.unwrap_or_else(|| fit.eta.clone());
         let plant = problem.nuisance.apply(&problem.plant, &eta);
         let tangent = problem.tangent(&plant);
         let residual = problem.residual(&plant, &eta, &fit.effects, Fineness::COARSE);
@@ -261,22 +326,20 @@ impl<'a> Start<'a> {
     }
 }
 
-fn fit_all<'a>(problem: &Problem, from: &Start<'a>, entries: &[Entry<'a>]) -> Vec<Fit<'a>> {
-    entries
-        .par_iter()
-        .filter(|entry| entry.gain > 0.0)
-        .map(|entry| {
-            let mut all = from.effects.clone();
-            all.push(entry.placed.clone());
-            problem.fit(&from.tangent, &from.eta, &all, QUICK)
-        })
-        .filter(|fit| fit.cost.is_finite() && fit.effects.iter().all(|placed| sound(problem, placed)))
-        .collect()
-}
-
 /// Whether the parameters still say what the effect's name says.
 fn sound(problem: &Problem, placed: &Placed) -> bool {
     placed.effect.sound(&problem.setting, &placed.place, &placed.parameters)
+}
+
+/// A fit to the heads of the records, fitted to whole ones; where that is off, judged there.
+fn on_whole<'a>(problem: &Problem, fit: Fit<'a>, off: &[Step]) -> Fit<'a> {
+    if !off.contains(&Step::Polishing) {
+        return polish(problem, fit);
+    }
+    let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
+    let residual = problem.residual(&plant, &fit.eta, &fit.effects, Fineness::FINE);
+    let cost = sum_of_squares(&residual) + problem.penalty(&fit.eta);
+    Fit { residual, cost, ..fit }
 }
 
 /// The same fit with fine steps and derivatives at its own linear model.
@@ -311,8 +374,9 @@ fn question<'a>(
         let there = |placed: &Placed| {
             others.iter().any(|other| same(other, placed)) || same(&asked, placed) || !allowed(placed)
         };
-        let without = Start::new(quick, &Fit { effects: others.clone(), ..best.clone() });
-        let (_, fits) = turn(problem, quick, &without, library, &there, price, FITTED / 2, POLISHED / 2);
+        let without = Fit { effects: others.clone(), ..best.clone() };
+        let turn = Turn::new(problem, quick, &without, library, &there, price, [FITTED / 2, POLISHED / 2]);
+        let (_, fits) = turn.without(problem, quick, &there, price);
         candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
         let top = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b)));
         if let Some(top) = top

@@ -31,6 +31,7 @@ const ITERATIONS: usize = 60;
 const POOR: f64 = 0.05;
 
 /// A model that stands in where the case gives no simulation.
+#[derive(Debug, Clone)]
 pub struct StandIn {
     /// The model.
     pub model: Model,

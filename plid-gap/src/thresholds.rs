@@ -48,6 +48,9 @@ pub const TEMPERATURE: f64 = 4.0;
 /// inadequate models mean little.
 pub const MISFIT_TEMPERATURE: f64 = 0.05;
 
+/// The textbook's two, with which the ablation compares.
+pub const TEXTBOOK: f64 = 2.0;
+
 /// Twice the log likelihood that a free shape must gain on the heads of the records, and four times that on whole ones: eight
 /// numbers gain eight by chance.
 pub const WORTH: f64 = 40.0;

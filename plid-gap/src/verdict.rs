@@ -1,9 +1,10 @@
 //! Probabilities of all explanations, "something else" among them, and the verdict.
 
+use crate::ablation::Step;
 use crate::prepare::NoiseLevel;
 use crate::problem::Placed;
 use crate::stepwise::{Candidate, all_same};
-use crate::thresholds::{BENT, EXCESS, LEAST_UNKNOWN, MISFIT_TEMPERATURE, MOST_UNKNOWN, NEXT, TEMPERATURE};
+use crate::thresholds::{BENT, EXCESS, LEAST_UNKNOWN, MISFIT_TEMPERATURE, MOST_UNKNOWN, NEXT, TEMPERATURE, TEXTBOOK};
 
 /// What a diagnosis says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -44,19 +45,12 @@ pub struct Adequacy {
     pub unknown: f64,
 }
 
-/// Judges what the best explanation leaves, and how far (`bent`, in standard deviations) the linear parameters had to go for it.
-pub fn adequacy(
-    bent: f64,
-    next: f64,
-    cost: f64,
-    refit_cost: f64,
-    given_cost: f64,
-    rows: f64,
-    level: NoiseLevel,
-) -> Adequacy {
+/// Judges what the best explanation leaves of the sum of squares `before` it, and how far (`bent`, in standard deviations) the linear parameters had
+/// to go for it.
+pub fn adequacy(bent: f64, next: f64, cost: f64, before: f64, rows: f64, level: NoiseLevel, off: &[Step]) -> Adequacy {
     let noise = rows * level.factor;
     let excess = (cost / noise - 1.0) / level.uncertainty;
-    let left = ((cost - noise) / (refit_cost.max(given_cost) - noise).max(1.0)).clamp(0.0, 1.0);
+    let left = ((cost - noise) / (before - noise).max(1.0)).clamp(0.0, 1.0);
     let certain = 1.0 / (1.0 + (-(excess - EXCESS)).exp());
     // A rest of a thousandth of a large gap is a matter of the effect's third digit, not of another cause.
     let material = 1.0 / (1.0 + (0.004 / left.max(1e-12)).powi(4));
@@ -64,15 +58,25 @@ pub fn adequacy(
     let beyond = 1.0 / (1.0 + (-(bent - BENT) / 0.3).exp());
     // What still lies in the residual along some effect's trace, though no effect explains it.
     let coherent = 1.0 / (1.0 + (-(next - NEXT) / 8.0).exp());
-    let sound = (1.0 - certain * material) * (1.0 - beyond) * (1.0 - coherent);
+    let speaks = |step: Step, share: f64| if off.contains(&step) { 0.0 } else { share };
+    let sound = (1.0 - speaks(Step::Excess, certain * material))
+        * (1.0 - speaks(Step::BeyondLimits, beyond))
+        * (1.0 - speaks(Step::Coherent, coherent));
     Adequacy { excess, left, bent, next, unknown: LEAST_UNKNOWN + (MOST_UNKNOWN - LEAST_UNKNOWN) * (1.0 - sound) }
 }
 
 /// Spreads probability over the candidates; `unknown` goes to something else.
-pub fn weigh<'a>(candidates: &[Candidate<'a>], unknown: f64, rows: f64, level: NoiseLevel) -> Vec<Weighted<'a>> {
+pub fn weigh<'a>(
+    candidates: &[Candidate<'a>],
+    unknown: f64,
+    rows: f64,
+    level: NoiseLevel,
+    off: &[Step],
+) -> Vec<Weighted<'a>> {
     let Some(best) = candidates.first() else { return Vec::new() };
+    let misfit = (best.cost - rows * level.factor * (1.0 + 2.0 * level.uncertainty)).max(0.0);
     let temperature =
-        TEMPERATURE + MISFIT_TEMPERATURE * (best.cost - rows * level.factor * (1.0 + 2.0 * level.uncertainty)).max(0.0);
+        if off.contains(&Step::Temperature) { TEXTBOOK } else { TEMPERATURE + MISFIT_TEMPERATURE * misfit };
     let mut weighted: Vec<Weighted> = Vec::new();
     for candidate in candidates {
         let weight = (-(candidate.priced - best.priced) / temperature).exp();

@@ -36,8 +36,8 @@ pub struct Cases {
     pub triples: usize,
     /// One effect that the vocabulary does not have; kinds in turn.
     pub outsiders: usize,
-    /// One effect of the vocabulary that is taken from the diagnosis's; effects in turn. As many of the singles are diagnosed without an
-    /// effect that is not at work.
+    /// One effect of the vocabulary, effects in turn: more singles, which are answered a second time without that effect. As many of the other singles
+    /// are answered a second time without one that is not at work.
     pub leave_one_out: usize,
 }
 

@@ -9,6 +9,7 @@ use std::time::Instant;
 
 use plid_gap::case::Case;
 use plid_gap::effects::Library;
+use plid_gap::{Groundwork, Outcome, Step};
 use plid_lab::run::Progress;
 use serde::{Deserialize, Serialize};
 
@@ -16,7 +17,7 @@ use crate::answer::{self, Answer, Shard};
 use crate::baselines;
 use crate::error::TrialError;
 use crate::files;
-use crate::manifest::{MANIFEST, Manifest};
+use crate::manifest::{MANIFEST, Manifest, OpenCase};
 use crate::seal::sha256;
 
 /// How the work is shared out; the answers do not depend on it.
@@ -55,8 +56,8 @@ pub(crate) const SHARD: &str = "shard.json";
 pub(crate) const ANSWERS: &str = "answers";
 pub(crate) const SHARDS: &str = "shards";
 
-/// Answers one case: its folder, and the effects that the vocabulary lacks.
-pub type Answerer = dyn Fn(&Path, &[String]) -> Result<Answer, String> + Sync;
+/// Answers one case: its folder, and the effects without which it is to be answered a second time, if any.
+pub type Answerer<'a> = dyn Fn(&Path, &[String]) -> Result<Answer, String> + Sync + 'a;
 
 /// Diagnoses the cases of a trial that have no answer yet, and lets the baselines answer.
 ///
@@ -73,7 +74,7 @@ pub fn diagnose(trial: &Path, options: Options, progress: &dyn Progress) -> Resu
 pub fn diagnose_with(
     trial: &Path,
     options: Options,
-    answerer: &Answerer,
+    answerer: &Answerer<'_>,
     progress: &dyn Progress,
 ) -> Result<Done, TrialError> {
     let manifest = Manifest::read(trial)?;
@@ -81,17 +82,35 @@ pub fn diagnose_with(
         None => trial.join(ANSWERS),
         Some(shard) => trial.join(SHARDS).join(shard.folder()),
     };
-    files::make(&answers)?;
     let ours = manifest.cases.iter().enumerate().filter(|(index, _)| options.shard.is_none_or(|s| s.has(*index)));
     let ours: Vec<_> = ours.map(|(_, case)| case).collect();
+    progress.stage("diagnosing");
+    let done = answer_all(trial, answers, &ours, options.jobs, answerer, progress)?;
+    if let Some(shard) = options.shard {
+        let cases = ours.iter().map(|case| case.case.clone()).collect();
+        let trial_sha256 = sha256(&files::read(&trial.join(MANIFEST))?);
+        files::write(&done.answers.join(SHARD), &files::json(&ShardFile { shard, trial_sha256, cases }))?;
+    }
+    Ok(done)
+}
+
+/// Answers those of `ours` that have no answer in `answers` yet.
+pub(crate) fn answer_all(
+    trial: &Path,
+    answers: PathBuf,
+    ours: &[&OpenCase],
+    jobs: usize,
+    answerer: &Answerer<'_>,
+    progress: &dyn Progress,
+) -> Result<Done, TrialError> {
+    files::make(&answers)?;
     let mut open = Vec::new();
-    for case in &ours {
+    for case in ours {
         if answer::read(&answers, &case.case)?.is_none() {
             open.push(*case);
         }
     }
     let before = ours.len() - open.len();
-    progress.stage("diagnosing");
     progress.advance(before, ours.len());
 
     let next = AtomicUsize::new(0);
@@ -124,22 +143,17 @@ pub fn diagnose_with(
         }
     };
     std::thread::scope(|scope| {
-        (0..options.jobs.clamp(1, open.len().max(1))).for_each(|_| drop(scope.spawn(work)));
+        (0..jobs.clamp(1, open.len().max(1))).for_each(|_| drop(scope.spawn(work)));
     });
     if let Some(error) = trouble.into_inner().expect("nobody panics while holding it") {
         return Err(error);
     }
     let mut failed = Vec::new();
-    for case in &ours {
+    for case in ours {
         match answer::read(&answers, &case.case)? {
             Some((answered, _)) => failed.extend(answered.failed.map(|_| case.case.clone())),
             None => return Err(TrialError::Interrupted { directory: answers }),
         }
-    }
-    if let Some(shard) = options.shard {
-        let cases = ours.iter().map(|case| case.case.clone()).collect();
-        let trial_sha256 = sha256(&files::read(&trial.join(MANIFEST))?);
-        files::write(&answers.join(SHARD), &files::json(&ShardFile { shard, trial_sha256, cases }))?;
     }
     Ok(Done { cases: ours.len(), before, failed, answers })
 }
@@ -151,17 +165,51 @@ fn words(panic: &(dyn Any + Send)) -> String {
 
 /// plid's own diagnosis, with the baselines' answers.
 fn plid(folder: &Path, without: &[String]) -> Result<Answer, String> {
-    let library = Library::standard().without(without);
     let case = Case::read(&folder.join("case.toml")).map_err(|e| e.to_string())?;
-    let outcome = plid_gap::diagnose(&case, &library, &mut |_| {}).map_err(|e| e.to_string())?;
-    let others = baselines::answers(&case, &outcome, &library).map_err(|e| e.to_string())?;
-    Ok(Answer::from([
-        (DIAGNOSIS, files::json(&outcome.diagnosis)),
-        (SIMULATION, files::json(&outcome.simulation)),
-        (BASELINES, files::json(&others)),
-    ]))
+    let library = Library::standard();
+    let (whole, left_out) = outcomes(&case, &library, without, &[])?;
+    let others = baselines::answers(&case, &whole, left_out.as_ref(), &library).map_err(|e| e.to_string())?;
+    let mut answer = answer_of(&whole, left_out.as_ref());
+    answer.insert(BASELINES, files::json(&others));
+    Ok(answer)
 }
 
-pub(crate) const DIAGNOSIS: &str = "diagnosis.json";
-pub(crate) const SIMULATION: &str = "sim-with-effect.json";
+/// The same with a step off, and no baselines.
+pub(crate) fn plid_without(folder: &Path, without: &[String], off: &[Step]) -> Result<Answer, String> {
+    let case = Case::read(&folder.join("case.toml")).map_err(|e| e.to_string())?;
+    let (whole, left_out) = outcomes(&case, &Library::standard(), without, off)?;
+    Ok(answer_of(&whole, left_out.as_ref()))
+}
+
+/// With the whole vocabulary; and from the same groundwork without what is to be left out, if anything is.
+fn outcomes(
+    case: &Case,
+    library: &Library,
+    without: &[String],
+    off: &[Step],
+) -> Result<(Outcome, Option<Outcome>), String> {
+    let (whole, ground) = Groundwork::whole(case, library, off, &mut |_| {}).map_err(|e| e.to_string())?;
+    let left_out = (!without.is_empty()).then(|| ground.leave_out(without, &mut |_| {}));
+    Ok((whole, left_out.transpose().map_err(|e| e.to_string())?))
+}
+
+fn answer_of(whole: &Outcome, left_out: Option<&Outcome>) -> Answer {
+    let files = std::iter::once((WHOLE, whole)).chain(left_out.map(|outcome| (LEFT_OUT, outcome)));
+    let both = files.flat_map(|(names, outcome)| {
+        [(names.diagnosis, files::json(&outcome.diagnosis)), (names.simulation, files::json(&outcome.simulation))]
+    });
+    both.collect()
+}
+
+/// Names of the files of an answer.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Names {
+    pub diagnosis: &'static str,
+    pub simulation: &'static str,
+}
+
+/// With the whole vocabulary.
+pub(crate) const WHOLE: Names = Names { diagnosis: "diagnosis.json", simulation: "sim-with-effect.json" };
+/// Without what the case leaves out.
+pub(crate) const LEFT_OUT: Names = Names { diagnosis: "left-out.json", simulation: "left-out-sim.json" };
 pub(crate) const BASELINES: &str = "baselines.json";

@@ -3,6 +3,7 @@
 //! [`draw()`] writes the cases in one directory and their answers, sealed, in another. [`diagnose()`] reads the first alone.
 //! [`score()`] fixes the hash of all answers, checks that what was sealed is what was committed to, and only then opens it.
 
+pub mod ablation;
 mod answer;
 pub mod baselines;
 pub mod config;
@@ -23,6 +24,7 @@ mod targets;
 pub mod truth;
 pub mod vocabulary;
 
+pub use ablation::{diagnose_without, score_without};
 pub use answer::{Answer, Answered, Shard};
 pub use config::TrialConfig;
 pub use diagnose::{Done, Options, diagnose, diagnose_with};

@@ -26,8 +26,7 @@ pub(crate) struct Manifest {
 pub(crate) struct OpenCase {
     /// Folder in T/cases and in S/cases.
     pub case: String,
-    /// Effects that the diagnosis of this case does not know. Some cases lack an effect that is not at work, so that the list
-    /// does not tell what is.
+    /// Effects without which this case is answered a second time. With some cases these are not at work, so that the list does not tell what is.
     pub without: Vec<String>,
     /// Salted hashes of the sealed files, by name.
     pub sealed: BTreeMap<String, String>,

@@ -30,7 +30,7 @@ pub enum Arm {
     Triple,
     /// One that the vocabulary does not have.
     Outsider,
-    /// One that is taken from the vocabulary.
+    /// One that is taken from the vocabulary for a second answer.
     LeaveOneOut,
 }
 
@@ -138,7 +138,7 @@ fn one_of<T: Copy>(from: &[T], rng: &mut ChaCha12Rng) -> T {
     if let [only] = from { *only } else { from[rng.random_range(0..from.len())] }
 }
 
-/// Singles that are diagnosed without an effect that is not at work: otherwise the list of what is left out would name causes.
+/// Singles whose second answer is without an effect that is not at work: otherwise the list of what is left out would name causes.
 fn add_decoys(planned: &mut [Planned], kinds: &[&'static Kind], count: usize, rng: &mut ChaCha12Rng) {
     let mut singles: Vec<&mut Planned> = planned.iter_mut().filter(|case| case.arm == Arm::Single).collect();
     singles.shuffle(rng);

@@ -17,11 +17,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::answer::{self, Answered};
 use crate::baselines::Baselines;
-use crate::diagnose::{ANSWERS, BASELINES, DIAGNOSIS, SIMULATION};
+use crate::diagnose::{ANSWERS, BASELINES, LEFT_OUT, Names, WHOLE};
 use crate::error::TrialError;
 use crate::files;
 use crate::judge::{Asked, Claim, Judged, Named, asked, judge, wanted};
 use crate::manifest::{DrawnCase, MANIFEST, Manifest, OpenCase, Seal};
+use crate::plan::Arm;
 use crate::report;
 use crate::scores::{Given, Line, Scores};
 use crate::seal::{salted, sha256};
@@ -30,14 +31,14 @@ use crate::truth::{TrueEffect, Truth};
 /// S/answers.json: the answers as they were before anything was opened.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Fixed {
+pub(crate) struct Fixed {
     /// Of all of them.
-    sha256: String,
+    pub(crate) sha256: String,
     /// Of each case's answer.json, which holds the hashes of the files.
     cases: BTreeMap<String, String>,
 }
 
-const FIXED: &str = "answers.json";
+pub(crate) const FIXED: &str = "answers.json";
 
 /// Scores a trial; writes scores.json and report.html into `out`.
 ///
@@ -48,29 +49,11 @@ pub fn score(trial: &Path, sealed: &Path, out: &Path, progress: &dyn Progress) -
     let manifest = Manifest::read(trial)?;
     let answers = trial.join(ANSWERS);
     let given = given(&manifest, &answers)?;
-    let fixed = fix(&given, sealed)?;
-    let seal = Seal::read(sealed)?;
-    if sha256(&files::read(&trial.join(MANIFEST))?) != seal.trial_sha256 {
-        let reason = format!("it is not the one that {} was drawn with", sealed.display());
-        return Err(TrialError::Malformed { path: trial.join(MANIFEST), reason });
-    }
-    check(&manifest, &seal, sealed)?;
-
+    let fixed = fix(&given, &sealed.join(FIXED))?;
+    let seal = unseal(&manifest, trial, sealed)?;
     progress.stage("scoring");
-    progress.advance(0, manifest.cases.len());
-    let done = std::sync::atomic::AtomicUsize::new(0);
-    let lines = manifest
-        .cases
-        .par_iter()
-        .zip(&given)
-        .map(|(case, (answered, _))| {
-            let line = line(trial, sealed, case, answered)?;
-            let done = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
-            progress.advance(done, manifest.cases.len());
-            Ok(line)
-        })
-        .collect::<Result<Vec<Line>, TrialError>>()?;
-    let seconds = manifest.cases.iter().map(|case| answer::seconds(&answers, &case.case)).collect::<Result<_, _>>()?;
+    let lines = lines(trial, sealed, &manifest, &answers, &given, progress)?;
+    let seconds = seconds(&manifest, &answers)?;
     let given = Given {
         name: seal.config.name.clone(),
         seed: seal.seed,
@@ -86,8 +69,38 @@ pub fn score(trial: &Path, sealed: &Path, out: &Path, progress: &dyn Progress) -
     Ok(scores)
 }
 
+/// Every answer beside the truth.
+pub(crate) fn lines(
+    trial: &Path,
+    sealed: &Path,
+    manifest: &Manifest,
+    answers: &Path,
+    given: &[(Answered, String)],
+    progress: &dyn Progress,
+) -> Result<Vec<Line>, TrialError> {
+    progress.advance(0, manifest.cases.len());
+    let done = std::sync::atomic::AtomicUsize::new(0);
+    manifest
+        .cases
+        .par_iter()
+        .zip(given)
+        .map(|(case, (answered, _))| {
+            let lines = lines_of(trial, sealed, case, answers, answered)?;
+            let done = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
+            progress.advance(done, manifest.cases.len());
+            Ok(lines)
+        })
+        .collect::<Result<Vec<Vec<Line>>, TrialError>>()
+        .map(|lines| lines.into_iter().flatten().collect())
+}
+
+/// How long each case took.
+pub(crate) fn seconds(manifest: &Manifest, answers: &Path) -> Result<Vec<f64>, TrialError> {
+    manifest.cases.iter().map(|case| answer::seconds(answers, &case.case)).collect()
+}
+
 /// The answers to all cases, each with its hash, in order.
-fn given(manifest: &Manifest, answers: &Path) -> Result<Vec<(Answered, String)>, TrialError> {
+pub(crate) fn given(manifest: &Manifest, answers: &Path) -> Result<Vec<(Answered, String)>, TrialError> {
     let mut given = Vec::new();
     let mut missing = Vec::new();
     for case in &manifest.cases {
@@ -106,23 +119,33 @@ fn given(manifest: &Manifest, answers: &Path) -> Result<Vec<(Answered, String)>,
 }
 
 /// Writes the hashes of the answers beside what is sealed; if they stand there already, they must be these.
-fn fix(given: &[(Answered, String)], sealed: &Path) -> Result<Fixed, TrialError> {
+pub(crate) fn fix(given: &[(Answered, String)], path: &Path) -> Result<Fixed, TrialError> {
     let cases: BTreeMap<String, String> =
         given.iter().map(|(answered, hash)| (answered.case.clone(), hash.clone())).collect();
     let fixed = Fixed { sha256: sha256(&files::json(&cases)), cases };
-    let path = sealed.join(FIXED);
-    match fs::read(&path) {
+    match fs::read(path) {
         Ok(bytes) => {
-            let before: Fixed = files::parse(&path, &bytes)?;
+            let before: Fixed = files::parse(path, &bytes)?;
             let changed = fixed.cases.iter().find(|(case, hash)| before.cases.get(*case) != Some(hash));
             if let Some((case, _)) = changed {
                 return Err(TrialError::Changed { case: case.clone(), since: "the answers were fixed for scoring" });
             }
         }
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => files::write(&path, &files::json(&fixed))?,
-        Err(source) => return Err(TrialError::File { path, source }),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => files::write(path, &files::json(&fixed))?,
+        Err(source) => return Err(TrialError::File { path: path.into(), source }),
     }
     Ok(fixed)
+}
+
+/// What is sealed, once it is found to be what the trial commits to.
+pub(crate) fn unseal(manifest: &Manifest, trial: &Path, sealed: &Path) -> Result<Seal, TrialError> {
+    let seal = Seal::read(sealed)?;
+    if sha256(&files::read(&trial.join(MANIFEST))?) != seal.trial_sha256 {
+        let reason = format!("it is not the one that {} was drawn with", sealed.display());
+        return Err(TrialError::Malformed { path: trial.join(MANIFEST), reason });
+    }
+    check(manifest, &seal, sealed)?;
+    Ok(seal)
 }
 
 /// Whether what is sealed is what the trial commits to.
@@ -167,79 +190,101 @@ impl HeldOut {
     }
 }
 
-fn line(trial: &Path, sealed: &Path, case: &OpenCase, answered: &Answered) -> Result<Line, TrialError> {
+/// What a case asks with the whole vocabulary; and without what it leaves out, if that is at work.
+fn lines_of(
+    trial: &Path,
+    sealed: &Path,
+    case: &OpenCase,
+    answers: &Path,
+    answered: &Answered,
+) -> Result<Vec<Line>, TrialError> {
     let folder = sealed.join("cases").join(&case.case);
     let path = folder.join("label.json");
     let truth: Truth = files::parse(&path, &files::read(&path)?)?;
     let path = folder.join("drawn.json");
     let drawn: DrawnCase = files::parse(&path, &files::read(&path)?)?;
-    let (judged, covered) = match answered.failed {
-        Some(_) => {
-            let missing = || judge(&truth, &case.without, &Claim::missing(), None);
-            ([missing(), missing(), missing(), missing()], BTreeMap::new())
-        }
-        None => answers(trial, &folder, case, &truth)?,
+    let place = Place { trial, sealed: &folder, answer: &answers.join(&case.case), case };
+    let line = |arm: Arm, without: &[String], names: Names| {
+        let (judged, covered) = match answered.failed {
+            Some(_) => {
+                let missing = || judge(&truth, without, &Claim::missing(), None);
+                ([missing(), missing(), missing(), missing()], BTreeMap::new())
+            }
+            None => judged(&place, answered, &truth, without, names)?,
+        };
+        let told = if without.is_empty() { String::new() } else { format!(" without {}", without.join(", ")) };
+        Ok::<_, TrialError>(Line {
+            case: format!("{}{told}", case.case),
+            arm,
+            asked: asked(&truth, without),
+            truth: wanted(&truth),
+            gap: truth.at_work().map(|e| e.gap).reduce(f64::min).unwrap_or(0.0),
+            own_equation: truth.effects.iter().all(|e| e.own_equation),
+            without: without.to_vec(),
+            gap_as_given: truth.gap_sim,
+            gap_floor: truth.gap_floor,
+            nuisances: truth.nuisances(),
+            failed: answered.failed.clone(),
+            covered,
+            judged,
+        })
     };
-    Ok(Line {
-        case: case.case.clone(),
-        arm: drawn.arm,
-        asked: asked(&truth, &case.without),
-        truth: wanted(&truth),
-        gap: truth.at_work().map(|e| e.gap).reduce(f64::min).unwrap_or(0.0),
-        own_equation: truth.effects.iter().all(|e| e.own_equation),
-        without: case.without.clone(),
-        gap_as_given: truth.gap_sim,
-        gap_floor: truth.gap_floor,
-        nuisances: truth.nuisances(),
-        failed: answered.failed.clone(),
-        covered,
-        judged,
-    })
+    if drawn.arm != Arm::LeaveOneOut {
+        return Ok(vec![line(drawn.arm, &[], WHOLE)?]);
+    }
+    Ok(vec![line(Arm::Single, &[], WHOLE)?, line(Arm::LeaveOneOut, &case.without, LEFT_OUT)?])
 }
 
-/// Judges plid's answer and those of the baselines; and which parameters plid's intervals cover.
-fn answers(
-    trial: &Path,
-    folder: &Path,
-    case: &OpenCase,
+/// Where a case and its answer are.
+struct Place<'p> {
+    trial: &'p Path,
+    sealed: &'p Path,
+    answer: &'p Path,
+    case: &'p OpenCase,
+}
+
+/// Judges plid's answer and those of the baselines, where they answered; and which parameters plid's intervals cover.
+fn judged(
+    place: &Place,
+    answered: &Answered,
     truth: &Truth,
+    without: &[String],
+    names: Names,
 ) -> Result<([Judged; 4], BTreeMap<String, bool>), TrialError> {
-    let answers = trial.join(ANSWERS).join(&case.case);
-    let path = answers.join(DIAGNOSIS);
+    let path = place.answer.join(names.diagnosis);
     let claim: Claim = files::parse(&path, &files::read(&path)?)?;
-    let path = answers.join(BASELINES);
-    let baselines: Baselines = files::parse(&path, &files::read(&path)?)?;
+    let path = place.answer.join(BASELINES);
+    let missing = Claim::missing();
+    let none = || Baselines { ranking: missing.clone(), ranking_left_out: None, fitted: None };
+    let baselines: Baselines =
+        if answered.files.contains_key(BASELINES) { files::parse(&path, &files::read(&path)?)? } else { none() };
+    let ranking =
+        if without.is_empty() { &baselines.ranking } else { baselines.ranking_left_out.as_ref().unwrap_or(&missing) };
     // An answer that cannot be read back predicts nothing.
-    let predictor = Predictor::read(&answers.join(SIMULATION), &Library::standard()).ok();
+    let predictor = Predictor::read(&place.answer.join(names.simulation), &Library::standard()).ok();
     let mut gaps = [None; 4];
     let mut covered = BTreeMap::new();
     if let Some(predictor) = predictor {
-        let held_out = HeldOut::read(folder, &predictor.model)?;
+        let held_out = HeldOut::read(place.sealed, &predictor.model)?;
         gaps[0] = held_out.gap(&predictor.run(&held_out.u, predictor.t0));
         // It has no fit of its own.
         gaps[1] = gaps[0];
         if let Some(fitted) = &baselines.fitted {
-            let model = Model::read(&trial.join("cases").join(&case.case).join("sim.json"))?;
+            let model = Model::read(&place.trial.join("cases").join(&place.case.case).join("sim.json"))?;
             if let Ok([sparse, linear]) = fitted.predict(&model, &held_out.u, predictor.t0) {
                 (gaps[2], gaps[3]) = (held_out.gap(&sparse), held_out.gap(&linear));
             }
         }
         if let Ok(plant) = Plant::new(&predictor.model) {
-            covered = coverage(truth, &case.without, &claim, &Setting::bare(&plant, &predictor.model));
+            covered = coverage(truth, without, &claim, &Setting::bare(&plant, &predictor.model));
         }
     }
-    let judged = |claim: &Claim, gap: Option<f64>| judge(truth, &case.without, claim, gap);
-    let missing = Claim::missing();
+    let judged = |claim: &Claim, gap: Option<f64>| judge(truth, without, claim, gap);
     let (sparse, linear) = match &baselines.fitted {
         Some(fitted) => (&fitted.sparse.claim, &fitted.linear.claim),
         None => (&missing, &missing),
     };
-    let all = [
-        judged(&claim, gaps[0]),
-        judged(&baselines.ranking, gaps[1]),
-        judged(sparse, gaps[2]),
-        judged(linear, gaps[3]),
-    ];
+    let all = [judged(&claim, gaps[0]), judged(ranking, gaps[1]), judged(sparse, gaps[2]), judged(linear, gaps[3])];
     Ok((all, covered))
 }
 

@@ -29,7 +29,7 @@ pub struct Line {
     pub gap: f64,
     /// Whether all follow the vocabulary's own equations.
     pub own_equation: bool,
-    /// Effects that the diagnosis did not know.
+    /// Effects that this answer was to do without.
     pub without: Vec<String>,
     /// Gap of the simulation as given, and that of the noise alone.
     pub gap_as_given: f64,
@@ -335,6 +335,11 @@ impl Scores {
             cases,
             time,
         }
+    }
+
+    /// Cases that were drawn: a second answer is no case of its own.
+    pub fn drawn(&self) -> usize {
+        self.cases.iter().filter(|line| line.without.is_empty()).count()
     }
 
     /// A group, for plid or a baseline.

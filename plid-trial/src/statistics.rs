@@ -36,11 +36,31 @@ impl Rate {
 
 /// The 95 % interval of a share that no table calls too short: each end leaves 2.5 % of the binomial distribution.
 pub fn clopper_pearson(hits: usize, of: usize) -> [f64; 2] {
+    with_tails(hits, of, 0.025)
+}
+
+/// The same with this much left at each end.
+fn with_tails(hits: usize, of: usize, tail: f64) -> [f64; 2] {
     let (k, n) = (hits as f64, of as f64);
     let quantile = |a: f64, b: f64, p: f64| Beta::new(a, b).map_or(f64::NAN, |beta| beta.inverse_cdf(p));
-    let low = if hits == 0 { 0.0 } else { quantile(k, n - k + 1.0, 0.025) };
-    let high = if hits == of { 1.0 } else { quantile(k + 1.0, n - k, 0.975) };
+    let low = if hits == 0 { 0.0 } else { quantile(k, n - k + 1.0, tail) };
+    let high = if hits == of { 1.0 } else { quantile(k + 1.0, n - k, 1.0 - tail) };
     [low, high]
+}
+
+/// The 95 % interval of the difference between two shares of the same cases, of which `up` have come in and `down` have gone: each of both shares is
+/// within its own interval of 97.5 %.
+pub fn paired(up: usize, down: usize, of: usize) -> [f64; 2] {
+    let [[low_up, high_up], [low_down, high_down]] = [up, down].map(|hits| with_tails(hits, of, 0.0125));
+    [low_up - high_down, high_up - low_down]
+}
+
+/// The sign test (two-sided): how often a fair coin falls at least as one-sidedly.
+pub fn sign_test(up: usize, down: usize) -> f64 {
+    let n = up + down;
+    let of = |k: usize| (0..k).map(|i| (n - i) as f64 / (i + 1) as f64).product::<f64>() / 2f64.powi(n as i32);
+    let tail: f64 = (0..=up.min(down)).map(of).sum();
+    (2.0 * tail).min(1.0)
 }
 
 /// The middle one of the sorted values (of two the upper).
@@ -135,6 +155,23 @@ mod tests {
             assert_relative_eq!(tail(k, n, high), 0.025, epsilon = 1e-9);
             assert_relative_eq!(1.0 - tail(k - 1, n, low), 0.025, epsilon = 1e-9);
         }
+    }
+
+    #[test]
+    fn pairs_by_hand() {
+        // Two of 2^5 sequences are all heads or all tails; two and ten of 2^5 have one of the five.
+        assert_relative_eq!(sign_test(5, 0), 2.0 / 32.0, epsilon = 1e-12);
+        assert_relative_eq!(sign_test(1, 4), 12.0 / 32.0, epsilon = 1e-12);
+        assert_eq!((sign_test(0, 0), sign_test(3, 3)), (1.0, 1.0));
+        // Nothing changed in n cases: either share is below 1 - 0.0125^(1/n).
+        let bound = 1.0 - 0.0125f64.powf(1.0 / 16.0);
+        let [low, high] = paired(0, 0, 16);
+        assert_relative_eq!(high, bound, epsilon = 1e-9);
+        assert_relative_eq!(low, -bound, epsilon = 1e-9);
+        let [low, high] = paired(9, 1, 20);
+        // By bisection of the binomial distribution: at 0.20692 nine or more of 20 are a 1.25 % event, at 0.27932 one or none.
+        assert_relative_eq!(low, 0.20692 - 0.27932, epsilon = 1e-4);
+        assert!(0.4 < high && high < 0.8, "{high}");
     }
 
     #[test]

@@ -4,9 +4,11 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use plid_gap::Step;
 use plid_lab::run::{Progress, Silent};
+use plid_trial::ablation::diagnose_without_with;
 use plid_trial::config::{Cases, Draw};
-use plid_trial::{Answer, Options, Shard, TrialConfig, TrialError, diagnose_with, draw, merge, score};
+use plid_trial::{Answer, Options, Shard, TrialConfig, TrialError, diagnose_with, draw, merge, score, score_without};
 use tempfile::TempDir;
 
 fn config() -> TrialConfig {
@@ -70,11 +72,16 @@ fn made_up(folder: &Path, without: &[String]) -> Result<Answer, String> {
     });
     let baselines = serde_json::json!({ "ranking": { "verdict": "none" }, "fitted": null });
     let bytes = |value: &serde_json::Value| value.to_string().into_bytes();
-    Ok(Answer::from([
+    let mut answer = Answer::from([
         ("diagnosis.json", bytes(&claim)),
         ("sim-with-effect.json", b"{}".to_vec()),
         ("baselines.json", bytes(&baselines)),
-    ]))
+    ]);
+    if !without.is_empty() {
+        answer.insert("left-out.json", bytes(&serde_json::json!({ "verdict": "unknown" })));
+        answer.insert("left-out-sim.json", b"{}".to_vec());
+    }
+    Ok(answer)
 }
 
 /// Every file below a directory with its bytes, but for what says how long something took.
@@ -134,10 +141,10 @@ fn answers_and_scores_do_not_depend_on_jobs_shards_or_what_is_sealed() {
     let (one, other) = (whole.score().unwrap(), shared.score().unwrap());
     assert_eq!(one, other);
     // What failed is told, and counts as no answer.
-    let told = |k: usize| one["cases"][k]["failed"].as_str().map(str::to_owned);
-    assert_eq!(told(1).as_deref(), Some("panicked: the second case is too much"));
-    assert_eq!(told(3).as_deref(), Some("the fourth case cannot be read"));
-    assert_eq!(one["cases"][1]["judged"][0]["said"], "missing");
+    let line = |case: &str| one["cases"].as_array().unwrap().iter().find(|line| line["case"] == case).unwrap();
+    assert_eq!(line("case-002")["failed"], "panicked: the second case is too much");
+    assert_eq!(line("case-004")["failed"], "the fourth case cannot be read");
+    assert_eq!(line("case-002")["judged"][0]["said"], "missing");
     // Scored again, nothing changes; merged again, nothing either.
     assert_eq!(merge(&shared.t(), &[]).unwrap(), 2);
     assert_eq!(shared.score().unwrap(), other);
@@ -245,4 +252,94 @@ fn what_was_done_before_an_interruption_is_not_done_again() {
     assert_eq!(done.failed, ["case-002", "case-004"]);
     whole.diagnose(None, 1);
     assert_eq!(bytes(&answers), bytes(&whole.t().join("answers")));
+}
+
+/// Without polishing nothing is ever named; without anything else the answers stay as they are.
+fn made_up_without(folder: &Path, without: &[String], off: Option<Step>) -> Result<Answer, String> {
+    let mut answer = made_up(folder, without)?;
+    answer.remove("baselines.json");
+    if off == Some(Step::Polishing) {
+        answer.insert("diagnosis.json", b"{ \"verdict\": \"none\", \"effects\": [], \"candidates\": [] }".to_vec());
+    }
+    Ok(answer)
+}
+
+#[test]
+fn what_a_step_is_worth_is_read_case_by_case() {
+    let trial = Trial::drawn(71);
+    let (t, out) = (trial.t(), trial.directory.path().join("ablation"));
+    let steps = [Step::Polishing, Step::Audit];
+    let ablated = |off: &[Step]| score_without(&t, &trial.s(), off, &out, &Silent);
+    trial.diagnose(None, 2);
+    let said = ablated(&steps).unwrap_err().to_string();
+    assert!(said.starts_with("5 of 5 cases have no answer yet"), "{said}");
+    let done = diagnose_without_with(&t, &steps, 2, &made_up_without, &Silent).unwrap();
+    assert_eq!(done.iter().map(|done| (done.cases, done.before)).collect::<Vec<_>>(), [(5, 0); 3]);
+    let done = diagnose_without_with(&t, &steps, 2, &made_up_without, &Silent).unwrap();
+    assert!(done.iter().all(|done| done.before == 5));
+
+    let found = ablated(&steps).unwrap();
+    let scores = trial.score().unwrap();
+    let cases = scores["cases"].as_array().unwrap();
+    let of = |asked: &str, key: &str| -> Vec<String> {
+        let there = |case: &&serde_json::Value| case["asked"] == asked && case["judged"][0][key] == true;
+        cases.iter().filter(there).filter_map(|case| case["case"].as_str().map(str::to_owned)).collect()
+    };
+    let [polishing, audit] = found.steps.as_slice() else { panic!("two steps were asked for") };
+    // Two of the five have no answer with or without it.
+    assert_eq!((polishing.changed.len(), audit.changed.len()), (3, 0));
+    let change = |figure: &str| polishing.changes.iter().find(|change| change.figure == figure).unwrap();
+    // Whatever was named is named no longer: alarms go, and so do the right names.
+    assert_eq!((&change("false alarm").better, &change("exact").worse), (&of("none", "named"), &of("single", "exact")));
+    assert!(change("false alarm").worse.is_empty() && change("exact").better.is_empty());
+    assert!(!change("false alarm").better.is_empty() || !change("exact").worse.is_empty(), "the seed says nothing");
+    assert!(audit.changes.iter().all(|c| c.better.is_empty() && c.worse.is_empty() && c.p == 1.0));
+    let page = fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(page.contains("No answer changed at all without audit") && page.contains("<svg"), "{page}");
+    let written = read(&out.join("ablation.json"));
+    assert_eq!(written["steps"][0]["step"], "polishing");
+
+    // Fixed before anything was opened, as the trial's own.
+    let answers = t.join("ablation/polishing");
+    fs::remove_dir_all(answers.join("case-003")).unwrap();
+    diagnose_without_with(&t, &steps, 1, &|_, _, _| Err("I have thought again".to_owned()), &Silent).unwrap();
+    let said = ablated(&steps).unwrap_err().to_string();
+    assert_eq!(said, "case-003: the answer has changed since the answers were fixed for scoring; it is refused");
+}
+
+#[test]
+fn another_program_s_answers_are_no_measure_for_a_step() {
+    let trial = Trial::drawn(72);
+    trial.diagnose(None, 1);
+    let other = |folder: &Path, without: &[String], _: Option<Step>| {
+        let mut answer = made_up(folder, without)?;
+        answer.insert("sim-with-effect.json", b"{ }".to_vec());
+        Ok(answer)
+    };
+    diagnose_without_with(&trial.t(), &[Step::Audit], 1, &other, &Silent).unwrap();
+    let said = score_without(&trial.t(), &trial.s(), &[Step::Audit], &trial.t(), &Silent).unwrap_err().to_string();
+    assert!(said.starts_with("case-001: the answer has changed since the trial was diagnosed"), "{said}");
+}
+
+/// The case whose effect is left out is a single effect with the whole vocabulary, and outside it in its second answer; the decoy's second answer is not
+/// counted.
+#[test]
+fn a_second_answer_is_asked_what_it_cannot_know() {
+    let trial = Trial::drawn(21);
+    trial.diagnose(None, 2);
+    let manifest = read(&trial.t().join("trial.json"));
+    let twice = manifest["cases"].as_array().unwrap().iter().filter(|case| case["without"] != serde_json::json!([]));
+    assert_eq!(twice.count(), 2);
+    let scores = trial.score().unwrap();
+    let lines = scores["cases"].as_array().unwrap();
+    assert_eq!(lines.len(), 5 + 1);
+    let second = lines.iter().find(|line| line["arm"] == "leave-one-out").unwrap();
+    let name = second["case"].as_str().unwrap();
+    let (case, left_out) = name.split_once(" without ").unwrap();
+    assert_eq!((left_out, second["asked"].as_str()), (second["truth"].as_str().unwrap(), Some("outside")));
+    let first = lines.iter().find(|line| line["case"] == case).unwrap();
+    assert_eq!((first["arm"].as_str(), first["asked"].as_str()), (Some("single"), Some("single")));
+    assert_eq!(first["truth"], second["truth"]);
+    let answered = first["failed"].is_null();
+    assert_eq!(second["judged"][0]["open"], answered);
 }

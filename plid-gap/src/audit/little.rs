@@ -27,7 +27,8 @@ pub struct Little {
 
 /// # Errors
 /// [`GapError::TooLittle`] where no record drives the structure, or all of them together have no more values than the simulation has states.
-pub fn check(case: &Case, model: &Model, library: &Library) -> Result<Little, GapError> {
+pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) -> Result<Little, GapError> {
+    let effects = || library.effects().filter(|effect| !without.iter().any(|name| name == effect.name()));
     let records = driven(&case.records);
     if records.is_empty() {
         return Err(GapError::TooLittle("no record to fit from has an input".into()));
@@ -63,9 +64,9 @@ pub fn check(case: &Case, model: &Model, library: &Library) -> Result<Little, Ga
     };
     let structural = |side: Side| side == Side::Structure;
     if short.len() == records.len() {
-        let names = library.effects().filter(|e| structural(e.side())).map(|e| e.name().to_string()).collect();
+        let names = effects().filter(|e| structural(e.side())).map(|e| e.name().to_string()).collect();
         leave(names, "no record with an input is long enough for the structure's own motion".into());
-    } else if library.get(MISSING_MODE).is_some() {
+    } else if effects().any(|effect| effect.name() == MISSING_MODE) {
         let segments: usize = records
             .iter()
             .filter(|record| record.excitation == Excitation::Random && record.samples() >= missing::SEGMENT)
@@ -85,8 +86,7 @@ pub fn check(case: &Case, model: &Model, library: &Library) -> Result<Little, Ga
     let starts = records.iter().filter(|record| !record.from_rest).count();
     let linear = modes.len() * (2 + m + p) + starts * n;
     let many = |names: &[String]| -> Vec<String> {
-        library
-            .effects()
+        effects()
             .filter(|e| values <= linear + e.parameters(&setting).len() && !names.iter().any(|name| name == e.name()))
             .map(|e| e.name().to_string())
             .collect()
@@ -143,7 +143,7 @@ mod tests {
     #[test]
     fn enough_is_enough() {
         let case = case(&truss(1), &truss(1));
-        let little = check(&case, &truss(1), &Library::standard()).unwrap();
+        let little = check(&case, &truss(1), &Library::standard(), &[]).unwrap();
         assert!(little.findings.is_empty() && little.left_out.is_empty(), "{:?}", little.findings);
     }
 
@@ -152,24 +152,24 @@ mod tests {
         let model = truss(1);
         let library = Library::standard();
         // Longer than three periods of the lowest mode, shorter than a segment of the frequency response.
-        let some = check(&cut(400), &model, &library).unwrap();
+        let some = check(&cut(400), &model, &library, &[]).unwrap();
         assert_eq!(some.left_out, ["missing-mode"]);
         assert!(some.findings[0].contains("0 stretches"), "{:?}", some.findings);
         // Shorter than those periods.
         let least = (3.0 * RATE / MODES[0].0) as usize;
-        let few = check(&cut(least - 2), &model, &library).unwrap();
+        let few = check(&cut(least - 2), &model, &library, &[]).unwrap();
         assert!(few.findings[0].contains("lowest mode (58.0 Hz)"), "{:?}", few.findings);
         assert!(few.left_out.iter().any(|name| name == "cubic-stiffness"));
         assert!(!few.left_out.iter().any(|name| name == "sensor-gain"));
         // Two records of two outputs with six samples: 24 values, where the linear model alone has 4 (2 + 2 + 2) parameters.
-        let none = check(&cut(6), &model, &library).unwrap();
+        let none = check(&cut(6), &model, &library, &[]).unwrap();
         assert_eq!(none.left_out.len(), library.len());
         assert!(
             none.findings.iter().any(|f| f.contains("more parameters (24 of the linear model")),
             "{:?}",
             none.findings
         );
-        let error = check(&cut(3), &model, &library).err().unwrap().to_string();
+        let error = check(&cut(3), &model, &library, &[]).err().unwrap().to_string();
         assert!(error.contains("12 values") && error.contains("14 states"), "{error}");
     }
 
@@ -177,14 +177,14 @@ mod tests {
     fn no_input_is_too_little_and_no_quiet_record_is_said() {
         let mut quiet = case(&truss(1), &truss(1));
         quiet.records.retain(|record| record.excitation == Excitation::Zero);
-        assert!(matches!(check(&quiet, &truss(1), &Library::standard()), Err(GapError::TooLittle(_))));
+        assert!(matches!(check(&quiet, &truss(1), &Library::standard(), &[]), Err(GapError::TooLittle(_))));
         let mut loud = case(&truss(1), &truss(1));
         loud.records.retain(|record| record.excitation != Excitation::Zero);
-        let found = check(&loud, &truss(1), &Library::standard()).unwrap().findings;
+        let found = check(&loud, &truss(1), &Library::standard(), &[]).unwrap().findings;
         assert!(found[0].contains("as the simulation declares it"), "{found:?}");
         let mut silent = truss(1);
         silent.noise.sensor_std = None;
-        let found = check(&loud, &silent, &Library::standard()).unwrap().findings;
+        let found = check(&loud, &silent, &Library::standard(), &[]).unwrap().findings;
         assert!(found[0].contains("1 % of each output"), "{found:?}");
     }
 }

@@ -15,12 +15,13 @@ mod stable;
 mod tell;
 mod wiring;
 
+use crate::ablation::Step;
 use crate::case::Case;
 use crate::effects::Library;
 use crate::error::GapError;
 use crate::prepare::Known;
 use crate::record::{Excitation, Record};
-use crate::surrogate;
+use crate::surrogate::{self, StandIn};
 
 pub use rewire::Mismatch;
 pub use wiring::Wiring;
@@ -35,32 +36,62 @@ pub struct Audit {
     pub mismatch: Option<Mismatch>,
     /// What the preparation needs beside the case.
     pub known: Known,
+    stand_in: Option<StandIn>,
 }
 
-/// Looks at a case; one without a simulation is given the model that stands in.
+/// Looks at a case; one without a simulation is given the model that stands in. `off` are the steps that the diagnosis leaves out.
 ///
 /// # Errors
 /// [`GapError::Record`], [`GapError::Constant`], [`GapError::Unstable`], [`GapError::TooLittle`], [`GapError::Model`]; [`GapError::Failed`] where no
 /// model is given and none can be identified.
-pub fn audit(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> Result<Audit, GapError> {
+pub fn audit(case: &Case, library: &Library, off: &[Step], say: &mut dyn FnMut(String)) -> Result<Audit, GapError> {
+    look(case, library, &[], off, None, say)
+}
+
+impl Audit {
+    /// The same of the same case with some effects taken from the library; the model that stands in and the wiring are not looked for again.
+    ///
+    /// # Errors
+    /// None that the audit before did not have.
+    pub fn without(&self, case: &Case, library: &Library, without: &[String]) -> Result<Self, GapError> {
+        look(case, library, without, &self.known.off, Some(self), &mut |_| {})
+    }
+}
+
+fn look(
+    case: &Case,
+    library: &Library,
+    without: &[String],
+    off: &[Step],
+    before: Option<&Audit>,
+    say: &mut dyn FnMut(String),
+) -> Result<Audit, GapError> {
     shapes::check(case)?;
     let mut found = finite::check(case)?;
     found.extend(constant::check(case)?);
-    found.extend(clipping::check(case));
+    let looks = !off.contains(&Step::Audit);
+    if looks {
+        found.extend(clipping::check(case));
+    }
     let (model, stand_in) = match &case.model {
         Some(model) => (model.clone(), None),
         None => {
-            let stand_in = surrogate::identify(case, say)?;
+            let known = before.and_then(|before| before.stand_in.clone());
+            let stand_in = known.map_or_else(|| surrogate::identify(case, say), Ok)?;
             (stand_in.model.clone(), Some(stand_in))
         }
     };
     let of_records = stand_in.is_some() && case.records.iter().all(|record| record.simulated.is_none());
     found.extend(stand_in.iter().map(|stand_in| stand_in.words.clone()));
     found.extend(stable::check(case, &model)?);
-    let little = little::check(case, &model, library)?;
+    let little = little::check(case, &model, library, without)?;
     found.extend(little.findings);
     // A model of these very wires has none crossed.
-    let mismatch = if of_records { None } else { rewire::find(case, &model)? };
+    let mismatch = match before {
+        Some(before) => before.mismatch.clone(),
+        None if of_records || !looks => None,
+        None => rewire::find(case, &model)?,
+    };
 
     let mut case = case.clone();
     if stand_in.is_some() {
@@ -76,9 +107,10 @@ pub fn audit(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> Res
     case.model = Some(explained.map_or(model.clone(), |mismatch| mismatch.wiring.applied(&model)));
     case.warnings.extend(found);
     let (doubt, model_error) =
-        stand_in.map_or_else(Default::default, |stand_in| (stand_in.doubt, stand_in.model_error));
-    let known = Known { limits: case.config.nuisance, doubt, model_error, band_hz: case.config.band_hz };
-    Ok(Audit { case, mismatch, known })
+        stand_in.clone().map_or_else(Default::default, |stand_in| (stand_in.doubt, stand_in.model_error));
+    let known =
+        Known { limits: case.config.nuisance, doubt, model_error, band_hz: case.config.band_hz, off: off.to_vec() };
+    Ok(Audit { case, mismatch, known, stand_in })
 }
 
 /// Records that drive the structure and are not held out: the last one counts among them only if the case says so by its `use` or it is alone.
@@ -99,7 +131,7 @@ mod tests {
     use crate::testing::{case, truss};
 
     fn look(case: &Case) -> Audit {
-        audit(case, &Library::standard(), &mut |_| {}).unwrap()
+        audit(case, &Library::standard(), &[], &mut |_| {}).unwrap()
     }
 
     #[test]

@@ -26,6 +26,8 @@ use sparse::Sparse;
 pub struct Baselines {
     /// The diagnosis' own candidates ranked by BIC, without any test of whether the best is good enough.
     pub ranking: Claim,
+    /// The same of the second answer.
+    pub ranking_left_out: Option<Claim>,
     /// Those that need a simulation.
     pub fitted: Option<Fitted>,
 }
@@ -43,8 +45,13 @@ pub struct Fitted {
 /// How much wider than the stated limits a linear refit may go: frequency, damping, shapes.
 const WIDER: [f64; 3] = [40.0, 10.0, 40.0];
 
-/// Lets the baselines answer a case that was diagnosed with `library`.
-pub(crate) fn answers(case: &Case, outcome: &Outcome, library: &Library) -> Result<Baselines, GapError> {
+/// Lets the baselines answer a case that was diagnosed with `library`, and a second time with less.
+pub(crate) fn answers(
+    case: &Case,
+    outcome: &Outcome,
+    left_out: Option<&Outcome>,
+    library: &Library,
+) -> Result<Baselines, GapError> {
     let model = match &case.model {
         Some(model) => model.clone(),
         // What the diagnosis itself took for the simulation is only good for names and counts here.
@@ -52,9 +59,10 @@ pub(crate) fn answers(case: &Case, outcome: &Outcome, library: &Library) -> Resu
     };
     let setting = Setting::bare(&Plant::new(&model)?, &model);
     let rows: usize = outcome.evidence.fitted.iter().map(|(_, _, samples)| samples * setting.plant.p).sum();
-    let ranking = ranking::claim(&outcome.diagnosis, rows as f64, library, &setting);
+    let ranked = |outcome: &Outcome| ranking::claim(&outcome.diagnosis, rows as f64, library, &setting);
+    let (ranking, ranking_left_out) = (ranked(outcome), left_out.map(ranked));
     let fitted = case.model.is_some().then(|| fitted(case, &model)).transpose()?;
-    Ok(Baselines { ranking, fitted })
+    Ok(Baselines { ranking, ranking_left_out, fitted })
 }
 
 fn fitted(case: &Case, model: &Model) -> Result<Fitted, GapError> {

@@ -42,8 +42,7 @@ fn sentences(scores: &Scores) -> Vec<String> {
     let mut sentences = Vec::new();
     let kept = scores.targets.iter().filter(|t| t.reached == Some(true)).count();
     let asked = scores.targets.iter().filter(|t| t.reached.is_some()).count();
-    sentences
-        .push(format!("{} cases; {kept} of the {asked} targets that they can show are reached.", scores.cases.len()));
+    sentences.push(format!("{} cases; {kept} of the {asked} targets that they can show are reached.", scores.drawn()));
     for (is, equation) in [(OWN, "the vocabulary's own equation"), (NEAR, "another law of the same physics")] {
         if let Some(t) = scores.totals(EQUATION, is, 0) {
             sentences.push(format!(

@@ -1,13 +1,15 @@
 use std::path::PathBuf;
 
-use plid_trial::{Options, Shard, diagnose};
+use plid::gap::Step;
+use plid_trial::{Done, Options, Shard, diagnose, diagnose_without};
 
 use super::progress::Bar;
 use super::{Failure, Voice, voice};
 
 /// Diagnose the cases of a trial, without their answers.
 ///
-/// Writes T/answers, a case at a time; what is done is not done again. With --shard, writes T/shards/i-of-N for `plid gap trial merge`.
+/// Writes T/answers, a case at a time; what is done is not done again. With --shard, writes T/shards/i-of-N for `plid gap trial merge`. With --off,
+/// writes T/ablation for `plid gap trial ablate`.
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  plid gap trial diagnose T --jobs 2\n  plid gap trial diagnose T --shard 3/16\n  plid gap trial merge T"
@@ -22,15 +24,26 @@ pub struct Arguments {
     /// Cases at a time; as many as there are cores if left out.
     #[arg(long, value_name = "J")]
     jobs: Option<usize>,
+    /// Again with nothing off, and with each of these steps off, with commas between them.
+    #[arg(long, value_name = "STEP", value_delimiter = ',', conflicts_with = "shard")]
+    off: Vec<Step>,
 }
 
 /// Runs the command.
 pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
     let jobs = jobs(arguments.jobs)?;
     let bar = Bar::new(voice.quiet || voice.json);
-    let done = diagnose(&arguments.trial, Options { shard: arguments.shard, jobs }, &bar);
+    let done = if arguments.off.is_empty() {
+        diagnose(&arguments.trial, Options { shard: arguments.shard, jobs }, &bar).map(|done| vec![done])
+    } else {
+        diagnose_without(&arguments.trial, &arguments.off, jobs, &bar)
+    };
     bar.finish();
-    let done = done?;
+    done?.iter().try_for_each(|done| tell(done, voice))
+}
+
+/// What was done, one line a set of answers.
+fn tell(done: &Done, voice: Voice) -> Result<(), Failure> {
     if voice.json {
         let text = serde_json::json!({
             "cases": done.cases, "before": done.before, "failed": done.failed, "answers": done.answers

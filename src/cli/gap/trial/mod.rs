@@ -1,5 +1,6 @@
 //! `plid gap trial`: is the diagnosis right on cases whose effect is withheld from it?
 
+mod ablate;
 mod diagnose;
 mod draw;
 mod merge;
@@ -19,7 +20,7 @@ use super::{Failure, Voice, directory, progress, voice};
 /// the first alone; `score` fixes the hash of all answers before it opens what is sealed.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example:\n  plid gap trial run --quick --out out/trial\nthen open out/trial/report.html; or step by step:\n  plid gap trial draw --quick --out T --sealed S\n  plid gap trial diagnose T --jobs 2\n  plid gap trial score T --sealed S"
+    after_help = "Example:\n  plid gap trial run --quick --out out/trial\nthen open out/trial/report.html; or step by step:\n  plid gap trial draw --quick --out T --sealed S\n  plid gap trial diagnose T --jobs 2\n  plid gap trial score T --sealed S\nand what each step of the diagnosis is worth:\n  plid gap trial ablate T --sealed S --out out/ablation"
 )]
 pub struct Arguments {
     #[command(subcommand)]
@@ -33,6 +34,7 @@ enum Step {
     Merge(merge::Arguments),
     Score(score::Arguments),
     Run(run::Arguments),
+    Ablate(ablate::Arguments),
 }
 
 /// Which trial.
@@ -61,6 +63,7 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
         Step::Merge(arguments) => merge::execute(&arguments, voice),
         Step::Score(arguments) => score::execute(&arguments, voice),
         Step::Run(arguments) => run::execute(&arguments, voice),
+        Step::Ablate(arguments) => ablate::execute(&arguments, voice),
     }
 }
 

@@ -47,7 +47,7 @@ pub fn into(trial: &Path, sealed: &Path, out: &Path, voice: Voice) -> Result<(),
 }
 
 fn summary(scores: &Scores) -> String {
-    let mut text = format!("{} cases, seed {}\n", scores.cases.len(), scores.seed);
+    let mut text = format!("{} cases, seed {}\n", scores.drawn(), scores.seed);
     for target in &scores.targets {
         let found = target.found.map_or("-".to_owned(), |found| format!("{found:.3}"));
         let sign = if target.at_least { ">=" } else { "<=" };

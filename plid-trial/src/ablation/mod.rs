@@ -1,0 +1,269 @@
+//! What each step of the diagnosis is worth: the same cases once more with one step off at a time, blind as before, and scored by the same judge.
+
+mod report;
+
+use std::path::{Path, PathBuf};
+
+use plid_gap::Step;
+use plid_lab::run::Progress;
+use serde::Serialize;
+
+use crate::answer::{Answer, Answered};
+use crate::diagnose::{ANSWERS, BASELINES, Done, answer_all, plid_without};
+use crate::error::TrialError;
+use crate::files;
+use crate::judge::Asked;
+use crate::manifest::Manifest;
+use crate::score::{FIXED, fix, given, lines, seconds, unseal};
+use crate::scores::{Line, Totals};
+use crate::statistics::{median, paired, sign_test};
+
+/// Answers one case: its folder, the effects without which it is to be answered a second time, and the step that is off.
+pub type AblatedAnswerer<'a> = dyn Fn(&Path, &[String], Option<Step>) -> Result<Answer, String> + Sync + 'a;
+
+/// Where the answers with a step off are, and those with none.
+fn answers(trial: &Path, off: Option<Step>) -> PathBuf {
+    trial.join("ablation").join(off.map_or("nothing", Step::name))
+}
+
+/// Diagnoses the cases of a trial again: with nothing off, and with each of `steps` off. What is done is not done again.
+///
+/// # Errors
+/// As [`crate::diagnose()`].
+pub fn diagnose_without(
+    trial: &Path,
+    steps: &[Step],
+    jobs: usize,
+    progress: &dyn Progress,
+) -> Result<Vec<Done>, TrialError> {
+    let answerer = |folder: &Path, without: &[String], off: Option<Step>| plid_without(folder, without, off.as_slice());
+    diagnose_without_with(trial, steps, jobs, &answerer, progress)
+}
+
+/// The same with any diagnosis.
+///
+/// # Errors
+/// As [`crate::diagnose()`].
+pub fn diagnose_without_with(
+    trial: &Path,
+    steps: &[Step],
+    jobs: usize,
+    answerer: &AblatedAnswerer<'_>,
+    progress: &dyn Progress,
+) -> Result<Vec<Done>, TrialError> {
+    let manifest = Manifest::read(trial)?;
+    let cases: Vec<_> = manifest.cases.iter().collect();
+    let runs = std::iter::once(None).chain(steps.iter().copied().map(Some));
+    runs.map(|off| {
+        progress.stage(&off.map_or("nothing off".to_owned(), |step| format!("without {step}")));
+        let one = |folder: &Path, without: &[String]| answerer(folder, without, off);
+        answer_all(trial, answers(trial, off), &cases, jobs, &one, progress)
+    })
+    .collect()
+}
+
+/// What is asked of a case, and whether "yes" is good.
+struct Reading {
+    name: &'static str,
+    good: bool,
+    read: fn(&Line) -> Option<bool>,
+}
+
+const RIGHT: &str = "rightly answered";
+const EXACT: &str = "exact";
+const IN_SET: &str = "in the 95 % set";
+const FALSE_ALARM: &str = "false alarm";
+const WRONG: &str = "confident and wrong";
+
+const READINGS: [Reading; 9] = [
+    Reading { name: RIGHT, good: true, read: |line| Some(right(line)) },
+    Reading { name: EXACT, good: true, read: |line| single(line).then(|| line.judged[0].exact) },
+    Reading { name: "family", good: true, read: |line| single(line).then(|| line.judged[0].family) },
+    Reading { name: "place", good: true, read: |line| single(line).then(|| line.judged[0].located) },
+    Reading { name: IN_SET, good: true, read: |line| single(line).then(|| line.judged[0].in_set) },
+    Reading {
+        name: "all named",
+        good: true,
+        read: |line| (line.asked == Asked::Several).then(|| line.judged[0].all_named),
+    },
+    Reading { name: FALSE_ALARM, good: false, read: |line| (line.asked == Asked::None).then(|| line.judged[0].named) },
+    Reading { name: WRONG, good: false, read: |line| Some(line.judged[0].wrong) },
+    Reading { name: "kept open", good: true, read: |line| (line.asked == Asked::Outside).then(|| line.judged[0].open) },
+];
+
+fn single(line: &Line) -> bool {
+    line.asked == Asked::Single
+}
+
+/// One effect: it alone is named, at its place. Several: all are named and no other. Nothing: nothing is. Outside: kept open.
+fn right(line: &Line) -> bool {
+    let judged = &line.judged[0];
+    match line.asked {
+        Asked::None => !judged.named,
+        Asked::Single => judged.exact && judged.located,
+        Asked::Several => judged.all_named,
+        Asked::Outside => judged.open,
+    }
+}
+
+/// One reading of the same cases with a step off and on.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Change {
+    /// What is read.
+    pub figure: &'static str,
+    /// Of so many cases.
+    pub of: usize,
+    /// Cases that are better without the step.
+    pub better: Vec<String>,
+    /// Cases that are worse without it.
+    pub worse: Vec<String>,
+    /// Share of the cases without the step, less that with it; none where no case asks.
+    pub difference: Option<f64>,
+    /// Its 95 % interval.
+    pub ci95: Option<[f64; 2]>,
+    /// Sign test, two-sided: how often chance alone parts better and worse as unevenly.
+    pub p: f64,
+}
+
+/// What is counted over all cases.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Figures {
+    /// As a trial counts it.
+    pub totals: Totals,
+    /// Of a case, the middle one, without baselines.
+    pub median_s: Option<f64>,
+}
+
+/// The trial without a step.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Without {
+    /// The step.
+    pub step: Step,
+    /// What a diagnosis does without it.
+    pub when_off: &'static str,
+    /// Of all answers, as it was fixed before anything was opened.
+    pub answers_sha256: String,
+    /// Cases whose answer differs in any byte.
+    pub changed: Vec<String>,
+    /// All cases.
+    pub figures: Figures,
+    /// Case by case.
+    pub changes: Vec<Change>,
+}
+
+/// ablation.json.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Ablation {
+    /// Of the trial.
+    pub name: String,
+    /// From which it was drawn.
+    pub seed: u64,
+    /// Of the trial's own answers.
+    pub answers_sha256: String,
+    /// How many.
+    pub cases: usize,
+    /// With nothing off.
+    pub full: Figures,
+    /// With each step off.
+    pub steps: Vec<Without>,
+}
+
+impl Without {
+    pub(crate) fn change(&self, figure: &str) -> Option<&Change> {
+        self.changes.iter().find(|change| change.figure == figure)
+    }
+}
+
+/// Scores the answers with each of `steps` off beside the trial's own; writes ablation.json and report.html into `out`.
+///
+/// # Errors
+/// As [`crate::score()`]; [`TrialError::Changed`] also where the trial's own answer is not the one that this program gives with nothing off.
+pub fn score_without(
+    trial: &Path,
+    sealed: &Path,
+    steps: &[Step],
+    out: &Path,
+    progress: &dyn Progress,
+) -> Result<Ablation, TrialError> {
+    let manifest = Manifest::read(trial)?;
+    let own = given(&manifest, &trial.join(ANSWERS))?;
+    let again = given(&manifest, &answers(trial, None))?;
+    if let Some(case) = differing(&own, &again).first() {
+        return Err(TrialError::Changed {
+            case: case.clone(),
+            since: "the trial was diagnosed: this is another program",
+        });
+    }
+    let fixed = fix(&own, &sealed.join(FIXED))?;
+    let ablated = steps
+        .iter()
+        .map(|&step| {
+            let answers = answers(trial, Some(step));
+            let given = given(&manifest, &answers)?;
+            let fixed = fix(&given, &sealed.join(format!("answers-without-{step}.json")))?;
+            Ok((step, answers, given, fixed.sha256))
+        })
+        .collect::<Result<Vec<_>, TrialError>>()?;
+    let seal = unseal(&manifest, trial, sealed)?;
+
+    progress.stage("scoring");
+    let full = lines(trial, sealed, &manifest, &trial.join(ANSWERS), &own, progress)?;
+    let figures = |lines: &[Line], answers: &Path| {
+        Ok::<_, TrialError>(Figures { totals: Totals::of(lines, 0), median_s: median(&seconds(&manifest, answers)?) })
+    };
+    let steps = ablated
+        .into_iter()
+        .map(|(step, answers, given, answers_sha256)| {
+            progress.stage(&format!("scoring without {step}"));
+            let lines = lines(trial, sealed, &manifest, &answers, &given, progress)?;
+            Ok(Without {
+                step,
+                when_off: step.when_off(),
+                answers_sha256,
+                changed: differing(&own, &given),
+                figures: figures(&lines, &answers)?,
+                changes: READINGS.iter().map(|reading| change(reading, &full, &lines)).collect(),
+            })
+        })
+        .collect::<Result<_, TrialError>>()?;
+    let ablation = Ablation {
+        name: seal.config.name.clone(),
+        seed: seal.seed,
+        answers_sha256: fixed.sha256,
+        cases: manifest.cases.len(),
+        full: figures(&full, &answers(trial, None))?,
+        steps,
+    };
+    files::make(out)?;
+    files::write(&out.join("ablation.json"), &files::json(&ablation))?;
+    let page = out.join("report.html");
+    report::page(&ablation, &seal.config).write(&page).map_err(TrialError::file(page))?;
+    Ok(ablation)
+}
+
+/// Cases whose answers differ, in what was found or in why there is none.
+fn differing(one: &[(Answered, String)], other: &[(Answered, String)]) -> Vec<String> {
+    let own = |answered: &Answered| {
+        let mut files = answered.files.clone();
+        files.remove(BASELINES);
+        files
+    };
+    let same = |a: &Answered, b: &Answered| a.failed == b.failed && own(a) == own(b);
+    let pairs = one.iter().zip(other).filter(|((a, _), (b, _))| !same(a, b));
+    pairs.map(|((a, _), _)| a.case.clone()).collect()
+}
+
+fn change(reading: &Reading, full: &[Line], without: &[Line]) -> Change {
+    let pairs = full.iter().zip(without).filter_map(|(a, b)| Some((&a.case, (reading.read)(a)?, (reading.read)(b)?)));
+    let pairs: Vec<(&String, bool, bool)> = pairs.collect();
+    let of = pairs.len();
+    let moved = |to: bool| -> Vec<String> {
+        pairs.iter().filter(|(_, a, b)| a != b && *b == to).map(|(case, ..)| (*case).clone()).collect()
+    };
+    let (up, down) = (moved(true), moved(false));
+    let p = sign_test(up.len(), down.len());
+    let difference = (of > 0).then(|| (up.len() as f64 - down.len() as f64) / of as f64);
+    let ci95 = (of > 0).then(|| paired(up.len(), down.len(), of));
+    let (better, worse) = if reading.good { (up, down) } else { (down, up) };
+    Change { figure: reading.name, of, better, worse, difference, ci95, p }
+}
