@@ -20,6 +20,9 @@ const OUT_OF_NOISE: f64 = 6.0;
 /// A repeat's error over the median of its neighbours' (five medians are 3.4 standard deviations).
 const OUT_OF_NEIGHBOURS: f64 = 5.0;
 
+/// Errors just before and just behind a repeat, over its own, at most.
+const BESIDE: f64 = 0.5;
+
 /// What the codes of one output show.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Codes {
@@ -90,10 +93,12 @@ fn repeats(y: &[f64], error: &[f64], noise: f64) -> Vec<usize> {
                 error[first.saturating_sub(AROUND)..(k + AROUND).min(error.len())].iter().map(|e| e.abs()).collect();
             near.sort_by(f64::total_cmp);
             let out = |e: f64| e > OUT_OF_NOISE * noise && e > OUT_OF_NEIGHBOURS * near[near.len() / 2];
-            if out(worst) {
-                // Most hold the last good value; where another one is put in its place, the first of the run is wrong as well.
-                let good = usize::from(!out(error[first].abs()));
-                found.extend(first + good..k);
+            // Most hold the last good value; where another one is put in its place, the first of the run is wrong as well.
+            let from = first + usize::from(!out(error[first].abs()));
+            // What drops out, drops out at once: about the peak of a slow error two values are equal too.
+            let calm = |at: Option<usize>| at.and_then(|k| error.get(k)).is_none_or(|e| e.abs() < BESIDE * worst);
+            if out(worst) && calm(from.checked_sub(1)) && calm(Some(k)) {
+                found.extend(from..k);
             }
         }
         first = k;

@@ -123,6 +123,8 @@ pub fn search<'a>(
             break;
         }
         best = if off.contains(&Step::PortScales) { top } else { fit_ports(problem, quick, top) };
+        // With other scales of the ports it explains more than when it was entered.
+        candidates.push(price.candidate(&best));
         if best.effects.len() > 1 && !off.contains(&Step::Questioning) {
             best = question(problem, quick, best, library, allowed, &price, &mut candidates);
         }
