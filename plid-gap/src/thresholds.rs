@@ -64,7 +64,7 @@ pub const NEXT: f64 = 50.0;
 pub const SHAPE_DIFFERS: f64 = 0.3;
 
 /// Probability of something else from which places on single modes are tried too: what a strut explains is not looked for elsewhere.
-pub const INADEQUATE: f64 = 0.4;
+pub const INADEQUATE: f64 = 0.35;
 
 /// And share of the refit's excess that must be left for that: a cause at another place leaves more than a shape's third digit.
 pub const ELSEWHERE: f64 = 0.05;
@@ -72,11 +72,11 @@ pub const ELSEWHERE: f64 = 0.05;
 /// Gain on held-out records in its own standard deviations that an explanation must reach where twice as much is expected of it.
 pub const HELD_OUT_GAIN: f64 = 3.0;
 
-/// Least and largest probability of something else. Of the cases in which nothing of the vocabulary suffices, one in four still has its
-/// cause there, in a shape or beside another effect that the search did not follow: what comes nearest keeps that much.
+/// Least and largest probability of something else. Of the blind cases in which nothing of the vocabulary sufficed, half had their cause there
+/// all the same, in a shape or beside another effect that the search did not follow: what comes nearest keeps that much.
 pub const LEAST_UNKNOWN: f64 = 0.02;
 /// See [`LEAST_UNKNOWN`]. What held-out records refute has it too.
-pub const MOST_UNKNOWN: f64 = 0.75;
+pub const MOST_UNKNOWN: f64 = 0.6;
 
 /// Expected difference in log likelihood below which records, in hand or to come, do not part two explanations: odds of 150 : 1.
 pub const SEPARABLE: f64 = 5.0;
