@@ -96,8 +96,7 @@ pub fn diagnose_without(
     off: &[Step],
     say: &mut dyn FnMut(String),
 ) -> Result<Outcome, GapError> {
-    let ground = Groundwork::new(case, library, off, say)?;
-    finish(&ground, &ground.audit, &[], say)
+    Ok(Groundwork::whole(case, library, off, say)?.0)
 }
 
 /// What a diagnosis does before it matters which effects it knows: audit, preparation, bounded refit; and the first turn of the search, from which one that
@@ -176,8 +175,9 @@ fn finish(
     // the stated limits may stand for the effect itself.
     let bounded = clipped(problem, &refitted.eta).map(|eta| problem.nuisance.apply(&problem.plant, &eta));
     let bounded = bounded.as_ref().unwrap_or(&refitted.plant);
+    let best = &found.best.effects;
     let held_out =
-        held_out(&ready.held_out, &ready.noise, bounded, &plant, &actions).filter(|_| !found.best.effects.is_empty());
+        if best.is_empty() { None } else { held_out(&ready.held_out, &ready.noise, bounded, &plant, &actions) };
     let fails = !off.contains(&Step::HeldOutVeto) && held_out.is_some_and(|held_out| held_out.refutes());
     let unknown = if fails { judged.unknown.max(MOST_UNKNOWN) } else { judged.unknown };
     let mut weighted = weigh(&found.candidates, unknown, problem.rows() as f64, *level, off);
@@ -185,7 +185,7 @@ fn finish(
     let shown: Vec<&Placed> = unseen
         .iter()
         .map(|u| (&u.placed, u.gain))
-        .filter(|(p, gain)| *gain > EVIDENCE && rules.allow(p, names) && wandering(p, &found.best.effects).is_none())
+        .filter(|(p, gain)| *gain > EVIDENCE && rules.allow(p, names) && wandering(p, best).is_none())
         .map(|(p, _)| p)
         .collect();
     for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
@@ -200,11 +200,10 @@ fn finish(
 
     let before = locate::map(&problem.records, &locate::errors(problem), &ready.noise, plant.rate);
     let mut said = named(&explained, &shown, &weighted);
-    for which in unseen.iter().filter_map(|u| wandering(&u.placed, &found.best.effects)) {
+    for which in unseen.iter().filter_map(|u| wandering(&u.placed, best)) {
         said[which].shape_differs = true;
     }
-    let nearest: Vec<String> =
-        found.best.effects.iter().map(|p| format!("{} at {}", p.effect.name(), p.place.location(names))).collect();
+    let nearest: Vec<String> = best.iter().map(|placed| in_words(std::slice::from_ref(placed), names)).collect();
     let candidates = weighted
         .iter()
         .map(|w| Explanation {
@@ -221,11 +220,11 @@ fn finish(
     say("adaptive run".into());
     let tracks = Tracks::of(&problem.plant, &problem.records, &ready.noise.rms());
     say("held against its rivals".into());
-    let (best, fit) = explained.leading();
-    let foretold = Foretold::new(problem, &fit);
-    let rivals = rivals(&foretold, &best, &found.candidates);
-    let first = in_words(&best, names);
-    let others = others(&best, &rivals, names);
+    // Where nothing is missing nothing is left to part.
+    let foretold = (verdict != Verdict::None).then(|| Foretold::new(problem, explained.fit()));
+    let rivals = foretold.as_ref().map_or_else(Vec::new, |foretold| rivals(foretold, best, &found.candidates));
+    let first = in_words(best, names);
+    let others = others(best, &rivals, names);
     let mut sentence = sentence(verdict, &said, &nearest, &gaps, level.seen);
     if let (Verdict::Effects, Some(others)) = (verdict, &others) {
         sentence += &format!(" These records cannot tell {first} from {others}.");
@@ -234,11 +233,13 @@ fn finish(
     let diagnosis = Diagnosis {
         verdict,
         sentence,
-        next_experiment: next_experiment(&explained, verdict, &weighted, &best, &foretold, &rivals),
+        next_experiment: foretold
+            .as_ref()
+            .and_then(|foretold| next_experiment(&explained, &weighted, best, foretold, &rivals)),
         effects: if verdict == Verdict::Effects { said } else { Vec::new() },
         candidates,
-        not_separable: classes(found, &best, &rivals, names),
-        separability: comparisons(found, &best, &rivals, names),
+        not_separable: classes(found, best, &rivals, names),
+        separability: comparisons(found, best, &rivals, names),
         place: place(&before, &names.outputs, found, &shown),
         gap: gaps,
         evidence: words(

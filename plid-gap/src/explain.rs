@@ -10,10 +10,9 @@ use crate::prepare::{NoiseLevel, Prepared};
 use crate::problem::{Fit, Placed, Problem, sum_of_squares};
 use crate::record::Channels;
 use crate::refit::{Refit, STEPS, refit};
-use crate::separable::NEARLY;
 use crate::shape::{Bent, bent, one_for_two};
 use crate::simulate::Fineness;
-use crate::stepwise::{Search, Turn, all_same, search};
+use crate::stepwise::{Search, Turn, search};
 use crate::thresholds::{ACCEPT, ELSEWHERE, HEAD, INADEQUATE, SHAPE_DIFFERS, WORTH};
 use crate::unseen::is_unseen;
 use crate::verdict::{Adequacy, adequacy};
@@ -76,19 +75,6 @@ impl<'a> Explained<'a> {
     /// The model that predicts: the best explanation, with a free shape where one is needed.
     pub fn fit(&self) -> &Fit<'a> {
         self.bent.as_ref().map_or(&self.found.best, |bent| &bent.fit)
-    }
-
-    /// The most probable explanation's effects, and its fit: the best, unless one that explains too little to be accepted is cheaper.
-    pub fn leading(&self) -> (Vec<Placed<'a>>, Fit<'a>) {
-        let best = &self.found.best;
-        match self.found.candidates.first() {
-            Some(first) if !all_same(&first.effects, &best.effects) => {
-                let problem = &self.ready.problem;
-                let tangent = problem.tangent(&problem.nuisance.apply(&problem.plant, &best.eta));
-                (first.effects.clone(), problem.fit(&tangent, &best.eta, &first.effects, NEARLY))
-            }
-            _ => (best.effects.clone(), self.fit().clone()),
-        }
     }
 
     /// RMS of each output's noise; where nothing shows it, no more than what is left.

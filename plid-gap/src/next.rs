@@ -17,7 +17,7 @@ use crate::simulate::Fineness;
 use crate::stepwise::all_same;
 use crate::thresholds::SEPARABLE;
 use crate::unseen::is_unseen;
-use crate::verdict::{Verdict, Weighted};
+use crate::verdict::Weighted;
 use crate::whiten::Whitener;
 
 /// Rivals that are looked at beside those that the records cannot part from the best, and the probability from which an explanation is one.
@@ -30,20 +30,20 @@ const SAMPLES: usize = 2000;
 /// The experiment to make next, in words with its predicted gain; none where nothing is open.
 pub(crate) fn next_experiment<'a>(
     explained: &Explained<'a>,
-    verdict: Verdict,
     weighted: &[Weighted<'a>],
     best: &[Placed],
     records: &Foretold<'a>,
     rivals: &[Rival<'a>],
 ) -> Option<String> {
-    if verdict == Verdict::None || weighted.len() < 2 {
+    if weighted.len() < 2 {
         return None;
     }
     let mut fitted: Vec<Fit> = open(rivals, best).map(|rival| rival.fit.clone()).collect();
     let most = fitted.len().max(RIVALS);
-    for likely in weighted.iter().filter(|w| !w.unknown && w.probability > OPEN && !alike(w, best)) {
+    for likely in weighted.iter().filter(|w| !w.unknown && w.probability > OPEN) {
         let effects: Vec<Placed> = likely.effects.iter().filter(|p| !is_unseen(p.effect)).cloned().collect();
-        if fitted.len() < most && !fitted.iter().any(|fit| all_same(&fit.effects, &effects)) {
+        let there = all_same(&effects, best) || fitted.iter().any(|fit| all_same(&fit.effects, &effects));
+        if fitted.len() < most && !there {
             let compared = rivals.iter().find(|rival| all_same(&rival.effects, &effects));
             fitted.push(compared.map_or_else(|| records.fit(&effects), |rival| rival.fit.clone()));
         }
@@ -101,13 +101,6 @@ fn by_rule(explained: &Explained) -> String {
             .push("a sine at the frequency where most of the gap lies, at several levels: its harmonics show the kind");
     }
     format!("Nothing of the vocabulary explains the rest; to see what it is, record {}.", wanted.join(", then "))
-}
-
-fn alike(a: &Weighted, best: &[Placed]) -> bool {
-    let within = |a: &[Placed], b: &[Placed]| {
-        a.iter().all(|a| is_unseen(a.effect) || b.iter().any(|b| crate::stepwise::same(a, b)))
-    };
-    within(&a.effects, best) && within(best, &a.effects)
 }
 
 /// An input that could be applied.

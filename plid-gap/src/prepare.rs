@@ -87,14 +87,7 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
         if off.contains(&Step::NoiseFit) { Vec::new() } else { quiet_stretches(&plant, &fitted, &setting.tones) };
     let noise = if quiet.is_empty() { declared.clone() } else { declared.fit(&quiet) };
     let noise = rounded(noise, &codes, &declared_sensor);
-    let whiteners = fitted
-        .iter()
-        .enumerate()
-        .map(|(k, record)| {
-            let masked = codes.iter().map(|codes| codes.repeats[k].clone()).collect();
-            Whitener::new(record, &noise, plant.rate, masked)
-        })
-        .collect();
+    let whiteners = whiteners(&fitted, &noise, plant.rate, &codes);
     let nuisance = Nuisance::new(&plant, &fitted, &known.limits).doubted(&known.doubt);
     let problem = Problem { plant, records: fitted, whiteners, nuisance, setting };
     let declares = model.noise.sensor_std.is_some();
@@ -175,10 +168,7 @@ impl Prepared {
             return false;
         }
         self.codes = seen;
-        for (k, whitener) in self.problem.whiteners.iter_mut().enumerate() {
-            let masked = self.codes.iter().map(|codes| codes.repeats[k].clone()).collect();
-            *whitener = Whitener::new(&records[k], &self.noise, self.problem.plant.rate, masked);
-        }
+        self.problem.whiteners = whiteners(records, &self.noise, self.problem.plant.rate, &self.codes);
         true
     }
 
@@ -202,14 +192,17 @@ impl Prepared {
         self.quiet = quiet;
         let changed = noise.rms().iter().zip(self.noise.rms()).any(|(a, b)| (a / b - 1.0).abs() > RENEWED);
         if changed {
-            let rate = self.problem.plant.rate;
-            let whiteners = records.iter().zip(&self.problem.whiteners);
-            self.problem.whiteners =
-                whiteners.map(|(record, old)| Whitener::new(record, &noise, rate, old.masked.clone())).collect();
+            self.problem.whiteners = whiteners(records, &noise, self.problem.plant.rate, &self.codes);
             self.noise = noise;
         }
         changed
     }
+}
+
+/// Of each record, with what repeats in it masked.
+fn whiteners(records: &[Record], noise: &NoiseModel, rate: f64, codes: &[Codes]) -> Vec<Whitener> {
+    let masked = |k: usize| codes.iter().map(|codes| codes.repeats[k].clone()).collect();
+    records.iter().enumerate().map(|(k, record)| Whitener::new(record, noise, rate, masked(k))).collect()
 }
 
 /// A coarse converter rounds: q^2 / 12 once the signal moves, though a quiet record may show a constant.

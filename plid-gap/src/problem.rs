@@ -191,6 +191,15 @@ impl Problem {
         Tangent::new(values, rows, &self.nuisance.std)
     }
 
+    /// Where a refit goes from a residual: J' r less the pull of the prior on what the linear parameters are at.
+    pub fn gradient(&self, tangent: &Tangent, residual: &[f64], eta: &[f64]) -> DMatrix<f64> {
+        let mut gradient = tangent.cross(residual, 1);
+        for ((g, x), std) in gradient.iter_mut().zip(eta).zip(&self.nuisance.std) {
+            *g -= x / (std * std);
+        }
+        gradient
+    }
+
     /// Sum of squares of eta / std.
     pub fn penalty(&self, eta: &[f64]) -> f64 {
         eta.iter().zip(&self.nuisance.std).map(|(x, std)| (x / std).powi(2)).sum()

@@ -33,12 +33,7 @@ pub fn refit(problem: &Problem, steps: usize) -> Refit {
     let mut cost = sum_of_squares(&residual);
     let mut tangent = problem.tangent(&plant);
     for _ in 0..steps {
-        let cross = tangent.cross(&residual, 1);
-        let mut gradient: Vec<f64> = cross.as_slice().to_vec();
-        for ((g, x), std) in gradient.iter_mut().zip(&eta).zip(&problem.nuisance.std) {
-            *g -= x / (std * std);
-        }
-        let gradient = nalgebra::DVector::from_vec(gradient);
+        let gradient = problem.gradient(&tangent, &residual, &eta);
         let mut gain = 0.0;
         for damping in DAMPINGS {
             let mut normal = tangent.normal.clone();

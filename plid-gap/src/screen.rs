@@ -65,7 +65,8 @@ pub fn screen<'a>(base: &Base<'_, 'a>, library: &'a Library, skip: impl Fn(&Plac
         .collect();
     // As the runs make it, so that what a coarse run does differently cancels.
     let now = problem.residual(base.plant, base.eta, base.effects, Fineness::COARSE);
-    let left = left(base, &factor);
+    // At a refit's end that is nothing: what an effect explains there may be the residual, or what linear parameters were bent for.
+    let left = factor.solve(&problem.gradient(base.tangent, base.residual, base.eta));
     let mut entries: Vec<Entry> = pairs
         .par_iter()
         .filter_map(|(effect, place)| {
@@ -107,15 +108,6 @@ fn projected(tangent: &Tangent, factor: &Cholesky<f64, Dyn>, v: &[f64]) -> Proje
     let cross = tangent.cross(v, 1);
     let solved = factor.solve(&cross);
     Projected { cross, solved }
-}
-
-/// What a refit would do: (J'J + prior)^{-1} on J'r less the pull of the prior on what the linear parameters are at. At a refit's end that is nothing: what an
-/// effect explains there may be the residual, or what they were bent for.
-fn left(base: &Base, factor: &Cholesky<f64, Dyn>) -> DMatrix<f64> {
-    let mut cross = base.tangent.cross(base.residual, 1);
-    let std = &base.problem.nuisance.std;
-    cross.iter_mut().zip(base.eta).zip(std).for_each(|((g, x), std)| *g -= x / (std * std));
-    factor.solve(&cross)
 }
 
 /// `scaled`: with the size that is best if the trace is proportional to it; otherwise with the size as it is.

@@ -55,7 +55,7 @@ pub fn of_screen(base: &Base, entries: &[Entry]) -> Option<Overlap> {
 }
 
 /// A rival needs to be near what it is fitted to, no nearer than the comparison is.
-pub(crate) const NEARLY: Effort = Effort { steps: 6, gain: 0.2, fineness: Fineness::COARSE };
+const NEARLY: Effort = Effort { steps: 6, gain: 0.2, fineness: Fineness::COARSE };
 
 /// Records as an explanation foretells them, without noise, and how well it explains these itself.
 pub struct Foretold<'a> {

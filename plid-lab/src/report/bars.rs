@@ -62,7 +62,7 @@ pub fn bars(plot: &Bars) -> String {
     let step = nice_step((0.0, most), (width / 90.0).clamp(3.0, 8.0));
     let ticks = (0..).map(|k| f64::from(k) * step).take_while(|tick| *tick <= most * (1.0 + 1e-9));
     for tick in ticks {
-        line(&mut canvas, (x(tick), top), (x(tick), bottom + 4.0), (style::GRID, 0.8, false));
+        canvas.line((x(tick), top), (x(tick), bottom + 4.0), (style::GRID, 0.8, false));
         canvas.text(&format_tick(tick), x(tick), bottom + 17.0, Text::Middle);
     }
     for (row, bar) in plot.bars.iter().enumerate() {
@@ -80,33 +80,21 @@ pub fn bars(plot: &Bars) -> String {
         });
         let mut reached = end;
         if let Some((low, high)) = bar.interval.filter(|(low, high)| low.is_finite() && high.is_finite()) {
-            line(&mut canvas, (x(low), middle), (x(high), middle), (style::TEXT, 1.6, false));
+            canvas.line((x(low), middle), (x(high), middle), (style::TEXT, 1.6, false));
             for at in [x(low), x(high)] {
-                line(&mut canvas, (at, middle - 5.0), (at, middle + 5.0), (style::TEXT, 1.6, false));
+                canvas.line((at, middle - 5.0), (at, middle + 5.0), (style::TEXT, 1.6, false));
             }
             reached = reached.max(x(high));
         }
         canvas.text(&bar.name, left - 8.0, middle + 4.0, Text::End);
         canvas.text(&bar.text, reached + 8.0, middle + 4.0, Text::Start);
     }
-    line(&mut canvas, (left, top), (left, bottom), (style::AXIS, 1.0, false));
+    canvas.line((left, top), (left, bottom), (style::AXIS, 1.0, false));
     if let Some(value) = reference.filter(|value| value.is_finite()) {
-        line(&mut canvas, (x(value), top), (x(value), bottom), (style::REFERENCE, 1.6, true));
+        canvas.line((x(value), top), (x(value), bottom), (style::REFERENCE, 1.6, true));
     }
     canvas.text(&plot.label, left + width / 2.0, bottom + 37.0, Text::Middle);
     canvas.finish(bottom + 46.0)
-}
-
-fn line(canvas: &mut Canvas, from: (f64, f64), to: (f64, f64), (colour, width, dashed): (&str, f64, bool)) {
-    canvas.scene.add(Primitive::Line {
-        x1: from.0,
-        y1: from.1,
-        x2: to.0,
-        y2: to.1,
-        stroke: Color::from(colour),
-        stroke_width: width,
-        stroke_dasharray: dashed.then(|| "6 4".to_string()),
-    });
 }
 
 #[cfg(test)]

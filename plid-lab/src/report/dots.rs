@@ -61,17 +61,17 @@ pub fn dots(plot: &Dots) -> String {
     let step = nice_step((low, high), (width / 90.0).clamp(3.0, 8.0));
     let ticks = ((low / step).ceil() as i64..=(high / step).floor() as i64).map(|k| k as f64 * step);
     for tick in ticks {
-        line(&mut canvas, (x(tick), top), (x(tick), bottom + 4.0), style::GRID, 0.8);
+        canvas.line((x(tick), top), (x(tick), bottom + 4.0), (style::GRID, 0.8, false));
         canvas.text(&format_tick(tick), x(tick), bottom + 17.0, Text::Middle);
     }
-    line(&mut canvas, (x(0.0), top), (x(0.0), bottom), style::AXIS, 1.4);
+    canvas.line((x(0.0), top), (x(0.0), bottom), (style::AXIS, 1.4, false));
     for (row, (name, dots)) in plot.rows.iter().enumerate() {
         let first = top + row as f64 * row_height + BETWEEN / 2.0;
         canvas.text(name, left - 8.0, first + (row_height - BETWEEN) / 2.0 + 4.0, Text::End);
         for (kind, dot) in dots.iter().enumerate() {
             let Some(dot) = dot.as_ref().filter(finite) else { continue };
             let y = first + (kind as f64 + 0.5) * LANE;
-            line(&mut canvas, (x(dot.interval.0), y), (x(dot.interval.1), y), colour(kind), 1.6);
+            canvas.line((x(dot.interval.0), y), (x(dot.interval.1), y), (colour(kind), 1.6, false));
             canvas.scene.add(Primitive::Circle {
                 cx: x(dot.value),
                 cy: y,
@@ -85,18 +85,6 @@ pub fn dots(plot: &Dots) -> String {
     }
     canvas.text(&plot.label, left + width / 2.0, bottom + 37.0, Text::Middle);
     canvas.finish(bottom + 46.0)
-}
-
-fn line(canvas: &mut Canvas, from: (f64, f64), to: (f64, f64), colour: &str, width: f64) {
-    canvas.scene.add(Primitive::Line {
-        x1: from.0,
-        y1: from.1,
-        x2: to.0,
-        y2: to.1,
-        stroke: Color::from(colour),
-        stroke_width: width,
-        stroke_dasharray: None,
-    });
 }
 
 #[cfg(test)]

@@ -151,6 +151,19 @@ impl Canvas {
         self.scene.add(Primitive::Text { x, y, content: text.into(), size, anchor, rotate, bold, color: None });
     }
 
+    /// A straight line in a colour, as wide as this, dashed or not.
+    pub fn line(&mut self, from: (f64, f64), to: (f64, f64), (colour, width, dashed): (&str, f64, bool)) {
+        self.scene.add(Primitive::Line {
+            x1: from.0,
+            y1: from.1,
+            x2: to.0,
+            y2: to.1,
+            stroke: Color::from(colour),
+            stroke_width: width,
+            stroke_dasharray: dashed.then(|| "6 4".to_string()),
+        });
+    }
+
     /// Draws entries side by side from (x, y), as many rows as they need; returns the height reached.
     pub fn legend(&mut self, entries: &[LegendEntry], x: f64, y: f64) -> f64 {
         if entries.is_empty() {

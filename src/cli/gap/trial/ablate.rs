@@ -6,7 +6,7 @@ use plid_trial::ablation::Ablation;
 use plid_trial::score_without;
 
 use super::progress::Bar;
-use super::{Failure, Voice, diagnose, voice};
+use super::{Answered, Failure, Voice, diagnose, voice};
 
 /// What is each step of the diagnosis worth? Diagnose a trial again with one step off at a time, and score.
 ///
@@ -17,12 +17,8 @@ use super::{Failure, Voice, diagnose, voice};
 #[derive(clap::Args)]
 #[command(after_help = help())]
 pub struct Arguments {
-    /// The cases, with answers to all of them.
-    #[arg(value_name = "T")]
-    trial: PathBuf,
-    /// What `plid gap trial draw` sealed.
-    #[arg(long, value_name = "S")]
-    sealed: PathBuf,
+    #[command(flatten)]
+    answered: Answered,
     /// Where report.html and ablation.json go.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -48,7 +44,7 @@ pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
     let names: Vec<&str> = steps.iter().map(|step| step.name()).collect();
     let program = std::env::current_exe().map_err(Failure::work)?;
     let mut command = Command::new(program);
-    command.args(["gap", "trial", "diagnose"]).arg(&arguments.trial);
+    command.args(["gap", "trial", "diagnose"]).arg(&arguments.answered.trial);
     command.args(["--off", &names.join(","), "--jobs", &jobs.to_string()]);
     command.args(["--quiet"].iter().filter(|_| voice.quiet || voice.json));
     // What it prints is no result of this command.
@@ -59,7 +55,7 @@ pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
         )));
     }
     let bar = Bar::new(voice.quiet || voice.json);
-    let ablation = score_without(&arguments.trial, &arguments.sealed, &steps, &arguments.out, &bar);
+    let ablation = score_without(&arguments.answered.trial, &arguments.answered.sealed, &steps, &arguments.out, &bar);
     bar.finish();
     let ablation = ablation?;
     let report = arguments.out.join("report.html");

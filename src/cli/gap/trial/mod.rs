@@ -37,6 +37,17 @@ enum Step {
     Ablate(ablate::Arguments),
 }
 
+/// A trial with its answers, and what was withheld.
+#[derive(clap::Args)]
+struct Answered {
+    /// The cases, with answers to all of them.
+    #[arg(value_name = "T")]
+    trial: PathBuf,
+    /// What `plid gap trial draw` sealed.
+    #[arg(long, value_name = "S")]
+    sealed: PathBuf,
+}
+
 /// Which trial.
 #[derive(clap::Args)]
 struct Which {

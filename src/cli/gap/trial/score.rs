@@ -4,7 +4,7 @@ use plid_trial::score;
 use plid_trial::scores::Scores;
 
 use super::progress::Bar;
-use super::{Failure, Voice, voice};
+use super::{Answered, Failure, Voice, voice};
 
 /// Score the answers to a trial.
 ///
@@ -13,12 +13,8 @@ use super::{Failure, Voice, voice};
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  plid gap trial score T --sealed S\nthen open S/report.html")]
 pub struct Arguments {
-    /// The cases, with answers to all of them.
-    #[arg(value_name = "T")]
-    trial: PathBuf,
-    /// What `plid gap trial draw` sealed.
-    #[arg(long, value_name = "S")]
-    sealed: PathBuf,
+    #[command(flatten)]
+    answered: Answered,
     /// Where report.html and scores.json go; S if left out.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -26,8 +22,8 @@ pub struct Arguments {
 
 /// Runs the command.
 pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
-    let out = arguments.out.as_ref().unwrap_or(&arguments.sealed);
-    into(&arguments.trial, &arguments.sealed, out, voice)
+    let out = arguments.out.as_ref().unwrap_or(&arguments.answered.sealed);
+    into(&arguments.answered.trial, &arguments.answered.sealed, out, voice)
 }
 
 /// Scores into a directory and says what came of it.
