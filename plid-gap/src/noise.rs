@@ -101,6 +101,11 @@ impl NoiseModel {
         Self { plant: plant.clone(), sources, misfit: f64::NAN, bins: 0, model_error: None, band_hz: None }
     }
 
+    /// Ports of the simulation that it was made from; places on single modes come later.
+    pub fn ports(&self) -> usize {
+        self.plant.ports.len()
+    }
+
     /// Fits sensors and modal forces to stretches; the actuators' noise stays as declared.
     pub fn fit(&self, stretches: &[Stretch]) -> Self {
         let modes: Vec<Source> = (0..self.plant.modes.len()).map(Source::Mode).collect();

@@ -99,7 +99,7 @@ fn coloured(ready: &Prepared) -> Option<(usize, f64, f64, f64)> {
     let mut best: Option<(f64, usize, f64, f64, f64)> = None;
     let mut hz = LOWEST;
     while hz < 0.45 * plant.rate {
-        for port in 0..plant.ports.len() {
+        for port in 0..ready.declared.ports() {
             for width in WIDTHS {
                 let band = Source::Band(port, hz, width);
                 let fitted = ready.declared.fit_with(&ready.quiet, &[Source::Ambient, band], 8, THINNED);
@@ -140,3 +140,47 @@ pub fn wandering(band: &Placed, effects: &[Placed]) -> Option<usize> {
 
 /// Bands are looked for in steps of 6 %.
 const NEAR_LINE: f64 = 0.04;
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+    use crate::effects::Action;
+    use crate::prepare::{Known, prepare};
+    use crate::simulate::{Fineness, simulate};
+    use crate::testing;
+
+    /// A force in a band at the second strut is found there, with places on single modes beside the struts too.
+    #[test]
+    fn a_coloured_force_is_looked_for_at_the_struts_alone() {
+        let sim = testing::truss(1);
+        let mut case = testing::case(&sim, &sim);
+        let plant = crate::plant::Plant::new(&sim).unwrap();
+        let quiet = &mut case.records[0];
+        // White noise through a resonator at 137 Hz, where a mode lies.
+        let white = testing::random_input(77, quiet.samples(), 1).remove(0);
+        let (turn, radius) = (2.0 * (TAU * 137.0 / plant.rate).cos(), 0.97);
+        let (mut force, mut last) = (Vec::new(), [0.0; 2]);
+        for e in white {
+            let now = turn * radius * last[0] - radius * radius * last[1] + e;
+            last = [now, last[0]];
+            force.push(now);
+        }
+        let (rate, strength) = (plant.rate, 0.003);
+        let of = move |t: f64| strength * force[((t * rate).round() as usize).min(force.len() - 1)];
+        let pushed = simulate(&plant, &[Action::Disturbance(1, Box::new(of))], &quiet.u, 0.0, None, Fineness::FINE);
+        quiet.y.iter_mut().zip(&pushed).for_each(|(y, more)| y.iter_mut().zip(more).for_each(|(y, more)| *y += more));
+
+        let mut ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        let library = Library::standard();
+        let places = |ready: &Prepared| -> Vec<Place> {
+            let found = unseen(ready, &library).into_iter();
+            found.filter(|u| u.placed.effect.name() == "coloured-disturbance").map(|u| u.placed.place).collect()
+        };
+        let struts = places(&ready);
+        assert!(matches!(struts[..], [Place::Frequency(hz, 1)] if (hz / 137.0 - 1.0).abs() < 0.1), "{struts:?}");
+        ready.problem = ready.problem.with_modal_places(&[1, 2]);
+        assert_eq!(places(&ready), struts);
+    }
+}
