@@ -62,6 +62,9 @@ pub(crate) struct Carried {
 }
 
 impl Carried {
+    /// Of a pole that stays.
+    pub(crate) const UNMOVED: Self = Self { displacement: 1.0, velocity: C::ONE, acceleration: C::ONE };
+
     pub(crate) fn new(from: C, to: C) -> Self {
         let (displacement, turn) = (from.im / to.im, to / from);
         Self { displacement, velocity: turn * displacement, acceleration: turn * turn * displacement }
