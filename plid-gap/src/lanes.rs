@@ -82,9 +82,8 @@ pub fn real(values: &[f64]) -> Vec<Quad> {
 #[inline(always)]
 pub fn add_real(to: &mut [Quad], from: &[Quad], factor: f64) {
     for (to, from) in to.iter_mut().zip(from) {
-        for l in 0..WIDE {
-            to[l] += from[l] * factor;
-        }
+        // All are read before any is written, so that the compiler need not fear that they overlap.
+        *to = std::array::from_fn(|l| to[l] + from[l] * factor);
     }
 }
 
