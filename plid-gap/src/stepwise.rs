@@ -13,7 +13,9 @@ use crate::refit::{Refit, clipped};
 use crate::screen::{Base, Entry, screen};
 use crate::separable::{Overlap, of_screen};
 use crate::simulate::Fineness;
-use crate::thresholds::{ACCEPT, FITTED, FURTHER_SHARE, MATERIAL, MOST_EFFECTS, NOT_ACCEPTED, POLISHED, STRAIGHTENED};
+use crate::thresholds::{
+    ACCEPT, BEHIND, FAR, FITTED, FURTHER_SHARE, MATERIAL, MOST_EFFECTS, NOT_ACCEPTED, POLISHED, STRAIGHTENED,
+};
 
 /// An explanation that was fitted, with its price.
 #[derive(Clone)]
@@ -233,6 +235,9 @@ impl<'a> Turn<'a> {
         let mut best: Vec<(usize, &Fit<'a>)> = heads.iter().filter_map(|(k, fit)| Some((*k, fit.as_ref()?))).collect();
         best.sort_by(|a, b| price.of(a.1).total_cmp(&price.of(b.1)));
         best.truncate(polished);
+        let gain = |fit: &Fit| self.from.cost - price.of(fit);
+        let most = best.first().map_or(0.0, |(_, fit)| gain(fit));
+        best.retain(|(_, fit)| most - gain(fit) < FAR.max(BEHIND * most));
         let whole = best
             .into_par_iter()
             .map(|(k, fit)| {
@@ -303,6 +308,7 @@ struct Start<'a> {
     plant: crate::plant::Plant,
     tangent: Tangent,
     residual: Vec<f64>,
+    cost: f64,
 }
 
 impl<'a> Start<'a> {
@@ -312,7 +318,8 @@ impl<'a> Start<'a> {
         let plant = problem.nuisance.apply(&problem.plant, &eta);
         let tangent = problem.tangent(&plant);
         let residual = problem.residual(&plant, &eta, &fit.effects, Fineness::COARSE);
-        Self { effects: fit.effects.clone(), eta, plant, tangent, residual }
+        let cost = sum_of_squares(&residual) + problem.penalty(&eta);
+        Self { effects: fit.effects.clone(), eta, plant, tangent, residual, cost }
     }
 
     fn base<'p>(&'p self, problem: &'p Problem, bold: bool) -> Base<'p, 'a> {

@@ -7,6 +7,12 @@ pub const FITTED: usize = 12;
 /// Of these, the ones that are fitted to whole records.
 pub const POLISHED: usize = 4;
 
+/// Of these again, what gains less on the heads than the best of them by this share of its gain, and by this much in twice the log likelihood, is not
+/// fitted to whole records: it would not come first there.
+pub const BEHIND: f64 = 0.25;
+/// See [`BEHIND`].
+pub const FAR: f64 = 500.0;
+
 /// Samples of each record that the search looks at. A third of a record ranks as a whole one does: effects of a few per cent stand
 /// out by thousands in twice the log likelihood.
 pub const HEAD: usize = 2000;
