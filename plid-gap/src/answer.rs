@@ -238,7 +238,7 @@ pub(crate) fn words(
     tracks: &Tracks,
     class: Option<(&str, &str)>,
 ) -> Vec<String> {
-    let Explained { ready, refitted, found, judged, given_cost, .. } = explained;
+    let Explained { ready, refitted, found, judged, given_cost, diverged, .. } = explained;
     let rows = ready.problem.rows() as f64;
     let names = &ready.problem.setting.names;
     let mut words = vec![format!(
@@ -247,6 +247,12 @@ pub(crate) fn words(
         refitted.cost / rows,
         found.best.cost / rows
     )];
+    if let Some((effects, record)) = diverged {
+        words.push(format!(
+            "{} came nearest, but its free run of `{record}` has no bounds: it was refused.",
+            in_words(effects, names)
+        ));
+    }
     if let Some(slope) = before.slope {
         words.push(format!("The relative gap goes with the level to the power {slope:+.1}."));
     }

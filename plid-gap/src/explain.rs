@@ -8,14 +8,18 @@ use crate::locate::error;
 use crate::modal::dominant;
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::problem::{Fit, Placed, Problem, sum_of_squares};
-use crate::record::Channels;
+use crate::record::{Channels, Record};
 use crate::refit::{Refit, STEPS, refit};
 use crate::shape::{Bent, bent, one_for_two};
+use crate::shrink::run;
 use crate::simulate::Fineness;
-use crate::stepwise::{Search, Turn, search};
-use crate::thresholds::{ACCEPT, ELSEWHERE, HEAD, INADEQUATE, SHAPE_DIFFERS, WORTH};
+use crate::stepwise::{Candidate, Search, Turn, all_same, polish, search};
+use crate::thresholds::{ACCEPT, ELSEWHERE, HEAD, INADEQUATE, MOST_UNKNOWN, SHAPE_DIFFERS, WORTH};
 use crate::unseen::is_unseen;
 use crate::verdict::{Adequacy, adequacy};
+
+/// Explanations without bounds that are refused before the refit takes their place.
+const MOST_REFUSED: usize = 5;
 
 /// What the engineer knows, as effects or locations.
 pub struct Rules<'r> {
@@ -69,6 +73,8 @@ pub struct Explained<'a> {
     pub level: NoiseLevel,
     /// Sum of squares of the simulation as given.
     pub given_cost: f64,
+    /// An explanation whose free run of a record has no bounds, with that record: it was refused.
+    pub diverged: Option<(Vec<Placed<'a>>, String)>,
 }
 
 impl<'a> Explained<'a> {
@@ -82,6 +88,40 @@ impl<'a> Explained<'a> {
         self.ready.noise.rms().iter().map(|rms| rms * self.level.factor.min(1.0).sqrt()).collect()
     }
 
+    /// The record, held out or not, whose free run has no bounds.
+    fn unbounded(&self) -> Option<&Record> {
+        let problem = &self.ready.problem;
+        let plant = problem.nuisance.apply(&problem.plant, &self.fit().eta);
+        let actions = problem.actions(&self.fit().effects);
+        let finite = |record: &&Record| run(&plant, &actions, record).iter().flatten().all(|y| y.is_finite());
+        problem.records.iter().chain(&self.ready.held_out).find(|record| !finite(record))
+    }
+
+    /// In place of an explanation whose free run of a record has no bounds the next one that has them, or the refit.
+    fn refuse_divergence(mut self) -> Self {
+        let mut tries = MOST_REFUSED;
+        while let Some(name) = self.unbounded().map(|record| record.name.clone()) {
+            self.bent = None;
+            self.judged.unknown = MOST_UNKNOWN;
+            let problem = &self.ready.problem;
+            let found = &mut self.found;
+            found.candidates.retain(|c| !all_same(&c.effects, &found.best.effects));
+            tries -= 1;
+            let cheaper = |c: &&Candidate| tries > 0 && !c.effects.is_empty() && c.priced < self.refitted.cost;
+            let next = found
+                .candidates
+                .iter()
+                .find(cheaper)
+                .map(|candidate| polish(problem, Fit { effects: candidate.effects.clone(), ..found.best.clone() }));
+            let refused = std::mem::replace(&mut found.best, next.unwrap_or_else(|| self.refitted.as_fit()));
+            self.diverged.get_or_insert((refused.effects, name));
+            if tries == 0 {
+                break;
+            }
+        }
+        self
+    }
+
     fn price(&self) -> f64 {
         self.found.candidates.first().map_or(f64::INFINITY, |candidate| candidate.priced)
     }
@@ -90,6 +130,17 @@ impl<'a> Explained<'a> {
 /// Searches, with the struts as places of internal forces; where that does not suffice, with the modes about which the gap lies too. `turn` keeps the
 /// first turn of the first search, or has it.
 pub fn explain<'a>(
+    ready: Prepared,
+    refitted: Refit,
+    library: &'a Library,
+    rules: &Rules,
+    turn: &OnceCell<Turn<'a>>,
+    say: &mut dyn FnMut(String),
+) -> Explained<'a> {
+    searched(ready, refitted, library, rules, turn, say).refuse_divergence()
+}
+
+fn searched<'a>(
     ready: Prepared,
     refitted: Refit,
     library: &'a Library,
@@ -184,11 +235,11 @@ fn once<'a>(
         say(format!("with a free shape: {freed:.2?}"));
         judged.unknown = judged.unknown.min(freed.unknown).max(SHAPE_DIFFERS);
     }
-    Explained { ready, quick, refitted, found, bent, judged, level, given_cost }
+    Explained { ready, quick, refitted, found, bent, judged, level, given_cost, diverged: None }
 }
 
 /// Free runs of all fitted records.
-fn outputs(problem: &Problem, eta: &[f64], effects: &[Placed]) -> Vec<Channels> {
+pub(crate) fn outputs(problem: &Problem, eta: &[f64], effects: &[Placed]) -> Vec<Channels> {
     let plant = problem.nuisance.apply(&problem.plant, eta);
     let actions = problem.actions(effects);
     let run = |k| problem.outputs(&plant, eta, &actions, k, Fineness::FINE);
@@ -198,4 +249,50 @@ fn outputs(problem: &Problem, eta: &[f64], effects: &[Placed]) -> Vec<Channels> 
 /// What they leave.
 pub(crate) fn errors(problem: &Problem, eta: &[f64], effects: &[Placed]) -> Vec<Channels> {
     problem.records.iter().zip(outputs(problem, eta, effects)).map(|(record, y)| error(record, &y)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::Place;
+    use crate::prepare::{Known, prepare};
+    use crate::testing;
+
+    /// A spring that gives way without end stands first: the next explanation takes its place, or the refit where there is none.
+    #[test]
+    fn what_has_no_bounds_is_refused() {
+        let sim = testing::truss(1);
+        let case = testing::case(&sim, &sim);
+        let ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        let refitted = refit(&ready.problem, STEPS);
+        let library = Library::standard();
+        let rules = Rules { suspects: &[], exclude: &[], without: &[] };
+        let explained = || {
+            let (ready, refitted) = (ready.clone(), refitted.clone());
+            let mut explained = searched(ready, refitted, &library, &rules, &OnceCell::new(), &mut |_| {});
+            let at = |place, name: &str, parameters| {
+                let effect = library.effects().find(|effect| effect.name() == name).unwrap();
+                Placed { effect, place, parameters }
+            };
+            let size = explained.ready.problem.setting.stiffness[0] / explained.ready.problem.setting.d_rms[0].powi(2);
+            let unbounded = vec![at(Place::Port(0), "cubic-stiffness", vec![-1e3 * size])];
+            let offset = vec![at(Place::Output(0), "sensor-offset", vec![1e-3])];
+            explained.found.best = Fit { effects: unbounded.clone(), ..explained.refitted.as_fit() };
+            explained.found.candidates.clear();
+            for (effects, gain) in [(unbounded, 20.0), (offset, 10.0)] {
+                let cost = explained.refitted.cost - gain;
+                explained.found.candidates.push(Candidate { effects, cost, priced: cost });
+            }
+            explained
+        };
+        let next = explained().refuse_divergence();
+        assert_eq!(next.found.best.effects[0].effect.name(), "sensor-offset");
+        let (refused, record) = next.diverged.unwrap();
+        assert_eq!((refused[0].effect.name(), record.starts_with("random")), ("cubic-stiffness", true));
+        assert!(next.judged.unknown >= MOST_UNKNOWN);
+        let mut alone = explained();
+        alone.found.candidates.truncate(1);
+        let alone = alone.refuse_divergence();
+        assert!(alone.found.best.effects.is_empty() && alone.diverged.is_some());
+    }
 }

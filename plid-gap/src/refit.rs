@@ -1,7 +1,9 @@
 //! The bounded refit: the linear parameters within their prior, before any effect.
 
+use nalgebra::DMatrix;
+
 use crate::plant::Plant;
-use crate::problem::{Problem, Tangent, sum_of_squares};
+use crate::problem::{Fit, Problem, Tangent, sum_of_squares};
 use crate::simulate::Fineness;
 
 /// A linear model of the records.
@@ -17,6 +19,20 @@ pub struct Refit {
     pub residual: Vec<f64>,
     /// Sum of squares of residual and eta / std.
     pub cost: f64,
+}
+
+impl Refit {
+    /// The same as a fit without effects.
+    pub fn as_fit<'a>(&self) -> Fit<'a> {
+        Fit {
+            eta: self.eta.clone(),
+            effects: Vec::new(),
+            residual: self.residual.clone(),
+            cost: self.cost,
+            covariance: DMatrix::zeros(0, 0),
+            converged: true,
+        }
+    }
 }
 
 /// Gauss-Newton steps at most within the prior's bounds; the derivatives are renewed at each.

@@ -2,12 +2,12 @@
 
 use crate::diagnosis::Gap;
 use crate::effects::Action;
-use crate::explain::Explained;
+use crate::explain::{Explained, outputs};
 use crate::gap::{self, Blocks};
 use crate::locate;
 use crate::nuisance::{Limits, Nuisance};
 use crate::plant::Plant;
-use crate::problem::{Effort, Problem};
+use crate::problem::{Effort, Problem, sum_of_squares};
 use crate::record::{Channels, Excitation, Record};
 use crate::refit::refit;
 use crate::simulate::{Fineness, State, simulate};
@@ -24,7 +24,7 @@ pub(crate) fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], lim
     let loudest = loudest(&problem.records);
     let noise = explained.noise_rms();
     // Stated first, from what was fitted.
-    let fitted: Vec<Channels> = problem.records.iter().map(|record| run(plant, actions, record)).collect();
+    let fitted = outputs(problem, &explained.fit().eta, &explained.fit().effects);
     let stated = gap::expected(&problem.records, &fitted, loudest.level());
     let opened: Vec<&Record> = if ready.held_out.is_empty() { vec![loudest] } else { ready.held_out.iter().collect() };
     let of = |plant: &Plant, actions: &[Action]| {
@@ -76,13 +76,12 @@ pub(crate) fn run(plant: &Plant, actions: &[Action], record: &Record) -> Channel
     simulate(plant, actions, &record.u, record.start_s, start.as_ref(), Fineness::FINE)
 }
 
-/// The initial state that explains a record best, by least squares on the linear response.
+/// The initial state that explains a record best: by least squares on the linear response, first without effects, then corrected by what the run with
+/// them leaves. A run from rest would begin with a transient that the record does not have, and that effects may blow up.
 fn fitted_start(plant: &Plant, actions: &[Action], record: &Record) -> State {
     let nuisance = Nuisance::new(plant, std::slice::from_ref(record), &Limits::default());
-    let from_rest = simulate(plant, actions, &record.u, record.start_s, None, Fineness::FINE);
-    let error: Vec<f64> = locate::error(record, &from_rest).into_iter().flatten().collect();
     let first = nuisance.len() - plant.n();
-    let mut columns = nalgebra::DMatrix::zeros(error.len(), plant.n());
+    let mut columns = nalgebra::DMatrix::zeros(record.y.len() * record.samples(), plant.n());
     nuisance.tangents(plant, record, 0, |column, y| {
         if column >= first {
             let flat: Vec<f64> = y.iter().flatten().copied().collect();
@@ -92,11 +91,27 @@ fn fitted_start(plant: &Plant, actions: &[Action], record: &Record) -> State {
     let mut normal = columns.tr_mul(&columns);
     let ridge = 1e-9 * normal.trace().max(f64::MIN_POSITIVE);
     (0..plant.n()).for_each(|i| normal[(i, i)] += ridge);
-    let gradient = columns.tr_mul(&nalgebra::DVector::from_vec(error));
-    let solved = normal.cholesky().map_or_else(|| nalgebra::DVector::zeros(plant.n()), |c| c.solve(&gradient));
-    let mut eta = vec![0.0; nuisance.len()];
-    eta[first..].copy_from_slice(solved.as_slice());
-    nuisance.start(0, &eta).unwrap_or_else(|| State::rest(plant))
+    let Some(factor) = normal.cholesky() else { return State::rest(plant) };
+    let state = |eta: &[f64]| nuisance.start(0, eta).unwrap_or_else(|| State::rest(plant));
+    let left = |eta: &[f64], actions: &[Action]| -> Vec<f64> {
+        let y = simulate(plant, actions, &record.u, record.start_s, Some(&state(eta)), Fineness::FINE);
+        locate::error(record, &y).into_iter().flatten().collect()
+    };
+    let corrected = |eta: &[f64], error: Vec<f64>| -> Vec<f64> {
+        let step = factor.solve(&columns.tr_mul(&nalgebra::DVector::from_vec(error)));
+        let mut eta = eta.to_vec();
+        eta[first..].iter_mut().zip(step.iter()).for_each(|(x, dx)| *x += dx);
+        eta
+    };
+    let rest = vec![0.0; nuisance.len()];
+    let linear = corrected(&rest, left(&rest, &[]));
+    if actions.is_empty() {
+        return state(&linear);
+    }
+    let error = left(&linear, actions);
+    let before = sum_of_squares(&error);
+    let second = corrected(&linear, error);
+    if sum_of_squares(&left(&second, actions)) < before { state(&second) } else { state(&linear) }
 }
 
 /// Fits for comparison only.
@@ -124,4 +139,48 @@ fn ceiling(problem: &Problem, found: &Search) -> Option<(Plant, Vec<Action>)> {
     let tangent = problem.tangent(&problem.nuisance.apply(&problem.plant, &found.best.eta));
     let fit = problem.fit(&tangent, &found.best.eta, &effects, ROUGH);
     Some((problem.nuisance.apply(&problem.plant, &fit.eta), problem.actions(&fit.effects)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::{CubicStiffness, Effect, Place};
+    use crate::prepare::tests::setting_of;
+    use crate::testing;
+
+    /// A record that begins in motion is followed from its start, though a spring stiffens.
+    #[test]
+    fn a_start_in_motion_is_found_with_an_effect_too() {
+        let model = testing::truss(3);
+        let plant = Plant::new(&model).unwrap();
+        let setting = setting_of(&plant, &model);
+        let u = testing::random_input(5, 1200, 2);
+        let linear = simulate(&plant, &[], &u, 0.0, None, Fineness::FINE);
+        let far = |a: &Channels, b: &Channels| {
+            let square = |(a, b): (&f64, &f64)| (a - b) * (a - b);
+            a.iter().flatten().zip(b.iter().flatten()).map(square).sum::<f64>().sqrt()
+        };
+        // Ever stiffer, until the gap is a fifth.
+        let stiffening = (0..).map(|j| {
+            let actions = CubicStiffness.act(&setting, &Place::Port(0), &[10_f64.powf(f64::from(j) / 4.0)]);
+            let y = simulate(&plant, &actions, &u, 0.0, None, Fineness::FINE);
+            (actions, y)
+        });
+        let (actions, y) =
+            { stiffening }.find(|(_, y)| far(y, &linear) > 0.2 * far(&linear, &vec![vec![0.0; 1200]; 2])).unwrap();
+        let cut = |channels: &Channels| -> Channels { channels.iter().map(|x| x[600..].to_vec()).collect() };
+        let record = Record {
+            name: "cut".into(),
+            excitation: Excitation::Random,
+            from_rest: false,
+            start_s: 0.0,
+            held_out: false,
+            u: cut(&u),
+            y: cut(&y),
+            simulated: None,
+        };
+        let rest = simulate(&plant, &actions, &record.u, 0.0, None, Fineness::FINE);
+        let (from_rest, started) = (far(&rest, &record.y), far(&run(&plant, &actions, &record), &record.y));
+        assert!(started < 0.1 * from_rest, "{started} of {from_rest}");
+    }
 }

@@ -95,14 +95,7 @@ pub fn search<'a>(
     say: &mut dyn FnMut(String),
 ) -> Search<'a> {
     let price = Price { rows: problem.rows() as f64, bonus, bold, off };
-    let mut best = Fit {
-        eta: refit.eta.clone(),
-        effects: Vec::new(),
-        residual: refit.residual.clone(),
-        cost: refit.cost,
-        covariance: nalgebra::DMatrix::zeros(0, 0),
-        converged: true,
-    };
+    let mut best = refit.as_fit();
     let mut candidates = vec![Candidate { effects: Vec::new(), cost: refit.cost, priced: refit.cost }];
     let mut stages = Vec::new();
     let mut overlap = None;
@@ -352,7 +345,7 @@ fn on_whole<'a>(problem: &Problem, fit: Fit<'a>, off: &[Step]) -> Fit<'a> {
 }
 
 /// The same fit with fine steps and derivatives at its own linear model.
-fn polish<'a>(problem: &Problem, fit: Fit<'a>) -> Fit<'a> {
+pub(crate) fn polish<'a>(problem: &Problem, fit: Fit<'a>) -> Fit<'a> {
     let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
     let tangent = problem.tangent(&plant);
     let mut fit = problem.fit(&tangent, &fit.eta, &fit.effects, FINE);
