@@ -61,7 +61,7 @@ pub enum TrialError {
     },
     /// Cases without an answer.
     #[error(
-        "{missing} of {all} cases have no answer yet, {first} is the first; finish `diagnose`, and `merge` where it ran in shards"
+        "{missing} of {all} cases have no answer yet, {first} is the first; finish `diagnose`, and `merge` where it ran in shards; or `score --answered`"
     )]
     Unanswered {
         /// How many.

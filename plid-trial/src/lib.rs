@@ -32,4 +32,4 @@ pub use draw::{Drawn, draw};
 pub use error::TrialError;
 pub use manifest::config_of;
 pub use merge::merge;
-pub use score::score;
+pub use score::{Extent, score};

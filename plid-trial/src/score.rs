@@ -40,17 +40,37 @@ pub(crate) struct Fixed {
 
 pub(crate) const FIXED: &str = "answers.json";
 
+/// Which cases are scored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Extent {
+    /// All that were drawn, or none.
+    Whole,
+    /// Those that have an answer. Cases come in an order that says nothing, so that these are a sample of all. They are fixed as the whole would be: what is
+    /// answered later is refused.
+    Answered,
+}
+
 /// Scores a trial; writes scores.json and report.html into `out`.
 ///
 /// # Errors
 /// [`TrialError::Unanswered`] where cases have no answer, [`TrialError::Changed`] with the case whose answer has changed since it was
 /// given or since it was first scored, [`TrialError::Broken`] with the sealed file that is not the one that the trial commits to.
-pub fn score(trial: &Path, sealed: &Path, out: &Path, progress: &dyn Progress) -> Result<Scores, TrialError> {
-    let manifest = Manifest::read(trial)?;
+pub fn score(
+    trial: &Path,
+    sealed: &Path,
+    extent: Extent,
+    out: &Path,
+    progress: &dyn Progress,
+) -> Result<Scores, TrialError> {
+    let whole = Manifest::read(trial)?;
     let answers = trial.join(ANSWERS);
+    let manifest = match extent {
+        Extent::Whole => whole.clone(),
+        Extent::Answered => answered(&whole, &answers)?,
+    };
     let given = given(&manifest, &answers)?;
     let fixed = fix(&given, &sealed.join(FIXED))?;
-    let seal = unseal(&manifest, trial, sealed)?;
+    let seal = unseal(&whole, trial, sealed)?;
     progress.stage("scoring");
     let lines = lines(trial, sealed, &manifest, &answers, &given, progress)?;
     let seconds = seconds(&manifest, &answers)?;
@@ -59,6 +79,7 @@ pub fn score(trial: &Path, sealed: &Path, out: &Path, progress: &dyn Progress) -
         seed: seal.seed,
         answers_sha256: fixed.sha256,
         repeated_draws: seal.repeated,
+        of: whole.cases.len(),
         seconds,
     };
     let scores = Scores::new(given, lines);
@@ -67,6 +88,17 @@ pub fn score(trial: &Path, sealed: &Path, out: &Path, progress: &dyn Progress) -
     let page = out.join("report.html");
     report::page(&scores, &seal.config).write(&page).map_err(TrialError::file(page))?;
     Ok(scores)
+}
+
+/// The cases that have an answer; all, if none has.
+fn answered(whole: &Manifest, answers: &Path) -> Result<Manifest, TrialError> {
+    let mut cases = Vec::new();
+    for case in &whole.cases {
+        if answer::read(answers, &case.case)?.is_some() {
+            cases.push(case.clone());
+        }
+    }
+    Ok(if cases.is_empty() { whole.clone() } else { Manifest { cases, ..whole.clone() } })
 }
 
 /// Every answer beside the truth.
@@ -126,8 +158,8 @@ pub(crate) fn fix(given: &[(Answered, String)], path: &Path) -> Result<Fixed, Tr
     match fs::read(path) {
         Ok(bytes) => {
             let before: Fixed = files::parse(path, &bytes)?;
-            let changed = fixed.cases.iter().find(|(case, hash)| before.cases.get(*case) != Some(hash));
-            if let Some((case, _)) = changed {
+            let all = fixed.cases.keys().chain(before.cases.keys());
+            if let Some(case) = all.into_iter().find(|case| before.cases.get(*case) != fixed.cases.get(*case)) {
                 return Err(TrialError::Changed { case: case.clone(), since: "the answers were fixed for scoring" });
             }
         }

@@ -136,6 +136,8 @@ pub struct Scores {
     pub answers_sha256: String,
     /// Draws that were repeated.
     pub repeated_draws: usize,
+    /// Cases that were drawn. Where these are more than there are here, the others have no answer and do not count.
+    pub of: usize,
     /// Who answers.
     pub answerers: [&'static str; 4],
     /// What is to be reached.
@@ -308,6 +310,7 @@ pub(crate) struct Given {
     pub seed: u64,
     pub answers_sha256: String,
     pub repeated_draws: usize,
+    pub of: usize,
     pub seconds: Vec<f64>,
 }
 
@@ -328,6 +331,7 @@ impl Scores {
             seed: given.seed,
             answers_sha256: given.answers_sha256,
             repeated_draws: given.repeated_draws,
+            of: given.of,
             answerers: ANSWERERS,
             targets: targets(&groups),
             chance,
@@ -337,9 +341,17 @@ impl Scores {
         }
     }
 
-    /// Cases that were drawn: a second answer is no case of its own.
-    pub fn drawn(&self) -> usize {
+    /// Cases that are scored: a second answer is no case of its own.
+    pub fn scored(&self) -> usize {
         self.cases.iter().filter(|line| line.without.is_empty()).count()
+    }
+
+    /// How many cases these are, in words.
+    pub fn extent(&self) -> String {
+        match self.scored() {
+            all if all == self.of => format!("{all} cases"),
+            some => format!("{some} of {} cases (the others have no answer and do not count)", self.of),
+        }
     }
 
     /// A group, for plid or a baseline.
@@ -406,6 +418,7 @@ mod tests {
             seed: 1,
             answers_sha256: String::new(),
             repeated_draws: 0,
+            of: 6,
             seconds: vec![2.0, 4.0],
         };
         let scores = Scores::new(given, lines);

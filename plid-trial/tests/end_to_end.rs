@@ -5,7 +5,7 @@ use std::path::Path;
 
 use plid_lab::run::Silent;
 use plid_trial::config::{Cases, Draw};
-use plid_trial::{Options, Shard, TrialConfig, diagnose, draw, score};
+use plid_trial::{Extent, Options, Shard, TrialConfig, diagnose, draw, score};
 
 const FILES: [&str; 4] = ["answer.json", "baselines.json", "diagnosis.json", "sim-with-effect.json"];
 
@@ -38,7 +38,7 @@ fn three_cases_from_the_draw_to_the_report() {
     diagnose(&t, Options { shard: Some(shard), jobs: 1 }, &Silent).unwrap();
     assert_eq!(answer(&t.join("answers/case-002")), answer(&t.join("shards/2-of-3/case-002")));
 
-    let scored = score(&t, &s, &at("out"), &Silent).unwrap();
+    let scored = score(&t, &s, Extent::Whole, &at("out"), &Silent).unwrap();
     assert_eq!(scored.cases.len(), 3);
     assert!(scored.cases.iter().all(|line| line.failed.is_none()));
     for line in &scored.cases {

@@ -8,7 +8,9 @@ use plid_gap::Step;
 use plid_lab::run::{Progress, Silent};
 use plid_trial::ablation::diagnose_without_with;
 use plid_trial::config::{Cases, Draw};
-use plid_trial::{Answer, Options, Shard, TrialConfig, TrialError, diagnose_with, draw, merge, score, score_without};
+use plid_trial::{
+    Answer, Extent, Options, Shard, TrialConfig, TrialError, diagnose_with, draw, merge, score, score_without,
+};
 use tempfile::TempDir;
 
 fn config() -> TrialConfig {
@@ -44,7 +46,11 @@ impl Trial {
     }
 
     fn score(&self) -> Result<serde_json::Value, TrialError> {
-        score(&self.t(), &self.s(), &self.directory.path().join("out"), &Silent)?;
+        self.score_of(Extent::Whole)
+    }
+
+    fn score_of(&self, extent: Extent) -> Result<serde_json::Value, TrialError> {
+        score(&self.t(), &self.s(), extent, &self.directory.path().join("out"), &Silent)?;
         let mut scores: serde_json::Value = read(&self.directory.path().join("out/scores.json"));
         scores["time"] = serde_json::Value::Null;
         Ok(scores)
@@ -173,6 +179,31 @@ fn an_answer_that_changed_is_refused_by_its_number() {
     diagnose_with(&trial.t(), Options { shard: None, jobs: 1 }, &other, &Silent).unwrap();
     let said = trial.score().unwrap_err().to_string();
     assert_eq!(said, "case-005: the answer has changed since the answers were fixed for scoring; it is refused");
+}
+
+/// Those that are there are scored, and that is the end of the trial: neither is one added, nor one taken away.
+#[test]
+fn a_part_of_a_trial_is_scored_once() {
+    let trial = Trial::drawn(31);
+    let nothing = trial.score_of(Extent::Answered).unwrap_err().to_string();
+    assert!(nothing.starts_with("5 of 5 cases have no answer yet"), "{nothing}");
+    trial.diagnose(None, 2);
+    let answer = |case: &str| trial.t().join("answers").join(case);
+    let whole = trial.directory.path().join("whole");
+    fs::rename(answer("case-002"), &whole).unwrap();
+    let scores = trial.score_of(Extent::Answered).unwrap();
+    assert_eq!((scores["of"].as_u64(), scores["cases"].as_array().unwrap().len()), (Some(5), 4));
+    assert!(scores["cases"].as_array().unwrap().iter().all(|case| case["case"] != "case-002"));
+    let page = fs::read_to_string(trial.directory.path().join("out/report.html")).unwrap();
+    assert!(page.contains("4 of 5 cases (the others have no answer and do not count)"));
+    fs::rename(&whole, answer("case-002")).unwrap();
+    for extent in [Extent::Whole, Extent::Answered] {
+        let said = trial.score_of(extent).unwrap_err().to_string();
+        assert_eq!(said, "case-002: the answer has changed since the answers were fixed for scoring; it is refused");
+    }
+    fs::remove_dir_all(answer("case-002")).unwrap();
+    fs::remove_dir_all(answer("case-004")).unwrap();
+    assert!(trial.score_of(Extent::Answered).unwrap_err().to_string().starts_with("case-004: the answer has changed"));
 }
 
 #[test]

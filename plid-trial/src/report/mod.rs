@@ -29,8 +29,9 @@ pub(crate) fn page(scores: &Scores, config: &TrialConfig) -> Report {
         .listing(
             "The commands, in a process each:",
             format!(
-                "plid gap trial draw TRIAL.toml --out T --sealed S --seed {}\nplid gap trial diagnose T\nplid gap trial score T --sealed S",
-                scores.seed
+                "plid gap trial draw TRIAL.toml --out T --sealed S --seed {}\nplid gap trial diagnose T\nplid gap trial score T --sealed S{}",
+                scores.seed,
+                if scores.scored() < scores.of { " --answered" } else { "" }
             ),
         )
         .provenance("plid", env!("CARGO_PKG_VERSION"))
@@ -42,7 +43,7 @@ fn sentences(scores: &Scores) -> Vec<String> {
     let mut sentences = Vec::new();
     let kept = scores.targets.iter().filter(|t| t.reached == Some(true)).count();
     let asked = scores.targets.iter().filter(|t| t.reached.is_some()).count();
-    sentences.push(format!("{} cases; {kept} of the {asked} targets that they can show are reached.", scores.drawn()));
+    sentences.push(format!("{}; {kept} of the {asked} targets that they can show are reached.", scores.extent()));
     for (is, equation) in [(OWN, "the vocabulary's own equation"), (NEAR, "another law of the same physics")] {
         if let Some(t) = scores.totals(EQUATION, is, 0) {
             sentences.push(format!(

@@ -1,7 +1,7 @@
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
-use plid_trial::config_of;
+use plid_trial::{Extent, config_of};
 
 use super::{Failure, Voice, Which, diagnose, directory, draw, score};
 
@@ -51,5 +51,5 @@ pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
     if !status.success() {
         return Err(Failure::work(format!("the diagnosis ended with {status}; --resume goes on from what is done")));
     }
-    score::into(&trial, &sealed, out, voice)
+    score::into(&trial, &sealed, Extent::Whole, out, voice)
 }

@@ -1,7 +1,7 @@
 use std::path::{Path, PathBuf};
 
-use plid_trial::score;
 use plid_trial::scores::Scores;
+use plid_trial::{Extent, score};
 
 use super::progress::Bar;
 use super::{Answered, Failure, Voice, voice};
@@ -11,10 +11,15 @@ use super::{Answered, Failure, Voice, voice};
 /// First writes the hash of all answers into S, then checks that what is sealed is what T commits to, and only then opens it. Writes
 /// report.html and scores.json. An answer that changes afterwards is refused.
 #[derive(clap::Args)]
-#[command(after_help = "Example:\n  plid gap trial score T --sealed S\nthen open S/report.html")]
+#[command(
+    after_help = "Examples:\n  plid gap trial score T --sealed S\n  plid gap trial score T --sealed S --answered   # a diagnosis that was stopped half-way\nthen open S/report.html"
+)]
 pub struct Arguments {
     #[command(flatten)]
     answered: Answered,
+    /// Score the cases that have an answer so far. They are in an order that says nothing, so that they stand for all; but what is answered after that is refused.
+    #[arg(long = "answered")]
+    partial: bool,
     /// Where report.html and scores.json go; S if left out.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -23,13 +28,14 @@ pub struct Arguments {
 /// Runs the command.
 pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
     let out = arguments.out.as_ref().unwrap_or(&arguments.answered.sealed);
-    into(&arguments.answered.trial, &arguments.answered.sealed, out, voice)
+    let extent = if arguments.partial { Extent::Answered } else { Extent::Whole };
+    into(&arguments.answered.trial, &arguments.answered.sealed, extent, out, voice)
 }
 
 /// Scores into a directory and says what came of it.
-pub fn into(trial: &Path, sealed: &Path, out: &Path, voice: Voice) -> Result<(), Failure> {
+pub fn into(trial: &Path, sealed: &Path, extent: Extent, out: &Path, voice: Voice) -> Result<(), Failure> {
     let bar = Bar::new(voice.quiet || voice.json);
-    let scores = score(trial, sealed, out, &bar);
+    let scores = score(trial, sealed, extent, out, &bar);
     bar.finish();
     let scores = scores?;
     if voice.json {
@@ -43,7 +49,7 @@ pub fn into(trial: &Path, sealed: &Path, out: &Path, voice: Voice) -> Result<(),
 }
 
 fn summary(scores: &Scores) -> String {
-    let mut text = format!("{} cases, seed {}\n", scores.drawn(), scores.seed);
+    let mut text = format!("{}, seed {}\n", scores.extent(), scores.seed);
     for target in &scores.targets {
         let found = target.found.map_or("-".to_owned(), |found| format!("{found:.3}"));
         let sign = if target.at_least { ">=" } else { "<=" };
