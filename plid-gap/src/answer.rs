@@ -271,7 +271,8 @@ pub(crate) fn words(
         .candidates
         .iter()
         .find(|c| !c.effects.is_empty() && !c.effects.iter().all(|a| found.best.effects.iter().any(|b| same(a, b))));
-    if let (Some(other), false) = (other, found.best.effects.is_empty()) {
+    // What took the place of a refused one was fitted anew, and the others were not.
+    if let (Some(other), false, None) = (other, found.best.effects.is_empty(), diverged) {
         words.push(format!(
             "The nearest other explanation, {}, is worse by {:.0} in log likelihood.",
             in_words(&other.effects, names),

@@ -112,7 +112,8 @@ impl<'a> Explained<'a> {
                 .candidates
                 .iter()
                 .find(cheaper)
-                .map(|candidate| polish(problem, Fit { effects: candidate.effects.clone(), ..found.best.clone() }));
+                .map(|candidate| // From the refit: what had no bounds leaves linear parameters that lean on it.
+                polish(problem, Fit { effects: candidate.effects.clone(), ..self.refitted.as_fit() }));
             let refused = std::mem::replace(&mut found.best, next.unwrap_or_else(|| self.refitted.as_fit()));
             self.diverged.get_or_insert((refused.effects, name));
             if tries == 0 {

@@ -83,7 +83,10 @@ pub fn subspace(
         .svd(true, true)
         .solve(&lower.into_owned(), RANK * singular_values[0].sqrt())
         .map_err(|_| failed("the least-squares fit of A"))?;
-    let mirrored = a.complex_eigenvalues().iter().filter(|z| z.norm() > 1.0).count();
+    // nalgebra's iteration has no end on some matrices: beyond the data's order the shift is rounding.
+    let poles = Mat::from_fn(states, states, |row, column| a[(row, column)]).eigenvalues();
+    let poles = poles.map_err(|_| failed("the eigenvalues of A"))?;
+    let mirrored = poles.iter().filter(|z| z.norm() > 1.0).count();
     let c = gamma.rows(0, p).into_owned();
     let sections = Sections::of_poles(&a, &c, m, options.radius, options.feedthrough)?;
     let point = Point::new(sections, &data).fit(&data, Free::Inputs)?;

@@ -26,6 +26,19 @@ fn an_exact_plant_is_found() {
     }
 }
 
+/// A simulator's own outputs have no noise: beyond its order the shift is rounding, whose eigenvalues must come to an end.
+#[test]
+fn more_states_than_an_exact_plant_has_do_no_harm() {
+    for seed in 0..5 {
+        let truth = plant(false, false);
+        let data = Data::new(&truth, 1500, &truth.rest(), 0.0, 30 + seed);
+        let records = [data.record(Start::Rest)];
+        let found = subspace(&records, 24, Some(20), common::RATE, &options(true)).unwrap();
+        let left = free_run_error(&found.model, &records[0], &found.initial_states[0], 0).unwrap();
+        assert!(left < 1e-3, "{left}");
+    }
+}
+
 #[test]
 fn records_and_gaps_are_put_together() {
     let truth = plant(false, false);
