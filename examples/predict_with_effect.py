@@ -150,6 +150,7 @@ SENSORS = {
     "sensor-offset": lambda x, p, t, h: x + p["o"],
     "sensor-drift": lambda x, p, t, h: x + p["s"] * t,
     "sensor-saturation": lambda x, p, t, h: np.clip(x, -p["a"], p["a"]),
+    "sensor-quantisation": lambda x, p, t, h: np.copysign(np.maximum(abs(x) - p["cut"] * p["q"], 0), x) if p["cut"] > 0 else x,
     "sensor-crosstalk": lambda x, p, t, h: x + p["c"] * p["from"],
     "mains-hum": lambda x, p, t, h: x + p["a"] * np.sin(TAU * p["f"] * t + p["phi"])
                                       + sum(p[f"a{n}"] * np.sin(TAU * n * p["f"] * t + p[f"phi{n}"]) for n in (2, 3, 5)),
@@ -184,7 +185,7 @@ DRIFTS = {
 }
 # Already in linear_with_modal_effects; and what no free run shows.
 NOTHING_TO_DO = ["modal-frequency", "modal-damping", "missing-mode",
-                 "sensor-noise", "sensor-quantisation", "sensor-dropout", "coloured-disturbance"]
+                 "sensor-noise", "sensor-dropout", "coloured-disturbance"]
 
 KNOWN = [COMMANDS, FORCES, SEVERAL, DISTURBANCES, DRIFTS, SENSORS, NOTHING_TO_DO]
 

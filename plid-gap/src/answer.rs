@@ -14,6 +14,7 @@ use crate::separable::{Rival, open};
 use crate::stepwise::{Search, all_same, same};
 use crate::thresholds::SEPARABLE;
 use crate::tracks::Tracks;
+use crate::unseen::cuts;
 use crate::verdict::{Verdict, Weighted};
 
 /// Effects of the answer with intervals and confidence.
@@ -60,7 +61,7 @@ pub(crate) fn named(explained: &Explained, shown: &[&Placed], weighted: &[Weight
             location: placed.place.location(names),
             confidence: confidence(placed),
             parameters,
-            shape_differs: false,
+            shape_differs: cuts(placed),
         });
     }
     named
@@ -238,7 +239,7 @@ pub(crate) fn words(
     tracks: &Tracks,
     class: Option<(&str, &str)>,
 ) -> Vec<String> {
-    let Explained { ready, refitted, found, judged, given_cost, diverged, .. } = explained;
+    let Explained { ready, refitted, found, judged, level, given_cost, diverged, .. } = explained;
     let rows = ready.problem.rows() as f64;
     let names = &ready.problem.setting.names;
     let mut words = vec![format!(
@@ -251,6 +252,17 @@ pub(crate) fn words(
         words.push(format!(
             "{} came nearest, but its free run of `{record}` has no bounds: it was refused.",
             in_words(effects, names)
+        ));
+    }
+    if let Some(ratio) = level.driven {
+        words.push(format!(
+            "What differs between the periods of driven records has {ratio:.2} times the power of the noise in quiet ones: something random acts there."
+        ));
+    }
+    for (codes, output) in ready.codes.iter().zip(&names.outputs).filter(|(codes, _)| codes.cut) {
+        words.push(format!(
+            "The converter of {output} cuts bits off towards zero: to its values half a step, {:.4} V, was added before anything was fitted.",
+            codes.step / 2.0
         ));
     }
     if let Some(slope) = before.slope {

@@ -1,5 +1,7 @@
 //! What the raw values show before any model: a coarse converter, a channel that repeats itself, a channel that clips.
 
+use statrs::distribution::{ContinuousCDF, Normal};
+
 use crate::record::{Channels, Excitation, Record};
 
 /// A channel whose values lie on a grid this many times as coarse as the finest channel's is quantised.
@@ -30,6 +32,8 @@ pub struct Codes {
     pub step: f64,
     /// The converter is coarser than those of the other channels.
     pub coarse: bool,
+    /// And cuts bits off towards zero, where others round.
+    pub cut: bool,
     /// Onsets of repeats, per sample of the driven records.
     pub dropout_rate: Option<f64>,
     /// Of each record, the samples that repeat.
@@ -57,9 +61,56 @@ pub fn codes(records: &[Record], errors: &[Channels], sensor_std: &[f64]) -> Vec
             }
             let dropout_rate = (!coarse && onsets >= ONSETS).then(|| onsets as f64 / samples as f64);
             let repeats = if dropout_rate.is_some() { repeats } else { vec![Vec::new(); records.len()] };
-            Codes { step: steps[o], coarse, dropout_rate, repeats }
+            let cut = coarse && cuts(records, o, steps[o]);
+            Codes { step: steps[o], coarse, cut, dropout_rate, repeats }
         })
         .collect()
+}
+
+/// Values of the two codes beside zero that must be there before it is asked whether bits are cut off.
+const ASKED: f64 = 20.0;
+
+/// Whether bits are cut off: the code zero is then twice as wide as the others. As often as a Gaussian signal of each random record's size would have it.
+fn cuts(records: &[Record], o: usize, step: f64) -> bool {
+    let normal = Normal::standard();
+    let (mut zero, mut beside) = (0.0, 0.0);
+    // Expected in zero and beside it, for codes that round and that cut off.
+    let mut expected = [[0.0; 2]; 2];
+    for record in records.iter().filter(|record| record.excitation == Excitation::Random) {
+        let y: Vec<f64> = record.y[o].iter().copied().filter(|y| y.is_finite()).collect();
+        // Each takes a code for its middle, and knows what that blurs.
+        let sizes = [0.0, 0.5].map(|cut| {
+            let square =
+                |y: &f64| if *y == 0.0 { 4.0 * cut * cut / 3.0 } else { (y.abs() / step + cut).powi(2) - 1.0 / 12.0 };
+            (y.iter().map(square).sum::<f64>() / y.len() as f64).max(0.0).sqrt() * step
+        });
+        for ((expected, [first, second]), size) in expected.iter_mut().zip([[0.5, 1.5], [1.0, 2.0]]).zip(sizes) {
+            let within = |edge: f64| match edge * step / size {
+                edge if edge.is_finite() => y.len() as f64 * (2.0 * normal.cdf(edge) - 1.0),
+                _ => 0.0,
+            };
+            expected[0] += within(first);
+            expected[1] += within(second) - within(first);
+        }
+        zero += y.iter().filter(|y| y.abs() < 0.5 * step).count() as f64;
+        beside += y.iter().filter(|y| (y.abs() - step).abs() < 0.5 * step).count() as f64;
+    }
+    let [round, cut] = expected.map(|[zero, beside]| zero / beside);
+    beside >= ASKED && zero / beside > (round * cut).sqrt()
+}
+
+/// Half a step more for what was cut off. The code zero takes the sign of the simulation, of which `errors` are what it leaves.
+pub fn mend(records: &mut [Record], errors: &[Channels], codes: &[Codes]) {
+    for (record, errors) in records.iter_mut().zip(errors) {
+        for ((y, error), codes) in record.y.iter_mut().zip(errors).zip(codes).filter(|(_, codes)| codes.cut) {
+            for (y, error) in y.iter_mut().zip(error) {
+                let sign = if *y == 0.0 { -error } else { *y };
+                if sign != 0.0 {
+                    *y += (0.5 * codes.step).copysign(sign);
+                }
+            }
+        }
+    }
 }
 
 /// Whether a repeat would show.
@@ -104,4 +155,45 @@ fn repeats(y: &[f64], error: &[f64], noise: f64) -> Vec<usize> {
         first = k;
     }
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing;
+
+    /// Three channels of one signal: fine, rounded coarsely, cut off coarsely; at steps from a fifth of its size to all of it.
+    #[test]
+    fn a_converter_that_cuts_is_told_from_one_that_rounds() {
+        for share in [0.2, 0.5, 1.0] {
+            let y = testing::random_input(3, 4000, 1).remove(0);
+            let rounded = y.iter().map(|y| share * (y / share).round()).collect();
+            let cut: Vec<f64> = y.iter().map(|y| share * (y / share).trunc()).collect();
+            let record = Record {
+                name: "random".into(),
+                excitation: Excitation::Random,
+                from_rest: true,
+                start_s: 0.0,
+                held_out: false,
+                u: Vec::new(),
+                y: vec![y.clone(), rounded, cut],
+                simulated: None,
+            };
+            let mut records = vec![record];
+            let errors = vec![vec![vec![0.0; 4000]; 3]];
+            let found = codes(&records, &errors, &[1e-3; 3]);
+            assert_eq!(
+                found.iter().map(|c| (c.coarse, c.cut)).collect::<Vec<_>>(),
+                [(false, false), (true, false), (true, true)]
+            );
+            let mean = |records: &[Record]| {
+                records[0].y[2].iter().zip(&y).map(|(a, y)| (y - a) * y.signum()).sum::<f64>() / 4000.0
+            };
+            let before = mean(&records);
+            // What a simulation without errors leaves.
+            let left = records[0].y.iter().map(|given| given.iter().zip(&y).map(|(a, y)| a - y).collect()).collect();
+            mend(&mut records, &[left], &found);
+            assert!(mean(&records).abs() < 0.2 * before, "{} of {before}", mean(&records));
+        }
+    }
 }

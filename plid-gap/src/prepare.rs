@@ -48,6 +48,12 @@ pub struct Prepared {
     pub off: Vec<Step>,
 }
 
+/// Squares of whitened values from which they tell the noise's level.
+const ENOUGH: f64 = 1000.0;
+
+/// What driven records may have more than quiet ones, for the noise model is fitted to the latter.
+const LOUDER: f64 = 0.1;
+
 /// What is known beforehand, beside model and records.
 #[derive(Debug, Clone, Default)]
 pub struct Known {
@@ -69,7 +75,7 @@ pub struct Known {
 /// [`GapError`] where the simulation cannot be taken apart.
 pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepared, GapError> {
     let plant = Plant::new(model)?;
-    let (fitted, held_out) = split(records);
+    let (mut fitted, mut held_out) = split(records);
     let declared_sensor = model
         .noise
         .sensor_std
@@ -79,8 +85,12 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     let mut declared = NoiseModel::declared(&plant, &declared_sensor, &declared_actuator);
     declared.model_error.clone_from(&known.model_error);
     declared.band_hz = known.band_hz;
+    let raw = given_errors(&plant, &fitted);
+    let codes = codes::codes(&fitted, &raw, &declared_sensor);
+    codes::mend(&mut fitted, &raw, &codes);
+    let unseen = given_errors(&plant, &held_out);
+    codes::mend(&mut held_out, &unseen, &codes);
     let errors = given_errors(&plant, &fitted);
-    let codes = codes::codes(&fitted, &errors, &declared_sensor);
     let setting = setting(&plant, model, &fitted, &errors);
     let off = &known.off;
     let quiet =
@@ -103,6 +113,9 @@ pub struct NoiseLevel {
     pub uncertainty: f64,
     /// Whether records show the noise, and not only a declaration or an assumption says what it is.
     pub seen: bool,
+    /// What differs between the periods of driven records over the noise of quiet ones, where that is more than chance and models make it: something
+    /// random acts there, and it is no noise.
+    pub driven: Option<f64>,
 }
 
 impl Prepared {
@@ -113,7 +126,7 @@ impl Prepared {
         let problem = &self.problem;
         let p = problem.plant.p as f64;
         let quiet: f64 = self.quiet.iter().map(|stretch| p * stretch.length as f64).sum();
-        let (mut power, mut freedom) = (quiet, quiet);
+        let (mut power, mut freedom) = (0.0, 0.0);
         for ((record, y), whitener) in problem.records.iter().zip(simulated).zip(&problem.whiteners) {
             let Excitation::Periodic(period) = record.excitation else { continue };
             let mut error = crate::locate::error(record, y);
@@ -145,16 +158,27 @@ impl Prepared {
         }
         // What a coarse converter rounds repeats with the period, and is no noise there.
         if self.codes.iter().any(|codes| codes.coarse) {
-            return NoiseLevel { factor: 1.0, uncertainty: ROUNDED_LEVEL, seen: true };
-        }
-        if freedom < 1000.0 {
-            return NoiseLevel { factor: left.min(1.0), uncertainty: UNSEEN_LEVEL, seen: false };
+            return NoiseLevel { factor: 1.0, uncertainty: ROUNDED_LEVEL, seen: true, driven: None };
         }
         // A whitened value squared has variance two; a tenth more for what the noise model's shape does not follow.
-        let uncertainty = 1.1 * (2.0 / freedom).sqrt();
+        let uncertainty = |freedom: f64| 1.1 * (2.0 / freedom).sqrt();
+        let ratio = power / freedom;
+        let both = quiet >= ENOUGH && freedom >= ENOUGH;
+        let scatter = uncertainty(quiet).hypot(uncertainty(freedom));
+        let driven = (both && ratio - 1.0 > LOUDER.max(5.0 * scatter)).then_some(ratio);
+        // The noise model is that of the quiet records: its factor there is one.
+        if driven.is_none() {
+            (power, freedom) = (power + quiet, freedom + quiet);
+        } else {
+            (power, freedom) = (quiet, quiet);
+        }
+        if freedom < ENOUGH {
+            return NoiseLevel { factor: left.min(1.0), uncertainty: UNSEEN_LEVEL, seen: false, driven };
+        }
+        let uncertainty = uncertainty(freedom);
         // How a model's own error grows with the level is a guess.
         let uncertainty = if self.noise.model_error.is_some() { UNSEEN_LEVEL } else { uncertainty };
-        NoiseLevel { factor: power / freedom, uncertainty, seen: true }
+        NoiseLevel { factor: power / freedom, uncertainty, seen: true, driven }
     }
 
     /// Repeats once more, among the errors that an explanation leaves: where the gap as given is large, they do not stand out of it.
@@ -162,7 +186,9 @@ impl Prepared {
     pub fn renew_codes(&mut self, simulated: &[Channels]) -> bool {
         let records = &self.problem.records;
         let errors: Vec<Channels> = records.iter().zip(simulated).map(|(r, y)| crate::locate::error(r, y)).collect();
-        let seen = codes::codes(records, &errors, &self.declared_sensor);
+        let mut seen = codes::codes(records, &errors, &self.declared_sensor);
+        // These values are mended.
+        seen.iter_mut().zip(&self.codes).for_each(|(new, old)| (new.step, new.cut) = (old.step, old.cut));
         let more = |(new, old): (&Codes, &Codes)| new.dropout_rate > old.dropout_rate;
         if !seen.iter().zip(&self.codes).any(more) {
             return false;
@@ -375,8 +401,38 @@ fn force_size(plant: &Plant, port: usize, u_rms: &[f64]) -> f64 {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::testing;
 
     pub(crate) fn setting_of(plant: &Plant, model: &Model) -> Setting {
         setting(plant, model, &[], &[])
+    }
+
+    /// Noise that a driven plant has more of is no noise level: the quiet record says what that is.
+    #[test]
+    fn what_is_random_only_when_driven_is_no_noise() {
+        const PERIOD: usize = 512;
+        let sim = testing::truss(1);
+        let case = testing::case(&sim, &sim);
+        let std = case.model.as_ref().unwrap().noise.sensor_std.clone().unwrap();
+        let once = testing::random_input(4, PERIOD, 2);
+        let u: Channels = once.iter().map(|u| u.repeat(6)).collect();
+        for (louder, expected) in [(1.0, None), (1.5, Some(2.25))] {
+            let mut y = testing::run(&sim, &u);
+            for ((y, noise), std) in y.iter_mut().zip(testing::random_input(5, 6 * PERIOD, 2)).zip(&std) {
+                y.iter_mut().zip(noise).for_each(|(y, e)| *y += louder * std * e);
+            }
+            let mut records = case.records.clone();
+            let excitation = Excitation::Periodic(PERIOD);
+            records[1] = Record { excitation, u: u.clone(), y, ..records[1].clone() };
+            let ready = prepare(case.model.as_ref().unwrap(), &records, &Known::default()).unwrap();
+            let run = |record: &Record| simulate(&ready.problem.plant, &[], &record.u, 0.0, None, Fineness::FINE);
+            let simulated: Vec<Channels> = ready.problem.records.iter().map(run).collect();
+            let level = ready.noise_level(&simulated, 1.0);
+            assert_eq!(level.driven.is_some(), expected.is_some(), "{level:?}");
+            assert!((level.factor - 1.0).abs() < 0.1 && level.seen, "{level:?}");
+            if let (Some(found), Some(expected)) = (level.driven, expected) {
+                assert!((found / expected - 1.0_f64).abs() < 0.1, "{level:?}");
+            }
+        }
     }
 }

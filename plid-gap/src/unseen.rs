@@ -42,7 +42,8 @@ pub fn unseen<'a>(ready: &Prepared, library: &'a Library) -> Vec<Unseen<'a>> {
     };
     for (o, codes) in ready.codes.iter().enumerate() {
         if codes.coarse {
-            put("sensor-quantisation", Place::Output(o), vec![codes.step], 1e3);
+            let cut = if codes.cut { 0.5 } else { 0.0 };
+            put("sensor-quantisation", Place::Output(o), vec![codes.step, cut], 1e3);
         }
         if let Some(rate) = codes.dropout_rate {
             let driven = ready.problem.records.iter().filter(|record| crate::codes::driven(record));
@@ -114,6 +115,14 @@ fn coloured(ready: &Prepared) -> Option<(usize, f64, f64, f64)> {
     let (_, port, hz, width, theta) = best?;
     let misfit = ready.declared.fit_with(&ready.quiet, &[Source::Ambient, Source::Band(port, hz, width)], 40, 1).misfit;
     let gain = 2.0 * (plain.misfit - misfit);
+    // An equal force on all modes is a guess, from few ports a poor one: where one mode alone that is pushed harder explains as much, it is no band.
+    let pushed =
+        |mode: usize| ready.declared.fit_with(&ready.quiet, &[Source::Ambient, Source::Mode(mode)], 40, 1).misfit;
+    let near = (0..plant.modes.len()).filter(|&k| (plant.modes[k].hz() / hz - 1.0).abs() < 2.0 * WIDTHS[1]);
+    let harder = near.map(pushed).fold(plain.misfit, f64::min);
+    if 2.0 * (harder - misfit) < EVIDENCE {
+        return None;
+    }
     // Three numbers of a band must do most of what a free force on every mode does.
     let share = gain / (2.0 * (plain.misfit - free.misfit));
     // Variance of a band of white noise of density theta: the band's share of half the sample rate, times pi / 2 for its skirts.
@@ -138,6 +147,11 @@ pub fn wandering(band: &Placed, effects: &[Placed]) -> Option<usize> {
     (band.effect.name() == "coloured-disturbance").then(|| effects.iter().position(line)).flatten()
 }
 
+/// Whether it is a converter that cuts bits off, and does not round.
+pub fn cuts(placed: &Placed) -> bool {
+    placed.effect.name() == "sensor-quantisation" && placed.parameters.get(1).is_some_and(|cut| *cut > 0.0)
+}
+
 /// Bands are looked for in steps of 6 %.
 const NEAR_LINE: f64 = 0.04;
 
@@ -151,15 +165,44 @@ mod tests {
     use crate::simulate::{Fineness, simulate};
     use crate::testing;
 
+    /// Adds what a force at a port does to the case's quiet record.
+    fn push(case: &mut crate::case::Case, plant: &crate::plant::Plant, port: usize, strength: f64, force: Vec<f64>) {
+        let quiet = &mut case.records[0];
+        let rate = plant.rate;
+        let of = move |t: f64| strength * force[((t * rate).round() as usize).min(force.len() - 1)];
+        let pushed = simulate(plant, &[Action::Disturbance(port, Box::new(of))], &quiet.u, 0.0, None, Fineness::FINE);
+        quiet.y.iter_mut().zip(&pushed).for_each(|(y, more)| y.iter_mut().zip(more).for_each(|(y, more)| *y += more));
+    }
+
+    fn places(ready: &Prepared, library: &Library) -> Vec<Place> {
+        let found = unseen(ready, library).into_iter();
+        found.filter(|u| u.placed.effect.name() == "coloured-disturbance").map(|u| u.placed.place).collect()
+    }
+
+    /// A mode that ambient forces push harder than the others is no band.
+    #[test]
+    fn a_mode_that_is_pushed_harder_is_no_coloured_force() {
+        let sim = testing::truss(1);
+        let mut case = testing::case(&sim, &sim);
+        let mut plant = crate::plant::Plant::new(&sim).unwrap();
+        plant.add_modal_port(1);
+        let port = plant.ports.len() - 1;
+        let white = testing::random_input(77, case.records[0].samples(), 1).remove(0);
+        push(&mut case, &plant, port, 0.02, white);
+        let ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        let plain = ready.declared.fit_with(&ready.quiet, &[Source::Ambient], 40, 1);
+        assert!(2.0 * (plain.misfit - ready.noise.misfit) > 2.0 * EVIDENCE, "it does not show");
+        assert_eq!(places(&ready, &Library::standard()), []);
+    }
+
     /// A force in a band at the second strut is found there, with places on single modes beside the struts too.
     #[test]
     fn a_coloured_force_is_looked_for_at_the_struts_alone() {
         let sim = testing::truss(1);
         let mut case = testing::case(&sim, &sim);
         let plant = crate::plant::Plant::new(&sim).unwrap();
-        let quiet = &mut case.records[0];
         // White noise through a resonator at 137 Hz, where a mode lies.
-        let white = testing::random_input(77, quiet.samples(), 1).remove(0);
+        let white = testing::random_input(77, case.records[0].samples(), 1).remove(0);
         let (turn, radius) = (2.0 * (TAU * 137.0 / plant.rate).cos(), 0.97);
         let (mut force, mut last) = (Vec::new(), [0.0; 2]);
         for e in white {
@@ -167,20 +210,13 @@ mod tests {
             last = [now, last[0]];
             force.push(now);
         }
-        let (rate, strength) = (plant.rate, 0.003);
-        let of = move |t: f64| strength * force[((t * rate).round() as usize).min(force.len() - 1)];
-        let pushed = simulate(&plant, &[Action::Disturbance(1, Box::new(of))], &quiet.u, 0.0, None, Fineness::FINE);
-        quiet.y.iter_mut().zip(&pushed).for_each(|(y, more)| y.iter_mut().zip(more).for_each(|(y, more)| *y += more));
+        push(&mut case, &plant, 1, 0.003, force);
 
         let mut ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
         let library = Library::standard();
-        let places = |ready: &Prepared| -> Vec<Place> {
-            let found = unseen(ready, &library).into_iter();
-            found.filter(|u| u.placed.effect.name() == "coloured-disturbance").map(|u| u.placed.place).collect()
-        };
-        let struts = places(&ready);
+        let struts = places(&ready, &library);
         assert!(matches!(struts[..], [Place::Frequency(hz, 1)] if (hz / 137.0 - 1.0).abs() < 0.1), "{struts:?}");
         ready.problem = ready.problem.with_modal_places(&[1, 2]);
-        assert_eq!(places(&ready), struts);
+        assert_eq!(places(&ready, &library), struts);
     }
 }

@@ -49,15 +49,6 @@ unseen!(
     Setting::outputs
 );
 unseen!(
-    /// A converter that is coarser than the others.
-    SensorQuantisation,
-    "sensor-quantisation",
-    Sensor,
-    "y' = q round(y/q)",
-    vec![Parameter::new("q", "V", Range::Positive)],
-    Setting::outputs
-);
-unseen!(
     /// A channel that repeats its last good value now and then.
     SensorDropout,
     "sensor-dropout",

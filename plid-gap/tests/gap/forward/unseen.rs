@@ -4,7 +4,7 @@
 
 use std::f64::consts::TAU;
 
-use plid_gap::effects::{Effect, Library};
+use plid_gap::effects::{Action, Effect, Library};
 
 use plid_gap::prepare::{Known, Prepared, prepare};
 use plid_gap::record::{Excitation, Record};
@@ -90,14 +90,12 @@ fn declared(seed: u64) -> (Rig, f64) {
     (rig, std)
 }
 
+fn run(rig: &Rig, actions: &[Action]) -> Channels {
+    simulate(&rig.plant, actions, &rig.u, T0, None, Fineness::FINE)
+}
+
 /// What is found of one effect: parameters of the first, which must be at the first output or strut.
 fn found(rig: &Rig, effect: &dyn Effect, records: &[Record]) -> (Vec<f64>, Prepared) {
-    let parameters = vec![1.0; effect.parameters(&rig.setting).len()];
-    for place in effect.places(&rig.setting) {
-        let actions = effect.act(&rig.setting, &place, &parameters);
-        let free_run = simulate(&rig.plant, &actions, &rig.u, T0, None, Fineness::FINE);
-        assert_eq!(free_run, simulate(&rig.plant, &[], &rig.u, T0, None, Fineness::FINE), "a free run shows it");
-    }
     let ready = prepare(&rig.model, records, &Known::default()).unwrap();
     let library = Library::standard();
     let all = unseen(&ready, &library);
@@ -110,6 +108,14 @@ fn found(rig: &Rig, effect: &dyn Effect, records: &[Record]) -> (Vec<f64>, Prepa
     assert_eq!(one.effect.name(), effect.name());
     let place = if effect.name() == "coloured-disturbance" { "freq:" } else { "output:y1" };
     assert!(locations[0].1.starts_with(place), "{locations:?}");
+    let free_run = run(rig, &effect.act(&rig.setting, &one.place, &one.parameters));
+    let mut expected = run(rig, &[]);
+    if let ("sensor-quantisation", &[q, cut]) = (effect.name(), one.parameters.as_slice()) {
+        // What cutting bits off takes in the mean, of what is more than that.
+        expected[0].iter_mut().for_each(|y| *y = y.signum() * (y.abs() - cut * q).max(0.0));
+    }
+    let same = free_run.iter().flatten().zip(expected.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-12);
+    assert!(same, "a free run shows something else");
     (one.parameters.clone(), ready)
 }
 
@@ -125,25 +131,31 @@ fn sensor_noise(effect: &dyn Effect) -> f64 {
     (parameters[0] / (2.0 * std) - 1.0).abs().max(variance.abs())
 }
 
-/// q round(y / q): the step is found to rounding, and the noise model's q^2 / 12 is what rounding adds to a signal of many steps.
+/// Rounded to a step, and cut off towards zero: the step is found to rounding, and which it is; the noise model's q^2 / 12 is what a signal of many steps
+/// gets by it, once half a step has been put back to what was cut off.
 fn quantisation(effect: &dyn Effect) -> f64 {
-    let (rig, std) = declared(52);
-    let q = 8.0 * std;
-    let mut rounding = Vec::new();
-    let records = records(&rig, std, None, &mut |index, y| {
-        for y in &mut y[0] {
-            let code = q * (*y / q).round();
-            if index != QUIET {
-                rounding.push(code - *y);
+    let laws: [(f64, fn(f64) -> f64); 2] = [(0.0, f64::round), (0.5, f64::trunc)];
+    let off = |(cut, law): (f64, fn(f64) -> f64)| {
+        let (rig, std) = declared(52);
+        let q = 8.0 * std;
+        let mut lost = Vec::new();
+        let records = records(&rig, std, None, &mut |index, y| {
+            for y in &mut y[0] {
+                let code = q * law(*y / q);
+                if index != QUIET {
+                    lost.push(code + cut * q * y.signum() - *y);
+                }
+                *y = code;
             }
-            *y = code;
-        }
-    });
-    let (parameters, ready) = found(&rig, effect, &records);
-    assert!((parameters[0] / q - 1.0).abs() < 1e-9, "{}", parameters[0] / q);
-    let drawn = rounding.iter().map(|e| e * e).sum::<f64>() / rounding.len() as f64;
-    let claimed = ready.noise.sensors()[0] - std * std;
-    (claimed / drawn - 1.0).abs()
+        });
+        let (parameters, ready) = found(&rig, effect, &records);
+        assert!((parameters[0] / q - 1.0).abs() < 1e-9, "{}", parameters[0] / q);
+        assert_eq!(parameters[1], cut);
+        let drawn = lost.iter().map(|e| e * e).sum::<f64>() / lost.len() as f64;
+        let claimed = ready.noise.sensors()[0] - std * std;
+        (claimed / drawn - 1.0).abs()
+    };
+    laws.map(off).into_iter().fold(0.0, f64::max)
 }
 
 /// Onsets at random instants, three samples long.
