@@ -1,6 +1,6 @@
 //! Drawing, sealing, sharing out, merging, scoring: with a diagnosis that is made up, so that only the machinery is at work.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -192,8 +192,13 @@ fn a_part_of_a_trial_is_scored_once() {
     let whole = trial.directory.path().join("whole");
     fs::rename(answer("case-002"), &whole).unwrap();
     let scores = trial.score_of(Extent::Answered).unwrap();
-    assert_eq!((scores["of"].as_u64(), scores["cases"].as_array().unwrap().len()), (Some(5), 4));
-    assert!(scores["cases"].as_array().unwrap().iter().all(|case| case["case"] != "case-002"));
+    let names: BTreeSet<&str> = scores["cases"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|line| &line["case"].as_str().unwrap()[.."case-001".len()])
+        .collect();
+    assert_eq!((scores["of"].as_u64(), names.len(), names.contains("case-002")), (Some(5), 4, false));
     let page = fs::read_to_string(trial.directory.path().join("out/report.html")).unwrap();
     assert!(page.contains("4 of 5 cases (the others have no answer and do not count)"));
     fs::rename(&whole, answer("case-002")).unwrap();
