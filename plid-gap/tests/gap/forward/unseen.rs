@@ -134,8 +134,7 @@ fn sensor_noise(effect: &dyn Effect) -> f64 {
 /// Rounded to a step, and cut off towards zero: the step is found to rounding, and which it is; the noise model's q^2 / 12 is what a signal of many steps
 /// gets by it, once half a step has been put back to what was cut off.
 fn quantisation(effect: &dyn Effect) -> f64 {
-    let laws: [(f64, fn(f64) -> f64); 2] = [(0.0, f64::round), (0.5, f64::trunc)];
-    let off = |(cut, law): (f64, fn(f64) -> f64)| {
+    let off = |cut: f64, law: fn(f64) -> f64| {
         let (rig, std) = declared(52);
         let q = 8.0 * std;
         let mut lost = Vec::new();
@@ -155,7 +154,7 @@ fn quantisation(effect: &dyn Effect) -> f64 {
         let claimed = ready.noise.sensors()[0] - std * std;
         (claimed / drawn - 1.0).abs()
     };
-    laws.map(off).into_iter().fold(0.0, f64::max)
+    off(0.0, f64::round).max(off(0.5, f64::trunc))
 }
 
 /// Onsets at random instants, three samples long.
