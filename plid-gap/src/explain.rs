@@ -88,8 +88,11 @@ impl<'a> Explained<'a> {
         self.ready.noise.rms().iter().map(|rms| rms * self.level.factor.min(1.0).sqrt()).collect()
     }
 
-    /// The record, held out or not, whose free run has no bounds.
+    /// The record, held out or not, whose free run has no bounds. Without effects every one has them: the audit refuses what is unstable.
     fn unbounded(&self) -> Option<&Record> {
+        if self.fit().effects.is_empty() {
+            return None;
+        }
         let problem = &self.ready.problem;
         let plant = problem.nuisance.apply(&problem.plant, &self.fit().eta);
         let actions = problem.actions(&self.fit().effects);
@@ -108,17 +111,12 @@ impl<'a> Explained<'a> {
             found.candidates.retain(|c| !all_same(&c.effects, &found.best.effects));
             tries -= 1;
             let cheaper = |c: &&Candidate| tries > 0 && !c.effects.is_empty() && c.priced < self.refitted.cost;
-            let next = found
-                .candidates
-                .iter()
-                .find(cheaper)
-                .map(|candidate| // From the refit: what had no bounds leaves linear parameters that lean on it.
-                polish(problem, Fit { effects: candidate.effects.clone(), ..self.refitted.as_fit() }));
+            // From the refit: what had no bounds leaves linear parameters that lean on it.
+            let anew =
+                |c: &Candidate<'a>| polish(problem, Fit { effects: c.effects.clone(), ..self.refitted.as_fit() });
+            let next = found.candidates.iter().find(cheaper).map(anew);
             let refused = std::mem::replace(&mut found.best, next.unwrap_or_else(|| self.refitted.as_fit()));
             self.diverged.get_or_insert((refused.effects, name));
-            if tries == 0 {
-                break;
-            }
         }
         self
     }
@@ -138,18 +136,17 @@ pub fn explain<'a>(
     turn: &OnceCell<Turn<'a>>,
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
-    searched(ready, refitted, library, rules, turn, say).refuse_divergence()
+    let first = once(ready, refitted, library, rules, false, Some(turn), say);
+    elsewhere(first, library, rules, say).refuse_divergence()
 }
 
-fn searched<'a>(
-    ready: Prepared,
-    refitted: Refit,
+/// Where the first search does not suffice, a second with places on single modes, if that one explains more.
+fn elsewhere<'a>(
+    first: Explained<'a>,
     library: &'a Library,
     rules: &Rules,
-    turn: &OnceCell<Turn<'a>>,
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
-    let first = once(ready, refitted, library, rules, false, Some(turn), say);
     let off = first.ready.off.contains(&Step::ModalPlaces);
     if off || first.judged.unknown < INADEQUATE || first.judged.left < ELSEWHERE {
         return first;
@@ -270,7 +267,7 @@ mod tests {
         let rules = Rules { suspects: &[], exclude: &[], without: &[] };
         let explained = || {
             let (ready, refitted) = (ready.clone(), refitted.clone());
-            let mut explained = searched(ready, refitted, &library, &rules, &OnceCell::new(), &mut |_| {});
+            let mut explained = once(ready, refitted, &library, &rules, false, Some(&OnceCell::new()), &mut |_| {});
             let at = |place, name: &str, parameters| {
                 let effect = library.effects().find(|effect| effect.name() == name).unwrap();
                 Placed { effect, place, parameters }

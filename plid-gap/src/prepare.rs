@@ -85,12 +85,14 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     let mut declared = NoiseModel::declared(&plant, &declared_sensor, &declared_actuator);
     declared.model_error.clone_from(&known.model_error);
     declared.band_hz = known.band_hz;
-    let raw = given_errors(&plant, &fitted);
-    let codes = codes::codes(&fitted, &raw, &declared_sensor);
-    codes::mend(&mut fitted, &raw, &codes);
-    let unseen = given_errors(&plant, &held_out);
-    codes::mend(&mut held_out, &unseen, &codes);
-    let errors = given_errors(&plant, &fitted);
+    let mut errors = given_errors(&plant, &fitted);
+    let codes = codes::codes(&fitted, &errors, &declared_sensor);
+    if codes.iter().any(|codes| codes.cut) {
+        codes::mend(&mut fitted, &errors, &codes);
+        let unseen = given_errors(&plant, &held_out);
+        codes::mend(&mut held_out, &unseen, &codes);
+        errors = given_errors(&plant, &fitted);
+    }
     let setting = setting(&plant, model, &fitted, &errors);
     let off = &known.off;
     let quiet =

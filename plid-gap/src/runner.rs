@@ -132,7 +132,7 @@ impl<'a> Runner<'a> {
         let rest = Rest::new(plant, parts, step);
         let none = lanes::complex(std::iter::repeat_n(C::ZERO, plant.modes.len()));
         let nought = rest.next.clone();
-        let ports = forces.iter().map(|&(number, law)| Port::new(plant, number, law, step, forces.len())).collect();
+        let ports = forces.iter().map(|&(number, law)| Port::new(plant, number, law, step)).collect();
         let push = |number: usize| {
             let (rest, _) = rest_force(plant, &plant.ports[number].force_rest, step);
             Push { number, modes: none.clone(), rest, output: plant.ports[number].output.clone(), value: 0.0 }
@@ -371,7 +371,7 @@ impl Rest {
 
 impl<'a> Port<'a> {
     /// With what does not hang on a mode's pole.
-    fn new(plant: &Plant, number: usize, law: &'a dyn Force, step: f64, ports: usize) -> Self {
+    fn new(plant: &Plant, number: usize, law: &'a dyn Force, step: f64) -> Self {
         let port = &plant.ports[number];
         let none = lanes::complex(std::iter::repeat_n(C::ZERO, plant.modes.len()));
         let (held_rest, ramp_rest) = rest_force(plant, &port.force_rest, step);
@@ -390,7 +390,7 @@ impl<'a> Port<'a> {
             sees_v: none,
             sees_d_rest: lanes::real(port.displacement_rest.as_slice()),
             sees_v_rest: lanes::real(port.velocity_rest.as_slice()),
-            ramps: vec![(0.0, 0.0); ports],
+            ramps: Vec::new(),
             output: port.output.clone(),
         }
     }

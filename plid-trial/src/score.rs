@@ -64,13 +64,11 @@ pub fn score(
 ) -> Result<Scores, TrialError> {
     let whole = Manifest::read(trial)?;
     let answers = trial.join(ANSWERS);
-    let manifest = match extent {
-        Extent::Whole => whole.clone(),
-        Extent::Answered => answered(&whole, &answers)?,
-    };
-    let given = given(&manifest, &answers)?;
+    let given = given(&whole, extent, &answers)?;
     let fixed = fix(&given, &sealed.join(FIXED))?;
     let seal = unseal(&whole, trial, sealed)?;
+    let mut manifest = whole.clone();
+    manifest.cases.retain(|case| fixed.cases.contains_key(&case.case));
     progress.stage("scoring");
     let lines = lines(trial, sealed, &manifest, &answers, &given, progress)?;
     let seconds = seconds(&manifest, &answers)?;
@@ -88,17 +86,6 @@ pub fn score(
     let page = out.join("report.html");
     report::page(&scores, &seal.config).write(&page).map_err(TrialError::file(page))?;
     Ok(scores)
-}
-
-/// The cases that have an answer; all, if none has.
-fn answered(whole: &Manifest, answers: &Path) -> Result<Manifest, TrialError> {
-    let mut cases = Vec::new();
-    for case in &whole.cases {
-        if answer::read(answers, &case.case)?.is_some() {
-            cases.push(case.clone());
-        }
-    }
-    Ok(if cases.is_empty() { whole.clone() } else { Manifest { cases, ..whole.clone() } })
 }
 
 /// Every answer beside the truth.
@@ -131,8 +118,12 @@ pub(crate) fn seconds(manifest: &Manifest, answers: &Path) -> Result<Vec<f64>, T
     manifest.cases.iter().map(|case| answer::seconds(answers, &case.case)).collect()
 }
 
-/// The answers to all cases, each with its hash, in order.
-pub(crate) fn given(manifest: &Manifest, answers: &Path) -> Result<Vec<(Answered, String)>, TrialError> {
+/// The answers, each with its hash, in order; at least one, and to all cases where all are asked for.
+pub(crate) fn given(
+    manifest: &Manifest,
+    extent: Extent,
+    answers: &Path,
+) -> Result<Vec<(Answered, String)>, TrialError> {
     let mut given = Vec::new();
     let mut missing = Vec::new();
     for case in &manifest.cases {
@@ -142,11 +133,11 @@ pub(crate) fn given(manifest: &Manifest, answers: &Path) -> Result<Vec<(Answered
         }
     }
     match missing.first() {
-        Some(first) => {
+        Some(first) if extent == Extent::Whole || given.is_empty() => {
             let all = manifest.cases.len();
             Err(TrialError::Unanswered { missing: missing.len(), all, first: first.clone() })
         }
-        None => Ok(given),
+        _ => Ok(given),
     }
 }
 

@@ -14,7 +14,7 @@ use crate::error::TrialError;
 use crate::files;
 use crate::judge::Asked;
 use crate::manifest::Manifest;
-use crate::score::{FIXED, fix, given, lines, seconds, unseal};
+use crate::score::{Extent, FIXED, fix, given, lines, seconds, unseal};
 use crate::scores::{Line, Totals};
 use crate::statistics::{median, paired, sign_test};
 
@@ -186,8 +186,8 @@ pub fn score_without(
     progress: &dyn Progress,
 ) -> Result<Ablation, TrialError> {
     let manifest = Manifest::read(trial)?;
-    let own = given(&manifest, &trial.join(ANSWERS))?;
-    let again = given(&manifest, &answers(trial, None))?;
+    let own = given(&manifest, Extent::Whole, &trial.join(ANSWERS))?;
+    let again = given(&manifest, Extent::Whole, &answers(trial, None))?;
     if let Some(case) = differing(&own, &again).first() {
         return Err(TrialError::Changed {
             case: case.clone(),
@@ -199,7 +199,7 @@ pub fn score_without(
         .iter()
         .map(|&step| {
             let answers = answers(trial, Some(step));
-            let given = given(&manifest, &answers)?;
+            let given = given(&manifest, Extent::Whole, &answers)?;
             let fixed = fix(&given, &sealed.join(format!("answers-without-{step}.json")))?;
             Ok((step, answers, given, fixed.sha256))
         })
