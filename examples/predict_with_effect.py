@@ -15,7 +15,7 @@ import numpy as np
 
 TAU = 2 * math.pi
 # Free shapes, in `unit`: knots of static curves, widths of smoothed steps, yield points, turns of a course over time.
-KNOTS, STEPS = (0.0, 0.1, 0.3, 0.8, 1.6, 2.6), (0.03, 0.12, 0.4, 1.5)
+KNOTS, STEPS = (0.0, 0.1, 0.3, 0.8, 1.4, 2.0, 2.8, 3.8), (0.03, 0.12, 0.4, 1.5)
 YIELDS, TURNS = (0.2, 0.6, 1.5, 4.0), (0.08, 0.2, 0.38, 0.6, 0.8)
 FORCE_PARTS = 8  # parts of a sample over which a force that depends on the motion is a straight line
 DRIFT_SAMPLES = 16  # samples after which a drifting stiffness is brought up to date
@@ -33,10 +33,17 @@ def slip(z, delta, slope, width):
     return sign * (limit + (along - limit) * math.exp(-left / width))
 
 
+def ramp(x, first, second):
+    """Zero up to the first knot; from there on its slope rises evenly, to one at the second."""
+    width, past = second - first, max(x - first, 0)
+    return past * past / (2 * width) if past < width else past - width / 2
+
+
 def bend(x, s):
-    """sign(x) sum_k s_k max(|x| - K_k, 0): the first six s where x >= 0, the others where x < 0."""
-    pieces = zip(s[:6] if x >= 0 else s[6:], KNOTS)
-    return math.copysign(1, x) * sum(slope * max(abs(x) - knot, 0) for slope, knot in pieces)
+    """sign(x) (s_1 |x| + sum_k s_k ramp_k(|x|)): the first eight s where x >= 0, the others where x < 0."""
+    side = s[:8] if x >= 0 else s[8:]
+    pieces = zip(side[1:], KNOTS, KNOTS[1:])
+    return math.copysign(1, x) * (side[0] * abs(x) + sum(c * ramp(abs(x), first, second) for c, first, second in pieces))
 
 
 def free_rate(x, s):
@@ -73,10 +80,11 @@ def free_curve(x, p, t, h):
     return x + p["unit"] * np.array([bend(now / p["unit"], p["s"]) for now in x])
 
 
-def free_path(x, p, each):
-    """With values that are 1, 2, ... times `each` earlier."""
-    earlier = [np.concatenate([np.zeros(j * each), x])[:len(x)] for j in range(1, 1 + len(p["s"]))]
-    return x + sum(s * (then - x) for s, then in zip(p["s"], earlier))
+def free_path(x, p, back):
+    """With values that are so many samples earlier, or later: zero before the record, behind it the last value."""
+    at = [np.arange(len(x)) - j for j in back]
+    other = [np.where(k < 0, 0.0, x[np.clip(k, 0, len(x) - 1)]) for k in at]
+    return x + sum(s * (then - x) for s, then in zip(p["s"], other))
 
 
 def actuator_delay(x, p, t, h):
@@ -142,7 +150,7 @@ COMMANDS = {
     "actuator-slew-limit": actuator_slew_limit,
     "free-command": free_curve,
     "free-hysteresis": free_hysteresis,
-    "free-command-path": lambda x, p, t, h: free_path(x, p, p["parts"] // 2),
+    "free-command-path": lambda x, p, t, h: free_path(x, p, [j * (p["parts"] // 2) for j in (1, 2, 3, 4)]),
     "free-gain-course": lambda x, p, t, h: x * (1 + course(t / p["unit"], p["s"])),
 }
 SENSORS = {
@@ -157,7 +165,7 @@ SENSORS = {
     "sensor-lag": sensor_lag,
     "sensor-delay": sensor_delay,
     "free-sensor": free_curve,
-    "free-sensor-path": lambda x, p, t, h: free_path(x, p, 1),
+    "free-sensor-path": lambda x, p, t, h: free_path(x, p, (-1, 1, 2, 3)),
     "free-zero-course": lambda x, p, t, h: x + p["size"] * course(t / p["unit"], p["s"]),
 }
 # Forces inside the structure, of the displacement d and the velocity v that their port sees, and of a joint's slip z.

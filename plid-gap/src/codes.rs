@@ -51,16 +51,19 @@ pub fn codes(records: &[Record], errors: &[Channels], sensor_std: &[f64]) -> Vec
             let noisy = sensor_std[o];
             let coarse = steps[o].is_finite()
                 && (steps[o] > COARSER * finest && steps[o] > 1.5 * noisy || steps[o] > 4.0 * noisy);
-            let repeats: Vec<Vec<usize>> =
-                records.iter().zip(errors).map(|(r, e)| repeats(&r.y[o], &e[o], sensor_std[o])).collect();
-            let (mut onsets, mut samples) = (0, 0);
+            let jumps: Vec<Jumps> =
+                records.iter().zip(errors).map(|(r, e)| jumps(&r.y[o], &e[o], sensor_std[o])).collect();
+            let (mut onsets, mut others, mut samples) = (0, 0, 0);
             // Where nothing moves, a repeat is not seen.
-            for (record, repeats) in records.iter().zip(&repeats).filter(|(record, _)| driven(record)) {
+            for (record, jumps) in records.iter().zip(&jumps).filter(|(record, _)| driven(record)) {
+                let repeats = &jumps.repeats;
                 onsets += repeats.iter().enumerate().filter(|(k, at)| *k == 0 || repeats[k - 1] + 1 != **at).count();
+                others += jumps.others;
                 samples += record.samples();
             }
-            let dropout_rate = (!coarse && onsets >= ONSETS).then(|| onsets as f64 / samples as f64);
-            let repeats = if dropout_rate.is_some() { repeats } else { vec![Vec::new(); records.len()] };
+            let drops = !coarse && onsets >= ONSETS && onsets >= others;
+            let dropout_rate = drops.then(|| onsets as f64 / samples as f64);
+            let repeats = jumps.into_iter().map(|jumps| if drops { jumps.repeats } else { Vec::new() }).collect();
             let cut = coarse && cuts(records, o, steps[o]);
             Codes { step: steps[o], coarse, cut, dropout_rate, repeats }
         })
@@ -127,29 +130,50 @@ fn step(records: &[Record], o: usize) -> f64 {
     distances.fold(f64::INFINITY, f64::min)
 }
 
+/// Where an output jumps away from the simulation and back.
+struct Jumps {
+    /// Samples that repeat the one before meanwhile.
+    repeats: Vec<usize>,
+    /// Single samples that are out and repeat nothing. Where there are more of them than repeats, something else makes jumps (a noise with
+    /// heavy tails, peaks that are held down), and in some of those two values are equal by chance.
+    others: usize,
+}
+
 /// Samples that repeat the one before while the simulation moves away: two equal values happen by chance, but then the error is as
 /// everywhere.
-fn repeats(y: &[f64], error: &[f64], noise: f64) -> Vec<usize> {
+fn jumps(y: &[f64], error: &[f64], noise: f64) -> Jumps {
     // At the rails a clipped converter repeats: that is no dropout.
     let (low, high) = y.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), y| (l.min(*y), h.max(*y)));
-    let mut found = Vec::new();
+    let mut found = Jumps { repeats: Vec::new(), others: 0 };
     let mut first = 0;
     for k in 1..=y.len() {
         if k < y.len() && y[k] == y[first] {
             continue;
         }
-        if k - first >= 2 && y[first] > NEAR_RAIL * low && y[first] < NEAR_RAIL * high {
-            let worst = error[first + 1..k].iter().fold(0.0, |most: f64, e| most.max(e.abs()));
+        let most = |from: usize| error[from..k].iter().fold(0.0, |most: f64, e| most.max(e.abs()));
+        // What drops out, drops out at once: about the peak of a slow error two values are equal too.
+        let calm = |from: usize| {
+            let small = |at: Option<usize>| at.and_then(|k| error.get(k)).is_none_or(|e| e.abs() < BESIDE * most(from));
+            small(from.checked_sub(1)) && small(Some(k))
+        };
+        let single = k - first == 1;
+        if most(first) > OUT_OF_NOISE * noise
+            && y[first] > NEAR_RAIL * low
+            && y[first] < NEAR_RAIL * high
+            && (!single || calm(first))
+        {
             let mut near: Vec<f64> =
                 error[first.saturating_sub(AROUND)..(k + AROUND).min(error.len())].iter().map(|e| e.abs()).collect();
             near.sort_by(f64::total_cmp);
             let out = |e: f64| e > OUT_OF_NOISE * noise && e > OUT_OF_NEIGHBOURS * near[near.len() / 2];
             // Most hold the last good value; where another one is put in its place, the first of the run is wrong as well.
-            let from = first + usize::from(!out(error[first].abs()));
-            // What drops out, drops out at once: about the peak of a slow error two values are equal too.
-            let calm = |at: Option<usize>| at.and_then(|k| error.get(k)).is_none_or(|e| e.abs() < BESIDE * worst);
-            if out(worst) && calm(from.checked_sub(1)) && calm(Some(k)) {
-                found.extend(from..k);
+            let from = first + usize::from(!single && !out(error[first].abs()));
+            if out(most(from)) && calm(from) {
+                if single {
+                    found.others += 1;
+                } else {
+                    found.repeats.extend(from..k);
+                }
             }
         }
         first = k;

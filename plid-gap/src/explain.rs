@@ -3,6 +3,7 @@
 use std::cell::OnceCell;
 
 use crate::ablation::Step;
+use crate::closest_law::closest_law;
 use crate::effects::{Effect, Library, Names};
 use crate::locate::error;
 use crate::modal::dominant;
@@ -10,7 +11,7 @@ use crate::prepare::{NoiseLevel, Prepared};
 use crate::problem::{Fit, Placed, Problem, sum_of_squares};
 use crate::record::{Channels, Record};
 use crate::refit::{Refit, STEPS, refit};
-use crate::shape::{Bent, bent, one_for_two};
+use crate::shape::{Bent, bent, fewer, renamed};
 use crate::shrink::run;
 use crate::simulate::Fineness;
 use crate::stepwise::{Candidate, Search, Turn, all_same, polish, search};
@@ -202,8 +203,8 @@ fn once<'a>(
     let zero = vec![0.0; problem.nuisance.len()];
     let given_cost = sum_of_squares(&problem.residual(&problem.plant, &zero, &[], Fineness::FINE));
     let free = !off.contains(&Step::FreeShapes);
-    let simpler = if free { one_for_two(problem, &quick, &found.best) } else { None };
-    let bent = match simpler {
+    let simpler = if free { fewer(problem, &quick, &found.best) } else { None };
+    let mut bent = match simpler {
         Some((alone, bent)) => {
             found.settle(alone, bent.fit.cost);
             Some(bent)
@@ -212,6 +213,14 @@ fn once<'a>(
         None if free => bent(problem, &quick, &found.best).filter(|bent| found.best.cost - bent.fit.cost > 4.0 * WORTH),
         None => None,
     };
+    if let Some(free) = &bent {
+        let present = &found.best.effects[free.which];
+        let nearer = closest_law(problem, &free.fit.effects, present, library, &allowed);
+        if let Some((alone, free)) = nearer.and_then(|law| renamed(problem, &quick, &found.best, free, law)) {
+            found.settle(alone, free.fit.cost);
+            bent = Some(free);
+        }
+    }
     let best = found.best.clone();
     let level = ready.noise_level(&simulated, best.cost / rows);
     // A stage that was looked at and not accepted says what is still there.

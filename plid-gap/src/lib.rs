@@ -6,6 +6,7 @@ pub mod audit;
 #[cfg(test)]
 mod blind;
 pub mod case;
+mod closest_law;
 pub mod codes;
 pub mod diagnose;
 pub mod diagnosis;

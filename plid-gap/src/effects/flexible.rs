@@ -20,7 +20,7 @@ pub enum Flexible {
     Path,
     /// A static curve of an output.
     Sensor,
-    /// Earlier values of an output.
+    /// Values of an output about it.
     SensorPath,
     /// All stiffnesses over time.
     StiffnessCourse,
@@ -30,8 +30,9 @@ pub enum Flexible {
     ZeroCourse,
 }
 
-/// Knots of static curves in RMS of their signal. The first ones are for what happens about zero: play, steps, other slopes either side.
-const KNOTS: [f64; 6] = [0.0, 0.1, 0.3, 0.8, 1.6, 2.6];
+/// Knots of static curves in RMS of their signal: between two of them the slope changes evenly. The first ones are for what happens about zero, play and
+/// steps, the last ones for rails that only peaks reach.
+const KNOTS: [f64; 8] = [0.0, 0.1, 0.3, 0.8, 1.4, 2.0, 2.8, 3.8];
 
 /// Widths of smoothed steps of the velocity in RMS.
 const STEPS: [f64; 4] = [0.03, 0.12, 0.4, 1.5];
@@ -39,8 +40,11 @@ const STEPS: [f64; 4] = [0.03, 0.12, 0.4, 1.5];
 /// Yield points in RMS.
 const YIELDS: [f64; 4] = [0.2, 0.6, 1.5, 4.0];
 
-/// Earlier values: in half samples.
+/// Earlier values of a command: in half samples.
 const TAPS: usize = 4;
+
+/// Other values of an output, in samples before it. One is later: what a delay between two samples smooths, it smooths on both sides.
+const AROUND: [isize; 4] = [-1, 1, 2, 3];
 
 /// Where a course over time may turn, as shares of the records' duration.
 const TURNS: [f64; 5] = [0.08, 0.2, 0.38, 0.6, 0.8];
@@ -84,12 +88,18 @@ impl Flexible {
         ALL.iter().find(|sibling| sibling.name() == name)
     }
 
+    /// Whether it can do without the effect: behind one that cuts peaks off, no curve brings them back.
+    pub(crate) fn stands_alone(self) -> bool {
+        matches!(self, Self::Command | Self::Sensor)
+    }
+
     fn count(self) -> usize {
         match self {
             Self::Stiffness | Self::Sensor | Self::Command => 2 * KNOTS.len(),
             Self::Damping => STEPS.len() + 2,
             Self::Joint | Self::Hysteresis => YIELDS.len(),
-            Self::Path | Self::SensorPath => TAPS,
+            Self::Path => TAPS,
+            Self::SensorPath => AROUND.len(),
             Self::StiffnessCourse | Self::GainCourse | Self::ZeroCourse => TURNS.len(),
         }
     }
@@ -175,7 +185,7 @@ impl Effect for Flexible {
     fn equation(&self) -> &'static str {
         match self {
             Self::Stiffness => {
-                "f = -size sign(d) sum_k s_k max(abs(d)/unit - K_k, 0), K = 0, 0.1, 0.3, 0.8, 1.6, 2.6; s_1..s_6 where d >= 0, s_7..s_12 where d < 0"
+                "f = -size B(d/unit); B(x) = sign(x) (s_1 abs(x) + sum_k s_k R_k(abs(x))), k = 2..8, where R_k' rises from 0 to 1 between the knots K = 0, 0.1, 0.3, 0.8, 1.4, 2, 2.8, 3.8; s_9..s_16 where x < 0"
             }
             Self::Damping => {
                 "x = v/unit; f = -size (sum_k s_k tanh(x/W_k) + s_5 x abs(x) + s_6 x^2), W = 0.03, 0.12, 0.4, 1.5"
@@ -184,16 +194,16 @@ impl Effect for Flexible {
                 "f = -(size/unit) sum_k s_k z_k; dz_k/dt = v - (abs(v) z_k + v abs(z_k)) / (2 Y_k unit), Y = 0.2, 0.6, 1.5, 4"
             }
             Self::Command => {
-                "u' = u + unit sign(u) sum_k s_k max(abs(u)/unit - K_k, 0), K = 0, 0.1, 0.3, 0.8, 1.6, 2.6; s_1..s_6 where u >= 0, s_7..s_12 where u < 0"
+                "u' = u + unit B(u/unit); B(x) = sign(x) (s_1 abs(x) + sum_k s_k R_k(abs(x))), k = 2..8, where R_k' rises from 0 to 1 between the knots K = 0, 0.1, 0.3, 0.8, 1.4, 2, 2.8, 3.8; s_9..s_16 where x < 0"
             }
             Self::Hysteresis => {
                 "u' = u - sum_k s_k z_k; dz_k = du - (abs(du) z_k + du abs(z_k)) / (2 Y_k unit), Y = 0.2, 0.6, 1.5, 4"
             }
             Self::Path => "u'(t) = u(t) + sum_k s_k (u(t - k/2 samples) - u(t)), k = 1..4",
             Self::Sensor => {
-                "y' = y + unit sign(y) sum_k s_k max(abs(y)/unit - K_k, 0), K = 0, 0.1, 0.3, 0.8, 1.6, 2.6; s_1..s_6 where y >= 0, s_7..s_12 where y < 0"
+                "y' = y + unit B(y/unit); B(x) = sign(x) (s_1 abs(x) + sum_k s_k R_k(abs(x))), k = 2..8, where R_k' rises from 0 to 1 between the knots K = 0, 0.1, 0.3, 0.8, 1.4, 2, 2.8, 3.8; s_9..s_16 where x < 0"
             }
-            Self::SensorPath => "y'(k) = y(k) + sum_j s_j (y(k - j) - y(k)), j = 1..4",
+            Self::SensorPath => "y'(k) = y(k) + sum_j s_j (y(k - j) - y(k)), j = -1, 1, 2, 3",
             Self::StiffnessCourse => {
                 "w_m^2 -> w_m^2 (1 + sum_k s_k max(t/unit - T_k, 0)), every mode, T = 0.08, 0.2, 0.38, 0.6, 0.8"
             }
@@ -255,11 +265,18 @@ impl Sensor for ZeroOverTime {
     }
 }
 
-/// Straight pieces that begin at the knots, on either side of zero: two for each knot.
+/// A curve of continuous slope on either side of zero: a straight line, and for each two knots beside each other what its slope changes by between them.
 fn bend(x: f64, shape: &[f64]) -> f64 {
     let side = if x >= 0.0 { &shape[..KNOTS.len()] } else { &shape[KNOTS.len()..] };
-    let sum: f64 = side.iter().zip(KNOTS).map(|(c, knot)| c * (x.abs() - knot).max(0.0)).sum();
-    sum * x.signum()
+    let (sign, x) = (x.signum(), x.abs());
+    let changed: f64 = side[1..].iter().zip(KNOTS.windows(2)).map(|(c, knots)| c * ramp(x, knots[0], knots[1])).sum();
+    sign * (side[0] * x + changed)
+}
+
+/// Zero up to the first knot; from there on its slope rises evenly, to one at the second.
+fn ramp(x: f64, from: f64, to: f64) -> f64 {
+    let (width, past) = (to - from, (x - from).max(0.0));
+    if past < width { past * past / (2.0 * width) } else { past - width / 2.0 }
 }
 
 struct Curve {
@@ -385,9 +402,11 @@ struct OutputTaps {
 impl Sensor for OutputTaps {
     fn apply(&self, y: &mut [Vec<f64>], _t0: f64, _rate: f64) {
         let from = y[self.o].clone();
-        let at = |k: usize, back: usize| if k >= back { from[k - back] } else { 0.0 };
+        let last = from.len().saturating_sub(1);
+        // Zero before the record; behind it the last value.
+        let at = |k: usize, back: isize| k.checked_add_signed(-back).map_or(0.0, |k| from[k.min(last)]);
         for (k, y) in y[self.o].iter_mut().enumerate() {
-            let more = self.shape.iter().enumerate().map(|(j, c)| c * (at(k, j + 1) - from[k]));
+            let more = self.shape.iter().zip(AROUND).map(|(c, back)| c * (at(k, back) - from[k]));
             *y += more.sum::<f64>();
         }
     }
