@@ -14,7 +14,7 @@ use crate::separable::{Rival, open};
 use crate::stepwise::{Search, all_same, same};
 use crate::thresholds::SEPARABLE;
 use crate::tracks::Tracks;
-use crate::unseen::cuts;
+use crate::unseen::{cuts, wanders};
 use crate::verdict::{Verdict, Weighted};
 
 /// Effects of the answer with intervals and confidence.
@@ -61,7 +61,7 @@ pub(crate) fn named(explained: &Explained, shown: &[&Placed], weighted: &[Weight
             location: placed.place.location(names),
             confidence: confidence(placed),
             parameters,
-            shape_differs: cuts(placed),
+            shape_differs: cuts(placed) || wanders(placed),
         });
     }
     named

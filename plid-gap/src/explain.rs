@@ -84,9 +84,11 @@ impl<'a> Explained<'a> {
         self.bent.as_ref().map_or(&self.found.best, |bent| &bent.fit)
     }
 
-    /// RMS of each output's noise; where nothing shows it, no more than what is left.
+    /// RMS of each output's noise, lines that wander among it; where nothing shows it, no more than what is left.
     pub fn noise_rms(&self) -> Vec<f64> {
-        self.ready.noise.rms().iter().map(|rms| rms * self.level.factor.min(1.0).sqrt()).collect()
+        let noise = self.ready.noise.rms().into_iter().map(|rms| rms * self.level.factor.min(1.0).sqrt());
+        let lines = |o: usize| self.ready.wandering.iter().map(|line| line.rms[o].powi(2)).sum::<f64>();
+        noise.enumerate().map(|(o, noise)| (noise * noise + lines(o)).sqrt()).collect()
     }
 
     /// The record, held out or not, whose free run has no bounds. Without effects every one has them: the audit refuses what is unstable.
@@ -192,6 +194,11 @@ fn once<'a>(
     let simulated = outputs(&ready.problem, &found.best.eta, &found.best.effects);
     if turn.is_some() && ready.renew_codes(&simulated) {
         say("samples drop out: once more without them".into());
+        refitted = refit(&ready.problem, STEPS);
+        return once(ready, refitted, library, rules, bold, None, say);
+    }
+    if turn.is_some() && ready.renew_lines(&found.best.eta, &found.best.effects) {
+        say("a line wanders: once more without it".into());
         refitted = refit(&ready.problem, STEPS);
         return once(ready, refitted, library, rules, bold, None, say);
     }

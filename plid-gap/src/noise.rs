@@ -8,6 +8,7 @@ use std::f64::consts::TAU;
 use nalgebra::{DMatrix, DVector};
 
 use crate::model_error::ModelError;
+use crate::notch;
 use crate::plant::{C, Plant};
 use crate::transform;
 
@@ -16,6 +17,9 @@ const LINE: f64 = 16.0;
 
 /// A sensor has at least this share of its declared variance.
 const QUIETEST: f64 = 0.25;
+
+/// Relative width of the band about a line that wanders.
+const LINE_WIDTH: f64 = 0.003;
 
 /// Rounds of the fixed-point iteration.
 const ROUNDS: usize = 60;
@@ -90,6 +94,8 @@ pub struct NoiseModel {
     pub model_error: Option<ModelError>,
     /// Frequencies that count, from and to; what lies outside is as if its noise had no bounds.
     pub band_hz: Option<[f64; 2]>,
+    /// Lines that wander, as port and Hz: what they may be in a record is taken out of it.
+    pub lines: Vec<(usize, f64)>,
 }
 
 impl NoiseModel {
@@ -98,7 +104,20 @@ impl NoiseModel {
         let sensors = sensor.iter().enumerate().map(|(o, std)| (Source::Sensor(o), std * std));
         let actuators = actuator.iter().enumerate().map(|(i, std)| (Source::Actuator(i), std * std));
         let sources = sensors.chain(actuators).collect();
-        Self { plant: plant.clone(), sources, misfit: f64::NAN, bins: 0, model_error: None, band_hz: None }
+        Self {
+            plant: plant.clone(),
+            sources,
+            misfit: f64::NAN,
+            bins: 0,
+            model_error: None,
+            band_hz: None,
+            lines: Vec::new(),
+        }
+    }
+
+    /// The simulation that it was made from.
+    pub fn plant(&self) -> &Plant {
+        &self.plant
     }
 
     /// Ports of the simulation that it was made from; places on single modes come later.
@@ -180,6 +199,16 @@ impl NoiseModel {
         self
     }
 
+    /// With a line that wanders: a narrow band at a port, for what its modulation leaves about it.
+    pub fn with_line(mut self, port: usize, hz: f64) -> Self {
+        let band = Source::Band(port, hz, LINE_WIDTH);
+        let peak = self.columns(band, hz)[0].norm_squared();
+        let start = self.sensor_variance() / peak.max(f64::MIN_POSITIVE);
+        self.sources.push((band, start));
+        self.lines.push((port, hz));
+        self
+    }
+
     /// Of each sensor in V^2.
     pub fn sensors(&self) -> Vec<f64> {
         let of = |(source, theta): &(Source, f64)| matches!(source, Source::Sensor(_)).then_some(*theta);
@@ -193,8 +222,10 @@ impl NoiseModel {
 
     fn rows(&self, stretch: &Stretch, thin: usize) -> Vec<Row> {
         // Zero, the trend's first bin and half the rate are no circular Gaussians.
+        let taken_out = |hz: f64| self.lines.iter().any(|(_, line)| (hz - line).abs() < notch::HOLE_HZ);
         (2..stretch.bins[0].len() - 1)
             .step_by(thin)
+            .filter(|&k| !taken_out(stretch.hz(k, self.plant.rate)))
             .map(|k| {
                 let hz = stretch.hz(k, self.plant.rate);
                 let columns = self.sources.iter().map(|(source, _)| self.columns(*source, hz)).collect();
@@ -249,12 +280,16 @@ impl NoiseModel {
         sum
     }
 
-    /// RMS of each output's noise.
+    /// RMS of each output's noise, without lines that wander.
     pub fn rms(&self) -> Vec<f64> {
         let bins = 2048;
         let mut sums = vec![0.0; self.plant.p];
+        let mut steady = self.clone();
+        steady
+            .sources
+            .retain(|(source, _)| !matches!(source, Source::Band(port, hz, _) if self.lines.contains(&(*port, *hz))));
         for k in 0..bins {
-            let density = self.density((k as f64 + 0.5) * self.plant.rate / (2 * bins) as f64);
+            let density = steady.density((k as f64 + 0.5) * self.plant.rate / (2 * bins) as f64);
             sums.iter_mut().enumerate().for_each(|(o, sum)| *sum += density[(o, o)].re);
         }
         sums.into_iter().map(|sum| (sum / bins as f64).sqrt()).collect()

@@ -4,15 +4,19 @@ use crate::ablation::Step;
 use crate::codes::{self, Codes};
 use crate::effects::Setting;
 use crate::error::GapError;
+use crate::explain::outputs;
 use crate::missing;
 use crate::model_error::ModelError;
 use crate::noise::{NoiseModel, Stretch};
+use crate::notch;
 use crate::nuisance::{Limits, Nuisance};
 use crate::plant::Plant;
-use crate::problem::Problem;
+use crate::problem::{Placed, Problem};
 use crate::record::{Channels, Excitation, Record, rms};
 use crate::simulate::{Fineness, simulate};
 use crate::tones;
+use crate::unseen::NEAR_LINE;
+use crate::wandering::{Wandering, wandering};
 use crate::whiten::Whitener;
 use plid_model::Model;
 
@@ -44,6 +48,8 @@ pub struct Prepared {
     pub declares: bool,
     /// Spectra of what no command explains.
     pub quiet: Vec<Stretch>,
+    /// Lines whose phase nobody foretells.
+    pub wandering: Vec<Wandering>,
     /// Steps that the diagnosis leaves out.
     pub off: Vec<Step>,
 }
@@ -103,7 +109,18 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     let nuisance = Nuisance::new(&plant, &fitted, &known.limits).doubted(&known.doubt);
     let problem = Problem { plant, records: fitted, whiteners, nuisance, setting };
     let declares = model.noise.sensor_std.is_some();
-    Ok(Prepared { problem, held_out, declared, noise, declared_sensor, declares, quiet, codes, off: off.clone() })
+    Ok(Prepared {
+        problem,
+        held_out,
+        declared,
+        noise,
+        declared_sensor,
+        declares,
+        quiet,
+        codes,
+        wandering: Vec::new(),
+        off: off.clone(),
+    })
 }
 
 /// How well the noise's level is known, and what it is over the model's.
@@ -200,6 +217,39 @@ impl Prepared {
         true
     }
 
+    /// A line of this explanation that does not keep its phase leaves the explanation and becomes part of the noise. Whether there is one.
+    pub fn renew_lines(&mut self, eta: &[f64], effects: &[Placed]) -> bool {
+        let Some((which, line)) = wandering(self, eta, effects) else { return false };
+        let mut others = effects.to_vec();
+        others.remove(which);
+        self.declared = self.declared.clone().with_line(line.port, line.hz);
+        let elsewhere = |hz: f64| (hz / line.hz - 1.0).abs() > NEAR_LINE;
+        self.problem.setting.tones.retain(|tone| elsewhere(tone.hz));
+        self.problem.setting.missing.retain(|mode| elsewhere(mode.hz));
+        self.wandering.push(line);
+        self.quiet = self.quiet_of(&outputs(&self.problem, eta, &others));
+        let noise = if self.quiet.is_empty() { self.declared.clone() } else { self.declared.fit(&self.quiet) };
+        self.noise = rounded(noise, &self.codes, &self.declared_sensor);
+        self.problem.whiteners = whiteners(&self.problem.records, &self.noise, self.problem.plant.rate, &self.codes);
+        true
+    }
+
+    /// What simulations leave of the records without input, without lines that wander.
+    fn quiet_of(&self, simulated: &[Channels]) -> Vec<Stretch> {
+        let plant = &self.problem.plant;
+        let records = self.problem.records.iter().zip(simulated);
+        records
+            .filter(|(record, _)| record.excitation == Excitation::Zero && record.samples() >= SHORTEST_QUIET)
+            .map(|(record, y)| {
+                let without = |error: Channels, line: &Wandering| match record.from_rest {
+                    true => notch::without_both(&error, plant, line.port, line.hz),
+                    false => notch::without(&error, plant.rate, line.hz),
+                };
+                Stretch::new(&self.wandering.iter().fold(crate::locate::error(record, y), without))
+            })
+            .collect()
+    }
+
     /// The noise once more, from what an explanation leaves of the quiet records: a disturbance or a line in them is no noise.
     /// Whether it changed by so much that residuals must be whitened anew.
     pub fn renew_noise(&mut self, simulated: &[Channels]) -> bool {
@@ -207,12 +257,7 @@ impl Prepared {
             return false;
         }
         let records = &self.problem.records;
-        let quiet: Vec<Stretch> = records
-            .iter()
-            .zip(simulated)
-            .filter(|(record, _)| record.excitation == Excitation::Zero && record.samples() >= SHORTEST_QUIET)
-            .map(|(record, y)| Stretch::new(&crate::locate::error(record, y)))
-            .collect();
+        let quiet = self.quiet_of(simulated);
         if quiet.is_empty() {
             return false;
         }

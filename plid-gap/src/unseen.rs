@@ -57,6 +57,10 @@ pub fn unseen<'a>(ready: &Prepared, library: &'a Library) -> Vec<Unseen<'a>> {
             put("sensor-noise", Place::Output(o), vec![std], gain);
         }
     }
+    for line in &ready.wandering {
+        let place = Place::Frequency(line.hz, line.port);
+        put("narrowband-disturbance", place, vec![line.amplitude, line.hz, 0.0], line.gain);
+    }
     if let Some((port, hz, a, gain)) = coloured(ready) {
         put("coloured-disturbance", Place::Frequency(hz, port), vec![a, hz], gain);
     }
@@ -113,6 +117,9 @@ fn coloured(ready: &Prepared) -> Option<(usize, f64, f64, f64)> {
         hz *= 1.06;
     }
     let (_, port, hz, width, theta) = best?;
+    if ready.wandering.iter().any(|line| (line.hz / hz - 1.0).abs() < NEAR_LINE) {
+        return None;
+    }
     let misfit = ready.declared.fit_with(&ready.quiet, &[Source::Ambient, Source::Band(port, hz, width)], 40, 1).misfit;
     let gain = 2.0 * (plain.misfit - misfit);
     // An equal force on all modes is a guess, from few ports a poor one: where one mode alone that is pushed harder explains as much, it is no band.
@@ -147,13 +154,18 @@ pub fn wandering(band: &Placed, effects: &[Placed]) -> Option<usize> {
     (band.effect.name() == "coloured-disturbance").then(|| effects.iter().position(line)).flatten()
 }
 
+/// Whether what the records show without a free run is a line: one that wanders.
+pub fn wanders(shown: &Placed) -> bool {
+    shown.effect.name() == "narrowband-disturbance"
+}
+
 /// Whether it is a converter that cuts bits off, and does not round.
 pub fn cuts(placed: &Placed) -> bool {
     placed.effect.name() == "sensor-quantisation" && placed.parameters.get(1).is_some_and(|cut| *cut > 0.0)
 }
 
 /// Bands are looked for in steps of 6 %.
-const NEAR_LINE: f64 = 0.04;
+pub(crate) const NEAR_LINE: f64 = 0.04;
 
 #[cfg(test)]
 mod tests {

@@ -2,12 +2,13 @@
 //!
 //! The sum of squares of what comes out is minus twice the log likelihood, so that it can be compared between explanations.
 
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVectorView, DVectorViewMut};
 
 use crate::noise::NoiseModel;
-use crate::plant::C;
+use crate::notch;
+use crate::plant::{C, Plant};
 use crate::record::Record;
 use crate::transform;
 
@@ -23,7 +24,12 @@ pub struct Whitener {
     bins: RangeInclusive<usize>,
     /// Lower triangles of L^{-1}, of each of them, row by row.
     factors: Vec<C>,
+    /// Of each line that wanders: rows, and an orthonormal basis of what the line may be in them.
+    lines: Vec<(Range<usize>, DMatrix<f64>)>,
 }
+
+/// A line's modulation is seen so far about it; beyond, its ends in the record leave less than the noise of a twelve-bit converter.
+const REACH_HZ: f64 = 25.0;
 
 impl Whitener {
     /// For a record under a noise model.
@@ -47,7 +53,51 @@ impl Whitener {
                 factors.extend((0..=i).map(|j| inverse[(i, j)]));
             }
         }
-        Self { length, masked, p, bins, factors }
+        let mut whitener = Self { length, masked, p, bins, factors, lines: Vec::new() };
+        for &(port, hz) in &noise.lines {
+            whitener.take_out(hz, rate);
+            if record.from_rest {
+                whitener.take_out_beginning(noise.plant(), port, hz);
+            }
+        }
+        whitener
+    }
+
+    /// And without what rings where a line begins to act on a structure at rest.
+    fn take_out_beginning(&mut self, plant: &Plant, port: usize, hz: f64) {
+        let traces = notch::beginnings(plant, port, hz, self.length);
+        let mut white = vec![0.0; self.rows()];
+        let mut basis = DMatrix::zeros(self.rows(), traces.len());
+        for (j, y) in traces.iter().enumerate() {
+            self.apply(y, &mut white);
+            basis.column_mut(j).copy_from_slice(&white);
+        }
+        self.lines.push((0..self.rows(), basis.qr().q()));
+    }
+
+    /// From now on without what a slowly modulated line may be, at each output for itself.
+    fn take_out(&mut self, hz: f64, rate: f64) {
+        let step = rate / self.length as f64;
+        let bin = |hz: f64| ((hz / step).round().max(0.0) as usize).clamp(*self.bins.start(), *self.bins.end());
+        let first_row =
+            |k: usize| 2 * self.p * (k - self.bins.start()) - if *self.bins.start() == 0 { self.p } else { 0 };
+        let (from, to) = (bin(hz - REACH_HZ).max(self.bins.start() + 1), bin(hz + REACH_HZ).saturating_sub(1));
+        if to <= from {
+            return;
+        }
+        let rows = first_row(from)..first_row(to + 1);
+        let shapes = notch::modulated(self.length, rate, hz);
+        let mut white = vec![0.0; self.rows()];
+        let mut basis = DMatrix::zeros(rows.len(), self.p * shapes.ncols());
+        for o in 0..self.p {
+            let mut y = vec![vec![0.0; self.length]; self.p];
+            for (j, shape) in shapes.column_iter().enumerate() {
+                y[o].copy_from_slice(shape.as_slice());
+                self.apply(&y, &mut white);
+                basis.column_mut(o * shapes.ncols() + j).copy_from_slice(&white[rows.clone()]);
+            }
+        }
+        self.lines.push((rows, basis.qr().q()));
     }
 
     /// Number of values that [`Whitener::apply`] gives.
@@ -81,6 +131,10 @@ impl Whitener {
                     at += 1;
                 }
             }
+        }
+        for (rows, basis) in &self.lines {
+            let inside = basis.tr_mul(&DVectorView::from_slice(&to[rows.clone()], rows.len()));
+            DVectorViewMut::from_slice(&mut to[rows.clone()], rows.len()).gemv(-1.0, basis, &inside, 1.0);
         }
     }
 

@@ -7,6 +7,7 @@ use crate::effects::{Action, Flexible, Place, Setting};
 use crate::explain::Explained;
 use crate::plant::Plant;
 use crate::problem::{Placed, Problem};
+use crate::unseen::wanders;
 use crate::verdict::Verdict;
 
 /// Changes of the bounded refit in standard deviations of its prior, by mode (Hz): frequency, damping, largest of the shapes.
@@ -26,7 +27,7 @@ pub(crate) fn refit_summary(problem: &Problem, eta: &[f64]) -> Vec<(f64, f64, f6
 }
 
 /// sim-with-effect.json: the linear model after the bounded refit (`plant`) with the effects of the model that predicts, and those that
-/// quiet records show.
+/// quiet records show, but for a line that wanders: that is part of the noise.
 pub(crate) fn written(
     explained: &Explained,
     model: &plid_model::Model,
@@ -42,7 +43,7 @@ pub(crate) fn written(
     let fitted: &[Placed] = if verdict == Verdict::None { &[] } else { &best.effects };
     let effects = fitted
         .iter()
-        .chain(shown.iter().copied())
+        .chain(shown.iter().copied().filter(|placed| !wanders(placed)))
         .map(|placed| WrittenEffect {
             effect: placed.effect.name().into(),
             location: written_place(placed, setting),
