@@ -228,6 +228,7 @@ fn once<'a>(
             bent = Some(free);
         }
     }
+    found.best = problem.settled(&found.best);
     let best = found.best.clone();
     let level = ready.noise_level(&simulated, best.cost / rows);
     // A stage that was looked at and not accepted says what is still there.

@@ -79,6 +79,9 @@ const UNDAMPED: f64 = 1e-3;
 /// Steps after which derivatives are taken anew where effects move modes.
 const RENEWED: usize = 3;
 
+/// The last steps of a fit.
+const SETTLED: Effort = Effort { steps: 4, gain: 0.05, fineness: Fineness::FINE };
+
 /// How far a fit goes.
 #[derive(Debug, Clone, Copy)]
 pub struct Effort {
@@ -212,8 +215,47 @@ impl Problem {
         (0..eta.len()).filter(modal).map(z).fold(0.0, f64::max)
     }
 
-    /// Fits the linear parameters and the effects from the given start.
+    /// Fits the linear parameters and the effects from the given start. Their derivatives are those of the linear simulation, as far as effects do not move its
+    /// modes.
     pub fn fit<'a>(&self, tangent: &Tangent, eta: &[f64], effects: &[Placed<'a>], effort: Effort) -> Fit<'a> {
+        self.fitted(tangent, true, eta, effects, effort)
+    }
+
+    /// The last steps of a fit, with the derivatives of the simulation with its effects: without a force that acts inside the structure they are off by as
+    /// much as it changes the motion, and the fit ends beside its minimum, with intervals that are too narrow.
+    pub fn settled<'a>(&self, fit: &Fit<'a>) -> Fit<'a> {
+        if fit.effects.is_empty() {
+            return fit.clone();
+        }
+        self.fitted(&self.exact_tangent(fit), false, &fit.eta, &fit.effects, SETTLED)
+    }
+
+    /// Derivatives by the linear parameters, by differences of whole simulations.
+    fn exact_tangent(&self, fit: &Fit) -> Tangent {
+        // In standard deviations of the prior.
+        const STEP: f64 = 1e-2;
+        let rows = self.rows();
+        let mut values = vec![0.0; rows * self.nuisance.len()];
+        values.par_chunks_mut(rows).enumerate().for_each(|(k, column)| {
+            let step = STEP * self.nuisance.std[k];
+            let mut eta = fit.eta.clone();
+            eta[k] += step;
+            let plant = self.nuisance.apply(&self.plant, &eta);
+            let moved = self.residual(&plant, &eta, &fit.effects, SETTLED.fineness);
+            column.iter_mut().zip(&moved).zip(&fit.residual).for_each(|((to, m), r)| *to = (r - m) / step);
+        });
+        Tangent::new(values, rows, &self.nuisance.std)
+    }
+
+    /// `renewed`: the derivatives by linear parameters are taken anew where effects move modes.
+    fn fitted<'a>(
+        &self,
+        tangent: &Tangent,
+        renewed: bool,
+        eta: &[f64],
+        effects: &[Placed<'a>],
+        effort: Effort,
+    ) -> Fit<'a> {
         let mut eta = eta.to_vec();
         let mut effects = effects.to_vec();
         let mut plant = self.nuisance.apply(&self.plant, &eta);
@@ -226,7 +268,8 @@ impl Problem {
         let mut own: Option<Tangent> = None;
         for step in 0..effort.steps {
             // Effects that move modes move what the modes' parameters do.
-            if step % RENEWED == 0
+            if renewed
+                && step % RENEWED == 0
                 && let Some(changed) = self.changed(&plant, &effects)
             {
                 own = Some(self.tangent(&changed));
