@@ -494,3 +494,48 @@ pub fn sum_of_squares(x: &[f64]) -> f64 {
 pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::Library;
+    use crate::prepare::{Known, prepare};
+    use crate::testing;
+
+    /// A spring that stiffens, and a simulation whose resonances are off within the limits: with the linear simulation's derivatives the fit ends beside its
+    /// minimum, from where the cost still falls along the linear parameters; and what is stated of the spring is too sure.
+    #[test]
+    fn the_last_steps_end_where_no_linear_parameter_lowers_the_cost() {
+        let sim = testing::truss(1);
+        let real = testing::truss_with(1, |modes, _, _| modes.iter_mut().for_each(|(hz, _)| *hz *= 1.0008));
+        let mut case = testing::case(&sim, &real);
+        let library = Library::standard();
+        let ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        let setting = ready.problem.setting;
+        let size = 1e-3 * setting.stiffness[0] / setting.d_rms[0].powi(2);
+        let effect = library.get("cubic-stiffness").unwrap();
+        let spring = Placed { effect, place: Place::Input(0), parameters: vec![size] };
+        let plant = Plant::new(&real).unwrap();
+        for record in &mut case.records {
+            let run = |actions: &[Action]| simulate(&plant, actions, &record.u, record.start_s, None, Fineness::FINE);
+            let (with, without) = (run(&effect.act(&setting, &spring.place, &[size])), run(&[]));
+            let changed = with.iter().flatten().zip(without.iter().flatten());
+            record.y.iter_mut().flatten().zip(changed).for_each(|(y, (a, b))| *y += a - b);
+        }
+        let problem = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap().problem;
+        let tangent = problem.tangent(&problem.plant);
+        let effort = Effort { steps: 20, gain: 1e-3, fineness: Fineness::FINE };
+        let fit = problem.fit(&tangent, &vec![0.0; problem.nuisance.len()], &[spring], effort);
+        let settled = problem.settled(&fit);
+        let still = |fit: &Fit| fit.cost - problem.settled(fit).cost;
+        assert!(
+            still(&settled) < 0.1 && still(&fit) > 10.0 * still(&settled).max(0.1),
+            "{} {}",
+            still(&fit),
+            still(&settled)
+        );
+        assert!(settled.covariance[(0, 0)] > 1.2 * fit.covariance[(0, 0)]);
+        let off = (settled.effects[0].parameters[0] - size) / settled.covariance[(0, 0)].sqrt();
+        assert!(off.abs() < 4.0, "{off} standard deviations");
+    }
+}
