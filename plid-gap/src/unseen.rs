@@ -51,9 +51,19 @@ pub fn unseen<'a>(ready: &Prepared, library: &'a Library) -> Vec<Unseen<'a>> {
             put("sensor-dropout", Place::Output(o), vec![rate], 2.0 * onsets * 6.0);
         }
     }
-    // A sensor is noisy only against what was declared of it.
+    let coloured = coloured(ready);
+    // A sensor is noisy only against what was declared of it, and beside a force in a band that was found.
     if ready.declares {
-        for (o, std, gain) in noisy(&ready.noise, &ready.declared_sensor, &ready.codes) {
+        let banded = coloured.map(|(port, hz, width, ..)| {
+            let modes = (0..ready.problem.plant.modes.len()).map(Source::Mode);
+            let sources: Vec<Source> = modes.chain([Source::Band(port, hz, width)]).collect();
+            ready.declared.fit_with(&ready.quiet, &sources, 60, 1)
+        });
+        let of = |noise: &NoiseModel| noisy(noise, &ready.declared_sensor, &ready.codes);
+        let still = banded.as_ref().map(of);
+        // Either model of the forces may fall short, and what it lacks is then in the sensors.
+        let both = |o: usize| still.as_ref().is_none_or(|still| still.iter().any(|(other, ..)| *other == o));
+        for (o, std, gain) in of(&ready.noise).into_iter().filter(|(o, ..)| both(*o)) {
             put("sensor-noise", Place::Output(o), vec![std], gain);
         }
     }
@@ -61,7 +71,7 @@ pub fn unseen<'a>(ready: &Prepared, library: &'a Library) -> Vec<Unseen<'a>> {
         let place = Place::Frequency(line.hz, line.port);
         put("narrowband-disturbance", place, vec![line.amplitude, line.hz, 0.0], line.gain);
     }
-    if let Some((port, hz, a, gain)) = coloured(ready) {
+    if let Some((port, hz, _, a, gain)) = coloured {
         put("coloured-disturbance", Place::Frequency(hz, port), vec![a, hz], gain);
     }
     found
@@ -90,8 +100,8 @@ fn noisy(noise: &NoiseModel, declared: &[f64], codes: &[Codes]) -> Vec<(usize, f
     found
 }
 
-/// A force in a band: where an equal force on all modes does not explain the quiet records, and one band at one port does.
-fn coloured(ready: &Prepared) -> Option<(usize, f64, f64, f64)> {
+/// A force in a band: where an equal force on all modes does not explain the quiet records, and one band at one port does. Port, centre, relative width, standard deviation, evidence.
+fn coloured(ready: &Prepared) -> Option<(usize, f64, f64, f64, f64)> {
     if ready.quiet.is_empty() {
         return None;
     }
@@ -134,7 +144,7 @@ fn coloured(ready: &Prepared) -> Option<(usize, f64, f64, f64)> {
     let share = gain / (2.0 * (plain.misfit - free.misfit));
     // Variance of a band of white noise of density theta: the band's share of half the sample rate, times pi / 2 for its skirts.
     let variance = theta * std::f64::consts::FRAC_PI_2 * width * hz / (0.5 * plant.rate);
-    (gain > EVIDENCE && share > 0.6).then(|| (port, hz, variance.sqrt(), gain))
+    (gain > EVIDENCE && share > 0.6).then(|| (port, hz, width, variance.sqrt(), gain))
 }
 
 /// Whether an effect is one of these.
