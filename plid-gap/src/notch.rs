@@ -20,12 +20,14 @@ pub fn modulated(samples: usize, rate: f64, hz: f64) -> DMatrix<f64> {
     let duration = (samples.max(2) - 1) as f64 / rate;
     let pieces = (duration / SPACING_S).ceil().max(1.0);
     let spacing = duration / pieces;
-    DMatrix::from_fn(samples, 2 * (pieces as usize + 1), |k, j| {
-        let t = k as f64 / rate;
-        let hat = (1.0 - (t / spacing - (j / 2) as f64).abs()).max(0.0);
-        let phase = TAU * hz * t;
-        hat * if j % 2 == 0 { phase.cos() } else { phase.sin() }
-    })
+    DMatrix::from_fn(samples, 2 * (pieces as usize + 1), |k, j| piece(j, spacing, hz, k as f64 / rate))
+}
+
+/// Cosine (even j) or sine at a frequency under the hat number j / 2.
+fn piece(j: usize, spacing: f64, hz: f64, t: f64) -> f64 {
+    let hat = (1.0 - (t / spacing - (j / 2) as f64).abs()).max(0.0);
+    let phase = TAU * hz * t;
+    hat * if j.is_multiple_of(2) { phase.cos() } else { phase.sin() }
 }
 
 /// What a structure at rest does where such a line begins to act at a port: p channels, for cosine and sine under each of the first two hats.
@@ -33,9 +35,7 @@ pub fn beginnings(plant: &Plant, port: usize, hz: f64, samples: usize) -> Vec<Ch
     let quiet = vec![vec![0.0; samples]; plant.m];
     (0..4)
         .map(|j| {
-            let hat = move |t: f64| (1.0 - (t / SPACING_S - (j / 2) as f64).abs()).max(0.0);
-            let wave = move |t: f64| if j % 2 == 0 { (TAU * hz * t).cos() } else { (TAU * hz * t).sin() };
-            let force = Action::Disturbance(port, Box::new(move |t| hat(t) * wave(t)));
+            let force = Action::Disturbance(port, Box::new(move |t| piece(j, SPACING_S, hz, t)));
             simulate(plant, &[force], &quiet, 0.0, None, Fineness::COARSE)
         })
         .collect()
@@ -44,12 +44,11 @@ pub fn beginnings(plant: &Plant, port: usize, hz: f64, samples: usize) -> Vec<Ch
 /// Channels that begin at rest without such a line at a port, and without its beginning.
 pub fn without_both(y: &[Vec<f64>], plant: &Plant, port: usize, hz: f64) -> Vec<Vec<f64>> {
     let left = without(y, plant.rate, hz);
-    let joined = |y: &[Vec<f64>]| y.concat();
     let samples = y.first().map_or(0, Vec::len);
     let columns: Vec<f64> =
-        beginnings(plant, port, hz, samples).iter().flat_map(|y| joined(&without(y, plant.rate, hz))).collect();
+        beginnings(plant, port, hz, samples).iter().flat_map(|y| without(y, plant.rate, hz).concat()).collect();
     let basis = DMatrix::from_vec(samples * y.len(), 4, columns).qr().q();
-    let left = DVector::from_vec(joined(&left));
+    let left = DVector::from_vec(left.concat());
     let left = &left - &basis * basis.tr_mul(&left);
     left.as_slice().chunks(samples.max(1)).map(<[f64]>::to_vec).collect()
 }

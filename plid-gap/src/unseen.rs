@@ -100,7 +100,8 @@ fn noisy(noise: &NoiseModel, declared: &[f64], codes: &[Codes]) -> Vec<(usize, f
     found
 }
 
-/// A force in a band: where an equal force on all modes does not explain the quiet records, and one band at one port does. Port, centre, relative width, standard deviation, evidence.
+/// A force in a band: where an equal force on all modes does not explain the quiet records, and one band at one port does.
+/// Port, centre, relative width, standard deviation, evidence.
 fn coloured(ready: &Prepared) -> Option<(usize, f64, f64, f64, f64)> {
     if ready.quiet.is_empty() {
         return None;

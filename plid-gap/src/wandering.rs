@@ -8,7 +8,7 @@ use crate::explain::outputs;
 use crate::locate::error;
 use crate::notch;
 use crate::prepare::Prepared;
-use crate::problem::Placed;
+use crate::problem::{Placed, dot};
 use crate::simulate::Fineness;
 
 /// Twice the log likelihood that a phase of its own in each record must gain: two numbers a record gain two each by chance.
@@ -53,13 +53,11 @@ pub fn wandering(ready: &Prepared, eta: &[f64], effects: &[Placed]) -> Option<(u
             let with = problem.residual(&plant, eta, &with(phase), Fineness::COARSE);
             without.iter().zip(&with).map(|(a, b)| a - b).collect::<Vec<f64>>()
         });
-        let sum = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let (mut normal, mut cross, mut own) = (Matrix2::zeros(), Vector2::zeros(), 0.0);
         for record in 0..problem.records.len() {
-            let part = |x: &'_ [f64]| x[problem.rows_of(record)].to_vec();
-            let [s, c, r] = [&traces[0], &traces[1], &without].map(|x| part(x));
-            let n = Matrix2::new(sum(&s, &s), sum(&s, &c), sum(&s, &c), sum(&c, &c));
-            let b = Vector2::new(sum(&s, &r), sum(&c, &r));
+            let [s, c, r] = [&traces[0], &traces[1], &without].map(|x| &x[problem.rows_of(record)]);
+            let n = Matrix2::new(dot(s, s), dot(s, c), dot(s, c), dot(c, c));
+            let b = Vector2::new(dot(s, r), dot(c, r));
             let Some(inverse) = n.try_inverse() else { continue };
             own += b.dot(&(inverse * b));
             normal += n;
