@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
+use crate::beside::Beside;
 use crate::diagnosis::{Comparison, Gap, NamedEffect, Value, Where};
 use crate::effects::{Names, Side};
 use crate::explain::Explained;
@@ -13,7 +14,6 @@ use crate::problem::Placed;
 use crate::separable::{Rival, open};
 use crate::stepwise::{Search, all_same, same};
 use crate::thresholds::SEPARABLE;
-use crate::tracks::Tracks;
 use crate::unseen::{cuts, wanders};
 use crate::verdict::{Verdict, Weighted};
 
@@ -71,18 +71,23 @@ pub(crate) fn place(before: &Map, outputs: &[String], found: &Search, shown: &[&
     let named = found.best.effects.first().map(|placed| placed.effect.side());
     let screened = found.stages.first().and_then(|entries| entries.first()).map(|e| e.placed.effect.side());
     let side = named.or(shown.first().map(|p| p.effect.side())).or(screened).unwrap_or(Side::Structure);
-    let channels = (0..outputs.len()).map(|o| (outputs[o].clone(), before.share.row(o).sum())).collect();
-    let bands = before.share.row_sum();
-    let mut order: Vec<usize> = (0..bands.len()).collect();
-    order.sort_by(|&a, &b| bands[b].total_cmp(&bands[a]));
-    let bands_hz = order
-        .into_iter()
-        .take(4)
-        .filter(|&b| bands[b] > 0.02)
-        .map(|b| [before.edges[b], before.edges[b + 1], bands[b]])
-        .collect();
-    let time = before.time.column_sum().iter().copied().collect();
-    Where { side, channels, bands_hz, time, level_slope: before.slope }
+    let mut order: Vec<usize> = (0..before.bands.len()).collect();
+    order.sort_by(|&a, &b| before.bands[b].value.total_cmp(&before.bands[a].value));
+    order.truncate(4);
+    order.retain(|&b| before.bands[b].value > 0.02);
+    let by_name = || outputs.iter().cloned().zip(&before.outputs);
+    Where {
+        side,
+        channels: by_name().map(|(name, share)| (name, share.value)).collect(),
+        bands_hz: order.iter().map(|&b| [before.edges[b], before.edges[b + 1], before.bands[b].value]).collect(),
+        time: before.stretches.iter().map(|share| share.value).collect(),
+        level_slope: before.slope.map(|slope| slope.value),
+        channels_ci95: by_name().map(|(name, share)| (name, share.ci95)).collect(),
+        bands_ci95: order.iter().map(|&b| before.bands[b].ci95).collect(),
+        time_ci95: before.stretches.iter().map(|share| share.ci95).collect(),
+        level_slope_ci95: before.slope.map(|slope| slope.ci95),
+        levels: before.levels.clone(),
+    }
 }
 
 /// "cubic-stiffness at input:u2 + sensor-gain at output:y1".
@@ -236,7 +241,7 @@ pub(crate) fn words(
     explained: &Explained,
     before: &Map,
     held_out: Option<HeldOut>,
-    tracks: &Tracks,
+    beside: &Beside,
     class: Option<(&str, &str)>,
 ) -> Vec<String> {
     let Explained { ready, refitted, found, judged, level, given_cost, diverged, .. } = explained;
@@ -266,9 +271,12 @@ pub(crate) fn words(
         ));
     }
     if let Some(slope) = before.slope {
-        words.push(format!("The relative gap goes with the level to the power {slope:+.1}."));
+        words.push(format!(
+            "The relative gap goes with the level to the power {:+.1} ({:+.1} to {:+.1}).",
+            slope.value, slope.ci95[0], slope.ci95[1]
+        ));
     }
-    words.extend(tracks.words(&ready.problem.plant));
+    words.extend(beside.words(&ready.problem.plant, !explained.fit().effects.is_empty()));
     for placed in &found.best.effects {
         if let Some(entry) = found.stages.iter().flatten().find(|e| same(&e.placed, placed)) {
             words.push(format!(
@@ -285,11 +293,15 @@ pub(crate) fn words(
         .find(|c| !c.effects.is_empty() && !c.effects.iter().all(|a| found.best.effects.iter().any(|b| same(a, b))));
     // What took the place of a refused one was fitted anew, and the others were not.
     if let (Some(other), false, None) = (other, found.best.effects.is_empty(), diverged) {
-        words.push(format!(
-            "The nearest other explanation, {}, is worse by {:.0} in log likelihood.",
-            in_words(&other.effects, names),
-            (other.cost - found.best.cost) / 2.0
-        ));
+        let worse = (other.cost - found.best.cost) / 2.0;
+        let how = if worse < 0.0 {
+            let parameters = |effects: &[Placed]| effects.iter().map(|placed| placed.parameters.len()).sum::<usize>();
+            let more = parameters(&other.effects).saturating_sub(found.best.parameters());
+            format!("fits better by {:.0} in log likelihood, with {more} parameters more, and is less probable", -worse)
+        } else {
+            format!("is worse by {worse:.0} in log likelihood")
+        };
+        words.push(format!("The nearest other explanation, {}, {how}.", in_words(&other.effects, names)));
     }
     if let Some((first, others)) = class {
         words.push(format!(

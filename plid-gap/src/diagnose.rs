@@ -5,6 +5,7 @@ use std::cell::OnceCell;
 use crate::ablation::Step;
 use crate::answer::{classes, comparisons, in_words, named, others, place, sentence, words};
 use crate::audit::{Audit, audit};
+use crate::beside::Beside;
 use crate::case::Case;
 use crate::diagnosis::{Diagnosis, Explanation, Located, SimulationWithEffects};
 use crate::effects::{Action, Library};
@@ -17,14 +18,13 @@ use crate::next::next_experiment;
 use crate::plant::Plant;
 use crate::prepare::{Prepared, prepare};
 use crate::problem::Placed;
-use crate::record::Channels;
+use crate::record::{Channels, Record};
 use crate::refit::{self, Refit, clipped, refit};
 use crate::separable::{Foretold, rivals};
 use crate::shrink::{gaps, loudest, run};
 use crate::simulate::{Fineness, simulate};
 use crate::stepwise::Turn;
 use crate::thresholds::MOST_UNKNOWN;
-use crate::tracks::Tracks;
 use crate::unseen::{EVIDENCE, Unseen, unseen, wandering};
 use crate::verdict::{Adequacy, Verdict, weigh};
 use crate::written::{refit_summary, written};
@@ -69,8 +69,8 @@ pub struct Evidence {
     pub levels: Vec<LevelRun>,
     /// Of each output: frequencies in Hz with the density that noise alone makes there, in the output's unit squared a Hz.
     pub noise: Vec<Vec<(f64, f64)>>,
-    /// What an adaptive PLID run sees.
-    pub tracks: Tracks,
+    /// What the diagnosis does not rest on.
+    pub beside: Beside,
     /// Whether the simulation with the effects still is linear in its inputs.
     pub linear: bool,
 }
@@ -217,8 +217,10 @@ fn finish(
             gap_after: w.cost.map(|cost| gaps.noise_floor * (cost / level.factor.min(1.0)).max(0.0).sqrt()),
         })
         .collect::<Vec<_>>();
-    say("adaptive run".into());
-    let tracks = Tracks::of(&problem.plant, &problem.records, &ready.noise.rms());
+    say("evidence beside it".into());
+    let linear = |record: &Record| run(&plant, &[], record);
+    let with = |record: &Record| run(&plant, &actions, record);
+    let beside = Beside::of(problem, &refitted.plant, &ready.noise, &case.records, linear, with);
     say("held against its rivals".into());
     // Where nothing is missing nothing is left to part.
     let foretold = (verdict != Verdict::None).then(|| Foretold::new(problem, explained.fit()));
@@ -246,13 +248,13 @@ fn finish(
             &explained,
             &before,
             held_out,
-            &tracks,
+            &beside,
             others.as_deref().map(|others| (first.as_str(), others)),
         ),
         warnings: case.warnings.clone(),
     };
     let simulation = written(&explained, model, &plant, &shown, verdict);
-    let evidence = evidence(case, &explained, &unseen, before, tracks, &plant, &actions);
+    let evidence = evidence(case, &explained, &unseen, before, beside, &plant, &actions);
     let mut outcome = Outcome { diagnosis, simulation, evidence };
     audit.tell(&mut outcome);
     Ok(outcome)
@@ -264,7 +266,7 @@ fn evidence(
     explained: &Explained,
     unseen: &[Unseen],
     before: Map,
-    tracks: Tracks,
+    beside: Beside,
     plant: &Plant,
     actions: &[Action],
 ) -> Evidence {
@@ -306,7 +308,7 @@ fn evidence(
             .collect(),
         trace: [trace_record.y.clone(), runs(&problem.plant, &[]), runs(plant, actions)],
         trace_record: trace_record.name,
-        tracks,
+        beside,
         unseen: unseen
             .iter()
             .map(|u| (u.placed.effect.name().into(), u.placed.place.location(names), u.gain))

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::effects::Side;
+use crate::locate::LevelGap;
 use crate::verdict::Verdict;
 
 /// A parameter's value with its 95 % interval.
@@ -71,6 +72,21 @@ pub struct Where {
     pub time: Vec<f64>,
     /// Slope of log relative gap against log level, where levels differ.
     pub level_slope: Option<f64>,
+    /// Intervals of `channels`.
+    #[serde(default)]
+    pub channels_ci95: BTreeMap<String, [f64; 2]>,
+    /// Intervals of the shares of `bands_hz`.
+    #[serde(default)]
+    pub bands_ci95: Vec<[f64; 2]>,
+    /// Intervals of `time`.
+    #[serde(default)]
+    pub time_ci95: Vec<[f64; 2]>,
+    /// Interval of `level_slope`.
+    #[serde(default)]
+    pub level_slope_ci95: Option<[f64; 2]>,
+    /// Gap beyond the noise of each record that `level_slope` rests on.
+    #[serde(default)]
+    pub levels: Vec<LevelGap>,
 }
 
 /// How far the gap goes down.

@@ -3,7 +3,7 @@
 use crate::record::{Channels, Excitation, Record, rms};
 
 /// Levels nearer than this ratio are one level.
-const ALIKE: f64 = 1.15;
+pub(crate) const ALIKE: f64 = 1.15;
 
 /// A driven record beside what the simulation makes of its input.
 #[derive(Debug, Clone, PartialEq)]

@@ -3,6 +3,7 @@
 pub mod ablation;
 mod answer;
 pub mod audit;
+pub mod beside;
 #[cfg(test)]
 mod blind;
 pub mod case;
@@ -17,6 +18,7 @@ pub mod gap;
 pub mod held_out;
 mod lanes;
 pub mod levels;
+pub mod lines;
 pub mod locate;
 pub mod missing;
 mod modal;
@@ -33,6 +35,7 @@ pub mod problem;
 pub mod record;
 pub mod refit;
 pub mod report;
+pub mod resonances;
 mod runner;
 pub mod screen;
 pub mod separable;
@@ -47,6 +50,7 @@ pub mod thresholds;
 pub mod tones;
 pub mod tracks;
 pub mod transform;
+pub mod trend;
 #[cfg(test)]
 mod truss;
 pub mod unseen;

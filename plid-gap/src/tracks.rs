@@ -13,6 +13,7 @@ use plid_model::{ModeKind, Model};
 
 use crate::plant::Plant;
 use crate::record::{Excitation, Record, rms};
+use crate::trend::{Point, trend};
 
 /// A record in an adaptive run.
 #[derive(Debug, Clone, PartialEq)]
@@ -64,77 +65,21 @@ impl Tracks {
 
     /// What the tracks say, in words: the mode that follows the level most, if one does beyond its own scatter, or the time.
     pub fn words(&self, plant: &Plant) -> Option<String> {
-        let strongest =
-            (0..plant.modes.len()).filter_map(|mode| self.trend(mode)).max_by(|a, b| a.clear.total_cmp(&b.clear))?;
-        let hz = plant.modes[strongest.mode].hz();
-        let (from, to) = strongest.between;
-        (strongest.clear > CLEAR).then(|| {
-            format!(
-                "An adaptive PLID run follows the resonance at {} Hz by {:+.2} % from {}, its damping ratio from {:.4} to {:.4}.",
-                crate::plant::plain_hz(hz),
-                100.0 * strongest.change,
-                match strongest.with {
-                    Along::Level => format!("level {from:.3} to {to:.3}"),
-                    Along::Time => format!("{from:.1} s to {to:.1} s"),
-                },
-                strongest.damping.0,
-                strongest.damping.1,
-            )
-        })
+        let trends = (0..plant.modes.len()).filter_map(|mode| Some((mode, trend(&self.points(mode), 4)?)));
+        let (mode, strongest) = trends.max_by(|a, b| a.1.clear.total_cmp(&b.1.clear))?;
+        Some(format!("An adaptive PLID run follows {}.", strongest.words(plant.modes[mode].hz())?))
     }
 
-    /// How a mode goes with the level or, if that says more, with the time: a straight line against what it leaves.
-    fn trend(&self, mode: usize) -> Option<Trend> {
-        let seen: Vec<(&Passed, (f64, f64))> = self.passed.iter().filter_map(|p| Some((p, p.modes[mode]?))).collect();
-        let along = |with: Along| -> Option<Trend> {
-            let x = |p: &Passed| match with {
-                Along::Level => p.level,
-                Along::Time => p.start_s,
-            };
-            let n = seen.len() as f64;
-            let mx = seen.iter().map(|s| x(s.0)).sum::<f64>() / n;
-            let mf = seen.iter().map(|s| s.1.0).sum::<f64>() / n;
-            let square = seen.iter().map(|s| (x(s.0) - mx).powi(2)).sum::<f64>();
-            if seen.len() < 4 || square <= 1e-6 * mx * mx * n {
-                return None;
-            }
-            let slope = seen.iter().map(|s| (x(s.0) - mx) * (s.1.0 - mf)).sum::<f64>() / square;
-            let left = seen.iter().map(|s| (s.1.0 - mf - slope * (x(s.0) - mx)).powi(2)).sum::<f64>() / (n - 2.0);
-            let low = seen.iter().min_by(|a, b| x(a.0).total_cmp(&x(b.0)))?;
-            let high = seen.iter().max_by(|a, b| x(a.0).total_cmp(&x(b.0)))?;
-            let between = (x(low.0), x(high.0));
-            // A change of a ten thousandth is within what one record tells.
-            let scatter = left.sqrt().max(1e-4 * mf);
-            Some(Trend {
-                mode,
-                with,
-                between,
-                change: slope * (between.1 - between.0) / mf,
-                clear: (slope * (between.1 - between.0)).abs() / scatter,
-                damping: (low.1.1, high.1.1),
-            })
-        };
-        [Along::Level, Along::Time].into_iter().filter_map(along).max_by(|a, b| a.clear.total_cmp(&b.clear))
+    /// A mode from record to record.
+    fn points(&self, mode: usize) -> Vec<Point> {
+        let seen = self.passed.iter().filter_map(|p| Some((p, p.modes[mode]?)));
+        seen.map(|(p, (hz, damping))| Point { level: p.level, start_s: p.start_s, hz, hz_std: TELLS * hz, damping })
+            .collect()
     }
 }
 
-/// A trend over this many times its own scatter is told.
-const CLEAR: f64 = 6.0;
-
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Along {
-    Level,
-    Time,
-}
-
-struct Trend {
-    mode: usize,
-    with: Along,
-    between: (f64, f64),
-    change: f64,
-    clear: f64,
-    damping: (f64, f64),
-}
+/// Relative change of a frequency that is within what one record tells.
+const TELLS: f64 = 1e-4;
 
 fn follow(plant: &Plant, driven: &[&Record], noise: &[f64]) -> Option<Vec<Passed>> {
     let (m, p) = (plant.m, plant.p);

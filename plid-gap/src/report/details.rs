@@ -145,7 +145,7 @@ fn separability(report: Report, outcome: &Outcome) -> Report {
 
 /// What an adaptive run sees: innovations, and each mode of the simulation from record to record.
 fn tracks(report: Report, outcome: &Outcome) -> Report {
-    let passed = &outcome.evidence.tracks.passed;
+    let passed = &outcome.evidence.beside.tracks.passed;
     if passed.is_empty() {
         return report;
     }

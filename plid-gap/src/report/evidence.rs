@@ -2,8 +2,9 @@
 
 use plid_lab::report::{Bar, Bars, Report, bars};
 
+use super::beside;
 use super::response::Responses;
-use super::words::{at, percent, short};
+use super::words::{at, percent, short, with};
 use crate::case::Case;
 use crate::diagnose::Outcome;
 
@@ -20,10 +21,11 @@ pub(super) fn section(report: Report, outcome: &Outcome, case: &Case) -> Report 
         Some(responses) => {
             let report = report
                 .figure(
-                    responses.by_level(outcome),
+                    responses.by_level(),
                     format!(
-                        "Frequency response level by level, for the pair ({}) and the band in which measured and simulated differ most. Left: measured. Right: simulated with the same inputs. 0 dB is one unit of the output for one of the input. {}.",
+                        "Frequency response level by level, for the pair ({}) and the band in which measured and simulated differ most. Left: measured. Right: simulated with the same inputs, {}. 0 dB is one unit of the output for one of the input. {}.",
                         responses.pair(),
+                        with(outcome),
                         responses.how()
                     ),
                 )
@@ -45,6 +47,7 @@ pub(super) fn section(report: Report, outcome: &Outcome, case: &Case) -> Report 
             "No driven record is long enough, with all inputs moving, for a frequency response at its level.",
         ),
     };
+    report = beside::section(report, outcome);
     match screen(outcome) {
         Some(svg) => report.figure(
             svg,

@@ -1,6 +1,7 @@
 //! report.html of a diagnosis: the verdict in a sentence, three pictures (the gap before and after, where, the evidence), then
 //! the details.
 
+mod beside;
 mod details;
 mod evidence;
 mod hidden;

@@ -85,7 +85,7 @@ impl Responses {
     }
 
     /// Measured at each level beside the simulation as given, and what the simulation makes of each level with what was found.
-    pub fn by_level(&self, outcome: &Outcome) -> String {
+    pub fn by_level(&self) -> String {
         let curves = |of: &dyn Fn(&Level) -> FrfCurve| -> Vec<(String, FrfCurve)> {
             self.levels.iter().map(|level| (level.name.clone(), of(level))).collect()
         };
@@ -102,7 +102,7 @@ impl Responses {
         };
         let measured = curves(&|level| self.curve(&level.measured, self.pair, self.range_hz));
         let simulated = curves(&|level| self.curve(&level.with, self.pair, self.range_hz));
-        frf_grid(2, &[plot("measured", measured), plot(&format!("simulated {}", with(outcome)), simulated)])
+        frf_grid(2, &[plot("measured", measured), plot("simulated", simulated)])
     }
 
     /// By how much each level's response differs from the simulation as given: measured, and with what was found.

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::DMatrix;
 
 use super::page;
+use crate::beside::Beside;
 use crate::case::{Case, CaseConfig};
 use crate::diagnose::{Evidence, Outcome};
 use crate::diagnosis::{
@@ -12,8 +13,10 @@ use crate::diagnosis::{
 };
 use crate::effects::Side;
 use crate::levels::LevelRun;
-use crate::locate::{BANDS, Map, STRETCHES};
+use crate::lines::{Kind, Line, Lines};
+use crate::locate::{BANDS, Estimate, LevelGap, Map, STRETCHES};
 use crate::record::{Channels, Excitation, Record};
+use crate::resonances::{Alone, Resonance};
 use crate::testing::random_input;
 use crate::tracks::{Passed, Tracks};
 use crate::verdict::{Adequacy, Verdict};
@@ -94,6 +97,11 @@ fn outcome(case: &Case) -> Outcome {
             bands_hz: vec![[10.0, 12.0, 0.8]],
             time: vec![0.125; STRETCHES],
             level_slope: Some(2.0),
+            channels_ci95: BTreeMap::from([("y<1>".to_string(), [0.2, 0.4]), ("y2".to_string(), [0.6, 0.8])]),
+            bands_ci95: vec![[0.7, 0.9]],
+            time_ci95: vec![[0.1, 0.15]; STRETCHES],
+            level_slope_ci95: Some([1.9, 2.1]),
+            levels: Vec::new(),
         },
         gap: Gap {
             as_given: 0.4,
@@ -129,12 +137,19 @@ fn outcome(case: &Case) -> Outcome {
         t0: 24.0,
         noise_rms: vec![0.01, 0.01],
     };
+    let estimate = |value: f64| Estimate { value, ci95: [0.9 * value, 1.1 * value] };
     let map = |levels: Vec<(f64, f64)>| Map {
         edges: (0..=BANDS).map(|k| 50.0 * k as f64 / BANDS as f64).collect(),
         share: DMatrix::from_fn(2, BANDS, |o, b| (1 + o + b) as f64 / 660.0),
         time: DMatrix::from_element(STRETCHES, BANDS, 1.0 / (STRETCHES * BANDS) as f64),
-        levels,
-        slope: Some(2.0),
+        outputs: vec![estimate(0.3), estimate(0.7)],
+        bands: vec![estimate(1.0 / BANDS as f64); BANDS],
+        stretches: vec![estimate(0.125); STRETCHES],
+        levels: levels
+            .into_iter()
+            .map(|(level, gap)| LevelGap { record: "a&b.csv".into(), level, gap: estimate(gap) })
+            .collect(),
+        slope: Some(estimate(2.0)),
     };
     let last = &case.records[1].y;
     let evidence = Evidence {
@@ -167,7 +182,27 @@ fn outcome(case: &Case) -> Outcome {
             })
             .collect(),
         noise: vec![vec![(1.0, 1e-6), (49.0, 1e-6)]; 2],
-        tracks: Tracks { passed: vec![passed("a&b.csv", 0.3, 0.0, 11.02), passed("last.csv", 1.0, 12.0, 10.97)] },
+        beside: Beside {
+            tracks: Tracks { passed: vec![passed("a&b.csv", 0.3, 0.0, 11.02), passed("last.csv", 1.0, 12.0, 10.97)] },
+            resonances: [("a&b.csv", 0.3, 11.02), ("b.csv", 0.6, 11.0), ("last.csv", 1.0, 10.97)]
+                .map(|(record, level, hz)| Alone {
+                    record: record.into(),
+                    level,
+                    start_s: level,
+                    modes: vec![Some(Resonance { hz, hz_std: 1e-3, damping: 0.01, damping_std: 1e-4 })],
+                })
+                .to_vec(),
+            lines: Some(Lines {
+                record: "a&b.csv".into(),
+                periods: 4,
+                outputs: vec![
+                    [Kind::Driven, Kind::Odd, Kind::Even]
+                        .map(|kind| Line { hz: 7.0, kind, measured: 0.1, simulated: 0.1, noise: 0.01 })
+                        .to_vec();
+                    2
+                ],
+            }),
+        },
         linear: false,
     };
     Outcome { diagnosis, simulation, evidence }
@@ -197,6 +232,9 @@ fn the_page_says_all_that_the_diagnosis_says() {
         "(shape differs)",
         "f = -k d^3",
         "The resonance at 11 Hz stiffens &amp; the damping",
+        // Shares and slope with their intervals.
+        "80.0\u{a0}% (70.0\u{a0}% to 90.0\u{a0}%)",
+        "to the power +2.0 (+1.8 to +2.2)",
         "a&amp;b.csv: 3 samples are missing.",
         "Record it at &lt;twice&gt; the level.",
         "frequency 11.000 -&gt; 11.010 Hz",
@@ -210,8 +248,8 @@ fn the_page_says_all_that_the_diagnosis_says() {
         assert!(html.contains(text), "{text}");
     }
     assert!(!html.contains("<b>is it") && !html.contains("NaN") && !html.contains(">inf"), "{html}");
-    // The gap, a trace, spectra, two maps, level, responses twice, the screen, the refit, and what is folded away.
-    assert!(html.matches("<figure>").count() >= 13, "{}", html.matches("<figure>").count());
+    // The gap, a trace, spectra, two maps, shares, level, responses twice, resonances, lines, the screen, the refit, and what is folded away.
+    assert!(html.matches("<figure>").count() >= 16, "{}", html.matches("<figure>").count());
 }
 
 #[test]
@@ -255,6 +293,8 @@ fn nothing_and_what_is_not_a_number_make_a_page_too() {
     evidence.before.levels.clear();
     evidence.before.slope = None;
     evidence.before.share.fill(0.0);
+    evidence.beside.resonances.clear();
+    evidence.beside.lines.iter_mut().for_each(|lines| lines.outputs.iter_mut().for_each(Vec::clear));
     evidence.trace = [vec![vec![nan; 40]; 2], vec![vec![0.0; 40]; 2], vec![vec![f64::INFINITY; 40]; 2]];
     for verdict in [Verdict::None, Verdict::Unknown, Verdict::Effects] {
         outcome.diagnosis.verdict = verdict;

@@ -2,13 +2,13 @@
 
 use nalgebra::DMatrix;
 use ndarray::Array2;
-use plid_lab::report::{Axis, Chart, HeatMap, Report, Series, chart, heat_map};
+use plid_lab::report::{Axis, Bar, Bars, Chart, HeatMap, Report, Series, bars as bars_of, chart, heat_map};
 
 use super::words::{percent, with};
 use super::{GIVEN, WITH};
 use crate::diagnose::Outcome;
 use crate::effects::Side;
-use crate::locate::{Map, STRETCHES};
+use crate::locate::{Estimate, LevelGap, Map, STRETCHES};
 
 /// A share that shows as more than nothing.
 const HOLDS: f64 = 0.0005;
@@ -30,12 +30,16 @@ pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
                 map(&evidence.before, &evidence.before.time, stretches(outcome)),
                 "Time by band: the same gap, over equal stretches of the fitted records.",
             )
+            .figure(
+                shares(outcome),
+                "Share of each output, of the bands that hold most, and of each stretch of time. Whiskers: 95 % intervals by drawing blocks of the records anew.",
+            )
     } else {
         report.paragraph("As given, the simulation leaves nothing beyond the noise: there is nothing to map.")
     };
     report = match levels(outcome) {
         Some(svg) => report.figure(svg, level_caption(outcome)),
-        None => report.paragraph("The fitted random records have one level: how the gap grows with it cannot be said."),
+        None => report.paragraph("The fitted records have one level: how the gap grows with it cannot be said."),
     };
     report
 }
@@ -49,13 +53,16 @@ fn sentence(outcome: &Outcome) -> String {
         Side::Disturbance => "Side of the chain: disturbance, a force that no command causes.",
         Side::Time => "Side of the chain: time, something that changes while the records are taken.",
     };
-    let bands: Vec<String> = place
-        .bands_hz
-        .iter()
-        .map(|[from, to, share]| format!("{from:.0} to {to:.0} Hz ({})", percent(*share)))
-        .collect();
+    let bands: Vec<String> =
+        place.bands_hz.iter().map(|[from, to, share]| format!("{} ({})", band(*from, *to), percent(*share))).collect();
     let bands = if bands.is_empty() { String::new() } else { format!(" Most of the gap: {}.", bands.join(", ")) };
     format!("{side}{bands}")
+}
+
+/// "64 to 76 Hz", with as many digits as its width needs.
+fn band(from: f64, to: f64) -> String {
+    let digits = usize::from(to - from < 5.0) + usize::from(to - from < 0.5);
+    format!("{from:.digits$} to {to:.digits$} Hz")
 }
 
 /// Shares in per cent over bands. Bands above the last that holds anything are left out.
@@ -108,29 +115,61 @@ fn stretches(outcome: &Outcome) -> Vec<String> {
     (0..STRETCHES).map(|stretch| one(stretch).unwrap_or_default()).collect()
 }
 
+/// Outputs that a picture of shares has room for.
+const MOST_OUTPUTS: usize = 12;
+
+/// Outputs, bands and stretches with their intervals.
+fn shares(outcome: &Outcome) -> String {
+    let (evidence, place) = (&outcome.evidence, &outcome.diagnosis.place);
+    let map = &evidence.before;
+    let bar = |name: String, share: Estimate| Bar {
+        name,
+        value: 100.0 * share.value,
+        text: format!("{} ({} to {})", percent(share.value), percent(share.ci95[0]), percent(share.ci95[1])),
+        interval: Some((100.0 * share.ci95[0], 100.0 * share.ci95[1])),
+        strong: false,
+    };
+    let outputs = evidence.outputs.iter().zip(&map.outputs).take(MOST_OUTPUTS);
+    let bands = place.bands_hz.iter().zip(&place.bands_ci95);
+    let bars = outputs
+        .map(|(name, share)| bar(name.clone(), *share))
+        .chain(bands.map(|([from, to, value], &ci95)| bar(band(*from, *to), Estimate { value: *value, ci95 })))
+        .chain(stretches(outcome).into_iter().zip(&map.stretches).map(|(name, share)| bar(name, *share)))
+        .collect();
+    bars_of(&Bars { bars, label: "share of the squared gap beyond the noise, %".into(), reference: None })
+}
+
 /// Gap against level, before and after, where there are two levels.
 fn levels(outcome: &Outcome) -> Option<String> {
-    let points = |map: &Map| -> Vec<(f64, f64)> {
-        let usable = map.levels.iter().filter(|(level, gap)| *level > 0.0 && *gap > 0.0 && gap.is_finite());
-        let mut points: Vec<(f64, f64)> = usable.map(|(level, gap)| (*level, 100.0 * gap)).collect();
-        points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        points
+    let usable = |map: &Map| -> Vec<LevelGap> {
+        let mut usable: Vec<LevelGap> = map
+            .levels
+            .iter()
+            .filter(|l| l.level > 0.0 && l.gap.value > 0.0 && l.gap.value.is_finite())
+            .cloned()
+            .collect();
+        usable.sort_by(|a, b| a.level.total_cmp(&b.level));
+        usable
     };
-    let (before, after) = (points(&outcome.evidence.before), points(&outcome.evidence.after));
-    let (first, last) = (before.first()?.0, before.last()?.0);
+    let (before, after) = (usable(&outcome.evidence.before), usable(&outcome.evidence.after));
+    let (first, last) = (before.first()?.level, before.last()?.level);
     if last / first < 1.05 {
         return None;
     }
-    let mut series = vec![
-        Series::line("", before.clone()).colour(GIVEN),
-        Series::points("as given", before.clone()).colour(GIVEN).width(5.0),
-    ];
-    if !after.is_empty() {
-        series.push(Series::line("", after.clone()).colour(WITH));
-        series.push(Series::points(with(outcome), after.clone()).colour(WITH).width(5.0));
+    let mut series = Vec::new();
+    for (levels, name, colour) in [(&before, "as given", GIVEN), (&after, with(outcome), WITH)] {
+        let points: Vec<(f64, f64)> = levels.iter().map(|l| (l.level, 100.0 * l.gap.value)).collect();
+        // An interval that reaches down to nothing has no lower end on a logarithmic axis.
+        let whisker = |l: &LevelGap| {
+            let [low, high] = l.gap.ci95.map(|gap| (l.level, 100.0 * gap.max(0.1 * l.gap.value)));
+            [low, high, (l.level, f64::NAN)]
+        };
+        series.push(Series::line("", points.clone()).colour(colour));
+        series.push(Series::line("", levels.iter().flat_map(whisker).collect()).colour(colour).width(2.0));
+        series.push(Series::points(name, points).colour(colour).width(5.0));
     }
     // Room above and below, so that scatter does not look like a slope.
-    let gaps = || before.iter().chain(&after).map(|(_, gap)| *gap);
+    let gaps = || before.iter().chain(&after).map(|l| 100.0 * l.gap.value);
     let (low, high) = (gaps().fold(f64::INFINITY, f64::min), gaps().fold(0.0, f64::max));
     Some(chart(&Chart {
         title: String::new(),
@@ -144,29 +183,34 @@ fn levels(outcome: &Outcome) -> Option<String> {
 fn level_caption(outcome: &Outcome) -> String {
     let slope = match outcome.evidence.before.slope {
         // A zero has no sign.
-        Some(slope) if slope.is_finite() && slope.abs() < 0.05 => {
+        Some(Estimate { value, .. }) if value.abs() < 0.05 => {
             "As given, the relative gap does not change with the level.".into()
         }
-        Some(slope) if slope.is_finite() => {
-            format!("As given, the relative gap goes with the level to the power {slope:+.1}: ")
-                + match slope {
-                    s if s > 0.5 => {
-                        "it grows, as with stiffness or damping that goes with the motion, clearance and limits."
-                    }
-                    s if s < -0.5 => "it falls, as with friction, hysteresis, offsets, hum and disturbances.",
-                    _ => "it hardly changes, as with gains, delays, modes and drifts.",
+        Some(Estimate { value, ci95: [low, high] }) => {
+            format!(
+                "As given, the relative gap goes with the level to the power {value:+.1} ({low:+.1} to {high:+.1}): "
+            ) + match value {
+                s if s > 0.5 => {
+                    "it grows, as with stiffness or damping that goes with the motion, clearance and limits."
                 }
+                s if s < -0.5 => "it falls, as with friction, hysteresis, offsets, hum and disturbances.",
+                _ => "it hardly changes, as with gains, delays, modes and drifts.",
+            }
         }
-        _ => "The levels are too near each other for a slope.".into(),
+        None => {
+            "The gap stands out of the noise at too few levels, or they are too near each other, for a slope.".into()
+        }
     };
     let after = &outcome.evidence.after.levels;
-    let clean = after.iter().filter(|(_, gap)| !(*gap > 0.0)).count();
+    let clean = after.iter().filter(|l| !(l.gap.value > 0.0)).count();
     let left = if clean > 0 {
         format!(" Not drawn: {clean} of {} records with nothing beyond the noise {}.", after.len(), with(outcome))
     } else {
         String::new()
     };
-    format!("Gap beyond the noise against level, one point a random record that was fitted. {slope}{left}")
+    format!(
+        "Gap beyond the noise against level, one point a record that was fitted, with its 95 % interval: random records, or periodic ones where those have one level. {slope}{left}"
+    )
 }
 
 /// What is left, for the details.

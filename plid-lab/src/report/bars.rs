@@ -86,7 +86,7 @@ pub fn bars(plot: &Bars) -> String {
             }
             reached = reached.max(x(high));
         }
-        canvas.text(&bar.name, left - 8.0, middle + 4.0, Text::End);
+        canvas.text(&style::fitted(&bar.name, style::LABEL_SIZE, left - 12.0), left - 8.0, middle + 4.0, Text::End);
         canvas.text(&bar.text, reached + 8.0, middle + 4.0, Text::Start);
     }
     canvas.line((left, top), (left, bottom), (style::AXIS, 1.0, false));

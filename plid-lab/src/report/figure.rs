@@ -49,7 +49,7 @@ pub(super) fn grid(width: f64, columns: usize, stacks: Vec<Stack>) -> String {
         let mut bottom = top;
         for (column, stack) in stacks_of_row.iter().enumerate() {
             let x = LEFT + column as f64 * (data_width + RIGHT + LEFT_INNER);
-            canvas.text(&stack.title, x, top - 5.0, Text::Title);
+            canvas.text(&style::fitted(&stack.title, style::TITLE_SIZE, data_width + RIGHT), x, top - 5.0, Text::Title);
             let mut at = top;
             for (index, panel) in stack.panels.iter().enumerate() {
                 let ticks = index + 1 == stack.panels.len();

@@ -62,7 +62,8 @@ pub fn heat_map(map: &HeatMap) -> String {
         }
     }
     for (i, name) in map.rows.iter().take(rows).enumerate() {
-        canvas.text(name, left - 8.0, TOP + (i as f64 + 0.5) * CELL + 4.0, Text::End);
+        let name = style::fitted(name, style::LABEL_SIZE, left - 12.0);
+        canvas.text(&name, left - 8.0, TOP + (i as f64 + 0.5) * CELL + 4.0, Text::End);
     }
     // Names that would run into each other are thinned.
     let widest = map.columns.iter().map(|name| style::text_width(name, style::LABEL_SIZE)).fold(1.0, f64::max);
@@ -85,7 +86,10 @@ fn colour_bar(canvas: &mut Canvas, label: &str, range: (f64, f64), bottom: f64) 
         rectangle(canvas, (x, TOP + k as f64 * step, BAR, step + if k + 1 < STEPS { 0.5 } else { 0.0 }), colour(share));
     }
     let middle = 0.5 * (range.0 + range.1);
-    for (value, y) in [(range.1, TOP + 10.0), (middle, 0.5 * (TOP + bottom) + 4.0), (range.0, bottom)] {
+    let ends = [(range.1, TOP + 10.0), (range.0, bottom)];
+    // Between the ends of a single row there is no room.
+    let between = (bottom - TOP > 1.5 * CELL).then_some((middle, 0.5 * (TOP + bottom) + 4.0));
+    for (value, y) in ends.into_iter().chain(between) {
         canvas.text(&format_tick(rounded(value)), x + BAR + 5.0, y, Text::Start);
     }
     canvas.text(label, x - 8.0, 0.5 * (TOP + bottom), Text::Upwards);

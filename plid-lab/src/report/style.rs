@@ -33,3 +33,30 @@ pub const BAND_OPACITY: f64 = 0.22;
 pub fn text_width(text: &str, size: u32) -> f64 {
     text.chars().count() as f64 * size as f64 * 0.57
 }
+
+/// A text that is no wider than this many pixels: the middle is left out of a longer one, for both ends tell names apart.
+pub fn fitted(text: &str, size: u32, width: f64) -> String {
+    let most = (width / (f64::from(size) * 0.57)).max(3.0) as usize;
+    let letters: Vec<char> = text.chars().collect();
+    if letters.len() <= most {
+        return text.into();
+    }
+    let (head, tail) = (most / 2, (most - 1) / 2);
+    let ends = |letters: &[char]| letters.iter().collect::<String>();
+    format!("{}…{}", ends(&letters[..head]).trim_end(), ends(&letters[letters.len() - tail..]).trim_start())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_names_keep_both_ends_and_short_ones_all() {
+        assert_eq!(fitted("record-1.csv", LABEL_SIZE, 200.0), "record-1.csv");
+        let short = fitted("F16Data_FullMSine_Level1.csv, rows 49152 to 73728", LABEL_SIZE, 150.0);
+        assert!(
+            text_width(&short, LABEL_SIZE) <= 150.0 && short.starts_with("F16D") && short.ends_with("73728"),
+            "{short}"
+        );
+    }
+}
