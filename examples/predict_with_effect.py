@@ -88,11 +88,12 @@ def free_path(x, p, back):
 
 
 def actuator_delay(x, p, t, h):
-    whole, share = int(p["tau"] * p["parts"]), p["tau"] * p["parts"] % 1
-    # A step between two edges of the parts has a parabola's weights on the steps at the three next edges.
-    weights = [(1 - share) * (2 - share) / 2, share * (2 - share), -share * (1 - share) / 2]
-    padded = np.concatenate([np.zeros(whole + 2), x])
-    return sum(weight * padded[2 - j:len(x) + 2 - j] for j, weight in enumerate(weights))
+    parts = p["tau"] * p["parts"]
+    first = max(0, int(parts) - 2)
+    # A step between two edges of the parts has Lagrange's weights on six edges: its moments are right up to the fifth.
+    weights = [np.prod([(parts - first - i) / (j - i) for i in range(6) if i != j]) for j in range(6)]
+    padded = np.concatenate([np.zeros(first + 5), x])
+    return sum(weight * padded[5 - j:len(x) + 5 - j] for j, weight in enumerate(weights))
 
 
 def actuator_lag(x, p, t, h):

@@ -33,9 +33,11 @@ impl Effect for ActuatorDelay {
     }
 }
 
-/// Parts of a sample. A step inside one is a parabola's weights on the steps at the three next edges, so that its mean, its delay and
-/// the delay's square are right; with two edges alone a delay of a tenth of a sample was 6 % wrong.
+/// Parts of a sample.
 const PARTS: usize = 4;
+
+/// Edges of parts, one after the other, that a step between two of them is spread over.
+const EDGES: usize = 6;
 
 struct Delay {
     place: Place,
@@ -45,15 +47,44 @@ struct Delay {
 impl Command for Delay {
     fn apply(&self, drive: &mut Drive) {
         drive.refine(PARTS);
-        let parts = self.tau * drive.parts as f64;
-        let (whole, share) = (parts.floor() as usize, parts.fract());
+        let (first, weights) = spread(self.tau * drive.parts as f64);
         for (i, channel) in drive.u.iter_mut().enumerate() {
             if self.place != Place::AllInputs && self.place != Place::Input(i) {
                 continue;
             }
             let at = |k: usize, back: usize| if k >= back { channel[k - back] } else { 0.0 };
-            let weights = [(1.0 - share) * (2.0 - share) / 2.0, share * (2.0 - share), -share * (1.0 - share) / 2.0];
-            *channel = (0..channel.len()).map(|k| (0..3).map(|j| weights[j] * at(k, whole + j)).sum()).collect();
+            let delayed = |k: usize| weights.iter().enumerate().map(|(j, weight)| weight * at(k, first + j)).sum();
+            *channel = (0..channel.len()).map(delayed).collect();
+        }
+    }
+}
+
+/// The first edge that a step after so many parts is spread over, and the weights: Lagrange's, so that its moments are right up to the fifth. What two edges
+/// give made a delay of a tenth of a sample 6 % wrong, and three edges made every delay up to 1 % too short.
+fn spread(parts: f64) -> (usize, [f64; EDGES]) {
+    let first = (parts.floor() as usize).saturating_sub(EDGES / 2 - 1);
+    let at = parts - first as f64;
+    let weight = |j: usize| {
+        let others = (0..EDGES).filter(|i| *i != j).map(|i| i as f64);
+        others.map(|i| (at - i) / (j as f64 - i)).product()
+    };
+    (first, std::array::from_fn(weight))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{EDGES, spread};
+
+    #[test]
+    fn moments_of_a_spread_step_are_those_of_a_sharp_one() {
+        for parts in [0.0, 0.3, 1.0, 1.9, 2.0, 2.7, 40.25] {
+            let (first, weights) = spread(parts);
+            for power in 0..EDGES as i32 {
+                let moment: f64 =
+                    weights.iter().enumerate().map(|(j, w)| w * ((first + j) as f64 - parts).powi(power)).sum();
+                let expected = if power == 0 { 1.0 } else { 0.0 };
+                assert!((moment - expected).abs() < 1e-10, "{parts} {power} {moment}");
+            }
         }
     }
 }

@@ -10,7 +10,7 @@ use crate::truth::{self, Channels};
 
 /// Static curves are the same arithmetic on both sides: rounding. The hysteresis has a corner where z changes its sign, which costs the
 /// integration some digits. Between samples plid-gap divides a sample: a lag and a ramp are their means over an eighth (second order:
-/// up to the square of w T / 8 over 12), a delayed step is right to the third order of a quarter.
+/// up to the square of w T / 8 over 12), a delayed step is right to the sixth order of a quarter.
 pub const CHECKS: &[Check] = &[
     Check {
         effect: "actuator-saturation",
@@ -36,7 +36,7 @@ pub const CHECKS: &[Check] = &[
     Check { effect: "actuator-hysteresis", limit: 1e-5, measure: hysteresis },
     Check { effect: "actuator-crosstalk", limit: 1e-6, measure: crosstalk },
     Check { effect: "actuator-lag", limit: 5e-3, measure: lag },
-    Check { effect: "actuator-delay", limit: 1.5e-2, measure: delay },
+    Check { effect: "actuator-delay", limit: 3e-3, measure: delay },
     Check { effect: "actuator-slew-limit", limit: 5e-3, measure: slew },
 ];
 
