@@ -213,10 +213,12 @@ pub(crate) fn sentence(verdict: Verdict, effects: &[NamedEffect], nearest: &[Str
             };
             let all = effects.iter().map(one).collect::<Vec<_>>().join(" and ");
             let sure = 100.0 * effects.iter().map(|e| e.confidence).fold(1.0, f64::min);
-            if gap.as_given < NOISE_ONLY * gap.noise_floor {
+            let random = |e: &NamedEffect| matches!(e.effect.as_str(), "coloured-disturbance" | "sensor-noise");
+            if gap.as_given < NOISE_ONLY * gap.noise_floor || effects.iter().all(random) {
                 return format!(
-                    "{all} ({sure:.0} % sure): it is noise that no simulation predicts, {} of the output.",
-                    percent(gap.noise_floor)
+                    "{all} ({sure:.0} % sure): it is noise that no simulation predicts, {} of the output, of a gap of {}.",
+                    percent(gap.noise_floor),
+                    percent(gap.as_given),
                 );
             }
             // Samples that drop out are no part of what a simulation can follow.

@@ -15,7 +15,7 @@ use crate::shape::{Bent, bent, fewer, renamed};
 use crate::shrink::run;
 use crate::simulate::Fineness;
 use crate::stepwise::{Candidate, Search, Turn, all_same, polish, search};
-use crate::thresholds::{ACCEPT, ELSEWHERE, HEAD, INADEQUATE, MOST_UNKNOWN, SHAPE_DIFFERS, WORTH};
+use crate::thresholds::{ACCEPT, BANDED, ELSEWHERE, HEAD, INADEQUATE, MOST_UNKNOWN, SHAPE_DIFFERS, WORTH};
 use crate::unseen::is_unseen;
 use crate::verdict::{Adequacy, adequacy};
 
@@ -39,6 +39,11 @@ impl Rules<'_> {
     /// Whether it knows an effect.
     pub fn knows(&self, effect: &dyn Effect) -> bool {
         !self.without.iter().any(|name| name == effect.name())
+    }
+
+    /// Whether an effect may be named at all.
+    pub fn may_be(&self, library: &Library, name: &str) -> bool {
+        library.get(name).is_some_and(|effect| self.knows(effect)) && !self.exclude.iter().any(|word| word == name)
     }
 
     /// Whether an effect may be named at a place.
@@ -183,6 +188,7 @@ fn once<'a>(
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
     let off = ready.off.clone();
+    ready.problem.nuisance.struts_follow = false;
     let rows = ready.problem.rows() as f64;
     let mut quick = ready.problem.head(HEAD, &ready.noise);
     let names = ready.problem.setting.names.clone();
@@ -206,7 +212,12 @@ fn once<'a>(
         refitted.weigh_anew(&ready.problem);
         found.weigh_anew(&ready.problem, &off);
     }
-    let problem = &ready.problem;
+    if !off.contains(&Step::Unseen) && rules.may_be(library, "coloured-disturbance") && ready.renew_band(&simulated) {
+        say("a force acts in a band: once more with it in the noise".into());
+        refitted = refit(&ready.problem, STEPS);
+        return once(ready, refitted, library, rules, bold, None, say);
+    }
+    let problem = &mut ready.problem;
     let zero = vec![0.0; problem.nuisance.len()];
     let given_cost = sum_of_squares(&problem.residual(&problem.plant, &zero, &[], Fineness::FINE));
     let free = !off.contains(&Step::FreeShapes);
@@ -228,7 +239,10 @@ fn once<'a>(
             bent = Some(free);
         }
     }
+    // A free shape was fitted with the struts where the simulation has them, and has no size of its own to be right about.
+    problem.nuisance.struts_follow = bent.is_none();
     found.best = problem.settled(&found.best);
+    let problem = &ready.problem;
     let best = found.best.clone();
     let level = ready.noise_level(&simulated, best.cost / rows);
     // A stage that was looked at and not accepted says what is still there.
@@ -238,6 +252,7 @@ fn once<'a>(
     let next = further.map_or(0.0, |entry| entry.gain);
     // Where nothing shows the noise, what is left is its measure.
     let next = if level.seen { next } else { next / (best.cost / rows).max(1.0) };
+    let next = if ready.coloured.is_some() { next / BANDED } else { next };
     let before = refitted.cost.max(given_cost);
     let judge = |bent: f64, next: f64, cost: f64| adequacy(bent, next, cost, before, rows, level, &off);
     let straight = problem.bent(&best.eta);

@@ -9,6 +9,7 @@ mod blind;
 pub mod case;
 mod closest_law;
 pub mod codes;
+pub mod coloured;
 pub mod diagnose;
 pub mod diagnosis;
 pub mod effects;

@@ -127,8 +127,13 @@ impl NoiseModel {
 
     /// Fits sensors and modal forces to stretches; the actuators' noise stays as declared.
     pub fn fit(&self, stretches: &[Stretch]) -> Self {
-        let modes: Vec<Source> = (0..self.plant.modes.len()).map(Source::Mode).collect();
-        self.fit_with(stretches, &modes, ROUNDS, 1)
+        self.fit_beside(stretches, None)
+    }
+
+    /// The same beside other sources.
+    pub fn fit_beside(&self, stretches: &[Stretch], others: impl IntoIterator<Item = Source>) -> Self {
+        let modes = (0..self.plant.modes.len()).map(Source::Mode);
+        self.fit_with(stretches, &modes.chain(others).collect::<Vec<Source>>(), ROUNDS, 1)
     }
 
     /// Fits sensors and these sources, to every `thin`th bin.

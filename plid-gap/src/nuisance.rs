@@ -42,6 +42,9 @@ pub struct Nuisance {
     sizes: Vec<f64>,
     /// Standard deviations of the prior.
     pub std: Vec<f64>,
+    /// Whether a strut goes with its input's shapes. Derivatives of the linear simulation do not know what that does to a force there, so that only fits with
+    /// those of the whole simulation have it.
+    pub struts_follow: bool,
 }
 
 impl Nuisance {
@@ -64,7 +67,7 @@ impl Nuisance {
             })
             .collect();
         let sizes = state_sizes(plant, records);
-        Self { m, p, modes, rest, starts, sizes, std }
+        Self { m, p, modes, rest, starts, sizes, std, struts_follow: false }
     }
 
     /// The same for a simulation that was itself estimated: its parameters are in doubt by so much (standard deviations) beyond the
@@ -111,6 +114,7 @@ impl Nuisance {
             let (w, zeta) = (w * (1.0 + at[0]).max(0.1), (zeta * at[1].clamp(-3.0, 3.0).exp()).min(0.99));
             changed.move_pole(k, C::new(-zeta * w, w * (1.0 - zeta * zeta).sqrt()));
             let (b, c) = directions(&changed.modes[k]);
+            let before = self.struts_follow.then(|| changed.modes[k].clone());
             changed.change(k, |mode| {
                 for i in 0..self.m {
                     mode.b[i] += b * at[2 + i];
@@ -119,6 +123,9 @@ impl Nuisance {
                     mode.c[o] += c * at[2 + self.m + o];
                 }
             });
+            if let Some(before) = before {
+                changed.struts_follow(k, &before);
+            }
         }
         changed
     }
@@ -371,5 +378,43 @@ mod tests {
             seen += 1;
         });
         assert_eq!(seen, nuisance.len());
+    }
+
+    /// A strut whose shape on a mode is another one than the simulation's, under a cubic spring: with the input shape put right, force and displacement are right.
+    #[test]
+    fn struts_follow_their_input_shapes() {
+        const MODE: usize = 1;
+        let (sim, real) = (testing::truss(3), testing::truss_with(3, |_, input, _| input[(MODE, 0)] *= 1.05));
+        let [nominal, truth] = [&sim, &real].map(|model| Plant::new(model).unwrap());
+        let u = testing::random_input(3, 2000, 2);
+        let mut record = testing::case(&sim, &sim).records[1].clone();
+        record.u = u.clone();
+        let mut nuisance = Nuisance::new(&nominal, std::slice::from_ref(&record), &Limits::default());
+        nuisance.struts_follow = true;
+        // The entry is in units of the shape's largest one.
+        let shape = &nominal.modes[MODE].b;
+        let mut eta = vec![0.0; nuisance.len()];
+        eta[MODE * nuisance.each() + 2] = 0.05 * (shape[0] / directions(&nominal.modes[MODE]).0).re;
+        let followed = nuisance.apply(&nominal, &eta);
+        let cubic = crate::effects::Library::standard();
+        let cubic = cubic.get("cubic-stiffness").unwrap();
+        let run = |plant: &Plant, k: f64| {
+            let setting = crate::effects::Setting::bare(plant, &sim);
+            simulate(plant, &cubic.act(&setting, &crate::effects::Place::Port(0), &[k]), &u, 0.0, None, Fineness::FINE)
+        };
+        let mut seen = crate::effects::Setting::bare(&truth, &sim);
+        crate::prepare::of_ports(&mut seen, &record);
+        let size = 0.3 * seen.stiffness[0] / seen.d_rms[0].powi(2);
+        let difference = |a: &[Vec<f64>], b: &[Vec<f64>]| -> f64 {
+            a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+        };
+        let (expected, without) = (run(&truth, size), run(&truth, 0.0));
+        let effect = difference(&expected, &without);
+        let still = difference(&run(&followed, 0.0), &without) / effect;
+        let off = difference(&run(&followed, size), &expected) / effect;
+        assert!(still < 1e-9 && off < 1e-3, "{still} {off}");
+        let mut stays = followed.clone();
+        stays.ports.clone_from(&nominal.ports);
+        assert!(difference(&run(&stays, size), &expected) > 20.0 * off * effect, "nothing was to follow");
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::ablation::Step;
 use crate::codes::{self, Codes};
+use crate::coloured::{Coloured, NEAR_LINE, coloured};
 use crate::effects::Setting;
 use crate::error::GapError;
 use crate::explain::outputs;
@@ -10,18 +11,20 @@ use crate::model_error::ModelError;
 use crate::noise::{NoiseModel, Stretch};
 use crate::notch;
 use crate::nuisance::{Limits, Nuisance};
-use crate::plant::Plant;
+use crate::plant::{Mode, Plant};
 use crate::problem::{Placed, Problem};
 use crate::record::{Channels, Excitation, Record, rms};
 use crate::simulate::{Fineness, simulate};
 use crate::tones;
-use crate::unseen::NEAR_LINE;
 use crate::wandering::{Wandering, wandering};
 use crate::whiten::Whitener;
 use plid_model::Model;
 
 /// Records without input shorter than this say too little of the noise.
 pub(crate) const SHORTEST_QUIET: usize = 512;
+
+/// A line this many widths, of a resonance or of what a record resolves, from a resonance is not that resonance.
+const RESONANT: f64 = 2.0;
 
 /// Lines that are offered to effects.
 const MOST_TONES: usize = 4;
@@ -50,6 +53,8 @@ pub struct Prepared {
     pub quiet: Vec<Stretch>,
     /// Lines whose phase nobody foretells.
     pub wandering: Vec<Wandering>,
+    /// A force in a band, that the noise has.
+    pub coloured: Option<Coloured>,
     /// Steps that the diagnosis leaves out.
     pub off: Vec<Step>,
 }
@@ -119,6 +124,7 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
         quiet,
         codes,
         wandering: Vec::new(),
+        coloured: None,
         off: off.clone(),
     })
 }
@@ -228,26 +234,64 @@ impl Prepared {
         self.problem.setting.missing.retain(|mode| elsewhere(mode.hz));
         self.wandering.push(line);
         self.quiet = self.quiet_of(&outputs(&self.problem, eta, &others));
-        let noise = if self.quiet.is_empty() { self.declared.clone() } else { self.declared.fit(&self.quiet) };
-        self.noise = rounded(noise, &self.codes, &self.declared_sensor);
-        self.problem.whiteners = whiteners(&self.problem.records, &self.noise, self.problem.plant.rate, &self.codes);
+        self.whiten_with(self.fitted(&self.quiet));
         true
     }
 
-    /// What simulations leave of the records without input, without lines that wander.
+    /// A force in a band that acts in the quiet records becomes part of the noise: forces of their own on all modes stand for it badly. Whether there is one
+    /// that was not known before.
+    pub fn renew_band(&mut self, simulated: &[Channels]) -> bool {
+        if self.coloured.is_some() {
+            return false;
+        }
+        self.coloured = coloured(self);
+        if self.coloured.is_none() {
+            return false;
+        }
+        let longest = self.quiet.iter().map(|stretch| stretch.length).max().unwrap_or(1);
+        let plant = &self.problem.plant;
+        // A resonance that noise pushes looks like a line to a record that is too short to tell.
+        let apart = |hz: f64, mode: &Mode| {
+            (hz - mode.hz()).abs() > (mode.damping() * mode.hz()).max(plant.rate / longest as f64) * RESONANT
+        };
+        self.problem.setting.tones.retain(|tone| plant.modes.iter().all(|mode| apart(tone.hz, mode)));
+        self.quiet = self.quiet_of(simulated);
+        self.whiten_with(self.fitted(&self.quiet));
+        true
+    }
+
+    /// The noise that these stretches show.
+    fn fitted(&self, quiet: &[Stretch]) -> NoiseModel {
+        let band = self.coloured.iter().map(Coloured::source);
+        let noise = if quiet.is_empty() { self.declared.clone() } else { self.declared.fit_beside(quiet, band) };
+        rounded(noise, &self.codes, &self.declared_sensor)
+    }
+
+    /// From now on.
+    fn whiten_with(&mut self, noise: NoiseModel) {
+        self.problem.whiteners = whiteners(&self.problem.records, &noise, self.problem.plant.rate, &self.codes);
+        self.noise = noise;
+    }
+
+    /// What simulations leave of the records without input, without lines that wander; where a force acts in a band, between the periods of others too: a
+    /// resonance that noise pushes has few values of its own in a short record.
     fn quiet_of(&self, simulated: &[Channels]) -> Vec<Stretch> {
         let plant = &self.problem.plant;
-        let records = self.problem.records.iter().zip(simulated);
-        records
-            .filter(|(record, _)| record.excitation == Excitation::Zero && record.samples() >= SHORTEST_QUIET)
-            .map(|(record, y)| {
-                let without = |error: Channels, line: &Wandering| match record.from_rest {
-                    true => notch::without_both(&error, plant, line.port, line.hz),
-                    false => notch::without(&error, plant.rate, line.hz),
-                };
-                Stretch::new(&self.wandering.iter().fold(crate::locate::error(record, y), without))
-            })
-            .collect()
+        let without = |record: &Record, error: Channels, line: &Wandering| match record.from_rest {
+            true => notch::without_both(&error, plant, line.port, line.hz),
+            false => notch::without(&error, plant.rate, line.hz),
+        };
+        let left = |(record, y): (&Record, &Channels)| {
+            let error = crate::locate::error(record, y);
+            let y = self.wandering.iter().fold(error, |error, line| without(record, error, line));
+            Record { y, ..record.clone() }
+        };
+        let errors: Vec<Record> = self.problem.records.iter().zip(simulated).map(left).collect();
+        let mut quiet = silent(&errors, |record| Stretch::new(&record.y));
+        if self.coloured.is_some() {
+            quiet.extend(differences(&errors));
+        }
+        quiet
     }
 
     /// The noise once more, from what an explanation leaves of the quiet records: a disturbance or a line in them is no noise.
@@ -256,17 +300,15 @@ impl Prepared {
         if self.off.iter().any(|step| matches!(step, Step::NoiseFit | Step::RenewedNoise)) {
             return false;
         }
-        let records = &self.problem.records;
         let quiet = self.quiet_of(simulated);
         if quiet.is_empty() {
             return false;
         }
-        let noise = rounded(self.declared.fit(&quiet), &self.codes, &self.declared_sensor);
+        let noise = self.fitted(&quiet);
         self.quiet = quiet;
         let changed = noise.rms().iter().zip(self.noise.rms()).any(|(a, b)| (a / b - 1.0).abs() > RENEWED);
         if changed {
-            self.problem.whiteners = whiteners(records, &noise, self.problem.plant.rate, &self.codes);
-            self.noise = noise;
+            self.whiten_with(noise);
         }
         changed
     }
@@ -335,20 +377,23 @@ fn tail(record: &Record, from: usize) -> Record {
 
 /// What no command explains: records without input, and otherwise the differences between periods.
 fn quiet_stretches(plant: &Plant, records: &[Record], tones: &[tones::Tone]) -> Vec<Stretch> {
-    let silent: Vec<Stretch> = records
-        .iter()
-        .filter(|record| record.excitation == Excitation::Zero && record.samples() >= SHORTEST_QUIET)
-        .map(|record| Stretch::new(&tones::without(&record.y, plant.rate, tones)))
-        .collect();
-    if !silent.is_empty() {
-        return silent;
-    }
+    let silent = silent(records, |record| Stretch::new(&tones::without(&record.y, plant.rate, tones)));
+    if silent.is_empty() { differences(records) } else { silent }
+}
+
+/// Of records without input.
+fn silent(records: &[Record], stretch: impl Fn(&Record) -> Stretch) -> Vec<Stretch> {
+    let long = |r: &&Record| r.excitation == Excitation::Zero && r.samples() >= SHORTEST_QUIET;
+    records.iter().filter(long).map(stretch).collect()
+}
+
+/// The differences between periods, but for the first ones, which hold the transient.
+fn differences(records: &[Record]) -> Vec<Stretch> {
     let half = std::f64::consts::FRAC_1_SQRT_2;
     let mut stretches = Vec::new();
     for record in records {
         let Excitation::Periodic(period) = record.excitation else { continue };
         let periods = record.samples() / period;
-        // The first period or two hold the transient.
         for first in (periods.min(2)..periods.saturating_sub(1)).step_by(2) {
             let at = first * period;
             let difference: Channels =

@@ -80,7 +80,7 @@ const UNDAMPED: f64 = 1e-3;
 const RENEWED: usize = 3;
 
 /// The last steps of a fit.
-const SETTLED: Effort = Effort { steps: 4, gain: 0.05, fineness: Fineness::FINE };
+const SETTLED: Effort = Effort { steps: 6, gain: 0.05, fineness: Fineness::FINE };
 
 /// How far a fit goes.
 #[derive(Debug, Clone, Copy)]
@@ -227,7 +227,10 @@ impl Problem {
         if fit.effects.is_empty() {
             return fit.clone();
         }
-        self.fitted(&self.exact_tangent(fit), false, &fit.eta, &fit.effects, SETTLED)
+        let plant = self.nuisance.apply(&self.plant, &fit.eta);
+        let residual = self.residual(&plant, &fit.eta, &fit.effects, SETTLED.fineness);
+        let start = Fit { residual, ..fit.clone() };
+        self.fitted(&self.exact_tangent(&start), false, &fit.eta, &fit.effects, SETTLED)
     }
 
     /// Derivatives by the linear parameters, by differences of whole simulations.

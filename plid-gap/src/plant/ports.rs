@@ -1,6 +1,6 @@
 use nalgebra::DVector;
 
-use super::{C, Plant, Port};
+use super::{C, Mode, Plant, Port};
 
 /// Where the places of internal forces come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -53,8 +53,8 @@ fn strut(plant: &Plant, modal: &ModalStruts, i: usize, kept: &dyn Fn(usize) -> b
         input: None,
         force: modal.iter().enumerate().map(|(k, (force, _))| keep(k, force[i])).collect(),
         force_rest: through_filters(plant, i, kept),
-        displacement_rest: without_actuators(plant, modal, &displacement),
-        velocity_rest: without_actuators(plant, modal, &velocity),
+        displacement_rest: without_actuators(plant, &displacement),
+        velocity_rest: without_actuators(plant, &velocity),
         displacement,
         velocity,
         output: at_once(plant, i, kept),
@@ -63,18 +63,8 @@ fn strut(plant: &Plant, modal: &ModalStruts, i: usize, kept: &dyn Fn(usize) -> b
 
 /// What a strut's force sends through the filters' own poles: it passes no actuator.
 fn through_filters(plant: &Plant, i: usize, kept: &dyn Fn(usize) -> bool) -> DVector<f64> {
-    let mut column = DVector::zeros(plant.rest.a.nrows());
-    for (o, filters) in plant.chain.filter.iter().enumerate() {
-        for (f, filter) in filters.iter().enumerate() {
-            let modes = plant.modes.iter().enumerate().filter(|(k, _)| kept(*k));
-            let response: C =
-                modes.map(|(_, mode)| Plant::acceleration(mode.pole, filter.pole) * plant.product(mode, o, i)).sum();
-            let gain = plant.chain.residue(o, f) * response;
-            let both = if filter.pole.im == 0.0 { 1.0 } else { 2.0 };
-            column += filter.column.map(|v| both * (v * gain).re);
-        }
-    }
-    column
+    let modes = plant.modes.iter().enumerate().filter(|(k, _)| kept(*k));
+    modes.fold(DVector::zeros(plant.rest.a.nrows()), |sum, (_, mode)| sum + plant.filters_part(mode, i))
 }
 
 /// Accelerations without a filter answer a force at once.
@@ -83,25 +73,74 @@ fn at_once(plant: &Plant, i: usize, kept: &dyn Fn(usize) -> bool) -> Vec<f64> {
         return Vec::new();
     }
     let modes = || plant.modes.iter().enumerate().filter(|(k, _)| kept(*k));
-    let sum = |o: usize| modes().map(|(_, mode)| plant.product(mode, o, i)).sum();
-    (0..plant.p).map(|o| if plant.chain.filter[o].is_empty() { sum(o) } else { 0.0 }).collect()
+    (0..plant.p).map(|o| modes().map(|(_, mode)| plant.at_once_part(mode, o, i)).sum()).collect()
 }
 
 /// A mode's state z contains kappa_j a_j of each actuator's output, which is no motion: z = z_motion + sum of kappa_j a_j with
 /// kappa_j = g_j / (pole + pole_j).
-fn without_actuators(plant: &Plant, modal: &ModalStruts, row: &[C]) -> DVector<f64> {
-    let mut rest = DVector::zeros(plant.rest.a.nrows());
-    for (j, actuator) in plant.chain.actuator.iter().enumerate() {
-        let Some(actuator) = actuator else { continue };
-        let kappa = |k: usize| modal[k].0[j] / (plant.modes[k].pole + actuator.pole);
-        let gain: f64 = (0..row.len()).map(|k| 2.0 * (row[k] * kappa(k)).re).sum();
-        rest -= &actuator.row * gain;
+fn without_actuators(plant: &Plant, row: &[C]) -> DVector<f64> {
+    let parts = plant.modes.iter().zip(row).map(|(mode, &row)| plant.actuators_part(mode, row));
+    -parts.fold(DVector::zeros(plant.rest.a.nrows()), |sum, part| sum + part)
+}
+
+impl Plant {
+    /// A strut is where its actuator pushes: where the input shape of a mode was changed from that of `before`, what the strut's force does to the mode and
+    /// what the strut sees of it change in the same ratio. Else the size of an effect there would be that of a shape that nobody holds for true any more.
+    pub fn struts_follow(&mut self, k: usize, before: &Mode) {
+        let after = self.modes[k].clone();
+        for index in 0..self.ports.len() {
+            let port = &self.ports[index];
+            let Some(i) = port.input.filter(|&i| before.b[i] != C::ZERO) else { continue };
+            let ratio = after.b[i] / before.b[i];
+            let [displacement, velocity] = [port.displacement[k], port.velocity[k]]
+                .map(|row| self.actuators_part(before, row) - self.actuators_part(&after, row * ratio));
+            let filters = self.filters_part(&after, i) - self.filters_part(before, i);
+            let more = |o: usize| self.at_once_part(&after, o, i) - self.at_once_part(before, o, i);
+            let output: Vec<f64> = port.output.iter().enumerate().map(|(o, now)| now + more(o)).collect();
+            let port = &mut self.ports[index];
+            for row in [&mut port.force, &mut port.displacement, &mut port.velocity] {
+                row[k] *= ratio;
+            }
+            port.displacement_rest += displacement;
+            port.velocity_rest += velocity;
+            port.force_rest += filters;
+            port.output = output;
+        }
     }
-    rest
+
+    /// What a force at the strut of an input sends through a mode into the filters' own poles.
+    fn filters_part(&self, mode: &Mode, i: usize) -> DVector<f64> {
+        let mut column = DVector::zeros(self.rest.a.nrows());
+        for (o, filters) in self.chain.filter.iter().enumerate() {
+            for (f, filter) in filters.iter().enumerate() {
+                let response = Plant::acceleration(mode.pole, filter.pole) * self.product(mode, o, i);
+                let gain = self.chain.residue(o, f) * response;
+                let both = if filter.pole.im == 0.0 { 1.0 } else { 2.0 };
+                column += filter.column.map(|v| both * (v * gain).re);
+            }
+        }
+        column
+    }
+
+    /// What such a force does through a mode to an output at once: accelerations without a filter.
+    fn at_once_part(&self, mode: &Mode, o: usize, i: usize) -> f64 {
+        if self.chain.known() && self.chain.filter[o].is_empty() { self.product(mode, o, i) } else { 0.0 }
+    }
+
+    /// What a row sees of a mode's state that is no motion: kappa_j a_j of each actuator's output, as rows of the rest's states.
+    fn actuators_part(&self, mode: &Mode, row: C) -> DVector<f64> {
+        let mut seen = DVector::zeros(self.rest.a.nrows());
+        for (j, actuator) in self.chain.actuator.iter().enumerate() {
+            let Some(actuator) = actuator else { continue };
+            let kappa = mode.b[j] / self.chain.before(j, mode.pole) / (mode.pole + actuator.pole);
+            seen += &actuator.row * (2.0 * (row * kappa).re);
+        }
+        seen
+    }
 }
 
 /// Force columns and displacement rows of all struts on one mode.
-fn modal_strut(plant: &Plant, mode: &super::Mode) -> (Vec<C>, Vec<C>) {
+fn modal_strut(plant: &Plant, mode: &Mode) -> (Vec<C>, Vec<C>) {
     let pole = mode.pole;
     let force: Vec<C> = (0..plant.m).map(|i| mode.b[i] / plant.chain.before(i, pole)).collect();
     // y = gamma q" behind the filter: c = gamma pole^2 F(pole) / (2 j Im(pole) g0).

@@ -96,8 +96,12 @@ fn run(rig: &Rig, actions: &[Action]) -> Channels {
 
 /// What is found of one effect: parameters of the first, which must be at the first output or strut.
 fn found(rig: &Rig, effect: &dyn Effect, records: &[Record]) -> (Vec<f64>, Prepared) {
-    let ready = prepare(&rig.model, records, &Known::default()).unwrap();
+    let mut ready = prepare(&rig.model, records, &Known::default()).unwrap();
     let library = Library::standard();
+    let eta = vec![0.0; ready.problem.nuisance.len()];
+    let given = |k: usize| ready.problem.outputs(&ready.problem.plant, &eta, &[], k, Fineness::FINE);
+    let simulated: Vec<Channels> = (0..ready.problem.records.len()).map(given).collect();
+    ready.renew_band(&simulated);
     let all = unseen(&ready, &library);
     let locations: Vec<(String, String)> = all
         .iter()
