@@ -25,8 +25,6 @@ pub(crate) fn named(explained: &Explained, shown: &[&Placed], weighted: &[Weight
     let names = &setting.names;
     let rows = ready.problem.rows() as f64;
     let quantile = StudentsT::new(0.0, 1.0, rows.max(3.0)).map_or(1.96, |t| t.inverse_cdf(0.975));
-    // Where the fit leaves more than the noise, its intervals grow with it.
-    let inflation = (best.cost / rows).max(1.0).sqrt();
     let confidence = |placed: &Placed| -> f64 {
         weighted.iter().filter(|w| w.effects.iter().any(|e| same(e, placed))).map(|w| w.probability).sum()
     };
@@ -35,7 +33,7 @@ pub(crate) fn named(explained: &Explained, shown: &[&Placed], weighted: &[Weight
     for (which, placed) in best.effects.iter().enumerate() {
         let mut parameters = BTreeMap::new();
         for (parameter, &value) in placed.effect.parameters(setting).iter().zip(&placed.parameters) {
-            let half = quantile * best.covariance[(at, at)].max(0.0).sqrt() * inflation;
+            let half = quantile * best.covariance[(at, at)].max(0.0).sqrt();
             let ci95 = half.is_finite().then_some([value - half, value + half]);
             parameters.insert(parameter.name.clone(), Value { value, ci95, unit: parameter.unit.clone() });
             at += 1;

@@ -37,6 +37,7 @@ pub mod record;
 pub mod refit;
 pub mod report;
 pub mod resonances;
+pub mod robust;
 mod runner;
 pub mod screen;
 pub mod separable;

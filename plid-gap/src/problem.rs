@@ -10,6 +10,7 @@ use crate::noise::NoiseModel;
 use crate::nuisance::Nuisance;
 use crate::plant::Plant;
 use crate::record::{Channels, Record};
+use crate::robust::widened;
 use crate::simulate::{Fineness, simulate};
 use crate::whiten::Whitener;
 
@@ -230,7 +231,26 @@ impl Problem {
         let plant = self.nuisance.apply(&self.plant, &fit.eta);
         let residual = self.residual(&plant, &fit.eta, &fit.effects, SETTLED.fineness);
         let start = Fit { residual, ..fit.clone() };
-        self.fitted(&self.exact_tangent(&start), false, &fit.eta, &fit.effects, SETTLED)
+        let tangent = self.exact_tangent(&start);
+        let mut settled = self.fitted(&tangent, false, &fit.eta, &fit.effects, SETTLED);
+        settled.covariance = self.covariance(&tangent, &settled);
+        settled
+    }
+
+    /// Of the effects' parameters, as wide as the residuals say, and no narrower than the noise model does.
+    fn covariance(&self, tangent: &Tangent, fit: &Fit) -> DMatrix<f64> {
+        let plant = self.nuisance.apply(&self.plant, &fit.eta);
+        let scales = self.scales(&fit.effects);
+        let columns = self.effect_columns(&plant, &fit.eta, &fit.effects, &fit.residual, &scales, SETTLED.fineness);
+        let (normal, _) = self.normal(tangent, &columns, &fit.residual, &fit.eta);
+        let model = effect_covariance(&normal, columns.len(), &scales, &fit.effects);
+        let jacobian = [tangent.values.as_slice(), &columns.concat()].concat();
+        let prior: Vec<f64> =
+            self.nuisance.std.iter().map(|std| std.powi(-2)).chain(columns.iter().map(|_| 0.0)).collect();
+        match widened(&jacobian, &prior, &fit.residual, columns.len()) {
+            Some(by) => DMatrix::from_fn(by.len(), by.len(), |i, j| by[i] * by[j] * model[(i, j)]),
+            None => model,
+        }
     }
 
     /// Derivatives by the linear parameters, by differences of whole simulations.
