@@ -14,11 +14,11 @@ use crate::problem::Placed;
 use crate::separable::{Rival, open};
 use crate::stepwise::{Search, all_same, same};
 use crate::thresholds::SEPARABLE;
-use crate::unseen::{cuts, wanders};
+use crate::unseen::{Unseen, cuts, wanders};
 use crate::verdict::{Verdict, Weighted};
 
 /// Effects of the answer with intervals and confidence.
-pub(crate) fn named(explained: &Explained, shown: &[&Placed], weighted: &[Weighted]) -> Vec<NamedEffect> {
+pub(crate) fn named(explained: &Explained, shown: &[&Unseen], weighted: &[Weighted]) -> Vec<NamedEffect> {
     let (ready, best) = (&explained.ready, &explained.found.best);
     let free_shape = explained.bent.as_ref().map(|bent| bent.which);
     let setting = &ready.problem.setting;
@@ -46,13 +46,15 @@ pub(crate) fn named(explained: &Explained, shown: &[&Placed], weighted: &[Weight
             shape_differs: free_shape == Some(which),
         });
     }
-    for placed in shown {
-        let parameters = placed
-            .effect
-            .parameters(setting)
-            .iter()
-            .zip(&placed.parameters)
-            .map(|(p, &value)| (p.name.clone(), Value { value, ci95: None, unit: p.unit.clone() }))
+    for Unseen { placed, doubt, .. } in shown {
+        let stated = placed.effect.parameters(setting).into_iter().zip(placed.parameters.iter().zip(doubt));
+        let parameters = stated
+            .map(|(p, (&value, doubt))| {
+                // What is known to the last digit is known to rounding.
+                let half = (1.96 * doubt).max(1e-9 * value.abs());
+                let ci95 = half.is_finite().then_some([value - half, value + half]);
+                (p.name.clone(), Value { value, ci95, unit: p.unit.clone() })
+            })
             .collect();
         named.push(NamedEffect {
             effect: placed.effect.name().into(),
@@ -65,10 +67,10 @@ pub(crate) fn named(explained: &Explained, shown: &[&Placed], weighted: &[Weight
     named
 }
 
-pub(crate) fn place(before: &Map, outputs: &[String], found: &Search, shown: &[&Placed]) -> Where {
+pub(crate) fn place(before: &Map, outputs: &[String], found: &Search, shown: &[&Unseen]) -> Where {
     let named = found.best.effects.first().map(|placed| placed.effect.side());
     let screened = found.stages.first().and_then(|entries| entries.first()).map(|e| e.placed.effect.side());
-    let side = named.or(shown.first().map(|p| p.effect.side())).or(screened).unwrap_or(Side::Structure);
+    let side = named.or(shown.first().map(|u| u.placed.effect.side())).or(screened).unwrap_or(Side::Structure);
     let mut order: Vec<usize> = (0..before.bands.len()).collect();
     order.sort_by(|&a, &b| before.bands[b].value.total_cmp(&before.bands[a].value));
     order.truncate(4);

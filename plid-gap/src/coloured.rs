@@ -2,6 +2,7 @@
 
 use crate::noise::Source;
 use crate::prepare::Prepared;
+use crate::scoring::scored;
 use crate::unseen::EVIDENCE;
 
 /// Centres of bands, from here on in steps of 6 %, in Hz.
@@ -27,6 +28,8 @@ pub struct Coloured {
     pub width: f64,
     /// Its standard deviation, in the port's force.
     pub a: f64,
+    /// Relative standard deviations of `a` and of `hz`.
+    pub doubt: [f64; 2],
     /// Twice the log likelihood that it gains.
     pub gain: f64,
 }
@@ -49,7 +52,7 @@ pub fn coloured(ready: &Prepared) -> Option<Coloured> {
     if 2.0 * (plain.misfit - free.misfit) < EVIDENCE {
         return None;
     }
-    let mut best: Option<(f64, usize, f64, f64, f64)> = None;
+    let mut best: Option<(f64, usize, f64, f64)> = None;
     let mut hz = LOWEST;
     while hz < 0.45 * plant.rate {
         for port in 0..ready.declared.ports() {
@@ -57,18 +60,18 @@ pub fn coloured(ready: &Prepared) -> Option<Coloured> {
                 let band = Source::Band(port, hz, width);
                 let fitted = ready.declared.fit_with(&ready.quiet, &[Source::Ambient, band], 8, THINNED);
                 if best.is_none_or(|best| fitted.misfit < best.0) {
-                    let theta = fitted.sources.last().map_or(0.0, |(_, theta)| *theta);
-                    best = Some((fitted.misfit, port, hz, width, theta));
+                    best = Some((fitted.misfit, port, hz, width));
                 }
             }
         }
         hz *= 1.06;
     }
-    let (_, port, hz, width, theta) = best?;
+    let (_, port, hz, width) = best?;
     if ready.wandering.iter().any(|line| (line.hz / hz - 1.0).abs() < NEAR_LINE) {
         return None;
     }
-    let misfit = ready.declared.fit_with(&ready.quiet, &[Source::Ambient, Source::Band(port, hz, width)], 40, 1).misfit;
+    let rough = ready.declared.fit_with(&ready.quiet, &[Source::Ambient, Source::Band(port, hz, width)], 40, 1);
+    let misfit = rough.misfit;
     let gain = 2.0 * (plain.misfit - misfit);
     // An equal force on all modes is a guess, from few ports a poor one: where one mode alone that is pushed harder explains as much, it is no band.
     let pushed =
@@ -80,9 +83,30 @@ pub fn coloured(ready: &Prepared) -> Option<Coloured> {
     }
     // Three numbers of a band must do most of what a free force on every mode does.
     let share = gain / (2.0 * (plain.misfit - free.misfit));
-    // Variance of a band of white noise of density theta: the band's share of half the sample rate, times pi / 2 for its skirts.
-    let variance = theta * std::f64::consts::FRAC_PI_2 * width * hz / (0.5 * plant.rate);
-    (gain > EVIDENCE && share > 0.6).then(|| Coloured { port, hz, width, a: variance.sqrt(), gain })
+    if gain <= EVIDENCE || share <= 0.6 {
+        return None;
+    }
+    let theta = rough.sources.last()?.1;
+    Some(Coloured { port, hz, width, a: size(theta, width, hz, plant.rate), doubt: [f64::INFINITY; 2], gain })
+}
+
+/// Standard deviation of a band of white noise of density theta: the band's share of half the sample rate, times pi / 2 for its skirts.
+fn size(theta: f64, width: f64, hz: f64, rate: f64) -> f64 {
+    (theta * std::f64::consts::FRAC_PI_2 * width * hz / (0.5 * rate)).sqrt()
+}
+
+impl Coloured {
+    /// From the steps of the search to the maximum, by all that the noise is fitted to. Forces of their own on the modes take what the band's skirts are elsewhere:
+    /// centre, width and size are those of the band itself.
+    pub fn sharpened(self, ready: &Prepared) -> Self {
+        let rough = ready.declared.fit_beside(&ready.quiet, [self.source()]);
+        let Some(scored) = scored(&rough, &ready.quiet).filter(|scored| scored.is_near(self.hz)) else { return self };
+        let Some(&(Source::Band(port, hz, width), theta)) = scored.model.sources.last() else { return self };
+        let c = scored.covariance;
+        // The logarithm of a is half the sum of those of theta, centre and width.
+        let doubt = [0.5 * c.sum().max(0.0).sqrt(), c[(1, 1)].max(0.0).sqrt()];
+        Self { port, hz, width, a: size(theta, width, hz, ready.problem.plant.rate), doubt, gain: self.gain }
+    }
 }
 
 #[cfg(test)]

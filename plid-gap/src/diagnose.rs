@@ -17,7 +17,6 @@ use crate::locate::{self, Map};
 use crate::next::next_experiment;
 use crate::plant::Plant;
 use crate::prepare::{Prepared, prepare};
-use crate::problem::Placed;
 use crate::record::{Channels, Record};
 use crate::refit::{self, Refit, clipped, refit};
 use crate::separable::{Foretold, rivals};
@@ -182,14 +181,12 @@ fn finish(
     let unknown = if fails { judged.unknown.max(MOST_UNKNOWN) } else { judged.unknown };
     let mut weighted = weigh(&found.candidates, unknown, problem.rows() as f64, *level, off);
     // What quiet records show holds whatever the free runs say.
-    let shown: Vec<&Placed> = unseen
+    let shown: Vec<&Unseen> = unseen
         .iter()
-        .map(|u| (&u.placed, u.gain))
-        .filter(|(p, gain)| *gain > EVIDENCE && rules.allow(p, names) && wandering(p, best).is_none())
-        .map(|(p, _)| p)
+        .filter(|u| u.gain > EVIDENCE && rules.allow(&u.placed, names) && wandering(&u.placed, best).is_none())
         .collect();
     for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
-        explanation.effects.extend(shown.iter().map(|placed| (*placed).clone()));
+        explanation.effects.extend(shown.iter().map(|u| u.placed.clone()));
     }
     let verdict = match weighted.first() {
         Some(top) if top.unknown => Verdict::Unknown,

@@ -39,6 +39,7 @@ pub mod report;
 pub mod resonances;
 pub mod robust;
 mod runner;
+mod scoring;
 pub mod screen;
 pub mod separable;
 pub mod shape;

@@ -225,23 +225,23 @@ impl NoiseModel {
         all.iter().sum::<f64>() / all.len().max(1) as f64
     }
 
-    fn rows(&self, stretch: &Stretch, thin: usize) -> Vec<Row> {
+    /// Frequencies that count, with what a stretch has there.
+    pub(crate) fn bins(&self, stretch: &Stretch) -> impl Iterator<Item = (f64, DVector<C>)> {
         // Zero, the trend's first bin and half the rate are no circular Gaussians.
         let taken_out = |hz: f64| self.lines.iter().any(|(_, line)| (hz - line).abs() < notch::HOLE_HZ);
         (2..stretch.bins[0].len() - 1)
-            .step_by(thin)
-            .filter(|&k| !taken_out(stretch.hz(k, self.plant.rate)))
-            .map(|k| {
-                let hz = stretch.hz(k, self.plant.rate);
-                let columns = self.sources.iter().map(|(source, _)| self.columns(*source, hz)).collect();
-                let data = DVector::from_iterator(stretch.bins.len(), stretch.bins.iter().map(|bins| bins[k]));
-                Row { columns, data }
-            })
-            .collect()
+            .map(|k| (k, stretch.hz(k, self.plant.rate)))
+            .filter(move |(_, hz)| !taken_out(*hz))
+            .map(|(k, hz)| (hz, DVector::from_iterator(stretch.bins.len(), stretch.bins.iter().map(|bins| bins[k]))))
+    }
+
+    fn rows(&self, stretch: &Stretch, thin: usize) -> Vec<Row> {
+        let columns = |hz: f64| self.sources.iter().map(|(source, _)| self.columns(*source, hz)).collect();
+        self.bins(stretch).step_by(thin).map(|(hz, data)| Row { columns: columns(hz), data }).collect()
     }
 
     /// What a unit of a source gives at the outputs, at a frequency: one column for each independent part.
-    fn columns(&self, source: Source, hz: f64) -> Vec<DVector<C>> {
+    pub(crate) fn columns(&self, source: Source, hz: f64) -> Vec<DVector<C>> {
         let plant = &self.plant;
         match source {
             Source::Sensor(o) => vec![DVector::from_fn(plant.p, |i, _| if i == o { C::ONE } else { C::ZERO })],

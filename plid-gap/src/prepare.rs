@@ -256,6 +256,7 @@ impl Prepared {
         };
         self.problem.setting.tones.retain(|tone| plant.modes.iter().all(|mode| apart(tone.hz, mode)));
         self.quiet = self.quiet_of(simulated);
+        self.coloured = self.coloured.map(|force| force.sharpened(self));
         self.whiten_with(self.fitted(&self.quiet));
         true
     }

@@ -57,7 +57,7 @@ mod tests {
     /// Two parameters; the second is told by a tenth of the rows alone, where the noise is `louder` than elsewhere.
     fn factor(louder: f64) -> f64 {
         let noise = random_input(1, ROWS, 1).remove(0);
-        let told = |row: usize| row % 10 == 0;
+        let told = |row: usize| row.is_multiple_of(10);
         let residual: Vec<f64> = (0..ROWS).map(|row| noise[row] * if told(row) { louder } else { 1.0 }).collect();
         let first = random_input(2, ROWS, 1).remove(0);
         let second =

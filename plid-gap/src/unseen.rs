@@ -20,6 +20,8 @@ const MISJUDGED: f64 = 1.5;
 pub struct Unseen<'a> {
     /// The effect.
     pub placed: Placed<'a>,
+    /// Standard deviation of each parameter; zero for what raw values show to the last digit.
+    pub doubt: Vec<f64>,
     /// Twice the gain in log likelihood.
     pub gain: f64,
 }
@@ -27,20 +29,22 @@ pub struct Unseen<'a> {
 /// Looks for all of them.
 pub fn unseen<'a>(ready: &Prepared, library: &'a Library) -> Vec<Unseen<'a>> {
     let mut found = Vec::new();
-    let mut put = |name: &str, place: Place, parameters: Vec<f64>, gain: f64| {
+    let mut put = |name: &str, place: Place, parameters: &[f64], doubt: &[f64], gain: f64| {
         if let Some(effect) = library.get(name) {
-            found.push(Unseen { placed: Placed { effect, place, parameters }, gain });
+            let placed = Placed { effect, place, parameters: parameters.to_vec() };
+            found.push(Unseen { placed, doubt: doubt.to_vec(), gain });
         }
     };
     for (o, codes) in ready.codes.iter().enumerate() {
         if codes.coarse {
             let cut = if codes.cut { 0.5 } else { 0.0 };
-            put("sensor-quantisation", Place::Output(o), vec![codes.step, cut], 1e3);
+            put("sensor-quantisation", Place::Output(o), &[codes.step, cut], &[0.0, 0.0], 1e3);
         }
         if let Some(rate) = codes.dropout_rate {
             let driven = ready.problem.records.iter().filter(|record| crate::codes::driven(record));
             let onsets = rate * driven.map(|record| record.samples() as f64).sum::<f64>();
-            put("sensor-dropout", Place::Output(o), vec![rate], 2.0 * onsets * 6.0);
+            // Onsets are rare and do not know of each other.
+            put("sensor-dropout", Place::Output(o), &[rate], &[rate / onsets.sqrt()], 2.0 * onsets * 6.0);
         }
     }
     // A sensor is noisy only against what was declared of it, and with a force in a band that was found as without.
@@ -49,22 +53,24 @@ pub fn unseen<'a>(ready: &Prepared, library: &'a Library) -> Vec<Unseen<'a>> {
         let still = ready.coloured.as_ref().map(|_| of(&ready.declared.fit(&ready.quiet)));
         // Either model of the forces may fall short, and what it lacks is then in the sensors.
         let both = |o: usize| still.as_ref().is_none_or(|still| still.iter().any(|(other, ..)| *other == o));
-        for (o, std, gain) in of(&ready.noise).into_iter().filter(|(o, ..)| both(*o)) {
-            put("sensor-noise", Place::Output(o), vec![std], gain);
+        for (o, std, doubt, gain) in of(&ready.noise).into_iter().filter(|(o, ..)| both(*o)) {
+            put("sensor-noise", Place::Output(o), &[std], &[doubt], gain);
         }
     }
     for line in &ready.wandering {
         let place = Place::Frequency(line.hz, line.port);
-        put("narrowband-disturbance", place, vec![line.amplitude, line.hz, 0.0], line.gain);
+        // How far its phase walks, and with it its amplitude, nobody knows.
+        let doubt = [f64::INFINITY; 3];
+        put("narrowband-disturbance", place, &[line.amplitude, line.hz, 0.0], &doubt, line.gain);
     }
-    if let Some(Coloured { port, hz, a, gain, .. }) = ready.coloured {
-        put("coloured-disturbance", Place::Frequency(hz, port), vec![a, hz], gain);
+    if let Some(Coloured { port, hz, a, doubt, gain, .. }) = ready.coloured {
+        put("coloured-disturbance", Place::Frequency(hz, port), &[a, hz], &[doubt[0] * a, doubt[1] * hz], gain);
     }
     found
 }
 
-/// Sensors whose noise exceeds what is common to all: number, added standard deviation, evidence.
-fn noisy(noise: &NoiseModel, declared: &[f64], codes: &[Codes]) -> Vec<(usize, f64, f64)> {
+/// Sensors whose noise exceeds what is common to all: number, added standard deviation and its own, evidence.
+fn noisy(noise: &NoiseModel, declared: &[f64], codes: &[Codes]) -> Vec<(usize, f64, f64, f64)> {
     let sensors = noise.sensors();
     let ratios: Vec<f64> = sensors.iter().zip(declared).map(|(theta, std)| theta / (std * std)).collect();
     let mut found = Vec::new();
@@ -80,7 +86,10 @@ fn noisy(noise: &NoiseModel, declared: &[f64], codes: &[Codes]) -> Vec<(usize, f
         let excess = ratios[o] / common;
         let gain = 2.0 * noise.bins as f64 * (excess - 1.0 - excess.ln());
         if excess > NOISIER && gain > EVIDENCE {
-            found.push((o, declared[o] * (ratios[o] - common).sqrt(), gain));
+            let std = declared[o] * (ratios[o] - common).sqrt();
+            // The power of a bin is exponential, so that a variance is known to its root of the number of bins.
+            let variance = declared[o].powi(2) * ratios[o].hypot(common) / (noise.bins as f64).sqrt();
+            found.push((o, std, variance / (2.0 * std), gain));
         }
     }
     found

@@ -7,7 +7,7 @@ use crate::effects::{Action, Flexible, Place, Setting};
 use crate::explain::Explained;
 use crate::plant::Plant;
 use crate::problem::{Placed, Problem};
-use crate::unseen::wanders;
+use crate::unseen::{Unseen, wanders};
 use crate::verdict::Verdict;
 
 /// Changes of the bounded refit in standard deviations of its prior, by mode (Hz): frequency, damping, largest of the shapes.
@@ -32,7 +32,7 @@ pub(crate) fn written(
     explained: &Explained,
     model: &plid_model::Model,
     plant: &Plant,
-    shown: &[&Placed],
+    shown: &[&Unseen],
     verdict: Verdict,
 ) -> SimulationWithEffects {
     let (ready, best) = (&explained.ready, explained.fit());
@@ -43,7 +43,7 @@ pub(crate) fn written(
     let fitted: &[Placed] = if verdict == Verdict::None { &[] } else { &best.effects };
     let effects = fitted
         .iter()
-        .chain(shown.iter().copied().filter(|placed| !wanders(placed)))
+        .chain(shown.iter().map(|unseen| &unseen.placed).filter(|placed| !wanders(placed)))
         .map(|placed| WrittenEffect {
             effect: placed.effect.name().into(),
             location: written_place(placed, setting),
