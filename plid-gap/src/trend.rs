@@ -1,5 +1,6 @@
 //! Whether a resonance follows the level or the time: from record to record, in words.
 
+use crate::levels::ALIKE;
 use crate::plant::plain_hz;
 
 /// A resonance in a record.
@@ -64,6 +65,10 @@ pub fn trend(points: &[Point], least: usize) -> Option<Trend> {
         let low = points.iter().min_by(|a, b| x(a).total_cmp(&x(b)))?;
         let high = points.iter().max_by(|a, b| x(a).total_cmp(&x(b)))?;
         let between = (x(low), x(high));
+        // Levels that differ no more are one.
+        if with == Along::Level && between.1 < ALIKE * between.0 {
+            return None;
+        }
         let chance = points.iter().map(|p| p.hz_std * p.hz_std).sum::<f64>() / n;
         Some(Trend {
             with,
@@ -74,9 +79,17 @@ pub fn trend(points: &[Point], least: usize) -> Option<Trend> {
         })
     };
     match [Along::Level, Along::Time].map(along) {
-        [Some(level), Some(time)] => Some(if time.clear > LATER * level.clear { time } else { level }),
-        [level, time] => level.or(time),
+        [Some(level), Some(time)] if !together(points) && time.clear > LATER * level.clear => Some(time),
+        [Some(level), _] => Some(level),
+        [None, time] => time,
     }
+}
+
+/// Whether the records were taken in the order of their levels, so that nobody can tell the two apart.
+fn together(points: &[Point]) -> bool {
+    let mut by_time = points.to_vec();
+    by_time.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
+    by_time.is_sorted_by(|a, b| a.level <= b.level) || by_time.is_sorted_by(|a, b| a.level >= b.level)
 }
 
 impl Trend {
@@ -96,5 +109,20 @@ impl Trend {
                 self.damping.1,
             )
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn time_is_told_from_the_level_only_where_they_go_apart() {
+        let at = |level: f64, start_s: f64| Point { level, start_s, hz: 100.0 + start_s, hz_std: 1e-3, damping: 0.01 };
+        let told = |points: &[Point]| trend(points, 3).map(|trend| trend.with);
+        assert_eq!(told(&[at(0.3, 0.0), at(0.5, 1.0), at(1.0, 2.0)]), Some(Along::Level));
+        assert_eq!(told(&[at(1.0, 0.0), at(0.3, 1.0), at(0.9, 2.0)]), Some(Along::Time));
+        assert_eq!(told(&[at(1.0, 0.0), at(1.01, 1.0), at(1.02, 2.0)]), Some(Along::Time));
+        assert_eq!(told(&[at(1.0, 0.0), at(0.3, 1.0)]), None);
     }
 }
