@@ -287,7 +287,10 @@ impl Prepared {
             let y = self.wandering.iter().fold(error, |error, line| without(record, error, line));
             Record { y, ..record.clone() }
         };
-        let errors: Vec<Record> = self.problem.records.iter().zip(simulated).map(left).collect();
+        let records = self.problem.records.iter().zip(simulated);
+        let of_use =
+            |(record, _): &(&Record, &Channels)| self.coloured.is_some() || record.excitation == Excitation::Zero;
+        let errors: Vec<Record> = records.filter(of_use).map(left).collect();
         let mut quiet = silent(&errors, |record| Stretch::new(&record.y));
         if self.coloured.is_some() {
             quiet.extend(differences(&errors));

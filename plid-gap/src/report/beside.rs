@@ -57,10 +57,10 @@ fn resonances(alone: &[Alone]) -> Option<(String, Along)> {
             let mean = seen.iter().map(|(_, r)| value(r).0).sum::<f64>() / seen.len() as f64;
             let hz = seen.iter().map(|(_, r)| r.hz).sum::<f64>() / seen.len() as f64;
             let at = |r: &Resonance, by: f64| 100.0 * ((value(r).0 + by * value(r).1) / mean - 1.0);
-            let whisker = |(x, r): &(f64, Resonance)| [(*x, at(r, -2.0)), (*x, at(r, 2.0)), (*x, f64::NAN)];
             let points: Vec<(f64, f64)> = seen.iter().map(|(x, r)| (*x, at(r, 0.0))).collect();
             series.push(Series::line("", points.clone()).colour(colour));
-            series.push(Series::line("", seen.iter().flat_map(whisker).collect()).colour(colour).width(2.0));
+            let intervals = seen.iter().map(|(x, r)| (*x, at(r, -2.0), at(r, 2.0)));
+            series.push(Series::whiskers(intervals).colour(colour));
             series.push(Series::points(format!("{} Hz", plain_hz(hz)), points).colour(colour).width(4.0));
         }
         let name = match along {

@@ -161,11 +161,11 @@ fn levels(outcome: &Outcome) -> Option<String> {
         let points: Vec<(f64, f64)> = levels.iter().map(|l| (l.level, 100.0 * l.gap.value)).collect();
         // An interval that reaches down to nothing has no lower end on a logarithmic axis.
         let whisker = |l: &LevelGap| {
-            let [low, high] = l.gap.ci95.map(|gap| (l.level, 100.0 * gap.max(0.1 * l.gap.value)));
-            [low, high, (l.level, f64::NAN)]
+            let [low, high] = l.gap.ci95.map(|gap| 100.0 * gap.max(0.1 * l.gap.value));
+            (l.level, low, high)
         };
         series.push(Series::line("", points.clone()).colour(colour));
-        series.push(Series::line("", levels.iter().flat_map(whisker).collect()).colour(colour).width(2.0));
+        series.push(Series::whiskers(levels.iter().map(whisker)).colour(colour));
         series.push(Series::points(name, points).colour(colour).width(5.0));
     }
     // Room above and below, so that scatter does not look like a slope.

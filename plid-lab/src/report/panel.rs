@@ -127,6 +127,12 @@ impl Series {
         Self::new(label, Shape::Line(points))
     }
 
+    /// An upright line from low to high at each (x, low, high), without a name of its own: the intervals of markers.
+    pub fn whiskers(intervals: impl IntoIterator<Item = (f64, f64, f64)>) -> Self {
+        let one = |(x, low, high): (f64, f64, f64)| [(x, low), (x, high), (x, f64::NAN)];
+        Self::line("", intervals.into_iter().flat_map(one).collect()).width(2.0)
+    }
+
     /// Markers.
     pub fn points(label: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
         Self::new(label, Shape::Points(points)).width(3.0)
