@@ -27,200 +27,80 @@ use crate::error::TestbedError;
 use crate::plant::Truss;
 use crate::streams::{Purpose, stream};
 
-/// An effect of the list. In TOML a table with its `kind`, its place `at` and its parameters; many take another `law` of the
-/// same physics than the vocabulary's own.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "kebab-case")]
-#[allow(missing_docs)] // Each is documented where it is defined.
-pub enum Effect {
-    CubicStiffness(structure::CubicStiffness),
-    QuadraticStiffness(structure::QuadraticStiffness),
-    CoulombFriction(structure::CoulombFriction),
-    Clearance(structure::Clearance),
-    JointHysteresis(structure::JointHysteresis),
-    QuadraticDamping(structure::QuadraticDamping),
-    ModalFrequency(structure::ModalFrequency),
-    ModalDamping(structure::ModalDamping),
-    MissingMode(structure::MissingMode),
-    StiffnessDrift(structure::StiffnessDrift),
-    ActuatorSaturation(actuator::ActuatorSaturation),
-    ActuatorDeadZone(actuator::ActuatorDeadZone),
-    ActuatorHysteresis(actuator::ActuatorHysteresis),
-    ActuatorSlewLimit(actuator::ActuatorSlewLimit),
-    ActuatorLag(actuator::ActuatorLag),
-    ActuatorGain(actuator::ActuatorGain),
-    ActuatorDelay(actuator::ActuatorDelay),
-    ActuatorCrosstalk(actuator::ActuatorCrosstalk),
-    ActuatorGainDrift(actuator::ActuatorGainDrift),
-    SensorSaturation(sensor::SensorSaturation),
-    SensorGain(sensor::SensorGain),
-    SensorDelay(sensor::SensorDelay),
-    SensorLag(sensor::SensorLag),
-    SensorCrosstalk(sensor::SensorCrosstalk),
-    SensorOffset(sensor::SensorOffset),
-    SensorDrift(sensor::SensorDrift),
-    MainsHum(sensor::MainsHum),
-    SensorNoise(sensor::SensorNoise),
-    SensorQuantisation(sensor::SensorQuantisation),
-    SensorDropout(sensor::SensorDropout),
-    NarrowbandDisturbance(disturbance::NarrowbandDisturbance),
-    ColouredDisturbance(disturbance::ColouredDisturbance),
-    #[serde(rename = "x-channel-product")]
-    ChannelProduct(outside::ChannelProduct),
-    #[serde(rename = "x-command-play")]
-    CommandPlay(outside::CommandPlay),
-    #[serde(rename = "x-delay-jitter")]
-    DelayJitter(outside::DelayJitter),
-    #[serde(rename = "x-parametric-stiffness")]
-    ParametricStiffness(outside::ParametricStiffness),
-    #[serde(rename = "x-sensor-rate-limit")]
-    SensorRateLimit(outside::SensorRateLimit),
-    #[serde(rename = "x-sensor-square")]
-    SensorSquare(outside::SensorSquare),
-    #[serde(rename = "x-sticking-valve")]
-    StickingValve(outside::StickingValve),
-    #[serde(rename = "x-varying-damping")]
-    VaryingDamping(outside::VaryingDamping),
+/// The effects, each with its name in the vocabulary; outsiders' names begin with `x-`.
+macro_rules! effects {
+    ($($kind:literal = $module:ident::$effect:ident;)*) => {
+        /// An effect of the list. In TOML a table with its `kind`, its place `at` and its parameters; many take another `law` of the
+        /// same physics than the vocabulary's own.
+        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+        #[serde(tag = "kind")]
+        #[allow(missing_docs)] // Each is documented where it is defined.
+        pub enum Effect {
+            $(#[serde(rename = $kind)] $effect($module::$effect),)*
+        }
+
+        impl Effect {
+            pub(crate) fn law(&self) -> &dyn Law {
+                match self { $(Effect::$effect(effect) => effect,)* }
+            }
+
+            fn law_mut(&mut self) -> &mut dyn Law {
+                match self { $(Effect::$effect(effect) => effect,)* }
+            }
+
+            /// Its name in the vocabulary; outsiders' begin with `x-`.
+            #[must_use]
+            pub fn kind(&self) -> &'static str {
+                match self { $(Effect::$effect(_) => $kind,)* }
+            }
+        }
+    };
+}
+
+effects! {
+    "cubic-stiffness" = structure::CubicStiffness;
+    "quadratic-stiffness" = structure::QuadraticStiffness;
+    "coulomb-friction" = structure::CoulombFriction;
+    "clearance" = structure::Clearance;
+    "joint-hysteresis" = structure::JointHysteresis;
+    "quadratic-damping" = structure::QuadraticDamping;
+    "modal-frequency" = structure::ModalFrequency;
+    "modal-damping" = structure::ModalDamping;
+    "missing-mode" = structure::MissingMode;
+    "stiffness-drift" = structure::StiffnessDrift;
+    "actuator-saturation" = actuator::ActuatorSaturation;
+    "actuator-dead-zone" = actuator::ActuatorDeadZone;
+    "actuator-hysteresis" = actuator::ActuatorHysteresis;
+    "actuator-slew-limit" = actuator::ActuatorSlewLimit;
+    "actuator-lag" = actuator::ActuatorLag;
+    "actuator-gain" = actuator::ActuatorGain;
+    "actuator-delay" = actuator::ActuatorDelay;
+    "actuator-crosstalk" = actuator::ActuatorCrosstalk;
+    "actuator-gain-drift" = actuator::ActuatorGainDrift;
+    "sensor-saturation" = sensor::SensorSaturation;
+    "sensor-gain" = sensor::SensorGain;
+    "sensor-delay" = sensor::SensorDelay;
+    "sensor-lag" = sensor::SensorLag;
+    "sensor-crosstalk" = sensor::SensorCrosstalk;
+    "sensor-offset" = sensor::SensorOffset;
+    "sensor-drift" = sensor::SensorDrift;
+    "mains-hum" = sensor::MainsHum;
+    "sensor-noise" = sensor::SensorNoise;
+    "sensor-quantisation" = sensor::SensorQuantisation;
+    "sensor-dropout" = sensor::SensorDropout;
+    "narrowband-disturbance" = disturbance::NarrowbandDisturbance;
+    "coloured-disturbance" = disturbance::ColouredDisturbance;
+    "x-channel-product" = outside::ChannelProduct;
+    "x-command-play" = outside::CommandPlay;
+    "x-delay-jitter" = outside::DelayJitter;
+    "x-parametric-stiffness" = outside::ParametricStiffness;
+    "x-sensor-rate-limit" = outside::SensorRateLimit;
+    "x-sensor-square" = outside::SensorSquare;
+    "x-sticking-valve" = outside::StickingValve;
+    "x-varying-damping" = outside::VaryingDamping;
 }
 
 impl Effect {
-    pub(crate) fn law(&self) -> &dyn Law {
-        match self {
-            Effect::CubicStiffness(effect) => effect,
-            Effect::QuadraticStiffness(effect) => effect,
-            Effect::CoulombFriction(effect) => effect,
-            Effect::Clearance(effect) => effect,
-            Effect::JointHysteresis(effect) => effect,
-            Effect::QuadraticDamping(effect) => effect,
-            Effect::ModalFrequency(effect) => effect,
-            Effect::ModalDamping(effect) => effect,
-            Effect::MissingMode(effect) => effect,
-            Effect::StiffnessDrift(effect) => effect,
-            Effect::ActuatorSaturation(effect) => effect,
-            Effect::ActuatorDeadZone(effect) => effect,
-            Effect::ActuatorHysteresis(effect) => effect,
-            Effect::ActuatorSlewLimit(effect) => effect,
-            Effect::ActuatorLag(effect) => effect,
-            Effect::ActuatorGain(effect) => effect,
-            Effect::ActuatorDelay(effect) => effect,
-            Effect::ActuatorCrosstalk(effect) => effect,
-            Effect::ActuatorGainDrift(effect) => effect,
-            Effect::SensorSaturation(effect) => effect,
-            Effect::SensorGain(effect) => effect,
-            Effect::SensorDelay(effect) => effect,
-            Effect::SensorLag(effect) => effect,
-            Effect::SensorCrosstalk(effect) => effect,
-            Effect::SensorOffset(effect) => effect,
-            Effect::SensorDrift(effect) => effect,
-            Effect::MainsHum(effect) => effect,
-            Effect::SensorNoise(effect) => effect,
-            Effect::SensorQuantisation(effect) => effect,
-            Effect::SensorDropout(effect) => effect,
-            Effect::NarrowbandDisturbance(effect) => effect,
-            Effect::ColouredDisturbance(effect) => effect,
-            Effect::ChannelProduct(effect) => effect,
-            Effect::CommandPlay(effect) => effect,
-            Effect::DelayJitter(effect) => effect,
-            Effect::ParametricStiffness(effect) => effect,
-            Effect::SensorRateLimit(effect) => effect,
-            Effect::SensorSquare(effect) => effect,
-            Effect::StickingValve(effect) => effect,
-            Effect::VaryingDamping(effect) => effect,
-        }
-    }
-
-    fn law_mut(&mut self) -> &mut dyn Law {
-        match self {
-            Effect::CubicStiffness(effect) => effect,
-            Effect::QuadraticStiffness(effect) => effect,
-            Effect::CoulombFriction(effect) => effect,
-            Effect::Clearance(effect) => effect,
-            Effect::JointHysteresis(effect) => effect,
-            Effect::QuadraticDamping(effect) => effect,
-            Effect::ModalFrequency(effect) => effect,
-            Effect::ModalDamping(effect) => effect,
-            Effect::MissingMode(effect) => effect,
-            Effect::StiffnessDrift(effect) => effect,
-            Effect::ActuatorSaturation(effect) => effect,
-            Effect::ActuatorDeadZone(effect) => effect,
-            Effect::ActuatorHysteresis(effect) => effect,
-            Effect::ActuatorSlewLimit(effect) => effect,
-            Effect::ActuatorLag(effect) => effect,
-            Effect::ActuatorGain(effect) => effect,
-            Effect::ActuatorDelay(effect) => effect,
-            Effect::ActuatorCrosstalk(effect) => effect,
-            Effect::ActuatorGainDrift(effect) => effect,
-            Effect::SensorSaturation(effect) => effect,
-            Effect::SensorGain(effect) => effect,
-            Effect::SensorDelay(effect) => effect,
-            Effect::SensorLag(effect) => effect,
-            Effect::SensorCrosstalk(effect) => effect,
-            Effect::SensorOffset(effect) => effect,
-            Effect::SensorDrift(effect) => effect,
-            Effect::MainsHum(effect) => effect,
-            Effect::SensorNoise(effect) => effect,
-            Effect::SensorQuantisation(effect) => effect,
-            Effect::SensorDropout(effect) => effect,
-            Effect::NarrowbandDisturbance(effect) => effect,
-            Effect::ColouredDisturbance(effect) => effect,
-            Effect::ChannelProduct(effect) => effect,
-            Effect::CommandPlay(effect) => effect,
-            Effect::DelayJitter(effect) => effect,
-            Effect::ParametricStiffness(effect) => effect,
-            Effect::SensorRateLimit(effect) => effect,
-            Effect::SensorSquare(effect) => effect,
-            Effect::StickingValve(effect) => effect,
-            Effect::VaryingDamping(effect) => effect,
-        }
-    }
-
-    /// Its name in the vocabulary; outsiders' begin with `x-`.
-    #[must_use]
-    pub fn kind(&self) -> &'static str {
-        match self {
-            Effect::CubicStiffness(_) => "cubic-stiffness",
-            Effect::QuadraticStiffness(_) => "quadratic-stiffness",
-            Effect::CoulombFriction(_) => "coulomb-friction",
-            Effect::Clearance(_) => "clearance",
-            Effect::JointHysteresis(_) => "joint-hysteresis",
-            Effect::QuadraticDamping(_) => "quadratic-damping",
-            Effect::ModalFrequency(_) => "modal-frequency",
-            Effect::ModalDamping(_) => "modal-damping",
-            Effect::MissingMode(_) => "missing-mode",
-            Effect::StiffnessDrift(_) => "stiffness-drift",
-            Effect::ActuatorSaturation(_) => "actuator-saturation",
-            Effect::ActuatorDeadZone(_) => "actuator-dead-zone",
-            Effect::ActuatorHysteresis(_) => "actuator-hysteresis",
-            Effect::ActuatorSlewLimit(_) => "actuator-slew-limit",
-            Effect::ActuatorLag(_) => "actuator-lag",
-            Effect::ActuatorGain(_) => "actuator-gain",
-            Effect::ActuatorDelay(_) => "actuator-delay",
-            Effect::ActuatorCrosstalk(_) => "actuator-crosstalk",
-            Effect::ActuatorGainDrift(_) => "actuator-gain-drift",
-            Effect::SensorSaturation(_) => "sensor-saturation",
-            Effect::SensorGain(_) => "sensor-gain",
-            Effect::SensorDelay(_) => "sensor-delay",
-            Effect::SensorLag(_) => "sensor-lag",
-            Effect::SensorCrosstalk(_) => "sensor-crosstalk",
-            Effect::SensorOffset(_) => "sensor-offset",
-            Effect::SensorDrift(_) => "sensor-drift",
-            Effect::MainsHum(_) => "mains-hum",
-            Effect::SensorNoise(_) => "sensor-noise",
-            Effect::SensorQuantisation(_) => "sensor-quantisation",
-            Effect::SensorDropout(_) => "sensor-dropout",
-            Effect::NarrowbandDisturbance(_) => "narrowband-disturbance",
-            Effect::ColouredDisturbance(_) => "coloured-disturbance",
-            Effect::ChannelProduct(_) => "x-channel-product",
-            Effect::CommandPlay(_) => "x-command-play",
-            Effect::DelayJitter(_) => "x-delay-jitter",
-            Effect::ParametricStiffness(_) => "x-parametric-stiffness",
-            Effect::SensorRateLimit(_) => "x-sensor-rate-limit",
-            Effect::SensorSquare(_) => "x-sensor-square",
-            Effect::StickingValve(_) => "x-sticking-valve",
-            Effect::VaryingDamping(_) => "x-varying-damping",
-        }
-    }
-
     /// One that changes nothing.
     pub(crate) fn idle() -> Self {
         Effect::ActuatorGain(actuator::ActuatorGain { at: Input(0), gain: 1.0 })
