@@ -32,10 +32,9 @@ pub(crate) fn named(explained: &Explained, shown: &[&Unseen], weighted: &[Weight
     let mut named = Vec::new();
     for (which, placed) in best.effects.iter().enumerate() {
         let mut parameters = BTreeMap::new();
-        for (parameter, &value) in placed.effect.parameters(setting).iter().zip(&placed.parameters) {
+        for (parameter, &value) in placed.effect.parameters(setting).into_iter().zip(&placed.parameters) {
             let half = quantile * best.covariance[(at, at)].max(0.0).sqrt();
-            let ci95 = half.is_finite().then_some([value - half, value + half]);
-            parameters.insert(parameter.name.clone(), Value { value, ci95, unit: parameter.unit.clone() });
+            parameters.insert(parameter.name, stated(value, half, parameter.unit));
             at += 1;
         }
         named.push(NamedEffect {
@@ -47,15 +46,10 @@ pub(crate) fn named(explained: &Explained, shown: &[&Unseen], weighted: &[Weight
         });
     }
     for Unseen { placed, doubt, .. } in shown {
-        let stated = placed.effect.parameters(setting).into_iter().zip(placed.parameters.iter().zip(doubt));
-        let parameters = stated
-            .map(|(p, (&value, doubt))| {
-                // What is known to the last digit is known to rounding.
-                let half = (1.96 * doubt).max(1e-9 * value.abs());
-                let ci95 = half.is_finite().then_some([value - half, value + half]);
-                (p.name.clone(), Value { value, ci95, unit: p.unit.clone() })
-            })
-            .collect();
+        let all = placed.effect.parameters(setting).into_iter().zip(placed.parameters.iter().zip(doubt));
+        // What is known to the last digit is known to rounding.
+        let half = |value: f64, doubt: f64| (1.96 * doubt).max(1e-9 * value.abs());
+        let parameters = all.map(|(p, (&value, &doubt))| (p.name, stated(value, half(value, doubt), p.unit))).collect();
         named.push(NamedEffect {
             effect: placed.effect.name().into(),
             location: placed.place.location(names),
@@ -65,6 +59,11 @@ pub(crate) fn named(explained: &Explained, shown: &[&Unseen], weighted: &[Weight
         });
     }
     named
+}
+
+/// A value with half the length of its interval; none where nothing bounds it.
+fn stated(value: f64, half: f64, unit: String) -> Value {
+    Value { value, ci95: half.is_finite().then_some([value - half, value + half]), unit }
 }
 
 pub(crate) fn place(before: &Map, outputs: &[String], found: &Search, shown: &[&Unseen]) -> Where {

@@ -90,14 +90,18 @@ pub fn shrink(before: f64, after: f64, floor: f64) -> f64 {
 pub fn shrink_interval(before: &Blocks, after: &Blocks, floor: f64) -> [f64; 2] {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let count = before.error[0].len();
-    let mut drawn: Vec<f64> = (0..DRAWS)
-        .map(|_| {
-            let blocks: Vec<usize> = (0..count).map(|_| rng.random_range(0..count)).collect();
-            shrink(before.of(&blocks), after.of(&blocks), floor)
-        })
-        .collect();
+    middle((0..DRAWS).map(|_| {
+        let blocks: Vec<usize> = (0..count).map(|_| rng.random_range(0..count)).collect();
+        shrink(before.of(&blocks), after.of(&blocks), floor)
+    }))
+}
+
+/// The middle 95 % of what was drawn; NaN of nothing.
+pub fn middle(drawn: impl Iterator<Item = f64>) -> [f64; 2] {
+    let mut drawn: Vec<f64> = drawn.collect();
     drawn.sort_by(f64::total_cmp);
-    [drawn[DRAWS / 40], drawn[DRAWS - 1 - DRAWS / 40]]
+    let Some(last) = drawn.len().checked_sub(1) else { return [f64::NAN; 2] };
+    [drawn[last / 40], drawn[last - last / 40]]
 }
 
 /// The gap to expect on a record of a level like `level`, from fitted ones: each output's error power as a + b level^2 over all

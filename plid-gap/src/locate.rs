@@ -5,6 +5,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
+use crate::gap::middle;
 use crate::levels::ALIKE;
 use crate::noise::NoiseModel;
 use crate::plant::C;
@@ -92,7 +93,7 @@ pub fn map(records: &[Record], errors: &[Channels], noise: &NoiseModel, rate: f6
     let whole = Sums::of(&blocks, &vec![1.0; blocks.len()]);
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let drawn: Vec<Sums> = (0..DRAWS).map(|_| Sums::of(&blocks, &draw(&blocks, &mut rng))).collect();
-    let estimate = |of: &dyn Fn(&Sums) -> f64| Estimate { value: of(&whole), ci95: interval(drawn.iter().map(of)) };
+    let estimate = |of: &dyn Fn(&Sums) -> f64| Estimate { value: of(&whole), ci95: middle(drawn.iter().map(of)) };
     let row = |of: fn(&Sums) -> &DMatrix<f64>, k: usize| estimate(&move |sums| of(sums).row(k).sum());
     let level = |index: usize| LevelGap {
         record: records[index].name.clone(),
@@ -106,7 +107,7 @@ pub fn map(records: &[Record], errors: &[Channels], noise: &NoiseModel, rate: f6
     let clear: Vec<(usize, f64)> = clear.map(|(level, &index)| (index, level.level)).collect();
     let slope = whole
         .slope(&clear)
-        .map(|value| Estimate { value, ci95: interval(drawn.iter().filter_map(|sums| sums.slope(&clear))) });
+        .map(|value| Estimate { value, ci95: middle(drawn.iter().filter_map(|sums| sums.slope(&clear))) });
     Map {
         outputs: (0..whole.share.nrows()).map(|o| row(|sums| &sums.share, o)).collect(),
         bands: (0..BANDS).map(|b| estimate(&move |sums| sums.share.column(b).sum())).collect(),
@@ -274,12 +275,4 @@ fn of_levels(records: &[Record]) -> Vec<usize> {
     };
     let [random, periodic] = [false, true].map(driven);
     if differ(&random) || !differ(&periodic) && !random.is_empty() { random } else { periodic }
-}
-
-/// The middle 95 %.
-fn interval(values: impl Iterator<Item = f64>) -> [f64; 2] {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    let Some(last) = values.len().checked_sub(1) else { return [f64::NAN; 2] };
-    [values[last / 40], values[last - last / 40]]
 }
