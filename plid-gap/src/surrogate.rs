@@ -6,7 +6,7 @@
 
 use ndarray::Array2;
 use plid_model::Model;
-use plid_refine::{Candidate, Noise, Options, RefineError, Start};
+use plid_refine::{Candidate, Noise, Options, RefineError, Start, free_run_error};
 
 use crate::audit::driven;
 use crate::case::Case;
@@ -23,6 +23,15 @@ use crate::whiten::Whitener;
 
 /// States where the case does not say.
 const STATES: usize = 24;
+
+/// About the most states of a simulator that is identified with as many as it has.
+const MOST_STATES: usize = 40;
+
+/// Relative error on what it was not fitted to, below which a model is the simulator itself: a hundredth of what is noise as a rule.
+const EXACT: f64 = 1e-4;
+
+/// Share of an output's power that rounding leaves at least.
+const ROUNDING: f64 = 1e-20;
 
 /// Steps of the refinement.
 const ITERATIONS: usize = 60;
@@ -56,9 +65,7 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<StandIn, Gap
         ));
     }
     let of_simulator = fitted.iter().all(|record| record.simulated.is_some());
-    let states = case.config.states.unwrap_or(STATES);
-    let what = if of_simulator { "the simulated outputs" } else { "the records" };
-    say(format!("identifying {states} states from {what}"));
+    say(format!("identifying a model from {}", if of_simulator { "the simulated outputs" } else { "the records" }));
     let target = |record: &Record| match &record.simulated {
         Some(simulated) if of_simulator => matrix(simulated),
         _ => matrix(&record.y),
@@ -83,20 +90,64 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<StandIn, Gap
     let rate = case.config.rate();
     // A start that the tail of the records judges must not have learnt from it.
     let head = plid_refine::head(&records).map_err(failed)?;
-    let start = plid_refine::subspace(&head, states, None, rate, &options).map_err(failed)?.model;
-    let starts = [Candidate { name: "subspace".into(), model: start }];
-    let choice = plid_refine::best_of(&starts, &records, &options, &|_, _| true).map_err(failed)?;
-    let unseen = choice.scores[choice.chosen].error;
-    let mut model = choice.refined.model;
+    let tried = of_simulator && case.config.states.is_none();
+    let Linear { mut model, std, unseen } = match tried.then(|| itself(&head, &records, rate)).flatten() {
+        Some(itself) => itself,
+        None => fitted_best(&head, &records, case.config.states.unwrap_or(STATES), rate, &options)?,
+    };
     model.inputs.clone_from(&case.config.inputs);
     model.outputs.clone_from(&case.config.outputs);
     model.initial_state = None;
-    let error = relative(&choice.refined.residual_variances, &arrays);
+    let error = relative(&std, &arrays);
     let words = words(&model, &case.for_simulation, of_simulator, error, unseen);
-    let std: Vec<f64> = choice.refined.residual_variances.iter().map(|variance| variance.sqrt()).collect();
     let doubt = doubt(&model, &fitted, &std)?;
     let model_error = if of_simulator { None } else { model_error(&model, &fitted, !case.for_simulation.is_empty())? };
     Ok(StandIn { model, words, doubt, model_error })
+}
+
+/// A linear model of records.
+struct Linear {
+    model: Model,
+    /// Of its free-run error on all of them, of each output.
+    std: Vec<f64>,
+    /// Relative free-run error behind the head of the records.
+    unseen: f64,
+}
+
+/// The linear simulator itself, with as many states as it has. None where its outputs do not tell, or it does not foretell them behind the head.
+fn itself(head: &[plid_refine::Record], records: &[plid_refine::Record], rate: f64) -> Option<Linear> {
+    let found = plid_refine::exact(head, MOST_STATES, true, rate).ok()??;
+    let start = |k: usize| &found.initial_states[k];
+    let last = records.len().checked_sub(1)?;
+    let unseen = free_run_error(&found.model, &records[last], start(last), head[last].samples()).ok()?;
+    let mut sums = vec![(0.0, 0.0); found.model.p()];
+    for (k, record) in records.iter().enumerate() {
+        let run = plid_model::simulate(&found.model, record.inputs, start(k)).ok()?;
+        for ((o, (error, output)), y) in sums.iter_mut().enumerate().zip(record.outputs.columns()) {
+            for (y, simulated) in y.iter().zip(run.outputs.column(o)).filter(|(y, _)| y.is_finite()) {
+                *error += (y - simulated).powi(2);
+                *output += y * y;
+            }
+        }
+    }
+    let samples = records.iter().map(plid_refine::Record::samples).sum::<usize>() as f64;
+    let std = sums.iter().map(|(error, output)| (error.max(ROUNDING * output) / samples).sqrt()).collect();
+    (unseen < EXACT).then_some(Linear { model: found.model, std, unseen })
+}
+
+/// The best model of so many states.
+fn fitted_best(
+    head: &[plid_refine::Record],
+    records: &[plid_refine::Record],
+    states: usize,
+    rate: f64,
+    options: &Options,
+) -> Result<Linear, GapError> {
+    let start = plid_refine::subspace(head, states, None, rate, options).map_err(failed)?.model;
+    let starts = [Candidate { name: "subspace".into(), model: start }];
+    let choice = plid_refine::best_of(&starts, records, options, &|_, _| true).map_err(failed)?;
+    let std = choice.refined.residual_variances.iter().map(|variance| variance.sqrt()).collect();
+    Ok(Linear { model: choice.refined.model, std, unseen: choice.scores[choice.chosen].error })
 }
 
 /// Takes from what was measured what the model does not follow of the simulator's own outputs, where these are given: what is left to
@@ -160,13 +211,13 @@ fn words(model: &Model, chosen: &[Record], of_simulator: bool, error: f64, unsee
 }
 
 /// RMS of the free-run error, each output scaled to unit RMS.
-fn relative(variances: &[f64], arrays: &[(Array2<f64>, Array2<f64>)]) -> f64 {
+fn relative(std: &[f64], arrays: &[(Array2<f64>, Array2<f64>)]) -> f64 {
     let share = |o: usize| {
         let all = arrays.iter().flat_map(|(_, y)| y.column(o).to_vec()).filter(|y| y.is_finite());
         let (sum, count) = all.fold((0.0, 0.0), |(s, n), y| (s + y * y, n + 1.0));
-        variances[o] * count / f64::max(sum, f64::MIN_POSITIVE)
+        std[o] * std[o] * count / f64::max(sum, f64::MIN_POSITIVE)
     };
-    ((0..variances.len()).map(share).sum::<f64>() / variances.len() as f64).sqrt()
+    ((0..std.len()).map(share).sum::<f64>() / std.len() as f64).sqrt()
 }
 
 fn matrix(channels: &[Vec<f64>]) -> Array2<f64> {
@@ -209,14 +260,21 @@ mod tests {
     fn the_engineers_simulator_is_identified_not_the_records() {
         // The simulator is another truss than the one that was measured.
         let mut case = case(&truss(4), &truss(3));
-        case.config.states = Some(truss(4).n());
         for record in &mut case.records {
             record.simulated = Some(run(&truss(4), &record.u));
         }
         let StandIn { model, words, .. } = identify(&case, &mut |_| {}).unwrap();
-        assert!(apart(&model, &truss(4)) < 1e-3, "{}", apart(&model, &truss(4)));
+        // As many states as it has, and no rounding worth a name.
+        assert_eq!(model.n(), truss(4).n());
+        assert!(apart(&model, &truss(4)) < 1e-5, "{}", apart(&model, &truss(4)));
         assert!(apart(&model, &truss(3)) > 0.5);
-        assert!(words.contains("it misses them by 0.0"), "{words}");
+        assert!(words.contains("it misses them by 0.00 %"), "{words}");
+        // What is rounded to four digits has no order that shows.
+        for value in case.records.iter_mut().flat_map(|record| record.simulated.iter_mut().flatten().flatten()) {
+            *value = (1e4 * *value).round() / 1e4;
+        }
+        let StandIn { model, words, .. } = identify(&case, &mut |_| {}).unwrap();
+        assert_eq!(model.n(), STATES, "{words}");
         // Too few states say so.
         case.config.states = Some(6);
         let words = identify(&case, &mut |_| {}).unwrap().words;

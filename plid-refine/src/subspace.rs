@@ -28,7 +28,7 @@ const BLOCK: usize = 2;
 /// Parts into which windows are dealt whatever the number of threads, so that the bits do not depend on it.
 const PARTS: usize = 2;
 /// Directions of Gamma weaker than this, relative to the strongest, are rounding.
-const RANK: f64 = 1e-13;
+pub(crate) const RANK: f64 = 1e-13;
 
 /// A subspace estimate.
 #[derive(Clone, Debug)]
@@ -69,34 +69,63 @@ pub fn subspace(
         let expected = "long enough that p (horizon - 1) is no less than the number of states";
         return Err(RefineError::Setting { setting: "horizon", value: i as f64, expected });
     }
-    let factor = triangle(&data, i)?;
-    let (inputs, past) = (m * i, (2 * m + p) * i);
-    // Rows of R are columns of L: L32 takes the future outputs along the past.
-    let l32 = Mat::from_fn(p * i, past - inputs, |row, column| factor[(inputs + column, past + row)]);
-    let failed = |what| RefineError::Decomposition { what };
-    let svd = l32.thin_svd().map_err(|_| failed("the singular value decomposition"))?;
-    let singular_values: Vec<f64> = svd.S().column_vector().iter().copied().collect();
-    let gamma = DMatrix::from_fn(p * i, states, |row, k| svd.U()[(row, k)] * singular_values[k].sqrt());
-    let (upper, lower) = (gamma.rows(0, p * (i - 1)), gamma.rows(p, p * (i - 1)));
-    let a = upper
-        .into_owned()
-        .svd(true, true)
-        .solve(&lower.into_owned(), RANK * singular_values[0].sqrt())
-        .map_err(|_| failed("the least-squares fit of A"))?;
+    let window = Window::new(&data, i)?;
+    let (a, c) = window.shift(states)?;
     // nalgebra's iteration has no end on some matrices: beyond the data's order the shift is rounding.
     let poles = Mat::from_fn(states, states, |row, column| a[(row, column)]).eigenvalues();
     let poles = poles.map_err(|_| failed("the eigenvalues of A"))?;
     let mirrored = poles.iter().filter(|z| z.norm() > 1.0).count();
-    let c = gamma.rows(0, p).into_owned();
     let sections = Sections::of_poles(&a, &c, m, options.radius, options.feedthrough)?;
     let point = Point::new(sections, &data).fit(&data, Free::Inputs)?;
     Ok(Subspace {
         model: in_units(&point.model, &data, sample_rate_hz)?,
         initial_states: initial_states(&point, &data),
-        singular_values,
+        singular_values: window.singular_values,
         horizon: i,
         mirrored,
     })
+}
+
+/// What the windows of 2 i samples say of the observable directions.
+pub(crate) struct Window {
+    /// U, (p i) x (p i).
+    directions: Mat<f64>,
+    /// Of L32, largest first.
+    pub singular_values: Vec<f64>,
+    outputs: usize,
+}
+
+impl Window {
+    /// # Errors
+    /// Too few windows without a gap.
+    pub fn new(data: &Data, i: usize) -> Result<Self, RefineError> {
+        let (m, p) = (data.m(), data.p());
+        let factor = triangle(data, i)?;
+        let (inputs, past) = (m * i, (2 * m + p) * i);
+        // Rows of R are columns of L: L32 takes the future outputs along the past.
+        let l32 = Mat::from_fn(p * i, past - inputs, |row, column| factor[(inputs + column, past + row)]);
+        let svd = l32.thin_svd().map_err(|_| failed("the singular value decomposition"))?;
+        let singular_values = svd.S().column_vector().iter().copied().collect();
+        Ok(Self { directions: svd.U().to_owned(), singular_values, outputs: p })
+    }
+
+    /// A and C of the first `states` directions.
+    pub fn shift(&self, states: usize) -> Result<(DMatrix<f64>, DMatrix<f64>), RefineError> {
+        let (values, p) = (&self.singular_values, self.outputs);
+        let rows = self.directions.nrows();
+        let gamma = DMatrix::from_fn(rows, states, |row, k| self.directions[(row, k)] * values[k].sqrt());
+        let (upper, lower) = (gamma.rows(0, rows - p), gamma.rows(p, rows - p));
+        let a = upper
+            .into_owned()
+            .svd(true, true)
+            .solve(&lower.into_owned(), RANK * values[0].sqrt())
+            .map_err(|_| failed("the least-squares fit of A"))?;
+        Ok((a, gamma.rows(0, p).into_owned()))
+    }
+}
+
+fn failed(what: &'static str) -> RefineError {
+    RefineError::Decomposition { what }
 }
 
 /// R of the windows' rows.
