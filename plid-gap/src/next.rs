@@ -28,7 +28,7 @@ const OPEN: f64 = 0.02;
 const SAMPLES: usize = 2000;
 
 /// The experiment to make next, in words with its predicted gain; none where nothing is open.
-pub(crate) fn next_experiment<'a>(
+pub fn next_experiment<'a>(
     explained: &Explained<'a>,
     weighted: &[Weighted<'a>],
     best: &[Placed],

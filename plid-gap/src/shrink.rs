@@ -18,7 +18,7 @@ const FREE_STEPS: usize = 12;
 
 /// Gaps on held-out records, or on the loudest driven one where nothing is held out. `plant` and `actions` are the simulation with the
 /// effects.
-pub(crate) fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], limits: &Limits) -> Gap {
+pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], limits: &Limits) -> Gap {
     let Explained { ready, quick, refitted, found, .. } = explained;
     let problem = &ready.problem;
     let loudest = loudest(&problem.records);

@@ -1,0 +1,144 @@
+//! The diagnosis step by step: each is a function of its own, with what it takes and what it gives.
+//!
+//! `plid::gap::diagnose` makes them all. Here one of them can be taken out, looked at, or replaced.
+//!
+//! ```sh
+//! cargo run --release --example gap_steps               # on a case that is drawn: a stiffening spring in a beam
+//! cargo run --release --example gap_steps -- CASE.toml
+//! ```
+
+use std::cell::OnceCell;
+use std::path::Path;
+
+use plid::gap::audit::audit;
+use plid::gap::case::Case;
+use plid::gap::effects::{Library, Names};
+use plid::gap::explain::{Rules, explain};
+use plid::gap::next::next_experiment;
+use plid::gap::prepare::prepare;
+use plid::gap::problem::Placed;
+use plid::gap::refit::{STEPS, refit};
+use plid::gap::screen::{Base, screen};
+use plid::gap::separable::{Foretold, of_screen, rivals};
+use plid::gap::shrink::gaps;
+use plid::gap::unseen::unseen;
+use plid::gap::verdict::weigh;
+use plid::gap::{GapError, locate};
+use plid::testbed::gap::{Channels, EffectSpec, GapSpec, PlantKind, draw};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let case = match std::env::args().nth(1) {
+        Some(path) => Case::read(Path::new(&path))?,
+        None => drawn()?,
+    };
+    Ok(steps(&case)?)
+}
+
+fn steps(case: &Case) -> Result<(), GapError> {
+    let library = Library::standard();
+    let mut silent = |_| {};
+
+    // 0. Is the case sound? What can be put right is.
+    let audit = audit(case, &library, &[], &mut silent)?;
+    audit.case.warnings.iter().for_each(|warning| println!("audit: {warning}"));
+    let model = audit.case.model.as_ref().ok_or_else(|| GapError::Failed("the audit gives a model".into()))?;
+
+    // 1, 2. The simulation in its modes, the noise, what is held out.
+    let ready = prepare(model, &audit.case.records, &audit.known)?;
+    let problem = &ready.problem;
+    let names = problem.setting.names.clone();
+    println!(
+        "{} modes; noise {:.4?} RMS; {} held out",
+        problem.plant.modes.len(),
+        ready.noise.rms(),
+        ready.held_out.len()
+    );
+
+    // Where the gap lies.
+    let map = locate::map(&problem.records, &locate::errors(problem), &ready.noise, problem.plant.rate);
+    for (name, share) in names.outputs.iter().zip(&map.outputs) {
+        println!("of the gap at {name}: {:.2} ({:.2} to {:.2})", share.value, share.ci95[0], share.ci95[1]);
+    }
+
+    // 3. What the simulation may be off by itself.
+    let refitted = refit(problem, STEPS);
+    let rows = problem.rows() as f64;
+    println!("after the bounded refit: {:.1} times the noise's power", refitted.cost / rows);
+
+    // 4. Every effect at every place by its trace, and whether these records can part the first of them.
+    let fit = refitted.as_fit();
+    let tangent = problem.tangent(&refitted.plant);
+    let base = Base {
+        problem,
+        tangent: &tangent,
+        plant: &refitted.plant,
+        eta: &fit.eta,
+        effects: &[],
+        residual: &fit.residual,
+        bold: false,
+    };
+    let mut entries = screen(&base, &library, |_| false);
+    entries.truncate(5);
+    for entry in &entries {
+        println!(
+            "screen: {} gains {:.0}, {:.0} % absorbed",
+            said(&entry.placed, &names),
+            entry.gain,
+            100.0 * entry.absorbed
+        );
+    }
+    if let Some(overlap) = of_screen(&base, &entries) {
+        println!("cosine of the first two: {:.3}", overlap.cosine[(0, 1)]);
+    }
+
+    // 5, 7. Fits, up to three effects, and whether they suffice.
+    let rules = Rules { suspects: &[], exclude: &[], without: &[] };
+    let found = explain(ready, refitted, &library, &rules, &OnceCell::new(), &mut silent);
+    let best = &found.found.best;
+    for placed in &best.effects {
+        let sizes: Vec<String> = placed.parameters.iter().map(|size| format!("{size:.4e}")).collect();
+        println!("found: {}, {}", said(placed, &names), sizes.join(", "));
+    }
+    println!("something else is as likely as {:.2}", found.judged.unknown);
+
+    // 6. What no free run shows.
+    for noise in unseen(&found.ready, &library).iter().filter(|u| u.gain > 0.0) {
+        println!("in quiet records: {} gains {:.0}", said(&noise.placed, &names), noise.gain);
+    }
+    let weighted = weigh(&found.found.candidates, found.judged.unknown, rows, found.level, &[]);
+
+    // 8. How far, on what was held out.
+    let problem = &found.ready.problem;
+    let plant = problem.nuisance.apply(&problem.plant, &found.fit().eta);
+    let gaps = gaps(&found, &plant, &problem.actions(&found.fit().effects), &audit.case.config.nuisance);
+    println!("held out: {:.2} % as given, {:.2} % with it", 100.0 * gaps.as_given, 100.0 * gaps.with_effect);
+
+    // 9. What would part what is left.
+    let foretold = Foretold::new(problem, found.fit());
+    let rivals = rivals(&foretold, &best.effects, &found.found.candidates);
+    println!(
+        "next: {}",
+        next_experiment(&found, &weighted, &best.effects, &foretold, &rivals).unwrap_or("nothing".into())
+    );
+    Ok(())
+}
+
+fn said(placed: &Placed, names: &Names) -> String {
+    format!("{} at {}", placed.effect.name(), placed.place.location(names))
+}
+
+/// A beam of two channels with a spring that stiffens; the simulation knows nothing of it, and is slightly off.
+fn drawn() -> Result<Case, Box<dyn std::error::Error>> {
+    let spring = EffectSpec { kind: "cubic-stiffness".into(), at: None, law: None, gap: 0.1 };
+    let spec = GapSpec {
+        effects: vec![spring],
+        perturbed: true,
+        plant: PlantKind::Beam,
+        channels: Channels { inputs: 2, outputs: 2 },
+        length: 0.4,
+        ..GapSpec::default()
+    };
+    let folder = tempfile::tempdir()?;
+    draw(1, &spec)?.write(&folder.path().join("case"), &folder.path().join("label"))?;
+    Ok(Case::read(&folder.path().join("case/case.toml"))?)
+}
