@@ -47,10 +47,7 @@ fn parameters(report: Report, outcome: &Outcome) -> Report {
         for (name, value) in &effect.parameters {
             let interval = value.ci95.filter(|ends| ends.iter().all(|x| x.is_finite()));
             let interval = interval.map_or("not given".into(), |[low, high]| {
-                let text = |x| match Cell::significant(x, 4) {
-                    Cell::Number(text) | Cell::Text(text) => text,
-                };
-                Cell::Number(format!("{} to {}", text(low), text(high)))
+                Cell::Number(format!("{} to {}", Cell::significant(low, 4), Cell::significant(high, 4)))
             });
             let unit: &str = if value.unit.is_empty() { "1" } else { &value.unit };
             head.extend([name.as_str().into(), Cell::significant(value.value, 4), interval, unit.into()]);

@@ -3,6 +3,7 @@ use std::path::PathBuf;
 use plid::gap::case::Case;
 use plid::gap::effects::Library;
 use plid::gap::{diagnose, write};
+use plid::lab::report::Cell;
 
 use super::{Failure, Voice, directory, progress::Spinner, voice};
 
@@ -97,10 +98,14 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     let mut text = format!("{}\n", outcome.diagnosis.sentence);
     for effect in &outcome.diagnosis.effects {
         for (name, value) in &effect.parameters {
-            let interval = value.ci95.map(|[a, b]| format!(" ({a:.4e} to {b:.4e})")).unwrap_or_default();
+            let short = |x| Cell::significant(x, 4);
+            let interval = value.ci95.map(|[a, b]| format!(" ({} to {})", short(a), short(b))).unwrap_or_default();
             text += &format!(
-                "  {} at {}: {name} = {:.5e} {}{interval}\n",
-                effect.effect, effect.location, value.value, value.unit
+                "  {} at {}: {name} = {} {}{interval}\n",
+                effect.effect,
+                effect.location,
+                short(value.value),
+                value.unit
             );
         }
     }
