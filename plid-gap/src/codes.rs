@@ -13,6 +13,9 @@ const ONSETS: usize = 4;
 /// Values beyond this share of the extremes may be clipped.
 const NEAR_RAIL: f64 = 0.85;
 
+/// From this share of a record's values on there is a rail, and not a peak that is seldom reached.
+const CROWDED: f64 = 0.01;
+
 /// Samples on each side with which a repeat's error is compared.
 const AROUND: usize = 60;
 
@@ -63,7 +66,12 @@ pub fn codes(records: &[Record], errors: &[Channels], sensor_std: &[f64]) -> Vec
             }
             let drops = !coarse && onsets >= ONSETS && onsets >= others;
             let dropout_rate = drops.then(|| onsets as f64 / samples as f64);
-            let repeats = jumps.into_iter().map(|jumps| if drops { jumps.repeats } else { Vec::new() }).collect();
+            let repeats = |jumps: Jumps| {
+                let mut all = if drops { [jumps.repeats, jumps.held_down].concat() } else { Vec::new() };
+                all.sort_unstable();
+                all
+            };
+            let repeats = jumps.into_iter().map(repeats).collect();
             let cut = coarse && cuts(records, o, steps[o]);
             Codes { step: steps[o], coarse, cut, dropout_rate, repeats }
         })
@@ -134,6 +142,8 @@ fn step(records: &[Record], o: usize) -> f64 {
 struct Jumps {
     /// Samples that repeat the one before meanwhile.
     repeats: Vec<usize>,
+    /// The same near an extreme from which the simulation goes further out: a converter that clips would do so too. Where samples drop out, these do as well.
+    held_down: Vec<usize>,
     /// Single samples that are out and repeat nothing. Where there are more of them than repeats, something else makes jumps (a noise with
     /// heavy tails, peaks that are held down), and in some of those two values are equal by chance.
     others: usize,
@@ -142,9 +152,10 @@ struct Jumps {
 /// Samples that repeat the one before while the simulation moves away: two equal values happen by chance, but then the error is as
 /// everywhere.
 fn jumps(y: &[f64], error: &[f64], noise: f64) -> Jumps {
-    // At the rails a clipped converter repeats: that is no dropout.
     let (low, high) = y.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), y| (l.min(*y), h.max(*y)));
-    let mut found = Jumps { repeats: Vec::new(), others: 0 };
+    let extreme = |y: f64| !(y > NEAR_RAIL * low && y < NEAR_RAIL * high);
+    let rail = y.iter().filter(|y| extreme(**y)).count() as f64 > CROWDED * y.len() as f64;
+    let mut found = Jumps { repeats: Vec::new(), held_down: Vec::new(), others: 0 };
     let mut first = 0;
     for k in 1..=y.len() {
         if k < y.len() && y[k] == y[first] {
@@ -157,11 +168,10 @@ fn jumps(y: &[f64], error: &[f64], noise: f64) -> Jumps {
             small(from.checked_sub(1)) && small(Some(k))
         };
         let single = k - first == 1;
-        if most(first) > OUT_OF_NOISE * noise
-            && y[first] > NEAR_RAIL * low
-            && y[first] < NEAR_RAIL * high
-            && (!single || calm(first))
-        {
+        // A converter that clips repeats too, while the simulation goes further out: that is no dropout.
+        let worst = (first..k).max_by(|a, b| error[*a].abs().total_cmp(&error[*b].abs())).unwrap_or(first);
+        let held_down = extreme(y[first]) && error[worst] * y[first] < 0.0;
+        if most(first) > OUT_OF_NOISE * noise && !(held_down && (rail || single)) && (!single || calm(first)) {
             let mut near: Vec<f64> =
                 error[first.saturating_sub(AROUND)..(k + AROUND).min(error.len())].iter().map(|e| e.abs()).collect();
             near.sort_by(f64::total_cmp);
@@ -169,10 +179,10 @@ fn jumps(y: &[f64], error: &[f64], noise: f64) -> Jumps {
             // Most hold the last good value; where another one is put in its place, the first of the run is wrong as well.
             let from = first + usize::from(!single && !out(error[first].abs()));
             if out(most(from)) && calm(from) {
-                if single {
-                    found.others += 1;
-                } else {
-                    found.repeats.extend(from..k);
+                match (single, held_down) {
+                    (true, _) => found.others += 1,
+                    (false, true) => found.held_down.extend(from..k),
+                    (false, false) => found.repeats.extend(from..k),
                 }
             }
         }
@@ -186,6 +196,51 @@ mod tests {
     use super::*;
     use crate::testing;
 
+    fn record(y: Channels) -> Record {
+        Record {
+            name: "random".into(),
+            excitation: Excitation::Random,
+            from_rest: true,
+            start_s: 0.0,
+            held_out: false,
+            u: Vec::new(),
+            y,
+            simulated: None,
+        }
+    }
+
+    /// Values that are held, of a smooth signal, on a grid: at its largest value too. What a clipped converter holds is none of that.
+    #[test]
+    fn what_drops_out_at_a_peak_is_seen_and_what_is_clipped_is_not() {
+        let white = testing::random_input(8, 3000, 1).remove(0);
+        let mut smooth = vec![0.0; white.len()];
+        for k in 2..white.len() {
+            smooth[k] = 1.7 * smooth[k - 1] - 0.95 * smooth[k - 2] + 0.2 * white[k];
+        }
+        let on_grid = |y: &f64| (y / 0.005).round() * 0.005;
+        let peak = (0..smooth.len()).max_by(|a, b| smooth[*a].abs().total_cmp(&smooth[*b].abs())).unwrap();
+        let mut held: Vec<f64> = smooth.iter().map(on_grid).collect();
+        let starts = [100, 400, 700, 1000, 1300, 1600, peak];
+        for start in starts {
+            (start + 1..start + 5).for_each(|k| held[k] = held[start]);
+        }
+        let errors = |y: &[f64]| vec![vec![y.iter().zip(&smooth).map(|(y, s)| y - s).collect::<Vec<f64>>()]];
+        let found = codes(&[record(vec![held.clone()])], &errors(&held), &[0.005]).remove(0);
+        assert!(found.dropout_rate.is_some());
+        let mut wanted: Vec<usize> = starts.iter().flat_map(|start| start + 1..start + 5).collect();
+        wanted.sort_unstable();
+        // One that moved by no more than the noise meanwhile is not wrong.
+        let wrong: Vec<usize> = wanted.iter().copied().filter(|k| (held[*k] - smooth[*k]).abs() > 0.1).collect();
+        assert!(wrong.iter().all(|k| found.repeats[0].contains(k)), "{wrong:?} {:?}", found.repeats[0]);
+        assert!(found.repeats[0].iter().all(|k| wanted.contains(k)), "{:?}", found.repeats[0]);
+        for share in [0.5, 0.9] {
+            let rail = share * smooth[peak].abs();
+            let clipped: Vec<f64> = smooth.iter().map(|y| on_grid(&y.clamp(-rail, rail))).collect();
+            let found = codes(&[record(vec![clipped.clone()])], &errors(&clipped), &[0.005]).remove(0);
+            assert_eq!(found.dropout_rate, None, "{share}");
+        }
+    }
+
     /// Three channels of one signal: fine, rounded coarsely, cut off coarsely; at steps from a fifth of its size to all of it.
     #[test]
     fn a_converter_that_cuts_is_told_from_one_that_rounds() {
@@ -193,17 +248,7 @@ mod tests {
             let y = testing::random_input(3, 4000, 1).remove(0);
             let rounded = y.iter().map(|y| share * (y / share).round()).collect();
             let cut: Vec<f64> = y.iter().map(|y| share * (y / share).trunc()).collect();
-            let record = Record {
-                name: "random".into(),
-                excitation: Excitation::Random,
-                from_rest: true,
-                start_s: 0.0,
-                held_out: false,
-                u: Vec::new(),
-                y: vec![y.clone(), rounded, cut],
-                simulated: None,
-            };
-            let mut records = vec![record];
+            let mut records = vec![record(vec![y.clone(), rounded, cut])];
             let errors = vec![vec![vec![0.0; 4000]; 3]];
             let found = codes(&records, &errors, &[1e-3; 3]);
             assert_eq!(

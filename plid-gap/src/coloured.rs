@@ -1,9 +1,10 @@
 //! Forces in a band that no command causes, found in the noise of quiet records.
 
-use crate::noise::Source;
+use crate::noise::{Band, Source};
 use crate::prepare::Prepared;
 use crate::scoring::scored;
 use crate::unseen::EVIDENCE;
+use crate::wandering::Wandering;
 
 /// Centres of bands, from here on in steps of 6 %, in Hz.
 const LOWEST: f64 = 15.0;
@@ -20,15 +21,11 @@ pub(crate) const NEAR_LINE: f64 = 0.04;
 /// Such a force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Coloured {
-    /// The port at which it acts.
-    pub port: usize,
-    /// Centre of its band.
-    pub hz: f64,
-    /// Width over centre.
-    pub width: f64,
+    /// Where it acts, and about which frequency.
+    pub band: Band,
     /// Its standard deviation, in the port's force.
     pub a: f64,
-    /// Relative standard deviations of `a` and of `hz`.
+    /// Relative standard deviations of `a` and of the centre.
     pub doubt: [f64; 2],
     /// Twice the log likelihood that it gains.
     pub gain: f64,
@@ -37,7 +34,7 @@ pub struct Coloured {
 impl Coloured {
     /// As a source of noise.
     pub fn source(&self) -> Source {
-        Source::Band(self.port, self.hz, self.width)
+        Source::Band(self.band)
     }
 }
 
@@ -52,25 +49,26 @@ pub fn coloured(ready: &Prepared) -> Option<Coloured> {
     if 2.0 * (plain.misfit - free.misfit) < EVIDENCE {
         return None;
     }
-    let mut best: Option<(f64, usize, f64, f64)> = None;
+    let mut best: Option<(f64, Band)> = None;
     let mut hz = LOWEST;
     while hz < 0.45 * plant.rate {
         for port in 0..ready.declared.ports() {
             for width in WIDTHS {
-                let band = Source::Band(port, hz, width);
-                let fitted = ready.declared.fit_with(&ready.quiet, &[Source::Ambient, band], 8, THINNED);
+                let band = Band::pass(port, hz, width);
+                let fitted = ready.declared.fit_with(&ready.quiet, &[Source::Ambient, Source::Band(band)], 8, THINNED);
                 if best.is_none_or(|best| fitted.misfit < best.0) {
-                    best = Some((fitted.misfit, port, hz, width));
+                    best = Some((fitted.misfit, band));
                 }
             }
         }
         hz *= 1.06;
     }
-    let (_, port, hz, width) = best?;
+    let band = best?.1;
+    let hz = band.hz;
     if ready.wandering.iter().any(|line| (line.hz / hz - 1.0).abs() < NEAR_LINE) {
         return None;
     }
-    let rough = ready.declared.fit_with(&ready.quiet, &[Source::Ambient, Source::Band(port, hz, width)], 40, 1);
+    let rough = ready.declared.fit_with(&ready.quiet, &[Source::Ambient, Source::Band(band)], 40, 1);
     let misfit = rough.misfit;
     let gain = 2.0 * (plain.misfit - misfit);
     // An equal force on all modes is a guess, from few ports a poor one: where one mode alone that is pushed harder explains as much, it is no band.
@@ -87,25 +85,33 @@ pub fn coloured(ready: &Prepared) -> Option<Coloured> {
         return None;
     }
     let theta = rough.sources.last()?.1;
-    Some(Coloured { port, hz, width, a: size(theta, width, hz, plant.rate), doubt: [f64::INFINITY; 2], gain })
+    Some(Coloured { band, a: size(theta, band, plant.rate), doubt: [f64::INFINITY; 2], gain })
 }
 
 /// Standard deviation of a band of white noise of density theta: the band's share of half the sample rate, times pi / 2 for its skirts.
-fn size(theta: f64, width: f64, hz: f64, rate: f64) -> f64 {
-    (theta * std::f64::consts::FRAC_PI_2 * width * hz / (0.5 * rate)).sqrt()
+fn size(theta: f64, band: Band, rate: f64) -> f64 {
+    (theta * std::f64::consts::FRAC_PI_2 * band.width * band.hz / (0.5 * rate)).sqrt()
 }
 
 impl Coloured {
+    /// Whether quiet records rather show this than a line that wanders: a light resonance that a band pushes rings like one.
+    pub fn rather_than(&self, line: &Wandering, ready: &Prepared) -> bool {
+        let misfit = |band| ready.declared.fit_with(&ready.quiet, &[Source::Ambient, Source::Band(band)], 40, 1).misfit;
+        misfit(self.band) < misfit(Band::line(line.port, line.hz))
+    }
+
     /// From the steps of the search to the maximum, by all that the noise is fitted to. Forces of their own on the modes take what the band's skirts are elsewhere:
     /// centre, width and size are those of the band itself.
     pub fn sharpened(self, ready: &Prepared) -> Self {
         let rough = ready.declared.fit_beside(&ready.quiet, [self.source()]);
-        let Some(scored) = scored(&rough, &ready.quiet).filter(|scored| scored.is_near(self.hz)) else { return self };
-        let Some(&(Source::Band(port, hz, width), theta)) = scored.model.sources.last() else { return self };
+        let Some(scored) = scored(&rough, &ready.quiet).filter(|scored| scored.is_near(self.band.hz)) else {
+            return self;
+        };
+        let Some(&(Source::Band(band), theta)) = scored.model.sources.last() else { return self };
         let c = scored.covariance;
         // The logarithm of a is half the sum of those of theta, centre and width.
         let doubt = [0.5 * c.sum().max(0.0).sqrt(), c[(1, 1)].max(0.0).sqrt()];
-        Self { port, hz, width, a: size(theta, width, hz, ready.problem.plant.rate), doubt, gain: self.gain }
+        Self { band, a: size(theta, band, ready.problem.plant.rate), doubt, gain: self.gain }
     }
 }
 
@@ -163,7 +169,10 @@ mod tests {
 
         let mut ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
         let found = coloured(&ready);
-        assert!(found.is_some_and(|force| force.port == 1 && (force.hz / 137.0 - 1.0).abs() < 0.1), "{found:?}");
+        assert!(
+            found.is_some_and(|force| force.band.port == 1 && (force.band.hz / 137.0 - 1.0).abs() < 0.1),
+            "{found:?}"
+        );
         ready.problem = ready.problem.with_modal_places(&[1, 2]);
         assert_eq!(coloured(&ready), found);
     }

@@ -203,17 +203,14 @@ fn once<'a>(
         refitted = refit(&ready.problem, STEPS);
         return once(ready, refitted, library, rules, bold, None, say);
     }
-    if turn.is_some() && ready.renew_lines(&found.best.eta, &found.best.effects) {
-        say("a line wanders: once more without it".into());
-        refitted = refit(&ready.problem, STEPS);
-        return once(ready, refitted, library, rules, bold, None, say);
-    }
-    if !found.best.effects.is_empty() && ready.renew_noise(&simulated) {
+    let may_be = !off.contains(&Step::Unseen) && rules.may_be(library, "coloured-disturbance");
+    let lines = turn.is_some().then(|| ready.renew_lines(&found.best.eta, &found.best.effects, may_be)).flatten();
+    if lines.is_none() && !found.best.effects.is_empty() && ready.renew_noise(&simulated) {
         refitted.weigh_anew(&ready.problem);
         found.weigh_anew(&ready.problem, &off);
     }
-    if !off.contains(&Step::Unseen) && rules.may_be(library, "coloured-disturbance") && ready.renew_band(&simulated) {
-        say("a force acts in a band: once more with it in the noise".into());
+    if let Some(what) = lines.or_else(|| may_be.then(|| ready.renew_band(&simulated)).flatten()) {
+        say(format!("{what}: once more without it"));
         refitted = refit(&ready.problem, STEPS);
         return once(ready, refitted, library, rules, bold, None, say);
     }

@@ -75,8 +75,34 @@ pub enum Source {
     Mode(usize),
     /// White forces on all modes, as large on each as the ports' shapes are.
     Ambient,
-    /// A force at a port in a band: port, centre in Hz, relative width.
-    Band(usize, f64, f64),
+    /// A force at a port in a band.
+    Band(Band),
+}
+
+/// A band-pass of second order, tilted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Band {
+    /// The port that is pushed.
+    pub port: usize,
+    /// Centre.
+    pub hz: f64,
+    /// Width over centre.
+    pub width: f64,
+    /// Exponent of the frequency by which the amplitude is tilted: 0 is a band-pass, which falls off alike to both sides; -1 a resonator, which leaves slow
+    /// forces as they are.
+    pub slope: f64,
+}
+
+impl Band {
+    /// What a line makes whose phase wanders.
+    pub fn line(port: usize, hz: f64) -> Self {
+        Self::pass(port, hz, LINE_WIDTH)
+    }
+
+    /// One that falls off alike to both sides.
+    pub fn pass(port: usize, hz: f64, width: f64) -> Self {
+        Self { port, hz, width, slope: 0.0 }
+    }
 }
 
 /// A fitted noise model.
@@ -206,7 +232,7 @@ impl NoiseModel {
 
     /// With a line that wanders: a narrow band at a port, for what its modulation leaves about it.
     pub fn with_line(mut self, port: usize, hz: f64) -> Self {
-        let band = Source::Band(port, hz, LINE_WIDTH);
+        let band = Source::Band(Band::line(port, hz));
         let peak = self.columns(band, hz)[0].norm_squared();
         let start = self.sensor_variance() / peak.max(f64::MIN_POSITIVE);
         self.sources.push((band, start));
@@ -248,10 +274,10 @@ impl NoiseModel {
             Source::Actuator(i) => vec![plant.response(hz).column(i).into_owned()],
             Source::Mode(k) => vec![self.modal(k, hz)],
             Source::Ambient => (0..plant.modes.len()).map(|k| self.modal(k, hz)).collect(),
-            Source::Band(port, centre, width) => {
-                // A second-order band-pass of this width.
-                let ratio = hz / centre - centre / hz.max(1e-9);
-                let gain = 1.0 / (1.0 + (ratio / width).powi(2)).sqrt();
+            Source::Band(Band { port, hz: centre, width, slope }) => {
+                let of_centre = hz.max(1e-9) / centre;
+                let ratio = of_centre - 1.0 / of_centre;
+                let gain = of_centre.powf(slope) / (1.0 + (ratio / width).powi(2)).sqrt();
                 vec![plant.port_response(port, hz) * C::from(gain)]
             }
         }
@@ -292,7 +318,7 @@ impl NoiseModel {
         let mut steady = self.clone();
         steady
             .sources
-            .retain(|(source, _)| !matches!(source, Source::Band(port, hz, _) if self.lines.contains(&(*port, *hz))));
+            .retain(|(source, _)| !matches!(source, Source::Band(band) if self.lines.contains(&(band.port, band.hz))));
         for k in 0..bins {
             let density = steady.density((k as f64 + 0.5) * self.plant.rate / (2 * bins) as f64);
             sums.iter_mut().enumerate().for_each(|(o, sum)| *sum += density[(o, o)].re);

@@ -223,31 +223,46 @@ impl Prepared {
         true
     }
 
-    /// A line of this explanation that does not keep its phase leaves the explanation and becomes part of the noise. Whether there is one.
-    pub fn renew_lines(&mut self, eta: &[f64], effects: &[Placed]) -> bool {
-        let Some((which, line)) = wandering(self, eta, effects) else { return false };
+    /// A line that does not keep its phase is taken out of the records, or, where these rather show a force in a band and that `may_be`, the force becomes part of
+    /// the noise. In words which of the two there was; none where there is no such line.
+    pub fn renew_lines(&mut self, eta: &[f64], effects: &[Placed], may_be: bool) -> Option<&'static str> {
+        let (which, line) = wandering(self, eta, effects)?;
         let mut others = effects.to_vec();
         others.remove(which);
+        let simulated = outputs(&self.problem, eta, &others);
+        if may_be && self.coloured.is_none() {
+            // Lines were taken out of the quiet records before.
+            let mut whole = self.clone();
+            whole.quiet = whole.quiet_of(&simulated);
+            whole.noise = whole.fitted(&whole.quiet);
+            if let Some(force) = coloured(&whole).filter(|force| force.rather_than(&line, &whole)) {
+                self.quiet = whole.quiet;
+                self.with_band(force, &simulated);
+                return Some(BAND);
+            }
+        }
         self.declared = self.declared.clone().with_line(line.port, line.hz);
         let elsewhere = |hz: f64| (hz / line.hz - 1.0).abs() > NEAR_LINE;
         self.problem.setting.tones.retain(|tone| elsewhere(tone.hz));
         self.problem.setting.missing.retain(|mode| elsewhere(mode.hz));
         self.wandering.push(line);
-        self.quiet = self.quiet_of(&outputs(&self.problem, eta, &others));
+        self.quiet = self.quiet_of(&simulated);
         self.whiten_with(self.fitted(&self.quiet));
-        true
+        Some("a line wanders")
     }
 
-    /// A force in a band that acts in the quiet records becomes part of the noise: forces of their own on all modes stand for it badly. Whether there is one
+    /// A force in a band that acts in the quiet records becomes part of the noise: forces of their own on all modes stand for it badly. In words, if there is one
     /// that was not known before.
-    pub fn renew_band(&mut self, simulated: &[Channels]) -> bool {
+    pub fn renew_band(&mut self, simulated: &[Channels]) -> Option<&'static str> {
         if self.coloured.is_some() {
-            return false;
+            return None;
         }
-        self.coloured = coloured(self);
-        if self.coloured.is_none() {
-            return false;
-        }
+        self.with_band(coloured(self)?, simulated);
+        Some(BAND)
+    }
+
+    fn with_band(&mut self, force: Coloured, simulated: &[Channels]) {
+        self.coloured = Some(force);
         let longest = self.quiet.iter().map(|stretch| stretch.length).max().unwrap_or(1);
         let plant = &self.problem.plant;
         // A resonance that noise pushes looks like a line to a record that is too short to tell.
@@ -256,9 +271,8 @@ impl Prepared {
         };
         self.problem.setting.tones.retain(|tone| plant.modes.iter().all(|mode| apart(tone.hz, mode)));
         self.quiet = self.quiet_of(simulated);
-        self.coloured = self.coloured.map(|force| force.sharpened(self));
+        self.coloured = Some(force.sharpened(self));
         self.whiten_with(self.fitted(&self.quiet));
-        true
     }
 
     /// The noise that these stretches show.
@@ -338,6 +352,9 @@ const ROUNDED_LEVEL: f64 = 0.05;
 
 /// A relative change of an output's noise RMS from which whitening is done anew.
 const RENEWED: f64 = 0.05;
+
+/// In words.
+const BAND: &str = "a force acts in a band";
 
 /// Share of a driven record that stands alone which is held out.
 const LAST_SHARE: f64 = 0.25;

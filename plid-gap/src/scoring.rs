@@ -1,12 +1,12 @@
-//! The last digits of a noise model, and how well they are known: Fisher scoring of its Whittle likelihood over the logarithms of all variances, and of centre
-//! and width of bands.
+//! The last digits of a noise model, and how well they are known: Fisher scoring of its Whittle likelihood over the logarithms of all variances, and of centre,
+//! width and tilt of bands.
 //!
 //! With S the density at a bin and y the data there, the gradient of the log likelihood is the sum of y^H S^-1 dS S^-1 y - tr(S^-1 dS), and the expected
 //! information of two parameters that of tr(S^-1 dS_i S^-1 dS_j).
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::noise::{NoiseModel, Source, Stretch};
+use crate::noise::{Band, NoiseModel, Source, Stretch};
 use crate::plant::C;
 
 /// Steps at most.
@@ -25,6 +25,9 @@ const REACH: f64 = 1.4;
 /// Information on each logarithm beforehand: next to nothing, but enough where no bin tells.
 const BEFOREHAND: f64 = 0.1;
 
+/// How far a band may be tilted: a standard deviation, about none. A band-pass and a resonator are one apart, and their middles are told apart by it.
+const TILT: f64 = 1.0;
+
 /// Relative step of the derivatives by a band's centre and width.
 const DIFFERENCE: f64 = 1e-4;
 
@@ -37,6 +40,8 @@ enum Parameter {
     Centre(usize),
     /// Its width.
     Width(usize),
+    /// Its tilt: itself, no logarithm.
+    Slope(usize),
 }
 
 /// A model at its maximum, with the covariance of the logarithms of its last source's variance, centre and width.
@@ -53,8 +58,8 @@ const ELSEWHERE: f64 = 0.15;
 impl Scored {
     /// Whether the band's centre is still about here.
     pub fn is_near(&self, hz: f64) -> bool {
-        let Some((Source::Band(_, centre, width), _)) = self.model.sources.last() else { return false };
-        (centre / hz - 1.0).abs() < ELSEWHERE && *width < 1.0
+        let Some((Source::Band(band), _)) = self.model.sources.last() else { return false };
+        (band.hz / hz - 1.0).abs() < ELSEWHERE && band.width < 1.0
     }
 }
 
@@ -63,9 +68,9 @@ pub fn scored(from: &NoiseModel, stretches: &[Stretch]) -> Option<Scored> {
     let mut model = from.clone();
     let last = model.sources.len().checked_sub(1)?;
     let variances = (0..last).filter(|&j| !matches!(model.sources[j].0, Source::Actuator(_))).map(Parameter::Variance);
-    let band = [Parameter::Variance(last), Parameter::Centre(last), Parameter::Width(last)];
+    let band = [Parameter::Slope(last), Parameter::Variance(last), Parameter::Centre(last), Parameter::Width(last)];
     let parameters: Vec<Parameter> = variances.chain(band).collect();
-    let Source::Band(_, middle, _) = model.sources[last].0 else { return None };
+    let Source::Band(Band { hz: middle, .. }) = model.sources[last].0 else { return None };
     let near = |hz: f64| hz < REACH * middle && middle < REACH * hz;
     let tapered: Vec<Stretch> = stretches.iter().map(tapered).collect();
     // Every other bin of a tapered stretch is as good as independent of the others.
@@ -99,14 +104,14 @@ fn tapered(stretch: &Stretch) -> Stretch {
 }
 
 fn move_by(model: &mut NoiseModel, parameter: Parameter, step: f64) {
-    let factor = step.exp();
-    match parameter {
-        Parameter::Variance(j) => model.sources[j].1 *= factor,
-        Parameter::Centre(j) | Parameter::Width(j) => {
-            if let Source::Band(_, centre, width) = &mut model.sources[j].0 {
-                *(if matches!(parameter, Parameter::Centre(_)) { centre } else { width }) *= factor;
-            }
-        }
+    let (Parameter::Variance(j) | Parameter::Centre(j) | Parameter::Width(j) | Parameter::Slope(j)) = parameter;
+    match (parameter, &mut model.sources[j]) {
+        (Parameter::Variance(_), (_, variance)) => *variance *= step.exp(),
+        (Parameter::Centre(_), (Source::Band(band), _)) => band.hz *= step.exp(),
+        (Parameter::Width(_), (Source::Band(band), _)) => band.width *= step.exp(),
+        (Parameter::Slope(_), (Source::Band(band), _)) => band.slope += step,
+        // Nothing else has a centre.
+        _ => (),
     }
 }
 
@@ -114,6 +119,13 @@ fn move_by(model: &mut NoiseModel, parameter: Parameter, step: f64) {
 fn score(model: &NoiseModel, bins: &[(f64, DVector<C>)], parameters: &[Parameter]) -> (DVector<f64>, DMatrix<f64>) {
     let n = parameters.len();
     let (mut gradient, mut information) = (DVector::zeros(n), DMatrix::from_diagonal_element(n, n, BEFOREHAND));
+    for (i, parameter) in parameters.iter().enumerate() {
+        if let (Parameter::Slope(j), Some((Source::Band(band), _))) = (parameter, model.sources.last()) {
+            debug_assert_eq!(*j + 1, model.sources.len());
+            gradient[i] -= band.slope / (TILT * TILT);
+            information[(i, i)] = 1.0 / (TILT * TILT);
+        }
+    }
     for (hz, data) in bins {
         let Some(inverse) = model.density(*hz).try_inverse() else { continue };
         let seen = &inverse * data;
@@ -141,7 +153,7 @@ fn change(model: &NoiseModel, parameter: Parameter, hz: f64) -> DMatrix<C> {
     };
     match parameter {
         Parameter::Variance(j) => of(model.sources[j].0, model.sources[j].1),
-        Parameter::Centre(j) | Parameter::Width(j) => {
+        Parameter::Centre(j) | Parameter::Width(j) | Parameter::Slope(j) => {
             let moved = |step: f64| {
                 let mut other = model.clone();
                 move_by(&mut other, parameter, step);
@@ -179,17 +191,19 @@ mod tests {
         let plant = Plant::new(&truss(2)).unwrap();
         let (hz, width) = (150.0, 0.1);
         let mut truth = NoiseModel::declared(&plant, &[1e-3; 2], &[0.0; 2]);
-        let strong = 20.0 * 1e-6 / truth.columns(Source::Band(0, hz, width), hz)[0].norm_squared();
-        truth.sources.push((Source::Band(0, hz, width), strong));
+        let band = Source::Band(Band { slope: -1.0, ..Band::pass(0, hz, width) });
+        let strong = 20.0 * 1e-6 / truth.columns(band, hz)[0].norm_squared();
+        truth.sources.push((band, strong));
         let mut off = truth.clone();
         let last = off.sources.len() - 1;
-        off.sources[last] = (Source::Band(0, 0.97 * hz, 2.0 * width), 0.5 * strong);
+        off.sources[last] = (Source::Band(Band::pass(0, 0.97 * hz, 2.0 * width)), 0.5 * strong);
         let mut squares = [0.0; 3];
         const DRAWS: usize = 12;
         for seed in 0..DRAWS as u64 {
             let found = scored(&off, &[drawn(&truth, 60 + seed)]).unwrap();
-            let (Source::Band(_, centre, wide), theta) = found.model.sources[last] else { panic!("no band") };
-            for (j, ratio) in [theta / strong, centre / hz, wide / width].into_iter().enumerate() {
+            let (Source::Band(found_band), theta) = found.model.sources[last] else { panic!("no band") };
+            let ratios = [theta / strong, found_band.hz / hz, found_band.width / width];
+            for (j, ratio) in ratios.into_iter().enumerate() {
                 squares[j] += ratio.ln().powi(2) / found.covariance[(j, j)];
             }
             assert!(found.is_near(hz) && found.covariance[(1, 1)].sqrt() < 0.02, "{}", found.covariance);

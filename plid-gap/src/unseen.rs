@@ -3,7 +3,7 @@
 use crate::codes::Codes;
 use crate::coloured::{Coloured, NEAR_LINE};
 use crate::effects::{Effect, Library, Place};
-use crate::noise::NoiseModel;
+use crate::noise::{Band, NoiseModel};
 use crate::prepare::Prepared;
 use crate::problem::Placed;
 
@@ -63,7 +63,7 @@ pub fn unseen<'a>(ready: &Prepared, library: &'a Library) -> Vec<Unseen<'a>> {
         let doubt = [f64::INFINITY; 3];
         put("narrowband-disturbance", place, &[line.amplitude, line.hz, 0.0], &doubt, line.gain);
     }
-    if let Some(Coloured { port, hz, a, doubt, gain, .. }) = ready.coloured {
+    if let Some(Coloured { band: Band { port, hz, .. }, a, doubt, gain }) = ready.coloured {
         put("coloured-disturbance", Place::Frequency(hz, port), &[a, hz], &[doubt[0] * a, doubt[1] * hz], gain);
     }
     found

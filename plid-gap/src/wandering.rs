@@ -124,7 +124,7 @@ mod tests {
                 assert_eq!((which, found.port, found.hz), (0, 1, HZ));
                 assert!((found.amplitude / SIZE - 1.0).abs() < 0.05, "{}", found.amplitude);
             }
-            assert_eq!(ready.renew_lines(&eta, effects), wanders);
+            assert_eq!(ready.renew_lines(&eta, effects, true), wanders.then_some("a line wanders"));
             let problem = &ready.problem;
             let left = sum_of_squares(&problem.residual(&problem.plant, &eta, &[], Fineness::FINE));
             // Noise alone, or all of the line.
