@@ -4,7 +4,9 @@ use crate::ablation::Step;
 use crate::prepare::NoiseLevel;
 use crate::problem::Placed;
 use crate::stepwise::{Candidate, all_same};
-use crate::thresholds::{BENT, EXCESS, LEAST_UNKNOWN, MISFIT_TEMPERATURE, MOST_UNKNOWN, NEXT, TEMPERATURE, TEXTBOOK};
+use crate::thresholds::{
+    BENT, EXCESS, LEAST_UNKNOWN, MISFIT_TEMPERATURE, MOST_UNKNOWN, NEXT, NOT_ACCEPTED, TEMPERATURE, TEXTBOOK,
+};
 
 /// What a diagnosis says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -77,9 +79,13 @@ pub fn weigh<'a>(
     let misfit = (best.cost - rows * level.factor * (1.0 + 2.0 * level.uncertainty)).max(0.0);
     let temperature =
         if off.contains(&Step::Temperature) { TEXTBOOK } else { TEMPERATURE + MISFIT_TEMPERATURE * misfit };
+    // Beside nothing stand those that the search did not accept: a misfit that none of them explains makes none of them more probable.
+    let unaccepted = |candidate: &Candidate| best.effects.is_empty() && !candidate.effects.is_empty();
+    let most = if off.contains(&Step::Temperature) { 1.0 } else { (-NOT_ACCEPTED / TEMPERATURE).exp() };
     let mut weighted: Vec<Weighted> = Vec::new();
     for candidate in candidates {
         let weight = (-(candidate.priced - best.priced) / temperature).exp();
+        let weight = if unaccepted(candidate) { weight.min(most) } else { weight };
         if weighted.iter().any(|other| all_same(&candidate.effects, &other.effects)) {
             continue;
         }
@@ -99,4 +105,43 @@ pub fn weigh<'a>(
     let all: f64 = weighted.iter().map(|w| w.probability).sum();
     weighted.iter_mut().for_each(|w| w.probability /= all);
     weighted
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::{Library, Place};
+
+    const ROWS: f64 = 1e4;
+
+    fn level() -> NoiseLevel {
+        NoiseLevel { factor: 1.0, uncertainty: 0.02, seen: true, driven: None }
+    }
+
+    /// However much is left: what the search did not accept is behind nothing by what that is worth.
+    #[test]
+    fn what_was_not_accepted_stays_behind_nothing() {
+        let library = Library::standard();
+        let placed = |name: &str| {
+            let effect = library.get(name).unwrap();
+            Placed { effect, place: Place::Output(0), parameters: vec![1.0] }
+        };
+        for left in [1.0, 2.0] {
+            let cost = left * ROWS;
+            let nothing = Candidate { effects: Vec::new(), cost, priced: cost };
+            let tried = ["sensor-gain", "sensor-offset", "sensor-delay", "sensor-lag"].map(|name| Candidate {
+                effects: vec![placed(name)],
+                cost: cost - 5.0,
+                priced: cost + NOT_ACCEPTED,
+            });
+            let candidates: Vec<Candidate> = std::iter::once(nothing).chain(tried).collect();
+            let weighted = weigh(&candidates, 0.3, ROWS, level(), &[]);
+            let sum: f64 = weighted.iter().map(|w| w.probability).sum();
+            assert!((sum - 1.0).abs() < 1e-12, "{sum}");
+            assert!(weighted[0].effects.is_empty() && !weighted[0].unknown && weighted[0].probability > 0.5, "{left}");
+            // A textbook, which knows no misfit, has them behind by more.
+            let flat = weigh(&candidates, 0.3, ROWS, level(), &[Step::Temperature]);
+            assert!(flat[0].probability > weighted[0].probability);
+        }
+    }
 }
