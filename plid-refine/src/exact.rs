@@ -49,7 +49,7 @@ pub fn exact(
     if poles.iter().any(|z| z.norm() >= 1.0) {
         return Ok(None);
     }
-    let (b, d, initial_states) = inputs(&data, &a, &c, feedthrough);
+    let Some((b, d, initial_states)) = inputs(&data, &a, &c, feedthrough) else { return Ok(None) };
     let scale = |i: usize, j: usize| data.output_scale[i] / data.input_scale[j];
     let b = DMatrix::from_fn(states, data.m(), |i, j| b[(i, j)] / data.input_scale[j]);
     let c = DMatrix::from_fn(data.p(), states, |i, j| c[(i, j)] * data.output_scale[i]);
@@ -65,33 +65,41 @@ fn order(singular_values: &[f64]) -> Option<usize> {
     (fall > FALL).then_some(last + 1)
 }
 
-/// B (n x m), D (p x m) and the state at the first sample of each record.
+/// B (n x m), D (p x m) and the state at the first sample of each record; none from fewer samples than they have entries.
 fn inputs(
     data: &Data,
     a: &DMatrix<f64>,
     c: &DMatrix<f64>,
     feedthrough: bool,
-) -> (DMatrix<f64>, DMatrix<f64>, Vec<DVector<f64>>) {
+) -> Option<(DMatrix<f64>, DMatrix<f64>, Vec<DVector<f64>>)> {
     let (n, m, p) = (a.nrows(), data.m(), data.p());
     let of_d = if feedthrough { p * m } else { 0 };
     let unknown = |record: &&Scaled| record.start == Start::Unknown;
     let width = n * m + of_d + n * data.records.iter().filter(unknown).count();
-    let mut rows: Vec<(Vec<f64>, f64)> = Vec::new();
-    let mut first = n * m + of_d;
+    let head = |record: &Scaled| record.outputs.nrows().min(SAMPLES);
+    let seen = |record: &Scaled| {
+        record.outputs.rows().into_iter().take(head(record)).flatten().filter(|y| y.is_finite()).count()
+    };
+    let rows: usize = data.records.iter().map(seen).sum();
+    if rows < width {
+        return None;
+    }
+    let (mut matrix, mut wanted) = (Mat::zeros(rows, width), Mat::zeros(rows, 1));
+    let (mut row, mut first) = (0, n * m + of_d);
     for record in &data.records {
         // What the state is for a unit of each entry of B, and of the initial state: n x (n m + n).
         let mut state = DMatrix::zeros(n, n * m + n);
         state.columns_mut(n * m, n).fill_with_identity();
-        for k in 0..record.outputs.nrows().min(SAMPLES) {
+        for k in 0..head(record) {
             let seen = c * &state;
             for i in (0..p).filter(|&i| record.outputs[(k, i)].is_finite()) {
-                let mut row = vec![0.0; width];
-                (0..n * m).for_each(|column| row[column] = seen[(i, column)]);
-                (0..m).filter(|_| feedthrough).for_each(|j| row[n * m + i * m + j] = record.inputs[(k, j)]);
+                (0..n * m).for_each(|column| matrix[(row, column)] = seen[(i, column)]);
+                (0..m).filter(|_| feedthrough).for_each(|j| matrix[(row, n * m + i * m + j)] = record.inputs[(k, j)]);
                 if record.start == Start::Unknown {
-                    (0..n).for_each(|column| row[first + column] = seen[(i, n * m + column)]);
+                    (0..n).for_each(|column| matrix[(row, first + column)] = seen[(i, n * m + column)]);
                 }
-                rows.push((row, record.outputs[(k, i)]));
+                wanted[(row, 0)] = record.outputs[(k, i)];
+                row += 1;
             }
             state = a * state;
             for j in 0..m {
@@ -100,12 +108,11 @@ fn inputs(
         }
         first += if record.start == Start::Unknown { n } else { 0 };
     }
-    // Columns of like size; what nothing drives stays zero.
-    let size =
-        |column: usize| rows.iter().map(|(row, _)| row[column].powi(2)).sum::<f64>().sqrt().max(f64::MIN_POSITIVE);
-    let sizes: Vec<f64> = (0..width).map(size).collect();
-    let matrix = Mat::from_fn(rows.len(), width, |k, column| rows[k].0[column] / sizes[column]);
-    let wanted = Mat::from_fn(rows.len(), 1, |k, _| rows[k].1);
+    // Columns of like size; one that nothing drives stays zero.
+    let sizes: Vec<f64> = (0..width).map(|column| matrix.col(column).norm_l2().max(f64::MIN_POSITIVE)).collect();
+    for (column, size) in sizes.iter().enumerate() {
+        (0..rows).for_each(|row| matrix[(row, column)] /= size);
+    }
     let found = matrix.qr().solve_lstsq(&wanted);
     let value = |column: usize| found[(column, 0)] / sizes[column];
     let b = DMatrix::from_fn(n, m, |i, j| value(j * n + i));
@@ -116,5 +123,5 @@ fn inputs(
         at += if known { 0 } else { n };
         if known { DVector::zeros(n) } else { DVector::from_fn(n, |i, _| value(at - n + i)) }
     };
-    (b, d, data.records.iter().map(&mut start).collect())
+    Some((b, d, data.records.iter().map(&mut start).collect()))
 }
