@@ -74,6 +74,9 @@ impl Fit<'_> {
     }
 }
 
+/// How firmly, as one over a relative standard deviation, a length is held that no data tell.
+const HELD: f64 = 1e4;
+
 /// Damping of a fit's first step (Marquardt 1963).
 const UNDAMPED: f64 = 1e-3;
 
@@ -243,11 +246,22 @@ impl Problem {
         let scales = self.scales(&fit.effects);
         let columns = self.effect_columns(&plant, &fit.eta, &fit.effects, &fit.residual, &scales, SETTLED.fineness);
         let (normal, _) = self.normal(tangent, &columns, &fit.residual, &fit.eta);
-        let model = effect_covariance(&normal, columns.len(), &scales, &fit.effects);
-        let jacobian = [tangent.values.as_slice(), &columns.concat()].concat();
+        let lengths = self.lengths(&fit.effects, &scales);
+        let model = effect_covariance(&normal, &lengths, &scales, &fit.effects);
+        let (rows, first) = (fit.residual.len() + lengths.len(), self.nuisance.len());
+        // One row more for each length that says nothing.
+        let mut jacobian = vec![0.0; rows * (first + columns.len())];
+        let all = tangent.values.chunks(fit.residual.len()).chain(columns.iter().map(Vec::as_slice));
+        for (to, from) in jacobian.chunks_mut(rows).zip(all) {
+            to[..from.len()].copy_from_slice(from);
+        }
+        for (k, length) in lengths.iter().enumerate() {
+            length.iter().enumerate().for_each(|(j, x)| jacobian[(first + j) * rows + fit.residual.len() + k] = *x);
+        }
+        let residual = [fit.residual.as_slice(), &vec![0.0; lengths.len()]].concat();
         let prior: Vec<f64> =
             self.nuisance.std.iter().map(|std| std.powi(-2)).chain(columns.iter().map(|_| 0.0)).collect();
-        match widened(&jacobian, &prior, &fit.residual, columns.len()) {
+        match widened(&jacobian, &prior, &residual, columns.len()) {
             Some(by) => DMatrix::from_fn(by.len(), by.len(), |i, j| by[i] * by[j] * model[(i, j)]),
             None => model,
         }
@@ -300,7 +314,7 @@ impl Problem {
             let tangent = own.as_ref().unwrap_or(tangent);
             let columns = self.effect_columns(&plant, &eta, &effects, &residual, &scales, effort.fineness);
             let (normal, gradient) = self.normal(tangent, &columns, &residual, &eta);
-            covariance = effect_covariance(&normal, columns.len(), &scales, &effects);
+            covariance = effect_covariance(&normal, &self.lengths(&effects, &scales), &scales, &effects);
             let mut moved = false;
             for _ in 0..6 {
                 let Some(step) = solve_damped(&normal, &gradient, columns.len(), damping) else {
@@ -359,7 +373,7 @@ impl Problem {
         for placed in effects {
             for (parameter, &start) in placed.effect.parameters(&self.setting).iter().zip(&placed.parameters) {
                 scales.push(match parameter.range {
-                    Range::Signed => Scale::Linear(if start == 0.0 { 1.0 } else { start.abs() }),
+                    Range::Signed | Range::Direction => Scale::Linear(if start == 0.0 { 1.0 } else { start.abs() }),
                     Range::Positive => Scale::Logarithm,
                     Range::Hz => Scale::Linear(0.2 / self.setting.duration_s.max(1e-9)),
                     Range::Angle => Scale::Linear(1.0),
@@ -367,6 +381,28 @@ impl Problem {
             }
         }
         scales
+    }
+
+    /// Of each vector of which only the direction counts, what its length depends on, over all parameters of the effects: no data tell it, and it is held where it
+    /// is.
+    fn lengths(&self, effects: &[Placed], scales: &[Scale]) -> Vec<Vec<f64>> {
+        let mut lengths = Vec::new();
+        let mut first = 0;
+        for placed in effects {
+            let mut length = vec![0.0; scales.len()];
+            for (k, parameter) in placed.effect.parameters(&self.setting).iter().enumerate() {
+                if parameter.range == Range::Direction {
+                    let value = placed.parameters[k];
+                    length[first + k] = value * scales[first + k].slope(value);
+                }
+            }
+            first += placed.parameters.len();
+            let size = dot(&length, &length).sqrt();
+            if size > 0.0 {
+                lengths.push(length.iter().map(|x| HELD * x / size).collect());
+            }
+        }
+        lengths
     }
 
     fn stepped<'a>(&self, effects: &[Placed<'a>], step: &[f64], scales: &[Scale]) -> Vec<Placed<'a>> {
@@ -498,9 +534,15 @@ fn solve_damped(normal: &DMatrix<f64>, gradient: &DVector<f64>, effects: usize, 
 }
 
 /// The effects' block of the inverse, in the parameters' own units.
-fn effect_covariance(normal: &DMatrix<f64>, effects: usize, scales: &[Scale], placed: &[Placed]) -> DMatrix<f64> {
-    let n = normal.nrows();
-    let Some(inverse) = normal.clone().cholesky().map(|c| c.inverse()) else {
+fn effect_covariance(normal: &DMatrix<f64>, lengths: &[Vec<f64>], scales: &[Scale], placed: &[Placed]) -> DMatrix<f64> {
+    let (n, effects) = (normal.nrows(), scales.len());
+    let mut held = normal.clone();
+    for length in lengths {
+        for i in 0..effects {
+            (0..effects).for_each(|j| held[(n - effects + i, n - effects + j)] += length[i] * length[j]);
+        }
+    }
+    let Some(inverse) = held.cholesky().map(|c| c.inverse()) else {
         return DMatrix::from_diagonal_element(effects, effects, f64::INFINITY);
     };
     let values: Vec<f64> = placed.iter().flat_map(|p| p.parameters.iter().copied()).collect();

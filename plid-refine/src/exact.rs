@@ -49,7 +49,7 @@ pub fn exact(
     if poles.iter().any(|z| z.norm() >= 1.0) {
         return Ok(None);
     }
-    let Some((b, d, initial_states)) = inputs(&data, &a, &c, feedthrough) else { return Ok(None) };
+    let Some(Driven { b, d, initial_states }) = driven(&data, &a, &c, feedthrough) else { return Ok(None) };
     let scale = |i: usize, j: usize| data.output_scale[i] / data.input_scale[j];
     let b = DMatrix::from_fn(states, data.m(), |i, j| b[(i, j)] / data.input_scale[j]);
     let c = DMatrix::from_fn(data.p(), states, |i, j| c[(i, j)] * data.output_scale[i]);
@@ -65,13 +65,18 @@ fn order(singular_values: &[f64]) -> Option<usize> {
     (fall > FALL).then_some(last + 1)
 }
 
-/// B (n x m), D (p x m) and the state at the first sample of each record; none from fewer samples than they have entries.
-fn inputs(
-    data: &Data,
-    a: &DMatrix<f64>,
-    c: &DMatrix<f64>,
-    feedthrough: bool,
-) -> Option<(DMatrix<f64>, DMatrix<f64>, Vec<DVector<f64>>)> {
+/// How the records drive a system, in scaled channels.
+struct Driven {
+    /// n x m.
+    b: DMatrix<f64>,
+    /// p x m.
+    d: DMatrix<f64>,
+    /// State at the first sample of each record.
+    initial_states: Vec<DVector<f64>>,
+}
+
+/// None from fewer samples than there are entries to find.
+fn driven(data: &Data, a: &DMatrix<f64>, c: &DMatrix<f64>, feedthrough: bool) -> Option<Driven> {
     let (n, m, p) = (a.nrows(), data.m(), data.p());
     let of_d = if feedthrough { p * m } else { 0 };
     let unknown = |record: &&Scaled| record.start == Start::Unknown;
@@ -123,5 +128,5 @@ fn inputs(
         at += if known { 0 } else { n };
         if known { DVector::zeros(n) } else { DVector::from_fn(n, |i, _| value(at - n + i)) }
     };
-    Some((b, d, data.records.iter().map(&mut start).collect()))
+    Some(Driven { b, d, initial_states: data.records.iter().map(&mut start).collect() })
 }

@@ -25,7 +25,7 @@ impl Effect for MissingMode {
         let names = &setting.names;
         let head = [Parameter::new("f", "Hz", Range::Positive), Parameter::new("zeta", "1", Range::Positive)];
         let b = names.inputs.iter().map(|name| Parameter::new(format!("b_{name}"), "V/V", Range::Signed));
-        let c = names.outputs.iter().map(|name| Parameter::new(format!("c_{name}"), "1", Range::Signed));
+        let c = names.outputs.iter().map(|name| Parameter::new(format!("c_{name}"), "1", Range::Direction));
         head.into_iter().chain(b).chain(c).collect()
     }
 

@@ -104,6 +104,8 @@ pub enum Range {
     Hz,
     /// An angle in rad.
     Angle,
+    /// An entry of a vector of which only the direction counts; steps as of [`Range::Signed`].
+    Direction,
 }
 
 /// A parameter of an effect.
