@@ -120,8 +120,9 @@ fn score(model: &NoiseModel, bins: &[(f64, DVector<C>)], parameters: &[Parameter
     let n = parameters.len();
     let (mut gradient, mut information) = (DVector::zeros(n), DMatrix::from_diagonal_element(n, n, BEFOREHAND));
     for (i, parameter) in parameters.iter().enumerate() {
-        if let (Parameter::Slope(j), Some((Source::Band(band), _))) = (parameter, model.sources.last()) {
-            debug_assert_eq!(*j + 1, model.sources.len());
+        if let Parameter::Slope(j) = parameter
+            && let Source::Band(band) = model.sources[*j].0
+        {
             gradient[i] -= band.slope / (TILT * TILT);
             information[(i, i)] = 1.0 / (TILT * TILT);
         }
