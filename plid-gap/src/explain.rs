@@ -15,7 +15,7 @@ use crate::shape::{Bent, bent, fewer, renamed};
 use crate::shrink::run;
 use crate::simulate::Fineness;
 use crate::stepwise::{Candidate, Search, Turn, all_same, polish, search};
-use crate::thresholds::{ACCEPT, BANDED, ELSEWHERE, HEAD, INADEQUATE, MOST_UNKNOWN, SHAPE_DIFFERS, WORTH};
+use crate::thresholds::{ACCEPT, ELSEWHERE, HEAD, INADEQUATE, MOST_UNKNOWN, SHAPE_DIFFERS, WORTH};
 use crate::unseen::is_unseen;
 use crate::verdict::{Adequacy, adequacy};
 
@@ -249,8 +249,6 @@ fn once<'a>(
     let next = further.map_or(0.0, |entry| entry.gain);
     // Where nothing shows the noise, what is left is its measure.
     let next = if level.seen { next } else { next / (best.cost / rows).max(1.0) };
-    let banded = ready.coloured.is_some() || !ready.wandering.is_empty();
-    let next = if banded { next / BANDED } else { next };
     let before = refitted.cost.max(given_cost);
     let judge = |bent: f64, next: f64, cost: f64| adequacy(bent, next, cost, before, rows, level, &off);
     let straight = problem.bent(&best.eta);

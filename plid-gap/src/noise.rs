@@ -50,6 +50,17 @@ impl Stretch {
         Self { length, bins }
     }
 
+    /// Under Hann's window: where a resonance is a hundred times as strong as what lies beside it, what a cut-off record leaks of it would be taken for that. Every
+    /// other bin is as good as independent of the others.
+    pub fn tapered(&self) -> Self {
+        let taper = |bins: &Vec<C>| -> Vec<C> {
+            let at = |k: usize| bins[k.min(bins.len() - 1)];
+            let one = |k: usize| (at(k) * 0.5 - (at(k.max(1) - 1) + at(k + 1)) * 0.25) / 0.375f64.sqrt();
+            (0..bins.len()).map(one).collect()
+        };
+        Self { length: self.length, bins: self.bins.iter().map(taper).collect() }
+    }
+
     fn hz(&self, k: usize, rate: f64) -> f64 {
         k as f64 * rate / self.length as f64
     }
@@ -238,6 +249,11 @@ impl NoiseModel {
         self.sources.push((band, start));
         self.lines.push((port, hz));
         self
+    }
+
+    /// Whether a force in a band acts, or a line that wanders: resonances ring with it far above all other noise.
+    pub fn drives(&self) -> bool {
+        self.sources.iter().any(|(source, _)| matches!(source, Source::Band(_)))
     }
 
     /// Of each sensor in V^2.

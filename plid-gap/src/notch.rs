@@ -4,10 +4,8 @@ use std::f64::consts::TAU;
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::effects::Action;
-use crate::plant::Plant;
+use crate::plant::{C, Mode, Plant};
 use crate::record::Channels;
-use crate::simulate::{Fineness, simulate};
 
 /// Modulations are straight between points so far apart, in s: a phase that walks by a radian a second keeps a hundredth of the line's power outside.
 const SPACING_S: f64 = 0.1;
@@ -30,24 +28,23 @@ fn piece(j: usize, spacing: f64, hz: f64, t: f64) -> f64 {
     hat * if j.is_multiple_of(2) { phase.cos() } else { phase.sin() }
 }
 
-/// What a structure at rest does where such a line begins to act at a port: p channels, for cosine and sine under each of the first two hats.
-pub fn beginnings(plant: &Plant, port: usize, hz: f64, samples: usize) -> Vec<Channels> {
-    let quiet = vec![vec![0.0; samples]; plant.m];
-    (0..4)
-        .map(|j| {
-            let force = Action::Disturbance(port, Box::new(move |t| piece(j, SPACING_S, hz, t)));
-            simulate(plant, &[force], &quiet, 0.0, None, Fineness::COARSE)
-        })
-        .collect()
+/// Free decays of all modes, as cosine and sine: p channels each.
+pub fn decays(plant: &Plant, samples: usize) -> Vec<Channels> {
+    let decay = |mode: &Mode, phase: C| -> Channels {
+        let turn = (mode.pole / plant.rate).exp();
+        let of = |c: &C| (0..samples).scan(c * phase, |z, _| Some(std::mem::replace(z, *z * turn).re)).collect();
+        mode.c.iter().map(of).collect()
+    };
+    plant.modes.iter().flat_map(|mode| [decay(mode, C::ONE), decay(mode, C::I)]).collect()
 }
 
-/// Channels that begin at rest without such a line at a port, and without its beginning.
-pub fn without_both(y: &[Vec<f64>], plant: &Plant, port: usize, hz: f64) -> Vec<Vec<f64>> {
+/// Channels without such a line, and without what rings freely.
+pub fn without_both(y: &[Vec<f64>], plant: &Plant, hz: f64) -> Vec<Vec<f64>> {
     let left = without(y, plant.rate, hz);
     let samples = y.first().map_or(0, Vec::len);
-    let columns: Vec<f64> =
-        beginnings(plant, port, hz, samples).iter().flat_map(|y| without(y, plant.rate, hz).concat()).collect();
-    let basis = DMatrix::from_vec(samples * y.len(), 4, columns).qr().q();
+    let decays = decays(plant, samples);
+    let columns: Vec<f64> = decays.iter().flat_map(|y| without(y, plant.rate, hz).concat()).collect();
+    let basis = DMatrix::from_vec(samples * y.len(), decays.len(), columns).qr().q();
     let left = DVector::from_vec(left.concat());
     let left = &left - &basis * basis.tr_mul(&left);
     left.as_slice().chunks(samples.max(1)).map(<[f64]>::to_vec).collect()

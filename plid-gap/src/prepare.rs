@@ -292,13 +292,9 @@ impl Prepared {
     /// resonance that noise pushes has few values of its own in a short record.
     fn quiet_of(&self, simulated: &[Channels]) -> Vec<Stretch> {
         let plant = &self.problem.plant;
-        let without = |record: &Record, error: Channels, line: &Wandering| match record.from_rest {
-            true => notch::without_both(&error, plant, line.port, line.hz),
-            false => notch::without(&error, plant.rate, line.hz),
-        };
         let left = |(record, y): (&Record, &Channels)| {
             let error = crate::locate::error(record, y);
-            let y = self.wandering.iter().fold(error, |error, line| without(record, error, line));
+            let y = self.wandering.iter().fold(error, |error, line| notch::without_both(&error, plant, line.hz));
             Record { y, ..record.clone() }
         };
         let records = self.problem.records.iter().zip(simulated);

@@ -10,13 +10,16 @@ use crate::noise::{Band, NoiseModel, Source, Stretch};
 use crate::plant::C;
 
 /// Steps at most.
-const STEPS: usize = 12;
+const STEPS: usize = 30;
 
 /// A step changes no parameter by more than this share.
 const FARTHEST: f64 = 0.2;
 
-/// A step that changes none by more than this ends the fit.
+/// No step along the score is tried that is shorter.
 const NEAR: f64 = 1e-4;
+
+/// A gain in log likelihood that ends the fit.
+const GAINED: f64 = 1e-3;
 
 /// Bins count whose frequency is within this factor of the band's first centre: how a band falls off further out nobody knows, and where it dwarfs the sensors
 /// its skirts would say where its middle is.
@@ -72,19 +75,24 @@ pub fn scored(from: &NoiseModel, stretches: &[Stretch]) -> Option<Scored> {
     let parameters: Vec<Parameter> = variances.chain(band).collect();
     let Source::Band(Band { hz: middle, .. }) = model.sources[last].0 else { return None };
     let near = |hz: f64| hz < REACH * middle && middle < REACH * hz;
-    let tapered: Vec<Stretch> = stretches.iter().map(tapered).collect();
-    // Every other bin of a tapered stretch is as good as independent of the others.
+    let tapered: Vec<Stretch> = stretches.iter().map(Stretch::tapered).collect();
     let bins: Vec<(f64, DVector<C>)> =
         tapered.iter().flat_map(|stretch| from.bins(stretch).step_by(2)).filter(|(hz, _)| near(*hz)).collect();
     let mut information = DMatrix::zeros(0, 0);
+    let mut reached = misfit(&model, &bins);
     for _ in 0..STEPS {
         let (gradient, now) = score(&model, &bins, &parameters);
         information = now;
-        let step = information.clone().cholesky()?.solve(&gradient).map(|x| x.clamp(-FARTHEST, FARTHEST));
-        for (parameter, step) in parameters.iter().zip(step.iter()) {
-            move_by(&mut model, *parameter, *step);
-        }
-        if step.amax() < NEAR {
+        let whole = information.clone().cholesky()?.solve(&gradient);
+        // Each parameter as far as it may; or, where that leads from one side of a resonance to the other and back, along the score, which leads down.
+        let along = |share: f64| &whole * (share / whole.amax().max(share));
+        let halved = std::iter::successors(Some(FARTHEST), |share| Some(0.5 * share)).take_while(|share| *share > NEAR);
+        let steps = std::iter::once(whole.map(|x| x.clamp(-FARTHEST, FARTHEST))).chain(halved.map(along));
+        let tried = steps.map(|step| moved(&model, &parameters, &step)).map(|next| (misfit(&next, &bins), next));
+        let before = reached;
+        let Some(better) = tried.into_iter().find(|(misfit, _)| *misfit < before) else { break };
+        (reached, model) = better;
+        if before - reached < GAINED {
             break;
         }
     }
@@ -93,14 +101,10 @@ pub fn scored(from: &NoiseModel, stretches: &[Stretch]) -> Option<Scored> {
     Some(Scored { model, covariance })
 }
 
-/// Under Hann's window: a resonance beside the band is a hundred times as strong, and what a cut-off record leaks of it would draw the band towards it.
-fn tapered(stretch: &Stretch) -> Stretch {
-    let taper = |bins: &Vec<C>| -> Vec<C> {
-        let at = |k: usize| bins[k.min(bins.len() - 1)];
-        let one = |k: usize| (at(k) * 0.5 - (at(k.max(1) - 1) + at(k + 1)) * 0.25) / 0.375f64.sqrt();
-        (0..bins.len()).map(one).collect()
-    };
-    Stretch { length: stretch.length, bins: stretch.bins.iter().map(taper).collect() }
+fn moved(model: &NoiseModel, parameters: &[Parameter], step: &DVector<f64>) -> NoiseModel {
+    let mut next = model.clone();
+    parameters.iter().zip(step.iter()).for_each(|(parameter, step)| move_by(&mut next, *parameter, *step));
+    next
 }
 
 fn move_by(model: &mut NoiseModel, parameter: Parameter, step: f64) {
@@ -113,6 +117,20 @@ fn move_by(model: &mut NoiseModel, parameter: Parameter, step: f64) {
         // Nothing else has a centre.
         _ => (),
     }
+}
+
+/// -log likelihood, and what is known of tilts beforehand: what the score is the derivative of, up to its sign.
+fn misfit(model: &NoiseModel, bins: &[(f64, DVector<C>)]) -> f64 {
+    let tilts = model.sources.iter().map(|(source, _)| match source {
+        Source::Band(band) => 0.5 * (band.slope / TILT).powi(2),
+        _ => 0.0,
+    });
+    let one = |(hz, data): &(f64, DVector<C>)| {
+        let density = model.density(*hz);
+        let determinant = density.determinant().norm().ln();
+        density.try_inverse().map(|inverse| determinant + data.dotc(&(inverse * data)).re)
+    };
+    tilts.sum::<f64>() + bins.iter().filter_map(one).sum::<f64>()
 }
 
 /// Gradient of the log likelihood, and the expected information.

@@ -65,10 +65,6 @@ pub const WORTH: f64 = 40.0;
 /// else" is as likely as not: beside a right explanation the best of a hundred entries gains up to 20.
 pub const NEXT: f64 = 50.0;
 
-/// By how much of it must be more where a force acts in a band, or a line wanders: it drives resonances that are narrower than what a record of seconds resolves, so that the
-/// density there rests on a few values, and what lies along one by chance counts as three times as much.
-pub const BANDED: f64 = 3.0;
-
 /// Probability that is kept for something else where a free shape suffices. Of 52 such answers in development 49 were right, fewer where more causes lie
 /// outside the vocabulary; a fifth is what counts as kept open.
 pub const SHAPE_DIFFERS: f64 = 0.21;

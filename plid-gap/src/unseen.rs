@@ -3,7 +3,7 @@
 use crate::codes::Codes;
 use crate::coloured::{Coloured, NEAR_LINE};
 use crate::effects::{Effect, Library, Place};
-use crate::noise::{Band, NoiseModel};
+use crate::noise::{Band, NoiseModel, Stretch};
 use crate::prepare::Prepared;
 use crate::problem::Placed;
 
@@ -47,12 +47,11 @@ pub fn unseen<'a>(ready: &Prepared, library: &'a Library) -> Vec<Unseen<'a>> {
             put("sensor-dropout", Place::Output(o), &[rate], &[rate / onsets.sqrt()], 2.0 * onsets * 6.0);
         }
     }
-    // A sensor is noisy only against what was declared of it, and with a force in a band that was found as without.
+    // A sensor is noisy only against what was declared of it. Beside resonances that are driven it must be so where these leak nothing, too.
     if ready.declares {
         let of = |noise: &NoiseModel| noisy(noise, &ready.declared_sensor, &ready.codes);
-        let still = ready.coloured.as_ref().map(|_| of(&ready.declared.fit(&ready.quiet)));
-        // Either model of the forces may fall short, and what it lacks is then in the sensors.
-        let both = |o: usize| still.as_ref().is_none_or(|still| still.iter().any(|(other, ..)| *other == o));
+        let clear = ready.noise.drives().then(|| of(&without_leakage(ready)));
+        let both = |o: usize| clear.as_ref().is_none_or(|clear| clear.iter().any(|(other, ..)| *other == o));
         for (o, std, doubt, gain) in of(&ready.noise).into_iter().filter(|(o, ..)| both(*o)) {
             put("sensor-noise", Place::Output(o), &[std], &[doubt], gain);
         }
@@ -67,6 +66,12 @@ pub fn unseen<'a>(ready: &Prepared, library: &'a Library) -> Vec<Unseen<'a>> {
         put("coloured-disturbance", Place::Frequency(hz, port), &[a, hz], &[doubt[0] * a, doubt[1] * hz], gain);
     }
     found
+}
+
+/// The noise under a taper. Bins beside each other are alike there, and evidence counts double: it only has to say the same.
+fn without_leakage(ready: &Prepared) -> NoiseModel {
+    let tapered: Vec<Stretch> = ready.quiet.iter().map(Stretch::tapered).collect();
+    ready.declared.fit_beside(&tapered, ready.coloured.iter().map(Coloured::source))
 }
 
 /// Sensors whose noise exceeds what is common to all: number, added standard deviation and its own, evidence.

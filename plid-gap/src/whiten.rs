@@ -8,8 +8,8 @@ use nalgebra::{DMatrix, DVectorView, DVectorViewMut};
 
 use crate::noise::NoiseModel;
 use crate::notch;
-use crate::plant::{C, Plant};
-use crate::record::Record;
+use crate::plant::C;
+use crate::record::{Channels, Record};
 use crate::transform;
 
 /// The whitening of one record.
@@ -24,8 +24,8 @@ pub struct Whitener {
     bins: RangeInclusive<usize>,
     /// Lower triangles of L^{-1}, of each of them, row by row.
     factors: Vec<C>,
-    /// Of each line that wanders: rows, and an orthonormal basis of what the line may be in them.
-    lines: Vec<(Range<usize>, DMatrix<f64>)>,
+    /// What is taken out: rows, and an orthonormal basis of what it may be in them.
+    taken_out: Vec<(Range<usize>, DMatrix<f64>)>,
 }
 
 /// A line's modulation is seen so far about it; beyond, its ends in the record leave less than the noise of a twelve-bit converter.
@@ -53,26 +53,26 @@ impl Whitener {
                 factors.extend((0..=i).map(|j| inverse[(i, j)]));
             }
         }
-        let mut whitener = Self { length, masked, p, bins, factors, lines: Vec::new() };
-        for &(port, hz) in &noise.lines {
+        let mut whitener = Self { length, masked, p, bins, factors, taken_out: Vec::new() };
+        for &(_, hz) in &noise.lines {
             whitener.take_out(hz, rate);
-            if record.from_rest {
-                whitener.take_out_beginning(noise.plant(), port, hz);
-            }
+        }
+        // What they drive rings where the record begins or is cut off: a Fourier transform has it beside the resonance, where the density has little.
+        if noise.drives() {
+            whitener.take_out_all(&notch::decays(noise.plant(), length));
         }
         whitener
     }
 
-    /// And without what rings where a line begins to act on a structure at rest.
-    fn take_out_beginning(&mut self, plant: &Plant, port: usize, hz: f64) {
-        let traces = notch::beginnings(plant, port, hz, self.length);
+    /// And without what these channels span.
+    fn take_out_all(&mut self, traces: &[Channels]) {
         let mut white = vec![0.0; self.rows()];
         let mut basis = DMatrix::zeros(self.rows(), traces.len());
         for (j, y) in traces.iter().enumerate() {
             self.apply(y, &mut white);
             basis.column_mut(j).copy_from_slice(&white);
         }
-        self.lines.push((0..self.rows(), basis.qr().q()));
+        self.taken_out.push((0..self.rows(), basis.qr().q()));
     }
 
     /// From now on without what a slowly modulated line may be, at each output for itself.
@@ -97,7 +97,7 @@ impl Whitener {
                 basis.column_mut(o * shapes.ncols() + j).copy_from_slice(&white[rows.clone()]);
             }
         }
-        self.lines.push((rows, basis.qr().q()));
+        self.taken_out.push((rows, basis.qr().q()));
     }
 
     /// Number of values that [`Whitener::apply`] gives.
@@ -132,7 +132,7 @@ impl Whitener {
                 }
             }
         }
-        for (rows, basis) in &self.lines {
+        for (rows, basis) in &self.taken_out {
             let inside = basis.tr_mul(&DVectorView::from_slice(&to[rows.clone()], rows.len()));
             DVectorViewMut::from_slice(&mut to[rows.clone()], rows.len()).gemv(-1.0, basis, &inside, 1.0);
         }
@@ -152,4 +152,61 @@ fn counted(band_hz: Option<[f64; 2]>, step: f64, last: usize) -> RangeInclusive<
     let Some([from, to]) = band_hz else { return 0..=last };
     let (first, end) = ((from / step).ceil() as usize, ((to / step).floor() as usize).min(last));
     if first <= end { first..=end } else { 0..=last }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::Action;
+    use crate::noise::{Band, Source, Stretch};
+    use crate::plant::Plant;
+    use crate::record::Excitation;
+    use crate::simulate::{Fineness, simulate};
+    use crate::testing::{RATE, random_input, truss};
+
+    /// A force in a band drives a mode three hundred times above the sensors' noise. Where the record is cut off that rings on, and a Fourier transform has
+    /// it at all frequencies; what is whitened has not.
+    #[test]
+    fn what_rings_where_a_record_is_cut_off_is_taken_out() {
+        let (hz, before, samples, sensor) = (137.0, 3000, 2000, 1e-3);
+        let plant = Plant::new(&truss(2)).unwrap();
+        let (turn, radius) = (2.0 * (std::f64::consts::TAU * hz / RATE).cos(), 0.97);
+        let white = random_input(71, before + samples, 1).remove(0);
+        let mut force = vec![0.0; 2];
+        for e in white {
+            let [.., before, last] = force[..] else { unreachable!("it begins with two") };
+            force.push(turn * last - radius * radius * before + e);
+        }
+        let of = move |t: f64| force[((t * RATE).round() as usize).min(force.len() - 1)];
+        let quiet = vec![vec![0.0; before + samples]; plant.m];
+        let driven = simulate(&plant, &[Action::Disturbance(0, Box::new(of))], &quiet, 0.0, None, Fineness::FINE);
+        let strong = 300.0 * sensor / crate::record::rms(driven.iter().flatten());
+        let noise = random_input(72, samples, plant.p);
+        let of_channel = |(y, noise): (&Vec<f64>, &Vec<f64>)| -> Vec<f64> {
+            y[before..].iter().zip(noise).map(|(y, e)| strong * y + sensor * e).collect()
+        };
+        let y: Channels = driven.iter().zip(&noise).map(of_channel).collect();
+        let record = Record {
+            name: "quiet".into(),
+            excitation: Excitation::Zero,
+            from_rest: false,
+            start_s: 0.0,
+            held_out: false,
+            u: vec![vec![0.0; samples]; plant.m],
+            y,
+            simulated: None,
+        };
+        let band = Band { slope: -1.0, ..Band::pass(0, hz, -2.0 * radius.ln() / (std::f64::consts::TAU * hz / RATE)) };
+        let noise = NoiseModel::declared(&plant, &vec![sensor; plant.p], &vec![0.0; plant.m]);
+        let noise = noise.fit_with(&[Stretch::new(&record.y).tapered()], &[Source::Band(band)], 60, 2);
+        let whitener = Whitener::new(&record, &noise, RATE, vec![Vec::new(); plant.p]);
+        let leaking = Whitener { taken_out: Vec::new(), ..whitener.clone() };
+        let power = |whitener: &Whitener| {
+            let mut white = vec![0.0; whitener.rows()];
+            whitener.apply(&record.y, &mut white);
+            white.iter().map(|x| x * x).sum::<f64>() / white.len() as f64
+        };
+        let (leaking, clear) = (power(&leaking), power(&whitener));
+        assert!(leaking > 10.0 && (0.6..1.2).contains(&clear), "{leaking}, {clear}");
+    }
 }

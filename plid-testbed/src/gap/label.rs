@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::spec::{EffectSpec, Experiment, PlantKind, Simulator};
 use crate::effects::Effect;
 use crate::plant::Truss;
+use crate::structure::Mode;
 use crate::{INPUTS, OUTPUTS};
 
 /// What is true of a case.
@@ -65,8 +66,8 @@ pub struct LabelledEffect {
     pub hz: f64,
     /// Whether its law is the vocabulary's own equation.
     pub own_equation: bool,
-    /// Whether it lies beyond twice what a case lets a simulation be off (0.2 % of a frequency, a tenth of a damping ratio); always so
-    /// for what is no nuisance.
+    /// Whether it lies beyond twice what a case lets a simulation be off (0.2 % of a frequency, a tenth of a damping ratio), by itself and beside what this
+    /// simulation is off; always so for what is no nuisance.
     pub clear_of_nuisance: bool,
     /// The effect as a config's list has it.
     pub config: Option<Effect>,
@@ -156,7 +157,13 @@ impl Label {
     }
 }
 
-pub(crate) fn labelled(effect: &Effect, wanted: &EffectSpec, gap: f64, base: &Truss) -> LabelledEffect {
+pub(crate) fn labelled(
+    effect: &Effect,
+    wanted: &EffectSpec,
+    gap: f64,
+    base: &Truss,
+    nominal: &Truss,
+) -> LabelledEffect {
     let par = effect.parameters();
     let (loc, hz) = match effect {
         Effect::MissingMode(mode) => {
@@ -165,9 +172,14 @@ pub(crate) fn labelled(effect: &Effect, wanted: &EffectSpec, gap: f64, base: &Tr
         }
         _ => (effect.place(), base.modes[effect.place()].frequency_hz),
     };
+    // What the simulation is off may take back a part of it.
+    let both = |own: f64, of: fn(&Mode) -> f64| {
+        let (truth, simulated) = (of(&base.modes[effect.place()]), of(&nominal.modes[effect.place()]));
+        own.abs().min((own + (truth / simulated).ln()).abs())
+    };
     let clear_of_nuisance = match effect {
-        Effect::ModalFrequency(e) => e.change.abs() > 2.0 * 0.002,
-        Effect::ModalDamping(e) => e.factor.ln().abs() > 2.0 * 0.1,
+        Effect::ModalFrequency(e) => both(e.change.ln_1p(), |mode| mode.frequency_hz) > 2.0 * 0.002,
+        Effect::ModalDamping(e) => both(e.factor.ln(), |mode| mode.damping_ratio) > 2.0 * 0.1,
         _ => true,
     };
     LabelledEffect {

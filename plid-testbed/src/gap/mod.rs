@@ -145,7 +145,7 @@ pub fn draw(seed: u64, spec: &GapSpec) -> Result<GapCase, GapError> {
         let (truss, planned) = (&drawn.base, &held_out);
         let bench = strength::Bench { config: &config, truss, planned, measured: outputs, number: i };
         let (effect, gap) = bench.reach(&first, wanted.gap)?;
-        labelled.push(label::labelled(&effect, wanted, gap, &drawn.base));
+        labelled.push(label::labelled(&effect, wanted, gap, &drawn.base, &drawn.nominal));
         effects.push(effect);
     }
 

@@ -282,6 +282,25 @@ fn a_label_knows_its_place_and_the_names_of_its_parameters() {
     }
 }
 
+/// A damping that is off by more than twice the limits, of which the simulation's own error takes some back, is not clear of them.
+#[test]
+fn what_a_nuisance_takes_back_does_not_count() {
+    let drawn = |seed, perturbed| {
+        let case = draw(seed, &GapSpec { length: 0.1, perturbed, ..spec(&[("modal-damping", 0.1)]) });
+        case.unwrap().label.effects.remove(0)
+    };
+    let (mut taken_back, mut both) = (0, 0);
+    for seed in 1..40 {
+        let (alone, beside) = (drawn(seed, false), drawn(seed, true));
+        assert_eq!(alone.par, beside.par, "seed {seed}");
+        assert_eq!(alone.clear_of_nuisance, alone.par[0].ln().abs() > 0.2, "seed {seed}");
+        assert!(alone.clear_of_nuisance || !beside.clear_of_nuisance, "seed {seed}");
+        taken_back += usize::from(alone.clear_of_nuisance && !beside.clear_of_nuisance);
+        both += usize::from(beside.clear_of_nuisance);
+    }
+    assert!(taken_back > 0 && both > taken_back, "{taken_back} taken back, {both} clear");
+}
+
 #[test]
 fn a_wrong_spec_is_named() {
     let kind = draw(1, &spec(&[("sensor-gain", 0.1), ("cubic-stifness", 0.1)])).unwrap_err();
