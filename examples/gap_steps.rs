@@ -44,24 +44,26 @@ fn steps(case: &Case) -> Result<(), GapError> {
     let model = audit.case.model.as_ref().ok_or_else(|| GapError::Failed("the audit gives a model".into()))?;
 
     // 1, 2. The simulation in its modes, the noise, what is held out.
-    let ready = prepare(model, &audit.case.records, &audit.known)?;
-    let problem = &ready.problem;
-    let names = problem.setting.names.clone();
+    let mut ready = prepare(model, &audit.case.records, &audit.known)?;
+    let names = ready.problem.setting.names.clone();
     println!(
         "{} modes; noise {:.4?} RMS; {} held out",
-        problem.plant.modes.len(),
+        ready.problem.plant.modes.len(),
         ready.noise.rms(),
         ready.held_out.len()
     );
 
     // Where the gap lies.
+    let problem = &ready.problem;
     let map = locate::map(&problem.records, &locate::errors(problem), &ready.noise, problem.plant.rate);
     for (name, share) in names.outputs.iter().zip(&map.outputs) {
         println!("of the gap at {name}: {:.2} ({:.2} to {:.2})", share.value, share.ci95[0], share.ci95[1]);
     }
 
     // 3. What the simulation may be off by itself.
-    let refitted = refit(problem, STEPS);
+    let refitted = refit(&ready.problem, STEPS);
+    ready.renew_missing(&refitted.eta);
+    let problem = &ready.problem;
     let rows = problem.rows() as f64;
     println!("after the bounded refit: {:.1} times the noise's power", refitted.cost / rows);
 

@@ -114,9 +114,10 @@ impl<'a> Groundwork<'a> {
         say("audit".into());
         let audit = audit(case, library, off, say)?;
         say("preparing".into());
-        let ready = prepare(model(&audit)?, &audit.case.records, &audit.known)?;
+        let mut ready = prepare(model(&audit)?, &audit.case.records, &audit.known)?;
         say("bounded refit".into());
         let refitted = refit(&ready.problem, refit::STEPS);
+        ready.renew_missing(&refitted.eta);
         Ok(Self { case, library, audit, ready, refitted, first: OnceCell::new() })
     }
 

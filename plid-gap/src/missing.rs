@@ -12,6 +12,9 @@ pub(crate) const SEGMENT: usize = 2048;
 /// A peak counts from this share of the largest.
 const SHARE: f64 = 0.05;
 
+/// Peaks so near, as a share, are of one resonance.
+const SAME: f64 = 0.04;
+
 /// Peaks that are offered.
 const MOST: usize = 2;
 
@@ -84,12 +87,17 @@ pub fn missing_modes(plant: &Plant, driven: &[Driven]) -> Vec<MissingModeStart> 
         if found.len() == MOST {
             break;
         }
-        if found.iter().any(|mode| (mode.hz / hz(k) - 1.0).abs() < 0.04) {
+        if found.iter().any(|mode| is_same(mode.hz, hz(k))) {
             continue;
         }
         found.push(start(plant, &response[k], &power, k, hz(k)));
     }
     found
+}
+
+/// Whether two peaks are of one resonance.
+pub fn is_same(hz: f64, other: f64) -> bool {
+    (hz / other - 1.0).abs() < SAME
 }
 
 fn start(plant: &Plant, response: &DMatrix<C>, power: &[f64], k: usize, hz: f64) -> MissingModeStart {

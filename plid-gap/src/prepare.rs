@@ -3,9 +3,9 @@
 use crate::ablation::Step;
 use crate::codes::{self, Codes};
 use crate::coloured::{Coloured, NEAR_LINE, coloured};
-use crate::effects::Setting;
+use crate::effects::{MissingModeStart, Setting};
 use crate::error::GapError;
-use crate::explain::outputs;
+use crate::explain::{errors, outputs};
 use crate::missing;
 use crate::model_error::ModelError;
 use crate::noise::{NoiseModel, Stretch};
@@ -204,6 +204,18 @@ impl Prepared {
         // How a model's own error grows with the level is a guess.
         let uncertainty = if self.noise.model_error.is_some() { UNSEEN_LEVEL } else { uncertainty };
         NoiseLevel { factor: power / freedom, uncertainty, seen: true, driven }
+    }
+
+    /// Resonances that the simulation does not have, once more in what a refit leaves: where its own frequencies are off, their peaks are higher.
+    pub fn renew_missing(&mut self, eta: &[f64]) {
+        let problem = &mut self.problem;
+        let left = errors(problem, eta, &[]);
+        for mode in missing_modes(&problem.plant, &problem.records, &left) {
+            let known = &mut problem.setting.missing;
+            if !known.iter().any(|other| missing::is_same(other.hz, mode.hz)) {
+                known.push(mode);
+            }
+        }
     }
 
     /// Repeats once more, among the errors that an explanation leaves: where the gap as given is large, they do not stand out of it.
@@ -452,13 +464,7 @@ fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]
         setting.y_max[o] = all.filter(|y| y.is_finite()).fold(0.0, |most: f64, y| most.max(y.abs()));
     }
     of_ports(&mut setting, loudest);
-    let driven: Vec<missing::Driven> = records
-        .iter()
-        .zip(errors)
-        .filter(|(record, _)| record.excitation == Excitation::Random)
-        .map(|(record, error)| missing::Driven { u: &record.u, error })
-        .collect();
-    setting.missing = missing::missing_modes(plant, &driven);
+    setting.missing = missing_modes(plant, records, errors);
     // Where a record without input is, lines stand out in it alone.
     let quiet: Vec<usize> = (0..records.len()).filter(|&k| records[k].excitation == Excitation::Zero).collect();
     let chosen: Vec<usize> = if quiet.is_empty() { (0..records.len()).collect() } else { quiet };
@@ -466,6 +472,12 @@ fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]
     let first: Vec<tones::Stretch> = chosen.iter().map(|&k| stretch(k)).collect();
     setting.tones = tones::tones(&first, plant.rate, MOST_TONES);
     setting
+}
+
+fn missing_modes(plant: &Plant, records: &[Record], errors: &[Channels]) -> Vec<MissingModeStart> {
+    let random = records.iter().zip(errors).filter(|(record, _)| record.excitation == Excitation::Random);
+    let driven: Vec<missing::Driven> = random.map(|(record, error)| missing::Driven { u: &record.u, error }).collect();
+    missing::missing_modes(plant, &driven)
 }
 
 /// What effects may know of the ports, from the loudest record.

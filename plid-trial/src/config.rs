@@ -226,7 +226,7 @@ mod tests {
     #[test]
     fn the_trials_that_come_with_plid_are_as_large_as_they_must_be() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../experiments/trials");
-        for name in ["quick", "standard", "passive", "outsiders"] {
+        for name in ["quick", "short", "standard", "passive", "outsiders"] {
             let config = TrialConfig::read(&folder.join(format!("{name}.toml"))).unwrap();
             assert_eq!(config.name, name);
             assert!(4 * config.cases.none >= config.total(), "{name}");
