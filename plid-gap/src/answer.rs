@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use crate::beside::Beside;
-use crate::diagnosis::{Comparison, Gap, NamedEffect, Value, Where};
-use crate::effects::{Names, Side};
+use crate::diagnosis::{Change, Comparison, Gap, NamedEffect, Value, Where};
+use crate::effects::{Names, Setting, Side};
 use crate::explain::Explained;
 use crate::held_out::HeldOut;
 use crate::locate::Map;
@@ -28,13 +28,16 @@ pub(crate) fn named(explained: &Explained, shown: &[&Unseen], weighted: &[Weight
     let confidence = |placed: &Placed| -> f64 {
         weighted.iter().filter(|w| w.effects.iter().any(|e| same(e, placed))).map(|w| w.probability).sum()
     };
+    let problem = &ready.problem;
+    let refitted = Setting { plant: problem.nuisance.apply(&problem.plant, &best.eta), ..setting.clone() };
     let mut at = 0;
     let mut named = Vec::new();
     for (which, placed) in best.effects.iter().enumerate() {
         let mut parameters = BTreeMap::new();
+        let first = at;
+        let half = |at: usize| quantile * best.covariance[(at, at)].max(0.0).sqrt();
         for (parameter, &value) in placed.effect.parameters(setting).into_iter().zip(&placed.parameters) {
-            let half = quantile * best.covariance[(at, at)].max(0.0).sqrt();
-            parameters.insert(parameter.name, stated(value, half, parameter.unit));
+            parameters.insert(parameter.name, stated(value, half(at), parameter.unit));
             at += 1;
         }
         named.push(NamedEffect {
@@ -42,6 +45,7 @@ pub(crate) fn named(explained: &Explained, shown: &[&Unseen], weighted: &[Weight
             location: placed.place.location(names),
             confidence: confidence(placed),
             parameters,
+            change: changed(placed, setting, &refitted, half(first)),
             shape_differs: free_shape == Some(which),
         });
     }
@@ -55,10 +59,21 @@ pub(crate) fn named(explained: &Explained, shown: &[&Unseen], weighted: &[Weight
             location: placed.place.location(names),
             confidence: confidence(placed),
             parameters,
+            change: None,
             shape_differs: cuts(placed) || wanders(placed),
         });
     }
     named
+}
+
+/// Which number of the simulation an effect changes, beside what the refit has changed of it; `half` is half the interval of its parameter, in which
+/// that number is linear.
+fn changed(placed: &Placed, setting: &Setting, refitted: &Setting, half: f64) -> Option<Change> {
+    let &[value] = placed.parameters.as_slice() else { return None };
+    let at = |setting: &Setting, parameter: f64| placed.effect.change(setting, &placed.place, &[parameter]);
+    let [given, to, end] = [at(setting, value)?, at(refitted, value)?, at(refitted, value + half)?];
+    let to = stated(to.to, (end.to - to.to).abs(), to.unit.into());
+    Some(Change { number: given.number, from: given.from, to })
 }
 
 /// A value with half the length of its interval; none where nothing bounds it.
@@ -319,4 +334,34 @@ pub(crate) fn words(
     }
     words.push(format!("What is left exceeds the noise by {:.1} times the uncertainty of its level.", judged.excess));
     words
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::diagnose::diagnose;
+    use crate::effects::Library;
+    use crate::testing::{case, truss, truss_with};
+
+    /// A frequency, a damping ratio and a factor: which number of the simulation is to change, from what to what.
+    #[test]
+    fn numbers_of_the_simulation_are_said() {
+        let real = truss(1);
+        let (hz, zeta) = crate::testing::MODES[1];
+        let frequency = (truss_with(1, |modes, _, _| modes[1].0 = 1.02 * hz), "frequency of the mode at 139.7 Hz", hz);
+        let damping =
+            (truss_with(1, |modes, _, _| modes[1].1 = 2.0 * zeta), "damping ratio of the mode at 137.0 Hz", zeta);
+        let factor = (truss_with(1, |_, _, shapes| shapes.row_mut(1).scale_mut(1.25)), "factor of output y2", 0.8);
+        for (sim, number, truth) in [frequency, damping, factor] {
+            let outcome = diagnose(&case(&sim, &real), &Library::standard(), &mut |_| {}).unwrap();
+            let [named] = outcome.diagnosis.effects.as_slice() else { panic!("{}", outcome.diagnosis.sentence) };
+            let change = named.change.as_ref().unwrap();
+            assert_eq!(change.number, number);
+            let [low, high] = change.to.ci95.unwrap();
+            assert!(
+                low < truth && truth < high && (change.to.value / truth - 1.0).abs() < 0.02,
+                "{change}, not {truth}"
+            );
+            assert!((change.from / truth - 1.0).abs() > 0.015, "{change}");
+        }
+    }
 }

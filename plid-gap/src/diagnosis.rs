@@ -1,7 +1,9 @@
 //! diagnosis.json and sim-with-effect.json.
 
 use std::collections::BTreeMap;
+use std::fmt;
 
+use plid_lab::report::Cell;
 use serde::{Deserialize, Serialize};
 
 use crate::effects::Side;
@@ -20,6 +22,27 @@ pub struct Value {
     pub unit: String,
 }
 
+/// A number of the simulation that is to change.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Change {
+    /// Which one, in words.
+    pub number: String,
+    /// As the simulation has it.
+    pub from: f64,
+    /// As it should be.
+    pub to: Value,
+}
+
+/// "factor of output y2 from 1.0000 to 1.0721 (1.0602 to 1.0840)".
+impl fmt::Display for Change {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let short = |x: f64| Cell::significant(x, 5);
+        let unit = if self.to.unit == "1" { String::new() } else { format!(" {}", self.to.unit) };
+        write!(f, "{} from {}{unit} to {}{unit}", self.number, short(self.from), short(self.to.value))?;
+        self.to.ci95.map_or(Ok(()), |[low, high]| write!(f, " ({} to {})", short(low), short(high)))
+    }
+}
+
 /// An effect of the answer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct NamedEffect {
@@ -31,6 +54,9 @@ pub struct NamedEffect {
     pub confidence: f64,
     /// By name.
     pub parameters: BTreeMap<String, Value>,
+    /// Which number of the simulation is to change, where the effect is no more than that.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub change: Option<Change>,
     /// The same place but a shape near this one.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub shape_differs: bool,

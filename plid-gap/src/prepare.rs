@@ -528,6 +528,24 @@ pub(crate) mod tests {
         setting(plant, model, &[], &[])
     }
 
+    /// A weak mode that the simulation lacks is behind the peaks that its own frequencies make; a refit takes those away.
+    #[test]
+    fn a_missing_mode_is_seen_behind_frequencies_that_are_off() {
+        let real = testing::truss_with(1, |_, shapes, _| shapes.row_mut(2).scale_mut(0.1));
+        let sim = testing::truss_with(1, |modes, shapes, _| {
+            shapes.row_mut(2).fill(0.0);
+            [0, 1, 3].into_iter().for_each(|k| modes[k].0 *= 1.003);
+        });
+        let case = testing::case(&sim, &real);
+        let mut ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        let seen =
+            |ready: &Prepared| ready.problem.setting.missing.iter().any(|mode| (mode.hz / 186.0 - 1.0).abs() < 0.02);
+        assert!(!seen(&ready), "it shows as given");
+        let refitted = crate::refit::refit(&ready.problem, crate::refit::STEPS);
+        ready.renew_missing(&refitted.eta);
+        assert!(seen(&ready), "{:?}", ready.problem.setting.missing);
+    }
+
     /// Noise that a driven plant has more of is no noise level: the quiet record says what that is.
     #[test]
     fn what_is_random_only_when_driven_is_no_noise() {

@@ -14,6 +14,16 @@ pub enum TestbedError {
         /// Its value.
         value: f64,
     },
+    /// The value is above what can be computed with.
+    #[error("`{key}` must be at most {most}, not {value}")]
+    TooLarge {
+        /// Path of the key.
+        key: &'static str,
+        /// Its value.
+        value: f64,
+        /// Bound.
+        most: f64,
+    },
     /// The value is negative, infinite or not a number.
     #[error("`{key}` must be zero or more and finite, not {value}")]
     Negative {

@@ -61,9 +61,10 @@ impl Audit {
         let known: f64 = diagnosis.candidates.iter().filter(|c| !c.unknown).map(|c| c.probability).sum();
         match diagnosis.effects.iter_mut().find(|e| here(&e.effect, &e.location)) {
             Some(found) => add(&mut found.parameters),
-            None => diagnosis
-                .effects
-                .insert(0, NamedEffect { effect, location, confidence: known, parameters, shape_differs: false }),
+            None => diagnosis.effects.insert(
+                0,
+                NamedEffect { effect, location, confidence: known, parameters, change: None, shape_differs: false },
+            ),
         }
     }
 }

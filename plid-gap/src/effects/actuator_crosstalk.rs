@@ -1,4 +1,4 @@
-use super::{Action, Command, Drive, Effect, Parameter, Place, Range, Setting, Side};
+use super::{Action, Change, Command, Drive, Effect, Parameter, Place, Range, Setting, Side};
 
 /// A command that also reaches another actuator.
 pub struct ActuatorCrosstalk;
@@ -30,6 +30,12 @@ impl Effect for ActuatorCrosstalk {
 
     fn amplitude(&self) -> Option<(usize, f64)> {
         Some((0, 0.0))
+    }
+
+    fn change(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Option<Change> {
+        let Place::InputToInput(i, j) = *place else { return None };
+        let names = &setting.names.inputs;
+        Change::of(format!("share of {} in {}", names[i], names[j]), 0.0, parameters[0])
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

@@ -1,4 +1,4 @@
-use super::{Action, Command, Drive, Effect, Parameter, Place, Range, Setting, Side};
+use super::{Action, Change, Command, Drive, Effect, Parameter, Place, Range, Setting, Side};
 
 /// An actuator that is stronger or weaker than the simulation has it.
 pub struct ActuatorGain;
@@ -30,6 +30,11 @@ impl Effect for ActuatorGain {
 
     fn amplitude(&self) -> Option<(usize, f64)> {
         Some((0, 1.0))
+    }
+
+    fn change(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Option<Change> {
+        let Place::Input(i) = *place else { return None };
+        Change::of(format!("factor of input {}", setting.names.inputs[i]), 1.0, parameters[0])
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

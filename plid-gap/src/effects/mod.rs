@@ -126,6 +126,26 @@ impl Parameter {
     }
 }
 
+/// A number of the simulation, as it is and as it should be.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Change {
+    /// Which one, in words.
+    pub number: String,
+    /// As the simulation has it.
+    pub from: f64,
+    /// As the records have it.
+    pub to: f64,
+    /// Of both.
+    pub unit: &'static str,
+}
+
+impl Change {
+    /// A number without unit.
+    fn of(number: String, from: f64, to: f64) -> Option<Self> {
+        Some(Self { number, from, to, unit: "1" })
+    }
+}
+
 /// Something that a simulation may lack.
 pub trait Effect: Send + Sync {
     /// Its identifier.
@@ -161,6 +181,11 @@ pub trait Effect: Send + Sync {
     /// nothing.
     fn sound(&self, _setting: &Setting, _place: &Place, _parameters: &[f64]) -> bool {
         true
+    }
+
+    /// Which number of the simulation it changes, where it does no more; none for what takes an equation of its own.
+    fn change(&self, _setting: &Setting, _place: &Place, _parameters: &[f64]) -> Option<Change> {
+        None
     }
 
     /// What it does with these parameters there.

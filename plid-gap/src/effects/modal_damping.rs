@@ -1,5 +1,5 @@
-use super::{Action, Effect, Parameter, Place, Range, Setting, Side};
-use crate::plant::C;
+use super::{Action, Change, Effect, Parameter, Place, Range, Setting, Side};
+use crate::plant::{C, plain_hz};
 
 /// One mode with another damping ratio than the simulation has it.
 pub struct ModalDamping;
@@ -31,6 +31,13 @@ impl Effect for ModalDamping {
 
     fn is_in_refit(&self) -> bool {
         true
+    }
+
+    fn change(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Option<Change> {
+        let Place::Mode(k) = *place else { return None };
+        let mode = &setting.plant.modes[k];
+        let number = format!("damping ratio of the mode at {} Hz", plain_hz(mode.hz()));
+        Change::of(number, mode.damping(), mode.damping() * parameters[0])
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

@@ -1,4 +1,5 @@
-use super::{Action, Effect, Parameter, Place, Range, Setting, Side};
+use super::{Action, Change, Effect, Parameter, Place, Range, Setting, Side};
+use crate::plant::plain_hz;
 
 /// One mode at another frequency than the simulation has it.
 pub struct ModalFrequency;
@@ -30,6 +31,13 @@ impl Effect for ModalFrequency {
 
     fn is_in_refit(&self) -> bool {
         true
+    }
+
+    fn change(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Option<Change> {
+        let Place::Mode(k) = *place else { return None };
+        let hz = setting.plant.modes[k].hz();
+        let number = format!("frequency of the mode at {} Hz", plain_hz(hz));
+        Some(Change { number, from: hz, to: hz * (1.0 + parameters[0]), unit: "Hz" })
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

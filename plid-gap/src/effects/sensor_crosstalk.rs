@@ -1,4 +1,4 @@
-use super::{Action, Effect, Parameter, Place, Range, Sensor, Setting, Side};
+use super::{Action, Change, Effect, Parameter, Place, Range, Sensor, Setting, Side};
 
 /// A signal that also reaches another channel.
 pub struct SensorCrosstalk;
@@ -30,6 +30,12 @@ impl Effect for SensorCrosstalk {
 
     fn amplitude(&self) -> Option<(usize, f64)> {
         Some((0, 0.0))
+    }
+
+    fn change(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Option<Change> {
+        let Place::OutputToOutput(i, j) = *place else { return None };
+        let names = &setting.names.outputs;
+        Change::of(format!("share of {} in {}", names[i], names[j]), 0.0, parameters[0])
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

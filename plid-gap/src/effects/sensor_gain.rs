@@ -1,4 +1,4 @@
-use super::{Action, Effect, Parameter, Place, Range, Sensor, Setting, Side};
+use super::{Action, Change, Effect, Parameter, Place, Range, Sensor, Setting, Side};
 
 /// A sensor whose calibration is off.
 pub struct SensorGain;
@@ -30,6 +30,11 @@ impl Effect for SensorGain {
 
     fn amplitude(&self) -> Option<(usize, f64)> {
         Some((0, 1.0))
+    }
+
+    fn change(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Option<Change> {
+        let Place::Output(o) = *place else { return None };
+        Change::of(format!("factor of output {}", setting.names.outputs[o]), 1.0, parameters[0])
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

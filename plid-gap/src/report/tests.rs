@@ -9,7 +9,8 @@ use crate::beside::Beside;
 use crate::case::{Case, CaseConfig};
 use crate::diagnose::{Evidence, Outcome};
 use crate::diagnosis::{
-    Comparison, Diagnosis, Explanation, Gap, Located, NamedEffect, SimulationWithEffects, Value, Where, WrittenEffect,
+    Change, Comparison, Diagnosis, Explanation, Gap, Located, NamedEffect, SimulationWithEffects, Value, Where,
+    WrittenEffect,
 };
 use crate::effects::Side;
 use crate::levels::LevelRun;
@@ -76,6 +77,11 @@ fn outcome(case: &Case) -> Outcome {
             location: "input:u1".into(),
             confidence: 0.93,
             parameters: parameters.clone(),
+            change: Some(Change {
+                number: "factor of input u1".into(),
+                from: 1.0,
+                to: Value { value: 1.0725, ci95: Some([1.065, 1.08]), unit: "1".into() },
+            }),
             shape_differs: true,
         }],
         candidates: vec![
@@ -231,6 +237,7 @@ fn the_page_says_all_that_the_diagnosis_says() {
         "1100 to 1400",
         "(shape differs)",
         "f = -k d^3",
+        "In the simulation: factor of input u1 from 1.0000 to 1.0725 (1.0650 to 1.0800).",
         "The resonance at 11 Hz stiffens &amp; the damping",
         // Shares and slope with their intervals.
         "80.0\u{a0}% (70.0\u{a0}% to 90.0\u{a0}%)",

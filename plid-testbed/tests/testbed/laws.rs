@@ -440,6 +440,7 @@ fn values_and_places_are_checked_by_name() {
         (one("clearance", "u1", "stiffness = 1.0\ngap_v = 0.0"), "`gap_v`"),
         (one("actuator-delay", "u1", "delay_samples = 0.0"), "`delay_samples`"),
         (one("modal-damping", "m99", "factor = 1.0"), "number of the mode"),
+        (one("modal-damping", "m4", "factor = 1e300"), "`factor` must be at most"),
         (one("sensor-dropout", "y1", "onsets_per_sample = 2.0"), "onsets_per_sample"),
         (one("coloured-disturbance", "u1", "rms_v = 1.0\nfrequency_hz = 900.0"), "`frequency_hz`"),
         ("[[effect]]\nkind = 'stiffness-drift'\nrate_per_s = -5.0\n".to_owned(), "stiffness drift"),

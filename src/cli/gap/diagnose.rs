@@ -108,6 +108,9 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
                 value.unit
             );
         }
+        if let Some(change) = &effect.change {
+            text += &format!("  in the simulation: {change}\n");
+        }
     }
     if let Some(next) = &outcome.diagnosis.next_experiment {
         text += &format!("next: {next}\n");

@@ -7,6 +7,9 @@ use crate::effects::law::{Law, Limits, Plant};
 use crate::effects::place::ModeNumber;
 use crate::error::TestbedError;
 
+/// A mode that hardly moves any more; the exponential of a matrix of 1e300 does not end.
+const MOST: f64 = 1e6;
+
 /// zeta_m -> rho zeta_m.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -20,7 +23,11 @@ pub struct ModalDamping {
 impl Law for ModalDamping {
     fn check(&self, limits: &Limits) -> Result<(), TestbedError> {
         limits.mode(self.at)?;
-        positive("factor", self.factor)
+        positive("factor", self.factor)?;
+        if self.factor > MOST {
+            return Err(TestbedError::TooLarge { key: "factor", value: self.factor, most: MOST });
+        }
+        Ok(())
     }
 
     fn alter(&self, plant: &mut Plant) {
