@@ -356,6 +356,7 @@ pub(crate) fn polish<'a>(problem: &Problem, fit: Fit<'a>) -> Fit<'a> {
                 *value -= TAU * (*value / TAU).round();
             }
         }
+        placed.place = placed.effect.fitted_place(&placed.place, &placed.parameters);
     }
     fit
 }

@@ -41,6 +41,10 @@ impl Effect for MissingMode {
         setting.missing.iter().filter(|mode| at(mode.hz)).map(start).collect()
     }
 
+    fn fitted_place(&self, _place: &Place, parameters: &[f64]) -> Place {
+        Place::MissingMode(parameters[0])
+    }
+
     fn act(&self, _setting: &Setting, _place: &Place, parameters: &[f64]) -> Vec<Action> {
         let parameters = parameters.to_vec();
         vec![Action::Plant(Box::new(move |plant| add(plant, &parameters)))]

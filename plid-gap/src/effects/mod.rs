@@ -183,6 +183,11 @@ pub trait Effect: Send + Sync {
         true
     }
 
+    /// Where it is once it is fitted: a frequency that is looked for may have moved far from its start.
+    fn fitted_place(&self, place: &Place, _parameters: &[f64]) -> Place {
+        place.clone()
+    }
+
     /// Which number of the simulation it changes, where it does no more; none for what takes an equation of its own.
     fn change(&self, _setting: &Setting, _place: &Place, _parameters: &[f64]) -> Option<Change> {
         None

@@ -58,9 +58,6 @@ fn parameters(report: Report, outcome: &Outcome) -> Report {
         }
     }
     let mut report = report.table(table);
-    for change in diagnosis.effects.iter().filter_map(|effect| effect.change.as_ref()) {
-        report = report.paragraph(format!("In the simulation: {change}."));
-    }
     for written in &outcome.simulation.effects {
         report = report.paragraph(format!("{}: {}", at(&written.effect, &written.location), written.equation));
     }

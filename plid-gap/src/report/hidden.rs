@@ -28,6 +28,8 @@ pub(super) fn sentence(outcome: &Outcome) -> Option<String> {
     );
     match outcome.diagnosis.verdict {
         Verdict::None => None,
+        // Its own numbers are what is wrong: a refit is right to change them.
+        Verdict::Effects if outcome.diagnosis.effects.iter().all(|effect| effect.change.is_some()) => None,
         Verdict::Unknown => Some(format!(
             "{hides}. That does not make the cause linear: a refitted model fits the levels and the time of these records, and may fail at others."
         )),

@@ -31,6 +31,9 @@ const REFERENCE: &str = "#d55e00";
 /// The page.
 pub fn page(outcome: &Outcome, case: &Case) -> Report {
     let mut report = Report::new("The gap between the simulation and the records").verdict(&outcome.diagnosis.sentence);
+    for change in outcome.diagnosis.effects.iter().filter_map(|effect| effect.change.as_ref()) {
+        report = report.verdict(format!("In the simulation: {change}."));
+    }
     for sentence in shrink::sentences(outcome).into_iter().chain(hidden::sentence(outcome)) {
         report = report.verdict(sentence);
     }
