@@ -136,12 +136,31 @@ pub struct Gap {
     pub shrink_over_refit: f64,
     /// Of a wrong effect with as many parameters.
     pub placebo_shrink: f64,
+    /// What was found, over the bounded refit, a linear refit without bounds and, where there is one, the placebo.
+    #[serde(default)]
+    pub shrink_over: Vec<ShrinkOver>,
     /// Share of what a flexible model closes that the effects close.
     pub share_of_ceiling: f64,
+    /// Its 95 % interval.
+    #[serde(default)]
+    pub share_of_ceiling_ci95: [f64; 2],
     /// Stated before any held-out record was opened.
     pub predicted_held_out_gap: f64,
     /// Where these were measured: the held-out records, or the fitted ones where nothing could be held out.
     pub measured_on: Vec<String>,
+}
+
+/// How much more the simulation with its effects closes than another model, on the same samples.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ShrinkOver {
+    /// The other model.
+    pub than: String,
+    /// Its gap.
+    pub gap: f64,
+    /// 1 - with_effect / gap, both beyond the floor.
+    pub shrink: f64,
+    /// Its 95 % interval.
+    pub ci95: [f64; 2],
 }
 
 /// Whether the records could part an explanation from the best one. Differences are in log likelihood, the best explanation taken for true.

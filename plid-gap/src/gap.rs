@@ -86,13 +86,13 @@ pub fn shrink(before: f64, after: f64, floor: f64) -> f64 {
     if given > 0.0 { 1.0 - beyond(after) / given } else { 0.0 }
 }
 
-/// The shrink's 95 % interval by drawing blocks of the record anew.
-pub fn shrink_interval(before: &Blocks, after: &Blocks, floor: f64) -> [f64; 2] {
+/// 95 % interval of a figure of several gaps by drawing blocks of the record anew, the same blocks for all of them.
+pub fn drawn<const K: usize>(simulated: [&Blocks; K], figure: impl Fn([f64; K]) -> f64) -> [f64; 2] {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
-    let count = before.error[0].len();
+    let count = simulated.first().map_or(0, |first| first.error[0].len());
     middle((0..DRAWS).map(|_| {
         let blocks: Vec<usize> = (0..count).map(|_| rng.random_range(0..count)).collect();
-        shrink(before.of(&blocks), after.of(&blocks), floor)
+        figure(simulated.map(|each| each.of(&blocks)))
     }))
 }
 

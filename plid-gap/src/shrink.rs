@@ -1,6 +1,6 @@
 //! Step 10: how far the gap goes down, on what was held out from all fitting.
 
-use crate::diagnosis::Gap;
+use crate::diagnosis::{Gap, ShrinkOver};
 use crate::effects::Action;
 use crate::explain::{Explained, outputs};
 use crate::gap::{self, Blocks};
@@ -40,24 +40,39 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], limits: &L
     let wide =
         Limits { frequency: 40.0 * limits.frequency, damping: 10.0 * limits.damping, shape: 40.0 * limits.shape };
     let free = Problem { nuisance: Nuisance::new(&quick.plant, &quick.records, &wide), ..quick.clone() };
-    let free_refit = of(&refit(&free, FREE_STEPS).plant, &[]).gap();
-    let placebo = placebo(quick, found);
-    let placebo_gap = placebo.map_or(bounded, |(plant, actions)| of(&plant, &actions).gap());
-    let ceiling = ceiling(quick, found);
-    let ceiling_gap = ceiling.map_or(with_effect, |(plant, actions)| of(&plant, &actions).gap()).min(with_effect);
-    let shrink = gap::shrink(as_given, with_effect, floor);
-    let most = gap::shrink(as_given, ceiling_gap, floor);
+    let free_blocks = of(&refit(&free, FREE_STEPS).plant, &[]);
+    let placebo_blocks = placebo(quick, found).map(|(plant, actions)| of(&plant, &actions));
+    let placebo_gap = placebo_blocks.as_ref().map_or(bounded, Blocks::gap);
+    // A ceiling model that is worse than what was found is none.
+    let ceiling_blocks = ceiling(quick, found)
+        .map(|(plant, actions)| of(&plant, &actions))
+        .filter(|ceiling| ceiling.gap() < with_effect)
+        .unwrap_or_else(|| with.clone());
+    let over = |than: &str, before: &Blocks| ShrinkOver {
+        than: than.into(),
+        gap: before.gap(),
+        shrink: gap::shrink(before.gap(), with_effect, floor),
+        ci95: gap::drawn([before, &with], |[before, with]| gap::shrink(before, with, floor)),
+    };
+    let mut shrink_over = vec![over("bounded refit", &refit_blocks), over("free linear refit", &free_blocks)];
+    shrink_over.extend(placebo_blocks.as_ref().map(|blocks| over("placebo", blocks)));
+    let share = |[given, with, most]: [f64; 3]| {
+        let most = gap::shrink(given, most, floor);
+        if most > 0.0 { (gap::shrink(given, with, floor) / most).clamp(0.0, 1.0) } else { 1.0 }
+    };
     Gap {
         as_given,
         refit: bounded,
-        free_refit,
+        free_refit: free_blocks.gap(),
         with_effect,
         noise_floor: floor,
-        shrink,
-        shrink_ci95: gap::shrink_interval(&given, &with, floor),
+        shrink: gap::shrink(as_given, with_effect, floor),
+        shrink_ci95: gap::drawn([&given, &with], |[given, with]| gap::shrink(given, with, floor)),
         shrink_over_refit: gap::shrink(bounded, with_effect, floor),
         placebo_shrink: gap::shrink(as_given, placebo_gap, floor) - gap::shrink(as_given, bounded, floor),
-        share_of_ceiling: if most > 0.0 { (shrink / most).clamp(0.0, 1.0) } else { 1.0 },
+        shrink_over,
+        share_of_ceiling: share([as_given, with_effect, ceiling_blocks.gap()]),
+        share_of_ceiling_ci95: gap::drawn([&given, &with, &ceiling_blocks], share),
         predicted_held_out_gap: stated,
         measured_on: opened.iter().map(|r| r.name.clone()).collect(),
     }

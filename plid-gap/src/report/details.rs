@@ -178,12 +178,11 @@ const MODES: usize = 8;
 
 fn gaps(report: Report, outcome: &Outcome) -> Report {
     let gap = &outcome.diagnosis.gap;
-    let mut table = Table::new(format!(
-        "The gap in figures, on {}. Shrink: one minus the gap after over the gap before, both beyond the noise.",
-        gap.measured_on.join(", ")
-    ))
-    .column("figure", "")
-    .column("value", "%");
+    // A zero has no sign.
+    let figure = |share: f64| Cell::fixed(if share.abs() < 5e-5 { 0.0 } else { 100.0 * share }, 2);
+    let mut table = Table::new(format!("The gap in figures, on {}.", gap.measured_on.join(", ")))
+        .column("figure", "")
+        .column("value", "%");
     let rows = [
         ("gap as given", gap.as_given),
         ("gap after the bounded refit", gap.refit),
@@ -191,17 +190,26 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
         ("gap with all that was found", gap.with_effect),
         ("gap that noise alone makes", gap.noise_floor),
         ("gap stated before the record was opened", gap.predicted_held_out_gap),
-        ("shrink", gap.shrink),
-        ("shrink, lower end of the 95 % interval", gap.shrink_ci95[0]),
-        ("shrink, upper end", gap.shrink_ci95[1]),
-        ("shrink over the bounded refit", gap.shrink_over_refit),
         ("shrink by a placebo, over the bounded refit", gap.placebo_shrink),
-        ("share of what a flexible model closes", gap.share_of_ceiling),
     ];
     for (name, value) in rows {
-        // A zero has no sign.
-        let value = if value.abs() < 5e-5 { 0.0 } else { value };
-        table = table.row([name.into(), Cell::fixed(100.0 * value, 2)]);
+        table = table.row([name.into(), figure(value)]);
+    }
+    let mut shrink = Table::new(
+        "Shrink by all that was found: one minus its gap over the other one, both beyond the noise; 95 % interval by drawing blocks of the record anew.",
+    )
+    .column("over", "")
+    .column("its gap", "%")
+    .column("shrink", "%")
+    .column("from", "%")
+    .column("to", "%");
+    let mut over = vec![("the simulation as given".to_string(), figure(gap.as_given), gap.shrink, gap.shrink_ci95)];
+    let others = gap.shrink_over.iter();
+    over.extend(others.map(|over| (format!("the {}", over.than), figure(over.gap), over.shrink, over.ci95)));
+    let ceiling = "as a share of what the flexible ceiling model closes".to_string();
+    over.push((ceiling, Cell::from(""), gap.share_of_ceiling, gap.share_of_ceiling_ci95));
+    for (than, its_gap, value, [low, high]) in over {
+        shrink = shrink.row([than.into(), its_gap, figure(value), figure(low), figure(high)]);
     }
     let judged = &outcome.evidence.adequacy;
     let [given, refit, found] = outcome.evidence.costs;
@@ -221,7 +229,7 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
     ] {
         costs = costs.row([name.into(), Cell::significant(value, 4)]);
     }
-    report.table(table).details("What is left, against the noise", |report| report.table(costs))
+    report.table(table).table(shrink).details("What is left, against the noise", |report| report.table(costs))
 }
 
 fn refit(report: Report, outcome: &Outcome) -> Report {

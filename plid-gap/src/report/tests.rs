@@ -9,8 +9,8 @@ use crate::beside::Beside;
 use crate::case::{Case, CaseConfig};
 use crate::diagnose::{Evidence, Outcome};
 use crate::diagnosis::{
-    Change, Comparison, Diagnosis, Explanation, Gap, Located, NamedEffect, SimulationWithEffects, Value, Where,
-    WrittenEffect,
+    Change, Comparison, Diagnosis, Explanation, Gap, Located, NamedEffect, ShrinkOver, SimulationWithEffects, Value,
+    Where, WrittenEffect,
 };
 use crate::effects::Side;
 use crate::levels::LevelRun;
@@ -119,7 +119,9 @@ fn outcome(case: &Case) -> Outcome {
             shrink_ci95: [0.94, 0.97],
             shrink_over_refit: 0.88,
             placebo_shrink: 0.01,
+            shrink_over: vec![ShrinkOver { than: "bounded refit".into(), gap: 0.15, shrink: 0.88, ci95: [0.86, 0.9] }],
             share_of_ceiling: 0.99,
+            share_of_ceiling_ci95: [0.97, 1.0],
             predicted_held_out_gap: 0.021,
             measured_on: vec!["last.csv".into()],
         },
@@ -248,6 +250,9 @@ fn the_page_says_all_that_the_diagnosis_says() {
         "sensor-noise",
         "higher prior: clearance",
         "Stated before opening last.csv: a gap of 2.1\u{a0}%; found: 2.0\u{a0}%.",
+        // The shrink over another model, from and to.
+        "the bounded refit",
+        "86.00",
         // The case, and how to repeat it.
         "file = &quot;a&amp;b.csv&quot;",
         "plid gap diagnose case.toml",
@@ -294,6 +299,7 @@ fn nothing_and_what_is_not_a_number_make_a_page_too() {
     let gap = &mut diagnosis.gap;
     (gap.as_given, gap.refit, gap.free_refit, gap.with_effect, gap.noise_floor) = (nan, nan, f64::INFINITY, nan, nan);
     (gap.shrink, gap.shrink_ci95, gap.share_of_ceiling) = (nan, [nan, nan], nan);
+    gap.shrink_over[0].ci95 = [nan, nan];
     let evidence = &mut outcome.evidence;
     evidence.stages.clear();
     evidence.unseen.clear();
