@@ -194,9 +194,17 @@ const LEFT: f64 = 1.1;
 /// A gap as given within this factor of the noise has nothing to shrink.
 const NOISE_ONLY: f64 = 1.1;
 
+fn percent(share: f64) -> String {
+    format!("{:.1} %", 100.0 * share)
+}
+
+/// What becomes of a gap, which effects that were fitted to other records may also widen.
+fn course(from: f64, to: f64) -> String {
+    format!("the gap {} from {} to {}", if to > from { "grows" } else { "falls" }, percent(from), percent(to))
+}
+
 /// The answer in a sentence. `nearest` is the best explanation, whether it suffices or not; `seen` says whether the records show the noise.
 pub(crate) fn sentence(verdict: Verdict, effects: &[NamedEffect], nearest: &[String], gap: &Gap, seen: bool) -> String {
-    let percent = |x: f64| format!("{:.1} %", 100.0 * x);
     let noise = if seen {
         format!("noise {}", percent(gap.noise_floor))
     } else {
@@ -214,10 +222,9 @@ pub(crate) fn sentence(verdict: Verdict, effects: &[NamedEffect], nearest: &[Str
             percent(gap.refit),
         ),
         Verdict::Unknown => format!(
-            "Something outside the vocabulary: with what comes nearest, {}, the gap falls from {} to {} ({noise}), and a refit alone leaves {}.",
+            "Something outside the vocabulary: with what comes nearest, {}, {} ({noise}), and a refit alone leaves {}.",
             nearest.join(" and "),
-            percent(gap.as_given),
-            percent(gap.with_effect),
+            course(gap.as_given, gap.with_effect),
             percent(gap.refit),
         ),
         Verdict::Effects => {
@@ -243,10 +250,9 @@ pub(crate) fn sentence(verdict: Verdict, effects: &[NamedEffect], nearest: &[Str
                 String::new()
             };
             format!(
-                "{all} ({sure:.0} % sure): with {} the gap falls from {} to {} ({noise}).{rest}",
+                "{all} ({sure:.0} % sure): with {} {} ({noise}).{rest}",
                 if effects.len() == 1 { "it" } else { "them" },
-                percent(gap.as_given),
-                percent(gap.with_effect),
+                course(gap.as_given, gap.with_effect),
             )
         }
     }
@@ -302,6 +308,9 @@ pub(crate) fn words(
                 100.0 * entry.absorbed
             ));
         }
+        if let Some(doubt) = placed.effect.doubt(&placed.parameters) {
+            words.push(format!("{} at {}: {doubt}.", placed.effect.name(), placed.place.location(names)));
+        }
     }
     let other = found
         .candidates
@@ -341,6 +350,12 @@ mod tests {
     use crate::diagnose::diagnose;
     use crate::effects::Library;
     use crate::testing::{case, truss, truss_with};
+
+    #[test]
+    fn a_gap_that_grows_is_not_said_to_fall() {
+        assert_eq!(super::course(0.145, 0.16), "the gap grows from 14.5 % to 16.0 %");
+        assert_eq!(super::course(0.145, 0.009), "the gap falls from 14.5 % to 0.9 %");
+    }
 
     /// A frequency, a damping ratio and a factor: which number of the simulation is to change, from what to what.
     #[test]

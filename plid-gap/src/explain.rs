@@ -15,7 +15,7 @@ use crate::shape::{Bent, bent, fewer, renamed};
 use crate::shrink::run;
 use crate::simulate::Fineness;
 use crate::stepwise::{Candidate, Search, Turn, all_same, polish, search};
-use crate::thresholds::{ACCEPT, ELSEWHERE, HEAD, INADEQUATE, MOST_UNKNOWN, SHAPE_DIFFERS, WORTH};
+use crate::thresholds::{ACCEPT, DOUBTFUL, ELSEWHERE, HEAD, INADEQUATE, MOST_UNKNOWN, SHAPE_DIFFERS, WORTH};
 use crate::unseen::is_unseen;
 use crate::verdict::{Adequacy, adequacy};
 
@@ -260,6 +260,9 @@ fn once<'a>(
         let freed = judge(straight.min(problem.bent(&bent.fit.eta)), 0.0, bent.fit.cost);
         say(format!("with a free shape: {freed:.2?}"));
         judged.unknown = judged.unknown.min(freed.unknown).max(SHAPE_DIFFERS);
+    }
+    if best.effects.iter().any(|placed| placed.effect.doubt(&placed.parameters).is_some()) {
+        judged.unknown = judged.unknown.max(DOUBTFUL);
     }
     Explained { ready, quick, refitted, found, bent, judged, level, given_cost, diverged: None }
 }

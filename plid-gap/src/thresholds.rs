@@ -69,6 +69,9 @@ pub const NEXT: f64 = 50.0;
 /// outside the vocabulary; a fifth is what counts as kept open.
 pub const SHAPE_DIFFERS: f64 = 0.21;
 
+/// The same where an effect's parameters are at the limit of what its name means ([`Effect::doubt`](crate::effects::Effect::doubt)).
+pub const DOUBTFUL: f64 = 0.21;
+
 /// Probability of something else from which places on single modes are tried too: what a strut explains is not looked for elsewhere.
 pub const INADEQUATE: f64 = 0.35;
 

@@ -50,7 +50,7 @@ pub enum Extent {
     Answered,
 }
 
-/// Scores a trial; writes scores.json and report.html into `out`.
+/// Scores a trial; writes scores.json, report.html and its first picture, power.svg, into `out`.
 ///
 /// # Errors
 /// [`TrialError::Unanswered`] where cases have no answer, [`TrialError::Changed`] with the case whose answer has changed since it was
@@ -83,6 +83,9 @@ pub fn score(
     let scores = Scores::new(given, lines);
     files::make(out)?;
     files::write(&out.join("scores.json"), &files::json(&scores))?;
+    if let Some(svg) = report::power(&scores) {
+        files::write(&out.join("power.svg"), svg.as_bytes())?;
+    }
     let page = out.join("report.html");
     report::page(&scores, &seal.config).write(&page).map_err(TrialError::file(page))?;
     Ok(scores)

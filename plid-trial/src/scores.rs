@@ -8,7 +8,7 @@ use crate::baselines::chance;
 use crate::judge::{Asked, Judged};
 use crate::plan::Arm;
 use crate::statistics::{Calibration, Rate, calibration, lowest_tenth, median};
-use crate::targets::{Target, targets};
+use crate::targets::{Target, parts, targets};
 use crate::vocabulary::{VOCABULARY, family};
 
 /// Who answers: plid first.
@@ -142,6 +142,8 @@ pub struct Scores {
     pub answerers: [&'static str; 4],
     /// What is to be reached.
     pub targets: Vec<Target>,
+    /// The same figures of each of [`PARTS`] that there are cases of, whatever they are.
+    pub parts: BTreeMap<&'static str, Vec<Target>>,
     /// A guess.
     pub chance: Chance,
     /// Every group.
@@ -183,6 +185,14 @@ pub const OUTSIDER: &str = "outsider";
 pub const LEFT_OUT: &str = "left out";
 /// Before the name of a nuisance: cases with nothing missing, and single effects at or above [`STRONG`].
 pub const NUISANCE: &str = "nuisance: ";
+/// Cases of which the same is asked, whatever it is: a nuisance with its value, and what they are called.
+pub const PARTS: [(&str, &[(&str, &str)]); 3] = [
+    ("passive", &[("experiment", "passive")]),
+    ("one input, one output", &[("inputs", "1"), ("outputs", "1")]),
+    ("simulator by outputs", &[("simulator", "outputs")]),
+];
+/// Before the name of a part: all of it, one of its arms, or its single effects at or above [`STRONG`] by equation.
+pub const PART: &str = "part: ";
 /// The vocabulary's own.
 pub const OWN: &str = "own";
 /// Not quite.
@@ -252,13 +262,15 @@ fn groups(lines: &[Line]) -> Vec<Group> {
             groups.push(Group { by: by.to_owned(), is: is.to_owned(), totals });
         }
     };
+    let name = |arm: Arm| {
+        let name = serde_json::to_value(arm).ok();
+        name.as_ref().and_then(|name| name.as_str()).unwrap_or_default().to_owned()
+    };
     let single = |line: &Line| line.asked == Asked::Single;
     let strong = |line: &Line| single(line) && line.gap >= STRONG;
     add(ALL, ALL, &|_| true);
     for arm in [Arm::None, Arm::Single, Arm::Pair, Arm::Triple, Arm::Outsider, Arm::LeaveOneOut] {
-        let name = serde_json::to_value(arm).ok();
-        let name = name.as_ref().and_then(|name| name.as_str()).unwrap_or_default();
-        add(ARM, name, &|line| line.arm == arm);
+        add(ARM, &name(arm), &|line| line.arm == arm);
     }
     for bin in 0..GAPS.len() - 1 {
         let within = |line: &Line| single(line) && (GAPS[bin]..GAPS[bin + 1]).contains(&line.gap);
@@ -276,6 +288,19 @@ fn groups(lines: &[Line]) -> Vec<Group> {
     };
     add(EQUATION, OWN, &|line| strong(line) && full(line) && line.own_equation);
     add(EQUATION, NEAR, &|line| strong(line) && full(line) && !line.own_equation);
+    for (part, asked) in PARTS {
+        let within =
+            |line: &Line| asked.iter().all(|(key, value)| line.nuisances.get(*key).is_some_and(|is| is == value));
+        let mut add = |is: &str, keep: &dyn Fn(&Line) -> bool| {
+            add(&format!("{PART}{part}"), is, &|line| within(line) && keep(line));
+        };
+        add(ALL, &|_| true);
+        add(OWN, &|line| strong(line) && line.own_equation);
+        add(NEAR, &|line| strong(line) && !line.own_equation);
+        for arm in [Arm::None, Arm::Outsider, Arm::Pair] {
+            add(&name(arm), &|line| line.arm == arm);
+        }
+    }
     for kind in &VOCABULARY {
         add(EFFECT, kind.name, &|line| single(line) && line.truth == kind.name);
         add(STRONG_EFFECT, kind.name, &|line| strong(line) && line.truth == kind.name);
@@ -334,6 +359,7 @@ impl Scores {
             of: given.of,
             answerers: ANSWERERS,
             targets: targets(&groups),
+            parts: parts(&groups),
             chance,
             groups,
             cases,
@@ -405,7 +431,7 @@ mod tests {
 
     #[test]
     fn cases_count_where_they_belong() {
-        let lines = vec![
+        let mut lines = vec![
             line("case-1", "clearance", 0.03, true, true),
             line("case-2", "clearance", 0.03, false, true),
             line("case-3", "clearance", 0.015, true, false),
@@ -413,6 +439,9 @@ mod tests {
             line("case-5", "none", 0.0, true, false),
             line("case-6", "none", 0.0, true, true),
         ];
+        for k in [2, 5] {
+            lines[k].nuisances.extend(["inputs", "outputs"].map(|key| (key.to_owned(), "1".to_owned())));
+        }
         let given = Given {
             name: "t".to_owned(),
             seed: 1,
@@ -447,6 +476,13 @@ mod tests {
         // Six of 33 names are of the strut, four of the linear sensors.
         assert!((scores.chance.family.unwrap() - (3.0 * 6.0 + 4.0) / 4.0 / 33.0).abs() < 1e-12);
         assert_eq!((scores.time.total_s, scores.time.longest_s), (6.0, Some(4.0)));
+        // The part of a single channel has a weak effect and a false alarm.
+        let part = &scores.parts["one input, one output"];
+        let figure = |what: &str| part.iter().find(|t| t.what.ends_with(what)).map(|t| (t.found, t.of)).unwrap();
+        assert_eq!(scores.parts.len(), 1);
+        assert_eq!(figure("false alarms on none"), (Some(1.0), 1));
+        assert_eq!(figure("own equation: exactly named"), (None, 0));
+        assert_eq!(figure("confident and wrong, of all cases"), (Some(0.0), 2));
         // A target with its bound, and one that no case of this trial asks for.
         let target = |what: &str| scores.targets.iter().find(|t| t.what.starts_with(what)).unwrap();
         assert_eq!(target("false alarms").reached, Some(false));

@@ -1,8 +1,10 @@
 //! What is to be reached, and what was.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 
-use crate::scores::{ALL, ARM, EQUATION, Group, NEAR, OWN, Totals, totals};
+use crate::scores::{ALL, ARM, EQUATION, Group, NEAR, OWN, PART, PARTS, Totals, totals};
 use crate::statistics::Rate;
 
 /// A figure with what it is to be.
@@ -44,34 +46,59 @@ const SINGLES: [(&str, Reading, [f64; 2]); 4] = [
     ("in the 95 % set", |t| t.in_set, [0.95, 0.90]),
 ];
 
+/// Most that may be wrong with confidence: of all cases, and where less is recorded and power may fall.
+const WRONG: f64 = 0.05;
+
+/// The figures of some cases. `of` finds their groups: [`OWN`], [`NEAR`], [`ALL`] or the name of an arm; `singles` and `rest` stand before what each
+/// figure is.
+fn figures<'a>(singles: &str, rest: &str, of: &dyn Fn(&str) -> Option<&'a Totals>) -> Vec<Target> {
+    let mut figures = Vec::new();
+    for (k, (is, equation)) in [(OWN, "own equation"), (NEAR, "near miss in shape")].into_iter().enumerate() {
+        let here = of(is);
+        let asked = format!("{singles}, single effects of 2 % and more, {equation}");
+        for (what, reading, bounds) in SINGLES {
+            figures.push(share(format!("{asked}: {what}"), true, bounds[k], here.map(reading)));
+        }
+        let (found, count) = here.map_or((None, 0), |t| (t.shrink_median, t.shrink_of));
+        let what = format!("{asked}: median held-out shrink, rightly named");
+        figures.push(target(what, true, [0.9, 0.8][k], found, count));
+    }
+    let all = of(ALL);
+    figures.push(share(format!("{rest}false alarms on none"), false, 0.02, of("none").map(|t| t.false_alarms)));
+    figures.push(share(
+        format!("{rest}confident and wrong, of all cases"),
+        false,
+        WRONG,
+        all.map(|t| t.confident_wrong),
+    ));
+    figures.push(share(format!("{rest}outsiders kept open"), true, 0.75, of("outsider").map(|t| t.kept_open)));
+    let what = format!("{rest}stated gap within 5 % of the gap as given, rightly named");
+    figures.push(share(what, true, 0.9, all.map(|t| t.stated_rightly)));
+    let error = all.and_then(|t| t.calibration.expected_error);
+    let what = format!("{rest}expected calibration error");
+    figures.push(target(what, false, 0.05, error, all.map_or(0, |t| t.calibration.of)));
+    figures.push(share(format!("{rest}pairs: both named"), true, 0.5, of("pair").map(|t| t.all_named)));
+    figures
+}
+
 /// The targets of a trial.
 pub(crate) fn targets(groups: &[Group]) -> Vec<Target> {
-    let of = |by: &str, is: &str| totals(groups, by, is, 0);
-    let mut targets = Vec::new();
-    for (k, is) in [OWN, NEAR].into_iter().enumerate() {
-        let here = of(EQUATION, is);
-        let equation = if is == OWN { "own equation" } else { "near miss in shape" };
-        for (what, reading, bounds) in SINGLES {
-            let what = format!("active, 3 x 3, single effects of 2 % and more, {equation}: {what}");
-            targets.push(share(what, true, bounds[k], here.map(reading)));
-        }
-        let what =
-            format!("active, 3 x 3, single effects of 2 % and more, {equation}: median held-out shrink, rightly named");
-        let (found, count) = here.map_or((None, 0), |t| (t.shrink_median, t.shrink_of));
-        targets.push(target(what, true, [0.9, 0.8][k], found, count));
+    let of = |is: &str| match is {
+        OWN | NEAR => totals(groups, EQUATION, is, 0),
+        ALL => totals(groups, ALL, ALL, 0),
+        arm => totals(groups, ARM, arm, 0),
+    };
+    let mut targets = figures("active, 3 x 3", "", &of);
+    for part in ["passive", "one input, one output"] {
+        let rate = totals(groups, &format!("{PART}{part}"), ALL, 0).map(|t| t.confident_wrong);
+        targets.push(share(format!("{part}: confident and wrong"), false, WRONG, rate));
     }
-    let all = of(ALL, ALL);
-    targets.push(share("false alarms on none", false, 0.02, of(ARM, "none").map(|t| t.false_alarms)));
-    targets.push(share("confident and wrong, of all cases", false, 0.05, all.map(|t| t.confident_wrong)));
-    targets.push(share("outsiders kept open", true, 0.75, of(ARM, "outsider").map(|t| t.kept_open)));
-    targets.push(share(
-        "stated gap within 5 % of the gap as given, rightly named",
-        true,
-        0.9,
-        all.map(|t| t.stated_rightly),
-    ));
-    let error = all.and_then(|t| t.calibration.expected_error);
-    targets.push(target("expected calibration error", false, 0.05, error, all.map_or(0, |t| t.calibration.of)));
-    targets.push(share("pairs: both named", true, 0.5, of(ARM, "pair").map(|t| t.all_named)));
     targets
+}
+
+/// The same figures of each part of a trial that there are cases of. Power may fall there: the bounds are those of the whole, for comparison.
+pub(crate) fn parts(groups: &[Group]) -> BTreeMap<&'static str, Vec<Target>> {
+    let of = |part: &str, is: &str| totals(groups, &format!("{PART}{part}"), is, 0);
+    let there = PARTS.iter().filter(|(part, _)| of(part, ALL).is_some());
+    there.map(|(part, _)| (*part, figures(part, &format!("{part}: "), &|is| of(part, is)))).collect()
 }

@@ -1,5 +1,9 @@
 use super::{Action, Command, Drive, Effect, Parameter, Place, Range, Setting, Side};
 
+/// At a reversal u' goes by 1 - alpha of the command. Of 29 hysteretic actuators in development the largest alpha was 0.88, at a gap of 26 %; where what acts
+/// stands still at each reversal, eight fits had 0.95 to 1.18.
+const STANDS_STILL: f64 = 0.9;
+
 /// A piezo or magnetic actuator whose output depends on where the command came from.
 pub struct ActuatorHysteresis;
 
@@ -37,6 +41,12 @@ impl Effect for ActuatorHysteresis {
         let Place::Input(i) = *place else { return false };
         // Beyond, it never yields and is a gain; far below, it yields at once and is a shift.
         (0.005..8.0).contains(&(parameters[1] / setting.u_rms[i]))
+    }
+
+    fn doubt(&self, parameters: &[f64]) -> Option<&'static str> {
+        (parameters[0] > STANDS_STILL).then_some(
+            "alpha is about one: wherever the command turns, what acts stands still, which the hysteresis of a material hardly ever does",
+        )
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

@@ -183,6 +183,11 @@ pub trait Effect: Send + Sync {
         true
     }
 
+    /// Why something else may be at work though these parameters fit, in words: they are where what the name says goes over into another thing.
+    fn doubt(&self, _parameters: &[f64]) -> Option<&'static str> {
+        None
+    }
+
     /// Where it is once it is fitted: a frequency that is looked for may have moved far from its start.
     fn fitted_place(&self, place: &Place, _parameters: &[f64]) -> Place {
         place.clone()

@@ -61,15 +61,21 @@ fn panel(scores: &Scores, label: &str, read: Reading, chance: Option<f64>) -> Ch
     Chart { title: String::new(), x: strength(), y: percent(label), series, height: 190.0 }
 }
 
-/// Power and wrong names against strength.
+/// Power and wrong names against strength, where any case has a single effect.
+pub(crate) fn power(scores: &Scores) -> Option<String> {
+    (!points(scores, GAP, 0, |t| t.exact).is_empty()).then(|| {
+        charts(&[
+            panel(scores, "exactly named, %", |t| t.exact, Some(scores.chance.exact)),
+            panel(scores, "confident and wrong, %", |t| t.confident_wrong, None),
+        ])
+    })
+}
+
+/// The same with its words.
 pub(super) fn first(report: Report, scores: &Scores) -> Report {
-    if points(scores, GAP, 0, |t| t.exact).is_empty() {
+    let Some(svg) = power(scores) else {
         return report.paragraph("No case of this trial has a single effect: there is no power to show.");
-    }
-    let svg = charts(&[
-        panel(scores, "exactly named, %", |t| t.exact, Some(scores.chance.exact)),
-        panel(scores, "confident and wrong, %", |t| t.confident_wrong, None),
-    ]);
+    };
     report.heading("Power against strength").figure(
         svg,
         "Single effects. Above: the effect was named, and nothing else. Below: the first name was stated with a probability of 0.9 or \

@@ -5,6 +5,8 @@ mod cases;
 mod curves;
 mod tables;
 
+pub(crate) use curves::power;
+
 use plid_lab::experiment::to_toml;
 use plid_lab::report::{Cell, Report};
 

@@ -7,6 +7,7 @@ use crate::scores::{
     ALL, ARM, EFFECT, EQUATION, FAMILY, LEFT_OUT, NEAR, NUISANCE, OUTSIDER, OWN, STRONG_EFFECT, Scores, Totals,
 };
 use crate::statistics::Rate;
+use crate::targets::Target;
 
 /// What is to be reached.
 pub(super) fn targets(report: Report, scores: &Scores) -> Report {
@@ -34,7 +35,31 @@ pub(super) fn targets(report: Report, scores: &Scores) -> Report {
             reached.into(),
         ]);
     }
-    report.heading("What is to be reached").table(table)
+    parts(report.heading("What is to be reached").table(table), scores)
+}
+
+/// The same figures where less is recorded.
+fn parts(report: Report, scores: &Scores) -> Report {
+    if scores.parts.is_empty() {
+        return report;
+    }
+    let mut table = Table::new("The same figures where less is recorded, each with its cases.")
+        .column("figure", "")
+        .column("all", "");
+    for part in scores.parts.keys() {
+        table = table.column(*part, "");
+    }
+    let found = |target: &Target| match target.found {
+        Some(found) => Cell::Number(format!("{found:.3} of {}", target.of)),
+        None => Cell::Number("–".to_owned()),
+    };
+    for (row, target) in scores.targets.iter().enumerate() {
+        let parts: Option<Vec<Cell>> = scores.parts.values().map(|part| part.get(row).map(found)).collect();
+        if let Some(parts) = parts {
+            table = table.row([target.what.as_str().into(), found(target)].into_iter().chain(parts));
+        }
+    }
+    report.table(table)
 }
 
 /// Everything else.
@@ -205,6 +230,7 @@ fn nuisances(report: Report, scores: &Scores) -> Report {
         .column("exact", "%")
         .column("family", "%")
         .column("name and place", "%")
+        .column("in the set", "%")
         .column("false alarms", "%")
         .column("confident, wrong", "%")
         .column("shrink", "median");
@@ -216,6 +242,7 @@ fn nuisances(report: Report, scores: &Scores) -> Report {
             cell(&t.exact),
             cell(&t.family),
             cell(&t.located),
+            cell(&t.in_set),
             cell(&t.false_alarms),
             cell(&t.confident_wrong),
             number(t.shrink_median, 2),

@@ -20,7 +20,7 @@ pub struct Arguments {
     /// Score the cases that have an answer so far. They are in an order that says nothing, so that they stand for all; but what is answered after that is refused.
     #[arg(long = "answered")]
     partial: bool,
-    /// Where report.html and scores.json go; S if left out.
+    /// Where report.html, its first picture power.svg, and scores.json go; S if left out.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
