@@ -17,7 +17,7 @@ use crate::simulate::Fineness;
 use crate::stepwise::{Candidate, Search, Turn, all_same, polish, search};
 use crate::thresholds::{ACCEPT, DOUBTFUL, ELSEWHERE, HEAD, INADEQUATE, MOST_UNKNOWN, SHAPE_DIFFERS, WORTH};
 use crate::unseen::is_unseen;
-use crate::verdict::{Adequacy, adequacy};
+use crate::verdict::{Adequacy, adequacy, least_unknown};
 
 /// Explanations without bounds that are refused before the refit takes their place.
 const MOST_REFUSED: usize = 5;
@@ -263,6 +263,10 @@ fn once<'a>(
     }
     if best.effects.iter().any(|placed| placed.effect.doubt(&placed.parameters).is_some()) {
         judged.unknown = judged.unknown.max(DOUBTFUL);
+    }
+    if !best.effects.is_empty() {
+        let left = bent.as_ref().map_or(best.cost, |bent| bent.fit.cost);
+        judged.unknown = judged.unknown.max(least_unknown((before - left) / left, level.seen));
     }
     Explained { ready, quick, refitted, found, bent, judged, level, given_cost, diverged: None }
 }

@@ -105,7 +105,8 @@ pub fn middle(drawn: impl Iterator<Item = f64>) -> [f64; 2] {
 }
 
 /// The gap to expect on a record of a level like `level`, from fitted ones: each output's error power as a + b level^2 over all
-/// records, over its own power as b level^2 over the random ones. One record of a lightly damped structure scatters by a tenth.
+/// records, over that together with the simulated output's as c level^2 over the random ones. (A measured output at a low level has more noise than
+/// its share.) One record of a lightly damped structure scatters by a tenth.
 pub fn expected(records: &[Record], simulated: &[Channels], level: f64) -> f64 {
     let p = records[0].y.len();
     let periodic = |record: &Record| matches!(record.excitation, Excitation::Periodic(_));
@@ -129,7 +130,7 @@ pub fn expected(records: &[Record], simulated: &[Channels], level: f64) -> f64 {
                 *sum += term;
             }
             if square > 0.0 && !(random && periodic(record)) {
-                output += power(&mut measured().map(|(y, _)| *y)) / square;
+                output += power(&mut measured().map(|(_, s)| *s)) / square;
                 driven += samples;
             }
         }
@@ -138,7 +139,7 @@ pub fn expected(records: &[Record], simulated: &[Channels], level: f64) -> f64 {
         let slope = if determinant > 1e-9 * w * xx { (w * ex - x * e) / determinant } else { 0.0 };
         let slope = slope.clamp(0.0, e / x.max(f64::MIN_POSITIVE));
         let error = (e - slope * x) / w + slope * level * level;
-        let output = output / driven.max(1.0) * level * level;
+        let output = output / driven.max(1.0) * level * level + error;
         error / output.max(f64::MIN_POSITIVE)
     };
     ((0..p).map(share).sum::<f64>() / p as f64).sqrt()
@@ -154,4 +155,38 @@ pub fn floor_over(noise: &[f64], records: &[&[Vec<f64>]]) -> f64 {
     let size = |o: usize| rms(records.iter().flat_map(|y| y[o].iter().filter(|y| y.is_finite())));
     let share = |o: usize| (noise[o] / size(o).max(f64::MIN_POSITIVE)).powi(2);
     ((0..noise.len()).map(share).sum::<f64>() / noise.len() as f64).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Noise of one size at two levels: at the lower one it is a large part of what is measured, which says nothing of the louder record's output.
+    #[test]
+    fn noise_is_expected_beside_the_output_of_the_level_that_is_asked_for() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let mut white = |size: f64| -> Vec<f64> {
+            (0..20_000).map(|_| size * (rng.random_range(0.0..1.0) - 0.5) * 12_f64.sqrt()).collect()
+        };
+        let (mut records, mut simulated) = (Vec::new(), Vec::new());
+        for level in [1.0, 0.2] {
+            let u = white(level);
+            let y = u.iter().zip(white(0.3)).map(|(u, noise)| u + noise).collect();
+            simulated.push(vec![u.clone()]);
+            records.push(Record {
+                name: "r".into(),
+                excitation: Excitation::Random,
+                from_rest: true,
+                start_s: 0.0,
+                held_out: false,
+                u: vec![u],
+                y: vec![y],
+                simulated: None,
+            });
+        }
+        let level = records[0].level();
+        let truth = 0.3 / (1.0_f64 + 0.09).sqrt();
+        let stated = expected(&records, &simulated, level);
+        assert!((stated / truth - 1.0).abs() < 0.02, "{stated} {truth}");
+    }
 }

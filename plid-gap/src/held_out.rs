@@ -24,9 +24,11 @@ pub struct HeldOut {
 }
 
 impl HeldOut {
-    /// Whether the explanation fails where it should show: a right one gains a quarter of the standard deviation, squared.
+    /// Whether the explanation fails where it should show: a right one gains a quarter of the standard deviation, squared. And whether it spoils more than
+    /// chance can, however little it was to show.
     pub fn refutes(&self) -> bool {
-        self.deviation > 8.0 * HELD_OUT_GAIN && self.gain < HELD_OUT_GAIN * self.deviation
+        let chance = HELD_OUT_GAIN * self.deviation;
+        self.deviation > 8.0 * HELD_OUT_GAIN && self.gain < chance || self.gain < -chance
     }
 }
 
@@ -68,5 +70,7 @@ mod tests {
         assert!(!of(2500.0, 100.0) && of(-2500.0, 100.0) && of(200.0, 100.0));
         // Of delta = 2 nobody can say.
         assert!(!of(-4.0, 4.0));
+        // But not that it gains 4 within 4, where it loses 20.
+        assert!(of(-20.0, 4.0));
     }
 }

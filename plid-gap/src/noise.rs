@@ -3,7 +3,7 @@
 //! S(f) = sum of theta_j h_j(f) h_j(f)^H, fitted by maximum likelihood (Whittle, Ark. Mat. 2, 1953) to what no command explains:
 //! records without input, and the differences between periods.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 use nalgebra::{DMatrix, DVector};
 
@@ -256,6 +256,19 @@ impl NoiseModel {
         self.sources.iter().any(|(source, _)| matches!(source, Source::Band(_)))
     }
 
+    /// What forces in bands give an output where they give little: the quarter of all frequencies with the least of it ends at this variance (V^2).
+    pub fn skirts(&self, output: usize) -> f64 {
+        const POINTS: u32 = 256;
+        let at = |hz: f64| -> f64 {
+            let bands = self.sources.iter().filter(|(source, _)| matches!(source, Source::Band(_)));
+            bands.map(|(band, theta)| theta * self.columns(*band, hz)[0][output].norm_sqr()).sum()
+        };
+        let frequencies = (1..POINTS).map(|k| 0.5 * self.plant.rate * f64::from(k) / f64::from(POINTS));
+        let mut powers: Vec<f64> = frequencies.map(at).collect();
+        powers.sort_by(f64::total_cmp);
+        powers[powers.len() / 4]
+    }
+
     /// Of each sensor in V^2.
     pub fn sensors(&self) -> Vec<f64> {
         let of = |(source, theta): &(Source, f64)| matches!(source, Source::Sensor(_)).then_some(*theta);
@@ -291,8 +304,12 @@ impl NoiseModel {
             Source::Mode(k) => vec![self.modal(k, hz)],
             Source::Ambient => (0..plant.modes.len()).map(|k| self.modal(k, hz)).collect(),
             Source::Band(Band { port, hz: centre, width, slope }) => {
-                let of_centre = hz.max(1e-9) / centre;
+                // A force that is held over samples has a periodic spectrum: chords of the unit circle stand for frequencies. About the centre that is the
+                // same; far above it a resonator's skirt levels off, and shows where a force passes straight through to an accelerometer.
+                let angle = |hz: f64| PI * hz / plant.rate;
+                let of_centre = angle(hz.max(1e-9)).sin() / angle(centre).sin();
                 let ratio = of_centre - 1.0 / of_centre;
+                let width = width * angle(centre) / angle(centre).tan();
                 let gain = of_centre.powf(slope) / (1.0 + (ratio / width).powi(2)).sqrt();
                 vec![plant.port_response(port, hz) * C::from(gain)]
             }

@@ -47,12 +47,14 @@ pub fn unseen<'a>(ready: &Prepared, library: &'a Library) -> Vec<Unseen<'a>> {
             put("sensor-dropout", Place::Output(o), &[rate], &[rate / onsets.sqrt()], 2.0 * onsets * 6.0);
         }
     }
-    // A sensor is noisy only against what was declared of it. Beside resonances that are driven it must be so where these leak nothing, too.
+    // A sensor is noisy only against what was declared of it. Beside resonances that are driven it must be so where these leak nothing, too, and more so than the
+    // driving force's own skirts, of which the fit of its band says little.
     if ready.declares {
         let of = |noise: &NoiseModel| noisy(noise, &ready.declared_sensor, &ready.codes);
         let clear = ready.noise.drives().then(|| of(&without_leakage(ready)));
         let both = |o: usize| clear.as_ref().is_none_or(|clear| clear.iter().any(|(other, ..)| *other == o));
-        for (o, std, doubt, gain) in of(&ready.noise).into_iter().filter(|(o, ..)| both(*o)) {
+        let beyond = |o: usize, std: f64| std * std > ready.noise.skirts(o);
+        for (o, std, doubt, gain) in of(&ready.noise).into_iter().filter(|(o, std, ..)| both(*o) && beyond(*o, *std)) {
             put("sensor-noise", Place::Output(o), &[std], &[doubt], gain);
         }
     }

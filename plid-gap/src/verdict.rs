@@ -5,7 +5,8 @@ use crate::prepare::NoiseLevel;
 use crate::problem::Placed;
 use crate::stepwise::{Candidate, all_same};
 use crate::thresholds::{
-    BENT, EXCESS, LEAST_UNKNOWN, MISFIT_TEMPERATURE, MOST_UNKNOWN, NEXT, NOT_ACCEPTED, TEMPERATURE, TEXTBOOK,
+    BENT, EXCESS, FAINT, FAINT_POWER, LEAST_UNKNOWN, MISFIT_TEMPERATURE, MOST_UNKNOWN, NEXT, NOISE_UNSEEN,
+    NOT_ACCEPTED, TEMPERATURE, TEXTBOOK,
 };
 
 /// What a diagnosis says.
@@ -67,6 +68,12 @@ pub fn adequacy(bent: f64, next: f64, cost: f64, before: f64, rows: f64, level: 
     Adequacy { excess, left, bent, next, unknown: LEAST_UNKNOWN + (MOST_UNKNOWN - LEAST_UNKNOWN) * (1.0 - sound) }
 }
 
+/// Least probability of something else beside effects that explain this power, over that of the noise; `seen` says whether records show the noise.
+pub fn least_unknown(explained: f64, seen: bool) -> f64 {
+    let faint = FAINT / (1.0 + (explained.max(0.0) / FAINT_POWER).powi(2));
+    LEAST_UNKNOWN + faint + if seen { 0.0 } else { NOISE_UNSEEN }
+}
+
 /// Spreads probability over the candidates; `unknown` goes to something else.
 pub fn weigh<'a>(
     candidates: &[Candidate<'a>],
@@ -116,6 +123,19 @@ mod tests {
 
     fn level() -> NoiseLevel {
         NoiseLevel { factor: 1.0, uncertainty: 0.02, seen: true, driven: None }
+    }
+
+    /// What explains more is surer, and surest where the noise is known.
+    #[test]
+    fn what_is_faint_is_less_sure() {
+        let explained = [0.0, 0.1, 0.5, 2.0, 1e6];
+        for seen in [true, false] {
+            let least = explained.map(|power| least_unknown(power, seen));
+            assert!(least.windows(2).all(|pair| pair[1] < pair[0]), "{least:?}");
+            assert!(least[0] < 0.5, "{least:?}");
+        }
+        assert!((least_unknown(1e6, true) - LEAST_UNKNOWN).abs() < 1e-9);
+        assert!(least_unknown(1e6, false) > LEAST_UNKNOWN);
     }
 
     /// However much is left: what the search did not accept is behind nothing by what that is worth.

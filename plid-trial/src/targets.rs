@@ -46,6 +46,9 @@ const SINGLES: [(&str, Reading, [f64; 2]); 4] = [
     ("in the 95 % set", |t| t.in_set, [0.95, 0.90]),
 ];
 
+/// Single effects that the targets are for.
+pub(crate) const WHOLE: &str = "active, 3 x 3";
+
 /// Most that may be wrong with confidence: of all cases, and where less is recorded and power may fall.
 const WRONG: f64 = 0.05;
 
@@ -88,7 +91,7 @@ pub(crate) fn targets(groups: &[Group]) -> Vec<Target> {
         ALL => totals(groups, ALL, ALL, 0),
         arm => totals(groups, ARM, arm, 0),
     };
-    let mut targets = figures("active, 3 x 3", "", &of);
+    let mut targets = figures(WHOLE, "", &of);
     for part in ["passive", "one input, one output"] {
         let rate = totals(groups, &format!("{PART}{part}"), ALL, 0).map(|t| t.confident_wrong);
         targets.push(share(format!("{part}: confident and wrong"), false, WRONG, rate));

@@ -7,7 +7,7 @@ use crate::scores::{
     ALL, ARM, EFFECT, EQUATION, FAMILY, LEFT_OUT, NEAR, NUISANCE, OUTSIDER, OWN, STRONG_EFFECT, Scores, Totals,
 };
 use crate::statistics::Rate;
-use crate::targets::Target;
+use crate::targets::{Target, WHOLE};
 
 /// What is to be reached.
 pub(super) fn targets(report: Report, scores: &Scores) -> Report {
@@ -43,9 +43,11 @@ fn parts(report: Report, scores: &Scores) -> Report {
     if scores.parts.is_empty() {
         return report;
     }
-    let mut table = Table::new("The same figures where less is recorded, each with its cases.")
-        .column("figure", "")
-        .column("all", "");
+    let mut table = Table::new(format!(
+        "The same figures where less is recorded, each with its cases. Of the whole trial, single effects are those that are {WHOLE}."
+    ))
+    .column("figure", "")
+    .column("whole trial", "");
     for part in scores.parts.keys() {
         table = table.column(*part, "");
     }
@@ -56,7 +58,8 @@ fn parts(report: Report, scores: &Scores) -> Report {
     for (row, target) in scores.targets.iter().enumerate() {
         let parts: Option<Vec<Cell>> = scores.parts.values().map(|part| part.get(row).map(found)).collect();
         if let Some(parts) = parts {
-            table = table.row([target.what.as_str().into(), found(target)].into_iter().chain(parts));
+            let what = target.what.trim_start_matches(&format!("{WHOLE}, "));
+            table = table.row([what.into(), found(target)].into_iter().chain(parts));
         }
     }
     report.table(table)
