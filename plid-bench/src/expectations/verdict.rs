@@ -5,6 +5,7 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 use super::cell::{DEFAULT, Finished, Score};
 use super::method::{EXPECTATIONS, Method};
 use super::statistics::{Figure, geometric_mean};
+use crate::median;
 
 /// A difference matters if it is at least this large..
 const MATTERS: f64 = 0.05;
@@ -217,19 +218,16 @@ fn against_sigma(cells: &[Finished]) -> Option<String> {
         sigmas.extend(by_sigma);
     }
     let wins = choices.iter().zip(&sigmas).filter(|(choice, sigma)| sigma > choice).count();
-    let (choice, sigma, beyond) = (median(&choices)?, median(&sigmas)?, median(&choices_beyond)?);
+    if [&choices, &sigmas, &choices_beyond].iter().any(|values| values.is_empty()) {
+        return None;
+    }
+    let (choice, sigma, beyond) = (median(&choices), median(&sigmas), median(&choices_beyond));
     Some(format!(
         "Sigma against expectation: a Sigma 100 times too large multiplies the default's free-run error by {sigma:.2} (median), the poorest of the five \
          has {choice:.2} times the error of the best; Sigma matters more in {wins} of {} places. With that Sigma the poorest has {beyond:.2} times the \
          error of the best.",
         choices.len()
     ))
-}
-
-fn median(values: &[f64]) -> Option<f64> {
-    let mut values = values.to_vec();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
 }
 
 #[cfg(test)]

@@ -12,8 +12,8 @@ use super::count::Operations;
 use super::histogram::Histogram;
 use super::visit::{Limit, Visit};
 use super::{Entry, Item, traffic};
-use crate::Noise;
 use crate::study::Machine;
+use crate::{Noise, median};
 
 /// All figures of a study; speed.json.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -362,26 +362,12 @@ fn slope(points: &[(f64, f64)]) -> f64 {
     product / square
 }
 
-/// The middle value, or the mean of the two; NaN of none.
-pub fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    match (sorted.len() / 2, sorted.len() % 2) {
-        (0, 0) => f64::NAN,
-        (half, 0) => 0.5 * (sorted[half - 1] + sorted[half]),
-        (half, _) => sorted[half],
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn medians_and_slopes() {
-        assert_eq!(median(&[3.0, 1.0, 2.0]), 2.0);
-        assert_eq!(median(&[4.0, 1.0, 2.0, 3.0]), 2.5);
-        assert!(median(&[]).is_nan());
+    fn slopes() {
         let line: Vec<(f64, f64)> = (0..5).map(|k| (f64::from(k), 3.0 - 2.5 * f64::from(k))).collect();
         assert!((slope(&line) + 2.5).abs() < 1e-12);
     }

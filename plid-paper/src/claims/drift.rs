@@ -1,6 +1,7 @@
 //! A plant that changes slowly.
 
 use ndarray::{Array2, ArrayView2, s};
+use plid_bench::median;
 use plid_core::{Dense, ImplicitModel, InitialCovariance, ObservableForm, Settings};
 use plid_lab::experiment::Experiment;
 use plid_model::signal::error_measures;
@@ -11,7 +12,7 @@ use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};
 use crate::course::{Course, Pair, course, form_and_start, model, noise_of};
-use crate::truss::{median, truss_of, with_seed};
+use crate::truss::{truss_of, with_seed};
 
 pub const CLAIM: Claim = claim!("drift",
     statement: "Slow variation in time needs re-identification.",

@@ -1,6 +1,7 @@
 //! Fig. 6: how the recursion converges, without averages and with ten.
 
 use ndarray::{Array2, s};
+use plid_bench::median;
 use plid_core::NoiseModel;
 use plid_lab::experiment::{Experiment, NoiseSource};
 use plid_lab::report::{Axis, Chart, ConvergencePlot, Scale, Series, chart, convergence_plot};
@@ -10,7 +11,7 @@ use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};
 use crate::course::{course, form_and_start};
-use crate::truss::{MODES_HZ, curve, mean_and_spread, median, truss_of, with_and_without_averages};
+use crate::truss::{MODES_HZ, curve, mean_and_spread, truss_of, with_and_without_averages};
 
 pub const CLAIM: Claim = claim!("fig6",
     statement: "The convergence plot (largest absolute one-step error over the sensors, a sample at a time) comes down to about 30 mV without averages and 20 mV with ten; \

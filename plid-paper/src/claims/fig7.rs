@@ -1,11 +1,12 @@
 //! Fig. 7: the smallest model, without and with averaging.
 
+use plid_bench::median;
 use rayon::prelude::*;
 use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};
 use crate::truss::{
-    ACTUATOR, MODES_HZ, ModeRow, SENSOR, median, modes, modes_of_all_pairs, overlay, truss_of, truth,
+    ACTUATOR, MODES_HZ, ModeRow, SENSOR, modes, modes_of_all_pairs, overlay, truss_of, truth,
     with_and_without_averages, with_seed,
 };
 

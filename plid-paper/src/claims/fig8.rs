@@ -1,5 +1,6 @@
 //! Fig. 8: more states, more samples.
 
+use plid_bench::median;
 use plid_lab::experiment::{Experiment, NoiseSource};
 use plid_lab::report::{Axis, Chart, Series, chart};
 use plid_model::Model;
@@ -8,7 +9,7 @@ use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};
 use crate::truss::{
-    ACTUATOR, BAND_HZ, MODES_HZ, ModeRow, SENSOR, band_error, covariances, median, modes, overlay, truth, with_samples,
+    ACTUATOR, BAND_HZ, MODES_HZ, ModeRow, SENSOR, band_error, covariances, modes, overlay, truth, with_samples,
     with_seed,
 };
 

@@ -1,5 +1,6 @@
 //! White against shaped input for models of reduced order.
 
+use plid_bench::median;
 use plid_lab::experiment::Experiment;
 use plid_lab::report::{Axis, Chart, Series, chart};
 use plid_testbed::{InputConfig, WhiteNoise};
@@ -7,7 +8,7 @@ use rayon::prelude::*;
 use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};
-use crate::truss::{band_error, median, truss_of, truth, with_seed};
+use crate::truss::{band_error, truss_of, truth, with_seed};
 
 pub const CLAIM: Claim = claim!("graceful",
     statement: "Shaping the input reduces the model gracefully: what lies above the band of the input is left out, and the band is modelled well.",

@@ -1,12 +1,13 @@
 //! How many samples are needed at which rate.
 
+use plid_bench::median;
 use plid_lab::report::{Axis, Chart, Series, chart};
 use rayon::prelude::*;
 use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};
 use crate::course::{course, form_and_start, noise_of};
-use crate::truss::{band_error, median, truss_of, truth, with_seed};
+use crate::truss::{band_error, truss_of, truth, with_seed};
 
 pub const CLAIM: Claim = claim!("rate",
     statement: "A rate of 1600 Hz keeps the information that a sample carries high.",

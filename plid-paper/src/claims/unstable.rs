@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use nalgebra::{Complex, DMatrix};
 use ndarray::Array2;
+use plid_bench::median;
 use plid_bench::study;
 use plid_lab::experiment::Experiment;
 use plid_model::{Model, simulate};
@@ -13,7 +14,6 @@ use rand_distr::{Distribution, StandardNormal};
 use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};
-use crate::truss::median;
 
 pub const CLAIM: Claim = claim!("unstable",
     statement: "Neither open-loop stability nor minimum phase is assumed.",
