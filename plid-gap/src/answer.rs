@@ -16,6 +16,7 @@ use crate::stepwise::{Search, all_same, same};
 use crate::thresholds::SEPARABLE;
 use crate::unseen::{Unseen, cuts, wanders};
 use crate::verdict::{Verdict, Weighted};
+use crate::words::percent;
 
 /// Effects of the answer with intervals and confidence.
 pub(crate) fn named(explained: &Explained, shown: &[&Unseen], weighted: &[Weighted]) -> Vec<NamedEffect> {
@@ -194,10 +195,6 @@ const LEFT: f64 = 1.1;
 /// A gap as given within this factor of the noise has nothing to shrink.
 const NOISE_ONLY: f64 = 1.1;
 
-fn percent(share: f64) -> String {
-    format!("{:.1} %", 100.0 * share)
-}
-
 /// What becomes of a gap, which effects that were fitted to other records may also widen.
 fn course(from: f64, to: f64) -> String {
     format!("the gap {} from {} to {}", if to > from { "grows" } else { "falls" }, percent(from), percent(to))
@@ -354,7 +351,7 @@ mod tests {
     #[test]
     fn a_gap_that_grows_is_not_said_to_fall() {
         assert_eq!(super::course(0.145, 0.16), "the gap grows from 14.5 % to 16.0 %");
-        assert_eq!(super::course(0.145, 0.009), "the gap falls from 14.5 % to 0.9 %");
+        assert_eq!(super::course(0.145, 0.009), "the gap falls from 14.5 % to 0.90 %");
     }
 
     /// A frequency, a damping ratio and a factor: which number of the simulation is to change, from what to what.

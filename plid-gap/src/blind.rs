@@ -82,7 +82,7 @@ fn case(seed: u64, noise: f64, truth: &Truth) -> Case {
         y.iter_mut().flatten().for_each(|y| *y += noise * rng.sample::<f64, _>(StandardNormal));
         let excitation = if level > 0.0 { Excitation::Random } else { Excitation::Zero };
         let name = format!("r{k}");
-        records.push(Record { name, excitation, from_rest: true, start_s, held_out: false, u, y, simulated: None });
+        records.push(Record { name, excitation, start_s, ..testing::record(u, y) });
         start_s += samples as f64 / testing::RATE;
     }
     let config = CaseConfig::new(testing::RATE, model.inputs.clone(), model.outputs.clone());

@@ -173,16 +173,7 @@ mod tests {
             let u = white(level);
             let y = u.iter().zip(white(0.3)).map(|(u, noise)| u + noise).collect();
             simulated.push(vec![u.clone()]);
-            records.push(Record {
-                name: "r".into(),
-                excitation: Excitation::Random,
-                from_rest: true,
-                start_s: 0.0,
-                held_out: false,
-                u: vec![u],
-                y: vec![y],
-                simulated: None,
-            });
+            records.push(crate::testing::record(vec![u], vec![y]));
         }
         let level = records[0].level();
         let truth = 0.3 / (1.0_f64 + 0.09).sqrt();

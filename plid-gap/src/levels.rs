@@ -64,16 +64,7 @@ mod tests {
     use super::*;
 
     fn record(level: f64, samples: usize, excitation: Excitation) -> Record {
-        Record {
-            name: String::new(),
-            excitation,
-            from_rest: true,
-            start_s: 0.0,
-            held_out: false,
-            u: vec![vec![level; samples]],
-            y: vec![vec![0.0; samples]],
-            simulated: None,
-        }
+        Record { excitation, ..crate::testing::record(vec![vec![level; samples]], vec![vec![0.0; samples]]) }
     }
 
     #[test]

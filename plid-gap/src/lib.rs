@@ -45,6 +45,7 @@ pub mod separable;
 pub mod shape;
 pub mod shrink;
 pub mod simulate;
+mod split;
 pub mod stepwise;
 pub mod surrogate;
 #[cfg(test)]
@@ -60,6 +61,7 @@ pub mod unseen;
 pub mod verdict;
 pub mod wandering;
 pub mod whiten;
+mod words;
 mod write;
 mod written;
 

@@ -7,6 +7,7 @@
 use crate::plant::C;
 use crate::record::{Channels, Excitation, Record};
 use crate::transform;
+use crate::words::percent;
 
 /// An input drives a line with at least this share of its strongest line's power: what a converter rounds is less.
 const DRIVES: f64 = 1e-3;
@@ -166,10 +167,6 @@ impl Lines {
     }
 }
 
-fn percent(share: f64) -> String {
-    format!("{:.2} %", 100.0 * share)
-}
-
 /// The period and what each of its lines is, where a record drives odd lines only and leaves out enough of them.
 fn kinds(record: &Record) -> Option<(usize, Vec<Option<Kind>>)> {
     let Excitation::Periodic(period) = record.excitation else { return None };
@@ -246,12 +243,7 @@ mod tests {
         Record {
             name: "odd.csv".into(),
             excitation: Excitation::Periodic(PERIOD),
-            from_rest: true,
-            start_s: 0.0,
-            held_out: false,
-            u: vec![u],
-            y: vec![y],
-            simulated: None,
+            ..crate::testing::record(vec![u], vec![y])
         }
     }
 

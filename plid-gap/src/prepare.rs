@@ -15,6 +15,7 @@ use crate::plant::{Mode, Plant};
 use crate::problem::{Placed, Problem};
 use crate::record::{Channels, Excitation, Record, rms};
 use crate::simulate::{Fineness, simulate};
+use crate::split::split;
 use crate::tones;
 use crate::wandering::{Wandering, wandering};
 use crate::whiten::Whitener;
@@ -363,46 +364,6 @@ const RENEWED: f64 = 0.05;
 
 /// In words.
 const BAND: &str = "a force acts in a band";
-
-/// Share of a driven record that stands alone which is held out.
-const LAST_SHARE: f64 = 0.25;
-
-/// Those to fit and those held out: as the case says, or the last record that is driven, if another one remains, or else the last
-/// quarter of the only one.
-fn split(records: &[Record]) -> (Vec<Record>, Vec<Record>) {
-    if records.iter().any(|record| record.held_out) {
-        return records.iter().cloned().partition(|record| !record.held_out);
-    }
-    let driven: Vec<usize> = (0..records.len()).filter(|&k| records[k].excitation != Excitation::Zero).collect();
-    match driven.as_slice() {
-        [_, .., last] => {
-            let held = records[*last].clone();
-            let fitted = records.iter().enumerate().filter(|(k, _)| k != last).map(|(_, r)| r.clone()).collect();
-            (fitted, vec![held])
-        }
-        [only] => {
-            let at = (records[*only].samples() as f64 * (1.0 - LAST_SHARE)) as usize;
-            let mut fitted = records.to_vec();
-            fitted[*only] = head(&records[*only], at);
-            (fitted, vec![tail(&records[*only], at)])
-        }
-        [] => (records.to_vec(), Vec::new()),
-    }
-}
-
-/// The first samples of a record.
-fn head(record: &Record, samples: usize) -> Record {
-    let part = |channels: &Channels| channels.iter().map(|x| x[..samples].to_vec()).collect();
-    Record { u: part(&record.u), y: part(&record.y), simulated: record.simulated.as_ref().map(part), ..record.clone() }
-}
-
-/// A record whose first samples were not measured: it is simulated from its own start, and judged on the rest.
-fn tail(record: &Record, from: usize) -> Record {
-    let mut tail = record.clone();
-    tail.y.iter_mut().for_each(|y| y[..from].fill(f64::NAN));
-    tail.name = format!("the last {:.0} % of {}", 100.0 * LAST_SHARE, record.name);
-    tail
-}
 
 /// What no command explains: records without input, and otherwise the differences between periods.
 fn quiet_stretches(plant: &Plant, records: &[Record], tones: &[tones::Tone]) -> Vec<Stretch> {

@@ -184,16 +184,7 @@ mod tests {
         let (actions, y) =
             { stiffening }.find(|(_, y)| far(y, &linear) > 0.2 * far(&linear, &vec![vec![0.0; 1200]; 2])).unwrap();
         let cut = |channels: &Channels| -> Channels { channels.iter().map(|x| x[600..].to_vec()).collect() };
-        let record = Record {
-            name: "cut".into(),
-            excitation: Excitation::Random,
-            from_rest: false,
-            start_s: 0.0,
-            held_out: false,
-            u: cut(&u),
-            y: cut(&y),
-            simulated: None,
-        };
+        let record = Record { from_rest: false, ..crate::testing::record(cut(&u), cut(&y)) };
         let rest = simulate(&plant, &actions, &record.u, 0.0, None, Fineness::FINE);
         let (from_rest, started) = (far(&rest, &record.y), far(&run(&plant, &actions, &record), &record.y));
         assert!(started < 0.1 * from_rest, "{started} of {from_rest}");

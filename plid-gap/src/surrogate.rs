@@ -8,7 +8,6 @@ use ndarray::Array2;
 use plid_model::Model;
 use plid_refine::{Candidate, Noise, Options, RefineError, Start, free_run_error};
 
-use crate::audit::driven;
 use crate::case::Case;
 use crate::effects::Setting;
 use crate::error::GapError;
@@ -19,6 +18,7 @@ use crate::plant::Plant;
 use crate::problem::Problem;
 use crate::record::{Excitation, Record};
 use crate::shrink::run;
+use crate::split::driven;
 use crate::whiten::Whitener;
 
 /// States where the case does not say.

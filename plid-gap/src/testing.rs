@@ -40,6 +40,20 @@ pub fn run(model: &Model, u: &[Vec<f64>]) -> Channels {
     crate::case::columns(&outputs)
 }
 
+/// Driven at random, from rest.
+pub fn record(u: Channels, y: Channels) -> Record {
+    Record {
+        name: "random".into(),
+        excitation: Excitation::Random,
+        from_rest: true,
+        start_s: 0.0,
+        held_out: false,
+        u,
+        y,
+        simulated: None,
+    }
+}
+
 /// A case in memory: what `sim` says, and records of what `real` does, 0.2 % of noise on each output: one of 1024 samples without input, and
 /// `random-1` to `random-3` of 3072 samples each at levels 1, 0.5 and 1.
 pub fn case(sim: &Model, real: &Model) -> Case {
@@ -63,7 +77,7 @@ pub fn case(sim: &Model, real: &Model) -> Case {
             0.0 => ("quiet".to_string(), Excitation::Zero),
             _ => (format!("random-{k}"), Excitation::Random),
         };
-        records.push(Record { name, excitation, from_rest: true, start_s, held_out: false, u, y, simulated: None });
+        records.push(Record { name, excitation, start_s, ..record(u, y) });
         start_s += samples as f64 / RATE;
     }
     let mut sim = sim.clone();

@@ -187,14 +187,9 @@ mod tests {
         };
         let y: Channels = driven.iter().zip(&noise).map(of_channel).collect();
         let record = Record {
-            name: "quiet".into(),
             excitation: Excitation::Zero,
             from_rest: false,
-            start_s: 0.0,
-            held_out: false,
-            u: vec![vec![0.0; samples]; plant.m],
-            y,
-            simulated: None,
+            ..crate::testing::record(vec![vec![0.0; samples]; plant.m], y)
         };
         let band = Band { slope: -1.0, ..Band::pass(0, hz, -2.0 * radius.ln() / (std::f64::consts::TAU * hz / RATE)) };
         let noise = NoiseModel::declared(&plant, &vec![sensor; plant.p], &vec![0.0; plant.m]);

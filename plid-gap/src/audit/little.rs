@@ -2,7 +2,6 @@
 
 use plid_model::{ModeKind, Model};
 
-use super::driven;
 use crate::case::Case;
 use crate::effects::{Library, Setting, Side};
 use crate::error::GapError;
@@ -10,6 +9,7 @@ use crate::missing;
 use crate::plant::Plant;
 use crate::prepare::{SHORTEST_QUIET, UNDECLARED};
 use crate::record::Excitation;
+use crate::split::driven;
 
 /// Periods of the lowest mode that a record must hold: in fewer, that mode shows no decay and hardly its frequency.
 const PERIODS: f64 = 3.0;

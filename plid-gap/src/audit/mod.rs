@@ -20,7 +20,6 @@ use crate::case::Case;
 use crate::effects::Library;
 use crate::error::GapError;
 use crate::prepare::Known;
-use crate::record::{Excitation, Record};
 use crate::surrogate::{self, StandIn};
 
 pub use rewire::Mismatch;
@@ -113,18 +112,6 @@ fn look(
     Ok(Audit { case, mismatch, known, stand_in })
 }
 
-/// Records that drive the structure and are not held out: the last one counts among them only if the case says so by its `use` or it is alone.
-pub(crate) fn driven(records: &[Record]) -> Vec<&Record> {
-    let driven: Vec<&Record> =
-        records.iter().filter(|r| r.excitation != Excitation::Zero && !r.held_out && r.level() > 0.0).collect();
-    let chosen = records.iter().any(|record| record.held_out);
-    match driven.as_slice() {
-        // The diagnosis will hold out the last one.
-        [before @ .., _] if !chosen && !before.is_empty() => before.to_vec(),
-        _ => driven,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -167,16 +154,5 @@ mod tests {
         assert_eq!(first.mismatch.unwrap().wiring.delay, 40);
         assert_eq!(first.case.model, case.model);
         assert_eq!(look(&first.case).mismatch, None);
-    }
-
-    #[test]
-    fn the_last_driven_record_is_not_looked_at() {
-        let mut case = case(&truss(1), &truss(1));
-        let names = |case: &Case| driven(&case.records).iter().map(|r| r.name.clone()).collect::<Vec<_>>();
-        assert_eq!(names(&case), ["random-1", "random-2"]);
-        case.records[1].held_out = true;
-        assert_eq!(names(&case), ["random-2", "random-3"]);
-        case.records.drain(1..3);
-        assert_eq!(names(&case), ["random-3"]);
     }
 }

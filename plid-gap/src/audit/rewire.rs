@@ -4,11 +4,12 @@
 use nalgebra::{DMatrix, DVector};
 use plid_model::Model;
 
-use super::driven;
 use super::responses::{Responses, Simulated};
 use super::wiring::{Wire, Wiring};
 use crate::case::Case;
 use crate::error::GapError;
+use crate::split::driven;
+use crate::words::percent;
 
 /// Channels up to which all permutations are tried; beyond, all exchanges of two.
 const ALL_PERMUTATIONS: usize = 5;
@@ -329,10 +330,6 @@ fn sentence(wiring: &Wiring, case: &Case, before: f64, after: f64) -> String {
         text.replace_range(..1, &first.to_uppercase());
     }
     format!("{text}: with that put right the gap falls from {} to {}.", percent(before), percent(after))
-}
-
-fn percent(gap: f64) -> String {
-    if gap < 100.0 { format!("{:.1} %", 100.0 * gap) } else { format!("{:.1e} %", 100.0 * gap) }
 }
 
 fn side(

@@ -87,8 +87,12 @@ mod tests {
     use super::*;
     use crate::testing::{RATE, truss};
 
-    /// A case of one record of two samples, written to files.
     fn read(inputs: &str, rate: f64, samples: &str) -> Result<Case, GapError> {
+        read_with("", inputs, rate, samples)
+    }
+
+    /// A case of one record, written to files: these samples and another one.
+    fn read_with(keys: &str, inputs: &str, rate: f64, samples: &str) -> Result<Case, GapError> {
         let folder = tempfile::tempdir().unwrap();
         let put = |name: &str, text: String| std::fs::write(folder.path().join(name), text).unwrap();
         put("sim.json", truss(1).to_json().to_string());
@@ -96,7 +100,7 @@ mod tests {
         put(
             "case.toml",
             format!(
-                "sim = \"sim.json\"\nsample_rate_hz = {rate:?}\ninputs = [{inputs}]\noutputs = [\"y1\", \"y2\"]\n[[record]]\nfile = \"r1.csv\"\n"
+                "sim = \"sim.json\"\nsample_rate_hz = {rate:?}\ninputs = [{inputs}]\noutputs = [\"y1\", \"y2\"]\n{keys}\n[[record]]\nfile = \"r1.csv\"\n"
             ),
         );
         Case::read(&folder.path().join("case.toml"))
@@ -124,5 +128,13 @@ mod tests {
         assert!(output.contains("channel `y2` is inf"), "{output}");
         let channel = says(INPUTS, RATE, "1,2,3,4,5");
         assert!(channel.contains("5 cells where 4 are expected"), "{channel}");
+    }
+
+    #[test]
+    fn a_mean_is_learnt_from_what_is_fitted_alone() {
+        // Of eight samples the last two are held out, and there y1 is far off.
+        let case = read_with("trend = \"mean\"", INPUTS, RATE, &format!("{}0,0,99,7", "1,0,5,7\n".repeat(6))).unwrap();
+        assert_eq!(case.records[0].y[0][..6], [0.0; 6]);
+        assert_eq!(case.records[0].y[0][6], 94.0);
     }
 }

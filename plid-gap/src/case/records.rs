@@ -9,6 +9,7 @@ use plid_lab::prepare::{decimate, trend};
 use super::{CaseConfig, RecordConfig, StartKind, Use, columns};
 use crate::error::GapError;
 use crate::record::{Excitation, Record};
+use crate::split::{self, Unnamed};
 
 /// All records of a case, in order, and what was noticed. `path` is the case's own, for errors.
 pub(super) fn read(path: &Path, config: &CaseConfig, folder: &Path) -> Result<(Vec<Record>, Vec<String>), GapError> {
@@ -94,10 +95,15 @@ fn learnt(config: &CaseConfig, records: &[data::Record]) -> Vec<usize> {
     let is_test = |given: &RecordConfig| given.r#use == Some(Use::Test);
     let chosen = config.record.iter().any(is_test);
     let is_driven = |given: &RecordConfig| given.excitation(1) != Excitation::Zero && given.r#use != Some(Use::Sim);
-    let driven: Vec<usize> = (0..records.len()).filter(|&k| is_driven(&config.record[k])).collect();
-    // The diagnosis will hold out the last one.
-    let last = if chosen || driven.len() < 2 { None } else { driven.last() };
-    (0..records.len())
-        .map(|k| if is_test(&config.record[k]) || Some(&k) == last { 0 } else { records[k].samples() })
-        .collect()
+    let unnamed = if chosen { None } else { split::unnamed(config.record.iter().map(is_driven)) };
+    let learnt = |(k, given): (usize, &RecordConfig)| {
+        let samples = records[k].samples();
+        match unnamed {
+            _ if is_test(given) => 0,
+            Some(Unnamed::Last(last)) if k == last => 0,
+            Some(Unnamed::EndOf(only)) if k == only => split::fitted(samples),
+            _ => samples,
+        }
+    };
+    config.record.iter().enumerate().map(learnt).collect()
 }

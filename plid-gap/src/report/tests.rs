@@ -16,7 +16,7 @@ use crate::effects::Side;
 use crate::levels::LevelRun;
 use crate::lines::{Kind, Line, Lines};
 use crate::locate::{BANDS, Estimate, LevelGap, Map, STRETCHES};
-use crate::record::{Channels, Excitation, Record};
+use crate::record::{Channels, Record};
 use crate::resonances::{Alone, Resonance};
 use crate::testing::random_input;
 use crate::tracks::{Passed, Tracks};
@@ -34,13 +34,11 @@ fn case() -> Case {
     let config: CaseConfig = plid_lab::experiment::from_toml(toml, "case.toml").expect("a sound case");
     let record = |index: usize, level: f64| Record {
         name: config.record[index].file.clone(),
-        excitation: Excitation::Random,
-        from_rest: true,
         start_s: 12.0 * index as f64,
-        held_out: false,
-        u: scaled(&random_input(index as u64, SAMPLES, 1), level),
-        y: scaled(&random_input(10 + index as u64, SAMPLES, 2), level),
-        simulated: None,
+        ..crate::testing::record(
+            scaled(&random_input(index as u64, SAMPLES, 1), level),
+            scaled(&random_input(10 + index as u64, SAMPLES, 2), level),
+        )
     };
     let records = vec![record(0, 0.3), record(1, 1.0)];
     Case { config, model: None, records, for_simulation: Vec::new(), warnings: Vec::new() }

@@ -4,15 +4,9 @@ use crate::diagnose::Outcome;
 use crate::diagnosis::{Explanation, Located};
 use crate::verdict::Verdict;
 
-/// "12.3 %", held together by a blank that does not break; a dash where there is no number.
+/// "12.3 %", held together by a blank that does not break.
 pub(super) fn percent(share: f64) -> String {
-    match 100.0 * share {
-        x if !x.is_finite() => "–".into(),
-        // A zero has no sign.
-        x if x.abs() < 0.005 => "0\u{a0}%".into(),
-        x if x.abs() < 0.95 => format!("{x:.2}\u{a0}%"),
-        x => format!("{x:.1}\u{a0}%"),
-    }
+    crate::words::percent(share).replace(' ', "\u{a0}")
 }
 
 /// Two significant digits, without exponents where they can be helped.
