@@ -100,13 +100,10 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
         for (name, value) in &effect.parameters {
             let short = |x| Cell::significant(x, 4);
             let interval = value.ci95.map(|[a, b]| format!(" ({} to {})", short(a), short(b))).unwrap_or_default();
-            text += &format!(
-                "  {} at {}: {name} = {} {}{interval}\n",
-                effect.effect,
-                effect.location,
-                short(value.value),
-                value.unit
-            );
+            // A pure number has no unit to read.
+            let unit = if value.unit == "1" { String::new() } else { format!(" {}", value.unit) };
+            let (effect, location) = (&effect.effect, &effect.location);
+            text += &format!("  {effect} at {location}: {name} = {}{unit}{interval}\n", short(value.value));
         }
         if let Some(change) = &effect.change {
             text += &format!("  in the simulation: {change}\n");
