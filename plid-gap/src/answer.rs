@@ -197,7 +197,10 @@ const NOISE_ONLY: f64 = 1.1;
 
 /// What becomes of a gap, which effects that were fitted to other records may also widen.
 fn course(from: f64, to: f64) -> String {
-    format!("the gap {} from {} to {}", if to > from { "grows" } else { "falls" }, percent(from), percent(to))
+    match [percent(from), percent(to)] {
+        [from, to] if from == to => format!("the gap stays at {to}"),
+        [before, after] => format!("the gap {} from {before} to {after}", if to > from { "grows" } else { "falls" }),
+    }
 }
 
 /// The answer in a sentence. `nearest` is the best explanation, whether it suffices or not; `seen` says whether the records show the noise.
@@ -352,6 +355,7 @@ mod tests {
     fn a_gap_that_grows_is_not_said_to_fall() {
         assert_eq!(super::course(0.145, 0.16), "the gap grows from 14.5 % to 16.0 %");
         assert_eq!(super::course(0.145, 0.009), "the gap falls from 14.5 % to 0.90 %");
+        assert_eq!(super::course(0.0137, 0.0138), "the gap stays at 1.4 %");
     }
 
     /// A frequency, a damping ratio and a factor: which number of the simulation is to change, from what to what.

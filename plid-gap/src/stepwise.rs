@@ -110,11 +110,16 @@ pub fn search<'a>(
         }
         say(progress(stage + 1, &entries, &fits, &price, &problem.setting.names));
         stages.push(entries);
-        candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
+        let tried: Vec<Candidate> = fits.iter().map(|fit| price.candidate(fit)).collect();
         let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { break };
         let gain = price.of(&best) - price.of(&top);
         let material = off.contains(&Step::Material) || material(problem, &best, &top, stage);
-        if !(gain > ACCEPT && material) {
+        let accepted = gain > ACCEPT && material;
+        // The best with something beside it that was not accepted is no other explanation.
+        if accepted || best.effects.is_empty() {
+            candidates.extend(tried);
+        }
+        if !accepted {
             break;
         }
         best = if off.contains(&Step::PortScales) { top } else { fit_ports(problem, quick, top) };
@@ -124,11 +129,6 @@ pub fn search<'a>(
             best = question(problem, quick, best, library, allowed, &price, &mut candidates);
         }
     }
-    // The best with something beside it that was not accepted is no other explanation.
-    let beyond = |c: &Candidate| {
-        c.effects.len() > best.effects.len() && best.effects.iter().all(|b| c.effects.iter().any(|e| same(e, b)))
-    };
-    candidates.retain(|c| best.effects.is_empty() || !beyond(c));
     // What was not accepted is no better than nothing, whatever its price.
     if best.effects.is_empty() {
         let least = best.cost + NOT_ACCEPTED;
