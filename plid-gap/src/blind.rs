@@ -130,6 +130,20 @@ fn a_cubic_spring_is_named_with_place_and_size() {
 }
 
 /// A gap of a tenth of the noise shows that a spring stiffens, and not how.
+/// No derivative at the simulation's own frequency points there; what appears at the new one and is missing at the old does.
+#[test]
+fn a_mode_that_is_far_off_is_one_change_and_not_two_missing_modes() {
+    let real = testing::truss_with(2, |modes, _, _| modes[1].0 *= 0.85);
+    let found = diagnosed(&testing::case(&testing::truss(2), &real));
+    assert_eq!(found.effects.len(), 1, "{}", found.sentence);
+    assert_eq!(found.effects[0].effect, "modal-frequency");
+    let delta = found.effects[0].parameters["delta"].value;
+    assert!((delta + 0.15).abs() < 1e-3, "{delta}");
+    // What is named is the first explanation, and as sure as that.
+    assert_eq!(found.candidates[0].effects[0].location, found.effects[0].location);
+    assert!((found.effects[0].confidence - found.candidates[0].probability).abs() < 1e-9);
+}
+
 #[test]
 fn a_spring_that_hardly_stiffens_may_be_a_clearance() {
     let (truth, _) = cubic(2, 0.001);

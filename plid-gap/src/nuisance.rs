@@ -36,6 +36,8 @@ pub struct Nuisance {
     p: usize,
     modes: usize,
     rest: usize,
+    /// Of each mode the simulation's own directions.
+    nominal: Vec<(C, C)>,
     /// Of each record, where its initial state begins, if it has one.
     starts: Vec<Option<usize>>,
     /// Size of each mode's state under the records' inputs, then of the rest's.
@@ -67,7 +69,8 @@ impl Nuisance {
             })
             .collect();
         let sizes = state_sizes(plant, records);
-        Self { m, p, modes, rest, starts, sizes, std, struts_follow: false }
+        let nominal = plant.modes.iter().map(directions).collect();
+        Self { m, p, modes, rest, nominal, starts, sizes, std, struts_follow: false }
     }
 
     /// The same for a simulation that was itself estimated: its parameters are in doubt by so much (standard deviations) beyond the
@@ -113,7 +116,7 @@ impl Nuisance {
             let (w, zeta) = (plant.modes[k].pole.norm(), plant.modes[k].damping());
             let (w, zeta) = (w * (1.0 + at[0]).max(0.1), (zeta * at[1].clamp(-3.0, 3.0).exp()).min(0.99));
             changed.move_pole(k, C::new(-zeta * w, w * (1.0 - zeta * zeta).sqrt()));
-            let (b, c) = directions(&changed.modes[k]);
+            let (b, c) = self.directions(k, &changed.modes[k]);
             let before = self.struts_follow.then(|| changed.modes[k].clone());
             changed.change(k, |mode| {
                 for i in 0..self.m {
@@ -128,6 +131,13 @@ impl Nuisance {
             }
         }
         changed
+    }
+
+    /// Of a mode, moved or not, with the signs that the simulation's own have: which one the half of an angle takes changes as the pole moves.
+    fn directions(&self, k: usize, mode: &crate::plant::Mode) -> (C, C) {
+        let towards = |nominal: C, now: C| if (nominal.conj() * now).re < 0.0 { -now } else { now };
+        let ((b, c), nominal) = (directions(mode), self.nominal[k]);
+        (towards(nominal.0, b), towards(nominal.1, c))
     }
 
     /// The initial state of a record, if it is fitted.
@@ -148,7 +158,7 @@ impl Nuisance {
             let turn = (mode.pole * step).exp();
             let held = (turn - 1.0) / mode.pole;
             let held_slope = (turn * step - held) / mode.pole;
-            let (b, c) = directions(mode);
+            let (b, c) = self.directions(k, mode);
             let (mut sum, mut slope) = (vec![C::ZERO; samples], vec![C::ZERO; samples]);
             let mut units = Vec::new();
             let base = k * self.each();
@@ -238,7 +248,7 @@ impl Nuisance {
     }
 }
 
-/// Directions in which real shapes change: largest entry, times the phase that makes the shape as real as can be.
+/// Directions in which real shapes change: largest entry, times the phase that makes the shape as real as can be, of either sign.
 fn directions(mode: &crate::plant::Mode) -> (C, C) {
     let of = |shape: &[C]| {
         let size = shape.iter().map(|x| x.norm()).fold(0.0, f64::max);
@@ -334,7 +344,6 @@ impl Through {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::Excitation;
     use crate::simulate::{Fineness, simulate};
     use crate::testing;
 
@@ -343,16 +352,7 @@ mod tests {
     fn tangents_are_differences() {
         let plant = Plant::new(&testing::truss(3)).unwrap();
         let u = testing::random_input(3, 800, 2);
-        let record = Record {
-            name: "r".into(),
-            excitation: Excitation::Random,
-            from_rest: false,
-            start_s: 0.0,
-            held_out: false,
-            y: vec![vec![0.0; 800]; 2],
-            u: u.clone(),
-            simulated: None,
-        };
+        let record = Record { from_rest: false, ..testing::record(u.clone(), vec![vec![0.0; 800]; 2]) };
         let nuisance = Nuisance::new(&plant, std::slice::from_ref(&record), &Limits::default());
         let zero = vec![0.0; nuisance.len()];
         let run = |eta: &[f64]| {
@@ -378,6 +378,33 @@ mod tests {
             seen += 1;
         });
         assert_eq!(seen, nuisance.len());
+    }
+
+    /// However far a pole moves, and whatever the basis, a shape's parameter keeps its sign.
+    #[test]
+    fn directions_follow_the_pole() {
+        let plant = Plant::new(&testing::truss(3)).unwrap();
+        for turn in 0..64 {
+            let turn = C::from_polar(1.0, std::f64::consts::TAU * f64::from(turn) / 64.0);
+            let mut turned = plant.clone();
+            for mode in &mut turned.modes {
+                mode.b.iter_mut().for_each(|b| *b *= turn);
+                mode.c.iter_mut().for_each(|c| *c /= turn);
+            }
+            let nuisance = Nuisance::new(&turned, &[], &Limits::default());
+            for (k, mode) in turned.modes.iter().enumerate() {
+                let mut moved = turned.clone();
+                moved.move_pole(k, mode.pole * 0.8);
+                let (b, c) = nuisance.directions(k, &moved.modes[k]);
+                let keeps = |shape: &[C], now: C, moved: &[C], then: C| {
+                    let sign = |x: C, direction: C| (x * direction.conj()).re.signum();
+                    shape.iter().zip(moved).all(|(x, y)| sign(*x, now) == sign(*y, then))
+                };
+                let (b0, c0) = nuisance.directions(k, mode);
+                assert!(keeps(&mode.b, b0, &moved.modes[k].b, b), "mode {k} turned by {turn}");
+                assert!(keeps(&mode.c, c0, &moved.modes[k].c, c), "mode {k} turned by {turn}");
+            }
+        }
     }
 
     /// A strut whose shape on a mode is another one than the simulation's, under a cubic spring: with the input shape put right, force and displacement are right.

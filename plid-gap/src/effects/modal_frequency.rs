@@ -1,6 +1,9 @@
 use super::{Action, Change, Effect, Parameter, Place, Range, Setting, Side};
 use crate::plant::plain_hz;
 
+/// No mode is looked for further from where it was.
+const FARTHEST: f64 = 0.4;
+
 /// One mode at another frequency than the simulation has it.
 pub struct ModalFrequency;
 
@@ -25,8 +28,14 @@ impl Effect for ModalFrequency {
         setting.modes()
     }
 
-    fn starts(&self, _setting: &Setting, _place: &Place) -> Vec<Vec<f64>> {
-        [0.004, 0.012, 0.03].iter().flat_map(|&delta| [vec![delta], vec![-delta]]).collect()
+    /// A mode that has gone far looks like a missing one where it is now.
+    fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
+        let mut starts = vec![0.004, -0.004, 0.012, -0.012, 0.03, -0.03];
+        if let Place::Mode(k) = *place {
+            let gone = setting.missing.iter().map(|mode| mode.hz / setting.plant.modes[k].hz() - 1.0);
+            starts.extend(gone.filter(|delta| delta.abs() < FARTHEST));
+        }
+        starts.into_iter().map(|delta| vec![delta]).collect()
     }
 
     fn is_in_refit(&self) -> bool {
