@@ -129,7 +129,6 @@ fn a_cubic_spring_is_named_with_place_and_size() {
     assert!(class.clone().all(|text| !text.contains("clearance")), "{:?}", found.not_separable);
 }
 
-/// A gap of a tenth of the noise shows that a spring stiffens, and not how.
 /// No derivative at the simulation's own frequency points there; what appears at the new one and is missing at the old does.
 #[test]
 fn a_mode_that_is_far_off_is_one_change_and_not_two_missing_modes() {
@@ -144,6 +143,7 @@ fn a_mode_that_is_far_off_is_one_change_and_not_two_missing_modes() {
     assert!((found.effects[0].confidence - found.candidates[0].probability).abs() < 1e-9);
 }
 
+/// A gap of a tenth of the noise shows that a spring stiffens, and not how.
 #[test]
 fn a_spring_that_hardly_stiffens_may_be_a_clearance() {
     let (truth, _) = cubic(2, 0.001);

@@ -197,16 +197,7 @@ mod tests {
     use crate::testing;
 
     fn record(y: Channels) -> Record {
-        Record {
-            name: "random".into(),
-            excitation: Excitation::Random,
-            from_rest: true,
-            start_s: 0.0,
-            held_out: false,
-            u: Vec::new(),
-            y,
-            simulated: None,
-        }
+        testing::record(Vec::new(), y)
     }
 
     /// Values that are held, of a smooth signal, on a grid: at its largest value too. What a clipped converter holds is none of that.

@@ -87,11 +87,14 @@ mod tests {
         let mut records = case(&truss(1), &truss(1)).records;
         let (fit, held_out) = split(&records);
         assert_eq!((names(&fit), names(&held_out)), (vec!["quiet", "random-1", "random-2"], vec!["random-3"]));
-        let at_work: Vec<&str> = driven(&records).iter().map(|record| record.name.as_str()).collect();
-        assert_eq!(at_work, ["random-1", "random-2"]);
+        let at_work = |records: &[Record]| driven(records).iter().map(|record| record.name.clone()).collect::<Vec<_>>();
+        assert_eq!(at_work(&records), ["random-1", "random-2"]);
         records[1].held_out = true;
         let (fit, held_out) = split(&records);
         assert_eq!((names(&fit), names(&held_out)), (vec!["quiet", "random-2", "random-3"], vec!["random-1"]));
+        assert_eq!(at_work(&records), ["random-2", "random-3"]);
+        records.drain(1..3);
+        assert_eq!(at_work(&records), ["random-3"]);
     }
 
     #[test]
