@@ -98,6 +98,23 @@ fn an_offset_is_diagnosed_and_predicted() {
         assert!((y - truth - OFFSET).abs() < 0.02, "{y} for {truth}");
     }
 
+    // The engineer's own simulator, which knows something that the model does not: its outputs stay, and the effect's correction is added.
+    let own = |rows: usize| {
+        let lines: String = truth[..rows].iter().map(|y| format!("{}\n", y + 1.0)).collect();
+        std::fs::write(at.join("own.csv"), format!("y1\n{lines}")).unwrap();
+        plid(at, &[&predict[..], &["--simulated", "own.csv"]].concat())
+    };
+    assert_eq!(own(truth.len()).status.code(), Some(0));
+    let text = std::fs::read_to_string(at.join("y.csv")).unwrap();
+    assert_eq!(text.lines().count(), 1 + truth.len());
+    for (line, truth) in text.lines().skip(1).zip(&truth) {
+        let y: f64 = line.parse().unwrap();
+        assert!((y - truth - 1.0 - OFFSET).abs() < 0.02, "{y} for {truth}");
+    }
+    let short = own(truth.len() - 1);
+    assert_eq!(short.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&short.stderr).contains("own.csv: 499 rows, but the input has 500"));
+
     // The same again is refused, and an effect that nobody knows is named with the vocabulary.
     assert_eq!(plid(at, &["gap", "diagnose", "case.toml", "--out", "out"]).status.code(), Some(2));
     let output = plid(at, &["gap", "diagnose", "case.toml", "--out", "other", "--without", "sensor-ofset"]);
