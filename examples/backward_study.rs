@@ -18,10 +18,10 @@ use std::sync::Mutex;
 use std::time::Instant;
 
 use clap::Parser;
+use plid::gap::answer::predict::Predictor;
+use plid::gap::answer::schema::Value;
 use plid::gap::case::{Case, columns};
-use plid::gap::diagnosis::Value;
 use plid::gap::effects::Library;
-use plid::gap::predict::Predictor;
 use plid::testbed::gap::{EffectSpec, GapCase, GapError, GapSpec, LabelledEffect, draw};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -10,20 +10,13 @@
 use std::cell::OnceCell;
 use std::path::Path;
 
-use plid::gap::audit::audit;
+use plid::gap::GapError;
 use plid::gap::case::Case;
 use plid::gap::effects::{Library, Names};
-use plid::gap::explain::{Rules, explain};
-use plid::gap::next::next_experiment;
-use plid::gap::prepare::prepare;
-use plid::gap::problem::Placed;
-use plid::gap::refit::{STEPS, refit};
-use plid::gap::screen::{Base, screen};
-use plid::gap::separable::{Foretold, of_screen, rivals};
-use plid::gap::shrink::gaps;
-use plid::gap::unseen::unseen;
-use plid::gap::verdict::weigh;
-use plid::gap::{GapError, locate};
+use plid::gap::research::{
+    Base, Foretold, Placed, REFIT_STEPS, Rules, audit, explain, gaps, locate, next_experiment, of_screen, prepare,
+    refit, rivals, screen, unseen, weigh,
+};
 use plid::testbed::gap::{Channels, EffectSpec, GapSpec, PlantKind, draw};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -61,7 +54,7 @@ fn steps(case: &Case) -> Result<(), GapError> {
     }
 
     // 3. What the simulation may be off by itself.
-    let refitted = refit(&ready.problem, STEPS);
+    let refitted = refit(&ready.problem, REFIT_STEPS);
     ready.renew_missing(&refitted.eta);
     let problem = &ready.problem;
     let rows = problem.rows() as f64;

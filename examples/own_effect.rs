@@ -6,10 +6,9 @@
 //! cargo run --release --example own_effect
 //! ```
 
-use plid::gap::case::{Case, CaseConfig, columns};
+use plid::gap::case::{Case, CaseConfig, Excitation, Record, columns};
 use plid::gap::diagnose;
 use plid::gap::effects::{Action, Effect, Library, Parameter, Place, Range, Sensor, Setting, Side};
-use plid::gap::record::{Excitation, Record};
 use plid::model::{Model, simulate};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -5,10 +5,9 @@
 
 use std::time::Instant;
 
+use plid::gap::answer::schema::{Diagnosis, Verdict};
 use plid::gap::case::Case;
-use plid::gap::diagnosis::Diagnosis;
 use plid::gap::effects::Library;
-use plid::gap::verdict::Verdict;
 use plid::gap::{Groundwork, Outcome};
 use plid::testbed::gap::{Channels, EffectSpec, GapCase, GapSpec, PlantKind, Simulator, draw};
 

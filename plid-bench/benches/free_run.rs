@@ -8,8 +8,7 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use plid_bench::speed::Cores;
 use plid_gap::case::{Case, columns};
 use plid_gap::effects::{Action, Force};
-use plid_gap::plant::Plant;
-use plid_gap::simulate::{Fineness, simulate};
+use plid_gap::research::{Fineness, Plant, simulate};
 use plid_testbed::gap::{GapSpec, draw};
 
 const SAMPLES: usize = 2000;

@@ -13,9 +13,9 @@ use std::error::Error;
 use std::path::Path;
 use std::time::Instant;
 
+use plid_gap::answer::predict::Predictor;
 use plid_gap::case::{Case, columns};
 use plid_gap::effects::Library;
-use plid_gap::predict::Predictor;
 use plid_gap::{Groundwork, Outcome};
 use plid_lab::data::{MissingPolicy, channels, read};
 

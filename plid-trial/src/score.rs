@@ -4,11 +4,10 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use plid_gap::case::columns;
+use plid_gap::answer::predict::Predictor;
+use plid_gap::case::{Channels, columns};
 use plid_gap::effects::{Library, Range, Setting};
-use plid_gap::plant::Plant;
-use plid_gap::predict::Predictor;
-use plid_gap::record::Channels;
+use plid_gap::research::Plant;
 use plid_lab::data::{MissingPolicy, channels};
 use plid_lab::run::Progress;
 use plid_model::Model;

@@ -66,7 +66,7 @@ mod tests {
         let mut case = case(&truss(1), &truss(1));
         assert!(check(&case).is_empty());
         let y = &mut case.records[1].y[0];
-        let size = crate::record::rms(y.iter());
+        let size = crate::case::record::rms(y.iter());
         let rail = (2.0 * size / CODE).round() * CODE;
         *y = codes(y.iter().map(|y| y.min(rail)));
         let count = y.iter().filter(|y| **y == rail).count();

@@ -1,8 +1,8 @@
 //! Channels that stand still.
 
 use crate::case::Case;
+use crate::case::record::{Excitation, Record};
 use crate::error::GapError;
-use crate::record::{Excitation, Record};
 
 /// Channels that are constant in one record where they need not be.
 ///

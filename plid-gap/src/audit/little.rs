@@ -3,13 +3,13 @@
 use plid_model::{ModeKind, Model};
 
 use crate::case::Case;
+use crate::case::record::Excitation;
+use crate::case::split::driven;
 use crate::effects::{Library, Setting, Side};
 use crate::error::GapError;
-use crate::missing;
 use crate::plant::Plant;
 use crate::prepare::{SHORTEST_QUIET, UNDECLARED};
-use crate::record::Excitation;
-use crate::split::driven;
+use crate::signal::peaks;
 
 /// Periods of the lowest mode that a record must hold: in fewer, that mode shows no decay and hardly its frequency.
 const PERIODS: f64 = 3.0;
@@ -69,13 +69,13 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
     } else if effects().any(|effect| effect.name() == MISSING_MODE) {
         let segments: usize = records
             .iter()
-            .filter(|record| record.excitation == Excitation::Random && record.samples() >= missing::SEGMENT)
-            .map(|record| 1 + 2 * (record.samples() - missing::SEGMENT) / missing::SEGMENT)
+            .filter(|record| record.excitation == Excitation::Random && record.samples() >= peaks::SEGMENT)
+            .map(|record| 1 + 2 * (record.samples() - peaks::SEGMENT) / peaks::SEGMENT)
             .sum();
         if segments <= m {
             let why = format!(
                 "the records with a random input hold {segments} stretches of {} samples, where a frequency response of {m} inputs needs {}",
-                missing::SEGMENT,
+                peaks::SEGMENT,
                 m + 1
             );
             leave(vec![MISSING_MODE.into()], why);

@@ -12,18 +12,18 @@ mod responses;
 mod rewire;
 mod shapes;
 mod stable;
+mod surrogate;
 mod tell;
 mod wiring;
 
-use crate::ablation::Step;
 use crate::case::Case;
 use crate::effects::Library;
 use crate::error::GapError;
 use crate::prepare::Known;
-use crate::surrogate::{self, StandIn};
+use crate::settings::step::Step;
+use surrogate::StandIn;
 
 pub use rewire::Mismatch;
-pub use wiring::Wiring;
 
 /// What was found.
 #[derive(Debug, Clone)]

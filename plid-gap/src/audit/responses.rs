@@ -4,10 +4,10 @@ use ndarray::Array2;
 use plid_model::Model;
 
 use super::wiring::{Wire, Wiring};
+use crate::case::record::{Channels, Excitation, Record};
 use crate::error::GapError;
 use crate::plant::C;
-use crate::record::{Channels, Excitation, Record};
-use crate::transform;
+use crate::signal::fourier;
 
 /// The largest delay that is looked for, in samples.
 const REACH: usize = 1024;
@@ -69,7 +69,7 @@ impl Responses {
                     *to += y * s.conj() * simulated.factor;
                 }
             }
-            let lags = transform::backward(&bins, record.length);
+            let lags = fourier::backward(&bins, record.length);
             for (at, sum) in sums.iter_mut().enumerate() {
                 let lag = at as i64 - self.reach as i64;
                 *sum += lags[lag.rem_euclid(record.length as i64) as usize];
@@ -127,7 +127,7 @@ pub struct Simulated {
 
 fn driven(model: &Model, record: &Record, reach: usize) -> Result<Driven, GapError> {
     let (m, samples) = (model.m(), record.samples());
-    let length = transform::good_length(samples + reach + 1);
+    let length = fourier::good_length(samples + reach + 1);
     let y: Channels = record.y.iter().map(|y| centred(y)).collect();
     let mut s = Vec::new();
     for input in 0..m {
@@ -141,7 +141,7 @@ fn driven(model: &Model, record: &Record, reach: usize) -> Result<Driven, GapErr
     let bins = |x: &Vec<f64>| {
         let mut x = x.clone();
         x.resize(length, 0.0);
-        transform::forward(&x)
+        fourier::forward(&x)
     };
     let y_bins = y.iter().map(bins).collect();
     let s_bins = s.iter().map(|s| s.iter().map(bins).collect()).collect();

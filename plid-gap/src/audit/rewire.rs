@@ -7,8 +7,8 @@ use plid_model::Model;
 use super::responses::{Responses, Simulated};
 use super::wiring::{Wire, Wiring};
 use crate::case::Case;
+use crate::case::split::driven;
 use crate::error::GapError;
-use crate::split::driven;
 use crate::words::percent;
 
 /// Channels up to which all permutations are tried; beyond, all exchanges of two.
@@ -383,7 +383,7 @@ fn short(x: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::Channels;
+    use crate::case::record::Channels;
     use crate::testing::{case, truss};
 
     fn found(change: impl Fn(&mut Channels, &mut Channels)) -> Option<Mismatch> {

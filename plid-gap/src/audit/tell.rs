@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 
 use super::Audit;
+use crate::answer::schema::{Located, NamedEffect, Value, WrittenEffect};
 use crate::diagnose::Outcome;
-use crate::diagnosis::{Located, NamedEffect, Value, WrittenEffect};
 use crate::effects::{ActuatorDelay, Effect};
-use crate::verdict::Verdict;
+use crate::judge::verdict::Verdict;
 
 impl Audit {
     /// Puts what the audit explained into an answer that was made with it put right.
@@ -71,13 +71,13 @@ impl Audit {
 
 #[cfg(test)]
 mod tests {
+    use crate::answer::predict::Predictor;
     use crate::case::Case;
     use crate::diagnose::{Outcome, diagnose};
     use crate::effects::Library;
-    use crate::gap::Blocks;
-    use crate::predict::Predictor;
+    use crate::judge::gap::Blocks;
+    use crate::judge::verdict::Verdict;
     use crate::testing::{case, random_input, run, truss};
-    use crate::verdict::Verdict;
 
     /// A diagnosis that knows one effect only: what the audit says does not depend on the others.
     fn diagnosed(case: &Case) -> Outcome {

@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 use plid_model::Model;
 
-use crate::record::Record;
+use crate::case::record::Record;
 
 /// A channel of the simulation and a factor.
 #[derive(Debug, Clone, Copy, PartialEq)]

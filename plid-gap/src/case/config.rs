@@ -3,8 +3,8 @@ use serde::{Deserialize, Serialize};
 use plid_lab::prepare::decimate;
 use plid_lab::prepare::trend::Trend;
 
-use crate::nuisance::Limits;
-use crate::record::Excitation;
+use crate::case::record::Excitation;
+use crate::fit::nuisance::Limits;
 
 /// CASE.toml.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -1,7 +1,10 @@
 //! A gap case: the simulation, the records, and what the engineer knows.
 
 mod config;
+pub(crate) mod levels;
+pub(crate) mod record;
 mod records;
+pub(crate) mod split;
 
 use std::path::Path;
 
@@ -9,9 +12,9 @@ use ndarray::Array2;
 use plid_model::Model;
 
 use crate::error::GapError;
-use crate::record::{Channels, Record};
 
 pub use config::{CaseConfig, ExcitationKind, RecordConfig, StartKind, Use};
+pub use record::{Channels, Excitation, Record};
 
 /// A case with its files read.
 #[derive(Debug, Clone)]

@@ -7,9 +7,9 @@ use plid_lab::data;
 use plid_lab::prepare::{decimate, trend};
 
 use super::{CaseConfig, RecordConfig, StartKind, Use, columns};
+use crate::case::record::{Excitation, Record};
+use crate::case::split::{self, Unnamed};
 use crate::error::GapError;
-use crate::record::{Excitation, Record};
-use crate::split::{self, Unnamed};
 
 /// All records of a case, in order, and what was noticed. `path` is the case's own, for errors.
 pub(super) fn read(path: &Path, config: &CaseConfig, folder: &Path) -> Result<(Vec<Record>, Vec<String>), GapError> {

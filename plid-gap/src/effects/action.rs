@@ -1,5 +1,5 @@
+use crate::case::record::Channels;
 use crate::plant::Plant;
-use crate::record::Channels;
 
 /// The command on its way to the structure: m channels, each with `parts` values a sample (held over that part of the sample).
 #[derive(Debug, Clone, PartialEq)]

@@ -3,7 +3,7 @@ use super::place::{Names, ON_A_MODE};
 use plid_model::Model;
 
 use crate::plant::Plant;
-use crate::tones::Tone;
+use crate::signal::tones::Tone;
 
 /// What an effect may know of the simulation and of the records, to choose places and starts.
 #[derive(Debug, Clone)]

@@ -12,7 +12,7 @@ use plid_model::{ModeKind, Model};
 
 use crate::error::GapError;
 
-pub use chain::{Actuator, Chain, Filter};
+pub use chain::Chain;
 pub use ports::PortSource;
 
 /// A complex number.

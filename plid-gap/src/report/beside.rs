@@ -5,10 +5,10 @@ use plid_lab::report::{Axis, Chart, Report, Series, chart, charts};
 use super::words::{with, worst};
 use super::{MEASURED, REFERENCE};
 use crate::diagnose::Outcome;
-use crate::lines::{Kind, Line, Lines};
+use crate::evidence::lines::{Kind, Line, Lines};
+use crate::evidence::resonances::{Alone, Resonance, by_trend};
+use crate::evidence::trend::Along;
 use crate::plant::plain_hz;
-use crate::resonances::{Alone, Resonance, by_trend};
-use crate::trend::Along;
 
 /// Resonances that a picture has room for.
 const MODES: usize = 4;

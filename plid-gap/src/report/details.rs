@@ -7,7 +7,7 @@ use super::{GIVEN, REFERENCE, WITH, shrink, whereabouts};
 use crate::case::Case;
 use crate::diagnose::Outcome;
 use crate::plant::plain_hz;
-use crate::thresholds::SEPARABLE;
+use crate::settings::thresholds::SEPARABLE;
 
 /// All of them.
 pub(super) fn section(report: Report, outcome: &Outcome, case: &Case) -> Report {
@@ -322,7 +322,7 @@ fn quiet(report: Report, outcome: &Outcome) -> Report {
     }
     report.table(table).paragraph(format!(
         "In the answer from {:.0} on; {} of all explanations is left to something else.",
-        crate::unseen::EVIDENCE,
+        crate::search::stochastic::EVIDENCE,
         percent(evidence.adequacy.unknown)
     ))
 }

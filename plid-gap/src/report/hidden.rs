@@ -2,8 +2,8 @@
 
 use super::words::percent;
 use crate::diagnose::Outcome;
-use crate::gap::shrink;
-use crate::verdict::Verdict;
+use crate::judge::gap::shrink;
+use crate::judge::verdict::Verdict;
 
 /// A refit that closes this share of the gap hides it.
 const MOST: f64 = 0.5;

@@ -12,12 +12,15 @@ mod tests;
 mod traces;
 mod whereabouts;
 mod words;
+mod write;
 
 use plid_lab::experiment::to_toml;
 use plid_lab::report::Report;
 
 use crate::case::Case;
 use crate::diagnose::Outcome;
+
+pub use write::write;
 
 /// What was measured: grey, broad, below the rest.
 const MEASURED: &str = "#8f8f8f";

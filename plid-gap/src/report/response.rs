@@ -7,8 +7,8 @@ use rustfft::num_complex::Complex64;
 
 use super::words::{short, with};
 use crate::case::Case;
+use crate::case::record::Channels;
 use crate::diagnose::Outcome;
-use crate::record::Channels;
 
 /// Segments without overlap that a record is cut into, at least: a resolution that tells modes apart comes first, and the
 /// responses lie far above the noise.

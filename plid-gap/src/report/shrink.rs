@@ -5,8 +5,8 @@ use plid_lab::report::{Bar, Bars, Report, bars};
 use super::traces;
 use super::words::{held_out, percent, with, worst};
 use crate::diagnose::Outcome;
-use crate::gap::shrink;
-use crate::verdict::Verdict;
+use crate::judge::gap::shrink;
+use crate::judge::verdict::Verdict;
 
 /// What stands below the verdict: how far the gap shrinks, and what was stated before.
 pub(super) fn sentences(outcome: &Outcome) -> Vec<String> {

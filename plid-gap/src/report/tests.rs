@@ -5,22 +5,22 @@ use std::collections::BTreeMap;
 use nalgebra::DMatrix;
 
 use super::page;
-use crate::beside::Beside;
-use crate::case::{Case, CaseConfig};
-use crate::diagnose::{Evidence, Outcome};
-use crate::diagnosis::{
+use crate::answer::schema::{
     Change, Comparison, Diagnosis, Explanation, Gap, Located, NamedEffect, ShrinkOver, SimulationWithEffects, Value,
     Where, WrittenEffect,
 };
+use crate::case::levels::LevelRun;
+use crate::case::record::{Channels, Record};
+use crate::case::{Case, CaseConfig};
+use crate::diagnose::{Evidence, Outcome};
 use crate::effects::Side;
-use crate::levels::LevelRun;
-use crate::lines::{Kind, Line, Lines};
-use crate::locate::{BANDS, Estimate, LevelGap, Map, STRETCHES};
-use crate::record::{Channels, Record};
-use crate::resonances::{Alone, Resonance};
+use crate::evidence::Beside;
+use crate::evidence::lines::{Kind, Line, Lines};
+use crate::evidence::resonances::{Alone, Resonance};
+use crate::evidence::tracks::{Passed, Tracks};
+use crate::judge::locate::{BANDS, Estimate, LevelGap, Map, STRETCHES};
+use crate::judge::verdict::{Adequacy, Verdict};
 use crate::testing::random_input;
-use crate::tracks::{Passed, Tracks};
-use crate::verdict::{Adequacy, Verdict};
 
 const SAMPLES: usize = 1200;
 

@@ -8,8 +8,8 @@ use plid_model::signal::{WelchOptions, welch_spectra};
 
 use super::words::with;
 use super::{GIVEN, MEASURED, REFERENCE, WITH};
+use crate::case::record::rms;
 use crate::diagnose::Outcome;
-use crate::record::rms;
 
 /// Samples of a trace.
 const WINDOW: usize = 200;

@@ -8,7 +8,7 @@ use super::words::{percent, with};
 use super::{GIVEN, WITH};
 use crate::diagnose::Outcome;
 use crate::effects::Side;
-use crate::locate::{Estimate, LevelGap, Map, STRETCHES};
+use crate::judge::locate::{Estimate, LevelGap, Map, STRETCHES};
 
 /// A share that shows as more than nothing.
 const HOLDS: f64 = 0.0005;

@@ -1,8 +1,8 @@
 //! Numbers and names as the report says them.
 
+use crate::answer::schema::{Explanation, Located};
 use crate::diagnose::Outcome;
-use crate::diagnosis::{Explanation, Located};
-use crate::verdict::Verdict;
+use crate::judge::verdict::Verdict;
 
 /// "12.3 %", held together by a blank that does not break.
 pub(super) fn percent(share: f64) -> String {

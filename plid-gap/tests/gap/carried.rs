@@ -6,12 +6,10 @@ use std::io::Write;
 use std::path::Path;
 use std::process::Command;
 
-use plid_gap::diagnosis::{SimulationWithEffects, Value, WrittenEffect};
+use plid_gap::answer::predict::Predictor;
+use plid_gap::answer::schema::{SimulationWithEffects, Value, WrittenEffect};
 use plid_gap::effects::{Action, Effect, Flexible, Library, MissingModeStart, Place, Setting};
-use plid_gap::plant::Plant;
-use plid_gap::predict::Predictor;
-use plid_gap::simulate::{Fineness, simulate};
-use plid_gap::tones::Tone;
+use plid_gap::research::{Fineness, Plant, Tone, simulate};
 use plid_model::Model;
 use rayon::prelude::*;
 

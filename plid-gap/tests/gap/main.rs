@@ -2,7 +2,7 @@
 
 mod carried;
 mod forward;
-#[path = "../../src/truss.rs"]
+#[path = "../../src/testing/truss.rs"]
 mod truss;
 mod truth;
 mod where_maps;

@@ -4,13 +4,10 @@
 use std::path::PathBuf;
 
 use plid_gap::effects::{Library, Side};
-use plid_gap::locate::{self, BANDS, Map, STRETCHES};
+use plid_gap::research::locate::{self, BANDS, Map, STRETCHES};
 
-use plid_gap::prepare::{Known, prepare};
-use plid_gap::problem::Problem;
-use plid_gap::record::{Excitation, Record};
-use plid_gap::screen::{Base, screen};
-use plid_gap::simulate::Fineness;
+use plid_gap::case::{Excitation, Record};
+use plid_gap::research::{Base, Fineness, Known, Problem, prepare, screen};
 use serde_json::{Value, json};
 
 use crate::forward::structure::{CUBIC, STRUT};

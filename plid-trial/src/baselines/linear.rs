@@ -2,12 +2,8 @@
 //! anything, is the parameter that is most surely beyond the stated limits.
 
 use plid_gap::GapError;
-use plid_gap::plant::Plant;
-use plid_gap::problem::Problem;
-use plid_gap::record::Channels;
-use plid_gap::refit;
-use plid_gap::simulate::{Fineness, simulate};
-use plid_gap::thresholds::BENT;
+use plid_gap::case::Channels;
+use plid_gap::research::{BENT, Fineness, Plant, Problem, REFIT_STEPS, refit as bounded_refit, simulate};
 use plid_model::Model;
 use serde::{Deserialize, Serialize};
 
@@ -25,7 +21,7 @@ pub struct Linear {
 }
 
 pub(super) fn refit(problem: &Problem, model: &Model) -> Linear {
-    let found = refit::refit(problem, refit::STEPS);
+    let found = bounded_refit(problem, REFIT_STEPS);
     let covariance = found.tangent.normal.clone().try_inverse();
     // The first number says how far beyond the stated limits a parameter is, the second how surely it is not zero.
     let changes = found.eta.iter().zip(&problem.nuisance.std).enumerate().filter_map(|(index, (x, std))| {

@@ -5,13 +5,9 @@ mod linear;
 mod ranking;
 mod sparse;
 
-use plid_gap::case::Case;
+use plid_gap::case::{Case, Channels};
 use plid_gap::effects::{Library, Setting};
-use plid_gap::nuisance::Limits;
-use plid_gap::plant::Plant;
-use plid_gap::prepare::{Known, prepare};
-use plid_gap::record::Channels;
-use plid_gap::thresholds::HEAD;
+use plid_gap::research::{HEAD, Known, Limits, Plant, prepare};
 use plid_gap::{GapError, Outcome};
 use plid_model::Model;
 use serde::{Deserialize, Serialize};

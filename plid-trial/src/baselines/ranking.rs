@@ -1,7 +1,7 @@
 //! BIC alone: the candidates that the diagnosis fitted, ranked as a textbook ranks models. No test asks whether the best is good
 //! enough, nothing is kept for causes outside the vocabulary, and no placebo is asked.
 
-use plid_gap::diagnosis::{Diagnosis, Explanation};
+use plid_gap::answer::schema::{Diagnosis, Explanation};
 use plid_gap::effects::{Library, Setting};
 
 use crate::judge::{Candidate, Claim, Named, Stated};
@@ -20,7 +20,7 @@ pub(super) fn claim(diagnosis: &Diagnosis, rows: f64, library: &Library, setting
     ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
     let Some(least) = ranked.first().map(|(bic, _)| *bic) else { return Claim::missing() };
     let all: f64 = ranked.iter().map(|(bic, _)| ((least - bic) / 2.0).exp()).sum();
-    let name = |located: &plid_gap::diagnosis::Located| Named {
+    let name = |located: &plid_gap::answer::schema::Located| Named {
         effect: located.effect.clone(),
         location: located.location.clone(),
         ..Named::default()
@@ -46,7 +46,7 @@ pub(super) fn claim(diagnosis: &Diagnosis, rows: f64, library: &Library, setting
 
 #[cfg(test)]
 mod tests {
-    use plid_gap::plant::Plant;
+    use plid_gap::research::Plant;
     use plid_model::Model;
     use serde_json::json;
 

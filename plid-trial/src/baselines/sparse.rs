@@ -3,11 +3,9 @@
 //! Both sides are whitened by the diagnosis's own model of the noise, without which noise alone gets terms.
 
 use nalgebra::{DMatrix, DVector};
+use plid_gap::case::Channels;
 use plid_gap::effects::{Action, Command, Drive, Force, Sensor, Setting};
-use plid_gap::plant::Plant;
-use plid_gap::problem::Problem;
-use plid_gap::record::Channels;
-use plid_gap::simulate::{Fineness, simulate};
+use plid_gap::research::{Fineness, Plant, Problem, simulate};
 use serde::{Deserialize, Serialize};
 
 use crate::judge::{Claim, Named};

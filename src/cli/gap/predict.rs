@@ -1,9 +1,9 @@
 use std::path::PathBuf;
 
 use ndarray::Array2;
+use plid::gap::answer::predict::Predictor;
 use plid::gap::case::columns;
 use plid::gap::effects::Library;
-use plid::gap::predict::Predictor;
 
 use super::{Failure, Voice, table, voice};
 

@@ -8,7 +8,7 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Complex, DMatrix, DVector};
 use plid_gap::effects::{Library, Place};
-use plid_gap::simulate::{Fineness, simulate};
+use plid_gap::research::{Fineness, simulate};
 
 use super::Rig;
 use crate::truss::{RATE, held};

@@ -12,8 +12,7 @@ mod time;
 mod unseen;
 
 use plid_gap::effects::{Effect, Library, Place, Setting};
-use plid_gap::plant::Plant;
-use plid_gap::simulate::{Fineness, simulate};
+use plid_gap::research::{Fineness, Plant, simulate};
 use plid_model::Model;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -3,7 +3,7 @@
 
 use nalgebra::DMatrix;
 use plid_gap::effects::{Effect, Library, Place};
-use plid_gap::simulate::Fineness;
+use plid_gap::research::Fineness;
 use plid_model::Model;
 
 use super::{Check, Rig, T0};

@@ -1,7 +1,7 @@
 //! Effects that change while records are taken.
 
 use plid_gap::effects::{Action, CubicStiffness, Effect, Place, StiffnessDrift};
-use plid_gap::simulate::{Fineness, simulate};
+use plid_gap::research::{Fineness, simulate};
 
 use super::{Check, Rig, T0, structure};
 use crate::truss::{RATE, Truss};

@@ -6,10 +6,8 @@ use std::f64::consts::TAU;
 
 use plid_gap::effects::{Action, Effect, Library};
 
-use plid_gap::prepare::{Known, Prepared, prepare};
-use plid_gap::record::{Excitation, Record};
-use plid_gap::simulate::{Fineness, simulate};
-use plid_gap::unseen::unseen;
+use plid_gap::case::{Excitation, Record};
+use plid_gap::research::{Fineness, Known, Prepared, prepare, simulate, unseen};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

@@ -1,0 +1,115 @@
+//! The simulation with its effects, as another program can use it.
+
+use std::collections::BTreeMap;
+
+use crate::answer::schema::{SimulationWithEffects, Value, WrittenEffect};
+use crate::effects::{Action, Flexible, Place, Setting};
+use crate::fit::problem::{Placed, Problem};
+use crate::judge::verdict::Verdict;
+use crate::plant::Plant;
+use crate::search::explain::Explained;
+use crate::search::stochastic::{Unseen, wanders};
+
+/// Changes of the bounded refit in standard deviations of its prior, by mode (Hz): frequency, damping, largest of the shapes.
+pub(crate) fn refit_summary(problem: &Problem, eta: &[f64]) -> Vec<(f64, f64, f64, f64)> {
+    let mut modes: Vec<(f64, f64, f64, f64)> = problem.plant.modes.iter().map(|m| (m.hz(), 0.0, 0.0, 0.0)).collect();
+    for (index, (x, std)) in eta.iter().zip(&problem.nuisance.std).enumerate() {
+        let Some((mode, part)) = problem.nuisance.entry(index) else { continue };
+        let z = x / std;
+        match part {
+            0 => modes[mode].1 = z,
+            1 => modes[mode].2 = z,
+            _ if z.abs() > modes[mode].3.abs() => modes[mode].3 = z,
+            _ => {}
+        }
+    }
+    modes
+}
+
+/// sim-with-effect.json: the linear model after the bounded refit (`plant`) with the effects of the model that predicts, and those that
+/// quiet records show, but for a line that wanders: that is part of the noise.
+pub(crate) fn written(
+    explained: &Explained,
+    model: &plid_model::Model,
+    plant: &Plant,
+    shown: &[&Unseen],
+    verdict: Verdict,
+) -> SimulationWithEffects {
+    let (ready, best) = (&explained.ready, explained.fit());
+    let setting = &ready.problem.setting;
+    let records = &ready.problem.records;
+    let t0 =
+        records.iter().chain(&ready.held_out).map(|r| r.start_s + r.samples() as f64 / plant.rate).fold(0.0, f64::max);
+    let fitted: &[Placed] = if verdict == Verdict::None { &[] } else { &best.effects };
+    let effects = fitted
+        .iter()
+        .chain(shown.iter().map(|unseen| &unseen.placed).filter(|placed| !wanders(placed)))
+        .map(|placed| WrittenEffect {
+            effect: placed.effect.name().into(),
+            location: written_place(placed, setting),
+            parameters: placed
+                .effect
+                .parameters(setting)
+                .iter()
+                .zip(&placed.parameters)
+                .map(|(p, &value)| (p.name.clone(), Value { value, ci95: None, unit: p.unit.clone() }))
+                .collect(),
+            given: given(placed, plant, setting),
+            equation: placed.effect.equation().into(),
+        })
+        .collect();
+    let mut modal = plant.clone();
+    let mut changed = false;
+    for action in ready.problem.actions(fitted) {
+        if let Action::Plant(change) = action {
+            change(&mut modal);
+            changed = true;
+        }
+    }
+    let refit = refit_summary(&ready.problem, &best.eta)
+        .iter()
+        .zip(ready.problem.plant.modes.iter().zip(&plant.modes))
+        .map(|(z, (from, to))| {
+            format!(
+                "mode {:.2} Hz: frequency {:.3} -> {:.3} Hz, damping ratio {:.4} -> {:.4}, shapes by up to {:.2} standard deviations of the stated limits",
+                from.hz(), from.hz(), to.hz(), from.damping(), to.damping(), z.3.abs()
+            )
+        })
+        .collect();
+    SimulationWithEffects {
+        format: "simulation-with-effects".into(),
+        linear: plant.to_model(model).to_json(),
+        modes: plant.modes.len(),
+        linear_with_modal_effects: changed.then(|| modal.to_model(model).to_json()),
+        refit,
+        effects,
+        t0,
+        noise_rms: explained.noise_rms(),
+    }
+}
+
+/// Numbers of the simulation and of the records that an equation uses: the actuator's present pole, for the effect that moves it; the units in
+/// which a free shape is drawn.
+fn given(placed: &Placed, plant: &Plant, setting: &Setting) -> BTreeMap<String, Value> {
+    let value = |value: f64, unit: &str| Value { value, ci95: None, unit: unit.into() };
+    if let Some(sibling) = Flexible::named(placed.effect.name()) {
+        let [unit, size] = sibling.units(setting, &placed.place);
+        return [("unit", unit), ("size", size)]
+            .map(|(name, x)| (name.to_string(), value(x, "as in the equation")))
+            .into();
+    }
+    let pole = match placed.place {
+        Place::Input(i) if placed.effect.name() == "actuator-lag" => plant.chain.actuator_hz(i),
+        _ => None,
+    };
+    pole.map(|pole| ("pole".into(), value(pole, "Hz"))).into_iter().collect()
+}
+
+/// A disturbance's port matters for a prediction, and its location names the frequency alone.
+fn written_place(placed: &Placed, setting: &Setting) -> String {
+    let location = placed.place.location(&setting.names);
+    match placed.place {
+        Place::Frequency(_, port) => format!("{location} port:{}", setting.names.ports[port]),
+        _ => location,
+    }
+}

@@ -1,0 +1,297 @@
+//! A simulation where the case gives none: a linear model of what the engineer's own simulator gave for the records' inputs or, without
+//! such outputs, the best linear model of the records themselves, or of those that the case sets aside for it.
+//!
+//! In both cases it is the output-error refinement of a subspace estimate. The first stands for a simulator of any kind, with a fit error of its own;
+//! the second has already taken in all of the gap that a linear model can, so that only what is not linear is left to be found.
+
+use ndarray::Array2;
+use plid_model::Model;
+use plid_refine::{Candidate, Noise, Options, RefineError, Start, free_run_error};
+
+use crate::case::Case;
+use crate::case::record::{Excitation, Record};
+use crate::case::split::driven;
+use crate::effects::Setting;
+use crate::error::GapError;
+use crate::fit::nuisance::{Limits, Nuisance};
+use crate::fit::problem::Problem;
+use crate::judge::shrink::run;
+use crate::noise::NoiseModel;
+use crate::noise::model_error::ModelError;
+use crate::noise::whiten::Whitener;
+use crate::plant::Plant;
+
+/// States where the case does not say.
+const STATES: usize = 24;
+
+/// About the most states of a simulator that is identified with as many as it has.
+const MOST_STATES: usize = 40;
+
+/// Relative error on what it was not fitted to, below which a model is the simulator itself: a hundredth of what is noise as a rule.
+const EXACT: f64 = 1e-4;
+
+/// Share of an output's power that rounding leaves at least.
+const ROUNDING: f64 = 1e-20;
+
+/// Steps of the refinement.
+const ITERATIONS: usize = 60;
+
+/// Of the simulator's outputs: beyond this relative error a linear model does not stand for it.
+const POOR: f64 = 0.05;
+
+/// A model that stands in where the case gives no simulation.
+#[derive(Debug, Clone)]
+pub struct StandIn {
+    /// The model.
+    pub model: Model,
+    /// In words how well it fits.
+    pub words: String,
+    /// Standard deviations of its modes' parameters, as [`Nuisance`] orders them: by so much more may it be off.
+    pub doubt: Vec<f64>,
+    /// What it leaves of the records it was identified from, where that is no noise.
+    pub model_error: Option<ModelError>,
+}
+
+/// A model for a case that has none.
+///
+/// # Errors
+/// [`GapError::TooLittle`] where the records are too short for the states asked for; [`GapError::Failed`] where nothing can be identified.
+pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<StandIn, GapError> {
+    let fitted =
+        if case.for_simulation.is_empty() { driven(&case.records) } else { case.for_simulation.iter().collect() };
+    if fitted.is_empty() {
+        return Err(GapError::TooLittle(
+            "without `sim` a model is identified, and no record to fit from has an input".into(),
+        ));
+    }
+    let of_simulator = fitted.iter().all(|record| record.simulated.is_some());
+    say(format!("identifying a model from {}", if of_simulator { "the simulated outputs" } else { "the records" }));
+    let target = |record: &Record| match &record.simulated {
+        Some(simulated) if of_simulator => matrix(simulated),
+        _ => matrix(&record.y),
+    };
+    let arrays: Vec<(Array2<f64>, Array2<f64>)> = fitted.iter().map(|r| (matrix(&r.u), target(r))).collect();
+    let records: Vec<plid_refine::Record<'_>> = fitted
+        .iter()
+        .zip(&arrays)
+        .map(|(record, (u, y))| plid_refine::Record {
+            inputs: u.view(),
+            outputs: y.view(),
+            start: if record.from_rest { Start::Rest } else { Start::Unknown },
+        })
+        .collect();
+    let options = Options {
+        radius: plid_refine::slowest_radius(&records),
+        // Whether it answers at once is not known.
+        feedthrough: true,
+        iterations: ITERATIONS,
+        noise: Noise::White,
+    };
+    let rate = case.config.rate();
+    // A start that the tail of the records judges must not have learnt from it.
+    let head = plid_refine::head(&records).map_err(failed)?;
+    let tried = of_simulator && case.config.states.is_none();
+    let Linear { mut model, std, unseen } = match tried.then(|| itself(&head, &records, rate)).flatten() {
+        Some(itself) => itself,
+        None => fitted_best(&head, &records, case.config.states.unwrap_or(STATES), rate, &options)?,
+    };
+    model.inputs.clone_from(&case.config.inputs);
+    model.outputs.clone_from(&case.config.outputs);
+    model.initial_state = None;
+    let error = relative(&std, &arrays);
+    let words = words(&model, &case.for_simulation, of_simulator, error, unseen);
+    let doubt = doubt(&model, &fitted, &std)?;
+    let model_error = if of_simulator { None } else { model_error(&model, &fitted, !case.for_simulation.is_empty())? };
+    Ok(StandIn { model, words, doubt, model_error })
+}
+
+/// A linear model of records.
+struct Linear {
+    model: Model,
+    /// Of its free-run error on all of them, of each output.
+    std: Vec<f64>,
+    /// Relative free-run error behind the head of the records.
+    unseen: f64,
+}
+
+/// The linear simulator itself, with as many states as it has. None where its outputs do not tell, or it does not foretell them behind the head.
+fn itself(head: &[plid_refine::Record], records: &[plid_refine::Record], rate: f64) -> Option<Linear> {
+    let found = plid_refine::exact(head, MOST_STATES, true, rate).ok()??;
+    let start = |k: usize| &found.initial_states[k];
+    let last = records.len().checked_sub(1)?;
+    let unseen = free_run_error(&found.model, &records[last], start(last), head[last].samples()).ok()?;
+    let mut sums = vec![(0.0, 0.0); found.model.p()];
+    for (k, record) in records.iter().enumerate() {
+        let run = plid_model::simulate(&found.model, record.inputs, start(k)).ok()?;
+        for ((o, (error, output)), y) in sums.iter_mut().enumerate().zip(record.outputs.columns()) {
+            for (y, simulated) in y.iter().zip(run.outputs.column(o)).filter(|(y, _)| y.is_finite()) {
+                *error += (y - simulated).powi(2);
+                *output += y * y;
+            }
+        }
+    }
+    let samples = records.iter().map(plid_refine::Record::samples).sum::<usize>() as f64;
+    let std = sums.iter().map(|(error, output)| (error.max(ROUNDING * output) / samples).sqrt()).collect();
+    (unseen < EXACT).then_some(Linear { model: found.model, std, unseen })
+}
+
+/// The best model of so many states.
+fn fitted_best(
+    head: &[plid_refine::Record],
+    records: &[plid_refine::Record],
+    states: usize,
+    rate: f64,
+    options: &Options,
+) -> Result<Linear, GapError> {
+    let start = plid_refine::subspace(head, states, None, rate, options).map_err(failed)?.model;
+    let starts = [Candidate { name: "subspace".into(), model: start }];
+    let choice = plid_refine::best_of(&starts, records, options, &|_, _| true).map_err(failed)?;
+    let std = choice.refined.residual_variances.iter().map(|variance| variance.sqrt()).collect();
+    Ok(Linear { model: choice.refined.model, std, unseen: choice.scores[choice.chosen].error })
+}
+
+/// Takes from what was measured what the model does not follow of the simulator's own outputs, where these are given: what is left to
+/// explain is the gap to the simulator, not to its stand-in.
+pub fn take_misfit(record: &mut Record, model: &Model) {
+    let Some(simulated) = &record.simulated else { return };
+    let Ok(run) = plid_model::simulate(model, matrix(&record.u).view(), &model.rest()) else { return };
+    for (o, y) in record.y.iter_mut().enumerate() {
+        y.iter_mut().enumerate().for_each(|(k, y)| *y += run.outputs[(k, o)] - simulated[o][k]);
+    }
+}
+
+/// From the longest record. What repeats in a periodic one may be an effect, unless the record was set aside for the model.
+fn model_error(model: &Model, records: &[&Record], aside: bool) -> Result<Option<ModelError>, GapError> {
+    let tells = |record: &&&Record| record.excitation == Excitation::Random || aside;
+    let Some(record) = records.iter().filter(tells).max_by_key(|record| record.samples()) else { return Ok(None) };
+    let plant = Plant::new(model)?;
+    let error = crate::judge::locate::error(record, &run(&plant, &[], record));
+    Ok(ModelError::of(record, &error, plant.rate))
+}
+
+/// How well the records it was identified from tell the model's parameters, if white noise of these standard deviations is all that it
+/// leaves of them. What they do not tell at all stays within a tenth of itself.
+fn doubt(model: &Model, records: &[&Record], std: &[f64]) -> Result<Vec<f64>, GapError> {
+    let plant = Plant::new(model)?;
+    let records: Vec<Record> = records.iter().map(|record| (*record).clone()).collect();
+    let noise = NoiseModel::declared(&plant, std, &vec![0.0; plant.m]);
+    let masked = vec![Vec::new(); plant.p];
+    let whiteners = records.iter().map(|record| Whitener::new(record, &noise, plant.rate, masked.clone())).collect();
+    let nuisance = Nuisance::new(&plant, &records, &Limits { frequency: 0.2, damping: 2.0, shape: 0.2 });
+    let setting = Setting::bare(&plant, model);
+    let problem = Problem { plant, records, whiteners, nuisance, setting };
+    let normal = problem.tangent(&problem.plant).normal;
+    let Some(factor) = normal.cholesky() else { return Ok(Vec::new()) };
+    let covariance = factor.inverse();
+    Ok((0..problem.nuisance.of_modes()).map(|k| covariance[(k, k)].max(0.0).sqrt()).collect())
+}
+
+fn words(model: &Model, chosen: &[Record], of_simulator: bool, error: f64, unseen: f64) -> String {
+    let (error, unseen) = (100.0 * error, 100.0 * unseen);
+    let states = model.n();
+    if of_simulator && unseen < 100.0 * EXACT {
+        format!(
+            "The simulator was found from its outputs: it is linear, with {states} states, and what was not fitted is missed by {unseen:.0e} % of itself. `predict` does not need its outputs."
+        )
+    } else if of_simulator {
+        let poor = if unseen > 100.0 * POOR {
+            ": a linear model does not stand for it well; what it misses is taken from what was measured, but effects act on the model"
+        } else {
+            ", which is taken from what was measured; `predict` needs its outputs beside the effect's correction (`--simulated`)"
+        };
+        format!(
+            "The simulator is stood for by a linear model of {states} states that was identified from its outputs: it misses them by {error:.2} % where it was fitted, by {unseen:.2} % where it was not{poor}."
+        )
+    } else if let [first, rest @ ..] = chosen {
+        let names = rest.iter().fold(first.name.clone(), |names, record| format!("{names} and {}", record.name));
+        format!(
+            "No simulation is given: the best linear model of {states} states of {names} stands in. It leaves {error:.2} % of it where it was fitted, {unseen:.2} % where it was not."
+        )
+    } else {
+        format!(
+            "No simulation is given: the best linear model of {states} states of the records stands in. It leaves {error:.2} % of them where it was fitted, {unseen:.2} % where it was not; linear effects are inside it and cannot be found."
+        )
+    }
+}
+
+/// RMS of the free-run error, each output scaled to unit RMS.
+fn relative(std: &[f64], arrays: &[(Array2<f64>, Array2<f64>)]) -> f64 {
+    let share = |o: usize| {
+        let all = arrays.iter().flat_map(|(_, y)| y.column(o).to_vec()).filter(|y| y.is_finite());
+        let (sum, count) = all.fold((0.0, 0.0), |(s, n), y| (s + y * y, n + 1.0));
+        std[o] * std[o] * count / f64::max(sum, f64::MIN_POSITIVE)
+    };
+    ((0..std.len()).map(share).sum::<f64>() / std.len() as f64).sqrt()
+}
+
+fn matrix(channels: &[Vec<f64>]) -> Array2<f64> {
+    Array2::from_shape_fn((channels[0].len(), channels.len()), |(k, c)| channels[c][k])
+}
+
+fn failed(error: RefineError) -> GapError {
+    let message = format!("no model could be identified: {error}");
+    match error {
+        RefineError::TooLittleData { .. } => GapError::TooLittle(message),
+        _ => GapError::Failed(message),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{case, random_input, run, truss};
+
+    /// Relative difference of the free runs of two models on an input that neither has seen.
+    fn apart(a: &Model, b: &Model) -> f64 {
+        let u = random_input(99, 2048, a.m());
+        let (a, b) = (run(a, &u), run(b, &u));
+        let difference: Vec<f64> = a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| a - b).collect();
+        crate::case::record::rms(&difference) / crate::case::record::rms(b.iter().flatten())
+    }
+
+    #[test]
+    fn the_best_linear_model_of_the_records_stands_in() {
+        let mut case = case(&truss(3), &truss(3));
+        case.config.states = Some(truss(3).n());
+        let StandIn { model, words, .. } = identify(&case, &mut |_| {}).unwrap();
+        assert_eq!((model.n(), &model.outputs), (truss(3).n(), &case.config.outputs));
+        // Noise of 0.2 % in 4096 samples.
+        assert!(apart(&model, &truss(3)) < 0.002, "{}", apart(&model, &truss(3)));
+        assert!(words.starts_with("No simulation is given: the best linear model of 14 states"), "{words}");
+    }
+
+    #[test]
+    fn the_engineers_simulator_is_identified_not_the_records() {
+        // The simulator is another truss than the one that was measured.
+        let mut case = case(&truss(4), &truss(3));
+        for record in &mut case.records {
+            record.simulated = Some(run(&truss(4), &record.u));
+        }
+        let StandIn { model, words, .. } = identify(&case, &mut |_| {}).unwrap();
+        // As many states as it has, and no rounding worth a name.
+        assert_eq!(model.n(), truss(4).n());
+        assert!(apart(&model, &truss(4)) < 1e-5, "{}", apart(&model, &truss(4)));
+        assert!(apart(&model, &truss(3)) > 0.5);
+        assert!(words.starts_with("The simulator was found from its outputs: it is linear, with"), "{words}");
+        // What is rounded to four digits has no order that shows.
+        for value in case.records.iter_mut().flat_map(|record| record.simulated.iter_mut().flatten().flatten()) {
+            *value = (1e4 * *value).round() / 1e4;
+        }
+        let StandIn { model, words, .. } = identify(&case, &mut |_| {}).unwrap();
+        assert_eq!(model.n(), STATES);
+        assert!(words.contains("it misses them by 0."), "{words}");
+        // Too few states say so.
+        case.config.states = Some(6);
+        let words = identify(&case, &mut |_| {}).unwrap().words;
+        assert!(words.contains("does not stand for it"), "{words}");
+    }
+
+    #[test]
+    fn short_records_are_refused() {
+        let mut case = case(&truss(3), &truss(3));
+        for record in &mut case.records {
+            record.u.iter_mut().chain(&mut record.y).for_each(|x| x.truncate(60));
+        }
+        assert!(matches!(identify(&case, &mut |_| {}), Err(GapError::TooLittle(_))));
+    }
+}

@@ -1,0 +1,95 @@
+//! One record of each level, for what is looked at level by level.
+
+use crate::case::record::{Channels, Excitation, Record, rms};
+
+/// Levels nearer than this ratio are one level.
+pub(crate) const ALIKE: f64 = 1.15;
+
+/// A driven record beside what the simulation makes of its input.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LevelRun {
+    /// Its name.
+    pub record: String,
+    /// RMS of its inputs.
+    pub level: f64,
+    /// Inputs (m channels).
+    pub u: Channels,
+    /// Measured outputs (p channels).
+    pub y: Channels,
+    /// The simulation as given (p channels).
+    pub given: Channels,
+    /// With the effects (p channels).
+    pub with: Channels,
+}
+
+/// The longest random record of each level, by rising level; where nothing is random, of any driven record.
+pub fn one_of_each_level(records: &[Record]) -> Vec<&Record> {
+    let driven = |r: &&Record| r.excitation != Excitation::Zero && r.level() > 0.0;
+    let random = |r: &&Record| r.excitation == Excitation::Random && driven(r);
+    let mut left: Vec<&Record> = records.iter().filter(random).collect();
+    if left.is_empty() {
+        left = records.iter().filter(driven).collect();
+    }
+    // The longest claims its level first.
+    left.sort_by_key(|r| std::cmp::Reverse(r.samples()));
+    let mut chosen: Vec<&Record> = Vec::new();
+    for record in left {
+        let alike = |other: &&Record| {
+            let ratio = record.level() / other.level();
+            ratio < ALIKE && ratio > 1.0 / ALIKE
+        };
+        if !chosen.iter().any(alike) {
+            chosen.push(record);
+        }
+    }
+    chosen.sort_by(|a, b| a.level().total_cmp(&b.level()));
+    chosen
+}
+
+/// Whether twice the input gives twice the output, as every linear simulation from rest does. `respond` runs a simulation.
+/// What adds to the outputs whatever the input does (an offset, hum) is taken off first.
+pub fn is_linear(u: &[Vec<f64>], respond: impl Fn(&[Vec<f64>]) -> Channels) -> bool {
+    let scaled = |by: f64| -> Channels { u.iter().map(|u| u.iter().map(|u| by * u).collect()).collect() };
+    let [none, once, twice] = [0.0, 1.0, 2.0].map(|by| respond(&scaled(by)));
+    let flat = |y: &Channels| y.iter().flatten().copied().collect::<Vec<f64>>();
+    let (none, once, twice) = (flat(&none), flat(&once), flat(&twice));
+    let beyond: Vec<f64> = (0..once.len()).map(|k| (twice[k] - none[k]) - 2.0 * (once[k] - none[k])).collect();
+    let whole: Vec<f64> = once.iter().zip(&none).map(|(y, y0)| y - y0).collect();
+    // Rounding makes 1e-12 of it, the weakest effect that shows beside noise some 1e-4.
+    rms(&beyond) <= 1e-6 * rms(&whole)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(level: f64, samples: usize, excitation: Excitation) -> Record {
+        Record { excitation, ..crate::testing::record(vec![vec![level; samples]], vec![vec![0.0; samples]]) }
+    }
+
+    #[test]
+    fn each_level_is_there_once_by_its_longest_record() {
+        let random = Excitation::Random;
+        let records = [
+            record(0.0, 90, Excitation::Zero),
+            record(1.0, 50, random),
+            record(0.3, 50, random),
+            record(1.05, 80, random),
+            record(2.0, 500, Excitation::Periodic(50)),
+        ];
+        let levels = |records: &[Record]| one_of_each_level(records).iter().map(|r| r.u[0][0]).collect::<Vec<f64>>();
+        assert_eq!(levels(&records), [0.3, 1.05]);
+        assert_eq!(levels(&[records[0].clone(), records[4].clone()]), [2.0]);
+        assert!(levels(&records[..1]).is_empty());
+    }
+
+    #[test]
+    fn a_gain_and_an_offset_are_linear_and_a_limit_is_not() {
+        let u = vec![vec![0.5, -1.0, 0.25]];
+        let map = |f: fn(f64) -> f64| move |u: &[Vec<f64>]| vec![u[0].iter().map(|u| f(*u)).collect::<Vec<_>>()];
+        assert!(is_linear(&u, map(|u| 3.0 * u)));
+        assert!(is_linear(&u, map(|u| 3.0 * u + 7.0)));
+        assert!(!is_linear(&u, map(|u| u.clamp(-1.2, 1.2))));
+        assert!(!is_linear(&u, map(|u| u + 1e-3 * u * u)));
+    }
+}

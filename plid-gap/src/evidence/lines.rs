@@ -1,0 +1,298 @@
+//! What periodic records answer at lines that nothing drives.
+//!
+//! A linear structure answers a periodic input at its lines alone. Of odd lines (1, 3, 5, ... periods a period) an odd nonlinearity makes odd ones, an even
+//! nonlinearity even ones: the lines that a multisine leaves out tell which it is, before any model (Pintelon and Schoukens, System Identification, 2012,
+//! chapter 4).
+
+use crate::case::record::{Channels, Excitation, Record};
+use crate::plant::C;
+use crate::signal::fourier;
+use crate::words::percent;
+
+/// An input drives a line with at least this share of its strongest line's power: what a converter rounds is less.
+const DRIVES: f64 = 1e-3;
+
+/// Lines of a kind from which their mean power says something.
+const ENOUGH: usize = 8;
+
+/// The first period is left out, where so many follow: the structure has to settle.
+const FOLLOW: usize = 2;
+
+/// Lines over which noise is averaged.
+const NEIGHBOURS: usize = 21;
+
+/// More than noise makes, in standard deviations of its mean over the lines.
+const CLEAR: f64 = 6.0;
+
+/// What a line is to a multisine of odd lines.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Driven: odd.
+    Driven,
+    /// Odd and left out.
+    Odd,
+    /// Even.
+    Even,
+}
+
+/// A line of an output.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Line {
+    /// Frequency.
+    pub hz: f64,
+    /// What it is to the input.
+    pub kind: Kind,
+    /// RMS of what repeats there, in the output's unit; where nothing drives it, of what the linear simulation leaves: that takes along how it settles.
+    pub measured: f64,
+    /// The same of the simulation with what was found.
+    pub simulated: f64,
+    /// RMS of the noise in `measured`, from what differs between the periods, over neighbouring lines.
+    pub noise: f64,
+}
+
+/// The lines of a record.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Lines {
+    /// The record.
+    pub record: String,
+    /// Of each output (p); none where samples are missing.
+    pub outputs: Vec<Vec<Line>>,
+    /// Periods over which lines are averaged.
+    pub periods: usize,
+}
+
+/// What the lines of a kind answer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Answer {
+    /// RMS of a line beyond the noise over that of a driven one, in the mean over outputs.
+    pub share: f64,
+    /// The same of the simulation with what was found.
+    pub simulated: f64,
+    /// Whether it is more than chance makes of the noise.
+    pub clear: bool,
+}
+
+impl Lines {
+    /// Of the loudest record whose inputs are odd lines, with some odd ones left out, over enough periods. `linear` and `with` are the simulation without and
+    /// with what was found (p channels each).
+    pub fn of(
+        records: &[Record],
+        rate: f64,
+        linear: impl Fn(&Record) -> Channels,
+        with: impl Fn(&Record) -> Channels,
+    ) -> Option<Self> {
+        let odd = records.iter().filter_map(|record| Some((record, kinds(record)?)));
+        let (record, (period, kinds)) = odd.max_by(|a, b| a.0.level().total_cmp(&b.0.level()))?;
+        let (linear, with) = (linear(record), with(record));
+        let one = |o: usize| {
+            let y = periods(&record.y[o], period);
+            let error = |from: &[f64]| -> Vec<f64> { from.iter().zip(&linear[o]).map(|(y, s)| y - s).collect() };
+            let [left, added] = [error(&record.y[o]), error(&with[o])].map(|x| periods(&x, period));
+            let simulated = periods(&with[o], period);
+            let noise = smooth(&left.iter().map(|line| line.1).collect::<Vec<f64>>());
+            let line = |(k, kind): (usize, &Option<Kind>)| {
+                let kind = (*kind)?;
+                let of = |driven: &[(f64, f64)], not: &[(f64, f64)]| {
+                    if kind == Kind::Driven { driven[k].0 } else { not[k].0 }
+                };
+                Some(Line {
+                    hz: rate * k as f64 / period as f64,
+                    kind,
+                    measured: of(&y, &left).sqrt(),
+                    simulated: of(&simulated, &added).sqrt(),
+                    noise: noise[k].sqrt(),
+                })
+            };
+            let whole = record.y[o].iter().chain(&linear[o]).chain(&with[o]).all(|x| x.is_finite());
+            if whole { kinds.iter().enumerate().filter_map(line).collect() } else { Vec::new() }
+        };
+        let outputs = (0..record.y.len()).map(one).collect();
+        Some(Self { record: record.name.clone(), outputs, periods: used(record.samples(), period).len() })
+    }
+
+    /// What lines of a kind answer; none where all samples are missing somewhere.
+    pub fn answer(&self, kind: Kind) -> Option<Answer> {
+        let of = |lines: &[Line], kind: Kind, value: &dyn Fn(&Line) -> f64| -> (f64, f64) {
+            let chosen = lines.iter().filter(|line| line.kind == kind);
+            chosen.fold((0.0, 0.0), |(sum, count), line| (sum + value(line), count + 1.0))
+        };
+        let (mut measured, mut simulated, mut over, mut count, mut outputs) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for lines in self.outputs.iter().filter(|lines| !lines.is_empty()) {
+            let mean = |kind: Kind, value: &dyn Fn(&Line) -> f64| {
+                let (sum, count) = of(lines, kind, value);
+                sum / count
+            };
+            let driven = mean(Kind::Driven, &|line| line.measured.powi(2)).max(f64::MIN_POSITIVE);
+            measured += mean(kind, &|line| line.measured.powi(2) - line.noise.powi(2)) / driven;
+            simulated += mean(kind, &|line| line.simulated.powi(2)) / driven;
+            let (sum, lines) = of(lines, kind, &|line| (line.measured / line.noise.max(f64::MIN_POSITIVE)).powi(2));
+            over += sum;
+            count += lines;
+            outputs += 1.0;
+        }
+        // The power of a line of noise is exponential; that of its noise is known from as many lines as are averaged.
+        let scatter = (1.0 / count + 1.0 / (NEIGHBOURS * (self.periods - 1)) as f64).sqrt();
+        (outputs > 0.0).then(|| Answer {
+            share: (measured / outputs).max(0.0).sqrt(),
+            simulated: (simulated / outputs).sqrt(),
+            clear: over / count - 1.0 > CLEAR * scatter,
+        })
+    }
+
+    /// What the lines say, beside what the simulation says if something was found.
+    pub fn words(&self, found: bool) -> Option<String> {
+        let (odd, even) = (self.answer(Kind::Odd)?, self.answer(Kind::Even)?);
+        let share = |answer: Answer| {
+            let simulated = if found { format!(" (simulated: {})", percent(answer.simulated)) } else { String::new() };
+            if answer.clear {
+                format!("{} of what they answer at driven ones{simulated}", percent(answer.share))
+            } else {
+                "no more than noise".into()
+            }
+        };
+        let kind = match (odd.clear, even.clear) {
+            (false, false) => "what repeats is linear",
+            (true, false) => "a nonlinearity that is odd",
+            (false, true) => "a nonlinearity that is even",
+            (true, true) if odd.share > 3.0 * even.share => "a nonlinearity that is mostly odd",
+            (true, true) if even.share > 3.0 * odd.share => "a nonlinearity that is mostly even",
+            (true, true) => "a nonlinearity with an odd and an even part",
+        };
+        Some(format!(
+            "Odd lines drive {}. At odd lines that are left out the outputs have {}, at even ones {}: {kind}.",
+            self.record,
+            share(odd),
+            share(even)
+        ))
+    }
+}
+
+/// The period and what each of its lines is, where a record drives odd lines only and leaves out enough of them.
+fn kinds(record: &Record) -> Option<(usize, Vec<Option<Kind>>)> {
+    let Excitation::Periodic(period) = record.excitation else { return None };
+    if used(record.samples(), period).len() < FOLLOW {
+        return None;
+    }
+    let mut power = vec![0.0; period / 2 + 1];
+    for u in &record.u {
+        let lines = periods(u, period);
+        let most = lines.iter().skip(1).map(|line| line.0).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
+        power.iter_mut().zip(&lines).skip(1).for_each(|(to, line)| *to += line.0 / most);
+    }
+    let driven = |k: usize| power[k] > DRIVES;
+    let (first, last) = ((1..power.len()).find(|&k| driven(k))?, (1..power.len()).rev().find(|&k| driven(k))?);
+    let kind = |k: usize| match k {
+        _ if k < first || k > last => None,
+        _ if driven(k) => Some(Kind::Driven),
+        _ if k % 2 == 1 => Some(Kind::Odd),
+        _ => Some(Kind::Even),
+    };
+    let kinds: Vec<Option<Kind>> = (0..power.len()).map(kind).collect();
+    let enough = |kind: Kind| kinds.iter().filter(|k| **k == Some(kind)).count() >= ENOUGH;
+    let odd = (first..=last).all(|k| k % 2 == 1 || !driven(k));
+    (odd && enough(Kind::Odd) && enough(Kind::Even)).then_some((period, kinds))
+}
+
+/// Where each period begins that is used: the first is left out, where enough follow, for the structure has to settle.
+fn used(samples: usize, period: usize) -> Vec<usize> {
+    let all = samples / period.max(1);
+    (usize::from(all > FOLLOW)..all).map(|k| k * period).collect()
+}
+
+/// Of each line the power of what repeats, and that of the noise in it.
+fn periods(x: &[f64], period: usize) -> Vec<(f64, f64)> {
+    let each: Vec<Vec<C>> =
+        used(x.len(), period).into_iter().map(|from| fourier::forward(&x[from..from + period])).collect();
+    let count = each.len() as f64;
+    // A line's transform is half its amplitude times the samples.
+    let scale = 2.0 / (period * period) as f64;
+    let line = |k: usize| {
+        let mean = each.iter().map(|z| z[k]).sum::<C>() / count;
+        let left: f64 = each.iter().map(|z| (z[k] - mean).norm_sqr()).sum();
+        (scale * mean.norm_sqr(), scale * left / (count - 1.0) / count)
+    };
+    (0..=period / 2).map(line).collect()
+}
+
+/// Means over neighbours.
+fn smooth(x: &[f64]) -> Vec<f64> {
+    let half = NEIGHBOURS / 2;
+    let mean = |k: usize| {
+        let near = &x[k.saturating_sub(half)..(k + half + 1).min(x.len())];
+        near.iter().sum::<f64>() / near.len() as f64
+    };
+    (0..x.len()).map(mean).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PERIOD: usize = 400;
+
+    /// A static curve behind one input of odd lines, every fifth left out, with a little noise.
+    fn record(lines: &[usize], curve: impl Fn(f64) -> f64) -> Record {
+        let noise = crate::testing::random_input(5, 4 * PERIOD, 1);
+        let phase = crate::testing::random_input(6, lines.len(), 1);
+        let at = |n: usize| -> f64 {
+            let turn = std::f64::consts::TAU * n as f64 / PERIOD as f64;
+            lines.iter().zip(&phase[0]).map(|(&k, phase)| 0.1 * (k as f64 * turn + 9.0 * phase).cos()).sum()
+        };
+        let u: Vec<f64> = (0..4 * PERIOD).map(at).collect();
+        let y = u.iter().zip(&noise[0]).map(|(u, e)| curve(*u) + 1e-3 * e).collect();
+        Record {
+            name: "odd.csv".into(),
+            excitation: Excitation::Periodic(PERIOD),
+            ..crate::testing::record(vec![u], vec![y])
+        }
+    }
+
+    fn odd() -> Vec<usize> {
+        (1..120).step_by(2).filter(|k| k % 5 != 0).collect()
+    }
+
+    fn lines(curve: impl Fn(f64) -> f64) -> Lines {
+        let record = record(&odd(), &curve);
+        let with = |r: &Record| vec![r.u[0].iter().map(|u| curve(*u)).collect()];
+        Lines::of(&[record], 100.0, |r: &Record| r.u.clone(), with).unwrap()
+    }
+
+    #[test]
+    fn odd_and_even_curves_answer_at_their_own_lines() {
+        for (curve, odd, even, word) in [
+            (Box::new(|u: f64| u) as Box<dyn Fn(f64) -> f64>, false, false, "is linear"),
+            (Box::new(|u: f64| u - 0.1 * u.powi(3)), true, false, "that is odd"),
+            (Box::new(|u: f64| u + 0.1 * u * u), false, true, "that is even"),
+        ] {
+            let lines = lines(curve);
+            let answers = [Kind::Odd, Kind::Even].map(|kind| lines.answer(kind).unwrap());
+            assert_eq!(answers.map(|a| a.clear), [odd, even], "{answers:?}");
+            // What makes the record is simulated: both answer alike.
+            for answer in answers.iter().filter(|a| a.clear) {
+                assert!((answer.share / answer.simulated - 1.0).abs() < 0.05, "{answer:?}");
+            }
+            assert!(lines.words(true).unwrap().contains(word));
+        }
+    }
+
+    /// Of u + c u^2 with cosines of amplitude a at the lines k and l, the line k + l has the amplitude c a^2.
+    #[test]
+    fn the_size_of_a_line_is_that_of_the_closed_form() {
+        let record = record(&[41, 61, 81], |u| u + u * u);
+        let found = periods(&record.y[0], PERIOD)[41 + 61].0;
+        let expected = 0.1f64.powi(4) / 2.0;
+        assert!((found / expected - 1.0).abs() < 0.03, "{found} {expected}");
+    }
+
+    #[test]
+    fn records_of_other_lines_say_nothing() {
+        let none = |lines: &[usize], curve: fn(f64) -> f64| {
+            Lines::of(&[record(lines, curve)], 100.0, |r: &Record| r.u.clone(), |r: &Record| r.u.clone())
+        };
+        assert_eq!(none(&(1..120).collect::<Vec<_>>(), |u| u), None);
+        assert_eq!(none(&(1..120).step_by(2).collect::<Vec<_>>(), |u| u), None);
+        // Missing samples.
+        let lines = none(&odd(), |_| f64::NAN).unwrap();
+        assert_eq!(lines.words(false), None);
+    }
+}

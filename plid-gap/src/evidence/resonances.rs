@@ -1,0 +1,185 @@
+//! The resonances of each record by itself: what a linear refit to one record alone makes of the simulation's modes.
+//!
+//! A resonance that goes with the level is a nonlinearity of the structure, one that goes with the time a drift; evidence in the engineer's own terms, beside
+//! the diagnosis, which does not use it.
+
+use crate::case::record::Excitation;
+use crate::evidence::trend::{Point, Trend, trend};
+use crate::fit::nuisance::{Limits, Nuisance};
+use crate::fit::problem::{Problem, sum_of_squares};
+use crate::fit::refit::refit;
+use crate::noise::NoiseModel;
+use crate::plant::Plant;
+
+/// How far a record's own modes may be from those of all records: far beyond any simulation's own error.
+const LIMITS: Limits = Limits { frequency: 0.1, damping: 2.0, shape: 0.4 };
+
+/// Steps of a record's own refit.
+const STEPS: usize = 12;
+
+/// A mode is seen where the record narrows the priors of frequency and damping ratio to these shares.
+const NARROWED: [f64; 2] = [0.05, 0.2];
+
+/// Samples of a record that are used, at most.
+const SAMPLES: usize = 8192;
+
+/// Frequency and damping ratio of a mode in a record.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Resonance {
+    /// In Hz.
+    pub hz: f64,
+    /// Its standard deviation.
+    pub hz_std: f64,
+    /// Damping ratio.
+    pub damping: f64,
+    /// Its standard deviation.
+    pub damping_std: f64,
+}
+
+/// A record by itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Alone {
+    /// The record.
+    pub record: String,
+    /// RMS of its inputs.
+    pub level: f64,
+    /// Start in s.
+    pub start_s: f64,
+    /// Of each mode of the simulation; none where the record does not show it.
+    pub modes: Vec<Option<Resonance>>,
+}
+
+/// All driven records that are fitted, each by itself. `plant` is the simulation after the bounded refit.
+pub fn each_alone(problem: &Problem, plant: &Plant, noise: &NoiseModel) -> Vec<Alone> {
+    let driven = |index: &usize| {
+        let record = &problem.records[*index];
+        record.excitation != Excitation::Zero && record.level() > 0.0
+    };
+    (0..problem.records.len()).filter(driven).map(|index| alone(problem, plant, noise, index)).collect()
+}
+
+fn alone(problem: &Problem, plant: &Plant, noise: &NoiseModel, index: usize) -> Alone {
+    let record = &problem.records[index];
+    let whole = Problem {
+        plant: plant.clone(),
+        records: vec![record.clone()],
+        whiteners: vec![problem.whiteners[index].clone()],
+        nuisance: Nuisance::new(plant, std::slice::from_ref(record), &LIMITS),
+        setting: problem.setting.clone(),
+    };
+    let own = if record.samples() > SAMPLES { whole.head(SAMPLES, noise) } else { whole };
+    let fitted = refit(&own, STEPS);
+    // What a linear model does not explain widens what is known.
+    let inflation = (sum_of_squares(&fitted.residual) / own.rows().max(1) as f64).max(1.0);
+    let covariance = fitted.tangent.normal.clone().cholesky().map(|factor| factor.inverse() * inflation);
+    let deviation = |entry: usize| covariance.as_ref().map_or(f64::INFINITY, |c| c[(entry, entry)].max(0.0).sqrt());
+    let mut modes = vec![None; plant.modes.len()];
+    for entry in 0..own.nuisance.len() {
+        let Some((mode, 0)) = own.nuisance.entry(entry) else { continue };
+        let [frequency, damping] = [deviation(entry), deviation(entry + 1)];
+        let prior = &own.nuisance.std[entry..entry + 2];
+        if frequency < NARROWED[0] * prior[0] && damping < NARROWED[1] * prior[1] {
+            let found = &fitted.plant.modes[mode];
+            modes[mode] = Some(Resonance {
+                hz: found.hz(),
+                hz_std: frequency * found.hz(),
+                damping: found.damping(),
+                damping_std: damping * found.damping(),
+            });
+        }
+    }
+    Alone { record: record.name.clone(), level: record.level(), start_s: record.start_s, modes }
+}
+
+/// Records from which a trend can be told.
+const LEAST: usize = 3;
+
+/// Modes that more than two records show, the one that follows the level or the time most clearly first.
+pub fn by_trend(alone: &[Alone]) -> Vec<(usize, Trend)> {
+    let modes = alone.first().map_or(0, |alone| alone.modes.len());
+    let mut trends: Vec<(usize, Trend)> =
+        (0..modes).filter_map(|mode| Some((mode, trend(&points(alone, mode), LEAST)?))).collect();
+    trends.sort_by(|a, b| b.1.clear.total_cmp(&a.1.clear));
+    trends
+}
+
+/// Modes that are told of, at most.
+const TOLD: usize = 3;
+
+/// The modes that follow the level or the time beyond their own scatter, as far as there are any: the largest change first.
+pub fn words(alone: &[Alone], plant: &Plant) -> Option<String> {
+    let told = by_trend(alone)
+        .into_iter()
+        .filter_map(|(mode, trend)| Some((trend.change.abs(), trend.words(plant.modes[mode].hz())?)));
+    let mut told: Vec<(f64, String)> = told.collect();
+    told.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let told: Vec<String> = told.into_iter().take(TOLD).map(|(_, words)| words).collect();
+    (!told.is_empty())
+        .then(|| format!("Fitted to one record after the other, a linear model moves {}.", told.join("; ")))
+}
+
+fn points(alone: &[Alone], mode: usize) -> Vec<Point> {
+    let seen = alone.iter().filter_map(|alone| Some((alone, alone.modes[mode]?)));
+    seen.map(|(alone, Resonance { hz, hz_std, damping, .. })| Point {
+        level: alone.level,
+        start_s: alone.start_s,
+        hz,
+        hz_std,
+        damping,
+    })
+    .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plant::C;
+    use crate::prepare::{Known, prepare};
+    use crate::testing::{case, random_input, run, truss};
+
+    /// Records of a truss whose second mode is moved by `shift` at each level.
+    fn found(shift: &dyn Fn(f64) -> C) -> (Vec<Alone>, Plant) {
+        let sim = truss(3);
+        let mut case = case(&sim, &sim);
+        let plant = Plant::new(&sim).unwrap();
+        for (k, level) in [(1, 1.0), (2, 0.4), (3, 0.7)] {
+            let record = &mut case.records[k];
+            record.u = random_input(20 + k as u64, 3072, sim.m());
+            record.u.iter_mut().flatten().for_each(|u| *u *= level);
+            let mut moved = plant.clone();
+            moved.move_pole(1, plant.modes[1].pole * (C::ONE + shift(level)));
+            record.y = run(&moved.to_model(&sim), &record.u);
+            let noise = random_input(50 + k as u64, 3072, sim.p());
+            for ((y, e), std) in
+                record.y.iter_mut().zip(&noise).zip(case.model.as_ref().unwrap().noise.sensor_std.as_ref().unwrap())
+            {
+                y.iter_mut().zip(e).for_each(|(y, e)| *y += std * e);
+            }
+        }
+        // The last one is held out.
+        case.records.push(case.records[3].clone());
+        let ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        (each_alone(&ready.problem, &plant, &ready.noise), plant)
+    }
+
+    #[test]
+    fn frequency_and_damping_of_each_record_are_found_within_their_deviations() {
+        let (alone, plant) = found(&|level| C::from(0.02 * level));
+        assert_eq!(alone.len(), 3);
+        for (record, level) in alone.iter().zip([1.0, 0.4, 0.7]) {
+            let mode = record.modes[1].expect("a lightly damped mode shows");
+            let (hz, damping) = ((1.0 + 0.02 * level) * plant.modes[1].hz(), plant.modes[1].damping());
+            assert!((mode.hz - hz).abs() < 4.0 * mode.hz_std, "{} for {hz}, {}", mode.hz, mode.hz_std);
+            assert!((mode.damping - damping).abs() < 4.0 * mode.damping_std, "{} for {damping}", mode.damping);
+            assert!(mode.hz_std < 1e-3 * hz);
+        }
+        let words = words(&alone, &plant).unwrap();
+        assert!(words.contains("137.0 Hz by +1.1") && words.contains("from level 0."), "{words}");
+    }
+
+    #[test]
+    fn what_stays_is_not_told() {
+        let (alone, plant) = found(&|_| C::ZERO);
+        assert_eq!(words(&alone, &plant), None);
+    }
+}

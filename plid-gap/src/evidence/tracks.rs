@@ -1,0 +1,188 @@
+//! What an adaptive PLID run sees: the plant followed from record to record, and its innovations.
+//!
+//! A filter that adapts hides a gap: its innovations stay small. But to keep them small its parameters must follow what changes, and a
+//! resonance that follows the level is evidence of a nonlinearity, one that follows the time of a drift. Evidence for the reader, beside the
+//! diagnosis, which rests on free runs.
+
+use nalgebra::DMatrix;
+use ndarray::Array2;
+use plid_catalogue::Variant;
+use plid_core::{Dense, IdentifiedModel, NoiseModel, ObservableForm, Settings};
+use plid_lab::identify::{Ending, Plan, Samples, carry_over, run};
+use plid_model::{ModeKind, Model};
+
+use crate::case::record::{Excitation, Record, rms};
+use crate::evidence::trend::{Point, trend};
+use crate::plant::Plant;
+
+/// A record in an adaptive run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Passed {
+    /// Its name.
+    pub record: String,
+    /// RMS of its inputs.
+    pub level: f64,
+    /// Start in s.
+    pub start_s: f64,
+    /// RMS of the innovations in its second half, each output over that of its noise.
+    pub innovations: f64,
+    /// Of each mode of the simulation: frequency (Hz) and damping ratio of the model's nearest, after the record; none where there is none near.
+    pub modes: Vec<Option<(f64, f64)>>,
+}
+
+/// The run over all records that drive the structure.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Tracks {
+    /// In order.
+    pub passed: Vec<Passed>,
+}
+
+/// Samples of each record that the filter sees, at most.
+const SAMPLES: usize = 4000;
+
+/// States at most: a step costs as their square.
+const STATES: usize = 36;
+
+/// Factor on the parameters' variances from one record to the next: what was learnt is doubted.
+const WIDENED: f64 = 100.0;
+
+/// Noise of a state over that of a sensor, in variance.
+const STATE_NOISE: f64 = 1e-3;
+
+/// Poles of the model with a larger damping ratio are no resonance.
+const DAMPED: f64 = 0.2;
+
+/// A mode of the model within this share of the simulation's is the same.
+const NEAR: f64 = 0.03;
+
+impl Tracks {
+    /// Runs PLID over the records. Empty where the filter breaks down or nothing drives the structure: the diagnosis does without.
+    pub fn of(plant: &Plant, records: &[Record], noise: &[f64]) -> Self {
+        let driven: Vec<&Record> =
+            records.iter().filter(|r| r.excitation != Excitation::Zero && r.level() > 0.0).collect();
+        Self { passed: follow(plant, &driven, noise).unwrap_or_default() }
+    }
+
+    /// What the tracks say, in words: the mode that follows the level most, if one does beyond its own scatter, or the time.
+    pub fn words(&self, plant: &Plant) -> Option<String> {
+        let trends = (0..plant.modes.len()).filter_map(|mode| Some((mode, trend(&self.points(mode), 4)?)));
+        let (mode, strongest) = trends.max_by(|a, b| a.1.clear.total_cmp(&b.1.clear))?;
+        Some(format!("An adaptive PLID run follows {}.", strongest.words(plant.modes[mode].hz())?))
+    }
+
+    /// A mode from record to record.
+    fn points(&self, mode: usize) -> Vec<Point> {
+        let seen = self.passed.iter().filter_map(|p| Some((p, p.modes[mode]?)));
+        seen.map(|(p, (hz, damping))| Point { level: p.level, start_s: p.start_s, hz, hz_std: TELLS * hz, damping })
+            .collect()
+    }
+}
+
+/// Relative change of a frequency that is within what one record tells.
+const TELLS: f64 = 1e-4;
+
+fn follow(plant: &Plant, driven: &[&Record], noise: &[f64]) -> Option<Vec<Passed>> {
+    let (m, p) = (plant.m, plant.p);
+    let states = plant.n().min(STATES);
+    let form = ObservableForm::new(&vec![states.div_ceil(p); p], m).ok()?;
+    let all =
+        |of: &dyn Fn(&Record) -> &Vec<f64>| rms(driven.iter().flat_map(|r| of(r).iter().filter(|x| x.is_finite())));
+    let u_scale: Vec<f64> = (0..m).map(|i| all(&|r| &r.u[i]).max(f64::MIN_POSITIVE)).collect();
+    let y_scale: Vec<f64> = (0..p).map(|o| all(&|r| &r.y[o]).max(f64::MIN_POSITIVE)).collect();
+    let sensor: Vec<f64> = noise.iter().zip(&y_scale).map(|(rms, scale)| (rms / scale).powi(2)).collect();
+    let mean = sensor.iter().sum::<f64>() / p as f64;
+    let noise_model = NoiseModel::diagonal(&sensor, &vec![0.0; m], &vec![STATE_NOISE * mean; states.div_ceil(p) * p]);
+    let settings = Settings::new(&form, 1.0, 1.0);
+    let mut plan = Plan { form, noise: noise_model, settings, variant: Variant::default(), passes: 1 };
+    let mut passed = Vec::new();
+    for record in driven {
+        let samples = record.samples().min(SAMPLES);
+        // An acceleration answers at once, and the form is strictly proper: the input one sample ahead.
+        let inputs =
+            Array2::from_shape_fn((samples, m), |(k, i)| record.u[i][(k + 1).min(record.samples() - 1)] / u_scale[i]);
+        let outputs = Array2::from_shape_fn((samples, p), |(k, o)| record.y[o][k] / y_scale[o]);
+        let data = Samples { inputs: inputs.view(), outputs: outputs.view(), nan_is_missing: true };
+        let Ok(Ending::Done(done)) = run(&plan, &[data], None, &mut |_, _| true) else { return None };
+        let late = |o: usize| rms(done.innovations[0].column(o).iter().skip(samples / 2).filter(|e| e.is_finite()));
+        let innovations = (0..p).map(|o| (late(o) * y_scale[o] / noise[o]).powi(2)).sum::<f64>() / p as f64;
+        passed.push(Passed {
+            record: record.name.clone(),
+            level: record.level(),
+            start_s: record.start_s,
+            innovations: innovations.sqrt(),
+            modes: nearest(plant, &done.identified),
+        });
+        let mut learnt = done.identified.clone();
+        let size = learnt.covariance.rows();
+        learnt.covariance = Dense::from_fn(size, size, |i, j| WIDENED * done.identified.covariance.at(i, j));
+        plan.settings = carry_over(&plan.form, &plan.settings, &learnt);
+    }
+    Some(passed)
+}
+
+/// Of each mode of the simulation, frequency and damping ratio of the model's nearest.
+fn nearest(plant: &Plant, identified: &IdentifiedModel) -> Vec<Option<(f64, f64)>> {
+    let matrix = |m: &Dense<f64>| DMatrix::from_column_slice(m.rows(), m.columns(), m.data());
+    let through = DMatrix::zeros(plant.p, plant.m);
+    let model = Model::new(plant.rate, matrix(&identified.a), matrix(&identified.b), matrix(&identified.c), through);
+    let Ok(found) = model.and_then(|model| plid_model::modes(&model)) else { return vec![None; plant.modes.len()] };
+    let oscillatory = found.iter().filter(|mode| mode.kind == ModeKind::Oscillatory && mode.damping.abs() < DAMPED);
+    let found: Vec<(f64, f64)> = oscillatory.map(|mode| (mode.hz, mode.damping)).collect();
+    let of = |hz: f64| {
+        let near = found.iter().filter(|(f, _)| (f / hz - 1.0).abs() < NEAR);
+        near.min_by(|a, b| (a.0 / hz - 1.0).abs().total_cmp(&(b.0 / hz - 1.0).abs())).copied()
+    };
+    plant.modes.iter().map(|mode| of(mode.hz())).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{RATE, case, truss};
+
+    /// Records of a truss whose first mode is moved by `shift` at each of them.
+    fn tracks(shift: &dyn Fn(&Record) -> f64) -> (Tracks, Plant) {
+        let sim = truss(3);
+        let plant = Plant::new(&sim).unwrap();
+        let mut all = Vec::new();
+        for seed in 0..2 {
+            for (k, level) in [1.0, 0.4, 0.7, 0.2].into_iter().enumerate() {
+                let mut record = case(&sim, &sim).records[1].clone();
+                record.u = crate::testing::random_input(40 + 10 * seed + k as u64, 3072, sim.m());
+                record.u.iter_mut().flatten().for_each(|u| *u *= level);
+                record.start_s = (4 * seed as usize + k) as f64 * 3072.0 / RATE;
+                let mut moved = plant.clone();
+                moved.move_pole(0, plant.modes[0].pole * (1.0 + shift(&record)));
+                record.y = crate::testing::run(&moved.to_model(&sim), &record.u);
+                all.push(record);
+            }
+        }
+        all.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
+        (Tracks::of(&plant, &all, &vec![1e-4; plant.p]), plant)
+    }
+
+    #[test]
+    fn a_resonance_that_follows_the_level_is_told() {
+        let (tracks, plant) = tracks(&|record| -0.01 * record.level());
+        assert_eq!(tracks.passed.len(), 8);
+        let words = tracks.words(&plant).unwrap();
+        assert!(
+            words.contains(&crate::plant::plain_hz(plant.modes[0].hz())) && words.contains("from level 0.2"),
+            "{words}"
+        );
+        assert!(words.contains("by -0.7") || words.contains("by -0.8"), "{words}");
+    }
+
+    #[test]
+    fn a_resonance_that_follows_the_time_is_told() {
+        let (tracks, plant) = tracks(&|record| 0.001 * record.start_s);
+        let words = tracks.words(&plant).unwrap();
+        assert!(words.contains(" s to "), "{words}");
+    }
+
+    #[test]
+    fn what_stays_is_not() {
+        let (tracks, plant) = tracks(&|_| 0.0);
+        assert_eq!(tracks.words(&plant), None);
+    }
+}

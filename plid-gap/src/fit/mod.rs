@@ -1,0 +1,6 @@
+//! Least squares in the whitened residuals: the linear parameters, and with them the parameters of effects.
+
+pub(crate) mod nuisance;
+pub(crate) mod problem;
+pub(crate) mod refit;
+pub(crate) mod robust;

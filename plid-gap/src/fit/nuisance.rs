@@ -1,0 +1,447 @@
+//! How far the simulation may be off without that being an effect: every mode's frequency, damping ratio and shapes, as a Gaussian
+//! prior; and the initial state of records that do not start from rest.
+
+use crate::case::record::Record;
+use crate::plant::{C, Passed, Plant};
+use crate::simulate::State;
+
+/// Limits (two standard deviations), relative.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Limits {
+    /// Of each mode's frequency.
+    pub frequency: f64,
+    /// Of each mode's damping ratio.
+    pub damping: f64,
+    /// Of each entry of a mode's shapes, relative to the shape's largest entry.
+    pub shape: f64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self { frequency: 0.002, damping: 0.10, shape: 0.02 }
+    }
+}
+
+/// Standard deviation of an initial state, in units of what the input makes it: wide.
+const START: f64 = 3.0;
+
+/// Relative step over which the chain's bend at a moved pole is taken.
+const BEND: f64 = 1e-4;
+
+/// The layout of the nuisance vector: of each mode frequency, damping, input shape (m), output shape (p); then initial states.
+#[derive(Debug, Clone)]
+pub struct Nuisance {
+    m: usize,
+    p: usize,
+    modes: usize,
+    rest: usize,
+    /// Of each mode the simulation's own directions.
+    nominal: Vec<(C, C)>,
+    /// Of each record, where its initial state begins, if it has one.
+    starts: Vec<Option<usize>>,
+    /// Size of each mode's state under the records' inputs, then of the rest's.
+    sizes: Vec<f64>,
+    /// Standard deviations of the prior.
+    pub std: Vec<f64>,
+    /// Whether a strut goes with its input's shapes. Derivatives of the linear simulation do not know what that does to a force there, so that only fits with
+    /// those of the whole simulation have it.
+    pub struts_follow: bool,
+}
+
+impl Nuisance {
+    /// For a simulation and the records that are fitted.
+    pub fn new(plant: &Plant, records: &[Record], limits: &Limits) -> Self {
+        let (m, p, modes, rest) = (plant.m, plant.p, plant.modes.len(), plant.rest.a.nrows());
+        let mut std = Vec::new();
+        for _ in 0..modes {
+            std.extend([limits.frequency / 2.0, limits.damping / 2.0]);
+            std.extend(std::iter::repeat_n(limits.shape / 2.0, m + p));
+        }
+        let starts = records
+            .iter()
+            .map(|record| {
+                (!record.from_rest).then(|| {
+                    let at = std.len();
+                    std.extend(std::iter::repeat_n(START, 2 * modes + rest));
+                    at
+                })
+            })
+            .collect();
+        let sizes = state_sizes(plant, records);
+        let nominal = plant.modes.iter().map(directions).collect();
+        Self { m, p, modes, rest, nominal, starts, sizes, std, struts_follow: false }
+    }
+
+    /// The same for a simulation that was itself estimated: its parameters are in doubt by so much (standard deviations) beyond the
+    /// stated limits.
+    pub fn doubted(mut self, doubt: &[f64]) -> Self {
+        self.std.iter_mut().zip(doubt).for_each(|(std, doubt)| *std = std.hypot(*doubt));
+        self
+    }
+
+    /// Entries that belong to the modes; initial states follow.
+    pub fn of_modes(&self) -> usize {
+        self.modes * self.each()
+    }
+
+    /// Number of entries.
+    pub fn len(&self) -> usize {
+        self.std.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.std.is_empty()
+    }
+
+    /// Entries a mode.
+    fn each(&self) -> usize {
+        2 + self.m + self.p
+    }
+
+    /// What an entry is: the mode and its part (0 frequency, 1 damping, then inputs, then outputs); none for initial states.
+    pub fn entry(&self, index: usize) -> Option<(usize, usize)> {
+        (index < self.modes * self.each()).then(|| (index / self.each(), index % self.each()))
+    }
+
+    /// The simulation changed by `eta`.
+    pub fn apply(&self, plant: &Plant, eta: &[f64]) -> Plant {
+        let mut changed = plant.clone();
+        for k in 0..self.modes {
+            let at = &eta[k * self.each()..(k + 1) * self.each()];
+            if at.iter().all(|x| *x == 0.0) {
+                continue;
+            }
+            let (w, zeta) = (plant.modes[k].pole.norm(), plant.modes[k].damping());
+            let (w, zeta) = (w * (1.0 + at[0]).max(0.1), (zeta * at[1].clamp(-3.0, 3.0).exp()).min(0.99));
+            changed.move_pole(k, C::new(-zeta * w, w * (1.0 - zeta * zeta).sqrt()));
+            let (b, c) = self.directions(k, &changed.modes[k]);
+            let before = self.struts_follow.then(|| changed.modes[k].clone());
+            changed.change(k, |mode| {
+                for i in 0..self.m {
+                    mode.b[i] += b * at[2 + i];
+                }
+                for o in 0..self.p {
+                    mode.c[o] += c * at[2 + self.m + o];
+                }
+            });
+            if let Some(before) = before {
+                changed.struts_follow(k, &before);
+            }
+        }
+        changed
+    }
+
+    /// Of a mode, moved or not, with the signs that the simulation's own have: which one the half of an angle takes changes as the pole moves.
+    fn directions(&self, k: usize, mode: &crate::plant::Mode) -> (C, C) {
+        let towards = |nominal: C, now: C| if (nominal.conj() * now).re < 0.0 { -now } else { now };
+        let ((b, c), nominal) = (directions(mode), self.nominal[k]);
+        (towards(nominal.0, b), towards(nominal.1, c))
+    }
+
+    /// The initial state of a record, if it is fitted.
+    pub fn start(&self, record: usize, eta: &[f64]) -> Option<State> {
+        let at = self.starts[record]?;
+        let modes = (0..self.modes).map(|k| C::new(eta[at + 2 * k], eta[at + 2 * k + 1]) * self.sizes[k]);
+        let rest = (0..self.rest).map(|j| eta[at + 2 * self.modes + j] * self.sizes[self.modes + j]);
+        Some(State { modes: modes.collect(), rest: rest.collect() })
+    }
+
+    /// Derivatives of the outputs of a record: `put(column, outputs)` is called for each entry that acts on it.
+    pub fn tangents(&self, plant: &Plant, record: &Record, index: usize, mut put: impl FnMut(usize, &[Vec<f64>])) {
+        let samples = record.samples();
+        let mut y = vec![vec![0.0; samples]; self.p];
+        let step = 1.0 / plant.rate;
+        let through = Through::new(plant, record);
+        for (k, mode) in plant.modes.iter().take(self.modes).enumerate() {
+            let turn = (mode.pole * step).exp();
+            let held = (turn - 1.0) / mode.pole;
+            let held_slope = (turn * step - held) / mode.pole;
+            let (b, c) = self.directions(k, mode);
+            let (mut sum, mut slope) = (vec![C::ZERO; samples], vec![C::ZERO; samples]);
+            let mut units = Vec::new();
+            let base = k * self.each();
+            let write = |y: &mut Vec<Vec<f64>>, z: &[C], of: &dyn Fn(usize) -> C| {
+                for (o, y) in y.iter_mut().enumerate() {
+                    let gain = 2.0 * of(o);
+                    y.iter_mut().zip(z).for_each(|(y, z)| *y = gain.re * z.re - gain.im * z.im);
+                }
+            };
+            for i in 0..self.m {
+                let mut z = C::ZERO;
+                let mut unit = vec![C::ZERO; samples];
+                for n in 0..samples {
+                    unit[n] = z;
+                    sum[n] += mode.b[i] * z;
+                    z = turn * z + held * record.u[i][n];
+                }
+                units.push(unit.iter().map(|z| mode.b[i] * z).collect::<Vec<C>>());
+                write(&mut y, &unit, &|o| mode.c[o] * b);
+                let mut changed = mode.clone();
+                changed.b.iter_mut().enumerate().for_each(|(j, x)| *x = if j == i { b } else { C::ZERO });
+                through.add(plant, &Passed::new(plant, &changed), &mut y, 1.0);
+                put(base + 2 + i, &y);
+            }
+            let mut w = C::ZERO;
+            for n in 0..samples {
+                slope[n] = w;
+                let driven: C = (0..self.m).map(|i| mode.b[i] * record.u[i][n]).sum();
+                w = turn * w + turn * step * sum[n] + held_slope * driven;
+            }
+            for o in 0..self.p {
+                y.iter_mut().for_each(|y| y.fill(0.0));
+                let gain = 2.0 * c;
+                y[o].iter_mut().zip(&sum).for_each(|(y, z)| *y = gain.re * z.re - gain.im * z.im);
+                let mut changed = mode.clone();
+                changed.c.iter_mut().enumerate().for_each(|(j, x)| *x = if j == o { c } else { C::ZERO });
+                through.add(plant, &Passed::new(plant, &changed), &mut y, 1.0);
+                put(base + 2 + self.m + o, &y);
+            }
+            let (size, zeta) = (mode.pole.norm(), mode.damping());
+            let faster = mode.pole;
+            let damped = C::new(-zeta * size, -size * zeta * zeta / (1.0 - zeta * zeta).sqrt());
+            for (part, change) in [faster, damped].into_iter().enumerate() {
+                let shape = 2.0 * change / mode.pole - change.im / mode.pole.im;
+                // What lies before and behind the structure answers differently at the new pole.
+                let bends = |gain: &dyn Fn(C) -> C| (gain(mode.pole + change * BEND) / gain(mode.pole)).ln() / BEND;
+                let before: Vec<C> = (0..self.m).map(|i| bends(&|s| plant.chain.before(i, s))).collect();
+                let mut bent = vec![C::ZERO; samples];
+                for (unit, bend) in units.iter().zip(&before) {
+                    bent.iter_mut().zip(unit).for_each(|(to, z)| *to += bend * z);
+                }
+                let both: Vec<C> =
+                    slope.iter().zip(&sum).zip(&bent).map(|((w, z), x)| w * change + z * shape + x).collect();
+                write(&mut y, &both, &|o| mode.c[o]);
+                for (o, y) in y.iter_mut().enumerate() {
+                    let gain = 2.0 * mode.c[o] * bends(&|s| plant.chain.behind(o, s));
+                    y.iter_mut().zip(&sum).for_each(|(y, z)| *y += gain.re * z.re - gain.im * z.im);
+                }
+                let passed = Passed::new(plant, mode);
+                through.add(plant, &passed.at(mode.pole + change * BEND), &mut y, 1.0 / BEND);
+                through.add(plant, &passed, &mut y, -1.0 / BEND);
+                put(base + part, &y);
+            }
+        }
+        let Some(at) = self.starts[index] else { return };
+        for (k, mode) in plant.modes.iter().take(self.modes).enumerate() {
+            let turn = (mode.pole * step).exp();
+            for (part, start) in [C::ONE, C::I].into_iter().enumerate() {
+                let mut z = start * self.sizes[k];
+                for n in 0..samples {
+                    y.iter_mut().enumerate().for_each(|(o, y)| y[n] = 2.0 * (mode.c[o] * z).re);
+                    z *= turn;
+                }
+                put(at + 2 * k + part, &y);
+            }
+        }
+        for j in 0..self.rest {
+            let mut x = nalgebra::DVector::zeros(self.rest);
+            x[j] = self.sizes[self.modes + j];
+            for n in 0..samples {
+                let out = &plant.rest.c * &x;
+                y.iter_mut().enumerate().for_each(|(o, y)| y[n] = out[o]);
+                x = &plant.rest.a * x;
+            }
+            put(at + 2 * self.modes + j, &y);
+        }
+    }
+}
+
+/// Directions in which real shapes change: largest entry, times the phase that makes the shape as real as can be, of either sign.
+fn directions(mode: &crate::plant::Mode) -> (C, C) {
+    let of = |shape: &[C]| {
+        let size = shape.iter().map(|x| x.norm()).fold(0.0, f64::max);
+        C::from_polar(size, shape.iter().map(|x| x * x).sum::<C>().arg() / 2.0)
+    };
+    (of(&mode.b), of(&mode.c))
+}
+
+/// RMS of each state over the records' inputs, one where nothing moves it.
+fn state_sizes(plant: &Plant, records: &[Record]) -> Vec<f64> {
+    let level = records.iter().map(Record::level).fold(0.0, f64::max);
+    let step = 1.0 / plant.rate;
+    let modal = plant.modes.iter().map(|mode| {
+        let turn = (mode.pole * step).exp();
+        let held = ((turn - 1.0) / mode.pole).norm();
+        let b: f64 = mode.b.iter().map(|b| b.norm_sqr()).sum();
+        held * b.sqrt() * level / (1.0 - turn.norm_sqr()).max(1e-6).sqrt()
+    });
+    let rest = (0..plant.rest.a.nrows()).map(|j| plant.rest.b.row(j).norm() * level);
+    modal.chain(rest).map(|size| if size > 0.0 { size } else { 1.0 }).collect()
+}
+
+/// What passes the poles of actuators and filters under a record's inputs.
+struct Through {
+    /// Outputs of the actuators (m); empty where there is none.
+    actuators: Vec<Vec<f64>>,
+    /// p x poles x m states of the filters under each input.
+    filters: Vec<Vec<Vec<Vec<C>>>>,
+    /// m.
+    u: Vec<Vec<f64>>,
+}
+
+impl Through {
+    fn new(plant: &Plant, record: &Record) -> Self {
+        let chain = &plant.chain;
+        let step = 1.0 / plant.rate;
+        let lagged = |pole: C, gain: C, u: &[f64]| -> Vec<C> {
+            let turn = (pole * step).exp();
+            let held = (turn - 1.0) / pole * gain;
+            let mut z = C::ZERO;
+            u.iter()
+                .map(|u| {
+                    let now = z;
+                    z = turn * z + held * u;
+                    now
+                })
+                .collect()
+        };
+        let actuators = (0..plant.m)
+            .map(|i| match &chain.actuator[i] {
+                Some(actuator) => {
+                    let pole = C::from(-actuator.pole);
+                    lagged(pole, C::from(actuator.pole), &record.u[i]).iter().map(|z| z.re).collect()
+                }
+                None => Vec::new(),
+            })
+            .collect();
+        let filters = chain
+            .filter
+            .iter()
+            .map(|poles| poles.iter().map(|f| record.u.iter().map(|u| lagged(f.pole, C::ONE, u)).collect()).collect())
+            .collect();
+        Self { actuators, filters, u: record.u.clone() }
+    }
+
+    /// Adds `factor` times what a mode sends through.
+    fn add(&self, plant: &Plant, passed: &Passed, y: &mut [Vec<f64>], factor: f64) {
+        if !plant.chain.known() {
+            return;
+        }
+        for (o, y) in y.iter_mut().enumerate() {
+            for i in 0..plant.m {
+                if passed.products[(o, i)] == 0.0 {
+                    continue;
+                }
+                if !self.actuators[i].is_empty() {
+                    let gain = factor * passed.actuator(plant, o, i);
+                    y.iter_mut().zip(&self.actuators[i]).for_each(|(y, a)| *y += gain * a);
+                } else if plant.chain.filter[o].is_empty() {
+                    let gain = factor * passed.products[(o, i)];
+                    y.iter_mut().zip(&self.u[i]).for_each(|(y, u)| *y += gain * u);
+                }
+                for (f, states) in self.filters[o].iter().enumerate() {
+                    let both = if plant.chain.filter[o][f].pole.im == 0.0 { 1.0 } else { 2.0 };
+                    let gain = passed.filter(plant, o, i, f) * factor * both;
+                    y.iter_mut().zip(&states[i]).for_each(|(y, z)| *y += gain.re * z.re - gain.im * z.im);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::{Fineness, simulate};
+    use crate::testing;
+
+    /// Each derivative against the difference of two simulations.
+    #[test]
+    fn tangents_are_differences() {
+        let plant = Plant::new(&testing::truss(3)).unwrap();
+        let u = testing::random_input(3, 800, 2);
+        let record = Record { from_rest: false, ..testing::record(u.clone(), vec![vec![0.0; 800]; 2]) };
+        let nuisance = Nuisance::new(&plant, std::slice::from_ref(&record), &Limits::default());
+        let zero = vec![0.0; nuisance.len()];
+        let run = |eta: &[f64]| {
+            let start = nuisance.start(0, eta);
+            simulate(&nuisance.apply(&plant, eta), &[], &u, 0.0, start.as_ref(), Fineness::FINE)
+        };
+        let now = run(&zero);
+        let mut seen = 0;
+        nuisance.tangents(&plant, &record, 0, |column, tangent| {
+            const STEP: f64 = 1e-5;
+            let mut eta = zero.clone();
+            eta[column] = STEP;
+            let moved = run(&eta);
+            let (mut error, mut size) = (0.0, 0.0);
+            for o in 0..2 {
+                for k in 0..800 {
+                    let difference = (moved[o][k] - now[o][k]) / STEP;
+                    error += (difference - tangent[o][k]).powi(2);
+                    size += difference.powi(2);
+                }
+            }
+            assert!(error < 1e-4 * size + 1e-18, "{:?}: {}", nuisance.entry(column), (error / size).sqrt());
+            seen += 1;
+        });
+        assert_eq!(seen, nuisance.len());
+    }
+
+    /// However far a pole moves, and whatever the basis, a shape's parameter keeps its sign.
+    #[test]
+    fn directions_follow_the_pole() {
+        let plant = Plant::new(&testing::truss(3)).unwrap();
+        for turn in 0..64 {
+            let turn = C::from_polar(1.0, std::f64::consts::TAU * f64::from(turn) / 64.0);
+            let mut turned = plant.clone();
+            for mode in &mut turned.modes {
+                mode.b.iter_mut().for_each(|b| *b *= turn);
+                mode.c.iter_mut().for_each(|c| *c /= turn);
+            }
+            let nuisance = Nuisance::new(&turned, &[], &Limits::default());
+            for (k, mode) in turned.modes.iter().enumerate() {
+                let mut moved = turned.clone();
+                moved.move_pole(k, mode.pole * 0.8);
+                let (b, c) = nuisance.directions(k, &moved.modes[k]);
+                let keeps = |shape: &[C], now: C, moved: &[C], then: C| {
+                    let sign = |x: C, direction: C| (x * direction.conj()).re.signum();
+                    shape.iter().zip(moved).all(|(x, y)| sign(*x, now) == sign(*y, then))
+                };
+                let (b0, c0) = nuisance.directions(k, mode);
+                assert!(keeps(&mode.b, b0, &moved.modes[k].b, b), "mode {k} turned by {turn}");
+                assert!(keeps(&mode.c, c0, &moved.modes[k].c, c), "mode {k} turned by {turn}");
+            }
+        }
+    }
+
+    /// A strut whose shape on a mode is another one than the simulation's, under a cubic spring: with the input shape put right, force and displacement are right.
+    #[test]
+    fn struts_follow_their_input_shapes() {
+        const MODE: usize = 1;
+        let (sim, real) = (testing::truss(3), testing::truss_with(3, |_, input, _| input[(MODE, 0)] *= 1.05));
+        let [nominal, truth] = [&sim, &real].map(|model| Plant::new(model).unwrap());
+        let u = testing::random_input(3, 2000, 2);
+        let mut record = testing::case(&sim, &sim).records[1].clone();
+        record.u = u.clone();
+        let mut nuisance = Nuisance::new(&nominal, std::slice::from_ref(&record), &Limits::default());
+        nuisance.struts_follow = true;
+        // The entry is in units of the shape's largest one.
+        let shape = &nominal.modes[MODE].b;
+        let mut eta = vec![0.0; nuisance.len()];
+        eta[MODE * nuisance.each() + 2] = 0.05 * (shape[0] / directions(&nominal.modes[MODE]).0).re;
+        let followed = nuisance.apply(&nominal, &eta);
+        let cubic = crate::effects::Library::standard();
+        let cubic = cubic.get("cubic-stiffness").unwrap();
+        let run = |plant: &Plant, k: f64| {
+            let setting = crate::effects::Setting::bare(plant, &sim);
+            simulate(plant, &cubic.act(&setting, &crate::effects::Place::Port(0), &[k]), &u, 0.0, None, Fineness::FINE)
+        };
+        let mut seen = crate::effects::Setting::bare(&truth, &sim);
+        crate::prepare::of_ports(&mut seen, &record);
+        let size = 0.3 * seen.stiffness[0] / seen.d_rms[0].powi(2);
+        let difference = |a: &[Vec<f64>], b: &[Vec<f64>]| -> f64 {
+            a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+        };
+        let (expected, without) = (run(&truth, size), run(&truth, 0.0));
+        let effect = difference(&expected, &without);
+        let still = difference(&run(&followed, 0.0), &without) / effect;
+        let off = difference(&run(&followed, size), &expected) / effect;
+        assert!(still < 1e-9 && off < 1e-3, "{still} {off}");
+        let mut stays = followed.clone();
+        stays.ports.clone_from(&nominal.ports);
+        assert!(difference(&run(&stays, size), &expected) > 20.0 * off * effect, "nothing was to follow");
+    }
+}

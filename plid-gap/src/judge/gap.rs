@@ -1,0 +1,171 @@
+//! Gaps: RMS(y - y_sim) / RMS(y) over all outputs, each scaled to unit RMS.
+
+use rand::RngExt;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use crate::case::record::{Channels, Excitation, Record, rms};
+
+/// Blocks of a record that are drawn anew in a bootstrap.
+const BLOCKS: usize = 24;
+
+/// Draws of a bootstrap.
+const DRAWS: usize = 400;
+
+/// Squared errors and squared outputs by block: of each output, of each block.
+#[derive(Debug, Clone)]
+pub struct Blocks {
+    error: Vec<Vec<f64>>,
+    output: Vec<Vec<f64>>,
+}
+
+impl Blocks {
+    /// Of measured and simulated outputs (p channels), from sample `from` on.
+    pub fn new(y: &[Vec<f64>], simulated: &[Vec<f64>], from: usize) -> Self {
+        let samples = y[0].len() - from;
+        let each = samples.div_ceil(BLOCKS).max(1);
+        let sums = |values: &dyn Fn(usize, usize) -> f64| -> Vec<Vec<f64>> {
+            (0..y.len())
+                .map(|o| {
+                    let starts = (from..y[o].len()).step_by(each);
+                    starts.map(|at| (at..(at + each).min(y[o].len())).map(|k| values(o, k)).sum()).collect()
+                })
+                .collect()
+        };
+        let finite = |o: usize, k: usize, x: f64| if y[o][k].is_finite() { x } else { 0.0 };
+        Self {
+            error: sums(&|o, k| finite(o, k, (y[o][k] - simulated[o][k]).powi(2))),
+            output: sums(&|o, k| finite(o, k, y[o][k].powi(2))),
+        }
+    }
+
+    /// Those of several records, one after the other.
+    pub fn joined(all: Vec<Self>) -> Option<Self> {
+        all.into_iter().reduce(|mut joined, next| {
+            let join = |to: &mut Vec<Vec<f64>>, from: Vec<Vec<f64>>| {
+                to.iter_mut().zip(from).for_each(|(to, from)| to.extend(from));
+            };
+            join(&mut joined.error, next.error);
+            join(&mut joined.output, next.output);
+            joined
+        })
+    }
+
+    /// The relative gap.
+    pub fn gap(&self) -> f64 {
+        let all: Vec<usize> = (0..self.error[0].len()).collect();
+        self.of(&all)
+    }
+
+    fn of(&self, blocks: &[usize]) -> f64 {
+        let share = |o: usize| {
+            let sum = |values: &[f64]| blocks.iter().map(|&b| values[b]).sum::<f64>();
+            sum(&self.error[o]) / sum(&self.output[o]).max(f64::MIN_POSITIVE)
+        };
+        let p = self.error.len();
+        ((0..p).map(share).sum::<f64>() / p as f64).sqrt()
+    }
+}
+
+/// 1 - (gap after beyond the floor) / (gap before beyond the floor).
+pub fn shrink(before: f64, after: f64, floor: f64) -> f64 {
+    let beyond = |gap: f64| (gap * gap - floor * floor).max(0.0).sqrt();
+    let given = beyond(before);
+    if given > 0.0 { 1.0 - beyond(after) / given } else { 0.0 }
+}
+
+/// 95 % interval of a figure of several gaps by drawing blocks of the record anew, the same blocks for all of them.
+pub fn drawn<const K: usize>(simulated: [&Blocks; K], figure: impl Fn([f64; K]) -> f64) -> [f64; 2] {
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let count = simulated.first().map_or(0, |first| first.error[0].len());
+    middle((0..DRAWS).map(|_| {
+        let blocks: Vec<usize> = (0..count).map(|_| rng.random_range(0..count)).collect();
+        figure(simulated.map(|each| each.of(&blocks)))
+    }))
+}
+
+/// The middle 95 % of what was drawn; NaN of nothing.
+pub fn middle(drawn: impl Iterator<Item = f64>) -> [f64; 2] {
+    let mut drawn: Vec<f64> = drawn.collect();
+    drawn.sort_by(f64::total_cmp);
+    let Some(last) = drawn.len().checked_sub(1) else { return [f64::NAN; 2] };
+    [drawn[last / 40], drawn[last - last / 40]]
+}
+
+/// The gap to expect on a record of a level like `level`, from fitted ones: each output's error power as a + b level^2 over all
+/// records, over that together with the simulated output's as c level^2 over the random ones. (A measured output at a low level has more noise than
+/// its share.) One record of a lightly damped structure scatters by a tenth.
+pub fn expected(records: &[Record], simulated: &[Channels], level: f64) -> f64 {
+    let p = records[0].y.len();
+    let periodic = |record: &Record| matches!(record.excitation, Excitation::Periodic(_));
+    let random = records.iter().any(|record| record.level() > 0.0 && !periodic(record));
+    let power = |x: &mut dyn Iterator<Item = f64>| x.map(|x| x * x).sum::<f64>();
+    let share = |o: usize| -> f64 {
+        // Sums over records of weight, level^2, level^4, error power, error power x level^2; and of the output over random ones.
+        let mut sums = [0.0; 5];
+        let (mut output, mut driven) = (0.0, 0.0);
+        for (record, simulated) in records.iter().zip(simulated) {
+            let measured = || record.y[o].iter().zip(&simulated[o]).filter(|(y, _)| y.is_finite());
+            let samples = measured().count() as f64;
+            if samples == 0.0 {
+                continue;
+            }
+            let error = power(&mut measured().map(|(y, s)| y - s));
+            let square = record.level().powi(2);
+            for (sum, term) in
+                sums.iter_mut().zip([samples, samples * square, samples * square * square, error, error * square])
+            {
+                *sum += term;
+            }
+            if square > 0.0 && !(random && periodic(record)) {
+                output += power(&mut measured().map(|(_, s)| *s)) / square;
+                driven += samples;
+            }
+        }
+        let [w, x, xx, e, ex] = sums;
+        let determinant = w * xx - x * x;
+        let slope = if determinant > 1e-9 * w * xx { (w * ex - x * e) / determinant } else { 0.0 };
+        let slope = slope.clamp(0.0, e / x.max(f64::MIN_POSITIVE));
+        let error = (e - slope * x) / w + slope * level * level;
+        let output = output / driven.max(1.0) * level * level + error;
+        error / output.max(f64::MIN_POSITIVE)
+    };
+    ((0..p).map(share).sum::<f64>() / p as f64).sqrt()
+}
+
+/// The gap that noise alone makes.
+pub fn floor(noise: &[f64], y: &[Vec<f64>]) -> f64 {
+    floor_over(noise, &[y])
+}
+
+/// The same over several records, each of p channels.
+pub fn floor_over(noise: &[f64], records: &[&[Vec<f64>]]) -> f64 {
+    let size = |o: usize| rms(records.iter().flat_map(|y| y[o].iter().filter(|y| y.is_finite())));
+    let share = |o: usize| (noise[o] / size(o).max(f64::MIN_POSITIVE)).powi(2);
+    ((0..noise.len()).map(share).sum::<f64>() / noise.len() as f64).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Noise of one size at two levels: at the lower one it is a large part of what is measured, which says nothing of the louder record's output.
+    #[test]
+    fn noise_is_expected_beside_the_output_of_the_level_that_is_asked_for() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let mut white = |size: f64| -> Vec<f64> {
+            (0..20_000).map(|_| size * (rng.random_range(0.0..1.0) - 0.5) * 12_f64.sqrt()).collect()
+        };
+        let (mut records, mut simulated) = (Vec::new(), Vec::new());
+        for level in [1.0, 0.2] {
+            let u = white(level);
+            let y = u.iter().zip(white(0.3)).map(|(u, noise)| u + noise).collect();
+            simulated.push(vec![u.clone()]);
+            records.push(crate::testing::record(vec![u], vec![y]));
+        }
+        let level = records[0].level();
+        let truth = 0.3 / (1.0_f64 + 0.09).sqrt();
+        let stated = expected(&records, &simulated, level);
+        assert!((stated / truth - 1.0).abs() < 0.02, "{stated} {truth}");
+    }
+}

@@ -1,0 +1,278 @@
+//! Where the gap lies: output x band x time x level, each share with its interval.
+
+use nalgebra::DMatrix;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+use crate::case::levels::ALIKE;
+use crate::case::record::{Channels, Excitation, Record, rms};
+use crate::fit::problem::Problem;
+use crate::judge::gap::middle;
+use crate::noise::NoiseModel;
+use crate::plant::C;
+use crate::signal::fourier;
+use crate::simulate::Fineness;
+
+/// Bands over which the gap is spread.
+pub const BANDS: usize = 24;
+
+/// Stretches of time over all records.
+pub const STRETCHES: usize = 8;
+
+/// Blocks that each stretch of a record is cut into: what a bootstrap draws anew. Longer than a resonance rings, for records of a few thousand samples.
+const BLOCKS: usize = 8;
+
+/// Draws of the bootstrap.
+const DRAWS: usize = 400;
+
+/// A figure with its 95 % interval.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    /// From all that was recorded.
+    pub value: f64,
+    /// By drawing blocks of the records anew.
+    pub ci95: [f64; 2],
+}
+
+/// How large the gap is at a level.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LevelGap {
+    /// The record.
+    pub record: String,
+    /// RMS of its inputs.
+    pub level: f64,
+    /// Relative gap beyond the noise.
+    pub gap: Estimate,
+}
+
+/// The map of a gap. Shares are of the squared gap beyond the noise, each output scaled to unit RMS.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Map {
+    /// Edges of the bands in Hz ([`BANDS`] + 1).
+    pub edges: Vec<f64>,
+    /// Share of each output (p) in each band.
+    pub share: DMatrix<f64>,
+    /// Share of each stretch of time in each band.
+    pub time: DMatrix<f64>,
+    /// Share of each output (p).
+    pub outputs: Vec<Estimate>,
+    /// Share of each band.
+    pub bands: Vec<Estimate>,
+    /// Share of each stretch of time.
+    pub stretches: Vec<Estimate>,
+    /// Of each driven random record; where those have one level, of each driven periodic one.
+    pub levels: Vec<LevelGap>,
+    /// Slope of log gap against log level, over the records whose gap stands out of the noise.
+    pub slope: Option<Estimate>,
+}
+
+/// Errors of a simulation (p channels), one for each record.
+pub fn errors(problem: &Problem) -> Vec<Channels> {
+    let eta = vec![0.0; problem.nuisance.len()];
+    (0..problem.records.len())
+        .map(|index| {
+            let y = problem.outputs(&problem.plant, &eta, &[], index, Fineness::COARSE);
+            error(&problem.records[index], &y)
+        })
+        .collect()
+}
+
+/// Measured minus simulated; zero where nothing was measured.
+pub fn error(record: &Record, simulated: &[Vec<f64>]) -> Channels {
+    let one = |(y, s): (&Vec<f64>, &Vec<f64>)| {
+        y.iter().zip(s).map(|(y, s)| if y.is_finite() { y - s } else { 0.0 }).collect()
+    };
+    record.y.iter().zip(simulated).map(one).collect()
+}
+
+/// Draws the map, with intervals by a block bootstrap: of each record, and of each stretch of time in it, as many blocks are drawn anew.
+pub fn map(records: &[Record], errors: &[Channels], noise: &NoiseModel, rate: f64) -> Map {
+    let edges: Vec<f64> = (0..=BANDS).map(|k| 0.5 * rate * k as f64 / BANDS as f64).collect();
+    let blocks = blocks(records, errors, noise, &edges);
+    let whole = Sums::of(&blocks, &vec![1.0; blocks.len()]);
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let drawn: Vec<Sums> = (0..DRAWS).map(|_| Sums::of(&blocks, &draw(&blocks, &mut rng))).collect();
+    let estimate = |of: &dyn Fn(&Sums) -> f64| Estimate { value: of(&whole), ci95: middle(drawn.iter().map(of)) };
+    let row = |of: fn(&Sums) -> &DMatrix<f64>, k: usize| estimate(&move |sums| of(sums).row(k).sum());
+    let level = |index: usize| LevelGap {
+        record: records[index].name.clone(),
+        level: records[index].level(),
+        gap: estimate(&move |sums| sums.gap(index)),
+    };
+    let indices = of_levels(records);
+    let levels: Vec<LevelGap> = indices.iter().map(|&index| level(index)).collect();
+    // What chance may hide in the noise has no place on a logarithmic scale.
+    let clear = levels.iter().zip(&indices).filter(|(level, _)| level.gap.ci95[0] > 0.0);
+    let clear: Vec<(usize, f64)> = clear.map(|(level, &index)| (index, level.level)).collect();
+    let slope = whole
+        .slope(&clear)
+        .map(|value| Estimate { value, ci95: middle(drawn.iter().filter_map(|sums| sums.slope(&clear))) });
+    Map {
+        outputs: (0..whole.share.nrows()).map(|o| row(|sums| &sums.share, o)).collect(),
+        bands: (0..BANDS).map(|b| estimate(&move |sums| sums.share.column(b).sum())).collect(),
+        stretches: (0..STRETCHES).map(|stretch| row(|sums| &sums.time, stretch)).collect(),
+        levels,
+        slope,
+        edges,
+        share: whole.share,
+        time: whole.time,
+    }
+}
+
+/// A piece of a record.
+struct Block {
+    record: usize,
+    stretch: usize,
+    /// Squared error beyond the noise, of each output in each band.
+    beyond: DMatrix<f64>,
+    /// Squared outputs.
+    output: f64,
+}
+
+/// All records in blocks, each output scaled to unit RMS.
+fn blocks(records: &[Record], errors: &[Channels], noise: &NoiseModel, edges: &[f64]) -> Vec<Block> {
+    let p = records[0].y.len();
+    let finite = |y: &&f64| y.is_finite();
+    let scale: Vec<f64> =
+        (0..p).map(|o| 1.0 / rms(records.iter().flat_map(|r| r.y[o].iter().filter(finite))).max(1e-300)).collect();
+    // Noise power of each output in each band, a sample.
+    let quiet = DMatrix::from_fn(p, BANDS, |o, b| {
+        let within =
+            (0..4).map(|j| noise.density(edges[b] + (edges[b + 1] - edges[b]) * (f64::from(j) + 0.5) / 4.0)[(o, o)].re);
+        within.sum::<f64>() / 4.0 / BANDS as f64
+    });
+    let samples: usize = records.iter().map(Record::samples).sum();
+    let each = samples.div_ceil(STRETCHES).max(1);
+    let mut blocks = Vec::new();
+    let mut began = 0;
+    for (index, (record, error)) in records.iter().zip(errors).enumerate() {
+        let first = blocks.len();
+        let mut ends = vec![0];
+        let mut from = 0;
+        while from < record.samples() {
+            let stretch = ((began + from) / each).min(STRETCHES - 1);
+            let to = if stretch + 1 == STRETCHES {
+                record.samples()
+            } else {
+                record.samples().min((stretch + 1) * each - began)
+            };
+            let count = ((to - from) * BLOCKS).div_ceil(each).clamp(1, to - from);
+            for block in 0..count {
+                ends.push(from + (to - from) * (block + 1) / count);
+                blocks.push(Block { record: index, stretch, beyond: DMatrix::zeros(p, BANDS), output: 0.0 });
+            }
+            from = to;
+        }
+        for o in 0..p {
+            let square = scale[o] * scale[o];
+            for (block, end) in blocks[first..].iter_mut().zip(ends.windows(2)) {
+                block.output += square * record.y[o][end[0]..end[1]].iter().filter(finite).map(|y| y * y).sum::<f64>();
+            }
+            for (b, within) in bands(&error[o]).into_iter().enumerate() {
+                for (block, end) in blocks[first..].iter_mut().zip(ends.windows(2)) {
+                    let power: f64 = within[end[0]..end[1]].iter().map(|x| x * x).sum();
+                    block.beyond[(o, b)] = square * (power - quiet[(o, b)] * (end[1] - end[0]) as f64);
+                }
+            }
+        }
+        began += record.samples();
+    }
+    blocks
+}
+
+/// A signal cut into bands, one after the other; together they are the signal.
+fn bands(x: &[f64]) -> Vec<Vec<f64>> {
+    let spectrum = fourier::forward(x);
+    let last = (spectrum.len() - 1).max(1);
+    let within = |band: usize| {
+        let of = |(k, z): (usize, &C)| if (k * BANDS / last).min(BANDS - 1) == band { *z } else { C::ZERO };
+        fourier::backward(&spectrum.iter().enumerate().map(of).collect::<Vec<C>>(), x.len())
+    };
+    (0..BANDS).map(within).collect()
+}
+
+/// How often each block counts: of those of one record in one stretch as many as there are, with repeats.
+fn draw(blocks: &[Block], rng: &mut ChaCha8Rng) -> Vec<f64> {
+    let mut counts = vec![0.0; blocks.len()];
+    let mut from = 0;
+    for alike in blocks.chunk_by(|a, b| (a.record, a.stretch) == (b.record, b.stretch)) {
+        for _ in alike {
+            counts[from + rng.random_range(0..alike.len())] += 1.0;
+        }
+        from += alike.len();
+    }
+    counts
+}
+
+/// What blocks add up to.
+struct Sums {
+    share: DMatrix<f64>,
+    time: DMatrix<f64>,
+    /// Of each record: squared gap beyond the noise, squared outputs.
+    records: Vec<(f64, f64)>,
+}
+
+impl Sums {
+    fn of(blocks: &[Block], counts: &[f64]) -> Self {
+        let p = blocks.first().map_or(0, |block| block.beyond.nrows());
+        let (mut share, mut time) = (DMatrix::zeros(p, BANDS), DMatrix::zeros(STRETCHES, BANDS));
+        let mut records = vec![(0.0, 0.0); blocks.last().map_or(0, |block| block.record + 1)];
+        for (block, &count) in blocks.iter().zip(counts).filter(|(_, count)| **count > 0.0) {
+            let (beyond, output) = &mut records[block.record];
+            *output += count * block.output;
+            for b in 0..BANDS {
+                let mut column = 0.0;
+                for o in 0..p {
+                    share[(o, b)] += count * block.beyond[(o, b)];
+                    column += block.beyond[(o, b)];
+                }
+                time[(block.stretch, b)] += count * column;
+                *beyond += count * column;
+            }
+        }
+        // What is below the noise is none.
+        for shares in [&mut share, &mut time] {
+            shares.iter_mut().for_each(|x: &mut f64| *x = x.max(0.0));
+            let all = shares.sum();
+            if all > 0.0 {
+                *shares /= all;
+            }
+        }
+        Self { share, time, records }
+    }
+
+    /// The relative gap of a record.
+    fn gap(&self, record: usize) -> f64 {
+        let (beyond, output) = self.records[record];
+        if output > 0.0 { (beyond.max(0.0) / output).sqrt() } else { 0.0 }
+    }
+
+    /// Of records, each with its level.
+    fn slope(&self, levels: &[(usize, f64)]) -> Option<f64> {
+        let points = levels.iter().map(|&(record, level)| (level.ln(), self.gap(record).ln()));
+        let usable: Vec<(f64, f64)> = points.filter(|(_, gap)| gap.is_finite()).collect();
+        let n = usable.len() as f64;
+        let (mean_x, mean_y) =
+            (usable.iter().map(|(x, _)| x).sum::<f64>() / n, usable.iter().map(|(_, y)| y).sum::<f64>() / n);
+        let square: f64 = usable.iter().map(|(x, _)| (x - mean_x).powi(2)).sum();
+        if usable.len() < 2 || square < 0.02 {
+            return None;
+        }
+        Some(usable.iter().map(|(x, y)| (x - mean_x) * (y - mean_y)).sum::<f64>() / square)
+    }
+}
+
+/// The records by which one says how the gap goes with the level: alike in kind, for the gap of what repeats is another one.
+fn of_levels(records: &[Record]) -> Vec<usize> {
+    let driven = |periodic: bool| -> Vec<usize> {
+        let kind = |r: &Record| matches!(r.excitation, Excitation::Periodic(_)) == periodic;
+        (0..records.len()).filter(|&k| kind(&records[k]) && records[k].level() > 0.0).collect()
+    };
+    let differ = |of: &Vec<usize>| {
+        let levels = || of.iter().map(|&k| records[k].level());
+        levels().fold(0.0, f64::max) > ALIKE * levels().fold(f64::INFINITY, f64::min)
+    };
+    let [random, periodic] = [false, true].map(driven);
+    if differ(&random) || !differ(&periodic) && !random.is_empty() { random } else { periodic }
+}

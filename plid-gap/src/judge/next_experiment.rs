@@ -1,0 +1,183 @@
+//! What next: the experiment that would part what is left, by expected information.
+//!
+//! For each experiment that could be made with this setup, and each pair of the best explanation and a rival: the rival, fitted to what the
+//! best explanation says of the records in hand (`separable.rs`), is fitted to what it says that would be measured, with all that those records
+//! tell of its parameters. What it cannot follow, whitened, is twice the expected log likelihood ratio (Box and Hill 1967, with the noise known).
+
+use nalgebra::DMatrix;
+
+use crate::answer::in_words;
+use crate::case::record::{Channels, Excitation, Record};
+use crate::fit::nuisance::{Limits, Nuisance};
+use crate::fit::problem::{Fit, Placed, Problem, sum_of_squares};
+use crate::judge::separability::{Foretold, Rival, foretold, open};
+use crate::judge::shrink::loudest;
+use crate::judge::verdict::Weighted;
+use crate::noise::whiten::Whitener;
+use crate::search::explain::Explained;
+use crate::search::stepwise::all_same;
+use crate::search::stochastic::is_unseen;
+use crate::settings::thresholds::SEPARABLE;
+use crate::simulate::Fineness;
+
+/// Rivals that are looked at beside those that the records cannot part from the best, and the probability from which an explanation is one.
+const RIVALS: usize = 3;
+const OPEN: f64 = 0.02;
+
+/// Samples of an experiment.
+const SAMPLES: usize = 2000;
+
+/// The experiment to make next, in words with its predicted gain; none where nothing is open.
+pub fn next_experiment<'a>(
+    explained: &Explained<'a>,
+    weighted: &[Weighted<'a>],
+    best: &[Placed],
+    records: &Foretold<'a>,
+    rivals: &[Rival<'a>],
+) -> Option<String> {
+    if weighted.len() < 2 {
+        return None;
+    }
+    let mut fitted: Vec<Fit> = open(rivals, best).map(|rival| rival.fit.clone()).collect();
+    let most = fitted.len().max(RIVALS);
+    for likely in weighted.iter().filter(|w| !w.unknown && w.probability > OPEN) {
+        let effects: Vec<Placed> = likely.effects.iter().filter(|p| !is_unseen(p.effect)).cloned().collect();
+        let there = all_same(&effects, best) || fitted.iter().any(|fit| all_same(&fit.effects, &effects));
+        if fitted.len() < most && !there {
+            let compared = rivals.iter().find(|rival| all_same(&rival.effects, &effects));
+            fitted.push(compared.map_or_else(|| records.fit(&effects), |rival| rival.fit.clone()));
+        }
+    }
+    if fitted.is_empty() {
+        let unknown = weighted.iter().find(|w| w.unknown).map_or(0.0, |w| w.probability);
+        return (unknown > 0.05).then(|| by_rule(explained));
+    }
+    let known: Vec<Option<DMatrix<f64>>> = fitted.iter().map(|fit| known(&records.problem, fit)).collect();
+    let mut proposed: Option<(f64, String)> = None;
+    for experiment in experiments(&records.problem) {
+        let problem = imagined(explained, &records.truth, &experiment);
+        let least = fitted
+            .iter()
+            .zip(&known)
+            .map(|(fit, known)| known.as_ref().map_or(0.0, |known| gain(&problem, fit, known)))
+            .fold(f64::INFINITY, f64::min);
+        if proposed.as_ref().is_none_or(|(most, _)| least > *most) {
+            proposed = Some((least, experiment.words));
+        }
+    }
+    let (gain, words) = proposed?;
+    let name = |effects: &[Placed]| in_words(effects, &records.problem.setting.names);
+    let others: Vec<String> = fitted.iter().map(|fit| name(&fit.effects)).collect();
+    let from = format!("{} from {}", name(best), others.join(" and from "));
+    Some(if gain > SEPARABLE {
+        format!("{words}: {SAMPLES} samples are expected to part {from} by {gain:.0} in log likelihood.")
+    } else {
+        format!(
+            "No level of the inputs at hand parts {from} ({words}: {gain:.1} in log likelihood, where {SEPARABLE:.0} would do): it takes a sensor or an input at another place."
+        )
+    })
+}
+
+/// Where something outside the vocabulary is at work, no model says what it would do elsewhere.
+fn by_rule(explained: &Explained) -> String {
+    let records = &explained.ready.problem.records;
+    let levels = records.iter().filter(|r| r.level() > 0.0).map(Record::level);
+    let (least, most) = levels.fold((f64::INFINITY, 0.0_f64), |(a, b), x| (a.min(x), b.max(x)));
+    let mut wanted = Vec::new();
+    if most < 2.0 * least {
+        wanted.push("the same random input at a third and at twice the level, interleaved");
+    }
+    if records.iter().all(|r| !matches!(r.excitation, Excitation::Periodic(_))) {
+        wanted.push("a random-phase multisine of odd lines over six periods or more, whose even and left-out lines show the kind");
+    }
+    if records.iter().all(|r| r.excitation != Excitation::Zero) {
+        wanted.push("a record without input");
+    }
+    if explained.ready.problem.plant.m > 1 {
+        wanted.push("each input alone at the highest level");
+    }
+    if wanted.is_empty() {
+        wanted
+            .push("a sine at the frequency where most of the gap lies, at several levels: its harmonics show the kind");
+    }
+    format!("Nothing of the vocabulary explains the rest; to see what it is, record {}.", wanted.join(", then "))
+}
+
+/// An input that could be applied.
+struct Experiment {
+    u: Channels,
+    words: String,
+}
+
+/// The loudest input again, at other levels, and one input alone.
+fn experiments(problem: &Problem) -> Vec<Experiment> {
+    let loudest = loudest(&problem.records);
+    let scaled = |by: &dyn Fn(usize) -> f64| -> Channels {
+        let scale = |(i, u): (usize, &Vec<f64>)| u.iter().take(SAMPLES).map(|x| by(i) * x).collect();
+        loudest.u.iter().enumerate().map(scale).collect()
+    };
+    let mut experiments = Vec::new();
+    for (level, words) in [
+        (1.0, "Record the input of the loudest record once more, from rest"),
+        (1.0 / 3.0, "Record the input of the loudest record at a third of its level"),
+        (2.0, "Record the input of the loudest record at twice its level"),
+        (4.0, "Record the input of the loudest record at four times its level"),
+    ] {
+        experiments.push(Experiment { u: scaled(&|_| level), words: words.into() });
+    }
+    let names = &problem.setting.names.inputs;
+    if names.len() > 1 {
+        for (alone, name) in names.iter().enumerate() {
+            let words = format!("Record with {name} alone at twice its highest level");
+            experiments.push(Experiment { u: scaled(&|i| if i == alone { 2.0 } else { 0.0 }), words });
+        }
+    }
+    experiments
+}
+
+/// What would be measured if the best explanation were true.
+fn imagined(explained: &Explained, best: &Fit, experiment: &Experiment) -> Problem {
+    let problem = &explained.ready.problem;
+    let ends = problem.records.iter().map(|r| r.start_s + r.samples() as f64 / problem.plant.rate);
+    let record = Record {
+        name: String::new(),
+        excitation: Excitation::Random,
+        from_rest: true,
+        start_s: ends.fold(0.0, f64::max),
+        held_out: false,
+        u: experiment.u.clone(),
+        y: vec![vec![0.0; experiment.u[0].len()]; problem.plant.p],
+        simulated: None,
+    };
+    let masked = vec![Vec::new(); problem.plant.p];
+    let whitener = Whitener::new(&record, &explained.ready.noise, problem.plant.rate, masked);
+    let records = vec![record];
+    let nuisance = Nuisance::new(&problem.plant, &records, &Limits::default());
+    let (plant, setting) = (problem.plant.clone(), problem.setting.clone());
+    let made = Problem { plant, records, whiteners: vec![whitener], nuisance, setting };
+    foretold(&made, &best.eta[..made.nuisance.len()], &best.effects)
+}
+
+/// What the records say of a rival's parameters: the information on modes and effects, with initial states let go.
+fn known(problem: &Problem, fit: &Fit) -> Option<DMatrix<f64>> {
+    let (normal, _) = problem.information(fit, &fit.residual);
+    let kept: Vec<usize> = (0..problem.nuisance.of_modes()).chain(problem.nuisance.len()..normal.nrows()).collect();
+    let covariance = normal.cholesky()?.inverse();
+    let part = DMatrix::from_fn(kept.len(), kept.len(), |i, j| covariance[(kept[i], kept[j])]);
+    part.cholesky().map(|factor| factor.inverse())
+}
+
+/// Expected log likelihood ratio against a rival.
+fn gain(problem: &Problem, rival: &Fit, known: &DMatrix<f64>) -> f64 {
+    let eta = rival.eta[..problem.nuisance.len()].to_vec();
+    let rival = Fit { eta, ..rival.clone() };
+    let plant = problem.nuisance.apply(&problem.plant, &rival.eta);
+    let residual = problem.residual(&plant, &rival.eta, &rival.effects, Fineness::COARSE);
+    let (mut normal, gradient) = problem.information(&rival, &residual);
+    for (j, std) in problem.nuisance.std.iter().enumerate() {
+        normal[(j, j)] -= 1.0 / (std * std);
+    }
+    let energy = sum_of_squares(&residual);
+    let absorbed = (normal + known).cholesky().map_or(energy, |factor| gradient.dot(&factor.solve(&gradient)));
+    0.5 * (energy - absorbed).max(0.0)
+}

@@ -1,0 +1,305 @@
+//! Step 0: could these records tell one explanation from another?
+//!
+//! Two answers. Before any fit, to first order: of each entry of a screen the share that a bounded refit would absorb, and how alike
+//! the remainders are ([`overlap`]). After the fits, without that approximation: each rival is fitted, together with the linear
+//! parameters, to what the best explanation says that the same records would hold without noise. What it cannot follow is the
+//! difference in log likelihood that these records are expected to make ([`rivals`]).
+//!
+//! A cosine alone misleads: what counts is the energy times what the cosine leaves of it, and the energy of a gap of a few per cent
+//! is some ten thousand times that of a sample's noise.
+
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+
+use crate::case::record::Record;
+use crate::fit::problem::{Effort, Fit, Placed, Problem, Tangent, dot};
+use crate::search::screen::{Base, Entry, traces};
+use crate::search::stepwise::{Candidate, all_same};
+use crate::settings::thresholds::{COMPARED, NEAR, SEPARABLE};
+use crate::simulate::Fineness;
+
+/// How alike the traces of some effects are, once a bounded refit has absorbed of them what it can.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Overlap {
+    /// Share of each trace's energy that the refit absorbs.
+    pub absorbed: Vec<f64>,
+    /// Cosines between what is left of them.
+    pub cosine: DMatrix<f64>,
+    /// Expected difference in log likelihood, where the row's effect is at work at the size of its trace and the column's is fitted
+    /// in its place: energy (1 - cosine^2) / 2.
+    pub expected: DMatrix<f64>,
+}
+
+/// Of whitened traces, each at the size at which its effect is looked for. None where the refit's normal matrix is no such matrix.
+pub fn overlap(tangent: &Tangent, traces: &[Vec<f64>]) -> Option<Overlap> {
+    let count = traces.len();
+    let cross = tangent.cross(&traces.concat(), count);
+    let solved = tangent.normal.clone().cholesky()?.solve(&cross);
+    let whole = DMatrix::from_fn(count, count, |i, j| dot(&traces[i], &traces[j]));
+    let clear = &whole - cross.tr_mul(&solved);
+    let energy = |i: usize| clear[(i, i)].max(0.0);
+    let cosine = DMatrix::from_fn(count, count, |i, j| {
+        let sizes = (energy(i) * energy(j)).sqrt();
+        if sizes > 0.0 { (clear[(i, j)] / sizes).clamp(-1.0, 1.0) } else { 0.0 }
+    });
+    Some(Overlap {
+        absorbed: (0..count).map(|i| 1.0 - energy(i) / whole[(i, i)].max(f64::MIN_POSITIVE)).collect(),
+        expected: DMatrix::from_fn(count, count, |i, j| 0.5 * energy(i) * (1.0 - cosine[(i, j)].powi(2))),
+        cosine,
+    })
+}
+
+/// Of entries of a screen, at the sizes that it found.
+pub fn of_screen(base: &Base, entries: &[Entry]) -> Option<Overlap> {
+    overlap(base.tangent, &traces(base, entries))
+}
+
+/// A rival needs to be near what it is fitted to, no nearer than the comparison is.
+const NEARLY: Effort = Effort { steps: 6, gain: 0.2, fineness: Fineness::COARSE };
+
+/// Records as an explanation foretells them, without noise, and how well it explains these itself.
+pub struct Foretold<'a> {
+    /// With outputs that were simulated.
+    pub problem: Problem,
+    /// The explanation, as it was fitted to what was measured.
+    pub truth: Fit<'a>,
+    tangent: Tangent,
+    /// Its own cost on what it foretells.
+    own: f64,
+}
+
+impl<'a> Foretold<'a> {
+    /// As `truth`, a fit to `problem`, foretells them.
+    pub fn new(problem: &Problem, truth: &Fit<'a>) -> Self {
+        let problem = foretold(problem, &truth.eta, &truth.effects);
+        let tangent = problem.tangent(&problem.nuisance.apply(&problem.plant, &truth.eta));
+        // Its own linear parameters give way to their prior as a rival's do.
+        let own = problem.fit(&tangent, &truth.eta, &truth.effects, NEARLY).cost;
+        Self { problem, truth: truth.clone(), tangent, own }
+    }
+
+    /// The fit of another explanation to them.
+    pub fn fit(&self, effects: &[Placed<'a>]) -> Fit<'a> {
+        self.problem.fit(&self.tangent, &self.truth.eta, effects, NEARLY)
+    }
+
+    /// The difference in log likelihood that the records are expected to make between the explanation that foretold them and another
+    /// that was fitted to them.
+    pub fn expected(&self, fit: &Fit) -> f64 {
+        (0.5 * (fit.cost - self.own)).max(0.0)
+    }
+}
+
+/// The problem with what a linear model with effects simulates in place of what was measured. What says nothing goes on to do so.
+pub(crate) fn foretold(problem: &Problem, eta: &[f64], effects: &[Placed]) -> Problem {
+    let plant = problem.nuisance.apply(&problem.plant, eta);
+    let actions = problem.actions(effects);
+    let simulated = |(index, record): (usize, &Record)| {
+        let mut y = problem.outputs(&plant, eta, &actions, index, Fineness::COARSE);
+        for (to, measured) in y.iter_mut().flatten().zip(record.y.iter().flatten()) {
+            if !measured.is_finite() {
+                *to = *measured;
+            }
+        }
+        Record { y, ..record.clone() }
+    };
+    let records = problem.records.iter().enumerate().map(simulated).collect();
+    Problem { records, ..problem.clone() }
+}
+
+/// An explanation held against the best one.
+pub struct Rival<'a> {
+    /// As they were fitted to the records.
+    pub effects: Vec<Placed<'a>>,
+    /// Fitted to what the best explanation foretells.
+    pub fit: Fit<'a>,
+    /// Expected difference in log likelihood on the records in hand, if the best explanation is true.
+    pub expected: f64,
+    /// The difference that they made.
+    pub realised: f64,
+}
+
+/// The candidates that come nearest to the best explanation, held against it; none against the explanation that nothing is missing, which
+/// each of them contains. `best` are its effects, without a free shape beside them.
+pub fn rivals<'a>(foretold: &Foretold<'a>, best: &[Placed], candidates: &[Candidate<'a>]) -> Vec<Rival<'a>> {
+    let Some(own) = candidates.iter().find(|candidate| all_same(&candidate.effects, best)) else { return Vec::new() };
+    if best.is_empty() {
+        return Vec::new();
+    }
+    let realised = |candidate: &Candidate| 0.5 * (candidate.cost - own.cost);
+    let mut near: Vec<&Candidate> = Vec::new();
+    for candidate in candidates {
+        let seen = near.iter().chain([&own]).any(|other| all_same(&other.effects, &candidate.effects));
+        if !seen && !candidate.effects.is_empty() && realised(candidate) < NEAR && near.len() < COMPARED {
+            near.push(candidate);
+        }
+    }
+    near.into_par_iter()
+        .map(|candidate| {
+            let fit = foretold.fit(&candidate.effects);
+            Rival {
+                effects: candidate.effects.clone(),
+                expected: foretold.expected(&fit),
+                realised: realised(candidate),
+                fit,
+            }
+        })
+        .collect()
+}
+
+/// Rivals that the records cannot part from the best explanation: they are not expected to, and did not. One with fewer effects has been
+/// refuted by the search, one with more is no other cause.
+pub fn open<'r, 'a>(rivals: &'r [Rival<'a>], best: &[Placed]) -> impl Iterator<Item = &'r Rival<'a>> {
+    let effects = best.len();
+    // What is expected to be D scatters by the root of 2 D.
+    let refuted = SEPARABLE + 2.0 * (2.0 * SEPARABLE).sqrt();
+    rivals
+        .iter()
+        .filter(move |rival| rival.effects.len() == effects)
+        .filter(move |rival| rival.expected < SEPARABLE && rival.realised < refuted)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::{Clearance, CubicStiffness, Effect, Place, SensorDrift, SensorOffset};
+    use crate::fit::nuisance::Limits;
+    use crate::fit::problem::sum_of_squares;
+    use crate::noise::NoiseModel;
+    use crate::prepare::{Known, prepare};
+    use crate::testing;
+
+    /// The refit takes half of what lies along its one derivative, whose size is that of its prior.
+    #[test]
+    fn overlap_is_that_of_what_the_refit_leaves() {
+        let tangent = Tangent::new(vec![1.0, 0.0, 0.0], 3, &[1.0]);
+        let found = overlap(&tangent, &[vec![2.0, 2.0, 0.0], vec![2.0, 0.0, 1.0]]).unwrap();
+        // Left are energies of 4/2 + 4 of 8 and 4/2 + 1 of 5, and a product of 4/2.
+        let cosine = 2.0 / 18_f64.sqrt();
+        let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
+        close(found.absorbed[0], 0.25);
+        close(found.absorbed[1], 0.4);
+        close(found.cosine[(0, 1)], cosine);
+        close(found.cosine[(1, 1)], 1.0);
+        close(found.expected[(0, 1)], 3.0 * (1.0 - 4.0 / 18.0));
+        close(found.expected[(1, 0)], 1.5 * (1.0 - 4.0 / 18.0));
+        close(found.expected[(0, 0)], 0.0);
+    }
+
+    /// White noise of a known size, a simulation that has no play, and what the records hold of a sound simulation.
+    fn problem(limits: &Limits, samples: usize) -> (Problem, f64) {
+        let model = testing::truss(8);
+        let case = testing::case(&model, &model);
+        let known = Known { limits: *limits, ..Known::default() };
+        let mut records = case.records[1..].to_vec();
+        records.iter_mut().for_each(|record| record.start_s -= case.records[1].start_s);
+        let ready = prepare(case.model.as_ref().unwrap(), &records, &known).unwrap();
+        let std = case.model.unwrap().noise.sensor_std.unwrap();
+        let noise = NoiseModel::declared(&ready.problem.plant, &std, &[0.0; 2]);
+        (ready.problem.head(samples, &noise), std[0])
+    }
+
+    fn at<'a>(effect: &'a dyn Effect, place: Place, parameters: &[f64]) -> Placed<'a> {
+        Placed { effect, place, parameters: parameters.to_vec() }
+    }
+
+    fn fit<'a>(problem: &Problem, placed: &Placed<'a>) -> Fit<'a> {
+        let tangent = problem.tangent(&problem.plant);
+        problem.fit(&tangent, &vec![0.0; problem.nuisance.len()], std::slice::from_ref(placed), NEARLY)
+    }
+
+    /// What an effect adds to the whitened outputs of the simulation as given.
+    fn trace(problem: &Problem, placed: &Placed) -> Vec<f64> {
+        let zero = vec![0.0; problem.nuisance.len()];
+        let run = |effects: &[Placed]| problem.residual(&problem.plant, &zero, effects, Fineness::COARSE);
+        run(&[]).iter().zip(&run(std::slice::from_ref(placed))).map(|(a, b)| a - b).collect()
+    }
+
+    /// A constant follows a straight line but for its slope: N (N^2 - 1) / 12 samples squared.
+    #[test]
+    fn an_offset_follows_a_drift_as_far_as_a_mean_follows_a_line() {
+        const N: usize = 2048;
+        let (mut problem, std) = problem(&Limits { frequency: 1e-9, damping: 1e-9, shape: 1e-9 }, N);
+        problem.records.truncate(1);
+        problem.whiteners.truncate(1);
+        let per_sample = 1e-4 * std;
+        let drift = at(&SensorDrift, Place::Output(0), &[per_sample * testing::RATE]);
+        let offset = at(&SensorOffset, Place::Output(0), &[std]);
+        let truth = fit(&problem, &drift);
+        let truth = Fit { effects: vec![drift.clone()], ..truth };
+        let foretold = Foretold::new(&problem, &truth);
+        let n = N as f64;
+        let expected = 0.5 * (per_sample / std).powi(2) * n * (n * n - 1.0) / 12.0;
+        let found = foretold.expected(&foretold.fit(std::slice::from_ref(&offset)));
+        assert!((found / expected - 1.0).abs() < 1e-3, "{found} for {expected}");
+        // Both are linear in their sizes, so that it is known before any fit.
+        let before =
+            overlap(&problem.tangent(&problem.plant), &[trace(&problem, &drift), trace(&problem, &offset)]).unwrap();
+        assert!((before.expected[(0, 1)] / expected - 1.0).abs() < 1e-3, "{:?} for {expected}", before.expected);
+        // Nothing is expected to part a truth from itself.
+        assert!(foretold.expected(&foretold.fit(&[drift])) < 1e-6);
+    }
+
+    /// Cubic stiffness that makes a gap of so much beside noise, and clearance against it.
+    fn cubic_and_clearance(gap: f64) -> (f64, f64, f64, bool) {
+        let (mut problem, _) = problem(&Limits::default(), 2000);
+        let input = Place::Input(0);
+        let mut cubic = at(&CubicStiffness, input.clone(), &CubicStiffness.starts(&problem.setting, &input)[0]);
+        let zero = vec![0.0; problem.nuisance.len()];
+        let bare = foretold(&problem, &zero, &[]);
+        let share = |with: &Problem| {
+            let (mut error, mut output) = (0.0, 0.0);
+            for (a, b) in bare.records.iter().zip(&with.records) {
+                for (a, b) in a.y.iter().flatten().zip(b.y.iter().flatten()) {
+                    error += (a - b) * (a - b);
+                    output += a * a;
+                }
+            }
+            f64::sqrt(error / output)
+        };
+        for _ in 0..4 {
+            cubic.parameters[0] *= gap / share(&foretold(&problem, &zero, std::slice::from_ref(&cubic)));
+        }
+        let with = foretold(&problem, &zero, std::slice::from_ref(&cubic));
+        for ((record, bare), with) in problem.records.iter_mut().zip(&bare.records).zip(&with.records) {
+            let each = record.y.iter_mut().flatten().zip(bare.y.iter().flatten()).zip(with.y.iter().flatten());
+            each.for_each(|((y, bare), with)| *y += with - bare);
+        }
+        let best = fit(&problem, &cubic);
+        // A clearance of the same size to begin with, of each width.
+        let tangent = problem.tangent(&problem.plant);
+        let starts = Clearance.starts(&problem.setting, &input);
+        let own = trace(&problem, &cubic);
+        let mut fits: Vec<(Overlap, Fit)> = starts
+            .iter()
+            .map(|start| {
+                let mut clearance = at(&Clearance, input.clone(), start);
+                let other = trace(&problem, &clearance);
+                clearance.parameters[0] *= dot(&own, &other) / sum_of_squares(&other);
+                let overlap = overlap(&tangent, &[own.clone(), other]).unwrap();
+                (overlap, fit(&problem, &clearance))
+            })
+            .collect();
+        fits.sort_by(|a, b| a.1.cost.total_cmp(&b.1.cost));
+        let (overlap, rival) = fits.remove(0);
+        let candidate =
+            |fit: &Fit<'static>| Candidate { effects: fit.effects.clone(), cost: fit.cost, priced: fit.cost };
+        let held = Foretold::new(&problem, &best);
+        let near = rivals(&held, &best.effects, &[candidate(&best), candidate(&rival)]);
+        let is_open = open(&near, &best.effects).next().is_some();
+        let expected = held.expected(&held.fit(&rival.effects));
+        (overlap.cosine[(0, 1)], overlap.expected[(0, 1)], expected, is_open)
+    }
+
+    /// Near in angle at any size, and parted by the size alone.
+    #[test]
+    fn a_gap_parts_what_a_cosine_does_not() {
+        for (gap, parted) in [(0.0003, false), (0.01, true)] {
+            let (cosine, before, expected, is_open) = cubic_and_clearance(gap);
+            // A clearance of free width comes nearer than one whose width is that of the screen.
+            assert!(before > expected, "{gap}: {before} {expected}");
+            assert!(cosine > 0.9, "{gap}: {cosine}");
+            assert_eq!((is_open, expected > SEPARABLE), (!parted, parted), "{gap}: {expected} expected");
+        }
+    }
+}

@@ -1,0 +1,167 @@
+//! Probabilities of all explanations, "something else" among them, and the verdict.
+
+use crate::fit::problem::Placed;
+use crate::prepare::NoiseLevel;
+use crate::search::stepwise::{Candidate, all_same};
+use crate::settings::step::Step;
+use crate::settings::thresholds::{
+    BENT, EXCESS, FAINT, FAINT_POWER, LEAST_UNKNOWN, MISFIT_TEMPERATURE, MOST_UNKNOWN, NEXT, NOISE_UNSEEN,
+    NOT_ACCEPTED, TEMPERATURE, TEXTBOOK,
+};
+
+/// What a diagnosis says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// Named effects.
+    Effects,
+    /// The simulation is sound, within its limits.
+    None,
+    /// Something outside the vocabulary.
+    Unknown,
+}
+
+/// An explanation with its probability.
+pub struct Weighted<'a> {
+    /// Effects; empty for nothing, or for something else.
+    pub effects: Vec<Placed<'a>>,
+    /// Something outside the vocabulary.
+    pub unknown: bool,
+    /// Of all explanations together one.
+    pub probability: f64,
+    /// Sum of squares a row, if it is a fit.
+    pub cost: Option<f64>,
+}
+
+/// What is left after the best explanation, against the noise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Adequacy {
+    /// (cost a row - 1) / uncertainty of the noise level.
+    pub excess: f64,
+    /// Share of the bounded refit's excess that is left.
+    pub left: f64,
+    /// The largest change of a linear parameter, in standard deviations of the stated limits.
+    pub bent: f64,
+    /// What the best further entry of the screen would gain.
+    pub next: f64,
+    /// Probability of something else.
+    pub unknown: f64,
+}
+
+/// Judges what the best explanation leaves of the sum of squares `before` it, and how far (`bent`, in standard deviations) the linear parameters had
+/// to go for it.
+pub fn adequacy(bent: f64, next: f64, cost: f64, before: f64, rows: f64, level: NoiseLevel, off: &[Step]) -> Adequacy {
+    let noise = rows * level.factor;
+    let excess = (cost / noise - 1.0) / level.uncertainty;
+    let left = ((cost - noise) / (before - noise).max(1.0)).clamp(0.0, 1.0);
+    let certain = 1.0 / (1.0 + (-(excess - EXCESS)).exp());
+    // A rest of a thousandth of a large gap is a matter of the effect's third digit, not of another cause.
+    let material = 1.0 / (1.0 + (0.004 / left.max(1e-12)).powi(4));
+    // Beyond the stated limits a refit hides an effect that the vocabulary does not have.
+    let beyond = 1.0 / (1.0 + (-(bent - BENT) / 0.3).exp());
+    // What still lies in the residual along some effect's trace, though no effect explains it.
+    let coherent = 1.0 / (1.0 + (-(next - NEXT) / 8.0).exp());
+    let speaks = |step: Step, share: f64| if off.contains(&step) { 0.0 } else { share };
+    let sound = (1.0 - speaks(Step::Excess, certain * material))
+        * (1.0 - speaks(Step::BeyondLimits, beyond))
+        * (1.0 - speaks(Step::Coherent, coherent));
+    Adequacy { excess, left, bent, next, unknown: LEAST_UNKNOWN + (MOST_UNKNOWN - LEAST_UNKNOWN) * (1.0 - sound) }
+}
+
+/// Least probability of something else beside effects that explain this power, over that of the noise; `seen` says whether records show the noise.
+pub fn least_unknown(explained: f64, seen: bool) -> f64 {
+    let faint = FAINT / (1.0 + (explained.max(0.0) / FAINT_POWER).powi(2));
+    LEAST_UNKNOWN + faint + if seen { 0.0 } else { NOISE_UNSEEN }
+}
+
+/// Spreads probability over the candidates; `unknown` goes to something else.
+pub fn weigh<'a>(
+    candidates: &[Candidate<'a>],
+    unknown: f64,
+    rows: f64,
+    level: NoiseLevel,
+    off: &[Step],
+) -> Vec<Weighted<'a>> {
+    let Some(best) = candidates.first() else { return Vec::new() };
+    let misfit = (best.cost - rows * level.factor * (1.0 + 2.0 * level.uncertainty)).max(0.0);
+    let temperature =
+        if off.contains(&Step::Temperature) { TEXTBOOK } else { TEMPERATURE + MISFIT_TEMPERATURE * misfit };
+    // Beside nothing stand those that the search did not accept: a misfit that none of them explains makes none of them more probable.
+    let unaccepted = |candidate: &Candidate| best.effects.is_empty() && !candidate.effects.is_empty();
+    let most = if off.contains(&Step::Temperature) { 1.0 } else { (-NOT_ACCEPTED / TEMPERATURE).exp() };
+    let mut weighted: Vec<Weighted> = Vec::new();
+    for candidate in candidates {
+        let weight = (-(candidate.priced - best.priced) / temperature).exp();
+        let weight = if unaccepted(candidate) { weight.min(most) } else { weight };
+        if weighted.iter().any(|other| all_same(&candidate.effects, &other.effects)) {
+            continue;
+        }
+        weighted.push(Weighted {
+            effects: candidate.effects.clone(),
+            unknown: false,
+            probability: weight,
+            cost: Some(candidate.cost / rows),
+        });
+    }
+    let all: f64 = weighted.iter().map(|w| w.probability).sum();
+    weighted.iter_mut().for_each(|w| w.probability *= (1.0 - unknown) / all);
+    weighted.push(Weighted { effects: Vec::new(), unknown: true, probability: unknown, cost: None });
+    weighted.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    // What nobody would read is left out, and its share given to the rest.
+    weighted.retain(|w| w.probability > 1e-4);
+    let all: f64 = weighted.iter().map(|w| w.probability).sum();
+    weighted.iter_mut().for_each(|w| w.probability /= all);
+    weighted
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::{Library, Place};
+
+    const ROWS: f64 = 1e4;
+
+    fn level() -> NoiseLevel {
+        NoiseLevel { factor: 1.0, uncertainty: 0.02, seen: true, driven: None }
+    }
+
+    /// What explains more is surer, and surest where the noise is known.
+    #[test]
+    fn what_is_faint_is_less_sure() {
+        let explained = [0.0, 0.1, 0.5, 2.0, 1e6];
+        for seen in [true, false] {
+            let least = explained.map(|power| least_unknown(power, seen));
+            assert!(least.windows(2).all(|pair| pair[1] < pair[0]), "{least:?}");
+            assert!(least[0] < 0.5, "{least:?}");
+        }
+        assert!((least_unknown(1e6, true) - LEAST_UNKNOWN).abs() < 1e-9);
+        assert!(least_unknown(1e6, false) > LEAST_UNKNOWN);
+    }
+
+    /// However much is left: what the search did not accept is behind nothing by what that is worth.
+    #[test]
+    fn what_was_not_accepted_stays_behind_nothing() {
+        let library = Library::standard();
+        let placed = |name: &str| {
+            let effect = library.get(name).unwrap();
+            Placed { effect, place: Place::Output(0), parameters: vec![1.0] }
+        };
+        for left in [1.0, 2.0] {
+            let cost = left * ROWS;
+            let nothing = Candidate { effects: Vec::new(), cost, priced: cost };
+            let tried = ["sensor-gain", "sensor-offset", "sensor-delay", "sensor-lag"].map(|name| Candidate {
+                effects: vec![placed(name)],
+                cost: cost - 5.0,
+                priced: cost + NOT_ACCEPTED,
+            });
+            let candidates: Vec<Candidate> = std::iter::once(nothing).chain(tried).collect();
+            let weighted = weigh(&candidates, 0.3, ROWS, level(), &[]);
+            let sum: f64 = weighted.iter().map(|w| w.probability).sum();
+            assert!((sum - 1.0).abs() < 1e-12, "{sum}");
+            assert!(weighted[0].effects.is_empty() && !weighted[0].unknown && weighted[0].probability > 0.5, "{left}");
+            // A textbook, which knows no misfit, has them behind by more.
+            let flat = weigh(&candidates, 0.3, ROWS, level(), &[Step::Temperature]);
+            assert!(flat[0].probability > weighted[0].probability);
+        }
+    }
+}

@@ -1,0 +1,386 @@
+//! The noise of the records: white sensors, actuator noise through the simulation, and a white force on each mode.
+//!
+//! S(f) = sum of theta_j h_j(f) h_j(f)^H, fitted by maximum likelihood (Whittle, Ark. Mat. 2, 1953) to what no command explains:
+//! records without input, and the differences between periods.
+
+pub(crate) mod model_error;
+pub(crate) mod whiten;
+pub(crate) mod whittle;
+
+use std::f64::consts::{PI, TAU};
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::noise::model_error::ModelError;
+use crate::plant::{C, Plant};
+use crate::signal::fourier;
+use crate::signal::notch;
+
+/// Bins whose power exceeds the model's by this factor (chance e^-16) hold a line and no noise.
+const LINE: f64 = 16.0;
+
+/// A sensor has at least this share of its declared variance.
+const QUIETEST: f64 = 0.25;
+
+/// Relative width of the band about a line that wanders.
+const LINE_WIDTH: f64 = 0.003;
+
+/// Rounds of the fixed-point iteration.
+const ROUNDS: usize = 60;
+
+/// Spectra of what no command explains: of one stretch, p channels of bins scaled so that |bin|^2 is a power spectral density
+/// with mean sigma^2 for white noise.
+#[derive(Debug, Clone)]
+pub struct Stretch {
+    /// Samples.
+    pub length: usize,
+    /// p channels of bins.
+    pub bins: Vec<Vec<C>>,
+}
+
+impl Stretch {
+    /// From residuals (p channels), without mean and trend.
+    pub fn new(residual: &[Vec<f64>]) -> Self {
+        let length = fourier::good_length_below(residual[0].len());
+        let scale = 1.0 / (length as f64).sqrt();
+        let bins = residual
+            .iter()
+            .map(|x| {
+                let mut x = x[..length].to_vec();
+                detrend(&mut x);
+                fourier::forward(&x).into_iter().map(|z| z * scale).collect()
+            })
+            .collect();
+        Self { length, bins }
+    }
+
+    /// Under Hann's window: where a resonance is a hundred times as strong as what lies beside it, what a cut-off record leaks of it would be taken for that. Every
+    /// other bin is as good as independent of the others.
+    pub fn tapered(&self) -> Self {
+        let taper = |bins: &Vec<C>| -> Vec<C> {
+            let at = |k: usize| bins[k.min(bins.len() - 1)];
+            let one = |k: usize| (at(k) * 0.5 - (at(k.max(1) - 1) + at(k + 1)) * 0.25) / 0.375f64.sqrt();
+            (0..bins.len()).map(one).collect()
+        };
+        Self { length: self.length, bins: self.bins.iter().map(taper).collect() }
+    }
+
+    fn hz(&self, k: usize, rate: f64) -> f64 {
+        k as f64 * rate / self.length as f64
+    }
+}
+
+fn detrend(x: &mut [f64]) {
+    let n = x.len() as f64;
+    let middle = (n - 1.0) / 2.0;
+    let mean = x.iter().sum::<f64>() / n;
+    let square: f64 = (0..x.len()).map(|k| (k as f64 - middle).powi(2)).sum();
+    let slope = x.iter().enumerate().map(|(k, x)| (k as f64 - middle) * x).sum::<f64>() / square.max(1.0);
+    x.iter_mut().enumerate().for_each(|(k, x)| *x -= mean + slope * (k as f64 - middle));
+}
+
+/// Where noise comes from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Source {
+    /// White, at one sensor.
+    Sensor(usize),
+    /// White over samples, at one input.
+    Actuator(usize),
+    /// A white force on one mode.
+    Mode(usize),
+    /// White forces on all modes, as large on each as the ports' shapes are.
+    Ambient,
+    /// A force at a port in a band.
+    Band(Band),
+}
+
+/// A band-pass of second order, tilted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Band {
+    /// The port that is pushed.
+    pub port: usize,
+    /// Centre.
+    pub hz: f64,
+    /// Width over centre.
+    pub width: f64,
+    /// Exponent of the frequency by which the amplitude is tilted: 0 is a band-pass, which falls off alike to both sides; -1 a resonator, which leaves slow
+    /// forces as they are.
+    pub slope: f64,
+}
+
+impl Band {
+    /// What a line makes whose phase wanders.
+    pub fn line(port: usize, hz: f64) -> Self {
+        Self::pass(port, hz, LINE_WIDTH)
+    }
+
+    /// One that falls off alike to both sides.
+    pub fn pass(port: usize, hz: f64, width: f64) -> Self {
+        Self { port, hz, width, slope: 0.0 }
+    }
+}
+
+/// A fitted noise model.
+#[derive(Debug, Clone)]
+pub struct NoiseModel {
+    /// The plant through which it passes.
+    plant: Plant,
+    /// Sources with their variances.
+    pub sources: Vec<(Source, f64)>,
+    /// -log likelihood over the stretches (with constants left out) and number of bins.
+    pub misfit: f64,
+    /// Bins used.
+    pub bins: usize,
+    /// Of a model that stands in: what it leaves of its own records, which grows with the level and is no noise in quiet ones.
+    pub model_error: Option<ModelError>,
+    /// Frequencies that count, from and to; what lies outside is as if its noise had no bounds.
+    pub band_hz: Option<[f64; 2]>,
+    /// Lines that wander, as port and Hz: what they may be in a record is taken out of it.
+    pub lines: Vec<(usize, f64)>,
+}
+
+impl NoiseModel {
+    /// As declared: sensor and actuator standard deviations (p and m).
+    pub fn declared(plant: &Plant, sensor: &[f64], actuator: &[f64]) -> Self {
+        let sensors = sensor.iter().enumerate().map(|(o, std)| (Source::Sensor(o), std * std));
+        let actuators = actuator.iter().enumerate().map(|(i, std)| (Source::Actuator(i), std * std));
+        let sources = sensors.chain(actuators).collect();
+        Self {
+            plant: plant.clone(),
+            sources,
+            misfit: f64::NAN,
+            bins: 0,
+            model_error: None,
+            band_hz: None,
+            lines: Vec::new(),
+        }
+    }
+
+    /// The simulation that it was made from.
+    pub fn plant(&self) -> &Plant {
+        &self.plant
+    }
+
+    /// Ports of the simulation that it was made from; places on single modes come later.
+    pub fn ports(&self) -> usize {
+        self.plant.ports.len()
+    }
+
+    /// Fits sensors and modal forces to stretches; the actuators' noise stays as declared.
+    pub fn fit(&self, stretches: &[Stretch]) -> Self {
+        self.fit_beside(stretches, None)
+    }
+
+    /// The same beside other sources.
+    pub fn fit_beside(&self, stretches: &[Stretch], others: impl IntoIterator<Item = Source>) -> Self {
+        let modes = (0..self.plant.modes.len()).map(Source::Mode);
+        self.fit_with(stretches, &modes.chain(others).collect::<Vec<Source>>(), ROUNDS, 1)
+    }
+
+    /// Fits sensors and these sources, to every `thin`th bin.
+    pub fn fit_with(&self, stretches: &[Stretch], more: &[Source], rounds: usize, thin: usize) -> Self {
+        let mut model = self.clone();
+        let level = self.sensor_variance();
+        for &source in more {
+            // A start that shows at its peak by as much as the sensors.
+            let power = |hz: f64| self.columns(source, hz).iter().map(|h| h.norm_squared()).sum::<f64>();
+            let peak = self.plant.modes.iter().map(|mode| power(mode.pole.im / TAU)).fold(0.0, f64::max);
+            if peak > 0.0 {
+                model.sources.push((source, level / peak));
+            }
+        }
+        let rows: Vec<Row> = stretches.iter().flat_map(|s| model.rows(s, thin)).collect();
+        let mut theta: Vec<f64> = model.sources.iter().map(|(_, theta)| *theta).collect();
+        let fixed: Vec<bool> = model.sources.iter().map(|(s, _)| matches!(s, Source::Actuator(_))).collect();
+        // A channel that is constant in a quiet record is coarse, not free of noise.
+        let least: Vec<f64> = model
+            .sources
+            .iter()
+            .map(|(source, theta)| if matches!(source, Source::Sensor(_)) { QUIETEST * theta } else { 1e-9 * theta })
+            .collect();
+        let mut used = vec![true; rows.len()];
+        for round in 0..rounds {
+            let (mut up, mut down) = (vec![0.0; theta.len()], vec![0.0; theta.len()]);
+            for (row, used) in rows.iter().zip(&mut used) {
+                let Some(inverse) = row.covariance(&theta).try_inverse() else { continue };
+                let seen = &inverse * &row.data;
+                let power = row.data.dotc(&seen).re / row.data.len() as f64;
+                *used = round < 5 || power < LINE;
+                if !*used {
+                    continue;
+                }
+                for (j, columns) in row.columns.iter().enumerate() {
+                    for h in columns {
+                        up[j] += h.dotc(&seen).norm_sqr();
+                        down[j] += h.dotc(&(&inverse * h)).re;
+                    }
+                }
+            }
+            for j in 0..theta.len() {
+                if !fixed[j] && down[j] > 0.0 {
+                    theta[j] *= (up[j] / down[j]).sqrt().clamp(0.2, 5.0);
+                    theta[j] = theta[j].max(least[j]);
+                }
+            }
+        }
+        model.misfit = 0.0;
+        for (row, _) in rows.iter().zip(&used).filter(|(_, used)| **used) {
+            let covariance = row.covariance(&theta);
+            let determinant = covariance.determinant().norm().ln();
+            let power = covariance.try_inverse().map_or(0.0, |inverse| row.data.dotc(&(inverse * &row.data)).re);
+            model.misfit += determinant + power;
+        }
+        model.bins = used.iter().filter(|used| **used).count();
+        model.sources.iter_mut().zip(theta).for_each(|((_, to), from)| *to = from);
+        model
+    }
+
+    /// With another variance of one sensor (V^2).
+    pub fn with_sensor(mut self, output: usize, variance: f64) -> Self {
+        for (source, theta) in &mut self.sources {
+            if *source == Source::Sensor(output) {
+                *theta = variance;
+            }
+        }
+        self
+    }
+
+    /// With a line that wanders: a narrow band at a port, for what its modulation leaves about it.
+    pub fn with_line(mut self, port: usize, hz: f64) -> Self {
+        let band = Source::Band(Band::line(port, hz));
+        let peak = self.columns(band, hz)[0].norm_squared();
+        let start = self.sensor_variance() / peak.max(f64::MIN_POSITIVE);
+        self.sources.push((band, start));
+        self.lines.push((port, hz));
+        self
+    }
+
+    /// Whether a force in a band acts, or a line that wanders: resonances ring with it far above all other noise.
+    pub fn drives(&self) -> bool {
+        self.sources.iter().any(|(source, _)| matches!(source, Source::Band(_)))
+    }
+
+    /// What forces in bands give an output where they give little: the quarter of all frequencies with the least of it ends at this variance (V^2).
+    pub fn skirts(&self, output: usize) -> f64 {
+        const POINTS: u32 = 256;
+        let at = |hz: f64| -> f64 {
+            let bands = self.sources.iter().filter(|(source, _)| matches!(source, Source::Band(_)));
+            bands.map(|(band, theta)| theta * self.columns(*band, hz)[0][output].norm_sqr()).sum()
+        };
+        let frequencies = (1..POINTS).map(|k| 0.5 * self.plant.rate * f64::from(k) / f64::from(POINTS));
+        let mut powers: Vec<f64> = frequencies.map(at).collect();
+        powers.sort_by(f64::total_cmp);
+        powers[powers.len() / 4]
+    }
+
+    /// Of each sensor in V^2.
+    pub fn sensors(&self) -> Vec<f64> {
+        let of = |(source, theta): &(Source, f64)| matches!(source, Source::Sensor(_)).then_some(*theta);
+        self.sources.iter().filter_map(of).collect()
+    }
+
+    fn sensor_variance(&self) -> f64 {
+        let all = self.sensors();
+        all.iter().sum::<f64>() / all.len().max(1) as f64
+    }
+
+    /// Frequencies that count, with what a stretch has there.
+    pub(crate) fn bins(&self, stretch: &Stretch) -> impl Iterator<Item = (f64, DVector<C>)> {
+        // Zero, the trend's first bin and half the rate are no circular Gaussians.
+        let taken_out = |hz: f64| self.lines.iter().any(|(_, line)| (hz - line).abs() < notch::HOLE_HZ);
+        (2..stretch.bins[0].len() - 1)
+            .map(|k| (k, stretch.hz(k, self.plant.rate)))
+            .filter(move |(_, hz)| !taken_out(*hz))
+            .map(|(k, hz)| (hz, DVector::from_iterator(stretch.bins.len(), stretch.bins.iter().map(|bins| bins[k]))))
+    }
+
+    fn rows(&self, stretch: &Stretch, thin: usize) -> Vec<Row> {
+        let columns = |hz: f64| self.sources.iter().map(|(source, _)| self.columns(*source, hz)).collect();
+        self.bins(stretch).step_by(thin).map(|(hz, data)| Row { columns: columns(hz), data }).collect()
+    }
+
+    /// What a unit of a source gives at the outputs, at a frequency: one column for each independent part.
+    pub(crate) fn columns(&self, source: Source, hz: f64) -> Vec<DVector<C>> {
+        let plant = &self.plant;
+        match source {
+            Source::Sensor(o) => vec![DVector::from_fn(plant.p, |i, _| if i == o { C::ONE } else { C::ZERO })],
+            Source::Actuator(i) => vec![plant.response(hz).column(i).into_owned()],
+            Source::Mode(k) => vec![self.modal(k, hz)],
+            Source::Ambient => (0..plant.modes.len()).map(|k| self.modal(k, hz)).collect(),
+            Source::Band(Band { port, hz: centre, width, slope }) => {
+                // A force that is held over samples has a periodic spectrum: chords of the unit circle stand for frequencies. About the centre that is the
+                // same; far above it a resonator's skirt levels off, and shows where a force passes straight through to an accelerometer.
+                let angle = |hz: f64| PI * hz / plant.rate;
+                let of_centre = angle(hz.max(1e-9)).sin() / angle(centre).sin();
+                let ratio = of_centre - 1.0 / of_centre;
+                let width = width * angle(centre) / angle(centre).tan();
+                let gain = of_centre.powf(slope) / (1.0 + (ratio / width).powi(2)).sqrt();
+                vec![plant.port_response(port, hz) * C::from(gain)]
+            }
+        }
+    }
+
+    /// A unit white force, held over samples, on one mode: of the size of the ports' shapes there.
+    fn modal(&self, k: usize, hz: f64) -> DVector<C> {
+        let plant = &self.plant;
+        let z = C::cis(TAU * hz / plant.rate);
+        let mode = &plant.modes[k];
+        let turn = (mode.pole / plant.rate).exp();
+        let force: Vec<C> = plant.ports.iter().map(|port| port.force[k]).collect();
+        let size = force.iter().map(|g| g.norm_sqr()).sum::<f64>().sqrt();
+        let phase = C::cis(force.iter().map(|g| g * g).sum::<C>().arg() / 2.0);
+        let held = (turn - 1.0) / mode.pole * size * phase;
+        DVector::from_fn(plant.p, |o, _| {
+            let residue = mode.c[o] * held;
+            residue / (z - turn) + residue.conj() / (z - turn.conj())
+        })
+    }
+
+    /// The spectral density at a frequency (p x p).
+    pub fn density(&self, hz: f64) -> DMatrix<C> {
+        let p = self.plant.p;
+        let mut sum = DMatrix::zeros(p, p);
+        for (source, theta) in &self.sources {
+            for h in self.columns(*source, hz) {
+                sum += (&h * h.adjoint()) * C::from(*theta);
+            }
+        }
+        sum
+    }
+
+    /// RMS of each output's noise, without lines that wander.
+    pub fn rms(&self) -> Vec<f64> {
+        let bins = 2048;
+        let mut sums = vec![0.0; self.plant.p];
+        let mut steady = self.clone();
+        steady
+            .sources
+            .retain(|(source, _)| !matches!(source, Source::Band(band) if self.lines.contains(&(band.port, band.hz))));
+        for k in 0..bins {
+            let density = steady.density((k as f64 + 0.5) * self.plant.rate / (2 * bins) as f64);
+            sums.iter_mut().enumerate().for_each(|(o, sum)| *sum += density[(o, o)].re);
+        }
+        sums.into_iter().map(|sum| (sum / bins as f64).sqrt()).collect()
+    }
+}
+
+struct Row {
+    /// Of each source.
+    columns: Vec<Vec<DVector<C>>>,
+    data: DVector<C>,
+}
+
+impl Row {
+    fn covariance(&self, theta: &[f64]) -> DMatrix<C> {
+        let p = self.data.len();
+        let mut sum = DMatrix::zeros(p, p);
+        for (h, &theta) in self.columns.iter().zip(theta).flat_map(|(hs, theta)| hs.iter().map(move |h| (h, theta))) {
+            for j in 0..p {
+                for i in 0..p {
+                    sum[(i, j)] += h[i] * h[j].conj() * theta;
+                }
+            }
+        }
+        sum
+    }
+}

@@ -1,0 +1,161 @@
+//! What a model that stands in leaves of the very records it was identified from: an error of its own that grows with the level, beside which
+//! an effect must stand out.
+//!
+//! Of a periodic record it is what repeats; of another one the part that a linear filter of the inputs gives (Bendat and Piersol 2010, 7.3:
+//! coherent output power), for the rest is noise.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::case::record::{Channels, Excitation, Record};
+use crate::plant::C;
+use crate::signal::fourier;
+
+/// Density of such an error at the level of the records it was found in.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModelError {
+    /// RMS of the inputs there.
+    level: f64,
+    /// Hz from one value to the next.
+    step: f64,
+    /// Of each output, from zero on: the variance of white noise of that density.
+    density: Vec<Vec<f64>>,
+}
+
+/// Segments for each input, at least, from which coherence can be told.
+const SEGMENTS: usize = 8;
+
+/// Longest and shortest segment.
+const LENGTHS: [usize; 2] = [2048, 128];
+
+/// Lines to either side over which a density is averaged.
+const SMOOTHED: usize = 2;
+
+impl ModelError {
+    /// From a record and what the model leaves of it (p channels); none where the record is too short to tell.
+    pub fn of(record: &Record, error: &[Vec<f64>], rate: f64) -> Option<Self> {
+        let (step, density) = match record.excitation {
+            Excitation::Zero => return None,
+            Excitation::Periodic(period) => (rate / period as f64, repeating(error, period)?),
+            Excitation::Random => coherent(&record.u, error, rate)?,
+        };
+        Some(Self { level: record.level(), step, density: density.iter().map(|d| smoothed(d)).collect() })
+    }
+
+    /// Of an output at a frequency, in a record of this level.
+    pub fn density(&self, output: usize, hz: f64, level: f64) -> f64 {
+        let values = &self.density[output];
+        let at = (hz / self.step).clamp(0.0, (values.len() - 1) as f64);
+        let (from, share) = (at.floor() as usize, at.fract());
+        let value = values[from] * (1.0 - share) + values[(from + 1).min(values.len() - 1)] * share;
+        value * (level / self.level).powi(2)
+    }
+}
+
+/// Density of the mean over the periods; the first holds a transient.
+fn repeating(error: &[Vec<f64>], period: usize) -> Option<Vec<Vec<f64>>> {
+    let periods = error[0].len() / period;
+    if periods < 2 {
+        return None;
+    }
+    let of = |e: &Vec<f64>| -> Vec<f64> {
+        let mean: Vec<f64> =
+            (0..period).map(|k| (1..periods).map(|j| e[j * period + k]).sum::<f64>() / (periods - 1) as f64).collect();
+        fourier::forward(&mean).iter().map(|z| z.norm_sqr() / period as f64).collect()
+    };
+    Some(error.iter().map(of).collect())
+}
+
+/// Density of the part that a linear filter of the inputs gives, by least squares over segments at each frequency.
+fn coherent(u: &[Vec<f64>], error: &[Vec<f64>], rate: f64) -> Option<(f64, Vec<Vec<f64>>)> {
+    let (samples, m) = (error[0].len(), u.len());
+    let length = (2 * samples / (SEGMENTS * m + 1)).min(LENGTHS[0]);
+    if length < LENGTHS[1] {
+        return None;
+    }
+    let length = fourier::good_length_below(length);
+    let starts: Vec<usize> = (0..).map(|k| k * length / 2).take_while(|at| at + length <= samples).collect();
+    let window: Vec<f64> =
+        (0..length).map(|k| (std::f64::consts::PI * (k as f64 + 0.5) / length as f64).sin().powi(2)).collect();
+    let power: f64 = window.iter().map(|w| w * w).sum();
+    let bins = |x: &[f64]| -> Vec<Vec<C>> {
+        let one = |at: &usize| {
+            let part: Vec<f64> = x[*at..at + length].iter().zip(&window).map(|(x, w)| x * w).collect();
+            fourier::forward(&part)
+        };
+        starts.iter().map(one).collect()
+    };
+    let inputs: Channels = u.to_vec();
+    let inputs: Vec<Vec<Vec<C>>> = inputs.iter().map(|u| bins(u)).collect();
+    // Half-overlapping Hann segments count as somewhat fewer.
+    let free = 0.8 * starts.len() as f64;
+    let spread = free / (free - m as f64).max(1.0);
+    let of = |e: &Vec<f64>| -> Vec<f64> {
+        let e = bins(e);
+        (0..=length / 2)
+            .map(|k| {
+                let a = DMatrix::from_fn(starts.len(), m, |s, i| inputs[i][s][k]);
+                let b = DVector::from_fn(starts.len(), |s, _| e[s][k]);
+                let whole = b.norm_squared();
+                let Some(factor) = (a.adjoint() * &a).cholesky() else { return 0.0 };
+                let left = (&b - &a * factor.solve(&(a.adjoint() * &b))).norm_squared();
+                (whole - spread * left).max(0.0) / (starts.len() as f64 * power)
+            })
+            .collect()
+    };
+    Some((rate / length as f64, error.iter().map(of).collect()))
+}
+
+fn smoothed(density: &[f64]) -> Vec<f64> {
+    (0..density.len())
+        .map(|k| {
+            let part = &density[k.saturating_sub(SMOOTHED)..(k + SMOOTHED + 1).min(density.len())];
+            part.iter().sum::<f64>() / part.len() as f64
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::random_input;
+
+    fn record(excitation: Excitation, u: Channels, y: Channels) -> Record {
+        Record { name: "r".into(), excitation, from_rest: true, start_s: 0.0, held_out: false, u, y, simulated: None }
+    }
+
+    #[test]
+    fn of_a_random_record_it_is_what_the_inputs_give() {
+        let u = random_input(1, 16384, 2);
+        let noise = random_input(2, 16384, 1);
+        // A tenth of the second input, and noise of five times that.
+        let error = vec![u[1].iter().zip(&noise[0]).map(|(u, e)| 0.1 * u + 0.5 * e).collect::<Vec<f64>>()];
+        let level = crate::case::record::rms(u.iter().flatten());
+        let model_error = ModelError::of(&record(Excitation::Random, u, error.clone()), &error, 100.0).unwrap();
+        let mean: f64 = (1..50).map(|hz| model_error.density(0, f64::from(hz), level)).sum::<f64>() / 49.0;
+        // A white input of variance one: 0.01, with what the noise's own scatter leaves above zero.
+        assert!((0.008..0.03).contains(&mean), "{mean}");
+        let louder: f64 = model_error.density(0, 10.0, 3.0 * level) / model_error.density(0, 10.0, level);
+        assert!((louder - 9.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn of_a_periodic_record_it_is_what_repeats() {
+        let period = 200;
+        let one = random_input(3, period, 1).remove(0);
+        let noise = random_input(4, 40 * period, 1).remove(0);
+        let error = vec![(0..40 * period).map(|k| one[k % period] + 0.5 * noise[k]).collect::<Vec<f64>>()];
+        let u = random_input(5, 40 * period, 1);
+        let level = crate::case::record::rms(u.iter().flatten());
+        let model_error =
+            ModelError::of(&record(Excitation::Periodic(period), u, error.clone()), &error, 100.0).unwrap();
+        let mean: f64 = (1..50).map(|hz| model_error.density(0, f64::from(hz), level)).sum::<f64>() / 49.0;
+        let power = one.iter().map(|x| x * x).sum::<f64>() / period as f64;
+        assert!((mean / power - 1.0).abs() < 0.1, "{mean} {power}");
+    }
+
+    #[test]
+    fn a_short_record_tells_nothing() {
+        let u = random_input(1, 400, 2);
+        assert_eq!(ModelError::of(&record(Excitation::Random, u.clone(), u.clone()), &u, 100.0), None);
+    }
+}

@@ -1,0 +1,207 @@
+//! Residuals in units of their noise: y(f) -> L(f)^{-1} y(f) with S(f) = L(f) L(f)^H, one record at a time.
+//!
+//! The sum of squares of what comes out is minus twice the log likelihood, so that it can be compared between explanations.
+
+use std::ops::{Range, RangeInclusive};
+
+use nalgebra::{DMatrix, DVectorView, DVectorViewMut};
+
+use crate::case::record::{Channels, Record};
+use crate::noise::NoiseModel;
+use crate::plant::C;
+use crate::signal::fourier;
+use crate::signal::notch;
+
+/// The whitening of one record.
+#[derive(Debug, Clone)]
+pub struct Whitener {
+    /// Samples used: the last few are left out where the transform would be slow.
+    pub length: usize,
+    /// Samples of each channel that say nothing (dropouts): p lists of indices.
+    pub masked: Vec<Vec<usize>>,
+    p: usize,
+    /// Bins that count.
+    bins: RangeInclusive<usize>,
+    /// Lower triangles of L^{-1}, of each of them, row by row.
+    factors: Vec<C>,
+    /// What is taken out: rows, and an orthonormal basis of what it may be in them.
+    taken_out: Vec<(Range<usize>, DMatrix<f64>)>,
+}
+
+/// A line's modulation is seen so far about it; beyond, its ends in the record leave less than the noise of a twelve-bit converter.
+const REACH_HZ: f64 = 25.0;
+
+impl Whitener {
+    /// For a record under a noise model.
+    pub fn new(record: &Record, noise: &NoiseModel, rate: f64, masked: Vec<Vec<usize>>) -> Self {
+        let length = fourier::good_length_below(record.samples());
+        let p = record.y.len();
+        let level = record.level();
+        let mut factors = Vec::new();
+        let bins = counted(noise.band_hz, rate / length as f64, length / 2);
+        for k in bins.clone() {
+            let hz = k as f64 * rate / length as f64;
+            let mut density = noise.density(hz);
+            if let Some(error) = &noise.model_error {
+                (0..p).for_each(|o| density[(o, o)] += C::from(error.density(o, hz, level)));
+            }
+            let floor = 1e-12 * density.trace().re / p as f64;
+            (0..p).for_each(|i| density[(i, i)] += C::from(floor));
+            let lower = density.cholesky().map_or_else(|| DMatrix::identity(p, p), |c| c.l());
+            let inverse = lower.try_inverse().unwrap_or_else(|| DMatrix::identity(p, p));
+            for i in 0..p {
+                factors.extend((0..=i).map(|j| inverse[(i, j)]));
+            }
+        }
+        let mut whitener = Self { length, masked, p, bins, factors, taken_out: Vec::new() };
+        for &(_, hz) in &noise.lines {
+            whitener.take_out(hz, rate);
+        }
+        // What they drive rings where the record begins or is cut off: a Fourier transform has it beside the resonance, where the density has little.
+        if noise.drives() {
+            whitener.take_out_all(&notch::decays(noise.plant(), length));
+        }
+        whitener
+    }
+
+    /// And without what these channels span.
+    fn take_out_all(&mut self, traces: &[Channels]) {
+        let mut white = vec![0.0; self.rows()];
+        let mut basis = DMatrix::zeros(self.rows(), traces.len());
+        for (j, y) in traces.iter().enumerate() {
+            self.apply(y, &mut white);
+            basis.column_mut(j).copy_from_slice(&white);
+        }
+        self.taken_out.push((0..self.rows(), basis.qr().q()));
+    }
+
+    /// From now on without what a slowly modulated line may be, at each output for itself.
+    fn take_out(&mut self, hz: f64, rate: f64) {
+        let step = rate / self.length as f64;
+        let bin = |hz: f64| ((hz / step).round().max(0.0) as usize).clamp(*self.bins.start(), *self.bins.end());
+        let first_row =
+            |k: usize| 2 * self.p * (k - self.bins.start()) - if *self.bins.start() == 0 { self.p } else { 0 };
+        let (from, to) = (bin(hz - REACH_HZ).max(self.bins.start() + 1), bin(hz + REACH_HZ).saturating_sub(1));
+        if to <= from {
+            return;
+        }
+        let rows = first_row(from)..first_row(to + 1);
+        let shapes = notch::modulated(self.length, rate, hz);
+        let mut white = vec![0.0; self.rows()];
+        let mut basis = DMatrix::zeros(rows.len(), self.p * shapes.ncols());
+        for o in 0..self.p {
+            let mut y = vec![vec![0.0; self.length]; self.p];
+            for (j, shape) in shapes.column_iter().enumerate() {
+                y[o].copy_from_slice(shape.as_slice());
+                self.apply(&y, &mut white);
+                basis.column_mut(o * shapes.ncols() + j).copy_from_slice(&white[rows.clone()]);
+            }
+        }
+        self.taken_out.push((rows, basis.qr().q()));
+    }
+
+    /// Number of values that [`Whitener::apply`] gives.
+    pub fn rows(&self) -> usize {
+        let edge = |k: &&usize| **k == 0 || 2 * **k == self.length;
+        let edges = [*self.bins.start(), *self.bins.end()].iter().filter(edge).count();
+        self.p * (2 * self.bins.clone().count() - edges)
+    }
+
+    /// Whitened bins of p channels into `to`: all channels of a bin beside each other, by rising frequency.
+    pub fn apply(&self, y: &[Vec<f64>], to: &mut [f64]) {
+        let scale = 1.0 / (self.length as f64).sqrt();
+        let bins: Vec<Vec<C>> = (0..self.p).map(|o| self.bins(&y[o], o)).collect();
+        let mut at = 0;
+        let each = self.p * (self.p + 1) / 2;
+        for (index, k) in self.bins.clone().enumerate() {
+            let edge = k == 0 || 2 * k == self.length;
+            let weight = if edge { scale } else { scale * std::f64::consts::SQRT_2 };
+            let factors = &self.factors[index * each..(index + 1) * each];
+            let mut next = 0;
+            for i in 0..self.p {
+                let mut sum = C::ZERO;
+                for bins in &bins[..=i] {
+                    sum += factors[next] * bins[k];
+                    next += 1;
+                }
+                to[at] = sum.re * weight;
+                at += 1;
+                if !edge {
+                    to[at] = sum.im * weight;
+                    at += 1;
+                }
+            }
+        }
+        for (rows, basis) in &self.taken_out {
+            let inside = basis.tr_mul(&DVectorView::from_slice(&to[rows.clone()], rows.len()));
+            DVectorViewMut::from_slice(&mut to[rows.clone()], rows.len()).gemv(-1.0, basis, &inside, 1.0);
+        }
+    }
+
+    fn bins(&self, y: &[f64], channel: usize) -> Vec<C> {
+        let mut y = y[..self.length].to_vec();
+        for &k in self.masked[channel].iter().filter(|&&k| k < self.length) {
+            y[k] = 0.0;
+        }
+        fourier::forward(&y)
+    }
+}
+
+/// The bins from 0 to `last` that lie in a band; all of them where none does.
+fn counted(band_hz: Option<[f64; 2]>, step: f64, last: usize) -> RangeInclusive<usize> {
+    let Some([from, to]) = band_hz else { return 0..=last };
+    let (first, end) = ((from / step).ceil() as usize, ((to / step).floor() as usize).min(last));
+    if first <= end { first..=end } else { 0..=last }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::case::record::Excitation;
+    use crate::effects::Action;
+    use crate::noise::{Band, Source, Stretch};
+    use crate::plant::Plant;
+    use crate::simulate::{Fineness, simulate};
+    use crate::testing::{RATE, random_input, truss};
+
+    /// A force in a band drives a mode three hundred times above the sensors' noise. Where the record is cut off that rings on, and a Fourier transform has
+    /// it at all frequencies; what is whitened has not.
+    #[test]
+    fn what_rings_where_a_record_is_cut_off_is_taken_out() {
+        let (hz, before, samples, sensor) = (137.0, 3000, 2000, 1e-3);
+        let plant = Plant::new(&truss(2)).unwrap();
+        let (turn, radius) = (2.0 * (std::f64::consts::TAU * hz / RATE).cos(), 0.97);
+        let white = random_input(71, before + samples, 1).remove(0);
+        let mut force = vec![0.0; 2];
+        for e in white {
+            let [.., before, last] = force[..] else { unreachable!("it begins with two") };
+            force.push(turn * last - radius * radius * before + e);
+        }
+        let of = move |t: f64| force[((t * RATE).round() as usize).min(force.len() - 1)];
+        let quiet = vec![vec![0.0; before + samples]; plant.m];
+        let driven = simulate(&plant, &[Action::Disturbance(0, Box::new(of))], &quiet, 0.0, None, Fineness::FINE);
+        let strong = 300.0 * sensor / crate::case::record::rms(driven.iter().flatten());
+        let noise = random_input(72, samples, plant.p);
+        let of_channel = |(y, noise): (&Vec<f64>, &Vec<f64>)| -> Vec<f64> {
+            y[before..].iter().zip(noise).map(|(y, e)| strong * y + sensor * e).collect()
+        };
+        let y: Channels = driven.iter().zip(&noise).map(of_channel).collect();
+        let record = Record {
+            excitation: Excitation::Zero,
+            from_rest: false,
+            ..crate::testing::record(vec![vec![0.0; samples]; plant.m], y)
+        };
+        let band = Band { slope: -1.0, ..Band::pass(0, hz, -2.0 * radius.ln() / (std::f64::consts::TAU * hz / RATE)) };
+        let noise = NoiseModel::declared(&plant, &vec![sensor; plant.p], &vec![0.0; plant.m]);
+        let noise = noise.fit_with(&[Stretch::new(&record.y).tapered()], &[Source::Band(band)], 60, 2);
+        let whitener = Whitener::new(&record, &noise, RATE, vec![Vec::new(); plant.p]);
+        let leaking = Whitener { taken_out: Vec::new(), ..whitener.clone() };
+        let power = |whitener: &Whitener| {
+            let mut white = vec![0.0; whitener.rows()];
+            whitener.apply(&record.y, &mut white);
+            white.iter().map(|x| x * x).sum::<f64>() / white.len() as f64
+        };
+        let (leaking, clear) = (power(&leaking), power(&whitener));
+        assert!(leaking > 10.0 && (0.6..1.2).contains(&clear), "{leaking}, {clear}");
+    }
+}

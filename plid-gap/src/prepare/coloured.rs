@@ -1,0 +1,179 @@
+//! Forces in a band that no command causes, found in the noise of quiet records.
+
+use crate::noise::whittle::scored;
+use crate::noise::{Band, Source};
+use crate::prepare::Prepared;
+use crate::prepare::wandering::Wandering;
+use crate::search::stochastic::EVIDENCE;
+
+/// Centres of bands, from here on in steps of 6 %, in Hz.
+const LOWEST: f64 = 15.0;
+
+/// The search for a band looks at every so many bins.
+const THINNED: usize = 4;
+
+/// Relative widths of bands.
+const WIDTHS: [f64; 2] = [0.05, 0.2];
+
+/// Bands are looked for in steps of 6 %.
+pub(crate) const NEAR_LINE: f64 = 0.04;
+
+/// Such a force.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Coloured {
+    /// Where it acts, and about which frequency.
+    pub band: Band,
+    /// Its standard deviation, in the port's force.
+    pub a: f64,
+    /// Relative standard deviations of `a` and of the centre.
+    pub doubt: [f64; 2],
+    /// Twice the log likelihood that it gains.
+    pub gain: f64,
+}
+
+impl Coloured {
+    /// As a source of noise.
+    pub fn source(&self) -> Source {
+        Source::Band(self.band)
+    }
+}
+
+/// A force in a band: where an equal force on all modes does not explain the quiet records, and one band at one port does.
+pub fn coloured(ready: &Prepared) -> Option<Coloured> {
+    if ready.quiet.is_empty() {
+        return None;
+    }
+    let plant = &ready.problem.plant;
+    let plain = ready.declared.fit_with(&ready.quiet, &[Source::Ambient], 40, 1);
+    let free = &ready.noise;
+    if 2.0 * (plain.misfit - free.misfit) < EVIDENCE {
+        return None;
+    }
+    let mut best: Option<(f64, Band)> = None;
+    let mut hz = LOWEST;
+    while hz < 0.45 * plant.rate {
+        for port in 0..ready.declared.ports() {
+            for width in WIDTHS {
+                let band = Band::pass(port, hz, width);
+                let fitted = ready.declared.fit_with(&ready.quiet, &[Source::Ambient, Source::Band(band)], 8, THINNED);
+                if best.is_none_or(|best| fitted.misfit < best.0) {
+                    best = Some((fitted.misfit, band));
+                }
+            }
+        }
+        hz *= 1.06;
+    }
+    let band = best?.1;
+    let hz = band.hz;
+    if ready.wandering.iter().any(|line| (line.hz / hz - 1.0).abs() < NEAR_LINE) {
+        return None;
+    }
+    let rough = ready.declared.fit_with(&ready.quiet, &[Source::Ambient, Source::Band(band)], 40, 1);
+    let misfit = rough.misfit;
+    let gain = 2.0 * (plain.misfit - misfit);
+    // An equal force on all modes is a guess, from few ports a poor one: where one mode alone that is pushed harder explains as much, it is no band.
+    let pushed =
+        |mode: usize| ready.declared.fit_with(&ready.quiet, &[Source::Ambient, Source::Mode(mode)], 40, 1).misfit;
+    let near = (0..plant.modes.len()).filter(|&k| (plant.modes[k].hz() / hz - 1.0).abs() < 2.0 * WIDTHS[1]);
+    let harder = near.map(pushed).fold(plain.misfit, f64::min);
+    if 2.0 * (harder - misfit) < EVIDENCE {
+        return None;
+    }
+    // Three numbers of a band must do most of what a free force on every mode does.
+    let share = gain / (2.0 * (plain.misfit - free.misfit));
+    if gain <= EVIDENCE || share <= 0.6 {
+        return None;
+    }
+    let theta = rough.sources.last()?.1;
+    Some(Coloured { band, a: size(theta, band, plant.rate), doubt: [f64::INFINITY; 2], gain })
+}
+
+/// Standard deviation of a band of white noise of density theta: the band's share of half the sample rate, times pi / 2 for its skirts.
+fn size(theta: f64, band: Band, rate: f64) -> f64 {
+    (theta * std::f64::consts::FRAC_PI_2 * band.width * band.hz / (0.5 * rate)).sqrt()
+}
+
+impl Coloured {
+    /// Whether quiet records rather show this than a line that wanders: a light resonance that a band pushes rings like one.
+    pub fn rather_than(&self, line: &Wandering, ready: &Prepared) -> bool {
+        let misfit = |band| ready.declared.fit_with(&ready.quiet, &[Source::Ambient, Source::Band(band)], 40, 1).misfit;
+        misfit(self.band) < misfit(Band::line(line.port, line.hz))
+    }
+
+    /// From the steps of the search to the maximum, by all that the noise is fitted to. Forces of their own on the modes take what the band's skirts are elsewhere:
+    /// centre, width and size are those of the band itself.
+    pub fn sharpened(self, ready: &Prepared) -> Self {
+        let rough = ready.declared.fit_beside(&ready.quiet, [self.source()]);
+        let Some(scored) = scored(&rough, &ready.quiet).filter(|scored| scored.is_near(self.band.hz)) else {
+            return self;
+        };
+        let Some(&(Source::Band(band), theta)) = scored.model.sources.last() else { return self };
+        let c = scored.covariance;
+        // The logarithm of a is half the sum of those of theta, centre and width.
+        let doubt = [0.5 * c.sum().max(0.0).sqrt(), c[(1, 1)].max(0.0).sqrt()];
+        Self { band, a: size(theta, band, ready.problem.plant.rate), doubt, gain: self.gain }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+    use crate::effects::Action;
+    use crate::prepare::{Known, prepare};
+    use crate::simulate::{Fineness, simulate};
+    use crate::testing;
+
+    /// Adds what a force at a port does to the case's quiet record.
+    fn push(case: &mut crate::case::Case, plant: &crate::plant::Plant, port: usize, strength: f64, force: Vec<f64>) {
+        let quiet = &mut case.records[0];
+        let rate = plant.rate;
+        let of = move |t: f64| strength * force[((t * rate).round() as usize).min(force.len() - 1)];
+        let pushed = simulate(plant, &[Action::Disturbance(port, Box::new(of))], &quiet.u, 0.0, None, Fineness::FINE);
+        quiet.y.iter_mut().zip(&pushed).for_each(|(y, more)| y.iter_mut().zip(more).for_each(|(y, more)| *y += more));
+    }
+
+    /// A mode that ambient forces push harder than the others is no band.
+    #[test]
+    fn a_mode_that_is_pushed_harder_is_no_coloured_force() {
+        let sim = testing::truss(1);
+        let mut case = testing::case(&sim, &sim);
+        let mut plant = crate::plant::Plant::new(&sim).unwrap();
+        plant.add_modal_port(1);
+        let port = plant.ports.len() - 1;
+        let white = testing::random_input(77, case.records[0].samples(), 1).remove(0);
+        push(&mut case, &plant, port, 0.02, white);
+        let ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        let plain = ready.declared.fit_with(&ready.quiet, &[Source::Ambient], 40, 1);
+        assert!(2.0 * (plain.misfit - ready.noise.misfit) > 2.0 * EVIDENCE, "it does not show");
+        assert_eq!(coloured(&ready), None);
+    }
+
+    /// A force in a band at the second strut is found there, with places on single modes beside the struts too.
+    #[test]
+    fn a_coloured_force_is_looked_for_at_the_struts_alone() {
+        let sim = testing::truss(1);
+        let mut case = testing::case(&sim, &sim);
+        let plant = crate::plant::Plant::new(&sim).unwrap();
+        // White noise through a resonator at 137 Hz, where a mode lies.
+        let white = testing::random_input(77, case.records[0].samples(), 1).remove(0);
+        let (turn, radius) = (2.0 * (TAU * 137.0 / plant.rate).cos(), 0.97);
+        let (mut force, mut last) = (Vec::new(), [0.0; 2]);
+        for e in white {
+            let now = turn * radius * last[0] - radius * radius * last[1] + e;
+            last = [now, last[0]];
+            force.push(now);
+        }
+        push(&mut case, &plant, 1, 0.003, force);
+
+        let mut ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        let found = coloured(&ready);
+        assert!(
+            found.is_some_and(|force| force.band.port == 1 && (force.band.hz / 137.0 - 1.0).abs() < 0.1),
+            "{found:?}"
+        );
+        ready.problem = ready.problem.with_modal_places(&[1, 2]);
+        assert_eq!(coloured(&ready), found);
+    }
+}

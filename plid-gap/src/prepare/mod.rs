@@ -1,0 +1,542 @@
+//! From a case to a problem: which records are fitted, what the noise is, what effects may know.
+
+pub(crate) mod coloured;
+pub(crate) mod wandering;
+
+use crate::case::record::{Channels, Excitation, Record, rms};
+use crate::case::split::split;
+use crate::effects::{MissingModeStart, Setting};
+use crate::error::GapError;
+use crate::fit::nuisance::{Limits, Nuisance};
+use crate::fit::problem::{Placed, Problem};
+use crate::noise::model_error::ModelError;
+use crate::noise::whiten::Whitener;
+use crate::noise::{NoiseModel, Stretch};
+use crate::plant::{Mode, Plant};
+use crate::prepare::coloured::{Coloured, NEAR_LINE, coloured};
+use crate::prepare::wandering::{Wandering, wandering};
+use crate::search::explain::{errors, outputs};
+use crate::settings::step::Step;
+use crate::signal::notch;
+use crate::signal::peaks;
+use crate::signal::quantisation::{self, Codes};
+use crate::signal::tones;
+use crate::simulate::{Fineness, simulate};
+use plid_model::Model;
+
+/// Records without input shorter than this say too little of the noise.
+pub(crate) const SHORTEST_QUIET: usize = 512;
+
+/// A line this many widths, of a resonance or of what a record resolves, from a resonance is not that resonance.
+const RESONANT: f64 = 2.0;
+
+/// Lines that are offered to effects.
+const MOST_TONES: usize = 4;
+
+/// Noise where the simulation declares none: this share of each output's RMS.
+pub(crate) const UNDECLARED: f64 = 0.01;
+
+/// A simulation with records, made ready.
+#[derive(Clone)]
+pub struct Prepared {
+    /// What is fitted.
+    pub problem: Problem,
+    /// Held out from all fitting, in order.
+    pub held_out: Vec<Record>,
+    /// Of the records.
+    pub noise: NoiseModel,
+    /// As the simulation declares it.
+    pub declared: NoiseModel,
+    /// What raw values show, of each output.
+    pub codes: Vec<Codes>,
+    /// As the simulation declares it: of sensors (p); a share of each output where it declares none.
+    pub declared_sensor: Vec<f64>,
+    /// Whether it declares it.
+    pub declares: bool,
+    /// Spectra of what no command explains.
+    pub quiet: Vec<Stretch>,
+    /// Lines whose phase nobody foretells.
+    pub wandering: Vec<Wandering>,
+    /// A force in a band, that the noise has.
+    pub coloured: Option<Coloured>,
+    /// Steps that the diagnosis leaves out.
+    pub off: Vec<Step>,
+}
+
+/// Squares of whitened values from which they tell the noise's level.
+const ENOUGH: f64 = 1000.0;
+
+/// What driven records may have more than quiet ones, for the noise model is fitted to the latter.
+const LOUDER: f64 = 0.1;
+
+/// What is known beforehand, beside model and records.
+#[derive(Debug, Clone, Default)]
+pub struct Known {
+    /// How far the simulation may be off.
+    pub limits: Limits,
+    /// Of a model that was itself estimated: standard deviations of its parameters, as the linear parameters are ordered.
+    pub doubt: Vec<f64>,
+    /// Of such a model: what it leaves of its own records.
+    pub model_error: Option<ModelError>,
+    /// Frequencies that count.
+    pub band_hz: Option<[f64; 2]>,
+    /// Steps that the diagnosis leaves out.
+    pub off: Vec<Step>,
+}
+
+/// Makes a problem.
+///
+/// # Errors
+/// [`GapError`] where the simulation cannot be taken apart.
+pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepared, GapError> {
+    let plant = Plant::new(model)?;
+    let (mut fitted, mut held_out) = split(records);
+    let declared_sensor = model
+        .noise
+        .sensor_std
+        .clone()
+        .unwrap_or_else(|| (0..plant.p).map(|o| UNDECLARED * rms(fitted.iter().flat_map(|r| &r.y[o]))).collect());
+    let declared_actuator = model.noise.actuator_std.clone().unwrap_or_else(|| vec![0.0; plant.m]);
+    let mut declared = NoiseModel::declared(&plant, &declared_sensor, &declared_actuator);
+    declared.model_error.clone_from(&known.model_error);
+    declared.band_hz = known.band_hz;
+    let mut errors = given_errors(&plant, &fitted);
+    let codes = quantisation::codes(&fitted, &errors, &declared_sensor);
+    if codes.iter().any(|codes| codes.cut) {
+        quantisation::mend(&mut fitted, &errors, &codes);
+        let unseen = given_errors(&plant, &held_out);
+        quantisation::mend(&mut held_out, &unseen, &codes);
+        errors = given_errors(&plant, &fitted);
+    }
+    let setting = setting(&plant, model, &fitted, &errors);
+    let off = &known.off;
+    let quiet =
+        if off.contains(&Step::NoiseFit) { Vec::new() } else { quiet_stretches(&plant, &fitted, &setting.tones) };
+    let noise = if quiet.is_empty() { declared.clone() } else { declared.fit(&quiet) };
+    let noise = rounded(noise, &codes, &declared_sensor);
+    let whiteners = whiteners(&fitted, &noise, plant.rate, &codes);
+    let nuisance = Nuisance::new(&plant, &fitted, &known.limits).doubted(&known.doubt);
+    let problem = Problem { plant, records: fitted, whiteners, nuisance, setting };
+    let declares = model.noise.sensor_std.is_some();
+    Ok(Prepared {
+        problem,
+        held_out,
+        declared,
+        noise,
+        declared_sensor,
+        declares,
+        quiet,
+        codes,
+        wandering: Vec::new(),
+        coloured: None,
+        off: off.clone(),
+    })
+}
+
+/// How well the noise's level is known, and what it is over the model's.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NoiseLevel {
+    /// Power over that of the noise model.
+    pub factor: f64,
+    /// Relative standard deviation of the factor.
+    pub uncertainty: f64,
+    /// Whether records show the noise, and not only a declaration or an assumption says what it is.
+    pub seen: bool,
+    /// What differs between the periods of driven records over the noise of quiet ones, where that is more than chance and models make it: something
+    /// random acts there, and it is no noise.
+    pub driven: Option<f64>,
+}
+
+impl Prepared {
+    /// The level of the noise from all that repeats: quiet records, and what differs between the periods of periodic ones once the
+    /// best explanation is taken away. What a wrong explanation leaves repeats with the period, and does not enter.
+    /// `left` is what the best explanation leaves of a row's variance: where nothing shows the noise, it is no more than that.
+    pub fn noise_level(&self, simulated: &[Channels], left: f64) -> NoiseLevel {
+        let problem = &self.problem;
+        let p = problem.plant.p as f64;
+        let quiet: f64 = self.quiet.iter().map(|stretch| p * stretch.length as f64).sum();
+        let (mut power, mut freedom) = (0.0, 0.0);
+        for ((record, y), whitener) in problem.records.iter().zip(simulated).zip(&problem.whiteners) {
+            let Excitation::Periodic(period) = record.excitation else { continue };
+            let mut error = crate::judge::locate::error(record, y);
+            for (error, masked) in error.iter_mut().zip(&whitener.masked) {
+                masked.iter().for_each(|&k| error[k] = 0.0);
+            }
+            let periods: Vec<Channels> = (1..record.samples() / period)
+                .map(|j| error.iter().map(|e| e[j * period..(j + 1) * period].to_vec()).collect())
+                .collect();
+            if periods.len() < 2 {
+                continue;
+            }
+            let head = Record { u: Vec::new(), y: periods[0].clone(), simulated: None, ..record.clone() };
+            let white = Whitener::new(&head, &self.noise, problem.plant.rate, vec![Vec::new(); problem.plant.p]);
+            let whitened: Vec<Vec<f64>> = periods
+                .iter()
+                .map(|period| {
+                    let mut to = vec![0.0; white.rows()];
+                    white.apply(period, &mut to);
+                    to
+                })
+                .collect();
+            let count = whitened.len() as f64;
+            for row in 0..white.rows() {
+                let mean = whitened.iter().map(|w| w[row]).sum::<f64>() / count;
+                power += whitened.iter().map(|w| (w[row] - mean).powi(2)).sum::<f64>();
+            }
+            freedom += (count - 1.0) * white.rows() as f64;
+        }
+        // What a coarse converter rounds repeats with the period, and is no noise there.
+        if self.codes.iter().any(|codes| codes.coarse) {
+            return NoiseLevel { factor: 1.0, uncertainty: ROUNDED_LEVEL, seen: true, driven: None };
+        }
+        // A whitened value squared has variance two; a tenth more for what the noise model's shape does not follow.
+        let uncertainty = |freedom: f64| 1.1 * (2.0 / freedom).sqrt();
+        let ratio = power / freedom;
+        let both = quiet >= ENOUGH && freedom >= ENOUGH;
+        let scatter = uncertainty(quiet).hypot(uncertainty(freedom));
+        let driven = (both && ratio - 1.0 > LOUDER.max(5.0 * scatter)).then_some(ratio);
+        // The noise model is that of the quiet records: its factor there is one.
+        if driven.is_none() {
+            (power, freedom) = (power + quiet, freedom + quiet);
+        } else {
+            (power, freedom) = (quiet, quiet);
+        }
+        if freedom < ENOUGH {
+            return NoiseLevel { factor: left.min(1.0), uncertainty: UNSEEN_LEVEL, seen: false, driven };
+        }
+        let uncertainty = uncertainty(freedom);
+        // How a model's own error grows with the level is a guess.
+        let uncertainty = if self.noise.model_error.is_some() { UNSEEN_LEVEL } else { uncertainty };
+        NoiseLevel { factor: power / freedom, uncertainty, seen: true, driven }
+    }
+
+    /// Resonances that the simulation does not have, once more in what a refit leaves: where its own frequencies are off, their peaks are higher.
+    pub fn renew_missing(&mut self, eta: &[f64]) {
+        let problem = &mut self.problem;
+        let left = errors(problem, eta, &[]);
+        for mode in missing_modes(&problem.plant, &problem.records, &left) {
+            let known = &mut problem.setting.missing;
+            if !known.iter().any(|other| peaks::is_same(other.hz, mode.hz)) {
+                known.push(mode);
+            }
+        }
+    }
+
+    /// Repeats once more, among the errors that an explanation leaves: where the gap as given is large, they do not stand out of it.
+    /// Whether an output turned out to drop out.
+    pub fn renew_codes(&mut self, simulated: &[Channels]) -> bool {
+        let records = &self.problem.records;
+        let errors: Vec<Channels> =
+            records.iter().zip(simulated).map(|(r, y)| crate::judge::locate::error(r, y)).collect();
+        let mut seen = quantisation::codes(records, &errors, &self.declared_sensor);
+        // These values are mended.
+        seen.iter_mut().zip(&self.codes).for_each(|(new, old)| (new.step, new.cut) = (old.step, old.cut));
+        let more = |(new, old): (&Codes, &Codes)| new.dropout_rate > old.dropout_rate;
+        if !seen.iter().zip(&self.codes).any(more) {
+            return false;
+        }
+        self.codes = seen;
+        self.problem.whiteners = whiteners(records, &self.noise, self.problem.plant.rate, &self.codes);
+        true
+    }
+
+    /// A line that does not keep its phase is taken out of the records, or, where these rather show a force in a band and that `may_be`, the force becomes part of
+    /// the noise. In words which of the two there was; none where there is no such line.
+    pub fn renew_lines(&mut self, eta: &[f64], effects: &[Placed], may_be: bool) -> Option<&'static str> {
+        let (which, line) = wandering(self, eta, effects)?;
+        let mut others = effects.to_vec();
+        others.remove(which);
+        let simulated = outputs(&self.problem, eta, &others);
+        if may_be && self.coloured.is_none() {
+            // Lines were taken out of the quiet records before.
+            let mut whole = self.clone();
+            whole.quiet = whole.quiet_of(&simulated);
+            whole.noise = whole.fitted(&whole.quiet);
+            if let Some(force) = coloured(&whole).filter(|force| force.rather_than(&line, &whole)) {
+                self.quiet = whole.quiet;
+                self.with_band(force, &simulated);
+                return Some(BAND);
+            }
+        }
+        self.declared = self.declared.clone().with_line(line.port, line.hz);
+        let elsewhere = |hz: f64| (hz / line.hz - 1.0).abs() > NEAR_LINE;
+        self.problem.setting.tones.retain(|tone| elsewhere(tone.hz));
+        self.problem.setting.missing.retain(|mode| elsewhere(mode.hz));
+        self.wandering.push(line);
+        self.quiet = self.quiet_of(&simulated);
+        self.whiten_with(self.fitted(&self.quiet));
+        Some("a line wanders")
+    }
+
+    /// A force in a band that acts in the quiet records becomes part of the noise: forces of their own on all modes stand for it badly. In words, if there is one
+    /// that was not known before.
+    pub fn renew_band(&mut self, simulated: &[Channels]) -> Option<&'static str> {
+        if self.coloured.is_some() {
+            return None;
+        }
+        self.with_band(coloured(self)?, simulated);
+        Some(BAND)
+    }
+
+    fn with_band(&mut self, force: Coloured, simulated: &[Channels]) {
+        self.coloured = Some(force);
+        let longest = self.quiet.iter().map(|stretch| stretch.length).max().unwrap_or(1);
+        let plant = &self.problem.plant;
+        // A resonance that noise pushes looks like a line to a record that is too short to tell.
+        let apart = |hz: f64, mode: &Mode| {
+            (hz - mode.hz()).abs() > (mode.damping() * mode.hz()).max(plant.rate / longest as f64) * RESONANT
+        };
+        self.problem.setting.tones.retain(|tone| plant.modes.iter().all(|mode| apart(tone.hz, mode)));
+        self.quiet = self.quiet_of(simulated);
+        self.coloured = Some(force.sharpened(self));
+        self.whiten_with(self.fitted(&self.quiet));
+    }
+
+    /// The noise that these stretches show.
+    fn fitted(&self, quiet: &[Stretch]) -> NoiseModel {
+        let band = self.coloured.iter().map(Coloured::source);
+        let noise = if quiet.is_empty() { self.declared.clone() } else { self.declared.fit_beside(quiet, band) };
+        rounded(noise, &self.codes, &self.declared_sensor)
+    }
+
+    /// From now on.
+    fn whiten_with(&mut self, noise: NoiseModel) {
+        self.problem.whiteners = whiteners(&self.problem.records, &noise, self.problem.plant.rate, &self.codes);
+        self.noise = noise;
+    }
+
+    /// What simulations leave of the records without input, without lines that wander; where a force acts in a band, between the periods of others too: a
+    /// resonance that noise pushes has few values of its own in a short record.
+    fn quiet_of(&self, simulated: &[Channels]) -> Vec<Stretch> {
+        let plant = &self.problem.plant;
+        let left = |(record, y): (&Record, &Channels)| {
+            let error = crate::judge::locate::error(record, y);
+            let y = self.wandering.iter().fold(error, |error, line| notch::without_both(&error, plant, line.hz));
+            Record { y, ..record.clone() }
+        };
+        let records = self.problem.records.iter().zip(simulated);
+        let of_use =
+            |(record, _): &(&Record, &Channels)| self.coloured.is_some() || record.excitation == Excitation::Zero;
+        let errors: Vec<Record> = records.filter(of_use).map(left).collect();
+        let mut quiet = silent(&errors, |record| Stretch::new(&record.y));
+        if self.coloured.is_some() {
+            quiet.extend(differences(&errors));
+        }
+        quiet
+    }
+
+    /// The noise once more, from what an explanation leaves of the quiet records: a disturbance or a line in them is no noise.
+    /// Whether it changed by so much that residuals must be whitened anew.
+    pub fn renew_noise(&mut self, simulated: &[Channels]) -> bool {
+        if self.off.iter().any(|step| matches!(step, Step::NoiseFit | Step::RenewedNoise)) {
+            return false;
+        }
+        let quiet = self.quiet_of(simulated);
+        if quiet.is_empty() {
+            return false;
+        }
+        let noise = self.fitted(&quiet);
+        self.quiet = quiet;
+        let changed = noise.rms().iter().zip(self.noise.rms()).any(|(a, b)| (a / b - 1.0).abs() > RENEWED);
+        if changed {
+            self.whiten_with(noise);
+        }
+        changed
+    }
+}
+
+/// Of each record, with what repeats in it masked.
+fn whiteners(records: &[Record], noise: &NoiseModel, rate: f64, codes: &[Codes]) -> Vec<Whitener> {
+    let masked = |k: usize| codes.iter().map(|codes| codes.repeats[k].clone()).collect();
+    records.iter().enumerate().map(|(k, record)| Whitener::new(record, noise, rate, masked(k))).collect()
+}
+
+/// A coarse converter rounds: q^2 / 12 once the signal moves, though a quiet record may show a constant.
+fn rounded(noise: NoiseModel, codes: &[Codes], declared: &[f64]) -> NoiseModel {
+    let coarse = codes.iter().zip(declared).enumerate().filter(|(_, (codes, _))| codes.coarse);
+    coarse.fold(noise, |noise, (o, (codes, std))| noise.with_sensor(o, std * std + codes.step * codes.step / 12.0))
+}
+
+/// Uncertainty of a noise level that is only declared.
+const UNSEEN_LEVEL: f64 = 0.3;
+
+/// Uncertainty where a converter is so coarse that its rounding is the noise: q^2 / 12 holds for a signal of many steps.
+const ROUNDED_LEVEL: f64 = 0.05;
+
+/// A relative change of an output's noise RMS from which whitening is done anew.
+const RENEWED: f64 = 0.05;
+
+/// In words.
+const BAND: &str = "a force acts in a band";
+
+/// What no command explains: records without input, and otherwise the differences between periods.
+fn quiet_stretches(plant: &Plant, records: &[Record], tones: &[tones::Tone]) -> Vec<Stretch> {
+    let silent = silent(records, |record| Stretch::new(&tones::without(&record.y, plant.rate, tones)));
+    if silent.is_empty() { differences(records) } else { silent }
+}
+
+/// Of records without input.
+fn silent(records: &[Record], stretch: impl Fn(&Record) -> Stretch) -> Vec<Stretch> {
+    let long = |r: &&Record| r.excitation == Excitation::Zero && r.samples() >= SHORTEST_QUIET;
+    records.iter().filter(long).map(stretch).collect()
+}
+
+/// The differences between periods, but for the first ones, which hold the transient.
+fn differences(records: &[Record]) -> Vec<Stretch> {
+    let half = std::f64::consts::FRAC_1_SQRT_2;
+    let mut stretches = Vec::new();
+    for record in records {
+        let Excitation::Periodic(period) = record.excitation else { continue };
+        let periods = record.samples() / period;
+        for first in (periods.min(2)..periods.saturating_sub(1)).step_by(2) {
+            let at = first * period;
+            let difference: Channels =
+                record.y.iter().map(|y| (at..at + period).map(|k| (y[k + period] - y[k]) * half).collect()).collect();
+            if period >= SHORTEST_QUIET {
+                stretches.push(Stretch::new(&difference));
+            }
+        }
+    }
+    stretches
+}
+
+/// Errors of the simulation as given (p channels), one for each record.
+fn given_errors(plant: &Plant, records: &[Record]) -> Vec<Channels> {
+    records
+        .iter()
+        .map(|record| {
+            let y = simulate(plant, &[], &record.u, record.start_s, None, Fineness::COARSE);
+            crate::judge::locate::error(record, &y)
+        })
+        .collect()
+}
+
+fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]) -> Setting {
+    let loudest = records.iter().max_by(|a, b| a.level().total_cmp(&b.level()));
+    let (m, p) = (plant.m, plant.p);
+    let mut setting = Setting::bare(plant, model);
+    let Some(loudest) = loudest else { return setting };
+    setting.duration_s = records.iter().map(|r| r.start_s + r.samples() as f64 / plant.rate).fold(0.0, f64::max);
+    for i in 0..m {
+        let slope = |u: &[f64]| rms(&u.windows(2).map(|w| (w[1] - w[0]) * plant.rate).collect::<Vec<f64>>());
+        // A random record of the same level is much steeper than a multisine of a few lines.
+        setting.u_rms[i] = rms(&loudest.u[i]);
+        setting.u_slope[i] = records.iter().map(|record| slope(&record.u[i])).fold(0.0, f64::max);
+    }
+    for o in 0..p {
+        setting.y_rms[o] = rms(loudest.y[o].iter().filter(|y| y.is_finite()));
+        let all = records.iter().flat_map(|r| &r.y[o]);
+        setting.y_max[o] = all.filter(|y| y.is_finite()).fold(0.0, |most: f64, y| most.max(y.abs()));
+    }
+    of_ports(&mut setting, loudest);
+    setting.missing = missing_modes(plant, records, errors);
+    // Where a record without input is, lines stand out in it alone.
+    let quiet: Vec<usize> = (0..records.len()).filter(|&k| records[k].excitation == Excitation::Zero).collect();
+    let chosen: Vec<usize> = if quiet.is_empty() { (0..records.len()).collect() } else { quiet };
+    let stretch = |k: usize| tones::Stretch { start_s: records[k].start_s, residual: &errors[k] };
+    let first: Vec<tones::Stretch> = chosen.iter().map(|&k| stretch(k)).collect();
+    setting.tones = tones::tones(&first, plant.rate, MOST_TONES);
+    setting
+}
+
+fn missing_modes(plant: &Plant, records: &[Record], errors: &[Channels]) -> Vec<MissingModeStart> {
+    let random = records.iter().zip(errors).filter(|(record, _)| record.excitation == Excitation::Random);
+    let driven: Vec<peaks::Driven> = random.map(|(record, error)| peaks::Driven { u: &record.u, error }).collect();
+    peaks::missing_modes(plant, &driven)
+}
+
+/// What effects may know of the ports, from the loudest record.
+pub(crate) fn of_ports(setting: &mut Setting, loudest: &Record) {
+    let plant = &setting.plant;
+    setting.names.ports = plant.ports.iter().map(|port| port.name.clone()).collect();
+    (setting.d_rms, setting.v_rms) = port_motion(plant, loudest).into_iter().unzip();
+    setting.stiffness = plant.ports.iter().map(|port| plant.stiffness(port)).collect();
+    setting.force = (0..plant.ports.len()).map(|k| force_size(plant, k, &setting.u_rms)).collect();
+}
+
+/// RMS of displacement and velocity at each port, in the linear simulation.
+fn port_motion(plant: &Plant, record: &Record) -> Vec<(f64, f64)> {
+    // The ports' rows as outputs of the same modes.
+    let mut probe = plant.clone();
+    let ports = plant.ports.len();
+    probe.p = 2 * ports;
+    for (k, mode) in probe.modes.iter_mut().enumerate() {
+        mode.c = plant.ports.iter().flat_map(|port| [port.displacement[k], port.velocity[k]]).collect();
+    }
+    let r = plant.rest.a.nrows();
+    probe.rest.c = nalgebra::DMatrix::from_fn(2 * ports, r, |i, j| {
+        let port = &plant.ports[i / 2];
+        if i % 2 == 0 { port.displacement_rest[j] } else { port.velocity_rest[j] }
+    });
+    probe.d = nalgebra::DMatrix::zeros(2 * ports, plant.m);
+    let y = simulate(&probe, &[], &record.u, 0.0, None, Fineness::COARSE);
+    (0..ports).map(|k| (rms(&y[2 * k]), rms(&y[2 * k + 1]))).collect()
+}
+
+/// The force at a port that moves the modes by as much as the mean input does.
+fn force_size(plant: &Plant, port: usize, u_rms: &[f64]) -> f64 {
+    let forced: f64 = plant.ports[port].force.iter().map(|g| g.norm_sqr()).sum();
+    let driven: f64 = plant
+        .modes
+        .iter()
+        .map(|mode| mode.b.iter().zip(u_rms).map(|(b, u)| (b * u).norm_sqr()).sum::<f64>() / plant.m as f64)
+        .sum();
+    if forced > 0.0 && driven > 0.0 { (driven / forced).sqrt() } else { 1.0 }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::testing;
+
+    pub(crate) fn setting_of(plant: &Plant, model: &Model) -> Setting {
+        setting(plant, model, &[], &[])
+    }
+
+    /// A weak mode that the simulation lacks is behind the peaks that its own frequencies make; a refit takes those away.
+    #[test]
+    fn a_missing_mode_is_seen_behind_frequencies_that_are_off() {
+        let real = testing::truss_with(1, |_, shapes, _| shapes.row_mut(2).scale_mut(0.1));
+        let sim = testing::truss_with(1, |modes, shapes, _| {
+            shapes.row_mut(2).fill(0.0);
+            [0, 1, 3].into_iter().for_each(|k| modes[k].0 *= 1.003);
+        });
+        let case = testing::case(&sim, &real);
+        let mut ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        let seen =
+            |ready: &Prepared| ready.problem.setting.missing.iter().any(|mode| (mode.hz / 186.0 - 1.0).abs() < 0.02);
+        assert!(!seen(&ready), "it shows as given");
+        let refitted = crate::fit::refit::refit(&ready.problem, crate::fit::refit::STEPS);
+        ready.renew_missing(&refitted.eta);
+        assert!(seen(&ready), "{:?}", ready.problem.setting.missing);
+    }
+
+    /// Noise that a driven plant has more of is no noise level: the quiet record says what that is.
+    #[test]
+    fn what_is_random_only_when_driven_is_no_noise() {
+        const PERIOD: usize = 512;
+        let sim = testing::truss(1);
+        let case = testing::case(&sim, &sim);
+        let std = case.model.as_ref().unwrap().noise.sensor_std.clone().unwrap();
+        let once = testing::random_input(4, PERIOD, 2);
+        let u: Channels = once.iter().map(|u| u.repeat(6)).collect();
+        for (louder, expected) in [(1.0, None), (1.5, Some(2.25))] {
+            let mut y = testing::run(&sim, &u);
+            for ((y, noise), std) in y.iter_mut().zip(testing::random_input(5, 6 * PERIOD, 2)).zip(&std) {
+                y.iter_mut().zip(noise).for_each(|(y, e)| *y += louder * std * e);
+            }
+            let mut records = case.records.clone();
+            let excitation = Excitation::Periodic(PERIOD);
+            records[1] = Record { excitation, u: u.clone(), y, ..records[1].clone() };
+            let ready = prepare(case.model.as_ref().unwrap(), &records, &Known::default()).unwrap();
+            let run = |record: &Record| simulate(&ready.problem.plant, &[], &record.u, 0.0, None, Fineness::FINE);
+            let simulated: Vec<Channels> = ready.problem.records.iter().map(run).collect();
+            let level = ready.noise_level(&simulated, 1.0);
+            assert_eq!(level.driven.is_some(), expected.is_some(), "{level:?}");
+            assert!((level.factor - 1.0).abs() < 0.1 && level.seen, "{level:?}");
+            if let (Some(found), Some(expected)) = (level.driven, expected) {
+                assert!((found / expected - 1.0_f64).abs() < 0.1, "{level:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! Which law has a free shape? A force that was fitted with its shape set free is named by the law of the vocabulary that comes nearest to the curve
+//! that was found. Likelihoods rank laws by what a refit leaves of them, and a law with one number more may come first with a curve quite unlike its own.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::effects::{Action, Effect, Flexible, Library, Range};
+use crate::fit::problem::{Placed, Problem};
+
+/// Points of a curve.
+const POINTS: usize = 121;
+
+/// The curve is looked at so far on either side, in RMS of the loudest record.
+const FAR: f64 = 3.0;
+
+/// Share of the curve that another law may leave over what the present one leaves: nearer by less is no reason.
+const NEARER: f64 = 0.7;
+
+/// The law that is nearer to the curve that these effects make at the place of `present` than that is, with the size that fits it best; none where that
+/// is the nearest.
+pub fn closest_law<'a>(
+    problem: &Problem,
+    effects: &[Placed<'a>],
+    present: &Placed<'a>,
+    library: &'a Library,
+    allowed: &dyn Fn(&Placed) -> bool,
+) -> Option<Placed<'a>> {
+    let setting = &problem.setting;
+    let sibling = Flexible::of(present.effect.name())?;
+    let port = || setting.port(&present.place);
+    let rms = match sibling {
+        Flexible::Stiffness => setting.d_rms[port()],
+        Flexible::Damping => setting.v_rms[port()],
+        _ => return None,
+    };
+    let at = |x: f64| if *sibling == Flexible::Stiffness { (x * rms, 0.0) } else { (0.0, x * rms) };
+    let force = |actions: &[Action], x: f64| {
+        let (d, v) = at(x);
+        let of = |action: &Action| if let Action::Force(_, force) = action { force.force(d, v, 0.0) } else { 0.0 };
+        actions.iter().map(of).sum::<f64>()
+    };
+    let curve = |effects: &[Placed]| {
+        let actions = problem.actions(effects);
+        DVector::from_fn(POINTS, |k, _| force(&actions, grid(k)))
+    };
+    let alike = |placed: &&Placed| {
+        placed.place == present.place
+            && (placed.effect.name() == sibling.name() || Flexible::of(placed.effect.name()) == Some(sibling))
+    };
+    let found = curve(&effects.iter().filter(alike).cloned().collect::<Vec<_>>());
+    let mut laws: Vec<(f64, Placed)> = Vec::new();
+    for effect in library.effects().filter(|effect| Flexible::of(effect.name()) == Some(sibling)) {
+        for start in effect.starts(setting, &present.place) {
+            let mut placed = Placed { effect, place: present.place.clone(), parameters: start };
+            let Some((index, neutral)) = effect.amplitude().filter(|_| allowed(&placed)) else { continue };
+            let (left, size) = unlike(&found, &curve(std::slice::from_ref(&placed)));
+            placed.parameters[index] = neutral + size * (placed.parameters[index] - neutral);
+            if effect.sound(setting, &placed.place, &placed.parameters) && in_range(problem, &placed, index) {
+                laws.push((left, placed));
+            }
+        }
+    }
+    laws.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let own = laws.iter().find(|(_, placed)| placed.effect.name() == present.effect.name()).map_or(1.0, |own| own.0);
+    let (left, nearest) = laws.into_iter().next()?;
+    (nearest.effect.name() != present.effect.name() && left < NEARER * own).then_some(nearest)
+}
+
+fn in_range(problem: &Problem, placed: &Placed, index: usize) -> bool {
+    let positive = placed.effect.parameters(&problem.setting)[index].range == Range::Positive;
+    !positive || placed.parameters[index] > 0.0
+}
+
+fn grid(k: usize) -> f64 {
+    FAR * (2.0 * k as f64 / (POINTS - 1) as f64 - 1.0)
+}
+
+/// Share of a curve that a multiple of a law does not follow, and that multiple. A constant and a straight line are free: a force at rest shows in no
+/// acceleration, and what is linear a refit takes for its own. Points count as often as a Gaussian motion passes them.
+fn unlike(curve: &DVector<f64>, law: &DVector<f64>) -> (f64, f64) {
+    let weight = |k: usize| (-0.25 * grid(k).powi(2)).exp();
+    let weighted = |f: &dyn Fn(usize) -> f64| DVector::from_fn(POINTS, |k, _| weight(k) * f(k));
+    let basis = DMatrix::from_columns(&[weighted(&|_| 1.0), weighted(&grid)]);
+    let q = basis.qr().q();
+    let bent = |x: &DVector<f64>| {
+        let x = weighted(&|k| x[k]);
+        &x - &q * q.tr_mul(&x)
+    };
+    let (curve, law) = (bent(curve), bent(law));
+    let (whole, size) = (curve.norm_squared(), curve.dot(&law) / law.norm_squared().max(f64::MIN_POSITIVE));
+    if whole > 0.0 { ((curve - law * size).norm_squared() / whole, size) } else { (0.0, 0.0) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::Place;
+    use crate::prepare::{Known, prepare};
+    use crate::testing;
+
+    /// Half a parabola, on one side alone, is a quadratic spring and no gap; a cube is a cube, whatever it was called; a gap stays one.
+    #[test]
+    fn a_curve_is_named_by_the_law_that_it_is_like() {
+        let sim = testing::truss(1);
+        let case = testing::case(&sim, &sim);
+        let ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        let (problem, library) = (&ready.problem, Library::standard());
+        let rms = problem.setting.d_rms[0];
+        let at = |effect, parameters| Placed { effect, place: Place::Port(0), parameters };
+        let law = |name: &str, parameters: Vec<f64>| at(library.get(name).unwrap(), parameters);
+        let gap = law("clearance", vec![1.0, rms]);
+        // The slope of a parabola rises by twice the distance of two knots from one to the next.
+        let half = [0.0, 0.1, 0.2, 0.5, 0.6, 0.6, 0.8, 1.0].map(|x| 2.0 * x);
+        let half = at(Flexible::of("clearance").unwrap(), [half, [0.0; 8]].concat());
+        let named = |effects: &[Placed], allowed: &dyn Fn(&Placed) -> bool| {
+            closest_law(problem, effects, &gap, &library, allowed).map(|law| (law.effect.name(), law.parameters[0]))
+        };
+        let (name, k) = named(std::slice::from_ref(&half), &|_| true).unwrap();
+        assert_eq!(name, "quadratic-stiffness");
+        // Half of the whole parabola.
+        let size = problem.setting.force[0] / rms.powi(2);
+        assert!((k / (0.5 * size) - 1.0).abs() < 1e-6, "{k} {size}");
+        let cube = law("cubic-stiffness", vec![3.0 * size / rms]);
+        let (name, k) = named(std::slice::from_ref(&cube), &|_| true).unwrap();
+        assert_eq!(name, "cubic-stiffness");
+        assert!((k / cube.parameters[0] - 1.0).abs() < 1e-9);
+        assert_eq!(named(std::slice::from_ref(&gap), &|_| true), None);
+        let not = |effect: &'static str| move |placed: &Placed| placed.effect.name() != effect;
+        assert_ne!(named(&[half], &not("quadratic-stiffness")).map(|law| law.0), Some("quadratic-stiffness"));
+    }
+}

@@ -1,0 +1,128 @@
+//! Is it this place with another shape? Each effect of an explanation that does not suffice is fitted with its flexible sibling.
+
+use rayon::prelude::*;
+
+use crate::effects::{Effect, Flexible};
+use crate::fit::problem::{Effort, Fit, Placed, Problem, Tangent};
+use crate::settings::thresholds::{MATERIAL, WORTH};
+use crate::simulate::Fineness;
+
+const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE };
+const WHOLE: Effort = Effort { steps: 10, gain: 0.5, fineness: Fineness::FINE };
+
+/// A fit with one effect's shape set free.
+pub struct Bent<'a> {
+    /// The fit; its last effect is the sibling.
+    pub fit: Fit<'a>,
+    /// Which effect of the explanation it bends.
+    pub which: usize,
+}
+
+/// Several effects of which fewer, one of them with another shape, explain as much: two at one place may be one with another shape, and what was put beside
+/// a law that does not quite fit may be there for its sake. The fit of the fewer, and with the shape set free.
+pub fn fewer<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<(Fit<'a>, Bent<'a>)> {
+    if best.effects.len() < 2 {
+        return None;
+    }
+    let tangent = quick.tangent(&quick.nuisance.apply(&quick.plant, &best.eta));
+    let own = quick.fit(&tangent, &best.eta, &best.effects, QUICK);
+    let slack = |problem: &Problem| MATERIAL * problem.rows() as f64;
+    let fits = subsets(&best.effects).into_iter().filter_map(|effects| {
+        let alone = quick.fit(&tangent, &best.eta, &effects, QUICK);
+        let free = freed(quick, &tangent, &alone)?;
+        // On the heads there is less to tell them apart by.
+        if free.fit.cost > own.cost + slack(problem) {
+            return None;
+        }
+        let whole = problem.tangent(&problem.nuisance.apply(&problem.plant, &best.eta));
+        let alone = problem.fit(&whole, &alone.eta, &alone.effects, WHOLE);
+        let bent = on_whole(problem, free);
+        (bent.fit.cost < best.cost + slack(problem)).then_some((alone, bent))
+    });
+    let fewest = |(alone, bent): &(Fit, Bent)| (alone.effects.len(), bent.fit.cost);
+    fits.min_by(|a, b| {
+        let (a, b) = (fewest(a), fewest(b));
+        a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
+    })
+}
+
+/// Explanations without one of the effects, or without all at a place but one.
+fn subsets<'a>(effects: &[Placed<'a>]) -> Vec<Vec<Placed<'a>>> {
+    let without = |left: &dyn Fn(usize) -> bool| {
+        (0..effects.len()).filter(|&j| left(j)).map(|j| effects[j].clone()).collect::<Vec<Placed>>()
+    };
+    let mut all: Vec<Vec<Placed>> = (0..effects.len()).map(|k| without(&|j| j != k)).collect();
+    for k in 0..effects.len() {
+        let left = without(&|j| j == k || effects[j].place != effects[k].place);
+        if left.len() + 1 < effects.len() {
+            all.push(left);
+        }
+    }
+    all
+}
+
+/// The best of all fits with one sibling each, beside its effect or in its place; none where no effect has a shape, or where a free one gains nothing on the
+/// heads of the records.
+pub fn bent<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<Bent<'a>> {
+    // Derivatives cost seconds.
+    if siblings(&best.effects).is_empty() {
+        return None;
+    }
+    let tangent = quick.tangent(&quick.nuisance.apply(&quick.plant, &best.eta));
+    let own = quick.fit(&tangent, &best.eta, &best.effects, QUICK);
+    Some(on_whole(problem, freed(quick, &tangent, &own)?))
+}
+
+/// The same explanation with another law in place of the bent one's: the fit of that, and with its shape set free.
+pub fn renamed<'a>(
+    problem: &Problem,
+    quick: &Problem,
+    best: &Fit<'a>,
+    bent: &Bent<'a>,
+    law: Placed<'a>,
+) -> Option<(Fit<'a>, Bent<'a>)> {
+    let mut effects = best.effects.clone();
+    effects[bent.which] = law;
+    let tangent = quick.tangent(&quick.nuisance.apply(&quick.plant, &best.eta));
+    let alone = quick.fit(&tangent, &best.eta, &effects, QUICK);
+    let free = freed(quick, &tangent, &alone).filter(|free| free.which == bent.which)?;
+    let whole = problem.tangent(&problem.nuisance.apply(&problem.plant, &best.eta));
+    let alone = problem.fit(&whole, &alone.eta, &alone.effects, WHOLE);
+    let free = on_whole(problem, free);
+    (free.fit.cost < bent.fit.cost + MATERIAL * problem.rows() as f64).then_some((alone, free))
+}
+
+fn on_whole<'a>(problem: &Problem, bent: Bent<'a>) -> Bent<'a> {
+    let tangent = problem.tangent(&problem.nuisance.apply(&problem.plant, &bent.fit.eta));
+    Bent { fit: problem.fit(&tangent, &bent.fit.eta, &bent.fit.effects, WHOLE), ..bent }
+}
+
+/// Of each effect that has one: its number, the sibling, and whether that takes its place.
+fn siblings(effects: &[Placed]) -> Vec<(usize, &'static Flexible, bool)> {
+    let shaped = effects.iter().enumerate().filter_map(|(k, e)| Some((k, Flexible::of(e.effect.name())?)));
+    shaped
+        .flat_map(|(which, sibling)| {
+            let alone = sibling.stands_alone().then_some((which, sibling, true));
+            [Some((which, sibling, false)), alone].into_iter().flatten()
+        })
+        .collect()
+}
+
+/// The best on the heads of the records.
+fn freed<'a>(quick: &Problem, tangent: &Tangent, own: &Fit<'a>) -> Option<Bent<'a>> {
+    let fits: Vec<Bent> = siblings(&own.effects)
+        .into_par_iter()
+        .map(|(which, sibling, alone)| {
+            let place = own.effects[which].place.clone();
+            let parameters = sibling.starts(&quick.setting, &place).remove(0);
+            let mut effects = own.effects.clone();
+            if alone {
+                effects.remove(which);
+            }
+            effects.push(Placed { effect: sibling, place, parameters });
+            Bent { fit: quick.fit(tangent, &own.eta, &effects, QUICK), which }
+        })
+        .collect();
+    let top = fits.into_iter().min_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost))?;
+    (own.cost - top.fit.cost > WORTH).then_some(top)
+}

@@ -1,0 +1,392 @@
+//! One effect after the other: screen, fit of the best few, acceptance; then each effect is questioned again beside the others.
+
+use std::cell::OnceCell;
+use std::f64::consts::TAU;
+
+use rayon::prelude::*;
+
+use crate::effects::{Library, Names, Place, Range};
+use crate::fit::problem::{Effort, Fit, Placed, Problem, Tangent, sum_of_squares};
+use crate::fit::refit::{Refit, clipped};
+use crate::judge::separability::{Overlap, of_screen};
+use crate::search::ports::fit_ports;
+use crate::search::screen::{Base, Entry, screen};
+use crate::settings::step::Step;
+use crate::settings::thresholds::{
+    ACCEPT, BEHIND, FAR, FITTED, FURTHER_SHARE, MATERIAL, MOST_EFFECTS, NOT_ACCEPTED, POLISHED, STRAIGHTENED,
+};
+use crate::simulate::Fineness;
+
+/// An explanation that was fitted, with its price.
+#[derive(Clone)]
+pub struct Candidate<'a> {
+    /// Effects with parameters.
+    pub effects: Vec<Placed<'a>>,
+    /// Sum of squares, with the linear parameters' penalty.
+    pub cost: f64,
+    /// The cost with the price of parameters and of choosing among the library.
+    pub priced: f64,
+}
+
+/// What the search found.
+pub struct Search<'a> {
+    /// The best explanation, fitted finely; without effects the refit itself.
+    pub best: Fit<'a>,
+    /// All explanations that were fitted, best first, "nothing" among them.
+    pub candidates: Vec<Candidate<'a>>,
+    /// The screen of each stage.
+    pub stages: Vec<Vec<Entry<'a>>>,
+    /// How alike the first entries of the first stage are, before any fit.
+    pub overlap: Option<Overlap>,
+}
+
+impl<'a> Search<'a> {
+    /// The best explanation with its shape set free, which costs `more` parameters.
+    pub fn set_free(&mut self, cost: f64, more: usize, rows: f64) {
+        let is_best = |c: &Candidate| all_same(&c.effects, &self.best.effects);
+        let Some(at) = self.candidates.iter().position(is_best) else { return };
+        let gain = self.candidates[at].cost - cost;
+        let candidate = &mut self.candidates[at];
+        candidate.cost = cost;
+        candidate.priced -= (gain - more as f64 * rows.ln()).max(0.0);
+        self.candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
+    }
+
+    /// Fewer effects in place of the best explanation, which with a free shape explain as much: they take its rank.
+    pub fn settle(&mut self, fewer: Fit<'a>, cost: f64) {
+        let first = self.candidates.first().map_or(cost, |candidate| candidate.priced);
+        let old = std::mem::replace(&mut self.best, fewer);
+        let replaced = |c: &Candidate| all_same(&c.effects, &old.effects) || all_same(&c.effects, &self.best.effects);
+        self.candidates.retain(|c| !replaced(c));
+        self.candidates.insert(0, Candidate { effects: self.best.effects.clone(), cost, priced: first });
+    }
+
+    /// The best explanation under a changed noise model; the others keep their distance from it.
+    pub fn weigh_anew(&mut self, problem: &Problem, off: &[Step]) {
+        let before = self.best.cost;
+        self.best = on_whole(problem, self.best.clone(), off);
+        for candidate in &mut self.candidates {
+            candidate.cost += self.best.cost - before;
+            candidate.priced += self.best.cost - before;
+        }
+    }
+}
+
+/// Fits in the search.
+const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE };
+
+/// Fits of what was found.
+const FINE: Effort = Effort { steps: 8, gain: 0.1, fineness: Fineness::FINE };
+
+/// Searches for up to [`MOST_EFFECTS`] effects: on `quick` (the heads of the records), then among the best few on `problem`.
+/// `allowed` says what may be named where; `bonus` what the engineer suspects (subtracted from the price); `bold` screens at several
+/// sizes; `off` are the steps that are left out; `first` keeps the first turn, or has it; `say` is told what is going on.
+#[allow(clippy::too_many_arguments)]
+pub fn search<'a>(
+    problem: &mut Problem,
+    quick: &mut Problem,
+    refit: &Refit,
+    library: &'a Library,
+    allowed: &(dyn Fn(&Placed) -> bool + Sync),
+    bonus: &(dyn Fn(&Placed) -> f64 + Sync),
+    bold: bool,
+    off: &[Step],
+    first: &OnceCell<Turn<'a>>,
+    say: &mut dyn FnMut(String),
+) -> Search<'a> {
+    let price = Price { rows: problem.rows() as f64, bonus, bold, off };
+    let mut best = refit.as_fit();
+    let mut candidates = vec![Candidate { effects: Vec::new(), cost: refit.cost, priced: refit.cost }];
+    let mut stages = Vec::new();
+    let mut overlap = None;
+    for stage in 0..MOST_EFFECTS {
+        let there = |placed: &Placed| best.effects.iter().any(|other| same(other, placed)) || !allowed(placed);
+        let new = || Turn::new(problem, quick, &best, library, &there, &price, [FITTED, POLISHED]);
+        let own = OnceCell::new();
+        let turn = if stage == 0 { first } else { &own }.get_or_init(new);
+        let (entries, fits) = turn.without(problem, quick, &there, &price);
+        if stage == 0 {
+            overlap = of_screen(&turn.from.base(quick, bold), &entries[..entries.len().min(FITTED)]);
+        }
+        say(progress(stage + 1, &entries, &fits, &price, &problem.setting.names));
+        stages.push(entries);
+        let tried: Vec<Candidate> = fits.iter().map(|fit| price.candidate(fit)).collect();
+        let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { break };
+        let gain = price.of(&best) - price.of(&top);
+        let material = off.contains(&Step::Material) || material(problem, &best, &top, stage);
+        let accepted = gain > ACCEPT && material;
+        // The best with something beside it that was not accepted is no other explanation.
+        if accepted || best.effects.is_empty() {
+            candidates.extend(tried);
+        }
+        if !accepted {
+            break;
+        }
+        best = if off.contains(&Step::PortScales) { top } else { fit_ports(problem, quick, top) };
+        // With other scales of the ports it explains more than when it was entered.
+        candidates.push(price.candidate(&best));
+        if best.effects.len() > 1 && !off.contains(&Step::Questioning) {
+            best = question(problem, quick, best, library, allowed, &price, &mut candidates);
+        }
+    }
+    // What was not accepted is no better than nothing, whatever its price.
+    if best.effects.is_empty() {
+        let least = best.cost + NOT_ACCEPTED;
+        candidates.iter_mut().filter(|c| !c.effects.is_empty()).for_each(|c| c.priced = c.priced.max(least));
+    }
+    candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
+    Search { best, candidates, stages, overlap }
+}
+
+/// A stage in words: how many entries there were, and what the fits of the first of them gained.
+fn progress(stage: usize, entries: &[Entry], fits: &[Fit], price: &Price, names: &Names) -> String {
+    let one = |fit: &Fit| {
+        let last = fit.effects.last().expect("a stage adds an effect");
+        format!("{} at {} ({:.0})", last.effect.name(), last.place.location(names), price.of(fit))
+    };
+    let fits = fits.iter().map(one).collect::<Vec<_>>().join(", ");
+    format!("stage {stage}: {} entries of the screen; priced fits: {fits}", entries.len())
+}
+
+/// Whether a further effect explains enough: of the residual, or of what the linear parameters had to be bent for it.
+fn material(problem: &Problem, before: &Fit, after: &Fit, stage: usize) -> bool {
+    let rows = problem.rows() as f64;
+    let left = |fit: &Fit| sum_of_squares(&fit.residual);
+    let explained = left(before) - left(after);
+    let share = explained / (left(before) - rows).max(MATERIAL * rows);
+    let straightened = problem.penalty(&before.eta) - problem.penalty(&after.eta);
+    let visible = explained > MATERIAL * rows && (stage == 0 || share > FURTHER_SHARE);
+    visible || (straightened > STRAIGHTENED && explained > -STRAIGHTENED)
+}
+
+/// One more effect beside those that were found: the screen, quick fits of its first entries, whole fits of the best of these. No entry and no fit depends
+/// on which others there are, so that a search which knows fewer effects can take them from here.
+pub struct Turn<'a> {
+    from: Start<'a>,
+    entries: Vec<Entry<'a>>,
+    /// How many are fitted, and how many of these to whole records.
+    counts: [usize; 2],
+    /// Fits to the heads of the records by number of the entry; none where the fit is not sound.
+    quick: Numbered<'a>,
+    /// Fits to whole records.
+    whole: Numbered<'a>,
+}
+
+type Numbered<'a> = Vec<(usize, Option<Fit<'a>>)>;
+
+impl<'a> Turn<'a> {
+    fn new(
+        problem: &Problem,
+        quick: &Problem,
+        so_far: &Fit<'a>,
+        library: &'a Library,
+        there: &(dyn Fn(&Placed) -> bool + Sync),
+        price: &Price,
+        counts: [usize; 2],
+    ) -> Self {
+        let from = Start::new(quick, so_far, price.off);
+        let entries = screen(&from.base(quick, price.bold), library, there);
+        let mut turn = Self { from, entries, counts, quick: Vec::new(), whole: Vec::new() };
+        let all: Vec<usize> = (0..turn.entries.len()).collect();
+        (turn.quick, turn.whole) = turn.fits(problem, quick, &all, price);
+        turn
+    }
+
+    /// Entries and whole fits of those that are not there already, and not left out.
+    fn without(
+        &self,
+        problem: &Problem,
+        quick: &Problem,
+        there: &dyn Fn(&Placed) -> bool,
+        price: &Price,
+    ) -> (Vec<Entry<'a>>, Vec<Fit<'a>>) {
+        let kept: Vec<usize> = (0..self.entries.len()).filter(|&k| !there(&self.entries[k].placed)).collect();
+        let (_, whole) = self.fits(problem, quick, &kept, price);
+        let entries = kept.into_iter().map(|k| self.entries[k].clone()).collect();
+        (entries, whole.into_iter().filter_map(|(_, fit)| fit).collect())
+    }
+
+    /// Fits of the first of these entries, to heads and to whole records; those that are known are not made again.
+    fn fits(&self, problem: &Problem, quick: &Problem, at: &[usize], price: &Price) -> (Numbered<'a>, Numbered<'a>) {
+        let [fitted, polished] = self.counts;
+        let known = |fits: &Numbered<'a>, k: usize| fits.iter().find(|(n, _)| *n == k).map(|(_, fit)| fit.clone());
+        let whether_sound = |problem: &Problem, fit: Fit<'a>| {
+            (fit.cost.is_finite() && fit.effects.iter().all(|placed| sound(problem, placed))).then_some(fit)
+        };
+        let heads: Numbered<'a> = at[..at.len().min(fitted)]
+            .par_iter()
+            .filter(|&&k| self.entries[k].gain > 0.0)
+            .map(|&k| {
+                let new = || {
+                    let mut all = self.from.effects.clone();
+                    all.push(self.entries[k].placed.clone());
+                    whether_sound(quick, quick.fit(&self.from.tangent, &self.from.eta, &all, QUICK))
+                };
+                (k, known(&self.quick, k).unwrap_or_else(new))
+            })
+            .collect();
+        let mut best: Vec<(usize, &Fit<'a>)> = heads.iter().filter_map(|(k, fit)| Some((*k, fit.as_ref()?))).collect();
+        best.sort_by(|a, b| price.of(a.1).total_cmp(&price.of(b.1)));
+        best.truncate(polished);
+        let gain = |fit: &Fit| self.from.cost - price.of(fit);
+        let most = best.first().map_or(0.0, |(_, fit)| gain(fit));
+        best.retain(|(_, fit)| most - gain(fit) < FAR.max(BEHIND * most));
+        let whole = best
+            .into_par_iter()
+            .map(|(k, fit)| {
+                let new = || whether_sound(problem, on_whole(problem, fit.clone(), price.off));
+                (k, known(&self.whole, k).unwrap_or_else(new))
+            })
+            .collect();
+        (heads, whole)
+    }
+}
+
+/// Whether two name the same effect at the same place.
+pub fn same(a: &Placed, b: &Placed) -> bool {
+    a.effect.name() == b.effect.name() && near(&a.place, &b.place)
+}
+
+/// Whether two explanations name the same effects at the same places, in any order.
+pub fn all_same(a: &[Placed], b: &[Placed]) -> bool {
+    a.len() == b.len() && a.iter().all(|a| b.iter().any(|b| same(a, b)))
+}
+
+fn near(a: &Place, b: &Place) -> bool {
+    let close = |x: f64, y: f64| (x / y - 1.0).abs() < 0.02;
+    match (a, b) {
+        (Place::MissingMode(x), Place::MissingMode(y)) => close(*x, *y),
+        (Place::Frequency(x, _), Place::Frequency(y, _)) => close(*x, *y),
+        _ => a == b,
+    }
+}
+
+/// What parameters and choices cost, and how a turn goes about it.
+struct Price<'p> {
+    bold: bool,
+    off: &'p [Step],
+    rows: f64,
+    bonus: &'p (dyn Fn(&Placed) -> f64 + Sync),
+}
+
+/// Twice the logarithm of the number of entries of the library: each is as likely as another before the data are seen.
+const CHOICE: f64 = 9.0;
+
+/// Price of a number that the bounded refit has as well: it is fitted in any case, and chosen from few. The effect only lets it go further:
+/// twice the logarithm of how much further, in standard deviations of the limits.
+const LET_GO: f64 = 5.0;
+
+impl Price<'_> {
+    fn of(&self, fit: &Fit) -> f64 {
+        let one = |placed: &Placed| {
+            let own = if placed.effect.is_in_refit() {
+                LET_GO
+            } else {
+                CHOICE + placed.parameters.len() as f64 * self.rows.ln()
+            };
+            own - (self.bonus)(placed)
+        };
+        fit.cost + fit.effects.iter().map(one).sum::<f64>()
+    }
+
+    fn candidate<'a>(&self, fit: &Fit<'a>) -> Candidate<'a> {
+        Candidate { effects: fit.effects.clone(), cost: fit.cost, priced: self.of(fit) }
+    }
+}
+
+/// A linear model from which a stage starts: without what lies far outside the prior, for that may be an effect.
+struct Start<'a> {
+    effects: Vec<Placed<'a>>,
+    eta: Vec<f64>,
+    plant: crate::plant::Plant,
+    tangent: Tangent,
+    residual: Vec<f64>,
+    cost: f64,
+}
+
+impl<'a> Start<'a> {
+    fn new(problem: &Problem, fit: &Fit<'a>, off: &[Step]) -> Self {
+        let within = if off.contains(&Step::Clipping) { None } else { clipped(problem, &fit.eta) };
+        let eta = within.unwrap_or_else(|| fit.eta.clone());
+        let plant = problem.nuisance.apply(&problem.plant, &eta);
+        let tangent = problem.tangent(&plant);
+        let residual = problem.residual(&plant, &eta, &fit.effects, Fineness::COARSE);
+        let cost = sum_of_squares(&residual) + problem.penalty(&eta);
+        Self { effects: fit.effects.clone(), eta, plant, tangent, residual, cost }
+    }
+
+    fn base<'p>(&'p self, problem: &'p Problem, bold: bool) -> Base<'p, 'a> {
+        Base {
+            problem,
+            tangent: &self.tangent,
+            plant: &self.plant,
+            eta: &self.eta,
+            effects: &self.effects,
+            residual: &self.residual,
+            bold,
+        }
+    }
+}
+
+/// Whether the parameters still say what the effect's name says.
+fn sound(problem: &Problem, placed: &Placed) -> bool {
+    placed.effect.sound(&problem.setting, &placed.place, &placed.parameters)
+}
+
+/// A fit to the heads of the records, fitted to whole ones; where that is off, judged there.
+fn on_whole<'a>(problem: &Problem, fit: Fit<'a>, off: &[Step]) -> Fit<'a> {
+    if !off.contains(&Step::Polishing) {
+        return polish(problem, fit);
+    }
+    let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
+    let residual = problem.residual(&plant, &fit.eta, &fit.effects, Fineness::FINE);
+    let cost = sum_of_squares(&residual) + problem.penalty(&fit.eta);
+    Fit { residual, cost, ..fit }
+}
+
+/// The same fit with fine steps and derivatives at its own linear model.
+pub(crate) fn polish<'a>(problem: &Problem, fit: Fit<'a>) -> Fit<'a> {
+    let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
+    let tangent = problem.tangent(&plant);
+    let mut fit = problem.fit(&tangent, &fit.eta, &fit.effects, FINE);
+    for placed in &mut fit.effects {
+        let kinds = placed.effect.parameters(&problem.setting);
+        for (value, parameter) in placed.parameters.iter_mut().zip(kinds) {
+            if parameter.range == Range::Angle {
+                *value -= TAU * (*value / TAU).round();
+            }
+        }
+        placed.place = placed.effect.fitted_place(&placed.place, &placed.parameters);
+    }
+    fit
+}
+
+/// With all effects in place, is each of them still the best at its turn? The first was chosen while the others were missing.
+fn question<'a>(
+    problem: &Problem,
+    quick: &Problem,
+    mut best: Fit<'a>,
+    library: &'a Library,
+    allowed: &(dyn Fn(&Placed) -> bool + Sync),
+    price: &Price,
+    candidates: &mut Vec<Candidate<'a>>,
+) -> Fit<'a> {
+    for place in 0..best.effects.len() {
+        let mut others = best.effects.clone();
+        let asked = others.remove(place);
+        let there = |placed: &Placed| {
+            others.iter().any(|other| same(other, placed)) || same(&asked, placed) || !allowed(placed)
+        };
+        let without = Fit { effects: others.clone(), ..best.clone() };
+        let turn = Turn::new(problem, quick, &without, library, &there, price, [FITTED / 2, POLISHED / 2]);
+        let (_, fits) = turn.without(problem, quick, &there, price);
+        candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
+        let top = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b)));
+        if let Some(top) = top
+            && price.of(&top) < price.of(&best)
+        {
+            best = top;
+        }
+    }
+    best
+}

@@ -1,0 +1,130 @@
+//! Effects that no free run shows: found in the noise of quiet records and in the codes of all.
+
+use crate::effects::{Effect, Library, Place};
+use crate::fit::problem::Placed;
+use crate::noise::{Band, NoiseModel, Stretch};
+use crate::prepare::Prepared;
+use crate::prepare::coloured::{Coloured, NEAR_LINE};
+use crate::signal::quantisation::Codes;
+
+/// Evidence (twice the log likelihood) that such an effect needs: with a few dozen places to look at, noise alone reaches 12.
+pub const EVIDENCE: f64 = 40.0;
+
+/// A sensor's variance over what the other sensors' say it should be, from which it counts as noisy.
+const NOISIER: f64 = 1.3;
+
+/// All sensors may be misjudged by this factor together (in standard deviation).
+const MISJUDGED: f64 = 1.5;
+
+/// A finding with its evidence.
+pub struct Unseen<'a> {
+    /// The effect.
+    pub placed: Placed<'a>,
+    /// Standard deviation of each parameter; zero for what raw values show to the last digit.
+    pub doubt: Vec<f64>,
+    /// Twice the gain in log likelihood.
+    pub gain: f64,
+}
+
+/// Looks for all of them.
+pub fn unseen<'a>(ready: &Prepared, library: &'a Library) -> Vec<Unseen<'a>> {
+    let mut found = Vec::new();
+    let mut put = |name: &str, place: Place, parameters: &[f64], doubt: &[f64], gain: f64| {
+        if let Some(effect) = library.get(name) {
+            let placed = Placed { effect, place, parameters: parameters.to_vec() };
+            found.push(Unseen { placed, doubt: doubt.to_vec(), gain });
+        }
+    };
+    for (o, codes) in ready.codes.iter().enumerate() {
+        if codes.coarse {
+            let cut = if codes.cut { 0.5 } else { 0.0 };
+            put("sensor-quantisation", Place::Output(o), &[codes.step, cut], &[0.0, 0.0], 1e3);
+        }
+        if let Some(rate) = codes.dropout_rate {
+            let driven = ready.problem.records.iter().filter(|record| crate::signal::quantisation::driven(record));
+            let onsets = rate * driven.map(|record| record.samples() as f64).sum::<f64>();
+            // Onsets are rare and do not know of each other.
+            put("sensor-dropout", Place::Output(o), &[rate], &[rate / onsets.sqrt()], 2.0 * onsets * 6.0);
+        }
+    }
+    // A sensor is noisy only against what was declared of it. Beside resonances that are driven it must be so where these leak nothing, too, and more so than the
+    // driving force's own skirts, of which the fit of its band says little.
+    if ready.declares {
+        let of = |noise: &NoiseModel| noisy(noise, &ready.declared_sensor, &ready.codes);
+        let clear = ready.noise.drives().then(|| of(&without_leakage(ready)));
+        let both = |o: usize| clear.as_ref().is_none_or(|clear| clear.iter().any(|(other, ..)| *other == o));
+        let beyond = |o: usize, std: f64| std * std > ready.noise.skirts(o);
+        for (o, std, doubt, gain) in of(&ready.noise).into_iter().filter(|(o, std, ..)| both(*o) && beyond(*o, *std)) {
+            put("sensor-noise", Place::Output(o), &[std], &[doubt], gain);
+        }
+    }
+    for line in &ready.wandering {
+        let place = Place::Frequency(line.hz, line.port);
+        // How far its phase walks, and with it its amplitude, nobody knows.
+        let doubt = [f64::INFINITY; 3];
+        put("narrowband-disturbance", place, &[line.amplitude, line.hz, 0.0], &doubt, line.gain);
+    }
+    if let Some(Coloured { band: Band { port, hz, .. }, a, doubt, gain }) = ready.coloured {
+        put("coloured-disturbance", Place::Frequency(hz, port), &[a, hz], &[doubt[0] * a, doubt[1] * hz], gain);
+    }
+    found
+}
+
+/// The noise under a taper. Bins beside each other are alike there, and evidence counts double: it only has to say the same.
+fn without_leakage(ready: &Prepared) -> NoiseModel {
+    let tapered: Vec<Stretch> = ready.quiet.iter().map(Stretch::tapered).collect();
+    ready.declared.fit_beside(&tapered, ready.coloured.iter().map(Coloured::source))
+}
+
+/// Sensors whose noise exceeds what is common to all: number, added standard deviation and its own, evidence.
+fn noisy(noise: &NoiseModel, declared: &[f64], codes: &[Codes]) -> Vec<(usize, f64, f64, f64)> {
+    let sensors = noise.sensors();
+    let ratios: Vec<f64> = sensors.iter().zip(declared).map(|(theta, std)| theta / (std * std)).collect();
+    let mut found = Vec::new();
+    for o in 0..ratios.len() {
+        if codes[o].coarse || noise.bins == 0 {
+            continue;
+        }
+        let mut others: Vec<f64> =
+            (0..ratios.len()).filter(|&j| j != o && !codes[j].coarse).map(|j| ratios[j]).collect();
+        others.sort_by(f64::total_cmp);
+        // The least noisy other channel says what is common.
+        let common = others.first().copied().unwrap_or(MISJUDGED * MISJUDGED).max(0.4);
+        let excess = ratios[o] / common;
+        let gain = 2.0 * noise.bins as f64 * (excess - 1.0 - excess.ln());
+        if excess > NOISIER && gain > EVIDENCE {
+            let std = declared[o] * (ratios[o] - common).sqrt();
+            // The power of a bin is exponential, so that a variance is known to its root of the number of bins.
+            let variance = declared[o].powi(2) * ratios[o].hypot(common) / (noise.bins as f64).sqrt();
+            found.push((o, std, variance / (2.0 * std), gain));
+        }
+    }
+    found
+}
+
+/// Whether an effect is one of these.
+pub fn is_unseen(effect: &dyn Effect) -> bool {
+    matches!(effect.name(), "sensor-quantisation" | "sensor-dropout" | "sensor-noise" | "coloured-disturbance")
+}
+
+/// A band about the line of a narrowband disturbance that is named is that line: it wanders. Which of the effects that is.
+pub fn wandering(band: &Placed, effects: &[Placed]) -> Option<usize> {
+    let Place::Frequency(hz, _) = band.place else { return None };
+    let line = |placed: &Placed| match placed.place {
+        Place::Frequency(line, _) => {
+            placed.effect.name() == "narrowband-disturbance" && (line / hz - 1.0).abs() < NEAR_LINE
+        }
+        _ => false,
+    };
+    (band.effect.name() == "coloured-disturbance").then(|| effects.iter().position(line)).flatten()
+}
+
+/// Whether what the records show without a free run is a line: one that wanders.
+pub fn wanders(shown: &Placed) -> bool {
+    shown.effect.name() == "narrowband-disturbance"
+}
+
+/// Whether it is a converter that cuts bits off, and does not round.
+pub fn cuts(placed: &Placed) -> bool {
+    placed.effect.name() == "sensor-quantisation" && placed.parameters.get(1).is_some_and(|cut| *cut > 0.0)
+}

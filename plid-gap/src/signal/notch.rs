@@ -1,0 +1,88 @@
+//! A line whose phase goes its own way: all that a slowly modulated sine may be in a record is taken out of it.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::case::record::Channels;
+use crate::plant::{C, Mode, Plant};
+
+/// Modulations are straight between points so far apart, in s: a phase that walks by a radian a second keeps a hundredth of the line's power outside.
+const SPACING_S: f64 = 0.1;
+
+/// So far about it, in Hz, nothing is left: what is fitted to such a residual passes over it.
+pub const HOLE_HZ: f64 = 0.6 / SPACING_S;
+
+/// Cosine and sine at a frequency, each modulated by hats side by side: samples x columns.
+pub fn modulated(samples: usize, rate: f64, hz: f64) -> DMatrix<f64> {
+    let duration = (samples.max(2) - 1) as f64 / rate;
+    let pieces = (duration / SPACING_S).ceil().max(1.0);
+    let spacing = duration / pieces;
+    DMatrix::from_fn(samples, 2 * (pieces as usize + 1), |k, j| piece(j, spacing, hz, k as f64 / rate))
+}
+
+/// Cosine (even j) or sine at a frequency under the hat number j / 2.
+fn piece(j: usize, spacing: f64, hz: f64, t: f64) -> f64 {
+    let hat = (1.0 - (t / spacing - (j / 2) as f64).abs()).max(0.0);
+    let phase = TAU * hz * t;
+    hat * if j.is_multiple_of(2) { phase.cos() } else { phase.sin() }
+}
+
+/// Free decays of all modes, as cosine and sine: p channels each.
+pub fn decays(plant: &Plant, samples: usize) -> Vec<Channels> {
+    let decay = |mode: &Mode, phase: C| -> Channels {
+        let turn = (mode.pole / plant.rate).exp();
+        let of = |c: &C| (0..samples).scan(c * phase, |z, _| Some(std::mem::replace(z, *z * turn).re)).collect();
+        mode.c.iter().map(of).collect()
+    };
+    plant.modes.iter().flat_map(|mode| [decay(mode, C::ONE), decay(mode, C::I)]).collect()
+}
+
+/// Channels without such a line, and without what rings freely.
+pub fn without_both(y: &[Vec<f64>], plant: &Plant, hz: f64) -> Vec<Vec<f64>> {
+    let left = without(y, plant.rate, hz);
+    let samples = y.first().map_or(0, Vec::len);
+    let decays = decays(plant, samples);
+    let columns: Vec<f64> = decays.iter().flat_map(|y| without(y, plant.rate, hz).concat()).collect();
+    let basis = DMatrix::from_vec(samples * y.len(), decays.len(), columns).qr().q();
+    let left = DVector::from_vec(left.concat());
+    let left = &left - &basis * basis.tr_mul(&left);
+    left.as_slice().chunks(samples.max(1)).map(<[f64]>::to_vec).collect()
+}
+
+/// Channels without such a line, by least squares.
+pub fn without(y: &[Vec<f64>], rate: f64, hz: f64) -> Vec<Vec<f64>> {
+    let Some(first) = y.first() else { return Vec::new() };
+    let basis = modulated(first.len(), rate, hz);
+    let Some(factor) = basis.tr_mul(&basis).cholesky() else { return y.to_vec() };
+    let left = |y: &Vec<f64>| {
+        let y = DVector::from_column_slice(y);
+        let fitted = &basis * factor.solve(&basis.tr_mul(&y));
+        (y - fitted).as_slice().to_vec()
+    };
+    y.iter().map(left).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::random_input;
+
+    /// Of a line whose phase walks by a radian a second a hundredth of the power is left; of noise nearly all.
+    #[test]
+    fn a_line_that_walks_is_taken_out() {
+        let (rate, hz, samples) = (1600.0, 97.3, 4800);
+        let steps = random_input(5, samples, 1).remove(0);
+        let mut phase = 0.0;
+        let mut line = Vec::new();
+        for (k, step) in steps.iter().enumerate() {
+            phase += step / f64::sqrt(rate);
+            line.push((TAU * hz * k as f64 / rate + phase).sin());
+        }
+        let power = |y: &[f64]| y.iter().map(|y| y * y).sum::<f64>() / samples as f64;
+        let noise = random_input(6, samples, 1).remove(0);
+        let left = without(&[line, noise], rate, hz);
+        assert!(power(&left[0]) < 0.01, "{}", power(&left[0]));
+        assert!(power(&left[1]) > 0.97, "{}", power(&left[1]));
+    }
+}

@@ -1,0 +1,129 @@
+//! Resonances that the simulation does not have: peaks in the frequency response of what it leaves.
+
+use nalgebra::DMatrix;
+
+use crate::effects::MissingModeStart;
+use crate::plant::{C, Plant};
+use crate::signal::fourier;
+
+/// Samples of a segment: lines of a mode of one percent damping at a tenth of the sample rate are a few bins wide.
+pub(crate) const SEGMENT: usize = 2048;
+
+/// A peak counts from this share of the largest.
+const SHARE: f64 = 0.05;
+
+/// Peaks so near, as a share, are of one resonance.
+const SAME: f64 = 0.04;
+
+/// Peaks that are offered.
+const MOST: usize = 2;
+
+/// A driven record: inputs (m channels) and errors (p channels).
+pub struct Driven<'a> {
+    /// m channels.
+    pub u: &'a [Vec<f64>],
+    /// p channels.
+    pub error: &'a [Vec<f64>],
+}
+
+/// Residual frequency response over driven records (inputs and errors, each channel by channel), and its peaks.
+pub fn missing_modes(plant: &Plant, driven: &[Driven]) -> Vec<MissingModeStart> {
+    let (m, p) = (plant.m, plant.p);
+    let bins = SEGMENT / 2 + 1;
+    let mut uu = vec![DMatrix::<C>::zeros(m, m); bins];
+    let mut eu = vec![DMatrix::<C>::zeros(p, m); bins];
+    let window: Vec<f64> =
+        (0..SEGMENT).map(|k| 0.5 - 0.5 * (std::f64::consts::TAU * (k as f64 + 0.5) / SEGMENT as f64).cos()).collect();
+    let spectrum = |x: &[f64]| {
+        let windowed: Vec<f64> = x.iter().zip(&window).map(|(x, w)| x * w).collect();
+        fourier::forward(&windowed)
+    };
+    let mut segments = 0;
+    for Driven { u, error: e } in driven {
+        let samples = e[0].len();
+        let mut at = 0;
+        while at + SEGMENT <= samples {
+            let us: Vec<_> = u.iter().map(|u| spectrum(&u[at..at + SEGMENT])).collect();
+            let es: Vec<_> = e.iter().map(|e| spectrum(&e[at..at + SEGMENT])).collect();
+            for k in 0..bins {
+                for i in 0..m {
+                    for j in 0..m {
+                        uu[k][(i, j)] += us[i][k] * us[j][k].conj();
+                    }
+                    for o in 0..p {
+                        eu[k][(o, i)] += es[o][k] * us[i][k].conj();
+                    }
+                }
+            }
+            segments += 1;
+            at += SEGMENT / 2;
+        }
+    }
+    if segments <= m {
+        return Vec::new();
+    }
+    let hz = |k: usize| k as f64 * plant.rate / SEGMENT as f64;
+    let mut power = vec![0.0; bins];
+    let response: Vec<DMatrix<C>> = uu
+        .into_iter()
+        .zip(eu)
+        .zip(&mut power)
+        .map(|((mut uu, eu), power)| {
+            let ridge = C::from(1e-6 * uu.trace().re / m as f64);
+            (0..m).for_each(|i| uu[(i, i)] += ridge);
+            let response = uu.try_inverse().map_or_else(|| DMatrix::zeros(p, m), |inverse| &eu * inverse);
+            // What the inputs explain of the residual: where they have no power, their response is no evidence.
+            *power = (&response * eu.adjoint()).trace().re.max(0.0);
+            response
+        })
+        .collect();
+    let most = power[2..bins - 2].iter().copied().fold(0.0, f64::max);
+    let mut peaks: Vec<usize> = (2..bins - 2)
+        .filter(|&k| power[k] > SHARE * most && power[k] >= power[k - 1] && power[k] > power[k + 1])
+        .collect();
+    peaks.sort_by(|&a, &b| power[b].total_cmp(&power[a]));
+    let mut found: Vec<MissingModeStart> = Vec::new();
+    for k in peaks {
+        if found.len() == MOST {
+            break;
+        }
+        if found.iter().any(|mode| is_same(mode.hz, hz(k))) {
+            continue;
+        }
+        found.push(start(plant, &response[k], &power, k, hz(k)));
+    }
+    found
+}
+
+/// Whether two peaks are of one resonance.
+pub fn is_same(hz: f64, other: f64) -> bool {
+    (hz / other - 1.0).abs() < SAME
+}
+
+fn start(plant: &Plant, response: &DMatrix<C>, power: &[f64], k: usize, hz: f64) -> MissingModeStart {
+    let half = 0.5 * power[k];
+    let width = |step: i64| {
+        let mut at = k as i64;
+        while at > 0 && (at as usize) < power.len() - 1 && power[at as usize] > half {
+            at += step;
+        }
+        (at - k as i64).unsigned_abs() as f64
+    };
+    let bins = (width(1) + width(-1) - 1.0).max(1.0);
+    let damping = (0.5 * bins / k as f64).clamp(0.003, 0.05);
+    // s^2 / (s^2 + 2 zeta w s + w^2) is j / (2 zeta) at the peak.
+    let s = C::new(0.0, std::f64::consts::TAU * hz);
+    let shape = DMatrix::from_fn(plant.p, plant.m, |o, i| {
+        let chain = plant.chain.behind(o, s) * plant.chain.before(i, s);
+        (response[(o, i)] / chain * C::new(0.0, -2.0 * damping)).re
+    });
+    let svd = shape.svd(true, true);
+    let (u, v) = (svd.u.expect("asked for"), svd.v_t.expect("asked for"));
+    let first = svd.singular_values.imax();
+    MissingModeStart {
+        hz,
+        damping,
+        b: v.row(first).iter().map(|x| x * svd.singular_values[first]).collect(),
+        c: u.column(first).iter().copied().collect(),
+    }
+}

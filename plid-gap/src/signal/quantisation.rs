@@ -1,0 +1,259 @@
+//! What the raw values show before any model: a coarse converter, a channel that repeats itself, a channel that clips.
+
+use statrs::distribution::{ContinuousCDF, Normal};
+
+use crate::case::record::{Channels, Excitation, Record};
+
+/// A channel whose values lie on a grid this many times as coarse as the finest channel's is quantised.
+const COARSER: f64 = 2.5;
+
+/// Repeats of a value beyond chance: this many onsets at least.
+const ONSETS: usize = 4;
+
+/// Values beyond this share of the extremes may be clipped.
+const NEAR_RAIL: f64 = 0.85;
+
+/// From this share of a record's values on there is a rail, and not a peak that is seldom reached.
+const CROWDED: f64 = 0.01;
+
+/// Samples on each side with which a repeat's error is compared.
+const AROUND: usize = 60;
+
+/// A repeat's error, in standard deviations of the declared noise.
+const OUT_OF_NOISE: f64 = 6.0;
+
+/// A repeat's error over the median of its neighbours' (five medians are 3.4 standard deviations).
+const OUT_OF_NEIGHBOURS: f64 = 5.0;
+
+/// Errors just before and just behind a repeat, over its own, at most.
+const BESIDE: f64 = 0.5;
+
+/// What the codes of one output show.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Codes {
+    /// Smallest distance between two values (V).
+    pub step: f64,
+    /// The converter is coarser than those of the other channels.
+    pub coarse: bool,
+    /// And cuts bits off towards zero, where others round.
+    pub cut: bool,
+    /// Onsets of repeats, per sample of the driven records.
+    pub dropout_rate: Option<f64>,
+    /// Of each record, the samples that repeat.
+    pub repeats: Vec<Vec<usize>>,
+}
+
+/// Looks at every output; `errors` are those of the simulation as given (p channels, one for each record).
+pub fn codes(records: &[Record], errors: &[Channels], sensor_std: &[f64]) -> Vec<Codes> {
+    let p = records.first().map_or(0, |record| record.y.len());
+    let steps: Vec<f64> = (0..p).map(|o| step(records, o)).collect();
+    let finest = steps.iter().copied().filter(|s| *s > 0.0).fold(f64::INFINITY, f64::min);
+    (0..p)
+        .map(|o| {
+            // With one channel, or all alike, the noise is the measure: it would blur a grid finer than itself.
+            let noisy = sensor_std[o];
+            let coarse = steps[o].is_finite()
+                && (steps[o] > COARSER * finest && steps[o] > 1.5 * noisy || steps[o] > 4.0 * noisy);
+            let jumps: Vec<Jumps> =
+                records.iter().zip(errors).map(|(r, e)| jumps(&r.y[o], &e[o], sensor_std[o])).collect();
+            let (mut onsets, mut others, mut samples) = (0, 0, 0);
+            // Where nothing moves, a repeat is not seen.
+            for (record, jumps) in records.iter().zip(&jumps).filter(|(record, _)| driven(record)) {
+                let repeats = &jumps.repeats;
+                onsets += repeats.iter().enumerate().filter(|(k, at)| *k == 0 || repeats[k - 1] + 1 != **at).count();
+                others += jumps.others;
+                samples += record.samples();
+            }
+            let drops = !coarse && onsets >= ONSETS && onsets >= others;
+            let dropout_rate = drops.then(|| onsets as f64 / samples as f64);
+            let repeats = |jumps: Jumps| {
+                let mut all = if drops { [jumps.repeats, jumps.held_down].concat() } else { Vec::new() };
+                all.sort_unstable();
+                all
+            };
+            let repeats = jumps.into_iter().map(repeats).collect();
+            let cut = coarse && cuts(records, o, steps[o]);
+            Codes { step: steps[o], coarse, cut, dropout_rate, repeats }
+        })
+        .collect()
+}
+
+/// Values of the two codes beside zero that must be there before it is asked whether bits are cut off.
+const ASKED: f64 = 20.0;
+
+/// Whether bits are cut off: the code zero is then twice as wide as the others. As often as a Gaussian signal of each random record's size would have it.
+fn cuts(records: &[Record], o: usize, step: f64) -> bool {
+    let normal = Normal::standard();
+    let (mut zero, mut beside) = (0.0, 0.0);
+    // Expected in zero and beside it, for codes that round and that cut off.
+    let mut expected = [[0.0; 2]; 2];
+    for record in records.iter().filter(|record| record.excitation == Excitation::Random) {
+        let y: Vec<f64> = record.y[o].iter().copied().filter(|y| y.is_finite()).collect();
+        // Each takes a code for its middle, and knows what that blurs.
+        let sizes = [0.0, 0.5].map(|cut| {
+            let square =
+                |y: &f64| if *y == 0.0 { 4.0 * cut * cut / 3.0 } else { (y.abs() / step + cut).powi(2) - 1.0 / 12.0 };
+            (y.iter().map(square).sum::<f64>() / y.len() as f64).max(0.0).sqrt() * step
+        });
+        for ((expected, [first, second]), size) in expected.iter_mut().zip([[0.5, 1.5], [1.0, 2.0]]).zip(sizes) {
+            let within = |edge: f64| match edge * step / size {
+                edge if edge.is_finite() => y.len() as f64 * (2.0 * normal.cdf(edge) - 1.0),
+                _ => 0.0,
+            };
+            expected[0] += within(first);
+            expected[1] += within(second) - within(first);
+        }
+        zero += y.iter().filter(|y| y.abs() < 0.5 * step).count() as f64;
+        beside += y.iter().filter(|y| (y.abs() - step).abs() < 0.5 * step).count() as f64;
+    }
+    let [round, cut] = expected.map(|[zero, beside]| zero / beside);
+    beside >= ASKED && zero / beside > (round * cut).sqrt()
+}
+
+/// Half a step more for what was cut off. The code zero takes the sign of the simulation, of which `errors` are what it leaves.
+pub fn mend(records: &mut [Record], errors: &[Channels], codes: &[Codes]) {
+    for (record, errors) in records.iter_mut().zip(errors) {
+        for ((y, error), codes) in record.y.iter_mut().zip(errors).zip(codes).filter(|(_, codes)| codes.cut) {
+            for (y, error) in y.iter_mut().zip(error) {
+                let sign = if *y == 0.0 { -error } else { *y };
+                if sign != 0.0 {
+                    *y += (0.5 * codes.step).copysign(sign);
+                }
+            }
+        }
+    }
+}
+
+/// Whether a repeat would show.
+pub(crate) fn driven(record: &Record) -> bool {
+    record.excitation != Excitation::Zero
+}
+
+/// The grid on which values lie: the smallest distance between two different ones that occurs often.
+fn step(records: &[Record], o: usize) -> f64 {
+    let mut values: Vec<f64> = records.iter().flat_map(|r| r.y[o].iter().copied()).filter(|y| y.is_finite()).collect();
+    values.sort_by(f64::total_cmp);
+    let size = values.last().map_or(0.0, |last| last.abs().max(values[0].abs()));
+    let distances = values.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 1e-5 * size);
+    distances.fold(f64::INFINITY, f64::min)
+}
+
+/// Where an output jumps away from the simulation and back.
+struct Jumps {
+    /// Samples that repeat the one before meanwhile.
+    repeats: Vec<usize>,
+    /// The same near an extreme from which the simulation goes further out: a converter that clips would do so too. Where samples drop out, these do as well.
+    held_down: Vec<usize>,
+    /// Single samples that are out and repeat nothing. Where there are more of them than repeats, something else makes jumps (a noise with
+    /// heavy tails, peaks that are held down), and in some of those two values are equal by chance.
+    others: usize,
+}
+
+/// Samples that repeat the one before while the simulation moves away: two equal values happen by chance, but then the error is as
+/// everywhere.
+fn jumps(y: &[f64], error: &[f64], noise: f64) -> Jumps {
+    let (low, high) = y.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), y| (l.min(*y), h.max(*y)));
+    let extreme = |y: f64| !(y > NEAR_RAIL * low && y < NEAR_RAIL * high);
+    let rail = y.iter().filter(|y| extreme(**y)).count() as f64 > CROWDED * y.len() as f64;
+    let mut found = Jumps { repeats: Vec::new(), held_down: Vec::new(), others: 0 };
+    let mut first = 0;
+    for k in 1..=y.len() {
+        if k < y.len() && y[k] == y[first] {
+            continue;
+        }
+        let most = |from: usize| error[from..k].iter().fold(0.0, |most: f64, e| most.max(e.abs()));
+        // What drops out, drops out at once: about the peak of a slow error two values are equal too.
+        let calm = |from: usize| {
+            let small = |at: Option<usize>| at.and_then(|k| error.get(k)).is_none_or(|e| e.abs() < BESIDE * most(from));
+            small(from.checked_sub(1)) && small(Some(k))
+        };
+        let single = k - first == 1;
+        // A converter that clips repeats too, while the simulation goes further out: that is no dropout.
+        let worst = (first..k).max_by(|a, b| error[*a].abs().total_cmp(&error[*b].abs())).unwrap_or(first);
+        let held_down = extreme(y[first]) && error[worst] * y[first] < 0.0;
+        if most(first) > OUT_OF_NOISE * noise && !(held_down && (rail || single)) && (!single || calm(first)) {
+            let mut near: Vec<f64> =
+                error[first.saturating_sub(AROUND)..(k + AROUND).min(error.len())].iter().map(|e| e.abs()).collect();
+            near.sort_by(f64::total_cmp);
+            let out = |e: f64| e > OUT_OF_NOISE * noise && e > OUT_OF_NEIGHBOURS * near[near.len() / 2];
+            // Most hold the last good value; where another one is put in its place, the first of the run is wrong as well.
+            let from = first + usize::from(!single && !out(error[first].abs()));
+            if out(most(from)) && calm(from) {
+                match (single, held_down) {
+                    (true, _) => found.others += 1,
+                    (false, true) => found.held_down.extend(from..k),
+                    (false, false) => found.repeats.extend(from..k),
+                }
+            }
+        }
+        first = k;
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing;
+
+    fn record(y: Channels) -> Record {
+        testing::record(Vec::new(), y)
+    }
+
+    /// Values that are held, of a smooth signal, on a grid: at its largest value too. What a clipped converter holds is none of that.
+    #[test]
+    fn what_drops_out_at_a_peak_is_seen_and_what_is_clipped_is_not() {
+        let white = testing::random_input(8, 3000, 1).remove(0);
+        let mut smooth = vec![0.0; white.len()];
+        for k in 2..white.len() {
+            smooth[k] = 1.7 * smooth[k - 1] - 0.95 * smooth[k - 2] + 0.2 * white[k];
+        }
+        let on_grid = |y: &f64| (y / 0.005).round() * 0.005;
+        let peak = (0..smooth.len()).max_by(|a, b| smooth[*a].abs().total_cmp(&smooth[*b].abs())).unwrap();
+        let mut held: Vec<f64> = smooth.iter().map(on_grid).collect();
+        let starts = [100, 400, 700, 1000, 1300, 1600, peak];
+        for start in starts {
+            (start + 1..start + 5).for_each(|k| held[k] = held[start]);
+        }
+        let errors = |y: &[f64]| vec![vec![y.iter().zip(&smooth).map(|(y, s)| y - s).collect::<Vec<f64>>()]];
+        let found = codes(&[record(vec![held.clone()])], &errors(&held), &[0.005]).remove(0);
+        assert!(found.dropout_rate.is_some());
+        let mut wanted: Vec<usize> = starts.iter().flat_map(|start| start + 1..start + 5).collect();
+        wanted.sort_unstable();
+        // One that moved by no more than the noise meanwhile is not wrong.
+        let wrong: Vec<usize> = wanted.iter().copied().filter(|k| (held[*k] - smooth[*k]).abs() > 0.1).collect();
+        assert!(wrong.iter().all(|k| found.repeats[0].contains(k)), "{wrong:?} {:?}", found.repeats[0]);
+        assert!(found.repeats[0].iter().all(|k| wanted.contains(k)), "{:?}", found.repeats[0]);
+        for share in [0.5, 0.9] {
+            let rail = share * smooth[peak].abs();
+            let clipped: Vec<f64> = smooth.iter().map(|y| on_grid(&y.clamp(-rail, rail))).collect();
+            let found = codes(&[record(vec![clipped.clone()])], &errors(&clipped), &[0.005]).remove(0);
+            assert_eq!(found.dropout_rate, None, "{share}");
+        }
+    }
+
+    /// Three channels of one signal: fine, rounded coarsely, cut off coarsely; at steps from a fifth of its size to all of it.
+    #[test]
+    fn a_converter_that_cuts_is_told_from_one_that_rounds() {
+        for share in [0.2, 0.5, 1.0] {
+            let y = testing::random_input(3, 4000, 1).remove(0);
+            let rounded = y.iter().map(|y| share * (y / share).round()).collect();
+            let cut: Vec<f64> = y.iter().map(|y| share * (y / share).trunc()).collect();
+            let mut records = vec![record(vec![y.clone(), rounded, cut])];
+            let errors = vec![vec![vec![0.0; 4000]; 3]];
+            let found = codes(&records, &errors, &[1e-3; 3]);
+            assert_eq!(
+                found.iter().map(|c| (c.coarse, c.cut)).collect::<Vec<_>>(),
+                [(false, false), (true, false), (true, true)]
+            );
+            let mean = |records: &[Record]| {
+                records[0].y[2].iter().zip(&y).map(|(a, y)| (y - a) * y.signum()).sum::<f64>() / 4000.0
+            };
+            let before = mean(&records);
+            // What a simulation without errors leaves.
+            let left = records[0].y.iter().map(|given| given.iter().zip(&y).map(|(a, y)| a - y).collect()).collect();
+            mend(&mut records, &[left], &found);
+            assert!(mean(&records).abs() < 0.2 * before, "{} of {before}", mean(&records));
+        }
+    }
+}

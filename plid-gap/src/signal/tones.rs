@@ -1,0 +1,124 @@
+//! Lines in a residual: a force or a voltage at one frequency that no command causes.
+
+use std::f64::consts::TAU;
+
+use crate::plant::C;
+use crate::signal::fourier;
+
+/// A line.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tone {
+    /// Hz.
+    pub hz: f64,
+    /// Power of the line over the median of its neighbourhood.
+    pub prominence: f64,
+}
+
+/// Power over the neighbourhood's median from which a line counts: a resonance in noise reaches ten times the chance of an exponential
+/// tail; a line of half the noise's RMS in a record of 3200 samples stands out by 250.
+const PROMINENT: f64 = 60.0;
+
+/// The neighbourhood in bins, on each side: beyond the window's own width, and near enough that a resonance is in it.
+const NEIGHBOURS: std::ops::Range<usize> = 3..13;
+
+/// A residual stretch: its start time, and p channels.
+pub struct Stretch<'a> {
+    /// Since the first record began, in s.
+    pub start_s: f64,
+    /// p channels.
+    pub residual: &'a [Vec<f64>],
+}
+
+/// The strongest lines, at most `most`. Frequencies are refined over all stretches together, for a line's clock runs on.
+pub fn tones(stretches: &[Stretch], rate: f64, most: usize) -> Vec<Tone> {
+    let Some(longest) = stretches.iter().max_by_key(|s| s.residual[0].len()) else { return Vec::new() };
+    let mut found: Vec<Tone> = Vec::new();
+    let length = longest.residual[0].len();
+    let mut power = vec![0.0; length / 2 + 1];
+    for channel in longest.residual {
+        let windowed: Vec<f64> =
+            channel.iter().enumerate().map(|(k, x)| x * (1.0 - (TAU * k as f64 / length as f64).cos())).collect();
+        let spectrum = fourier::forward(&windowed);
+        let size: f64 = spectrum.iter().map(|z| z.norm_sqr()).sum::<f64>().max(f64::MIN_POSITIVE);
+        power.iter_mut().zip(&spectrum).for_each(|(p, z)| *p += z.norm_sqr() / size);
+    }
+    for k in 3..power.len().saturating_sub(3) {
+        let peak = power[k] >= power[k - 1] && power[k] > power[k + 1];
+        if !peak {
+            continue;
+        }
+        let below = NEIGHBOURS.filter_map(|j| k.checked_sub(j).filter(|&at| at > 1).map(|at| power[at]));
+        let above = NEIGHBOURS.filter_map(|j| power.get(k + j).copied());
+        let mut near: Vec<f64> = below.chain(above).collect();
+        near.sort_by(f64::total_cmp);
+        let prominence = power[k] / near[near.len() / 2].max(f64::MIN_POSITIVE);
+        if prominence > PROMINENT {
+            found.push(Tone { hz: k as f64 * rate / length as f64, prominence });
+        }
+    }
+    found.sort_by(|a, b| b.prominence.total_cmp(&a.prominence));
+    found.truncate(most);
+    let width = rate / length as f64;
+    for tone in &mut found {
+        tone.hz = refine(stretches, rate, tone.hz, width);
+    }
+    found
+}
+
+/// The frequency within a bin's width at which the stretches' coherent sum is largest.
+fn refine(stretches: &[Stretch], rate: f64, hz: f64, width: f64) -> f64 {
+    let power = |hz: f64| -> f64 {
+        (0..stretches[0].residual.len())
+            .map(|o| {
+                let all: C = stretches.iter().map(|s| line(&s.residual[o], s.start_s, rate, hz)).sum();
+                all.norm_sqr()
+            })
+            .sum()
+    };
+    let best = |centre: f64, half: f64, steps: i32| {
+        let at = |k: i32| centre + half * f64::from(k) / f64::from(steps);
+        (-steps..=steps).map(at).max_by(|a, b| power(*a).total_cmp(&power(*b))).expect("not empty")
+    };
+    let last = stretches.iter().map(|s| s.start_s + s.residual[0].len() as f64 / rate).fold(0.0, f64::max);
+    // A quarter of the width of a line over everything.
+    let steps = ((width * last * 4.0).ceil() as i32).clamp(4, 400);
+    let coarse = best(hz, width, steps);
+    best(coarse, width / f64::from(steps), 8)
+}
+
+fn line(x: &[f64], start_s: f64, rate: f64, hz: f64) -> C {
+    let turn = C::cis(-TAU * hz / rate);
+    let mut phase = C::cis(-TAU * hz * start_s);
+    let mut sum = C::ZERO;
+    for x in x {
+        sum += phase * x;
+        phase *= turn;
+    }
+    sum
+}
+
+/// Channels without these lines (and the harmonics that a hum has): sines and cosines by least squares over the stretch.
+pub fn without(y: &[Vec<f64>], rate: f64, tones: &[Tone]) -> Vec<Vec<f64>> {
+    let lines: Vec<f64> =
+        tones.iter().flat_map(|tone| [1.0, 2.0, 3.0, 5.0].map(|h| h * tone.hz)).filter(|hz| *hz < 0.5 * rate).collect();
+    if lines.is_empty() {
+        return y.to_vec();
+    }
+    let samples = y[0].len();
+    let columns = 2 * lines.len() + 1;
+    let basis = nalgebra::DMatrix::from_fn(samples, columns, |k, j| {
+        if j == columns - 1 {
+            return 1.0;
+        }
+        let phase = TAU * lines[j / 2] * k as f64 / rate;
+        if j % 2 == 0 { phase.cos() } else { phase.sin() }
+    });
+    let Some(factor) = basis.tr_mul(&basis).cholesky() else { return y.to_vec() };
+    y.iter()
+        .map(|y| {
+            let y = nalgebra::DVector::from_column_slice(y);
+            let left = &y - &basis * factor.solve(&basis.tr_mul(&y));
+            left.as_slice().to_vec()
+        })
+        .collect()
+}

@@ -1,0 +1,203 @@
+//! The forward simulation: command, structure, sensors, with any effects.
+//!
+//! The structure's modes are advanced exactly for a held input. A force that depends on the motion is a straight line over each
+//! part of a sample, by a predictor and a corrector (exponential time differencing, second order: Cox and Matthews, J. Comput.
+//! Phys. 176, 2002), in continuous time: [`Fineness`] says how many parts a sample has.
+
+mod lanes;
+mod runner;
+
+use crate::case::record::Channels;
+use crate::effects::{Action, Drive, Force};
+use crate::plant::{C, Plant};
+use crate::simulate::runner::{Runner, advance};
+
+/// How finely a sample is divided.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Fineness {
+    /// Parts of a sample over which a force of the motion is a straight line.
+    pub force: usize,
+    /// Samples after which a drifting pole is brought up to date.
+    pub drift: usize,
+}
+
+impl Fineness {
+    /// For fits and predictions.
+    pub const FINE: Self = Self { force: 8, drift: 16 };
+    /// For the screen, which only ranks.
+    pub const COARSE: Self = Self { force: 4, drift: 64 };
+}
+
+/// A state: of each mode, then of the rest.
+#[derive(Debug, Clone, PartialEq)]
+pub struct State {
+    /// Of each mode.
+    pub modes: Vec<C>,
+    /// Of the rest.
+    pub rest: Vec<f64>,
+}
+
+impl State {
+    /// At rest.
+    pub fn rest(plant: &Plant) -> Self {
+        Self { modes: vec![C::ZERO; plant.modes.len()], rest: vec![0.0; plant.rest.a.nrows()] }
+    }
+}
+
+/// The outputs (p channels) for held inputs (m channels) from time `t0`, with effects.
+pub fn simulate(
+    plant: &Plant,
+    actions: &[Action],
+    u: &[Vec<f64>],
+    t0: f64,
+    start: Option<&State>,
+    fineness: Fineness,
+) -> Channels {
+    let samples = u.first().map_or(0, Vec::len);
+    let changed = changed_plant(plant, actions);
+    let plant = changed.as_ref().unwrap_or(plant);
+    let mut drive = Drive::new(u, plant.rate, t0);
+    for action in actions {
+        if let Action::Command(command) = action {
+            command.apply(&mut drive);
+        }
+    }
+    let forces: Vec<(usize, &dyn Force)> = actions
+        .iter()
+        .filter_map(|action| if let Action::Force(port, law) = action { Some((*port, law.as_ref())) } else { None })
+        .collect();
+    let parts_a_value = if forces.is_empty() { 1 } else { (fineness.force / drive.parts).max(1) };
+    let disturbances: Vec<(usize, Vec<f64>)> = actions
+        .iter()
+        .filter_map(|action| match action {
+            Action::Disturbance(port, of) => {
+                Some((*port, (0..samples).map(|k| of(t0 + k as f64 / plant.rate)).collect()))
+            }
+            _ => None,
+        })
+        .collect();
+    let stiffness: Vec<_> =
+        actions.iter().filter_map(|action| if let Action::Stiffness(of) = action { Some(of) } else { None }).collect();
+    let factor = |t: f64| stiffness.iter().map(|of| of(t)).product::<f64>();
+
+    let mut runner = Runner::new(plant, (drive.parts, parts_a_value), &forces, &disturbances);
+    if let Some(start) = start {
+        runner.start(start);
+    }
+    let mut y = vec![vec![0.0; samples]; plant.p];
+    let factors: Vec<f64> = if stiffness.is_empty() {
+        Vec::new()
+    } else {
+        let middle = |k: usize| t0 + (k as f64 + 0.5) * fineness.drift as f64 / plant.rate;
+        (0..samples.div_ceil(fineness.drift)).map(|k| factor(middle(k))).collect()
+    };
+    advance(&mut runner, plant, &drive, &disturbances, &factors, fineness.drift, &mut y);
+    for action in actions {
+        if let Action::Sensor(sensor) = action {
+            sensor.apply(&mut y, t0, plant.rate);
+        }
+    }
+    y
+}
+
+fn changed_plant(plant: &Plant, actions: &[Action]) -> Option<Plant> {
+    let mut changed = None;
+    for action in actions {
+        if let Action::Plant(change) = action {
+            change(changed.get_or_insert_with(|| plant.clone()));
+        }
+    }
+    changed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::Effect;
+    use crate::testing;
+
+    fn run(plant: &Plant, seed: u64) -> Channels {
+        simulate(plant, &[], &testing::random_input(seed, 600, 2), 0.0, None, Fineness::FINE)
+    }
+
+    fn state_space(model: &plid_model::Model, seed: u64) -> Channels {
+        let u = testing::random_input(seed, 600, 2);
+        let inputs = ndarray::Array2::from_shape_fn((600, 2), |(k, i)| u[i][k]);
+        let y = plid_model::simulate(model, inputs.view(), &model.rest()).unwrap().outputs;
+        crate::case::columns(&y)
+    }
+
+    /// Relative to the expected RMS.
+    fn difference(found: &Channels, expected: &Channels) -> f64 {
+        let error: Vec<f64> = found.iter().flatten().zip(expected.iter().flatten()).map(|(a, b)| a - b).collect();
+        crate::case::record::rms(&error) / crate::case::record::rms(expected.iter().flatten())
+    }
+
+    /// The modal simulation is the simulation: against x+ = A x + B u in its own basis.
+    #[test]
+    fn without_effects_it_is_the_state_space_simulation() {
+        for seed in 0..3 {
+            let model = testing::truss(seed);
+            let far = difference(&run(&Plant::new(&model).unwrap(), seed), &state_space(&model, seed));
+            assert!(far < 1e-6, "{far}");
+        }
+    }
+
+    /// A mode moved or reshaped in the modal form, against a structure built with that mode.
+    #[test]
+    fn a_changed_mode_is_a_structure_built_so() {
+        let nominal = Plant::new(&testing::truss(1)).unwrap();
+        let (hz, zeta) = testing::MODES[2];
+        let mut moved = nominal.clone();
+        let w = std::f64::consts::TAU * hz * 1.03;
+        let zeta_moved = 1.5 * zeta;
+        moved.move_pole(2, C::new(-zeta_moved * w, w * (1.0 - zeta_moved * zeta_moved).sqrt()));
+        let built = testing::truss_with(1, |modes, _, _| modes[2] = (1.03 * hz, zeta_moved));
+        let far = difference(&run(&moved, 5), &state_space(&built, 5));
+        assert!(far < 1e-5, "{far}");
+
+        let mut shaped = nominal.clone();
+        shaped.change(1, |mode| mode.b[0] *= 1.1);
+        let built = testing::truss_with(1, |_, beta, _| beta[(1, 0)] *= 1.1);
+        let far = difference(&run(&shaped, 6), &state_space(&built, 6));
+        assert!(far < 1e-5, "{far}");
+
+        let mut more = Plant::new(&testing::truss_with(1, |_, beta, _| beta.row_mut(2).fill(0.0))).unwrap();
+        let (mut b, mut c) = (vec![0.0; 2], vec![0.0; 2]);
+        let whole = testing::truss_with(1, |_, beta, gamma| {
+            b = beta.row(2).iter().copied().collect();
+            c = gamma.column(2).iter().copied().collect();
+        });
+        let w = std::f64::consts::TAU * hz;
+        more.add_mode(C::new(-zeta * w, w * (1.0 - zeta * zeta).sqrt()), &b, &c);
+        let far = difference(&run(&more, 7), &state_space(&whole, 7));
+        assert!(far < 1e-5, "{far}");
+    }
+
+    /// Where sensors stand at the struts, the inferred ports are the declared ones, whatever the force.
+    #[test]
+    fn inferred_ports_answer_as_declared_ones() {
+        let mut model = testing::truss_with(2, |_, beta, gamma| *gamma = beta.transpose() * 0.05);
+        let u = testing::random_input(3, 600, 2);
+        let declared = Plant::new(&model).unwrap();
+        model.ports.clear();
+        let inferred = Plant::new(&model).unwrap();
+        let effect = crate::effects::CubicStiffness;
+        let respond = |plant: &Plant, k: f64| {
+            let setting = crate::prepare::tests::setting_of(plant, &model);
+            let actions = effect.act(&setting, &crate::effects::Place::Input(0), &[k]);
+            let with = simulate(plant, &actions, &u, 0.0, None, Fineness::FINE);
+            let without = simulate(plant, &[], &u, 0.0, None, Fineness::FINE);
+            let change: Channels =
+                with.iter().zip(&without).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect()).collect();
+            change
+        };
+        // Displacements are in other units there: sensors are 0.05 of the shapes.
+        let k = 1e12;
+        let expected = respond(&declared, k);
+        let best = (0..400)
+            .map(|j| difference(&respond(&inferred, k * 10_f64.powf(f64::from(j) / 50.0 - 4.0)), &expected))
+            .fold(f64::INFINITY, f64::min);
+        assert!(best < 0.05, "{best}");
+    }
+}

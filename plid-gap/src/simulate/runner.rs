@@ -1,0 +1,440 @@
+//! The plant stepped through time, with the forces that depend on its motion: where a diagnosis spends most of its time.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::effects::{Drive, Force};
+use crate::plant::{C, Carried, Plant};
+use crate::simulate::State;
+use crate::simulate::lanes::{self, Lane, Quad, Rows};
+
+/// All samples. The loops over modes are short, and gain by wide registers.
+#[multiversion::multiversion(targets("x86_64+avx2+fma"))]
+pub fn advance(
+    runner: &mut Runner,
+    plant: &Plant,
+    drive: &Drive,
+    disturbances: &[(usize, Vec<f64>)],
+    factors: &[f64],
+    drift: usize,
+    y: &mut [Vec<f64>],
+) {
+    let samples = y[0].len();
+    let mut held = vec![0.0; plant.m];
+    for k in 0..samples {
+        if !factors.is_empty() && k % drift == 0 {
+            runner.stiffen(plant, factors[k / drift]);
+        }
+        for value in 0..drive.parts {
+            let at = k * drive.parts + value;
+            let same = value > 0 && held.iter().zip(&drive.u).all(|(h, u)| *h == u[at]);
+            if !same {
+                held.iter_mut().zip(&drive.u).for_each(|(h, u)| *h = u[at]);
+                runner.hold(&held);
+            }
+            if value == 0 {
+                runner.sample(drive, k);
+                // Sampled before the next value of a disturbance acts, which an accelerometer without a filter would show.
+                runner.output(&held, y, k);
+                for (d, (_, signal)) in disturbances.iter().enumerate() {
+                    runner.push(d, signal[k]);
+                }
+            }
+            for part in 0..runner.parts_a_value {
+                runner.step(value + 1 == drive.parts && part + 1 == runner.parts_a_value);
+            }
+        }
+    }
+}
+
+/// The plant at the step of one part of a sample, with its state.
+pub struct Runner<'a> {
+    /// Parts of a sample for each value of the command.
+    parts_a_value: usize,
+    step: f64,
+    turn: Vec<Lane>,
+    /// Of each input: what a unit adds over a part.
+    b: Vec<Vec<Lane>>,
+    /// Of each output, already doubled.
+    c: Vec<Vec<Lane>>,
+    d: DMatrix<f64>,
+    rest: Rest,
+    /// What the held input adds over a part; with the disturbances.
+    held: Vec<Lane>,
+    held_rest: Vec<Quad>,
+    added: Vec<Lane>,
+    added_rest: Vec<Quad>,
+    z: Vec<Lane>,
+    x: Vec<Quad>,
+    ports: Vec<Port<'a>>,
+    pushes: Vec<Push>,
+    /// Of each port: the force before a part, then its change.
+    forces: Vec<f64>,
+}
+
+/// How the rest steps: at each part where its continuous time is known, otherwise once a sample with the mean input.
+struct Rest {
+    a: Rows,
+    /// Of each input: what a unit adds.
+    b: Vec<Vec<Quad>>,
+    /// Of each output.
+    c: Vec<Vec<Quad>>,
+    each_part: bool,
+    next: Vec<Quad>,
+}
+
+/// A port over one part of a sample.
+struct Port<'a> {
+    law: &'a dyn Force,
+    /// Its number in the plant.
+    number: usize,
+    /// Of the law.
+    state: f64,
+    /// d and v now, and the displacement to which the law's state belongs (the predictor's).
+    d: f64,
+    v: f64,
+    path: f64,
+    /// What a force adds over a part: a unit that is held, and a ramp from 0 to 1.
+    held: Vec<Lane>,
+    ramp: Vec<Lane>,
+    held_rest: Vec<Quad>,
+    ramp_rest: Vec<Quad>,
+    /// How d and v are seen.
+    sees_d: Vec<Lane>,
+    sees_v: Vec<Lane>,
+    sees_d_rest: Vec<Quad>,
+    sees_v_rest: Vec<Quad>,
+    /// What each port's ramp adds to d and to v.
+    ramps: Vec<(f64, f64)>,
+    /// What a unit adds at once to the outputs.
+    output: Vec<f64>,
+}
+
+/// A disturbance at a port: what a unit adds over a part, and at once to the outputs.
+struct Push {
+    /// Of the port in the plant.
+    number: usize,
+    modes: Vec<Lane>,
+    rest: Vec<Quad>,
+    output: Vec<f64>,
+    value: f64,
+}
+
+impl<'a> Runner<'a> {
+    /// At rest, with a command of so many values a sample, each of so many parts.
+    pub fn new(
+        plant: &Plant,
+        (values, parts_a_value): (usize, usize),
+        forces: &[(usize, &'a dyn Force)],
+        disturbances: &[(usize, Vec<f64>)],
+    ) -> Self {
+        let parts = values * parts_a_value;
+        let step = 1.0 / (plant.rate * parts as f64);
+        let rest = Rest::new(plant, parts, step);
+        let none = lanes::complex(std::iter::repeat_n(C::ZERO, plant.modes.len()));
+        let nought = rest.next.clone();
+        let ports = forces.iter().map(|&(number, law)| Port::new(plant, number, law, step)).collect();
+        let push = |number: usize| {
+            let (rest, _) = rest_force(plant, &plant.ports[number].force_rest, step);
+            Push { number, modes: none.clone(), rest, output: plant.ports[number].output.clone(), value: 0.0 }
+        };
+        let mut runner = Self {
+            parts_a_value,
+            step,
+            turn: none.clone(),
+            b: vec![none.clone(); plant.m],
+            c: vec![none.clone(); plant.p],
+            d: plant.d.clone(),
+            rest,
+            held: none.clone(),
+            held_rest: nought.clone(),
+            added: none.clone(),
+            added_rest: nought.clone(),
+            z: none.clone(),
+            x: nought,
+            ports,
+            pushes: disturbances.iter().map(|&(number, _)| push(number)).collect(),
+            forces: vec![0.0; forces.len()],
+        };
+        for (k, mode) in plant.modes.iter().enumerate() {
+            runner.place(plant, k, mode.pole, Carried::UNMOVED);
+        }
+        runner.couple();
+        runner
+    }
+
+    /// From a state.
+    pub fn start(&mut self, state: &State) {
+        self.z = lanes::complex(state.modes.iter().copied());
+        self.x = lanes::real(&state.rest);
+        for j in 0..self.ports.len() {
+            let (d, v) = self.seen(j);
+            (self.ports[j].d, self.ports[j].v, self.ports[j].path) = (d, v, d);
+        }
+    }
+
+    /// A mode's pole, with all that follows from it over a part.
+    fn place(&mut self, plant: &Plant, k: usize, pole: C, rows: Carried) {
+        let mode = &plant.modes[k];
+        let (held, ramp) = (phi1(pole * self.step) * self.step, phi2(pole * self.step) * self.step);
+        lanes::set(&mut self.turn, k, (pole * self.step).exp());
+        for (to, b) in self.b.iter_mut().zip(mode.b.iter()) {
+            lanes::set(to, k, held * b);
+        }
+        for (to, c) in self.c.iter_mut().zip(mode.c.iter()) {
+            lanes::set(to, k, 2.0 * c * rows.acceleration);
+        }
+        for to in &mut self.ports {
+            let port = &plant.ports[to.number];
+            lanes::set(&mut to.held, k, held * port.force[k]);
+            lanes::set(&mut to.ramp, k, ramp * port.force[k]);
+            lanes::set(&mut to.sees_d, k, 2.0 * port.displacement[k] * rows.displacement);
+            lanes::set(&mut to.sees_v, k, 2.0 * port.velocity[k] * rows.velocity);
+        }
+        for push in &mut self.pushes {
+            lanes::set(&mut push.modes, k, held * plant.ports[push.number].force[k]);
+        }
+    }
+
+    /// What each port's ramp adds to what each port sees.
+    fn couple(&mut self) {
+        for j in 0..self.ports.len() {
+            let at = &self.ports[j];
+            let seen = |by: &Port| {
+                let d = lanes::real_dot(&at.sees_d, &by.ramp) + lanes::dot(&at.sees_d_rest, &by.ramp_rest);
+                let v = lanes::real_dot(&at.sees_v, &by.ramp) + lanes::dot(&at.sees_v_rest, &by.ramp_rest);
+                (d, v)
+            };
+            self.ports[j].ramps = self.ports.iter().map(seen).collect();
+        }
+    }
+
+    /// Every w^2 times `factor`: the force 2 zeta w q' stays, so the real part of each pole does, and a mode's rows go with its pole.
+    /// What lies before and behind the structure is taken as at the old pole.
+    fn stiffen(&mut self, plant: &Plant, factor: f64) {
+        for (k, mode) in plant.modes.iter().enumerate() {
+            let from = mode.pole;
+            let square = from.norm_sqr() * factor - from.re * from.re;
+            let pole = C::new(from.re, square.max(1e-6 * from.norm_sqr()).sqrt());
+            self.place(plant, k, pole, Carried::new(from, pole));
+        }
+        self.couple();
+        for j in 0..self.ports.len() {
+            (self.ports[j].d, self.ports[j].v) = self.seen(j);
+        }
+    }
+
+    /// A new held input.
+    #[inline(always)]
+    fn hold(&mut self, u: &[f64]) {
+        self.held.fill(Lane::default());
+        for (b, &u) in self.b.iter().zip(u) {
+            lanes::add(&mut self.held, b, u);
+        }
+        if self.rest.each_part {
+            self.rest.driven(u.iter().copied(), &mut self.held_rest);
+        }
+        self.renew();
+    }
+
+    #[inline(always)]
+    fn renew(&mut self) {
+        self.added.copy_from_slice(&self.held);
+        self.added_rest.copy_from_slice(&self.held_rest);
+        for push in &self.pushes {
+            lanes::add(&mut self.added, &push.modes, push.value);
+            if self.rest.each_part {
+                lanes::add_real(&mut self.added_rest, &push.rest, push.value);
+            }
+        }
+    }
+
+    /// A new value of a disturbance.
+    #[inline(always)]
+    fn push(&mut self, disturbance: usize, value: f64) {
+        self.pushes[disturbance].value = value;
+        self.renew();
+    }
+
+    /// Where the rest steps once a sample: its mean input.
+    #[inline(always)]
+    fn sample(&mut self, drive: &Drive, k: usize) {
+        if self.rest.each_part {
+            return;
+        }
+        let mean = |u: &Vec<f64>| u[k * drive.parts..(k + 1) * drive.parts].iter().sum::<f64>() / drive.parts as f64;
+        self.rest.driven(drive.u.iter().map(mean), &mut self.held_rest);
+        self.added_rest.copy_from_slice(&self.held_rest);
+    }
+
+    #[inline(always)]
+    fn output(&self, u: &[f64], y: &mut [Vec<f64>], sample: usize) {
+        for (o, channel) in y.iter_mut().enumerate() {
+            let mut sum = lanes::real_dot(&self.c[o], &self.z) + lanes::dot(&self.rest.c[o], &self.x);
+            for (i, u) in u.iter().enumerate() {
+                sum += self.d[(o, i)] * u;
+            }
+            for port in &self.ports {
+                if let Some(gain) = port.output.get(o) {
+                    sum += gain * port.law.force(port.d, port.v, port.state);
+                }
+            }
+            for push in &self.pushes {
+                sum += push.output.get(o).map_or(0.0, |gain| gain * push.value);
+            }
+            channel[sample] = sum;
+        }
+    }
+
+    /// Displacement and velocity at a port.
+    #[inline(always)]
+    fn seen(&self, j: usize) -> (f64, f64) {
+        let port = &self.ports[j];
+        let d = lanes::real_dot(&port.sees_d, &self.z) + lanes::dot(&port.sees_d_rest, &self.x);
+        let v = lanes::real_dot(&port.sees_v, &self.z) + lanes::dot(&port.sees_v_rest, &self.x);
+        (d, v)
+    }
+
+    /// One part of a sample.
+    #[inline(always)]
+    fn step(&mut self, last: bool) {
+        for ((z, turn), added) in self.z.iter_mut().zip(&self.turn).zip(&self.added) {
+            *z = z.turned(*turn, *added);
+        }
+        if self.rest.each_part || last {
+            self.rest.step(&mut self.x, &self.added_rest);
+        }
+        if self.ports.is_empty() {
+            return;
+        }
+        for (force, port) in self.forces.iter_mut().zip(&self.ports) {
+            *force = port.law.force(port.d, port.v, port.state);
+            lanes::add(&mut self.z, &port.held, *force);
+            if self.rest.each_part {
+                lanes::add_real(&mut self.x, &port.held_rest, *force);
+            }
+        }
+        for j in 0..self.ports.len() {
+            let (d, v) = self.seen(j);
+            let port = &mut self.ports[j];
+            (port.d, port.v) = (d, v);
+            port.state = port.law.advance(port.path, d, port.state);
+            port.path = d;
+            self.forces[j] = port.law.force(d, v, port.state) - self.forces[j];
+        }
+        for (port, &change) in self.ports.iter().zip(&self.forces) {
+            lanes::add(&mut self.z, &port.ramp, change);
+            if self.rest.each_part {
+                lanes::add_real(&mut self.x, &port.ramp_rest, change);
+            }
+        }
+        for port in &mut self.ports {
+            for (&(d, v), &change) in port.ramps.iter().zip(&self.forces) {
+                port.d += d * change;
+                port.v += v * change;
+            }
+        }
+    }
+}
+
+impl Rest {
+    fn new(plant: &Plant, parts: usize, step: f64) -> Self {
+        let rest = &plant.rest;
+        let r = rest.a.nrows();
+        let continuous = rest.continuous.as_ref().filter(|_| parts > 1);
+        let stepped = continuous.map(|(a, b)| held_and_ramp(a, b, step));
+        let (a, b) = stepped.as_ref().map_or((&rest.a, &rest.b), |(a, b, _)| (a, b));
+        Self {
+            a: Rows::new(a),
+            b: b.column_iter().map(|column| lanes::real(column.into_owned().as_slice())).collect(),
+            c: rest.c.row_iter().map(|row| lanes::real(row.transpose().as_slice())).collect(),
+            each_part: parts == 1 || continuous.is_some(),
+            next: lanes::real(&vec![0.0; r]),
+        }
+    }
+
+    /// What a held input adds.
+    #[inline(always)]
+    fn driven(&self, u: impl Iterator<Item = f64>, to: &mut [Quad]) {
+        to.fill(Quad::default());
+        for (b, u) in self.b.iter().zip(u) {
+            lanes::add_real(to, b, u);
+        }
+    }
+
+    /// x = A x + what is added.
+    #[inline(always)]
+    fn step(&mut self, x: &mut Vec<Quad>, added: &[Quad]) {
+        self.a.times(x, added, &mut self.next);
+        std::mem::swap(x, &mut self.next);
+    }
+}
+
+impl<'a> Port<'a> {
+    /// With what does not hang on a mode's pole.
+    fn new(plant: &Plant, number: usize, law: &'a dyn Force, step: f64) -> Self {
+        let port = &plant.ports[number];
+        let none = lanes::complex(std::iter::repeat_n(C::ZERO, plant.modes.len()));
+        let (held_rest, ramp_rest) = rest_force(plant, &port.force_rest, step);
+        Self {
+            law,
+            number,
+            state: 0.0,
+            d: 0.0,
+            v: 0.0,
+            path: 0.0,
+            held: none.clone(),
+            ramp: none.clone(),
+            held_rest,
+            ramp_rest,
+            sees_d: none.clone(),
+            sees_v: none,
+            sees_d_rest: lanes::real(port.displacement_rest.as_slice()),
+            sees_v_rest: lanes::real(port.velocity_rest.as_slice()),
+            ramps: Vec::new(),
+            output: port.output.clone(),
+        }
+    }
+}
+
+/// What a held force and a ramp from 0 to 1 add to the rest over a step; nothing where its continuous time is not known.
+fn rest_force(plant: &Plant, force: &DVector<f64>, step: f64) -> (Vec<Quad>, Vec<Quad>) {
+    let r = force.len();
+    match &plant.rest.continuous {
+        Some((a, _)) if r > 0 => {
+            let column = DMatrix::from_column_slice(r, 1, force.as_slice());
+            let (_, held, ramp) = held_and_ramp(a, &column, step);
+            (lanes::real(held.as_slice()), lanes::real(ramp.as_slice()))
+        }
+        _ => (lanes::real(&vec![0.0; r]), lanes::real(&vec![0.0; r])),
+    }
+}
+
+/// e^{A h}, int e^{A (h - s)} B ds and int e^{A (h - s)} B s / h ds, from one exponential (Van Loan, IEEE TAC 23, 1978).
+fn held_and_ramp(a: &DMatrix<f64>, b: &DMatrix<f64>, h: f64) -> (DMatrix<f64>, DMatrix<f64>, DMatrix<f64>) {
+    let (r, m) = b.shape();
+    let size = r + 2 * m;
+    let mut whole = DMatrix::zeros(size, size);
+    whole.view_mut((0, 0), (r, r)).copy_from(&(a * h));
+    whole.view_mut((0, r), (r, m)).copy_from(&(b * h));
+    whole.view_mut((r, r + m), (m, m)).fill_with_identity();
+    let whole = whole.exp();
+    (
+        whole.view((0, 0), (r, r)).into_owned(),
+        whole.view((0, r), (r, m)).into_owned(),
+        whole.view((0, r + m), (r, m)).into_owned(),
+    )
+}
+
+/// (e^x - 1) / x.
+fn phi1(x: C) -> C {
+    if x.norm() < 1e-3 { C::ONE + x * (0.5 + x / 6.0 * (1.0 + x / 4.0)) } else { (x.exp() - 1.0) / x }
+}
+
+/// (e^x - 1 - x) / x^2.
+fn phi2(x: C) -> C {
+    if x.norm() < 1e-2 {
+        C::from(0.5) + x / 6.0 * (C::ONE + x / 4.0 * (C::ONE + x / 5.0 * (C::ONE + x / 6.0)))
+    } else {
+        (x.exp() - 1.0 - x) / (x * x)
+    }
+}

@@ -1,0 +1,245 @@
+//! Small blind cases, end to end. The truth is integrated here by a Runge-Kutta scheme in the simulation's own states, not by the
+//! code that the diagnosis fits.
+
+use nalgebra::{DMatrix, DVector};
+use plid_model::Model;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+
+use crate::answer::schema::Diagnosis;
+use crate::case::record::{Channels, Excitation, Record, rms};
+use crate::case::{Case, CaseConfig};
+use crate::effects::Library;
+use crate::judge::verdict::Verdict;
+use crate::testing;
+
+/// Runge-Kutta steps a sample.
+const STEPS: usize = 24;
+
+/// Changes commands or outputs.
+type Change = dyn Fn(&mut Channels);
+
+/// What the real thing does beside the simulation.
+#[derive(Default)]
+struct Truth {
+    /// At the first port: force of displacement and velocity.
+    force: Option<Box<dyn Fn(f64, f64) -> f64>>,
+    /// On the commands.
+    command: Option<Box<Change>>,
+    /// On the outputs, before noise.
+    sensor: Option<Box<Change>>,
+}
+
+fn integrate(model: &Model, u: &[Vec<f64>], force: Option<&dyn Fn(f64, f64) -> f64>) -> (Channels, f64) {
+    let continuous = model.continuous.as_ref().unwrap();
+    let port = &model.ports[0];
+    let column = DVector::from_column_slice(&port.force);
+    let (d, v) = (DVector::from_column_slice(&port.displacement), DVector::from_column_slice(&port.velocity));
+    let h = 1.0 / (model.sample_rate_hz * STEPS as f64);
+    let mut x = model.rest();
+    let mut y = vec![Vec::new(); model.p()];
+    let mut displacements = Vec::new();
+    for k in 0..u[0].len() {
+        let out = &model.c * &x;
+        y.iter_mut().zip(out.iter()).for_each(|(y, o)| y.push(*o));
+        displacements.push(d.dot(&x));
+        let held = &continuous.b * DVector::from_iterator(u.len(), u.iter().map(|u| u[k]));
+        let rate = |x: &DVector<f64>| {
+            let mut rate = &continuous.a * x + &held;
+            if let Some(force) = force {
+                rate += &column * force(d.dot(x), v.dot(x));
+            }
+            rate
+        };
+        for _ in 0..STEPS {
+            let k1 = rate(&x);
+            let k2 = rate(&(&x + &k1 * (h / 2.0)));
+            let k3 = rate(&(&x + &k2 * (h / 2.0)));
+            let k4 = rate(&(&x + &k3 * h));
+            x += (k1 + k2 * 2.0 + k3 * 2.0 + k4) * (h / 6.0);
+        }
+    }
+    (y, rms(&displacements))
+}
+
+fn case(seed: u64, noise: f64, truth: &Truth) -> Case {
+    let model = testing::truss(seed);
+    let mut rng = ChaCha8Rng::seed_from_u64(seed + 77);
+    let mut records = Vec::new();
+    let mut start_s = 0.0;
+    for (k, (level, samples)) in [(0.0, 1500), (1.0, 2400), (0.4, 2400), (1.0, 2400)].into_iter().enumerate() {
+        let mut u = testing::random_input(seed + 10 + k as u64, samples, model.m());
+        u.iter_mut().flatten().for_each(|u| *u *= level);
+        let mut sent = u.clone();
+        if let Some(command) = &truth.command {
+            command(&mut sent);
+        }
+        let (mut y, _) = integrate(&model, &sent, truth.force.as_deref());
+        if let Some(sensor) = &truth.sensor {
+            sensor(&mut y);
+        }
+        y.iter_mut().flatten().for_each(|y| *y += noise * rng.sample::<f64, _>(StandardNormal));
+        let excitation = if level > 0.0 { Excitation::Random } else { Excitation::Zero };
+        let name = format!("r{k}");
+        records.push(Record { name, excitation, start_s, ..testing::record(u, y) });
+        start_s += samples as f64 / testing::RATE;
+    }
+    let config = CaseConfig::new(testing::RATE, model.inputs.clone(), model.outputs.clone());
+    let mut model = model;
+    model.noise.sensor_std = Some(vec![noise; model.p()]);
+    model.noise.actuator_std = Some(vec![0.0; model.m()]);
+    Case { config, model: Some(model), records, for_simulation: Vec::new(), warnings: Vec::new() }
+}
+
+fn diagnosed(case: &Case) -> Diagnosis {
+    crate::diagnose(case, &Library::standard(), &mut |_| {}).unwrap().diagnosis
+}
+
+/// Noise of about one per cent of the outputs.
+fn quiet(seed: u64) -> f64 {
+    let model = testing::truss(seed);
+    let (y, _) = integrate(&model, &testing::random_input(seed, 400, 2), None);
+    0.01 * rms(y.iter().flatten())
+}
+
+fn cubic(seed: u64, strength: f64) -> (Truth, f64) {
+    let (_, d) = integrate(&testing::truss(seed), &testing::random_input(seed, 1200, 2), None);
+    let k = strength / d.powi(3);
+    (Truth { force: Some(Box::new(move |d, _| -k * d * d * d)), ..Truth::default() }, k)
+}
+
+#[test]
+fn nothing_is_found_where_nothing_is() {
+    let found = diagnosed(&case(1, quiet(1), &Truth::default()));
+    assert_eq!(found.verdict, Verdict::None, "{}", found.sentence);
+    assert!(found.effects.is_empty());
+}
+
+#[test]
+fn a_cubic_spring_is_named_with_place_and_size() {
+    let (truth, k) = cubic(2, 0.06);
+    let found = diagnosed(&case(2, quiet(2), &truth));
+    assert_eq!(found.verdict, Verdict::Effects, "{}", found.sentence);
+    assert_eq!((found.effects[0].effect.as_str(), found.effects[0].location.as_str()), ("cubic-stiffness", "input:u1"));
+    let value = &found.effects[0].parameters["k"];
+    assert!((value.value / k - 1.0).abs() < 0.05, "{} for {k}", value.value);
+    assert!(found.gap.shrink > 0.9, "{:?}", found.gap);
+    let class = found.not_separable.iter().flatten();
+    assert!(class.clone().all(|text| !text.contains("clearance")), "{:?}", found.not_separable);
+}
+
+/// No derivative at the simulation's own frequency points there; what appears at the new one and is missing at the old does.
+#[test]
+fn a_mode_that_is_far_off_is_one_change_and_not_two_missing_modes() {
+    let real = testing::truss_with(2, |modes, _, _| modes[1].0 *= 0.85);
+    let found = diagnosed(&testing::case(&testing::truss(2), &real));
+    assert_eq!(found.effects.len(), 1, "{}", found.sentence);
+    assert_eq!(found.effects[0].effect, "modal-frequency");
+    let delta = found.effects[0].parameters["delta"].value;
+    assert!((delta + 0.15).abs() < 1e-3, "{delta}");
+    // What is named is the first explanation, and as sure as that.
+    assert_eq!(found.candidates[0].effects[0].location, found.effects[0].location);
+    assert!((found.effects[0].confidence - found.candidates[0].probability).abs() < 1e-9);
+}
+
+/// A gap of a tenth of the noise shows that a spring stiffens, and not how.
+#[test]
+fn a_spring_that_hardly_stiffens_may_be_a_clearance() {
+    let (truth, _) = cubic(2, 0.001);
+    let found = diagnosed(&case(2, quiet(2), &truth));
+    assert_eq!(found.not_separable, [["cubic-stiffness@input:u1", "clearance@input:u1"]]);
+    let other = "clearance at input:u1";
+    assert!(
+        found.sentence.contains(&format!("cannot tell cubic-stiffness at input:u1 from {other}")),
+        "{}",
+        found.sentence
+    );
+    let next = found.next_experiment.expect("something is open");
+    assert!(next.contains(&format!("from {other}")), "{next}");
+    // The first says how the others compare, the best among them.
+    assert_eq!(found.separability[0].explanation, "cubic-stiffness@input:u1");
+    let compared =
+        found.separability.iter().find(|row| row.explanation == "clearance@input:u1").expect("it was fitted");
+    assert!(compared.cosine.is_some_and(|cosine| cosine > 0.8) && compared.expected.is_some(), "{compared:?}");
+}
+
+#[test]
+fn a_dead_zone_and_a_clipping_sensor_are_found_together() {
+    let truth = Truth {
+        command: Some(Box::new(|u| u[1].iter_mut().for_each(|u| *u = u.signum() * (u.abs() - 0.2).max(0.0)))),
+        sensor: Some(Box::new(|y| y[0].iter_mut().for_each(|y| *y = y.clamp(-CLIP, CLIP)))),
+        ..Truth::default()
+    };
+    let found = diagnosed(&case(3, quiet(3), &truth));
+    let mut named: Vec<String> = found.effects.iter().map(|e| format!("{}@{}", e.effect, e.location)).collect();
+    named.sort();
+    assert_eq!(named, ["actuator-dead-zone@input:u2", "sensor-saturation@output:y1"], "{}", found.sentence);
+}
+
+/// A voltage that the outputs of seed 3 exceed now and then.
+const CLIP: f64 = 0.25;
+
+/// A sensor whose gain depends on the square of its signal: the vocabulary has no word for that.
+#[test]
+fn what_the_vocabulary_lacks_is_kept_open() {
+    let truth =
+        Truth { sensor: Some(Box::new(|y| y[1].iter_mut().for_each(|y| *y += 0.6 * *y * *y))), ..Truth::default() };
+    let found = diagnosed(&case(4, quiet(4), &truth));
+    let open = found.candidates.iter().filter(|c| c.unknown).map(|c| c.probability).sum::<f64>();
+    assert!(found.verdict == Verdict::Unknown || open >= 0.2, "{}", found.sentence);
+}
+
+/// Units of the outputs, their order and the states' basis are the engineer's choice, and say nothing of the cause.
+#[test]
+fn units_order_and_basis_change_nothing() {
+    let (truth, _) = cubic(5, 0.06);
+    let plain = case(5, quiet(5), &truth);
+    let first = diagnosed(&plain);
+    let mut other = plain.clone();
+    let model = other.model.as_mut().unwrap();
+    // Outputs swapped and in millivolts.
+    for record in &mut other.records {
+        record.y.swap(0, 1);
+        record.y.iter_mut().flatten().for_each(|y| *y *= 1000.0);
+    }
+    model.c.swap_rows(0, 1);
+    model.c *= 1000.0;
+    model.outputs.swap(0, 1);
+    other.config.outputs.swap(0, 1);
+    model.noise.sensor_std.as_mut().unwrap().iter_mut().for_each(|s| *s *= 1000.0);
+    // Another basis.
+    let n = model.n();
+    let basis = DMatrix::from_fn(n, n, |i, j| if i == j { 1.0 } else { 0.1 / (1.0 + i as f64 + 2.0 * j as f64) });
+    let inverse = basis.clone().try_inverse().unwrap();
+    model.a = &basis * &model.a * &inverse;
+    model.b = &basis * &model.b;
+    model.c = &model.c * &inverse;
+    let continuous = model.continuous.as_mut().unwrap();
+    continuous.a = &basis * &continuous.a * &inverse;
+    continuous.b = &basis * &continuous.b;
+    for port in &mut model.ports {
+        let row = |values: &[f64]| (DMatrix::from_row_slice(1, n, values) * &inverse).as_slice().to_vec();
+        port.force = (&basis * DVector::from_column_slice(&port.force)).as_slice().to_vec();
+        port.displacement = row(&port.displacement);
+        port.velocity = row(&port.velocity);
+    }
+    let second = diagnosed(&other);
+    assert_eq!(first.verdict, second.verdict);
+    let named = |d: &Diagnosis| d.effects.iter().map(|e| (e.effect.clone(), e.location.clone())).collect::<Vec<_>>();
+    assert_eq!(named(&first), named(&second));
+    let (a, b) = (&first.effects[0].parameters["k"], &second.effects[0].parameters["k"]);
+    assert!((a.value / b.value - 1.0).abs() < 1e-3, "{} {}", a.value, b.value);
+    assert!((first.gap.with_effect / second.gap.with_effect - 1.0).abs() < 0.01);
+}
+
+#[test]
+fn more_noise_does_not_raise_confidence() {
+    let (truth, _) = cubic(6, 0.06);
+    let confidence = |noise: f64| {
+        let found = diagnosed(&case(6, noise, &truth));
+        found.effects.iter().find(|e| e.effect == "cubic-stiffness").map_or(0.0, |e| e.confidence)
+    };
+    let (clear, noisy) = (confidence(quiet(6)), confidence(30.0 * quiet(6)));
+    assert!(clear > 0.6 && noisy <= clear + 0.02, "{clear} {noisy}");
+}
