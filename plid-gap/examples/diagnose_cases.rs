@@ -13,11 +13,11 @@ use std::error::Error;
 use std::path::Path;
 use std::time::Instant;
 
+use plid_data::{MissingPolicy, channels, read};
 use plid_gap::answer::predict::Predictor;
 use plid_gap::case::{Case, columns};
 use plid_gap::effects::Library;
 use plid_gap::{Groundwork, Outcome};
-use plid_lab::data::{MissingPolicy, channels, read};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();

@@ -1,8 +1,12 @@
-//! Experiments of plid: configs, data files, runs, reports.
-pub mod data;
+//! Experiments of plid: configs, runs, merged runs.
 pub mod experiment;
 pub mod identify;
 pub mod merge;
-pub mod prepare;
-pub mod report;
+#[cfg(test)]
+#[path = "../../plid-data/src/real_file.rs"]
+mod real_file;
 pub mod run;
+
+pub use plid_data as data;
+pub use plid_data::prepare;
+pub use plid_report as report;

@@ -1,7 +1,7 @@
 //! The page: the paper's statement, our figure and our verdict beside each other, then each claim with its pictures.
 
 use plid_bench::study::Machine;
-use plid_lab::report::{Cell, Report, Table};
+use plid_report::{Cell, Report, Table};
 
 use crate::claim::{Claim, Finding, Panel, Verdict};
 use crate::reproduce::Summary;

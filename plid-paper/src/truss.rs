@@ -2,8 +2,8 @@
 
 use nalgebra::{Complex, DMatrix};
 use plid_lab::experiment::{Experiment, NoiseSource};
-use plid_lab::report::{FrfCurve, FrfPlot, frf_plot};
 use plid_model::{FrequencyResponse, Model, find_peak};
+use plid_report::{FrfCurve, FrfPlot, frf_plot};
 use plid_testbed::{InputConfig, TrussConfig};
 
 use crate::claim::Result;

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use plid_lab::experiment::{ConfigError, from_toml_checked, read_checked};
+use plid_data::config::{ConfigError, from_toml_checked, read_checked};
 use plid_testbed::gap::{Channels, Experiment, PlantKind};
 use plid_testbed::{INPUTS, OUTPUTS};
 use serde::{Deserialize, Serialize};
@@ -186,7 +186,7 @@ impl TrialConfig {
 
 #[cfg(test)]
 mod tests {
-    use plid_lab::experiment::to_toml;
+    use plid_data::config::to_toml;
 
     use super::*;
 

@@ -10,7 +10,7 @@ use std::time::Instant;
 use plid_gap::case::Case;
 use plid_gap::effects::Library;
 use plid_gap::{Groundwork, Outcome, Step};
-use plid_lab::run::Progress;
+use plid_report::Progress;
 use serde::{Deserialize, Serialize};
 
 use crate::answer::{self, Answer, Shard};

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use plid_lab::run::Progress;
+use plid_report::Progress;
 use plid_testbed::gap::{self, EffectSpec, GapCase, GapError, GapSpec, Label};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha12Rng;

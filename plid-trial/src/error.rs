@@ -1,8 +1,8 @@
 use std::path::PathBuf;
 
 use miette::Diagnostic;
-use plid_lab::data::DataError;
-use plid_lab::experiment::ConfigError;
+use plid_data::DataError;
+use plid_data::config::ConfigError;
 use plid_model::ModelError;
 
 /// A trial that cannot go on.

@@ -4,13 +4,13 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
+use plid_data::{MissingPolicy, channels};
 use plid_gap::answer::predict::Predictor;
 use plid_gap::case::{Channels, columns};
 use plid_gap::effects::{Library, Range, Setting};
 use plid_gap::research::Plant;
-use plid_lab::data::{MissingPolicy, channels};
-use plid_lab::run::Progress;
 use plid_model::Model;
+use plid_report::Progress;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -194,7 +194,7 @@ struct HeldOut {
 
 impl HeldOut {
     fn read(folder: &Path, model: &Model) -> Result<Self, TrialError> {
-        let table = plid_lab::data::read(&folder.join("test_uy.csv"), None)?;
+        let table = plid_data::read(&folder.join("test_uy.csv"), None)?;
         let pick = |names: &[String]| Ok::<_, TrialError>(columns(&channels(&table, names, MissingPolicy::Error)?));
         Ok(Self { u: pick(&model.inputs)?, y: pick(&model.outputs)? })
     }

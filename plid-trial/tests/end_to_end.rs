@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use plid_lab::run::Silent;
+use plid_report::Silent;
 use plid_trial::config::{Cases, Draw};
 use plid_trial::{Extent, Options, Shard, TrialConfig, diagnose, draw, score};
 

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use plid_gap::Step;
-use plid_lab::run::{Progress, Silent};
+use plid_report::{Progress, Silent};
 use plid_trial::ablation::diagnose_without_with;
 use plid_trial::config::{Cases, Draw};
 use plid_trial::{

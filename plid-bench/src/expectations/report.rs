@@ -1,6 +1,6 @@
 //! The page: NEES, accuracy and free-run error against the signal-to-noise ratio, then the numbers.
 
-use plid_lab::report::{Axis, Cell, Chart, Report, Series, Table, chart};
+use plid_report::{Axis, Cell, Chart, Report, Series, Table, chart};
 
 use super::cell::{DEFAULT, Finished, Score};
 use super::config::{Config, Plant};

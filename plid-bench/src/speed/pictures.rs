@@ -2,7 +2,7 @@
 
 use ndarray::Array2;
 use plid_catalogue::{ExpectationName, ScalarName};
-use plid_lab::report::{Axis, Chart, HeatMap, Series, chart, heat_map};
+use plid_report::{Axis, Chart, HeatMap, Series, chart, heat_map};
 
 use super::cell::{EXPECTATIONS, FORMS, word};
 use super::outcome::{Outcome, Timing};

@@ -1,7 +1,7 @@
 //! report.html: what it amounts to, pictures, the targets, the tables behind them.
 
 use plid_catalogue::CovarianceName;
-use plid_lab::report::{Cell as Shown, Report, Table};
+use plid_report::{Cell as Shown, Report, Table};
 
 use super::cell::{Cell, FORMS, word};
 use super::flops;

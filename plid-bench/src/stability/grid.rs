@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use plid_lab::report::escape;
+use plid_report::escape;
 
 use super::classify::Class;
 

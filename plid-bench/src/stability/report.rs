@@ -1,7 +1,7 @@
 //! report.html: the map first, then how errors grow, hard starts, variations, the table, the verdicts' numbers.
 
 use plid_catalogue::{CovarianceName, ScalarName};
-use plid_lab::report::{Axis, Cell as Field, Chart, Report, Series, Table, chart};
+use plid_report::{Axis, Cell as Field, Chart, Report, Series, Table, chart};
 
 use super::classify::{Judged, rule};
 use super::grid::{self, Grid, draw};

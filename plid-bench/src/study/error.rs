@@ -1,7 +1,7 @@
 use std::error::Error;
 use std::path::PathBuf;
 
-use plid_lab::experiment::ConfigError;
+use plid_data::config::ConfigError;
 
 /// A study that cannot go on.
 #[derive(Debug, thiserror::Error)]

@@ -1,6 +1,6 @@
 use std::path::Path;
 
-use plid_lab::report::write_atomic;
+use plid_report::write_atomic;
 use serde::Serialize;
 
 use super::StudyError;

@@ -12,5 +12,5 @@ pub use error::StudyError;
 pub use files::{write, write_csv, write_json};
 pub use journal::Journal;
 pub use machine::{Cache, Machine};
-pub use plid_lab::experiment::{ConfigError, from_toml_checked, read_checked, to_toml};
-pub use plid_lab::run::{Progress, Silent};
+pub use plid_data::config::{ConfigError, from_toml_checked, read_checked, to_toml};
+pub use plid_report::{Progress, Silent};

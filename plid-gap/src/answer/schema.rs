@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use plid_lab::report::Cell;
+use plid_report::Cell;
 use serde::{Deserialize, Serialize};
 
 use crate::effects::Side;

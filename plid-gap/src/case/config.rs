@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 
-use plid_lab::prepare::decimate;
-use plid_lab::prepare::trend::Trend;
+use plid_data::prepare::decimate;
+use plid_data::prepare::trend::Trend;
 
 use crate::case::record::Excitation;
 use crate::fit::nuisance::Limits;

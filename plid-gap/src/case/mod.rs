@@ -45,7 +45,7 @@ impl Case {
     /// # Errors
     /// [`GapError`] with file, line, channel or key.
     pub fn read_with(path: &Path, data: &Path) -> Result<Self, GapError> {
-        let config: CaseConfig = plid_lab::experiment::read_checked(path, CaseConfig::problems)?;
+        let config: CaseConfig = plid_data::config::read_checked(path, CaseConfig::problems)?;
         let folder = path.parent().unwrap_or(Path::new("."));
         let model = config.sim.as_ref().map(|sim| Model::read(&folder.join(sim))).transpose()?;
         if let Some(model) = &model {

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use ndarray::s;
-use plid_lab::data;
-use plid_lab::prepare::{decimate, trend};
+use plid_data as data;
+use plid_data::prepare::{decimate, trend};
 
 use super::{CaseConfig, RecordConfig, StartKind, Use, columns};
 use crate::case::record::{Excitation, Record};
@@ -37,7 +37,7 @@ pub(super) fn read(path: &Path, config: &CaseConfig, folder: &Path) -> Result<(V
     }
     let wrong = |key: &str, message: String| GapError::Key { file: path.into(), key: key.into(), message };
     if let Some(to_hz) = config.decimate_to_hz {
-        let failed = |error: plid_lab::prepare::PrepareError| wrong("decimate_to_hz", error.to_string());
+        let failed = |error: plid_data::prepare::PrepareError| wrong("decimate_to_hz", error.to_string());
         let plan = decimate::plan(config.sample_rate_hz, to_hz).map_err(failed)?;
         for (number, (record, simulated)) in measured.iter_mut().enumerate() {
             *record = decimate::decimate(record, &plan, number + 1).map_err(failed)?;

@@ -5,15 +5,21 @@
 //! diagnosis, which rests on free runs.
 
 use nalgebra::DMatrix;
-use ndarray::Array2;
-use plid_catalogue::Variant;
-use plid_core::{Dense, IdentifiedModel, NoiseModel, ObservableForm, Settings};
-use plid_lab::identify::{Ending, Plan, Samples, carry_over, run};
+use ndarray::{Array2, aview1};
+use plid_backends::Plain;
+use plid_core::{
+    Dense, IdentifiedModel, Identifier, ImplicitModel, InitialCovariance, NoiseModel, ObservableForm, Settings,
+};
 use plid_model::{ModeKind, Model};
+use plid_variants::covariance::BiermanUd;
+use plid_variants::expectations::MomentMatched;
 
 use crate::case::record::{Excitation, Record, rms};
 use crate::evidence::trend::{Point, trend};
 use crate::plant::Plant;
+
+/// The recursion that follows the plant: the form that cannot lose P, with the default expectations.
+type Filter = Identifier<BiermanUd<Plain<f64>>, MomentMatched<f64>>;
 
 /// A record in an adaptive run.
 #[derive(Debug, Clone, PartialEq)]
@@ -92,32 +98,47 @@ fn follow(plant: &Plant, driven: &[&Record], noise: &[f64]) -> Option<Vec<Passed
     let sensor: Vec<f64> = noise.iter().zip(&y_scale).map(|(rms, scale)| (rms / scale).powi(2)).collect();
     let mean = sensor.iter().sum::<f64>() / p as f64;
     let noise_model = NoiseModel::diagonal(&sensor, &vec![0.0; m], &vec![STATE_NOISE * mean; states.div_ceil(p) * p]);
-    let settings = Settings::new(&form, 1.0, 1.0);
-    let mut plan = Plan { form, noise: noise_model, settings, variant: Variant::default(), passes: 1 };
+    let mut settings = Settings::new(&form, 1.0, 1.0);
     let mut passed = Vec::new();
     for record in driven {
         let samples = record.samples().min(SAMPLES);
-        // An acceleration answers at once, and the form is strictly proper: the input one sample ahead.
-        let inputs =
-            Array2::from_shape_fn((samples, m), |(k, i)| record.u[i][(k + 1).min(record.samples() - 1)] / u_scale[i]);
-        let outputs = Array2::from_shape_fn((samples, p), |(k, o)| record.y[o][k] / y_scale[o]);
-        let data = Samples { inputs: inputs.view(), outputs: outputs.view(), nan_is_missing: true };
-        let Ok(Ending::Done(done)) = run(&plan, &[data], None, &mut |_, _| true) else { return None };
-        let late = |o: usize| rms(done.innovations[0].column(o).iter().skip(samples / 2).filter(|e| e.is_finite()));
+        let mut filter = Filter::new(form.clone(), &noise_model, &settings).ok()?;
+        let mut innovations = Array2::from_elem((samples, p), f64::NAN);
+        for k in 0..samples {
+            // An acceleration answers at once, and the form is strictly proper: the input one sample ahead.
+            let ahead = (k + 1).min(record.samples() - 1);
+            let u: Vec<f64> = (0..m).map(|i| record.u[i][ahead] / u_scale[i]).collect();
+            let z: Vec<f64> = (0..p).map(|o| record.y[o][k] / y_scale[o]).collect();
+            filter.step_with_missing(&z, &u).ok()?;
+            innovations.row_mut(k).assign(&aview1(filter.innovation()));
+        }
+        let late = |o: usize| rms(innovations.column(o).iter().skip(samples / 2).filter(|e| e.is_finite()));
         let innovations = (0..p).map(|o| (late(o) * y_scale[o] / noise[o]).powi(2)).sum::<f64>() / p as f64;
+        let identified = filter.identified();
         passed.push(Passed {
             record: record.name.clone(),
             level: record.level(),
             start_s: record.start_s,
             innovations: innovations.sqrt(),
-            modes: nearest(plant, &done.identified),
+            modes: nearest(plant, &identified),
         });
-        let mut learnt = done.identified.clone();
-        let size = learnt.covariance.rows();
-        learnt.covariance = Dense::from_fn(size, size, |i, j| WIDENED * done.identified.covariance.at(i, j));
-        plan.settings = carry_over(&plan.form, &plan.settings, &learnt);
+        settings = carry_over(&form, &identified);
     }
     Some(passed)
+}
+
+/// Where the next record begins: with the parameters as learnt, their covariance widened, and nothing known of the state.
+fn carry_over(form: &ObservableForm, learnt: &IdentifiedModel) -> Settings {
+    let (states, size) = (form.states(), form.joint_states());
+    let covariance = Dense::from_fn(size, size, |i, j| match (i < states, j < states) {
+        (false, false) => WIDENED * learnt.covariance.at(i, j),
+        _ if i == j => 1.0,
+        _ => 0.0,
+    });
+    let mut start = Settings::new(form, 1.0, 1.0);
+    start.initial_covariance = InitialCovariance::Full(covariance);
+    start.initial_estimate[states..].copy_from_slice(&learnt.parameters(form));
+    start
 }
 
 /// Of each mode of the simulation, frequency and damping ratio of the model's nearest.

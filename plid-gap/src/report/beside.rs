@@ -1,6 +1,6 @@
 //! Pictures of the evidence that the diagnosis does not rest on.
 
-use plid_lab::report::{Axis, Chart, Report, Series, chart, charts};
+use plid_report::{Axis, Chart, Report, Series, chart, charts};
 
 use super::words::{with, worst};
 use super::{MEASURED, REFERENCE};

@@ -1,6 +1,6 @@
 //! What stands below the pictures: every figure of the diagnosis.
 
-use plid_lab::report::{Axis, Cell, Chart, Report, Series, Table, chart};
+use plid_report::{Axis, Cell, Chart, Report, Series, Table, chart};
 
 use super::words::{at, explanation, percent};
 use super::{GIVEN, REFERENCE, WITH, shrink, whereabouts};

@@ -1,6 +1,6 @@
 //! The third picture: the evidence.
 
-use plid_lab::report::{Bar, Bars, Report, bars};
+use plid_report::{Bar, Bars, Report, bars};
 
 use super::beside;
 use super::response::Responses;

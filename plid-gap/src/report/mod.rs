@@ -14,8 +14,8 @@ mod whereabouts;
 mod words;
 mod write;
 
-use plid_lab::experiment::to_toml;
-use plid_lab::report::Report;
+use plid_data::config::to_toml;
+use plid_report::Report;
 
 use crate::case::Case;
 use crate::diagnose::Outcome;

@@ -1,8 +1,8 @@
 //! Frequency responses by level, measured and simulated in the same way, so that what the window does to one it does to both.
 
 use ndarray::{Array2, s};
-use plid_lab::report::{Axis, Chart, FrfCurve, FrfPlot, Series, chart, frf_grid};
 use plid_model::signal::{WelchFrf, WelchOptions, welch_frf};
+use plid_report::{Axis, Chart, FrfCurve, FrfPlot, Series, chart, frf_grid};
 use rustfft::num_complex::Complex64;
 
 use super::words::{short, with};

@@ -1,6 +1,6 @@
 //! The first picture: the gap before and after.
 
-use plid_lab::report::{Bar, Bars, Report, bars};
+use plid_report::{Bar, Bars, Report, bars};
 
 use super::traces;
 use super::words::{held_out, percent, with, worst};

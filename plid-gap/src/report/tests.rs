@@ -31,7 +31,7 @@ fn scaled(y: &[Vec<f64>], by: f64) -> Channels {
 fn case() -> Case {
     let toml = "sample_rate_hz = 100.0\ninputs = [\"u1\"]\noutputs = [\"y<1>\", \"y2\"]\nsuspects = [\"clearance\"]\n\
                 [[record]]\nfile = \"a&b.csv\"\n[[record]]\nfile = \"last.csv\"\n";
-    let config: CaseConfig = plid_lab::experiment::from_toml(toml, "case.toml").expect("a sound case");
+    let config: CaseConfig = plid_data::config::from_toml(toml, "case.toml").expect("a sound case");
     let record = |index: usize, level: f64| Record {
         name: config.record[index].file.clone(),
         start_s: 12.0 * index as f64,

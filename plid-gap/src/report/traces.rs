@@ -3,8 +3,8 @@
 use std::ops::Range;
 
 use ndarray::Array2;
-use plid_lab::report::{Axis, Chart, Series, chart, charts};
 use plid_model::signal::{WelchOptions, welch_spectra};
+use plid_report::{Axis, Chart, Series, chart, charts};
 
 use super::words::with;
 use super::{GIVEN, MEASURED, REFERENCE, WITH};

@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 use ndarray::Array2;
-use plid_lab::report::{Axis, Bar, Bars, Chart, HeatMap, Report, Series, bars as bars_of, chart, heat_map};
+use plid_report::{Axis, Bar, Bars, Chart, HeatMap, Report, Series, bars as bars_of, chart, heat_map};
 
 use super::words::{percent, with};
 use super::{GIVEN, WITH};

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use plid_lab::report::write_atomic;
+use plid_report::write_atomic;
 use serde::Serialize;
 
 use crate::case::Case;

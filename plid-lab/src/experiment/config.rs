@@ -8,9 +8,9 @@ use serde::de::value::MapAccessDeserializer;
 use serde::de::{self, IntoDeserializer, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::data::MissingPolicy;
-use crate::prepare::Preparation;
 use plid_catalogue::VariantChoice;
+use plid_data::MissingPolicy;
+use plid_data::prepare::Preparation;
 
 /// One experiment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -1,10 +1,21 @@
 //! What an experiment is: a strict TOML file that names data, preparation, structure, noise, variant and validation.
 
 mod config;
-mod parse;
+#[cfg(test)]
+mod tests;
+
+use std::path::Path;
 
 pub use config::{
     Covariance, DataConfig, Experiment, IdentificationConfig, IndicesChoice, NoiseConfig, NoiseReading, NoiseSource,
     Refinement, StartConfig, StructureConfig, StructureKind, TestbedData, ValidationConfig,
 };
-pub use parse::{ConfigError, from_toml, from_toml_checked, read, read_checked, to_toml};
+pub use plid_data::config::{ConfigError, from_toml, to_toml};
+
+/// Reads and checks an experiment.
+///
+/// # Errors
+/// [`ConfigError`] with file, line and, for a word that is not known, the nearest that is.
+pub fn read(path: &Path) -> Result<Experiment, ConfigError> {
+    plid_data::config::read_checked(path, Experiment::problems)
+}

@@ -11,12 +11,12 @@ use super::held_out::{HeldOut, judge};
 use super::merged::{Merged, merge};
 use super::split::split;
 use super::tune::{common_noise, predictor};
-use crate::data::{self, MissingPolicy};
 use crate::experiment::{Experiment, to_toml};
 use crate::identify::{IdentifyError, Trial};
-use crate::prepare::Preparation;
-use crate::report::write_atomic;
 use crate::run::{self, PeakRow, Progress, RunError, Saved, Truth, read_checkpoint, write_checkpoint};
+use plid_data::prepare::Preparation;
+use plid_data::{self as data, MissingPolicy};
+use plid_report::write_atomic;
 
 /// All that a merge found.
 #[derive(Debug)]

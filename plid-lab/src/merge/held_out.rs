@@ -5,10 +5,10 @@ use ndarray::{Array2, ArrayView2, s};
 use plid_model::signal::{ErrorMeasures, error_measures};
 use plid_model::{Model, estimate_initial_state, one_step_prediction, simulate};
 
-use crate::data::Record;
-use crate::prepare::scaling::Scaling;
-use crate::prepare::{Advance, Preparation, prepare};
 use crate::run::RunError;
+use plid_data::Record;
+use plid_data::prepare::scaling::Scaling;
+use plid_data::prepare::{Advance, Preparation, prepare};
 
 /// Free runs over the part of a record that nothing was learnt from, in the data's units.
 #[derive(Clone, Debug)]

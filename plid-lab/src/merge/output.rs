@@ -6,8 +6,8 @@ use serde_json::{Value, json};
 
 use super::carry_out::Outcome;
 use super::report;
-use crate::report::write_atomic;
 use crate::run::{CHECKPOINT, RunError, errors_json, modes_json, peaks_json, pretty};
+use plid_report::write_atomic;
 
 /// Writes all files of a merge into `directory`.
 ///

@@ -9,9 +9,9 @@ use super::carry_out::Outcome;
 use super::consistency::{Agreement, LEVEL};
 use super::held_out::HeldOut;
 use crate::experiment::to_toml;
-use crate::report::{Cell, FrfCurve, FrfPlot, ModeSet, Report, Scale, Table, Trace, frf_grid, mode_map, trace_plot};
 use crate::run::RunError;
 use crate::run::report::{bank, complex, peak_sentence, peak_table, percent};
+use plid_report::{Cell, FrfCurve, FrfPlot, ModeSet, Report, Scale, Table, Trace, frf_grid, mode_map, trace_plot};
 
 /// Frequencies at which a model's response is drawn.
 const LINES: usize = 400;

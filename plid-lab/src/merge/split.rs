@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 use plid_testbed::{InputConfig, TrussConfig};
 
 use super::{MergeError, REST};
-use crate::data::{self, MissingPolicy};
 use crate::experiment::{
     Covariance, DataConfig, Experiment, IdentificationConfig, NoiseConfig, Refinement, StructureConfig, StructureKind,
     ValidationConfig,
 };
 use crate::run::RunError;
+use plid_data::{self as data, MissingPolicy};
 
 /// The experiments of the runs, each named as the input that acts in it (with a number where one input acts in several). The paths in them are absolute.
 pub(super) fn split(experiment: &Experiment, base: &Path) -> Result<Vec<(String, Experiment)>, RunError> {

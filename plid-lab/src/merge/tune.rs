@@ -17,8 +17,8 @@ use super::carry_out::of_run;
 use super::merged::{Piece, join};
 use crate::experiment::{Covariance, Experiment, NoiseConfig, NoiseReading, NoiseSource};
 use crate::identify::{Bank, Ending, Memory, Point, Samples, Trial, fit_predictor, run, tune_by};
-use crate::prepare::Prepared;
 use crate::run::{self, Estimate, RunError, scaled_model, scaling, training};
+use plid_data::prepare::Prepared;
 
 /// The smallest R that the search begins with: 1e-4 of the outputs' power.
 const FIRST_R: i32 = -40;

@@ -2,7 +2,7 @@
 
 use super::Outcome;
 use super::error::RunError;
-use crate::data::Warning;
+use plid_data::Warning;
 use plid_model::{mode_deviations, stability};
 
 /// A free-run error this many times the one-step error says that the predictor leans on the measured outputs.

@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use super::error::RunError;
 use crate::experiment::{Experiment, to_toml};
 use crate::identify::{Memory, Paused};
-use crate::report::write_atomic;
+use plid_report::write_atomic;
 
 /// The checkpoint's name in the output directory.
 pub const CHECKPOINT: &str = "checkpoint.json";

@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use crate::data::DataError;
 use crate::experiment::ConfigError;
 use crate::identify::IdentifyError;
-use crate::prepare::PrepareError;
+use plid_data::DataError;
+use plid_data::prepare::PrepareError;
 use plid_model::ModelError;
 use plid_model::signal::SignalError;
 

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::error::RunError;
 use crate::identify::Plan;
-use crate::prepare::Prepared;
+use plid_data::prepare::Prepared;
 use plid_model::{ChannelScaling, Model, undo_scaling};
 
 /// The key `estimate` of result.json.

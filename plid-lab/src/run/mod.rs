@@ -8,7 +8,6 @@ mod noise;
 mod obtain;
 mod output;
 mod peaks;
-mod progress;
 #[cfg(test)]
 mod real_files;
 pub(crate) mod report;
@@ -28,7 +27,7 @@ pub use output::write;
 pub(crate) use output::{errors as errors_json, modes_json, peaks_json, pretty};
 pub use peaks::PeakRow;
 pub(crate) use peaks::compare as compare_peaks;
-pub use progress::{Progress, Silent};
+pub use plid_report::{Progress, Silent};
 pub use simulation::{Alternative, Path as RefinementPath, Simulation};
 pub(crate) use start::{canonical, parameters};
 pub use validate::{Errors, Validation};
@@ -39,16 +38,16 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use nalgebra::DMatrix;
 use plid_core::{Dense, Health, IdentifiedModel, ImplicitModel, ObservableForm};
 
-use crate::data::require_samples;
 use crate::experiment::{Experiment, IndicesChoice, StructureKind};
 use crate::identify::{
     Bank, Ending, IdentifyError, Memory, OrderScan, Plan, Predictor, RecursionRun, Samples, ScanRow, Search, Split,
     Trial, fit_predictor, scan_orders, search_indices, tune,
 };
-use crate::prepare::{self, Prepared, excitation};
 use error::setting;
 use noise::Known;
 use plid_catalogue::Conditions;
+use plid_data::prepare::{self, Prepared, excitation};
+use plid_data::require_samples;
 use plid_model::{Model, Noise, undo_advance, undo_scaling};
 
 /// All that a run found, in the units of the data.
@@ -317,7 +316,7 @@ pub(crate) fn bank(experiment: &Experiment, base: &Path) -> Result<(Prepared, Op
 struct Actor<'a> {
     experiment: &'a Experiment,
     base: &'a Path,
-    raw: &'a [crate::data::Record],
+    raw: &'a [plid_data::Record],
     prepared: &'a Prepared,
     progress: &'a dyn Progress,
 }

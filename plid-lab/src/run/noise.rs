@@ -6,11 +6,11 @@ use ndarray::Array2;
 use plid_core::{Dense, ImplicitModel, NoiseModel, ObservableForm};
 
 use super::error::{RunError, setting};
-use crate::data::{self, MissingPolicy, Record};
 use crate::experiment::{Covariance, Experiment, NoiseReading, NoiseSource};
-use crate::prepare::converter::converter_step;
-use crate::prepare::noise::noise_from_zero_input;
-use crate::prepare::{Prepared, Step};
+use plid_data::prepare::converter::converter_step;
+use plid_data::prepare::noise::noise_from_zero_input;
+use plid_data::prepare::{Prepared, Step};
+use plid_data::{self as data, MissingPolicy, Record};
 
 /// What is known before the bank runs.
 pub(super) enum Known {

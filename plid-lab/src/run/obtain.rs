@@ -7,9 +7,9 @@ use ndarray::{Array2, ArrayView1};
 use serde::{Deserialize, Serialize};
 
 use super::error::{RunError, setting};
-use crate::data::{self, MissingPolicy, Record};
 use crate::experiment::{DataConfig, Experiment};
-use crate::prepare::repeats::Repeats;
+use plid_data::prepare::repeats::Repeats;
+use plid_data::{self as data, MissingPolicy, Record};
 use plid_model::Model;
 use plid_model::signal::rms;
 

@@ -11,9 +11,9 @@ use super::error::RunError;
 use super::validate::Errors;
 use super::{Alternative, CHECKPOINT, Outcome, PeakRow, report};
 use crate::experiment::to_toml;
-use crate::report::write_atomic;
 use plid_catalogue::Conditions;
 use plid_model::{ModeDeviation, Model, mode_deviations};
+use plid_report::write_atomic;
 
 /// Writes all files of a run into `directory`, and removes its checkpoint.
 ///

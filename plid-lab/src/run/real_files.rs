@@ -1,7 +1,7 @@
 //! What the refinement is to reach on public benchmark records, where they are at hand.
 use super::*;
-use crate::data::real_files::real_file;
 use crate::experiment::from_toml;
+use crate::real_file::real_file;
 
 /// Held-out free-run errors of PLID's model, the refined one and the subspace baseline.
 fn errors(file: &str, channels: &str, rest: &str) -> Option<[f64; 3]> {

@@ -9,12 +9,12 @@ use super::validate::Errors;
 use super::{Outcome, PeakRow};
 use crate::experiment::to_toml;
 use crate::identify::Trial;
-use crate::report::{
+use plid_model::signal::{WelchFrf, WelchOptions, convergence, welch_frf};
+use plid_model::{FrequencyResponse, Mode, mode_deviations, response_variance};
+use plid_report::{
     Axis, Cell, Chart, ConvergencePlot, FrfCurve, FrfPlot, ModeSet, Report, Scale, Series, Table, Trace, chart,
     convergence_plot, correlation_plot, frf_grid, mode_map, trace_plot,
 };
-use plid_model::signal::{WelchFrf, WelchOptions, convergence, welch_frf};
-use plid_model::{FrequencyResponse, Mode, mode_deviations, response_variance};
 
 /// Frequencies at which a model's response is drawn.
 const LINES: usize = 400;

@@ -8,7 +8,7 @@ use super::Outcome;
 use super::error::RunError;
 use super::report::{complex, curve, is_drawn, lines, measured_pair, percent};
 use super::simulation::Alternative;
-use crate::report::{Cell, FrfCurve, FrfPlot, ModeSet, Report, Table, frf_grid, mode_map};
+use plid_report::{Cell, FrfCurve, FrfPlot, ModeSet, Report, Table, frf_grid, mode_map};
 
 /// Which model simulates better, in a sentence.
 pub(super) fn verdict(outcome: &Outcome) -> Option<String> {

@@ -10,11 +10,11 @@ use plid_model::{ChannelScaling, Model, ResponseVariance, one_step_prediction, s
 use plid_refine::{Candidate, Noise, Options, Record, RefineError, Refined, Score, Start, Uncertainty};
 
 use super::error::RunError;
-use super::progress::Progress;
 use super::validate::{Errors, Validation, offsets};
 use crate::experiment::{Experiment, Refinement};
 use crate::identify::{Samples, fit_predictor};
-use crate::prepare::Prepared;
+use plid_data::prepare::Prepared;
+use plid_report::Progress;
 
 /// Steps of the refinement at most. A model of the plant's own order converges well before; one that lacks something of it gains slowly and for ever.
 const ITERATIONS: usize = 60;

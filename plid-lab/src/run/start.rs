@@ -7,8 +7,8 @@ use plid_core::{Dense, ImplicitModel, InitialCovariance, NoiseModel, ObservableF
 
 use super::error::{RunError, setting};
 use crate::experiment::Experiment;
-use crate::prepare::Prepared;
 use plid_catalogue::Conditions;
+use plid_data::prepare::Prepared;
 use plid_model::{ChannelScaling, Model, undo_scaling};
 
 /// The settings of the recursion for scaled channels.

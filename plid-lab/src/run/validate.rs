@@ -6,7 +6,7 @@ use ndarray::{Array2, Axis, concatenate, s};
 use super::error::{RunError, setting};
 use super::obtain::Truth;
 use crate::experiment::Experiment;
-use crate::prepare::{Prepared, Step};
+use plid_data::prepare::{Prepared, Step};
 use plid_model::signal::{
     Correlation, CrossCorrelationOptions, ErrorMeasures, WhitenessOptions, cross_correlation, error_measures,
     period_noise_rms, rms, whiteness,

@@ -1,7 +1,7 @@
 //! Convergence to the true parameters.
 
 use plid_bench::expectations::{self, Config};
-use plid_lab::report::{Axis, Chart, Series, chart};
+use plid_report::{Axis, Chart, Series, chart};
 use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Inner, Result, claim};

@@ -3,7 +3,7 @@
 use ndarray::{Axis as Way, s};
 use plid_bench::study::Machine;
 use plid_core::NoiseModel;
-use plid_lab::report::{Axis, Chart, Series, chart};
+use plid_report::{Axis, Chart, Series, chart};
 use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};

@@ -1,8 +1,8 @@
 //! Fig. 4: the measured transfer function.
 
-use plid_lab::report::{FrfCurve, FrfPlot, frf_plot};
 use plid_model::FrequencyResponse;
 use plid_model::signal::{WelchOptions, welch_frf};
+use plid_report::{FrfCurve, FrfPlot, frf_plot};
 use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};

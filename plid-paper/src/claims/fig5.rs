@@ -1,7 +1,7 @@
 //! Fig. 5: the actuator's signal.
 
-use plid_lab::report::{Axis, Chart, Series, chart};
 use plid_model::signal::{WelchOptions, welch_spectra};
+use plid_report::{Axis, Chart, Series, chart};
 use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};

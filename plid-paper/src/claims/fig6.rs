@@ -4,8 +4,8 @@ use ndarray::{Array2, s};
 use plid_bench::median;
 use plid_core::NoiseModel;
 use plid_lab::experiment::{Experiment, NoiseSource};
-use plid_lab::report::{Axis, Chart, ConvergencePlot, Scale, Series, chart, convergence_plot};
 use plid_model::signal::convergence;
+use plid_report::{Axis, Chart, ConvergencePlot, Scale, Series, chart, convergence_plot};
 use rayon::prelude::*;
 use serde::Deserialize;
 

@@ -2,8 +2,8 @@
 
 use plid_bench::median;
 use plid_lab::experiment::{Experiment, NoiseSource};
-use plid_lab::report::{Axis, Chart, Series, chart};
 use plid_model::Model;
+use plid_report::{Axis, Chart, Series, chart};
 use rayon::prelude::*;
 use serde::Deserialize;
 

@@ -2,7 +2,7 @@
 
 use plid_bench::median;
 use plid_lab::experiment::Experiment;
-use plid_lab::report::{Axis, Chart, Series, chart};
+use plid_report::{Axis, Chart, Series, chart};
 use plid_testbed::{InputConfig, WhiteNoise};
 use rayon::prelude::*;
 use serde::Deserialize;

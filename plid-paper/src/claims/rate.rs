@@ -1,7 +1,7 @@
 //! How many samples are needed at which rate.
 
 use plid_bench::median;
-use plid_lab::report::{Axis, Chart, Series, chart};
+use plid_report::{Axis, Chart, Series, chart};
 use rayon::prelude::*;
 use serde::Deserialize;
 

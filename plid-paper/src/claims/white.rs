@@ -1,6 +1,6 @@
 //! What is left between measured and predicted outputs.
 
-use plid_lab::report::correlation_plot;
+use plid_report::correlation_plot;
 use rayon::prelude::*;
 use serde::Deserialize;
 

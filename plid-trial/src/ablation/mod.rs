@@ -5,7 +5,7 @@ mod report;
 use std::path::{Path, PathBuf};
 
 use plid_gap::Step;
-use plid_lab::run::Progress;
+use plid_report::Progress;
 use serde::Serialize;
 
 use crate::answer::{Answer, Answered};

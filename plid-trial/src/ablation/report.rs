@@ -1,8 +1,8 @@
 //! The page: how the figures move without each step, then the table, then the cases by name.
 
+use plid_data::config::to_toml;
 use plid_gap::Step;
-use plid_lab::experiment::to_toml;
-use plid_lab::report::{Cell, Dot, Dots, Report, Table, dots};
+use plid_report::{Cell, Dot, Dots, Report, Table, dots};
 
 use super::{Ablation, EXACT, FALSE_ALARM, Figures, IN_SET, RIGHT, WRONG, Without};
 use crate::config::TrialConfig;

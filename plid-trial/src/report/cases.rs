@@ -1,6 +1,6 @@
 //! Cases to look at by hand: false alarms, confident wrong names, and those that failed.
 
-use plid_lab::report::{Cell, Report, Table};
+use plid_report::{Cell, Report, Table};
 
 use crate::judge::Asked;
 use crate::scores::{Line, Scores};

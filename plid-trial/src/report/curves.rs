@@ -1,7 +1,7 @@
 //! Pictures.
 
 use ndarray::Array2;
-use plid_lab::report::{Axis, Chart, HeatMap, Report, Series, chart, charts, heat_map};
+use plid_report::{Axis, Chart, HeatMap, Report, Series, chart, charts, heat_map};
 
 use crate::scores::{ALL, ANSWERERS, EFFECT, GAP, GAP_NEAR, GAP_OF, GAP_OWN, GAPS, Scores, Totals, gap_bin};
 use crate::statistics::Rate;

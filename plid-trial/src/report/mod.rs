@@ -7,8 +7,8 @@ mod tables;
 
 pub(crate) use curves::power;
 
-use plid_lab::experiment::to_toml;
-use plid_lab::report::{Cell, Report};
+use plid_data::config::to_toml;
+use plid_report::{Cell, Report};
 
 use crate::config::TrialConfig;
 use crate::scores::{ALL, ANSWERERS, ARM, EQUATION, NEAR, OWN, Scores, Totals};

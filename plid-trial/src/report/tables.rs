@@ -1,6 +1,6 @@
 //! Tables.
 
-use plid_lab::report::{Cell, Report, Table};
+use plid_report::{Cell, Report, Table};
 
 use super::{cell, curves, number, of_all, share};
 use crate::scores::{

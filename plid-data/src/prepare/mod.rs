@@ -28,7 +28,7 @@ pub use error::PrepareError;
 pub use segment::{Segment, heads};
 pub use step::Step;
 
-use crate::data::{Record, Warning, require_alike};
+use crate::{Record, Warning, require_alike};
 use advance::AdvanceTest;
 use band::Band;
 use ndarray::Array2;

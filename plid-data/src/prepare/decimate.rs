@@ -7,7 +7,7 @@
 //! outputs, so it leaves their relation as it is. Samples whose filter would reach beyond the
 //! record are dropped, at both ends.
 use super::PrepareError;
-use crate::data::Record;
+use crate::Record;
 use ndarray::{Array2, ArrayView2};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;

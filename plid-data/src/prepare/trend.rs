@@ -1,6 +1,6 @@
 //! Means and straight-line trends.
 use super::segment::mean;
-use crate::data::Record;
+use crate::Record;
 use ndarray::{Array2, ArrayView1, s};
 use serde::{Deserialize, Serialize};
 

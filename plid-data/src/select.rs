@@ -138,7 +138,7 @@ fn missing_samples(table: &Table, record: &Record) -> Result<Vec<Warning>, DataE
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::read;
+    use crate::read;
 
     fn table(text: &str) -> Table {
         let folder = tempfile::tempdir().unwrap();

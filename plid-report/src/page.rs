@@ -308,7 +308,7 @@ impl Table {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::{Axis, Chart, Series, chart};
+    use crate::{Axis, Chart, Series, chart};
 
     fn example() -> Report {
         let svg = chart(&Chart {

@@ -1,7 +1,7 @@
 //! Where the power of a channel lies, and whether the rate is high against it.
 use super::Segment;
 use super::segment::mean;
-use crate::data::Warning;
+use crate::Warning;
 use ndarray::ArrayView1;
 use rustfft::{FftPlanner, num_complex::Complex};
 use serde::{Deserialize, Serialize};

@@ -1,6 +1,6 @@
 //! Channels of different units on one scale.
 use super::segment::rms;
-use crate::data::Record;
+use crate::Record;
 use ndarray::{Array2, s};
 use serde::{Deserialize, Serialize};
 

@@ -1,20 +1,7 @@
 //! Public benchmark records, where they are at hand; elsewhere these tests say that they were
 //! skipped. The files are not part of the project.
 use super::*;
-use std::path::{Path, PathBuf};
-
-/// A benchmark file under `$PLID_SHARED/real` (or `../shared/real` beside the workspace).
-pub(crate) fn real_file(name: &str) -> Option<PathBuf> {
-    let shared = std::env::var_os("PLID_SHARED")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"), PathBuf::from);
-    let path = shared.join("real").join(name);
-    if path.is_file() {
-        Some(path)
-    } else {
-        eprintln!("skipped: there is no {}", path.display());
-        None
-    }
-}
+use crate::real_file::real_file;
 
 fn names(text: &str) -> Vec<String> {
     text.split_whitespace().map(str::to_owned).collect()

@@ -1,7 +1,7 @@
 //! The covariance of the outputs' noise, from records that show it alone.
 use super::PrepareError;
 use super::segment::{mean, rms};
-use crate::data::Record;
+use crate::Record;
 use ndarray::Array2;
 
 /// An estimated covariance of the outputs' noise.

@@ -11,6 +11,12 @@
 //! | MATLAB .mat v5, one matrix | `1`, `2`, ... |
 //! | MATLAB .mat v5 or NumPy .npz, several variables | a vector `u`: `u`; a matrix `y`: `y1`, `y2`, ... |
 //! | NumPy .npy | `1`, `2`, ... |
+//!
+//! [`prepare`] takes records to what identification wants, and back; [`config`] reads strict TOML.
+
+pub mod config;
+pub mod prepare;
+
 mod checks;
 mod delimited;
 mod error;
@@ -32,4 +38,6 @@ pub use table::{Table, read};
 pub use warning::Warning;
 
 #[cfg(test)]
-pub(crate) mod real_files;
+mod real_file;
+#[cfg(test)]
+mod real_files;

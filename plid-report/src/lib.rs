@@ -1,4 +1,5 @@
-//! Reports: plots as SVG strings and a page of HTML that holds them, self-contained and without scripts.
+//! Reports: plots as SVG strings and a page of HTML that holds them, self-contained and without scripts; and [`Progress`], which is told
+//! while the work runs.
 //!
 //! Plots are drawn by `kuva` (0.6, without its optional features). It was chosen over `plotters` (0.3) since it keeps
 //! coordinates to a hundredth of a pixel where plotters' SVG rounds to whole pixels, batches markers and heat-map cells
@@ -22,6 +23,7 @@ mod html;
 mod mode_map;
 mod page;
 mod panel;
+mod progress;
 mod style;
 mod ticks;
 mod trace_plot;
@@ -38,4 +40,5 @@ pub use html::escape;
 pub use mode_map::{ModeSet, mode_map};
 pub use page::{Cell, Report, Table};
 pub use panel::{Axis, Scale, Series};
+pub use progress::{Progress, Silent};
 pub use trace_plot::{Trace, trace_plot};

@@ -20,7 +20,7 @@
 //! towards zero. There, what is known of the plant (accelerations answer forces) should decide.
 use super::Segment;
 use super::segment::mean;
-use crate::data::{Record, Warning};
+use crate::{Record, Warning};
 use nalgebra::DMatrix;
 use ndarray::s;
 use serde::{Deserialize, Serialize};

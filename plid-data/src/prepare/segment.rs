@@ -1,5 +1,5 @@
 //! The part of a record that an estimate may look at.
-use crate::data::Record;
+use crate::Record;
 use ndarray::{ArrayView1, ArrayView2, s};
 
 /// Inputs and outputs of a stretch of samples.

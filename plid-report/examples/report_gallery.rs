@@ -1,16 +1,16 @@
-//! Every kind of plot with made-up data, in one report: `cargo run -p plid-lab --example report_gallery -- DIR`.
+//! Every kind of plot with made-up data, in one report: `cargo run -p plid-report --example report_gallery -- DIR`.
 
 use std::f64::consts::TAU;
 use std::path::PathBuf;
 
 use ndarray::{Array2, Axis as Dimension, s};
-use plid_lab::report::{
-    Axis, Bar, Bars, Cell, Chart, ConvergencePlot, FrfCurve, FrfPlot, HeatMap, ModeSet, Report, Scale, Series, Table,
-    Trace, bars, chart, convergence_plot, correlation_plot, frf_grid, frf_plot, heat_map, mode_map, trace_plot,
-};
 use plid_model::signal::{
     CrossCorrelationOptions, WelchFrf, WelchOptions, WhitenessOptions, convergence, cross_correlation, error_measures,
     welch_frf, whiteness,
+};
+use plid_report::{
+    Axis, Bar, Bars, Cell, Chart, ConvergencePlot, FrfCurve, FrfPlot, HeatMap, ModeSet, Report, Scale, Series, Table,
+    Trace, bars, chart, convergence_plot, correlation_plot, frf_grid, frf_plot, heat_map, mode_map, trace_plot,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -295,7 +295,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             mode_map(&[modes("identified", 1.0004, 0.9), modes("true", 1.0, 0.0)]),
             "Modes with bars of two standard deviations.",
         )
-        .details("How this was made", |r| r.paragraph("By the example report_gallery of plid-lab."))
+        .details("How this was made", |r| r.paragraph("By the example report_gallery of plid-report."))
         .listing("The config that repeats this report:", "[model]\nstates = 30\nname = \"<gallery> & co\"\n")
         .provenance("plid", env!("CARGO_PKG_VERSION"))
         .provenance("data.csv", "sha256:9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08");

@@ -1,7 +1,7 @@
 //! Preparation of public benchmark records, where they are at hand.
 use super::*;
-use crate::data::real_files::real_file;
-use crate::data::{MissingPolicy, read, select};
+use crate::real_file::real_file;
+use crate::{MissingPolicy, read, select};
 
 fn prepared(file: &str, inputs: &str, outputs: &str, how: &Preparation) -> Option<Prepared> {
     let names = |text: &str| -> Vec<String> { text.split_whitespace().map(str::to_owned).collect() };

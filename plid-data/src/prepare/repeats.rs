@@ -2,7 +2,7 @@
 use super::PrepareError;
 use super::noise::NoiseCovariance;
 use super::segment::rms;
-use crate::data::{Record, require_alike};
+use crate::{Record, require_alike};
 use ndarray::{Array1, Array2, ArrayView1, s};
 use serde::{Deserialize, Serialize};
 

@@ -4,7 +4,7 @@
 //! times, span all of R^{md} (Ljung, System Identification, 13.2). A model of n states needs
 //! about the order 2n.
 use super::Segment;
-use crate::data::Warning;
+use crate::Warning;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 

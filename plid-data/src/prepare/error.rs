@@ -6,7 +6,7 @@ pub enum PrepareError {
     /// The records do not fit together, or teach nothing.
     #[error(transparent)]
     #[diagnostic(transparent)]
-    Data(#[from] crate::data::DataError),
+    Data(#[from] crate::DataError),
     /// There is nothing to prepare.
     #[error("there is no record to prepare")]
     NoRecords,

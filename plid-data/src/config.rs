@@ -1,0 +1,135 @@
+//! Strict TOML: an unknown key is an error with its line and a suggestion.
+
+use std::path::{Path, PathBuf};
+
+use miette::{Diagnostic, NamedSource, SourceSpan};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+/// A config that cannot be used.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("{}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A key or value is wrong.
+    #[error("{name}, line {line}: {message}")]
+    At {
+        /// The file.
+        name: String,
+        /// The line, from 1.
+        line: usize,
+        /// What is wrong.
+        message: String,
+        /// The text.
+        #[source_code]
+        text: NamedSource<String>,
+        /// Where in it.
+        #[label("here")]
+        span: SourceSpan,
+        /// What may be meant.
+        #[help]
+        help: Option<String>,
+    },
+}
+
+/// Reads a strict TOML file of any kind. `problems` gives what is wrong with its values, as key and reason.
+///
+/// # Errors
+/// [`ConfigError`] with file, line and, for a word that is not known, the nearest that is.
+pub fn read_checked<T: DeserializeOwned>(
+    path: &Path,
+    problems: impl FnOnce(&T) -> Vec<(&'static str, String)>,
+) -> Result<T, ConfigError> {
+    let text = std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.into(), source })?;
+    from_toml_checked(&text, &path.display().to_string(), problems)
+}
+
+/// Any strict TOML document, checked as by [`read_checked`].
+///
+/// # Errors
+/// As [`read_checked`].
+pub fn from_toml_checked<T: DeserializeOwned>(
+    text: &str,
+    name: &str,
+    problems: impl FnOnce(&T) -> Vec<(&'static str, String)>,
+) -> Result<T, ConfigError> {
+    let value: T = from_toml(text, name)?;
+    match problems(&value).into_iter().next() {
+        Some((key, message)) => Err(at(text, name, find_key(text, key), format!("{key}: {message}"), None)),
+        None => Ok(value),
+    }
+}
+
+/// Any strict TOML document.
+///
+/// # Errors
+/// As [`read_checked`].
+pub fn from_toml<T: DeserializeOwned>(text: &str, name: &str) -> Result<T, ConfigError> {
+    toml::from_str(text).map_err(|error| {
+        let message = error.message().to_string();
+        at(text, name, error.span().unwrap_or(0..0), message.clone(), suggestion(&message))
+    })
+}
+
+/// The document that reads back as `value`.
+///
+/// # Panics
+/// If the type cannot be TOML, which is a bug of the type and not of its value.
+pub fn to_toml<T: Serialize>(value: &T) -> String {
+    toml::to_string_pretty(value).expect("configs are TOML by construction")
+}
+
+fn at(text: &str, name: &str, span: std::ops::Range<usize>, message: String, help: Option<String>) -> ConfigError {
+    let start = span.start.min(text.len());
+    let line = 1 + text.as_bytes()[..start].iter().filter(|&&b| b == b'\n').count();
+    ConfigError::At {
+        name: name.into(),
+        line,
+        message,
+        text: NamedSource::new(name, text.to_string()),
+        span: (start, span.len()).into(),
+        help,
+    }
+}
+
+/// Where a key is set, or its table begins; the document's start if it is only a default.
+fn find_key(text: &str, key: &str) -> std::ops::Range<usize> {
+    let mut offset = 0;
+    for line in text.split_inclusive('\n') {
+        let content = line.trim_start();
+        let found = content.strip_prefix(key).is_some_and(|rest| rest.trim_start().starts_with('='))
+            || content
+                .strip_prefix('[')
+                .and_then(|rest| rest.strip_prefix(key))
+                .is_some_and(|r| r.starts_with([']', '.']));
+        if found {
+            let start = offset + line.len() - content.len();
+            return start..start + content.trim_end().len();
+        }
+        offset += line.len();
+    }
+    0..0
+}
+
+/// "unknown field `stats`, expected one of `states`, ..." -> "did you mean `states`?"
+fn suggestion(message: &str) -> Option<String> {
+    if !message.starts_with("unknown") {
+        return None;
+    }
+    let mut words = message.split('`').skip(1).step_by(2);
+    let wrong = words.next()?;
+    let known: Vec<&str> = words.collect();
+    let nearest =
+        known.iter().max_by(|a, b| strsim::jaro_winkler(wrong, a).total_cmp(&strsim::jaro_winkler(wrong, b)))?;
+    if strsim::jaro_winkler(wrong, nearest) > 0.7 {
+        Some(format!("did you mean `{nearest}`?"))
+    } else {
+        Some(format!("it can be {}", known.join(", ")))
+    }
+}
