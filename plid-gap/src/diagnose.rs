@@ -25,7 +25,7 @@ use crate::simulate::{Fineness, simulate};
 use crate::stepwise::Turn;
 use crate::thresholds::MOST_UNKNOWN;
 use crate::unseen::{EVIDENCE, Unseen, unseen, wandering};
-use crate::verdict::{Adequacy, Verdict, weigh};
+use crate::verdict::{Adequacy, Verdict, outside, weigh};
 use crate::written::{refit_summary, written};
 
 /// What a diagnosis gives: the answer, what a prediction needs, and what a report shows.
@@ -170,16 +170,21 @@ fn finish(
     say("gaps".into());
     let plant = problem.nuisance.apply(&problem.plant, &explained.fit().eta);
     let actions = problem.actions(&explained.fit().effects);
-    let gaps = gaps(&explained, &plant, &actions, &case.config.nuisance);
     // What was held out judges too: an effect that does not simulate it better than a refit alone is not what happens there. A refit beyond
     // the stated limits may stand for the effect itself.
     let bounded = clipped(problem, &refitted.eta).map(|eta| problem.nuisance.apply(&problem.plant, &eta));
     let bounded = bounded.as_ref().unwrap_or(&refitted.plant);
+    let gaps = gaps(&explained, &plant, &actions, bounded, &case.config.nuisance);
     let best = &found.best.effects;
     let held_out =
         if best.is_empty() { None } else { held_out(&ready.held_out, &ready.noise, bounded, &plant, &actions) };
     let fails = !off.contains(&Step::HeldOutVeto) && held_out.is_some_and(|held_out| held_out.refutes());
-    let unknown = if fails { judged.unknown.max(MOST_UNKNOWN) } else { judged.unknown };
+    let imperfect = ready.widened.is_some() && !best.is_empty();
+    let unknown = match (fails, imperfect) {
+        (true, _) => MOST_UNKNOWN.max(judged.unknown),
+        (false, true) => judged.unknown.max(outside(gaps.left())),
+        (false, false) => judged.unknown,
+    };
     let mut weighted = weigh(&found.candidates, unknown, problem.rows() as f64, *level, off);
     // What quiet records show holds whatever the free runs say.
     let shown: Vec<&Unseen> = unseen

@@ -122,6 +122,9 @@ pub struct Gap {
     pub as_given: f64,
     /// After the bounded refit.
     pub refit: f64,
+    /// After the bounded refit, as far as it stays within the limits.
+    #[serde(default)]
+    pub within_limits: f64,
     /// After a linear refit without bounds.
     pub free_refit: f64,
     /// After the refit with the effects.
@@ -148,6 +151,14 @@ pub struct Gap {
     pub predicted_held_out_gap: f64,
     /// Where these were measured: the held-out records, or the fitted ones where nothing could be held out.
     pub measured_on: Vec<String>,
+}
+
+impl Gap {
+    /// Amplitude that is left beyond the noise, over what the simulation within its limits leaves.
+    pub fn left(&self) -> f64 {
+        let beyond = |gap: f64| (gap * gap - self.noise_floor * self.noise_floor).max(0.0).sqrt();
+        beyond(self.with_effect) / beyond(self.within_limits).max(f64::MIN_POSITIVE)
+    }
 }
 
 /// How much more the simulation with its effects closes than another model, on the same samples.

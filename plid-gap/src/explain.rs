@@ -10,14 +10,15 @@ use crate::modal::dominant;
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::problem::{Fit, Placed, Problem, sum_of_squares};
 use crate::record::{Channels, Record};
-use crate::refit::{Refit, STEPS, refit};
+use crate::gap::{self, Blocks};
+use crate::refit::{Refit, STEPS, clipped, refit};
 use crate::shape::{Bent, bent, fewer, renamed};
 use crate::shrink::run;
 use crate::simulate::Fineness;
 use crate::stepwise::{Candidate, Search, Turn, all_same, polish, search};
 use crate::thresholds::{ACCEPT, DOUBTFUL, ELSEWHERE, HEAD, INADEQUATE, MOST_UNKNOWN, SHAPE_DIFFERS, WORTH};
 use crate::unseen::is_unseen;
-use crate::verdict::{Adequacy, adequacy, least_unknown};
+use crate::verdict::{Adequacy, adequacy, least_unknown, outside};
 
 /// Explanations without bounds that are refused before the refit takes their place.
 const MOST_REFUSED: usize = 5;
@@ -268,7 +269,38 @@ fn once<'a>(
         let left = bent.as_ref().map_or(best.cost, |bent| bent.fit.cost);
         judged.unknown = judged.unknown.max(least_unknown((before - left) / left, level.seen));
     }
+    if ready.widened.is_some() {
+        let fit = bent.as_ref().map_or(&found.best, |bent| &bent.fit);
+        let left = left(&ready, &refitted, fit);
+        say(format!("leaves {left:.3} of the gap beyond noise and limits"));
+        judged.left = left * left;
+        judged.unknown = if found.best.effects.is_empty() { MOST_UNKNOWN } else { outside(left) };
+    } else if judged.unknown >= INADEQUATE {
+        let fit = bent.as_ref().map_or(&found.best, |bent| &bent.fit);
+        let simulated = outputs(&ready.problem, &fit.eta, &fit.effects);
+        ready.admit_error(&simulated, &fit.eta, &refitted.tangent);
+        let scale = ready.widened.unwrap_or(1.0);
+        say(format!("no explanation leaves only noise: once more with that as an error of the simulation, its limits {scale:.2} times as wide"));
+        refitted = refit(&ready.problem, STEPS);
+        return once(ready, refitted, library, rules, bold, None, say);
+    }
     Explained { ready, quick, refitted, found, bent, judged, level, given_cost, diverged: None }
+}
+
+/// Amplitude that a fit leaves of the fitted records beyond the noise, over what the simulation within its limits leaves.
+fn left(ready: &Prepared, refitted: &Refit, fit: &Fit) -> f64 {
+    let problem = &ready.problem;
+    let within = clipped(problem, &refitted.eta).unwrap_or_else(|| refitted.eta.clone());
+    let noise = ready.noise.rms();
+    let beyond = |eta: &[f64], effects: &[Placed]| {
+        let simulated = outputs(problem, eta, effects);
+        let driven = || problem.records.iter().zip(&simulated).filter(|(record, _)| record.level() > 0.0);
+        let blocks = Blocks::joined(driven().map(|(record, y)| Blocks::new(&record.y, y, 0)).collect());
+        let measured: Vec<&[Vec<f64>]> = driven().map(|(record, _)| record.y.as_slice()).collect();
+        let floor = gap::floor_over(&noise, &measured);
+        blocks.map_or(0.0, |blocks| (blocks.gap().powi(2) - floor * floor).max(0.0).sqrt())
+    };
+    beyond(&fit.eta, &fit.effects) / beyond(&within, &[]).max(f64::MIN_POSITIVE)
 }
 
 /// Free runs of all fitted records.

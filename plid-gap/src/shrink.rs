@@ -18,7 +18,7 @@ const FREE_STEPS: usize = 12;
 
 /// Gaps on held-out records, or on the loudest driven one where nothing is held out. `plant` and `actions` are the simulation with the
 /// effects.
-pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], limits: &Limits) -> Gap {
+pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &Plant, limits: &Limits) -> Gap {
     let Explained { ready, quick, refitted, found, .. } = explained;
     let problem = &ready.problem;
     let loudest = loudest(&problem.records);
@@ -63,6 +63,7 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], limits: &L
     Gap {
         as_given,
         refit: bounded,
+        within_limits: of(within, &[]).gap(),
         free_refit: free_blocks.gap(),
         with_effect,
         noise_floor: floor,

@@ -5,7 +5,7 @@ use crate::prepare::NoiseLevel;
 use crate::problem::Placed;
 use crate::stepwise::{Candidate, all_same};
 use crate::thresholds::{
-    BENT, EXCESS, FAINT, FAINT_POWER, LEAST_UNKNOWN, MISFIT_TEMPERATURE, MOST_UNKNOWN, NEXT, NOISE_UNSEEN,
+    BENT, EXCESS, FAINT, FAINT_POWER, LEAST_UNKNOWN, MISFIT_TEMPERATURE, MOST_LEFT, MOST_UNKNOWN, NEXT, NOISE_UNSEEN,
     NOT_ACCEPTED, TEMPERATURE, TEXTBOOK,
 };
 
@@ -72,6 +72,15 @@ pub fn adequacy(bent: f64, next: f64, cost: f64, before: f64, rows: f64, level: 
 pub fn least_unknown(explained: f64, seen: bool) -> f64 {
     let faint = FAINT / (1.0 + (explained.max(0.0) / FAINT_POWER).powi(2));
     LEAST_UNKNOWN + faint + if seen { 0.0 } else { NOISE_UNSEEN }
+}
+
+/// Probability of something else beside an explanation that leaves this share, in amplitude, of the gap beyond noise and limits, where the simulation is off
+/// in many small ways and no explanation leaves only noise.
+pub fn outside(left: f64) -> f64 {
+    if left > MOST_LEFT {
+        return MOST_UNKNOWN;
+    }
+    LEAST_UNKNOWN + (MOST_UNKNOWN - LEAST_UNKNOWN) / (1.0 + (MOST_LEFT / left.max(1e-6)).powi(4))
 }
 
 /// Spreads probability over the candidates; `unknown` goes to something else.
