@@ -15,8 +15,8 @@ use crate::refit::{Refit, STEPS, clipped, refit};
 use crate::shape::{Bent, bent, fewer, renamed};
 use crate::shrink::run;
 use crate::simulate::Fineness;
-use crate::stepwise::{Candidate, Search, Turn, all_same, polish, search};
-use crate::thresholds::{ACCEPT, DOUBTFUL, ELSEWHERE, HEAD, INADEQUATE, MOST_UNKNOWN, SHAPE_DIFFERS, WORTH};
+use crate::stepwise::{Candidate, Search, Turn, all_same, polish, search, straighten};
+use crate::thresholds::{ACCEPT, DOUBTFUL, ELSEWHERE, HEAD, INADEQUATE, MOST_UNKNOWN, SHAPED, SHAPE_DIFFERS, WORTH};
 use crate::unseen::is_unseen;
 use crate::verdict::{Adequacy, adequacy, least_unknown, outside};
 
@@ -198,6 +198,9 @@ fn once<'a>(
     let own = OnceCell::new();
     let kept = turn.unwrap_or(&own);
     let mut found = search(&mut ready.problem, &mut quick, &refitted, library, &allowed, &bonus, bold, &off, kept, say);
+    if ready.widened.is_some() {
+        straighten(&ready.problem, &quick, &mut found, library, &allowed, &bonus, &off, say);
+    }
     let simulated = outputs(&ready.problem, &found.best.eta, &found.best.effects);
     if turn.is_some() && ready.renew_codes(&simulated) {
         say("samples drop out: once more without them".into());
@@ -215,11 +218,14 @@ fn once<'a>(
         refitted = refit(&ready.problem, STEPS);
         return once(ready, refitted, library, rules, bold, None, say);
     }
+    let widened = ready.widened.is_some();
+    // Beside an error of the simulation itself the last digits of a law are no matter.
+    let shaped = !widened || left(&ready, &refitted, &found.best) > SHAPED;
+    let free = shaped && !off.contains(&Step::FreeShapes);
     let problem = &mut ready.problem;
     let zero = vec![0.0; problem.nuisance.len()];
     let given_cost = sum_of_squares(&problem.residual(&problem.plant, &zero, &[], Fineness::FINE));
-    let free = !off.contains(&Step::FreeShapes);
-    let simpler = if free { fewer(problem, &quick, &found.best) } else { None };
+    let simpler = if free && !widened { fewer(problem, &quick, &found.best) } else { None };
     let mut bent = match simpler {
         Some((alone, bent)) => {
             found.settle(alone, bent.fit.cost);

@@ -96,6 +96,11 @@ impl Nuisance {
         off.get(off.len() / 2).map_or(1.0, |median| (median / NORMAL_MEDIAN).max(1.0))
     }
 
+    /// From now on without one of the records: nothing acts on its initial state any more.
+    pub fn forget(&mut self, record: usize) {
+        self.starts.remove(record);
+    }
+
     /// Entries that belong to the modes; initial states follow.
     pub fn of_modes(&self) -> usize {
         self.modes * self.each()

@@ -2,7 +2,8 @@
 
 use crate::diagnosis::{Gap, ShrinkOver};
 use crate::effects::Action;
-use crate::explain::{Explained, outputs};
+use crate::crossed;
+use crate::explain::Explained;
 use crate::gap::{self, Blocks};
 use crate::locate;
 use crate::nuisance::{Limits, Nuisance};
@@ -12,6 +13,7 @@ use crate::record::{Channels, Excitation, Record};
 use crate::refit::refit;
 use crate::simulate::{Fineness, State, simulate};
 use crate::stepwise::Search;
+use crate::whiten::Whitener;
 
 /// Steps of the refit without bounds.
 const FREE_STEPS: usize = 12;
@@ -24,13 +26,10 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     let loudest = loudest(&problem.records);
     let noise = explained.noise_rms();
     // Stated first, from what was fitted.
-    let fitted = outputs(problem, &explained.fit().eta, &explained.fit().effects);
-    let stated = gap::expected(&problem.records, &fitted, loudest.level());
-    let opened: Vec<&Record> = if ready.held_out.is_empty() { vec![loudest] } else { ready.held_out.iter().collect() };
-    let of = |plant: &Plant, actions: &[Action]| {
-        let each = opened.iter().map(|record| Blocks::new(&record.y, &run(plant, actions, record), 0));
-        Blocks::joined(each.collect()).expect("at least one record is opened")
-    };
+    let whitened = |record: &Record| Whitener::new(record, &ready.noise, problem.plant.rate, vec![Vec::new(); problem.plant.p]);
+    let stated = crossed::stated(problem, explained.fit(), loudest.level(), whitened);
+    let opened = opened(explained);
+    let of = |plant: &Plant, actions: &[Action]| blocks(&opened, plant, actions);
     let given = of(&problem.plant, &[]);
     let refit_blocks = of(&refitted.plant, &[]);
     let with = of(plant, actions);
@@ -74,9 +73,22 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
         shrink_over,
         share_of_ceiling: share([as_given, with_effect, ceiling_blocks.gap()]),
         share_of_ceiling_ci95: gap::drawn([&given, &with, &ceiling_blocks], share),
-        predicted_held_out_gap: stated,
+        predicted_held_out_gap: stated.gap,
+        predicted_ci80: stated.ci80,
         measured_on: opened.iter().map(|r| r.name.clone()).collect(),
     }
+}
+
+/// Records that are opened once all is fitted: those that were held out, or else the loudest.
+pub(crate) fn opened<'e>(explained: &'e Explained) -> Vec<&'e Record> {
+    let Explained { ready, .. } = explained;
+    if ready.held_out.is_empty() { vec![loudest(&ready.problem.records)] } else { ready.held_out.iter().collect() }
+}
+
+/// Free runs of records beside what was measured.
+pub(crate) fn blocks(records: &[&Record], plant: &Plant, actions: &[Action]) -> Blocks {
+    let each = records.iter().map(|record| Blocks::new(&record.y, &run(plant, actions, record), 0));
+    Blocks::joined(each.collect()).expect("at least one record is opened")
 }
 
 /// The last of the loudest records, a random one if there is any: a drift shows there as it will in what follows.

@@ -8,7 +8,6 @@ use crate::explain::Explained;
 use crate::plant::Plant;
 use crate::problem::{Placed, Problem};
 use crate::unseen::{Unseen, wanders};
-use crate::verdict::Verdict;
 
 /// Changes of the bounded refit in standard deviations of its prior, by mode (Hz): frequency, damping, largest of the shapes.
 pub(crate) fn refit_summary(problem: &Problem, eta: &[f64]) -> Vec<(f64, f64, f64, f64)> {
@@ -26,21 +25,21 @@ pub(crate) fn refit_summary(problem: &Problem, eta: &[f64]) -> Vec<(f64, f64, f6
     modes
 }
 
-/// sim-with-effect.json: the linear model after the bounded refit (`plant`) with the effects of the model that predicts, and those that
+/// sim-with-effect.json: the linear model after the bounded refit (`eta`) with the effects that predict (`fitted`), and those that
 /// quiet records show, but for a line that wanders: that is part of the noise.
 pub(crate) fn written(
     explained: &Explained,
     model: &plid_model::Model,
-    plant: &Plant,
+    eta: &[f64],
+    fitted: &[Placed],
     shown: &[&Unseen],
-    verdict: Verdict,
 ) -> SimulationWithEffects {
-    let (ready, best) = (&explained.ready, explained.fit());
+    let ready = &explained.ready;
+    let plant = &ready.problem.nuisance.apply(&ready.problem.plant, eta);
     let setting = &ready.problem.setting;
     let records = &ready.problem.records;
     let t0 =
         records.iter().chain(&ready.held_out).map(|r| r.start_s + r.samples() as f64 / plant.rate).fold(0.0, f64::max);
-    let fitted: &[Placed] = if verdict == Verdict::None { &[] } else { &best.effects };
     let effects = fitted
         .iter()
         .chain(shown.iter().map(|unseen| &unseen.placed).filter(|placed| !wanders(placed)))
@@ -66,7 +65,7 @@ pub(crate) fn written(
             changed = true;
         }
     }
-    let refit = refit_summary(&ready.problem, &best.eta)
+    let refit = refit_summary(&ready.problem, eta)
         .iter()
         .zip(ready.problem.plant.modes.iter().zip(&plant.modes))
         .map(|(z, (from, to))| {
