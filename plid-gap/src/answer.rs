@@ -226,18 +226,13 @@ pub(crate) fn remains(after: &Map, outputs: &[String], beyond: f64, given: f64) 
     let cells = (0..after.share.nrows()).flat_map(|o| (0..after.share.ncols()).map(move |b| (o, b)));
     let Some((o, b)) = cells.max_by(|x, y| after.share[*x].total_cmp(&after.share[*y])) else { return String::new() };
     let hz = 0.5 * (after.edges[b] + after.edges[b + 1]);
-    let what = if beyond < SMALL * given { "Something small".to_string() } else { format!("A gap of {}", percent(beyond)) };
+    let what =
+        if beyond < SMALL * given { "Something small".to_string() } else { format!("A gap of {}", percent(beyond)) };
     format!(" {what} remains near {} Hz at {}.", Cell::significant(hz, 2), outputs[o])
 }
 
 /// What the best explanation leaves: of the opened records in size, of the fitted ones in place.
-pub(crate) fn remainder(
-    explained: &Explained,
-    gap: &Gap,
-    after: &Map,
-    with: &Blocks,
-    material: f64,
-) -> Remainder {
+pub(crate) fn remainder(explained: &Explained, gap: &Gap, after: &Map, with: &Blocks, material: f64) -> Remainder {
     let names = &explained.ready.problem.setting.names;
     let found = &explained.found;
     let floor = gap.noise_floor;
@@ -249,7 +244,11 @@ pub(crate) fn remainder(
     Remainder {
         gap: gap.with_effect,
         noise: floor,
-        share_of_gap: if beyond(gap.as_given) > 0.0 { (beyond(gap.with_effect) / beyond(gap.as_given)).min(1.0) } else { 0.0 },
+        share_of_gap: if beyond(gap.as_given) > 0.0 {
+            (beyond(gap.with_effect) / beyond(gap.as_given)).min(1.0)
+        } else {
+            0.0
+        },
         further_cause: gap::how_often([with], |[with]| beyond(with) > material * material),
         place: RemainderPlace { channels: place.channels, bands_hz: place.bands_hz },
         nearest: more
@@ -439,6 +438,21 @@ mod tests {
     use crate::diagnose::diagnose;
     use crate::effects::Library;
     use crate::testing::{case, truss, truss_with};
+
+    /// A name that nothing has is an error with what comes nearest, and not left out in silence.
+    #[test]
+    fn names_that_do_not_exist_are_refused() {
+        let ask = |exclude: &str| {
+            let mut case = case(&truss(1), &truss(1));
+            case.config.exclude = vec![exclude.into()];
+            diagnose(&case, &Library::standard(), &mut |_| {})
+        };
+        for (wrong, right) in [("cubic-stifness", "cubic-stiffness"), ("input:u11", "input:u1")] {
+            let message = ask(wrong).err().unwrap().to_string();
+            assert!(message.contains("exclude") && message.contains(&format!("did you mean `{right}`")), "{message}");
+        }
+        assert!(ask("mode:123.4").is_ok());
+    }
 
     #[test]
     fn a_gap_that_grows_is_not_said_to_fall() {

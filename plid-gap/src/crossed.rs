@@ -6,7 +6,7 @@ use crate::problem::{Effort, Fit, Problem};
 use crate::record::{Channels, Record};
 use crate::shrink::run;
 use crate::simulate::Fineness;
-use crate::thresholds::{PREDICTIONS_KNOWN, PREDICTION_SCATTER};
+use crate::thresholds::{PREDICTION_SCATTER, PREDICTIONS_KNOWN};
 use crate::whiten::Whitener;
 
 /// A fit that starts from the one to all records.

@@ -5,18 +5,18 @@ use std::cell::OnceCell;
 use crate::ablation::Step;
 use crate::closest_law::closest_law;
 use crate::effects::{Effect, Library, Names};
+use crate::gap::{self, Blocks};
 use crate::locate::error;
 use crate::modal::dominant;
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::problem::{Fit, Placed, Problem, sum_of_squares};
 use crate::record::{Channels, Record};
-use crate::gap::{self, Blocks};
 use crate::refit::{Refit, STEPS, clipped, refit};
 use crate::shape::{Bent, bent, fewer, renamed};
 use crate::shrink::run;
 use crate::simulate::Fineness;
 use crate::stepwise::{Candidate, Search, Turn, all_same, polish, search, straighten};
-use crate::thresholds::{ACCEPT, DOUBTFUL, ELSEWHERE, HEAD, INADEQUATE, MOST_UNKNOWN, SHAPED, SHAPE_DIFFERS, WORTH};
+use crate::thresholds::{ACCEPT, DOUBTFUL, ELSEWHERE, HEAD, INADEQUATE, MOST_UNKNOWN, SHAPE_DIFFERS, SHAPED, WORTH};
 use crate::unseen::is_unseen;
 use crate::verdict::{Adequacy, adequacy, least_unknown, outside};
 
@@ -286,7 +286,9 @@ fn once<'a>(
         let simulated = outputs(&ready.problem, &fit.eta, &fit.effects);
         ready.admit_error(&simulated, &fit.eta, &refitted.tangent);
         let scale = ready.widened.unwrap_or(1.0);
-        say(format!("no explanation leaves only noise: once more with that as an error of the simulation, its limits {scale:.2} times as wide"));
+        say(format!(
+            "no explanation leaves only noise: once more with that as an error of the simulation, its limits {scale:.2} times as wide"
+        ));
         refitted = refit(&ready.problem, STEPS);
         return once(ready, refitted, library, rules, bold, None, say);
     }

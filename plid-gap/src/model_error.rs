@@ -48,12 +48,7 @@ impl ModelError {
     /// What an explanation leaves of driven records beyond the noise: `errors` holds p channels for each record, `noise` gives the noise's density of an
     /// output at a frequency. The density is taken to grow with the square of the level, and fitted to all levels by least squares. None where no
     /// record is driven.
-    pub fn left(
-        records: &[Record],
-        errors: &[Channels],
-        noise: impl Fn(f64) -> Vec<f64>,
-        rate: f64,
-    ) -> Option<Self> {
+    pub fn left(records: &[Record], errors: &[Channels], noise: impl Fn(f64) -> Vec<f64>, rate: f64) -> Option<Self> {
         let driven = || records.iter().zip(errors).filter(|(record, _)| record.level() > 0.0);
         let level = driven().map(|(record, _)| record.level()).fold(0.0, f64::max);
         let longest = driven().map(|(record, _)| record.samples()).max()?;
@@ -194,6 +189,24 @@ mod tests {
         let mean: f64 = (1..50).map(|hz| model_error.density(0, f64::from(hz), level)).sum::<f64>() / 49.0;
         let power = one.iter().map(|x| x * x).sum::<f64>() / period as f64;
         assert!((mean / power - 1.0).abs() < 0.1, "{mean} {power}");
+    }
+
+    /// An error of a twentieth of the input beside noise, at two levels: the noise is not counted, and the quieter record has a quarter of the power.
+    #[test]
+    fn what_an_explanation_leaves_grows_with_the_level() {
+        let one = |seed: u64, level: f64| {
+            let u = random_input(seed, 8192, 1);
+            let noise = random_input(seed + 1, 8192, 1);
+            let u: Channels = vec![u[0].iter().map(|u| level * u).collect()];
+            let error: Channels = vec![u[0].iter().zip(&noise[0]).map(|(u, e)| 0.05 * u + 0.02 * e).collect()];
+            (record(Excitation::Random, u, error.clone()), error)
+        };
+        let (records, errors): (Vec<Record>, Vec<Channels>) = [one(11, 1.0), one(13, 0.5)].into_iter().unzip();
+        let left = ModelError::left(&records, &errors, |_| vec![4e-4], 100.0).unwrap();
+        let mean = |level: f64| (1..50).map(|hz| left.density(0, f64::from(hz), level)).sum::<f64>() / 49.0;
+        let level = records[0].level();
+        assert!((mean(level) / 25e-4 - 1.0).abs() < 0.1, "{}", mean(level));
+        assert!((mean(level) / mean(0.5 * level) - 4.0).abs() < 1e-9);
     }
 
     #[test]

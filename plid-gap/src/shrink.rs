@@ -1,8 +1,8 @@
 //! Step 10: how far the gap goes down, on what was held out from all fitting.
 
+use crate::crossed;
 use crate::diagnosis::{Gap, ShrinkOver};
 use crate::effects::Action;
-use crate::crossed;
 use crate::explain::Explained;
 use crate::gap::{self, Blocks};
 use crate::locate;
@@ -26,7 +26,8 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     let loudest = loudest(&problem.records);
     let noise = explained.noise_rms();
     // Stated first, from what was fitted.
-    let whitened = |record: &Record| Whitener::new(record, &ready.noise, problem.plant.rate, vec![Vec::new(); problem.plant.p]);
+    let whitened =
+        |record: &Record| Whitener::new(record, &ready.noise, problem.plant.rate, vec![Vec::new(); problem.plant.p]);
     let stated = crossed::stated(problem, explained.fit(), loudest.level(), whitened);
     let opened = opened(explained);
     let of = |plant: &Plant, actions: &[Action]| blocks(&opened, plant, actions);
@@ -175,6 +176,48 @@ mod tests {
     use crate::effects::{CubicStiffness, Effect, Place};
     use crate::prepare::tests::setting_of;
     use crate::testing;
+
+    /// A truth that is off everywhere, by gains, cross-talk and more than the stated limits, beside one large spring: the spring is named first, and what remains is
+    /// said beside it.
+    #[test]
+    fn a_main_cause_is_named_beside_small_imperfections() {
+        use crate::diagnose::diagnose;
+        use crate::effects::Library;
+        use crate::verdict::Verdict;
+        let sim = testing::truss(1);
+        let real = testing::truss_with(1, |modes, _, shapes| {
+            for (k, (hz, zeta)) in modes.iter_mut().enumerate() {
+                *hz *= 1.0 + 0.0012 * f64::from(1 - 2 * (k as i32 % 2));
+                *zeta *= 1.05;
+            }
+            shapes.row_mut(0).scale_mut(1.02);
+        });
+        let mut case = testing::case(&sim, &real);
+        let plant = Plant::new(&real).unwrap();
+        let setting = setting_of(&plant, &real);
+        let library = Library::standard();
+        let act =
+            |name: &str, place: Place, parameters: &[f64]| library.get(name).unwrap().act(&setting, &place, parameters);
+        let size = 0.03 * setting.stiffness[0] / setting.d_rms[0].powi(2);
+        let small = 0.02 * setting.stiffness[1];
+        for record in &mut case.records {
+            let mut actions = act("cubic-stiffness", Place::Port(0), &[size]);
+            actions.extend(act("clearance", Place::Port(1), &[small, setting.d_rms[1]]));
+            actions.extend(act("actuator-delay", Place::AllInputs, &[0.03]));
+            let run = |actions: &[Action]| simulate(&plant, actions, &record.u, record.start_s, None, Fineness::FINE);
+            let (with, without) = (run(&actions), run(&[]));
+            let changed = with.iter().flatten().zip(without.iter().flatten());
+            record.y.iter_mut().flatten().zip(changed).for_each(|(y, (a, b))| *y += a - b);
+        }
+        let diagnosis = diagnose(&case, &library, &mut |_| {}).unwrap().diagnosis;
+        assert_eq!(diagnosis.verdict, Verdict::Effects, "{}", diagnosis.sentence);
+        let first = &diagnosis.effects[0];
+        assert_eq!(first.effect, "cubic-stiffness", "{}", diagnosis.sentence);
+        assert!(first.share.unwrap() > 0.5, "{first:?}");
+        let [low, high] = diagnosis.gap.predicted_ci80;
+        assert!(low < diagnosis.gap.predicted_held_out_gap && diagnosis.gap.predicted_held_out_gap < high);
+        assert!(diagnosis.remainder.gap >= diagnosis.remainder.noise * 0.9, "{:?}", diagnosis.remainder);
+    }
 
     /// A record that begins in motion is followed from its start, though a spring stiffens.
     #[test]

@@ -134,6 +134,17 @@ mod tests {
         NoiseLevel { factor: 1.0, uncertainty: 0.02, seen: true, driven: None }
     }
 
+    /// What leaves more is less sure, and what leaves more than half is never a verdict.
+    #[test]
+    fn what_leaves_half_of_the_gap_is_outside() {
+        let left = [0.0, 0.03, 0.1, 0.36, 0.49];
+        let unknown = left.map(outside);
+        assert!(unknown.windows(2).all(|pair| pair[0] < pair[1]), "{unknown:?}");
+        assert!(unknown[3] < 0.25 && unknown[4] < 0.5, "{unknown:?}");
+        // More than all others together.
+        assert!(outside(0.51) > 0.5 && outside(2.0) > 0.5);
+    }
+
     /// What explains more is surer, and surest where the noise is known.
     #[test]
     fn what_is_faint_is_less_sure() {
