@@ -205,7 +205,9 @@ fn finish(
         if best.is_empty() { None } else { held_out(&ready.held_out, &ready.noise, bounded, &plant, &actions) };
     let fails = !off.contains(&Step::HeldOutVeto) && held_out.is_some_and(|held_out| held_out.refutes());
     let imperfect = ready.widened.is_some() && !best.is_empty();
-    let unknown = match (fails, imperfect) {
+    // What makes the gap on held-out records grow by a material part explains nothing, however well it fits the others.
+    let grown = gaps.with_effect.powi(2) - gaps.within_limits.powi(2) > case.config.material.powi(2);
+    let unknown = match (fails || grown, imperfect) {
         (true, _) => MOST_UNKNOWN.max(judged.unknown),
         (false, true) => judged.unknown.max(outside(gaps.left())),
         (false, false) => judged.unknown,
