@@ -201,7 +201,7 @@ fn did_you_mean(suggestion: &Option<String>) -> String {
 }
 
 /// The name nearest to `wanted`, if it is near enough to be a slip of the pen.
-pub(crate) fn nearest<'a>(wanted: &str, names: impl IntoIterator<Item = &'a String>) -> Option<String> {
+pub fn nearest<'a>(wanted: &str, names: impl IntoIterator<Item = &'a String>) -> Option<String> {
     names
         .into_iter()
         .map(|name| {

@@ -30,7 +30,7 @@ mod variables;
 mod warning;
 
 pub use checks::{check_excited, require_samples};
-pub use error::DataError;
+pub use error::{DataError, nearest};
 pub use rate::sample_rate;
 pub use record::{Record, require_alike};
 pub use select::{MissingPolicy, channels, extract, select, select_all};

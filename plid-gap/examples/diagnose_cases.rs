@@ -59,6 +59,18 @@ fn told(outcome: &Outcome, case: &Case, label: &Path, to: &Path, clock: Instant)
     let judged = outcome.evidence.adequacy;
     println!("{} {:.1} s: {}", to.display(), clock.elapsed().as_secs_f64(), outcome.diagnosis.sentence);
     println!("    squared residual over noise: {:.4?} (as given, refit, with effects)", outcome.evidence.costs);
+    let gap = &outcome.diagnosis.gap;
+    println!(
+        "    gaps: given {:.4} refit {:.4} limits {:.4} free {:.4} with {:.4} floor {:.4} left {:.3} stated {:.4}",
+        gap.as_given,
+        gap.refit,
+        gap.within_limits,
+        gap.free_refit,
+        gap.with_effect,
+        gap.noise_floor,
+        gap.left(),
+        gap.predicted_held_out_gap
+    );
     println!(
         "    something else: {:.2} (excess {:.1}, bent {:.1}, next {:.0})",
         judged.unknown, judged.excess, judged.bent, judged.next

@@ -31,6 +31,17 @@ pub enum GapError {
         /// What is wrong.
         message: String,
     },
+    /// A name in `suspects` or `exclude` that is neither an effect nor a place.
+    #[error("`{key}` names `{name}`, which is neither an effect nor a place of this case{}",
+        suggestion.as_ref().map(|name| format!("; did you mean `{name}`?")).unwrap_or_default())]
+    Name {
+        /// Of the case.
+        key: &'static str,
+        /// As written.
+        name: String,
+        /// What comes nearest.
+        suggestion: Option<String>,
+    },
     /// The simulation grows without bound.
     #[error("{}: the simulation is unstable: a pole of magnitude {magnitude:.6} at {hz:.2} Hz", file.display())]
     #[diagnostic(help(

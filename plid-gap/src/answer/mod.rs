@@ -8,22 +8,31 @@ use std::collections::BTreeMap;
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-use crate::answer::schema::{Change, Comparison, Gap, NamedEffect, Value, Where};
+use crate::answer::schema::{Change, Comparison, Gap, Located, NamedEffect, Remainder, RemainderPlace, Value, Where};
 use crate::effects::{Names, Setting, Side};
 use crate::evidence::Beside;
 use crate::fit::problem::Placed;
+use crate::judge::gap::{self, Blocks};
 use crate::judge::held_out::HeldOut;
 use crate::judge::locate::Map;
 use crate::judge::separability::{Rival, open};
-use crate::judge::verdict::{Verdict, Weighted};
+use crate::judge::shares::Share;
+use crate::judge::verdict::{Verdict, Weighted, outside};
 use crate::search::explain::Explained;
 use crate::search::stepwise::{Search, all_same, same};
 use crate::search::stochastic::{Unseen, cuts, wanders};
-use crate::settings::thresholds::SEPARABLE;
+use crate::settings::thresholds::{NEXT, SEPARABLE};
 use crate::words::percent;
+use plid_report::Cell;
 
 /// Effects of the answer with intervals and confidence.
-pub(crate) fn named(explained: &Explained, shown: &[&Unseen], weighted: &[Weighted]) -> Vec<NamedEffect> {
+pub(crate) fn named(
+    explained: &Explained,
+    shown: &[&Unseen],
+    weighted: &[Weighted],
+    shares: &[Share],
+    left: f64,
+) -> Vec<NamedEffect> {
     let (ready, best) = (&explained.ready, &explained.found.best);
     let free_shape = explained.bent.as_ref().map(|bent| bent.which);
     let setting = &ready.problem.setting;
@@ -45,10 +54,16 @@ pub(crate) fn named(explained: &Explained, shown: &[&Unseen], weighted: &[Weight
             parameters.insert(parameter.name, stated(value, half(at), parameter.unit));
             at += 1;
         }
+        let share = shares.get(which);
+        // What closes little beside what is left may be its imitation.
+        let alone = |share: &Share| ((1.0 - outside(share.left)) / (1.0 - outside(left))).min(1.0);
+        let imitated = if ready.widened.is_some() { share.map_or(1.0, alone) } else { 1.0 };
         named.push(NamedEffect {
             effect: placed.effect.name().into(),
             location: placed.place.location(names),
-            confidence: confidence(placed),
+            confidence: confidence(placed) * imitated,
+            share: share.map(|share| share.value),
+            share_ci95: share.map(|share| share.ci95),
             parameters,
             change: changed(placed, setting, &refitted, half(first)),
             shape_differs: free_shape == Some(which),
@@ -63,6 +78,8 @@ pub(crate) fn named(explained: &Explained, shown: &[&Unseen], weighted: &[Weight
             effect: placed.effect.name().into(),
             location: placed.place.location(names),
             confidence: confidence(placed),
+            share: None,
+            share_ci95: None,
             parameters,
             change: None,
             shape_differs: cuts(placed) || wanders(placed),
@@ -207,8 +224,61 @@ fn course(from: f64, to: f64) -> String {
     }
 }
 
-/// The answer in a sentence. `nearest` is the best explanation, whether it suffices or not; `seen` says whether the records show the noise.
-pub(crate) fn sentence(verdict: Verdict, effects: &[NamedEffect], nearest: &[String], gap: &Gap, seen: bool) -> String {
+/// Where most of a remainder lies, in words; `after` is its map over outputs and bands, and `beyond` its size beyond the noise, of a gap of `given`.
+pub(crate) fn remains(after: &Map, outputs: &[String], beyond: f64, given: f64) -> String {
+    let cells = (0..after.share.nrows()).flat_map(|o| (0..after.share.ncols()).map(move |b| (o, b)));
+    let Some((o, b)) = cells.max_by(|x, y| after.share[*x].total_cmp(&after.share[*y])) else { return String::new() };
+    let hz = 0.5 * (after.edges[b] + after.edges[b + 1]);
+    let what =
+        if beyond < SMALL * given { "Something small".to_string() } else { format!("A gap of {}", percent(beyond)) };
+    format!(" {what} remains near {} Hz at {}.", Cell::significant(hz, 2), outputs[o])
+}
+
+/// What the best explanation leaves: of the opened records in size, of the fitted ones in place.
+pub(crate) fn remainder(explained: &Explained, gap: &Gap, after: &Map, with: &Blocks, material: f64) -> Remainder {
+    let names = &explained.ready.problem.setting.names;
+    let found = &explained.found;
+    let floor = gap.noise_floor;
+    let beyond = |gap: f64| (gap * gap - floor * floor).max(0.0);
+    let place = place(after, &names.outputs, found, &[]);
+    let best = &found.best.effects;
+    let last = found.stages.last().map_or(&[][..], Vec::as_slice);
+    let more = last.iter().filter(|entry| entry.gain > NEXT && !best.iter().any(|placed| same(placed, &entry.placed)));
+    Remainder {
+        gap: gap.with_effect,
+        noise: floor,
+        share_of_gap: if beyond(gap.as_given) > 0.0 {
+            (beyond(gap.with_effect) / beyond(gap.as_given)).min(1.0)
+        } else {
+            0.0
+        },
+        further_cause: gap::how_often([with], |[with]| beyond(with) > material * material),
+        place: RemainderPlace { channels: place.channels, bands_hz: place.bands_hz },
+        nearest: more
+            .take(MOST_NEAREST)
+            .map(|entry| Located {
+                effect: entry.placed.effect.name().into(),
+                location: entry.placed.place.location(names),
+            })
+            .collect(),
+    }
+}
+
+/// Of the gap as given, in amplitude: what is smaller is small.
+const SMALL: f64 = 0.1;
+
+/// Entries of a screen that are said to come nearest to a remainder.
+const MOST_NEAREST: usize = 3;
+
+/// The answer in a sentence. `remains` says where what is left beside an imperfect simulation lies. `nearest` is the best explanation, whether it suffices or not; `seen` says whether the records show the noise.
+pub(crate) fn sentence(
+    verdict: Verdict,
+    effects: &[NamedEffect],
+    nearest: &[String],
+    gap: &Gap,
+    seen: bool,
+    remains: Option<&str>,
+) -> String {
     let noise = if seen {
         format!("noise {}", percent(gap.noise_floor))
     } else {
@@ -246,6 +316,18 @@ pub(crate) fn sentence(verdict: Verdict, effects: &[NamedEffect], nearest: &[Str
                     percent(gap.as_given),
                 );
             }
+            if let (Some(remains), [main, beside @ ..]) = (remains, effects) {
+                let beside = beside.iter().map(one).collect::<Vec<_>>().join(" and ");
+                let beside = if beside.is_empty() { beside } else { format!(", with {beside} beside it") };
+                return format!(
+                    "Mostly {} ({:.0} % sure){beside}: with {} the gap on held-out records{}, and {} of that is noise.{remains}",
+                    one(main),
+                    100.0 * main.confidence,
+                    if effects.len() == 1 { "it" } else { "them" },
+                    course(gap.as_given, gap.with_effect).trim_start_matches("the gap"),
+                    percent(gap.noise_floor),
+                );
+            }
             // Samples that drop out are no part of what a simulation can follow.
             let drops = effects.iter().any(|e| e.effect == "sensor-dropout");
             let rest = if seen && !drops && gap.with_effect > LEFT * gap.noise_floor {
@@ -279,6 +361,11 @@ pub(crate) fn words(
         refitted.cost / rows,
         found.best.cost / rows
     )];
+    if let Some(scale) = ready.widened {
+        words.push(format!(
+            "No explanation leaves only noise, so that what the best one leaves counts as an error of the simulation itself. Most of its numbers are off by {scale:.1} times what the case says of them."
+        ));
+    }
     if let Some((effects, record)) = diverged {
         words.push(format!(
             "{} came nearest, but its free run of `{record}` has no bounds: it was refused.",
@@ -354,6 +441,21 @@ mod tests {
     use crate::diagnose::diagnose;
     use crate::effects::Library;
     use crate::testing::{case, truss, truss_with};
+
+    /// A name that nothing has is an error with what comes nearest, and not left out in silence.
+    #[test]
+    fn names_that_do_not_exist_are_refused() {
+        let ask = |exclude: &str| {
+            let mut case = case(&truss(1), &truss(1));
+            case.config.exclude = vec![exclude.into()];
+            diagnose(&case, &Library::standard(), &mut |_| {})
+        };
+        for (wrong, right) in [("cubic-stifness", "cubic-stiffness"), ("input:u11", "input:u1")] {
+            let message = ask(wrong).err().unwrap().to_string();
+            assert!(message.contains("exclude") && message.contains(&format!("did you mean `{right}`")), "{message}");
+        }
+        assert!(ask("mode:123.4").is_ok());
+    }
 
     #[test]
     fn a_gap_that_grows_is_not_said_to_fall() {

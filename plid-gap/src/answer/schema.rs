@@ -52,6 +52,12 @@ pub struct NamedEffect {
     pub location: String,
     /// Probability that it is at work there.
     pub confidence: f64,
+    /// Of the squared gap beyond noise and limits, what this effect closes on held-out records, the others staying. None of what no free run shows.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub share: Option<f64>,
+    /// Its 95 % interval.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub share_ci95: Option<[f64; 2]>,
     /// By name.
     pub parameters: BTreeMap<String, Value>,
     /// Which number of the simulation is to change, where the effect is no more than that.
@@ -115,6 +121,33 @@ pub struct Where {
     pub levels: Vec<LevelGap>,
 }
 
+/// What the best explanation leaves, on the records where the gap was measured.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Remainder {
+    /// The gap, noise included.
+    pub gap: f64,
+    /// What noise alone makes.
+    pub noise: f64,
+    /// Of the squared gap as given beyond the noise, what is left.
+    pub share_of_gap: f64,
+    /// Probability that what is left beyond the noise is more than what the case calls material.
+    pub further_cause: f64,
+    /// Where it lies on the fitted records.
+    #[serde(rename = "where", default)]
+    pub place: RemainderPlace,
+    /// Effects that would explain most of it, though none of them enough.
+    pub nearest: Vec<Located>,
+}
+
+/// Where a remainder lies.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct RemainderPlace {
+    /// Share of each output.
+    pub channels: BTreeMap<String, f64>,
+    /// From, to (Hz), share: the bands that hold most of it.
+    pub bands_hz: Vec<[f64; 3]>,
+}
+
 /// How far the gap goes down.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Gap {
@@ -122,6 +155,9 @@ pub struct Gap {
     pub as_given: f64,
     /// After the bounded refit.
     pub refit: f64,
+    /// After the bounded refit, as far as it stays within the limits.
+    #[serde(default)]
+    pub within_limits: f64,
     /// After a linear refit without bounds.
     pub free_refit: f64,
     /// After the refit with the effects.
@@ -146,8 +182,19 @@ pub struct Gap {
     pub share_of_ceiling_ci95: [f64; 2],
     /// Stated before any held-out record was opened.
     pub predicted_held_out_gap: f64,
+    /// Its 80 % interval.
+    #[serde(default)]
+    pub predicted_ci80: [f64; 2],
     /// Where these were measured: the held-out records, or the fitted ones where nothing could be held out.
     pub measured_on: Vec<String>,
+}
+
+impl Gap {
+    /// Amplitude that is left beyond the noise, over what the simulation within its limits leaves.
+    pub fn left(&self) -> f64 {
+        let beyond = |gap: f64| (gap * gap - self.noise_floor * self.noise_floor).max(0.0).sqrt();
+        beyond(self.with_effect) / beyond(self.within_limits).max(f64::MIN_POSITIVE)
+    }
 }
 
 /// How much more the simulation with its effects closes than another model, on the same samples.
@@ -201,6 +248,9 @@ pub struct Diagnosis {
     pub place: Where,
     /// How far.
     pub gap: Gap,
+    /// What the best explanation leaves.
+    #[serde(default)]
+    pub remainder: Remainder,
     /// What would part what is left.
     pub next_experiment: Option<String>,
     /// The evidence in words.

@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use crate::answer::schema::{SimulationWithEffects, Value, WrittenEffect};
 use crate::effects::{Action, Flexible, Place, Setting};
 use crate::fit::problem::{Placed, Problem};
-use crate::judge::verdict::Verdict;
 use crate::plant::Plant;
 use crate::search::explain::Explained;
 use crate::search::stochastic::{Unseen, wanders};
@@ -26,21 +25,21 @@ pub(crate) fn refit_summary(problem: &Problem, eta: &[f64]) -> Vec<(f64, f64, f6
     modes
 }
 
-/// sim-with-effect.json: the linear model after the bounded refit (`plant`) with the effects of the model that predicts, and those that
+/// sim-with-effect.json: the linear model after the bounded refit (`eta`) with the effects that predict (`fitted`), and those that
 /// quiet records show, but for a line that wanders: that is part of the noise.
 pub(crate) fn written(
     explained: &Explained,
     model: &plid_model::Model,
-    plant: &Plant,
+    eta: &[f64],
+    fitted: &[Placed],
     shown: &[&Unseen],
-    verdict: Verdict,
 ) -> SimulationWithEffects {
-    let (ready, best) = (&explained.ready, explained.fit());
+    let ready = &explained.ready;
+    let plant = &ready.problem.nuisance.apply(&ready.problem.plant, eta);
     let setting = &ready.problem.setting;
     let records = &ready.problem.records;
     let t0 =
         records.iter().chain(&ready.held_out).map(|r| r.start_s + r.samples() as f64 / plant.rate).fold(0.0, f64::max);
-    let fitted: &[Placed] = if verdict == Verdict::None { &[] } else { &best.effects };
     let effects = fitted
         .iter()
         .chain(shown.iter().map(|unseen| &unseen.placed).filter(|placed| !wanders(placed)))
@@ -66,7 +65,7 @@ pub(crate) fn written(
             changed = true;
         }
     }
-    let refit = refit_summary(&ready.problem, &best.eta)
+    let refit = refit_summary(&ready.problem, eta)
         .iter()
         .zip(ready.problem.plant.modes.iter().zip(&plant.modes))
         .map(|(z, (from, to))| {

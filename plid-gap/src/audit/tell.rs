@@ -63,7 +63,16 @@ impl Audit {
             Some(found) => add(&mut found.parameters),
             None => diagnosis.effects.insert(
                 0,
-                NamedEffect { effect, location, confidence: known, parameters, change: None, shape_differs: false },
+                NamedEffect {
+                    effect,
+                    location,
+                    confidence: known,
+                    parameters,
+                    share: None,
+                    share_ci95: None,
+                    change: None,
+                    shape_differs: false,
+                },
             ),
         }
     }

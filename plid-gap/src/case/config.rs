@@ -40,9 +40,17 @@ pub struct CaseConfig {
     /// How far the simulation may be off.
     #[serde(default)]
     pub nuisance: Limits,
+    /// A gap beyond the noise that matters, relative to the output.
+    #[serde(default = "material")]
+    pub material: f64,
     /// In the order in which they were taken.
     #[serde(default)]
     pub record: Vec<RecordConfig>,
+}
+
+/// Two per cent of the output.
+fn material() -> f64 {
+    0.02
 }
 
 fn no_trend() -> Trend {
@@ -151,6 +159,7 @@ impl CaseConfig {
             suspects: Vec::new(),
             exclude: Vec::new(),
             nuisance: Limits::default(),
+            material: material(),
             record: Vec::new(),
         }
     }
@@ -160,6 +169,9 @@ impl CaseConfig {
         let mut problems = Vec::new();
         if !(self.sample_rate_hz.is_finite() && self.sample_rate_hz > 0.0) {
             problems.push(("sample_rate_hz", format!("{} is not positive", self.sample_rate_hz)));
+        }
+        if !(self.material.is_finite() && self.material >= 0.0) {
+            problems.push(("material", format!("{} is no share of the output", self.material)));
         }
         if self.record.iter().all(RecordConfig::is_for_simulation) {
             let message = "a case needs at least one [[record]] that is not for the simulation";

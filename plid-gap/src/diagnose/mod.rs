@@ -2,9 +2,9 @@
 
 use std::cell::OnceCell;
 
-use crate::answer::schema::{Diagnosis, Explanation, Located, SimulationWithEffects};
+use crate::answer::schema::{Diagnosis, Explanation, Gap, Located, NamedEffect, SimulationWithEffects};
 use crate::answer::simulation::{refit_summary, written};
-use crate::answer::{classes, comparisons, in_words, named, others, place, sentence, words};
+use crate::answer::{classes, comparisons, in_words, named, others, place, remainder, remains, sentence, words};
 use crate::audit::{Audit, audit};
 use crate::case::Case;
 use crate::case::levels::{LevelRun, is_linear, one_of_each_level};
@@ -12,13 +12,16 @@ use crate::case::record::{Channels, Record};
 use crate::effects::{Action, Library};
 use crate::error::GapError;
 use crate::evidence::Beside;
+use crate::fit::problem::Placed;
 use crate::fit::refit::{self, Refit, clipped, refit};
 use crate::judge::held_out::held_out;
 use crate::judge::locate::{self, Map};
 use crate::judge::next_experiment::next_experiment;
 use crate::judge::separability::{Foretold, rivals};
-use crate::judge::shrink::{gaps, loudest, run};
-use crate::judge::verdict::{Adequacy, Verdict, weigh};
+use crate::judge::settle_all::with_all;
+use crate::judge::shares::{Share, of_band, shares};
+use crate::judge::shrink::{blocks, gaps, loudest, opened, run};
+use crate::judge::verdict::{Adequacy, Verdict, outside, weigh};
 use crate::plant::Plant;
 use crate::prepare::{Prepared, prepare};
 use crate::search::explain::{Explained, Rules, errors, explain};
@@ -27,6 +30,7 @@ use crate::search::stochastic::{EVIDENCE, Unseen, unseen, wandering};
 use crate::settings::step::Step;
 use crate::settings::thresholds::MOST_UNKNOWN;
 use crate::simulate::{Fineness, simulate};
+use plid_data::nearest;
 
 /// What a diagnosis gives: the answer, what a prediction needs, and what a report shows.
 pub struct Outcome {
@@ -115,6 +119,7 @@ impl<'a> Groundwork<'a> {
         let audit = audit(case, library, off, say)?;
         say("preparing".into());
         let mut ready = prepare(model(&audit)?, &audit.case.records, &audit.known)?;
+        known_names(&audit.case, library, &ready)?;
         say("bounded refit".into());
         let refitted = refit(&ready.problem, refit::STEPS);
         ready.renew_missing(&refitted.eta);
@@ -145,6 +150,25 @@ impl<'a> Groundwork<'a> {
     }
 }
 
+/// A slip of the pen in `suspects` or `exclude` would go unnoticed.
+fn known_names(case: &Case, library: &Library, ready: &Prepared) -> Result<(), GapError> {
+    let setting = &ready.problem.setting;
+    let places = library.effects().flat_map(|effect| effect.places(setting));
+    let mut names: Vec<String> = places.map(|place| place.location(&setting.names)).collect();
+    names.extend(library.effects().map(|effect| effect.name().to_string()));
+    // A mode that is missing and a line have any frequency.
+    let is_frequency = |name: &str| {
+        let hz = name.strip_prefix("mode:").or(name.strip_prefix("freq:"));
+        hz.is_some_and(|hz| hz.parse::<f64>().is_ok())
+    };
+    for (key, said) in [("suspects", &case.config.suspects), ("exclude", &case.config.exclude)] {
+        if let Some(name) = said.iter().find(|name| !names.contains(name) && !is_frequency(name)) {
+            return Err(GapError::Name { key, name: name.clone(), suggestion: nearest(name, &names) });
+        }
+    }
+    Ok(())
+}
+
 fn model(audit: &Audit) -> Result<&plid_model::Model, GapError> {
     audit.case.model.as_ref().ok_or_else(|| GapError::Failed("a case has a model once it is audited".into()))
 }
@@ -170,16 +194,29 @@ fn finish(
     say("gaps".into());
     let plant = problem.nuisance.apply(&problem.plant, &explained.fit().eta);
     let actions = problem.actions(&explained.fit().effects);
-    let gaps = gaps(&explained, &plant, &actions, &case.config.nuisance);
     // What was held out judges too: an effect that does not simulate it better than a refit alone is not what happens there. A refit beyond
     // the stated limits may stand for the effect itself.
     let bounded = clipped(problem, &refitted.eta).map(|eta| problem.nuisance.apply(&problem.plant, &eta));
     let bounded = bounded.as_ref().unwrap_or(&refitted.plant);
+    let gaps = gaps(&explained, &plant, &actions, bounded, &case.config.nuisance);
     let best = &found.best.effects;
     let held_out =
         if best.is_empty() { None } else { held_out(&ready.held_out, &ready.noise, bounded, &plant, &actions) };
     let fails = !off.contains(&Step::HeldOutVeto) && held_out.is_some_and(|held_out| held_out.refutes());
-    let unknown = if fails { judged.unknown.max(MOST_UNKNOWN) } else { judged.unknown };
+    let imperfect = ready.widened.is_some() && !best.is_empty();
+    // What makes the gap on held-out records grow by a material part explains nothing, however well it fits the others.
+    let grown = gaps.with_effect.powi(2) - gaps.within_limits.powi(2) > case.config.material.powi(2);
+    let unknown = match (fails || grown, imperfect) {
+        (true, _) => MOST_UNKNOWN.max(judged.unknown),
+        (false, true) => judged.unknown.max(outside(gaps.left())),
+        (false, false) => judged.unknown,
+    };
+    let opened = opened(&explained);
+    let simulated = blocks(&opened, &plant, &actions);
+    let shares = shares(&explained, &simulated, bounded);
+    let beyond = |gap: f64| (gap * gap - gaps.noise_floor * gaps.noise_floor).max(0.0).sqrt();
+    // Nothing matters that a simulation within its limits leaves less of than is material.
+    let immaterial = ready.widened.is_some() && beyond(gaps.within_limits) < case.config.material;
     let mut weighted = weigh(&found.candidates, unknown, problem.rows() as f64, *level, off);
     // What quiet records show holds whatever the free runs say.
     let shown: Vec<&Unseen> = unseen
@@ -190,6 +227,7 @@ fn finish(
         explanation.effects.extend(shown.iter().map(|u| u.placed.clone()));
     }
     let verdict = match weighted.first() {
+        Some(top) if immaterial && (top.unknown || best.is_empty()) => Verdict::None,
         Some(top) if top.unknown => Verdict::Unknown,
         Some(top) if top.effects.is_empty() => Verdict::None,
         Some(_) => Verdict::Effects,
@@ -197,10 +235,11 @@ fn finish(
     };
 
     let before = locate::map(&problem.records, &locate::errors(problem), &ready.noise, plant.rate);
-    let mut said = named(&explained, &shown, &weighted);
+    let mut said = named(&explained, &shown, &weighted, &shares, gaps.left());
     for which in unseen.iter().filter_map(|u| wandering(&u.placed, best)) {
         said[which].shape_differs = true;
     }
+    by_size(&mut said, &shares, &shown, &explained);
     let nearest: Vec<String> = best.iter().map(|placed| in_words(std::slice::from_ref(placed), names)).collect();
     let candidates = weighted
         .iter()
@@ -225,7 +264,11 @@ fn finish(
     let rivals = foretold.as_ref().map_or_else(Vec::new, |foretold| rivals(foretold, best, &found.candidates));
     let first = in_words(best, names);
     let others = others(best, &rivals, names);
-    let mut sentence = sentence(verdict, &said, &nearest, &gaps, level.seen);
+    let after = errors(problem, &explained.fit().eta, &explained.fit().effects);
+    let after = locate::map(&problem.records, &after, &ready.noise, plant.rate);
+    let remains = ready.widened.map(|_| remains(&after, &names.outputs, beyond(gaps.with_effect), gaps.as_given));
+    let mut sentence = sentence(verdict, &said, &nearest, &gaps, level.seen, remains.as_deref());
+    let remainder = remainder(&explained, &gaps, &after, &simulated, case.config.material);
     if let (Verdict::Effects, Some(others)) = (verdict, &others) {
         sentence += &format!(" These records cannot tell {first} from {others}.");
     }
@@ -241,6 +284,7 @@ fn finish(
         not_separable: classes(found, best, &rivals, names),
         separability: comparisons(found, best, &rivals, names),
         place: place(&before, &names.outputs, found, &shown),
+        remainder,
         gap: gaps,
         evidence: words(
             &explained,
@@ -251,11 +295,38 @@ fn finish(
         ),
         warnings: case.warnings.clone(),
     };
-    let simulation = written(&explained, model, &plant, &shown, verdict);
-    let evidence = evidence(case, &explained, &unseen, before, beside, &plant, &actions);
+    let (eta, effects) = predicting(&explained, &diagnosis.gap, verdict);
+    let simulation = written(&explained, model, &eta, &effects, &shown);
+    let evidence = evidence(case, &explained, &unseen, [before, after], beside, &plant, &actions);
     let mut outcome = Outcome { diagnosis, simulation, evidence };
     audit.tell(&mut outcome);
     Ok(outcome)
+}
+
+/// Linear parameters and effects of the simulation that is written: fitted to all records once all is stated, and no effect that follows what was held out
+/// worse than the simulation as given or its refit.
+fn predicting<'a>(explained: &Explained<'a>, gap: &Gap, verdict: Verdict) -> (Vec<f64>, Vec<Placed<'a>>) {
+    let fit = explained.fit();
+    let follows = gap.with_effect <= NO_WORSE * gap.as_given.min(gap.refit);
+    if verdict == Verdict::None || !follows {
+        let given = vec![0.0; fit.eta.len()];
+        let refit = explained.refitted.eta.clone();
+        return (if gap.refit <= gap.as_given { refit } else { given }, Vec::new());
+    }
+    with_all(explained).unwrap_or_else(|| (fit.eta.clone(), fit.effects.clone()))
+}
+
+/// A gap counts as no worse within the scatter of its last digits.
+const NO_WORSE: f64 = 1.001;
+
+/// Largest part of the gap first; what no free run shows has a part in the noise.
+fn by_size(said: &mut Vec<NamedEffect>, shares: &[Share], shown: &[&Unseen], explained: &Explained) {
+    let closed = shares.iter().map(|share| share.closed);
+    let band = |u: &&Unseen| if u.placed.effect.name() == "coloured-disturbance" { of_band(explained) } else { 0.0 };
+    let sizes: Vec<f64> = closed.chain(shown.iter().map(band)).collect();
+    let mut order: Vec<usize> = (0..said.len()).collect();
+    order.sort_by(|&a, &b| sizes[b].total_cmp(&sizes[a]));
+    *said = order.into_iter().map(|k| said[k].clone()).collect();
 }
 
 /// What the report draws.
@@ -263,7 +334,7 @@ fn evidence(
     case: &Case,
     explained: &Explained,
     unseen: &[Unseen],
-    before: Map,
+    [before, after]: [Map; 2],
     beside: Beside,
     plant: &Plant,
     actions: &[Action],
@@ -272,8 +343,6 @@ fn evidence(
     let problem = &ready.problem;
     let names = &problem.setting.names;
     let rows = problem.rows() as f64;
-    let after = errors(problem, &explained.fit().eta, &explained.fit().effects);
-    let after = locate::map(&problem.records, &after, &ready.noise, plant.rate);
     let trace_record = ready.held_out.last().or(problem.records.last()).expect("a case has records").clone();
     let runs = |plant: &Plant, actions: &[Action]| run(plant, actions, &trace_record);
     let levels = one_of_each_level(&case.records).into_iter().map(|record| LevelRun {

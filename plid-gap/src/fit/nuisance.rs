@@ -2,6 +2,7 @@
 //! prior; and the initial state of records that do not start from rest.
 
 use crate::case::record::Record;
+use crate::fit::problem::Tangent;
 use crate::plant::{C, Passed, Plant};
 use crate::simulate::State;
 
@@ -25,6 +26,12 @@ impl Default for Limits {
 
 /// Standard deviation of an initial state, in units of what the input makes it: wide.
 const START: f64 = 3.0;
+
+/// The information of the records and the prior on a parameter over that of the prior, from which they tell it.
+const TOLD: f64 = 10.0;
+
+/// Median of the absolute value of a normal variable.
+const NORMAL_MEDIAN: f64 = 0.6745;
 
 /// Relative step over which the chain's bend at a moved pole is taken.
 const BEND: f64 = 1e-4;
@@ -78,6 +85,20 @@ impl Nuisance {
     pub fn doubted(mut self, doubt: &[f64]) -> Self {
         self.std.iter_mut().zip(doubt).for_each(|(std, doubt)| *std = std.hypot(*doubt));
         self
+    }
+
+    /// How many times further than their prior has them the modes' parameters are off, at least once: from the median of those that the records tell, which
+    /// a few that an effect has moved do not change.
+    pub fn needed(&self, eta: &[f64], tangent: &Tangent) -> f64 {
+        let told = |k: &usize| tangent.normal[(*k, *k)] * self.std[*k].powi(2) > TOLD;
+        let mut off: Vec<f64> = (0..self.of_modes()).filter(told).map(|k| (eta[k] / self.std[k]).abs()).collect();
+        off.sort_by(f64::total_cmp);
+        off.get(off.len() / 2).map_or(1.0, |median| (median / NORMAL_MEDIAN).max(1.0))
+    }
+
+    /// From now on without one of the records: nothing acts on its initial state any more.
+    pub fn forget(&mut self, record: usize) {
+        self.starts.remove(record);
     }
 
     /// Entries that belong to the modes; initial states follow.

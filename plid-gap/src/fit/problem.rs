@@ -120,6 +120,15 @@ impl Problem {
         }
     }
 
+    /// The same without one of the records; its initial state keeps its place among the linear parameters.
+    pub fn without(&self, record: usize) -> Self {
+        let mut others = self.clone();
+        others.records.remove(record);
+        others.whiteners.remove(record);
+        others.nuisance.forget(record);
+        others
+    }
+
     /// Rows of the whitened residual.
     pub fn rows(&self) -> usize {
         self.whiteners.iter().map(Whitener::rows).sum()

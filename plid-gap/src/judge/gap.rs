@@ -84,6 +84,17 @@ pub fn drawn<const K: usize>(simulated: [&Blocks; K], figure: impl Fn([f64; K]) 
     }))
 }
 
+/// How often a figure of several gaps is true when blocks of the record are drawn anew.
+pub fn how_often<const K: usize>(simulated: [&Blocks; K], is: impl Fn([f64; K]) -> bool) -> f64 {
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let count = simulated.first().map_or(0, |first| first.error[0].len());
+    let drawn = (0..DRAWS).filter(|_| {
+        let blocks: Vec<usize> = (0..count).map(|_| rng.random_range(0..count)).collect();
+        is(simulated.map(|each| each.of(&blocks)))
+    });
+    drawn.count() as f64 / DRAWS as f64
+}
+
 /// The middle 95 % of what was drawn; NaN of nothing.
 pub fn middle(drawn: impl Iterator<Item = f64>) -> [f64; 2] {
     let mut drawn: Vec<f64> = drawn.collect();

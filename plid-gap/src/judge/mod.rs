@@ -1,10 +1,13 @@
 //! What the fits allow to be said: whether the explanation suffices, what the records can separate, how far the gap shrinks, and which
 //! experiment would tell more.
 
+pub(crate) mod crossed;
 pub(crate) mod gap;
 pub(crate) mod held_out;
 pub(crate) mod locate;
 pub(crate) mod next_experiment;
 pub(crate) mod separability;
+pub(crate) mod settle_all;
+pub(crate) mod shares;
 pub(crate) mod shrink;
 pub(crate) mod verdict;

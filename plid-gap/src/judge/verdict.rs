@@ -5,7 +5,7 @@ use crate::prepare::NoiseLevel;
 use crate::search::stepwise::{Candidate, all_same};
 use crate::settings::step::Step;
 use crate::settings::thresholds::{
-    BENT, EXCESS, FAINT, FAINT_POWER, LEAST_UNKNOWN, MISFIT_TEMPERATURE, MOST_UNKNOWN, NEXT, NOISE_UNSEEN,
+    BENT, EXCESS, FAINT, FAINT_POWER, LEAST_UNKNOWN, MISFIT_TEMPERATURE, MOST_LEFT, MOST_UNKNOWN, NEXT, NOISE_UNSEEN,
     NOT_ACCEPTED, TEMPERATURE, TEXTBOOK,
 };
 
@@ -74,6 +74,15 @@ pub fn least_unknown(explained: f64, seen: bool) -> f64 {
     LEAST_UNKNOWN + faint + if seen { 0.0 } else { NOISE_UNSEEN }
 }
 
+/// Probability of something else beside an explanation that leaves this share, in amplitude, of the gap beyond noise and limits, where the simulation is off
+/// in many small ways and no explanation leaves only noise.
+pub fn outside(left: f64) -> f64 {
+    if left > MOST_LEFT {
+        return MOST_UNKNOWN;
+    }
+    LEAST_UNKNOWN + (MOST_UNKNOWN - LEAST_UNKNOWN) / (1.0 + (MOST_LEFT / left.max(1e-6)).powi(4))
+}
+
 /// Spreads probability over the candidates; `unknown` goes to something else.
 pub fn weigh<'a>(
     candidates: &[Candidate<'a>],
@@ -123,6 +132,17 @@ mod tests {
 
     fn level() -> NoiseLevel {
         NoiseLevel { factor: 1.0, uncertainty: 0.02, seen: true, driven: None }
+    }
+
+    /// What leaves more is less sure, and what leaves more than half is never a verdict.
+    #[test]
+    fn what_leaves_half_of_the_gap_is_outside() {
+        let left = [0.0, 0.03, 0.1, 0.36, 0.49];
+        let unknown = left.map(outside);
+        assert!(unknown.windows(2).all(|pair| pair[0] < pair[1]), "{unknown:?}");
+        assert!(unknown[3] < 0.25 && unknown[4] < 0.5, "{unknown:?}");
+        // More than all others together.
+        assert!(outside(0.51) > 0.5 && outside(2.0) > 0.5);
     }
 
     /// What explains more is surer, and surest where the noise is known.

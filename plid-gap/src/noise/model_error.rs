@@ -30,6 +30,10 @@ const LENGTHS: [usize; 2] = [2048, 128];
 /// Lines to either side over which a density is averaged.
 const SMOOTHED: usize = 2;
 
+/// Bins of the longest record in one value of what an explanation leaves, at least, and the most values.
+const CELL: usize = 4;
+const MOST_CELLS: usize = 1024;
+
 impl ModelError {
     /// From a record and what the model leaves of it (p channels); none where the record is too short to tell.
     pub fn of(record: &Record, error: &[Vec<f64>], rate: f64) -> Option<Self> {
@@ -39,6 +43,40 @@ impl ModelError {
             Excitation::Random => coherent(&record.u, error, rate)?,
         };
         Some(Self { level: record.level(), step, density: density.iter().map(|d| smoothed(d)).collect() })
+    }
+
+    /// What an explanation leaves of driven records beyond the noise: `errors` holds p channels for each record, `noise` gives the noise's density of an
+    /// output at a frequency. The density is taken to grow with the square of the level, and fitted to all levels by least squares. None where no
+    /// record is driven.
+    pub fn left(records: &[Record], errors: &[Channels], noise: impl Fn(f64) -> Vec<f64>, rate: f64) -> Option<Self> {
+        let driven = || records.iter().zip(errors).filter(|(record, _)| record.level() > 0.0);
+        let level = driven().map(|(record, _)| record.level()).fold(0.0, f64::max);
+        let longest = driven().map(|(record, _)| record.samples()).max()?;
+        let cells = (longest / (2 * CELL)).clamp(1, MOST_CELLS);
+        let step = 0.5 * rate / cells as f64;
+        let p = records[0].y.len();
+        // Sums over records of power beyond the noise times the squared level, and of its square.
+        let (mut power, mut weight) = (vec![vec![0.0; cells + 1]; p], vec![0.0; cells + 1]);
+        let quiet: Vec<Vec<f64>> = (0..=cells).map(|cell| noise(cell as f64 * step)).collect();
+        for (record, error) in driven() {
+            let square = (record.level() / level).powi(2);
+            let length = fourier::good_length_below(record.samples());
+            let spectra: Vec<Vec<C>> = error.iter().map(|e| fourier::forward(&e[..length])).collect();
+            for k in 0..=length / 2 {
+                let cell = (k as f64 * rate / length as f64 / step).round() as usize;
+                weight[cell] += square * square;
+                for (o, spectrum) in spectra.iter().enumerate() {
+                    power[o][cell] += square * (spectrum[k].norm_sqr() / length as f64 - quiet[cell][o]);
+                }
+            }
+        }
+        let of = |power: &Vec<f64>| -> Vec<f64> {
+            let around = |values: &[f64], k: usize| -> f64 {
+                values[k.saturating_sub(SMOOTHED)..(k + SMOOTHED + 1).min(values.len())].iter().sum()
+            };
+            (0..=cells).map(|k| (around(power, k) / around(&weight, k).max(f64::MIN_POSITIVE)).max(0.0)).collect()
+        };
+        Some(Self { level, step, density: power.iter().map(of).collect() })
     }
 
     /// Of an output at a frequency, in a record of this level.
@@ -151,6 +189,24 @@ mod tests {
         let mean: f64 = (1..50).map(|hz| model_error.density(0, f64::from(hz), level)).sum::<f64>() / 49.0;
         let power = one.iter().map(|x| x * x).sum::<f64>() / period as f64;
         assert!((mean / power - 1.0).abs() < 0.1, "{mean} {power}");
+    }
+
+    /// An error of a twentieth of the input beside noise, at two levels: the noise is not counted, and the quieter record has a quarter of the power.
+    #[test]
+    fn what_an_explanation_leaves_grows_with_the_level() {
+        let one = |seed: u64, level: f64| {
+            let u = random_input(seed, 8192, 1);
+            let noise = random_input(seed + 1, 8192, 1);
+            let u: Channels = vec![u[0].iter().map(|u| level * u).collect()];
+            let error: Channels = vec![u[0].iter().zip(&noise[0]).map(|(u, e)| 0.05 * u + 0.02 * e).collect()];
+            (record(Excitation::Random, u, error.clone()), error)
+        };
+        let (records, errors): (Vec<Record>, Vec<Channels>) = [one(11, 1.0), one(13, 0.5)].into_iter().unzip();
+        let left = ModelError::left(&records, &errors, |_| vec![4e-4], 100.0).unwrap();
+        let mean = |level: f64| (1..50).map(|hz| left.density(0, f64::from(hz), level)).sum::<f64>() / 49.0;
+        let level = records[0].level();
+        assert!((mean(level) / 25e-4 - 1.0).abs() < 0.1, "{}", mean(level));
+        assert!((mean(level) / mean(0.5 * level) - 4.0).abs() < 1e-9);
     }
 
     #[test]

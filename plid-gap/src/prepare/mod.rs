@@ -8,7 +8,7 @@ use crate::case::split::split;
 use crate::effects::{MissingModeStart, Setting};
 use crate::error::GapError;
 use crate::fit::nuisance::{Limits, Nuisance};
-use crate::fit::problem::{Placed, Problem};
+use crate::fit::problem::{Placed, Problem, Tangent};
 use crate::noise::model_error::ModelError;
 use crate::noise::whiten::Whitener;
 use crate::noise::{NoiseModel, Stretch};
@@ -17,10 +17,8 @@ use crate::prepare::coloured::{Coloured, NEAR_LINE, coloured};
 use crate::prepare::wandering::{Wandering, wandering};
 use crate::search::explain::{errors, outputs};
 use crate::settings::step::Step;
-use crate::signal::notch;
-use crate::signal::peaks;
 use crate::signal::quantisation::{self, Codes};
-use crate::signal::tones;
+use crate::signal::{notch, peaks, tones};
 use crate::simulate::{Fineness, simulate};
 use plid_model::Model;
 
@@ -61,6 +59,9 @@ pub struct Prepared {
     pub coloured: Option<Coloured>,
     /// Steps that the diagnosis leaves out.
     pub off: Vec<Step>,
+    /// Where no explanation leaves only noise, how many times further than stated the simulation's own numbers are off: what is left then counts as an error
+    /// of the simulation beside the noise.
+    pub widened: Option<f64>,
 }
 
 /// Squares of whitened values from which they tell the noise's level.
@@ -130,6 +131,7 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
         wandering: Vec::new(),
         coloured: None,
         off: off.clone(),
+        widened: None,
     })
 }
 
@@ -323,6 +325,28 @@ impl Prepared {
             quiet.extend(differences(&errors));
         }
         quiet
+    }
+
+    /// What an explanation leaves of driven records becomes an error of the simulation beside the noise, and the limits are widened to what the linear
+    /// parameters `eta` need. A real simulation is off in many small ways that no effect explains: likelihoods that know noise alone take each of them for
+    /// certain, and rank by what is left of them.
+    pub fn admit_error(&mut self, simulated: &[Channels], eta: &[f64], tangent: &Tangent) {
+        let problem = &mut self.problem;
+        let errors: Vec<Channels> =
+            problem.records.iter().zip(simulated).map(|(record, y)| crate::judge::locate::error(record, y)).collect();
+        let noise = |hz: f64| {
+            let density = self.noise.density(hz);
+            (0..density.nrows()).map(|o| density[(o, o)].re).collect()
+        };
+        let error = ModelError::left(&problem.records, &errors, noise, problem.plant.rate);
+        let scale = problem.nuisance.needed(eta, tangent);
+        let modes = problem.nuisance.of_modes();
+        problem.nuisance.std[..modes].iter_mut().for_each(|std| *std *= scale);
+        self.widened = Some(scale);
+        self.declared.model_error.clone_from(&error);
+        let mut noise = self.noise.clone();
+        noise.model_error = error;
+        self.whiten_with(noise);
     }
 
     /// The noise once more, from what an explanation leaves of the quiet records: a disturbance or a line in them is no noise.

@@ -73,6 +73,8 @@ fn outcome(case: &Case) -> Outcome {
         effects: vec![NamedEffect {
             effect: cubic.into(),
             location: "input:u1".into(),
+            share: None,
+            share_ci95: None,
             confidence: 0.93,
             parameters: parameters.clone(),
             change: Some(Change {
@@ -110,6 +112,7 @@ fn outcome(case: &Case) -> Outcome {
         gap: Gap {
             as_given: 0.4,
             refit: 0.15,
+            within_limits: 0.15,
             free_refit: 0.12,
             with_effect: 0.02,
             noise_floor: 0.01,
@@ -121,8 +124,10 @@ fn outcome(case: &Case) -> Outcome {
             share_of_ceiling: 0.99,
             share_of_ceiling_ci95: [0.97, 1.0],
             predicted_held_out_gap: 0.021,
+            predicted_ci80: [0.018, 0.025],
             measured_on: vec!["last.csv".into()],
         },
+        remainder: Default::default(),
         next_experiment: Some("Record it at <twice> the level.".into()),
         evidence: vec!["The resonance at 11 Hz stiffens & the damping does not change.".into()],
         warnings: vec!["a&b.csv: 3 samples are missing.".into()],

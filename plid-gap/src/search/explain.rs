@@ -5,18 +5,21 @@ use std::cell::OnceCell;
 use crate::case::record::{Channels, Record};
 use crate::effects::{Effect, Library, Names};
 use crate::fit::problem::{Fit, Placed, Problem, sum_of_squares};
-use crate::fit::refit::{Refit, STEPS, refit};
+use crate::fit::refit::{Refit, STEPS, clipped, refit};
+use crate::judge::gap::{self, Blocks};
 use crate::judge::locate::error;
 use crate::judge::shrink::run;
-use crate::judge::verdict::{Adequacy, adequacy, least_unknown};
+use crate::judge::verdict::{Adequacy, adequacy, least_unknown, outside};
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::search::closest_law::closest_law;
 use crate::search::modal::dominant;
 use crate::search::shape::{Bent, bent, fewer, renamed};
-use crate::search::stepwise::{Candidate, Search, Turn, all_same, polish, search};
+use crate::search::stepwise::{Candidate, Search, Turn, all_same, polish, search, straighten};
 use crate::search::stochastic::is_unseen;
 use crate::settings::step::Step;
-use crate::settings::thresholds::{ACCEPT, DOUBTFUL, ELSEWHERE, HEAD, INADEQUATE, MOST_UNKNOWN, SHAPE_DIFFERS, WORTH};
+use crate::settings::thresholds::{
+    ACCEPT, DOUBTFUL, ELSEWHERE, HEAD, INADEQUATE, MOST_UNKNOWN, SHAPE_DIFFERS, SHAPED, WORTH,
+};
 use crate::simulate::Fineness;
 
 /// Explanations without bounds that are refused before the refit takes their place.
@@ -197,6 +200,9 @@ fn once<'a>(
     let own = OnceCell::new();
     let kept = turn.unwrap_or(&own);
     let mut found = search(&mut ready.problem, &mut quick, &refitted, library, &allowed, &bonus, bold, &off, kept, say);
+    if ready.widened.is_some() {
+        straighten(&ready.problem, &quick, &mut found, library, &allowed, &bonus, &off, say);
+    }
     let simulated = outputs(&ready.problem, &found.best.eta, &found.best.effects);
     if turn.is_some() && ready.renew_codes(&simulated) {
         say("samples drop out: once more without them".into());
@@ -214,11 +220,14 @@ fn once<'a>(
         refitted = refit(&ready.problem, STEPS);
         return once(ready, refitted, library, rules, bold, None, say);
     }
+    let widened = ready.widened.is_some();
+    // Beside an error of the simulation itself the last digits of a law are no matter.
+    let shaped = !widened || left(&ready, &refitted, &found.best) > SHAPED;
+    let free = shaped && !off.contains(&Step::FreeShapes);
     let problem = &mut ready.problem;
     let zero = vec![0.0; problem.nuisance.len()];
     let given_cost = sum_of_squares(&problem.residual(&problem.plant, &zero, &[], Fineness::FINE));
-    let free = !off.contains(&Step::FreeShapes);
-    let simpler = if free { fewer(problem, &quick, &found.best) } else { None };
+    let simpler = if free && !widened { fewer(problem, &quick, &found.best) } else { None };
     let mut bent = match simpler {
         Some((alone, bent)) => {
             found.settle(alone, bent.fit.cost);
@@ -268,7 +277,40 @@ fn once<'a>(
         let left = bent.as_ref().map_or(best.cost, |bent| bent.fit.cost);
         judged.unknown = judged.unknown.max(least_unknown((before - left) / left, level.seen));
     }
+    if ready.widened.is_some() {
+        let fit = bent.as_ref().map_or(&found.best, |bent| &bent.fit);
+        let left = left(&ready, &refitted, fit);
+        say(format!("leaves {left:.3} of the gap beyond noise and limits"));
+        judged.left = left * left;
+        judged.unknown = if found.best.effects.is_empty() { MOST_UNKNOWN } else { outside(left) };
+    } else if judged.unknown >= INADEQUATE {
+        let fit = bent.as_ref().map_or(&found.best, |bent| &bent.fit);
+        let simulated = outputs(&ready.problem, &fit.eta, &fit.effects);
+        ready.admit_error(&simulated, &fit.eta, &refitted.tangent);
+        let scale = ready.widened.unwrap_or(1.0);
+        say(format!(
+            "no explanation leaves only noise: once more with that as an error of the simulation, its limits {scale:.2} times as wide"
+        ));
+        refitted = refit(&ready.problem, STEPS);
+        return once(ready, refitted, library, rules, bold, None, say);
+    }
     Explained { ready, quick, refitted, found, bent, judged, level, given_cost, diverged: None }
+}
+
+/// Amplitude that a fit leaves of the fitted records beyond the noise, over what the simulation within its limits leaves.
+fn left(ready: &Prepared, refitted: &Refit, fit: &Fit) -> f64 {
+    let problem = &ready.problem;
+    let within = clipped(problem, &refitted.eta).unwrap_or_else(|| refitted.eta.clone());
+    let noise = ready.noise.rms();
+    let beyond = |eta: &[f64], effects: &[Placed]| {
+        let simulated = outputs(problem, eta, effects);
+        let driven = || problem.records.iter().zip(&simulated).filter(|(record, _)| record.level() > 0.0);
+        let blocks = Blocks::joined(driven().map(|(record, y)| Blocks::new(&record.y, y, 0)).collect());
+        let measured: Vec<&[Vec<f64>]> = driven().map(|(record, _)| record.y.as_slice()).collect();
+        let floor = gap::floor_over(&noise, &measured);
+        blocks.map_or(0.0, |blocks| (blocks.gap().powi(2) - floor * floor).max(0.0).sqrt())
+    };
+    beyond(&fit.eta, &fit.effects) / beyond(&within, &[]).max(f64::MIN_POSITIVE)
 }
 
 /// Free runs of all fitted records.

@@ -72,6 +72,9 @@ impl<'a> Search<'a> {
     }
 }
 
+/// Numbers of the simulation that are put beside the best explanation for straightening it.
+const MOST_STRAIGHTENED: usize = 2;
+
 /// Fits in the search.
 const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE };
 
@@ -136,6 +139,39 @@ pub fn search<'a>(
     }
     candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
     Search { best, candidates, stages, overlap }
+}
+
+/// Numbers of the simulation that the refit changed in place of an effect: a gain, a frequency, beyond what the rest of them is off by. Each is put beside the
+/// best explanation where that straightens the linear parameters enough, whatever else was found.
+#[allow(clippy::too_many_arguments)]
+pub fn straighten<'a>(
+    problem: &Problem,
+    quick: &Problem,
+    found: &mut Search<'a>,
+    library: &'a Library,
+    allowed: &(dyn Fn(&Placed) -> bool + Sync),
+    bonus: &(dyn Fn(&Placed) -> f64 + Sync),
+    off: &[Step],
+    say: &mut dyn FnMut(String),
+) {
+    let price = Price { rows: problem.rows() as f64, bonus, bold: false, off };
+    for _ in 0..MOST_STRAIGHTENED {
+        let best = &found.best;
+        let there = |placed: &Placed| {
+            !placed.effect.is_in_refit() || best.effects.iter().any(|other| same(other, placed)) || !allowed(placed)
+        };
+        let turn = Turn::new(problem, quick, best, library, &there, &price, [FITTED, POLISHED]);
+        let (entries, fits) = turn.without(problem, quick, &there, &price);
+        say(progress(best.effects.len() + 1, &entries, &fits, &price, &problem.setting.names));
+        let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { return };
+        let straightened = problem.penalty(&best.eta) - problem.penalty(&top.eta);
+        if price.of(best) - price.of(&top) < ACCEPT || straightened < STRAIGHTENED {
+            return;
+        }
+        found.candidates.push(price.candidate(&top));
+        found.candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
+        found.best = top;
+    }
 }
 
 /// A stage in words: how many entries there were, and what the fits of the first of them gained.

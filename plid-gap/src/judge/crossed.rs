@@ -1,0 +1,87 @@
+//! How good a prediction will be: free runs of the fitted records, each by the model that the others give.
+
+use crate::case::record::{Channels, Record};
+use crate::fit::problem::{Effort, Fit, Problem};
+use crate::judge::gap::{self, Blocks};
+use crate::judge::shrink::run;
+use crate::noise::whiten::Whitener;
+use crate::search::explain::outputs;
+use crate::settings::thresholds::{PREDICTION_SCATTER, PREDICTIONS_KNOWN};
+use crate::simulate::Fineness;
+
+/// A fit that starts from the one to all records.
+const NEAR: Effort = Effort { steps: 4, gain: 1.0, fineness: Fineness::COARSE };
+
+/// Parts of the only driven record, each foretold by the others.
+const PARTS: usize = 4;
+
+/// A gap to expect, with what it rests on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stated {
+    /// The gap.
+    pub gap: f64,
+    /// Its 80 % interval.
+    pub ci80: [f64; 2],
+}
+
+/// The gap to expect on a record of a level, from what each fitted record is foretold by the model of the others.
+pub fn stated(problem: &Problem, fit: &Fit, level: f64, noise: impl Fn(&Record) -> Whitener) -> Stated {
+    let records = &problem.records;
+    let driven: Vec<usize> = (0..records.len()).filter(|&k| records[k].level() > 0.0).collect();
+    let mut simulated = outputs(problem, &fit.eta, &fit.effects);
+    if let [only] = driven[..] {
+        simulated[only] = by_parts(problem, fit, only, noise);
+    } else {
+        for &k in &driven {
+            simulated[k] = by_others(problem, fit, k);
+        }
+    }
+    let gap = gap::expected(records, &simulated, level);
+    // How far each record's gap is from what its level says, as a logarithm.
+    let off = |k: &usize| {
+        let found = Blocks::new(&records[*k].y, &simulated[*k], 0).gap();
+        (found / gap::expected(records, &simulated, records[*k].level())).ln()
+    };
+    let square: f64 = driven.iter().map(off).filter(|x| x.is_finite()).map(|x| x * x).sum();
+    let known = PREDICTION_SCATTER * PREDICTION_SCATTER * PREDICTIONS_KNOWN;
+    let count = driven.len() as f64;
+    let scatter = ((square + known) / (count + PREDICTIONS_KNOWN) * (1.0 + 1.0 / count.max(1.0))).sqrt();
+    // Four fifths of a normal variable lie within 1.28 standard deviations.
+    let reach = (1.28 * scatter).exp();
+    Stated { gap, ci80: [gap / reach, gap * reach] }
+}
+
+/// Free run of a record by the model of the others.
+fn by_others(problem: &Problem, fit: &Fit, k: usize) -> Channels {
+    let others = problem.without(k);
+    let tangent = others.tangent(&others.nuisance.apply(&others.plant, &fit.eta));
+    let fit = others.fit(&tangent, &fit.eta, &fit.effects, NEAR);
+    run(&others.nuisance.apply(&others.plant, &fit.eta), &others.actions(&fit.effects), &problem.records[k])
+}
+
+/// Free run of the only driven record, each part by the model of the other parts.
+fn by_parts(problem: &Problem, fit: &Fit, only: usize, noise: impl Fn(&Record) -> Whitener) -> Channels {
+    let record = &problem.records[only];
+    let samples = record.samples();
+    let mut whole: Channels = record.y.clone();
+    for part in 0..PARTS {
+        let range = samples * part / PARTS..samples * (part + 1) / PARTS;
+        let mut others = problem.clone();
+        for y in &mut others.records[only].y {
+            y[range.clone()].fill(f64::NAN);
+        }
+        let mut whitener = noise(record);
+        for (masked, known) in whitener.masked.iter_mut().zip(&problem.whiteners[only].masked) {
+            masked.clone_from(known);
+            masked.extend(range.clone());
+        }
+        others.whiteners[only] = whitener;
+        let tangent = others.tangent(&others.nuisance.apply(&others.plant, &fit.eta));
+        let fit = others.fit(&tangent, &fit.eta, &fit.effects, NEAR);
+        let y = &outputs(&others, &fit.eta, &fit.effects)[only];
+        for (to, from) in whole.iter_mut().zip(y) {
+            to[range.clone()].copy_from_slice(&from[range.clone()]);
+        }
+    }
+    whole
+}

@@ -1,0 +1,37 @@
+//! The answer once more, from all records: what was held out says where a prediction may go that the others did not.
+
+use crate::fit::nuisance::{Limits, Nuisance};
+use crate::fit::problem::{Effort, Placed, Problem};
+use crate::noise::whiten::Whitener;
+use crate::search::explain::Explained;
+use crate::simulate::Fineness;
+
+const ALL: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::FINE };
+
+/// The best explanation, fitted to all records; none where nothing was held out, or where it fits worse than before.
+pub fn with_all<'a>(explained: &Explained<'a>) -> Option<(Vec<f64>, Vec<Placed<'a>>)> {
+    let ready = &explained.ready;
+    let fit = explained.fit();
+    if ready.held_out.is_empty() {
+        return None;
+    }
+    let problem = &ready.problem;
+    let records: Vec<_> = problem.records.iter().chain(&ready.held_out).cloned().collect();
+    let mut whiteners = problem.whiteners.clone();
+    whiteners.extend(ready.held_out.iter().map(|record| {
+        // What was not measured says nothing.
+        let missing = |y: &Vec<f64>| (0..y.len()).filter(|&k| !y[k].is_finite()).collect();
+        Whitener::new(record, &ready.noise, problem.plant.rate, record.y.iter().map(missing).collect())
+    }));
+    let modes = problem.nuisance.of_modes();
+    let mut nuisance = Nuisance::new(&problem.plant, &records, &Limits::default());
+    nuisance.std[..modes].copy_from_slice(&problem.nuisance.std[..modes]);
+    nuisance.struts_follow = problem.nuisance.struts_follow;
+    // Initial states that were fitted come first; those of the new records begin at rest.
+    let mut eta = fit.eta.clone();
+    eta.resize(nuisance.len(), 0.0);
+    let all = Problem { records, whiteners, nuisance, ..problem.clone() };
+    let tangent = all.tangent(&all.nuisance.apply(&all.plant, &eta));
+    let refitted = all.fit(&tangent, &eta, &fit.effects, ALL);
+    refitted.cost.is_finite().then(|| (refitted.eta[..fit.eta.len()].to_vec(), refitted.effects))
+}

@@ -1,0 +1,87 @@
+//! What each effect of the best explanation closes, the others staying.
+
+use crate::case::record::Record;
+use crate::fit::problem::{Effort, Fit, Placed};
+use crate::fit::refit::clipped;
+use crate::judge::gap::{self, Blocks};
+use crate::judge::shrink::{blocks, opened};
+use crate::noise::Source;
+use crate::plant::Plant;
+use crate::search::explain::Explained;
+use crate::search::stepwise::same;
+use crate::simulate::Fineness;
+
+/// A fit to see what is missing without an effect.
+const WITHOUT: Effort = Effort { steps: 4, gain: 1.0, fineness: Fineness::COARSE };
+
+/// What an effect closes on the opened records.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Share {
+    /// Of the squared gap beyond noise and the simulation within its limits.
+    pub value: f64,
+    /// By drawing blocks of the opened records anew.
+    pub ci95: [f64; 2],
+    /// Squared gap that it closes.
+    pub closed: f64,
+    /// Amplitude that remains beside what it closes: of all that is left beyond the noise once this effect is missing, what is left with it.
+    pub left: f64,
+}
+
+/// Of each effect of the best explanation, in order. `plant` and `actions` are the simulation with all of them, `within` the one without any, within its limits.
+/// What is missing without an effect is fitted by the others and by the linear parameters, which stay within their limits too: a frequency that is off by
+/// more is an effect, and not for them to hide.
+pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share> {
+    let problem = &explained.ready.problem;
+    let fit = explained.fit();
+    let named = &explained.found.best.effects;
+    let opened = opened(explained);
+    let floor = floor(explained, &opened);
+    let limits = blocks(&opened, within, &[]);
+    let tangent = (named.len() > 1).then(|| problem.tangent(&problem.nuisance.apply(&problem.plant, &fit.eta)));
+    let sibling = explained.bent.as_ref().map(|bent| (bent.which, fit.effects.len() - 1));
+    let others = |which: usize| -> Vec<Placed> {
+        let is_sibling = |at: usize| sibling == Some((which, at));
+        let stays = |(at, placed): &(usize, &Placed)| !is_sibling(*at) && !same(placed, &named[which]);
+        fit.effects.iter().enumerate().filter(stays).map(|(_, placed)| placed.clone()).collect()
+    };
+    let without = |which: usize| -> Blocks {
+        let others = others(which);
+        let Some(tangent) = tangent.as_ref().filter(|_| !others.is_empty()) else { return limits.clone() };
+        let Fit { eta, effects, .. } = problem.fit(tangent, &fit.eta, &others, WITHOUT);
+        let eta = clipped(problem, &eta).unwrap_or(eta);
+        blocks(&opened, &problem.nuisance.apply(&problem.plant, &eta), &problem.actions(&effects))
+    };
+    let share = |[without, with, limits]: [f64; 3]| {
+        let closed = (without * without - with * with).max(0.0);
+        let all = (limits * limits - floor * floor).max(closed);
+        if all > 0.0 { closed / all } else { 0.0 }
+    };
+    let one = |which: usize| {
+        let without = without(which);
+        let (missing, rest) = (without.gap(), with.gap());
+        let beyond = |gap: f64| (gap * gap - floor * floor).max(0.0);
+        Share {
+            value: share([missing, rest, limits.gap()]),
+            ci95: gap::drawn([&without, with, &limits], share),
+            closed: (missing * missing - rest * rest).max(0.0),
+            left: (beyond(rest) / beyond(missing).max(f64::MIN_POSITIVE)).sqrt(),
+        }
+    };
+    (0..named.len()).map(one).collect()
+}
+
+/// Gap that noise makes on the opened records.
+fn floor(explained: &Explained, opened: &[&Record]) -> f64 {
+    let measured: Vec<&[Vec<f64>]> = opened.iter().map(|record| record.y.as_slice()).collect();
+    gap::floor_over(&explained.noise_rms(), &measured)
+}
+
+/// Squared gap that a force in a band makes, which is part of the noise.
+pub fn of_band(explained: &Explained) -> f64 {
+    let mut without = explained.ready.noise.clone();
+    without.sources.retain(|(source, _)| !matches!(source, Source::Band(_)));
+    let opened = opened(explained);
+    let measured: Vec<&[Vec<f64>]> = opened.iter().map(|record| record.y.as_slice()).collect();
+    let square = |rms: &[f64]| gap::floor_over(rms, &measured).powi(2);
+    (square(&explained.ready.noise.rms()) - square(&without.rms())).max(0.0)
+}
