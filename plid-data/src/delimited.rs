@@ -26,7 +26,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Content, DataError> {
     if bytes.contains(&0) {
         return Err(DataError::Malformed {
             file: path.into(),
-            what: "neither text nor a format known here (.csv, .mat v5, .npz, .npy)".into(),
+            what: "neither text nor a format known here (.csv, .mat v4 or v5, .npz, .npy)".into(),
         });
     }
     // Old instruments write Latin-1, where every byte is a character.
@@ -190,6 +190,7 @@ fn assemble(names: Vec<String>, rows: &[Vec<Option<f64>>], lines: &[Line]) -> Co
         columns: Array2::from_shape_fn((rows.len(), kept.len()), |(k, i)| cell(k, kept[i]).unwrap_or(f64::NAN)),
         scalars,
         lines: lines.iter().map(|line| line.number).collect(),
+        notes: Vec::new(),
     }
 }
 

@@ -8,8 +8,8 @@
 //! |---|---|
 //! | text with a header (comma, semicolon, tab or blanks) | as named |
 //! | text without a header | `1`, `2`, ... |
-//! | MATLAB .mat v5, one matrix | `1`, `2`, ... |
-//! | MATLAB .mat v5 or NumPy .npz, several variables | a vector `u`: `u`; a matrix `y`: `y1`, `y2`, ... |
+//! | MATLAB .mat v4 or v5, one matrix | `1`, `2`, ... |
+//! | MATLAB .mat v4 or v5 or NumPy .npz, several variables | a vector `u`: `u`; a matrix `y`: `y1`, `y2`, ... |
 //! | NumPy .npy | `1`, `2`, ... |
 //!
 //! [`prepare`] takes records to what identification wants, and back; [`config`] reads strict TOML.

@@ -19,7 +19,7 @@ pub(super) fn read_npz(path: &Path, bytes: &[u8], variable: Option<&str>) -> Res
         let values = real(member).map_err(|e| malformed(format!("array `{name}`: {e}")))?;
         variables.push(match values {
             Some(values) => Variable::new(name, values, false),
-            None => Variable::unusable(name, Vec::new()),
+            None => Variable::unusable(name, Vec::new(), "not of real numbers"),
         });
     }
     assemble(path, &variables, variable)
@@ -123,7 +123,7 @@ mod tests {
             npz.add_array("flags", &array![true, false]).unwrap();
         });
         let error = parse(&bytes, None).err().unwrap().to_string();
-        for said in ["`long` (3)", "`short` (2 x 2)", "`cube` (2 x 2 x 2, unusable)"] {
+        for said in ["`long` (3)", "`short` (2 x 2)", "`cube` (2 x 2 x 2, an array of more than two dimensions)"] {
             assert!(error.contains(said), "{error}");
         }
         assert_eq!(parse(&bytes, Some("short")).unwrap().names, ["1", "2"]);

@@ -108,6 +108,7 @@ mod tests {
             scalars: BTreeMap::new(),
             sha256: String::new(),
             lines: Vec::new(),
+            notes: Vec::new(),
         }
     }
 

@@ -88,7 +88,8 @@ pub fn extract(
         inputs: channels(table, inputs, MissingPolicy::Error)?,
         outputs: channels(table, outputs, missing)?,
     };
-    let mut warnings: Vec<Warning> = warning.into_iter().collect();
+    let mut warnings = table.notes.clone();
+    warnings.extend(warning);
     warnings.extend(missing_samples(table, &record)?);
     Ok((record, warnings))
 }

@@ -1,5 +1,5 @@
 //! A file as a table of named columns.
-use super::{DataError, delimited, mat, numpy};
+use super::{DataError, Warning, delimited, mat, numpy};
 use ndarray::{Array2, ArrayView1};
 use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, HashSet};
@@ -20,6 +20,8 @@ pub struct Table {
     pub sha256: String,
     /// For text, the line of each sample in the file, from 1; else empty.
     pub lines: Vec<usize>,
+    /// What the file holds beside them that is no data.
+    pub notes: Vec<Warning>,
 }
 
 /// Columns and scalars as a reader of one format finds them.
@@ -28,6 +30,7 @@ pub(super) struct Content {
     pub columns: Array2<f64>,
     pub scalars: BTreeMap<String, f64>,
     pub lines: Vec<usize>,
+    pub notes: Vec<Warning>,
 }
 
 /// Reads a data file. Its contents decide the format, then its extension.
@@ -61,6 +64,7 @@ pub fn read(path: &Path, variable: Option<&str>) -> Result<Table, DataError> {
         scalars: content.scalars,
         sha256: Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect(),
         lines: content.lines,
+        notes: content.notes,
     })
 }
 

@@ -1,9 +1,9 @@
 //! Several named arrays of one file as one table.
-use super::DataError;
 use super::error::nearest;
 use super::table::Content;
+use super::{DataError, Warning};
 use ndarray::{Array2, Ix2};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 
 /// A named array of at most two dimensions is a scalar, a column or a matrix; others are only
@@ -11,8 +11,8 @@ use std::path::Path;
 pub(super) struct Variable {
     pub name: String,
     pub shape: Vec<usize>,
-    /// Rows are samples; `None` for what cannot be a table (more dimensions, complex, text).
-    pub matrix: Option<Array2<f64>>,
+    /// Rows are samples; otherwise, in words, what it is that cannot be a table.
+    pub matrix: Result<Array2<f64>, &'static str>,
 }
 
 impl Variable {
@@ -20,28 +20,28 @@ impl Variable {
     pub fn new(name: String, values: ndarray::ArrayD<f64>, row_is_vector: bool) -> Self {
         let shape = values.shape().to_vec();
         let matrix = match shape.as_slice() {
-            [] => values.into_shape_with_order((1, 1)).ok(),
+            [] => values.into_shape_with_order((1, 1)),
             [_] => {
                 let samples = values.len();
-                values.into_shape_with_order((samples, 1)).ok()
+                values.into_shape_with_order((samples, 1))
             }
-            [1, _] if row_is_vector => values.into_dimensionality::<Ix2>().ok().map(|m| m.reversed_axes()),
-            _ => values.into_dimensionality::<Ix2>().ok(),
+            [1, _] if row_is_vector => values.into_dimensionality::<Ix2>().map(|m| m.reversed_axes()),
+            _ => values.into_dimensionality::<Ix2>(),
         };
-        Self { name, shape, matrix }
+        Self { name, shape, matrix: matrix.map_err(|_| "an array of more than two dimensions") }
     }
 
-    /// A variable that can only be named.
-    pub fn unusable(name: String, shape: Vec<usize>) -> Self {
-        Self { name, shape, matrix: None }
+    /// A variable that can only be named, and `what` it is.
+    pub fn unusable(name: String, shape: Vec<usize>, what: &'static str) -> Self {
+        Self { name, shape, matrix: Err(what) }
     }
 
     fn describe(&self) -> String {
         let shape: Vec<String> = self.shape.iter().map(usize::to_string).collect();
         let mut notes = vec![shape.join(" x ")];
         notes.retain(|shape| !shape.is_empty());
-        if self.matrix.is_none() {
-            notes.push("unusable".into());
+        if let Err(what) = self.matrix {
+            notes.push(what.into());
         }
         if notes.is_empty() {
             notes.push("scalar".into());
@@ -60,14 +60,19 @@ pub(super) fn assemble(path: &Path, variables: &[Variable], choice: Option<&str>
         let all: Vec<String> = variables.iter().map(Variable::describe).collect();
         all.join(", ")
     };
+    let mut seen = HashSet::new();
+    if let Some(twice) = variables.iter().find(|variable| !seen.insert(&variable.name)) {
+        let what = format!("two variables are named `{}`", twice.name);
+        return Err(DataError::Malformed { file: path.into(), what });
+    }
     let mut scalars = BTreeMap::new();
     let mut parts: Vec<(&str, &Array2<f64>)> = Vec::new();
     for variable in variables {
         match &variable.matrix {
-            Some(matrix) if matrix.len() == 1 => {
+            Ok(matrix) if matrix.len() == 1 => {
                 scalars.insert(variable.name.clone(), matrix[[0, 0]]);
             }
-            Some(matrix) if !matrix.is_empty() => parts.push((&variable.name, matrix)),
+            Ok(matrix) if !matrix.is_empty() => parts.push((&variable.name, matrix)),
             _ => {}
         }
     }
@@ -110,5 +115,15 @@ pub(super) fn assemble(path: &Path, variables: &[Variable], choice: Option<&str>
     let views: Vec<_> = parts.iter().map(|(_, matrix)| matrix.view()).collect();
     let columns = ndarray::concatenate(ndarray::Axis(1), &views)
         .map_err(|e| DataError::Malformed { file: path.into(), what: e.to_string() })?;
-    Ok(Content { names, columns, scalars, lines: Vec::new() })
+    // Where one variable is chosen, the others are not asked for.
+    let notes = if choice.is_some() { Vec::new() } else { unused(path, variables) };
+    Ok(Content { names, columns, scalars, lines: Vec::new(), notes })
+}
+
+fn unused(path: &Path, variables: &[Variable]) -> Vec<Warning> {
+    let unused = |variable: &Variable| {
+        let what = variable.matrix.as_ref().err()?.to_string();
+        Some(Warning::UnusedVariable { file: path.display().to_string(), variable: variable.name.clone(), what })
+    };
+    variables.iter().filter_map(unused).collect()
 }

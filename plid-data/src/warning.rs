@@ -11,6 +11,16 @@ pub enum Warning {
         /// The file.
         file: String,
     },
+    /// A variable of a file that holds no table of real numbers.
+    #[error("{file}: variable `{variable}` is {what}, and is not read")]
+    UnusedVariable {
+        /// The file.
+        file: String,
+        /// The variable.
+        variable: String,
+        /// What it is, as `a struct`.
+        what: String,
+    },
     /// An input that never changes.
     #[error("input `{channel}` is constant: nothing can be learnt about its effect")]
     ConstantInput {

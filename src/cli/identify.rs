@@ -25,7 +25,7 @@ use super::{Failure, Voice, directory};
     after_help = "Examples:\n  plid identify record.csv --inputs force --outputs left,right --states 8 --out out/record\n  plid identify flexible.mat --inputs 1-2 --outputs 3-5 --states 48 --rate 100 --out out/flexible\n  plid identify record.csv --inputs u --outputs y --scan 2,4,8,12 --out out/scan"
 )]
 pub struct Arguments {
-    /// Data files: CSV and its relatives, MATLAB .mat (v5), NumPy .npz, headerless columns.
+    /// Data files: CSV and its relatives, MATLAB .mat (v4, v5), NumPy .npz, headerless columns.
     #[arg(required = true)]
     data: Vec<PathBuf>,
     /// The columns that are inputs, such as u1,u2 or, of numbered columns, 1-2.

@@ -48,8 +48,9 @@ impl Record {
     }
 }
 
-/// Root of the mean square; zero for nothing.
+/// Root of the mean square of what was measured: missing samples (NaN) do not count. Zero for nothing.
 pub fn rms<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
-    let (sum, count) = values.into_iter().fold((0.0, 0usize), |(sum, count), x| (sum + x * x, count + 1));
+    let measured = values.into_iter().filter(|x| !x.is_nan());
+    let (sum, count) = measured.fold((0.0, 0usize), |(sum, count), x| (sum + x * x, count + 1));
     if count == 0 { 0.0 } else { (sum / count as f64).sqrt() }
 }

@@ -39,15 +39,14 @@ pub struct Stretch {
 }
 
 impl Stretch {
-    /// From residuals (p channels), without mean and trend.
+    /// From residuals (p channels), without mean and trend. The power is that of the samples that are not missing (NaN).
     pub fn new(residual: &[Vec<f64>]) -> Self {
         let length = fourier::good_length_below(residual[0].len());
-        let scale = 1.0 / (length as f64).sqrt();
         let bins = residual
             .iter()
             .map(|x| {
                 let mut x = x[..length].to_vec();
-                detrend(&mut x);
+                let scale = 1.0 / (detrend(&mut x).max(1) as f64).sqrt();
                 fourier::forward(&x).into_iter().map(|z| z * scale).collect()
             })
             .collect();
@@ -70,13 +69,18 @@ impl Stretch {
     }
 }
 
-fn detrend(x: &mut [f64]) {
-    let n = x.len() as f64;
-    let middle = (n - 1.0) / 2.0;
-    let mean = x.iter().sum::<f64>() / n;
-    let square: f64 = (0..x.len()).map(|k| (k as f64 - middle).powi(2)).sum();
-    let slope = x.iter().enumerate().map(|(k, x)| (k as f64 - middle) * x).sum::<f64>() / square.max(1.0);
-    x.iter_mut().enumerate().for_each(|(k, x)| *x -= mean + slope * (k as f64 - middle));
+/// Takes mean and trend off the samples that are there and puts zero in place of the missing ones. How many are there.
+fn detrend(x: &mut [f64]) -> usize {
+    let there: Vec<usize> = (0..x.len()).filter(|&k| !x[k].is_nan()).collect();
+    let n = there.len().max(1) as f64;
+    let middle = there.iter().sum::<usize>() as f64 / n;
+    let mean = there.iter().map(|&k| x[k]).sum::<f64>() / n;
+    let square: f64 = there.iter().map(|&k| (k as f64 - middle).powi(2)).sum();
+    let slope = there.iter().map(|&k| (k as f64 - middle) * x[k]).sum::<f64>() / square.max(1.0);
+    for (k, x) in x.iter_mut().enumerate() {
+        *x = if x.is_nan() { 0.0 } else { *x - (mean + slope * (k as f64 - middle)) };
+    }
+    there.len()
 }
 
 /// Where noise comes from.

@@ -17,8 +17,10 @@ use crate::prepare::coloured::{Coloured, NEAR_LINE, coloured};
 use crate::prepare::wandering::{Wandering, wandering};
 use crate::search::explain::{errors, outputs};
 use crate::settings::step::Step;
+use crate::signal::notch;
+use crate::signal::peaks;
 use crate::signal::quantisation::{self, Codes};
-use crate::signal::{notch, peaks, tones};
+use crate::signal::tones;
 use crate::simulate::{Fineness, simulate};
 use plid_model::Model;
 
@@ -160,9 +162,10 @@ impl Prepared {
         let (mut power, mut freedom) = (0.0, 0.0);
         for ((record, y), whitener) in problem.records.iter().zip(simulated).zip(&problem.whiteners) {
             let Excitation::Periodic(period) = record.excitation else { continue };
-            let mut error = crate::judge::locate::error(record, y);
+            let mut error = measured_error(record, y);
             for (error, masked) in error.iter_mut().zip(&whitener.masked) {
-                masked.iter().for_each(|&k| error[k] = 0.0);
+                masked.iter().for_each(|&k| error[k] = f64::NAN);
+                fill_from_other_periods(error, period);
             }
             let periods: Vec<Channels> = (1..record.samples() / period)
                 .map(|j| error.iter().map(|e| e[j * period..(j + 1) * period].to_vec()).collect())
@@ -313,8 +316,11 @@ impl Prepared {
         let plant = &self.problem.plant;
         let left = |(record, y): (&Record, &Channels)| {
             let error = crate::judge::locate::error(record, y);
-            let y = self.wandering.iter().fold(error, |error, line| notch::without_both(&error, plant, line.hz));
-            Record { y, ..record.clone() }
+            let mut left = self.wandering.iter().fold(error, |error, line| notch::without_both(&error, plant, line.hz));
+            for (left, y) in left.iter_mut().zip(&record.y) {
+                left.iter_mut().zip(y).filter(|(_, y)| y.is_nan()).for_each(|(left, _)| *left = f64::NAN);
+            }
+            Record { y: left, ..record.clone() }
         };
         let records = self.problem.records.iter().zip(simulated);
         let of_use =
@@ -403,6 +409,25 @@ fn quiet_stretches(plant: &Plant, records: &[Record], tones: &[tones::Tone]) -> 
 fn silent(records: &[Record], stretch: impl Fn(&Record) -> Stretch) -> Vec<Stretch> {
     let long = |r: &&Record| r.excitation == Excitation::Zero && r.samples() >= SHORTEST_QUIET;
     records.iter().filter(long).map(stretch).collect()
+}
+
+/// Measured minus simulated; NaN where nothing was measured.
+fn measured_error(record: &Record, simulated: &[Vec<f64>]) -> Channels {
+    let one = |(y, s): (&Vec<f64>, &Vec<f64>)| y.iter().zip(s).map(|(y, s)| y - s).collect();
+    record.y.iter().zip(simulated).map(one).collect()
+}
+
+/// A sample that is missing (NaN) is what the other periods have in its place on average, the first one left out; zero where none has it.
+fn fill_from_other_periods(error: &mut [f64], period: usize) {
+    for k in 0..error.len() {
+        if !error[k].is_nan() {
+            continue;
+        }
+        let others = (1..).map(|j| k % period + j * period).take_while(|&at| at < error.len());
+        let (sum, count) =
+            others.filter(|&at| !error[at].is_nan()).fold((0.0, 0.0), |(s, n), at| (s + error[at], n + 1.0));
+        error[k] = if count > 0.0 { sum / count } else { 0.0 };
+    }
 }
 
 /// The differences between periods, but for the first ones, which hold the transient.
@@ -560,6 +585,43 @@ pub(crate) mod tests {
             assert!((level.factor - 1.0).abs() < 0.1 && level.seen, "{level:?}");
             if let (Some(found), Some(expected)) = (level.driven, expected) {
                 assert!((found / expected - 1.0_f64).abs() < 0.1, "{level:?}");
+            }
+        }
+    }
+
+    /// A sample that is missing here and there changes no figure by more than its share, whatever the record and whether noise is declared or not.
+    #[test]
+    fn missing_outputs_are_masked() {
+        const PERIOD: usize = 512;
+        for declares in [true, false] {
+            let real = testing::truss_with(1, |modes, _, _| modes[2].0 *= 1.01);
+            let mut case = testing::case(&testing::truss(1), &real);
+            let u: Channels = testing::random_input(4, PERIOD, 2).iter().map(|u| u.repeat(6)).collect();
+            let mut y = testing::run(&real, &u);
+            for (y, noise) in y.iter_mut().zip(testing::random_input(5, 6 * PERIOD, 2)) {
+                y.iter_mut().zip(noise).for_each(|(y, e)| *y += 1e-3 * e);
+            }
+            case.records[1] = Record { excitation: Excitation::Periodic(PERIOD), u, y, ..case.records[1].clone() };
+            let mut model = case.model.clone().unwrap();
+            if !declares {
+                model.noise.sensor_std = None;
+            }
+            let figures = |records: &[Record]| {
+                let ready = prepare(&model, records, &Known::default()).unwrap();
+                let problem = &ready.problem;
+                let run = |record: &Record| simulate(&problem.plant, &[], &record.u, 0.0, None, Fineness::COARSE);
+                let simulated: Vec<Channels> = problem.records.iter().map(run).collect();
+                let level = ready.noise_level(&simulated, 1.0);
+                [ready.noise.rms(), ready.declared_sensor.clone(), vec![level.factor]].concat()
+            };
+            let whole = figures(&case.records);
+            for record in &mut case.records {
+                let samples = record.samples();
+                record.y[0][samples / 3] = f64::NAN;
+                (0..samples).skip(5).step_by(400).for_each(|k| record.y[1][k] = f64::NAN);
+            }
+            for (with_gaps, whole) in figures(&case.records).iter().zip(&whole) {
+                assert!((with_gaps / whole - 1.0).abs() < 0.05, "{with_gaps} for {whole}");
             }
         }
     }

@@ -153,7 +153,8 @@ struct Jumps {
 /// everywhere.
 fn jumps(y: &[f64], error: &[f64], noise: f64) -> Jumps {
     let (low, high) = y.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), y| (l.min(*y), h.max(*y)));
-    let extreme = |y: f64| !(y > NEAR_RAIL * low && y < NEAR_RAIL * high);
+    // A missing sample (NaN) is none.
+    let extreme = |y: f64| y <= NEAR_RAIL * low || y >= NEAR_RAIL * high;
     let rail = y.iter().filter(|y| extreme(**y)).count() as f64 > CROWDED * y.len() as f64;
     let mut found = Jumps { repeats: Vec::new(), held_down: Vec::new(), others: 0 };
     let mut first = 0;

@@ -97,7 +97,8 @@ fn line(x: &[f64], start_s: f64, rate: f64, hz: f64) -> C {
     sum
 }
 
-/// Channels without these lines (and the harmonics that a hum has): sines and cosines by least squares over the stretch.
+/// Channels without these lines (and the harmonics that a hum has): sines and cosines by least squares over the samples of the stretch that
+/// are not missing (NaN).
 pub fn without(y: &[Vec<f64>], rate: f64, tones: &[Tone]) -> Vec<Vec<f64>> {
     let lines: Vec<f64> =
         tones.iter().flat_map(|tone| [1.0, 2.0, 3.0, 5.0].map(|h| h * tone.hz)).filter(|hz| *hz < 0.5 * rate).collect();
@@ -113,12 +114,12 @@ pub fn without(y: &[Vec<f64>], rate: f64, tones: &[Tone]) -> Vec<Vec<f64>> {
         let phase = TAU * lines[j / 2] * k as f64 / rate;
         if j % 2 == 0 { phase.cos() } else { phase.sin() }
     });
-    let Some(factor) = basis.tr_mul(&basis).cholesky() else { return y.to_vec() };
-    y.iter()
-        .map(|y| {
-            let y = nalgebra::DVector::from_column_slice(y);
-            let left = &y - &basis * factor.solve(&basis.tr_mul(&y));
-            left.as_slice().to_vec()
-        })
-        .collect()
+    let left = |y: &Vec<f64>| -> Option<Vec<f64>> {
+        let there: Vec<usize> = (0..samples).filter(|&k| !y[k].is_nan()).collect();
+        let seen = basis.select_rows(&there);
+        let measured = nalgebra::DVector::from_iterator(there.len(), there.iter().map(|&k| y[k]));
+        let lines = &basis * seen.tr_mul(&seen).cholesky()?.solve(&seen.tr_mul(&measured));
+        Some(y.iter().zip(lines.iter()).map(|(y, line)| y - line).collect())
+    };
+    y.iter().map(|y| left(y).unwrap_or_else(|| y.clone())).collect()
 }

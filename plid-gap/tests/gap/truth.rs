@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use ode_solvers::{Dop853, OutputType, System};
 use plid_model::{Model, Port};
 
-use crate::testing::truss::RATE;
+use crate::truss::RATE;
 
 /// p or m channels of samples.
 pub type Channels = Vec<Vec<f64>>;

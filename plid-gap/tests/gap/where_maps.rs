@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use crate::forward::structure::{CUBIC, STRUT};
 use crate::forward::{MODES, Rig, noise};
-use crate::testing::truss::RATE;
+use crate::truss::RATE;
 use crate::truth::{self, Channels, Equations, Joint};
 
 /// Samples and level of each record; the last is held out from all fitting, and from the map.

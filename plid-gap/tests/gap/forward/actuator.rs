@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use plid_gap::effects::{Effect, Place};
 
 use super::{Check, Rig, T0, structure};
-use crate::testing::truss::RATE;
+use crate::truss::RATE;
 use crate::truth::{self, Channels};
 
 /// Static curves are the same arithmetic on both sides: rounding. The hysteresis has a corner where z changes its sign, which costs the

@@ -11,7 +11,7 @@ use plid_gap::effects::{Library, Place};
 use plid_gap::research::{Fineness, simulate};
 
 use super::Rig;
-use crate::testing::truss::{RATE, held};
+use crate::truss::{RATE, held};
 
 type C = Complex<f64>;
 

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use plid_gap::effects::{Effect, Place};
 
 use super::{Check, Rig, T0};
-use crate::testing::truss::RATE;
+use crate::truss::RATE;
 use crate::truth::{self, Equations, Push};
 
 /// A held force is exact on both sides: rounding.

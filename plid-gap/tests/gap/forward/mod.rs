@@ -19,7 +19,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 use rayon::prelude::*;
 
-use crate::testing::truss::Truss;
+use crate::truss::Truss;
 use crate::truth::{self, Channels};
 
 /// Frequencies in Hz and damping ratios.

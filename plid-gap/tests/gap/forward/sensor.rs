@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use plid_gap::effects::{Action, Effect, Place};
 
 use super::{Check, Rig, T0};
-use crate::testing::truss::RATE;
+use crate::truss::RATE;
 use crate::truth;
 
 /// The same arithmetic on both sides: what is left is the modal form's rounding, relative to a small effect.

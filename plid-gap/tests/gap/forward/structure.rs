@@ -7,7 +7,7 @@ use plid_gap::research::Fineness;
 use plid_model::Model;
 
 use super::{Check, Rig, T0};
-use crate::testing::truss::Truss;
+use crate::truss::Truss;
 use crate::truth::{self, Channels, Equations, Joint, Motion};
 
 /// plid-gap's forces are straight lines over an eighth of a sample: an error of second order in that step, which

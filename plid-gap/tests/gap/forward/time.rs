@@ -4,7 +4,7 @@ use plid_gap::effects::{Action, CubicStiffness, Effect, Place, StiffnessDrift};
 use plid_gap::research::{Fineness, simulate};
 
 use super::{Check, Rig, T0, structure};
-use crate::testing::truss::{RATE, Truss};
+use crate::truss::{RATE, Truss};
 use crate::truth::{self, Channels, Equations, Joint};
 
 /// A command's gain is rounding. A drift leaves what lies before and behind the structure as at the old pole: a phase of some

@@ -12,7 +12,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::{Check, Rig, T0, noise};
-use crate::testing::truss::RATE;
+use crate::truss::RATE;
 use crate::truth::{self, Channels, Equations, Push};
 
 /// A variance of 4096 samples is known to 2.2 %, a standard deviation to 1.1 %: three of those, and as much for the other sensor's. Of

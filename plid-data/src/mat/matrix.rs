@@ -1,0 +1,22 @@
+//! Values of an array in the order in which MATLAB stores them.
+
+use ndarray::{ArrayD, IxDyn, ShapeBuilder};
+
+/// Number of values of an array.
+pub(super) fn count(shape: &[usize]) -> Result<usize, String> {
+    let product = shape.iter().try_fold(1_usize, |product, &size| product.checked_mul(size));
+    product.ok_or_else(|| format!("{} is too large", dimensions(shape)))
+}
+
+/// An array from its values, one column after the other.
+pub(super) fn real(shape: &[usize], values: Vec<f64>) -> Result<ArrayD<f64>, String> {
+    let there = values.len();
+    if count(shape)? != there {
+        return Err(format!("{there} values are there for an array of {}", dimensions(shape)));
+    }
+    ArrayD::from_shape_vec(IxDyn(shape).f(), values).map_err(|e| e.to_string())
+}
+
+fn dimensions(shape: &[usize]) -> String {
+    shape.iter().map(usize::to_string).collect::<Vec<_>>().join(" x ")
+}
