@@ -12,8 +12,9 @@ use crate::noise::{NoiseModel, Stretch};
 use crate::notch;
 use crate::nuisance::{Limits, Nuisance};
 use crate::plant::{Mode, Plant};
-use crate::problem::{Placed, Problem, Tangent};
+use crate::problem::{Placed, Problem};
 use crate::record::{Channels, Excitation, Record, rms};
+use crate::refit::Refit;
 use crate::simulate::{Fineness, simulate};
 use crate::split::split;
 use crate::tones;
@@ -325,11 +326,10 @@ impl Prepared {
         quiet
     }
 
-    /// What an explanation leaves of driven records becomes an error of the simulation beside the noise, and the limits are widened to what the linear
-    /// parameters `eta` need. A real simulation is off in many small ways that no effect explains: likelihoods that know noise alone take each of them for
-    /// certain, and rank by what is left of them.
-    pub fn admit_error(&mut self, simulated: &[Channels], eta: &[f64], tangent: &Tangent) {
-        let problem = &mut self.problem;
+    /// What an explanation leaves of driven records becomes an error of the simulation beside the noise. A real simulation is off in many small ways that no
+    /// effect explains: likelihoods that know noise alone take each of them for certain, and rank by what is left of them.
+    pub fn admit_error(&mut self, simulated: &[Channels]) {
+        let problem = &self.problem;
         let errors: Vec<Channels> =
             problem.records.iter().zip(simulated).map(|(record, y)| crate::locate::error(record, y)).collect();
         let noise = |hz: f64| {
@@ -337,14 +337,21 @@ impl Prepared {
             (0..density.nrows()).map(|o| density[(o, o)].re).collect()
         };
         let error = ModelError::left(&problem.records, &errors, noise, problem.plant.rate);
-        let scale = problem.nuisance.needed(eta, tangent);
-        let modes = problem.nuisance.of_modes();
-        problem.nuisance.std[..modes].iter_mut().for_each(|std| *std *= scale);
-        self.widened = Some(scale);
         self.declared.model_error.clone_from(&error);
         let mut noise = self.noise.clone();
         noise.model_error = error;
         self.whiten_with(noise);
+        self.widened = Some(1.0);
+    }
+
+    /// The limits as wide as most of the linear parameters of a refit need them: how many times as wide.
+    pub fn widen(&mut self, refitted: &Refit) -> f64 {
+        let nuisance = &mut self.problem.nuisance;
+        let scale = nuisance.needed(&refitted.eta, &refitted.tangent);
+        let modes = nuisance.of_modes();
+        nuisance.std[..modes].iter_mut().for_each(|std| *std *= scale);
+        self.widened = Some(scale);
+        scale
     }
 
     /// The noise once more, from what an explanation leaves of the quiet records: a disturbance or a line in them is no noise.
