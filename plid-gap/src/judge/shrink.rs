@@ -174,6 +174,7 @@ mod tests {
     use super::*;
     use crate::effects::{CubicStiffness, Effect, Place};
     use crate::prepare::tests::setting_of;
+    use crate::prepare::{Known, prepare};
     use crate::testing;
 
     /// A truth that is off everywhere, by gains, cross-talk and more than the stated limits, beside one large spring: the spring is named first, and what remains is
@@ -193,12 +194,13 @@ mod tests {
         });
         let mut case = testing::case(&sim, &real);
         let plant = Plant::new(&real).unwrap();
-        let setting = setting_of(&plant, &real);
+        let ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        let setting = ready.problem.setting;
         let library = Library::standard();
         let act =
             |name: &str, place: Place, parameters: &[f64]| library.get(name).unwrap().act(&setting, &place, parameters);
-        let size = 0.03 * setting.stiffness[0] / setting.d_rms[0].powi(2);
-        let small = 0.02 * setting.stiffness[1];
+        let size = 2e-3 * setting.stiffness[0] / setting.d_rms[0].powi(2);
+        let small = 2e-4 * setting.stiffness[1];
         for record in &mut case.records {
             let mut actions = act("cubic-stiffness", Place::Port(0), &[size]);
             actions.extend(act("clearance", Place::Port(1), &[small, setting.d_rms[1]]));

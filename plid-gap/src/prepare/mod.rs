@@ -9,6 +9,7 @@ use crate::effects::{MissingModeStart, Setting};
 use crate::error::GapError;
 use crate::fit::nuisance::{Limits, Nuisance};
 use crate::fit::problem::{Placed, Problem, Tangent};
+use crate::fit::refit::Refit;
 use crate::noise::model_error::ModelError;
 use crate::noise::whiten::Whitener;
 use crate::noise::{NoiseModel, Stretch};
@@ -17,10 +18,8 @@ use crate::prepare::coloured::{Coloured, NEAR_LINE, coloured};
 use crate::prepare::wandering::{Wandering, wandering};
 use crate::search::explain::{errors, outputs};
 use crate::settings::step::Step;
-use crate::signal::notch;
-use crate::signal::peaks;
 use crate::signal::quantisation::{self, Codes};
-use crate::signal::tones;
+use crate::signal::{notch, peaks, tones};
 use crate::simulate::{Fineness, simulate};
 use plid_model::Model;
 
@@ -333,11 +332,10 @@ impl Prepared {
         quiet
     }
 
-    /// What an explanation leaves of driven records becomes an error of the simulation beside the noise, and the limits are widened to what the linear
-    /// parameters `eta` need. A real simulation is off in many small ways that no effect explains: likelihoods that know noise alone take each of them for
-    /// certain, and rank by what is left of them.
-    pub fn admit_error(&mut self, simulated: &[Channels], eta: &[f64], tangent: &Tangent) {
-        let problem = &mut self.problem;
+    /// What an explanation leaves of driven records becomes an error of the simulation beside the noise. A real simulation is off in many small ways that no
+    /// effect explains: likelihoods that know noise alone take each of them for certain, and rank by what is left of them.
+    pub fn admit_error(&mut self, simulated: &[Channels]) {
+        let problem = &self.problem;
         let errors: Vec<Channels> =
             problem.records.iter().zip(simulated).map(|(record, y)| crate::judge::locate::error(record, y)).collect();
         let noise = |hz: f64| {
@@ -345,14 +343,21 @@ impl Prepared {
             (0..density.nrows()).map(|o| density[(o, o)].re).collect()
         };
         let error = ModelError::left(&problem.records, &errors, noise, problem.plant.rate);
-        let scale = problem.nuisance.needed(eta, tangent);
-        let modes = problem.nuisance.of_modes();
-        problem.nuisance.std[..modes].iter_mut().for_each(|std| *std *= scale);
-        self.widened = Some(scale);
         self.declared.model_error.clone_from(&error);
         let mut noise = self.noise.clone();
         noise.model_error = error;
         self.whiten_with(noise);
+        self.widened = Some(1.0);
+    }
+
+    /// The limits as wide as most of the linear parameters of a refit need them: how many times as wide.
+    pub fn widen(&mut self, refitted: &Refit) -> f64 {
+        let nuisance = &mut self.problem.nuisance;
+        let scale = nuisance.needed(&refitted.eta, &refitted.tangent);
+        let modes = nuisance.of_modes();
+        nuisance.std[..modes].iter_mut().for_each(|std| *std *= scale);
+        self.widened = Some(scale);
+        scale
     }
 
     /// The noise once more, from what an explanation leaves of the quiet records: a disturbance or a line in them is no noise.

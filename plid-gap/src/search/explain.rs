@@ -286,8 +286,9 @@ fn once<'a>(
     } else if judged.unknown >= INADEQUATE {
         let fit = bent.as_ref().map_or(&found.best, |bent| &bent.fit);
         let simulated = outputs(&ready.problem, &fit.eta, &fit.effects);
-        ready.admit_error(&simulated, &fit.eta, &refitted.tangent);
-        let scale = ready.widened.unwrap_or(1.0);
+        ready.admit_error(&simulated);
+        // In the noise's own weights linear parameters lean on every small thing that is left: how far they are off shows beside it.
+        let scale = ready.widen(&refit(&ready.problem, STEPS));
         say(format!(
             "no explanation leaves only noise: once more with that as an error of the simulation, its limits {scale:.2} times as wide"
         ));

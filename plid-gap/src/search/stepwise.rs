@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use rayon::prelude::*;
 
-use crate::effects::{Library, Names, Place, Range};
+use crate::effects::{Effect, Library, Names, Place, Range};
 use crate::fit::problem::{Effort, Fit, Placed, Problem, Tangent, sum_of_squares};
 use crate::fit::refit::{Refit, clipped};
 use crate::judge::separability::{Overlap, of_screen};
@@ -158,7 +158,7 @@ pub fn straighten<'a>(
     for _ in 0..MOST_STRAIGHTENED {
         let best = &found.best;
         let there = |placed: &Placed| {
-            !placed.effect.is_in_refit() || best.effects.iter().any(|other| same(other, placed)) || !allowed(placed)
+            !is_a_number(placed.effect) || best.effects.iter().any(|other| same(other, placed)) || !allowed(placed)
         };
         let turn = Turn::new(problem, quick, best, library, &there, &price, [FITTED, POLISHED]);
         let (entries, fits) = turn.without(problem, quick, &there, &price);
@@ -172,6 +172,12 @@ pub fn straighten<'a>(
         found.candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
         found.best = top;
     }
+}
+
+/// Whether an effect is no more than a number of the simulation, which a refit can spread over the shapes of all modes.
+fn is_a_number(effect: &dyn Effect) -> bool {
+    let spread = ["actuator-gain", "actuator-crosstalk", "sensor-gain", "sensor-crosstalk"];
+    effect.is_in_refit() || spread.contains(&effect.name())
 }
 
 /// A stage in words: how many entries there were, and what the fits of the first of them gained.
