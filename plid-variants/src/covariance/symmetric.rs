@@ -3,10 +3,10 @@
 use std::marker::PhantomData;
 
 use num_traits::{One, Zero};
-use plid_core::kernels::{BadPivot, Kernels, Shift, axpy, cholesky, dot, semidefinite_ldl};
+use plid_core::kernels::{BadPivot, Kernels, Shift, axpy, cholesky, dot};
 use plid_core::{
-    Backend, CovariancePropagation, Dense, Health, ImplicitModel, InitialCovariance, Matrix, NoiseTerms, Scalar,
-    Transition, View, ViewMut,
+    Backend, Checkpointed, CovariancePropagation, Dense, ImplicitModel, InitialCovariance, Inspect, Matrix, NoiseTerms,
+    Scalar, ScalarUpdate, Transition, Unsupported, View, ViewMut,
 };
 
 use super::factor_initial;
@@ -130,9 +130,10 @@ impl<B: Backend, R: UpdateRule> Symmetric<B, R> {
 }
 
 impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
-    type Backend = B;
+    type Scalar = B::Scalar;
+    type Options = ();
 
-    fn new(model: &impl ImplicitModel, initial: &InitialCovariance) -> Result<Self, BadPivot> {
+    fn new(model: &dyn ImplicitModel, initial: &InitialCovariance, _: &()) -> Result<Self, BadPivot> {
         factor_initial::<B::Scalar>(initial)?;
         let (n, outputs, size) = (model.states(), model.outputs(), model.joint_states());
         let mut p = B::Matrix::zeros(size, size);
@@ -207,25 +208,7 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
         Ok(())
     }
 
-    fn scalar_update(&mut self, h: &[B::Scalar], r: B::Scalar, gain: &mut [B::Scalar]) -> Result<(), BadPivot> {
-        let observe = |p: View<'_, B::Scalar>, mut cross: ViewMut<'_, B::Scalar>| {
-            let cross = cross.column_mut(0);
-            cross.fill(B::Scalar::zero());
-            for j in 0..h.len() {
-                let column = &p.column(j)[j..];
-                cross[j] += dot(column, &h[j..]);
-                axpy(h[j], &column[1..], &mut cross[j + 1..]);
-            }
-        };
-        observe(self.p.view(), self.cross.view_mut());
-        *self.output.at_mut(0, 0) = dot(h, self.cross.view().column(0));
-        *self.sensor.at_mut(0, 0) = r;
-        self.correct(1, observe)?;
-        gain.copy_from_slice(self.gain.view().column(0));
-        Ok(())
-    }
-
-    fn time_update(&mut self, model: &impl ImplicitModel, transition: &Transition<B::Scalar>) -> Result<(), BadPivot> {
+    fn time_update(&mut self, model: &dyn ImplicitModel, transition: &Transition<B::Scalar>) -> Result<(), BadPivot> {
         let (n, size) = (self.n, self.p.view().rows());
         let Transition { abar, phi, qbar, .. } = transition;
         let (abar, rows) = (abar.view(), model.output_states());
@@ -268,36 +251,31 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
         Ok(())
     }
 
-    fn add_parameter_noise(&mut self, q: B::Scalar, _step: u64) {
-        let mut p = self.p.view_mut();
-        for i in self.n..p.rows() {
-            *p.at_mut(i, i) += q;
-        }
-    }
-
-    fn scale(&mut self, factor: B::Scalar) {
+    fn scale(&mut self, factor: B::Scalar) -> Result<(), Unsupported> {
         let mut p = self.p.view_mut();
         for j in 0..p.columns() {
             p.column_mut(j)[j..].iter_mut().for_each(|x| *x *= factor);
         }
+        Ok(())
     }
 
-    fn dense(&self) -> Dense<B::Scalar> {
-        let p = self.p.view();
-        Dense::from_fn(p.rows(), p.rows(), |i, j| p.at(i.max(j), i.min(j)))
-    }
-
-    fn health(&self) -> Health {
-        let mut p = self.dense();
-        let mut pivots = vec![B::Scalar::zero(); p.rows()];
-        match semidefinite_ldl(p.view_mut(), &mut pivots, 0.0, 0.0) {
-            Ok(()) => Health::from_pivots(pivots.iter().map(|d| d.to_f64()), 0.0),
-            Err(BadPivot { index, value }) => {
-                Health { smallest_pivot: value, index, symmetry_defect: 0.0, condition: f64::INFINITY }
-            }
+    fn add_parameter_noise(&mut self, q: B::Scalar, _step: u64) -> Result<(), Unsupported> {
+        let mut p = self.p.view_mut();
+        for i in self.n..p.rows() {
+            *p.at_mut(i, i) += q;
         }
+        Ok(())
     }
+}
 
+impl<B: Backend, R: UpdateRule> Inspect for Symmetric<B, R> {
+    fn dense_in<T: Scalar>(&self) -> Dense<T> {
+        let p = self.p.view();
+        Dense::from_fn(p.rows(), p.rows(), |i, j| T::from_parts(p.at(i.max(j), i.min(j)).to_parts()))
+    }
+}
+
+impl<B: Backend, R: UpdateRule> Checkpointed for Symmetric<B, R> {
     fn state(&self) -> Vec<B::Scalar> {
         let p = self.p.view();
         (0..p.columns()).flat_map(|j| p.column(j)[j..].iter().copied()).collect()
@@ -316,5 +294,25 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
             rest = tail;
         }
         true
+    }
+}
+
+impl<B: Backend, R: UpdateRule> ScalarUpdate for Symmetric<B, R> {
+    fn scalar_update(&mut self, h: &[B::Scalar], r: B::Scalar, gain: &mut [B::Scalar]) -> Result<(), BadPivot> {
+        let observe = |p: View<'_, B::Scalar>, mut cross: ViewMut<'_, B::Scalar>| {
+            let cross = cross.column_mut(0);
+            cross.fill(B::Scalar::zero());
+            for j in 0..h.len() {
+                let column = &p.column(j)[j..];
+                cross[j] += dot(column, &h[j..]);
+                axpy(h[j], &column[1..], &mut cross[j + 1..]);
+            }
+        };
+        observe(self.p.view(), self.cross.view_mut());
+        *self.output.at_mut(0, 0) = dot(h, self.cross.view().column(0));
+        *self.sensor.at_mut(0, 0) = r;
+        self.correct(1, observe)?;
+        gain.copy_from_slice(self.gain.view().column(0));
+        Ok(())
     }
 }

@@ -1,6 +1,7 @@
 //! The estimates from after the measurement in place of the parameters, as if they were certain: no covariances.
 
-use plid_core::{ConditionalExpectations, CovariancePropagation, ImplicitModel, Moment, ScalarOf, Transition};
+use plid_core::kernels::Kernels;
+use plid_core::{ConditionalExpectations, CovarianceBlocks, ImplicitModel, StepView, Transition};
 
 use super::{Scratch, condition_on_sensor_noise, regress_on_measurement};
 
@@ -10,18 +11,21 @@ pub struct CertaintyEquivalent<S> {
     scratch: Scratch<S>,
 }
 
-impl<C: CovariancePropagation> ConditionalExpectations<C> for CertaintyEquivalent<ScalarOf<C>> {
-    fn new(model: &impl ImplicitModel) -> Self {
+impl<S: Kernels> ConditionalExpectations for CertaintyEquivalent<S> {
+    type Scalar = S;
+    type Options = ();
+
+    fn new(model: &dyn ImplicitModel, _: &()) -> Self {
         Self { scratch: Scratch::new(model) }
     }
 
-    fn after<M: ImplicitModel>(
+    fn after(
         &mut self,
-        moment: &Moment<'_, ScalarOf<C>, M>,
-        _covariance: &mut C,
-        transition: &mut Transition<ScalarOf<C>>,
+        step: &StepView<'_, S>,
+        _covariance: &mut dyn CovarianceBlocks<S>,
+        transition: &mut Transition<S>,
     ) {
-        condition_on_sensor_noise(moment, &mut self.scratch, transition);
-        regress_on_measurement(moment, transition);
+        condition_on_sensor_noise(step, &mut self.scratch, transition);
+        regress_on_measurement(step, transition);
     }
 }
