@@ -7,7 +7,7 @@ use plid_variants::covariance::{ArraySqrt, BiermanUd, Direct, Joseph};
 /// The largest error of the leading block of P after scalar updates, relative to its largest entry; `None` if the form gave up.
 fn error<C>(initial: [f64; 3], updates: &[([f64; 3], f64)], expected: &[&[f64]]) -> Option<f64>
 where
-    C: CovariancePropagation<Backend: Backend<Scalar = f64>>,
+    C: Inspect + ScalarUpdate<Scalar = f64> + CovariancePropagation<Options = ()>,
 {
     // One state, one output, one input: N = 3.
     let model = ObservableForm::new(&[1], 1).unwrap();
@@ -30,7 +30,7 @@ where
 /// Dyer and McReynolds: P0 = I, R = d^2 I, H = [1 1 1; 1 1 1 + d].
 fn dyer_mcreynolds<C>(d: f64) -> Option<f64>
 where
-    C: CovariancePropagation<Backend: Backend<Scalar = f64>>,
+    C: Inspect + ScalarUpdate<Scalar = f64> + CovariancePropagation<Options = ()>,
 {
     // The d that 1 + d stands for in f64, so that the data hold no rounding error.
     let d = (1.0 + d) - 1.0;
@@ -44,7 +44,7 @@ where
 /// Bierman: P0 = I / e^2, R = 1, h = (1, e), then (1, 1).
 fn bierman<C>(e: f64) -> Option<f64>
 where
-    C: CovariancePropagation<Backend: Backend<Scalar = f64>>,
+    C: Inspect + ScalarUpdate<Scalar = f64> + CovariancePropagation<Options = ()>,
 {
     let scale = 1.0 - 2.0 * e + 2.0 * e * e * (2.0 + e * e);
     let off = -(1.0 + e) / scale;
@@ -102,14 +102,14 @@ fn scalar_update_of_any_row() {
     let p0 = [[2.0, 0.3, -0.5], [0.3, 1.0, 0.2], [-0.5, 0.2, 1.5]];
     let initial = InitialCovariance::Full(plid_core::Dense::from_fn(3, 3, |i, j| p0[i][j]));
     let (h, r) = ([0.7, -1.2, 0.4], 0.25);
-    fn check<C: CovariancePropagation<Backend: Backend<Scalar = f64>>>(
+    fn check<C: Inspect + ScalarUpdate<Scalar = f64> + CovariancePropagation<Options = ()>>(
         model: &ObservableForm,
         initial: &InitialCovariance,
         p0: &[[f64; 3]; 3],
         h: &[f64; 3],
         r: f64,
     ) {
-        let mut covariance = C::new(model, initial).unwrap();
+        let mut covariance = C::new(model, initial, &C::Options::default()).unwrap();
         let mut gain = [f64::NAN; 3];
         covariance.scalar_update(h, r, &mut gain).unwrap();
         let cross: Vec<f64> = p0.iter().map(|row| row.iter().zip(h).map(|(p, h)| p * h).sum()).collect();

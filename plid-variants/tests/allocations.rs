@@ -12,8 +12,8 @@ const WARM_UP: usize = 3;
 
 fn a_step_allocates_nothing<C, E>()
 where
-    C: CovariancePropagation + HasForm,
-    E: ConditionalExpectations<C> + HasKind,
+    C: Inspect + Checkpointed + HasForm,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>> + HasKind,
 {
     let options = Options { steps: 40, missing: 0.1, noise_models: 2, ..Options::default() };
     // Large enough that every library's own product is used.

@@ -71,8 +71,8 @@ fn tolerance<S: Scalar>() -> f64 {
 
 fn agrees_with_the_dense_recursion<C, E>()
 where
-    C: CovariancePropagation + HasForm,
-    E: ConditionalExpectations<C> + HasKind,
+    C: Inspect + Checkpointed + HasForm,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>> + HasKind,
 {
     let kind = KINDS.iter().position(|&kind| kind == E::KIND).unwrap();
     for (case, reference) in CASES.iter().zip(&*REFERENCE) {
@@ -98,8 +98,8 @@ test_every_variant!(agrees_with_the_dense_recursion:
 /// Two phases are one (section 4): a single step from a full P0, the dense recursion in the same scalar.
 fn one_step_is_eq_8_to_10<C, E>()
 where
-    C: CovariancePropagation + HasForm,
-    E: ConditionalExpectations<C> + HasKind,
+    C: Inspect + Checkpointed + HasForm,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>> + HasKind,
 {
     for (seed, missing) in [(31, 0.0), (32, 0.0), (33, 0.4)] {
         let options = Options { steps: 1, full_initial: true, missing, ..Options::default() };

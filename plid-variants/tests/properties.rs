@@ -130,8 +130,8 @@ fn rescaled(case: &Case, alpha: &[f64], beta: &[f64]) -> Case {
 /// |found - factors x original| over |original|, of s and of P.
 fn transformed_difference<C, E>(original: &Case, other: &Case, places: &[usize], factors: &[f64]) -> (f64, f64)
 where
-    C: CovariancePropagation,
-    E: ConditionalExpectations<C>,
+    C: Inspect + Checkpointed,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
 {
     let ((s, p), (s_other, p_other)) = (outcome(&finish::<C, E>(original)), outcome(&finish::<C, E>(other)));
     let f = |x: f64| qd::Quad::from_f64(x);
@@ -149,8 +149,8 @@ fn smallest_eigenvalue(p: &Dense<f64>) -> (f64, f64) {
 /// P is symmetric to the bit and positive semidefinite, and its health says so.
 fn stays_a_covariance<C, E>(case: &Case)
 where
-    C: CovariancePropagation + HasForm,
-    E: ConditionalExpectations<C> + HasKind,
+    C: Inspect + Checkpointed + HasForm,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>> + HasKind,
 {
     let run = finish::<C, E>(case);
     let p = run.covariance().dense();
@@ -170,7 +170,7 @@ where
 /// there was, and the gain divides by R.
 fn rounding<E>(case: &Case) -> f64
 where
-    E: ConditionalExpectations<BiermanUd<Plain<f64>>>,
+    E: ConditionalExpectations<Scalar = f64>,
 {
     let mut run = identifier::<BiermanUd<Plain<f64>>, E>(case);
     let mut largest = outcome(&run).1.norm();
@@ -184,8 +184,9 @@ where
 
 fn agrees_with<C, E>(case: &Case)
 where
-    C: CovariancePropagation + HasForm,
-    E: ConditionalExpectations<C> + ConditionalExpectations<BiermanUd<Plain<f64>>> + HasKind,
+    C: Inspect + Checkpointed + HasForm,
+    C: CovariancePropagation<Scalar = f64>,
+    E: ConditionalExpectations<Scalar = f64> + HasKind,
 {
     let (s, p) = outcome(&finish::<C, E>(case));
     let (s_ud, p_ud) = outcome(&finish::<BiermanUd<Plain<f64>>, E>(case));
@@ -196,8 +197,8 @@ where
 /// Continuing from a checkpoint, through JSON, gives the bits of the run that was not interrupted.
 fn continues_from_a_checkpoint<C, E>(case: &Case)
 where
-    C: CovariancePropagation + HasForm,
-    E: ConditionalExpectations<C> + HasKind,
+    C: Inspect + Checkpointed + HasForm,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>> + HasKind,
 {
     let whole = finish::<C, E>(case);
     let mut first = identifier::<C, E>(case);
@@ -223,8 +224,8 @@ fn bits(x: &[f64]) -> Vec<u64> {
 /// Given the same noise model before each step, or once: the same bits.
 fn same_noise_changes_nothing<C, E>(case: &Case)
 where
-    C: CovariancePropagation + HasForm,
-    E: ConditionalExpectations<C> + HasKind,
+    C: Inspect + Checkpointed + HasForm,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>> + HasKind,
 {
     let mut constant = case.clone();
     constant.noise.truncate(1);
@@ -240,8 +241,8 @@ where
 /// parameters and their covariance as they were, and a step whose outputs are all missing leaves no innovation.
 fn nothing_measured_is_a_time_update<C, E>(case: &Case)
 where
-    C: CovariancePropagation + HasForm,
-    E: ConditionalExpectations<C> + HasKind,
+    C: Inspect + Checkpointed + HasForm,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>> + HasKind,
 {
     let mut run = finish::<C, E>(case);
     let before = run.identified();
@@ -272,8 +273,9 @@ where
 /// Permuting and rescaling the channels permutes and rescales the estimate.
 fn follows_the_channels<C, E>(case: &Case, order: &[usize], alpha: &[f64], beta: &[f64])
 where
-    C: CovariancePropagation + HasForm,
-    E: ConditionalExpectations<C> + ConditionalExpectations<BiermanUd<Plain<f64>>> + HasKind,
+    C: Inspect + Checkpointed + HasForm,
+    C: CovariancePropagation<Scalar = f64>,
+    E: ConditionalExpectations<Scalar = f64> + HasKind,
 {
     let limit = rounding::<E>(case);
     let places = permuted_places(&case.indices, case.inputs, order);
@@ -289,8 +291,9 @@ where
 /// P / lambda each step: the dense recursion with the same.
 fn forgets<C, E>(case: &Case, forgetting: f64)
 where
-    C: CovariancePropagation + HasForm,
-    E: ConditionalExpectations<C> + ConditionalExpectations<BiermanUd<Plain<f64>>> + HasKind,
+    C: Inspect + Checkpointed + HasForm,
+    C: CovariancePropagation<Scalar = f64>,
+    E: ConditionalExpectations<Scalar = f64> + HasKind,
 {
     let limit = rounding::<E>(case);
     let mut case = case.clone();
@@ -372,10 +375,10 @@ fn checkpoints_of_others_are_refused() {
 }
 
 /// Over a round of as many steps as there are parameters every form has added the same, q a step to each.
-fn parameter_noise_adds_up<C: CovariancePropagation + HasForm>() {
+fn parameter_noise_adds_up<C: Inspect + Checkpointed + HasForm>() {
     let form = ObservableForm::new(&[2, 1], 1).unwrap();
     let case = random_case(&[2, 1], 1, Options { full_initial: true, ..Options::default() }, 8);
-    let mut covariance = C::new(&form, &case.settings.initial_covariance).unwrap();
+    let mut covariance = C::new(&form, &case.settings.initial_covariance, &C::Options::default()).unwrap();
     let (n, size) = (form.states(), form.joint_states());
     let before = covariance.dense();
     let q = 0.01;

@@ -44,8 +44,8 @@ fn response(a: &DMatrix<f64>, b: &DMatrix<f64>, outputs: &[usize], angle: f64) -
 /// The largest errors of A, of B, and of the transfer function relative to its peak.
 fn errors<C, E>(case: &Case) -> [f64; 3]
 where
-    C: CovariancePropagation,
-    E: ConditionalExpectations<C>,
+    C: Inspect + Checkpointed,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
 {
     let model = finish::<C, E>(case).identified();
     let (n, m) = (case.states(), case.inputs);
@@ -69,8 +69,8 @@ where
 
 fn a_known_plant_is_recovered<C, E>()
 where
-    C: CovariancePropagation + HasForm,
-    E: ConditionalExpectations<C> + HasKind,
+    C: Inspect + Checkpointed + HasForm,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>> + HasKind,
 {
     let name = label::<C, E>();
     for (indices, unique) in [(&[2, 2][..], false), (&[3, 1, 2], true), (&[3, 1, 2], false)] {

@@ -16,8 +16,8 @@ fn sample(k: usize) -> ([f64; 3], [f64; 3]) {
 
 fn goes_on<C>()
 where
-    C: CovariancePropagation<Backend: Backend<Scalar = f64>>,
-    MomentMatched<f64>: ConditionalExpectations<C>,
+    C: Inspect<Scalar = f64>,
+    MomentMatched<f64>: ConditionalExpectations<Scalar = ScalarOf<C>>,
 {
     // Large enough for kernels that take columns and rows in packs.
     let form = ObservableForm::new(&[7, 7, 6], 3).unwrap();

@@ -17,6 +17,11 @@ pub type ArraySqrt<B> = Factored<B, ArrayRule>;
 pub struct ArrayRule;
 
 impl FactorRule for ArrayRule {
+    // A rotation changes two entries.
+    const MEASUREMENT_FLOPS: f64 = 6.0;
+    // A reflection into L's own column leaves the rest of L alone: n entries.
+    const TRIANGULARISATION_FLOPS: f64 = 2.0;
+
     fn begin<B: Backend>(factors: &mut Triangular<B>) {
         let (layout, mut u) = (factors.layout, factors.u.view_mut());
         for j in 0..layout.size() {

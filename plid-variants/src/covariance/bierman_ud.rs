@@ -16,6 +16,11 @@ pub type BiermanUd<B> = Factored<B, UdRule>;
 pub struct UdRule;
 
 impl FactorRule for UdRule {
+    // An entry of U and one of the gain change.
+    const MEASUREMENT_FLOPS: f64 = 4.0;
+    // Gram-Schmidt goes over whole rows.
+    const TRIANGULARISATION_FLOPS: f64 = 8.0 / 3.0;
+
     fn begin<B: Backend>(_factors: &mut Triangular<B>) {}
 
     fn updates<B: Backend>() -> Updates<B::Scalar> {

@@ -4,8 +4,8 @@ use std::marker::PhantomData;
 
 use plid_core::kernels::BadPivot;
 use plid_core::{
-    Backend, Checkpointed, CovariancePropagation, Dense, Health, ImplicitModel, InitialCovariance, Inspect, NoiseTerms,
-    Scalar, ScalarUpdate, Transition, Unsupported, ViewMut,
+    Backend, Checkpointed, CovariancePropagation, Dense, Form, FormFacts, Health, ImplicitModel, InitialCovariance, Inspect, NoiseTerms,
+    Scalar, ScalarUpdate, StepSize, Term, Transition, Unsupported, ViewMut,
 };
 
 use super::corner::{Corner, Laid};
@@ -13,6 +13,12 @@ use super::triangular::{Triangular, Updates};
 
 /// How the factors of P are kept and updated.
 pub trait FactorRule: Clone + Send + Sync + 'static {
+    /// Operations for each entry of the factor and measurement.
+    const MEASUREMENT_FLOPS: f64;
+
+    /// Operations of the triangularisation, over n^3.
+    const TRIANGULARISATION_FLOPS: f64;
+
     /// Brings U and d of P0 = U diag(d) U^T into this rule's convention.
     fn begin<B: Backend>(factors: &mut Triangular<B>);
 
@@ -119,4 +125,42 @@ impl<B: Backend, R: FactorRule> ScalarUpdate for Factored<B, R> {
     fn scalar_update(&mut self, h: &[B::Scalar], r: B::Scalar, gain: &mut [B::Scalar]) -> Result<(), BadPivot> {
         self.factors.measure_row(h, r, gain, R::updates::<B>())
     }
+}
+
+impl<B: Backend, R: FactorRule> Form for Factored<B, R> {
+    const FACTS: FormFacts = FormFacts {
+        factored: true,
+        updates: update_flops::<R>,
+        parameter_blocks: block_flops,
+        // U D (U^T e) for the state that each output reads.
+        output_columns: |size| {
+            vec![Term { what: "columns of P from the factor", flops: 2.0 * size.p * size.triangle() }]
+        },
+    };
+}
+
+fn update_flops<R: FactorRule>(size: &StepSize) -> Vec<Term> {
+    let (n, p, c) = (size.n, size.p, size.columns());
+    vec![
+        Term { what: "measurement update of the factor", flops: R::MEASUREMENT_FLOPS * p * size.triangle() },
+        // p products for each of n^2 entries, and one with the one or zero of J; U_x once.
+        Term { what: "Abar on the states' rows", flops: 2.0 * (p + 1.0) * (c + 1.0) * n * n },
+        // Column block t of U_theta has t blocks of rows: c (c + 1) / 2 blocks of n^2 entries.
+        Term { what: "phi on U_theta", flops: c * (c + 1.0) * n * n },
+        // One column of the root after another is taken off the triangle that is left.
+        Term { what: "root of Qbar", flops: n * n * n / 3.0 },
+        // The array is [Abar Ux, L] with L L^T = Qbar triangular: row j has n + n - j entries. Row after row is taken out of
+        // those above it, j of them, a product and a subtraction for each entry.
+        Term { what: "triangularisation", flops: R::TRIANGULARISATION_FLOPS * n * n * n },
+    ]
+}
+
+/// Weights = V V^T with V triangular: column k of V sums the blocks k .. t of each column of block t. Then the squares are added up: n^2
+/// for each column, or less in block k itself, which is triangular.
+fn block_flops(size: &StepSize, _pairs: f64) -> Vec<Term> {
+    let (n, c) = (size.n, size.columns());
+    vec![
+        Term { what: "rows of the parameters' blocks", flops: c * (c + 1.0) * (c + 2.0) / 3.0 * n * n },
+        Term { what: "sum of the parameters' blocks", flops: (c * (c - 1.0) / 2.0 + c / 3.0) * n * n * n },
+    ]
 }

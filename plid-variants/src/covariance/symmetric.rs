@@ -5,8 +5,8 @@ use std::marker::PhantomData;
 use num_traits::{One, Zero};
 use plid_core::kernels::{BadPivot, Kernels, Shift, axpy, cholesky, dot};
 use plid_core::{
-    Backend, Checkpointed, CovariancePropagation, Dense, ImplicitModel, InitialCovariance, Inspect, Matrix, NoiseTerms,
-    Scalar, ScalarUpdate, Transition, Unsupported, View, ViewMut,
+    Backend, Checkpointed, CovariancePropagation, Dense, Form, FormFacts, ImplicitModel, InitialCovariance, Inspect, Matrix, NoiseTerms,
+    Scalar, ScalarUpdate, StepSize, Term, Transition, Unsupported, View, ViewMut,
 };
 
 use super::factor_initial;
@@ -315,4 +315,43 @@ impl<B: Backend, R: UpdateRule> ScalarUpdate for Symmetric<B, R> {
         gain.copy_from_slice(self.gain.view().column(0));
         Ok(())
     }
+}
+
+impl<B: Backend, R: UpdateRule> Form for Symmetric<B, R> {
+    const FACTS: FormFacts = FormFacts {
+        factored: false,
+        updates: |size| update_flops(size, R::CORRECTIONS as f64),
+        parameter_blocks: block_flops,
+        output_columns: |_| Vec::new(),
+    };
+}
+
+/// Each of the `corrections` of the measurement update is a product of rank p that is taken off P.
+fn update_flops(size: &StepSize, corrections: f64) -> Vec<Term> {
+    let (n, p, c, joint) = (size.n, size.p, size.columns(), size.joint());
+    vec![
+        // K = P H^T (L L^T)^-1: two triangular solves of p^2 operations for each of N rows.
+        Term { what: "gain", flops: 2.0 * joint * p * p },
+        // A product and a sum for every entry of the triangle and each of p columns; and its factor.
+        Term {
+            what: "measurement update of P",
+            flops: corrections * (2.0 * p * size.triangle() + joint * p * (p + 1.0)),
+        },
+        // (K Re K^T)_ii for each of N variances.
+        Term { what: "check of the variances", flops: joint * p * (p + 3.0) },
+        // Abar P_xx Abar^T: p products for each of n^2 entries, and one with the one or zero of J, from either side; the same
+        // from one side for P_{theta x}.
+        Term { what: "Abar on the states' rows", flops: 2.0 * (p + 1.0) * (c + 2.0) * n * n },
+        // (phi (x) I) P_{theta x}, twice: 2 c for each of n^2 entries.
+        Term { what: "phi on P_{theta x}", flops: 4.0 * c * n * n },
+        // P_{theta theta} (phi (x) I)^T: each entry of the lower triangle serves itself and its mirror image, whose sums are then added.
+        Term { what: "phi on P_{theta theta}", flops: 2.0 * c * c * n * n + c * n * n },
+    ]
+}
+
+/// A symmetric block has n (n + 1) / 2 entries that count; one beside the diagonal n^2, and the sum of those is added to its transpose.
+fn block_flops(size: &StepSize, pairs: f64) -> Vec<Term> {
+    let (n, c) = (size.n, size.columns());
+    let mirrored = if pairs > 0.0 { n * n } else { 0.0 };
+    vec![Term { what: "sum of the parameters' blocks", flops: (c + 2.0 * pairs) * n * n + mirrored }]
 }

@@ -1,9 +1,9 @@
 //! The estimates from after the measurement in place of the parameters, as if they were certain: no covariances.
 
 use plid_core::kernels::Kernels;
-use plid_core::{ConditionalExpectations, CovarianceBlocks, ImplicitModel, StepView, Transition};
+use plid_core::{ConditionalExpectations, CovarianceBlocks, Expectation, FormFacts, ImplicitModel, StepSize, StepView, Term, Transition};
 
-use super::{Scratch, condition_on_sensor_noise, regress_on_measurement};
+use super::{Scratch, condition_on_sensor_noise, noise_flops, regress_on_measurement};
 
 /// The estimates from after the measurement in place of the parameters, as if they were certain: no covariances.
 #[derive(Clone, Debug)]
@@ -28,4 +28,8 @@ impl<S: Kernels> ConditionalExpectations for CertaintyEquivalent<S> {
         condition_on_sensor_noise(step, &mut self.scratch, transition);
         regress_on_measurement(step, transition);
     }
+}
+
+impl<S: Kernels> Expectation for CertaintyEquivalent<S> {
+    const FLOPS: fn(&StepSize, &FormFacts) -> Vec<Term> = noise_flops;
 }

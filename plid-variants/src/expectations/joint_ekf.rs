@@ -1,9 +1,9 @@
 //! The joint extended Kalman filter: the model linearised about x+ and theta+.
 
 use plid_core::kernels::Kernels;
-use plid_core::{ConditionalExpectations, CovarianceBlocks, ImplicitModel, StepView, Transition};
+use plid_core::{ConditionalExpectations, CovarianceBlocks, Expectation, FormFacts, ImplicitModel, StepSize, StepView, Term, Transition};
 
-use super::{Scratch, condition_on_sensor_noise, regress_on_estimate};
+use super::{Scratch, condition_on_sensor_noise, noise_flops, regress_on_estimate};
 
 /// The joint extended Kalman filter: the model linearised about x+ and theta+.
 #[derive(Clone, Debug)]
@@ -28,4 +28,8 @@ impl<S: Kernels> ConditionalExpectations for JointEkf<S> {
         condition_on_sensor_noise(step, &mut self.scratch, transition);
         regress_on_estimate(step, transition);
     }
+}
+
+impl<S: Kernels> Expectation for JointEkf<S> {
+    const FLOPS: fn(&StepSize, &FormFacts) -> Vec<Term> = noise_flops;
 }

@@ -15,7 +15,7 @@ pub use posterior::Posterior;
 pub use prior::Prior;
 
 use plid_core::kernels::{Kernels, axpy};
-use plid_core::{Dense, ImplicitModel, Matrix, Scalar, StepView, Transition};
+use plid_core::{Dense, FormFacts, ImplicitModel, Matrix, Scalar, StepSize, StepView, Term, Transition};
 
 /// Column t of the parameters in s: a_1 .. a_p, then b_1 .. b_m.
 fn parameter<S>(s: &[S], n: usize, t: usize) -> &[S] {
@@ -131,4 +131,18 @@ fn regress_on_estimate<S: Scalar>(step: &StepView<'_, S>, transition: &mut Trans
     for (k, &r) in residual.iter().enumerate() {
         axpy(r, noise.m().column(k), &mut transition.drift);
     }
+}
+
+/// b_j (half b_j Q' + S')^T and its transpose for each input: a triangle each.
+fn noise_flops(size: &StepSize, _form: &FormFacts) -> Vec<Term> {
+    vec![Term { what: "B Q' B^T", flops: 2.0 * size.m * size.n * size.n }]
+}
+
+/// The same, and the blocks of P. Pairs of parameter columns count where their noises are correlated.
+fn unconditioned_flops(size: &StepSize, form: &FormFacts) -> Vec<Term> {
+    let c = size.columns();
+    let pairs = if size.full_noise { c * (c - 1.0) / 2.0 } else { 0.0 };
+    let mut terms = noise_flops(size, form);
+    terms.extend((form.parameter_blocks)(size, pairs));
+    terms
 }

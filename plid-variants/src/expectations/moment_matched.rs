@@ -1,9 +1,9 @@
 //! psi = Z^k throughout: the exact second moments of the next state if s given Z^k is Gaussian.
 
 use plid_core::kernels::{Kernels, axpy};
-use plid_core::{ConditionalExpectations, CovarianceBlocks, Dense, ImplicitModel, Matrix, StepView, Transition};
+use plid_core::{ConditionalExpectations, CovarianceBlocks, Dense, Expectation, FormFacts, ImplicitModel, Matrix, StepSize, StepView, Term, Transition};
 
-use super::{Scratch, condition_on_sensor_noise, regress_on_estimate};
+use super::{Scratch, condition_on_sensor_noise, noise_flops, regress_on_estimate};
 
 /// Moment matching.
 ///
@@ -111,4 +111,18 @@ impl<S: Kernels> ConditionalExpectations for MomentMatched<S> {
             self.swapped.view(),
         );
     }
+}
+
+impl<S: Kernels> Expectation for MomentMatched<S> {
+    const FLOPS: fn(&StepSize, &FormFacts) -> Vec<Term> = |size, form| {
+        let (n, p, c) = (size.n, size.p, size.columns());
+        // Given the measurement, the outputs' noises are correlated through P, and the inputs' with them through R.
+        let pairs = if size.full_noise { c * (c - 1.0) / 2.0 } else { p * (p - 1.0) / 2.0 };
+        let mut terms = noise_flops(size, form);
+        terms.extend((form.parameter_blocks)(size, pairs));
+        terms.extend((form.output_columns)(size));
+        // E_ij E_ji^T for each pair of outputs: a triangle each.
+        terms.push(Term { what: "products of the crossed covariances", flops: p * p * n * n });
+        terms
+    };
 }

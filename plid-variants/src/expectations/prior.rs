@@ -1,9 +1,9 @@
 //! The expectation of Eq. 8-10 with psi = Z^{k-1}: parameters and their covariances from before the measurement.
 
 use plid_core::kernels::Kernels;
-use plid_core::{ConditionalExpectations, CovarianceBlocks, Dense, ImplicitModel, Matrix, StepView, Transition};
+use plid_core::{ConditionalExpectations, CovarianceBlocks, Dense, Expectation, FormFacts, ImplicitModel, Matrix, StepSize, StepView, Term, Transition};
 
-use super::{Scratch, condition_on_sensor_noise, regress_on_measurement, unconditioned_weights};
+use super::{Scratch, condition_on_sensor_noise, unconditioned_flops, regress_on_measurement, unconditioned_weights};
 
 /// The expectation of Eq. 8-10 with psi = Z^{k-1}: parameters and their covariances from before the measurement.
 #[derive(Clone, Debug)]
@@ -40,4 +40,8 @@ impl<S: Kernels> ConditionalExpectations for Prior<S> {
     ) {
         regress_on_measurement(step, transition);
     }
+}
+
+impl<S: Kernels> Expectation for Prior<S> {
+    const FLOPS: fn(&StepSize, &FormFacts) -> Vec<Term> = unconditioned_flops;
 }

@@ -103,8 +103,8 @@ pub fn quad<S: Scalar>(x: S) -> qd::Quad {
 /// A run about to begin.
 pub fn identifier<C, E>(case: &Case) -> Identifier<C, E>
 where
-    C: CovariancePropagation,
-    E: ConditionalExpectations<C>,
+    C: Inspect + Checkpointed,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
 {
     let form = ObservableForm::new(&case.indices, case.inputs).unwrap();
     Identifier::new(form, &case.noise[0], &case.settings).unwrap()
@@ -113,8 +113,8 @@ where
 /// The step `k` of a case.
 pub fn take<C, E>(run: &mut Identifier<C, E>, case: &Case, k: usize) -> Result<(), IdentifierError>
 where
-    C: CovariancePropagation,
-    E: ConditionalExpectations<C>,
+    C: Inspect + Checkpointed,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
 {
     if case.noise.len() > 1 {
         run.set_noise(case.noise_at(k))?;
@@ -125,8 +125,8 @@ where
 /// The whole of a case.
 pub fn finish<C, E>(case: &Case) -> Identifier<C, E>
 where
-    C: CovariancePropagation,
-    E: ConditionalExpectations<C>,
+    C: Inspect + Checkpointed,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
 {
     let mut run = identifier(case);
     for k in 0..case.z.len() {
@@ -138,8 +138,8 @@ where
 /// Estimate and covariance of a run in double-double.
 pub fn outcome<C, E>(run: &Identifier<C, E>) -> (Mat<qd::Quad>, Mat<qd::Quad>)
 where
-    C: CovariancePropagation,
-    E: ConditionalExpectations<C>,
+    C: Inspect + Checkpointed,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
 {
     let s = Mat::column(&run.estimate().iter().map(|&x| quad(x)).collect::<Vec<_>>());
     (s, widen(&run.covariance().dense()))
@@ -156,9 +156,9 @@ pub fn relative(a: &Mat<qd::Quad>, b: &Mat<qd::Quad>) -> f64 {
 }
 
 /// Name of a pair, for messages.
-pub fn label<C: CovariancePropagation + HasForm, E: HasKind>() -> String {
+pub fn label<C: Inspect + Checkpointed + HasForm, E: HasKind>() -> String {
     let scalar = std::any::type_name::<ScalarOf<C>>();
-    let backend = std::any::type_name::<C::Backend>();
+    let backend = std::any::type_name::<C>();
     let short = |name: &str| name.split('<').next().and_then(|n| n.rsplit("::").next()).unwrap_or("").to_owned();
     format!("{} {:?} {}<{}>", C::FORM, E::KIND, short(backend), short(scalar))
 }
