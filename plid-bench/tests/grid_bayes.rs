@@ -3,7 +3,7 @@
 use plid_backends::Plain;
 use plid_bench::expectations::grid::{ScalarPrior, ScalarRecord, exact_bayes};
 use plid_core::{
-    ConditionalExpectations, CovariancePropagation, Identifier, InitialCovariance, NoiseModel, ObservableForm, Settings,
+    ConditionalExpectations, Identifier, InitialCovariance, Inspect, NoiseModel, ObservableForm, Settings,
 };
 use plid_variants::covariance::Direct;
 use plid_variants::expectations::{JointEkf, MomentMatched, Prior};

@@ -119,11 +119,8 @@ pub trait CovariancePropagation: Send + Sync + 'static {
     ///
     /// # Errors
     /// The pivot of Qbar that is not finite, or the diagonal entry of P that is negative or not finite.
-    fn time_update(
-        &mut self,
-        model: &dyn ImplicitModel,
-        transition: &Transition<Self::Scalar>,
-    ) -> Result<(), BadPivot>;
+    fn time_update(&mut self, model: &dyn ImplicitModel, transition: &Transition<Self::Scalar>)
+    -> Result<(), BadPivot>;
 
     /// P <- `factor` P, for exponential forgetting. The loop calls it only where a run asks for forgetting.
     ///
@@ -191,12 +188,8 @@ pub trait ScalarUpdate: CovariancePropagation {
     ///
     /// # Errors
     /// An innovation variance h P h^T + r that is not positive.
-    fn scalar_update(
-        &mut self,
-        h: &[Self::Scalar],
-        r: Self::Scalar,
-        gain: &mut [Self::Scalar],
-    ) -> Result<(), BadPivot>;
+    fn scalar_update(&mut self, h: &[Self::Scalar], r: Self::Scalar, gain: &mut [Self::Scalar])
+    -> Result<(), BadPivot>;
 }
 
 /// The scalar of a covariance form.

@@ -5,9 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::kernels::{BadPivot, axpy};
 use crate::{
-    Checkpointed, ConditionalExpectations, CovarianceBlocks, CovariancePropagation, Dense, Health, IdentifiedModel, ImplicitModel,
-    InitialCovariance, Inspect, NoiseError, NoiseModel, NoiseTerms, ObservableForm, Scalar, ScalarOf, StepView, Transition,
-    Unsupported,
+    Checkpointed, ConditionalExpectations, CovarianceBlocks, CovariancePropagation, Dense, Health, IdentifiedModel,
+    ImplicitModel, InitialCovariance, Inspect, NoiseError, NoiseModel, NoiseTerms, ObservableForm, Scalar, ScalarOf,
+    StepView, Transition, Unsupported,
 };
 
 /// Everything that can go wrong in the recursion.

@@ -24,7 +24,8 @@ mod scalar;
 
 pub use backend::Backend;
 pub use covariance::{
-    Checkpointed, CovariancePropagation, Health, InitialCovariance, Inspect, ScalarOf, ScalarUpdate, Transition, Unsupported,
+    Checkpointed, CovariancePropagation, Health, InitialCovariance, Inspect, ScalarOf, ScalarUpdate, Transition,
+    Unsupported,
 };
 pub use expectations::{ConditionalExpectations, CovarianceBlocks, StepView};
 pub use facts::{Expectation, Form, FormFacts, StepSize, Term};

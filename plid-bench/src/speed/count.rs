@@ -49,7 +49,9 @@ mod tests {
         for (inputs, noise) in [(1, Noise::Diagonal), (3, Noise::Diagonal), (3, Noise::Full)] {
             let record = Record::truss(inputs, 0.01).unwrap();
             let workload = Workload::new(&record, 48, noise).unwrap();
-            for (form, expectations) in CovarianceName::BUILT_IN.into_iter().flat_map(|f| ExpectationName::BUILT_IN.map(|e| (f, e))) {
+            for (form, expectations) in
+                CovarianceName::BUILT_IN.into_iter().flat_map(|f| ExpectationName::BUILT_IN.map(|e| (f, e)))
+            {
                 let cell = Cell { inputs, noise, ..Cell::plain(48, form, expectations) };
                 let counted = count(&cell, &workload).unwrap().total() as f64;
                 let formula: f64 = cell.variant.flops(&cell.size()).iter().map(|term| term.flops).sum();

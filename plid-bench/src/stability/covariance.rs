@@ -94,9 +94,7 @@ mod tests {
     use super::*;
     use plid_backends::Plain;
     use plid_catalogue::{CovarianceName, ScalarName, Variant};
-    use plid_core::{
-        InitialCovariance, Inspect, NoiseModel, ObservableForm, ScalarOf, ScalarUpdate, Settings,
-    };
+    use plid_core::{InitialCovariance, Inspect, NoiseModel, ObservableForm, ScalarOf, ScalarUpdate, Settings};
     use plid_variants::covariance::{BiermanUd, Direct};
 
     /// P in double-double is what the recursion itself gives, to its own roundoff.

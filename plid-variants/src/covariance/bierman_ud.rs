@@ -24,7 +24,11 @@ impl FactorRule for UdRule {
     fn begin<B: Backend>(_factors: &mut Triangular<B>) {}
 
     fn updates<B: Backend>() -> Updates<B::Scalar> {
-        Updates { spread: |variance| variance, recursion: B::Scalar::bierman_recursion, sweep: B::Scalar::bierman_sweep }
+        Updates {
+            spread: |variance| variance,
+            recursion: B::Scalar::bierman_recursion,
+            sweep: B::Scalar::bierman_sweep,
+        }
     }
 
     fn triangularise<B: Backend>(

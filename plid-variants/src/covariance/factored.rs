@@ -4,8 +4,8 @@ use std::marker::PhantomData;
 
 use plid_core::kernels::BadPivot;
 use plid_core::{
-    Backend, Checkpointed, CovariancePropagation, Dense, Form, FormFacts, Health, ImplicitModel, InitialCovariance, Inspect, NoiseTerms,
-    Scalar, ScalarUpdate, StepSize, Term, Transition, Unsupported, ViewMut,
+    Backend, Checkpointed, CovariancePropagation, Dense, Form, FormFacts, Health, ImplicitModel, InitialCovariance,
+    Inspect, NoiseTerms, Scalar, ScalarUpdate, StepSize, Term, Transition, Unsupported, ViewMut,
 };
 
 use super::corner::{Corner, Laid};

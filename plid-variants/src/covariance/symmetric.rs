@@ -5,8 +5,8 @@ use std::marker::PhantomData;
 use num_traits::{One, Zero};
 use plid_core::kernels::{BadPivot, Kernels, Shift, axpy, cholesky, dot};
 use plid_core::{
-    Backend, Checkpointed, CovariancePropagation, Dense, Form, FormFacts, ImplicitModel, InitialCovariance, Inspect, Matrix, NoiseTerms,
-    Scalar, ScalarUpdate, StepSize, Term, Transition, Unsupported, View, ViewMut,
+    Backend, Checkpointed, CovariancePropagation, Dense, Form, FormFacts, ImplicitModel, InitialCovariance, Inspect,
+    Matrix, NoiseTerms, Scalar, ScalarUpdate, StepSize, Term, Transition, Unsupported, View, ViewMut,
 };
 
 use super::factor_initial;

@@ -1,7 +1,10 @@
 //! The joint extended Kalman filter: the model linearised about x+ and theta+.
 
 use plid_core::kernels::Kernels;
-use plid_core::{ConditionalExpectations, CovarianceBlocks, Expectation, FormFacts, ImplicitModel, StepSize, StepView, Term, Transition};
+use plid_core::{
+    ConditionalExpectations, CovarianceBlocks, Expectation, FormFacts, ImplicitModel, StepSize, StepView, Term,
+    Transition,
+};
 
 use super::{Scratch, condition_on_sensor_noise, noise_flops, regress_on_estimate};
 

@@ -1,7 +1,10 @@
 //! psi = Z^k throughout: the exact second moments of the next state if s given Z^k is Gaussian.
 
 use plid_core::kernels::{Kernels, axpy};
-use plid_core::{ConditionalExpectations, CovarianceBlocks, Dense, Expectation, FormFacts, ImplicitModel, Matrix, StepSize, StepView, Term, Transition};
+use plid_core::{
+    ConditionalExpectations, CovarianceBlocks, Dense, Expectation, FormFacts, ImplicitModel, Matrix, StepSize,
+    StepView, Term, Transition,
+};
 
 use super::{Scratch, condition_on_sensor_noise, noise_flops, regress_on_estimate};
 
@@ -104,12 +107,7 @@ impl<S: Kernels> ConditionalExpectations for MomentMatched<S> {
                 self.swapped.column_mut(i * p + j).copy_from_slice(self.crossed.column(j * p + i));
             }
         }
-        S::symmetric_product_lower(
-            transition.qbar.view_mut(),
-            one,
-            self.crossed.view(),
-            self.swapped.view(),
-        );
+        S::symmetric_product_lower(transition.qbar.view_mut(), one, self.crossed.view(), self.swapped.view());
     }
 }
 

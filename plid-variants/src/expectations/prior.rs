@@ -1,9 +1,12 @@
 //! The expectation of Eq. 8-10 with psi = Z^{k-1}: parameters and their covariances from before the measurement.
 
 use plid_core::kernels::Kernels;
-use plid_core::{ConditionalExpectations, CovarianceBlocks, Dense, Expectation, FormFacts, ImplicitModel, Matrix, StepSize, StepView, Term, Transition};
+use plid_core::{
+    ConditionalExpectations, CovarianceBlocks, Dense, Expectation, FormFacts, ImplicitModel, Matrix, StepSize,
+    StepView, Term, Transition,
+};
 
-use super::{Scratch, condition_on_sensor_noise, unconditioned_flops, regress_on_measurement, unconditioned_weights};
+use super::{Scratch, condition_on_sensor_noise, regress_on_measurement, unconditioned_flops, unconditioned_weights};
 
 /// The expectation of Eq. 8-10 with psi = Z^{k-1}: parameters and their covariances from before the measurement.
 #[derive(Clone, Debug)]
