@@ -15,3 +15,22 @@ pub use nalgebra_backend::{Nalgebra, NalgebraMatrix};
 pub use plain::Plain;
 #[cfg(feature = "threads")]
 pub use two_threads::{TwoThreads, on_threads};
+
+/// The one list of backends: hands each one's documentation, name, type and scalars to the macro `$then`, after any further
+/// arguments. In a `feature` list stands what the caller's crate must have switched on.
+#[macro_export]
+macro_rules! every_backend {
+    ($then:ident $(, $argument:tt)*) => {
+        $then! {
+            $($argument)*
+            /// Plain loops.
+            "plain" = Plain: [f32, f64, qd::Quad], feature [];
+            /// Plain loops on two threads, to the same bits.
+            "two-threads" = TwoThreads: [f32, f64, qd::Quad], feature [feature = "threads"];
+            /// nalgebra
+            "nalgebra" = Nalgebra: [f32, f64], feature [feature = "nalgebra"];
+            /// faer
+            "faer" = Faer: [f32, f64], feature [feature = "faer"];
+        }
+    };
+}

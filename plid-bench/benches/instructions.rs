@@ -14,8 +14,7 @@ use std::process::{Command, Stdio};
 use gungraun::{library_benchmark, library_benchmark_group};
 use plid_bench::speed::Cell;
 use plid_bench::{Loop, Record, Workload};
-use plid_catalogue::CovarianceName::{self, ArraySqrt, BiermanUd, Direct, Joseph};
-use plid_catalogue::ExpectationName::{self, JointEkf, MomentMatched};
+use plid_catalogue::{CovarianceName, ExpectationName};
 
 /// A recursion on the truss (3 x 3, f64) that has taken its first steps, after which P is full.
 fn begun(states: usize, covariance: CovarianceName, expectations: ExpectationName) -> Loop<'static> {
@@ -31,18 +30,18 @@ fn begun(states: usize, covariance: CovarianceName, expectations: ExpectationNam
 
 // Gives the recursion back, so that its end is not counted.
 #[library_benchmark]
-#[bench::direct_moment_matched_12(args = (12, Direct, MomentMatched), setup = begun)]
-#[bench::direct_moment_matched_64(args = (64, Direct, MomentMatched), setup = begun)]
-#[bench::direct_joint_ekf_64(args = (64, Direct, JointEkf), setup = begun)]
-#[bench::joseph_moment_matched_12(args = (12, Joseph, MomentMatched), setup = begun)]
-#[bench::joseph_moment_matched_64(args = (64, Joseph, MomentMatched), setup = begun)]
-#[bench::joseph_joint_ekf_64(args = (64, Joseph, JointEkf), setup = begun)]
-#[bench::bierman_ud_moment_matched_12(args = (12, BiermanUd, MomentMatched), setup = begun)]
-#[bench::bierman_ud_moment_matched_64(args = (64, BiermanUd, MomentMatched), setup = begun)]
-#[bench::bierman_ud_joint_ekf_64(args = (64, BiermanUd, JointEkf), setup = begun)]
-#[bench::array_sqrt_moment_matched_12(args = (12, ArraySqrt, MomentMatched), setup = begun)]
-#[bench::array_sqrt_moment_matched_64(args = (64, ArraySqrt, MomentMatched), setup = begun)]
-#[bench::array_sqrt_joint_ekf_64(args = (64, ArraySqrt, JointEkf), setup = begun)]
+#[bench::direct_moment_matched_12(args = (12, CovarianceName::Direct, ExpectationName::MomentMatched), setup = begun)]
+#[bench::direct_moment_matched_64(args = (64, CovarianceName::Direct, ExpectationName::MomentMatched), setup = begun)]
+#[bench::direct_joint_ekf_64(args = (64, CovarianceName::Direct, ExpectationName::JointEkf), setup = begun)]
+#[bench::joseph_moment_matched_12(args = (12, CovarianceName::Joseph, ExpectationName::MomentMatched), setup = begun)]
+#[bench::joseph_moment_matched_64(args = (64, CovarianceName::Joseph, ExpectationName::MomentMatched), setup = begun)]
+#[bench::joseph_joint_ekf_64(args = (64, CovarianceName::Joseph, ExpectationName::JointEkf), setup = begun)]
+#[bench::bierman_ud_moment_matched_12(args = (12, CovarianceName::BiermanUd, ExpectationName::MomentMatched), setup = begun)]
+#[bench::bierman_ud_moment_matched_64(args = (64, CovarianceName::BiermanUd, ExpectationName::MomentMatched), setup = begun)]
+#[bench::bierman_ud_joint_ekf_64(args = (64, CovarianceName::BiermanUd, ExpectationName::JointEkf), setup = begun)]
+#[bench::array_sqrt_moment_matched_12(args = (12, CovarianceName::ArraySqrt, ExpectationName::MomentMatched), setup = begun)]
+#[bench::array_sqrt_moment_matched_64(args = (64, CovarianceName::ArraySqrt, ExpectationName::MomentMatched), setup = begun)]
+#[bench::array_sqrt_joint_ekf_64(args = (64, CovarianceName::ArraySqrt, ExpectationName::JointEkf), setup = begun)]
 fn step(mut steps: Loop<'static>) -> Loop<'static> {
     steps.step().expect("the workload keeps every variant sound");
     steps

@@ -6,9 +6,9 @@
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use plid_bench::speed::{Cell, Cores, FORMS, OUTPUTS, Pass};
+use plid_bench::speed::{Cell, Cores, OUTPUTS, Pass};
 use plid_bench::{Noise, Record, Workload};
-use plid_catalogue::{BackendName, ExpectationName, ScalarName};
+use plid_catalogue::{BackendName, CovarianceName, ExpectationName, ScalarName};
 
 const SIZES: [usize; 3] = [12, 30, 64];
 
@@ -17,7 +17,7 @@ const SIZES: [usize; 3] = [12, 30, 64];
 /// Each form under the dearest and the cheapest expectation at each size; at the largest also what else can differ, one at a time.
 fn cells() -> Vec<Cell> {
     let mut cells = Vec::new();
-    for form in FORMS {
+    for form in CovarianceName::all() {
         for expectations in [ExpectationName::MomentMatched, ExpectationName::JointEkf] {
             cells.extend(SIZES.map(|states| Cell::plain(states, form, expectations)));
             let mut single = Cell::plain(64, form, expectations);

@@ -193,9 +193,8 @@ mod tests {
             let record = Record::truss(inputs, 1.0).unwrap();
             for noise in [Noise::Diagonal, Noise::Full] {
                 let workload = Workload::new(&record, 12, noise).unwrap();
-                for covariance in [C::Direct, C::Joseph, C::BiermanUd, C::ArraySqrt] {
-                    for expectations in [E::Prior, E::Posterior, E::MomentMatched, E::CertaintyEquivalent, E::JointEkf]
-                    {
+                for covariance in C::BUILT_IN {
+                    for expectations in E::BUILT_IN {
                         let variant =
                             Variant { covariance, expectations, scalar: ScalarName::F32, ..Variant::default() };
                         let mut steps = workload.recursion(variant).unwrap();

@@ -3,7 +3,7 @@
 use plid_backends::Plain;
 use plid_bench::expectations::grid::{ScalarPrior, ScalarRecord, exact_bayes};
 use plid_core::{
-    ConditionalExpectations, CovariancePropagation, Identifier, InitialCovariance, NoiseModel, ObservableForm, Settings,
+    ConditionalExpectations, Identifier, InitialCovariance, Inspect, NoiseModel, ObservableForm, Settings,
 };
 use plid_variants::covariance::Direct;
 use plid_variants::expectations::{JointEkf, MomentMatched, Prior};
@@ -44,7 +44,7 @@ fn exact(record: &Record, sigma: f64, r: f64, points: usize) -> f64 {
 }
 
 /// Error of a, and its square over its variance in P.
-fn filter<E: ConditionalExpectations<Direct<Plain<f64>>>>(record: &Record, sigma: f64, r: f64) -> (f64, f64) {
+fn filter<E: ConditionalExpectations<Scalar = f64>>(record: &Record, sigma: f64, r: f64) -> (f64, f64) {
     let form = ObservableForm::new(&[1], 1).unwrap();
     let ScalarPrior { a, b, state_variance, .. } = ScalarPrior::default();
     let settings = Settings {

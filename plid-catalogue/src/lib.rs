@@ -1,8 +1,15 @@
 //! All forms, expectations, backends and scalars by name, and which form to take.
 //!
-//! A crate of its own, and tested from outside, so that the many combinations are compiled once.
+//! A crate of its own, and tested from outside, so that the variants are compiled once.
+pub mod count;
+mod names;
 mod recommendation;
+mod registry;
 mod variant;
 
+pub use names::{BackendName, CovarianceName, ExpectationName, ScalarName};
+pub use plid_core::Backend;
+pub use plid_core::kernels::Kernels;
 pub use recommendation::{Conditions, START_RATIO, STATES, STEPS, VariantChoice};
-pub use variant::{BackendName, Built, CovarianceName, ExpectationName, Recursion, ScalarName, Variant, VariantError};
+pub use registry::{AnyForm, BackendEntry, Entry, ExpectationEntry, ExpectationFamily, FormEntry, FormFamily, Number};
+pub use variant::{Built, Recursion, Variant, VariantError};

@@ -1,75 +1,14 @@
-//! Names turned into types: the one place that knows all variants, backends and scalars.
-//!
-//! A new covariance form, expectation, backend or scalar is one line in its list below, and at once can be named in a config.
+//! A recursion by the names of its parts.
 
-use plid_backends::{Faer, Nalgebra, Plain, TwoThreads};
 use plid_core::{
-    Backend, Checkpoint, ConditionalExpectations, CovariancePropagation, Health, IdentifiedModel, Identifier,
-    IdentifierError, NoiseModel, ObservableForm, Scalar, ScalarOf, Settings,
+    Checkpoint, ConditionalExpectations, Dense, FormFacts, Health, IdentifiedModel, Identifier, IdentifierError,
+    NoiseModel, ObservableForm, Settings, StepSize, Term,
 };
-use plid_variants::covariance::{ArraySqrt, BiermanUd, Direct, Joseph};
-use plid_variants::expectations::{CertaintyEquivalent, JointEkf, MomentMatched, Posterior, Prior};
 use serde::{Deserialize, Serialize};
 
-/// How P is carried.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum CovarianceName {
-    /// Eq. 8-10 as they stand: the fastest, and the first to lose positivity.
-    Direct,
-    /// Joseph's measurement update.
-    Joseph,
-    /// U D U^T: cannot lose positivity.
-    #[default]
-    BiermanUd,
-    /// S S^T by orthogonal transformations.
-    ArraySqrt,
-}
-
-/// What is taken as known when noise multiplies an unknown parameter.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum ExpectationName {
-    /// Eq. 8-10, psi = Z^{k-1}.
-    Prior,
-    /// Eq. 8-10, psi = Z^k for the parameters.
-    Posterior,
-    /// psi = Z^k throughout.
-    #[default]
-    MomentMatched,
-    /// No covariances.
-    CertaintyEquivalent,
-    /// Linearised about the estimate.
-    JointEkf,
-}
-
-/// The matrix library.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum BackendName {
-    /// Plain loops.
-    #[default]
-    Plain,
-    /// Plain loops on two threads, to the same bits.
-    TwoThreads,
-    /// nalgebra
-    Nalgebra,
-    /// faer
-    Faer,
-}
-
-/// The number type.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum ScalarName {
-    /// Single precision.
-    F32,
-    /// Double precision.
-    #[default]
-    F64,
-    /// Double-double, about 31 digits.
-    DoubleDouble,
-}
+use crate::count::Counted;
+use crate::registry::{AnyForm, Number, registry};
+use crate::{BackendName, CovarianceName, ExpectationName, ScalarName};
 
 /// A recursion whose types were chosen by name.
 pub trait Recursion: Send {
@@ -84,8 +23,8 @@ pub trait Recursion: Send {
     fn identified(&self) -> IdentifiedModel;
     /// The estimate of s, N entries, each as an unevaluated sum of two numbers: exactly, in every scalar.
     fn estimate(&self) -> Vec<[f64; 2]>;
-    /// The numbers that P's form consists of, as [`CovariancePropagation::state`] lays them out, each likewise exactly.
-    fn covariance_state(&self) -> Vec<[f64; 2]>;
+    /// P in double-double, formed from the numbers that are stored, without rounding to the recursion's scalar.
+    fn exact_covariance(&self) -> Dense<qd::Quad>;
     /// How sound P is.
     fn health(&self) -> Health;
     /// All that is needed to go on.
@@ -97,7 +36,10 @@ pub trait Recursion: Send {
     fn restore(&mut self, checkpoint: &Checkpoint) -> Result<(), IdentifierError>;
 }
 
-impl<C: CovariancePropagation, E: ConditionalExpectations<C>> Recursion for Identifier<C, E> {
+/// A recursion whose form and expectation were chosen at run time.
+type Run<S> = Identifier<dyn AnyForm<Scalar = S>, dyn ConditionalExpectations<Scalar = S>>;
+
+impl<S: Number> Recursion for Run<S> {
     fn step(&mut self, z: &[f64], u: &[f64], nan_is_missing: bool) -> Result<(), IdentifierError> {
         if nan_is_missing { self.step_with_missing(z, u) } else { Identifier::step(self, z, u) }
     }
@@ -105,16 +47,16 @@ impl<C: CovariancePropagation, E: ConditionalExpectations<C>> Recursion for Iden
         Identifier::innovation(self)
     }
     fn identified(&self) -> IdentifiedModel {
-        Identifier::identified(self)
+        IdentifiedModel::from_estimate(self.model(), Identifier::estimate(self), &self.covariance().own_dense())
     }
     fn estimate(&self) -> Vec<[f64; 2]> {
         Identifier::estimate(self).iter().map(|x| x.to_parts()).collect()
     }
-    fn covariance_state(&self) -> Vec<[f64; 2]> {
-        self.covariance().state().into_iter().map(Scalar::to_parts).collect()
+    fn exact_covariance(&self) -> Dense<qd::Quad> {
+        self.covariance().exact_dense()
     }
     fn health(&self) -> Health {
-        Identifier::health(self)
+        self.covariance().own_health()
     }
     fn checkpoint(&self) -> Checkpoint {
         Identifier::checkpoint(self)
@@ -144,6 +86,18 @@ pub enum VariantError {
     /// Only plain loops run in double-double.
     #[error("variant.scalar = \"double-double\" needs variant.backend = \"plain\"; {0} has no such numbers")]
     NoDoubleDouble(&'static str),
+    /// A form, an expectation or a backend of the program's own that is not there in this combination.
+    #[error("there is no {covariance} with {expectations} on {backend} in {scalar}")]
+    Absent {
+        /// The form.
+        covariance: CovarianceName,
+        /// The expectation.
+        expectations: ExpectationName,
+        /// The backend.
+        backend: BackendName,
+        /// The scalar.
+        scalar: &'static str,
+    },
     /// The start is impossible.
     #[error(transparent)]
     Identifier(#[from] IdentifierError),
@@ -158,57 +112,71 @@ impl Variant {
     /// # Errors
     /// [`VariantError`]
     pub fn build(self, form: ObservableForm, noise: &NoiseModel, settings: &Settings) -> Built {
-        let start = (form, noise, settings);
-        match (self.backend, self.scalar) {
-            (BackendName::Plain, ScalarName::F32) => self.on::<Plain<f32>>(start),
-            (BackendName::Plain, ScalarName::F64) => self.on::<Plain<f64>>(start),
-            (BackendName::Plain, ScalarName::DoubleDouble) => self.on::<Plain<qd::Quad>>(start),
-            (BackendName::TwoThreads, ScalarName::F32) => self.on::<TwoThreads<f32>>(start),
-            (BackendName::TwoThreads, ScalarName::F64) => self.on::<TwoThreads<f64>>(start),
-            (BackendName::TwoThreads, ScalarName::DoubleDouble) => self.on::<TwoThreads<qd::Quad>>(start),
-            (BackendName::Nalgebra, ScalarName::F32) => self.on::<Nalgebra<f32>>(start),
-            (BackendName::Nalgebra, ScalarName::F64) => self.on::<Nalgebra<f64>>(start),
-            (BackendName::Faer, ScalarName::F32) => self.on::<Faer<f32>>(start),
-            (BackendName::Faer, ScalarName::F64) => self.on::<Faer<f64>>(start),
-            (BackendName::Nalgebra, ScalarName::DoubleDouble) => Err(VariantError::NoDoubleDouble("nalgebra")),
-            (BackendName::Faer, ScalarName::DoubleDouble) => Err(VariantError::NoDoubleDouble("faer")),
+        match self.scalar {
+            ScalarName::F32 => self.in_scalar::<f32>("f32", form, noise, settings),
+            ScalarName::F64 => self.in_scalar::<f64>("f64", form, noise, settings),
+            ScalarName::DoubleDouble => self.in_scalar::<qd::Quad>("double-double", form, noise, settings),
         }
     }
 
-    /// Builds the recursion on a backend of one's own, whatever `backend` and `scalar` name.
+    /// Builds the recursion over numbers that count their operations, on plain loops.
     ///
     /// # Errors
-    /// An impossible start.
-    pub fn build_on<B: Backend>(self, form: ObservableForm, noise: &NoiseModel, settings: &Settings) -> Built {
-        self.on::<B>((form, noise, settings))
+    /// [`VariantError`]
+    pub fn build_counted(self, form: ObservableForm, noise: &NoiseModel, settings: &Settings) -> Built {
+        let plain = Variant { backend: BackendName::Plain, ..self };
+        plain.in_scalar::<Counted>("counted f64", form, noise, settings)
     }
 
-    fn on<B: Backend>(self, start: Start<'_>) -> Built {
-        match self.covariance {
-            CovarianceName::Direct => self.with::<Direct<B>, B::Scalar>(start),
-            CovarianceName::Joseph => self.with::<Joseph<B>, B::Scalar>(start),
-            CovarianceName::BiermanUd => self.with::<BiermanUd<B>, B::Scalar>(start),
-            CovarianceName::ArraySqrt => self.with::<ArraySqrt<B>, B::Scalar>(start),
-        }
+    fn in_scalar<S: Number>(
+        self,
+        scalar: &'static str,
+        form: ObservableForm,
+        noise: &NoiseModel,
+        settings: &Settings,
+    ) -> Built {
+        let Self { covariance, expectations, backend, .. } = self;
+        let absent = || match (self.scalar, backend) {
+            (ScalarName::DoubleDouble, BackendName::Nalgebra | BackendName::Faer) => {
+                VariantError::NoDoubleDouble(backend.as_str())
+            }
+            _ => VariantError::Absent { covariance, expectations, backend, scalar },
+        };
+        let (start_form, start_expectation) = {
+            let registry = registry();
+            let cells = registry.forms.iter().find(|entry| entry.name == covariance.as_str()).map(|e| &e.cells);
+            let on = cells.into_iter().flatten().filter(|(name, _)| *name == backend.as_str());
+            let expectation = registry.expectations.iter().find(|entry| entry.name == expectations.as_str());
+            let of = expectation.into_iter().flat_map(|entry| &entry.cells).find_map(S::of_expectation);
+            let found = on.map(|(_, start)| start).find_map(S::of_form).zip(of);
+            found.ok_or_else(absent)?
+        };
+        let expectation = start_expectation(&form);
+        Ok(Box::new(Run::<S>::begin(form, noise, settings, start_form, expectation)?))
     }
 
-    fn with<C, S>(self, start: Start<'_>) -> Built
-    where
-        S: Scalar,
-        C: CovariancePropagation<Backend: Backend<Scalar = S>>,
-    {
-        match self.expectations {
-            ExpectationName::Prior => finish::<C, Prior<ScalarOf<C>>>(start),
-            ExpectationName::Posterior => finish::<C, Posterior<ScalarOf<C>>>(start),
-            ExpectationName::MomentMatched => finish::<C, MomentMatched<ScalarOf<C>>>(start),
-            ExpectationName::CertaintyEquivalent => finish::<C, CertaintyEquivalent<ScalarOf<C>>>(start),
-            ExpectationName::JointEkf => finish::<C, JointEkf<ScalarOf<C>>>(start),
-        }
+    /// The leading operations of a step, part by part; empty where the form or the expectation does not know them.
+    pub fn flops(self, size: &StepSize) -> Vec<Term> {
+        let facts = self.covariance.facts();
+        let mut terms = (facts.updates)(size);
+        let registry = registry();
+        let expectation = registry.expectations.iter().find(|entry| entry.name == self.expectations.as_str());
+        terms.extend(expectation.map(|entry| (entry.flops)(size, &facts)).unwrap_or_default());
+        terms
     }
 }
 
-type Start<'a> = (ObservableForm, &'a NoiseModel, &'a Settings);
+impl CovarianceName {
+    /// What is known of the form.
+    pub fn facts(self) -> FormFacts {
+        let registry = registry();
+        let entry = registry.forms.iter().find(|entry| entry.name == self.as_str());
+        // A name is a constant of the built-in list, or has been read, which only succeeds for a form that is there.
+        entry.expect("every name has an entry").facts
+    }
 
-fn finish<C: CovariancePropagation, E: ConditionalExpectations<C>>((form, noise, settings): Start<'_>) -> Built {
-    Ok(Box::new(Identifier::<C, E>::new(form, noise, settings)?))
+    /// Whether the form carries a factor of P.
+    pub fn is_factored(self) -> bool {
+        self.facts().factored
+    }
 }

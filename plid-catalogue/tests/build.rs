@@ -7,10 +7,8 @@ fn every_named_combination_runs_and_double_double_needs_plain_loops() {
     let form = ObservableForm::new(&[2, 1], 1).unwrap();
     let noise = NoiseModel::diagonal(&[1e-2; 2], &[1e-3], &[1e-3; 3]);
     let settings = Settings::new(&form, 1.0, 1.0);
-    let covariances =
-        [CovarianceName::Direct, CovarianceName::Joseph, CovarianceName::BiermanUd, CovarianceName::ArraySqrt];
-    for covariance in covariances {
-        for backend in [BackendName::Plain, BackendName::TwoThreads, BackendName::Nalgebra, BackendName::Faer] {
+    for covariance in CovarianceName::BUILT_IN {
+        for backend in BackendName::BUILT_IN {
             for scalar in [ScalarName::F32, ScalarName::F64, ScalarName::DoubleDouble] {
                 let variant = Variant { covariance, backend, scalar, ..Variant::default() };
                 match variant.build(form.clone(), &noise, &settings) {

@@ -1,9 +1,9 @@
-//! The trait of the covariance forms: who owns P, and in which form.
+//! The trait of the covariance forms, and what may be asked of a form beyond its updates.
 
-use crate::kernels::BadPivot;
-use crate::{Backend, Dense, ImplicitModel, NoiseTerms, Scalar, ViewMut};
+use crate::kernels::{BadPivot, Kernels, semidefinite_ldl};
+use crate::{Dense, ImplicitModel, Matrix, NoiseTerms, Scalar, ViewMut};
 
-/// What a conditional expectation hands to the time update (plid-mathematics, section 4):
+/// What a conditional expectation hands to the time update:
 /// P <- Fbar P Fbar^T + diag(Qbar, 0) with Fbar = [Abar, phi (x) I; 0, I], Abar = J + sum_i abar_i e_{c_i}^T, and
 /// the mean x <- J x + sum_k phi_k theta_k + d.
 #[derive(Clone, Debug)]
@@ -20,8 +20,7 @@ pub struct Transition<S> {
 
 impl<S: Scalar> Transition<S> {
     /// Zeros, of the shapes of `model`.
-    pub fn new(model: &impl ImplicitModel) -> Self {
-        use crate::Matrix;
+    pub fn new(model: &dyn ImplicitModel) -> Self {
         let n = model.states();
         Self {
             abar: Dense::zeros(n, model.outputs()),
@@ -70,79 +69,128 @@ pub enum InitialCovariance {
     Full(Dense<f64>),
 }
 
+/// An operation that a covariance form does not offer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("this covariance form does not implement {0}")]
+pub struct Unsupported(pub &'static str);
+
 /// A form of the covariance P of s and its two updates.
 ///
-/// P is kept for s = [x; theta] in that order: the parameters are constant, so that a form which stays triangular
-/// need not touch their part in a time update. No method but the constructors, `dense` and `health` may allocate.
-pub trait CovariancePropagation: Clone + Send + Sync + Sized + 'static {
-    /// The matrix library and with it the scalar.
-    type Backend: Backend;
+/// P belongs to s = [x; theta] in that order. The parameters are constant, so a triangular form need not touch their part in
+/// a time update. The updates must not allocate.
+pub trait CovariancePropagation: Send + Sync + 'static {
+    /// The number type.
+    type Scalar: Kernels;
+
+    /// What a user may set; `()` if there is nothing to set.
+    type Options: Clone + Default
+    where
+        Self: Sized;
 
     /// The first covariance, for the shapes of `model`.
     ///
     /// # Errors
-    /// The pivot at which a P0 turned out not to be positive semidefinite.
-    fn new(model: &impl ImplicitModel, initial: &InitialCovariance) -> Result<Self, BadPivot>;
+    /// The pivot at which P0 is found not to be positive semidefinite.
+    fn new(model: &dyn ImplicitModel, initial: &InitialCovariance, options: &Self::Options) -> Result<Self, BadPivot>
+    where
+        Self: Sized;
 
-    /// P H^T of the states in `rows`, one N-column each.
-    fn output_columns(&self, rows: &[usize], out: ViewMut<'_, ScalarOf<Self>>);
+    /// Writes P H^T for the states in `rows`, one column of N entries each.
+    fn output_columns(&self, rows: &[usize], out: ViewMut<'_, Self::Scalar>);
 
     /// `out` += the sum over s, t of weights(s, t) P_{theta_s theta_t}, lower triangle, n x n. `weights`, (p + m) x (p + m), is
     /// symmetric positive semidefinite.
-    fn add_parameter_blocks(&mut self, weights: &Dense<ScalarOf<Self>>, out: ViewMut<'_, ScalarOf<Self>>);
+    fn add_parameter_blocks(&mut self, weights: &Dense<Self::Scalar>, out: ViewMut<'_, Self::Scalar>);
 
-    /// The measurement update of P, and of the estimate `s`: `z_i = s[rows[i]] + w_i`, `innovation` is z - H s and `noise` holds R.
+    /// The measurement update of P and of the estimate `s`: `z_i = s[rows[i]] + w_i`, `innovation` is z - H s, and `noise`
+    /// holds R.
     ///
     /// # Errors
     /// The pivot of the innovation covariance, or of P, that was not positive.
     fn measurement_update(
         &mut self,
         rows: &[usize],
-        noise: &NoiseTerms<ScalarOf<Self>>,
-        innovation: &[ScalarOf<Self>],
-        s: &mut [ScalarOf<Self>],
-    ) -> Result<(), BadPivot>;
-
-    /// The measurement update of one z = h s + w with any row h (N entries) and variance `r`; the gain (N entries) is written to `gain`.
-    ///
-    /// # Errors
-    /// An innovation variance h P h^T + r that is not positive.
-    fn scalar_update(
-        &mut self,
-        h: &[ScalarOf<Self>],
-        r: ScalarOf<Self>,
-        gain: &mut [ScalarOf<Self>],
+        noise: &NoiseTerms<Self::Scalar>,
+        innovation: &[Self::Scalar],
+        s: &mut [Self::Scalar],
     ) -> Result<(), BadPivot>;
 
     /// P <- Fbar P Fbar^T + diag(Qbar, 0).
     ///
     /// # Errors
     /// The pivot of Qbar that is not finite, or the diagonal entry of P that is negative or not finite.
-    fn time_update(
-        &mut self,
-        model: &impl ImplicitModel,
-        transition: &Transition<ScalarOf<Self>>,
-    ) -> Result<(), BadPivot>;
+    fn time_update(&mut self, model: &dyn ImplicitModel, transition: &Transition<Self::Scalar>)
+    -> Result<(), BadPivot>;
 
-    /// Adds parameter noise of variance `q` a step to each parameter's variance. A factored form inflates one parameter a
-    /// step, in turn, by as much as it gathers in a round; `step` says whose turn it is.
-    fn add_parameter_noise(&mut self, q: ScalarOf<Self>, step: u64);
+    /// P <- `factor` P, for exponential forgetting. The loop calls it only where a run asks for forgetting.
+    ///
+    /// # Errors
+    /// [`Unsupported`] if the form has no such operation, as here.
+    fn scale(&mut self, _factor: Self::Scalar) -> Result<(), Unsupported> {
+        Err(Unsupported("forgetting (`scale`)"))
+    }
 
-    /// P <- `factor` P.
-    fn scale(&mut self, factor: ScalarOf<Self>);
+    /// Adds parameter noise of variance `q` a step to the variance of each parameter. A factored form may inflate one
+    /// parameter a step, in turn, by as much as gathers in a round; `step` tells whose turn it is. The loop calls it only
+    /// where a run asks for parameter noise.
+    ///
+    /// # Errors
+    /// [`Unsupported`] if the form has no such operation, as here.
+    fn add_parameter_noise(&mut self, _q: Self::Scalar, _step: u64) -> Result<(), Unsupported> {
+        Err(Unsupported("parameter noise (`add_parameter_noise`)"))
+    }
+}
+
+/// A form whose P can be looked at.
+pub trait Inspect: CovariancePropagation {
+    /// P as a whole symmetric matrix in scalar `T`, formed from the stored numbers without rounding to the form's own scalar in between.
+    fn dense_in<T: Scalar>(&self) -> Dense<T>
+    where
+        Self: Sized;
 
     /// P as a whole symmetric matrix.
-    fn dense(&self) -> Dense<ScalarOf<Self>>;
+    fn dense(&self) -> Dense<Self::Scalar>
+    where
+        Self: Sized,
+    {
+        self.dense_in()
+    }
 
-    /// How sound P is.
-    fn health(&self) -> Health;
+    /// How sound P is. By default P is factorised; a form that carries a factor tells it from that.
+    fn health(&self) -> Health
+    where
+        Self: Sized,
+    {
+        let mut p = self.dense();
+        let mut pivots = vec![num_traits::Zero::zero(); p.rows()];
+        match semidefinite_ldl(p.view_mut(), &mut pivots, 0.0, 0.0) {
+            Ok(()) => Health::from_pivots(pivots.iter().map(|d: &Self::Scalar| d.to_f64()), 0.0),
+            Err(BadPivot { index, value }) => {
+                Health { smallest_pivot: value, index, symmetry_defect: 0.0, condition: f64::INFINITY }
+            }
+        }
+    }
+}
 
-    /// The numbers that the form consists of: what a checkpoint stores.
-    fn state(&self) -> Vec<ScalarOf<Self>>;
+/// A form whose P can be stored and taken up again, to the bit.
+pub trait Checkpointed: CovariancePropagation {
+    /// The numbers that the form consists of.
+    fn state(&self) -> Vec<Self::Scalar>;
 
-    /// Takes the numbers of [`CovariancePropagation::state`] back; false, and nothing is changed, if there are too few or too many.
-    fn restore(&mut self, state: &[ScalarOf<Self>]) -> bool;
+    /// Takes the numbers of [`Checkpointed::state`] back. Returns false, and changes nothing, if their count is wrong.
+    fn restore(&mut self, state: &[Self::Scalar]) -> bool;
+}
+
+/// A form with a measurement update for any row h. The loop has no use for it; textbook problems of filter algebra do.
+pub trait ScalarUpdate: CovariancePropagation {
+    /// The measurement update of one z = h s + w with any row h (N entries) and variance `r`; the gain (N entries) is written
+    /// to `gain`.
+    ///
+    /// # Errors
+    /// An innovation variance h P h^T + r that is not positive.
+    fn scalar_update(&mut self, h: &[Self::Scalar], r: Self::Scalar, gain: &mut [Self::Scalar])
+    -> Result<(), BadPivot>;
 }
 
 /// The scalar of a covariance form.
-pub type ScalarOf<C> = <<C as CovariancePropagation>::Backend as Backend>::Scalar;
+pub type ScalarOf<C> = <C as CovariancePropagation>::Scalar;

@@ -1,15 +1,16 @@
 //! The trait of the conditional expectations E[G] and E[G Q0 G^T]: what is taken as known of the parameters when the noise enters.
 
-use crate::{CovariancePropagation, ImplicitModel, NoiseTerms, ScalarOf, Transition};
+use crate::kernels::Kernels;
+use crate::{CovariancePropagation, Dense, ImplicitModel, NoiseTerms, ScalarOf, Transition, ViewMut};
 
-/// What a conditional expectation may look at.
-#[derive(Debug)]
-pub struct Moment<'a, S, M> {
+/// What a conditional expectation sees of a step.
+#[derive(Clone, Copy)]
+pub struct StepView<'a, S> {
     /// The structure.
-    pub model: &'a M,
+    pub model: &'a dyn ImplicitModel,
     /// The noise, for the outputs that are there.
     pub noise: &'a NoiseTerms<S>,
-    /// The estimate of s = [x; theta], N entries, at the moment of the call.
+    /// The estimate of s = [x; theta], N entries, at the time of the call.
     pub s: &'a [S],
     /// The measurement z_k, p entries; those of missing outputs mean nothing.
     pub z: &'a [S],
@@ -19,27 +20,57 @@ pub struct Moment<'a, S, M> {
     pub residual: &'a [S],
 }
 
-/// `E[G]`, `E[G Q0 G^T]`, the regressor and the drift (plid-mathematics, sections 4 and 5).
+/// The blocks of P that a conditional expectation may ask for.
+pub trait CovarianceBlocks<S> {
+    /// As [`CovariancePropagation::output_columns`].
+    fn output_columns(&self, rows: &[usize], out: ViewMut<'_, S>);
+
+    /// As [`CovariancePropagation::add_parameter_blocks`].
+    fn add_parameter_blocks(&mut self, weights: &Dense<S>, out: ViewMut<'_, S>);
+}
+
+impl<C: CovariancePropagation + ?Sized> CovarianceBlocks<ScalarOf<C>> for &mut C {
+    fn output_columns(&self, rows: &[usize], out: ViewMut<'_, ScalarOf<C>>) {
+        (**self).output_columns(rows, out);
+    }
+
+    fn add_parameter_blocks(&mut self, weights: &Dense<ScalarOf<C>>, out: ViewMut<'_, ScalarOf<C>>) {
+        (**self).add_parameter_blocks(weights, out);
+    }
+}
+
+/// `E[G]`, `E[G Q0 G^T]`, the regressor and the drift.
 ///
-/// The two calls of a step fill one [`Transition`] between them: `before` sees s- and P-, `after` sees s+ and P+. Neither allocates.
-pub trait ConditionalExpectations<C: CovariancePropagation>: Clone + Send + Sync + Sized + 'static {
+/// The two calls of a step fill one [`Transition`] between them: `before` sees s- and P-, `after` sees s+ and P+. Write every
+/// field; the transition is not cleared between steps. Neither call may allocate.
+pub trait ConditionalExpectations: Send + Sync + 'static {
+    /// The number type.
+    type Scalar: Kernels;
+
+    /// What a user may set; `()` if there is nothing to set.
+    type Options: Clone + Default
+    where
+        Self: Sized;
+
     /// Scratch space for the shapes of `model`.
-    fn new(model: &impl ImplicitModel) -> Self;
+    fn new(model: &dyn ImplicitModel, options: &Self::Options) -> Self
+    where
+        Self: Sized;
 
     /// Before the measurement update; most expectations have no need of it.
-    fn before<M: ImplicitModel>(
+    fn before(
         &mut self,
-        _moment: &Moment<'_, ScalarOf<C>, M>,
-        _covariance: &mut C,
-        _transition: &mut Transition<ScalarOf<C>>,
+        _step: &StepView<'_, Self::Scalar>,
+        _covariance: &mut dyn CovarianceBlocks<Self::Scalar>,
+        _transition: &mut Transition<Self::Scalar>,
     ) {
     }
 
     /// After the measurement update.
-    fn after<M: ImplicitModel>(
+    fn after(
         &mut self,
-        moment: &Moment<'_, ScalarOf<C>, M>,
-        covariance: &mut C,
-        transition: &mut Transition<ScalarOf<C>>,
+        step: &StepView<'_, Self::Scalar>,
+        covariance: &mut dyn CovarianceBlocks<Self::Scalar>,
+        transition: &mut Transition<Self::Scalar>,
     );
 }

@@ -19,7 +19,7 @@ pub struct IdentifiedModel {
 
 impl IdentifiedModel {
     /// A = J + sum_i a_i e_{c_i}^T, B = [b_1 .. b_m], C from the rows that the outputs read.
-    pub fn from_estimate<S: Scalar>(model: &impl ImplicitModel, s: &[S], covariance: &Dense<S>) -> Self {
+    pub fn from_estimate<S: Scalar>(model: &dyn ImplicitModel, s: &[S], covariance: &Dense<S>) -> Self {
         let (n, m, p) = (model.states(), model.inputs(), model.outputs());
         let mut a = Dense::zeros(n, n);
         for i in 0..n {
@@ -44,7 +44,7 @@ impl IdentifiedModel {
     }
 
     /// The parameters [a_1; ..; a_p; b_1; ..; b_m], (p + m) n entries: the inverse of [`IdentifiedModel::from_estimate`].
-    pub fn parameters(&self, model: &impl ImplicitModel) -> Vec<f64> {
+    pub fn parameters(&self, model: &dyn ImplicitModel) -> Vec<f64> {
         let mut parameters = Vec::with_capacity(model.parameter_columns() * model.states());
         for &column in model.output_states() {
             parameters.extend((0..model.states()).map(|i| {

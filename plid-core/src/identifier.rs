@@ -5,8 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::kernels::{BadPivot, axpy};
 use crate::{
-    ConditionalExpectations, CovariancePropagation, Dense, Health, IdentifiedModel, ImplicitModel, InitialCovariance,
-    Moment, NoiseError, NoiseModel, NoiseTerms, ObservableForm, Scalar, ScalarOf, Transition,
+    Checkpointed, ConditionalExpectations, CovarianceBlocks, CovariancePropagation, Dense, Health, IdentifiedModel,
+    ImplicitModel, InitialCovariance, Inspect, NoiseError, NoiseModel, NoiseTerms, ObservableForm, Scalar, ScalarOf,
+    StepView, Transition, Unsupported,
 };
 
 /// Everything that can go wrong in the recursion.
@@ -81,6 +82,9 @@ pub enum IdentifierError {
         /// The entry of s.
         index: usize,
     },
+    /// The settings ask for what the covariance form has not.
+    #[error(transparent)]
+    Unsupported(#[from] Unsupported),
     /// A checkpoint belongs to another identifier.
     #[error("the checkpoint does not fit: {0}")]
     Checkpoint(&'static str),
@@ -101,7 +105,7 @@ pub struct Settings {
 
 impl Settings {
     /// Zero estimate, variance `state` for each entry of x and `parameter` for each of theta, no parameter noise, no forgetting.
-    pub fn new(model: &impl ImplicitModel, state: f64, parameter: f64) -> Self {
+    pub fn new(model: &dyn ImplicitModel, state: f64, parameter: f64) -> Self {
         let (n, joint) = (model.states(), model.joint_states());
         let mut diagonal = vec![parameter; joint];
         diagonal[..n].fill(state);
@@ -111,6 +115,30 @@ impl Settings {
             parameter_noise: 0.0,
             forgetting: 1.0,
         }
+    }
+
+    fn check(&self, model: &dyn ImplicitModel) -> Result<(), IdentifierError> {
+        check_length("the initial estimate", self.initial_estimate.len(), model.joint_states())?;
+        match &self.initial_covariance {
+            InitialCovariance::Diagonal(d) => check_length("the initial variances", d.len(), model.joint_states())?,
+            InitialCovariance::Full(p0) => {
+                check_length("the initial covariance", p0.rows(), model.joint_states())?;
+                check_length("the initial covariance", p0.columns(), model.joint_states())?;
+                check_symmetric(p0)?;
+            }
+        }
+        if let Some(index) = self.initial_estimate.iter().position(|x| !x.is_finite()) {
+            return Err(IdentifierError::Diverged { step: 0, index });
+        }
+        if !(self.forgetting > 0.0 && self.forgetting <= 1.0) {
+            let (name, value) = ("the forgetting factor", self.forgetting);
+            return Err(IdentifierError::Range { name, value, range: "above 0 and at most 1" });
+        }
+        if !(self.parameter_noise >= 0.0 && self.parameter_noise.is_finite()) {
+            let (name, value) = ("the parameter noise", self.parameter_noise);
+            return Err(IdentifierError::Range { name, value, range: "at least 0" });
+        }
+        Ok(())
     }
 }
 
@@ -130,12 +158,14 @@ impl Checkpoint {
 }
 
 /// A PLID run over covariance form `C`, conditional expectation `E` and implicit model `M`.
+///
+/// `C` and `E` may be trait objects, for a choice at run time: see [`Identifier::begin`].
 #[derive(Clone, Debug)]
-pub struct Identifier<C: CovariancePropagation, E, M = ObservableForm> {
+pub struct Identifier<C: CovariancePropagation + ?Sized, E: ?Sized, M = ObservableForm> {
     model: M,
     noise: NoiseTerms<ScalarOf<C>>,
-    covariance: C,
-    expectations: E,
+    covariance: Box<C>,
+    expectations: Box<E>,
     s: Vec<ScalarOf<C>>,
     parameter_noise: ScalarOf<C>,
     inverse_forgetting: ScalarOf<C>,
@@ -152,7 +182,7 @@ pub struct Identifier<C: CovariancePropagation, E, M = ObservableForm> {
 impl<C, E, M> Identifier<C, E, M>
 where
     C: CovariancePropagation,
-    E: ConditionalExpectations<C>,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
     M: ImplicitModel,
 {
     /// A run that is about to take its first sample.
@@ -160,44 +190,63 @@ where
     /// # Errors
     /// A noise model, initial estimate, covariance, forgetting factor or parameter noise that cannot be.
     pub fn new(model: M, noise: &NoiseModel, settings: &Settings) -> Result<Self, IdentifierError> {
+        Self::with_options(model, noise, settings, &C::Options::default(), &E::Options::default())
+    }
+
+    /// The same, with options of the form and of the expectation.
+    ///
+    /// # Errors
+    /// As [`Identifier::new`].
+    pub fn with_options(
+        model: M,
+        noise: &NoiseModel,
+        settings: &Settings,
+        form: &C::Options,
+        expectations: &E::Options,
+    ) -> Result<Self, IdentifierError> {
+        let covariance = |model: &dyn ImplicitModel, p0: &InitialCovariance| Ok(Box::new(C::new(model, p0, form)?));
+        let expectations = Box::new(E::new(&model, expectations));
+        Self::begin(model, noise, settings, covariance, expectations)
+    }
+}
+
+impl<C, E, M> Identifier<C, E, M>
+where
+    C: CovariancePropagation + ?Sized,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>> + ?Sized,
+    M: ImplicitModel,
+{
+    /// A run that is about to take its first sample, over an expectation that is there already and the form that `covariance`
+    /// makes of the structure and P0 once these have been checked.
+    ///
+    /// # Errors
+    /// As [`Identifier::new`].
+    pub fn begin(
+        model: M,
+        noise: &NoiseModel,
+        settings: &Settings,
+        covariance: impl FnOnce(&dyn ImplicitModel, &InitialCovariance) -> Result<Box<C>, BadPivot>,
+        expectations: Box<E>,
+    ) -> Result<Self, IdentifierError> {
         let (n, m, p) = (model.states(), model.inputs(), model.outputs());
         noise.check(p, m, n)?;
-        check_length("the initial estimate", settings.initial_estimate.len(), model.joint_states())?;
-        match &settings.initial_covariance {
-            InitialCovariance::Diagonal(d) => check_length("the initial variances", d.len(), model.joint_states())?,
-            InitialCovariance::Full(p0) => {
-                check_length("the initial covariance", p0.rows(), model.joint_states())?;
-                check_length("the initial covariance", p0.columns(), model.joint_states())?;
-                check_symmetric(p0)?;
-            }
-        }
-        if let Some(index) = settings.initial_estimate.iter().position(|x| !x.is_finite()) {
-            return Err(IdentifierError::Diverged { step: 0, index });
-        }
-        if !(settings.forgetting > 0.0 && settings.forgetting <= 1.0) {
-            let (name, value) = ("the forgetting factor", settings.forgetting);
-            return Err(IdentifierError::Range { name, value, range: "above 0 and at most 1" });
-        }
-        if !(settings.parameter_noise >= 0.0 && settings.parameter_noise.is_finite()) {
-            let (name, value) = ("the parameter noise", settings.parameter_noise);
-            return Err(IdentifierError::Range { name, value, range: "at least 0" });
-        }
-        let covariance = C::new(&model, &settings.initial_covariance)
+        settings.check(&model)?;
+        let covariance = covariance(&model, &settings.initial_covariance)
             .map_err(|BadPivot { index, value }| IdentifierError::InitialCovariance { index, value })?;
-        let zero = C::zero();
+        let number = ScalarOf::<C>::from_f64;
         Ok(Self {
             noise: NoiseTerms::new(noise),
             covariance,
-            expectations: E::new(&model),
-            s: settings.initial_estimate.iter().map(|&x| ScalarOf::<C>::from_f64(x)).collect(),
-            parameter_noise: ScalarOf::<C>::from_f64(settings.parameter_noise),
-            inverse_forgetting: ScalarOf::<C>::from_f64(1.0 / settings.forgetting),
+            expectations,
+            s: settings.initial_estimate.iter().map(|&x| number(x)).collect(),
+            parameter_noise: number(settings.parameter_noise),
+            inverse_forgetting: number(1.0 / settings.forgetting),
             step: 0,
             transition: Transition::new(&model),
             rows: Vec::with_capacity(p),
-            z: vec![zero; p],
-            u: vec![zero; m],
-            residual: vec![zero; p],
+            z: vec![number(0.0); p],
+            u: vec![number(0.0); m],
+            residual: vec![number(0.0); p],
             innovation: vec![0.0; p],
             model,
         })
@@ -220,6 +269,35 @@ where
     }
 
     fn take(&mut self, z: &[f64], u: &[f64], nan_is_missing: bool) -> Result<(), IdentifierError> {
+        self.accept(z, u, nan_is_missing)?;
+        let step = self.step;
+        let count = self.form_residual();
+        for (&i, &e) in self.noise.available().iter().zip(&self.residual) {
+            self.innovation[i] = e.to_f64();
+        }
+        self.expect(count, E::before);
+        self.covariance
+            .measurement_update(&self.rows, &self.noise, &self.residual[..count], &mut self.s)
+            .map_err(|e| indefinite(step, "measurement update", e))?;
+        self.form_residual();
+        self.expect(count, E::after);
+        self.advance_estimate();
+        self.covariance.time_update(&self.model, &self.transition).map_err(|e| indefinite(step, "time update", e))?;
+        if self.inverse_forgetting != num_traits::One::one() {
+            self.covariance.scale(self.inverse_forgetting)?;
+        }
+        if self.parameter_noise != num_traits::Zero::zero() {
+            self.covariance.add_parameter_noise(self.parameter_noise, step)?;
+        }
+        if let Some(index) = self.s.iter().position(|x| !x.is_finite()) {
+            return Err(IdentifierError::Diverged { step, index });
+        }
+        self.step += 1;
+        Ok(())
+    }
+
+    /// Checks a sample and takes it over; says which outputs are there.
+    fn accept(&mut self, z: &[f64], u: &[f64], nan_is_missing: bool) -> Result<(), IdentifierError> {
         check_length("the outputs", z.len(), self.model.outputs())?;
         check_length("the inputs", u.len(), self.model.inputs())?;
         let missing = |value: f64| nan_is_missing && value.is_nan();
@@ -235,56 +313,27 @@ where
         if let Some(j) = u.iter().position(|x| !x.is_finite()) {
             return Err(bad("input", j, u[j]));
         }
-        for (to, &from) in self.z.iter_mut().zip(z) {
-            *to = ScalarOf::<C>::from_f64(from);
-        }
-        for (to, &from) in self.u.iter_mut().zip(u) {
+        for (to, &from) in self.z.iter_mut().zip(z).chain(self.u.iter_mut().zip(u)) {
             *to = ScalarOf::<C>::from_f64(from);
         }
         self.noise.set_available(z.iter().map(|&x| !missing(x)));
         self.rows.clear();
         self.rows.extend(self.noise.available().iter().map(|&i| self.model.output_states()[i]));
         self.innovation.fill(f64::NAN);
-
-        let count = self.form_residual();
-        for (&i, &e) in self.noise.available().iter().zip(&self.residual) {
-            self.innovation[i] = e.to_f64();
-        }
-        let moment = Moment {
-            model: &self.model,
-            noise: &self.noise,
-            s: &self.s,
-            z: &self.z,
-            u: &self.u,
-            residual: &self.residual[..count],
-        };
-        self.expectations.before(&moment, &mut self.covariance, &mut self.transition);
-        self.covariance
-            .measurement_update(&self.rows, &self.noise, &self.residual[..count], &mut self.s)
-            .map_err(|e| indefinite(step, "measurement update", e))?;
-        self.form_residual();
-        let moment = Moment {
-            model: &self.model,
-            noise: &self.noise,
-            s: &self.s,
-            z: &self.z,
-            u: &self.u,
-            residual: &self.residual[..count],
-        };
-        self.expectations.after(&moment, &mut self.covariance, &mut self.transition);
-        self.advance_estimate();
-        self.covariance.time_update(&self.model, &self.transition).map_err(|e| indefinite(step, "time update", e))?;
-        if self.inverse_forgetting != C::one() {
-            self.covariance.scale(self.inverse_forgetting);
-        }
-        if self.parameter_noise != C::zero() {
-            self.covariance.add_parameter_noise(self.parameter_noise, step);
-        }
-        if let Some(index) = self.s.iter().position(|x| !x.is_finite()) {
-            return Err(IdentifierError::Diverged { step, index });
-        }
-        self.step += 1;
         Ok(())
+    }
+
+    /// Calls one of the two methods of the expectation, with the step as it stands.
+    fn expect(&mut self, count: usize, call: Expect<E, ScalarOf<C>>) {
+        let view = StepView {
+            model: &self.model,
+            noise: &self.noise,
+            s: &self.s,
+            z: &self.z,
+            u: &self.u,
+            residual: &self.residual[..count],
+        };
+        call(&mut self.expectations, &view, &mut &mut *self.covariance, &mut self.transition);
     }
 
     /// z - C x of the outputs that are there; returns how many.
@@ -304,7 +353,7 @@ where
         for (column, &weight) in theta.chunks_exact(n).zip(&self.transition.phi) {
             axpy(weight, column, x);
         }
-        axpy(C::one(), &self.transition.drift, x);
+        axpy(num_traits::One::one(), &self.transition.drift, x);
     }
 
     /// Another noise model from the next step on: noise may be given per step. Allocates only on error.
@@ -339,7 +388,9 @@ where
     pub fn steps(&self) -> u64 {
         self.step
     }
+}
 
+impl<C: Inspect, E: ?Sized, M: ImplicitModel> Identifier<C, E, M> {
     /// How sound P is now.
     pub fn health(&self) -> Health {
         self.covariance.health()
@@ -349,7 +400,9 @@ where
     pub fn identified(&self) -> IdentifiedModel {
         IdentifiedModel::from_estimate(&self.model, &self.s, &self.covariance.dense())
     }
+}
 
+impl<C: Checkpointed + ?Sized, E: ?Sized, M: ImplicitModel> Identifier<C, E, M> {
     /// All that is needed to go on later.
     pub fn checkpoint(&self) -> Checkpoint {
         Checkpoint {
@@ -379,17 +432,8 @@ where
     }
 }
 
-/// Zero and one of a form's scalar, for short.
-trait Numbers: CovariancePropagation {
-    fn zero() -> ScalarOf<Self> {
-        num_traits::Zero::zero()
-    }
-    fn one() -> ScalarOf<Self> {
-        num_traits::One::one()
-    }
-}
-
-impl<C: CovariancePropagation> Numbers for C {}
+/// [`ConditionalExpectations::before`] or [`ConditionalExpectations::after`].
+type Expect<E, S> = fn(&mut E, &StepView<'_, S>, &mut dyn CovarianceBlocks<S>, &mut Transition<S>);
 
 fn indefinite(step: u64, phase: &'static str, pivot: BadPivot) -> IdentifierError {
     IdentifierError::Indefinite { step, phase, index: pivot.index, value: pivot.value }

@@ -13,6 +13,7 @@
 mod backend;
 mod covariance;
 mod expectations;
+mod facts;
 mod identified;
 mod identifier;
 pub mod kernels;
@@ -22,8 +23,12 @@ mod noise;
 mod scalar;
 
 pub use backend::Backend;
-pub use covariance::{CovariancePropagation, Health, InitialCovariance, ScalarOf, Transition};
-pub use expectations::{ConditionalExpectations, Moment};
+pub use covariance::{
+    Checkpointed, CovariancePropagation, Health, InitialCovariance, Inspect, ScalarOf, ScalarUpdate, Transition,
+    Unsupported,
+};
+pub use expectations::{ConditionalExpectations, CovarianceBlocks, StepView};
+pub use facts::{Expectation, Form, FormFacts, StepSize, Term};
 pub use identified::IdentifiedModel;
 pub use identifier::{Checkpoint, Identifier, IdentifierError, Settings};
 pub use matrix::{Dense, Matrix, View, ViewMut};

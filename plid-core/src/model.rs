@@ -4,12 +4,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::Scalar;
 
-/// The structure of F, G and H (plid-mathematics, section 2).
+/// The structure of F, G and H.
 ///
 /// The plant is x+ = A x + B u with A = J + sum_i a_i e_{c_i}^T: J is known and holds at most a single one a row, the
 /// p columns a_i and the m columns b_j of B are unknown, and output i reads state c_i. The joint state is
 /// s = [x; a_1 .. a_p; b_1 .. b_m], with N = (p + m + 1) n entries.
-pub trait ImplicitModel: Clone + Send + Sync {
+pub trait ImplicitModel: Send + Sync {
     /// The number of plant states n.
     fn states(&self) -> usize;
 
@@ -39,7 +39,10 @@ pub trait ImplicitModel: Clone + Send + Sync {
 
     /// x <- J x.
     #[inline]
-    fn shift<S: Scalar>(&self, x: &mut [S]) {
+    fn shift<S: Scalar>(&self, x: &mut [S])
+    where
+        Self: Sized,
+    {
         for i in (0..self.states()).rev() {
             x[i] = self.shift_source(i).map_or(S::zero(), |from| x[from]);
         }

@@ -221,7 +221,7 @@ impl CheckScratch {
     }
 }
 
-/// What a step uses of the noise model: the moments of v and xi given w (plid-mathematics, section 5), for the outputs
+/// What a step uses of the noise model: the moments of v and xi given w, for the outputs
 /// that are there.
 #[derive(Clone, Debug)]
 pub struct NoiseTerms<S> {

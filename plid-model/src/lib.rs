@@ -16,6 +16,7 @@ mod modes;
 mod peak;
 mod predict;
 mod riccati;
+pub mod scalar_bayes;
 mod scaling;
 pub mod signal;
 mod simulate;

@@ -6,3 +6,42 @@
 
 pub mod covariance;
 pub mod expectations;
+
+/// The one list of covariance forms: hands each form's documentation, name and type to the macro `$then`, after any further
+/// arguments. The catalogue, the tests and the benches take it from here.
+#[macro_export]
+macro_rules! every_form {
+    ($then:ident $(, $argument:tt)*) => {
+        $then! {
+            $($argument)*
+            /// Eq. 8-10 as they stand: the fastest, and the first to lose positivity.
+            "direct" = Direct;
+            /// Joseph's measurement update.
+            "joseph" = Joseph;
+            /// U D U^T: cannot lose positivity.
+            "bierman-ud" = BiermanUd;
+            /// S S^T by orthogonal transformations.
+            "array-sqrt" = ArraySqrt;
+        }
+    };
+}
+
+/// The one list of conditional expectations, likewise.
+#[macro_export]
+macro_rules! every_expectation {
+    ($then:ident $(, $argument:tt)*) => {
+        $then! {
+            $($argument)*
+            /// Eq. 8-10, psi = Z^{k-1}.
+            "prior" = Prior;
+            /// Eq. 8-10, psi = Z^k for the parameters.
+            "posterior" = Posterior;
+            /// No covariances.
+            "certainty-equivalent" = CertaintyEquivalent;
+            /// psi = Z^k throughout.
+            "moment-matched" = MomentMatched;
+            /// Linearised about the estimate.
+            "joint-ekf" = JointEkf;
+        }
+    };
+}

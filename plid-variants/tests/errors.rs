@@ -1,15 +1,13 @@
 //! What cannot be is refused, by step, channel and pivot.
 
-#[macro_use]
-mod common;
-
-use common::case::{Case, Options, random_case};
-use common::{HasForm, HasKind, finish, identifier, label, take};
 use plid_backends::Plain;
 use plid_core::{
-    ConditionalExpectations, CovariancePropagation, Dense, Identifier, IdentifierError, InitialCovariance, NoiseError,
-    NoiseModel, ObservableForm, Settings,
+    ConditionalExpectations, Dense, Form, Identifier, IdentifierError, InitialCovariance, NoiseError, NoiseModel,
+    ObservableForm, ScalarOf, Settings,
 };
+use plid_testkit::case::{Case, Options, random_case};
+use plid_testkit::run::{finish, identifier, label, take};
+use plid_testkit::test_every_variant;
 use plid_variants::covariance::{BiermanUd, Direct};
 use plid_variants::expectations::Prior;
 
@@ -19,8 +17,8 @@ fn small() -> Case {
 
 fn data_that_are_not_finite_are_named<C, E>()
 where
-    C: CovariancePropagation,
-    E: ConditionalExpectations<C>,
+    C: Form,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
 {
     let case = small();
     let mut run = identifier::<C, E>(&case);
@@ -60,16 +58,16 @@ test_every_variant!(data_that_are_not_finite_are_named:
 
 fn begin<C, E>(settings: &Settings, noise: &NoiseModel) -> Result<Identifier<C, E>, IdentifierError>
 where
-    C: CovariancePropagation,
-    E: ConditionalExpectations<C>,
+    C: Form,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
 {
     Identifier::new(ObservableForm::new(&[2, 1], 2).unwrap(), noise, settings)
 }
 
 fn beginnings_that_cannot_be_are_refused<C, E>()
 where
-    C: CovariancePropagation + HasForm,
-    E: ConditionalExpectations<C> + HasKind,
+    C: Form,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
 {
     let form = ObservableForm::new(&[2, 1], 2).unwrap();
     let good = Settings::new(&form, 1.0, 1.0);
@@ -163,8 +161,8 @@ test_every_variant!(beginnings_that_cannot_be_are_refused:
 /// A joint covariance that is only just one: v follows w_1 and xi_3 follows w_2.
 fn singular_noise_is_no_error<C, E>()
 where
-    C: CovariancePropagation + HasForm,
-    E: ConditionalExpectations<C> + HasKind,
+    C: Form,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
 {
     let mut case = random_case(&[2, 1], 1, Options { steps: 20, ..Options::default() }, 17);
     let form = ObservableForm::new(&case.indices, case.inputs).unwrap();
@@ -218,8 +216,8 @@ fn a_covariance_that_is_lost_is_a_typed_error() {
 /// What f32 cannot hold is an error, not a panic and not a NaN that goes on.
 fn overflow_is_a_typed_error<C, E>()
 where
-    C: CovariancePropagation + HasForm,
-    E: ConditionalExpectations<C> + HasKind,
+    C: Form,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
 {
     let mut case = small();
     let mut run = identifier::<C, E>(&case);

@@ -1,14 +1,10 @@
 //! A known plant from a record without noise: A, B and the transfer function come back.
 
-#[macro_use]
-mod common;
-
-use common::case::{Case, Plant, record, rng};
-use common::{HasForm, HasKind, finish, label};
 use nalgebra::{Complex, DMatrix};
-use plid_core::{
-    ConditionalExpectations, CovariancePropagation, InitialCovariance, NoiseModel, ObservableForm, Settings,
-};
+use plid_core::{ConditionalExpectations, Form, InitialCovariance, NoiseModel, ObservableForm, ScalarOf, Settings};
+use plid_testkit::case::{Case, Plant, record, rng};
+use plid_testkit::run::{finish, label};
+use plid_testkit::test_every_variant;
 
 /// What the identifier is told of the noise is tiny, and there is none. `unique`: the entries of A that inputs and outputs
 /// cannot tell are zero in the plant, and known to be.
@@ -44,8 +40,8 @@ fn response(a: &DMatrix<f64>, b: &DMatrix<f64>, outputs: &[usize], angle: f64) -
 /// The largest errors of A, of B, and of the transfer function relative to its peak.
 fn errors<C, E>(case: &Case) -> [f64; 3]
 where
-    C: CovariancePropagation,
-    E: ConditionalExpectations<C>,
+    C: Form,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
 {
     let model = finish::<C, E>(case).identified();
     let (n, m) = (case.states(), case.inputs);
@@ -69,8 +65,8 @@ where
 
 fn a_known_plant_is_recovered<C, E>()
 where
-    C: CovariancePropagation + HasForm,
-    E: ConditionalExpectations<C> + HasKind,
+    C: Form,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
 {
     let name = label::<C, E>();
     for (indices, unique) in [(&[2, 2][..], false), (&[3, 1, 2], true), (&[3, 1, 2], false)] {

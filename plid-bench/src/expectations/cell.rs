@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::config::{Config, Plant};
 use super::grid::ScalarPrior;
-use super::method::{self, EXPECTATIONS, Method, Outcome};
+use super::method::{self, Method, Outcome};
 use super::plants::{self, Loudness};
 use super::statistics::{Figure, geometric_mean, mean, paired_root_ratio, root_mean};
 use super::trial::Trial;
@@ -114,7 +114,7 @@ impl Cell<'_> {
 
     /// What is compared here, and the reference among it. Batch estimates know the true Sigma, so one setting of it has them.
     fn methods(&self) -> (Vec<Method>, Option<Method>) {
-        let mut methods: Vec<Method> = EXPECTATIONS.map(Method::Filter).to_vec();
+        let mut methods: Vec<Method> = ExpectationName::all().into_iter().map(Method::Filter).collect();
         let reference = match self.plant {
             Plant::Scalar(plant) => {
                 let (prior, points) = (ScalarPrior::default(), plant.grid_points);

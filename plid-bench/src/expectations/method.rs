@@ -9,15 +9,6 @@ use super::grid::{ScalarPrior, ScalarRecord, exact_bayes};
 use super::prediction_error;
 use super::trial::Trial;
 
-/// The five, in the order in which they are shown.
-pub const EXPECTATIONS: [ExpectationName; 5] = [
-    ExpectationName::Prior,
-    ExpectationName::Posterior,
-    ExpectationName::CertaintyEquivalent,
-    ExpectationName::MomentMatched,
-    ExpectationName::JointEkf,
-];
-
 /// One way to an estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Method {
@@ -42,11 +33,7 @@ impl Method {
     /// The name in tables and files.
     pub fn name(self) -> &'static str {
         match self {
-            Self::Filter(ExpectationName::Prior) => "prior",
-            Self::Filter(ExpectationName::Posterior) => "posterior",
-            Self::Filter(ExpectationName::CertaintyEquivalent) => "certainty-equivalent",
-            Self::Filter(ExpectationName::MomentMatched) => "moment-matched",
-            Self::Filter(ExpectationName::JointEkf) => "joint-ekf",
+            Self::Filter(expectations) => expectations.as_str(),
             Self::Exact(..) => "exact-bayes",
             Self::ExactAsTold(..) => "exact-bayes-as-told",
             Self::LeastSquares => "batch-least-squares",

@@ -4,7 +4,7 @@
 pub mod batch;
 mod cell;
 mod config;
-pub mod grid;
+pub use plid_model::scalar_bayes as grid;
 mod method;
 mod plants;
 mod prediction_error;

@@ -3,7 +3,8 @@
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::cell::{DEFAULT, Finished, Score};
-use super::method::{EXPECTATIONS, Method};
+use plid_catalogue::ExpectationName;
+
 use super::statistics::{Figure, geometric_mean};
 use crate::median;
 
@@ -17,9 +18,9 @@ pub fn score<'a>(cell: &'a Finished, method: &str) -> Option<&'a Score> {
     cell.scores.iter().find(|score| score.method == method)
 }
 
-/// Names of the five.
-pub fn names() -> [&'static str; 5] {
-    EXPECTATIONS.map(|expectation| Method::Filter(expectation).name())
+/// The names of all expectations.
+pub fn names() -> Vec<&'static str> {
+    ExpectationName::all().into_iter().map(ExpectationName::as_str).collect()
 }
 
 /// Whether a ratio over so many runs is far enough from one, and surely so.
@@ -179,7 +180,7 @@ fn where_it_matters_for(cells: &[Finished], plant: &str) -> Option<String> {
     let largest = own.iter().filter(differs).map(|cell| cell.signal_to_noise).reduce(f64::max);
     let (factor, name, snr) = own
         .iter()
-        .flat_map(|cell| names().map(|name| (cell, name)))
+        .flat_map(|cell| names().into_iter().map(move |name| (cell, name)))
         .filter_map(|(cell, name)| Some((score(cell, name)?.free_run_over_default?.value, name, cell.signal_to_noise)))
         .max_by(|x, y| x.0.total_cmp(&y.0))?;
     let settings = if is_truss { "with the Sigma that is best for the default" } else { "with the true Sigma" };

@@ -1,6 +1,7 @@
 //! What is timed.
 
 use plid_catalogue::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
+use plid_core::StepSize;
 use serde::{Deserialize, Serialize};
 
 use crate::Noise;
@@ -48,6 +49,12 @@ impl Cell {
         (OUTPUTS + self.inputs + 1) * self.states
     }
 
+    /// The sizes that its operations depend on.
+    pub fn size(&self) -> StepSize {
+        let (n, p, m) = (self.states as f64, OUTPUTS as f64, self.inputs as f64);
+        StepSize { n, p, m, full_noise: self.noise == Noise::Full }
+    }
+
     /// The name of its operations: those do not depend on the library, the scalar or the threads.
     pub fn operations_key(&self) -> String {
         let Variant { covariance, expectations, .. } = self.variant;
@@ -81,18 +88,16 @@ pub fn scalar_bytes(scalar: ScalarName) -> usize {
     }
 }
 
-/// All covariance forms, in the order of the report.
-pub const FORMS: [CovarianceName; 4] =
-    [CovarianceName::Direct, CovarianceName::Joseph, CovarianceName::BiermanUd, CovarianceName::ArraySqrt];
-
-/// All conditional expectations, in the order of the report.
-pub const EXPECTATIONS: [ExpectationName; 5] = [
-    ExpectationName::JointEkf,
-    ExpectationName::CertaintyEquivalent,
-    ExpectationName::Prior,
-    ExpectationName::Posterior,
-    ExpectationName::MomentMatched,
-];
+/// All conditional expectations, those that ask least of a step first.
+pub fn expectations() -> Vec<ExpectationName> {
+    let flops = |expectations: ExpectationName| -> f64 {
+        let cell = Cell::plain(24, CovarianceName::default(), expectations);
+        cell.variant.flops(&cell.size()).iter().map(|term| term.flops).sum()
+    };
+    let mut all = ExpectationName::all();
+    all.sort_by(|&x, &y| flops(x).total_cmp(&flops(y)));
+    all
+}
 
 /// The word by which a config names a value.
 pub fn word(name: &impl Serialize) -> String {

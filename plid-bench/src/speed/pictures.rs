@@ -1,10 +1,10 @@
 //! The pictures of the report.
 
 use ndarray::Array2;
-use plid_catalogue::{ExpectationName, ScalarName};
+use plid_catalogue::{CovarianceName, ExpectationName, ScalarName};
 use plid_report::{Axis, Chart, HeatMap, Series, chart, heat_map};
 
-use super::cell::{EXPECTATIONS, FORMS, word};
+use super::cell::{expectations, word};
 use super::outcome::{Outcome, Timing};
 use super::targets::SAMPLE_US;
 use crate::Noise;
@@ -27,7 +27,7 @@ pub fn all(outcome: &Outcome) -> Vec<(String, String)> {
 /// The expectation that the pictures of all forms are drawn for: the default one if it was measured.
 pub fn shown_expectation(outcome: &Outcome) -> Option<ExpectationName> {
     let measured = |e: &ExpectationName| plain(outcome).any(|timing| timing.cell.variant.expectations == *e);
-    Some(ExpectationName::default()).filter(measured).or_else(|| EXPECTATIONS.into_iter().find(measured))
+    Some(ExpectationName::default()).filter(measured).or_else(|| expectations().into_iter().find(measured))
 }
 
 /// The numbers of states in f64 on plain loops, one thread, 3 x 3, diagonal noise.
@@ -47,7 +47,7 @@ fn plain(outcome: &Outcome) -> impl Iterator<Item = &Timing> {
 
 fn time(outcome: &Outcome, expectations: ExpectationName) -> (String, String) {
     let mut series: Vec<Series> = Vec::new();
-    for (form, colour) in FORMS.into_iter().zip(COLOURS) {
+    for (form, colour) in CovarianceName::all().into_iter().zip(COLOURS.into_iter().cycle()) {
         let points: Vec<(f64, f64)> = sizes(outcome)
             .into_iter()
             .filter_map(|states| outcome.plain(states, form, expectations))
@@ -82,23 +82,25 @@ const COLOURS: [&str; 4] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7"];
 
 fn ratios(outcome: &Outcome) -> Option<(String, String)> {
     let states = sizes(outcome).into_iter().max()?;
+    let columns = expectations();
     let mut rows: Vec<(String, Vec<f64>)> = Vec::new();
     for noise in [Noise::Diagonal, Noise::Full] {
-        for form in FORMS {
-            let passes = EXPECTATIONS.map(|expectations| {
+        for form in CovarianceName::all() {
+            let passes = columns.iter().map(|&expectations| {
                 let timing = outcome.of(states, form, expectations, |cell| cell.noise = noise);
                 timing.map_or(f64::NAN, |timing| timing.passes)
             });
+            let passes: Vec<f64> = passes.collect();
             if passes.iter().any(|value| value.is_finite()) {
                 let name = if noise == Noise::Full { format!("{}, full noise", word(&form)) } else { word(&form) };
-                rows.push((name, passes.to_vec()));
+                rows.push((name, passes));
             }
         }
     }
-    let values = Array2::from_shape_fn((rows.len(), EXPECTATIONS.len()), |(i, j)| rows[i].1[j]);
+    let values = Array2::from_shape_fn((rows.len(), columns.len()), |(i, j)| rows[i].1[j]);
     let svg = heat_map(&HeatMap {
         rows: rows.into_iter().map(|row| row.0).collect(),
-        columns: EXPECTATIONS.iter().map(word).collect(),
+        columns: columns.iter().map(word).collect(),
         values,
         column_label: "conditional expectation".into(),
         value_label: "passes over P".into(),
@@ -117,7 +119,7 @@ fn roofline(outcome: &Outcome, scalar: ScalarName, expectations: ExpectationName
         let label = format!("limit: {:.0} GB/s at N = {}, {peak:.0} Gflop/s", limit.gbytes_s, limit.joint_states);
         series.push(Series::line(label, roof.collect()).colour(REFERENCE).width(2.0));
     }
-    for (form, colour) in FORMS.into_iter().zip(COLOURS) {
+    for (form, colour) in CovarianceName::all().into_iter().zip(COLOURS.into_iter().cycle()) {
         let points: Vec<(f64, f64)> = sizes(outcome)
             .into_iter()
             .filter_map(|states| outcome.of(states, form, expectations, |cell| cell.variant.scalar = scalar))
@@ -145,7 +147,7 @@ fn roofline(outcome: &Outcome, scalar: ScalarName, expectations: ExpectationName
 
 fn tails(outcome: &Outcome, expectations: ExpectationName) -> (String, String) {
     let mut series = Vec::new();
-    for (form, colour) in FORMS.into_iter().zip(COLOURS) {
+    for (form, colour) in CovarianceName::all().into_iter().zip(COLOURS.into_iter().cycle()) {
         let timings: Vec<&Timing> =
             sizes(outcome).into_iter().filter_map(|states| outcome.plain(states, form, expectations)).collect();
         if timings.is_empty() {

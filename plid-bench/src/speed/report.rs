@@ -3,8 +3,7 @@
 use plid_catalogue::CovarianceName;
 use plid_report::{Cell as Shown, Report, Table};
 
-use super::cell::{Cell, FORMS, word};
-use super::flops;
+use super::cell::{Cell, word};
 use super::outcome::{Outcome, Timing};
 use super::peers::{Peers, Size};
 use super::pictures;
@@ -52,9 +51,10 @@ fn largest(outcome: &Outcome) -> Option<String> {
     let states = pictures::sizes(outcome).into_iter().max()?;
     let expectations = pictures::shown_expectation(outcome)?;
     let direct = outcome.plain(states, CovarianceName::Direct, expectations)?;
-    let others: Vec<String> = FORMS[1..]
-        .iter()
-        .filter_map(|&form| {
+    let others: Vec<String> = CovarianceName::all()
+        .into_iter()
+        .filter(|&form| form != CovarianceName::Direct)
+        .filter_map(|form| {
             let timing = outcome.plain(states, form, expectations)?;
             Some(format!("{} {:.2} times as long", word(&form), timing.passes / direct.passes))
         })
@@ -197,9 +197,13 @@ fn term_table(outcome: &Outcome) -> Table {
         word(&expectations)
     );
     let mut table = Table::new(caption).column("part", "");
-    let of = |form| flops::terms(&Cell::plain(STATES, form, expectations));
+    let of = |form| {
+        let cell = Cell::plain(STATES, form, expectations);
+        cell.variant.flops(&cell.size())
+    };
     let mut parts: Vec<&str> = Vec::new();
-    for form in FORMS {
+    let forms = CovarianceName::all();
+    for &form in &forms {
         table = table.column(word(&form), "Mflop");
         for term in of(form) {
             if !parts.contains(&term.what) {
@@ -210,7 +214,7 @@ fn term_table(outcome: &Outcome) -> Table {
     let cells = |part: &str| {
         let megaflops =
             |form| of(form).iter().filter(|term| term.what == part).map(|term| term.flops / 1e6).sum::<f64>();
-        let shown = FORMS.map(|form| match megaflops(form) {
+        let shown = forms.iter().map(|&form| match megaflops(form) {
             0.0 => Shown::Number(String::new()),
             value => Shown::fixed(value, 3),
         });

@@ -3,7 +3,7 @@
 use plid_catalogue::{CovarianceName as Form, ExpectationName as Expectation, ScalarName, Variant};
 use serde::Serialize;
 
-use super::cell::{EXPECTATIONS, FORMS, word};
+use super::cell::{expectations as all_expectations, word};
 use super::outcome::{Outcome, Timing};
 use super::peers::Peers;
 use crate::Noise;
@@ -31,21 +31,21 @@ pub struct Target {
 /// All targets of which the cells were measured.
 pub fn targets(outcome: &Outcome, peers: Option<&Peers>) -> Vec<Target> {
     let mut targets = Vec::new();
-    targets.extend(EXPECTATIONS.into_iter().filter_map(|e| passes(outcome, e)));
-    for form in [Form::Joseph, Form::BiermanUd, Form::ArraySqrt] {
+    targets.extend(all_expectations().into_iter().filter_map(|e| passes(outcome, e)));
+    for form in Form::all().into_iter().filter(|&form| form != Form::Direct) {
         for noise in [Noise::Diagonal, Noise::Full] {
-            targets.extend(EXPECTATIONS.into_iter().filter_map(|e| beside_direct(outcome, form, e, noise)));
+            targets.extend(all_expectations().into_iter().filter_map(|e| beside_direct(outcome, form, e, noise)));
         }
     }
     targets.extend(peers.map(beside_peers).unwrap_or_default());
     targets.extend(slopes(outcome));
-    for form in FORMS {
+    for form in Form::all() {
         targets.extend(single_precision(outcome, form));
     }
-    for form in FORMS {
+    for form in Form::all() {
         targets.extend(two_threads(outcome, form));
     }
-    for form in FORMS {
+    for form in Form::all() {
         targets.extend(real_time(outcome, form));
     }
     targets.extend(allocations(outcome));
@@ -161,7 +161,7 @@ fn single_precision(outcome: &Outcome, form: Form) -> Vec<Target> {
         let limit_us = 0.6 * double.median_us;
         Some(at_most(what, single.median_us / double.median_us, 0.6, "× f64", || reason(outcome, single, limit_us)))
     };
-    EXPECTATIONS.into_iter().filter_map(of).collect()
+    all_expectations().into_iter().filter_map(of).collect()
 }
 
 fn two_threads(outcome: &Outcome, form: Form) -> Vec<Target> {
@@ -182,12 +182,12 @@ fn two_threads(outcome: &Outcome, form: Form) -> Vec<Target> {
         };
         Some(Target { what, target: "≥ 1.5 × as fast".into(), found, met: Some(met), reason })
     };
-    [48, STATES].into_iter().flat_map(|n| EXPECTATIONS.map(|e| (n, e))).filter_map(of).collect()
+    [48, STATES].into_iter().flat_map(|n| all_expectations().into_iter().map(move |e| (n, e))).filter_map(of).collect()
 }
 
 fn real_time(outcome: &Outcome, form: Form) -> Option<Target> {
     // The expectation that takes longest stands for the form.
-    let worst = EXPECTATIONS
+    let worst = all_expectations()
         .into_iter()
         .filter_map(|expectations| outcome.plain(STATES, form, expectations))
         .max_by(|a, b| a.p99_9_us.total_cmp(&b.p99_9_us))?;

@@ -8,7 +8,7 @@ use plid_lab::identify::{Samples, free_run_error};
 use plid_testbed::OUTPUTS;
 use serde::{Deserialize, Serialize};
 
-use super::covariance::{bad_pivot, dense, estimate_errors, nees, quads, scaled_difference};
+use super::covariance::{bad_pivot, estimate_errors, nees, quads, scaled_difference};
 use super::group::{Group, word};
 use super::problem::Problem;
 use super::record::Check;
@@ -189,7 +189,7 @@ pub fn run(
         }
         let snapshot = reference.and_then(|r| r.snapshots.iter().find(|s| s.step == step));
         if let Some(snapshot) = snapshot {
-            let p = dense(form, &recursion.covariance_state(), group.joint_states());
+            let p = recursion.exact_covariance();
             let estimate = quads(&recursion.estimate());
             let (relative, deviations) = estimate_errors(&estimate, &snapshot.estimate, &snapshot.deviations);
             let covariance = finite(scaled_difference(&p, &snapshot.covariance, &snapshot.deviations));
@@ -214,7 +214,7 @@ pub fn run(
         let rounded: Vec<f64> = estimate.iter().map(|&x| plid_core::Scalar::to_f64(x)).collect();
         cell.free_run = finite(free_run(&rounded, &problem.form, &problem.record.check));
         if let Some(truth) = &problem.record.truth {
-            let p = dense(form, &recursion.covariance_state(), group.joint_states());
+            let p = recursion.exact_covariance();
             cell.nees = nees(&p, &estimate, truth, group.states);
         }
     }
@@ -228,16 +228,12 @@ fn finite(x: f64) -> Option<f64> {
 
 /// Where P fails to be positive definite, if it does. A factor is judged by its own pivots: U D U^T is positive as long as D is.
 fn look(recursion: &dyn Recursion, form: CovarianceName, group: &Group) -> Option<(String, f64)> {
-    let bad = match form {
-        CovarianceName::Direct | CovarianceName::Joseph => {
-            let p = dense(form, &recursion.covariance_state(), group.joint_states());
-            bad_pivot(&p).map(|bad| (bad.index, bad.value))
-        }
-        CovarianceName::BiermanUd | CovarianceName::ArraySqrt => {
-            let health = recursion.health();
-            let good = health.smallest_pivot > 0.0 && health.smallest_pivot.is_finite();
-            (!good).then_some((health.index, health.smallest_pivot))
-        }
+    let bad = if form.is_factored() {
+        let health = recursion.health();
+        let good = health.smallest_pivot > 0.0 && health.smallest_pivot.is_finite();
+        (!good).then_some((health.index, health.smallest_pivot))
+    } else {
+        bad_pivot(&recursion.exact_covariance()).map(|bad| (bad.index, bad.value))
     };
     // What is not a number cannot be kept in JSON; the entry says where it is.
     bad.map(|(index, pivot)| (entry_name(index, group.states), finite(pivot).unwrap_or(f64::MIN)))
@@ -251,16 +247,15 @@ fn local(
     before: &plid_core::Checkpoint,
     step: usize,
 ) -> Result<Option<LocalAt>, VariantError> {
-    let size = problem.group.joint_states();
     let mut exact = problem.recursion(form, ScalarName::DoubleDouble)?;
     exact.restore(before)?;
     // What stops the exact step is the state it starts from, and no rounding of this step.
     if problem.step(exact.as_mut(), step - 1).is_err() {
         return Ok(None);
     }
-    let reference = dense(form, &exact.covariance_state(), size);
+    let reference = exact.exact_covariance();
     let Ok(deviations) = super::covariance::deviations(&reference) else { return Ok(None) };
-    let found = dense(form, &recursion.covariance_state(), size);
+    let found = recursion.exact_covariance();
     let (_, moved) = estimate_errors(&quads(&recursion.estimate()), &quads(&exact.estimate()), &deviations);
     let covariance = finite(scaled_difference(&found, &reference, &deviations));
     Ok(Some(LocalAt { step, deviations: moved, covariance }))

@@ -101,8 +101,11 @@ pub fn judge(cells: Vec<Cell>) -> Result<Vec<Judged>, ModelError> {
 /// In f64, Bierman UD. Parameter noise enters a matrix in another way than a factor, which makes another filter of it; the peer of a matrix is
 /// then the direct form.
 fn peer_form(cell: &Cell) -> CovarianceName {
-    let matrix = matches!(cell.form, CovarianceName::Direct | CovarianceName::Joseph);
-    if matrix && cell.group.parameter_noise > 0.0 { CovarianceName::Direct } else { CovarianceName::BiermanUd }
+    if !cell.form.is_factored() && cell.group.parameter_noise > 0.0 {
+        CovarianceName::Direct
+    } else {
+        CovarianceName::BiermanUd
+    }
 }
 
 fn with_class(cell: Cell, peer: Option<&Cell>, response: Option<f64>) -> Judged {

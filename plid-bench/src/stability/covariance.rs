@@ -1,45 +1,9 @@
 //! What can be asked of a P: formed in double-double from the very numbers that a form stores, so that the asking adds no rounding.
 
 use num_traits::{One, Zero};
-use plid_catalogue::CovarianceName;
-use plid_core::kernels::{BadPivot, axpy, cholesky, semidefinite_ldl, solve_lower};
+use plid_core::kernels::{BadPivot, cholesky, semidefinite_ldl, solve_lower};
 use plid_core::{Dense, Matrix, Scalar};
 use qd::Quad;
-
-/// P, N x N, from the numbers of [`plid_catalogue::Recursion::covariance_state`]: the lower triangle of P, or d and the columns of U down to
-/// the diagonal.
-pub fn dense(form: CovarianceName, state: &[[f64; 2]], size: usize) -> Dense<Quad> {
-    let mut p = Dense::<Quad>::zeros(size, size);
-    match form {
-        CovarianceName::Direct | CovarianceName::Joseph => {
-            let mut rest = state;
-            for j in 0..size {
-                let (column, tail) = rest.split_at(size - j);
-                for (to, &from) in p.column_mut(j)[j..].iter_mut().zip(column) {
-                    *to = Quad::from_parts(from);
-                }
-                rest = tail;
-            }
-        }
-        CovarianceName::BiermanUd | CovarianceName::ArraySqrt => {
-            let (d, mut rest) = state.split_at(size);
-            for (k, &d) in d.iter().enumerate() {
-                let (column, tail) = rest.split_at(k + 1);
-                let column: Vec<Quad> = column.iter().map(|&x| Quad::from_parts(x)).collect();
-                for j in 0..=k {
-                    axpy(Quad::from_parts(d) * column[j], &column[j..], &mut p.column_mut(j)[j..=k]);
-                }
-                rest = tail;
-            }
-        }
-    }
-    for j in 0..size {
-        for i in j + 1..size {
-            *p.at_mut(j, i) = p.at(i, j);
-        }
-    }
-    p
-}
 
 /// The first pivot of P that is not positive, if there is one: of the correlation matrix, so that entries of s with different units
 /// count alike. A Cholesky factorisation in f64 that succeeds settles it; one that fails is done again in double-double.
@@ -129,25 +93,23 @@ pub fn quads(parts: &[[f64; 2]]) -> Vec<Quad> {
 mod tests {
     use super::*;
     use plid_backends::Plain;
-    use plid_catalogue::{ScalarName, Variant};
-    use plid_core::{CovariancePropagation, InitialCovariance, NoiseModel, ObservableForm, ScalarOf, Settings};
+    use plid_catalogue::{CovarianceName, ScalarName, Variant};
+    use plid_core::{InitialCovariance, Inspect, NoiseModel, ObservableForm, ScalarOf, ScalarUpdate, Settings};
     use plid_variants::covariance::{BiermanUd, Direct};
 
-    /// The layouts are those of the forms: what is formed here is what the recursion itself gives.
+    /// P in double-double is what the recursion itself gives, to its own roundoff.
     #[test]
     fn the_matrix_is_that_of_the_recursion() {
         let form = ObservableForm::new(&[2, 1], 1).unwrap();
         let noise = NoiseModel::diagonal(&[1e-2; 2], &[1e-3], &[1e-3; 3]);
         let settings = Settings::new(&form, 1.0, 0.5);
-        for covariance in
-            [CovarianceName::Direct, CovarianceName::Joseph, CovarianceName::BiermanUd, CovarianceName::ArraySqrt]
-        {
+        for covariance in CovarianceName::BUILT_IN {
             let variant = Variant { covariance, scalar: ScalarName::F64, ..Variant::default() };
             let mut recursion = variant.build(form.clone(), &noise, &settings).unwrap();
             for k in 0..20 {
                 recursion.step(&[f64::from(k).sin(), f64::from(k).cos()], &[f64::from(k % 3)], false).unwrap();
             }
-            let p = dense(covariance, &recursion.covariance_state(), 12);
+            let p = recursion.exact_covariance();
             let expected = recursion.identified().covariance;
             for j in 0..12 {
                 for i in 0..12 {
@@ -160,15 +122,15 @@ mod tests {
     }
 
     /// P after two measurements of Dyer and McReynolds' example, in the numbers of a form.
-    fn dyer_mcreynolds<C: CovariancePropagation>(form: CovarianceName, d: f64) -> Dense<Quad> {
+    fn dyer_mcreynolds<C: Inspect + ScalarUpdate>(d: f64) -> Dense<Quad> {
         let model = ObservableForm::new(&[1], 1).unwrap();
-        let mut p = C::new(&model, &InitialCovariance::Diagonal(vec![1.0; 3])).unwrap();
+        let mut p = C::new(&model, &InitialCovariance::Diagonal(vec![1.0; 3]), &C::Options::default()).unwrap();
         let number = ScalarOf::<C>::from_f64;
         let mut gain = [number(0.0); 3];
         // A form that finds an innovation variance that is not positive keeps its last P.
         let _ = p.scalar_update(&[number(1.0); 3], number(d * d), &mut gain);
         let _ = p.scalar_update(&[number(1.0), number(1.0), number(1.0) + number(d)], number(d * d), &mut gain);
-        dense(form, &p.state().into_iter().map(Scalar::to_parts).collect::<Vec<_>>(), 3)
+        p.dense_in()
     }
 
     /// The distance from double-double is the true error, where the answer is known in closed form.
@@ -184,11 +146,11 @@ mod tests {
             let rows = [[a, number(-3.0), c], [number(-3.0), a, c], [c, c, number(4.0) + d * d]];
             Dense::from_fn(3, 3, |i, j| rows[i][j] / scale)
         };
-        let reference = dyer_mcreynolds::<Direct<Plain<Quad>>>(CovarianceName::Direct, d);
+        let reference = dyer_mcreynolds::<Direct<Plain<Quad>>>(d);
         let deviations = deviations(&exact).unwrap();
         assert!(scaled_difference(&reference, &exact, &deviations) < 1e-14);
-        let conventional = dyer_mcreynolds::<Direct<Plain<f64>>>(CovarianceName::Direct, d);
-        let factored = dyer_mcreynolds::<BiermanUd<Plain<f64>>>(CovarianceName::BiermanUd, d);
+        let conventional = dyer_mcreynolds::<Direct<Plain<f64>>>(d);
+        let factored = dyer_mcreynolds::<BiermanUd<Plain<f64>>>(d);
         let error = |p: &Dense<Quad>, from: &Dense<Quad>| scaled_difference(p, from, &deviations);
         for p in [&conventional, &factored] {
             let (found, true_error) = (error(p, &reference), error(p, &exact));

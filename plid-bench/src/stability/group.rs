@@ -52,9 +52,6 @@ pub struct Group {
 
 /// The step at which the long run is compared with double precision.
 const COMPARED_AT: usize = 100_000;
-/// Every form.
-pub const FORMS: [CovarianceName; 4] =
-    [CovarianceName::Direct, CovarianceName::Joseph, CovarianceName::BiermanUd, CovarianceName::ArraySqrt];
 /// The scalars that are judged.
 pub const SCALARS: [ScalarName; 2] = [ScalarName::F32, ScalarName::F64];
 
@@ -74,7 +71,7 @@ impl Group {
     pub fn cells(&self) -> Vec<(CovarianceName, ScalarName)> {
         match self.part {
             Part::Long => SCALARS.map(|scalar| (CovarianceName::BiermanUd, scalar)).to_vec(),
-            _ => FORMS.iter().flat_map(|&form| SCALARS.map(|scalar| (form, scalar))).collect(),
+            _ => CovarianceName::all().into_iter().flat_map(|form| SCALARS.map(|scalar| (form, scalar))).collect(),
         }
     }
 

@@ -7,7 +7,7 @@ use plid_core::Dense;
 use qd::Quad;
 use serde::{Deserialize, Serialize};
 
-use super::covariance::{condition, dense, deviations, quads, scaled_difference};
+use super::covariance::{condition, deviations, quads, scaled_difference};
 use super::group::one_three;
 use super::problem::Problem;
 
@@ -67,7 +67,7 @@ pub fn reference(
     form: CovarianceName,
     may_go_on: &dyn Fn() -> bool,
 ) -> Result<Option<Reference>, VariantError> {
-    let factored = form == CovarianceName::BiermanUd;
+    let factored = form.is_factored();
     let last = problem.group.reference_steps / if factored { DEARER } else { 1 };
     let begin = Instant::now();
     let Some(snapshots) = run(problem, form, &one_three(last), may_go_on)? else { return Ok(None) };
@@ -112,7 +112,7 @@ fn run(
             break;
         }
         if at.contains(&step) {
-            let covariance = dense(form, &recursion.covariance_state(), problem.group.joint_states());
+            let covariance = recursion.exact_covariance();
             let Ok(deviations) = deviations(&covariance) else { break };
             snapshots.push(Snapshot { step, estimate: quads(&recursion.estimate()), covariance, deviations });
         }

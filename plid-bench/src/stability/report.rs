@@ -5,7 +5,7 @@ use plid_report::{Axis, Cell as Field, Chart, Report, Series, Table, chart};
 
 use super::classify::{Judged, rule};
 use super::grid::{self, Grid, draw};
-use super::group::{FORMS, Part, SCALARS, word};
+use super::group::{Part, SCALARS, word};
 use super::outcome::Outcome;
 use super::verdicts::name;
 
@@ -53,7 +53,7 @@ pub fn page(outcome: &Outcome) -> Report {
 
 /// Form and scalar, in the order of all pictures: the scalars apart.
 fn pairs() -> Vec<(CovarianceName, ScalarName)> {
-    SCALARS.iter().flat_map(|&scalar| FORMS.map(|form| (form, scalar))).collect()
+    SCALARS.iter().flat_map(|&scalar| CovarianceName::all().into_iter().map(move |form| (form, scalar))).collect()
 }
 
 fn field(judged: &Judged) -> grid::Field {
@@ -117,12 +117,9 @@ fn by_label(outcome: &Outcome, part: Part, states: usize) -> String {
 
 /// A form has one colour; single precision is dashed.
 fn colour(form: CovarianceName) -> &'static str {
-    match form {
-        CovarianceName::Direct => "#d55e00",
-        CovarianceName::Joseph => "#e69f00",
-        CovarianceName::BiermanUd => "#0072b2",
-        CovarianceName::ArraySqrt => "#009e73",
-    }
+    const COLOURS: [&str; 6] = ["#d55e00", "#e69f00", "#0072b2", "#009e73", "#cc79a7", "#56b4e9"];
+    let place = CovarianceName::all().iter().position(|&other| other == form).unwrap_or(0);
+    COLOURS[place % COLOURS.len()]
 }
 
 fn errors(report: Report, outcome: &Outcome) -> Report {

@@ -88,10 +88,6 @@ fn reference_key(group: &Group, form: CovarianceName) -> String {
     format!("{}, {} double-double", group.key(), super::group::word(&form))
 }
 
-fn is_factored(form: CovarianceName) -> bool {
-    matches!(form, CovarianceName::BiermanUd | CovarianceName::ArraySqrt)
-}
-
 struct Study<'a> {
     journal: Mutex<Journal<Entry>>,
     records: Mutex<BTreeMap<String, Arc<Record>>>,
@@ -123,11 +119,11 @@ impl Study<'_> {
             let found = reference(&problem, name, &go).map_err(StudyError::cell(&key))?;
             let found = found.ok_or_else(|| self.lock().interrupted())?;
             self.lock().append(&reference_key(group, name), Entry::Reference(found.summary.clone()))?;
-            known.push((is_factored(name), found));
+            known.push((name.is_factored(), found));
         }
         for (form, scalar) in wanted {
             let own =
-                known.iter().rfind(|(factored, _)| !factored || is_factored(form)).map(|(_, reference)| reference);
+                known.iter().rfind(|(factored, _)| !factored || form.is_factored()).map(|(_, reference)| reference);
             let cell_key = Cell::key(group, form, scalar);
             let go = self.ticker(group, 1);
             let cell = cell::run(&problem, (form, scalar), own, &go).map_err(StudyError::cell(&cell_key))?;

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::classify::{Class, Judged, RESPONSE_LIMIT};
 use super::config::Config;
-use super::group::{FORMS, Part, SCALARS, word};
+use super::group::{Part, SCALARS, word};
 
 /// A claim with what the cells say of it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -215,7 +215,7 @@ fn hard_starts(cells: &Cells<'_>) -> Claim {
     let mut numbers = Vec::new();
     let mut unharmed = Vec::new();
     for scalar in SCALARS {
-        for form in FORMS {
+        for form in Form::all() {
             let cells = cells.of(Part::Adversarial, form, scalar);
             if cells.is_empty() {
                 continue;
@@ -258,7 +258,7 @@ pub fn recommended(config: &Config, cells: &Cells<'_>, start_ratio: f64) -> Vec<
                     scalar,
                     states,
                     steps,
-                    fastest_sound: FORMS.into_iter().find(|&form| holds(form)),
+                    fastest_sound: Form::all().into_iter().find(|&form| holds(form)),
                     recommended,
                     holds: holds(recommended),
                 });

@@ -13,7 +13,7 @@ pub struct Shift {
 
 impl Shift {
     /// The J of a model.
-    pub fn new(model: &impl ImplicitModel) -> Self {
+    pub fn new(model: &dyn ImplicitModel) -> Self {
         let sources: Vec<_> = (0..model.states()).map(|i| model.shift_source(i)).collect();
         let mut runs: Vec<(usize, usize, usize)> = Vec::new();
         let mut empty = Vec::new();

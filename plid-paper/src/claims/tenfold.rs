@@ -1,6 +1,6 @@
 //! What a square root costs.
 
-use plid_bench::speed::{self, Config, FORMS, Outcome};
+use plid_bench::speed::{self, Config, Outcome};
 use plid_catalogue::{CovarianceName, ExpectationName};
 use serde::Deserialize;
 
@@ -39,7 +39,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
             };
             let direct = find(CovarianceName::Direct, expectations)?;
             let mut row = vec![states.to_string(), speed::word(&expectations), format!("{:.1}", direct.least_us)];
-            for form in FORMS.into_iter().skip(1) {
+            for form in CovarianceName::BUILT_IN.into_iter().filter(|&form| form != CovarianceName::Direct) {
                 let other = find(form, expectations)?;
                 let (time, work) = (
                     other.least_us / direct.least_us,
@@ -47,7 +47,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
                 );
                 row.push(format!("{time:.2}"));
                 row.push(format!("{work:.2}"));
-                if matches!(form, CovarianceName::BiermanUd | CovarianceName::ArraySqrt) {
+                if form.is_factored() {
                     (most_time, most_work) = (most_time.max(time), most_work.max(work));
                     let name = format!("{}, {states} states, {}", speed::word(&form), speed::word(&expectations));
                     finding = finding.timed(format!("time over direct, {name}"), time, "").figure(

@@ -18,7 +18,7 @@ pub struct Advance<S> {
 
 impl<S: Kernels> Advance<S> {
     /// J and the c_k of `model`.
-    pub fn new(model: &impl ImplicitModel, layout: PanelLayout) -> Self {
+    pub fn new(model: &dyn ImplicitModel, layout: PanelLayout) -> Self {
         let offset = |i: usize| model.shift_source(i).map(|from| i - from);
         let mut offsets: Vec<usize> = (0..layout.n()).filter_map(offset).collect();
         offsets.sort_unstable();

@@ -5,7 +5,7 @@ use plid_core::{Scalar, ViewMut};
 
 use super::symmetric::{Innovations, Symmetric, UpdateRule};
 
-/// Direct propagation (Eq. 8-10), as two phases (plid-mathematics, section 4).
+/// Direct propagation (Eq. 8-10), as two phases.
 pub type Direct<B> = Symmetric<B, DirectRule>;
 
 /// P+ = P - K Re K^T.

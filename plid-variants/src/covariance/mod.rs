@@ -4,6 +4,7 @@ mod array_sqrt;
 mod bierman_ud;
 mod corner;
 mod direct;
+mod factored;
 mod joseph;
 mod parameter_blocks;
 mod symmetric;
@@ -11,9 +12,12 @@ mod triangular;
 
 pub use array_sqrt::ArraySqrt;
 pub use bierman_ud::BiermanUd;
+pub use corner::{Corner, Laid};
 pub use direct::Direct;
+pub use factored::{FactorRule, Factored};
 pub use joseph::Joseph;
 pub use symmetric::{Innovations, Symmetric, UpdateRule};
+pub use triangular::{Triangular, Updates};
 
 use plid_core::{Dense, InitialCovariance, Matrix, Scalar, kernels, kernels::BadPivot};
 

@@ -3,10 +3,10 @@
 use std::marker::PhantomData;
 
 use num_traits::{One, Zero};
-use plid_core::kernels::{BadPivot, Kernels, Shift, axpy, cholesky, dot, semidefinite_ldl};
+use plid_core::kernels::{BadPivot, Kernels, Shift, axpy, cholesky, dot};
 use plid_core::{
-    Backend, CovariancePropagation, Dense, Health, ImplicitModel, InitialCovariance, Matrix, NoiseTerms, Scalar,
-    Transition, View, ViewMut,
+    Backend, Checkpointed, CovariancePropagation, Dense, Form, FormFacts, ImplicitModel, InitialCovariance, Inspect,
+    Matrix, NoiseTerms, Scalar, ScalarUpdate, StepSize, Term, Transition, Unsupported, View, ViewMut,
 };
 
 use super::factor_initial;
@@ -130,9 +130,10 @@ impl<B: Backend, R: UpdateRule> Symmetric<B, R> {
 }
 
 impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
-    type Backend = B;
+    type Scalar = B::Scalar;
+    type Options = ();
 
-    fn new(model: &impl ImplicitModel, initial: &InitialCovariance) -> Result<Self, BadPivot> {
+    fn new(model: &dyn ImplicitModel, initial: &InitialCovariance, _: &()) -> Result<Self, BadPivot> {
         factor_initial::<B::Scalar>(initial)?;
         let (n, outputs, size) = (model.states(), model.outputs(), model.joint_states());
         let mut p = B::Matrix::zeros(size, size);
@@ -207,25 +208,7 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
         Ok(())
     }
 
-    fn scalar_update(&mut self, h: &[B::Scalar], r: B::Scalar, gain: &mut [B::Scalar]) -> Result<(), BadPivot> {
-        let observe = |p: View<'_, B::Scalar>, mut cross: ViewMut<'_, B::Scalar>| {
-            let cross = cross.column_mut(0);
-            cross.fill(B::Scalar::zero());
-            for j in 0..h.len() {
-                let column = &p.column(j)[j..];
-                cross[j] += dot(column, &h[j..]);
-                axpy(h[j], &column[1..], &mut cross[j + 1..]);
-            }
-        };
-        observe(self.p.view(), self.cross.view_mut());
-        *self.output.at_mut(0, 0) = dot(h, self.cross.view().column(0));
-        *self.sensor.at_mut(0, 0) = r;
-        self.correct(1, observe)?;
-        gain.copy_from_slice(self.gain.view().column(0));
-        Ok(())
-    }
-
-    fn time_update(&mut self, model: &impl ImplicitModel, transition: &Transition<B::Scalar>) -> Result<(), BadPivot> {
+    fn time_update(&mut self, model: &dyn ImplicitModel, transition: &Transition<B::Scalar>) -> Result<(), BadPivot> {
         let (n, size) = (self.n, self.p.view().rows());
         let Transition { abar, phi, qbar, .. } = transition;
         let (abar, rows) = (abar.view(), model.output_states());
@@ -268,36 +251,31 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
         Ok(())
     }
 
-    fn add_parameter_noise(&mut self, q: B::Scalar, _step: u64) {
-        let mut p = self.p.view_mut();
-        for i in self.n..p.rows() {
-            *p.at_mut(i, i) += q;
-        }
-    }
-
-    fn scale(&mut self, factor: B::Scalar) {
+    fn scale(&mut self, factor: B::Scalar) -> Result<(), Unsupported> {
         let mut p = self.p.view_mut();
         for j in 0..p.columns() {
             p.column_mut(j)[j..].iter_mut().for_each(|x| *x *= factor);
         }
+        Ok(())
     }
 
-    fn dense(&self) -> Dense<B::Scalar> {
-        let p = self.p.view();
-        Dense::from_fn(p.rows(), p.rows(), |i, j| p.at(i.max(j), i.min(j)))
-    }
-
-    fn health(&self) -> Health {
-        let mut p = self.dense();
-        let mut pivots = vec![B::Scalar::zero(); p.rows()];
-        match semidefinite_ldl(p.view_mut(), &mut pivots, 0.0, 0.0) {
-            Ok(()) => Health::from_pivots(pivots.iter().map(|d| d.to_f64()), 0.0),
-            Err(BadPivot { index, value }) => {
-                Health { smallest_pivot: value, index, symmetry_defect: 0.0, condition: f64::INFINITY }
-            }
+    fn add_parameter_noise(&mut self, q: B::Scalar, _step: u64) -> Result<(), Unsupported> {
+        let mut p = self.p.view_mut();
+        for i in self.n..p.rows() {
+            *p.at_mut(i, i) += q;
         }
+        Ok(())
     }
+}
 
+impl<B: Backend, R: UpdateRule> Inspect for Symmetric<B, R> {
+    fn dense_in<T: Scalar>(&self) -> Dense<T> {
+        let p = self.p.view();
+        Dense::from_fn(p.rows(), p.rows(), |i, j| T::from_parts(p.at(i.max(j), i.min(j)).to_parts()))
+    }
+}
+
+impl<B: Backend, R: UpdateRule> Checkpointed for Symmetric<B, R> {
     fn state(&self) -> Vec<B::Scalar> {
         let p = self.p.view();
         (0..p.columns()).flat_map(|j| p.column(j)[j..].iter().copied()).collect()
@@ -317,4 +295,63 @@ impl<B: Backend, R: UpdateRule> CovariancePropagation for Symmetric<B, R> {
         }
         true
     }
+}
+
+impl<B: Backend, R: UpdateRule> ScalarUpdate for Symmetric<B, R> {
+    fn scalar_update(&mut self, h: &[B::Scalar], r: B::Scalar, gain: &mut [B::Scalar]) -> Result<(), BadPivot> {
+        let observe = |p: View<'_, B::Scalar>, mut cross: ViewMut<'_, B::Scalar>| {
+            let cross = cross.column_mut(0);
+            cross.fill(B::Scalar::zero());
+            for j in 0..h.len() {
+                let column = &p.column(j)[j..];
+                cross[j] += dot(column, &h[j..]);
+                axpy(h[j], &column[1..], &mut cross[j + 1..]);
+            }
+        };
+        observe(self.p.view(), self.cross.view_mut());
+        *self.output.at_mut(0, 0) = dot(h, self.cross.view().column(0));
+        *self.sensor.at_mut(0, 0) = r;
+        self.correct(1, observe)?;
+        gain.copy_from_slice(self.gain.view().column(0));
+        Ok(())
+    }
+}
+
+impl<B: Backend, R: UpdateRule> Form for Symmetric<B, R> {
+    const FACTS: FormFacts = FormFacts {
+        factored: false,
+        updates: |size| update_flops(size, R::CORRECTIONS as f64),
+        parameter_blocks: block_flops,
+        output_columns: |_| Vec::new(),
+    };
+}
+
+/// Each of the `corrections` of the measurement update is a product of rank p that is taken off P.
+fn update_flops(size: &StepSize, corrections: f64) -> Vec<Term> {
+    let (n, p, c, joint) = (size.n, size.p, size.columns(), size.joint());
+    vec![
+        // K = P H^T (L L^T)^-1: two triangular solves of p^2 operations for each of N rows.
+        Term { what: "gain", flops: 2.0 * joint * p * p },
+        // A product and a sum for every entry of the triangle and each of p columns; and its factor.
+        Term {
+            what: "measurement update of P",
+            flops: corrections * (2.0 * p * size.triangle() + joint * p * (p + 1.0)),
+        },
+        // (K Re K^T)_ii for each of N variances.
+        Term { what: "check of the variances", flops: joint * p * (p + 3.0) },
+        // Abar P_xx Abar^T: p products for each of n^2 entries, and one with the one or zero of J, from either side; the same
+        // from one side for P_{theta x}.
+        Term { what: "Abar on the states' rows", flops: 2.0 * (p + 1.0) * (c + 2.0) * n * n },
+        // (phi (x) I) P_{theta x}, twice: 2 c for each of n^2 entries.
+        Term { what: "phi on P_{theta x}", flops: 4.0 * c * n * n },
+        // P_{theta theta} (phi (x) I)^T: each entry of the lower triangle serves itself and its mirror image, whose sums are then added.
+        Term { what: "phi on P_{theta theta}", flops: 2.0 * c * c * n * n + c * n * n },
+    ]
+}
+
+/// A symmetric block has n (n + 1) / 2 entries that count; one beside the diagonal n^2, and the sum of those is added to its transpose.
+fn block_flops(size: &StepSize, pairs: f64) -> Vec<Term> {
+    let (n, c) = (size.n, size.columns());
+    let mirrored = if pairs > 0.0 { n * n } else { 0.0 };
+    vec![Term { what: "sum of the parameters' blocks", flops: (c + 2.0 * pairs) * n * n + mirrored }]
 }

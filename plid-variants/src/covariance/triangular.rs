@@ -59,7 +59,7 @@ pub struct Updates<S> {
 
 impl<B: Backend> Triangular<B> {
     /// Factors P0.
-    pub fn new(model: &impl ImplicitModel, initial: &InitialCovariance) -> Result<Self, BadPivot> {
+    pub fn new(model: &dyn ImplicitModel, initial: &InitialCovariance) -> Result<Self, BadPivot> {
         let (p, size) = (model.outputs(), model.joint_states());
         let layout = PanelLayout::new(model.states(), model.parameter_columns() + 1);
         let (u0, d) = factor_initial::<B::Scalar>(initial)?;
@@ -258,20 +258,20 @@ impl<B: Backend> Triangular<B> {
         *self.direction.at_mut(place % n, place / n) = value;
     }
 
-    /// U diag(d) U^T.
-    pub fn dense(&self) -> Dense<B::Scalar> {
+    /// U diag(d) U^T in scalar `T`.
+    pub fn dense_in<T: Scalar>(&self) -> Dense<T> {
         let size = self.layout.size();
-        let mut p = Dense::<B::Scalar>::zeros(size, size);
-        let mut column = vec![B::Scalar::zero(); size];
+        let exactly = |x: B::Scalar| T::from_parts(x.to_parts());
+        let mut p = Dense::<T>::zeros(size, size);
+        let mut column = vec![T::zero(); size];
         for k in 0..size {
             for (i, x) in column.iter_mut().enumerate().take(k + 1) {
-                *x = self.at(i, k);
+                *x = exactly(self.at(i, k));
             }
             for j in 0..=k {
-                axpy(self.d[k] * column[j], &column[..=k], &mut p.column_mut(j)[..=k]);
+                axpy(exactly(self.d[k]) * column[j], &column[j..=k], &mut p.column_mut(j)[j..=k]);
             }
         }
-        // Both triangles are the same sum in another order of factors; keep one.
         Dense::from_fn(size, size, |i, j| p.at(i.max(j), i.min(j)))
     }
 

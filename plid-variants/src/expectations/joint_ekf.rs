@@ -1,8 +1,12 @@
 //! The joint extended Kalman filter: the model linearised about x+ and theta+.
 
-use plid_core::{ConditionalExpectations, CovariancePropagation, ImplicitModel, Moment, ScalarOf, Transition};
+use plid_core::kernels::Kernels;
+use plid_core::{
+    ConditionalExpectations, CovarianceBlocks, Expectation, FormFacts, ImplicitModel, StepSize, StepView, Term,
+    Transition,
+};
 
-use super::{Scratch, condition_on_sensor_noise, regress_on_estimate};
+use super::{Scratch, condition_on_sensor_noise, noise_flops, regress_on_estimate};
 
 /// The joint extended Kalman filter: the model linearised about x+ and theta+.
 #[derive(Clone, Debug)]
@@ -10,18 +14,25 @@ pub struct JointEkf<S> {
     scratch: Scratch<S>,
 }
 
-impl<C: CovariancePropagation> ConditionalExpectations<C> for JointEkf<ScalarOf<C>> {
-    fn new(model: &impl ImplicitModel) -> Self {
+impl<S: Kernels> ConditionalExpectations for JointEkf<S> {
+    type Scalar = S;
+    type Options = ();
+
+    fn new(model: &dyn ImplicitModel, _: &()) -> Self {
         Self { scratch: Scratch::new(model) }
     }
 
-    fn after<M: ImplicitModel>(
+    fn after(
         &mut self,
-        moment: &Moment<'_, ScalarOf<C>, M>,
-        _covariance: &mut C,
-        transition: &mut Transition<ScalarOf<C>>,
+        step: &StepView<'_, S>,
+        _covariance: &mut dyn CovarianceBlocks<S>,
+        transition: &mut Transition<S>,
     ) {
-        condition_on_sensor_noise(moment, &mut self.scratch, transition);
-        regress_on_estimate(moment, transition);
+        condition_on_sensor_noise(step, &mut self.scratch, transition);
+        regress_on_estimate(step, transition);
     }
+}
+
+impl<S: Kernels> Expectation for JointEkf<S> {
+    const FLOPS: fn(&StepSize, &FormFacts) -> Vec<Term> = noise_flops;
 }

@@ -1,4 +1,4 @@
-//! Which conditional expectation? A genuine choice (plid-mathematics, section 5), so one file each.
+//! The conditional expectations, one file each. Which to take is a genuine choice.
 //!
 //! "Minus" is before the measurement z_k, "plus" after it.
 
@@ -15,21 +15,21 @@ pub use posterior::Posterior;
 pub use prior::Prior;
 
 use plid_core::kernels::{Kernels, axpy};
-use plid_core::{Dense, ImplicitModel, Matrix, Moment, Scalar, Transition};
+use plid_core::{Dense, FormFacts, ImplicitModel, Matrix, Scalar, StepSize, StepView, Term, Transition};
 
 /// Column t of the parameters in s: a_1 .. a_p, then b_1 .. b_m.
 fn parameter<S>(s: &[S], n: usize, t: usize) -> &[S] {
     &s[(1 + t) * n..(2 + t) * n]
 }
 
-/// What E[G] with the parameters of `moment.s` makes of the noise given w: the columns of Abar, a_i - (B L + M)_i, or a_i where
+/// What E[G] with the parameters of `step.s` makes of the noise given w: the columns of Abar, a_i - (B L + M)_i, or a_i where
 /// output i is missing, and Qbar = Sigma' + B Q' B^T + B S' + (B S')^T, which is E[G] (Q0 - S R^-1 S^T) E[G]^T.
-fn condition_on_sensor_noise<S: Kernels, M: ImplicitModel>(
-    moment: &Moment<'_, S, M>,
+fn condition_on_sensor_noise<S: Kernels>(
+    step: &StepView<'_, S>,
     scratch: &mut Scratch<S>,
     transition: &mut Transition<S>,
 ) {
-    let Moment { model, noise, s, .. } = moment;
+    let StepView { model, noise, s, .. } = step;
     let (n, m, p) = (model.states(), model.inputs(), model.outputs());
     for i in 0..p {
         transition.abar.column_mut(i).copy_from_slice(parameter(s, n, i));
@@ -73,7 +73,7 @@ struct Scratch<S> {
 }
 
 impl<S: Scalar> Scratch<S> {
-    fn new(model: &impl ImplicitModel) -> Self {
+    fn new(model: &dyn ImplicitModel) -> Self {
         let (n, m) = (model.states(), model.inputs());
         Self { left: Dense::zeros(n, 2 * m), right: Dense::zeros(n, 2 * m) }
     }
@@ -81,9 +81,9 @@ impl<S: Scalar> Scratch<S> {
 
 /// The weights of the parameters' covariances where E[.] is not conditioned on z_k: Q0_ab sigma_a sigma_b, sigma = -1 for w
 /// and +1 for v. Missing outputs have none.
-fn unconditioned_weights<S: Scalar, M: ImplicitModel>(moment: &Moment<'_, S, M>, weights: &mut Dense<S>) {
-    let noise = moment.noise;
-    let (p, m) = (moment.model.outputs(), moment.model.inputs());
+fn unconditioned_weights<S: Scalar>(step: &StepView<'_, S>, weights: &mut Dense<S>) {
+    let noise = step.noise;
+    let (p, m) = (step.model.outputs(), step.model.inputs());
     weights.fill(S::zero());
     for (k, &i) in noise.available().iter().enumerate() {
         for (l, &j) in noise.available().iter().enumerate() {
@@ -103,8 +103,8 @@ fn unconditioned_weights<S: Scalar, M: ImplicitModel>(moment: &Moment<'_, S, M>,
 }
 
 /// phi = [z; u], x+_{c_i} in place of a missing z_i, and d = E[G] S R^-1 (z - C x+), which is the sum of -abar_i r_i.
-fn regress_on_measurement<S: Scalar, M: ImplicitModel>(moment: &Moment<'_, S, M>, transition: &mut Transition<S>) {
-    let Moment { model, noise, s, z, u, residual } = moment;
+fn regress_on_measurement<S: Scalar>(step: &StepView<'_, S>, transition: &mut Transition<S>) {
+    let StepView { model, noise, s, z, u, residual } = step;
     let p = model.outputs();
     for (i, &row) in model.output_states().iter().enumerate() {
         transition.phi[i] = s[row];
@@ -118,8 +118,8 @@ fn regress_on_measurement<S: Scalar, M: ImplicitModel>(moment: &Moment<'_, S, M>
 }
 
 /// phi = [C x+; u + L r] and d = M r.
-fn regress_on_estimate<S: Scalar, M: ImplicitModel>(moment: &Moment<'_, S, M>, transition: &mut Transition<S>) {
-    let Moment { model, noise, s, u, residual, .. } = moment;
+fn regress_on_estimate<S: Scalar>(step: &StepView<'_, S>, transition: &mut Transition<S>) {
+    let StepView { model, noise, s, u, residual, .. } = step;
     let p = model.outputs();
     for (i, &row) in model.output_states().iter().enumerate() {
         transition.phi[i] = s[row];
@@ -131,4 +131,18 @@ fn regress_on_estimate<S: Scalar, M: ImplicitModel>(moment: &Moment<'_, S, M>, t
     for (k, &r) in residual.iter().enumerate() {
         axpy(r, noise.m().column(k), &mut transition.drift);
     }
+}
+
+/// b_j (half b_j Q' + S')^T and its transpose for each input: a triangle each.
+fn noise_flops(size: &StepSize, _form: &FormFacts) -> Vec<Term> {
+    vec![Term { what: "B Q' B^T", flops: 2.0 * size.m * size.n * size.n }]
+}
+
+/// The same, and the blocks of P. Pairs of parameter columns count where their noises are correlated.
+fn unconditioned_flops(size: &StepSize, form: &FormFacts) -> Vec<Term> {
+    let c = size.columns();
+    let pairs = if size.full_noise { c * (c - 1.0) / 2.0 } else { 0.0 };
+    let mut terms = noise_flops(size, form);
+    terms.extend((form.parameter_blocks)(size, pairs));
+    terms
 }

@@ -1,14 +1,14 @@
 //! psi = Z^k throughout: the exact second moments of the next state if s given Z^k is Gaussian.
 
-use num_traits::{One, Zero};
 use plid_core::kernels::{Kernels, axpy};
 use plid_core::{
-    ConditionalExpectations, CovariancePropagation, Dense, ImplicitModel, Matrix, Moment, ScalarOf, Transition,
+    ConditionalExpectations, CovarianceBlocks, Dense, Expectation, FormFacts, ImplicitModel, Matrix, StepSize,
+    StepView, Term, Transition,
 };
 
-use super::{Scratch, condition_on_sensor_noise, regress_on_estimate};
+use super::{Scratch, condition_on_sensor_noise, noise_flops, regress_on_estimate};
 
-/// Moment matching (plid-mathematics, section 5).
+/// Moment matching.
 ///
 /// The row g_t that multiplies parameter column t is e_{c_i}^T for a_i and -(L C)_j for b_j: a combination of the outputs' rows,
 /// g_t = sum_i W_ti e_{c_i}^T. With E_ij = sum_t W_tj P_{theta_t, x_{c_i}} the two sums over parameter pairs become
@@ -29,8 +29,11 @@ pub struct MomentMatched<S> {
     swapped: Dense<S>,
 }
 
-impl<C: CovariancePropagation> ConditionalExpectations<C> for MomentMatched<ScalarOf<C>> {
-    fn new(model: &impl ImplicitModel) -> Self {
+impl<S: Kernels> ConditionalExpectations for MomentMatched<S> {
+    type Scalar = S;
+    type Options = ();
+
+    fn new(model: &dyn ImplicitModel, _: &()) -> Self {
         let (n, p, columns) = (model.states(), model.outputs(), model.parameter_columns());
         Self {
             scratch: Scratch::new(model),
@@ -43,20 +46,20 @@ impl<C: CovariancePropagation> ConditionalExpectations<C> for MomentMatched<Scal
         }
     }
 
-    fn after<M: ImplicitModel>(
+    fn after(
         &mut self,
-        moment: &Moment<'_, ScalarOf<C>, M>,
-        covariance: &mut C,
-        transition: &mut Transition<ScalarOf<C>>,
+        step: &StepView<'_, S>,
+        covariance: &mut dyn CovarianceBlocks<S>,
+        transition: &mut Transition<S>,
     ) {
-        condition_on_sensor_noise(moment, &mut self.scratch, transition);
-        regress_on_estimate(moment, transition);
-        let Moment { model, noise, .. } = moment;
+        condition_on_sensor_noise(step, &mut self.scratch, transition);
+        regress_on_estimate(step, transition);
+        let StepView { model, noise, .. } = step;
         let (n, p, m) = (model.states(), model.outputs(), model.inputs());
-        let one = ScalarOf::<C>::one();
+        let one = S::one();
         covariance.output_columns(model.output_states(), self.outputs.view_mut());
 
-        self.rows.fill(ScalarOf::<C>::zero());
+        self.rows.fill(S::zero());
         for i in 0..p {
             *self.rows.at_mut(i, i) = one;
         }
@@ -66,13 +69,13 @@ impl<C: CovariancePropagation> ConditionalExpectations<C> for MomentMatched<Scal
             }
         }
 
-        self.product.fill(ScalarOf::<C>::zero());
+        self.product.fill(S::zero());
         for j in 0..p {
             for (i, &row) in model.output_states().iter().enumerate() {
                 axpy(self.outputs.at(row, j), self.rows.column(i), self.product.column_mut(j));
             }
         }
-        self.weights.fill(ScalarOf::<C>::zero());
+        self.weights.fill(S::zero());
         for t in 0..p + m {
             for i in 0..p {
                 axpy(self.rows.at(t, i), self.product.column(i), self.weights.column_mut(t));
@@ -85,14 +88,14 @@ impl<C: CovariancePropagation> ConditionalExpectations<C> for MomentMatched<Scal
         }
         covariance.add_parameter_blocks(&self.weights, transition.qbar.view_mut());
 
-        self.crossed.fill(ScalarOf::<C>::zero());
+        self.crossed.fill(S::zero());
         for i in 0..p {
             let theta = &self.outputs.column(i)[n..];
             for j in 0..p {
                 let sum = self.crossed.column_mut(i * p + j);
                 for (t, block) in theta.chunks_exact(n).enumerate() {
                     let weight = self.rows.at(t, j);
-                    if weight != ScalarOf::<C>::zero() {
+                    if weight != S::zero() {
                         axpy(weight, block, sum);
                     }
                 }
@@ -104,11 +107,20 @@ impl<C: CovariancePropagation> ConditionalExpectations<C> for MomentMatched<Scal
                 self.swapped.column_mut(i * p + j).copy_from_slice(self.crossed.column(j * p + i));
             }
         }
-        ScalarOf::<C>::symmetric_product_lower(
-            transition.qbar.view_mut(),
-            one,
-            self.crossed.view(),
-            self.swapped.view(),
-        );
+        S::symmetric_product_lower(transition.qbar.view_mut(), one, self.crossed.view(), self.swapped.view());
     }
+}
+
+impl<S: Kernels> Expectation for MomentMatched<S> {
+    const FLOPS: fn(&StepSize, &FormFacts) -> Vec<Term> = |size, form| {
+        let (n, p, c) = (size.n, size.p, size.columns());
+        // Given the measurement, the outputs' noises are correlated through P, and the inputs' with them through R.
+        let pairs = if size.full_noise { c * (c - 1.0) / 2.0 } else { p * (p - 1.0) / 2.0 };
+        let mut terms = noise_flops(size, form);
+        terms.extend((form.parameter_blocks)(size, pairs));
+        terms.extend((form.output_columns)(size));
+        // E_ij E_ji^T for each pair of outputs: a triangle each.
+        terms.push(Term { what: "products of the crossed covariances", flops: p * p * n * n });
+        terms
+    };
 }

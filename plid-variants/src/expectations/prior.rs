@@ -1,10 +1,12 @@
 //! The expectation of Eq. 8-10 with psi = Z^{k-1}: parameters and their covariances from before the measurement.
 
+use plid_core::kernels::Kernels;
 use plid_core::{
-    ConditionalExpectations, CovariancePropagation, Dense, ImplicitModel, Matrix, Moment, ScalarOf, Transition,
+    ConditionalExpectations, CovarianceBlocks, Dense, Expectation, FormFacts, ImplicitModel, Matrix, StepSize,
+    StepView, Term, Transition,
 };
 
-use super::{Scratch, condition_on_sensor_noise, regress_on_measurement, unconditioned_weights};
+use super::{Scratch, condition_on_sensor_noise, regress_on_measurement, unconditioned_flops, unconditioned_weights};
 
 /// The expectation of Eq. 8-10 with psi = Z^{k-1}: parameters and their covariances from before the measurement.
 #[derive(Clone, Debug)]
@@ -13,29 +15,36 @@ pub struct Prior<S> {
     weights: Dense<S>,
 }
 
-impl<C: CovariancePropagation> ConditionalExpectations<C> for Prior<ScalarOf<C>> {
-    fn new(model: &impl ImplicitModel) -> Self {
+impl<S: Kernels> ConditionalExpectations for Prior<S> {
+    type Scalar = S;
+    type Options = ();
+
+    fn new(model: &dyn ImplicitModel, _: &()) -> Self {
         let columns = model.parameter_columns();
         Self { scratch: Scratch::new(model), weights: Dense::zeros(columns, columns) }
     }
 
-    fn before<M: ImplicitModel>(
+    fn before(
         &mut self,
-        moment: &Moment<'_, ScalarOf<C>, M>,
-        covariance: &mut C,
-        transition: &mut Transition<ScalarOf<C>>,
+        step: &StepView<'_, S>,
+        covariance: &mut dyn CovarianceBlocks<S>,
+        transition: &mut Transition<S>,
     ) {
-        condition_on_sensor_noise(moment, &mut self.scratch, transition);
-        unconditioned_weights(moment, &mut self.weights);
+        condition_on_sensor_noise(step, &mut self.scratch, transition);
+        unconditioned_weights(step, &mut self.weights);
         covariance.add_parameter_blocks(&self.weights, transition.qbar.view_mut());
     }
 
-    fn after<M: ImplicitModel>(
+    fn after(
         &mut self,
-        moment: &Moment<'_, ScalarOf<C>, M>,
-        _covariance: &mut C,
-        transition: &mut Transition<ScalarOf<C>>,
+        step: &StepView<'_, S>,
+        _covariance: &mut dyn CovarianceBlocks<S>,
+        transition: &mut Transition<S>,
     ) {
-        regress_on_measurement(moment, transition);
+        regress_on_measurement(step, transition);
     }
+}
+
+impl<S: Kernels> Expectation for Prior<S> {
+    const FLOPS: fn(&StepSize, &FormFacts) -> Vec<Term> = unconditioned_flops;
 }

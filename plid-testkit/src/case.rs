@@ -6,28 +6,34 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::reference::joint_covariance;
+use crate::reference::joint_covariance;
 
 /// A structure, a record and what the identifier is told.
 #[derive(Clone, Debug)]
 pub struct Case {
+    /// Observability indices.
     pub indices: Vec<usize>,
+    /// The number of inputs.
     pub inputs: usize,
     /// The plant that made the record.
     pub plant: Plant,
     /// One noise model for all steps, or several in turn, fifty steps each.
     pub noise: Vec<NoiseModel>,
+    /// The start.
     pub settings: Settings,
     /// NaN where an output is missing.
     pub z: Vec<Vec<f64>>,
+    /// Inputs, sample by sample.
     pub u: Vec<Vec<f64>>,
 }
 
 impl Case {
+    /// The noise model of step `k`.
     pub fn noise_at(&self, k: usize) -> &NoiseModel {
         &self.noise[k / 50 % self.noise.len()]
     }
 
+    /// The number of states.
     pub fn states(&self) -> usize {
         self.indices.iter().sum()
     }
@@ -36,8 +42,11 @@ impl Case {
 /// x+ = A x + B u in the canonical form, output i the last state of block i.
 #[derive(Clone, Debug)]
 pub struct Plant {
+    /// A, n x n.
     pub a: DMatrix<f64>,
+    /// B, n x m.
     pub b: DMatrix<f64>,
+    /// The state that each output reads.
     pub outputs: Vec<usize>,
 }
 
@@ -92,10 +101,12 @@ impl Plant {
     }
 }
 
+/// A unit normal number.
 pub fn normal(rng: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(rng)
 }
 
+/// The generator of a seed.
 pub fn rng(seed: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed)
 }
@@ -152,11 +163,15 @@ pub fn record(
 /// What may vary between cases.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
+    /// Samples.
     pub steps: usize,
+    /// Standard deviations of the noise, about.
     pub noise_scale: f64,
+    /// Noise models, fifty steps each in turn.
     pub noise_models: usize,
     /// The probability that an output is missing.
     pub missing: f64,
+    /// Whether P0 is a whole matrix.
     pub full_initial: bool,
 }
 

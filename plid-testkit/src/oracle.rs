@@ -1,15 +1,12 @@
 //! Every variant against the dense recursion in double-double: 200 random steps, full noise model.
 
-#[macro_use]
-mod common;
-
 use std::sync::LazyLock;
 
-use common::case::{Case, Options, random_case, record, rng};
-use common::dense::Mat;
-use common::reference::{KINDS, Kind, Reference};
-use common::{HasForm, HasKind, finish, label, outcome, quad, relative};
-use plid_core::{ConditionalExpectations, CovariancePropagation, NoiseModel, Scalar, ScalarOf};
+use crate::case::{Case, Options, random_case, record, rng};
+use crate::dense::Mat;
+use crate::reference::{KINDS, Kind, Reference};
+use crate::run::{HasKind, finish, label, outcome, quad, relative};
+use plid_core::{ConditionalExpectations, Form, NoiseModel, Scalar, ScalarOf};
 use qd::Quad;
 
 /// n = 4..12, p and m = 1..3, unequal indices; noise that changes, missing outputs and a full P0 among them.
@@ -69,10 +66,10 @@ fn tolerance<S: Scalar>() -> f64 {
     }
 }
 
-fn agrees_with_the_dense_recursion<C, E>()
+pub fn agrees_with_the_dense_recursion<C, E>()
 where
-    C: CovariancePropagation + HasForm,
-    E: ConditionalExpectations<C> + HasKind,
+    C: Form,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>> + HasKind,
 {
     let kind = KINDS.iter().position(|&kind| kind == E::KIND).unwrap();
     for (case, reference) in CASES.iter().zip(&*REFERENCE) {
@@ -85,21 +82,11 @@ where
     }
 }
 
-test_every_variant!(agrees_with_the_dense_recursion:
-    plain_f64 = Plain<f64>,
-    nalgebra_f64 = Nalgebra<f64>,
-    faer_f64 = Faer<f64>,
-    plain_double_double = Plain<qd::Quad>,
-    plain_f32 = Plain<f32>,
-    nalgebra_f32 = Nalgebra<f32>,
-    faer_f32 = Faer<f32>,
-);
-
 /// Two phases are one (section 4): a single step from a full P0, the dense recursion in the same scalar.
-fn one_step_is_eq_8_to_10<C, E>()
+pub fn one_step_is_eq_8_to_10<C, E>()
 where
-    C: CovariancePropagation + HasForm,
-    E: ConditionalExpectations<C> + HasKind,
+    C: Form,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>> + HasKind,
 {
     for (seed, missing) in [(31, 0.0), (32, 0.0), (33, 0.4)] {
         let options = Options { steps: 1, full_initial: true, missing, ..Options::default() };
@@ -115,10 +102,3 @@ where
         assert!(ds <= limit && dp <= limit, "{name}: s {ds:.2e}, P {dp:.2e}");
     }
 }
-
-test_every_variant!(one_step_is_eq_8_to_10:
-    plain_f64 = Plain<f64>,
-    nalgebra_f64 = Nalgebra<f64>,
-    faer_f64 = Faer<f64>,
-    plain_double_double = Plain<qd::Quad>,
-);

@@ -1,19 +1,16 @@
 //! A step allocates nothing, with all outputs or with some missing, with a noise model given per step or not.
 
-#[macro_use]
-mod common;
-
-use common::case::{Options, random_case};
-use common::{HasForm, HasKind, identifier, label, take};
-use plid_core::{ConditionalExpectations, CovariancePropagation};
+use crate::case::{Options, random_case};
+use crate::run::{identifier, label, take};
+use plid_core::{ConditionalExpectations, Form, ScalarOf};
 
 /// The first steps are not counted: a library may set up thread-local buffers.
 const WARM_UP: usize = 3;
 
-fn a_step_allocates_nothing<C, E>()
+pub fn a_step_allocates_nothing<C, E>()
 where
-    C: CovariancePropagation + HasForm,
-    E: ConditionalExpectations<C> + HasKind,
+    C: Form,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
 {
     let options = Options { steps: 40, missing: 0.1, noise_models: 2, ..Options::default() };
     // Large enough that every library's own product is used.
@@ -24,13 +21,3 @@ where
         assert!(k < WARM_UP || count == 0, "{}: {count} allocations in step {k}", label::<C, E>());
     }
 }
-
-test_every_variant!(a_step_allocates_nothing:
-    plain_f64 = Plain<f64>,
-    plain_f32 = Plain<f32>,
-    plain_double_double = Plain<qd::Quad>,
-    nalgebra_f64 = Nalgebra<f64>,
-    nalgebra_f32 = Nalgebra<f32>,
-    faer_f64 = Faer<f64>,
-    faer_f32 = Faer<f32>,
-);

@@ -3,7 +3,7 @@
 
 use plid_core::{InitialCovariance, NoiseModel, Scalar, Settings};
 
-use super::dense::Mat;
+use crate::dense::Mat;
 
 /// Which conditional expectation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,0 +1,293 @@
+//! The catalogue of this process: what is built in, and what the program has added at its start.
+//!
+//! Types are erased here, at the seams between the loop, the form and the expectation. A form is then compiled once a backend
+//! and scalar, an expectation and the loop once a scalar, and no combination of them at all.
+
+use std::sync::{LazyLock, PoisonError, RwLock, RwLockReadGuard};
+
+use plid_backends::*;
+use plid_core::kernels::{BadPivot, Kernels};
+use plid_core::{
+    Backend, Checkpointed, ConditionalExpectations, Dense, Expectation, Form, FormFacts, Health, ImplicitModel,
+    InitialCovariance, StepSize, Term,
+};
+use plid_variants::covariance::{ArraySqrt, BiermanUd, Direct, Joseph};
+use plid_variants::expectations::{CertaintyEquivalent, JointEkf, MomentMatched, Posterior, Prior};
+
+use crate::count::Counted;
+
+/// A form whose backend is not known by type.
+pub trait AnyForm: Checkpointed {
+    /// P in the form's own scalar.
+    fn own_dense(&self) -> Dense<Self::Scalar>;
+    /// P in double-double, from the stored numbers without rounding.
+    fn exact_dense(&self) -> Dense<qd::Quad>;
+    /// How sound P is.
+    fn own_health(&self) -> Health;
+}
+
+impl<C: Form> AnyForm for C {
+    fn own_dense(&self) -> Dense<C::Scalar> {
+        self.dense()
+    }
+    fn exact_dense(&self) -> Dense<qd::Quad> {
+        self.dense_in()
+    }
+    fn own_health(&self) -> Health {
+        self.health()
+    }
+}
+
+/// A form of scalar `S`.
+pub type BoxedForm<S> = Box<dyn AnyForm<Scalar = S>>;
+/// A conditional expectation of scalar `S`.
+pub type BoxedExpectation<S> = Box<dyn ConditionalExpectations<Scalar = S>>;
+type StartForm<S> = fn(&dyn ImplicitModel, &InitialCovariance) -> Result<BoxedForm<S>, BadPivot>;
+type StartExpectation<S> = fn(&dyn ImplicitModel) -> BoxedExpectation<S>;
+
+/// One of the scalars that a catalogue knows.
+#[derive(Clone, Copy)]
+pub enum ByScalar<A, B, C, D> {
+    /// Single precision.
+    F32(A),
+    /// Double precision.
+    F64(B),
+    /// Double-double.
+    DoubleDouble(C),
+    /// Double precision that counts its operations.
+    Counted(D),
+}
+
+type AnyStart = ByScalar<StartForm<f32>, StartForm<f64>, StartForm<qd::Quad>, StartForm<Counted>>;
+type AnyExpectation =
+    ByScalar<StartExpectation<f32>, StartExpectation<f64>, StartExpectation<qd::Quad>, StartExpectation<Counted>>;
+
+/// A scalar that a catalogue knows.
+pub trait Number: Kernels {
+    #[doc(hidden)]
+    fn form(start: StartForm<Self>) -> AnyStart;
+    #[doc(hidden)]
+    fn expectation(start: StartExpectation<Self>) -> AnyExpectation;
+    #[doc(hidden)]
+    fn of_form(start: &AnyStart) -> Option<StartForm<Self>>;
+    #[doc(hidden)]
+    fn of_expectation(start: &AnyExpectation) -> Option<StartExpectation<Self>>;
+}
+
+macro_rules! number {
+    ($($scalar:ty = $name:ident;)*) => {$(
+        impl Number for $scalar {
+            fn form(start: StartForm<Self>) -> AnyStart {
+                ByScalar::$name(start)
+            }
+            fn expectation(start: StartExpectation<Self>) -> AnyExpectation {
+                ByScalar::$name(start)
+            }
+            fn of_form(start: &AnyStart) -> Option<StartForm<Self>> {
+                if let ByScalar::$name(start) = start { Some(*start) } else { None }
+            }
+            fn of_expectation(start: &AnyExpectation) -> Option<StartExpectation<Self>> {
+                if let ByScalar::$name(start) = start { Some(*start) } else { None }
+            }
+        }
+    )*};
+}
+
+number! { f32 = F32; f64 = F64; qd::Quad = DoubleDouble; Counted = Counted; }
+
+/// A form over any backend; [`forms!`](crate::forms) makes it of a type's name.
+pub trait FormFamily {
+    /// The form on a backend.
+    type On<B: Backend>: Form<Scalar = B::Scalar>;
+}
+
+/// A conditional expectation over any scalar; [`expectations!`](crate::expectations) makes it of a type's name.
+pub trait ExpectationFamily {
+    /// The expectation in a scalar.
+    type In<S: Kernels>: Expectation<Scalar = S>;
+}
+
+/// A form of the catalogue.
+pub struct FormEntry {
+    pub(crate) name: &'static str,
+    pub(crate) facts: FormFacts,
+    pub(crate) cells: Vec<(&'static str, AnyStart)>,
+}
+
+fn start<C: Form<Scalar: Number>>() -> AnyStart {
+    C::Scalar::form(|model, initial| Ok(Box::new(C::new(model, initial, &C::Options::default())?)))
+}
+
+macro_rules! on_every_backend {
+    ($family:ident $cells:ident
+     $($(#[$doc:meta])* $word:literal = $backend:ident: [$($scalar:ty),+], feature [$($feature:tt)*];)*) => {
+        $(
+            #[cfg(all($($feature)*))]
+            $($cells.push(($word, start::<$family::On<$backend<$scalar>>>()));)+
+        )*
+    };
+}
+
+impl FormEntry {
+    /// A form on every backend that is built in.
+    pub fn of<F: FormFamily>(name: &'static str) -> Self {
+        let mut cells = vec![("plain", start::<F::On<Plain<Counted>>>())];
+        plid_backends::every_backend!(on_every_backend, F, cells);
+        Self { name, facts: F::On::<Plain<f64>>::FACTS, cells }
+    }
+
+    /// A form of one scalar that has its own storage: it goes by the backend "plain".
+    pub fn only<C: Form<Scalar: Number>>(name: &'static str) -> Self {
+        Self { name, facts: C::FACTS, cells: vec![("plain", start::<C>())] }
+    }
+}
+
+/// A conditional expectation of the catalogue.
+pub struct ExpectationEntry {
+    pub(crate) name: &'static str,
+    pub(crate) flops: fn(&StepSize, &FormFacts) -> Vec<Term>,
+    pub(crate) cells: Vec<AnyExpectation>,
+}
+
+fn expectation<E: Expectation<Scalar: Number>>() -> AnyExpectation {
+    E::Scalar::expectation(|model| Box::new(E::new(model, &E::Options::default())))
+}
+
+impl ExpectationEntry {
+    /// An expectation in every scalar.
+    pub fn of<F: ExpectationFamily>(name: &'static str) -> Self {
+        let cells = vec![
+            expectation::<F::In<f32>>(),
+            expectation::<F::In<f64>>(),
+            expectation::<F::In<qd::Quad>>(),
+            expectation::<F::In<Counted>>(),
+        ];
+        Self { name, flops: F::In::<f64>::FLOPS, cells }
+    }
+
+    /// An expectation of one scalar.
+    pub fn only<E: Expectation<Scalar: Number>>(name: &'static str) -> Self {
+        Self { name, flops: E::FLOPS, cells: vec![expectation::<E>()] }
+    }
+}
+
+/// A backend of the catalogue.
+pub struct BackendEntry {
+    pub(crate) name: &'static str,
+    cells: Vec<(&'static str, AnyStart)>,
+}
+
+macro_rules! on_one_backend {
+    ($backend:ident $($(#[$doc:meta])* $word:literal = $form:ident;)*) => {
+        vec![$(($word, start::<$form<$backend>>())),*]
+    };
+}
+
+impl BackendEntry {
+    /// A backend, with every form that is built in.
+    pub fn of<B: Backend<Scalar: Number>>(name: &'static str) -> Self {
+        Self { name, cells: plid_variants::every_form!(on_one_backend, B) }
+    }
+}
+
+/// Everything that has a name.
+pub struct Registry {
+    pub(crate) forms: Vec<FormEntry>,
+    pub(crate) expectations: Vec<ExpectationEntry>,
+    pub(crate) backends: Vec<BackendEntry>,
+}
+
+macro_rules! backend_entries {
+    ($($(#[$doc:meta])* $word:literal = $backend:ident: [$($scalar:ty),+], feature [$($feature:tt)*];)*) => {
+        vec![$(#[cfg(all($($feature)*))] BackendEntry { name: $word, cells: Vec::new() }),*]
+    };
+}
+
+static REGISTRY: LazyLock<RwLock<Registry>> = LazyLock::new(|| {
+    use crate::{expectations, forms};
+    RwLock::new(Registry {
+        forms: plid_variants::every_form!(forms),
+        expectations: plid_variants::every_expectation!(expectations),
+        backends: plid_backends::every_backend!(backend_entries),
+    })
+});
+
+/// The catalogue as it stands.
+pub(crate) fn registry() -> RwLockReadGuard<'static, Registry> {
+    REGISTRY.read().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// What a program adds to the catalogue, at its start.
+pub trait Entry {
+    /// Adds it. From then on configs may name it, and studies have it in their lists.
+    ///
+    /// # Panics
+    /// If the name is taken.
+    fn add(self);
+}
+
+fn check_free<'a>(mut names: impl Iterator<Item = &'a str>, name: &str) {
+    assert!(names.all(|taken| taken != name), "the catalogue has a `{name}` already");
+}
+
+impl Entry for FormEntry {
+    fn add(self) {
+        let mut registry = REGISTRY.write().unwrap_or_else(PoisonError::into_inner);
+        check_free(registry.forms.iter().map(|entry| entry.name), self.name);
+        registry.forms.push(self);
+    }
+}
+
+impl Entry for ExpectationEntry {
+    fn add(self) {
+        let mut registry = REGISTRY.write().unwrap_or_else(PoisonError::into_inner);
+        check_free(registry.expectations.iter().map(|entry| entry.name), self.name);
+        registry.expectations.push(self);
+    }
+}
+
+impl Entry for BackendEntry {
+    fn add(mut self) {
+        let mut registry = REGISTRY.write().unwrap_or_else(PoisonError::into_inner);
+        check_free(registry.backends.iter().map(|entry| entry.name), self.name);
+        for (form, start) in self.cells.drain(..) {
+            let entry = registry.forms.iter_mut().find(|entry| entry.name == form);
+            entry.expect("a built-in form").cells.push((self.name, start));
+        }
+        registry.backends.push(self);
+    }
+}
+
+impl<T: Entry> Entry for Vec<T> {
+    fn add(self) {
+        self.into_iter().for_each(Entry::add);
+    }
+}
+
+/// Entries for covariance forms that are generic over the backend: `forms! { "carlson" = Carlson; }.add()`.
+#[macro_export]
+macro_rules! forms {
+    ($($(#[$doc:meta])* $name:literal = $form:ident;)*) => {
+        vec![$({
+            struct Family;
+            impl $crate::FormFamily for Family {
+                type On<B: $crate::Backend> = $form<B>;
+            }
+            $crate::FormEntry::of::<Family>($name)
+        }),*]
+    };
+}
+
+/// Entries for conditional expectations that are generic over the scalar: `expectations! { "mine" = Mine; }.add()`.
+#[macro_export]
+macro_rules! expectations {
+    ($($(#[$doc:meta])* $name:literal = $expectation:ident;)*) => {
+        vec![$({
+            struct Family;
+            impl $crate::ExpectationFamily for Family {
+                type In<S: $crate::Kernels> = $expectation<S>;
+            }
+            $crate::ExpectationEntry::of::<Family>($name)
+        }),*]
+    };
+}

@@ -1,0 +1,68 @@
+//! What a catalogue and the studies must know of a variant beyond its arithmetic. Every item is required: a variant that lacks
+//! one does not compile into a catalogue.
+
+use crate::{Checkpointed, ConditionalExpectations, CovariancePropagation, Inspect};
+
+/// The sizes on which the operations of a step depend.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StepSize {
+    /// The number of states n.
+    pub n: f64,
+    /// The number of outputs p.
+    pub p: f64,
+    /// The number of inputs m.
+    pub m: f64,
+    /// Whether no covariance of the noise is zero; else R, Q and Sigma are diagonal and there are no others.
+    pub full_noise: bool,
+}
+
+impl StepSize {
+    /// The number of parameter columns, p + m.
+    pub fn columns(&self) -> f64 {
+        self.p + self.m
+    }
+
+    /// The number of entries of s, N = (p + m + 1) n.
+    pub fn joint(&self) -> f64 {
+        (self.columns() + 1.0) * self.n
+    }
+
+    /// The number of entries of P's lower triangle.
+    pub fn triangle(&self) -> f64 {
+        self.joint() * (self.joint() + 1.0) / 2.0
+    }
+}
+
+/// One part of a step.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Term {
+    /// What is done.
+    pub what: &'static str,
+    /// Its operations; a multiplication and an addition are two.
+    pub flops: f64,
+}
+
+/// What is known of a covariance form. The lists of operations hold leading terms only; an empty list means "not known".
+#[derive(Clone, Copy, Debug)]
+pub struct FormFacts {
+    /// Whether a factor of P is carried. Then P is positive as long as its pivots are, and parameter noise enters one parameter at a time.
+    pub factored: bool,
+    /// The operations of both updates.
+    pub updates: fn(&StepSize) -> Vec<Term>,
+    /// Those of [`CovariancePropagation::add_parameter_blocks`], where so many pairs of different parameter columns have a weight.
+    pub parameter_blocks: fn(&StepSize, f64) -> Vec<Term>,
+    /// Those of [`CovariancePropagation::output_columns`] for all outputs.
+    pub output_columns: fn(&StepSize) -> Vec<Term>,
+}
+
+/// A covariance form that may stand in a catalogue.
+pub trait Form: CovariancePropagation + Inspect + Checkpointed {
+    /// What is known of it.
+    const FACTS: FormFacts;
+}
+
+/// A conditional expectation that may stand in a catalogue.
+pub trait Expectation: ConditionalExpectations {
+    /// Its operations in a step, those that it asks of the form among them.
+    const FLOPS: fn(&StepSize, &FormFacts) -> Vec<Term>;
+}

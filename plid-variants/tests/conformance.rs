@@ -1,0 +1,51 @@
+//! Every form on every backend and in every scalar conforms.
+
+use plid_testkit::check_form;
+use plid_variants::covariance::*;
+
+/// One `#[test]` a form, over one backend and scalar.
+macro_rules! test_forms {
+    ($backend:ident [$scalar:ty] $($(#[$doc:meta])* $word:literal = $form:ident;)*) => {
+        $(#[test]
+        #[allow(non_snake_case)]
+        fn $form() {
+            check_form::<super::$form<plid_backends::$backend<$scalar>>>();
+        })*
+    };
+}
+
+macro_rules! test_backends {
+    ($($name:ident = $backend:ident [$scalar:ty];)*) => {
+        $(mod $name {
+            use super::check_form;
+            plid_variants::every_form!(test_forms, $backend, [$scalar]);
+        })*
+    };
+}
+
+test_backends! {
+    plain_f64 = Plain [f64];
+    plain_f32 = Plain [f32];
+    plain_double_double = Plain [qd::Quad];
+    nalgebra_f64 = Nalgebra [f64];
+    nalgebra_f32 = Nalgebra [f32];
+    faer_f64 = Faer [f64];
+    faer_f32 = Faer [f32];
+}
+
+/// A checkpoint of another structure, or of another form, is refused and changes nothing.
+#[test]
+fn checkpoints_of_others_are_refused() {
+    use plid_backends::Plain;
+    use plid_testkit::case::{Options, random_case};
+    use plid_testkit::run::finish;
+    use plid_variants::expectations::MomentMatched;
+
+    let case = random_case(&[2, 1], 1, Options { steps: 5, ..Options::default() }, 4);
+    let larger = random_case(&[2, 2], 1, Options { steps: 5, ..Options::default() }, 4);
+    let mut run = finish::<BiermanUd<Plain<f64>>, MomentMatched<f64>>(&case);
+    let before = run.checkpoint();
+    assert!(run.restore(&finish::<BiermanUd<Plain<f64>>, MomentMatched<f64>>(&larger).checkpoint()).is_err());
+    assert!(run.restore(&finish::<Direct<Plain<f64>>, MomentMatched<f64>>(&case).checkpoint()).is_err());
+    assert_eq!(run.checkpoint(), before);
+}
