@@ -17,78 +17,78 @@ use super::{Failure, Voice, directory};
 
 /// Identify a model from records.
 ///
-/// The experiment that the arguments stand for is written to DIR/experiment.toml, so that `plid run DIR/experiment.toml`
-/// repeats it. With several records the last one's tail is held out. Everything not given here has the defaults of an
-/// experiment file: noise covariances tuned on the training data, an input advance found by a test, channels scaled.
+/// The equivalent experiment is written to DIR/experiment.toml, so that `plid run DIR/experiment.toml` repeats it. With
+/// several records, the end of the last one is held out. Everything else has the defaults of an experiment file: noise
+/// covariances tuned on the training data, input advance decided by a test, channels scaled.
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  plid identify record.csv --inputs force --outputs left,right --states 8 --out out/record\n  plid identify flexible.mat --inputs 1-2 --outputs 3-5 --states 48 --rate 100 --out out/flexible\n  plid identify record.csv --inputs u --outputs y --scan 2,4,8,12 --out out/scan"
 )]
 pub struct Arguments {
-    /// Data files: CSV and its relatives, MATLAB .mat (v4, v5), NumPy .npz, headerless columns.
+    /// Data files: CSV and similar text, MATLAB .mat (v4, v5), NumPy .npz, columns without a header.
     #[arg(required = true)]
     data: Vec<PathBuf>,
-    /// The columns that are inputs, such as u1,u2 or, of numbered columns, 1-2.
+    /// Input columns, such as u1,u2, or 1-2 for numbered columns.
     #[arg(long, value_name = "NAMES")]
     inputs: String,
-    /// The columns that are outputs.
+    /// Output columns.
     #[arg(long, value_name = "NAMES")]
     outputs: String,
-    /// The number of states; left out with --scan, the recommended one.
+    /// Number of states [default with --scan: the recommended order].
     #[arg(long, value_name = "N")]
     states: Option<usize>,
-    /// The observability indices, one an output; or `search`.
+    /// Observability indices, one per output, or `search`.
     #[arg(long, value_name = "N1,N2,..")]
     indices: Option<String>,
-    /// Orders to compare.
+    /// Numbers of states to compare on the training data.
     #[arg(long, value_name = "N,..", value_delimiter = ',')]
     scan: Vec<usize>,
-    /// Samples a second; left out, the file's own.
+    /// Sample rate [default: that of the file].
     #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
     rate: Option<f64>,
     /// Decimate to this rate.
     #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
     decimate: Option<f64>,
-    /// Advance the input by this many samples, for a plant that answers at once; `auto`: by a test.
+    /// Number of samples by which the input is advanced, for a plant with direct feedthrough; `auto`: decided by a test.
     #[arg(long, default_value = "auto", value_parser = ["auto", "0", "1"])]
     advance: String,
-    /// What a NaN among the outputs is.
+    /// Treat a NaN among the outputs as an error, or as a missing sample (nan).
     #[arg(long, default_value = "error", value_parser = ["error", "nan"])]
     missing: String,
-    /// The variable of a .mat or .npz file that holds the record.
+    /// Variable of a .mat or .npz file that holds the record.
     #[arg(long, value_name = "NAME")]
     variable: Option<String>,
-    /// How the covariance is carried: direct, joseph, bierman-ud or array-sqrt; left out, what is recommended for the size, scalar and length.
+    /// Covariance form: direct, joseph, bierman-ud or array-sqrt [default: recommended for size, scalar and length].
     #[arg(long, value_parser = parse::<CovarianceName>)]
     covariance: Option<CovarianceName>,
-    /// The conditional expectation: prior, posterior, moment-matched, certainty-equivalent or joint-ekf.
+    /// Conditional expectation: prior, posterior, moment-matched, certainty-equivalent or joint-ekf.
     #[arg(long, value_parser = parse::<ExpectationName>, default_value = "moment-matched")]
     expectations: ExpectationName,
-    /// The matrix library: plain, nalgebra or faer.
+    /// Matrix library: plain, nalgebra or faer.
     #[arg(long, value_parser = parse::<BackendName>, default_value = "plain")]
     backend: BackendName,
-    /// The number type: f32, f64 or double-double.
+    /// Number type: f32, f64 or double-double.
     #[arg(long, value_parser = parse::<ScalarName>, default_value = "f64")]
     scalar: ScalarName,
-    /// The leading share of the last record that is learnt from; the rest is held out.
+    /// Leading share of the last record used for training; the rest is held out.
     #[arg(long, value_name = "SHARE", default_value_t = 0.75)]
     training_share: f64,
-    /// Period of a periodic input, in samples of the data as given; shows the noise floor.
+    /// Period of a periodic input, in samples of the file; the report then shows the noise floor.
     #[arg(long, value_name = "SAMPLES")]
     period: Option<usize>,
-    /// How often the training data are gone through.
+    /// Number of passes over the training data.
     #[arg(long, value_name = "N", default_value_t = 1)]
     passes: usize,
-    /// A second model, refined for simulation: output-error, or off.
+    /// Second model, refined for simulation: output-error or off.
     #[arg(long, value_parser = parse::<Refinement>, default_value = "output-error")]
     refine: Refinement,
-    /// What the experiment is called in the report; left out, the first file's name.
+    /// Name of the experiment in the report [default: name of the first file].
     #[arg(long)]
     name: Option<String>,
-    /// Where the results go; out/NAME if left out.
+    /// Output directory [default: out/NAME].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Go on from the checkpoint of an interrupted run in the output directory.
+    /// Continue an interrupted run from its checkpoint in the output directory.
     #[arg(long)]
     resume: bool,
     /// Write into a directory that is not empty.

@@ -9,11 +9,12 @@ use plid::lab::merge::{self, FinishedRun, Outcome};
 use super::progress::Bar;
 use super::{Failure, Voice, directory, voice};
 
-/// Merge finished runs, in each of which one input acts, into one model of all inputs.
+/// Merge finished runs with one active input each into one model of all inputs.
 ///
 /// Each RUN is the output directory of `plid run` or `plid identify`. All must have the same outputs, sample rate and observability
-/// indices; their lengths and noise may differ. The runs' estimates of A are combined by what each knows, the prior counted once, and each run's
-/// columns of B follow. A test says whether the runs share one A, and if not which run does not fit. A run in whose record another input acts is refused.
+/// indices; their lengths and noise may differ. The estimates of A are combined, weighted by their information, with the
+/// prior counted once, and each run's columns of B follow. A test decides whether the runs share one A, and if not, which
+/// run differs. A run in whose record another input acts is rejected.
 ///
 /// Writes DIR/model.json, result.json and report.html.
 #[derive(clap::Args)]
@@ -24,16 +25,16 @@ pub struct Arguments {
     /// Directories of finished runs.
     #[arg(required = true, value_name = "RUN")]
     runs: Vec<PathBuf>,
-    /// A record in which all inputs act; the merged model is simulated over it. May be given several times.
+    /// Record in which all inputs act, to test the merged model. May be repeated.
     #[arg(long, value_name = "FILE")]
     held_out: Vec<PathBuf>,
-    /// The leading share of such a record that finds the state; the rest is scored.
+    /// Leading share of such a record used to estimate the initial state; the rest is scored.
     #[arg(long, value_name = "SHARE", default_value_t = 0.25)]
     settling_share: f64,
-    /// What the merge is called in the report.
+    /// Name of the merge in the report.
     #[arg(long, default_value = "merge")]
     name: String,
-    /// Where the results go; out/NAME if left out.
+    /// Output directory [default: out/NAME].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Write into a directory that is not empty.

@@ -1,4 +1,4 @@
-//! The command line: one subcommand a file.
+//! The command line, one file per subcommand.
 
 mod bench;
 mod directory;
@@ -21,7 +21,7 @@ use clap::{Parser, Subcommand};
 use failure::Failure;
 use voice::Voice;
 
-/// Pseudo-linear identification: states and parameters of a linear plant, recursively, from measured inputs and outputs.
+/// Pseudo-linear identification: recursive estimation of the states and parameters of a linear plant from measured inputs and outputs.
 #[derive(Parser)]
 #[command(
     name = "plid",
@@ -34,7 +34,7 @@ struct Cli {
     /// No progress and no remarks; errors are still shown.
     #[arg(long, global = true)]
     quiet: bool,
-    /// Print results as JSON on standard output, for another program to read.
+    /// Print results as JSON on standard output.
     #[arg(long, global = true)]
     json: bool,
 }

@@ -9,27 +9,28 @@ use super::{Failure, Voice, directory, voice};
 
 /// Run every figure and claim of Vallone and Hopkins (1995) on the simulated truss.
 ///
-/// Writes DIR/report.html, which has the paper's statement, our figure and our verdict beside each other, DIR/claims.json, and for each claim DIR/ID with
-/// claim.json, its pictures and its configs. All of it takes up to half an hour on two cores, --quick up to three minutes. Each claim is kept as
-/// soon as it is there: the same command goes on after an interruption, and runs again only what has another config.
+/// Writes DIR/report.html, which compares each statement of the paper with our figure and verdict, DIR/claims.json, and for
+/// each claim DIR/ID with claim.json, its figures and its configs. Everything takes up to half an hour on two cores, --quick
+/// up to three minutes. Finished claims are kept: the same command continues after an interruption, and repeats only claims
+/// whose config has changed.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Examples:\n  plid reproduce --quick --out out/paper\n  plid reproduce --only fig6 --only drift\nthen open out/paper/report.html. The configs stand in experiments/paper; those that identify run on their own, as `plid run experiments/paper/fig8.toml`."
+    after_help = "Examples:\n  plid reproduce --quick --out out/paper\n  plid reproduce --only fig6 --only drift\nthen open out/paper/report.html. The configs are in experiments/paper; those that identify a model also run by themselves, as in `plid run experiments/paper/fig8.toml`."
 )]
 pub struct Arguments {
-    /// Where the results go.
+    /// Output directory.
     #[arg(long, value_name = "DIR", default_value = "out/paper")]
     out: PathBuf,
-    /// This claim only; may be given several times.
+    /// This claim only. May be repeated.
     #[arg(long, value_name = "ID")]
     only: Vec<String>,
-    /// Fewer seeds and shorter records: minutes.
+    /// Fewer seeds and shorter records; takes minutes.
     #[arg(long)]
     quick: bool,
-    /// A directory with ID.toml and ID.vary.toml in place of those built in.
+    /// Directory with ID.toml and ID.vary.toml to be used instead of the built-in ones.
     #[arg(long, value_name = "DIR")]
     configs: Option<PathBuf>,
-    /// Forget what the output directory has, and write into it whatever is there.
+    /// Discard earlier results, and write into the directory whatever it contains.
     #[arg(long)]
     force: bool,
 }

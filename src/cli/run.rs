@@ -9,11 +9,11 @@ use plid::lab::run::{self, Outcome, RunError};
 use super::progress::Bar;
 use super::{Failure, Voice, directory, voice};
 
-/// Carry out an experiment: obtain the data, identify, validate on held-out data, report.
+/// Carry out an experiment: obtain the data, identify, validate on held-out data and report.
 ///
-/// Writes DIR/report.html (open it in a browser; its first picture also as frf.svg), result.json (the figures), model.json (the model), innovations.csv and
-/// manifest.json (every default, and the hashes of the input files). The same experiment gives the same bytes. Ctrl-C leaves a
-/// checkpoint, from which --resume goes on to the same result.
+/// Writes DIR/report.html (and its first figure as frf.svg), result.json, model.json, innovations.csv and manifest.json
+/// (every default, and the hashes of the input files). The same experiment gives the same bytes. Ctrl-C leaves a
+/// checkpoint, from which --resume continues to the same result.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  plid run experiments/truss-mimo-30.toml --out out/truss\n\nThe shortest experiment file for data of your own:\n  [data]\n  files = [\"record.csv\"]\n  inputs = [\"force\"]\n  outputs = [\"left\", \"right\"]\n  [structure]\n  states = 8"
@@ -21,13 +21,13 @@ use super::{Failure, Voice, directory, voice};
 pub struct Arguments {
     /// The experiment, a TOML file; the paths in it are relative to it.
     experiment: PathBuf,
-    /// Where the results go; out/NAME if left out.
+    /// Output directory [default: out/NAME].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// A second model, refined for simulation: output-error, or off; left out, what the experiment says.
+    /// Second model, refined for simulation: output-error or off [default: as in the experiment].
     #[arg(long, value_name = "HOW", value_parser = super::identify::parse::<Refinement>)]
     refine: Option<Refinement>,
-    /// Go on from the checkpoint of an interrupted run in the output directory.
+    /// Continue an interrupted run from its checkpoint in the output directory.
     #[arg(long)]
     resume: bool,
     /// Write into a directory that is not empty.

@@ -12,31 +12,31 @@ use plid::model::{
 
 use super::{Failure, Voice, directory, table, voice};
 
-/// Put one or more models beside each other on records: in free run, and one step ahead where a model has a predictor gain.
+/// Compare models on records: in free run, and one step ahead if a model has a predictor gain.
 ///
-/// The state at the start of a record is fitted to it, or zero with --start rest. Means of the record's channels are removed,
-/// since a linear model has no place for them, unless --keep-means is given. Fit is 100 (1 - |y - y_model| / |y - mean y|).
+/// The initial state of each record is fitted, or zero with --start rest. The mean of each channel is removed unless
+/// --keep-means is given. Fit is 100 (1 - |y - y_model| / |y - mean y|).
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  plid validate --model a/model.json --model b/model.json record.csv --out out/compare"
 )]
 pub struct Arguments {
-    /// A model.json; may be given several times.
+    /// A model.json. May be repeated.
     #[arg(long = "model", value_name = "FILE", required = true)]
     models: Vec<PathBuf>,
     /// Data files with the models' channels as columns.
     #[arg(required = true)]
     data: Vec<PathBuf>,
-    /// The state at the start of each record.
+    /// Initial state of each record.
     #[arg(long, default_value = "fitted", value_parser = ["fitted", "rest"])]
     start: String,
-    /// Samples at the start that are not scored.
+    /// Number of initial samples that are not scored.
     #[arg(long, value_name = "N", default_value_t = 0)]
     skip: usize,
-    /// Samples a second; left out, the file's own, or without one the model's.
+    /// Sample rate [default: that of the file, or else of the model].
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
-    /// Take the channels as they are.
+    /// Do not remove the mean of each channel.
     #[arg(long)]
     keep_means: bool,
     /// Also write DIR/report.html and DIR/result.json.

@@ -4,7 +4,7 @@ use std::io::{self, ErrorKind, Write};
 
 use super::Failure;
 
-/// How much is said, and in which form.
+/// How much is printed, and in which format.
 #[derive(Clone, Copy)]
 pub struct Voice {
     /// Neither progress nor remarks.
@@ -13,7 +13,7 @@ pub struct Voice {
     pub json: bool,
 }
 
-/// Prints a result. A reader that has gone, as `head` does, has seen enough.
+/// Prints a result. A closed pipe, as left by `head`, is not an error.
 pub fn print(text: &str) -> Result<(), Failure> {
     let mut stdout = io::stdout().lock();
     match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
@@ -22,7 +22,7 @@ pub fn print(text: &str) -> Result<(), Failure> {
     }
 }
 
-/// Says something beside the result; it does not matter if nobody listens.
+/// Prints a remark; a failure to print it is ignored.
 pub fn remark(text: &str) {
     let _ = writeln!(io::stderr(), "{text}");
 }

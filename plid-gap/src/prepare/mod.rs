@@ -8,7 +8,7 @@ use crate::case::split::split;
 use crate::effects::{MissingModeStart, Setting};
 use crate::error::GapError;
 use crate::fit::nuisance::{Limits, Nuisance};
-use crate::fit::problem::{Placed, Problem, Tangent};
+use crate::fit::problem::{Placed, Problem};
 use crate::fit::refit::Refit;
 use crate::noise::model_error::ModelError;
 use crate::noise::whiten::Whitener;

@@ -6,11 +6,12 @@ use super::Common;
 use crate::cli::progress::Bar;
 use crate::cli::{Failure, Voice, directory, voice};
 
-/// Compare the five conditional expectations with each other, with exact Bayes and with batch estimates.
+/// Compare the five conditional expectations with each other, with exact Bayesian estimation and with batch estimates.
 ///
-/// NEES (is the stated accuracy true?), rmse and free-run error over signal-to-noise ratios from 0.3 to 300, for a scalar plant, for plants of
-/// 4 to 12 states, and for the truss with fewer states than it has; with Sigma told as it is and 100 times too large. The
-/// full study takes up to an hour on two cores, --quick up to five minutes. Ctrl-C leaves what is done in DIR/cells.jsonl, from which --resume goes on.
+/// NEES (is the stated accuracy true?), RMS error and free-run error over signal-to-noise ratios from 0.3 to 300, for a scalar plant, for plants of
+/// 4 to 12 states, and for the truss with fewer states than it has; with the true Sigma and one 100 times too large. The
+/// full study takes up to an hour on two cores, --quick up to five minutes. Ctrl-C keeps finished cells in
+/// DIR/cells.jsonl, from which --resume continues.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  plid bench expectations --quick --out out/expectations\nthen open out/expectations/report.html."

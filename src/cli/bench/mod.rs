@@ -12,7 +12,7 @@ use serde::de::DeserializeOwned;
 
 use super::{Failure, Voice, directory};
 
-/// Study plid on this machine: how fast it is, how sound it stays, which expectations it should take.
+/// Study plid on this machine: speed, numerical stability and conditional expectations.
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  plid bench speed --quick --out out/speed\nthen open out/speed/report.html.")]
 pub struct Arguments {
@@ -30,16 +30,16 @@ enum Study {
 /// What every study takes.
 #[derive(clap::Args)]
 pub struct Common {
-    /// What is crossed and how long, a TOML file as those under experiments/bench; left out, the full study.
+    /// The study's config, a TOML file like those in experiments/bench [default: the full study].
     #[arg(conflicts_with = "quick")]
     config: Option<PathBuf>,
-    /// A smaller study, of minutes.
+    /// A smaller study that takes minutes.
     #[arg(long)]
     quick: bool,
-    /// Where the results go; out/bench-STUDY if left out.
+    /// Output directory [default: out/bench-STUDY].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Go on from an interrupted study in the output directory; what is done is not measured again.
+    /// Continue an interrupted study in the output directory without repeating finished measurements.
     #[arg(long)]
     resume: bool,
     /// Write into a directory that is not empty.

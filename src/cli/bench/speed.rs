@@ -9,10 +9,11 @@ use super::Common;
 use crate::cli::progress::Bar;
 use crate::cli::{Failure, Voice, directory, voice};
 
-/// Time steps of all sizes, forms, expectations, libraries and scalars, beside a pass over P and the peak of the machine.
+/// Time a step by size, form, expectation, library and scalar, relative to a pass over P and to the machine's peak.
 ///
-/// Writes DIR/report.html, speed.csv, speed.json (for --compare), machine.json and config.toml. The full study takes about ten minutes on two cores; nothing
-/// else should run meanwhile. Ctrl-C leaves what is done in DIR/cells.jsonl, from which --resume goes on.
+/// Writes DIR/report.html, speed.csv, speed.json (for --compare), machine.json and config.toml. The full
+/// study takes about ten minutes on two cores; nothing else should run at the same time. Ctrl-C keeps finished measurements
+/// in DIR/cells.jsonl, from which --resume continues.
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  plid bench speed --quick --out out/speed\n  plid bench speed experiments/bench/speed.toml --out out/speed\n  plid bench speed --quick --out out/after --compare out/before/speed.json"
@@ -20,13 +21,13 @@ use crate::cli::{Failure, Voice, directory, voice};
 pub struct Arguments {
     #[command(flatten)]
     common: Common,
-    /// A former speed.json: list what has become slower or faster, in passes over P; exit with status 1 if something is slower.
+    /// Earlier speed.json: list what became slower or faster, in passes over P; exit with status 1 if something is slower.
     #[arg(long, value_name = "OLD.json")]
     compare: Option<PathBuf>,
-    /// Changes up to this share are not spoken of.
+    /// Smallest relative change to report.
     #[arg(long, value_name = "SHARE", default_value_t = compare::TOLERANCE, requires = "compare")]
     tolerance: f64,
-    /// Times of other software as plid-bench/peers writes them, for the report.
+    /// Times of other software, as written by plid-bench/peers, for the report.
     #[arg(long, value_name = "FILE")]
     peers: Option<PathBuf>,
 }

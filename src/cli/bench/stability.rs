@@ -6,11 +6,11 @@ use super::Common;
 use crate::cli::progress::Bar;
 use crate::cli::{Failure, Voice, directory, voice};
 
-/// Run every form in single and double precision for a long time against the same recursion in double-double.
+/// Compare long runs of every form in single and double precision with the same recursion in double-double.
 ///
 /// Writes DIR/report.html, stability.csv, stability.json, machine.json and config.toml. The full study takes up to three hours on two cores. Cells
-/// run side by side and give the same figures on any number of threads (RAYON_NUM_THREADS sets it). Ctrl-C leaves what is
-/// done in DIR/cells.jsonl, from which --resume goes on.
+/// run in parallel and give the same figures on any number of threads (set by RAYON_NUM_THREADS). Ctrl-C keeps finished
+/// cells in DIR/cells.jsonl, from which --resume continues.
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  plid bench stability --quick --out out/stability\n  plid bench stability experiments/bench/stability.toml --out out/stability"

@@ -21,17 +21,17 @@ const EXAMPLE: &str = r#"Example of a case:
   [[record]]
   file = "random.csv"
 
-Keys for measured data, all of which may be left out:
-  states = 24               # without `sim`: of the linear model that stands in
+Optional keys for measured data:
+  states = 24               # without `sim`: order of the surrogate model
   decimate_to_hz = 400.0
-  trend = "mean"            # none, mean or linear: taken from every channel
-  band_hz = [1.0, 160.0]    # fitted and judged
+  trend = "mean"            # none, mean or linear: removed from every channel
+  band_hz = [1.0, 160.0]    # only these frequencies are fitted and judged
 
   [[record]]
-  file = "measured.csv"     # beside the case, or in --data DIR
-  samples = [0, 8192]       # the first row, and the one behind the last
+  file = "measured.csv"     # relative to the case, or to --data DIR
+  samples = [0, 8192]       # the first row, and the one after the last
   start = "unknown"         # not at rest: the initial state is fitted
-  use = "sim"               # for the model that stands in; or "fit", "test"
+  use = "sim"               # for the surrogate model; or "fit", "test"
 
   [[record]]
   file = "measured.csv"
@@ -43,24 +43,23 @@ Keys for measured data, all of which may be left out:
 /// Diagnose the gap between records and a simulation.
 ///
 /// CASE.toml names the simulation (a model.json) and the records. Writes DIR/diagnosis.json (the answer),
-/// DIR/sim-with-effect.json (the simulation with what was found, which `plid gap predict` uses) and DIR/report.html.
+/// DIR/sim-with-effect.json (the simulation with the effects, used by `plid gap predict`) and DIR/report.html.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLE)]
 pub struct Arguments {
     /// The case.
     #[arg(value_name = "CASE.toml")]
     case: PathBuf,
-    /// Where the records' files are; beside the case if left out.
+    /// Folder of the record files [default: that of the case file].
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
-    /// Where the results go; out/CASE if left out.
+    /// Output directory [default: out/CASE].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Write into a directory that is not empty.
     #[arg(long)]
     force: bool,
-    /// Leave an effect out of the vocabulary; may be given several times. What the diagnosis says then is what it would say of an
-    /// effect that it does not know.
+    /// Remove an effect from the vocabulary, to see how the diagnosis treats an effect it does not know. May be repeated.
     #[arg(long, value_name = "EFFECT")]
     without: Vec<String>,
 }

@@ -9,7 +9,7 @@ use plid::gap::GapError;
 
 use super::{Failure, Voice, directory, progress, table, voice};
 
-/// Find what a simulation lacks: where its gap to the records lies, which effect causes it, how far it shrinks with the effect.
+/// Find what a simulation lacks: where it disagrees with records, which effect causes the gap, and how much of it that effect closes.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example:\n  plid gap diagnose case.toml --out out/gap\nthen open out/gap/report.html, and\n  plid gap predict --diagnosis out/gap/diagnosis.json --input u.csv --out y.csv"

@@ -7,22 +7,22 @@ use plid::gap::effects::Library;
 
 use super::{Failure, Voice, table, voice};
 
-/// Simulate with the diagnosed effects on a new input, in free run from rest.
+/// Simulate a new input with the diagnosed effects, in free run from rest.
 ///
-/// Reads sim-with-effect.json beside the diagnosis. One row is written an input row, columns named as the outputs.
+/// Reads sim-with-effect.json from the folder of the diagnosis. The result has one row per input row and one column per output.
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  plid gap predict --diagnosis out/gap/diagnosis.json --input u.csv --out y.csv")]
 pub struct Arguments {
-    /// A diagnosis.json that `plid gap diagnose` wrote.
+    /// A diagnosis.json written by `plid gap diagnose`.
     #[arg(long, value_name = "FILE")]
     diagnosis: PathBuf,
-    /// The input, with a column named as each input of the simulation.
+    /// The input, with one column named after each input of the simulation.
     #[arg(long, value_name = "FILE")]
     input: PathBuf,
     /// The outputs, CSV.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Time since the first record began, for drifts and hum; the end of the last record if left out.
+    /// Start time since the first record began, for drifts and hum [default: end of the last record].
     #[arg(long, value_name = "SECONDS")]
     t0: Option<f64>,
     /// Outputs of your own simulator for that input: the effects' correction is added to them.

@@ -8,24 +8,25 @@ use plid_trial::score_without;
 use super::progress::Bar;
 use super::{Answered, Failure, Voice, diagnose, voice};
 
-/// What is each step of the diagnosis worth? Diagnose a trial again with one step off at a time, and score.
+/// Ablation: diagnose a trial again with one step off at a time, and score the results.
 ///
-/// The trial must have answers to all cases. It is diagnosed with nothing off (which must give the same answers) and with each step off, in a
-/// process that is given T alone; these answers go to T/ablation, and what stands there is not given again, so that the same command goes on
-/// after an interruption. Then all are scored by the same judge, their hashes fixed in S first. Writes DIR/report.html and DIR/ablation.json:
-/// for each step what changes in names, sets, false alarms and time, the cases that are better or worse without it, and a sign test.
+/// The trial must have answers to all cases. It is diagnosed with nothing off (which must reproduce its answers) and with
+/// each step off, in a separate process that only knows T. These answers are kept in T/ablation, so that the same command
+/// continues after an interruption. Their hashes are recorded in S, and all are scored in the same way. Writes
+/// DIR/report.html and DIR/ablation.json: for each step, the changes in names, sets, false alarms and time, the cases that
+/// are better or worse without it, and a sign test.
 #[derive(clap::Args)]
 #[command(after_help = help())]
 pub struct Arguments {
     #[command(flatten)]
     answered: Answered,
-    /// Where report.html and ablation.json go.
+    /// Folder for report.html and ablation.json.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Only these steps, with commas between them; all if left out.
+    /// Only these steps, separated by commas [default: all].
     #[arg(long, value_name = "STEP", value_delimiter = ',')]
     steps: Vec<Step>,
-    /// Cases at a time; as many as there are cores if left out.
+    /// Number of cases diagnosed at a time [default: number of cores].
     #[arg(long, value_name = "J")]
     jobs: Option<usize>,
 }
@@ -33,7 +34,7 @@ pub struct Arguments {
 fn help() -> String {
     let steps: String = Step::ALL.iter().map(|step| format!("  {:<15} {}\n", step.name(), step.when_off())).collect();
     format!(
-        "Steps, and what is done without them:\n{steps}\nExamples:\n  plid gap trial run --quick --out out/trial\n  plid gap trial ablate out/trial/trial --sealed out/trial/sealed --out out/ablation\n  plid gap trial ablate T --sealed S --out out/ablation --steps polishing,questioning"
+        "Steps, and what replaces each when it is off:\n{steps}\nExamples:\n  plid gap trial run --quick --out out/trial\n  plid gap trial ablate out/trial/trial --sealed out/trial/sealed --out out/ablation\n  plid gap trial ablate T --sealed S --out out/ablation --steps polishing,questioning"
     )
 }
 

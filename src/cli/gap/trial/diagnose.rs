@@ -6,25 +6,25 @@ use plid_trial::{Done, Options, Shard, diagnose, diagnose_without};
 use super::progress::Bar;
 use super::{Failure, Voice, voice};
 
-/// Diagnose the cases of a trial, without their answers.
+/// Diagnose the cases of a trial without access to the sealed files.
 ///
-/// Writes T/answers, a case at a time; what is done is not done again. With --shard, writes T/shards/i-of-N for `plid gap trial merge`. With --off,
-/// writes T/ablation for `plid gap trial ablate`.
+/// Writes T/answers, one case at a time; existing answers are kept. With --shard, writes T/shards/i-of-N for
+/// `plid gap trial merge`. With --off, writes T/ablation for `plid gap trial ablate`.
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  plid gap trial diagnose T --jobs 2\n  plid gap trial diagnose T --shard 3/16\n  plid gap trial merge T"
 )]
 pub struct Arguments {
-    /// The cases, as `plid gap trial draw` wrote them.
+    /// The cases, as written by `plid gap trial draw`.
     #[arg(value_name = "T")]
     trial: PathBuf,
-    /// Only every N-th case, from the i-th on.
+    /// Every N-th case only, starting with the i-th.
     #[arg(long, value_name = "i/N")]
     shard: Option<Shard>,
-    /// Cases at a time; as many as there are cores if left out.
+    /// Number of cases diagnosed at a time [default: number of cores].
     #[arg(long, value_name = "J")]
     jobs: Option<usize>,
-    /// Again with nothing off, and with each of these steps off, with commas between them.
+    /// Diagnose with nothing off, and again with each of these steps off (separated by commas).
     #[arg(long, value_name = "STEP", value_delimiter = ',', conflicts_with = "shard")]
     off: Vec<Step>,
 }

@@ -5,21 +5,21 @@ use plid_trial::{Drawn, TrialConfig, draw};
 use super::progress::Bar;
 use super::{Failure, Voice, Which, directory, voice};
 
-/// Draw the cases of a trial, and seal their answers.
+/// Draw the cases of a trial and seal their true effects.
 ///
-/// T gets the cases and a salted hash of each sealed file. S gets labels, held-out records, salt and seed.
+/// Writes the cases and a salted hash of each sealed file to T; labels, held-out records, salt and seed to S.
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  plid gap trial draw experiments/trials/quick.toml --out T --sealed S")]
 pub struct Arguments {
     #[command(flatten)]
     which: Which,
-    /// Where the cases go.
+    /// Folder for the cases.
     #[arg(long, value_name = "T")]
     out: PathBuf,
-    /// Where the answers go; not within T.
+    /// Folder for the sealed files, outside T.
     #[arg(long, value_name = "S")]
     sealed: PathBuf,
-    /// Draws the same cases again; from the system if left out.
+    /// Seed of the draw [default: from the system].
     #[arg(long)]
     seed: Option<u64>,
 }
@@ -54,9 +54,7 @@ pub fn into(
     for place in [trial, sealed] {
         if !directory::is_free(place)? {
             let place = place.display();
-            return Err(Failure::input(format!(
-                "{place} exists and is not empty; a trial is drawn into a new directory"
-            )));
+            return Err(Failure::input(format!("{place} exists and is not empty; a trial needs a new directory")));
         }
     }
     directory::with(trial, || {

@@ -6,14 +6,14 @@ use super::{Failure, Voice, voice};
 
 /// Join the answers of all shards into T/answers.
 ///
-/// Each shard must be there once and finished; one that is missing or there twice is an error with its number.
+/// Each shard must be complete and present exactly once; the error names the number of one that is not.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  plid gap trial merge T\n  plid gap trial merge T a/1-of-2 b/2-of-2")]
 pub struct Arguments {
     /// The cases.
     #[arg(value_name = "T")]
     trial: PathBuf,
-    /// Folders of shards; all of T/shards if left out.
+    /// Folders of shards [default: all in T/shards].
     #[arg(value_name = "SHARD")]
     shards: Vec<PathBuf>,
 }

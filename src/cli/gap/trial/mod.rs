@@ -14,13 +14,13 @@ use plid_trial::{TrialConfig, TrialError};
 
 use super::{Failure, Voice, directory, progress, voice};
 
-/// Check the diagnosis on cases whose effect is withheld from it: draw, diagnose, score.
+/// Blind trials of the diagnosis, on cases whose effects are withheld from it: draw, diagnose, score.
 ///
-/// The three steps cannot see each other: `draw` writes the cases in one directory and their answers, sealed, in another; `diagnose` reads
-/// the first alone; `score` fixes the hash of all answers before it opens what is sealed.
+/// `draw` writes the cases to one directory and their true effects, sealed, to another. `diagnose` reads only the first.
+/// `score` records the hash of all answers before it opens the sealed directory.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example:\n  plid gap trial run --quick --out out/trial\nthen open out/trial/report.html; or step by step:\n  plid gap trial draw --quick --out T --sealed S\n  plid gap trial diagnose T --jobs 2\n  plid gap trial score T --sealed S\nand what each step of the diagnosis is worth:\n  plid gap trial ablate T --sealed S --out out/ablation"
+    after_help = "Example:\n  plid gap trial run --quick --out out/trial\nthen open out/trial/report.html; or step by step:\n  plid gap trial draw --quick --out T --sealed S\n  plid gap trial diagnose T --jobs 2\n  plid gap trial score T --sealed S\nto measure the contribution of each step of the diagnosis:\n  plid gap trial ablate T --sealed S --out out/ablation"
 )]
 pub struct Arguments {
     #[command(subcommand)]
@@ -40,10 +40,10 @@ enum Step {
 /// A trial with its answers, and what was withheld.
 #[derive(clap::Args)]
 struct Answered {
-    /// The cases, with answers to all of them.
+    /// The folder with the cases and the answers.
     #[arg(value_name = "T")]
     trial: PathBuf,
-    /// What `plid gap trial draw` sealed.
+    /// The sealed folder written by `plid gap trial draw`.
     #[arg(long, value_name = "S")]
     sealed: PathBuf,
 }
@@ -51,7 +51,7 @@ struct Answered {
 /// Which trial.
 #[derive(clap::Args)]
 struct Which {
-    /// How many cases of which kind: one of experiments/trials, or your own.
+    /// The trial's config: one of experiments/trials, or your own.
     #[arg(value_name = "TRIAL.toml", required_unless_present = "quick", conflicts_with = "quick")]
     config: Option<PathBuf>,
     /// The built-in trial of sixty cases, experiments/trials/quick.toml.

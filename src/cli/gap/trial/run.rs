@@ -7,7 +7,7 @@ use super::{Failure, Voice, Which, diagnose, directory, draw, score};
 
 /// Draw, diagnose and score: DIR/trial, DIR/sealed, DIR/report.html.
 ///
-/// The diagnosis runs in a process of its own, which is given DIR/trial alone.
+/// The diagnosis runs in a separate process that only knows DIR/trial.
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  plid gap trial run --quick --out out/trial\n  plid gap trial run experiments/trials/standard.toml --out out/standard --resume"
@@ -15,16 +15,16 @@ use super::{Failure, Voice, Which, diagnose, directory, draw, score};
 pub struct Arguments {
     #[command(flatten)]
     which: Which,
-    /// Where everything goes.
+    /// Output directory.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Draws the same cases again; from the system if left out.
+    /// Seed of the draw [default: from the system].
     #[arg(long, conflicts_with = "resume")]
     seed: Option<u64>,
-    /// Cases at a time; as many as there are cores if left out.
+    /// Number of cases diagnosed at a time [default: number of cores].
     #[arg(long, value_name = "J")]
     jobs: Option<usize>,
-    /// Go on with the cases that were drawn into DIR before; answers that stand there are not given again.
+    /// Continue with the cases drawn into DIR earlier; existing answers are kept.
     #[arg(long)]
     resume: bool,
 }
@@ -49,7 +49,9 @@ pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
     // What it prints is no result of this command.
     let status = command.stdout(Stdio::null()).status().map_err(Failure::work)?;
     if !status.success() {
-        return Err(Failure::work(format!("the diagnosis ended with {status}; --resume goes on from what is done")));
+        return Err(Failure::work(format!(
+            "the diagnosis ended with {status}; --resume continues with the cases that remain"
+        )));
     }
     score::into(&trial, &sealed, Extent::Whole, out, voice)
 }

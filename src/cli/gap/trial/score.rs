@@ -8,8 +8,8 @@ use super::{Answered, Failure, Voice, voice};
 
 /// Score the answers to a trial.
 ///
-/// First writes the hash of all answers into S, then checks that what is sealed is what T commits to, and only then opens it. Writes
-/// report.html and scores.json. An answer that changes afterwards is refused.
+/// First records the hash of all answers in S, then checks the sealed files against the hashes in T, and only then opens
+/// them. Writes report.html and scores.json. Answers that change afterwards are rejected.
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  plid gap trial score T --sealed S\n  plid gap trial score T --sealed S --answered   # a diagnosis that was stopped half-way\nthen open S/report.html"
@@ -17,10 +17,10 @@ use super::{Answered, Failure, Voice, voice};
 pub struct Arguments {
     #[command(flatten)]
     answered: Answered,
-    /// Score the cases that have an answer so far. They are in an order that says nothing, so that they stand for all; but what is answered after that is refused.
+    /// Score only the cases answered so far. Cases are in random order, so these are a fair sample; later answers are rejected.
     #[arg(long = "answered")]
     partial: bool,
-    /// Where report.html, its first picture power.svg, and scores.json go; S if left out.
+    /// Folder for report.html, its first figure power.svg, and scores.json [default: S].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
