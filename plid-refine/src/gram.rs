@@ -9,9 +9,9 @@
 //! - if the initial state is unknown, the same filters applied to an impulse: A_s^k = alpha_k I + gamma_k (A_s - c I).
 //!
 //! The record is therefore represented by the matrix of inner products of these signals and the residuals, which is the
-//! same for all outputs that are present at the same samples. It costs O(K q^2) with q = sections x (2 m + 4 or 6) + m +
-//! p, instead of a Jacobian for each output. The signals are computed in blocks of samples and never stored as a
-//! whole.
+//! same for all outputs that are present at the same samples. It costs O(K q^2), where
+//! q = sections x (2 m + 4 or 6) + m + p, instead of a Jacobian for each output. The signals are computed in blocks of
+//! samples and never stored as a whole.
 
 use std::ops::Range;
 
