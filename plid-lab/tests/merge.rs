@@ -241,7 +241,7 @@ fn a_config_makes_runs_and_merges_them_and_so_does_the_command_on_finished_runs(
     let there = base.join("again");
     merge::write(&again, &there).unwrap();
     let page = std::fs::read_to_string(there.join("report.html")).unwrap();
-    for said in ["The runs share one A", "u1 to y2", "own free run", "is off by"] {
+    for said in ["The runs are consistent with one A", "u1 to y2", "own simulation error", "with an error of"] {
         assert!(page.contains(said), "{said}");
     }
     assert_eq!(Model::read(&there.join("model.json")).unwrap(), bare);
@@ -304,7 +304,8 @@ fn records_in_which_another_input_acts_are_refused_by_file_and_channel() {
     // A finished run tells too, though it was told of one input only.
     let single = |file: &str, input: &str| {
         let text = format!(
-            "name = \"{input}\"\n[data]\nfiles = [\"{file}\"]\ninputs = [\"{input}\"]\noutputs = [\"y1\", \"y2\"]\nsample_rate_hz = 100.0\n\
+            "name = \"{input}\"\n[data]\nfiles = [\"{file}\"]\ninputs = [\"{input}\"]\n\
+             outputs = [\"y1\", \"y2\"]\nsample_rate_hz = 100.0\n\
              [structure]\nstates = 4\n[preparation]\nadvance = 0\n"
         );
         let experiment: Experiment = experiment::from_toml(&text, "test").unwrap();

@@ -44,7 +44,8 @@ fn write_record(path: &Path, direct: bool, samples: usize, noise: f64, seed: u64
 
 fn config(files: &str, rest: &str) -> Experiment {
     let text = format!(
-        "name = \"small\"\n[data]\nfiles = [{files}]\ninputs = [\"u\"]\noutputs = [\"y1\", \"y2\"]\n[noise]\nfrom = \"paper-squared\"\n[structure]\nstates = 4\n{rest}"
+        "name = \"small\"\n[data]\nfiles = [{files}]\ninputs = [\"u\"]\noutputs = [\"y1\", \"y2\"]\n[noise]\n\
+         from = \"paper-squared\"\n[structure]\nstates = 4\n{rest}"
     );
     experiment::from_toml(&text, "test").unwrap()
 }
@@ -122,7 +123,7 @@ fn its_files_agree_and_nothing_is_left_of_a_former_run() {
     assert_eq!(simulation["best_free_run"], "refined");
     assert!(simulation["period_s"].is_null());
     let report = std::fs::read_to_string(out.join("report.html")).unwrap();
-    assert!(report.contains("Models for simulation") && report.contains("take model-refined.json to simulate"));
+    assert!(report.contains("Models for simulation") && report.contains("use model-refined.json for simulation"));
 
     let (outcome, result) = run("[identification]\nrefine = \"off\"\n");
     assert!(outcome.simulation.refined.is_none() && !out.join("model-refined.json").exists());
@@ -137,7 +138,10 @@ fn too_short_a_record_says_what_is_not_there() {
     let outcome = run::carry_out(&config("\"a.csv\"", ""), directory.path(), None, false, &Silent).unwrap();
     assert!(outcome.simulation.subspace.is_none());
     assert!(
-        outcome.warnings.iter().any(|w| w.contains("no subspace baseline") && w.contains("at least")),
+        outcome
+            .warnings
+            .iter()
+            .any(|w| w.contains("the subspace estimate could not be computed") && w.contains("at least")),
         "{:?}",
         outcome.warnings
     );

@@ -3,19 +3,20 @@ use nalgebra::DVector;
 use super::error::{ModelError, expect_shape};
 use super::state_space::Model;
 
-/// The model that an identification with advanced inputs stands for. Fed with u_{k+1} in place of u_k it gave
-/// x_{k+1} = A x_k + B u_{k+1} + K e_k, y_k = C x_k. With x'_k = x_k - B u_k that is
-/// x'_{k+1} = A x'_k + A B u_k + K e_k, y_k = C x'_k + C B u_k: so A, C and K stay, B becomes A B, and D becomes C B.
+/// Converts a model that was identified with its inputs advanced by one sample. The identified model receives u_{k+1}
+/// in place of u_k: x_{k+1} = A x_k + B u_{k+1} + K e_k, y_k = C x_k. With x'_k = x_k - B u_k it becomes x'_{k+1} = A
+/// x'_k + A B u_k + K e_k, y_k = C x'_k + C B u_k. A, C and K are unchanged, B becomes A B, and D becomes C B
+/// (docs/mathematics.md, "The plant").
 ///
-/// The parameters' covariance stays that of (A, B) before; [`super::response_variance`] takes it so with `advance` = 1.
-/// An initial state x_0 becomes x_0 - B u_0, where `first_input` is u_0; without it the initial state is left out. So are `continuous` and `ports`,
-/// which have no meaning for advanced inputs.
+/// The parameter covariance remains that of the identified (A, B); [`super::response_variance`] expects this with
+/// `advance` = 1. An initial state x_0 becomes x_0 - B u_0, where `first_input` is u_0; it is dropped if `first_input`
+/// is `None`. `continuous` and `ports` are dropped, because they have no meaning for advanced inputs.
 ///
 /// # Errors
-/// [`ModelError::Needs`] if D is not zero (y_k would depend on u_{k+1}), [`ModelError::Shape`].
+/// Returns [`ModelError::Needs`] if D is not zero (y_k would depend on u_{k+1}), and [`ModelError::Shape`].
 pub fn undo_advance(model: &Model, first_input: Option<&[f64]>) -> Result<Model, ModelError> {
     if model.d.iter().any(|&d| d != 0.0) {
-        return Err(ModelError::Needs { key: "D = 0", purpose: "undoing the advance of the inputs" });
+        return Err(ModelError::Needs { key: "D = 0", purpose: "undoing the input advance" });
     }
     let state = model.initial_state.as_ref().zip(first_input);
     let initial_state = state.map(|(x, u)| advanced_state(model, x, u)).transpose()?;
@@ -29,10 +30,11 @@ pub fn undo_advance(model: &Model, first_input: Option<&[f64]>) -> Result<Model,
     })
 }
 
-/// x'_k = x_k - B u_k: a state of the model as identified, `input` the input u_k at the same sample, as a state of [`undo_advance`]'s.
+/// Returns x'_k = x_k - B u_k, the state of the model of [`undo_advance`] that corresponds to the state x_k of the
+/// identified `model`; `input` is u_k.
 ///
 /// # Errors
-/// [`ModelError::Shape`].
+/// Returns [`ModelError::Shape`].
 pub fn advanced_state(model: &Model, state: &DVector<f64>, input: &[f64]) -> Result<DVector<f64>, ModelError> {
     expect_shape("state", (model.n(), 1), state.shape())?;
     expect_shape("input", (model.m(), 1), (input.len(), 1))?;

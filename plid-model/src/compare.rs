@@ -8,50 +8,50 @@ use super::predict::one_step_prediction;
 use super::simulate::simulate;
 use super::state_space::Model;
 
-/// Sample rates that differ by less than this, relatively, are the same.
+/// Sample rates are equal if they differ by less than this, relatively.
 const SAME_RATE: f64 = 1e-6;
 
-/// A model with the name that the table gives it.
+/// A model and its name in the table.
 #[derive(Debug, Clone)]
 pub struct NamedModel<'a> {
-    /// Its name.
+    /// The name of the model.
     pub name: &'a str,
     /// The model.
     pub model: &'a Model,
 }
 
-/// A record: any channels, of which a model's are picked by name.
+/// A record with named channels, from which the channels of a model are selected by name.
 #[derive(Debug, Clone)]
 pub struct Record<'a> {
-    /// Its name.
+    /// The name of the record.
     pub name: &'a str,
     /// Sample rate in Hz.
     pub sample_rate_hz: f64,
     /// Names of the columns.
     pub channels: &'a [String],
-    /// Samples x channels; NaN marks a missing output.
+    /// Values (samples x channels); NaN marks a missing output.
     pub values: ArrayView2<'a, f64>,
 }
 
-/// The state at the first sample of a record.
+/// The initial state of a run, at the first sample of a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Start {
-    /// Zero.
+    /// The zero state.
     Rest,
-    /// Fitted to the first samples (all when `None`), for the free run and for the one-step prediction each.
+    /// A state fitted to the first samples (all if `None`), separately for the simulation and the one-step prediction.
     Fitted {
-        /// Samples that count.
+        /// Number of samples used by the fit.
         window: Option<usize>,
     },
 }
 
-/// How models are put beside each other.
+/// The settings of a comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CompareOptions {
     /// The initial state.
     pub start: Start,
-    /// The first sample that is scored (the run itself begins at the first sample of the record).
+    /// The first sample that is scored; the run itself starts at the first sample of the record.
     pub score_from: usize,
 }
 
@@ -61,55 +61,55 @@ impl Default for CompareOptions {
     }
 }
 
-/// How well one output is met.
+/// The errors of one output.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct OutputScore {
-    /// The output.
+    /// The name of the output.
     pub output: String,
-    /// Samples that count (those that are there).
+    /// Number of samples scored, without the missing ones.
     pub samples: usize,
     /// RMS of the error, in the output's unit. `None` without samples.
     pub rms_error: Option<f64>,
-    /// RMS of the error over RMS of the output. `None` where the output is zero throughout.
+    /// RMS of the error over RMS of the output. `None` if the output is zero throughout.
     pub relative_rms: Option<f64>,
-    /// 100 (1 - |y - y_model| / |y - mean y|), as MATLAB's `compare` has it. `None` for a constant output.
+    /// 100 (1 - |y - y_model| / |y - mean y|), the fit of MATLAB's `compare`. `None` for a constant output.
     pub fit_percent: Option<f64>,
 }
 
-/// One run of a model over a record.
+/// The outcome of one run of a model over a record.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Run {
-    /// It came to its end.
+    /// The run was completed.
     Scored {
-        /// One score an output.
+        /// The scores of the outputs.
         outputs: Vec<OutputScore>,
         /// RMS(y - y_model) / RMS(y) over all outputs, each scaled to unit RMS.
         relative_rms: Option<f64>,
     },
-    /// It left all bounds.
+    /// The run diverged.
     Diverged {
-        /// The output that did.
+        /// The first output that diverged.
         output: String,
-        /// The sample, from 0.
+        /// The sample at which it diverged, from 0.
         sample: usize,
     },
 }
 
-/// One model on one record.
+/// The results of one model on one record.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Trial {
     /// The model's name.
     pub model: String,
     /// The record's name.
     pub record: String,
-    /// Free run.
+    /// The simulation.
     pub free_run: Run,
-    /// One-step prediction, where the model has a predictor gain.
+    /// The one-step prediction, if the model has a predictor gain.
     pub one_step: Option<Run>,
 }
 
-/// The table: every model on every record, records outermost.
+/// The table of a comparison: every model on every record, ordered by record.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
     /// The initial state that was used.
@@ -120,10 +120,11 @@ pub struct Comparison {
     pub trials: Vec<Trial>,
 }
 
-/// Puts models beside each other on records, as MATLAB's `compare` does. A run that diverges is a row of the table, not an error.
+/// Compares models on records, as MATLAB's `compare` does. A run that diverges is a row of the table, not an error.
 ///
 /// # Errors
-/// [`ModelError::Rate`], [`ModelError::UnknownChannel`], [`ModelError::TooShort`], [`ModelError::NotFinite`] for an input.
+/// Returns [`ModelError::Rate`], [`ModelError::UnknownChannel`], [`ModelError::TooShort`], or [`ModelError::NotFinite`]
+/// for an input.
 pub fn compare(models: &[NamedModel], records: &[Record], options: CompareOptions) -> Result<Comparison, ModelError> {
     let mut trials = Vec::with_capacity(models.len() * records.len());
     for record in records {
@@ -169,7 +170,7 @@ fn expect_same_rate(named: &NamedModel, record: &Record) -> Result<(), ModelErro
     Err(ModelError::Rate { record: record.name.to_string(), record_hz, model: named.name.to_string(), model_hz })
 }
 
-/// The columns of a record with the names given, in their order.
+/// Returns the named columns of a record in the order of the names.
 fn pick(named: &NamedModel, record: &Record, channels: &[String]) -> Result<Array2<f64>, ModelError> {
     let columns: Vec<usize> = channels
         .iter()
@@ -212,7 +213,7 @@ fn prediction_start(
     }
 }
 
-/// A run's scores; divergence is one of the outcomes, every other error is passed on.
+/// Scores a run. Divergence is a regular outcome; every other error is returned.
 fn score(
     model: &Model,
     run: Result<Array2<f64>, ModelError>,
@@ -228,7 +229,7 @@ fn score(
     };
     let outputs: Vec<OutputScore> =
         (0..model.p()).map(|i| output_score(&model.outputs[i], run.column(i), measured.column(i), from)).collect();
-    // With each output scaled to unit RMS the whole is the mean square of the parts.
+    // With each output scaled to unit RMS, the mean square over all outputs is the mean of the parts.
     let parts: Vec<f64> = outputs.iter().filter_map(|s| s.relative_rms).collect();
     let mean = parts.iter().map(|x| x * x).sum::<f64>() / parts.len() as f64;
     let relative_rms = (!parts.is_empty()).then(|| mean.sqrt());
@@ -254,7 +255,7 @@ fn output_score(
         samples,
         rms_error: (samples > 0).then_some(error),
         relative_rms: (size > 0.0).then(|| error / size),
-        // The mean of a constant is rounded, so that its spread need not be zero.
+        // The mean of a constant signal is subject to rounding, so its computed spread need not be exactly zero.
         fit_percent: (spread > 1e-12 * size).then(|| 100.0 * (1.0 - error / spread)),
     }
 }
@@ -270,7 +271,8 @@ mod tests {
         names.iter().map(|x| x.to_string()).collect()
     }
 
-    /// A record of a model from a state, with columns in another order than the model's and one too many.
+    /// Simulates a model from a state and returns a record whose columns are in a different order, with one extra
+    /// column.
     fn measured(model: &Model, start: &DVector<f64>) -> (Vec<String>, Array2<f64>) {
         let u = record(1, 400, 2);
         let y = simulate(model, u.view(), start).unwrap().outputs;
@@ -294,7 +296,7 @@ mod tests {
         let model = two_modes();
         let (channels, mut values) = measured(&model, &model.rest());
         let clean = values.column(0).to_owned();
-        // The second output is 5 % too small in the model's eyes, the first has an offset of 2.
+        // The second output of the model is 5 % too small, and the first has an offset of 2.
         values.column_mut(0).mapv_inplace(|y| y + 2.0);
         values.column_mut(1).mapv_inplace(|y| y / 0.95);
         values[(7, 1)] = f64::NAN;

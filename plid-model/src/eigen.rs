@@ -2,19 +2,20 @@ use nalgebra::{Complex, DMatrix, DVector};
 
 use super::error::ModelError;
 
-/// Beyond this the squares in the balancing would overflow.
+/// Matrices with larger entries are not balanced, because squares would overflow.
 const BALANCE_LIMIT: f64 = 1e100;
 
-/// Eigenvalues with right and left eigenvectors, l_k . r_k = 1.
+/// Eigenvalues with right and left eigenvectors, normalised so that l_k . r_k = 1.
 pub(super) struct Eigen {
     pub values: Vec<Complex<f64>>,
-    /// Columns.
+    /// The right eigenvectors as columns.
     pub right: DMatrix<Complex<f64>>,
-    /// Rows: the inverse of `right`. `None` where the eigenvectors are no basis.
+    /// The left eigenvectors as rows: the inverse of `right`. `None` if the eigenvectors are linearly dependent.
     pub left: Option<DMatrix<Complex<f64>>>,
 }
 
-/// D^{-1} A D with rows and columns of like size (canonical forms are far from that), and the diagonal of D.
+/// Balances A: returns D^{-1} A D, whose rows and columns have similar norms, and the diagonal of D. Canonical forms
+/// are badly balanced.
 pub(super) fn balance(a: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
     let mut balanced = a.clone();
     if a.amax() > BALANCE_LIMIT {
@@ -24,13 +25,13 @@ pub(super) fn balance(a: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
     (balanced, scale)
 }
 
-/// The eigenvalues of A, in the library's order.
+/// Returns the eigenvalues of A in the order in which the library computes them.
 pub(super) fn eigenvalues(a: &DMatrix<f64>) -> Result<Vec<Complex<f64>>, ModelError> {
     let (balanced, _) = balance(a);
     library(&balanced).eigenvalues().map_err(|_| ModelError::Eigenvalues)
 }
 
-/// Eigenvalues and eigenvectors of A.
+/// Returns the eigenvalues and eigenvectors of A.
 pub(super) fn eigen(a: &DMatrix<f64>) -> Result<Eigen, ModelError> {
     let n = a.nrows();
     let (balanced, scale) = balance(a);

@@ -3,41 +3,41 @@ use std::path::PathBuf;
 /// What is wrong with one key of a model.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum KeyProblem {
-    /// The key must be there.
+    /// A required key is absent.
     #[error("is missing")]
     Missing,
-    /// The value is of another kind than the key wants.
-    #[error("should be {expected}")]
+    /// The value has the wrong JSON type.
+    #[error("must be {expected}")]
     Kind {
-        /// What the key wants, in words.
+        /// The type that the key requires, in words.
         expected: &'static str,
     },
-    /// A matrix or list of another size than the other keys imply (a list is one column).
-    #[error("should be {} x {}, is {} x {}", expected.0, expected.1, found.0, found.1)]
+    /// A matrix or list has a size that does not agree with the other keys; a list counts as one column.
+    #[error("must be {} x {} but is {} x {}", expected.0, expected.1, found.0, found.1)]
     Shape {
-        /// Rows and columns wanted.
+        /// Rows and columns required.
         expected: (usize, usize),
         /// Rows and columns found.
         found: (usize, usize),
     },
-    /// NaN or infinity.
+    /// The value is NaN or infinite.
     #[error("is not finite")]
     NotFinite,
     /// The value is outside its range.
-    #[error("is {value}; it should be {expected}")]
+    #[error("is {value}; it must be {expected}")]
     Range {
         /// The value found.
         value: f64,
-        /// The range, in words.
+        /// The permitted range, in words.
         expected: &'static str,
     },
-    /// Two channels have one name.
+    /// Two channels share a name.
     #[error("names `{name}` twice")]
     Duplicate {
         /// The name.
         name: String,
     },
-    /// A name that no channel has.
+    /// The name is not that of a channel of the model.
     #[error("names `{name}`, which is not a channel of the model")]
     UnknownChannel {
         /// The name.
@@ -45,7 +45,7 @@ pub enum KeyProblem {
     },
 }
 
-/// Why a model could not be read, written or used.
+/// The reasons why a model cannot be read, written or used.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 pub enum ModelError {
     /// The file could not be read or written.
@@ -53,10 +53,10 @@ pub enum ModelError {
     Io {
         /// The file.
         file: PathBuf,
-        /// The operating system's reason.
+        /// The reason that the operating system gives.
         source: std::io::Error,
     },
-    /// The file is not JSON.
+    /// The file is not valid JSON.
     #[error("{place}:{line}:{column}: {message}")]
     Syntax {
         /// The file.
@@ -65,44 +65,44 @@ pub enum ModelError {
         line: usize,
         /// Column, from 1.
         column: usize,
-        /// What the JSON reader says.
+        /// The message of the JSON parser.
         message: String,
     },
-    /// A key of the model is missing or wrong.
+    /// A key of the model is missing or has an invalid value.
     #[error("{place}: key `{key}` {problem}")]
     Key {
-        /// The file, or what the model is called.
+        /// The file, or the name of the model.
         place: String,
-        /// The key, with indices where one element is at fault (`A[3][2]`).
+        /// The key, with indices if a single element is invalid, such as `A[3][2]`.
         key: String,
-        /// What is wrong.
+        /// The problem with the key.
         problem: KeyProblem,
     },
     /// The model lacks a key that this calculation needs.
-    #[error("the model has no `{key}`, which {purpose} needs")]
+    #[error("the model has no `{key}`, which is required for {purpose}")]
     Needs {
         /// The key.
         key: &'static str,
-        /// What was asked for.
+        /// The calculation that was requested.
         purpose: &'static str,
     },
-    /// The model is not in observable canonical form, so that its parameter covariance has no meaning.
-    #[error("the model is not in the observable canonical form of its indices: `{key}` departs from it")]
+    /// The model is not in observable canonical form, so its parameter covariance has no meaning.
+    #[error("the model is not in observable canonical form: `{key}` does not have the structure of its indices")]
     NotCanonical {
         /// `A` or `C`.
         key: &'static str,
     },
-    /// An array of another size than the model implies.
-    #[error("{what} should be {} x {}, is {} x {}", expected.0, expected.1, found.0, found.1)]
+    /// An array does not have the size that the model requires.
+    #[error("{what} must be {} x {} but is {} x {}", expected.0, expected.1, found.0, found.1)]
     Shape {
-        /// The array.
+        /// Rows and columns required.
         what: &'static str,
         /// Rows and columns wanted.
         expected: (usize, usize),
         /// Rows and columns found.
         found: (usize, usize),
     },
-    /// NaN or infinity where a number is needed.
+    /// A value that must be finite is NaN or infinite.
     #[error("{channel} is not finite at sample {sample}")]
     NotFinite {
         /// The channel.
@@ -110,47 +110,48 @@ pub enum ModelError {
         /// The sample, from 0.
         sample: usize,
     },
-    /// A free run or a prediction left all bounds.
-    #[error("output `{output}` diverged at sample {sample} (beyond {bound:e})")]
+    /// A simulation or prediction exceeded the bound on the outputs.
+    #[error("output `{output}` diverged at sample {sample} (magnitude above {bound:e})")]
     Diverged {
         /// The output.
         output: String,
-        /// The sample, from 0.
+        /// The first sample beyond the bound, from 0.
         sample: usize,
         /// The bound on an output's magnitude.
         bound: f64,
     },
-    /// A covariance is not symmetric and positive semidefinite.
+    /// A matrix given as a covariance is not symmetric and positive semidefinite.
     #[error("{what} is not a covariance (symmetric, positive semidefinite)")]
     NotCovariance {
-        /// Which covariance.
+        /// The name of the matrix.
         what: &'static str,
     },
-    /// The Riccati equation was not solved.
+    /// The Riccati equation has no stabilising solution, or the solver did not find it.
     #[error(
-        "no stabilising solution of the Riccati equation: relative residual {residual:.1e}, spectral radius of A - K C {radius:.6}, after {iterations} doublings"
+        "no stabilising solution of the Riccati equation: relative residual {residual:.1e}, spectral radius of A - K C \
+             {radius:.6}, after {iterations} doublings"
     )]
     Riccati {
-        /// Residual over the solution, both as Frobenius norms.
+        /// The residual relative to the solution, both as Frobenius norms.
         residual: f64,
-        /// Spectral radius of A - K C.
+        /// The spectral radius of A - K C.
         radius: f64,
-        /// Doubling steps taken.
+        /// The number of doubling steps taken.
         iterations: usize,
     },
     /// The eigenvalue iteration did not converge.
-    #[error("the eigenvalues of A were not found")]
+    #[error("the eigenvalues of A could not be computed")]
     Eigenvalues,
-    /// A frequency that the model cannot be asked about.
-    #[error("the frequency {hz} Hz is outside 0 to {nyquist} Hz")]
+    /// A frequency is outside the range from zero to the Nyquist frequency.
+    #[error("the frequency {hz} Hz is outside the range from 0 to {nyquist} Hz")]
     Frequency {
-        /// The frequency asked for.
+        /// The frequency requested, in Hz.
         hz: f64,
-        /// Half the sample rate.
+        /// Half the sample rate, in Hz.
         nyquist: f64,
     },
     /// A record lacks a channel of the model.
-    #[error("record `{record}` has no channel `{channel}` (model `{model}`); it has {present}")]
+    #[error("record `{record}` has no channel `{channel}` (model `{model}`); its channels are {present}")]
     UnknownChannel {
         /// The record.
         record: String,
@@ -158,33 +159,33 @@ pub enum ModelError {
         model: String,
         /// The channel.
         channel: String,
-        /// The channels that are there.
+        /// The channels of the record, separated by commas.
         present: String,
     },
     /// A record and a model have different sample rates.
-    #[error("record `{record}` is at {record_hz} Hz, model `{model}` at {model_hz} Hz")]
+    #[error("record `{record}` is sampled at {record_hz} Hz, model `{model}` at {model_hz} Hz")]
     Rate {
         /// The record.
         record: String,
-        /// Its rate.
+        /// Its sample rate in Hz.
         record_hz: f64,
         /// The model.
         model: String,
-        /// Its rate.
+        /// Its sample rate in Hz.
         model_hz: f64,
     },
-    /// There is nothing to score.
+    /// The record ends before the first sample that is scored.
     #[error("record `{record}` has {samples} samples; scoring starts at sample {from}")]
     TooShort {
         /// The record.
         record: String,
-        /// Its samples.
+        /// The number of samples of the record.
         samples: usize,
-        /// The first sample that counts.
+        /// The first sample that is scored.
         from: usize,
     },
-    /// A scale that is zero, negative or not finite.
-    #[error("the scale of `{channel}` is {value}; it should be positive and finite")]
+    /// A scale is zero, negative or not finite.
+    #[error("the scale of `{channel}` is {value}; it must be positive and finite")]
     Scale {
         /// The channel.
         channel: String,
@@ -193,7 +194,7 @@ pub enum ModelError {
     },
 }
 
-/// An error if an array has another size than the model implies.
+/// Returns [`ModelError::Shape`] if an array does not have the size that the model requires.
 pub(super) fn expect_shape(
     what: &'static str,
     expected: (usize, usize),

@@ -6,10 +6,11 @@ use super::error::ModelError;
 use super::state_space::Model;
 
 impl Model {
-    /// Reads a `model.json`; keys that it does not know are ignored, and a missing `D` is zero.
+    /// Reads a `model.json`. Unknown keys are ignored, and a missing `D` is zero.
     ///
     /// # Errors
-    /// [`ModelError::Io`], [`ModelError::Syntax`] with line and column, [`ModelError::Key`] with the key.
+    /// Returns [`ModelError::Io`], [`ModelError::Syntax`] with line and column, or [`ModelError::Key`] with the invalid
+    /// key.
     pub fn read(path: &Path) -> Result<Self, ModelError> {
         let place = path.display().to_string();
         let text = fs::read(path).map_err(|source| io_error(path, source))?;
@@ -22,11 +23,11 @@ impl Model {
         Self::from_json(&value, &place)
     }
 
-    /// Writes a `model.json`, one key a line: the same bytes for the same model, and floats that read back exactly.
-    /// The file appears whole or not at all.
+    /// Writes a `model.json` with one key per line. Equal models give equal bytes, and every number is read back
+    /// exactly. The write is atomic.
     ///
     /// # Errors
-    /// [`ModelError::Key`] if the model is not sound (JSON has no NaN), [`ModelError::Io`].
+    /// Returns [`ModelError::Key`] if the model is invalid (JSON has no NaN), or [`ModelError::Io`].
     pub fn write(&self, path: &Path) -> Result<(), ModelError> {
         self.check(&path.display().to_string())?;
         write_whole(path, &self.text()).map_err(|source| io_error(path, source))
@@ -38,7 +39,7 @@ impl Model {
     }
 }
 
-/// Writes beside the file and renames, so that no reader meets half a file.
+/// Writes to a temporary file in the same directory and renames it, so that no reader sees an incomplete file.
 fn write_whole(path: &Path, text: &str) -> io::Result<()> {
     let name = path.file_name().ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "not a file name"))?;
     let mut beside = name.to_os_string();

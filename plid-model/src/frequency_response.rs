@@ -6,8 +6,8 @@ use super::error::ModelError;
 use super::hessenberg::HessenbergModel;
 use super::state_space::Model;
 
-/// A model ready to be asked for its response at many frequencies: the reduction to Hessenberg form is done once,
-/// after which a frequency costs O(n^2 (m + 1)).
+/// A model prepared for the evaluation of its response at many frequencies. The reduction to Hessenberg form is done
+/// once, after which each frequency costs O(n^2 (m + 1)).
 pub struct FrequencyResponse {
     reduced: HessenbergModel,
     through: DMatrix<Complex<f64>>,
@@ -20,36 +20,36 @@ impl FrequencyResponse {
         Self { reduced: HessenbergModel::of(model), through: model.d.map(Complex::from), rate: model.sample_rate_hz }
     }
 
-    /// H = C (z I - A)^{-1} B + D (p x m) at z = exp(2 pi i hz / rate).
+    /// Returns H = C (z I - A)^{-1} B + D (p x m) at z = exp(2 pi i hz / rate).
     pub fn at(&self, hz: f64) -> DMatrix<Complex<f64>> {
         self.reduced.transfer(on_circle(hz, self.rate)) + &self.through
     }
 
-    /// |H| of one pair.
+    /// Returns |H| for one pair of output and input.
     pub fn magnitude(&self, output: usize, input: usize, hz: f64) -> f64 {
         self.at(hz)[(output, input)].norm()
     }
 }
 
-/// H(f) = C (z I - A)^{-1} B + D, one p x m matrix a frequency.
+/// Computes H(f) = C (z I - A)^{-1} B + D, one p x m matrix per frequency in Hz.
 ///
 /// # Errors
-/// [`ModelError::Frequency`] for a frequency outside 0 to half the sample rate.
+/// Returns [`ModelError::Frequency`] for a frequency outside 0 to half the sample rate.
 pub fn frequency_response(model: &Model, hz: &[f64]) -> Result<Vec<DMatrix<Complex<f64>>>, ModelError> {
     expect_frequencies(model, hz)?;
     let response = FrequencyResponse::of(model);
     Ok(hz.iter().map(|&f| response.at(f)).collect())
 }
 
-/// The point on the unit circle that belongs to a frequency.
+/// Returns the point on the unit circle that corresponds to a frequency.
 pub(super) fn on_circle(hz: f64, rate: f64) -> Complex<f64> {
     Complex::cis(TAU * hz / rate)
 }
 
-/// An error unless every frequency is within 0 to half the sample rate.
+/// Returns an error unless every frequency is within 0 to half the sample rate.
 pub(super) fn expect_frequencies(model: &Model, hz: &[f64]) -> Result<(), ModelError> {
     let nyquist = model.sample_rate_hz / 2.0;
-    // Half a grid step of rounding must not turn the last frequency of a grid into an error.
+    // The tolerance keeps rounding from turning the last frequency of a grid into an error.
     let bad = hz.iter().find(|&&f| !(0.0..=nyquist * (1.0 + 1e-9)).contains(&f));
     bad.map_or(Ok(()), |&hz| Err(ModelError::Frequency { hz, nyquist }))
 }

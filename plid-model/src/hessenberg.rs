@@ -3,13 +3,13 @@ use nalgebra::{Complex, DMatrix};
 use super::eigen::balance;
 use super::state_space::Model;
 
-/// A model in coordinates in which A is upper Hessenberg, x = T x_h with T = D Q (balancing, then reflections):
-/// there z I - A costs only n^2 to factor.
+/// A model in coordinates in which A is upper Hessenberg, x = T x_h with T = D Q (balancing followed by Householder
+/// reflections). In these coordinates z I - A is factored in O(n^2).
 pub(super) struct HessenbergModel {
     h: DMatrix<f64>,
     b: DMatrix<Complex<f64>>,
     c: DMatrix<Complex<f64>>,
-    /// T^{-1}, to bring rows back.
+    /// T^{-1}, which maps rows back to the original coordinates.
     inverse: DMatrix<f64>,
 }
 
@@ -22,14 +22,14 @@ impl HessenbergModel {
         Self { h, b: (&inverse * &model.b).map(Complex::from), c: (&model.c * change).map(Complex::from), inverse }
     }
 
-    /// C (z I - A)^{-1} B (p x m). Where z is a pole the result is very large or not finite.
+    /// Returns C (z I - A)^{-1} B (p x m). If z is a pole the result is very large or not finite.
     pub fn transfer(&self, z: Complex<f64>) -> DMatrix<Complex<f64>> {
         let mut x = self.b.clone();
         Factors::of(&self.h, z).solve(&mut x);
         &self.c * x
     }
 
-    /// W = C (z I - A)^{-1} in the model's own coordinates (p x n).
+    /// Returns W = C (z I - A)^{-1} in the model's own coordinates (p x n).
     pub fn resolvent_rows(&self, z: Complex<f64>) -> DMatrix<Complex<f64>> {
         let mut x = self.c.transpose();
         Factors::of(&self.h, z).solve_transposed(&mut x);
@@ -40,10 +40,12 @@ impl HessenbergModel {
     }
 }
 
-/// z I - H as row operations times an upper triangle: the one subdiagonal is eliminated with the larger of two rows as pivot.
+/// The factorisation of z I - H into row operations and an upper triangular matrix. The subdiagonal is eliminated with
+/// partial pivoting.
 struct Factors {
     upper: DMatrix<Complex<f64>>,
-    /// For each row from the second: whether it changed places with the one above, and the multiple of that which was taken off.
+    /// For each row from the second on: whether it was swapped with the row above, and the multiple of that row that
+    /// was subtracted.
     operations: Vec<(bool, Complex<f64>)>,
 }
 
@@ -73,7 +75,7 @@ impl Factors {
         Self { upper, operations }
     }
 
-    /// x <- (z I - H)^{-1} x, column by column.
+    /// Computes x <- (z I - H)^{-1} x column by column.
     fn solve(&self, x: &mut DMatrix<Complex<f64>>) {
         let n = self.upper.nrows();
         for mut column in x.column_iter_mut() {
@@ -94,7 +96,8 @@ impl Factors {
         }
     }
 
-    /// x <- (z I - H)^{-T} x, column by column: the triangle first, then the row operations undone from the last.
+    /// Computes x <- (z I - H)^{-T} x column by column: first the triangular solve, then the row operations in reverse
+    /// order.
     fn solve_transposed(&self, x: &mut DMatrix<Complex<f64>>) {
         let n = self.upper.nrows();
         for mut column in x.column_iter_mut() {

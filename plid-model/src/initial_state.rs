@@ -6,9 +6,10 @@ use super::predict::{expect_outputs, predictor};
 use super::simulate::{DIVERGENCE_BOUND, expect_inputs};
 use super::state_space::Model;
 
-/// The fit ends where C A^k has grown by this much: beyond it rounding in the free run outweighs what a sample tells.
+/// The fit ends where C A^k has grown by this factor, beyond which rounding in the simulation exceeds the information
+/// in a sample.
 const GROWTH_LIMIT: f64 = 1e8;
-/// Directions of the initial state weaker than this, relative to the strongest, are left at zero.
+/// Directions of the initial state with a smaller singular value, relative to the largest, are set to zero.
 const RANK_TOLERANCE: f64 = 1e-12;
 
 /// A fitted initial state.
@@ -16,20 +17,20 @@ const RANK_TOLERANCE: f64 = 1e-12;
 pub struct InitialState {
     /// The state at the first sample (n).
     pub state: DVector<f64>,
-    /// Samples that the fit used (fewer than asked for where the model is unstable).
+    /// Number of samples used by the fit, which for an unstable model may be smaller than the window.
     pub samples: usize,
-    /// Directions of the state that the samples determine (n when all).
+    /// Rank of the least-squares problem: n if the samples determine the whole state.
     pub rank: usize,
 }
 
-/// Least-squares initial state for the free run: minimises the sum over the first `window` samples (all when `None`)
-/// of |y_k - y_forced,k - C A^k x_0|^2. Missing outputs (NaN) are left out.
+/// Estimates the initial state of a simulation by least squares: it minimises |y_k - y_forced,k - C A^k x_0|^2 summed
+/// over the first `window` samples (all samples if `None`). Missing outputs (NaN) are left out.
 ///
-/// The rows C A^k are gathered by QR in blocks; what they do not determine stays zero (after column scaling).
-/// For an unstable model the fit ends before C A^k or the forced response grows out of reach.
+/// The rows C A^k are reduced by QR in blocks. Directions that they do not determine are zero (after column scaling).
+/// For an unstable model the fit ends before C A^k or the forced response becomes too large.
 ///
 /// # Errors
-/// [`ModelError::Shape`], [`ModelError::NotFinite`].
+/// Returns [`ModelError::Shape`] or [`ModelError::NotFinite`].
 pub fn estimate_initial_state(
     model: &Model,
     inputs: ArrayView2<f64>,
@@ -47,7 +48,7 @@ pub fn estimate_initial_state(
     for k in 0..window.unwrap_or(usize::MAX).min(inputs.nrows()) {
         let u = DVector::from_iterator(m, inputs.row(k).iter().copied());
         let y = &model.c * &forced + &model.d * &u;
-        // Not `>`: NaN must end the fit too.
+        // The comparison is written so that NaN also ends the fit.
         let within = propagated.amax() <= GROWTH_LIMIT * largest && y.amax() <= DIVERGENCE_BOUND;
         if !within {
             break;
@@ -64,11 +65,11 @@ pub fn estimate_initial_state(
     Ok(InitialState { state, samples, rank })
 }
 
-/// As [`estimate_initial_state`], for the one-step prediction: minimises the innovations over the window.
-/// Where an output is missing its innovation is not zero here but the sample ends the window.
+/// Estimates the initial state of a one-step prediction: it minimises the sum of squared innovations over the window.
+/// The first sample with a missing output ends the window.
 ///
 /// # Errors
-/// As [`estimate_initial_state`]; [`ModelError::Needs`] without a predictor gain.
+/// Returns the errors of [`estimate_initial_state`], and [`ModelError::Needs`] without a predictor gain.
 pub fn estimate_predictor_state(
     model: &Model,
     inputs: ArrayView2<f64>,
@@ -90,9 +91,9 @@ pub fn estimate_predictor_state(
     estimate_initial_state(&predictor, both.view(), outputs, None)
 }
 
-/// Least squares by QR in blocks: [R | d] so far, and the rows that came since.
+/// Least squares by block QR: the triangle [R | d] so far, followed by the rows added since.
 struct Triangle {
-    /// (n + 1) columns: the unknowns' and the right-hand side's.
+    /// The matrix has n + 1 columns: the unknowns and the right-hand side.
     rows: DMatrix<f64>,
     filled: usize,
     n: usize,
@@ -120,7 +121,7 @@ impl Triangle {
         self.rows.rows_mut(0, self.filled).copy_from(&triangle);
     }
 
-    /// The solution of least norm in scaled columns, and the rank.
+    /// Returns the solution of least norm in scaled columns, and the rank.
     fn solve(mut self) -> (DVector<f64>, usize) {
         if self.filled == 0 {
             return (DVector::zeros(self.n), 0);

@@ -4,15 +4,15 @@ use serde_json::{Map, Value, json};
 use super::error::{KeyProblem, ModelError};
 use super::state_space::{Continuous, Model, Noise, Port, at};
 
-/// The value of the key `format`.
+/// The only supported value of the key `format`.
 const FORMAT: &str = "state-space";
 
 impl Model {
-    /// Reads a model from a JSON value; keys that it does not know are ignored, and a missing `D` is zero.
-    /// `place` is what an error calls the value (usually the file).
+    /// Reads a model from a JSON value. Unknown keys are ignored, and a missing `D` is zero. `place` is the name of the
+    /// value in an error message, usually the file.
     ///
     /// # Errors
-    /// [`ModelError::Key`] with the first key at fault.
+    /// Returns [`ModelError::Key`] with the first invalid key.
     pub fn from_json(value: &Value, place: &str) -> Result<Self, ModelError> {
         let keys = Keys::of(value, place, "")?;
         if keys.need("format")?.as_str() != Some(FORMAT) {
@@ -45,13 +45,13 @@ impl Model {
         Ok(model)
     }
 
-    /// The model as a JSON value, as [`Model::from_json`] reads it.
+    /// Returns the model as a JSON value, the inverse of [`Model::from_json`].
     pub fn to_json(&self) -> Value {
         let entries = self.entries();
         Value::Object(entries.into_iter().map(|(k, v)| (k.into(), v)).collect())
     }
 
-    /// Keys and values in the order in which a file has them; keys without a value are left out.
+    /// Returns keys and values in the order of the file, without the keys that have no value.
     pub(super) fn entries(&self) -> Vec<(&'static str, Value)> {
         let mut entries = vec![
             ("format", json!(FORMAT)),
@@ -105,11 +105,11 @@ fn port_json(port: &Port) -> Value {
     value
 }
 
-/// A JSON object, with what an error calls it.
+/// A JSON object and its location for error messages.
 struct Keys<'a> {
     object: &'a Map<String, Value>,
     place: &'a str,
-    /// Put before a key's name, as `ports[0].`.
+    /// The path of the object, such as `ports[0].`.
     prefix: String,
 }
 
@@ -131,7 +131,7 @@ impl<'a> Keys<'a> {
         at(self.place, key, KeyProblem::Kind { expected })
     }
 
-    /// A key's value; null counts as left out.
+    /// Returns the value of a key; null counts as absent.
     fn get(&self, key: &str) -> Option<&'a Value> {
         self.object.get(key).filter(|value| !value.is_null())
     }

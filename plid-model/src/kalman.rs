@@ -6,33 +6,33 @@ use super::predict::expect_outputs;
 use super::simulate::{expect_bounded, expect_inputs};
 use super::state_space::Model;
 
-/// Eigenvalues of a covariance of outputs (scaled to a unit diagonal) below this count as zero.
+/// Eigenvalues of an output covariance (scaled to a unit diagonal) below this count as zero.
 const SINGULAR: f64 = 1e-13;
-/// How far a covariance may be from symmetric or semidefinite, relative to its largest entry.
+/// Tolerance on the symmetry and semidefiniteness of a covariance, relative to its largest entry.
 const COVARIANCE_TOLERANCE: f64 = 1e-9;
 
-/// The noise of x_{k+1} = A x_k + B u_k + w_k, y_k = C x_k + D u_k + v_k.
+/// The noise covariances of x_{k+1} = A x_k + B u_k + w_k, y_k = C x_k + D u_k + v_k.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NoiseCovariances {
-    /// Covariance of w (n x n).
+    /// Covariance of the process noise w (n x n).
     pub process: DMatrix<f64>,
-    /// Covariance of v (p x p).
+    /// Covariance of the sensor noise v (p x p).
     pub sensor: DMatrix<f64>,
-    /// E[w v^T] (n x p).
+    /// Cross-covariance E[w v^T] (n x p).
     pub cross: DMatrix<f64>,
 }
 
 impl NoiseCovariances {
-    /// Process and sensor noise that are independent of each other.
+    /// Returns the covariances of process and sensor noise that are independent of each other.
     pub fn independent(process: DMatrix<f64>, sensor: DMatrix<f64>) -> Self {
         let cross = DMatrix::zeros(process.nrows(), sensor.nrows());
         Self { process, sensor, cross }
     }
 
-    /// An error unless the sizes are the model's and the whole is a covariance.
+    /// Checks that the sizes are those of the model and that the joint matrix is a covariance.
     ///
     /// # Errors
-    /// [`ModelError::Shape`], [`ModelError::NotCovariance`].
+    /// Returns [`ModelError::Shape`] or [`ModelError::NotCovariance`].
     pub fn check(&self, model: &Model) -> Result<(), ModelError> {
         let (n, p) = (model.n(), model.p());
         expect_shape("process", (n, n), self.process.shape())?;
@@ -43,29 +43,30 @@ impl NoiseCovariances {
         all.view_mut((n, n), (p, p)).copy_from(&self.sensor);
         all.view_mut((0, n), (n, p)).copy_from(&self.cross);
         all.view_mut((n, 0), (p, n)).copy_from(&self.cross.transpose());
-        expect_covariance("the joint noise", &all)
+        expect_covariance("the joint noise matrix", &all)
     }
 }
 
-/// A record seen by the Kalman filter of a frozen model.
+/// The result of a Kalman filter run over a record.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Filtered {
-    /// Samples x p: measured less predicted; NaN where the output is missing.
+    /// Measured output minus prediction (samples x p); NaN where the output is missing.
     pub innovations: Array2<f64>,
-    /// Samples x p: the standard deviation that the filter gives each innovation.
+    /// The standard deviation of each innovation according to the filter (samples x p).
     pub innovation_std: Array2<f64>,
     /// Predicted state after the last sample (n).
     pub final_state: DVector<f64>,
-    /// Its covariance (n x n).
+    /// Covariance of that state (n x n).
     pub final_covariance: DMatrix<f64>,
 }
 
-/// Time-varying Kalman filter (predictor form, correlated noise) of a frozen model from an initial state with covariance `initial_covariance`:
-/// K = (A P C^T + S)(C P C^T + R)^{-1}, P <- (A - K C) P (A - K C)^T + [I, -K] [Q S; S^T R] [I, -K]^T,
-/// a form in which P cannot lose its sign. Missing outputs (NaN) drop their rows of C and R and columns of S.
+/// Runs the time-varying Kalman filter of a fixed model, in predictor form and with correlated noise, from an initial
+/// state with covariance `initial_covariance`: K = (A P C^T + S)(C P C^T + R)^{-1}, P <- (A - K C) P (A - K C)^T + [I,
+/// -K] [Q S; S^T R] [I, -K]^T, a form that keeps P positive semidefinite. For missing outputs (NaN) the corresponding
+/// rows of C and R and columns of S are left out.
 ///
 /// # Errors
-/// [`ModelError::Shape`], [`ModelError::NotCovariance`], [`ModelError::NotFinite`], [`ModelError::Diverged`].
+/// Returns [`ModelError::Shape`], [`ModelError::NotCovariance`], [`ModelError::NotFinite`] or [`ModelError::Diverged`].
 pub fn kalman_filter(
     model: &Model,
     noise: &NoiseCovariances,
@@ -104,7 +105,7 @@ pub fn kalman_filter(
     Ok(Filtered { innovations, innovation_std, final_state: state, final_covariance: covariance })
 }
 
-/// The parts of C, R and S that belong to the outputs that are there.
+/// The rows of C, R and S that belong to the outputs present at a sample.
 pub(super) struct Seen {
     c: DMatrix<f64>,
     sensor: DMatrix<f64>,
@@ -142,10 +143,10 @@ impl Seen {
     }
 }
 
-/// Inverse of a covariance of outputs; directions without variance are given no weight.
+/// Returns the pseudo-inverse of an output covariance; directions without variance get no weight.
 fn pseudo_inverse(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     let size = covariance.nrows();
-    // Scaled to a unit diagonal, so that the outputs' units do not decide what counts as zero.
+    // The covariance is scaled to a unit diagonal, so that the units do not decide which eigenvalues count as zero.
     let scale = DVector::from_fn(size, |i, _| {
         let variance = covariance[(i, i)];
         if variance > 0.0 { variance.sqrt().recip() } else { 0.0 }
@@ -162,7 +163,7 @@ fn pseudo_inverse(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     inverse
 }
 
-/// The symmetric part.
+/// Returns the symmetric part.
 pub(super) fn symmetric(matrix: &DMatrix<f64>) -> DMatrix<f64> {
     (matrix + matrix.transpose()) * 0.5
 }
@@ -197,7 +198,8 @@ mod tests {
         }
     }
 
-    /// The state after three samples given all that was seen, by conditioning one joint Gaussian of everything.
+    /// The state after three samples given all measurements, by conditioning the joint Gaussian distribution of all
+    /// variables.
     #[test]
     fn it_is_the_conditional_mean_of_a_joint_gaussian() {
         let model = canonical(3, &[2, 1], 1);
@@ -207,7 +209,7 @@ mod tests {
         y[(1, 0)] = f64::NAN;
         let run = kalman_filter(&model, &noise, u.view(), y.view(), &model.rest(), &prior).unwrap();
 
-        // Everything as a linear map of [x0; w0; v0; w1; v1; w2; v2].
+        // All variables are linear in [x0; w0; v0; w1; v1; w2; v2].
         let size = 3 + 3 * 5;
         let mut all = DMatrix::zeros(size, size);
         all.view_mut((0, 0), (3, 3)).copy_from(&prior);

@@ -1,7 +1,7 @@
-//! Linear models: the file `model.json`, simulation, prediction, and what may be asked of a model.
+//! Linear state-space models: the file `model.json`, simulation, prediction, and the quantities derived from a model.
 //!
-//! Everywhere x_{k+1} = A x_k + B u_k, y_k = C x_k + D u_k with n states, m inputs and p outputs.
-//! Records are samples x channels; frequencies are in Hz; decibels are 20 log10 of a magnitude.
+//! A model is x_{k+1} = A x_k + B u_k, y_k = C x_k + D u_k with n states, m inputs and p outputs. Records are arrays of
+//! samples x channels, frequencies are in Hz, and decibels are 20 log10 of a magnitude.
 mod advance;
 mod compare;
 mod eigen;

@@ -6,58 +6,60 @@ use super::eigen::eigen;
 use super::error::ModelError;
 use super::state_space::Model;
 
-/// Eigenvalues whose condition number is above this cannot be told from their neighbours, and have no strength of their own.
+/// A mode whose eigenvalue has a condition number above this cannot be separated from its neighbours, so its strength
+/// is undefined.
 const PARTED: f64 = 1e10;
 
-/// What kind of pole a mode has.
+/// The kind of pole that a mode has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ModeKind {
-    /// A complex pair.
+    /// A complex-conjugate pair of poles.
     Oscillatory,
-    /// One real pole.
+    /// A single real pole.
     Real,
 }
 
-/// A mode of a model: a complex pair of poles, or a real one.
+/// A mode of a model: a complex-conjugate pair of poles or a real pole.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mode {
-    /// The pole (of a pair, the one with the positive imaginary part).
+    /// The pole; of a pair, the one with the positive imaginary part.
     pub pole: Complex<f64>,
-    /// Whether it stands for a pair.
+    /// Whether the mode is a pair of poles or a real pole.
     pub kind: ModeKind,
-    /// |s| / 2 pi in Hz, where s = rate ln(pole). Infinite for a pole at zero.
+    /// Natural frequency |s| / 2 pi in Hz, where s = rate ln(pole). It is infinite for a pole at zero.
     pub hz: f64,
-    /// -Re s / |s|. One for a pole at zero, zero for a pole at one.
+    /// Damping ratio -Re s / |s|. It is one for a pole at zero and zero for a pole at one.
     pub damping: f64,
-    /// |pole| < 1.
+    /// Whether |pole| < 1.
     pub stable: bool,
-    /// Peak contribution 20 log10 |H_mode| of each output and input (p x m): on the unit circle at the angle of the pole.
-    /// `None` where the mode cannot be told from its neighbours (a repeated pole).
+    /// Contribution 20 log10 |H_mode| of the mode to the response from each input to each output (p x m), evaluated on
+    /// the unit circle at the angle of the pole. `None` if the mode cannot be separated from its neighbours (a repeated
+    /// pole).
     pub strength_db: Option<DMatrix<f64>>,
     /// Right eigenvector (n).
     pub(super) right: DVector<Complex<f64>>,
-    /// Left eigenvector (n), with l . r = 1; none for a repeated pole.
+    /// Left eigenvector (n), normalised so that l . r = 1; `None` for a repeated pole.
     pub(super) left: Option<DVector<Complex<f64>>>,
 }
 
 impl Mode {
-    /// The largest strength over all pairs in dB; minus infinity where there is none.
+    /// Returns the largest strength over all pairs of channels in dB, or minus infinity if no strength is defined.
     pub fn strongest_db(&self) -> f64 {
         let all = self.strength_db.as_ref();
         all.map_or(f64::NEG_INFINITY, |s| s.max())
     }
 
-    /// s = rate ln(pole).
+    /// Returns s = rate ln(pole) in 1/s.
     pub(super) fn continuous(&self, rate: f64) -> Complex<f64> {
         self.pole.ln() * rate
     }
 }
 
-/// The modes of a model, by rising frequency. Rank them by [`Mode::strongest_db`].
+/// Returns the modes of a model in order of frequency. [`Mode::strongest_db`] ranks them by strength.
 ///
 /// # Errors
-/// [`ModelError::Eigenvalues`].
+/// Returns [`ModelError::Eigenvalues`] if the eigenvalue iteration does not converge.
 pub fn modes(model: &Model) -> Result<Vec<Mode>, ModelError> {
     let found = eigen(&model.a)?;
     let mut modes: Vec<Mode> = (0..model.n())
@@ -65,7 +67,7 @@ pub fn modes(model: &Model) -> Result<Vec<Mode>, ModelError> {
         .map(|k| {
             let right = found.right.column(k).into_owned();
             let left = found.left.as_ref().map(|l| l.row(k).transpose());
-            // The norms' product is the condition of the pole, since l . r = 1.
+            // The product of the norms is the condition number of the pole, because l . r = 1.
             let left = left.filter(|l| l.norm() * right.norm() < PARTED);
             mode(model, found.values[k], right, left)
         })
@@ -176,7 +178,7 @@ mod tests {
         let half = at(0.5);
         assert_relative_eq!(half.hz, 10.0 * 2_f64.ln() / TAU, max_relative = 1e-12);
         assert_relative_eq!(half.damping, 1.0, max_relative = 1e-12);
-        // Strength of a real pole: its part of the response at zero frequency.
+        // The strength of a real pole is its share of the response at zero frequency.
         let part = random(2, 1, 4)[0] * random(1, 4, 1)[0] / 0.5;
         let db = 20.0 * part.abs().log10();
         assert_relative_eq!(half.strongest_db(), db, epsilon = 1e-9);

@@ -3,27 +3,29 @@ use super::error::ModelError;
 use super::frequency_response::{FrequencyResponse, expect_frequencies};
 use super::state_space::Model;
 
-/// Points of the even grid on which the largest magnitude is looked for; the poles' own frequencies come to it.
+/// Points of the uniform grid that is searched for the largest magnitude; the frequencies of the poles are added to it.
 const GRID: usize = 200;
-/// The golden section ends at this width relative to the frequency.
+/// The golden-section search ends at an interval of this width, relative to the frequency.
 const WIDTH: f64 = 1e-9;
 
-/// A peak of |H| for one input and output.
+/// A peak of |H| for one pair of input and output.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Peak {
-    /// Its frequency in Hz.
+    /// Frequency of the peak in Hz.
     pub hz: f64,
-    /// 20 log10 |H| there.
+    /// Magnitude of the peak, 20 log10 |H|.
     pub db: f64,
-    /// False where the largest value is at an end of the range, and so perhaps no peak.
+    /// False if the largest value is at an end of the range, in which case it may not be a peak.
     pub interior: bool,
 }
 
-/// The highest point of |H| of one pair within `near_hz` +- `half_width_hz` (cut to 0 .. half the sample rate): the best of a grid to which the frequencies of
-/// the poles in range are added (so that no sharp peak falls between), refined by golden section.
+/// Finds the largest |H| of one pair of channels within `near_hz` +- `half_width_hz`, limited to 0 to half the sample
+/// rate. The best point of a grid, which includes the frequencies of the poles in the range so that no sharp peak is
+/// missed, is refined by a golden-section search.
 ///
 /// # Errors
-/// [`ModelError::Frequency`] where `near_hz` is out of range, [`ModelError::Eigenvalues`], [`ModelError::Shape`] for a pair that is not there.
+/// Returns [`ModelError::Frequency`] if `near_hz` is out of range, [`ModelError::Eigenvalues`], or
+/// [`ModelError::Shape`] if the pair does not exist.
 pub fn find_peak(
     model: &Model,
     output: usize,
@@ -33,7 +35,7 @@ pub fn find_peak(
 ) -> Result<Peak, ModelError> {
     if output >= model.p() || input >= model.m() {
         let (expected, found) = ((model.p(), model.m()), (output + 1, input + 1));
-        let what = "the response up to the pair asked for";
+        let what = "the frequency response including the requested pair";
         return Err(ModelError::Shape { what, expected, found });
     }
     expect_frequencies(model, &[near_hz])?;
@@ -58,7 +60,7 @@ pub fn find_peak(
     Ok(Peak { hz, db: 20.0 * size(hz).log10(), interior: hz - low > from_end && high - hz > from_end })
 }
 
-/// The maximum of a function with one hump between `low` and `high`.
+/// Returns the maximiser of a unimodal function between `low` and `high`.
 fn golden_section(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
     let ratio = (5_f64.sqrt() - 1.0) / 2.0;
     let (mut x1, mut x2) = (high - ratio * (high - low), low + ratio * (high - low));
@@ -73,7 +75,7 @@ fn golden_section(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
             x2 = low + ratio * (high - low);
             f2 = f(x2);
         }
-        // Beyond rounding the section cannot shrink.
+        // Rounding prevents the interval from shrinking further.
         if x1 <= low || x2 >= high {
             break;
         }
@@ -88,8 +90,8 @@ mod tests {
     use approx::assert_relative_eq;
     use nalgebra::{DMatrix, dmatrix};
 
-    /// One resonance 1 / (z^2 - 2 r cos(t) z + r^2): |H| is largest where cos(w) = cos(t) (1 + r^2) / (2 r),
-    /// and there 1 / ((1 - r^2) sin(t)).
+    /// One resonance 1 / (z^2 - 2 r cos(t) z + r^2): |H| is largest at cos(w) = cos(t) (1 + r^2) / (2 r), and its
+    /// maximum is 1 / ((1 - r^2) sin(t)).
     #[test]
     fn a_resonance_has_its_closed_form() {
         for damping in [1e-1, 1e-3, 1e-6] {

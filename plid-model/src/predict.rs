@@ -8,20 +8,20 @@ use super::state_space::Model;
 /// One-step predictions of a record.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prediction {
-    /// Samples x p: each output as predicted from the samples before it.
+    /// Each output as predicted from the samples before it (samples x p).
     pub predicted: Array2<f64>,
-    /// Samples x p: measured less predicted; NaN where the output is missing.
+    /// Measured output minus prediction (samples x p); NaN where the output is missing.
     pub innovations: Array2<f64>,
     /// State after the last sample (n).
     pub final_state: DVector<f64>,
 }
 
-/// One-step prediction with the model's gain: x_{k+1} = A x_k + B u_k + K e_k, e_k = y_k - C x_k - D u_k.
-/// A missing output (NaN) moves the state as an innovation of zero would.
+/// Predicts each output one step ahead with the model's gain: x_{k+1} = A x_k + B u_k + K e_k, e_k = y_k - C x_k - D
+/// u_k. A missing output (NaN) is treated as a zero innovation.
 ///
 /// # Errors
-/// [`ModelError::Needs`] without a gain; [`ModelError::Shape`]; [`ModelError::NotFinite`] for an input or an
-/// infinite output; [`ModelError::Diverged`].
+/// Returns [`ModelError::Needs`] without a gain, [`ModelError::Shape`], [`ModelError::NotFinite`] for an input or an
+/// infinite output, and [`ModelError::Diverged`].
 pub fn one_step_prediction(
     model: &Model,
     inputs: ArrayView2<f64>,
@@ -52,11 +52,11 @@ pub fn one_step_prediction(
     Ok(Prediction { predicted, innovations, final_state })
 }
 
-/// The predictor as a model of its own, with inputs [u; y]: x_{k+1} = (A - K C) x_k + (B - K D) u_k + K y_k.
-/// Its free run is the one-step prediction of a record without missing outputs.
+/// Returns the predictor as a model with inputs [u; y]: x_{k+1} = (A - K C) x_k + (B - K D) u_k + K y_k. Its simulation
+/// equals the one-step prediction of a record without missing outputs.
 ///
 /// # Errors
-/// [`ModelError::Needs`] without a gain; [`ModelError::Key`] if an input and an output share a name.
+/// Returns [`ModelError::Needs`] without a gain, and [`ModelError::Key`] if an input and an output share a name.
 pub fn predictor(model: &Model) -> Result<Model, ModelError> {
     let gain = need_gain(model)?;
     let (m, p) = (model.m(), model.p());
@@ -78,7 +78,7 @@ fn need_gain(model: &Model) -> Result<&DMatrix<f64>, ModelError> {
     model.predictor_gain.as_ref().ok_or(ModelError::Needs { key: "predictor_gain", purpose: "one-step prediction" })
 }
 
-/// An error unless `outputs` is samples x p without infinities (NaN marks a missing one).
+/// Returns an error unless `outputs` is samples x p and free of infinities; NaN marks a missing output.
 pub(super) fn expect_outputs(model: &Model, outputs: ArrayView2<f64>, samples: usize) -> Result<(), ModelError> {
     expect_shape("outputs", (samples, model.p()), outputs.dim())?;
     let position = outputs.indexed_iter().find(|(_, y)| y.is_infinite());
@@ -108,7 +108,7 @@ mod tests {
         let model = with_gain();
         let (u, e) = (record(1, 80, 2), record(2, 80, 2));
         let gain = model.predictor_gain.as_ref().unwrap();
-        // The innovations form has the innovation as an input of its own: [B K], [D I].
+        // In innovations form the innovation is an additional input: [B K], [D I].
         let mut driven = Model::new(
             100.0,
             model.a.clone(),

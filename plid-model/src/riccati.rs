@@ -5,35 +5,38 @@ use super::error::ModelError;
 use super::kalman::{NoiseCovariances, Seen, symmetric};
 use super::state_space::Model;
 
-/// Doubling steps: 2^50 samples are more than any filter needs to settle.
+/// Largest number of doubling steps: 2^50 samples are more than any filter needs to converge.
 const STEPS: usize = 50;
-/// The doubling ends when a step changes the solution by less than this, relative to it.
+/// The doubling ends when a step changes the solution by less than this, relative to the solution.
 const SETTLED: f64 = 1e-14;
-/// Residual that is still a solution, relative to it.
+/// Largest acceptable residual, relative to the solution.
 const RESIDUAL: f64 = 1e-6;
-/// Share of a typical variance that is added to a covariance that is singular to working precision.
+/// Regularisation of a covariance that is singular to working precision, relative to a typical variance.
 const REGULARISATION: f64 = 1e-12;
 
-/// The Kalman predictor that a filter settles to.
+/// The steady-state Kalman predictor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SteadyState {
     /// Predictor gain K (n x p).
     pub gain: DMatrix<f64>,
     /// Covariance of the predicted state (n x n).
     pub covariance: DMatrix<f64>,
-    /// Residual of the Riccati equation over the covariance, both as Frobenius norms.
+    /// Residual of the Riccati equation relative to the covariance, both as Frobenius norms.
     pub residual: f64,
 }
 
-/// Steady-state predictor gain K = (A P C^T + S)(C P C^T + R)^{-1} from
-/// P = A P A^T + Q - K (C P C^T + R) K^T, by the structure-preserving doubling algorithm (Chu, Fan, Lin & Wang 2004).
+/// Computes the steady-state predictor gain K = (A P C^T + S)(C P C^T + R)^{-1}, where P = A P A^T + Q - K (C P C^T +
+/// R) K^T, by the structure-preserving doubling algorithm (Chu, Fan, Lin and Wang 2004).
 ///
-/// A may be unstable. R singular to working precision gets 1e-12 of the mean variance of the outputs (sensor noise and one
-/// sample of process noise) on its diagonal; where A is unstable and Q singular, Q gets 1e-12 of the mean variance
-/// of a state (of process noise, or sensor noise over |C|^2), since the doubling starts at zero and would stay there. Residual and stability are those of the equation as given.
+/// A may be unstable. If R is singular to working precision, 1e-12 of the mean variance of the outputs (sensor noise
+/// and one sample of process noise) is added to its diagonal. If A is unstable and Q singular, 1e-12 of the mean
+/// variance of a state (of process noise, or of sensor noise over |C|^2) is added to the diagonal of Q, because the
+/// doubling would otherwise stay at its zero initial value. The residual and the stability are evaluated for the
+/// original equation.
 ///
 /// # Errors
-/// [`ModelError::Shape`], [`ModelError::NotCovariance`]; [`ModelError::Riccati`] where there is no stabilising solution.
+/// Returns [`ModelError::Shape`], [`ModelError::NotCovariance`], or [`ModelError::Riccati`] if there is no stabilising
+/// solution.
 pub fn steady_state_gain(model: &Model, noise: &NoiseCovariances) -> Result<SteadyState, ModelError> {
     noise.check(model)?;
     let (n, p) = (model.n(), model.p());
@@ -69,7 +72,7 @@ pub fn steady_state_gain(model: &Model, noise: &NoiseCovariances) -> Result<Stea
     Ok(SteadyState { gain, covariance, residual })
 }
 
-/// The stabilising X of X = A^T X (I + G X)^{-1} A + H, and the steps taken.
+/// Returns the stabilising solution X of X = A^T X (I + G X)^{-1} A + H and the number of steps taken.
 fn doubled(mut a: DMatrix<f64>, mut g: DMatrix<f64>, mut h: DMatrix<f64>) -> (DMatrix<f64>, usize) {
     let n = a.nrows();
     for step in 1..=STEPS {
@@ -89,14 +92,15 @@ fn doubled(mut a: DMatrix<f64>, mut g: DMatrix<f64>, mut h: DMatrix<f64>) -> (DM
     (h, STEPS)
 }
 
-/// The covariance itself where it has a Cholesky factor with pivots of sound size, else with a small diagonal.
+/// Returns the covariance unchanged if it has a well-conditioned Cholesky factor, and otherwise with a small addition
+/// to its diagonal.
 fn regularised(covariance: &DMatrix<f64>, scale: f64) -> DMatrix<f64> {
     let size = covariance.nrows();
     let smallest = symmetric(covariance).symmetric_eigenvalues().min();
     if smallest > REGULARISATION * scale {
         return covariance.clone();
     }
-    // With neither noise at all the size does not matter, only that there is one.
+    // If both noises are zero, any positive value will do.
     let scale = if scale > 0.0 { scale } else { 1.0 };
     let added = REGULARISATION * scale + (-smallest).max(0.0);
     covariance + DMatrix::identity(size, size) * added
@@ -112,7 +116,7 @@ mod tests {
     use super::*;
     use approx::assert_relative_eq;
 
-    /// A, C and joint noise by formula, so that another program can have the same.
+    /// A, C and the joint noise covariance from formulas that another program can repeat.
     fn by_formula(n: usize, p: usize, scale: f64) -> (Model, NoiseCovariances) {
         let one = |i: usize| (i + 1) as f64;
         let a = DMatrix::from_fn(n, n, |i, j| scale / (n as f64).sqrt() * (one(i) * (one(j) + 1.0)).sin());
@@ -129,9 +133,9 @@ mod tests {
         (model.unwrap(), noise)
     }
 
-    /// Figures from scipy 1.17.1: `P = solve_discrete_are(A.T, C.T, Q, R, s=S)`,
-    /// `K = (A P C.T + S) inv(C P C.T + R)`; here trace P, the sum of K, K[0,0] and the Frobenius norm of K.
-    /// The second, fourth and fifth A are unstable.
+    /// Reference values from scipy 1.17.1: `P = solve_discrete_are(A.T, C.T, Q, R, s=S)`, `K = (A P C.T + S) inv(C P
+    /// C.T + R)`. The four numbers are trace P, the sum of K, K[0,0] and the Frobenius norm of K. The second, fourth
+    /// and fifth A are unstable.
     #[test]
     fn it_agrees_with_scipy() {
         let figures = [
@@ -215,7 +219,7 @@ mod tests {
         let found = scalar(2.0, 1.0, 0.0, 1.0).unwrap();
         assert_relative_eq!(found.covariance[(0, 0)], 3.0, max_relative = 1e-9);
         assert_relative_eq!(found.gain[(0, 0)], 1.5, max_relative = 1e-9);
-        // Stable without process noise: the state becomes known.
+        // Stable without process noise: the covariance tends to zero.
         assert_eq!(scalar(0.9, 1.0, 0.0, 1.0).unwrap().gain[(0, 0)], 0.0);
         // A perfect sensor: P = Q, K = a / c.
         let found = scalar(0.9, 2.0, 0.3, 0.0).unwrap();
@@ -226,7 +230,7 @@ mod tests {
     #[test]
     fn what_cannot_be_observed_and_grows_has_no_filter() {
         assert!(matches!(scalar(1.1, 0.0, 1.0, 1.0), Err(ModelError::Riccati { .. })));
-        // A random walk without noise never settles.
+        // A random walk without noise has no stabilising solution.
         assert!(matches!(scalar(1.0, 0.0, 0.0, 1.0), Err(ModelError::Riccati { .. })));
     }
 

@@ -4,26 +4,27 @@ use ndarray::{Array2, ArrayView2, Axis};
 use super::error::{ModelError, expect_shape};
 use super::state_space::{Continuous, Model, Noise, Port};
 
-/// How channels were prepared: scaled = (value - mean) / scale.
+/// The scaling applied to the channels before identification: scaled = (value - mean) / scale.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChannelScaling {
-    /// Means of the inputs (m).
+    /// Means of the inputs (m), in the channels' units.
     pub input_mean: Vec<f64>,
-    /// Scales of the inputs (m), positive.
+    /// Scales of the inputs (m), positive, in the channels' units.
     pub input_scale: Vec<f64>,
-    /// Means of the outputs (p).
+    /// Means of the outputs (p), in the channels' units.
     pub output_mean: Vec<f64>,
-    /// Scales of the outputs (p), positive.
+    /// Scales of the outputs (p), positive, in the channels' units.
     pub output_scale: Vec<f64>,
 }
 
 impl ChannelScaling {
-    /// Inputs in data units (samples x m) as deviations from their means, in data units still: what a model from [`undo_scaling`] takes.
+    /// Subtracts the means from inputs (samples x m). The result keeps the channels' units and is the input of a model
+    /// from [`undo_scaling`].
     pub fn input_deviations(&self, inputs: ArrayView2<f64>) -> Array2<f64> {
         shifted(inputs, &self.input_mean, -1.0)
     }
 
-    /// Outputs of a model from [`undo_scaling`] (samples x p) with the means put back.
+    /// Adds the means to the outputs (samples x p) of a model from [`undo_scaling`].
     pub fn with_output_means(&self, outputs: ArrayView2<f64>) -> Array2<f64> {
         shifted(outputs, &self.output_mean, 1.0)
     }
@@ -56,14 +57,17 @@ fn shifted(values: ArrayView2<f64>, means: &[f64], sign: f64) -> Array2<f64> {
     shifted
 }
 
-/// A model of scaled channels as a model in data units (of deviations from the means, which a linear model has no place for).
+/// Converts a model of scaled channels to the channels' units. Its inputs and outputs are deviations from the means,
+/// because a linear model has no constant term.
 ///
-/// With observability indices the states of block i are multiplied by the scale s_i of output i: C still picks the last row of
-/// each block and A stays canonical. In block i the entries of a_j are multiplied by s_i / s_j, those of b_j by s_i / (scale of input j), and the parameters' covariance
-/// by the products of these. Without indices the states stay as they are.
+/// If the model has observability indices, the states of block i are multiplied by the scale s_i of output i, so that C
+/// and A keep their canonical form. In block i the entries of a_j are multiplied by s_i / s_j and those of b_j by s_i /
+/// (scale of input j), and the parameter covariance is multiplied accordingly. Without indices the states are
+/// unchanged.
 ///
 /// # Errors
-/// [`ModelError::Shape`], [`ModelError::Scale`].
+/// Returns [`ModelError::Shape`] if the scaling does not fit the model, and [`ModelError::Scale`] for a scale that is
+/// not positive and finite.
 pub fn undo_scaling(model: &Model, scaling: &ChannelScaling) -> Result<Model, ModelError> {
     scaling.check(model)?;
     let s_in = DVector::from_column_slice(&scaling.input_scale);
@@ -109,7 +113,7 @@ pub fn undo_scaling(model: &Model, scaling: &ChannelScaling) -> Result<Model, Mo
     })
 }
 
-/// What each state is multiplied by.
+/// Returns the factor of each state (n).
 fn state_scale(model: &Model, outputs: &DVector<f64>) -> DVector<f64> {
     let Some(indices) = &model.observability_indices else {
         return DVector::from_element(model.n(), 1.0);
@@ -119,7 +123,7 @@ fn state_scale(model: &Model, outputs: &DVector<f64>) -> DVector<f64> {
     DVector::from_iterator(model.n(), scales)
 }
 
-/// What each entry of [a_1; ..; a_p; b_1; ..; b_m] is multiplied by.
+/// Returns the factor of each entry of [a_1; ..; a_p; b_1; ..; b_m].
 fn parameter_factors(states: &DVector<f64>, outputs: &DVector<f64>, inputs: &DVector<f64>) -> DVector<f64> {
     let n = states.len();
     DVector::from_fn(n * (outputs.len() + inputs.len()), |t, _| {
@@ -193,7 +197,7 @@ mod tests {
         agree(&full(two_modes()));
     }
 
-    /// The uncertainty functions refuse what is not canonical, and their figures are known in both units.
+    /// The uncertainty functions reject a model that is not canonical, and the correct figures are known in both units.
     #[test]
     fn the_canonical_form_and_its_covariance_are_kept() {
         let scaling = scaling();

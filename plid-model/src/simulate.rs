@@ -4,23 +4,23 @@ use ndarray::{Array2, ArrayView2};
 use super::error::{ModelError, expect_shape};
 use super::state_space::Model;
 
-/// An output beyond this magnitude, in its own unit, counts as diverged.
+/// An output whose magnitude exceeds this bound, in its own unit, counts as diverged.
 pub const DIVERGENCE_BOUND: f64 = 1e15;
 
-/// A free run.
+/// The result of a free-run simulation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Simulation {
-    /// Samples x p.
+    /// Simulated outputs (samples x p).
     pub outputs: Array2<f64>,
     /// State after the last sample (n).
     pub final_state: DVector<f64>,
 }
 
-/// Free-run simulation of `inputs` (samples x m) from `initial_state` (n; [`Model::rest`] for rest).
+/// Simulates the model with `inputs` (samples x m) from `initial_state` (n); [`Model::rest`] is the zero state.
 ///
 /// # Errors
-/// [`ModelError::Shape`]; [`ModelError::NotFinite`] for an input; [`ModelError::Diverged`] with the first sample at
-/// which an output is not finite or beyond [`DIVERGENCE_BOUND`].
+/// Returns [`ModelError::Shape`], [`ModelError::NotFinite`] for an input, and [`ModelError::Diverged`] with the first
+/// sample at which an output is not finite or exceeds [`DIVERGENCE_BOUND`].
 pub fn simulate(
     model: &Model,
     inputs: ArrayView2<f64>,
@@ -46,7 +46,7 @@ pub fn simulate(
     Ok(Simulation { outputs, final_state })
 }
 
-/// An error unless `inputs` is samples x m and finite.
+/// Returns an error unless `inputs` is samples x m and finite.
 pub(super) fn expect_inputs(model: &Model, inputs: ArrayView2<f64>) -> Result<(), ModelError> {
     expect_shape("inputs", (inputs.nrows(), model.m()), inputs.dim())?;
     let position = inputs.indexed_iter().find(|(_, x)| !x.is_finite());
@@ -56,9 +56,9 @@ pub(super) fn expect_inputs(model: &Model, inputs: ArrayView2<f64>) -> Result<()
     })
 }
 
-/// An error unless every output is finite and within the bound.
+/// Returns an error unless every output is finite and within [`DIVERGENCE_BOUND`].
 pub(super) fn expect_bounded(model: &Model, outputs: &DVector<f64>, sample: usize) -> Result<(), ModelError> {
-    // NaN must count as diverged.
+    // A comparison with NaN is false, and NaN must count as diverged.
     let bounded = |y: &f64| y.abs() <= DIVERGENCE_BOUND;
     let beyond = outputs.iter().position(|y| !bounded(y));
     beyond.map_or(Ok(()), |channel| {
@@ -82,7 +82,7 @@ mod tests {
         let run = simulate(&model, Array2::zeros((200, 2)).view(), &start).unwrap();
         let (radius, angle) = pole(12.0, 0.01, 100.0);
         for k in 0..200 {
-            // The block [re im; -im re] turns (1, 0) to radius^k (cos, -sin).
+            // The block [re im; -im re] maps (1, 0) to radius^k (cos, -sin).
             let (size, phase) = (radius.powi(k as i32), angle * k as f64);
             let closed = model.c[(1, 0)] * size * phase.cos() - model.c[(1, 1)] * size * phase.sin();
             assert_relative_eq!(run.outputs[(k, 1)], closed, epsilon = 1e-12);

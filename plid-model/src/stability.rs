@@ -4,44 +4,45 @@ use super::eigen::eigenvalues;
 use super::error::ModelError;
 use super::state_space::Model;
 
-/// Where the poles of a model lie.
+/// The location of a model's poles relative to the unit circle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stability {
     /// Largest magnitude of an eigenvalue of A.
     pub spectral_radius: f64,
-    /// Eigenvalues on or outside the unit circle, largest first.
+    /// Eigenvalues on or outside the unit circle, in order of decreasing magnitude.
     pub unstable: Vec<Complex<f64>>,
-    /// Their natural frequencies in Hz.
+    /// The natural frequencies of these eigenvalues in Hz.
     pub unstable_hz: Vec<f64>,
 }
 
-/// The warning that a model is unstable: its free run grows without bound.
+/// The warning that a model is unstable: its simulation grows without bound.
 #[derive(Debug, Clone, PartialEq, thiserror::Error, miette::Diagnostic)]
 #[error(
-    "the model is unstable: {count} of its poles are on or outside the unit circle (largest magnitude {radius:.6}, near {hz:.3} Hz)"
+    "the model is unstable: {count} of its poles are on or outside the unit circle (largest magnitude {radius:.6}, \
+         near {hz:.3} Hz)"
 )]
 #[diagnostic(severity(Warning))]
 pub struct UnstableModel {
-    /// Unstable poles.
+    /// Number of poles on or outside the unit circle.
     pub count: usize,
-    /// Largest magnitude.
+    /// The largest magnitude of a pole.
     pub radius: f64,
     /// Natural frequency of that pole in Hz.
     pub hz: f64,
 }
 
 impl Stability {
-    /// The warning, if there is cause.
+    /// Returns the warning if the model is unstable.
     pub fn warning(&self) -> Option<UnstableModel> {
         let hz = *self.unstable_hz.first()?;
         Some(UnstableModel { count: self.unstable.len(), radius: self.spectral_radius, hz })
     }
 }
 
-/// Spectral radius and unstable poles.
+/// Computes the spectral radius and the unstable poles.
 ///
 /// # Errors
-/// [`ModelError::Eigenvalues`].
+/// Returns [`ModelError::Eigenvalues`] if the eigenvalue iteration does not converge.
 pub fn stability(model: &Model) -> Result<Stability, ModelError> {
     let mut poles = eigenvalues(&model.a)?;
     poles.sort_by(|x, y| y.norm().total_cmp(&x.norm()));

@@ -3,42 +3,44 @@ use serde_json::{Map, Value};
 
 use super::error::{KeyProblem, ModelError};
 
-/// Standard deviations of the noise in the channels' units.
+/// Standard deviations of the measurement noise, in the channels' units.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Noise {
-    /// Of each output (p), if known.
+    /// One for each output (p), if known.
     pub sensor_std: Option<Vec<f64>>,
-    /// Of each input (m), if known.
+    /// One for each input (m), if known.
     pub actuator_std: Option<Vec<f64>>,
 }
 
-/// The same states in continuous time: dx/dt = A x + B u, with the model's C and D.
+/// The continuous-time model with the same states: dx/dt = A x + B u, with the C and D of the discrete model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Continuous {
-    /// n x n, 1/s.
+    /// n x n, in 1/s.
+    /// 19+ The state matrix A.
+    /// 21+ The input matrix B.
     pub a: DMatrix<f64>,
     /// n x m.
     pub b: DMatrix<f64>,
 }
 
-/// A place where an internal force may act.
+/// A port: a pair of points between which an internal force may act.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Port {
-    /// Its name.
+    /// The name of the port.
     pub name: String,
-    /// The input that acts at the same place, if any.
+    /// The input that acts at the same port, if any.
     pub input: Option<String>,
-    /// What a unit force adds to dx/dt (n).
+    /// The contribution of a unit force to dx/dt (n).
     pub force: Vec<f64>,
-    /// The row that gives the displacement (n).
+    /// The row that maps the state to the displacement across the port (n).
     pub displacement: Vec<f64>,
-    /// The row that gives the velocity (n).
+    /// The row that maps the state to the velocity across the port (n).
     pub velocity: Vec<f64>,
-    /// What a unit force adds to y at once (p), if anything.
+    /// The direct contribution of a unit force to y (p), if any.
     pub output: Option<Vec<f64>>,
 }
 
-/// A linear model in discrete time: x_{k+1} = A x_k + B u_k, y_k = C x_k + D u_k, the inputs held over a sample.
+/// A linear model in discrete time: x_{k+1} = A x_k + B u_k, y_k = C x_k + D u_k, with a zero-order hold on the inputs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Model {
     /// Sample rate in Hz.
@@ -47,34 +49,35 @@ pub struct Model {
     pub inputs: Vec<String>,
     /// Names of the outputs (p).
     pub outputs: Vec<String>,
-    /// n x n.
+    /// The state matrix A (n x n).
     pub a: DMatrix<f64>,
-    /// n x m.
+    /// The input matrix B (n x m).
     pub b: DMatrix<f64>,
-    /// p x n.
+    /// The output matrix C (p x n).
     pub c: DMatrix<f64>,
-    /// p x m.
+    /// The feedthrough matrix D (p x m).
     pub d: DMatrix<f64>,
-    /// What is known of the noise.
+    /// The known properties of the measurement noise.
     pub noise: Noise,
-    /// n x p: x_{k+1} = A x_k + B u_k + K e_k.
+    /// The steady-state predictor gain K (n x p): x_{k+1} = A x_k + B u_k + K e_k.
     pub predictor_gain: Option<DMatrix<f64>>,
-    /// Observability indices (p, with sum n), where A and C are in observable canonical form.
+    /// Observability indices (p of them, with sum n), if A and C are in observable canonical form.
     pub observability_indices: Option<Vec<usize>>,
-    /// Covariance of [a_1; ..; a_p; b_1; ..; b_m], (p + m) n square.
+    /// Covariance of the parameters [a_1; ..; a_p; b_1; ..; b_m], a square matrix of size (p + m) n
+    /// (docs/mathematics.md, "The plant").
     pub parameter_covariance: Option<DMatrix<f64>>,
-    /// State at the start (n).
+    /// State at the first sample (n).
     pub initial_state: Option<DVector<f64>>,
-    /// Where the model comes from: free to the writer.
+    /// Free-form record of the model's origin, for the program that writes it.
     pub provenance: Option<Map<String, Value>>,
-    /// The same states in continuous time.
+    /// The continuous-time model with the same states.
     pub continuous: Option<Continuous>,
-    /// Places where an internal force may act.
+    /// The ports at which an internal force may act.
     pub ports: Vec<Port>,
 }
 
 impl Model {
-    /// A model of the four matrices, with channels named u1.. and y1...
+    /// Creates a model from its four matrices, with channels named u1, u2, ... and y1, y2, ...
     ///
     /// # Errors
     /// As [`Model::check`].
@@ -106,27 +109,27 @@ impl Model {
         Ok(model)
     }
 
-    /// Number of states.
+    /// Returns the number of states.
     pub fn n(&self) -> usize {
         self.a.nrows()
     }
 
-    /// Number of inputs.
+    /// Returns the number of inputs.
     pub fn m(&self) -> usize {
         self.inputs.len()
     }
 
-    /// Number of outputs.
+    /// Returns the number of outputs.
     pub fn p(&self) -> usize {
         self.outputs.len()
     }
 
-    /// The state at rest.
+    /// Returns the zero state (n).
     pub fn rest(&self) -> DVector<f64> {
         DVector::zeros(self.n())
     }
 
-    /// Checks sizes, finiteness and names; `place` is what an error calls the model.
+    /// Checks sizes, finiteness and channel names; `place` is the name of the model in an error message.
     ///
     /// # Errors
     /// [`ModelError::Key`] with the first key at fault.

@@ -1,10 +1,10 @@
-//! Models and matrices for tests, each by its seed.
+//! Random models and matrices for tests, reproducible from a seed.
 use nalgebra::DMatrix;
 use ndarray::Array2;
 
 use super::state_space::Model;
 
-/// Uniform numbers in -1 to 1 (splitmix64, so that no test hangs on a library's generator).
+/// Returns uniform numbers in -1 to 1 from splitmix64, so that no test depends on a library's generator.
 pub fn numbers(seed: u64) -> impl FnMut() -> f64 {
     let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15);
     move || {
@@ -35,7 +35,7 @@ pub fn covariance(seed: u64, size: usize) -> DMatrix<f64> {
     &root * root.transpose() / size as f64 + DMatrix::identity(size, size) * 0.1
 }
 
-/// A stable random model in observable canonical form at 100 Hz.
+/// Returns a stable random model in observable canonical form, sampled at 100 Hz.
 pub fn canonical(seed: u64, indices: &[usize], m: usize) -> Model {
     let (n, p) = (indices.iter().sum::<usize>(), indices.len());
     let mut a = DMatrix::zeros(n, n);
@@ -59,7 +59,7 @@ pub fn canonical(seed: u64, indices: &[usize], m: usize) -> Model {
     model
 }
 
-/// Two lightly damped modes (12 and 31 Hz at 100 Hz) with two inputs and two outputs.
+/// Returns two lightly damped modes (12 and 31 Hz, sampled at 100 Hz) with two inputs and two outputs.
 pub fn two_modes() -> Model {
     let mut a = DMatrix::zeros(4, 4);
     for (i, (hz, damping)) in [(12.0, 0.01), (31.0, 0.004)].into_iter().enumerate() {
@@ -75,13 +75,13 @@ pub fn two_modes() -> Model {
     Model::new(100.0, a, b, c, DMatrix::zeros(2, 2)).unwrap()
 }
 
-/// Radius and angle of the discrete pole of a natural frequency and a damping ratio.
+/// Returns the radius and angle of the discrete pole with a given natural frequency and damping ratio.
 pub fn pole(hz: f64, damping: f64, rate: f64) -> (f64, f64) {
     let omega = std::f64::consts::TAU * hz / rate;
     ((-damping * omega).exp(), omega * (1.0 - damping * damping).sqrt())
 }
 
-/// The same model with states x' = T x for a random T, and T.
+/// Returns the same model with states x' = T x for a random T, and T.
 pub fn in_other_states(model: &Model, seed: u64) -> (Model, DMatrix<f64>) {
     let n = model.n();
     let change = DMatrix::identity(n, n) + random(seed, n, n) * (0.5 / n as f64);

@@ -9,13 +9,13 @@ use super::hessenberg::HessenbergModel;
 use super::modes::{Mode, ModeKind, modes};
 use super::state_space::Model;
 
-/// A is canonical if its fixed entries are right to this, relative to its largest entry.
+/// Tolerance on the fixed entries of a canonical A, relative to its largest entry.
 const CANONICAL: f64 = 1e-9;
 
-/// First-order (co)variances of the response at one frequency, each p x m.
+/// First-order variances and covariances of the frequency response at one frequency (each p x m).
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResponseVariance {
-    /// The response itself.
+    /// The response H, in output units per input unit.
     pub response: DMatrix<Complex<f64>>,
     /// Variance of Re H.
     pub real: DMatrix<f64>,
@@ -26,7 +26,8 @@ pub struct ResponseVariance {
 }
 
 impl ResponseVariance {
-    /// Standard deviation of |H| (p x m): the part in the direction of H (where H is zero, sqrt(var Re + var Im)).
+    /// Returns the standard deviation of |H| (p x m), that is, of the component along H; where H is zero, sqrt(var Re +
+    /// var Im).
     pub fn magnitude_std(&self) -> DMatrix<f64> {
         DMatrix::from_fn(self.response.nrows(), self.response.ncols(), |i, j| {
             let at = (i, j);
@@ -41,13 +42,16 @@ impl ResponseVariance {
     }
 }
 
-/// Variance of the response at each frequency from the parameters' covariance (delta method), for A and C in observable
-/// canonical form: with W = C (z I - A)^{-1}, `dH_lj / da_i[k] = W_lk H_ij` and `dH_lj / db_j[k] = z^advance W_lk`.
+/// Computes the variance of the response at each frequency from the parameter covariance by the delta method, for A and
+/// C in observable canonical form. With W = C (z I - A)^{-1} the gradients are `dH_lj / da_i[k] = W_lk H_ij` and `dH_lj
+/// / db_j[k] = z^advance W_lk`.
 ///
-/// `advance` is 1 for a model from [`super::undo_advance`], whose B and D are A b and C b and whose response is z times that of (A, b, C); else 0.
+/// `advance` is 1 for a model from [`super::undo_advance`], whose B and D are A b and C b and whose response is z times
+/// that of (A, b, C); otherwise it is 0.
 ///
 /// # Errors
-/// [`ModelError::Needs`] without indices or covariance, [`ModelError::NotCanonical`], [`ModelError::Frequency`].
+/// Returns [`ModelError::Needs`] without indices or covariance, [`ModelError::NotCanonical`] or
+/// [`ModelError::Frequency`].
 pub fn response_variance(model: &Model, hz: &[f64], advance: u32) -> Result<Vec<ResponseVariance>, ModelError> {
     let covariance = canonical_covariance(model)?;
     expect_frequencies(model, hz)?;
@@ -73,7 +77,7 @@ fn at_frequency(
     for l in 0..p {
         let blocks = Blocks::of(covariance, rows, l);
         for j in 0..m {
-            // The gradient is weights (x) W_l: one weight for each parameter vector that moves the pair.
+            // The gradient is weights (x) W_l, with one weight for each parameter vector that affects the pair.
             let weights: Vec<(usize, Complex<f64>)> =
                 (0..p).map(|i| (i, response[(i, j)])).chain([(p + j, shift)]).collect();
             let (mut hermitian, mut plain) = (0.0, Complex::<f64>::ZERO);
@@ -91,7 +95,7 @@ fn at_frequency(
     ResponseVariance { response, real, imaginary, cross }
 }
 
-/// W_l P_st W_l^H and W_l P_st W_l^T for every pair of parameter vectors s and t.
+/// The products W_l P_st W_l^H and W_l P_st W_l^T for every pair of parameter vectors s and t.
 struct Blocks {
     hermitian: DMatrix<Complex<f64>>,
     plain: DMatrix<Complex<f64>>,
@@ -120,22 +124,24 @@ impl Blocks {
     }
 }
 
-/// Standard deviations of a mode's frequency and damping ratio.
+/// A mode with the standard deviations of its frequency and damping ratio.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModeDeviation {
     /// The mode.
     pub mode: Mode,
-    /// Standard deviation of the natural frequency in Hz.
+    /// Standard deviation of the natural frequency in Hz; `None` where the first-order approximation does not exist.
     pub hz_std: Option<f64>,
-    /// Standard deviation of the damping ratio (zero for a real pole, whose ratio is +-1).
+    /// Standard deviation of the damping ratio; zero for a positive real pole, whose ratio is always +1 or -1.
     pub damping_std: Option<f64>,
 }
 
-/// The modes with first-order standard deviations from the parameters' covariance, for A and C in observable canonical
-/// form: with l . r = 1, `dlambda / da_i[k] = l_k (C r)_i`. `None` for a repeated pole and for poles at zero and one, where there is no first order.
+/// Returns the modes with first-order standard deviations from the parameter covariance, for A and C in observable
+/// canonical form: with l . r = 1, `dlambda / da_i[k] = l_k (C r)_i`. The deviations are `None` for repeated poles and
+/// for poles at zero and one, which have no first-order expansion.
 ///
 /// # Errors
-/// [`ModelError::Needs`] without indices or covariance, [`ModelError::NotCanonical`], [`ModelError::Eigenvalues`].
+/// Returns [`ModelError::Needs`] without indices or covariance, [`ModelError::NotCanonical`] or
+/// [`ModelError::Eigenvalues`].
 pub fn mode_deviations(model: &Model) -> Result<Vec<ModeDeviation>, ModelError> {
     let covariance = canonical_covariance(model)?;
     let deviations = modes(model)?.into_iter().map(|mode| {
@@ -160,13 +166,14 @@ fn mode_std(model: &Model, covariance: &DMatrix<f64>, mode: &Mode) -> Option<(f6
     let damping = ds.zip_map(&along, |ds, along| -ds.re / size + s.re * along / (size * size));
     let of_a = covariance.view((0, 0), (count, count));
     let std = |g: &DVector<f64>| g.dot(&(of_a * g)).max(0.0).sqrt();
-    // The ratio of a positive real pole is +-1 whatever its size; a negative one has the phase pi, and a ratio that moves.
+    // The damping ratio of a positive real pole is +1 or -1 whatever its size. A negative real pole has phase pi, so
+    // its ratio varies.
     let positive_real = mode.kind == ModeKind::Real && mode.pole.re > 0.0;
     let damping_std = if positive_real { 0.0 } else { std(&damping) };
     Some((std(&along) / TAU, damping_std))
 }
 
-/// The rows of the states in each output's block.
+/// Returns the range of states of each output's block.
 fn blocks(indices: &[usize]) -> Vec<Range<usize>> {
     let mut start = 0;
     let block = indices.iter().map(|size| {
@@ -177,9 +184,9 @@ fn blocks(indices: &[usize]) -> Vec<Range<usize>> {
     block.collect()
 }
 
-/// The parameters' covariance of a model that is in observable canonical form.
+/// Returns the parameter covariance of a model in observable canonical form.
 fn canonical_covariance(model: &Model) -> Result<&DMatrix<f64>, ModelError> {
-    let purpose = "an uncertainty";
+    let purpose = "computing its uncertainty";
     let need = |key| ModelError::Needs { key, purpose };
     let indices = model.observability_indices.as_deref();
     let indices = indices.ok_or(need("observability_indices"))?;
@@ -221,7 +228,7 @@ mod tests {
         model
     }
 
-    /// The model with theta moved.
+    /// Returns the model with the parameters theta changed by `step`.
     fn moved(model: &Model, step: &DVector<f64>) -> Model {
         let (n, p) = (model.n(), model.p());
         let ends = blocks(model.observability_indices.as_ref().unwrap());
@@ -237,7 +244,7 @@ mod tests {
         other
     }
 
-    /// Gradient of a figure of the model over theta, by central differences.
+    /// Returns the gradient of a scalar property of the model with respect to theta, by central differences.
     fn gradient(model: &Model, figure: impl Fn(&Model) -> f64) -> DVector<f64> {
         let size = model.parameter_covariance.as_ref().unwrap().nrows();
         DVector::from_fn(size, |t, _| {
@@ -296,7 +303,7 @@ mod tests {
         let response = response_variance(&model, &[9.0], 0).unwrap()[0].magnitude_std();
         let mode = &mode_deviations(&model).unwrap()[0];
         let mut next = numbers(1);
-        // A sum of 12 uniform numbers is Gaussian enough for a second moment.
+        // A sum of 12 uniform numbers is close enough to Gaussian for a second moment.
         let mut gaussian = || (0..12).map(|_| next()).sum::<f64>() / 2.0;
         let draws = 4000;
         let (mut size, mut hz) = (Vec::new(), Vec::new());
@@ -307,7 +314,7 @@ mod tests {
             hz.push(modes(&other).unwrap()[0].hz);
         }
         let spread = |x: Vec<f64>| DVector::from_vec(x).variance().sqrt();
-        // A standard deviation from 4000 draws is right to 1.1 %; four of those.
+        // A standard deviation from 4000 draws has a relative error of 1.1 %; the tolerance is four times that.
         assert_relative_eq!(spread(size), response[(1, 0)], max_relative = 0.045);
         assert_relative_eq!(spread(hz), mode.hz_std.unwrap(), max_relative = 0.045);
     }

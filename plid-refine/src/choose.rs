@@ -1,4 +1,5 @@
-//! Several starts. Each is refined on the head of the training data and scored by its free run on the tail; the best is refined on all of it.
+//! Selection among several starting models. Each is refined on the first part of the training data and scored by its
+//! simulation of the rest; the best is then refined on all of it.
 
 use nalgebra::DVector;
 use ndarray::s;
@@ -8,59 +9,62 @@ use crate::error::RefineError;
 use crate::record::Record;
 use crate::refine::{Noise, Options, Refined, Watcher, refine};
 
-/// A start by its name.
+/// A starting model and its name.
 #[derive(Clone, Debug)]
 pub struct Candidate {
-    /// As reports call it.
+    /// The name used in reports.
     pub name: String,
     /// The model to start from.
     pub model: Model,
 }
 
-/// How the starts did, and the model refined from the best.
+/// The scores of the starting models, and the model refined from the best of them.
 #[derive(Clone, Debug)]
 pub struct Choice {
-    /// Each start refined on the head, for white noise and then for coloured, and its free-run error on the tail of the training data; infinite where it
-    /// failed.
+    /// The scores of each starting model, refined on the first part of the training data for white noise and then for
+    /// coloured noise. The error is infinite if the refinement failed.
     pub scores: Vec<Score>,
-    /// The one that was taken.
+    /// Index of the selected entry of `scores`.
     pub chosen: usize,
-    /// It, refined on all training data.
+    /// The selected model, refined on all training data.
     pub refined: Refined,
 }
 
-/// How a start did.
+/// The score of one starting model and one noise assumption.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Score {
-    /// Its name.
+    /// The name of the starting model.
     pub start: String,
-    /// What the noise was taken for.
+    /// The noise assumed in the refinement.
     pub noise: Noise,
-    /// RMS of the free-run error over RMS of the output.
+    /// RMS of the simulation error over RMS of the output on the last part of the training data.
     pub error: f64,
 }
 
-/// The share of the last training record that decides between starts.
+/// The fraction of the last training record that selects the starting model.
 const DECIDING: f64 = 0.25;
 
-/// What starts may learn from, so that nothing of the slice that decides between them reaches one: all but the last quarter of the last record.
+/// Returns the records without the last quarter of the last record, which is reserved for the selection and must not be
+/// used to obtain a starting model.
 ///
 /// # Errors
-/// [`RefineError::NoRecords`]
+/// Returns [`RefineError::NoRecords`] for an empty list.
 pub fn head<'a>(records: &[Record<'a>]) -> Result<Vec<Record<'a>>, RefineError> {
     let (last, before) = records.split_last().ok_or(RefineError::NoRecords)?;
     Ok(before.iter().copied().chain([last.range(0, cut(last))]).collect())
 }
 
-/// The first deciding sample.
+/// Returns the first sample of the part that is reserved for the selection.
 fn cut(last: &Record<'_>) -> usize {
     ((1.0 - DECIDING) * last.samples() as f64).round() as usize
 }
 
-/// Refines each start on the [`head`] of the records, in a third of the steps, with the noise taken for white and then for coloured; takes the one that simulates the rest of the last record best, and goes on with it on all records. `options.noise` is not looked at.
+/// Selects among starting models and refines the best. Each is refined on the [`head`] of the records with a third of
+/// the iterations, first for white noise and then for coloured noise. The one that best simulates the rest of the last
+/// record is refined on all records. `options.noise` is ignored.
 ///
 /// # Errors
-/// [`RefineError`] if no start could be refined.
+/// Returns a [`RefineError`] if no starting model could be refined.
 pub fn best_of(
     starts: &[Candidate],
     records: &[Record<'_>],
@@ -105,11 +109,12 @@ pub fn best_of(
     Ok(Choice { scores, chosen, refined })
 }
 
-/// Free-run error of `model` on `record` from sample `from` on, started with `state` at the record's first sample: RMS of the error over RMS of the output, over all outputs scaled
-/// to unit RMS; infinite where it diverges.
+/// Returns the relative simulation error of `model` on `record` from sample `from` on, with `state` at the first sample
+/// of the record: the RMS of the error over the RMS of the output, over all outputs scaled to unit RMS. It is infinite
+/// if the simulation diverges.
 ///
 /// # Errors
-/// [`ModelError`] for records of another shape.
+/// Returns a [`ModelError`] if the record does not fit the model.
 pub fn free_run_error(
     model: &Model,
     record: &Record<'_>,

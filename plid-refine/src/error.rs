@@ -1,28 +1,28 @@
 use plid_model::ModelError;
 
-/// Why there is no estimate. Records and channels count from 0.
+/// The reasons why an estimate cannot be computed. Records and channels are counted from 0.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 pub enum RefineError {
-    /// There is nothing to learn from.
-    #[error("no record to learn from")]
+    /// The list of records is empty.
+    #[error("no training record was given")]
     #[diagnostic(code(plid::refine::no_records))]
     NoRecords,
-    /// A record does not fit the others or the model.
+    /// A record does not agree with the other records or with the model.
     #[error("record {record}: {what} has {found} {unit} where {expected} were expected")]
     #[diagnostic(code(plid::refine::shape))]
     Shape {
         /// The record.
         record: usize,
-        /// Which array.
+        /// The array: `the input` or `the output`.
         what: &'static str,
-        /// Rows or columns.
+        /// The unit of the count: samples or channels.
         unit: &'static str,
-        /// The number wanted.
+        /// The number required.
         expected: usize,
         /// The number found.
         found: usize,
     },
-    /// An input that is not finite, or an output that is infinite (NaN among the outputs is a missing sample).
+    /// An input is not finite, or an output is infinite; NaN marks a missing output.
     #[error("record {record}: {what}, channel {channel}, sample {sample} is not finite")]
     #[diagnostic(code(plid::refine::not_finite))]
     NotFinite {
@@ -35,7 +35,7 @@ pub enum RefineError {
         /// The row.
         sample: usize,
     },
-    /// A channel that is zero throughout, or never there.
+    /// A channel is zero or missing throughout.
     #[error("{what}, channel {channel} is zero or missing throughout")]
     #[diagnostic(code(plid::refine::empty_channel))]
     EmptyChannel {
@@ -44,45 +44,45 @@ pub enum RefineError {
         /// The column.
         channel: usize,
     },
-    /// Fewer samples than the estimate needs.
-    #[error("{purpose} needs at least {needed} {unit}, the records have {available}")]
+    /// The records have fewer samples than the estimate requires.
+    #[error("{purpose} requires at least {needed} {unit}; the records have {available}")]
     #[diagnostic(
         code(plid::refine::too_little_data),
-        help("take fewer states or a longer record; a stretch between missing samples counts by itself")
+        help("use fewer states or a longer record; missing samples divide a record into separate segments")
     )]
     TooLittleData {
-        /// What was asked for.
+        /// The estimate that was requested.
         purpose: &'static str,
-        /// What is counted.
+        /// The unit of the count.
         unit: &'static str,
-        /// The least number that will do.
+        /// The smallest sufficient number.
         needed: usize,
-        /// The number there is.
+        /// The number available.
         available: usize,
     },
-    /// A setting that makes no sense.
-    #[error("`{setting}` is {value}; it should be {expected}")]
+    /// A setting is out of range.
+    #[error("`{setting}` is {value}; it must be {expected}")]
     #[diagnostic(code(plid::refine::setting))]
     Setting {
         /// Its name.
         setting: &'static str,
         /// Its value.
         value: f64,
-        /// What it may be.
+        /// The permitted range, in words.
         expected: &'static str,
     },
-    /// A decomposition failed, which the inputs should not bring about.
+    /// A matrix decomposition failed, which valid records should not cause.
     #[error("{what} failed")]
     #[diagnostic(code(plid::refine::decomposition))]
     Decomposition {
-        /// Which one.
+        /// The decomposition or fit that failed.
         what: &'static str,
     },
-    /// The caller asked for an end.
+    /// The caller requested an end through its [`crate::Watcher`].
     #[error("interrupted")]
     #[diagnostic(code(plid::refine::interrupted))]
     Interrupted,
-    /// The model cannot be used, or the result is none.
+    /// The model is invalid or cannot be used.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Model(#[from] ModelError),

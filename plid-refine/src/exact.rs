@@ -1,8 +1,10 @@
-//! The linear system behind records without noise: a simulator's own outputs.
+//! Exact identification of a linear system from noise-free records, such as the outputs of a simulator.
 //!
-//! Without noise the singular values of the windows (`subspace.rs`) fall to rounding behind the order. A and C are those of the observable directions, where equal poles (a filter at
-//! each output) keep directions of their own; in a block of two poles they would be nearly one. B, D and the initial states are fitted to the first samples of each
-//! record by orthogonal least squares: normal equations would lose the fast filters, of which outputs have a millionth.
+//! Without noise the singular values of the windows (`subspace.rs`) drop to rounding level beyond the order of the
+//! system. A and C are obtained in the basis of the observable directions, in which equal poles (such as those of
+//! identical filters at the outputs) keep separate directions; blocks of two poles would make them nearly parallel. B,
+//! D and the initial states are fitted to the first samples of each record by orthogonal least squares, because normal
+//! equations would lose the fast filters, whose contribution to the outputs is about a millionth.
 
 use faer::Mat;
 use faer::prelude::SolveLstsq;
@@ -13,27 +15,30 @@ use crate::error::RefineError;
 use crate::record::{Data, Record, Scaled, Start};
 use crate::subspace::{RANK, Window};
 
-/// Behind the order the singular values fall at once by more than this: to rounding, even that of seven digits. Noise lets them fall by a few.
+/// Beyond the order of a noise-free system the singular values drop by more than this factor, to rounding level, even
+/// for data with seven digits. With noise they drop by a small factor only.
 const FALL: f64 = 1e3;
-/// Half the window holds so many times the directions of `most_states`.
+/// Half the window, as a multiple of the samples needed for `most_states` directions.
 const DEPTH: usize = 3;
-/// Samples of each record that B, D and the initial states are fitted to.
+/// Number of samples of each record to which B, D and the initial states are fitted.
 const SAMPLES: usize = 1000;
 
-/// A linear system and where its records begin.
+/// A linear system with the initial states of its records.
 #[derive(Clone, Debug)]
 pub struct Exact {
-    /// Channels are named u1.. and y1...
+    /// The model, with channels named u1, u2, ... and y1, y2, ...
     pub model: Model,
     /// State at the first sample of each record.
     pub initial_states: Vec<DVector<f64>>,
 }
 
-/// The system of up to about `most_states` states that the records come from; none where they do not tell its order, or where a pole lies on or outside the circle. How
-/// well it follows them has to be looked at: records of a system that is not linear may have a fall among the values too.
+/// Identifies the linear system of up to about `most_states` states that generated noise-free records. Returns `None`
+/// if the records do not determine its order, or if a pole lies on or outside the unit circle. The caller must check
+/// the fit, because the singular values of a nonlinear system may also drop.
 ///
 /// # Errors
-/// [`RefineError`]: records that are empty, of other channels or not finite; too few windows without a gap.
+/// Returns a [`RefineError`] for records that are empty, inconsistent or not finite, and if there are too few windows
+/// without a gap.
 pub fn exact(
     records: &[Record<'_>],
     most_states: usize,
@@ -57,7 +62,8 @@ pub fn exact(
     Ok(Some(Exact { model: Model::new(sample_rate_hz, a, b, c, d)?, initial_states }))
 }
 
-/// The order that the singular values tell, largest first; none where they do not fall to rounding.
+/// Returns the order according to the singular values (in decreasing order), or `None` if they do not drop to rounding
+/// level.
 fn order(singular_values: &[f64]) -> Option<usize> {
     let rounding = RANK * singular_values.first()?;
     let falls = singular_values.windows(2).map(|pair| pair[0].max(rounding) / pair[1].max(rounding));
@@ -65,17 +71,17 @@ fn order(singular_values: &[f64]) -> Option<usize> {
     (fall > FALL).then_some(last + 1)
 }
 
-/// How the records drive a system, in scaled channels.
+/// The input matrices and initial states of a system in scaled channels.
 struct Driven {
-    /// n x m.
+    /// Input matrix (n x m).
     b: DMatrix<f64>,
-    /// p x m.
+    /// Feedthrough matrix (p x m).
     d: DMatrix<f64>,
     /// State at the first sample of each record.
     initial_states: Vec<DVector<f64>>,
 }
 
-/// None from fewer samples than there are entries to find.
+/// Fits B, D and the initial states, or returns `None` if there are fewer samples than unknowns.
 fn driven(data: &Data, a: &DMatrix<f64>, c: &DMatrix<f64>, feedthrough: bool) -> Option<Driven> {
     let (n, m, p) = (a.nrows(), data.m(), data.p());
     let of_d = if feedthrough { p * m } else { 0 };
@@ -92,7 +98,7 @@ fn driven(data: &Data, a: &DMatrix<f64>, c: &DMatrix<f64>, feedthrough: bool) ->
     let (mut matrix, mut wanted) = (Mat::zeros(rows, width), Mat::zeros(rows, 1));
     let (mut row, mut first) = (0, n * m + of_d);
     for record in &data.records {
-        // What the state is for a unit of each entry of B, and of the initial state: n x (n m + n).
+        // Responses of the state to a unit value of each entry of B and of the initial state: n x (n m + n).
         let mut state = DMatrix::zeros(n, n * m + n);
         state.columns_mut(n * m, n).fill_with_identity();
         for k in 0..head(record) {
@@ -113,7 +119,7 @@ fn driven(data: &Data, a: &DMatrix<f64>, c: &DMatrix<f64>, feedthrough: bool) ->
         }
         first += if record.start == Start::Unknown { n } else { 0 };
     }
-    // Columns of like size; one that nothing drives stays zero.
+    // The columns are scaled to similar norms; the coefficient of a zero column remains zero.
     let sizes: Vec<f64> = (0..width).map(|column| matrix.col(column).norm_l2().max(f64::MIN_POSITIVE)).collect();
     for (column, size) in sizes.iter().enumerate() {
         (0..rows).for_each(|row| matrix[(row, column)] /= size);

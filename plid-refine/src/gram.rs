@@ -1,14 +1,17 @@
-//! What a record says about a model, as sums of products of a few signals.
+//! The information of a record about a model, as inner products of a small set of signals.
 //!
-//! The output, its residual and all their derivatives with respect to all parameters are combinations, with weights that do not depend on
-//! time, of these signals of a section with denominator q(z) = (z - c)^2 - d:
+//! The output, its residual and their derivatives with respect to all parameters are linear combinations, with constant
+//! weights, of the inputs and of the following signals of each section with denominator q(z) = (z - c)^2 - d:
 //!
-//! - (z - c)/q and 1/q of each input;
-//! - (z - c)/q and 1/q of each of its two states, which themselves are combinations of the former;
-//! - where the initial state is unknown, the same two of an impulse: A_s^k = alpha_k I + gamma_k (A_s - c I);
+//! - (z - c)/q and 1/q applied to each input;
+//! - (z - c)/q and 1/q applied to each of the two states of the section, which are themselves combinations of the
+//!   former;
+//! - if the initial state is unknown, the same filters applied to an impulse: A_s^k = alpha_k I + gamma_k (A_s - c I).
 //!
-//! and of the inputs. So a record enters through the matrix of products of these signals and the residuals, which is the same for all outputs (that are there at the
-//! same samples): O(K q^2) with q = sections x (2 m + 4 or 6) + m + p, instead of a Jacobian for every output. The signals are formed in blocks of samples, never as a whole.
+//! The record is therefore represented by the matrix of inner products of these signals and the residuals, which is the
+//! same for all outputs that are present at the same samples. It costs O(K q^2), where
+//! q = sections x (2 m + 4 or 6) + m + p, instead of a Jacobian for each output. The signals are computed in blocks of
+//! samples and never stored as a whole.
 
 use std::ops::Range;
 
@@ -20,12 +23,12 @@ use rayon::prelude::*;
 use crate::record::{Scaled, Start};
 use crate::sections::{Section, Sections};
 
-/// Samples of a block: its signals fit into the second-level cache or nearly so.
+/// Samples in a block, chosen so that its signals roughly fit into the second-level cache.
 const BLOCK: usize = 512;
-/// Columns of the product that one task forms.
+/// Number of columns of the product that one task computes.
 const PANEL: usize = 64;
 
-/// Where each signal stands.
+/// The index of each signal in the matrix of products.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Places {
     pub m: usize,
@@ -35,12 +38,13 @@ pub(crate) struct Places {
 }
 
 impl Places {
-    /// Signals of a section.
+    /// Returns the number of signals of a section.
     pub fn width(&self) -> usize {
         2 * self.m + if self.free { 6 } else { 4 }
     }
 
-    /// Signals 0 and 1 of input j; `self.m` and `self.m + 1` for the states, `self.m + 2` for the impulse.
+    /// Returns the index of the first of the two signals of a driver: an input j, `self.m` and `self.m + 1` for the
+    /// states, or `self.m + 2` for the impulse.
     pub fn of(&self, section: usize, driver: usize) -> usize {
         section * self.width() + 2 * driver
     }
@@ -58,15 +62,15 @@ impl Places {
     }
 }
 
-/// Products of the signals over the samples at which the outputs of a group are there.
+/// Inner products of the signals over the samples at which the outputs of a group are present.
 #[derive(Debug)]
 pub(crate) struct Gram {
     pub outputs: Vec<usize>,
-    /// Symmetric, `Places::count` square.
+    /// A symmetric matrix of size `Places::count`.
     pub products: DMatrix<f64>,
 }
 
-/// Outputs that are missing at the same samples.
+/// Groups the outputs that are missing at the same samples.
 fn groups(record: &Scaled) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = Vec::new();
     let alike = |a: usize, b: usize| {
@@ -82,7 +86,7 @@ fn groups(record: &Scaled) -> Vec<Vec<usize>> {
     groups
 }
 
-/// Two states of each filter of a section, and its own two.
+/// The states of the filters of a section (two each), and the two states of the section itself.
 struct Filters {
     section: Section,
     lanes: Vec<[f64; 2]>,
@@ -99,7 +103,7 @@ impl Filters {
         Self { section: model.poles[s], lanes, state }
     }
 
-    /// Signals of `range` into `signals` (columns of BLOCK) and the states into `states` (two columns).
+    /// Computes the signals of `range` into `signals` (columns of BLOCK) and the states into `states` (two columns).
     fn fill(
         &mut self,
         record: &Scaled,
@@ -139,7 +143,7 @@ impl Filters {
     }
 }
 
-/// The residuals' products and the signals' for one record; `initial` is None for a start at rest.
+/// Computes the inner products of signals and residuals for one record; `initial` is `None` for a start at rest.
 pub(crate) fn gram(record: &Scaled, model: &Sections, initial: Option<&DVector<f64>>) -> Vec<Gram> {
     let places = places(record, model);
     let (count, width, m) = (places.count(), places.width(), places.m);
@@ -185,7 +189,7 @@ pub(crate) fn gram(record: &Scaled, model: &Sections, initial: Option<&DVector<f
                 }
                 &packed
             };
-            // Each sum is one task's, whatever the number of threads: the same bits for any.
+            // Each sum belongs to a single task, so the result is identical for any number of threads.
             sums.par_iter_mut().zip(&pairs).for_each(|(sum, &(i, j))| {
                 let view = |panel: &Range<usize>| {
                     let columns = &block[panel.start * BLOCK..panel.end * BLOCK];
@@ -219,7 +223,7 @@ pub(crate) fn places(record: &Scaled, model: &Sections) -> Places {
     Places { m: model.m(), p: model.p(), sections: model.poles.len(), free }
 }
 
-/// y - C x - D u of the samples of `range`, a column of BLOCK an output; zero where y is missing.
+/// Computes y - C x - D u for the samples of `range`, one column of BLOCK per output; it is zero where y is missing.
 fn residuals(record: &Scaled, model: &Sections, range: &Range<usize>, states: &[f64], to: &mut [f64]) {
     let rows = range.len();
     for i in 0..model.p() {
@@ -239,7 +243,7 @@ fn residuals(record: &Scaled, model: &Sections, range: &Range<usize>, states: &[
     }
 }
 
-/// Sum of squared residuals, an output, without any derivative.
+/// Returns the sum of squared residuals of each output, without derivatives.
 pub(crate) fn squares(record: &Scaled, model: &Sections, initial: Option<&DVector<f64>>) -> Vec<f64> {
     let mut sums = vec![0.0; model.p()];
     let mut states: Vec<[f64; 2]> =

@@ -1,12 +1,14 @@
-//! Linear models for simulation: what a recursive estimate is refined to, and held against.
+//! Estimation of linear models for simulation by nonrecursive methods, which refine a recursive estimate or serve as
+//! its reference.
 //!
-//! - [`subspace`]: an estimate from the records alone, with unstable poles mended;
-//! - [`exact`]: the system itself, where the records have no noise;
-//! - [`refine`]: the output-error estimate from a start, stable by construction, with its covariance;
-//! - [`best_of`]: several starts, of which a held-out slice of the training data takes the best;
-//! - [`slowest_radius`]: the limit on the slowest pole.
+//! - [`subspace`] estimates a model from the records alone and makes it stable;
+//! - [`exact`] identifies the system itself from noise-free records;
+//! - [`refine`] computes the output-error estimate from a starting model, stable by construction, with its covariance;
+//! - [`best_of`] selects among several starting models on reserved training data;
+//! - [`slowest_radius`] limits the slowest pole.
 //!
-//! Records are samples x channels, in units of their own; a NaN among the outputs is a missing sample. Results repeat to the bit with any number of threads.
+//! Records are samples x channels in their own units; a NaN among the outputs is a missing sample. Results are
+//! bit-identical for any number of threads.
 
 mod choose;
 mod error;

@@ -1,10 +1,12 @@
 //! The limit on the slowest pole.
 //!
-//! A pole with a time constant of many periods of a periodic input answers at a single line of it: it is free to repeat, at that line, whatever was
-//! measured there, noise and the structure's nonlinearity included, and a held-out stretch that repeats the same periods cannot punish it. So under
-//! a periodic input no time constant may exceed a quarter of the period: within a period the answer to an impulse then dies to e^-4, 2 %, and the
-//! pole's half-power band, 1.3 times as wide as the lines are apart, holds a line at least. Where the input does not repeat, the time constant may be as long
-//! as the record; what is slower could not be told from a trend. The record that allows most decides.
+//! Under a periodic input, a pole whose time constant spans many periods affects a single line of the spectrum. At that
+//! line it can reproduce any measured value, including noise and the nonlinearity of the structure, and a validation
+//! segment that repeats the same periods cannot reveal this. Under a periodic input no time constant may therefore
+//! exceed a quarter of the period: the impulse response then decays to e^-4, or 2 %, within a period, and the
+//! half-power bandwidth of the pole, 1.3 times the line spacing, contains at least one line. If the input does not
+//! repeat, the time constant may be as long as the record; anything slower cannot be distinguished from a trend. The
+//! least restrictive record sets the limit.
 
 use ndarray::ArrayView2;
 use rustfft::FftPlanner;
@@ -12,14 +14,15 @@ use rustfft::num_complex::Complex64;
 
 use crate::record::Record;
 
-/// Time constants in a period, at least.
+/// Smallest number of time constants in a period.
 const TIME_CONSTANTS: f64 = 4.0;
-/// Correlation of an input with itself a period later, at least.
+/// Smallest correlation of an input with itself one period later.
 const REPEATS: f64 = 0.95;
-/// Below this the input has forgotten itself: a repeat is looked for behind it.
+/// The search for a period starts at the lag where the autocorrelation falls below this value.
 const FORGOTTEN: f64 = 0.5;
 
-/// The period of the inputs in samples, if they repeat: the smallest lag at which every input's autocorrelation, having fallen below a half, returns to 0.95 and more.
+/// Returns the period of the inputs in samples, if they repeat: the smallest lag at which the autocorrelation of every
+/// input, after falling below 0.5, returns to at least 0.95.
 pub fn period(inputs: ArrayView2<'_, f64>) -> Option<usize> {
     let samples = inputs.nrows();
     let channels: Vec<Vec<f64>> = inputs.columns().into_iter().filter_map(autocorrelation).collect();
@@ -30,7 +33,7 @@ pub fn period(inputs: ArrayView2<'_, f64>) -> Option<usize> {
     let half = samples / 2;
     let forgotten = (1..half).find(|&lag| smallest(lag) < FORGOTTEN)?;
     let first = (forgotten..half).find(|&lag| smallest(lag) >= REPEATS)?;
-    // The top of that peak.
+    // The lag of the maximum of that peak is the period.
     let mut top = first;
     while top + 1 < half && smallest(top + 1) > smallest(top) {
         top += 1;
@@ -38,7 +41,8 @@ pub fn period(inputs: ArrayView2<'_, f64>) -> Option<usize> {
     Some(top)
 }
 
-/// Correlation of a channel with itself at lags up to half its length, each over the samples that overlap; None for a channel of zeros.
+/// Returns the autocorrelation of a channel at lags up to half its length, each over the overlapping samples, or `None`
+/// for a channel of zeros.
 fn autocorrelation(channel: ndarray::ArrayView1<'_, f64>) -> Option<Vec<f64>> {
     let samples = channel.len();
     let mut power = vec![0.0; samples + 1];
@@ -63,8 +67,8 @@ fn autocorrelation(channel: ndarray::ArrayView1<'_, f64>) -> Option<Vec<f64>> {
     Some(lags.collect())
 }
 
-/// The largest magnitude of a pole that the records can tell: exp(-1 / T), where T, in samples, is a quarter of a record's period or, where its inputs do not
-/// repeat, its length; the largest over the records.
+/// Returns the largest permissible magnitude of a pole: exp(-1 / T), where T in samples is a quarter of the period of a
+/// record or, if its inputs do not repeat, its length. The largest value over the records is returned.
 pub fn slowest_radius(records: &[Record<'_>]) -> f64 {
     let longest = |r: &Record<'_>| period(r.inputs).map_or(r.samples() as f64, |p| p as f64 / TIME_CONSTANTS);
     (-1.0 / records.iter().map(longest).fold(1.0, f64::max)).exp()
@@ -89,11 +93,11 @@ mod tests {
         assert_eq!(period(repeated.view()), Some(200));
         let random = Array2::from_shape_vec((900, 1), noise(900, 2)).unwrap();
         assert_eq!(period(random.view()), None);
-        // Two inputs of periods 200 and 300 repeat after 600.
+        // Two inputs of periods 200 and 300 repeat together after 600 samples.
         let (a, b) = (noise(200, 3), noise(300, 4));
         let both = Array2::from_shape_fn((1500, 2), |(k, j)| if j == 0 { a[k % 200] } else { b[k % 300] });
         assert_eq!(period(both.view()), Some(600));
-        // Slow signals are alike a sample later; that is no period.
+        // A slowly varying signal is similar to itself one sample later, but that is not a period.
         let slow = Array2::from_shape_fn((900, 1), |(k, _)| (0.003 * k as f64).sin());
         assert_eq!(period(slow.view()), None);
         let outputs = Array2::zeros((900, 1));

@@ -1,14 +1,15 @@
-//! Gauss-Newton's normal equations of the weighted free-run error, from the products of the signals.
+//! Gauss-Newton normal equations of the weighted simulation error, assembled from the inner products of the signals.
 //!
-//! Parameters: for each section its coordinates (2; 1 for a first-order one) and its rows of B; then the rows of C and D, an output after the
-//! other. Initial states of the records stand apart: a record's touches no other's, so they are eliminated record by record.
+//! The parameters are, for each section, its coordinates (two, or one for a first-order section) and its rows of B,
+//! followed by the rows of C and D for each output. The initial states are separate: that of one record is independent
+//! of those of the others, so they are eliminated record by record.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use crate::gram::{Gram, Places};
 use crate::sections::Sections;
 
-/// Where each parameter stands.
+/// The index of each parameter in the parameter vector.
 #[derive(Clone, Debug)]
 pub(crate) struct Order {
     states: usize,
@@ -22,7 +23,7 @@ impl Order {
         Self { states: model.states, m: model.m(), p: model.p(), feedthrough: model.feedthrough }
     }
 
-    /// Coordinate 0 or 1 of section s.
+    /// Returns the index of coordinate 0 or 1 of section s.
     pub fn pole(&self, s: usize, coordinate: usize) -> usize {
         2 * s * (1 + self.m) + coordinate
     }
@@ -50,27 +51,27 @@ impl Order {
     }
 }
 
-/// What may move.
+/// The parameters that are estimated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Free {
-    /// Everything.
+    /// All parameters.
     All,
     /// B, D and the initial states, in which the output is linear.
     Inputs,
-    /// The initial states.
+    /// The initial states only.
     States,
 }
 
-/// Signals with their weights.
+/// A linear combination of signals: indices and weights.
 type Combination = Vec<(usize, f64)>;
 
-/// A column of the Jacobian: parameter, and the signals that it is a combination of.
+/// A column of the Jacobian: the parameter, and the combination of signals that is its derivative.
 struct Column {
     parameter: usize,
     signals: Combination,
 }
 
-/// One record's part for its initial state (states square and states x parameters).
+/// The contribution of one record to its initial state (states x states, and states x parameters).
 #[derive(Clone, Debug)]
 pub(crate) struct InitialPart {
     pub own: DMatrix<f64>,
@@ -78,12 +79,12 @@ pub(crate) struct InitialPart {
     pub gradient: DVector<f64>,
 }
 
-/// J' W J and J' W e.
+/// The normal matrix J'WJ and the gradient J'We.
 #[derive(Clone, Debug)]
 pub(crate) struct Normal {
     pub shared: DMatrix<f64>,
     pub gradient: DVector<f64>,
-    /// One a record; None where it starts at rest.
+    /// One entry per record; `None` for a start at rest.
     pub initial: Vec<Option<InitialPart>>,
 }
 
@@ -100,7 +101,7 @@ impl Normal {
         Self { shared: DMatrix::zeros(count, count), gradient: DVector::zeros(count), initial: Vec::new() }
     }
 
-    /// Adds the next record; `initial` is its initial state, None at rest.
+    /// Adds the next record; `initial` is its initial state, or `None` at rest.
     pub fn add(
         &mut self,
         model: &Sections,
@@ -121,7 +122,7 @@ impl Normal {
         for gram in grams {
             for &i in &gram.outputs {
                 let columns = columns(model, &order, initial, places, i, free);
-                // Products of every signal with every column.
+                // Inner products of every signal with every column of the Jacobian.
                 let mut moved = DMatrix::zeros(places.residual(0), columns.len());
                 for (column, mut to) in columns.iter().zip(moved.column_iter_mut()) {
                     for &(signal, weight) in &column.signals {
@@ -151,7 +152,8 @@ impl Normal {
         self.initial.push(part);
     }
 
-    /// (J'WJ + damping diag J'WJ) step = J'We; None where that is not positive definite. A parameter that nothing depends on stays.
+    /// Solves (J'WJ + damping diag J'WJ) step = J'We, or returns `None` if the matrix is not positive definite. A
+    /// parameter without influence is unchanged.
     pub fn step(&self, damping: f64) -> Option<Step> {
         let scale = |h: &DMatrix<f64>| h.diagonal().map(|x| if x > 0.0 { 1.0 / x.sqrt() } else { 0.0 });
         let scaled = |h: &DMatrix<f64>, rows: &DVector<f64>, columns: &DVector<f64>| {
@@ -191,11 +193,12 @@ impl Normal {
         Some(Step { shared: shared.component_mul(&size), initial })
     }
 
-    /// The information on the shared parameters, the initial states being unknown as well.
+    /// Returns the Fisher information of the shared parameters, with the initial states eliminated as unknowns.
     pub fn information(&self) -> DMatrix<f64> {
         let mut reduced = self.shared.clone();
         for part in self.initial.iter().flatten() {
-            // Directions of an initial state that the record does not show are no loss to the others.
+            // Directions of an initial state that the record does not determine cost the other parameters no
+            // information.
             if let Ok(inverse) = part.own.clone().pseudo_inverse(part.own.amax() * 1e-13) {
                 reduced -= part.shared.transpose() * inverse * &part.shared;
             }
@@ -204,7 +207,7 @@ impl Normal {
     }
 }
 
-/// The Jacobian of output i: every parameter that moves it.
+/// Returns the Jacobian of output i, with a column for every parameter that affects it.
 fn columns(
     model: &Sections,
     order: &Order,
@@ -220,7 +223,7 @@ fn columns(
         let (at, up, down) = (2 * s, section.up, section.down());
         let (c1, c2) = (model.c[(i, at)], model.c[(i, at + 1)]);
         let pair = section.is_pair();
-        // C_s (zI - A_s)^{-1} e_1 v and e_2 v, for a driver v.
+        // The responses C_s (zI - A_s)^{-1} e_1 v and C_s (zI - A_s)^{-1} e_2 v for a driver v.
         let first = |v: usize| [(v, c1), (v + 1, c2 * down)];
         let second = |v: usize| [(v + 1, c1 * up), (v, c2)];
         if free == Free::All {
@@ -274,7 +277,7 @@ fn columns(
     columns
 }
 
-/// The two states of section s, as far as the inputs drive them.
+/// Returns the two states of section s as combinations of the signals driven by the inputs.
 fn states(model: &Sections, places: &Places, s: usize) -> (Combination, Combination) {
     let (up, down) = (model.poles[s].up, model.poles[s].down());
     let mut both = (Vec::new(), Vec::new());

@@ -1,4 +1,4 @@
-//! A model of sections with the initial states of its records, and its free-run error.
+//! A point of the optimisation: a model in sections, the initial states of its records, and its simulation error.
 
 use nalgebra::DVector;
 use ndarray::Array2;
@@ -11,17 +11,18 @@ use crate::normal::{Free, Normal, Order, Step};
 use crate::record::{Data, Scaled, Start};
 use crate::sections::Sections;
 
-/// A variance is not taken below this share of its output's power: what is left then is rounding.
+/// Lower bound of a residual variance, relative to the power of the output; smaller values are rounding.
 const FLOOR: f64 = 1e-28;
-/// Damping of the linear fits: enough where two sections say the same, and undone by the rounds that follow.
+/// Damping of the linear fits: enough to separate two identical sections, and compensated by the iterations that
+/// follow.
 const LINEAR_DAMPING: f64 = 1e-10;
-/// Rounds of the linear fit: each one corrects what damping and rounding have left.
+/// Iterations of the linear fit; each corrects the remaining effect of damping and rounding.
 const ROUNDS: usize = 4;
 
 #[derive(Clone, Debug)]
 pub(crate) struct Point {
     pub model: Sections,
-    /// One a record, padded as the sections are; None at rest.
+    /// The initial state of each record, padded like the sections; `None` at rest.
     pub initial: Vec<Option<DVector<f64>>>,
 }
 
@@ -32,7 +33,7 @@ impl Point {
         Self { initial: data.records.iter().map(|r| initial(r.start)).collect(), model }
     }
 
-    /// Mean square free-run error of each output.
+    /// Returns the mean square simulation error of each output.
     pub fn variances(&self, data: &Data) -> Vec<f64> {
         let sums: Vec<Vec<f64>> = data
             .records
@@ -44,7 +45,7 @@ impl Point {
         (0..data.p()).map(|i| sums.iter().map(|s| s[i]).sum::<f64>() / present[i].max(1) as f64 + FLOOR).collect()
     }
 
-    /// Free-run errors of each record, samples x p; NaN where an output is missing.
+    /// Returns the simulation errors of each record (samples x p); NaN where an output is missing.
     pub fn errors(&self, data: &Data) -> Result<Vec<Array2<f64>>, RefineError> {
         let model = self.model.to_model(1.0)?;
         let error = |(record, initial): (&Scaled, &Option<DVector<f64>>)| {
@@ -54,7 +55,7 @@ impl Point {
         data.records.iter().zip(&self.initial).map(error).collect()
     }
 
-    /// J'WJ and J'We, each output weighted by the inverse of `variances`.
+    /// Computes J'WJ and J'We, with each output weighted by the inverse of its entry of `variances`.
     pub fn normal(&self, data: &Data, variances: &[f64], free: Free) -> Normal {
         let mut normal = Normal::new(&self.model);
         let weights: Vec<f64> = variances.iter().map(|v| 1.0 / v).collect();
@@ -66,7 +67,7 @@ impl Point {
         normal
     }
 
-    /// The point a step on.
+    /// Returns the point after a step.
     pub fn moved(&self, step: &Step, free: Free) -> Self {
         let mut to = self.clone();
         let order = Order::of(&self.model);
@@ -102,11 +103,12 @@ impl Point {
         to
     }
 
-    /// The same model with every pair of real poles turned so that the outputs see its first state at least as well as its second.
+    /// Returns an equivalent model in which the outputs observe the first state of every pair of real poles at least as
+    /// well as the second.
     ///
-    /// The sign of a real pole's eigenvector is free, and with it which of the two states is the sum of the two poles' parts and which their
-    /// difference. Where the outputs see mostly the difference, the section loses its observability as the poles meet, and so they cannot turn
-    /// complex; seen by their sum, they can.
+    /// The sign of the eigenvector of a real pole is arbitrary, so either state may be the sum of the two poles'
+    /// contributions and the other their difference. If the outputs observe mainly the difference, the section loses
+    /// observability as the poles meet and they cannot become complex; if they observe the sum, they can.
     pub fn turned(mut self) -> Self {
         for (s, section) in
             self.model.poles.iter().enumerate().filter(|(_, section)| section.is_pair() && section.d > 0.0)
@@ -117,7 +119,7 @@ impl Point {
             if first >= ratio * second {
                 continue;
             }
-            // x1' = x2 / ratio, x2' = ratio x1.
+            // The change of coordinates is x1' = x2 / ratio, x2' = ratio x1.
             self.model.c.swap_columns(at, at + 1);
             self.model.c.column_mut(at).scale_mut(ratio);
             self.model.c.column_mut(at + 1).scale_mut(1.0 / ratio);
@@ -133,10 +135,11 @@ impl Point {
         self
     }
 
-    /// Fits what is `free` of B, D and the initial states, in which the free run is linear, by least squares with given poles and C.
+    /// Fits the `free` ones of B, D and the initial states, in which the simulation is linear, by least squares with
+    /// the given poles and C.
     ///
     /// # Errors
-    /// If the normal equations cannot be solved.
+    /// Returns an error if the normal equations cannot be solved.
     pub fn fit(mut self, data: &Data, free: Free) -> Result<Self, RefineError> {
         let mut best = f64::INFINITY;
         for _ in 0..ROUNDS {
@@ -170,7 +173,7 @@ mod tests {
         move || 2.0 * random.random::<f64>() - 1.0
     }
 
-    /// Sections of any kind, with everything about them random; `states` may be odd.
+    /// Returns random sections of every kind; `states` may be odd.
     fn point(seed: u64, states: usize, starts: &[Start], feedthrough: bool) -> (Point, Data) {
         let mut next = uniform(seed);
         let (m, p, samples) = (2, 2, 700);
@@ -193,7 +196,7 @@ mod tests {
             starts.iter().map(|_| Array2::from_shape_simple_fn((samples, m), &mut next)).collect();
         let mut outputs: Vec<Array2<f64>> =
             starts.iter().map(|_| Array2::from_shape_simple_fn((samples, p), &mut next)).collect();
-        // One output is missing for a while, over the end of a block.
+        // One output is missing over a range that spans the end of a block.
         outputs[0].slice_mut(ndarray::s![500..520, 1]).fill(f64::NAN);
         let records: Vec<Record<'_>> = inputs
             .iter()
@@ -209,7 +212,7 @@ mod tests {
         (point, data)
     }
 
-    /// Half the weighted sum of squares, whose gradient is -J'We.
+    /// Returns half the weighted sum of squares, whose gradient is -J'We.
     fn half_squares(point: &Point, data: &Data, variances: &[f64]) -> f64 {
         let own = point.variances(data);
         data.present().iter().zip(own.iter().zip(variances)).map(|(&n, (v, w))| 0.5 * n as f64 * (v - FLOOR) / w).sum()
@@ -229,7 +232,8 @@ mod tests {
                 initial: point.initial.iter().map(|x| x.as_ref().map(|_| DVector::zeros(states))).collect(),
             };
             let derivative = |axis: &dyn Fn(&mut Step, f64)| {
-                // Fourth-order differences. Poles near the unit circle bend the function much, so the step is small; rounding takes 1e-9.
+                // Fourth-order differences. Poles near the unit circle make the function strongly curved, so the step
+                // is small, and rounding limits the agreement to 1e-9.
                 let at = |h: f64| {
                     let mut step = zero();
                     axis(&mut step, h);
@@ -266,7 +270,7 @@ mod tests {
         assert_eq!(turned.clone().turned().model, turned.model);
     }
 
-    /// J'WJ against a Jacobian from differences of the simulated outputs.
+    /// Compares J'WJ with a Jacobian from finite differences of the simulated outputs.
     #[test]
     fn the_normal_matrix_is_that_of_differences() {
         let (point, data) = point(3, 5, &[Start::Unknown], true);

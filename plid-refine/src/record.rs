@@ -1,38 +1,38 @@
-//! Records, and their channels brought to comparable size.
+//! Training records, and their channels scaled to unit RMS.
 
 use nalgebra::{DMatrix, DVector};
 use ndarray::{Array2, ArrayView2};
 
 use crate::error::RefineError;
 
-/// How a record begins.
+/// The initial state of a record.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Start {
-    /// The state at its first sample is zero.
+    /// The state at the first sample is zero.
     Rest,
-    /// That state is unknown, and estimated.
+    /// The state at the first sample is unknown and is estimated.
     #[default]
     Unknown,
 }
 
-/// One record to learn from.
+/// A training record.
 #[derive(Clone, Copy, Debug)]
 pub struct Record<'a> {
-    /// K x m.
+    /// Inputs (samples x m).
     pub inputs: ArrayView2<'a, f64>,
-    /// K x p; NaN is a missing sample.
+    /// Outputs (samples x p); NaN marks a missing sample.
     pub outputs: ArrayView2<'a, f64>,
-    /// How it begins.
+    /// The initial state.
     pub start: Start,
 }
 
 impl<'a> Record<'a> {
-    /// K
+    /// Returns the number of samples.
     pub fn samples(&self) -> usize {
         self.inputs.nrows()
     }
 
-    /// Samples `from..to`; one that does not begin with the record begins in an unknown state.
+    /// Returns samples `from..to`. A range that does not start with the record has an unknown initial state.
     #[must_use]
     pub fn range(&self, from: usize, to: usize) -> Record<'a> {
         Record {
@@ -43,7 +43,7 @@ impl<'a> Record<'a> {
     }
 }
 
-/// A record of channels of unit RMS.
+/// A record whose channels have unit RMS.
 pub(crate) struct Scaled {
     pub inputs: Array2<f64>,
     pub outputs: Array2<f64>,
@@ -56,7 +56,7 @@ impl Scaled {
     }
 }
 
-/// Records of channels of unit RMS, and what they were divided by.
+/// Records scaled to unit RMS, with the divisors of their channels.
 pub(crate) struct Data {
     pub records: Vec<Scaled>,
     pub input_scale: Vec<f64>,
@@ -64,8 +64,11 @@ pub(crate) struct Data {
 }
 
 impl Data {
+    /// Scales the records.
+    ///
     /// # Errors
-    /// A record without samples or of other channels, a value that is not finite, a channel without content.
+    /// Returns an error for a record that is empty or has a different number of channels, a value that is not finite,
+    /// or a channel that is zero or missing throughout.
     pub fn new(records: &[Record<'_>]) -> Result<Self, RefineError> {
         let first = records.first().ok_or(RefineError::NoRecords)?;
         let (m, p) = (first.inputs.ncols(), first.outputs.ncols());
@@ -105,12 +108,12 @@ impl Data {
         self.output_scale.len()
     }
 
-    /// From scaled outputs to the records' own.
+    /// Returns the map from scaled outputs to the records' units.
     pub fn output_map(&self) -> DMatrix<f64> {
         DMatrix::from_diagonal(&DVector::from_column_slice(&self.output_scale))
     }
 
-    /// Samples that are there, of each output.
+    /// Returns the number of samples present for each output.
     pub fn present(&self) -> Vec<usize> {
         let there = |i: usize| {
             let of = |r: &Scaled| r.outputs.column(i).iter().filter(|y| !y.is_nan()).count();

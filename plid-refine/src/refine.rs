@@ -1,8 +1,9 @@
-//! Output-error refinement: Levenberg-Marquardt on the free-run error.
+//! Output-error refinement by the Levenberg-Marquardt method, which minimises the simulation error.
 //!
-//! The criterion is the Gaussian likelihood of an error that is white and independent over outputs, each output's variance being estimated
-//! along: L = sum over outputs of N_i/2 ln(mean square free-run error of i). So every output is weighted by its own noise, none by its unit. (Ljung, *System Identification*,
-//! 2nd ed., section 7.2; the sensitivities as in its section 10.3.)
+//! The criterion is the Gaussian likelihood of an error that is white and independent between outputs, with the
+//! variance of each output estimated as well: L = sum over the outputs of N_i/2 ln(mean square simulation error of
+//! output i). Each output is therefore weighted by its own noise and not by its unit (Ljung, *System Identification*,
+//! 2nd ed., section 7.2; the sensitivities are those of section 10.3).
 
 use nalgebra::{DMatrix, DVector};
 use plid_model::Model;
@@ -16,79 +17,82 @@ use crate::sections::Sections;
 use crate::uncertainty::Uncertainty;
 use crate::whiten::{Filtered, Whitening};
 
-/// What is taken for the free-run error of the true plant.
+/// The assumption on the noise in the outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Noise {
-    /// White: the mean square error itself is minimised, an output weighted by its variance.
+    /// White noise: the mean square error itself is minimised, with each output weighted by its variance.
     #[default]
     White,
-    /// Coloured: inputs and outputs are filtered first, so that the error becomes white.
+    /// Coloured noise: inputs and outputs are prefiltered so that the error becomes white.
     Coloured,
 }
 
-/// What the refinement may do.
+/// The settings of the refinement.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
-    /// Largest magnitude of a pole: see [`crate::slowest_radius`].
+    /// Largest magnitude of a pole; see [`crate::slowest_radius`].
     pub radius: f64,
-    /// Whether D is estimated; else it is zero.
+    /// Whether D is estimated; otherwise it is zero.
     pub feedthrough: bool,
-    /// Steps at most.
+    /// Largest number of iterations.
     pub iterations: usize,
-    /// Whether the noise is white.
+    /// The assumption on the noise.
     pub noise: Noise,
 }
 
-/// Told steps done and planned; false asks for an end.
+/// A progress callback that receives the iterations done and planned, and returns false to stop the refinement.
 pub type Watcher<'a> = &'a (dyn Fn(usize, usize) -> bool + Sync);
 
 /// A refined model.
 #[derive(Clone, Debug)]
 pub struct Refined {
-    /// In block-diagonal (modal) coordinates, with the channels' units of the records; names and rate of the start.
+    /// The model in block-diagonal (modal) coordinates, in the units of the records, with the names and the sample rate
+    /// of the starting model.
     pub model: Model,
     /// State at the first sample of each record.
     pub initial_states: Vec<DVector<f64>>,
-    /// Mean square free-run error of each output.
+    /// Mean square simulation error of each output, in the square of its unit.
     pub residual_variances: Vec<f64>,
-    /// Steps taken.
+    /// Number of iterations done.
     pub iterations: usize,
-    /// Whether the last steps gained nothing that matters.
+    /// Whether the last iterations gained no significant likelihood.
     pub converged: bool,
-    /// Poles that stand at the limit of the slowest decay.
+    /// Number of poles at the limit of [`Options::radius`].
     pub poles_at_limit: usize,
     /// Covariance of the parameters.
     pub uncertainty: Uncertainty,
 }
 
-/// A step that gains less than this in log-likelihood changes nothing that the data could tell.
+/// A gain in log-likelihood below this is statistically insignificant.
 const SMALL_GAIN: f64 = 1e-2;
-/// So many small gains in a row are the end.
+/// The iteration ends after this many insignificant gains in a row.
 const SMALL_STEPS: usize = 4;
-/// Dampings tried side by side, about the last one that served.
+/// Damping factors tried in parallel, relative to the last successful one.
 const TRIALS: [f64; 4] = [0.03, 0.3, 3.0, 30.0];
-/// Prefilters, each from the errors that the last one has left.
+/// Number of prefilters, each estimated from the errors of the fit before it.
 const ROUNDS: usize = 2;
-/// Beyond this damping no step is left.
+/// The iteration ends when no damping up to this value gives a gain.
 const MOST_DAMPING: f64 = 1e8;
 
-/// The negative log-likelihood, up to a constant.
+/// Returns the negative log-likelihood up to a constant.
 fn cost(variances: &[f64], present: &[usize]) -> f64 {
     variances.iter().zip(present).map(|(v, &n)| 0.5 * n as f64 * v.ln()).sum()
 }
 
-/// Minimises the free-run error of `start` over all records. B, D and the initial states are fitted to the start's poles and C first, so that only
-/// these two count of it; poles outside the circle or slower than the limit are moved inside.
+/// Minimises the simulation error of `start` over all records. B, D and the initial states are first fitted to the
+/// poles and C of the starting model, so only these two of it matter. Poles outside the unit circle or slower than the
+/// limit are moved inside.
 ///
 /// # Errors
-/// [`RefineError`]: records that are empty, of other channels or not finite; fewer samples than parameters; settings out of range; an end asked for.
+/// Returns a [`RefineError`] for records that are empty, inconsistent or not finite, if there are fewer samples than
+/// parameters, for settings out of range, and if the watcher requests an end.
 pub fn refine(
     start: &Model,
     records: &[Record<'_>],
     options: &Options,
     watcher: Watcher<'_>,
 ) -> Result<Refined, RefineError> {
-    start.check("the start")?;
+    start.check("the starting model")?;
     let data = Data::new(records)?;
     check(start.n(), &data, options)?;
     if (start.m(), start.p()) != (data.m(), data.p()) {
@@ -99,7 +103,7 @@ pub fn refine(
         };
         return Err(RefineError::Shape { record: 0, what, unit: "channels", expected, found });
     }
-    // Scaled outputs: each row of C by its own scale.
+    // Each row of C is divided by the scale of its output.
     let c = DMatrix::from_fn(start.p(), start.n(), |i, j| start.c[(i, j)] / data.output_scale[i]);
     let sections = Sections::of_poles(&start.a, &c, start.m(), options.radius, options.feedthrough)?;
     let point = Point::new(sections, &data).fit(&data, Free::Inputs)?;
@@ -117,7 +121,7 @@ pub fn refine(
     Ok(refined)
 }
 
-/// Fits with a prefilter, which is estimated from the free-run errors anew before each round.
+/// Fits the model with a prefilter that is estimated from the simulation errors before each round.
 fn coloured(
     mut point: Point,
     data: &Data,
@@ -138,7 +142,7 @@ fn coloured(
         let descent = descend(start, &filtered, each, &told)?;
         let model = whitening.unmixed(&descent.point.model, &filtered);
         point = Point::new(model, data).fit(data, Free::States)?;
-        // From filtered and scaled outputs to the records' own.
+        // The map from filtered and scaled outputs to the records' units.
         let outputs = data.output_map() * whitening.unmix() * filtered.output_map();
         let inputs: Vec<f64> = filtered.input_scale.iter().zip(&data.input_scale).map(|(a, b)| a * b).collect();
         found = Some((descent, filtered, outputs, inputs));
@@ -150,7 +154,7 @@ fn coloured(
     Descent { point, variances, iterations, converged }.into_refined(data, sample_rate_hz, uncertainty)
 }
 
-/// Settings in range, and more samples than parameters.
+/// Checks that the settings are in range and that there are more samples than parameters.
 pub(crate) fn check(states: usize, data: &Data, options: &Options) -> Result<(), RefineError> {
     if !(options.radius > 0.0 && options.radius < 1.0) {
         let expected = "above 0 and below 1";
@@ -254,7 +258,7 @@ impl Descent {
     }
 }
 
-/// The model for channels in the records' units; the states stay as they are.
+/// Returns the model in the records' units, with unchanged states.
 pub(crate) fn in_units(model: &Sections, data: &Data, sample_rate_hz: f64) -> Result<Model, RefineError> {
     let mut scaled = model.clone();
     scaled.scale_inputs(&data.input_scale, -1);
@@ -265,7 +269,7 @@ pub(crate) fn in_units(model: &Sections, data: &Data, sample_rate_hz: f64) -> Re
     scaled.to_model(sample_rate_hz)
 }
 
-/// The state of each record at its first sample; zero at rest.
+/// Returns the state of each record at its first sample, which is zero at rest.
 pub(crate) fn initial_states(point: &Point, data: &Data) -> Vec<DVector<f64>> {
     let n = point.model.states;
     debug_assert_eq!(point.initial.len(), data.records.len());

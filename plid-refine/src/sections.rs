@@ -1,4 +1,4 @@
-//! The stable parametrisation: a block-diagonal A of second-order sections, dense B, C and D.
+//! The stable parametrisation: a block-diagonal A of second-order sections, with dense B, C and D.
 //!
 //! A section is
 //!
@@ -7,20 +7,22 @@
 //!       | down  c  |
 //! ```
 //!
-//! with `up` held and d of either sign, so that a pair of poles passes from complex to real and back without a step: at d = 0 the block
-//! is a Jordan block, which a rotation could not be. Its denominator is q(z) = (z - c)^2 - d = z^2 + a1 z + a2.
+//! where `up` is fixed and d may have either sign, so that a pair of poles passes continuously from complex to real and
+//! back. At d = 0 the section is a Jordan block, which a rotation matrix cannot represent. Its denominator is
+//! q(z) = (z - c)^2 - d = z^2 + a1 z + a2.
 //!
-//! The poles lie within the radius r if and only if (a1 / r, a2 / r^2) lies within the stability triangle |a2| < r^2, |a1| / r < 1 + a2 / r^2.
-//! The two free coordinates of a section map the plane onto that triangle:
+//! The poles lie within the radius r if and only if (a1 / r, a2 / r^2) lies within the stability triangle |a2| < r^2,
+//! |a1| / r < 1 + a2 / r^2. The two free coordinates of a section map the plane onto that triangle:
 //!
 //! ```text
 //! a2 = r^2 tanh(eta2),    a1 = -r (1 + a2 / r^2) tanh(eta1)
 //! ```
 //!
-//! so every parameter vector is a stable model, whatever step an optimiser takes. Near the circle both coordinates act as logarithms of
-//! the distance from it, which suits lightly damped modes.
+//! Every parameter vector is therefore a stable model, whatever step an optimiser takes. Near the circle both
+//! coordinates are logarithmic in the distance from it, which suits lightly damped modes.
 //!
-//! An odd number of states ends in a first-order section: a second state that nothing reaches (up = down = 0), with c = r tanh(eta1).
+//! If the number of states is odd, the last section is of first order: its second state is not connected (up = down =
+//! 0), and c = r tanh(eta1).
 
 use faer::Mat;
 use nalgebra::{Complex, DMatrix, DVector};
@@ -28,11 +30,13 @@ use plid_model::Model;
 
 use crate::error::RefineError;
 
-/// tanh of this is 1 but for 8e-11: no section stands nearer to the edge of the triangle, where its coordinates would be lost to rounding.
+/// Largest coordinate. Its tanh differs from 1 by 8e-11; closer to the edge of the triangle the coordinates would be
+/// lost to rounding.
 const EDGE: f64 = 12.0;
-/// A pole that is mended is put where it decays this much faster than the slowest pole allowed: on the edge it could not move.
+/// A pole that is moved inside the limit decays faster than the slowest permissible pole by this factor; at the edge
+/// its coordinates could not change.
 const INSIDE: f64 = 1.25;
-/// Smallest `up`, so that `down` = d / up stays of a sensible size where two poles meet.
+/// Smallest `up`, so that `down` = d / up remains moderate where two poles meet.
 const SMALLEST_UP: f64 = 1e-3;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,7 +55,7 @@ impl Section {
         if self.is_pair() { self.d / self.up } else { 0.0 }
     }
 
-    /// Poles; of a first-order section the one.
+    /// Returns the poles, of which a first-order section has one.
     pub fn poles(&self) -> Vec<Complex<f64>> {
         let root = Complex::new(self.d, 0.0).sqrt();
         let c = Complex::from(self.c);
@@ -61,11 +65,11 @@ impl Section {
     pub fn coordinates(&self, radius: f64) -> [f64; 2] {
         let a2 = if self.is_pair() { (self.c * self.c - self.d) / (radius * radius) } else { 0.0 };
         let first = if self.is_pair() { 2.0 * self.c / radius / (1.0 + a2) } else { self.c / radius };
-        // Rounding may carry a pole on the edge across it, where atanh has no value.
+        // Rounding may move a pole across the edge, where atanh is undefined.
         [first, a2].map(|x| x.clamp(-1.0, 1.0).atanh().clamp(-EDGE, EDGE))
     }
 
-    /// Moves to the coordinates.
+    /// Sets the section to the given coordinates.
     pub fn place(&mut self, eta: [f64; 2], radius: f64) {
         let [eta1, eta2] = eta.map(|x| x.clamp(-EDGE, EDGE));
         if self.is_pair() {
@@ -77,10 +81,10 @@ impl Section {
         }
     }
 
-    /// d(c, d) / d(eta1, eta2), rows c and d.
+    /// Returns d(c, d) / d(eta1, eta2), with rows c and d.
     pub fn slope(&self, radius: f64) -> [[f64; 2]; 2] {
         let [eta1, eta2] = self.coordinates(radius);
-        // 1 - tanh^2 without cancellation near the edge.
+        // This is 1 - tanh^2 without cancellation near the edge.
         let slope = |eta: f64| 1.0 / eta.cosh().powi(2);
         if !self.is_pair() {
             return [[radius * slope(eta1), 0.0], [0.0, 0.0]];
@@ -92,26 +96,26 @@ impl Section {
     }
 }
 
-/// A model of sections. States are padded to two a section: where `states` is odd the last one is never reached.
+/// A model in sections. The states are padded to two per section; if `states` is odd, the last one is not connected.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Sections {
     pub states: usize,
     pub poles: Vec<Section>,
     /// Largest magnitude of a pole.
     pub radius: f64,
-    /// (2 sections) x m.
+    /// Input matrix, (2 sections) x m.
     pub b: DMatrix<f64>,
-    /// p x (2 sections).
+    /// Output matrix, p x (2 sections).
     pub c: DMatrix<f64>,
-    /// p x m.
+    /// Feedthrough matrix, p x m.
     pub d: DMatrix<f64>,
-    /// Whether D is free; else it stays zero.
+    /// Whether D is estimated; otherwise it is zero.
     pub feedthrough: bool,
 }
 
 impl Sections {
-    /// Poles and C of (A, C) in sections, with B and D zero: they are fitted afterwards. A pole outside the circle is mirrored into it, one that is
-    /// slower than `radius` allows is made faster.
+    /// Converts the poles and the output matrix of (A, C) to sections, with B and D zero, to be fitted afterwards. A
+    /// pole outside the unit circle is mirrored into it, and one slower than `radius` is made faster.
     pub fn of_poles(
         a: &DMatrix<f64>,
         c: &DMatrix<f64>,
@@ -154,7 +158,7 @@ impl Sections {
             columns.push((&of_first - &of_second) * (stretch / 2.0));
             sections.push(Section { c: (first + second) / 2.0, d: half * half, up });
         }
-        // Poles whose coordinates were cut at the edge of the triangle stand where the coordinates say.
+        // Coordinates at the edge of the triangle were limited, so the poles are set to match them.
         for section in &mut sections {
             section.place(section.coordinates(radius), radius);
         }
@@ -171,18 +175,18 @@ impl Sections {
         self.c.nrows()
     }
 
-    /// States of section s: 2, or 1 for the last of an odd number.
+    /// Returns the number of states of section s: 2, or 1 for the last section of an odd number of states.
     pub fn order(&self, s: usize) -> usize {
         if self.poles[s].is_pair() { 2 } else { 1 }
     }
 
-    /// Poles that stand within a tenth of the slowest decay allowed.
+    /// Returns the number of poles whose decay rate is within a tenth of the slowest permissible.
     pub fn at_limit(&self) -> usize {
         let near = self.radius.powf(1.1);
         self.poles.iter().flat_map(Section::poles).filter(|z| z.norm() > near).count()
     }
 
-    /// The model for inputs that were divided by `scales` (power 1), or multiplied (power -1).
+    /// Adapts the model to inputs that were divided by `scales` (power 1) or multiplied by them (power -1).
     pub fn scale_inputs(&mut self, scales: &[f64], power: i32) {
         for (j, scale) in scales.iter().enumerate() {
             self.b.column_mut(j).scale_mut(scale.powi(power));
@@ -190,7 +194,7 @@ impl Sections {
         }
     }
 
-    /// The same as matrices.
+    /// Returns the model in matrix form.
     pub fn to_model(&self, sample_rate_hz: f64) -> Result<Model, RefineError> {
         let n = self.states;
         let mut a = DMatrix::zeros(n, n);
@@ -208,7 +212,7 @@ impl Sections {
     }
 }
 
-/// The pole, mirrored into the circle of `radius` and not too near to it.
+/// Returns the pole mirrored into the circle of `radius`, at a distance from its edge.
 fn mended(pole: Complex<f64>, radius: f64) -> Complex<f64> {
     let size = pole.norm();
     let inside = if size > 1.0 { 1.0 / size } else { size };
@@ -229,7 +233,7 @@ mod tests {
             let mut section = Section { c: 0.0, d: 0.0, up: if pair { 0.3 } else { 0.0 } };
             section.place([eta1, eta2], radius);
             for pole in section.poles() {
-                // The square root of a difference of equal numbers: half the digits.
+                // The square root of a difference of nearly equal numbers has half the digits.
                 prop_assert!(pole.norm() <= radius + 2e-8, "{pole}");
             }
         }
@@ -242,7 +246,7 @@ mod tests {
             let mut again = section;
             again.place(section.coordinates(radius), radius);
             prop_assert!((again.c - c).abs() < 1e-12 && (again.d - d).abs() < 1e-12);
-            // The slope against differences.
+            // Compares the slope with finite differences.
             let eta = section.coordinates(radius);
             let slope = section.slope(radius);
             for axis in 0..2 {
@@ -262,7 +266,7 @@ mod tests {
 
     #[test]
     fn poles_and_their_shapes_survive() {
-        // A complex pair, two real poles, and an odd one; unstable and slow ones are mended.
+        // A complex pair, two real poles and a single one, of which the unstable and the slow ones are corrected.
         let radius = 0.99;
         let a = DMatrix::from_diagonal(&DVector::from_vec(vec![0.5, -0.3, 0.1, 0.0, 0.0]));
         let mut a = a;
@@ -274,7 +278,7 @@ mod tests {
         let sections = Sections::of_poles(&a, &c, 1, radius, false).unwrap();
         assert_eq!((sections.poles.len(), sections.states), (3, 5));
         let model = sections.to_model(1.0).unwrap();
-        // C A^k spans the same: the pairs' shapes are compared through the poles' polynomials.
+        // C A^k spans the same space; the shapes of the pairs are compared through the polynomials of the poles.
         let poles: Vec<f64> = model.a.complex_eigenvalues().iter().map(|z| z.norm()).collect();
         for wanted in [0.5, 0.3, 0.1, 0.85_f64.sqrt()] {
             assert!(poles.iter().any(|r| (r - wanted).abs() < 1e-12), "{wanted} in {poles:?}");

@@ -1,15 +1,17 @@
-//! A subspace estimate: PO-MOESP (Verhaegen 1994; Van Overschee and De Moor 1996, chapter 4, with the weightings W1 = I, W2 = the projection onto the
-//! complement of the future inputs).
+//! A subspace estimate by PO-MOESP (Verhaegen 1994; Van Overschee and De Moor 1996, chapter 4, with the weightings W1 =
+//! I and W2 = the projection onto the complement of the future inputs).
 //!
-//! The rows [future inputs, past inputs, past outputs, future outputs] of every window of 2 i samples that is free of gaps go into one triangular factor, a block of rows at a time, so
-//! that memory does not grow with the records. Of the factor,
+//! The rows [future inputs, past inputs, past outputs, future outputs] of every window of 2 i samples without a gap are
+//! reduced to a triangular factor, a block of rows at a time, so that memory does not grow with the records. From this
+//! factor,
 //!
 //! ```text
 //! L32 = U S V',    Gamma = the first n columns of U S^{1/2},    A from Gamma's shift, C its first p rows.
 //! ```
 //!
-//! Poles outside the circle are mirrored into it, those slower than the limit made faster; then B, D and the initial states are fitted to the free run of all records by least
-//! squares, which is where much of the quality comes from.
+//! Poles outside the unit circle are mirrored into it, and poles slower than the limit are made faster. B, D and the
+//! initial states are then fitted to all records by least squares on the simulation error, which contributes much to
+//! the quality of the estimate.
 
 use faer::{Mat, MatRef};
 use nalgebra::{DMatrix, DVector};
@@ -23,37 +25,40 @@ use crate::record::{Data, Record, Scaled};
 use crate::refine::{Options, check, in_units, initial_states};
 use crate::sections::Sections;
 
-/// Rows that one triangular factor is updated with at a time, as a multiple of its columns.
+/// Number of rows by which a triangular factor is updated at a time, as a multiple of its columns.
 const BLOCK: usize = 2;
-/// Parts into which windows are dealt whatever the number of threads, so that the bits do not depend on it.
+/// Number of parts into which the windows are divided. It is independent of the number of threads, so that results are
+/// bit-identical.
 const PARTS: usize = 2;
-/// Directions of Gamma weaker than this, relative to the strongest, are rounding.
+/// Directions of Gamma with a smaller singular value, relative to the largest, count as rounding.
 pub(crate) const RANK: f64 = 1e-13;
 
 /// A subspace estimate.
 #[derive(Clone, Debug)]
 pub struct Subspace {
-    /// In block-diagonal coordinates; channels are named u1.. and y1...
+    /// The model in block-diagonal coordinates, with channels named u1, u2, ... and y1, y2, ...
     pub model: Model,
     /// State at the first sample of each record.
     pub initial_states: Vec<DVector<f64>>,
-    /// Singular values of L32, largest first: a gap among them suggests the order.
+    /// Singular values of L32 in decreasing order; a gap among them suggests the order.
     pub singular_values: Vec<f64>,
-    /// Half the window, i.
+    /// Half the window, i, in samples.
     pub horizon: usize,
-    /// Poles that were outside the circle and have been mirrored.
+    /// Number of poles that were outside the unit circle and have been mirrored.
     pub mirrored: usize,
 }
 
-/// Half the window where none is given: three times what the order needs, at least 10 samples.
+/// Returns the default for half the window: three times what the order requires, and at least 10 samples.
 fn default_horizon(states: usize, outputs: usize) -> usize {
     (3 * states).div_ceil(outputs).max(10)
 }
 
-/// Estimates a model of `states` states; `horizon` is half the window in samples, by default 3 n / p and at least 10.
+/// Estimates a model with `states` states. `horizon` is half the window in samples; the default is 3 n / p and at least
+/// 10.
 ///
 /// # Errors
-/// [`RefineError`]: records that are empty, of other channels or not finite; too few windows without a gap; settings out of range.
+/// Returns a [`RefineError`] for records that are empty, inconsistent or not finite, for settings out of range, and if
+/// there are too few windows without a gap.
 pub fn subspace(
     records: &[Record<'_>],
     states: usize,
@@ -66,12 +71,13 @@ pub fn subspace(
     let (m, p) = (data.m(), data.p());
     let i = horizon.unwrap_or(default_horizon(states, p));
     if p * (i.max(1) - 1) < states {
-        let expected = "long enough that p (horizon - 1) is no less than the number of states";
+        let expected = "large enough that p (horizon - 1) is at least the number of states";
         return Err(RefineError::Setting { setting: "horizon", value: i as f64, expected });
     }
     let window = Window::new(&data, i)?;
     let (a, c) = window.shift(states)?;
-    // nalgebra's iteration has no end on some matrices: beyond the data's order the shift is rounding.
+    // nalgebra's iteration does not terminate for some matrices: beyond the order of the data A consists of rounding
+    // errors.
     let poles = Mat::from_fn(states, states, |row, column| a[(row, column)]).eigenvalues();
     let poles = poles.map_err(|_| failed("the eigenvalues of A"))?;
     let mirrored = poles.iter().filter(|z| z.norm() > 1.0).count();
@@ -86,30 +92,32 @@ pub fn subspace(
     })
 }
 
-/// What the windows of 2 i samples say of the observable directions.
+/// The information of the windows of 2 i samples about the observable directions.
 pub(crate) struct Window {
-    /// U, (p i) x (p i).
+    /// U, a square matrix of size p i.
     directions: Mat<f64>,
-    /// Of L32, largest first.
+    /// Singular values of L32 in decreasing order.
     pub singular_values: Vec<f64>,
     outputs: usize,
 }
 
 impl Window {
+    /// Decomposes the windows of the records.
+    ///
     /// # Errors
-    /// Too few windows without a gap.
+    /// Returns an error if there are too few windows without a gap.
     pub fn new(data: &Data, i: usize) -> Result<Self, RefineError> {
         let (m, p) = (data.m(), data.p());
         let factor = triangle(data, i)?;
         let (inputs, past) = (m * i, (2 * m + p) * i);
-        // Rows of R are columns of L: L32 takes the future outputs along the past.
+        // The rows of R are the columns of L; L32 is the part of the future outputs along the past.
         let l32 = Mat::from_fn(p * i, past - inputs, |row, column| factor[(inputs + column, past + row)]);
         let svd = l32.thin_svd().map_err(|_| failed("the singular value decomposition"))?;
         let singular_values = svd.S().column_vector().iter().copied().collect();
         Ok(Self { directions: svd.U().to_owned(), singular_values, outputs: p })
     }
 
-    /// A and C of the first `states` directions.
+    /// Returns A and C of the first `states` directions.
     pub fn shift(&self, states: usize) -> Result<(DMatrix<f64>, DMatrix<f64>), RefineError> {
         let (values, p) = (&self.singular_values, self.outputs);
         let rows = self.directions.nrows();
@@ -128,7 +136,7 @@ fn failed(what: &'static str) -> RefineError {
     RefineError::Decomposition { what }
 }
 
-/// R of the windows' rows.
+/// Returns the triangular factor R of the windows' rows.
 fn triangle(data: &Data, i: usize) -> Result<Mat<f64>, RefineError> {
     let windows: Vec<(&Scaled, usize)> =
         data.records.iter().flat_map(|record| whole_windows(record, 2 * i).map(move |k| (record, k))).collect();
@@ -182,7 +190,7 @@ fn part_triangle(windows: &[(&Scaled, usize)], i: usize, columns: usize) -> Mat<
     stacked.subrows(0, filled).to_owned()
 }
 
-/// First samples of the windows of `length` in which no output is missing.
+/// Returns the first samples of the windows of `length` samples in which no output is missing.
 fn whole_windows(record: &Scaled, length: usize) -> impl Iterator<Item = usize> + '_ {
     let mut whole = 0;
     record.outputs.rows().into_iter().enumerate().filter_map(move |(k, y)| {

@@ -1,10 +1,13 @@
-//! The covariance of the refined parameters, and what follows from it.
+//! The covariance of the refined parameters, and the uncertainties derived from it.
 //!
-//! With white, independent errors of the variances found, J'WJ is Fisher's information on the parameters; its inverse is the covariance (the Cramer-Rao
-//! bound, which the estimate reaches for long records). A section's state may be rescaled without a change of any response, so J'WJ is singular along those directions and
-//! its pseudo-inverse is taken: responses and poles, which do not move along them, get the variance that any choice of coordinates would give.
+//! If the errors are white and independent with the estimated variances, J'WJ is the Fisher information of the
+//! parameters. Its inverse is the covariance, the Cramer-Rao bound, which the estimate attains for long records. The
+//! states of a section may be rescaled without any change of the response, so J'WJ is singular in these directions and
+//! its pseudo-inverse is used. Responses and poles do not depend on these directions, so their variance is the same as
+//! in any other coordinates.
 //!
-//! Where the free-run error is not white, because the model lacks something of the plant, the true scatter is larger: the bands say what noise alone would do.
+//! If the simulation error is not white because of model error, the actual scatter is larger: the stated uncertainty
+//! accounts for noise alone.
 
 use std::f64::consts::TAU;
 
@@ -16,17 +19,17 @@ use crate::error::RefineError;
 use crate::normal::Order;
 use crate::sections::Sections;
 
-/// Directions with less information than this, relative to the most, are not told by the data.
+/// Directions with less information than this, relative to the largest, are not determined by the data.
 const TOLD: f64 = 1e-12;
 
-/// Covariance of a refined model's parameters.
+/// Covariance of the parameters of a refined model.
 #[derive(Clone, Debug)]
 pub struct Uncertainty {
     model: Sections,
     covariance: DMatrix<f64>,
-    /// From the outputs that were fitted, which may be scaled and mixed, to the records' own (p x p).
+    /// The map from the fitted outputs, which may be scaled and mixed, to the records' outputs (p x p).
     outputs: DMatrix<f64>,
-    /// What the inputs were divided by.
+    /// The divisors of the inputs (m).
     inputs: Vec<f64>,
     sample_rate_hz: f64,
 }
@@ -48,10 +51,11 @@ impl Uncertainty {
         })
     }
 
-    /// The response at each frequency with its first-order variances, in the records' units. H of the pair (i, j) moves with the poles, B's column j, C's row i and D_ij.
+    /// Returns the response at each frequency in Hz with its first-order variances, in the records' units. H of the
+    /// pair (i, j) depends on the poles, column j of B, row i of C, and D_ij.
     ///
     /// # Errors
-    /// [`ModelError::Frequency`] outside of 0 to half the sample rate.
+    /// Returns [`ModelError::Frequency`] for a frequency outside 0 to half the sample rate.
     pub fn response_variance(&self, hz: &[f64]) -> Result<Vec<ResponseVariance>, ModelError> {
         let nyquist = self.sample_rate_hz / 2.0;
         if let Some(&hz) = hz.iter().find(|f| !(**f >= 0.0 && **f <= nyquist)) {
@@ -98,7 +102,7 @@ impl Uncertainty {
         result
     }
 
-    /// H_ij at z, and its derivative with respect to each parameter that moves it; of scaled channels.
+    /// Returns H_ij at z and its derivative with respect to each parameter that affects it, in scaled channels.
     fn gradient(&self, i: usize, j: usize, z: Complex<f64>) -> (Complex<f64>, Vec<(usize, Complex<f64>)>) {
         let model = &self.model;
         let order = Order::of(model);
@@ -114,7 +118,7 @@ impl Uncertainty {
             let state = resolvent([model.b[(at, j)], model.b[(at + 1, j)]].map(Complex::from));
             let row = dual(c);
             response += state[0] * c[0] + state[1] * c[1];
-            // dA/dc = I, dA/dd = e2 e1' / up.
+            // The derivatives of A are dA/dc = I and dA/dd = e2 e1' / up.
             let of_c = row[0] * state[0] + row[1] * state[1];
             let of_d = if section.is_pair() { row[1] * state[0] / up } else { Complex::ZERO };
             let slope = section.slope(model.radius);
@@ -133,11 +137,12 @@ impl Uncertainty {
         (response, gradient)
     }
 
-    /// The modes of `model`, which is the refined one, with first-order standard deviations of frequency and damping; `None` where two poles nearly meet, at which there
-    /// is no first order.
+    /// Returns the modes of `model`, which must be the refined one, with first-order standard deviations of frequency
+    /// and damping. They are `None` where two poles nearly coincide, because the first-order expansion does not exist
+    /// there.
     ///
     /// # Errors
-    /// [`ModelError::Eigenvalues`].
+    /// Returns [`ModelError::Eigenvalues`] if the eigenvalue iteration does not converge.
     pub fn mode_deviations(&self, model: &Model) -> Result<Vec<ModeDeviation>, ModelError> {
         let deviations = modes(model)?.into_iter().map(|mode| {
             let both = self.of_pole(mode.pole);
@@ -154,7 +159,7 @@ impl Uncertainty {
             .map(|(s, z)| distance(s, &z))
             .min_by(|a, b| a.2.total_cmp(&b.2))?;
         let section = &self.model.poles[s];
-        // Where the two poles of a section nearly meet, the square root has no slope.
+        // Where the two poles of a section nearly coincide, the derivative of the square root diverges.
         let parted = !section.is_pair() || section.d.abs() > 1e-12;
         if off > 1e-6 || !parted || own == Complex::ZERO {
             return None;
@@ -191,7 +196,7 @@ impl Uncertainty {
     }
 }
 
-/// Pseudo-inverse of a positive semidefinite matrix, after its diagonal is brought to one.
+/// Returns the pseudo-inverse of a positive semidefinite matrix, computed after scaling it to a unit diagonal.
 fn pseudo_inverse(information: &DMatrix<f64>) -> Result<DMatrix<f64>, RefineError> {
     let size = information.nrows();
     let scale: DVector<f64> = information.diagonal().map(|x| if x > 0.0 { 1.0 / x.sqrt() } else { 0.0 });
@@ -202,7 +207,7 @@ fn pseudo_inverse(information: &DMatrix<f64>) -> Result<DMatrix<f64>, RefineErro
     let values: Vec<f64> = found.S().column_vector().iter().copied().collect();
     let largest = values.iter().copied().fold(0.0, f64::max);
     let told: Vec<usize> = (0..size).filter(|&k| values[k] > TOLD * largest).collect();
-    // Columns of the root of the covariance.
+    // The columns are those of a square root of the covariance.
     let root = DMatrix::from_fn(size, told.len(), |i, k| found.U()[(i, told[k])] / values[told[k]].sqrt() * scale[i]);
     Ok(&root * root.transpose())
 }

@@ -1,10 +1,11 @@
-//! A prefilter that makes the free-run error white, for noise that is not.
+//! A prefilter that whitens the simulation error when the noise is coloured.
 //!
-//! Noise that passes through the structure, as that of an actuator does, is strongest at the resonances, which is where the model is decided. Weighted as if
-//! it were white, it costs accuracy. So both inputs and outputs are filtered by one moving average A(q), the autoregression that whitens
-//! the free-run errors of all outputs, and the outputs are then mixed by W, which makes their errors independent at the same instant. A plant y = H u becomes W A y = (W H) A u: its
-//! poles and inputs stay, its C and D are multiplied by W.
-//! (Prefiltering by the inverse noise model: Ljung, section 7.3; as a sequence of fits, Clarke's generalised least squares.)
+//! Noise that passes through the structure, such as actuator noise, is strongest at the resonances, which determine the
+//! model. Treating it as white costs accuracy. Inputs and outputs are therefore filtered by the same moving average
+//! A(q), the autoregressive model of the simulation errors of all outputs, and the outputs are then multiplied by a
+//! matrix W that makes their errors uncorrelated at each sample. A plant y = H u becomes W A y = (W H) A u: its poles
+//! and inputs are unchanged, and C and D are multiplied by W. (Prefiltering by the inverse noise model: Ljung, section
+//! 7.3; as a sequence of fits: Clarke's generalised least squares.)
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 use ndarray::{Array2, ArrayView2};
@@ -13,15 +14,15 @@ use crate::error::RefineError;
 use crate::record::{Data, Record, Start};
 use crate::sections::Sections;
 
-/// Length of the autoregression, if the records are long enough.
+/// Order of the autoregressive model, if the records are long enough.
 const LENGTH: usize = 80;
-/// Samples for each of its coefficients, at least.
+/// Smallest number of samples per coefficient.
 const SAMPLES_EACH: usize = 25;
 
 pub(crate) struct Whitening {
-    /// 1, a_1 .. a_L.
+    /// The coefficients 1, a_1, ..., a_L.
     filter: Vec<f64>,
-    /// W, p x p.
+    /// The matrix W (p x p).
     mix: DMatrix<f64>,
 }
 
@@ -32,23 +33,23 @@ pub(crate) struct Filtered {
 }
 
 impl Filtered {
-    /// Its first state is unknown, since the first samples of the filter's past are.
+    /// Returns the record with an unknown initial state, because the filter discards its first samples.
     pub fn record(&self) -> Record<'_> {
         Record { inputs: self.inputs.view(), outputs: self.outputs.view(), start: Start::Unknown }
     }
 }
 
 impl Whitening {
-    /// Of the free-run errors of each record (samples x p; NaN where missing).
+    /// Estimates the prefilter from the simulation errors of each record (samples x p; NaN where missing).
     ///
     /// # Errors
-    /// If the errors vanish or the records are too short.
+    /// Returns an error if the errors vanish or the records are too short.
     pub fn of(errors: &[Array2<f64>]) -> Result<Self, RefineError> {
         let p = errors.first().map_or(0, Array2::ncols);
         let samples: usize = errors.iter().map(Array2::nrows).sum();
         let length = LENGTH.min(samples / SAMPLES_EACH);
         let failed = RefineError::Decomposition { what: "the noise model" };
-        // Each output counts alike: scaled by its own size.
+        // Each output is divided by its RMS, so that all have equal weight.
         let mut normal = DMatrix::<f64>::zeros(length + 1, length + 1);
         for i in 0..p {
             let mut own = DMatrix::<f64>::zeros(length + 1, length + 1);
@@ -76,24 +77,24 @@ impl Whitening {
         Ok(Self { mix: mixing(&filtered, p)?, filter })
     }
 
-    /// The model W H of the filtered records, of a model of scaled channels.
+    /// Converts a model of scaled channels to the model W H of the filtered records.
     pub fn mixed(&self, model: &Sections, filtered: &Data) -> Sections {
         let mut to = self.through(model, &(scaling(&filtered.output_scale, -1) * &self.mix));
         to.scale_inputs(&filtered.input_scale, 1);
         to
     }
 
-    /// Back from it.
+    /// Converts a model of the filtered records back to one of scaled channels.
     pub fn unmixed(&self, model: &Sections, filtered: &Data) -> Sections {
         let mut to = self.through(model, &(self.unmix() * scaling(&filtered.output_scale, 1)));
         to.scale_inputs(&filtered.input_scale, -1);
         to
     }
 
-    /// W^-1
+    /// Returns the inverse of W.
     pub fn unmix(&self) -> DMatrix<f64> {
         let identity = DMatrix::identity(self.mix.nrows(), self.mix.nrows());
-        // W is the inverse of a Cholesky factor: its diagonal is positive.
+        // W is the inverse of a Cholesky factor, so its diagonal is positive.
         self.mix.solve_lower_triangular(&identity).unwrap_or(identity)
     }
 
@@ -105,7 +106,7 @@ impl Whitening {
         let outputs = convolved(record.outputs, &self.filter);
         let p = outputs.ncols();
         let mixed = Array2::from_shape_fn(outputs.dim(), |(k, i)| {
-            // A zero of W must not carry a missing output over.
+            // A zero of W must not propagate a missing output to another output.
             (0..p).filter(|&l| self.mix[(i, l)] != 0.0).map(|l| self.mix[(i, l)] * outputs[(k, l)]).sum()
         });
         Filtered { inputs: convolved(record.inputs, &self.filter), outputs: mixed }
@@ -116,7 +117,7 @@ fn scaling(scales: &[f64], power: i32) -> DMatrix<f64> {
     DMatrix::from_diagonal(&DVector::from_iterator(scales.len(), scales.iter().map(|s| s.powi(power))))
 }
 
-/// The moving average of each channel, from the first sample at which all of its past is there.
+/// Returns the moving average of each channel, from the first sample for which all past samples exist.
 fn convolved(signal: ArrayView2<'_, f64>, filter: &[f64]) -> Array2<f64> {
     let length = filter.len() - 1;
     let samples = signal.nrows().saturating_sub(length);
@@ -125,7 +126,8 @@ fn convolved(signal: ArrayView2<'_, f64>, filter: &[f64]) -> Array2<f64> {
     })
 }
 
-/// W with W cov W' = I, lower triangular; diagonal where an output is missing at some sample, since mixing would take the others there with it.
+/// Returns a lower triangular W with W cov W' = I. It is diagonal if an output is missing at some sample, because
+/// mixing would invalidate the others at that sample.
 fn mixing(errors: &[Array2<f64>], p: usize) -> Result<DMatrix<f64>, RefineError> {
     let mut covariance = DMatrix::<f64>::zeros(p, p);
     let gaps = errors.iter().flatten().any(|x| x.is_nan());

@@ -1,4 +1,4 @@
-//! The stated covariance against the scatter of the estimate over seeds.
+//! Compares the stated covariance with the scatter of the estimates over seeds.
 
 mod common;
 
@@ -9,7 +9,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 const SEEDS: u64 = 120;
 
-/// Normalised squared errors are chi-square if the estimate reaches the bound and states it.
+/// Normalised squared errors have a chi-square distribution if the estimate attains the bound and states it correctly.
 #[test]
 fn responses_and_modes_scatter_as_stated() {
     let truth = plant(true, true);
@@ -48,7 +48,7 @@ fn responses_and_modes_scatter_as_stated() {
     }
     let within = |sum: f64, freedom: f64, what: &str| {
         let chi = ChiSquared::new(freedom).unwrap();
-        // 1e-4 on either side: some 30 sums, and second-order terms.
+        // A level of 1e-4 on either side allows for some 30 sums and for second-order terms.
         let (low, high) = (chi.inverse_cdf(1e-4), chi.inverse_cdf(1.0 - 1e-4));
         println!(
             "{what}: {:.3} a degree of freedom, bounds {:.3} to {:.3}",
@@ -70,8 +70,9 @@ fn responses_and_modes_scatter_as_stated() {
     }
 }
 
-/// Noise that passes through the plant: the estimate that whitens it scatters less than the one that takes it for white. An autoregression common to
-/// the outputs is not all there is to such noise, and it is estimated: the squared errors are 1.7 times what is stated (1.73 when this was written).
+/// If the noise passes through the plant, the estimate that whitens it has less scatter than the one that assumes white
+/// noise. An autoregression common to the outputs does not describe such noise completely and is itself estimated, so
+/// the squared errors are 1.7 times the stated variance (1.73 when this was written).
 #[test]
 fn coloured_noise_is_taken_for_what_it_is() {
     let truth = plant(false, false);

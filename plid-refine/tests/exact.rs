@@ -1,4 +1,4 @@
-//! Records without noise tell the system itself.
+//! Noise-free records determine the system exactly.
 
 mod common;
 
@@ -32,7 +32,7 @@ fn noise_hides_the_order() {
     assert!(found(&truth, &data, Start::Rest, false).is_none());
 }
 
-/// Two outputs with a filter of the same pole each; a filter is fast, and outputs have little of it.
+/// Two outputs with filters of the same pole. One filter is fast and contributes little to the outputs.
 #[test]
 fn equal_poles_keep_directions_of_their_own() {
     let a = [[0.05, 0.0, 1.0, 0.0], [0.0, 0.05, 0.0, 1.0], [0.0, 0.0, 0.8, 0.5], [0.0, 0.0, -0.5, 0.8]];
@@ -43,7 +43,7 @@ fn equal_poles_keep_directions_of_their_own() {
     let data = Data::new(&truth, 800, &truth.rest(), 0.0, 17);
     let found = found(&truth, &data, Start::Rest, true).unwrap();
     assert!(response_difference(&found.model, &truth) < 1e-8);
-    // Of A less the pole two directions are nothing.
+    // A less the pole has two null directions.
     let shifted = found.model.a - DMatrix::identity(4, 4) * 0.05;
     let mut singular: Vec<f64> = shifted.singular_values().iter().copied().collect();
     singular.sort_by(f64::total_cmp);

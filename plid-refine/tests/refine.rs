@@ -1,4 +1,4 @@
-//! The refinement on plants whose answer is known.
+//! The refinement on plants with known parameters.
 
 mod common;
 
@@ -28,7 +28,7 @@ fn without_noise_the_plant_is_found_whatever_its_size_and_start() {
         if !feedthrough {
             assert!(found.model.d.iter().all(|d| *d == 0.0));
         }
-        // The initial state, which has other coordinates, by what it does.
+        // The initial state has other coordinates, so it is compared through its response.
         let run = plid_model::simulate(&found.model, data.inputs.view(), &found.initial_states[0]).unwrap().outputs;
         let error = (&run - &data.outputs).iter().fold(0.0_f64, |m, e| m.max(e.abs()));
         assert!(error < 1e-9, "{error}");

@@ -1,4 +1,4 @@
-//! The subspace estimate on plants whose answer is known.
+//! The subspace estimate on plants with known parameters.
 
 mod common;
 
@@ -18,7 +18,7 @@ fn an_exact_plant_is_found() {
         let found = subspace(&records, truth.n(), None, common::RATE, &options(feedthrough)).unwrap();
         let off = response_difference(&found.model, &truth);
         assert!(off < 1e-8, "odd {odd}, D {feedthrough}: {off:.1e}");
-        // The gap among the singular values tells the order.
+        // The gap among the singular values indicates the order.
         let values = &found.singular_values;
         assert!(values[truth.n()] < 1e-8 * values[truth.n() - 1], "{values:?}");
         let left = free_run_error(&found.model, &records[0], &found.initial_states[0], 0).unwrap();
@@ -26,7 +26,8 @@ fn an_exact_plant_is_found() {
     }
 }
 
-/// A simulator's own outputs have no noise: beyond its order the shift is rounding, whose eigenvalues must come to an end.
+/// The outputs of a simulator have no noise: beyond the order of the system A consists of rounding errors, and the
+/// eigenvalue iteration must still terminate.
 #[test]
 fn more_states_than_an_exact_plant_has_do_no_harm() {
     for seed in 0..5 {
@@ -53,7 +54,7 @@ fn records_and_gaps_are_put_together() {
 
 #[test]
 fn an_estimate_of_noise_is_stable() {
-    // Too many states for much noise: poles fall outside the circle and are brought back.
+    // With too many states and much noise, some poles are unstable and must be corrected.
     let truth = plant(false, false);
     let mut mirrored = 0;
     for seed in 0..10 {

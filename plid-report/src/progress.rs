@@ -1,16 +1,17 @@
-//! What long work says and asks while it runs.
+//! Progress reporting and interruption of long calculations.
 
-/// A bar, a log, or nothing.
+/// A receiver of progress reports, such as a progress bar or a log.
 pub trait Progress: Sync {
-    /// A stage begins.
+    /// Reports the start of a stage.
     fn stage(&self, name: &str);
-    /// `done` of `total` steps of the stage; `total` may grow.
+    /// Reports that `done` of `total` steps of the stage are complete; `total` may grow.
     fn advance(&self, done: usize, total: usize);
-    /// Whether the user has asked for an end; the work then stops at the next sample and leaves a checkpoint.
+    /// Returns whether the user has requested an interruption; the calculation then stops at the next sample and writes
+    /// a checkpoint.
     fn interrupted(&self) -> bool;
 }
 
-/// Nothing is said, and the work runs to its end.
+/// A receiver that ignores all reports and never interrupts.
 pub struct Silent;
 
 impl Progress for Silent {

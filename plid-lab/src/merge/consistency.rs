@@ -1,4 +1,4 @@
-//! Whether the runs share what they should share.
+//! The test whether the runs share the parameters that they should share.
 
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
@@ -8,76 +8,83 @@ use super::MergeError;
 use super::combine::{common_prior, solve};
 use super::knowledge::{Knowledge, Rows};
 
-/// A run beside all the others together.
+/// The comparison of one run with all others together.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Departure {
     /// The run.
     pub run: String,
-    /// (its estimate - that of the others) over the covariance of this difference: chi-square with `directions` degrees of freedom if all is as assumed.
+    /// The squared difference between its estimate and that of the others, weighted by the inverse covariance of the
+    /// difference. Under the null hypothesis it has a chi-square distribution with `directions` degrees of freedom.
     pub chi_square: f64,
-    /// Directions of which both sides, or one of them, know something.
+    /// Number of directions about which at least one side has information.
     pub directions: usize,
-    /// Degrees of freedom as the spread of the chi-square over the directions shows them; fewer where a few directions make most of it.
+    /// Effective degrees of freedom according to the spread of the chi-square over the directions; smaller than
+    /// `directions` if a few of them dominate.
     pub effective: f64,
-    /// The other runs' own disagreement, chi-square over degrees of freedom, at least 1; `None` with two runs.
+    /// Chi-square over degrees of freedom of the other runs among themselves, at least 1; `None` with two runs.
     pub overdispersion: Option<f64>,
-    /// Chi-square over `directions` and over `overdispersion`: about 1 for a run that fits.
+    /// Chi-square divided by `directions` and by `overdispersion`: about 1 for a consistent run.
     pub quotient: f64,
-    /// The chance of a departure as large as this or larger if the run shares its parameters with the others.
+    /// Probability of a larger quotient if the run shares its parameters with the others.
     pub p_value: f64,
 }
 
 impl Departure {
-    /// Chi-square over its degrees of freedom.
+    /// Returns chi-square over its degrees of freedom.
     pub fn ratio(&self) -> f64 {
         self.chi_square / self.directions.max(1) as f64
     }
 }
 
-/// What the test says.
+/// The verdict of the consistency test.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Agreement {
     /// The runs share their parameters.
     Agree,
-    /// This run does not fit the others.
+    /// One run is inconsistent with the others.
     Departs {
-        /// The run.
+        /// The inconsistent run.
         run: String,
     },
-    /// Two runs disagree by more than their covariances allow, and there is no third to tell a lack of order from another plant.
+    /// Two runs disagree by more than their covariances allow. Without a third run the test cannot distinguish an
+    /// insufficient order from different plants.
     Open,
-    /// There is one run only.
+    /// There is only one run.
     Alone,
 }
 
-/// The test and what led to its verdict.
+/// The result of the consistency test.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Consistency {
     /// The verdict.
     pub agreement: Agreement,
-    /// Every run beside the others, in the order of the runs.
+    /// The comparison of every run with the others, in the order of the runs.
     pub departures: Vec<Departure>,
     /// Chi-square over degrees of freedom, over all runs.
     pub overdispersion: f64,
 }
 
-/// The chance of calling a run wrong that is right, over all runs together.
+/// Significance level of the test over all runs together.
 pub const LEVEL: f64 = 0.01;
-/// How alike the overdispersion of valid runs is, as degrees of freedom: of what a reduced order leaves out each input shows another part. The logarithms of the
-/// quotients of 18 valid runs of the simulated truss (six seeds, docs/merge.md) have the variance 0.16, as with 24 on both sides; 10 leaves room for other plants.
+/// Degrees of freedom that describe how much the overdispersion varies between valid runs: each input reveals a
+/// different part of the dynamics that a reduced order omits. The logarithms of the quotients of 18 valid runs of the
+/// simulated truss (six seeds, docs/merge.md) have a variance of 0.16, which corresponds to 24 degrees of freedom on
+/// both sides; 10 leaves a margin for other plants.
 const ALIKE: f64 = 10.0;
 
-/// Tests whether the runs agree on the parameters that they share (those of which at least two have a place).
+/// Tests whether the runs agree on the parameters that at least two of them estimate.
 ///
-/// Each run is put beside the combination of all others. If theta is drawn from the prior and both posterior covariances, P of the run and
-/// Q of the others, are right, then in units of the prior's deviations the difference of the two estimates has the covariance
-/// P + Q - P Q - Q P: the prior that both contain is in neither part of it twice. Where a model is smaller than the plant this
-/// chi-square grows with the length of the records also for valid runs, and does so for all of them. It is therefore divided by the same figure of the
-/// other runs among themselves, and the quotient is held against Fisher's distribution; the more of it is overdispersion, the fewer its degrees of freedom.
+/// Each run is compared with the combination of all others. If theta is drawn from the prior and both posterior
+/// covariances are correct, P of the run and Q of the others, then in units of the prior's standard deviations the
+/// difference of the two estimates has the covariance P + Q - P Q - Q P, which does not count the common prior twice.
+/// If the model order is smaller than that of the plant, this chi-square grows with the length of the records for valid
+/// runs as well, and for all of them alike. It is therefore divided by the same figure of the other runs among
+/// themselves, and the quotient is compared with Fisher's F distribution, with fewer degrees of freedom the larger the
+/// overdispersion.
 ///
 /// # Errors
-/// As [`super::combine()`].
+/// Returns the errors of [`super::combine()`].
 pub fn consistency(runs: &[Knowledge], size: usize) -> Result<Consistency, MergeError> {
     let prior = common_prior(runs, size)?;
     let data = runs.iter().map(Knowledge::data).collect::<Result<Vec<_>, _>>()?;
@@ -115,14 +122,14 @@ pub fn consistency(runs: &[Knowledge], size: usize) -> Result<Consistency, Merge
     Ok(Consistency { agreement, departures, overdispersion })
 }
 
-/// Chi-square over degrees of freedom of several departures together.
+/// Returns chi-square over degrees of freedom of several comparisons together.
 fn pooled(departures: &[Departure]) -> f64 {
     let sum: f64 = departures.iter().map(|d| d.chi_square).sum();
     sum / departures.iter().map(|d| d.directions).sum::<usize>().max(1) as f64
 }
 
 fn tail_chi_square(departure: &Departure) -> f64 {
-    // Satterthwaite: the ratio is that of a chi-square with fewer degrees of freedom.
+    // Satterthwaite's approximation: the ratio has the distribution of a chi-square with fewer degrees of freedom.
     let freedom = departure.effective;
     ChiSquared::new(freedom).map_or(1.0, |law| law.sf(departure.ratio() * freedom))
 }
@@ -138,7 +145,7 @@ struct Test<'a> {
 }
 
 impl Test<'_> {
-    /// Each run of `set` beside the rest of it.
+    /// Compares each run of `set` with the others in it.
     fn departures(&self, set: &[usize]) -> Vec<Departure> {
         set.iter()
             .map(|&k| {
@@ -157,7 +164,7 @@ impl Test<'_> {
         let product = &p * &q;
         let spread = (p + q - &product - product.transpose()).symmetric_eigen();
         let difference = own - theirs;
-        // What neither side knows has no variance left; nor has what is known to all digits.
+        // Directions without variance are excluded: those unknown to both sides and those known to all digits.
         let floor = 4.0 * shared.len() as f64 * f64::EPSILON;
         let squares: Vec<f64> = spread
             .eigenvalues
@@ -169,7 +176,8 @@ impl Test<'_> {
         let chi_square: f64 = squares.iter().sum();
         let fourth: f64 = squares.iter().map(|x| x * x).sum();
         let directions = squares.len();
-        // Of Gaussians of one variance the expected fourth moment is three; more says that few directions matter.
+        // For Gaussian variables of equal variance the normalised fourth moment is three; a larger value means that few
+        // directions dominate.
         let effective = if fourth > 0.0 { 3.0 * chi_square * chi_square / fourth } else { directions as f64 };
         Departure {
             run: self.runs[run].run.clone(),
@@ -182,10 +190,12 @@ impl Test<'_> {
         }
     }
 
-    /// Estimate and covariance of the places `shared` by the runs `set`, in units of the prior's deviations.
+    /// Returns estimate and covariance of the parameters `shared` by the runs `set`, in units of the prior's standard
+    /// deviations.
     fn marginal(&self, set: &[usize], shared: &[usize]) -> (DVector<f64>, DMatrix<f64>) {
         let pieces: Vec<(&Knowledge, &Rows)> = set.iter().map(|&j| (&self.runs[j], &self.data[j])).collect();
-        // What no run of the set has needs no column: the prior says nothing of it to the others.
+        // Parameters that no run of the set estimates need no column, because the prior does not correlate them with
+        // the others.
         let mut prior = vec![0.0; self.prior.len()];
         for (run, _) in &pieces {
             run.places.iter().for_each(|&place| prior[place] = self.prior[place]);

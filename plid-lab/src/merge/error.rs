@@ -1,91 +1,98 @@
-//! What keeps runs from being merged.
+//! The reasons why runs cannot be merged.
 
 use std::path::PathBuf;
 
 use crate::run::RunError;
 
-/// Runs that cannot become one model.
+/// The reasons why runs cannot be merged into one model.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 pub enum MergeError {
-    /// A covariance that is none.
+    /// The parameter covariance of a run is not positive definite.
     #[error(
         "run {run}: the covariance of its parameters is not positive definite (entry {entry} of the parameters, from 0)"
     )]
-    #[diagnostic(help("run it in double precision with `covariance = \"bierman-ud\"`, which cannot lose it"))]
+    #[diagnostic(help(
+        "repeat the run in double precision with `covariance = \"bierman-ud\"`, which keeps it positive \
+        definite"
+    ))]
     Indefinite {
         /// The run.
         run: String,
-        /// The parameter at which the factorisation ends.
+        /// The parameter at which the factorisation fails, from 0.
         entry: usize,
     },
-    /// Less is known after the data than before.
-    #[error("run {run}: a variance of its parameters is {factor:.3} times the prior's; data can only lessen it")]
+    /// A posterior variance exceeds the prior variance.
+    #[error(
+        "run {run}: a variance of its parameters is {factor:.3} times the prior variance, but data can only reduce \
+        it"
+    )]
     AbovePrior {
         /// The run.
         run: String,
-        /// The largest variance over the prior's.
+        /// The largest ratio of posterior to prior variance.
         factor: f64,
     },
-    /// Numbers that make no Gaussian.
+    /// The numbers of a run do not describe a Gaussian distribution.
     #[error("run {run}: {problem}")]
     Unusable {
         /// The run.
         run: String,
-        /// What is wrong.
+        /// The problem with the numbers.
         problem: String,
     },
-    /// One run holds a parameter at zero that another one leaves free.
-    #[error("run {held} holds parameter {place} (from 0) at zero, run {free} does not: their structures differ")]
+    /// One run fixes a parameter at zero that another run estimates.
+    #[error("run {held} fixes parameter {place} (from 0) at zero but run {free} does not: their structures differ")]
     Priors {
-        /// The run that holds it.
+        /// The run that fixes the parameter.
         held: String,
-        /// The run that does not.
+        /// The run that estimates it.
         free: String,
-        /// The parameter.
+        /// The index of the parameter, from 0.
         place: usize,
     },
-    /// A file of a finished run that lacks something.
+    /// A file of a finished run lacks a key or has an invalid one.
     #[error("{}: key `{key}` {problem}", file.display())]
     Key {
         /// The file.
         file: PathBuf,
         /// The key.
         key: String,
-        /// What is wrong with it.
+        /// The problem with the key.
         problem: String,
     },
-    /// Runs that differ in what they must have in common.
+    /// Two runs differ in a property that they must share.
     #[error("{run}: its {what} {found}, that of {first} {expected}")]
     Differ {
         /// The run.
         run: String,
-        /// What differs.
+        /// The property that differs.
         what: &'static str,
-        /// What it has.
+        /// Its value in this run.
         found: String,
-        /// The run that it was put beside.
+        /// The run used for comparison.
         first: String,
-        /// What that has.
+        /// Its value in the run used for comparison.
         expected: String,
     },
-    /// A record in which more than one input acts.
+    /// More than one input acts in a record.
     #[error(
-        "{record}: `{acting}` acts there, and `{other}` too ({share:.2e} of its RMS elsewhere); a record for a merge has one input at work and the others at rest"
+        "{record}: `{acting}` acts there, and `{other}` too ({share:.2e} of its RMS elsewhere); a record for a merge \
+         has one input at work and the others at rest"
     )]
     #[diagnostic(help(
-        "with another input known to act, a run is as large as one of all inputs: identify that record with all of them"
+        "a run with several active inputs must model all of them: identify that record with all inputs"
     ))]
     AnotherActs {
         /// The file or run.
         record: String,
-        /// The input that the run is about.
+        /// The input that the run identifies.
         acting: String,
         /// The input that should be at rest.
         other: String,
-        /// Its RMS there over its RMS in the run that it belongs to.
+        /// Its RMS in this record over its RMS in the run that identifies it.
         share: f64,
     },
-    /// A record in which no input acts.
+    /// No input acts in a record.
     #[error("{record}: none of the inputs {inputs} acts there")]
     NoneActs {
         /// The file.
@@ -93,7 +100,7 @@ pub enum MergeError {
         /// The inputs.
         inputs: String,
     },
-    /// An input without a record.
+    /// No record has this input active.
     #[error("input `{input}` acts in none of {records}")]
     NeverActs {
         /// The input.
@@ -106,10 +113,10 @@ pub enum MergeError {
     Run {
         /// The run.
         run: String,
-        /// Why.
+        /// The error of the run.
         source: Box<RunError>,
     },
-    /// One run alone.
-    #[error("a merge needs at least two runs")]
+    /// There is only one run.
+    #[error("a merge requires at least two runs")]
     TooFew,
 }

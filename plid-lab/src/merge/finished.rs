@@ -1,4 +1,4 @@
-//! A finished run, read from its directory.
+//! A finished run, read from its output directory.
 
 use std::path::Path;
 
@@ -10,26 +10,27 @@ use super::merged::Piece;
 use crate::experiment::{Experiment, from_toml};
 use crate::run::{Estimate, RunError, canonical};
 
-/// What a merge needs of a run.
+/// The results of a run that a merge uses.
 #[derive(Clone, Debug)]
 pub struct FinishedRun {
-    /// Its directory, as errors and reports name it.
+    /// The name of the directory in errors and reports.
     pub name: String,
-    /// Its model in canonical form, before an advanced input was undone; in the data's units, with the parameters' covariance.
+    /// The model in canonical form with its parameter covariance, in the data's units, before an input advance is
+    /// undone.
     pub model: Model,
-    /// Samples by which its input was advanced.
+    /// Number of samples by which its input was advanced.
     pub advanced: usize,
-    /// Prior, scale and channels.
+    /// Prior, covariance scale and channels.
     pub estimate: Estimate,
-    /// Samples that it learnt from.
+    /// Number of training samples.
     pub training_samples: usize,
-    /// Its own free-run error on its own held-out part, relative; `None` where it diverged.
+    /// Relative simulation error on its own held-out data; `None` if it diverged.
     pub free_run: Option<f64>,
-    /// The experiment that it was.
+    /// The experiment of the run.
     pub experiment: Experiment,
 }
 
-/// The keys of result.json that a merge reads; the others are passed over.
+/// The keys of result.json that a merge reads; all others are ignored.
 #[derive(Deserialize)]
 struct ResultFile {
     estimate: Estimate,
@@ -57,7 +58,7 @@ impl FinishedRun {
     /// Reads model.json, result.json and manifest.json of `directory`.
     ///
     /// # Errors
-    /// A file that is missing, or lacks a key: an older plid wrote fewer.
+    /// Returns an error if a file or key is missing; earlier versions of plid wrote fewer keys.
     pub fn read(directory: &Path) -> Result<Self, RunError> {
         let path = |name: &str| directory.join(name);
         let result: ResultFile = read(&path("result.json"))?;
@@ -95,7 +96,7 @@ impl FinishedRun {
 fn read<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<T, RunError> {
     let text = std::fs::read_to_string(path).map_err(|source| RunError::File { path: path.into(), source })?;
     serde_json::from_str(&text).map_err(|error| {
-        // "missing field `estimate` at line 1 column 2" names the key; anything else is said as it is.
+        // "missing field `estimate` at line 1 column 2" names the key; any other message is passed on unchanged.
         let message = error.to_string();
         let key = message.split('`').nth(1).unwrap_or("?").to_string();
         MergeError::Key { file: path.into(), key, problem: format!("cannot be read: {message}") }.into()

@@ -1,4 +1,4 @@
-//! Finished runs as one model: who has which parameters, what must be alike, and the way back to matrices.
+//! The merge of finished runs: checks, the parameters of each run, and the merged matrices.
 
 use std::collections::BTreeMap;
 
@@ -11,31 +11,32 @@ use super::finished::FinishedRun;
 use super::{Combined, Consistency, Knowledge, MergeError, combine, consistency};
 use crate::run::{Estimate, RunError, parameters};
 
-/// An input is at rest in a record if its RMS there is at most this share of its RMS where it acts.
+/// An input counts as at rest in a record if its RMS is at most this fraction of its RMS in the record where it acts.
 pub const REST: f64 = 1e-3;
 
-/// Scales of P that differ by more than this are worth a remark: the merge puts the scales right, but not the shapes.
+/// A larger ratio between the scales of P causes a warning: the merge corrects the scales but not the shapes.
 const UNLIKE: f64 = 30.0;
 
-/// One model of several runs.
+/// The merged model of several runs.
 #[derive(Clone, Debug)]
 pub struct Merged {
-    /// The model as it is handed over.
+    /// The merged model in the data's units.
     pub model: Model,
-    /// The same in canonical form, before an advanced input is undone; with the parameters' covariance.
+    /// The model in canonical form with its parameter covariance, before an input advance is undone.
     pub canonical: Model,
-    /// Samples by which the inputs were advanced.
+    /// Number of samples by which the inputs were advanced.
     pub advanced: usize,
-    /// Whether the runs share A.
+    /// The test whether the runs share A.
     pub consistency: Consistency,
-    /// What could not be checked.
+    /// Warnings about properties that could not be checked.
     pub remarks: Vec<String>,
 }
 
-/// Merges finished runs. Inputs stand in the order of the runs.
+/// Merges finished runs. The inputs are in the order of the runs.
 ///
 /// # Errors
-/// [`MergeError`] by run and key, where runs differ in what they must share, another input acts in a run's record, or a run's numbers are unfit.
+/// Returns a [`MergeError`] with run and key if the runs differ in a property that they must share, if another input
+/// acts in the record of a run, or if the numbers of a run are invalid.
 pub fn merge(runs: &[FinishedRun]) -> Result<Merged, RunError> {
     if runs.len() < 2 {
         return Err(MergeError::TooFew.into());
@@ -54,23 +55,23 @@ pub fn merge(runs: &[FinishedRun]) -> Result<Merged, RunError> {
     Ok(Merged { model, canonical, advanced, consistency, remarks })
 }
 
-/// What the mathematics takes of a run.
+/// The part of a run that the merge uses.
 #[derive(Clone, Copy)]
 pub(super) struct Piece<'a> {
     pub(super) name: &'a str,
-    /// In canonical form, in the data's units.
+    /// The model in canonical form, in the data's units.
     pub(super) model: &'a Model,
     pub(super) estimate: &'a Estimate,
 }
 
-/// The model of all inputs in canonical form, from runs that are known to be alike.
+/// Returns the model of all inputs in canonical form, from runs that have been checked.
 pub(super) fn join(pieces: &[Piece<'_>]) -> Result<Model, RunError> {
     let (form, inputs) = whole_form(pieces)?;
     let knowledge = pieces.iter().map(|piece| knowledge(piece, &form, &inputs)).collect::<Result<Vec<_>, _>>()?;
     joined(pieces, &knowledge, &form, inputs)
 }
 
-/// The structure of all inputs, and these in the order of the runs.
+/// Returns the structure with all inputs, and the inputs in the order of the runs.
 fn whole_form(pieces: &[Piece<'_>]) -> Result<(ObservableForm, Vec<String>), RunError> {
     let mut inputs: Vec<String> = Vec::new();
     for input in pieces.iter().flat_map(|piece| &piece.model.inputs) {
@@ -81,11 +82,11 @@ fn whole_form(pieces: &[Piece<'_>]) -> Result<(ObservableForm, Vec<String>), Run
     Ok((form(&pieces[0], inputs.len())?, inputs))
 }
 
-/// The structure of a run's model, for so many inputs.
+/// Returns the structure of a run's model with the given number of inputs.
 fn form(piece: &Piece<'_>, inputs: usize) -> Result<ObservableForm, MergeError> {
     let indices = piece.model.observability_indices.as_deref().unwrap_or_default();
     ObservableForm::new(indices, inputs).map_err(|error| {
-        let problem = format!("its observability_indices are wrong: {error}");
+        let problem = format!("its observability_indices are invalid: {error}");
         MergeError::Unusable { run: piece.name.into(), problem }
     })
 }
@@ -111,14 +112,16 @@ fn alike(first: &FinishedRun, run: &FinishedRun) -> Result<(), MergeError> {
         return Err(differ("observability indices are", list(b), list(a)));
     }
     if first.advanced != run.advanced {
-        // Which of the two a test finds is a matter of noise where the answer within the sample is small.
+        // The test for feedthrough is undecided by noise if the feedthrough is small, so runs may differ in the
+        // advance.
         let samples = |count: usize| format!("advanced by {count} (set `preparation.advance` in both)");
         return Err(differ("input is", samples(run.advanced), samples(first.advanced)));
     }
     Ok(())
 }
 
-/// No input of another run acts in a run's record; says which of them the record does not show.
+/// Checks that no input of another run acts in a run's record, and returns warnings about inputs that a record does not
+/// contain.
 fn at_rest(runs: &[FinishedRun]) -> Result<Vec<String>, MergeError> {
     let mut elsewhere: BTreeMap<&str, f64> = BTreeMap::new();
     for run in runs {
@@ -147,7 +150,7 @@ fn at_rest(runs: &[FinishedRun]) -> Result<Vec<String>, MergeError> {
         }
         if !unseen.is_empty() {
             remarks.push(format!(
-                "the record of {} has no column {}: taken to be at rest there",
+                "the record of {} has no column {}, which is assumed to be at rest",
                 run.name,
                 unseen.join(", ")
             ));
@@ -156,18 +159,19 @@ fn at_rest(runs: &[FinishedRun]) -> Result<Vec<String>, MergeError> {
     Ok(remarks)
 }
 
-/// Whether the runs' noise covariances are so unlike that the shapes of their P are too.
+/// Returns a warning if the runs' noise covariances differ so much that the shapes of their P differ too.
 fn unlike_noise(runs: &[FinishedRun]) -> Option<String> {
     let ratios = || runs.iter().map(|run| run.estimate.innovation_ratio);
     let (least, most) = (ratios().fold(f64::INFINITY, f64::min), ratios().fold(0.0, f64::max));
     (most > UNLIKE * least).then(|| {
         format!(
-            "the runs' noise covariances are unlike: innovations from {least:.1e} to {most:.1e} times what was expected; give all runs one `[noise]`, or merge by `structure.kind = \"simo-merge\"`"
+            "the noise covariances of the runs differ: the innovations are from {least:.1e} to {most:.1e} times their \
+             expected variance; give all runs one `[noise]`, or merge by `structure.kind = \"simo-merge\"`"
         )
     })
 }
 
-/// What a run knows, with the places of its parameters among those of all inputs.
+/// Returns the posterior of a run, with the indices of its parameters among those of all inputs.
 fn knowledge(run: &Piece<'_>, whole: &ObservableForm, inputs: &[String]) -> Result<Knowledge, MergeError> {
     let own = form(run, run.model.m())?;
     let (n, p) = (whole.states(), whole.outputs());
@@ -177,10 +181,10 @@ fn knowledge(run: &Piece<'_>, whole: &ObservableForm, inputs: &[String]) -> Resu
         }));
     let unusable = |problem: &str| MergeError::Unusable { run: run.name.into(), problem: problem.into() };
     if run.estimate.forgets {
-        return Err(unusable("its recursion forgot or let the parameters wander, so it has no one A"));
+        return Err(unusable("it used forgetting or parameter noise, so it has no single A"));
     }
     let Some(prior_variances) = run.estimate.prior_variances.clone() else {
-        return Err(unusable("it began from a former model, whose knowledge is no common prior"));
+        return Err(unusable("it started from an earlier model, which is not a common prior"));
     };
     let covariance =
         run.model.parameter_covariance.clone().ok_or_else(|| unusable("it has no parameter_covariance"))?;
@@ -190,7 +194,7 @@ fn knowledge(run: &Piece<'_>, whole: &ObservableForm, inputs: &[String]) -> Resu
         estimate: DVector::from_vec(parameters(run.model, &own)),
         covariance,
         prior_variances,
-        // A second pass takes the same data for new ones.
+        // A second pass would count the same data twice.
         overdispersion: run.estimate.innovation_ratio * run.estimate.passes as f64,
     })
 }

@@ -1,7 +1,8 @@
-//! Runs in which one input acts at a time, merged into one model of all inputs.
+//! Merging of runs, in each of which a single input acts, into one model of all inputs.
 //!
-//! All runs share A; each has B columns of its own. [`combine()`] joins their Gaussians with the prior counted once, [`consistency()`] tests that
-//! they do share A. Both know nothing of A and B, only of places among parameters.
+//! All runs share A, and each has its own columns of B. [`combine()`] multiplies their Gaussian posteriors and counts
+//! the common prior once; [`consistency()`] tests whether the runs share A. Both operate on indices of parameters and
+//! are independent of the structure of A and B.
 
 mod carry_out;
 mod combine;

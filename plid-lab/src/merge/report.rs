@@ -1,4 +1,4 @@
-//! The report of a merge: the verdict, the pictures, then the figures behind them.
+//! The report of a merge: the verdict and the plots, followed by the detailed figures.
 
 use std::borrow::Cow;
 
@@ -13,16 +13,16 @@ use crate::run::RunError;
 use crate::run::report::{bank, complex, peak_sentence, peak_table, percent};
 use plid_report::{Cell, FrfCurve, FrfPlot, ModeSet, Report, Scale, Table, Trace, frf_grid, mode_map, trace_plot};
 
-/// Frequencies at which a model's response is drawn.
+/// Number of frequencies at which a model's response is plotted.
 const LINES: usize = 400;
-/// Samples of the traces shown.
+/// Number of samples in the time plots.
 const WINDOW: usize = 400;
-/// Modes weaker than this below the strongest are left out of the picture, in dB.
+/// Modes weaker than the strongest by more than this, in dB, are omitted from the plot.
 const FAINT_DB: f64 = 70.0;
-/// Damping ratios below this are drawn as modes.
+/// Modes are plotted if their damping ratio is below this.
 const LIGHT: f64 = 0.05;
 
-/// The page.
+/// Returns the page.
 pub(super) fn page(outcome: &Outcome) -> Result<String, RunError> {
     let mut report = Report::new(format!("Merge: {}", outcome.name));
     for sentence in verdict(outcome) {
@@ -33,28 +33,34 @@ pub(super) fn page(outcome: &Outcome) -> Result<String, RunError> {
         report = report.figure(
             traces(outcome, held_out),
             format!(
-                "The first held-out samples of the record {}: measured, and simulated in free run; the error below.",
+                "The first held-out samples of the record {}: measured and simulated. The lower panel shows the error.",
                 held_out.record
             ),
         );
     }
-    report = report.warnings(outcome.warnings.iter().cloned()).heading("The runs, and whether they share A").table(runs(outcome)).paragraph(
-        "Scale: the settled innovations' mean square over what P and R expect; the run's covariance is multiplied by it. Chi-square: the difference between the run's A and that of all \
-         others, over its covariance, for each degree of freedom; 1 is expected of a plant with as many states as the model. Others: the same figure of the other runs among themselves, by which it is \
-         divided. Chance: of a larger quotient, if all share A.",
+    report = report.warnings(outcome.warnings.iter().cloned()).heading("Consistency of the \
+        runs").table(runs(outcome)).paragraph(
+        "Scale: the mean square of the settled innovations relative to the value predicted by P and R; the covariance \
+         of the run is multiplied by it. Chi-square: the difference between the A of this run and that of all others, \
+         weighted by the inverse of its covariance, per degree of freedom; its expected value is 1 if the model has as \
+         many states as the plant. Others: the same figure for the other runs among themselves, by which chi-square is \
+         divided. Chance: the probability of a larger quotient if all runs share A.",
     );
     for held_out in &outcome.held_out {
-        report = report.heading(format!("Free run on {}", held_out.record)).table(errors(outcome, held_out));
+        report = report.heading(format!("Simulation of {}", held_out.record)).table(errors(outcome, held_out));
     }
     if !outcome.peaks.is_empty() {
         report = report
-            .heading("Peaks beside the true ones")
+            .heading("Identified and true peaks")
             .paragraph(peak_sentence(&outcome.peaks))
             .details(format!("All {} peaks", outcome.peaks.len()), |report| report.table(peak_table(&outcome.peaks)));
     }
     report = with_modes(report, outcome)?;
     if !outcome.bank.is_empty() {
-        report = bank(report, &outcome.bank).paragraph("Here each filter of the bank is one of each run; their merged model simulated what the runs had held back.");
+        report = bank(report, &outcome.bank).paragraph(
+            "Here each filter of the bank was run on every record, and the \
+            merged model simulated the reserved parts of the records.",
+        );
     }
     if let Some(experiment) = &outcome.experiment {
         report = report.listing("The experiment. `plid run` repeats it.", to_toml(experiment));
@@ -67,11 +73,11 @@ pub(super) fn page(outcome: &Outcome) -> Result<String, RunError> {
     Ok(report.to_html())
 }
 
-/// The verdict, a sentence each.
+/// Returns the verdict as a list of sentences.
 pub fn verdict(outcome: &Outcome) -> Vec<String> {
     let model = &outcome.merged.model;
     let mut sentences = vec![format!(
-        "{} runs with one input each make one model of {} states and {} inputs.",
+        "{} runs with one input each were merged into one model of {} states and {} inputs.",
         outcome.runs.len(),
         model.n(),
         model.m()
@@ -80,16 +86,16 @@ pub fn verdict(outcome: &Outcome) -> Vec<String> {
         let error = held_out.errors.overall_relative;
         let simulates = if error.is_finite() {
             format!(
-                "Its free run on held-out data in which all inputs act ({}) is off by {}",
+                "It simulates held-out data in which all inputs act ({}) with an error of {}",
                 held_out.record,
                 percent(error)
             )
         } else {
-            format!("It diverges in free run on {}", held_out.record)
+            format!("It diverges in simulation of {}", held_out.record)
         };
         sentences.push(match &held_out.truth_errors {
             Some(truth) => format!(
-                "{simulates}; the true plant leaves {}, noise that no model can simulate.",
+                "{simulates}; the true plant has an error of {}, caused by noise that no model can simulate.",
                 percent(truth.overall_relative)
             ),
             None => format!("{simulates}."),
@@ -101,33 +107,38 @@ pub fn verdict(outcome: &Outcome) -> Vec<String> {
 
 fn agreement(outcome: &Outcome) -> String {
     let test = &outcome.merged.consistency;
-    let spread = format!("their disagreement is {:.2} a degree of freedom", test.overdispersion);
+    let spread = format!("chi-square per degree of freedom is {:.2}", test.overdispersion);
     match &test.agreement {
         Agreement::Agree => {
-            format!("The runs share one A: {spread}, and no run departs from the others by more than that explains.")
+            format!(
+                "The runs are consistent with one A: {spread}, and no run differs from the others by more than \
+                that explains."
+            )
         }
         Agreement::Departs { run } => {
             let chance = test.departures.iter().find(|d| &d.run == run).map_or(f64::NAN, |d| d.p_value);
             format!(
-                "The run {run} does not fit the others (chance {chance:.1e}): it is of another plant, or its record is disturbed. Do not use the merged model before that is understood."
+                "The run {run} does not fit the others (chance {chance:.1e}): its plant differs, or its record is \
+                 disturbed. Do not use the merged model until the cause is known."
             )
         }
         Agreement::Open => format!(
-            "Whether the two runs share one A is open: {spread}. Either the order is too small for the plant, or the plants differ; a third run would tell."
+            "The test of a common A is inconclusive: {spread}. Either the order is too small for the plant, or the \
+             plants differ; a third run would decide between them."
         ),
-        Agreement::Alone => "There is one run only.".into(),
+        Agreement::Alone => "There is only one run, so consistency cannot be tested.".into(),
     }
 }
 
 fn runs(outcome: &Outcome) -> Table {
     let mut table = Table::new(format!(
-        "A run is called wrong if the chance is below {:.2e}: 1 % over all runs together.",
+        "A run is rejected if the chance is below {:.2e}, a level of 1 % over all runs together.",
         LEVEL / outcome.runs.len() as f64
     ))
     .column("run", "")
     .column("input", "")
-    .column("samples learnt from", "")
-    .column("own free run", "%")
+    .column("training samples", "")
+    .column("own simulation error", "%")
     .column("scale", "")
     .column("chi-square", "")
     .column("degrees of freedom", "")
@@ -150,10 +161,13 @@ fn runs(outcome: &Outcome) -> Table {
 }
 
 fn errors(outcome: &Outcome, held_out: &HeldOut) -> Table {
-    let mut table = Table::new("Errors on the held-out part. Relative: RMS of the error over RMS of the output about its mean. Fit: as MATLAB's compare.")
-        .column("output", "")
-        .column("free run", "%")
-        .column("fit", "%");
+    let mut table = Table::new(
+        "Errors on the held-out part. Relative: RMS of the error over RMS of the output about \
+        its mean. Fit: as MATLAB's compare.",
+    )
+    .column("output", "")
+    .column("free run", "%")
+    .column("fit", "%");
     if held_out.one_step_errors.is_some() {
         table = table.column("one step", "%");
     }
@@ -206,7 +220,7 @@ fn traces(outcome: &Outcome, held_out: &HeldOut) -> String {
     trace_plot(&traces, held_out.sample_rate_hz, 0..WINDOW.min(held_out.measured.nrows()))
 }
 
-/// The band of the pictures: as a run's config says, or all.
+/// Returns the frequency band of the plots: that of a run's config, or the whole range.
 fn band(outcome: &Outcome) -> (f64, f64) {
     let given = outcome.runs.iter().find_map(|run| run.experiment.validation.band_hz);
     given.map_or((0.0, 0.5 * outcome.merged.model.sample_rate_hz), |[low, high]| (low, high))
@@ -235,7 +249,7 @@ fn responses(outcome: &Outcome) -> Result<String, RunError> {
                 .iter()
                 .find_map(|run| Some((run, run.model.inputs.iter().position(|name| name == input)?)));
             let beside = own.map(|(run, column)| {
-                // A run's model answers its advanced input.
+                // The model of a run has its input advanced.
                 let undone = match merged.advanced {
                     1 => plid_model::undo_advance(&run.model, None).map_or(Cow::Borrowed(&run.model), Cow::Owned),
                     _ => Cow::Borrowed(&run.model),
@@ -266,16 +280,20 @@ fn response_caption(outcome: &Outcome) -> String {
     let truth = if outcome.truth.is_some() { ", and the true plant" } else { "" };
     let spread = outcome.merged.consistency.overdispersion.sqrt();
     let narrow = if spread > 1.2 {
-        format!(" The runs disagree more than their covariances allow: read the band {spread:.1} times as wide.")
+        format!(
+            " The runs disagree by more than their covariances allow, so the uncertainty is {spread:.1} times as \
+            large as the band."
+        )
     } else {
         String::new()
     };
     format!(
-        "Transfer functions of every input-output pair: merged (identified) with a band of two standard deviations, that of the run in which the input acts{truth}.{narrow}"
+        "Frequency responses of every input-output pair: merged (identified), with a band of two standard deviations, \
+         and the run in which the input acts{truth}.{narrow}"
     )
 }
 
-/// The modes of the merged model, of each run and of the true plant.
+/// Adds the modes of the merged model, of each run and of the true plant.
 fn with_modes(report: Report, outcome: &Outcome) -> Result<Report, RunError> {
     let (low, high) = band(outcome);
     let visible = |all: &[Mode], mode: &Mode| {
@@ -311,6 +329,6 @@ fn with_modes(report: Report, outcome: &Outcome) -> Result<Report, RunError> {
     }
     Ok(report.heading("Modes").figure(
         mode_map(&sets),
-        "Lightly damped modes: frequency and damping ratio of the merged model beside those of each run.",
+        "Lightly damped modes: frequency and damping ratio of the merged model and of each run.",
     ))
 }

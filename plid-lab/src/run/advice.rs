@@ -1,18 +1,18 @@
-//! What the figures mean, and what to do about it, in words.
+//! Warnings and advice derived from the figures of a run.
 
 use super::Outcome;
 use super::error::RunError;
 use plid_data::Warning;
 use plid_model::{mode_deviations, stability};
 
-/// A free-run error this many times the one-step error says that the predictor leans on the measured outputs.
+/// Above this ratio of simulation error to one-step error the predictor relies on the measured outputs.
 const LEANS: f64 = 4.0;
-/// A free-run error that is good enough not to be remarked on.
+/// Simulation errors below this need no remark.
 const GOOD: f64 = 0.05;
-/// A mode whose frequency is known to no better than this share is not told by the data.
+/// A mode whose relative frequency deviation exceeds this is not determined by the data.
 const VAGUE: f64 = 0.05;
 
-/// Warnings about the model, and advice on it and on what the data warn of.
+/// Returns warnings about the model, and advice on the model and on the warnings about the data.
 pub(super) fn advise(outcome: &Outcome, of_data: &[Warning]) -> Result<(Vec<String>, Vec<String>), RunError> {
     let (mut warnings, mut advice) = (Vec::new(), Vec::new());
     let validation = &outcome.validation;
@@ -21,7 +21,7 @@ pub(super) fn advise(outcome: &Outcome, of_data: &[Warning]) -> Result<(Vec<Stri
         warnings.push(unstable.to_string());
     }
     if !free_run.is_finite() {
-        warnings.push("the free run of the model diverges on the held-out part".into());
+        warnings.push("the simulation of the held-out data diverges".into());
         advice
             .push("Do not simulate with this model. Try fewer states, a lower sample rate, or a longer record.".into());
     }
@@ -35,32 +35,43 @@ pub(super) fn advise(outcome: &Outcome, of_data: &[Warning]) -> Result<(Vec<Stri
     let oversampled = of_data.iter().find(|w| matches!(w, Warning::Oversampled { .. }));
     if free_run.is_finite() && free_run > LEANS * one_step && free_run > GOOD {
         advice.push(format!(
-            "The two errors disagree: {:.2} % one step ahead, {:.1} % in free run. One-step errors flatter a model that follows the measured outputs; for simulation trust the free run.",
+            "The one-step error is {:.2} %, but the simulation error is {:.1} %. A small one-step error may only show \
+             that the predictor follows the measured outputs; for simulation, rely on the simulation error.",
             100.0 * one_step,
             100.0 * free_run
         ));
         if oversampled.is_none() {
-            advice.push("Try more states (`structure.scan`), a longer record, or a lower sample rate (`preparation.decimate_to_hz`).".into());
+            advice.push(
+                "Try more states (`structure.scan`), a longer record, or a lower sample rate \
+                (`preparation.decimate_to_hz`)."
+                    .into(),
+            );
         }
     }
     if let Some(warning) = oversampled {
-        advice.push(format!("The sample rate is high against the band: {warning}. Set `preparation.decimate_to_hz`."));
+        advice.push(format!(
+            "The sample rate is high compared with the band: {warning}. Set \
+            `preparation.decimate_to_hz`."
+        ));
     }
     if of_data.iter().any(|w| matches!(w, Warning::PoorExcitation { .. } | Warning::IllConditionedInput { .. })) {
         advice.push(
-            "The inputs excite few frequencies. Outside of their band the model is a guess; add lines or noise there if it matters, or use fewer states."
+            "The inputs excite few frequencies. The model is not reliable outside their band; excite the missing \
+             frequencies if they matter, or use fewer states."
                 .into(),
         );
     }
     let coloured = validation.cross.iter().flatten().filter(|c| !c.test.passes).count();
     if coloured > 0 {
         advice.push(format!(
-            "{coloured} of {} residual-input pairs are still correlated: the order is too small, the plant is nonlinear, or it changes. Compare orders with `structure.scan`.",
+            "{coloured} of {} residual-input pairs are correlated: the order is too small, or the plant is nonlinear \
+             or time-varying. Compare orders with `structure.scan`.",
             validation.cross.iter().flatten().count()
         ));
     } else if validation.whiteness.iter().any(|w| !w.test.passes) {
         advice.push(
-            "The residuals are coloured but not correlated with the inputs: the dynamics are found, a disturbance is not modelled."
+            "The residuals are coloured but not correlated with the inputs: the model describes the dynamics, but not \
+             the spectrum of a disturbance."
                 .into(),
         );
     }
@@ -69,7 +80,8 @@ pub(super) fn advise(outcome: &Outcome, of_data: &[Warning]) -> Result<(Vec<Stri
         deviations.iter().filter(|d| d.mode.hz > 0.0 && d.hz_std.is_some_and(|std| std > VAGUE * d.mode.hz)).count();
     if 2 * vague > deviations.len() {
         advice.push(format!(
-            "{vague} of {} modes are not told by the data (frequency known to no better than {:.0} %): fewer states may do as well.",
+            "{vague} of {} modes are not determined by the data (the relative deviation of the frequency exceeds {:.0} \
+             %): fewer states may be sufficient.",
             deviations.len(),
             100.0 * VAGUE
         ));
@@ -83,7 +95,8 @@ pub(super) fn advise(outcome: &Outcome, of_data: &[Warning]) -> Result<(Vec<Stri
         let floor = (floor.iter().map(|x| x * x).sum::<f64>() / floor.len() as f64).sqrt();
         if free_run.is_finite() && free_run < 1.2 * floor {
             advice.push(format!(
-                "The free run reaches the noise floor ({:.2} %): more states cannot show in this record.",
+                "The simulation error reaches the noise floor ({:.2} %): this record cannot show whether more states \
+                 are better.",
                 100.0 * floor
             ));
         }

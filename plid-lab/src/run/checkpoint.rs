@@ -1,4 +1,4 @@
-//! What an interrupted run leaves behind, and what `--resume` takes up.
+//! The checkpoint that an interrupted run writes and `--resume` reads.
 
 use std::path::Path;
 
@@ -10,13 +10,13 @@ use crate::experiment::{Experiment, to_toml};
 use crate::identify::{Memory, Paused};
 use plid_report::write_atomic;
 
-/// The checkpoint's name in the output directory.
+/// The name of the checkpoint in the output directory.
 pub const CHECKPOINT: &str = "checkpoint.json";
 
-/// The filters already scored, and the recursion where it stopped.
+/// The filters already scored, and the state of the interrupted recursion.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Saved {
-    /// Of the experiment that it belongs to.
+    /// The hash of the experiment to which the checkpoint belongs.
     experiment_sha256: String,
     pub(crate) memory: Memory,
     pub(super) paused: Option<Paused>,
@@ -26,7 +26,7 @@ fn hash(experiment: &Experiment) -> String {
     Sha256::digest(to_toml(experiment)).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// The checkpoint of `experiment` in `directory`; without one the run starts anew.
+/// Reads the checkpoint of `experiment` in `directory`; without one the run starts from the beginning.
 pub(crate) fn read(directory: &Path, experiment: &Experiment) -> Result<Saved, RunError> {
     let path = directory.join(CHECKPOINT);
     let bad = |reason: String| RunError::Checkpoint { path: path.clone(), reason };
@@ -42,7 +42,7 @@ pub(crate) fn read(directory: &Path, experiment: &Experiment) -> Result<Saved, R
     Ok(saved)
 }
 
-/// Writes the checkpoint and returns the error that says so.
+/// Writes the checkpoint and returns [`RunError::Interrupted`] with its path.
 pub(crate) fn write(
     directory: Option<&Path>,
     experiment: &Experiment,

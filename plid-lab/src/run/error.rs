@@ -1,4 +1,4 @@
-//! What can go wrong in a run.
+//! The errors of a run.
 
 use std::path::PathBuf;
 
@@ -9,76 +9,76 @@ use plid_data::prepare::PrepareError;
 use plid_model::ModelError;
 use plid_model::signal::SignalError;
 
-/// A run that did not come to its end.
+/// The reasons why a run does not complete.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 pub enum RunError {
-    /// The experiment file is wrong.
+    /// The experiment file is invalid.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Config(#[from] ConfigError),
-    /// A value of the experiment is wrong, or does not fit the data.
+    /// A value of the experiment is invalid or does not fit the data.
     #[error("{key}: {reason}")]
     Setting {
         /// The key.
         key: &'static str,
-        /// What is wrong with it.
+        /// The problem with the value.
         reason: String,
     },
-    /// A data file is wrong.
+    /// A data file is invalid.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Data(#[from] DataError),
-    /// The data cannot be prepared as asked for.
+    /// The data cannot be prepared as requested.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Prepare(#[from] PrepareError),
-    /// The simulated truss refused its config.
+    /// The simulated truss rejected its config.
     #[error("data.testbed: {0}")]
     Testbed(#[from] plid_testbed::TestbedError),
     /// The recursion failed.
     #[error(transparent)]
     Identify(IdentifyError),
-    /// A model file is wrong, or a model cannot do what is asked.
+    /// A model file is invalid, or a model does not permit the calculation.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Model(#[from] ModelError),
-    /// Runs cannot be merged.
+    /// The runs cannot be merged.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Merge(#[from] crate::merge::MergeError),
-    /// A refinement that was interrupted.
+    /// The refinement failed or was interrupted.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Refine(#[from] plid_refine::RefineError),
-    /// A spectrum or test cannot be formed.
+    /// A spectrum or residual test cannot be computed.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Signal(#[from] SignalError),
-    /// The user asked for an end.
-    #[error("interrupted; `--resume` goes on from {}", checkpoint.display())]
+    /// The user interrupted the run.
+    #[error("interrupted; `--resume` continues from {}", checkpoint.display())]
     Interrupted {
-        /// The checkpoint.
+        /// The checkpoint file.
         checkpoint: PathBuf,
     },
-    /// A file cannot be written or read.
+    /// A file cannot be read or written.
     #[error("{}: {source}", path.display())]
     File {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The reason that the operating system gives.
         source: std::io::Error,
     },
-    /// A checkpoint is of another experiment, or broken.
+    /// A checkpoint is invalid or belongs to another experiment.
     #[error("{}: {reason}", path.display())]
     Checkpoint {
         /// The file.
         path: PathBuf,
-        /// Why it cannot be used.
+        /// The reason why it cannot be used.
         reason: String,
     },
 }
 
-/// A wrong value of `key`.
+/// Returns the error for an invalid value of `key`.
 pub(super) fn setting(key: &'static str, reason: impl std::fmt::Display) -> RunError {
     RunError::Setting { key, reason: reason.to_string() }
 }

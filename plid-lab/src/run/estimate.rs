@@ -1,4 +1,4 @@
-//! What another program needs to know of an estimate beside model.json, in order to combine it with others.
+//! The quantities, in addition to model.json, that another program needs in order to combine an estimate with others.
 
 use std::collections::BTreeMap;
 
@@ -14,25 +14,27 @@ use plid_model::{ChannelScaling, Model, undo_scaling};
 /// The key `estimate` of result.json.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
-    /// Variances of [a_1; ..; a_p; b_1; ..; b_m] before the data, independent and of mean zero, in the data's units as the covariance in
-    /// model.json; `None` if the run began from a former model.
+    /// Prior variances of [a_1; ..; a_p; b_1; ..; b_m], independent and with zero mean, in the data's units like the
+    /// covariance in model.json; `None` if the run started from an earlier model.
     pub prior_variances: Option<Vec<f64>>,
-    /// The last innovations' mean square over their variance by P and R at the end, averaged over the outputs: 1 if the noise covariances have the
-    /// right size. What model.json has for a covariance is too small by this factor.
+    /// Mean square of the last innovations over their variance according to P and R at the end, averaged over the
+    /// outputs. It is 1 if the noise covariances have the right size; the covariance in model.json is too small by this
+    /// factor.
     pub innovation_ratio: f64,
-    /// How often the training data were gone through.
+    /// Number of passes over the training data.
     pub passes: usize,
-    /// Whether the recursion forgot, or let the parameters wander.
+    /// Whether the recursion used forgetting or parameter noise.
     pub forgets: bool,
-    /// RMS of every column of the data about its mean, used or not, in the data's units; the largest over the records.
+    /// RMS of every column of the data about its mean, whether the run uses it or not, in the data's units; the largest
+    /// value over the records.
     pub channel_rms: BTreeMap<String, f64>,
 }
 
-/// The share of the training data, at their end, whose innovations count: the recursion has settled by then.
+/// The final fraction of the training data whose innovations count, by which time the recursion has converged.
 const SETTLED: f64 = 0.25;
 
 impl Estimate {
-    /// `innovations` are those of the training parts, K x p, of scaled channels.
+    /// Computes the estimate; `innovations` are those of the training parts (K x p) in scaled channels.
     pub(crate) fn new(
         plan: &Plan,
         scaled: &Model,
@@ -61,7 +63,7 @@ impl Estimate {
     }
 }
 
-/// How channels were divided. Means have no place in a linear model.
+/// Returns the scales of the channels. The means are zero, because a linear model has no constant term.
 pub(crate) fn scaling(prepared: &Prepared) -> ChannelScaling {
     ChannelScaling {
         input_mean: vec![0.0; prepared.input_scales.len()],
@@ -99,7 +101,7 @@ mod tests {
     use super::*;
     use ndarray::Array2;
 
-    /// Innovations of twice the expected RMS after a beginning that must not count; one is missing.
+    /// Innovations of twice the expected RMS, after an initial part that must not count; one is missing.
     #[test]
     fn the_ratio_is_that_of_the_settled_innovations() {
         let form = ObservableForm::new(&[1, 1], 1).unwrap();

@@ -1,4 +1,4 @@
-//! An experiment from its data to its report: obtain, prepare, identify, validate, write.
+//! The run of an experiment from data to report: data acquisition, preparation, identification, validation, output.
 
 mod advice;
 mod checkpoint;
@@ -50,58 +50,58 @@ use plid_data::prepare::{self, Prepared, excitation};
 use plid_data::require_samples;
 use plid_model::{Model, Noise, undo_advance, undo_scaling};
 
-/// All that a run found, in the units of the data.
+/// The results of a run, in the units of the data.
 #[derive(Debug)]
 pub struct Outcome {
-    /// The experiment as it was carried out, every default filled in.
+    /// The experiment as carried out, with all defaults.
     pub experiment: Experiment,
-    /// What decided the covariance form, where the experiment left it open.
+    /// The conditions that decided the covariance form, if the experiment did not name one.
     pub chosen: Option<Conditions>,
-    /// The files read.
+    /// The data files.
     pub sources: Vec<Source>,
-    /// What was done to the data, in words.
+    /// The preparation steps, as sentences.
     pub steps: Vec<String>,
-    /// What the reader must know.
+    /// Warnings for the reader.
     pub warnings: Vec<String>,
-    /// What to do about it, in words.
+    /// Advice, as sentences.
     pub advice: Vec<String>,
     /// The prepared data.
     pub prepared: Prepared,
-    /// Observability indices.
+    /// The observable canonical form with its indices.
     pub form: ObservableForm,
-    /// Orders side by side, if asked for.
+    /// The scan over orders, if requested.
     pub scan: Option<OrderScan>,
-    /// Indices tried, if asked for.
+    /// The search over observability indices, if requested.
     pub index_search: Vec<ScanRow>,
-    /// The filters of the noise bank, if it ran; their variances are those of scaled channels.
+    /// The filters of the noise bank, if it was run; their variances are those of scaled channels.
     pub bank: Vec<Trial>,
-    /// R_ii of scaled channels, and the mean Sigma_ii.
+    /// R_ii of each scaled output, and the mean Sigma_ii.
     pub noise_levels: (Vec<f64>, f64),
-    /// How sound P is at the end.
+    /// The numerical condition of P at the end.
     pub health: Health,
-    /// The model as it is handed over.
+    /// The identified model in the data's units.
     pub model: Model,
-    /// The model in canonical form, before an advanced input is undone; with the parameters' covariance.
+    /// The model in canonical form with its parameter covariance, before an input advance is undone.
     pub canonical: Model,
-    /// What a merge needs to know beside the model.
+    /// The additional quantities that a merge needs.
     pub estimate: Estimate,
-    /// How the predictor gain was found; `None` if there is no stable predictor.
+    /// The method that gave the predictor gain; `None` if there is no stable predictor.
     pub predictor: Option<String>,
-    /// One-step and free-run errors, residual tests.
+    /// One-step errors, simulation errors and residual tests.
     pub validation: Validation,
-    /// The baseline and the refined model beside PLID's.
+    /// The subspace model and the refined model.
     pub simulation: Simulation,
     /// Peaks of the true plant and of the model, for simulated data.
     pub peaks: Vec<PeakRow>,
-    /// The true plant, for simulated data at their own rate.
+    /// The true plant, for simulated data at their original rate.
     pub truth: Option<Truth>,
 }
 
-/// Carries out an experiment; paths in it are relative to `base`. With `directory`, an interrupted run leaves its checkpoint
-/// there, and `resume` goes on from it.
+/// Carries out an experiment whose paths are relative to `base`. If `directory` is given, an interrupted run writes its
+/// checkpoint there, and `resume` continues from it.
 ///
 /// # Errors
-/// [`RunError`]
+/// Returns a [`RunError`]; an interrupted run returns [`RunError::Interrupted`].
 pub fn carry_out(
     experiment: &Experiment,
     base: &Path,

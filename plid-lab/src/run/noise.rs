@@ -1,4 +1,5 @@
-//! The noise covariances of a run: given, or measured, or left to the bank; from the data's units to those of the recursion.
+//! The noise covariances of a run: given, measured, or left to the filter bank, and converted from the data's units to
+//! those of the recursion.
 
 use std::path::Path;
 
@@ -12,18 +13,18 @@ use plid_data::prepare::noise::noise_from_zero_input;
 use plid_data::prepare::{Prepared, Step};
 use plid_data::{self as data, MissingPolicy, Record};
 
-/// What is known before the bank runs.
+/// The part of the noise model that is known before the filter bank runs.
 pub(super) enum Known {
-    /// Everything.
+    /// The complete noise model.
     All(Box<NoiseModel>),
-    /// R_ii at most, and Q_jj: variances for scaled channels.
+    /// The variances R_ii (if known) and Q_jj of scaled channels.
     Some { sensor: Option<Vec<f64>>, actuator: Vec<f64> },
 }
 
-/// Inputs at rest may be as large as this share of the inputs of the record that is identified.
+/// The largest RMS of an input at rest, relative to its RMS in the identified record.
 const REST: f64 = 1e-3;
 
-/// What the config says of the noise, for scaled channels. `raw` are the records before preparation.
+/// Returns the noise according to the config, for scaled channels. `raw` are the records before preparation.
 pub(super) fn known(
     experiment: &Experiment,
     base: &Path,
@@ -44,7 +45,8 @@ pub(super) fn known(
         }
         None => vec![0.0; m],
     };
-    // Anti-alias filtering leaves about this share of white noise's power; averaging divides it by the repeats.
+    // Anti-alias filtering retains about this fraction of white noise power, and averaging divides it by the number of
+    // repeats.
     let kept: f64 = prepared
         .steps
         .iter()
@@ -90,13 +92,13 @@ pub(super) fn known(
         },
         NoiseSource::Repeats => {
             let Some((noise, count)) = prepared.repeat_noise.first() else {
-                return Err(setting("noise", "from = \"repeats\" needs repeats in the data"));
+                return Err(setting("noise", "from = \"repeats\" requires repeats in the data"));
             };
             measured(noise.covariance.diag().iter().map(|v| v / *count as f64 * kept).collect())
         }
         NoiseSource::ZeroInput => {
             let Some(file) = &config.zero_input_file else {
-                return Err(setting("noise", "from = \"zero-input\" needs `zero_input_file`"));
+                return Err(setting("noise", "from = \"zero-input\" requires `zero_input_file`"));
             };
             let table = data::read(&base.join(file), experiment.data.variable.as_deref())?;
             let first = &raw[0];
@@ -114,7 +116,7 @@ pub(super) fn known(
                 .zip(&raw[0].output_names)
                 .map(|(column, name)| match converter_step(column) {
                     Some(step) => Ok(step.variance * kept / repeats),
-                    None => Err(setting("noise", format!("output `{name}` shows no converter step"))),
+                    None => Err(setting("noise", format!("output `{name}` has no detectable converter step"))),
                 })
                 .collect();
             measured(variances?)
@@ -122,7 +124,7 @@ pub(super) fn known(
     })
 }
 
-/// The scales of outputs, inputs and states (a state has that of its block's output).
+/// The scales of outputs, inputs and states; a state has the scale of its block's output.
 pub(super) struct Scales {
     outputs: Vec<f64>,
     inputs: Vec<f64>,
@@ -139,7 +141,7 @@ impl Scales {
         }
     }
 
-    /// Noise in the data's units as that of scaled channels.
+    /// Converts noise from the data's units to scaled channels.
     fn apply(&self, noise: &NoiseModel) -> NoiseModel {
         let over = |matrix: &Dense<f64>, rows: &[f64], columns: &[f64]| {
             Dense::from_fn(matrix.rows(), matrix.columns(), |i, j| matrix.at(i, j) / (rows[i] * columns[j]))
@@ -162,7 +164,14 @@ fn matrix(key: &'static str, value: &Covariance, size: usize, reading: NoiseRead
         Covariance::Diagonal(list) if list.len() == size => {
             Ok(Dense::from_diagonal(&list.iter().map(square).collect::<Vec<_>>()))
         }
-        Covariance::Diagonal(list) => Err(setting(key, format!("{} values, but {size} are needed", list.len()))),
+        Covariance::Diagonal(list) => Err(setting(
+            key,
+            format!(
+                "{} values are given, but {size} are \
+            needed",
+                list.len()
+            ),
+        )),
         Covariance::Full(_) if reading == NoiseReading::Rms => {
             Err(setting(key, "a whole matrix is a covariance; read_as = \"rms\" takes a number or a list"))
         }
@@ -177,7 +186,7 @@ fn rectangle(key: &'static str, rows: &[Vec<f64>], height: usize, width: usize) 
     Ok(Dense::from_fn(height, width, |i, j| rows[i][j]))
 }
 
-/// Prepared samples hold NaN only where the config lets them be missing.
+/// Whether prepared outputs contain missing samples, which only some configs permit.
 pub(super) fn has_missing(outputs: &Array2<f64>) -> bool {
     outputs.iter().any(|x| x.is_nan())
 }

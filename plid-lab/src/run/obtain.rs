@@ -1,4 +1,4 @@
-//! The data of an experiment: read from files, or simulated.
+//! The data of an experiment, read from files or simulated.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -13,42 +13,44 @@ use plid_data::{self as data, MissingPolicy, Record};
 use plid_model::Model;
 use plid_model::signal::rms;
 
-/// A file that went into a run.
+/// A data file used in a run.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Source {
-    /// As the config names it.
+    /// The file name as given in the config.
     pub file: String,
     /// SHA-256 of its bytes.
     pub sha256: String,
 }
 
-/// The true plant behind simulated data.
+/// The true plant of simulated data.
 #[derive(Clone, Debug)]
 pub struct Truth {
-    /// Its discrete model, in volts.
+    /// Its discrete-time model, in volts.
     pub model: Model,
-    /// Its answer to the commands without any noise, K x p.
+    /// Its noise-free response to the commands (K x p).
     pub noise_free: Array2<f64>,
-    /// The frequencies of its dominant modes, Hz.
+    /// The frequencies of its dominant modes in Hz.
     pub dominant_hz: Vec<f64>,
 }
 
-/// Records, and where they come from.
+/// Records and their origin.
 #[derive(Clone, Debug)]
 pub struct Obtained {
-    /// As many as files, or as repeats of the testbed.
+    /// The records, one per file or per repeat of the testbed.
     pub records: Vec<Record>,
     /// The files read.
     pub sources: Vec<Source>,
-    /// The plant, if the data are simulated.
+    /// The true plant, if the data are simulated.
     pub truth: Option<Truth>,
-    /// What the reader must know.
+    /// Warnings for the reader.
     pub warnings: Vec<String>,
-    /// RMS of every column of the data about its mean, used or not; the largest over the records.
+    /// RMS of every column of the data about its mean, whether the run uses it or not; the largest value over the
+    /// records.
     pub channel_rms: BTreeMap<String, f64>,
 }
 
-/// Reads or simulates the data; paths are relative to `base`. Repeats of the testbed are averaged unless the experiment says how.
+/// Reads or simulates the data. Paths are relative to `base`. Repeats of the testbed are averaged unless the experiment
+/// specifies otherwise.
 pub(crate) fn obtain(experiment: &mut Experiment, base: &Path) -> Result<Obtained, RunError> {
     match &experiment.data.testbed {
         None => read(&experiment.data, base),
@@ -57,7 +59,7 @@ pub(crate) fn obtain(experiment: &mut Experiment, base: &Path) -> Result<Obtaine
             experiment.data.input_unit.get_or_insert("V".into());
             experiment.data.output_unit.get_or_insert("V".into());
             if obtained.records.len() > 1 && experiment.preparation.repeats.is_none() {
-                // The DAC repeats its codes exactly.
+                // The DAC outputs identical codes in every repeat.
                 experiment.preparation.repeats = Some(Repeats { period: None, skip: 0, tolerance: 1e-9 });
             }
             Ok(obtained)
@@ -80,7 +82,7 @@ fn read(config: &DataConfig, base: &Path) -> Result<Obtained, RunError> {
     Ok(Obtained { records, sources, truth: None, warnings, channel_rms })
 }
 
-/// RMS about the mean, by name. NaN is no sample.
+/// Returns the RMS about the mean by channel name; NaN marks a missing sample.
 fn largest_rms<'a>(columns: impl Iterator<Item = (&'a String, ArrayView1<'a, f64>)>) -> BTreeMap<String, f64> {
     let mut largest = BTreeMap::new();
     for (name, column) in columns {
@@ -94,7 +96,7 @@ fn largest_rms<'a>(columns: impl Iterator<Item = (&'a String, ArrayView1<'a, f64
 }
 
 fn simulate(config: &DataConfig, base: &Path) -> Result<Obtained, RunError> {
-    let Some(testbed) = &config.testbed else { unreachable!("asked for only with a testbed") };
+    let Some(testbed) = &config.testbed else { unreachable!("called only with a testbed") };
     let names = |prefix: &str, count: usize| -> Vec<String> { (1..=count).map(|i| format!("{prefix}{i}")).collect() };
     let (inputs, outputs) = (names("u", plid_testbed::INPUTS), names("y", plid_testbed::OUTPUTS));
     let mut sources = Vec::new();
@@ -143,7 +145,7 @@ fn simulate(config: &DataConfig, base: &Path) -> Result<Obtained, RunError> {
             outputs: pick(measured, &use_outputs),
         })
         .collect();
-    // With an input left out the rest of the record is still its doing: the true model is then no yardstick.
+    // If an input is left out, it still affects the outputs, so the true model is no longer a reference.
     let whole = use_inputs.len() == inputs.len();
     let truth = whole.then(|| Truth {
         model: Model {
@@ -157,7 +159,7 @@ fn simulate(config: &DataConfig, base: &Path) -> Result<Obtained, RunError> {
     });
     let truth = truth.map(|t| Truth {
         model: Model {
-            // Inputs may stand in another order.
+            // The inputs may be in a different order.
             b: t.model.b.select_columns(&use_inputs),
             d: t.model.d.select_columns(&use_inputs),
             inputs: use_inputs.iter().map(|&j| inputs[j].clone()).collect(),

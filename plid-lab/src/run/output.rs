@@ -1,5 +1,6 @@
-//! The files of a run: result.json, model.json, model-refined.json, model-subspace.json, innovations.csv, manifest.json, report.html and its first picture, frf.svg. Each is written whole or not at all, and
-//! the same run gives the same bytes: no time and no path of the machine stands in them.
+//! The output files of a run: result.json, model.json, model-refined.json, model-subspace.json, innovations.csv,
+//! manifest.json, report.html and its first figure, frf.svg. Each is written atomically. The same run gives the same
+//! bytes, because no file contains a time or an absolute path.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -15,10 +16,10 @@ use plid_catalogue::Conditions;
 use plid_model::{ModeDeviation, Model, mode_deviations};
 use plid_report::write_atomic;
 
-/// Writes all files of a run into `directory`, and removes its checkpoint.
+/// Writes all files of a run into `directory` and removes its checkpoint.
 ///
 /// # Errors
-/// A file that cannot be written, or a model of which no frequency response can be formed.
+/// Returns an error if a file cannot be written or a frequency response cannot be computed.
 pub fn write(outcome: &Outcome, directory: &Path) -> Result<(), RunError> {
     let file = |name: &str| directory.join(name);
     let put = |name: &str, bytes: &[u8]| {
@@ -32,7 +33,7 @@ pub fn write(outcome: &Outcome, directory: &Path) -> Result<(), RunError> {
     put("manifest.json", pretty(&manifest(outcome)).as_bytes())?;
     put("frf.svg", responses.as_bytes())?;
     put("report.html", page.as_bytes())?;
-    // Last, so that its presence says that the others are there.
+    // It is written last, so that its presence shows that the other files are complete.
     put("result.json", pretty(&result(outcome)?).as_bytes())?;
     match std::fs::remove_file(file(CHECKPOINT)) {
         Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
@@ -42,7 +43,8 @@ pub fn write(outcome: &Outcome, directory: &Path) -> Result<(), RunError> {
     }
 }
 
-/// model-refined.json and model-subspace.json; one that this run does not hand over is not left from a former run either.
+/// Writes model-refined.json and model-subspace.json, and removes files of an earlier run that this run does not
+/// replace.
 fn simulation_models(outcome: &Outcome, directory: &Path) -> Result<(), RunError> {
     let simulation = &outcome.simulation;
     let refined = simulation.refined.as_ref().filter(|_| !simulation.refined_is_worse).map(|(model, _)| model);
@@ -69,7 +71,7 @@ fn simulation_models(outcome: &Outcome, directory: &Path) -> Result<(), RunError
     Ok(())
 }
 
-/// The models for simulation beside PLID's: `refined` and `subspace`.
+/// Returns the figures of the additional models for simulation, `refined` and `subspace`.
 fn simulation(outcome: &Outcome) -> Result<Value, RunError> {
     let simulation = &outcome.simulation;
     let figures = |model: &Alternative| json!({ "one_step": model.one_step_errors.as_ref().map(errors), "free_run": errors(&model.free_run_errors) });
@@ -118,7 +120,8 @@ pub(crate) fn pretty(value: &Value) -> String {
     text
 }
 
-/// k, e_1 .. e_p over the records, k running on; a missing sample is an empty cell.
+/// Returns the rows k, e_1, ..., e_p over all records, with k continuing from one record to the next; the cell of a
+/// missing sample is empty.
 fn innovations(outcome: &Outcome) -> String {
     let p = outcome.form.indices().len();
     let mut text = String::from("k");
@@ -140,7 +143,8 @@ fn innovations(outcome: &Outcome) -> String {
     text
 }
 
-/// What `result.json` and the model's provenance say about means: the model acts on deviations from them.
+/// Returns the means recorded in `result.json` and in the model's provenance; the model applies to deviations from
+/// them.
 fn operating_point(outcome: &Outcome) -> Value {
     let prepared = &outcome.prepared;
     let record = prepared.records.len() - 1;
@@ -158,14 +162,15 @@ fn with_provenance(outcome: &Outcome) -> Model {
     Model { provenance: Some(provenance), ..outcome.model.clone() }
 }
 
-/// What decided the covariance form.
+/// Returns the reason for the choice of the covariance form.
 fn reason(conditions: &Conditions) -> String {
     let Conditions { states, steps, start_ratio, forgets, .. } = conditions;
     let scalar = json!(conditions.scalar);
     let scalar = scalar.as_str().unwrap_or_default();
     let forgetting = if *forgets { "" } else { "no " };
     format!(
-        "the recommendation for {scalar}, {states} states, {steps} steps, P0/R = {start_ratio:.1e}, {forgetting}forgetting"
+        "the recommendation for {scalar}, {states} states, {steps} steps, P0/R = {start_ratio:.1e}, \
+         {forgetting}forgetting"
     )
 }
 
@@ -194,12 +199,12 @@ pub(crate) fn errors(errors: &Errors) -> Value {
     })
 }
 
-/// The modes of a canonical model with its parameters' covariance.
+/// Returns the modes of a canonical model with their standard deviations.
 pub(crate) fn modes_json(canonical: &Model) -> Result<Value, RunError> {
     Ok(mode_deviations(canonical)?.iter().map(mode).collect())
 }
 
-/// The peaks of a model beside the true ones.
+/// Returns the peaks of a model and of the true plant.
 pub(crate) fn peaks_json(peaks: &[PeakRow]) -> Value {
     let row = |row: &PeakRow| {
         json!({ "mode_hz": row.mode_hz, "input": row.input, "output": row.output, "truth_hz_db": row.truth, "model_hz_db": row.model,
@@ -208,7 +213,7 @@ pub(crate) fn peaks_json(peaks: &[PeakRow]) -> Value {
     peaks.iter().map(row).collect()
 }
 
-/// The figures of a run.
+/// Returns the content of result.json.
 fn result(outcome: &Outcome) -> Result<Value, RunError> {
     let validation = &outcome.validation;
     let record = &outcome.prepared.records[outcome.prepared.records.len() - 1];

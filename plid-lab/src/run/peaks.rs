@@ -1,4 +1,4 @@
-//! Peaks of the identified transfer function beside the true ones.
+//! Peaks of the identified frequency response compared with the true ones.
 
 use serde::Serialize;
 
@@ -6,37 +6,38 @@ use super::error::RunError;
 use super::obtain::Truth;
 use plid_model::{Model, find_peak};
 
-/// One dominant mode in one input-output pair that shows it.
+/// The peak of one dominant mode in one input-output pair.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PeakRow {
-    /// The mode, Hz.
+    /// The frequency of the mode in Hz.
     pub mode_hz: f64,
-    /// Input.
+    /// The name of the input.
     pub input: String,
-    /// Output.
+    /// The name of the output.
     pub output: String,
-    /// Peak of the true plant: Hz, dB.
+    /// Peak of the true plant: frequency in Hz and magnitude in dB.
     pub truth: (f64, f64),
-    /// Peak of the model: Hz, dB; `None` if it has none there.
+    /// Peak of the model: frequency in Hz and magnitude in dB; `None` if it has no peak there.
     pub model: Option<(f64, f64)>,
 }
 
 impl PeakRow {
-    /// Error of the peak's frequency, relative.
+    /// Returns the relative error of the peak frequency.
     pub fn frequency_error(&self) -> Option<f64> {
         self.model.map(|(hz, _)| (hz - self.truth.0) / self.truth.0)
     }
 
-    /// Error of the peak's height, dB.
+    /// Returns the error of the peak magnitude in dB.
     pub fn height_error_db(&self) -> Option<f64> {
         self.model.map(|(_, db)| db - self.truth.1)
     }
 }
 
-/// Half the width in which a peak is looked for, relative to the mode's frequency.
+/// Half-width of the search interval, relative to the frequency of the mode.
 const WIDTH: f64 = 0.02;
 
-/// The peaks near the dominant modes, pair by pair. A pair shows a mode if its true response has a maximum there, not at the edge.
+/// Compares the peaks near the dominant modes pair by pair. A pair is included if its true response has a maximum
+/// inside the search interval.
 pub(crate) fn compare(truth: &Truth, model: &Model) -> Result<Vec<PeakRow>, RunError> {
     let mut rows = Vec::new();
     for &mode_hz in &truth.dominant_hz {

@@ -27,7 +27,8 @@ const F16_CHANNELS: &str =
 fn f16_is_simulated_to_ten_per_cent() {
     for (rate, bound) in [("100.0", 0.10), ("50.0", 0.095)] {
         let rest = format!(
-            "[structure]\nstates = 48\n[preparation]\ndecimate_to_hz = {rate}\nadvance = 1\n[noise]\nfrom = \"paper-squared\"\n"
+            "[structure]\nstates = 48\n[preparation]\ndecimate_to_hz = {rate}\nadvance = 1\n[noise]\nfrom = \
+             \"paper-squared\"\n"
         );
         let Some([_, refined, subspace]) = errors(F16, F16_CHANNELS, &rest) else { return };
         assert!(refined <= bound && refined < subspace && subspace < 0.11, "{rate} Hz: {refined} {subspace}");

@@ -1,4 +1,4 @@
-//! The report of a run: the verdict, the pictures, then the figures behind them.
+//! The report of a run: the verdict and the plots, followed by the detailed figures.
 
 use ndarray::Axis as Dimension;
 use rustfft::num_complex::Complex64;
@@ -16,17 +16,17 @@ use plid_report::{
     convergence_plot, correlation_plot, frf_grid, mode_map, trace_plot,
 };
 
-/// Frequencies at which a model's response is drawn.
+/// Number of frequencies at which a model's response is plotted.
 const LINES: usize = 400;
-/// Samples of the traces shown.
+/// Number of samples in the time plots.
 const WINDOW: usize = 400;
-/// Modes weaker than this below the strongest are left out of the picture, in dB; the table has them all.
+/// Modes weaker than the strongest by more than this, in dB, are omitted from the plot; the table lists all of them.
 const FAINT_DB: f64 = 70.0;
 
-/// Damping ratios below this are drawn as modes; above it a pole shapes the response without a peak.
+/// Modes are plotted if their damping ratio is below this; poles with more damping have no resonance peak.
 const LIGHT: f64 = 0.05;
 
-/// The page, and its first picture on its own.
+/// Returns the page, and its first figure as a separate document.
 pub(super) fn page(outcome: &Outcome) -> Result<(String, String), RunError> {
     let validation = &outcome.validation;
     let record = &outcome.prepared.records[outcome.prepared.records.len() - 1];
@@ -55,7 +55,8 @@ pub(super) fn page(outcome: &Outcome) -> Result<(String, String), RunError> {
             error_scale: Scale::Log,
         }),
         format!(
-            "Convergence, as the paper's Fig. 6: the largest absolute one-step error over the sensors, sample by sample. From {:.2} s on the model is frozen.",
+            "Convergence (compare Fig. 6 of the paper): the largest absolute one-step error over the outputs at each \
+             sample. From {:.2} s on the model is fixed.",
             validation.training as f64 / rate
         ),
     );
@@ -79,7 +80,8 @@ pub(super) fn page(outcome: &Outcome) -> Result<(String, String), RunError> {
         .collect();
     report = report.figure(
         trace_plot(&traces, rate, shown),
-        "The first held-out samples: measured, predicted one step ahead, and simulated in free run from the last training state; the errors below.",
+        "The first held-out samples: measured, predicted one step ahead, and simulated from the last training state. \
+         The lower panel shows the errors.",
     );
     report = report
         .warnings(outcome.warnings.iter().cloned())
@@ -89,7 +91,7 @@ pub(super) fn page(outcome: &Outcome) -> Result<(String, String), RunError> {
     report = report_simulation::section(report, outcome, measured.as_ref(), band)?;
     if !outcome.peaks.is_empty() {
         report = report
-            .heading("Peaks beside the true ones")
+            .heading("Identified and true peaks")
             .paragraph(peak_sentence(&outcome.peaks))
             .details(format!("All {} peaks", outcome.peaks.len()), |report| report.table(peak_table(&outcome.peaks)));
     }
@@ -101,22 +103,23 @@ pub(super) fn page(outcome: &Outcome) -> Result<(String, String), RunError> {
             let health = &outcome.health;
             report
                 .paragraph(if outcome.steps.is_empty() {
-                    "The data were taken as they are.".into()
+                    "The data were used without preparation.".into()
                 } else {
                     format!("{}.", outcome.steps.join("; "))
                 })
                 .paragraph(advance_sentence(outcome))
                 .paragraph(format!(
-                    "Noise covariances, for channels divided by their RMS: R_ii = {}, mean Sigma_ii = {:.2e}.",
+                    "Noise covariances, for channels scaled to unit RMS: R_ii = {}, mean Sigma_ii = {:.2e}.",
                     outcome.noise_levels.0.iter().map(|x| format!("{x:.2e}")).collect::<Vec<_>>().join(", "),
                     outcome.noise_levels.1
                 ))
                 .paragraph(format!(
-                    "Covariance at the end: smallest pivot {:.2e} (entry {} of s), condition at least {:.1e}, symmetry defect {:.1e}.",
+                    "Covariance at the end: smallest pivot {:.2e} (entry {} of s), condition at least {:.1e}, symmetry \
+                     defect {:.1e}.",
                     health.smallest_pivot, health.index, health.condition, health.symmetry_defect
                 ))
         })
-        .listing("The experiment, every default filled in. `plid run` repeats it.", to_toml(&outcome.experiment))
+        .listing("The experiment with all defaults. `plid run` repeats it.", to_toml(&outcome.experiment))
         .provenance("plid", env!("CARGO_PKG_VERSION"));
     for source in &outcome.sources {
         report = report.provenance(source.file.clone(), format!("SHA-256 {}", source.sha256));
@@ -139,9 +142,9 @@ fn verdict(outcome: &Outcome) -> Vec<String> {
     let states: usize = outcome.form.indices().iter().sum();
     let free_run = validation.free_run_errors.overall_relative;
     let simulated = if free_run.is_finite() {
-        format!("simulates held-out data with an error of {} in free run", percent(free_run))
+        format!("simulates held-out data with an error of {}", percent(free_run))
     } else {
-        "diverges in free run on held-out data".into()
+        "diverges in simulation of held-out data".into()
     };
     let predicted = match &validation.one_step_errors {
         Some(errors) => format!("predicts them one step ahead with {}", percent(errors.overall_relative)),
@@ -152,13 +155,14 @@ fn verdict(outcome: &Outcome) -> Vec<String> {
     )];
     if let Some(truth) = &validation.truth_errors {
         sentences.push(format!(
-            "The true plant itself leaves {}: noise that no model can simulate. The identified model is at {:.3} times that.",
+            "The true plant has an error of {}, caused by noise that no model can simulate. The error of the \
+             identified model is {:.3} times that.",
             percent(truth.overall_relative),
             free_run / truth.overall_relative
         ));
     } else if let Some(floor) = &validation.noise_floor {
         let floor = (floor.iter().map(|x| x * x).sum::<f64>() / floor.len() as f64).sqrt();
-        sentences.push(format!("The noise floor that the repeats show is {}.", percent(floor)));
+        sentences.push(format!("The noise floor estimated from the repeats is {}.", percent(floor)));
     }
     sentences.extend(report_simulation::verdict(outcome));
     sentences
@@ -166,12 +170,18 @@ fn verdict(outcome: &Outcome) -> Vec<String> {
 
 fn advance_sentence(outcome: &Outcome) -> String {
     match (outcome.prepared.advanced, outcome.model.d.iter().any(|&d| d != 0.0)) {
-        (1, _) => "The plant answers within the sample (as an acceleration answers a force), so the input was advanced by one sample; the model handed over carries the D that this means.".into(),
-        _ => "The plant does not answer within the sample: D is zero.".into(),
+        (1, _) => {
+            "The plant has feedthrough (as from a force to an acceleration), so the input was advanced by one sample \
+             for \
+             the identification; the model was converted back and has the corresponding D."
+                .into()
+        }
+        _ => "The plant has no feedthrough: D is zero.".into(),
     }
 }
 
-/// The band that the frequency responses show: as the config says, or where the inputs have 99.9 % of their power.
+/// Returns the frequency band of the response plots: that of the config, or the band that holds 99.9 % of the inputs'
+/// power.
 pub(super) fn band(outcome: &Outcome, rate: f64) -> (f64, f64) {
     if let Some([low, high]) = outcome.experiment.validation.band_hz {
         return (low, high);
@@ -193,7 +203,7 @@ fn measured_response(outcome: &Outcome, rate: f64) -> Option<WelchFrf> {
     let inputs = validation.inputs.slice(ndarray::s![first.., ..]);
     let outputs = validation.measured.slice(ndarray::s![first..first + inputs.nrows(), ..]);
     let options = WelchOptions { sample_rate_hz: rate, segment_length: None };
-    // A record too short or too full of gaps for a spectrum is no reason to have no report.
+    // A record that is too short or has too many gaps for a spectrum still gets a report.
     welch_frf(inputs, outputs, &options).ok()
 }
 
@@ -204,10 +214,11 @@ fn response_caption(outcome: &Outcome, measured: Option<&WelchFrf>) -> String {
             "measured (Welch, {} segments of {} samples; coherence above)",
             frf.segments_used, frf.segment_length
         ),
-        None => "too short a record for a measured response".into(),
+        None => "no measured response (the record is too short)".into(),
     };
     format!(
-        "Transfer functions of every input-output pair: {measured}, identified with a band of two standard deviations{truth}."
+        "Frequency responses of every input-output pair: {measured}; identified, with a band of two standard \
+         deviations{truth}."
     )
 }
 
@@ -238,19 +249,19 @@ fn responses(outcome: &Outcome, measured: Option<&WelchFrf>, band: (f64, f64)) -
     Ok(frf_grid(outcome.model.inputs.len(), &plots))
 }
 
-/// The frequencies at which models are drawn.
+/// Returns the frequencies at which models are plotted, in Hz.
 pub(super) fn lines(outcome: &Outcome, (low, high): (f64, f64)) -> Vec<f64> {
     let top = high.min(0.4999 * outcome.model.sample_rate_hz);
     let bottom = low.max(top * 1e-4);
     (0..LINES).map(|k| bottom + (top - bottom) * k as f64 / (LINES - 1) as f64).collect()
 }
 
-/// A response without a band.
+/// Returns a response without an uncertainty band.
 pub(super) fn curve(hz: &[f64], at: impl Fn(f64) -> Complex64) -> FrfCurve {
     FrfCurve { frequency_hz: hz.to_vec(), response: hz.iter().map(|&f| at(f)).collect(), std: None }
 }
 
-/// The plot of output i and input j with what was measured, and no model yet.
+/// Returns the plot of output i and input j with the measured response, without a model.
 pub(super) fn measured_pair(
     outcome: &Outcome,
     measured: Option<&WelchFrf>,
@@ -262,7 +273,7 @@ pub(super) fn measured_pair(
         (Some(output), Some(input)) => format!("{output}/{input}"),
         _ => "output/input".into(),
     };
-    // What is not shown is not drawn: it would only swell the file.
+    // Points outside the plotted range are dropped to keep the file small.
     let shown = measured.map_or(0..0, |frf| {
         let count = |limit: f64| frf.frequency_hz.iter().take_while(|f| **f < limit).count();
         count(low)..count(high.next_up())
@@ -288,11 +299,14 @@ pub(crate) fn complex(z: nalgebra::Complex<f64>) -> Complex64 {
 
 fn error_table(outcome: &Outcome) -> Table {
     let validation = &outcome.validation;
-    let mut table = Table::new("Errors on the held-out part, which nothing was learnt from. Relative: RMS of the error over RMS of the output about its mean. Fit: as MATLAB's compare.")
-        .column("output", "")
-        .column("one-step", "%")
-        .column("free run", "%")
-        .column("free-run fit", "%");
+    let mut table = Table::new(
+        "Errors on the held-out part, which nothing was learnt from. Relative: RMS of the error \
+        over RMS of the output about its mean. Fit: as MATLAB's compare.",
+    )
+    .column("output", "")
+    .column("one-step", "%")
+    .column("free run", "%")
+    .column("free-run fit", "%");
     if validation.truth_errors.is_some() {
         table = table.column("true plant", "%");
     }
@@ -334,9 +348,10 @@ fn error_table(outcome: &Outcome) -> Table {
 pub(crate) fn peak_sentence(peaks: &[PeakRow]) -> String {
     let largest = |errors: &mut dyn Iterator<Item = Option<f64>>| errors.flatten().map(f64::abs).fold(0.0, f64::max);
     let missed = peaks.iter().filter(|row| row.model.is_none()).count();
-    let rest = if missed == 0 { "none is missed".to_string() } else { format!("{missed} are missed") };
+    let rest = if missed == 0 { "none is missing".to_string() } else { format!("{missed} are missing") };
     format!(
-        "{} peaks of the dominant modes over all pairs that show them: {rest}; the largest errors are {:.4} % in frequency and {:.2} dB in height.",
+        "Of {} true peaks of the dominant modes {rest} in the identified model; the largest errors are {:.4} % in \
+         frequency and {:.2} dB in height.",
         peaks.len(),
         100.0 * largest(&mut peaks.iter().map(|row| row.frequency_error())),
         largest(&mut peaks.iter().map(|row| row.height_error_db()))
@@ -344,16 +359,17 @@ pub(crate) fn peak_sentence(peaks: &[PeakRow]) -> String {
 }
 
 pub(crate) fn peak_table(peaks: &[PeakRow]) -> Table {
-    let mut table =
-        Table::new("Peaks of |H| near the dominant modes, for each pair whose true response has a maximum there.")
-            .column("mode", "Hz")
-            .column("pair", "")
-            .column("true peak", "Hz")
-            .column("", "dB")
-            .column("identified", "Hz")
-            .column("", "dB")
-            .column("frequency error", "%")
-            .column("height error", "dB");
+    let mut table = Table::new(
+        "Peaks of |H| near the dominant modes, for each pair whose true response has a local maximum there.",
+    )
+    .column("mode", "Hz")
+    .column("pair", "")
+    .column("true peak", "Hz")
+    .column("", "dB")
+    .column("identified", "Hz")
+    .column("", "dB")
+    .column("frequency error", "%")
+    .column("height error", "dB");
     for row in peaks {
         let (hz, db) = row.model.unwrap_or((f64::NAN, f64::NAN));
         table = table.row([
@@ -377,11 +393,14 @@ fn modes(report: Report, outcome: &Outcome) -> Result<Report, RunError> {
         Some(std) if std.is_finite() && std > 0.0 => Cell::with_std(value, std),
         _ => Cell::fixed(value, digits),
     };
-    let mut table = Table::new("Modes of the identified model, with one standard deviation from the covariance of the parameters. Strength: the largest peak over all pairs.")
-        .column("frequency", "Hz")
-        .column("damping ratio", "%")
-        .column("strength", "dB")
-        .column("", "");
+    let mut table = Table::new(
+        "Modes of the identified model, with one standard deviation from the covariance of the \
+        parameters. Strength: the largest peak over all pairs.",
+    )
+    .column("frequency", "Hz")
+    .column("damping ratio", "%")
+    .column("strength", "dB")
+    .column("", "");
     for deviation in &deviations {
         let mode = &deviation.mode;
         table = table.row([
@@ -398,7 +417,7 @@ fn modes(report: Report, outcome: &Outcome) -> Result<Report, RunError> {
         label: "identified".into(),
         frequency_hz: drawn.iter().map(|d| d.mode.hz).collect(),
         damping: drawn.iter().map(|d| d.mode.damping).collect(),
-        // Bars longer than the picture say no more than that a mode is vague.
+        // Bars wider than the plot only show that the mode is poorly determined.
         std: drawn
             .iter()
             .map(|d| (d.hz_std.unwrap_or(0.0).min(0.1 * d.mode.hz), d.damping_std.unwrap_or(0.0).min(0.05)))
@@ -420,23 +439,24 @@ fn modes(report: Report, outcome: &Outcome) -> Result<Report, RunError> {
     } else {
         report.figure(
             mode_map(&sets),
-            "Lightly damped modes in the band: frequency and damping ratio, with bars of two standard deviations.",
+            "Lightly damped modes in the band: frequency and damping ratio, with error bars of two standard \
+             deviations.",
         )
     };
     Ok(report.details(format!("All {} modes", deviations.len()), |report| report.table(table)))
 }
 
-/// Whether a mode is in the picture: light, in the band, and not too faint beside the strongest.
+/// Whether a mode is plotted: lightly damped, in the band, and not too weak relative to the strongest.
 pub(super) fn is_drawn(mode: &Mode, strongest_db: f64, (low, high): (f64, f64)) -> bool {
     mode.strongest_db() > strongest_db - FAINT_DB && (low..=high).contains(&mode.hz) && mode.damping < LIGHT
 }
 
 fn residuals(report: Report, outcome: &Outcome) -> Report {
     let validation = &outcome.validation;
-    let report = report.heading("What is left in the residuals");
+    let report = report.heading("Residual analysis");
     if validation.whiteness.is_empty() {
-        let reason = validation.tests_failed.clone().unwrap_or_else(|| "there is no one-step prediction".into());
-        return report.paragraph(format!("No tests: {reason}."));
+        let reason = validation.tests_failed.clone().unwrap_or_else(|| "the model has no one-step prediction".into());
+        return report.paragraph(format!("The residuals were not tested: {reason}."));
     }
     let auto: Vec<(String, &plid_model::signal::Correlation)> =
         outcome.model.outputs.iter().cloned().zip(&validation.whiteness).collect();
@@ -451,7 +471,8 @@ fn residuals(report: Report, outcome: &Outcome) -> Report {
     let count =
         |list: &[(String, &plid_model::signal::Correlation)]| list.iter().filter(|(_, c)| c.test.passes).count();
     let sentence = format!(
-        "{} of {} outputs pass the whiteness test (Ljung-Box, 1 %), {} of {} pairs the test of independence from past inputs.",
+        "{} of {} outputs pass the whiteness test (Ljung-Box, 1 %), {} of {} pairs the test of independence from past \
+         inputs.",
         count(&auto),
         auto.len(),
         count(&cross),
@@ -461,12 +482,12 @@ fn residuals(report: Report, outcome: &Outcome) -> Report {
         .paragraph(sentence)
         .figure(
             correlation_plot("autocorrelation", auto.len().min(3), &auto),
-            "Autocorrelation of the held-out one-step residuals, with 99 % bounds.",
+            "Autocorrelation of the held-out one-step residuals, with 99 % confidence bounds.",
         )
         .figure(
             correlation_plot("cross-correlation", outcome.model.inputs.len().min(3), &cross),
             format!(
-                "Correlation of the residuals with the inputs, from lag {} on, with 99 % bounds.",
+                "Correlation of the residuals with the inputs, from lag {} on, with 99 % confidence bounds.",
                 validation.first_lag
             ),
         )
@@ -480,17 +501,22 @@ fn searches(report: Report, outcome: &Outcome) -> Report {
         let plot = chart(&Chart {
             title: String::new(),
             x: Axis::linear("states"),
-            y: Axis::log("free-run error on training data held back, %"),
+            y: Axis::log("simulation error on reserved training data, %"),
             series: vec![
                 Series::line("", points.clone()),
-                Series::points("best filter of the order", points),
+                Series::points("best filter for each order", points),
                 Series::vertical("recommended", scan.recommended as f64),
             ],
             height: 260.0,
         });
-        report = report
-            .heading("Order")
-            .figure(plot, format!("{} states are recommended: the fewest within 5 % of the best.", scan.recommended));
+        report = report.heading("Order").figure(
+            plot,
+            format!(
+                "{} states are recommended, the smallest number with an error within 5 % of the \
+                smallest.",
+                scan.recommended
+            ),
+        );
     }
     if !outcome.index_search.is_empty() {
         let mut table = Table::new("Observability indices tried.").column("indices", "").column("free-run error", "%");
@@ -508,7 +534,7 @@ fn searches(report: Report, outcome: &Outcome) -> Report {
     bank(report, &outcome.bank)
 }
 
-/// The bank of filters.
+/// Adds the results of the filter bank.
 pub(crate) fn bank(report: Report, trials: &[Trial]) -> Report {
     let mut levels: Vec<f64> = trials.iter().map(|t| t.sensor).collect();
     levels.sort_by(f64::total_cmp);
@@ -528,7 +554,7 @@ pub(crate) fn bank(report: Report, trials: &[Trial]) -> Report {
     let plot = chart(&Chart {
         title: String::new(),
         x: Axis::log("Sigma_ii (channels of unit RMS)"),
-        y: Axis::log("free-run error, %"),
+        y: Axis::log("simulation error, %"),
         series,
         height: 260.0,
     });
@@ -536,7 +562,8 @@ pub(crate) fn bank(report: Report, trials: &[Trial]) -> Report {
     report.heading("Noise covariances").figure(
         plot,
         format!(
-            "The bank of filters: each learnt from the first part of the training data and simulated the rest. {diverged} of {} diverged and are not drawn.",
+            "The filter bank: each filter was run over the first part of the training data, and its model simulated \
+             the rest. {diverged} of {} diverged and are not shown.",
             trials.len()
         ),
     )

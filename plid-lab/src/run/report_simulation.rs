@@ -1,4 +1,4 @@
-//! The report's part on models for simulation: PLID's, the refined one and the subspace baseline side by side.
+//! The report section on models for simulation: the recursive, the refined and the subspace model side by side.
 
 use plid_model::signal::WelchFrf;
 use plid_model::{FrequencyResponse, Mode, modes};
@@ -10,29 +10,41 @@ use super::report::{complex, curve, is_drawn, lines, measured_pair, percent};
 use super::simulation::Alternative;
 use plid_report::{Cell, FrfCurve, FrfPlot, ModeSet, Report, Table, frf_grid, mode_map};
 
-/// Which model simulates better, in a sentence.
+/// Returns a sentence that compares the models.
 pub(super) fn verdict(outcome: &Outcome) -> Option<String> {
     let simulation = &outcome.simulation;
     let own = outcome.validation.free_run_errors.overall_relative;
     let (refined, _) = simulation.refined.as_ref()?;
     let error = refined.free_run_errors.overall_relative;
     let of_baseline = simulation.subspace.as_ref().map_or(String::new(), |baseline| {
-        format!(" The subspace baseline is at {}.", percent(baseline.free_run_errors.overall_relative))
+        format!(" The error of the subspace estimate is {}.", percent(baseline.free_run_errors.overall_relative))
     });
     let compared = if simulation.refined_is_worse {
-        format!("leaves {} and simulates worse than PLID's own: it is not handed over.", percent(error))
+        format!(
+            "has a simulation error of {}, larger than that of the recursive model, and is not \
+            written.",
+            percent(error)
+        )
     } else if error > own {
-        format!("leaves {}, no better than PLID's own: either will do to simulate.", percent(error))
+        format!(
+            "has a simulation error of {}, no better than the recursive model: either may be used for \
+            simulation.",
+            percent(error)
+        )
     } else {
         format!(
-            "leaves {}: take model-refined.json to simulate, model.json to predict and to go on from.",
+            "has a simulation error of {}: use model-refined.json for simulation, and model.json for prediction and \
+             for continuing the recursion.",
             percent(error)
         )
     };
-    Some(format!("Refined for simulation (output error), the same number of states {compared}{of_baseline}"))
+    Some(format!(
+        "The model refined for simulation (output error), with the same number of states, \
+        {compared}{of_baseline}"
+    ))
 }
 
-/// Errors, frequency responses and poles of all three.
+/// Adds the errors, frequency responses and poles of all models.
 pub(super) fn section(
     report: Report,
     outcome: &Outcome,
@@ -43,13 +55,11 @@ pub(super) fn section(
     if models.is_empty() {
         return Ok(report);
     }
-    let mut report = report
-        .heading("Models for simulation")
-        .paragraph(origin(outcome))
-        .table(errors(outcome, &models))
-        .figure(
+    let mut report =
+        report.heading("Models for simulation").paragraph(origin(outcome)).table(errors(outcome, &models)).figure(
             responses(outcome, &models, measured, band)?,
-            "Transfer functions of the models side by side; the refined one with a band of two standard deviations, which is what noise alone would do.",
+            "Frequency responses of the models; the band of the refined model is two standard deviations and accounts \
+             for noise alone.",
         );
     let poles = poles(outcome, &models, band)?;
     if poles.iter().any(|set| !set.frequency_hz.is_empty()) {
@@ -85,27 +95,33 @@ fn origin(outcome: &Outcome) -> String {
     let simulation = &outcome.simulation;
     let limit = match simulation.period_s {
         Some(period) => format!(
-            "The inputs repeat every {period:.4} s, so no time constant is longer than {:.4} s, a quarter of that: a slower pole could repeat single lines of this record without being true of another.",
+            "The inputs repeat every {period:.4} s, so time constants were limited to a quarter of that, {:.4} s: a \
+             slower pole could fit single spectral lines of this record without being valid for another.",
             simulation.longest_time_constant_s
         ),
         None => format!(
-            "No time constant is longer than {:.4} s, the length of the longest training record.",
+            "Time constants were limited to {:.4} s, the length of the longest training record.",
             simulation.longest_time_constant_s
         ),
     };
     let Some((_, path)) = &simulation.refined else { return limit };
     let name = |score: &Score| {
-        format!("{}{}", score.start, if score.noise == Noise::Coloured { ", noise taken for coloured" } else { "" })
+        format!("{}{}", score.start, if score.noise == Noise::Coloured { ", for coloured noise" } else { "" })
     };
     let scores: Vec<String> =
         path.scores.iter().map(|score| format!("{} {}", name(score), percent(score.error))).collect();
-    let end = if path.converged { "and converged" } else { "and was still gaining" };
+    let end = if path.converged { "and converged" } else { "without converging" };
     let at_limit = match path.poles_at_limit {
         0 => String::new(),
-        count => format!(" {count} of its poles stand at that limit: what they add may be this record's alone."),
+        count => format!(
+            " {count} of its poles are at that limit, and their contribution may be specific to this \
+            record."
+        ),
     };
     format!(
-        "Each start was refined on the first three quarters of the training data and simulated the last one ({}); the best, {}, went on over all of it, took {} steps {end}. {limit}{at_limit}",
+        "Each starting model was refined on the training data without the last quarter of the last record, and was \
+         scored on that quarter ({}). The best, {}, was refined on all training data in {} iterations {end}. \
+         {limit}{at_limit}",
         scores.join("; "),
         name(&path.scores[path.chosen]),
         path.iterations
@@ -114,8 +130,11 @@ fn origin(outcome: &Outcome) -> String {
 
 fn errors(outcome: &Outcome, models: &[(&'static str, &Alternative)]) -> Table {
     let validation = &outcome.validation;
-    let mut table =
-        Table::new("Held-out errors of each model, RMS of the error over RMS of the output.").column("output", "");
+    let mut table = Table::new(
+        "Errors of each model on held-out data: RMS of the error over RMS of the \
+            output.",
+    )
+    .column("output", "");
     let own = ("PLID", validation.one_step_errors.as_ref(), &validation.free_run_errors);
     let others = models.iter().map(|(name, model)| (*name, model.one_step_errors.as_ref(), &model.free_run_errors));
     let all: Vec<_> = std::iter::once(own).chain(others).collect();

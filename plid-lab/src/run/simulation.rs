@@ -1,7 +1,8 @@
-//! Models for simulation beside PLID's: a subspace estimate as the baseline, and the model refined by output error.
+//! Models for simulation: a subspace estimate as a baseline, and the recursive model refined by the output-error
+//! method.
 //!
-//! Both learn from the training data of the run and are held against the same held-out part. They take the inputs as they were measured: where preparation advanced them, because the
-//! plant answers within the sample, D is estimated in the advance's place.
+//! Both use the training data of the run and are evaluated on the same held-out data. They use the inputs as measured:
+//! if preparation advanced the inputs because the plant has feedthrough, D is estimated instead.
 
 use nalgebra::{DMatrix, DVector};
 use ndarray::{Array2, ArrayView2, Axis, concatenate, s};
@@ -16,48 +17,52 @@ use crate::identify::{Samples, fit_predictor};
 use plid_data::prepare::Prepared;
 use plid_report::Progress;
 
-/// Steps of the refinement at most. A model of the plant's own order converges well before; one that lacks something of it gains slowly and for ever.
+/// Largest number of iterations of the refinement. A model of the plant's own order converges well before; a smaller
+/// model improves slowly without end.
 const ITERATIONS: usize = 60;
-/// Held-out errors that differ by less than this share are alike: another stretch of record would turn them round.
+/// Held-out errors count as equal if they differ by less than this fraction, because another part of the record could
+/// reverse their order.
 const ALIKE: f64 = 0.01;
 
-/// One of them.
+/// A model for simulation and its errors.
 #[derive(Debug)]
 pub struct Alternative {
-    /// In the data's units, with the gain of its frozen predictor.
+    /// The model in the data's units, with the gain of its steady-state predictor.
     pub model: Model,
-    /// Free run over the held-out part of the last record (K x p, the data's units), carried on from the training part; NaN before.
+    /// Simulation of the held-out part of the last record (K x p, in the data's units), continued from the training
+    /// part; NaN before it.
     pub free_run: Array2<f64>,
-    /// Errors of that.
+    /// Errors of the simulation.
     pub free_run_errors: Errors,
-    /// One-step errors of the frozen predictor; `None` without one.
+    /// One-step errors of the steady-state predictor; `None` if there is none.
     pub one_step_errors: Option<Errors>,
 }
 
-/// How the refined model was come by.
+/// How the refined model was obtained.
 #[derive(Debug)]
 pub struct Path {
-    /// Each start, refined on the first three quarters of the training data, and its free-run error on the last quarter.
+    /// The starting models, refined on the training data without the last quarter of the last record, with their
+    /// simulation errors on that quarter.
     pub scores: Vec<Score>,
-    /// Which of them was taken.
+    /// Index of the selected starting model.
     pub chosen: usize,
-    /// Steps of the last refinement.
+    /// Iterations of the last refinement.
     pub iterations: usize,
-    /// Whether these came to their end by themselves.
+    /// Whether the last refinement converged.
     pub converged: bool,
-    /// Poles that stand at the limit.
+    /// Number of poles at the limit of the time constant.
     pub poles_at_limit: usize,
-    /// Covariance of its parameters, of scaled channels.
+    /// Parameter covariance of the refined model of scaled channels.
     uncertainty: Uncertainty,
     output_scales: Vec<f64>,
     input_scales: Vec<f64>,
 }
 
 impl Path {
-    /// The response of the refined model with its variances, in the data's units.
+    /// Returns the response of the refined model with its variances at frequencies in Hz, in the data's units.
     ///
     /// # Errors
-    /// A frequency out of range.
+    /// Returns an error for a frequency out of range.
     pub fn response_variance(&self, hz: &[f64]) -> Result<Vec<ResponseVariance>, RunError> {
         let mut all = self.uncertainty.response_variance(hz)?;
         for at in &mut all {
@@ -72,33 +77,35 @@ impl Path {
         Ok(all)
     }
 
-    /// The modes of the refined model with their standard deviations.
+    /// Returns the modes of the refined model with their standard deviations.
     ///
     /// # Errors
-    /// If the poles are not found.
+    /// Returns an error if the eigenvalue iteration does not converge.
     pub fn mode_deviations(&self, model: &Model) -> Result<Vec<plid_model::ModeDeviation>, RunError> {
         Ok(self.uncertainty.mode_deviations(model)?)
     }
 }
 
-/// All of them.
+/// The models for simulation and their comparison.
 #[derive(Debug, Default)]
 pub struct Simulation {
-    /// The baseline; `None` where it could not be formed, which a warning says.
+    /// The subspace estimate; `None` if it could not be computed, in which case there is a warning.
     pub subspace: Option<Alternative>,
-    /// The refined model; `None` where it was not asked for or could not be formed.
+    /// The refined model; `None` if it was not requested or could not be computed.
     pub refined: Option<(Alternative, Path)>,
-    /// Longest time constant that a pole of them may have, in s.
+    /// Longest permissible time constant of a pole, in s.
     pub longest_time_constant_s: f64,
-    /// Period of the inputs in s, if they repeat in every record: what the limit was taken from.
+    /// Period of the inputs in s if they repeat in every record; it determines the limit on the time constant.
     pub period_s: Option<f64>,
-    /// What simulates the held-out part best: `plid`, `refined` or `subspace`.
+    /// The model with the smallest simulation error on the held-out data: `plid`, `refined` or `subspace`.
     pub best: &'static str,
-    /// Whether the refined model is worse than PLID's there by more than chance explains: it is then not handed over.
+    /// Whether the refined model is significantly worse than the recursive model on the held-out data, in which case it
+    /// is not written.
     pub refined_is_worse: bool,
 }
 
-/// Records as they were measured, of scaled channels: a prepared record whose inputs were advanced begins a sample later.
+/// Records as measured, with scaled channels. The inputs of a prepared record may have been advanced, in which case
+/// this record starts one sample later.
 struct Aligned {
     inputs: Array2<f64>,
     outputs: Array2<f64>,
@@ -122,10 +129,12 @@ fn aligned(prepared: &Prepared) -> Vec<Aligned> {
     (0..prepared.records.len()).map(one).collect()
 }
 
-/// Estimates, refines and validates; what could not be done is a warning. `scaled` is PLID's model of scaled channels.
+/// Estimates, refines and validates the models. A model that cannot be computed causes a warning. `scaled` is the
+/// recursive model of scaled channels.
 ///
 /// # Errors
-/// [`RunError::Refine`] with [`RefineError::Interrupted`] where the user asks for an end; a model that cannot be simulated.
+/// Returns [`RunError::Refine`] with [`RefineError::Interrupted`] if the user interrupts the run, and an error for a
+/// model that cannot be simulated.
 pub(super) fn carry_out(
     experiment: &Experiment,
     scaled: &Model,
@@ -162,11 +171,11 @@ pub(super) fn carry_out(
     let estimate = |records: &[Record<'_>]| plid_refine::subspace(records, scaled.n(), None, rate, &options);
     match estimate(&training) {
         Ok(found) => simulation.subspace = Some(bench.judge(found.model, &found.initial_states)?),
-        Err(reason) => warnings.push(format!("there is no subspace baseline: {reason}")),
+        Err(reason) => warnings.push(format!("the subspace estimate could not be computed: {reason}")),
     }
     if experiment.identification.refine == Refinement::OutputError {
         progress.stage("refinement");
-        // A start that may decide on the last quarter must not have learnt from it.
+        // A starting model must not use the quarter of the data on which it is scored.
         let of_head = plid_refine::head(&training).and_then(|head| estimate(&head));
         let mut starts = vec![Candidate { name: "plid".into(), model: scaled.clone() }];
         starts.extend(of_head.ok().map(|found| Candidate { name: "subspace".into(), model: found.model }));
@@ -176,7 +185,7 @@ pub(super) fn carry_out(
         };
         match plid_refine::best_of(&starts, &training, &options, &told) {
             Err(RefineError::Interrupted) => return Err(RunError::Refine(RefineError::Interrupted)),
-            Err(reason) => warnings.push(format!("there is no refined model: {reason}")),
+            Err(reason) => warnings.push(format!("the refined model could not be computed: {reason}")),
             Ok(choice) => {
                 let Refined { model, initial_states, iterations, converged, poles_at_limit, uncertainty, .. } =
                     choice.refined;
@@ -205,24 +214,25 @@ pub(super) fn carry_out(
     Ok((simulation, warnings))
 }
 
-/// From the held-out errors of PLID's model, the refined one and the baseline: which is best, whether the refined one is worse than PLID's by more than chance explains, and
-/// the warning, if it is worse at all.
+/// Compares the held-out errors of the recursive, the refined and the subspace model. Returns the best of them, whether
+/// the refined model is significantly worse than the recursive one, and a warning if it is worse at all.
 fn compare(own: f64, refined: Option<f64>, subspace: Option<f64>) -> (&'static str, bool, Option<String>) {
     let candidates = [("plid", Some(own)), ("refined", refined), ("subspace", subspace)];
     let finite = candidates.iter().filter_map(|(name, e)| e.filter(|e| e.is_finite()).map(|e| (*name, e)));
     let best = finite.min_by(|a, b| a.1.total_cmp(&b.1)).map_or("plid", |(name, _)| name);
     let Some(refined) = refined.filter(|refined| *refined > own) else { return (best, false, None) };
     let worse = refined > (1.0 + ALIKE) * own;
-    let kept = if worse { "it is not handed over" } else { "no more than another stretch of record might turn round" };
+    let kept = if worse { "the refined model is not written" } else { "the difference is not significant" };
     let said = format!(
-        "refinement-worse: on the held-out part the refined model simulates worse than PLID's ({:.3} % against {:.3} %): {kept}",
+        "refinement-worse: on held-out data the refined model has a larger simulation error than the recursive model \
+         ({:.3} % against {:.3} %); {kept}",
         100.0 * refined,
         100.0 * own
     );
     (best, worse, Some(said))
 }
 
-/// What every model is held against.
+/// The data on which every model is evaluated.
 struct Bench<'a> {
     records: &'a [Aligned],
     prepared: &'a Prepared,
@@ -231,7 +241,7 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// `model` is of scaled channels, the states are those at the first samples of the training records.
+    /// Evaluates a model of scaled channels with the given states at the first samples of the training records.
     fn judge(&self, mut model: Model, states: &[DVector<f64>]) -> Result<Alternative, RunError> {
         model.inputs.clone_from(&self.like.inputs);
         model.outputs.clone_from(&self.like.outputs);
@@ -261,7 +271,7 @@ impl Bench<'_> {
         })
     }
 
-    /// Errors of scaled outputs over the held-out part, in the data's units.
+    /// Returns the errors of scaled outputs over the held-out part, in the data's units.
     fn errors(&self, found: ArrayView2<'_, f64>) -> Result<Errors, RunError> {
         let record = &self.records[self.records.len() - 1];
         let scales = ndarray::Array1::from(self.prepared.output_scales.clone());
@@ -269,7 +279,8 @@ impl Bench<'_> {
         Ok(error_measures(measured.view(), (&found * &scales).view())?)
     }
 
-    /// As the validation's arrays: over the whole record, with what preparation took off.
+    /// Converts outputs to the format of the validation's arrays: over the whole record, with the offsets that
+    /// preparation removed.
     fn drawn(&self, held: ArrayView2<'_, f64>, last: usize) -> Array2<f64> {
         let scales = ndarray::Array1::from(self.prepared.output_scales.clone());
         let whole = self.validation.measured.dim();
@@ -291,6 +302,6 @@ mod tests {
         let (best, worse, said) = compare(0.05, Some(0.0502), Some(0.06));
         assert!(best == "plid" && !worse && said.unwrap().contains("refinement-worse"));
         let (_, worse, said) = compare(0.05, Some(0.06), Some(0.055));
-        assert!(worse && said.unwrap().contains("not handed over"));
+        assert!(worse && said.unwrap().contains("is not written"));
     }
 }

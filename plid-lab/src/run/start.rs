@@ -1,4 +1,4 @@
-//! The first estimate and its covariance: nothing known, or a former model.
+//! The initial estimate and its covariance: uninformative, or from an earlier model.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use plid_catalogue::Conditions;
 use plid_data::prepare::Prepared;
 use plid_model::{ChannelScaling, Model, undo_scaling};
 
-/// The settings of the recursion for scaled channels.
+/// Returns the settings of the recursion for scaled channels.
 pub(super) fn settings(
     experiment: &Experiment,
     base: &Path,
@@ -21,7 +21,7 @@ pub(super) fn settings(
     let start = &experiment.start;
     let mut settings = Settings::new(form, start.state_variance, start.parameter_variance);
     if let InitialCovariance::Diagonal(variances) = &mut settings.initial_covariance {
-        // What the data cannot tell is held at zero: the form is then unique.
+        // Redundant parameters are fixed at zero, which makes the form unique.
         let n = form.states();
         for output in 0..form.outputs() {
             for row in (0..n).filter(|&row| form.is_redundant(row, output)) {
@@ -38,7 +38,7 @@ pub(super) fn settings(
     Ok(settings)
 }
 
-/// What the choice of a covariance form depends on.
+/// Returns the conditions on which the choice of a covariance form depends.
 pub(super) fn conditions(experiment: &Experiment, settings: &Settings, noise: &NoiseModel, steps: usize) -> Conditions {
     let largest = match &settings.initial_covariance {
         InitialCovariance::Diagonal(variances) => variances.iter().copied().fold(0.0, f64::max),
@@ -55,7 +55,8 @@ pub(super) fn conditions(experiment: &Experiment, settings: &Settings, noise: &N
     }
 }
 
-/// Takes the parameters of a former model, and their covariance times `widen` where it is there; of the state nothing is known.
+/// Takes over the parameters of an earlier model, with their covariance multiplied by `widen` if it is known. The state
+/// has an uninformative prior.
 fn from_model(
     settings: &mut Settings,
     model: &Model,
@@ -66,14 +67,28 @@ fn from_model(
     let record = &prepared.records[0];
     let rate = record.sample_rate_hz;
     if (model.sample_rate_hz - rate).abs() > 1e-6 * rate {
-        return Err(setting("start.model", format!("sampled at {} Hz, the data at {rate} Hz", model.sample_rate_hz)));
+        return Err(setting(
+            "start.model",
+            format!(
+                "its sample rate is {} Hz, that of the data {rate} \
+            Hz",
+                model.sample_rate_hz
+            ),
+        ));
     }
     if model.inputs != record.input_names || model.outputs != record.output_names {
         return Err(setting("start.model", "its channels are not those of the data"));
     }
     if model.observability_indices.as_deref() != Some(form.indices()) {
         let found = &model.observability_indices;
-        return Err(setting("start.model", format!("its indices are {found:?}, those wanted {:?}", form.indices())));
+        return Err(setting(
+            "start.model",
+            format!(
+                "its indices are {found:?}, but the experiment requires \
+            {:?}",
+                form.indices()
+            ),
+        ));
     }
     let inverse = |scales: &[f64]| scales.iter().map(|s| 1.0 / s).collect::<Vec<_>>();
     let scaling = ChannelScaling {
@@ -102,7 +117,7 @@ fn from_model(
     Ok(())
 }
 
-/// [a_1; ..; a_p; b_1; ..; b_m] of a model in the canonical form `form`.
+/// Returns [a_1; ..; a_p; b_1; ..; b_m] of a model in the canonical form `form`.
 pub(crate) fn parameters(model: &Model, form: &ObservableForm) -> Vec<f64> {
     let mut parameters = Vec::with_capacity(form.parameter_columns() * form.states());
     for &column in form.output_states() {
@@ -115,14 +130,15 @@ pub(crate) fn parameters(model: &Model, form: &ObservableForm) -> Vec<f64> {
     parameters
 }
 
-/// The model before an advanced input was undone. A model with D was identified with its input advanced: its B is A b, its D is C b.
+/// Returns the identified model before its input advance was undone. A model with D was identified with an advanced
+/// input: its B is A b and its D is C b.
 pub(crate) fn canonical(model: &Model) -> Result<Model, String> {
     let is_undone = model.d.iter().any(|&d| d != 0.0);
     let b = if is_undone { advanced_input(model)? } else { model.b.clone() };
     Ok(Model { b, d: DMatrix::zeros(model.p(), model.m()), ..model.clone() })
 }
 
-/// The b of B = A b, D = C b.
+/// Returns the b with B = A b and D = C b.
 fn advanced_input(model: &Model) -> Result<DMatrix<f64>, String> {
     let (n, p, m) = (model.n(), model.p(), model.m());
     let mut left = DMatrix::zeros(n + p, n);

@@ -1,4 +1,4 @@
-//! The frozen model on held-out data: one-step and free-run errors, and what is left in the residuals.
+//! Validation of the fixed model on held-out data: one-step errors, simulation errors and residual tests.
 
 use nalgebra::{DMatrix, DVector};
 use ndarray::{Array2, Axis, concatenate, s};
@@ -13,38 +13,38 @@ use plid_model::signal::{
 };
 use plid_model::{Model, one_step_prediction, simulate};
 
-/// Errors of one kind on the held-out part; of outputs as deviations from their means.
+/// Errors of one kind on the held-out part, for outputs as deviations from their means.
 pub type Errors = ErrorMeasures;
 
-/// What the held-out part says. Arrays are of the last record, K x p, in the data's units; K counts its last sample in, also where the
-/// input was advanced.
+/// The validation results. Arrays are those of the last record, K x p, in the data's units. K includes the last sample
+/// even if the input was advanced.
 #[derive(Debug)]
 pub struct Validation {
-    /// Samples of the last record that were learnt from.
+    /// Number of training samples of the last record.
     pub training: usize,
-    /// Inputs at the same samples (K x m), the lines that preparation took away still in them.
+    /// Inputs at the same samples (K x m), including the trends that preparation removed.
     pub inputs: Array2<f64>,
     /// Measured outputs.
     pub measured: Array2<f64>,
-    /// One-step prediction: by the recursion over the training part, by the frozen predictor after it.
+    /// One-step prediction, by the recursion over the training part and by the steady-state predictor after it.
     pub predicted: Array2<f64>,
-    /// Free run over the held-out part from the last training state; NaN before.
+    /// Simulation of the held-out part from the last training state; NaN before it.
     pub free_run: Array2<f64>,
-    /// The innovations, one array a record; the last one's held-out part is the frozen predictor's.
+    /// Innovations, one array per record; the held-out part of the last record is from the steady-state predictor.
     pub innovations: Vec<Array2<f64>>,
-    /// One-step errors of the frozen predictor; `None` without one.
+    /// One-step errors of the steady-state predictor; `None` if there is none.
     pub one_step_errors: Option<Errors>,
-    /// Free-run errors; infinite where the model diverges.
+    /// Simulation errors; infinite if the model diverges.
     pub free_run_errors: Errors,
-    /// Free-run errors of the true plant, for simulated data.
+    /// Simulation errors of the true plant, for simulated data.
     pub truth_errors: Option<Errors>,
-    /// Noise of each output relative to its RMS, where repeats or periods show it.
+    /// Noise of each output relative to its RMS, if repeats or periods determine it.
     pub noise_floor: Option<Vec<f64>>,
-    /// Whiteness of the held-out one-step residuals, one an output.
+    /// Whiteness tests of the held-out one-step residuals, one per output.
     pub whiteness: Vec<Correlation>,
-    /// Their correlation with the inputs, output by input.
+    /// Cross-correlations of these residuals with the inputs, indexed by output and input.
     pub cross: Vec<Vec<Correlation>>,
-    /// Why there are no residual tests, if so.
+    /// The reason why the residuals could not be tested, if any.
     pub tests_failed: Option<String>,
     /// First lag of the correlation with the inputs.
     pub first_lag: i64,
@@ -66,7 +66,7 @@ pub(super) fn validate(
     let inputs = record.inputs.slice(s![training.., ..]);
     let outputs = record.outputs.slice(s![training.., ..]);
     let append = |array: &mut Array2<f64>, row: Vec<f64>| {
-        // The row has as many entries as the array has columns: both are the outputs.
+        // The row has as many entries as the array has columns, namely one per output.
         let row = ndarray::ArrayView2::from_shape((1, row.len()), &row).expect("one row").to_owned();
         *array = concatenate![Axis(0), array.view(), row];
     };
@@ -77,7 +77,7 @@ pub(super) fn validate(
     if let Some(row) = &dropped {
         append(&mut measured, row.clone());
     }
-    // A free run that diverges is a finding, not an end: what cannot be simulated is infinite.
+    // A simulation that diverges is a result and not an error: its error is infinite.
     let held = measured.nrows();
     let mut free_run = match simulate(scaled, inputs, &x0) {
         Ok(simulation) => {
@@ -109,7 +109,7 @@ pub(super) fn validate(
     let free_run_errors = error_measures(measured.view(), free_run.view())?;
     let truth_errors = match truth {
         Some(truth) => {
-            // The true model starts from rest with the record, so nothing is to be fitted.
+            // The true model starts at rest with the record, so no initial state is fitted.
             let from = truth.noise_free.nrows() - held;
             let offset = offsets(prepared, last, training, held);
             let response = &truth.noise_free.slice(s![from.., ..]) - &offset;
@@ -168,7 +168,7 @@ pub(super) fn validate(
     })
 }
 
-/// What preparation took off the outputs of a record, from sample `first` on (count x p).
+/// Returns the offsets that preparation removed from the outputs of a record, from sample `first` on (count x p).
 pub(super) fn offsets(prepared: &Prepared, record: usize, first: usize, count: usize) -> Array2<f64> {
     let rate = prepared.records[record].sample_rate_hz;
     let lines = &prepared.lines[record][1];
@@ -177,7 +177,8 @@ pub(super) fn offsets(prepared: &Prepared, record: usize, first: usize, count: u
     })
 }
 
-/// The inputs of a record at the samples of its outputs, in the data's units; NaN where an advance has used the first one up.
+/// Returns the inputs of a record at the samples of its outputs, in the data's units; NaN for the first sample if it
+/// was lost to the input advance.
 fn unadvanced(prepared: &Prepared, record: usize) -> Array2<f64> {
     let own = prepared.inputs_in_units(record, 0, &prepared.records[record].inputs);
     if prepared.advanced == 0 {
@@ -187,7 +188,8 @@ fn unadvanced(prepared: &Prepared, record: usize) -> Array2<f64> {
     concatenate![Axis(0), first, own]
 }
 
-/// The noise of each output over its RMS: from the spread of averaged repeats, or of the periods that the config names.
+/// Returns the noise of each output over its RMS, from the spread of averaged repeats or of the periods named in the
+/// config.
 fn noise_floor(
     experiment: &Experiment,
     prepared: &Prepared,

@@ -1,20 +1,20 @@
 use ndarray::ArrayView2;
 
-/// The course of a recursion as in the paper's Fig. 6: the largest one-step error over the sensors, sample by sample.
+/// The convergence of a recursion as in the paper's Fig. 6: the largest one-step error over the outputs at each sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Convergence {
-    /// Largest |e| over the outputs at each sample, in the outputs' unit; NaN where all are missing.
+    /// Largest |e| over the outputs at each sample, in the outputs' unit; NaN where all outputs are missing.
     pub largest: Vec<f64>,
-    /// The same in bins that grow with time.
+    /// The largest error summarised in bins whose width grows with time.
     pub bins: Vec<ConvergenceBin>,
 }
 
-/// Percentiles of the largest error over a span of samples.
+/// Percentiles of the largest error over a range of samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ConvergenceBin {
     /// First sample of the bin, counted from 0.
     pub start: usize,
-    /// One past the last sample.
+    /// One past the last sample of the bin.
     pub end: usize,
     /// 10th percentile.
     pub low: f64,
@@ -26,8 +26,8 @@ pub struct ConvergenceBin {
     pub peak: f64,
 }
 
-/// The convergence curve of `errors` (`samples x p`, one-step), in at most `bins` bins equally spaced in the logarithm of time.
-/// Missing errors (NaN) are left out, and so is a bin that holds nothing else.
+/// Computes the convergence curve of one-step `errors` (`samples x p`) in at most `bins` bins, equally spaced in the
+/// logarithm of time. Missing errors (NaN) are excluded, and so is a bin that contains no others.
 pub fn convergence(errors: ArrayView2<f64>, bins: usize) -> Convergence {
     let largest: Vec<f64> = errors
         .rows()
@@ -58,13 +58,13 @@ fn summary(start: usize, end: usize, values: &[f64]) -> Option<ConvergenceBin> {
     })
 }
 
-/// Linear interpolation between order statistics, as numpy's default.
+/// Interpolates linearly between order statistics, like numpy's default.
 fn percentile(sorted: &[f64], share: f64) -> f64 {
     let position = share * (sorted.len() - 1) as f64;
     let below = position.floor() as usize;
     let above = (below + 1).min(sorted.len() - 1);
     let weight = position - below as f64;
-    // Written so that an infinite neighbour of zero weight does no harm.
+    // An infinite neighbour of zero weight must not give NaN.
     if weight == 0.0 { sorted[below] } else { sorted[below] * (1.0 - weight) + sorted[above] * weight }
 }
 

@@ -2,7 +2,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
 use super::error::SignalError;
 
-/// A correlation function over lags, with the bounds within which chance alone would leave each value.
+/// A correlation function over lags, with its confidence bounds under the null hypothesis of no correlation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Correlation {
     /// Lags in samples.
@@ -11,36 +11,36 @@ pub struct Correlation {
     pub value: Vec<f64>,
     /// Half-width of the two-sided bound at each lag.
     pub bound: Vec<f64>,
-    /// All lags taken together.
+    /// The test over all lags together.
     pub test: CorrelationTest,
 }
 
-/// Verdict of a chi-squared test on a correlation function.
+/// The result of a chi-squared test on a correlation function.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CorrelationTest {
-    /// Sum of squares that is chi-squared under the null hypothesis.
+    /// The test statistic, which has a chi-squared distribution under the null hypothesis.
     pub statistic: f64,
-    /// Its degrees of freedom.
+    /// Degrees of freedom of that distribution.
     pub degrees_of_freedom: usize,
-    /// Probability of a statistic at least as large by chance.
+    /// Probability of a statistic at least as large under the null hypothesis.
     pub p_value: f64,
-    /// Lags whose value lies outside its own bound; by chance, 1 - confidence of them.
+    /// Lags at which the value exceeds its bound; under the null hypothesis a fraction 1 - confidence of them does.
     pub outside: Vec<i64>,
-    /// Level of the bounds and of the verdict, such as 0.99.
+    /// Confidence level of the bounds and of the test, such as 0.99.
     pub confidence: f64,
-    /// True where nothing speaks against the null hypothesis at this level: p_value >= 1 - confidence.
+    /// Whether the null hypothesis is not rejected at this level: p_value >= 1 - confidence.
     pub passes: bool,
 }
 
 impl CorrelationTest {
     pub(super) fn new(statistic: f64, degrees_of_freedom: usize, confidence: f64, outside: Vec<i64>) -> Self {
-        // A positive number of degrees of freedom is always a valid distribution; callers guarantee it.
+        // The callers guarantee a positive number of degrees of freedom, for which the distribution is always valid.
         let p_value = ChiSquared::new(degrees_of_freedom as f64).map_or(f64::NAN, |chi| chi.sf(statistic));
         Self { statistic, degrees_of_freedom, p_value, outside, confidence, passes: p_value >= 1.0 - confidence }
     }
 }
 
-/// Two-sided quantile of the standard normal distribution.
+/// Returns the two-sided quantile of the standard normal distribution.
 pub(super) fn two_sided_quantile(confidence: f64) -> Result<f64, SignalError> {
     if !(confidence > 0.0 && confidence < 1.0) {
         return Err(SignalError::Setting { name: "confidence", value: confidence, allowed: "between 0 and 1" });
@@ -52,8 +52,8 @@ pub(super) fn lags_outside(lags: &[i64], value: &[f64], bound: &[f64]) -> Vec<i6
     lags.iter().zip(value.iter().zip(bound)).filter(|(_, (v, b))| v.abs() > **b).map(|(lag, _)| *lag).collect()
 }
 
-/// The series with its mean taken off and its gaps filled with zeros, and the number of samples present.
-/// Zeros leave a gap out of every sum of products.
+/// Returns the series with its mean removed and its gaps filled with zeros, and the number of samples present. The
+/// zeros remove a gap from every sum of products.
 pub(super) fn centred(series: impl Iterator<Item = f64> + Clone) -> (Vec<f64>, usize) {
     let present = series.clone().filter(|x| !x.is_nan()).count();
     let mean = series.clone().filter(|x| !x.is_nan()).sum::<f64>() / present as f64;

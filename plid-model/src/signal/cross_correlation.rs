@@ -8,11 +8,11 @@ use super::error::{SignalError, check_record, check_rows};
 /// Settings of [`cross_correlation`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CrossCorrelationOptions {
-    /// First lag in samples: 1 for the strictly past inputs, 0 where the plant answers at once, below 0 to look for feedback.
+    /// First lag in samples: 1 for strictly past inputs, 0 if the plant has feedthrough, negative to detect feedback.
     pub first_lag: i64,
-    /// Last lag in samples, positive lags being past inputs.
+    /// Last lag in samples; positive lags are past inputs.
     pub last_lag: i64,
-    /// Level of the bounds and of the verdict.
+    /// Confidence level of the bounds and of the test.
     pub confidence: f64,
 }
 
@@ -22,21 +22,21 @@ impl Default for CrossCorrelationOptions {
     }
 }
 
-/// Directions in lag space with less than this share of the largest variance are left out of the statistic. An input
-/// of narrow band gives such directions, and there the asymptotic variance is no longer true.
+/// Directions in lag space with less than this fraction of the largest variance are excluded from the statistic. A
+/// narrow-band input produces such directions, for which the asymptotic variance does not hold.
 const WEAK_DIRECTION: f64 = 1e-3;
 
-/// Correlation of each residual with each past input: element `[i][j]` belongs to column i of `residuals`
-/// (`samples x p`) and column j of `inputs` (`samples x m`).
+/// Correlates each residual with each past input: element `[i][j]` belongs to column i of `residuals` (`samples x p`)
+/// and column j of `inputs` (`samples x m`).
 ///
-/// Bounds are Bartlett's for two independent series, var r(lag) = sum_k rho_e(k) rho_u(k) / N (Box and Jenkins,
-/// Time Series Analysis, section 12.1.3), so that a coloured residual of a coloured input is not taken for a missing model.
-/// The test is r^T V^{-1} r with his covariances V between the lags; its degrees of freedom are the directions
-/// of V that carry variance. Missing samples are left out of all sums.
+/// The bounds are Bartlett's for two independent series, var r(lag) = sum_k rho_e(k) rho_u(k) / N (Box and Jenkins,
+/// Time Series Analysis, section 12.1.3), so that coloured residuals with a coloured input are not mistaken for a model
+/// error. The test statistic is r^T V^{-1} r with Bartlett's covariances V between the lags; its degrees of freedom are
+/// the directions of V that carry variance. Missing samples are excluded from all sums.
 ///
 /// # Errors
-/// [`SignalError::TooShort`] with fewer samples than four times the lags, [`SignalError::Constant`], [`SignalError::LengthMismatch`],
-/// [`SignalError::Infinite`], [`SignalError::Setting`].
+/// Returns [`SignalError::TooShort`] with fewer samples than four times the lags, [`SignalError::Constant`],
+/// [`SignalError::LengthMismatch`], [`SignalError::Infinite`] or [`SignalError::Setting`].
 pub fn cross_correlation(
     residuals: ArrayView2<f64>,
     inputs: ArrayView2<f64>,
@@ -126,8 +126,8 @@ fn one_pair(e: &Series, u: &Series, options: &CrossCorrelationOptions, quantile:
     Correlation { test: CorrelationTest::new(statistic, freedom, options.confidence, outside), lags, value, bound }
 }
 
-/// Bartlett's covariance of the cross-correlations at two lags that lie `apart`: sum_k rho_e(k) rho_u(k + apart) / N.
-/// With gaps filled by zeros the sums of products hold just the pairs that are there.
+/// Returns Bartlett's covariance of the cross-correlations at two lags that are `apart` samples apart: sum_k rho_e(k)
+/// rho_u(k + apart) / N. With gaps filled by zeros the sums contain only the pairs that are present.
 fn bartlett(e: &Series, u: &Series, apart: usize) -> f64 {
     let at = |products: &[f64], k: i64| products.get(k.unsigned_abs() as usize).copied().unwrap_or(0.0);
     let n = e.products.len() as i64;
@@ -135,7 +135,7 @@ fn bartlett(e: &Series, u: &Series, apart: usize) -> f64 {
     sum / (e.products[0] * u.products[0] * u.present as f64)
 }
 
-/// sum_t x_t x_{t+k} for k = 0 .. len - 1, by a Fourier transform long enough that nothing wraps.
+/// Returns sum_t x_t x_{t+k} for k = 0 .. len - 1, by a Fourier transform long enough to avoid wrap-around.
 fn sums_of_products(x: &[f64]) -> Vec<f64> {
     let length = (2 * x.len()).next_power_of_two();
     let mut planner = FftPlanner::new();
@@ -172,7 +172,7 @@ mod tests {
         for (sum, expected) in sums.iter().zip([14.0, -8.0, 3.0]) {
             assert!((sum - expected).abs() < 1e-12);
         }
-        // The residual is the input two samples ago: lag 2 stands out, and only it.
+        // The residual is the input of two samples before, so lag 2 and no other must exceed its bound.
         let u = white(31, 4000, 1);
         let e = Array2::from_shape_fn((4000, 1), |(k, _)| if k > 1 { u[[k - 2, 0]] } else { 0.0 });
         let options = CrossCorrelationOptions { first_lag: -5, ..Default::default() };
@@ -183,8 +183,8 @@ mod tests {
 
     #[test]
     fn the_bound_holds_for_white_and_for_coloured_series() {
-        // For two first-order series Bartlett's sum is (1 + ab) / (1 - ab): for 0.8 and 0.9 it is 6.1, and bounds
-        // that took the residual for white would be left by 43 % of the values.
+        // For two first-order series Bartlett's sum is (1 + ab) / (1 - ab), which is 6.1 for 0.8 and 0.9. Bounds that
+        // assume a white residual would be exceeded by 43 % of the values.
         for (pole_e, pole_u) in [(0.0, 0.0), (0.0, 0.9), (0.8, 0.9)] {
             let (outside, alarms) = share_outside(&coloured(32, 2000, 300, pole_e), &coloured(33, 2000, 300, pole_u));
             assert!((outside - 0.05).abs() < 0.03, "{pole_e} {pole_u}: {outside}");
@@ -217,7 +217,7 @@ mod tests {
 
     #[test]
     fn a_narrow_band_input_leaves_fewer_degrees_of_freedom() {
-        // Two poles at 0.97 leave the input with a small part of the band.
+        // Two poles at 0.97 confine the input to a small part of the band.
         let mut u = coloured(39, 8000, 1, 0.97);
         for k in 1..8000 {
             u[[k, 0]] += 0.97 * u[[k - 1, 0]];

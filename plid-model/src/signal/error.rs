@@ -1,31 +1,31 @@
 use ndarray::ArrayView2;
 
-/// What can be wrong with a record handed to [`crate::signal`]. Channels and records count from 0.
+/// The reasons why [`crate::signal`] rejects a record. Channels and records are counted from 0.
 #[derive(Debug, Clone, PartialEq, thiserror::Error, miette::Diagnostic)]
 pub enum SignalError {
-    /// Fewer samples (or lags, or periods) than the estimate needs.
-    #[error("{what} needs at least {needed} {unit}, the record has {available}")]
+    /// The record has fewer samples (or lags, or periods) than the estimate requires.
+    #[error("{what} requires at least {needed} {unit}; the record has {available}")]
     TooShort {
-        /// The estimate that was asked for.
+        /// The estimate that was requested.
         what: &'static str,
-        /// What is counted: samples, usable segments, periods.
+        /// The unit of the count: samples, usable segments or periods.
         unit: &'static str,
-        /// The least number that will do.
+        /// The smallest sufficient number.
         needed: usize,
-        /// The number there is.
+        /// The number available.
         available: usize,
     },
-    /// Two records that belong together differ in their number of rows.
+    /// Two related records have different numbers of rows.
     #[error("{what} has {found} samples where {expected} were expected")]
     LengthMismatch {
         /// The record with the wrong length.
         what: &'static str,
-        /// Rows of the record it goes with.
+        /// Rows of the other record.
         expected: usize,
         /// Rows found.
         found: usize,
     },
-    /// Two records that belong together differ in their number of channels.
+    /// Two related records have different numbers of channels.
     #[error("{what} has {found} channels where {expected} were expected")]
     ChannelMismatch {
         /// The record with the wrong number of channels.
@@ -35,13 +35,13 @@ pub enum SignalError {
         /// Channels found.
         found: usize,
     },
-    /// A record without channels.
+    /// A record has no channels.
     #[error("{what} has no channels")]
     NoChannels {
         /// The record.
         what: &'static str,
     },
-    /// A sample is plus or minus infinity; a missing sample is marked by NaN.
+    /// A sample is infinite; only NaN marks a missing sample.
     #[error("{what}, channel {channel}, sample {sample} is infinite")]
     Infinite {
         /// The record.
@@ -51,7 +51,7 @@ pub enum SignalError {
         /// Its row.
         sample: usize,
     },
-    /// A channel that never changes (or has no sample at all) carries no information.
+    /// A channel is constant or has no samples, so it carries no information.
     #[error("{what}, channel {channel} is constant or has no samples")]
     Constant {
         /// The record.
@@ -59,27 +59,28 @@ pub enum SignalError {
         /// Its column.
         channel: usize,
     },
-    /// A setting outside its range.
+    /// A setting is out of range.
     #[error("{name} = {value} is out of range: {allowed}")]
     Setting {
         /// The setting's name.
         name: &'static str,
-        /// The value given.
+        /// The value of the setting.
         value: f64,
-        /// What is allowed, in words.
+        /// The permitted range, in words.
         allowed: &'static str,
     },
-    /// No line of a periodic record can be resolved.
+    /// No spectral line of a periodic record can be resolved.
     #[error(
-        "no spectral line is excited by at most {records} inputs at once; give one record for each input that acts at the same time"
+        "every excited line has more than {records} active inputs; supply one record for each input that is active at \
+             the same time"
     )]
     NoResolvableLine {
-        /// Number of records given.
+        /// Number of records supplied.
         records: usize,
     },
 }
 
-/// Refuses a record without channels and one with an infinite sample.
+/// Rejects a record that has no channels or contains an infinite sample.
 pub(super) fn check_record(what: &'static str, data: ArrayView2<f64>) -> Result<(), SignalError> {
     if data.ncols() == 0 {
         return Err(SignalError::NoChannels { what });
@@ -90,7 +91,7 @@ pub(super) fn check_record(what: &'static str, data: ArrayView2<f64>) -> Result<
     }
 }
 
-/// Refuses a record whose number of rows differs from `expected`.
+/// Rejects a record whose number of rows differs from `expected`.
 pub(super) fn check_rows(what: &'static str, data: ArrayView2<f64>, expected: usize) -> Result<(), SignalError> {
     if data.nrows() == expected {
         return Ok(());
@@ -98,7 +99,7 @@ pub(super) fn check_rows(what: &'static str, data: ArrayView2<f64>, expected: us
     Err(SignalError::LengthMismatch { what, expected, found: data.nrows() })
 }
 
-/// Refuses a number that is not finite and positive.
+/// Rejects a number that is not finite and positive.
 pub(super) fn check_positive(name: &'static str, value: f64) -> Result<(), SignalError> {
     if value.is_finite() && value > 0.0 {
         return Ok(());

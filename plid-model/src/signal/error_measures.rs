@@ -2,29 +2,30 @@ use ndarray::ArrayView2;
 
 use super::error::{SignalError, check_record, check_rows};
 
-/// How far a prediction or simulation is from the measured outputs. Vectors have one element an output.
+/// Error measures of a prediction or simulation against the measured outputs. Each vector has one element per output.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ErrorMeasures {
     /// RMS(y - yhat), in the output's unit.
     pub rms_error: Vec<f64>,
-    /// RMS(y - yhat) / RMS(y); NaN where the output is zero throughout.
+    /// RMS(y - yhat) / RMS(y); NaN if the output is zero throughout.
     pub relative: Vec<f64>,
-    /// 100 (1 - |y - yhat| / |y - mean y|), the fit of MATLAB's `compare`; NaN where the output is constant.
+    /// 100 (1 - |y - yhat| / |y - mean y|), the fit of MATLAB's `compare`; NaN if the output is constant.
     pub fit_percent: Vec<f64>,
-    /// Samples that are there, of each output.
+    /// Number of samples of each output, without the missing ones.
     pub samples: Vec<usize>,
-    /// Relative error over all outputs together, each scaled to unit RMS; outputs that are zero throughout are left out.
+    /// Relative error over all outputs together, each scaled to unit RMS; outputs that are zero throughout are
+    /// excluded.
     pub overall_relative: f64,
 }
 
-/// Error measures of `predicted` against `measured` (both `samples x p`).
+/// Computes the error measures of `predicted` against `measured` (both `samples x p`).
 ///
-/// A NaN in `measured` is a missing sample and is left out. A prediction that is not finite where the output is there is
-/// not left out: it makes that output's error infinite.
+/// A NaN in `measured` is a missing sample and is excluded. A prediction that is not finite where the output is present
+/// makes the error of that output infinite.
 ///
 /// # Errors
-/// [`SignalError::LengthMismatch`], [`SignalError::ChannelMismatch`], [`SignalError::NoChannels`],
-/// [`SignalError::Infinite`] for the measured outputs, [`SignalError::TooShort`] for an output without a sample.
+/// Returns [`SignalError::LengthMismatch`], [`SignalError::ChannelMismatch`], [`SignalError::NoChannels`],
+/// [`SignalError::Infinite`] for the measured outputs, or [`SignalError::TooShort`] for an output without samples.
 pub fn error_measures(measured: ArrayView2<f64>, predicted: ArrayView2<f64>) -> Result<ErrorMeasures, SignalError> {
     check_record("the measured output", measured)?;
     check_rows("the predicted output", predicted, measured.nrows())?;
@@ -68,7 +69,7 @@ pub fn error_measures(measured: ArrayView2<f64>, predicted: ArrayView2<f64>) -> 
     Ok(result)
 }
 
-/// Root mean square of the values that are not NaN; NaN where there is none.
+/// Returns the root mean square of the values that are not NaN, or NaN if there are none.
 pub fn rms(values: impl IntoIterator<Item = f64>) -> f64 {
     let (sum, count) = values.into_iter().filter(|x| !x.is_nan()).fold((0.0, 0usize), |(s, c), x| (s + x * x, c + 1));
     (sum / count as f64).sqrt()

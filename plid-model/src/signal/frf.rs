@@ -5,51 +5,52 @@ use rustfft::num_complex::Complex64;
 use super::error::{SignalError, check_record, check_rows};
 use super::spectra::{WelchOptions, welch_spectra};
 
-/// A frequency response measured by Welch's method, with what is known of its accuracy.
+/// A frequency response estimated by Welch's method, with its accuracy.
 ///
-/// Where the inputs excite nothing at a frequency, or are copies of each other there, its row is NaN.
+/// At frequencies where an input has no power, or where inputs are linearly dependent, the entries are NaN.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WelchFrf {
     /// Frequencies in Hz. Zero is left out, since the mean of each segment is removed.
     pub frequency_hz: Vec<f64>,
     /// `lines x outputs x inputs`: H1 = S_yu S_uu^{-1}, in output units per input unit.
     pub response: Array3<Complex64>,
-    /// `lines x outputs x inputs`: standard deviation of |H| from noise at the outputs (real and imaginary part have the
-    /// same). The bias of a resolution too coarse for a resonance is not in it.
+    /// Standard deviation of |H| from output noise (`lines x outputs x inputs`); the real and imaginary parts have the
+    /// same. It does not include the bias of a frequency resolution that is too coarse for a resonance.
     pub response_std: Array3<f64>,
-    /// `lines x outputs`: the share of the output's power that all inputs together account for.
+    /// Multiple coherence (`lines x outputs`): the fraction of the output's power that all inputs together explain.
     pub multiple_coherence: Array2<f64>,
-    /// `lines x outputs x inputs`: coherence of output and input as if the input were alone.
+    /// Ordinary coherence of output and input (`lines x outputs x inputs`), which ignores the other inputs.
     pub ordinary_coherence: Array3<f64>,
-    /// `lines x outputs x inputs`: coherence of output and input once what the other inputs explain is taken out of both.
+    /// Partial coherence of output and input (`lines x outputs x inputs`), after the parts explained by the other
+    /// inputs are removed from both.
     pub partial_coherence: Array3<f64>,
-    /// `lines x inputs`: one-sided auto densities of the inputs, unit^2/Hz.
+    /// One-sided auto-spectral densities of the inputs (`lines x inputs`), in unit^2/Hz.
     pub input_density: Array2<f64>,
-    /// `lines x outputs`: one-sided auto densities of the outputs, unit^2/Hz.
+    /// One-sided auto-spectral densities of the outputs (`lines x outputs`), in unit^2/Hz.
     pub output_density: Array2<f64>,
     /// Samples in a segment.
     pub segment_length: usize,
     /// Segments averaged.
     pub segments_used: usize,
-    /// Segments left out because a sample was missing.
+    /// Segments skipped because a sample was missing.
     pub segments_skipped: usize,
-    /// Number of independent averages that the segments are worth.
+    /// Equivalent number of independent averages.
     pub averages: f64,
 }
 
-/// Below this reciprocal pivot of the scaled S_uu the inputs at a line are taken as linearly dependent.
+/// The inputs at a line count as linearly dependent if a squared Cholesky pivot of the scaled S_uu is below this.
 const DEPENDENT: f64 = 1e-10;
 
-/// The H1 frequency response from `inputs` (`samples x m`) to `outputs` (`samples x p`), inputs correlated or not.
+/// Estimates the H1 frequency response from `inputs` (`samples x m`) to `outputs` (`samples x p`). The inputs may be
+/// correlated.
 ///
-/// With n independent averages, m inputs and multiple coherence g^2, the variance of a complex element is
-/// (1 - g^2) S_yy \[S_uu^{-1}\]_jj / (n - m); half of it falls along |H|. For one input that is the random error
-/// sqrt((1 - g^2) / (2 n)) / g of Bendat and Piersol (Random Data, table 9.6) up to the loss of a degree of freedom
-/// for each input.
+/// With n independent averages, m inputs and multiple coherence g^2, the variance of a complex element is (1 - g^2)
+/// S_yy \[S_uu^{-1}\]_jj / (n - m), half of which lies along |H|. For one input this is the random error sqrt((1 - g^2)
+/// / (2 n)) / g of Bendat and Piersol (Random Data, table 9.6), except that each input costs one degree of freedom.
 ///
 /// # Errors
-/// [`SignalError::TooShort`] where the averages do not exceed the inputs, [`SignalError::Constant`] for an input that
-/// does not change, and those of [`welch_spectra`].
+/// Returns [`SignalError::TooShort`] unless there are more averages than inputs, [`SignalError::Constant`] for a
+/// constant input, and the errors of [`welch_spectra`].
 pub fn welch_frf(
     inputs: ArrayView2<f64>,
     outputs: ArrayView2<f64>,
@@ -102,7 +103,8 @@ pub fn welch_frf(
     let strongest: Vec<f64> = (0..m).map(|j| frf.input_density.column(j).fold(0.0, |a: f64, b| a.max(*b))).collect();
     for line in 0..lines {
         let density = spectra.density.slice(s![line + 1, .., ..]);
-        // An input without power at this line (far below rounding of its peak) cannot be divided by.
+        // The inverse does not exist if an input has no power at this line, that is, less than rounding errors of its
+        // peak.
         if (0..m).any(|j| density[[j, j]].re <= 1e-28 * strongest[j]) {
             continue;
         }
@@ -125,7 +127,8 @@ pub fn welch_frf(
                 if power > 0.0 {
                     let ordinary = density[[m + i, j]].norm_sqr() / (power * density[[j, j]].re);
                     frf.ordinary_coherence[[line, i, j]] = ordinary.min(1.0);
-                    // From the inverse of the joint density matrix of the output and all inputs.
+                    // This is the partial coherence from the inverse of the joint density matrix of the output and all
+                    // inputs.
                     frf.partial_coherence[[line, i, j]] = row[j].norm_sqr() / (row[j].norm_sqr() + variance);
                 }
             }
@@ -134,7 +137,8 @@ pub fn welch_frf(
     Ok(frf)
 }
 
-/// S_uu^{-1} at one line, scaled to a unit diagonal for the decomposition; nothing where the inputs depend on each other.
+/// Returns S_uu^{-1} at one line, computed from the matrix scaled to a unit diagonal, or `None` if the inputs are
+/// linearly dependent.
 fn inverse_of_inputs(density: ArrayView2<Complex64>, m: usize) -> Option<DMatrix<Complex64>> {
     let scale: Vec<f64> = (0..m).map(|j| density[[j, j]].re.sqrt()).collect();
     let scaled = DMatrix::from_fn(m, m, |i, j| density[[i, j]] / (scale[i] * scale[j]));
@@ -158,7 +162,7 @@ mod tests {
         WelchOptions { sample_rate_hz: RATE, segment_length: Some(length) }
     }
 
-    /// y_k = a y_{k-1} + b u_{k-1}, and its response b z^{-1} / (1 - a z^{-1}).
+    /// Simulates y_k = a y_{k-1} + b u_{k-1}, whose response is b z^{-1} / (1 - a z^{-1}).
     fn first_order(u: impl Iterator<Item = f64>, a: f64, b: f64) -> Vec<f64> {
         let (mut y, mut last) = (0.0, 0.0);
         u.map(|now| {
@@ -174,7 +178,7 @@ mod tests {
         b / (z - a)
     }
 
-    /// Two correlated inputs, one output with white noise of a known deviation.
+    /// Returns two correlated inputs and one output with white noise of a known standard deviation.
     fn two_inputs(seed: u64, samples: usize, noise: f64) -> (Array2<f64>, Array2<f64>) {
         let source = white(seed, samples, 3);
         let u = Array2::from_shape_fn((samples, 2), |(k, j)| {
@@ -198,7 +202,7 @@ mod tests {
                 count += 1.0;
             }
         }
-        // Lines of a Hann window are correlated with their neighbours: 250 of them are worth about 120.
+        // Neighbouring lines of a Hann window are correlated, so 250 lines are worth about 120.
         assert!((chi / count - 1.0f64).abs() < 0.3, "{}", chi / count);
     }
 

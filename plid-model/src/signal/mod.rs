@@ -1,7 +1,7 @@
 //! Spectra, frequency responses, residual tests and error measures of sampled records.
 //!
-//! Records are `samples x channels`. A missing sample is a NaN; each function says what it does with one.
-//! Time is in seconds, frequency in hertz, and densities are one-sided, in (unit of the channel)^2 / Hz.
+//! Records are `samples x channels`. A missing sample is NaN; each function documents how it treats one. Time is in
+//! seconds, frequency in Hz, and spectral densities are one-sided, in (unit of the channel)^2 / Hz.
 
 mod convergence;
 mod correlation;

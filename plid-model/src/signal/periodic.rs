@@ -4,7 +4,7 @@ use rustfft::{FftPlanner, num_complex::Complex64};
 
 use super::error::{SignalError, check_positive, check_record, check_rows};
 
-/// One record under a periodic input.
+/// A record with a periodic input.
 #[derive(Debug, Clone, Copy)]
 pub struct PeriodicRecord<'a> {
     /// `samples x m`; a missing sample is a NaN.
@@ -13,40 +13,43 @@ pub struct PeriodicRecord<'a> {
     pub outputs: ArrayView2<'a, f64>,
 }
 
-/// A frequency response from averaged periods, at the lines that the input excites.
+/// A frequency response averaged over periods, at the lines that the input excites.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PeriodicFrf {
-    /// Frequencies in Hz of the lines.
+    /// Frequencies of the lines in Hz.
     pub frequency_hz: Vec<f64>,
-    /// `lines x outputs x inputs`, output units per input unit; NaN where an input does not act at a line.
+    /// Response (`lines x outputs x inputs`), in output units per input unit; NaN where an input has no power at a
+    /// line.
     pub response: Array3<Complex64>,
-    /// `lines x outputs x inputs`: standard deviation of |H| (and of its real and imaginary part) from the spread between
-    /// the periods.
+    /// Standard deviation of |H| and of its real and imaginary parts (`lines x outputs x inputs`), from the variance
+    /// between periods.
     pub response_std: Array3<f64>,
-    /// `lines x outputs`: variance of the complex amplitude of one period's line about the mean of the periods, averaged
+    /// Variance of the complex amplitude of a single period about the mean of the periods (`lines x outputs`), averaged
     /// over the records.
     pub output_noise: Array2<f64>,
-    /// Excited lines left out, since more inputs act there than there are records to tell them apart.
+    /// Excited lines left out because more inputs are active there than there are records to separate them.
     pub lines_unresolved: usize,
-    /// Periods averaged, over all records.
+    /// Number of periods averaged, over all records.
     pub periods_used: usize,
-    /// Periods left out because a sample was missing.
+    /// Periods skipped because a sample was missing.
     pub periods_skipped: usize,
 }
 
-/// A line is excited where the input's amplitude exceeds this share of the largest one.
+/// A line is excited if the amplitude of an input exceeds this fraction of the largest amplitude.
 const EXCITED: f64 = 1e-3;
 
-/// The frequency response from periodic records: each is cut into periods of `period` samples, the first `transient`
-/// periods are left out, and the discrete Fourier transforms of the others are averaged at the excited lines.
+/// Estimates the frequency response from periodic records. Each record is cut into periods of `period` samples, the
+/// first `transient` periods are discarded, and the discrete Fourier transforms of the others are averaged at the
+/// excited lines.
 ///
-/// At a line where q inputs act, at least q records with different inputs are needed; with inputs that take turns over the lines
-/// (a zippered multisine) one record is enough. Periods with a missing sample are skipped and counted.
-/// The amplitudes are those of x_k = sum A exp(i 2 pi f k): half the peak of a sine.
+/// If q inputs are active at a line, at least q records with different inputs are needed. If the inputs excite disjoint
+/// sets of lines (a zippered multisine), one record is sufficient. Periods with a missing sample are skipped and
+/// counted. The amplitudes are those of x_k = sum A exp(i 2 pi f k), half the peak of a sine.
 ///
 /// # Errors
-/// [`SignalError::TooShort`] with fewer than two whole periods in a record, [`SignalError::NoResolvableLine`],
-/// [`SignalError::LengthMismatch`], [`SignalError::ChannelMismatch`], [`SignalError::Infinite`], [`SignalError::Setting`].
+/// Returns [`SignalError::TooShort`] with fewer than two whole periods in a record, [`SignalError::NoResolvableLine`],
+/// [`SignalError::LengthMismatch`], [`SignalError::ChannelMismatch`], [`SignalError::Infinite`] or
+/// [`SignalError::Setting`].
 pub fn periodic_frf(
     records: &[PeriodicRecord],
     period: usize,
@@ -121,12 +124,13 @@ pub fn periodic_frf(
     Ok(frf)
 }
 
-/// RMS of what differs between the periods of each output: the noise floor that a periodic record shows.
-/// `outputs` is `samples x p`; the first `transient` periods are left out. A missing sample leaves out that instant of that
-/// period only.
+/// Returns the RMS of the difference between periods for each output, which is the noise level of a periodic record.
+/// `outputs` is `samples x p`; the first `transient` periods are discarded. A missing sample excludes only that sample
+/// of that period.
 ///
 /// # Errors
-/// [`SignalError::TooShort`] with fewer than two whole periods, [`SignalError::Infinite`], [`SignalError::Setting`].
+/// Returns [`SignalError::TooShort`] with fewer than two whole periods, [`SignalError::Infinite`] or
+/// [`SignalError::Setting`].
 pub fn period_noise_rms(outputs: ArrayView2<f64>, period: usize, transient: usize) -> Result<Vec<f64>, SignalError> {
     check_record("the output", outputs)?;
     let periods = whole_periods(outputs.nrows(), period, transient)?;
@@ -145,7 +149,7 @@ pub fn period_noise_rms(outputs: ArrayView2<f64>, period: usize, transient: usiz
     Ok(noise.collect())
 }
 
-/// Fourier amplitudes of a record's mean period, and the variance between its periods.
+/// The Fourier amplitudes of the mean period of a record, and the variance between its periods.
 struct PeriodAverage {
     inputs: Array2<Complex64>,
     outputs: Array2<Complex64>,
@@ -186,7 +190,7 @@ fn average_periods(record: &PeriodicRecord, period: usize, transient: usize) -> 
     Ok(PeriodAverage { inputs, outputs, noise, used, skipped: all - used })
 }
 
-/// `lines x channels` Fourier amplitudes of one period.
+/// Returns the Fourier amplitudes of one period (`lines x channels`).
 fn amplitudes(data: ArrayView2<f64>) -> Array2<Complex64> {
     let length = data.nrows();
     let fft = FftPlanner::new().plan_fft_forward(length);
@@ -201,7 +205,7 @@ fn amplitudes(data: ArrayView2<f64>) -> Array2<Complex64> {
     result
 }
 
-/// W with U W = 1 of least norm, U^H (U U^H)^{-1}; nothing where the records do not tell the inputs apart.
+/// Returns the W of least norm with U W = I, U^H (U U^H)^{-1}, or `None` if the records do not separate the inputs.
 fn right_inverse(u: &DMatrix<Complex64>) -> Option<DMatrix<Complex64>> {
     if u.nrows() > u.ncols() {
         return None;
@@ -248,13 +252,13 @@ mod tests {
 
     const PERIOD: usize = 101;
 
-    /// One period of noise, repeated.
+    /// Returns one period of noise, repeated.
     fn repeated(seed: u64, periods: usize, m: usize) -> Array2<f64> {
         let one = white(seed, PERIOD, m);
         Array2::from_shape_fn((PERIOD * periods, m), |(k, j)| one[[k % PERIOD, j]])
     }
 
-    /// y_k = sum over inputs of g_j (u_{j,k} + 0.5 u_{j,k-1}), from rest.
+    /// Simulates y_k = sum over inputs of g_j (u_{j,k} + 0.5 u_{j,k-1}) from rest.
     fn plant(u: &Array2<f64>, noise: f64, seed: u64) -> Array2<f64> {
         let e = white(seed, u.nrows(), 1) * noise;
         Array2::from_shape_fn((u.nrows(), 1), |(k, _)| {
@@ -283,7 +287,7 @@ mod tests {
             })
             .sum::<f64>()
             / 100.0;
-        // The ratio of two estimates on 14 degrees of freedom: its mean is 14/12 or so.
+        // The ratio of two estimates with 14 degrees of freedom has a mean of about 14/12.
         assert!((0.75..1.7).contains(&chi), "{chi}");
         // White noise of variance s^2 has lines of variance s^2 / period.
         let noise = frf.output_noise.mean().unwrap() * PERIOD as f64;

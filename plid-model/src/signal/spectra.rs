@@ -3,42 +3,43 @@ use rustfft::{FftPlanner, num_complex::Complex64};
 
 use super::error::{SignalError, check_positive, check_record};
 
-/// How a record is cut for Welch's method. Segments carry a Hann window and overlap by half.
+/// The segmentation of a record for Welch's method. Segments have a Hann window and overlap by half.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WelchOptions {
     /// Sample rate in Hz.
     pub sample_rate_hz: f64,
-    /// Samples in a segment; left out, the largest power of two that leaves about 15 of them.
+    /// Samples in a segment. `None` selects the largest power of two that gives about 15 segments.
     pub segment_length: Option<usize>,
 }
 
-/// Auto and cross spectral densities of all channels of a record.
+/// Auto- and cross-spectral densities of all channels of a record.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spectra {
     /// Frequencies in Hz, from 0 to half the sample rate.
     pub frequency_hz: Vec<f64>,
-    /// `lines x channels x channels`: `density[[f, i, j]]` is the one-sided density E[X_i conj(X_j)], in units of
-    /// channel i times channel j per Hz.
+    /// Spectral densities (`lines x channels x channels`): `density[[f, i, j]]` is the one-sided density E[X_i
+    /// conj(X_j)], in units of channel i times channel j per Hz.
     pub density: Array3<Complex64>,
     /// Samples in a segment.
     pub segment_length: usize,
     /// Segments averaged.
     pub segments_used: usize,
-    /// Segments left out because a sample was missing.
+    /// Segments skipped because a sample was missing.
     pub segments_skipped: usize,
-    /// Number of independent averages that the overlapping segments are worth (Welch 1967, Eq. 12 for the Hann window).
+    /// Equivalent number of independent averages of the overlapping segments (Welch 1967, Eq. 12 for the Hann window).
+    /// 33+ Smallest segment length in samples.
     pub averages: f64,
 }
 
 const SHORTEST_SEGMENT: usize = 8;
 
-/// Welch's estimate of the spectral density matrix of `data` (`samples x channels`).
+/// Estimates the spectral density matrix of `data` (`samples x channels`) by Welch's method.
 ///
 /// The mean of each segment is removed. A segment with a missing sample in any channel is skipped and counted.
 ///
 /// # Errors
-/// [`SignalError::TooShort`] with fewer samples than a segment or no complete segment, [`SignalError::Setting`],
-/// [`SignalError::Infinite`], [`SignalError::NoChannels`].
+/// Returns [`SignalError::TooShort`] with fewer samples than a segment or no complete segment,
+/// [`SignalError::Setting`], [`SignalError::Infinite`] or [`SignalError::NoChannels`].
 pub fn welch_spectra(data: ArrayView2<f64>, options: &WelchOptions) -> Result<Spectra, SignalError> {
     check_record("the record", data)?;
     check_positive("sample rate", options.sample_rate_hz)?;
@@ -94,7 +95,7 @@ pub fn welch_spectra(data: ArrayView2<f64>, options: &WelchOptions) -> Result<Sp
         return Err(too_short("segments without a missing sample", 1, 0));
     }
 
-    // Both halves of the spectrum are counted once, so all lines but the first and the last are doubled.
+    // The densities are one-sided, so all lines except the first and the last are doubled.
     let scale = 1.0 / (options.sample_rate_hz * power * used as f64);
     for line in 0..lines {
         let fold = if line == 0 || line == lines - 1 { 1.0 } else { 2.0 };
@@ -112,7 +113,7 @@ pub fn welch_spectra(data: ArrayView2<f64>, options: &WelchOptions) -> Result<Sp
     })
 }
 
-/// The Hann window in its periodic form, which adds up to a constant at half overlap.
+/// Returns the Hann window in its periodic form, which sums to a constant at half overlap.
 fn hann(length: usize) -> Vec<f64> {
     (0..length).map(|k| 0.5 - 0.5 * (std::f64::consts::TAU * k as f64 / length as f64).cos()).collect()
 }
@@ -143,17 +144,18 @@ mod tests {
         let inner: Vec<f64> = (2..127).map(|line| spectra.density[[line, 0, 0]].re).collect();
         let mean = inner.iter().sum::<f64>() / inner.len() as f64;
         assert!((mean / expected - 1.0).abs() < 0.03, "{mean} {expected}");
-        // Each line scatters by 1/sqrt(averages), which checks the count of independent averages.
+        // Each line has a relative standard deviation of 1/sqrt(averages), which checks the equivalent number of
+        // averages.
         let spread = (inner.iter().map(|x| (x / mean - 1.0).powi(2)).sum::<f64>() / inner.len() as f64).sqrt();
         assert!((spread * spectra.averages.sqrt() - 1.0).abs() < 0.25, "{spread}");
-        // Independent channels: the cross density is small, of the order 1/sqrt(averages).
+        // For independent channels the cross density is of the order 1/sqrt(averages).
         let cross = (2..127).map(|line| spectra.density[[line, 0, 1]].norm()).sum::<f64>() / 125.0;
         assert!(cross / mean < 1.5 / spectra.averages.sqrt());
     }
 
     #[test]
     fn the_density_integrates_to_the_power_of_a_sine() {
-        // A sine in the middle of a line of a Hann window: all power within two lines on each side.
+        // A sine at the centre of a line of a Hann window has all its power within two lines on each side.
         let data =
             Array2::from_shape_fn((8192, 1), |(k, _)| 0.7 * (std::f64::consts::TAU * 200.0 * k as f64 / 1600.0).sin());
         let spectra = welch_spectra(data.view(), &options(Some(1024))).unwrap();
@@ -166,7 +168,7 @@ mod tests {
 
     #[test]
     fn a_hann_segment_at_half_overlap_counts_almost_whole() {
-        // rho = 1/6: K / (1 + 2 (K - 1) / (36 K)); 9 segments are worth 8.577.
+        // With rho = 1/6, K / (1 + 2 (K - 1) / (36 K)): 9 segments are worth 8.577 averages.
         let spectra = welch_spectra(white(3, 5 * 64, 1).view(), &options(Some(64))).unwrap();
         assert_eq!(spectra.segments_used, 9);
         assert!((spectra.averages - 9.0 / (1.0 + 2.0 * 8.0 / 9.0 / 36.0)).abs() < 1e-12);

@@ -8,9 +8,10 @@ use super::error::{SignalError, check_record};
 pub struct WhitenessOptions {
     /// Largest lag in samples.
     pub lags: usize,
-    /// Parameters fitted to these very residuals, which the test's degrees of freedom lose; 0 on held-out data.
+    /// Number of parameters fitted to these residuals, which reduces the degrees of freedom of the test; 0 on held-out
+    /// data.
     pub fitted_parameters: usize,
-    /// Level of the bounds and of the verdict.
+    /// Confidence level of the bounds and of the test.
     pub confidence: f64,
 }
 
@@ -20,15 +21,15 @@ impl Default for WhitenessOptions {
     }
 }
 
-/// Autocorrelation of each column of `residuals` (`samples x p`) with its bounds, and the portmanteau test of
-/// Ljung and Box (1978).
+/// Computes the autocorrelation of each column of `residuals` (`samples x p`) with its bounds, and the portmanteau test
+/// of Ljung and Box (1978).
 ///
-/// With missing samples each lag is taken over the pairs that are there and weighted by their number (Stoffer and
+/// With missing samples each lag is estimated from the pairs that are present and weighted by their number (Stoffer and
 /// Toloi 1992); without them it is the usual biased estimate.
 ///
 /// # Errors
-/// [`SignalError::TooShort`] with fewer than twice as many samples as lags, [`SignalError::Constant`],
-/// [`SignalError::Infinite`], [`SignalError::Setting`].
+/// Returns [`SignalError::TooShort`] with fewer than twice as many samples as lags, [`SignalError::Constant`],
+/// [`SignalError::Infinite`] or [`SignalError::Setting`].
 pub fn whiteness(residuals: ArrayView2<f64>, options: &WhitenessOptions) -> Result<Vec<Correlation>, SignalError> {
     check_record("the residual", residuals)?;
     let quantile = two_sided_quantile(options.confidence)?;
@@ -79,8 +80,8 @@ fn one_channel(
         let sum: f64 = (lag..e.len()).map(|k| e[k] * e[k - lag]).sum();
         let share = (total - lag as f64) / total;
         let correlation = sum / pairs as f64 / power * share;
-        // Variance of the mean of that many products of white noise; for a full record this gives Ljung and Box's
-        // n (n + 2) r^2 / (n - lag).
+        // This is the variance of the mean of `pairs` products of white noise; for a complete record it gives Ljung and
+        // Box's n (n + 2) r^2 / (n - lag).
         let variance = share * share / pairs as f64;
         statistic += correlation * correlation / variance * (present as f64 + 2.0) / present as f64;
         value.push(correlation);
@@ -123,7 +124,7 @@ mod tests {
             let options = WhitenessOptions { lags: 20, fitted_parameters: 0, confidence: 0.95 };
             let results = whiteness(e.view(), &options).unwrap();
             let alarms = results.iter().filter(|r| !r.test.passes).count();
-            // 25 expected of 500, deviation 4.9.
+            // 25 of 500 are expected, with a standard deviation of 4.9.
             assert!((11..=42).contains(&alarms), "{gaps} {alarms}");
             let outside: usize = results.iter().map(|r| r.test.outside.len()).sum();
             let share = outside as f64 / (500.0 * 20.0);

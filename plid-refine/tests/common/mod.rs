@@ -1,4 +1,4 @@
-//! A plant of known answers, and records of it.
+//! A plant with known parameters, and records of it.
 #![allow(dead_code, reason = "each test binary uses its own part")]
 
 use nalgebra::{DMatrix, DVector};
@@ -21,7 +21,8 @@ fn matrix(seed: u64, rows: usize, columns: usize) -> DMatrix<f64> {
     DMatrix::from_fn(rows, columns, |i, j| values[(i, j)])
 }
 
-/// Two light modes and a real pair of poles, in coordinates of no special form; two inputs, two outputs. `odd` leaves one real pole out.
+/// Returns a plant with two lightly damped modes and a pair of real poles, in general coordinates, with two inputs and
+/// two outputs. `odd` removes one real pole.
 pub fn plant(odd: bool, feedthrough: bool) -> Model {
     let n = if odd { 5 } else { 6 };
     let mut a = DMatrix::zeros(n, n);
@@ -48,7 +49,7 @@ pub struct Data {
 }
 
 impl Data {
-    /// The plant from `state`, and white noise of `noise` RMS on each output.
+    /// Simulates the plant from `state` and adds white noise of RMS `noise` to each output.
     pub fn new(model: &Model, samples: usize, state: &DVector<f64>, noise: f64, seed: u64) -> Self {
         let inputs = normal(seed, samples, model.m());
         let clean = simulate(model, inputs.view(), state).unwrap().outputs;
@@ -65,13 +66,13 @@ pub fn options(feedthrough: bool) -> Options {
     Options { radius: 0.999, feedthrough, iterations: 60, noise: plid_refine::Noise::White }
 }
 
-/// The model with poles, shapes and inputs somewhat off.
+/// Returns the model with perturbed poles, mode shapes and inputs.
 pub fn spoilt(model: &Model, share: f64) -> Model {
     let off = |m: &DMatrix<f64>, seed: u64| m.map(|x| x) + matrix(seed, m.nrows(), m.ncols()) * (share * m.amax());
     Model { a: off(&model.a, 21), b: off(&model.b, 22), c: off(&model.c, 23), ..model.clone() }
 }
 
-/// Largest difference of the responses over the largest response.
+/// Returns the largest difference of the responses over the largest response.
 pub fn response_difference(a: &Model, b: &Model) -> f64 {
     let hz: Vec<f64> = (0..200).map(|k| 0.5 * RATE * f64::from(k) / 200.0).collect();
     let (a, b) = (frequency_response(a, &hz).unwrap(), frequency_response(b, &hz).unwrap());
