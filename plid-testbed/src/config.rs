@@ -129,18 +129,36 @@ impl Default for Chirp {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct NoiseConfig {
-    /// White noise on each sampled output, V RMS.
+    /// Noise on each sampled output, V RMS; white and Gaussian but for the two shares below.
     pub sensor_rms_v: f64,
     /// White noise on each held command, V RMS.
     pub amplifier_rms_v: f64,
     /// What the ambient force alone gives behind the anti-alias filter, V RMS over the three outputs together.
     /// With the other two sources the outputs at rest then lie at 15-20 mV.
     pub ambient_rms_v: f64,
+    /// Share of the variance of the sensor noise that has passed a pole at `coloured_hz`.
+    pub coloured_share: f64,
+    /// The pole of the coloured part, Hz.
+    pub coloured_hz: f64,
+    /// Share of the variance of the sensor noise that follows Student's t with three degrees of freedom.
+    pub heavy_share: f64,
+}
+
+impl NoiseConfig {
+    /// No noise at all.
+    pub const NONE: Self = Self {
+        sensor_rms_v: 0.0,
+        amplifier_rms_v: 0.0,
+        ambient_rms_v: 0.0,
+        coloured_share: 0.0,
+        coloured_hz: 20.0,
+        heavy_share: 0.0,
+    };
 }
 
 impl Default for NoiseConfig {
     fn default() -> Self {
-        Self { sensor_rms_v: 0.005, amplifier_rms_v: 0.005, ambient_rms_v: 0.016 }
+        Self { sensor_rms_v: 0.005, amplifier_rms_v: 0.005, ambient_rms_v: 0.016, ..Self::NONE }
     }
 }
 
@@ -247,6 +265,11 @@ impl TrussConfig {
         not_negative("noise.sensor_rms_v", self.noise.sensor_rms_v)?;
         not_negative("noise.amplifier_rms_v", self.noise.amplifier_rms_v)?;
         not_negative("noise.ambient_rms_v", self.noise.ambient_rms_v)?;
+        not_negative("noise.coloured_share", self.noise.coloured_share)?;
+        positive("noise.coloured_hz", self.noise.coloured_hz)?;
+        not_negative("noise.heavy_share", self.noise.heavy_share)?;
+        let white = 1.0 - self.noise.coloured_share - self.noise.heavy_share;
+        not_negative("1 - noise.coloured_share - noise.heavy_share", white)?;
         not_negative("converters.step_v", self.converters.step_v)?;
         if self.converters.range_v != f64::INFINITY {
             positive("converters.range_v", self.converters.range_v)?;

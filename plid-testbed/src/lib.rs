@@ -27,6 +27,7 @@ mod error;
 pub mod gap;
 mod input;
 mod integrator;
+mod noise;
 mod plant;
 mod record;
 mod simulation;

@@ -7,8 +7,9 @@ use crate::converter::Converter;
 use crate::effects::chain::Clock;
 use crate::error::{TestbedError, Warning};
 use crate::input;
+use crate::noise::Noise;
 use crate::plant::{Truss, altered, truss};
-use crate::record::{Noise, convert, record};
+use crate::record::{convert, record};
 
 /// What an experimenter takes home, and the truth that he does not know.
 #[derive(Clone, Debug)]

@@ -22,6 +22,10 @@ pub(crate) enum Purpose {
     Draw = 7,
     /// The commands of a gap case; indexed by record and input.
     Excitation = 8,
+    /// The coloured part of sensor noise; indexed by repeat, as the next.
+    ColouredNoise = 9,
+    /// The heavy-tailed part of sensor noise.
+    HeavyNoise = 10,
 }
 
 /// The stream of one purpose and index (input or repeat).

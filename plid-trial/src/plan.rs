@@ -128,6 +128,8 @@ fn specs(draw: &Draw, count: usize, rng: &mut ChaCha12Rng) -> Vec<GapSpec> {
                 experiment: one_of(&draw.experiments, rng),
                 simulator,
                 length: draw.length,
+                imperfections: 0.0,
+                beyond_limits: 0.0,
             }
         })
         .collect()

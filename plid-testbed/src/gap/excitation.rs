@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use ndarray::Array2;
+use ndarray::{Array2, s};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
@@ -40,6 +40,14 @@ pub(crate) struct Planned {
     pub index: usize,
     /// Samples since the first record began.
     pub start: usize,
+}
+
+impl Planned {
+    /// Its first samples.
+    pub(crate) fn excerpt(&self, samples: usize) -> Self {
+        let commands = self.commands.slice(s![..samples.min(self.commands.nrows()), ..]).to_owned();
+        Self { commands, ..*self }
+    }
 }
 
 /// Samples of a period of the multisine in full records: a prime, so that no mains line falls on one of its lines.

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::spec::{EffectSpec, Experiment, PlantKind, Simulator};
+use super::spec::{Experiment, PlantKind, Simulator};
 use crate::effects::Effect;
 use crate::plant::Truss;
 use crate::structure::Mode;
@@ -39,6 +39,25 @@ pub struct Label {
     /// Whether the declared noise is off.
     #[serde(skip_serializing_if = "is_default")]
     pub misjudged: bool,
+    /// What is so small beside the effects at work that it is no main cause; none where the truth is else perfect.
+    #[serde(flatten)]
+    pub background: Option<LabelledBackground>,
+}
+
+/// The small imperfections of a case.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LabelledBackground {
+    /// Always true: a table of scores tells these cases from others by it.
+    pub imperfect: bool,
+    /// The gap that they make together, without noise.
+    pub imperfections: f64,
+    /// What they and the noise make of the held-out record without the main effects: the gap of a simulation that has none of these effects
+    /// and whose own parameters are exact.
+    pub gap_background: f64,
+    /// The same of the nominal simulation, which is also off.
+    pub gap_background_as_given: f64,
+    /// Each of them, with about the gap that it makes alone; then what the simulation is off by more than the stated limits.
+    pub background_effects: Vec<LabelledEffect>,
 }
 
 fn is_default<T: Default + PartialEq>(value: &T) -> bool {
@@ -72,6 +91,10 @@ pub struct LabelledEffect {
     /// The effect as a config's list has it.
     pub config: Option<Effect>,
 }
+
+/// By how much a case lets a simulation be off, relative: two standard deviations.
+const FREQUENCY_LIMIT: f64 = 0.002;
+const DAMPING_LIMIT: f64 = 0.1;
 
 /// Relative distance at which a stated frequency still means the label's: of a mode, of a disturbance.
 const SAME_MODE: f64 = 0.05;
@@ -157,13 +180,7 @@ impl Label {
     }
 }
 
-pub(crate) fn labelled(
-    effect: &Effect,
-    wanted: &EffectSpec,
-    gap: f64,
-    base: &Truss,
-    nominal: &Truss,
-) -> LabelledEffect {
+pub(crate) fn labelled(effect: &Effect, target: f64, gap: f64, base: &Truss, nominal: &Truss) -> LabelledEffect {
     let par = effect.parameters();
     let (loc, hz) = match effect {
         Effect::MissingMode(mode) => {
@@ -178,19 +195,52 @@ pub(crate) fn labelled(
         own.abs().min((own + (truth / simulated).ln()).abs())
     };
     let clear_of_nuisance = match effect {
-        Effect::ModalFrequency(e) => both(e.change.ln_1p(), |mode| mode.frequency_hz) > 2.0 * 0.002,
-        Effect::ModalDamping(e) => both(e.factor.ln(), |mode| mode.damping_ratio) > 2.0 * 0.1,
+        Effect::ModalFrequency(e) => both(e.change.ln_1p(), |mode| mode.frequency_hz) > 2.0 * FREQUENCY_LIMIT,
+        Effect::ModalDamping(e) => both(e.factor.ln(), |mode| mode.damping_ratio) > 2.0 * DAMPING_LIMIT,
         _ => true,
     };
     LabelledEffect {
         effect: effect.kind().to_owned(),
         loc,
         par,
-        target: wanted.gap,
+        target,
         gap,
         hz,
         own_equation: effect.own_equation(),
         clear_of_nuisance,
         config: Some(effect.clone()),
     }
+}
+
+/// What a simulation is off by more than the stated limits: frequencies, damping ratios, and poles of actuators, for which no limits are
+/// stated.
+pub(crate) fn off_limits(base: &Truss, nominal: &Truss, inputs: usize) -> Vec<LabelledEffect> {
+    let off = |effect: &str, loc: usize, par: f64, hz: f64| LabelledEffect {
+        effect: effect.to_owned(),
+        loc,
+        par: vec![par],
+        target: 0.0,
+        gap: 0.0,
+        hz,
+        own_equation: true,
+        clear_of_nuisance: true,
+        config: None,
+    };
+    let mut found = Vec::new();
+    for (m, (truth, simulated)) in base.modes.iter().zip(&nominal.modes).enumerate() {
+        let [frequency, damping] = [
+            (truth.frequency_hz / simulated.frequency_hz, FREQUENCY_LIMIT),
+            (truth.damping_ratio / simulated.damping_ratio, DAMPING_LIMIT),
+        ]
+        .map(|(ratio, limit)| (ratio.ln().abs() > limit).then_some(ratio));
+        found.extend(frequency.map(|ratio| off("modal-frequency", m, ratio - 1.0, truth.frequency_hz)));
+        found.extend(damping.map(|ratio| off("modal-damping", m, ratio, truth.frequency_hz)));
+    }
+    for (j, (truth, simulated)) in base.actuator_poles_hz.iter().zip(nominal.actuator_poles_hz).take(inputs).enumerate()
+    {
+        if *truth != simulated {
+            found.push(off("actuator-lag", j, *truth, 0.0));
+        }
+    }
+    found
 }

@@ -5,6 +5,7 @@
 //! accelerometers behind a two-pole filter at 1 kHz, 12-bit converters of +-5 V, 5 mV of noise on each sensor and amplifier, and
 //! an ambient force that gives 2 mV.
 
+mod background;
 mod effect;
 mod excitation;
 mod label;
@@ -15,16 +16,20 @@ mod strength;
 mod write;
 
 use ndarray::{Array2, s};
+use rand::RngExt;
 
 use crate::config::{ConverterConfig, EffectsConfig, NoiseConfig, TrussConfig};
 use crate::effects::Effect;
 use crate::effects::chain::Clock;
 use crate::error::TestbedError;
+use crate::noise::Noise;
 use crate::plant::{Truss, altered};
-use crate::record::{Noise, record};
+use crate::record::record;
+use crate::streams::{Purpose, stream};
+use background::Scene;
 
 pub use excitation::Excitation;
-pub use label::{Label, LabelledEffect};
+pub use label::{Label, LabelledBackground, LabelledEffect};
 pub use spec::{Channels, EffectSpec, Experiment, GapSpec, PlantKind, Simulator};
 pub use write::SimulationFile;
 
@@ -131,44 +136,23 @@ const NOISE_V: f64 = 0.005;
 /// keys that contradict each other, or asks for a gap that its effect cannot make.
 pub fn draw(seed: u64, spec: &GapSpec) -> Result<GapCase, GapError> {
     spec.check()?;
-    let Channels { inputs, outputs } = spec.channels;
-    let config = config(seed);
+    let config = config(seed, spec);
     let mut schedule = excitation::schedule(seed, spec);
     let drawn = plant::drawn(&config, spec, &schedule);
     let held_out = schedule.pop().expect("one is planned at least");
-
-    let mut effects = Vec::new();
-    let mut labelled = Vec::new();
     let signals = strength::Signals::of(&drawn.base, held_out.commands.view());
-    for (i, wanted) in spec.effects.iter().enumerate() {
-        let first = effect::drawn(seed, i, wanted, spec.channels, &drawn, &signals)?;
-        let (truss, planned) = (&drawn.base, &held_out);
-        let bench = strength::Bench { config: &config, truss, planned, measured: outputs, number: i };
-        let (effect, gap) = bench.reach(&first, wanted.gap)?;
-        labelled.push(label::labelled(&effect, wanted, gap, &drawn.base, &drawn.nominal));
-        effects.push(effect);
-    }
+    let scene = Scene { seed, spec, config: &config, drawn: &drawn, held_out: &held_out, signals: &signals };
+    let (effects, labelled) = main_effects(&scene)?;
+    let background = background::drawn(&scene, &effects)?;
 
-    let config = with_effects(&config, &effects);
-    let plant = altered(&config, &drawn.base);
-    config.check_for(drawn.base.modes.len(), held_out.start + held_out.commands.nrows())?;
-    let take = |planned: &excitation::Planned| {
-        let noise = Noise::new(&config, &plant, planned.index).of_inputs(inputs);
-        let taken = record(&config, &plant, planned.commands.view(), planned.clock(), Some(noise))?;
-        Ok(GapRecord {
-            excitation: planned.excitation,
-            commands: planned.commands.slice(s![.., ..inputs]).to_owned(),
-            outputs: measured(taken.outputs, outputs),
-            simulated: measured(drawn.nominal.discrete.simulate(planned.commands.view()), outputs),
-        })
-    };
-    let records = schedule.iter().map(take).collect::<Result<Vec<_>, TestbedError>>()?;
-    let last = take(&held_out)?;
-
-    let foretold = measured(foretold(&config, &drawn.base, &held_out)?, outputs);
+    let all: Vec<Effect> = effects.iter().chain(&background.effects).cloned().collect();
+    let config = with_effects(&config, &all);
+    let records = schedule.iter().map(|planned| taken(&config, spec, &drawn, planned)).collect::<Result<_, _>>()?;
+    let last = taken(&config, spec, &drawn, &held_out)?;
+    let foretold = foretold(&config, &drawn.base, &held_out)?;
     let label = Label {
         effects: labelled,
-        perturbed: spec.perturbed,
+        perturbed: spec.perturbed || spec.beyond_limits > 0.0,
         ports: spec.ports,
         plant: spec.plant,
         inputs: spec.channels.inputs,
@@ -177,11 +161,77 @@ pub fn draw(seed: u64, spec: &GapSpec) -> Result<GapCase, GapError> {
         simulator: spec.simulator,
         misjudged: spec.noise_misjudged != 1.0,
         gap_sim: strength::gap(&last.outputs, &last.simulated),
-        gap_floor: strength::gap(&last.outputs, &foretold),
+        gap_floor: strength::gap(&last.outputs, &measured(foretold, spec.channels.outputs)),
+        background: labelled_background(&scene, background)?,
     };
     let simulation = SimulationFile::of(seed, &drawn.nominal, spec);
     let simulator = spec.simulator;
     Ok(GapCase { simulation, simulator, records, held_out: last, label: label.or_none(), effects })
+}
+
+/// The effects that the spec asks for, each at the strength that makes its gap.
+fn main_effects(scene: &Scene<'_>) -> Result<(Vec<Effect>, Vec<LabelledEffect>), GapError> {
+    let Scene { seed, spec, drawn, signals, .. } = *scene;
+    let mut effects = Vec::new();
+    let mut labels = Vec::new();
+    for (i, wanted) in spec.effects.iter().enumerate() {
+        let first = effect::drawn(seed, i, wanted, spec.channels, drawn, signals)?;
+        let (effect, gap) = scene.bench(i).reach(&first, wanted.gap)?;
+        labels.push(label::labelled(&effect, wanted.gap, gap, &drawn.base, &drawn.nominal));
+        effects.push(effect);
+    }
+    Ok((effects, labels))
+}
+
+/// A record of the channels that there are, and what the nominal simulation gives for it.
+fn taken(
+    config: &TrussConfig,
+    spec: &GapSpec,
+    drawn: &plant::Drawn,
+    planned: &excitation::Planned,
+) -> Result<GapRecord, GapError> {
+    let Channels { inputs, outputs } = spec.channels;
+    let plant = altered(config, &drawn.base);
+    config.check_for(drawn.base.modes.len(), planned.start + planned.commands.nrows())?;
+    let noise = Noise::new(config, &plant, planned.index).of_inputs(inputs);
+    let taken = record(config, &plant, planned.commands.view(), planned.clock(), Some(noise))?;
+    Ok(GapRecord {
+        excitation: planned.excitation,
+        commands: planned.commands.slice(s![.., ..inputs]).to_owned(),
+        outputs: measured(taken.outputs, outputs),
+        simulated: measured(drawn.nominal.discrete.simulate(planned.commands.view()), outputs),
+    })
+}
+
+/// What the label says of the imperfections: the held-out record is taken again without the main effects.
+fn labelled_background(
+    scene: &Scene<'_>,
+    background: background::Background,
+) -> Result<Option<LabelledBackground>, GapError> {
+    if scene.spec.imperfections == 0.0 {
+        return Ok(None);
+    }
+    // Idle effects stand in for the main ones, so that the others draw from the streams that they have in the case.
+    let mut list = vec![Effect::idle(); scene.spec.effects.len()];
+    list.extend(background.effects);
+    let without = taken(&with_effects(scene.config, &list), scene.spec, scene.drawn, scene.held_out)?;
+    let linear = scene.drawn.base.discrete.simulate(scene.held_out.commands.view());
+    let linear = measured(linear, scene.spec.channels.outputs);
+    let mut background_effects = background.labels;
+    if scene.spec.beyond_limits > 0.0 {
+        background_effects.extend(label::off_limits(
+            &scene.drawn.base,
+            &scene.drawn.nominal,
+            scene.spec.channels.inputs,
+        ));
+    }
+    Ok(Some(LabelledBackground {
+        imperfect: true,
+        imperfections: background.gap,
+        gap_background: strength::gap(&without.outputs, &linear),
+        gap_background_as_given: strength::gap(&without.outputs, &without.simulated),
+        background_effects,
+    }))
 }
 
 /// The first outputs: those that a case measures.
@@ -197,14 +247,27 @@ fn foretold(config: &TrussConfig, base: &Truss, last: &excitation::Planned) -> R
     Ok(record(&config, &plant, last.commands.view(), last.clock(), None)?.outputs)
 }
 
-fn config(seed: u64) -> TrussConfig {
+fn config(seed: u64, spec: &GapSpec) -> TrussConfig {
+    let noise =
+        NoiseConfig { sensor_rms_v: NOISE_V, amplifier_rms_v: NOISE_V, ambient_rms_v: 0.002, ..NoiseConfig::NONE };
     TrussConfig {
         sample_rate_hz: SAMPLE_RATE_HZ,
         seed,
-        noise: NoiseConfig { sensor_rms_v: NOISE_V, amplifier_rms_v: NOISE_V, ambient_rms_v: 0.002 },
+        noise: if spec.imperfections > 0.0 { imperfect(seed, noise) } else { noise },
         converters: ConverterConfig { step_v: 10.0 / 4096.0, range_v: 5.0 },
         effects: EffectsConfig { steps_per_sample: STEPS_PER_SAMPLE, ..EffectsConfig::default() },
         ..TrussConfig::default()
+    }
+}
+
+/// Noise of the same RMS, a part of it coloured and a part of it with heavy tails.
+fn imperfect(seed: u64, noise: NoiseConfig) -> NoiseConfig {
+    let mut rng = stream(seed, Purpose::Draw, plant::NOISE);
+    NoiseConfig {
+        coloured_share: rng.random_range(0.1..0.5),
+        coloured_hz: rng.random_range(5.0..100.0),
+        heavy_share: rng.random_range(0.05..0.4),
+        ..noise
     }
 }
 

@@ -11,6 +11,7 @@ use rand_distr::{Distribution, StandardNormal};
 use super::excitation::{Excitation, Planned};
 use super::plants::{Layout, layout};
 use super::spec::GapSpec;
+use crate::INPUTS;
 use crate::config::TrussConfig;
 use crate::effects::law::Plant;
 use crate::plant::{Truss, assemble, assemble_in, compliances};
@@ -34,6 +35,10 @@ const OUTPUT_V: f64 = 0.45;
 const PLANT: usize = 0;
 const NUISANCE: usize = 1;
 const COORDINATES: usize = 2;
+/// The kind of noise that an imperfect truth has.
+pub(crate) const NOISE: usize = 3;
+/// Small imperfections; their own streams follow it.
+pub(crate) const BACKGROUND: usize = 1 << 12;
 /// The first of the effects' streams.
 pub(crate) const EFFECTS: usize = 16;
 
@@ -63,8 +68,8 @@ pub(crate) fn drawn(config: &TrussConfig, spec: &GapSpec, schedule: &[Planned]) 
     }
 
     let units = compliances(&modes);
-    let nominal_modes = if spec.perturbed { perturbed(config.seed, &modes) } else { modes.clone() };
-    let nominal = assemble_in(config, with(&nominal_modes), units);
+    let off = Off::of(spec);
+    let nominal = assemble_in(config, off.simulation(config.seed, &modes, poles_hz), units);
     Drawn { base: assemble(config, with(&modes)), nominal, dominant, left_out }
 }
 
@@ -72,21 +77,45 @@ fn normal(rng: &mut ChaCha12Rng) -> f64 {
     StandardNormal.sample(rng)
 }
 
-fn perturbed(seed: u64, modes: &[Mode]) -> Vec<Mode> {
-    let mut rng = stream(seed, Purpose::Draw, NUISANCE);
-    modes
-        .iter()
-        .map(|mode| {
-            let mut about = |value: f64, std: f64| value * (1.0 + std * normal(&mut rng));
-            Mode {
-                frequency_hz: about(mode.frequency_hz, 5e-4),
-                damping_ratio: about(mode.damping_ratio, 0.03),
-                input_shape: mode.input_shape.map(|b| about(b, 0.005)),
-                output_shape: mode.output_shape.map(|c| about(c, 0.005)),
+/// How far a simulation is off: relative standard deviations.
+struct Off {
+    frequency: f64,
+    damping: f64,
+    shape: f64,
+    /// Of the actuators' poles, for which no limits are stated.
+    pole: f64,
+}
+
+impl Off {
+    /// Within the stated limits, or that many times their standard deviations.
+    fn of(spec: &GapSpec) -> Self {
+        let factor = spec.beyond_limits;
+        if factor > 0.0 {
+            let [frequency, damping, shape, pole] = [1e-3, 0.05, 0.01, 0.02].map(|std| factor * std);
+            return Self { frequency, damping, shape, pole };
+        }
+        if spec.perturbed {
+            return Self { frequency: 5e-4, damping: 0.03, shape: 0.005, pole: 0.0 };
+        }
+        Self { frequency: 0.0, damping: 0.0, shape: 0.0, pole: 0.0 }
+    }
+
+    /// What a simulation that is so far off holds the plant for.
+    fn simulation(&self, seed: u64, modes: &[Mode], poles_hz: [f64; INPUTS]) -> Plant {
+        let mut rng = stream(seed, Purpose::Draw, NUISANCE);
+        let mut about = |value: f64, std: f64| value * (1.0 + std * normal(&mut rng));
+        let modes = modes
+            .iter()
+            .map(|mode| Mode {
+                frequency_hz: about(mode.frequency_hz, self.frequency),
+                damping_ratio: about(mode.damping_ratio, self.damping),
+                input_shape: mode.input_shape.map(|b| about(b, self.shape)),
+                output_shape: mode.output_shape.map(|c| about(c, self.shape)),
                 group: mode.group,
-            }
-        })
-        .collect()
+            })
+            .collect();
+        Plant { modes, poles_hz: poles_hz.map(|pole| about(pole, self.pole)) }
+    }
 }
 
 /// T of x' = T x: a rotation drawn uniformly, with each new state scaled by up to some tens of per cent.

@@ -30,6 +30,19 @@ pub struct GapSpec {
     /// Length of the records over that of full ones; from 0.1 to 1. At 0.16 a record without input has 512 samples. The multisine's
     /// period shortens with it, so that it has six in any case.
     pub length: f64,
+    /// The gap that small effects make together, of random kind, place and size everywhere beside the effects above; 0 for none, at most
+    /// 0.2. With them the noise has coloured and heavy-tailed parts.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub imperfections: f64,
+    /// How far the nominal simulation is off, in standard deviations of what a case states as limits (0.1 % of a frequency, 5 % of a
+    /// damping ratio, 1 % of a shape's entry) and, of an actuator's pole, in units of 2 %; 0 leaves it to `perturbed`, at most 3.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub beyond_limits: f64,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // serde asks for a reference.
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 impl Default for GapSpec {
@@ -44,6 +57,8 @@ impl Default for GapSpec {
             simulator: Simulator::default(),
             noise_misjudged: 1.0,
             length: 1.0,
+            imperfections: 0.0,
+            beyond_limits: 0.0,
         }
     }
 }
@@ -125,6 +140,10 @@ pub enum Simulator {
 const MOST_MISJUDGED: f64 = 1.5;
 /// Of a record.
 const SHORTEST: f64 = 0.1;
+/// Gap beyond which imperfections are small no longer.
+const MOST_IMPERFECT: f64 = 0.2;
+/// Standard deviations of the stated limits.
+const MOST_BEYOND: f64 = 3.0;
 
 impl GapSpec {
     /// Checks all but the effects.
@@ -133,6 +152,8 @@ impl GapSpec {
         within("channels.outputs", self.channels.outputs as f64, 1.0, OUTPUTS as f64)?;
         within("noise_misjudged", self.noise_misjudged, 1.0 / MOST_MISJUDGED, MOST_MISJUDGED)?;
         within("length", self.length, SHORTEST, 1.0)?;
+        within("imperfections", self.imperfections, 0.0, MOST_IMPERFECT)?;
+        within("beyond_limits", self.beyond_limits, 0.0, MOST_BEYOND)?;
         if self.simulator == Simulator::Outputs {
             let apart = |key, reason| Err(GapError::Apart { key, other: "simulator = \"outputs\"", reason });
             if self.ports {

@@ -1,4 +1,4 @@
-//! How strong an effect must be to make the gap asked for.
+//! How strong effects must be to make the gap asked for.
 
 use ndarray::{Array2, ArrayView2};
 
@@ -53,42 +53,88 @@ impl Signals {
     }
 }
 
-/// Where the strength of one effect is tried: the held-out record without noise.
+/// Where strengths are tried: the held-out record, or a part of it, without noise.
 pub(crate) struct Bench<'a> {
     pub config: &'a TrussConfig,
     pub truss: &'a Truss,
     pub planned: &'a Planned,
     /// How many outputs are measured.
     pub measured: usize,
-    /// Which effect of the case: the streams that it draws from depend on it.
+    /// Number of the first effect in the case's list: the streams that it draws from depend on it.
     pub number: usize,
 }
 
-/// Relative error of the gap at which the search ends, and that which is still good enough.
-const SOUGHT: f64 = 0.005;
-const ACCEPTED: f64 = 0.05;
+/// How near to the gap asked for a search comes.
+#[derive(Clone, Copy)]
+pub(crate) struct Goal {
+    /// Relative error at which the search ends.
+    pub sought: f64,
+    /// Relative error that is still good enough.
+    pub accepted: f64,
+}
+
+impl Goal {
+    /// Of an effect that a spec asks for.
+    const MAIN: Self = Self { sought: 0.005, accepted: 0.05 };
+    /// Of a small effect whose size is random in any case.
+    const ROUGH: Self = Self { sought: 0.25, accepted: 0.7 };
+    /// Of all small effects together.
+    pub(crate) const TOGETHER: Self = Self { sought: 0.01, accepted: 0.05 };
+}
+
 /// The strengths tried reach so far either way.
 const FARTHEST: f64 = 1e7;
 const TRIALS: usize = 60;
 
 impl Bench<'_> {
-    /// The effect at the strength that makes the gap, and the gap that it makes: a bracket, then bisection of the strength's logarithm
-    /// with a secant in between where that falls well inside.
+    /// The effect at the strength that makes the gap, and the gap that it makes.
     pub(crate) fn reach(&self, first: &Effect, target: f64) -> Result<(Effect, f64), GapError> {
+        self.near(first, target, Goal::MAIN)
+    }
+
+    /// The same without precision and in few trials: the search starts where the effect would be if its gap grew with its strength.
+    pub(crate) fn roughly(&self, first: &Effect, target: f64) -> Result<(Effect, f64), GapError> {
+        let unscaled = self.gap_of(&self.outputs(&[])?, &[first.clone()])?;
+        let near = unscaled > 0.0 && unscaled.is_finite();
+        let start = if near { first.strengthened(target / unscaled) } else { first.clone() };
+        self.near(&start, target, Goal::ROUGH)
+    }
+
+    fn near(&self, first: &Effect, target: f64, goal: Goal) -> Result<(Effect, f64), GapError> {
+        let (factor, gap) = self.search(target, goal, &|factor| vec![first.strengthened(factor)])?;
+        let effect = first.strengthened(factor);
+        let miss = (gap / target).ln().abs();
+        // What comes in whole events comes in steps: the nearest step is the best there is.
+        if miss < goal.accepted || (!effect.foretold() && miss < 0.5) {
+            return Ok((effect, gap));
+        }
+        Err(GapError::Unreachable { kind: effect.kind().to_owned(), target, nearest: gap })
+    }
+
+    /// The gap that some effects make; infinite where they are too strong for the structure to hold or for their laws to make sense.
+    fn gap_of(&self, linear: &Array2<f64>, effects: &[Effect]) -> Result<f64, GapError> {
+        match self.with(effects) {
+            Ok(y) => Ok(gap(linear, &y)),
+            Err(TestbedError::Diverged { .. } | TestbedError::Effect { .. }) => Ok(f64::INFINITY),
+            Err(other) => Err(other.into()),
+        }
+    }
+
+    /// The factor at which effects come nearest to the gap, and that gap: a bracket, then bisection of the factor's logarithm with a
+    /// secant in between where that falls well inside.
+    pub(crate) fn search(
+        &self,
+        target: f64,
+        goal: Goal,
+        effects: &dyn Fn(f64) -> Vec<Effect>,
+    ) -> Result<(f64, f64), GapError> {
         let linear = self.outputs(&[])?;
-        let at = |log: f64| -> Result<f64, GapError> {
-            match self.with(&first.strengthened(log.exp())) {
-                Ok(y) => Ok(gap(&linear, &y)),
-                // Too strong for the structure to hold, or for the law to make sense.
-                Err(TestbedError::Diverged { .. } | TestbedError::Effect { .. }) => Ok(f64::INFINITY),
-                Err(other) => Err(other.into()),
-            }
-        };
-        let mut best = (0.0, f64::INFINITY);
+        let at = |log: f64| self.gap_of(&linear, &effects(log.exp()));
+        let mut best: (f64, f64) = (0.0, f64::INFINITY);
         let miss = |gap: f64| (gap / target).ln().abs();
         let (mut low, mut high) = (None, None);
         for _ in 0..TRIALS {
-            if miss(best.1) < SOUGHT {
+            if miss(best.1) < goal.sought {
                 break;
             }
             let log = match (low, high) {
@@ -115,18 +161,13 @@ impl Bench<'_> {
                 break;
             }
         }
-        let effect = first.strengthened(best.0.exp());
-        // What comes in whole events comes in steps: the nearest step is the best there is.
-        if miss(best.1) < ACCEPTED || (!effect.foretold() && miss(best.1) < 0.5) {
-            return Ok((effect, best.1));
-        }
-        Err(GapError::Unreachable { kind: effect.kind().to_owned(), target, nearest: best.1 })
+        Ok((best.0.exp(), best.1))
     }
 
-    fn with(&self, effect: &Effect) -> Result<Array2<f64>, TestbedError> {
-        // The ones before it are stood in for by gains of one, so that it draws from the stream that it has in the case.
+    fn with(&self, effects: &[Effect]) -> Result<Array2<f64>, TestbedError> {
+        // Gains of one stand in for the effects before these, so that these draw from the streams that they have in the case.
         let mut list = vec![Effect::idle(); self.number];
-        list.push(effect.clone());
+        list.extend_from_slice(effects);
         self.outputs(&list)
     }
 

@@ -4,6 +4,7 @@ mod config;
 mod effects;
 mod experiment;
 mod gap;
+mod gap_imperfect;
 mod gap_kinds;
 mod golden;
 mod laws;
@@ -17,7 +18,7 @@ use plid_testbed::{ConverterConfig, NoiseConfig, TrussConfig};
 /// Without noise and with ideal converters.
 fn ideal() -> TrussConfig {
     TrussConfig {
-        noise: NoiseConfig { sensor_rms_v: 0.0, amplifier_rms_v: 0.0, ambient_rms_v: 0.0 },
+        noise: NoiseConfig::NONE,
         converters: ConverterConfig { step_v: 0.0, range_v: f64::INFINITY },
         ..TrussConfig::default()
     }

@@ -6,7 +6,11 @@ use plid_testbed::{ANTI_ALIAS_HZ, ConverterConfig, InputConfig, NoiseConfig, Tru
 use crate::{ideal, largest, rms};
 
 fn noise_only(sensor_rms_v: f64, amplifier_rms_v: f64, ambient_rms_v: f64) -> TrussConfig {
-    TrussConfig { duration_s: 1.0, noise: NoiseConfig { sensor_rms_v, amplifier_rms_v, ambient_rms_v }, ..ideal() }
+    TrussConfig {
+        duration_s: 1.0,
+        noise: NoiseConfig { sensor_rms_v, amplifier_rms_v, ambient_rms_v, ..NoiseConfig::NONE },
+        ..ideal()
+    }
 }
 
 /// The covariance at rest obeys the continuous Lyapunov equation A P + P A^T + W = 0 with W of white forces on the corners,
@@ -116,7 +120,7 @@ fn a_source_turned_off_leaves_the_others_as_they_were() {
 fn sensor_noise_is_white_with_the_declared_covariance() {
     let config = TrussConfig {
         input: InputConfig::Zero,
-        noise: NoiseConfig { sensor_rms_v: 0.005, amplifier_rms_v: 0.0, ambient_rms_v: 0.0 },
+        noise: NoiseConfig { sensor_rms_v: 0.005, ..NoiseConfig::NONE },
         ..TrussConfig::default()
     };
     let run = simulate(&config).unwrap();
