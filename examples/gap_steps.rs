@@ -105,7 +105,8 @@ fn steps(case: &Case) -> Result<(), GapError> {
     // 8. How far, on what was held out.
     let problem = &found.ready.problem;
     let plant = problem.nuisance.apply(&problem.plant, &found.fit().eta);
-    let gaps = gaps(&found, &plant, &problem.actions(&found.fit().effects), &audit.case.config.nuisance);
+    let actions = problem.actions(&found.fit().effects);
+    let gaps = gaps(&found, &plant, &actions, &found.refitted.plant, &audit.case.config.nuisance);
     println!("held out: {:.2} % as given, {:.2} % with it", 100.0 * gaps.as_given, 100.0 * gaps.with_effect);
 
     // 9. What would part what is left.

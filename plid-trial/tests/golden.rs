@@ -4,7 +4,7 @@
 use std::fs;
 use std::path::Path;
 
-use plid_lab::run::Silent;
+use plid_report::Silent;
 use plid_testbed::gap::{Channels, Experiment, PlantKind};
 use plid_trial::config::{Cases, Draw};
 use plid_trial::{TrialConfig, draw};

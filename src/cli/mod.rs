@@ -42,7 +42,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Run(run::Arguments),
-    Identify(identify::Arguments),
+    Identify(Box<identify::Arguments>),
     Merge(merge::Arguments),
     Simulate(simulate::Arguments),
     Validate(validate::Arguments),
@@ -58,7 +58,7 @@ pub fn main() -> ExitCode {
     let voice = Voice { quiet, json };
     let done = match command {
         Command::Run(arguments) => run::execute(arguments, voice),
-        Command::Identify(arguments) => identify::execute(arguments, voice),
+        Command::Identify(arguments) => identify::execute(*arguments, voice),
         Command::Merge(arguments) => merge::execute(arguments, voice),
         Command::Simulate(arguments) => simulate::execute(arguments, voice),
         Command::Validate(arguments) => validate::execute(arguments, voice),

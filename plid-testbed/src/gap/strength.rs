@@ -94,7 +94,7 @@ impl Bench<'_> {
 
     /// The same without precision and in few trials: the search starts where the effect would be if its gap grew with its strength.
     pub(crate) fn roughly(&self, first: &Effect, target: f64) -> Result<(Effect, f64), GapError> {
-        let unscaled = self.gap_of(&self.outputs(&[])?, &[first.clone()])?;
+        let unscaled = self.gap_of(&self.outputs(&[])?, std::slice::from_ref(first))?;
         let near = unscaled > 0.0 && unscaled.is_finite();
         let start = if near { first.strengthened(target / unscaled) } else { first.clone() };
         self.near(&start, target, Goal::ROUGH)
