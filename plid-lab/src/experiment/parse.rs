@@ -16,25 +16,25 @@ pub enum ConfigError {
     Read {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The reason that the operating system gives.
         source: std::io::Error,
     },
-    /// A key or value is wrong.
+    /// A key or value is invalid.
     #[error("{name}, line {line}: {message}")]
     At {
         /// The file.
         name: String,
         /// The line, from 1.
         line: usize,
-        /// What is wrong.
+        /// The problem with it.
         message: String,
-        /// The text.
+        /// The text of the file.
         #[source_code]
         text: NamedSource<String>,
-        /// Where in it.
+        /// The location in the text.
         #[label("here")]
         span: SourceSpan,
-        /// What may be meant.
+        /// A suggestion of the intended word.
         #[help]
         help: Option<String>,
     },
@@ -43,15 +43,15 @@ pub enum ConfigError {
 /// Reads and checks an experiment.
 ///
 /// # Errors
-/// [`ConfigError`] with file, line and, for a word that is not known, the nearest that is.
+/// Returns a [`ConfigError`] with file, line and, for an unknown word, the most similar known one.
 pub fn read(path: &Path) -> Result<Experiment, ConfigError> {
     read_checked(path, Experiment::problems)
 }
 
-/// Reads a strict TOML file of any kind. `problems` gives what is wrong with its values, as key and reason.
+/// Reads a strict TOML file of any type. `problems` returns the invalid values as pairs of key and reason.
 ///
 /// # Errors
-/// As [`read`].
+/// Returns the errors of [`read`].
 pub fn read_checked<T: DeserializeOwned>(
     path: &Path,
     problems: impl FnOnce(&T) -> Vec<(&'static str, String)>,
@@ -226,7 +226,8 @@ mod tests {
     #[test]
     fn a_problem_is_shown_at_its_key() {
         let file = tempfile::NamedTempFile::new().unwrap();
-        let text = "[data]\nfiles = [\"x.csv\"]\ninputs = [\"u\"]\noutputs = [\"y\"]\n[structure]\nstates = 4\n[validation]\ntraining_share = 2.0\n";
+        let text = "[data]\nfiles = [\"x.csv\"]\ninputs = [\"u\"]\noutputs = [\"y\"]\n[structure]\nstates = \
+            4\n[validation]\ntraining_share = 2.0\n";
         std::fs::write(file.path(), text).unwrap();
         let message = read(file.path()).unwrap_err().to_string();
         assert!(message.contains("line 8"), "{message}");
