@@ -1,6 +1,7 @@
-//! The middle of several figures.
+//! The median of a set of values.
 
-/// The middle value, or the mean of the two; NaN counts as the largest, and of none the middle is NaN.
+/// Returns the median, which for an even count is the mean of the two middle values. NaN counts as infinity, and the
+/// median of an empty set is NaN.
 pub fn median(values: &[f64]) -> f64 {
     let mut sorted: Vec<f64> = values.iter().map(|x| if x.is_nan() { f64::INFINITY } else { *x }).collect();
     sorted.sort_by(f64::total_cmp);

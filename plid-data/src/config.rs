@@ -14,25 +14,25 @@ pub enum ConfigError {
     Read {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The reason that the operating system gives.
         source: std::io::Error,
     },
-    /// A key or value is wrong.
+    /// A key or value is invalid.
     #[error("{name}, line {line}: {message}")]
     At {
         /// The file.
         name: String,
         /// The line, from 1.
         line: usize,
-        /// What is wrong.
+        /// The problem with it.
         message: String,
-        /// The text.
+        /// The text of the file.
         #[source_code]
         text: NamedSource<String>,
-        /// Where in it.
+        /// The location in the text.
         #[label("here")]
         span: SourceSpan,
-        /// What may be meant.
+        /// A suggestion of the intended word.
         #[help]
         help: Option<String>,
     },

@@ -7,9 +7,12 @@ use crate::claim::{Claim, Finding, Panel, Verdict};
 use crate::reproduce::Summary;
 
 /// What a page of a simulated truss is worth.
-pub const CAVEAT: &str = "The paper's own records are not to be had. Its experiment is repeated on a simulated truss that was built from the paper's figures: \
-    frequencies, levels, noise, converters. So a simulation can say whether PLID does what the paper says of it, given such a plant, such noise and such converters, and it \
-    knows the true plant, as the paper could not. It cannot say that the real structure was like that: what went into the testbed cannot be confirmed by it.";
+pub const CAVEAT: &str = "The paper's own records are not to be had. Its experiment is repeated on a simulated truss \
+    that was built from the paper's figures: \
+    frequencies, levels, noise, converters. So a simulation can say whether PLID does what the paper says of it, given \
+    such a plant, such noise and such converters, and it \
+    knows the true plant, as the paper could not. It cannot say that the real structure was like that: what went into \
+    the testbed cannot be confirmed by it.";
 
 /// A claim, and what came of it.
 #[derive(Clone)]
@@ -40,13 +43,14 @@ pub fn page(lines: &[Line], quick: bool, machine: &Machine) -> Report {
     let verdicts = [Verdict::Confirmed, Verdict::ConfirmedInPart, Verdict::Refuted, Verdict::CannotBeJudged];
     let counted: Vec<String> =
         verdicts.iter().map(|&verdict| format!("{} {}", count(verdict), verdict.words())).collect();
-    let mut report = Report::new("The paper, claim by claim").verdict(format!(
+    let mut report = Report::new("Reproduction of the paper's claims").verdict(format!(
         "Of {} figures and claims of Vallone and Hopkins (1995): {}.",
         found().count(),
         counted.join(", ")
     ));
     if quick {
-        report = report.verdict("A quick run: few seeds and short records. The full one is the one to quote.");
+        report =
+            report.verdict("This is a quick run with few seeds and short records. Only the full run should be quoted.");
     }
     let missing: Vec<&str> = lines.iter().filter(|l| l.finding.is_none()).map(|l| l.claim.id).collect();
     if !missing.is_empty() {
@@ -54,9 +58,9 @@ pub fn page(lines: &[Line], quick: bool, machine: &Machine) -> Report {
     }
     report = report.paragraph(CAVEAT).table(
         found().fold(
-            Table::new("The paper and we.")
+            Table::new("The paper's claims and the results of this run.")
                 .column("id", "")
-                .column("the paper says", "")
+                .column("claim of the paper", "")
                 .column("we find", "")
                 .column("verdict", ""),
             |table, (line, finding)| {
@@ -87,7 +91,7 @@ fn claim(report: Report, line: &Line, finding: &Finding) -> Report {
         };
     }
     let rules = finding.parts.iter().fold(
-        Table::new("The rule of the verdict: confirmed where all parts hold, refuted where none of those that can be tested does.")
+        Table::new("A claim is confirmed if all of its parts hold, and refuted if none of the testable parts holds.")
             .column("part", "")
             .column("holds", ""),
         |table, part| {
@@ -101,7 +105,7 @@ fn claim(report: Report, line: &Line, finding: &Finding) -> Report {
     );
     report = report.table(rules).paragraph(limit);
     report.details("Figures and configs", |report| {
-        let caption = if timed { "Figures; times differ from run to run." } else { "Figures." };
+        let caption = if timed { "Figures. Times differ between runs." } else { "Figures." };
         let figures = finding.figures.iter().fold(
             Table::new(caption).column("figure", "").column("value", "").column("unit", ""),
             |table, figure| {
@@ -111,7 +115,7 @@ fn claim(report: Report, line: &Line, finding: &Finding) -> Report {
         );
         let mut report = report.table(figures).listing(format!("{id}.toml:"), &line.config);
         if !line.vary.is_empty() {
-            report = report.listing(format!("{id}.vary.toml, what was varied:"), &line.vary);
+            report = report.listing(format!("{id}.vary.toml, the settings varied:"), &line.vary);
         }
         match line.seconds {
             Some(seconds) => report.paragraph(format!("It took {seconds:.1} s.")),

@@ -14,7 +14,7 @@ const SNR: &str = "signal-to-noise ratio (RMS over RMS)";
 
 /// The report of a finished study.
 pub fn page(config: &Config, cells: &[Finished], machine: &Machine, text: &str) -> Report {
-    let mut report = Report::new("Which conditional expectation");
+    let mut report = Report::new("Comparison of the conditional expectations");
     for sentence in sentences(cells) {
         report = report.verdict(sentence);
     }
@@ -72,8 +72,15 @@ fn in_class(mut report: Report, config: &Config, name: &str, own: &[&Finished]) 
     if !right.is_empty() {
         let before = vec![Series::band("consistent, 95 %", consistent).colour("#8f8f8f"), one()];
         report = report.figure(
-            draw(format!("{name}: honesty"), SNR, "NEES / parameters", before, with(&right, &["exact-bayes"], &|s| s.nees)),
-            "Normalised estimation error squared over the number of parameters, with the true Sigma. Above one: overconfident.",
+            draw(
+                format!("{name}: honesty"),
+                SNR,
+                "NEES / parameters",
+                before,
+                with(&right, &["exact-bayes"], &|s| s.nees),
+            ),
+            "Normalised estimation error squared over the number of parameters, with the true Sigma. Values above one \
+             mean overconfidence.",
         );
         // The batch estimates without a prior or with biased equations are in the table: they would own the axis.
         let batch = ["batch-maximum-posterior", "batch-maximum-likelihood"];
@@ -81,7 +88,8 @@ fn in_class(mut report: Report, config: &Config, name: &str, own: &[&Finished]) 
         let lines = with(&right, &batch, &|s| s.rmse_a_over_reference);
         report = report.figure(
             draw(format!("{name}: accuracy"), SNR, &format!("rmse of a over {reference}"), vec![one()], lines),
-            "Root mean square error of A's parameters over that of the reference on the same runs, with the true Sigma.",
+            "Root mean square error of A's parameters over that of the reference on the same runs, with the true \
+             Sigma.",
         );
     }
     let mut lines = with(&right, &[], &|s| s.free_run_over_default);
@@ -94,11 +102,18 @@ fn in_class(mut report: Report, config: &Config, name: &str, own: &[&Finished]) 
             Some((cell.signal_to_noise, free_run(other)? / free_run(cell)?))
         };
         let points = right.iter().filter_map(|cell| point(cell)).collect();
-        lines.push((format!("{}, Sigma told x {sigma}", DEFAULT.name()), points));
+        lines.push((format!("{}, Sigma x {sigma}", DEFAULT.name()), points));
     }
     report.figure(
-        draw(format!("{name}: free run"), SNR, &format!("free-run error over {}'s", DEFAULT.name()), vec![one()], lines),
-        "Error of the model's free run on inputs not seen against the true response without noise, over that of the default with the true \
+        draw(
+            format!("{name}: simulation"),
+            SNR,
+            &format!("simulation error over that of {}", DEFAULT.name()),
+            vec![one()],
+            lines,
+        ),
+        "Error of the model's free run on inputs not seen against the true response without noise, over that of the \
+         default with the true \
          Sigma: the five with the true Sigma, and the default with another one.",
     )
 }
@@ -132,17 +147,16 @@ fn truss(report: Report, name: &str, cells: &[Finished], own: &[&Finished]) -> R
     let mut lines = best;
     lines.extend(batch.iter().flat_map(|method| line(own, method, method, |s| s.free_run)));
     let y = "free-run error, relative";
-    let mut report = report
-        .heading(name.to_string())
-        .figure(
-            draw(format!("{name}: each at its best Sigma"), SNR, y, vec![], lines),
-            "Free-run error on a held-out record against the true response without noise, at the Sigma / R of the study at which each does best; \
+    let mut report = report.heading(name.to_string()).figure(
+        draw(format!("{name}: best Sigma for each"), SNR, y, vec![], lines),
+        "Free-run error on a held-out record against the true response without noise, at the Sigma / R of the \
+             study at which each does best; \
              batch estimates beside them.",
-        );
+    );
     if !large.is_empty() {
         report = report.figure(
             draw(format!("{name}: Sigma 100 times too large"), SNR, y, vec![], large),
-            "The same with a Sigma 100 times the one at which each does best, where that was run.",
+            "The same with 100 times the best Sigma of each expectation, where this was run.",
         );
     }
     for snr in [ratios.first(), ratios.get(ratios.len() / 2), ratios.last()].into_iter().flatten() {
@@ -155,7 +169,7 @@ fn truss(report: Report, name: &str, cells: &[Finished], own: &[&Finished]) -> R
             .collect();
         report = report.figure(
             draw(format!("{name}: signal-to-noise ratio {snr}"), "Sigma told / R", y, vec![], lines),
-            "Free-run error against the Sigma that is told.",
+            "Simulation error against the Sigma that the filter assumes.",
         );
     }
     report
@@ -170,15 +184,16 @@ fn interval(value: Option<(f64, f64)>) -> Cell {
 }
 
 fn summary(cells: &[Finished]) -> Table {
-    let caption = "The five over all cells. Free run: geometric mean of the ratio to the default, with the true Sigma, and for the truss with the \
+    let caption = "The five over all cells. Free run: geometric mean of the ratio to the default, with the true Sigma, \
+        and for the truss with the \
                    Sigma at which each does best. Failed: lost, or of a model that is worse than none.";
     let mut table = Table::new(caption)
         .column("expectation", "")
         .column("NEES, true Sigma", "least – largest")
-        .column("NEES off one by a factor of", "mean")
+        .column("factor between NEES and one", "mean")
         .column("rmse of a over the reference", "least – largest")
-        .column("free run over default, in class", "")
-        .column("free run over default, truss", "")
+        .column("simulation error over default, in class", "")
+        .column("simulation error over default, truss", "")
         .column("failed runs", "");
     for s in standings(cells) {
         table = table.row([

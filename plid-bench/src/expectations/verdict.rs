@@ -137,7 +137,8 @@ pub fn sentences(cells: &[Finished]) -> Vec<String> {
             .filter_map(|s| Some(format!("{} {:.3}, {:.2}", s.name, overall(s)?, s.miss.unwrap_or(f64::NAN))))
             .collect();
         all.push(format!(
-            "{} {default} the default of plid run: of those within two per cent of the least mean free-run error, its P is the most honest. \
+            "{} {default} the default of plid run: of those within two per cent of the least mean free-run error, its \
+             P is the most honest. \
              Mean free-run error over the default's, and the factor by which NEES is off one: {}.",
             best.name,
             others.join("; ")
@@ -149,7 +150,8 @@ pub fn sentences(cells: &[Finished]) -> Vec<String> {
         .collect();
     if !nees.is_empty() {
         all.push(format!(
-            "NEES over the number of parameters, in all cells with the true Sigma (one is honest): {}.",
+            "NEES over the number of parameters, in all cells with the true Sigma (one for a consistent covariance): \
+             {}.",
             nees.join(", ")
         ));
     }
@@ -188,7 +190,7 @@ fn where_it_matters_for(cells: &[Finished], plant: &str) -> Option<String> {
         Some(largest) => format!(
             "the choice changes rmse or free-run error by 5 % or more up to a signal-to-noise ratio of {largest}"
         ),
-        None => "no difference of 5 % in rmse or free-run error is more than chance".into(),
+        None => "no difference of 5 % in rmse or simulation error is significant".into(),
     };
     Some(format!(
         "{plant}, {settings}: {upto}; the largest free-run error is {factor:.2} times the default's ({name} at {snr})."
@@ -224,8 +226,10 @@ fn against_sigma(cells: &[Finished]) -> Option<String> {
     }
     let (choice, sigma, beyond) = (median(&choices), median(&sigmas), median(&choices_beyond));
     Some(format!(
-        "Sigma against expectation: a Sigma 100 times too large multiplies the default's free-run error by {sigma:.2} (median), the poorest of the five \
-         has {choice:.2} times the error of the best; Sigma matters more in {wins} of {} places. With that Sigma the poorest has {beyond:.2} times the \
+        "Sigma against expectation: a Sigma 100 times too large multiplies the default's free-run error by {sigma:.2} \
+         (median), the poorest of the five \
+         has {choice:.2} times the error of the best; Sigma matters more in {wins} of {} places. With that Sigma the \
+         poorest has {beyond:.2} times the \
          error of the best.",
         choices.len()
     ))

@@ -138,7 +138,8 @@ fn roofline(outcome: &Outcome, scalar: ScalarName, expectations: ExpectationName
         height: 340.0,
     });
     let caption = format!(
-        "Roofline in {} with {}: a point a size, the smallest n to the left. On the sloping part memory limits, on the level part arithmetic.",
+        "Roofline in {} with {}: a point a size, the smallest n to the left. On the sloping part memory limits, on the \
+         level part arithmetic.",
         word(&scalar),
         word(&expectations)
     );

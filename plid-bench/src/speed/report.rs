@@ -24,7 +24,7 @@ pub fn page(outcome: &Outcome, peers: Option<&Peers>) -> Report {
         report.heading("Figures").table(limit_table(outcome)).table(slope_table(outcome)).table(term_table(outcome));
     report = report.details(format!("All {} cells", outcome.timings.len()), |part| part.table(cell_table(outcome)));
     report = report.warnings(warnings(outcome));
-    report = report.paragraph(method(outcome)).details("The config that repeats it", |part| {
+    report = report.paragraph(method(outcome)).details("The config that repeats this study", |part| {
         part.listing("plid bench speed config.toml --out DIR", to_toml(&outcome.config))
     });
     outcome.machine.lines().into_iter().fold(report, |report, (name, value)| report.provenance(name, value))
@@ -39,7 +39,7 @@ fn verdict(outcome: &Outcome, peers: Option<&Peers>, report: Report) -> Report {
         targets.iter().filter_map(|t| t.met).fold((0, 0), |(a, b), met| if met { (a + 1, b) } else { (a, b + 1) });
     if met + missed > 0 {
         sentences.push(format!(
-            "{met} of {} targets are reached; the table says of the others what stands in the way.",
+            "{met} of {} targets are met; for the others the table gives the limiting factor.",
             met + missed
         ));
     }
@@ -56,12 +56,13 @@ fn largest(outcome: &Outcome) -> Option<String> {
         .filter(|&form| form != CovarianceName::Direct)
         .filter_map(|form| {
             let timing = outcome.plain(states, form, expectations)?;
-            Some(format!("{} {:.2} times as long", word(&form), timing.passes / direct.passes))
+            Some(format!("{} {:.2} times that", word(&form), timing.passes / direct.passes))
         })
         .collect();
     let others = if others.is_empty() { String::new() } else { format!("; {}", others.join(", ")) };
     Some(format!(
-        "At n = {states} (N = {}) in f64 on one thread with {}, a direct step takes {:.1} us, {:.2} passes over P{others}.",
+        "At n = {states} (N = {}) in f64 on one thread with {}, a direct step takes {:.1} us, {:.2} passes over \
+         P{others}.",
         direct.joint_states,
         word(&expectations),
         direct.median_us,
@@ -88,12 +89,13 @@ pub(super) fn claim(outcome: &Outcome) -> Option<String> {
     let (ud, array) = (range(CovarianceName::BiermanUd)?, range(CovarianceName::ArraySqrt)?);
     let most = ud.1.max(array.1);
     let judged = if most >= 10.0 {
-        "so the claim holds for the dearest of them"
+        "so the claim holds for the slowest of them"
     } else {
         "so the claim does not hold for these implementations"
     };
     Some(format!(
-        "The paper says that square-root forms cost \"as much as 10x more\": over all sizes and expectations in f64 on one thread, UD takes {:.2} \
+        "The paper says that square-root forms cost \"as much as 10x more\": over all sizes and expectations in f64 on \
+         one thread, UD takes {:.2} \
          to {:.2} times as long as direct and the array square root {:.2} to {:.2} times, {judged}.",
         ud.0, ud.1, array.0, array.1
     ))
@@ -101,10 +103,11 @@ pub(super) fn claim(outcome: &Outcome) -> Option<String> {
 
 fn target_table(outcome: &Outcome, peers: Option<&Peers>) -> Table {
     let table = Table::new(format!(
-        "What to reach at n = {STATES}, three inputs and outputs, f64, one thread, diagonal noise, unless said otherwise; ratios within this run."
+        "Targets at n = {STATES}, three inputs and outputs, f64, one thread, diagonal noise, unless said otherwise; \
+         ratios within this run."
     ));
     let table =
-        ["what", "to reach", "found", "", "what stands in the way"].iter().fold(table, |t, name| t.column(*name, ""));
+        ["quantity", "target", "measured", "", "limiting factor"].iter().fold(table, |t, name| t.column(*name, ""));
     targets(outcome, peers).into_iter().fold(table, |table, target| {
         let met = match target.met {
             Some(true) => "reached",
@@ -117,7 +120,8 @@ fn target_table(outcome: &Outcome, peers: Option<&Peers>) -> Table {
 
 fn peer_table(size: &Size) -> Table {
     let caption = format!(
-        "Other software on the same recursion (joint-ekf) and data, n = {}, {} inputs, {} outputs, each timed in turn with plid's direct form.",
+        "Other software on the same recursion (joint-ekf) and data, n = {}, {} inputs, {} outputs, each timed \
+         alternately with plid's direct form.",
         size.n, size.inputs, size.outputs
     );
     let table = Table::new(caption)
@@ -127,7 +131,7 @@ fn peer_table(size: &Size) -> Table {
         .column("uses the structure", "")
         .column("a step", "us")
         .column("plid", "us")
-        .column("plid is faster by", "×")
+        .column("speed-up of plid", "×")
         .column("s, P differ by", "");
     let table = size.peers.iter().fold(table, |table, peer| {
         table.row([
@@ -147,13 +151,16 @@ fn peer_table(size: &Size) -> Table {
 }
 
 fn limit_table(outcome: &Outcome) -> Table {
-    let table = Table::new("The limit: one pass over an N x N matrix, x ← a x + b for every entry, in the same run.")
-        .column("N", "")
-        .column("scalar", "")
-        .column("the whole", "us")
-        .column("lower triangle", "us")
-        .column("rate", "GB/s")
-        .column("peak", "Gflop/s");
+    let table = Table::new(
+        "The reference for memory traffic: one pass over an N x N matrix, x ← a x + b for every \
+        entry, in the same run.",
+    )
+    .column("N", "")
+    .column("scalar", "")
+    .column("the whole", "us")
+    .column("lower triangle", "us")
+    .column("rate", "GB/s")
+    .column("peak", "Gflop/s");
     let mut limits: Vec<_> = outcome.limits.iter().collect();
     limits.sort_by_key(|limit| (word(&limit.scalar), limit.joint_states));
     limits.into_iter().fold(table, |table, limit| {
@@ -170,7 +177,7 @@ fn limit_table(outcome: &Outcome) -> Table {
 
 fn slope_table(outcome: &Outcome) -> Table {
     let table =
-        Table::new("Slopes of the logarithms against log N, N from 168 to 448, three inputs and outputs, one thread.")
+        Table::new("Slopes of log time against log N, N from 168 to 448, three inputs and outputs, one thread.")
             .column("form", "")
             .column("expectation", "")
             .column("library", "")
@@ -193,7 +200,7 @@ fn slope_table(outcome: &Outcome) -> Table {
 fn term_table(outcome: &Outcome) -> Table {
     let expectations = pictures::shown_expectation(outcome).unwrap_or_default();
     let caption = format!(
-        "Where the operations of a step go at n = {STATES}, {}, by the leading terms of the formulas.",
+        "Distribution of the operations of a step at n = {STATES}, {}, by the leading terms of the formulas.",
         word(&expectations)
     );
     let mut table = Table::new(caption).column("part", "");
@@ -224,19 +231,22 @@ fn term_table(outcome: &Outcome) -> Table {
 }
 
 fn cell_table(outcome: &Outcome) -> Table {
-    let table = Table::new("Every cell. A pass is one over the whole of an N x N matrix, measured beside the steps.")
-        .column("cell", "")
-        .column("steps", "")
-        .column("median", "us")
-        .column("p99", "us")
-        .column("p99.9", "us")
-        .column("time", "passes")
-        .column("operations", "Mflop")
-        .column("bytes", "kB")
-        .column("", "Gflop/s")
-        .column("", "GB/s")
-        .column("allocations", "")
-        .column("restarts", "");
+    let table = Table::new(
+        "All cells. A pass reads and writes a whole N x N matrix and is measured together with the \
+        steps.",
+    )
+    .column("cell", "")
+    .column("steps", "")
+    .column("median", "us")
+    .column("p99", "us")
+    .column("p99.9", "us")
+    .column("time", "passes")
+    .column("operations", "Mflop")
+    .column("bytes", "kB")
+    .column("", "Gflop/s")
+    .column("", "GB/s")
+    .column("allocations", "")
+    .column("restarts", "");
     let row = |timing: &Timing| {
         [
             timing.key.as_str().into(),
@@ -259,23 +269,23 @@ fn cell_table(outcome: &Outcome) -> Table {
 fn warnings(outcome: &Outcome) -> Vec<String> {
     let mut warnings = Vec::new();
     if !outcome.pinned {
-        warnings.push("Threads could not be kept on their cores: times scatter more.".into());
+        warnings.push("Threads could not be pinned to cores, so times vary more.".into());
     }
     if !outcome.skipped.is_empty() {
         warnings.push(format!(
-            "{} cells need more cores than this machine has, and were not measured.",
+            "{} cells require more cores than this machine has and were not measured.",
             outcome.skipped.len()
         ));
     }
     let restarted: Vec<&Timing> = outcome.timings.iter().filter(|timing| timing.restarts > 0).collect();
     if let Some(first) = restarted.first() {
-        warnings.push(format!("{} recursions failed and began anew; for one: {}.", restarted.len(), first.key));
+        warnings.push(format!("{} recursions failed and were restarted, for example {}.", restarted.len(), first.key));
     }
     if let Some(load) = outcome.machine.load_average
         && load[0] > 0.5
     {
         warnings.push(format!(
-            "Other processes were running when the study began (load average {:.2}): percentiles are theirs too.",
+            "Other processes were running when the study began (load average {:.2}), which affects the percentiles.",
             load[0]
         ));
     }
@@ -286,12 +296,15 @@ fn method(outcome: &Outcome) -> String {
     let cores: Vec<String> = outcome.cores.iter().map(ToString::to_string).collect();
     let config = &outcome.config;
     format!(
-        "Steps are timed one by one, in {} visits of each cell, all cells in turn, after {} steps of warm-up; a cell's time is the median over the visits of \
-         the median step, and its ratio to the pass is taken within each visit. Threads are kept on logical cores {} (the first one measures{}). \
-         Operations are counted while the recursion runs on numbers that count, a fused multiply-add as two; bytes are those of P, s and the gain, read and written once.",
+        "Steps are timed one by one, in {} visits of each cell, all cells in turn, after {} steps of warm-up; a cell's \
+         time is the median over the visits of \
+         the median step, and its ratio to the pass is taken within each visit. Threads are kept on logical cores {} \
+         (the first one measures{}). \
+         Operations are counted while the recursion runs on numbers that count, a fused multiply-add as two; bytes are \
+         those of P, s and the gain, read and written once.",
         config.rounds,
         config.warm_up,
         cores.join(", "),
-        if outcome.pinned { "" } else { "; the system did not take it" },
+        if outcome.pinned { "" } else { ", which the system refused" },
     )
 }

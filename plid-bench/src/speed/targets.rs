@@ -98,7 +98,8 @@ fn reason(outcome: &Outcome, timing: &Timing, target_us: f64) -> String {
     let megaflops = timing.operations.total() as f64 / 1e6;
     let bound_us = operations_us.max(bytes_us);
     let limits = format!(
-        "its {megaflops:.2} Mflop take {operations_us:.0} us at the measured peak, its bytes {bytes_us:.0} us at the rate of the pass"
+        "its {megaflops:.2} Mflop take {operations_us:.0} us at the measured peak, its bytes {bytes_us:.0} us at the \
+         rate of the pass"
     );
     if bound_us > target_us {
         format!("out of this machine's reach: {limits}; the target is {target_us:.0} us")

@@ -23,10 +23,14 @@ pub const NEES_LIMIT: f64 = 2.0;
 /// The rule in words.
 pub fn rule() -> String {
     format!(
-        "Lost: the recursion stops with an error, or P is found not to be positive definite. Degraded: not lost, but P is off from double-double's \
-         by more than {} of sqrt(P_ii P_jj) or s by more than {} standard deviation at a step where they are compared, or, measured against Bierman UD in f64 on \
-         the same record (with parameter noise, which enters matrices and factors in different ways: against the direct form in f64 for a matrix), the frequency \
-         response differs by more than {} % of the peak, the free-run error is larger by more than {} %, or NEES (where the plant is of the \
+        "Lost: the recursion stops with an error, or P is found not to be positive definite. Degraded: not lost, but P \
+         is off from double-double's \
+         by more than {} of sqrt(P_ii P_jj) or s by more than {} standard deviation at a step where they are compared, \
+         or, measured against Bierman UD in f64 on \
+         the same record (with parameter noise, which enters matrices and factors in different ways: against the \
+         direct form in f64 for a matrix), the frequency \
+         response differs by more than {} % of the peak, the free-run error is larger by more than {} %, or NEES \
+         (where the plant is of the \
          model's class) is more than {} times as large. Sound: neither.",
         COVARIANCE_LIMIT,
         DEVIATIONS_LIMIT,

@@ -46,7 +46,8 @@ pub fn draw(grid: &Grid) -> String {
     let width = (WIDTH - LEFT - 10.0) / grid.columns.len().max(1) as f64;
     let height = TOP + HEIGHT * grid.rows.len() as f64 + 8.0;
     let mut svg = format!(
-        "<svg viewBox=\"0 0 {WIDTH:.2} {height:.2}\" width=\"{WIDTH}\" height=\"{height}\" xmlns=\"http://www.w3.org/2000/svg\" \
+        "<svg viewBox=\"0 0 {WIDTH:.2} {height:.2}\" width=\"{WIDTH}\" height=\"{height}\" \
+         xmlns=\"http://www.w3.org/2000/svg\" \
          font-family=\"DejaVu Sans, Verdana, Helvetica, Arial, sans-serif\" font-size=\"12\" fill=\"#222222\">"
     );
     let mut text = |x: f64, y: f64, look: &str, words: &str| {
@@ -81,7 +82,8 @@ pub fn draw(grid: &Grid) -> String {
             for (words, down) in lines {
                 let _ = write!(
                     svg,
-                    "<text x=\"{middle:.1}\" y=\"{:.1}\" fill=\"{ink}\" font-size=\"11\" text-anchor=\"middle\">{}</text>",
+                    "<text x=\"{middle:.1}\" y=\"{:.1}\" fill=\"{ink}\" font-size=\"11\" \
+                     text-anchor=\"middle\">{}</text>",
                     y + down,
                     escape(words)
                 );

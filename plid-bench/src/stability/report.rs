@@ -20,17 +20,21 @@ pub fn page(outcome: &Outcome) -> Report {
         .figure(
             map(outcome),
             format!(
-                "The map: what becomes of each form in each scalar over {steps} steps at the centre (truss, 3 x 3, sensor noise 0.005 V, moment-matched, \
-                 P0 = 1, no parameter noise). A lost cell names the step by which P was found not to be positive definite."
+                "The map: what becomes of each form in each scalar over {steps} steps at the centre (truss, 3 x 3, \
+                 sensor noise 0.005 V, moment-matched, \
+                 P0 = 1, no parameter noise). A lost cell names the step by which P was found not to be positive \
+                 definite."
             ),
         )
         .paragraph(rule());
     report = errors(report, outcome);
     report = hard(report, outcome);
     report = variations(report, outcome);
-    report = report.heading("Which form to take").table(recommendations(outcome)).paragraph(
-        "plid run and plid identify take the recommended form where an experiment names none. In f64 the direct form is recommended up to the sizes and \
-         lengths of this table, P0 / R of 1e8 and without forgetting; beyond that, and in f32 always, Bierman UD (with 12 states no form in f32 is sound over 10^5 steps).",
+    report = report.heading("Recommended forms").table(recommendations(outcome)).paragraph(
+        "plid run and plid identify take the recommended form where an experiment names none. In f64 the direct form \
+         is recommended up to the sizes and \
+         lengths of this table, P0 / R of 1e8 and without forgetting; beyond that, and in f32 always, Bierman UD (with \
+         12 states no form in f32 is sound over 10^5 steps).",
     );
     report = report.heading("Verdicts");
     for claim in &outcome.claims {
@@ -38,9 +42,9 @@ pub fn page(outcome: &Outcome) -> Report {
         report = claim.numbers.iter().fold(report, |report, number| report.paragraph(format!("– {number}")));
     }
     report = report
-        .details("What one step rounds, and P at the end", |r| r.table(rounding(outcome)))
-        .details("The runs in double-double", |r| r.table(references(outcome)))
-        .details("All cells that are not sound, and why", |r| r.table(reasons(outcome)))
+        .details("Rounding errors of one step, and P at the end", |r| r.table(rounding(outcome)))
+        .details("Reference runs in double-double", |r| r.table(references(outcome)))
+        .details("All unsound cells and the reasons", |r| r.table(reasons(outcome)))
         .listing(
             "The config. `plid bench stability CONFIG --out DIR` repeats the study.",
             crate::study::to_toml(&outcome.config),
@@ -128,7 +132,7 @@ fn errors(report: Report, outcome: &Outcome) -> Report {
     let Some(shown) = shown else { return report };
     let mut both = vec![shown];
     both.extend(states.last().copied().filter(|&n| n != shown));
-    let mut report = report.heading("Distance from exact arithmetic");
+    let mut report = report.heading("Error relative to exact arithmetic");
     for n in both {
         let curves = |value: &dyn Fn(&super::ErrorAt) -> Option<f64>| -> Vec<Series> {
             pairs()
@@ -148,9 +152,14 @@ fn errors(report: Report, outcome: &Outcome) -> Report {
         report = report
             .figure(
                 draw("largest |ΔP_ij| / √(P_ii P_jj)", curves(&|e| e.covariance)),
-                "The error of P against the same recursion in double-double. A curve ends where the form stops or the double-double does.",
+                "The error of P against the same recursion in double-double. A curve ends where the form or the \
+                 reference stops.",
             )
-            .figure(draw("|Δs| / |s|", curves(&|e| Some(e.estimate))), "The error of the estimate s of states and parameters, likewise.");
+            .figure(
+                draw("|Δs| / |s|", curves(&|e| Some(e.estimate))),
+                "The error of the estimate s of states and \
+                parameters against the same reference.",
+            );
     }
     report
 }
@@ -160,7 +169,7 @@ fn hard(report: Report, outcome: &Outcome) -> Report {
     if outcome.config.adversarial.steps == 0 {
         return report;
     }
-    report.heading("Hard starts and records").figure(
+    report.heading("Adverse initial conditions and records").figure(
         by_label(outcome, Part::Adversarial, states),
         format!(
             "Each over {} steps; wind-up and the jump with forgetting {:.6}.",
@@ -170,7 +179,7 @@ fn hard(report: Report, outcome: &Outcome) -> Report {
 }
 
 fn variations(report: Report, outcome: &Outcome) -> Report {
-    let mut report = report.heading("One setting off the centre");
+    let mut report = report.heading("Variations of one setting");
     for &states in &outcome.config.variations.states {
         report = report
             .figure(by_label(outcome, Part::Variation, states), format!("Each over {} steps.", outcome.config.steps));
@@ -181,10 +190,11 @@ fn variations(report: Report, outcome: &Outcome) -> Report {
 /// Free-run errors and NEES of the variations.
 fn free_runs(outcome: &Outcome) -> Table {
     let mut table = Table::new(
-        "Free-run error on an undisturbed record, and NEES of Bierman UD in f64 where the plant is of the model's class (1 is honest). A dash: the form was lost, or the free run diverges.",
+        "Free-run error on an undisturbed record, and NEES of Bierman UD in f64 where the plant is of the model's \
+         class (1 for a consistent covariance). A dash marks a form whose P was lost or a simulation that diverged.",
     )
-        .column("n", "")
-        .column("setting", "");
+    .column("n", "")
+    .column("setting", "");
     let shown =
         pairs().into_iter().filter(|&(form, scalar)| scalar == ScalarName::F32 || form != CovarianceName::Joseph);
     let shown: Vec<_> =
@@ -219,13 +229,13 @@ fn free_runs(outcome: &Outcome) -> Table {
 }
 
 fn recommendations(outcome: &Outcome) -> Table {
-    let mut table = Table::new("The fastest form that held in this run's map, and what plid recommends.")
+    let mut table = Table::new("The fastest sound form in this study, and the form that plid recommends.")
         .column("scalar", "")
         .column("n", "")
         .column("steps", "")
-        .column("fastest that held", "")
+        .column("fastest sound form", "")
         .column("recommended", "")
-        .column("did it hold", "");
+        .column("is it sound", "");
     for line in &outcome.recommended {
         let fastest = line.fastest_sound.map_or("none".into(), |form| word(&form));
         table = table.row([
@@ -242,15 +252,16 @@ fn recommendations(outcome: &Outcome) -> Table {
 
 fn rounding(outcome: &Outcome) -> Table {
     let mut table = Table::new(
-        "Centre: the largest scaled change of P by the rounding of one step (for factored forms the loss of orthogonality is in it), and P at the end.",
+        "At the central settings: the largest scaled change of P due to rounding in one step (including the loss of \
+         orthogonality of factored forms), and P at the end.",
     )
     .column("form", "")
     .column("n", "")
     .column("one step", "")
     .column("symmetry defect", "")
     .column("smallest pivot", "")
-    .column("condition at least", "")
-    .column("response off by", "% of peak");
+    .column("lower bound of condition", "")
+    .column("response error", "% of peak");
     for (form, scalar) in pairs() {
         for &n in &outcome.config.states {
             let Some(judged) = find(&outcome.cells, Part::Map, "centre", n, (form, scalar)) else { continue };
@@ -272,14 +283,17 @@ fn rounding(outcome: &Outcome) -> Table {
 }
 
 fn references(outcome: &Outcome) -> Table {
-    let mut table = Table::new("Double-double on plain loops: what it cost, and its own error, by comparison of the direct form with Bierman UD.")
-        .column("group", "")
-        .column("form", "")
-        .column("steps", "")
-        .column("a step", "µs")
-        .column("condition of P's correlations", "")
-        .column("own error of P", "")
-        .column("at step", "");
+    let mut table = Table::new(
+        "The reference in double-double with plain loops: its computing time, and its own error \
+        from a comparison of the direct form with Bierman UD.",
+    )
+    .column("group", "")
+    .column("form", "")
+    .column("steps", "")
+    .column("a step", "µs")
+    .column("condition of P's correlations", "")
+    .column("error of P", "")
+    .column("at step", "");
     for reference in &outcome.references {
         let number = |x: Option<f64>| Field::significant(x.unwrap_or(f64::NAN), 2);
         let own = reference.own_error;

@@ -80,7 +80,7 @@ pub fn claims(config: &Config, cells: &Cells<'_>) -> Vec<Claim> {
 fn cost() -> Claim {
     Claim {
         claim: "Square-root forms cost \"as much as 10x more\" (the paper).".into(),
-        verdict: "A question of speed: `plid bench speed` measures it.".into(),
+        verdict: "This is a question of speed, which `plid bench speed` measures.".into(),
         numbers: Vec::new(),
     }
 }
@@ -92,13 +92,15 @@ fn twelve_states(config: &Config, cells: &Cells<'_>) -> Claim {
     let small: Vec<&Judged> = single.iter().copied().filter(|j| j.cell.group.states <= 12).collect();
     let verdict = match (all_sound(&double), all_sound(&small)) {
         (true, false) => format!(
-            "Twelve states are not the bound. In f64 the direct form is sound at every size up to {largest}; in f32 it is not even at 12. \
+            "Twelve states are not the bound. In f64 the direct form is sound at every size up to {largest}; in f32 it \
+             is not even at 12. \
              What decides is the scalar and the length."
         ),
         (true, true) => format!(
-            "The bound is one of single precision: there the direct form is sound at 12 states. In f64 it is sound at every size up to {largest}."
+            "The bound applies to single precision, in which the direct form is sound at 12 states. In f64 it is sound \
+             at every size up to {largest}."
         ),
-        (false, _) => "In f64 the direct form is not sound at every size; the numbers say where.".into(),
+        (false, _) => "In f64 the direct form is not sound at every size; the numbers list the failures.".into(),
     };
     let numbers = [Form::Direct, Form::Joseph].iter().flat_map(|&form| {
         SCALARS.map(|scalar| format!("{}: {}.", name(form, scalar), listed(&cells.of(Part::Map, form, scalar))))
@@ -130,7 +132,7 @@ fn parameter_noise(cells: &Cells<'_>) -> Claim {
                 };
                 let what = |j: &Judged| match j.lost_at {
                     Some(step) => format!("lost at step {step}"),
-                    None => format!("positive, free run off by {}", percent(j.cell.free_run)),
+                    None => format!("positive, simulation error {}", percent(j.cell.free_run)),
                 };
                 let mut said =
                     at(form, scalar).map(|j| format!("without, {}", what(j))).into_iter().collect::<Vec<_>>();
@@ -155,21 +157,22 @@ fn parameter_noise(cells: &Cells<'_>) -> Claim {
     let double = all_sound(&cells.of(Part::Map, Form::Direct, ScalarName::F64));
     let factored = all_sound(&cells.of(Part::Map, Form::BiermanUd, ScalarName::F32));
     let in_single = if numbers.is_empty() {
-        "In f32 it was not tried.".into()
+        "It was not tested in f32.".into()
     } else {
         format!(
-            "In f32, parameter noise keeps a matrix positive in {kept} of the cells below, in {worth} of them at a free-run error within half \
+            "In f32, parameter noise keeps a matrix positive in {kept} of the cells below, in {worth} of them at a \
+             free-run error within half \
              again of what Bierman UD has without noise."
         )
     };
     let verdict = format!(
         "{} {in_single} {}",
         if double {
-            "Not needed in f64: the direct form is sound without it."
+            "It is not needed in f64: the direct form is sound without it."
         } else {
-            "In f64 too the direct form has trouble without it."
+            "In f64 the direct form is not sound without it either."
         },
-        if factored { "Bierman UD is sound in f32 without any." } else { "" }
+        if factored { "Bierman UD is sound in f32 without it." } else { "" }
     );
     Claim {
         claim: "Tiny parameter noise is needed without square roots (the paper).".into(),
@@ -191,7 +194,7 @@ fn long_run(config: &Config, cells: &Cells<'_>) -> Claim {
             };
             let met = j.cell.stop.is_none() && j.lost_at.is_none() && j.response.is_some_and(|r| r <= RESPONSE_LIMIT);
             let verdict = format!(
-                "{}: {positive}, and after {} steps the frequency response is off that in f64 by {response}.",
+                "{}: {positive}, and after {} steps the frequency response differs from that in f64 by {response}.",
                 if met { "It does" } else { "It does not" },
                 group.compared_at
             );
@@ -201,7 +204,8 @@ fn long_run(config: &Config, cells: &Cells<'_>) -> Claim {
     };
     Claim {
         claim: format!(
-            "Bierman UD in f32 at n = {} keeps P positive definite for {} steps, and its response stays within {} % of the peak of f64's (our target).",
+            "Bierman UD in f32 at n = {} keeps P positive definite for {} steps, and its response agrees with that in \
+             f64 to within {} % of the peak (our target).",
             config.long.states,
             config.long.steps,
             100.0 * RESPONSE_LIMIT
@@ -234,11 +238,11 @@ fn hard_starts(cells: &Cells<'_>) -> Claim {
     let verdict = if numbers.is_empty() && unharmed.is_empty() {
         "Not run.".into()
     } else if unharmed.is_empty() {
-        "No form comes through all of them.".into()
+        "No form is sound in all cases.".into()
     } else {
-        format!("Sound through all of them: {}.", unharmed.join("; "))
+        format!("Sound in all cases: {}.", unharmed.join("; "))
     };
-    Claim { claim: "Hard starts and records.".into(), verdict, numbers }
+    Claim { claim: "Adverse initial conditions and records.".into(), verdict, numbers }
 }
 
 /// The table of recommendations, held to the map.

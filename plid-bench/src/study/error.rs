@@ -36,7 +36,7 @@ pub enum StudyError {
         source: Box<dyn Error + Send + Sync>,
     },
     /// The user asked for an end.
-    #[error("interrupted; what is done stands in {}, and --resume goes on from it", journal.display())]
+    #[error("interrupted; completed cells are in {}, from which --resume continues", journal.display())]
     Interrupted {
         /// The journal.
         journal: PathBuf,

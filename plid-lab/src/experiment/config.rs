@@ -1,4 +1,4 @@
-//! The keys of an experiment file. Every default stands here; `manifest.json` records them.
+//! The keys of an experiment file with their defaults, which `manifest.json` records.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -12,16 +12,16 @@ use plid_catalogue::VariantChoice;
 use plid_data::MissingPolicy;
 use plid_data::prepare::Preparation;
 
-/// One experiment.
+/// An experiment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Experiment {
-    /// A name for reports and directories.
+    /// The name used in reports and directories.
     #[serde(default = "unnamed")]
     pub name: String,
-    /// Where the data come from.
+    /// The source of the data.
     pub data: DataConfig,
-    /// What is done to them before identification.
+    /// The preparation of the data before identification.
     #[serde(default)]
     pub preparation: Preparation,
     /// The canonical form.
@@ -30,16 +30,16 @@ pub struct Experiment {
     /// The noise covariances.
     #[serde(default)]
     pub noise: NoiseConfig,
-    /// The types of the recursion.
+    /// The scalar type, covariance form and expectation of the recursion.
     #[serde(default)]
     pub variant: VariantChoice,
-    /// The first estimate and its covariance.
+    /// The initial estimate and its covariance.
     #[serde(default)]
     pub start: StartConfig,
-    /// How the recursion runs.
+    /// The settings of the recursion.
     #[serde(default)]
     pub identification: IdentificationConfig,
-    /// What is held out.
+    /// The validation data and tests.
     #[serde(default)]
     pub validation: ValidationConfig,
 }
@@ -48,62 +48,65 @@ fn unnamed() -> String {
     "experiment".into()
 }
 
-/// Files or the simulated truss: one of the two.
+/// The source of the data: either files or the simulated truss.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DataConfig {
     /// Data files, each one record; paths are relative to the experiment file.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub files: Vec<PathBuf>,
-    /// The columns that are inputs.
+    /// The columns used as inputs.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub inputs: Vec<String>,
-    /// The columns that are outputs.
+    /// The columns used as outputs.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub outputs: Vec<String>,
-    /// Samples a second; left out, the file's own `Fs` or time column.
+    /// Sample rate in Hz. The default is the file's own `Fs` or time column.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sample_rate_hz: Option<f64>,
-    /// The unit of the inputs, for the report's axes.
+    /// The unit of the inputs, for the axes of the report.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub input_unit: Option<String>,
     /// The unit of the outputs.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub output_unit: Option<String>,
-    /// What a NaN among the outputs is: `error`, or `nan` for a missing sample.
+    /// The treatment of NaN among the outputs: `error`, or `nan` for a missing sample.
     pub missing: MissingPolicy,
-    /// Which variable of a .mat or .npz file holds the record.
+    /// The variable of a .mat or .npz file that contains the record.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub variable: Option<String>,
-    /// The simulated truss in place of files.
+    /// The simulated truss, instead of files.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub testbed: Option<TestbedData>,
 }
 
-/// The simulated truss, and the input that drives it.
+/// The simulated truss and its input.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TestbedData {
-    /// An input from a file (columns u1, u2, u3, in V) in place of `truss.input`; its length is the record's.
+    /// An input from a file (columns u1, u2, u3, in V) instead of `truss.input`; it determines the length of the
+    /// record.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub input_file: Option<PathBuf>,
-    /// The truss, its converters, noise and seed.
+    /// The truss with its converters, noise and seed.
     pub truss: TrussConfig,
 }
 
-/// The canonical form: a number of states, or the indices.
+/// The canonical form, given by a number of states or by the indices.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct StructureConfig {
-    /// Whether all inputs are identified at once, or each in a run of its own.
+    /// Whether all inputs are identified together or each in a separate run.
     #[serde(skip_serializing_if = "StructureKind::is_default")]
     pub kind: StructureKind,
-    /// n, shared out evenly over the outputs unless `indices` say otherwise; left out, the scan's recommendation.
+    /// Number of states n, distributed evenly over the outputs unless `indices` specifies otherwise. The default is the
+    /// recommendation of the scan.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub states: Option<usize>,
-    /// The observability indices n_1 .. n_p, or `"balanced"` (the default), or `"search"`: chosen by the data.
+    /// The observability indices n_1, ..., n_p, `"balanced"` (the default), or `"search"`, which selects them by the
+    /// data.
     pub indices: IndicesChoice,
-    /// Orders to be compared on the training data; with `states` left out the recommended one is taken.
+    /// Orders to be compared on the training data; without `states` the recommended one is used.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub scan: Vec<usize>,
 }
@@ -112,10 +115,10 @@ pub struct StructureConfig {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StructureKind {
-    /// All at once, from records in which they may act together (the default).
+    /// All together, from records in which they may act simultaneously (the default).
     #[default]
     Mimo,
-    /// Each in a run of its own, from a record in which it alone acts; the runs are then merged.
+    /// Each in a separate run, from a record in which only this input acts; the runs are then merged.
     SimoMerge,
 }
 
@@ -125,7 +128,7 @@ impl StructureKind {
     }
 }
 
-/// `structure = "simo-merge"` says the kind alone; a table says more.
+/// `structure = "simo-merge"` gives the kind alone; a table may contain further keys.
 fn word_or_table<'de, D: Deserializer<'de>>(deserializer: D) -> Result<StructureConfig, D::Error> {
     struct Either;
     impl<'de> Visitor<'de> for Either {
@@ -147,16 +150,16 @@ fn word_or_table<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Structure
     deserializer.deserialize_any(Either)
 }
 
-/// How the states are shared out.
+/// How the states are distributed over the outputs.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "IndicesWord", into = "IndicesWord")]
 pub enum IndicesChoice {
-    /// As evenly as they go.
+    /// As evenly as possible.
     #[default]
     Balanced,
-    /// By the data.
+    /// Selected by the data.
     Search,
-    /// As given.
+    /// As specified.
     Given(Vec<usize>),
 }
 
@@ -190,93 +193,93 @@ impl From<IndicesChoice> for IndicesWord {
     }
 }
 
-/// Where the noise covariances come from.
+/// The source of the noise covariances.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum NoiseSource {
-    /// A bank of filters, scored by free-run error on training data (the default).
+    /// A filter bank, scored by simulation error on training data (the default).
     #[default]
     Tuned,
     /// The keys `sensor`, `actuator`, `state` and the cross-covariances.
     Given,
-    /// The paper's 0.005, 0.005, 0.010, read as covariances.
+    /// The paper's values 0.005, 0.005, 0.010, read as covariances.
     PaperLiteral,
-    /// The same read as volts RMS.
+    /// The same values read as RMS in volts.
     PaperSquared,
-    /// R from the spread of averaged repeats; Sigma by the bank.
+    /// R from the spread of averaged repeats; Sigma from the filter bank.
     Repeats,
-    /// R from a record at rest, `zero_input_file`; Sigma by the bank.
+    /// R from a record at rest, `zero_input_file`; Sigma from the filter bank.
     ZeroInput,
-    /// R from the step of the converter, found in the codes; Sigma by the bank.
+    /// R from the quantisation step of the converter, estimated from the data; Sigma from the filter bank.
     Converter,
 }
 
-/// What the numbers under `[noise]` are.
+/// The meaning of the numbers under `[noise]`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum NoiseReading {
-    /// Covariances, in the channel's unit squared.
+    /// Covariances, in the square of the channel's unit.
     #[default]
     Covariance,
-    /// Standard deviations; only single numbers and lists can be.
+    /// Standard deviations, for single numbers and lists only.
     Rms,
 }
 
-/// A covariance: one number for all channels, one a channel, or a whole matrix (rows).
+/// A covariance: one number for all channels, one number per channel, or a full matrix (rows).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Covariance {
-    /// The same for all, independent.
+    /// The same variance for all channels, independent.
     Common(f64),
-    /// One each, independent.
+    /// One variance per channel, independent.
     Diagonal(Vec<f64>),
-    /// A matrix, row by row.
+    /// A full matrix, row by row.
     Full(Vec<Vec<f64>>),
 }
 
-/// The noise model of Eq. 5, in the units of the data.
+/// The noise model of the paper's Eq. 5, in the units of the data.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct NoiseConfig {
-    /// Where the covariances come from.
+    /// The source of the covariances.
     pub from: NoiseSource,
     /// Whether the numbers are covariances or RMS values.
     pub read_as: NoiseReading,
-    /// R, p x p. With `from = "tuned"` it is taken as known where given.
+    /// R (p x p). With `from = "tuned"` a given R is taken as known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sensor: Option<Covariance>,
-    /// Q, m x m; 0 where left out.
+    /// Q (m x m); the default is 0.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub actuator: Option<Covariance>,
-    /// Sigma, n x n.
+    /// Sigma (n x n).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub state: Option<Covariance>,
-    /// S^{vw}, m x p.
+    /// S^{vw} (m x p).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub actuator_sensor: Option<Vec<Vec<f64>>>,
-    /// S^{w xi}, p x n.
+    /// S^{w xi} (p x n).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sensor_state: Option<Vec<Vec<f64>>>,
-    /// S^{v xi}, m x n.
+    /// S^{v xi} (m x n).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub actuator_state: Option<Vec<Vec<f64>>>,
-    /// The record at rest for `from = "zero-input"`: outputs named as the data's.
+    /// The record at rest for `from = "zero-input"`, with outputs of the same names as in the data.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub zero_input_file: Option<PathBuf>,
 }
 
-/// The first estimate and its covariance, for channels of unit RMS.
+/// The initial estimate and its covariance, for channels of unit RMS.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct StartConfig {
-    /// Variance of each entry of x.
+    /// Prior variance of each entry of x.
     pub state_variance: f64,
-    /// Variance of each entry of the parameters.
+    /// Prior variance of each parameter.
     pub parameter_variance: f64,
-    /// A former model.json in observable canonical form to start from, with its parameter covariance where it has one.
+    /// An earlier model.json in observable canonical form to start from, with its parameter covariance if it has one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub model: Option<PathBuf>,
-    /// Factor on the former model's parameter covariance: above 1 for a plant that has changed.
+    /// Factor on the parameter covariance of the earlier model: above 1 for a plant that has changed.
     pub widen: f64,
 }
 
@@ -290,24 +293,24 @@ impl Default for StartConfig {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Refinement {
-    /// By the free-run error on the training data (the default).
+    /// By the simulation error on the training data (the default).
     #[default]
     OutputError,
-    /// No second model; the subspace baseline is still shown.
+    /// No second model; the subspace estimate is still computed for comparison.
     Off,
 }
 
-/// How the recursion runs.
+/// The settings of the recursion.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct IdentificationConfig {
-    /// How often the training data are gone through.
+    /// Number of passes over the training data.
     pub passes: usize,
-    /// Exponential forgetting: P is divided by this each step; 1 for none.
+    /// Exponential forgetting factor by which P is divided at each step; 1 for none.
     pub forgetting: f64,
-    /// Variance added to each parameter's variance a step; 0 for none.
+    /// Variance added to each parameter's variance at each step; 0 for none.
     pub parameter_noise: f64,
-    /// Whether a second model is refined for simulation: `output-error`, or `off`.
+    /// The refinement of a second model for simulation: `output-error` or `off`.
     pub refine: Refinement,
 }
 
@@ -317,28 +320,30 @@ impl Default for IdentificationConfig {
     }
 }
 
-/// What is held out.
+/// The validation data and tests.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ValidationConfig {
-    /// The leading share of the last record that is for training; the rest is held out. Earlier records are for training.
+    /// The leading fraction of the last record used for training; the rest is held out. Earlier records are used for
+    /// training.
     pub training_share: f64,
-    /// The share of the training data that the noise bank learns from; the rest of it scores.
+    /// The fraction of the training data on which the filters of the noise bank run; the rest scores them.
     pub learning_share: f64,
-    /// With `structure.kind = "simo-merge"`, a record in which all inputs act: its leading `training_share` finds the state, the rest judges the
-    /// merged model. Left out, the testbed makes one; files have none.
+    /// With `structure.kind = "simo-merge"`, a record in which all inputs act. Its leading `training_share` determines
+    /// the state, and the rest scores the merged model. By default the testbed simulates one; for files there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
-    /// Whether PLID's model alone is wanted, as in a study of many runs: no predictor gain is fitted, so that there are no one-step errors on
-    /// held-out data and no residual tests, and no other model is put beside it. Both take longer than the recursion.
+    /// Whether only the recursive model is computed, as in a study of many runs: no predictor gain is fitted, so there
+    /// are no one-step errors on held-out data and no residual tests, and no other model is estimated. Both take longer
+    /// than the recursion.
     pub model_only: bool,
-    /// Highest lag of the residual tests; left out, chosen by the record's length.
+    /// Largest lag of the residual tests; the default depends on the length of the record.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lags: Option<usize>,
-    /// Period of a periodic input in samples of the data as given, for the noise floor; left out, none is assumed.
+    /// Period of a periodic input in samples of the original data, for the noise floor; by default none is assumed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub period: Option<usize>,
-    /// The band that the report's frequency responses show, in Hz; left out, where the inputs have power.
+    /// The band of the report's frequency responses in Hz; the default is the band in which the inputs have power.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub band_hz: Option<[f64; 2]>,
 }
@@ -358,7 +363,7 @@ impl Default for ValidationConfig {
 }
 
 impl Experiment {
-    /// What is wrong with the values, as key and reason; the words are checked when the file is read.
+    /// Returns the invalid values as pairs of key and reason; unknown words are rejected when the file is read.
     pub fn problems(&self) -> Vec<(&'static str, String)> {
         let mut problems = Vec::new();
         let data = &self.data;
@@ -433,11 +438,12 @@ impl Experiment {
         problems
     }
 
-    /// What runs that are to be merged cannot have.
+    /// Returns the settings that runs for a merge must not have.
     fn problems_of_a_merge(&self, is_open: bool, problems: &mut Vec<(&'static str, String)>) {
         let structure = &self.structure;
         if is_open || !structure.scan.is_empty() || structure.indices == IndicesChoice::Search {
-            let reason = "all runs of a merge need the same: give `states` or a list of `indices`, as in structure = { kind = \"simo-merge\", states = 30 }";
+            let reason = "all runs of a merge need the same: give `states` or a list of `indices`, as in structure = { \
+                kind = \"simo-merge\", states = 30 }";
             problems.push(("structure", reason.into()));
         }
         let identification = &self.identification;

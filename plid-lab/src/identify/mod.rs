@@ -1,6 +1,7 @@
-//! Identification of a prepared record: the recursion over it, the noise covariances, the order, and the frozen predictor.
+//! Identification from prepared records: the recursion, the noise covariances, the order, and the steady-state
+//! predictor.
 //!
-//! Everything here works on channels of comparable size (scaled to unit RMS as a rule), one row a sample.
+//! All functions expect channels of comparable size (usually scaled to unit RMS), with one row per sample.
 
 mod noise;
 mod order;
@@ -17,29 +18,29 @@ use plid_core::{IdentifiedModel, ObservableForm};
 
 use plid_catalogue::VariantError;
 
-/// What is identified from: inputs K x m and outputs K x p.
+/// A record used for identification.
 #[derive(Clone, Copy, Debug)]
 pub struct Samples<'a> {
-    /// K x m.
+    /// Inputs (K x m).
     pub inputs: ArrayView2<'a, f64>,
-    /// K x p; NaN where a sample is missing.
+    /// Outputs (K x p); NaN where a sample is missing.
     pub outputs: ArrayView2<'a, f64>,
-    /// Whether NaN among the outputs means missing; else it is an error.
+    /// Whether NaN among the outputs marks a missing sample; otherwise it is an error.
     pub nan_is_missing: bool,
 }
 
 impl<'a> Samples<'a> {
-    /// K
+    /// Returns the number of samples K.
     pub fn len(&self) -> usize {
         self.inputs.nrows()
     }
 
-    /// Whether there is no sample.
+    /// Returns whether there are no samples.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Samples `from..to`.
+    /// Returns samples `from..to`.
     pub fn range(&self, from: usize, to: usize) -> Samples<'a> {
         Samples {
             inputs: self.inputs.slice_move(ndarray::s![from..to, ..]),
@@ -49,25 +50,25 @@ impl<'a> Samples<'a> {
     }
 }
 
-/// An identification that did not succeed.
+/// The reasons why an identification fails.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum IdentifyError {
-    /// The recursion could not be built or broke down.
+    /// The recursion could not be constructed, or it failed.
     #[error(transparent)]
     Variant(#[from] VariantError),
     /// No setting of the noise covariances gave a usable model.
-    #[error("none of the {trials} noise settings tried gave a model that stays bounded on the data that score it")]
+    #[error("none of the {trials} noise settings gave a model that remains bounded on the scoring data")]
     NoSetting {
-        /// How many were tried.
+        /// The number of settings tried.
         trials: usize,
     },
-    /// The user asked for an end.
+    /// The user requested an interruption.
     #[error("interrupted")]
     Interrupted,
 }
 
-/// Free-run simulation of an identified model on `samples` from its own state; the squared error relative to the outputs' power, its root,
-/// averaged over the outputs. Infinite if the simulation diverges.
+/// Simulates an identified model on `samples` from its own state and returns the relative error: the root of the
+/// squared error over the outputs' power, averaged over the outputs. It is infinite if the simulation diverges.
 pub fn free_run_error(model: &IdentifiedModel, form: &ObservableForm, samples: Samples<'_>) -> f64 {
     use plid_core::ImplicitModel;
     let (n, p) = (form.states(), form.outputs());
@@ -83,10 +84,10 @@ pub fn free_run_error(model: &IdentifiedModel, form: &ObservableForm, samples: S
                 count[i] += 1;
             }
         }
-        // A x from its structure: the shift and p columns.
+        // A x is computed from the structure of A: the shift and p columns.
         form.shift(&mut x);
         for (i, &row) in form.output_states().iter().enumerate() {
-            // The column of A at c_i holds a_i, and J's part of it, which the shift has already brought.
+            // The column of A at c_i holds a_i; the shift has already applied the part of J in this column.
             for r in 0..n {
                 let structural = if form.shift_source(r) == Some(row) { 1.0 } else { 0.0 };
                 x[r] += (model.a.at(r, row) - structural) * feedback[i];
@@ -112,7 +113,7 @@ mod tests {
     use plid_core::Dense;
     use plid_model::{Model, simulate};
 
-    /// The structured free run against the plain one, with unequal indices and a missing sample.
+    /// Compares the structured simulation with the dense one, with unequal indices and a missing sample.
     #[test]
     fn the_free_run_error_is_that_of_the_plain_simulation() {
         let form = ObservableForm::new(&[2, 1], 2).unwrap();

@@ -1,8 +1,9 @@
-//! Noise covariances by free-run error over a bank of filters.
+//! Selection of the noise covariances by simulation error over a bank of filters.
 //!
-//! They matter more than anything else in PLID, and the record itself tells which serve: a filter of the bank is run over the
-//! first part of the training data, its model is frozen, and its free-run error on the rest of the training data is its score.
-//! The bank is a coarse grid over R and Sigma / R in decades, followed by a descent to the best neighbour.
+//! The noise covariances matter more than any other setting of PLID, and the record itself determines which are best.
+//! Each filter of the bank is run over the first part of the training data, its model is then fixed, and its simulation
+//! error on the rest of the training data is its score. The bank is a coarse grid over R and Sigma / R in decades,
+//! followed by a descent to the best neighbour.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -15,52 +16,52 @@ use super::recursion::{Ending, Plan, run};
 use super::{IdentifyError, Samples, free_run_error};
 use plid_catalogue::{CovarianceName, ExpectationName, Variant};
 
-/// What the bank may vary.
+/// The fixed settings of a filter bank.
 #[derive(Clone, Debug)]
 pub struct Bank {
-    /// The structure.
+    /// The observable canonical form.
     pub form: ObservableForm,
-    /// Start, forgetting and parameter noise.
+    /// Initial estimate, forgetting and parameter noise.
     pub settings: Settings,
-    /// The expectation that the final run will use.
+    /// The conditional expectation that the final run will use.
     pub expectations: ExpectationName,
-    /// Variances R_ii where they are known (p); else the bank searches one common variance, in units of the outputs' power.
+    /// Known variances R_ii (p). If `None`, the bank searches for one common variance, in units of the outputs' power.
     pub sensor: Option<Vec<f64>>,
     /// Variances Q_jj (m).
     pub actuator: Vec<f64>,
 }
 
-/// One filter of the bank.
+/// One filter of the bank and its score.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
-    /// R_ii, or the factor on the known R.
+    /// The variance R_ii, or the factor on the known R.
     pub sensor: f64,
-    /// Sigma_ii.
+    /// The variance Sigma_ii.
     pub state: f64,
-    /// Free-run error on the scoring part, relative; `None` where the filter or its model diverged.
+    /// Relative simulation error on the scoring data; `None` if the filter or its model diverged.
     pub free_run: Option<f64>,
 }
 
-/// What the bank found.
+/// The result of the filter bank.
 #[derive(Clone, Debug)]
 pub struct Tuned {
     /// The covariances of the best filter.
     pub noise: NoiseModel,
     /// The best filter.
     pub best: Trial,
-    /// Its place on the grid.
+    /// The grid point of the best filter.
     pub point: Point,
-    /// All filters, in order of R and Sigma.
+    /// All filters in order of R and Sigma.
     pub trials: Vec<Trial>,
 }
 
-/// A point of the grid: log10 of R and of Sigma, in tenths of a decade so that they compare exactly.
+/// A point of the grid: log10 of R and of Sigma in tenths of a decade, as integers so that points compare exactly.
 pub type Point = (i32, i32);
 
-/// Steps of the descent: a decade, then a third of one.
+/// Step sizes of the descent in tenths of a decade: one decade, then a third of one.
 const DECADE: i32 = 10;
 const THIRD: i32 = 3;
-/// Below this Sigma_ii plays no part in double precision.
+/// Below this exponent Sigma_ii has no effect in double precision.
 const SMALLEST: i32 = -130;
 
 impl Bank {
@@ -68,7 +69,7 @@ impl Bank {
         10f64.powf(f64::from(point) / 10.0)
     }
 
-    /// The covariances at a point of the grid.
+    /// Returns the covariances at a point of the grid.
     pub fn noise(&self, point: Point) -> NoiseModel {
         let state = vec![Self::value(point.1); self.form.states()];
         let sensor = match &self.sensor {
@@ -78,7 +79,7 @@ impl Bank {
         NoiseModel::diagonal(&sensor, &self.actuator, &state)
     }
 
-    /// Where a search begins: a coarse grid, or a column of it where R is known.
+    /// Returns the initial points of a search: a coarse grid, or a column of it if R is known.
     pub fn start(&self) -> Vec<Point> {
         let column = |sensor: i32, ratios: &[i32]| -> Vec<Point> {
             ratios.iter().map(|&ratio| (sensor, (sensor + ratio).max(SMALLEST))).collect()
@@ -102,15 +103,16 @@ impl Bank {
         points
     }
 
-    /// The recursion with `noise`, as the bank runs it.
+    /// Returns the recursion with `noise`, as the bank runs it.
     pub fn plan(&self, noise: NoiseModel) -> Plan {
-        // The direct form is the fastest; where it breaks down, the setting is too near the edge to be chosen anyway.
+        // The direct form is the fastest. A setting for which it fails is too close to the stability limit to be
+        // selected.
         let (covariance, expectations) = (CovarianceName::Direct, self.expectations);
         let variant = Variant { covariance, expectations, ..Variant::default() };
         Plan { form: self.form.clone(), noise, settings: self.settings.clone(), variant, passes: 1 }
     }
 
-    /// The free-run error of the filter with `noise`; infinite where it or its model diverges.
+    /// Returns the simulation error of the filter with `noise`; infinite if the filter or its model diverges.
     fn score(&self, noise: NoiseModel, split: &Split<'_>, may_go_on: &(dyn Fn() -> bool + Sync)) -> Option<f64> {
         match run(&self.plan(noise), &split.learn, None, &mut |_, _| may_go_on()) {
             Ok(Ending::Done(run)) => Some(free_run_error(&run.identified, &self.form, split.score)),
@@ -120,19 +122,20 @@ impl Bank {
     }
 }
 
-/// Training data, of which the last record's tail scores what is learnt from the rest.
+/// Training data divided into a part for the filters and a part of the last record that scores them.
 pub struct Split<'a> {
-    /// What is learnt from.
+    /// The part on which the filters run.
     pub learn: Vec<Samples<'a>>,
-    /// What scores.
+    /// The part that scores their models.
     pub score: Samples<'a>,
 }
 
 impl<'a> Split<'a> {
-    /// The leading `share` of all training samples is learnt from, but at least half of the last record.
+    /// Divides the training data: the filters run over the leading fraction `share` of all samples, but at least half
+    /// of the last record.
     ///
     /// # Panics
-    /// Without a record.
+    /// Panics without a record.
     pub fn new(training: &[Samples<'a>], share: f64) -> Self {
         let (last, before) = training.split_last().expect("there is a training record");
         let total: usize = training.iter().map(Samples::len).sum();
@@ -143,7 +146,7 @@ impl<'a> Split<'a> {
     }
 }
 
-/// Scores already known, by indices and point: what an interrupted run need not do again.
+/// Known scores by indices and grid point, which an interrupted run does not repeat.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Memory(Vec<(Vec<usize>, Point, Option<f64>)>);
 
@@ -158,31 +161,32 @@ impl Memory {
     }
 }
 
-/// What a search over filters is told and asked.
+/// The data, progress callbacks and known scores of a search over filters.
 pub struct Search<'a> {
-    /// Training data.
+    /// The training data.
     pub split: Split<'a>,
-    /// Told of filters done and planned.
+    /// Receives the numbers of filters done and planned.
     pub progress: &'a (dyn Fn(usize, usize) + Sync),
-    /// Whether to go on.
+    /// Returns whether to continue.
     pub may_go_on: &'a (dyn Fn() -> bool + Sync),
-    /// What is known already.
+    /// The scores already known.
     pub memory: Memory,
 }
 
-/// Finds the noise covariances with which PLID's model simulates best.
+/// Finds the noise covariances that give the model with the smallest simulation error.
 ///
 /// # Errors
-/// [`IdentifyError::NoSetting`] if every filter or its model diverged, [`IdentifyError::Interrupted`].
+/// Returns [`IdentifyError::NoSetting`] if every filter or its model diverged, or [`IdentifyError::Interrupted`].
 pub fn tune(bank: &Bank, search: &mut Search<'_>) -> Result<Tuned, IdentifyError> {
     let Search { split, progress, may_go_on, memory } = search;
     tune_by(bank, bank.start(), *progress, memory, &|point| bank.score(bank.noise(point), split, *may_go_on))
 }
 
-/// The same from any points of the grid of `bank` and by any score: a free-run error, infinite for none, or `None` where the user has asked for an end.
+/// Searches from any points of the grid of `bank` with any score: a simulation error, infinite if there is no model, or
+/// `None` if the user requested an interruption.
 ///
 /// # Errors
-/// As [`tune`].
+/// Returns the errors of [`tune`].
 pub fn tune_by(
     bank: &Bank,
     start: Vec<Point>,
@@ -225,7 +229,8 @@ pub fn tune_by(
         }
         if interrupted { Err(IdentifyError::Interrupted) } else { Ok(()) }
     };
-    // Ties, as between two infinities, go to the larger Sigma: it forgets a poor start sooner.
+    // Ties, such as two infinite errors, are resolved in favour of the larger Sigma, which forgets a poor initial
+    // estimate sooner.
     let best = |scores: &BTreeMap<Point, f64>| -> (Point, f64) {
         scores
             .iter()
@@ -238,7 +243,7 @@ pub fn tune_by(
     for _ in 0..12 {
         let before = best(&scores);
         evaluate(bank.neighbours(before.0, step), &mut scores)?;
-        // Half a per cent is less than what another record would change.
+        // Half a per cent is less than the variation between records.
         if best(&scores).1 > 0.995 * before.1 {
             if step == THIRD {
                 break;

@@ -1,4 +1,4 @@
-//! The number of states and how the outputs share it.
+//! Selection of the number of states and of the observability indices.
 
 use plid_core::ObservableForm;
 use serde::{Deserialize, Serialize};
@@ -6,35 +6,36 @@ use serde::{Deserialize, Serialize};
 use super::IdentifyError;
 use super::noise::{Bank, Search, tune};
 
-/// One order of a scan.
+/// The result for one order.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ScanRow {
-    /// n
+    /// Number of states n.
     pub states: usize,
-    /// n_1 .. n_p
+    /// Observability indices n_1, ..., n_p.
     pub indices: Vec<usize>,
-    /// Free-run error of the best filter on the scoring part of the training data, relative; `None` if none gave a model.
+    /// Relative simulation error of the best filter on the scoring part of the training data; `None` if none gave a
+    /// model.
     pub free_run: Option<f64>,
 }
 
-/// Orders side by side.
+/// The results of a scan over orders.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OrderScan {
-    /// One row an order, rising.
+    /// One row per order, in increasing order.
     pub rows: Vec<ScanRow>,
-    /// The smallest order whose error is within [`OrderScan::SLACK`] of the best.
+    /// The smallest order whose error is within the factor [`OrderScan::SLACK`] of the smallest.
     pub recommended: usize,
 }
 
 impl OrderScan {
-    /// How much larger the error of a smaller model may be.
+    /// The largest permissible ratio of the error of a smaller model to the smallest error.
     pub const SLACK: f64 = 1.05;
 }
 
-/// Tunes and scores each order with the indices shared out evenly. `template` is asked for the bank of an order.
+/// Tunes and scores each order with evenly distributed indices. `template` returns the filter bank of an order.
 ///
 /// # Errors
-/// [`IdentifyError::NoSetting`] if no order gave a model.
+/// Returns [`IdentifyError::NoSetting`] if no order gave a model.
 pub fn scan_orders(
     orders: &[usize],
     template: impl Fn(usize) -> Result<Bank, IdentifyError>,
@@ -62,11 +63,11 @@ pub fn scan_orders(
     }
 }
 
-/// Moves one state at a time from one output to another while that lessens the free-run error by more than two per cent.
-/// Returns the best indices and every step's.
+/// Moves one state at a time from one output to another as long as this reduces the simulation error by more than two
+/// per cent. Returns the best indices and all those tried.
 ///
 /// # Errors
-/// [`IdentifyError::NoSetting`] if not even the start gave a model.
+/// Returns [`IdentifyError::NoSetting`] if the initial indices gave no model.
 pub fn search_indices(
     start: &ObservableForm,
     template: impl Fn(&[usize]) -> Result<Bank, IdentifyError>,
@@ -96,7 +97,7 @@ pub fn search_indices(
                 if rows.iter().any(|row| row.indices == candidate) {
                     continue;
                 }
-                // A neighbour that gives no model is no reason to stop.
+                // A neighbour without a model does not end the search.
                 let found = match score(&candidate) {
                     Ok(found) => found,
                     Err(IdentifyError::Interrupted) => return Err(IdentifyError::Interrupted),

@@ -1,33 +1,34 @@
-//! The gain of the frozen predictor: x_{k+1} = A x_k + B u_k + K e_k with A, B and C held.
+//! The gain of the steady-state predictor x_{k+1} = A x_k + B u_k + K e_k with fixed A, B and C.
 //!
-//! The noise covariances that make a good *simulation* model are seldom those that make a good one-step predictor, since what
-//! the model lacks acts on a prediction as noise. So K is fitted to one-step errors, with A, B and C frozen: first the
-//! steady-state Kalman gains over a bank of state noise levels, then Gauss-Newton on K itself.
+//! The noise covariances that give a good simulation model are seldom those that give a good one-step predictor,
+//! because model error acts on a prediction like noise. K is therefore fitted to one-step errors: first as the
+//! steady-state Kalman gain over a set of state noise levels, then by Gauss-Newton iteration on K itself.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::Samples;
 use plid_model::{Model, NoiseCovariances, steady_state_gain};
 
-/// A frozen predictor's gain.
+/// A predictor gain and its origin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Predictor {
-    /// K, n x p.
+    /// The gain K (n x p).
     pub gain: DMatrix<f64>,
-    /// RMS of the one-step error on the scoring part of the training data, one an output.
+    /// RMS of the one-step error on the scoring part of the training data, one per output.
     pub score: Vec<f64>,
-    /// How K was found, in words.
+    /// The method that gave K, in words.
     pub origin: String,
 }
 
-/// Samples at the start of a record in which the predictor still finds its state.
+/// Number of initial samples excluded while the state of the predictor converges.
 const SETTLING: usize = 50;
-/// Samples that the Gauss-Newton steps use at most; more tell the same.
+/// Largest number of samples used by the Gauss-Newton steps; more do not improve the gain.
 const ENOUGH: usize = 30_000;
-/// Gauss-Newton steps.
+/// Number of Gauss-Newton steps.
 const STEPS: usize = 12;
 
-/// Mean square one-step error an output from `x0` on, and the state at the end; infinite if the predictor diverges.
+/// Returns the mean square one-step error of each output from `x0` on, and the final state; infinite if the predictor
+/// diverges.
 fn one_step(model: &Model, gain: &DMatrix<f64>, samples: Samples<'_>, x0: &DVector<f64>) -> (Vec<f64>, DVector<f64>) {
     let p = model.p();
     let (mut sum, mut count) = (vec![0.0; p], vec![0usize; p]);
@@ -51,14 +52,14 @@ fn one_step(model: &Model, gain: &DMatrix<f64>, samples: Samples<'_>, x0: &DVect
     (sum.iter().zip(&count).map(|(s, &c)| s / (c.max(1)) as f64).collect(), x)
 }
 
-/// The logarithm of the mean square error over all outputs, which are scaled alike: what reports call the overall error.
+/// Returns the logarithm of the mean square error over all outputs, which have equal scales; reports call it the
+/// overall error.
 fn cost(variances: &[f64]) -> f64 {
     variances.iter().sum::<f64>().max(f64::MIN_POSITIVE).ln()
 }
 
-/// Fits the predictor gain of `model` on the training data. The last quarter decides between candidates.
-///
-/// Returns `None` only if no gain keeps the predictor bounded.
+/// Fits the predictor gain of `model` to the training data, the last quarter of which selects among candidates. Returns
+/// `None` if no gain keeps the predictor bounded.
 pub fn fit_predictor(model: &Model, training: Samples<'_>) -> Option<Predictor> {
     let cut = training.len() * 3 / 4;
     let learn = training.range(cut.saturating_sub(ENOUGH), cut);
@@ -66,7 +67,8 @@ pub fn fit_predictor(model: &Model, training: Samples<'_>) -> Option<Predictor> 
     let rest = model.rest();
     let (n, p) = (model.n(), model.p());
 
-    // Kalman gains for Sigma = ratio I and a diagonal R, by descent over the logarithms of ratio and R's entries.
+    // Kalman gains for Sigma = ratio I and a diagonal R, by descent over the logarithms of the ratio and the entries of
+    // R.
     let gain_of = |logs: &[f64]| -> Option<DMatrix<f64>> {
         let process = DMatrix::identity(n, n) * 10f64.powf(logs[0]);
         let sensor = DMatrix::from_diagonal(&DVector::from_iterator(p, logs[1..].iter().map(|x| 10f64.powf(*x))));
@@ -107,7 +109,7 @@ pub fn fit_predictor(model: &Model, training: Samples<'_>) -> Option<Predictor> 
         }
     }
     let mut candidates: Vec<(DMatrix<f64>, String)> = Vec::new();
-    // The open-loop predictor, K = 0, serves a stable model of an output that is all noise.
+    // The open-loop predictor, K = 0, is suitable for a stable model whose outputs are dominated by noise.
     candidates.push((DMatrix::zeros(n, p), "no feedback".into()));
     if let Some(kalman) = best.is_finite().then(|| gain_of(&logs)).flatten() {
         let refined = gauss_newton(model, &kalman, learn, &rest);
@@ -126,8 +128,8 @@ pub fn fit_predictor(model: &Model, training: Samples<'_>) -> Option<Predictor> 
         .map(|(_, predictor)| predictor)
 }
 
-/// Gauss-Newton on K: the sensitivity of x to K_ij obeys xi_{k+1} = (A - K C) xi_k + e_i e_{k,j}. For one j all of them are
-/// one n x n matrix Xi_j driven by the scalar e_j: Xi_j <- (A - K C) Xi_j + e_{k,j} I.
+/// Runs the Gauss-Newton iteration on K. The sensitivity of x to K_ij obeys xi_{k+1} = (A - K C) xi_k + e_i e_{k,j};
+/// for fixed j these form an n x n matrix Xi_j driven by the scalar e_j: Xi_j <- (A - K C) Xi_j + e_{k,j} I.
 fn gauss_newton(model: &Model, start: &DMatrix<f64>, learn: Samples<'_>, rest: &DVector<f64>) -> DMatrix<f64> {
     let (n, p) = (model.n(), model.p());
     let mut gain = start.clone();
@@ -141,7 +143,8 @@ fn gauss_newton(model: &Model, start: &DMatrix<f64>, learn: Samples<'_>, rest: &
         let mut x = rest.clone();
         let mut e = DVector::zeros(p);
         let mut rows = DMatrix::<f64>::zeros(p, size);
-        // Normal equations gather in blocks: one product of many rows is far faster than many rank-one updates.
+        // The normal equations are accumulated in blocks: one product of many rows is much faster than many rank-one
+        // updates.
         const BLOCK: usize = 64;
         let mut block = DMatrix::<f64>::zeros(BLOCK * p, size);
         let mut targets = DVector::<f64>::zeros(BLOCK * p);
@@ -207,7 +210,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
-    /// A plant in innovations form with a known gain, and white innovations of 0.1 and 0.3.
+    /// A plant in innovations form with a known gain and white innovations of standard deviation 0.1 and 0.3.
     #[test]
     fn the_gain_of_an_innovations_form_is_found() {
         let mut model = Model::new(
@@ -235,10 +238,11 @@ mod tests {
         }
         let training = Samples { inputs: inputs.view(), outputs: outputs.view(), nan_is_missing: false };
         let found = fit_predictor(&model, training).unwrap();
-        // No predictor does better than the innovations; their RMS over 3000 samples is known to some 1.3 %.
+        // The innovations are the smallest possible error; their RMS over 3000 samples has a relative error of about
+        // 1.3 %.
         assert!((found.score[0] / 0.1 - 1.0).abs() < 0.05, "{:?}", found.score);
         assert!((found.score[1] / 0.3 - 1.0).abs() < 0.05, "{:?}", found.score);
-        // The weights are equal, so the gain from the noisier output is the less certain one.
+        // The weights are equal, so the gain from the noisier output is less certain.
         for i in 0..3 {
             assert!((found.gain[(i, 0)] - truth[(i, 0)]).abs() < 0.15, "{}", found.gain);
             assert!((found.gain[(i, 1)] - truth[(i, 1)]).abs() < 0.05, "{}", found.gain);

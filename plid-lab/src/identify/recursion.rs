@@ -1,4 +1,4 @@
-//! PLID over records, once or several times, with checkpoints.
+//! The recursion over one or more records, in one or more passes, with checkpoints.
 
 use ndarray::Array2;
 use plid_core::{
@@ -10,58 +10,58 @@ use serde::{Deserialize, Serialize};
 use super::{IdentifyError, Samples};
 use plid_catalogue::{CovarianceName, Recursion, Variant, VariantError};
 
-/// What the recursion is to be.
+/// The specification of a recursion.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// The canonical form.
     pub form: ObservableForm,
     /// The noise covariances.
     pub noise: NoiseModel,
-    /// Start, forgetting and parameter noise.
+    /// Initial estimate, forgetting and parameter noise.
     pub settings: Settings,
-    /// The types.
+    /// The scalar type, covariance form and expectation.
     pub variant: Variant,
-    /// How often the records are gone through.
+    /// Number of passes over the records.
     pub passes: usize,
 }
 
-/// What a run of the recursion gives.
+/// The result of a recursion.
 #[derive(Clone, Debug)]
 pub struct RecursionRun {
-    /// The plant at the end, with the covariance of the estimate.
+    /// The identified plant with its parameter covariance.
     pub identified: IdentifiedModel,
-    /// The innovations of the last pass, one array (K x p) a record.
+    /// The innovations of the last pass, one array (K x p) per record.
     pub innovations: Vec<Array2<f64>>,
-    /// How sound P is at the end.
+    /// The numerical condition of P at the end.
     pub health: Health,
 }
 
-/// An interrupted run.
+/// The state of an interrupted recursion.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Paused {
-    /// Stretches (a record in a pass) that are finished.
+    /// Number of completed segments (one record in one pass).
     stretch: usize,
-    /// The form that the checkpoint is in.
+    /// The covariance form of the checkpoint.
     pub covariance: CovarianceName,
-    /// The recursion within the next one.
+    /// The state of the recursion within the next segment.
     checkpoint: Checkpoint,
-    /// The innovations so far, a record at a time, row by row; `None` for NaN, which JSON has not.
+    /// The innovations so far, by record and row; `None` stands for NaN, which JSON cannot represent.
     innovations: Vec<Vec<Option<f64>>>,
 }
 
-/// Told between samples how many are done of all; false asks for an end.
+/// A callback that receives the numbers of samples done and in total, and returns false to interrupt the recursion.
 pub type Watcher<'a> = &'a mut dyn FnMut(usize, usize) -> bool;
 
-/// The end of a run: done, or paused where the watcher asked for it.
+/// The end of a recursion: completed, or interrupted by the watcher.
 #[derive(Debug)]
 pub enum Ending {
-    /// All samples are done.
+    /// All samples have been processed.
     Done(Box<RecursionRun>),
-    /// The watcher asked for an end.
+    /// The watcher interrupted the recursion.
     Paused(Box<Paused>),
 }
 
-/// What is known of the parameters, and nothing of the state: where a new record begins.
+/// Returns the initial settings of a new record: the known parameters with an uninformative prior of the state.
 pub fn carry_over(form: &ObservableForm, settings: &Settings, former: &IdentifiedModel) -> Settings {
     let (n, size) = (form.states(), form.joint_states());
     let state_variance = |i: usize| match &settings.initial_covariance {
@@ -86,11 +86,11 @@ fn build(plan: &Plan, former: Option<&IdentifiedModel>) -> Result<Box<dyn Recurs
     plan.variant.build(plan.form.clone(), &plan.noise, settings)
 }
 
-/// Runs the recursion of `plan` over the records, `plan.passes` times; each record after the first starts with the parameters
-/// and their covariance as they stand, and with a state of which nothing is known.
+/// Runs the recursion of `plan` over the records, `plan.passes` times. Each record after the first starts with the
+/// current parameters and their covariance, and with an uninformative prior of the state.
 ///
 /// # Errors
-/// What the recursion says.
+/// Returns the error of the recursion.
 pub fn run(
     plan: &Plan,
     records: &[Samples<'_>],
@@ -151,8 +151,8 @@ pub fn run(
     Ok(Ending::Done(Box::new(RecursionRun { identified, innovations, health })))
 }
 
-/// The same, for a form that was not asked for by name: where P is lost, Bierman UD takes its place in `plan`, from the start. Also
-/// says how P was lost.
+/// Runs the recursion as [`run`] does, for a covariance form that the user did not select. If P loses positive
+/// definiteness, Bierman UD replaces the form in `plan` from the start, and the reason is returned.
 pub fn run_or_factor(
     plan: &mut Plan,
     records: &[Samples<'_>],

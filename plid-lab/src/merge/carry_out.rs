@@ -1,4 +1,4 @@
-//! A whole merge: from a config by runs of its own, or from finished runs.
+//! A complete merge, either of the runs of an experiment or of finished runs.
 
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -18,36 +18,36 @@ use plid_data::prepare::Preparation;
 use plid_data::{self as data, MissingPolicy};
 use plid_report::write_atomic;
 
-/// All that a merge found.
+/// The results of a merge.
 #[derive(Debug)]
 pub struct Outcome {
-    /// What it is called.
+    /// The name of the merge.
     pub name: String,
-    /// The experiment, if it came from one.
+    /// The experiment, unless finished runs were merged.
     pub experiment: Option<Experiment>,
-    /// The runs, in the order of the model's inputs.
+    /// The runs in the order of the model's inputs.
     pub runs: Vec<FinishedRun>,
-    /// The model and the test.
+    /// The merged model and the test of its consistency.
     pub merged: Merged,
-    /// Free runs on data in which all inputs act, one a record; nothing was learnt from them.
+    /// Simulations of held-out data in which all inputs act, one per record.
     pub held_out: Vec<HeldOut>,
     /// Peaks of the true plant and of the model, for simulated data.
     pub peaks: Vec<PeakRow>,
     /// The true plant, for simulated data.
     pub truth: Option<Truth>,
-    /// How the predictor gain was found; `None` without one.
+    /// The method that gave the predictor gain; `None` without a gain.
     pub predictor: Option<String>,
-    /// Settings of the noise that were tried for all runs together; their variances are those of scaled channels.
+    /// The noise settings that were tried for all runs together; their variances are those of scaled channels.
     pub bank: Vec<Trial>,
-    /// What the reader must know.
+    /// Warnings for the reader.
     pub warnings: Vec<String>,
 }
 
-/// Carries out an experiment whose structure is `simo-merge`: one run an input, in parallel, each with its report in `directory`/runs; then the merge.
-/// With `resume`, finished runs stay as they are and interrupted ones go on.
+/// Carries out an experiment whose structure is `simo-merge`: one run per input, in parallel, each with its report in
+/// `directory`/runs, followed by the merge. With `resume`, finished runs are kept and interrupted runs continue.
 ///
 /// # Errors
-/// [`RunError`]
+/// Returns the [`RunError`] of the first run that fails, or that of the merge.
 pub fn carry_out(
     experiment: &Experiment,
     base: &Path,
@@ -125,10 +125,10 @@ pub fn carry_out(
     Ok(outcome)
 }
 
-/// Merges finished runs, in the order in which they are given.
+/// Merges finished runs in the given order.
 ///
 /// # Errors
-/// [`RunError`]
+/// Returns a [`RunError`] if the runs cannot be merged.
 pub fn of_runs(name: &str, runs: Vec<FinishedRun>) -> Result<Outcome, RunError> {
     let merged = merge(&runs)?;
     let mut warnings = merged.remarks.clone();
@@ -151,10 +151,11 @@ pub fn of_runs(name: &str, runs: Vec<FinishedRun>) -> Result<Outcome, RunError> 
 }
 
 impl Outcome {
-    /// Simulates the merged model over a record in which all inputs act: what follows its leading `share` is scored.
+    /// Simulates the merged model on a record in which all inputs act, and scores the part after its leading fraction
+    /// `share`.
     ///
     /// # Errors
-    /// A file that cannot be read, lacks a channel, or has another rate.
+    /// Returns an error for a file that cannot be read, lacks a channel, or has a different sample rate.
     pub fn judge_file(&mut self, file: &Path, share: f64) -> Result<(), RunError> {
         let merged = &self.merged;
         let experiment = &self.runs[0].experiment;
@@ -178,7 +179,7 @@ impl Outcome {
     }
 }
 
-/// The error with the run's name; an interruption is that of the whole.
+/// Adds the run's name to an error; an interruption applies to the whole merge.
 pub(super) fn of_run(name: &str, error: RunError) -> RunError {
     match error {
         RunError::Interrupted { .. } | RunError::Identify(IdentifyError::Interrupted) => error,
@@ -189,11 +190,11 @@ pub(super) fn of_run(name: &str, error: RunError) -> RunError {
 fn one_run(experiment: &Experiment, directory: &Path, resume: bool, progress: &dyn Progress) -> Result<(), RunError> {
     let config = directory.join("experiment.toml");
     let text = to_toml(experiment);
-    // The config is written last, so that its presence says that the run is finished.
+    // The config is written last, so that its presence shows that the run is complete.
     if resume && std::fs::read_to_string(&config).is_ok_and(|there| there == text) {
         return Ok(());
     }
-    // What is not finished must not look so.
+    // An incomplete run must not look complete.
     match std::fs::remove_file(&config) {
         Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
             return Err(RunError::File { path: config, source });
@@ -205,7 +206,7 @@ fn one_run(experiment: &Experiment, directory: &Path, resume: bool, progress: &d
     write_atomic(&config, text.as_bytes()).map_err(|source| RunError::File { path: config, source })
 }
 
-/// One progress for several runs at once: their steps are added up.
+/// The combined progress of several parallel runs, whose steps are summed.
 struct Together<'a> {
     whole: &'a dyn Progress,
     steps: Mutex<Vec<(usize, usize)>>,

@@ -1,29 +1,31 @@
-//! Runs combined: one least-squares problem of all data and of one prior.
+//! The combination of runs as one least-squares problem of all data and a common prior.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::MergeError;
 use super::knowledge::{Knowledge, Rows};
 
-/// A Gaussian over all parameters.
+/// A Gaussian distribution of all parameters.
 #[derive(Clone, Debug)]
 pub struct Combined {
-    /// The estimate, one entry a parameter.
+    /// The estimate, one entry per parameter.
     pub estimate: DVector<f64>,
-    /// Its covariance.
+    /// The covariance of the estimate.
     pub covariance: DMatrix<f64>,
-    /// The prior's variances: what the runs have in common, counted once.
+    /// The variances of the common prior, which is counted once.
     pub prior_variances: Vec<f64>,
 }
 
-/// Combines what several runs know of `size` parameters. Their data are independent; the prior is one and the same, however many runs began from it.
+/// Combines the information of several runs about `size` parameters. Their data are independent, and their common prior
+/// is counted once.
 ///
-/// With S_j theta = d_j the data of run j, and in units of the prior's deviations, theta minimises |theta|^2 + sum_j |S_j theta - d_j|^2. The rows are
-/// triangularised by Householder reflections, so nothing is squared. A parameter that several runs have of their own accord takes its
-/// part from each of them: the B column of an input becomes the conditional one given the A of all runs.
+/// With S_j theta = d_j the data of run j, and in units of the prior's standard deviations, theta minimises |theta|^2 +
+/// sum_j |S_j theta - d_j|^2. The rows are triangularised by Householder reflections, so that no normal equations are
+/// formed. The B column of an input becomes the conditional estimate given the A of all runs.
 ///
 /// # Errors
-/// A run whose covariance is not positive definite or exceeds its prior, or priors that contradict each other.
+/// Returns an error for a run whose covariance is not positive definite or exceeds its prior, and for priors that
+/// contradict each other.
 pub fn combine(runs: &[Knowledge], size: usize) -> Result<Combined, MergeError> {
     let prior_variances = common_prior(runs, size)?;
     let data = runs.iter().map(Knowledge::data).collect::<Result<Vec<_>, _>>()?;
@@ -39,7 +41,8 @@ pub fn combine(runs: &[Knowledge], size: usize) -> Result<Combined, MergeError> 
     Ok(Combined { estimate, covariance, prior_variances })
 }
 
-/// The prior that the runs have in common. Where theirs differ a little, as by the scales of their channels, its information is the mean of theirs.
+/// Returns the common prior of the runs. If the priors differ slightly, for example by the scales of their channels,
+/// their information is averaged.
 pub(super) fn common_prior(runs: &[Knowledge], size: usize) -> Result<Vec<f64>, MergeError> {
     runs.iter().try_for_each(Knowledge::check)?;
     let mut common = vec![0.0; size];
@@ -66,14 +69,15 @@ pub(super) fn common_prior(runs: &[Knowledge], size: usize) -> Result<Vec<f64>, 
     Ok(common)
 }
 
-/// The estimate in units of the prior's deviations, and a root of its covariance in the same units; zero where the prior holds a parameter.
+/// Returns the estimate and a square root of its covariance, both in units of the prior's standard deviations; they are
+/// zero for parameters that the prior fixes.
 pub(super) fn solve(pieces: &[(&Knowledge, &Rows)], prior_variances: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
     let size = prior_variances.len();
     let free: Vec<usize> = (0..size).filter(|&k| prior_variances[k] > 0.0).collect();
     let mut column = vec![None; size];
     free.iter().enumerate().for_each(|(k, &place)| column[place] = Some(k));
     let count = free.len() + pieces.iter().map(|(_, data)| data.rows.nrows()).sum::<usize>();
-    // The prior first: the identity, and zero on the right.
+    // The first rows are those of the prior: the identity, and zero on the right-hand side.
     let mut rows = DMatrix::zeros(count, free.len());
     let mut right = DVector::zeros(count);
     rows.view_mut((0, 0), (free.len(), free.len())).fill_with_identity();
@@ -91,7 +95,7 @@ pub(super) fn solve(pieces: &[(&Knowledge, &Rows)], prior_variances: &[f64]) -> 
     let decomposition = rows.qr();
     decomposition.q_tr_mul(&mut right);
     let triangle = decomposition.r();
-    // The prior's rows keep every diagonal entry at one or above, so that neither solution can fail.
+    // The rows of the prior keep every diagonal entry at one or above, so the triangular solves cannot fail.
     let mut solution = right.rows(0, free.len()).into_owned();
     let solved = triangle.solve_upper_triangular_mut(&mut solution);
     let mut inverse = DMatrix::identity(free.len(), free.len());

@@ -1,4 +1,4 @@
-//! The merged model on a record in which all inputs act.
+//! Evaluation of the merged model on a record in which all inputs act.
 
 use nalgebra::DVector;
 use ndarray::{Array2, ArrayView2, s};
@@ -10,27 +10,27 @@ use plid_data::Record;
 use plid_data::prepare::scaling::Scaling;
 use plid_data::prepare::{Advance, Preparation, prepare};
 
-/// Free runs over the part of a record that nothing was learnt from, in the data's units.
+/// Simulations of the held-out part of a record, in the data's units.
 #[derive(Clone, Debug)]
 pub struct HeldOut {
-    /// What the record is called.
+    /// The name of the record.
     pub record: String,
-    /// Rate after preparation.
+    /// Sample rate after preparation, in Hz.
     pub sample_rate_hz: f64,
-    /// One-step prediction errors, where the model has a predictor gain.
+    /// One-step prediction errors, if the model has a predictor gain.
     pub one_step_errors: Option<ErrorMeasures>,
-    /// Outputs as deviations from their means, K x p.
+    /// Outputs as deviations from their means (K x p).
     pub measured: Array2<f64>,
-    /// The model's free run from the state that the leading part shows; infinite where it diverges.
+    /// The simulation from the state at the end of the leading part (K x p); infinite where it diverges.
     pub free_run: Array2<f64>,
-    /// How far they are apart.
+    /// Errors of the simulation.
     pub errors: ErrorMeasures,
-    /// The same for the true plant, for simulated data.
+    /// Errors of the true plant, for simulated data.
     pub truth_errors: Option<ErrorMeasures>,
 }
 
-/// Simulates `model` (canonical, `advanced` as its runs) over what follows the leading `share` of `record`, prepared as the runs were. The leading part
-/// gives the state at its end and the means, nothing else.
+/// Simulates `model` (canonical, with its inputs `advanced` as in its runs) over the part of `record` after its leading
+/// fraction `share`, prepared as in the runs. The leading part determines only the state at its end and the means.
 pub(super) fn judge(
     model: &Model,
     advanced: usize,
@@ -49,13 +49,16 @@ pub(super) fn judge(
     let prepared = prepare(records, &shares, &as_runs)?;
     let (record, training) = (&prepared.records[0], prepared.training[0]);
     if (record.sample_rate_hz - model.sample_rate_hz).abs() > 1e-4 * model.sample_rate_hz {
-        let reason = format!("{name}: {} Hz, the runs have {} Hz", record.sample_rate_hz, model.sample_rate_hz);
+        let reason = format!(
+            "the sample rate of {name} is {} Hz, that of the runs {} Hz",
+            record.sample_rate_hz, model.sample_rate_hz
+        );
         return Err(RunError::Setting { key: "file", reason });
     }
     let (head, tail) = (s![..training, ..], s![training.., ..]);
     let (inputs, measured) = (record.inputs.slice(tail), record.outputs.slice(tail).to_owned());
     let start = state_after(model, record.inputs.slice(head), record.outputs.slice(head))?;
-    // A free run that diverges is a finding, not an end.
+    // A simulation that diverges is a result and not an error.
     let diverged = || Array2::from_elem(measured.dim(), f64::INFINITY);
     let free_run = simulate(model, inputs, &start).map_or_else(|_| diverged(), |run| run.outputs);
     let errors = error_measures(measured.view(), free_run.view())?;
@@ -93,7 +96,8 @@ pub(super) fn judge(
     })
 }
 
-/// The state after a stretch of a record: by the predictor from rest, or without one by the free run that fits the stretch best.
+/// Returns the state after a segment of a record: by the predictor from rest or, without a predictor gain, by the
+/// simulation that best fits the segment.
 fn state_after(model: &Model, inputs: ArrayView2<f64>, outputs: ArrayView2<f64>) -> Result<DVector<f64>, RunError> {
     if model.predictor_gain.is_some()
         && let Ok(prediction) = one_step_prediction(model, inputs, outputs, &model.rest())
@@ -101,6 +105,6 @@ fn state_after(model: &Model, inputs: ArrayView2<f64>, outputs: ArrayView2<f64>)
         return Ok(prediction.final_state);
     }
     let start = estimate_initial_state(model, inputs, outputs, None)?.state;
-    // Where the stretch cannot be simulated, what follows cannot either.
+    // If the segment cannot be simulated, the following part cannot be simulated either.
     Ok(simulate(model, inputs, &start).map_or(start, |run| run.final_state))
 }

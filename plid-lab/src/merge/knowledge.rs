@@ -1,37 +1,37 @@
-//! What a run's data say of the parameters: its Gaussian with the prior taken out again.
+//! The information of a run's data about the parameters: its Gaussian posterior without the prior.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::MergeError;
 
-/// What one run knows of the parameters that all runs share, or that it has for itself: a Gaussian.
+/// The Gaussian posterior of one run over shared parameters and parameters of its own.
 #[derive(Clone, Debug)]
 pub struct Knowledge {
-    /// What errors call the run.
+    /// The name of the run in error messages.
     pub run: String,
-    /// Where its parameters stand among all parameters, each place once.
+    /// The indices of its parameters among all parameters, each occurring once.
     pub places: Vec<usize>,
-    /// Its estimate, one entry a place.
+    /// The estimate, one entry per index.
     pub estimate: DVector<f64>,
-    /// The covariance of the estimate, prior and data together; in the square of the estimate's units.
+    /// The posterior covariance, in the square of the estimate's units.
     pub covariance: DMatrix<f64>,
-    /// The prior: mean zero, independent, with these variances. Zero holds a parameter at zero.
+    /// The variances of the independent prior of zero mean. A variance of zero fixes a parameter at zero.
     pub prior_variances: Vec<f64>,
-    /// How many times larger the variances are than `covariance` says, as far as the data's noise goes: 1 if its scale is right.
+    /// The factor by which the actual variances due to noise exceed `covariance`: 1 if its scale is correct.
     pub overdispersion: f64,
 }
 
 /// Data as rows of a least-squares problem: `rows` theta = `right`, with noise of unit variance on each row.
 #[derive(Clone, Debug)]
 pub(super) struct Rows {
-    /// One column a parameter of the run.
+    /// One column per parameter of the run.
     pub(super) rows: DMatrix<f64>,
     pub(super) right: DVector<f64>,
 }
 
-/// Directions of which the data say less than this share of what the prior says are left out.
+/// Directions about which the data have less than this fraction of the prior's information are omitted.
 const NOTHING: f64 = 1e-10;
-/// A variance may exceed the prior's by this share through rounding, in single precision too.
+/// Tolerance by which a variance may exceed the prior's because of rounding, including single precision.
 const ROUNDING: f64 = 1e-3;
 
 impl Knowledge {

@@ -1,4 +1,5 @@
-//! The files of a merge: model.json, report.html and result.json. Each is written whole or not at all, and the same merge gives the same bytes.
+//! The output files of a merge: model.json, report.html and result.json. Each is written atomically, and the same merge
+//! gives the same bytes.
 
 use std::path::Path;
 
@@ -12,7 +13,7 @@ use plid_report::write_atomic;
 /// Writes all files of a merge into `directory`.
 ///
 /// # Errors
-/// A file that cannot be written, or a model of which no frequency response can be formed.
+/// Returns an error if a file cannot be written or a frequency response cannot be computed.
 pub fn write(outcome: &Outcome, directory: &Path) -> Result<(), RunError> {
     let put = |name: &str, text: &str| {
         let path = directory.join(name);
@@ -22,7 +23,7 @@ pub fn write(outcome: &Outcome, directory: &Path) -> Result<(), RunError> {
     let page = report::page(outcome)?;
     outcome.merged.model.write(&directory.join("model.json"))?;
     put("report.html", &page)?;
-    // Last, so that its presence says that the others are there.
+    // It is written last, so that its presence shows that the other files are complete.
     put("result.json", &pretty(&result(outcome)?))?;
     let checkpoint = directory.join(CHECKPOINT);
     match std::fs::remove_file(&checkpoint) {

@@ -1,4 +1,4 @@
-//! One experiment as several, each with one input at work.
+//! Division of an experiment into runs, in each of which one input acts.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,8 @@ use crate::experiment::{
 use crate::run::RunError;
 use plid_data::{self as data, MissingPolicy};
 
-/// The experiments of the runs, each named as the input that acts in it (with a number where one input acts in several). The paths in them are absolute.
+/// Returns the experiments of the runs, each named after its active input, with a number if the input is active in
+/// several. Their paths are absolute.
 pub(super) fn split(experiment: &Experiment, base: &Path) -> Result<Vec<(String, Experiment)>, RunError> {
     let data = &experiment.data;
     let parts = match &data.testbed {
@@ -54,7 +55,7 @@ pub(super) fn split(experiment: &Experiment, base: &Path) -> Result<Vec<(String,
             structure: StructureConfig { kind: StructureKind::Mimo, ..experiment.structure.clone() },
             noise: of_one_input(&experiment.noise, place, base)?,
             validation: ValidationConfig { file: None, ..experiment.validation.clone() },
-            // The merge wants PLID's estimates; a refined model has no Gaussian in their form.
+            // The merge uses the recursive estimates; a refined model has no Gaussian posterior in canonical form.
             identification: IdentificationConfig { refine: Refinement::Off, ..experiment.identification.clone() },
             ..experiment.clone()
         };
@@ -63,12 +64,13 @@ pub(super) fn split(experiment: &Experiment, base: &Path) -> Result<Vec<(String,
     Ok(experiments)
 }
 
-/// The truss with one input driven, for its share of the time, and with noise of its own.
+/// Returns the truss with one active input, for its share of the time and with independent noise.
 fn one_at_a_time(truss: &TrussConfig, place: usize, run: usize, runs: usize) -> Result<TrussConfig, RunError> {
     let mut truss = truss.clone();
     let samples = truss.samples()? / runs;
     truss.duration_s = samples as f64 / truss.sample_rate_hz;
-    // Far from the seeds that anyone gives, so that no two records of a series of seeds have the same noise.
+    // The offset is far from the seeds that users choose, so that no two records of a series of seeds have the same
+    // noise.
     truss.seed = truss.seed.wrapping_add((run as u64 + 1) << 32);
     let levels = match &mut truss.input {
         InputConfig::Zero => None,
@@ -88,7 +90,7 @@ fn one_at_a_time(truss: &TrussConfig, place: usize, run: usize, runs: usize) -> 
     }
 }
 
-/// For each file the input that acts in it.
+/// Returns the active input of each file.
 fn acting(data: &DataConfig, base: &Path) -> Result<Vec<usize>, RunError> {
     let mut sizes = Vec::new();
     for file in &data.files {
@@ -125,7 +127,7 @@ fn acting(data: &DataConfig, base: &Path) -> Result<Vec<usize>, RunError> {
     Ok(acting)
 }
 
-/// What the config says of the noise, as far as it concerns one input.
+/// Returns the part of the noise config that concerns one input.
 fn of_one_input(noise: &NoiseConfig, place: usize, base: &Path) -> Result<NoiseConfig, RunError> {
     let row = |rows: &Option<Vec<Vec<f64>>>| rows.as_ref().map(|rows| rows.get(place).cloned().into_iter().collect());
     Ok(NoiseConfig {
@@ -142,7 +144,7 @@ fn of_one_input(noise: &NoiseConfig, place: usize, base: &Path) -> Result<NoiseC
     })
 }
 
-/// A part is carried out from anywhere.
+/// Returns an absolute path, because a run does not depend on the working directory.
 fn absolute(base: &Path, file: &Path) -> Result<PathBuf, RunError> {
     let path = base.join(file);
     std::fs::canonicalize(&path).map_err(|source| RunError::File { path, source })

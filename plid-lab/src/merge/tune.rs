@@ -1,7 +1,8 @@
-//! One setting of the noise covariances for all runs, by the free-run error of the merged model.
+//! Selection of one setting of the noise covariances for all runs by the simulation error of the merged model.
 //!
-//! A bank for each run alone would find covariances decades apart, since a run's own free-run error hardly depends on them. The merge does: what a run
-//! knows better than another one is in the shape of its P, and P is shaped by R and Sigma.
+//! Tuning each run separately would give covariances decades apart, because the simulation error of a single run hardly
+//! depends on them. That of the merged model does: the weight of each run in the merge is given by the shape of its P,
+//! which R and Sigma determine.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -20,10 +21,10 @@ use crate::identify::{Bank, Ending, Memory, Point, Samples, Trial, fit_predictor
 use crate::run::{self, Estimate, RunError, scaled_model, scaling, training};
 use plid_data::prepare::Prepared;
 
-/// The smallest R that the search begins with: 1e-4 of the outputs' power.
+/// The smallest R at which the search starts, in tenths of a decade: 1e-4 of the outputs' power.
 const FIRST_R: i32 = -40;
 
-/// One run of the merge, before its noise is known.
+/// A run of the merge whose noise is not yet known.
 struct Candidate<'a> {
     name: &'a str,
     prepared: &'a Prepared,
@@ -31,18 +32,19 @@ struct Candidate<'a> {
     training: Vec<Samples<'a>>,
 }
 
-/// What the search found.
+/// The result of the search.
 pub(super) struct Common {
     /// The noise of each run, in its data's units.
     pub(super) noise: Vec<NoiseConfig>,
-    /// All settings tried; variances of scaled channels.
+    /// All settings tried, as variances of scaled channels.
     pub(super) trials: Vec<Trial>,
 }
 
-/// Searches the setting that all runs are to have. `None` where the experiment gives the noise itself.
+/// Searches for the common noise setting of all runs. Returns `None` if the experiment specifies the noise.
 ///
 /// # Errors
-/// [`IdentifyError::Interrupted`] with what is known in `memory`; data that cannot be used; runs of which one is advanced and another not.
+/// Returns [`IdentifyError::Interrupted`] with the scores so far in `memory`, and an error for data that cannot be used
+/// or runs that differ in the advance of their input.
 pub(super) fn common_noise(
     parts: &[(String, Experiment)],
     memory: &mut Memory,
@@ -72,7 +74,8 @@ pub(super) fn common_noise(
     let bank = candidates[0].bank;
     let mut start = bank.start();
     if bank.sensor.is_none() {
-        // A merge wants P to shrink slowly, so that each run has found its states by then: the smallest R are left to the descent.
+        // A merge requires P to shrink slowly enough for each run to find its states first, so the smallest R are
+        // reached only by the descent.
         start.retain(|point| point.0 >= FIRST_R);
     }
     let tuned = tune_by(bank, start, &|done, total| progress.advance(done, total), memory, &score)
@@ -84,7 +87,8 @@ pub(super) fn common_noise(
     Ok(Some(Common { noise: noise.collect(), trials: tuned.trials }))
 }
 
-/// The merged model's free-run error over what each run held back, as the root of the mean square over the runs.
+/// Returns the simulation error of the merged model on the reserved part of each run, as the root mean square over the
+/// runs.
 fn score(candidates: &[Candidate<'_>], point: Point, may_go_on: &(dyn Fn() -> bool + Sync)) -> Option<f64> {
     let learnt: Vec<Result<(Model, Estimate), Failed>> =
         candidates.par_iter().map(|candidate| candidate.learn(point, may_go_on)).collect();
@@ -98,20 +102,20 @@ fn score(candidates: &[Candidate<'_>], point: Point, may_go_on: &(dyn Fn() -> bo
         .zip(&learnt)
         .map(|(candidate, (model, estimate))| Piece { name: candidate.name, model, estimate })
         .collect();
-    // A setting whose P is no covariance any more is not to be chosen, as one whose filter diverges.
+    // A setting whose P is no longer positive definite counts as one whose filter diverges.
     let Ok(merged) = join(&pieces) else { return Some(f64::INFINITY) };
     let errors: Vec<f64> = candidates.iter().map(|candidate| candidate.error(&merged)).collect();
     Some((errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt())
 }
 
-/// Why a filter gave nothing.
+/// The reason why a filter gave no model.
 enum Failed {
     Diverged,
     Interrupted,
 }
 
 impl Candidate<'_> {
-    /// The filter's model in the data's units, and what a merge needs beside it.
+    /// Runs the filter and returns its model in the data's units with the additional quantities that a merge needs.
     fn learn(&self, point: Point, may_go_on: &(dyn Fn() -> bool + Sync)) -> Result<(Model, Estimate), Failed> {
         let plan = self.bank.plan(self.bank.noise(point));
         let ending = run(&plan, &self.training, None, &mut |_, _| may_go_on());
@@ -129,10 +133,11 @@ impl Candidate<'_> {
         Ok((model, estimate))
     }
 
-    /// The free-run error of the merged model on what this run held back; infinite where it diverges.
+    /// Returns the simulation error of the merged model on the reserved part of this run; infinite if it diverges.
     fn error(&self, merged: &Model) -> f64 {
         let Ok(model) = as_run(merged, self.prepared) else { return f64::INFINITY };
-        // Enough to tell the state from noise; all samples would take longer than the filter.
+        // A limited number of samples is enough to separate the state from the noise; using all of them would take
+        // longer than the filter.
         let window = 10 * model.n();
         let of_record = |samples: &Samples<'_>| {
             let start = estimate_initial_state(&model, samples.inputs, samples.outputs, Some(window)).ok()?;
@@ -147,7 +152,7 @@ impl Candidate<'_> {
     }
 }
 
-/// The part of the merged model that a run has data of, for channels scaled as the run's.
+/// Returns the part of the merged model for the inputs of a run, for channels scaled as in the run.
 fn as_run(merged: &Model, prepared: &Prepared) -> Result<Model, ModelError> {
     let own = &prepared.records[0].input_names;
     let places: Vec<usize> =
@@ -166,8 +171,8 @@ fn as_run(merged: &Model, prepared: &Prepared) -> Result<Model, ModelError> {
     undo_scaling(&of_own, &back)
 }
 
-/// The gain of a predictor with the merged model (canonical), fitted to the training part of the longest of `parts`, and how it was found; `None` if no gain
-/// keeps the prediction bounded.
+/// Fits the predictor gain of the merged model (canonical) to the training part of the longest of `parts`, and
+/// describes the method. Returns `None` if no gain keeps the prediction bounded.
 pub(super) fn predictor(
     merged: &Model,
     parts: &[(String, Experiment)],
@@ -184,7 +189,7 @@ pub(super) fn predictor(
     Ok(in_units.predictor_gain.map(|gain| (gain, found.origin)))
 }
 
-/// The noise of scaled channels as a config gives it.
+/// Returns the noise of scaled channels in the form of a config.
 fn in_data_units(noise: &NoiseModel, candidate: &Candidate<'_>, asked: &NoiseConfig) -> NoiseConfig {
     let prepared = candidate.prepared;
     let per_state = candidate.bank.form.indices().iter().zip(&prepared.output_scales);

@@ -69,11 +69,7 @@ fn from_model(
     if (model.sample_rate_hz - rate).abs() > 1e-6 * rate {
         return Err(setting(
             "start.model",
-            format!(
-                "its sample rate is {} Hz, that of the data {rate} \
-            Hz",
-                model.sample_rate_hz
-            ),
+            format!("its sample rate is {} Hz, that of the data {rate} Hz", model.sample_rate_hz),
         ));
     }
     if model.inputs != record.input_names || model.outputs != record.output_names {
@@ -83,11 +79,7 @@ fn from_model(
         let found = &model.observability_indices;
         return Err(setting(
             "start.model",
-            format!(
-                "its indices are {found:?}, but the experiment requires \
-            {:?}",
-                form.indices()
-            ),
+            format!("its indices are {found:?}, but the experiment requires {:?}", form.indices()),
         ));
     }
     let inverse = |scales: &[f64]| scales.iter().map(|s| 1.0 / s).collect::<Vec<_>>();
