@@ -358,6 +358,14 @@ impl Default for ValidationConfig {
 }
 
 impl Experiment {
+    /// Every file that it names, relative to where it lies itself.
+    pub fn files(&self) -> impl Iterator<Item = &PathBuf> {
+        let input = self.data.testbed.as_ref().and_then(|testbed| testbed.input_file.as_ref());
+        let others =
+            [input, self.noise.zero_input_file.as_ref(), self.start.model.as_ref(), self.validation.file.as_ref()];
+        self.data.files.iter().chain(others.into_iter().flatten())
+    }
+
     /// What is wrong with the values, as key and reason; the words are checked when the file is read.
     pub fn problems(&self) -> Vec<(&'static str, String)> {
         let mut problems = Vec::new();

@@ -13,21 +13,60 @@ use crate::report::write_atomic;
 /// The checkpoint's name in the output directory.
 pub const CHECKPOINT: &str = "checkpoint.json";
 
+/// The file that says that a run is finished.
+const RESULT: &str = "result.json";
+
+/// What a run was, every default filled in.
+const MANIFEST: &str = "manifest.json";
+
 /// The filters already scored, and the recursion where it stopped.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Saved {
-    /// Of the experiment that it belongs to.
+    /// Of the experiment and the files that it belongs to: [`identity`].
     experiment_sha256: String,
     pub(crate) memory: Memory,
     pub(super) paused: Option<Paused>,
 }
 
-fn hash(experiment: &Experiment) -> String {
-    Sha256::digest(to_toml(experiment)).iter().map(|byte| format!("{byte:02x}")).collect()
+/// SHA-256 over the experiment as it was asked for and the bytes of every file that it names (relative to `base`): what a resumed run must
+/// have in common with the one that was interrupted.
+pub(crate) fn identity(experiment: &Experiment, base: &Path) -> Result<String, RunError> {
+    let mut hash = Sha256::new();
+    hash.update(to_toml(experiment));
+    for file in experiment.files() {
+        let path = base.join(file);
+        let bytes = std::fs::read(&path).map_err(|source| RunError::File { path, source })?;
+        hash.update(Sha256::digest(&bytes));
+    }
+    Ok(hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
-/// The checkpoint of `experiment` in `directory`; without one the run starts anew.
-pub(crate) fn read(directory: &Path, experiment: &Experiment) -> Result<Saved, RunError> {
+/// Whether `directory` may be written into by a resumed run of `experiment`. A checkpoint says itself whose it is; without one there may be a
+/// finished run, which must be of the same experiment and of the same data.
+///
+/// # Errors
+/// [`RunError::Checkpoint`] if a finished run there is another one's.
+pub fn require_own(experiment: &Experiment, base: &Path, directory: &Path) -> Result<(), RunError> {
+    let result = directory.join(RESULT);
+    if directory.join(CHECKPOINT).exists() || !result.exists() || is_finished(directory, &identity(experiment, base)?) {
+        return Ok(());
+    }
+    let reason = "a finished run of another experiment, or of other data, stands here; `--force` writes over it";
+    Err(RunError::Checkpoint { path: result, reason: reason.into() })
+}
+
+/// Whether `directory` holds a finished run of this identity. A run says so in its manifest, a merge, which has none, in its result.
+pub(crate) fn is_finished(directory: &Path, identity: &str) -> bool {
+    let says = |name: &str| {
+        let text = std::fs::read(directory.join(name)).ok()?;
+        let value: serde_json::Value = serde_json::from_slice(&text).ok()?;
+        Some(value["identity_sha256"] == identity)
+    };
+    directory.join(RESULT).exists() && [MANIFEST, RESULT].into_iter().any(|name| says(name) == Some(true))
+}
+
+/// The checkpoint of a run of this identity in `directory`; without one the run starts anew.
+pub(crate) fn read(directory: &Path, identity: &str) -> Result<Saved, RunError> {
     let path = directory.join(CHECKPOINT);
     let bad = |reason: String| RunError::Checkpoint { path: path.clone(), reason };
     let text = match std::fs::read_to_string(&path) {
@@ -36,22 +75,17 @@ pub(crate) fn read(directory: &Path, experiment: &Experiment) -> Result<Saved, R
         Err(error) => return Err(bad(error.to_string())),
     };
     let saved: Saved = serde_json::from_str(&text).map_err(|e| bad(format!("not a checkpoint: {e}")))?;
-    if saved.experiment_sha256 != hash(experiment) {
-        return Err(bad("it belongs to another experiment, or the config has changed since".into()));
+    if saved.experiment_sha256 != identity {
+        return Err(bad("it belongs to another experiment, or the config or a data file has changed since".into()));
     }
     Ok(saved)
 }
 
 /// Writes the checkpoint and returns the error that says so.
-pub(crate) fn write(
-    directory: Option<&Path>,
-    experiment: &Experiment,
-    memory: Memory,
-    paused: Option<Paused>,
-) -> RunError {
+pub(crate) fn write(directory: Option<&Path>, identity: &str, memory: Memory, paused: Option<Paused>) -> RunError {
     let Some(directory) = directory else { return RunError::Identify(crate::identify::IdentifyError::Interrupted) };
     let checkpoint = directory.join(CHECKPOINT);
-    let saved = Saved { experiment_sha256: hash(experiment), memory, paused };
+    let saved = Saved { experiment_sha256: identity.into(), memory, paused };
     let text = serde_json::to_vec(&saved).expect("a checkpoint is plain numbers");
     let written = std::fs::create_dir_all(directory).and_then(|()| write_atomic(&checkpoint, &text));
     match written {

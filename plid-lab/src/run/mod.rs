@@ -17,8 +17,8 @@ mod simulation;
 mod start;
 mod validate;
 
-pub use checkpoint::CHECKPOINT;
-pub(crate) use checkpoint::{Saved, read as read_checkpoint, write as write_checkpoint};
+pub use checkpoint::{CHECKPOINT, require_own};
+pub(crate) use checkpoint::{Saved, identity, is_finished, read as read_checkpoint, write as write_checkpoint};
 pub use error::RunError;
 pub use estimate::Estimate;
 pub(crate) use estimate::scaling;
@@ -58,6 +58,8 @@ pub struct Outcome {
     pub experiment: Experiment,
     /// What decided the covariance form, where the experiment left it open.
     pub chosen: Option<Conditions>,
+    /// SHA-256 of the experiment as it was asked for and of the files that it names.
+    pub identity: String,
     /// The files read.
     pub sources: Vec<Source>,
     /// What was done to the data, in words.
@@ -117,12 +119,12 @@ pub fn carry_out(
     if experiment.structure.kind == StructureKind::SimoMerge {
         return Err(setting("structure", "runs that are to be merged are several: `merge::carry_out` makes them"));
     }
-    let asked = experiment.clone();
+    progress.stage("data");
+    let identity = identity(&experiment, base)?;
     let saved = match (directory, resume) {
-        (Some(directory), true) => checkpoint::read(directory, &asked)?,
+        (Some(directory), true) => checkpoint::read(directory, &identity)?,
         _ => Saved::default(),
     };
-    progress.stage("data");
     let (obtained, mut prepared) = data(&mut experiment, base)?;
     let (raw, truth) = (obtained.records, obtained.truth);
     let mut warnings = obtained.warnings;
@@ -142,7 +144,7 @@ pub fn carry_out(
     }
 
     let memory = std::sync::Mutex::new(saved.memory);
-    let pause = |memory: Memory, paused| checkpoint::write(directory, &asked, memory, paused);
+    let pause = |memory: Memory, paused| checkpoint::write(directory, &identity, memory, paused);
     let actor = Actor { experiment: &experiment, base, raw: &raw, prepared: &prepared, progress };
     let mut search = Search {
         split: Split::new(&training, experiment.validation.learning_share),
@@ -248,6 +250,7 @@ pub fn carry_out(
     };
     let mut outcome = Outcome {
         steps: prepared.steps.iter().map(ToString::to_string).collect(),
+        identity,
         sources: obtained.sources,
         advice: Vec::new(),
         predictor: predictor.map(|p| p.origin),
