@@ -40,7 +40,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Content, DataError> {
         .map(|(k, text)| Line { number: k + 1, text })
         .filter(|line| {
             let text = line.text.trim();
-            !text.is_empty() && !text.starts_with('#')
+            !text.is_empty() && !is_comment(text)
         })
         .collect();
     let Some(first) = lines.first() else {
@@ -50,7 +50,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Content, DataError> {
     let decimal_comma = separator != Separator::Mark(',');
     let mut first_cells = split(first.text, separator);
     drop_trailing_empty(&mut first_cells);
-    let has_header = first.text.contains('"') || first_cells.iter().any(|cell| number(cell, decimal_comma).is_none());
+    let has_header = is_header(&lines, separator, decimal_comma);
     let names: Vec<String> = first_cells
         .iter()
         .enumerate()
@@ -63,6 +63,22 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Content, DataError> {
     let cells = rows.iter().map(|line| row(path, line, separator, &names)).collect::<Result<Vec<_>, _>>()?;
     check_widths(path, rows, &cells, names.len())?;
     Ok(assemble(names, &cells, rows))
+}
+
+/// A remark begins with `#`; a row whose first cell is an error of a spreadsheet (`#N/A`, `#DIV/0!`, `#VALUE!`) does not.
+fn is_comment(text: &str) -> bool {
+    const ERRORS: [&str; 8] = ["#n/a", "#na", "#div/0!", "#value!", "#ref!", "#name?", "#num!", "#null!"];
+    let first = text.trim_start_matches('"').split([',', ';', '\t', ' ', '"']).next().unwrap_or_default();
+    text.starts_with('#') && !ERRORS.contains(&first.to_lowercase().as_str())
+}
+
+/// Whether the first line names columns. A cell that is no number is a name. Numbers in quotes are names where those below them are not in quotes (plid
+/// writes such names itself); where every row is in quotes, they are numbers.
+fn is_header(lines: &[Line], separator: Separator, decimal_comma: bool) -> bool {
+    let first = lines[0].text;
+    let is_quoted = |line: &Line| line.text.contains('"');
+    split(first, separator).iter().any(|cell| number(cell, decimal_comma).is_none())
+        || (first.contains('"') && !lines.get(1).is_some_and(is_quoted))
 }
 
 /// The separator of a file, from its first line outside of quotes.
@@ -230,6 +246,26 @@ mod tests {
             assert_eq!(content.names, ["1", "2"]);
             assert_eq!(content.columns.row(1).to_vec(), [3.0, 4.0]);
         }
+    }
+
+    #[test]
+    fn quoted_rows_without_a_header_lose_none() {
+        let content = parse("\"1\",\"2\"\n\"3\",\"4\"\n\"5\",\"6\"\n").unwrap();
+        assert_eq!(content.names, ["1", "2"]);
+        assert_eq!(content.columns, array![[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]);
+        // Names that are numbers, above numbers without quotes.
+        let content = parse("\"2\",\"1\"\n3,4\n5,6\n").unwrap();
+        assert_eq!(content.names, ["2", "1"]);
+        assert_eq!(content.columns, array![[3.0, 4.0], [5.0, 6.0]]);
+    }
+
+    #[test]
+    fn a_row_that_begins_with_an_error_of_a_spreadsheet_is_no_comment() {
+        for wrong in ["#N/A", "#DIV/0!", "#n/a"] {
+            let said = parse(&format!("u,y\n1,2\n{wrong},3\n4,5\n")).err().unwrap().to_string();
+            assert_eq!(said, format!("x.csv, line 3, column `u`: `{wrong}` is not a number"));
+        }
+        assert_eq!(parse("#u,y\n# N/A\nu,y\n1,2\n3,4\n").unwrap().names, ["u", "y"]);
     }
 
     #[test]

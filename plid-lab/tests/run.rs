@@ -205,6 +205,28 @@ fn an_interrupted_run_is_resumed_to_the_same_bytes() {
     assert!(!out.join(run::CHECKPOINT).exists());
 }
 
+/// The experiment may stay as it is while its data change.
+#[test]
+fn what_another_run_left_is_neither_taken_up_nor_written_over() {
+    let directory = tempfile::tempdir().unwrap();
+    let base = directory.path();
+    write_plant(base, "a.csv", false, 600, 0.02, 5);
+    let experiment = config("\"a.csv\"", "[structure]\nstates = 4\n");
+    let (interrupted, finished) = (base.join("interrupted"), base.join("finished"));
+    let stop = StopAt(AtomicUsize::new(0), 10);
+    run::carry_out(&experiment, base, Some(&interrupted), false, &stop).unwrap_err();
+    run::write(&carry_out(&experiment, base), &finished).unwrap();
+    for own in [&interrupted, &finished] {
+        run::require_own(&experiment, base, own).unwrap();
+    }
+    run::require_own(&config("\"a.csv\"", "[structure]\nstates = 6\n"), base, &finished).unwrap_err();
+    write_plant(base, "a.csv", false, 600, 0.02, 6);
+    let said = run::require_own(&experiment, base, &finished).unwrap_err().to_string();
+    assert!(said.contains("result.json") && said.contains("--force"), "{said}");
+    let said = run::carry_out(&experiment, base, Some(&interrupted), true, &Silent).unwrap_err().to_string();
+    assert!(said.contains("a data file has changed"), "{said}");
+}
+
 #[test]
 fn a_checkpoint_of_another_experiment_is_refused() {
     let directory = tempfile::tempdir().unwrap();

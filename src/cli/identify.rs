@@ -11,7 +11,7 @@ use plid::lab::experiment::{
 };
 use plid::lab::prepare::{Advance, Preparation};
 use plid::lab::report::write_atomic;
-use plid::lab::run::CHECKPOINT;
+use plid::lab::run::{CHECKPOINT, require_own};
 
 use super::{Failure, Voice, directory};
 
@@ -189,6 +189,9 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     };
     if let Some((key, reason)) = experiment.problems().into_iter().next() {
         return Err(Failure::input(format!("{key}: {reason}")));
+    }
+    if arguments.resume && !arguments.force {
+        require_own(&experiment, &out, &out)?;
     }
     let result = super::run::carry_out(&experiment, &out, &out, arguments.resume, voice);
     // An experiment that could not be begun leaves nothing behind; one that was interrupted may be taken up.

@@ -27,7 +27,7 @@ pub struct Arguments {
     /// Second model, refined for simulation: output-error or off [default: as in the experiment].
     #[arg(long, value_name = "HOW", value_parser = super::identify::parse::<Refinement>)]
     refine: Option<Refinement>,
-    /// Continue an interrupted run from its checkpoint in the output directory.
+    /// Continue an interrupted run of the same experiment and the same data from its checkpoint in the output directory.
     #[arg(long)]
     resume: bool,
     /// Write into a directory that is not empty.
@@ -45,6 +45,9 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     let base = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let out = arguments.out.unwrap_or_else(|| directory::default_for(&experiment.name));
     directory::check(&out, arguments.force || arguments.resume)?;
+    if arguments.resume && !arguments.force {
+        run::require_own(&experiment, base, &out)?;
+    }
     if experiment.structure.kind == StructureKind::SimoMerge {
         return super::merge::carry_out(&experiment, base, &out, arguments.resume, voice);
     }

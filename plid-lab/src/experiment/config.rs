@@ -363,6 +363,14 @@ impl Default for ValidationConfig {
 }
 
 impl Experiment {
+    /// Every file that the experiment names, relative to the experiment file.
+    pub fn files(&self) -> impl Iterator<Item = &PathBuf> {
+        let input = self.data.testbed.as_ref().and_then(|testbed| testbed.input_file.as_ref());
+        let others =
+            [input, self.noise.zero_input_file.as_ref(), self.start.model.as_ref(), self.validation.file.as_ref()];
+        self.data.files.iter().chain(others.into_iter().flatten())
+    }
+
     /// Returns the invalid values as pairs of key and reason; unknown words are rejected when the file is read.
     pub fn problems(&self) -> Vec<(&'static str, String)> {
         let mut problems = Vec::new();

@@ -13,7 +13,9 @@ use super::split::split;
 use super::tune::{common_noise, predictor};
 use crate::experiment::{Experiment, to_toml};
 use crate::identify::{IdentifyError, Trial};
-use crate::run::{self, PeakRow, Progress, RunError, Saved, Truth, read_checkpoint, write_checkpoint};
+use crate::run::{
+    self, PeakRow, Progress, RunError, Saved, Truth, identity, is_finished, read_checkpoint, write_checkpoint,
+};
 use plid_data::prepare::Preparation;
 use plid_data::{self as data, MissingPolicy};
 use plid_report::write_atomic;
@@ -25,6 +27,8 @@ pub struct Outcome {
     pub name: String,
     /// The experiment, unless finished runs were merged.
     pub experiment: Option<Experiment>,
+    /// SHA-256 of that experiment and of the files that it names.
+    pub identity: Option<String>,
     /// The runs in the order of the model's inputs.
     pub runs: Vec<FinishedRun>,
     /// The merged model and the test of its consistency.
@@ -58,12 +62,13 @@ pub fn carry_out(
     if let Some((key, reason)) = experiment.problems().into_iter().next() {
         return Err(RunError::Setting { key, reason });
     }
+    let identity = identity(experiment, base)?;
     let mut parts = split(experiment, base)?;
     progress.stage("noise covariances");
-    let mut saved = if resume { read_checkpoint(directory, experiment)? } else { Saved::default() };
+    let mut saved = if resume { read_checkpoint(directory, &identity)? } else { Saved::default() };
     let trials = match common_noise(&parts, &mut saved.memory, progress) {
         Err(RunError::Identify(IdentifyError::Interrupted)) => {
-            return Err(write_checkpoint(Some(directory), experiment, saved.memory, None));
+            return Err(write_checkpoint(Some(directory), &identity, saved.memory, None));
         }
         Err(other) => return Err(other),
         Ok(None) => Vec::new(),
@@ -84,7 +89,7 @@ pub fn carry_out(
         })
         .collect();
     if done.iter().any(|run| matches!(run, Err(RunError::Interrupted { .. }))) {
-        return Err(write_checkpoint(Some(directory), experiment, saved.memory, None));
+        return Err(write_checkpoint(Some(directory), &identity, saved.memory, None));
     }
     done.into_iter().collect::<Result<(), _>>()?;
     progress.stage("merge");
@@ -122,6 +127,7 @@ pub fn carry_out(
     }
     outcome.bank = trials;
     outcome.experiment = Some(experiment.clone());
+    outcome.identity = Some(identity);
     Ok(outcome)
 }
 
@@ -139,6 +145,7 @@ pub fn of_runs(name: &str, runs: Vec<FinishedRun>) -> Result<Outcome, RunError> 
     Ok(Outcome {
         name: name.into(),
         experiment: None,
+        identity: None,
         runs,
         merged,
         held_out,
@@ -191,7 +198,8 @@ fn one_run(experiment: &Experiment, directory: &Path, resume: bool, progress: &d
     let config = directory.join("experiment.toml");
     let text = to_toml(experiment);
     // The config is written last, so that its presence shows that the run is complete.
-    if resume && std::fs::read_to_string(&config).is_ok_and(|there| there == text) {
+    let is_the_same = std::fs::read_to_string(&config).is_ok_and(|there| there == text);
+    if resume && is_the_same && is_finished(directory, &identity(experiment, Path::new(""))?) {
         return Ok(());
     }
     // An incomplete run must not look complete.

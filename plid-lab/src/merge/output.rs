@@ -56,6 +56,7 @@ fn result(outcome: &Outcome) -> Result<Value, RunError> {
         .collect();
     Ok(json!({
         "name": outcome.name,
+        "identity_sha256": outcome.identity,
         "sample_rate_hz": model.sample_rate_hz,
         "inputs": model.inputs,
         "outputs": model.outputs,

@@ -13,21 +13,61 @@ use plid_report::write_atomic;
 /// The name of the checkpoint in the output directory.
 pub const CHECKPOINT: &str = "checkpoint.json";
 
+/// A run with this file is finished.
+const RESULT: &str = "result.json";
+
+/// Describes a run, with every default filled in.
+const MANIFEST: &str = "manifest.json";
+
 /// The filters already scored, and the state of the interrupted recursion.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Saved {
-    /// The hash of the experiment to which the checkpoint belongs.
+    /// The [`identity`] of the experiment and its files, to which the checkpoint belongs.
     experiment_sha256: String,
     pub(crate) memory: Memory,
     pub(super) paused: Option<Paused>,
 }
 
-fn hash(experiment: &Experiment) -> String {
-    Sha256::digest(to_toml(experiment)).iter().map(|byte| format!("{byte:02x}")).collect()
+/// SHA-256 over the experiment as it was asked for and the bytes of every file that it names (relative to `base`): what a resumed run must
+/// have in common with the one that was interrupted.
+pub(crate) fn identity(experiment: &Experiment, base: &Path) -> Result<String, RunError> {
+    let mut hash = Sha256::new();
+    hash.update(to_toml(experiment));
+    for file in experiment.files() {
+        let path = base.join(file);
+        let bytes = std::fs::read(&path).map_err(|source| RunError::File { path, source })?;
+        hash.update(Sha256::digest(&bytes));
+    }
+    Ok(hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
-/// Reads the checkpoint of `experiment` in `directory`; without one the run starts from the beginning.
-pub(crate) fn read(directory: &Path, experiment: &Experiment) -> Result<Saved, RunError> {
+/// Checks that a resumed run of `experiment` may write into `directory`. A checkpoint carries its own identity; without
+/// one there may be a finished run, which must be of the same experiment and of the same data.
+///
+/// # Errors
+/// [`RunError::Checkpoint`] if the directory holds a finished run of another experiment or of other data.
+pub fn require_own(experiment: &Experiment, base: &Path, directory: &Path) -> Result<(), RunError> {
+    let result = directory.join(RESULT);
+    if directory.join(CHECKPOINT).exists() || !result.exists() || is_finished(directory, &identity(experiment, base)?) {
+        return Ok(());
+    }
+    let reason = "this folder holds a finished run of another experiment or of other data; `--force` overwrites it";
+    Err(RunError::Checkpoint { path: result, reason: reason.into() })
+}
+
+/// Whether `directory` holds a finished run of this identity. The manifest of a run states it; a merge has no manifest
+/// and states it in its result.
+pub(crate) fn is_finished(directory: &Path, identity: &str) -> bool {
+    let says = |name: &str| {
+        let text = std::fs::read(directory.join(name)).ok()?;
+        let value: serde_json::Value = serde_json::from_slice(&text).ok()?;
+        Some(value["identity_sha256"] == identity)
+    };
+    directory.join(RESULT).exists() && [MANIFEST, RESULT].into_iter().any(|name| says(name) == Some(true))
+}
+
+/// Reads the checkpoint of a run of this identity in `directory`; without one the run starts from the beginning.
+pub(crate) fn read(directory: &Path, identity: &str) -> Result<Saved, RunError> {
     let path = directory.join(CHECKPOINT);
     let bad = |reason: String| RunError::Checkpoint { path: path.clone(), reason };
     let text = match std::fs::read_to_string(&path) {
@@ -36,22 +76,17 @@ pub(crate) fn read(directory: &Path, experiment: &Experiment) -> Result<Saved, R
         Err(error) => return Err(bad(error.to_string())),
     };
     let saved: Saved = serde_json::from_str(&text).map_err(|e| bad(format!("not a checkpoint: {e}")))?;
-    if saved.experiment_sha256 != hash(experiment) {
-        return Err(bad("it belongs to another experiment, or the config has changed since".into()));
+    if saved.experiment_sha256 != identity {
+        return Err(bad("it belongs to another experiment, or the config or a data file has changed since".into()));
     }
     Ok(saved)
 }
 
 /// Writes the checkpoint and returns [`RunError::Interrupted`] with its path.
-pub(crate) fn write(
-    directory: Option<&Path>,
-    experiment: &Experiment,
-    memory: Memory,
-    paused: Option<Paused>,
-) -> RunError {
+pub(crate) fn write(directory: Option<&Path>, identity: &str, memory: Memory, paused: Option<Paused>) -> RunError {
     let Some(directory) = directory else { return RunError::Identify(crate::identify::IdentifyError::Interrupted) };
     let checkpoint = directory.join(CHECKPOINT);
-    let saved = Saved { experiment_sha256: hash(experiment), memory, paused };
+    let saved = Saved { experiment_sha256: identity.into(), memory, paused };
     let text = serde_json::to_vec(&saved).expect("a checkpoint is plain numbers");
     let written = std::fs::create_dir_all(directory).and_then(|()| write_atomic(&checkpoint, &text));
     match written {

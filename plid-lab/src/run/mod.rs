@@ -16,8 +16,8 @@ mod simulation;
 mod start;
 mod validate;
 
-pub use checkpoint::CHECKPOINT;
-pub(crate) use checkpoint::{Saved, read as read_checkpoint, write as write_checkpoint};
+pub use checkpoint::{CHECKPOINT, require_own};
+pub(crate) use checkpoint::{Saved, identity, is_finished, read as read_checkpoint, write as write_checkpoint};
 pub use error::RunError;
 pub use estimate::Estimate;
 pub(crate) use estimate::scaling;
@@ -57,6 +57,8 @@ pub struct Outcome {
     pub experiment: Experiment,
     /// The conditions that decided the covariance form, if the experiment did not name one.
     pub chosen: Option<Conditions>,
+    /// SHA-256 of the experiment as requested and of the files that it names.
+    pub identity: String,
     /// The data files.
     pub sources: Vec<Source>,
     /// The preparation steps, as sentences.
@@ -116,12 +118,12 @@ pub fn carry_out(
     if experiment.structure.kind == StructureKind::SimoMerge {
         return Err(setting("structure", "runs that are to be merged are several: `merge::carry_out` makes them"));
     }
-    let asked = experiment.clone();
+    progress.stage("data");
+    let identity = identity(&experiment, base)?;
     let saved = match (directory, resume) {
-        (Some(directory), true) => checkpoint::read(directory, &asked)?,
+        (Some(directory), true) => checkpoint::read(directory, &identity)?,
         _ => Saved::default(),
     };
-    progress.stage("data");
     let (obtained, mut prepared) = data(&mut experiment, base)?;
     let (raw, truth) = (obtained.records, obtained.truth);
     let mut warnings = obtained.warnings;
@@ -141,7 +143,7 @@ pub fn carry_out(
     }
 
     let memory = std::sync::Mutex::new(saved.memory);
-    let pause = |memory: Memory, paused| checkpoint::write(directory, &asked, memory, paused);
+    let pause = |memory: Memory, paused| checkpoint::write(directory, &identity, memory, paused);
     let actor = Actor { experiment: &experiment, base, raw: &raw, prepared: &prepared, progress };
     let mut search = Search {
         split: Split::new(&training, experiment.validation.learning_share),
@@ -247,6 +249,7 @@ pub fn carry_out(
     };
     let mut outcome = Outcome {
         steps: prepared.steps.iter().map(ToString::to_string).collect(),
+        identity,
         sources: obtained.sources,
         advice: Vec::new(),
         predictor: predictor.map(|p| p.origin),

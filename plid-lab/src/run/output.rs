@@ -178,6 +178,7 @@ fn manifest(outcome: &Outcome) -> Value {
     json!({
         "program": "plid",
         "version": env!("CARGO_PKG_VERSION"),
+        "identity_sha256": outcome.identity,
         "experiment": outcome.experiment,
         "covariance_form": {
             "name": outcome.experiment.variant.covariance,
