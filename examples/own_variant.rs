@@ -6,11 +6,11 @@
 use plid::backends::Plain;
 use plid::covariance::Direct;
 use plid::expectations::MomentMatched;
-use plid::kernels::{BadPivot, axpy, cholesky, dot, pivoted_cholesky, solve_lower};
+use plid::kernels::{BadPivot, Kernels, axpy, cholesky, pivoted_cholesky, solve_lower};
 use plid::{
-    Backend, ConditionalExpectations, CovariancePropagation, Dense, Health, Identifier, ImplicitModel,
-    InitialCovariance, Matrix, Moment, NoiseModel, NoiseTerms, ObservableForm, Scalar, ScalarOf, Settings, Transition,
-    View, ViewMut,
+    Backend, Checkpointed, ConditionalExpectations, CovarianceBlocks, CovariancePropagation, Dense, Form, FormFacts,
+    Identifier, ImplicitModel, InitialCovariance, Inspect, Matrix, NoiseModel, NoiseTerms, ObservableForm, Scalar,
+    ScalarOf, Settings, StepView, Transition, View, ViewMut,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
@@ -43,34 +43,52 @@ impl Backend for Unfused {
 /// the covariance E[G] S of Eq. 8 is left out. For independent w, v and xi.
 #[derive(Clone, Debug)]
 struct Uncorrelated<S> {
+    inflation: S,
     weights: Dense<S>,
 }
 
-impl<C: CovariancePropagation> ConditionalExpectations<C> for Uncorrelated<ScalarOf<C>> {
-    fn new(model: &impl ImplicitModel) -> Self {
-        Self { weights: Dense::zeros(model.parameter_columns(), model.parameter_columns()) }
+/// What a user may set.
+#[derive(Clone, Debug)]
+struct UncorrelatedOptions {
+    /// Qbar is multiplied by this.
+    inflation: f64,
+}
+
+impl Default for UncorrelatedOptions {
+    fn default() -> Self {
+        Self { inflation: 1.0 }
+    }
+}
+
+impl<S: Kernels> ConditionalExpectations for Uncorrelated<S> {
+    type Scalar = S;
+    type Options = UncorrelatedOptions;
+
+    fn new(model: &dyn ImplicitModel, options: &UncorrelatedOptions) -> Self {
+        let weights = Dense::zeros(model.parameter_columns(), model.parameter_columns());
+        Self { inflation: S::from_f64(options.inflation), weights }
     }
 
-    fn after<M: ImplicitModel>(
+    fn after(
         &mut self,
-        moment: &Moment<'_, ScalarOf<C>, M>,
-        covariance: &mut C,
-        transition: &mut Transition<ScalarOf<C>>,
+        step: &StepView<'_, S>,
+        covariance: &mut dyn CovarianceBlocks<S>,
+        transition: &mut Transition<S>,
     ) {
-        let Moment { model, noise, s, z, u, .. } = moment;
+        let StepView { model, noise, s, z, u, .. } = step;
         let (n, p) = (model.states(), model.outputs());
         let theta = |t: usize| &s[(1 + t) * n..(2 + t) * n];
         // What is measured stands in for the state; where an output is missing, its estimate does.
-        transition.drift.fill(ScalarOf::<C>::from_f64(0.0));
+        transition.drift.fill(S::from_f64(0.0));
         for (i, &row) in model.output_states().iter().enumerate() {
             transition.phi[i] = s[row];
             transition.abar.column_mut(i).copy_from_slice(theta(i));
         }
         transition.phi[p..].copy_from_slice(u);
-        self.weights.fill(ScalarOf::<C>::from_f64(0.0));
+        self.weights.fill(S::from_f64(0.0));
         for (k, &i) in noise.available().iter().enumerate() {
             transition.phi[i] = z[i];
-            transition.abar.column_mut(i).fill(ScalarOf::<C>::from_f64(0.0));
+            transition.abar.column_mut(i).fill(S::from_f64(0.0));
             for (l, &j) in noise.available().iter().enumerate() {
                 *self.weights.at_mut(i, j) = noise.sensor(k, l);
             }
@@ -91,6 +109,9 @@ impl<C: CovariancePropagation> ConditionalExpectations<C> for Uncorrelated<Scala
             }
         }
         covariance.add_parameter_blocks(&self.weights, transition.qbar.view_mut());
+        for c in 0..n {
+            transition.qbar.column_mut(c).iter_mut().for_each(|x| *x *= self.inflation);
+        }
     }
 }
 // ANCHOR_END: expectation
@@ -110,9 +131,10 @@ struct Textbook {
 }
 
 impl CovariancePropagation for Textbook {
-    type Backend = Unfused;
+    type Scalar = f64;
+    type Options = ();
 
-    fn new(model: &impl ImplicitModel, initial: &InitialCovariance) -> Result<Self, BadPivot> {
+    fn new(model: &dyn ImplicitModel, initial: &InitialCovariance, _: &()) -> Result<Self, BadPivot> {
         let (size, outputs) = (model.joint_states(), model.outputs());
         let p = match initial {
             InitialCovariance::Diagonal(variances) => Dense::from_diagonal(variances),
@@ -179,22 +201,7 @@ impl CovariancePropagation for Textbook {
         Ok(())
     }
 
-    fn scalar_update(&mut self, h: &[f64], r: f64, gain: &mut [f64]) -> Result<(), BadPivot> {
-        for (j, g) in gain.iter_mut().enumerate() {
-            *g = dot(self.p.column(j), h);
-        }
-        let variance = dot(h, gain) + r;
-        if !(variance > 0.0 && variance.is_finite()) {
-            return Err(BadPivot { index: 0, value: variance });
-        }
-        for j in 0..h.len() {
-            axpy(-gain[j] / variance, gain, self.p.column_mut(j));
-        }
-        gain.iter_mut().for_each(|g| *g /= variance);
-        Ok(())
-    }
-
-    fn time_update(&mut self, model: &impl ImplicitModel, transition: &Transition<f64>) -> Result<(), BadPivot> {
+    fn time_update(&mut self, model: &dyn ImplicitModel, transition: &Transition<f64>) -> Result<(), BadPivot> {
         let (n, size) = (self.n, self.p.rows());
         self.f.fill(0.0);
         for i in 0..n {
@@ -233,32 +240,17 @@ impl CovariancePropagation for Textbook {
             None => Ok(()),
         }
     }
+}
+// ANCHOR_END: covariance
 
-    fn add_parameter_noise(&mut self, q: f64, _step: u64) {
-        for i in self.n..self.p.rows() {
-            *self.p.at_mut(i, i) += q;
-        }
+// ANCHOR: inspect
+impl Inspect for Textbook {
+    fn dense_in<T: Scalar>(&self) -> Dense<T> {
+        Dense::from_fn(self.p.rows(), self.p.columns(), |i, j| T::from_f64(self.p.at(i, j)))
     }
+}
 
-    fn scale(&mut self, factor: f64) {
-        let mut p = self.p.view_mut();
-        p.data_mut().iter_mut().for_each(|x| *x *= factor);
-    }
-
-    fn dense(&self) -> Dense<f64> {
-        self.p.clone()
-    }
-
-    fn health(&self) -> Health {
-        let mut p = self.p.clone();
-        match cholesky(p.view_mut()) {
-            Ok(()) => Health::from_pivots((0..p.rows()).map(|i| p.at(i, i) * p.at(i, i)), 0.0),
-            Err(BadPivot { index, value }) => {
-                Health { smallest_pivot: value, index, symmetry_defect: 0.0, condition: f64::INFINITY }
-            }
-        }
-    }
-
+impl Checkpointed for Textbook {
     fn state(&self) -> Vec<f64> {
         self.p.data().to_vec()
     }
@@ -273,6 +265,17 @@ impl CovariancePropagation for Textbook {
     }
 }
 
+impl Form for Textbook {
+    // Nothing is known of its operations.
+    const FACTS: FormFacts = FormFacts {
+        factored: false,
+        updates: |_| Vec::new(),
+        parameter_blocks: |_, _| Vec::new(),
+        output_columns: |_| Vec::new(),
+    };
+}
+// ANCHOR_END: inspect
+
 impl Textbook {
     /// Copies the lower triangle of P to the upper one.
     fn mirror(&mut self) {
@@ -283,7 +286,6 @@ impl Textbook {
         }
     }
 }
-// ANCHOR_END: covariance
 
 /// A plant in canonical form, with what it was driven by and what was measured of it.
 struct Record {
@@ -321,7 +323,7 @@ fn record(indices: &[usize], parameters: &[f64], [sensor, state]: [f64; 2], samp
 fn identify<C, E>(record: &Record) -> Result<Identifier<C, E>, plid::IdentifierError>
 where
     C: CovariancePropagation,
-    E: ConditionalExpectations<C>,
+    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
 {
     let settings = Settings::new(&record.form, 1.0, 1.0);
     let mut identifier = Identifier::new(record.form.clone(), &record.noise, &settings)?;
@@ -333,13 +335,13 @@ where
 // ANCHOR_END: identify
 
 /// The largest difference of P between two runs, relative to sqrt(P_ii P_jj).
-fn difference<C: CovariancePropagation>(one: &C, other: &impl CovariancePropagation) -> f64 {
-    let (p, q) = (one.dense(), other.dense());
+fn difference(one: &impl Inspect, other: &impl Inspect) -> f64 {
+    let (p, q) = (one.dense_in::<f64>(), other.dense_in::<f64>());
     let mut largest = 0.0_f64;
     for i in 0..p.rows() {
         for j in 0..p.rows() {
-            let scale = (p.at(i, i) * p.at(j, j)).sqrt().to_f64();
-            largest = largest.max((p.at(i, j).to_f64() - q.at(i, j).to_f64()).abs() / scale);
+            let scale = (p.at(i, i) * p.at(j, j)).sqrt();
+            largest = largest.max((p.at(i, j) - q.at(i, j)).abs() / scale);
         }
     }
     largest

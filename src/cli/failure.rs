@@ -92,7 +92,7 @@ impl From<RunError> for Failure {
 /// Whether a recursion was impossible from the start, by what was asked for.
 fn was_asked_for(error: &VariantError) -> bool {
     match error {
-        VariantError::NoDoubleDouble(_) => true,
+        VariantError::NoDoubleDouble(_) | VariantError::Absent { .. } => true,
         VariantError::Identifier(error) => !matches!(
             error,
             IdentifierError::NotFinite { .. } | IdentifierError::Indefinite { .. } | IdentifierError::Diverged { .. }
