@@ -20,26 +20,42 @@ pub struct ViewMut<'a, S> {
     stride: usize,
 }
 
+/// What both views tell of themselves.
+macro_rules! shape_and_entries {
+    ($view:ident) => {
+        impl<S: Scalar> $view<'_, S> {
+            /// The number of rows.
+            pub fn rows(&self) -> usize {
+                self.rows
+            }
+
+            /// The number of columns.
+            pub fn columns(&self) -> usize {
+                self.columns
+            }
+
+            /// The distance from one column to the next, in entries.
+            pub fn stride(&self) -> usize {
+                self.stride
+            }
+
+            /// Entry (i, j).
+            #[inline]
+            pub fn at(&self, i: usize, j: usize) -> S {
+                self.data[i + j * self.stride]
+            }
+        }
+    };
+}
+
+shape_and_entries!(View);
+shape_and_entries!(ViewMut);
+
 impl<'a, S: Scalar> View<'a, S> {
     /// A `rows` x `columns` view of `data`, columns `stride` apart. Panics if `data` is too short.
     pub fn new(data: &'a [S], rows: usize, columns: usize, stride: usize) -> Self {
         assert!(stride >= rows && (columns == 0 || data.len() >= (columns - 1) * stride + rows));
         Self { data, rows, columns, stride }
-    }
-
-    /// The number of rows.
-    pub fn rows(&self) -> usize {
-        self.rows
-    }
-
-    /// The number of columns.
-    pub fn columns(&self) -> usize {
-        self.columns
-    }
-
-    /// The distance from one column to the next, in entries.
-    pub fn stride(&self) -> usize {
-        self.stride
     }
 
     /// The entries, from (0, 0) on, gaps between columns included.
@@ -51,12 +67,6 @@ impl<'a, S: Scalar> View<'a, S> {
     #[inline]
     pub fn column(&self, j: usize) -> &'a [S] {
         &self.data[j * self.stride..j * self.stride + self.rows]
-    }
-
-    /// Entry (i, j).
-    #[inline]
-    pub fn at(&self, i: usize, j: usize) -> S {
-        self.data[i + j * self.stride]
     }
 
     /// The `rows` x `columns` block whose first entry is (row, column).
@@ -72,21 +82,6 @@ impl<'a, S: Scalar> ViewMut<'a, S> {
     pub fn new(data: &'a mut [S], rows: usize, columns: usize, stride: usize) -> Self {
         assert!(stride >= rows && (columns == 0 || data.len() >= (columns - 1) * stride + rows));
         Self { data, rows, columns, stride }
-    }
-
-    /// The number of rows.
-    pub fn rows(&self) -> usize {
-        self.rows
-    }
-
-    /// The number of columns.
-    pub fn columns(&self) -> usize {
-        self.columns
-    }
-
-    /// The distance from one column to the next, in entries.
-    pub fn stride(&self) -> usize {
-        self.stride
     }
 
     /// The entries, from (0, 0) on, gaps between columns included.
@@ -139,12 +134,6 @@ impl<'a, S: Scalar> ViewMut<'a, S> {
             let (head, tail) = self.data.split_at_mut(from * stride);
             (&tail[..rows], &mut head[to * stride..to * stride + rows])
         }
-    }
-
-    /// Entry (i, j).
-    #[inline]
-    pub fn at(&self, i: usize, j: usize) -> S {
-        self.data[i + j * self.stride]
     }
 
     /// Entry (i, j), to be written to.
