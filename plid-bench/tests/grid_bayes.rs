@@ -1,4 +1,4 @@
-//! The scalar plant x+ = a x + b u + xi, z = x + w against exact Bayes (docs/mathematics.md, "Five expectations").
+//! The scalar plant x+ = a x + b u + xi, z = x + w against exact Bayes.
 
 use plid_backends::Plain;
 use plid_bench::expectations::grid::{ScalarPrior, ScalarRecord, exact_bayes};

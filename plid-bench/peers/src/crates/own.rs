@@ -1,6 +1,6 @@
 //! plid itself, in each of its covariance forms.
 
-use plid_core::{ConditionalExpectations, CovariancePropagation, Dense, Identifier, InitialCovariance, Settings};
+use plid_core::{CovariancePropagation, Dense, Identifier, InitialCovariance, Inspect, Settings};
 use plid_variants::expectations::JointEkf;
 
 use crate::peer::{Failure, Peer};
@@ -12,10 +12,7 @@ pub struct Plid<C: CovariancePropagation> {
     identifier: Identifier<C, JointEkf<f64>>,
 }
 
-impl<C: CovariancePropagation> Plid<C>
-where
-    JointEkf<f64>: ConditionalExpectations<C>,
-{
+impl<C: CovariancePropagation<Scalar = f64>> Plid<C> {
     /// For the shapes and the noise of `case`.
     pub fn new(case: &Case) -> Result<Self, Failure> {
         let identifier = Identifier::new(case.form.clone(), &case.noise, &case.settings)?;
@@ -23,11 +20,7 @@ where
     }
 }
 
-impl<C: CovariancePropagation> Peer for Plid<C>
-where
-    JointEkf<f64>: ConditionalExpectations<C>,
-    plid_core::ScalarOf<C>: Into<f64>,
-{
+impl<C: Inspect + CovariancePropagation<Scalar = f64>> Peer for Plid<C> {
     fn load(&mut self, s: &[f64], p: &[f64]) -> Result<(), Failure> {
         let joint = self.case.joint;
         let settings = Settings {
@@ -44,7 +37,7 @@ where
     }
 
     fn estimate(&self) -> Result<(Vec<f64>, Vec<f64>), Failure> {
-        let s = self.identifier.estimate().iter().map(|&x| x.into()).collect();
-        Ok((s, self.identifier.covariance().dense().cast::<f64>().data().to_vec()))
+        let s = self.identifier.estimate().to_vec();
+        Ok((s, self.identifier.covariance().dense().data().to_vec()))
     }
 }
