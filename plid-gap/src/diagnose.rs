@@ -251,7 +251,7 @@ fn finish(
         ),
         warnings: case.warnings.clone(),
     };
-    let simulation = written(&explained, model, &plant, &shown, verdict);
+    let simulation = written(&explained, model, &plant, &shown, verdict, &diagnosis.gap);
     let evidence = evidence(case, &explained, &unseen, before, beside, &plant, &actions);
     let mut outcome = Outcome { diagnosis, simulation, evidence };
     audit.tell(&mut outcome);

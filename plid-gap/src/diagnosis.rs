@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::effects::Side;
 use crate::locate::LevelGap;
+use crate::range::FittedRange;
 use crate::verdict::Verdict;
 
 /// A parameter's value with its 95 % interval.
@@ -244,6 +245,9 @@ pub struct SimulationWithEffects {
     pub effects: Vec<WrittenEffect>,
     /// End of the last record, in s since the first began.
     pub t0: f64,
-    /// Gap that noise alone makes, in V, of each output.
+    /// RMS of the noise of each output, in its unit.
     pub noise_rms: Vec<f64>,
+    /// What it was fitted to; files of former versions do not have it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fitted: Option<FittedRange>,
 }

@@ -33,6 +33,7 @@ mod ports_fit;
 pub mod predict;
 pub mod prepare;
 pub mod problem;
+pub mod range;
 pub mod record;
 pub mod refit;
 pub mod report;

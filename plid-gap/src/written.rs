@@ -2,11 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use crate::diagnosis::{SimulationWithEffects, Value, WrittenEffect};
+use crate::diagnosis::{Gap, SimulationWithEffects, Value, WrittenEffect};
 use crate::effects::{Action, Flexible, Place, Setting};
 use crate::explain::Explained;
 use crate::plant::Plant;
 use crate::problem::{Placed, Problem};
+use crate::range::FittedRange;
 use crate::unseen::{Unseen, wanders};
 use crate::verdict::Verdict;
 
@@ -27,13 +28,14 @@ pub(crate) fn refit_summary(problem: &Problem, eta: &[f64]) -> Vec<(f64, f64, f6
 }
 
 /// sim-with-effect.json: the linear model after the bounded refit (`plant`) with the effects of the model that predicts, and those that
-/// quiet records show, but for a line that wanders: that is part of the noise.
+/// quiet records show, but for a line that wanders: that is part of the noise. `gap` says what they leave.
 pub(crate) fn written(
     explained: &Explained,
     model: &plid_model::Model,
     plant: &Plant,
     shown: &[&Unseen],
     verdict: Verdict,
+    gap: &Gap,
 ) -> SimulationWithEffects {
     let (ready, best) = (&explained.ready, explained.fit());
     let setting = &ready.problem.setting;
@@ -85,6 +87,7 @@ pub(crate) fn written(
         effects,
         t0,
         noise_rms: explained.noise_rms(),
+        fitted: Some(FittedRange::of(plant, records, gap.predicted_held_out_gap, gap.noise_floor)),
     }
 }
 

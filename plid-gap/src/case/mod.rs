@@ -1,6 +1,7 @@
 //! A gap case: the simulation, the records, and what the engineer knows.
 
 mod config;
+mod period;
 mod records;
 
 use std::path::Path;

@@ -11,6 +11,8 @@
 //! | MATLAB .mat v4 or v5, one matrix | `1`, `2`, ... |
 //! | MATLAB .mat v4 or v5 or NumPy .npz, several variables | a vector `u`: `u`; a matrix `y`: `y1`, `y2`, ... |
 //! | NumPy .npy | `1`, `2`, ... |
+mod array;
+mod bytes;
 mod checks;
 mod delimited;
 mod error;
