@@ -115,6 +115,24 @@ fn an_offset_is_diagnosed_and_predicted() {
     assert_eq!(short.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&short.stderr).contains("own.csv: 499 rows, but the input has 500"));
 
+    // An input that is read is not written over, nor one taken that is sampled otherwise; and beyond the fitted level the expected gap grows.
+    let into_itself = plid(at, &[&predict[..5], &["new.csv", "--out", "new.csv"]].concat());
+    assert_eq!(into_itself.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&into_itself.stderr).contains("overwrite"));
+    let row = |k: usize| format!("{},{}\n", k as f64 / (2.0 * RATE), (k % 7) as f64);
+    std::fs::write(at.join("fast.csv"), format!("t,u1\n{}", (0..100).map(row).collect::<String>())).unwrap();
+    let fast = plid(at, &[&predict[..5], &["fast.csv", "--out", "y.csv"]].concat());
+    assert_eq!(fast.status.code(), Some(2), "{}", String::from_utf8_lossy(&fast.stderr));
+    let mut expected = |level: f64| -> serde_json::Value {
+        record(&mut rng, 500, level, &at.join("level.csv"));
+        let output = plid(at, &[&predict[..5], &["level.csv", "--out", "y.csv", "--json"]].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let (within, beyond) = (expected(0.8), expected(20.0));
+    assert!(within["expected_gap"].as_f64().unwrap() > 0.0 && within["beyond_fitted"].is_null(), "{within}");
+    assert!(beyond["beyond_fitted"]["times"].as_f64().unwrap() > 10.0, "{beyond}");
+
     // The same again is refused, and an effect that nobody knows is named with the vocabulary.
     assert_eq!(plid(at, &["gap", "diagnose", "case.toml", "--out", "out"]).status.code(), Some(2));
     let output = plid(at, &["gap", "diagnose", "case.toml", "--out", "other", "--without", "sensor-ofset"]);

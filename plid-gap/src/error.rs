@@ -69,6 +69,23 @@ pub enum GapError {
         /// What is wrong.
         message: String,
     },
+    /// A prediction that leaves all bounds.
+    #[error(
+        "output `{output}` diverges at sample {sample} (from 0): it is {value:.3e}, where the linear simulation stays within {linear:.3e}"
+    )]
+    #[diagnostic(help(
+        "the input goes beyond what the effect's law holds for, or the effect itself is unstable there"
+    ))]
+    Diverged {
+        /// The output.
+        output: String,
+        /// From 0.
+        sample: usize,
+        /// The output there.
+        value: f64,
+        /// Peak of the linear simulation, or of the fitted records where that is larger.
+        linear: f64,
+    },
     /// There is not enough to fit from.
     #[error("{0}")]
     TooLittle(String),
@@ -79,6 +96,15 @@ pub enum GapError {
         file: PathBuf,
         /// Why.
         source: std::io::Error,
+    },
+    /// A result that is no number where a number belongs: nothing is written then.
+    #[error("{}: {source}", file.display())]
+    #[diagnostic(help("a value of the records or of the simulation may be too large to square"))]
+    NotFinite {
+        /// The file that was to be written.
+        file: PathBuf,
+        /// The key, and what it is.
+        source: plid_model::NotFinite,
     },
     /// A file of ours that is not what it should be.
     #[error("{}: {message}", file.display())]

@@ -22,6 +22,7 @@ pub mod signal;
 mod simulate;
 mod stability;
 mod state_space;
+mod strict;
 mod uncertainty;
 
 #[cfg(test)]
@@ -41,4 +42,5 @@ pub use scaling::{ChannelScaling, undo_scaling};
 pub use simulate::{DIVERGENCE_BOUND, Simulation, simulate};
 pub use stability::{Stability, UnstableModel, stability};
 pub use state_space::{Continuous, Model, Noise, Port};
+pub use strict::{NotFinite, require_finite, to_json};
 pub use uncertainty::{ModeDeviation, ResponseVariance, mode_deviations, response_variance};

@@ -7,18 +7,17 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
+use crate::answer::{self, Answer, Shard};
+use crate::error::TrialError;
+use crate::manifest::{MANIFEST, Manifest, OpenCase};
+use crate::seal::sha256;
+use crate::{baselines, files};
 use plid_gap::case::Case;
 use plid_gap::effects::Library;
 use plid_gap::{Groundwork, Outcome, Step};
+use plid_model::to_json;
 use plid_report::Progress;
 use serde::{Deserialize, Serialize};
-
-use crate::answer::{self, Answer, Shard};
-use crate::baselines;
-use crate::error::TrialError;
-use crate::files;
-use crate::manifest::{MANIFEST, Manifest, OpenCase};
-use crate::seal::sha256;
 
 /// How the work is shared out; the answers do not depend on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -169,7 +168,7 @@ fn plid(folder: &Path, without: &[String]) -> Result<Answer, String> {
     let library = Library::standard();
     let (whole, left_out) = outcomes(&case, &library, without, &[])?;
     let others = baselines::answers(&case, &whole, left_out.as_ref(), &library).map_err(|e| e.to_string())?;
-    let mut answer = answer_of(&whole, left_out.as_ref());
+    let mut answer = answer_of(&whole, left_out.as_ref())?;
     answer.insert(BASELINES, files::json(&others));
     Ok(answer)
 }
@@ -178,7 +177,7 @@ fn plid(folder: &Path, without: &[String]) -> Result<Answer, String> {
 pub(crate) fn plid_without(folder: &Path, without: &[String], off: &[Step]) -> Result<Answer, String> {
     let case = Case::read(&folder.join("case.toml")).map_err(|e| e.to_string())?;
     let (whole, left_out) = outcomes(&case, &Library::standard(), without, off)?;
-    Ok(answer_of(&whole, left_out.as_ref()))
+    answer_of(&whole, left_out.as_ref())
 }
 
 /// With the whole vocabulary; and from the same groundwork without what is to be left out, if anything is.
@@ -193,12 +192,14 @@ fn outcomes(
     Ok((whole, left_out.transpose().map_err(|e| e.to_string())?))
 }
 
-fn answer_of(whole: &Outcome, left_out: Option<&Outcome>) -> Answer {
-    let files = std::iter::once((WHOLE, whole)).chain(left_out.map(|outcome| (LEFT_OUT, outcome)));
-    let both = files.flat_map(|(names, outcome)| {
-        [(names.diagnosis, files::json(&outcome.diagnosis)), (names.simulation, files::json(&outcome.simulation))]
-    });
-    both.collect()
+fn answer_of(whole: &Outcome, left_out: Option<&Outcome>) -> Result<Answer, String> {
+    let mut answer = Answer::new();
+    for (names, outcome) in std::iter::once((WHOLE, whole)).chain(left_out.map(|outcome| (LEFT_OUT, outcome))) {
+        let failed = |name: &'static str| move |error: plid_model::NotFinite| format!("{name}: {error}");
+        answer.insert(names.diagnosis, to_json(&outcome.diagnosis).map_err(failed(names.diagnosis))?.into_bytes());
+        answer.insert(names.simulation, to_json(&outcome.simulation).map_err(failed(names.simulation))?.into_bytes());
+    }
+    Ok(answer)
 }
 
 /// Names of the files of an answer.

@@ -1,9 +1,9 @@
 //! `plid simulate`: the free run of a model on an input.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use ndarray::Array2;
-use plid::model::{Model, ModelError, simulate};
+use plid::model::{Model, simulate};
 
 use super::{Failure, Voice, table, voice};
 
@@ -49,22 +49,13 @@ fn shift(values: &mut Array2<f64>, by: &[f64], sign: f64) {
 /// Runs the command.
 pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     for source in [&arguments.model, &arguments.input] {
-        if same_file(source, &arguments.out) {
+        if table::same_file(source, &arguments.out) {
             return Err(Failure::input(format!("--out {} would overwrite what is read", source.display())));
         }
     }
     let model = Model::read(&arguments.model)?;
     let input = table::read(&arguments.input)?;
-    let record_hz = table::rate(&input, None, model.sample_rate_hz)?;
-    if record_hz != model.sample_rate_hz {
-        return Err(ModelError::Rate {
-            record: arguments.input.display().to_string(),
-            record_hz,
-            model: arguments.model.display().to_string(),
-            model_hz: model.sample_rate_hz,
-        }
-        .into());
-    }
+    table::require_rate(&input, &arguments.input, &model, &arguments.model)?;
     let mut inputs = table::pick(&input, &model.inputs)?;
     let x0 = match (arguments.from_model_state, &model.initial_state) {
         (false, _) => model.rest(),
@@ -94,8 +85,4 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     } else {
         voice::print(&format!("{samples} samples of {}: {}\n", model.outputs.join(", "), arguments.out.display()))
     }
-}
-
-fn same_file(a: &Path, b: &Path) -> bool {
-    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }

@@ -6,6 +6,7 @@ use std::path::Path;
 use ndarray::Array2;
 use plid::lab::data::{self, MissingPolicy, Table};
 use plid::lab::report::write_atomic;
+use plid::model::{Model, ModelError};
 
 use super::Failure;
 
@@ -28,13 +29,33 @@ pub fn rate(table: &Table, given: Option<f64>, model_hz: f64) -> Result<f64, Fai
     Ok(if is_the_models { model_hz } else { rate })
 }
 
+/// A record for a model must be sampled as the model is; `input` and `of` are their files.
+pub fn require_rate(table: &Table, input: &Path, model: &Model, of: &Path) -> Result<(), Failure> {
+    let model_hz = model.sample_rate_hz;
+    let record_hz = rate(table, None, model_hz)?;
+    if record_hz == model_hz {
+        return Ok(());
+    }
+    let [record, model] = [input, of].map(|file| file.display().to_string());
+    Err(ModelError::Rate { record, record_hz, model, model_hz }.into())
+}
+
+/// Whether two paths lead to one file that is there.
+pub fn same_file(a: &Path, b: &Path) -> bool {
+    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
+}
+
 /// The columns `names` of a table, in that order, every value finite.
 pub fn pick(table: &Table, names: &[String]) -> Result<Array2<f64>, Failure> {
     Ok(data::channels(table, names, MissingPolicy::Error)?)
 }
 
-/// Writes columns under their names as CSV, whole or not at all.
+/// Writes columns under their names as CSV, whole or not at all. A value that is no number is refused by its place.
 pub fn write_csv(path: &Path, names: &[String], values: &Array2<f64>) -> Result<(), Failure> {
+    if let Some(((row, column), value)) = values.indexed_iter().find(|(_, value)| !value.is_finite()) {
+        let (path, name) = (path.display(), &names[column]);
+        return Err(Failure::work(format!("{path}: `{name}` is {value} in row {}; nothing is written", row + 1)));
+    }
     let mut text = names.iter().map(|name| header(name)).collect::<Vec<_>>().join(",");
     text.push('\n');
     for row in values.rows() {

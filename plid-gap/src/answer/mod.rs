@@ -1,8 +1,11 @@
 //! Step 9: the answer in names, figures and words.
 
 pub mod predict;
+mod range;
 pub mod schema;
 pub(crate) mod simulation;
+
+pub use range::{Beyond, FittedRange};
 
 use std::collections::BTreeMap;
 

@@ -4,12 +4,19 @@ use std::path::Path;
 
 use plid_model::Model;
 
+use crate::answer::range::{Beyond, FittedRange, peak};
 use crate::answer::schema::SimulationWithEffects;
-use crate::case::record::Channels;
-use crate::effects::{Action, Effect, Flexible, Library, Place, Setting};
+use crate::case::record::{Channels, rms};
+use crate::effects::{Action, Effect, Flexible, Library, Parameter, Place, Range, Setting, Side};
 use crate::error::GapError;
 use crate::plant::Plant;
 use crate::simulate::{Fineness, simulate};
+
+/// An output is out of all bounds at so many times the linear simulation's peak, or the fitted records' where that is larger.
+const OUT_OF_BOUNDS: f64 = 1e3;
+
+/// No delay is longer, in samples.
+const LONGEST_DELAY: f64 = 1e6;
 
 /// What a prediction needs, read back.
 pub struct Predictor {
@@ -19,8 +26,20 @@ pub struct Predictor {
     pub t0: f64,
     /// RMS of the noise of each output.
     pub noise_rms: Vec<f64>,
+    /// What it was fitted to, if the file says so.
+    pub fitted: Option<FittedRange>,
     plant: Plant,
     actions: Vec<Action>,
+}
+
+/// Outputs for a new input, and how far they can be trusted.
+pub struct Prediction {
+    /// p channels.
+    pub outputs: Channels,
+    /// What the effects add to the linear simulation.
+    pub correction: Channels,
+    /// How far the input goes beyond what was fitted; none where the file does not say what that was.
+    pub beyond: Option<Beyond>,
 }
 
 impl Predictor {
@@ -35,6 +54,7 @@ impl Predictor {
         let model = Model::from_json(&written.linear, &path.display().to_string())?;
         let plant = Plant::new(&model)?;
         let setting = Setting::bare(&plant, &model);
+        require_sizes(&written, &plant).map_err(malformed)?;
         let mut actions = Vec::new();
         for written in &written.effects {
             let sibling = Flexible::named(&written.effect);
@@ -43,13 +63,16 @@ impl Predictor {
                 .or(sibling.map(|sibling| sibling as &dyn Effect))
                 .ok_or_else(|| malformed(format!("there is no effect `{}`", written.effect)))?;
             let place = place(&written.location, effect, &setting)
-                .ok_or_else(|| malformed(format!("`{}` is no place of this simulation", written.location)))?;
+                .filter(|place| takes(effect, place, &setting))
+                .ok_or_else(|| malformed(format!("{}: `{}` is no place for it", written.effect, written.location)))?;
             let mut parameters = Vec::new();
             for parameter in effect.parameters(&setting) {
                 let value = written
                     .parameters
                     .get(&parameter.name)
                     .ok_or_else(|| malformed(format!("{} has no parameter `{}`", written.effect, parameter.name)))?;
+                require_possible(&parameter, value.value, plant.rate)
+                    .map_err(|reason| malformed(format!("{}: `{}` {reason}", written.effect, parameter.name)))?;
                 parameters.push(value.value);
             }
             let given = |name: &str| {
@@ -61,25 +84,114 @@ impl Predictor {
                 None => effect.act(&setting, &place, &parameters),
             });
         }
-        Ok(Self { model, t0: written.t0, noise_rms: written.noise_rms, plant, actions })
+        Ok(Self { model, t0: written.t0, noise_rms: written.noise_rms, fitted: written.fitted, plant, actions })
     }
 
-    /// Outputs (p channels) for inputs (m channels), from rest, from time `t0` on.
+    /// Outputs for inputs (m channels), from rest, from time `t0` on.
+    ///
+    /// # Errors
+    /// [`GapError::Diverged`] with the first sample that is no number or out of all bounds.
+    pub fn predict(&self, u: &[Vec<f64>], t0: f64) -> Result<Prediction, GapError> {
+        let outputs = self.run(u, t0);
+        let linear = simulate(&self.plant, &[], u, t0, None, Fineness::FINE);
+        self.require_bounded(&outputs, &linear)?;
+        let correction =
+            outputs.iter().zip(&linear).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect()).collect();
+        let beyond = self.fitted.as_ref().map(|fitted| fitted.beyond(&self.plant, &self.model.inputs, u));
+        Ok(Prediction { outputs, correction, beyond })
+    }
+
+    fn require_bounded(&self, outputs: &[Vec<f64>], linear: &[Vec<f64>]) -> Result<(), GapError> {
+        let fitted = |o: usize| self.fitted.as_ref().map_or(0.0, |fitted| fitted.output_peak[o]);
+        let peaks: Vec<f64> = linear.iter().enumerate().map(|(o, y)| peak(y).max(fitted(o))).collect();
+        let is_out = |o: usize, y: f64| !y.is_finite() || (peaks[o] > 0.0 && y.abs() > OUT_OF_BOUNDS * peaks[o]);
+        let first = |(o, y): (usize, &Vec<f64>)| Some((y.iter().position(|&y| is_out(o, y))?, o));
+        match outputs.iter().enumerate().filter_map(first).min() {
+            None => Ok(()),
+            Some((sample, o)) => Err(GapError::Diverged {
+                output: self.model.outputs[o].clone(),
+                sample,
+                value: outputs[o][sample],
+                linear: peaks[o],
+            }),
+        }
+    }
+
+    /// The relative gap to expect of outputs that rest on this prediction. Three parts add as squares: the noise; what the fitted records
+    /// left beyond it, in proportion to how far the input goes beyond them; and of the effects' correction the share that lies beyond,
+    /// 1 - 1 / times. None where the outputs are zero: there is nothing to be relative to.
+    pub fn expected_gap(&self, prediction: &Prediction, outputs: &[Vec<f64>]) -> Option<f64> {
+        let sizes: Vec<f64> = outputs.iter().map(rms).collect();
+        if sizes.contains(&0.0) {
+            return None;
+        }
+        let times = prediction.beyond.as_ref().map_or(1.0, |beyond| beyond.times);
+        let left = self.fitted.as_ref().map_or(0.0, |fitted| times * fitted.unexplained);
+        let share = 1.0 - 1.0 / times;
+        let extrapolated = |(correction, size): (&Vec<f64>, &f64)| (share * rms(correction) / size).powi(2);
+        let extrapolated: f64 =
+            prediction.correction.iter().zip(&sizes).map(extrapolated).sum::<f64>() / sizes.len() as f64;
+        let noise = crate::judge::gap::floor(&self.noise_rms, outputs);
+        Some((noise * noise + left * left + extrapolated).sqrt()).filter(|gap| gap.is_finite())
+    }
+
+    /// Outputs (p channels) for inputs (m channels), from rest, from time `t0` on, whatever becomes of them.
     pub fn run(&self, u: &[Vec<f64>], t0: f64) -> Channels {
         simulate(&self.plant, &self.actions, u, t0, None, Fineness::FINE)
     }
+}
 
-    /// The relative gap that noise alone makes beside such outputs.
-    pub fn noise_gap(&self, y: &[Vec<f64>]) -> f64 {
-        crate::judge::gap::floor(&self.noise_rms, y)
+/// Every list must have an entry for each channel, and every number a value that it can have.
+fn require_sizes(written: &SimulationWithEffects, plant: &Plant) -> Result<(), String> {
+    let is_size = |x: &f64| x.is_finite() && *x >= 0.0;
+    let check = |key: &str, list: &[f64], count: usize| {
+        if list.len() == count && list.iter().all(is_size) {
+            return Ok(());
+        }
+        Err(format!("`{key}` must hold {count} numbers that are not negative"))
+    };
+    if !written.t0.is_finite() {
+        return Err(format!("`t0` is {}", written.t0));
     }
+    check("noise_rms", &written.noise_rms, plant.p)?;
+    let Some(fitted) = &written.fitted else { return Ok(()) };
+    check("fitted.input_rms", &fitted.input_rms, plant.m)?;
+    check("fitted.displacement_peak", &fitted.displacement_peak, plant.ports.len())?;
+    check("fitted.output_peak", &fitted.output_peak, plant.p)?;
+    check("fitted.unexplained", &[fitted.unexplained], 1)
+}
 
-    /// What the effects add to the linear simulation.
-    pub fn correction(&self, u: &[Vec<f64>], t0: f64) -> Channels {
-        let with = self.run(u, t0);
-        let without = simulate(&self.plant, &[], u, t0, None, Fineness::FINE);
-        with.iter().zip(&without).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect()).collect()
+/// Whether a parameter can have this value.
+fn require_possible(parameter: &Parameter, value: f64, rate: f64) -> Result<(), String> {
+    if !value.is_finite() {
+        return Err(format!("is {value}"));
     }
+    match parameter.range {
+        Range::Positive if value <= 0.0 => Err(format!("must be positive, and is {value}")),
+        Range::Hz if !(value > 0.0 && value < rate) => Err(format!("must lie between 0 and {rate} Hz, and is {value}")),
+        _ if parameter.unit == "samples" && value.abs() > LONGEST_DELAY => {
+            Err(format!("is {value:e} samples, and at most {LONGEST_DELAY:e} are possible"))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Whether an effect can be at such a place at all: on commands, on outputs, at a strut, or in the structure as a whole. An input may stand for its
+/// strut. Where records decide on the places, so that there are none here, the effect's side says it.
+fn takes(effect: &dyn Effect, place: &Place, setting: &Setting) -> bool {
+    let side = |place: &Place| match place {
+        Place::Input(_) | Place::AllInputs | Place::InputToInput(..) => Side::Actuator,
+        Place::Output(_) | Place::OutputToOutput(..) => Side::Sensor,
+        Place::Port(_) | Place::Frequency(..) => Side::Disturbance,
+        Place::Structure | Place::Mode(_) | Place::MissingMode(_) => Side::Structure,
+    };
+    let mut sides: Vec<Side> = effect.places(setting).iter().map(side).collect();
+    if sides.is_empty() {
+        sides.push(effect.side());
+    }
+    let has_strut = |input: usize| setting.plant.ports.iter().any(|port| port.input == Some(input));
+    let at_strut = sides.contains(&Side::Disturbance);
+    sides.contains(&side(place)) || matches!(place, Place::Input(i) if at_strut && has_strut(*i))
 }
 
 /// A place as [`Place::location`] writes it.
@@ -114,5 +226,100 @@ fn place(location: &str, effect: &dyn Effect, setting: &Setting) -> Option<Place
             Some(Place::Frequency(hz.parse().ok()?, of(&names.ports, port)?))
         }
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::CubicStiffness;
+    use crate::testing::{random_input, record, truss};
+
+    /// A softening spring at the first port, fitted at a hundredth of the level at which it lets go.
+    fn softening() -> (Predictor, Channels) {
+        let model = truss(1);
+        let plant = Plant::new(&model).unwrap();
+        let mut setting = Setting::bare(&plant, &model);
+        let u = random_input(3, 2000, 2);
+        let loud = record(u.clone(), vec![vec![0.0; 2000]; 2]);
+        crate::prepare::of_ports(&mut setting, &loud);
+        // At a tenth of the motion of this record its stiffness is gone.
+        let k = -100.0 * setting.stiffness[0] / setting.d_rms[0].powi(2);
+        let actions = CubicStiffness.act(&setting, &Place::Port(0), &[k]);
+        let quiet = scaled(&u, 1e-3);
+        let y = simulate(&plant, &[], &quiet, 0.0, None, Fineness::FINE);
+        let fitted = FittedRange::of(&plant, &[record(quiet, y)], 0.01, 0.005);
+        (Predictor { model, t0: 0.0, noise_rms: vec![0.0; 2], fitted: Some(fitted), plant, actions }, u)
+    }
+
+    fn scaled(u: &[Vec<f64>], by: f64) -> Channels {
+        u.iter().map(|u| u.iter().map(|u| by * u).collect()).collect()
+    }
+
+    #[test]
+    fn a_prediction_that_diverges_names_sample_and_output() {
+        let (predictor, u) = softening();
+        assert!(predictor.predict(&scaled(&u, 1e-3), 0.0).is_ok());
+        let wild = predictor.run(&u, 0.0);
+        assert!(wild.iter().flatten().any(|y| !y.is_finite() || y.abs() > 1e6), "it does not diverge");
+        match predictor.predict(&u, 0.0) {
+            Err(GapError::Diverged { output, sample, .. }) => {
+                assert!(predictor.model.outputs.contains(&output) && sample < 2000, "{output} {sample}");
+            }
+            _ => panic!("a diverging prediction was handed over"),
+        }
+    }
+
+    #[test]
+    fn the_expected_gap_grows_beyond_what_was_fitted() {
+        let (predictor, u) = softening();
+        let mut before = 0.0;
+        for (level, times) in [(5e-4, 1.0), (1e-3, 1.0), (3e-3, 3.0), (1e-2, 10.0)] {
+            let prediction = predictor.predict(&scaled(&u, level), 0.0).unwrap();
+            let beyond = prediction.beyond.clone().unwrap();
+            assert!((beyond.times / times - 1.0).abs() < 1e-6, "{beyond:?}");
+            assert_eq!(beyond.what.is_empty(), times == 1.0, "{beyond:?}");
+            let gap = predictor.expected_gap(&prediction, &prediction.outputs).unwrap();
+            assert!(
+                if times > 1.0 { gap > 2.0 * before } else { (gap - 0.00866).abs() < 1e-4 },
+                "{gap} after {before}"
+            );
+            before = gap;
+        }
+        let nothing = predictor.predict(&scaled(&u, 0.0), 0.0).unwrap();
+        assert_eq!(predictor.expected_gap(&nothing, &nothing.outputs), None);
+    }
+
+    /// What a hand has changed is an error with the key, and neither a panic nor an endless wait.
+    #[test]
+    fn a_file_that_was_tampered_with_is_refused() {
+        let model = truss(1);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sim-with-effect.json");
+        let good = serde_json::json!({
+            "format": "simulation-with-effects", "linear": Plant::new(&model).unwrap().to_model(&model).to_json(), "modes": 4, "refit": [], "t0": 1.0,
+            "noise_rms": [0.1, 0.1], "effects": [
+                { "effect": "sensor-delay", "location": "output:y1", "parameters": { "tau": { "value": 0.5, "ci95": null, "unit": "samples" } }, "equation": "" },
+                { "effect": "sensor-saturation", "location": "output:y2", "parameters": { "a": { "value": 0.5, "ci95": null, "unit": "V" } }, "equation": "" },
+            ]
+        });
+        let read = |value: &serde_json::Value| {
+            std::fs::write(&path, value.to_string()).unwrap();
+            Predictor::read(&path, &Library::standard()).map(|_| ())
+        };
+        read(&good).unwrap();
+        for (at, value, said) in [
+            ("/effects/0/parameters/tau/value", serde_json::json!(1e18), "tau"),
+            ("/effects/1/parameters/a/value", serde_json::json!(-0.5), "positive"),
+            ("/effects/0/location", serde_json::json!("input:u1"), "no place"),
+            ("/effects/0/effect", serde_json::json!("cubic-stiffness"), "no place"),
+            ("/noise_rms", serde_json::json!([0.1]), "noise_rms"),
+            ("/noise_rms", serde_json::json!([0.1, -1.0]), "noise_rms"),
+        ] {
+            let mut bad = good.clone();
+            *bad.pointer_mut(at).unwrap() = value;
+            let error = read(&bad).unwrap_err().to_string();
+            assert!(error.contains(said) && error.contains("sim-with-effect.json"), "{at}: {error}");
+        }
     }
 }

@@ -6,6 +6,7 @@ use std::fmt;
 use plid_report::Cell;
 use serde::{Deserialize, Serialize};
 
+use crate::answer::range::FittedRange;
 use crate::effects::Side;
 use crate::judge::locate::LevelGap;
 pub use crate::judge::verdict::Verdict;
@@ -294,6 +295,9 @@ pub struct SimulationWithEffects {
     pub effects: Vec<WrittenEffect>,
     /// End of the last record, in s since the first began.
     pub t0: f64,
-    /// Gap that noise alone makes, in V, of each output.
+    /// RMS of the noise of each output, in its unit.
     pub noise_rms: Vec<f64>,
+    /// What it was fitted to; files of former versions do not have it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fitted: Option<FittedRange>,
 }

@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use crate::answer::schema::{SimulationWithEffects, Value, WrittenEffect};
+use crate::answer::range::FittedRange;
+use crate::answer::schema::{Gap, SimulationWithEffects, Value, WrittenEffect};
 use crate::effects::{Action, Flexible, Place, Setting};
 use crate::fit::problem::{Placed, Problem};
 use crate::plant::Plant;
@@ -26,13 +27,15 @@ pub(crate) fn refit_summary(problem: &Problem, eta: &[f64]) -> Vec<(f64, f64, f6
 }
 
 /// sim-with-effect.json: the linear model after the bounded refit (`eta`) with the effects that predict (`fitted`), and those that
-/// quiet records show, but for a line that wanders: that is part of the noise.
+/// quiet records show, but for a line that wanders: that is part of the noise. `gap` is the gap
+/// that the effects leave.
 pub(crate) fn written(
     explained: &Explained,
     model: &plid_model::Model,
     eta: &[f64],
     fitted: &[Placed],
     shown: &[&Unseen],
+    gap: &Gap,
 ) -> SimulationWithEffects {
     let ready = &explained.ready;
     let plant = &ready.problem.nuisance.apply(&ready.problem.plant, eta);
@@ -84,6 +87,7 @@ pub(crate) fn written(
         effects,
         t0,
         noise_rms: explained.noise_rms(),
+        fitted: Some(FittedRange::of(plant, records, gap.predicted_held_out_gap, gap.noise_floor)),
     }
 }
 

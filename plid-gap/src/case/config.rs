@@ -1,10 +1,8 @@
 use serde::{Deserialize, Serialize};
 
+use crate::fit::nuisance::Limits;
 use plid_data::prepare::decimate;
 use plid_data::prepare::trend::Trend;
-
-use crate::case::record::Excitation;
-use crate::fit::nuisance::Limits;
 
 /// CASE.toml.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -73,7 +71,7 @@ pub struct RecordConfig {
     /// What drove it.
     #[serde(default = "random")]
     pub excitation: ExcitationKind,
-    /// Samples; periodic only.
+    /// Samples; periodic only. Left out, it is found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub period: Option<usize>,
     /// The state at its start.
@@ -130,15 +128,6 @@ pub enum Use {
 }
 
 impl RecordConfig {
-    /// With the period, of which one sample in `ratio` is kept.
-    pub fn excitation(&self, ratio: usize) -> Excitation {
-        match self.excitation {
-            ExcitationKind::Zero => Excitation::Zero,
-            ExcitationKind::Random => Excitation::Random,
-            ExcitationKind::Periodic => Excitation::Periodic(self.period.unwrap_or(0) / ratio),
-        }
-    }
-
     fn is_for_simulation(&self) -> bool {
         self.r#use == Some(Use::Sim)
     }
@@ -194,12 +183,6 @@ impl CaseConfig {
                 problems.push(("samples", format!("{}: no sample lies from {from} to {to}", record.file)));
             }
             match (record.excitation, record.period) {
-                (ExcitationKind::Periodic, None) => {
-                    problems.push((
-                        "excitation",
-                        format!("{}: a periodic record needs its `period` in samples", record.file),
-                    ));
-                }
                 (ExcitationKind::Periodic, Some(period)) if period < 2 => {
                     problems.push(("period", format!("{}: {period} is no period", record.file)));
                 }

@@ -2,6 +2,7 @@
 
 mod config;
 pub(crate) mod levels;
+mod period;
 pub(crate) mod record;
 mod records;
 pub(crate) mod split;

@@ -2,14 +2,15 @@
 
 use std::path::Path;
 
-use ndarray::s;
-use plid_data as data;
-use plid_data::prepare::{decimate, trend};
-
-use super::{CaseConfig, RecordConfig, StartKind, Use, columns};
 use crate::case::record::{Excitation, Record};
 use crate::case::split::{self, Unnamed};
 use crate::error::GapError;
+use ndarray::{Array2, s};
+use plid_data as data;
+use plid_data::prepare::{decimate, trend};
+
+use super::period::{NotPeriodic, Repeating};
+use super::{CaseConfig, ExcitationKind, RecordConfig, StartKind, Use, columns};
 
 /// All records of a case, in order, and what was noticed. `path` is the case's own, for errors.
 pub(super) fn read(path: &Path, config: &CaseConfig, folder: &Path) -> Result<(Vec<Record>, Vec<String>), GapError> {
@@ -36,6 +37,10 @@ pub(super) fn read(path: &Path, config: &CaseConfig, folder: &Path) -> Result<(V
         measured.push((record, simulated));
     }
     let wrong = |key: &str, message: String| GapError::Key { file: path.into(), key: key.into(), message };
+    let ratio = config.ratio().map_err(|message| wrong("decimate_to_hz", message))?;
+    let inputs: Vec<&Array2<f64>> = measured.iter().map(|(record, _)| &record.inputs).collect();
+    let excitations =
+        excitations(config, &inputs, ratio, &mut warnings).map_err(|(key, message)| wrong(key, message))?;
     if let Some(to_hz) = config.decimate_to_hz {
         let failed = |error: plid_data::prepare::PrepareError| wrong("decimate_to_hz", error.to_string());
         let plan = decimate::plan(config.sample_rate_hz, to_hz).map_err(failed)?;
@@ -50,14 +55,16 @@ pub(super) fn read(path: &Path, config: &CaseConfig, folder: &Path) -> Result<(V
     let learnt = learnt(config, &records);
     trend::remove(&mut records, &learnt, config.trend);
 
-    let ratio = config.ratio().map_err(|message| wrong("decimate_to_hz", message))?;
     let mut clock = 0.0;
-    let as_used = |((given, record), simulated): ((&RecordConfig, data::Record), Option<data::Record>)| {
+    let as_used = |(((given, excitation), record), simulated): (
+        ((&RecordConfig, Excitation), data::Record),
+        Option<data::Record>,
+    )| {
         let start_s = given.start_s.unwrap_or(clock);
         clock = start_s + record.duration_s();
         Record {
             name: named(given),
-            excitation: given.excitation(ratio),
+            excitation,
             // Decimation drops samples at both ends: what is left begins in motion.
             from_rest: given.start == StartKind::Rest && ratio == 1,
             start_s,
@@ -67,7 +74,76 @@ pub(super) fn read(path: &Path, config: &CaseConfig, folder: &Path) -> Result<(V
             simulated: simulated.map(|simulated| columns(&simulated.outputs)),
         }
     };
-    Ok((config.record.iter().zip(records).zip(simulated).map(as_used).collect(), warnings))
+    Ok((config.record.iter().zip(excitations).zip(records).zip(simulated).map(as_used).collect(), warnings))
+}
+
+/// What drove each record, periods in samples after decimation. A declared period is held against the inputs (one array a record, as in its
+/// file), and one that is left out is found. Otherwise the key at fault, and why.
+fn excitations(
+    config: &CaseConfig,
+    inputs: &[&Array2<f64>],
+    ratio: usize,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<Excitation>, (&'static str, String)> {
+    let size = |array: &Array2<f64>, i: usize| array.column(i).std(0.0);
+    let levels: Vec<f64> =
+        (0..config.inputs.len()).map(|i| inputs.iter().map(|array| size(array, i)).fold(0.0, f64::max)).collect();
+    let mut excitations = Vec::new();
+    for (given, inputs) in config.record.iter().zip(inputs) {
+        excitations.push(match given.excitation {
+            ExcitationKind::Zero => Excitation::Zero,
+            ExcitationKind::Random => Excitation::Random,
+            ExcitationKind::Periodic => {
+                let repeating = Repeating::new(inputs, &levels);
+                Excitation::Periodic(period(config, given, &repeating, ratio, warnings)? / ratio)
+            }
+        });
+    }
+    Ok(excitations)
+}
+
+/// The period of a record in samples of its file.
+fn period(
+    config: &CaseConfig,
+    given: &RecordConfig,
+    repeating: &Repeating,
+    ratio: usize,
+    warnings: &mut Vec<String>,
+) -> Result<usize, (&'static str, String)> {
+    let file = &given.file;
+    let Some(declared) = given.period else {
+        let none = || {
+            (
+                "excitation",
+                format!("{file} is declared periodic, but its inputs do not repeat; \"random\" is any other signal"),
+            )
+        };
+        let shortest = repeating.shortest().ok_or_else(none)?;
+        // One sample in `ratio` is kept: a whole number of them must make the period.
+        let found =
+            (1..=ratio).map(|times| times * shortest).find(|found| found.is_multiple_of(ratio)).unwrap_or(shortest);
+        warnings.push(format!("{file}: its inputs repeat after {found} samples, which is taken for the period"));
+        return Ok(found);
+    };
+    match repeating.check(declared) {
+        Ok(true) => {}
+        Ok(false) => warnings.push(format!(
+            "{file}: a period of {declared} samples cannot be checked, for the record does not hold two of them"
+        )),
+        Err(NotPeriodic { worst: (input, misfit), fits }) => {
+            let instead = match fits {
+                Some(fits) => format!("the nearest period that fits is {fits}"),
+                None => "no period fits; \"random\" is the excitation of an input that does not repeat".to_string(),
+            };
+            let channel = &config.inputs[input];
+            let share = 100.0 * misfit;
+            let message = format!(
+                "{file}: input `{channel}` does not repeat after {declared} samples ({share:.1} % of it differs): {instead}"
+            );
+            return Err(("period", message));
+        }
+    }
+    Ok(declared)
 }
 
 /// A record's name: the file, and the rows where not all of them count.
@@ -94,7 +170,7 @@ fn rows(path: &Path, given: &RecordConfig, samples: usize) -> Result<[usize; 2],
 fn learnt(config: &CaseConfig, records: &[data::Record]) -> Vec<usize> {
     let is_test = |given: &RecordConfig| given.r#use == Some(Use::Test);
     let chosen = config.record.iter().any(is_test);
-    let is_driven = |given: &RecordConfig| given.excitation(1) != Excitation::Zero && given.r#use != Some(Use::Sim);
+    let is_driven = |given: &RecordConfig| given.excitation != ExcitationKind::Zero && given.r#use != Some(Use::Sim);
     let unnamed = if chosen { None } else { split::unnamed(config.record.iter().map(is_driven)) };
     let learnt = |(k, given): (usize, &RecordConfig)| {
         let samples = records[k].samples();

@@ -296,7 +296,7 @@ fn finish(
         warnings: case.warnings.clone(),
     };
     let (eta, effects) = predicting(&explained, &diagnosis.gap, verdict);
-    let simulation = written(&explained, model, &eta, &effects, &shown);
+    let simulation = written(&explained, model, &eta, &effects, &shown, &diagnosis.gap);
     let evidence = evidence(case, &explained, &unseen, [before, after], beside, &plant, &actions);
     let mut outcome = Outcome { diagnosis, simulation, evidence };
     audit.tell(&mut outcome);

@@ -107,7 +107,9 @@ pub fn map(records: &[Record], errors: &[Channels], noise: &NoiseModel, rate: f6
     let clear: Vec<(usize, f64)> = clear.map(|(level, &index)| (index, level.level)).collect();
     let slope = whole
         .slope(&clear)
-        .map(|value| Estimate { value, ci95: middle(drawn.iter().filter_map(|sums| sums.slope(&clear))) });
+        .map(|value| Estimate { value, ci95: middle(drawn.iter().filter_map(|sums| sums.slope(&clear))) })
+        // Without a draw that has one, nothing says how well it is known.
+        .filter(|slope| slope.ci95.iter().all(|end| end.is_finite()));
     Map {
         outputs: (0..whole.share.nrows()).map(|o| row(|sums| &sums.share, o)).collect(),
         bands: (0..BANDS).map(|b| estimate(&move |sums| sums.share.column(b).sum())).collect(),

@@ -503,13 +503,14 @@ fn missing_modes(plant: &Plant, records: &[Record], errors: &[Channels]) -> Vec<
 pub(crate) fn of_ports(setting: &mut Setting, loudest: &Record) {
     let plant = &setting.plant;
     setting.names.ports = plant.ports.iter().map(|port| port.name.clone()).collect();
-    (setting.d_rms, setting.v_rms) = port_motion(plant, loudest).into_iter().unzip();
+    let motion = port_motion(plant, &loudest.u);
+    (setting.d_rms, setting.v_rms) = motion.chunks_exact(2).map(|both| (rms(&both[0]), rms(&both[1]))).unzip();
     setting.stiffness = plant.ports.iter().map(|port| plant.stiffness(port)).collect();
     setting.force = (0..plant.ports.len()).map(|k| force_size(plant, k, &setting.u_rms)).collect();
 }
 
-/// RMS of displacement and velocity at each port, in the linear simulation.
-fn port_motion(plant: &Plant, record: &Record) -> Vec<(f64, f64)> {
+/// Displacement and velocity at each port in turn, in the linear simulation from rest.
+pub(crate) fn port_motion(plant: &Plant, u: &[Vec<f64>]) -> Channels {
     // The ports' rows as outputs of the same modes.
     let mut probe = plant.clone();
     let ports = plant.ports.len();
@@ -523,8 +524,7 @@ fn port_motion(plant: &Plant, record: &Record) -> Vec<(f64, f64)> {
         if i % 2 == 0 { port.displacement_rest[j] } else { port.velocity_rest[j] }
     });
     probe.d = nalgebra::DMatrix::zeros(2 * ports, plant.m);
-    let y = simulate(&probe, &[], &record.u, 0.0, None, Fineness::COARSE);
-    (0..ports).map(|k| (rms(&y[2 * k]), rms(&y[2 * k + 1]))).collect()
+    simulate(&probe, &[], u, 0.0, None, Fineness::COARSE)
 }
 
 /// The force at a port that moves the modes by as much as the mean input does.

@@ -2,27 +2,56 @@
 
 use std::path::Path;
 
-use plid_report::write_atomic;
-use serde::Serialize;
-
 use crate::case::Case;
 use crate::diagnose::Outcome;
 use crate::error::GapError;
 use crate::report;
+use plid_model::to_json;
+use plid_report::write_atomic;
 
 /// Writes diagnosis.json, sim-with-effect.json and report.html into a directory, each whole or not at all.
 ///
 /// # Errors
-/// [`GapError::Io`] with the file.
+/// [`GapError::NotFinite`] with file and key, before anything is written; [`GapError::Io`] with the file.
 pub fn write(outcome: &Outcome, case: &Case, directory: &Path) -> Result<(), GapError> {
-    json(&directory.join("sim-with-effect.json"), &outcome.simulation)?;
-    let page = directory.join("report.html");
-    report::page(outcome, case).write(&page).map_err(|source| GapError::Io { file: page, source })?;
-    json(&directory.join("diagnosis.json"), &outcome.diagnosis)
+    let (diagnosis, simulation) = (directory.join("diagnosis.json"), directory.join("sim-with-effect.json"));
+    let not_finite = |file: &Path| {
+        let file = file.to_path_buf();
+        move |source| GapError::NotFinite { file, source }
+    };
+    let said = to_json(&outcome.diagnosis).map_err(not_finite(&diagnosis))?;
+    let predicts = to_json(&outcome.simulation).map_err(not_finite(&simulation))?;
+    let put = |path: &Path, text: &str| {
+        write_atomic(path, text.as_bytes()).map_err(|source| GapError::Io { file: path.into(), source })
+    };
+    put(&simulation, &predicts)?;
+    put(&directory.join("report.html"), &report::page(outcome, case).to_html())?;
+    put(&diagnosis, &said)
 }
 
-fn json(path: &Path, value: &impl Serialize) -> Result<(), GapError> {
-    let mut text = serde_json::to_string_pretty(value).expect("plain data are JSON by construction");
-    text.push('\n');
-    write_atomic(path, text.as_bytes()).map_err(|source| GapError::Io { file: path.into(), source })
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::Library;
+    use crate::testing::{case, truss};
+
+    #[test]
+    fn a_result_that_is_no_number_is_not_written() {
+        let case = case(&truss(1), &truss(1));
+        let library = Library::standard();
+        let names: Vec<String> =
+            library.effects().map(|e| e.name().to_string()).filter(|n| n != "sensor-gain").collect();
+        let mut outcome = crate::diagnose::diagnose(&case, &library.without(&names), &mut |_| {}).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        outcome.simulation.noise_rms[1] = f64::NAN;
+        let said = write(&outcome, &case, folder.path()).unwrap_err().to_string();
+        assert!(said.contains("sim-with-effect.json: `noise_rms[1]` is NaN"), "{said}");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+        outcome.simulation.noise_rms[1] = 0.0;
+        write(&outcome, &case, folder.path()).unwrap();
+        let predictor =
+            crate::answer::predict::Predictor::read(&folder.path().join("sim-with-effect.json"), &Library::standard())
+                .unwrap();
+        assert_eq!((predictor.noise_rms, predictor.fitted), (outcome.simulation.noise_rms, outcome.simulation.fitted));
+    }
 }

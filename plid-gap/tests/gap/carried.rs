@@ -122,6 +122,7 @@ impl Bench {
             effects: written,
             t0: T0,
             noise_rms: vec![0.0; self.plant.p],
+            fitted: None,
         }
     }
 

@@ -4,6 +4,7 @@ use plid::gap::case::Case;
 use plid::gap::effects::Library;
 use plid::gap::{diagnose, write};
 use plid::lab::report::Cell;
+use plid::model::to_json;
 
 use super::{Failure, Voice, directory, progress::Spinner, voice};
 
@@ -88,8 +89,7 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
         Ok(outcome)
     })?;
     if voice.json {
-        let text = serde_json::to_string_pretty(&outcome.diagnosis).expect("a diagnosis is JSON by construction");
-        return voice::print(&format!("{text}\n"));
+        return voice::print(&to_json(&outcome.diagnosis).map_err(Failure::work)?);
     }
     if voice.quiet {
         return Ok(());

@@ -42,7 +42,7 @@ impl From<GapError> for Failure {
             GapError::Case(error) => Self::Input(error.into()),
             GapError::Data(error) => error.into(),
             GapError::Model(error) => error.into(),
-            GapError::Failed(_) => Self::Work(error.into()),
+            GapError::Failed(_) | GapError::NotFinite { .. } | GapError::Diverged { .. } => Self::Work(error.into()),
             _ => Self::Input(error.into()),
         }
     }

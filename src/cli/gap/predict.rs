@@ -1,6 +1,7 @@
 use std::path::PathBuf;
 
 use ndarray::Array2;
+use plid::gap::answer::Beyond;
 use plid::gap::answer::predict::Predictor;
 use plid::gap::case::columns;
 use plid::gap::effects::Library;
@@ -30,18 +31,30 @@ pub struct Arguments {
     simulated: Option<PathBuf>,
 }
 
+/// Records of one level differ by about so much.
+const JUST_BEYOND: f64 = 1.1;
+
 /// Runs the command.
 pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
+    for source in
+        [Some(&arguments.diagnosis), Some(&arguments.input), arguments.simulated.as_ref()].into_iter().flatten()
+    {
+        if table::same_file(source, &arguments.out) {
+            return Err(Failure::input(format!("--out {} would overwrite what is read", source.display())));
+        }
+    }
     let folder = arguments.diagnosis.parent().map(PathBuf::from).unwrap_or_default();
     let predictor = Predictor::read(&folder.join("sim-with-effect.json"), &Library::standard())?;
     let input = table::read(&arguments.input)?;
+    table::require_rate(&input, &arguments.input, &predictor.model, &folder.join("sim-with-effect.json"))?;
     let u = columns(&table::pick(&input, &predictor.model.inputs)?);
     let t0 = arguments.t0.unwrap_or(predictor.t0);
     if !t0.is_finite() {
         return Err(Failure::input(format!("--t0 {t0}: give a time in seconds")));
     }
+    let prediction = predictor.predict(&u, t0)?;
     let y = match &arguments.simulated {
-        None => predictor.run(&u, t0),
+        None => prediction.outputs.clone(),
         Some(file) => {
             let own = columns(&table::pick(&table::read(file)?, &predictor.model.outputs)?);
             if own[0].len() != u[0].len() {
@@ -52,19 +65,20 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
                     u[0].len()
                 )));
             }
-            let correction = predictor.correction(&u, t0);
-            own.iter().zip(&correction).map(|(y, c)| y.iter().zip(c).map(|(y, c)| y + c).collect()).collect()
+            own.iter().zip(&prediction.correction).map(|(y, c)| y.iter().zip(c).map(|(y, c)| y + c).collect()).collect()
         }
     };
     let samples = y[0].len();
     let values = Array2::from_shape_fn((samples, y.len()), |(k, o)| y[o][k]);
     table::write_csv(&arguments.out, &predictor.model.outputs, &values)?;
-    let gap = predictor.noise_gap(&y);
+    let gap = predictor.expected_gap(&prediction, &y);
+    let beyond = prediction.beyond.filter(|beyond| beyond.times > JUST_BEYOND);
     if voice.json {
         return voice::print(&format!(
             "{}\n",
             serde_json::json!({
-                "out": arguments.out, "samples": samples, "t0": t0, "expected_gap": gap
+                "out": arguments.out, "samples": samples, "t0": t0, "expected_gap": gap,
+                "beyond_fitted": beyond.map(|beyond| serde_json::json!({ "times": beyond.times, "what": beyond.what })),
             })
         ));
     }
@@ -72,8 +86,13 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
         return Ok(());
     }
     voice::print(&format!(
-        "{samples} samples from {t0:.3} s on: {}; expected gap {:.2} %\n",
+        "{samples} samples from {t0:.3} s on: {}; {}\n",
         arguments.out.display(),
-        100.0 * gap
-    ))
+        gap.map_or("the outputs are zero".to_string(), |gap| format!("expected gap {:.2} %", 100.0 * gap))
+    ))?;
+    if let Some(Beyond { times, what }) = beyond {
+        let far = if times < 1e3 { format!("{times:.1} times") } else { "far beyond".to_string() };
+        voice::remark(&format!("warning: beyond what was fitted: {what} is {far} that of the fitted records"));
+    }
+    Ok(())
 }
