@@ -83,7 +83,7 @@ fn wrong_files_are_named_with_the_place() {
     simulate("missing.json", "u.csv", "missing.json: key `B` is missing");
     simulate("model.json", "v.csv", "v.csv: there is no channel `u`, only v\n");
     simulate("model.json", "capital.csv", "did you mean `U`?");
-    simulate("model.json", "slow.csv", "`slow.csv` is at 5 Hz, model `model.json` at 10 Hz");
+    simulate("model.json", "slow.csv", "`slow.csv` is sampled at 5 Hz, model `model.json` at 10 Hz");
     simulate("model.json", "nan.csv", "nan.csv: channel `u` is NaN at line 3");
     simulate("model.json", "ragged.csv", "ragged.csv, line 3");
     simulate("model.json", "empty.csv", "empty.csv");

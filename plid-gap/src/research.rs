@@ -1,6 +1,6 @@
 //! Single steps of the diagnosis, for studies that take one of them out, replace it, or compare it with something else.
 //!
-//! A diagnosis needs none of this: see [`diagnose`](crate::diagnose).
+//! A diagnosis needs none of this: see [`diagnose`](crate::diagnose()).
 
 pub use crate::audit::{Audit, audit};
 pub use crate::fit::nuisance::Limits;
