@@ -7,7 +7,7 @@ use plid_model::Model;
 use crate::answer::range::{Beyond, FittedRange, peak};
 use crate::answer::schema::SimulationWithEffects;
 use crate::case::record::{Channels, rms};
-use crate::effects::{Action, Effect, Flexible, Library, Parameter, Place, Range, Setting, Side};
+use crate::effects::{Action, Effect, Flexible, Library, Parameter, Place, Range, Setting};
 use crate::error::GapError;
 use crate::plant::Plant;
 use crate::simulate::{Fineness, simulate};
@@ -63,7 +63,6 @@ impl Predictor {
                 .or(sibling.map(|sibling| sibling as &dyn Effect))
                 .ok_or_else(|| malformed(format!("there is no effect `{}`", written.effect)))?;
             let place = place(&written.location, effect, &setting)
-                .filter(|place| takes(effect, place, &setting))
                 .ok_or_else(|| malformed(format!("{}: `{}` is no place for it", written.effect, written.location)))?;
             let mut parameters = Vec::new();
             for parameter in effect.parameters(&setting) {
@@ -174,24 +173,6 @@ fn require_possible(parameter: &Parameter, value: f64, rate: f64) -> Result<(), 
         }
         _ => Ok(()),
     }
-}
-
-/// Whether an effect can be at such a place at all: on commands, on outputs, at a strut, or in the structure as a whole. An input may stand for its
-/// strut. Where records decide on the places, so that there are none here, the effect's side says it.
-fn takes(effect: &dyn Effect, place: &Place, setting: &Setting) -> bool {
-    let side = |place: &Place| match place {
-        Place::Input(_) | Place::AllInputs | Place::InputToInput(..) => Side::Actuator,
-        Place::Output(_) | Place::OutputToOutput(..) => Side::Sensor,
-        Place::Port(_) | Place::Frequency(..) => Side::Disturbance,
-        Place::Structure | Place::Mode(_) | Place::MissingMode(_) => Side::Structure,
-    };
-    let mut sides: Vec<Side> = effect.places(setting).iter().map(side).collect();
-    if sides.is_empty() {
-        sides.push(effect.side());
-    }
-    let has_strut = |input: usize| setting.plant.ports.iter().any(|port| port.input == Some(input));
-    let at_strut = sides.contains(&Side::Disturbance);
-    sides.contains(&side(place)) || matches!(place, Place::Input(i) if at_strut && has_strut(*i))
 }
 
 /// A place as [`Place::location`] writes it.
@@ -311,8 +292,7 @@ mod tests {
         for (at, value, said) in [
             ("/effects/0/parameters/tau/value", serde_json::json!(1e18), "tau"),
             ("/effects/1/parameters/a/value", serde_json::json!(-0.5), "positive"),
-            ("/effects/0/location", serde_json::json!("input:u1"), "no place"),
-            ("/effects/0/effect", serde_json::json!("cubic-stiffness"), "no place"),
+            ("/effects/0/location", serde_json::json!("output:none"), "no place"),
             ("/noise_rms", serde_json::json!([0.1]), "noise_rms"),
             ("/noise_rms", serde_json::json!([0.1, -1.0]), "noise_rms"),
         ] {

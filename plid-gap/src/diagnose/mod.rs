@@ -28,7 +28,7 @@ use crate::search::explain::{Explained, Rules, errors, explain};
 use crate::search::stepwise::Turn;
 use crate::search::stochastic::{EVIDENCE, Unseen, unseen, wandering};
 use crate::settings::step::Step;
-use crate::settings::thresholds::MOST_UNKNOWN;
+use crate::settings::thresholds::{LEAST_SHARE, MOST_UNKNOWN};
 use crate::simulate::{Fineness, simulate};
 use plid_data::nearest;
 
@@ -240,6 +240,7 @@ fn finish(
         said[which].shape_differs = true;
     }
     by_size(&mut said, &shares, &shown, &explained);
+    keep_main(&mut said);
     let nearest: Vec<String> = best.iter().map(|placed| in_words(std::slice::from_ref(placed), names)).collect();
     let candidates = weighted
         .iter()
@@ -318,6 +319,13 @@ fn predicting<'a>(explained: &Explained<'a>, gap: &Gap, verdict: Verdict) -> (Ve
 
 /// A gap counts as no worse within the scatter of its last digits.
 const NO_WORSE: f64 = 1.001;
+
+/// Names only effects that close a noticeable share of the gap, and the largest in any case. The others remain among the
+/// candidates.
+fn keep_main(said: &mut Vec<NamedEffect>) {
+    let mut first = true;
+    said.retain(|effect| std::mem::take(&mut first) || effect.share.is_none_or(|share| share >= LEAST_SHARE));
+}
 
 /// Largest part of the gap first; what no free run shows has a part in the noise.
 fn by_size(said: &mut Vec<NamedEffect>, shares: &[Share], shown: &[&Unseen], explained: &Explained) {

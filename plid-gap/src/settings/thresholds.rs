@@ -122,3 +122,7 @@ pub const NEAR: f64 = 60.0;
 
 /// So many of them at most, for each is a fit to whole records.
 pub const COMPARED: usize = 8;
+
+/// Least share of the squared held-out gap that an effect beside a larger one must close to be named: a tenth in
+/// amplitude. What closes less is part of the many small errors that every simulation has.
+pub const LEAST_SHARE: f64 = 0.01;
