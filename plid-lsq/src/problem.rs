@@ -1,0 +1,48 @@
+//! What the search asks of a problem.
+
+use nalgebra::DVector;
+
+/// A least-squares problem: the cost of a point, and its normal equations there.
+///
+/// A point holds the parameters in any form, together with whatever was computed with them, such as the residual. Only
+/// the problem itself moves a point along a step ([`Problem::advance`]), so a bound on a parameter is a change of
+/// variables there, such as a step in the logarithm of a positive number.
+pub trait Problem: Sync {
+    /// Parameters, and what was computed with them.
+    type Point: Clone + Send + Sync;
+    /// The linearised problem.
+    type Equations: Equations;
+    /// The reason why a point cannot be linearised.
+    type Error;
+
+    /// Returns storage for the equations, to be filled by [`Problem::linearise`].
+    fn equations(&self) -> Self::Equations;
+
+    /// Computes the normal equations at a point, including the prior.
+    ///
+    /// # Errors
+    /// An error ends the search.
+    fn linearise(&mut self, at: &Self::Point, equations: &mut Self::Equations) -> Result<(), Self::Error>;
+
+    /// Computes the point that lies one step from another. `to` holds some point of this problem and is overwritten.
+    fn advance(&self, from: &Self::Point, step: &DVector<f64>, to: &mut Self::Point);
+
+    /// Returns the cost of a point: its sum of squares, or another function with the same minimum, such as a likelihood
+    /// in which the noise variance is eliminated. A point with an infinite cost or NaN is rejected.
+    fn cost(&self, at: &Self::Point) -> f64;
+
+    /// Called with every point that the search moves to. The problem may change its coordinates but not its cost.
+    fn accepted(&mut self, _at: &mut Self::Point) {}
+}
+
+/// Normal equations that can be solved with any damping.
+pub trait Equations: Sync {
+    /// Working storage of one solution. Steps that are tried in parallel have one each.
+    type Work: Default + Send;
+
+    /// Returns the number of parameters, which is the length of a step.
+    fn parameters(&self) -> usize;
+
+    /// Solves for a step with the given damping; returns whether there is a finite solution.
+    fn solve(&self, damping: f64, work: &mut Self::Work, step: &mut DVector<f64>) -> bool;
+}
