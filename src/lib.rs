@@ -43,18 +43,31 @@ pub use plid_backends as backends;
 pub use plid_catalogue as catalogue;
 #[doc(inline)]
 pub use plid_core::*;
+#[cfg(feature = "data")]
+#[doc(inline)]
+pub use plid_data as data;
+#[cfg(feature = "gap")]
 #[doc(inline)]
 pub use plid_gap as gap;
+#[cfg(feature = "lab")]
 #[doc(inline)]
 pub use plid_lab as lab;
 #[doc(inline)]
 pub use plid_model as model;
+#[cfg(feature = "refine")]
 #[doc(inline)]
 pub use plid_refine as refine;
+#[cfg(feature = "plots")]
+#[doc(inline)]
+pub use plid_report as report;
+#[cfg(feature = "testbed")]
 #[doc(inline)]
 pub use plid_testbed as testbed;
 #[doc(inline)]
 pub use plid_variants::{covariance, expectations};
+// What appears in public signatures.
+pub use {nalgebra, ndarray};
+
 /// Double-double, a [`Scalar`] of about 31 digits.
 pub use qd::Quad;
 

@@ -123,7 +123,9 @@ macro_rules! on_every_backend {
      $($(#[$doc:meta])* $word:literal = $backend:ident: [$($scalar:ty),+], feature [$($feature:tt)*];)*) => {
         $(
             #[cfg(all($($feature)*))]
-            $($cells.push(($word, start::<$family::On<$backend<$scalar>>>()));)+
+            {
+                $($cells.push(($word, start::<$family::On<$backend<$scalar>>>()));)+
+            }
         )*
     };
 }

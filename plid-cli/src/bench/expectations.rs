@@ -3,8 +3,8 @@
 use plid_bench::expectations::{self, Config, FULL, QUICK};
 
 use super::Common;
-use crate::cli::progress::Bar;
-use crate::cli::{Failure, Voice, directory, voice};
+use crate::progress::Bar;
+use crate::{Failure, Voice, directory, voice};
 
 /// Compare the five conditional expectations with each other, with exact Bayesian estimation and with batch estimates.
 ///

@@ -1,4 +1,4 @@
-//! The command line, one file per subcommand.
+//! The `plid` program as a library: the command line, one file per subcommand.
 
 mod bench;
 mod directory;

@@ -3,8 +3,8 @@
 use plid_bench::stability::{self, Config, FULL, Outcome, QUICK};
 
 use super::Common;
-use crate::cli::progress::Bar;
-use crate::cli::{Failure, Voice, directory, voice};
+use crate::progress::Bar;
+use crate::{Failure, Voice, directory, voice};
 
 /// Compare long runs of every form in single and double precision with the same recursion in double-double.
 ///

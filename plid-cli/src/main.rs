@@ -1,6 +1,4 @@
-//! The `plid` program: one subcommand a file in `cli/`.
-
-mod cli;
+//! The `plid` program.
 
 use std::alloc::System;
 use std::process::ExitCode;
@@ -12,5 +10,5 @@ use stats_alloc::{INSTRUMENTED_SYSTEM, StatsAlloc};
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
 fn main() -> ExitCode {
-    cli::main()
+    plid_cli::main()
 }

@@ -15,8 +15,8 @@ use plid::lab::run::Silent;
 #[test]
 fn three_runs_of_a_third_of_the_samples_simulate_the_truss_nearly_as_well_as_one_of_all_inputs() {
     let directory = tempfile::tempdir().unwrap();
-    let experiment = experiment::read(Path::new("experiments/truss-simo-merge-30.toml")).unwrap();
-    let outcome = merge::carry_out(&experiment, Path::new("experiments"), directory.path(), false, &Silent).unwrap();
+    let experiment = experiment::read(Path::new("../experiments/truss-simo-merge-30.toml")).unwrap();
+    let outcome = merge::carry_out(&experiment, Path::new("../experiments"), directory.path(), false, &Silent).unwrap();
     let held_out = &outcome.held_out[0];
     let error = held_out.errors.overall_relative;
     assert!(error < 1.1 * 0.03121, "{error}");

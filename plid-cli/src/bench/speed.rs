@@ -6,8 +6,8 @@ use plid_bench::speed::compare::{self, Comparison};
 use plid_bench::speed::{self, Config, FULL, Outcome, QUICK, peers};
 
 use super::Common;
-use crate::cli::progress::Bar;
-use crate::cli::{Failure, Voice, directory, voice};
+use crate::progress::Bar;
+use crate::{Failure, Voice, directory, voice};
 
 /// Time a step by size, form, expectation, library and scalar, relative to a pass over P and to the machine's peak.
 ///
