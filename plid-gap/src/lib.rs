@@ -1,9 +1,10 @@
 //! Where a simulation disagrees with its records, which unmodelled effect causes it, and how far the gap shrinks once it is added.
 //!
-//! A case passes through the modules in this order, which is that of the method: it is read (`case`) and audited (`audit`); the simulation is taken
-//! apart into its modes (`plant`); the noise is estimated (`signal`, `noise`) and a problem of least squares made of it all (`prepare`, `fit`); effects
-//! (`effects`) are simulated (`simulate`) and searched for (`search`); what was found is judged (`judge`), and answered (`answer`, `report`).
-//! `evidence` shows what the diagnosis does not rest on. `diagnose` calls them one after the other.
+//! A case passes through the modules in this order. It is read (`case`), and its simulation is taken apart into modes (`plant`). The noise is estimated
+//! (`signal`, `noise`), effects (`effects`) are simulated (`simulate`), and a least-squares problem (`fit`) is prepared (`prepare`). Explanations are searched
+//! for (`search`) and judged (`judge`); `evidence` is shown beside them and does not enter the verdict. The result is written as an answer (`answer`) and a
+//! report (`report`). `audit` checks and corrects the input, and `diagnose` calls all of them. A module imports only modules below it in the order of
+//! `tests/order.rs`.
 
 pub mod answer;
 mod audit;
@@ -13,6 +14,7 @@ pub mod effects;
 mod error;
 mod evidence;
 mod fit;
+mod fourier;
 mod judge;
 mod noise;
 mod plant;

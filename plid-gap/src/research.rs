@@ -3,16 +3,17 @@
 //! A diagnosis needs none of this: see [`diagnose`](crate::diagnose()).
 
 pub use crate::audit::{Audit, audit};
-pub use crate::fit::nuisance::Limits;
+pub use crate::diagnose::explain::explain;
 pub use crate::fit::problem::{Placed, Problem};
 pub use crate::fit::refit::{Refit, STEPS as REFIT_STEPS, refit};
 pub use crate::judge::next_experiment::next_experiment;
-pub use crate::judge::separability::{Foretold, of_screen, rivals};
+pub use crate::judge::separability::{Foretold, rivals};
 pub use crate::judge::shrink::gaps;
 pub use crate::judge::verdict::weigh;
 pub use crate::plant::Plant;
 pub use crate::prepare::{Known, Prepared, prepare};
-pub use crate::search::explain::{Rules, explain};
+pub use crate::search::overlap::of_screen;
+pub use crate::search::rules::Rules;
 pub use crate::search::screen::{Base, screen};
 pub use crate::search::stochastic::unseen;
 pub use crate::settings::thresholds::{BENT, HEAD};

@@ -4,6 +4,7 @@ pub mod predict;
 mod range;
 pub mod schema;
 pub(crate) mod simulation;
+pub(crate) mod whole_delay;
 
 pub use range::{Beyond, FittedRange};
 
@@ -14,15 +15,16 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 use crate::answer::schema::{Change, Comparison, Gap, Located, NamedEffect, Remainder, RemainderPlace, Value, Where};
 use crate::effects::{Names, Setting, Side};
 use crate::evidence::Beside;
+use crate::fit::candidate::{all_same, in_words, joined, same};
 use crate::fit::problem::Placed;
+use crate::judge::explained::Explained;
 use crate::judge::gap::{self, Blocks};
 use crate::judge::held_out::HeldOut;
 use crate::judge::locate::Map;
 use crate::judge::separability::{Rival, open};
 use crate::judge::shares::Share;
 use crate::judge::verdict::{Verdict, Weighted, outside};
-use crate::search::explain::Explained;
-use crate::search::stepwise::{Search, all_same, same};
+use crate::search::stepwise::Search;
 use crate::search::stochastic::{Unseen, cuts, wanders};
 use crate::settings::thresholds::{NEXT, SEPARABLE};
 use crate::words::percent;
@@ -127,16 +129,6 @@ pub(crate) fn place(before: &Map, outputs: &[String], found: &Search, shown: &[&
         level_slope_ci95: before.slope.map(|slope| slope.ci95),
         levels: before.levels.clone(),
     }
-}
-
-/// "cubic-stiffness at input:u2 + sensor-gain at output:y1".
-pub(crate) fn in_words(effects: &[Placed], names: &Names) -> String {
-    if effects.is_empty() { "nothing".into() } else { joined(effects, names, " at ") }
-}
-
-fn joined(effects: &[Placed], names: &Names, at: &str) -> String {
-    let one = |p: &Placed| format!("{}{at}{}", p.effect.name(), p.place.location(names));
-    effects.iter().map(one).collect::<Vec<_>>().join(" + ")
 }
 
 /// Explanations that these records cannot part from the best, with it: the most probable first.

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::answer::range::FittedRange;
 use crate::effects::Side;
 use crate::judge::locate::LevelGap;
+pub use crate::judge::shrink::{Gap, ShrinkOver};
 pub use crate::judge::verdict::Verdict;
 
 /// A parameter's value with its 95 % interval.
@@ -149,66 +150,12 @@ pub struct RemainderPlace {
     pub bands_hz: Vec<[f64; 3]>,
 }
 
-/// How far the gap goes down.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Gap {
-    /// Of the simulation as given.
-    pub as_given: f64,
-    /// After the bounded refit.
-    pub refit: f64,
-    /// After the bounded refit, as far as it stays within the limits.
-    #[serde(default)]
-    pub within_limits: f64,
-    /// After a linear refit without bounds.
-    pub free_refit: f64,
-    /// After the refit with the effects.
-    pub with_effect: f64,
-    /// What noise alone makes.
-    pub noise_floor: f64,
-    /// 1 - with_effect / as_given, both beyond the floor.
-    pub shrink: f64,
-    /// Its 95 % interval.
-    pub shrink_ci95: [f64; 2],
-    /// The same over the bounded refit.
-    pub shrink_over_refit: f64,
-    /// Of a wrong effect with as many parameters.
-    pub placebo_shrink: f64,
-    /// What was found, over the bounded refit, a linear refit without bounds and, where there is one, the placebo.
-    #[serde(default)]
-    pub shrink_over: Vec<ShrinkOver>,
-    /// Share of what a flexible model closes that the effects close.
-    pub share_of_ceiling: f64,
-    /// Its 95 % interval.
-    #[serde(default)]
-    pub share_of_ceiling_ci95: [f64; 2],
-    /// Stated before any held-out record was opened.
-    pub predicted_held_out_gap: f64,
-    /// Its 80 % interval.
-    #[serde(default)]
-    pub predicted_ci80: [f64; 2],
-    /// Where these were measured: the held-out records, or the fitted ones where nothing could be held out.
-    pub measured_on: Vec<String>,
-}
-
 impl Gap {
     /// Amplitude that is left beyond the noise, over what the simulation within its limits leaves.
     pub fn left(&self) -> f64 {
         let beyond = |gap: f64| (gap * gap - self.noise_floor * self.noise_floor).max(0.0).sqrt();
         beyond(self.with_effect) / beyond(self.within_limits).max(f64::MIN_POSITIVE)
     }
-}
-
-/// How much more the simulation with its effects closes than another model, on the same samples.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct ShrinkOver {
-    /// The other model.
-    pub than: String,
-    /// Its gap.
-    pub gap: f64,
-    /// 1 - with_effect / gap, both beyond the floor.
-    pub shrink: f64,
-    /// Its 95 % interval.
-    pub ci95: [f64; 2],
 }
 
 /// Whether the records could part an explanation from the best one. Differences are in log likelihood, the best explanation taken for true.

@@ -6,8 +6,8 @@ use crate::answer::range::FittedRange;
 use crate::answer::schema::{Gap, SimulationWithEffects, Value, WrittenEffect};
 use crate::effects::{Action, Flexible, Place, Setting};
 use crate::fit::problem::{Placed, Problem};
+use crate::judge::explained::Explained;
 use crate::plant::Plant;
-use crate::search::explain::Explained;
 use crate::search::stochastic::{Unseen, wanders};
 
 /// Changes of the bounded refit in standard deviations of its prior, by mode (Hz): frequency, damping, largest of the shapes.

@@ -13,7 +13,6 @@ mod rewire;
 mod shapes;
 mod stable;
 mod surrogate;
-mod tell;
 mod wiring;
 
 use crate::case::Case;
@@ -54,6 +53,13 @@ impl Audit {
     /// None that the audit before did not have.
     pub fn without(&self, case: &Case, library: &Library, without: &[String]) -> Result<Self, GapError> {
         look(case, library, without, &self.known.off, Some(self), &mut |_| {})
+    }
+}
+
+impl Audit {
+    /// What the audit put right, if that explains the gap.
+    pub(crate) fn put_right(&self) -> Option<&Mismatch> {
+        self.mismatch.as_ref().filter(|mismatch| mismatch.explains)
     }
 }
 
@@ -101,6 +107,10 @@ fn look(
     found.extend(mismatch.iter().map(|mismatch| mismatch.sentence.clone()));
     if let Some(mismatch) = explained {
         found.push("All that follows is of the simulation with that put right.".into());
+        let delay = mismatch.wiring.delay;
+        if delay < 0 {
+            found.push(format!("A prediction cannot answer before its input: it comes {} samples late.", -delay));
+        }
         case.records.iter_mut().for_each(|record| mismatch.wiring.delay_inputs(record));
     }
     case.model = Some(explained.map_or(model.clone(), |mismatch| mismatch.wiring.applied(&model)));

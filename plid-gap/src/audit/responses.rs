@@ -6,8 +6,8 @@ use plid_model::Model;
 use super::wiring::{Wire, Wiring};
 use crate::case::record::{Channels, Excitation, Record};
 use crate::error::GapError;
-use crate::plant::C;
-use crate::signal::fourier;
+use crate::fourier;
+use crate::fourier::C;
 
 /// The largest delay that is looked for, in samples.
 const REACH: usize = 1024;

@@ -9,13 +9,14 @@ use plid_model::Model;
 use plid_refine::{Candidate, Noise, Options, RefineError, Start, free_run_error};
 
 use crate::case::Case;
+use crate::case::Limits;
 use crate::case::record::{Excitation, Record};
 use crate::case::split::driven;
 use crate::effects::Setting;
 use crate::error::GapError;
-use crate::fit::nuisance::{Limits, Nuisance};
+use crate::fit::free_run::run;
+use crate::fit::nuisance::Nuisance;
 use crate::fit::problem::Problem;
-use crate::judge::shrink::run;
 use crate::noise::NoiseModel;
 use crate::noise::model_error::ModelError;
 use crate::noise::whiten::Whitener;
@@ -165,7 +166,7 @@ fn model_error(model: &Model, records: &[&Record], aside: bool) -> Result<Option
     let tells = |record: &&&Record| record.excitation == Excitation::Random || aside;
     let Some(record) = records.iter().filter(tells).max_by_key(|record| record.samples()) else { return Ok(None) };
     let plant = Plant::new(model)?;
-    let error = crate::judge::locate::error(record, &run(&plant, &[], record));
+    let error = record.error(&run(&plant, &[], record));
     Ok(ModelError::of(record, &error, plant.rate))
 }
 

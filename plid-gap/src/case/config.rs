@@ -1,6 +1,6 @@
 use serde::{Deserialize, Serialize};
 
-use crate::fit::nuisance::Limits;
+use crate::case::Limits;
 use plid_data::prepare::decimate;
 use plid_data::prepare::trend::Trend;
 

@@ -46,6 +46,13 @@ pub fn one_of_each_level(records: &[Record]) -> Vec<&Record> {
     chosen
 }
 
+/// The last of the loudest records, a random one if there is any: a drift shows there as it will in what follows.
+pub(crate) fn loudest(records: &[Record]) -> &Record {
+    let most = records.iter().map(Record::level).fold(0.0, f64::max);
+    let random = records.iter().rev().find(|r| r.excitation == Excitation::Random && r.level() > 0.9 * most);
+    random.or(records.iter().rev().find(|r| r.level() > 0.9 * most)).unwrap_or(&records[0])
+}
+
 /// Whether twice the input gives twice the output, as every linear simulation from rest does. `respond` runs a simulation.
 /// What adds to the outputs whatever the input does (an offset, hum) is taken off first.
 pub fn is_linear(u: &[Vec<f64>], respond: impl Fn(&[Vec<f64>]) -> Channels) -> bool {

@@ -2,6 +2,7 @@
 
 mod config;
 pub(crate) mod levels;
+mod limits;
 mod period;
 pub(crate) mod record;
 mod records;
@@ -15,6 +16,7 @@ use plid_model::Model;
 use crate::error::GapError;
 
 pub use config::{CaseConfig, ExcitationKind, RecordConfig, StartKind, Use};
+pub use limits::Limits;
 pub use record::{Channels, Excitation, Record};
 
 /// A case with its files read.

@@ -5,8 +5,8 @@
 
 use ndarray::Array2;
 
-use crate::plant::C;
-use crate::signal::fourier;
+use crate::fourier;
+use crate::fourier::C;
 
 /// An input repeats up to this misfit. Measured inputs of shakers and amplifiers have at most 0.01.
 const TOLERANCE: f64 = 0.1;

@@ -46,6 +46,14 @@ impl Record {
     pub fn level(&self) -> f64 {
         rms(self.u.iter().flatten())
     }
+
+    /// Measured minus simulated (p channels); zero where nothing was measured.
+    pub fn error(&self, simulated: &[Vec<f64>]) -> Channels {
+        let one = |(y, s): (&Vec<f64>, &Vec<f64>)| {
+            y.iter().zip(s).map(|(y, s)| if y.is_finite() { y - s } else { 0.0 }).collect()
+        };
+        self.y.iter().zip(simulated).map(one).collect()
+    }
 }
 
 /// Root of the mean square of what was measured: missing samples (NaN) do not count. Zero for nothing.

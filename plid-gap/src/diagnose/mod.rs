@@ -1,34 +1,42 @@
 //! The whole diagnosis, step after step.
 
+pub(crate) mod explain;
+
 use std::cell::OnceCell;
 
 use crate::answer::schema::{Diagnosis, Explanation, Gap, Located, NamedEffect, SimulationWithEffects};
 use crate::answer::simulation::{refit_summary, written};
-use crate::answer::{classes, comparisons, in_words, named, others, place, remainder, remains, sentence, words};
+use crate::answer::whole_delay::WholeDelay;
+use crate::answer::{classes, comparisons, named, others, place, remainder, remains, sentence, words};
 use crate::audit::{Audit, audit};
 use crate::case::Case;
-use crate::case::levels::{LevelRun, is_linear, one_of_each_level};
+use crate::case::levels::{LevelRun, is_linear, loudest, one_of_each_level};
 use crate::case::record::{Channels, Record};
+use crate::diagnose::explain::explain;
 use crate::effects::{Action, Library};
 use crate::error::GapError;
 use crate::evidence::Beside;
+use crate::fit::candidate::in_words;
+use crate::fit::free_run::errors;
+use crate::fit::free_run::run;
 use crate::fit::problem::Placed;
 use crate::fit::refit::{self, Refit, clipped, refit};
+use crate::judge::explained::Explained;
 use crate::judge::held_out::held_out;
 use crate::judge::locate::{self, Map};
 use crate::judge::next_experiment::next_experiment;
 use crate::judge::separability::{Foretold, rivals};
 use crate::judge::settle_all::with_all;
 use crate::judge::shares::{Share, of_band, shares};
-use crate::judge::shrink::{blocks, gaps, loudest, opened, run};
+use crate::judge::shrink::{blocks, gaps, opened};
 use crate::judge::verdict::{Adequacy, Verdict, outside, weigh};
 use crate::plant::Plant;
 use crate::prepare::{Prepared, prepare};
-use crate::search::explain::{Explained, Rules, errors, explain};
+use crate::search::rules::Rules;
 use crate::search::stepwise::Turn;
-use crate::search::stochastic::{EVIDENCE, Unseen, unseen, wandering};
+use crate::search::stochastic::{Unseen, unseen, wandering};
 use crate::settings::step::Step;
-use crate::settings::thresholds::{LEAST_SHARE, MOST_UNKNOWN};
+use crate::settings::thresholds::{EVIDENCE, LEAST_SHARE, MOST_UNKNOWN};
 use crate::simulate::{Fineness, simulate};
 use plid_data::nearest;
 
@@ -242,7 +250,7 @@ fn finish(
     by_size(&mut said, &shares, &shown, &explained);
     keep_main(&mut said);
     let nearest: Vec<String> = best.iter().map(|placed| in_words(std::slice::from_ref(placed), names)).collect();
-    let candidates = weighted
+    let mut candidates = weighted
         .iter()
         .map(|w| Explanation {
             effects: w
@@ -274,13 +282,25 @@ fn finish(
         sentence += &format!(" These records cannot tell {first} from {others}.");
     }
     say("next experiment".into());
+    let mut effects = if verdict == Verdict::Effects { said } else { Vec::new() };
+    let delay = WholeDelay::of(audit);
+    if let Some(delay) = &delay {
+        delay.explains(&mut candidates);
+        if verdict != Verdict::Unknown {
+            delay.named(&mut effects, &candidates);
+        }
+    }
+    if let Some(mismatch) = audit.put_right() {
+        sentence = format!("{} {sentence}", mismatch.sentence);
+    }
+    let delayed = delay.is_some() && verdict != Verdict::Unknown;
     let diagnosis = Diagnosis {
-        verdict,
+        verdict: if delayed { Verdict::Effects } else { verdict },
         sentence,
         next_experiment: foretold
             .as_ref()
             .and_then(|foretold| next_experiment(&explained, &weighted, best, foretold, &rivals)),
-        effects: if verdict == Verdict::Effects { said } else { Vec::new() },
+        effects,
         candidates,
         not_separable: classes(found, best, &rivals, names),
         separability: comparisons(found, best, &rivals, names),
@@ -297,11 +317,12 @@ fn finish(
         warnings: case.warnings.clone(),
     };
     let (eta, effects) = predicting(&explained, &diagnosis.gap, verdict);
-    let simulation = written(&explained, model, &eta, &effects, &shown, &diagnosis.gap);
+    let mut simulation = written(&explained, model, &eta, &effects, &shown, &diagnosis.gap);
     let evidence = evidence(case, &explained, &unseen, [before, after], beside, &plant, &actions);
-    let mut outcome = Outcome { diagnosis, simulation, evidence };
-    audit.tell(&mut outcome);
-    Ok(outcome)
+    if let Some(delay) = &delay {
+        delay.simulated(&mut simulation.effects);
+    }
+    Ok(Outcome { diagnosis, simulation, evidence })
 }
 
 /// Linear parameters and effects of the simulation that is written: fitted to all records once all is stated, and no effect that follows what was held out
@@ -361,7 +382,7 @@ fn evidence(
         given: run(&problem.plant, &[], record),
         with: run(plant, actions, record),
     });
-    let noise_lines: Vec<(f64, nalgebra::DMatrix<crate::plant::C>)> = (1..NOISE_LINES)
+    let noise_lines: Vec<(f64, nalgebra::DMatrix<crate::fourier::C>)> = (1..NOISE_LINES)
         .map(|k| 0.5 * plant.rate * k as f64 / NOISE_LINES as f64)
         .map(|hz| (hz, ready.noise.density(hz)))
         .collect();

@@ -1,7 +1,8 @@
 use std::f64::consts::TAU;
 
 use super::{Action, Effect, Parameter, Place, Range, Setting, Side};
-use crate::plant::{C, Plant};
+use crate::fourier::C;
+use crate::plant::Plant;
 
 /// A mode that the simulation does not have: q" + 2 zeta w q' + w^2 q = b.a, accelerations += c q".
 ///
@@ -35,7 +36,7 @@ impl Effect for MissingMode {
 
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
         let at = |hz: f64| *place == Place::MissingMode(hz);
-        let start = |mode: &super::setting::MissingMode| {
+        let start = |mode: &super::MissingModeStart| {
             [mode.hz, mode.damping].iter().chain(&mode.b).chain(&mode.c).copied().collect()
         };
         setting.missing.iter().filter(|mode| at(mode.hz)).map(start).collect()

@@ -41,6 +41,7 @@ mod setting;
 mod slip;
 mod stiffness_drift;
 
+pub use crate::signal::peaks::MissingModeStart;
 pub use action::{Action, Command, Drive, Force, Sensor};
 pub use actuator_crosstalk::ActuatorCrosstalk;
 pub use actuator_dead_zone::ActuatorDeadZone;
@@ -74,7 +75,7 @@ pub use sensor_lag::SensorLag;
 pub use sensor_offset::SensorOffset;
 pub use sensor_quantisation::SensorQuantisation;
 pub use sensor_saturation::SensorSaturation;
-pub use setting::{MissingMode as MissingModeStart, Setting};
+pub use setting::Setting;
 pub use stiffness_drift::StiffnessDrift;
 
 /// Where in the chain an effect acts.

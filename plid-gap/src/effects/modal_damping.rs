@@ -1,5 +1,6 @@
 use super::{Action, Change, Effect, Parameter, Place, Range, Setting, Side};
-use crate::plant::{C, plain_hz};
+use crate::fourier::C;
+use crate::plant::plain_hz;
 
 /// One mode with another damping ratio than the simulation has it.
 pub struct ModalDamping;

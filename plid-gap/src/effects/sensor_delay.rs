@@ -1,7 +1,7 @@
 use super::{Action, Effect, Parameter, Place, Range, Sensor, Setting, Side};
 use std::f64::consts::TAU;
 
-use crate::plant::C;
+use crate::fourier::C;
 
 /// A channel that is sampled late.
 pub struct SensorDelay;
@@ -50,13 +50,13 @@ impl Sensor for Delay {
 
 /// A delay by any number of samples, of linear phase over the whole band; zero before the record.
 fn delay(y: &mut [f64], samples: f64) {
-    let length = crate::signal::fourier::good_length(y.len() + samples.ceil() as usize + 64);
+    let length = crate::fourier::good_length(y.len() + samples.ceil() as usize + 64);
     let mut padded = y.to_vec();
     padded.resize(length, 0.0);
-    let mut spectrum = crate::signal::fourier::forward(&padded);
+    let mut spectrum = crate::fourier::forward(&padded);
     for (k, bin) in spectrum.iter_mut().enumerate() {
         *bin *= C::cis(-TAU * k as f64 * samples / length as f64);
     }
-    let delayed = crate::signal::fourier::backward(&spectrum, length);
+    let delayed = crate::fourier::backward(&spectrum, length);
     y.copy_from_slice(&delayed[..y.len()]);
 }

@@ -3,6 +3,7 @@ use super::place::{Names, ON_A_MODE};
 use plid_model::Model;
 
 use crate::plant::Plant;
+use crate::signal::peaks::MissingModeStart;
 use crate::signal::tones::Tone;
 
 /// What an effect may know of the simulation and of the records, to choose places and starts.
@@ -33,20 +34,7 @@ pub struct Setting {
     /// Lines in what the linear simulation leaves.
     pub tones: Vec<Tone>,
     /// A mode that the residual's frequency response shows, if any.
-    pub missing: Vec<MissingMode>,
-}
-
-/// A resonance in the residual's frequency response.
-#[derive(Debug, Clone, PartialEq)]
-pub struct MissingMode {
-    /// Hz.
-    pub hz: f64,
-    /// Damping ratio.
-    pub damping: f64,
-    /// Of each input (m).
-    pub b: Vec<f64>,
-    /// Of each output (p), of norm one.
-    pub c: Vec<f64>,
+    pub missing: Vec<MissingModeStart>,
 }
 
 impl Setting {

@@ -5,8 +5,8 @@
 //! chapter 4).
 
 use crate::case::record::{Channels, Excitation, Record};
-use crate::plant::C;
-use crate::signal::fourier;
+use crate::fourier;
+use crate::fourier::C;
 use crate::words::percent;
 
 /// An input drives a line with at least this share of its strongest line's power: what a converter rounds is less.

@@ -3,9 +3,10 @@
 //! A resonance that goes with the level is a nonlinearity of the structure, one that goes with the time a drift; evidence in the engineer's own terms, beside
 //! the diagnosis, which does not use it.
 
+use crate::case::Limits;
 use crate::case::record::Excitation;
 use crate::evidence::trend::{Point, Trend, trend};
-use crate::fit::nuisance::{Limits, Nuisance};
+use crate::fit::nuisance::Nuisance;
 use crate::fit::problem::{Problem, sum_of_squares};
 use crate::fit::refit::refit;
 use crate::noise::NoiseModel;
@@ -133,7 +134,7 @@ fn points(alone: &[Alone], mode: usize) -> Vec<Point> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plant::C;
+    use crate::fourier::C;
     use crate::prepare::{Known, prepare};
     use crate::testing::{case, random_input, run, truss};
 

@@ -1,28 +1,12 @@
 //! How far the simulation may be off without that being an effect: every mode's frequency, damping ratio and shapes, as a Gaussian
 //! prior; and the initial state of records that do not start from rest.
 
+use crate::case::Limits;
 use crate::case::record::Record;
 use crate::fit::problem::Tangent;
-use crate::plant::{C, Passed, Plant};
+use crate::fourier::C;
+use crate::plant::{Passed, Plant};
 use crate::simulate::State;
-
-/// Limits (two standard deviations), relative.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Limits {
-    /// Of each mode's frequency.
-    pub frequency: f64,
-    /// Of each mode's damping ratio.
-    pub damping: f64,
-    /// Of each entry of a mode's shapes, relative to the shape's largest entry.
-    pub shape: f64,
-}
-
-impl Default for Limits {
-    fn default() -> Self {
-        Self { frequency: 0.002, damping: 0.10, shape: 0.02 }
-    }
-}
 
 /// Standard deviation of an initial state, in units of what the input makes it: wide.
 const START: f64 = 3.0;

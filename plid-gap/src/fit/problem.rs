@@ -172,14 +172,7 @@ impl Problem {
     }
 
     fn whitened_error(&self, index: usize, outputs: &[Vec<f64>], to: &mut [f64]) {
-        let record = &self.records[index];
-        let error: Channels = record
-            .y
-            .iter()
-            .zip(outputs)
-            .map(|(y, s)| y.iter().zip(s).map(|(y, s)| if y.is_finite() { y - s } else { 0.0 }).collect())
-            .collect();
-        self.whiteners[index].apply(&error, to);
+        self.whiteners[index].apply(&self.records[index].error(outputs), to);
     }
 
     /// Derivatives at a linear model.

@@ -1,11 +1,11 @@
 //! How good a prediction will be: free runs of the fitted records, each by the model that the others give.
 
 use crate::case::record::{Channels, Record};
+use crate::fit::free_run::outputs;
+use crate::fit::free_run::run;
 use crate::fit::problem::{Effort, Fit, Problem};
 use crate::judge::gap::{self, Blocks};
-use crate::judge::shrink::run;
 use crate::noise::whiten::Whitener;
-use crate::search::explain::outputs;
 use crate::settings::thresholds::{PREDICTION_SCATTER, PREDICTIONS_KNOWN};
 use crate::simulate::Fineness;
 

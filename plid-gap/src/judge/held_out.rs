@@ -6,9 +6,8 @@
 
 use crate::case::record::Record;
 use crate::effects::Action;
+use crate::fit::free_run::run;
 use crate::fit::problem::sum_of_squares;
-use crate::judge::locate::error;
-use crate::judge::shrink::run;
 use crate::noise::NoiseModel;
 use crate::noise::whiten::Whitener;
 use crate::plant::Plant;
@@ -45,7 +44,7 @@ pub fn held_out(
         let whitener = Whitener::new(record, noise, refit.rate, vec![Vec::new(); record.y.len()]);
         let residual = |plant: &Plant, actions: &[Action]| {
             let mut to = vec![0.0; whitener.rows()];
-            whitener.apply(&error(record, &run(plant, actions, record)), &mut to);
+            whitener.apply(&record.error(&run(plant, actions, record)), &mut to);
             to
         };
         let (r0, r1) = (residual(refit, &[]), residual(explained, actions));

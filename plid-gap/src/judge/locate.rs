@@ -8,10 +8,10 @@ use serde::{Deserialize, Serialize};
 use crate::case::levels::ALIKE;
 use crate::case::record::{Channels, Excitation, Record, rms};
 use crate::fit::problem::Problem;
+use crate::fourier;
+use crate::fourier::C;
 use crate::judge::gap::middle;
 use crate::noise::NoiseModel;
-use crate::plant::C;
-use crate::signal::fourier;
 use crate::simulate::Fineness;
 
 /// Bands over which the gap is spread.
@@ -73,17 +73,9 @@ pub fn errors(problem: &Problem) -> Vec<Channels> {
     (0..problem.records.len())
         .map(|index| {
             let y = problem.outputs(&problem.plant, &eta, &[], index, Fineness::COARSE);
-            error(&problem.records[index], &y)
+            problem.records[index].error(&y)
         })
         .collect()
-}
-
-/// Measured minus simulated; zero where nothing was measured.
-pub fn error(record: &Record, simulated: &[Vec<f64>]) -> Channels {
-    let one = |(y, s): (&Vec<f64>, &Vec<f64>)| {
-        y.iter().zip(s).map(|(y, s)| if y.is_finite() { y - s } else { 0.0 }).collect()
-    };
-    record.y.iter().zip(simulated).map(one).collect()
 }
 
 /// Draws the map, with intervals by a block bootstrap: of each record, and of each stretch of time in it, as many blocks are drawn anew.

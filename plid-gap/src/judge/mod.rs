@@ -2,6 +2,7 @@
 //! experiment would tell more.
 
 pub(crate) mod crossed;
+pub(crate) mod explained;
 pub(crate) mod gap;
 pub(crate) mod held_out;
 pub(crate) mod locate;

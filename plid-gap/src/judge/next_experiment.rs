@@ -6,16 +6,17 @@
 
 use nalgebra::DMatrix;
 
-use crate::answer::in_words;
+use crate::case::Limits;
+use crate::case::levels::loudest;
 use crate::case::record::{Channels, Excitation, Record};
-use crate::fit::nuisance::{Limits, Nuisance};
+use crate::fit::candidate::all_same;
+use crate::fit::candidate::in_words;
+use crate::fit::nuisance::Nuisance;
 use crate::fit::problem::{Fit, Placed, Problem, sum_of_squares};
+use crate::judge::explained::Explained;
 use crate::judge::separability::{Foretold, Rival, foretold, open};
-use crate::judge::shrink::loudest;
 use crate::judge::verdict::Weighted;
 use crate::noise::whiten::Whitener;
-use crate::search::explain::Explained;
-use crate::search::stepwise::all_same;
 use crate::search::stochastic::is_unseen;
 use crate::settings::thresholds::SEPARABLE;
 use crate::simulate::Fineness;

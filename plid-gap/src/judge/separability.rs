@@ -1,58 +1,19 @@
 //! Step 0: could these records tell one explanation from another?
 //!
-//! Two answers. Before any fit, to first order: of each entry of a screen the share that a bounded refit would absorb, and how alike
-//! the remainders are ([`overlap`]). After the fits, without that approximation: each rival is fitted, together with the linear
-//! parameters, to what the best explanation says that the same records would hold without noise. What it cannot follow is the
-//! difference in log likelihood that these records are expected to make ([`rivals`]).
+//! [`crate::search::overlap`] answers to first order, before any fit. Here each rival is fitted, together with the linear parameters, to what the best
+//! explanation says that the same records would hold without noise. The part that the rival cannot follow is the difference in log likelihood that these
+//! records are expected to make ([`rivals`]).
 //!
 //! A cosine alone misleads: what counts is the energy times what the cosine leaves of it, and the energy of a gap of a few per cent
 //! is some ten thousand times that of a sample's noise.
 
-use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use crate::case::record::Record;
-use crate::fit::problem::{Effort, Fit, Placed, Problem, Tangent, dot};
-use crate::search::screen::{Base, Entry, traces};
-use crate::search::stepwise::{Candidate, all_same};
+use crate::fit::candidate::{Candidate, all_same};
+use crate::fit::problem::{Effort, Fit, Placed, Problem, Tangent};
 use crate::settings::thresholds::{COMPARED, NEAR, SEPARABLE};
 use crate::simulate::Fineness;
-
-/// How alike the traces of some effects are, once a bounded refit has absorbed of them what it can.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Overlap {
-    /// Share of each trace's energy that the refit absorbs.
-    pub absorbed: Vec<f64>,
-    /// Cosines between what is left of them.
-    pub cosine: DMatrix<f64>,
-    /// Expected difference in log likelihood, where the row's effect is at work at the size of its trace and the column's is fitted
-    /// in its place: energy (1 - cosine^2) / 2.
-    pub expected: DMatrix<f64>,
-}
-
-/// Of whitened traces, each at the size at which its effect is looked for. None where the refit's normal matrix is no such matrix.
-pub fn overlap(tangent: &Tangent, traces: &[Vec<f64>]) -> Option<Overlap> {
-    let count = traces.len();
-    let cross = tangent.cross(&traces.concat(), count);
-    let solved = tangent.normal.clone().cholesky()?.solve(&cross);
-    let whole = DMatrix::from_fn(count, count, |i, j| dot(&traces[i], &traces[j]));
-    let clear = &whole - cross.tr_mul(&solved);
-    let energy = |i: usize| clear[(i, i)].max(0.0);
-    let cosine = DMatrix::from_fn(count, count, |i, j| {
-        let sizes = (energy(i) * energy(j)).sqrt();
-        if sizes > 0.0 { (clear[(i, j)] / sizes).clamp(-1.0, 1.0) } else { 0.0 }
-    });
-    Some(Overlap {
-        absorbed: (0..count).map(|i| 1.0 - energy(i) / whole[(i, i)].max(f64::MIN_POSITIVE)).collect(),
-        expected: DMatrix::from_fn(count, count, |i, j| 0.5 * energy(i) * (1.0 - cosine[(i, j)].powi(2))),
-        cosine,
-    })
-}
-
-/// Of entries of a screen, at the sizes that it found.
-pub fn of_screen(base: &Base, entries: &[Entry]) -> Option<Overlap> {
-    overlap(base.tangent, &traces(base, entries))
-}
 
 /// A rival needs to be near what it is fitted to, no nearer than the comparison is.
 const NEARLY: Effort = Effort { steps: 6, gain: 0.2, fineness: Fineness::COARSE };
@@ -162,29 +123,13 @@ pub fn open<'r, 'a>(rivals: &'r [Rival<'a>], best: &[Placed]) -> impl Iterator<I
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::case::Limits;
     use crate::effects::{Clearance, CubicStiffness, Effect, Place, SensorDrift, SensorOffset};
-    use crate::fit::nuisance::Limits;
-    use crate::fit::problem::sum_of_squares;
+    use crate::fit::problem::{dot, sum_of_squares};
     use crate::noise::NoiseModel;
     use crate::prepare::{Known, prepare};
+    use crate::search::overlap::{Overlap, overlap};
     use crate::testing;
-
-    /// The refit takes half of what lies along its one derivative, whose size is that of its prior.
-    #[test]
-    fn overlap_is_that_of_what_the_refit_leaves() {
-        let tangent = Tangent::new(vec![1.0, 0.0, 0.0], 3, &[1.0]);
-        let found = overlap(&tangent, &[vec![2.0, 2.0, 0.0], vec![2.0, 0.0, 1.0]]).unwrap();
-        // Left are energies of 4/2 + 4 of 8 and 4/2 + 1 of 5, and a product of 4/2.
-        let cosine = 2.0 / 18_f64.sqrt();
-        let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
-        close(found.absorbed[0], 0.25);
-        close(found.absorbed[1], 0.4);
-        close(found.cosine[(0, 1)], cosine);
-        close(found.cosine[(1, 1)], 1.0);
-        close(found.expected[(0, 1)], 3.0 * (1.0 - 4.0 / 18.0));
-        close(found.expected[(1, 0)], 1.5 * (1.0 - 4.0 / 18.0));
-        close(found.expected[(0, 0)], 0.0);
-    }
 
     /// White noise of a known size, a simulation that has no play, and what the records hold of a sound simulation.
     fn problem(limits: &Limits, samples: usize) -> (Problem, f64) {

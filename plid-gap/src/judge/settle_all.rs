@@ -1,9 +1,10 @@
 //! The answer once more, from all records: what was held out says where a prediction may go that the others did not.
 
-use crate::fit::nuisance::{Limits, Nuisance};
+use crate::case::Limits;
+use crate::fit::nuisance::Nuisance;
 use crate::fit::problem::{Effort, Placed, Problem};
+use crate::judge::explained::Explained;
 use crate::noise::whiten::Whitener;
-use crate::search::explain::Explained;
 use crate::simulate::Fineness;
 
 const ALL: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::FINE };

@@ -1,14 +1,14 @@
 //! What each effect of the best explanation closes, the others staying.
 
 use crate::case::record::Record;
+use crate::fit::candidate::same;
 use crate::fit::problem::{Effort, Fit, Placed};
 use crate::fit::refit::clipped;
+use crate::judge::explained::Explained;
 use crate::judge::gap::{self, Blocks};
 use crate::judge::shrink::{blocks, opened};
 use crate::noise::Source;
 use crate::plant::Plant;
-use crate::search::explain::Explained;
-use crate::search::stepwise::same;
 use crate::simulate::Fineness;
 
 /// A fit to see what is missing without an effect.

@@ -1,21 +1,79 @@
 //! Step 10: how far the gap goes down, on what was held out from all fitting.
 
-use crate::answer::schema::{Gap, ShrinkOver};
-use crate::case::record::{Channels, Excitation, Record};
+use serde::{Deserialize, Serialize};
+
+use crate::case::Limits;
+use crate::case::levels::loudest;
+use crate::case::record::Record;
 use crate::effects::Action;
-use crate::fit::nuisance::{Limits, Nuisance};
-use crate::fit::problem::{Effort, Problem, sum_of_squares};
+use crate::fit::free_run::run;
+use crate::fit::nuisance::Nuisance;
+use crate::fit::problem::{Effort, Problem};
 use crate::fit::refit::refit;
+use crate::judge::crossed;
+use crate::judge::explained::Explained;
 use crate::judge::gap::{self, Blocks};
-use crate::judge::{crossed, locate};
 use crate::noise::whiten::Whitener;
 use crate::plant::Plant;
-use crate::search::explain::Explained;
 use crate::search::stepwise::Search;
-use crate::simulate::{Fineness, State, simulate};
+use crate::simulate::Fineness;
 
 /// Steps of the refit without bounds.
 const FREE_STEPS: usize = 12;
+
+/// How much more the simulation with its effects closes than another model, on the same samples.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ShrinkOver {
+    /// The other model.
+    pub than: String,
+    /// Its gap.
+    pub gap: f64,
+    /// 1 - with_effect / gap, both beyond the floor.
+    pub shrink: f64,
+    /// Its 95 % interval.
+    pub ci95: [f64; 2],
+}
+
+/// How far the gap goes down.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Gap {
+    /// Of the simulation as given.
+    pub as_given: f64,
+    /// After the bounded refit.
+    pub refit: f64,
+    /// After the bounded refit, as far as it stays within the limits.
+    #[serde(default)]
+    pub within_limits: f64,
+    /// After a linear refit without bounds.
+    pub free_refit: f64,
+    /// After the refit with the effects.
+    pub with_effect: f64,
+    /// What noise alone makes.
+    pub noise_floor: f64,
+    /// 1 - with_effect / as_given, both beyond the floor.
+    pub shrink: f64,
+    /// Its 95 % interval.
+    pub shrink_ci95: [f64; 2],
+    /// The same over the bounded refit.
+    pub shrink_over_refit: f64,
+    /// Of a wrong effect with as many parameters.
+    pub placebo_shrink: f64,
+    /// What was found, over the bounded refit, a linear refit without bounds and, where there is one, the placebo.
+    #[serde(default)]
+    pub shrink_over: Vec<ShrinkOver>,
+    /// Share of what a flexible model closes that the effects close.
+    pub share_of_ceiling: f64,
+    /// Its 95 % interval.
+    #[serde(default)]
+    pub share_of_ceiling_ci95: [f64; 2],
+    /// Stated before any held-out record was opened.
+    pub predicted_held_out_gap: f64,
+    /// Its 80 % interval.
+    #[serde(default)]
+    pub predicted_ci80: [f64; 2],
+    /// Where these were measured: the held-out records, or the fitted ones where nothing could be held out.
+    pub measured_on: Vec<String>,
+}
 
 /// Gaps on held-out records, or on the loudest driven one where nothing is held out. `plant` and `actions` are the simulation with the
 /// effects.
@@ -91,57 +149,6 @@ pub(crate) fn blocks(records: &[&Record], plant: &Plant, actions: &[Action]) -> 
     Blocks::joined(each.collect()).expect("at least one record is opened")
 }
 
-/// The last of the loudest records, a random one if there is any: a drift shows there as it will in what follows.
-pub(crate) fn loudest(records: &[Record]) -> &Record {
-    let most = records.iter().map(Record::level).fold(0.0, f64::max);
-    let random = records.iter().rev().find(|r| r.excitation == Excitation::Random && r.level() > 0.9 * most);
-    random.or(records.iter().rev().find(|r| r.level() > 0.9 * most)).unwrap_or(&records[0])
-}
-
-/// Free run of a record; an unknown start is fitted to it first.
-pub(crate) fn run(plant: &Plant, actions: &[Action], record: &Record) -> Channels {
-    let start = (!record.from_rest).then(|| fitted_start(plant, actions, record));
-    simulate(plant, actions, &record.u, record.start_s, start.as_ref(), Fineness::FINE)
-}
-
-/// The initial state that explains a record best: by least squares on the linear response, first without effects, then corrected by what the run with
-/// them leaves. A run from rest would begin with a transient that the record does not have, and that effects may blow up.
-fn fitted_start(plant: &Plant, actions: &[Action], record: &Record) -> State {
-    let nuisance = Nuisance::new(plant, std::slice::from_ref(record), &Limits::default());
-    let first = nuisance.len() - plant.n();
-    let mut columns = nalgebra::DMatrix::zeros(record.y.len() * record.samples(), plant.n());
-    nuisance.tangents(plant, record, 0, |column, y| {
-        if column >= first {
-            let flat: Vec<f64> = y.iter().flatten().copied().collect();
-            columns.column_mut(column - first).copy_from_slice(&flat);
-        }
-    });
-    let mut normal = columns.tr_mul(&columns);
-    let ridge = 1e-9 * normal.trace().max(f64::MIN_POSITIVE);
-    (0..plant.n()).for_each(|i| normal[(i, i)] += ridge);
-    let Some(factor) = normal.cholesky() else { return State::rest(plant) };
-    let state = |eta: &[f64]| nuisance.start(0, eta).unwrap_or_else(|| State::rest(plant));
-    let left = |eta: &[f64], actions: &[Action]| -> Vec<f64> {
-        let y = simulate(plant, actions, &record.u, record.start_s, Some(&state(eta)), Fineness::FINE);
-        locate::error(record, &y).into_iter().flatten().collect()
-    };
-    let corrected = |eta: &[f64], error: Vec<f64>| -> Vec<f64> {
-        let step = factor.solve(&columns.tr_mul(&nalgebra::DVector::from_vec(error)));
-        let mut eta = eta.to_vec();
-        eta[first..].iter_mut().zip(step.iter()).for_each(|(x, dx)| *x += dx);
-        eta
-    };
-    let rest = vec![0.0; nuisance.len()];
-    let linear = corrected(&rest, left(&rest, &[]));
-    if actions.is_empty() {
-        return state(&linear);
-    }
-    let error = left(&linear, actions);
-    let before = sum_of_squares(&error);
-    let second = corrected(&linear, error);
-    if sum_of_squares(&left(&second, actions)) < before { state(&second) } else { state(&linear) }
-}
-
 /// Fits for comparison only.
 const ROUGH: Effort = Effort { steps: 4, gain: 1.0, fineness: Fineness::COARSE };
 
@@ -172,9 +179,11 @@ fn ceiling(problem: &Problem, found: &Search) -> Option<(Plant, Vec<Action>)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::case::record::Channels;
     use crate::effects::{CubicStiffness, Effect, Place};
     use crate::prepare::tests::setting_of;
     use crate::prepare::{Known, prepare};
+    use crate::simulate::simulate;
     use crate::testing;
 
     /// A truth that is off everywhere, by gains, cross-talk and more than the stated limits, beside one large spring: the spring is named first, and what remains is

@@ -1,8 +1,9 @@
 //! Probabilities of all explanations, "something else" among them, and the verdict.
 
+use crate::fit::candidate::Candidate;
+use crate::fit::candidate::all_same;
 use crate::fit::problem::Placed;
 use crate::prepare::NoiseLevel;
-use crate::search::stepwise::{Candidate, all_same};
 use crate::settings::step::Step;
 use crate::settings::thresholds::{
     BENT, EXCESS, FAINT, FAINT_POWER, LEAST_UNKNOWN, MISFIT_TEMPERATURE, MOST_LEFT, MOST_UNKNOWN, NEXT, NOISE_UNSEEN,

@@ -11,9 +11,10 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::fourier;
+use crate::fourier::C;
 use crate::noise::model_error::ModelError;
-use crate::plant::{C, Plant};
-use crate::signal::fourier;
+use crate::plant::Plant;
 use crate::signal::notch;
 
 /// Bins whose power exceeds the model's by this factor (chance e^-16) hold a line and no noise.

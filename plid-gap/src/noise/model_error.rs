@@ -7,8 +7,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::case::record::{Channels, Excitation, Record};
-use crate::plant::C;
-use crate::signal::fourier;
+use crate::fourier;
+use crate::fourier::C;
 
 /// Density of such an error at the level of the records it was found in.
 #[derive(Debug, Clone, PartialEq)]

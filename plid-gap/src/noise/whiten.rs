@@ -7,9 +7,9 @@ use std::ops::{Range, RangeInclusive};
 use nalgebra::{DMatrix, DVectorView, DVectorViewMut};
 
 use crate::case::record::{Channels, Record};
+use crate::fourier;
+use crate::fourier::C;
 use crate::noise::NoiseModel;
-use crate::plant::C;
-use crate::signal::fourier;
 use crate::signal::notch;
 
 /// The whitening of one record.

@@ -6,8 +6,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::fourier::C;
 use crate::noise::{Band, NoiseModel, Source, Stretch};
-use crate::plant::C;
 
 /// Steps at most.
 const STEPS: usize = 30;

@@ -2,7 +2,8 @@ use std::f64::consts::TAU;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::{C, Rest};
+use super::Rest;
+use crate::fourier::C;
 
 /// Poles of the rest that are nearer than this (relative) count as one repeated pole.
 const SAME_POLE: f64 = 1e-3;

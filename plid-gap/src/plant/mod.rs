@@ -7,16 +7,14 @@ mod chain;
 mod logarithm;
 mod ports;
 
-use nalgebra::{Complex, DMatrix, DVector};
+use nalgebra::{DMatrix, DVector};
 use plid_model::{ModeKind, Model};
 
 use crate::error::GapError;
+use crate::fourier::C;
 
 pub use chain::Chain;
 pub use ports::PortSource;
-
-/// A complex number.
-pub type C = Complex<f64>;
 
 /// Pairs with a larger damping ratio belong to filters, unless they lie below a pair that is damped less: filters lie above the structure.
 const LIGHT: f64 = 0.3;

@@ -1,6 +1,7 @@
 use nalgebra::DVector;
 
-use super::{C, Mode, Plant, Port};
+use super::{Mode, Plant, Port};
+use crate::fourier::C;
 
 /// Where the places of internal forces come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]

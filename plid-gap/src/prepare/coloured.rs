@@ -4,7 +4,7 @@ use crate::noise::whittle::scored;
 use crate::noise::{Band, Source};
 use crate::prepare::Prepared;
 use crate::prepare::wandering::Wandering;
-use crate::search::stochastic::EVIDENCE;
+use crate::settings::thresholds::EVIDENCE;
 
 /// Centres of bands, from here on in steps of 6 %, in Hz.
 const LOWEST: f64 = 15.0;

@@ -3,11 +3,13 @@
 pub(crate) mod coloured;
 pub(crate) mod wandering;
 
+use crate::case::Limits;
 use crate::case::record::{Channels, Excitation, Record, rms};
 use crate::case::split::split;
 use crate::effects::{MissingModeStart, Setting};
 use crate::error::GapError;
-use crate::fit::nuisance::{Limits, Nuisance};
+use crate::fit::free_run::{errors, outputs};
+use crate::fit::nuisance::Nuisance;
 use crate::fit::problem::{Placed, Problem};
 use crate::fit::refit::Refit;
 use crate::noise::model_error::ModelError;
@@ -16,7 +18,6 @@ use crate::noise::{NoiseModel, Stretch};
 use crate::plant::{Mode, Plant};
 use crate::prepare::coloured::{Coloured, NEAR_LINE, coloured};
 use crate::prepare::wandering::{Wandering, wandering};
-use crate::search::explain::{errors, outputs};
 use crate::settings::step::Step;
 use crate::signal::quantisation::{self, Codes};
 use crate::signal::{notch, peaks, tones};
@@ -230,8 +231,7 @@ impl Prepared {
     /// Whether an output turned out to drop out.
     pub fn renew_codes(&mut self, simulated: &[Channels]) -> bool {
         let records = &self.problem.records;
-        let errors: Vec<Channels> =
-            records.iter().zip(simulated).map(|(r, y)| crate::judge::locate::error(r, y)).collect();
+        let errors: Vec<Channels> = records.iter().zip(simulated).map(|(r, y)| r.error(y)).collect();
         let mut seen = quantisation::codes(records, &errors, &self.declared_sensor);
         // These values are mended.
         seen.iter_mut().zip(&self.codes).for_each(|(new, old)| (new.step, new.cut) = (old.step, old.cut));
@@ -314,7 +314,7 @@ impl Prepared {
     fn quiet_of(&self, simulated: &[Channels]) -> Vec<Stretch> {
         let plant = &self.problem.plant;
         let left = |(record, y): (&Record, &Channels)| {
-            let error = crate::judge::locate::error(record, y);
+            let error = record.error(y);
             let mut left = self.wandering.iter().fold(error, |error, line| notch::without_both(&error, plant, line.hz));
             for (left, y) in left.iter_mut().zip(&record.y) {
                 left.iter_mut().zip(y).filter(|(_, y)| y.is_nan()).for_each(|(left, _)| *left = f64::NAN);
@@ -336,8 +336,7 @@ impl Prepared {
     /// effect explains: likelihoods that know noise alone take each of them for certain, and rank by what is left of them.
     pub fn admit_error(&mut self, simulated: &[Channels]) {
         let problem = &self.problem;
-        let errors: Vec<Channels> =
-            problem.records.iter().zip(simulated).map(|(record, y)| crate::judge::locate::error(record, y)).collect();
+        let errors: Vec<Channels> = problem.records.iter().zip(simulated).map(|(record, y)| record.error(y)).collect();
         let noise = |hz: f64| {
             let density = self.noise.density(hz);
             (0..density.nrows()).map(|o| density[(o, o)].re).collect()
@@ -460,7 +459,7 @@ fn given_errors(plant: &Plant, records: &[Record]) -> Vec<Channels> {
         .iter()
         .map(|record| {
             let y = simulate(plant, &[], &record.u, record.start_s, None, Fineness::COARSE);
-            crate::judge::locate::error(record, &y)
+            record.error(&y)
         })
         .collect()
 }

@@ -4,10 +4,9 @@
 use nalgebra::{Matrix2, Vector2};
 
 use crate::effects::Place;
+use crate::fit::free_run::outputs;
 use crate::fit::problem::{Placed, dot};
-use crate::judge::locate::error;
 use crate::prepare::Prepared;
-use crate::search::explain::outputs;
 use crate::signal::notch;
 use crate::simulate::Fineness;
 
@@ -71,7 +70,7 @@ pub fn wandering(ready: &Prepared, eta: &[f64], effects: &[Placed]) -> Option<(u
         let runs = [&others, &with(0.0)].map(|effects| outputs(problem, eta, effects));
         let (mut squares, mut samples, mut one) = (vec![0.0; problem.plant.p], 0, 0.0);
         for ((record, simulated), steady) in problem.records.iter().zip(&runs[0]).zip(&runs[1]) {
-            let error = error(record, simulated);
+            let error = record.error(simulated);
             let left = notch::without(&error, problem.plant.rate, hz);
             for o in 0..squares.len() {
                 squares[o] += error[o].iter().zip(&left[o]).map(|(a, b)| (a - b).powi(2)).sum::<f64>();

@@ -322,7 +322,7 @@ fn quiet(report: Report, outcome: &Outcome) -> Report {
     }
     report.table(table).paragraph(format!(
         "In the answer from {:.0} on; {} of all explanations is left to something else.",
-        crate::search::stochastic::EVIDENCE,
+        crate::settings::thresholds::EVIDENCE,
         percent(evidence.adequacy.unknown)
     ))
 }

@@ -1,9 +1,10 @@
 //! The search for the effects that explain the gap: a screen of the whole vocabulary, fits of its best entries, and the steps that follow.
 
 pub(crate) mod closest_law;
-pub(crate) mod explain;
 pub(crate) mod modal;
+pub(crate) mod overlap;
 pub(crate) mod ports;
+pub(crate) mod rules;
 pub(crate) mod screen;
 pub(crate) mod shape;
 pub(crate) mod stepwise;

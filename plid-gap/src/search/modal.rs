@@ -2,8 +2,8 @@
 
 use crate::case::record::Channels;
 use crate::fit::problem::Problem;
+use crate::fourier;
 use crate::prepare::of_ports;
-use crate::signal::fourier;
 
 /// Modes that are offered.
 const MOST: usize = 3;

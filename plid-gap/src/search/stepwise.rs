@@ -5,28 +5,19 @@ use std::f64::consts::TAU;
 
 use rayon::prelude::*;
 
-use crate::effects::{Effect, Library, Names, Place, Range};
+use crate::effects::{Effect, Names, Range};
+use crate::fit::candidate::{Candidate, all_same, same};
 use crate::fit::problem::{Effort, Fit, Placed, Problem, Tangent, sum_of_squares};
 use crate::fit::refit::{Refit, clipped};
-use crate::judge::separability::{Overlap, of_screen};
+use crate::search::overlap::{Overlap, of_screen};
 use crate::search::ports::fit_ports;
+use crate::search::rules::Scope;
 use crate::search::screen::{Base, Entry, screen};
 use crate::settings::step::Step;
 use crate::settings::thresholds::{
     ACCEPT, BEHIND, FAR, FITTED, FURTHER_SHARE, MATERIAL, MOST_EFFECTS, NOT_ACCEPTED, POLISHED, STRAIGHTENED,
 };
 use crate::simulate::Fineness;
-
-/// An explanation that was fitted, with its price.
-#[derive(Clone)]
-pub struct Candidate<'a> {
-    /// Effects with parameters.
-    pub effects: Vec<Placed<'a>>,
-    /// Sum of squares, with the linear parameters' penalty.
-    pub cost: f64,
-    /// The cost with the price of parameters and of choosing among the library.
-    pub priced: f64,
-}
 
 /// What the search found.
 pub struct Search<'a> {
@@ -81,42 +72,36 @@ const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE }
 /// Fits of what was found.
 const FINE: Effort = Effort { steps: 8, gain: 0.1, fineness: Fineness::FINE };
 
-/// Searches for up to [`MOST_EFFECTS`] effects: on `quick` (the heads of the records), then among the best few on `problem`.
-/// `allowed` says what may be named where; `bonus` what the engineer suspects (subtracted from the price); `bold` screens at several
-/// sizes; `off` are the steps that are left out; `first` keeps the first turn, or has it; `say` is told what is going on.
-#[allow(clippy::too_many_arguments)]
+/// Searches for up to [`MOST_EFFECTS`] effects: on `quick` (the heads of the records), then among the best few on `problem`. `first` keeps the first turn,
+/// or has it; `say` is told what is going on.
 pub fn search<'a>(
     problem: &mut Problem,
     quick: &mut Problem,
     refit: &Refit,
-    library: &'a Library,
-    allowed: &(dyn Fn(&Placed) -> bool + Sync),
-    bonus: &(dyn Fn(&Placed) -> f64 + Sync),
-    bold: bool,
-    off: &[Step],
+    scope: &Scope<'_, 'a>,
     first: &OnceCell<Turn<'a>>,
     say: &mut dyn FnMut(String),
 ) -> Search<'a> {
-    let price = Price { rows: problem.rows() as f64, bonus, bold, off };
+    let price = Price { rows: problem.rows() as f64, scope };
     let mut best = refit.as_fit();
     let mut candidates = vec![Candidate { effects: Vec::new(), cost: refit.cost, priced: refit.cost }];
     let mut stages = Vec::new();
     let mut overlap = None;
     for stage in 0..MOST_EFFECTS {
-        let there = |placed: &Placed| best.effects.iter().any(|other| same(other, placed)) || !allowed(placed);
-        let new = || Turn::new(problem, quick, &best, library, &there, &price, [FITTED, POLISHED]);
+        let there = |placed: &Placed| best.effects.iter().any(|other| same(other, placed)) || !scope.allows(placed);
+        let new = || Turn::new(problem, quick, &best, &there, &price, [FITTED, POLISHED]);
         let own = OnceCell::new();
         let turn = if stage == 0 { first } else { &own }.get_or_init(new);
         let (entries, fits) = turn.without(problem, quick, &there, &price);
         if stage == 0 {
-            overlap = of_screen(&turn.from.base(quick, bold), &entries[..entries.len().min(FITTED)]);
+            overlap = of_screen(&turn.from.base(quick, scope.bold), &entries[..entries.len().min(FITTED)]);
         }
         say(progress(stage + 1, &entries, &fits, &price, &problem.setting.names));
         stages.push(entries);
         let tried: Vec<Candidate> = fits.iter().map(|fit| price.candidate(fit)).collect();
         let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { break };
         let gain = price.of(&best) - price.of(&top);
-        let material = off.contains(&Step::Material) || material(problem, &best, &top, stage);
+        let material = scope.skips(Step::Material) || material(problem, &best, &top, stage);
         let accepted = gain > ACCEPT && material;
         // The best with something beside it that was not accepted is no other explanation.
         if accepted || best.effects.is_empty() {
@@ -125,11 +110,11 @@ pub fn search<'a>(
         if !accepted {
             break;
         }
-        best = if off.contains(&Step::PortScales) { top } else { fit_ports(problem, quick, top) };
+        best = if scope.skips(Step::PortScales) { top } else { fit_ports(problem, quick, top) };
         // With other scales of the ports it explains more than when it was entered.
         candidates.push(price.candidate(&best));
-        if best.effects.len() > 1 && !off.contains(&Step::Questioning) {
-            best = question(problem, quick, best, library, allowed, &price, &mut candidates);
+        if best.effects.len() > 1 && !scope.skips(Step::Questioning) {
+            best = question(problem, quick, best, &price, &mut candidates);
         }
     }
     // What was not accepted is no better than nothing, whatever its price.
@@ -143,24 +128,20 @@ pub fn search<'a>(
 
 /// Numbers of the simulation that the refit changed in place of an effect: a gain, a frequency, beyond what the rest of them is off by. Each is put beside the
 /// best explanation where that straightens the linear parameters enough, whatever else was found.
-#[allow(clippy::too_many_arguments)]
 pub fn straighten<'a>(
     problem: &Problem,
     quick: &Problem,
     found: &mut Search<'a>,
-    library: &'a Library,
-    allowed: &(dyn Fn(&Placed) -> bool + Sync),
-    bonus: &(dyn Fn(&Placed) -> f64 + Sync),
-    off: &[Step],
+    scope: &Scope<'_, 'a>,
     say: &mut dyn FnMut(String),
 ) {
-    let price = Price { rows: problem.rows() as f64, bonus, bold: false, off };
+    let price = Price { rows: problem.rows() as f64, scope };
     for _ in 0..MOST_STRAIGHTENED {
         let best = &found.best;
         let there = |placed: &Placed| {
-            !is_a_number(placed.effect) || best.effects.iter().any(|other| same(other, placed)) || !allowed(placed)
+            !is_a_number(placed.effect) || best.effects.iter().any(|other| same(other, placed)) || !scope.allows(placed)
         };
-        let turn = Turn::new(problem, quick, best, library, &there, &price, [FITTED, POLISHED]);
+        let turn = Turn::new(problem, quick, best, &there, &price, [FITTED, POLISHED]);
         let (entries, fits) = turn.without(problem, quick, &there, &price);
         say(progress(best.effects.len() + 1, &entries, &fits, &price, &problem.setting.names));
         let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { return };
@@ -221,13 +202,12 @@ impl<'a> Turn<'a> {
         problem: &Problem,
         quick: &Problem,
         so_far: &Fit<'a>,
-        library: &'a Library,
         there: &(dyn Fn(&Placed) -> bool + Sync),
-        price: &Price,
+        price: &Price<'_, 'a>,
         counts: [usize; 2],
     ) -> Self {
-        let from = Start::new(quick, so_far, price.off);
-        let entries = screen(&from.base(quick, price.bold), library, there);
+        let from = Start::new(quick, so_far, &price.scope.off);
+        let entries = screen(&from.base(quick, price.scope.bold), price.scope.library, there);
         let mut turn = Self { from, entries, counts, quick: Vec::new(), whole: Vec::new() };
         let all: Vec<usize> = (0..turn.entries.len()).collect();
         (turn.quick, turn.whole) = turn.fits(problem, quick, &all, price);
@@ -276,7 +256,7 @@ impl<'a> Turn<'a> {
         let whole = best
             .into_par_iter()
             .map(|(k, fit)| {
-                let new = || whether_sound(problem, on_whole(problem, fit.clone(), price.off));
+                let new = || whether_sound(problem, on_whole(problem, fit.clone(), &price.scope.off));
                 (k, known(&self.whole, k).unwrap_or_else(new))
             })
             .collect();
@@ -284,31 +264,10 @@ impl<'a> Turn<'a> {
     }
 }
 
-/// Whether two name the same effect at the same place.
-pub fn same(a: &Placed, b: &Placed) -> bool {
-    a.effect.name() == b.effect.name() && near(&a.place, &b.place)
-}
-
-/// Whether two explanations name the same effects at the same places, in any order.
-pub fn all_same(a: &[Placed], b: &[Placed]) -> bool {
-    a.len() == b.len() && a.iter().all(|a| b.iter().any(|b| same(a, b)))
-}
-
-fn near(a: &Place, b: &Place) -> bool {
-    let close = |x: f64, y: f64| (x / y - 1.0).abs() < 0.02;
-    match (a, b) {
-        (Place::MissingMode(x), Place::MissingMode(y)) => close(*x, *y),
-        (Place::Frequency(x, _), Place::Frequency(y, _)) => close(*x, *y),
-        _ => a == b,
-    }
-}
-
 /// What parameters and choices cost, and how a turn goes about it.
-struct Price<'p> {
-    bold: bool,
-    off: &'p [Step],
+struct Price<'p, 'a> {
     rows: f64,
-    bonus: &'p (dyn Fn(&Placed) -> f64 + Sync),
+    scope: &'p Scope<'p, 'a>,
 }
 
 /// Twice the logarithm of the number of entries of the library: each is as likely as another before the data are seen.
@@ -318,7 +277,7 @@ const CHOICE: f64 = 9.0;
 /// twice the logarithm of how much further, in standard deviations of the limits.
 const LET_GO: f64 = 5.0;
 
-impl Price<'_> {
+impl<'a> Price<'_, 'a> {
     fn of(&self, fit: &Fit) -> f64 {
         let one = |placed: &Placed| {
             let own = if placed.effect.is_in_refit() {
@@ -326,12 +285,12 @@ impl Price<'_> {
             } else {
                 CHOICE + placed.parameters.len() as f64 * self.rows.ln()
             };
-            own - (self.bonus)(placed)
+            own - self.scope.bonus(placed)
         };
         fit.cost + fit.effects.iter().map(one).sum::<f64>()
     }
 
-    fn candidate<'a>(&self, fit: &Fit<'a>) -> Candidate<'a> {
+    fn candidate(&self, fit: &Fit<'a>) -> Candidate<'a> {
         Candidate { effects: fit.effects.clone(), cost: fit.cost, priced: self.of(fit) }
     }
 }
@@ -408,19 +367,17 @@ fn question<'a>(
     problem: &Problem,
     quick: &Problem,
     mut best: Fit<'a>,
-    library: &'a Library,
-    allowed: &(dyn Fn(&Placed) -> bool + Sync),
-    price: &Price,
+    price: &Price<'_, 'a>,
     candidates: &mut Vec<Candidate<'a>>,
 ) -> Fit<'a> {
     for place in 0..best.effects.len() {
         let mut others = best.effects.clone();
         let asked = others.remove(place);
         let there = |placed: &Placed| {
-            others.iter().any(|other| same(other, placed)) || same(&asked, placed) || !allowed(placed)
+            others.iter().any(|other| same(other, placed)) || same(&asked, placed) || !price.scope.allows(placed)
         };
         let without = Fit { effects: others.clone(), ..best.clone() };
-        let turn = Turn::new(problem, quick, &without, library, &there, price, [FITTED / 2, POLISHED / 2]);
+        let turn = Turn::new(problem, quick, &without, &there, price, [FITTED / 2, POLISHED / 2]);
         let (_, fits) = turn.without(problem, quick, &there, price);
         candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
         let top = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b)));

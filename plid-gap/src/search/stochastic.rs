@@ -5,10 +5,8 @@ use crate::fit::problem::Placed;
 use crate::noise::{Band, NoiseModel, Stretch};
 use crate::prepare::Prepared;
 use crate::prepare::coloured::{Coloured, NEAR_LINE};
+use crate::settings::thresholds::EVIDENCE;
 use crate::signal::quantisation::Codes;
-
-/// Evidence (twice the log likelihood) that such an effect needs: with a few dozen places to look at, noise alone reaches 12.
-pub const EVIDENCE: f64 = 40.0;
 
 /// A sensor's variance over what the other sensors' say it should be, from which it counts as noisy.
 const NOISIER: f64 = 1.3;

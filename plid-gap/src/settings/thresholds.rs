@@ -126,3 +126,6 @@ pub const COMPARED: usize = 8;
 /// Least share of the squared held-out gap that an effect beside a larger one must close to be named: a tenth in
 /// amplitude. What closes less is part of the many small errors that every simulation has.
 pub const LEAST_SHARE: f64 = 0.01;
+
+/// Evidence (twice the log likelihood) that an effect which no free run shows needs: with a few dozen places to look at, noise alone reaches 12.
+pub const EVIDENCE: f64 = 40.0;

@@ -5,7 +5,8 @@ use std::f64::consts::TAU;
 use nalgebra::{DMatrix, DVector};
 
 use crate::case::record::Channels;
-use crate::plant::{C, Mode, Plant};
+use crate::fourier::C;
+use crate::plant::{Mode, Plant};
 
 /// Modulations are straight between points so far apart, in s: a phase that walks by a radian a second keeps a hundredth of the line's power outside.
 const SPACING_S: f64 = 0.1;

@@ -2,9 +2,9 @@
 
 use nalgebra::DMatrix;
 
-use crate::effects::MissingModeStart;
-use crate::plant::{C, Plant};
-use crate::signal::fourier;
+use crate::fourier;
+use crate::fourier::C;
+use crate::plant::Plant;
 
 /// Samples of a segment: lines of a mode of one percent damping at a tenth of the sample rate are a few bins wide.
 pub(crate) const SEGMENT: usize = 2048;
@@ -17,6 +17,19 @@ const SAME: f64 = 0.04;
 
 /// Peaks that are offered.
 const MOST: usize = 2;
+
+/// A resonance in the residual's frequency response.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MissingModeStart {
+    /// Hz.
+    pub hz: f64,
+    /// Damping ratio.
+    pub damping: f64,
+    /// Of each input (m).
+    pub b: Vec<f64>,
+    /// Of each output (p), of norm one.
+    pub c: Vec<f64>,
+}
 
 /// A driven record: inputs (m channels) and errors (p channels).
 pub struct Driven<'a> {

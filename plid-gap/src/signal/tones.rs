@@ -2,8 +2,8 @@
 
 use std::f64::consts::TAU;
 
-use crate::plant::C;
-use crate::signal::fourier;
+use crate::fourier;
+use crate::fourier::C;
 
 /// A line.
 #[derive(Debug, Clone, PartialEq)]

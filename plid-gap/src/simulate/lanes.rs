@@ -1,6 +1,6 @@
 //! Numbers side by side in lanes of four, filled up with zeros: loops over them have no remainder, so that they vectorise.
 
-use crate::plant::C;
+use crate::fourier::C;
 
 const WIDE: usize = 4;
 

@@ -9,7 +9,8 @@ mod runner;
 
 use crate::case::record::Channels;
 use crate::effects::{Action, Drive, Force};
-use crate::plant::{C, Plant};
+use crate::fourier::C;
+use crate::plant::Plant;
 use crate::simulate::runner::{Runner, advance};
 
 /// How finely a sample is divided.

@@ -3,7 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::effects::{Drive, Force};
-use crate::plant::{C, Carried, Plant};
+use crate::fourier::C;
+use crate::plant::{Carried, Plant};
 use crate::simulate::State;
 use crate::simulate::lanes::{self, Lane, Quad, Rows};
 

@@ -1,10 +1,11 @@
-//! Fourier transforms of real signals.
+//! Complex numbers and Fourier transforms of real signals.
 
 use std::cell::RefCell;
 
 use rustfft::{FftPlanner, num_complex::Complex};
 
-use crate::plant::C;
+/// A complex number.
+pub type C = Complex<f64>;
 
 thread_local! {
     static PLANNER: RefCell<FftPlanner<f64>> = RefCell::new(FftPlanner::new());

@@ -1,0 +1,19 @@
+//! How far the engineer trusts the simulation.
+
+/// Limits (two standard deviations), relative.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Limits {
+    /// Of each mode's frequency.
+    pub frequency: f64,
+    /// Of each mode's damping ratio.
+    pub damping: f64,
+    /// Of each entry of a mode's shapes, relative to the shape's largest entry.
+    pub shape: f64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self { frequency: 0.002, damping: 0.10, shape: 0.02 }
+    }
+}

@@ -1,0 +1,341 @@
+//! Steps 3 to 8: which effects explain the gap, and whether they suffice.
+
+use std::cell::OnceCell;
+
+use crate::case::record::Channels;
+use crate::effects::Library;
+use crate::fit::free_run::{errors, outputs};
+use crate::fit::problem::{Fit, Placed, Problem, sum_of_squares};
+use crate::fit::refit::{Refit, STEPS, clipped, refit};
+use crate::judge::explained::Explained;
+use crate::judge::gap::{self, Blocks};
+use crate::judge::verdict::{Adequacy, adequacy, least_unknown, outside};
+use crate::prepare::{NoiseLevel, Prepared};
+use crate::search::closest_law::closest_law;
+use crate::search::modal::dominant;
+use crate::search::rules::{Rules, Scope};
+use crate::search::shape::{Bent, bent, fewer, renamed};
+use crate::search::stepwise::{Search, Turn, search, straighten};
+use crate::settings::step::Step;
+use crate::settings::thresholds::{
+    ACCEPT, DOUBTFUL, ELSEWHERE, HEAD, INADEQUATE, MOST_UNKNOWN, SHAPE_DIFFERS, SHAPED, WORTH,
+};
+use crate::simulate::Fineness;
+
+/// Searches, with the struts as places of internal forces; where that does not suffice, with the modes about which the gap lies too. `turn` keeps the
+/// first turn of the first search, or has it.
+pub fn explain<'a>(
+    ready: Prepared,
+    refitted: Refit,
+    library: &'a Library,
+    rules: &Rules,
+    turn: &OnceCell<Turn<'a>>,
+    say: &mut dyn FnMut(String),
+) -> Explained<'a> {
+    let names = ready.problem.setting.names.clone();
+    let scope = Scope { library, rules, names, off: ready.off.clone(), bold: false };
+    let first = passes(ready, refitted, &scope, turn, say);
+    elsewhere(first, &scope, say).refuse_divergence()
+}
+
+/// Where the first search does not suffice, a second with places on single modes, if that one explains more.
+fn elsewhere<'a>(first: Explained<'a>, scope: &Scope<'_, 'a>, say: &mut dyn FnMut(String)) -> Explained<'a> {
+    if scope.skips(Step::ModalPlaces) || first.judged.unknown < INADEQUATE || first.judged.left < ELSEWHERE {
+        return first;
+    }
+    let problem = &first.ready.problem;
+    let modes = dominant(problem, &errors(problem, &first.refitted.eta, &[]));
+    if modes.is_empty() {
+        return first;
+    }
+    say("places on single modes".into());
+    let mut ready = first.ready.clone();
+    ready.problem = ready.problem.with_modal_places(&modes);
+    let names = ready.problem.setting.names.clone();
+    let scope = Scope { names, bold: true, off: scope.off.clone(), ..*scope };
+    let mut second = passes(ready, first.refitted.clone(), &scope, &OnceCell::new(), say);
+    if second.price() + ACCEPT > first.price() {
+        return first;
+    }
+    second.found.candidates.extend(first.found.candidates);
+    second.found.candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
+    second
+}
+
+/// Which pass a search is.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Pass {
+    /// With the records and their noise as they were prepared.
+    First,
+    /// Once more, after an earlier pass has shown what the records or their noise have that no effect explains.
+    Again,
+}
+
+/// Searches and judges. What a pass finds of dropouts, lines that wander, forces in a band or errors of the simulation itself is taken from the records or put
+/// into their noise, and another pass follows.
+fn passes<'a>(
+    mut ready: Prepared,
+    mut refitted: Refit,
+    scope: &Scope<'_, 'a>,
+    turn: &OnceCell<Turn<'a>>,
+    say: &mut dyn FnMut(String),
+) -> Explained<'a> {
+    let mut pass = Pass::First;
+    loop {
+        let first = OnceCell::new();
+        let turn = if pass == Pass::First { turn } else { &first };
+        let mut searched = Searched::new(&mut ready, &refitted, scope, turn, say);
+        match searched.renew(&mut ready, &mut refitted, scope, pass) {
+            Some(renewed) => say(renewed),
+            None => {
+                let mut explained = searched.judged(ready, refitted, scope, say);
+                match admit_error(&mut explained) {
+                    Some(admitted) => say(admitted),
+                    None => return explained,
+                }
+                ready = explained.ready;
+            }
+        }
+        refitted = refit(&ready.problem, STEPS);
+        pass = Pass::Again;
+    }
+}
+
+/// What a search found, before it is judged.
+struct Searched<'a> {
+    /// The heads of the records.
+    quick: Problem,
+    found: Search<'a>,
+    /// Free runs of the best explanation.
+    simulated: Vec<Channels>,
+}
+
+impl<'a> Searched<'a> {
+    fn new(
+        ready: &mut Prepared,
+        refitted: &Refit,
+        scope: &Scope<'_, 'a>,
+        turn: &OnceCell<Turn<'a>>,
+        say: &mut dyn FnMut(String),
+    ) -> Self {
+        ready.problem.nuisance.struts_follow = false;
+        let mut quick = ready.problem.head(HEAD, &ready.noise);
+        let mut found = search(&mut ready.problem, &mut quick, refitted, scope, turn, say);
+        if ready.widened.is_some() {
+            let plain = Scope { names: scope.names.clone(), bold: false, off: scope.off.clone(), ..*scope };
+            straighten(&ready.problem, &quick, &mut found, &plain, say);
+        }
+        let simulated = outputs(&ready.problem, &found.best.eta, &found.best.effects);
+        Self { quick, found, simulated }
+    }
+
+    /// Takes from the records, or puts into their noise, what the best explanation shows there. In words, if another pass is needed.
+    fn renew(&mut self, ready: &mut Prepared, refitted: &mut Refit, scope: &Scope, pass: Pass) -> Option<String> {
+        if pass == Pass::First && ready.renew_codes(&self.simulated) {
+            return Some("samples drop out: once more without them".into());
+        }
+        let best = &self.found.best;
+        let may_be = !scope.skips(Step::Unseen) && scope.rules.may_be(scope.library, "coloured-disturbance");
+        let lines = if pass == Pass::First { ready.renew_lines(&best.eta, &best.effects, may_be) } else { None };
+        if lines.is_none() && !best.effects.is_empty() && ready.renew_noise(&self.simulated) {
+            refitted.weigh_anew(&ready.problem);
+            self.found.weigh_anew(&ready.problem, &scope.off);
+        }
+        let what = lines.or_else(|| may_be.then(|| ready.renew_band(&self.simulated)).flatten())?;
+        Some(format!("{what}: once more without it"))
+    }
+
+    /// The best explanation with a free shape where it needs one, its last steps, and what it leaves.
+    fn judged(
+        mut self,
+        mut ready: Prepared,
+        refitted: Refit,
+        scope: &Scope<'_, 'a>,
+        say: &mut dyn FnMut(String),
+    ) -> Explained<'a> {
+        let widened = ready.widened.is_some();
+        // Beside an error of the simulation itself the last digits of a law are no matter.
+        let shaped = !widened || left(&ready, &refitted, &self.found.best) > SHAPED;
+        let problem = &mut ready.problem;
+        let zero = vec![0.0; problem.nuisance.len()];
+        let given_cost = sum_of_squares(&problem.residual(&problem.plant, &zero, &[], Fineness::FINE));
+        let free = shaped && !scope.skips(Step::FreeShapes);
+        let bent = if free { self.freed(problem, scope, !widened) } else { None };
+        // A free shape was fitted with the struts where the simulation has them, and has no size of its own to be right about.
+        problem.nuisance.struts_follow = bent.is_none();
+        self.found.best = problem.settled(&self.found.best);
+        let best_cost = self.found.best.cost;
+        let level = ready.noise_level(&self.simulated, best_cost / ready.problem.rows() as f64);
+        let judging = Judging { ready: &ready, refitted: &refitted, before: refitted.cost.max(given_cost), level };
+        let judged = judging.judge(&mut self.found, bent.as_ref(), scope, say);
+        let Self { quick, found, .. } = self;
+        Explained { ready, quick, refitted, found, bent, judged, level, given_cost, diverged: None }
+    }
+
+    /// The best explanation with one shape set free, if that pays; named by the law that is nearest to the free shape, and by `fewer` effects if these
+    /// explain as much.
+    fn freed(&mut self, problem: &Problem, scope: &Scope<'_, 'a>, may_be_fewer: bool) -> Option<Bent<'a>> {
+        let (quick, found) = (&self.quick, &mut self.found);
+        let simpler = if may_be_fewer { fewer(problem, quick, &found.best) } else { None };
+        let free = match simpler {
+            Some((alone, bent)) => {
+                found.settle(alone, bent.fit.cost);
+                bent
+            }
+            // What fails with its own shape and suffices with a free one is this place, and another shape.
+            None => bent(problem, quick, &found.best).filter(|bent| found.best.cost - bent.fit.cost > 4.0 * WORTH)?,
+        };
+        let present = &found.best.effects[free.which];
+        let law = closest_law(problem, &free.fit.effects, present, scope.library, &|placed| scope.allows(placed));
+        match law.and_then(|law| renamed(problem, quick, &found.best, &free, law)) {
+            Some((alone, nearer)) => {
+                found.settle(alone, nearer.fit.cost);
+                Some(nearer)
+            }
+            None => Some(free),
+        }
+    }
+}
+
+/// Against what the best explanation is judged.
+struct Judging<'j> {
+    ready: &'j Prepared,
+    refitted: &'j Refit,
+    /// Sum of squares without effects.
+    before: f64,
+    level: NoiseLevel,
+}
+
+impl Judging<'_> {
+    fn adequacy(&self, bent: f64, next: f64, cost: f64, off: &[Step]) -> Adequacy {
+        adequacy(bent, next, cost, self.before, self.ready.problem.rows() as f64, self.level, off)
+    }
+
+    fn judge<'a>(
+        &self,
+        found: &mut Search<'a>,
+        bent: Option<&Bent<'a>>,
+        scope: &Scope,
+        say: &mut dyn FnMut(String),
+    ) -> Adequacy {
+        let problem = &self.ready.problem;
+        let rows = problem.rows() as f64;
+        let best = found.best.clone();
+        let straight = problem.bent(&best.eta);
+        let mut judged = self.adequacy(straight, self.next(found), best.cost, &scope.off);
+        if let Some(bent) = bent {
+            let more = bent.fit.parameters() - best.parameters();
+            found.set_free(bent.fit.cost, more, rows);
+            // A shape that is free to tilt may lean on the linear parameters; what they hide, they hide in both fits.
+            let freed = self.adequacy(straight.min(problem.bent(&bent.fit.eta)), 0.0, bent.fit.cost, &scope.off);
+            say(format!("with a free shape: {freed:.2?}"));
+            judged.unknown = judged.unknown.min(freed.unknown).max(SHAPE_DIFFERS);
+        }
+        if best.effects.iter().any(|placed| placed.effect.doubt(&placed.parameters).is_some()) {
+            judged.unknown = judged.unknown.max(DOUBTFUL);
+        }
+        let fit = bent.map_or(&best, |bent| &bent.fit);
+        if !best.effects.is_empty() {
+            let explained = (self.before - fit.cost) / fit.cost;
+            judged.unknown = judged.unknown.max(least_unknown(explained, self.level.seen));
+        }
+        if self.ready.widened.is_some() {
+            let left = left(self.ready, self.refitted, fit);
+            say(format!("leaves {left:.3} of the gap beyond noise and limits"));
+            judged.left = left * left;
+            judged.unknown = if best.effects.is_empty() { MOST_UNKNOWN } else { outside(left) };
+        }
+        judged
+    }
+
+    /// What the best further entry of the screen would gain. A stage that was looked at and not accepted says what is still there.
+    fn next(&self, found: &Search) -> f64 {
+        let last = if found.stages.len() > found.best.effects.len() { found.stages.last() } else { None };
+        // How far linear parameters are bent is asked for itself.
+        let further = last.and_then(|entries| entries.iter().find(|entry| !entry.placed.effect.is_in_refit()));
+        let next = further.map_or(0.0, |entry| entry.gain);
+        // Where nothing shows the noise, what is left is its measure.
+        let left = found.best.cost / self.ready.problem.rows() as f64;
+        if self.level.seen { next } else { next / left.max(1.0) }
+    }
+}
+
+/// Where no explanation leaves only noise, what it leaves counts as an error of the simulation itself. In words, if it was not admitted before.
+fn admit_error(explained: &mut Explained) -> Option<String> {
+    if explained.ready.widened.is_some() || explained.judged.unknown < INADEQUATE {
+        return None;
+    }
+    let fit = explained.fit();
+    let simulated = outputs(&explained.ready.problem, &fit.eta, &fit.effects);
+    explained.ready.admit_error(&simulated);
+    // In the noise's own weights linear parameters lean on every small thing that is left: how far they are off shows beside it.
+    let scale = explained.ready.widen(&refit(&explained.ready.problem, STEPS));
+    Some(format!(
+        "no explanation leaves only noise: once more with that as an error of the simulation, its limits {scale:.2} times as wide"
+    ))
+}
+
+/// Amplitude that a fit leaves of the fitted records beyond the noise, over what the simulation within its limits leaves.
+fn left(ready: &Prepared, refitted: &Refit, fit: &Fit) -> f64 {
+    let problem = &ready.problem;
+    let within = clipped(problem, &refitted.eta).unwrap_or_else(|| refitted.eta.clone());
+    let noise = ready.noise.rms();
+    let beyond = |eta: &[f64], effects: &[Placed]| {
+        let simulated = outputs(problem, eta, effects);
+        let driven = || problem.records.iter().zip(&simulated).filter(|(record, _)| record.level() > 0.0);
+        let blocks = Blocks::joined(driven().map(|(record, y)| Blocks::new(&record.y, y, 0)).collect());
+        let measured: Vec<&[Vec<f64>]> = driven().map(|(record, _)| record.y.as_slice()).collect();
+        let floor = gap::floor_over(&noise, &measured);
+        blocks.map_or(0.0, |blocks| (blocks.gap().powi(2) - floor * floor).max(0.0).sqrt())
+    };
+    beyond(&fit.eta, &fit.effects) / beyond(&within, &[]).max(f64::MIN_POSITIVE)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::Place;
+    use crate::fit::candidate::Candidate;
+    use crate::prepare::{Known, prepare};
+    use crate::testing;
+
+    /// A spring that gives way without end stands first: the next explanation takes its place, or the refit where there is none.
+    #[test]
+    fn what_has_no_bounds_is_refused() {
+        let sim = testing::truss(1);
+        let case = testing::case(&sim, &sim);
+        let ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        let refitted = refit(&ready.problem, STEPS);
+        let library = Library::standard();
+        let rules = Rules { suspects: &[], exclude: &[], without: &[] };
+        let explained = || {
+            let (ready, refitted) = (ready.clone(), refitted.clone());
+            let names = ready.problem.setting.names.clone();
+            let scope = Scope { library: &library, rules: &rules, names, off: Vec::new(), bold: false };
+            let mut explained = passes(ready, refitted, &scope, &OnceCell::new(), &mut |_| {});
+            let at = |place, name: &str, parameters| {
+                let effect = library.effects().find(|effect| effect.name() == name).unwrap();
+                Placed { effect, place, parameters }
+            };
+            let size = explained.ready.problem.setting.stiffness[0] / explained.ready.problem.setting.d_rms[0].powi(2);
+            let unbounded = vec![at(Place::Port(0), "cubic-stiffness", vec![-1e3 * size])];
+            let offset = vec![at(Place::Output(0), "sensor-offset", vec![1e-3])];
+            explained.found.best = Fit { effects: unbounded.clone(), ..explained.refitted.as_fit() };
+            explained.found.candidates.clear();
+            for (effects, gain) in [(unbounded, 20.0), (offset, 10.0)] {
+                let cost = explained.refitted.cost - gain;
+                explained.found.candidates.push(Candidate { effects, cost, priced: cost });
+            }
+            explained
+        };
+        let next = explained().refuse_divergence();
+        assert_eq!(next.found.best.effects[0].effect.name(), "sensor-offset");
+        let (refused, record) = next.diverged.unwrap();
+        assert_eq!((refused[0].effect.name(), record.starts_with("random")), ("cubic-stiffness", true));
+        assert!(next.judged.unknown >= MOST_UNKNOWN);
+        let mut alone = explained();
+        alone.found.candidates.truncate(1);
+        let alone = alone.refuse_divergence();
+        assert!(alone.found.best.effects.is_empty() && alone.diverged.is_some());
+    }
+}

@@ -1,0 +1,66 @@
+//! Free runs: what a simulation makes of an input, with nothing of the output but where it began.
+
+use crate::case::Limits;
+use crate::case::record::{Channels, Record};
+use crate::effects::Action;
+use crate::fit::nuisance::Nuisance;
+use crate::fit::problem::{Placed, Problem, sum_of_squares};
+use crate::plant::Plant;
+use crate::simulate::{Fineness, State, simulate};
+
+/// Free runs of all fitted records.
+pub(crate) fn outputs(problem: &Problem, eta: &[f64], effects: &[Placed]) -> Vec<Channels> {
+    let plant = problem.nuisance.apply(&problem.plant, eta);
+    let actions = problem.actions(effects);
+    let run = |k| problem.outputs(&plant, eta, &actions, k, Fineness::FINE);
+    (0..problem.records.len()).map(run).collect()
+}
+
+/// What they leave.
+pub(crate) fn errors(problem: &Problem, eta: &[f64], effects: &[Placed]) -> Vec<Channels> {
+    problem.records.iter().zip(outputs(problem, eta, effects)).map(|(record, y)| record.error(&y)).collect()
+}
+
+/// Free run of a record; an unknown start is fitted to it first.
+pub(crate) fn run(plant: &Plant, actions: &[Action], record: &Record) -> Channels {
+    let start = (!record.from_rest).then(|| fitted_start(plant, actions, record));
+    simulate(plant, actions, &record.u, record.start_s, start.as_ref(), Fineness::FINE)
+}
+
+/// The initial state that explains a record best: by least squares on the linear response, first without effects, then corrected by what the run with
+/// them leaves. A run from rest would begin with a transient that the record does not have, and that effects may blow up.
+fn fitted_start(plant: &Plant, actions: &[Action], record: &Record) -> State {
+    let nuisance = Nuisance::new(plant, std::slice::from_ref(record), &Limits::default());
+    let first = nuisance.len() - plant.n();
+    let mut columns = nalgebra::DMatrix::zeros(record.y.len() * record.samples(), plant.n());
+    nuisance.tangents(plant, record, 0, |column, y| {
+        if column >= first {
+            let flat: Vec<f64> = y.iter().flatten().copied().collect();
+            columns.column_mut(column - first).copy_from_slice(&flat);
+        }
+    });
+    let mut normal = columns.tr_mul(&columns);
+    let ridge = 1e-9 * normal.trace().max(f64::MIN_POSITIVE);
+    (0..plant.n()).for_each(|i| normal[(i, i)] += ridge);
+    let Some(factor) = normal.cholesky() else { return State::rest(plant) };
+    let state = |eta: &[f64]| nuisance.start(0, eta).unwrap_or_else(|| State::rest(plant));
+    let left = |eta: &[f64], actions: &[Action]| -> Vec<f64> {
+        let y = simulate(plant, actions, &record.u, record.start_s, Some(&state(eta)), Fineness::FINE);
+        record.error(&y).into_iter().flatten().collect()
+    };
+    let corrected = |eta: &[f64], error: Vec<f64>| -> Vec<f64> {
+        let step = factor.solve(&columns.tr_mul(&nalgebra::DVector::from_vec(error)));
+        let mut eta = eta.to_vec();
+        eta[first..].iter_mut().zip(step.iter()).for_each(|(x, dx)| *x += dx);
+        eta
+    };
+    let rest = vec![0.0; nuisance.len()];
+    let linear = corrected(&rest, left(&rest, &[]));
+    if actions.is_empty() {
+        return state(&linear);
+    }
+    let error = left(&linear, actions);
+    let before = sum_of_squares(&error);
+    let second = corrected(&linear, error);
+    if sum_of_squares(&left(&second, actions)) < before { state(&second) } else { state(&linear) }
+}

@@ -1,0 +1,88 @@
+//! What was found, and how far it suffices.
+
+use crate::case::record::Record;
+use crate::fit::candidate::{Candidate, all_same};
+use crate::fit::free_run::run;
+use crate::fit::problem::{Fit, Placed, Problem};
+use crate::fit::refit::Refit;
+use crate::judge::verdict::Adequacy;
+use crate::prepare::{NoiseLevel, Prepared};
+use crate::search::shape::Bent;
+use crate::search::stepwise::{Search, polish};
+use crate::settings::thresholds::MOST_UNKNOWN;
+
+/// Explanations without bounds that are refused before the refit takes their place.
+const MOST_REFUSED: usize = 5;
+
+/// What was found, and how far it suffices.
+pub struct Explained<'a> {
+    /// What was fitted, as the search left it: scales of inferred ports, noise renewed, places on modes.
+    pub ready: Prepared,
+    /// The heads of the records.
+    pub quick: Problem,
+    /// The bounded refit.
+    pub refitted: Refit,
+    /// Explanations.
+    pub found: Search<'a>,
+    /// The best explanation with one effect's shape set free, where its own does not suffice.
+    pub bent: Option<Bent<'a>>,
+    /// What the best leaves.
+    pub judged: Adequacy,
+    /// Of the noise.
+    pub level: NoiseLevel,
+    /// Sum of squares of the simulation as given.
+    pub given_cost: f64,
+    /// An explanation whose free run of a record has no bounds, with that record: it was refused.
+    pub diverged: Option<(Vec<Placed<'a>>, String)>,
+}
+
+impl<'a> Explained<'a> {
+    /// The model that predicts: the best explanation, with a free shape where one is needed.
+    pub fn fit(&self) -> &Fit<'a> {
+        self.bent.as_ref().map_or(&self.found.best, |bent| &bent.fit)
+    }
+
+    /// RMS of each output's noise, lines that wander among it; where nothing shows it, no more than what is left.
+    pub fn noise_rms(&self) -> Vec<f64> {
+        let noise = self.ready.noise.rms().into_iter().map(|rms| rms * self.level.factor.min(1.0).sqrt());
+        let lines = |o: usize| self.ready.wandering.iter().map(|line| line.rms[o].powi(2)).sum::<f64>();
+        noise.enumerate().map(|(o, noise)| (noise * noise + lines(o)).sqrt()).collect()
+    }
+
+    /// The record, held out or not, whose free run has no bounds. Without effects every one has them: the audit refuses what is unstable.
+    fn unbounded(&self) -> Option<&Record> {
+        if self.fit().effects.is_empty() {
+            return None;
+        }
+        let problem = &self.ready.problem;
+        let plant = problem.nuisance.apply(&problem.plant, &self.fit().eta);
+        let actions = problem.actions(&self.fit().effects);
+        let finite = |record: &&Record| run(&plant, &actions, record).iter().flatten().all(|y| y.is_finite());
+        problem.records.iter().chain(&self.ready.held_out).find(|record| !finite(record))
+    }
+
+    /// In place of an explanation whose free run of a record has no bounds the next one that has them, or the refit.
+    pub(crate) fn refuse_divergence(mut self) -> Self {
+        let mut tries = MOST_REFUSED;
+        while let Some(name) = self.unbounded().map(|record| record.name.clone()) {
+            self.bent = None;
+            self.judged.unknown = MOST_UNKNOWN;
+            let problem = &self.ready.problem;
+            let found = &mut self.found;
+            found.candidates.retain(|c| !all_same(&c.effects, &found.best.effects));
+            tries -= 1;
+            let cheaper = |c: &&Candidate| tries > 0 && !c.effects.is_empty() && c.priced < self.refitted.cost;
+            // From the refit: what had no bounds leaves linear parameters that lean on it.
+            let anew =
+                |c: &Candidate<'a>| polish(problem, Fit { effects: c.effects.clone(), ..self.refitted.as_fit() });
+            let next = found.candidates.iter().find(cheaper).map(anew);
+            let refused = std::mem::replace(&mut found.best, next.unwrap_or_else(|| self.refitted.as_fit()));
+            self.diverged.get_or_insert((refused.effects, name));
+        }
+        self
+    }
+
+    pub(crate) fn price(&self) -> f64 {
+        self.found.candidates.first().map_or(f64::INFINITY, |candidate| candidate.priced)
+    }
+}

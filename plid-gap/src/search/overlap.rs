@@ -1,0 +1,65 @@
+//! How alike the traces of effects are, before any fit and to first order: of each entry of a screen the share that a bounded refit would absorb, and the
+//! cosines between what is left.
+
+use nalgebra::DMatrix;
+
+use crate::fit::problem::{Tangent, dot};
+use crate::search::screen::{Base, Entry, traces};
+
+/// How alike the traces of some effects are, once a bounded refit has absorbed of them what it can.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Overlap {
+    /// Share of each trace's energy that the refit absorbs.
+    pub absorbed: Vec<f64>,
+    /// Cosines between what is left of them.
+    pub cosine: DMatrix<f64>,
+    /// Expected difference in log likelihood, where the row's effect is at work at the size of its trace and the column's is fitted
+    /// in its place: energy (1 - cosine^2) / 2.
+    pub expected: DMatrix<f64>,
+}
+
+/// Of whitened traces, each at the size at which its effect is looked for. None where the refit's normal matrix is no such matrix.
+pub fn overlap(tangent: &Tangent, traces: &[Vec<f64>]) -> Option<Overlap> {
+    let count = traces.len();
+    let cross = tangent.cross(&traces.concat(), count);
+    let solved = tangent.normal.clone().cholesky()?.solve(&cross);
+    let whole = DMatrix::from_fn(count, count, |i, j| dot(&traces[i], &traces[j]));
+    let clear = &whole - cross.tr_mul(&solved);
+    let energy = |i: usize| clear[(i, i)].max(0.0);
+    let cosine = DMatrix::from_fn(count, count, |i, j| {
+        let sizes = (energy(i) * energy(j)).sqrt();
+        if sizes > 0.0 { (clear[(i, j)] / sizes).clamp(-1.0, 1.0) } else { 0.0 }
+    });
+    Some(Overlap {
+        absorbed: (0..count).map(|i| 1.0 - energy(i) / whole[(i, i)].max(f64::MIN_POSITIVE)).collect(),
+        expected: DMatrix::from_fn(count, count, |i, j| 0.5 * energy(i) * (1.0 - cosine[(i, j)].powi(2))),
+        cosine,
+    })
+}
+
+/// Of entries of a screen, at the sizes that it found.
+pub fn of_screen(base: &Base, entries: &[Entry]) -> Option<Overlap> {
+    overlap(base.tangent, &traces(base, entries))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The refit takes half of what lies along its one derivative, whose size is that of its prior.
+    #[test]
+    fn overlap_is_that_of_what_the_refit_leaves() {
+        let tangent = Tangent::new(vec![1.0, 0.0, 0.0], 3, &[1.0]);
+        let found = overlap(&tangent, &[vec![2.0, 2.0, 0.0], vec![2.0, 0.0, 1.0]]).unwrap();
+        // Left are energies of 4/2 + 4 of 8 and 4/2 + 1 of 5, and a product of 4/2.
+        let cosine = 2.0 / 18_f64.sqrt();
+        let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
+        close(found.absorbed[0], 0.25);
+        close(found.absorbed[1], 0.4);
+        close(found.cosine[(0, 1)], cosine);
+        close(found.cosine[(1, 1)], 1.0);
+        close(found.expected[(0, 1)], 3.0 * (1.0 - 4.0 / 18.0));
+        close(found.expected[(1, 0)], 1.5 * (1.0 - 4.0 / 18.0));
+        close(found.expected[(0, 0)], 0.0);
+    }
+}

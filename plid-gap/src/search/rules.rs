@@ -1,0 +1,76 @@
+//! What the engineer knows beforehand of what may be wrong.
+
+use crate::effects::{Effect, Library, Names};
+use crate::fit::problem::Placed;
+use crate::search::stochastic::is_unseen;
+use crate::settings::step::Step;
+
+/// What the engineer knows, as effects or locations.
+pub struct Rules<'r> {
+    /// What is expected.
+    pub suspects: &'r [String],
+    /// What cannot be.
+    pub exclude: &'r [String],
+    /// Effects of the library that the diagnosis does not know.
+    pub without: &'r [String],
+}
+
+/// What a suspect is worth: odds of 50 : 1 against an entry that nobody named.
+const SUSPECTED: f64 = 8.0;
+
+impl Rules<'_> {
+    /// Whether it knows an effect.
+    pub fn knows(&self, effect: &dyn Effect) -> bool {
+        !self.without.iter().any(|name| name == effect.name())
+    }
+
+    /// Whether an effect may be named at all.
+    pub fn may_be(&self, library: &Library, name: &str) -> bool {
+        library.get(name).is_some_and(|effect| self.knows(effect)) && !self.exclude.iter().any(|word| word == name)
+    }
+
+    /// Whether an effect may be named at a place.
+    pub fn allow(&self, placed: &Placed, names: &Names) -> bool {
+        self.knows(placed.effect) && !self.exclude.iter().any(|word| means(word, placed, names))
+    }
+
+    /// What a suspicion is worth, in twice the log likelihood.
+    pub(crate) fn bonus(&self, placed: &Placed, names: &Names) -> f64 {
+        if self.suspects.iter().any(|word| means(word, placed, names)) { SUSPECTED } else { 0.0 }
+    }
+}
+
+fn means(word: &str, placed: &Placed, names: &Names) -> bool {
+    word == placed.effect.name() || word == placed.place.location(names)
+}
+
+/// What a search may name, and how it goes about it.
+pub struct Scope<'s, 'a> {
+    /// Effects that it knows.
+    pub library: &'a Library,
+    /// What the engineer knows.
+    pub rules: &'s Rules<'s>,
+    /// Names of channels, ports and modes.
+    pub names: Names,
+    /// Steps that are left out.
+    pub off: Vec<Step>,
+    /// Whether effects on single modes are screened at several sizes.
+    pub bold: bool,
+}
+
+impl Scope<'_, '_> {
+    /// Whether a free run may show this effect at this place.
+    pub fn allows(&self, placed: &Placed) -> bool {
+        !is_unseen(placed.effect) && self.rules.allow(placed, &self.names)
+    }
+
+    /// What a suspicion is worth, in twice the log likelihood.
+    pub fn bonus(&self, placed: &Placed) -> f64 {
+        self.rules.bonus(placed, &self.names)
+    }
+
+    /// Whether a step is left out.
+    pub fn skips(&self, step: Step) -> bool {
+        self.off.contains(&step)
+    }
+}
