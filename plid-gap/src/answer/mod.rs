@@ -3,8 +3,10 @@
 pub mod predict;
 mod range;
 pub mod schema;
+pub(crate) mod sentence;
 pub(crate) mod simulation;
 pub(crate) mod whole_delay;
+pub(crate) mod words;
 
 pub use range::{Beyond, FittedRange};
 
@@ -14,21 +16,17 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use crate::answer::schema::{Change, Comparison, Gap, Located, NamedEffect, Remainder, RemainderPlace, Value, Where};
 use crate::effects::{Names, Setting, Side};
-use crate::evidence::Beside;
 use crate::fit::candidate::{all_same, in_words, joined, same};
 use crate::fit::problem::Placed;
 use crate::judge::explained::Explained;
 use crate::judge::gap::{self, Blocks};
-use crate::judge::held_out::HeldOut;
 use crate::judge::locate::Map;
 use crate::judge::separability::{Rival, open};
 use crate::judge::shares::Share;
-use crate::judge::verdict::{Verdict, Weighted, outside};
+use crate::judge::verdict::{Weighted, outside};
 use crate::search::stepwise::Search;
 use crate::search::stochastic::{Unseen, cuts, wanders};
-use crate::settings::thresholds::{NEXT, SEPARABLE};
-use crate::words::percent;
-use plid_report::Cell;
+use crate::settings::thresholds::NEXT;
 
 /// Effects of the answer with intervals and confidence.
 pub(crate) fn named(
@@ -205,30 +203,6 @@ pub(crate) fn comparisons(found: &Search, best: &[Placed], rivals: &[Rival], nam
     rows
 }
 
-/// A gap with the effects beyond this many times the noise is said to leave something.
-const LEFT: f64 = 1.1;
-
-/// A gap as given within this factor of the noise has nothing to shrink.
-const NOISE_ONLY: f64 = 1.1;
-
-/// What becomes of a gap, which effects that were fitted to other records may also widen.
-fn course(from: f64, to: f64) -> String {
-    match [percent(from), percent(to)] {
-        [from, to] if from == to => format!("the gap stays at {to}"),
-        [before, after] => format!("the gap {} from {before} to {after}", if to > from { "grows" } else { "falls" }),
-    }
-}
-
-/// Where most of a remainder lies, in words; `after` is its map over outputs and bands, and `beyond` its size beyond the noise, of a gap of `given`.
-pub(crate) fn remains(after: &Map, outputs: &[String], beyond: f64, given: f64) -> String {
-    let cells = (0..after.share.nrows()).flat_map(|o| (0..after.share.ncols()).map(move |b| (o, b)));
-    let Some((o, b)) = cells.max_by(|x, y| after.share[*x].total_cmp(&after.share[*y])) else { return String::new() };
-    let hz = 0.5 * (after.edges[b] + after.edges[b + 1]);
-    let what =
-        if beyond < SMALL * given { "Something small".to_string() } else { format!("A gap of {}", percent(beyond)) };
-    format!(" {what} remains near {} Hz at {}.", Cell::significant(hz, 2), outputs[o])
-}
-
 /// What the best explanation leaves: of the opened records in size, of the fitted ones in place.
 pub(crate) fn remainder(explained: &Explained, gap: &Gap, after: &Map, with: &Blocks, material: f64) -> Remainder {
     let names = &explained.ready.problem.setting.names;
@@ -259,177 +233,8 @@ pub(crate) fn remainder(explained: &Explained, gap: &Gap, after: &Map, with: &Bl
     }
 }
 
-/// Of the gap as given, in amplitude: what is smaller is small.
-const SMALL: f64 = 0.1;
-
 /// Entries of a screen that are said to come nearest to a remainder.
 const MOST_NEAREST: usize = 3;
-
-/// The answer in a sentence. `remains` says where what is left beside an imperfect simulation lies. `nearest` is the best explanation, whether it suffices or not; `seen` says whether the records show the noise.
-pub(crate) fn sentence(
-    verdict: Verdict,
-    effects: &[NamedEffect],
-    nearest: &[String],
-    gap: &Gap,
-    seen: bool,
-    remains: Option<&str>,
-) -> String {
-    let noise = if seen {
-        format!("noise {}", percent(gap.noise_floor))
-    } else {
-        "what noise makes, these records do not show".to_string()
-    };
-    let beyond = (gap.with_effect.powi(2) - gap.noise_floor.powi(2)).max(0.0).sqrt();
-    match verdict {
-        Verdict::None => format!(
-            "Nothing is missing: within its stated limits the simulation explains the records down to {} ({noise}).",
-            percent(gap.refit),
-        ),
-        Verdict::Unknown if nearest.is_empty() => format!(
-            "Something outside the vocabulary: no effect explains the gap of {}, of which a refit leaves {} ({noise}).",
-            percent(gap.as_given),
-            percent(gap.refit),
-        ),
-        Verdict::Unknown => format!(
-            "Something outside the vocabulary: with what comes nearest, {}, {} ({noise}), and a refit alone leaves {}.",
-            nearest.join(" and "),
-            course(gap.as_given, gap.with_effect),
-            percent(gap.refit),
-        ),
-        Verdict::Effects => {
-            let one = |e: &NamedEffect| {
-                let differs = if e.shape_differs { " (its shape differs)" } else { "" };
-                format!("{} at {}{differs}", e.effect, e.location)
-            };
-            let all = effects.iter().map(one).collect::<Vec<_>>().join(" and ");
-            let sure = 100.0 * effects.iter().map(|e| e.confidence).fold(1.0, f64::min);
-            let random = |e: &NamedEffect| matches!(e.effect.as_str(), "coloured-disturbance" | "sensor-noise");
-            if gap.as_given < NOISE_ONLY * gap.noise_floor || effects.iter().all(random) {
-                return format!(
-                    "{all} ({sure:.0} % sure): it is noise that no simulation predicts, {} of the output, of a gap of {}.",
-                    percent(gap.noise_floor),
-                    percent(gap.as_given),
-                );
-            }
-            if let (Some(remains), [main, beside @ ..]) = (remains, effects) {
-                let beside = beside.iter().map(one).collect::<Vec<_>>().join(" and ");
-                let beside = if beside.is_empty() { beside } else { format!(", with {beside} beside it") };
-                return format!(
-                    "Mostly {} ({:.0} % sure){beside}: with {} the gap on held-out records{}, and {} of that is noise.{remains}",
-                    one(main),
-                    100.0 * main.confidence,
-                    if effects.len() == 1 { "it" } else { "them" },
-                    course(gap.as_given, gap.with_effect).trim_start_matches("the gap"),
-                    percent(gap.noise_floor),
-                );
-            }
-            // Samples that drop out are no part of what a simulation can follow.
-            let drops = effects.iter().any(|e| e.effect == "sensor-dropout");
-            let rest = if seen && !drops && gap.with_effect > LEFT * gap.noise_floor {
-                format!(" {} of the output stays unexplained.", percent(beyond))
-            } else {
-                String::new()
-            };
-            format!(
-                "{all} ({sure:.0} % sure): with {} {} ({noise}).{rest}",
-                if effects.len() == 1 { "it" } else { "them" },
-                course(gap.as_given, gap.with_effect),
-            )
-        }
-    }
-}
-
-/// The evidence in words. `class` is the most probable explanation and what the records cannot part from it.
-pub(crate) fn words(
-    explained: &Explained,
-    before: &Map,
-    held_out: Option<HeldOut>,
-    beside: &Beside,
-    class: Option<(&str, &str)>,
-) -> Vec<String> {
-    let Explained { ready, refitted, found, judged, level, given_cost, diverged, .. } = explained;
-    let rows = ready.problem.rows() as f64;
-    let names = &ready.problem.setting.names;
-    let mut words = vec![format!(
-        "Squared residual over noise: {:.3} as given, {:.3} after the bounded refit, {:.3} with the best explanation (1 is noise alone).",
-        given_cost / rows,
-        refitted.cost / rows,
-        found.best.cost / rows
-    )];
-    if let Some(scale) = ready.widened {
-        words.push(format!(
-            "No explanation leaves only noise, so that what the best one leaves counts as an error of the simulation itself. Most of its numbers are off by {scale:.1} times what the case says of them."
-        ));
-    }
-    if let Some((effects, record)) = diverged {
-        words.push(format!(
-            "{} came nearest, but its free run of `{record}` has no bounds: it was refused.",
-            in_words(effects, names)
-        ));
-    }
-    if let Some(ratio) = level.driven {
-        words.push(format!(
-            "What differs between the periods of driven records has {ratio:.2} times the power of the noise in quiet ones: something random acts there."
-        ));
-    }
-    for (codes, output) in ready.codes.iter().zip(&names.outputs).filter(|(codes, _)| codes.cut) {
-        words.push(format!(
-            "The converter of {output} cuts bits off towards zero: to its values half a step, {:.4} V, was added before anything was fitted.",
-            codes.step / 2.0
-        ));
-    }
-    if let Some(slope) = before.slope {
-        words.push(format!(
-            "The relative gap goes with the level to the power {:+.1} ({:+.1} to {:+.1}).",
-            slope.value, slope.ci95[0], slope.ci95[1]
-        ));
-    }
-    words.extend(beside.words(&ready.problem.plant, !explained.fit().effects.is_empty()));
-    for placed in &found.best.effects {
-        if let Some(entry) = found.stages.iter().flatten().find(|e| same(&e.placed, placed)) {
-            words.push(format!(
-                "{} at {}: a refit would absorb {:.0} % of its trace.",
-                placed.effect.name(),
-                placed.place.location(names),
-                100.0 * entry.absorbed
-            ));
-        }
-        if let Some(doubt) = placed.effect.doubt(&placed.parameters) {
-            words.push(format!("{} at {}: {doubt}.", placed.effect.name(), placed.place.location(names)));
-        }
-    }
-    let other = found
-        .candidates
-        .iter()
-        .find(|c| !c.effects.is_empty() && !c.effects.iter().all(|a| found.best.effects.iter().any(|b| same(a, b))));
-    // What took the place of a refused one was fitted anew, and the others were not.
-    if let (Some(other), false, None) = (other, found.best.effects.is_empty(), diverged) {
-        let worse = (other.cost - found.best.cost) / 2.0;
-        let how = if worse < 0.0 {
-            let parameters = |effects: &[Placed]| effects.iter().map(|placed| placed.parameters.len()).sum::<usize>();
-            let more = parameters(&other.effects).saturating_sub(found.best.parameters());
-            format!("fits better by {:.0} in log likelihood, with {more} parameters more, and is less probable", -worse)
-        } else {
-            format!("is worse by {worse:.0} in log likelihood")
-        };
-        words.push(format!("The nearest other explanation, {}, {how}.", in_words(&other.effects, names)));
-    }
-    if let Some((first, others)) = class {
-        words.push(format!(
-            "These records cannot tell {first} from {others}: if the first is true, the rest is expected to fit worse by less than {SEPARABLE:.0} in log likelihood. The next experiment is chosen to part them.",
-        ));
-    }
-    if let Some(held_out) = held_out {
-        words.push(format!(
-            "On what was held out from all fitting it gains {:.0} in log likelihood over a refit alone, {:.0} times what chance would make of it{}.",
-            held_out.gain / 2.0,
-            held_out.gain / held_out.deviation.max(f64::MIN_POSITIVE),
-            if held_out.refutes() { ": too little, which refutes it" } else { "" },
-        ));
-    }
-    words.push(format!("What is left exceeds the noise by {:.1} times the uncertainty of its level.", judged.excess));
-    words
-}
 
 #[cfg(test)]
 mod tests {
@@ -450,13 +255,6 @@ mod tests {
             assert!(message.contains("exclude") && message.contains(&format!("did you mean `{right}`")), "{message}");
         }
         assert!(ask("mode:123.4").is_ok());
-    }
-
-    #[test]
-    fn a_gap_that_grows_is_not_said_to_fall() {
-        assert_eq!(super::course(0.145, 0.16), "the gap grows from 14.5 % to 16.0 %");
-        assert_eq!(super::course(0.145, 0.009), "the gap falls from 14.5 % to 0.90 %");
-        assert_eq!(super::course(0.0137, 0.0138), "the gap stays at 1.4 %");
     }
 
     /// A frequency, a damping ratio and a factor: which number of the simulation is to change, from what to what.

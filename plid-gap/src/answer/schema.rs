@@ -150,14 +150,6 @@ pub struct RemainderPlace {
     pub bands_hz: Vec<[f64; 3]>,
 }
 
-impl Gap {
-    /// Amplitude that is left beyond the noise, over what the simulation within its limits leaves.
-    pub fn left(&self) -> f64 {
-        let beyond = |gap: f64| (gap * gap - self.noise_floor * self.noise_floor).max(0.0).sqrt();
-        beyond(self.with_effect) / beyond(self.within_limits).max(f64::MIN_POSITIVE)
-    }
-}
-
 /// Whether the records could part an explanation from the best one. Differences are in log likelihood, the best explanation taken for true.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Comparison {

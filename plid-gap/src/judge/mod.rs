@@ -5,6 +5,7 @@ pub(crate) mod crossed;
 pub(crate) mod explained;
 pub(crate) mod gap;
 pub(crate) mod held_out;
+pub(crate) mod judgement;
 pub(crate) mod locate;
 pub(crate) mod next_experiment;
 pub(crate) mod separability;

@@ -75,6 +75,18 @@ pub struct Gap {
     pub measured_on: Vec<String>,
 }
 
+impl Gap {
+    /// The part of a gap that noise does not explain, in amplitude.
+    pub fn beyond_noise(&self, gap: f64) -> f64 {
+        (gap * gap - self.noise_floor * self.noise_floor).max(0.0).sqrt()
+    }
+
+    /// Amplitude that is left beyond the noise, over what the simulation within its limits leaves.
+    pub fn left(&self) -> f64 {
+        self.beyond_noise(self.with_effect) / self.beyond_noise(self.within_limits).max(f64::MIN_POSITIVE)
+    }
+}
+
 /// Gaps on held-out records, or on the loudest driven one where nothing is held out. `plant` and `actions` are the simulation with the
 /// effects.
 pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &Plant, limits: &Limits) -> Gap {

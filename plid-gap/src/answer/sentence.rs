@@ -1,0 +1,152 @@
+//! The answer in a few sentences.
+
+use plid_report::Cell;
+
+use crate::answer::schema::{Gap, NamedEffect};
+use crate::judge::locate::Map;
+use crate::judge::verdict::Verdict;
+use crate::words::percent;
+
+/// Of the gap as given, in amplitude: what is smaller is small.
+const SMALL: f64 = 0.1;
+
+/// A gap with the effects beyond this many times the noise is said to leave something.
+const LEFT: f64 = 1.1;
+
+/// A gap as given within this factor of the noise has nothing to shrink.
+const NOISE_ONLY: f64 = 1.1;
+
+/// What becomes of a gap, which effects that were fitted to other records may also widen.
+fn course(from: f64, to: f64) -> String {
+    match [percent(from), percent(to)] {
+        [from, to] if from == to => format!("the gap stays at {to}"),
+        [before, after] => format!("the gap {} from {before} to {after}", if to > from { "grows" } else { "falls" }),
+    }
+}
+
+/// Where most of a remainder lies, in words; `after` is its map over outputs and bands, and `beyond` its size beyond the noise, of a gap of `given`.
+pub(crate) fn remains(after: &Map, outputs: &[String], beyond: f64, given: f64) -> String {
+    let cells = (0..after.share.nrows()).flat_map(|o| (0..after.share.ncols()).map(move |b| (o, b)));
+    let Some((o, b)) = cells.max_by(|x, y| after.share[*x].total_cmp(&after.share[*y])) else { return String::new() };
+    let hz = 0.5 * (after.edges[b] + after.edges[b + 1]);
+    let what =
+        if beyond < SMALL * given { "Something small".to_string() } else { format!("A gap of {}", percent(beyond)) };
+    format!(" {what} remains near {} Hz at {}.", Cell::significant(hz, 2), outputs[o])
+}
+
+/// What the sentences are made of.
+pub(crate) struct Said<'s> {
+    /// The effects that are named, the largest first.
+    pub effects: &'s [NamedEffect],
+    /// The best explanation, whether it suffices or not.
+    pub nearest: &'s [String],
+    /// The gaps.
+    pub gap: &'s Gap,
+    /// Whether the records show the noise level.
+    pub seen: bool,
+    /// Where the remainder lies, for a simulation that is imperfect as a whole.
+    pub remains: Option<&'s str>,
+}
+
+/// The answer in a sentence or two.
+pub(crate) fn sentence(verdict: Verdict, said: &Said) -> String {
+    let Said { effects, nearest, gap, .. } = said;
+    let [given, refit] = [gap.as_given, gap.refit].map(percent);
+    let noise = said.noise();
+    match verdict {
+        Verdict::None => format!(
+            "Nothing is missing: within its stated limits the simulation explains the records down to {refit} ({noise})."
+        ),
+        Verdict::Unknown if nearest.is_empty() => format!(
+            "Something outside the vocabulary: no effect explains the gap of {given}, of which a refit leaves {refit} ({noise})."
+        ),
+        Verdict::Unknown => format!(
+            "Something outside the vocabulary: with what comes nearest, {}, {} ({noise}), and a refit alone leaves {refit}.",
+            nearest.join(" and "),
+            course(gap.as_given, gap.with_effect),
+        ),
+        Verdict::Effects => match (said.remains, effects) {
+            _ if said.is_noise() => said.all_noise(),
+            (Some(remains), [main, beside @ ..]) => said.mostly(main, beside, remains),
+            _ => said.effects(),
+        },
+    }
+}
+
+impl Said<'_> {
+    fn noise(&self) -> String {
+        if self.seen {
+            format!("noise {}", percent(self.gap.noise_floor))
+        } else {
+            "the noise level cannot be determined from these records".to_string()
+        }
+    }
+
+    fn is_noise(&self) -> bool {
+        let random = |e: &NamedEffect| matches!(e.effect.as_str(), "coloured-disturbance" | "sensor-noise");
+        self.gap.as_given < NOISE_ONLY * self.gap.noise_floor || self.effects.iter().all(random)
+    }
+
+    /// All effects, with the probability of the least certain one.
+    fn all(&self) -> String {
+        let sure = 100.0 * self.effects.iter().map(|e| e.confidence).fold(1.0, f64::min);
+        format!("{} ({sure:.0} % sure)", listed(self.effects))
+    }
+
+    fn them(&self) -> &'static str {
+        if self.effects.len() == 1 { "it" } else { "them" }
+    }
+
+    fn all_noise(&self) -> String {
+        format!(
+            "{}: it is noise that no simulation predicts, {} of the output, of a gap of {}.",
+            self.all(),
+            percent(self.gap.noise_floor),
+            percent(self.gap.as_given),
+        )
+    }
+
+    fn mostly(&self, main: &NamedEffect, beside: &[NamedEffect], remains: &str) -> String {
+        let beside = if beside.is_empty() { String::new() } else { format!(", with {} beside it", listed(beside)) };
+        format!(
+            "Mostly {} ({:.0} % sure){beside}: with {} the gap on held-out records{}, and {} of that is noise.{remains}",
+            listed(std::slice::from_ref(main)),
+            100.0 * main.confidence,
+            self.them(),
+            course(self.gap.as_given, self.gap.with_effect).trim_start_matches("the gap"),
+            percent(self.gap.noise_floor),
+        )
+    }
+
+    fn effects(&self) -> String {
+        let gap = self.gap;
+        // No simulation can follow samples that drop out.
+        let drops = self.effects.iter().any(|e| e.effect == "sensor-dropout");
+        let rest = if self.seen && !drops && gap.with_effect > LEFT * gap.noise_floor {
+            format!(" {} of the output stays unexplained.", percent(gap.beyond_noise(gap.with_effect)))
+        } else {
+            String::new()
+        };
+        let course = course(gap.as_given, gap.with_effect);
+        format!("{}: with {} {course} ({}).{rest}", self.all(), self.them(), self.noise())
+    }
+}
+
+/// "cubic-stiffness at input:u2 and sensor-gain at output:y1".
+fn listed(effects: &[NamedEffect]) -> String {
+    let one = |e: &NamedEffect| {
+        let differs = if e.shape_differs { " (its shape differs)" } else { "" };
+        format!("{} at {}{differs}", e.effect, e.location)
+    };
+    effects.iter().map(one).collect::<Vec<_>>().join(" and ")
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn a_gap_that_grows_is_not_said_to_fall() {
+        assert_eq!(super::course(0.145, 0.16), "the gap grows from 14.5 % to 16.0 %");
+        assert_eq!(super::course(0.145, 0.009), "the gap falls from 14.5 % to 0.90 %");
+        assert_eq!(super::course(0.0137, 0.0138), "the gap stays at 1.4 %");
+    }
+}

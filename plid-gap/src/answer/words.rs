@@ -1,0 +1,121 @@
+//! The evidence in sentences.
+
+use crate::evidence::Beside;
+use crate::fit::candidate::{in_words, same};
+use crate::fit::problem::Placed;
+use crate::judge::explained::Explained;
+use crate::judge::held_out::HeldOut;
+use crate::judge::locate::Map;
+use crate::settings::thresholds::SEPARABLE;
+
+/// The evidence, a sentence or two each. `class` is the most probable explanation and what the records cannot distinguish from it.
+pub(crate) fn words(
+    explained: &Explained,
+    before: &Map,
+    held_out: Option<HeldOut>,
+    beside: &Beside,
+    class: Option<(String, String)>,
+) -> Vec<String> {
+    let mut words = vec![costs(explained)];
+    words.extend(limits(explained));
+    words.extend(of_records(explained));
+    words.extend(before.slope.map(|slope| {
+        format!(
+            "The relative gap goes with the level to the power {:+.1} ({:+.1} to {:+.1}).",
+            slope.value, slope.ci95[0], slope.ci95[1]
+        )
+    }));
+    words.extend(beside.words(&explained.ready.problem.plant, !explained.fit().effects.is_empty()));
+    words.extend(explained.found.best.effects.iter().flat_map(|placed| of_effect(explained, placed)));
+    words.extend(nearest_other(explained));
+    words.extend(class.map(|(first, others)| {
+        format!(
+            "These records cannot tell {first} from {others}: if the first is true, the rest is expected to fit worse by less than {SEPARABLE:.0} in log likelihood. The next experiment is chosen to tell them apart.",
+        )
+    }));
+    words.extend(held_out.map(|held_out| {
+        format!(
+            "On what was held out from all fitting it gains {:.0} in log likelihood over a refit alone, {:.0} times what chance would make of it{}.",
+            held_out.gain / 2.0,
+            held_out.gain / held_out.deviation.max(f64::MIN_POSITIVE),
+            if held_out.refutes() { ": too little, which refutes it" } else { "" },
+        )
+    }));
+    let excess = explained.judged.excess;
+    words.push(format!("What is left exceeds the noise by {excess:.1} times the uncertainty of its level."));
+    words
+}
+
+fn costs(explained: &Explained) -> String {
+    let rows = explained.ready.problem.rows() as f64;
+    format!(
+        "Squared residual over noise: {:.3} as given, {:.3} after the bounded refit, {:.3} with the best explanation (1 is noise alone).",
+        explained.given_cost / rows,
+        explained.refitted.cost / rows,
+        explained.found.best.cost / rows
+    )
+}
+
+/// What the diagnosis had to give up: a simulation that is exact up to its limits, an explanation whose free run has no bounds.
+fn limits(explained: &Explained) -> Vec<String> {
+    let names = &explained.ready.problem.setting.names;
+    let imperfect = explained.ready.widened.map(|scale| {
+        format!(
+            "No explanation leaves only noise, so that what the best one leaves counts as an error of the simulation itself. Most of its numbers are off by {scale:.1} times what the case says of them."
+        )
+    });
+    let refused = explained.diverged.as_ref().map(|(effects, record)| {
+        let effects = in_words(effects, names);
+        format!("{effects} came nearest, but its free run of `{record}` has no bounds: it was refused.")
+    });
+    imperfect.into_iter().chain(refused).collect()
+}
+
+/// What the noise of driven records and raw values show.
+fn of_records(explained: &Explained) -> Vec<String> {
+    let ready = &explained.ready;
+    let random = explained.level.driven.map(|ratio| {
+        format!(
+            "What differs between the periods of driven records has {ratio:.2} times the power of the noise in quiet ones: something random acts there."
+        )
+    });
+    let cut = ready.codes.iter().zip(&ready.problem.setting.names.outputs).filter(|(codes, _)| codes.cut);
+    let cut = cut.map(|(codes, output)| {
+        format!(
+            "The converter of {output} cuts bits off towards zero: to its values half a step, {:.4} V, was added before anything was fitted.",
+            codes.step / 2.0
+        )
+    });
+    random.into_iter().chain(cut).collect()
+}
+
+/// What a refit would absorb of an effect, and what speaks against its name.
+fn of_effect(explained: &Explained, placed: &Placed) -> Vec<String> {
+    let at = format!("{} at {}", placed.effect.name(), placed.place.location(&explained.ready.problem.setting.names));
+    let entry = explained.found.stages.iter().flatten().find(|e| same(&e.placed, placed));
+    let absorbed =
+        entry.map(|entry| format!("{at}: a refit would absorb {:.0} % of its trace.", 100.0 * entry.absorbed));
+    let doubt = placed.effect.doubt(&placed.parameters).map(|doubt| format!("{at}: {doubt}."));
+    absorbed.into_iter().chain(doubt).collect()
+}
+
+fn nearest_other(explained: &Explained) -> Option<String> {
+    let found = &explained.found;
+    let best = &found.best;
+    // What took the place of a refused one was fitted anew, and the others were not.
+    if best.effects.is_empty() || explained.diverged.is_some() {
+        return None;
+    }
+    let within_best = |effects: &[Placed]| effects.iter().all(|a| best.effects.iter().any(|b| same(a, b)));
+    let other = found.candidates.iter().find(|c| !c.effects.is_empty() && !within_best(&c.effects))?;
+    let worse = (other.cost - best.cost) / 2.0;
+    let how = if worse < 0.0 {
+        let parameters = other.effects.iter().map(|placed| placed.parameters.len()).sum::<usize>();
+        let more = parameters.saturating_sub(best.parameters());
+        format!("fits better by {:.0} in log likelihood, with {more} parameters more, and is less probable", -worse)
+    } else {
+        format!("is worse by {worse:.0} in log likelihood")
+    };
+    let other = in_words(&other.effects, &explained.ready.problem.setting.names);
+    Some(format!("The nearest other explanation, {other}, {how}."))
+}

@@ -1,0 +1,180 @@
+//! The answer of a diagnosis, from an explanation that was judged.
+
+use crate::answer::schema::{Diagnosis, Explanation, Located, NamedEffect, SimulationWithEffects};
+use crate::answer::sentence::{Said, remains, sentence};
+use crate::answer::simulation::written;
+use crate::answer::whole_delay::WholeDelay;
+use crate::answer::words::words;
+use crate::answer::{classes, comparisons, named, others, place, remainder};
+use crate::audit::Audit;
+use crate::case::record::Record;
+use crate::evidence::Beside;
+use crate::fit::candidate::in_words;
+use crate::fit::free_run::{errors, run};
+use crate::fit::problem::Placed;
+use crate::judge::explained::Explained;
+use crate::judge::judgement::Judgement;
+use crate::judge::locate::{self, Map};
+use crate::judge::next_experiment::next_experiment;
+use crate::judge::separability::{Foretold, Rival, rivals};
+use crate::judge::settle_all::with_all;
+use crate::judge::shares::of_band;
+use crate::judge::verdict::Verdict;
+use crate::search::rules::Rules;
+use crate::search::stochastic::{Unseen, wandering};
+use crate::settings::thresholds::LEAST_SHARE;
+
+/// A gap counts as no worse within the scatter of its last digits.
+const NO_WORSE: f64 = 1.001;
+
+/// An explanation, its judgement, and what is shown beside it.
+pub(super) struct Finding<'f, 'a> {
+    pub(super) audit: &'f Audit,
+    pub(super) explained: &'f Explained<'a>,
+    pub(super) unseen: &'f [Unseen<'a>],
+    pub(super) judged: Judgement<'f, 'a>,
+    delay: Option<WholeDelay>,
+    /// Where the gap lies: as given, and with the effects.
+    pub(super) maps: [Map; 2],
+    pub(super) beside: Beside,
+}
+
+impl<'f, 'a> Finding<'f, 'a> {
+    /// Judges an explanation. `unseen` are the stochastic effects that were found.
+    pub(super) fn new(
+        audit: &'f Audit,
+        explained: &'f Explained<'a>,
+        unseen: &'f [Unseen<'a>],
+        rules: &Rules,
+        say: &mut dyn FnMut(String),
+    ) -> Self {
+        let Explained { ready, refitted, .. } = explained;
+        let problem = &ready.problem;
+        say("gaps".into());
+        let judged = Judgement::new(explained, unseen, rules, &audit.case.config);
+        let map = |errors: &[_]| locate::map(&problem.records, errors, &ready.noise, judged.plant.rate);
+        let after = errors(problem, &explained.fit().eta, &explained.fit().effects);
+        let maps = [map(&locate::errors(problem)), map(&after)];
+        say("evidence beside it".into());
+        let linear = |record: &Record| run(&judged.plant, &[], record);
+        let with = |record: &Record| run(&judged.plant, &judged.actions, record);
+        let beside = Beside::of(problem, &refitted.plant, &ready.noise, &audit.case.records, linear, with);
+        Self { audit, explained, unseen, judged, delay: WholeDelay::of(audit), maps, beside }
+    }
+
+    /// diagnosis.json.
+    pub(super) fn diagnosis(&self, say: &mut dyn FnMut(String)) -> Diagnosis {
+        let Explained { ready, found, .. } = self.explained;
+        let Judgement { gaps, held_out, simulated, shown, weighted, verdict, .. } = &self.judged;
+        let (names, best) = (&ready.problem.setting.names, &found.best.effects);
+        let [before, after] = &self.maps;
+        say("held against its rivals".into());
+        // Where nothing is missing there is nothing to distinguish.
+        let foretold = (*verdict != Verdict::None).then(|| Foretold::new(&ready.problem, self.explained.fit()));
+        let rivals = foretold.as_ref().map_or_else(Vec::new, |foretold| rivals(foretold, best, &found.candidates));
+        let mut effects = self.named();
+        let sentence = self.sentence(&effects, &rivals);
+        if *verdict != Verdict::Effects {
+            effects.clear();
+        }
+        let mut candidates = self.candidates();
+        // A delay that the audit removed is named whatever else there is.
+        let delay = self.delay.as_ref().filter(|_| *verdict != Verdict::Unknown);
+        self.delay.iter().for_each(|delay| delay.explains(&mut candidates));
+        delay.into_iter().for_each(|delay| delay.named(&mut effects, &candidates));
+        say("next experiment".into());
+        let next =
+            foretold.as_ref().and_then(|foretold| next_experiment(self.explained, weighted, best, foretold, &rivals));
+        let class = others(best, &rivals, names).map(|others| (in_words(best, names), others));
+        Diagnosis {
+            verdict: if delay.is_some() { Verdict::Effects } else { *verdict },
+            sentence,
+            next_experiment: next,
+            effects,
+            candidates,
+            not_separable: classes(found, best, &rivals, names),
+            separability: comparisons(found, best, &rivals, names),
+            place: place(before, &names.outputs, found, shown),
+            remainder: remainder(self.explained, gaps, after, simulated, self.audit.case.config.material),
+            evidence: words(self.explained, before, *held_out, &self.beside, class),
+            gap: gaps.clone(),
+            warnings: self.audit.case.warnings.clone(),
+        }
+    }
+
+    /// The effects with their parameters, largest part of the gap first. Only effects that close a noticeable share are named, and the largest in any
+    /// case; the others remain among the candidates.
+    fn named(&self) -> Vec<NamedEffect> {
+        let Judgement { gaps, shares, shown, weighted, .. } = &self.judged;
+        let best = &self.explained.found.best.effects;
+        let mut named = named(self.explained, shown, weighted, shares, gaps.left());
+        for which in self.unseen.iter().filter_map(|u| wandering(&u.placed, best)) {
+            named[which].shape_differs = true;
+        }
+        // A stochastic effect has a part in the noise.
+        let band = |u: &&Unseen| {
+            if u.placed.effect.name() == "coloured-disturbance" { of_band(self.explained) } else { 0.0 }
+        };
+        let sizes: Vec<f64> = shares.iter().map(|share| share.closed).chain(shown.iter().map(band)).collect();
+        let mut order: Vec<usize> = (0..named.len()).collect();
+        order.sort_by(|&a, &b| sizes[b].total_cmp(&sizes[a]));
+        let mut sorted: Vec<NamedEffect> = order.into_iter().map(|k| named[k].clone()).collect();
+        let mut first = true;
+        sorted.retain(|effect| std::mem::take(&mut first) || effect.share.is_none_or(|share| share >= LEAST_SHARE));
+        sorted
+    }
+
+    fn candidates(&self) -> Vec<Explanation> {
+        let names = &self.explained.ready.problem.setting.names;
+        let factor = self.explained.level.factor.min(1.0);
+        let located = |p: &Placed| Located { effect: p.effect.name().into(), location: p.place.location(names) };
+        let floor = self.judged.gaps.noise_floor;
+        let explanation = |w: &crate::judge::verdict::Weighted| Explanation {
+            effects: w.effects.iter().map(located).collect(),
+            unknown: w.unknown,
+            probability: w.probability,
+            gap_after: w.cost.map(|cost| floor * (cost / factor).max(0.0).sqrt()),
+        };
+        self.judged.weighted.iter().map(explanation).collect()
+    }
+
+    /// The answer in a few sentences.
+    fn sentence(&self, effects: &[NamedEffect], rivals: &[Rival]) -> String {
+        let Explained { ready, found, level, .. } = self.explained;
+        let Judgement { gaps, verdict, .. } = &self.judged;
+        let (names, best) = (&ready.problem.setting.names, &found.best.effects);
+        let nearest: Vec<String> = best.iter().map(|placed| in_words(std::slice::from_ref(placed), names)).collect();
+        let beyond = gaps.beyond_noise(gaps.with_effect);
+        let remains = ready.widened.map(|_| remains(&self.maps[1], &names.outputs, beyond, gaps.as_given));
+        let said = Said { effects, nearest: &nearest, gap: gaps, seen: level.seen, remains: remains.as_deref() };
+        let mut text = sentence(*verdict, &said);
+        if let (Verdict::Effects, Some(others)) = (verdict, others(best, rivals, names)) {
+            text += &format!(" These records cannot tell {} from {others}.", in_words(best, names));
+        }
+        match self.audit.put_right() {
+            Some(mismatch) => format!("{} {text}", mismatch.sentence),
+            None => text,
+        }
+    }
+
+    /// sim-with-effect.json.
+    pub(super) fn simulation(&self, model: &plid_model::Model) -> SimulationWithEffects {
+        let (eta, effects) = self.predicting();
+        let mut simulation = written(self.explained, model, &eta, &effects, &self.judged.shown, &self.judged.gaps);
+        self.delay.iter().for_each(|delay| delay.simulated(&mut simulation.effects));
+        simulation
+    }
+
+    /// Linear parameters and effects of the simulation that is written. They are fitted to all records once everything is stated. Effects that follow
+    /// the held-out records worse than the simulation as given or its refit are left out.
+    fn predicting(&self) -> (Vec<f64>, Vec<Placed<'a>>) {
+        let (fit, gap) = (self.explained.fit(), &self.judged.gaps);
+        let follows = gap.with_effect <= NO_WORSE * gap.as_given.min(gap.refit);
+        if self.judged.verdict == Verdict::None || !follows {
+            let given = vec![0.0; fit.eta.len()];
+            let refit = self.explained.refitted.eta.clone();
+            return (if gap.refit <= gap.as_given { refit } else { given }, Vec::new());
+        }
+        with_all(self.explained).unwrap_or_else(|| (fit.eta.clone(), fit.effects.clone()))
+    }
+}

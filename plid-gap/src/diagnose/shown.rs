@@ -1,0 +1,124 @@
+//! What a report shows of a diagnosis.
+
+use nalgebra::DMatrix;
+
+use crate::answer::simulation::refit_summary;
+use crate::case::levels::{LevelRun, is_linear, loudest, one_of_each_level};
+use crate::case::record::{Channels, Record};
+use crate::diagnose::finding::Finding;
+use crate::effects::Names;
+use crate::evidence::Beside;
+use crate::fit::free_run::run;
+use crate::fourier::C;
+use crate::judge::explained::Explained;
+use crate::judge::locate::Map;
+use crate::judge::verdict::Adequacy;
+use crate::noise::NoiseModel;
+use crate::search::screen::Entry;
+use crate::simulate::{Fineness, simulate};
+
+/// What the report draws.
+pub struct Evidence {
+    /// Names of the outputs.
+    pub outputs: Vec<String>,
+    /// Samples a second.
+    pub rate: f64,
+    /// The gap as given.
+    pub before: Map,
+    /// The gap with the effects.
+    pub after: Map,
+    /// What the best explanation leaves.
+    pub adequacy: Adequacy,
+    /// Best entries of each stage's screen: name, place, gain, share that a refit absorbs.
+    pub stages: Vec<Vec<(String, String, f64, f64)>>,
+    /// The record of `trace`.
+    pub trace_record: String,
+    /// Measured, as given, with the effects: p channels each.
+    pub trace: [Channels; 3],
+    /// Evidence for effects that no free run shows: name, place, twice the log likelihood.
+    pub unseen: Vec<(String, String, f64)>,
+    /// Changes of the bounded refit in standard deviations of its prior, by mode (Hz): frequency, damping, largest of the shapes.
+    pub refit: Vec<(f64, f64, f64, f64)>,
+    /// Sum of squares a row: as given, refit, with the effects.
+    pub costs: [f64; 3],
+    /// Of the records that were fitted, in order: name, start in s, samples.
+    pub fitted: Vec<(String, f64, usize)>,
+    /// A record of each level beside its simulations.
+    pub levels: Vec<LevelRun>,
+    /// Of each output: frequencies in Hz with the density that noise alone makes there, in the output's unit squared a Hz.
+    pub noise: Vec<Vec<(f64, f64)>>,
+    /// What the diagnosis does not rest on.
+    pub beside: Beside,
+    /// Whether the simulation with the effects still is linear in its inputs.
+    pub linear: bool,
+}
+
+/// Frequencies at which the noise is shown.
+const NOISE_LINES: usize = 200;
+
+/// Entries of each stage's screen that are shown.
+const ENTRIES: usize = 15;
+
+impl Finding<'_, '_> {
+    /// What the report draws.
+    pub(super) fn evidence(self) -> Evidence {
+        let levels = self.levels();
+        let (plant, actions) = (&self.judged.plant, &self.judged.actions);
+        let Explained { ready, refitted, found, judged, given_cost, .. } = self.explained;
+        let problem = &ready.problem;
+        let names = &problem.setting.names;
+        let rows = problem.rows() as f64;
+        let trace = ready.held_out.last().or(problem.records.last()).expect("a case has records");
+        let loudest = loudest(&problem.records);
+        let [before, after] = self.maps;
+        Evidence {
+            outputs: names.outputs.clone(),
+            rate: plant.rate,
+            before,
+            after,
+            adequacy: *judged,
+            stages: found.stages.iter().map(|entries| shown(entries, names)).collect(),
+            trace: [trace.y.clone(), run(&problem.plant, &[], trace), run(plant, actions, trace)],
+            trace_record: trace.name.clone(),
+            beside: self.beside,
+            unseen: self
+                .unseen
+                .iter()
+                .map(|u| (u.placed.effect.name().into(), u.placed.place.location(names), u.gain))
+                .collect(),
+            refit: refit_summary(problem, &self.explained.fit().eta),
+            costs: [given_cost / rows, refitted.cost / rows, self.explained.fit().cost / rows],
+            fitted: problem.records.iter().map(|r| (r.name.clone(), r.start_s, r.samples())).collect(),
+            levels,
+            noise: densities(&ready.noise, plant.p, plant.rate),
+            linear: is_linear(&loudest.u, |u| simulate(plant, actions, u, 0.0, None, Fineness::FINE)),
+        }
+    }
+
+    /// A record of each level beside its simulations.
+    fn levels(&self) -> Vec<LevelRun> {
+        let given = &self.explained.ready.problem.plant;
+        let one = |record: &Record| LevelRun {
+            record: record.name.clone(),
+            level: record.level(),
+            u: record.u.clone(),
+            y: record.y.clone(),
+            given: run(given, &[], record),
+            with: run(&self.judged.plant, &self.judged.actions, record),
+        };
+        one_of_each_level(&self.audit.case.records).into_iter().map(one).collect()
+    }
+}
+
+/// The first entries of a screen.
+fn shown(entries: &[Entry], names: &Names) -> Vec<(String, String, f64, f64)> {
+    let line = |e: &Entry| (e.placed.effect.name().to_string(), e.placed.place.location(names), e.gain, e.absorbed);
+    entries.iter().take(ENTRIES).map(line).collect()
+}
+
+/// Of each of p outputs: frequencies in Hz with the density of its noise, one-sided, from a power spectral density that is the variance for white noise.
+fn densities(noise: &NoiseModel, p: usize, rate: f64) -> Vec<Vec<(f64, f64)>> {
+    let hz = (1..NOISE_LINES).map(|k| 0.5 * rate * k as f64 / NOISE_LINES as f64);
+    let lines: Vec<(f64, DMatrix<C>)> = hz.map(|hz| (hz, noise.density(hz))).collect();
+    (0..p).map(|o| lines.iter().map(|(hz, s)| (*hz, 2.0 * s[(o, o)].re / rate)).collect()).collect()
+}

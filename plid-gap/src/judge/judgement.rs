@@ -1,0 +1,94 @@
+//! The judgement of an explanation on all records, those held out among them: its gaps, its probability beside the other explanations, the verdict.
+
+use crate::case::CaseConfig;
+use crate::effects::Action;
+use crate::fit::refit::clipped;
+use crate::judge::explained::Explained;
+use crate::judge::gap::Blocks;
+use crate::judge::held_out::{HeldOut, held_out};
+use crate::judge::shares::{Share, shares};
+use crate::judge::shrink::{Gap, blocks, gaps, opened};
+use crate::judge::verdict::{Verdict, Weighted, outside, weigh};
+use crate::plant::Plant;
+use crate::search::rules::Rules;
+use crate::search::stochastic::{Unseen, wandering};
+use crate::settings::step::Step;
+use crate::settings::thresholds::{EVIDENCE, MOST_UNKNOWN};
+
+/// A judged explanation.
+pub struct Judgement<'j, 'a> {
+    /// The linear simulation after the fit of the explanation.
+    pub plant: Plant,
+    /// What its effects do.
+    pub actions: Vec<Action>,
+    /// Gaps on the records that are opened at the end.
+    pub gaps: Gap,
+    /// What held-out records say of it; none where it has no effects.
+    pub held_out: Option<HeldOut>,
+    /// Its free runs of the opened records.
+    pub simulated: Blocks,
+    /// What each of its effects closes.
+    pub shares: Vec<Share>,
+    /// Stochastic effects that enter the answer.
+    pub shown: Vec<&'j Unseen<'a>>,
+    /// All explanations with their probabilities, the most probable first.
+    pub weighted: Vec<Weighted<'a>>,
+    /// The verdict.
+    pub verdict: Verdict,
+}
+
+impl<'j, 'a> Judgement<'j, 'a> {
+    /// Judges an explanation. `unseen` are the stochastic effects that were found.
+    pub fn new(explained: &Explained<'a>, unseen: &'j [Unseen<'a>], rules: &Rules, config: &CaseConfig) -> Self {
+        let Explained { ready, refitted, found, .. } = explained;
+        let (problem, best) = (&ready.problem, &found.best.effects);
+        let plant = problem.nuisance.apply(&problem.plant, &explained.fit().eta);
+        let actions = problem.actions(&explained.fit().effects);
+        // A refit beyond the stated limits may stand for the effect itself.
+        let bounded = clipped(problem, &refitted.eta).map(|eta| problem.nuisance.apply(&problem.plant, &eta));
+        let bounded = bounded.as_ref().unwrap_or(&refitted.plant);
+        let gaps = gaps(explained, &plant, &actions, bounded, &config.nuisance);
+        let held_out =
+            if best.is_empty() { None } else { held_out(&ready.held_out, &ready.noise, bounded, &plant, &actions) };
+        let unknown = unknown(explained, &gaps, held_out, config.material);
+        let simulated = blocks(&opened(explained), &plant, &actions);
+        let shares = shares(explained, &simulated, bounded);
+        let mut weighted = weigh(&found.candidates, unknown, problem.rows() as f64, explained.level, &ready.off);
+        // What quiet records show holds whatever the free runs say.
+        let names = &problem.setting.names;
+        let enters =
+            |u: &&Unseen| u.gain > EVIDENCE && rules.allow(&u.placed, names) && wandering(&u.placed, best).is_none();
+        let shown: Vec<&Unseen> = unseen.iter().filter(enters).collect();
+        for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
+            explanation.effects.extend(shown.iter().map(|u| u.placed.clone()));
+        }
+        let verdict = verdict(explained, &weighted, &gaps, config.material);
+        Self { plant, actions, gaps, held_out, simulated, shares, shown, weighted, verdict }
+    }
+}
+
+/// Probability of something else, with what held-out records say. An effect that does not simulate them better than a refit alone is not at work there.
+fn unknown(explained: &Explained, gaps: &Gap, held_out: Option<HeldOut>, material: f64) -> f64 {
+    let Explained { ready, found, judged, .. } = explained;
+    let fails = !ready.off.contains(&Step::HeldOutVeto) && held_out.is_some_and(|held_out| held_out.refutes());
+    let imperfect = ready.widened.is_some() && !found.best.effects.is_empty();
+    // An explanation that makes the gap on held-out records grow by a material part explains nothing, however well it fits the others.
+    let grown = gaps.with_effect.powi(2) - gaps.within_limits.powi(2) > material.powi(2);
+    match (fails || grown, imperfect) {
+        (true, _) => MOST_UNKNOWN.max(judged.unknown),
+        (false, true) => judged.unknown.max(outside(gaps.left())),
+        (false, false) => judged.unknown,
+    }
+}
+
+fn verdict(explained: &Explained, weighted: &[Weighted], gaps: &Gap, material: f64) -> Verdict {
+    // Nothing matters that a simulation within its limits leaves less of than is material.
+    let immaterial = explained.ready.widened.is_some() && gaps.beyond_noise(gaps.within_limits) < material;
+    match weighted.first() {
+        Some(top) if immaterial && (top.unknown || explained.found.best.effects.is_empty()) => Verdict::None,
+        Some(top) if top.unknown => Verdict::Unknown,
+        Some(top) if top.effects.is_empty() => Verdict::None,
+        Some(_) => Verdict::Effects,
+        None => Verdict::Unknown,
+    }
+}
