@@ -72,8 +72,8 @@ fn told(outcome: &Outcome, case: &Case, label: &Path, to: &Path, clock: Instant)
         gap.predicted_held_out_gap
     );
     println!(
-        "    something else: {:.2} (excess {:.1}, bent {:.1}, next {:.0})",
-        judged.unknown, judged.excess, judged.bent, judged.next
+        "    something else: {:.2} (excess {:.1}, prior z {:.1}, next {:.0})",
+        judged.unknown, judged.excess, judged.max_prior_z, judged.next_gain
     );
     Ok(())
 }

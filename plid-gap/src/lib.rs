@@ -22,7 +22,7 @@ mod prepare;
 pub mod report;
 pub mod research;
 mod search;
-mod settings;
+pub mod settings;
 mod signal;
 mod simulate;
 #[cfg(test)]

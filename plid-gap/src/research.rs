@@ -16,7 +16,6 @@ pub use crate::search::overlap::of_screen;
 pub use crate::search::rules::Rules;
 pub use crate::search::screen::{Base, screen};
 pub use crate::search::stochastic::unseen;
-pub use crate::settings::thresholds::{BENT, HEAD};
 pub use crate::signal::tones::Tone;
 pub use crate::simulate::{Fineness, simulate};
 

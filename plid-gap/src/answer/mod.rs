@@ -26,7 +26,6 @@ use crate::judge::shares::Share;
 use crate::judge::verdict::{Weighted, outside};
 use crate::search::stepwise::Search;
 use crate::search::stochastic::{Unseen, cuts, wanders};
-use crate::settings::thresholds::NEXT;
 
 /// Effects of the answer with intervals and confidence.
 pub(crate) fn named(
@@ -59,7 +58,8 @@ pub(crate) fn named(
         }
         let share = shares.get(which);
         // What closes little beside what is left may be its imitation.
-        let alone = |share: &Share| ((1.0 - outside(share.left)) / (1.0 - outside(left))).min(1.0);
+        let judge = &problem.settings.judge;
+        let alone = |share: &Share| ((1.0 - outside(share.left, judge)) / (1.0 - outside(left, judge))).min(1.0);
         let imitated = if ready.widened.is_some() { share.map_or(1.0, alone) } else { 1.0 };
         named.push(NamedEffect {
             effect: placed.effect.name().into(),
@@ -130,20 +130,25 @@ pub(crate) fn place(before: &Map, outputs: &[String], found: &Search, shown: &[&
 }
 
 /// Explanations that these records cannot part from the best, with it: the most probable first.
-pub(crate) fn classes(found: &Search, best: &[Placed], rivals: &[Rival], names: &Names) -> Vec<Vec<String>> {
-    let mut class: Vec<&[Placed]> = open(rivals, best).map(|rival| rival.effects.as_slice()).chain([best]).collect();
+pub(crate) fn classes(explained: &Explained, rivals: &[Rival]) -> Vec<Vec<String>> {
+    let Explained { ready, found, .. } = explained;
+    let (best, problem) = (&found.best.effects, &ready.problem);
+    let open = open(rivals, best, &problem.settings.judge).map(|rival| rival.effects.as_slice());
+    let mut class: Vec<&[Placed]> = open.chain([best.as_slice()]).collect();
     if class.len() < 2 {
         return Vec::new();
     }
     let place =
         |effects: &[Placed]| found.candidates.iter().position(|candidate| all_same(&candidate.effects, effects));
     class.sort_by_key(|effects| place(effects));
-    vec![class.into_iter().map(|effects| joined(effects, names, "@")).collect()]
+    vec![class.into_iter().map(|effects| joined(effects, &problem.setting.names, "@")).collect()]
 }
 
 /// What the best cannot be told from, in words.
-pub(crate) fn others(best: &[Placed], rivals: &[Rival], names: &Names) -> Option<String> {
-    let texts: Vec<String> = open(rivals, best).map(|rival| in_words(&rival.effects, names)).collect();
+pub(crate) fn others(explained: &Explained, rivals: &[Rival]) -> Option<String> {
+    let problem = &explained.ready.problem;
+    let open = open(rivals, &explained.found.best.effects, &problem.settings.judge);
+    let texts: Vec<String> = open.map(|rival| in_words(&rival.effects, &problem.setting.names)).collect();
     (!texts.is_empty()).then(|| texts.join(", nor from "))
 }
 
@@ -212,7 +217,10 @@ pub(crate) fn remainder(explained: &Explained, gap: &Gap, after: &Map, with: &Bl
     let place = place(after, &names.outputs, found, &[]);
     let best = &found.best.effects;
     let last = found.stages.last().map_or(&[][..], Vec::as_slice);
-    let more = last.iter().filter(|entry| entry.gain > NEXT && !best.iter().any(|placed| same(placed, &entry.placed)));
+    let more = last.iter().filter(|entry| {
+        entry.gain > explained.ready.problem.settings.judge.next_gain
+            && !best.iter().any(|placed| same(placed, &entry.placed))
+    });
     Remainder {
         gap: gap.with_effect,
         noise: floor,

@@ -11,6 +11,7 @@ use crate::effects::Side;
 use crate::judge::locate::LevelGap;
 pub use crate::judge::shrink::{Gap, ShrinkOver};
 pub use crate::judge::verdict::Verdict;
+use crate::settings::GapSettings;
 
 /// A parameter's value with its 95 % interval.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -193,6 +194,9 @@ pub struct Diagnosis {
     pub remainder: Remainder,
     /// What would part what is left.
     pub next_experiment: Option<String>,
+    /// Thresholds of the diagnosis.
+    #[serde(default)]
+    pub settings: GapSettings,
     /// The evidence in words.
     pub evidence: Vec<String>,
     /// What was noticed.

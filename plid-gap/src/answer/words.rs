@@ -6,7 +6,6 @@ use crate::fit::problem::Placed;
 use crate::judge::explained::Explained;
 use crate::judge::held_out::HeldOut;
 use crate::judge::locate::Map;
-use crate::settings::thresholds::SEPARABLE;
 
 /// The evidence, a sentence or two each. `class` is the most probable explanation and what the records cannot distinguish from it.
 pub(crate) fn words(
@@ -16,6 +15,7 @@ pub(crate) fn words(
     beside: &Beside,
     class: Option<(String, String)>,
 ) -> Vec<String> {
+    let judge = &explained.ready.problem.settings.judge;
     let mut words = vec![costs(explained)];
     words.extend(limits(explained));
     words.extend(of_records(explained));
@@ -30,7 +30,8 @@ pub(crate) fn words(
     words.extend(nearest_other(explained));
     words.extend(class.map(|(first, others)| {
         format!(
-            "These records cannot tell {first} from {others}: if the first is true, the rest is expected to fit worse by less than {SEPARABLE:.0} in log likelihood. The next experiment is chosen to tell them apart.",
+            "These records cannot tell {first} from {others}: if the first is true, the rest is expected to fit worse by less than {:.0} in log likelihood. The next experiment is chosen to tell them apart.",
+            judge.separable
         )
     }));
     words.extend(held_out.map(|held_out| {
@@ -38,7 +39,7 @@ pub(crate) fn words(
             "On what was held out from all fitting it gains {:.0} in log likelihood over a refit alone, {:.0} times what chance would make of it{}.",
             held_out.gain / 2.0,
             held_out.gain / held_out.deviation.max(f64::MIN_POSITIVE),
-            if held_out.refutes() { ": too little, which refutes it" } else { "" },
+            if held_out.refutes(judge) { ": too little, which refutes it" } else { "" },
         )
     }));
     let excess = explained.judged.excess;

@@ -117,8 +117,14 @@ fn look(
     case.warnings.extend(found);
     let (doubt, model_error) =
         stand_in.clone().map_or_else(Default::default, |stand_in| (stand_in.doubt, stand_in.model_error));
-    let known =
-        Known { limits: case.config.nuisance, doubt, model_error, band_hz: case.config.band_hz, off: off.to_vec() };
+    let known = Known {
+        limits: case.config.nuisance,
+        doubt,
+        model_error,
+        band_hz: case.config.band_hz,
+        off: off.to_vec(),
+        settings: case.config.settings.clone(),
+    };
     Ok(Audit { case, mismatch, known, stand_in })
 }
 

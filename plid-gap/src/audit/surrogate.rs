@@ -4,6 +4,8 @@
 //! In both cases it is the output-error refinement of a subspace estimate. The first stands for a simulator of any kind, with a fit error of its own;
 //! the second has already taken in all of the gap that a linear model can, so that only what is not linear is left to be found.
 
+use std::sync::Arc;
+
 use ndarray::Array2;
 use plid_model::Model;
 use plid_refine::{Candidate, Noise, Options, RefineError, Start, free_run_error};
@@ -180,7 +182,7 @@ fn doubt(model: &Model, records: &[&Record], std: &[f64]) -> Result<Vec<f64>, Ga
     let whiteners = records.iter().map(|record| Whitener::new(record, &noise, plant.rate, masked.clone())).collect();
     let nuisance = Nuisance::new(&plant, &records, &Limits { frequency: 0.2, damping: 2.0, shape: 0.2 });
     let setting = Setting::bare(&plant, model);
-    let problem = Problem { plant, records, whiteners, nuisance, setting };
+    let problem = Problem { plant, records, whiteners, nuisance, setting, settings: Arc::default() };
     let normal = problem.tangent(&problem.plant).normal;
     let Some(factor) = normal.cholesky() else { return Ok(Vec::new()) };
     let covariance = factor.inverse();

@@ -1,6 +1,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::case::Limits;
+use crate::settings::GapSettings;
 use plid_data::prepare::decimate;
 use plid_data::prepare::trend::Trend;
 
@@ -41,6 +42,9 @@ pub struct CaseConfig {
     /// A gap beyond the noise that matters, relative to the output.
     #[serde(default = "material")]
     pub material: f64,
+    /// Thresholds of the diagnosis.
+    #[serde(default, skip_serializing_if = "GapSettings::is_default")]
+    pub settings: GapSettings,
     /// In the order in which they were taken.
     #[serde(default)]
     pub record: Vec<RecordConfig>,
@@ -128,6 +132,26 @@ pub enum Use {
 }
 
 impl RecordConfig {
+    /// What is wrong with the values, as key and reason; one sample in `ratio` is kept.
+    fn problems(&self, ratio: usize) -> Vec<(&'static str, String)> {
+        let mut problems = Vec::new();
+        if let Some([from, to]) = self.samples
+            && from >= to
+        {
+            problems.push(("samples", format!("{}: no sample lies from {from} to {to}", self.file)));
+        }
+        let wrong = match (self.excitation, self.period) {
+            (ExcitationKind::Periodic, Some(period)) if period < 2 => format!("{period} is no period"),
+            (ExcitationKind::Periodic, Some(period)) if !period.is_multiple_of(ratio) => {
+                format!("{period} samples are no multiple of the {ratio} of which one is kept")
+            }
+            (ExcitationKind::Zero | ExcitationKind::Random, Some(_)) => "only a periodic record has one".to_string(),
+            _ => return problems,
+        };
+        problems.push(("period", format!("{}: {wrong}", self.file)));
+        problems
+    }
+
     fn is_for_simulation(&self) -> bool {
         self.r#use == Some(Use::Sim)
     }
@@ -149,6 +173,7 @@ impl CaseConfig {
             exclude: Vec::new(),
             nuisance: Limits::default(),
             material: material(),
+            settings: GapSettings::default(),
             record: Vec::new(),
         }
     }
@@ -176,29 +201,7 @@ impl CaseConfig {
                 1
             }
         };
-        for record in &self.record {
-            if let Some([from, to]) = record.samples
-                && from >= to
-            {
-                problems.push(("samples", format!("{}: no sample lies from {from} to {to}", record.file)));
-            }
-            match (record.excitation, record.period) {
-                (ExcitationKind::Periodic, Some(period)) if period < 2 => {
-                    problems.push(("period", format!("{}: {period} is no period", record.file)));
-                }
-                (ExcitationKind::Periodic, Some(period)) if !period.is_multiple_of(ratio) => {
-                    let message = format!(
-                        "{}: {period} samples are no multiple of the {ratio} of which one is kept",
-                        record.file
-                    );
-                    problems.push(("period", message));
-                }
-                (ExcitationKind::Zero | ExcitationKind::Random, Some(_)) => {
-                    problems.push(("period", format!("{}: only a periodic record has one", record.file)));
-                }
-                _ => {}
-            }
-        }
+        problems.extend(self.record.iter().flat_map(|record| record.problems(ratio)));
         if let Some([from, to]) = self.band_hz
             && !(0.0 <= from && from < to && to <= 0.5 * self.rate())
         {
@@ -219,6 +222,7 @@ impl CaseConfig {
         if simulated != 0 && simulated != self.record.len() {
             problems.push(("simulated", "either every record has its simulated outputs or none".to_string()));
         }
+        problems.extend(self.settings.problems());
         problems
     }
 

@@ -137,6 +137,22 @@ mod tests {
     }
 
     #[test]
+    fn thresholds_are_set_and_checked() {
+        let with = |settings: &str| {
+            let text =
+                format!("sample_rate_hz = 1.0\ninputs = []\noutputs = []\n{settings}\n[[record]]\nfile = \"r1.csv\"\n");
+            plid_data::config::from_toml_checked(&text, "case.toml", CaseConfig::problems)
+        };
+        let set = with("[settings.judge]\nmost_unknown = 0.5").unwrap();
+        assert_eq!((set.settings.judge.most_unknown, set.settings.judge.least_unknown), (0.5, 0.02));
+        let said = |settings: &str| format!("{:?}", miette::Report::new(with(settings).unwrap_err()));
+        let unknown = said("[settings.judge]\nmost_unknwon = 0.5");
+        assert!(unknown.contains("most_unknwon") && unknown.contains("did you mean `most_unknown`"), "{unknown}");
+        let range = said("[settings.judge]\nmost_unknown = 1.5");
+        assert!(range.contains("line 5") && range.contains("1.5 is not within 0 to 1"), "{range}");
+    }
+
+    #[test]
     fn a_mean_is_learnt_from_what_is_fitted_alone() {
         // Of eight samples the last two are held out, and there y1 is far off.
         let case = read_with("trend = \"mean\"", INPUTS, RATE, &format!("{}0,0,99,7", "1,0,5,7\n".repeat(6))).unwrap();

@@ -9,7 +9,7 @@ use crate::fit::problem::{Fit, Placed, Problem, sum_of_squares};
 use crate::fit::refit::{Refit, STEPS, clipped, refit};
 use crate::judge::explained::Explained;
 use crate::judge::gap::{self, Blocks};
-use crate::judge::verdict::{Adequacy, adequacy, least_unknown, outside};
+use crate::judge::verdict::{Adequacy, Rest, adequacy, least_unknown, outside};
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::search::closest_law::closest_law;
 use crate::search::modal::dominant;
@@ -17,9 +17,6 @@ use crate::search::rules::{Rules, Scope};
 use crate::search::shape::{Bent, bent, fewer, renamed};
 use crate::search::stepwise::{Search, Turn, search, straighten};
 use crate::settings::step::Step;
-use crate::settings::thresholds::{
-    ACCEPT, DOUBTFUL, ELSEWHERE, HEAD, INADEQUATE, MOST_UNKNOWN, SHAPE_DIFFERS, SHAPED, WORTH,
-};
 use crate::simulate::Fineness;
 
 /// Searches, with the struts as places of internal forces; where that does not suffice, with the modes about which the gap lies too. `turn` keeps the
@@ -33,14 +30,18 @@ pub fn explain<'a>(
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
     let names = ready.problem.setting.names.clone();
-    let scope = Scope { library, rules, names, off: ready.off.clone(), bold: false };
+    let settings = ready.problem.settings.search.clone();
+    let scope = Scope { library, rules, settings, names, off: ready.off.clone(), bold: false };
     let first = passes(ready, refitted, &scope, turn, say);
     elsewhere(first, &scope, say).refuse_divergence()
 }
 
 /// Where the first search does not suffice, a second with places on single modes, if that one explains more.
 fn elsewhere<'a>(first: Explained<'a>, scope: &Scope<'_, 'a>, say: &mut dyn FnMut(String)) -> Explained<'a> {
-    if scope.skips(Step::ModalPlaces) || first.judged.unknown < INADEQUATE || first.judged.left < ELSEWHERE {
+    if scope.skips(Step::ModalPlaces)
+        || first.judged.unknown < scope.settings.inadequate
+        || first.judged.left < scope.settings.modal_left
+    {
         return first;
     }
     let problem = &first.ready.problem;
@@ -52,9 +53,9 @@ fn elsewhere<'a>(first: Explained<'a>, scope: &Scope<'_, 'a>, say: &mut dyn FnMu
     let mut ready = first.ready.clone();
     ready.problem = ready.problem.with_modal_places(&modes);
     let names = ready.problem.setting.names.clone();
-    let scope = Scope { names, bold: true, off: scope.off.clone(), ..*scope };
+    let scope = Scope { names, bold: true, ..scope.clone() };
     let mut second = passes(ready, first.refitted.clone(), &scope, &OnceCell::new(), say);
-    if second.price() + ACCEPT > first.price() {
+    if second.price() + scope.settings.accept_gain > first.price() {
         return first;
     }
     second.found.candidates.extend(first.found.candidates);
@@ -119,10 +120,10 @@ impl<'a> Searched<'a> {
         say: &mut dyn FnMut(String),
     ) -> Self {
         ready.problem.nuisance.struts_follow = false;
-        let mut quick = ready.problem.head(HEAD, &ready.noise);
+        let mut quick = ready.problem.head(scope.settings.first_samples, &ready.noise);
         let mut found = search(&mut ready.problem, &mut quick, refitted, scope, turn, say);
         if ready.widened.is_some() {
-            let plain = Scope { names: scope.names.clone(), bold: false, off: scope.off.clone(), ..*scope };
+            let plain = Scope { bold: false, ..scope.clone() };
             straighten(&ready.problem, &quick, &mut found, &plain, say);
         }
         let simulated = outputs(&ready.problem, &found.best.eta, &found.best.effects);
@@ -155,7 +156,7 @@ impl<'a> Searched<'a> {
     ) -> Explained<'a> {
         let widened = ready.widened.is_some();
         // Beside an error of the simulation itself the last digits of a law are no matter.
-        let shaped = !widened || left(&ready, &refitted, &self.found.best) > SHAPED;
+        let shaped = !widened || left(&ready, &refitted, &self.found.best) > scope.settings.shape_left;
         let problem = &mut ready.problem;
         let zero = vec![0.0; problem.nuisance.len()];
         let given_cost = sum_of_squares(&problem.residual(&problem.plant, &zero, &[], Fineness::FINE));
@@ -167,7 +168,7 @@ impl<'a> Searched<'a> {
         let best_cost = self.found.best.cost;
         let level = ready.noise_level(&self.simulated, best_cost / ready.problem.rows() as f64);
         let judging = Judging { ready: &ready, refitted: &refitted, before: refitted.cost.max(given_cost), level };
-        let judged = judging.judge(&mut self.found, bent.as_ref(), scope, say);
+        let judged = judging.judge(&mut self.found, bent.as_ref(), say);
         let Self { quick, found, .. } = self;
         Explained { ready, quick, refitted, found, bent, judged, level, given_cost, diverged: None }
     }
@@ -183,7 +184,8 @@ impl<'a> Searched<'a> {
                 bent
             }
             // What fails with its own shape and suffices with a free one is this place, and another shape.
-            None => bent(problem, quick, &found.best).filter(|bent| found.best.cost - bent.fit.cost > 4.0 * WORTH)?,
+            None => bent(problem, quick, &found.best)
+                .filter(|bent| found.best.cost - bent.fit.cost > scope.settings.shape_gain_whole)?,
         };
         let present = &found.best.effects[free.which];
         let law = closest_law(problem, &free.fit.effects, present, scope.library, &|placed| scope.allows(placed));
@@ -207,43 +209,40 @@ struct Judging<'j> {
 }
 
 impl Judging<'_> {
-    fn adequacy(&self, bent: f64, next: f64, cost: f64, off: &[Step]) -> Adequacy {
-        adequacy(bent, next, cost, self.before, self.ready.problem.rows() as f64, self.level, off)
+    fn adequacy(&self, max_prior_z: f64, next_gain: f64, cost: f64) -> Adequacy {
+        let Self { ready, before, level, .. } = *self;
+        let rest = Rest { max_prior_z, next_gain, cost, before, rows: ready.problem.rows() as f64, level };
+        adequacy(&rest, &ready.problem.settings.judge, &ready.off)
     }
 
-    fn judge<'a>(
-        &self,
-        found: &mut Search<'a>,
-        bent: Option<&Bent<'a>>,
-        scope: &Scope,
-        say: &mut dyn FnMut(String),
-    ) -> Adequacy {
+    fn judge<'a>(&self, found: &mut Search<'a>, bent: Option<&Bent<'a>>, say: &mut dyn FnMut(String)) -> Adequacy {
         let problem = &self.ready.problem;
+        let settings = &problem.settings.judge;
         let rows = problem.rows() as f64;
         let best = found.best.clone();
         let straight = problem.bent(&best.eta);
-        let mut judged = self.adequacy(straight, self.next(found), best.cost, &scope.off);
+        let mut judged = self.adequacy(straight, self.next(found), best.cost);
         if let Some(bent) = bent {
             let more = bent.fit.parameters() - best.parameters();
             found.set_free(bent.fit.cost, more, rows);
             // A shape that is free to tilt may lean on the linear parameters; what they hide, they hide in both fits.
-            let freed = self.adequacy(straight.min(problem.bent(&bent.fit.eta)), 0.0, bent.fit.cost, &scope.off);
+            let freed = self.adequacy(straight.min(problem.bent(&bent.fit.eta)), 0.0, bent.fit.cost);
             say(format!("with a free shape: {freed:.2?}"));
-            judged.unknown = judged.unknown.min(freed.unknown).max(SHAPE_DIFFERS);
+            judged.unknown = judged.unknown.min(freed.unknown).max(settings.shape_differs);
         }
         if best.effects.iter().any(|placed| placed.effect.doubt(&placed.parameters).is_some()) {
-            judged.unknown = judged.unknown.max(DOUBTFUL);
+            judged.unknown = judged.unknown.max(settings.caveat);
         }
         let fit = bent.map_or(&best, |bent| &bent.fit);
         if !best.effects.is_empty() {
             let explained = (self.before - fit.cost) / fit.cost;
-            judged.unknown = judged.unknown.max(least_unknown(explained, self.level.seen));
+            judged.unknown = judged.unknown.max(least_unknown(explained, self.level.seen, settings));
         }
         if self.ready.widened.is_some() {
             let left = left(self.ready, self.refitted, fit);
             say(format!("leaves {left:.3} of the gap beyond noise and limits"));
             judged.left = left * left;
-            judged.unknown = if best.effects.is_empty() { MOST_UNKNOWN } else { outside(left) };
+            judged.unknown = if best.effects.is_empty() { settings.most_unknown } else { outside(left, settings) };
         }
         judged
     }
@@ -262,7 +261,9 @@ impl Judging<'_> {
 
 /// Where no explanation leaves only noise, what it leaves counts as an error of the simulation itself. In words, if it was not admitted before.
 fn admit_error(explained: &mut Explained) -> Option<String> {
-    if explained.ready.widened.is_some() || explained.judged.unknown < INADEQUATE {
+    if explained.ready.widened.is_some()
+        || explained.judged.unknown < explained.ready.problem.settings.search.inadequate
+    {
         return None;
     }
     let fit = explained.fit();
@@ -311,7 +312,8 @@ mod tests {
         let explained = || {
             let (ready, refitted) = (ready.clone(), refitted.clone());
             let names = ready.problem.setting.names.clone();
-            let scope = Scope { library: &library, rules: &rules, names, off: Vec::new(), bold: false };
+            let settings = ready.problem.settings.search.clone();
+            let scope = Scope { library: &library, rules: &rules, settings, names, off: Vec::new(), bold: false };
             let mut explained = passes(ready, refitted, &scope, &OnceCell::new(), &mut |_| {});
             let at = |place, name: &str, parameters| {
                 let effect = library.effects().find(|effect| effect.name() == name).unwrap();
@@ -332,7 +334,7 @@ mod tests {
         assert_eq!(next.found.best.effects[0].effect.name(), "sensor-offset");
         let (refused, record) = next.diverged.unwrap();
         assert_eq!((refused[0].effect.name(), record.starts_with("random")), ("cubic-stiffness", true));
-        assert!(next.judged.unknown >= MOST_UNKNOWN);
+        assert!(next.judged.unknown >= crate::settings::JudgeSettings::default().most_unknown);
         let mut alone = explained();
         alone.found.candidates.truncate(1);
         let alone = alone.refuse_divergence();

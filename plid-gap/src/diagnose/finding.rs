@@ -22,10 +22,7 @@ use crate::judge::shares::of_band;
 use crate::judge::verdict::Verdict;
 use crate::search::rules::Rules;
 use crate::search::stochastic::{Unseen, wandering};
-use crate::settings::thresholds::LEAST_SHARE;
-
-/// A gap counts as no worse within the scatter of its last digits.
-const NO_WORSE: f64 = 1.001;
+use crate::settings::GapSettings;
 
 /// An explanation, its judgement, and what is shown beside it.
 pub(super) struct Finding<'f, 'a> {
@@ -85,19 +82,20 @@ impl<'f, 'a> Finding<'f, 'a> {
         say("next experiment".into());
         let next =
             foretold.as_ref().and_then(|foretold| next_experiment(self.explained, weighted, best, foretold, &rivals));
-        let class = others(best, &rivals, names).map(|others| (in_words(best, names), others));
+        let class = others(self.explained, &rivals).map(|others| (in_words(best, names), others));
         Diagnosis {
             verdict: if delay.is_some() { Verdict::Effects } else { *verdict },
             sentence,
             next_experiment: next,
             effects,
             candidates,
-            not_separable: classes(found, best, &rivals, names),
+            not_separable: classes(self.explained, &rivals),
             separability: comparisons(found, best, &rivals, names),
             place: place(before, &names.outputs, found, shown),
             remainder: remainder(self.explained, gaps, after, simulated, self.audit.case.config.material),
             evidence: words(self.explained, before, *held_out, &self.beside, class),
             gap: gaps.clone(),
+            settings: GapSettings::clone(&ready.problem.settings),
             warnings: self.audit.case.warnings.clone(),
         }
     }
@@ -119,8 +117,9 @@ impl<'f, 'a> Finding<'f, 'a> {
         let mut order: Vec<usize> = (0..named.len()).collect();
         order.sort_by(|&a, &b| sizes[b].total_cmp(&sizes[a]));
         let mut sorted: Vec<NamedEffect> = order.into_iter().map(|k| named[k].clone()).collect();
+        let least_share = self.explained.ready.problem.settings.judge.least_share;
         let mut first = true;
-        sorted.retain(|effect| std::mem::take(&mut first) || effect.share.is_none_or(|share| share >= LEAST_SHARE));
+        sorted.retain(|effect| std::mem::take(&mut first) || effect.share.is_none_or(|share| share >= least_share));
         sorted
     }
 
@@ -148,7 +147,7 @@ impl<'f, 'a> Finding<'f, 'a> {
         let remains = ready.widened.map(|_| remains(&self.maps[1], &names.outputs, beyond, gaps.as_given));
         let said = Said { effects, nearest: &nearest, gap: gaps, seen: level.seen, remains: remains.as_deref() };
         let mut text = sentence(*verdict, &said);
-        if let (Verdict::Effects, Some(others)) = (verdict, others(best, rivals, names)) {
+        if let (Verdict::Effects, Some(others)) = (verdict, others(self.explained, rivals)) {
             text += &format!(" These records cannot tell {} from {others}.", in_words(best, names));
         }
         match self.audit.put_right() {
@@ -169,7 +168,8 @@ impl<'f, 'a> Finding<'f, 'a> {
     /// the held-out records worse than the simulation as given or its refit are left out.
     fn predicting(&self) -> (Vec<f64>, Vec<Placed<'a>>) {
         let (fit, gap) = (self.explained.fit(), &self.judged.gaps);
-        let follows = gap.with_effect <= NO_WORSE * gap.as_given.min(gap.refit);
+        let follows =
+            gap.with_effect <= self.explained.ready.problem.settings.judge.no_worse * gap.as_given.min(gap.refit);
         if self.judged.verdict == Verdict::None || !follows {
             let given = vec![0.0; fit.eta.len()];
             let refit = self.explained.refitted.eta.clone();

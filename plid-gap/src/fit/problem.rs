@@ -1,5 +1,7 @@
 //! The fit that everything else asks for: linear parameters and effects together, on whitened free-run residuals.
 
+use std::sync::Arc;
+
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 use nalgebra::{DMatrix, DVector};
@@ -12,6 +14,7 @@ use crate::fit::robust::widened;
 use crate::noise::NoiseModel;
 use crate::noise::whiten::Whitener;
 use crate::plant::Plant;
+use crate::settings::GapSettings;
 use crate::simulate::{Fineness, simulate};
 
 /// An effect at a place with its parameters.
@@ -38,6 +41,8 @@ pub struct Problem {
     pub nuisance: Nuisance,
     /// What effects may know.
     pub setting: Setting,
+    /// Thresholds of the diagnosis.
+    pub settings: Arc<GapSettings>,
 }
 
 /// Derivatives of the whitened outputs (rows x nuisance) at one linear model, with the normal matrix and its factor.
@@ -116,6 +121,7 @@ impl Problem {
             whiteners,
             nuisance: self.nuisance.clone(),
             setting: self.setting.clone(),
+            settings: self.settings.clone(),
             records,
         }
     }

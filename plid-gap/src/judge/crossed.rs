@@ -6,14 +6,11 @@ use crate::fit::free_run::run;
 use crate::fit::problem::{Effort, Fit, Problem};
 use crate::judge::gap::{self, Blocks};
 use crate::noise::whiten::Whitener;
-use crate::settings::thresholds::{PREDICTION_SCATTER, PREDICTIONS_KNOWN};
+use crate::settings::JudgeSettings;
 use crate::simulate::Fineness;
 
 /// A fit that starts from the one to all records.
-const NEAR: Effort = Effort { steps: 4, gain: 1.0, fineness: Fineness::COARSE };
-
-/// Parts of the only driven record, each foretold by the others.
-const PARTS: usize = 4;
+const FROM_ALL: Effort = Effort { steps: 4, gain: 1.0, fineness: Fineness::COARSE };
 
 /// A gap to expect, with what it rests on.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,9 +40,10 @@ pub fn stated(problem: &Problem, fit: &Fit, level: f64, noise: impl Fn(&Record) 
         (found / gap::expected(records, &simulated, records[*k].level())).ln()
     };
     let square: f64 = driven.iter().map(off).filter(|x| x.is_finite()).map(|x| x * x).sum();
-    let known = PREDICTION_SCATTER * PREDICTION_SCATTER * PREDICTIONS_KNOWN;
+    let JudgeSettings { prediction_scatter, prediction_records, .. } = problem.settings.judge;
+    let known = prediction_scatter * prediction_scatter * prediction_records;
     let count = driven.len() as f64;
-    let scatter = ((square + known) / (count + PREDICTIONS_KNOWN) * (1.0 + 1.0 / count.max(1.0))).sqrt();
+    let scatter = ((square + known) / (count + prediction_records) * (1.0 + 1.0 / count.max(1.0))).sqrt();
     // Four fifths of a normal variable lie within 1.28 standard deviations.
     let reach = (1.28 * scatter).exp();
     Stated { gap, ci80: [gap / reach, gap * reach] }
@@ -55,7 +53,7 @@ pub fn stated(problem: &Problem, fit: &Fit, level: f64, noise: impl Fn(&Record) 
 fn by_others(problem: &Problem, fit: &Fit, k: usize) -> Channels {
     let others = problem.without(k);
     let tangent = others.tangent(&others.nuisance.apply(&others.plant, &fit.eta));
-    let fit = others.fit(&tangent, &fit.eta, &fit.effects, NEAR);
+    let fit = others.fit(&tangent, &fit.eta, &fit.effects, FROM_ALL);
     run(&others.nuisance.apply(&others.plant, &fit.eta), &others.actions(&fit.effects), &problem.records[k])
 }
 
@@ -64,8 +62,9 @@ fn by_parts(problem: &Problem, fit: &Fit, only: usize, noise: impl Fn(&Record) -
     let record = &problem.records[only];
     let samples = record.samples();
     let mut whole: Channels = record.y.clone();
-    for part in 0..PARTS {
-        let range = samples * part / PARTS..samples * (part + 1) / PARTS;
+    let parts = problem.settings.judge.prediction_parts;
+    for part in 0..parts {
+        let range = samples * part / parts..samples * (part + 1) / parts;
         let mut others = problem.clone();
         for y in &mut others.records[only].y {
             y[range.clone()].fill(f64::NAN);
@@ -77,7 +76,7 @@ fn by_parts(problem: &Problem, fit: &Fit, only: usize, noise: impl Fn(&Record) -
         }
         others.whiteners[only] = whitener;
         let tangent = others.tangent(&others.nuisance.apply(&others.plant, &fit.eta));
-        let fit = others.fit(&tangent, &fit.eta, &fit.effects, NEAR);
+        let fit = others.fit(&tangent, &fit.eta, &fit.effects, FROM_ALL);
         let y = &outputs(&others, &fit.eta, &fit.effects)[only];
         for (to, from) in whole.iter_mut().zip(y) {
             to[range.clone()].copy_from_slice(&from[range.clone()]);

@@ -9,10 +9,7 @@ use crate::judge::verdict::Adequacy;
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::search::shape::Bent;
 use crate::search::stepwise::{Search, polish};
-use crate::settings::thresholds::MOST_UNKNOWN;
-
-/// Explanations without bounds that are refused before the refit takes their place.
-const MOST_REFUSED: usize = 5;
+use crate::settings::JudgeSettings;
 
 /// What was found, and how far it suffices.
 pub struct Explained<'a> {
@@ -63,10 +60,10 @@ impl<'a> Explained<'a> {
 
     /// In place of an explanation whose free run of a record has no bounds the next one that has them, or the refit.
     pub(crate) fn refuse_divergence(mut self) -> Self {
-        let mut tries = MOST_REFUSED;
+        let JudgeSettings { most_refused: mut tries, most_unknown, .. } = self.ready.problem.settings.judge;
         while let Some(name) = self.unbounded().map(|record| record.name.clone()) {
             self.bent = None;
-            self.judged.unknown = MOST_UNKNOWN;
+            self.judged.unknown = most_unknown;
             let problem = &self.ready.problem;
             let found = &mut self.found;
             found.candidates.retain(|c| !all_same(&c.effects, &found.best.effects));

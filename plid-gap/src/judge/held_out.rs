@@ -11,7 +11,7 @@ use crate::fit::problem::sum_of_squares;
 use crate::noise::NoiseModel;
 use crate::noise::whiten::Whitener;
 use crate::plant::Plant;
-use crate::settings::thresholds::HELD_OUT_GAIN;
+use crate::settings::JudgeSettings;
 
 /// What held-out records say of an explanation against a refit alone.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,9 +25,10 @@ pub struct HeldOut {
 impl HeldOut {
     /// Whether the explanation fails where it should show: a right one gains a quarter of the standard deviation, squared. And whether it spoils more than
     /// chance can, however little it was to show.
-    pub fn refutes(&self) -> bool {
-        let chance = HELD_OUT_GAIN * self.deviation;
-        self.deviation > 8.0 * HELD_OUT_GAIN && self.gain < chance || self.gain < -chance
+    pub fn refutes(&self, settings: &JudgeSettings) -> bool {
+        let JudgeSettings { held_out_gain, held_out_power, .. } = *settings;
+        let chance = held_out_gain * self.deviation;
+        self.deviation > held_out_power * held_out_gain && self.gain < chance || self.gain < -chance
     }
 }
 
@@ -64,7 +65,7 @@ mod tests {
 
     #[test]
     fn only_what_should_have_shown_and_did_not_is_refuted() {
-        let of = |gain: f64, deviation: f64| HeldOut { gain, deviation }.refutes();
+        let of = |gain: f64, deviation: f64| HeldOut { gain, deviation }.refutes(&JudgeSettings::default());
         // A right explanation of delta = 50: +2500 within 100 each way. A wrong one: -2500.
         assert!(!of(2500.0, 100.0) && of(-2500.0, 100.0) && of(200.0, 100.0));
         // Of delta = 2 nobody can say.

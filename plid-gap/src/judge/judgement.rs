@@ -13,7 +13,6 @@ use crate::plant::Plant;
 use crate::search::rules::Rules;
 use crate::search::stochastic::{Unseen, wandering};
 use crate::settings::step::Step;
-use crate::settings::thresholds::{EVIDENCE, MOST_UNKNOWN};
 
 /// A judged explanation.
 pub struct Judgement<'j, 'a> {
@@ -53,11 +52,15 @@ impl<'j, 'a> Judgement<'j, 'a> {
         let unknown = unknown(explained, &gaps, held_out, config.material);
         let simulated = blocks(&opened(explained), &plant, &actions);
         let shares = shares(explained, &simulated, bounded);
-        let mut weighted = weigh(&found.candidates, unknown, problem.rows() as f64, explained.level, &ready.off);
+        let mut weighted =
+            weigh(&found.candidates, unknown, problem.rows() as f64, explained.level, &problem.settings, &ready.off);
         // What quiet records show holds whatever the free runs say.
         let names = &problem.setting.names;
-        let enters =
-            |u: &&Unseen| u.gain > EVIDENCE && rules.allow(&u.placed, names) && wandering(&u.placed, best).is_none();
+        let enters = |u: &&Unseen| {
+            u.gain > problem.settings.search.stochastic_gain
+                && rules.allow(&u.placed, names)
+                && wandering(&u.placed, best).is_none()
+        };
         let shown: Vec<&Unseen> = unseen.iter().filter(enters).collect();
         for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
             explanation.effects.extend(shown.iter().map(|u| u.placed.clone()));
@@ -70,13 +73,14 @@ impl<'j, 'a> Judgement<'j, 'a> {
 /// Probability of something else, with what held-out records say. An effect that does not simulate them better than a refit alone is not at work there.
 fn unknown(explained: &Explained, gaps: &Gap, held_out: Option<HeldOut>, material: f64) -> f64 {
     let Explained { ready, found, judged, .. } = explained;
-    let fails = !ready.off.contains(&Step::HeldOutVeto) && held_out.is_some_and(|held_out| held_out.refutes());
+    let settings = &ready.problem.settings.judge;
+    let fails = !ready.off.contains(&Step::HeldOutVeto) && held_out.is_some_and(|held_out| held_out.refutes(settings));
     let imperfect = ready.widened.is_some() && !found.best.effects.is_empty();
     // An explanation that makes the gap on held-out records grow by a material part explains nothing, however well it fits the others.
     let grown = gaps.with_effect.powi(2) - gaps.within_limits.powi(2) > material.powi(2);
     match (fails || grown, imperfect) {
-        (true, _) => MOST_UNKNOWN.max(judged.unknown),
-        (false, true) => judged.unknown.max(outside(gaps.left())),
+        (true, _) => settings.most_unknown.max(judged.unknown),
+        (false, true) => judged.unknown.max(outside(gaps.left(), settings)),
         (false, false) => judged.unknown,
     }
 }

@@ -18,15 +18,7 @@ use crate::judge::separability::{Foretold, Rival, foretold, open};
 use crate::judge::verdict::Weighted;
 use crate::noise::whiten::Whitener;
 use crate::search::stochastic::is_unseen;
-use crate::settings::thresholds::SEPARABLE;
 use crate::simulate::Fineness;
-
-/// Rivals that are looked at beside those that the records cannot part from the best, and the probability from which an explanation is one.
-const RIVALS: usize = 3;
-const OPEN: f64 = 0.02;
-
-/// Samples of an experiment.
-const SAMPLES: usize = 2000;
 
 /// The experiment to make next, in words with its predicted gain; none where nothing is open.
 pub fn next_experiment<'a>(
@@ -39,9 +31,10 @@ pub fn next_experiment<'a>(
     if weighted.len() < 2 {
         return None;
     }
-    let mut fitted: Vec<Fit> = open(rivals, best).map(|rival| rival.fit.clone()).collect();
-    let most = fitted.len().max(RIVALS);
-    for likely in weighted.iter().filter(|w| !w.unknown && w.probability > OPEN) {
+    let settings = &records.problem.settings.judge;
+    let mut fitted: Vec<Fit> = open(rivals, best, settings).map(|rival| rival.fit.clone()).collect();
+    let most = fitted.len().max(settings.experiment_rivals);
+    for likely in weighted.iter().filter(|w| !w.unknown && w.probability > settings.open_probability) {
         let effects: Vec<Placed> = likely.effects.iter().filter(|p| !is_unseen(p.effect)).cloned().collect();
         let there = all_same(&effects, best) || fitted.iter().any(|fit| all_same(&fit.effects, &effects));
         if fitted.len() < most && !there {
@@ -51,7 +44,7 @@ pub fn next_experiment<'a>(
     }
     if fitted.is_empty() {
         let unknown = weighted.iter().find(|w| w.unknown).map_or(0.0, |w| w.probability);
-        return (unknown > 0.05).then(|| by_rule(explained));
+        return (unknown > settings.open_unknown).then(|| by_rule(explained));
     }
     let known: Vec<Option<DMatrix<f64>>> = fitted.iter().map(|fit| known(&records.problem, fit)).collect();
     let mut proposed: Option<(f64, String)> = None;
@@ -70,11 +63,15 @@ pub fn next_experiment<'a>(
     let name = |effects: &[Placed]| in_words(effects, &records.problem.setting.names);
     let others: Vec<String> = fitted.iter().map(|fit| name(&fit.effects)).collect();
     let from = format!("{} from {}", name(best), others.join(" and from "));
-    Some(if gain > SEPARABLE {
-        format!("{words}: {SAMPLES} samples are expected to part {from} by {gain:.0} in log likelihood.")
+    Some(if gain > settings.separable {
+        format!(
+            "{words}: {} samples are expected to distinguish {from} by {gain:.0} in log likelihood.",
+            settings.experiment_samples
+        )
     } else {
         format!(
-            "No level of the inputs at hand parts {from} ({words}: {gain:.1} in log likelihood, where {SEPARABLE:.0} would do): it takes a sensor or an input at another place."
+            "No tested input level distinguishes {from} ({words}: {gain:.1} in log likelihood, where {:.0} is needed): a sensor or an input at another place is necessary.",
+            settings.separable
         )
     })
 }
@@ -112,9 +109,10 @@ struct Experiment {
 
 /// The loudest input again, at other levels, and one input alone.
 fn experiments(problem: &Problem) -> Vec<Experiment> {
+    let samples = problem.settings.judge.experiment_samples;
     let loudest = loudest(&problem.records);
     let scaled = |by: &dyn Fn(usize) -> f64| -> Channels {
-        let scale = |(i, u): (usize, &Vec<f64>)| u.iter().take(SAMPLES).map(|x| by(i) * x).collect();
+        let scale = |(i, u): (usize, &Vec<f64>)| u.iter().take(samples).map(|x| by(i) * x).collect();
         loudest.u.iter().enumerate().map(scale).collect()
     };
     let mut experiments = Vec::new();
@@ -155,7 +153,8 @@ fn imagined(explained: &Explained, best: &Fit, experiment: &Experiment) -> Probl
     let records = vec![record];
     let nuisance = Nuisance::new(&problem.plant, &records, &Limits::default());
     let (plant, setting) = (problem.plant.clone(), problem.setting.clone());
-    let made = Problem { plant, records, whiteners: vec![whitener], nuisance, setting };
+    let settings = problem.settings.clone();
+    let made = Problem { plant, records, whiteners: vec![whitener], nuisance, setting, settings };
     foretold(&made, &best.eta[..made.nuisance.len()], &best.effects)
 }
 

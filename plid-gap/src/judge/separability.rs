@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use crate::case::record::Record;
 use crate::fit::candidate::{Candidate, all_same};
 use crate::fit::problem::{Effort, Fit, Placed, Problem, Tangent};
-use crate::settings::thresholds::{COMPARED, NEAR, SEPARABLE};
+use crate::settings::JudgeSettings;
 use crate::simulate::Fineness;
 
 /// A rival needs to be near what it is fitted to, no nearer than the comparison is.
@@ -87,11 +87,12 @@ pub fn rivals<'a>(foretold: &Foretold<'a>, best: &[Placed], candidates: &[Candid
     if best.is_empty() {
         return Vec::new();
     }
+    let JudgeSettings { compared_within, compared, .. } = foretold.problem.settings.judge;
     let realised = |candidate: &Candidate| 0.5 * (candidate.cost - own.cost);
     let mut near: Vec<&Candidate> = Vec::new();
     for candidate in candidates {
         let seen = near.iter().chain([&own]).any(|other| all_same(&other.effects, &candidate.effects));
-        if !seen && !candidate.effects.is_empty() && realised(candidate) < NEAR && near.len() < COMPARED {
+        if !seen && !candidate.effects.is_empty() && realised(candidate) < compared_within && near.len() < compared {
             near.push(candidate);
         }
     }
@@ -110,14 +111,19 @@ pub fn rivals<'a>(foretold: &Foretold<'a>, best: &[Placed], candidates: &[Candid
 
 /// Rivals that the records cannot part from the best explanation: they are not expected to, and did not. One with fewer effects has been
 /// refuted by the search, one with more is no other cause.
-pub fn open<'r, 'a>(rivals: &'r [Rival<'a>], best: &[Placed]) -> impl Iterator<Item = &'r Rival<'a>> {
+pub fn open<'r, 'a>(
+    rivals: &'r [Rival<'a>],
+    best: &[Placed],
+    settings: &JudgeSettings,
+) -> impl Iterator<Item = &'r Rival<'a>> {
     let effects = best.len();
     // What is expected to be D scatters by the root of 2 D.
-    let refuted = SEPARABLE + 2.0 * (2.0 * SEPARABLE).sqrt();
+    let separable = settings.separable;
+    let refuted = separable + 2.0 * (2.0 * separable).sqrt();
     rivals
         .iter()
         .filter(move |rival| rival.effects.len() == effects)
-        .filter(move |rival| rival.expected < SEPARABLE && rival.realised < refuted)
+        .filter(move |rival| rival.expected < separable && rival.realised < refuted)
 }
 
 #[cfg(test)]
@@ -231,7 +237,7 @@ mod tests {
             |fit: &Fit<'static>| Candidate { effects: fit.effects.clone(), cost: fit.cost, priced: fit.cost };
         let held = Foretold::new(&problem, &best);
         let near = rivals(&held, &best.effects, &[candidate(&best), candidate(&rival)]);
-        let is_open = open(&near, &best.effects).next().is_some();
+        let is_open = open(&near, &best.effects, &JudgeSettings::default()).next().is_some();
         let expected = held.expected(&held.fit(&rival.effects));
         (overlap.cosine[(0, 1)], overlap.expected[(0, 1)], expected, is_open)
     }
@@ -244,7 +250,11 @@ mod tests {
             // A clearance of free width comes nearer than one whose width is that of the screen.
             assert!(before > expected, "{gap}: {before} {expected}");
             assert!(cosine > 0.9, "{gap}: {cosine}");
-            assert_eq!((is_open, expected > SEPARABLE), (!parted, parted), "{gap}: {expected} expected");
+            assert_eq!(
+                (is_open, expected > JudgeSettings::default().separable),
+                (!parted, parted),
+                "{gap}: {expected} expected"
+            );
         }
     }
 }

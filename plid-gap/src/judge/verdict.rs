@@ -5,10 +5,10 @@ use crate::fit::candidate::all_same;
 use crate::fit::problem::Placed;
 use crate::prepare::NoiseLevel;
 use crate::settings::step::Step;
-use crate::settings::thresholds::{
-    BENT, EXCESS, FAINT, FAINT_POWER, LEAST_UNKNOWN, MISFIT_TEMPERATURE, MOST_LEFT, MOST_UNKNOWN, NEXT, NOISE_UNSEEN,
-    NOT_ACCEPTED, TEMPERATURE, TEXTBOOK,
-};
+use crate::settings::{GapSettings, JudgeSettings};
+
+/// Temperature of the textbook's posterior probabilities, with which the ablation compares.
+const TEXTBOOK: f64 = 2.0;
 
 /// What a diagnosis says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -42,46 +42,66 @@ pub struct Adequacy {
     /// Share of the bounded refit's excess that is left.
     pub left: f64,
     /// The largest change of a linear parameter, in standard deviations of the stated limits.
-    pub bent: f64,
+    pub max_prior_z: f64,
     /// What the best further entry of the screen would gain.
-    pub next: f64,
+    pub next_gain: f64,
     /// Probability of something else.
     pub unknown: f64,
 }
 
-/// Judges what the best explanation leaves of the sum of squares `before` it, and how far (`bent`, in standard deviations) the linear parameters had
-/// to go for it.
-pub fn adequacy(bent: f64, next: f64, cost: f64, before: f64, rows: f64, level: NoiseLevel, off: &[Step]) -> Adequacy {
+/// What an explanation leaves, and what it needs.
+#[derive(Debug, Clone, Copy)]
+pub struct Rest {
+    /// The largest change of a linear parameter, in standard deviations of its prior.
+    pub max_prior_z: f64,
+    /// Gain of the best further entry of the screen.
+    pub next_gain: f64,
+    /// Sum of squares with the explanation.
+    pub cost: f64,
+    /// Sum of squares without effects.
+    pub before: f64,
+    /// Whitened values.
+    pub rows: f64,
+    /// The noise level.
+    pub level: NoiseLevel,
+}
+
+/// Judges what an explanation leaves.
+pub fn adequacy(rest: &Rest, settings: &JudgeSettings, off: &[Step]) -> Adequacy {
+    let &Rest { max_prior_z, next_gain, cost, before, rows, level } = rest;
     let noise = rows * level.factor;
     let excess = (cost / noise - 1.0) / level.uncertainty;
     let left = ((cost - noise) / (before - noise).max(1.0)).clamp(0.0, 1.0);
-    let certain = 1.0 / (1.0 + (-(excess - EXCESS)).exp());
+    let certain = 1.0 / (1.0 + (-(excess - settings.excess)).exp());
     // A rest of a thousandth of a large gap is a matter of the effect's third digit, not of another cause.
-    let material = 1.0 / (1.0 + (0.004 / left.max(1e-12)).powi(4));
+    let material = 1.0 / (1.0 + (settings.material_left / left.max(1e-12)).powi(4));
     // Beyond the stated limits a refit hides an effect that the vocabulary does not have.
-    let beyond = 1.0 / (1.0 + (-(bent - BENT) / 0.3).exp());
+    let beyond = 1.0 / (1.0 + (-(max_prior_z - settings.max_prior_z) / settings.prior_z_width).exp());
     // What still lies in the residual along some effect's trace, though no effect explains it.
-    let coherent = 1.0 / (1.0 + (-(next - NEXT) / 8.0).exp());
+    let coherent = 1.0 / (1.0 + (-(next_gain - settings.next_gain) / settings.next_gain_width).exp());
     let speaks = |step: Step, share: f64| if off.contains(&step) { 0.0 } else { share };
     let sound = (1.0 - speaks(Step::Excess, certain * material))
         * (1.0 - speaks(Step::BeyondLimits, beyond))
         * (1.0 - speaks(Step::Coherent, coherent));
-    Adequacy { excess, left, bent, next, unknown: LEAST_UNKNOWN + (MOST_UNKNOWN - LEAST_UNKNOWN) * (1.0 - sound) }
+    let JudgeSettings { least_unknown, most_unknown, .. } = *settings;
+    let unknown = least_unknown + (most_unknown - least_unknown) * (1.0 - sound);
+    Adequacy { excess, left, max_prior_z, next_gain, unknown }
 }
 
 /// Least probability of something else beside effects that explain this power, over that of the noise; `seen` says whether records show the noise.
-pub fn least_unknown(explained: f64, seen: bool) -> f64 {
-    let faint = FAINT / (1.0 + (explained.max(0.0) / FAINT_POWER).powi(2));
-    LEAST_UNKNOWN + faint + if seen { 0.0 } else { NOISE_UNSEEN }
+pub fn least_unknown(explained: f64, seen: bool, settings: &JudgeSettings) -> f64 {
+    let faint = settings.faint / (1.0 + (explained.max(0.0) / settings.faint_power).powi(2));
+    settings.least_unknown + faint + if seen { 0.0 } else { settings.noise_unknown }
 }
 
 /// Probability of something else beside an explanation that leaves this share, in amplitude, of the gap beyond noise and limits, where the simulation is off
 /// in many small ways and no explanation leaves only noise.
-pub fn outside(left: f64) -> f64 {
-    if left > MOST_LEFT {
-        return MOST_UNKNOWN;
+pub fn outside(left: f64, settings: &JudgeSettings) -> f64 {
+    let JudgeSettings { least_unknown, most_unknown, most_left, .. } = *settings;
+    if left > most_left {
+        return most_unknown;
     }
-    LEAST_UNKNOWN + (MOST_UNKNOWN - LEAST_UNKNOWN) / (1.0 + (MOST_LEFT / left.max(1e-6)).powi(4))
+    least_unknown + (most_unknown - least_unknown) / (1.0 + (most_left / left.max(1e-6)).powi(4))
 }
 
 /// Spreads probability over the candidates; `unknown` goes to something else.
@@ -90,15 +110,16 @@ pub fn weigh<'a>(
     unknown: f64,
     rows: f64,
     level: NoiseLevel,
+    settings: &GapSettings,
     off: &[Step],
 ) -> Vec<Weighted<'a>> {
+    let JudgeSettings { temperature: least, misfit_temperature, least_probability, .. } = settings.judge;
     let Some(best) = candidates.first() else { return Vec::new() };
     let misfit = (best.cost - rows * level.factor * (1.0 + 2.0 * level.uncertainty)).max(0.0);
-    let temperature =
-        if off.contains(&Step::Temperature) { TEXTBOOK } else { TEMPERATURE + MISFIT_TEMPERATURE * misfit };
+    let temperature = if off.contains(&Step::Temperature) { TEXTBOOK } else { least + misfit_temperature * misfit };
     // Beside nothing stand those that the search did not accept: a misfit that none of them explains makes none of them more probable.
     let unaccepted = |candidate: &Candidate| best.effects.is_empty() && !candidate.effects.is_empty();
-    let most = if off.contains(&Step::Temperature) { 1.0 } else { (-NOT_ACCEPTED / TEMPERATURE).exp() };
+    let most = if off.contains(&Step::Temperature) { 1.0 } else { (-settings.search.not_accepted_price / least).exp() };
     let mut weighted: Vec<Weighted> = Vec::new();
     for candidate in candidates {
         let weight = (-(candidate.priced - best.priced) / temperature).exp();
@@ -118,7 +139,7 @@ pub fn weigh<'a>(
     weighted.push(Weighted { effects: Vec::new(), unknown: true, probability: unknown, cost: None });
     weighted.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     // What nobody would read is left out, and its share given to the rest.
-    weighted.retain(|w| w.probability > 1e-4);
+    weighted.retain(|w| w.probability > least_probability);
     let all: f64 = weighted.iter().map(|w| w.probability).sum();
     weighted.iter_mut().for_each(|w| w.probability /= all);
     weighted
@@ -139,29 +160,32 @@ mod tests {
     #[test]
     fn what_leaves_half_of_the_gap_is_outside() {
         let left = [0.0, 0.03, 0.1, 0.36, 0.49];
-        let unknown = left.map(outside);
+        let settings = JudgeSettings::default();
+        let unknown = left.map(|left| outside(left, &settings));
         assert!(unknown.windows(2).all(|pair| pair[0] < pair[1]), "{unknown:?}");
         assert!(unknown[3] < 0.25 && unknown[4] < 0.5, "{unknown:?}");
         // More than all others together.
-        assert!(outside(0.51) > 0.5 && outside(2.0) > 0.5);
+        assert!(outside(0.51, &settings) > 0.5 && outside(2.0, &settings) > 0.5);
     }
 
     /// What explains more is surer, and surest where the noise is known.
     #[test]
     fn what_is_faint_is_less_sure() {
+        let settings = JudgeSettings::default();
         let explained = [0.0, 0.1, 0.5, 2.0, 1e6];
         for seen in [true, false] {
-            let least = explained.map(|power| least_unknown(power, seen));
+            let least = explained.map(|power| least_unknown(power, seen, &settings));
             assert!(least.windows(2).all(|pair| pair[1] < pair[0]), "{least:?}");
             assert!(least[0] < 0.5, "{least:?}");
         }
-        assert!((least_unknown(1e6, true) - LEAST_UNKNOWN).abs() < 1e-9);
-        assert!(least_unknown(1e6, false) > LEAST_UNKNOWN);
+        assert!((least_unknown(1e6, true, &settings) - settings.least_unknown).abs() < 1e-9);
+        assert!(least_unknown(1e6, false, &settings) > settings.least_unknown);
     }
 
     /// However much is left: what the search did not accept is behind nothing by what that is worth.
     #[test]
     fn what_was_not_accepted_stays_behind_nothing() {
+        let settings = GapSettings::default();
         let library = Library::standard();
         let placed = |name: &str| {
             let effect = library.get(name).unwrap();
@@ -173,15 +197,15 @@ mod tests {
             let tried = ["sensor-gain", "sensor-offset", "sensor-delay", "sensor-lag"].map(|name| Candidate {
                 effects: vec![placed(name)],
                 cost: cost - 5.0,
-                priced: cost + NOT_ACCEPTED,
+                priced: cost + settings.search.not_accepted_price,
             });
             let candidates: Vec<Candidate> = std::iter::once(nothing).chain(tried).collect();
-            let weighted = weigh(&candidates, 0.3, ROWS, level(), &[]);
+            let weighted = weigh(&candidates, 0.3, ROWS, level(), &settings, &[]);
             let sum: f64 = weighted.iter().map(|w| w.probability).sum();
             assert!((sum - 1.0).abs() < 1e-12, "{sum}");
             assert!(weighted[0].effects.is_empty() && !weighted[0].unknown && weighted[0].probability > 0.5, "{left}");
             // A textbook, which knows no misfit, has them behind by more.
-            let flat = weigh(&candidates, 0.3, ROWS, level(), &[Step::Temperature]);
+            let flat = weigh(&candidates, 0.3, ROWS, level(), &settings, &[Step::Temperature]);
             assert!(flat[0].probability > weighted[0].probability);
         }
     }

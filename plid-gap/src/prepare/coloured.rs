@@ -4,7 +4,6 @@ use crate::noise::whittle::scored;
 use crate::noise::{Band, Source};
 use crate::prepare::Prepared;
 use crate::prepare::wandering::Wandering;
-use crate::settings::thresholds::EVIDENCE;
 
 /// Centres of bands, from here on in steps of 6 %, in Hz.
 const LOWEST: f64 = 15.0;
@@ -44,9 +43,10 @@ pub fn coloured(ready: &Prepared) -> Option<Coloured> {
         return None;
     }
     let plant = &ready.problem.plant;
+    let least = ready.problem.settings.search.stochastic_gain;
     let plain = ready.declared.fit_with(&ready.quiet, &[Source::Ambient], 40, 1);
     let free = &ready.noise;
-    if 2.0 * (plain.misfit - free.misfit) < EVIDENCE {
+    if 2.0 * (plain.misfit - free.misfit) < least {
         return None;
     }
     let mut best: Option<(f64, Band)> = None;
@@ -76,12 +76,12 @@ pub fn coloured(ready: &Prepared) -> Option<Coloured> {
         |mode: usize| ready.declared.fit_with(&ready.quiet, &[Source::Ambient, Source::Mode(mode)], 40, 1).misfit;
     let near = (0..plant.modes.len()).filter(|&k| (plant.modes[k].hz() / hz - 1.0).abs() < 2.0 * WIDTHS[1]);
     let harder = near.map(pushed).fold(plain.misfit, f64::min);
-    if 2.0 * (harder - misfit) < EVIDENCE {
+    if 2.0 * (harder - misfit) < least {
         return None;
     }
     // Three numbers of a band must do most of what a free force on every mode does.
     let share = gain / (2.0 * (plain.misfit - free.misfit));
-    if gain <= EVIDENCE || share <= 0.6 {
+    if gain <= least || share <= 0.6 {
         return None;
     }
     let theta = rough.sources.last()?.1;
@@ -145,8 +145,9 @@ mod tests {
         let white = testing::random_input(77, case.records[0].samples(), 1).remove(0);
         push(&mut case, &plant, port, 0.02, white);
         let ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        let least = ready.problem.settings.search.stochastic_gain;
         let plain = ready.declared.fit_with(&ready.quiet, &[Source::Ambient], 40, 1);
-        assert!(2.0 * (plain.misfit - ready.noise.misfit) > 2.0 * EVIDENCE, "it does not show");
+        assert!(2.0 * (plain.misfit - ready.noise.misfit) > 2.0 * least, "it does not show");
         assert_eq!(coloured(&ready), None);
     }
 

@@ -3,6 +3,8 @@
 pub(crate) mod coloured;
 pub(crate) mod wandering;
 
+use std::sync::Arc;
+
 use crate::case::Limits;
 use crate::case::record::{Channels, Excitation, Record, rms};
 use crate::case::split::split;
@@ -18,6 +20,7 @@ use crate::noise::{NoiseModel, Stretch};
 use crate::plant::{Mode, Plant};
 use crate::prepare::coloured::{Coloured, NEAR_LINE, coloured};
 use crate::prepare::wandering::{Wandering, wandering};
+use crate::settings::GapSettings;
 use crate::settings::step::Step;
 use crate::signal::quantisation::{self, Codes};
 use crate::signal::{notch, peaks, tones};
@@ -85,6 +88,8 @@ pub struct Known {
     pub band_hz: Option<[f64; 2]>,
     /// Steps that the diagnosis leaves out.
     pub off: Vec<Step>,
+    /// Thresholds of the diagnosis.
+    pub settings: GapSettings,
 }
 
 /// Makes a problem.
@@ -119,7 +124,8 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     let noise = rounded(noise, &codes, &declared_sensor);
     let whiteners = whiteners(&fitted, &noise, plant.rate, &codes);
     let nuisance = Nuisance::new(&plant, &fitted, &known.limits).doubted(&known.doubt);
-    let problem = Problem { plant, records: fitted, whiteners, nuisance, setting };
+    let settings = Arc::new(known.settings.clone());
+    let problem = Problem { plant, records: fitted, whiteners, nuisance, setting, settings };
     let declares = model.noise.sensor_std.is_some();
     Ok(Prepared {
         problem,

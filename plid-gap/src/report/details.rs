@@ -7,7 +7,6 @@ use super::{GIVEN, REFERENCE, WITH, shrink, whereabouts};
 use crate::case::Case;
 use crate::diagnose::Outcome;
 use crate::plant::plain_hz;
-use crate::settings::thresholds::SEPARABLE;
 
 /// All of them.
 pub(super) fn section(report: Report, outcome: &Outcome, case: &Case) -> Report {
@@ -136,7 +135,8 @@ fn separability(report: Report, outcome: &Outcome) -> Report {
         ]);
     }
     report.table(table).paragraph(format!(
-        "How to read it. A bounded refit takes the absorbed share of an effect's trace for its own; only the rest can be seen. The cosine says how alike two such rests are, and does not decide alone: what counts is the rest's energy times one minus the squared cosine, halved, so that a cosine of 0.99 hides a cause in a small gap and not in a large one. A rival may bend its other parameters too, so it is fitted to what the first explanation foretells for these records: where less than {SEPARABLE:.0} is expected after the fits (odds of 150 : 1), they cannot part the two, whatever they happened to show. An empty field: the entry was not fitted, or came too far off to be fitted again."
+        "How to read it. The absorbed share of an effect's trace is what a bounded refit takes for its own; only the rest can be seen. The cosine says how alike two such rests are. It does not decide alone: the energy of the rest, times one minus the squared cosine, halved, is the expected difference in log likelihood, so a cosine of 0.99 hides a cause in a small gap but not in a large one. A rival is therefore fitted to what the first explanation predicts for these records. Where less than {:.0} (odds of 150 : 1) is expected after the fits, the records cannot distinguish the two, whatever they happened to show. An empty field: the entry was not fitted, or was too far off to be fitted again.",
+        outcome.diagnosis.settings.judge.separable
     ))
 }
 
@@ -223,8 +223,8 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
         ("with all that was found", found),
         ("excess of that over the noise, in the uncertainty of its level", judged.excess),
         ("share of the gap that is left", judged.left),
-        ("largest change of a linear parameter, in standard deviations of the stated limits", judged.bent),
-        ("what the best further entry of the screen would gain", judged.next),
+        ("largest change of a linear parameter, in standard deviations of the stated limits", judged.max_prior_z),
+        ("what the best further entry of the screen would gain", judged.next_gain),
         ("probability that something else is at work", judged.unknown),
     ] {
         costs = costs.row([name.into(), Cell::significant(value, 4)]);
@@ -322,7 +322,7 @@ fn quiet(report: Report, outcome: &Outcome) -> Report {
     }
     report.table(table).paragraph(format!(
         "In the answer from {:.0} on; {} of all explanations is left to something else.",
-        crate::settings::thresholds::EVIDENCE,
+        outcome.diagnosis.settings.search.stochastic_gain,
         percent(evidence.adequacy.unknown)
     ))
 }

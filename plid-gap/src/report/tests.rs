@@ -130,6 +130,7 @@ fn outcome(case: &Case) -> Outcome {
         remainder: Default::default(),
         next_experiment: Some("Record it at <twice> the level.".into()),
         evidence: vec!["The resonance at 11 Hz stiffens & the damping does not change.".into()],
+        settings: crate::settings::GapSettings::default(),
         warnings: vec!["a&b.csv: 3 samples are missing.".into()],
     };
     let simulation = SimulationWithEffects {
@@ -169,7 +170,7 @@ fn outcome(case: &Case) -> Outcome {
         rate: 100.0,
         before: map(vec![(0.3, 0.04), (1.0, 0.4)]),
         after: map(vec![(0.3, 0.0), (1.0, 0.01)]),
-        adequacy: Adequacy { excess: 0.5, left: 0.001, bent: 1.2, next: 4.0, unknown: 0.015 },
+        adequacy: Adequacy { excess: 0.5, left: 0.001, max_prior_z: 1.2, next_gain: 4.0, unknown: 0.015 },
         stages: vec![vec![
             (cubic.into(), "input:u1".into(), 5123.4, 0.78),
             ("clearance".into(), "input:u1".into(), 5000.0, 0.8),

@@ -9,12 +9,6 @@ use crate::fit::problem::{Placed, Problem};
 /// Points of a curve.
 const POINTS: usize = 121;
 
-/// The curve is looked at so far on either side, in RMS of the loudest record.
-const FAR: f64 = 3.0;
-
-/// Share of the curve that another law may leave over what the present one leaves: nearer by less is no reason.
-const NEARER: f64 = 0.7;
-
 /// The law that is nearer to the curve that these effects make at the place of `present` than that is, with the size that fits it best; none where that
 /// is the nearest.
 pub fn closest_law<'a>(
@@ -24,7 +18,8 @@ pub fn closest_law<'a>(
     library: &'a Library,
     allowed: &dyn Fn(&Placed) -> bool,
 ) -> Option<Placed<'a>> {
-    let setting = &problem.setting;
+    let (setting, search) = (&problem.setting, &problem.settings.search);
+    let range = search.curve_range;
     let sibling = Flexible::of(present.effect.name())?;
     let port = || setting.port(&present.place);
     let rms = match sibling {
@@ -40,7 +35,7 @@ pub fn closest_law<'a>(
     };
     let curve = |effects: &[Placed]| {
         let actions = problem.actions(effects);
-        DVector::from_fn(POINTS, |k, _| force(&actions, grid(k)))
+        DVector::from_fn(POINTS, |k, _| force(&actions, grid(range, k)))
     };
     let alike = |placed: &&Placed| {
         placed.place == present.place
@@ -52,7 +47,7 @@ pub fn closest_law<'a>(
         for start in effect.starts(setting, &present.place) {
             let mut placed = Placed { effect, place: present.place.clone(), parameters: start };
             let Some((index, neutral)) = effect.amplitude().filter(|_| allowed(&placed)) else { continue };
-            let (left, size) = unlike(&found, &curve(std::slice::from_ref(&placed)));
+            let (left, size) = unlike(range, &found, &curve(std::slice::from_ref(&placed)));
             placed.parameters[index] = neutral + size * (placed.parameters[index] - neutral);
             if effect.sound(setting, &placed.place, &placed.parameters) && in_range(problem, &placed, index) {
                 laws.push((left, placed));
@@ -62,7 +57,7 @@ pub fn closest_law<'a>(
     laws.sort_by(|a, b| a.0.total_cmp(&b.0));
     let own = laws.iter().find(|(_, placed)| placed.effect.name() == present.effect.name()).map_or(1.0, |own| own.0);
     let (left, nearest) = laws.into_iter().next()?;
-    (nearest.effect.name() != present.effect.name() && left < NEARER * own).then_some(nearest)
+    (nearest.effect.name() != present.effect.name() && left < search.nearer_law * own).then_some(nearest)
 }
 
 fn in_range(problem: &Problem, placed: &Placed, index: usize) -> bool {
@@ -70,16 +65,16 @@ fn in_range(problem: &Problem, placed: &Placed, index: usize) -> bool {
     !positive || placed.parameters[index] > 0.0
 }
 
-fn grid(k: usize) -> f64 {
-    FAR * (2.0 * k as f64 / (POINTS - 1) as f64 - 1.0)
+fn grid(range: f64, k: usize) -> f64 {
+    range * (2.0 * k as f64 / (POINTS - 1) as f64 - 1.0)
 }
 
 /// Share of a curve that a multiple of a law does not follow, and that multiple. A constant and a straight line are free: a force at rest shows in no
 /// acceleration, and what is linear a refit takes for its own. Points count as often as a Gaussian motion passes them.
-fn unlike(curve: &DVector<f64>, law: &DVector<f64>) -> (f64, f64) {
-    let weight = |k: usize| (-0.25 * grid(k).powi(2)).exp();
+fn unlike(range: f64, curve: &DVector<f64>, law: &DVector<f64>) -> (f64, f64) {
+    let weight = |k: usize| (-0.25 * grid(range, k).powi(2)).exp();
     let weighted = |f: &dyn Fn(usize) -> f64| DVector::from_fn(POINTS, |k, _| weight(k) * f(k));
-    let basis = DMatrix::from_columns(&[weighted(&|_| 1.0), weighted(&grid)]);
+    let basis = DMatrix::from_columns(&[weighted(&|_| 1.0), weighted(&|k| grid(range, k))]);
     let q = basis.qr().q();
     let bent = |x: &DVector<f64>| {
         let x = weighted(&|k| x[k]);

@@ -5,17 +5,9 @@ use crate::fit::problem::Problem;
 use crate::fourier;
 use crate::prepare::of_ports;
 
-/// Modes that are offered.
-const MOST: usize = 3;
-
-/// Share of the gap about a mode from which it is one of them.
-const SHARE: f64 = 0.1;
-
-/// About a mode: its frequency and as much of it to either side.
-const WIDTH: f64 = 0.03;
-
 /// The modes about which most of what a linear model leaves lies: `errors` of each record that is fitted (p channels).
 pub fn dominant(problem: &Problem, errors: &[Channels]) -> Vec<usize> {
+    let search = &problem.settings.search;
     let plant = &problem.plant;
     let mut shares = vec![0.0; plant.modes.len()];
     let mut all = 0.0;
@@ -26,15 +18,15 @@ pub fn dominant(problem: &Problem, errors: &[Channels]) -> Vec<usize> {
             let power = bin.norm_sqr();
             all += power;
             if let Some(mode) = plant.mode_at(hz)
-                && (hz / plant.modes[mode].hz() - 1.0).abs() < WIDTH
+                && (hz / plant.modes[mode].hz() - 1.0).abs() < search.mode_width
             {
                 shares[mode] += power;
             }
         }
     }
-    let mut order: Vec<usize> = (0..shares.len()).filter(|&k| shares[k] > SHARE * all).collect();
+    let mut order: Vec<usize> = (0..shares.len()).filter(|&k| shares[k] > search.mode_share * all).collect();
     order.sort_by(|&a, &b| shares[b].total_cmp(&shares[a]));
-    order.truncate(MOST);
+    order.truncate(search.modes);
     order
 }
 

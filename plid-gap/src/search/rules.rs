@@ -3,6 +3,7 @@
 use crate::effects::{Effect, Library, Names};
 use crate::fit::problem::Placed;
 use crate::search::stochastic::is_unseen;
+use crate::settings::SearchSettings;
 use crate::settings::step::Step;
 
 /// What the engineer knows, as effects or locations.
@@ -14,9 +15,6 @@ pub struct Rules<'r> {
     /// Effects of the library that the diagnosis does not know.
     pub without: &'r [String],
 }
-
-/// What a suspect is worth: odds of 50 : 1 against an entry that nobody named.
-const SUSPECTED: f64 = 8.0;
 
 impl Rules<'_> {
     /// Whether it knows an effect.
@@ -34,9 +32,9 @@ impl Rules<'_> {
         self.knows(placed.effect) && !self.exclude.iter().any(|word| means(word, placed, names))
     }
 
-    /// What a suspicion is worth, in twice the log likelihood.
-    pub(crate) fn bonus(&self, placed: &Placed, names: &Names) -> f64 {
-        if self.suspects.iter().any(|word| means(word, placed, names)) { SUSPECTED } else { 0.0 }
+    /// Whether the engineer suspects an effect or its place.
+    pub(crate) fn suspects(&self, placed: &Placed, names: &Names) -> bool {
+        self.suspects.iter().any(|word| means(word, placed, names))
     }
 }
 
@@ -45,11 +43,14 @@ fn means(word: &str, placed: &Placed, names: &Names) -> bool {
 }
 
 /// What a search may name, and how it goes about it.
+#[derive(Clone)]
 pub struct Scope<'s, 'a> {
     /// Effects that it knows.
     pub library: &'a Library,
     /// What the engineer knows.
     pub rules: &'s Rules<'s>,
+    /// Thresholds of the search.
+    pub settings: SearchSettings,
     /// Names of channels, ports and modes.
     pub names: Names,
     /// Steps that are left out.
@@ -66,7 +67,7 @@ impl Scope<'_, '_> {
 
     /// What a suspicion is worth, in twice the log likelihood.
     pub fn bonus(&self, placed: &Placed) -> f64 {
-        self.rules.bonus(placed, &self.names)
+        if self.rules.suspects(placed, &self.names) { self.settings.suspect_bonus } else { 0.0 }
     }
 
     /// Whether a step is left out.

@@ -46,10 +46,6 @@ pub struct Base<'p, 'a> {
     pub bold: bool,
 }
 
-/// How far, as a factor, a start may miss the size of an effect that is not linear in a parameter: its fit goes on from there.
-const LEAST_SIZE: f64 = 0.1;
-const MOST_SIZE: f64 = 3.0;
-
 /// All entries, best first: of each effect at each place the best shape.
 pub fn screen<'a>(base: &Base<'_, 'a>, library: &'a Library, skip: impl Fn(&Placed) -> bool + Sync) -> Vec<Entry<'a>> {
     let problem = base.problem;
@@ -147,7 +143,8 @@ fn entry<'a>(
         }
         // Along a bend of its own the trace grows nearly in proportion too: a start that is some times too strong must not hide it.
         None if scaled => {
-            let size = (product / energy.max(1e-12 * whole)).clamp(LEAST_SIZE, MOST_SIZE);
+            let search = &base.problem.settings.search;
+            let size = (product / energy.max(1e-12 * whole)).clamp(search.least_size, search.most_size);
             (size * (2.0 * product - size * energy), size * size * energy, size)
         }
         None => (2.0 * product - energy, energy, 1.0),

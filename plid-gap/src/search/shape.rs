@@ -4,7 +4,6 @@ use rayon::prelude::*;
 
 use crate::effects::{Effect, Flexible};
 use crate::fit::problem::{Effort, Fit, Placed, Problem, Tangent};
-use crate::settings::thresholds::{MATERIAL, WORTH};
 use crate::simulate::Fineness;
 
 const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE };
@@ -26,7 +25,7 @@ pub fn fewer<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<(
     }
     let tangent = quick.tangent(&quick.nuisance.apply(&quick.plant, &best.eta));
     let own = quick.fit(&tangent, &best.eta, &best.effects, QUICK);
-    let slack = |problem: &Problem| MATERIAL * problem.rows() as f64;
+    let slack = |problem: &Problem| problem.settings.search.material_power * problem.rows() as f64;
     let fits = subsets(&best.effects).into_iter().filter_map(|effects| {
         let alone = quick.fit(&tangent, &best.eta, &effects, QUICK);
         let free = freed(quick, &tangent, &alone)?;
@@ -89,7 +88,8 @@ pub fn renamed<'a>(
     let whole = problem.tangent(&problem.nuisance.apply(&problem.plant, &best.eta));
     let alone = problem.fit(&whole, &alone.eta, &alone.effects, WHOLE);
     let free = on_whole(problem, free);
-    (free.fit.cost < bent.fit.cost + MATERIAL * problem.rows() as f64).then_some((alone, free))
+    (free.fit.cost < bent.fit.cost + problem.settings.search.material_power * problem.rows() as f64)
+        .then_some((alone, free))
 }
 
 fn on_whole<'a>(problem: &Problem, bent: Bent<'a>) -> Bent<'a> {
@@ -124,5 +124,5 @@ fn freed<'a>(quick: &Problem, tangent: &Tangent, own: &Fit<'a>) -> Option<Bent<'
         })
         .collect();
     let top = fits.into_iter().min_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost))?;
-    (own.cost - top.fit.cost > WORTH).then_some(top)
+    (own.cost - top.fit.cost > quick.settings.search.shape_gain).then_some(top)
 }

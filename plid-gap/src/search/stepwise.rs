@@ -14,9 +14,6 @@ use crate::search::ports::fit_ports;
 use crate::search::rules::Scope;
 use crate::search::screen::{Base, Entry, screen};
 use crate::settings::step::Step;
-use crate::settings::thresholds::{
-    ACCEPT, BEHIND, FAR, FITTED, FURTHER_SHARE, MATERIAL, MOST_EFFECTS, NOT_ACCEPTED, POLISHED, STRAIGHTENED,
-};
 use crate::simulate::Fineness;
 
 /// What the search found.
@@ -63,16 +60,13 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Numbers of the simulation that are put beside the best explanation for straightening it.
-const MOST_STRAIGHTENED: usize = 2;
-
 /// Fits in the search.
 const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE };
 
 /// Fits of what was found.
 const FINE: Effort = Effort { steps: 8, gain: 0.1, fineness: Fineness::FINE };
 
-/// Searches for up to [`MOST_EFFECTS`] effects: on `quick` (the heads of the records), then among the best few on `problem`. `first` keeps the first turn,
+/// Searches for up to `most_effects` effects: on `quick` (the heads of the records), then among the best few on `problem`. `first` keeps the first turn,
 /// or has it; `say` is told what is going on.
 pub fn search<'a>(
     problem: &mut Problem,
@@ -82,19 +76,19 @@ pub fn search<'a>(
     first: &OnceCell<Turn<'a>>,
     say: &mut dyn FnMut(String),
 ) -> Search<'a> {
-    let price = Price { rows: problem.rows() as f64, scope };
+    let (price, settings) = (Price { rows: problem.rows() as f64, scope }, &scope.settings);
     let mut best = refit.as_fit();
     let mut candidates = vec![Candidate { effects: Vec::new(), cost: refit.cost, priced: refit.cost }];
     let mut stages = Vec::new();
     let mut overlap = None;
-    for stage in 0..MOST_EFFECTS {
+    for stage in 0..settings.most_effects {
         let there = |placed: &Placed| best.effects.iter().any(|other| same(other, placed)) || !scope.allows(placed);
-        let new = || Turn::new(problem, quick, &best, &there, &price, [FITTED, POLISHED]);
+        let new = || Turn::new(problem, quick, &best, &there, &price, [settings.fitted, settings.polished]);
         let own = OnceCell::new();
         let turn = if stage == 0 { first } else { &own }.get_or_init(new);
         let (entries, fits) = turn.without(problem, quick, &there, &price);
         if stage == 0 {
-            overlap = of_screen(&turn.from.base(quick, scope.bold), &entries[..entries.len().min(FITTED)]);
+            overlap = of_screen(&turn.from.base(quick, scope.bold), &entries[..entries.len().min(settings.fitted)]);
         }
         say(progress(stage + 1, &entries, &fits, &price, &problem.setting.names));
         stages.push(entries);
@@ -102,7 +96,7 @@ pub fn search<'a>(
         let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { break };
         let gain = price.of(&best) - price.of(&top);
         let material = scope.skips(Step::Material) || material(problem, &best, &top, stage);
-        let accepted = gain > ACCEPT && material;
+        let accepted = gain > settings.accept_gain && material;
         // The best with something beside it that was not accepted is no other explanation.
         if accepted || best.effects.is_empty() {
             candidates.extend(tried);
@@ -119,7 +113,7 @@ pub fn search<'a>(
     }
     // What was not accepted is no better than nothing, whatever its price.
     if best.effects.is_empty() {
-        let least = best.cost + NOT_ACCEPTED;
+        let least = best.cost + settings.not_accepted_price;
         candidates.iter_mut().filter(|c| !c.effects.is_empty()).for_each(|c| c.priced = c.priced.max(least));
     }
     candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
@@ -135,18 +129,18 @@ pub fn straighten<'a>(
     scope: &Scope<'_, 'a>,
     say: &mut dyn FnMut(String),
 ) {
-    let price = Price { rows: problem.rows() as f64, scope };
-    for _ in 0..MOST_STRAIGHTENED {
+    let (price, settings) = (Price { rows: problem.rows() as f64, scope }, &scope.settings);
+    for _ in 0..settings.most_straightened {
         let best = &found.best;
         let there = |placed: &Placed| {
             !is_a_number(placed.effect) || best.effects.iter().any(|other| same(other, placed)) || !scope.allows(placed)
         };
-        let turn = Turn::new(problem, quick, best, &there, &price, [FITTED, POLISHED]);
+        let turn = Turn::new(problem, quick, best, &there, &price, [settings.fitted, settings.polished]);
         let (entries, fits) = turn.without(problem, quick, &there, &price);
         say(progress(best.effects.len() + 1, &entries, &fits, &price, &problem.setting.names));
         let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { return };
         let straightened = problem.penalty(&best.eta) - problem.penalty(&top.eta);
-        if price.of(best) - price.of(&top) < ACCEPT || straightened < STRAIGHTENED {
+        if price.of(best) - price.of(&top) < settings.accept_gain || straightened < settings.straightened_penalty {
             return;
         }
         found.candidates.push(price.candidate(&top));
@@ -173,13 +167,13 @@ fn progress(stage: usize, entries: &[Entry], fits: &[Fit], price: &Price, names:
 
 /// Whether a further effect explains enough: of the residual, or of what the linear parameters had to be bent for it.
 fn material(problem: &Problem, before: &Fit, after: &Fit, stage: usize) -> bool {
-    let rows = problem.rows() as f64;
+    let (search, rows) = (&problem.settings.search, problem.rows() as f64);
     let left = |fit: &Fit| sum_of_squares(&fit.residual);
     let explained = left(before) - left(after);
-    let share = explained / (left(before) - rows).max(MATERIAL * rows);
+    let share = explained / (left(before) - rows).max(search.material_power * rows);
     let straightened = problem.penalty(&before.eta) - problem.penalty(&after.eta);
-    let visible = explained > MATERIAL * rows && (stage == 0 || share > FURTHER_SHARE);
-    visible || (straightened > STRAIGHTENED && explained > -STRAIGHTENED)
+    let visible = explained > search.material_power * rows && (stage == 0 || share > search.further_share);
+    visible || (straightened > search.straightened_penalty && explained > -search.straightened_penalty)
 }
 
 /// One more effect beside those that were found: the screen, quick fits of its first entries, whole fits of the best of these. No entry and no fit depends
@@ -252,7 +246,8 @@ impl<'a> Turn<'a> {
         best.truncate(polished);
         let gain = |fit: &Fit| self.from.cost - price.of(fit);
         let most = best.first().map_or(0.0, |(_, fit)| gain(fit));
-        best.retain(|(_, fit)| most - gain(fit) < FAR.max(BEHIND * most));
+        let trailing = price.scope.settings.trailing_gain.max(price.scope.settings.trailing_share * most);
+        best.retain(|(_, fit)| most - gain(fit) < trailing);
         let whole = best
             .into_par_iter()
             .map(|(k, fit)| {
@@ -270,20 +265,14 @@ struct Price<'p, 'a> {
     scope: &'p Scope<'p, 'a>,
 }
 
-/// Twice the logarithm of the number of entries of the library: each is as likely as another before the data are seen.
-const CHOICE: f64 = 9.0;
-
-/// Price of a number that the bounded refit has as well: it is fitted in any case, and chosen from few. The effect only lets it go further:
-/// twice the logarithm of how much further, in standard deviations of the limits.
-const LET_GO: f64 = 5.0;
-
 impl<'a> Price<'_, 'a> {
     fn of(&self, fit: &Fit) -> f64 {
+        let settings = &self.scope.settings;
         let one = |placed: &Placed| {
             let own = if placed.effect.is_in_refit() {
-                LET_GO
+                settings.release_price
             } else {
-                CHOICE + placed.parameters.len() as f64 * self.rows.ln()
+                settings.choice_price + placed.parameters.len() as f64 * self.rows.ln()
             };
             own - self.scope.bonus(placed)
         };
@@ -370,6 +359,7 @@ fn question<'a>(
     price: &Price<'_, 'a>,
     candidates: &mut Vec<Candidate<'a>>,
 ) -> Fit<'a> {
+    let settings = &price.scope.settings;
     for place in 0..best.effects.len() {
         let mut others = best.effects.clone();
         let asked = others.remove(place);
@@ -377,7 +367,7 @@ fn question<'a>(
             others.iter().any(|other| same(other, placed)) || same(&asked, placed) || !price.scope.allows(placed)
         };
         let without = Fit { effects: others.clone(), ..best.clone() };
-        let turn = Turn::new(problem, quick, &without, &there, price, [FITTED / 2, POLISHED / 2]);
+        let turn = Turn::new(problem, quick, &without, &there, price, [settings.fitted / 2, settings.polished / 2]);
         let (_, fits) = turn.without(problem, quick, &there, price);
         candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
         let top = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b)));

@@ -5,14 +5,8 @@ use crate::fit::problem::Placed;
 use crate::noise::{Band, NoiseModel, Stretch};
 use crate::prepare::Prepared;
 use crate::prepare::coloured::{Coloured, NEAR_LINE};
-use crate::settings::thresholds::EVIDENCE;
+use crate::settings::SearchSettings;
 use crate::signal::quantisation::Codes;
-
-/// A sensor's variance over what the other sensors' say it should be, from which it counts as noisy.
-const NOISIER: f64 = 1.3;
-
-/// All sensors may be misjudged by this factor together (in standard deviation).
-const MISJUDGED: f64 = 1.5;
 
 /// A finding with its evidence.
 pub struct Unseen<'a> {
@@ -48,7 +42,8 @@ pub fn unseen<'a>(ready: &Prepared, library: &'a Library) -> Vec<Unseen<'a>> {
     // A sensor is noisy only against what was declared of it. Beside resonances that are driven it must be so where these leak nothing, too, and more so than the
     // driving force's own skirts, of which the fit of its band says little.
     if ready.declares {
-        let of = |noise: &NoiseModel| noisy(noise, &ready.declared_sensor, &ready.codes);
+        let search = &ready.problem.settings.search;
+        let of = |noise: &NoiseModel| noisy(noise, &ready.declared_sensor, &ready.codes, search);
         let clear = ready.noise.drives().then(|| of(&without_leakage(ready)));
         let both = |o: usize| clear.as_ref().is_none_or(|clear| clear.iter().any(|(other, ..)| *other == o));
         let beyond = |o: usize, std: f64| std * std > ready.noise.skirts(o);
@@ -75,7 +70,12 @@ fn without_leakage(ready: &Prepared) -> NoiseModel {
 }
 
 /// Sensors whose noise exceeds what is common to all: number, added standard deviation and its own, evidence.
-fn noisy(noise: &NoiseModel, declared: &[f64], codes: &[Codes]) -> Vec<(usize, f64, f64, f64)> {
+fn noisy(
+    noise: &NoiseModel,
+    declared: &[f64],
+    codes: &[Codes],
+    search: &SearchSettings,
+) -> Vec<(usize, f64, f64, f64)> {
     let sensors = noise.sensors();
     let ratios: Vec<f64> = sensors.iter().zip(declared).map(|(theta, std)| theta / (std * std)).collect();
     let mut found = Vec::new();
@@ -87,10 +87,10 @@ fn noisy(noise: &NoiseModel, declared: &[f64], codes: &[Codes]) -> Vec<(usize, f
             (0..ratios.len()).filter(|&j| j != o && !codes[j].coarse).map(|j| ratios[j]).collect();
         others.sort_by(f64::total_cmp);
         // The least noisy other channel says what is common.
-        let common = others.first().copied().unwrap_or(MISJUDGED * MISJUDGED).max(0.4);
+        let common = others.first().copied().unwrap_or(search.misjudged * search.misjudged).max(0.4);
         let excess = ratios[o] / common;
         let gain = 2.0 * noise.bins as f64 * (excess - 1.0 - excess.ln());
-        if excess > NOISIER && gain > EVIDENCE {
+        if excess > search.noisier && gain > search.stochastic_gain {
             let std = declared[o] * (ratios[o] - common).sqrt();
             // The power of a bin is exponential, so that a variance is known to its root of the number of bins.
             let variance = declared[o].powi(2) * ratios[o].hypot(common) / (noise.bins as f64).sqrt();

@@ -3,7 +3,7 @@
 
 use plid_gap::GapError;
 use plid_gap::case::Channels;
-use plid_gap::research::{BENT, Fineness, Plant, Problem, REFIT_STEPS, refit as bounded_refit, simulate};
+use plid_gap::research::{Fineness, Plant, Problem, REFIT_STEPS, refit as bounded_refit, simulate};
 use plid_model::Model;
 use serde::{Deserialize, Serialize};
 
@@ -29,7 +29,7 @@ pub(super) fn refit(problem: &Problem, model: &Model) -> Linear {
         let variance = covariance.as_ref()?[(index, index)].max(f64::MIN_POSITIVE);
         Some((mode, part, (x / std * WIDER[part.min(2)]).abs(), x.abs() / variance.sqrt()))
     });
-    let beyond = changes.filter(|(_, _, limits, sure)| limits.min(*sure) > BENT);
+    let beyond = changes.filter(|(_, _, limits, sure)| limits.min(*sure) > problem.settings.judge.max_prior_z);
     let furthest = beyond.max_by(|a, b| a.3.total_cmp(&b.3)).map(|(mode, part, ..)| (mode, part));
     let named = |effect: &str, mode: usize| Claim {
         verdict: "effects".to_owned(),

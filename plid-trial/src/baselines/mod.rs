@@ -5,9 +5,10 @@ mod linear;
 mod ranking;
 mod sparse;
 
+use plid_gap::case::Limits;
 use plid_gap::case::{Case, Channels};
 use plid_gap::effects::{Library, Setting};
-use plid_gap::research::{HEAD, Known, Limits, Plant, prepare};
+use plid_gap::research::{Known, Plant, prepare};
 use plid_gap::{GapError, Outcome};
 use plid_model::Model;
 use serde::{Deserialize, Serialize};
@@ -70,7 +71,7 @@ fn fitted(case: &Case, model: &Model) -> Result<Fitted, GapError> {
         shape: shape * stated.shape,
     };
     let ready = prepare(model, &case.records, &Known { limits: wide, ..Known::default() })?;
-    let heads = ready.problem.head(HEAD, &ready.noise);
+    let heads = ready.problem.head(ready.problem.settings.search.first_samples, &ready.noise);
     Ok(Fitted { sparse: sparse::regress(&heads), linear: linear::refit(&heads, model) })
 }
 

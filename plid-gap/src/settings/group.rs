@@ -1,0 +1,75 @@
+//! How a group of settings is declared: its struct, its default values, and what the book and the checks need of each field come from one list.
+
+use std::ops::RangeInclusive;
+
+/// One setting.
+#[derive(Debug, Clone)]
+pub struct Field {
+    /// Its key in the case file.
+    pub key: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// Its unit.
+    pub unit: &'static str,
+    /// The values that it may have.
+    pub range: RangeInclusive<f64>,
+    /// Its meaning, reason and source.
+    pub about: &'static str,
+}
+
+/// A value of a setting as a number.
+pub(super) trait Number: Copy {
+    fn number(self) -> f64;
+}
+
+impl Number for f64 {
+    fn number(self) -> f64 {
+        self
+    }
+}
+
+impl Number for usize {
+    fn number(self) -> f64 {
+        self as f64
+    }
+}
+
+/// Declares a group: `key: type = default, "unit", range;` after the doc comment of each setting.
+macro_rules! group {
+    (
+        $(#[doc = $group:literal])+
+        $name:ident {
+            $( $(#[doc = $doc:literal])+ $key:ident: $kind:ty = $default:expr, $unit:literal, $range:expr; )+
+        }
+    ) => {
+        $(#[doc = $group])+
+        #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+        #[serde(deny_unknown_fields, default)]
+        pub struct $name {
+            $( $(#[doc = $doc])+ pub $key: $kind, )+
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Self { $($key: $default,)+ }
+            }
+        }
+
+        impl $name {
+            /// Its settings in order.
+            pub fn fields(&self) -> Vec<$crate::settings::Field> {
+                vec![$(
+                    $crate::settings::Field {
+                        key: stringify!($key),
+                        value: $crate::settings::group::Number::number(self.$key),
+                        unit: $unit,
+                        range: $range,
+                        about: concat!($($doc),+).trim(),
+                    }
+                ),+]
+            }
+        }
+    };
+}
+
+pub(super) use group;
