@@ -21,7 +21,7 @@ impl WholeDelay {
             [only] => format!("input:{only}"),
             _ => "input:all".into(),
         };
-        (delay > 0).then(|| Self { samples: delay as f64, location })
+        (delay > 0).then_some(Self { samples: delay as f64, location })
     }
 
     fn is(&self, effect: &str, location: &str) -> bool {
