@@ -100,7 +100,8 @@ fn steps(case: &Case) -> Result<(), GapError> {
     for noise in unseen(&found.ready, &library).iter().filter(|u| u.gain > 0.0) {
         println!("in quiet records: {} gains {:.0}", said(&noise.placed, &names), noise.gain);
     }
-    let weighted = weigh(&found.found.candidates, found.judged.unknown, rows, found.level, &[]);
+    let weighted =
+        weigh(&found.found.candidates, found.judged.unknown, rows, found.level, &found.ready.problem.settings, &[]);
 
     // 8. How far, on what was held out.
     let problem = &found.ready.problem;
