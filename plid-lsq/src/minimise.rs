@@ -73,8 +73,8 @@ pub struct Minimum<P: Problem> {
     pub point: P::Point,
     /// Its cost.
     pub cost: f64,
-    /// The equations of the last linearisation. They belong to [`Minimum::point`] if the search stalled, and otherwise to
-    /// the point before it.
+    /// The equations of the last linearisation. They belong to [`Minimum::point`] if the search stalled, and otherwise
+    /// to the point before it.
     pub equations: P::Equations,
     /// Number of linearisations.
     pub steps: usize,
@@ -93,9 +93,9 @@ struct Trial<P: Problem> {
 }
 
 impl<P: Problem> Trial<P> {
-    fn new(factor: f64, parameters: usize, point: &P::Point) -> Self {
-        let step = DVector::zeros(parameters);
-        Self { factor, step, point: point.clone(), cost: f64::INFINITY, work: Default::default() }
+    fn new(factor: f64, point: &P::Point) -> Self {
+        let (step, work) = (DVector::zeros(0), Default::default());
+        Self { factor, step, point: point.clone(), cost: f64::INFINITY, work }
     }
 
     fn run(&mut self, problem: &P, equations: &P::Equations, from: &P::Point, damping: f64) {
@@ -119,8 +119,7 @@ pub fn minimise<P: Problem>(
     stop: Stop,
 ) -> Result<Minimum<P>, P::Error> {
     let equations = problem.equations();
-    let new_trial = |&factor: &f64| Trial::new(factor, equations.parameters(), &start);
-    let mut trials: Vec<Trial<P>> = damping.factors.iter().map(new_trial).collect();
+    let mut trials: Vec<Trial<P>> = damping.factors.iter().map(|&factor| Trial::new(factor, &start)).collect();
     let cost = problem.cost(&start);
     let mut found = Minimum { point: start, cost, equations, steps: 0, ended: Ended::Steps };
     let mut current = damping.start;

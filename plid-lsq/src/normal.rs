@@ -11,8 +11,8 @@ const MEMORY: f64 = 0.5;
 ///
 /// The damping is relative to the diagonal of J'J (Marquardt). With a [`memory`](Self::memory) the scale of a parameter
 /// falls slowly where its influence on the model vanishes; without, the damping vanishes as well, and one long step may
-/// end on a plateau. Moré (*Numerical Analysis*, Lecture Notes in Mathematics 630, 1978, 105) never lets the scale fall,
-/// which makes the search slow where it starts in units far from those of the solution.
+/// end on a plateau. Moré (*Numerical Analysis*, Lecture Notes in Mathematics 630, 1978, 105) never lets the scale
+/// fall, which makes the search slow where it starts in units far from those of the solution.
 #[derive(Clone, Debug)]
 pub struct Normal {
     /// J'J, to which a prior adds its precision.
@@ -81,7 +81,11 @@ impl Normal {
             damped[(i, i)] += damping(i) * self.scale[i].max(self.matrix[(i, i)]) + f64::MIN_POSITIVE;
         }
         let Some(factor) = Cholesky::new(damped) else { return false };
-        step.copy_from(&self.right);
+        if step.len() == self.right.len() {
+            step.copy_from(&self.right);
+        } else {
+            *step = self.right.clone();
+        }
         factor.solve_mut(step);
         *work = factor.unpack_dirty();
         step.iter().all(|x| x.is_finite())
@@ -98,10 +102,6 @@ impl Normal {
 
 impl Equations for Normal {
     type Work = DMatrix<f64>;
-
-    fn parameters(&self) -> usize {
-        self.right.len()
-    }
 
     fn solve(&self, damping: f64, work: &mut DMatrix<f64>, step: &mut DVector<f64>) -> bool {
         self.solve_damped(|_| damping, work, step)

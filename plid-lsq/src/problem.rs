@@ -40,9 +40,7 @@ pub trait Equations: Sync {
     /// Working storage of one solution. Steps that are tried in parallel have one each.
     type Work: Default + Send;
 
-    /// Returns the number of parameters, which is the length of a step.
-    fn parameters(&self) -> usize;
-
-    /// Solves for a step with the given damping; returns whether there is a finite solution.
+    /// Solves for a step with the given damping; returns whether there is a finite solution. `step` holds an earlier
+    /// step or is empty.
     fn solve(&self, damping: f64, work: &mut Self::Work, step: &mut DVector<f64>) -> bool;
 }

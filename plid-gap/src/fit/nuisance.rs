@@ -1,47 +1,48 @@
-//! How far the simulation may be off without that being an effect: every mode's frequency, damping ratio and shapes, as a Gaussian
-//! prior; and the initial state of records that do not start from rest.
+//! The linear parameters: every mode's frequency, damping ratio and shapes, with a Gaussian prior on how far the
+//! simulation may be off without that being an effect; and the initial states of records that do not start from rest.
 
 use crate::case::Limits;
 use crate::case::record::Record;
-use crate::fit::problem::Tangent;
+use crate::fit::jacobian::Tangent;
 use crate::fourier::C;
 use crate::plant::{Passed, Plant};
 use crate::simulate::State;
 
-/// Standard deviation of an initial state, in units of what the input makes it: wide.
+/// Standard deviation of an initial state, relative to the state that the input excites.
 const START: f64 = 3.0;
 
-/// The information of the records and the prior on a parameter over that of the prior, from which they tell it.
+/// The records determine a parameter whose information, the prior included, exceeds that of the prior by this factor.
 const TOLD: f64 = 10.0;
 
-/// Median of the absolute value of a normal variable.
+/// Median of the absolute value of a standard normal variable.
 const NORMAL_MEDIAN: f64 = 0.6745;
 
-/// Relative step over which the chain's bend at a moved pole is taken.
+/// Relative step of a pole, for differences of the gain of actuators and filters.
 const BEND: f64 = 1e-4;
 
-/// The layout of the nuisance vector: of each mode frequency, damping, input shape (m), output shape (p); then initial states.
+/// The linear parameters and their prior: frequency, damping, input shape (m) and output shape (p) of each mode,
+/// followed by the initial states.
 #[derive(Debug, Clone)]
 pub struct Nuisance {
     m: usize,
     p: usize,
     modes: usize,
     rest: usize,
-    /// Of each mode the simulation's own directions.
+    /// The directions of each mode's shapes in the simulation as given.
     nominal: Vec<(C, C)>,
-    /// Of each record, where its initial state begins, if it has one.
+    /// Where each record's initial state begins, if it has one.
     starts: Vec<Option<usize>>,
-    /// Size of each mode's state under the records' inputs, then of the rest's.
+    /// RMS of each mode's state under the records' inputs, followed by the other states.
     sizes: Vec<f64>,
     /// Standard deviations of the prior.
     pub std: Vec<f64>,
-    /// Whether a strut goes with its input's shapes. Derivatives of the linear simulation do not know what that does to a force there, so that only fits with
-    /// those of the whole simulation have it.
+    /// Whether a port follows the shapes of its input. The derivatives of the linear simulation leave out how that
+    /// changes a force at the port, so only fits with the derivatives of the whole simulation set it.
     pub struts_follow: bool,
 }
 
 impl Nuisance {
-    /// For a simulation and the records that are fitted.
+    /// Lays out the parameters for a simulation and the records that are fitted.
     pub fn new(plant: &Plant, records: &[Record], limits: &Limits) -> Self {
         let (m, p, modes, rest) = (plant.m, plant.p, plant.modes.len(), plant.rest.a.nrows());
         let mut std = Vec::new();
@@ -64,53 +65,53 @@ impl Nuisance {
         Self { m, p, modes, rest, nominal, starts, sizes, std, struts_follow: false }
     }
 
-    /// The same for a simulation that was itself estimated: its parameters are in doubt by so much (standard deviations) beyond the
-    /// stated limits.
+    /// Widens the prior for a simulation that was itself estimated, by the standard deviations of its parameters.
     pub fn doubted(mut self, doubt: &[f64]) -> Self {
         self.std.iter_mut().zip(doubt).for_each(|(std, doubt)| *std = std.hypot(*doubt));
         self
     }
 
-    /// How many times further than their prior has them the modes' parameters are off, at least once: from the median of those that the records tell, which
-    /// a few that an effect has moved do not change.
-    pub fn needed(&self, eta: &[f64], tangent: &Tangent) -> f64 {
-        let told = |k: &usize| tangent.normal[(*k, *k)] * self.std[*k].powi(2) > TOLD;
+    /// Returns the factor, at least one, by which the modes' parameters exceed their prior. It is estimated from the
+    /// median of those that the records determine, which is insensitive to a few that an effect has moved.
+    pub fn needed(&self, eta: &[f64], jacobian: &Tangent) -> f64 {
+        let told = |k: &usize| jacobian.normal[(*k, *k)] * self.std[*k].powi(2) > TOLD;
         let mut off: Vec<f64> = (0..self.of_modes()).filter(told).map(|k| (eta[k] / self.std[k]).abs()).collect();
         off.sort_by(f64::total_cmp);
         off.get(off.len() / 2).map_or(1.0, |median| (median / NORMAL_MEDIAN).max(1.0))
     }
 
-    /// From now on without one of the records: nothing acts on its initial state any more.
+    /// Removes one of the records. Its initial state remains a parameter that nothing acts on.
     pub fn forget(&mut self, record: usize) {
         self.starts.remove(record);
     }
 
-    /// Entries that belong to the modes; initial states follow.
+    /// Returns the number of entries that belong to the modes; the initial states follow.
     pub fn of_modes(&self) -> usize {
         self.modes * self.each()
     }
 
-    /// Number of entries.
+    /// Returns the number of entries.
     pub fn len(&self) -> usize {
         self.std.len()
     }
 
-    /// Whether there is none.
+    /// Returns whether there are no entries.
     pub fn is_empty(&self) -> bool {
         self.std.is_empty()
     }
 
-    /// Entries a mode.
+    /// The number of entries of each mode.
     fn each(&self) -> usize {
         2 + self.m + self.p
     }
 
-    /// What an entry is: the mode and its part (0 frequency, 1 damping, then inputs, then outputs); none for initial states.
+    /// Returns the mode of an entry and its part (0 frequency, 1 damping, then inputs, then outputs); `None` for
+    /// initial states.
     pub fn entry(&self, index: usize) -> Option<(usize, usize)> {
         (index < self.modes * self.each()).then(|| (index / self.each(), index % self.each()))
     }
 
-    /// The simulation changed by `eta`.
+    /// Returns the simulation changed by `eta`.
     pub fn apply(&self, plant: &Plant, eta: &[f64]) -> Plant {
         let mut changed = plant.clone();
         for k in 0..self.modes {
@@ -138,14 +139,15 @@ impl Nuisance {
         changed
     }
 
-    /// Of a mode, moved or not, with the signs that the simulation's own have: which one the half of an angle takes changes as the pole moves.
+    /// The directions of a mode's shapes, moved or not, with the signs that they have in the simulation as given: half
+    /// an angle is ambiguous in sign, and the choice may change as the pole moves.
     fn directions(&self, k: usize, mode: &crate::plant::Mode) -> (C, C) {
         let towards = |nominal: C, now: C| if (nominal.conj() * now).re < 0.0 { -now } else { now };
         let ((b, c), nominal) = (directions(mode), self.nominal[k]);
         (towards(nominal.0, b), towards(nominal.1, c))
     }
 
-    /// The initial state of a record, if it is fitted.
+    /// Returns the initial state of a record, if it is fitted.
     pub fn start(&self, record: usize, eta: &[f64]) -> Option<State> {
         let at = self.starts[record]?;
         let modes = (0..self.modes).map(|k| C::new(eta[at + 2 * k], eta[at + 2 * k + 1]) * self.sizes[k]);
@@ -153,91 +155,99 @@ impl Nuisance {
         Some(State { modes: modes.collect(), rest: rest.collect() })
     }
 
-    /// Derivatives of the outputs of a record: `put(column, outputs)` is called for each entry that acts on it.
+    /// Computes the derivatives of the outputs of a record: `put(column, outputs)` is called for each entry that acts
+    /// on it.
     pub fn tangents(&self, plant: &Plant, record: &Record, index: usize, mut put: impl FnMut(usize, &[Vec<f64>])) {
-        let samples = record.samples();
-        let mut y = vec![vec![0.0; samples]; self.p];
-        let step = 1.0 / plant.rate;
+        let mut y = vec![vec![0.0; record.samples()]; self.p];
         let through = Through::new(plant, record);
-        for (k, mode) in plant.modes.iter().take(self.modes).enumerate() {
-            let turn = (mode.pole * step).exp();
-            let held = (turn - 1.0) / mode.pole;
-            let held_slope = (turn * step - held) / mode.pole;
-            let (b, c) = self.directions(k, mode);
-            let (mut sum, mut slope) = (vec![C::ZERO; samples], vec![C::ZERO; samples]);
-            let mut units = Vec::new();
-            let base = k * self.each();
-            let write = |y: &mut Vec<Vec<f64>>, z: &[C], of: &dyn Fn(usize) -> C| {
-                for (o, y) in y.iter_mut().enumerate() {
-                    let gain = 2.0 * of(o);
-                    y.iter_mut().zip(z).for_each(|(y, z)| *y = gain.re * z.re - gain.im * z.im);
-                }
-            };
-            for i in 0..self.m {
-                let mut z = C::ZERO;
-                let mut unit = vec![C::ZERO; samples];
-                for n in 0..samples {
-                    unit[n] = z;
-                    sum[n] += mode.b[i] * z;
-                    z = turn * z + held * record.u[i][n];
-                }
-                units.push(unit.iter().map(|z| mode.b[i] * z).collect::<Vec<C>>());
-                write(&mut y, &unit, &|o| mode.c[o] * b);
-                let mut changed = mode.clone();
-                changed.b.iter_mut().enumerate().for_each(|(j, x)| *x = if j == i { b } else { C::ZERO });
-                through.add(plant, &Passed::new(plant, &changed), &mut y, 1.0);
-                put(base + 2 + i, &y);
-            }
-            let mut w = C::ZERO;
-            for n in 0..samples {
-                slope[n] = w;
-                let driven: C = (0..self.m).map(|i| mode.b[i] * record.u[i][n]).sum();
-                w = turn * w + turn * step * sum[n] + held_slope * driven;
-            }
-            for o in 0..self.p {
-                y.iter_mut().for_each(|y| y.fill(0.0));
-                let gain = 2.0 * c;
-                y[o].iter_mut().zip(&sum).for_each(|(y, z)| *y = gain.re * z.re - gain.im * z.im);
-                let mut changed = mode.clone();
-                changed.c.iter_mut().enumerate().for_each(|(j, x)| *x = if j == o { c } else { C::ZERO });
-                through.add(plant, &Passed::new(plant, &changed), &mut y, 1.0);
-                put(base + 2 + self.m + o, &y);
-            }
-            let (size, zeta) = (mode.pole.norm(), mode.damping());
-            let faster = mode.pole;
-            let damped = C::new(-zeta * size, -size * zeta * zeta / (1.0 - zeta * zeta).sqrt());
-            for (part, change) in [faster, damped].into_iter().enumerate() {
-                let shape = 2.0 * change / mode.pole - change.im / mode.pole.im;
-                // What lies before and behind the structure answers differently at the new pole.
-                let bends = |gain: &dyn Fn(C) -> C| (gain(mode.pole + change * BEND) / gain(mode.pole)).ln() / BEND;
-                let before: Vec<C> = (0..self.m).map(|i| bends(&|s| plant.chain.before(i, s))).collect();
-                let mut bent = vec![C::ZERO; samples];
-                for (unit, bend) in units.iter().zip(&before) {
-                    bent.iter_mut().zip(unit).for_each(|(to, z)| *to += bend * z);
-                }
-                let both: Vec<C> =
-                    slope.iter().zip(&sum).zip(&bent).map(|((w, z), x)| w * change + z * shape + x).collect();
-                write(&mut y, &both, &|o| mode.c[o]);
-                for (o, y) in y.iter_mut().enumerate() {
-                    let gain = 2.0 * mode.c[o] * bends(&|s| plant.chain.behind(o, s));
-                    y.iter_mut().zip(&sum).for_each(|(y, z)| *y += gain.re * z.re - gain.im * z.im);
-                }
-                let passed = Passed::new(plant, mode);
-                through.add(plant, &passed.at(mode.pole + change * BEND), &mut y, 1.0 / BEND);
-                through.add(plant, &passed, &mut y, -1.0 / BEND);
-                put(base + part, &y);
-            }
+        for k in 0..self.modes {
+            let response = Response::new(&plant.modes[k], 1.0 / plant.rate, record);
+            self.shape_tangents(plant, k, &response, &through, &mut y, &mut put);
+            self.pole_tangents(plant, k, &response, &through, &mut y, &mut put);
         }
-        let Some(at) = self.starts[index] else { return };
+        if let Some(at) = self.starts[index] {
+            self.start_tangents(plant, at, &mut y, &mut put);
+        }
+    }
+
+    /// The derivatives by the entries of a mode's shapes.
+    fn shape_tangents(
+        &self,
+        plant: &Plant,
+        k: usize,
+        response: &Response,
+        through: &Through,
+        y: &mut [Vec<f64>],
+        put: &mut impl FnMut(usize, &[Vec<f64>]),
+    ) {
+        let (mode, base) = (&plant.modes[k], k * self.each());
+        let (b, c) = self.directions(k, mode);
+        for i in 0..self.m {
+            write(y, &response.units[i], |o| 2.0 * mode.c[o] * b);
+            let mut changed = mode.clone();
+            changed.b.iter_mut().enumerate().for_each(|(j, x)| *x = if j == i { b } else { C::ZERO });
+            through.add(plant, &Passed::new(plant, &changed), y, 1.0);
+            put(base + 2 + i, y);
+        }
+        for o in 0..self.p {
+            write(y, &response.sum, |j| if j == o { 2.0 * c } else { C::ZERO });
+            let mut changed = mode.clone();
+            changed.c.iter_mut().enumerate().for_each(|(j, x)| *x = if j == o { c } else { C::ZERO });
+            through.add(plant, &Passed::new(plant, &changed), y, 1.0);
+            put(base + 2 + self.m + o, y);
+        }
+    }
+
+    /// The derivatives by a mode's frequency and damping ratio.
+    fn pole_tangents(
+        &self,
+        plant: &Plant,
+        k: usize,
+        response: &Response,
+        through: &Through,
+        y: &mut [Vec<f64>],
+        put: &mut impl FnMut(usize, &[Vec<f64>]),
+    ) {
+        let mode = &plant.modes[k];
+        let (size, zeta) = (mode.pole.norm(), mode.damping());
+        let faster = mode.pole;
+        let damped = C::new(-zeta * size, -size * zeta * zeta / (1.0 - zeta * zeta).sqrt());
+        let passed = Passed::new(plant, mode);
+        for (part, change) in [faster, damped].into_iter().enumerate() {
+            let shape = 2.0 * change / mode.pole - change.im / mode.pole.im;
+            // What lies before and behind the structure responds differently at the new pole.
+            let bends = |gain: &dyn Fn(C) -> C| (gain(mode.pole + change * BEND) / gain(mode.pole)).ln() / BEND;
+            let before: Vec<C> = (0..self.m).map(|i| mode.b[i] * bends(&|s| plant.chain.before(i, s))).collect();
+            let behind: Vec<C> = (0..self.p).map(|o| bends(&|s| plant.chain.behind(o, s))).collect();
+            let moved: Vec<C> = (0..response.sum.len())
+                .map(|n| {
+                    let bent: C = before.iter().zip(&response.units).map(|(bend, unit)| bend * unit[n]).sum();
+                    response.slope[n] * change + response.sum[n] * shape + bent
+                })
+                .collect();
+            write(y, &moved, |o| 2.0 * mode.c[o]);
+            for (o, y) in y.iter_mut().enumerate() {
+                let gain = 2.0 * mode.c[o] * behind[o];
+                y.iter_mut().zip(&response.sum).for_each(|(y, z)| *y += gain.re * z.re - gain.im * z.im);
+            }
+            through.add(plant, &passed.at(mode.pole + change * BEND), y, 1.0 / BEND);
+            through.add(plant, &passed, y, -1.0 / BEND);
+            put(k * self.each() + part, y);
+        }
+    }
+
+    /// The derivatives by an initial state whose entries begin at `at`.
+    fn start_tangents(&self, plant: &Plant, at: usize, y: &mut [Vec<f64>], put: &mut impl FnMut(usize, &[Vec<f64>])) {
+        let samples = y[0].len();
         for (k, mode) in plant.modes.iter().take(self.modes).enumerate() {
-            let turn = (mode.pole * step).exp();
+            let turn = (mode.pole / plant.rate).exp();
             for (part, start) in [C::ONE, C::I].into_iter().enumerate() {
                 let mut z = start * self.sizes[k];
                 for n in 0..samples {
                     y.iter_mut().enumerate().for_each(|(o, y)| y[n] = 2.0 * (mode.c[o] * z).re);
                     z *= turn;
                 }
-                put(at + 2 * k + part, &y);
+                put(at + 2 * k + part, y);
             }
         }
         for j in 0..self.rest {
@@ -248,12 +258,54 @@ impl Nuisance {
                 y.iter_mut().enumerate().for_each(|(o, y)| y[n] = out[o]);
                 x = &plant.rest.a * x;
             }
-            put(at + 2 * self.modes + j, &y);
+            put(at + 2 * self.modes + j, y);
         }
     }
 }
 
-/// Directions in which real shapes change: largest entry, times the phase that makes the shape as real as can be, of either sign.
+/// Writes the real part of gain times z to each output.
+fn write(y: &mut [Vec<f64>], z: &[C], gain: impl Fn(usize) -> C) {
+    for (o, y) in y.iter_mut().enumerate() {
+        let gain = gain(o);
+        y.iter_mut().zip(z).for_each(|(y, z)| *y = gain.re * z.re - gain.im * z.im);
+    }
+}
+
+/// The state of a mode under a record's inputs.
+struct Response {
+    /// Under each input alone, through a shape of one.
+    units: Vec<Vec<C>>,
+    /// Under all inputs, through the mode's own shape.
+    sum: Vec<C>,
+    /// The derivative of that by the pole.
+    slope: Vec<C>,
+}
+
+impl Response {
+    fn new(mode: &crate::plant::Mode, step: f64, record: &Record) -> Self {
+        let turn = (mode.pole * step).exp();
+        let held = (turn - 1.0) / mode.pole;
+        let held_slope = (turn * step - held) / mode.pole;
+        let response = |u: &Vec<f64>| -> Vec<C> {
+            let next = |z: &mut C, u: &f64| Some(std::mem::replace(z, turn * *z + held * u));
+            u.iter().scan(C::ZERO, next).collect()
+        };
+        let units: Vec<Vec<C>> = record.u.iter().map(response).collect();
+        let of_all = |n: usize| -> C { mode.b.iter().zip(&units).map(|(b, unit)| b * unit[n]).sum() };
+        let sum: Vec<C> = (0..record.samples()).map(of_all).collect();
+        let mut slope = Vec::with_capacity(sum.len());
+        let mut w = C::ZERO;
+        for (n, z) in sum.iter().enumerate() {
+            slope.push(w);
+            let driven: C = mode.b.iter().zip(&record.u).map(|(b, u)| b * u[n]).sum();
+            w = turn * w + turn * step * z + held_slope * driven;
+        }
+        Self { units, sum, slope }
+    }
+}
+
+/// The directions in which real shapes change: the largest entry, times the phase that makes the shape as nearly real
+/// as possible, with either sign.
 fn directions(mode: &crate::plant::Mode) -> (C, C) {
     let of = |shape: &[C]| {
         let size = shape.iter().map(|x| x.norm()).fold(0.0, f64::max);
@@ -262,7 +314,7 @@ fn directions(mode: &crate::plant::Mode) -> (C, C) {
     (of(&mode.b), of(&mode.c))
 }
 
-/// RMS of each state over the records' inputs, one where nothing moves it.
+/// The RMS of each state under the records' inputs; one for a state that nothing excites.
 fn state_sizes(plant: &Plant, records: &[Record]) -> Vec<f64> {
     let level = records.iter().map(Record::level).fold(0.0, f64::max);
     let step = 1.0 / plant.rate;
@@ -276,13 +328,13 @@ fn state_sizes(plant: &Plant, records: &[Record]) -> Vec<f64> {
     modal.chain(rest).map(|size| if size > 0.0 { size } else { 1.0 }).collect()
 }
 
-/// What passes the poles of actuators and filters under a record's inputs.
+/// The states of actuators and filters under a record's inputs.
 struct Through {
-    /// Outputs of the actuators (m); empty where there is none.
+    /// The output of each actuator (m); empty where there is no actuator pole.
     actuators: Vec<Vec<f64>>,
-    /// p x poles x m states of the filters under each input.
+    /// The states of the filters under each input: p x poles x m.
     filters: Vec<Vec<Vec<Vec<C>>>>,
-    /// m.
+    /// The inputs (m).
     u: Vec<Vec<f64>>,
 }
 
@@ -319,7 +371,7 @@ impl Through {
         Self { actuators, filters, u: record.u.clone() }
     }
 
-    /// Adds `factor` times what a mode sends through.
+    /// Adds `factor` times the part of the outputs that a mode contributes through actuators and filters.
     fn add(&self, plant: &Plant, passed: &Passed, y: &mut [Vec<f64>], factor: f64) {
         if !plant.chain.known() {
             return;
@@ -352,7 +404,7 @@ mod tests {
     use crate::simulate::{Fineness, simulate};
     use crate::testing;
 
-    /// Each derivative against the difference of two simulations.
+    /// Each derivative is the difference of two simulations.
     #[test]
     fn tangents_are_differences() {
         let plant = Plant::new(&testing::truss(3)).unwrap();
@@ -385,7 +437,7 @@ mod tests {
         assert_eq!(seen, nuisance.len());
     }
 
-    /// However far a pole moves, and whatever the basis, a shape's parameter keeps its sign.
+    /// A shape's parameter keeps its sign however far the pole moves, and in any basis.
     #[test]
     fn directions_follow_the_pole() {
         let plant = Plant::new(&testing::truss(3)).unwrap();
@@ -412,7 +464,8 @@ mod tests {
         }
     }
 
-    /// A strut whose shape on a mode is another one than the simulation's, under a cubic spring: with the input shape put right, force and displacement are right.
+    /// A cubic spring at a port whose shape differs from the simulation's: once the input shape is corrected, force and
+    /// displacement are right.
     #[test]
     fn struts_follow_their_input_shapes() {
         const MODE: usize = 1;

@@ -1,58 +1,79 @@
 //! Intervals where the noise is not quite what its model says.
 //!
-//! The noise model is fitted to seconds of quiet records, and knows its density at a narrow resonance from a few values; what tells of an effect often lies just
-//! there. So the covariance is also taken from the residuals themselves, row by row (White, Econometrica 48, 1980), each over one minus its leverage (MacKinnon
-//! and White, J. Econometrics 29, 1985, HC2).
+//! The noise model is fitted to seconds of quiet records, and a few values determine its density at a narrow resonance,
+//! where much of the evidence for an effect lies. The covariance is therefore also taken from the residuals themselves,
+//! row by row (White, *Econometrica* 48, 1980), each divided by one minus its leverage (MacKinnon and White, *J.
+//! Econometrics* 29, 1985, HC2).
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 use nalgebra::DMatrix;
 
-/// Rows whose leverages are found together.
+/// Rows whose leverages are computed together.
 const CHUNK: usize = 1024;
 
-/// A row that decides a parameter alone says nothing of its own noise.
+/// Upper limit of a leverage. A row that determines a parameter alone says nothing about its own noise.
 const MOST_LEVERAGE: f64 = 0.9;
 
-/// Factors on the standard deviations of the last `count` parameters, from one up: residuals' over the model's. `jacobian` is rows x n, column after column, of
-/// whitened residuals; `prior` has one over the prior's variance of each parameter. None where the normal matrix has no inverse.
-pub fn widened(jacobian: &[f64], prior: &[f64], residual: &[f64], count: usize) -> Option<Vec<f64>> {
-    let (rows, n) = (residual.len(), prior.len());
-    let all = MatRef::from_column_major_slice(jacobian, rows, n);
-    let mut normal = Mat::zeros(n, n);
-    matmul(&mut normal, Accum::Replace, all.transpose(), all, 1.0, Par::Seq);
-    let mut normal = DMatrix::from_fn(n, n, |i, j| normal[(i, j)]);
-    (0..n).for_each(|i| normal[(i, i)] += prior[i]);
-    let inverse = normal.cholesky()?.inverse();
-    let inverse_mat = Mat::from_fn(n, n, |i, j| inverse[(i, j)]);
+/// Returns a factor, at least one, on the standard deviation of each of the last `count` parameters: that from the
+/// residuals over that from the noise model.
+///
+/// `jacobian` has the derivatives of the whitened residual, in blocks of columns; `prior` the precision of the first
+/// parameters, those without one following; `covariance` is that of all parameters under the noise model.
+pub(super) fn widened(
+    jacobian: &[MatRef<'_, f64>],
+    prior: &[f64],
+    residual: &[f64],
+    covariance: &DMatrix<f64>,
+    count: usize,
+) -> Vec<f64> {
+    let n = covariance.nrows();
+    let covariance = MatRef::from_column_major_slice(covariance.as_slice(), n, n);
     let mut power = vec![0.0; count];
     let mut moved = Mat::zeros(CHUNK, n);
-    for from in (0..rows).step_by(CHUNK) {
-        let height = CHUNK.min(rows - from);
-        let chunk = all.subrows(from, height);
-        // What a row's residual moves each parameter by.
-        matmul(moved.subrows_mut(0, height), Accum::Replace, chunk, &inverse_mat, 1.0, Par::Seq);
+    for from in (0..residual.len()).step_by(CHUNK) {
+        let height = CHUNK.min(residual.len() - from);
+        // The change of each parameter by the residual of each row, and the leverages of the rows.
+        let mut first = 0;
+        moved.fill(0.0);
+        for block in jacobian {
+            let (rows, influence) = (block.subrows(from, height), covariance.subrows(first, block.ncols()));
+            matmul(moved.subrows_mut(0, height), Accum::Add, rows, influence, 1.0, Par::Seq);
+            first += block.ncols();
+        }
         for i in 0..height {
-            let leverage: f64 = (0..n).map(|j| moved[(i, j)] * chunk[(i, j)]).sum();
+            let row = jacobian.iter().flat_map(|block| (0..block.ncols()).map(move |j| block[(from + i, j)]));
+            let leverage: f64 = row.enumerate().map(|(j, x)| moved[(i, j)] * x).sum();
             let square = residual[from + i].powi(2) / (1.0 - leverage.clamp(0.0, MOST_LEVERAGE));
             (0..count).for_each(|k| power[k] += square * moved[(i, n - count + k)].powi(2));
         }
     }
     let factor = |k: usize| {
         let own = n - count + k;
-        // What the prior says is taken at its word.
-        let of_prior: f64 = (0..n).map(|j| inverse[(own, j)].powi(2) * prior[j]).sum();
-        ((power[k] + of_prior) / inverse[(own, own)].max(f64::MIN_POSITIVE)).sqrt().max(1.0)
+        // The prior's part is taken at its word.
+        let of_prior: f64 = prior.iter().enumerate().map(|(j, prior)| covariance[(own, j)].powi(2) * prior).sum();
+        ((power[k] + of_prior) / covariance[(own, own)].max(f64::MIN_POSITIVE)).sqrt().max(1.0)
     };
-    Some((0..count).map(factor).collect())
+    (0..count).map(factor).collect()
 }
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::DVector;
+
     use super::*;
     use crate::testing::random_input;
 
     const ROWS: usize = 4000;
+
+    /// For parameters that all have a prior.
+    fn factors(jacobian: &[f64], prior: &[f64], residual: &[f64], count: usize) -> Vec<f64> {
+        let j = DMatrix::from_column_slice(ROWS, prior.len(), jacobian);
+        let precision = DMatrix::from_diagonal(&DVector::from_column_slice(prior));
+        let covariance = (j.transpose() * &j + precision).try_inverse().unwrap();
+        let blocks = MatRef::from_column_major_slice(jacobian, ROWS, prior.len()).split_at_col(1);
+        widened(&[blocks.0, blocks.1], prior, residual, &covariance, count)
+    }
 
     /// Two parameters; the second is told by a tenth of the rows alone, where the noise is `louder` than elsewhere.
     fn factor(louder: f64) -> f64 {
@@ -63,7 +84,7 @@ mod tests {
         let second =
             random_input(3, ROWS, 1).remove(0).into_iter().enumerate().map(|(row, x)| if told(row) { x } else { 0.0 });
         let jacobian: Vec<f64> = first.into_iter().chain(second).collect();
-        widened(&jacobian, &[0.0, 0.0], &residual, 1).unwrap()[0]
+        factors(&jacobian, &[0.0, 0.0], &residual, 1)[0]
     }
 
     #[test]
@@ -78,9 +99,8 @@ mod tests {
     fn a_prior_keeps_its_word() {
         let residual = random_input(4, ROWS, 1).remove(0).iter().map(|x| 9.0 * x).collect::<Vec<f64>>();
         let jacobian = random_input(5, ROWS, 1).remove(0);
-        let strong = widened(&jacobian, &[1e9], &residual, 1).unwrap()[0];
-        let none = widened(&jacobian, &[0.0], &residual, 1).unwrap()[0];
+        let strong = factors(&jacobian, &[1e9], &residual, 1)[0];
+        let none = factors(&jacobian, &[0.0], &residual, 1)[0];
         assert!(strong < 1.01 && (none / 9.0 - 1.0).abs() < 0.1, "{strong} {none}");
-        assert_eq!(widened(&vec![0.0; ROWS], &[0.0], &residual, 1), None);
     }
 }

@@ -1,8 +1,8 @@
 //! The nonlinear regression problems of NIST's Statistical Reference Datasets, with their certified answers.
 //!
 //! The data files are in the public domain; they are unchanged copies of those at
-//! <https://www.itl.nist.gov/div898/strd/nls/nls_main.shtml>, as distributed with the source of lmfit 1.3.4. The certified
-//! values were computed by NIST in quadruple precision and have eleven significant digits.
+//! <https://www.itl.nist.gov/div898/strd/nls/nls_main.shtml>, as distributed with the source of lmfit 1.3.4. The
+//! certified values were computed by NIST in quadruple precision and have eleven significant digits.
 
 mod data;
 mod dual;
@@ -99,8 +99,9 @@ fn certified_parameters_give_the_certified_sum_of_squares() {
     }
 }
 
-/// From both starting points, to seven digits of the parameters and six of the standard deviations. The residuals of Lanczos1 are the rounding of its fourteen-digit
-/// data, so that double precision leaves their variance, and with it the standard deviations, three digits.
+/// From both starting points, to seven digits of the parameters and six of the standard deviations. The residuals of
+/// Lanczos1 are the rounding of its fourteen-digit data, so that double precision leaves their variance, and with it
+/// the standard deviations, three digits.
 #[test]
 fn certified_values_are_found_from_both_starts() {
     let mut all = true;
@@ -120,8 +121,8 @@ fn certified_values_are_found_from_both_starts() {
     assert!(all, "see the table above");
 }
 
-/// From the first starting point of MGH17, a long step in a rate leads to a plateau where the model no longer depends on
-/// it. Without a memory the damping of that rate vanishes there.
+/// From the first starting point of MGH17, a long step in a rate leads to a plateau where the model no longer depends
+/// on it. Without a memory the damping of that rate vanishes there.
 #[test]
 fn a_scale_without_memory_ends_on_a_plateau() {
     let (name, model) = *MODELS.iter().find(|(name, _)| *name == "MGH17").unwrap();

@@ -1,0 +1,60 @@
+//! The covariance of the effects' parameters.
+
+use nalgebra::DMatrix;
+use plid_lsq::Normal;
+
+use crate::fit::descent::Fit;
+use crate::fit::jacobian::Tangent;
+use crate::fit::problem::{Placed, Problem};
+use crate::fit::robust::widened;
+use crate::fit::scale::Scale;
+use crate::simulate::Fineness;
+
+impl Problem {
+    /// Returns the covariance under the noise model, in the parameters' own units: the effects' block of the inverse of
+    /// the normal matrix.
+    pub(super) fn model_covariance(&self, normal: &Normal, effects: &[Placed], scales: &[Scale]) -> DMatrix<f64> {
+        match self.inverse(normal, effects, scales) {
+            Some(inverse) => in_units(&inverse, effects, scales),
+            None => DMatrix::from_diagonal_element(scales.len(), scales.len(), f64::INFINITY),
+        }
+    }
+
+    /// Returns the covariance at a fit with these derivatives, as wide as the residuals say, but no narrower than under
+    /// the noise model.
+    pub(super) fn robust_covariance(&self, jacobian: &Tangent, fit: &Fit, fineness: Fineness) -> DMatrix<f64> {
+        let Fit { eta, effects, residual, .. } = fit;
+        let plant = self.nuisance.apply(&self.plant, eta);
+        let scales = self.scales(effects);
+        let columns = self.effect_columns(&plant, eta, effects, residual, &scales, fineness);
+        let mut normal = Normal::new(self.nuisance.len() + scales.len());
+        self.assemble(jacobian, &columns, residual, eta, &mut normal);
+        let Some(inverse) = self.inverse(&normal, effects, &scales) else {
+            return self.model_covariance(&normal, effects, &scales);
+        };
+        let prior: Vec<f64> = self.nuisance.std.iter().map(|std| std.powi(-2)).collect();
+        let by = widened(&[jacobian.matrix(), columns.matrix()], &prior, residual, &inverse, scales.len());
+        let model = in_units(&inverse, effects, &scales);
+        DMatrix::from_fn(by.len(), by.len(), |i, j| by[i] * by[j] * model[(i, j)])
+    }
+
+    /// Returns the inverse of a fit's normal matrix, in which lengths that no data determine are held.
+    fn inverse(&self, normal: &Normal, effects: &[Placed], scales: &[Scale]) -> Option<DMatrix<f64>> {
+        let mut held = normal.matrix.clone();
+        let first = held.nrows() - scales.len();
+        for length in self.lengths(effects, scales) {
+            for i in 0..scales.len() {
+                (0..scales.len()).for_each(|j| held[(first + i, first + j)] += length[i] * length[j]);
+            }
+        }
+        held.cholesky().map(|factor| factor.inverse())
+    }
+}
+
+/// Returns the effects' block of a covariance in the fit's scales, in the parameters' own units.
+fn in_units(covariance: &DMatrix<f64>, effects: &[Placed], scales: &[Scale]) -> DMatrix<f64> {
+    let first = covariance.nrows() - scales.len();
+    let values = effects.iter().flat_map(|placed| placed.parameters.iter());
+    let slope: Vec<f64> = scales.iter().zip(values).map(|(scale, value)| scale.slope(*value)).collect();
+    DMatrix::from_fn(slope.len(), slope.len(), |i, j| covariance[(first + i, first + j)] * slope[i] * slope[j])
+}

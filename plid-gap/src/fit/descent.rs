@@ -1,0 +1,269 @@
+//! The fit that everything else asks for: linear parameters and effects together, by least squares.
+
+use std::convert::Infallible;
+
+use nalgebra::{DMatrix, DVector};
+use plid_lsq::{Damping, Ended, Equations, Minimum, Normal, Stop, minimise};
+
+use crate::fit::jacobian::Tangent;
+use crate::fit::problem::{Placed, Problem, sum_of_squares};
+use crate::fit::scale::{Scale, stepped};
+use crate::plant::Plant;
+use crate::simulate::Fineness;
+
+/// A fit of linear parameters and effects.
+#[derive(Clone)]
+pub struct Fit<'a> {
+    /// Linear parameters.
+    pub eta: Vec<f64>,
+    /// Effects with fitted parameters.
+    pub effects: Vec<Placed<'a>>,
+    /// Whitened residual.
+    pub residual: Vec<f64>,
+    /// Sum of squares of the residual and of eta / std.
+    pub cost: f64,
+    /// Covariance of the effects' parameters, in their own units.
+    pub covariance: DMatrix<f64>,
+    /// Whether the last step was small.
+    pub converged: bool,
+}
+
+impl Fit<'_> {
+    /// Returns the number of effect parameters.
+    pub fn parameters(&self) -> usize {
+        self.effects.iter().map(|placed| placed.parameters.len()).sum()
+    }
+}
+
+/// How far a fit goes.
+#[derive(Debug, Clone, Copy)]
+pub struct Effort {
+    /// Largest number of steps.
+    pub steps: usize,
+    /// A step that lowers the cost by less than this ends the fit.
+    pub gain: f64,
+    /// Fineness of forces within a sample.
+    pub fineness: Fineness,
+}
+
+/// The last steps of a fit.
+const SETTLED: Effort = Effort { steps: 6, gain: 0.05, fineness: Fineness::FINE };
+
+/// Damping up to which linear parameters are not held back: the model is close to linear in them, so that only a step
+/// that led astray is shortened.
+const UNDAMPED: f64 = 1e-3;
+
+/// The damping of a fit's steps (Marquardt 1963).
+const DAMPING: Damping = Damping { start: UNDAMPED, shrink: 0.1, grow: 10.0, least: 1e-9, tries: 6, factors: &[1.0] };
+
+/// The same where every step is tried undamped first.
+const DAMPING_LINEAR: Damping = Damping { shrink: 0.0, least: UNDAMPED, tries: 7, ..DAMPING };
+
+/// Steps after which derivatives are taken anew where effects move modes.
+const RENEWED: usize = 3;
+
+/// Where the derivatives by the linear parameters come from.
+enum Derivatives<'p> {
+    /// They are given, and stay.
+    Given(&'p Tangent),
+    /// They are given, and computed anew every few steps where effects move the modes to which they belong.
+    Renewed(&'p Tangent),
+    /// They are computed at every step, without effects.
+    Current,
+}
+
+/// A search over linear parameters and effects.
+pub(super) struct Search<'p, 'a> {
+    problem: &'p Problem,
+    derivatives: Derivatives<'p>,
+    damping: Damping,
+    effort: Effort,
+    scales: Vec<Scale>,
+    /// Derivatives that the search computed itself.
+    own: Option<Tangent>,
+    /// Linearisations so far.
+    steps: usize,
+    /// The effects at the last linearisation.
+    linearised: Vec<Placed<'a>>,
+}
+
+/// A linear model with effects, and its residual.
+#[derive(Clone)]
+pub(super) struct Point<'a> {
+    pub eta: Vec<f64>,
+    pub effects: Vec<Placed<'a>>,
+    pub plant: Plant,
+    pub residual: Vec<f64>,
+    pub cost: f64,
+}
+
+/// Normal equations, the first of whose parameters are the linear ones.
+#[derive(Clone)]
+pub(super) struct PartlyLinear {
+    normal: Normal,
+    linear: usize,
+}
+
+impl Equations for PartlyLinear {
+    type Work = DMatrix<f64>;
+
+    fn solve(&self, damping: f64, work: &mut DMatrix<f64>, step: &mut DVector<f64>) -> bool {
+        let linear = if damping <= UNDAMPED { 0.0 } else { damping };
+        self.normal.solve_damped(|i| if i < self.linear { linear } else { damping }, work, step)
+    }
+}
+
+impl<'p, 'a> Search<'p, 'a> {
+    fn point(&self, eta: Vec<f64>, effects: Vec<Placed<'a>>) -> Point<'a> {
+        let plant = self.problem.nuisance.apply(&self.problem.plant, &eta);
+        let residual = self.problem.residual(&plant, &eta, &effects, self.effort.fineness);
+        let cost = sum_of_squares(&residual) + self.problem.penalty(&eta);
+        Point { eta, effects, plant, residual, cost }
+    }
+
+    fn run(&mut self, eta: &[f64], effects: &[Placed<'a>]) -> Minimum<Self> {
+        self.scales = self.problem.scales(effects);
+        let start = self.point(eta.to_vec(), effects.to_vec());
+        let stop = Stop { steps: self.effort.steps, gain: self.effort.gain, patience: 1 };
+        let Ok(found) = minimise(self, start, self.damping, stop);
+        found
+    }
+}
+
+impl<'a> plid_lsq::Problem for Search<'_, 'a> {
+    type Point = Point<'a>;
+    type Equations = PartlyLinear;
+    type Error = Infallible;
+
+    fn equations(&self) -> PartlyLinear {
+        let linear = self.problem.nuisance.len();
+        PartlyLinear { normal: Normal::without_memory(linear + self.scales.len()), linear }
+    }
+
+    fn linearise(&mut self, at: &Point<'a>, equations: &mut PartlyLinear) -> Result<(), Infallible> {
+        let Point { eta, effects, plant, residual, .. } = at;
+        let problem = self.problem;
+        let jacobian = match self.derivatives {
+            Derivatives::Given(given) => given,
+            Derivatives::Renewed(given) => {
+                if self.steps.is_multiple_of(RENEWED)
+                    && let Some(changed) = problem.changed(plant, effects)
+                {
+                    self.own = Some(problem.tangent(&changed));
+                }
+                self.own.as_ref().unwrap_or(given)
+            }
+            Derivatives::Current => self.own.insert(problem.tangent(plant)),
+        };
+        let columns = problem.effect_columns(plant, eta, effects, residual, &self.scales, self.effort.fineness);
+        problem.assemble(jacobian, &columns, residual, eta, &mut equations.normal);
+        self.steps += 1;
+        self.linearised.clone_from(effects);
+        Ok(())
+    }
+
+    fn advance(&self, from: &Point<'a>, step: &DVector<f64>, to: &mut Point<'a>) {
+        let eta: Vec<f64> = from.eta.iter().zip(step.iter()).map(|(x, dx)| x + dx).collect();
+        let effects = stepped(&from.effects, &step.as_slice()[eta.len()..], &self.scales);
+        *to = self.point(eta, effects);
+    }
+
+    fn cost(&self, at: &Point<'a>) -> f64 {
+        at.cost
+    }
+}
+
+impl Problem {
+    /// Fits the linear parameters and the effects from the given start. The derivatives by the linear parameters are
+    /// those of the linear simulation, as far as effects do not move its modes.
+    pub fn fit<'a>(&self, jacobian: &Tangent, eta: &[f64], effects: &[Placed<'a>], effort: Effort) -> Fit<'a> {
+        self.fitted(Derivatives::Renewed(jacobian), eta, effects, effort)
+    }
+
+    /// Takes the last steps of a fit, with the derivatives of the simulation with its effects. Without a force that
+    /// acts inside the structure, the derivatives are off by as much as it changes the motion: the fit ends beside its
+    /// minimum, with intervals that are too narrow.
+    pub fn settled<'a>(&self, fit: &Fit<'a>) -> Fit<'a> {
+        if fit.effects.is_empty() {
+            return fit.clone();
+        }
+        let plant = self.nuisance.apply(&self.plant, &fit.eta);
+        let residual = self.residual(&plant, &fit.eta, &fit.effects, SETTLED.fineness);
+        let start = Fit { residual, ..fit.clone() };
+        let jacobian = self.jacobian_with_effects(&start, SETTLED.fineness);
+        let mut settled = self.fitted(Derivatives::Given(&jacobian), &fit.eta, &fit.effects, SETTLED);
+        settled.covariance = self.robust_covariance(&jacobian, &settled, SETTLED.fineness);
+        settled
+    }
+
+    fn search<'p, 'a>(&'p self, derivatives: Derivatives<'p>, damping: Damping, effort: Effort) -> Search<'p, 'a> {
+        let (scales, linearised) = (Vec::new(), Vec::new());
+        Search { problem: self, derivatives, damping, effort, scales, own: None, steps: 0, linearised }
+    }
+
+    fn fitted<'a>(&self, derivatives: Derivatives<'_>, eta: &[f64], effects: &[Placed<'a>], effort: Effort) -> Fit<'a> {
+        let mut search = self.search(derivatives, DAMPING, effort);
+        let Minimum { point, equations, ended, .. } = search.run(eta, effects);
+        let covariance = self.model_covariance(&equations.normal, &search.linearised, &search.scales);
+        let Point { eta, effects, residual, cost, .. } = point;
+        Fit { eta, effects, residual, cost, covariance, converged: ended.converged() }
+    }
+
+    /// Fits the linear parameters alone, with derivatives that are computed at every step. Also returns the derivatives
+    /// at the minimum.
+    pub(super) fn fit_linear(&self, effort: Effort) -> (Point<'static>, Tangent) {
+        let mut search = self.search(Derivatives::Current, DAMPING_LINEAR, effort);
+        let found = search.run(&vec![0.0; self.nuisance.len()], &[]);
+        let there = search.own.filter(|_| found.ended == Ended::Stalled);
+        let jacobian = there.unwrap_or_else(|| self.tangent(&found.point.plant));
+        (found.point, jacobian)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::Library;
+    use crate::effects::{Action, Place};
+    use crate::prepare::{Known, prepare};
+    use crate::simulate::simulate;
+    use crate::testing;
+
+    /// A spring that stiffens, and a simulation whose resonances are off within the limits: with the linear
+    /// simulation's derivatives the fit ends beside its minimum, from where the cost still falls along the linear
+    /// parameters; and what is stated of the spring is too sure.
+    #[test]
+    fn the_last_steps_end_where_no_linear_parameter_lowers_the_cost() {
+        let sim = testing::truss(1);
+        let real = testing::truss_with(1, |modes, _, _| modes.iter_mut().for_each(|(hz, _)| *hz *= 1.0008));
+        let mut case = testing::case(&sim, &real);
+        let library = Library::standard();
+        let ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        let setting = ready.problem.setting;
+        let size = 1e-3 * setting.stiffness[0] / setting.d_rms[0].powi(2);
+        let effect = library.get("cubic-stiffness").unwrap();
+        let spring = Placed { effect, place: Place::Input(0), parameters: vec![size] };
+        let plant = Plant::new(&real).unwrap();
+        for record in &mut case.records {
+            let run = |actions: &[Action]| simulate(&plant, actions, &record.u, record.start_s, None, Fineness::FINE);
+            let (with, without) = (run(&effect.act(&setting, &spring.place, &[size])), run(&[]));
+            let changed = with.iter().flatten().zip(without.iter().flatten());
+            record.y.iter_mut().flatten().zip(changed).for_each(|(y, (a, b))| *y += a - b);
+        }
+        let problem = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap().problem;
+        let jacobian = problem.tangent(&problem.plant);
+        let effort = Effort { steps: 20, gain: 1e-3, fineness: Fineness::FINE };
+        let fit = problem.fit(&jacobian, &vec![0.0; problem.nuisance.len()], &[spring], effort);
+        let settled = problem.settled(&fit);
+        let still = |fit: &Fit| fit.cost - problem.settled(fit).cost;
+        assert!(
+            still(&settled) < 0.1 && still(&fit) > 10.0 * still(&settled).max(0.1),
+            "{} {}",
+            still(&fit),
+            still(&settled)
+        );
+        assert!(settled.covariance[(0, 0)] > 1.2 * fit.covariance[(0, 0)]);
+        let off = (settled.effects[0].parameters[0] - size) / settled.covariance[(0, 0)].sqrt();
+        assert!(off.abs() < 4.0, "{off} standard deviations");
+    }
+}

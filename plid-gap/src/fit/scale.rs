@@ -1,0 +1,88 @@
+//! The coordinates in which a fit steps through the effects' parameters.
+
+use crate::effects::Range;
+use crate::fit::problem::{Placed, Problem, dot};
+
+/// How firmly, as one over a relative standard deviation, the length of a vector is held of which only the direction
+/// counts.
+const HELD: f64 = 1e4;
+
+/// A step of a frequency, as a share of the width of a line over all records.
+const LINE_SHARE: f64 = 0.2;
+
+/// How a step changes a parameter.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Scale {
+    /// value + step * scale.
+    Linear(f64),
+    /// value * e^step.
+    Logarithm,
+}
+
+impl Scale {
+    fn moved(self, value: f64, step: f64) -> f64 {
+        match self {
+            Scale::Linear(scale) => value + step * scale,
+            // No step goes further than a factor e: the slope here says little about a shape that far away.
+            Scale::Logarithm => value * step.clamp(-1.0, 1.0).exp(),
+        }
+    }
+
+    /// The derivative of the parameter by the step.
+    pub(super) fn slope(self, value: f64) -> f64 {
+        match self {
+            Scale::Linear(scale) => scale,
+            Scale::Logarithm => value,
+        }
+    }
+}
+
+/// Returns the effects after a step of all their parameters.
+pub(super) fn stepped<'a>(effects: &[Placed<'a>], step: &[f64], scales: &[Scale]) -> Vec<Placed<'a>> {
+    let mut stepped = effects.to_vec();
+    let parameters = stepped.iter_mut().flat_map(|placed| placed.parameters.iter_mut());
+    for ((value, step), scale) in parameters.zip(step).zip(scales) {
+        *value = scale.moved(*value, *step);
+    }
+    stepped
+}
+
+impl Problem {
+    /// Returns the scale of every effect parameter.
+    pub(super) fn scales(&self, effects: &[Placed]) -> Vec<Scale> {
+        let mut scales = Vec::new();
+        for placed in effects {
+            for (parameter, &start) in placed.effect.parameters(&self.setting).iter().zip(&placed.parameters) {
+                scales.push(match parameter.range {
+                    Range::Signed | Range::Direction => Scale::Linear(if start == 0.0 { 1.0 } else { start.abs() }),
+                    Range::Positive => Scale::Logarithm,
+                    Range::Hz => Scale::Linear(LINE_SHARE / self.setting.duration_s.max(1e-9)),
+                    Range::Angle => Scale::Linear(1.0),
+                });
+            }
+        }
+        scales
+    }
+
+    /// Returns, for each vector of which only the direction counts, the derivative of its length by all effect
+    /// parameters, times [`HELD`]. No data determine such a length, and it is held where it is.
+    pub(super) fn lengths(&self, effects: &[Placed], scales: &[Scale]) -> Vec<Vec<f64>> {
+        let mut lengths = Vec::new();
+        let mut first = 0;
+        for placed in effects {
+            let mut length = vec![0.0; scales.len()];
+            for (k, parameter) in placed.effect.parameters(&self.setting).iter().enumerate() {
+                if parameter.range == Range::Direction {
+                    let value = placed.parameters[k];
+                    length[first + k] = value * scales[first + k].slope(value);
+                }
+            }
+            first += placed.parameters.len();
+            let size = dot(&length, &length).sqrt();
+            if size > 0.0 {
+                lengths.push(length.iter().map(|x| HELD * x / size).collect());
+            }
+        }
+        lengths
+    }
+}
