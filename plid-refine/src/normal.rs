@@ -5,6 +5,7 @@
 //! of those of the others, so they are eliminated record by record.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
+use plid_lsq::Equations;
 
 use crate::gram::{Gram, Places};
 use crate::sections::Sections;
@@ -80,19 +81,12 @@ pub(crate) struct InitialPart {
 }
 
 /// The normal matrix J'WJ and the gradient J'We.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Normal {
     pub shared: DMatrix<f64>,
     pub gradient: DVector<f64>,
     /// One entry per record; `None` for a start at rest.
     pub initial: Vec<Option<InitialPart>>,
-}
-
-/// A step of all parameters.
-#[derive(Clone, Debug)]
-pub(crate) struct Step {
-    pub shared: DVector<f64>,
-    pub initial: Vec<Option<DVector<f64>>>,
 }
 
 impl Normal {
@@ -152,9 +146,10 @@ impl Normal {
         self.initial.push(part);
     }
 
-    /// Solves (J'WJ + damping diag J'WJ) step = J'We, or returns `None` if the matrix is not positive definite. A
-    /// parameter without influence is unchanged.
-    pub fn step(&self, damping: f64) -> Option<Step> {
+    /// Solves (J'WJ + damping diag J'WJ) step = J'We, or returns `None` if the matrix is not positive definite. The
+    /// initial states that are estimated follow the shared parameters, record after record. A parameter without influence
+    /// is unchanged.
+    pub fn step(&self, damping: f64) -> Option<DVector<f64>> {
         let scale = |h: &DMatrix<f64>| h.diagonal().map(|x| if x > 0.0 { 1.0 / x.sqrt() } else { 0.0 });
         let scaled = |h: &DMatrix<f64>, rows: &DVector<f64>, columns: &DVector<f64>| {
             DMatrix::from_fn(h.nrows(), h.ncols(), |i, j| h[(i, j)] * rows[i] * columns[j])
@@ -184,13 +179,11 @@ impl Normal {
             });
         }
         let shared = Cholesky::new(reduced)?.solve(&right);
-        let initial = parts.into_iter().map(|part| {
-            part.map(|(own, own_size, across, gradient)| {
-                own.solve(&(gradient - across * &shared)).component_mul(&own_size)
-            })
-        });
-        let initial = initial.collect();
-        Some(Step { shared: shared.component_mul(&size), initial })
+        let mut step = shared.component_mul(&size).as_slice().to_vec();
+        for (own, own_size, across, gradient) in parts.into_iter().flatten() {
+            step.extend(own.solve(&(gradient - across * &shared)).component_mul(&own_size).iter());
+        }
+        Some(DVector::from_vec(step))
     }
 
     /// Returns the Fisher information of the shared parameters, with the initial states eliminated as unknowns.
@@ -204,6 +197,14 @@ impl Normal {
             }
         }
         (&reduced + reduced.transpose()) / 2.0
+    }
+}
+
+impl Equations for Normal {
+    type Work = ();
+
+    fn solve(&self, damping: f64, (): &mut (), step: &mut DVector<f64>) -> bool {
+        self.step(damping).map(|found| *step = found).is_some()
     }
 }
 

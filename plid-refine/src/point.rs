@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::error::RefineError;
 use crate::gram::{gram, places, squares};
-use crate::normal::{Free, Normal, Order, Step};
+use crate::normal::{Free, Normal, Order};
 use crate::record::{Data, Scaled, Start};
 use crate::sections::Sections;
 
@@ -67,8 +67,8 @@ impl Point {
         normal
     }
 
-    /// Returns the point after a step.
-    pub fn moved(&self, step: &Step, free: Free) -> Self {
+    /// Returns the point after a step, as [`Normal::step`] orders it.
+    pub fn moved(&self, step: &DVector<f64>, free: Free) -> Self {
         let mut to = self.clone();
         let order = Order::of(&self.model);
         let (n, m, radius) = (self.model.states, self.model.m(), self.model.radius);
@@ -77,39 +77,38 @@ impl Point {
                 let mut eta = section.coordinates(radius);
                 let coordinates = if section.is_pair() { 2 } else { 1 };
                 for (coordinate, eta) in eta.iter_mut().enumerate().take(coordinates) {
-                    *eta += step.shared[order.pole(s, coordinate)];
+                    *eta += step[order.pole(s, coordinate)];
                 }
                 section.place(eta, radius);
             }
             for i in 0..self.model.p() {
                 for state in 0..n {
-                    to.model.c[(i, state)] += step.shared[order.c(i, state)];
+                    to.model.c[(i, state)] += step[order.c(i, state)];
                 }
             }
         }
         for j in (0..m).filter(|_| free != Free::States) {
             for state in 0..n {
-                to.model.b[(state, j)] += step.shared[order.b(state, j)];
+                to.model.b[(state, j)] += step[order.b(state, j)];
             }
             for i in (0..self.model.p()).filter(|_| self.model.feedthrough) {
-                to.model.d[(i, j)] += step.shared[order.d(i, j)];
+                to.model.d[(i, j)] += step[order.d(i, j)];
             }
         }
-        for (state, change) in to.initial.iter_mut().zip(&step.initial) {
-            if let (Some(state), Some(change)) = (state, change) {
-                state.rows_mut(0, n).iter_mut().zip(change).for_each(|(x, dx)| *x += dx);
-            }
+        for (k, state) in to.initial.iter_mut().flatten().enumerate() {
+            let mut state = state.rows_mut(0, n);
+            state += step.rows(order.count() + k * n, n);
         }
         to
     }
 
-    /// Returns an equivalent model in which the outputs observe the first state of every pair of real poles at least as
+    /// Changes the coordinates so that the outputs observe the first state of every pair of real poles at least as
     /// well as the second.
     ///
     /// The sign of the eigenvector of a real pole is arbitrary, so either state may be the sum of the two poles'
     /// contributions and the other their difference. If the outputs observe mainly the difference, the section loses
     /// observability as the poles meet and they cannot become complex; if they observe the sum, they can.
-    pub fn turned(mut self) -> Self {
+    pub fn turn(&mut self) {
         for (s, section) in
             self.model.poles.iter().enumerate().filter(|(_, section)| section.is_pair() && section.d > 0.0)
         {
@@ -132,7 +131,6 @@ impl Point {
                 state[at + 1] *= ratio;
             }
         }
-        self
     }
 
     /// Fits the `free` ones of B, D and the initial states, in which the simulation is linear, by least squares with
@@ -227,16 +225,13 @@ mod tests {
             let variances = [0.7, 2.0];
             let normal = point.normal(&data, &variances, Free::All);
             let count = normal.gradient.len();
-            let zero = || Step {
-                shared: DVector::zeros(count),
-                initial: point.initial.iter().map(|x| x.as_ref().map(|_| DVector::zeros(states))).collect(),
-            };
-            let derivative = |axis: &dyn Fn(&mut Step, f64)| {
+            let unknown = point.initial.iter().flatten().count();
+            let derivative = |axis: usize| {
                 // Fourth-order differences. Poles near the unit circle make the function strongly curved, so the step
                 // is small, and rounding limits the agreement to 1e-9.
                 let at = |h: f64| {
-                    let mut step = zero();
-                    axis(&mut step, h);
+                    let mut step = DVector::zeros(count + unknown * states);
+                    step[axis] = h;
                     half_squares(&point.moved(&step, Free::All), &data, &variances)
                 };
                 let h = 1e-4;
@@ -244,13 +239,12 @@ mod tests {
             };
             let size = normal.gradient.amax();
             for k in 0..count {
-                let found = derivative(&|step, h| step.shared[k] = h);
+                let found = derivative(k);
                 prop_assert!((found + normal.gradient[k]).abs() < 1e-6 * size, "{k}: {found} {}", -normal.gradient[k]);
             }
-            for (r, part) in normal.initial.iter().enumerate() {
-                let Some(part) = part else { continue };
+            for (r, part) in normal.initial.iter().flatten().enumerate() {
                 for k in 0..states {
-                    let found = derivative(&|step, h| if let Some(x) = &mut step.initial[r] { x[k] = h });
+                    let found = derivative(count + r * states + k);
                     prop_assert!((found + part.gradient[k]).abs() < 1e-6 * size, "x0 {k}: {found}");
                 }
             }
@@ -262,12 +256,15 @@ mod tests {
         let (mut point, data) = point(5, 4, &[Start::Unknown, Start::Rest], true);
         point.model.poles[0] = Section { c: 0.6, d: 0.04, up: 0.3 };
         point.model.c.column_mut(0).fill(0.01);
-        let turned = point.clone().turned();
+        let mut turned = point.clone();
+        turned.turn();
         assert!(turned.model != point.model);
         for (a, b) in turned.variances(&data).iter().zip(point.variances(&data)) {
             assert!((a / b - 1.0).abs() < 1e-12);
         }
-        assert_eq!(turned.clone().turned().model, turned.model);
+        let mut again = turned.clone();
+        again.turn();
+        assert_eq!(again.model, turned.model);
     }
 
     /// Compares J'WJ with a Jacobian from finite differences of the simulated outputs.
@@ -286,11 +283,8 @@ mod tests {
         };
         let column = |k: usize| -> DVector<f64> {
             let at = |h: f64| {
-                let mut step = Step { shared: DVector::zeros(count), initial: vec![Some(DVector::zeros(5))] };
-                match (k.checked_sub(count), &mut step.initial[0]) {
-                    (Some(x), Some(initial)) => initial[x] = h,
-                    _ => step.shared[k] = h,
-                }
+                let mut step = DVector::zeros(count + 5);
+                step[k] = h;
                 DVector::from_vec(output(&point.moved(&step, Free::All)))
             };
             let h = 1e-3;

@@ -6,11 +6,11 @@
 //! 2nd ed., section 7.2; the sensitivities are those of section 10.3).
 
 use nalgebra::{DMatrix, DVector};
+use plid_lsq::{Damping, Problem, Stop, minimise};
 use plid_model::Model;
-use rayon::prelude::*;
 
 use crate::error::RefineError;
-use crate::normal::Free;
+use crate::normal::{Free, Normal};
 use crate::point::Point;
 use crate::record::{Data, Record};
 use crate::sections::Sections;
@@ -67,13 +67,11 @@ pub struct Refined {
 const SMALL_GAIN: f64 = 1e-2;
 /// The iteration ends after this many insignificant gains in a row.
 const SMALL_STEPS: usize = 4;
-/// Damping factors tried in parallel, relative to the last successful one.
-const TRIALS: [f64; 4] = [0.03, 0.3, 3.0, 30.0];
+/// Four dampings are tried in parallel, relative to the one that served last.
+const DAMPING: Damping =
+    Damping { start: 1e-2, shrink: 1.0, grow: 1e3, least: 1e-14, tries: 8, factors: &[0.03, 0.3, 3.0, 30.0] };
 /// Number of prefilters, each estimated from the errors of the fit before it.
 const ROUNDS: usize = 2;
-/// The iteration ends when no damping up to this value gives a gain.
-const MOST_DAMPING: f64 = 1e8;
-
 /// Returns the negative log-likelihood up to a constant.
 fn cost(variances: &[f64], present: &[usize]) -> f64 {
     variances.iter().zip(present).map(|(v, &n)| 0.5 * n as f64 * v.ln()).sum()
@@ -177,6 +175,7 @@ pub(crate) fn check(states: usize, data: &Data, options: &Options) -> Result<(),
     Ok(())
 }
 
+/// The result of a search.
 pub(crate) struct Descent {
     point: Point,
     variances: Vec<f64>,
@@ -184,52 +183,69 @@ pub(crate) struct Descent {
     converged: bool,
 }
 
+/// A search over all parameters.
+struct Search<'a> {
+    data: &'a Data,
+    /// Number of output samples of each output.
+    present: Vec<usize>,
+    iterations: usize,
+    done: usize,
+    watcher: Watcher<'a>,
+}
+
+/// A point and the mean square error of each output there.
+#[derive(Clone)]
+struct Place {
+    point: Point,
+    variances: Vec<f64>,
+}
+
+impl Problem for Search<'_> {
+    type Point = Place;
+    type Equations = Normal;
+    type Error = RefineError;
+
+    fn equations(&self) -> Normal {
+        Normal::default()
+    }
+
+    fn linearise(&mut self, at: &Place, normal: &mut Normal) -> Result<(), RefineError> {
+        if !(self.watcher)(self.done, self.iterations) {
+            return Err(RefineError::Interrupted);
+        }
+        self.done += 1;
+        *normal = at.point.normal(self.data, &at.variances, Free::All);
+        Ok(())
+    }
+
+    fn advance(&self, from: &Place, step: &DVector<f64>, to: &mut Place) {
+        to.point = from.point.moved(step, Free::All);
+        to.variances = to.point.variances(self.data);
+    }
+
+    fn cost(&self, at: &Place) -> f64 {
+        cost(&at.variances, &self.present)
+    }
+
+    fn accepted(&mut self, at: &mut Place) {
+        at.point.turn();
+    }
+}
+
 pub(crate) fn descend(
-    start: Point,
+    mut start: Point,
     data: &Data,
     iterations: usize,
     watcher: Watcher<'_>,
 ) -> Result<Descent, RefineError> {
-    let present = data.present();
-    let mut variances = start.variances(data);
-    let mut point = start.turned();
-    let mut damping = 1e-2;
-    let (mut small, mut done) = (0, 0);
-    while done < iterations && small < SMALL_STEPS {
-        if !watcher(done, iterations) {
-            return Err(RefineError::Interrupted);
-        }
-        let normal = point.normal(data, &variances, Free::All);
-        let before = cost(&variances, &present);
-        let better = loop {
-            let trials: Vec<Option<(f64, Point, Vec<f64>)>> = TRIALS
-                .par_iter()
-                .map(|factor| {
-                    let moved = point.moved(&normal.step(factor * damping)?, Free::All);
-                    let variances = moved.variances(data);
-                    variances.iter().all(|v| v.is_finite()).then_some((factor * damping, moved, variances))
-                })
-                .collect();
-            let best =
-                trials.into_iter().flatten().min_by(|a, b| cost(&a.2, &present).total_cmp(&cost(&b.2, &present)));
-            match best {
-                Some(best) if cost(&best.2, &present) < before => break Some(best),
-                _ if damping > MOST_DAMPING => break None,
-                _ => damping *= 1e3,
-            }
-        };
-        done += 1;
-        let Some((served, moved, found)) = better else {
-            small = SMALL_STEPS;
-            break;
-        };
-        let gain = before - cost(&found, &present);
-        (point, variances) = (moved.turned(), found);
-        damping = served.max(1e-14);
-        small = if gain < SMALL_GAIN { small + 1 } else { 0 };
-    }
+    let variances = start.variances(data);
+    start.turn();
+    let mut search = Search { data, present: data.present(), iterations, done: 0, watcher };
+    let stop = Stop { steps: iterations, gain: SMALL_GAIN, patience: SMALL_STEPS };
+    let found = minimise(&mut search, Place { point: start, variances }, DAMPING, stop)?;
     watcher(iterations, iterations);
-    Ok(Descent { point, variances, iterations: done, converged: small >= SMALL_STEPS })
+    let Place { point, variances } = found.point;
+    Ok(Descent { point, variances, iterations: found.steps, converged: found.ended.converged() })
 }
 
 impl Descent {
