@@ -4,7 +4,10 @@
 //! because model error acts on a prediction like noise. K is therefore fitted to one-step errors: first as the
 //! steady-state Kalman gain over a set of state noise levels, then by Gauss-Newton iteration on K itself.
 
+use std::convert::Infallible;
+
 use nalgebra::{DMatrix, DVector};
+use plid_lsq::{Damping, Normal, Problem, Stop, minimise};
 
 use super::Samples;
 use plid_model::{Model, NoiseCovariances, steady_state_gain};
@@ -128,33 +131,69 @@ pub fn fit_predictor(model: &Model, training: Samples<'_>) -> Option<Predictor> 
         .map(|(_, predictor)| predictor)
 }
 
-/// Runs the Gauss-Newton iteration on K. The sensitivity of x to K_ij obeys xi_{k+1} = (A - K C) xi_k + e_i e_{k,j};
-/// for fixed j these form an n x n matrix Xi_j driven by the scalar e_j: Xi_j <- (A - K C) Xi_j + e_{k,j} I.
+/// The fit of K to one-step errors, with a Gauss-Newton matrix.
+struct GainFit<'a, 's> {
+    model: &'a Model,
+    learn: Samples<'s>,
+    rest: &'a DVector<f64>,
+}
+
+/// A gain and the mean square one-step error of each output with it.
+#[derive(Clone)]
+struct GainPoint {
+    gain: DMatrix<f64>,
+    variances: Vec<f64>,
+}
+
+/// Rows whose products are added to the normal equations together, per output.
+const BLOCK: usize = 64;
+/// A step that lowers the logarithm of the mean square error by less than this is the last one.
+const SMALL_GAIN: f64 = 1e-4;
+const DAMPING: Damping = Damping { start: 1e-3, shrink: 0.2, grow: 10.0, least: 1e-9, tries: 6, factors: &[1.0] };
+
 fn gauss_newton(model: &Model, start: &DMatrix<f64>, learn: Samples<'_>, rest: &DVector<f64>) -> DMatrix<f64> {
-    let (n, p) = (model.n(), model.p());
-    let mut gain = start.clone();
-    let mut variances = one_step(model, &gain, learn, rest).0;
-    let mut damping = 1e-3;
-    for _ in 0..STEPS {
-        let closed = &model.a - &gain * &model.c;
-        let size = n * p;
-        let (mut normal, mut right) = (DMatrix::<f64>::zeros(size, size), DVector::<f64>::zeros(size));
+    let mut fit = GainFit { model, learn, rest };
+    let start = fit.at(start.clone());
+    let Ok(found) = minimise(&mut fit, start, DAMPING, Stop { steps: STEPS, gain: SMALL_GAIN, patience: 1 });
+    found.point.gain
+}
+
+impl GainFit<'_, '_> {
+    fn at(&self, gain: DMatrix<f64>) -> GainPoint {
+        let variances = one_step(self.model, &gain, self.learn, self.rest).0;
+        GainPoint { gain, variances }
+    }
+}
+
+impl Problem for GainFit<'_, '_> {
+    type Point = GainPoint;
+    type Equations = Normal;
+    type Error = Infallible;
+
+    fn equations(&self) -> Normal {
+        Normal::without_memory(self.model.n() * self.model.p())
+    }
+
+    /// The sensitivity of x to K_ij obeys xi_{k+1} = (A - K C) xi_k + e_i e_{k,j}; for fixed j these form an n x n matrix
+    /// Xi_j driven by the scalar e_j: Xi_j <- (A - K C) Xi_j + e_{k,j} I.
+    fn linearise(&mut self, at: &GainPoint, normal: &mut Normal) -> Result<(), Infallible> {
+        let Model { a, b, c, d, .. } = self.model;
+        let (n, p) = (self.model.n(), self.model.p());
+        let closed = a - &at.gain * c;
         let mut sensitivities = vec![DMatrix::<f64>::zeros(n, n); p];
-        let mut x = rest.clone();
+        let mut x = self.rest.clone();
         let mut e = DVector::zeros(p);
-        let mut rows = DMatrix::<f64>::zeros(p, size);
-        // The normal equations are accumulated in blocks: one product of many rows is much faster than many rank-one
-        // updates.
-        const BLOCK: usize = 64;
-        let mut block = DMatrix::<f64>::zeros(BLOCK * p, size);
+        let mut rows = DMatrix::<f64>::zeros(p, n * p);
+        let mut block = DMatrix::<f64>::zeros(BLOCK * p, n * p);
         let mut targets = DVector::<f64>::zeros(BLOCK * p);
         let mut filled = 0;
-        for (z, u) in learn.outputs.rows().into_iter().zip(learn.inputs.rows()) {
+        normal.clear();
+        for (z, u) in self.learn.outputs.rows().into_iter().zip(self.learn.inputs.rows()) {
             let u = DVector::from_iterator(u.len(), u.iter().copied());
-            let y = &model.c * &x + &model.d * &u;
+            let y = c * &x + d * &u;
             for j in 0..p {
                 e[j] = if z[j].is_finite() { z[j] - y[j] } else { 0.0 };
-                rows.view_mut((0, j * n), (p, n)).copy_from(&(&model.c * &sensitivities[j]));
+                rows.view_mut((0, j * n), (p, n)).copy_from(&(c * &sensitivities[j]));
             }
             for i in 0..p {
                 let weight = if z[i].is_finite() { 1.0 } else { 0.0 };
@@ -163,43 +202,25 @@ fn gauss_newton(model: &Model, start: &DMatrix<f64>, learn: Samples<'_>, rest: &
                 filled += 1;
             }
             if filled == BLOCK * p {
-                normal.gemm_tr(1.0, &block, &block, 1.0);
-                right.gemv_tr(1.0, &block, &targets, 1.0);
+                normal.add(block.as_view(), targets.as_view());
                 filled = 0;
             }
             for (j, xi) in sensitivities.iter_mut().enumerate() {
                 *xi = &closed * &*xi;
-                for i in 0..n {
-                    xi[(i, i)] += e[j];
-                }
+                (0..n).for_each(|i| xi[(i, i)] += e[j]);
             }
-            x = &model.a * x + &model.b * u + &gain * &e;
+            x = a * x + b * u + &at.gain * &e;
         }
-        let mut improved = false;
-        for _ in 0..6 {
-            let mut damped = normal.clone();
-            for i in 0..size {
-                damped[(i, i)] += damping * (normal[(i, i)] + f64::MIN_POSITIVE);
-            }
-            let Some(step) = damped.cholesky().map(|factor| factor.solve(&right)) else {
-                damping *= 10.0;
-                continue;
-            };
-            let candidate = &gain + DMatrix::from_column_slice(n, p, step.as_slice());
-            let found = one_step(model, &candidate, learn, rest).0;
-            if cost(&found) < cost(&variances) {
-                improved = cost(&found) < cost(&variances) - 1e-4;
-                (gain, variances) = (candidate, found);
-                damping = (damping / 5.0).max(1e-9);
-                break;
-            }
-            damping *= 10.0;
-        }
-        if !improved {
-            break;
-        }
+        Ok(())
     }
-    gain
+
+    fn advance(&self, from: &GainPoint, step: &DVector<f64>, to: &mut GainPoint) {
+        *to = self.at(&from.gain + DMatrix::from_column_slice(self.model.n(), self.model.p(), step.as_slice()));
+    }
+
+    fn cost(&self, at: &GainPoint) -> f64 {
+        cost(&at.variances)
+    }
 }
 
 #[cfg(test)]
