@@ -17,6 +17,7 @@ mod voice;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use plid::gap::effects::Library;
 
 use failure::Failure;
 use voice::Voice;
@@ -53,6 +54,19 @@ enum Command {
 
 /// Runs the command that the arguments name.
 pub fn main() -> ExitCode {
+    main_with(Library::standard())
+}
+
+/// The same with effects of one's own: `plid gap diagnose` and `plid gap predict` then know them like the built-in ones.
+///
+/// ```no_run
+/// use plid::gap::effects::{Effect, Library};
+///
+/// fn program(own: Box<dyn Effect>) -> std::process::ExitCode {
+///     plid_cli::main_with(Library::standard().with(own))
+/// }
+/// ```
+pub fn main_with(library: Library) -> ExitCode {
     // clap prints help with status 0 and wrong arguments with status 2 by itself.
     let Cli { command, quiet, json } = Cli::parse();
     let voice = Voice { quiet, json };
@@ -64,7 +78,7 @@ pub fn main() -> ExitCode {
         Command::Validate(arguments) => validate::execute(arguments, voice),
         Command::Bench(arguments) => bench::execute(arguments, voice),
         Command::Reproduce(arguments) => reproduce::execute(arguments, voice),
-        Command::Gap(arguments) => gap::execute(arguments, voice),
+        Command::Gap(arguments) => gap::execute(arguments, library, voice),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -66,8 +66,7 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
-    let library = Library::standard();
+pub fn execute(arguments: Arguments, library: Library, voice: Voice) -> Result<(), Failure> {
     if let Some(name) = arguments.without.iter().find(|name| library.get(name).is_none()) {
         let known: Vec<&str> = library.effects().map(|effect| effect.name()).collect();
         return Err(Failure::input(format!("--without {name}: the vocabulary is {}", known.join(", "))));

@@ -6,6 +6,7 @@ mod trial;
 
 use clap::Subcommand;
 use plid::gap::GapError;
+use plid::gap::effects::Library;
 
 use super::{Failure, Voice, directory, progress, table, voice};
 
@@ -26,11 +27,11 @@ enum Step {
     Trial(trial::Arguments),
 }
 
-/// Runs the command.
-pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
+/// Runs the command. A diagnosis and a prediction know the effects of `library`; blind trials know those of [`Library::standard`].
+pub fn execute(arguments: Arguments, library: Library, voice: Voice) -> Result<(), Failure> {
     match arguments.step {
-        Step::Diagnose(arguments) => diagnose::execute(arguments, voice),
-        Step::Predict(arguments) => predict::execute(arguments, voice),
+        Step::Diagnose(arguments) => diagnose::execute(arguments, library, voice),
+        Step::Predict(arguments) => predict::execute(arguments, &library, voice),
         Step::Trial(arguments) => trial::execute(arguments, voice),
     }
 }

@@ -35,7 +35,7 @@ pub struct Arguments {
 const JUST_BEYOND: f64 = 1.1;
 
 /// Runs the command.
-pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
+pub fn execute(arguments: Arguments, library: &Library, voice: Voice) -> Result<(), Failure> {
     for source in
         [Some(&arguments.diagnosis), Some(&arguments.input), arguments.simulated.as_ref()].into_iter().flatten()
     {
@@ -44,7 +44,7 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
         }
     }
     let folder = arguments.diagnosis.parent().map(PathBuf::from).unwrap_or_default();
-    let predictor = Predictor::read(&folder.join("sim-with-effect.json"), &Library::standard())?;
+    let predictor = Predictor::read(&folder.join("sim-with-effect.json"), library)?;
     let input = table::read(&arguments.input)?;
     table::require_rate(&input, &arguments.input, &predictor.model, &folder.join("sim-with-effect.json"))?;
     let u = columns(&table::pick(&input, &predictor.model.inputs)?);

@@ -200,7 +200,7 @@ fn place(location: &str, effect: &dyn Effect, setting: &Setting) -> Option<Place
             None => Some(Place::Output(of(&names.outputs, at)?)),
         },
         "port" => Some(Place::Port(of(&names.ports, at)?)),
-        "mode" if effect.name() == "missing-mode" => Some(Place::MissingMode(at.parse().ok()?)),
+        "mode" if effect.adds_mode() => Some(Place::MissingMode(at.parse().ok()?)),
         "mode" => Some(Place::Mode(setting.plant.mode_at(at.parse().ok()?)?)),
         "freq" => {
             let (hz, port) = at.split_once(" port:")?;

@@ -3,6 +3,7 @@
 use plid_report::Cell;
 
 use crate::answer::schema::{Gap, NamedEffect};
+use crate::effects::Observation;
 use crate::judge::locate::Map;
 use crate::judge::verdict::Verdict;
 use crate::words::percent;
@@ -38,6 +39,8 @@ pub(crate) fn remains(after: &Map, outputs: &[String], beyond: f64, given: f64) 
 pub(crate) struct Said<'s> {
     /// The effects that are named, the largest first.
     pub effects: &'s [NamedEffect],
+    /// Where each of them is observed.
+    pub observed: &'s [Observation],
     /// The best explanation, whether it suffices or not.
     pub nearest: &'s [String],
     /// The gaps.
@@ -83,8 +86,8 @@ impl Said<'_> {
     }
 
     fn is_noise(&self) -> bool {
-        let random = |e: &NamedEffect| matches!(e.effect.as_str(), "coloured-disturbance" | "sensor-noise");
-        self.gap.as_given < NOISE_ONLY * self.gap.noise_floor || self.effects.iter().all(random)
+        let random = |observed: &Observation| matches!(observed, Observation::Band | Observation::SensorNoise);
+        self.gap.as_given < NOISE_ONLY * self.gap.noise_floor || self.observed.iter().all(random)
     }
 
     /// All effects, with the probability of the least certain one.
@@ -121,7 +124,7 @@ impl Said<'_> {
     fn effects(&self) -> String {
         let gap = self.gap;
         // No simulation can follow samples that drop out.
-        let drops = self.effects.iter().any(|e| e.effect == "sensor-dropout");
+        let drops = self.observed.contains(&Observation::Dropouts);
         let rest = if self.seen && !drops && gap.with_effect > LEFT * gap.noise_floor {
             format!(" {} of the output stays unexplained.", percent(gap.beyond_noise(gap.with_effect)))
         } else {

@@ -4,10 +4,9 @@ use std::collections::BTreeMap;
 
 use crate::answer::range::FittedRange;
 use crate::answer::schema::{Gap, SimulationWithEffects, Value, WrittenEffect};
-use crate::effects::{Action, Flexible, Place, Setting};
+use crate::effects::{Action, Place, Setting};
 use crate::fit::problem::{Placed, Problem};
 use crate::judge::explained::Explained;
-use crate::plant::Plant;
 use crate::search::stochastic::{Unseen, wanders};
 
 /// Changes of the bounded refit in standard deviations of its prior, by mode (Hz): frequency, damping, largest of the shapes.
@@ -40,6 +39,7 @@ pub(crate) fn written(
     let ready = &explained.ready;
     let plant = &ready.problem.nuisance.apply(&ready.problem.plant, eta);
     let setting = &ready.problem.setting;
+    let refitted = Setting { plant: plant.clone(), ..setting.clone() };
     let records = &ready.problem.records;
     let t0 =
         records.iter().chain(&ready.held_out).map(|r| r.start_s + r.samples() as f64 / plant.rate).fold(0.0, f64::max);
@@ -56,7 +56,7 @@ pub(crate) fn written(
                 .zip(&placed.parameters)
                 .map(|(p, &value)| (p.name.clone(), Value { value, ci95: None, unit: p.unit.clone() }))
                 .collect(),
-            given: given(placed, plant, setting),
+            given: given(placed, &refitted),
             equation: placed.effect.equation().into(),
         })
         .collect();
@@ -91,21 +91,10 @@ pub(crate) fn written(
     }
 }
 
-/// Numbers of the simulation and of the records that an equation uses: the actuator's present pole, for the effect that moves it; the units in
-/// which a free shape is drawn.
-fn given(placed: &Placed, plant: &Plant, setting: &Setting) -> BTreeMap<String, Value> {
-    let value = |value: f64, unit: &str| Value { value, ci95: None, unit: unit.into() };
-    if let Some(sibling) = Flexible::named(placed.effect.name()) {
-        let [unit, size] = sibling.units(setting, &placed.place);
-        return [("unit", unit), ("size", size)]
-            .map(|(name, x)| (name.to_string(), value(x, "as in the equation")))
-            .into();
-    }
-    let pole = match placed.place {
-        Place::Input(i) if placed.effect.name() == "actuator-lag" => plant.chain.actuator_hz(i),
-        _ => None,
-    };
-    pole.map(|pole| ("pole".into(), value(pole, "Hz"))).into_iter().collect()
+/// Numbers of the simulation and of the records that the equation of an effect uses.
+fn given(placed: &Placed, setting: &Setting) -> BTreeMap<String, Value> {
+    let value = |(name, value, unit): (&str, f64, &str)| (name.into(), Value { value, ci95: None, unit: unit.into() });
+    placed.effect.given(setting, &placed.place).into_iter().map(value).collect()
 }
 
 /// A disturbance's port matters for a prediction, and its location names the frequency alone.

@@ -96,8 +96,8 @@ fn of_effect(explained: &Explained, placed: &Placed) -> Vec<String> {
     let entry = explained.found.stages.iter().flatten().find(|e| same(&e.placed, placed));
     let absorbed =
         entry.map(|entry| format!("{at}: a refit would absorb {:.0} % of its trace.", 100.0 * entry.absorbed));
-    let doubt = placed.effect.doubt(&placed.parameters).map(|doubt| format!("{at}: {doubt}."));
-    absorbed.into_iter().chain(doubt).collect()
+    let caveat = placed.effect.caveat(&placed.parameters).map(|caveat| format!("{at}: {caveat}."));
+    absorbed.into_iter().chain(caveat).collect()
 }
 
 fn nearest_other(explained: &Explained) -> Option<String> {

@@ -66,7 +66,7 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
     if short.len() == records.len() {
         let names = effects().filter(|e| structural(e.side())).map(|e| e.name().to_string()).collect();
         leave(names, "no record with an input is long enough for the structure's own motion".into());
-    } else if effects().any(|effect| effect.name() == MISSING_MODE) {
+    } else if effects().any(|effect| effect.adds_mode()) {
         let segments: usize = records
             .iter()
             .filter(|record| record.excitation == Excitation::Random && record.samples() >= peaks::SEGMENT)
@@ -78,7 +78,7 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
                 peaks::SEGMENT,
                 m + 1
             );
-            leave(vec![MISSING_MODE.into()], why);
+            leave(effects().filter(|e| e.adds_mode()).map(|e| e.name().to_string()).collect(), why);
         }
     }
 
@@ -112,9 +112,6 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
     }
     Ok(little)
 }
-
-/// The effect that is looked for in a frequency response.
-const MISSING_MODE: &str = "missing-mode";
 
 /// Whether the noise can be had from what no command explains.
 fn noise_shows(case: &Case) -> bool {

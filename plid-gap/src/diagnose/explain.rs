@@ -3,7 +3,7 @@
 use std::cell::OnceCell;
 
 use crate::case::record::Channels;
-use crate::effects::Library;
+use crate::effects::{Library, Observation};
 use crate::fit::free_run::{errors, outputs};
 use crate::fit::problem::{Fit, Placed, Problem, sum_of_squares};
 use crate::fit::refit::{Refit, STEPS, clipped, refit};
@@ -136,7 +136,7 @@ impl<'a> Searched<'a> {
             return Some("samples drop out: once more without them".into());
         }
         let best = &self.found.best;
-        let may_be = !scope.skips(Step::Unseen) && scope.rules.may_be(scope.library, "coloured-disturbance");
+        let may_be = !scope.skips(Step::Unseen) && scope.rules.may_show(scope.library, Observation::Band);
         let lines = if pass == Pass::First { ready.renew_lines(&best.eta, &best.effects, may_be) } else { None };
         if lines.is_none() && !best.effects.is_empty() && ready.renew_noise(&self.simulated) {
             refitted.weigh_anew(&ready.problem);
@@ -230,7 +230,7 @@ impl Judging<'_> {
             say(format!("with a free shape: {freed:.2?}"));
             judged.unknown = judged.unknown.min(freed.unknown).max(settings.shape_differs);
         }
-        if best.effects.iter().any(|placed| placed.effect.doubt(&placed.parameters).is_some()) {
+        if best.effects.iter().any(|placed| placed.effect.caveat(&placed.parameters).is_some()) {
             judged.unknown = judged.unknown.max(settings.caveat);
         }
         let fit = bent.map_or(&best, |bent| &bent.fit);

@@ -8,6 +8,7 @@ use crate::answer::words::words;
 use crate::answer::{classes, comparisons, named, others, place, remainder};
 use crate::audit::Audit;
 use crate::case::record::Record;
+use crate::effects::Observation;
 use crate::evidence::Beside;
 use crate::fit::candidate::in_words;
 use crate::fit::free_run::{errors, run};
@@ -111,7 +112,7 @@ impl<'f, 'a> Finding<'f, 'a> {
         }
         // A stochastic effect has a part in the noise.
         let band = |u: &&Unseen| {
-            if u.placed.effect.name() == "coloured-disturbance" { of_band(self.explained) } else { 0.0 }
+            if u.placed.effect.observed_in() == Observation::Band { of_band(self.explained) } else { 0.0 }
         };
         let sizes: Vec<f64> = shares.iter().map(|share| share.closed).chain(shown.iter().map(band)).collect();
         let mut order: Vec<usize> = (0..named.len()).collect();
@@ -145,7 +146,19 @@ impl<'f, 'a> Finding<'f, 'a> {
         let nearest: Vec<String> = best.iter().map(|placed| in_words(std::slice::from_ref(placed), names)).collect();
         let beyond = gaps.beyond_noise(gaps.with_effect);
         let remains = ready.widened.map(|_| remains(&self.maps[1], &names.outputs, beyond, gaps.as_given));
-        let said = Said { effects, nearest: &nearest, gap: gaps, seen: level.seen, remains: remains.as_deref() };
+        let of = |e: &NamedEffect| {
+            let shown = self.judged.shown.iter().find(|u| u.placed.effect.name() == e.effect);
+            shown.map_or(Observation::FreeRun, |u| u.placed.effect.observed_in())
+        };
+        let observed: Vec<Observation> = effects.iter().map(of).collect();
+        let said = Said {
+            effects,
+            observed: &observed,
+            nearest: &nearest,
+            gap: gaps,
+            seen: level.seen,
+            remains: remains.as_deref(),
+        };
         let mut text = sentence(*verdict, &said);
         if let (Verdict::Effects, Some(others)) = (verdict, others(self.explained, rivals)) {
             text += &format!(" These records cannot tell {} from {others}.", in_words(best, names));

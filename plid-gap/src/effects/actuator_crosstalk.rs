@@ -38,6 +38,10 @@ impl Effect for ActuatorCrosstalk {
         Change::of(format!("share of {} in {}", names[i], names[j]), 0.0, parameters[0])
     }
 
+    fn is_number(&self) -> bool {
+        true
+    }
+
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
         let Place::InputToInput(i, j) = *place else { return Vec::new() };
         vec![Action::Command(Box::new(Crosstalk { i, j, c: parameters[0] }))]

@@ -1,4 +1,4 @@
-use super::{Action, Command, Drive, Effect, Parameter, Place, Range, Setting, Side};
+use super::{Action, Command, Drive, Effect, Flexible, Parameter, Place, Range, Setting, Side};
 
 /// A command that arrives late, at one input or at all.
 pub struct ActuatorDelay;
@@ -26,6 +26,10 @@ impl Effect for ActuatorDelay {
 
     fn starts(&self, _setting: &Setting, _place: &Place) -> Vec<Vec<f64>> {
         vec![vec![0.1], vec![0.5], vec![1.5]]
+    }
+
+    fn free_shape(&self) -> Option<&'static Flexible> {
+        Some(&Flexible::Path)
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

@@ -37,6 +37,10 @@ impl Effect for ActuatorGain {
         Change::of(format!("factor of input {}", setting.names.inputs[i]), 1.0, parameters[0])
     }
 
+    fn is_number(&self) -> bool {
+        true
+    }
+
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
         let Place::Input(i) = *place else { return Vec::new() };
         vec![Action::Command(Box::new(Gain { i, g: parameters[0] }))]

@@ -1,4 +1,4 @@
-use super::{Action, Command, Drive, Effect, Parameter, Place, Range, Setting, Side};
+use super::{Action, Command, Drive, Effect, Flexible, Parameter, Place, Range, Setting, Side};
 
 /// An actuator whose gain changes with time.
 pub struct ActuatorGainDrift;
@@ -30,6 +30,10 @@ impl Effect for ActuatorGainDrift {
 
     fn amplitude(&self) -> Option<(usize, f64)> {
         Some((0, 0.0))
+    }
+
+    fn free_shape(&self) -> Option<&'static Flexible> {
+        Some(&Flexible::GainCourse)
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

@@ -1,4 +1,4 @@
-use super::{Action, Command, Drive, Effect, Parameter, Place, Range, Setting, Side};
+use super::{Action, Command, Drive, Effect, Flexible, Parameter, Place, Range, Setting, Side};
 
 /// At a reversal u' goes by 1 - alpha of the command. Of 29 hysteretic actuators in development the largest alpha was 0.88, at a gap of 26 %; where what acts
 /// stands still at each reversal, eight fits had 0.95 to 1.18.
@@ -43,10 +43,14 @@ impl Effect for ActuatorHysteresis {
         (0.005..8.0).contains(&(parameters[1] / setting.u_rms[i]))
     }
 
-    fn doubt(&self, parameters: &[f64]) -> Option<&'static str> {
+    fn caveat(&self, parameters: &[f64]) -> Option<&'static str> {
         (parameters[0] > STANDS_STILL).then_some(
             "alpha is about one: wherever the command turns, what acts stands still, which the hysteresis of a material hardly ever does",
         )
+    }
+
+    fn free_shape(&self) -> Option<&'static Flexible> {
+        Some(&Flexible::Hysteresis)
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

@@ -1,4 +1,4 @@
-use super::{Action, Command, Drive, Effect, Parameter, Place, Range, Setting, Side};
+use super::{Action, Command, Drive, Effect, Flexible, Parameter, Place, Range, Setting, Side};
 use std::f64::consts::TAU;
 
 /// An actuator that is slower or faster than the simulation has it.
@@ -31,6 +31,15 @@ impl Effect for ActuatorLag {
             Some(hz) => [0.5, 0.75, 0.9, 1.12, 1.4, 2.2].map(|share| vec![share * hz]).to_vec(),
             None => [0.1, 0.25, 0.5].map(|share| vec![share * setting.plant.rate]).to_vec(),
         }
+    }
+
+    fn free_shape(&self) -> Option<&'static Flexible> {
+        Some(&Flexible::Path)
+    }
+
+    fn given(&self, setting: &Setting, place: &Place) -> Vec<(&'static str, f64, &'static str)> {
+        let Place::Input(i) = *place else { return Vec::new() };
+        setting.plant.chain.actuator_hz(i).map(|pole| ("pole", pole, "Hz")).into_iter().collect()
     }
 
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

@@ -1,4 +1,4 @@
-use super::{Action, Command, Drive, Effect, Parameter, Place, Range, Setting, Side};
+use super::{Action, Command, Drive, Effect, Flexible, Parameter, Place, Range, Setting, Side};
 
 /// An amplifier or actuator that gives less at large commands.
 pub struct ActuatorSaturation;
@@ -27,6 +27,10 @@ impl Effect for ActuatorSaturation {
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
         let Place::Input(i) = *place else { return Vec::new() };
         [1.2, 2.5, 5.0].map(|share| vec![share * setting.u_rms[i]]).to_vec()
+    }
+
+    fn free_shape(&self) -> Option<&'static Flexible> {
+        Some(&Flexible::Command)
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

@@ -1,4 +1,4 @@
-use super::{Action, Command, Drive, Effect, Parameter, Place, Range, Setting, Side};
+use super::{Action, Command, Drive, Effect, Flexible, Parameter, Place, Range, Setting, Side};
 
 /// An amplifier whose output cannot follow fast commands.
 pub struct ActuatorSlewLimit;
@@ -33,6 +33,10 @@ impl Effect for ActuatorSlewLimit {
         let Place::Input(i) = *place else { return false };
         // A step still takes a part of a sample; beyond, no more than a hundredth.
         parameters[0] < 50.0 * setting.u_slope[i]
+    }
+
+    fn free_shape(&self) -> Option<&'static Flexible> {
+        Some(&Flexible::Path)
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

@@ -1,4 +1,4 @@
-use super::{Action, Effect, Force, Parameter, Place, Range, Setting, Side};
+use super::{Action, Effect, Flexible, Force, Parameter, Place, Range, Setting, Side};
 
 /// Stiffness that begins (k > 0) or is lost (k < 0) beyond a gap.
 pub struct Clearance;
@@ -40,6 +40,10 @@ impl Effect for Clearance {
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
         // Below, it is a spring; beyond, it is hardly ever reached.
         (0.02..5.0).contains(&(parameters[1] / setting.d_rms[setting.port(place)]))
+    }
+
+    fn free_shape(&self) -> Option<&'static Flexible> {
+        Some(&Flexible::Stiffness)
     }
 
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

@@ -1,4 +1,4 @@
-use super::{Action, Effect, Force, Parameter, Place, Range, Setting, Side};
+use super::{Action, Effect, Flexible, Force, Parameter, Place, Range, Setting, Side};
 
 /// Dry friction, smoothed at low velocity.
 pub struct CoulombFriction;
@@ -37,6 +37,10 @@ impl Effect for CoulombFriction {
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
         // Beyond, it is a linear damper.
         parameters[1] < 4.0 * setting.v_rms[setting.port(place)]
+    }
+
+    fn free_shape(&self) -> Option<&'static Flexible> {
+        Some(&Flexible::Damping)
     }
 
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

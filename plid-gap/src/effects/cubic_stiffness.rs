@@ -1,4 +1,4 @@
-use super::{Action, Effect, Force, Parameter, Place, Range, Setting, Side};
+use super::{Action, Effect, Flexible, Force, Parameter, Place, Range, Setting, Side};
 
 /// Stiffness that grows (k > 0) or falls with the square of the displacement.
 pub struct CubicStiffness;
@@ -32,6 +32,10 @@ impl Effect for CubicStiffness {
 
     fn amplitude(&self) -> Option<(usize, f64)> {
         Some((0, 0.0))
+    }
+
+    fn free_shape(&self) -> Option<&'static Flexible> {
+        Some(&Flexible::Stiffness)
     }
 
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

@@ -65,24 +65,6 @@ const ALL: [Flexible; 11] = [
 ];
 
 impl Flexible {
-    /// The sibling of an effect, by its name; none for effects that have no shape.
-    pub fn of(effect: &str) -> Option<&'static Self> {
-        Some(match effect {
-            "cubic-stiffness" | "quadratic-stiffness" | "clearance" => &Self::Stiffness,
-            "coulomb-friction" | "quadratic-damping" => &Self::Damping,
-            "joint-hysteresis" => &Self::Joint,
-            "actuator-saturation" | "actuator-dead-zone" => &Self::Command,
-            "actuator-hysteresis" => &Self::Hysteresis,
-            "actuator-delay" | "actuator-lag" | "actuator-slew-limit" => &Self::Path,
-            "sensor-saturation" => &Self::Sensor,
-            "sensor-delay" | "sensor-lag" => &Self::SensorPath,
-            "stiffness-drift" => &Self::StiffnessCourse,
-            "actuator-gain-drift" => &Self::GainCourse,
-            "sensor-drift" => &Self::ZeroCourse,
-            _ => return None,
-        })
-    }
-
     /// A sibling by its own name.
     pub fn named(name: &str) -> Option<&'static Self> {
         ALL.iter().find(|sibling| sibling.name() == name)
@@ -222,6 +204,11 @@ impl Effect for Flexible {
 
     fn starts(&self, _setting: &Setting, _place: &Place) -> Vec<Vec<f64>> {
         vec![vec![0.0; self.count()]]
+    }
+
+    fn given(&self, setting: &Setting, place: &Place) -> Vec<(&'static str, f64, &'static str)> {
+        let [unit, size] = self.units(setting, place);
+        vec![("unit", unit, "as in the equation"), ("size", size, "as in the equation")]
     }
 
     fn act(&self, setting: &Setting, place: &Place, shape: &[f64]) -> Vec<Action> {

@@ -1,4 +1,4 @@
-use super::{Action, Effect, Force, Parameter, Place, Range, Setting, Side};
+use super::{Action, Effect, Flexible, Force, Parameter, Place, Range, Setting, Side};
 
 /// A joint that slips: an elastic element in series with friction (Bouc-Wen with n = 1).
 ///
@@ -43,6 +43,10 @@ impl Effect for JointHysteresis {
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
         // Beyond, it never yields and is a spring; far below, it is Coulomb friction.
         (0.01..10.0).contains(&(parameters[1] / setting.d_rms[setting.port(place)]))
+    }
+
+    fn free_shape(&self) -> Option<&'static Flexible> {
+        Some(&Flexible::Joint)
     }
 
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

@@ -46,6 +46,10 @@ impl Effect for MissingMode {
         Place::MissingMode(parameters[0])
     }
 
+    fn adds_mode(&self) -> bool {
+        true
+    }
+
     fn act(&self, _setting: &Setting, _place: &Place, parameters: &[f64]) -> Vec<Action> {
         let parameters = parameters.to_vec();
         vec![Action::Plant(Box::new(move |plant| add(plant, &parameters)))]

@@ -15,6 +15,7 @@ mod actuator_lag;
 mod actuator_saturation;
 mod actuator_slew_limit;
 mod clearance;
+mod coloured_disturbance;
 mod coulomb_friction;
 mod cubic_stiffness;
 mod flexible;
@@ -25,15 +26,16 @@ mod missing_mode;
 mod modal_damping;
 mod modal_frequency;
 mod narrowband_disturbance;
-mod noise;
 mod place;
 mod quadratic_damping;
 mod quadratic_stiffness;
 mod sensor_crosstalk;
 mod sensor_delay;
 mod sensor_drift;
+mod sensor_dropout;
 mod sensor_gain;
 mod sensor_lag;
+mod sensor_noise;
 mod sensor_offset;
 mod sensor_quantisation;
 mod sensor_saturation;
@@ -53,6 +55,7 @@ pub use actuator_lag::ActuatorLag;
 pub use actuator_saturation::ActuatorSaturation;
 pub use actuator_slew_limit::ActuatorSlewLimit;
 pub use clearance::Clearance;
+pub use coloured_disturbance::ColouredDisturbance;
 pub use coulomb_friction::CoulombFriction;
 pub use cubic_stiffness::CubicStiffness;
 pub use flexible::Flexible;
@@ -63,15 +66,16 @@ pub use missing_mode::MissingMode;
 pub use modal_damping::ModalDamping;
 pub use modal_frequency::ModalFrequency;
 pub use narrowband_disturbance::NarrowbandDisturbance;
-pub use noise::{ColouredDisturbance, SensorDropout, SensorNoise};
 pub use place::{Names, Place};
 pub use quadratic_damping::QuadraticDamping;
 pub use quadratic_stiffness::QuadraticStiffness;
 pub use sensor_crosstalk::SensorCrosstalk;
 pub use sensor_delay::SensorDelay;
 pub use sensor_drift::SensorDrift;
+pub use sensor_dropout::SensorDropout;
 pub use sensor_gain::SensorGain;
 pub use sensor_lag::SensorLag;
+pub use sensor_noise::SensorNoise;
 pub use sensor_offset::SensorOffset;
 pub use sensor_quantisation::SensorQuantisation;
 pub use sensor_saturation::SensorSaturation;
@@ -92,6 +96,21 @@ pub enum Side {
     Disturbance,
     /// Something that changes while the records are taken.
     Time,
+}
+
+/// Where an effect can be observed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Observation {
+    /// In free runs, whose outputs it changes: the search fits it.
+    FreeRun,
+    /// In raw values: the steps of a converter. Parameters: step, and the share of it that is cut off (0 or 0.5).
+    Quantisation,
+    /// In raw values: samples that repeat. Parameter: their rate.
+    Dropouts,
+    /// In quiet records: the noise of one sensor. Parameter: its standard deviation.
+    SensorNoise,
+    /// In quiet records: a random force in a frequency band. Parameters: its standard deviation and its frequency.
+    Band,
 }
 
 /// What values a parameter can take, and how a fit steps through them.
@@ -178,14 +197,47 @@ pub trait Effect: Send + Sync {
         false
     }
 
+    /// Whether it is no more than a number of the simulation. A refit can spread such a number over the shapes of all modes, so it is tried again beside an
+    /// explanation that leaves more than noise.
+    fn is_number(&self) -> bool {
+        self.is_in_refit()
+    }
+
+    /// Where it can be observed. All but effects in free runs are stochastic: a free run cannot show them.
+    fn observed_in(&self) -> Observation {
+        Observation::FreeRun
+    }
+
+    /// The free shape that is fitted beside it or in its place where its own shape does not suffice; none for an effect without a shape.
+    fn free_shape(&self) -> Option<&'static Flexible> {
+        None
+    }
+
+    /// The parameter that is the phase of a sinusoidal disturbance. Such a phase may change from record to record; the line is then named, but no
+    /// simulation predicts it.
+    fn phase(&self) -> Option<usize> {
+        None
+    }
+
+    /// Whether it adds a resonance to the simulation. Its places come from the frequency response of random records, which needs as many stretches as there
+    /// are inputs.
+    fn adds_mode(&self) -> bool {
+        false
+    }
+
+    /// Numbers of the simulation or of the records that its equation uses, as name, value and unit. They are written beside its parameters.
+    fn given(&self, _setting: &Setting, _place: &Place) -> Vec<(&'static str, f64, &'static str)> {
+        Vec::new()
+    }
+
     /// Whether the parameters still mean what the name says: a hysteresis that never yields is a gain, a gap that is never closed is
     /// nothing.
     fn sound(&self, _setting: &Setting, _place: &Place, _parameters: &[f64]) -> bool {
         true
     }
 
-    /// Why something else may be at work though these parameters fit, in words: they are where what the name says goes over into another thing.
-    fn doubt(&self, _parameters: &[f64]) -> Option<&'static str> {
+    /// Why something else may be at work although these parameters fit: they are at the limit of what the name means. One clause, for a report.
+    fn caveat(&self, _parameters: &[f64]) -> Option<&'static str> {
         None
     }
 
@@ -201,6 +253,13 @@ pub trait Effect: Send + Sync {
 
     /// What it does with these parameters there.
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action>;
+}
+
+impl dyn Effect + '_ {
+    /// Whether a free run cannot show it.
+    pub fn is_stochastic(&self) -> bool {
+        self.observed_in() != Observation::FreeRun
+    }
 }
 
 /// All ordered pairs of different channels.

@@ -40,6 +40,10 @@ impl Effect for NarrowbandDisturbance {
         Some((0, 0.0))
     }
 
+    fn phase(&self) -> Option<usize> {
+        Some(2)
+    }
+
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
         let (a, f, phi) = (parameters[0], parameters[1], parameters[2]);
         vec![Action::Disturbance(setting.port(place), Box::new(move |t| a * (TAU * f * t + phi).sin()))]

@@ -1,4 +1,4 @@
-use super::{Action, Effect, Force, Parameter, Place, Range, Setting, Side};
+use super::{Action, Effect, Flexible, Force, Parameter, Place, Range, Setting, Side};
 
 /// Damping that grows with the velocity, as of air or of oil through a hole.
 pub struct QuadraticDamping;
@@ -32,6 +32,10 @@ impl Effect for QuadraticDamping {
 
     fn amplitude(&self) -> Option<(usize, f64)> {
         Some((0, 0.0))
+    }
+
+    fn free_shape(&self) -> Option<&'static Flexible> {
+        Some(&Flexible::Damping)
     }
 
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

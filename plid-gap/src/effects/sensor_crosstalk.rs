@@ -38,6 +38,10 @@ impl Effect for SensorCrosstalk {
         Change::of(format!("share of {} in {}", names[i], names[j]), 0.0, parameters[0])
     }
 
+    fn is_number(&self) -> bool {
+        true
+    }
+
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
         let Place::OutputToOutput(i, j) = *place else { return Vec::new() };
         vec![Action::Sensor(Box::new(Crosstalk { i, j, c: parameters[0] }))]

@@ -1,4 +1,4 @@
-use super::{Action, Effect, Parameter, Place, Range, Sensor, Setting, Side};
+use super::{Action, Effect, Flexible, Parameter, Place, Range, Sensor, Setting, Side};
 use std::f64::consts::TAU;
 
 use crate::fourier::C;
@@ -29,6 +29,10 @@ impl Effect for SensorDelay {
 
     fn starts(&self, _setting: &Setting, _place: &Place) -> Vec<Vec<f64>> {
         vec![vec![0.1], vec![0.5], vec![1.5]]
+    }
+
+    fn free_shape(&self) -> Option<&'static Flexible> {
+        Some(&Flexible::SensorPath)
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

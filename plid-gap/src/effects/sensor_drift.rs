@@ -1,4 +1,4 @@
-use super::{Action, Effect, Parameter, Place, Range, Sensor, Setting, Side};
+use super::{Action, Effect, Flexible, Parameter, Place, Range, Sensor, Setting, Side};
 
 /// A sensor whose zero moves with time.
 pub struct SensorDrift;
@@ -31,6 +31,10 @@ impl Effect for SensorDrift {
 
     fn amplitude(&self) -> Option<(usize, f64)> {
         Some((0, 0.0))
+    }
+
+    fn free_shape(&self) -> Option<&'static Flexible> {
+        Some(&Flexible::ZeroCourse)
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

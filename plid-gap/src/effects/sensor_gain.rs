@@ -37,6 +37,10 @@ impl Effect for SensorGain {
         Change::of(format!("factor of output {}", setting.names.outputs[o]), 1.0, parameters[0])
     }
 
+    fn is_number(&self) -> bool {
+        true
+    }
+
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
         let Place::Output(o) = *place else { return Vec::new() };
         vec![Action::Sensor(Box::new(Gain { o, g: parameters[0] }))]

@@ -1,4 +1,4 @@
-use super::{Action, Effect, Parameter, Place, Range, Sensor, Setting, Side};
+use super::{Action, Effect, Flexible, Parameter, Place, Range, Sensor, Setting, Side};
 use std::f64::consts::TAU;
 
 /// A sensor with a low-pass filter that the simulation does not have.
@@ -27,6 +27,10 @@ impl Effect for SensorLag {
 
     fn starts(&self, setting: &Setting, _place: &Place) -> Vec<Vec<f64>> {
         [0.06, 0.2, 0.45].map(|share| vec![share * setting.plant.rate]).to_vec()
+    }
+
+    fn free_shape(&self) -> Option<&'static Flexible> {
+        Some(&Flexible::SensorPath)
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

@@ -1,4 +1,4 @@
-use super::{Action, Effect, Parameter, Place, Range, Sensor, Setting, Side};
+use super::{Action, Effect, Observation, Parameter, Place, Range, Sensor, Setting, Side};
 
 /// A converter that is coarser than the others: found in the codes of the raw records. One that rounds changes no free run; one that cuts bits off draws
 /// every value towards zero by half a step in the mean.
@@ -27,6 +27,10 @@ impl Effect for SensorQuantisation {
 
     fn starts(&self, _setting: &Setting, _place: &Place) -> Vec<Vec<f64>> {
         Vec::new()
+    }
+
+    fn observed_in(&self) -> Observation {
+        Observation::Quantisation
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

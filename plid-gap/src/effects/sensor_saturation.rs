@@ -1,4 +1,4 @@
-use super::{Action, Effect, Parameter, Place, Range, Sensor, Setting, Side};
+use super::{Action, Effect, Flexible, Parameter, Place, Range, Sensor, Setting, Side};
 
 /// A sensor or an amplifier that clips.
 pub struct SensorSaturation;
@@ -27,6 +27,10 @@ impl Effect for SensorSaturation {
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
         let Place::Output(o) = *place else { return Vec::new() };
         [0.98, 0.85, 0.6].map(|share| vec![share * setting.y_max[o]]).to_vec()
+    }
+
+    fn free_shape(&self) -> Option<&'static Flexible> {
+        Some(&Flexible::Sensor)
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

@@ -1,4 +1,4 @@
-use super::{Action, Effect, Parameter, Place, Range, Setting, Side};
+use super::{Action, Effect, Flexible, Parameter, Place, Range, Setting, Side};
 
 /// A structure that softens or stiffens with time, as by heat.
 pub struct StiffnessDrift;
@@ -26,6 +26,10 @@ impl Effect for StiffnessDrift {
 
     fn starts(&self, setting: &Setting, _place: &Place) -> Vec<Vec<f64>> {
         [0.001, 0.004, 0.012].iter().flat_map(|&all| [all, -all]).map(|all| vec![all / setting.duration_s]).collect()
+    }
+
+    fn free_shape(&self) -> Option<&'static Flexible> {
+        Some(&Flexible::StiffnessCourse)
     }
 
     fn act(&self, _setting: &Setting, _place: &Place, parameters: &[f64]) -> Vec<Action> {

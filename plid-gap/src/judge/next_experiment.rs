@@ -17,7 +17,6 @@ use crate::judge::explained::Explained;
 use crate::judge::separability::{Foretold, Rival, foretold, open};
 use crate::judge::verdict::Weighted;
 use crate::noise::whiten::Whitener;
-use crate::search::stochastic::is_unseen;
 use crate::simulate::Fineness;
 
 /// The experiment to make next, in words with its predicted gain; none where nothing is open.
@@ -35,7 +34,7 @@ pub fn next_experiment<'a>(
     let mut fitted: Vec<Fit> = open(rivals, best, settings).map(|rival| rival.fit.clone()).collect();
     let most = fitted.len().max(settings.experiment_rivals);
     for likely in weighted.iter().filter(|w| !w.unknown && w.probability > settings.open_probability) {
-        let effects: Vec<Placed> = likely.effects.iter().filter(|p| !is_unseen(p.effect)).cloned().collect();
+        let effects: Vec<Placed> = likely.effects.iter().filter(|p| !p.effect.is_stochastic()).cloned().collect();
         let there = all_same(&effects, best) || fitted.iter().any(|fit| all_same(&fit.effects, &effects));
         if fitted.len() < most && !there {
             let compared = rivals.iter().find(|rival| all_same(&rival.effects, &effects));

@@ -19,6 +19,8 @@ const ONE_PHASE: f64 = 0.9;
 /// Such a line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wandering {
+    /// The effect that was fitted to it, by name.
+    pub effect: &'static str,
     /// The port at which it acts.
     pub port: usize,
     /// Its frequency.
@@ -36,16 +38,17 @@ pub fn wandering(ready: &Prepared, eta: &[f64], effects: &[Placed]) -> Option<(u
     let problem = &ready.problem;
     effects.iter().enumerate().find_map(|(which, placed)| {
         let Place::Frequency(hz, port) = placed.place else { return None };
-        if placed.effect.name() != "narrowband-disturbance" || placed.parameters[0] == 0.0 {
+        let (phase, (size, _)) = (placed.effect.phase()?, placed.effect.amplitude()?);
+        if placed.parameters[size] == 0.0 {
             return None;
         }
         let mut others = effects.to_vec();
         others.remove(which);
         let plant = problem.nuisance.apply(&problem.plant, eta);
         let without = problem.residual(&plant, eta, &others, Fineness::COARSE);
-        let with = |phase: f64| {
+        let with = |angle: f64| {
             let mut line = placed.clone();
-            line.parameters[2] = phase;
+            line.parameters[phase] = angle;
             [others.clone(), vec![line]].concat()
         };
         let traces = [0.0, std::f64::consts::FRAC_PI_2].map(|phase| {
@@ -78,9 +81,10 @@ pub fn wandering(ready: &Prepared, eta: &[f64], effects: &[Placed]) -> Option<(u
             }
             samples += record.samples();
         }
-        let amplitude = placed.parameters[0].abs() * (squares.iter().sum::<f64>() / one).sqrt();
+        let amplitude = placed.parameters[size].abs() * (squares.iter().sum::<f64>() / one).sqrt();
         let rms = squares.iter().map(|square| (square / samples as f64).sqrt()).collect();
-        Some((which, Wandering { port, hz, amplitude, rms, gain: own }))
+        let effect = placed.effect.name();
+        Some((which, Wandering { effect, port, hz, amplitude, rms, gain: own }))
     })
 }
 

@@ -20,7 +20,7 @@ pub fn closest_law<'a>(
 ) -> Option<Placed<'a>> {
     let (setting, search) = (&problem.setting, &problem.settings.search);
     let range = search.curve_range;
-    let sibling = Flexible::of(present.effect.name())?;
+    let sibling = present.effect.free_shape()?;
     let port = || setting.port(&present.place);
     let rms = match sibling {
         Flexible::Stiffness => setting.d_rms[port()],
@@ -39,11 +39,11 @@ pub fn closest_law<'a>(
     };
     let alike = |placed: &&Placed| {
         placed.place == present.place
-            && (placed.effect.name() == sibling.name() || Flexible::of(placed.effect.name()) == Some(sibling))
+            && (placed.effect.name() == sibling.name() || placed.effect.free_shape() == Some(sibling))
     };
     let found = curve(&effects.iter().filter(alike).cloned().collect::<Vec<_>>());
     let mut laws: Vec<(f64, Placed)> = Vec::new();
-    for effect in library.effects().filter(|effect| Flexible::of(effect.name()) == Some(sibling)) {
+    for effect in library.effects().filter(|effect| effect.free_shape() == Some(sibling)) {
         for start in effect.starts(setting, &present.place) {
             let mut placed = Placed { effect, place: present.place.clone(), parameters: start };
             let Some((index, neutral)) = effect.amplitude().filter(|_| allowed(&placed)) else { continue };
@@ -105,7 +105,7 @@ mod tests {
         let gap = law("clearance", vec![1.0, rms]);
         // The slope of a parabola rises by twice the distance of two knots from one to the next.
         let half = [0.0, 0.1, 0.2, 0.5, 0.6, 0.6, 0.8, 1.0].map(|x| 2.0 * x);
-        let half = at(Flexible::of("clearance").unwrap(), [half, [0.0; 8]].concat());
+        let half = at(&Flexible::Stiffness, [half, [0.0; 8]].concat());
         let named = |effects: &[Placed], allowed: &dyn Fn(&Placed) -> bool| {
             closest_law(problem, effects, &gap, &library, allowed).map(|law| (law.effect.name(), law.parameters[0]))
         };

@@ -1,8 +1,7 @@
 //! What the engineer knows beforehand of what may be wrong.
 
-use crate::effects::{Effect, Library, Names};
+use crate::effects::{Effect, Library, Names, Observation};
 use crate::fit::problem::Placed;
-use crate::search::stochastic::is_unseen;
 use crate::settings::SearchSettings;
 use crate::settings::step::Step;
 
@@ -22,9 +21,11 @@ impl Rules<'_> {
         !self.without.iter().any(|name| name == effect.name())
     }
 
-    /// Whether an effect may be named at all.
-    pub fn may_be(&self, library: &Library, name: &str) -> bool {
-        library.get(name).is_some_and(|effect| self.knows(effect)) && !self.exclude.iter().any(|word| word == name)
+    /// Whether an effect that is observed there may be named at all.
+    pub fn may_show(&self, library: &Library, observed: Observation) -> bool {
+        let excluded = |effect: &dyn Effect| self.exclude.iter().any(|word| word == effect.name());
+        let may_be = |effect: &dyn Effect| self.knows(effect) && !excluded(effect);
+        library.effects().any(|effect| effect.observed_in() == observed && may_be(effect))
     }
 
     /// Whether an effect may be named at a place.
@@ -62,7 +63,7 @@ pub struct Scope<'s, 'a> {
 impl Scope<'_, '_> {
     /// Whether a free run may show this effect at this place.
     pub fn allows(&self, placed: &Placed) -> bool {
-        !is_unseen(placed.effect) && self.rules.allow(placed, &self.names)
+        !placed.effect.is_stochastic() && self.rules.allow(placed, &self.names)
     }
 
     /// What a suspicion is worth, in twice the log likelihood.

@@ -99,7 +99,7 @@ fn on_whole<'a>(problem: &Problem, bent: Bent<'a>) -> Bent<'a> {
 
 /// Of each effect that has one: its number, the sibling, and whether that takes its place.
 fn siblings(effects: &[Placed]) -> Vec<(usize, &'static Flexible, bool)> {
-    let shaped = effects.iter().enumerate().filter_map(|(k, e)| Some((k, Flexible::of(e.effect.name())?)));
+    let shaped = effects.iter().enumerate().filter_map(|(k, e)| Some((k, e.effect.free_shape()?)));
     shaped
         .flat_map(|(which, sibling)| {
             let alone = sibling.stands_alone().then_some((which, sibling, true));

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use rayon::prelude::*;
 
-use crate::effects::{Effect, Names, Range};
+use crate::effects::{Names, Range};
 use crate::fit::candidate::{Candidate, all_same, same};
 use crate::fit::problem::{Effort, Fit, Placed, Problem, Tangent, sum_of_squares};
 use crate::fit::refit::{Refit, clipped};
@@ -133,7 +133,7 @@ pub fn straighten<'a>(
     for _ in 0..settings.most_straightened {
         let best = &found.best;
         let there = |placed: &Placed| {
-            !is_a_number(placed.effect) || best.effects.iter().any(|other| same(other, placed)) || !scope.allows(placed)
+            !placed.effect.is_number() || best.effects.iter().any(|other| same(other, placed)) || !scope.allows(placed)
         };
         let turn = Turn::new(problem, quick, best, &there, &price, [settings.fitted, settings.polished]);
         let (entries, fits) = turn.without(problem, quick, &there, &price);
@@ -147,12 +147,6 @@ pub fn straighten<'a>(
         found.candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
         found.best = top;
     }
-}
-
-/// Whether an effect is no more than a number of the simulation, which a refit can spread over the shapes of all modes.
-fn is_a_number(effect: &dyn Effect) -> bool {
-    let spread = ["actuator-gain", "actuator-crosstalk", "sensor-gain", "sensor-crosstalk"];
-    effect.is_in_refit() || spread.contains(&effect.name())
 }
 
 /// A stage in words: how many entries there were, and what the fits of the first of them gained.

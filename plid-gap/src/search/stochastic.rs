@@ -1,6 +1,6 @@
 //! Effects that no free run shows: found in the noise of quiet records and in the codes of all.
 
-use crate::effects::{Effect, Library, Place};
+use crate::effects::{Effect, Library, Observation, Place};
 use crate::fit::problem::Placed;
 use crate::noise::{Band, NoiseModel, Stretch};
 use crate::prepare::Prepared;
@@ -21,22 +21,29 @@ pub struct Unseen<'a> {
 /// Looks for all of them.
 pub fn unseen<'a>(ready: &Prepared, library: &'a Library) -> Vec<Unseen<'a>> {
     let mut found = Vec::new();
-    let mut put = |name: &str, place: Place, parameters: &[f64], doubt: &[f64], gain: f64| {
-        if let Some(effect) = library.get(name) {
+    let mut put = |is: &dyn Fn(&dyn Effect) -> bool, place: Place, parameters: &[f64], doubt: &[f64], gain: f64| {
+        if let Some(effect) = library.effects().find(|effect| is(*effect)) {
             let placed = Placed { effect, place, parameters: parameters.to_vec() };
             found.push(Unseen { placed, doubt: doubt.to_vec(), gain });
         }
     };
+    let observed = |what: Observation| move |effect: &dyn Effect| effect.observed_in() == what;
     for (o, codes) in ready.codes.iter().enumerate() {
         if codes.coarse {
             let cut = if codes.cut { 0.5 } else { 0.0 };
-            put("sensor-quantisation", Place::Output(o), &[codes.step, cut], &[0.0, 0.0], 1e3);
+            put(&observed(Observation::Quantisation), Place::Output(o), &[codes.step, cut], &[0.0, 0.0], 1e3);
         }
         if let Some(rate) = codes.dropout_rate {
             let driven = ready.problem.records.iter().filter(|record| crate::signal::quantisation::driven(record));
             let onsets = rate * driven.map(|record| record.samples() as f64).sum::<f64>();
             // Onsets are rare and do not know of each other.
-            put("sensor-dropout", Place::Output(o), &[rate], &[rate / onsets.sqrt()], 2.0 * onsets * 6.0);
+            put(
+                &observed(Observation::Dropouts),
+                Place::Output(o),
+                &[rate],
+                &[rate / onsets.sqrt()],
+                2.0 * onsets * 6.0,
+            );
         }
     }
     // A sensor is noisy only against what was declared of it. Beside resonances that are driven it must be so where these leak nothing, too, and more so than the
@@ -48,17 +55,17 @@ pub fn unseen<'a>(ready: &Prepared, library: &'a Library) -> Vec<Unseen<'a>> {
         let both = |o: usize| clear.as_ref().is_none_or(|clear| clear.iter().any(|(other, ..)| *other == o));
         let beyond = |o: usize, std: f64| std * std > ready.noise.skirts(o);
         for (o, std, doubt, gain) in of(&ready.noise).into_iter().filter(|(o, std, ..)| both(*o) && beyond(*o, *std)) {
-            put("sensor-noise", Place::Output(o), &[std], &[doubt], gain);
+            put(&observed(Observation::SensorNoise), Place::Output(o), &[std], &[doubt], gain);
         }
     }
     for line in &ready.wandering {
         let place = Place::Frequency(line.hz, line.port);
         // How far its phase walks, and with it its amplitude, nobody knows.
         let doubt = [f64::INFINITY; 3];
-        put("narrowband-disturbance", place, &[line.amplitude, line.hz, 0.0], &doubt, line.gain);
+        put(&|effect| effect.name() == line.effect, place, &[line.amplitude, line.hz, 0.0], &doubt, line.gain);
     }
     if let Some(Coloured { band: Band { port, hz, .. }, a, doubt, gain }) = ready.coloured {
-        put("coloured-disturbance", Place::Frequency(hz, port), &[a, hz], &[doubt[0] * a, doubt[1] * hz], gain);
+        put(&observed(Observation::Band), Place::Frequency(hz, port), &[a, hz], &[doubt[0] * a, doubt[1] * hz], gain);
     }
     found
 }
@@ -100,29 +107,94 @@ fn noisy(
     found
 }
 
-/// Whether an effect is one of these.
-pub fn is_unseen(effect: &dyn Effect) -> bool {
-    matches!(effect.name(), "sensor-quantisation" | "sensor-dropout" | "sensor-noise" | "coloured-disturbance")
-}
-
 /// A band about the line of a narrowband disturbance that is named is that line: it wanders. Which of the effects that is.
 pub fn wandering(band: &Placed, effects: &[Placed]) -> Option<usize> {
     let Place::Frequency(hz, _) = band.place else { return None };
     let line = |placed: &Placed| match placed.place {
-        Place::Frequency(line, _) => {
-            placed.effect.name() == "narrowband-disturbance" && (line / hz - 1.0).abs() < NEAR_LINE
-        }
+        Place::Frequency(line, _) => placed.effect.phase().is_some() && (line / hz - 1.0).abs() < NEAR_LINE,
         _ => false,
     };
-    (band.effect.name() == "coloured-disturbance").then(|| effects.iter().position(line)).flatten()
+    (band.effect.observed_in() == Observation::Band).then(|| effects.iter().position(line)).flatten()
 }
 
 /// Whether what the records show without a free run is a line: one that wanders.
 pub fn wanders(shown: &Placed) -> bool {
-    shown.effect.name() == "narrowband-disturbance"
+    shown.effect.phase().is_some()
 }
 
 /// Whether it is a converter that cuts bits off, and does not round.
 pub fn cuts(placed: &Placed) -> bool {
-    placed.effect.name() == "sensor-quantisation" && placed.parameters.get(1).is_some_and(|cut| *cut > 0.0)
+    placed.effect.observed_in() == Observation::Quantisation && placed.parameters.get(1).is_some_and(|cut| *cut > 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::{Action, Flexible, Parameter, Range, Setting, Side};
+    use crate::prepare::{Known, prepare};
+    use crate::testing;
+
+    /// An effect of one's own that shows in repeated samples.
+    struct Hiccup;
+
+    impl Effect for Hiccup {
+        fn name(&self) -> &'static str {
+            "hiccup"
+        }
+
+        fn side(&self) -> Side {
+            Side::Sensor
+        }
+
+        fn equation(&self) -> &'static str {
+            "samples repeat"
+        }
+
+        fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
+            vec![Parameter::new("rate", "1/sample", Range::Positive)]
+        }
+
+        fn places(&self, setting: &Setting) -> Vec<Place> {
+            setting.outputs()
+        }
+
+        fn starts(&self, _setting: &Setting, _place: &Place) -> Vec<Vec<f64>> {
+            Vec::new()
+        }
+
+        fn observed_in(&self) -> Observation {
+            Observation::Dropouts
+        }
+
+        fn act(&self, _setting: &Setting, _place: &Place, _parameters: &[f64]) -> Vec<Action> {
+            vec![Action::Noise]
+        }
+    }
+
+    /// An effect is found by where it can be observed, whatever its name.
+    #[test]
+    fn an_effect_of_ones_own_is_found_in_raw_values() {
+        let case = testing::case(&testing::truss(1), &testing::truss(1));
+        let mut ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
+        ready.codes[1].dropout_rate = Some(0.01);
+        let standard = Library::standard().without(&["sensor-dropout".into()]);
+        assert!(unseen(&ready, &standard).iter().all(|found| found.placed.place != Place::Output(1)));
+        let own = standard.with(Box::new(Hiccup));
+        let found = unseen(&ready, &own);
+        let named: Vec<_> = found.iter().map(|u| (u.placed.effect.name(), u.placed.place.clone())).collect();
+        assert!(named.contains(&("hiccup", Place::Output(1))), "{named:?}");
+        assert!(own.get("hiccup").unwrap().is_stochastic() && !Effect::is_number(&Hiccup));
+    }
+
+    /// Each free shape belongs to at least one effect, and each effect with a shape acts on the side of its free shape.
+    #[test]
+    fn free_shapes_fit_their_effects() {
+        let library = Library::standard();
+        let shaped: Vec<(&dyn Effect, &Flexible)> =
+            library.effects().filter_map(|effect| Some((effect, effect.free_shape()?))).collect();
+        assert_eq!(shaped.len(), 18);
+        for (effect, free) in shaped {
+            assert_eq!(effect.side(), free.side(), "{}", effect.name());
+        }
+    }
 }

@@ -248,7 +248,7 @@ impl Benches {
                     Place::AllInputs => "all".into(),
                     _ => "one".into(),
                 };
-                let sibling = Flexible::of(effect.name()).map(|sibling| sibling as &dyn Effect);
+                let sibling = effect.free_shape().map(|sibling| sibling as &dyn Effect);
                 for effect in [Some(effect), sibling].into_iter().flatten() {
                     let this = (effect.name(), kind.clone());
                     if !tried.contains(&this) {
