@@ -121,7 +121,7 @@ fn what_is_left_out_is_as_if_it_had_never_been_known() {
     drawn.write(&folder.path().join("case"), &folder.path().join("label")).unwrap();
     let case = Case::read(&folder.path().join("case/case.toml")).unwrap();
     let bytes = |outcome: &Outcome| {
-        let seen = (&outcome.evidence.stages, &outcome.evidence.unseen);
+        let seen = (&outcome.shown.stages, &outcome.shown.stochastic);
         serde_json::to_string(&(&outcome.diagnosis, &outcome.simulation, seen)).unwrap()
     };
     let library = Library::standard();

@@ -56,9 +56,9 @@ fn told(outcome: &Outcome, case: &Case, label: &Path, to: &Path, clock: Instant)
     std::fs::create_dir_all(to)?;
     plid_gap::write(outcome, case, to)?;
     predict(to, label)?;
-    let judged = outcome.evidence.adequacy;
+    let judged = outcome.shown.adequacy;
     println!("{} {:.1} s: {}", to.display(), clock.elapsed().as_secs_f64(), outcome.diagnosis.sentence);
-    println!("    squared residual over noise: {:.4?} (as given, refit, with effects)", outcome.evidence.costs);
+    println!("    squared residual over noise: {:.4?} (as given, refit, with effects)", outcome.shown.costs);
     let gap = &outcome.diagnosis.gap;
     println!(
         "    gaps: given {:.4} refit {:.4} limits {:.4} free {:.4} with {:.4} floor {:.4} left {:.3} stated {:.4}",

@@ -29,7 +29,7 @@ mod simulate;
 mod testing;
 mod words;
 
-pub use diagnose::{Evidence, Groundwork, Outcome, diagnose, diagnose_without};
+pub use diagnose::{Groundwork, Outcome, Shown, diagnose, diagnose_without};
 pub use error::GapError;
 pub use report::write;
 pub use settings::step::Step;

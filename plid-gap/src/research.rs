@@ -15,7 +15,7 @@ pub use crate::prepare::{Known, Prepared, prepare};
 pub use crate::search::overlap::of_screen;
 pub use crate::search::rules::Rules;
 pub use crate::search::screen::{Base, screen};
-pub use crate::search::stochastic::unseen;
+pub use crate::search::stochastic::stochastic_effects;
 pub use crate::signal::tones::Tone;
 pub use crate::simulate::{Fineness, simulate};
 

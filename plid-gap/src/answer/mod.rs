@@ -25,18 +25,18 @@ use crate::judge::separability::{Rival, open};
 use crate::judge::shares::Share;
 use crate::judge::verdict::{Weighted, outside};
 use crate::search::stepwise::Search;
-use crate::search::stochastic::{Unseen, cuts, wanders};
+use crate::search::stochastic::{Stochastic, cuts, wanders};
 
 /// Effects of the answer with intervals and confidence.
 pub(crate) fn named(
     explained: &Explained,
-    shown: &[&Unseen],
+    shown: &[&Stochastic],
     weighted: &[Weighted],
     shares: &[Share],
     left: f64,
 ) -> Vec<NamedEffect> {
     let (ready, best) = (&explained.ready, &explained.found.best);
-    let free_shape = explained.bent.as_ref().map(|bent| bent.which);
+    let free_shape = explained.free_shape.as_ref().map(|free| free.which);
     let setting = &ready.problem.setting;
     let names = &setting.names;
     let rows = ready.problem.rows() as f64;
@@ -72,11 +72,11 @@ pub(crate) fn named(
             shape_differs: free_shape == Some(which),
         });
     }
-    for Unseen { placed, doubt, .. } in shown {
-        let all = placed.effect.parameters(setting).into_iter().zip(placed.parameters.iter().zip(doubt));
+    for Stochastic { placed, std, .. } in shown {
+        let all = placed.effect.parameters(setting).into_iter().zip(placed.parameters.iter().zip(std));
         // What is known to the last digit is known to rounding.
-        let half = |value: f64, doubt: f64| (1.96 * doubt).max(1e-9 * value.abs());
-        let parameters = all.map(|(p, (&value, &doubt))| (p.name, stated(value, half(value, doubt), p.unit))).collect();
+        let half = |value: f64, std: f64| (1.96 * std).max(1e-9 * value.abs());
+        let parameters = all.map(|(p, (&value, &std))| (p.name, stated(value, half(value, std), p.unit))).collect();
         named.push(NamedEffect {
             effect: placed.effect.name().into(),
             location: placed.place.location(names),
@@ -106,7 +106,7 @@ fn stated(value: f64, half: f64, unit: String) -> Value {
     Value { value, ci95: half.is_finite().then_some([value - half, value + half]), unit }
 }
 
-pub(crate) fn place(before: &Map, outputs: &[String], found: &Search, shown: &[&Unseen]) -> Where {
+pub(crate) fn place(before: &Map, outputs: &[String], found: &Search, shown: &[&Stochastic]) -> Where {
     let named = found.best.effects.first().map(|placed| placed.effect.side());
     let screened = found.stages.first().and_then(|entries| entries.first()).map(|e| e.placed.effect.side());
     let side = named.or(shown.first().map(|u| u.placed.effect.side())).or(screened).unwrap_or(Side::Structure);

@@ -183,9 +183,9 @@ fn place(location: &str, effect: &dyn Effect, setting: &Setting) -> Option<Place
         return Some(Place::Structure);
     }
     // Before the modes themselves: a port on one mode has the mode's own name.
-    let has_strut =
+    let has_port =
         |k: usize| effect.places(setting).contains(&Place::Port(k)) || Flexible::named(effect.name()).is_some();
-    if let Some(k) = of(&names.ports, location).filter(|&k| has_strut(k)) {
+    if let Some(k) = of(&names.ports, location).filter(|&k| has_port(k)) {
         return Some(Place::Port(k));
     }
     let (kind, at) = location.split_once(':')?;

@@ -7,7 +7,7 @@ use crate::answer::schema::{Gap, SimulationWithEffects, Value, WrittenEffect};
 use crate::effects::{Action, Place, Setting};
 use crate::fit::problem::{Placed, Problem};
 use crate::judge::explained::Explained;
-use crate::search::stochastic::{Unseen, wanders};
+use crate::search::stochastic::{Stochastic, wanders};
 
 /// Changes of the bounded refit in standard deviations of its prior, by mode (Hz): frequency, damping, largest of the shapes.
 pub(crate) fn refit_summary(problem: &Problem, eta: &[f64]) -> Vec<(f64, f64, f64, f64)> {
@@ -33,7 +33,7 @@ pub(crate) fn written(
     model: &plid_model::Model,
     eta: &[f64],
     fitted: &[Placed],
-    shown: &[&Unseen],
+    shown: &[&Stochastic],
     gap: &Gap,
 ) -> SimulationWithEffects {
     let ready = &explained.ready;

@@ -1,6 +1,6 @@
 //! The evidence in sentences.
 
-use crate::evidence::Beside;
+use crate::evidence::Evidence;
 use crate::fit::candidate::{in_words, same};
 use crate::fit::problem::Placed;
 use crate::judge::explained::Explained;
@@ -12,7 +12,7 @@ pub(crate) fn words(
     explained: &Explained,
     before: &Map,
     held_out: Option<HeldOut>,
-    beside: &Beside,
+    evidence: &Evidence,
     class: Option<(String, String)>,
 ) -> Vec<String> {
     let judge = &explained.ready.problem.settings.judge;
@@ -25,7 +25,7 @@ pub(crate) fn words(
             slope.value, slope.ci95[0], slope.ci95[1]
         )
     }));
-    words.extend(beside.words(&explained.ready.problem.plant, !explained.fit().effects.is_empty()));
+    words.extend(evidence.words(&explained.ready.problem.plant, !explained.fit().effects.is_empty()));
     words.extend(explained.found.best.effects.iter().flat_map(|placed| of_effect(explained, placed)));
     words.extend(nearest_other(explained));
     words.extend(class.map(|(first, others)| {
@@ -80,7 +80,7 @@ fn of_records(explained: &Explained) -> Vec<String> {
             "What differs between the periods of driven records has {ratio:.2} times the power of the noise in quiet ones: something random acts there."
         )
     });
-    let cut = ready.codes.iter().zip(&ready.problem.setting.names.outputs).filter(|(codes, _)| codes.cut);
+    let cut = ready.quantisation.iter().zip(&ready.problem.setting.names.outputs).filter(|(codes, _)| codes.cut);
     let cut = cut.map(|(codes, output)| {
         format!(
             "The converter of {output} cuts bits off towards zero: to its values half a step, {:.4} V, was added before anything was fitted.",

@@ -115,11 +115,11 @@ fn look(
     }
     case.model = Some(explained.map_or(model.clone(), |mismatch| mismatch.wiring.applied(&model)));
     case.warnings.extend(found);
-    let (doubt, model_error) =
-        stand_in.clone().map_or_else(Default::default, |stand_in| (stand_in.doubt, stand_in.model_error));
+    let (prior_std, model_error) =
+        stand_in.clone().map_or_else(Default::default, |stand_in| (stand_in.prior_std, stand_in.model_error));
     let known = Known {
         limits: case.config.nuisance,
-        doubt,
+        prior_std,
         model_error,
         band_hz: case.config.band_hz,
         off: off.to_vec(),

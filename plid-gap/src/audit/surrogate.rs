@@ -50,7 +50,7 @@ pub struct StandIn {
     /// In words how well it fits.
     pub words: String,
     /// Standard deviations of its modes' parameters, as [`Nuisance`] orders them: by so much more may it be off.
-    pub doubt: Vec<f64>,
+    pub prior_std: Vec<f64>,
     /// What it leaves of the records it was identified from, where that is no noise.
     pub model_error: Option<ModelError>,
 }
@@ -103,9 +103,9 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<StandIn, Gap
     model.initial_state = None;
     let error = relative(&std, &arrays);
     let words = words(&model, &case.for_simulation, of_simulator, error, unseen);
-    let doubt = doubt(&model, &fitted, &std)?;
+    let prior_std = prior_std(&model, &fitted, &std)?;
     let model_error = if of_simulator { None } else { model_error(&model, &fitted, !case.for_simulation.is_empty())? };
-    Ok(StandIn { model, words, doubt, model_error })
+    Ok(StandIn { model, words, prior_std, model_error })
 }
 
 /// A linear model of records.
@@ -174,7 +174,7 @@ fn model_error(model: &Model, records: &[&Record], aside: bool) -> Result<Option
 
 /// How well the records it was identified from tell the model's parameters, if white noise of these standard deviations is all that it
 /// leaves of them. What they do not tell at all stays within a tenth of itself.
-fn doubt(model: &Model, records: &[&Record], std: &[f64]) -> Result<Vec<f64>, GapError> {
+fn prior_std(model: &Model, records: &[&Record], std: &[f64]) -> Result<Vec<f64>, GapError> {
     let plant = Plant::new(model)?;
     let records: Vec<Record> = records.iter().map(|record| (*record).clone()).collect();
     let noise = NoiseModel::declared(&plant, std, &vec![0.0; plant.m]);

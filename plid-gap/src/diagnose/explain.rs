@@ -14,19 +14,19 @@ use crate::prepare::{NoiseLevel, Prepared};
 use crate::search::closest_law::closest_law;
 use crate::search::modal::dominant;
 use crate::search::rules::{Rules, Scope};
-use crate::search::shape::{Bent, bent, fewer, renamed};
-use crate::search::stepwise::{Search, Turn, search, straighten};
+use crate::search::shape::{FreeShapeFit, fewer, free_shape, renamed};
+use crate::search::stepwise::{Search, SearchStage, search, straighten};
 use crate::settings::step::Step;
 use crate::simulate::Fineness;
 
-/// Searches, with the struts as places of internal forces; where that does not suffice, with the modes about which the gap lies too. `turn` keeps the
+/// Searches, with the ports as places of internal forces; where that does not suffice, with the modes about which the gap lies too. `turn` keeps the
 /// first turn of the first search, or has it.
 pub fn explain<'a>(
     ready: Prepared,
     refitted: Refit,
     library: &'a Library,
     rules: &Rules,
-    turn: &OnceCell<Turn<'a>>,
+    turn: &OnceCell<SearchStage<'a>>,
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
     let names = ready.problem.setting.names.clone();
@@ -78,7 +78,7 @@ fn passes<'a>(
     mut ready: Prepared,
     mut refitted: Refit,
     scope: &Scope<'_, 'a>,
-    turn: &OnceCell<Turn<'a>>,
+    turn: &OnceCell<SearchStage<'a>>,
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
     let mut pass = Pass::First;
@@ -116,10 +116,10 @@ impl<'a> Searched<'a> {
         ready: &mut Prepared,
         refitted: &Refit,
         scope: &Scope<'_, 'a>,
-        turn: &OnceCell<Turn<'a>>,
+        turn: &OnceCell<SearchStage<'a>>,
         say: &mut dyn FnMut(String),
     ) -> Self {
-        ready.problem.nuisance.struts_follow = false;
+        ready.problem.nuisance.ports_follow = false;
         let mut quick = ready.problem.head(scope.settings.first_samples, &ready.noise);
         let mut found = search(&mut ready.problem, &mut quick, refitted, scope, turn, say);
         if ready.widened.is_some() {
@@ -132,7 +132,7 @@ impl<'a> Searched<'a> {
 
     /// Takes from the records, or puts into their noise, what the best explanation shows there. In words, if another pass is needed.
     fn renew(&mut self, ready: &mut Prepared, refitted: &mut Refit, scope: &Scope, pass: Pass) -> Option<String> {
-        if pass == Pass::First && ready.renew_codes(&self.simulated) {
+        if pass == Pass::First && ready.renew_quantisation(&self.simulated) {
             return Some("samples drop out: once more without them".into());
         }
         let best = &self.found.best;
@@ -155,37 +155,37 @@ impl<'a> Searched<'a> {
         say: &mut dyn FnMut(String),
     ) -> Explained<'a> {
         let widened = ready.widened.is_some();
-        // Beside an error of the simulation itself the last digits of a law are no matter.
+        // Evidence an error of the simulation itself the last digits of a law are no matter.
         let shaped = !widened || left(&ready, &refitted, &self.found.best) > scope.settings.shape_left;
         let problem = &mut ready.problem;
         let zero = vec![0.0; problem.nuisance.len()];
         let given_cost = sum_of_squares(&problem.residual(&problem.plant, &zero, &[], Fineness::FINE));
         let free = shaped && !scope.skips(Step::FreeShapes);
-        let bent = if free { self.freed(problem, scope, !widened) } else { None };
-        // A free shape was fitted with the struts where the simulation has them, and has no size of its own to be right about.
-        problem.nuisance.struts_follow = bent.is_none();
+        let free = if free { self.freed(problem, scope, !widened) } else { None };
+        // A free shape was fitted with the ports where the simulation has them, and has no size of its own to be right about.
+        problem.nuisance.ports_follow = free.is_none();
         self.found.best = problem.settled(&self.found.best);
         let best_cost = self.found.best.cost;
         let level = ready.noise_level(&self.simulated, best_cost / ready.problem.rows() as f64);
         let judging = Judging { ready: &ready, refitted: &refitted, before: refitted.cost.max(given_cost), level };
-        let judged = judging.judge(&mut self.found, bent.as_ref(), say);
+        let judged = judging.judge(&mut self.found, free.as_ref(), say);
         let Self { quick, found, .. } = self;
-        Explained { ready, quick, refitted, found, bent, judged, level, given_cost, diverged: None }
+        Explained { ready, quick, refitted, found, free_shape: free, judged, level, given_cost, diverged: None }
     }
 
     /// The best explanation with one shape set free, if that pays; named by the law that is nearest to the free shape, and by `fewer` effects if these
     /// explain as much.
-    fn freed(&mut self, problem: &Problem, scope: &Scope<'_, 'a>, may_be_fewer: bool) -> Option<Bent<'a>> {
+    fn freed(&mut self, problem: &Problem, scope: &Scope<'_, 'a>, may_be_fewer: bool) -> Option<FreeShapeFit<'a>> {
         let (quick, found) = (&self.quick, &mut self.found);
         let simpler = if may_be_fewer { fewer(problem, quick, &found.best) } else { None };
         let free = match simpler {
-            Some((alone, bent)) => {
-                found.settle(alone, bent.fit.cost);
-                bent
+            Some((alone, free)) => {
+                found.settle(alone, free.fit.cost);
+                free
             }
             // What fails with its own shape and suffices with a free one is this place, and another shape.
-            None => bent(problem, quick, &found.best)
-                .filter(|bent| found.best.cost - bent.fit.cost > scope.settings.shape_gain_whole)?,
+            None => free_shape(problem, quick, &found.best)
+                .filter(|free| found.best.cost - free.fit.cost > scope.settings.shape_gain_whole)?,
         };
         let present = &found.best.effects[free.which];
         let law = closest_law(problem, &free.fit.effects, present, scope.library, &|placed| scope.allows(placed));
@@ -215,25 +215,30 @@ impl Judging<'_> {
         adequacy(&rest, &ready.problem.settings.judge, &ready.off)
     }
 
-    fn judge<'a>(&self, found: &mut Search<'a>, bent: Option<&Bent<'a>>, say: &mut dyn FnMut(String)) -> Adequacy {
+    fn judge<'a>(
+        &self,
+        found: &mut Search<'a>,
+        free: Option<&FreeShapeFit<'a>>,
+        say: &mut dyn FnMut(String),
+    ) -> Adequacy {
         let problem = &self.ready.problem;
         let settings = &problem.settings.judge;
         let rows = problem.rows() as f64;
         let best = found.best.clone();
-        let straight = problem.bent(&best.eta);
+        let straight = problem.max_prior_z(&best.eta);
         let mut judged = self.adequacy(straight, self.next(found), best.cost);
-        if let Some(bent) = bent {
-            let more = bent.fit.parameters() - best.parameters();
-            found.set_free(bent.fit.cost, more, rows);
+        if let Some(free) = free {
+            let more = free.fit.parameters() - best.parameters();
+            found.set_free(free.fit.cost, more, rows);
             // A shape that is free to tilt may lean on the linear parameters; what they hide, they hide in both fits.
-            let freed = self.adequacy(straight.min(problem.bent(&bent.fit.eta)), 0.0, bent.fit.cost);
+            let freed = self.adequacy(straight.min(problem.max_prior_z(&free.fit.eta)), 0.0, free.fit.cost);
             say(format!("with a free shape: {freed:.2?}"));
             judged.unknown = judged.unknown.min(freed.unknown).max(settings.shape_differs);
         }
         if best.effects.iter().any(|placed| placed.effect.caveat(&placed.parameters).is_some()) {
             judged.unknown = judged.unknown.max(settings.caveat);
         }
-        let fit = bent.map_or(&best, |bent| &bent.fit);
+        let fit = free.map_or(&best, |free| &free.fit);
         if !best.effects.is_empty() {
             let explained = (self.before - fit.cost) / fit.cost;
             judged.unknown = judged.unknown.max(least_unknown(explained, self.level.seen, settings));
@@ -250,7 +255,7 @@ impl Judging<'_> {
     /// What the best further entry of the screen would gain. A stage that was looked at and not accepted says what is still there.
     fn next(&self, found: &Search) -> f64 {
         let last = if found.stages.len() > found.best.effects.len() { found.stages.last() } else { None };
-        // How far linear parameters are bent is asked for itself.
+        // How far linear parameters are free is asked for itself.
         let further = last.and_then(|entries| entries.iter().find(|entry| !entry.placed.effect.is_in_refit()));
         let next = further.map_or(0.0, |entry| entry.gain);
         // Where nothing shows the noise, what is left is its measure.

@@ -9,7 +9,7 @@ use crate::answer::{classes, comparisons, named, others, place, remainder};
 use crate::audit::Audit;
 use crate::case::record::Record;
 use crate::effects::Observation;
-use crate::evidence::Beside;
+use crate::evidence::Evidence;
 use crate::fit::candidate::in_words;
 use crate::fit::free_run::{errors, run};
 use crate::fit::problem::Placed;
@@ -22,42 +22,42 @@ use crate::judge::settle_all::with_all;
 use crate::judge::shares::of_band;
 use crate::judge::verdict::Verdict;
 use crate::search::rules::Rules;
-use crate::search::stochastic::{Unseen, wandering};
+use crate::search::stochastic::{Stochastic, wandering};
 use crate::settings::GapSettings;
 
 /// An explanation, its judgement, and what is shown beside it.
 pub(super) struct Finding<'f, 'a> {
     pub(super) audit: &'f Audit,
     pub(super) explained: &'f Explained<'a>,
-    pub(super) unseen: &'f [Unseen<'a>],
+    pub(super) stochastic: &'f [Stochastic<'a>],
     pub(super) judged: Judgement<'f, 'a>,
     delay: Option<WholeDelay>,
     /// Where the gap lies: as given, and with the effects.
     pub(super) maps: [Map; 2],
-    pub(super) beside: Beside,
+    pub(super) evidence: Evidence,
 }
 
 impl<'f, 'a> Finding<'f, 'a> {
-    /// Judges an explanation. `unseen` are the stochastic effects that were found.
+    /// Judges an explanation. `stochastic` are the stochastic effects that were found.
     pub(super) fn new(
         audit: &'f Audit,
         explained: &'f Explained<'a>,
-        unseen: &'f [Unseen<'a>],
+        stochastic: &'f [Stochastic<'a>],
         rules: &Rules,
         say: &mut dyn FnMut(String),
     ) -> Self {
         let Explained { ready, refitted, .. } = explained;
         let problem = &ready.problem;
         say("gaps".into());
-        let judged = Judgement::new(explained, unseen, rules, &audit.case.config);
+        let judged = Judgement::new(explained, stochastic, rules, &audit.case.config);
         let map = |errors: &[_]| locate::map(&problem.records, errors, &ready.noise, judged.plant.rate);
         let after = errors(problem, &explained.fit().eta, &explained.fit().effects);
         let maps = [map(&locate::errors(problem)), map(&after)];
         say("evidence beside it".into());
         let linear = |record: &Record| run(&judged.plant, &[], record);
         let with = |record: &Record| run(&judged.plant, &judged.actions, record);
-        let beside = Beside::of(problem, &refitted.plant, &ready.noise, &audit.case.records, linear, with);
-        Self { audit, explained, unseen, judged, delay: WholeDelay::of(audit), maps, beside }
+        let evidence = Evidence::of(problem, &refitted.plant, &ready.noise, &audit.case.records, linear, with);
+        Self { audit, explained, stochastic, judged, delay: WholeDelay::of(audit), maps, evidence }
     }
 
     /// diagnosis.json.
@@ -94,7 +94,7 @@ impl<'f, 'a> Finding<'f, 'a> {
             separability: comparisons(found, best, &rivals, names),
             place: place(before, &names.outputs, found, shown),
             remainder: remainder(self.explained, gaps, after, simulated, self.audit.case.config.material),
-            evidence: words(self.explained, before, *held_out, &self.beside, class),
+            evidence: words(self.explained, before, *held_out, &self.evidence, class),
             gap: gaps.clone(),
             settings: GapSettings::clone(&ready.problem.settings),
             warnings: self.audit.case.warnings.clone(),
@@ -107,11 +107,11 @@ impl<'f, 'a> Finding<'f, 'a> {
         let Judgement { gaps, shares, shown, weighted, .. } = &self.judged;
         let best = &self.explained.found.best.effects;
         let mut named = named(self.explained, shown, weighted, shares, gaps.left());
-        for which in self.unseen.iter().filter_map(|u| wandering(&u.placed, best)) {
+        for which in self.stochastic.iter().filter_map(|u| wandering(&u.placed, best)) {
             named[which].shape_differs = true;
         }
         // A stochastic effect has a part in the noise.
-        let band = |u: &&Unseen| {
+        let band = |u: &&Stochastic| {
             if u.placed.effect.observed_in() == Observation::Band { of_band(self.explained) } else { 0.0 }
         };
         let sizes: Vec<f64> = shares.iter().map(|share| share.closed).chain(shown.iter().map(band)).collect();

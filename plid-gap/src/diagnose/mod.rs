@@ -18,11 +18,11 @@ use crate::error::GapError;
 use crate::fit::refit::{self, Refit, refit};
 use crate::prepare::{Prepared, prepare};
 use crate::search::rules::Rules;
-use crate::search::stepwise::Turn;
-use crate::search::stochastic::unseen;
+use crate::search::stepwise::SearchStage;
+use crate::search::stochastic::stochastic_effects;
 use crate::settings::step::Step;
 
-pub use shown::Evidence;
+pub use shown::Shown;
 
 /// What a diagnosis gives: the answer, what a prediction needs, and what a report shows.
 pub struct Outcome {
@@ -31,7 +31,7 @@ pub struct Outcome {
     /// sim-with-effect.json.
     pub simulation: SimulationWithEffects,
     /// What the report draws.
-    pub evidence: Evidence,
+    pub shown: Shown,
 }
 
 /// Diagnoses a case. `say` is told what is going on.
@@ -63,7 +63,7 @@ pub struct Groundwork<'a> {
     audit: Audit,
     ready: Prepared,
     refitted: Refit,
-    first: OnceCell<Turn<'a>>,
+    first: OnceCell<SearchStage<'a>>,
 }
 
 impl<'a> Groundwork<'a> {
@@ -139,10 +139,10 @@ fn finish(
     let explained = explain(ready, refitted, ground.library, &rules, &ground.first, say);
     // Taken from the noise as the explanation leaves it: what the explanation accounts for in quiet records is not noise.
     let skipped = audit.known.off.contains(&Step::Unseen);
-    let mut unseen = if skipped { Vec::new() } else { unseen(&explained.ready, ground.library) };
-    unseen.retain(|unseen| rules.knows(unseen.placed.effect));
-    let finding = Finding::new(audit, &explained, &unseen, &rules, say);
+    let mut stochastic = if skipped { Vec::new() } else { stochastic_effects(&explained.ready, ground.library) };
+    stochastic.retain(|stochastic| rules.knows(stochastic.placed.effect));
+    let finding = Finding::new(audit, &explained, &stochastic, &rules, say);
     let diagnosis = finding.diagnosis(say);
     let simulation = finding.simulation(model(audit)?);
-    Ok(Outcome { diagnosis, simulation, evidence: finding.evidence() })
+    Ok(Outcome { diagnosis, simulation, shown: finding.shown() })
 }

@@ -7,7 +7,7 @@ use crate::case::levels::{LevelRun, is_linear, loudest, one_of_each_level};
 use crate::case::record::{Channels, Record};
 use crate::diagnose::finding::Finding;
 use crate::effects::Names;
-use crate::evidence::Beside;
+use crate::evidence::Evidence;
 use crate::fit::free_run::run;
 use crate::fourier::C;
 use crate::judge::explained::Explained;
@@ -18,7 +18,7 @@ use crate::search::screen::Entry;
 use crate::simulate::{Fineness, simulate};
 
 /// What the report draws.
-pub struct Evidence {
+pub struct Shown {
     /// Names of the outputs.
     pub outputs: Vec<String>,
     /// Samples a second.
@@ -36,7 +36,7 @@ pub struct Evidence {
     /// Measured, as given, with the effects: p channels each.
     pub trace: [Channels; 3],
     /// Evidence for effects that no free run shows: name, place, twice the log likelihood.
-    pub unseen: Vec<(String, String, f64)>,
+    pub stochastic: Vec<(String, String, f64)>,
     /// Changes of the bounded refit in standard deviations of its prior, by mode (Hz): frequency, damping, largest of the shapes.
     pub refit: Vec<(f64, f64, f64, f64)>,
     /// Sum of squares a row: as given, refit, with the effects.
@@ -48,7 +48,7 @@ pub struct Evidence {
     /// Of each output: frequencies in Hz with the density that noise alone makes there, in the output's unit squared a Hz.
     pub noise: Vec<Vec<(f64, f64)>>,
     /// What the diagnosis does not rest on.
-    pub beside: Beside,
+    pub evidence: Evidence,
     /// Whether the simulation with the effects still is linear in its inputs.
     pub linear: bool,
 }
@@ -61,7 +61,7 @@ const ENTRIES: usize = 15;
 
 impl Finding<'_, '_> {
     /// What the report draws.
-    pub(super) fn evidence(self) -> Evidence {
+    pub(super) fn shown(self) -> Shown {
         let levels = self.levels();
         let (plant, actions) = (&self.judged.plant, &self.judged.actions);
         let Explained { ready, refitted, found, judged, given_cost, .. } = self.explained;
@@ -71,7 +71,7 @@ impl Finding<'_, '_> {
         let trace = ready.held_out.last().or(problem.records.last()).expect("a case has records");
         let loudest = loudest(&problem.records);
         let [before, after] = self.maps;
-        Evidence {
+        Shown {
             outputs: names.outputs.clone(),
             rate: plant.rate,
             before,
@@ -80,9 +80,9 @@ impl Finding<'_, '_> {
             stages: found.stages.iter().map(|entries| shown(entries, names)).collect(),
             trace: [trace.y.clone(), run(&problem.plant, &[], trace), run(plant, actions, trace)],
             trace_record: trace.name.clone(),
-            beside: self.beside,
-            unseen: self
-                .unseen
+            evidence: self.evidence,
+            stochastic: self
+                .stochastic
                 .iter()
                 .map(|u| (u.placed.effect.name().into(), u.placed.place.location(names), u.gain))
                 .collect(),

@@ -13,7 +13,7 @@ impl Effect for ColouredDisturbance {
     }
 
     fn equation(&self) -> &'static str {
-        "force along a strut: band-pass noise of standard deviation a round f"
+        "force at a port: band-pass noise of standard deviation a round f"
     }
 
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {

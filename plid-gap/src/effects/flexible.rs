@@ -121,10 +121,10 @@ impl Flexible {
                 };
                 shape.iter().zip(&YIELDS).map(one).collect()
             }
-            (Self::Command, &Place::Input(i)) => vec![Action::Command(Box::new(Bent { i, unit, shape }))],
+            (Self::Command, &Place::Input(i)) => vec![Action::Command(Box::new(CommandCurve { i, unit, shape }))],
             (Self::Hysteresis, &Place::Input(i)) => vec![Action::Command(Box::new(Elements { i, unit, shape }))],
             (Self::Path, _) => vec![Action::Command(Box::new(Taps { place: place.clone(), shape }))],
-            (Self::Sensor, &Place::Output(o)) => vec![Action::Sensor(Box::new(BentOutput { o, unit, shape }))],
+            (Self::Sensor, &Place::Output(o)) => vec![Action::Sensor(Box::new(OutputCurve { o, unit, shape }))],
             (Self::SensorPath, &Place::Output(o)) => vec![Action::Sensor(Box::new(OutputTaps { o, shape }))],
             (Self::StiffnessCourse, _) => {
                 vec![Action::Stiffness(Box::new(move |t| 1.0 + course(t / unit, &shape)))]
@@ -308,13 +308,13 @@ impl Force for Element {
     }
 }
 
-struct Bent {
+struct CommandCurve {
     i: usize,
     unit: f64,
     shape: Vec<f64>,
 }
 
-impl Command for Bent {
+impl Command for CommandCurve {
     fn apply(&self, drive: &mut Drive) {
         for u in &mut drive.u[self.i] {
             *u += self.unit * bend(*u / self.unit, &self.shape);
@@ -367,13 +367,13 @@ impl Command for Taps {
     }
 }
 
-struct BentOutput {
+struct OutputCurve {
     o: usize,
     unit: f64,
     shape: Vec<f64>,
 }
 
-impl Sensor for BentOutput {
+impl Sensor for OutputCurve {
     fn apply(&self, y: &mut [Vec<f64>], _t0: f64, _rate: f64) {
         for y in &mut y[self.o] {
             *y += self.unit * bend(*y / self.unit, &self.shape);

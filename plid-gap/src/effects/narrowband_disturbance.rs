@@ -14,7 +14,7 @@ impl Effect for NarrowbandDisturbance {
     }
 
     fn equation(&self) -> &'static str {
-        "force a sin(2 pi f t + phi) along a strut"
+        "force a sin(2 pi f t + phi) at a port"
     }
 
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
@@ -26,8 +26,8 @@ impl Effect for NarrowbandDisturbance {
     }
 
     fn places(&self, setting: &Setting) -> Vec<Place> {
-        let struts = (0..setting.plant.ports.len()).filter(|&k| !setting.is_on_a_mode(k));
-        struts.flat_map(|port| setting.tones.iter().map(move |tone| Place::Frequency(tone.hz, port))).collect()
+        let ports = (0..setting.plant.ports.len()).filter(|&k| !setting.is_on_a_mode(k));
+        ports.flat_map(|port| setting.tones.iter().map(move |tone| Place::Frequency(tone.hz, port))).collect()
     }
 
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {

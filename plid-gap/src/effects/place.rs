@@ -8,7 +8,7 @@ pub(crate) const ON_A_MODE: &str = "mode:";
 /// Where an effect acts. Channels count from zero here and are written by name.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Place {
-    /// One input, or the strut of one input.
+    /// One input, or the port of one input.
     Input(usize),
     /// All inputs alike.
     AllInputs,

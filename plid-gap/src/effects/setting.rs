@@ -77,8 +77,8 @@ impl Setting {
         (0..self.plant.modes.len()).map(Place::Mode).collect()
     }
 
-    /// Places of internal forces: the strut of an input, or a port that has none.
-    pub fn struts(&self) -> Vec<Place> {
+    /// Places of internal forces: the ports of the inputs, then the other ports.
+    pub fn joints(&self) -> Vec<Place> {
         let ports = self.plant.ports.iter().enumerate();
         ports.map(|(k, port)| port.input.map_or(Place::Port(k), Place::Input)).collect()
     }
@@ -99,10 +99,10 @@ impl Setting {
         [0.01, 0.03, 0.1].map(|share| share * spring).to_vec()
     }
 
-    /// The port of a strut.
+    /// The number of the port at a place.
     ///
     /// # Panics
-    /// If the place is no strut of this simulation.
+    /// If the simulation has no port at that place.
     pub fn port(&self, place: &Place) -> usize {
         let found = match *place {
             Place::Port(k) => Some(k),
@@ -110,6 +110,6 @@ impl Setting {
             Place::Frequency(_, port) => Some(port),
             _ => None,
         };
-        found.expect("a strut's place has a port")
+        found.expect("an internal force acts at a port")
     }
 }

@@ -15,7 +15,7 @@ use crate::plant::Plant;
 
 /// What stands beside the diagnosis.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Beside {
+pub struct Evidence {
     /// What an adaptive PLID run sees.
     pub tracks: Tracks,
     /// The resonances of each record by itself.
@@ -24,7 +24,7 @@ pub struct Beside {
     pub lines: Option<Lines>,
 }
 
-impl Beside {
+impl Evidence {
     /// Of the records of a case. `refitted` is the simulation after the bounded refit; `linear` and `with` run a record without and with what was found.
     pub fn of(
         problem: &Problem,

@@ -38,7 +38,7 @@ pub struct Nuisance {
     pub std: Vec<f64>,
     /// Whether a port follows the shapes of its input. The derivatives of the linear simulation leave out how that
     /// changes a force at the port, so only fits with the derivatives of the whole simulation set it.
-    pub struts_follow: bool,
+    pub ports_follow: bool,
 }
 
 impl Nuisance {
@@ -62,12 +62,12 @@ impl Nuisance {
             .collect();
         let sizes = state_sizes(plant, records);
         let nominal = plant.modes.iter().map(directions).collect();
-        Self { m, p, modes, rest, nominal, starts, sizes, std, struts_follow: false }
+        Self { m, p, modes, rest, nominal, starts, sizes, std, ports_follow: false }
     }
 
     /// Widens the prior for a simulation that was itself estimated, by the standard deviations of its parameters.
-    pub fn doubted(mut self, doubt: &[f64]) -> Self {
-        self.std.iter_mut().zip(doubt).for_each(|(std, doubt)| *std = std.hypot(*doubt));
+    pub fn with_prior_std(mut self, prior_std: &[f64]) -> Self {
+        self.std.iter_mut().zip(prior_std).for_each(|(std, prior)| *std = std.hypot(*prior));
         self
     }
 
@@ -123,7 +123,7 @@ impl Nuisance {
             let (w, zeta) = (w * (1.0 + at[0]).max(0.1), (zeta * at[1].clamp(-3.0, 3.0).exp()).min(0.99));
             changed.move_pole(k, C::new(-zeta * w, w * (1.0 - zeta * zeta).sqrt()));
             let (b, c) = self.directions(k, &changed.modes[k]);
-            let before = self.struts_follow.then(|| changed.modes[k].clone());
+            let before = self.ports_follow.then(|| changed.modes[k].clone());
             changed.change(k, |mode| {
                 for i in 0..self.m {
                     mode.b[i] += b * at[2 + i];
@@ -133,7 +133,7 @@ impl Nuisance {
                 }
             });
             if let Some(before) = before {
-                changed.struts_follow(k, &before);
+                changed.ports_follow(k, &before);
             }
         }
         changed
@@ -467,7 +467,7 @@ mod tests {
     /// A cubic spring at a port whose shape differs from the simulation's: once the input shape is corrected, force and
     /// displacement are right.
     #[test]
-    fn struts_follow_their_input_shapes() {
+    fn ports_follow_their_input_shapes() {
         const MODE: usize = 1;
         let (sim, real) = (testing::truss(3), testing::truss_with(3, |_, input, _| input[(MODE, 0)] *= 1.05));
         let [nominal, truth] = [&sim, &real].map(|model| Plant::new(model).unwrap());
@@ -475,7 +475,7 @@ mod tests {
         let mut record = testing::case(&sim, &sim).records[1].clone();
         record.u = u.clone();
         let mut nuisance = Nuisance::new(&nominal, std::slice::from_ref(&record), &Limits::default());
-        nuisance.struts_follow = true;
+        nuisance.ports_follow = true;
         // The entry is in units of the shape's largest one.
         let shape = &nominal.modes[MODE].b;
         let mut eta = vec![0.0; nuisance.len()];

@@ -138,7 +138,7 @@ impl Problem {
     }
 
     /// Returns the largest change of a mode's parameter, in standard deviations of its prior.
-    pub fn bent(&self, eta: &[f64]) -> f64 {
+    pub fn max_prior_z(&self, eta: &[f64]) -> f64 {
         let modal = |index: &usize| self.nuisance.entry(*index).is_some();
         let z = |index: usize| (eta[index] / self.nuisance.std[index]).abs();
         (0..eta.len()).filter(modal).map(z).fold(0.0, f64::max)

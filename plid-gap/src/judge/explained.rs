@@ -7,7 +7,7 @@ use crate::fit::problem::{Fit, Placed, Problem};
 use crate::fit::refit::Refit;
 use crate::judge::verdict::Adequacy;
 use crate::prepare::{NoiseLevel, Prepared};
-use crate::search::shape::Bent;
+use crate::search::shape::FreeShapeFit;
 use crate::search::stepwise::{Search, polish};
 use crate::settings::JudgeSettings;
 
@@ -22,7 +22,7 @@ pub struct Explained<'a> {
     /// Explanations.
     pub found: Search<'a>,
     /// The best explanation with one effect's shape set free, where its own does not suffice.
-    pub bent: Option<Bent<'a>>,
+    pub free_shape: Option<FreeShapeFit<'a>>,
     /// What the best leaves.
     pub judged: Adequacy,
     /// Of the noise.
@@ -36,7 +36,7 @@ pub struct Explained<'a> {
 impl<'a> Explained<'a> {
     /// The model that predicts: the best explanation, with a free shape where one is needed.
     pub fn fit(&self) -> &Fit<'a> {
-        self.bent.as_ref().map_or(&self.found.best, |bent| &bent.fit)
+        self.free_shape.as_ref().map_or(&self.found.best, |free| &free.fit)
     }
 
     /// RMS of each output's noise, lines that wander among it; where nothing shows it, no more than what is left.
@@ -62,7 +62,7 @@ impl<'a> Explained<'a> {
     pub(crate) fn refuse_divergence(mut self) -> Self {
         let JudgeSettings { most_refused: mut tries, most_unknown, .. } = self.ready.problem.settings.judge;
         while let Some(name) = self.unbounded().map(|record| record.name.clone()) {
-            self.bent = None;
+            self.free_shape = None;
             self.judged.unknown = most_unknown;
             let problem = &self.ready.problem;
             let found = &mut self.found;

@@ -11,7 +11,7 @@ use crate::judge::shrink::{Gap, blocks, gaps, opened};
 use crate::judge::verdict::{Verdict, Weighted, outside, weigh};
 use crate::plant::Plant;
 use crate::search::rules::Rules;
-use crate::search::stochastic::{Unseen, wandering};
+use crate::search::stochastic::{Stochastic, wandering};
 use crate::settings::step::Step;
 
 /// A judged explanation.
@@ -29,7 +29,7 @@ pub struct Judgement<'j, 'a> {
     /// What each of its effects closes.
     pub shares: Vec<Share>,
     /// Stochastic effects that enter the answer.
-    pub shown: Vec<&'j Unseen<'a>>,
+    pub shown: Vec<&'j Stochastic<'a>>,
     /// All explanations with their probabilities, the most probable first.
     pub weighted: Vec<Weighted<'a>>,
     /// The verdict.
@@ -37,8 +37,13 @@ pub struct Judgement<'j, 'a> {
 }
 
 impl<'j, 'a> Judgement<'j, 'a> {
-    /// Judges an explanation. `unseen` are the stochastic effects that were found.
-    pub fn new(explained: &Explained<'a>, unseen: &'j [Unseen<'a>], rules: &Rules, config: &CaseConfig) -> Self {
+    /// Judges an explanation. `stochastic` are the stochastic effects that were found.
+    pub fn new(
+        explained: &Explained<'a>,
+        stochastic: &'j [Stochastic<'a>],
+        rules: &Rules,
+        config: &CaseConfig,
+    ) -> Self {
         let Explained { ready, refitted, found, .. } = explained;
         let (problem, best) = (&ready.problem, &found.best.effects);
         let plant = problem.nuisance.apply(&problem.plant, &explained.fit().eta);
@@ -56,12 +61,12 @@ impl<'j, 'a> Judgement<'j, 'a> {
             weigh(&found.candidates, unknown, problem.rows() as f64, explained.level, &problem.settings, &ready.off);
         // What quiet records show holds whatever the free runs say.
         let names = &problem.setting.names;
-        let enters = |u: &&Unseen| {
+        let enters = |u: &&Stochastic| {
             u.gain > problem.settings.search.stochastic_gain
                 && rules.allow(&u.placed, names)
                 && wandering(&u.placed, best).is_none()
         };
-        let shown: Vec<&Unseen> = unseen.iter().filter(enters).collect();
+        let shown: Vec<&Stochastic> = stochastic.iter().filter(enters).collect();
         for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
             explanation.effects.extend(shown.iter().map(|u| u.placed.clone()));
         }

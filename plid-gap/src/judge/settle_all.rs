@@ -27,7 +27,7 @@ pub fn with_all<'a>(explained: &Explained<'a>) -> Option<(Vec<f64>, Vec<Placed<'
     let modes = problem.nuisance.of_modes();
     let mut nuisance = Nuisance::new(&problem.plant, &records, &Limits::default());
     nuisance.std[..modes].copy_from_slice(&problem.nuisance.std[..modes]);
-    nuisance.struts_follow = problem.nuisance.struts_follow;
+    nuisance.ports_follow = problem.nuisance.ports_follow;
     // Initial states that were fitted come first; those of the new records begin at rest.
     let mut eta = fit.eta.clone();
     eta.resize(nuisance.len(), 0.0);

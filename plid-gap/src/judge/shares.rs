@@ -38,7 +38,7 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
     let floor = floor(explained, &opened);
     let limits = blocks(&opened, within, &[]);
     let tangent = (named.len() > 1).then(|| problem.tangent(&problem.nuisance.apply(&problem.plant, &fit.eta)));
-    let sibling = explained.bent.as_ref().map(|bent| (bent.which, fit.effects.len() - 1));
+    let sibling = explained.free_shape.as_ref().map(|bent| (bent.which, fit.effects.len() - 1));
     let others = |which: usize| -> Vec<Placed> {
         let is_sibling = |at: usize| sibling == Some((which, at));
         let stays = |(at, placed): &(usize, &Placed)| !is_sibling(*at) && !same(placed, &named[which]);

@@ -58,7 +58,7 @@ pub struct Gap {
     pub shrink_over_refit: f64,
     /// Of a wrong effect with as many parameters.
     pub placebo_shrink: f64,
-    /// What was found, over the bounded refit, a linear refit without bounds and, where there is one, the placebo.
+    /// What was found, over the bounded refit, a linear refit without bounds and, where there is one, the reference effect.
     #[serde(default)]
     pub shrink_over: Vec<ShrinkOver>,
     /// Share of what a flexible model closes that the effects close.
@@ -110,8 +110,8 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
         Limits { frequency: 40.0 * limits.frequency, damping: 10.0 * limits.damping, shape: 40.0 * limits.shape };
     let free = Problem { nuisance: Nuisance::new(&quick.plant, &quick.records, &wide), ..quick.clone() };
     let free_blocks = of(&refit(&free, FREE_STEPS).plant, &[]);
-    let placebo_blocks = placebo(quick, found).map(|(plant, actions)| of(&plant, &actions));
-    let placebo_gap = placebo_blocks.as_ref().map_or(bounded, Blocks::gap);
+    let reference_blocks = reference_effect(quick, found).map(|(plant, actions)| of(&plant, &actions));
+    let reference_gap = reference_blocks.as_ref().map_or(bounded, Blocks::gap);
     // A ceiling model that is worse than what was found is none.
     let ceiling_blocks = ceiling(quick, found)
         .map(|(plant, actions)| of(&plant, &actions))
@@ -124,7 +124,7 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
         ci95: gap::drawn([before, &with], |[before, with]| gap::shrink(before, with, floor)),
     };
     let mut shrink_over = vec![over("bounded refit", &refit_blocks), over("free linear refit", &free_blocks)];
-    shrink_over.extend(placebo_blocks.as_ref().map(|blocks| over("placebo", blocks)));
+    shrink_over.extend(reference_blocks.as_ref().map(|blocks| over("reference effect", blocks)));
     let share = |[given, with, most]: [f64; 3]| {
         let most = gap::shrink(given, most, floor);
         if most > 0.0 { (gap::shrink(given, with, floor) / most).clamp(0.0, 1.0) } else { 1.0 }
@@ -139,7 +139,7 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
         shrink: gap::shrink(as_given, with_effect, floor),
         shrink_ci95: gap::drawn([&given, &with], |[given, with]| gap::shrink(given, with, floor)),
         shrink_over_refit: gap::shrink(bounded, with_effect, floor),
-        placebo_shrink: gap::shrink(as_given, placebo_gap, floor) - gap::shrink(as_given, bounded, floor),
+        placebo_shrink: gap::shrink(as_given, reference_gap, floor) - gap::shrink(as_given, bounded, floor),
         shrink_over,
         share_of_ceiling: share([as_given, with_effect, ceiling_blocks.gap()]),
         share_of_ceiling_ci95: gap::drawn([&given, &with, &ceiling_blocks], share),
@@ -165,7 +165,7 @@ pub(crate) fn blocks(records: &[&Record], plant: &Plant, actions: &[Action]) -> 
 const ROUGH: Effort = Effort { steps: 4, gain: 1.0, fineness: Fineness::COARSE };
 
 /// A wrong effect with as many parameters: from the lower half of the screen, on another side of the chain.
-fn placebo(problem: &Problem, found: &Search) -> Option<(Plant, Vec<Action>)> {
+fn reference_effect(problem: &Problem, found: &Search) -> Option<(Plant, Vec<Action>)> {
     let first = found.best.effects.first()?;
     let wanted = first.parameters.len();
     let entries = found.stages.first()?;

@@ -87,7 +87,7 @@ pub struct Rest {
 pub struct Port {
     /// Its name, or that of the input.
     pub name: String,
-    /// The input (from 0) whose strut it is.
+    /// The input (from 0) whose port it is.
     pub input: Option<usize>,
     /// Of each mode.
     pub force: Vec<C>,
@@ -222,7 +222,7 @@ impl Plant {
         }
     }
 
-    /// Puts a place for internal forces on one mode alone beside the ports: `mode:HZ`, for effects that no input's strut explains.
+    /// Puts a place for internal forces on one mode alone beside the ports: `mode:HZ`, for effects that no input's port explains.
     pub fn add_modal_port(&mut self, mode: usize) {
         let name = format!("mode:{}", plain_hz(self.modes[mode].hz()));
         if self.ports.iter().all(|port| port.name != name) {

@@ -9,43 +9,43 @@ use crate::fourier::C;
 pub enum PortSource {
     /// The simulation declares them.
     Declared,
-    /// The strut of each input, from the modes' input shapes; the scale of each mode by reciprocity (input and output shapes of
+    /// The port of each input, from the modes' input shapes; the scale of each mode by reciprocity (input and output shapes of
     /// equal norm, as if sensors stood near the actuators).
     Inferred,
 }
 
-/// The strut of each input, from the modes.
+/// The port of each input, from the modes.
 ///
-/// A mode in physical form is q" + 2 zeta w q' + w^2 q = beta f with acceleration gamma q"; its strut sees d = beta q. The
+/// A mode in physical form is q" + 2 zeta w q' + w^2 q = beta f with acceleration gamma q"; its port sees d = beta q. The
 /// simulation gives g = beta g0 (its input shape without the actuator's pole) and k = gamma / g0 up to one number g0 a mode.
 pub(super) fn infer(plant: &Plant, inputs: &[String]) -> (Vec<Port>, PortSource) {
     let modal = modal_struts(plant);
     let ports = inputs
         .iter()
         .enumerate()
-        .map(|(i, name)| Port { name: name.clone(), input: Some(i), ..strut(plant, &modal, i, &|_| true) })
+        .map(|(i, name)| Port { name: name.clone(), input: Some(i), ..port(plant, &modal, i, &|_| true) })
         .collect();
     (ports, PortSource::Inferred)
 }
 
-/// A place on one mode alone, for an effect that no input's strut explains: the strut of the input that drives this mode most, of
+/// A place on one mode alone, for an effect that no input's port explains: the port of the input that drives this mode most, of
 /// which only this mode is kept.
 pub(super) fn of_mode(plant: &Plant, k: usize) -> Port {
     let modal = modal_struts(plant);
     let size = |i: usize| modal[k].0[i].norm_sqr();
     let i = (0..plant.m).max_by(|&a, &b| size(a).total_cmp(&size(b))).expect("a plant has inputs");
-    strut(plant, &modal, i, &|mode| mode == k)
+    port(plant, &modal, i, &|mode| mode == k)
 }
 
-/// Force columns and displacement rows of all struts, of each mode.
-type ModalStruts = Vec<(Vec<C>, Vec<C>)>;
+/// Force columns and displacement rows of all ports, of each mode.
+type ModalPorts = Vec<(Vec<C>, Vec<C>)>;
 
-fn modal_struts(plant: &Plant) -> ModalStruts {
+fn modal_struts(plant: &Plant) -> ModalPorts {
     plant.modes.iter().map(|mode| modal_strut(plant, mode)).collect()
 }
 
-/// The strut of an input, of the modes that are kept, without a name.
-fn strut(plant: &Plant, modal: &ModalStruts, i: usize, kept: &dyn Fn(usize) -> bool) -> Port {
+/// The port of an input, of the modes that are kept, without a name.
+fn port(plant: &Plant, modal: &ModalPorts, i: usize, kept: &dyn Fn(usize) -> bool) -> Port {
     let keep = |k: usize, x: C| if kept(k) { x } else { C::ZERO };
     let displacement: Vec<C> = modal.iter().enumerate().map(|(k, (_, row))| keep(k, row[i])).collect();
     let velocity: Vec<C> = displacement.iter().zip(&plant.modes).map(|(row, mode)| row * mode.pole).collect();
@@ -62,7 +62,7 @@ fn strut(plant: &Plant, modal: &ModalStruts, i: usize, kept: &dyn Fn(usize) -> b
     }
 }
 
-/// What a strut's force sends through the filters' own poles: it passes no actuator.
+/// What a port's force sends through the filters' own poles: it passes no actuator.
 fn through_filters(plant: &Plant, i: usize, kept: &dyn Fn(usize) -> bool) -> DVector<f64> {
     let modes = plant.modes.iter().enumerate().filter(|(k, _)| kept(*k));
     modes.fold(DVector::zeros(plant.rest.a.nrows()), |sum, (_, mode)| sum + plant.filters_part(mode, i))
@@ -85,9 +85,9 @@ fn without_actuators(plant: &Plant, row: &[C]) -> DVector<f64> {
 }
 
 impl Plant {
-    /// A strut is where its actuator pushes: where the input shape of a mode was changed from that of `before`, what the strut's force does to the mode and
-    /// what the strut sees of it change in the same ratio. Else the size of an effect there would be that of a shape that nobody holds for true any more.
-    pub fn struts_follow(&mut self, k: usize, before: &Mode) {
+    /// A port is where its actuator pushes: where the input shape of a mode was changed from that of `before`, what the port's force does to the mode and
+    /// what the port sees of it change in the same ratio. Else the size of an effect there would be that of a shape that nobody holds for true any more.
+    pub fn ports_follow(&mut self, k: usize, before: &Mode) {
         let after = self.modes[k].clone();
         for index in 0..self.ports.len() {
             let port = &self.ports[index];
@@ -109,7 +109,7 @@ impl Plant {
         }
     }
 
-    /// What a force at the strut of an input sends through a mode into the filters' own poles.
+    /// What a force at the port of an input sends through a mode into the filters' own poles.
     fn filters_part(&self, mode: &Mode, i: usize) -> DVector<f64> {
         let mut column = DVector::zeros(self.rest.a.nrows());
         for (o, filters) in self.chain.filter.iter().enumerate() {
@@ -140,7 +140,7 @@ impl Plant {
     }
 }
 
-/// Force columns and displacement rows of all struts on one mode.
+/// Force columns and displacement rows of all ports on one mode.
 fn modal_strut(plant: &Plant, mode: &Mode) -> (Vec<C>, Vec<C>) {
     let pole = mode.pole;
     let force: Vec<C> = (0..plant.m).map(|i| mode.b[i] / plant.chain.before(i, pole)).collect();

@@ -25,7 +25,7 @@ pub struct Coloured {
     /// Its standard deviation, in the port's force.
     pub a: f64,
     /// Relative standard deviations of `a` and of the centre.
-    pub doubt: [f64; 2],
+    pub std: [f64; 2],
     /// Twice the log likelihood that it gains.
     pub gain: f64,
 }
@@ -85,7 +85,7 @@ pub fn coloured(ready: &Prepared) -> Option<Coloured> {
         return None;
     }
     let theta = rough.sources.last()?.1;
-    Some(Coloured { band, a: size(theta, band, plant.rate), doubt: [f64::INFINITY; 2], gain })
+    Some(Coloured { band, a: size(theta, band, plant.rate), std: [f64::INFINITY; 2], gain })
 }
 
 /// Standard deviation of a band of white noise of density theta: the band's share of half the sample rate, times pi / 2 for its skirts.
@@ -110,8 +110,8 @@ impl Coloured {
         let Some(&(Source::Band(band), theta)) = scored.model.sources.last() else { return self };
         let c = scored.covariance;
         // The logarithm of a is half the sum of those of theta, centre and width.
-        let doubt = [0.5 * c.sum().max(0.0).sqrt(), c[(1, 1)].max(0.0).sqrt()];
-        Self { band, a: size(theta, band, ready.problem.plant.rate), doubt, gain: self.gain }
+        let std = [0.5 * c.sum().max(0.0).sqrt(), c[(1, 1)].max(0.0).sqrt()];
+        Self { band, a: size(theta, band, ready.problem.plant.rate), std, gain: self.gain }
     }
 }
 
@@ -151,7 +151,7 @@ mod tests {
         assert_eq!(coloured(&ready), None);
     }
 
-    /// A force in a band at the second strut is found there, with places on single modes beside the struts too.
+    /// A force in a band at the second port is found there, with places on single modes beside the ports too.
     #[test]
     fn a_coloured_force_is_looked_for_at_the_struts_alone() {
         let sim = testing::truss(1);

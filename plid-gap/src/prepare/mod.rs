@@ -22,7 +22,7 @@ use crate::prepare::coloured::{Coloured, NEAR_LINE, coloured};
 use crate::prepare::wandering::{Wandering, wandering};
 use crate::settings::GapSettings;
 use crate::settings::step::Step;
-use crate::signal::quantisation::{self, Codes};
+use crate::signal::quantisation::{self, Quantisation};
 use crate::signal::{notch, peaks, tones};
 use crate::simulate::{Fineness, simulate};
 use plid_model::Model;
@@ -51,7 +51,7 @@ pub struct Prepared {
     /// As the simulation declares it.
     pub declared: NoiseModel,
     /// What raw values show, of each output.
-    pub codes: Vec<Codes>,
+    pub quantisation: Vec<Quantisation>,
     /// As the simulation declares it: of sensors (p); a share of each output where it declares none.
     pub declared_sensor: Vec<f64>,
     /// Whether it declares it.
@@ -81,7 +81,7 @@ pub struct Known {
     /// How far the simulation may be off.
     pub limits: Limits,
     /// Of a model that was itself estimated: standard deviations of its parameters, as the linear parameters are ordered.
-    pub doubt: Vec<f64>,
+    pub prior_std: Vec<f64>,
     /// Of such a model: what it leaves of its own records.
     pub model_error: Option<ModelError>,
     /// Frequencies that count.
@@ -109,11 +109,11 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     declared.model_error.clone_from(&known.model_error);
     declared.band_hz = known.band_hz;
     let mut errors = given_errors(&plant, &fitted);
-    let codes = quantisation::codes(&fitted, &errors, &declared_sensor);
-    if codes.iter().any(|codes| codes.cut) {
-        quantisation::mend(&mut fitted, &errors, &codes);
+    let quantisation = quantisation::of_outputs(&fitted, &errors, &declared_sensor);
+    if quantisation.iter().any(|codes| codes.cut) {
+        quantisation::mend(&mut fitted, &errors, &quantisation);
         let unseen = given_errors(&plant, &held_out);
-        quantisation::mend(&mut held_out, &unseen, &codes);
+        quantisation::mend(&mut held_out, &unseen, &quantisation);
         errors = given_errors(&plant, &fitted);
     }
     let setting = setting(&plant, model, &fitted, &errors);
@@ -121,9 +121,9 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     let quiet =
         if off.contains(&Step::NoiseFit) { Vec::new() } else { quiet_stretches(&plant, &fitted, &setting.tones) };
     let noise = if quiet.is_empty() { declared.clone() } else { declared.fit(&quiet) };
-    let noise = rounded(noise, &codes, &declared_sensor);
-    let whiteners = whiteners(&fitted, &noise, plant.rate, &codes);
-    let nuisance = Nuisance::new(&plant, &fitted, &known.limits).doubted(&known.doubt);
+    let noise = rounded(noise, &quantisation, &declared_sensor);
+    let whiteners = whiteners(&fitted, &noise, plant.rate, &quantisation);
+    let nuisance = Nuisance::new(&plant, &fitted, &known.limits).with_prior_std(&known.prior_std);
     let settings = Arc::new(known.settings.clone());
     let problem = Problem { plant, records: fitted, whiteners, nuisance, setting, settings };
     let declares = model.noise.sensor_std.is_some();
@@ -135,7 +135,7 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
         declared_sensor,
         declares,
         quiet,
-        codes,
+        quantisation,
         wandering: Vec::new(),
         coloured: None,
         off: off.clone(),
@@ -197,7 +197,7 @@ impl Prepared {
             freedom += (count - 1.0) * white.rows() as f64;
         }
         // What a coarse converter rounds repeats with the period, and is no noise there.
-        if self.codes.iter().any(|codes| codes.coarse) {
+        if self.quantisation.iter().any(|codes| codes.coarse) {
             return NoiseLevel { factor: 1.0, uncertainty: ROUNDED_LEVEL, seen: true, driven: None };
         }
         // A whitened value squared has variance two; a tenth more for what the noise model's shape does not follow.
@@ -235,18 +235,18 @@ impl Prepared {
 
     /// Repeats once more, among the errors that an explanation leaves: where the gap as given is large, they do not stand out of it.
     /// Whether an output turned out to drop out.
-    pub fn renew_codes(&mut self, simulated: &[Channels]) -> bool {
+    pub fn renew_quantisation(&mut self, simulated: &[Channels]) -> bool {
         let records = &self.problem.records;
         let errors: Vec<Channels> = records.iter().zip(simulated).map(|(r, y)| r.error(y)).collect();
-        let mut seen = quantisation::codes(records, &errors, &self.declared_sensor);
+        let mut seen = quantisation::of_outputs(records, &errors, &self.declared_sensor);
         // These values are mended.
-        seen.iter_mut().zip(&self.codes).for_each(|(new, old)| (new.step, new.cut) = (old.step, old.cut));
-        let more = |(new, old): (&Codes, &Codes)| new.dropout_rate > old.dropout_rate;
-        if !seen.iter().zip(&self.codes).any(more) {
+        seen.iter_mut().zip(&self.quantisation).for_each(|(new, old)| (new.step, new.cut) = (old.step, old.cut));
+        let more = |(new, old): (&Quantisation, &Quantisation)| new.dropout_rate > old.dropout_rate;
+        if !seen.iter().zip(&self.quantisation).any(more) {
             return false;
         }
-        self.codes = seen;
-        self.problem.whiteners = whiteners(records, &self.noise, self.problem.plant.rate, &self.codes);
+        self.quantisation = seen;
+        self.problem.whiteners = whiteners(records, &self.noise, self.problem.plant.rate, &self.quantisation);
         true
     }
 
@@ -306,12 +306,12 @@ impl Prepared {
     fn fitted(&self, quiet: &[Stretch]) -> NoiseModel {
         let band = self.coloured.iter().map(Coloured::source);
         let noise = if quiet.is_empty() { self.declared.clone() } else { self.declared.fit_beside(quiet, band) };
-        rounded(noise, &self.codes, &self.declared_sensor)
+        rounded(noise, &self.quantisation, &self.declared_sensor)
     }
 
     /// From now on.
     fn whiten_with(&mut self, noise: NoiseModel) {
-        self.problem.whiteners = whiteners(&self.problem.records, &noise, self.problem.plant.rate, &self.codes);
+        self.problem.whiteners = whiteners(&self.problem.records, &noise, self.problem.plant.rate, &self.quantisation);
         self.noise = noise;
     }
 
@@ -386,15 +386,17 @@ impl Prepared {
 }
 
 /// Of each record, with what repeats in it masked.
-fn whiteners(records: &[Record], noise: &NoiseModel, rate: f64, codes: &[Codes]) -> Vec<Whitener> {
-    let masked = |k: usize| codes.iter().map(|codes| codes.repeats[k].clone()).collect();
+fn whiteners(records: &[Record], noise: &NoiseModel, rate: f64, quantisation: &[Quantisation]) -> Vec<Whitener> {
+    let masked = |k: usize| quantisation.iter().map(|codes| codes.repeats[k].clone()).collect();
     records.iter().enumerate().map(|(k, record)| Whitener::new(record, noise, rate, masked(k))).collect()
 }
 
 /// A coarse converter rounds: q^2 / 12 once the signal moves, though a quiet record may show a constant.
-fn rounded(noise: NoiseModel, codes: &[Codes], declared: &[f64]) -> NoiseModel {
-    let coarse = codes.iter().zip(declared).enumerate().filter(|(_, (codes, _))| codes.coarse);
-    coarse.fold(noise, |noise, (o, (codes, std))| noise.with_sensor(o, std * std + codes.step * codes.step / 12.0))
+fn rounded(noise: NoiseModel, quantisation: &[Quantisation], declared: &[f64]) -> NoiseModel {
+    let coarse = quantisation.iter().zip(declared).enumerate().filter(|(_, (quantisation, _))| quantisation.coarse);
+    coarse.fold(noise, |noise, (o, (quantisation, std))| {
+        noise.with_sensor(o, std * std + quantisation.step * quantisation.step / 12.0)
+    })
 }
 
 /// Uncertainty of a noise level that is only declared.

@@ -100,7 +100,7 @@ mod tests {
     use crate::simulate::simulate;
     use crate::testing;
 
-    /// A force of 103 Hz at the second strut, with one phase or with another one in each record.
+    /// A force of 103 Hz at the second port, with one phase or with another one in each record.
     #[test]
     fn a_line_that_keeps_its_phase_does_not_wander() {
         const HZ: f64 = 103.0;

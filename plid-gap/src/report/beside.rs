@@ -15,7 +15,7 @@ const MODES: usize = 4;
 
 /// Both pictures, as far as there is something to draw.
 pub(super) fn section(mut report: Report, outcome: &Outcome) -> Report {
-    let beside = &outcome.evidence.beside;
+    let beside = &outcome.shown.evidence;
     if let Some((svg, along)) = resonances(&beside.resonances) {
         report = report.figure(
             svg,
@@ -34,7 +34,7 @@ pub(super) fn section(mut report: Report, outcome: &Outcome) -> Report {
             format!(
                 "Lines of {} at {}: driven ones, and what the linear simulation leaves at those that nothing drives. A linear structure answers there with noise alone; an odd nonlinearity answers at odd lines, an even one at even lines. Lines: the simulation {}.",
                 lines.record,
-                outcome.evidence.outputs[worst(outcome)],
+                outcome.shown.outputs[worst(outcome)],
                 with(outcome)
             ),
         );

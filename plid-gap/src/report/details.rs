@@ -142,7 +142,7 @@ fn separability(report: Report, outcome: &Outcome) -> Report {
 
 /// What an adaptive run sees: innovations, and each mode of the simulation from record to record.
 fn tracks(report: Report, outcome: &Outcome) -> Report {
-    let passed = &outcome.evidence.beside.tracks.passed;
+    let passed = &outcome.shown.evidence.tracks.passed;
     if passed.is_empty() {
         return report;
     }
@@ -190,7 +190,7 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
         ("gap with all that was found", gap.with_effect),
         ("gap that noise alone makes", gap.noise_floor),
         ("gap stated before the record was opened", gap.predicted_held_out_gap),
-        ("shrink by a placebo, over the bounded refit", gap.placebo_shrink),
+        ("shrink by a reference effect, over the bounded refit", gap.placebo_shrink),
     ];
     for (name, value) in rows {
         table = table.row([name.into(), figure(value)]);
@@ -211,8 +211,8 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
     for (than, its_gap, value, [low, high]) in over {
         shrink = shrink.row([than.into(), its_gap, figure(value), figure(low), figure(high)]);
     }
-    let judged = &outcome.evidence.adequacy;
-    let [given, refit, found] = outcome.evidence.costs;
+    let judged = &outcome.shown.adequacy;
+    let [given, refit, found] = outcome.shown.costs;
     let mut costs =
         Table::new("What is left in the fitted records. Squared whitened residual a row: 1 is noise alone.")
             .column("figure", "")
@@ -233,7 +233,7 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
 }
 
 fn refit(report: Report, outcome: &Outcome) -> Report {
-    let modes = &outcome.evidence.refit;
+    let modes = &outcome.shown.refit;
     if modes.is_empty() {
         return report;
     }
@@ -271,7 +271,7 @@ fn refit(report: Report, outcome: &Outcome) -> Report {
 
 fn stages(report: Report, outcome: &Outcome) -> Report {
     report.details("The screen, stage by stage", |mut report| {
-        for (stage, entries) in outcome.evidence.stages.iter().enumerate() {
+        for (stage, entries) in outcome.shown.stages.iter().enumerate() {
             let mut table = Table::new(format!(
                 "Stage {}: the best entries, before any fit, beside {}.",
                 stage + 1,
@@ -296,19 +296,19 @@ fn stages(report: Report, outcome: &Outcome) -> Report {
 }
 
 fn quiet(report: Report, outcome: &Outcome) -> Report {
-    let evidence = &outcome.evidence;
+    let shown = &outcome.shown;
     let mut noise =
         Table::new("Outputs: the noise that no command explains, and each output's share of the squared gap as given.")
             .column("output", "")
             .column("RMS of the noise", "as recorded")
             .column("share of the squared gap", "%");
     let channels = &outcome.diagnosis.place.channels;
-    for (name, rms) in evidence.outputs.iter().zip(&outcome.simulation.noise_rms) {
+    for (name, rms) in shown.outputs.iter().zip(&outcome.simulation.noise_rms) {
         let share = channels.get(name).copied().unwrap_or(f64::NAN);
         noise = noise.row([name.as_str().into(), Cell::significant(*rms, 3), Cell::fixed(100.0 * share, 1)]);
     }
     let report = report.table(noise);
-    if evidence.unseen.is_empty() {
+    if shown.stochastic.is_empty() {
         return report.paragraph(
             "Quiet records, differences between periods and the codes of all records show no effect that a free run cannot show (coarse codes, dropouts, a noisy sensor, a force in a band).",
         );
@@ -317,12 +317,12 @@ fn quiet(report: Report, outcome: &Outcome) -> Report {
         .column("effect", "")
         .column("place", "")
         .column("evidence: twice the log likelihood", "");
-    for (effect, location, gain) in &evidence.unseen {
+    for (effect, location, gain) in &shown.stochastic {
         table = table.row([effect.as_str().into(), location.as_str().into(), Cell::fixed(*gain, 1)]);
     }
     report.table(table).paragraph(format!(
         "In the answer from {:.0} on; {} of all explanations is left to something else.",
         outcome.diagnosis.settings.search.stochastic_gain,
-        percent(evidence.adequacy.unknown)
+        percent(shown.adequacy.unknown)
     ))
 }

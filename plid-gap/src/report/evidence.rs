@@ -58,7 +58,7 @@ pub(super) fn section(report: Report, outcome: &Outcome, case: &Case) -> Report 
 }
 
 fn screen(outcome: &Outcome) -> Option<String> {
-    let entries = outcome.evidence.stages.first()?;
+    let entries = outcome.shown.stages.first()?;
     let rows: Vec<Bar> = entries
         .iter()
         .filter(|(_, _, gain, _)| *gain > 0.0)

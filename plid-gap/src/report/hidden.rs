@@ -33,7 +33,7 @@ pub(super) fn sentence(outcome: &Outcome) -> Option<String> {
         Verdict::Unknown => Some(format!(
             "{hides}. That does not make the cause linear: a refitted model fits the levels and the time of these records, and may fail at others."
         )),
-        Verdict::Effects if outcome.evidence.linear => {
+        Verdict::Effects if outcome.shown.linear => {
             Some(format!("{hides}. It would put into modes and shapes what belongs to the effect named above."))
         }
         Verdict::Effects => Some(format!(

@@ -44,12 +44,12 @@ fn matrix(channels: &Channels) -> Array2<f64> {
 impl Responses {
     /// Of the records that are long enough, with inputs that all move; none if there are none.
     pub fn new(outcome: &Outcome, case: &Case) -> Option<Self> {
-        let evidence = &outcome.evidence;
+        let shown = &outcome.shown;
         let m = case.config.inputs.len();
-        let shortest = evidence.levels.iter().filter_map(|run| run.y.first()).map(Vec::len).min()?;
+        let shortest = shown.levels.iter().filter_map(|run| run.y.first()).map(Vec::len).min()?;
         let length = 1usize << (shortest / SEGMENTS.max(2 * m)).checked_ilog2()?;
-        let options = WelchOptions { sample_rate_hz: evidence.rate, segment_length: Some(length) };
-        let levels: Vec<Level> = evidence
+        let options = WelchOptions { sample_rate_hz: shown.rate, segment_length: Some(length) };
+        let levels: Vec<Level> = shown
             .levels
             .iter()
             .filter_map(|run| {
@@ -63,7 +63,7 @@ impl Responses {
                 })
             })
             .collect();
-        let (pair, range_hz) = largest_difference(levels.last()?, 0.5 * evidence.rate);
+        let (pair, range_hz) = largest_difference(levels.last()?, 0.5 * shown.rate);
         let title = format!("{} to {}", case.config.inputs[pair.1], case.config.outputs[pair.0]);
         Some(Self { levels, pair, range_hz, title })
     }
@@ -136,7 +136,7 @@ impl Responses {
     pub fn all_pairs(&self, outcome: &Outcome, case: &Case) -> Option<String> {
         let loudest = self.levels.last()?;
         let (p, m) = (case.config.outputs.len(), case.config.inputs.len());
-        let range = (0.0, 0.5 * outcome.evidence.rate);
+        let range = (0.0, 0.5 * outcome.shown.rate);
         let plots: Vec<FrfPlot> = (0..p)
             .flat_map(|i| (0..m).map(move |j| (i, j)))
             .map(|(i, j)| FrfPlot {

@@ -56,7 +56,7 @@ fn gap_bars(outcome: &Outcome) -> Bars {
         vec![bar("as given", gap.as_given), bar("bounded refit", gap.refit), bar("free linear refit", gap.free_refit)];
     if outcome.diagnosis.verdict != Verdict::None {
         let refit = shrink(gap.as_given, gap.refit, gap.noise_floor);
-        rows.push(bar("placebo beside the bounded refit", of(gap.placebo_shrink + refit)));
+        rows.push(bar("reference effect with the bounded refit", of(gap.placebo_shrink + refit)));
         let [low, high] = gap.shrink_ci95;
         let interval = Some((100.0 * of(high), 100.0 * of(low)));
         rows.push(Bar { interval, strong: true, ..bar(with(outcome), gap.with_effect) });
@@ -75,11 +75,11 @@ fn gap_bars(outcome: &Outcome) -> Bars {
 pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
     let gap = &outcome.diagnosis.gap;
     let worst = worst(outcome);
-    let placebo = if outcome.diagnosis.verdict == Verdict::None {
+    let reference = if outcome.diagnosis.verdict == Verdict::None {
         String::new()
     } else {
         format!(
-            " The placebo is a wrong effect with as many parameters; the ceiling model has up to three effects more, and what was found closes {} of what it closes. The whisker is the 95 % interval of the shrink.",
+            " The reference effect is a wrong effect with as many parameters; the ceiling model has up to three effects more, and what was found closes {} of what it closes. The whisker is the 95 % interval of the shrink.",
             percent(gap.share_of_ceiling)
         )
     };
@@ -87,13 +87,13 @@ pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
         .heading("1. The gap before and after")
         .figure(
             bars(&gap_bars(outcome)),
-            format!("Free-run gap on {}, every output scaled to unit RMS.{placebo}", gap.measured_on.join(", ")),
+            format!("Free-run gap on {}, every output scaled to unit RMS.{reference}", gap.measured_on.join(", ")),
         )
         .figure(
             traces::window(outcome, worst),
             format!(
                 "The loudest moment of {}, at the output with the largest share of the gap; errors below.",
-                outcome.evidence.trace_record
+                outcome.shown.trace_record
             ),
         );
     match traces::spectra(outcome, worst) {
@@ -101,25 +101,25 @@ pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
             svg,
             format!(
                 "Spectra of {} in {}: the output, the error before and after, and what noise alone makes (Welch).",
-                outcome.evidence.outputs[worst], outcome.evidence.trace_record
+                outcome.shown.outputs[worst], outcome.shown.trace_record
             ),
         ),
         None => report.paragraph(format!(
             "{} gives no spectra: it is too short, or too much of it is missing.",
-            outcome.evidence.trace_record
+            outcome.shown.trace_record
         )),
     }
 }
 
 /// The other outputs, for the details.
 pub(super) fn other_outputs(report: Report, outcome: &Outcome) -> Report {
-    let others: Vec<usize> = (0..outcome.evidence.outputs.len()).filter(|&o| o != worst(outcome)).collect();
+    let others: Vec<usize> = (0..outcome.shown.outputs.len()).filter(|&o| o != worst(outcome)).collect();
     if others.is_empty() {
         return report;
     }
     report.details("The other outputs: traces and spectra", |mut report| {
         for o in others {
-            let name = &outcome.evidence.outputs[o];
+            let name = &outcome.shown.outputs[o];
             report = report.figure(traces::window(outcome, o), format!("{name} at the same moment; errors below."));
             if let Some(svg) = traces::spectra(outcome, o) {
                 report = report.figure(svg, format!("Spectra of {name} and of its error."));

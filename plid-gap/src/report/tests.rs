@@ -12,9 +12,9 @@ use crate::answer::schema::{
 use crate::case::levels::LevelRun;
 use crate::case::record::{Channels, Record};
 use crate::case::{Case, CaseConfig};
-use crate::diagnose::{Evidence, Outcome};
+use crate::diagnose::{Outcome, Shown};
 use crate::effects::Side;
-use crate::evidence::Beside;
+use crate::evidence::Evidence;
 use crate::evidence::lines::{Kind, Line, Lines};
 use crate::evidence::resonances::{Alone, Resonance};
 use crate::evidence::tracks::{Passed, Tracks};
@@ -165,7 +165,7 @@ fn outcome(case: &Case) -> Outcome {
         slope: Some(estimate(2.0)),
     };
     let last = &case.records[1].y;
-    let evidence = Evidence {
+    let shown = Shown {
         outputs: case.config.outputs.clone(),
         rate: 100.0,
         before: map(vec![(0.3, 0.04), (1.0, 0.4)]),
@@ -178,7 +178,7 @@ fn outcome(case: &Case) -> Outcome {
         ]],
         trace_record: "last.csv".into(),
         trace: [last.clone(), scaled(last, 0.6), scaled(last, 0.98)],
-        unseen: vec![("sensor-noise".into(), "output:y2".into(), 55.0)],
+        stochastic: vec![("sensor-noise".into(), "output:y2".into(), 55.0)],
         refit: vec![(11.0, 0.4, -1.2, 0.3)],
         costs: [1600.0, 220.0, 1.01],
         fitted: vec![("a&b.csv".into(), 0.0, SAMPLES)],
@@ -195,7 +195,7 @@ fn outcome(case: &Case) -> Outcome {
             })
             .collect(),
         noise: vec![vec![(1.0, 1e-6), (49.0, 1e-6)]; 2],
-        beside: Beside {
+        evidence: Evidence {
             tracks: Tracks { passed: vec![passed("a&b.csv", 0.3, 0.0, 11.02), passed("last.csv", 1.0, 12.0, 10.97)] },
             resonances: [("a&b.csv", 0.3, 11.02), ("b.csv", 0.6, 11.0), ("last.csv", 1.0, 10.97)]
                 .map(|(record, level, hz)| Alone {
@@ -218,7 +218,7 @@ fn outcome(case: &Case) -> Outcome {
         },
         linear: false,
     };
-    Outcome { diagnosis, simulation, evidence }
+    Outcome { diagnosis, simulation, shown }
 }
 
 #[test]
@@ -281,7 +281,7 @@ fn a_linear_refit_that_hides_the_gap_is_shown_as_such() {
     let html = text(&outcome);
     assert!(html.contains("A linear refit hides most of this gap") && html.contains("not linear: such a model"));
     assert!(html.contains("(62.6\u{a0}% of the shrink that noise allows)"), "{html}");
-    outcome.evidence.linear = true;
+    outcome.shown.linear = true;
     assert!(text(&outcome).contains("It would put into modes and shapes"));
     outcome.diagnosis.verdict = Verdict::Unknown;
     assert!(text(&outcome).contains("That does not make the cause linear"));
@@ -305,18 +305,18 @@ fn nothing_and_what_is_not_a_number_make_a_page_too() {
     (gap.as_given, gap.refit, gap.free_refit, gap.with_effect, gap.noise_floor) = (nan, nan, f64::INFINITY, nan, nan);
     (gap.shrink, gap.shrink_ci95, gap.share_of_ceiling) = (nan, [nan, nan], nan);
     gap.shrink_over[0].ci95 = [nan, nan];
-    let evidence = &mut outcome.evidence;
-    evidence.stages.clear();
-    evidence.unseen.clear();
-    evidence.levels.clear();
-    evidence.refit = vec![(11.0, nan, nan, nan)];
-    evidence.costs = [nan; 3];
-    evidence.before.levels.clear();
-    evidence.before.slope = None;
-    evidence.before.share.fill(0.0);
-    evidence.beside.resonances.clear();
-    evidence.beside.lines.iter_mut().for_each(|lines| lines.outputs.iter_mut().for_each(Vec::clear));
-    evidence.trace = [vec![vec![nan; 40]; 2], vec![vec![0.0; 40]; 2], vec![vec![f64::INFINITY; 40]; 2]];
+    let shown = &mut outcome.shown;
+    shown.stages.clear();
+    shown.stochastic.clear();
+    shown.levels.clear();
+    shown.refit = vec![(11.0, nan, nan, nan)];
+    shown.costs = [nan; 3];
+    shown.before.levels.clear();
+    shown.before.slope = None;
+    shown.before.share.fill(0.0);
+    shown.evidence.resonances.clear();
+    shown.evidence.lines.iter_mut().for_each(|lines| lines.outputs.iter_mut().for_each(Vec::clear));
+    shown.trace = [vec![vec![nan; 40]; 2], vec![vec![0.0; 40]; 2], vec![vec![f64::INFINITY; 40]; 2]];
     for verdict in [Verdict::None, Verdict::Unknown, Verdict::Effects] {
         outcome.diagnosis.verdict = verdict;
         let html = page(&outcome, &case).to_html();

@@ -32,15 +32,15 @@ fn loudest(y: &[Vec<f64>]) -> Range<usize> {
 
 /// The loudest moment of output `o`, errors below.
 pub(super) fn window(outcome: &Outcome, o: usize) -> String {
-    let evidence = &outcome.evidence;
-    let [measured, given, found] = &evidence.trace;
-    let shown = loudest(measured);
+    let shown = &outcome.shown;
+    let [measured, given, found] = &shown.trace;
+    let range = loudest(measured);
     let points = |value: &dyn Fn(usize) -> f64| -> Vec<(f64, f64)> {
-        shown.clone().map(|k| (k as f64 / evidence.rate, value(k))).collect()
+        range.clone().map(|k| (k as f64 / shown.rate, value(k))).collect()
     };
     let (y, as_given, with_it) = (&measured[o], &given[o], &found[o]);
-    let ends = (shown.start as f64 / evidence.rate, (shown.end.max(shown.start + 2) - 1) as f64 / evidence.rate);
-    let x = Axis::linear(format!("time since {} began, s", evidence.trace_record)).range(ends.0, ends.1);
+    let ends = (range.start as f64 / shown.rate, (range.end.max(range.start + 2) - 1) as f64 / shown.rate);
+    let x = Axis::linear(format!("time since {} began, s", shown.trace_record)).range(ends.0, ends.1);
     let part = |label: String, height: f64, series: Vec<Series>| Chart {
         title: String::new(),
         x: x.clone(),
@@ -50,7 +50,7 @@ pub(super) fn window(outcome: &Outcome, o: usize) -> String {
     };
     charts(&[
         part(
-            format!("{}, as recorded", evidence.outputs[o]),
+            format!("{}, as recorded", shown.outputs[o]),
             170.0,
             vec![
                 Series::line("measured", points(&|k| y[k])).colour(MEASURED).width(3.0),
@@ -71,24 +71,24 @@ pub(super) fn window(outcome: &Outcome, o: usize) -> String {
 
 /// Spectra of output `o` and of its error, if the record is long enough.
 pub(super) fn spectra(outcome: &Outcome, o: usize) -> Option<String> {
-    let evidence = &outcome.evidence;
-    let [measured, given, found] = &evidence.trace;
+    let shown = &outcome.shown;
+    let [measured, given, found] = &shown.trace;
     let data = Array2::from_shape_fn((measured[o].len(), 3), |(k, which)| match which {
         0 => measured[o][k],
         1 => measured[o][k] - given[o][k],
         _ => measured[o][k] - found[o][k],
     });
-    let options = WelchOptions { sample_rate_hz: evidence.rate, segment_length: None };
+    let options = WelchOptions { sample_rate_hz: shown.rate, segment_length: None };
     let spectra = welch_spectra(data.view(), &options).ok()?;
     let density = |which: usize| -> Vec<(f64, f64)> {
         let lines = spectra.frequency_hz.iter().enumerate().skip(1);
         lines.map(|(line, hz)| (*hz, spectra.density[[line, which, which]].re)).collect()
     };
-    let noise = evidence.noise.get(o).cloned().unwrap_or_default();
+    let noise = shown.noise.get(o).cloned().unwrap_or_default();
     Some(chart(&Chart {
         title: String::new(),
-        x: Axis::linear("frequency, Hz").range(0.0, 0.5 * evidence.rate),
-        y: Axis::log(format!("density of {}, (as recorded)²/Hz", evidence.outputs[o])),
+        x: Axis::linear("frequency, Hz").range(0.0, 0.5 * shown.rate),
+        y: Axis::log(format!("density of {}, (as recorded)²/Hz", shown.outputs[o])),
         series: vec![
             Series::line("measured", density(0)).colour(MEASURED).width(2.4),
             Series::line("error as given", density(1)).colour(GIVEN).width(1.6),

@@ -18,16 +18,16 @@ const FEWEST: usize = 8;
 
 /// The section.
 pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
-    let evidence = &outcome.evidence;
+    let shown = &outcome.shown;
     let report = report.heading("2. Where").paragraph(sentence(outcome));
-    let mut report = if evidence.before.share.sum() > 0.0 {
+    let mut report = if shown.before.share.sum() > 0.0 {
         report
             .figure(
-                map(&evidence.before, &evidence.before.share, evidence.outputs.clone()),
+                map(&shown.before, &shown.before.share, shown.outputs.clone()),
                 "Output by band: share of the squared gap of the simulation as given, beyond the noise, in all fitted records.",
             )
             .figure(
-                map(&evidence.before, &evidence.before.time, stretches(outcome)),
+                map(&shown.before, &shown.before.time, stretches(outcome)),
                 "Time by band: the same gap, over equal stretches of the fitted records.",
             )
             .figure(
@@ -86,8 +86,8 @@ fn map(of: &Map, share: &DMatrix<f64>, rows: Vec<String>) -> String {
 
 /// Names of the stretches of time: when, and in which records.
 fn stretches(outcome: &Outcome) -> Vec<String> {
-    let fitted = &outcome.evidence.fitted;
-    let rate = outcome.evidence.rate;
+    let fitted = &outcome.shown.fitted;
+    let rate = outcome.shown.rate;
     let all: usize = fitted.iter().map(|(.., samples)| samples).sum();
     let each = all.div_ceil(STRETCHES).max(1);
     let stem = |name: &str| name.rsplit_once('.').map_or(name, |(stem, _)| stem).to_string();
@@ -120,8 +120,8 @@ const MOST_OUTPUTS: usize = 12;
 
 /// Outputs, bands and stretches with their intervals.
 fn shares(outcome: &Outcome) -> String {
-    let (evidence, place) = (&outcome.evidence, &outcome.diagnosis.place);
-    let map = &evidence.before;
+    let (shown, place) = (&outcome.shown, &outcome.diagnosis.place);
+    let map = &shown.before;
     let bar = |name: String, share: Estimate| Bar {
         name,
         value: 100.0 * share.value,
@@ -129,7 +129,7 @@ fn shares(outcome: &Outcome) -> String {
         interval: Some((100.0 * share.ci95[0], 100.0 * share.ci95[1])),
         strong: false,
     };
-    let outputs = evidence.outputs.iter().zip(&map.outputs).take(MOST_OUTPUTS);
+    let outputs = shown.outputs.iter().zip(&map.outputs).take(MOST_OUTPUTS);
     let bands = place.bands_hz.iter().zip(&place.bands_ci95);
     let bars = outputs
         .map(|(name, share)| bar(name.clone(), *share))
@@ -151,7 +151,7 @@ fn levels(outcome: &Outcome) -> Option<String> {
         usable.sort_by(|a, b| a.level.total_cmp(&b.level));
         usable
     };
-    let (before, after) = (usable(&outcome.evidence.before), usable(&outcome.evidence.after));
+    let (before, after) = (usable(&outcome.shown.before), usable(&outcome.shown.after));
     let (first, last) = (before.first()?.level, before.last()?.level);
     if last / first < 1.05 {
         return None;
@@ -181,7 +181,7 @@ fn levels(outcome: &Outcome) -> Option<String> {
 }
 
 fn level_caption(outcome: &Outcome) -> String {
-    let slope = match outcome.evidence.before.slope {
+    let slope = match outcome.shown.before.slope {
         // A zero has no sign.
         Some(Estimate { value, .. }) if value.abs() < 0.05 => {
             "As given, the relative gap does not change with the level.".into()
@@ -201,7 +201,7 @@ fn level_caption(outcome: &Outcome) -> String {
             "The gap stands out of the noise at too few levels, or they are too near each other, for a slope.".into()
         }
     };
-    let after = &outcome.evidence.after.levels;
+    let after = &outcome.shown.after.levels;
     let clean = after.iter().filter(|l| !(l.gap.value > 0.0)).count();
     let left = if clean > 0 {
         format!(" Not drawn: {clean} of {} records with nothing beyond the noise {}.", after.len(), with(outcome))
@@ -215,16 +215,16 @@ fn level_caption(outcome: &Outcome) -> String {
 
 /// What is left, for the details.
 pub(super) fn after(report: Report, outcome: &Outcome) -> Report {
-    let evidence = &outcome.evidence;
-    if !(evidence.after.share.sum() > 0.0) {
+    let shown = &outcome.shown;
+    if !(shown.after.share.sum() > 0.0) {
         return report;
     }
     report.details(format!("Where the rest lies, {}", with(outcome)), |report| {
         report
             .figure(
-                map(&evidence.after, &evidence.after.share, evidence.outputs.clone()),
+                map(&shown.after, &shown.after.share, shown.outputs.clone()),
                 "Output by band: share of what is left of the squared gap, beyond the noise.",
             )
-            .figure(map(&evidence.after, &evidence.after.time, stretches(outcome)), "Time by band: the same.")
+            .figure(map(&shown.after, &shown.after.time, stretches(outcome)), "Time by band: the same.")
     })
 }

@@ -62,13 +62,13 @@ pub(super) fn with(outcome: &Outcome) -> &'static str {
 
 /// The output with the largest share of the gap.
 pub(super) fn worst(outcome: &Outcome) -> usize {
-    let share = &outcome.evidence.before.share;
+    let share = &outcome.shown.before.share;
     (0..share.nrows()).max_by(|&a, &b| share.row(a).sum().total_cmp(&share.row(b).sum())).unwrap_or(0)
 }
 
 /// Whether the gaps were measured on records that nothing was fitted to.
 pub(super) fn held_out(outcome: &Outcome) -> bool {
-    let fitted = |name: &String| outcome.evidence.fitted.iter().any(|(other, ..)| other == name);
+    let fitted = |name: &String| outcome.shown.fitted.iter().any(|(other, ..)| other == name);
     !outcome.diagnosis.gap.measured_on.iter().any(fitted)
 }
 

@@ -1,4 +1,4 @@
-//! Places on one mode alone, for an effect inside the structure that no input's strut explains.
+//! Places on one mode alone, for an effect inside the structure that no input's port explains.
 
 use crate::case::record::Channels;
 use crate::fit::problem::Problem;
@@ -31,7 +31,7 @@ pub fn dominant(problem: &Problem, errors: &[Channels]) -> Vec<usize> {
 }
 
 impl Problem {
-    /// The same with places on these modes beside the struts.
+    /// The same with places on these modes beside the ports.
     pub fn with_modal_places(mut self, modes: &[usize]) -> Self {
         modes.iter().for_each(|&mode| self.plant.add_modal_port(mode));
         self.setting.plant = self.plant.clone();

@@ -1,4 +1,4 @@
-//! Where ports are inferred, the scale of each mode at the struts rests on reciprocity. Once an effect at a strut is found, its own
+//! Where ports are inferred, the scale of each mode at the ports rests on reciprocity. Once an effect at a port is found, its own
 //! response says better.
 
 use crate::effects::{Action, Effect, Parameter, Place, Range, Setting, Side};
@@ -6,7 +6,7 @@ use crate::fit::problem::{Effort, Fit, Placed, Problem};
 use crate::plant::{Plant, PortSource};
 use crate::simulate::Fineness;
 
-/// Scales of the modes' displacements at all struts: never named, and fitted once.
+/// Scales of the modes' displacements at all ports: never named, and fitted once.
 struct ModeScales;
 
 static SCALES: ModeScales = ModeScales;
@@ -21,7 +21,7 @@ impl Effect for ModeScales {
     }
 
     fn equation(&self) -> &'static str {
-        "displacements of each mode at the struts times e^s"
+        "displacements of each mode at the ports times e^s"
     }
 
     fn parameters(&self, setting: &Setting) -> Vec<Parameter> {
@@ -45,7 +45,7 @@ impl Effect for ModeScales {
 fn scale(plant: &mut Plant, scales: &[f64]) {
     for port in &mut plant.ports {
         for (k, s) in scales.iter().enumerate() {
-            // A mode that hardly moves the strut says nothing of its scale.
+            // A mode that hardly moves the port says nothing of its scale.
             let factor = s.clamp(-2.0, 2.0).exp();
             port.displacement[k] *= factor;
             port.velocity[k] *= factor;
@@ -58,11 +58,11 @@ const WHOLE: Effort = Effort { steps: 6, gain: 0.1, fineness: Fineness::FINE };
 
 /// Fits the scales beside the effects, and keeps them in both problems if they are worth their price.
 pub fn fit_ports<'a>(problem: &mut Problem, quick: &mut Problem, best: Fit<'a>) -> Fit<'a> {
-    let at_strut = |placed: &Placed| {
+    let at_port = |placed: &Placed| {
         let acts = placed.effect.act(&problem.setting, &placed.place, &placed.parameters);
         acts.iter().any(|action| matches!(action, Action::Force(..)))
     };
-    if problem.plant.port_source == PortSource::Declared || !best.effects.iter().any(at_strut) {
+    if problem.plant.port_source == PortSource::Declared || !best.effects.iter().any(at_port) {
         return best;
     }
     let start = SCALES.starts(&problem.setting, &Place::Structure).remove(0);

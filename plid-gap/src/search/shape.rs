@@ -10,16 +10,16 @@ const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE }
 const WHOLE: Effort = Effort { steps: 10, gain: 0.5, fineness: Fineness::FINE };
 
 /// A fit with one effect's shape set free.
-pub struct Bent<'a> {
+pub struct FreeShapeFit<'a> {
     /// The fit; its last effect is the sibling.
     pub fit: Fit<'a>,
-    /// Which effect of the explanation it bends.
+    /// Which effect of the explanation has the shape.
     pub which: usize,
 }
 
 /// Several effects of which fewer, one of them with another shape, explain as much: two at one place may be one with another shape, and what was put beside
 /// a law that does not quite fit may be there for its sake. The fit of the fewer, and with the shape set free.
-pub fn fewer<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<(Fit<'a>, Bent<'a>)> {
+pub fn fewer<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<(Fit<'a>, FreeShapeFit<'a>)> {
     if best.effects.len() < 2 {
         return None;
     }
@@ -35,10 +35,10 @@ pub fn fewer<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<(
         }
         let whole = problem.tangent(&problem.nuisance.apply(&problem.plant, &best.eta));
         let alone = problem.fit(&whole, &alone.eta, &alone.effects, WHOLE);
-        let bent = on_whole(problem, free);
-        (bent.fit.cost < best.cost + slack(problem)).then_some((alone, bent))
+        let free = on_whole(problem, free);
+        (free.fit.cost < best.cost + slack(problem)).then_some((alone, free))
     });
-    let fewest = |(alone, bent): &(Fit, Bent)| (alone.effects.len(), bent.fit.cost);
+    let fewest = |(alone, free): &(Fit, FreeShapeFit)| (alone.effects.len(), free.fit.cost);
     fits.min_by(|a, b| {
         let (a, b) = (fewest(a), fewest(b));
         a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
@@ -62,7 +62,7 @@ fn subsets<'a>(effects: &[Placed<'a>]) -> Vec<Vec<Placed<'a>>> {
 
 /// The best of all fits with one sibling each, beside its effect or in its place; none where no effect has a shape, or where a free one gains nothing on the
 /// heads of the records.
-pub fn bent<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<Bent<'a>> {
+pub fn free_shape<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<FreeShapeFit<'a>> {
     // Derivatives cost seconds.
     if siblings(&best.effects).is_empty() {
         return None;
@@ -72,29 +72,29 @@ pub fn bent<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<Be
     Some(on_whole(problem, freed(quick, &tangent, &own)?))
 }
 
-/// The same explanation with another law in place of the bent one's: the fit of that, and with its shape set free.
+/// The same explanation with another law in place of that with the free shape: the fit of that, and with its shape set free.
 pub fn renamed<'a>(
     problem: &Problem,
     quick: &Problem,
     best: &Fit<'a>,
-    bent: &Bent<'a>,
+    free: &FreeShapeFit<'a>,
     law: Placed<'a>,
-) -> Option<(Fit<'a>, Bent<'a>)> {
+) -> Option<(Fit<'a>, FreeShapeFit<'a>)> {
     let mut effects = best.effects.clone();
-    effects[bent.which] = law;
+    effects[free.which] = law;
     let tangent = quick.tangent(&quick.nuisance.apply(&quick.plant, &best.eta));
     let alone = quick.fit(&tangent, &best.eta, &effects, QUICK);
-    let free = freed(quick, &tangent, &alone).filter(|free| free.which == bent.which)?;
+    let free = freed(quick, &tangent, &alone).filter(|free| free.which == free.which)?;
     let whole = problem.tangent(&problem.nuisance.apply(&problem.plant, &best.eta));
     let alone = problem.fit(&whole, &alone.eta, &alone.effects, WHOLE);
     let free = on_whole(problem, free);
-    (free.fit.cost < bent.fit.cost + problem.settings.search.material_power * problem.rows() as f64)
+    (free.fit.cost < free.fit.cost + problem.settings.search.material_power * problem.rows() as f64)
         .then_some((alone, free))
 }
 
-fn on_whole<'a>(problem: &Problem, bent: Bent<'a>) -> Bent<'a> {
-    let tangent = problem.tangent(&problem.nuisance.apply(&problem.plant, &bent.fit.eta));
-    Bent { fit: problem.fit(&tangent, &bent.fit.eta, &bent.fit.effects, WHOLE), ..bent }
+fn on_whole<'a>(problem: &Problem, free: FreeShapeFit<'a>) -> FreeShapeFit<'a> {
+    let tangent = problem.tangent(&problem.nuisance.apply(&problem.plant, &free.fit.eta));
+    FreeShapeFit { fit: problem.fit(&tangent, &free.fit.eta, &free.fit.effects, WHOLE), ..free }
 }
 
 /// Of each effect that has one: its number, the sibling, and whether that takes its place.
@@ -109,8 +109,8 @@ fn siblings(effects: &[Placed]) -> Vec<(usize, &'static Flexible, bool)> {
 }
 
 /// The best on the heads of the records.
-fn freed<'a>(quick: &Problem, tangent: &Tangent, own: &Fit<'a>) -> Option<Bent<'a>> {
-    let fits: Vec<Bent> = siblings(&own.effects)
+fn freed<'a>(quick: &Problem, tangent: &Tangent, own: &Fit<'a>) -> Option<FreeShapeFit<'a>> {
+    let fits: Vec<FreeShapeFit> = siblings(&own.effects)
         .into_par_iter()
         .map(|(which, sibling, alone)| {
             let place = own.effects[which].place.clone();
@@ -120,7 +120,7 @@ fn freed<'a>(quick: &Problem, tangent: &Tangent, own: &Fit<'a>) -> Option<Bent<'
                 effects.remove(which);
             }
             effects.push(Placed { effect: sibling, place, parameters });
-            Bent { fit: quick.fit(tangent, &own.eta, &effects, QUICK), which }
+            FreeShapeFit { fit: quick.fit(tangent, &own.eta, &effects, QUICK), which }
         })
         .collect();
     let top = fits.into_iter().min_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost))?;

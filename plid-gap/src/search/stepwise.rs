@@ -73,7 +73,7 @@ pub fn search<'a>(
     quick: &mut Problem,
     refit: &Refit,
     scope: &Scope<'_, 'a>,
-    first: &OnceCell<Turn<'a>>,
+    first: &OnceCell<SearchStage<'a>>,
     say: &mut dyn FnMut(String),
 ) -> Search<'a> {
     let (price, settings) = (Price { rows: problem.rows() as f64, scope }, &scope.settings);
@@ -83,7 +83,7 @@ pub fn search<'a>(
     let mut overlap = None;
     for stage in 0..settings.most_effects {
         let there = |placed: &Placed| best.effects.iter().any(|other| same(other, placed)) || !scope.allows(placed);
-        let new = || Turn::new(problem, quick, &best, &there, &price, [settings.fitted, settings.polished]);
+        let new = || SearchStage::new(problem, quick, &best, &there, &price, [settings.fitted, settings.polished]);
         let own = OnceCell::new();
         let turn = if stage == 0 { first } else { &own }.get_or_init(new);
         let (entries, fits) = turn.without(problem, quick, &there, &price);
@@ -135,7 +135,7 @@ pub fn straighten<'a>(
         let there = |placed: &Placed| {
             !placed.effect.is_number() || best.effects.iter().any(|other| same(other, placed)) || !scope.allows(placed)
         };
-        let turn = Turn::new(problem, quick, best, &there, &price, [settings.fitted, settings.polished]);
+        let turn = SearchStage::new(problem, quick, best, &there, &price, [settings.fitted, settings.polished]);
         let (entries, fits) = turn.without(problem, quick, &there, &price);
         say(progress(best.effects.len() + 1, &entries, &fits, &price, &problem.setting.names));
         let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { return };
@@ -172,7 +172,7 @@ fn material(problem: &Problem, before: &Fit, after: &Fit, stage: usize) -> bool 
 
 /// One more effect beside those that were found: the screen, quick fits of its first entries, whole fits of the best of these. No entry and no fit depends
 /// on which others there are, so that a search which knows fewer effects can take them from here.
-pub struct Turn<'a> {
+pub struct SearchStage<'a> {
     from: Start<'a>,
     entries: Vec<Entry<'a>>,
     /// How many are fitted, and how many of these to whole records.
@@ -185,7 +185,7 @@ pub struct Turn<'a> {
 
 type Numbered<'a> = Vec<(usize, Option<Fit<'a>>)>;
 
-impl<'a> Turn<'a> {
+impl<'a> SearchStage<'a> {
     fn new(
         problem: &Problem,
         quick: &Problem,
@@ -361,7 +361,8 @@ fn question<'a>(
             others.iter().any(|other| same(other, placed)) || same(&asked, placed) || !price.scope.allows(placed)
         };
         let without = Fit { effects: others.clone(), ..best.clone() };
-        let turn = Turn::new(problem, quick, &without, &there, price, [settings.fitted / 2, settings.polished / 2]);
+        let turn =
+            SearchStage::new(problem, quick, &without, &there, price, [settings.fitted / 2, settings.polished / 2]);
         let (_, fits) = turn.without(problem, quick, &there, price);
         candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
         let top = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b)));

@@ -6,29 +6,29 @@ use crate::noise::{Band, NoiseModel, Stretch};
 use crate::prepare::Prepared;
 use crate::prepare::coloured::{Coloured, NEAR_LINE};
 use crate::settings::SearchSettings;
-use crate::signal::quantisation::Codes;
+use crate::signal::quantisation::Quantisation;
 
 /// A finding with its evidence.
-pub struct Unseen<'a> {
+pub struct Stochastic<'a> {
     /// The effect.
     pub placed: Placed<'a>,
     /// Standard deviation of each parameter; zero for what raw values show to the last digit.
-    pub doubt: Vec<f64>,
+    pub std: Vec<f64>,
     /// Twice the gain in log likelihood.
     pub gain: f64,
 }
 
 /// Looks for all of them.
-pub fn unseen<'a>(ready: &Prepared, library: &'a Library) -> Vec<Unseen<'a>> {
+pub fn stochastic_effects<'a>(ready: &Prepared, library: &'a Library) -> Vec<Stochastic<'a>> {
     let mut found = Vec::new();
-    let mut put = |is: &dyn Fn(&dyn Effect) -> bool, place: Place, parameters: &[f64], doubt: &[f64], gain: f64| {
+    let mut put = |is: &dyn Fn(&dyn Effect) -> bool, place: Place, parameters: &[f64], std: &[f64], gain: f64| {
         if let Some(effect) = library.effects().find(|effect| is(*effect)) {
             let placed = Placed { effect, place, parameters: parameters.to_vec() };
-            found.push(Unseen { placed, doubt: doubt.to_vec(), gain });
+            found.push(Stochastic { placed, std: std.to_vec(), gain });
         }
     };
     let observed = |what: Observation| move |effect: &dyn Effect| effect.observed_in() == what;
-    for (o, codes) in ready.codes.iter().enumerate() {
+    for (o, codes) in ready.quantisation.iter().enumerate() {
         if codes.coarse {
             let cut = if codes.cut { 0.5 } else { 0.0 };
             put(&observed(Observation::Quantisation), Place::Output(o), &[codes.step, cut], &[0.0, 0.0], 1e3);
@@ -50,22 +50,22 @@ pub fn unseen<'a>(ready: &Prepared, library: &'a Library) -> Vec<Unseen<'a>> {
     // driving force's own skirts, of which the fit of its band says little.
     if ready.declares {
         let search = &ready.problem.settings.search;
-        let of = |noise: &NoiseModel| noisy(noise, &ready.declared_sensor, &ready.codes, search);
+        let of = |noise: &NoiseModel| noisy(noise, &ready.declared_sensor, &ready.quantisation, search);
         let clear = ready.noise.drives().then(|| of(&without_leakage(ready)));
         let both = |o: usize| clear.as_ref().is_none_or(|clear| clear.iter().any(|(other, ..)| *other == o));
         let beyond = |o: usize, std: f64| std * std > ready.noise.skirts(o);
-        for (o, std, doubt, gain) in of(&ready.noise).into_iter().filter(|(o, std, ..)| both(*o) && beyond(*o, *std)) {
-            put(&observed(Observation::SensorNoise), Place::Output(o), &[std], &[doubt], gain);
+        for (o, added, std, gain) in of(&ready.noise).into_iter().filter(|(o, std, ..)| both(*o) && beyond(*o, *std)) {
+            put(&observed(Observation::SensorNoise), Place::Output(o), &[added], &[std], gain);
         }
     }
     for line in &ready.wandering {
         let place = Place::Frequency(line.hz, line.port);
         // How far its phase walks, and with it its amplitude, nobody knows.
-        let doubt = [f64::INFINITY; 3];
-        put(&|effect| effect.name() == line.effect, place, &[line.amplitude, line.hz, 0.0], &doubt, line.gain);
+        let std = [f64::INFINITY; 3];
+        put(&|effect| effect.name() == line.effect, place, &[line.amplitude, line.hz, 0.0], &std, line.gain);
     }
-    if let Some(Coloured { band: Band { port, hz, .. }, a, doubt, gain }) = ready.coloured {
-        put(&observed(Observation::Band), Place::Frequency(hz, port), &[a, hz], &[doubt[0] * a, doubt[1] * hz], gain);
+    if let Some(Coloured { band: Band { port, hz, .. }, a, std, gain }) = ready.coloured {
+        put(&observed(Observation::Band), Place::Frequency(hz, port), &[a, hz], &[std[0] * a, std[1] * hz], gain);
     }
     found
 }
@@ -80,7 +80,7 @@ fn without_leakage(ready: &Prepared) -> NoiseModel {
 fn noisy(
     noise: &NoiseModel,
     declared: &[f64],
-    codes: &[Codes],
+    codes: &[Quantisation],
     search: &SearchSettings,
 ) -> Vec<(usize, f64, f64, f64)> {
     let sensors = noise.sensors();
@@ -176,11 +176,11 @@ mod tests {
     fn an_effect_of_ones_own_is_found_in_raw_values() {
         let case = testing::case(&testing::truss(1), &testing::truss(1));
         let mut ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
-        ready.codes[1].dropout_rate = Some(0.01);
+        ready.quantisation[1].dropout_rate = Some(0.01);
         let standard = Library::standard().without(&["sensor-dropout".into()]);
-        assert!(unseen(&ready, &standard).iter().all(|found| found.placed.place != Place::Output(1)));
+        assert!(stochastic_effects(&ready, &standard).iter().all(|found| found.placed.place != Place::Output(1)));
         let own = standard.with(Box::new(Hiccup));
-        let found = unseen(&ready, &own);
+        let found = stochastic_effects(&ready, &own);
         let named: Vec<_> = found.iter().map(|u| (u.placed.effect.name(), u.placed.place.clone())).collect();
         assert!(named.contains(&("hiccup", Place::Output(1))), "{named:?}");
         assert!(own.get("hiccup").unwrap().is_stochastic() && !Effect::is_number(&Hiccup));

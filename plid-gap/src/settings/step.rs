@@ -35,7 +35,7 @@ pub enum Step {
     Coherent,
     /// Free shapes beside the effects' own. Off: none is tried.
     FreeShapes,
-    /// Places on single modes, where the struts do not suffice. Off: none is tried.
+    /// Places on single modes, where the ports do not suffice. Off: none is tried.
     ModalPlaces,
     /// Records that were held out refute an explanation. Off: they only measure it.
     HeldOutVeto,

@@ -30,7 +30,7 @@ const BESIDE: f64 = 0.5;
 
 /// What the codes of one output show.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Codes {
+pub struct Quantisation {
     /// Smallest distance between two values (V).
     pub step: f64,
     /// The converter is coarser than those of the other channels.
@@ -44,7 +44,7 @@ pub struct Codes {
 }
 
 /// Looks at every output; `errors` are those of the simulation as given (p channels, one for each record).
-pub fn codes(records: &[Record], errors: &[Channels], sensor_std: &[f64]) -> Vec<Codes> {
+pub fn of_outputs(records: &[Record], errors: &[Channels], sensor_std: &[f64]) -> Vec<Quantisation> {
     let p = records.first().map_or(0, |record| record.y.len());
     let steps: Vec<f64> = (0..p).map(|o| step(records, o)).collect();
     let finest = steps.iter().copied().filter(|s| *s > 0.0).fold(f64::INFINITY, f64::min);
@@ -73,7 +73,7 @@ pub fn codes(records: &[Record], errors: &[Channels], sensor_std: &[f64]) -> Vec
             };
             let repeats = jumps.into_iter().map(repeats).collect();
             let cut = coarse && cuts(records, o, steps[o]);
-            Codes { step: steps[o], coarse, cut, dropout_rate, repeats }
+            Quantisation { step: steps[o], coarse, cut, dropout_rate, repeats }
         })
         .collect()
 }
@@ -111,7 +111,7 @@ fn cuts(records: &[Record], o: usize, step: f64) -> bool {
 }
 
 /// Half a step more for what was cut off. The code zero takes the sign of the simulation, of which `errors` are what it leaves.
-pub fn mend(records: &mut [Record], errors: &[Channels], codes: &[Codes]) {
+pub fn mend(records: &mut [Record], errors: &[Channels], codes: &[Quantisation]) {
     for (record, errors) in records.iter_mut().zip(errors) {
         for ((y, error), codes) in record.y.iter_mut().zip(errors).zip(codes).filter(|(_, codes)| codes.cut) {
             for (y, error) in y.iter_mut().zip(error) {
@@ -217,7 +217,7 @@ mod tests {
             (start + 1..start + 5).for_each(|k| held[k] = held[start]);
         }
         let errors = |y: &[f64]| vec![vec![y.iter().zip(&smooth).map(|(y, s)| y - s).collect::<Vec<f64>>()]];
-        let found = codes(&[record(vec![held.clone()])], &errors(&held), &[0.005]).remove(0);
+        let found = of_outputs(&[record(vec![held.clone()])], &errors(&held), &[0.005]).remove(0);
         assert!(found.dropout_rate.is_some());
         let mut wanted: Vec<usize> = starts.iter().flat_map(|start| start + 1..start + 5).collect();
         wanted.sort_unstable();
@@ -228,7 +228,7 @@ mod tests {
         for share in [0.5, 0.9] {
             let rail = share * smooth[peak].abs();
             let clipped: Vec<f64> = smooth.iter().map(|y| on_grid(&y.clamp(-rail, rail))).collect();
-            let found = codes(&[record(vec![clipped.clone()])], &errors(&clipped), &[0.005]).remove(0);
+            let found = of_outputs(&[record(vec![clipped.clone()])], &errors(&clipped), &[0.005]).remove(0);
             assert_eq!(found.dropout_rate, None, "{share}");
         }
     }
@@ -242,7 +242,7 @@ mod tests {
             let cut: Vec<f64> = y.iter().map(|y| share * (y / share).trunc()).collect();
             let mut records = vec![record(vec![y.clone(), rounded, cut])];
             let errors = vec![vec![vec![0.0; 4000]; 3]];
-            let found = codes(&records, &errors, &[1e-3; 3]);
+            let found = of_outputs(&records, &errors, &[1e-3; 3]);
             assert_eq!(
                 found.iter().map(|c| (c.coarse, c.cut)).collect::<Vec<_>>(),
                 [(false, false), (true, false), (true, true)]

@@ -175,7 +175,7 @@ mod tests {
         assert!(far < 1e-5, "{far}");
     }
 
-    /// Where sensors stand at the struts, the inferred ports are the declared ones, whatever the force.
+    /// Where sensors stand at the ports, the inferred ports are the declared ones, whatever the force.
     #[test]
     fn inferred_ports_answer_as_declared_ones() {
         let mut model = testing::truss_with(2, |_, beta, gamma| *gamma = beta.transpose() * 0.05);

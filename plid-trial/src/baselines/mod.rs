@@ -55,7 +55,7 @@ pub(crate) fn answers(
         None => Model::from_json(&outcome.simulation.linear, "sim-with-effect.json")?,
     };
     let setting = Setting::bare(&Plant::new(&model)?, &model);
-    let rows: usize = outcome.evidence.fitted.iter().map(|(_, _, samples)| samples * setting.plant.p).sum();
+    let rows: usize = outcome.shown.fitted.iter().map(|(_, _, samples)| samples * setting.plant.p).sum();
     let ranked = |outcome: &Outcome| ranking::claim(&outcome.diagnosis, rows as f64, library, &setting);
     let (ranking, ranking_left_out) = (ranked(outcome), left_out.map(ranked));
     let fitted = case.model.is_some().then(|| fitted(case, &model)).transpose()?;

@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 use plid_gap::effects::{Action, Effect, Library};
 
 use plid_gap::case::{Excitation, Record};
-use plid_gap::research::{Fineness, Known, Prepared, prepare, simulate, unseen};
+use plid_gap::research::{Fineness, Known, Prepared, prepare, simulate, stochastic_effects};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -100,7 +100,7 @@ fn found(rig: &Rig, effect: &dyn Effect, records: &[Record]) -> (Vec<f64>, Prepa
     let given = |k: usize| ready.problem.outputs(&ready.problem.plant, &eta, &[], k, Fineness::FINE);
     let simulated: Vec<Channels> = (0..ready.problem.records.len()).map(given).collect();
     ready.renew_band(&simulated);
-    let all = unseen(&ready, &library);
+    let all = stochastic_effects(&ready, &library);
     let locations: Vec<(String, String)> = all
         .iter()
         .map(|found| (found.placed.effect.name().to_string(), found.placed.place.location(&rig.setting.names)))
