@@ -1,16 +1,7 @@
 //! Converters that ran into their rails: many samples at one and the same extreme value.
 
 use crate::case::Case;
-
-/// Samples at the extreme value, at least.
-const SAMPLES: usize = 5;
-
-/// And so many times as many as at the value next to it: the tail of a signal gets thinner outwards, and even a sine, which dwells at its
-/// extremes, has only 2.4 times as many samples in its last code as in the one before.
-const PILE: usize = 5;
-
-/// Values that a channel takes, at least: a switched signal has few, and all of them are extremes.
-const VALUES: usize = 16;
+use crate::settings::AuditSettings;
 
 /// Findings, by channel and record.
 pub fn check(case: &Case) -> Vec<String> {
@@ -19,7 +10,7 @@ pub fn check(case: &Case) -> Vec<String> {
     for record in &case.records {
         let channels = config.inputs.iter().zip(&record.u).chain(config.outputs.iter().zip(&record.y));
         for (name, x) in channels {
-            for (rail, count) in rails(x) {
+            for (rail, count) in rails(x, &config.settings.audit) {
                 found.push(format!(
                     "`{name}` clips at {rail} in {}: {count} samples lie on exactly that value ({:.2} %).",
                     record.name,
@@ -32,7 +23,7 @@ pub fn check(case: &Case) -> Vec<String> {
 }
 
 /// The lowest and the highest value, each with its samples, where they pile up.
-fn rails(x: &[f64]) -> Vec<(f64, usize)> {
+fn rails(x: &[f64], settings: &AuditSettings) -> Vec<(f64, usize)> {
     let mut sorted: Vec<f64> = x.iter().copied().filter(|x| x.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);
     let mut counts: Vec<(f64, usize)> = Vec::new();
@@ -42,11 +33,12 @@ fn rails(x: &[f64]) -> Vec<(f64, usize)> {
             _ => counts.push((x, 1)),
         }
     }
-    if counts.len() < VALUES {
+    if counts.len() < settings.clipped_values {
         return Vec::new();
     }
     let last = counts.len() - 1;
-    let piles = |at: usize, next: usize| counts[at].1 >= SAMPLES && counts[at].1 >= PILE * counts[next].1;
+    let piles =
+        |at: usize, next: usize| counts[at].1 >= settings.clipped_samples.max(settings.clipped_ratio * counts[next].1);
     [(0, 1), (last, last - 1)].into_iter().filter(|&(at, next)| piles(at, next)).map(|(at, _)| counts[at]).collect()
 }
 
@@ -78,14 +70,14 @@ mod tests {
     #[test]
     fn sines_switches_quiet_and_noisy_limits_are_no_rails() {
         let sine = codes((0..8000).map(|k| (0.0371 * k as f64).sin()));
-        assert!(rails(&sine).is_empty());
+        assert!(rails(&sine, &AuditSettings::default()).is_empty());
         let switched: Vec<f64> = random_input(1, 4000, 1)[0].iter().map(|x| x.signum()).collect();
-        assert!(rails(&switched).is_empty());
+        assert!(rails(&switched, &AuditSettings::default()).is_empty());
         let quiet = codes(random_input(2, 4000, 1)[0].iter().map(|x| 0.6 * CODE * x));
-        assert!(rails(&quiet).is_empty());
+        assert!(rails(&quiet, &AuditSettings::default()).is_empty());
         // A sensor that saturates before its noise piles up near a value, not on it.
         let (signal, noise) = (random_input(3, 4000, 1), random_input(4, 4000, 1));
         let saturated = codes(signal[0].iter().zip(&noise[0]).map(|(x, n)| x.min(1.5) + 0.01 * n));
-        assert!(rails(&saturated).is_empty());
+        assert!(rails(&saturated, &AuditSettings::default()).is_empty());
     }
 }

@@ -3,9 +3,6 @@
 use crate::case::Case;
 use crate::error::GapError;
 
-/// From this share of missing samples on, what a channel leaves is a finding of its own.
-const MANY: f64 = 0.2;
-
 /// Missing samples of the outputs (NaN), by record and channel.
 ///
 /// # Errors
@@ -35,7 +32,11 @@ pub fn check(case: &Case) -> Result<Vec<String>, GapError> {
                 return Err(wrong(format!("output `{name}` has no value at all")));
             }
             if missing > 0 {
-                let many = if share > MANY { ": what it says of the gap is blurred" } else { "" };
+                let many = if share > config.settings.audit.many_missing {
+                    ": what it says of the gap is blurred"
+                } else {
+                    ""
+                };
                 found.push(format!(
                     "{}: {missing} of {} samples of `{name}` are missing ({:.1} %) and say nothing{many}.",
                     record.name,

@@ -8,11 +8,7 @@ use crate::case::split::driven;
 use crate::effects::{Library, Setting, Side};
 use crate::error::GapError;
 use crate::plant::Plant;
-use crate::prepare::{SHORTEST_QUIET, UNDECLARED};
 use crate::signal::peaks;
-
-/// Periods of the lowest mode that a record must hold: in fewer, that mode shows no decay and hardly its frequency.
-const PERIODS: f64 = 3.0;
 
 /// Modes with a larger damping ratio are filters.
 const STRUCTURAL_DAMPING: f64 = 0.3;
@@ -29,6 +25,7 @@ pub struct Little {
 /// [`GapError::TooLittle`] where no record drives the structure, or all of them together have no more values than the simulation has states.
 pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) -> Result<Little, GapError> {
     let effects = || library.effects().filter(|effect| !without.iter().any(|name| name == effect.name()));
+    let settings = &case.config.settings;
     let records = driven(&case.records);
     if records.is_empty() {
         return Err(GapError::TooLittle("no record to fit from has an input".into()));
@@ -48,13 +45,14 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
         .map(|mode| mode.hz)
         .collect();
     let lowest = modes.iter().copied().fold(f64::INFINITY, f64::min);
-    let needed = PERIODS * rate / lowest;
+    let periods = settings.audit.periods;
+    let needed = periods * rate / lowest;
     let short = records.iter().filter(|record| (record.samples() as f64) < needed);
     let short: Vec<String> = short.map(|r| format!("{} ({:.3} s)", r.name, r.samples() as f64 / rate)).collect();
     if !short.is_empty() {
         little
             .findings
-            .push(format!("Shorter than {PERIODS} periods of the lowest mode ({lowest:.1} Hz): {}.", short.join(", ")));
+            .push(format!("Shorter than {periods} periods of the lowest mode ({lowest:.1} Hz): {}.", short.join(", ")));
     }
     let mut leave = |names: Vec<String>, why: String| {
         if !names.is_empty() {
@@ -104,10 +102,14 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
         let source = if model.noise.sensor_std.is_some() {
             "it is taken as the simulation declares it".into()
         } else {
-            format!("the simulation declares none, and {:.0} % of each output is assumed", 100.0 * UNDECLARED)
+            format!(
+                "the simulation declares none, and {:.0} % of each output is assumed",
+                100.0 * settings.prepare.undeclared_noise
+            )
         };
         little.findings.push(format!(
-            "No record shows the noise alone (one without input, or four periods, of {SHORTEST_QUIET} samples): {source}."
+            "No record shows the noise alone (one without input, or four periods, of {} samples): {source}.",
+            settings.prepare.shortest_quiet
         ));
     }
     Ok(little)
@@ -115,10 +117,11 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
 
 /// Whether the noise can be had from what no command explains.
 fn noise_shows(case: &Case) -> bool {
+    let shortest = case.config.settings.prepare.shortest_quiet;
     case.records.iter().filter(|record| !record.held_out).any(|record| match record.excitation {
-        Excitation::Zero => record.samples() >= SHORTEST_QUIET,
+        Excitation::Zero => record.samples() >= shortest,
         // The first two hold the transient.
-        Excitation::Periodic(period) => period >= SHORTEST_QUIET && record.samples() >= 4 * period,
+        Excitation::Periodic(period) => period >= shortest && record.samples() >= 4 * period,
         Excitation::Random => false,
     })
 }

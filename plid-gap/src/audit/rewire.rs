@@ -20,22 +20,6 @@ const SHORTEST: i64 = 3;
 /// Every change must pay: the squared gap falls by this factor for each.
 const PRICE: f64 = 1.5;
 
-/// A mismatch is said where it lowers the gap to this share, whatever it costs: the squared gap is then about halved.
-const SAID: f64 = 0.7;
-
-/// And it is taken for granted where it lowers the gap to this share: more than any single effect of a sound chain feigns.
-const EXPLAINS: f64 = 0.5;
-
-/// Below this a gap asks for no such explanation.
-const SMALL: f64 = 0.1;
-
-/// From this gap on several things may be wrong at once, and the search begins from every order and sign of the outputs: two channels that are
-/// exchanged alone make a gap of about one.
-const SEVERAL: f64 = 0.7;
-
-/// And only where the plain search leaves more than this: dozens of beginnings cost seconds.
-const LEFT: f64 = 0.25;
-
 /// Outputs up to which signs are among these beginnings.
 const ALL_SIGNS: usize = 3;
 
@@ -82,11 +66,12 @@ pub struct Mismatch {
 /// # Errors
 /// [`GapError::Model`] where the simulation cannot be run.
 pub fn find(case: &Case, model: &Model) -> Result<Option<Mismatch>, GapError> {
+    let settings = &case.config.settings.audit;
     let records = driven(&case.records);
     let responses = Responses::new(model, &records)?;
     let plain = Wiring::plain(responses.m, responses.p);
     let before = responses.gap(&plain);
-    if !(before > SMALL) {
+    if !(before > settings.least_gap) {
         return Ok(None);
     }
     let outputs = |from: &Wiring| pruned(&responses, with_outputs(&responses, from));
@@ -107,22 +92,22 @@ pub fn find(case: &Case, model: &Model) -> Result<Option<Mismatch>, GapError> {
     for wiring in [outer, inner].into_iter().chain(both).chain(again) {
         take(wiring, &mut best);
     }
-    if before > SEVERAL && responses.gap(&best) > LEFT {
+    if before > settings.several && responses.gap(&best) > settings.several_left {
         for start in starts(&responses) {
             take(outputs(&inputs(&start)), &mut best);
         }
     }
-    if before > SEVERAL {
+    if before > settings.several {
         for wiring in in_other_units(&best, &Wiring::plain(responses.m, responses.p)) {
             take(wiring, &mut best);
         }
     }
     let after = responses.gap(&best);
-    if best.changes() == 0 || after > SAID * before {
+    if best.changes() == 0 || after > settings.reported * before {
         return Ok(None);
     }
     let sentence = sentence(&best, case, before, after);
-    Ok(Some(Mismatch { wiring: best, before, after, explains: after <= EXPLAINS * before, sentence }))
+    Ok(Some(Mismatch { wiring: best, before, after, explains: after <= settings.corrected * before, sentence }))
 }
 
 fn price(responses: &Responses, wiring: &Wiring) -> f64 {

@@ -23,24 +23,16 @@ use crate::noise::NoiseModel;
 use crate::noise::model_error::ModelError;
 use crate::noise::whiten::Whitener;
 use crate::plant::Plant;
-
-/// States where the case does not say.
-const STATES: usize = 24;
+use crate::settings::AuditSettings;
 
 /// About the most states of a simulator that is identified with as many as it has.
 const MOST_STATES: usize = 40;
-
-/// Relative error on what it was not fitted to, below which a model is the simulator itself: a hundredth of what is noise as a rule.
-const EXACT: f64 = 1e-4;
 
 /// Share of an output's power that rounding leaves at least.
 const ROUNDING: f64 = 1e-20;
 
 /// Steps of the refinement.
 const ITERATIONS: usize = 60;
-
-/// Of the simulator's outputs: beyond this relative error a linear model does not stand for it.
-const POOR: f64 = 0.05;
 
 /// A model that stands in where the case gives no simulation.
 #[derive(Debug, Clone)]
@@ -90,19 +82,20 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<StandIn, Gap
         iterations: ITERATIONS,
         noise: Noise::White,
     };
-    let rate = case.config.rate();
+    let (rate, settings) = (case.config.rate(), &case.config.settings.audit);
     // A start that the tail of the records judges must not have learnt from it.
     let head = plid_refine::head(&records).map_err(failed)?;
     let tried = of_simulator && case.config.states.is_none();
-    let Linear { mut model, std, unseen } = match tried.then(|| itself(&head, &records, rate)).flatten() {
+    let Linear { mut model, std, unseen } = match tried.then(|| itself(&head, &records, rate, settings.exact)).flatten()
+    {
         Some(itself) => itself,
-        None => fitted_best(&head, &records, case.config.states.unwrap_or(STATES), rate, &options)?,
+        None => fitted_best(&head, &records, case.config.states.unwrap_or(settings.surrogate_states), rate, &options)?,
     };
     model.inputs.clone_from(&case.config.inputs);
     model.outputs.clone_from(&case.config.outputs);
     model.initial_state = None;
     let error = relative(&std, &arrays);
-    let words = words(&model, &case.for_simulation, of_simulator, error, unseen);
+    let words = words(&model, &case.for_simulation, of_simulator, [error, unseen], settings);
     let prior_std = prior_std(&model, &fitted, &std)?;
     let model_error = if of_simulator { None } else { model_error(&model, &fitted, !case.for_simulation.is_empty())? };
     Ok(StandIn { model, words, prior_std, model_error })
@@ -118,7 +111,7 @@ struct Linear {
 }
 
 /// The linear simulator itself, with as many states as it has. None where its outputs do not tell, or it does not foretell them behind the head.
-fn itself(head: &[plid_refine::Record], records: &[plid_refine::Record], rate: f64) -> Option<Linear> {
+fn itself(head: &[plid_refine::Record], records: &[plid_refine::Record], rate: f64, exact: f64) -> Option<Linear> {
     let found = plid_refine::exact(head, MOST_STATES, true, rate).ok()??;
     let start = |k: usize| &found.initial_states[k];
     let last = records.len().checked_sub(1)?;
@@ -135,7 +128,7 @@ fn itself(head: &[plid_refine::Record], records: &[plid_refine::Record], rate: f
     }
     let samples = records.iter().map(plid_refine::Record::samples).sum::<usize>() as f64;
     let std = sums.iter().map(|(error, output)| (error.max(ROUNDING * output) / samples).sqrt()).collect();
-    (unseen < EXACT).then_some(Linear { model: found.model, std, unseen })
+    (unseen < exact).then_some(Linear { model: found.model, std, unseen })
 }
 
 /// The best model of so many states.
@@ -189,15 +182,15 @@ fn prior_std(model: &Model, records: &[&Record], std: &[f64]) -> Result<Vec<f64>
     Ok((0..problem.nuisance.of_modes()).map(|k| covariance[(k, k)].max(0.0).sqrt()).collect())
 }
 
-fn words(model: &Model, chosen: &[Record], of_simulator: bool, error: f64, unseen: f64) -> String {
-    let (error, unseen) = (100.0 * error, 100.0 * unseen);
+fn words(model: &Model, chosen: &[Record], of_simulator: bool, errors: [f64; 2], settings: &AuditSettings) -> String {
+    let [error, unseen] = errors.map(|error| 100.0 * error);
     let states = model.n();
-    if of_simulator && unseen < 100.0 * EXACT {
+    if of_simulator && unseen < 100.0 * settings.exact {
         format!(
             "The simulator was found from its outputs: it is linear, with {states} states, and what was not fitted is missed by {unseen:.0e} % of itself. `predict` does not need its outputs."
         )
     } else if of_simulator {
-        let poor = if unseen > 100.0 * POOR {
+        let poor = if unseen > 100.0 * settings.poor {
             ": a linear model does not stand for it well; what it misses is taken from what was measured, but effects act on the model"
         } else {
             ", which is taken from what was measured; `predict` needs its outputs beside the effect's correction (`--simulated`)"
@@ -281,7 +274,7 @@ mod tests {
             *value = (1e4 * *value).round() / 1e4;
         }
         let StandIn { model, words, .. } = identify(&case, &mut |_| {}).unwrap();
-        assert_eq!(model.n(), STATES);
+        assert_eq!(model.n(), AuditSettings::default().surrogate_states);
         assert!(words.contains("it misses them by 0."), "{words}");
         // Too few states say so.
         case.config.states = Some(6);

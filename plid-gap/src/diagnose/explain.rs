@@ -19,20 +19,20 @@ use crate::search::stepwise::{Search, SearchStage, search, straighten};
 use crate::settings::step::Step;
 use crate::simulate::Fineness;
 
-/// Searches, with the ports as places of internal forces; where that does not suffice, with the modes about which the gap lies too. `turn` keeps the
-/// first turn of the first search, or has it.
+/// Searches, with the ports as places of internal forces; where that does not suffice, with the modes about which the gap lies too. `stage` keeps the
+/// first stage of the first search, or has it.
 pub fn explain<'a>(
     ready: Prepared,
     refitted: Refit,
     library: &'a Library,
     rules: &Rules,
-    turn: &OnceCell<SearchStage<'a>>,
+    stage: &OnceCell<SearchStage<'a>>,
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
     let names = ready.problem.setting.names.clone();
     let settings = ready.problem.settings.search.clone();
     let scope = Scope { library, rules, settings, names, off: ready.off.clone(), bold: false };
-    let first = passes(ready, refitted, &scope, turn, say);
+    let first = passes(ready, refitted, &scope, stage, say);
     elsewhere(first, &scope, say).refuse_divergence()
 }
 
@@ -78,14 +78,14 @@ fn passes<'a>(
     mut ready: Prepared,
     mut refitted: Refit,
     scope: &Scope<'_, 'a>,
-    turn: &OnceCell<SearchStage<'a>>,
+    stage: &OnceCell<SearchStage<'a>>,
     say: &mut dyn FnMut(String),
 ) -> Explained<'a> {
     let mut pass = Pass::First;
     loop {
         let first = OnceCell::new();
-        let turn = if pass == Pass::First { turn } else { &first };
-        let mut searched = Searched::new(&mut ready, &refitted, scope, turn, say);
+        let stage = if pass == Pass::First { stage } else { &first };
+        let mut searched = Searched::new(&mut ready, &refitted, scope, stage, say);
         match searched.renew(&mut ready, &mut refitted, scope, pass) {
             Some(renewed) => say(renewed),
             None => {
@@ -116,12 +116,12 @@ impl<'a> Searched<'a> {
         ready: &mut Prepared,
         refitted: &Refit,
         scope: &Scope<'_, 'a>,
-        turn: &OnceCell<SearchStage<'a>>,
+        stage: &OnceCell<SearchStage<'a>>,
         say: &mut dyn FnMut(String),
     ) -> Self {
         ready.problem.nuisance.ports_follow = false;
         let mut quick = ready.problem.head(scope.settings.first_samples, &ready.noise);
-        let mut found = search(&mut ready.problem, &mut quick, refitted, scope, turn, say);
+        let mut found = search(&mut ready.problem, &mut quick, refitted, scope, stage, say);
         if ready.widened.is_some() {
             let plain = Scope { bold: false, ..scope.clone() };
             straighten(&ready.problem, &quick, &mut found, &plain, say);
@@ -155,7 +155,7 @@ impl<'a> Searched<'a> {
         say: &mut dyn FnMut(String),
     ) -> Explained<'a> {
         let widened = ready.widened.is_some();
-        // Evidence an error of the simulation itself the last digits of a law are no matter.
+        // Beside an error of the simulation itself the last digits of a law do not matter.
         let shaped = !widened || left(&ready, &refitted, &self.found.best) > scope.settings.shape_left;
         let problem = &mut ready.problem;
         let zero = vec![0.0; problem.nuisance.len()];
@@ -255,7 +255,7 @@ impl Judging<'_> {
     /// What the best further entry of the screen would gain. A stage that was looked at and not accepted says what is still there.
     fn next(&self, found: &Search) -> f64 {
         let last = if found.stages.len() > found.best.effects.len() { found.stages.last() } else { None };
-        // How far linear parameters are free is asked for itself.
+        // A parameter that the refit has too is judged by `max_prior_z`.
         let further = last.and_then(|entries| entries.iter().find(|entry| !entry.placed.effect.is_in_refit()));
         let next = further.map_or(0.0, |entry| entry.gain);
         // Where nothing shows the noise, what is left is its measure.

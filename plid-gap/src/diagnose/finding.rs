@@ -106,8 +106,9 @@ impl<'f, 'a> Finding<'f, 'a> {
     fn named(&self) -> Vec<NamedEffect> {
         let Judgement { gaps, shares, shown, weighted, .. } = &self.judged;
         let best = &self.explained.found.best.effects;
+        let near_line = self.explained.ready.problem.settings.prepare.near_line;
         let mut named = named(self.explained, shown, weighted, shares, gaps.left());
-        for which in self.stochastic.iter().filter_map(|u| wandering(&u.placed, best)) {
+        for which in self.stochastic.iter().filter_map(|u| wandering(&u.placed, best, near_line)) {
             named[which].shape_differs = true;
         }
         // A stochastic effect has a part in the noise.

@@ -55,7 +55,7 @@ pub fn diagnose_without(
     Ok(Groundwork::whole(case, library, off, say)?.0)
 }
 
-/// What a diagnosis does before it matters which effects it knows: audit, preparation, bounded refit; and the first turn of the search, from which one that
+/// What a diagnosis does before it matters which effects it knows: audit, preparation, bounded refit; and the first stage of the search, from which one that
 /// knows fewer effects takes all but theirs.
 pub struct Groundwork<'a> {
     case: &'a Case,

@@ -61,10 +61,11 @@ impl<'j, 'a> Judgement<'j, 'a> {
             weigh(&found.candidates, unknown, problem.rows() as f64, explained.level, &problem.settings, &ready.off);
         // What quiet records show holds whatever the free runs say.
         let names = &problem.setting.names;
+        let near_line = problem.settings.prepare.near_line;
         let enters = |u: &&Stochastic| {
             u.gain > problem.settings.search.stochastic_gain
                 && rules.allow(&u.placed, names)
-                && wandering(&u.placed, best).is_none()
+                && wandering(&u.placed, best, near_line).is_none()
         };
         let shown: Vec<&Stochastic> = stochastic.iter().filter(enters).collect();
         for explanation in weighted.iter_mut().filter(|w| !w.unknown) {

@@ -5,17 +5,11 @@ use crate::noise::{Band, Source};
 use crate::prepare::Prepared;
 use crate::prepare::wandering::Wandering;
 
-/// Centres of bands, from here on in steps of 6 %, in Hz.
-const LOWEST: f64 = 15.0;
-
 /// The search for a band looks at every so many bins.
 const THINNED: usize = 4;
 
 /// Relative widths of bands.
 const WIDTHS: [f64; 2] = [0.05, 0.2];
-
-/// Bands are looked for in steps of 6 %.
-pub(crate) const NEAR_LINE: f64 = 0.04;
 
 /// Such a force.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,6 +37,7 @@ pub fn coloured(ready: &Prepared) -> Option<Coloured> {
         return None;
     }
     let plant = &ready.problem.plant;
+    let settings = &ready.problem.settings.prepare;
     let least = ready.problem.settings.search.stochastic_gain;
     let plain = ready.declared.fit_with(&ready.quiet, &[Source::Ambient], 40, 1);
     let free = &ready.noise;
@@ -50,7 +45,7 @@ pub fn coloured(ready: &Prepared) -> Option<Coloured> {
         return None;
     }
     let mut best: Option<(f64, Band)> = None;
-    let mut hz = LOWEST;
+    let mut hz = settings.lowest_band_hz;
     while hz < 0.45 * plant.rate {
         for port in 0..ready.declared.ports() {
             for width in WIDTHS {
@@ -65,7 +60,7 @@ pub fn coloured(ready: &Prepared) -> Option<Coloured> {
     }
     let band = best?.1;
     let hz = band.hz;
-    if ready.wandering.iter().any(|line| (line.hz / hz - 1.0).abs() < NEAR_LINE) {
+    if ready.wandering.iter().any(|line| (line.hz / hz - 1.0).abs() < settings.near_line) {
         return None;
     }
     let rough = ready.declared.fit_with(&ready.quiet, &[Source::Ambient, Source::Band(band)], 40, 1);
@@ -81,7 +76,7 @@ pub fn coloured(ready: &Prepared) -> Option<Coloured> {
     }
     // Three numbers of a band must do most of what a free force on every mode does.
     let share = gain / (2.0 * (plain.misfit - free.misfit));
-    if gain <= least || share <= 0.6 {
+    if gain <= least || share <= settings.band_share {
         return None;
     }
     let theta = rough.sources.last()?.1;

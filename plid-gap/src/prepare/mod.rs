@@ -18,26 +18,14 @@ use crate::noise::model_error::ModelError;
 use crate::noise::whiten::Whitener;
 use crate::noise::{NoiseModel, Stretch};
 use crate::plant::{Mode, Plant};
-use crate::prepare::coloured::{Coloured, NEAR_LINE, coloured};
+use crate::prepare::coloured::{Coloured, coloured};
 use crate::prepare::wandering::{Wandering, wandering};
-use crate::settings::GapSettings;
 use crate::settings::step::Step;
+use crate::settings::{GapSettings, PrepareSettings};
 use crate::signal::quantisation::{self, Quantisation};
 use crate::signal::{notch, peaks, tones};
 use crate::simulate::{Fineness, simulate};
 use plid_model::Model;
-
-/// Records without input shorter than this say too little of the noise.
-pub(crate) const SHORTEST_QUIET: usize = 512;
-
-/// A line this many widths, of a resonance or of what a record resolves, from a resonance is not that resonance.
-const RESONANT: f64 = 2.0;
-
-/// Lines that are offered to effects.
-const MOST_TONES: usize = 4;
-
-/// Noise where the simulation declares none: this share of each output's RMS.
-pub(crate) const UNDECLARED: f64 = 0.01;
 
 /// A simulation with records, made ready.
 #[derive(Clone)]
@@ -69,12 +57,6 @@ pub struct Prepared {
     pub widened: Option<f64>,
 }
 
-/// Squares of whitened values from which they tell the noise's level.
-const ENOUGH: f64 = 1000.0;
-
-/// What driven records may have more than quiet ones, for the noise model is fitted to the latter.
-const LOUDER: f64 = 0.1;
-
 /// What is known beforehand, beside model and records.
 #[derive(Debug, Clone, Default)]
 pub struct Known {
@@ -97,13 +79,12 @@ pub struct Known {
 /// # Errors
 /// [`GapError`] where the simulation cannot be taken apart.
 pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepared, GapError> {
+    let settings = Arc::new(known.settings.clone());
     let plant = Plant::new(model)?;
     let (mut fitted, mut held_out) = split(records);
-    let declared_sensor = model
-        .noise
-        .sensor_std
-        .clone()
-        .unwrap_or_else(|| (0..plant.p).map(|o| UNDECLARED * rms(fitted.iter().flat_map(|r| &r.y[o]))).collect());
+    let declared_sensor = model.noise.sensor_std.clone().unwrap_or_else(|| {
+        (0..plant.p).map(|o| settings.prepare.undeclared_noise * rms(fitted.iter().flat_map(|r| &r.y[o]))).collect()
+    });
     let declared_actuator = model.noise.actuator_std.clone().unwrap_or_else(|| vec![0.0; plant.m]);
     let mut declared = NoiseModel::declared(&plant, &declared_sensor, &declared_actuator);
     declared.model_error.clone_from(&known.model_error);
@@ -116,15 +97,17 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
         quantisation::mend(&mut held_out, &unseen, &quantisation);
         errors = given_errors(&plant, &fitted);
     }
-    let setting = setting(&plant, model, &fitted, &errors);
+    let setting = setting(&plant, model, &fitted, &errors, settings.prepare.tones);
     let off = &known.off;
-    let quiet =
-        if off.contains(&Step::NoiseFit) { Vec::new() } else { quiet_stretches(&plant, &fitted, &setting.tones) };
+    let quiet = if off.contains(&Step::NoiseFit) {
+        Vec::new()
+    } else {
+        quiet_stretches(&plant, &fitted, &setting.tones, &settings.prepare)
+    };
     let noise = if quiet.is_empty() { declared.clone() } else { declared.fit(&quiet) };
     let noise = rounded(noise, &quantisation, &declared_sensor);
     let whiteners = whiteners(&fitted, &noise, plant.rate, &quantisation);
     let nuisance = Nuisance::new(&plant, &fitted, &known.limits).with_prior_std(&known.prior_std);
-    let settings = Arc::new(known.settings.clone());
     let problem = Problem { plant, records: fitted, whiteners, nuisance, setting, settings };
     let declares = model.noise.sensor_std.is_some();
     Ok(Prepared {
@@ -163,6 +146,7 @@ impl Prepared {
     /// `left` is what the best explanation leaves of a row's variance: where nothing shows the noise, it is no more than that.
     pub fn noise_level(&self, simulated: &[Channels], left: f64) -> NoiseLevel {
         let problem = &self.problem;
+        let settings = &problem.settings.prepare;
         let p = problem.plant.p as f64;
         let quiet: f64 = self.quiet.iter().map(|stretch| p * stretch.length as f64).sum();
         let (mut power, mut freedom) = (0.0, 0.0);
@@ -198,26 +182,31 @@ impl Prepared {
         }
         // What a coarse converter rounds repeats with the period, and is no noise there.
         if self.quantisation.iter().any(|codes| codes.coarse) {
-            return NoiseLevel { factor: 1.0, uncertainty: ROUNDED_LEVEL, seen: true, driven: None };
+            return NoiseLevel { factor: 1.0, uncertainty: settings.rounded_uncertainty, seen: true, driven: None };
         }
         // A whitened value squared has variance two; a tenth more for what the noise model's shape does not follow.
         let uncertainty = |freedom: f64| 1.1 * (2.0 / freedom).sqrt();
         let ratio = power / freedom;
-        let both = quiet >= ENOUGH && freedom >= ENOUGH;
+        let both = quiet >= settings.level_values && freedom >= settings.level_values;
         let scatter = uncertainty(quiet).hypot(uncertainty(freedom));
-        let driven = (both && ratio - 1.0 > LOUDER.max(5.0 * scatter)).then_some(ratio);
+        let driven = (both && ratio - 1.0 > settings.louder.max(5.0 * scatter)).then_some(ratio);
         // The noise model is that of the quiet records: its factor there is one.
         if driven.is_none() {
             (power, freedom) = (power + quiet, freedom + quiet);
         } else {
             (power, freedom) = (quiet, quiet);
         }
-        if freedom < ENOUGH {
-            return NoiseLevel { factor: left.min(1.0), uncertainty: UNSEEN_LEVEL, seen: false, driven };
+        if freedom < settings.level_values {
+            return NoiseLevel {
+                factor: left.min(1.0),
+                uncertainty: settings.declared_uncertainty,
+                seen: false,
+                driven,
+            };
         }
         let uncertainty = uncertainty(freedom);
         // How a model's own error grows with the level is a guess.
-        let uncertainty = if self.noise.model_error.is_some() { UNSEEN_LEVEL } else { uncertainty };
+        let uncertainty = if self.noise.model_error.is_some() { settings.declared_uncertainty } else { uncertainty };
         NoiseLevel { factor: power / freedom, uncertainty, seen: true, driven }
     }
 
@@ -269,7 +258,8 @@ impl Prepared {
             }
         }
         self.declared = self.declared.clone().with_line(line.port, line.hz);
-        let elsewhere = |hz: f64| (hz / line.hz - 1.0).abs() > NEAR_LINE;
+        let near_line = self.problem.settings.prepare.near_line;
+        let elsewhere = |hz: f64| (hz / line.hz - 1.0).abs() > near_line;
         self.problem.setting.tones.retain(|tone| elsewhere(tone.hz));
         self.problem.setting.missing.retain(|mode| elsewhere(mode.hz));
         self.wandering.push(line);
@@ -292,9 +282,10 @@ impl Prepared {
         self.coloured = Some(force);
         let longest = self.quiet.iter().map(|stretch| stretch.length).max().unwrap_or(1);
         let plant = &self.problem.plant;
+        let apart_widths = self.problem.settings.prepare.apart_widths;
         // A resonance that noise pushes looks like a line to a record that is too short to tell.
         let apart = |hz: f64, mode: &Mode| {
-            (hz - mode.hz()).abs() > (mode.damping() * mode.hz()).max(plant.rate / longest as f64) * RESONANT
+            (hz - mode.hz()).abs() > (mode.damping() * mode.hz()).max(plant.rate / longest as f64) * apart_widths
         };
         self.problem.setting.tones.retain(|tone| plant.modes.iter().all(|mode| apart(tone.hz, mode)));
         self.quiet = self.quiet_of(simulated);
@@ -331,9 +322,10 @@ impl Prepared {
         let of_use =
             |(record, _): &(&Record, &Channels)| self.coloured.is_some() || record.excitation == Excitation::Zero;
         let errors: Vec<Record> = records.filter(of_use).map(left).collect();
-        let mut quiet = silent(&errors, |record| Stretch::new(&record.y));
+        let shortest = self.problem.settings.prepare.shortest_quiet;
+        let mut quiet = silent(&errors, shortest, |record| Stretch::new(&record.y));
         if self.coloured.is_some() {
-            quiet.extend(differences(&errors));
+            quiet.extend(differences(&errors, shortest));
         }
         quiet
     }
@@ -377,7 +369,8 @@ impl Prepared {
         }
         let noise = self.fitted(&quiet);
         self.quiet = quiet;
-        let changed = noise.rms().iter().zip(self.noise.rms()).any(|(a, b)| (a / b - 1.0).abs() > RENEWED);
+        let renewed = self.problem.settings.prepare.renewed;
+        let changed = noise.rms().iter().zip(self.noise.rms()).any(|(a, b)| (a / b - 1.0).abs() > renewed);
         if changed {
             self.whiten_with(noise);
         }
@@ -399,27 +392,24 @@ fn rounded(noise: NoiseModel, quantisation: &[Quantisation], declared: &[f64]) -
     })
 }
 
-/// Uncertainty of a noise level that is only declared.
-const UNSEEN_LEVEL: f64 = 0.3;
-
-/// Uncertainty where a converter is so coarse that its rounding is the noise: q^2 / 12 holds for a signal of many steps.
-const ROUNDED_LEVEL: f64 = 0.05;
-
-/// A relative change of an output's noise RMS from which whitening is done anew.
-const RENEWED: f64 = 0.05;
-
 /// In words.
 const BAND: &str = "a force acts in a band";
 
 /// What no command explains: records without input, and otherwise the differences between periods.
-fn quiet_stretches(plant: &Plant, records: &[Record], tones: &[tones::Tone]) -> Vec<Stretch> {
-    let silent = silent(records, |record| Stretch::new(&tones::without(&record.y, plant.rate, tones)));
-    if silent.is_empty() { differences(records) } else { silent }
+fn quiet_stretches(
+    plant: &Plant,
+    records: &[Record],
+    tones: &[tones::Tone],
+    settings: &PrepareSettings,
+) -> Vec<Stretch> {
+    let shortest = settings.shortest_quiet;
+    let silent = silent(records, shortest, |record| Stretch::new(&tones::without(&record.y, plant.rate, tones)));
+    if silent.is_empty() { differences(records, shortest) } else { silent }
 }
 
 /// Of records without input.
-fn silent(records: &[Record], stretch: impl Fn(&Record) -> Stretch) -> Vec<Stretch> {
-    let long = |r: &&Record| r.excitation == Excitation::Zero && r.samples() >= SHORTEST_QUIET;
+fn silent(records: &[Record], shortest: usize, stretch: impl Fn(&Record) -> Stretch) -> Vec<Stretch> {
+    let long = |r: &&Record| r.excitation == Excitation::Zero && r.samples() >= shortest;
     records.iter().filter(long).map(stretch).collect()
 }
 
@@ -443,7 +433,7 @@ fn fill_from_other_periods(error: &mut [f64], period: usize) {
 }
 
 /// The differences between periods, but for the first ones, which hold the transient.
-fn differences(records: &[Record]) -> Vec<Stretch> {
+fn differences(records: &[Record], shortest: usize) -> Vec<Stretch> {
     let half = std::f64::consts::FRAC_1_SQRT_2;
     let mut stretches = Vec::new();
     for record in records {
@@ -453,7 +443,7 @@ fn differences(records: &[Record]) -> Vec<Stretch> {
             let at = first * period;
             let difference: Channels =
                 record.y.iter().map(|y| (at..at + period).map(|k| (y[k + period] - y[k]) * half).collect()).collect();
-            if period >= SHORTEST_QUIET {
+            if period >= shortest {
                 stretches.push(Stretch::new(&difference));
             }
         }
@@ -472,7 +462,7 @@ fn given_errors(plant: &Plant, records: &[Record]) -> Vec<Channels> {
         .collect()
 }
 
-fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]) -> Setting {
+fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels], tones: usize) -> Setting {
     let loudest = records.iter().max_by(|a, b| a.level().total_cmp(&b.level()));
     let (m, p) = (plant.m, plant.p);
     let mut setting = Setting::bare(plant, model);
@@ -496,7 +486,7 @@ fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]
     let chosen: Vec<usize> = if quiet.is_empty() { (0..records.len()).collect() } else { quiet };
     let stretch = |k: usize| tones::Stretch { start_s: records[k].start_s, residual: &errors[k] };
     let first: Vec<tones::Stretch> = chosen.iter().map(|&k| stretch(k)).collect();
-    setting.tones = tones::tones(&first, plant.rate, MOST_TONES);
+    setting.tones = tones::tones(&first, plant.rate, tones);
     setting
 }
 
@@ -551,7 +541,7 @@ pub(crate) mod tests {
     use crate::testing;
 
     pub(crate) fn setting_of(plant: &Plant, model: &Model) -> Setting {
-        setting(plant, model, &[], &[])
+        setting(plant, model, &[], &[], 0)
     }
 
     /// A weak mode that the simulation lacks is behind the peaks that its own frequencies make; a refit takes those away.

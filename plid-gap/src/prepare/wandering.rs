@@ -10,12 +10,6 @@ use crate::prepare::Prepared;
 use crate::signal::notch;
 use crate::simulate::Fineness;
 
-/// Twice the log likelihood that a phase of its own in each record must gain: two numbers a record gain two each by chance.
-const OWN_PHASES: f64 = 100.0;
-
-/// Share of that gain beyond none at all which one phase for all records may have at most.
-const ONE_PHASE: f64 = 0.9;
-
 /// Such a line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wandering {
@@ -36,6 +30,7 @@ pub struct Wandering {
 /// The first line of an explanation that does not keep its phase from record to record, by number.
 pub fn wandering(ready: &Prepared, eta: &[f64], effects: &[Placed]) -> Option<(usize, Wandering)> {
     let problem = &ready.problem;
+    let settings = &problem.settings.prepare;
     effects.iter().enumerate().find_map(|(which, placed)| {
         let Place::Frequency(hz, port) = placed.place else { return None };
         let (phase, (size, _)) = (placed.effect.phase()?, placed.effect.amplitude()?);
@@ -66,7 +61,7 @@ pub fn wandering(ready: &Prepared, eta: &[f64], effects: &[Placed]) -> Option<(u
             cross += b;
         }
         let one = normal.try_inverse().map_or(0.0, |inverse| cross.dot(&(inverse * cross)));
-        if own - one < OWN_PHASES || one > ONE_PHASE * own {
+        if own - one < settings.random_phase_gain || one > settings.common_phase_share * own {
             return None;
         }
         // How large it is, from all that it may be in each record: its phase may walk within one too.

@@ -72,23 +72,23 @@ pub fn free_shape<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Opt
     Some(on_whole(problem, freed(quick, &tangent, &own)?))
 }
 
-/// The same explanation with another law in place of that with the free shape: the fit of that, and with its shape set free.
+/// The same explanation with another law in place of the one whose shape is free: its fit, and its fit with a free shape.
 pub fn renamed<'a>(
     problem: &Problem,
     quick: &Problem,
     best: &Fit<'a>,
-    free: &FreeShapeFit<'a>,
+    present: &FreeShapeFit<'a>,
     law: Placed<'a>,
 ) -> Option<(Fit<'a>, FreeShapeFit<'a>)> {
     let mut effects = best.effects.clone();
-    effects[free.which] = law;
+    effects[present.which] = law;
     let tangent = quick.tangent(&quick.nuisance.apply(&quick.plant, &best.eta));
     let alone = quick.fit(&tangent, &best.eta, &effects, QUICK);
-    let free = freed(quick, &tangent, &alone).filter(|free| free.which == free.which)?;
+    let free = freed(quick, &tangent, &alone).filter(|free| free.which == present.which)?;
     let whole = problem.tangent(&problem.nuisance.apply(&problem.plant, &best.eta));
     let alone = problem.fit(&whole, &alone.eta, &alone.effects, WHOLE);
     let free = on_whole(problem, free);
-    (free.fit.cost < free.fit.cost + problem.settings.search.material_power * problem.rows() as f64)
+    (free.fit.cost < present.fit.cost + problem.settings.search.material_power * problem.rows() as f64)
         .then_some((alone, free))
 }
 

@@ -66,7 +66,7 @@ const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE }
 /// Fits of what was found.
 const FINE: Effort = Effort { steps: 8, gain: 0.1, fineness: Fineness::FINE };
 
-/// Searches for up to `most_effects` effects: on `quick` (the heads of the records), then among the best few on `problem`. `first` keeps the first turn,
+/// Searches for up to `most_effects` effects: on `quick` (the heads of the records), then among the best few on `problem`. `first` keeps the first stage,
 /// or has it; `say` is told what is going on.
 pub fn search<'a>(
     problem: &mut Problem,
@@ -85,10 +85,10 @@ pub fn search<'a>(
         let there = |placed: &Placed| best.effects.iter().any(|other| same(other, placed)) || !scope.allows(placed);
         let new = || SearchStage::new(problem, quick, &best, &there, &price, [settings.fitted, settings.polished]);
         let own = OnceCell::new();
-        let turn = if stage == 0 { first } else { &own }.get_or_init(new);
-        let (entries, fits) = turn.without(problem, quick, &there, &price);
+        let searched = if stage == 0 { first } else { &own }.get_or_init(new);
+        let (entries, fits) = searched.without(problem, quick, &there, &price);
         if stage == 0 {
-            overlap = of_screen(&turn.from.base(quick, scope.bold), &entries[..entries.len().min(settings.fitted)]);
+            overlap = of_screen(&searched.from.base(quick, scope.bold), &entries[..entries.len().min(settings.fitted)]);
         }
         say(progress(stage + 1, &entries, &fits, &price, &problem.setting.names));
         stages.push(entries);
@@ -135,8 +135,8 @@ pub fn straighten<'a>(
         let there = |placed: &Placed| {
             !placed.effect.is_number() || best.effects.iter().any(|other| same(other, placed)) || !scope.allows(placed)
         };
-        let turn = SearchStage::new(problem, quick, best, &there, &price, [settings.fitted, settings.polished]);
-        let (entries, fits) = turn.without(problem, quick, &there, &price);
+        let searched = SearchStage::new(problem, quick, best, &there, &price, [settings.fitted, settings.polished]);
+        let (entries, fits) = searched.without(problem, quick, &there, &price);
         say(progress(best.effects.len() + 1, &entries, &fits, &price, &problem.setting.names));
         let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { return };
         let straightened = problem.penalty(&best.eta) - problem.penalty(&top.eta);
@@ -196,10 +196,10 @@ impl<'a> SearchStage<'a> {
     ) -> Self {
         let from = Start::new(quick, so_far, &price.scope.off);
         let entries = screen(&from.base(quick, price.scope.bold), price.scope.library, there);
-        let mut turn = Self { from, entries, counts, quick: Vec::new(), whole: Vec::new() };
-        let all: Vec<usize> = (0..turn.entries.len()).collect();
-        (turn.quick, turn.whole) = turn.fits(problem, quick, &all, price);
-        turn
+        let mut searched = Self { from, entries, counts, quick: Vec::new(), whole: Vec::new() };
+        let all: Vec<usize> = (0..searched.entries.len()).collect();
+        (searched.quick, searched.whole) = searched.fits(problem, quick, &all, price);
+        searched
     }
 
     /// Entries and whole fits of those that are not there already, and not left out.
@@ -253,7 +253,7 @@ impl<'a> SearchStage<'a> {
     }
 }
 
-/// What parameters and choices cost, and how a turn goes about it.
+/// What parameters and choices cost, and how a stage goes about it.
 struct Price<'p, 'a> {
     rows: f64,
     scope: &'p Scope<'p, 'a>,
@@ -345,7 +345,7 @@ pub(crate) fn polish<'a>(problem: &Problem, fit: Fit<'a>) -> Fit<'a> {
     fit
 }
 
-/// With all effects in place, is each of them still the best at its turn? The first was chosen while the others were missing.
+/// With all effects in place, is each of them still the best? The first was chosen while the others were missing.
 fn question<'a>(
     problem: &Problem,
     quick: &Problem,
@@ -361,9 +361,9 @@ fn question<'a>(
             others.iter().any(|other| same(other, placed)) || same(&asked, placed) || !price.scope.allows(placed)
         };
         let without = Fit { effects: others.clone(), ..best.clone() };
-        let turn =
+        let searched =
             SearchStage::new(problem, quick, &without, &there, price, [settings.fitted / 2, settings.polished / 2]);
-        let (_, fits) = turn.without(problem, quick, &there, price);
+        let (_, fits) = searched.without(problem, quick, &there, price);
         candidates.extend(fits.iter().map(|fit| price.candidate(fit)));
         let top = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b)));
         if let Some(top) = top

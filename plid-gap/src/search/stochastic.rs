@@ -4,7 +4,7 @@ use crate::effects::{Effect, Library, Observation, Place};
 use crate::fit::problem::Placed;
 use crate::noise::{Band, NoiseModel, Stretch};
 use crate::prepare::Prepared;
-use crate::prepare::coloured::{Coloured, NEAR_LINE};
+use crate::prepare::coloured::Coloured;
 use crate::settings::SearchSettings;
 use crate::signal::quantisation::Quantisation;
 
@@ -108,10 +108,10 @@ fn noisy(
 }
 
 /// A band about the line of a narrowband disturbance that is named is that line: it wanders. Which of the effects that is.
-pub fn wandering(band: &Placed, effects: &[Placed]) -> Option<usize> {
+pub fn wandering(band: &Placed, effects: &[Placed], near_line: f64) -> Option<usize> {
     let Place::Frequency(hz, _) = band.place else { return None };
     let line = |placed: &Placed| match placed.place {
-        Place::Frequency(line, _) => placed.effect.phase().is_some() && (line / hz - 1.0).abs() < NEAR_LINE,
+        Place::Frequency(line, _) => placed.effect.phase().is_some() && (line / hz - 1.0).abs() < near_line,
         _ => false,
     };
     (band.effect.observed_in() == Observation::Band).then(|| effects.iter().position(line)).flatten()

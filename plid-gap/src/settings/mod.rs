@@ -1,20 +1,28 @@
 //! What can be set: the thresholds of the diagnosis, and the steps that can be switched off.
 
+mod audit;
 mod group;
 mod judge;
+mod prepare;
 mod search;
 pub(crate) mod step;
 
 use serde::{Deserialize, Serialize};
 
+pub use audit::AuditSettings;
 pub use group::Field;
 pub use judge::JudgeSettings;
+pub use prepare::PrepareSettings;
 pub use search::SearchSettings;
 
 /// The thresholds of the diagnosis, in one group for each of its modules. A case sets them in `[settings.GROUP]`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct GapSettings {
+    /// The audit.
+    pub audit: AuditSettings,
+    /// The preparation.
+    pub prepare: PrepareSettings,
     /// The search for explanations.
     pub search: SearchSettings,
     /// The judgement of explanations.
@@ -24,7 +32,12 @@ pub struct GapSettings {
 impl GapSettings {
     /// Each group by its key.
     pub fn groups(&self) -> Vec<(&'static str, Vec<Field>)> {
-        vec![("search", self.search.fields()), ("judge", self.judge.fields())]
+        vec![
+            ("audit", self.audit.fields()),
+            ("prepare", self.prepare.fields()),
+            ("search", self.search.fields()),
+            ("judge", self.judge.fields()),
+        ]
     }
 
     /// Values outside their range, as key and reason.
