@@ -16,7 +16,7 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use crate::answer::schema::{Change, Comparison, Gap, Located, NamedEffect, Remainder, RemainderPlace, Value, Where};
 use crate::effects::{Names, Setting, Side};
-use crate::fit::candidate::{all_same, in_words, joined, same};
+use crate::fit::candidate::{Candidate, all_same, in_words, joined, same};
 use crate::fit::problem::Placed;
 use crate::judge::explained::Explained;
 use crate::judge::gap::{self, Blocks};
@@ -72,23 +72,26 @@ pub(crate) fn named(
             shape_differs: free_shape == Some(which),
         });
     }
-    for Stochastic { placed, std, .. } in shown {
-        let all = placed.effect.parameters(setting).into_iter().zip(placed.parameters.iter().zip(std));
-        // What is known to the last digit is known to rounding.
-        let half = |value: f64, std: f64| (1.96 * std).max(1e-9 * value.abs());
-        let parameters = all.map(|(p, (&value, &std))| (p.name, stated(value, half(value, std), p.unit))).collect();
-        named.push(NamedEffect {
-            effect: placed.effect.name().into(),
-            location: placed.place.location(names),
-            confidence: confidence(placed),
-            share: None,
-            share_ci95: None,
-            parameters,
-            change: None,
-            shape_differs: cuts(placed) || wanders(placed),
-        });
-    }
+    named.extend(shown.iter().map(|shown| of_stochastic(shown, setting, confidence(&shown.placed))));
     named
+}
+
+/// A stochastic effect of the answer.
+fn of_stochastic(shown: &Stochastic, setting: &Setting, confidence: f64) -> NamedEffect {
+    let Stochastic { placed, std, .. } = shown;
+    let all = placed.effect.parameters(setting).into_iter().zip(placed.parameters.iter().zip(std));
+    // What raw values show to the last digit is known to rounding.
+    let half = |value: f64, std: f64| (1.96 * std).max(1e-9 * value.abs());
+    NamedEffect {
+        effect: placed.effect.name().into(),
+        location: placed.place.location(&setting.names),
+        confidence,
+        share: None,
+        share_ci95: None,
+        parameters: all.map(|(p, (&value, &std))| (p.name, stated(value, half(value, std), p.unit))).collect(),
+        change: None,
+        shape_differs: cuts(placed) || wanders(placed),
+    }
 }
 
 /// Which number of the simulation an effect changes, beside what the refit has changed of it; `half` is half the interval of its parameter, in which
@@ -188,16 +191,7 @@ pub(crate) fn comparisons(found: &Search, best: &[Placed], rivals: &[Rival], nam
         let row = before(entry, joined(&rival.effects, names, "@"));
         rows.push(Comparison { expected: Some(rival.expected), realised: Some(rival.realised), ..row });
     }
-    // What was fitted in place of the reference and came too far off.
-    let fitted = |entry: usize| {
-        let replaced = &entries[reference?].placed;
-        let one = |placed: &Placed| same(placed, &entries[entry].placed);
-        let kept = |placed: &Placed| best.iter().any(|b| !same(b, replaced) && same(b, placed));
-        let same_but_for_it = |effects: &[Placed]| {
-            effects.len() == best.len() && effects.iter().any(one) && effects.iter().all(|p| one(p) || kept(p))
-        };
-        found.candidates.iter().find(|candidate| same_but_for_it(&candidate.effects))
-    };
+    let fitted = |entry: usize| fitted_in_place(found, best, &entries[reference?].placed, &entries[entry].placed);
     let own = found.candidates.iter().find(|candidate| !best.is_empty() && all_same(&candidate.effects, best));
     for entry in (0..leading).filter(|entry| !listed.contains(entry)) {
         let candidate = fitted(entry);
@@ -206,6 +200,22 @@ pub(crate) fn comparisons(found: &Search, best: &[Placed], rivals: &[Rival], nam
         rows.push(Comparison { realised, ..before(Some(entry), joined(effects, names, "@")) });
     }
     rows
+}
+
+/// The candidate in which `entry` takes the place of `replaced` in the best explanation, if it was fitted: it was too far off to be compared further.
+fn fitted_in_place<'f, 'a>(
+    found: &'f Search<'a>,
+    best: &[Placed],
+    replaced: &Placed,
+    entry: &Placed,
+) -> Option<&'f Candidate<'a>> {
+    let kept = |placed: &Placed| best.iter().any(|b| !same(b, replaced) && same(b, placed));
+    let is = |effects: &[Placed]| {
+        effects.len() == best.len()
+            && effects.iter().any(|placed| same(placed, entry))
+            && effects.iter().all(|placed| same(placed, entry) || kept(placed))
+    };
+    found.candidates.iter().find(|candidate| is(&candidate.effects))
 }
 
 /// What the best explanation leaves: of the opened records in size, of the fitted ones in place.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::answer::range::FittedRange;
 use crate::answer::schema::{Gap, SimulationWithEffects, Value, WrittenEffect};
-use crate::effects::{Action, Place, Setting};
+use crate::effects::{Action, Parameter, Place, Setting};
 use crate::fit::problem::{Placed, Problem};
 use crate::judge::explained::Explained;
 use crate::search::stochastic::{Stochastic, wanders};
@@ -46,19 +46,7 @@ pub(crate) fn written(
     let effects = fitted
         .iter()
         .chain(shown.iter().map(|unseen| &unseen.placed).filter(|placed| !wanders(placed)))
-        .map(|placed| WrittenEffect {
-            effect: placed.effect.name().into(),
-            location: written_place(placed, setting),
-            parameters: placed
-                .effect
-                .parameters(setting)
-                .iter()
-                .zip(&placed.parameters)
-                .map(|(p, &value)| (p.name.clone(), Value { value, ci95: None, unit: p.unit.clone() }))
-                .collect(),
-            given: given(placed, &refitted),
-            equation: placed.effect.equation().into(),
-        })
+        .map(|placed| written_effect(placed, setting, &refitted))
         .collect();
     let mut modal = plant.clone();
     let mut changed = false;
@@ -88,6 +76,19 @@ pub(crate) fn written(
         t0,
         noise_rms: explained.noise_rms(),
         fitted: Some(FittedRange::of(plant, records, gap.predicted_held_out_gap, gap.noise_floor)),
+    }
+}
+
+/// An effect as another program can use it. `refitted` is the setting with the linear simulation after the fit.
+fn written_effect(placed: &Placed, setting: &Setting, refitted: &Setting) -> WrittenEffect {
+    let parameters = placed.effect.parameters(setting).into_iter().zip(&placed.parameters);
+    let value = |(p, &value): (Parameter, &f64)| (p.name, Value { value, ci95: None, unit: p.unit });
+    WrittenEffect {
+        effect: placed.effect.name().into(),
+        location: written_place(placed, setting),
+        parameters: parameters.map(value).collect(),
+        given: given(placed, refitted),
+        equation: placed.effect.equation().into(),
     }
 }
 

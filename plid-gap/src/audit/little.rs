@@ -1,9 +1,9 @@
 //! Whether the records hold enough to fit from, and which effects they are too short for.
 
-use plid_model::{ModeKind, Model};
+use plid_model::{Mode, ModeKind, Model};
 
 use crate::case::Case;
-use crate::case::record::Excitation;
+use crate::case::record::{Excitation, Record};
 use crate::case::split::driven;
 use crate::effects::{Library, Setting, Side};
 use crate::error::GapError;
@@ -39,11 +39,8 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
     }
     let mut little = Little { findings: Vec::new(), left_out: Vec::new() };
 
-    let modes: Vec<f64> = plid_model::modes(model)?
-        .iter()
-        .filter(|mode| mode.kind == ModeKind::Oscillatory && mode.damping.abs() < STRUCTURAL_DAMPING)
-        .map(|mode| mode.hz)
-        .collect();
+    let structural = |mode: &&Mode| mode.kind == ModeKind::Oscillatory && mode.damping.abs() < STRUCTURAL_DAMPING;
+    let modes: Vec<f64> = plid_model::modes(model)?.iter().filter(structural).map(|mode| mode.hz).collect();
     let lowest = modes.iter().copied().fold(f64::INFINITY, f64::min);
     let periods = settings.audit.periods;
     let needed = periods * rate / lowest;
@@ -60,24 +57,13 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
             little.left_out.extend(names);
         }
     };
-    let structural = |side: Side| side == Side::Structure;
     if short.len() == records.len() {
-        let names = effects().filter(|e| structural(e.side())).map(|e| e.name().to_string()).collect();
+        let names = effects().filter(|e| e.side() == Side::Structure).map(|e| e.name().to_string()).collect();
         leave(names, "no record with an input is long enough for the structure's own motion".into());
-    } else if effects().any(|effect| effect.adds_mode()) {
-        let segments: usize = records
-            .iter()
-            .filter(|record| record.excitation == Excitation::Random && record.samples() >= peaks::SEGMENT)
-            .map(|record| 1 + 2 * (record.samples() - peaks::SEGMENT) / peaks::SEGMENT)
-            .sum();
-        if segments <= m {
-            let why = format!(
-                "the records with a random input hold {segments} stretches of {} samples, where a frequency response of {m} inputs needs {}",
-                peaks::SEGMENT,
-                m + 1
-            );
-            leave(effects().filter(|e| e.adds_mode()).map(|e| e.name().to_string()).collect(), why);
-        }
+    } else if effects().any(|effect| effect.adds_mode())
+        && let Some(why) = no_response(&records, m)
+    {
+        leave(effects().filter(|e| e.adds_mode()).map(|e| e.name().to_string()).collect(), why);
     }
 
     let setting = Setting::bare(&Plant::new(model)?, model);
@@ -99,20 +85,38 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
     }
 
     if !noise_shows(case) {
-        let source = if model.noise.sensor_std.is_some() {
-            "it is taken as the simulation declares it".into()
-        } else {
-            format!(
-                "the simulation declares none, and {:.0} % of each output is assumed",
-                100.0 * settings.prepare.undeclared_noise
-            )
-        };
-        little.findings.push(format!(
-            "No record shows the noise alone (one without input, or four periods, of {} samples): {source}.",
-            settings.prepare.shortest_quiet
-        ));
+        little.findings.push(unknown_noise(case, model));
     }
     Ok(little)
+}
+
+/// Why the random records give no frequency response of m inputs; none where they do.
+fn no_response(records: &[&Record], m: usize) -> Option<String> {
+    let random = |record: &&&Record| record.excitation == Excitation::Random && record.samples() >= peaks::SEGMENT;
+    let stretches = |record: &&Record| 1 + 2 * (record.samples() - peaks::SEGMENT) / peaks::SEGMENT;
+    let segments: usize = records.iter().filter(random).map(stretches).sum();
+    (segments <= m).then(|| {
+        format!(
+            "the records with a random input hold {segments} stretches of {} samples, where a frequency response of {m} inputs needs {}",
+            peaks::SEGMENT,
+            m + 1
+        )
+    })
+}
+
+/// That no record shows the noise, and what is assumed of it.
+fn unknown_noise(case: &Case, model: &Model) -> String {
+    let settings = &case.config.settings.prepare;
+    let source = if model.noise.sensor_std.is_some() {
+        "it is taken as the simulation declares it".into()
+    } else {
+        let share = 100.0 * settings.undeclared_noise;
+        format!("the simulation declares none, and {share:.0} % of each output is assumed")
+    };
+    format!(
+        "No record shows the noise alone (one without input, or four periods, of {} samples): {source}.",
+        settings.shortest_quiet
+    )
 }
 
 /// Whether the noise can be had from what no command explains.

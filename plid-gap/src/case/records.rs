@@ -17,24 +17,7 @@ pub(super) fn read(path: &Path, config: &CaseConfig, folder: &Path) -> Result<(V
     let mut warnings = Vec::new();
     let mut measured = Vec::new();
     for given in &config.record {
-        let table = data::read(&folder.join(&given.file), None)?;
-        let rate = Some(config.sample_rate_hz);
-        let (mut record, more) =
-            data::extract(&table, &config.inputs, &config.outputs, rate, data::MissingPolicy::Nan)?;
-        warnings.extend(more.iter().map(|warning| format!("{}: {warning}", given.file)));
-        let [from, to] = rows(path, given, record.samples())?;
-        record.inputs = record.inputs.slice(s![from..to, ..]).to_owned();
-        record.outputs = record.outputs.slice(s![from..to, ..]).to_owned();
-        let simulated = match &given.simulated {
-            Some(name) => {
-                let table = data::read(&folder.join(name), None)?;
-                let outputs = data::channels(&table, &config.outputs, data::MissingPolicy::Error)?;
-                let [from, to] = rows(path, given, outputs.nrows())?;
-                Some(data::Record { outputs: outputs.slice(s![from..to, ..]).to_owned(), ..record.clone() })
-            }
-            None => None,
-        };
-        measured.push((record, simulated));
+        measured.push(measured_and_simulated(path, config, folder, given, &mut warnings)?);
     }
     let wrong = |key: &str, message: String| GapError::Key { file: path.into(), key: key.into(), message };
     let ratio = config.ratio().map_err(|message| wrong("decimate_to_hz", message))?;
@@ -75,6 +58,33 @@ pub(super) fn read(path: &Path, config: &CaseConfig, folder: &Path) -> Result<(V
         }
     };
     Ok((config.record.iter().zip(excitations).zip(records).zip(simulated).map(as_used).collect(), warnings))
+}
+
+/// A record as its file has it, and with the outputs of the engineer's own simulator if the case gives them.
+fn measured_and_simulated(
+    path: &Path,
+    config: &CaseConfig,
+    folder: &Path,
+    given: &RecordConfig,
+    warnings: &mut Vec<String>,
+) -> Result<(data::Record, Option<data::Record>), GapError> {
+    let table = data::read(&folder.join(&given.file), None)?;
+    let rate = Some(config.sample_rate_hz);
+    let (mut record, more) = data::extract(&table, &config.inputs, &config.outputs, rate, data::MissingPolicy::Nan)?;
+    warnings.extend(more.iter().map(|warning| format!("{}: {warning}", given.file)));
+    let [from, to] = rows(path, given, record.samples())?;
+    record.inputs = record.inputs.slice(s![from..to, ..]).to_owned();
+    record.outputs = record.outputs.slice(s![from..to, ..]).to_owned();
+    let simulated = match &given.simulated {
+        Some(name) => {
+            let table = data::read(&folder.join(name), None)?;
+            let outputs = data::channels(&table, &config.outputs, data::MissingPolicy::Error)?;
+            let [from, to] = rows(path, given, outputs.nrows())?;
+            Some(data::Record { outputs: outputs.slice(s![from..to, ..]).to_owned(), ..record.clone() })
+        }
+        None => None,
+    };
+    Ok((record, simulated))
 }
 
 /// What drove each record, periods in samples after decimation. A declared period is held against the inputs (one array a record, as in its

@@ -95,8 +95,8 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     let loudest = loudest(&problem.records);
     let noise = explained.noise_rms();
     // Stated first, from what was fitted.
-    let whitened =
-        |record: &Record| Whitener::new(record, &ready.noise, problem.plant.rate, vec![Vec::new(); problem.plant.p]);
+    let masked = || vec![Vec::new(); problem.plant.p];
+    let whitened = |record: &Record| Whitener::new(record, &ready.noise, problem.plant.rate, masked());
     let stated = crossed::stated(problem, explained.fit(), loudest.level(), whitened);
     let opened = opened(explained);
     let of = |plant: &Plant, actions: &[Action]| blocks(&opened, plant, actions);
@@ -106,10 +106,7 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     let measured: Vec<&[Vec<f64>]> = opened.iter().map(|record| record.y.as_slice()).collect();
     let floor = gap::floor_over(&noise, &measured);
     let (as_given, bounded, with_effect) = (given.gap(), refit_blocks.gap(), with.gap());
-    let wide =
-        Limits { frequency: 40.0 * limits.frequency, damping: 10.0 * limits.damping, shape: 40.0 * limits.shape };
-    let free = Problem { nuisance: Nuisance::new(&quick.plant, &quick.records, &wide), ..quick.clone() };
-    let free_blocks = of(&refit(&free, FREE_STEPS).plant, &[]);
+    let free_blocks = of(&free_refit(quick, limits), &[]);
     let reference_blocks = reference_effect(quick, found).map(|(plant, actions)| of(&plant, &actions));
     let reference_gap = reference_blocks.as_ref().map_or(bounded, Blocks::gap);
     // A ceiling model that is worse than what was found is none.
@@ -147,6 +144,14 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
         predicted_ci80: stated.ci80,
         measured_on: opened.iter().map(|r| r.name.clone()).collect(),
     }
+}
+
+/// The linear simulation refitted with limits so wide that they hardly matter.
+fn free_refit(quick: &Problem, limits: &Limits) -> Plant {
+    let wide =
+        Limits { frequency: 40.0 * limits.frequency, damping: 10.0 * limits.damping, shape: 40.0 * limits.shape };
+    let free = Problem { nuisance: Nuisance::new(&quick.plant, &quick.records, &wide), ..quick.clone() };
+    refit(&free, FREE_STEPS).plant
 }
 
 /// Records that are opened once all is fitted: those that were held out, or else the loudest.

@@ -141,14 +141,9 @@ pub struct NoiseLevel {
 }
 
 impl Prepared {
-    /// The level of the noise from all that repeats: quiet records, and what differs between the periods of periodic ones once the
-    /// best explanation is taken away. What a wrong explanation leaves repeats with the period, and does not enter.
-    /// `left` is what the best explanation leaves of a row's variance: where nothing shows the noise, it is no more than that.
-    pub fn noise_level(&self, simulated: &[Channels], left: f64) -> NoiseLevel {
+    /// Sum of squares of what differs between the periods of driven records once these simulations are taken away, whitened, and its degrees of freedom.
+    fn between_periods(&self, simulated: &[Channels]) -> (f64, f64) {
         let problem = &self.problem;
-        let settings = &problem.settings.prepare;
-        let p = problem.plant.p as f64;
-        let quiet: f64 = self.quiet.iter().map(|stretch| p * stretch.length as f64).sum();
         let (mut power, mut freedom) = (0.0, 0.0);
         for ((record, y), whitener) in problem.records.iter().zip(simulated).zip(&problem.whiteners) {
             let Excitation::Periodic(period) = record.excitation else { continue };
@@ -180,6 +175,18 @@ impl Prepared {
             }
             freedom += (count - 1.0) * white.rows() as f64;
         }
+        (power, freedom)
+    }
+
+    /// The level of the noise from all that repeats: quiet records, and what differs between the periods of periodic ones once the
+    /// best explanation is taken away. What a wrong explanation leaves repeats with the period, and does not enter.
+    /// `left` is what the best explanation leaves of a row's variance: where nothing shows the noise, it is no more than that.
+    pub fn noise_level(&self, simulated: &[Channels], left: f64) -> NoiseLevel {
+        let problem = &self.problem;
+        let settings = &problem.settings.prepare;
+        let p = problem.plant.p as f64;
+        let quiet: f64 = self.quiet.iter().map(|stretch| p * stretch.length as f64).sum();
+        let (mut power, mut freedom) = self.between_periods(simulated);
         // What a coarse converter rounds repeats with the period, and is no noise there.
         if self.quantisation.iter().any(|codes| codes.coarse) {
             return NoiseLevel { factor: 1.0, uncertainty: settings.rounded_uncertainty, seen: true, driven: None };

@@ -211,6 +211,12 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
     for (than, its_gap, value, [low, high]) in over {
         shrink = shrink.row([than.into(), its_gap, figure(value), figure(low), figure(high)]);
     }
+    let costs = costs(outcome);
+    report.table(table).table(shrink).details("What is left, against the noise", |report| report.table(costs))
+}
+
+/// What is left of the fitted records.
+fn costs(outcome: &Outcome) -> Table {
     let judged = &outcome.shown.adequacy;
     let [given, refit, found] = outcome.shown.costs;
     let mut costs =
@@ -229,7 +235,7 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
     ] {
         costs = costs.row([name.into(), Cell::significant(value, 4)]);
     }
-    report.table(table).table(shrink).details("What is left, against the noise", |report| report.table(costs))
+    costs
 }
 
 fn refit(report: Report, outcome: &Outcome) -> Report {

@@ -39,42 +39,60 @@ pub struct Driven<'a> {
     pub error: &'a [Vec<f64>],
 }
 
+/// Averaged products of spectra over the segments of driven records.
+struct Spectra {
+    /// Of the inputs with each other, of each bin (m x m).
+    uu: Vec<DMatrix<C>>,
+    /// Of the errors with the inputs, of each bin (p x m).
+    eu: Vec<DMatrix<C>>,
+    segments: usize,
+}
+
+impl Spectra {
+    fn of(m: usize, p: usize, driven: &[Driven]) -> Self {
+        let bins = SEGMENT / 2 + 1;
+        let mut uu = vec![DMatrix::<C>::zeros(m, m); bins];
+        let mut eu = vec![DMatrix::<C>::zeros(p, m); bins];
+        let window: Vec<f64> = (0..SEGMENT)
+            .map(|k| 0.5 - 0.5 * (std::f64::consts::TAU * (k as f64 + 0.5) / SEGMENT as f64).cos())
+            .collect();
+        let spectrum = |x: &[f64]| {
+            let windowed: Vec<f64> = x.iter().zip(&window).map(|(x, w)| x * w).collect();
+            fourier::forward(&windowed)
+        };
+        let mut segments = 0;
+        for Driven { u, error: e } in driven {
+            let samples = e[0].len();
+            let mut at = 0;
+            while at + SEGMENT <= samples {
+                let us: Vec<_> = u.iter().map(|u| spectrum(&u[at..at + SEGMENT])).collect();
+                let es: Vec<_> = e.iter().map(|e| spectrum(&e[at..at + SEGMENT])).collect();
+                for k in 0..bins {
+                    for i in 0..m {
+                        for j in 0..m {
+                            uu[k][(i, j)] += us[i][k] * us[j][k].conj();
+                        }
+                        for o in 0..p {
+                            eu[k][(o, i)] += es[o][k] * us[i][k].conj();
+                        }
+                    }
+                }
+                segments += 1;
+                at += SEGMENT / 2;
+            }
+        }
+        Self { uu, eu, segments }
+    }
+}
+
 /// Residual frequency response over driven records (inputs and errors, each channel by channel), and its peaks.
 pub fn missing_modes(plant: &Plant, driven: &[Driven]) -> Vec<MissingModeStart> {
     let (m, p) = (plant.m, plant.p);
-    let bins = SEGMENT / 2 + 1;
-    let mut uu = vec![DMatrix::<C>::zeros(m, m); bins];
-    let mut eu = vec![DMatrix::<C>::zeros(p, m); bins];
-    let window: Vec<f64> =
-        (0..SEGMENT).map(|k| 0.5 - 0.5 * (std::f64::consts::TAU * (k as f64 + 0.5) / SEGMENT as f64).cos()).collect();
-    let spectrum = |x: &[f64]| {
-        let windowed: Vec<f64> = x.iter().zip(&window).map(|(x, w)| x * w).collect();
-        fourier::forward(&windowed)
-    };
-    let mut segments = 0;
-    for Driven { u, error: e } in driven {
-        let samples = e[0].len();
-        let mut at = 0;
-        while at + SEGMENT <= samples {
-            let us: Vec<_> = u.iter().map(|u| spectrum(&u[at..at + SEGMENT])).collect();
-            let es: Vec<_> = e.iter().map(|e| spectrum(&e[at..at + SEGMENT])).collect();
-            for k in 0..bins {
-                for i in 0..m {
-                    for j in 0..m {
-                        uu[k][(i, j)] += us[i][k] * us[j][k].conj();
-                    }
-                    for o in 0..p {
-                        eu[k][(o, i)] += es[o][k] * us[i][k].conj();
-                    }
-                }
-            }
-            segments += 1;
-            at += SEGMENT / 2;
-        }
-    }
+    let Spectra { uu, eu, segments } = Spectra::of(m, p, driven);
     if segments <= m {
         return Vec::new();
     }
+    let bins = SEGMENT / 2 + 1;
     let hz = |k: usize| k as f64 * plant.rate / SEGMENT as f64;
     let mut power = vec![0.0; bins];
     let response: Vec<DMatrix<C>> = uu
