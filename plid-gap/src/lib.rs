@@ -6,6 +6,8 @@
 //! report (`report`). `audit` checks and corrects the input, and `diagnose` calls all of them. A module imports only modules below it in the order of
 //! `tests/order.rs`.
 
+#![warn(clippy::too_many_lines)]
+
 pub mod answer;
 mod audit;
 pub mod case;
@@ -13,6 +15,8 @@ pub mod diagnose;
 pub mod effects;
 mod error;
 mod evidence;
+// One recursion over the samples of a record is longer.
+#[allow(clippy::too_many_lines)]
 mod fit;
 mod fourier;
 mod judge;
@@ -26,6 +30,7 @@ pub mod settings;
 mod signal;
 mod simulate;
 #[cfg(test)]
+#[allow(clippy::too_many_lines)]
 mod testing;
 mod words;
 

@@ -5,7 +5,7 @@ use plid_model::{Mode, ModeKind, Model};
 use crate::case::Case;
 use crate::case::record::{Excitation, Record};
 use crate::case::split::driven;
-use crate::effects::{Library, Setting, Side};
+use crate::effects::{Effect, Library, Setting, Side};
 use crate::error::GapError;
 use crate::plant::Plant;
 use crate::signal::peaks;
@@ -41,23 +41,14 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
 
     let structural = |mode: &&Mode| mode.kind == ModeKind::Oscillatory && mode.damping.abs() < STRUCTURAL_DAMPING;
     let modes: Vec<f64> = plid_model::modes(model)?.iter().filter(structural).map(|mode| mode.hz).collect();
-    let lowest = modes.iter().copied().fold(f64::INFINITY, f64::min);
-    let periods = settings.audit.periods;
-    let needed = periods * rate / lowest;
-    let short = records.iter().filter(|record| (record.samples() as f64) < needed);
-    let short: Vec<String> = short.map(|r| format!("{} ({:.3} s)", r.name, r.samples() as f64 / rate)).collect();
-    if !short.is_empty() {
-        little
-            .findings
-            .push(format!("Shorter than {periods} periods of the lowest mode ({lowest:.1} Hz): {}.", short.join(", ")));
-    }
+    let short = short(&records, &modes, rate, settings.audit.periods, &mut little.findings);
     let mut leave = |names: Vec<String>, why: String| {
         if !names.is_empty() {
             little.findings.push(format!("Left out, for {why}: {}.", names.join(", ")));
             little.left_out.extend(names);
         }
     };
-    if short.len() == records.len() {
+    if short == records.len() {
         let names = effects().filter(|e| e.side() == Side::Structure).map(|e| e.name().to_string()).collect();
         leave(names, "no record with an input is long enough for the structure's own motion".into());
     } else if effects().any(|effect| effect.adds_mode())
@@ -69,13 +60,9 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
     let setting = Setting::bare(&Plant::new(model)?, model);
     let starts = records.iter().filter(|record| !record.from_rest).count();
     let linear = modes.len() * (2 + m + p) + starts * n;
-    let many = |names: &[String]| -> Vec<String> {
-        effects()
-            .filter(|e| values <= linear + e.parameters(&setting).len() && !names.iter().any(|name| name == e.name()))
-            .map(|e| e.name().to_string())
-            .collect()
-    };
-    let names = many(&little.left_out);
+    let more = |e: &&dyn Effect| values <= linear + e.parameters(&setting).len();
+    let left = effects().filter(more).map(|e| e.name().to_string());
+    let names: Vec<String> = left.filter(|name| !little.left_out.contains(name)).collect();
     if !names.is_empty() {
         little.findings.push(format!(
             "Left out, for more parameters ({linear} of the linear model, and their own) than the {values} values that were measured: {}.",
@@ -83,11 +70,22 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
         ));
         little.left_out.extend(names);
     }
-
     if !noise_shows(case) {
         little.findings.push(unknown_noise(case, model));
     }
     Ok(little)
+}
+
+/// How many records are shorter than so many periods of the lowest mode; they are named among the findings.
+fn short(records: &[&Record], modes: &[f64], rate: f64, periods: f64, findings: &mut Vec<String>) -> usize {
+    let lowest = modes.iter().copied().fold(f64::INFINITY, f64::min);
+    let short = records.iter().filter(|record| (record.samples() as f64) < periods * rate / lowest);
+    let short: Vec<String> = short.map(|r| format!("{} ({:.3} s)", r.name, r.samples() as f64 / rate)).collect();
+    if !short.is_empty() {
+        let names = short.join(", ");
+        findings.push(format!("Shorter than {periods} periods of the lowest mode ({lowest:.1} Hz): {names}."));
+    }
+    short.len()
 }
 
 /// Why the random records give no frequency response of m inputs; none where they do.

@@ -106,11 +106,7 @@ fn look(
     let explained = mismatch.as_ref().filter(|mismatch| mismatch.explains);
     found.extend(mismatch.iter().map(|mismatch| mismatch.sentence.clone()));
     if let Some(mismatch) = explained {
-        found.push("All that follows is of the simulation with that put right.".into());
-        let delay = mismatch.wiring.delay;
-        if delay < 0 {
-            found.push(format!("A prediction cannot answer before its input: it comes {} samples late.", -delay));
-        }
+        found.extend(mismatch.consequences());
         case.records.iter_mut().for_each(|record| mismatch.wiring.delay_inputs(record));
     }
     case.model = Some(explained.map_or(model.clone(), |mismatch| mismatch.wiring.applied(&model)));

@@ -61,6 +61,18 @@ pub struct Mismatch {
     pub sentence: String,
 }
 
+impl Mismatch {
+    /// What follows from its correction, for the reader.
+    pub(super) fn consequences(&self) -> Vec<String> {
+        let mut said = vec!["All that follows is of the simulation with that put right.".to_string()];
+        let delay = self.wiring.delay;
+        if delay < 0 {
+            said.push(format!("A prediction cannot answer before its input: it comes {} samples late.", -delay));
+        }
+        said
+    }
+}
+
 /// Looks for a mismatch.
 ///
 /// # Errors

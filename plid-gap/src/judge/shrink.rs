@@ -122,10 +122,7 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     };
     let mut shrink_over = vec![over("bounded refit", &refit_blocks), over("free linear refit", &free_blocks)];
     shrink_over.extend(reference_blocks.as_ref().map(|blocks| over("reference effect", blocks)));
-    let share = |[given, with, most]: [f64; 3]| {
-        let most = gap::shrink(given, most, floor);
-        if most > 0.0 { (gap::shrink(given, with, floor) / most).clamp(0.0, 1.0) } else { 1.0 }
-    };
+    let share = |gaps: [f64; 3]| share_of_ceiling(gaps, floor);
     Gap {
         as_given,
         refit: bounded,
@@ -144,6 +141,12 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
         predicted_ci80: stated.ci80,
         measured_on: opened.iter().map(|r| r.name.clone()).collect(),
     }
+}
+
+/// Share of what a flexible model closes that the effects close, from the gaps as given, with the effects and of the flexible model.
+fn share_of_ceiling([given, with, most]: [f64; 3], floor: f64) -> f64 {
+    let most = gap::shrink(given, most, floor);
+    if most > 0.0 { (gap::shrink(given, with, floor) / most).clamp(0.0, 1.0) } else { 1.0 }
 }
 
 /// The linear simulation refitted with limits so wide that they hardly matter.

@@ -205,22 +205,7 @@ impl NoiseModel {
             .collect();
         let mut used = vec![true; rows.len()];
         for round in 0..rounds {
-            let (mut up, mut down) = (vec![0.0; theta.len()], vec![0.0; theta.len()]);
-            for (row, used) in rows.iter().zip(&mut used) {
-                let Some(inverse) = row.covariance(&theta).try_inverse() else { continue };
-                let seen = &inverse * &row.data;
-                let power = row.data.dotc(&seen).re / row.data.len() as f64;
-                *used = round < 5 || power < LINE;
-                if !*used {
-                    continue;
-                }
-                for (j, columns) in row.columns.iter().enumerate() {
-                    for h in columns {
-                        up[j] += h.dotc(&seen).norm_sqr();
-                        down[j] += h.dotc(&(&inverse * h)).re;
-                    }
-                }
-            }
+            let (up, down) = ratios(&rows, &theta, &mut used, round < 5);
             for j in 0..theta.len() {
                 if !fixed[j] && down[j] > 0.0 {
                     theta[j] *= (up[j] / down[j]).sqrt().clamp(0.2, 5.0);
@@ -388,4 +373,25 @@ impl Row {
         }
         sum
     }
+}
+
+/// Power that rows of data have along each source, and that they should have at these sizes. A row that a line dominates is not `used`, unless `all` are.
+fn ratios(rows: &[Row], theta: &[f64], used: &mut [bool], all: bool) -> (Vec<f64>, Vec<f64>) {
+    let (mut up, mut down) = (vec![0.0; theta.len()], vec![0.0; theta.len()]);
+    for (row, used) in rows.iter().zip(used) {
+        let Some(inverse) = row.covariance(theta).try_inverse() else { continue };
+        let seen = &inverse * &row.data;
+        let power = row.data.dotc(&seen).re / row.data.len() as f64;
+        *used = all || power < LINE;
+        if !*used {
+            continue;
+        }
+        for (j, columns) in row.columns.iter().enumerate() {
+            for h in columns {
+                up[j] += h.dotc(&seen).norm_sqr();
+                down[j] += h.dotc(&(&inverse * h)).re;
+            }
+        }
+    }
+    (up, down)
 }

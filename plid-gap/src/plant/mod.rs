@@ -139,6 +139,21 @@ struct Basis {
     rest_inverse: DMatrix<f64>,
 }
 
+/// The poles of the structure's modes (of the discrete time), with their right and left eigenvectors.
+fn structural(model: &Model) -> Result<Vec<Structural>, GapError> {
+    let mut oscillatory = plid_model::modes(model)?;
+    oscillatory.retain(|mode| mode.kind == ModeKind::Oscillatory);
+    let light = |damping: f64| damping.abs() < LIGHT;
+    let highest = oscillatory.iter().filter(|m| light(m.damping)).map(|m| m.hz).fold(0.0, f64::max);
+    let structural: Vec<_> = oscillatory
+        .into_iter()
+        .filter(|mode| light(mode.damping) || mode.hz < highest && mode.damping.abs() < HEAVY)
+        .filter_map(|mode| eigenvectors(&model.a, mode.pole))
+        .filter(|(_, right, left)| left.norm() * right.norm() < PARTED)
+        .collect();
+    Ok(structural)
+}
+
 impl Plant {
     /// Takes a simulation apart.
     ///
@@ -147,17 +162,7 @@ impl Plant {
     pub fn new(model: &Model) -> Result<Self, GapError> {
         let model = &balanced(model);
         let (n, m, p, rate) = (model.n(), model.m(), model.p(), model.sample_rate_hz);
-        let mut oscillatory = plid_model::modes(model)?;
-        oscillatory.retain(|mode| mode.kind == ModeKind::Oscillatory);
-        let light = |damping: f64| damping.abs() < LIGHT;
-        let highest = oscillatory.iter().filter(|m| light(m.damping)).map(|m| m.hz).fold(0.0, f64::max);
-        let structural: Vec<_> = oscillatory
-            .into_iter()
-            .filter(|mode| light(mode.damping) || mode.hz < highest && mode.damping.abs() < HEAVY)
-            .filter_map(|mode| eigenvectors(&model.a, mode.pole))
-            .filter(|(_, right, left)| left.norm() * right.norm() < PARTED)
-            .collect();
-        let (poles, right, left) = split(structural);
+        let (poles, right, left) = split(structural(model)?);
         let mut projection = DMatrix::identity(n, n);
         for (r, l) in right.iter().zip(&left) {
             projection -= (r * l.transpose()).map(|x| 2.0 * x.re);

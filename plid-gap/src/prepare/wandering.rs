@@ -5,7 +5,7 @@ use nalgebra::{Matrix2, Vector2};
 
 use crate::effects::Place;
 use crate::fit::free_run::outputs;
-use crate::fit::problem::{Placed, dot};
+use crate::fit::problem::{Placed, Problem, dot};
 use crate::prepare::Prepared;
 use crate::signal::notch;
 use crate::simulate::Fineness;
@@ -50,17 +50,7 @@ pub fn wandering(ready: &Prepared, eta: &[f64], effects: &[Placed]) -> Option<(u
             let with = problem.residual(&plant, eta, &with(phase), Fineness::COARSE);
             without.iter().zip(&with).map(|(a, b)| a - b).collect::<Vec<f64>>()
         });
-        let (mut normal, mut cross, mut own) = (Matrix2::zeros(), Vector2::zeros(), 0.0);
-        for record in 0..problem.records.len() {
-            let [s, c, r] = [&traces[0], &traces[1], &without].map(|x| &x[problem.rows_of(record)]);
-            let n = Matrix2::new(dot(s, s), dot(s, c), dot(s, c), dot(c, c));
-            let b = Vector2::new(dot(s, r), dot(c, r));
-            let Some(inverse) = n.try_inverse() else { continue };
-            own += b.dot(&(inverse * b));
-            normal += n;
-            cross += b;
-        }
-        let one = normal.try_inverse().map_or(0.0, |inverse| cross.dot(&(inverse * cross)));
+        let [own, one] = gains(problem, &traces, &without);
         if own - one < settings.random_phase_gain || one > settings.common_phase_share * own {
             return None;
         }
@@ -81,6 +71,23 @@ pub fn wandering(ready: &Prepared, eta: &[f64], effects: &[Placed]) -> Option<(u
         let effect = placed.effect.name();
         Some((which, Wandering { effect, port, hz, amplitude, rms, gain: own }))
     })
+}
+
+/// Twice the log likelihood that a line gains over the residual `without` it: with a phase of its own in each record, and with one for all. `traces` are its
+/// whitened responses at phases of 0 and 90 degrees.
+fn gains(problem: &Problem, traces: &[Vec<f64>; 2], without: &[f64]) -> [f64; 2] {
+    let (mut normal, mut cross, mut own) = (Matrix2::zeros(), Vector2::zeros(), 0.0);
+    for record in 0..problem.records.len() {
+        let [s, c, r] = [traces[0].as_slice(), &traces[1], without].map(|x| &x[problem.rows_of(record)]);
+        let n = Matrix2::new(dot(s, s), dot(s, c), dot(s, c), dot(c, c));
+        let b = Vector2::new(dot(s, r), dot(c, r));
+        let Some(inverse) = n.try_inverse() else { continue };
+        own += b.dot(&(inverse * b));
+        normal += n;
+        cross += b;
+    }
+    let one = normal.try_inverse().map_or(0.0, |inverse| cross.dot(&(inverse * cross)));
+    [own, one]
 }
 
 #[cfg(test)]

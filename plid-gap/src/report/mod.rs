@@ -8,6 +8,7 @@ mod hidden;
 mod response;
 mod shrink;
 #[cfg(test)]
+#[allow(clippy::too_many_lines)]
 mod tests;
 mod traces;
 mod whereabouts;
