@@ -15,7 +15,7 @@ use plid::gap::case::Case;
 use plid::gap::effects::{Library, Names};
 use plid::gap::research::{
     Base, Foretold, Placed, REFIT_STEPS, Rules, audit, explain, gaps, locate, next_experiment, of_screen, prepare,
-    refit, rivals, screen, unseen, weigh,
+    refit, rivals, screen, stochastic_effects, weigh,
 };
 use plid::testbed::gap::{Channels, EffectSpec, GapSpec, PlantKind, draw};
 
@@ -97,7 +97,7 @@ fn steps(case: &Case) -> Result<(), GapError> {
     println!("something else is as likely as {:.2}", found.judged.unknown);
 
     // 6. What no free run shows.
-    for noise in unseen(&found.ready, &library).iter().filter(|u| u.gain > 0.0) {
+    for noise in stochastic_effects(&found.ready, &library).iter().filter(|u| u.gain > 0.0) {
         println!("in quiet records: {} gains {:.0}", said(&noise.placed, &names), noise.gain);
     }
     let weighted =

@@ -127,7 +127,7 @@ fn what_is_left_out_is_as_if_it_had_never_been_known() {
     let library = Library::standard();
     let (whole, ground) = Groundwork::whole(&case, &library, &[], &mut |_| {}).unwrap();
     // An entry of the first stage that is not at work: without it others move up.
-    let mut first = whole.evidence.stages[0].iter().map(|(name, ..)| name.as_str());
+    let mut first = whole.shown.stages[0].iter().map(|(name, ..)| name.as_str());
     let beside = first.find(|name| *name != "actuator-dead-zone").unwrap();
     for name in ["actuator-dead-zone", beside] {
         let without = [name.to_owned()];
