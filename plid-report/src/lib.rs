@@ -9,7 +9,6 @@
 //!
 //! All output depends on the data only: no clock, no counter of the process.
 
-mod atomic;
 mod bars;
 mod chart;
 mod convergence_plot;
@@ -28,7 +27,7 @@ mod style;
 mod ticks;
 mod trace_plot;
 
-pub use atomic::write_atomic;
+pub use plid_file::write_atomic;
 pub use bars::{Bar, Bars, bars};
 pub use chart::{Chart, chart, charts};
 pub use convergence_plot::{ConvergencePlot, convergence_plot};

@@ -194,8 +194,6 @@ fn file_error(path: &Path, error: &std::io::Error) -> GapError {
     GapError::File { path: path.display().to_string(), reason: error.to_string() }
 }
 
-/// Whole or not at all: beside the file first, then in its place.
 fn save(path: &Path, text: &str) -> Result<(), GapError> {
-    let beside = path.with_extension("part");
-    fs::write(&beside, text).and_then(|()| fs::rename(&beside, path)).map_err(|e| file_error(path, &e))
+    plid_file::write_atomic(path, text.as_bytes()).map_err(|e| file_error(path, &e))
 }
