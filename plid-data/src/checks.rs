@@ -1,22 +1,24 @@
 //! Data that can be read but teach nothing.
 use super::{DataError, Record, Warning};
 use ndarray::ArrayView1;
+use std::path::Path;
 
-/// Checks that inputs and outputs change at all.
+/// Checks that the inputs and outputs of a record change at all; `file` is its name in errors.
 ///
 /// # Errors
-/// If all inputs or all outputs are constant; a single constant channel is a warning.
-pub fn check_excited(record: &Record) -> Result<Vec<Warning>, DataError> {
+/// Returns [`DataError::NoExcitation`] or [`DataError::NoResponse`] if all inputs or all outputs are constant. A single
+/// constant channel is a warning.
+pub fn check_excited(file: &Path, record: &Record) -> Result<Vec<Warning>, DataError> {
     let constant = |array: &ndarray::Array2<f64>, names: &[String]| -> Vec<String> {
         names.iter().enumerate().filter(|(i, _)| is_constant(array.column(*i))).map(|(_, name)| name.clone()).collect()
     };
     let inputs = constant(&record.inputs, &record.input_names);
     let outputs = constant(&record.outputs, &record.output_names);
     if inputs.len() == record.input_names.len() {
-        return Err(DataError::NoExcitation { channels: inputs });
+        return Err(DataError::NoExcitation { file: file.into(), channels: inputs });
     }
     if outputs.len() == record.output_names.len() {
-        return Err(DataError::NoResponse { channels: outputs });
+        return Err(DataError::NoResponse { file: file.into(), channels: outputs });
     }
     let inputs = inputs.into_iter().map(|channel| Warning::ConstantInput { channel });
     let outputs = outputs.into_iter().map(|channel| Warning::ConstantOutput { channel });
@@ -64,11 +66,11 @@ mod tests {
 
     #[test]
     fn constant_channels_are_named() {
-        assert_eq!(check_excited(&record()).unwrap(), []);
+        assert_eq!(check_excited(Path::new("a.csv"), &record()).unwrap(), []);
         let mut r = record();
         r.inputs.column_mut(1).fill(3.0);
         r.outputs[[2, 1]] = 7.0;
-        let warnings = check_excited(&r).unwrap();
+        let warnings = check_excited(Path::new("a.csv"), &r).unwrap();
         let said: Vec<String> = warnings.iter().map(Warning::to_string).collect();
         assert!(said[0].contains("input `u2` is constant"));
         assert!(said[1].contains("output `y2` is constant"));
@@ -79,10 +81,10 @@ mod tests {
     fn no_excitation_and_no_response_are_errors() {
         let mut r = record();
         r.inputs.fill(0.0);
-        assert!(matches!(check_excited(&r), Err(DataError::NoExcitation { .. })));
+        assert!(matches!(check_excited(Path::new("a.csv"), &r), Err(DataError::NoExcitation { .. })));
         let mut r = record();
         r.outputs.fill(1.0);
-        assert!(matches!(check_excited(&r), Err(DataError::NoResponse { .. })));
+        assert!(matches!(check_excited(Path::new("a.csv"), &r), Err(DataError::NoResponse { .. })));
     }
 
     #[test]

@@ -143,9 +143,10 @@ pub enum DataError {
         expected_s: f64,
     },
     /// NaN or infinity where the policy does not allow it.
-    #[error("{file}: channel `{channel}` is {value} at {at}")]
+    #[error("{file}: channel `{channel}` is {value:e} at {at}")]
     #[diagnostic(help(
-        "missing outputs may be marked by NaN if the missing-data policy is set to `nan`; inputs must be complete"
+        "missing outputs may be marked by NaN if the missing-data policy is set to `nan`; inputs must be complete, and \
+         no magnitude may exceed 1e70"
     ))]
     NotFinite {
         /// The file.
@@ -166,14 +167,18 @@ pub enum DataError {
         channel: String,
     },
     /// All inputs are constant: nothing excites the plant.
-    #[error("all inputs are constant ({}): nothing can be identified", .channels.join(", "))]
+    #[error("{file}: all inputs are constant ({}): nothing can be identified", .channels.join(", "))]
     NoExcitation {
+        /// The file.
+        file: PathBuf,
         /// The inputs.
         channels: Vec<String>,
     },
     /// All outputs are constant.
-    #[error("all outputs are constant ({}): there is nothing to identify", .channels.join(", "))]
+    #[error("{file}: all outputs are constant ({}): there is nothing to identify", .channels.join(", "))]
     NoResponse {
+        /// The file.
+        file: PathBuf,
         /// The outputs.
         channels: Vec<String>,
     },

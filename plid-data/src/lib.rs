@@ -17,6 +17,8 @@
 pub mod config;
 pub mod prepare;
 
+mod array;
+mod bytes;
 mod checks;
 mod delimited;
 mod error;

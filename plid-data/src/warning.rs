@@ -43,6 +43,23 @@ pub enum Warning {
         /// Samples in all.
         samples: usize,
     },
+    /// The anti-alias filter turns one missing sample into many.
+    #[error(
+        "output `{channel}` of record {record} lacks {missing} samples, and decimation masks all that its filter touches: \
+         {masked} of {samples} samples at the new rate"
+    )]
+    MaskedByFilter {
+        /// The channel.
+        channel: String,
+        /// Number of the record, from 1.
+        record: usize,
+        /// Missing samples before decimation.
+        missing: usize,
+        /// Missing samples after it.
+        masked: usize,
+        /// All samples after it.
+        samples: usize,
+    },
     /// Hardly more equations than unknowns.
     #[error("{samples} samples are few for {unknowns} unknown parameters")]
     FewSamples {

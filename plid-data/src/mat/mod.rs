@@ -2,8 +2,6 @@
 //!
 //! Only real arrays are data here. Everything else in a file is named to the user, and whatever is wrong with a file is an error: no
 //! variable is lost without a word.
-mod bytes;
-mod matrix;
 mod v4;
 mod v5;
 

@@ -97,7 +97,7 @@ pub fn prepare(
     let mut steps = Vec::new();
     let mut warnings = Vec::new();
     let (records, repeat_noise) = average_repeats(records, preparation, &mut steps)?;
-    let (mut records, start_s) = decimate_all(records, preparation, &mut steps)?;
+    let (mut records, start_s) = decimate_all(records, preparation, &mut steps, &mut warnings)?;
     let mut training: Vec<usize> = records
         .iter()
         .zip(training_shares)
@@ -198,6 +198,7 @@ fn decimate_all(
     records: Vec<Record>,
     preparation: &Preparation,
     steps: &mut Vec<Step>,
+    warnings: &mut Vec<Warning>,
 ) -> Result<(Vec<Record>, f64), PrepareError> {
     let Some(to_hz) = preparation.decimate_to_hz else {
         return Ok((records, 0.0));
@@ -207,13 +208,13 @@ fn decimate_all(
     if plan.ratio == 1 {
         return Ok((records, 0.0));
     }
-    let records = records
-        .iter()
-        .enumerate()
-        .map(|(i, record)| decimate::decimate(record, &plan, i + 1))
-        .collect::<Result<Vec<_>, _>>()?;
+    let mut decimated = Vec::new();
+    for (i, record) in records.iter().enumerate() {
+        decimated.push(decimate::decimate(record, &plan, i + 1)?);
+        warnings.extend(decimate::masked(record, &decimated[i], i + 1));
+    }
     steps.push(Step::Decimated(plan));
-    Ok((records, plan.edge as f64 / from_hz))
+    Ok((decimated, plan.edge as f64 / from_hz))
 }
 
 impl Prepared {
@@ -294,6 +295,17 @@ mod tests {
         }
         let head = heads(&prepared.records, &prepared.training);
         assert!((segment::rms([head[0].outputs.column(0)]) - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_reader_is_told_what_a_missing_sample_costs() {
+        let mut raw = record(1, 4000);
+        raw.outputs[[2000, 1]] = f64::NAN;
+        let prepared = prepare(vec![raw.clone()], &[0.75], &all_steps()).unwrap();
+        let masked = |w: &&Warning| matches!(w, Warning::MaskedByFilter { channel, missing: 1, .. } if channel == "z");
+        assert_eq!(prepared.warnings.iter().filter(masked).count(), 1, "{:?}", prepared.warnings);
+        let how = Preparation { decimate_to_hz: None, ..all_steps() };
+        assert_eq!(prepare(vec![raw], &[0.75], &how).unwrap().warnings.iter().filter(masked).count(), 0);
     }
 
     #[test]
