@@ -82,9 +82,11 @@ impl From<RunError> for Failure {
             | RunError::Testbed(_)
             | RunError::Merge(_)
             | RunError::Checkpoint { .. } => Self::Input(error.into()),
-            RunError::Identify(_) | RunError::Signal(_) | RunError::Refine(_) | RunError::Interrupted { .. } => {
-                Self::Work(error.into())
-            }
+            RunError::Identify(_)
+            | RunError::Signal(_)
+            | RunError::Refine(_)
+            | RunError::NotFinite { .. }
+            | RunError::Interrupted { .. } => Self::Work(error.into()),
         }
     }
 }
@@ -124,7 +126,9 @@ impl From<StudyError> for Failure {
             // Not wrapped, so that the place in the file is shown.
             StudyError::Config(error) => Self::Input(error.into()),
             StudyError::Content { .. } => Self::input(error),
-            StudyError::Cell { .. } | StudyError::Interrupted { .. } => Self::work(error),
+            StudyError::NotFinite { .. } | StudyError::Cell { .. } | StudyError::Interrupted { .. } => {
+                Self::work(error)
+            }
         }
     }
 }

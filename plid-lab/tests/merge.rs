@@ -248,6 +248,9 @@ fn a_config_makes_runs_and_merges_them_and_so_does_the_command_on_finished_runs(
     let result: serde_json::Value = serde_json::from_slice(&std::fs::read(there.join("result.json")).unwrap()).unwrap();
     assert_eq!(result["consistency"]["agreement"], "agree");
     assert_eq!(result["training_samples"], 675 + 525 + 900);
+    for merged in [&there, &out] {
+        assert!(!std::fs::read_to_string(merged.join("result.json")).unwrap().contains("null"));
+    }
 
     // Resumed, finished runs stay as they are, and the bytes are the same.
     let bytes = |name: &str| std::fs::read(out.join(name)).unwrap();
@@ -274,6 +277,23 @@ fn a_config_makes_runs_and_merges_them_and_so_does_the_command_on_finished_runs(
     other[1].model.observability_indices = Some(vec![3, 1]);
     let error = merge::of_runs("x", other).unwrap_err().to_string();
     assert!(error.contains("u1: its observability indices are [3, 1], that of"), "{error}");
+}
+
+#[test]
+fn the_name_of_an_input_leads_to_no_other_folder() {
+    let directory = tempfile::tempdir().unwrap();
+    let base = directory.path();
+    records(base, &plant(&mut ChaCha8Rng::seed_from_u64(9), 3));
+    for file in ["r1.csv", "r2.csv", "r3.csv"] {
+        let text = std::fs::read_to_string(base.join(file)).unwrap();
+        std::fs::write(base.join(file), text.replacen("u1", "../../u1", 1)).unwrap();
+    }
+    let mut experiment = config(FILES, "");
+    experiment.data.inputs[0] = "../../u1".into();
+    let out = base.join("out/here");
+    merge::write(&merge::carry_out(&experiment, base, &out, false, &Silent).unwrap(), &out).unwrap();
+    assert!(out.join("runs/%2E.%2F..%2Fu1/model.json").exists());
+    assert!(!base.join("out/u1").exists() && !base.join("u1").exists());
 }
 
 #[test]

@@ -144,12 +144,17 @@ fn every_file_is_written_and_agrees_with_the_others() {
     assert!(last[1].abs() < 0.2 && last[2].abs() < 200.0, "{last:?}");
 
     let result: serde_json::Value = serde_json::from_str(&read("result.json")).unwrap();
-    let one_step = result["held_out"]["one_step"]["rms"][0].as_f64().unwrap();
+    let one_step = result["held_out"]["one_step"]["outputs"][0]["rms"].as_f64().unwrap();
     let held: Vec<f64> = lines[1501..].iter().map(|l| l.split(',').nth(1).unwrap().parse().unwrap()).collect();
     let rms = (held.iter().map(|e: &f64| e * e).sum::<f64>() / held.len() as f64).sqrt();
     assert!((rms - one_step).abs() < 0.02 * one_step, "{rms} {one_step}");
     assert_eq!(result["input_advanced_by"], 1);
     assert!((result["operating_point"]["outputs"][0].as_f64().unwrap() - 40.0).abs() < 0.5);
+
+    // What is not available has no key.
+    for name in ["result.json", "manifest.json", "model.json"] {
+        assert!(!read(name).contains("null"), "{name}");
+    }
 
     let model = Model::read(&out.join("model.json")).unwrap();
     assert_eq!(model.a, outcome.model.a);
@@ -164,6 +169,52 @@ fn every_file_is_written_and_agrees_with_the_others() {
     assert_eq!(again, outcome.experiment);
     let report = read("report.html");
     assert!(report.contains("<svg") && !report.contains("<script"));
+}
+
+#[test]
+fn a_run_that_cannot_be_written_leaves_the_earlier_one() {
+    let directory = tempfile::tempdir().unwrap();
+    write_plant(directory.path(), "a.csv", false, 600, 0.02, 4);
+    let mut outcome = carry_out(&config("\"a.csv\"", "[structure]\nstates = 4\n"), directory.path());
+    let out = directory.path().join("out");
+    run::write(&outcome, &out).unwrap();
+    let content = || {
+        let entries = std::fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().path());
+        let mut files: Vec<_> = entries.map(|path| (path.clone(), std::fs::read(path).unwrap())).collect();
+        files.sort();
+        files
+    };
+    let before = content();
+    outcome.model.b *= 2.0;
+    outcome.estimate.innovation_ratio = f64::NAN;
+    let said = run::write(&outcome, &out).unwrap_err().to_string();
+    assert!(said.contains("result.json: `estimate.innovation_ratio` is null"), "{said}");
+    assert_eq!(content(), before);
+    outcome.estimate.innovation_ratio = 1.0;
+    run::write(&outcome, &out).unwrap();
+    let after = content();
+    assert!(after != before && after.len() == before.len());
+}
+
+#[test]
+fn an_output_that_never_moves_does_not_diverge() {
+    let directory = tempfile::tempdir().unwrap();
+    let text = Plant::new(false).csv(600, 0.02, 4);
+    let silent: Vec<String> = text
+        .lines()
+        .enumerate()
+        .map(|(k, line)| if k == 0 { line.into() } else { format!("{},0", line.rsplit_once(',').unwrap().0) })
+        .collect();
+    std::fs::write(directory.path().join("a.csv"), silent.join("\n")).unwrap();
+    let outcome = carry_out(&config("\"a.csv\"", "[structure]\nstates = 4\n"), directory.path());
+    assert!(outcome.validation.free_run_errors.relative[1].is_nan());
+    let out = directory.path().join("out");
+    run::write(&outcome, &out).unwrap();
+    let result: serde_json::Value = serde_json::from_slice(&std::fs::read(out.join("result.json")).unwrap()).unwrap();
+    let free_run = &result["held_out"]["free_run"];
+    assert_eq!(free_run["diverges"], false);
+    assert!(free_run["outputs"][0]["relative"].is_f64() && free_run["outputs"][1].get("relative").is_none());
+    assert!(!std::fs::read_to_string(out.join("report.html")).unwrap().contains("diverge"));
 }
 
 /// Asks for an end at the n-th question.

@@ -159,6 +159,7 @@ pub struct Part {
     /// The rule, with its threshold and the reason for it.
     pub rule: String,
     /// Whether it holds; `None` where nothing here can say.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub holds: Option<bool>,
 }
 
@@ -180,6 +181,7 @@ pub struct Figure {
     /// What it is.
     pub name: String,
     /// Its value; `None` where it is not finite.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub value: Option<f64>,
     /// Its unit; empty for a plain number.
     pub unit: String,

@@ -27,7 +27,6 @@ mod style;
 mod ticks;
 mod trace_plot;
 
-pub use plid_file::write_atomic;
 pub use bars::{Bar, Bars, bars};
 pub use chart::{Chart, chart, charts};
 pub use convergence_plot::{ConvergencePlot, convergence_plot};
@@ -39,5 +38,6 @@ pub use html::escape;
 pub use mode_map::{ModeSet, mode_map};
 pub use page::{Cell, Report, Table};
 pub use panel::{Axis, Scale, Series};
+pub use plid_file::write_atomic;
 pub use progress::{Progress, Silent};
 pub use trace_plot::{Trace, trace_plot};

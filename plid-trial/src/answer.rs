@@ -93,8 +93,8 @@ pub(crate) fn write(
     }
     let hashes = content.iter().map(|(name, bytes)| ((*name).to_owned(), sha256(bytes))).collect();
     let answered = Answered { case: case.to_owned(), failed, files: hashes };
-    files::write(&beside.join(SECONDS), &files::json(&Seconds { seconds }))?;
-    files::write(&beside.join(ANSWER), &files::json(&answered))?;
+    files::write_json(&beside.join(SECONDS), &Seconds { seconds })?;
+    files::write_json(&beside.join(ANSWER), &answered)?;
     let place = answers.join(case);
     fs::rename(&beside, &place).map_err(TrialError::file(place))
 }

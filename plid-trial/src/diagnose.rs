@@ -88,7 +88,7 @@ pub fn diagnose_with(
     if let Some(shard) = options.shard {
         let cases = ours.iter().map(|case| case.case.clone()).collect();
         let trial_sha256 = sha256(&files::read(&trial.join(MANIFEST))?);
-        files::write(&done.answers.join(SHARD), &files::json(&ShardFile { shard, trial_sha256, cases }))?;
+        files::write_json(&done.answers.join(SHARD), &ShardFile { shard, trial_sha256, cases })?;
     }
     Ok(done)
 }
@@ -169,7 +169,7 @@ fn plid(folder: &Path, without: &[String]) -> Result<Answer, String> {
     let (whole, left_out) = outcomes(&case, &library, without, &[])?;
     let others = baselines::answers(&case, &whole, left_out.as_ref(), &library).map_err(|e| e.to_string())?;
     let mut answer = answer_of(&whole, left_out.as_ref())?;
-    answer.insert(BASELINES, files::json(&others));
+    answer.insert(BASELINES, files::json(Path::new(BASELINES), &others).map_err(|e| e.to_string())?);
     Ok(answer)
 }
 

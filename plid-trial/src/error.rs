@@ -35,6 +35,14 @@ pub enum TrialError {
         /// Why.
         source: std::io::Error,
     },
+    /// A result is not a finite number.
+    #[error("{}: {source}", path.display())]
+    NotFinite {
+        /// The file that would hold it.
+        path: PathBuf,
+        /// The number and its key.
+        source: plid_file::NotFinite,
+    },
     /// A file of a trial that is not what it should be.
     #[error("{}: {reason}", path.display())]
     Malformed {

@@ -81,7 +81,7 @@ pub fn score(
     };
     let scores = Scores::new(given, lines);
     files::make(out)?;
-    files::write(&out.join("scores.json"), &files::json(&scores))?;
+    files::write_json(&out.join("scores.json"), &scores)?;
     if let Some(svg) = report::power(&scores) {
         files::write(&out.join("power.svg"), svg.as_bytes())?;
     }
@@ -147,7 +147,7 @@ pub(crate) fn given(
 pub(crate) fn fix(given: &[(Answered, String)], path: &Path) -> Result<Fixed, TrialError> {
     let cases: BTreeMap<String, String> =
         given.iter().map(|(answered, hash)| (answered.case.clone(), hash.clone())).collect();
-    let fixed = Fixed { sha256: sha256(&files::json(&cases)), cases };
+    let fixed = Fixed { sha256: sha256(&files::json(path, &cases)?), cases };
     match fs::read(path) {
         Ok(bytes) => {
             let before: Fixed = files::parse(path, &bytes)?;
@@ -156,7 +156,7 @@ pub(crate) fn fix(given: &[(Answered, String)], path: &Path) -> Result<Fixed, Tr
                 return Err(TrialError::Changed { case: case.clone(), since: "the answers were fixed for scoring" });
             }
         }
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => files::write(path, &files::json(&fixed))?,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => files::write_json(path, &fixed)?,
         Err(source) => return Err(TrialError::File { path: path.into(), source }),
     }
     Ok(fixed)

@@ -40,21 +40,29 @@ pub struct Score {
     /// Runs whose model does worse in free run than no model at all.
     pub useless: usize,
     /// Normalised estimation error squared of all parameters, over their number: one for an honest P.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub nees: Option<Figure>,
     /// The same of a_1 .. a_p alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub nees_a: Option<Figure>,
     /// Root mean square error of the entries of a_1 .. a_p.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub rmse_a: Option<Figure>,
     /// Root mean square error of the entries of b_1 .. b_m.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub rmse_b: Option<Figure>,
     /// The same over that of the reference, over the runs that both have, errors in the reference's standard deviations:
     /// otherwise the few plants that hardly answer to the input would own the figure.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub rmse_a_over_reference: Option<Figure>,
     /// The same over that of the default expectation.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub rmse_a_over_default: Option<Figure>,
     /// Free-run error on inputs not seen, relative; geometric mean over runs, in which a useless model counts as one.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub free_run: Option<Figure>,
     /// Free-run error over the default expectation's; geometric mean over the runs that both have, counted alike.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub free_run_over_default: Option<Figure>,
 }
 
@@ -70,6 +78,7 @@ pub struct Finished {
     /// Runs.
     pub runs: usize,
     /// The best that can be had there, with which rmse_a is compared.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub reference: Option<String>,
     /// What each method did.
     pub scores: Vec<Score>,

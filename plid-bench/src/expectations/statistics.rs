@@ -3,27 +3,22 @@
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-/// A figure and the standard error that so many runs leave it.
+/// A figure and its Monte Carlo standard error.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Figure {
     /// The figure.
     pub value: f64,
-    /// Its standard error; infinite of a single run.
-    #[serde(with = "infinite_as_null")]
+    /// Its standard error. It is infinite for a single run, and then has no key in a file.
+    #[serde(default = "infinite", skip_serializing_if = "is_infinite")]
     pub error: f64,
 }
 
-/// JSON has no infinity.
-mod infinite_as_null {
-    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+fn infinite() -> f64 {
+    f64::INFINITY
+}
 
-    pub fn serialize<S: Serializer>(value: &f64, to: S) -> Result<S::Ok, S::Error> {
-        value.is_finite().then_some(*value).serialize(to)
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
-        Ok(Option::deserialize(from)?.unwrap_or(f64::INFINITY))
-    }
+fn is_infinite(value: &f64) -> bool {
+    value.is_infinite()
 }
 
 /// Mean and its standard error; none of nothing.

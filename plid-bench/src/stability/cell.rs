@@ -26,8 +26,10 @@ pub struct Cell {
     /// Steps done.
     pub done: usize,
     /// The recursion's own error, if it stopped.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub stop: Option<Stop>,
     /// The first look at which P was not positive definite, if there was one.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub indefinite: Option<Indefinite>,
     /// Against double-double on the same record from the start.
     pub errors: Vec<ErrorAt>,
@@ -37,12 +39,16 @@ pub struct Cell {
     /// As [`plid_core::Health`] has it, at the end.
     pub symmetry_defect: f64,
     /// Likewise; `None` if it is not finite.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub smallest_pivot: Option<f64>,
     /// Likewise.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub condition: Option<f64>,
     /// RMS of the free run's error over RMS of the output, on the check; `None` if it diverges or the run stopped.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub free_run: Option<f64>,
     /// Of the parameters, a degree of freedom, where the plant is of the model's class.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub nees: Option<f64>,
     /// s after the step at which frequency responses are compared; empty if the run stopped before it.
     pub estimate: Vec<f64>,
@@ -86,6 +92,7 @@ pub struct ErrorAt {
     /// The largest |s_i - r_i| in standard deviations.
     pub deviations: f64,
     /// The largest |P_ij - R_ij| / sqrt(R_ii R_jj); `None` if P has entries that are not finite.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub covariance: Option<f64>,
 }
 
@@ -97,6 +104,7 @@ pub struct LocalAt {
     /// The largest change of s by rounding, in standard deviations.
     pub deviations: f64,
     /// The largest scaled change of P by rounding.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub covariance: Option<f64>,
 }
 

@@ -29,6 +29,7 @@ pub struct Recommended {
     /// Length of the run.
     pub steps: usize,
     /// The fastest form that held in this study's map, from direct over Joseph and Bierman UD to the array form.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub fastest_sound: Option<Form>,
     /// What plid recommends and takes by default.
     pub recommended: Form,

@@ -3,6 +3,7 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
+use plid_file::require_finite;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -68,11 +69,12 @@ impl<T: Serialize + DeserializeOwned> Journal<T> {
     /// Appends a finished cell; one that is there already is replaced by it.
     ///
     /// # Errors
-    /// [`StudyError::File`]
+    /// Returns [`StudyError::NotFinite`], because such a cell could not be read back, or [`StudyError::File`].
     ///
     /// # Panics
-    /// If the type cannot be JSON, which is a bug of the type and not of its value.
+    /// Panics if the type cannot be JSON, which is a fault of the type and not of its value.
     pub fn append(&mut self, key: &str, cell: T) -> Result<(), StudyError> {
+        require_finite(&cell).map_err(StudyError::not_finite(&self.path))?;
         let line = serde_json::to_string(&Line { key, cell: &cell }).expect("cells are JSON by construction") + "\n";
         // One write, so that what is torn is the last line.
         self.file.write_all(line.as_bytes()).and_then(|()| self.file.flush()).map_err(StudyError::file(&self.path))?;

@@ -235,7 +235,7 @@ pub fn score_without(
         steps,
     };
     files::make(out)?;
-    files::write(&out.join("ablation.json"), &files::json(&ablation))?;
+    files::write_json(&out.join("ablation.json"), &ablation)?;
     let page = out.join("report.html");
     report::page(&ablation, &seal.config).write(&page).map_err(TrialError::file(page))?;
     Ok(ablation)
