@@ -38,6 +38,6 @@ pub use html::escape;
 pub use mode_map::{ModeSet, mode_map};
 pub use page::{Cell, Report, Table};
 pub use panel::{Axis, Scale, Series};
-pub use plid_file::write_atomic;
+pub use plid_file::{file_name, write_atomic};
 pub use progress::{Progress, Silent};
 pub use trace_plot::{Trace, trace_plot};
