@@ -14,4 +14,4 @@ mod strict;
 pub use atomic::write_atomic;
 pub use name::file_name;
 pub use staged::Staged;
-pub use strict::{NotFinite, require_finite, to_json};
+pub use strict::{NotFinite, require_finite, to_json, to_value};

@@ -7,6 +7,7 @@
 
 use serde::Serialize;
 use serde::ser;
+use serde_json::Value;
 use std::fmt;
 
 /// A number that is not finite, and its place.
@@ -31,6 +32,32 @@ pub fn to_json<T: Serialize + ?Sized>(value: &T) -> Result<String, NotFinite> {
     let mut text = serde_json::to_string_pretty(value).expect("plain data are JSON by construction");
     text.push('\n');
     Ok(text)
+}
+
+/// Returns a value as a [`Value`] to build a file from. A field that is `None` has no key.
+///
+/// # Errors
+/// Returns [`NotFinite`] for the first number that is not finite.
+///
+/// # Panics
+/// Panics as [`to_json`] does.
+pub fn to_value<T: Serialize + ?Sized>(value: &T) -> Result<Value, NotFinite> {
+    require_finite(value)?;
+    let mut value = serde_json::to_value(value).expect("plain data are JSON by construction");
+    drop_absent(&mut value);
+    Ok(value)
+}
+
+/// Removes the keys without a value. After [`require_finite`] these are the fields that are `None`.
+fn drop_absent(value: &mut Value) {
+    match value {
+        Value::Object(fields) => {
+            fields.retain(|_, value| !value.is_null());
+            fields.values_mut().for_each(drop_absent);
+        }
+        Value::Array(items) => items.iter_mut().for_each(drop_absent),
+        _ => {}
+    }
 }
 
 /// Checks that every number of a value is finite.
@@ -285,6 +312,13 @@ mod tests {
         assert_eq!(said(&outer(1.0, 2.0, f64::NEG_INFINITY, 4.0)).path, "kinds[1].Line");
         assert_eq!(said(&outer(1.0, 2.0, 3.0, f64::NAN)).path, "kinds[2].low");
         assert_eq!(to_json(&f64::NAN).unwrap_err().path, "");
+    }
+
+    #[test]
+    fn a_field_without_a_value_has_no_key() {
+        let inner = |interval| vec![Inner { value: 1.0, interval }];
+        assert_eq!(to_value(&inner(None)).unwrap(), serde_json::json!([{ "value": 1.0 }]));
+        assert_eq!(to_value(&inner(Some([0.0, f64::NAN]))).unwrap_err().path, "[0].interval[1]");
     }
 
     #[test]

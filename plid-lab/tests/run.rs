@@ -188,7 +188,7 @@ fn a_run_that_cannot_be_written_leaves_the_earlier_one() {
     outcome.model.b *= 2.0;
     outcome.estimate.innovation_ratio = f64::NAN;
     let said = run::write(&outcome, &out).unwrap_err().to_string();
-    assert!(said.contains("result.json: `estimate.innovation_ratio` is null"), "{said}");
+    assert!(said.contains("result.json: `estimate.innovation_ratio` is NaN"), "{said}");
     assert_eq!(content(), before);
     outcome.estimate.innovation_ratio = 1.0;
     run::write(&outcome, &out).unwrap();

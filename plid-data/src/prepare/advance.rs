@@ -144,7 +144,8 @@ pub fn test(segments: &[Segment], input_names: &[String], output_names: &[String
                 input: input.clone(),
                 output: output.clone(),
                 coefficient,
-                weight: coefficient.abs() * size(past + j) / size(column),
+                // An output that never moves has no direct part.
+                weight: if size(column) > 0.0 { coefficient.abs() * size(past + j) / size(column) } else { 0.0 },
                 partial_r2: alone,
                 p_value: p_value(alone, 1.0, freedom),
             });

@@ -12,7 +12,6 @@ use serde::{Deserialize, Serialize};
 pub struct Repeats {
     /// Samples of a period within each record. Left out, the records are repeats of one another.
     #[serde(default)]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub period: Option<usize>,
     /// Periods, or records, at the beginning that are left out (the start has not died away).
     #[serde(default)]

@@ -15,7 +15,6 @@ pub struct ScanRow {
     pub indices: Vec<usize>,
     /// Relative simulation error of the best filter on the scoring part of the training data; `None` if none gave a
     /// model.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub free_run: Option<f64>,
 }
 

@@ -26,14 +26,15 @@ pub fn write(outcome: &Outcome, directory: &Path) -> Result<(), RunError> {
     let page = report::page(outcome)?;
     outcome.merged.model.write(&staged.path().join("model.json"))?;
     put("report.html", &page)?;
-    put(RESULT, &strict_json(&directory.join(RESULT), &result(outcome)?)?)?;
+    let path = directory.join(RESULT);
+    put(RESULT, &strict_json(&path, &result(outcome, &path)?)?)?;
     if outcome.experiment.is_some() {
         replace_runs(directory).map_err(file_error(&directory.join(RUNS)))?;
     }
     staged.commit(RESULT, &[CHECKPOINT]).map_err(file_error(directory))
 }
 
-fn result(outcome: &Outcome) -> Result<Value, RunError> {
+fn result(outcome: &Outcome, path: &Path) -> Result<Value, RunError> {
     let merged = &outcome.merged;
     let model = &merged.model;
     let run = |run: &FinishedRun| {
@@ -63,10 +64,10 @@ fn result(outcome: &Outcome) -> Result<Value, RunError> {
         "training_samples": outcome.runs.iter().map(|run| run.training_samples).sum::<usize>(),
         "input_advanced_by": merged.advanced,
         "runs": runs,
-        "consistency": merged.consistency,
+        "consistency": typed(path, "consistency", &merged.consistency)?,
         "verdict": report::verdict(outcome),
         "held_out": held_out,
-        "noise_bank": outcome.bank,
+        "noise_bank": typed(path, "noise_bank", &outcome.bank)?,
         "modes": modes_json(&merged.canonical)?,
         "peaks": peaks_json(&outcome.peaks),
         "warnings": outcome.warnings,

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::error::RunError;
-use super::output::RESULT;
+use super::output::{MANIFEST, RESULT};
 use crate::experiment::{Experiment, to_toml};
 use crate::identify::{Memory, Paused};
 use plid_file::write_atomic;
@@ -14,16 +14,12 @@ use plid_file::write_atomic;
 /// The name of the checkpoint in the output directory.
 pub const CHECKPOINT: &str = "checkpoint.json";
 
-/// Describes a run, with every default filled in.
-const MANIFEST: &str = "manifest.json";
-
 /// The filters already scored, and the state of the interrupted recursion.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Saved {
     /// The [`identity`] of the experiment and its files, to which the checkpoint belongs.
     experiment_sha256: String,
     pub(crate) memory: Memory,
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) paused: Option<Paused>,
 }
 

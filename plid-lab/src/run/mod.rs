@@ -24,7 +24,7 @@ pub(crate) use estimate::scaling;
 pub(crate) use obtain::obtain;
 pub use obtain::{Obtained, Source, Truth};
 pub use output::write;
-pub(crate) use output::{RESULT, errors as errors_json, file_error, modes_json, peaks_json, strict_json, with};
+pub(crate) use output::{RESULT, errors as errors_json, file_error, modes_json, peaks_json, strict_json, typed, with};
 pub use peaks::PeakRow;
 pub(crate) use peaks::compare as compare_peaks;
 pub use plid_report::{Progress, Silent};

@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use plid_refine::{Noise, Score};
+use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::error::RunError;
@@ -13,11 +14,14 @@ use super::validate::Errors;
 use super::{Alternative, CHECKPOINT, Outcome, PeakRow, report};
 use crate::experiment::to_toml;
 use plid_catalogue::Conditions;
-use plid_file::{Staged, to_json, write_atomic};
+use plid_file::{Staged, to_json, to_value, write_atomic};
 use plid_model::{ModeDeviation, Model, mode_deviations};
 
 /// The file that is written last, so that its presence shows that the other files are complete.
 pub(crate) const RESULT: &str = "result.json";
+
+/// Describes a run, with every default filled in.
+pub(crate) const MANIFEST: &str = "manifest.json";
 
 const REFINED: &str = "model-refined.json";
 const SUBSPACE: &str = "model-subspace.json";
@@ -37,16 +41,24 @@ pub fn write(outcome: &Outcome, directory: &Path) -> Result<(), RunError> {
     put("innovations.csv", innovations(outcome).as_bytes())?;
     with_provenance(outcome).write(&staged.path().join("model.json"))?;
     simulation_models(outcome, staged.path())?;
-    json("manifest.json", &manifest(outcome))?;
+    json(MANIFEST, &manifest(outcome, &directory.join(MANIFEST))?)?;
     put("frf.svg", responses.as_bytes())?;
     put("report.html", page.as_bytes())?;
-    json(RESULT, &result(outcome)?)?;
+    json(RESULT, &result(outcome, &directory.join(RESULT))?)?;
     staged.commit(RESULT, &[REFINED, SUBSPACE, CHECKPOINT]).map_err(file_error(directory))
 }
 
 /// Returns the error of a file.
 pub(crate) fn file_error(path: &Path) -> impl FnOnce(std::io::Error) -> RunError {
     move |source| RunError::File { path: path.into(), source }
+}
+
+/// Returns the value of `key` in the JSON file `path`; a field that is `None` has no key.
+pub(crate) fn typed<T: Serialize + ?Sized>(path: &Path, key: &str, value: &T) -> Result<Value, RunError> {
+    to_value(value).map_err(|mut source| {
+        source.path = format!("{key}.{}", source.path);
+        RunError::NotFinite { path: path.into(), source }
+    })
 }
 
 /// Returns the text of a JSON file.
@@ -200,21 +212,21 @@ fn reason(conditions: &Conditions) -> String {
     )
 }
 
-fn manifest(outcome: &Outcome) -> Value {
-    json!({
+fn manifest(outcome: &Outcome, path: &Path) -> Result<Value, RunError> {
+    Ok(json!({
         "program": "plid",
         "version": env!("CARGO_PKG_VERSION"),
         "identity_sha256": outcome.identity,
-        "experiment": outcome.experiment,
+        "experiment": typed(path, "experiment", &outcome.experiment)?,
         "covariance_form": {
             "name": outcome.experiment.variant.covariance,
             "chosen_by": outcome.chosen.as_ref().map_or("the experiment".into(), reason),
         },
         "experiment_toml": to_toml(&outcome.experiment),
-        "files": outcome.sources,
+        "files": typed(path, "files", &outcome.sources)?,
         "preparation": outcome.steps,
         "warnings": outcome.warnings,
-    })
+    }))
 }
 
 /// Returns the error measures. A figure that does not exist has no key: the relative error of an output that is zero
@@ -258,7 +270,7 @@ pub(crate) fn peaks_json(peaks: &[PeakRow]) -> Value {
 }
 
 /// Returns the content of result.json.
-fn result(outcome: &Outcome) -> Result<Value, RunError> {
+fn result(outcome: &Outcome, path: &Path) -> Result<Value, RunError> {
     let validation = &outcome.validation;
     let record = &outcome.prepared.records[outcome.prepared.records.len() - 1];
     let states: usize = outcome.form.indices().iter().sum();
@@ -268,7 +280,7 @@ fn result(outcome: &Outcome) -> Result<Value, RunError> {
     };
     let value = json!({
         "name": outcome.experiment.name,
-        "variant": outcome.experiment.variant,
+        "variant": typed(path, "variant", &outcome.experiment.variant)?,
         "sample_rate_hz": record.sample_rate_hz,
         "inputs": record.input_names,
         "outputs": record.output_names,
@@ -281,16 +293,16 @@ fn result(outcome: &Outcome) -> Result<Value, RunError> {
         "operating_point": operating_point(outcome),
         "held_out": held_out(outcome),
         "simulation": simulation(outcome)?,
-        "estimate": outcome.estimate,
+        "estimate": typed(path, "estimate", &outcome.estimate)?,
         "noise": {
             "of_channels_divided_by": {
                 "inputs": outcome.prepared.input_scales, "outputs": outcome.prepared.output_scales,
             },
             "sensor_variances": outcome.noise_levels.0,
             "mean_state_variance": outcome.noise_levels.1,
-            "bank": outcome.bank,
+            "bank": typed(path, "noise.bank", &outcome.bank)?,
         },
-        "index_search": outcome.index_search,
+        "index_search": typed(path, "index_search", &outcome.index_search)?,
         "modes": modes_json(&outcome.canonical)?,
         "peaks": peaks_json(&outcome.peaks),
         "residual_whiteness": validation.whiteness.iter().map(tests).collect::<Vec<_>>(),
@@ -300,10 +312,13 @@ fn result(outcome: &Outcome) -> Result<Value, RunError> {
         "warnings": outcome.warnings,
         "advice": outcome.advice,
     });
+    let test = outcome.prepared.advance_test.as_ref();
+    let advance_test = test.map(|test| typed(path, "input_advance_test", test)).transpose()?;
+    let scan = outcome.scan.as_ref().map(|scan| typed(path, "order_scan", scan)).transpose()?;
     let optional = [
-        ("input_advance_test", outcome.prepared.advance_test.as_ref().map(|test| json!(test))),
+        ("input_advance_test", advance_test),
         ("predictor", outcome.predictor.as_ref().map(|predictor| json!(predictor))),
-        ("order_scan", outcome.scan.as_ref().map(|scan| json!(scan))),
+        ("order_scan", scan),
     ];
     Ok(with(value, optional))
 }
@@ -311,12 +326,14 @@ fn result(outcome: &Outcome) -> Result<Value, RunError> {
 fn held_out(outcome: &Outcome) -> Value {
     let (validation, outputs) = (&outcome.validation, &outcome.model.outputs);
     let optional = |measures: &Option<Errors>| measures.as_ref().map(|measures| errors(measures, outputs));
+    // An output that is zero throughout has no relative noise floor.
+    let noise_floor = validation.noise_floor.as_ref().filter(|floor| floor.iter().all(|x| x.is_finite()));
     with(
         json!({ "free_run": errors(&validation.free_run_errors, outputs) }),
         [
             ("one_step", optional(&validation.one_step_errors)),
             ("free_run_of_the_true_plant", optional(&validation.truth_errors)),
-            ("noise_floor_relative", validation.noise_floor.as_ref().map(|floor| json!(floor))),
+            ("noise_floor_relative", noise_floor.map(|floor| json!(floor))),
         ],
     )
 }
