@@ -198,12 +198,7 @@ pub fn noise_floor(experiment: &Experiment) -> Result<f64> {
     config.input = InputConfig::Zero;
     config.repeats = 1;
     let simulation = plid_testbed::simulate(&config)?;
-    Ok(rms(simulation.outputs[0].iter().copied()))
-}
-
-/// Root mean square.
-pub fn rms(values: impl IntoIterator<Item = f64>) -> f64 {
-    plid_model::signal::rms(values)
+    Ok(plid_model::signal::rms(simulation.outputs[0].iter().copied()))
 }
 
 /// Mean and standard deviation of single values.

@@ -1,7 +1,9 @@
-//! Shares with their intervals, medians, calibration.
+//! Shares with their confidence intervals, medians and calibration.
 
 use serde::{Deserialize, Serialize};
-use statrs::distribution::{Beta, ContinuousCDF};
+use statrs::distribution::{Beta, Binomial, ContinuousCDF, DiscreteCDF};
+
+use plid_model::signal;
 
 /// A share of cases with its 95 % interval.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -55,28 +57,22 @@ pub fn paired(up: usize, down: usize, of: usize) -> [f64; 2] {
     [low_up - high_down, high_up - low_down]
 }
 
-/// The sign test (two-sided): how often a fair coin falls at least as one-sidedly.
+/// The sign test (two-sided): the probability that a fair coin falls at least as one-sidedly.
 pub fn sign_test(up: usize, down: usize) -> f64 {
-    let n = up + down;
-    let of = |k: usize| (0..k).map(|i| (n - i) as f64 / (i + 1) as f64).product::<f64>() / 2f64.powi(n as i32);
-    let tail: f64 = (0..=up.min(down)).map(of).sum();
-    (2.0 * tail).min(1.0)
+    let coin = Binomial::new(0.5, (up + down) as u64).expect("one half is a probability");
+    (2.0 * coin.cdf(up.min(down) as u64)).min(1.0)
 }
 
-/// The middle one of the sorted values (of two the upper).
+/// The median, or `None` of an empty set.
 pub fn median(values: &[f64]) -> Option<f64> {
-    at(values, values.len() / 2)
+    (!values.is_empty()).then(|| signal::median(values))
 }
 
 /// The value below which a tenth lies.
 pub fn lowest_tenth(values: &[f64]) -> Option<f64> {
-    at(values, values.len() / 10)
-}
-
-fn at(values: &[f64], index: usize) -> Option<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
-    sorted.get(index).copied()
+    sorted.get(values.len() / 10).copied()
 }
 
 /// What was stated, and what came of it.
@@ -163,6 +159,12 @@ mod tests {
         assert_relative_eq!(sign_test(5, 0), 2.0 / 32.0, epsilon = 1e-12);
         assert_relative_eq!(sign_test(1, 4), 12.0 / 32.0, epsilon = 1e-12);
         assert_eq!((sign_test(0, 0), sign_test(3, 3)), (1.0, 1.0));
+        // 2^2000 overflows. With the continuity correction, 50 more than half of 2000 are 99 / sqrt(2000) deviations.
+        assert_eq!(sign_test(1000, 1000), 1.0);
+        let deviations = 99.0 / 2000f64.sqrt();
+        let normal = statrs::function::erf::erfc(deviations / 2f64.sqrt());
+        assert_relative_eq!(sign_test(950, 1050), normal, max_relative = 1e-3);
+        assert!(sign_test(2000, 0) < 1e-300);
         // Nothing changed in n cases: either share is below 1 - 0.0125^(1/n).
         let bound = 1.0 - 0.0125f64.powf(1.0 / 16.0);
         let [low, high] = paired(0, 0, 16);
@@ -190,9 +192,9 @@ mod tests {
     }
 
     #[test]
-    fn middle_and_tenth_are_values_that_occur() {
+    fn the_middle_and_the_lowest_tenth() {
         let values: Vec<f64> = (0..20).rev().map(f64::from).collect();
-        assert_eq!((median(&values), lowest_tenth(&values)), (Some(10.0), Some(2.0)));
+        assert_eq!((median(&values), lowest_tenth(&values)), (Some(9.5), Some(2.0)));
         assert_eq!((median(&[]), median(&[3.0])), (None, Some(3.0)));
     }
 }

@@ -8,7 +8,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::grid::ScalarPrior;
-use super::trial::{InClass, Trial, normal, rms, white};
+use super::trial::{InClass, Trial, normal, white};
+use plid_model::signal::rms;
 
 /// Samples of the record that no estimate has seen.
 const HELD_OUT: usize = 1000;

@@ -93,9 +93,3 @@ pub fn normal(rng: &mut ChaCha8Rng) -> f64 {
 pub fn white(rng: &mut ChaCha8Rng, samples: usize, channels: usize) -> Array2<f64> {
     Array2::from_shape_simple_fn((samples, channels), || normal(rng))
 }
-
-/// RMS over all entries.
-pub fn rms(values: &Array2<f64>) -> f64 {
-    let squares: Array1<f64> = values.iter().map(|v| v * v).collect();
-    squares.mean().unwrap_or(0.0).sqrt()
-}

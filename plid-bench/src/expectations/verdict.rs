@@ -6,7 +6,7 @@ use super::cell::{DEFAULT, Finished, Score};
 use plid_catalogue::ExpectationName;
 
 use super::statistics::{Figure, geometric_mean};
-use crate::median;
+use plid_model::signal::median;
 
 /// A difference matters if it is at least this large..
 const MATTERS: f64 = 0.05;

@@ -12,8 +12,9 @@ use super::count::Operations;
 use super::histogram::Histogram;
 use super::visit::{Limit, Visit};
 use super::{Entry, Item, traffic};
+use crate::Noise;
 use crate::study::Machine;
-use crate::{Noise, median};
+use plid_model::signal::median;
 
 /// All figures of a study; speed.json.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

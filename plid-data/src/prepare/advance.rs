@@ -19,10 +19,10 @@
 //! an answer that makes a quarter of the output can be missed: noise draws the coefficient
 //! towards zero. There, what is known of the plant (accelerations answer forces) should decide.
 use super::Segment;
-use super::segment::mean;
 use crate::{Record, Warning};
 use nalgebra::DMatrix;
 use ndarray::s;
+use plid_model::signal::mean;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
@@ -172,8 +172,8 @@ fn triangular_factor(segments: &[Segment], lags: usize) -> (DMatrix<f64>, usize)
     let m = segments.first().map_or(0, |s| s.inputs.ncols());
     let p = segments.first().map_or(0, |s| s.outputs.ncols());
     let columns = (lags + 1) * (m + p);
-    let u_mean: Vec<f64> = (0..m).map(|j| mean(segments.iter().map(|s| s.inputs.column(j)))).collect();
-    let y_mean: Vec<f64> = (0..p).map(|j| mean(segments.iter().map(|s| s.outputs.column(j)))).collect();
+    let u_mean: Vec<f64> = (0..m).map(|j| mean(segments.iter().flat_map(|s| s.inputs.column(j)))).collect();
+    let y_mean: Vec<f64> = (0..p).map(|j| mean(segments.iter().flat_map(|s| s.outputs.column(j)))).collect();
     let mut factor = DMatrix::zeros(columns, columns);
     let mut block = Vec::with_capacity(BLOCK * columns);
     let mut rows = 0;

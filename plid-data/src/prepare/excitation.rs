@@ -67,7 +67,8 @@ fn spread(segments: &[Segment], depth: usize) -> f64 {
     if depth == 0 || m == 0 {
         return 1.0;
     }
-    let scales: Vec<f64> = (0..m).map(|j| super::segment::rms(segments.iter().map(|s| s.inputs.column(j)))).collect();
+    let scales: Vec<f64> =
+        (0..m).map(|j| plid_model::signal::rms(segments.iter().flat_map(|s| s.inputs.column(j)))).collect();
     if scales.contains(&0.0) {
         return f64::INFINITY;
     }

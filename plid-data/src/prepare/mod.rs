@@ -294,7 +294,7 @@ mod tests {
             assert!((back[[0, 1]] - plain.outputs[[50, 1]]).abs() < 1e-8);
         }
         let head = heads(&prepared.records, &prepared.training);
-        assert!((segment::rms([head[0].outputs.column(0)]) - 1.0).abs() < 1e-9);
+        assert!((plid_model::signal::rms(head[0].outputs.column(0)) - 1.0).abs() < 1e-9);
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! The covariance of the outputs' noise, from records that show it alone.
 use super::PrepareError;
-use super::segment::{mean, rms};
 use crate::Record;
 use ndarray::Array2;
+use plid_model::signal::{mean, rms};
 
 /// An estimated covariance of the outputs' noise.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,10 +41,10 @@ impl NoiseCovariance {
 /// If an input is not zero, or if there are too few complete samples.
 pub fn noise_from_zero_input(record: &Record, input_limit: f64) -> Result<NoiseCovariance, PrepareError> {
     for (channel, column) in record.input_names.iter().zip(record.inputs.columns()) {
-        let about = &column - mean([column]);
-        let size = rms([about.view()]);
+        let about = &column - mean(column);
+        let size = rms(about.view());
         // The mean of equal numbers is not quite that number.
-        let rounding = 1e-12 * rms([column]);
+        let rounding = 1e-12 * rms(column);
         if size.is_nan() || size > input_limit + rounding {
             return Err(PrepareError::InputNotZero { channel: channel.clone(), rms: size, limit: input_limit });
         }

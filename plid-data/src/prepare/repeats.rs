@@ -1,9 +1,9 @@
 //! Repeats of one input: their average, and the noise from their spread.
 use super::PrepareError;
 use super::noise::NoiseCovariance;
-use super::segment::rms;
 use crate::{Record, require_alike};
 use ndarray::{Array1, Array2, ArrayView1, s};
+use plid_model::signal::rms;
 use serde::{Deserialize, Serialize};
 
 /// How repeats are found in the data.
@@ -128,7 +128,7 @@ fn mismatch(repeats: &[Record], mean: &Array2<f64>, tolerance: f64) -> Result<Ve
     for (r, repeat) in repeats.iter().enumerate() {
         for (j, channel) in repeat.input_names.iter().enumerate() {
             let off = &repeat.inputs.column(j) - &mean.column(j);
-            let (off, size) = (rms([off.view()]), rms([mean.column(j)]));
+            let (off, size) = (rms(off.view()), rms(mean.column(j)));
             let difference = if off == 0.0 { 0.0 } else { off / size };
             if difference.is_nan() || difference > tolerance {
                 return Err(PrepareError::NotRepeated {
@@ -187,7 +187,7 @@ mod tests {
         let clean = &raw.inputs.slice(s![..500, 0]) * 3.0;
         let left = &averaged.record.outputs.column(0) - &clean;
         let expected = 0.2 / 10_f64.sqrt();
-        assert!((rms([left.view()]) / expected - 1.0).abs() < 0.1);
+        assert!((rms(left.view()) / expected - 1.0).abs() < 0.1);
     }
 
     #[test]

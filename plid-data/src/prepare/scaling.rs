@@ -1,7 +1,7 @@
 //! Channels of different units on one scale.
-use super::segment::rms;
 use crate::Record;
 use ndarray::{Array2, s};
+use plid_model::signal::rms;
 use serde::{Deserialize, Serialize};
 
 /// What every channel is divided by.
@@ -28,7 +28,7 @@ pub fn apply(records: &mut [Record], training: &[usize], scaling: Scaling) -> [V
                 let heads = arrays.iter().zip(training);
                 let size = match scaling {
                     Scaling::None => 1.0,
-                    Scaling::Rms => rms(heads.map(|(array, n)| array.slice(s![..*n, i]))),
+                    Scaling::Rms => rms(heads.flat_map(|(array, n)| array.slice(s![..*n, i]))),
                 };
                 let size = if size > 0.0 { size } else { 1.0 };
                 for array in &mut arrays {

@@ -1,7 +1,7 @@
 //! Means and straight-line trends.
-use super::segment::mean;
 use crate::Record;
 use ndarray::{Array2, ArrayView1, s};
+use plid_model::signal::mean;
 use serde::{Deserialize, Serialize};
 
 /// What is taken away from every channel.
@@ -53,7 +53,7 @@ fn lines(
     let mut all = vec![Vec::new(); arrays.len()];
     for i in 0..channels {
         let heads = arrays.iter().zip(training);
-        let pooled = mean(heads.map(|(array, n)| array.slice(s![..*n, i])));
+        let pooled = mean(heads.flat_map(|(array, n)| array.slice(s![..*n, i])));
         for (r, array) in arrays.iter_mut().enumerate() {
             let line = match trend {
                 Trend::Linear if training[r] > 1 => fit(array.slice(s![..training[r], i]), rates[r]),

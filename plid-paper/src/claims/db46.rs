@@ -6,7 +6,8 @@ use plid_testbed::{InputConfig, Multisine, TrussConfig, WhiteNoise};
 use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};
-use crate::truss::{rms, truss_of};
+use crate::truss::truss_of;
+use plid_model::signal::rms;
 
 pub const CLAIM: Claim = claim!("46db",
     statement: "Outputs of 2 V RMS are predicted to 0.01 V RMS: 46 dB.",

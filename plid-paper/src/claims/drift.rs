@@ -1,10 +1,10 @@
 //! A plant that changes slowly.
 
 use ndarray::{Array2, ArrayView2, s};
-use plid_bench::median;
 use plid_core::{Dense, ImplicitModel, InitialCovariance, ObservableForm, Settings};
 use plid_lab::experiment::Experiment;
 use plid_model::signal::error_measures;
+use plid_model::signal::median;
 use plid_model::{Model, estimate_initial_state, simulate};
 use plid_testbed::EffectsConfig;
 use rayon::prelude::*;

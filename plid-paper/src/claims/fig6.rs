@@ -1,10 +1,10 @@
 //! Fig. 6: how the recursion converges, without averages and with ten.
 
 use ndarray::{Array2, s};
-use plid_bench::median;
 use plid_core::NoiseModel;
 use plid_lab::experiment::{Experiment, NoiseSource};
 use plid_model::signal::convergence;
+use plid_model::signal::median;
 use plid_report::{Axis, Chart, ConvergencePlot, Scale, Series, chart, convergence_plot};
 use rayon::prelude::*;
 use serde::Deserialize;

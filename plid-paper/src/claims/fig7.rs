@@ -1,6 +1,6 @@
 //! Fig. 7: the smallest model, without and with averaging.
 
-use plid_bench::median;
+use plid_model::signal::median;
 use rayon::prelude::*;
 use serde::Deserialize;
 

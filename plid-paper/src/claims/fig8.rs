@@ -1,8 +1,8 @@
 //! Fig. 8: more states, more samples.
 
-use plid_bench::median;
 use plid_lab::experiment::{Experiment, NoiseSource};
 use plid_model::Model;
+use plid_model::signal::median;
 use plid_report::{Axis, Chart, Series, chart};
 use rayon::prelude::*;
 use serde::Deserialize;

@@ -1,14 +1,14 @@
 //! Fig. 9: one input.
 
 use ndarray::s;
-use plid_bench::median;
 use plid_lab::experiment::NoiseSource;
+use plid_model::signal::{median, rms};
 use rayon::prelude::*;
 use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};
 use crate::truss::{
-    MODES_HZ, ModeRow, SENSOR, covariances, modes, noise_floor, overlay, rms, truth, with_samples, with_seed,
+    MODES_HZ, ModeRow, SENSOR, covariances, modes, noise_floor, overlay, truth, with_samples, with_seed,
 };
 
 pub const CLAIM: Claim = claim!("fig9",

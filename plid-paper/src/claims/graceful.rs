@@ -1,7 +1,7 @@
 //! White against shaped input for models of reduced order.
 
-use plid_bench::median;
 use plid_lab::experiment::Experiment;
+use plid_model::signal::median;
 use plid_report::{Axis, Chart, Series, chart};
 use plid_testbed::{InputConfig, WhiteNoise};
 use rayon::prelude::*;

@@ -1,6 +1,6 @@
 //! How many samples are needed at which rate.
 
-use plid_bench::median;
+use plid_model::signal::median;
 use plid_report::{Axis, Chart, Series, chart};
 use rayon::prelude::*;
 use serde::Deserialize;

@@ -4,9 +4,9 @@ use std::fmt::Write as _;
 
 use nalgebra::{Complex, DMatrix};
 use ndarray::Array2;
-use plid_bench::median;
 use plid_bench::study;
 use plid_lab::experiment::Experiment;
+use plid_model::signal::median;
 use plid_model::{Model, simulate};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
