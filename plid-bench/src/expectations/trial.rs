@@ -1,6 +1,6 @@
 //! One run of a study: a record, what is told about it, and the truth.
 
-use ndarray::{Array1, Array2};
+use ndarray::Array2;
 use plid_core::{Dense, IdentifiedModel, ImplicitModel, NoiseModel, ObservableForm, Settings};
 use plid_lab::identify::{Samples, free_run_error};
 use rand_chacha::ChaCha8Rng;

@@ -10,7 +10,9 @@ use super::finished::FinishedRun;
 use super::held_out::HeldOut;
 use super::report;
 use super::runs::{RUNS, replace_runs};
-use crate::run::{CHECKPOINT, RESULT, RunError, errors_json, file_error, modes_json, peaks_json, strict_json, with};
+use crate::run::{
+    CHECKPOINT, RESULT, RunError, errors_json, file_error, modes_json, peaks_json, strict_json, typed, with,
+};
 use plid_file::{Staged, write_atomic};
 
 /// Writes all files of a merge into `directory`. They replace those of an earlier merge together; if anything fails, the
