@@ -1,4 +1,5 @@
-//! Studies of plid on the own machine: how fast it is, how sound it stays, which expectations it should take; and the benches.
+//! Studies of plid on the user's machine: its speed, its numerical stability and its conditional expectations; and the
+//! benches.
 
 pub mod expectations;
 pub mod speed;

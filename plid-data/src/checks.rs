@@ -1,4 +1,4 @@
-//! Data that can be read but teach nothing.
+//! Checks for data that can be read but contain no information.
 use super::{DataError, Record, Warning};
 use ndarray::ArrayView1;
 use std::path::Path;
@@ -25,7 +25,7 @@ pub fn check_excited(file: &Path, record: &Record) -> Result<Vec<Warning>, DataE
     Ok(inputs.chain(outputs).collect())
 }
 
-/// Whether all values that are there are the same.
+/// Returns whether all values that are not missing are equal.
 fn is_constant(values: ArrayView1<f64>) -> bool {
     let mut present = values.iter().filter(|v| !v.is_nan());
     match present.next() {
@@ -36,8 +36,8 @@ fn is_constant(values: ArrayView1<f64>) -> bool {
 
 /// Checks the number of samples against the number of unknown parameters of an output.
 ///
-/// Each sample of an output is one equation for the parameters of its row. Fewer than four
-/// equations an unknown give a warning: the estimate then leans on its prior.
+/// Each sample of an output is one equation for the parameters of its row. Fewer than four equations per unknown cause
+/// a warning, because the estimate then depends on its prior.
 ///
 /// # Errors
 /// [`DataError::TooFewSamples`] if there are fewer samples than unknowns.

@@ -19,7 +19,7 @@ pub enum MissingPolicy {
     Nan,
 }
 
-/// Takes inputs and outputs out of a table, and checks that they are fit to identify from.
+/// Extracts inputs and outputs from a table and checks that they are suitable for identification.
 ///
 /// NaN in an input is an error whatever the policy, and so is a magnitude above 1e70 anywhere.
 ///
@@ -59,11 +59,11 @@ pub fn select_all(
     Ok((records, warnings))
 }
 
-/// Takes inputs and outputs out of a table; they may be constant, as in a zero-input record.
+/// Extracts inputs and outputs from a table; they may be constant, as in a zero-input record.
 ///
 /// # Errors
-/// If a channel is unknown or named twice, if there is only one sample, if values are missing
-/// or infinite where they must not be, or if the rate is not possible.
+/// Returns an error if a channel is unknown or named twice, if there is only one sample, if a value is missing or too
+/// large, or if the rate is invalid.
 pub fn extract(
     table: &Table,
     inputs: &[String],

@@ -15,8 +15,8 @@ pub(crate) fn prefix(name: &OsStr) -> String {
     format!(".{}.", name.to_string_lossy())
 }
 
-/// Takes the lock of a new temporary entry. It is held until the returned file is closed. `None` if another process took
-/// the entry for a leftover before the lock was held and has removed it.
+/// Takes the lock of a new temporary entry. It is held until the returned file is closed. `None` if another process
+/// took the entry for a leftover before the lock was held and has removed it.
 pub(crate) fn claim(path: &Path) -> Option<File> {
     let file = File::open(path).ok()?;
     // A file system without locks also has no other process that could take one.

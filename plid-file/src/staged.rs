@@ -8,8 +8,8 @@ use crate::leftover::{SUFFIX, claim, clear, prefix};
 
 /// The files of one result, which replace those of an older one together.
 ///
-/// They are written into a folder inside the target. If anything fails before [`Staged::commit`], the target's own files
-/// are as they were. What a killed process left is removed when the next result is staged.
+/// They are written into a folder inside the target. If anything fails before [`Staged::commit`], the target's own
+/// files are as they were. What a killed process left is removed when the next result is staged.
 #[derive(Debug)]
 pub struct Staged {
     target: PathBuf,
@@ -41,10 +41,9 @@ impl Staged {
         self.folder.path()
     }
 
-    /// Moves every file into the target. `marker` names the file whose presence says that the result is complete: the old
-    /// one goes first and the new one comes last, so that a process killed in between leaves no marker.
-    /// `stale` names files of an older result that go if this result has none of that name. All other files in the
-    /// target stay.
+    /// Moves every file into the target. `marker` names the file whose presence says that the result is complete: the
+    /// old one goes first and the new one comes last, so that a process killed in between leaves no marker. `stale`
+    /// names files of an older result that go if this result has none of that name. All other files in the target stay.
     ///
     /// # Errors
     /// Returns the error of the file system.

@@ -26,7 +26,8 @@ pub struct NotFinite {
 /// Returns [`NotFinite`] for the first number that is not finite.
 ///
 /// # Panics
-/// Panics if the type cannot be JSON (a map whose keys are not text), which is a fault of the type and not of the value.
+/// Panics if the type cannot be JSON (a map whose keys are not text), which is a fault of the type and not of the
+/// value.
 pub fn to_json<T: Serialize + ?Sized>(value: &T) -> Result<String, NotFinite> {
     require_finite(value)?;
     let mut text = serde_json::to_string_pretty(value).expect("plain data are JSON by construction");

@@ -100,7 +100,8 @@ fn nees(merged: &Combined, truth: &[f64]) -> f64 {
     error.dot(&merged.covariance.clone().cholesky().unwrap().solve(&error)) / truth.len() as f64
 }
 
-/// The normalised estimation error squared over seeds, for runs of different lengths and noise: its mean is within what chi-square allows.
+/// The normalised estimation error squared over seeds, for runs of different lengths and noise: its mean is within what
+/// chi-square allows.
 #[test]
 fn the_merged_covariance_is_honest() {
     const SEEDS: u64 = 60;
@@ -131,8 +132,8 @@ fn the_merged_covariance_is_honest() {
     assert!(disagree <= 3, "{disagree}");
 }
 
-/// The first input moves the first output's states only, which the second output does not feel: of the second block its run can tell nothing, and
-/// the merge is as good as the other runs alone are.
+/// The first input moves the first output's states only, which the second output does not feel: of the second block its
+/// run can tell nothing, and the merge is as good as the other runs alone are.
 #[test]
 fn a_run_that_cannot_move_a_mode_does_not_spoil_it() {
     const SEEDS: u64 = 30;
@@ -269,7 +270,8 @@ fn a_config_makes_runs_and_merges_them_and_so_does_the_command_on_finished_runs(
     std::fs::write(old.join("result.json"), "{\"name\": \"old\"}").unwrap();
     let error = FinishedRun::read(&old).unwrap_err();
     assert!(
-        matches!(&error, RunError::Merge(MergeError::Key { file, key, .. }) if file == &old.join("result.json") && key == "estimate"),
+        matches!(&error, RunError::Merge(MergeError::Key { file, key, .. }) if file == &old.join("result.json")
+            && key == "estimate"),
         "{error}"
     );
     // Another order cannot be merged with these.
@@ -306,7 +308,8 @@ fn records_in_which_another_input_acts_are_refused_by_file_and_channel() {
         |files: &str| merge::carry_out(&config(files, ""), base, &base.join("out"), false, &Silent).unwrap_err();
     let error = refused("\"r1.csv\", \"all.csv\", \"r3.csv\"");
     assert!(
-        matches!(&error, RunError::Merge(MergeError::AnotherActs { record, share, .. }) if record == "all.csv" && *share > 0.5),
+        matches!(&error, RunError::Merge(MergeError::AnotherActs { record, share, .. }) if record == "all.csv"
+            && *share > 0.5),
         "{error}"
     );
     assert!(error.to_string().contains("all.csv: `u"), "{error}");
@@ -337,7 +340,8 @@ fn records_in_which_another_input_acts_are_refused_by_file_and_channel() {
     let runs = vec![single("r1.csv", "u1"), single("all.csv", "u2")];
     let error = merge::of_runs("x", runs).unwrap_err();
     assert!(
-        matches!(&error, RunError::Merge(MergeError::AnotherActs { record, other, .. }) if record.ends_with("u2-of-all.csv") && other == "u1"),
+        matches!(&error, RunError::Merge(MergeError::AnotherActs { record, other,
+            .. }) if record.ends_with("u2-of-all.csv") && other == "u1"),
         "{error}"
     );
     let error = merge::of_runs("x", vec![single("r1.csv", "u1")]).unwrap_err();

@@ -99,8 +99,8 @@ fn a_known_plant_is_found_in_the_datas_units() {
     let directory = tempfile::tempdir().unwrap();
     for direct in [false, true] {
         write_plant(directory.path(), "a.csv", direct, 4000, 0.01, 3);
-        // Behind an advanced input a D of its own takes a state more an input: a pole at zero. Five states would share out
-        // unevenly, and then the form, in which no output enters another at once, is not general: so six.
+        // Behind an advanced input a D of its own takes a state more an input: a pole at zero. Five states would share
+        // out unevenly, and then the form, in which no output enters another at once, is not general: so six.
         let structure = format!("[structure]\nstates = {}\n", if direct { 6 } else { 4 });
         let outcome = carry_out(&config("\"a.csv\"", &structure), directory.path());
         assert_eq!(outcome.prepared.advanced, usize::from(direct));
@@ -365,7 +365,8 @@ fn a_former_model_is_a_better_start_than_none() {
     let directory = tempfile::tempdir().unwrap();
     write_plant(directory.path(), "a.csv", true, 4000, 0.02, 10);
     write_plant(directory.path(), "b.csv", true, 160, 0.02, 11);
-    let noise = "[preparation]\nadvance = 1\n[noise]\nfrom = \"given\"\nread_as = \"rms\"\nsensor = [0.02, 20.0]\nstate = 1e-7\n";
+    let noise = "[preparation]\nadvance = 1\n[noise]\nfrom = \"given\"\nread_as = \"rms\"\nsensor = [0.02, \
+        20.0]\nstate = 1e-7\n";
     let first = carry_out(&config("\"a.csv\"", &format!("[structure]\nstates = 6\n{noise}")), directory.path());
     run::write(&first, &directory.path().join("first")).unwrap();
     let short = |start: &str| {
@@ -438,7 +439,8 @@ fn the_truss_takes_its_input_from_a_file() {
         writeln!(text, "{},{},{}", normal(), 0.5 * normal(), normal()).unwrap();
     }
     std::fs::write(directory.path().join("u.csv"), &text).unwrap();
-    let text = "[data]\noutputs = [\"y3\", \"y1\"]\n[data.testbed]\ninput_file = \"u.csv\"\n[structure]\nstates = 12\n[noise]\nfrom = \"paper-squared\"\n";
+    let text = "[data]\noutputs = [\"y3\", \"y1\"]\n[data.testbed]\ninput_file = \"u.csv\"\n[structure]\nstates = \
+        12\n[noise]\nfrom = \"paper-squared\"\n";
     let experiment: Experiment = experiment::from_toml(text, "test").unwrap();
     let outcome = carry_out(&experiment, directory.path());
     assert_eq!(outcome.validation.measured.dim(), (1500, 2));
@@ -468,7 +470,8 @@ fn periods_show_the_noise_floor_also_after_decimation() {
     std::fs::write(directory.path().join("p.csv"), text).unwrap();
     let run = |rest: &str| {
         let text = format!(
-            "sample_rate_hz = 100.0\n{rest}[structure]\nstates = 4\n[noise]\nfrom = \"paper-squared\"\n[validation]\nperiod = 400\n"
+            "sample_rate_hz = 100.0\n{rest}[structure]\nstates = 4\n[noise]\nfrom = \
+             \"paper-squared\"\n[validation]\nperiod = 400\n"
         );
         run::carry_out(&config("\"p.csv\"", &text), directory.path(), None, false, &Silent)
     };
@@ -508,7 +511,8 @@ fn what_cannot_be_identified_is_refused_with_the_reason() {
         ("few.csv", "[structure]\nindices = [2, 1, 1]\n", "indices"),
         (
             "few.csv",
-            "[structure]\nstates = 4\n[variant]\nbackend = \"faer\"\nscalar = \"double-double\"\n[noise]\nfrom = \"paper-squared\"\n",
+            "[structure]\nstates = 4\n[variant]\nbackend = \"faer\"\nscalar = \"double-double\"\n[noise]\nfrom = \
+             \"paper-squared\"\n",
             "double-double",
         ),
     ] {

@@ -1,4 +1,4 @@
-//! Files in and out, each whole or not at all.
+//! Reading files, and writing them atomically.
 
 use std::path::Path;
 

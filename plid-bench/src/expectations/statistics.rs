@@ -44,7 +44,8 @@ pub fn root_mean(squares: &[f64]) -> Option<Figure> {
     Some(Figure { value: root, error })
 }
 
-/// Root of the ratio of two means of squares over the same runs. The runs are paired, so what all methods share in a run cancels in the error.
+/// Root of the ratio of two means of squares over the same runs. The runs are paired, so what all methods share in a
+/// run cancels in the error.
 pub fn paired_root_ratio(squares: &[f64], reference: &[f64]) -> Option<Figure> {
     let (over, under) = (mean(squares)?.value, mean(reference)?.value);
     if !(under > 0.0 && over > 0.0) {
@@ -63,8 +64,8 @@ pub fn geometric_mean(values: &[f64]) -> Option<Figure> {
     Some(Figure { value: value.exp(), error: value.exp() * error })
 }
 
-/// The interval that holds the mean over `runs` runs of a chi-square with `dimensions` degrees of freedom, over these, with
-/// probability 0.95: where the NEES of an honest filter lies.
+/// The interval that holds the mean over `runs` runs of a chi-square with `dimensions` degrees of freedom, over these,
+/// with probability 0.95: where the NEES of an honest filter lies.
 pub fn consistent_band(runs: usize, dimensions: usize) -> Option<(f64, f64)> {
     let freedom = (runs * dimensions) as f64;
     let chi = ChiSquared::new(freedom).ok()?;
@@ -96,7 +97,8 @@ mod tests {
         assert!((found.value - 2.0).abs() < 1e-15 && found.error < 1e-15);
     }
 
-    /// A normal mean with known variance is linear and Gaussian: its NEES over runs lies within the band 95 times in a hundred.
+    /// A normal mean with known variance is linear and Gaussian: its NEES over runs lies within the band 95 times in a
+    /// hundred.
     #[test]
     fn a_linear_gaussian_case_is_consistent_as_often_as_the_band_says() {
         let mut rng = ChaCha8Rng::seed_from_u64(7);

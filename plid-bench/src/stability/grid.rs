@@ -1,26 +1,26 @@
-//! A table of classes as a picture: colour and word say the class, a second line says when.
+//! A plot of a table of classes: colour and word show the class, and a second line shows the step.
 
 use maud::{Markup, html};
 
 use super::classify::Class;
 
-/// What a field shows.
+/// The contents of a field.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Field {
-    /// Its colour and word.
+    /// The class, which determines colour and word.
     pub class: Class,
-    /// A second line, short.
+    /// A short second line.
     pub note: String,
 }
 
 /// Rows and columns of fields; `None` is blank.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grid {
-    /// One name a row.
+    /// Names of the rows.
     pub rows: Vec<String>,
-    /// One name a column.
+    /// Names of the columns.
     pub columns: Vec<String>,
-    /// What the columns are.
+    /// The label of the columns.
     pub column_label: String,
     /// `rows` x `columns`.
     pub fields: Vec<Vec<Option<Field>>>,

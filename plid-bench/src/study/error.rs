@@ -3,7 +3,7 @@ use std::path::PathBuf;
 
 use plid_data::config::ConfigError;
 
-/// A study that cannot go on.
+/// The reasons why a study cannot continue.
 #[derive(Debug, thiserror::Error)]
 pub enum StudyError {
     /// The config cannot be used.
@@ -25,7 +25,7 @@ pub enum StudyError {
         /// The number and its key.
         source: plid_file::NotFinite,
     },
-    /// A file that was written by a study, and is not what it should be.
+    /// A file written by a study has invalid content.
     #[error("{}, line {line}: {reason}", path.display())]
     Content {
         /// The file.
@@ -43,7 +43,7 @@ pub enum StudyError {
         /// Why.
         source: Box<dyn Error + Send + Sync>,
     },
-    /// The user asked for an end.
+    /// The user interrupted the study.
     #[error("interrupted; completed cells are in {}, from which --resume continues", journal.display())]
     Interrupted {
         /// The journal.

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::StudyError;
 
-/// Writes a file whole or not at all.
+/// Writes a file atomically.
 ///
 /// # Errors
 /// [`StudyError::File`]
@@ -30,7 +30,7 @@ pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), StudyError
 /// [`StudyError::File`]
 ///
 /// # Panics
-/// If a row is not flat, which is a bug of its type.
+/// Panics if a row is not flat, which is a fault of its type.
 pub fn write_csv<T: Serialize>(path: &Path, rows: impl IntoIterator<Item = T>) -> Result<(), StudyError> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     for row in rows {

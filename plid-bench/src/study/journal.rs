@@ -10,7 +10,7 @@ use sha2::{Digest, Sha256};
 
 use super::StudyError;
 
-/// The finished cells of a study, on disk as they come: DIR/cells.jsonl, a head and then a line a cell.
+/// The finished cells of a study, saved as they are completed in DIR/cells.jsonl: a head followed by one line per cell.
 ///
 /// A crash loses no more than the line that was being written.
 #[derive(Debug)]
@@ -43,13 +43,13 @@ struct OwnedLine<T> {
 const NAME: &str = "cells.jsonl";
 
 impl<T: Serialize + DeserializeOwned> Journal<T> {
-    /// Opens the journal of `study` in `directory`, which is made if it is missing. With `resume` the cells that stand there
-    /// are taken over; without, or where there are none, it begins anew. `config` is whatever the cells depend on, as text: the config,
-    /// and the machine for a study of time.
+    /// Opens the journal of `study` in `directory`, which is made if it is missing. With `resume` the cells that stand
+    /// there are taken over; without, or where there are none, it begins anew. `config` is whatever the cells depend
+    /// on, as text: the config, and the machine for a study of time.
     ///
     /// # Errors
-    /// A journal of another study or config, or one with a line that is not a cell, except a torn last one, which is dropped; the
-    /// file system's.
+    /// A journal of another study or config, or one with a line that is not a cell, except a torn last one, which is
+    /// dropped; the file system's.
     pub fn open(directory: &Path, study: &str, config: &str, resume: bool) -> Result<Self, StudyError> {
         let path = directory.join(NAME);
         let sha256 = Sha256::digest(config).iter().map(|byte| format!("{byte:02x}")).collect();
@@ -66,7 +66,7 @@ impl<T: Serialize + DeserializeOwned> Journal<T> {
         Ok(Self { path, file, cells })
     }
 
-    /// Appends a finished cell; one that is there already is replaced by it.
+    /// Appends a finished cell, which replaces an earlier one with the same key.
     ///
     /// # Errors
     /// Returns [`StudyError::NotFinite`], because such a cell could not be read back, or [`StudyError::File`].
@@ -92,13 +92,13 @@ impl<T: Serialize + DeserializeOwned> Journal<T> {
         &self.cells
     }
 
-    /// What to return when the user asks for an end.
+    /// Returns the error for an interruption by the user.
     pub fn interrupted(&self) -> StudyError {
         StudyError::Interrupted { journal: self.path.clone() }
     }
 }
 
-/// The cells of a journal whose lines are whole; none where it is empty.
+/// Parses the cells of a journal with complete lines; the result is empty for an empty journal.
 fn cells<T: DeserializeOwned>(path: &Path, head: &Head, bytes: &[u8]) -> Result<BTreeMap<String, T>, StudyError> {
     let bad = |line: usize, reason: String| StudyError::Content { path: path.into(), line, reason };
     let text = std::str::from_utf8(bytes).map_err(|error| bad(1, error.to_string()))?;
@@ -124,7 +124,7 @@ fn cells<T: DeserializeOwned>(path: &Path, head: &Head, bytes: &[u8]) -> Result<
         .collect()
 }
 
-/// The file, cut down to its first `whole` bytes, ready for the next line.
+/// Opens the file, truncated to its first `whole` bytes, for appending.
 fn open_at(path: &Path, whole: usize, head: &Head) -> io::Result<File> {
     let file = OpenOptions::new().create(true).append(true).open(path)?;
     file.set_len(whole as u64)?;

@@ -4,7 +4,8 @@ use super::{Contents, Found};
 use crate::array::{array, count};
 use crate::bytes::{Bytes, Storage};
 
-/// Whether the file may be of version 4: versions since 5 begin with four characters of text, and this one with a number below 5000.
+/// Whether the file may be of version 4: versions since 5 begin with four characters of text, and this one with a
+/// number below 5000.
 pub(super) fn is_likely(bytes: &[u8]) -> bool {
     bytes.len() >= 20 && bytes[..4].contains(&0)
 }

@@ -1,8 +1,8 @@
 //! MATLAB .mat files of version 5 (`save -v6` or `-v7`): tagged elements, each either a matrix or a compressed one.
 //!
-//! After MathWorks, "MAT-File Level 5 File Format". A matrix consists of elements itself: flags, dimensions, a name, and what its class
-//! asks for. These must fill it exactly, also where its contents are of no use here: a size that is wrong would otherwise swallow the
-//! matrices behind it.
+//! After MathWorks, "MAT-File Level 5 File Format". A matrix consists of elements itself: flags, dimensions, a name,
+//! and what its class asks for. These must fill it exactly, also where its contents are of no use here: a size that is
+//! wrong would otherwise swallow the matrices behind it.
 
 use std::io::Read;
 
@@ -15,7 +15,7 @@ use crate::bytes::{Bytes, Storage};
 /// Bytes before the first element.
 const HEADER: usize = 128;
 
-/// Deflate makes at most so many bytes of one.
+/// The largest ratio by which deflate can expand its input.
 const EXPANSION: usize = 1032;
 
 const INT8: u32 = 1;

@@ -1,4 +1,4 @@
-//! Where the power of a channel lies, and whether the rate is high against it.
+//! The frequency band of a channel, and whether the sample rate is high compared with it.
 use super::Segment;
 use crate::Warning;
 use ndarray::ArrayView1;
@@ -17,9 +17,9 @@ pub struct Band {
     pub high_hz: f64,
 }
 
-/// A band narrower than this share of the Nyquist frequency is worth a warning.
+/// A band narrower than this share of the Nyquist frequency causes a warning.
 const NARROW: f64 = 0.2;
-/// The rate is high if the data lie below this share of it.
+/// The rate is high if the data are below this share of it.
 const OVERSAMPLED: f64 = 0.125;
 /// Suggested rate over the upper edge of the band: the anti-alias filter passes 0.4 of the new
 /// rate, and a quarter more leaves room for what the edge leaves out.

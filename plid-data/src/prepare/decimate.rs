@@ -1,23 +1,22 @@
 //! Decimation behind a linear-phase anti-alias filter.
 //!
-//! The filter is a sinc under a Kaiser window (Oppenheim and Schafer, Discrete-Time Signal
-//! Processing, 7.5.3): passes up to 0.8 of the new Nyquist frequency, stops by at least 60 dB from
-//! the new Nyquist frequency on, so that nothing above it folds back. It is symmetric and
-//! applied about each kept sample, so it delays nothing, and it is the same for inputs and
-//! outputs, so it leaves their relation as it is. Samples whose filter would reach beyond the
-//! record are dropped, at both ends.
+//! The filter is a sinc with a Kaiser window (Oppenheim and Schafer, Discrete-Time Signal Processing, 7.5.3). It passes
+//! frequencies up to 0.8 of the new Nyquist frequency and attenuates those above the new Nyquist frequency by at least
+//! 60 dB, which prevents aliasing. It is symmetric about each kept sample, so it causes no delay, and it is the same
+//! for inputs and outputs, so it preserves their relation. Samples whose filter would extend beyond the record are
+//! dropped at both ends.
 use super::PrepareError;
 use crate::{Record, Warning};
 use ndarray::{Array2, ArrayView1, ArrayView2};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// Pass-band edge over the new Nyquist frequency.
+/// Pass-band edge relative to the new Nyquist frequency.
 const PASS: f64 = 0.8;
-/// Design attenuation in dB; 60 dB is what is promised.
+/// Design attenuation in dB; the documented attenuation is 60 dB.
 const ATTENUATION_DB: f64 = 70.0;
 
-/// What decimation did.
+/// The parameters of a decimation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Decimation {
     /// Rate before, in Hz.
@@ -33,7 +32,7 @@ pub struct Decimation {
 /// Plans the decimation from one rate to another.
 ///
 /// # Errors
-/// If the ratio is not an integer to within 0.1 %; the error names the nearest rates.
+/// Returns an error if the ratio is not an integer to within 0.1 %; it names the nearest rates.
 pub fn plan(from_hz: f64, to_hz: f64) -> Result<Decimation, PrepareError> {
     if !(to_hz > 0.0 && to_hz.is_finite()) || to_hz > from_hz * 1.001 {
         return Err(PrepareError::DecimationRate { from_hz, to_hz });
@@ -85,7 +84,8 @@ pub fn decimate(record: &Record, plan: &Decimation, number: usize) -> Result<Rec
     })
 }
 
-/// Says for each output with missing samples how many samples the filter masked; `number` is that of the record, from 1.
+/// Says for each output with missing samples how many samples the filter masked; `number` is that of the record,
+/// from 1.
 pub fn masked(raw: &Record, decimated: &Record, number: usize) -> Vec<Warning> {
     let missing = |column: ArrayView1<f64>| column.iter().filter(|x| x.is_nan()).count();
     let channels = decimated.output_names.iter().zip(raw.outputs.columns()).zip(decimated.outputs.columns());

@@ -1,4 +1,4 @@
-//! The part of a record that an estimate may look at.
+//! The part of a record that an estimate may use.
 use crate::Record;
 use ndarray::{ArrayView2, s};
 

@@ -31,8 +31,8 @@ pub(super) fn of_input(runs: &Path, input: &str) -> PathBuf {
     runs.join(file_name(input))
 }
 
-/// Puts new runs, if there are any, in the place of the old ones. The result of the old merge goes first, because it does
-/// not belong to the new runs.
+/// Puts new runs, if there are any, in the place of the old ones. The result of the old merge goes first, because it
+/// does not belong to the new runs.
 pub(super) fn replace_runs(directory: &Path) -> io::Result<()> {
     let (new, runs) = (directory.join(NEW), directory.join(RUNS));
     if !new.exists() {

@@ -301,7 +301,8 @@ pub(crate) fn training(prepared: &Prepared) -> Vec<Samples<'_>> {
     samples.collect()
 }
 
-/// The prepared data of an experiment and its bank of filters; `None` in its place if the experiment gives all of the noise.
+/// The prepared data of an experiment and its bank of filters; `None` in its place if the experiment gives all of the
+/// noise.
 pub(crate) fn bank(experiment: &Experiment, base: &Path) -> Result<(Prepared, Option<Bank>), RunError> {
     let mut experiment = experiment.clone();
     let (obtained, prepared) = data(&mut experiment, base)?;
