@@ -1,10 +1,15 @@
 //! Complex numbers and Fourier transforms of real signals.
 
-use nalgebra::Complex;
-pub use plid_model::signal::fourier::{backward, forward};
+use std::cell::RefCell;
+
+use rustfft::{FftPlanner, num_complex::Complex};
 
 /// A complex number.
 pub type C = Complex<f64>;
+
+thread_local! {
+    static PLANNER: RefCell<FftPlanner<f64>> = RefCell::new(FftPlanner::new());
+}
 
 /// The smallest length from `least` on that has no prime factor above 5.
 pub fn good_length(least: usize) -> usize {
@@ -23,4 +28,28 @@ fn smooth(mut n: usize) -> bool {
         }
     }
     n == 1
+}
+
+/// Bins 0 to n/2 of the transform of `x`, unscaled.
+pub fn forward(x: &[f64]) -> Vec<C> {
+    let mut whole: Vec<Complex<f64>> = x.iter().map(|&x| Complex::new(x, 0.0)).collect();
+    PLANNER.with(|planner| planner.borrow_mut().plan_fft_forward(x.len())).process(&mut whole);
+    whole.truncate(x.len() / 2 + 1);
+    whole.into_iter().map(|z| C::new(z.re, z.im)).collect()
+}
+
+/// The real signal of length `n` whose transform has these bins from 0 to n/2.
+pub fn backward(bins: &[C], n: usize) -> Vec<f64> {
+    let at = |k: usize| {
+        let z = if k < bins.len() { bins[k] } else { bins[n - k].conj() };
+        Complex::new(z.re, z.im)
+    };
+    let mut whole: Vec<Complex<f64>> = (0..n).map(at).collect();
+    // A signal is real: what is imaginary at zero and at half the rate has no place.
+    whole[0].im = 0.0;
+    if n.is_multiple_of(2) {
+        whole[n / 2].im = 0.0;
+    }
+    PLANNER.with(|planner| planner.borrow_mut().plan_fft_inverse(n)).process(&mut whole);
+    whole.iter().map(|z| z.re / n as f64).collect()
 }

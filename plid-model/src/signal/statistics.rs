@@ -33,7 +33,7 @@ mod tests {
     #[test]
     fn missing_values_are_left_out() {
         assert_eq!(rms([3.0, f64::NAN, 4.0]), 12.5f64.sqrt());
-        assert_eq!(mean(&[3.0, f64::NAN, 4.0]), 3.5);
+        assert_eq!(mean([3.0, f64::NAN, 4.0]), 3.5);
         assert_eq!((rms([f64::NAN]), mean(&[] as &[f64])), (0.0, 0.0));
     }
 
