@@ -176,9 +176,10 @@ fn require_possible(parameter: &Parameter, value: f64, rate: f64) -> Result<(), 
     }
 }
 
-/// Whether an effect can act at a channel, strut or port. A free shape acts where the effects that it stands for do.
+/// Whether an effect can act at a place that the simulation has; a frequency is no such place. A free shape acts where the
+/// effects that it stands for do.
 fn acts_at(place: &Place, effect: &dyn Effect, library: &Library, setting: &Setting) -> bool {
-    if !matches!(place, Place::Input(_) | Place::Output(_) | Place::Port(_)) {
+    if matches!(place, Place::MissingMode(_) | Place::Frequency(..)) {
         return true;
     }
     let Some(shape) = Flexible::named(effect.name()) else { return effect.places(setting).contains(place) };
@@ -199,6 +200,7 @@ fn place(location: &str, effect: &dyn Effect, setting: &Setting) -> Option<Place
     if let Some(k) = of(&names.ports, location).filter(|&k| has_strut(k)) {
         return Some(Place::Port(k));
     }
+    let hz = |text: &str| text.parse().ok().filter(|hz: &f64| hz.is_finite() && *hz > 0.0);
     let (kind, at) = location.split_once(':')?;
     match kind {
         "input" if at == "all" => Some(Place::AllInputs),
@@ -211,11 +213,11 @@ fn place(location: &str, effect: &dyn Effect, setting: &Setting) -> Option<Place
             None => Some(Place::Output(of(&names.outputs, at)?)),
         },
         "port" => Some(Place::Port(of(&names.ports, at)?)),
-        "mode" if effect.name() == "missing-mode" => Some(Place::MissingMode(at.parse().ok()?)),
-        "mode" => Some(Place::Mode(setting.plant.mode_at(at.parse().ok()?)?)),
+        "mode" if effect.name() == "missing-mode" => Some(Place::MissingMode(hz(at)?)),
+        "mode" => Some(Place::Mode(setting.plant.mode_at(hz(at)?)?)),
         "freq" => {
-            let (hz, port) = at.split_once(" port:")?;
-            Some(Place::Frequency(hz.parse().ok()?, of(&names.ports, port)?))
+            let (tone, port) = at.split_once(" port:")?;
+            Some(Place::Frequency(hz(tone)?, of(&names.ports, port)?))
         }
         _ => None,
     }

@@ -143,12 +143,13 @@ fn number(value: f64) -> Option<Value> {
 
 fn mode(deviation: &ModeDeviation) -> Value {
     let mode = &deviation.mode;
-    let value = json!({
-        "hz": mode.hz, "damping_ratio": mode.damping, "kind": mode.kind, "stable": mode.stable,
-    });
+    let value = json!({ "kind": mode.kind, "stable": mode.stable });
     with(
         value,
         [
+            // A pole at zero has no frequency.
+            ("hz", number(mode.hz)),
+            ("damping_ratio", number(mode.damping)),
             ("hz_std", deviation.hz_std.and_then(number)),
             ("damping_ratio_std", deviation.damping_std.and_then(number)),
             ("strength_db", number(mode.strongest_db())),
