@@ -1,13 +1,15 @@
-//! Effects planted by the testbed and found by the diagnosis: how often the place is right, and the parameters in their intervals.
+//! Effects planted by the testbed and found by the diagnosis: how often the place is right, and the parameters in their
+//! intervals.
 //!
 //! ```sh
-//! cargo run --release --example backward_study -- [EFFECT...] [--seeds 40] [--first 1] [--length 1.0] [--jobs 1] [--out FOLDER]
+//! cargo run --release --example backward_study -- [EFFECT...] \
+//!     [--seeds 40] [--first 1] [--length 1.0] [--jobs 1] [--out FOLDER]
 //! ```
 //!
-//! A case per effect and seed, at a gap from 5 to 15 %, with ports and all six records; `all` stands for every effect of the
-//! vocabulary. What a simulation may be off by itself (frequencies, damping ratios, gains) is drawn beyond those limits, at a larger
-//! gap. With `--out` each finished case is a file in FOLDER, and the same command goes on where it was stopped. Without
-//! arguments it is a trial of seconds: one effect, one seed, short records.
+//! A case per effect and seed, at a gap from 5 to 15 %, with ports and all six records; `all` stands for every effect
+//! of the vocabulary. What a simulation may be off by itself (frequencies, damping ratios, gains) is drawn beyond those
+//! limits, at a larger gap. With `--out` each finished case is a file in FOLDER, and the same command goes on where it
+//! was stopped. Without arguments it is a trial of seconds: one effect, one seed, short records.
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -74,7 +76,8 @@ struct Found {
     parameters: BTreeMap<String, (f64, Option<Value>)>,
     /// All of them are in their intervals; none where one has no interval.
     covered: Option<bool>,
-    /// Share of the gap beyond the noise that is gone on the held-out record; none where nothing stands out of the noise there.
+    /// Share of the gap beyond the noise that is gone on the held-out record; none where nothing stands out of the
+    /// noise there.
     shrink: Option<f64>,
     seconds: f64,
 }
@@ -189,7 +192,8 @@ fn plant_and_find(effect: &str, seed: u64, spec: GapSpec) -> Result<Found, Box<d
     Ok(found)
 }
 
-/// Where the simulation may itself be so far off, nothing is there to be found: stronger, until it is beyond the stated limits.
+/// Where the simulation may itself be so far off, nothing is there to be found: stronger, until it is beyond the stated
+/// limits.
 fn clear(seed: u64, spec: &GapSpec) -> Result<GapCase, GapError> {
     let mut spec = spec.clone();
     loop {
@@ -206,8 +210,8 @@ fn parameters(truth: &LabelledEffect, stated: &BTreeMap<String, Value>) -> BTree
     values.map(|(name, value)| ((*name).to_owned(), (*value, stated.get(*name).cloned()))).collect()
 }
 
-/// Whether the true value is in the stated interval. An amplitude and its phase mean the same with both signs turned: the amplitude
-/// is compared with the stated one's sign, the phase with the nearest half turn.
+/// Whether the true value is in the stated interval. An amplitude and its phase mean the same with both signs turned:
+/// the amplitude is compared with the stated one's sign, the phase with the nearest half turn.
 fn covers(name: &str, (truth, stated): &(f64, Option<Value>)) -> Option<bool> {
     let stated = stated.as_ref()?;
     let [low, high] = stated.ci95?;

@@ -1,6 +1,7 @@
 //! An effect of one's own: one type, one line, and the whole diagnosis knows it.
 //!
-//! A sensor that is bent: y' = y + c y^2. The records are simulated here, the vocabulary is asked without the effect and with it.
+//! A sensor that is bent: y' = y + c y^2. The records are simulated here, the vocabulary is asked without the effect
+//! and with it.
 //!
 //! ```sh
 //! cargo run --release --example own_effect

@@ -295,7 +295,8 @@ struct Record {
     outputs: Vec<Vec<f64>>,
 }
 
-/// Simulates the plant of `parameters` [a_1 .. a_p; b] with sensor noise of variance `sensor` and state noise of variance `state`.
+/// Simulates the plant of `parameters` [a_1 .. a_p; b] with sensor noise of variance `sensor` and state noise of
+/// variance `state`.
 fn record(indices: &[usize], parameters: &[f64], [sensor, state]: [f64; 2], samples: usize, seed: u64) -> Record {
     let form = ObservableForm::new(indices, 1).expect("indices above zero");
     let (n, p) = (form.states(), form.outputs());

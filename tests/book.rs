@@ -1,4 +1,5 @@
-//! The book and the README hold together: every chapter exists and is listed, every link and every include leads somewhere.
+//! The book and the README hold together: every chapter exists and is listed, every link and every include leads
+//! somewhere.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -123,7 +124,8 @@ fn dead_links_includes_and_anchors_are_found() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     fs::write(folder.path().join("code.rs"), "// ANCHOR: here\n// ANCHOR_END: here\n").unwrap();
     let page = folder.path().join("page.md");
-    let text = "# A, part\n\n[a](code.rs) [b](https://x.org/y) [c](#a-part) [c](#no-part) ![d](gone.svg) `[e](not-a-link.md)`\n\n```rust\n\
+    let text = "# A, part\n\n[a](code.rs) [b](https://x.org/y) [c](#a-part) [c](#no-part) ![d](gone.svg) \
+        `[e](not-a-link.md)`\n\n```rust\n\
         {{#include code.rs:here}}\n{{#include code.rs:there}}\n{{#include gone.rs}}\n```\n";
     fs::write(&page, text).unwrap();
     let dead = dead_ends(&page).join("\n");

@@ -1,7 +1,8 @@
-//! The diagnosis on cases that the testbed draws: its effects are integrated by other code than what the diagnosis fits.
+//! The diagnosis on cases that the testbed draws: its effects are integrated by other code than what the diagnosis
+//! fits.
 //!
-//! One case of each family, each with the next seed in the order of this file. They are short, of few modes and channels: trials say
-//! how often the diagnosis is right, these only that it still is.
+//! One case of each family, each with the next seed in the order of this file. They are short, of few modes and
+//! channels: trials say how often the diagnosis is right, these only that it still is.
 
 use std::time::Instant;
 
@@ -112,7 +113,8 @@ fn a_simulator_that_gives_only_its_outputs() {
     is_named(12, &GapSpec { simulator: Simulator::Outputs, ports: false, ..spec(&["actuator-saturation"]) });
 }
 
-/// An effect that is at work, and one that was fitted beside it: leaving it out of a diagnosis that was made gives the bytes of one that never knew it.
+/// An effect that is at work, and one that was fitted beside it: leaving it out of a diagnosis that was made gives the
+/// bytes of one that never knew it.
 #[test]
 fn what_is_left_out_is_as_if_it_had_never_been_known() {
     let spec = GapSpec { channels: Channels { inputs: 1, outputs: 1 }, ..spec(&["actuator-dead-zone"]) };

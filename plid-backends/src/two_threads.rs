@@ -5,9 +5,11 @@ use std::marker::PhantomData;
 use plid_core::kernels::Kernels;
 use plid_core::{Backend, Dense};
 
-/// The default kernels over a `Vec`, in halves on two threads of rayon's pool, to the same bits as [`Plain`](crate::Plain).
+/// The default kernels over a `Vec`, in halves on two threads of rayon's pool, to the same bits as
+/// [`Plain`](crate::Plain).
 ///
-/// Halves are handed over within a microsecond or two only if the step itself runs on a thread of the pool: see [`on_threads`].
+/// Halves are handed over within a microsecond or two only if the step itself runs on a thread of the pool: see
+/// [`on_threads`].
 #[derive(Clone, Copy, Debug)]
 pub struct TwoThreads<S>(PhantomData<S>);
 
@@ -20,8 +22,8 @@ impl<S: Kernels> Backend for TwoThreads<S> {
     }
 }
 
-/// Runs `work`, a loop of steps for example, on a pool of its own with `threads` threads; `started` is called on each of them
-/// first, with its number from 0 (to pin it to a core, say).
+/// Runs `work`, a loop of steps for example, on a pool of its own with `threads` threads; `started` is called on each
+/// of them first, with its number from 0 (to pin it to a core, say).
 ///
 /// # Errors
 /// The system gives no more threads.

@@ -1,4 +1,5 @@
-//! Free runs of the simulation that a diagnosis makes by the thousand: ten modes, three inputs and outputs, 2000 samples.
+//! Free runs of the simulation that a diagnosis makes by the thousand: ten modes, three inputs and outputs, 2000
+//! samples.
 //!
 //!     cargo bench -p plid-bench --bench free_run
 

@@ -1,5 +1,5 @@
-//! Instructions of a step, counted by valgrind: a gauge without noise. Needs valgrind, and gungraun's runner of the version in
-//! Cargo.lock; without them it says so, and does nothing.
+//! Instructions of a step, counted by valgrind: a gauge without noise. Needs valgrind, and gungraun's runner of the
+//! version in Cargo.lock; without them it says so, and does nothing.
 //!
 //!     cargo install gungraun-runner --version 0.20.0
 //!     cargo bench -p plid-bench --bench instructions
@@ -36,11 +36,15 @@ fn begun(states: usize, covariance: CovarianceName, expectations: ExpectationNam
 #[bench::joseph_moment_matched_12(args = (12, CovarianceName::Joseph, ExpectationName::MomentMatched), setup = begun)]
 #[bench::joseph_moment_matched_64(args = (64, CovarianceName::Joseph, ExpectationName::MomentMatched), setup = begun)]
 #[bench::joseph_joint_ekf_64(args = (64, CovarianceName::Joseph, ExpectationName::JointEkf), setup = begun)]
-#[bench::bierman_ud_moment_matched_12(args = (12, CovarianceName::BiermanUd, ExpectationName::MomentMatched), setup = begun)]
-#[bench::bierman_ud_moment_matched_64(args = (64, CovarianceName::BiermanUd, ExpectationName::MomentMatched), setup = begun)]
+#[bench::bierman_ud_moment_matched_12(args = (12, CovarianceName::BiermanUd, ExpectationName::MomentMatched),
+    setup = begun)]
+#[bench::bierman_ud_moment_matched_64(args = (64, CovarianceName::BiermanUd, ExpectationName::MomentMatched),
+    setup = begun)]
 #[bench::bierman_ud_joint_ekf_64(args = (64, CovarianceName::BiermanUd, ExpectationName::JointEkf), setup = begun)]
-#[bench::array_sqrt_moment_matched_12(args = (12, CovarianceName::ArraySqrt, ExpectationName::MomentMatched), setup = begun)]
-#[bench::array_sqrt_moment_matched_64(args = (64, CovarianceName::ArraySqrt, ExpectationName::MomentMatched), setup = begun)]
+#[bench::array_sqrt_moment_matched_12(args = (12, CovarianceName::ArraySqrt, ExpectationName::MomentMatched),
+    setup = begun)]
+#[bench::array_sqrt_moment_matched_64(args = (64, CovarianceName::ArraySqrt, ExpectationName::MomentMatched),
+    setup = begun)]
 #[bench::array_sqrt_joint_ekf_64(args = (64, CovarianceName::ArraySqrt, ExpectationName::JointEkf), setup = begun)]
 fn step(mut steps: Loop<'static>) -> Loop<'static> {
     steps.step().expect("the workload keeps every variant sound");

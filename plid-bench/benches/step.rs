@@ -1,4 +1,5 @@
-//! Steps of the recursion on the truss, and a pass over P beside them: sixty cells at most of those that `plid bench speed` measures.
+//! Steps of the recursion on the truss, and a pass over P beside them: sixty cells at most of those that `plid bench
+//! speed` measures.
 //!
 //!     cargo bench -p plid-bench --bench step
 //!     cargo bench -p plid-bench --bench step -- --test      # each bench once
@@ -14,7 +15,8 @@ const SIZES: [usize; 3] = [12, 30, 64];
 
 /// Forty-eight cells; the passes make it 57.
 ///
-/// Each form under the dearest and the cheapest expectation at each size; at the largest also what else can differ, one at a time.
+/// Each form under the dearest and the cheapest expectation at each size; at the largest also what else can differ, one
+/// at a time.
 fn cells() -> Vec<Cell> {
     let mut cells = Vec::new();
     for form in CovarianceName::all() {
@@ -51,7 +53,8 @@ fn step(criterion: &mut Criterion) {
         let mut steps = begin();
         group.bench_function(cell.key(), |bench| {
             bench.iter(|| {
-                // A matrix in f32 is lost after tens of thousands of steps even here. To begin anew is as good as free among so many.
+                // A matrix in f32 is lost after tens of thousands of steps even here. To begin anew is as good as free
+                // among so many.
                 if steps.step().is_err() {
                     steps = begin();
                 }

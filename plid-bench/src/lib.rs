@@ -1,11 +1,10 @@
-//! Studies of plid on the own machine: how fast it is, how sound it stays, which expectations it should take; and the benches.
+//! Studies of plid on the user's machine: its speed, its numerical stability and its conditional expectations; and the
+//! benches.
 
 pub mod expectations;
-mod median;
 pub mod speed;
 pub mod stability;
 pub mod study;
 mod workload;
 
-pub use median::median;
 pub use workload::{Loop, Noise, Record, Workload};

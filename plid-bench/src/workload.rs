@@ -1,7 +1,9 @@
-//! The workload of the benches and of the speed study: the simulated truss, and a recursion that goes over its record again and again.
+//! The workload of the benches and of the speed study: the simulated truss, and a recursion that processes its record
+//! repeatedly.
 //!
-//! A step's time does not depend on the numbers, as long as they are ordinary ones. So the noise covariances are not the
-//! truss's, but chosen to keep every form sound in every scalar: R and P0 do not lie far apart, and Sigma keeps P from dwindling.
+//! The time of a step does not depend on the numbers, provided that they are normal. The noise covariances are
+//! therefore not those of the truss but chosen to keep every form sound in every scalar: R and P0 have similar
+//! magnitudes, and Sigma keeps P from vanishing.
 
 use plid_catalogue::{Recursion, Variant, VariantError};
 use plid_core::{Dense, NoiseModel, ObservableForm, Settings};
@@ -10,7 +12,8 @@ use serde::{Deserialize, Serialize};
 
 /// Variances of sensor and actuator noise, V^2, and of state noise, in the output's unit squared.
 const VARIANCES: [f64; 3] = [1e-2, 1e-3, 1e-4];
-/// Correlation between any two noises where all covariances are full. The sum over a row stays below 1: positive definite.
+/// Correlation between any two noises where all covariances are full. The sum over a row stays below 1: positive
+/// definite.
 const CORRELATION: f64 = 0.01;
 
 /// The shape of the noise covariances.
@@ -66,7 +69,7 @@ impl Record {
     /// If it cannot be simulated.
     ///
     /// # Panics
-    /// If the truss has not so many inputs.
+    /// Panics if the truss has fewer inputs.
     pub fn truss(inputs: usize, duration_s: f64) -> Result<Self, TestbedError> {
         assert!((1..=INPUTS).contains(&inputs), "the truss has {INPUTS} inputs");
         let level_rms_v = std::array::from_fn(|j| if j < inputs { 1.0 } else { 0.0 });
@@ -126,7 +129,7 @@ impl<'a> Workload<'a> {
     }
 }
 
-/// A recursion that begins the record anew, with its estimate as it stands, whenever it is through.
+/// A recursion that restarts the record with its current estimate whenever it reaches the end.
 pub struct Loop<'a> {
     record: &'a Record,
     recursion: Box<dyn Recursion>,

@@ -1,4 +1,5 @@
-//! A whole speed study, small: its files, its resumption, its allocations. One test a process, since those of all threads count.
+//! A whole speed study, small: its files, its resumption, its allocations. One test a process, since those of all
+//! threads count.
 
 use std::alloc::System;
 use std::fs;
@@ -94,7 +95,8 @@ fn check(outcome: &Outcome) {
         assert!(timing.median_us > 0.0 && timing.least_us <= timing.median_us, "{}", timing.key);
         assert!(timing.p99_us <= timing.p99_9_us && timing.p99_9_us <= timing.longest_us, "{}", timing.key);
         let joint = timing.joint_states as u64;
-        // A step does more than one operation for each entry of P's triangle, and less than a product of N x N matrices.
+        // A step does more than one operation for each entry of P's triangle, and less than a product of N x N
+        // matrices.
         assert!(timing.operations.total() > joint * joint / 2, "{}", timing.key);
         assert!(timing.operations.total() < 2 * joint.pow(3), "{}", timing.key);
     }
@@ -110,8 +112,10 @@ fn check(outcome: &Outcome) {
 
 fn files(config: &Config, outcome: &Outcome, at: &Path) {
     let peers_file = at.join("peers.json");
-    let text = r#"{"sizes": [{"n": 12, "inputs": 3, "outputs": 3, "peers": [{"name": "numpy <dense>", "version": "2", "form": "direct",
-        "dtype": "f64", "us_per_step": 600.0, "plid_us_per_step": 6.0, "ratio": 100.0, "agreement": 1e-9, "structured": false}]}]}"#;
+    let text = r#"{"sizes": [{"n": 12, "inputs": 3, "outputs": 3, "peers": [{"name": "numpy <dense>", "version": "2",
+        "form": "direct",
+        "dtype": "f64", "us_per_step": 600.0, "plid_us_per_step": 6.0, "ratio": 100.0, "agreement": 1e-9,
+            "structured": false}]}]}"#;
     fs::write(&peers_file, text).unwrap();
     speed::write_all(outcome, Some(&peers::read(&peers_file).unwrap()), at).unwrap();
 

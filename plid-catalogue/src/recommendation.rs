@@ -29,12 +29,12 @@ pub const STEPS: usize = 100_000;
 pub const START_RATIO: f64 = 1e8;
 
 impl Conditions {
-    /// The fastest form that the study found sound with a margin under such conditions; where it did not look or found none (12 states
-    /// in f32 over 10^5 steps), Bierman UD.
+    /// The fastest form that the study found sound with a margin under such conditions; where it did not look or found
+    /// none (12 states in f32 over 10^5 steps), Bierman UD.
     ///
-    /// In f64 that is the direct form, within the bounds of [`STATES`], [`STEPS`] and [`START_RATIO`] and without forgetting. In f32 it is Bierman
-    /// UD for every size and length: as a matrix P is lost within hundreds to thousands of steps even with 12 states.
-    /// Double-double has digits enough for the direct form.
+    /// In f64 that is the direct form, within the bounds of [`STATES`], [`STEPS`] and [`START_RATIO`] and without
+    /// forgetting. In f32 it is Bierman UD for every size and length: as a matrix P is lost within hundreds to
+    /// thousands of steps even with 12 states. Double-double has digits enough for the direct form.
     pub fn recommended(&self) -> CovarianceName {
         match self.scalar {
             ScalarName::F32 => CovarianceName::BiermanUd,

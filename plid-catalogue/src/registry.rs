@@ -1,7 +1,7 @@
 //! The catalogue of this process: what is built in, and what the program has added at its start.
 //!
-//! Types are erased here, at the seams between the loop, the form and the expectation. A form is then compiled once a backend
-//! and scalar, an expectation and the loop once a scalar, and no combination of them at all.
+//! Types are erased here, at the seams between the loop, the form and the expectation. A form is then compiled once a
+//! backend and scalar, an expectation and the loop once a scalar, and no combination of them at all.
 
 use std::sync::{LazyLock, PoisonError, RwLock, RwLockReadGuard};
 

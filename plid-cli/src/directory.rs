@@ -4,13 +4,13 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
+use plid::lab::report::file_name;
+
 use super::Failure;
 
-/// `out/NAME`, which stays below `out` whatever the name is.
+/// `out/NAME`, which stays in `out` whatever the name is.
 pub fn default_for(name: &str) -> PathBuf {
-    let safe: String = name.chars().map(|c| if "/\\:".contains(c) || c.is_control() { '-' } else { c }).collect();
-    let safe = safe.trim_matches(['.', ' ']);
-    Path::new("out").join(if safe.is_empty() { "experiment" } else { safe })
+    Path::new("out").join(file_name(if name.is_empty() { "experiment" } else { name }))
 }
 
 /// An output directory must be new or empty, unless the user allows an old one; it must be a directory in any case.
@@ -54,9 +54,9 @@ mod tests {
     fn a_name_cannot_lead_elsewhere() {
         for (name, directory) in [
             ("truss 30", "out/truss 30"),
-            ("/etc", "out/-etc"),
-            ("../../x", "out/-..-x"),
-            ("..", "out/experiment"),
+            ("/etc", "out/%2Fetc"),
+            ("../../x", "out/%2E.%2F..%2Fx"),
+            ("..", "out/%2E%2E"),
             ("", "out/experiment"),
         ] {
             assert_eq!(default_for(name), Path::new(directory));

@@ -12,6 +12,7 @@ use plid::lab::identify::IdentifyError;
 use plid::lab::merge::MergeError;
 use plid::lab::run::RunError;
 use plid::model::ModelError;
+use plid::refine::RefineError;
 use plid_bench::study::StudyError;
 
 /// A failure with the exit status that it has.
@@ -75,14 +76,18 @@ impl From<RunError> for Failure {
                 Self::Work(report) => Self::work(format!("run {run}: {report}")),
             },
             RunError::Identify(IdentifyError::Variant(ref cause)) if was_asked_for(cause) => Self::Input(error.into()),
+            RunError::Refine(RefineError::Model(error)) => error.into(),
+            RunError::Refine(RefineError::Decomposition { .. } | RefineError::Interrupted) => Self::Work(error.into()),
             RunError::Config(_)
             | RunError::Setting { .. }
             | RunError::Data(_)
             | RunError::Prepare(_)
             | RunError::Testbed(_)
             | RunError::Merge(_)
+            | RunError::Refine(_)
+            | RunError::Signal(_)
             | RunError::Checkpoint { .. } => Self::Input(error.into()),
-            RunError::Identify(_) | RunError::Signal(_) | RunError::Refine(_) | RunError::Interrupted { .. } => {
+            RunError::Identify(_) | RunError::NotFinite { .. } | RunError::Interrupted { .. } => {
                 Self::Work(error.into())
             }
         }
@@ -124,7 +129,9 @@ impl From<StudyError> for Failure {
             // Not wrapped, so that the place in the file is shown.
             StudyError::Config(error) => Self::Input(error.into()),
             StudyError::Content { .. } => Self::input(error),
-            StudyError::Cell { .. } | StudyError::Interrupted { .. } => Self::work(error),
+            StudyError::NotFinite { .. } | StudyError::Cell { .. } | StudyError::Interrupted { .. } => {
+                Self::work(error)
+            }
         }
     }
 }

@@ -193,9 +193,11 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     if arguments.resume && !arguments.force {
         require_own(&experiment, &out, &out)?;
     }
+    let checkpoint = || std::fs::read(out.join(CHECKPOINT)).ok();
+    let before = checkpoint();
     let result = super::run::carry_out(&experiment, &out, &out, arguments.resume, voice);
-    // An experiment that could not be begun leaves nothing behind; one that was interrupted may be taken up.
-    if result.is_ok() || out.join(CHECKPOINT).exists() {
+    // An experiment that fails leaves nothing; one that is interrupted leaves a checkpoint and may be continued.
+    if result.is_ok() || checkpoint() != before {
         let path = out.join("experiment.toml");
         write_atomic(&path, to_toml(&experiment).as_bytes()).map_err(|error| Failure::file(&path, &error))?;
     }

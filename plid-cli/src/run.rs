@@ -82,6 +82,7 @@ fn summary(outcome: &Outcome, out: &Path) -> String {
     let validation = &outcome.validation;
     let percent = |value: Option<f64>| match value {
         Some(value) if value.is_finite() => format!("{:.3} %", 100.0 * value),
+        Some(value) if value.is_nan() => "constant".into(),
         Some(_) => "diverges".into(),
         None => "-".into(),
     };

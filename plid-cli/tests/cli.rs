@@ -133,6 +133,29 @@ fn names_of_any_kind_read_back() {
     }
 }
 
+/// Where `--out` is no regular file, the table goes through it, and a link stays a link.
+#[cfg(target_os = "linux")]
+#[test]
+fn an_output_may_be_a_device_a_pipe_or_a_link() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    put(at, "model.json", MODEL);
+    put(at, "u.csv", "u\n1\n2\n");
+    let simulate = |out: &str| {
+        let arguments = ["simulate", "--model", "model.json", "--input", "u.csv", "--quiet", "--out", out];
+        let output = plid(at, &arguments);
+        assert_eq!(output.status.code(), Some(0), "{out}: {}", text(&output.stderr));
+        text(&output.stdout)
+    };
+    assert_eq!(simulate("/dev/stdout"), "y\n3\n8\n");
+    simulate("/dev/null");
+    assert!(!std::fs::metadata("/dev/null").unwrap().is_file());
+    std::os::unix::fs::symlink("real.csv", at.join("link.csv")).unwrap();
+    simulate("link.csv");
+    assert!(at.join("link.csv").is_symlink());
+    assert_eq!(std::fs::read_to_string(at.join("real.csv")).unwrap(), "y\n3\n8\n");
+}
+
 /// A reader that has gone, as `head` does, is no failure; a disk that is full is.
 #[cfg(target_os = "linux")]
 #[test]

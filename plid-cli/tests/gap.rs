@@ -123,6 +123,13 @@ fn an_offset_is_diagnosed_and_predicted() {
     std::fs::write(at.join("fast.csv"), format!("t,u1\n{}", (0..100).map(row).collect::<String>())).unwrap();
     let fast = plid(at, &[&predict[..5], &["fast.csv", "--out", "y.csv"]].concat());
     assert_eq!(fast.status.code(), Some(2), "{}", String::from_utf8_lossy(&fast.stderr));
+    let rows: String = (0..500).map(|k| format!("{},0\n", k as f64 / (2.0 * RATE))).collect();
+    std::fs::write(at.join("own.csv"), format!("t,y1\n{rows}")).unwrap();
+    let fast = plid(at, &[&predict[..], &["--simulated", "own.csv"]].concat());
+    assert_eq!(fast.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&fast.stderr).contains("own.csv"), "{}", String::from_utf8_lossy(&fast.stderr));
+    let over_the_simulation = plid(at, &[&predict[..7], &["out/sim-with-effect.json"]].concat());
+    assert_eq!(over_the_simulation.status.code(), Some(2));
     let mut expected = |level: f64| -> serde_json::Value {
         record(&mut rng, 500, level, &at.join("level.csv"));
         let output = plid(at, &[&predict[..5], &["level.csv", "--out", "y.csv", "--json"]].concat());

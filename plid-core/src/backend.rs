@@ -1,7 +1,7 @@
 //! A matrix library under the recursion: storage, and a few coarse in-place kernels.
 //!
-//! Every kernel has a plain body over column slices, in [`kernels`]. A backend overrides those that its library does better; a
-//! new backend is its storage and, at first, nothing else.
+//! Every kernel has a plain body over column slices, in [`kernels`]. A backend overrides those that its library does
+//! better; a new backend is its storage and, at first, nothing else.
 
 use std::fmt::Debug;
 
@@ -41,8 +41,8 @@ pub trait Backend: Clone + Copy + Debug + Send + Sync + 'static {
         );
     }
 
-    /// Y <- Y + M (phi (x) I)^T for a symmetric M of which the lower triangle is stored, with zeros above it. M is kn x kn, phi has k
-    /// entries, Y is kn x n; `work` holds n x kc, for c columns of Y at a time.
+    /// Y <- Y + M (phi (x) I)^T for a symmetric M of which the lower triangle is stored, with zeros above it. M is kn x
+    /// kn, phi has k entries, Y is kn x n; `work` holds n x kc, for c columns of Y at a time.
     fn block_product_lower(
         m: View<'_, Self::Scalar>,
         phi: &[Self::Scalar],
@@ -70,9 +70,9 @@ pub trait Backend: Clone + Copy + Debug + Send + Sync + 'static {
         }
     }
 
-    /// Modified weighted Gram-Schmidt (Thornton; Bierman 1977, ch. VI) of the rows of W (n x r, and any rows after them),
-    /// whose columns have these weights: U unit upper triangular (rows after its n are zero) and d with
-    /// U diag(d) U^T = W diag(weights) W^T. `w` is destroyed; `work` holds 4r and W's rows.
+    /// Modified weighted Gram-Schmidt (Thornton; Bierman 1977, ch. VI) of the rows of W (n x r, and any rows after
+    /// them), whose columns have these weights: U unit upper triangular (rows after its n are zero) and d with U
+    /// diag(d) U^T = W diag(weights) W^T. `w` is destroyed; `work` holds 4r and W's rows.
     fn weighted_gram_schmidt(
         w: ViewMut<'_, Self::Scalar>,
         support: Support<'_>,
@@ -84,8 +84,8 @@ pub trait Backend: Clone + Copy + Debug + Send + Sync + 'static {
         Self::Scalar::weighted_gram_schmidt(w, support, weights, u, d, work);
     }
 
-    /// The upper triangular S (n x n, and any rows after them zero) with S S^T = W W^T, by Householder reflections of the
-    /// columns of W (n x r, and any rows after them, r >= n). `w` is destroyed; `work` holds 2r and W's rows.
+    /// The upper triangular S (n x n, and any rows after them zero) with S S^T = W W^T, by Householder reflections of
+    /// the columns of W (n x r, and any rows after them, r >= n). `w` is destroyed; `work` holds 2r and W's rows.
     fn triangular_factor(
         w: ViewMut<'_, Self::Scalar>,
         n: usize,

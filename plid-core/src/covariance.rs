@@ -40,7 +40,8 @@ pub struct Health {
     pub index: usize,
     /// The largest |P_ij - P_ji| over sqrt(P_ii P_jj); zero by construction where one triangle or a factor is stored.
     pub symmetry_defect: f64,
-    /// The ratio of the largest to the smallest pivot, a lower bound of the condition number; infinite if P is indefinite.
+    /// The ratio of the largest to the smallest pivot, a lower bound of the condition number; infinite if P is
+    /// indefinite.
     pub condition: f64,
 }
 
@@ -76,8 +77,8 @@ pub struct Unsupported(pub &'static str);
 
 /// A form of the covariance P of s and its two updates.
 ///
-/// P belongs to s = [x; theta] in that order. The parameters are constant, so a triangular form need not touch their part in
-/// a time update. The updates must not allocate.
+/// P belongs to s = [x; theta] in that order. The parameters are constant, so a triangular form need not touch their
+/// part in a time update. The updates must not allocate.
 pub trait CovariancePropagation: Send + Sync + 'static {
     /// The number type.
     type Scalar: Kernels;
@@ -98,12 +99,12 @@ pub trait CovariancePropagation: Send + Sync + 'static {
     /// Writes P H^T for the states in `rows`, one column of N entries each.
     fn output_columns(&self, rows: &[usize], out: ViewMut<'_, Self::Scalar>);
 
-    /// `out` += the sum over s, t of weights(s, t) P_{theta_s theta_t}, lower triangle, n x n. `weights`, (p + m) x (p + m), is
-    /// symmetric positive semidefinite.
+    /// `out` += the sum over s, t of weights(s, t) P_{theta_s theta_t}, lower triangle, n x n. `weights`, (p + m) x
+    /// (p + m), is symmetric positive semidefinite.
     fn add_parameter_blocks(&mut self, weights: &Dense<Self::Scalar>, out: ViewMut<'_, Self::Scalar>);
 
-    /// The measurement update of P and of the estimate `s`: `z_i = s[rows[i]] + w_i`, `innovation` is z - H s, and `noise`
-    /// holds R.
+    /// The measurement update of P and of the estimate `s`: `z_i = s[rows[i]] + w_i`, `innovation` is z - H s, and
+    /// `noise` holds R.
     ///
     /// # Errors
     /// The pivot of the innovation covariance, or of P, that was not positive.
@@ -131,8 +132,8 @@ pub trait CovariancePropagation: Send + Sync + 'static {
     }
 
     /// Adds parameter noise of variance `q` a step to the variance of each parameter. A factored form may inflate one
-    /// parameter a step, in turn, by as much as gathers in a round; `step` tells whose turn it is. The loop calls it only
-    /// where a run asks for parameter noise.
+    /// parameter a step, in turn, by as much as gathers in a round; `step` tells whose turn it is. The loop calls it
+    /// only where a run asks for parameter noise.
     ///
     /// # Errors
     /// [`Unsupported`] if the form has no such operation, as here.
@@ -143,7 +144,8 @@ pub trait CovariancePropagation: Send + Sync + 'static {
 
 /// A form whose P can be looked at.
 pub trait Inspect: CovariancePropagation {
-    /// P as a whole symmetric matrix in scalar `T`, formed from the stored numbers without rounding to the form's own scalar in between.
+    /// P as a whole symmetric matrix in scalar `T`, formed from the stored numbers without rounding to the form's own
+    /// scalar in between.
     fn dense_in<T: Scalar>(&self) -> Dense<T>
     where
         Self: Sized;
@@ -183,8 +185,8 @@ pub trait Checkpointed: CovariancePropagation {
 
 /// A form with a measurement update for any row h. The loop has no use for it; textbook problems of filter algebra do.
 pub trait ScalarUpdate: CovariancePropagation {
-    /// The measurement update of one z = h s + w with any row h (N entries) and variance `r`; the gain (N entries) is written
-    /// to `gain`.
+    /// The measurement update of one z = h s + w with any row h (N entries) and variance `r`; the gain (N entries) is
+    /// written to `gain`.
     ///
     /// # Errors
     /// An innovation variance h P h^T + r that is not positive.

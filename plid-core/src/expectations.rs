@@ -1,4 +1,5 @@
-//! The trait of the conditional expectations E[G] and E[G Q0 G^T]: what is taken as known of the parameters when the noise enters.
+//! The trait of the conditional expectations E[G] and E[G Q0 G^T]: what is taken as known of the parameters when the
+//! noise enters.
 
 use crate::kernels::Kernels;
 use crate::{CovariancePropagation, Dense, ImplicitModel, NoiseTerms, ScalarOf, Transition, ViewMut};
@@ -41,8 +42,8 @@ impl<C: CovariancePropagation + ?Sized> CovarianceBlocks<ScalarOf<C>> for &mut C
 
 /// `E[G]`, `E[G Q0 G^T]`, the regressor and the drift.
 ///
-/// The two calls of a step fill one [`Transition`] between them: `before` sees s- and P-, `after` sees s+ and P+. Write every
-/// field; the transition is not cleared between steps. Neither call may allocate.
+/// The two calls of a step fill one [`Transition`] between them: `before` sees s- and P-, `after` sees s+ and P+. Write
+/// every field; the transition is not cleared between steps. Neither call may allocate.
 pub trait ConditionalExpectations: Send + Sync + 'static {
     /// The number type.
     type Scalar: Kernels;

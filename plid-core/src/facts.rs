@@ -1,5 +1,5 @@
-//! What a catalogue and the studies must know of a variant beyond its arithmetic. Every item is required: a variant that lacks
-//! one does not compile into a catalogue.
+//! What a catalogue and the studies must know of a variant beyond its arithmetic. Every item is required: a variant
+//! that lacks one does not compile into a catalogue.
 
 use crate::{Checkpointed, ConditionalExpectations, CovariancePropagation, Inspect};
 
@@ -42,14 +42,17 @@ pub struct Term {
     pub flops: f64,
 }
 
-/// What is known of a covariance form. The lists of operations hold leading terms only; an empty list means "not known".
+/// What is known of a covariance form. The lists of operations hold leading terms only; an empty list means "not
+/// known".
 #[derive(Clone, Copy, Debug)]
 pub struct FormFacts {
-    /// Whether a factor of P is carried. Then P is positive as long as its pivots are, and parameter noise enters one parameter at a time.
+    /// Whether a factor of P is carried. Then P is positive as long as its pivots are, and parameter noise enters one
+    /// parameter at a time.
     pub factored: bool,
     /// The operations of both updates.
     pub updates: fn(&StepSize) -> Vec<Term>,
-    /// Those of [`CovariancePropagation::add_parameter_blocks`], where so many pairs of different parameter columns have a weight.
+    /// Those of [`CovariancePropagation::add_parameter_blocks`], where so many pairs of different parameter columns
+    /// have a weight.
     pub parameter_blocks: fn(&StepSize, f64) -> Vec<Term>,
     /// Those of [`CovariancePropagation::output_columns`] for all outputs.
     pub output_columns: fn(&StepSize) -> Vec<Term>,

@@ -43,7 +43,8 @@ impl IdentifiedModel {
         }
     }
 
-    /// The parameters [a_1; ..; a_p; b_1; ..; b_m], (p + m) n entries: the inverse of [`IdentifiedModel::from_estimate`].
+    /// The parameters [a_1; ..; a_p; b_1; ..; b_m], (p + m) n entries: the inverse of
+    /// [`IdentifiedModel::from_estimate`].
     pub fn parameters(&self, model: &dyn ImplicitModel) -> Vec<f64> {
         let mut parameters = Vec::with_capacity(model.parameter_columns() * model.states());
         for &column in model.output_states() {

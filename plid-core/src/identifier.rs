@@ -104,7 +104,8 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Zero estimate, variance `state` for each entry of x and `parameter` for each of theta, no parameter noise, no forgetting.
+    /// Zero estimate, variance `state` for each entry of x and `parameter` for each of theta, no parameter noise, no
+    /// forgetting.
     pub fn new(model: &dyn ImplicitModel, state: f64, parameter: f64) -> Self {
         let (n, joint) = (model.states(), model.joint_states());
         let mut diagonal = vec![parameter; joint];
@@ -216,8 +217,8 @@ where
     E: ConditionalExpectations<Scalar = ScalarOf<C>> + ?Sized,
     M: ImplicitModel,
 {
-    /// A run that is about to take its first sample, over an expectation that is there already and the form that `covariance`
-    /// makes of the structure and P0 once these have been checked.
+    /// A run that is about to take its first sample, over an expectation that is there already and the form that
+    /// `covariance` makes of the structure and P0 once these have been checked.
     ///
     /// # Errors
     /// As [`Identifier::new`].
@@ -260,7 +261,8 @@ where
         self.take(z, u, false)
     }
 
-    /// The same, where a NaN among the outputs means that this output is missing: the step updates with those that are there.
+    /// The same, where a NaN among the outputs means that this output is missing: the step updates with those that are
+    /// there.
     ///
     /// # Errors
     /// As [`Identifier::step`].

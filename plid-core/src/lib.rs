@@ -2,8 +2,8 @@
 //!
 //! PLID (Hopkins and VanLandingham 1994; Vallone and Hopkins 1995) is a Kalman-like filter whose state holds the
 //! plant's n states *and* the unknown columns of its A and B in the MIMO observable canonical form,
-//! s = [x; a_1 .. a_p; b_1 .. b_m], N = (p + m + 1) n entries. Because an output *is* a state plus sensor noise, the model
-//! is linear in s with known coefficients z and u: pseudo-linear.
+//! s = [x; a_1 .. a_p; b_1 .. b_m], N = (p + m + 1) n entries. Because an output *is* a state plus sensor noise, the
+//! model is linear in s with known coefficients z and u: pseudo-linear.
 //!
 //! [`Identifier`] is the one loop. It is generic over three seams: how P is carried ([`CovariancePropagation`]), what
 //! is taken as known when noise multiplies an unknown parameter ([`ConditionalExpectations`]) and the canonical form

@@ -137,11 +137,12 @@ impl ObservableForm {
         &self.indices
     }
 
-    /// Whether entry `row` of the column a_i of `output` i can be given any value without a change of the plant's inputs and outputs.
+    /// Whether entry `row` of the column a_i of `output` i can be given any value without a change of the plant's
+    /// inputs and outputs.
     ///
-    /// Block j of the form reads q^{n_j} y_j = sum_i (sum_l a_i\[j, l\] q^{l-1}) y_i + ..; where n_j > n_i, equation i times any
-    /// q^d with n_i + d < n_j may be added to it. With these entries held at zero the form is unique (Guidorzi 1975); it is only
-    /// where the indices differ that there are any.
+    /// Block j of the form reads q^{n_j} y_j = sum_i (sum_l a_i\[j, l\] q^{l-1}) y_i + ..; where n_j > n_i, equation i
+    /// times any q^d with n_i + d < n_j may be added to it. With these entries held at zero the form is unique
+    /// (Guidorzi 1975); it is only where the indices differ that there are any.
     pub fn is_redundant(&self, row: usize, output: usize) -> bool {
         let (mut block, mut power) = (0, row);
         while power >= self.indices[block] {

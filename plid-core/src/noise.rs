@@ -59,7 +59,8 @@ pub enum NoiseError {
     },
     /// The joint covariance of [w; v; xi] has a negative eigenvalue.
     #[error(
-        "the joint covariance of sensor, actuator and state noise is not positive semidefinite (pivot {value:.3e} at {place})"
+        "the joint covariance of sensor, actuator and state noise is not positive semidefinite (pivot {value:.3e} at \
+         {place})"
     )]
     Indefinite {
         /// The channel or state at fault.
@@ -326,8 +327,8 @@ impl<S: Scalar> NoiseTerms<S> {
                 *self.unit.at_mut(i, j) = self.sensor.at(channel_i, channel_j);
             }
         }
-        // The model has been checked: a pivot below zero is a rounding error of zero. What fails is R out of the scalar's
-        // range; NaN then stops the measurement update.
+        // The model has been checked: a pivot below zero is a rounding error of zero. What fails is R out of the
+        // scalar's range; NaN then stops the measurement update.
         let zero = 64.0 * count as f64 * S::EPSILON;
         self.pivots.fill(S::from_f64(f64::NAN));
         let mut unit = self.unit.view_mut();

@@ -27,8 +27,8 @@ pub trait Scalar: NumAssign + std::ops::Neg<Output = Self> + PartialOrd + Copy +
     /// Neither infinite nor NaN.
     fn is_finite(self) -> bool;
 
-    /// self a + b, rounded once where the type can. Only the kernels use it, which are compiled for a CPU that has the instruction:
-    /// elsewhere it would be a call of a library function.
+    /// self a + b, rounded once where the type can. Only the kernels use it, which are compiled for a CPU that has the
+    /// instruction: elsewhere it would be a call of a library function.
     fn mul_add(self, a: Self, b: Self) -> Self {
         self * a + b
     }

@@ -113,7 +113,8 @@ fn correlations_without_variance_or_above_one_are_refused() {
     place_of(&noise);
 }
 
-/// All correlations are one but one: its Schur complement is [0 -d; -d 0], with no negative pivot and a negative eigenvalue.
+/// All correlations are one but one: its Schur complement is [0 -d; -d 0], with no negative pivot and a negative
+/// eigenvalue.
 #[test]
 fn an_indefinite_remainder_without_a_pivot_is_refused() {
     for d in [1e-2, 1e-5, 1e-7] {

@@ -1,29 +1,31 @@
-//! Data that can be read but teach nothing.
+//! Checks for data that can be read but contain no information.
 use super::{DataError, Record, Warning};
 use ndarray::ArrayView1;
+use std::path::Path;
 
-/// Checks that inputs and outputs change at all.
+/// Checks that the inputs and outputs of a record change at all; `file` is its name in errors.
 ///
 /// # Errors
-/// If all inputs or all outputs are constant; a single constant channel is a warning.
-pub fn check_excited(record: &Record) -> Result<Vec<Warning>, DataError> {
+/// Returns [`DataError::NoExcitation`] or [`DataError::NoResponse`] if all inputs or all outputs are constant. A single
+/// constant channel is a warning.
+pub fn check_excited(file: &Path, record: &Record) -> Result<Vec<Warning>, DataError> {
     let constant = |array: &ndarray::Array2<f64>, names: &[String]| -> Vec<String> {
         names.iter().enumerate().filter(|(i, _)| is_constant(array.column(*i))).map(|(_, name)| name.clone()).collect()
     };
     let inputs = constant(&record.inputs, &record.input_names);
     let outputs = constant(&record.outputs, &record.output_names);
     if inputs.len() == record.input_names.len() {
-        return Err(DataError::NoExcitation { channels: inputs });
+        return Err(DataError::NoExcitation { file: file.into(), channels: inputs });
     }
     if outputs.len() == record.output_names.len() {
-        return Err(DataError::NoResponse { channels: outputs });
+        return Err(DataError::NoResponse { file: file.into(), channels: outputs });
     }
     let inputs = inputs.into_iter().map(|channel| Warning::ConstantInput { channel });
     let outputs = outputs.into_iter().map(|channel| Warning::ConstantOutput { channel });
     Ok(inputs.chain(outputs).collect())
 }
 
-/// Whether all values that are there are the same.
+/// Returns whether all values that are not missing are equal.
 fn is_constant(values: ArrayView1<f64>) -> bool {
     let mut present = values.iter().filter(|v| !v.is_nan());
     match present.next() {
@@ -34,8 +36,8 @@ fn is_constant(values: ArrayView1<f64>) -> bool {
 
 /// Checks the number of samples against the number of unknown parameters of an output.
 ///
-/// Each sample of an output is one equation for the parameters of its row. Fewer than four
-/// equations an unknown give a warning: the estimate then leans on its prior.
+/// Each sample of an output is one equation for the parameters of its row. Fewer than four equations per unknown cause
+/// a warning, because the estimate then depends on its prior.
 ///
 /// # Errors
 /// [`DataError::TooFewSamples`] if there are fewer samples than unknowns.
@@ -64,11 +66,11 @@ mod tests {
 
     #[test]
     fn constant_channels_are_named() {
-        assert_eq!(check_excited(&record()).unwrap(), []);
+        assert_eq!(check_excited(Path::new("a.csv"), &record()).unwrap(), []);
         let mut r = record();
         r.inputs.column_mut(1).fill(3.0);
         r.outputs[[2, 1]] = 7.0;
-        let warnings = check_excited(&r).unwrap();
+        let warnings = check_excited(Path::new("a.csv"), &r).unwrap();
         let said: Vec<String> = warnings.iter().map(Warning::to_string).collect();
         assert!(said[0].contains("input `u2` is constant"));
         assert!(said[1].contains("output `y2` is constant"));
@@ -79,10 +81,10 @@ mod tests {
     fn no_excitation_and_no_response_are_errors() {
         let mut r = record();
         r.inputs.fill(0.0);
-        assert!(matches!(check_excited(&r), Err(DataError::NoExcitation { .. })));
+        assert!(matches!(check_excited(Path::new("a.csv"), &r), Err(DataError::NoExcitation { .. })));
         let mut r = record();
         r.outputs.fill(1.0);
-        assert!(matches!(check_excited(&r), Err(DataError::NoResponse { .. })));
+        assert!(matches!(check_excited(Path::new("a.csv"), &r), Err(DataError::NoResponse { .. })));
     }
 
     #[test]

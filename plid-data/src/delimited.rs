@@ -1,4 +1,4 @@
-//! Text: CSV and its relatives, with or without a header.
+//! Delimited text such as CSV, with or without a header.
 //!
 //! Lines are split here rather than by a CSV library, because errors must name the line past any
 //! comments, and because blanks in runs are one separator.
@@ -8,7 +8,7 @@ use ndarray::Array2;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// What stands between two cells.
+/// The separator between two cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Separator {
     Mark(char),
@@ -65,15 +65,16 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Content, DataError> {
     Ok(assemble(names, &cells, rows))
 }
 
-/// A remark begins with `#`; a row whose first cell is an error of a spreadsheet (`#N/A`, `#DIV/0!`, `#VALUE!`) does not.
+/// A remark begins with `#`; a row whose first cell is an error of a spreadsheet (`#N/A`, `#DIV/0!`, `#VALUE!`) does
+/// not.
 fn is_comment(text: &str) -> bool {
     const ERRORS: [&str; 8] = ["#n/a", "#na", "#div/0!", "#value!", "#ref!", "#name?", "#num!", "#null!"];
     let first = text.trim_start_matches('"').split([',', ';', '\t', ' ', '"']).next().unwrap_or_default();
     text.starts_with('#') && !ERRORS.contains(&first.to_lowercase().as_str())
 }
 
-/// Whether the first line names columns. A cell that is no number is a name. Numbers in quotes are names where those below them are not in quotes (plid
-/// writes such names itself); where every row is in quotes, they are numbers.
+/// Returns whether the first line is a header. A cell that is not a number is a name. Numbers in quotes are names if
+/// those below them are not in quotes (plid writes such names itself); if every row is in quotes, they are numbers.
 fn is_header(lines: &[Line], separator: Separator, decimal_comma: bool) -> bool {
     let first = lines[0].text;
     let is_quoted = |line: &Line| line.text.contains('"');
@@ -140,7 +141,7 @@ fn drop_trailing_empty(cells: &mut Vec<String>) {
     }
 }
 
-/// A cell as a number: `None` if it is none, NaN if it is empty.
+/// Parses a cell: `None` if it is not a number, NaN if it is empty.
 fn number(cell: &str, decimal_comma: bool) -> Option<f64> {
     if cell.is_empty() {
         return Some(f64::NAN);

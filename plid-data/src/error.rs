@@ -1,7 +1,7 @@
-//! What can be wrong with data, said with file, line, column and channel.
+//! Errors in data, with file, line, column and channel.
 use std::path::PathBuf;
 
-/// Data that cannot be used, and why.
+/// The reasons why data cannot be used.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 pub enum DataError {
     /// The file cannot be opened or read.
@@ -18,7 +18,7 @@ pub enum DataError {
         /// The file.
         file: PathBuf,
     },
-    /// There are names but no samples.
+    /// The file has a header but no samples.
     #[error("{file}: there is a header but no sample below it")]
     NoSamples {
         /// The file.
@@ -64,7 +64,7 @@ pub enum DataError {
         /// The name.
         name: String,
     },
-    /// A file that is not what it claims to be.
+    /// A file that violates its format.
     #[error("{file}: {what}")]
     Malformed {
         /// The file.
@@ -143,9 +143,10 @@ pub enum DataError {
         expected_s: f64,
     },
     /// NaN or infinity where the policy does not allow it.
-    #[error("{file}: channel `{channel}` is {value} at {at}")]
+    #[error("{file}: channel `{channel}` is {value:e} at {at}")]
     #[diagnostic(help(
-        "missing outputs may be marked by NaN if the missing-data policy is set to `nan`; inputs must be complete"
+        "missing outputs may be marked by NaN if the missing-data policy is set to `nan`; inputs must be complete, and \
+         no magnitude may exceed 1e70"
     ))]
     NotFinite {
         /// The file.
@@ -166,14 +167,18 @@ pub enum DataError {
         channel: String,
     },
     /// All inputs are constant: nothing excites the plant.
-    #[error("all inputs are constant ({}): nothing can be identified", .channels.join(", "))]
+    #[error("{file}: all inputs are constant ({}): nothing can be identified", .channels.join(", "))]
     NoExcitation {
+        /// The file.
+        file: PathBuf,
         /// The inputs.
         channels: Vec<String>,
     },
     /// All outputs are constant.
-    #[error("all outputs are constant ({}): there is nothing to identify", .channels.join(", "))]
+    #[error("{file}: all outputs are constant ({}): there is nothing to identify", .channels.join(", "))]
     NoResponse {
+        /// The file.
+        file: PathBuf,
         /// The outputs.
         channels: Vec<String>,
     },
@@ -200,7 +205,7 @@ fn did_you_mean(suggestion: &Option<String>) -> String {
     suggestion.as_ref().map(|name| format!("; did you mean `{name}`?")).unwrap_or_default()
 }
 
-/// The name nearest to `wanted`, if it is near enough to be a slip of the pen.
+/// Returns the name nearest to `wanted`, if it is similar enough to be a typing error.
 pub fn nearest<'a>(wanted: &str, names: impl IntoIterator<Item = &'a String>) -> Option<String> {
     names
         .into_iter()

@@ -1,8 +1,7 @@
 //! Measured data: files to tables, tables to records.
 //!
-//! [`read`] takes a file of any supported format to a [`Table`] of named columns;
-//! [`select`] takes the named inputs and outputs of it to a [`Record`], with the sample rate
-//! found and missing or useless values dealt with by name.
+//! [`read`] reads a file of any supported format into a [`Table`] of named columns. [`select`] extracts the named
+//! inputs and outputs as a [`Record`], finds the sample rate, and reports missing or useless values with their channel.
 //!
 //! | file | columns |
 //! |---|---|
@@ -12,11 +11,13 @@
 //! | MATLAB .mat v4 or v5 or NumPy .npz, several variables | a vector `u`: `u`; a matrix `y`: `y1`, `y2`, ... |
 //! | NumPy .npy | `1`, `2`, ... |
 //!
-//! [`prepare`] takes records to what identification wants, and back; [`config`] reads strict TOML.
+//! [`prepare`] converts records for identification and results back; [`config`] reads strict TOML.
 
 pub mod config;
 pub mod prepare;
 
+mod array;
+mod bytes;
 mod checks;
 mod delimited;
 mod error;

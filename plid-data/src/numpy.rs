@@ -1,25 +1,42 @@
 //! NumPy .npz archives and .npy arrays.
+//!
+//! The [format](https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html) is a header, which is a flat
+//! dictionary in Python's notation, followed by the numbers. Every size in it is checked against the bytes of the file
+//! before it is used.
 use super::DataError;
+use super::array::{array, count};
+use super::bytes::{Bytes, Storage};
 use super::table::Content;
 use super::variables::{Variable, assemble};
-use ndarray::{ArrayD, IxDyn, OwnedRepr};
-use ndarray_npy::{NpzReader, ReadNpyError, ReadNpyExt, ReadNpzError, ReadableElement};
-use std::io::Cursor;
+use ndarray::ArrayD;
+use std::io::{Cursor, Read};
 use std::path::Path;
+use zip::ZipArchive;
+
+/// The largest ratio by which deflate can expand its input.
+const EXPANSION: u64 = 1032;
+
+/// A real array, or the kind of an array that is not one.
+type Array = Result<ArrayD<f64>, &'static str>;
 
 /// Reads an archive of named arrays.
 pub(super) fn read_npz(path: &Path, bytes: &[u8], variable: Option<&str>) -> Result<Content, DataError> {
     let malformed = |what: String| DataError::Malformed { file: path.into(), what };
-    let unreadable = |e: ReadNpzError| malformed(format!("not a readable .npz archive: {e}"));
-    let mut archive = NpzReader::new(Cursor::new(bytes)).map_err(unreadable)?;
-    let names = archive.names().map_err(unreadable)?;
+    let unreadable = |e: zip::result::ZipError| malformed(format!("not a readable .npz archive: {e}"));
+    let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(unreadable)?;
     let mut variables = Vec::new();
-    for (index, name) in names.into_iter().enumerate() {
-        let member = Member { archive: &mut archive, index };
-        let values = real(member).map_err(|e| malformed(format!("array `{name}`: {e}")))?;
-        variables.push(match values {
-            Some(values) => Variable::new(name, values, false),
-            None => Variable::unusable(name, Vec::new(), "not of real numbers"),
+    for index in 0..archive.len() {
+        let member = archive.by_index(index).map_err(unreadable)?;
+        let file = member.name().to_string();
+        let name = file.strip_suffix(".npy").unwrap_or(&file).to_string();
+        let failed = |e: String| malformed(format!("array `{name}`: {e}"));
+        let most = EXPANSION.saturating_mul(member.compressed_size()).saturating_add(EXPANSION);
+        let mut content = Vec::new();
+        member.take(most).read_to_end(&mut content).map_err(|e| failed(e.to_string()))?;
+        let found = read_array(&content).map_err(failed)?;
+        variables.push(match found {
+            Ok(values) => Variable::new(name, values, false),
+            Err(what) => Variable::unusable(name, Vec::new(), what),
         });
     }
     assemble(path, &variables, variable)
@@ -28,61 +45,88 @@ pub(super) fn read_npz(path: &Path, bytes: &[u8], variable: Option<&str>) -> Res
 /// Reads a single array; its columns are numbered.
 pub(super) fn read_npy(path: &Path, bytes: &[u8]) -> Result<Content, DataError> {
     let malformed = |what: String| DataError::Malformed { file: path.into(), what };
-    let values = real(bytes)
+    let values = read_array(bytes)
         .map_err(|e| malformed(format!("not a readable .npy array: {e}")))?
-        .ok_or_else(|| malformed("the array does not hold real numbers".into()))?;
+        .map_err(|what| malformed(format!("the array does not hold real numbers: it is {what}")))?;
     assemble(path, &[Variable::new("1".into(), values, false)], None)
 }
 
-/// Something that holds one array in the .npy format.
-trait Stored {
-    fn load<T: ReadableElement>(&mut self) -> Result<ArrayD<T>, ReadNpyError>;
+/// An array in the .npy format.
+fn read_array(bytes: &[u8]) -> Result<Array, String> {
+    let mut file = Bytes { rest: bytes, big: false };
+    let [magic, version] = [file.take(6)?, file.take(2)?];
+    let length = match (magic, version[0]) {
+        (b"\x93NUMPY", 1) => usize::from(u16::from_le_bytes(file.take(2)?.try_into().expect("two bytes are taken"))),
+        (b"\x93NUMPY", 2 | 3) => file.word()? as usize,
+        _ => return Err("it does not begin as a file of version 1, 2 or 3 does".into()),
+    };
+    let header = std::str::from_utf8(file.take(length)?).map_err(|_| "its header is not text".to_string())?;
+    let field = |name: &str| {
+        let value = header.split_once(&format!("'{name}'")).and_then(|(_, rest)| rest.trim_start().strip_prefix(':'));
+        value.map(str::trim_start).ok_or_else(|| format!("its header has no `{name}`"))
+    };
+    let (order, kind) = match number_type(field("descr")?)? {
+        Ok(found) => found,
+        Err(what) => return Ok(Err(what)),
+    };
+    let by_columns = match field("fortran_order")? {
+        order if order.starts_with("True") => true,
+        order if order.starts_with("False") => false,
+        _ => return Err("`fortran_order` is neither True nor False".into()),
+    };
+    let shape = shape(field("shape")?)?;
+    let wanted = count(&shape)?.checked_mul(kind.width()).ok_or("it is too large")?;
+    if wanted != file.rest.len() {
+        return Err(format!("{wanted} bytes are announced, {} are there", file.rest.len()));
+    }
+    array(&shape, kind.numbers(file.rest, order)?, by_columns).map(Ok)
 }
 
-impl Stored for &[u8] {
-    fn load<T: ReadableElement>(&mut self) -> Result<ArrayD<T>, ReadNpyError> {
-        ArrayD::read_npy(*self)
+/// Reads a shape: sizes in parentheses.
+fn shape(text: &str) -> Result<Vec<usize>, String> {
+    let inside = text.strip_prefix('(').and_then(|text| text.split_once(')')).map(|(inside, _)| inside);
+    let sizes = inside.into_iter().flat_map(|inside| inside.split(',')).map(str::trim).filter(|size| !size.is_empty());
+    let sizes: Result<Vec<usize>, _> = sizes.map(str::parse).collect();
+    match (inside, sizes) {
+        (Some(_), Ok(sizes)) => Ok(sizes),
+        _ => Err("its shape is not a list of whole numbers".into()),
     }
 }
 
-struct Member<'a, 'b> {
-    archive: &'a mut NpzReader<Cursor<&'b [u8]>>,
-    index: usize,
-}
-
-impl Stored for Member<'_, '_> {
-    fn load<T: ReadableElement>(&mut self) -> Result<ArrayD<T>, ReadNpyError> {
-        let array = self.archive.by_index::<OwnedRepr<T>, IxDyn>(self.index);
-        array.map_err(|e| match e {
-            ReadNpzError::Npy(e) => e,
-            ReadNpzError::Zip(e) => ReadNpyError::Io(e.into()),
-        })
-    }
-}
-
-/// The array as f64, whatever real type it has; `None` if it is complex, text or objects.
-fn real(mut stored: impl Stored) -> Result<Option<ArrayD<f64>>, ReadNpyError> {
-    fn attempt<T: ReadableElement + Copy>(
-        stored: &mut impl Stored,
-        convert: fn(T) -> f64,
-    ) -> Option<Result<ArrayD<f64>, ReadNpyError>> {
-        match stored.load::<T>() {
-            Err(ReadNpyError::WrongDescriptor(_)) => None,
-            other => Some(other.map(|array| array.mapv(convert))),
+/// Reads a type: whether the most significant byte comes first, and how a number is stored. The inner error says what
+/// an array holds that does not hold real numbers.
+fn number_type(text: &str) -> Result<Result<(bool, Storage), &'static str>, String> {
+    let Some((name, _)) = text.strip_prefix('\'').and_then(|text| text.split_once('\'')) else {
+        return Ok(Err("a structured array"));
+    };
+    let Some((order @ ('<' | '>' | '|'), kind)) =
+        name.split_at_checked(1).and_then(|(first, kind)| Some((first.chars().next()?, kind)))
+    else {
+        return Err(format!("its type `{name}` is unknown"));
+    };
+    let storage = match kind {
+        "f8" => Storage::F64,
+        "f4" => Storage::F32,
+        "i8" => Storage::I64,
+        "i4" => Storage::I32,
+        "i2" => Storage::I16,
+        "i1" => Storage::I8,
+        "u8" => Storage::U64,
+        "u4" => Storage::U32,
+        "u2" => Storage::U16,
+        "u1" => Storage::U8,
+        _ => {
+            return Ok(Err(match kind.chars().next() {
+                Some('b') => "of truth values",
+                Some('c') => "complex",
+                Some('S' | 'U' | 'a') => "text",
+                Some('M' | 'm') => "of dates",
+                Some('f') => "of numbers of half or extended precision",
+                _ => "of objects",
+            }));
         }
-    }
-    let s = &mut stored;
-    attempt::<f64>(s, |x| x)
-        .or_else(|| attempt::<f32>(s, f64::from))
-        .or_else(|| attempt::<i64>(s, |x| x as f64))
-        .or_else(|| attempt::<i32>(s, f64::from))
-        .or_else(|| attempt::<i16>(s, f64::from))
-        .or_else(|| attempt::<i8>(s, f64::from))
-        .or_else(|| attempt::<u64>(s, |x| x as f64))
-        .or_else(|| attempt::<u32>(s, f64::from))
-        .or_else(|| attempt::<u16>(s, f64::from))
-        .or_else(|| attempt::<u8>(s, f64::from))
-        .transpose()
+    };
+    Ok(Ok((order == '>', storage)))
 }
 
 #[cfg(test)]
@@ -90,6 +134,8 @@ mod tests {
     use super::*;
     use ndarray::{Array3, arr0, array};
     use ndarray_npy::{NpzWriter, WriteNpyExt};
+    use proptest::prelude::any;
+    use proptest::sample::Index;
 
     fn archive(fill: impl FnOnce(&mut NpzWriter<Cursor<Vec<u8>>>)) -> Vec<u8> {
         let mut writer = NpzWriter::new_compressed(Cursor::new(Vec::new()));
@@ -148,5 +194,49 @@ mod tests {
             assert!(matches!(parse(broken, None), Err(DataError::Malformed { .. })));
         }
         assert!(matches!(read_npy(Path::new("x.npy"), b"\x93NUMPY\x01\x00"), Err(DataError::Malformed { .. })));
+    }
+
+    fn npy(header: &str, data: &[u8]) -> Vec<u8> {
+        [b"\x93NUMPY\x01\x00", &(header.len() as u16).to_le_bytes()[..], header.as_bytes(), data].concat()
+    }
+
+    /// The first two made the earlier reader hang or abort.
+    #[test]
+    fn a_header_is_checked_against_the_bytes_of_the_file() {
+        let says = |bytes: &[u8]| read_npy(Path::new("x.npy"), bytes).err().unwrap().to_string();
+        for shape in ["(999999999999,)", "(4294967296, 4294967296, 4294967296)", "(2,)", "(0, 7)"] {
+            let header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}");
+            let said = says(&npy(&header, &[0; 8]));
+            assert!(said.contains("x.npy") && (said.contains("announced") || said.contains("too large")), "{said}");
+        }
+        says(&npy(&"(".repeat(60_000), &[]));
+        says(b"\x93NUMPY\x02\x00\xff\xff\xff\xff{'descr': '<f8'}");
+        says(&npy("{'descr': '<f8', 'fortran_order': False, 'shape': (((((1,),),),),)}", &[0; 8]));
+    }
+
+    #[test]
+    fn both_orders_of_bytes_and_of_numbers_are_read() {
+        let numbers: Vec<u8> = [1.0_f64, 2.0, 3.0, 4.0, 5.0, 6.0].iter().flat_map(|x| x.to_be_bytes()).collect();
+        for (order, expected) in [
+            ("True", array![[1.0, 4.0], [2.0, 5.0], [3.0, 6.0]]),
+            ("False", array![[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]),
+        ] {
+            let header = format!("{{'descr': '>f8', 'fortran_order': {order}, 'shape': (3, 2), }}");
+            assert_eq!(read_npy(Path::new("x.npy"), &npy(&header, &numbers)).unwrap().columns, expected);
+        }
+        let complex =
+            read_npy(Path::new("x.npy"), &npy("{'descr': '<c16', 'fortran_order': False, 'shape': (1,), }", &[0; 16]));
+        assert!(complex.err().unwrap().to_string().contains("complex"));
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn a_damaged_archive_is_an_error_or_data(at in any::<Index>(), value: u8, end in any::<Index>()) {
+            let mut bytes = archive(|npz| npz.add_array("u", &array![[1.0, 2.0], [3.0, 4.0]]).unwrap());
+            let at = at.index(bytes.len());
+            bytes[at] = value;
+            let _ = parse(&bytes, None);
+            let _ = parse(&bytes[..end.index(bytes.len())], None);
+        }
     }
 }

@@ -29,10 +29,10 @@ impl Record {
     }
 }
 
-/// Checks that records have the same channels and rate, so that one model can serve them all.
+/// Checks that records have the same channels and rate, so that one model applies to all of them.
 ///
 /// # Errors
-/// [`DataError::RecordsDiffer`] names the record and what differs.
+/// Returns [`DataError::RecordsDiffer`] with the record and the difference.
 pub fn require_alike(records: &[Record]) -> Result<(), DataError> {
     let Some((first, rest)) = records.split_first() else {
         return Ok(());

@@ -5,6 +5,9 @@ use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
 
+/// The largest magnitude of a sample. Sums of fourth powers of larger ones would overflow.
+const LARGEST: f64 = 1e70;
+
 /// What NaN in an output means.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -16,9 +19,9 @@ pub enum MissingPolicy {
     Nan,
 }
 
-/// Takes inputs and outputs out of a table, and checks that they are fit to identify from.
+/// Extracts inputs and outputs from a table and checks that they are suitable for identification.
 ///
-/// NaN in an input and infinity anywhere are errors whatever the policy.
+/// NaN in an input is an error whatever the policy, and so is a magnitude above 1e70 anywhere.
 ///
 /// # Errors
 /// As [`extract`] and [`check_excited`].
@@ -30,7 +33,7 @@ pub fn select(
     missing: MissingPolicy,
 ) -> Result<(Record, Vec<Warning>), DataError> {
     let (record, mut warnings) = extract(table, inputs, outputs, rate_hz, missing)?;
-    warnings.extend(check_excited(&record)?);
+    warnings.extend(check_excited(&table.source, &record)?);
     Ok((record, warnings))
 }
 
@@ -56,11 +59,11 @@ pub fn select_all(
     Ok((records, warnings))
 }
 
-/// Takes inputs and outputs out of a table; they may be constant, as in a zero-input record.
+/// Extracts inputs and outputs from a table; they may be constant, as in a zero-input record.
 ///
 /// # Errors
-/// If a channel is unknown or named twice, if there is only one sample, if values are missing
-/// or infinite where they must not be, or if the rate is not possible.
+/// Returns an error if a channel is unknown or named twice, if there is only one sample, if a value is missing or too
+/// large, or if the rate is invalid.
 pub fn extract(
     table: &Table,
     inputs: &[String],
@@ -107,7 +110,8 @@ pub fn channels(table: &Table, names: &[String], missing: MissingPolicy) -> Resu
             there: table.names.clone(),
             suggestion: nearest(name, &table.names),
         })?;
-        let bad = |v: &f64| v.is_infinite() || (v.is_nan() && missing == MissingPolicy::Error);
+        // A comparison with NaN is false.
+        let bad = |v: &f64| v.abs() > LARGEST || (v.is_nan() && missing == MissingPolicy::Error);
         if let Some(k) = column.iter().position(bad) {
             return Err(DataError::NotFinite {
                 file: table.source.clone(),
@@ -199,6 +203,7 @@ mod tests {
             ("u,y,z\n1,2,3\nnan,3,4\n2,4,5\n", "u"),
             ("u,y,z\n1,2,3\ninf,3,4\n2,4,5\n", "u"),
             ("u,y,z\n1,2,3\n3,-inf,4\n2,4,5\n", "y"),
+            ("u,y,z\n1,2,3\n3,1e300,4\n2,4,5\n", "y"),
         ] {
             let error = take(text, MissingPolicy::Nan).unwrap_err().to_string();
             assert!(error.contains(&format!("channel `{channel}`")), "{error}");

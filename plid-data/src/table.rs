@@ -5,7 +5,7 @@ use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
-/// What a data file holds: columns of equal length, and single values beside them.
+/// The contents of a data file: columns of equal length, and scalars.
 #[derive(Debug, Clone)]
 pub struct Table {
     /// The file.
@@ -20,7 +20,7 @@ pub struct Table {
     pub sha256: String,
     /// For text, the line of each sample in the file, from 1; else empty.
     pub lines: Vec<usize>,
-    /// What the file holds beside them that is no data.
+    /// Notes on contents of the file that are not data.
     pub notes: Vec<Warning>,
 }
 
@@ -38,7 +38,7 @@ pub(super) struct Content {
 /// `variable` chooses one variable of a .mat or .npz file.
 ///
 /// # Errors
-/// Says file, and line and column where there are such; see [`DataError`].
+/// Returns a [`DataError`] with the file and, for text, line and column.
 pub fn read(path: &Path, variable: Option<&str>) -> Result<Table, DataError> {
     let bytes = std::fs::read(path).map_err(|source| DataError::Io { file: path.into(), source })?;
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
@@ -80,7 +80,7 @@ impl Table {
         Some(self.columns.column(index))
     }
 
-    /// Where sample `k` (from 0) stands, for messages: a line of the file, or a row.
+    /// Returns the place of sample `k` (from 0) for messages: a line of the file, or a row.
     pub fn place(&self, k: usize) -> String {
         match self.lines.get(k) {
             Some(line) => format!("line {line}"),

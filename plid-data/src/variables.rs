@@ -11,7 +11,7 @@ use std::path::Path;
 pub(super) struct Variable {
     pub name: String,
     pub shape: Vec<usize>,
-    /// Rows are samples; otherwise, in words, what it is that cannot be a table.
+    /// The values with samples as rows, or the kind of a variable that cannot be a table.
     pub matrix: Result<Array2<f64>, &'static str>,
 }
 

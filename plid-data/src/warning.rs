@@ -1,4 +1,4 @@
-//! Things that do not stop the work, but that the reader of a report must know.
+//! Warnings for the reader of a report, which do not stop the calculation.
 use serde::{Deserialize, Serialize};
 
 /// A named warning on data or their preparation; `Display` says it in a sentence.
@@ -43,7 +43,24 @@ pub enum Warning {
         /// Samples in all.
         samples: usize,
     },
-    /// Hardly more equations than unknowns.
+    /// The anti-alias filter turns one missing sample into many.
+    #[error(
+        "output `{channel}` of record {record} lacks {missing} samples, and decimation masks all that its filter \
+         touches: {masked} of {samples} samples at the new rate"
+    )]
+    MaskedByFilter {
+        /// The channel.
+        channel: String,
+        /// Number of the record, from 1.
+        record: usize,
+        /// Missing samples before decimation.
+        missing: usize,
+        /// Missing samples after it.
+        masked: usize,
+        /// All samples after it.
+        samples: usize,
+    },
+    /// There are few equations per unknown.
     #[error("{samples} samples are few for {unknowns} unknown parameters")]
     FewSamples {
         /// Samples of an output.
@@ -51,7 +68,7 @@ pub enum Warning {
         /// Unknown parameters of an output.
         unknowns: usize,
     },
-    /// The inputs cannot tell as many parameters apart as are wanted.
+    /// The inputs do not excite enough directions for the number of parameters.
     #[error("the inputs excite persistently to order {order} only, where {wanted} is wanted")]
     PoorExcitation {
         /// Order of persistent excitation that was found.
@@ -59,7 +76,7 @@ pub enum Warning {
         /// Order that was asked about.
         wanted: usize,
     },
-    /// The inputs excite, but some directions hardly.
+    /// The inputs excite some directions only weakly.
     #[error("the inputs are ill-conditioned over {depth} samples: condition number {condition:.1e}")]
     IllConditionedInput {
         /// Samples side by side in the block Hankel matrix.
@@ -67,7 +84,7 @@ pub enum Warning {
         /// Largest over smallest eigenvalue of its covariance.
         condition: f64,
     },
-    /// An input whose power lies in a small part of the band.
+    /// The power of an input is concentrated in a small part of the band.
     #[error(
         "99 % of the power of input `{channel}` lies in {low_hz:.4}-{high_hz:.4} Hz: outside of it the model is a guess"
     )]
@@ -81,7 +98,8 @@ pub enum Warning {
     },
     /// The sample rate is high against the band of the data.
     #[error(
-        "the data lie below {band_hz:.4} Hz but are sampled at {rate_hz:.6} Hz: decimation to {suggested_hz:.6} Hz is suggested"
+        "the data lie below {band_hz:.4} Hz but are sampled at {rate_hz:.6} Hz: decimation to {suggested_hz:.6} Hz is \
+         suggested"
     )]
     Oversampled {
         /// The rate in Hz.
@@ -91,10 +109,10 @@ pub enum Warning {
         /// An integer fraction of the rate, in Hz.
         suggested_hz: f64,
     },
-    /// The test for an answer within the sample cannot be made.
+    /// The test for direct feedthrough is not possible.
     #[error("whether the plant answers within the sample cannot be tested: {reason}")]
     AdvanceUntested {
-        /// Why.
+        /// The reason.
         reason: String,
     },
 }

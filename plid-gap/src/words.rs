@@ -1,4 +1,6 @@
-//! Numbers as sentences say them.
+//! Numbers as sentences and tables say them.
+
+use plid_report::Cell;
 
 /// "12.3 %"; a dash where there is no number.
 pub(crate) fn percent(share: f64) -> String {
@@ -9,5 +11,37 @@ pub(crate) fn percent(share: f64) -> String {
         x if x.abs() < 0.95 => format!("{x:.2} %"),
         x if x.abs() < 1e4 => format!("{x:.1} %"),
         x => format!("{x:.1e} %"),
+    }
+}
+
+/// Beyond this difference in log likelihood the odds exceed 10^400 : 1, and further digits mean nothing.
+const OVERWHELMING: f64 = 1e3;
+
+/// A difference in log likelihood as a sentence says it.
+pub(crate) fn likelihood(difference: f64) -> String {
+    if difference.abs() > OVERWHELMING {
+        "an overwhelming margin (odds beyond 10^300 : 1)".into()
+    } else {
+        format!("{difference:.0} in log likelihood")
+    }
+}
+
+/// The same in a table, with one decimal.
+pub(crate) fn likelihood_cell(difference: f64) -> Cell {
+    if difference.abs() > OVERWHELMING { "overwhelming (> 10^300 : 1)".into() } else { Cell::fixed(difference, 1) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_large_likelihood_is_said_as_odds() {
+        assert_eq!(likelihood(12.3), "12 in log likelihood");
+        assert_eq!(likelihood_cell(-12.34).to_string(), "-12.3");
+        for large in [8e25, -8e25] {
+            assert!(likelihood(large).contains("10^300 : 1"));
+            assert_eq!(likelihood_cell(large).to_string(), "overwhelming (> 10^300 : 1)");
+        }
     }
 }

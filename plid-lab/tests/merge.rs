@@ -100,7 +100,8 @@ fn nees(merged: &Combined, truth: &[f64]) -> f64 {
     error.dot(&merged.covariance.clone().cholesky().unwrap().solve(&error)) / truth.len() as f64
 }
 
-/// The normalised estimation error squared over seeds, for runs of different lengths and noise: its mean is within what chi-square allows.
+/// The normalised estimation error squared over seeds, for runs of different lengths and noise: its mean is within what
+/// chi-square allows.
 #[test]
 fn the_merged_covariance_is_honest() {
     const SEEDS: u64 = 60;
@@ -131,8 +132,8 @@ fn the_merged_covariance_is_honest() {
     assert!(disagree <= 3, "{disagree}");
 }
 
-/// The first input moves the first output's states only, which the second output does not feel: of the second block its run can tell nothing, and
-/// the merge is as good as the other runs alone are.
+/// The first input moves the first output's states only, which the second output does not feel: of the second block its
+/// run can tell nothing, and the merge is as good as the other runs alone are.
 #[test]
 fn a_run_that_cannot_move_a_mode_does_not_spoil_it() {
     const SEEDS: u64 = 30;
@@ -248,6 +249,9 @@ fn a_config_makes_runs_and_merges_them_and_so_does_the_command_on_finished_runs(
     let result: serde_json::Value = serde_json::from_slice(&std::fs::read(there.join("result.json")).unwrap()).unwrap();
     assert_eq!(result["consistency"]["agreement"], "agree");
     assert_eq!(result["training_samples"], 675 + 525 + 900);
+    for merged in [&there, &out] {
+        assert!(!std::fs::read_to_string(merged.join("result.json")).unwrap().contains("null"));
+    }
 
     // Resumed, finished runs stay as they are, and the bytes are the same.
     let bytes = |name: &str| std::fs::read(out.join(name)).unwrap();
@@ -266,7 +270,8 @@ fn a_config_makes_runs_and_merges_them_and_so_does_the_command_on_finished_runs(
     std::fs::write(old.join("result.json"), "{\"name\": \"old\"}").unwrap();
     let error = FinishedRun::read(&old).unwrap_err();
     assert!(
-        matches!(&error, RunError::Merge(MergeError::Key { file, key, .. }) if file == &old.join("result.json") && key == "estimate"),
+        matches!(&error, RunError::Merge(MergeError::Key { file, key, .. }) if file == &old.join("result.json")
+            && key == "estimate"),
         "{error}"
     );
     // Another order cannot be merged with these.
@@ -274,6 +279,23 @@ fn a_config_makes_runs_and_merges_them_and_so_does_the_command_on_finished_runs(
     other[1].model.observability_indices = Some(vec![3, 1]);
     let error = merge::of_runs("x", other).unwrap_err().to_string();
     assert!(error.contains("u1: its observability indices are [3, 1], that of"), "{error}");
+}
+
+#[test]
+fn the_name_of_an_input_leads_to_no_other_folder() {
+    let directory = tempfile::tempdir().unwrap();
+    let base = directory.path();
+    records(base, &plant(&mut ChaCha8Rng::seed_from_u64(9), 3));
+    for file in ["r1.csv", "r2.csv", "r3.csv"] {
+        let text = std::fs::read_to_string(base.join(file)).unwrap();
+        std::fs::write(base.join(file), text.replacen("u1", "../../u1", 1)).unwrap();
+    }
+    let mut experiment = config(FILES, "");
+    experiment.data.inputs[0] = "../../u1".into();
+    let out = base.join("out/here");
+    merge::write(&merge::carry_out(&experiment, base, &out, false, &Silent).unwrap(), &out).unwrap();
+    assert!(out.join("runs/%2E.%2F..%2Fu1/model.json").exists());
+    assert!(!base.join("out/u1").exists() && !base.join("u1").exists());
 }
 
 #[test]
@@ -286,7 +308,8 @@ fn records_in_which_another_input_acts_are_refused_by_file_and_channel() {
         |files: &str| merge::carry_out(&config(files, ""), base, &base.join("out"), false, &Silent).unwrap_err();
     let error = refused("\"r1.csv\", \"all.csv\", \"r3.csv\"");
     assert!(
-        matches!(&error, RunError::Merge(MergeError::AnotherActs { record, share, .. }) if record == "all.csv" && *share > 0.5),
+        matches!(&error, RunError::Merge(MergeError::AnotherActs { record, share, .. }) if record == "all.csv"
+            && *share > 0.5),
         "{error}"
     );
     assert!(error.to_string().contains("all.csv: `u"), "{error}");
@@ -317,7 +340,8 @@ fn records_in_which_another_input_acts_are_refused_by_file_and_channel() {
     let runs = vec![single("r1.csv", "u1"), single("all.csv", "u2")];
     let error = merge::of_runs("x", runs).unwrap_err();
     assert!(
-        matches!(&error, RunError::Merge(MergeError::AnotherActs { record, other, .. }) if record.ends_with("u2-of-all.csv") && other == "u1"),
+        matches!(&error, RunError::Merge(MergeError::AnotherActs { record, other,
+            .. }) if record.ends_with("u2-of-all.csv") && other == "u1"),
         "{error}"
     );
     let error = merge::of_runs("x", vec![single("r1.csv", "u1")]).unwrap_err();

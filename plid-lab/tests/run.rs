@@ -99,8 +99,8 @@ fn a_known_plant_is_found_in_the_datas_units() {
     let directory = tempfile::tempdir().unwrap();
     for direct in [false, true] {
         write_plant(directory.path(), "a.csv", direct, 4000, 0.01, 3);
-        // Behind an advanced input a D of its own takes a state more an input: a pole at zero. Five states would share out
-        // unevenly, and then the form, in which no output enters another at once, is not general: so six.
+        // Behind an advanced input a D of its own takes a state more an input: a pole at zero. Five states would share
+        // out unevenly, and then the form, in which no output enters another at once, is not general: so six.
         let structure = format!("[structure]\nstates = {}\n", if direct { 6 } else { 4 });
         let outcome = carry_out(&config("\"a.csv\"", &structure), directory.path());
         assert_eq!(outcome.prepared.advanced, usize::from(direct));
@@ -144,12 +144,17 @@ fn every_file_is_written_and_agrees_with_the_others() {
     assert!(last[1].abs() < 0.2 && last[2].abs() < 200.0, "{last:?}");
 
     let result: serde_json::Value = serde_json::from_str(&read("result.json")).unwrap();
-    let one_step = result["held_out"]["one_step"]["rms"][0].as_f64().unwrap();
+    let one_step = result["held_out"]["one_step"]["outputs"][0]["rms"].as_f64().unwrap();
     let held: Vec<f64> = lines[1501..].iter().map(|l| l.split(',').nth(1).unwrap().parse().unwrap()).collect();
     let rms = (held.iter().map(|e: &f64| e * e).sum::<f64>() / held.len() as f64).sqrt();
     assert!((rms - one_step).abs() < 0.02 * one_step, "{rms} {one_step}");
     assert_eq!(result["input_advanced_by"], 1);
     assert!((result["operating_point"]["outputs"][0].as_f64().unwrap() - 40.0).abs() < 0.5);
+
+    // What is not available has no key.
+    for name in ["result.json", "manifest.json", "model.json"] {
+        assert!(!read(name).contains("null"), "{name}");
+    }
 
     let model = Model::read(&out.join("model.json")).unwrap();
     assert_eq!(model.a, outcome.model.a);
@@ -164,6 +169,52 @@ fn every_file_is_written_and_agrees_with_the_others() {
     assert_eq!(again, outcome.experiment);
     let report = read("report.html");
     assert!(report.contains("<svg") && !report.contains("<script"));
+}
+
+#[test]
+fn a_run_that_cannot_be_written_leaves_the_earlier_one() {
+    let directory = tempfile::tempdir().unwrap();
+    write_plant(directory.path(), "a.csv", false, 600, 0.02, 4);
+    let mut outcome = carry_out(&config("\"a.csv\"", "[structure]\nstates = 4\n"), directory.path());
+    let out = directory.path().join("out");
+    run::write(&outcome, &out).unwrap();
+    let content = || {
+        let entries = std::fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().path());
+        let mut files: Vec<_> = entries.map(|path| (path.clone(), std::fs::read(path).unwrap())).collect();
+        files.sort();
+        files
+    };
+    let before = content();
+    outcome.model.b *= 2.0;
+    outcome.estimate.innovation_ratio = f64::NAN;
+    let said = run::write(&outcome, &out).unwrap_err().to_string();
+    assert!(said.contains("result.json: `estimate.innovation_ratio` is NaN"), "{said}");
+    assert_eq!(content(), before);
+    outcome.estimate.innovation_ratio = 1.0;
+    run::write(&outcome, &out).unwrap();
+    let after = content();
+    assert!(after != before && after.len() == before.len());
+}
+
+#[test]
+fn an_output_that_never_moves_does_not_diverge() {
+    let directory = tempfile::tempdir().unwrap();
+    let text = Plant::new(false).csv(600, 0.02, 4);
+    let silent: Vec<String> = text
+        .lines()
+        .enumerate()
+        .map(|(k, line)| if k == 0 { line.into() } else { format!("{},0", line.rsplit_once(',').unwrap().0) })
+        .collect();
+    std::fs::write(directory.path().join("a.csv"), silent.join("\n")).unwrap();
+    let outcome = carry_out(&config("\"a.csv\"", "[structure]\nstates = 4\n"), directory.path());
+    assert!(outcome.validation.free_run_errors.relative[1].is_nan());
+    let out = directory.path().join("out");
+    run::write(&outcome, &out).unwrap();
+    let result: serde_json::Value = serde_json::from_slice(&std::fs::read(out.join("result.json")).unwrap()).unwrap();
+    let free_run = &result["held_out"]["free_run"];
+    assert_eq!(free_run["diverges"], false);
+    assert!(free_run["outputs"][0]["relative"].is_f64() && free_run["outputs"][1].get("relative").is_none());
+    assert!(!std::fs::read_to_string(out.join("report.html")).unwrap().contains("diverges in simulation"));
 }
 
 /// Asks for an end at the n-th question.
@@ -314,7 +365,8 @@ fn a_former_model_is_a_better_start_than_none() {
     let directory = tempfile::tempdir().unwrap();
     write_plant(directory.path(), "a.csv", true, 4000, 0.02, 10);
     write_plant(directory.path(), "b.csv", true, 160, 0.02, 11);
-    let noise = "[preparation]\nadvance = 1\n[noise]\nfrom = \"given\"\nread_as = \"rms\"\nsensor = [0.02, 20.0]\nstate = 1e-7\n";
+    let noise = "[preparation]\nadvance = 1\n[noise]\nfrom = \"given\"\nread_as = \"rms\"\nsensor = [0.02, \
+        20.0]\nstate = 1e-7\n";
     let first = carry_out(&config("\"a.csv\"", &format!("[structure]\nstates = 6\n{noise}")), directory.path());
     run::write(&first, &directory.path().join("first")).unwrap();
     let short = |start: &str| {
@@ -387,7 +439,8 @@ fn the_truss_takes_its_input_from_a_file() {
         writeln!(text, "{},{},{}", normal(), 0.5 * normal(), normal()).unwrap();
     }
     std::fs::write(directory.path().join("u.csv"), &text).unwrap();
-    let text = "[data]\noutputs = [\"y3\", \"y1\"]\n[data.testbed]\ninput_file = \"u.csv\"\n[structure]\nstates = 12\n[noise]\nfrom = \"paper-squared\"\n";
+    let text = "[data]\noutputs = [\"y3\", \"y1\"]\n[data.testbed]\ninput_file = \"u.csv\"\n[structure]\nstates = \
+        12\n[noise]\nfrom = \"paper-squared\"\n";
     let experiment: Experiment = experiment::from_toml(text, "test").unwrap();
     let outcome = carry_out(&experiment, directory.path());
     assert_eq!(outcome.validation.measured.dim(), (1500, 2));
@@ -417,7 +470,8 @@ fn periods_show_the_noise_floor_also_after_decimation() {
     std::fs::write(directory.path().join("p.csv"), text).unwrap();
     let run = |rest: &str| {
         let text = format!(
-            "sample_rate_hz = 100.0\n{rest}[structure]\nstates = 4\n[noise]\nfrom = \"paper-squared\"\n[validation]\nperiod = 400\n"
+            "sample_rate_hz = 100.0\n{rest}[structure]\nstates = 4\n[noise]\nfrom = \
+             \"paper-squared\"\n[validation]\nperiod = 400\n"
         );
         run::carry_out(&config("\"p.csv\"", &text), directory.path(), None, false, &Silent)
     };
@@ -457,7 +511,8 @@ fn what_cannot_be_identified_is_refused_with_the_reason() {
         ("few.csv", "[structure]\nindices = [2, 1, 1]\n", "indices"),
         (
             "few.csv",
-            "[structure]\nstates = 4\n[variant]\nbackend = \"faer\"\nscalar = \"double-double\"\n[noise]\nfrom = \"paper-squared\"\n",
+            "[structure]\nstates = 4\n[variant]\nbackend = \"faer\"\nscalar = \"double-double\"\n[noise]\nfrom = \
+             \"paper-squared\"\n",
             "double-double",
         ),
     ] {

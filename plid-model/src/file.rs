@@ -1,6 +1,8 @@
 use std::fs;
-use std::io::{self, Write};
+use std::io;
 use std::path::Path;
+
+use plid_file::write_atomic;
 
 use super::error::ModelError;
 use super::state_space::Model;
@@ -30,32 +32,13 @@ impl Model {
     /// Returns [`ModelError::Key`] if the model is invalid (JSON has no NaN), or [`ModelError::Io`].
     pub fn write(&self, path: &Path) -> Result<(), ModelError> {
         self.check(&path.display().to_string())?;
-        write_whole(path, &self.text()).map_err(|source| io_error(path, source))
+        write_atomic(path, self.text().as_bytes()).map_err(|source| io_error(path, source))
     }
 
     fn text(&self) -> String {
         let lines: Vec<String> = self.entries().into_iter().map(|(key, value)| format!("\"{key}\": {value}")).collect();
         format!("{{\n{}\n}}\n", lines.join(",\n"))
     }
-}
-
-/// Writes to a temporary file in the same directory and renames it, so that no reader sees an incomplete file.
-fn write_whole(path: &Path, text: &str) -> io::Result<()> {
-    let name = path.file_name().ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "not a file name"))?;
-    let mut beside = name.to_os_string();
-    beside.push(format!(".{}.part", std::process::id()));
-    let part = path.with_file_name(beside);
-    let written = fs::File::create(&part)
-        .and_then(|mut file| {
-            file.write_all(text.as_bytes())?;
-            file.sync_all()
-        })
-        .and_then(|()| fs::rename(&part, path));
-    if written.is_err() {
-        // The first error is the one to report.
-        let _ = fs::remove_file(&part);
-    }
-    written
 }
 
 fn io_error(path: &Path, source: io::Error) -> ModelError {

@@ -3,7 +3,7 @@ use ndarray::{ArrayView2, Axis, concatenate};
 
 use super::error::{ModelError, expect_shape};
 use super::predict::{expect_outputs, predictor};
-use super::simulate::{DIVERGENCE_BOUND, expect_inputs};
+use super::simulate::{Bounds, expect_inputs};
 use super::state_space::Model;
 
 /// The fit ends where C A^k has grown by this factor, beyond which rounding in the simulation exceeds the information
@@ -44,12 +44,13 @@ pub fn estimate_initial_state(
     let mut propagated = model.c.clone();
     let largest = propagated.amax();
     let mut forced = model.rest();
+    let bounds = Bounds::new(model, inputs, &forced);
     let mut samples = 0;
     for k in 0..window.unwrap_or(usize::MAX).min(inputs.nrows()) {
         let u = DVector::from_iterator(m, inputs.row(k).iter().copied());
         let y = &model.c * &forced + &model.d * &u;
         // The comparison is written so that NaN also ends the fit.
-        let within = propagated.amax() <= GROWTH_LIMIT * largest && y.amax() <= DIVERGENCE_BOUND;
+        let within = propagated.amax() <= GROWTH_LIMIT * largest && bounds.expect_within(model, &y, k).is_ok();
         if !within {
             break;
         }

@@ -3,7 +3,7 @@ use ndarray::{Array2, ArrayView2};
 
 use super::error::{ModelError, expect_shape};
 use super::predict::expect_outputs;
-use super::simulate::{expect_bounded, expect_inputs};
+use super::simulate::{Bounds, expect_inputs};
 use super::state_space::Model;
 
 /// Eigenvalues of an output covariance (scaled to a unit diagonal) below this count as zero.
@@ -86,10 +86,11 @@ pub fn kalman_filter(
     let mut innovation_std = Array2::zeros(outputs.raw_dim());
     let mut state = initial_state.clone();
     let mut covariance = initial_covariance.clone();
+    let bounds = Bounds::new(model, inputs, initial_state).with_measured(outputs);
     for k in 0..inputs.nrows() {
         let u = DVector::from_iterator(m, inputs.row(k).iter().copied());
         let predicted = &model.c * &state + &model.d * &u;
-        expect_bounded(model, &predicted, k)?;
+        bounds.expect_within(model, &predicted, k)?;
         let all = &model.c * &covariance * model.c.transpose() + &noise.sensor;
         for i in 0..p {
             innovations[(k, i)] = outputs[(k, i)] - predicted[i];

@@ -22,7 +22,6 @@ pub mod signal;
 mod simulate;
 mod stability;
 mod state_space;
-mod strict;
 mod uncertainty;
 
 #[cfg(test)]
@@ -36,11 +35,11 @@ pub use initial_state::{InitialState, estimate_initial_state, estimate_predictor
 pub use kalman::{Filtered, NoiseCovariances, kalman_filter};
 pub use modes::{Mode, ModeKind, modes};
 pub use peak::{Peak, find_peak};
+pub use plid_file::{NotFinite, require_finite, to_json};
 pub use predict::{Prediction, one_step_prediction, predictor};
 pub use riccati::{SteadyState, steady_state_gain};
 pub use scaling::{ChannelScaling, undo_scaling};
-pub use simulate::{DIVERGENCE_BOUND, Simulation, simulate};
+pub use simulate::{DIVERGENCE_FACTOR, Simulation, simulate};
 pub use stability::{Stability, UnstableModel, stability};
 pub use state_space::{Continuous, Model, Noise, Port};
-pub use strict::{NotFinite, require_finite, to_json};
 pub use uncertainty::{ModeDeviation, ResponseVariance, mode_deviations, response_variance};

@@ -2,7 +2,7 @@ use nalgebra::{DMatrix, DVector};
 use ndarray::{Array2, ArrayView2};
 
 use super::error::{ModelError, expect_shape};
-use super::simulate::{expect_bounded, expect_inputs};
+use super::simulate::{Bounds, expect_inputs};
 use super::state_space::Model;
 
 /// One-step predictions of a record.
@@ -35,10 +35,11 @@ pub fn one_step_prediction(
     let mut predicted = Array2::zeros(outputs.raw_dim());
     let mut innovations = Array2::zeros(outputs.raw_dim());
     let mut state = initial_state.clone();
+    let bounds = Bounds::new(model, inputs, initial_state).with_measured(outputs);
     for sample in 0..inputs.nrows() {
         let u = DVector::from_iterator(model.m(), inputs.row(sample).iter().copied());
         let y = &model.c * &state + &model.d * &u;
-        expect_bounded(model, &y, sample)?;
+        bounds.expect_within(model, &y, sample)?;
         let mut correction = DVector::zeros(model.p());
         for i in 0..model.p() {
             let innovation = outputs[(sample, i)] - y[i];

@@ -1,7 +1,8 @@
 //! Exact Bayes for the scalar plant x+ = a x + b u + xi, z = x + w with known noise variances.
 //!
-//! Given a, the plant is linear in (x, b): a Kalman filter with two states integrates b exactly, so that the grid is one over a
-//! alone. The grid closes in on where the weight is, since at 300 : 1 the posterior is a thousandth of the prior's width.
+//! Given a, the plant is linear in (x, b): a Kalman filter with two states integrates b exactly, so that the grid is
+//! one over a alone. The grid closes in on where the weight is, since at 300 : 1 the posterior is a thousandth of the
+//! prior's width.
 
 /// The scalar plant's prior: a ~ N truncated to |a| < `largest_a`, b ~ N, x0 ~ N(0, `state_variance`).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -90,7 +91,8 @@ fn grid(record: &ScalarRecord<'_>, prior: &ScalarPrior, (from, to): (f64, f64), 
     (0..points).map(|i| given(record, prior, from + (i as f64 + 0.5) * part)).collect()
 }
 
-/// The posterior of (a, b) from grids of `points` values of a. It narrows the grid until its weight lies on a third of it at least.
+/// The posterior of (a, b) from grids of `points` values of a. It narrows the grid until its weight lies on a third of
+/// it at least.
 pub fn exact_bayes(record: &ScalarRecord<'_>, prior: &ScalarPrior, points: usize) -> Posterior {
     let bound = prior.largest_a;
     let mut range = (-bound, bound);
@@ -130,7 +132,8 @@ mod tests {
 
     const U: [f64; 12] = [1.0, -1.0, -1.0, 1.0, 1.0, 1.0, -1.0, 1.0, -1.0, -1.0, 1.0, -1.0];
 
-    /// With a = 0, x0 = 0 and z_{k+1} = b u_k + xi_k + w_{k+1}, b is a linear regression with noise of variance R + Sigma.
+    /// With a = 0, x0 = 0 and z_{k+1} = b u_k + xi_k + w_{k+1}, b is a linear regression with noise of variance R +
+    /// Sigma.
     #[test]
     fn b_given_a_known_a_is_a_linear_regression() {
         let prior = ScalarPrior { state_variance: 0.0, ..ScalarPrior::default() };

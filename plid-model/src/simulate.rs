@@ -1,11 +1,12 @@
-use nalgebra::DVector;
+use nalgebra::{DVector, Dyn, MatrixView, U1};
 use ndarray::{Array2, ArrayView2};
 
 use super::error::{ModelError, expect_shape};
 use super::state_space::Model;
 
-/// An output whose magnitude exceeds this bound, in its own unit, counts as diverged.
-pub const DIVERGENCE_BOUND: f64 = 1e15;
+/// An output counts as diverged if it exceeds what a single sample of the input or the initial state can cause by more
+/// than this factor. No stable model of practical use comes near it, and beyond it no digit of the start is left.
+pub const DIVERGENCE_FACTOR: f64 = 1e15;
 
 /// The result of a free-run simulation.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,7 +21,7 @@ pub struct Simulation {
 ///
 /// # Errors
 /// Returns [`ModelError::Shape`], [`ModelError::NotFinite`] for an input, and [`ModelError::Diverged`] with the first
-/// sample at which an output is not finite or exceeds [`DIVERGENCE_BOUND`].
+/// sample at which an output is not finite or exceeds [`DIVERGENCE_FACTOR`] times what one sample can cause.
 pub fn simulate(
     model: &Model,
     inputs: ArrayView2<f64>,
@@ -31,12 +32,13 @@ pub fn simulate(
     let mut outputs = Array2::zeros((inputs.nrows(), model.p()));
     let mut state = initial_state.clone();
     let mut next = model.rest();
+    let bounds = Bounds::new(model, inputs, initial_state);
     let (mut u, mut y) = (DVector::zeros(model.m()), DVector::zeros(model.p()));
     for (sample, row) in inputs.outer_iter().enumerate() {
         u.iter_mut().zip(row).for_each(|(to, from)| *to = *from);
         y.gemv(1.0, &model.c, &state, 0.0);
         y.gemv(1.0, &model.d, &u, 1.0);
-        expect_bounded(model, &y, sample)?;
+        bounds.expect_within(model, &y, sample)?;
         outputs.row_mut(sample).iter_mut().zip(&y).for_each(|(to, from)| *to = *from);
         next.gemv(1.0, &model.a, &state, 0.0);
         next.gemv(1.0, &model.b, &u, 1.0);
@@ -56,14 +58,39 @@ pub(super) fn expect_inputs(model: &Model, inputs: ArrayView2<f64>) -> Result<()
     })
 }
 
-/// Returns an error unless every output is finite and within [`DIVERGENCE_BOUND`].
-pub(super) fn expect_bounded(model: &Model, outputs: &DVector<f64>, sample: usize) -> Result<(), ModelError> {
-    // A comparison with NaN is false, and NaN must count as diverged.
-    let bounded = |y: &f64| y.abs() <= DIVERGENCE_BOUND;
-    let beyond = outputs.iter().position(|y| !bounded(y));
-    beyond.map_or(Ok(()), |channel| {
-        Err(ModelError::Diverged { output: model.outputs[channel].clone(), sample, bound: DIVERGENCE_BOUND })
-    })
+/// One row of a matrix.
+type RowView<'a> = MatrixView<'a, f64, U1, Dyn, U1, Dyn>;
+
+/// The magnitude of each output beyond which a run counts as diverged. It grows with the inputs and the initial state,
+/// so it does not depend on the units of the model.
+pub(super) struct Bounds(Vec<f64>);
+
+impl Bounds {
+    /// Bounds |y_i| by [`DIVERGENCE_FACTOR`] times what an input sample of the largest magnitude u and a state of
+    /// magnitude b u + x_0 can cause, where b is the largest row sum of |B|.
+    pub(super) fn new(model: &Model, inputs: ArrayView2<f64>, initial_state: &DVector<f64>) -> Self {
+        // Magnitudes are added and not squared, so that no unit makes them overflow or vanish.
+        let size = |row: RowView<'_>| row.iter().map(|x| x.abs()).sum::<f64>();
+        let largest = inputs.iter().fold(0.0_f64, |largest, u| largest.max(u.abs()));
+        let state = initial_state.amax() + largest * model.b.row_iter().map(size).fold(0.0, f64::max);
+        let one_sample = |i: usize| size(model.c.row(i)) * state + size(model.d.row(i)) * largest;
+        Self((0..model.p()).map(|i| DIVERGENCE_FACTOR * one_sample(i)).collect())
+    }
+
+    /// Adds the largest measured output, which a predictor feeds back.
+    pub(super) fn with_measured(self, outputs: ArrayView2<f64>) -> Self {
+        let largest = outputs.iter().filter(|y| !y.is_nan()).fold(0.0_f64, |largest, y| largest.max(y.abs()));
+        Self(self.0.iter().map(|bound| bound + DIVERGENCE_FACTOR * largest).collect())
+    }
+
+    /// Returns an error unless every output is finite and within its bound.
+    pub(super) fn expect_within(&self, model: &Model, outputs: &DVector<f64>, sample: usize) -> Result<(), ModelError> {
+        // A comparison with NaN is false, and NaN must count as diverged.
+        let within = |(y, bound): (&f64, &f64)| y.is_finite() && y.abs() <= *bound;
+        outputs.iter().zip(&self.0).position(|pair| !within(pair)).map_or(Ok(()), |i| {
+            Err(ModelError::Diverged { output: model.outputs[i].clone(), sample, bound: self.0[i] })
+        })
+    }
 }
 
 #[cfg(test)]
@@ -110,6 +137,21 @@ mod tests {
         let error = simulate(&model, Array2::zeros((2000, 1)).view(), &start).unwrap_err();
         // 2^50 is the first power of two above 1e15.
         assert!(matches!(error, ModelError::Diverged { sample: 50, .. }));
+    }
+
+    #[test]
+    fn divergence_does_not_depend_on_units() {
+        let one = |x| DMatrix::from_element(1, 1, x);
+        let lag = Model::new(1.0, one(0.5), one(1.0), one(1.0), one(0.0)).unwrap();
+        let large = Array2::from_elem((50, 1), 1e18);
+        let run = simulate(&lag, large.view(), &lag.rest()).unwrap();
+        assert_relative_eq!(run.outputs[(49, 0)], 2e18, max_relative = 1e-9);
+        for unit in [1e-200, 1e-20, 1e20, 1e200] {
+            let model = Model::new(1.0, one(2.0), one(1.0), one(1.0), one(0.0)).unwrap();
+            let step = Array2::from_elem((2000, 1), unit);
+            let error = simulate(&model, step.view(), &model.rest()).unwrap_err();
+            assert!(matches!(error, ModelError::Diverged { sample: 50, .. }), "{unit:e}: {error}");
+        }
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! What a claim is, what it is given, and what it finds.
+//! A claim, its inputs and its finding.
 
 use std::error::Error;
 use std::path::Path;
@@ -9,29 +9,29 @@ use plid_lab::run::{self, Outcome};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-/// The result of a claim's parts; any error will do, since the runner names the claim.
+/// The result of a test. Any error type will do, because the runner adds the name of the claim.
 pub type Result<T> = std::result::Result<T, Box<dyn Error + Send + Sync>>;
 
-/// A figure or a statement of the paper, and the function that puts it to the test.
+/// A figure or statement of the paper, and the function that tests it.
 #[derive(Clone, Copy)]
 pub struct Claim {
-    /// Its name in files and on the command line.
+    /// The name in files and on the command line.
     pub id: &'static str,
-    /// What the paper says.
+    /// The statement of the paper.
     pub statement: &'static str,
-    /// What a simulated truss can say to it, and what it cannot.
+    /// What a simulated truss can and cannot show about the statement.
     pub limit: &'static str,
     /// experiments/paper/ID.toml: an experiment for `plid run`, or a study for `plid bench`.
     pub config: &'static str,
-    /// experiments/paper/ID.vary.toml: what is varied from there, in full and in quick.
+    /// experiments/paper/ID.vary.toml: the variations for the full and the quick run.
     pub vary: &'static str,
-    /// Whether it measures times: it then runs alone, and its figures differ from run to run.
+    /// Whether the claim measures times. It then runs alone, and its figures differ from run to run.
     pub timed: bool,
     /// The test.
     pub run: fn(&Context<'_>) -> Result<Finding>,
 }
 
-/// The parts of a claim that its file does not repeat: id and configs.
+/// Builds the parts of a claim that its file does not repeat: the id and the configs.
 macro_rules! claim {
     ($id:literal, $($field:ident: $value:expr),+ $(,)?) => {
         $crate::claim::Claim {
@@ -45,19 +45,19 @@ macro_rules! claim {
 }
 pub(crate) use claim;
 
-/// What a claim's test is given.
+/// The inputs of a test.
 pub struct Context<'a> {
     /// The claim.
     pub id: &'a str,
-    /// Whether it is to be quick.
+    /// Whether to run the quick version.
     pub quick: bool,
     /// The text of ID.toml.
     pub config: &'a str,
     /// The text of ID.vary.toml.
     pub vary: &'a str,
-    /// Where the claim's files go; it exists.
+    /// The existing directory for the claim's files.
     pub directory: &'a Path,
-    /// Asked whether to go on.
+    /// Asked whether to continue.
     pub progress: &'a dyn Progress,
 }
 
@@ -70,45 +70,46 @@ struct Vary<T> {
 }
 
 impl Context<'_> {
-    /// ID.toml, as whatever it is.
+    /// Parses ID.toml as the requested type.
     ///
     /// # Errors
-    /// Names the line and the key.
+    /// Returns an error that names the line and the key.
     pub fn config<T: DeserializeOwned>(&self) -> std::result::Result<T, ConfigError> {
         from_toml(self.config, &format!("{}.toml", self.id))
     }
 
-    /// ID.toml as an experiment.
+    /// Parses ID.toml as an experiment.
     ///
     /// # Errors
-    /// Names the line and the key.
+    /// Returns an error that names the line and the key.
     pub fn experiment(&self) -> std::result::Result<Experiment, ConfigError> {
         self.config()
     }
 
-    /// The table of ID.vary.toml that counts.
+    /// Parses the table of ID.vary.toml that applies.
     ///
     /// # Errors
-    /// Names the line and the key.
+    /// Returns an error that names the line and the key.
     pub fn vary<T: DeserializeOwned>(&self) -> std::result::Result<T, ConfigError> {
         let both: Vary<T> = from_toml(self.vary, &format!("{}.vary.toml", self.id))?;
         Ok(if self.quick { both.quick } else { both.full })
     }
 
-    /// Carries out an experiment for PLID's model alone: what else a run does would take longer. Data files lie in the claim's directory.
+    /// Runs an experiment for the PLID model only, which saves time. Data files are in the claim's directory.
     ///
     /// # Errors
-    /// [`run::RunError`]
+    /// Returns a [`run::RunError`].
     pub fn identify(&self, experiment: &Experiment) -> std::result::Result<Outcome, run::RunError> {
         let mut experiment = experiment.clone();
         experiment.validation.model_only = true;
         self.validate(&experiment)
     }
 
-    /// Carries out an experiment, with PLID's one-step prediction of held-out data; without a second model, of which the paper says nothing.
+    /// Runs an experiment with the one-step prediction of held-out data, but without a second model, which the paper
+    /// does not consider.
     ///
     /// # Errors
-    /// [`run::RunError`]
+    /// Returns a [`run::RunError`].
     pub fn validate(&self, experiment: &Experiment) -> std::result::Result<Outcome, run::RunError> {
         let mut experiment = experiment.clone();
         experiment.identification.refine = Refinement::Off;
@@ -116,7 +117,7 @@ impl Context<'_> {
     }
 }
 
-/// The progress of a part: it says nothing, but it can be interrupted.
+/// The progress of one part, which reports nothing but can be interrupted.
 pub struct Inner<'a>(pub &'a dyn Progress);
 
 impl Progress for Inner<'_> {
@@ -127,7 +128,7 @@ impl Progress for Inner<'_> {
     }
 }
 
-/// How a statement fares.
+/// The verdict on a statement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
@@ -142,7 +143,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// In words.
+    /// Returns the verdict in words.
     pub fn words(self) -> &'static str {
         match self {
             Self::Confirmed => "confirmed",
@@ -153,78 +154,80 @@ impl Verdict {
     }
 }
 
-/// One part of a statement, with the rule by which it holds.
+/// One part of a statement, with the rule that decides whether it holds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Part {
-    /// The rule, with its threshold and the reason for it.
+    /// The rule with its threshold and the reason for the threshold.
     pub rule: String,
-    /// Whether it holds; `None` where nothing here can say.
+    /// Whether the part holds; `None` if it cannot be tested here.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub holds: Option<bool>,
 }
 
 impl Part {
-    /// A part that was tested.
+    /// Creates a part that was tested.
     pub fn new(rule: impl Into<String>, holds: bool) -> Self {
         Self { rule: rule.into(), holds: Some(holds) }
     }
 
-    /// A part that nothing here can test.
+    /// Creates a part that cannot be tested here.
     pub fn open(rule: impl Into<String>) -> Self {
         Self { rule: rule.into(), holds: None }
     }
 }
 
-/// A number that was measured.
+/// A measured number.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Figure {
-    /// What it is.
+    /// What the number is.
     pub name: String,
-    /// Its value; `None` where it is not finite.
+    /// Its value; `None` if it is not finite.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub value: Option<f64>,
     /// Its unit; empty for a plain number.
     pub unit: String,
-    /// Whether it is a time, or depends on one: such figures differ from run to run.
+    /// Whether it is or depends on a time, so that it differs from run to run.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub timed: bool,
 }
 
-/// A picture or a table of the page.
+/// A plot or table on the page.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Panel {
-    /// A picture.
+    /// A plot.
     Picture {
-        /// SVG.
+        /// The SVG.
         svg: String,
-        /// The sentence below it.
+        /// The caption below it.
         caption: String,
     },
     /// A table.
     Table {
-        /// The sentence above it.
+        /// The caption above it.
         caption: String,
         /// Names and units of the columns.
         columns: Vec<(String, String)>,
-        /// Cells as they are to be shown.
+        /// The cells as they are shown.
         rows: Vec<Vec<String>>,
     },
 }
 
-/// What came of a claim.
+/// The result of testing a claim.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Finding {
-    /// The result in a sentence or two, with its figures.
+    /// The result in one or two sentences, with its figures.
     pub sentence: String,
     /// The parts of the statement, from which the verdict follows.
     pub parts: Vec<Part>,
     /// The figures.
     pub figures: Vec<Figure>,
-    /// Pictures and tables.
+    /// Plots and tables.
     pub panels: Vec<Panel>,
 }
 
 impl Finding {
-    /// The verdict that follows from the parts.
+    /// Returns the verdict that follows from the parts.
     pub fn verdict(&self) -> Verdict {
         let tested: Vec<bool> = self.parts.iter().filter_map(|part| part.holds).collect();
         let all = tested.len() == self.parts.len();
@@ -236,55 +239,55 @@ impl Finding {
         }
     }
 
-    /// With a figure.
+    /// Adds a figure.
     pub fn figure(mut self, name: impl Into<String>, value: f64, unit: &str) -> Self {
         let value = value.is_finite().then_some(value);
         self.figures.push(Figure { name: name.into(), value, unit: unit.into(), timed: false });
         self
     }
 
-    /// With a figure that differs from run to run.
+    /// Adds a figure that differs from run to run.
     pub fn timed(self, name: impl Into<String>, value: f64, unit: &str) -> Self {
         let mut finding = self.figure(name, value, unit);
         finding.figures.iter_mut().next_back().into_iter().for_each(|figure| figure.timed = true);
         finding
     }
 
-    /// With a part.
+    /// Adds a part.
     pub fn part(mut self, rule: impl Into<String>, holds: bool) -> Self {
         self.parts.push(Part::new(rule, holds));
         self
     }
 
-    /// With a part that nothing here can test.
+    /// Adds a part that cannot be tested here.
     pub fn open(mut self, rule: impl Into<String>) -> Self {
         self.parts.push(Part::open(rule));
         self
     }
 
-    /// With a picture.
+    /// Adds a plot.
     pub fn picture(mut self, svg: String, caption: impl Into<String>) -> Self {
         self.panels.push(Panel::Picture { svg, caption: caption.into() });
         self
     }
 
-    /// With a table; a column's unit may be empty.
+    /// Adds a table; the unit of a column may be empty.
     pub fn table(mut self, caption: &str, columns: &[(&str, &str)], rows: Vec<Vec<String>>) -> Self {
         let columns = columns.iter().map(|(name, unit)| (name.to_string(), unit.to_string())).collect();
         self.panels.push(Panel::Table { caption: caption.into(), columns, rows });
         self
     }
 
-    /// With its sentence.
+    /// Sets the sentence.
     pub fn say(mut self, sentence: impl Into<String>) -> Self {
         self.sentence = sentence.into();
         self
     }
 
-    /// The value of a figure.
+    /// Returns the value of a figure.
     ///
     /// # Panics
-    /// If there is none of that name, which is a bug of the claim.
+    /// Panics if there is no figure of that name, which is a fault of the claim.
     pub fn value(&self, name: &str) -> f64 {
         let figure = self.figures.iter().find(|figure| figure.name == name);
         figure.unwrap_or_else(|| panic!("no figure `{name}`")).value.unwrap_or(f64::NAN)

@@ -1,4 +1,4 @@
-//! The recursion sample by sample, in volts, so that it can be watched and timed.
+//! The recursion sample by sample, in volts, so that it can be observed and timed.
 
 use std::time::Instant;
 
@@ -14,32 +14,32 @@ use crate::claim::Result;
 /// A record in volts: inputs K x m and outputs K x p.
 pub type Pair<'a> = (ArrayView2<'a, f64>, ArrayView2<'a, f64>);
 
-/// What a recursion went through.
+/// The course of a recursion.
 pub struct Course {
-    /// One-step errors (K x p), V.
+    /// One-step errors (K x p) in V.
     pub innovations: Array2<f64>,
-    /// The model after every so many samples, and the number of samples.
+    /// The models at regular intervals, each with the number of samples processed.
     pub models: Vec<(usize, Model)>,
     /// The estimate at the end.
     pub identified: IdentifiedModel,
-    /// Time of the steps, s; without that of the models.
+    /// Duration of the steps in s, without the computation of models.
     pub seconds: f64,
 }
 
-/// Where the paper's recursion starts: nothing known, for channels of about 1 V.
+/// The start of the paper's recursion: nothing is known, and channels have about 1 V.
 ///
 /// # Errors
-/// Fewer states than outputs.
+/// Returns an error for fewer states than outputs.
 pub fn form_and_start(states: usize, (inputs, outputs): Pair<'_>) -> Result<(ObservableForm, Settings)> {
     let form = ObservableForm::balanced(states, outputs.ncols(), inputs.ncols())?;
     let settings = Settings::new(&form, 1.0, 1.0);
     Ok((form, settings))
 }
 
-/// Runs the recursion over a record; `every` says how often the model is kept.
+/// Runs the recursion over a record and keeps the model after every `every` samples.
 ///
 /// # Errors
-/// A recursion that cannot be built or breaks down.
+/// Returns an error for a recursion that cannot be built or that breaks down.
 pub fn course(
     (inputs, outputs): Pair<'_>,
     rate_hz: f64,
@@ -65,10 +65,10 @@ pub fn course(
     Ok(Course { innovations, models, identified: recursion.identified(), seconds })
 }
 
-/// The plant of an estimate.
+/// Returns the plant of an estimate.
 ///
 /// # Errors
-/// An estimate that is not finite.
+/// Returns an error for an estimate that is not finite.
 pub fn model(identified: &IdentifiedModel, rate_hz: f64) -> Result<Model> {
     let matrix = |m: &Dense<f64>| DMatrix::from_column_slice(m.rows(), m.columns(), m.data());
     let (b, c) = (matrix(&identified.b), matrix(&identified.c));
@@ -76,7 +76,7 @@ pub fn model(identified: &IdentifiedModel, rate_hz: f64) -> Result<Model> {
     Ok(Model::new(rate_hz, matrix(&identified.a), b, c, through)?)
 }
 
-/// The noise covariances of a run, in volts squared; those of actuators are zero.
+/// Returns the noise covariances of a run in V²; those of actuators are zero.
 pub fn noise_of(outcome: &Outcome) -> NoiseModel {
     let (sensor, state) = &outcome.noise_levels;
     let scales = &outcome.prepared.output_scales;

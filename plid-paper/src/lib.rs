@@ -1,9 +1,9 @@
-//! Vallone and Hopkins (1995), figure by figure and claim by claim, on the simulated truss.
+//! The figures and claims of Vallone and Hopkins (1995), tested on the simulated truss.
 //!
-//! A [`Claim`] is the paper's statement, a config under `experiments/paper/` and a function that puts the statement to the test;
-//! one file a claim, under `claims`. Its [`Finding`] has figures, pictures and the parts into which the statement falls, each with the
-//! rule by which it holds; the [`Verdict`] follows from the parts. [`reproduce()`] runs them, keeps each finding as soon as it is
-//! there, and writes the page.
+//! A [`Claim`] consists of the paper's statement, a config under `experiments/paper/` and a function that tests the
+//! statement; each has a file under `claims`. Its [`Finding`] contains figures, plots and the parts of the statement,
+//! each with the rule that decides whether it holds; the [`Verdict`] follows from the parts. [`reproduce()`] runs the
+//! claims, saves each finding as soon as it is complete, and writes the page.
 
 mod claim;
 mod claims;

@@ -1,4 +1,4 @@
-//! The page: the paper's statement, our figure and our verdict beside each other, then each claim with its pictures.
+//! The page: a table of the paper's statements with our figures and verdicts, followed by each claim with its plots.
 
 use plid_bench::study::Machine;
 use plid_report::{Cell, Report, Table};
@@ -6,7 +6,7 @@ use plid_report::{Cell, Report, Table};
 use crate::claim::{Claim, Finding, Panel, Verdict};
 use crate::reproduce::Summary;
 
-/// What a page of a simulated truss is worth.
+/// What conclusions a simulated truss permits.
 pub const CAVEAT: &str = "The paper's own records are not to be had. Its experiment is repeated on a simulated truss \
     that was built from the paper's figures: \
     frequencies, levels, noise, converters. So a simulation can say whether PLID does what the paper says of it, given \
@@ -14,7 +14,7 @@ pub const CAVEAT: &str = "The paper's own records are not to be had. Its experim
     knows the true plant, as the paper could not. It cannot say that the real structure was like that: what went into \
     the testbed cannot be confirmed by it.";
 
-/// A claim, and what came of it.
+/// A claim and its finding.
 #[derive(Clone)]
 pub struct Line {
     /// The claim.
@@ -25,18 +25,18 @@ pub struct Line {
     pub vary: String,
     /// The finding; `None` if it has not been run.
     pub finding: Option<Finding>,
-    /// How long it took, s.
+    /// Duration in s.
     pub seconds: Option<f64>,
 }
 
 impl Line {
-    /// The entry of claims.json, if it has been run.
+    /// Returns the entry of claims.json if the claim has been run.
     pub fn summary(&self) -> Option<Summary> {
         self.finding.as_ref().map(|finding| Summary::of(&self.claim, finding))
     }
 }
 
-/// The report.
+/// Returns the report.
 pub fn page(lines: &[Line], quick: bool, machine: &Machine) -> Report {
     let found = || lines.iter().filter_map(|line| Some((line, line.finding.as_ref()?)));
     let count = |verdict: Verdict| found().filter(|(_, finding)| finding.verdict() == verdict).count();
@@ -124,7 +124,7 @@ fn claim(report: Report, line: &Line, finding: &Finding) -> Report {
     })
 }
 
-/// Digits stand flush right.
+/// Aligns digits to the right.
 fn number(cell: &str) -> Cell {
     if cell.parse::<f64>().is_ok() { Cell::Number(cell.into()) } else { Cell::Text(cell.into()) }
 }

@@ -1,4 +1,4 @@
-//! All claims one after the other or side by side, each kept as soon as it is there.
+//! Runs all claims, in sequence or in parallel, and saves each as soon as it is complete.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,16 +14,16 @@ use sha2::{Digest, Sha256};
 use crate::claim::{Claim, Context, Finding, Panel, Verdict};
 use crate::page::{self, Line};
 
-/// What is to be run.
+/// What to run.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
     /// The claims; empty for all.
     pub only: Vec<String>,
-    /// The quick tables of the configs.
+    /// Whether to use the quick tables of the configs.
     pub quick: bool,
-    /// A directory with configs in place of those built in.
+    /// A directory whose configs replace the built-in ones.
     pub configs: Option<PathBuf>,
-    /// Whether what the output directory has is to be forgotten.
+    /// Whether to discard what the output directory contains.
     pub anew: bool,
 }
 
@@ -34,7 +34,7 @@ struct Done {
     seconds: f64,
 }
 
-/// A claim with the configs that count.
+/// A claim with the configs in use.
 struct Task {
     claim: Claim,
     config: String,
@@ -42,11 +42,12 @@ struct Task {
     key: String,
 }
 
-/// Runs the claims and writes, for each, DIR/ID/claim.json with its pictures and configs, and for all DIR/claims.json and DIR/report.html. A
-/// claim that DIR has already, from the same configs, is not run again.
+/// Runs the claims and writes DIR/ID/claim.json with plots and configs for each, and DIR/claims.json and
+/// DIR/report.html for all of them. A claim that DIR already holds for the same configs is not repeated.
 ///
 /// # Errors
-/// [`StudyError::Cell`] names a claim that cannot be run, once the others are done; [`StudyError::Interrupted`]; files.
+/// Returns [`StudyError::Cell`] for a claim that cannot be run, after the others are done, [`StudyError::Interrupted`],
+/// or the error of a file.
 pub fn reproduce(
     claims: &[Claim],
     options: &Options,

@@ -1,4 +1,4 @@
-//! The truss as the paper looks at it: one pair of channels, five modes, and errors of a model against the true plant.
+//! The truss as seen in the paper: one input-output pair, five modes, and the errors of a model against the true plant.
 
 use nalgebra::{Complex, DMatrix};
 use plid_lab::experiment::{Experiment, NoiseSource};
@@ -8,28 +8,29 @@ use plid_testbed::{InputConfig, TrussConfig};
 
 use crate::claim::Result;
 
-/// Sensor 2, the paper's, from 0.
+/// The paper's sensor 2, counted from 0.
 pub const SENSOR: usize = 1;
-/// Actuator 1, the paper's, from 0.
+/// The paper's actuator 1, counted from 0.
 pub const ACTUATOR: usize = 0;
-/// The five dominant modes, Hz.
+/// The five dominant modes in Hz.
 pub const MODES_HZ: [f64; 5] = [136.0, 168.0, 186.0, 212.0, 243.0];
-/// The band that the paper shows.
+/// The frequency band of the paper's figures.
 pub const BAND_HZ: [f64; 2] = [50.0, 300.0];
-/// A peak off by more than this counts as missed: twice or half the power, the usual measure of a resonance.
+/// A peak whose height is off by more than this counts as missed. It is a factor of two in power, the usual measure of
+/// a resonance.
 pub const CLOSE_DB: f64 = 3.0;
-/// Half the width in which a mode's peak is looked for, relative.
+/// Relative half-width of the interval in which the peak of a mode is searched for.
 const WIDTH: f64 = 0.02;
 
-/// The truss of an experiment.
+/// Returns the truss of an experiment.
 ///
 /// # Panics
-/// If its data are files, which is a bug of the config built in.
+/// Panics if its data are files, which is a fault of the built-in config.
 pub fn truss_of(experiment: &mut Experiment) -> &mut TrussConfig {
     &mut experiment.data.testbed.as_mut().expect("the experiment has a testbed").truss
 }
 
-/// The experiment with so many samples to learn from.
+/// Returns the experiment with this many training samples.
 pub fn with_samples(experiment: &Experiment, samples: usize) -> Experiment {
     let mut other = experiment.clone();
     let share = other.validation.training_share;
@@ -38,7 +39,7 @@ pub fn with_samples(experiment: &Experiment, samples: usize) -> Experiment {
     other
 }
 
-/// The experiment with other states and seed.
+/// Returns the experiment with another number of states and another seed.
 pub fn with_seed(experiment: &Experiment, states: usize, seed: u64) -> Experiment {
     let mut other = experiment.clone();
     other.structure.states = Some(states);
@@ -46,7 +47,7 @@ pub fn with_seed(experiment: &Experiment, states: usize, seed: u64) -> Experimen
     other
 }
 
-/// The words for where covariances come from.
+/// Says where the covariances come from.
 pub fn covariances(noise: NoiseSource) -> &'static str {
     match noise {
         NoiseSource::PaperLiteral => "paper's covariances",
@@ -55,7 +56,8 @@ pub fn covariances(noise: NoiseSource) -> &'static str {
     }
 }
 
-/// What the paper compares, with both readings of its covariances: a name, the repeats that are averaged, the covariances.
+/// The comparisons of the paper, under both readings of its covariances: a name, the number of repeats averaged, and
+/// the covariances.
 pub fn with_and_without_averages(averages: usize) -> [(&'static str, usize, NoiseSource); 4] {
     [
         ("paper's covariances, one record", 1, NoiseSource::PaperLiteral),
@@ -65,10 +67,10 @@ pub fn with_and_without_averages(averages: usize) -> [(&'static str, usize, Nois
     ]
 }
 
-/// The true plant between the inputs that are used and all outputs.
+/// Returns the true plant from the inputs in use to all outputs.
 ///
 /// # Errors
-/// A config that the testbed refuses.
+/// Returns an error for a config that the testbed rejects.
 pub fn truth(experiment: &Experiment) -> Result<Model> {
     let mut experiment = experiment.clone();
     let used = experiment.data.inputs.clone();
@@ -84,29 +86,29 @@ pub fn truth(experiment: &Experiment) -> Result<Model> {
     Ok(model)
 }
 
-/// A mode of one pair: the true peak, and the model's if it has one there.
+/// A mode in one input-output pair: the true peak, and that of the model if it has one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ModeRow {
-    /// The mode, Hz.
+    /// Frequency of the mode in Hz.
     pub mode_hz: f64,
-    /// The true peak: Hz, dB.
+    /// The true peak: frequency in Hz and magnitude in dB.
     pub truth: (f64, f64),
-    /// The model's: Hz, dB; `None` without a maximum within 2 % of the mode.
+    /// The peak of the model: frequency in Hz and magnitude in dB; `None` without a maximum within 2 % of the mode.
     pub model: Option<(f64, f64)>,
 }
 
 impl ModeRow {
-    /// Height of the model's peak less that of the true one, dB; NaN without a peak.
+    /// Height of the model's peak minus that of the true one in dB; NaN without a peak.
     pub fn db_off(&self) -> f64 {
         self.model.map_or(f64::NAN, |(_, db)| db - self.truth.1)
     }
 
-    /// Whether the peak is there and within 3 dB.
+    /// Whether the peak exists and is within 3 dB.
     pub fn is_close(&self) -> bool {
         self.db_off().abs() <= CLOSE_DB
     }
 
-    /// The same for a table: decibels, or a word.
+    /// The error of the height as a table shows it.
     pub fn words(&self) -> String {
         match self.model {
             None => "no peak".into(),
@@ -116,10 +118,10 @@ impl ModeRow {
     }
 }
 
-/// The five modes in one pair.
+/// Returns the five modes in one input-output pair.
 ///
 /// # Errors
-/// A model whose poles cannot be found.
+/// Returns an error for a model whose poles cannot be computed.
 pub fn modes(truth: &Model, model: &Model, output: usize, input: usize) -> Result<Vec<ModeRow>> {
     let row = |&mode_hz: &f64| {
         let peak = find_peak(truth, output, input, mode_hz, WIDTH * mode_hz)?;
@@ -130,10 +132,10 @@ pub fn modes(truth: &Model, model: &Model, output: usize, input: usize) -> Resul
     MODES_HZ.iter().map(row).collect()
 }
 
-/// The five modes in every pair that shows them truly (its true response has a maximum there).
+/// Returns the five modes in every pair whose true response has a maximum there.
 ///
 /// # Errors
-/// As [`modes`].
+/// Returns the errors of [`modes`].
 pub fn modes_of_all_pairs(truth: &Model, model: &Model) -> Result<Vec<ModeRow>> {
     let mut rows = Vec::new();
     for j in 0..truth.m() {
@@ -148,13 +150,13 @@ pub fn modes_of_all_pairs(truth: &Model, model: &Model) -> Result<Vec<ModeRow>> 
     Ok(rows)
 }
 
-/// Frequencies of a band, evenly: fine enough for the narrowest mode (1 Hz wide).
+/// Returns evenly spaced frequencies of a band, close enough for the narrowest mode, which is 1 Hz wide.
 fn grid([low, high]: [f64; 2]) -> Vec<f64> {
     let count = ((high - low) / 0.25).round() as usize;
     (0..=count).map(|k| low + (high - low) * k as f64 / count as f64).collect()
 }
 
-/// RMS over a band and all pairs of the difference of two responses, over that of the true one.
+/// Returns the RMS of the difference of two responses over a band and all pairs, relative to that of the true response.
 pub fn band_error(truth: &Model, model: &Model, band: [f64; 2]) -> f64 {
     let (truth, model) = (FrequencyResponse::of(truth), FrequencyResponse::of(model));
     let power = |h: &DMatrix<Complex<f64>>| h.iter().map(|x| x.norm_sqr()).sum::<f64>();
@@ -167,7 +169,7 @@ pub fn band_error(truth: &Model, model: &Model, band: [f64; 2]) -> f64 {
     (off / all).sqrt()
 }
 
-/// The curve of one pair over the paper's band.
+/// Returns the curve of one pair over the paper's band.
 pub fn curve(model: &Model, output: usize, input: usize) -> FrfCurve {
     let response = FrequencyResponse::of(model);
     let frequency_hz = grid(BAND_HZ);
@@ -178,7 +180,7 @@ pub fn curve(model: &Model, output: usize, input: usize) -> FrfCurve {
     }
 }
 
-/// The identified and the true response of one pair.
+/// Plots the identified and the true response of one pair.
 pub fn overlay(truth: &Model, model: &Model, output: usize, input: usize) -> String {
     frf_plot(&FrfPlot {
         unit: "V/V".into(),
@@ -189,24 +191,19 @@ pub fn overlay(truth: &Model, model: &Model, output: usize, input: usize) -> Str
     })
 }
 
-/// What the outputs show with no command, V RMS over the three.
+/// Returns the RMS of the three outputs without a command, in V.
 ///
 /// # Errors
-/// A config that the testbed refuses.
+/// Returns an error for a config that the testbed rejects.
 pub fn noise_floor(experiment: &Experiment) -> Result<f64> {
     let mut config = truss_of(&mut experiment.clone()).clone();
     config.input = InputConfig::Zero;
     config.repeats = 1;
     let simulation = plid_testbed::simulate(&config)?;
-    Ok(rms(simulation.outputs[0].iter().copied()))
+    Ok(plid_model::signal::rms(simulation.outputs[0].iter().copied()))
 }
 
-/// Root mean square.
-pub fn rms(values: impl IntoIterator<Item = f64>) -> f64 {
-    plid_model::signal::rms(values)
-}
-
-/// Mean and standard deviation of single values.
+/// Returns the mean and the standard deviation of single values.
 pub fn mean_and_spread(values: &[f64]) -> (f64, f64) {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;

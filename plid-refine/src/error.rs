@@ -8,10 +8,10 @@ pub enum RefineError {
     #[diagnostic(code(plid::refine::no_records))]
     NoRecords,
     /// A record does not agree with the other records or with the model.
-    #[error("record {record}: {what} has {found} {unit} where {expected} were expected")]
+    #[error("record {}: {what} has {found} {unit} where {expected} were expected", .record + 1)]
     #[diagnostic(code(plid::refine::shape))]
     Shape {
-        /// The record.
+        /// The record, from 0; the message counts from 1.
         record: usize,
         /// The array: `the input` or `the output`.
         what: &'static str,
@@ -23,25 +23,25 @@ pub enum RefineError {
         found: usize,
     },
     /// An input is not finite, or an output is infinite; NaN marks a missing output.
-    #[error("record {record}: {what}, channel {channel}, sample {sample} is not finite")]
+    #[error("record {}: {what}, channel {}, sample {} is not finite", .record + 1, .channel + 1, .sample + 1)]
     #[diagnostic(code(plid::refine::not_finite))]
     NotFinite {
-        /// The record.
+        /// The record, from 0; the message counts from 1.
         record: usize,
         /// `the input` or `the output`.
         what: &'static str,
-        /// The column.
+        /// The column, from 0; the message counts from 1.
         channel: usize,
-        /// The row.
+        /// The row, from 0; the message counts from 1.
         sample: usize,
     },
     /// A channel is zero or missing throughout.
-    #[error("{what}, channel {channel} is zero or missing throughout")]
+    #[error("{what}, channel {} is zero or missing throughout", .channel + 1)]
     #[diagnostic(code(plid::refine::empty_channel))]
     EmptyChannel {
         /// `the input` or `the output`.
         what: &'static str,
-        /// The column.
+        /// The column, from 0; the message counts from 1.
         channel: usize,
     },
     /// The records have fewer samples than the estimate requires.
@@ -86,4 +86,17 @@ pub enum RefineError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Model(#[from] ModelError),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_count_from_one() {
+        let error = RefineError::NotFinite { record: 0, what: "the input", channel: 1, sample: 4 };
+        assert_eq!(error.to_string(), "record 1: the input, channel 2, sample 5 is not finite");
+        let error = RefineError::EmptyChannel { what: "the output", channel: 0 };
+        assert_eq!(error.to_string(), "the output, channel 1 is zero or missing throughout");
+    }
 }

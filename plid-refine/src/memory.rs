@@ -9,8 +9,7 @@
 //! least restrictive record sets the limit.
 
 use ndarray::ArrayView2;
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex64;
+use plid_model::signal::fourier::sums_of_products;
 
 use crate::record::Record;
 
@@ -52,17 +51,11 @@ fn autocorrelation(channel: ndarray::ArrayView1<'_, f64>) -> Option<Vec<f64>> {
     if !(power[samples] > 0.0) {
         return None;
     }
-    let size = (2 * samples).next_power_of_two();
-    let mut planner = FftPlanner::new();
-    let mut spectrum: Vec<Complex64> = channel.iter().map(|&x| Complex64::new(x, 0.0)).collect();
-    spectrum.resize(size, Complex64::new(0.0, 0.0));
-    planner.plan_fft_forward(size).process(&mut spectrum);
-    spectrum.iter_mut().for_each(|z| *z = Complex64::new(z.norm_sqr(), 0.0));
-    planner.plan_fft_inverse(size).process(&mut spectrum);
+    let products = sums_of_products(&channel.to_vec());
     let lags = (0..samples.div_ceil(2).max(1)).map(|lag| {
         let (head, tail) = (power[samples - lag], power[samples] - power[lag]);
         let size_both = (head * tail).sqrt();
-        if size_both > 0.0 { spectrum[lag].re / size as f64 / size_both } else { 0.0 }
+        if size_both > 0.0 { products[lag] / size_both } else { 0.0 }
     });
     Some(lags.collect())
 }

@@ -9,26 +9,26 @@ use super::ticks::{format_tick, nice_step};
 /// One named bar.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Bar {
-    /// Shown on its left.
+    /// The label on its left.
     pub name: String,
-    /// Its length; one that is not finite or below zero has none.
+    /// Its length. A value that is negative or not finite is not drawn.
     pub value: f64,
-    /// Shown on its right: the value with its unit, or more.
+    /// The label on its right, such as the value with its unit.
     pub text: String,
-    /// Drawn as a whisker.
+    /// The interval, drawn as a whisker.
     pub interval: Option<(f64, f64)>,
-    /// In the colour that stands out.
+    /// Whether the bar is highlighted.
     pub strong: bool,
 }
 
-/// Named bars, one below the other, from zero on.
+/// Named horizontal bars that start at zero.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Bars {
-    /// From the top.
+    /// The bars from the top down.
     pub bars: Vec<Bar>,
     /// Name and unit of the axis below, such as "gap, %".
     pub label: String,
-    /// A value to compare with, drawn across all bars as a dashed line with its name.
+    /// A reference value with its name, drawn across all bars as a dashed line.
     pub reference: Option<(String, f64)>,
 }
 

@@ -1,28 +1,28 @@
 use super::figure::single;
 use super::panel::{Axis, Panel, Series};
 
-/// Any set of series over one pair of axes.
+/// Any number of series on one pair of axes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chart {
-    /// Shown above the data; may be empty.
+    /// The title above the data; may be empty.
     pub title: String,
     /// Horizontal axis.
     pub x: Axis,
     /// Vertical axis.
     pub y: Axis,
-    /// What is drawn, from the bottom upwards.
+    /// The series, of which later ones are drawn above earlier ones.
     pub series: Vec<Series>,
     /// Height of the data area in pixels, at a figure width of 900.
     pub height: f64,
 }
 
-/// Draws a chart as SVG: order scans, bench curves, whatever has no plot of its own.
+/// Draws a chart as SVG, for any data that have no plot function of their own.
 pub fn chart(chart: &Chart) -> String {
     charts(std::slice::from_ref(chart))
 }
 
-/// Draws charts one below the other, under the title of the first. They share the horizontal axis, whose numbers and name stand
-/// below the last: give all the same range.
+/// Draws charts one below the other under the title of the first. They share the horizontal axis, which is labelled
+/// below the last chart, so all must have the same range.
 pub fn charts(charts: &[Chart]) -> String {
     let panel = |chart: &Chart| Panel::new(chart.x.clone(), chart.y.clone(), chart.height, chart.series.clone());
     single(charts.first().map_or("", |first| &first.title), charts.iter().map(panel).collect())

@@ -3,7 +3,7 @@ use super::panel::{Axis, Panel, Scale, Series};
 use super::style;
 use plid_model::signal::Convergence;
 
-/// What is drawn of the course of a recursion.
+/// The contents of a convergence plot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ConvergencePlot<'a> {
     /// The curve.
@@ -20,8 +20,8 @@ pub struct ConvergencePlot<'a> {
     pub error_scale: Scale,
 }
 
-/// The largest one-step error over the sensors against time, as in the paper's Fig. 6: each sample in grey, the median and the
-/// range from the 10th to the 90th percentile over it.
+/// Plots the largest one-step error over the sensors against time, as in the paper's Fig. 6: each sample in grey, with
+/// the median and the range from the 10th to the 90th percentile.
 pub fn convergence_plot(plot: &ConvergencePlot) -> String {
     // The first sample lies at one sample time, so that a logarithmic axis has it too.
     let time = |k: f64| (k + 1.0) / plot.sample_rate_hz;

@@ -3,7 +3,7 @@ use super::panel::{Axis, Panel, Series};
 use super::style;
 use plid_model::signal::Correlation;
 
-/// Correlation functions with their bounds, each under its title, in rows of `columns`.
+/// Plots correlation functions with their bounds, each under its title, in rows of `columns`.
 /// `label` names the vertical axis, such as "autocorrelation".
 pub fn correlation_plot(label: &str, columns: usize, functions: &[(String, &Correlation)]) -> String {
     let stack = |(title, function): &(String, &Correlation)| {

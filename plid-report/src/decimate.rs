@@ -1,6 +1,6 @@
-/// Cuts a series into the runs between its gaps (points that are not finite) and thins each run to what a width of `pixels`
-/// can show: the lowest and the highest point of each pixel column. `column` gives the horizontal
-/// position of an x in pixels; where x goes back within a run, the run is left as it is.
+/// Cuts a series at its gaps (points that are not finite) into runs, and thins each run to what `pixels` columns can
+/// show: the lowest and the highest point of each column. `column` returns the horizontal position of x in pixels. A
+/// run in which x is not monotonic is not thinned.
 pub(super) fn decimate(points: &[(f64, f64)], pixels: f64, column: impl Fn(f64) -> f64) -> Vec<Vec<(f64, f64)>> {
     points
         .split(|(x, y)| !x.is_finite() || !y.is_finite() || !column(*x).is_finite())
@@ -25,7 +25,7 @@ fn thin(run: &[(f64, f64)], column: &impl Fn(f64) -> f64) -> Vec<(f64, f64)> {
     result
 }
 
-/// Leaves out points that fall on a pixel already taken.
+/// Drops points that fall on a pixel already drawn.
 pub(super) fn thin_points(points: &[(f64, f64)], pixel: impl Fn(f64, f64) -> (f64, f64)) -> Vec<(f64, f64)> {
     let mut taken = std::collections::HashSet::new();
     let visible = |&(x, y): &(f64, f64)| {

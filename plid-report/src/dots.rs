@@ -9,28 +9,28 @@ use super::ticks::{format_tick, nice_step};
 /// A value with its interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dot {
-    /// Where it stands; one that is not finite is not drawn.
+    /// The value. One that is not finite is not drawn.
     pub value: f64,
-    /// From and to.
+    /// The ends of the interval.
     pub interval: (f64, f64),
 }
 
-/// Named rows of values with intervals about zero, one below the other.
+/// Named rows of values with intervals, on an axis through zero.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Dots {
-    /// What the values of a row are, in their order; each has a colour.
+    /// The kinds of values in a row, in order; each has a colour.
     pub kinds: Vec<String>,
-    /// From the top: a name, and a value of each kind that has one.
+    /// The rows from the top down: a name, and an optional value of each kind.
     pub rows: Vec<(String, Vec<Option<Dot>>)>,
     /// Name and unit of the axis below.
     pub label: String,
 }
 
-/// Between the values of a row, and between rows.
+/// Distances between the values of a row, and between rows.
 const LANE: f64 = 10.0;
 const BETWEEN: f64 = 12.0;
 
-/// Draws them as SVG.
+/// Draws the rows as SVG.
 pub fn dots(plot: &Dots) -> String {
     let finite = |dot: &&Dot| dot.value.is_finite() && dot.interval.0.is_finite() && dot.interval.1.is_finite();
     let all = || plot.rows.iter().flat_map(|(_, dots)| dots.iter().flatten()).filter(finite);
@@ -100,7 +100,7 @@ mod tests {
         Dots { kinds: vec!["first".to_owned(), "second".to_owned()], rows, label: "change, %".to_owned() }
     }
 
-    /// Centres of the dots, without those of the legend.
+    /// Returns the centres of the dots except those of the legend.
     fn centres(svg: &str) -> Vec<f64> {
         let parts = svg.split("cx=\"").skip(1 + 2);
         parts.filter_map(|part| part.split('"').next().and_then(|text| text.parse().ok())).collect()

@@ -21,15 +21,16 @@ const BELOW_LABEL: f64 = 20.0;
 const TITLE: f64 = 20.0;
 const LEGEND_ROW: f64 = 20.0;
 
-/// Names of clip paths begin so; a page that holds several figures makes them distinct.
+/// The prefix of clip path names, which a page with several figures makes distinct.
 pub(super) const CLIP_PREFIX: &str = "plid-clip-";
 
-/// A figure with one stack of panels across its whole width.
+/// Draws one stack of panels across the whole width.
 pub(super) fn single(title: &str, panels: Vec<Panel>) -> String {
     grid(style::WIDTH, 1, vec![Stack { title: title.into(), panels }])
 }
 
-/// A figure of stacks in rows of `columns`. Axes are named on the left and below only; the legend lies above all data.
+/// Draws stacks in rows of `columns`. Axes are labelled on the left and at the bottom only; the legend is above the
+/// data.
 pub(super) fn grid(width: f64, columns: usize, stacks: Vec<Stack>) -> String {
     let mut canvas = Canvas::new(width);
     let mut entries: Vec<LegendEntry> = Vec::new();
@@ -69,7 +70,7 @@ pub(super) fn grid(width: f64, columns: usize, stacks: Vec<Stack>) -> String {
     canvas.finish(y)
 }
 
-/// How a text is set.
+/// The style of a text.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Text {
     Title,
@@ -79,7 +80,7 @@ pub(super) enum Text {
     Upwards,
 }
 
-/// A drawing that grows downwards.
+/// A drawing that is extended downwards.
 pub(super) struct Canvas {
     pub scene: Scene,
     clips: usize,
@@ -100,8 +101,8 @@ impl Canvas {
         self.place(render_multiple(plots, layout), x - margins.left, y - margins.top);
     }
 
-    /// Puts a finished scene down at (x, y). The library numbers clip paths through the life of the process; here they
-    /// are numbered through the figure.
+    /// Places a finished scene at (x, y). The library numbers clip paths over the life of the process; here they are
+    /// numbered within the figure.
     pub fn place(&mut self, part: Scene, x: f64, y: f64) {
         let ids: Vec<String> = part
             .elements
@@ -151,7 +152,7 @@ impl Canvas {
         self.scene.add(Primitive::Text { x, y, content: text.into(), size, anchor, rotate, bold, color: None });
     }
 
-    /// A straight line in a colour, as wide as this, dashed or not.
+    /// Draws a straight line with a colour and a width, dashed or solid.
     pub fn line(&mut self, from: (f64, f64), to: (f64, f64), (colour, width, dashed): (&str, f64, bool)) {
         self.scene.add(Primitive::Line {
             x1: from.0,
@@ -164,7 +165,7 @@ impl Canvas {
         });
     }
 
-    /// Draws entries side by side from (x, y), as many rows as they need; returns the height reached.
+    /// Draws legend entries side by side from (x, y) in as many rows as needed, and returns the height reached.
     pub fn legend(&mut self, entries: &[LegendEntry], x: f64, y: f64) -> f64 {
         if entries.is_empty() {
             return y + 4.0;
@@ -214,7 +215,7 @@ impl Canvas {
         row + LEGEND_ROW + 6.0
     }
 
-    /// The SVG, with a view box so that a page can scale it.
+    /// Returns the SVG, with a view box so that a page can scale it.
     pub fn finish(mut self, height: f64) -> String {
         self.scene.height = height;
         let view = format!("<svg viewBox=\"0 0 {:.2} {height:.2}\" ", self.scene.width);

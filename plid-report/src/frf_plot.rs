@@ -7,7 +7,7 @@ use super::style;
 /// One frequency response of one input-output pair.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FrfCurve {
-    /// Frequencies in Hz, rising.
+    /// Frequencies in Hz in increasing order.
     pub frequency_hz: Vec<f64>,
     /// Response at each frequency.
     pub response: Vec<Complex64>,
@@ -15,12 +15,12 @@ pub struct FrfCurve {
     pub std: Option<Vec<f64>>,
 }
 
-/// What is drawn for one input-output pair.
+/// The curves of one input-output pair.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FrfPlot {
-    /// Shown above, such as "u1 to y2".
+    /// The title, such as "u1 to y2".
     pub title: String,
-    /// Unit of |H| that 0 dB stands for, such as "V/V".
+    /// Unit of |H| at 0 dB, such as "V/V".
     pub unit: String,
     /// The measured response.
     pub measured: Option<FrfCurve>,
@@ -28,27 +28,27 @@ pub struct FrfPlot {
     pub coherence: Option<Vec<f64>>,
     /// The identified model.
     pub identified: Option<FrfCurve>,
-    /// Further models by name, each in a colour of its own.
+    /// Further models by name, each in its own colour.
     pub others: Vec<(String, FrfCurve)>,
-    /// The true model, where one is known.
+    /// The true model, if known.
     pub truth: Option<FrfCurve>,
     /// Frequencies in Hz at which the identified model is marked.
     pub peaks_hz: Vec<f64>,
     /// Linear or logarithmic frequency.
     pub frequency_scale: Scale,
-    /// Frequencies shown, in Hz; left out, all.
+    /// The frequency range in Hz; `None` for all.
     pub range_hz: Option<(f64, f64)>,
 }
 
-/// What lies further than this below the highest point is cut off, in dB.
+/// Depth of the magnitude plot below its highest point in dB.
 const DEEPEST: f64 = 100.0;
 
-/// Magnitude in dB and phase below over frequency, with the coherence above.
+/// Plots coherence, magnitude in dB and phase against frequency, from the top down.
 pub fn frf_plot(plot: &FrfPlot) -> String {
     single(&plot.title, panels(plot, [46.0, 270.0, 110.0]))
 }
 
-/// The same for several pairs in rows of `columns` (one column an input, one row an output).
+/// Plots several pairs in rows of `columns`, one column per input and one row per output.
 pub fn frf_grid(columns: usize, plots: &[FrfPlot]) -> String {
     let stack = |plot: &FrfPlot| {
         let mut panels = panels(plot, [18.0, 120.0, 56.0]);
@@ -142,7 +142,7 @@ fn magnitudes(plot: &FrfPlot) -> Vec<Series> {
     series
 }
 
-/// Colours of the further models: none that the other curves have.
+/// Colours of the further models, which differ from those of the other curves.
 fn other_colours() -> impl Iterator<Item = &'static str> {
     let taken = [style::MEASURED, style::IDENTIFIED, style::TRUE_MODEL];
     style::CYCLE.into_iter().filter(move |colour| !taken.contains(colour)).cycle()
@@ -163,7 +163,7 @@ fn phases(plot: &FrfPlot) -> Vec<Series> {
     series
 }
 
-/// Phase in degrees with a gap where it jumps from one end of the circle to the other.
+/// Returns the phase in degrees with a gap where it wraps.
 fn phase_points(curve: &FrfCurve) -> Vec<(f64, f64)> {
     let mut points: Vec<(f64, f64)> = Vec::new();
     for (f, h) in curve.frequency_hz.iter().zip(&curve.response) {

@@ -7,20 +7,20 @@ use super::figure::{Canvas, Text};
 use super::style;
 use super::ticks::format_tick;
 
-/// A table of numbers shown by colour.
+/// A table of numbers shown as colours.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeatMap {
-    /// One name a row.
+    /// Names of the rows.
     pub rows: Vec<String>,
-    /// One name a column.
+    /// Names of the columns.
     pub columns: Vec<String>,
     /// `rows x columns`; a cell that is not finite is left blank.
     pub values: Array2<f64>,
-    /// What the columns are, such as "band, Hz".
+    /// Label of the columns, such as "band, Hz".
     pub column_label: String,
-    /// What the colour says, with its unit.
+    /// Label of the colour scale with its unit.
     pub value_label: String,
-    /// Ends of the colour scale; left out, zero (or the least value below it) to the largest.
+    /// Ends of the colour scale; `None` for zero, or the least value below it, to the largest value.
     pub range: Option<(f64, f64)>,
 }
 
@@ -28,7 +28,7 @@ const CELL: f64 = 30.0;
 const BAR: f64 = 14.0;
 const TOP: f64 = 8.0;
 
-/// A heat map with its colour bar, cells labelled with their value where there is room.
+/// Draws a heat map with its colour bar. Cells are labelled with their values if there is room.
 pub fn heat_map(map: &HeatMap) -> String {
     let (rows, columns) = map.values.dim();
     let finite = || map.values.iter().copied().filter(|v| v.is_finite());
@@ -103,7 +103,7 @@ fn colour(share: f64) -> Color {
     Color::from(ColorMap::Viridis.map(share).as_str())
 }
 
-/// Two significant digits.
+/// Formats a number with two significant digits.
 fn rounded(value: f64) -> f64 {
     format!("{value:.1e}").parse().unwrap_or(value)
 }

@@ -1,15 +1,14 @@
-//! Reports: plots as SVG strings and a page of HTML that holds them, self-contained and without scripts; and [`Progress`], which is told
-//! while the work runs.
+//! Reports: plots as SVG strings, a self-contained page of HTML without scripts that holds them, and [`Progress`],
+//! which receives reports while a calculation runs.
 //!
-//! Plots are drawn by `kuva` (0.6, without its optional features). It was chosen over `plotters` (0.3) since it keeps
-//! coordinates to a hundredth of a pixel where plotters' SVG rounds to whole pixels, batches markers and heat-map cells
-//! into one element each, measures text without a font of the system, escapes it, and clips to the axes. What it lacks is
-//! small and lives in `figure`: panels of differing height on one page, a legend above the data, and names of clip paths that do not
-//! depend on what was drawn before.
+//! Plots are drawn by `kuva` (0.6, without its optional features). It was chosen over `plotters` (0.3) because it keeps
+//! coordinates to a hundredth of a pixel where the SVG of plotters rounds to whole pixels, combines markers and
+//! heat-map cells into one element each, measures text without a system font, escapes it, and clips to the axes. The
+//! module `figure` adds what it lacks: panels of different heights on one page, a legend above the data, and names of
+//! clip paths that do not depend on what was drawn before.
 //!
-//! All output depends on the data only: no clock, no counter of the process.
+//! All output depends on the data only, and not on a clock or a counter of the process.
 
-mod atomic;
 mod bars;
 mod chart;
 mod convergence_plot;
@@ -19,7 +18,6 @@ mod dots;
 mod figure;
 mod frf_plot;
 mod heat_map;
-mod html;
 mod mode_map;
 mod page;
 mod panel;
@@ -28,7 +26,6 @@ mod style;
 mod ticks;
 mod trace_plot;
 
-pub use atomic::write_atomic;
 pub use bars::{Bar, Bars, bars};
 pub use chart::{Chart, chart, charts};
 pub use convergence_plot::{ConvergencePlot, convergence_plot};
@@ -36,9 +33,9 @@ pub use correlation_plot::correlation_plot;
 pub use dots::{Dot, Dots, dots};
 pub use frf_plot::{FrfCurve, FrfPlot, frf_grid, frf_plot};
 pub use heat_map::{HeatMap, heat_map};
-pub use html::escape;
 pub use mode_map::{ModeSet, mode_map};
 pub use page::{Cell, Report, Table};
 pub use panel::{Axis, Scale, Series};
+pub use plid_file::{file_name, write_atomic};
 pub use progress::{Progress, Silent};
 pub use trace_plot::{Trace, trace_plot};

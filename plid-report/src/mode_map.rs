@@ -14,8 +14,8 @@ pub struct ModeSet {
     pub std: Vec<(f64, f64)>,
 }
 
-/// Modes as points of frequency and damping ratio, with bars of two standard deviations: at a glance, which modes of two
-/// models are the same and which are poorly known.
+/// Plots modes as points of frequency and damping ratio with bars of two standard deviations, which shows at a glance
+/// the modes that two models share and those that are poorly known.
 pub fn mode_map(sets: &[ModeSet]) -> String {
     let mut series = Vec::new();
     for (index, set) in sets.iter().enumerate() {

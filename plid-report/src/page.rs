@@ -1,11 +1,11 @@
-use std::fmt::Write;
 use std::path::Path;
 
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
 use super::figure::CLIP_PREFIX;
-use super::html::escape;
 use super::write_atomic;
 
-/// A report: built from top to bottom, then written as one page of HTML that needs nothing else.
+/// A report, built from top to bottom and written as one page of HTML that loads nothing.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Report {
     title: String,
@@ -33,22 +33,22 @@ pub struct Table {
     rows: Vec<Vec<Cell>>,
 }
 
-/// One cell of a table. Numbers are set flush right.
+/// One cell of a table. Numbers are aligned to the right.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Cell {
-    /// Words.
+    /// Text.
     Text(String),
-    /// A number, as it is to be shown.
+    /// A number as it is shown.
     Number(String),
 }
 
 impl Cell {
-    /// A number with so many decimals; a dash where it is not finite.
+    /// Formats a number with this many decimals. NaN is shown as a dash and an infinite number as ∞.
     pub fn fixed(value: f64, decimals: usize) -> Self {
         Self::Number(if value.is_finite() { format!("{value:.decimals$}") } else { not_finite(value) })
     }
 
-    /// A number with so many significant digits.
+    /// Formats a number with this many significant digits.
     pub fn significant(value: f64, digits: usize) -> Self {
         if !value.is_finite() {
             return Self::Number(not_finite(value));
@@ -61,7 +61,7 @@ impl Cell {
         Self::Number(format!("{value:.decimals$}"))
     }
 
-    /// A value with its standard deviation, both to two digits of the latter.
+    /// Formats a value with its standard deviation, both rounded to two digits of the standard deviation.
     pub fn with_std(value: f64, std: f64) -> Self {
         if !value.is_finite() || !std.is_finite() || std <= 0.0 {
             return Self::significant(value, 5);
@@ -101,7 +101,7 @@ fn not_finite(value: f64) -> String {
 }
 
 impl Table {
-    /// An empty table.
+    /// Creates an empty table.
     pub fn new(caption: impl Into<String>) -> Self {
         Self { caption: caption.into(), ..Self::default() }
     }
@@ -112,7 +112,7 @@ impl Table {
         self
     }
 
-    /// Adds a row. Cells beyond the columns are left out, missing ones are blank.
+    /// Adds a row. Cells beyond the last column are dropped, and missing cells are blank.
     pub fn row(mut self, cells: impl IntoIterator<Item = Cell>) -> Self {
         self.rows.push(cells.into_iter().collect());
         self
@@ -120,12 +120,12 @@ impl Table {
 }
 
 impl Report {
-    /// An empty report.
+    /// Creates an empty report.
     pub fn new(title: impl Into<String>) -> Self {
         Self { title: title.into(), ..Self::default() }
     }
 
-    /// Adds a sentence of the verdict, which stands at the top.
+    /// Adds a sentence to the verdict at the top of the page.
     pub fn verdict(mut self, sentence: impl Into<String>) -> Self {
         self.verdict.push(sentence.into());
         self
@@ -141,7 +141,7 @@ impl Report {
         self.push(Block::Paragraph(text.into()))
     }
 
-    /// Adds a plot, as the plot functions of this module return it, with a sentence below it. The SVG goes in as it is.
+    /// Adds a plot from a plot function of this crate, with a caption below it. The SVG is not escaped.
     pub fn figure(self, svg: impl Into<String>, caption: impl Into<String>) -> Self {
         self.push(Block::Figure { svg: svg.into(), caption: caption.into() })
     }
@@ -151,28 +151,29 @@ impl Report {
         self.push(Block::Table(table))
     }
 
-    /// Adds a list of what may be wrong; nothing for an empty one.
+    /// Adds a list of warnings, unless it is empty.
     pub fn warnings(self, items: impl IntoIterator<Item = impl Into<String>>) -> Self {
         self.list("warnings", "Warnings", items)
     }
 
-    /// Adds a list of what to do; nothing for an empty one.
+    /// Adds a list of advice, unless it is empty.
     pub fn advice(self, items: impl IntoIterator<Item = impl Into<String>>) -> Self {
         self.list("advice", "Advice", items)
     }
 
-    /// Adds a part that is folded away until it is asked for. `fill` gets an empty report; only its body is used.
+    /// Adds a section that is collapsed until the reader opens it. `fill` receives an empty report, of which only the
+    /// blocks are used.
     pub fn details(self, summary: impl Into<String>, fill: impl FnOnce(Self) -> Self) -> Self {
         let blocks = fill(Self::default()).blocks;
         self.push(Block::Details { summary: summary.into(), blocks })
     }
 
-    /// Adds a text to be copied, such as the config; a click selects all of it.
+    /// Adds a text to copy, such as a config. One click selects all of it.
     pub fn listing(self, caption: impl Into<String>, text: impl Into<String>) -> Self {
         self.push(Block::Listing { caption: caption.into(), text: text.into() })
     }
 
-    /// Adds a line of the footer: version, hash of an input file.
+    /// Adds a line to the footer, such as the version or the hash of an input file.
     pub fn provenance(mut self, name: impl Into<String>, value: impl Into<String>) -> Self {
         self.provenance.push((name.into(), value.into()));
         self
@@ -193,115 +194,103 @@ impl Report {
         if items.is_empty() { self } else { self.push(Block::List { kind, heading, items }) }
     }
 
-    /// The page. The same report gives the same bytes.
+    /// Returns the page. The same report gives the same bytes.
     pub fn to_html(&self) -> String {
-        let title = escape(&self.title);
-        let style = include_str!("page.css");
-        let mut page = format!(
-            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-             <title>{title}</title>\n<style>\n{style}</style>\n</head>\n<body>\n<main>\n<h1>{title}</h1>\n"
-        );
-        if !self.verdict.is_empty() {
-            page.push_str("<div class=\"verdict\">\n");
-            for sentence in &self.verdict {
-                line(&mut page, "p", sentence);
+        let figures = std::cell::Cell::new(0);
+        let page = html! {
+            (DOCTYPE)
+            html lang="en" {
+                head {
+                    meta charset="utf-8";
+                    meta name="viewport" content="width=device-width, initial-scale=1";
+                    title { (self.title) }
+                    style { (PreEscaped(include_str!("page.css"))) }
+                }
+                body {
+                    main {
+                        h1 { (self.title) }
+                        @if !self.verdict.is_empty() {
+                            div.verdict { @for sentence in &self.verdict { p { (sentence) } } }
+                        }
+                        @for block in &self.blocks { (block.html(&figures)) }
+                        @if !self.provenance.is_empty() {
+                            footer { dl { @for (name, value) in &self.provenance { dt { (name) } dd { (value) } } } }
+                        }
+                    }
+                }
             }
-            page.push_str("</div>\n");
-        }
-        let mut figures = 0;
-        for block in &self.blocks {
-            block.write(&mut page, &mut figures);
-        }
-        if !self.provenance.is_empty() {
-            page.push_str("<footer>\n<dl>\n");
-            for (name, value) in &self.provenance {
-                line(&mut page, "dt", name);
-                line(&mut page, "dd", value);
-            }
-            page.push_str("</dl>\n</footer>\n");
-        }
-        page.push_str("</main>\n</body>\n</html>\n");
-        page
+        };
+        page.into_string()
     }
 
-    /// Writes the page to a file, whole or not at all.
+    /// Writes the page to a file atomically.
     ///
     /// # Errors
-    /// Those of the file system.
+    /// Returns the error of the file system.
     pub fn write(&self, path: &Path) -> std::io::Result<()> {
         write_atomic(path, self.to_html().as_bytes())
     }
 }
 
-fn line(page: &mut String, tag: &str, text: &str) {
-    let _ = writeln!(page, "<{tag}>{}</{tag}>", escape(text));
-}
-
 impl Block {
-    fn write(&self, page: &mut String, figures: &mut usize) {
+    /// Returns the HTML of a block. `figures` counts the figures of the page so far.
+    fn html(&self, figures: &std::cell::Cell<usize>) -> Markup {
         match self {
-            Self::Heading(text) => line(page, "h2", text),
-            Self::Paragraph(text) => line(page, "p", text),
+            Self::Heading(text) => html! { h2 { (text) } },
+            Self::Paragraph(text) => html! { p { (text) } },
             Self::Figure { svg, caption } => {
-                *figures += 1;
+                figures.set(figures.get() + 1);
                 // Names within an SVG are names within the page.
-                let svg = svg.replace(CLIP_PREFIX, &format!("{CLIP_PREFIX}{figures}-"));
-                page.push_str("<figure>\n");
-                page.push_str(&svg);
-                page.push('\n');
-                line(page, "figcaption", caption);
-                page.push_str("</figure>\n");
+                let svg = svg.replace(CLIP_PREFIX, &format!("{CLIP_PREFIX}{}-", figures.get()));
+                html! { figure { (PreEscaped(svg)) figcaption { (caption) } } }
             }
-            Self::Table(table) => table.write(page),
-            Self::List { kind, heading, items } => {
-                let _ = writeln!(page, "<section class=\"{kind}\">\n<h3>{heading}</h3>\n<ul>");
-                items.iter().for_each(|item| line(page, "li", item));
-                page.push_str("</ul>\n</section>\n");
-            }
-            Self::Details { summary, blocks } => {
-                page.push_str("<details>\n");
-                line(page, "summary", summary);
-                blocks.iter().for_each(|block| block.write(page, figures));
-                page.push_str("</details>\n");
-            }
-            Self::Listing { caption, text } => {
-                line(page, "p", caption);
-                // A line feed right after the tag is not part of the text, so that one is given away.
-                let _ = writeln!(page, "<pre>\n{}</pre>", escape(text));
-            }
+            Self::Table(table) => table.html(),
+            Self::List { kind, heading, items } => html! {
+                section class=(kind) { h3 { (heading) } ul { @for item in items { li { (item) } } } }
+            },
+            Self::Details { summary, blocks } => html! {
+                details { summary { (summary) } @for block in blocks { (block.html(figures)) } }
+            },
+            Self::Listing { caption, text } => html! {
+                p { (caption) }
+                // HTML drops a line feed right after the tag, so one is given away.
+                pre { "\n" (text) }
+            },
         }
     }
 }
 
 impl Table {
-    fn write(&self, page: &mut String) {
-        page.push_str("<div class=\"table\">\n<table>\n");
-        line(page, "caption", &self.caption);
-        page.push_str("<thead><tr>");
+    fn html(&self) -> Markup {
         let numeric =
             |j: usize| self.rows.iter().filter_map(|row| row.get(j)).any(|cell| matches!(cell, Cell::Number(_)));
-        for (j, (name, unit)) in self.columns.iter().enumerate() {
-            let class = if numeric(j) { " class=\"number\"" } else { "" };
-            let unit =
-                if unit.is_empty() { String::new() } else { format!("<span class=\"unit\">{}</span>", escape(unit)) };
-            let _ = write!(page, "<th scope=\"col\"{class}>{}{unit}</th>", escape(name));
-        }
-        page.push_str("</tr></thead>\n<tbody>\n");
-        for row in &self.rows {
-            page.push_str("<tr>");
-            for j in 0..self.columns.len() {
-                let _ = match row.get(j) {
-                    Some(Cell::Number(text)) => {
-                        write!(page, "<td class=\"number\">{}</td>", escape(text))
+        html! {
+            div.table {
+                table {
+                    caption { (self.caption) }
+                    thead {
+                        tr {
+                            @for (j, (name, unit)) in self.columns.iter().enumerate() {
+                                th scope="col" class=[numeric(j).then_some("number")] {
+                                    (name) @if !unit.is_empty() { span.unit { (unit) } }
+                                }
+                            }
+                        }
                     }
-                    Some(Cell::Text(text)) => write!(page, "<td>{}</td>", escape(text)),
-                    None => write!(page, "<td></td>"),
-                };
+                    tbody {
+                        @for row in &self.rows {
+                            tr {
+                                @for j in 0..self.columns.len() {
+                                    td class=[matches!(row.get(j), Some(Cell::Number(_))).then_some("number")] {
+                                        @if let Some(cell) = row.get(j) { (cell.to_string()) }
+                                    }
+                                }
+                            }
+                        }
+                    }
+                }
             }
-            page.push_str("</tr>\n");
         }
-        page.push_str("</tbody>\n</table>\n</div>\n");
     }
 }
 
@@ -359,6 +348,16 @@ mod tests {
     }
 
     #[test]
+    fn a_wide_table_stays_in_the_page() {
+        let page = example().to_html();
+        assert_eq!(page.matches("<table>").count(), page.matches("<div class=\"table\"><table>").count());
+        let style = include_str!("page.css");
+        assert!(style.contains(".table { overflow-x: auto;"), "it scrolls on the screen");
+        let print = &style[style.find("@media print").unwrap()..];
+        assert!(print.contains("td, th { overflow-wrap: anywhere; }"), "it wraps on paper");
+    }
+
+    #[test]
     fn opened_tags_are_closed() {
         let page = example().to_html();
         for tag in
@@ -372,7 +371,7 @@ mod tests {
 
     #[test]
     fn numbers_are_set_as_asked() {
-        let text = |cell| match cell {
+        let text = |cell: Cell| match cell {
             Cell::Number(text) | Cell::Text(text) => text,
         };
         assert_eq!(text(Cell::fixed(2.0, 3)), "2.000");

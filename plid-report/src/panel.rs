@@ -7,13 +7,13 @@ use super::decimate::{decimate, thin_points};
 use super::style;
 use super::ticks::{drawing_factor, nice_step, tick_format};
 
-/// How an axis maps numbers.
+/// The scale of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Scale {
-    /// Equal steps.
+    /// A linear scale.
     #[default]
     Linear,
-    /// Equal ratios; values that are not positive are left out.
+    /// A logarithmic scale; values that are not positive are left out.
     Log,
 }
 
@@ -24,9 +24,9 @@ pub struct Axis {
     pub label: String,
     /// Linear or logarithmic.
     pub scale: Scale,
-    /// Ends; left out, the data's with a little room.
+    /// The ends of the axis; `None` for the range of the data with a margin.
     pub range: Option<(f64, f64)>,
-    /// Distance of the ticks; left out, a round one.
+    /// Distance between ticks; `None` for a round number.
     pub step: Option<f64>,
 }
 
@@ -60,7 +60,7 @@ impl Axis {
         }
     }
 
-    /// At most 40 decades, within what numbers can hold.
+    /// Limits a range to 40 decades and to representable numbers.
     fn drawable(&self, (low, high): (f64, f64)) -> (f64, f64) {
         const LARGEST: f64 = 1e290;
         match self.scale {
@@ -107,7 +107,7 @@ enum Shape {
     Vertical(f64),
 }
 
-/// One thing drawn on a plot, with its entry in the legend.
+/// One series of a plot, with its entry in the legend.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
     label: String,
@@ -127,7 +127,7 @@ impl Series {
         Self::new(label, Shape::Line(points))
     }
 
-    /// An upright line from low to high at each (x, low, high), without a name of its own: the intervals of markers.
+    /// Vertical lines from low to high at each (x, low, high), without a legend entry, for the intervals of markers.
     pub fn whiskers(intervals: impl IntoIterator<Item = (f64, f64, f64)>) -> Self {
         let one = |(x, low, high): (f64, f64, f64)| [(x, low), (x, high), (x, f64::NAN)];
         Self::line("", intervals.into_iter().flat_map(one).collect()).width(2.0)
@@ -163,19 +163,19 @@ impl Series {
         Self::new(label, Shape::Vertical(value)).dashed()
     }
 
-    /// In this colour (CSS) instead of the next of the palette.
+    /// Sets the colour (CSS) in place of the next one of the palette.
     pub fn colour(mut self, colour: &str) -> Self {
         self.colour = Some(colour.into());
         self
     }
 
-    /// With this line width, or radius of markers, in pixels.
+    /// Sets the line width, or the radius of markers, in pixels.
     pub fn width(mut self, width: f64) -> Self {
         self.width = width;
         self
     }
 
-    /// With a dashed line.
+    /// Makes the line dashed.
     pub fn dashed(mut self) -> Self {
         self.dashed = true;
         self
@@ -201,7 +201,7 @@ impl Series {
     }
 }
 
-/// One pair of axes with what is drawn on them. Later series lie above earlier ones.
+/// One pair of axes with its series. Later series are drawn above earlier ones.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Panel {
     pub x: Axis,
@@ -209,7 +209,7 @@ pub(super) struct Panel {
     pub series: Vec<Series>,
     /// Height of the data area in pixels.
     pub height: f64,
-    /// Whether tick texts are drawn on the vertical axis.
+    /// Whether the vertical axis has tick labels.
     pub y_ticks: bool,
 }
 
@@ -253,7 +253,8 @@ impl Panel {
         self.series.iter().filter(|s| !s.label.is_empty()).map(entry).collect()
     }
 
-    /// The library's plots and layout for a data area of `width` pixels; `x_ticks` says whether tick texts are drawn below.
+    /// Returns the library's plots and layout for a data area of `width` pixels; `x_ticks` says whether the horizontal
+    /// axis has tick labels.
     pub fn build(&self, width: f64, margins: Margins, x_ticks: bool) -> (Vec<Plot>, Layout) {
         let x_range = self.x.resolved(self.series.iter().flat_map(Series::xs), 0.0);
         let y_range = self.y.resolved(self.series.iter().flat_map(Series::ys), 0.06);
@@ -325,7 +326,7 @@ fn theme() -> Theme {
     }
 }
 
-/// A panel at its final ranges and size.
+/// A panel with its final ranges and size.
 struct View<'a> {
     panel: &'a Panel,
     x_range: (f64, f64),
@@ -348,7 +349,8 @@ impl View<'_> {
         (axis.forward(y) - from) / (to - from) * self.panel.height
     }
 
-    /// Points for drawing: inside the horizontal range (and one on each side), far values brought near enough for SVG.
+    /// Returns the points to draw: those inside the horizontal range and one on each side, with far values limited to
+    /// what SVG can represent.
     fn prepare(&self, points: &[(f64, f64)]) -> Vec<(f64, f64)> {
         let inside = |x: f64| x >= self.x_range.0 && x <= self.x_range.1;
         let near = |k: usize| points.get(k).is_some_and(|p| inside(p.0));

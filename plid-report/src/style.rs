@@ -1,6 +1,6 @@
-//! The look that all plots share. Colours are those of Okabe and Ito, which the colour-blind can tell apart.
+//! The common style of all plots. The colours are those of Okabe and Ito, which colour-blind readers can distinguish.
 
-/// What was measured: a grey, drawn broad below the models so that it shows beside them.
+/// Measured data: grey and wide, drawn below the models so that it remains visible.
 pub const MEASURED: &str = "#8f8f8f";
 /// The identified model and its one-step prediction.
 pub const IDENTIFIED: &str = "#0072b2";
@@ -10,10 +10,10 @@ pub const TRUE_MODEL: &str = "#d55e00";
 pub const FREE_RUN: &str = "#e69f00";
 /// Coherence.
 pub const COHERENCE: &str = "#009e73";
-/// Bounds, floors and other lines to compare with.
+/// Bounds, floors and other reference lines.
 pub const REFERENCE: &str = "#d55e00";
 
-/// Colours handed out in turn to series that name none.
+/// Colours assigned in turn to series without one of their own.
 pub const CYCLE: [&str; 8] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#4d4d4d", "#8c6d1f"];
 
 pub const GRID: &str = "#e6e6e6";
@@ -29,12 +29,12 @@ pub const TITLE_SIZE: u32 = 13;
 pub const LINE: f64 = 1.4;
 pub const BAND_OPACITY: f64 = 0.22;
 
-/// Width of a text in pixels, near enough to set texts side by side.
+/// Estimates the width of a text in pixels, accurately enough to place texts side by side.
 pub fn text_width(text: &str, size: u32) -> f64 {
     text.chars().count() as f64 * size as f64 * 0.57
 }
 
-/// A text that is no wider than this many pixels: the middle is left out of a longer one, for both ends tell names apart.
+/// Shortens a text to this many pixels by leaving out its middle, because both ends distinguish names.
 pub fn fitted(text: &str, size: u32, width: f64) -> String {
     let most = (width / (f64::from(size) * 0.57)).max(3.0) as usize;
     let letters: Vec<char> = text.chars().collect();

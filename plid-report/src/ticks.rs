@@ -4,7 +4,7 @@ use kuva::render::layout::TickFormat;
 
 use super::panel::Scale;
 
-/// The step of 1, 2 or 5 times a power of ten that comes nearest to `count` ticks on the range.
+/// Returns the step of 1, 2 or 5 times a power of ten that gives about `count` ticks on the range.
 pub(super) fn nice_step(range: (f64, f64), count: f64) -> f64 {
     let raw = (range.1 - range.0) / count;
     let power = 10f64.powf(raw.log10().floor());
@@ -13,8 +13,8 @@ pub(super) fn nice_step(range: (f64, f64), count: f64) -> f64 {
     factor * power
 }
 
-/// A power of ten that brings the axis to numbers that the plotting library draws well: it takes nothing below 1e-10 on a
-/// logarithmic axis, and no span near the smallest number on a linear one.
+/// Returns a power of ten that scales the axis to numbers that the plotting library can draw: it accepts nothing below
+/// 1e-10 on a logarithmic axis, and no span near the smallest number on a linear one.
 pub(super) fn drawing_factor(scale: Scale, range: (f64, f64)) -> f64 {
     let size = match scale {
         Scale::Linear => range.0.abs().max(range.1.abs()),
@@ -27,7 +27,7 @@ pub(super) fn drawing_factor(scale: Scale, range: (f64, f64)) -> f64 {
     }
 }
 
-/// Text of ticks on an axis enlarged by `factor`. On a logarithmic axis only every so many decades get one.
+/// Returns the labels of ticks on an axis scaled by `factor`. On a logarithmic axis only some decades have a label.
 pub(super) fn tick_format(factor: f64, every: i32) -> TickFormat {
     TickFormat::Custom(Arc::new(move |value| {
         let value = value / factor;
@@ -36,7 +36,7 @@ pub(super) fn tick_format(factor: f64, every: i32) -> TickFormat {
     }))
 }
 
-/// A tick's text: plain where it is short, else a power of ten.
+/// Returns the label of a tick: a plain number if it is short, and a power of ten otherwise.
 pub(super) fn format_tick(value: f64) -> String {
     if value == 0.0 {
         return "0".into();

@@ -4,7 +4,7 @@ use super::figure::single;
 use super::panel::{Axis, Panel, Series};
 use super::style;
 
-/// One output: what was measured and what was computed. All slices start at the same sample.
+/// The measured and computed samples of one output. All slices start at the same sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trace<'a> {
     /// Name of the output.
@@ -19,12 +19,12 @@ pub struct Trace<'a> {
     pub free_run: Option<&'a [f64]>,
 }
 
-/// "y1, V", or "y1" where the unit is not known.
+/// Returns "y1, V", or "y1" if the unit is not known.
 fn with_unit(name: &str, unit: &str) -> String {
     if unit.is_empty() { name.to_string() } else { format!("{name}, {unit}") }
 }
 
-/// Measured, one-step predicted and free-run outputs over a window of samples, the errors of each output below it.
+/// Plots measured, one-step predicted and free-run outputs over a window of samples, with the errors below each output.
 pub fn trace_plot(traces: &[Trace], sample_rate_hz: f64, window: Range<usize>) -> String {
     let points = |values: &[f64]| -> Vec<(f64, f64)> {
         let shown = window.start.min(values.len())..window.end.min(values.len());

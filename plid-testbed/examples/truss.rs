@@ -17,7 +17,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     );
 
     println!(
-        "\n| mode, Hz | damping, % | group | gain at its frequency, dB, u1->y1 .. u3->y1, u1->y2 .. u3->y3 |\n|---|---|---|---|"
+        "\n| mode, Hz | damping, % | group | gain at its frequency, dB, u1->y1 .. u3->y1, u1->y2 .. u3->y3 \
+         |\n|---|---|---|---|"
     );
     for mode in plant.modes.iter().filter(|m| m.group != ModeGroup::StrutTube) {
         let h = response(&plant.discrete, mode.frequency_hz, config.sample_rate_hz);

@@ -18,7 +18,8 @@ struct Section {
 }
 
 impl Butterworth {
-    /// A filter of `pairs` pole pairs (order `2 * pairs`), at rest. The cut-off must lie between 0 and half the sample rate.
+    /// A filter of `pairs` pole pairs (order `2 * pairs`), at rest. The cut-off must lie between 0 and half the sample
+    /// rate.
     #[must_use]
     pub fn low_pass(pairs: usize, cutoff_hz: f64, sample_rate_hz: f64) -> Self {
         let k = (PI * cutoff_hz / sample_rate_hz).tan();

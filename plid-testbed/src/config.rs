@@ -228,7 +228,8 @@ impl TrussConfig {
     /// Samples of a record.
     ///
     /// # Errors
-    /// If the rate is not from 1 Hz to 1 MHz, the duration is not positive, or the record has no sample or far too many.
+    /// If the rate is not from 1 Hz to 1 MHz, the duration is not positive, or the record has no sample or far too
+    /// many.
     pub fn samples(&self) -> Result<usize, TestbedError> {
         let (value, [least, most]) = (self.sample_rate_hz, RATES_HZ);
         positive("sample_rate_hz", value)?;

@@ -88,7 +88,8 @@ pub enum TestbedError {
     },
     /// The record would hold no sample, or more than fit.
     #[error(
-        "`duration_s` of {duration_s} s at {sample_rate_hz} Hz gives {samples} samples; there must be from 1 to {most} (over all repeats)"
+        "`duration_s` of {duration_s} s at {sample_rate_hz} Hz gives {samples} samples; there must be from 1 to {most} \
+         (over all repeats)"
     )]
     RecordLength {
         /// Duration of a record, s.
@@ -102,7 +103,8 @@ pub enum TestbedError {
     },
     /// The drift would make a mode's stiffness zero or negative before the last record ends.
     #[error(
-        "a stiffness drift (`effects.stiffness_drift_per_s`) of {rate} a second leaves no stiffness after {end_s} s, the end of the last record"
+        "a stiffness drift (`effects.stiffness_drift_per_s`) of {rate} a second leaves no stiffness after {end_s} s, \
+         the end of the last record"
     )]
     NoStiffness {
         /// Relative change of stiffness a second.
@@ -121,7 +123,8 @@ pub enum TestbedError {
         source: Box<TestbedError>,
     },
     /// An input given as an array has the wrong shape.
-    #[error("the input has {rows} rows and {columns} columns; it must have at least one row and {INPUTS} columns", INPUTS = crate::INPUTS)]
+    #[error("the input has {rows} rows and {columns} columns; it must have at least one row and {INPUTS} \
+        columns", INPUTS = crate::INPUTS)]
     InputShape {
         /// Rows (samples).
         rows: usize,
@@ -140,7 +143,8 @@ pub enum TestbedError {
     },
     /// An effect made the structure unstable.
     #[error(
-        "the structure's motion grew beyond all bounds at sample {sample} of repeat {repeat}; a softening joint may be too strong"
+        "the structure's motion grew beyond all bounds at sample {sample} of repeat {repeat}; a softening joint may be \
+         too strong"
     )]
     Diverged {
         /// Sample, from 0.
@@ -186,7 +190,8 @@ impl fmt::Display for Warning {
         match self {
             Warning::ModesAboveNyquist { count, highest_hz, nyquist_hz } => write!(
                 f,
-                "{count} modes, up to {highest_hz} Hz, lie above half the sample rate ({nyquist_hz} Hz) and appear folded"
+                "{count} modes, up to {highest_hz} Hz, lie above half the sample rate ({nyquist_hz} Hz) and appear \
+                 folded"
             ),
             Warning::CommandClipped { channel, samples } => {
                 write!(f, "the DAC clipped u{} in {samples} samples", channel + 1)

@@ -10,9 +10,9 @@ use crate::state_space::{StateSpace, multiply_add};
 /// Advances the state over a sample.
 ///
 /// Between the edges of its pieces a sample has constant voltages; one piece is all of it where no effect needs more.
-/// Without forces inside the structure each piece is an exact discrete model. With them it is the Runge-Kutta rule of fourth
-/// order in the form of Lawson (1967): the linear part is exact in every piece and the rule acts on the effects' forces alone,
-/// so the piece need follow only those.
+/// Without forces inside the structure each piece is an exact discrete model. With them it is the Runge-Kutta rule of
+/// fourth order in the form of Lawson (1967): the linear part is exact in every piece and the rule acts on the effects'
+/// forces alone, so the piece need follow only those.
 pub(crate) struct Integrator {
     structure: Vec<Box<dyn StructureEffect>>,
     actuator: Vec<Box<dyn ActuatorEffect>>,
@@ -139,8 +139,8 @@ fn edges(steps: usize, jumps: &[f64]) -> Vec<f64> {
     edges
 }
 
-/// The continuous plant with states of the effects' own, which only the effects move, and with a force along each strut as an
-/// input more.
+/// The continuous plant with states of the effects' own, which only the effects move, and with a force along each strut
+/// as an input more.
 fn extended(truss: &Truss, own_states: usize, forces: bool) -> StateSpace {
     let StateSpace { a, b, c, d } = &truss.continuous;
     let (n, m) = b.shape();

@@ -17,8 +17,8 @@ use crate::{ACTUATOR_POLE_HZ, ANTI_ALIAS_HZ, INPUTS, OUTPUTS};
 /// The plant: its modes, its true model, and the noise that an identifier meets.
 ///
 /// States, in this order: the output of each actuator (V); for each mode w q and dq/dt; for each output the filtered
-/// voltage y and (dy/dt) / w_c, with w_c the filter's corner in rad/s. All blocks are so scaled that A is of the size of the
-/// frequencies.
+/// voltage y and (dy/dt) / w_c, with w_c the filter's corner in rad/s. All blocks are so scaled that A is of the size
+/// of the frequencies.
 #[derive(Clone, Debug)]
 pub struct Truss {
     /// Sample rate of `discrete`, Hz.
@@ -111,7 +111,8 @@ pub(crate) fn assemble(config: &TrussConfig, plant: Plant) -> Truss {
     assemble_in(config, plant, units)
 }
 
-/// The plant as the linear effects of a checked config change it. The units of its ports stay those of the unchanged plant.
+/// The plant as the linear effects of a checked config change it. The units of its ports stay those of the unchanged
+/// plant.
 pub(crate) fn altered(config: &TrussConfig, truss: &Truss) -> Truss {
     let mut plant = Plant { modes: truss.modes.clone(), poles_hz: truss.actuator_poles_hz };
     effects::alter(&config.effects, &mut plant);

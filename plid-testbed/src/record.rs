@@ -22,9 +22,9 @@ pub(crate) struct Recorded {
     pub clipped: Vec<usize>,
 }
 
-/// Outputs (K x p) of the plant, as its linear effects changed it, for commands as the DAC gives them (K x m). Without noise the
-/// structure starts motionless and nothing is converted; with it, it starts as the ambient force left it. Clocks of effects run
-/// on from the records before.
+/// Outputs (K x p) of the plant, as its linear effects changed it, for commands as the DAC gives them (K x m). Without
+/// noise the structure starts motionless and nothing is converted; with it, it starts as the ambient force left it.
+/// Clocks of effects run on from the records before.
 pub(crate) fn record(
     config: &TrussConfig,
     truss: &Truss,

@@ -20,8 +20,8 @@ pub struct Simulation {
     pub commands: Array2<f64>,
     /// Outputs as the ADC gives them (K x p), V, of each repeat.
     pub outputs: Vec<Array2<f64>>,
-    /// Outputs of the first repeat without any noise and before the ADC (K x p), V. Without effects this is the free run of
-    /// `truth.discrete`, from rest, on the commands.
+    /// Outputs of the first repeat without any noise and before the ADC (K x p), V. Without effects this is the free
+    /// run of `truth.discrete`, from rest, on the commands.
     pub noise_free: Array2<f64>,
     /// The plant without the effects.
     pub truth: Truss,
@@ -38,8 +38,8 @@ pub fn simulate(config: &TrussConfig) -> Result<Simulation, TestbedError> {
     run(config, input::command(config)?)
 }
 
-/// Runs the experiment on an input given as an array (K x m, V, before the DAC), in place of the config's `input`; its length
-/// stands for `duration_s`.
+/// Runs the experiment on an input given as an array (K x m, V, before the DAC), in place of the config's `input`; its
+/// length stands for `duration_s`.
 ///
 /// # Errors
 /// As [`simulate`]; also if the array is empty, has not three columns, or holds NaN or infinity.

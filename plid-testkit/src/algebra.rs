@@ -1,10 +1,12 @@
-//! Measurement updates whose answer is known in closed form and which cancel badly: each form to its own order of magnitude.
+//! Measurement updates whose answer is known in closed form and which cancel badly: each form to its own order of
+//! magnitude.
 
 use plid_core::{
     CovariancePropagation, Dense, InitialCovariance, Inspect, ObservableForm, Scalar, ScalarOf, ScalarUpdate,
 };
 
-/// The largest error of the leading block of P after scalar updates, relative to its largest entry; `None` if the form gave up.
+/// The largest error of the leading block of P after scalar updates, relative to its largest entry; `None` if the form
+/// gave up.
 fn error<C>(initial: [f64; 3], updates: &[([f64; 3], f64)], expected: &[&[f64]]) -> Option<f64>
 where
     C: Inspect + ScalarUpdate + CovariancePropagation<Scalar = f64>,

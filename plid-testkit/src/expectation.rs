@@ -65,9 +65,9 @@ fn filter<E: ConditionalExpectations<Scalar = f64>>(record: &ScalarRecord<'_>, p
     (run.estimate()[1], run.covariance().dense().at(1, 1))
 }
 
-/// Holds a conditional expectation to what any must satisfy. A step allocates nothing. P stays a covariance, forms agree, and
-/// checkpoints continue to the same bits. Permuted and rescaled channels permute and rescale the estimate. On a scalar plant
-/// its error is no smaller than that of exact Bayes, and smaller than the prior's.
+/// Holds a conditional expectation to what any must satisfy. A step allocates nothing. P stays a covariance, forms
+/// agree, and checkpoints continue to the same bits. Permuted and rescaled channels permute and rescale the estimate.
+/// On a scalar plant its error is no smaller than that of exact Bayes, and smaller than the prior's.
 ///
 /// How good it is beyond that is not judged; [`grid_bayes`] tells.
 ///

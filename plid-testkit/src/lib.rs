@@ -9,16 +9,17 @@
 //! plid_testkit::check_scalar_update::<BiermanUd<Plain<f64>>>();
 //! ```
 //!
-//! - [`check_form`]: the dense recursion in double-double, positivity, checkpoints, missing outputs, permuted and rescaled
-//!   channels, forgetting, parameter noise, a warm start, and no allocation in a step.
+//! - [`check_form`]: the dense recursion in double-double, positivity, checkpoints, missing outputs, permuted and
+//!   rescaled channels, forgetting, parameter noise, a warm start, and no allocation in a step.
 //! - [`check_expectation`]: the same properties as far as they hold for any expectation, and exact Bayes on a grid.
 //! - [`check_backend`]: all of plid's forms on the backend.
 //! - [`check_scalar_update`]: the measurement update by any row.
 //!
-//! Each panics with the figures where something is wrong. The crate counts allocations, and so brings the global allocator of
-//! `allocation-counter` into the program that links it: make it a dev-dependency.
+//! Each panics with the figures where something is wrong. The crate counts allocations, and so brings the global
+//! allocator of `allocation-counter` into the program that links it: make it a dev-dependency.
 
-/// Makes every form and expectation of the lists into a call of `check::<form, expectation>(arguments)` over one backend.
+/// Makes every form and expectation of the lists into a call of `check::<form, expectation>(arguments)` over one
+/// backend.
 #[macro_export]
 macro_rules! every_variant {
     ($check:ident, $backend:ident < $scalar:ty > $(, $argument:expr)*) => {{

@@ -28,7 +28,8 @@ static CASES: LazyLock<Vec<Case>> = LazyLock::new(|| {
     ]
 });
 
-/// R = 0, and no state noise where a block begins: these states are then known exactly, and P is singular in every step.
+/// R = 0, and no state noise where a block begins: these states are then known exactly, and P is singular in every
+/// step.
 fn without_sensor_noise() -> Case {
     let mut case = random_case(&[2, 3, 2], 1, Options::default(), 9);
     case.noise = vec![NoiseModel::diagonal(&[0.0; 3], &[0.0], &[0.0, 0.1, 0.0, 0.2, 0.1, 0.0, 0.3])];

@@ -162,8 +162,8 @@ where
     assert!(health.index < p.rows());
 }
 
-/// What rounding may do to a run. The matrix forms subtract: what is left of P carries the roundoff of the largest P that
-/// there was, and the gain divides by R.
+/// What rounding may do to a run. The matrix forms subtract: what is left of P carries the roundoff of the largest P
+/// that there was, and the gain divides by R.
 fn rounding<E>(case: &Case) -> f64
 where
     E: ConditionalExpectations,

@@ -211,7 +211,8 @@ impl<S: Scalar> Reference<S> {
         self.p = &advanced - &(&(&gain * &measured.re) * &gain.t());
     }
 
-    /// The moments of the next state if s given z_k is Gaussian, or without those that come from the parameters' covariances.
+    /// The moments of the next state if s given z_k is Gaussian, or without those that come from the parameters'
+    /// covariances.
     fn moments(&mut self, measured: &Measured<S>, covariances: bool, z: &[f64], u: &[f64], joint: &Mat<f64>) {
         let (n, m, p, size) = (self.n, self.m, z.len(), self.s.rows);
         let Measured { there, s, p: cov, .. } = measured;

@@ -1,4 +1,4 @@
-//! The answer to a case on disk: its files, and answer.json with the hash of each.
+//! The answer to a case on disk: its files, and answer.json with their hashes.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -10,23 +10,23 @@ use crate::error::TrialError;
 use crate::files;
 use crate::seal::sha256;
 
-/// What a diagnosis gives: files by name.
+/// The files of an answer by name.
 pub type Answer = BTreeMap<&'static str, Vec<u8>>;
 
-/// answer.json: of which files an answer consists.
+/// The content of answer.json: the files of an answer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Answered {
     /// The case.
     pub case: String,
-    /// Why there is no answer: the diagnosis said so, or it panicked.
+    /// The reason for a missing answer: the error of the diagnosis or its panic message.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failed: Option<String>,
-    /// SHA-256 of the files, by name.
+    /// SHA-256 of each file by name.
     pub files: BTreeMap<String, String>,
 }
 
-/// Which part of a trial's cases: every `of`-th, from `number` on.
+/// A shard of the cases of a trial: every `of`-th one, starting at `number`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Shard {
@@ -37,12 +37,12 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// Whether a case belongs to it, by its index from 0.
+    /// Returns whether a case belongs to the shard, by its index from 0.
     pub fn has(self, index: usize) -> bool {
         index % self.of == self.number - 1
     }
 
-    /// The folder's name in T/shards.
+    /// Returns the name of the folder in T/shards.
     pub(crate) fn folder(self) -> String {
         format!("{}-of-{}", self.number, self.of)
     }
@@ -60,9 +60,9 @@ impl std::str::FromStr for Shard {
     }
 }
 
-/// answer.json's name.
+/// The name of answer.json.
 pub(crate) const ANSWER: &str = "answer.json";
-/// How long it took: beside the answer and not of it, for it never comes out the same twice.
+/// The duration is stored in a file of its own and is not part of the answer, because it differs from run to run.
 pub(crate) const SECONDS: &str = "seconds.json";
 
 /// seconds.json.
@@ -72,7 +72,7 @@ pub(crate) struct Seconds {
     pub seconds: f64,
 }
 
-/// Writes an answer whole: a folder beside its place first, which then takes the place.
+/// Writes an answer atomically: into a temporary folder, which is then renamed.
 pub(crate) fn write(
     answers: &Path,
     case: &str,
@@ -93,13 +93,13 @@ pub(crate) fn write(
     }
     let hashes = content.iter().map(|(name, bytes)| ((*name).to_owned(), sha256(bytes))).collect();
     let answered = Answered { case: case.to_owned(), failed, files: hashes };
-    files::write(&beside.join(SECONDS), &files::json(&Seconds { seconds }))?;
-    files::write(&beside.join(ANSWER), &files::json(&answered))?;
+    files::write_json(&beside.join(SECONDS), &Seconds { seconds })?;
+    files::write_json(&beside.join(ANSWER), &answered)?;
     let place = answers.join(case);
     fs::rename(&beside, &place).map_err(TrialError::file(place))
 }
 
-/// What answer.json of a case says and its hash, once its files are found to be those; none where the case has no answer.
+/// Reads answer.json of a case and its hash, and checks the hashes of its files; `None` if the case has no answer.
 pub(crate) fn read(answers: &Path, case: &str) -> Result<Option<(Answered, String)>, TrialError> {
     let folder = answers.join(case);
     let path = folder.join(ANSWER);

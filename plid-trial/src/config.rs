@@ -1,4 +1,4 @@
-//! TRIAL.toml: how many cases of which kind are drawn. It has no seed.
+//! TRIAL.toml: the numbers and kinds of cases to draw. It contains no seed.
 
 use std::path::Path;
 
@@ -13,61 +13,62 @@ use crate::vocabulary::{VOCABULARY, family};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrialConfig {
-    /// For the report.
+    /// The name in the report.
     pub name: String,
-    /// How many cases.
+    /// The numbers of cases.
     pub cases: Cases,
-    /// What is drawn for each.
+    /// The distributions from which each case is drawn.
     #[serde(default)]
     pub draw: Draw,
 }
 
-/// How many cases of each arm.
+/// The number of cases in each arm.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Cases {
     /// Nothing is missing.
     pub none: usize,
-    /// One effect: so many of each, its places in turn.
+    /// One effect: this many cases of each, with its places in turn.
     pub singles_per_effect: usize,
     /// Two effects.
     pub pairs: usize,
     /// Three effects.
     pub triples: usize,
-    /// One effect that the vocabulary does not have; kinds in turn.
+    /// One effect outside the vocabulary, with kinds in turn.
     pub outsiders: usize,
-    /// One effect of the vocabulary, effects in turn: more singles, which are answered a second time without that effect. As many of the other singles
-    /// are answered a second time without one that is not at work.
+    /// One effect of the vocabulary, with effects in turn: additional single effects that are answered a second time
+    /// without that effect. As many of the other single effects are answered a second time without an effect that does
+    /// not act.
     pub leave_one_out: usize,
 }
 
-/// What is drawn for each case.
+/// The distributions from which each case is drawn.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Draw {
-    /// Effects of the vocabulary that take part; empty for all.
+    /// The effects of the vocabulary to draw from; empty for all.
     pub effects: Vec<String>,
-    /// Least gap that an effect makes alone, in units of the gap that noise makes in this case.
+    /// Smallest gap that an effect causes alone, relative to the gap caused by noise in this case.
     pub least_over_floor: f64,
-    /// Largest gap that an effect makes alone. Logarithms are drawn uniformly in between.
+    /// Largest gap that an effect causes alone. The logarithm of the gap is drawn uniformly.
     pub most: f64,
-    /// Share of effects that follow another law of the same physics, where the testbed has one.
+    /// Share of effects that follow another law of the same physics, if the testbed has one.
     pub near_misses: f64,
-    /// Share of cases whose simulation is slightly off beside the effect.
+    /// Share of cases whose simulation has small errors in addition to the effect.
     pub perturbed: f64,
-    /// Share of cases whose simulation says where internal forces may act.
+    /// Share of cases whose simulation declares where internal forces may act.
     pub ports: f64,
-    /// Kinds of plants, drawn alike.
+    /// Kinds of plants, drawn with equal probability.
     pub plants: Vec<PlantKind>,
-    /// Numbers of channels, drawn alike. An effect from one channel into another gets all of them.
+    /// Numbers of channels, drawn with equal probability. An effect from one channel into another gets all channels.
     pub channels: Vec<Channels>,
-    /// What is recorded, drawn alike.
+    /// Kinds of experiments, drawn with equal probability.
     pub experiments: Vec<Experiment>,
-    /// Share of cases whose simulator is given by its outputs alone.
+    /// Share of cases whose simulator is given only by its outputs.
     pub outputs_only: f64,
-    /// Share of the other cases whose declared noise is off, by up to half either way.
+    /// Share of the other cases whose declared noise is wrong by up to half.
     pub misjudged: f64,
-    /// Length of the records over that of full ones.
+    /// Length of the records relative to full ones.
     pub length: f64,
 }
 
@@ -98,20 +99,20 @@ impl TrialConfig {
     /// Reads TRIAL.toml.
     ///
     /// # Errors
-    /// [`ConfigError`] with file, line and key.
+    /// Returns a [`ConfigError`] with file, line and key.
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
         read_checked(path, Self::problems)
     }
 
-    /// The quick trial that is built in.
+    /// Returns the built-in quick trial.
     ///
     /// # Errors
-    /// None, as a test says.
+    /// Never panics, as a test shows.
     pub fn quick() -> Result<Self, ConfigError> {
         from_toml_checked(QUICK, "the built-in trial", Self::problems)
     }
 
-    /// What is wrong with the values, as key and reason.
+    /// Returns the invalid values, each as key and reason.
     pub fn problems(&self) -> Vec<(&'static str, String)> {
         let mut problems = Vec::new();
         let effects = self.effects();
@@ -168,7 +169,7 @@ impl TrialConfig {
         problems
     }
 
-    /// The effects that take part.
+    /// Returns the effects to draw from.
     pub fn effects(&self) -> Vec<&str> {
         if self.draw.effects.is_empty() {
             VOCABULARY.iter().map(|kind| kind.name).collect()
@@ -177,7 +178,7 @@ impl TrialConfig {
         }
     }
 
-    /// Cases in all.
+    /// Returns the number of cases.
     pub fn total(&self) -> usize {
         let Cases { none, singles_per_effect, pairs, triples, outsiders, leave_one_out } = self.cases;
         none + singles_per_effect * self.effects().len() + pairs + triples + outsiders + leave_one_out
@@ -222,7 +223,8 @@ mod tests {
         assert_eq!(read(&to_toml(&config)).unwrap(), config);
     }
 
-    /// What the standard trial must hold, and every trial: one case in four with nothing, six kinds of outsiders where there are some.
+    /// What the standard trial must hold, and every trial: one case in four with nothing, six kinds of outsiders where
+    /// there are some.
     #[test]
     fn the_trials_that_come_with_plid_are_as_large_as_they_must_be() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../experiments/trials");

@@ -19,23 +19,23 @@ use plid_model::to_json;
 use plid_report::Progress;
 use serde::{Deserialize, Serialize};
 
-/// How the work is shared out; the answers do not depend on it.
+/// How the work is divided; the answers do not depend on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Options {
-    /// Which part of the cases; all if left out.
+    /// The shard of cases to answer; `None` for all.
     pub shard: Option<Shard>,
-    /// Cases at a time, each on one thread.
+    /// Number of cases answered in parallel, each on one thread.
     pub jobs: usize,
 }
 
-/// What was done.
+/// The result of diagnosing a trial.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Done {
-    /// Cases of this shard.
+    /// Number of cases in this shard.
     pub cases: usize,
-    /// Those that had an answer before.
+    /// Number of cases that already had an answer.
     pub before: usize,
-    /// Those whose diagnosis failed, in order.
+    /// The cases whose diagnosis failed, in order.
     pub failed: Vec<String>,
     /// Where the answers are.
     pub answers: PathBuf,
@@ -46,7 +46,7 @@ pub struct Done {
 #[serde(deny_unknown_fields)]
 pub(crate) struct ShardFile {
     pub shard: Shard,
-    /// Of T/trial.json.
+    /// SHA-256 of T/trial.json.
     pub trial_sha256: String,
     pub cases: Vec<String>,
 }
@@ -55,21 +55,22 @@ pub(crate) const SHARD: &str = "shard.json";
 pub(crate) const ANSWERS: &str = "answers";
 pub(crate) const SHARDS: &str = "shards";
 
-/// Answers one case: its folder, and the effects without which it is to be answered a second time, if any.
+/// Answers one case, given its folder and the effects to leave out of the vocabulary for a second answer, if any.
 pub type Answerer<'a> = dyn Fn(&Path, &[String]) -> Result<Answer, String> + Sync + 'a;
 
 /// Diagnoses the cases of a trial that have no answer yet, and lets the baselines answer.
 ///
 /// # Errors
-/// If the trial cannot be read or an answer not be written. A case that cannot be diagnosed is no error: that is its answer.
+/// Returns an error if the trial cannot be read or an answer cannot be written. A case that cannot be diagnosed is not
+/// an error; the failure is its answer.
 pub fn diagnose(trial: &Path, options: Options, progress: &dyn Progress) -> Result<Done, TrialError> {
     diagnose_with(trial, options, &plid, progress)
 }
 
-/// The same with any diagnosis.
+/// Answers the cases with any diagnosis.
 ///
 /// # Errors
-/// As [`diagnose`].
+/// Returns the errors of [`diagnose`].
 pub fn diagnose_with(
     trial: &Path,
     options: Options,
@@ -88,12 +89,12 @@ pub fn diagnose_with(
     if let Some(shard) = options.shard {
         let cases = ours.iter().map(|case| case.case.clone()).collect();
         let trial_sha256 = sha256(&files::read(&trial.join(MANIFEST))?);
-        files::write(&done.answers.join(SHARD), &files::json(&ShardFile { shard, trial_sha256, cases }))?;
+        files::write_json(&done.answers.join(SHARD), &ShardFile { shard, trial_sha256, cases })?;
     }
     Ok(done)
 }
 
-/// Answers those of `ours` that have no answer in `answers` yet.
+/// Answers the cases of `ours` that have no answer in `answers` yet.
 pub(crate) fn answer_all(
     trial: &Path,
     answers: PathBuf,
@@ -162,25 +163,25 @@ fn words(panic: &(dyn Any + Send)) -> String {
     text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "without a word".to_owned())
 }
 
-/// plid's own diagnosis, with the baselines' answers.
+/// Answers a case with plid's own diagnosis and with the baselines.
 fn plid(folder: &Path, without: &[String]) -> Result<Answer, String> {
     let case = Case::read(&folder.join("case.toml")).map_err(|e| e.to_string())?;
     let library = Library::standard();
     let (whole, left_out) = outcomes(&case, &library, without, &[])?;
     let others = baselines::answers(&case, &whole, left_out.as_ref(), &library).map_err(|e| e.to_string())?;
     let mut answer = answer_of(&whole, left_out.as_ref())?;
-    answer.insert(BASELINES, files::json(&others));
+    answer.insert(BASELINES, files::json(Path::new(BASELINES), &others).map_err(|e| e.to_string())?);
     Ok(answer)
 }
 
-/// The same with a step off, and no baselines.
+/// Answers a case with one step switched off and without baselines.
 pub(crate) fn plid_without(folder: &Path, without: &[String], off: &[Step]) -> Result<Answer, String> {
     let case = Case::read(&folder.join("case.toml")).map_err(|e| e.to_string())?;
     let (whole, left_out) = outcomes(&case, &Library::standard(), without, off)?;
     answer_of(&whole, left_out.as_ref())
 }
 
-/// With the whole vocabulary; and from the same groundwork without what is to be left out, if anything is.
+/// Diagnoses with the whole vocabulary and, from the same preparation, without the effects to leave out, if any.
 fn outcomes(
     case: &Case,
     library: &Library,
@@ -209,8 +210,8 @@ pub(crate) struct Names {
     pub simulation: &'static str,
 }
 
-/// With the whole vocabulary.
+/// The answer with the whole vocabulary.
 pub(crate) const WHOLE: Names = Names { diagnosis: "diagnosis.json", simulation: "sim-with-effect.json" };
-/// Without what the case leaves out.
+/// The answer without the effects that the case leaves out.
 pub(crate) const LEFT_OUT: Names = Names { diagnosis: "left-out.json", simulation: "left-out-sim.json" };
 pub(crate) const BASELINES: &str = "baselines.json";

@@ -61,7 +61,7 @@ pub fn draw(
             let made = one(config, seed, index, planned)?;
             let folder = sealed.join("cases").join(&name);
             made.case.write(&trial.join("cases").join(&name), &folder).map_err(|e| not_drawn(planned, &e))?;
-            files::write(&folder.join("drawn.json"), &files::json(&made.drawn))?;
+            files::write_json(&folder.join("drawn.json"), &made.drawn)?;
             let hashes = SEALED
                 .iter()
                 .map(|file| {
@@ -75,7 +75,7 @@ pub fn draw(
         .collect::<Result<Vec<_>, TrialError>>()?;
     let repeated = cases.iter().map(|(_, repeated)| repeated).sum();
     let manifest = Manifest { format: FORMAT.to_owned(), cases: cases.into_iter().map(|(case, _)| case).collect() };
-    let text = files::json(&manifest);
+    let text = files::json(&trial.join(MANIFEST), &manifest)?;
     let seal = Seal {
         format: SEAL_FORMAT.to_owned(),
         seed,
@@ -84,7 +84,7 @@ pub fn draw(
         repeated,
         config: config.clone(),
     };
-    files::write(&sealed.join(SEAL), &files::json(&seal))?;
+    files::write_json(&sealed.join(SEAL), &seal)?;
     files::write(&trial.join(MANIFEST), &text)?;
     Ok(Drawn { cases: manifest.cases.len(), repeated })
 }

@@ -5,7 +5,7 @@ use plid_data::DataError;
 use plid_data::config::ConfigError;
 use plid_model::ModelError;
 
-/// A trial that cannot go on.
+/// The reasons why a trial cannot continue.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum TrialError {
     /// TRIAL.toml cannot be used.
@@ -35,6 +35,14 @@ pub enum TrialError {
         /// Why.
         source: std::io::Error,
     },
+    /// A result is not a finite number.
+    #[error("{}: {source}", path.display())]
+    NotFinite {
+        /// The file that would hold it.
+        path: PathBuf,
+        /// The number and its key.
+        source: plid_file::NotFinite,
+    },
     /// A file of a trial that is not what it should be.
     #[error("{}: {reason}", path.display())]
     Malformed {
@@ -43,7 +51,7 @@ pub enum TrialError {
         /// What is wrong.
         reason: String,
     },
-    /// A sealed file is not the one that the cases commit to.
+    /// A sealed file does not match the hash that the trial committed to.
     #[error("{case}: {} is not what was sealed: its hash is not the one that the trial commits to", path.display())]
     Broken {
         /// The case.
@@ -51,30 +59,31 @@ pub enum TrialError {
         /// The sealed file.
         path: PathBuf,
     },
-    /// An answer is not the one that was given.
+    /// An answer was changed after it was given.
     #[error("{case}: the answer has changed since {since}; it is refused")]
     Changed {
         /// The case.
         case: String,
-        /// Since when.
+        /// The event since which it has changed.
         since: &'static str,
     },
     /// Cases without an answer.
     #[error(
-        "{missing} of {all} cases have no answer yet, {first} is the first; finish `diagnose`, and `merge` where it ran in shards; or `score --answered`"
+        "{missing} of {all} cases have no answer yet, {first} is the first; finish `diagnose`, and `merge` where it \
+         ran in shards; or `score --answered`"
     )]
     Unanswered {
-        /// How many.
+        /// Number of cases without an answer.
         missing: usize,
-        /// Of how many.
+        /// Number of all cases.
         all: usize,
-        /// The first.
+        /// The first case without an answer.
         first: String,
     },
-    /// Shards that do not make a whole.
+    /// The shards are incomplete or overlap.
     #[error("{0}")]
     Shards(String),
-    /// The user asked for an end.
+    /// The user interrupted the trial.
     #[error("interrupted; what is done stands in {}, and the same command goes on from it", directory.display())]
     Interrupted {
         /// The answers.

@@ -1,17 +1,21 @@
-//! Files in and out, each whole or not at all.
+//! Reading files, and writing them atomically.
 
 use std::path::Path;
 
-use plid_report::write_atomic;
+use plid_file::{to_json, write_atomic};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::error::TrialError;
 
-pub(crate) fn json(value: &impl Serialize) -> Vec<u8> {
-    let mut text = serde_json::to_vec_pretty(value).expect("plain data are JSON by construction");
-    text.push(b'\n');
-    text
+/// The bytes of a JSON file; `path` is its name in errors.
+pub(crate) fn json(path: &Path, value: &impl Serialize) -> Result<Vec<u8>, TrialError> {
+    let text = to_json(value).map_err(|source| TrialError::NotFinite { path: path.into(), source })?;
+    Ok(text.into_bytes())
+}
+
+pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), TrialError> {
+    write(path, &json(path, value)?)
 }
 
 pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), TrialError> {

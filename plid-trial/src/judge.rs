@@ -1,5 +1,5 @@
-//! One answer beside the truth, by rules that are fixed: the chapter "Can it be trusted?" says what each word counts. The tests go through
-//! them case by case.
+//! Judges one answer against the truth by fixed rules, which the chapter "Can it be trusted?" defines. The tests go
+//! through them case by case.
 
 use std::collections::BTreeMap;
 
@@ -8,25 +8,25 @@ use serde::{Deserialize, Serialize};
 use crate::truth::Truth;
 use crate::vocabulary::family;
 
-/// Probability from which on a named effect is named with confidence.
+/// Smallest probability at which an effect counts as named with confidence.
 pub const CONFIDENT: f64 = 0.9;
-/// Probability of something else from which on a cause outside the vocabulary was kept open.
+/// Smallest probability of something else at which a cause outside the vocabulary counts as kept open.
 pub const OPEN: f64 = 0.2;
-/// Of the set of explanations.
+/// Probability of the set of explanations.
 pub const COVER: f64 = 0.95;
 
-/// An answer: what a score reads of diagnosis.json. Baselines answer in the same words.
+/// An answer: the keys of diagnosis.json that a score reads. Baselines answer in the same form.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Claim {
-    /// "effects", "none" or "unknown"; "missing" where there is no answer.
+    /// "effects", "none" or "unknown"; "missing" without an answer.
     pub verdict: String,
-    /// The answer, largest first.
+    /// The effects of the answer, largest first.
     #[serde(default)]
     pub effects: Vec<Named>,
     /// All explanations.
     #[serde(default)]
     pub candidates: Vec<Candidate>,
-    /// What was stated of the gap.
+    /// The statements about the gap.
     #[serde(default)]
     pub gap: Stated,
 }
@@ -42,10 +42,10 @@ pub struct Named {
     /// Probability that it is at work there.
     #[serde(default)]
     pub confidence: Option<f64>,
-    /// By name.
+    /// The parameters by name.
     #[serde(default)]
     pub parameters: BTreeMap<String, Stretch>,
-    /// The same place but a shape near this one.
+    /// Whether the shape of the effect differs from that of its equation.
     #[serde(default)]
     pub shape_differs: bool,
 }
@@ -53,7 +53,7 @@ pub struct Named {
 /// A parameter's interval.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Stretch {
-    /// At 95 %.
+    /// The 95 % interval.
     #[serde(default)]
     pub ci95: Option<[Option<f64>; 2]>,
 }
@@ -61,38 +61,38 @@ pub struct Stretch {
 /// An explanation.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Candidate {
-    /// Empty for nothing or for something else.
+    /// The effects; empty for nothing or for something else.
     #[serde(default)]
     pub effects: Vec<Named>,
-    /// Something else.
+    /// Whether it stands for something else.
     #[serde(default)]
     pub unknown: bool,
-    /// All add up to one.
+    /// The probability; those of all explanations add up to one.
     #[serde(default)]
     pub probability: Option<f64>,
 }
 
-/// What was stated of the gap.
+/// The statements about the gap.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Stated {
-    /// Before the held-out record was seen.
+    /// The gap predicted before the held-out record was seen.
     #[serde(default)]
     pub predicted_held_out_gap: Option<f64>,
 }
 
 impl Claim {
-    /// No answer.
+    /// Creates a missing answer.
     pub fn missing() -> Self {
         Self { verdict: "missing".to_owned(), ..Self::default() }
     }
 
-    /// The effects of the answer; none unless that is the verdict.
+    /// Returns the effects of the answer; the list is empty unless that is the verdict.
     pub fn said(&self) -> &[Named] {
         if self.verdict == "effects" { &self.effects } else { &[] }
     }
 }
 
-/// Which questions a case answers.
+/// The questions that a case can ask.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Asked {
@@ -100,13 +100,13 @@ pub enum Asked {
     None,
     /// One effect of the vocabulary.
     Single,
-    /// Several.
+    /// Several effects.
     Several,
-    /// Something that the diagnosis has no word for.
+    /// An effect that is not in the vocabulary.
     Outside,
 }
 
-/// Which question a case answers, for a diagnosis whose vocabulary lacks `without`.
+/// Returns the question of a case for a diagnosis whose vocabulary lacks `without`.
 pub fn asked(truth: &Truth, without: &[String]) -> Asked {
     let outside = |name: &str| name.starts_with("x-") || without.iter().any(|lacks| lacks == name);
     if truth.at_work().any(|effect| outside(&effect.effect)) {
@@ -119,68 +119,69 @@ pub fn asked(truth: &Truth, without: &[String]) -> Asked {
     }
 }
 
-/// What an answer is worth.
+/// The judgement on an answer.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Judged {
-    /// Names in alphabetical order, or the verdict.
+    /// The names in alphabetical order, or the verdict.
     pub said: String,
-    /// The first place that was said.
+    /// The first place stated.
     pub at: String,
-    /// Something was named, whatever is true.
+    /// Whether an effect was named, whatever the truth is.
     pub named: bool,
-    /// The one effect was named, and nothing else.
+    /// Whether the single effect was named, and nothing else.
     pub exact: bool,
-    /// The first effect named is of the right family.
+    /// Whether the first effect named is of the right family.
     pub family: bool,
-    /// The first effect named is right, and so is its place.
+    /// Whether the first effect named is right and at its place.
     pub located: bool,
-    /// The truth, with its places, is in the 95 % set.
+    /// Whether the truth with its places is in the 95 % set.
     pub in_set: bool,
-    /// Explanations of that set.
+    /// Number of explanations in that set.
     pub set_size: usize,
-    /// Of several effects each was named, and no other.
+    /// Whether all of several effects were named, and no other.
     pub all_named: bool,
-    /// An effect was named that is not at work.
+    /// Whether an effect was named that does not act.
     pub spurious: bool,
-    /// Unknown is the verdict, or has its share.
+    /// Whether the verdict is unknown, or something else has a sufficient probability.
     pub open: bool,
-    /// Unknown is the verdict.
+    /// Whether the verdict is unknown.
     pub unknown: bool,
-    /// The first effect is named with confidence.
+    /// Whether the first effect is named with confidence.
     pub confident: bool,
-    /// And it is wrong.
+    /// Whether it is named with confidence and is wrong.
     pub wrong: bool,
-    /// The first effect named is right and said to differ in shape.
+    /// Whether the first effect named is right and stated to differ in shape.
     pub shape_differs: bool,
-    /// The first explanation: its probability, whether it is the truth.
+    /// The probability of the first explanation, and whether it is the truth.
     pub top: Option<(f64, bool)>,
-    /// All names are right.
+    /// Whether all names are right.
     pub right: bool,
-    /// Of the held-out record with the answer's own simulation, where there is one.
+    /// Gap on the held-out record with the simulation of the answer, if there is one.
     pub gap: Option<f64>,
-    /// One minus the gap with the answer over the gap as given, both beyond the floor; zero where nothing was predicted.
+    /// One minus the ratio of the gap with the answer to the gap as given, both beyond the floor; zero without a
+    /// prediction.
     pub shrink: f64,
-    /// Whether there was something to shrink.
+    /// Whether there was a gap to shrink.
     pub shrinkable: bool,
-    /// Stated against realised gap, over the gap as given.
+    /// Difference between the stated and the realised gap, relative to the gap as given.
     pub missed_by: Option<f64>,
 }
 
-/// Whether a list of effects is the truth: each at its place and nothing else.
+/// Returns whether a list of effects is the truth: each at its place, and nothing else.
 fn same(truth: &Truth, effects: &[Named]) -> bool {
     let there =
         |e: &crate::truth::TrueEffect| effects.iter().any(|said| said.effect == e.effect && e.is_at(&said.location));
     truth.at_work().count() == effects.len() && truth.at_work().all(there)
 }
 
-/// Names joined in alphabetical order.
+/// Joins names in alphabetical order.
 fn joined<'a>(names: impl Iterator<Item = &'a str>) -> String {
     let mut names: Vec<&str> = names.collect();
     names.sort_unstable();
     names.join("+")
 }
 
-/// The names that are right.
+/// Returns the names that are right.
 pub fn wanted(truth: &Truth) -> String {
     let names: std::collections::BTreeSet<&str> = truth.at_work().map(|e| e.effect.as_str()).collect();
     if names.is_empty() { "none".to_owned() } else { joined(names.into_iter()) }
@@ -327,7 +328,8 @@ mod tests {
         assert_eq!((asked(&nothing, &[]), wanted(&nothing).as_str()), (Asked::None, "none"));
         let none = claim(json!({
             "verdict": "none", "effects": [named("clearance", "input:u2", 0.99)],
-            "candidates": [{ "effects": [], "probability": 0.97 }, { "effects": [], "unknown": true, "probability": 0.03 }],
+            "candidates": [{ "effects": [], "probability": 0.97 }, { "effects": [], "unknown": true,
+                "probability": 0.03 }],
         }));
         // Effects count only where they are the verdict.
         let found = judge(&nothing, &[], &none, Some(0.02));
@@ -352,7 +354,8 @@ mod tests {
             let said = json!({
                 "verdict": verdict, "effects": near,
                 "candidates": [
-                    { "effects": near, "probability": 1.0 - unknown }, { "effects": [], "unknown": true, "probability": unknown },
+                    { "effects": near, "probability": 1.0 - unknown }, { "effects": [], "unknown": true,
+                        "probability": unknown },
                 ],
             });
             judge(&outsider, &[], &claim(said), None)

@@ -1,7 +1,8 @@
 //! Blind trials: the diagnosis is checked on cases whose effect is withheld from it.
 //!
-//! [`draw()`] writes the cases in one directory and their answers, sealed, in another. [`diagnose()`] reads the first alone.
-//! [`score()`] fixes the hash of all answers, checks that what was sealed is what was committed to, and only then opens it.
+//! [`draw()`] writes the cases into one directory and their sealed truths into another. [`diagnose()`] reads only the
+//! first. [`score()`] first records the hash of all answers, then checks the sealed files against the committed hashes,
+//! and only then opens them.
 
 pub mod ablation;
 mod answer;

@@ -1,4 +1,4 @@
-//! What a trial says of itself, in the open and under seal.
+//! The public and the sealed manifest of a trial.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,13 +10,13 @@ use crate::error::TrialError;
 use crate::files;
 use crate::plan::Arm;
 
-/// T/trial.json, written last: all that the cases say of what is withheld.
+/// The content of T/trial.json, which is written last: everything that the cases reveal about the truth.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Manifest {
     /// "plid-trial".
     pub format: String,
-    /// In the order of their names.
+    /// The cases in the order of their names.
     pub cases: Vec<OpenCase>,
 }
 
@@ -26,7 +26,8 @@ pub(crate) struct Manifest {
 pub(crate) struct OpenCase {
     /// Folder in T/cases and in S/cases.
     pub case: String,
-    /// Effects without which this case is answered a second time. With some cases these are not at work, so that the list does not tell what is.
+    /// Effects to leave out for a second answer to this case. In some cases they do not act, so that the list does not
+    /// reveal the truth.
     pub without: Vec<String>,
     /// Salted hashes of the sealed files, by name.
     pub sealed: BTreeMap<String, String>,
@@ -38,15 +39,16 @@ pub(crate) struct OpenCase {
 pub(crate) struct Seal {
     /// "plid-trial-seal".
     pub format: String,
-    /// From which everything was drawn.
+    /// The seed from which everything was drawn.
     pub seed: u64,
-    /// Of the hashes.
+    /// The salt of the hashes.
     pub salt: String,
-    /// Of T/trial.json.
+    /// SHA-256 of T/trial.json.
     pub trial_sha256: String,
-    /// Draws that were repeated, because no strength made the gap asked for or a nuisance could have made it.
+    /// Number of draws that were repeated, because no strength gave the required gap or a nuisance could have caused
+    /// it.
     pub repeated: usize,
-    /// What was asked for.
+    /// The config of the trial.
     pub config: TrialConfig,
 }
 
@@ -54,13 +56,13 @@ pub(crate) struct Seal {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct DrawnCase {
-    /// Why it was drawn.
+    /// The arm for which it was drawn.
     pub arm: Arm,
-    /// Of the testbed.
+    /// The seed of the testbed.
     pub seed: u64,
-    /// What was asked of the testbed.
+    /// The specification given to the testbed.
     pub spec: plid_testbed::gap::GapSpec,
-    /// Gap that the noise alone makes.
+    /// Gap caused by noise alone.
     pub floor: f64,
 }
 
@@ -102,10 +104,10 @@ impl Seal {
     }
 }
 
-/// The config that a trial was drawn from, for whoever holds what is sealed.
+/// Returns the config from which a trial was drawn, which requires the sealed directory.
 ///
 /// # Errors
-/// If S/seal.json cannot be read.
+/// Returns an error if S/seal.json cannot be read.
 pub fn config_of(sealed: &Path) -> Result<TrialConfig, TrialError> {
     Ok(Seal::read(sealed)?.config)
 }

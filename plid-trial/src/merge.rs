@@ -1,4 +1,4 @@
-//! Shards joined: each once, none missing.
+//! Merges shards, each of which must be present exactly once.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -11,10 +11,11 @@ use crate::files;
 use crate::manifest::{MANIFEST, Manifest};
 use crate::seal::sha256;
 
-/// Joins the answers of shards into T/answers. Without `folders`, all of T/shards.
+/// Merges the answers of shards into T/answers. Without `folders`, all shards in T/shards are merged.
 ///
 /// # Errors
-/// [`TrialError::Shards`] with the number of a shard that is missing, unfinished or there twice; an answer that has changed.
+/// Returns [`TrialError::Shards`] with the number of a shard that is missing, unfinished or present twice, or an error
+/// for an answer that has changed.
 pub fn merge(trial: &Path, folders: &[PathBuf]) -> Result<usize, TrialError> {
     let manifest = Manifest::read(trial)?;
     let hash = sha256(&files::read(&trial.join(MANIFEST))?);

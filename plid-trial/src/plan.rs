@@ -1,4 +1,5 @@
-//! Which cases a trial has, before any of them is simulated: arms, effects with places and laws, nuisances, in a random order.
+//! Which cases a trial has, before any of them is simulated: arms, effects with places and laws, nuisances, in a random
+//! order.
 
 use rand::RngExt;
 use rand::SeedableRng;
@@ -140,7 +141,8 @@ fn one_of<T: Copy>(from: &[T], rng: &mut ChaCha12Rng) -> T {
     if let [only] = from { *only } else { from[rng.random_range(0..from.len())] }
 }
 
-/// Singles whose second answer is without an effect that is not at work: otherwise the list of what is left out would name causes.
+/// Singles whose second answer is without an effect that is not at work: otherwise the list of what is left out would
+/// name causes.
 fn add_decoys(planned: &mut [Planned], kinds: &[&'static Kind], count: usize, rng: &mut ChaCha12Rng) {
     let mut singles: Vec<&mut Planned> = planned.iter_mut().filter(|case| case.arm == Arm::Single).collect();
     singles.shuffle(rng);

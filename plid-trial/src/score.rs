@@ -1,4 +1,5 @@
-//! Answers beside the truth: the answers are fixed first, the seals checked next, and only then is anything opened.
+//! Compares answers with the truth: the answers are recorded first, then the seals are checked, and only then is
+//! anything opened.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -44,16 +45,17 @@ pub(crate) const FIXED: &str = "answers.json";
 pub enum Extent {
     /// All that were drawn, or none.
     Whole,
-    /// Those that have an answer. Cases come in an order that says nothing, so that these are a sample of all. They are fixed as the whole would be: what is
-    /// answered later is refused.
+    /// Those that have an answer. Cases come in an order that says nothing, so that these are a sample of all. They are
+    /// fixed as the whole would be: what is answered later is refused.
     Answered,
 }
 
 /// Scores a trial; writes scores.json, report.html and its first picture, power.svg, into `out`.
 ///
 /// # Errors
-/// [`TrialError::Unanswered`] where cases have no answer, [`TrialError::Changed`] with the case whose answer has changed since it was
-/// given or since it was first scored, [`TrialError::Broken`] with the sealed file that is not the one that the trial commits to.
+/// [`TrialError::Unanswered`] where cases have no answer, [`TrialError::Changed`] with the case whose answer has
+/// changed since it was given or since it was first scored, [`TrialError::Broken`] with the sealed file that is not the
+/// one that the trial commits to.
 pub fn score(
     trial: &Path,
     sealed: &Path,
@@ -81,7 +83,7 @@ pub fn score(
     };
     let scores = Scores::new(given, lines);
     files::make(out)?;
-    files::write(&out.join("scores.json"), &files::json(&scores))?;
+    files::write_json(&out.join("scores.json"), &scores)?;
     if let Some(svg) = report::power(&scores) {
         files::write(&out.join("power.svg"), svg.as_bytes())?;
     }
@@ -90,7 +92,7 @@ pub fn score(
     Ok(scores)
 }
 
-/// Every answer beside the truth.
+/// Compares every answer with the truth.
 pub(crate) fn lines(
     trial: &Path,
     sealed: &Path,
@@ -115,12 +117,13 @@ pub(crate) fn lines(
         .map(|lines| lines.into_iter().flatten().collect())
 }
 
-/// How long each case took.
+/// Returns the duration of each case.
 pub(crate) fn seconds(manifest: &Manifest, answers: &Path) -> Result<Vec<f64>, TrialError> {
     manifest.cases.iter().map(|case| answer::seconds(answers, &case.case)).collect()
 }
 
-/// The answers, each with its hash, in order; at least one, and to all cases where all are asked for.
+/// Returns the answers in order, each with its hash. There must be at least one, and one for every case if all are to
+/// be scored.
 pub(crate) fn given(
     manifest: &Manifest,
     extent: Extent,
@@ -143,11 +146,11 @@ pub(crate) fn given(
     }
 }
 
-/// Writes the hashes of the answers beside what is sealed; if they stand there already, they must be these.
+/// Writes the hashes of the answers into the sealed directory; if they already exist, they must be the same.
 pub(crate) fn fix(given: &[(Answered, String)], path: &Path) -> Result<Fixed, TrialError> {
     let cases: BTreeMap<String, String> =
         given.iter().map(|(answered, hash)| (answered.case.clone(), hash.clone())).collect();
-    let fixed = Fixed { sha256: sha256(&files::json(&cases)), cases };
+    let fixed = Fixed { sha256: sha256(&files::json(path, &cases)?), cases };
     match fs::read(path) {
         Ok(bytes) => {
             let before: Fixed = files::parse(path, &bytes)?;
@@ -156,13 +159,13 @@ pub(crate) fn fix(given: &[(Answered, String)], path: &Path) -> Result<Fixed, Tr
                 return Err(TrialError::Changed { case: case.clone(), since: "the answers were fixed for scoring" });
             }
         }
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => files::write(path, &files::json(&fixed))?,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => files::write_json(path, &fixed)?,
         Err(source) => return Err(TrialError::File { path: path.into(), source }),
     }
     Ok(fixed)
 }
 
-/// What is sealed, once it is found to be what the trial commits to.
+/// Reads the sealed truth after checking it against the committed hash.
 pub(crate) fn unseal(manifest: &Manifest, trial: &Path, sealed: &Path) -> Result<Seal, TrialError> {
     let seal = Seal::read(sealed)?;
     if sha256(&files::read(&trial.join(MANIFEST))?) != seal.trial_sha256 {
@@ -173,7 +176,7 @@ pub(crate) fn unseal(manifest: &Manifest, trial: &Path, sealed: &Path) -> Result
     Ok(seal)
 }
 
-/// Whether what is sealed is what the trial commits to.
+/// Checks all sealed files against the committed hashes.
 fn check(manifest: &Manifest, seal: &Seal, sealed: &Path) -> Result<(), TrialError> {
     for case in &manifest.cases {
         for (file, hash) in &case.sealed {
@@ -186,7 +189,7 @@ fn check(manifest: &Manifest, seal: &Seal, sealed: &Path) -> Result<(), TrialErr
     Ok(())
 }
 
-/// A record that nothing was fitted to.
+/// A held-out record.
 struct HeldOut {
     u: Channels,
     y: Channels,
@@ -199,7 +202,7 @@ impl HeldOut {
         Ok(Self { u: pick(&model.inputs)?, y: pick(&model.outputs)? })
     }
 
-    /// RMS(y - simulated) / RMS(y), each output scaled to unit RMS; none where it is no number.
+    /// Returns RMS(y - simulated) / RMS(y) with each output scaled to unit RMS; `None` if it is not finite.
     fn gap(&self, simulated: &Channels) -> Option<f64> {
         let fits = |(y, s): (&Vec<f64>, &Vec<f64>)| y.len() == s.len();
         if simulated.len() != self.y.len() || !self.y.iter().zip(simulated).all(fits) {
@@ -215,7 +218,8 @@ impl HeldOut {
     }
 }
 
-/// What a case asks with the whole vocabulary; and without what it leaves out, if that is at work.
+/// Returns the question of a case with the whole vocabulary, and without the effects that it leaves out, if one of them
+/// acts.
 fn lines_of(
     trial: &Path,
     sealed: &Path,
@@ -260,7 +264,7 @@ fn lines_of(
     Ok(vec![line(Arm::Single, &[], WHOLE)?, line(Arm::LeaveOneOut, &case.without, LEFT_OUT)?])
 }
 
-/// Where a case and its answer are.
+/// The folders of a case and of its answer.
 struct Place<'p> {
     trial: &'p Path,
     sealed: &'p Path,
@@ -268,7 +272,7 @@ struct Place<'p> {
     case: &'p OpenCase,
 }
 
-/// Judges plid's answer and those of the baselines, where they answered; and which parameters plid's intervals cover.
+/// Judges the answers of plid and of the baselines, and determines which parameters plid's intervals cover.
 fn judged(
     place: &Place,
     answered: &Answered,
@@ -313,7 +317,8 @@ fn judged(
     Ok((all, covered))
 }
 
-/// Parameters of a single effect with the vocabulary's own equation, rightly named at its place, whose units are the label's.
+/// Returns the parameters of a single effect with the vocabulary's own equation, if it is named correctly with its
+/// place and has the units of the label.
 fn coverage(truth: &Truth, without: &[String], claim: &Claim, setting: &Setting) -> BTreeMap<String, bool> {
     let (Asked::Single, Some(effect), [said]) = (asked(truth, without), truth.at_work().next(), claim.said()) else {
         return BTreeMap::new();
@@ -395,7 +400,8 @@ mod tests {
             vec![parameter("a", Range::Signed), parameter("f", Range::Hz), last, parameter("a3", Range::Signed)]
         };
         let truth = effect(&[0.03, 50.0, 1.0]);
-        // The other sign is the same signal half a turn on; an angle has no interval on a line; the label has no third harmonic.
+        // The other sign is the same signal half a turn on; an angle has no interval on a line; the label has no third
+        // harmonic.
         let found = covers(&truth, &said, &with(true));
         assert_eq!(found, BTreeMap::from([("a".to_owned(), true), ("f".to_owned(), false)]));
         let found = covers(&truth, &said, &with(false));

@@ -1,4 +1,4 @@
-//! Hashes: of answers, and salted ones of what is sealed, so that nobody can try out guesses against them.
+//! Hashes of answers, and salted hashes of sealed files, against which guesses cannot be tested.
 
 use sha2::{Digest, Sha256};
 
@@ -11,17 +11,18 @@ pub(crate) fn sha256(bytes: &[u8]) -> String {
     hex(Sha256::digest(bytes))
 }
 
-/// SHA-256 of salt, case, name and content. Each part comes with its length, so that no two lists of parts are the same bytes.
+/// Returns SHA-256 of salt, case, name and content. Each part is preceded by its length, so that different parts never
+/// give the same bytes.
 pub(crate) fn salted(salt: &str, case: &str, file: &str, bytes: &[u8]) -> String {
     hex(of_parts(&[salt.as_bytes(), case.as_bytes(), file.as_bytes(), bytes]))
 }
 
-/// 256 bits for one purpose, from the seed.
+/// Derives 256 bits for one purpose from the seed.
 pub(crate) fn derived(seed: u64, purpose: &str, index: usize) -> [u8; 32] {
     of_parts(&[b"plid-trial", &seed.to_le_bytes(), purpose.as_bytes(), &(index as u64).to_le_bytes()])
 }
 
-/// The salt of a trial.
+/// Returns the salt of a trial.
 pub(crate) fn salt(seed: u64) -> String {
     hex(derived(seed, "salt", 0))
 }

@@ -1,29 +1,31 @@
-//! Shares with their intervals, medians, calibration.
+//! Shares with their confidence intervals, medians and calibration.
 
 use serde::{Deserialize, Serialize};
-use statrs::distribution::{Beta, ContinuousCDF};
+use statrs::distribution::{Beta, Binomial, ContinuousCDF, DiscreteCDF};
+
+use plid_model::signal;
 
 /// A share of cases with its 95 % interval.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Rate {
-    /// How many.
+    /// Number of hits.
     pub hits: usize,
-    /// Of how many.
+    /// Number of cases.
     pub of: usize,
-    /// One over the other; none of none is no share.
+    /// The share of hits; `None` without cases.
     pub share: Option<f64>,
-    /// Clopper-Pearson.
+    /// The Clopper-Pearson interval.
     pub ci95: Option<[f64; 2]>,
 }
 
 impl Rate {
-    /// Of so many.
+    /// Creates a rate from its counts.
     pub fn new(hits: usize, of: usize) -> Self {
         let share = (of > 0).then(|| hits as f64 / of as f64);
         Self { hits, of, share, ci95: (of > 0).then(|| clopper_pearson(hits, of)) }
     }
 
-    /// How often something is true.
+    /// Counts how often a value is true.
     pub fn of(values: impl IntoIterator<Item = bool>) -> Self {
         let (mut hits, mut of) = (0, 0);
         for value in values {
@@ -34,12 +36,12 @@ impl Rate {
     }
 }
 
-/// The 95 % interval of a share that no table calls too short: each end leaves 2.5 % of the binomial distribution.
+/// Returns the Clopper-Pearson 95 % interval of a share: each end leaves 2.5 % of the binomial distribution.
 pub fn clopper_pearson(hits: usize, of: usize) -> [f64; 2] {
     with_tails(hits, of, 0.025)
 }
 
-/// The same with this much left at each end.
+/// Returns the interval that leaves `tail` at each end.
 fn with_tails(hits: usize, of: usize, tail: f64) -> [f64; 2] {
     let (k, n) = (hits as f64, of as f64);
     let quantile = |a: f64, b: f64, p: f64| Beta::new(a, b).map_or(f64::NAN, |beta| beta.inverse_cdf(p));
@@ -48,63 +50,57 @@ fn with_tails(hits: usize, of: usize, tail: f64) -> [f64; 2] {
     [low, high]
 }
 
-/// The 95 % interval of the difference between two shares of the same cases, of which `up` have come in and `down` have gone: each of both shares is
-/// within its own interval of 97.5 %.
+/// Returns the 95 % interval of the difference between two shares of the same cases, of which `up` were gained and
+/// `down` lost: each of these two shares is within its own 97.5 % interval.
 pub fn paired(up: usize, down: usize, of: usize) -> [f64; 2] {
     let [[low_up, high_up], [low_down, high_down]] = [up, down].map(|hits| with_tails(hits, of, 0.0125));
     [low_up - high_down, high_up - low_down]
 }
 
-/// The sign test (two-sided): how often a fair coin falls at least as one-sidedly.
+/// The sign test (two-sided): the probability that a fair coin falls at least as one-sidedly.
 pub fn sign_test(up: usize, down: usize) -> f64 {
-    let n = up + down;
-    let of = |k: usize| (0..k).map(|i| (n - i) as f64 / (i + 1) as f64).product::<f64>() / 2f64.powi(n as i32);
-    let tail: f64 = (0..=up.min(down)).map(of).sum();
-    (2.0 * tail).min(1.0)
+    let coin = Binomial::new(0.5, (up + down) as u64).expect("one half is a probability");
+    (2.0 * coin.cdf(up.min(down) as u64)).min(1.0)
 }
 
-/// The middle one of the sorted values (of two the upper).
+/// The median, or `None` of an empty set.
 pub fn median(values: &[f64]) -> Option<f64> {
-    at(values, values.len() / 2)
+    (!values.is_empty()).then(|| signal::median(values))
 }
 
-/// The value below which a tenth lies.
+/// Returns the lowest decile, or `None` of an empty set.
 pub fn lowest_tenth(values: &[f64]) -> Option<f64> {
-    at(values, values.len() / 10)
-}
-
-fn at(values: &[f64], index: usize) -> Option<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
-    sorted.get(index).copied()
+    sorted.get(values.len() / 10).copied()
 }
 
-/// What was stated, and what came of it.
+/// The calibration of stated probabilities.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Calibration {
-    /// How many statements.
+    /// Number of statements.
     pub of: usize,
-    /// Mean of (stated - came true)^2.
+    /// The Brier score: the mean of (stated - outcome)^2.
     pub brier: Option<f64>,
-    /// Mean over the statements of |mean stated - share that came true| of their bin.
+    /// The expected calibration error: the mean over the statements of |mean stated - observed share| of their bin.
     pub expected_error: Option<f64>,
-    /// Ten of equal width.
+    /// The bins, ten of equal width.
     pub bins: Vec<Bin>,
 }
 
 /// Statements of about the same probability.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Bin {
-    /// Mean of what was stated.
+    /// Mean stated probability.
     pub stated: f64,
-    /// What came true.
+    /// The rate at which the statements were true.
     pub came_true: Rate,
 }
 
 /// Bins of the reliability diagram.
 const BINS: usize = 10;
 
-/// Of statements: probability, whether it came true.
+/// Computes the calibration of statements, each a probability and whether it was true.
 pub fn calibration(statements: &[(f64, bool)]) -> Calibration {
     let of = statements.len();
     let mean = |sum: f64| (of > 0).then(|| sum / of as f64);
@@ -128,8 +124,8 @@ mod tests {
 
     use super::*;
 
-    /// Ends that have closed forms: 1 - (alpha/2)^(1/n) for none, (alpha/2)^(1/n) for all; and values of the tables of Clopper and
-    /// Pearson (5 of 10: 0.187 to 0.813; 1 of 10: 0.0025 to 0.445; 7 of 20: 0.154 to 0.592).
+    /// Ends that have closed forms: 1 - (alpha/2)^(1/n) for none, (alpha/2)^(1/n) for all; and values of the tables of
+    /// Clopper and Pearson (5 of 10: 0.187 to 0.813; 1 of 10: 0.0025 to 0.445; 7 of 20: 0.154 to 0.592).
     #[test]
     fn intervals_are_those_of_the_tables() {
         for n in [1, 7, 200] {
@@ -163,13 +159,20 @@ mod tests {
         assert_relative_eq!(sign_test(5, 0), 2.0 / 32.0, epsilon = 1e-12);
         assert_relative_eq!(sign_test(1, 4), 12.0 / 32.0, epsilon = 1e-12);
         assert_eq!((sign_test(0, 0), sign_test(3, 3)), (1.0, 1.0));
+        // 2^2000 overflows. With the continuity correction, 50 more than half of 2000 are 99 / sqrt(2000) deviations.
+        assert_eq!(sign_test(1000, 1000), 1.0);
+        let deviations = 99.0 / 2000f64.sqrt();
+        let normal = statrs::function::erf::erfc(deviations / 2f64.sqrt());
+        assert_relative_eq!(sign_test(950, 1050), normal, max_relative = 2e-3);
+        assert!(sign_test(2000, 0) < 1e-300);
         // Nothing changed in n cases: either share is below 1 - 0.0125^(1/n).
         let bound = 1.0 - 0.0125f64.powf(1.0 / 16.0);
         let [low, high] = paired(0, 0, 16);
         assert_relative_eq!(high, bound, epsilon = 1e-9);
         assert_relative_eq!(low, -bound, epsilon = 1e-9);
         let [low, high] = paired(9, 1, 20);
-        // By bisection of the binomial distribution: at 0.20692 nine or more of 20 are a 1.25 % event, at 0.27932 one or none.
+        // By bisection of the binomial distribution: at 0.20692 nine or more of 20 are a 1.25 % event, at 0.27932 one
+        // or none.
         assert_relative_eq!(low, 0.20692 - 0.27932, epsilon = 1e-4);
         assert!(0.4 < high && high < 0.8, "{high}");
     }
@@ -190,9 +193,9 @@ mod tests {
     }
 
     #[test]
-    fn middle_and_tenth_are_values_that_occur() {
+    fn the_middle_and_the_lowest_tenth() {
         let values: Vec<f64> = (0..20).rev().map(f64::from).collect();
-        assert_eq!((median(&values), lowest_tenth(&values)), (Some(10.0), Some(2.0)));
+        assert_eq!((median(&values), lowest_tenth(&values)), (Some(9.5), Some(2.0)));
         assert_eq!((median(&[]), median(&[3.0])), (None, Some(3.0)));
     }
 }

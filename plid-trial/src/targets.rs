@@ -1,4 +1,4 @@
-//! What is to be reached, and what was.
+//! The targets of a trial and the figures reached.
 
 use std::collections::BTreeMap;
 
@@ -7,22 +7,22 @@ use serde::Serialize;
 use crate::scores::{ALL, ARM, EQUATION, Group, NEAR, OWN, PART, PARTS, Totals, totals};
 use crate::statistics::Rate;
 
-/// A figure with what it is to be.
+/// A figure and its target.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Target {
-    /// Of what.
+    /// What the figure is.
     pub what: String,
-    /// Whether it is to be at least `bound`, or at most.
+    /// Whether `bound` is a lower bound; otherwise it is an upper bound.
     pub at_least: bool,
     /// The bound.
     pub bound: f64,
-    /// What was found.
+    /// The figure found.
     pub found: Option<f64>,
-    /// Its 95 % interval, where it is a share.
+    /// Its 95 % interval, if it is a share.
     pub ci95: Option<[f64; 2]>,
-    /// Of how many cases.
+    /// Number of cases.
     pub of: usize,
-    /// Whether the bound is kept.
+    /// Whether the target is reached.
     pub reached: Option<bool>,
 }
 
@@ -38,7 +38,7 @@ fn share(what: impl Into<String>, at_least: bool, bound: f64, rate: Option<Rate>
 
 type Reading = fn(&Totals) -> Rate;
 
-/// Readings of single effects with their bounds: the own equation, a near miss.
+/// Figures of single effects with their bounds, for the vocabulary's own equation and for a near miss.
 const SINGLES: [(&str, Reading, [f64; 2]); 4] = [
     ("exactly named", |t| t.exact, [0.85, 0.70]),
     ("right family", |t| t.family, [0.95, 0.90]),
@@ -46,14 +46,14 @@ const SINGLES: [(&str, Reading, [f64; 2]); 4] = [
     ("in the 95 % set", |t| t.in_set, [0.95, 0.90]),
 ];
 
-/// Single effects that the targets are for.
+/// The single effects to which the targets apply.
 pub(crate) const WHOLE: &str = "active, 3 x 3";
 
-/// Most that may be wrong with confidence: of all cases, and where less is recorded and power may fall.
+/// Largest share of confident wrong names: over all cases, and with reduced records, where the power may be lower.
 const WRONG: f64 = 0.05;
 
-/// The figures of some cases. `of` finds their groups: [`OWN`], [`NEAR`], [`ALL`] or the name of an arm; `singles` and `rest` stand before what each
-/// figure is.
+/// The figures of some cases. `of` finds their groups: [`OWN`], [`NEAR`], [`ALL`] or the name of an arm; `singles` and
+/// `rest` stand before what each figure is.
 fn figures<'a>(singles: &str, rest: &str, of: &dyn Fn(&str) -> Option<&'a Totals>) -> Vec<Target> {
     let mut figures = Vec::new();
     for (k, (is, equation)) in [(OWN, "own equation"), (NEAR, "near miss in shape")].into_iter().enumerate() {
@@ -84,7 +84,7 @@ fn figures<'a>(singles: &str, rest: &str, of: &dyn Fn(&str) -> Option<&'a Totals
     figures
 }
 
-/// The targets of a trial.
+/// Returns the targets of a trial.
 pub(crate) fn targets(groups: &[Group]) -> Vec<Target> {
     let of = |is: &str| match is {
         OWN | NEAR => totals(groups, EQUATION, is, 0),
@@ -99,7 +99,8 @@ pub(crate) fn targets(groups: &[Group]) -> Vec<Target> {
     targets
 }
 
-/// The same figures of each part of a trial that there are cases of. Power may fall there: the bounds are those of the whole, for comparison.
+/// The same figures of each part of a trial that there are cases of. Power may fall there: the bounds are those of the
+/// whole, for comparison.
 pub(crate) fn parts(groups: &[Group]) -> BTreeMap<&'static str, Vec<Target>> {
     let of = |part: &str, is: &str| totals(groups, &format!("{PART}{part}"), is, 0);
     let there = PARTS.iter().filter(|(part, _)| of(part, ALL).is_some());

@@ -1,4 +1,4 @@
-//! The answer to a case as label.json has it, and whether a stated place means it.
+//! The truth of a case as given in label.json, and whether a stated location agrees with it.
 
 use std::collections::BTreeMap;
 
@@ -9,13 +9,13 @@ use serde_json::Value;
 /// label.json.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct Truth {
-    /// The single effect `none` where nothing is missing.
+    /// The effects, or the single effect `none` if nothing is missing.
     pub effects: Vec<TrueEffect>,
     /// Gap of the simulation as given on the held-out record.
     pub gap_sim: f64,
-    /// Gap that is left to somebody who knows everything but the noise.
+    /// Gap that remains if everything except the noise is known.
     pub gap_floor: f64,
-    /// Everything else that is said of the case: its nuisances.
+    /// All other properties of the case: its nuisances.
     #[serde(flatten)]
     pub more: BTreeMap<String, Value>,
 }
@@ -25,30 +25,30 @@ pub struct Truth {
 pub struct TrueEffect {
     /// Its name.
     pub effect: String,
-    /// Its place, from 0.
+    /// Its place, counted from 0.
     pub loc: usize,
-    /// In the order of the vocabulary.
+    /// The parameters in the order of the vocabulary.
     pub par: Vec<f64>,
-    /// The gap that it makes alone.
+    /// The gap that it causes alone.
     pub gap: f64,
-    /// Of the mode at `loc`, or of the one that is missing.
+    /// Frequency of the mode at `loc`, or of the missing mode.
     pub hz: f64,
     /// Whether its law is the vocabulary's own equation.
     pub own_equation: bool,
 }
 
-/// Effects inside the structure, at the strut of an input.
+/// Effects inside the structure, at the port of an input.
 const STRUT: &str = "structure-nonlinear";
 /// Effects of a mode.
 const MODAL: &str = "structure-linear";
 
 impl Truth {
-    /// The effects; none where nothing is missing.
+    /// Returns the effects; the list is empty if nothing is missing.
     pub fn at_work(&self) -> impl Iterator<Item = &TrueEffect> {
         self.effects.iter().filter(|effect| effect.effect != "none")
     }
 
-    /// What is said of the case beside its effects, in words: one table of the scores for each.
+    /// Returns the nuisances of the case in words; the scores have one table for each.
     pub fn nuisances(&self) -> BTreeMap<String, String> {
         let word = |value: &Value| match value {
             Value::Bool(true) => Some("yes".to_owned()),
@@ -62,7 +62,7 @@ impl Truth {
 }
 
 impl TrueEffect {
-    /// Whether a stated location means this one's.
+    /// Returns whether a stated location agrees with that of this effect.
     pub fn is_at(&self, location: &str) -> bool {
         let (kind, at) = location.split_once(':').unwrap_or((location, ""));
         let family = crate::vocabulary::family(&self.effect).unwrap_or("");

@@ -1,6 +1,6 @@
 //! The testbed's effects as a trial draws them: family, places, and the laws that are near misses in shape.
 
-/// What kind of place an effect takes, in the testbed's words.
+/// The kind of place of an effect, in the notation of the testbed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum At {
     /// `u1`
@@ -15,7 +15,7 @@ pub enum At {
     OutputPair,
     /// `m4`: one of the dominant modes
     Mode,
-    /// The structure, without a choice.
+    /// The structure as a whole.
     Whole,
 }
 
@@ -24,11 +24,11 @@ pub enum At {
 pub struct Kind {
     /// Its identifier.
     pub name: &'static str,
-    /// Effects that are alike.
+    /// Its family of similar effects.
     pub family: &'static str,
-    /// Where it may be.
+    /// Its possible places.
     pub at: At,
-    /// Other laws of the same physics than the vocabulary's own equation.
+    /// Other laws of the same physics, which differ from the vocabulary's own equation.
     pub near_misses: &'static [&'static str],
 }
 
@@ -84,7 +84,7 @@ pub const VOCABULARY: [Kind; 32] = [
 
 const OUTSIDE: &str = "outside";
 
-/// Effects that plid-gap has no word for.
+/// Effects that are not in the vocabulary of plid-gap.
 pub const OUTSIDERS: [Kind; 8] = [
     kind("x-channel-product", OUTSIDE, At::Output, &[]),
     kind("x-command-play", OUTSIDE, At::Input, &[]),
@@ -96,18 +96,19 @@ pub const OUTSIDERS: [Kind; 8] = [
     kind("x-varying-damping", OUTSIDE, At::Whole, &[]),
 ];
 
-/// An effect of either list.
+/// Returns an effect of either list.
 pub fn find(name: &str) -> Option<&'static Kind> {
     VOCABULARY.iter().chain(&OUTSIDERS).find(|kind| kind.name == name)
 }
 
-/// The family of an effect of the vocabulary.
+/// Returns the family of an effect of the vocabulary.
 pub fn family(name: &str) -> Option<&'static str> {
     VOCABULARY.iter().find(|kind| kind.name == name).map(|kind| kind.family)
 }
 
 impl Kind {
-    /// Every place that it may have in a plant of `inputs` and `outputs`; one that is left to the testbed is `None`.
+    /// Returns every possible place in a plant with this many inputs and outputs; `None` leaves the place to the
+    /// testbed.
     pub fn places(&self, inputs: usize, outputs: usize) -> Vec<Option<String>> {
         let single = |letter: char, count: usize| (1..=count).map(move |i| Some(format!("{letter}{i}")));
         let pairs = |letter: char, count: usize| {

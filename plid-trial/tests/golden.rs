@@ -1,5 +1,5 @@
-//! A draw without imperfections gives the bytes that it always gave: what these hashes are of was printed by the same loop before truths
-//! could be imperfect.
+//! A draw without imperfections gives the bytes that it always gave: what these hashes are of was printed by the same
+//! loop before truths could be imperfect.
 
 use std::fs;
 use std::path::Path;

@@ -1,4 +1,5 @@
-//! Drawing, sealing, sharing out, merging, scoring: with a diagnosis that is made up, so that only the machinery is at work.
+//! Drawing, sealing, sharing out, merging, scoring: with a diagnosis that is made up, so that only the machinery is at
+//! work.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -73,7 +74,8 @@ fn made_up(folder: &Path, without: &[String]) -> Result<Answer, String> {
     let named = serde_json::json!([{ "effect": effect, "location": "output:y1", "confidence": 0.95 }]);
     let claim = serde_json::json!({
         "verdict": "effects", "effects": named, "without": without,
-        "candidates": [{ "effects": named, "probability": 0.9 }, { "effects": [], "unknown": true, "probability": 0.1 }],
+        "candidates": [{ "effects": named, "probability": 0.9 }, { "effects": [], "unknown": true,
+            "probability": 0.1 }],
         "gap": { "predicted_held_out_gap": 0.02 },
     });
     let baselines = serde_json::json!({ "ranking": { "verdict": "none" }, "fitted": null });
@@ -115,7 +117,8 @@ fn a_seed_gives_its_draw_and_the_cases_say_nothing_of_it() {
     let cases = |trial: &Trial| bytes(&trial.t().join("cases"));
     assert!(cases(&first).iter().zip(cases(&other)).any(|(a, b)| *a.1 != b.1));
 
-    // Names of files are those that every case has; and no text but the list of what is left out has the name of an effect.
+    // Names of files are those that every case has; and no text but the list of what is left out has the name of an
+    // effect.
     let names: Vec<_> = cases(&first).keys().map(|path| path.file_name().unwrap().to_owned()).collect();
     assert_eq!(names.len(), 5 * 8);
     let seal = read(&first.s().join("seal.json"));
@@ -357,8 +360,8 @@ fn another_program_s_answers_are_no_measure_for_a_step() {
     assert!(said.starts_with("case-001: the answer has changed since the trial was diagnosed"), "{said}");
 }
 
-/// The case whose effect is left out is a single effect with the whole vocabulary, and outside it in its second answer; the decoy's second answer is not
-/// counted.
+/// The case whose effect is left out is a single effect with the whole vocabulary, and outside it in its second answer;
+/// the decoy's second answer is not counted.
 #[test]
 fn a_second_answer_is_asked_what_it_cannot_know() {
     let trial = Trial::drawn(21);

@@ -7,8 +7,8 @@
 pub mod covariance;
 pub mod expectations;
 
-/// The one list of covariance forms: hands each form's documentation, name and type to the macro `$then`, after any further
-/// arguments. The catalogue, the tests and the benches take it from here.
+/// The one list of covariance forms: hands each form's documentation, name and type to the macro `$then`, after any
+/// further arguments. The catalogue, the tests and the benches take it from here.
 #[macro_export]
 macro_rules! every_form {
     ($then:ident $(, $argument:tt)*) => {

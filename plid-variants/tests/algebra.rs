@@ -1,4 +1,5 @@
-//! Measurement updates whose answer is known in closed form and which cancel badly: each form to its own order of magnitude.
+//! Measurement updates whose answer is known in closed form and which cancel badly: each form to its own order of
+//! magnitude.
 
 use plid_backends::Plain;
 use plid_testkit::{bierman, check_scalar_update, dyer_mcreynolds};
@@ -31,7 +32,8 @@ fn dyer_mcreynolds_by_form() {
     }
 }
 
-/// With e^2 below roundoff the conventional update gives a matrix that is no covariance, or gives up; the others are right.
+/// With e^2 below roundoff the conventional update gives a matrix that is no covariance, or gives up; the others are
+/// right.
 #[test]
 fn bierman_two_by_two_by_form() {
     for e in [1e-8, 1e-9] {

@@ -1,4 +1,5 @@
-//! The joint filter as a textbook's extended Kalman filter wants it: f(s), its Jacobian F, and the covariance of the process noise.
+//! The joint filter as a textbook's extended Kalman filter wants it: f(s), its Jacobian F, and the covariance of the
+//! process noise.
 
 use crate::workload::{CHANNELS, Case};
 
@@ -39,8 +40,8 @@ impl Joint {
         }
     }
 
-    /// Calls `set(row, column, value)` for each entry of F that is not always 0, once or, for the columns of A, the last time counts:
-    /// F = [J + sum_i a_i e_{c_i}^T, phi (x) I; 0, I].
+    /// Calls `set(row, column, value)` for each entry of F that is not always 0, once or, for the columns of A, the
+    /// last time counts: F = [J + sum_i a_i e_{c_i}^T, phi (x) I; 0, I].
     pub fn jacobian(&self, s: &[f64], u: &[f64; CHANNELS], mut set: impl FnMut(usize, usize, f64)) {
         let n = self.n;
         let phi = self.regressor(s, u);
@@ -61,7 +62,8 @@ impl Joint {
         }
     }
 
-    /// Calls `set(row, column, value)` for each entry of Qbar = Sigma + B Q B^T, the n x n block of the process noise that is not 0.
+    /// Calls `set(row, column, value)` for each entry of Qbar = Sigma + B Q B^T, the n x n block of the process noise
+    /// that is not 0.
     pub fn process_noise(&self, s: &[f64], mut set: impl FnMut(usize, usize, f64)) {
         let n = self.n;
         let b = |j: usize| &s[(1 + CHANNELS + j) * n..(2 + CHANNELS + j) * n];

@@ -3,8 +3,8 @@
 //!     plid-peers export DIRECTORY STATES          the truss's record and what filters start from
 //!     plid-peers serve DIRECTORY STATES STEPS NAME
 //!
-//! `serve` takes STEPS samples, writes NAME.s.npy and NAME.p.npy, answers "ready", and then times as many further samples as each
-//! line of standard input says. compare.py drives it.
+//! `serve` takes STEPS samples, writes NAME.s.npy and NAME.p.npy, answers "ready", and then times as many further
+//! samples as each line of standard input says. compare.py drives it.
 
 mod crates;
 mod joint;

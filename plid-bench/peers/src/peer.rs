@@ -23,8 +23,8 @@ pub trait Peer {
     fn estimate(&self) -> Result<(Vec<f64>, Vec<f64>), Failure>;
 }
 
-/// Takes `steps` samples and writes the estimate for comparison; then, for each number that comes in on standard input, goes on from
-/// there by as many samples and answers with the seconds of the processor that it took.
+/// Takes `steps` samples and writes the estimate for comparison; then, for each number that comes in on standard input,
+/// goes on from there by as many samples and answers with the seconds of the processor that it took.
 pub fn serve(mut peer: impl Peer, case: &Case, steps: usize, directory: &Path, name: &str) -> Result<(), Failure> {
     peer.load(&case.settings.initial_estimate, &case.covariance)?;
     for k in 0..steps {

@@ -49,7 +49,8 @@ pub enum Knowledge {
 
 /// Minus the logarithm of likelihood (and prior) at its largest over b for this a, and that b.
 ///
-/// The innovations e = z - C x of the filter for known (a, b) are linear in b, and its gain does not depend on b: b is a regression.
+/// The innovations e = z - C x of the filter for known (a, b) are linear in b, and its gain does not depend on b: b is
+/// a regression.
 fn profile(record: &ScalarRecord<'_>, prior: &ScalarPrior, knowledge: Knowledge, a: f64) -> (f64, f64) {
     let (mut cost, mut information, mut weighted) = match knowledge {
         Knowledge::Stable => (0.0, 0.0, 0.0),
@@ -74,8 +75,8 @@ fn profile(record: &ScalarRecord<'_>, prior: &ScalarPrior, knowledge: Knowledge,
     (cost - 0.5 * weighted * b, b)
 }
 
-/// (a, b) of largest likelihood or posterior density: by prediction errors of the innovations form with R and Sigma as told, over grids of
-/// `points` values of a that close in on the best one.
+/// (a, b) of largest likelihood or posterior density: by prediction errors of the innovations form with R and Sigma as
+/// told, over grids of `points` values of a that close in on the best one.
 pub fn most_probable(record: &ScalarRecord<'_>, prior: &ScalarPrior, knowledge: Knowledge, points: usize) -> [f64; 2] {
     let bound = if knowledge == Knowledge::Prior { prior.largest_a } else { 1.0 };
     let mut range = (-bound, bound);

@@ -1,4 +1,4 @@
-//! A cell: all methods on the same runs of a plant at one signal-to-noise ratio, with one Sigma told.
+//! A cell: all methods on the same runs of a plant at one signal-to-noise ratio and one assumed Sigma.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -19,42 +19,51 @@ use crate::study::Progress;
 /// The method that the others are compared with: the default of `plid run`.
 pub const DEFAULT: Method = Method::Filter(ExpectationName::MomentMatched);
 
-/// Where a cell stands in the study.
+/// The position of a cell in the study.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cell<'a> {
     /// The plant.
     pub plant: Plant<'a>,
     /// RMS of the response to the input over RMS of all noise in the outputs.
     pub signal_to_noise: f64,
-    /// Sigma as it is told: over the true one, or over R for the truss.
+    /// The assumed Sigma relative to the true one, or relative to R for the truss.
     pub sigma: f64,
 }
 
-/// What a method did in a cell.
+/// The results of a method in a cell.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Score {
     /// Its name.
     pub method: String,
-    /// Runs in which the recursion broke down, P was no covariance or the equations had no solution; the figures are without them.
+    /// Runs in which the recursion broke down, P was no covariance or the equations had no solution; the figures are
+    /// without them.
     pub lost: usize,
     /// Runs whose model does worse in free run than no model at all.
     pub useless: usize,
     /// Normalised estimation error squared of all parameters, over their number: one for an honest P.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub nees: Option<Figure>,
     /// The same of a_1 .. a_p alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub nees_a: Option<Figure>,
     /// Root mean square error of the entries of a_1 .. a_p.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub rmse_a: Option<Figure>,
     /// Root mean square error of the entries of b_1 .. b_m.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub rmse_b: Option<Figure>,
-    /// The same over that of the reference, over the runs that both have, errors in the reference's standard deviations:
-    /// otherwise the few plants that hardly answer to the input would own the figure.
+    /// The same over that of the reference, over the runs that both have, errors in the reference's standard
+    /// deviations: otherwise the few plants that hardly answer to the input would own the figure.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub rmse_a_over_reference: Option<Figure>,
     /// The same over that of the default expectation.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub rmse_a_over_default: Option<Figure>,
     /// Free-run error on inputs not seen, relative; geometric mean over runs, in which a useless model counts as one.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub free_run: Option<Figure>,
     /// Free-run error over the default expectation's; geometric mean over the runs that both have, counted alike.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub free_run_over_default: Option<Figure>,
 }
 
@@ -65,13 +74,14 @@ pub struct Finished {
     pub plant: String,
     /// RMS of the response to the input over RMS of all noise in the outputs.
     pub signal_to_noise: f64,
-    /// Sigma as it is told: over the true one, or over R for the truss.
+    /// The assumed Sigma relative to the true one, or relative to R for the truss.
     pub sigma: f64,
     /// Runs.
     pub runs: usize,
-    /// The best that can be had there, with which rmse_a is compared.
+    /// The best possible method there, with which rmse_a is compared.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub reference: Option<String>,
-    /// What each method did.
+    /// The results of each method.
     pub scores: Vec<Score>,
 }
 
@@ -112,7 +122,8 @@ impl Cell<'_> {
         }
     }
 
-    /// What is compared here, and the reference among it. Batch estimates know the true Sigma, so one setting of it has them.
+    /// What is compared here, and the reference among it. Batch estimates know the true Sigma, so one setting of it has
+    /// them.
     fn methods(&self) -> (Vec<Method>, Option<Method>) {
         let mut methods: Vec<Method> = ExpectationName::all().into_iter().map(Method::Filter).collect();
         let reference = match self.plant {
@@ -140,7 +151,8 @@ impl Cell<'_> {
         (methods, reference)
     }
 
-    /// Does the runs, in parallel; the results do not depend on the number of threads. None where the user asks for an end.
+    /// Does the runs, in parallel; the results do not depend on the number of threads. None where the user asks for an
+    /// end.
     ///
     /// # Errors
     /// What the testbed says.

@@ -1,4 +1,4 @@
-//! What a study of expectations compares, and over how many runs.
+//! The methods that a study of expectations compares, and the number of runs.
 
 use plid_catalogue::CovarianceName;
 use plid_core::{ImplicitModel, ObservableForm};
@@ -10,8 +10,8 @@ pub const FULL: &str = include_str!("../../../experiments/bench/expectations.tom
 /// The study of at most five minutes, as experiments/bench/expectations-quick.toml has it.
 pub const QUICK: &str = include_str!("../../../experiments/bench/expectations-quick.toml");
 
-/// A study of expectations. A cell is a plant, a signal-to-noise ratio and a Sigma that is told; all methods of a cell see the same runs,
-/// and run k of a plant has the same random numbers in every cell.
+/// A study of expectations. A cell is a plant, a signal-to-noise ratio and a Sigma that is told; all methods of a cell
+/// see the same runs, and run k of a plant has the same random numbers in every cell.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
@@ -19,7 +19,8 @@ pub struct Config {
     pub seed: u64,
     /// RMS of the response to the input over RMS of all noise in the outputs.
     pub signal_to_noise: Vec<f64>,
-    /// The part of that noise's power that state noise makes, for the scalar and the in-class plants; sensors make the rest.
+    /// The part of that noise's power that state noise makes, for the scalar and the in-class plants; sensors make the
+    /// rest.
     pub state_noise_share: f64,
     /// How P is carried.
     pub covariance: CovarianceName,
@@ -68,7 +69,7 @@ pub struct InClass {
     pub initial_std: f64,
 }
 
-/// The truss with fewer states than it has. What Sigma is right nobody knows: it is gone through.
+/// The truss identified with fewer states than it has. The correct Sigma is unknown, so several are tried.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Truss {
@@ -103,7 +104,7 @@ fn not_empty<T>(key: &'static str, list: &[T]) -> Option<Problem> {
 }
 
 impl Config {
-    /// What is wrong with the values, as key and reason.
+    /// Returns the invalid values, each as key and reason.
     pub fn problems(&self) -> Vec<Problem> {
         let mut all = vec![
             not_empty("signal_to_noise", &self.signal_to_noise),

@@ -24,8 +24,8 @@ pub enum Method {
     InstrumentalVariable,
     /// Largest likelihood by prediction errors, with the true noise variances (scalar plant).
     MaximumLikelihood(ScalarPrior, usize),
-    /// Largest posterior density by prediction errors, with the filters' prior and the true noise covariances where there are such,
-    /// else those told. The scalar plant's is exact.
+    /// Largest posterior density by prediction errors, with the filters' prior and the true noise covariances where
+    /// there are such, else those told. The scalar plant's is exact.
     MaximumPosterior(Option<(ScalarPrior, usize)>),
 }
 

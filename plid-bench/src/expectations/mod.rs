@@ -1,5 +1,5 @@
-//! Which conditional expectation? NEES, accuracy and free-run error of the five against each other, against exact Bayes and against
-//! batch estimates, over signal-to-noise ratios and settings of Sigma.
+//! Which conditional expectation? NEES, accuracy and free-run error of the five against each other, against exact Bayes
+//! and against batch estimates, over signal-to-noise ratios and settings of Sigma.
 
 pub mod batch;
 mod cell;
@@ -30,8 +30,8 @@ pub struct Study {
     pub verdict: Vec<String>,
 }
 
-/// Runs the study of `config` and writes report.html, expectations.csv, expectations.json, machine.json and config.toml into
-/// `directory`. With `resume` the cells that stand in its journal are taken over.
+/// Runs the study of `config` and writes report.html, expectations.csv, expectations.json, machine.json and config.toml
+/// into `directory`. With `resume` the cells that stand in its journal are taken over.
 ///
 /// # Errors
 /// [`StudyError`]

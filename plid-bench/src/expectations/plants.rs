@@ -8,16 +8,18 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::grid::ScalarPrior;
-use super::trial::{InClass, Trial, normal, rms, white};
+use super::trial::{InClass, Trial, normal, white};
+use plid_model::signal::rms;
 
 /// Samples of the record that no estimate has seen.
 const HELD_OUT: usize = 1000;
 /// Spectral radii of modes.
 const RADII: (f64, f64) = (0.90, 0.98);
-/// No entry of a column a_i may be larger: beyond it the outputs hardly tell the states apart, and another plant is drawn.
+/// No entry of a column a_i may be larger: beyond it the outputs hardly tell the states apart, and another plant is
+/// drawn.
 const LARGEST_ENTRY: f64 = 3.0;
 
-/// How loud the noise is and what is told of it.
+/// The level of the noise and the assumptions about it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Loudness {
     /// RMS of the response to the input over RMS of all noise in the outputs.
@@ -28,8 +30,8 @@ pub struct Loudness {
     pub told_factor: f64,
 }
 
-/// The scalar plant with parameters from the prior and inputs of +-1. Signal and noise are those of the plant at the prior's mean, so
-/// that the noise variances, which are told, say nothing of the parameters.
+/// The scalar plant with parameters from the prior and inputs of +-1. Signal and noise are those of the plant at the
+/// prior's mean, so that the noise variances, which are told, say nothing of the parameters.
 pub fn scalar(prior: &ScalarPrior, loudness: Loudness, steps: usize, seed: u64) -> Trial {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (a, b) = prior.draw(|| normal(&mut rng));
@@ -113,7 +115,8 @@ fn modal(n: usize, m: usize, p: usize, rng: &mut ChaCha8Rng) -> [DMatrix<f64>; 3
     [a, b, c]
 }
 
-/// The parameters [a_1; ..; b_m] of a plant in the form with p equal indices; none where the outputs do not tell its states apart.
+/// The parameters [a_1; ..; b_m] of a plant in the form with p equal indices; none where the outputs do not tell its
+/// states apart.
 fn canonical(a: &DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>, form: &ObservableForm) -> Option<Vec<f64>> {
     let (n, p) = (form.states(), form.outputs());
     let each = n / p;
@@ -152,8 +155,8 @@ pub fn matrices(form: &ObservableForm, parameters: &[f64]) -> (DMatrix<f64>, DMa
     (a, c)
 }
 
-/// A random plant of lightly damped modes in the form with equal indices. The first estimate lies about the truth as P0 says, so that
-/// an honest filter's NEES is one from the start.
+/// A random plant of lightly damped modes in the form with equal indices. The first estimate lies about the truth as P0
+/// says, so that an honest filter's NEES is one from the start.
 pub fn in_class(form: &ObservableForm, loudness: Loudness, initial_std: f64, steps: usize, seed: u64) -> Trial {
     let (n, m, p) = (form.states(), form.inputs(), form.outputs());
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -192,11 +195,11 @@ pub fn in_class(form: &ObservableForm, loudness: Loudness, initial_std: f64, ste
     finish(plant, settings, loudness.told_factor, inputs, outputs, held_out)
 }
 
-/// The truss with its three sources of noise louder or softer by one factor and without converters, to be identified with fewer states
-/// than it has. R and Q are told as they are; `ratio` is Sigma / R.
+/// The truss with its three sources of noise louder or softer by one factor and without converters, to be identified
+/// with fewer states than it has. R and Q are told as they are; `ratio` is Sigma / R.
 ///
 /// # Errors
-/// What the testbed says.
+/// Returns the error of the testbed.
 pub fn truss(
     states: usize,
     signal_to_noise: f64,

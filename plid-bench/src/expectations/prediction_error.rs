@@ -17,8 +17,8 @@ const SETTLED: f64 = 1e-3;
 /// A prediction beyond this many standard deviations of the innovation has diverged.
 const UNBOUNDED: f64 = 1e8;
 
-/// Least squares of y_k on the q samples of outputs and inputs before it, for a form with p equal indices q: the entries of a_i and b_j
-/// are its coefficients. The noise in the regressors draws modes towards more damping.
+/// Least squares of y_k on the q samples of outputs and inputs before it, for a form with p equal indices q: the
+/// entries of a_i and b_j are its coefficients. The noise in the regressors draws modes towards more damping.
 pub fn least_squares(trial: &Trial) -> Option<Vec<f64>> {
     let (n, m, p) = (trial.form.states(), trial.form.inputs(), trial.form.outputs());
     let each = n / p;
@@ -46,13 +46,14 @@ pub fn least_squares(trial: &Trial) -> Option<Vec<f64>> {
     parameters.iter().all(|x| x.is_finite()).then_some(parameters)
 }
 
-/// The joint estimate s of largest posterior density given a record, from `start` (N entries), and the inverse of the information
-/// there (N x N), its covariance if it is Gaussian.
+/// The joint estimate s of largest posterior density given a record, from `start` (N entries), and the inverse of the
+/// information there (N x N), its covariance if it is Gaussian.
 ///
-/// It is the estimate that the recursion approximates: the same prior and the same noise covariances, with the record gone through as
-/// often as needed. Predictions are those of the steady-state Kalman filter of the plant that s stands for; Gauss-Newton
-/// steps with Levenberg's and Marquardt's damping go over x0 and the parameters. The gain's own dependence on the parameters is in the
-/// cost but not in the gradient: at the truth innovations are white, and the left-out term is zero on average.
+/// It is the estimate that the recursion approximates: the same prior and the same noise covariances, with the record
+/// gone through as often as needed. Predictions are those of the steady-state Kalman filter of the plant that s stands
+/// for; Gauss-Newton steps with Levenberg's and Marquardt's damping go over x0 and the parameters. The gain's own
+/// dependence on the parameters is in the cost but not in the gradient: at the truth innovations are white, and the
+/// left-out term is zero on average.
 pub fn most_probable(trial: &Trial, noise: &NoiseModel, start: &[f64]) -> Option<(Vec<f64>, DMatrix<f64>)> {
     let problem = Problem::new(trial, noise);
     let mut s = DVector::from_column_slice(start);
@@ -134,7 +135,8 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// Goes over the record: `each` gets x and the whitened innovation of every sample. None where the predictor diverges.
+    /// Goes over the record: `each` gets x and the whitened innovation of every sample. None where the predictor
+    /// diverges.
     fn predict(
         &self,
         s: &DVector<f64>,
@@ -180,9 +182,10 @@ impl<'a> Problem<'a> {
 
     /// Normal matrix and right side of a Gauss-Newton step at s.
     ///
-    /// The prediction's derivative by entry r of a parameter column is the response of A - K C to its regressor (an output's prediction
-    /// or an input) at state r. Within a block a state is the one before it a sample later, so that only the last state of each
-    /// block needs a filter, and the others are its past. x0 is a regressor that is one before the first sample.
+    /// The prediction's derivative by entry r of a parameter column is the response of A - K C to its regressor (an
+    /// output's prediction or an input) at state r. Within a block a state is the one before it a sample later, so that
+    /// only the last state of each block needs a filter, and the others are its past. x0 is a regressor that is one
+    /// before the first sample.
     fn linearised(&self, s: &DVector<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
         let (n, m, p) = (self.form.states(), self.form.inputs(), self.form.outputs());
         let predictor = self.predictor(s)?;

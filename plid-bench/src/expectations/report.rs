@@ -36,7 +36,7 @@ pub fn page(config: &Config, cells: &[Finished], machine: &Machine, text: &str) 
     machine.lines().into_iter().fold(report, |report, (name, value)| report.provenance(name, value))
 }
 
-/// A line a method over the signal-to-noise ratios of `cells`, with its markers.
+/// Returns one line with markers per method over the signal-to-noise ratios of `cells`.
 fn line(
     cells: &[&Finished],
     method: &str,

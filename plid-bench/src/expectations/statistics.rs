@@ -3,27 +3,22 @@
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-/// A figure and the standard error that so many runs leave it.
+/// A figure and its Monte Carlo standard error.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Figure {
     /// The figure.
     pub value: f64,
-    /// Its standard error; infinite of a single run.
-    #[serde(with = "infinite_as_null")]
+    /// Its standard error. It is infinite for a single run, and then has no key in a file.
+    #[serde(default = "infinite", skip_serializing_if = "is_infinite")]
     pub error: f64,
 }
 
-/// JSON has no infinity.
-mod infinite_as_null {
-    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+fn infinite() -> f64 {
+    f64::INFINITY
+}
 
-    pub fn serialize<S: Serializer>(value: &f64, to: S) -> Result<S::Ok, S::Error> {
-        value.is_finite().then_some(*value).serialize(to)
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
-        Ok(Option::deserialize(from)?.unwrap_or(f64::INFINITY))
-    }
+fn is_infinite(value: &f64) -> bool {
+    value.is_infinite()
 }
 
 /// Mean and its standard error; none of nothing.
@@ -49,7 +44,8 @@ pub fn root_mean(squares: &[f64]) -> Option<Figure> {
     Some(Figure { value: root, error })
 }
 
-/// Root of the ratio of two means of squares over the same runs. The runs are paired, so what all methods share in a run cancels in the error.
+/// Root of the ratio of two means of squares over the same runs. The runs are paired, so what all methods share in a
+/// run cancels in the error.
 pub fn paired_root_ratio(squares: &[f64], reference: &[f64]) -> Option<Figure> {
     let (over, under) = (mean(squares)?.value, mean(reference)?.value);
     if !(under > 0.0 && over > 0.0) {
@@ -68,8 +64,8 @@ pub fn geometric_mean(values: &[f64]) -> Option<Figure> {
     Some(Figure { value: value.exp(), error: value.exp() * error })
 }
 
-/// The interval that holds the mean over `runs` runs of a chi-square with `dimensions` degrees of freedom, over these, with
-/// probability 0.95: where the NEES of an honest filter lies.
+/// The interval that holds the mean over `runs` runs of a chi-square with `dimensions` degrees of freedom, over these,
+/// with probability 0.95: where the NEES of an honest filter lies.
 pub fn consistent_band(runs: usize, dimensions: usize) -> Option<(f64, f64)> {
     let freedom = (runs * dimensions) as f64;
     let chi = ChiSquared::new(freedom).ok()?;
@@ -101,7 +97,8 @@ mod tests {
         assert!((found.value - 2.0).abs() < 1e-15 && found.error < 1e-15);
     }
 
-    /// A normal mean with known variance is linear and Gaussian: its NEES over runs lies within the band 95 times in a hundred.
+    /// A normal mean with known variance is linear and Gaussian: its NEES over runs lies within the band 95 times in a
+    /// hundred.
     #[test]
     fn a_linear_gaussian_case_is_consistent_as_often_as_the_band_says() {
         let mut rng = ChaCha8Rng::seed_from_u64(7);

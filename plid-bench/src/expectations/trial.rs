@@ -1,12 +1,12 @@
-//! One run of a study: a record, what is told about it, and the truth.
+//! One run of a study: a record, the assumptions about it, and the truth.
 
-use ndarray::{Array1, Array2};
+use ndarray::Array2;
 use plid_core::{Dense, IdentifiedModel, ImplicitModel, NoiseModel, ObservableForm, Settings};
 use plid_lab::identify::{Samples, free_run_error};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// A record, what an estimate is told, and the truth that it is judged by.
+/// A record, the assumptions of an estimate, and the truth against which it is judged.
 #[derive(Clone, Debug)]
 pub struct Trial {
     /// The canonical form.
@@ -23,12 +23,14 @@ pub struct Trial {
     pub settings: Settings,
     /// The true parameters [a_1; ..; a_p; b_1; ..; b_m], where the plant is in the model class.
     pub truth: Option<Vec<f64>>,
-    /// Inputs of another record (samples x m), and the true plant's response to them from rest without any noise (samples x p).
+    /// Inputs of another record (samples x m), and the true plant's response to them from rest without any noise
+    /// (samples x p).
     pub held_out: (Array2<f64>, Array2<f64>),
 }
 
 impl Trial {
-    /// RMS of what a model's free run from rest lacks of the true response over its RMS, on inputs that no estimate has seen.
+    /// RMS of what a model's free run from rest lacks of the true response over its RMS, on inputs that no estimate has
+    /// seen.
     pub fn free_run_error(&self, parameters: &[f64]) -> f64 {
         let (n, joint) = (self.form.states(), self.form.joint_states());
         let mut s = vec![0.0; n];
@@ -53,7 +55,8 @@ pub struct InClass {
 }
 
 impl InClass {
-    /// Outputs (samples x p) to `inputs` from `x`; `normal` gives unit noise, first of the sensors and then of the states of each sample.
+    /// Outputs (samples x p) to `inputs` from `x`; `normal` gives unit noise, first of the sensors and then of the
+    /// states of each sample.
     pub fn simulate(&self, inputs: &Array2<f64>, mut x: Vec<f64>, normal: &mut dyn FnMut() -> f64) -> Array2<f64> {
         let (n, p) = (self.form.states(), self.form.outputs());
         let mut outputs = Array2::zeros((inputs.nrows(), p));
@@ -92,10 +95,4 @@ pub fn normal(rng: &mut ChaCha8Rng) -> f64 {
 /// `samples` x `channels` of unit white noise.
 pub fn white(rng: &mut ChaCha8Rng, samples: usize, channels: usize) -> Array2<f64> {
     Array2::from_shape_simple_fn((samples, channels), || normal(rng))
-}
-
-/// RMS over all entries.
-pub fn rms(values: &Array2<f64>) -> f64 {
-    let squares: Array1<f64> = values.iter().map(|v| v * v).collect();
-    squares.mean().unwrap_or(0.0).sqrt()
 }

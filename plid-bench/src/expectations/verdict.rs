@@ -6,7 +6,7 @@ use super::cell::{DEFAULT, Finished, Score};
 use plid_catalogue::ExpectationName;
 
 use super::statistics::{Figure, geometric_mean};
-use crate::median;
+use plid_model::signal::median;
 
 /// A difference matters if it is at least this large..
 const MATTERS: f64 = 0.05;
@@ -35,7 +35,8 @@ fn told_right(cells: &[Finished]) -> impl Iterator<Item = &Finished> {
     cells.iter().filter(|cell| cell.sigma == 1.0 && !cell.plant.starts_with("truss"))
 }
 
-/// For each plant and signal-to-noise ratio of the truss, the setting of Sigma / R at which `method` has the least free-run error.
+/// For each plant and signal-to-noise ratio of the truss, the setting of Sigma / R at which `method` has the least
+/// free-run error.
 pub fn best_sigma<'a>(cells: &'a [Finished], plant: &str, signal_to_noise: f64, method: &str) -> Option<&'a Finished> {
     let value = |cell: &Finished| score(cell, method).and_then(|s| s.free_run).map_or(f64::INFINITY, |f| f.value);
     cells
@@ -117,8 +118,8 @@ fn overall(standing: &Standing) -> Option<f64> {
     geometric([standing.free_run_in_class, standing.free_run_truss].into_iter().flatten())
 }
 
-/// The expectation to take: those whose mean free-run error is within two per cent of the least are alike, and of them it is the one whose
-/// NEES misses one by least.
+/// The expectation to take: those whose mean free-run error is within two per cent of the least are alike, and of them
+/// it is the one whose NEES misses one by least.
 pub fn recommended(standings: &[Standing]) -> Option<&Standing> {
     let error = |s: &Standing| overall(s).unwrap_or(f64::INFINITY);
     let least = standings.iter().map(error).fold(f64::INFINITY, f64::min);

@@ -1,4 +1,4 @@
-//! What has become slower or faster since a former run, by times in passes over P, each within its own run.
+//! The changes in speed since an earlier run, in times relative to passes over P in the same run.
 
 use std::path::Path;
 
@@ -7,14 +7,14 @@ use serde::Serialize;
 use super::outcome::{Outcome, Timing};
 use crate::study::StudyError;
 
-/// Changes smaller than this are not spoken of, however sure they are.
+/// Changes smaller than this are not reported, even if they are significant.
 pub const TOLERANCE: f64 = 0.10;
 /// How many standard errors a change must be away from none.
 const ERRORS: f64 = 3.0;
 /// Standard error of a median over that of a mean, for normal scatter.
 const MEDIAN: f64 = 1.2533;
 
-/// A former run held against a new one.
+/// The comparison of an earlier run with a new one.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Comparison {
     /// Cells that take longer, the worst first.
@@ -57,8 +57,8 @@ pub fn read(path: &Path) -> Result<Outcome, StudyError> {
     })
 }
 
-/// Holds `new` against `old`. A change counts beyond `tolerance` (0.1 for a tenth) if it also is beyond three standard errors
-/// of the two medians, as the rounds scatter.
+/// Compares `new` with `old`. A change counts if it exceeds `tolerance` (0.1 for 10 %) and three standard errors of the
+/// two medians, estimated from the scatter of the rounds.
 pub fn compare(old: &Outcome, new: &Outcome, tolerance: f64) -> Comparison {
     let pairs: Vec<(&Timing, &Timing)> = new
         .timings

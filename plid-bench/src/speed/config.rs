@@ -15,7 +15,7 @@ pub const QUICK: &str = include_str!("../../../experiments/bench/speed-quick.tom
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// How often all cells are gone through, one after the other, so that a drift of the machine meets all alike.
+    /// Number of rounds over all cells, so that a drift of the machine affects all of them equally.
     pub rounds: usize,
     /// The least time of a visit's steps, in ms.
     pub visit_ms: f64,
@@ -23,7 +23,8 @@ pub struct Config {
     pub steps: usize,
     /// Steps before the timed ones of each visit.
     pub warm_up: usize,
-    /// The logical cores used, by number as the system counts them; left out, the last ones. The first is the one that measures.
+    /// The logical cores used, by number as the system counts them; left out, the last ones. The first is the one that
+    /// measures.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cores: Option<Vec<usize>>,
     /// Products of axes; a cell in several of them is measured once.
@@ -78,7 +79,7 @@ fn diagonal() -> Vec<Noise> {
 }
 
 impl Config {
-    /// What is wrong with the values, as key and reason.
+    /// Returns the invalid values, each as key and reason.
     pub fn problems(&self) -> Vec<(&'static str, String)> {
         let mut problems = Vec::new();
         let at_least = |key: &'static str, value: usize, least: usize| {

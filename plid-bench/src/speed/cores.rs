@@ -1,15 +1,16 @@
-//! Which logical cores are used, and that threads stay on them.
+//! The logical cores in use, and pinning of threads to them.
 
 use core_affinity::{CoreId, get_core_ids, set_for_current};
 
-/// The cores of a study; the first is the one that measures.
+/// The cores of a study, of which the first one measures.
 #[derive(Clone, Debug)]
 pub struct Cores {
     ids: Vec<usize>,
 }
 
 impl Cores {
-    /// The cores of the config, or the last `count` that this process may use: the first ones get most of the system's own work.
+    /// The cores of the config, or the last `count` that this process may use: the first ones get most of the system's
+    /// own work.
     pub fn choose(given: Option<&[usize]>, count: usize) -> Self {
         let ids = match given {
             Some(ids) => ids.to_vec(),
@@ -23,22 +24,23 @@ impl Cores {
         &self.ids
     }
 
-    /// Whether so many threads have a core each.
+    /// Returns whether each of this many threads has its own core.
     pub fn suffice(&self, threads: usize) -> bool {
         threads <= self.ids.len().max(1)
     }
 
-    /// Whether threads can be kept on these cores.
+    /// Returns whether threads can be pinned to these cores.
     pub fn can_pin(&self) -> bool {
         !self.ids.is_empty() && (0..self.ids.len()).all(|index| self.on(index, |pinned| pinned))
     }
 
-    /// Keeps this thread on core `index` of these, and says whether the system took it.
+    /// Pins this thread to core `index` of these, and returns whether the system accepted it.
     pub fn pin_here(&self, index: usize) -> bool {
         self.ids.get(index).is_some_and(|&id| set_for_current(CoreId { id }))
     }
 
-    /// Does `work` on a thread that is kept on core `index` of these. `work` is told whether it is.
+    /// Runs `work` on a thread that is pinned to core `index` of these. The argument of `work` is whether pinning
+    /// succeeded.
     pub fn on<T: Send>(&self, index: usize, work: impl FnOnce(bool) -> T + Send) -> T {
         std::thread::scope(|scope| {
             let worker = scope.spawn(|| work(self.pin_here(index)));

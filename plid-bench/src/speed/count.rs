@@ -1,4 +1,4 @@
-//! Operations of a step, counted while the real recursion does them: plain loops over numbers that count.
+//! The operations of a step, counted in the real recursion with plain loops over a counting number type.
 
 pub use plid_catalogue::count::Operations;
 use plid_catalogue::count::operations;

@@ -1,4 +1,4 @@
-//! Times of single steps in few numbers.
+//! A compact histogram of the times of single steps.
 
 use serde::{Deserialize, Serialize};
 
@@ -26,7 +26,7 @@ impl Histogram {
         }
     }
 
-    /// Takes another one in.
+    /// Adds another histogram.
     pub fn merge(&mut self, other: &Self) {
         other.0.iter().for_each(|&(class, count)| self.add(class, count));
     }

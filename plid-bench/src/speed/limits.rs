@@ -1,4 +1,5 @@
-//! What the machine can do at best: a pass over a matrix, and multiplications in registers. Measured beside the recursion.
+//! The limits of the machine: a pass over a matrix, and multiplications in registers, measured together with the
+//! recursion.
 
 use std::hint::black_box;
 use std::time::Instant;

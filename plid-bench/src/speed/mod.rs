@@ -1,6 +1,7 @@
-//! How long a step takes, beside what the machine can do at best.
+//! The study of speed: the time of a step, compared with the limits of the machine.
 //!
-//! [`carry_out`] measures, [`Outcome`] is what came of it, [`write_all`] makes its files, [`compare`] holds it to a former one.
+//! [`carry_out`] measures, [`Outcome`] holds the results, [`write_all`] writes the files, and [`compare`] compares them
+//! with those of an earlier run.
 
 mod cell;
 pub mod compare;
@@ -83,7 +84,7 @@ fn items(cells: &[Cell]) -> Vec<Item> {
 /// Measures all cells of `config` in rounds, with a journal in `directory`.
 ///
 /// # Errors
-/// A cell that cannot be measured, a journal that does not fit, or a wish for an end.
+/// Returns an error for a cell that cannot be measured, a journal of another study, or an interruption.
 pub fn carry_out(
     config: &Config,
     directory: &Path,
@@ -149,7 +150,7 @@ pub fn carry_out(
 /// Writes report.html, speed.json, speed.csv, machine.json and the config into `directory`.
 ///
 /// # Errors
-/// A file that cannot be written.
+/// Returns an error for a file that cannot be written.
 pub fn write_all(outcome: &Outcome, peers: Option<&peers::Peers>, directory: &Path) -> Result<(), StudyError> {
     write(&directory.join("config.toml"), to_toml(&outcome.config))?;
     write_json(&directory.join("machine.json"), &outcome.machine)?;

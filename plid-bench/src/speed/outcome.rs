@@ -1,4 +1,4 @@
-//! What a speed study found: medians over the rounds, and what follows from them.
+//! The results of a speed study: medians over the rounds and derived figures.
 
 use std::collections::BTreeMap;
 
@@ -12,19 +12,20 @@ use super::count::Operations;
 use super::histogram::Histogram;
 use super::visit::{Limit, Visit};
 use super::{Entry, Item, traffic};
+use crate::Noise;
 use crate::study::Machine;
-use crate::{Noise, median};
+use plid_model::signal::median;
 
 /// All figures of a study; speed.json.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
-    /// What it ran on.
+    /// The machine.
     pub machine: Machine,
     /// The logical cores used, the one that measured first; none where the system does not say.
     pub cores: Vec<usize>,
     /// Whether threads were kept on them.
     pub pinned: bool,
-    /// What was asked for.
+    /// The config.
     pub config: Config,
     /// Cells that need more cores than there are.
     pub skipped: Vec<String>,
@@ -89,7 +90,7 @@ pub struct Timing {
     pub passes: f64,
     /// Allocations within all timed steps; none where they were not counted.
     pub allocations: Option<usize>,
-    /// How often the recursion failed and began anew.
+    /// Number of times that the recursion failed and was restarted.
     pub restarts: usize,
     /// Operations of a step.
     pub operations: Operations,
@@ -128,7 +129,7 @@ impl Outcome {
         self.timing(&Cell::plain(states, covariance, expectations))
     }
 
-    /// The same, unless `change` makes it another.
+    /// Returns the timing of that cell after `change`.
     pub fn of(
         &self,
         states: usize,
@@ -151,8 +152,8 @@ impl Outcome {
         self.peaks.iter().find(|peak| peak.scalar == scalar).map(|peak| peak.gflops)
     }
 
-    /// The least time that the measured limits leave for a timing's operations and bytes on one thread, us: the operations at the peak, and the bytes
-    /// at the rate of a pass over P.
+    /// The least time that the measured limits leave for a timing's operations and bytes on one thread, us: the
+    /// operations at the peak, and the bytes at the rate of a pass over P.
     pub fn bounds_us(&self, timing: &Timing) -> Option<[f64; 2]> {
         let scalar = timing.cell.variant.scalar;
         let rate = self.limits(timing.joint_states, scalar)?.gbytes_s;

@@ -1,4 +1,4 @@
-//! Times of other software, as plid-bench/peers/ measures them in turn with plid's.
+//! Times of other software, which plid-bench/peers/ measures in alternation with those of plid.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::study::StudyError;
 
-/// A file of peers' times. Keys beyond these are not looked at.
+/// A file with the times of peers. Other keys are ignored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Peers {
     /// A part for each size of the problem.
@@ -24,7 +24,7 @@ pub struct Size {
     pub outputs: usize,
     /// Those that agree with plid.
     pub peers: Vec<Peer>,
-    /// Those that do not, or that do not run.
+    /// Peers that do not agree or do not run.
     #[serde(default)]
     pub refused: Vec<Refused>,
 }
@@ -52,7 +52,7 @@ pub struct Peer {
     pub agreement: f64,
 }
 
-/// One that has no time.
+/// A peer without a time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Refused {
     /// Its name.
@@ -92,14 +92,16 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         let peer = |name: &str, us: f64, structured: bool| {
             format!(
-                r#"{{"name": "{name}", "version": "1", "form": "direct", "dtype": "f64", "structured": {structured}, "package": "x",
+                r#"{{"name": "{name}", "version": "1", "form": "direct", "dtype": "f64", "structured": {structured},
+                    "package": "x",
                 "us_per_step": {us}, "plid_us_per_step": 60.0, "ratio": 10.1, "agreement": 1e-9}}"#
             )
         };
         let peers = [peer("a", 600.0, true), peer("b", 500.0, true), peer("c", 400.0, false)].join(",");
         let refused = r#"{"name": "d", "refused": "differs"}"#;
         let text = format!(
-            r#"{{"machine": {{}}, "sizes": [{{"n": 64, "inputs": 3, "outputs": 3, "peers": [{peers}], "refused": [{refused}]}}]}}"#
+            r#"{{"machine": {{}}, "sizes": [{{"n": 64, "inputs": 3, "outputs": 3, "peers": [{peers}],
+                "refused": [{refused}]}}]}}"#
         );
         std::fs::write(file.path(), text).unwrap();
         let peers = read(file.path()).unwrap();

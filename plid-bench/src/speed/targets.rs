@@ -23,6 +23,7 @@ pub struct Target {
     /// What was found, in words.
     pub found: String,
     /// Whether it is reached; none where it is only stated.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub met: Option<bool>,
     /// Where it is not: what stands in the way.
     pub reason: String,

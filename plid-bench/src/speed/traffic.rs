@@ -2,7 +2,8 @@
 
 use super::cell::{Cell, OUTPUTS, scalar_bytes};
 
-/// Bytes that a step must read or write, whatever its order of work, if nothing but the last step's sums stays in registers:
+/// Bytes that a step must read or write, whatever its order of work, if nothing but the last step's sums stays in
+/// registers:
 ///
 /// - P, or the factor that stands for it, one triangle with its diagonal: read once and written once, 2 N (N + 1) / 2;
 /// - the estimate s: read once and written once, 2 N;

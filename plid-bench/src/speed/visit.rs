@@ -23,6 +23,7 @@ pub struct Visit {
     /// Time of a pass over an N x N matrix, us: the mean of one right before the steps and one right after them.
     pub pass_us: f64,
     /// Allocations within the timed steps, of all threads; none where the program does not count them.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub allocations: Option<usize>,
     /// How often the recursion failed and began anew.
     pub restarts: usize,

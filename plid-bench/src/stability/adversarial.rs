@@ -1,4 +1,4 @@
-//! Records that are hard on a covariance: each test below holds one to the property that it is named after.
+//! Records that are difficult for a covariance. Each test below checks the property after which the record is named.
 
 use ndarray::{Array2, s};
 use plid_testbed::{
@@ -8,18 +8,18 @@ use plid_testbed::{
 
 use super::record::{Record, lasting, of_simulation};
 
-/// The second input differs from the first by so much of it, and the third from their sum.
+/// Relative difference between the second input and the first, and between the third and their sum.
 pub const INDEPENDENT_PART: f64 = 1e-5;
-/// No input within so much of the frequency of the mode that is left out.
+/// Relative half-width of the band around the omitted mode that has no input.
 pub const GAP: f64 = 0.1;
-/// The mode left out: the first dominant one, Hz.
+/// Frequency in Hz of the omitted mode, the first dominant one.
 pub const MODE_HZ: f64 = 136.0;
-/// The outputs' converters clip at plus and minus this, V: about the outputs' RMS.
+/// Clipping level of the output converters in V, about the RMS of the outputs.
 pub const CLIP_V: f64 = 0.45;
 /// The share of a record of wind-up that has no input, in its middle.
 pub const QUIET: f64 = 0.6;
 
-/// The truss without noise of its own beyond the sensors', and without converters.
+/// The truss with sensor noise only, and without converters.
 fn bare() -> TrussConfig {
     TrussConfig {
         noise: NoiseConfig { amplifier_rms_v: 0.0, ambient_rms_v: 0.0, ..NoiseConfig::default() },
@@ -28,12 +28,13 @@ fn bare() -> TrussConfig {
     }
 }
 
-/// The command that a config stands for.
+/// Returns the command described by a config.
 fn command(config: &TrussConfig) -> Result<Array2<f64>, TestbedError> {
     Ok(simulate(config)?.commands)
 }
 
-/// u2 = u1 + a little, u3 = u1 + u2 + a little: the data tell next to nothing of two differences of B's columns.
+/// Inputs with u2 close to u1 and u3 close to u1 + u2, so that the data contain almost no information on two
+/// differences of the columns of B.
 pub fn dependent_inputs(samples: usize) -> Result<Record, TestbedError> {
     let depend = |config: &TrussConfig| -> Result<Simulation, TestbedError> {
         let mut input = command(config)?;
@@ -87,12 +88,12 @@ pub fn quiet(samples: usize) -> std::ops::Range<usize> {
     edge..samples - edge
 }
 
-/// What the recursion is told of amplifiers that have no noise: that of the default truss.
+/// The amplifier noise assumed by the recursion, that of the default truss, although there is none.
 fn amplifier_variance() -> f64 {
     NoiseConfig::default().amplifier_rms_v.powi(2)
 }
 
-/// The power of a signal near a frequency, over its mean power a line.
+/// Returns the power of a signal near a frequency relative to its mean power per line.
 #[cfg(test)]
 fn relative_power(signal: impl Iterator<Item = f64> + Clone, hz: f64, rate_hz: f64) -> f64 {
     let (mut re, mut im, mut power) = (0.0, 0.0, 0.0);

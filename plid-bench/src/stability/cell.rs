@@ -1,4 +1,4 @@
-//! One cell: a form in a scalar goes through a group's record, and is looked at on the way.
+//! One cell: a form in one scalar processes the record of a group and is inspected at intervals.
 
 use std::time::{Duration, Instant};
 
@@ -14,7 +14,7 @@ use super::problem::Problem;
 use super::record::Check;
 use super::reference::Reference;
 
-/// What a cell found.
+/// The results of a cell.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Cell {
     /// The group.
@@ -23,11 +23,13 @@ pub struct Cell {
     pub form: CovarianceName,
     /// The number type.
     pub scalar: ScalarName,
-    /// Steps done.
+    /// Number of steps.
     pub done: usize,
     /// The recursion's own error, if it stopped.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub stop: Option<Stop>,
-    /// The first look at which P was not positive definite, if there was one.
+    /// The first inspection at which P was not positive definite, if any.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub indefinite: Option<Indefinite>,
     /// Against double-double on the same record from the start.
     pub errors: Vec<ErrorAt>,
@@ -37,12 +39,16 @@ pub struct Cell {
     /// As [`plid_core::Health`] has it, at the end.
     pub symmetry_defect: f64,
     /// Likewise; `None` if it is not finite.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub smallest_pivot: Option<f64>,
     /// Likewise.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub condition: Option<f64>,
     /// RMS of the free run's error over RMS of the output, on the check; `None` if it diverges or the run stopped.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub free_run: Option<f64>,
     /// Of the parameters, a degree of freedom, where the plant is of the model's class.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub nees: Option<f64>,
     /// s after the step at which frequency responses are compared; empty if the run stopped before it.
     pub estimate: Vec<f64>,
@@ -79,13 +85,14 @@ pub struct Indefinite {
 /// The distance from double-double.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ErrorAt {
-    /// Steps done.
+    /// Number of steps.
     pub step: usize,
     /// |s - r| / |r|
     pub estimate: f64,
     /// The largest |s_i - r_i| in standard deviations.
     pub deviations: f64,
     /// The largest |P_ij - R_ij| / sqrt(R_ii R_jj); `None` if P has entries that are not finite.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub covariance: Option<f64>,
 }
 
@@ -97,6 +104,7 @@ pub struct LocalAt {
     /// The largest change of s by rounding, in standard deviations.
     pub deviations: f64,
     /// The largest scaled change of P by rounding.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub covariance: Option<f64>,
 }
 
@@ -226,7 +234,8 @@ fn finite(x: f64) -> Option<f64> {
     x.is_finite().then_some(x)
 }
 
-/// Where P fails to be positive definite, if it does. A factor is judged by its own pivots: U D U^T is positive as long as D is.
+/// Where P fails to be positive definite, if it does. A factor is judged by its own pivots: U D U^T is positive as long
+/// as D is.
 fn look(recursion: &dyn Recursion, form: CovarianceName, group: &Group) -> Option<(String, f64)> {
     let bad = if form.is_factored() {
         let health = recursion.health();

@@ -1,4 +1,4 @@
-//! The rule by which a cell is sound, degraded or lost: all of it stands here.
+//! The complete rule that decides whether a cell is sound, degraded or lost.
 
 use nalgebra::DMatrix;
 use plid_catalogue::{CovarianceName, ScalarName};
@@ -9,11 +9,13 @@ use serde::Serialize;
 
 use super::cell::{Cell, model};
 
-/// A cell is degraded if P is off from double-double's by more than this, |dP_ij| over sqrt(P_ii P_jj), at any snapshot;
+/// A cell is degraded if P is off from double-double's by more than this, |dP_ij| over sqrt(P_ii P_jj), at any
+/// snapshot;
 pub const COVARIANCE_LIMIT: f64 = 0.1;
 /// or s by more than so many standard deviations;
 pub const DEVIATIONS_LIMIT: f64 = 1.0;
-/// or its frequency response, at the step where they are compared, from that of its peer in f64 by more than this, over the peak;
+/// or its frequency response, at the step where they are compared, from that of its peer in f64 by more than this, over
+/// the peak;
 pub const RESPONSE_LIMIT: f64 = 0.02;
 /// or its free-run error is larger than its peer's by more than this factor;
 pub const FREE_RUN_LIMIT: f64 = 1.1;
@@ -40,15 +42,15 @@ pub fn rule() -> String {
     )
 }
 
-/// What became of a cell.
+/// The class of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Class {
     /// As good as the arithmetic allows.
     Sound,
-    /// It goes on, but is not to be trusted fully.
+    /// The cell completes, but its result is not fully reliable.
     Degraded,
-    /// P is no covariance any more.
+    /// P is no longer a covariance.
     Lost,
 }
 
@@ -102,8 +104,8 @@ pub fn judge(cells: Vec<Cell>) -> Result<Vec<Judged>, ModelError> {
         .collect()
 }
 
-/// In f64, Bierman UD. Parameter noise enters a matrix in another way than a factor, which makes another filter of it; the peer of a matrix is
-/// then the direct form.
+/// In f64, Bierman UD. Parameter noise enters a matrix in another way than a factor, which makes another filter of it;
+/// the peer of a matrix is then the direct form.
 fn peer_form(cell: &Cell) -> CovarianceName {
     if !cell.form.is_factored() && cell.group.parameter_noise > 0.0 {
         CovarianceName::Direct
@@ -217,7 +219,7 @@ mod tests {
         (judged.class, judged.why)
     }
 
-    /// A change of a sound cell, and what is then said.
+    /// A change of a sound cell, and the resulting reason.
     type Clause<'a> = (&'a dyn Fn(&mut Cell), &'a str);
 
     fn error(deviations: f64, covariance: Option<f64>) -> ErrorAt {

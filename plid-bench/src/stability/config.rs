@@ -20,9 +20,10 @@ pub struct Config {
     pub states: Vec<usize>,
     /// Steps of each cell of the map and of its variations.
     pub steps: usize,
-    /// Entries of P that a run in double-double may go through, times its steps: it ends at the last 1, 3, 10, 30 .. below that.
+    /// Entries of P that a run in double-double may go through, times its steps: it ends at the last 1, 3, 10, 30 ..
+    /// below that.
     pub reference_work: f64,
-    /// What is varied, one at a time, from the centre of the map.
+    /// The variations from the centre of the map, one at a time.
     pub variations: Variations,
     /// Bierman UD in single precision for a long time.
     pub long: Long,
@@ -70,8 +71,8 @@ pub struct Adversarial {
     pub start_ratios: Vec<f64>,
     /// Records, and plants that change.
     pub scenarios: Vec<Scenario>,
-    /// Exponential forgetting for the records of wind-up and jump; 1 / it must be short in binary, as 1 + 2^-9 is, so that all
-    /// scalars have the same.
+    /// Exponential forgetting for the records of wind-up and jump; 1 / it must be short in binary, as 1 + 2^-9 is, so
+    /// that all scalars have the same.
     pub forgetting: f64,
 }
 
@@ -121,7 +122,7 @@ impl Default for Adversarial {
 }
 
 impl Config {
-    /// What is wrong with the values, as key and reason.
+    /// Returns the invalid values, each as key and reason.
     pub fn problems(&self) -> Vec<(&'static str, String)> {
         let mut problems = Vec::new();
         let mut check = |key: &'static str, states: usize, equal: bool| {

@@ -1,12 +1,14 @@
-//! What can be asked of a P: formed in double-double from the very numbers that a form stores, so that the asking adds no rounding.
+//! Properties of P, computed in double-double from the exact numbers that a form stores, so that the inspection adds no
+//! rounding.
 
 use num_traits::{One, Zero};
 use plid_core::kernels::{BadPivot, cholesky, semidefinite_ldl, solve_lower};
 use plid_core::{Dense, Matrix, Scalar};
 use qd::Quad;
 
-/// The first pivot of P that is not positive, if there is one: of the correlation matrix, so that entries of s with different units
-/// count alike. A Cholesky factorisation in f64 that succeeds settles it; one that fails is done again in double-double.
+/// The first pivot of P that is not positive, if there is one: of the correlation matrix, so that entries of s with
+/// different units count alike. A Cholesky factorisation in f64 that succeeds settles it; one that fails is done again
+/// in double-double.
 pub fn bad_pivot(p: &Dense<Quad>) -> Option<BadPivot> {
     let correlation = match correlation(p) {
         Ok(correlation) => correlation,
@@ -19,8 +21,8 @@ pub fn bad_pivot(p: &Dense<Quad>) -> Option<BadPivot> {
     cholesky(correlation.view_mut()).err()
 }
 
-/// The ratio of the largest to the smallest pivot of the correlation matrix, a lower bound of its condition number; `None` if it is not positive
-/// definite.
+/// The ratio of the largest to the smallest pivot of the correlation matrix, a lower bound of its condition number;
+/// `None` if it is not positive definite.
 pub fn condition(p: &Dense<Quad>) -> Option<f64> {
     let mut correlation = correlation(p).ok()?;
     let mut pivots = vec![Quad::zero(); correlation.rows()];
@@ -84,7 +86,7 @@ pub fn nees(p: &Dense<Quad>, estimate: &[Quad], truth: &[f64], first: usize) -> 
     Some((sum / (Quad::from_f64(count as f64) * Quad::one())).to_f64())
 }
 
-/// Exact numbers back from their parts.
+/// Restores exact numbers from their parts.
 pub fn quads(parts: &[[f64; 2]]) -> Vec<Quad> {
     parts.iter().map(|&x| Quad::from_parts(x)).collect()
 }

@@ -1,28 +1,26 @@
-//! A table of classes as a picture: colour and word say the class, a second line says when.
+//! A plot of a table of classes: colour and word show the class, and a second line shows the step.
 
-use std::fmt::Write;
-
-use plid_report::escape;
+use maud::{Markup, html};
 
 use super::classify::Class;
 
-/// What a field shows.
+/// The contents of a field.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Field {
-    /// Its colour and word.
+    /// The class, which determines colour and word.
     pub class: Class,
-    /// A second line, short.
+    /// A short second line.
     pub note: String,
 }
 
 /// Rows and columns of fields; `None` is blank.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grid {
-    /// One name a row.
+    /// Names of the rows.
     pub rows: Vec<String>,
-    /// One name a column.
+    /// Names of the columns.
     pub columns: Vec<String>,
-    /// What the columns are.
+    /// The label of the columns.
     pub column_label: String,
     /// `rows` x `columns`.
     pub fields: Vec<Vec<Option<Field>>>,
@@ -41,57 +39,51 @@ fn look(class: Class) -> (&'static str, &'static str, &'static str) {
     }
 }
 
-/// The grid as SVG.
+/// Returns the grid as SVG.
 pub fn draw(grid: &Grid) -> String {
     let width = (WIDTH - LEFT - 10.0) / grid.columns.len().max(1) as f64;
     let height = TOP + HEIGHT * grid.rows.len() as f64 + 8.0;
-    let mut svg = format!(
-        "<svg viewBox=\"0 0 {WIDTH:.2} {height:.2}\" width=\"{WIDTH}\" height=\"{height}\" \
-         xmlns=\"http://www.w3.org/2000/svg\" \
-         font-family=\"DejaVu Sans, Verdana, Helvetica, Arial, sans-serif\" font-size=\"12\" fill=\"#222222\">"
-    );
-    let mut text = |x: f64, y: f64, look: &str, words: &str| {
-        let _ = write!(svg, "<text x=\"{x:.1}\" y=\"{y:.1}\" {look}>{}</text>", escape(words));
-    };
-    text(LEFT + width * grid.columns.len() as f64 / 2.0, 14.0, "text-anchor=\"middle\"", &grid.column_label);
-    for (j, name) in grid.columns.iter().enumerate() {
-        // A name of two words stands in two lines.
-        for (line, word) in name.split(' ').enumerate() {
-            text(LEFT + (j as f64 + 0.5) * width, 34.0 + 15.0 * line as f64, "text-anchor=\"middle\"", word);
-        }
-    }
-    for (i, name) in grid.rows.iter().enumerate() {
-        text(LEFT - 10.0, TOP + (i as f64 + 0.5) * HEIGHT + 4.0, "text-anchor=\"end\"", name);
-    }
-    for (i, row) in grid.fields.iter().enumerate() {
-        for (j, field) in row.iter().enumerate() {
-            let Some(field) = field else { continue };
-            let (fill, ink, word) = look(field.class);
-            let (x, y) = (LEFT + j as f64 * width, TOP + i as f64 * HEIGHT);
-            let _ = write!(
-                svg,
-                "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{:.1}\" fill=\"{fill}\"/>",
-                x + 1.0,
-                y + 1.0,
-                width - 2.0,
-                HEIGHT - 2.0
-            );
-            let middle = x + width / 2.0;
-            let lines =
-                if field.note.is_empty() { vec![(word, 22.0)] } else { vec![(word, 15.0), (&*field.note, 29.0)] };
-            for (words, down) in lines {
-                let _ = write!(
-                    svg,
-                    "<text x=\"{middle:.1}\" y=\"{:.1}\" fill=\"{ink}\" font-size=\"11\" \
-                     text-anchor=\"middle\">{}</text>",
-                    y + down,
-                    escape(words)
-                );
+    let svg = html! {
+        svg viewBox=(format!("0 0 {WIDTH:.2} {height:.2}")) width=(WIDTH) height=(height)
+            xmlns="http://www.w3.org/2000/svg"
+            font-family="DejaVu Sans, Verdana, Helvetica, Arial, sans-serif" font-size="12" fill="#222222" {
+            (text(LEFT + width * grid.columns.len() as f64 / 2.0, 14.0, "middle", &grid.column_label))
+            @for (j, name) in grid.columns.iter().enumerate() {
+                // A name of two words takes two lines.
+                @for (line, word) in name.split(' ').enumerate() {
+                    (text(LEFT + (j as f64 + 0.5) * width, 34.0 + 15.0 * line as f64, "middle", word))
+                }
+            }
+            @for (i, name) in grid.rows.iter().enumerate() {
+                (text(LEFT - 10.0, TOP + (i as f64 + 0.5) * HEIGHT + 4.0, "end", name))
+            }
+            @for (i, row) in grid.fields.iter().enumerate() {
+                @for (j, field) in row.iter().enumerate() {
+                    @if let Some(field) = field {
+                        (draw_field(field, LEFT + j as f64 * width, TOP + i as f64 * HEIGHT, width))
+                    }
+                }
             }
         }
+    };
+    svg.into_string()
+}
+
+fn text(x: f64, y: f64, anchor: &str, words: &str) -> Markup {
+    html! { text x=(format!("{x:.1}")) y=(format!("{y:.1}")) text-anchor=(anchor) { (words) } }
+}
+
+fn draw_field(field: &Field, x: f64, y: f64, width: f64) -> Markup {
+    let (fill, ink, word) = look(field.class);
+    let [left, top, wide, high] = [x + 1.0, y + 1.0, width - 2.0, HEIGHT - 2.0].map(|v| format!("{v:.1}"));
+    let lines = if field.note.is_empty() { vec![(word, 22.0)] } else { vec![(word, 15.0), (&*field.note, 29.0)] };
+    html! {
+        rect x=(left) y=(top) width=(wide) height=(high) fill=(fill) {}
+        @for (words, down) in lines {
+            text x=(format!("{:.1}", x + width / 2.0)) y=(format!("{:.1}", y + down)) fill=(ink) font-size="11"
+                text-anchor="middle" { (words) }
+        }
     }
-    svg.push_str("</svg>");
-    svg
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! The groups of cells that a config stands for.
+//! The groups of cells described by a config.
 
 use plid_catalogue::{CovarianceName, ExpectationName, ScalarName};
 use plid_testbed::{INPUTS, OUTPUTS};
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::config::Config;
 use super::scenario::Scenario;
 
-/// Which part of the study a group belongs to.
+/// The part of the study to which a group belongs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Part {
@@ -26,7 +26,7 @@ pub enum Part {
 pub struct Group {
     /// Which part.
     pub part: Part,
-    /// What is off the centre, in words.
+    /// The deviation from the centre in words.
     pub label: String,
     /// Where the data come from.
     pub scenario: Scenario,
@@ -36,7 +36,7 @@ pub struct Group {
     pub steps: usize,
     /// The conditional expectation.
     pub expectations: ExpectationName,
-    /// Variance added to each parameter's variance a step.
+    /// Variance added to that of each parameter per step.
     pub parameter_noise: f64,
     /// P0, over R if `start_over_sensor`.
     pub initial_variance: f64,

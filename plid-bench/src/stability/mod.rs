@@ -1,6 +1,7 @@
-//! How long P stays a covariance, and how far rounding takes an identification from what exact arithmetic would give.
+//! The study of stability: how long P remains a covariance, and how far rounding moves an identification from the
+//! result of exact arithmetic.
 //!
-//! [`carry_out`] runs the cells, [`Outcome`] is what came of them, [`write_all`] makes its files.
+//! [`carry_out`] runs the cells, [`Outcome`] holds the results, and [`write_all`] writes the files.
 
 mod adversarial;
 mod cell;
@@ -32,10 +33,10 @@ pub use verdicts::{Claim, Recommended};
 
 use crate::study::{Progress, StudyError};
 
-/// Runs the study; what its journal in `directory` has already is not run again with `resume`.
+/// Runs the study. With `resume`, cells in the journal in `directory` are not repeated.
 ///
 /// # Errors
-/// [`StudyError`]; interrupted work leaves its journal.
+/// Returns a [`StudyError`]; an interrupted study leaves its journal.
 pub fn carry_out(
     config: &Config,
     directory: &Path,

@@ -1,4 +1,4 @@
-//! All that a stability study found, and its files.
+//! The results of a stability study and their files.
 
 use std::path::Path;
 
@@ -15,12 +15,12 @@ use super::study::Found;
 use super::verdicts::{Cells, Claim, Recommended, claims, recommended};
 use crate::study::{Machine, StudyError, to_toml, write, write_csv, write_json};
 
-/// What came of a study.
+/// The results of a study.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// What was asked for.
+    /// The config.
     pub config: Config,
-    /// What it ran on.
+    /// The machine.
     pub machine: Machine,
     /// The cells, judged.
     pub cells: Vec<Judged>,
@@ -32,7 +32,7 @@ pub struct Outcome {
     pub recommended: Vec<Recommended>,
 }
 
-/// A line of stability.csv; no times, so that the same study gives the same bytes.
+/// A row of stability.csv. It contains no times, so that the same study gives the same bytes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
     part: Part,
@@ -66,7 +66,7 @@ pub struct Row {
 }
 
 impl Row {
-    /// The line of a cell.
+    /// Returns the row of a cell.
     pub fn of(judged: &Judged) -> Self {
         let cell = &judged.cell;
         let group = &cell.group;
@@ -117,7 +117,7 @@ struct Details<'a> {
 }
 
 impl Outcome {
-    /// Judges what was found.
+    /// Judges the cells.
     ///
     /// # Errors
     /// A model whose frequency response cannot be formed.
@@ -132,7 +132,7 @@ impl Outcome {
         Ok(Self { config, machine, references: found.references, claims, recommended, cells })
     }
 
-    /// Writes the files; the journal is left.
+    /// Writes the files and keeps the journal.
     ///
     /// # Errors
     /// [`StudyError::File`]

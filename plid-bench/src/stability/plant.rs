@@ -1,5 +1,5 @@
-//! A plant of the model's own class: n states in observable canonical form with random parameters, so that there is a true
-//! parameter vector against which a stated accuracy can be judged.
+//! A plant of the model's own class: n states in observable canonical form with random parameters, so that there is a
+//! true parameter vector against which a stated accuracy can be judged.
 //!
 //! The truss cannot serve: it has 59 states.
 
@@ -23,13 +23,13 @@ const OUTPUT_RMS: f64 = 0.45;
 const CHECK_SAMPLES: usize = 4096;
 const RATE_HZ: f64 = 1600.0;
 
-/// A plant that cannot be made.
+/// The reasons why a plant cannot be created.
 #[derive(Debug, thiserror::Error)]
 pub enum PlantError {
     /// The number of states is impossible.
     #[error(transparent)]
     Structure(#[from] StructureError),
-    /// With unequal indices some parameters are open, and there is no one truth.
+    /// With unequal indices some parameters are not unique, so there is no single truth.
     #[error("{0} states cannot be shared out equally over {OUTPUTS} outputs, so the true parameters are not unique")]
     Unequal(usize),
     /// Its poles could not be found.
@@ -74,7 +74,7 @@ impl Plant {
         Ok(plant)
     }
 
-    /// The same plant with the first column of B half as large again.
+    /// Returns the same plant with the first column of B increased by half.
     pub fn jumped(&self) -> Self {
         let mut other = self.clone();
         let n = self.form.states();
@@ -103,8 +103,8 @@ impl Plant {
         (0..samples).map(|_| std::array::from_fn(|_| normal(&mut rng))).collect()
     }
 
-    /// Outputs from rest; with `noise` those of sensors, actuators and states come to it, and from sample `at` on the plant is the
-    /// other one.
+    /// Simulates the outputs from rest; `noise` adds that of sensors, actuators and states, and from sample `at` on the
+    /// plant is replaced by the other one.
     fn run(
         &self,
         inputs: &[[f64; INPUTS]],

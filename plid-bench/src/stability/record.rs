@@ -1,19 +1,19 @@
-//! Records that the study identifies from, and what it is told of their noise.
+//! The records of the study, with the noise assumed in the identification.
 
 use ndarray::Array2;
 use plid_core::{NoiseModel, ObservableForm};
 use plid_testbed::{INPUTS, OUTPUTS, Simulation, TestbedError, TrussConfig, simulate};
 
-/// One record of 3 inputs and 3 outputs, with an undisturbed one of the same plant beside it.
+/// One record of 3 inputs and 3 outputs, with a noise-free record of the same plant for the check.
 #[derive(Clone, Debug)]
 pub struct Record {
     /// K samples of m inputs.
     pub inputs: Vec<[f64; INPUTS]>,
     /// K samples of p outputs.
     pub outputs: Vec<[f64; OUTPUTS]>,
-    /// Variance of each sensor's noise, as the recursion is told.
+    /// Variance of the noise of each sensor, as assumed by the recursion.
     pub sensor: f64,
-    /// Variance of each actuator's noise, likewise.
+    /// Variance of the noise of each actuator, as assumed by the recursion.
     pub actuator: f64,
     /// The parameters [a_1; ..; a_p; b_1; ..; b_m] at the record's end, where the plant is of the model's class.
     pub truth: Option<Vec<f64>>,
@@ -28,9 +28,9 @@ pub struct Check {
     pub inputs: Array2<f64>,
     /// K x p.
     pub outputs: Array2<f64>,
-    /// Samples a second.
+    /// Sample rate in Hz.
     pub rate_hz: f64,
-    /// Where the inputs have power, Hz.
+    /// The band of the inputs in Hz.
     pub band_hz: [f64; 2],
 }
 
@@ -41,8 +41,8 @@ const CHECK_SAMPLES: usize = 4096;
 /// Where the default command of the truss has its power (-3 dB at 200 Hz), and the five dominant modes are, Hz.
 pub const TRUSS_BAND_HZ: [f64; 2] = [2.0, 250.0];
 
-/// The nearest number that single precision has. All scalars are given the same data, noise and start, to the bit, so
-/// that what differs afterwards is arithmetic alone.
+/// Rounds to single precision. All scalars receive identical data, noise and start, so that only the arithmetic
+/// differs.
 pub fn single(x: f64) -> f64 {
     f64::from(x as f32)
 }
@@ -73,7 +73,7 @@ pub fn truss(samples: usize, sensor_rms_v: f64) -> Result<Record, TestbedError> 
     of_simulation(&simulate(&config)?, &TrussConfig::default())
 }
 
-/// The config with a duration of so many samples.
+/// Returns the config with a duration of this many samples.
 pub(super) fn lasting(config: TrussConfig, samples: usize) -> TrussConfig {
     TrussConfig { duration_s: samples as f64 / config.sample_rate_hz, ..config }
 }

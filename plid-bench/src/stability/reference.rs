@@ -1,4 +1,4 @@
-//! The same recursion in double-double, kept at a series of steps.
+//! The same recursion in double-double, with snapshots at a series of steps.
 
 use std::time::Instant;
 
@@ -14,7 +14,7 @@ use super::problem::Problem;
 /// s and P after a number of steps.
 #[derive(Clone, Debug)]
 pub struct Snapshot {
-    /// Steps done.
+    /// Number of steps.
     pub step: usize,
     /// s
     pub estimate: Vec<Quad>,
@@ -29,11 +29,11 @@ pub struct Snapshot {
 pub struct Reference {
     /// At steps 1, 3, 10, 30 ..
     pub snapshots: Vec<Snapshot>,
-    /// What is said of it.
+    /// Its description.
     pub summary: ReferenceSummary,
 }
 
-/// What the journal keeps of a reference.
+/// The entry of a reference in the journal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ReferenceSummary {
     /// The group.
@@ -44,24 +44,27 @@ pub struct ReferenceSummary {
     pub states: usize,
     /// Steps up to its last snapshot.
     pub steps: usize,
-    /// What a step cost.
+    /// Duration of a step.
     pub microseconds_per_step: f64,
-    /// The condition of the correlation matrix of P at the last snapshot (a lower bound); `None` if P is no longer positive.
+    /// The condition of the correlation matrix of P at the last snapshot (a lower bound); `None` if P is no longer
+    /// positive.
     pub condition: Option<f64>,
-    /// The largest scaled difference of P from the same in double-double with Bierman UD, and the step at which it was taken: the reference's own error.
+    /// The largest scaled difference of P from the same in double-double with Bierman UD, and the step at which it was
+    /// taken: the reference's own error.
     pub own_error: Option<(usize, f64)>,
 }
 
 /// Steps after which the two double-double runs are compared.
 const COMPARED_AT: usize = 100;
-/// So much dearer is a step of Bierman UD in double-double; its references are shorter by as much.
+/// Cost of a step of Bierman UD relative to the direct form in double-double; its references are shorter by this
+/// factor.
 const DEARER: usize = 10;
 
-/// The reference of the matrix forms, or of the factored ones, which add parameter noise in another way. `None` if the user asked
-/// for an end. A reference that breaks down ends at its last snapshot before.
+/// Returns the reference of the matrix forms, or that of the factored forms, which add parameter noise differently.
+/// `None` if the user interrupted it. A reference that breaks down ends at its last snapshot before the failure.
 ///
 /// # Errors
-/// A start that is impossible.
+/// Returns an error for an invalid start.
 pub fn reference(
     problem: &Problem,
     form: CovarianceName,

@@ -7,7 +7,7 @@ use super::adversarial;
 use super::plant::{Plant, PlantError};
 use super::record::{Record, truss};
 
-/// Where the data come from.
+/// The source of the data.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Scenario {
@@ -29,7 +29,7 @@ pub enum Scenario {
     Jump,
 }
 
-/// A record that cannot be had.
+/// The reasons why a record cannot be created.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     /// The truss cannot be simulated.
@@ -41,7 +41,7 @@ pub enum RecordError {
 }
 
 impl Scenario {
-    /// Those that are hard.
+    /// The difficult scenarios.
     pub const HARD: [Self; 5] =
         [Self::DependentInputs, Self::UnexcitedMode, Self::SaturatedConverters, Self::WindUp, Self::Jump];
 
@@ -59,18 +59,18 @@ impl Scenario {
         }
     }
 
-    /// Whether it is about what forgetting does.
+    /// Whether the scenario concerns forgetting.
     pub fn needs_forgetting(self) -> bool {
         matches!(self, Self::WindUp | Self::Jump)
     }
 
-    /// Whether the data determine the response of each input by itself: of inputs that nearly depend on each other they tell the sum only, and
-    /// rounding may move what nothing determines.
+    /// Whether the data determine the response of each input by itself: of inputs that nearly depend on each other they
+    /// tell the sum only, and rounding may move what nothing determines.
     pub fn tells_every_response(self) -> bool {
         self != Self::DependentInputs
     }
 
-    /// Whether another number of states makes another record.
+    /// Whether the record depends on the number of states.
     pub fn depends_on_states(self) -> bool {
         matches!(self, Self::InClass | Self::Jump)
     }

@@ -1,4 +1,4 @@
-//! Carrying the study out: groups side by side, the cells of a group one after the other, each into the journal.
+//! Runs the study: groups in parallel, the cells of a group in sequence, each recorded in the journal.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -17,7 +17,7 @@ use super::record::Record;
 use super::reference::{Reference, ReferenceSummary, reference};
 use crate::study::{Journal, Progress, StudyError, to_toml};
 
-/// What the journal keeps.
+/// An entry of the journal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Entry {
@@ -27,7 +27,7 @@ pub enum Entry {
     Reference(ReferenceSummary),
 }
 
-/// Everything found.
+/// All results.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Found {
     /// The cells, in the order of the config.
@@ -36,9 +36,9 @@ pub struct Found {
     pub references: Vec<ReferenceSummary>,
 }
 
-/// Steps between two words to the progress.
+/// Number of steps between two progress reports.
 const SAY_EVERY: usize = 512;
-/// A step in double-double costs about as much as so many others.
+/// Cost of a step in double-double relative to one in double precision.
 const DEARER: usize = 25;
 
 /// Runs all cells that `directory`'s journal does not have yet.
@@ -147,7 +147,7 @@ impl Study<'_> {
         Ok(record)
     }
 
-    /// Counts steps of a run, says so now and then, and asks whether to go on.
+    /// Counts the steps of a run, reports them at intervals, and asks whether to continue.
     fn ticker(&self, group: &Group, dearer: usize) -> impl Fn() -> bool {
         let (count, group) = (AtomicUsize::new(0), group.clone());
         move || {

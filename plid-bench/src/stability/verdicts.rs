@@ -1,4 +1,4 @@
-//! The verdicts, in words and with their numbers: all of them are made from the cells.
+//! The verdicts in words and with their numbers, all derived from the cells.
 
 use plid_catalogue::Conditions;
 use plid_catalogue::{CovarianceName as Form, ScalarName};
@@ -8,14 +8,14 @@ use super::classify::{Class, Judged, RESPONSE_LIMIT};
 use super::config::Config;
 use super::group::{Part, SCALARS, word};
 
-/// A claim with what the cells say of it.
+/// A claim and its verdict.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Claim {
-    /// What is claimed, and by whom.
+    /// The claim and its source.
     pub claim: String,
     /// The verdict in a sentence.
     pub verdict: String,
-    /// The numbers, a sentence each.
+    /// The numbers, one sentence each.
     pub numbers: Vec<String>,
 }
 
@@ -29,10 +29,11 @@ pub struct Recommended {
     /// Length of the run.
     pub steps: usize,
     /// The fastest form that held in this study's map, from direct over Joseph and Bierman UD to the array form.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub fastest_sound: Option<Form>,
-    /// What plid recommends and takes by default.
+    /// The form that plid recommends and uses by default.
     pub recommended: Form,
-    /// Whether that held.
+    /// Whether that form was sound.
     pub holds: bool,
 }
 

@@ -3,7 +3,7 @@ use std::path::PathBuf;
 
 use plid_data::config::ConfigError;
 
-/// A study that cannot go on.
+/// The reasons why a study cannot continue.
 #[derive(Debug, thiserror::Error)]
 pub enum StudyError {
     /// The config cannot be used.
@@ -17,7 +17,15 @@ pub enum StudyError {
         /// Why.
         source: std::io::Error,
     },
-    /// A file that was written by a study, and is not what it should be.
+    /// A result is not a finite number.
+    #[error("{}: {source}", path.display())]
+    NotFinite {
+        /// The file that would hold it.
+        path: PathBuf,
+        /// The number and its key.
+        source: plid_file::NotFinite,
+    },
+    /// A file written by a study has invalid content.
     #[error("{}, line {line}: {reason}", path.display())]
     Content {
         /// The file.
@@ -35,7 +43,7 @@ pub enum StudyError {
         /// Why.
         source: Box<dyn Error + Send + Sync>,
     },
-    /// The user asked for an end.
+    /// The user interrupted the study.
     #[error("interrupted; completed cells are in {}, from which --resume continues", journal.display())]
     Interrupted {
         /// The journal.
@@ -47,6 +55,11 @@ impl StudyError {
     /// For `map_err`: the cell that could not be measured, with the cause.
     pub fn cell<E: Error + Send + Sync + 'static>(cell: impl Into<String>) -> impl FnOnce(E) -> Self {
         move |source| Self::Cell { cell: cell.into(), source: Box::new(source) }
+    }
+
+    /// For `map_err`: the file that would hold a number that is not finite.
+    pub fn not_finite(path: impl Into<PathBuf>) -> impl FnOnce(plid_file::NotFinite) -> Self {
+        move |source| Self::NotFinite { path: path.into(), source }
     }
 
     /// For `map_err`: the file that could not be read or written.

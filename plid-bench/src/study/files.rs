@@ -1,11 +1,11 @@
 use std::path::Path;
 
-use plid_report::write_atomic;
+use plid_file::{to_json, write_atomic};
 use serde::Serialize;
 
 use super::StudyError;
 
-/// Writes a file whole or not at all.
+/// Writes a file atomically.
 ///
 /// # Errors
 /// [`StudyError::File`]
@@ -16,14 +16,12 @@ pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<(), StudyError> {
 /// Writes a value as indented JSON.
 ///
 /// # Errors
-/// [`StudyError::File`]
+/// Returns [`StudyError::NotFinite`] or [`StudyError::File`].
 ///
 /// # Panics
-/// If the type cannot be JSON, which is a bug of the type and not of its value.
+/// Panics if the type cannot be JSON, which is a fault of the type and not of its value.
 pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), StudyError> {
-    let mut text = serde_json::to_string_pretty(value).expect("results are JSON by construction");
-    text.push('\n');
-    write(path, text)
+    write(path, to_json(value).map_err(StudyError::not_finite(path))?)
 }
 
 /// Writes rows as CSV under the names of their fields; `None` is an empty cell.
@@ -32,7 +30,7 @@ pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), StudyError
 /// [`StudyError::File`]
 ///
 /// # Panics
-/// If a row is not flat, which is a bug of its type.
+/// Panics if a row is not flat, which is a fault of its type.
 pub fn write_csv<T: Serialize>(path: &Path, rows: impl IntoIterator<Item = T>) -> Result<(), StudyError> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     for row in rows {
@@ -49,6 +47,14 @@ mod tests {
     struct Row {
         name: &'static str,
         time_us: Option<f64>,
+    }
+
+    #[test]
+    fn a_result_that_is_not_finite_is_not_written() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("t.json");
+        let said = write_json(&path, &Row { name: "a", time_us: Some(f64::NAN) }).unwrap_err().to_string();
+        assert!(said.contains("t.json: `time_us` is NaN") && !path.exists(), "{said}");
     }
 
     #[test]

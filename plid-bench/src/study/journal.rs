@@ -3,13 +3,14 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
+use plid_file::require_finite;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::StudyError;
 
-/// The finished cells of a study, on disk as they come: DIR/cells.jsonl, a head and then a line a cell.
+/// The finished cells of a study, saved as they are completed in DIR/cells.jsonl: a head followed by one line per cell.
 ///
 /// A crash loses no more than the line that was being written.
 #[derive(Debug)]
@@ -42,13 +43,13 @@ struct OwnedLine<T> {
 const NAME: &str = "cells.jsonl";
 
 impl<T: Serialize + DeserializeOwned> Journal<T> {
-    /// Opens the journal of `study` in `directory`, which is made if it is missing. With `resume` the cells that stand there
-    /// are taken over; without, or where there are none, it begins anew. `config` is whatever the cells depend on, as text: the config,
-    /// and the machine for a study of time.
+    /// Opens the journal of `study` in `directory`, which is made if it is missing. With `resume` the cells that stand
+    /// there are taken over; without, or where there are none, it begins anew. `config` is whatever the cells depend
+    /// on, as text: the config, and the machine for a study of time.
     ///
     /// # Errors
-    /// A journal of another study or config, or one with a line that is not a cell, except a torn last one, which is dropped; the
-    /// file system's.
+    /// A journal of another study or config, or one with a line that is not a cell, except a torn last one, which is
+    /// dropped; the file system's.
     pub fn open(directory: &Path, study: &str, config: &str, resume: bool) -> Result<Self, StudyError> {
         let path = directory.join(NAME);
         let sha256 = Sha256::digest(config).iter().map(|byte| format!("{byte:02x}")).collect();
@@ -65,14 +66,15 @@ impl<T: Serialize + DeserializeOwned> Journal<T> {
         Ok(Self { path, file, cells })
     }
 
-    /// Appends a finished cell; one that is there already is replaced by it.
+    /// Appends a finished cell, which replaces an earlier one with the same key.
     ///
     /// # Errors
-    /// [`StudyError::File`]
+    /// Returns [`StudyError::NotFinite`], because such a cell could not be read back, or [`StudyError::File`].
     ///
     /// # Panics
-    /// If the type cannot be JSON, which is a bug of the type and not of its value.
+    /// Panics if the type cannot be JSON, which is a fault of the type and not of its value.
     pub fn append(&mut self, key: &str, cell: T) -> Result<(), StudyError> {
+        require_finite(&cell).map_err(StudyError::not_finite(&self.path))?;
         let line = serde_json::to_string(&Line { key, cell: &cell }).expect("cells are JSON by construction") + "\n";
         // One write, so that what is torn is the last line.
         self.file.write_all(line.as_bytes()).and_then(|()| self.file.flush()).map_err(StudyError::file(&self.path))?;
@@ -90,13 +92,13 @@ impl<T: Serialize + DeserializeOwned> Journal<T> {
         &self.cells
     }
 
-    /// What to return when the user asks for an end.
+    /// Returns the error for an interruption by the user.
     pub fn interrupted(&self) -> StudyError {
         StudyError::Interrupted { journal: self.path.clone() }
     }
 }
 
-/// The cells of a journal whose lines are whole; none where it is empty.
+/// Parses the cells of a journal with complete lines; the result is empty for an empty journal.
 fn cells<T: DeserializeOwned>(path: &Path, head: &Head, bytes: &[u8]) -> Result<BTreeMap<String, T>, StudyError> {
     let bad = |line: usize, reason: String| StudyError::Content { path: path.into(), line, reason };
     let text = std::str::from_utf8(bytes).map_err(|error| bad(1, error.to_string()))?;
@@ -122,7 +124,7 @@ fn cells<T: DeserializeOwned>(path: &Path, head: &Head, bytes: &[u8]) -> Result<
         .collect()
 }
 
-/// The file, cut down to its first `whole` bytes, ready for the next line.
+/// Opens the file, truncated to its first `whole` bytes, for appending.
 fn open_at(path: &Path, whole: usize, head: &Head) -> io::Result<File> {
     let file = OpenOptions::new().create(true).append(true).open(path)?;
     file.set_len(whole as u64)?;

@@ -4,7 +4,7 @@ use std::process::Command;
 
 use serde::{Deserialize, Serialize};
 
-/// The machine that a study ran on, and the compiler that made the program. What cannot be found out is empty.
+/// The machine on which a study ran, and the compiler of the program. Unknown values are empty.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Machine {
     /// Model of the CPU.
@@ -13,13 +13,13 @@ pub struct Machine {
     pub logical_cores: usize,
     /// Caches of the first core.
     pub caches: Vec<Cache>,
-    /// Instruction sets that the CPU has, of those that matter to arithmetic.
+    /// Instruction sets of the CPU that are relevant to arithmetic.
     pub cpu_features: Vec<String>,
     /// Operating system, and its kernel's version where known.
     pub os: String,
     /// Target triple of the compiler.
     pub target: String,
-    /// Instruction sets that the whole program was compiled for; kernels that choose at run time go beyond.
+    /// Instruction sets for which the whole program was compiled; kernels that are selected at run time may use more.
     pub target_features: String,
     /// Flags given to the compiler beside Cargo's own.
     pub rustflags: String,
@@ -29,7 +29,7 @@ pub struct Machine {
     pub opt_level: String,
     /// Version of plid.
     pub plid: String,
-    /// Processes that wanted to run, mean over 1, 5 and 15 minutes before the start.
+    /// Load averages over 1, 5 and 15 minutes before the start.
     pub load_average: Option<[f64; 3]>,
 }
 
@@ -45,7 +45,7 @@ pub struct Cache {
 }
 
 impl Machine {
-    /// This machine, now.
+    /// Describes this machine.
     pub fn here() -> Self {
         Self {
             cpu: cpu(),
@@ -63,7 +63,7 @@ impl Machine {
         }
     }
 
-    /// What times depend on, as text: the machine without its load.
+    /// Returns the properties on which times depend, as text: the machine without its load.
     pub fn identity(&self) -> String {
         format!("{:?}", Self { load_average: None, ..self.clone() })
     }
@@ -73,7 +73,7 @@ impl Machine {
         self.caches.iter().filter(|c| c.level == level && c.kind != "Instruction").map(|c| c.bytes).max()
     }
 
-    /// Name and value a line, for the foot of a report.
+    /// Returns names and values for the footer of a report.
     pub fn lines(&self) -> Vec<(&'static str, String)> {
         let cache = |c: &Cache| format!("L{} {} {} KiB", c.level, c.kind.to_lowercase(), c.bytes / 1024);
         let load = self.load_average.map_or("unknown".into(), |l| format!("{:.2} {:.2} {:.2}", l[0], l[1], l[2]));

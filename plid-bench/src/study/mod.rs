@@ -1,7 +1,7 @@
-//! What all studies share: the machine, the journal that a study resumes from, strict configs, files.
+//! The common parts of all studies: the machine, the journal from which a study resumes, strict configs, and files.
 //!
-//! A study is a list of cells with a key each. It measures them, appends each to the [`Journal`], and makes its files from
-//! the journal when all are there.
+//! A study is a list of cells, each with a key. It measures them, appends each to the [`Journal`], and writes its files
+//! from the journal when all are complete.
 
 mod error;
 mod files;

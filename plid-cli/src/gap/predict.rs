@@ -36,17 +36,17 @@ const JUST_BEYOND: f64 = 1.1;
 
 /// Runs the command.
 pub fn execute(arguments: Arguments, library: &Library, voice: Voice) -> Result<(), Failure> {
-    for source in
-        [Some(&arguments.diagnosis), Some(&arguments.input), arguments.simulated.as_ref()].into_iter().flatten()
-    {
+    let folder = arguments.diagnosis.parent().map(PathBuf::from).unwrap_or_default();
+    let simulation = folder.join("sim-with-effect.json");
+    let sources = [Some(&arguments.diagnosis), Some(&simulation), Some(&arguments.input), arguments.simulated.as_ref()];
+    for source in sources.into_iter().flatten() {
         if table::same_file(source, &arguments.out) {
             return Err(Failure::input(format!("--out {} would overwrite what is read", source.display())));
         }
     }
-    let folder = arguments.diagnosis.parent().map(PathBuf::from).unwrap_or_default();
-    let predictor = Predictor::read(&folder.join("sim-with-effect.json"), library)?;
+    let predictor = Predictor::read(&simulation, library)?;
     let input = table::read(&arguments.input)?;
-    table::require_rate(&input, &arguments.input, &predictor.model, &folder.join("sim-with-effect.json"))?;
+    table::require_rate(&input, &arguments.input, &predictor.model, &simulation)?;
     let u = columns(&table::pick(&input, &predictor.model.inputs)?);
     let t0 = arguments.t0.unwrap_or(predictor.t0);
     if !t0.is_finite() {
@@ -56,7 +56,9 @@ pub fn execute(arguments: Arguments, library: &Library, voice: Voice) -> Result<
     let y = match &arguments.simulated {
         None => prediction.outputs.clone(),
         Some(file) => {
-            let own = columns(&table::pick(&table::read(file)?, &predictor.model.outputs)?);
+            let own = table::read(file)?;
+            table::require_rate(&own, file, &predictor.model, &simulation)?;
+            let own = columns(&table::pick(&own, &predictor.model.outputs)?);
             if own[0].len() != u[0].len() {
                 return Err(Failure::input(format!(
                     "{}: {} rows, but the input has {}",

@@ -50,8 +50,8 @@ pub fn solve_lower<S: Scalar>(l: View<'_, S>, x: &mut [S]) {
 /// in a semidefinite matrix nothing else can stand under it.
 ///
 /// # Errors
-/// A pivot below minus `refuse` times the diagonal entry, or not finite; a pivot that counts as zero with an entry under
-/// it whose square is above `refuse` times the product of the diagonal entries.
+/// A pivot below minus `refuse` times the diagonal entry, or not finite; a pivot that counts as zero with an entry
+/// under it whose square is above `refuse` times the product of the diagonal entries.
 pub fn semidefinite_ldl<S: Scalar>(mut a: ViewMut<'_, S>, d: &mut [S], zero: f64, refuse: f64) -> Result<(), BadPivot> {
     let (zero, refuse) = (S::from_f64(zero), S::from_f64(refuse));
     for j in 0..a.rows() {

@@ -3,8 +3,8 @@
 use super::{Pack, dot};
 use crate::{Scalar, View, ViewMut};
 
-/// Two ranges of columns of an array, given by where each begins; the first one ends at `middle`, the second at the array's end.
-/// Row i has no entries outside of those of `starts[i]`, nor have the rows below it.
+/// Two ranges of columns of an array, given by where each begins; the first one ends at `middle`, the second at the
+/// array's end. Row i has no entries outside of those of `starts[i]`, nor have the rows below it.
 #[derive(Clone, Copy, Debug)]
 pub struct Support<'a> {
     /// Where the ranges of each row begin.
@@ -96,8 +96,8 @@ struct Sweep<'a, S> {
 }
 
 impl<S: Scalar> Sweep<'_, S> {
-    /// Takes `factors` times the row `done` off rows at .. at + W of the array, and puts their products with `weighted` in place
-    /// of the factors. If the next row is among these, `next` becomes what is left of it. Returns W.
+    /// Takes `factors` times the row `done` off rows at .. at + W of the array, and puts their products with `weighted`
+    /// in place of the factors. If the next row is among these, `next` becomes what is left of it. Returns W.
     #[inline(always)]
     fn take<const W: usize>(&self, mut w: ViewMut<'_, S>, at: usize, factors: &mut [S], next: &mut [S]) -> usize {
         let factor = Pack::<S, W>::load(&factors[at..]);
@@ -119,8 +119,9 @@ impl<S: Scalar> Sweep<'_, S> {
     }
 }
 
-/// Q = V diag(d) V^T with V unit upper triangular, from the last row up, by its stored lower triangle: V into `v`, rows from n on
-/// zero. A pivot of at most `zero` times its diagonal entry (or not a number) is given as zero, and its column of V too.
+/// Q = V diag(d) V^T with V unit upper triangular, from the last row up, by its stored lower triangle: V into `v`, rows
+/// from n on zero. A pivot of at most `zero` times its diagonal entry (or not a number) is given as zero, and its
+/// column of V too.
 #[inline(always)]
 pub fn upper_ldl<S: Scalar>(q: View<'_, S>, mut v: ViewMut<'_, S>, d: &mut [S], zero: S, work: &mut [S]) {
     let (n, rows) = (q.rows(), v.rows());

@@ -3,8 +3,8 @@
 use super::{Pack, dot};
 use crate::{Scalar, ViewMut};
 
-/// A row of an array W (n x r) has, when its turn comes, no entries but in the columns `starts[i]` .. `ends[i]` and in column
-/// r - n + i, into which it is reflected.
+/// A row of an array W (n x r) has, when its turn comes, no entries but in the columns `starts[i]` .. `ends[i]` and in
+/// column r - n + i, into which it is reflected.
 #[derive(Clone, Copy, Debug)]
 pub struct Tails<'a> {
     /// The first column of each row.
@@ -37,8 +37,8 @@ pub fn triangular_factor<S: Scalar>(
         }
         next[pivot] = last[pivot].mul_add(-factors[j], w.at(j, pivot));
         let norm = dot(next, next).sqrt();
-        // The sign that does not cancel; the diagonal of S is then made positive by flipping its column. A row of zeros is
-        // not reflected.
+        // The sign that does not cancel; the diagonal of S is then made positive by flipping its column. A row of zeros
+        // is not reflected.
         let head = next[pivot];
         let alpha = if head > S::zero() { -norm } else { norm };
         let scale = -(alpha * (head - alpha));
@@ -72,8 +72,8 @@ pub fn triangular_factor<S: Scalar>(
     }
 }
 
-/// Takes `factors` times the row `last` off rows at .. at + W of the array, and puts their products with `next` in place of the
-/// factors. Returns W.
+/// Takes `factors` times the row `last` off rows at .. at + W of the array, and puts their products with `next` in
+/// place of the factors. Returns W.
 #[inline(always)]
 fn subtract_and_multiply<S: Scalar, const W: usize>(
     mut w: ViewMut<'_, S>,

@@ -1,17 +1,18 @@
 //! Scalar measurement updates of a triangular factor, all of them in one sweep over it.
 //!
-//! Each of the p updates goes over the columns of U from the first to the last, and changes column j by two numbers that follow
-//! from f_j, the entry of h U in this column as the updates before have left it. That row h U is transformed as any other
-//! row of U. So the p rows of H U are taken through all updates first (O(N p^2)), which gives the numbers of all columns; then all
-//! other rows are independent of each other, and a group of rows is taken through the columns once, with its p gains in registers.
+//! Each of the p updates goes over the columns of U from the first to the last, and changes column j by two numbers
+//! that follow from f_j, the entry of h U in this column as the updates before have left it. That row h U is
+//! transformed as any other row of U. So the p rows of H U are taken through all updates first (O(N p^2)), which gives
+//! the numbers of all columns; then all other rows are independent of each other, and a group of rows is taken through
+//! the columns once, with its p gains in registers.
 
 use super::Pack;
 use crate::{Scalar, View, ViewMut};
 
 /// A scalar measurement update as it goes through a column.
 pub trait ColumnPass<S: Scalar> {
-    /// The two numbers by which a column with the entry f of h U is to be changed. `spread` is the innovation's variance or
-    /// its root, of the columns so far, from that of the noise on; `d` is the column's weight.
+    /// The two numbers by which a column with the entry f of h U is to be changed. `spread` is the innovation's
+    /// variance or its root, of the columns so far, from that of the noise on; `d` is the column's weight.
     fn enter(f: S, spread: &mut S, d: &mut S) -> [S; 2];
 
     /// Changes rows of the column, and of the gain times the spread, which is gathered from zero on.
@@ -57,7 +58,8 @@ impl<S: Scalar> ColumnPass<S> for Givens {
         [c, s]
     }
 
-    /// Not as shears, with a multiply-add less: where the angle is near a right one they lose what is left of the column.
+    /// Not as shears, with a multiply-add less: where the angle is near a right one they lose what is left of the
+    /// column.
     #[inline(always)]
     fn apply<const W: usize>([c, s]: [S; 2], u: Pack<S, W>, gain: Pack<S, W>) -> (Pack<S, W>, Pack<S, W>) {
         (u.scaled(c).add_scaled(gain, -s), gain.scaled(c).add_scaled(u, s))
@@ -76,8 +78,9 @@ pub fn hypotenuse<S: Scalar>(a: S, b: S) -> S {
 }
 
 /// Takes the rows of H U (k x N, one a measurement) through all updates: `spreads` and `d` as after them, and the two
-/// numbers of each update and column, one after the other, into `changes` (2k x N). Column i of `gains` (k x k) becomes the
-/// gain of update i times its spread, seen through the rows of H after it; what stands on and above its diagonal means nothing.
+/// numbers of each update and column, one after the other, into `changes` (2k x N). Column i of `gains` (k x k) becomes
+/// the gain of update i times its spread, seen through the rows of H after it; what stands on and above its diagonal
+/// means nothing.
 #[inline(always)]
 fn recursion<S: Scalar, P: ColumnPass<S>>(
     mut rows: ViewMut<'_, S>,
@@ -143,8 +146,8 @@ fn few_rows<S: Scalar, P: ColumnPass<S>, const K: usize>(
     }
 }
 
-/// Takes the rows of a panel through all updates. The columns of `changes` are those of the panel; `gains` (a panel's rows x k)
-/// is overwritten with the gains times their spreads.
+/// Takes the rows of a panel through all updates. The columns of `changes` are those of the panel; `gains` (a panel's
+/// rows x k) is overwritten with the gains times their spreads.
 #[inline(always)]
 fn sweep<S: Scalar, P: ColumnPass<S>>(mut panel: ViewMut<'_, S>, changes: View<'_, S>, mut gains: ViewMut<'_, S>) {
     let (rows, count) = (panel.rows(), gains.columns());

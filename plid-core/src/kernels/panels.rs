@@ -5,9 +5,10 @@ use crate::{Scalar, View, ViewMut};
 
 /// Where an upper triangular matrix of (count n) x (count n) stands in one matrix of half the size.
 ///
-/// Panel k is rows kn .. (k + 1)n, of which the columns before kn are zero and are not kept. The panels stand side by side,
-/// each filled up with rows of zeros to a whole number of packs: no kernel has a ragged end, and each panel is a block of
-/// columns of its own, which another thread may have. Zeros below the diagonal of a panel's first n columns are kept.
+/// Panel k is rows kn .. (k + 1)n, of which the columns before kn are zero and are not kept. The panels stand side by
+/// side, each filled up with rows of zeros to a whole number of packs: no kernel has a ragged end, and each panel is a
+/// block of columns of its own, which another thread may have. Zeros below the diagonal of a panel's first n columns
+/// are kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PanelLayout {
     n: usize,
@@ -62,11 +63,12 @@ impl PanelLayout {
     }
 }
 
-/// To columns of the first panel from column `first` on, x, [Ux, Uxt] <- [Abar Ux, Abar Uxt + (phi (x) I) Ut]: `theta` holds the
-/// panels from the second one on.
+/// To columns of the first panel from column `first` on, x, [Ux, Uxt] <- [Abar Ux, Abar Uxt + (phi (x) I) Ut]: `theta`
+/// holds the panels from the second one on.
 ///
-/// J is given as a sum of shifts: column i of `shifts` (a panel's rows x s) has a one in the rows in which the one of J stands
-/// `offsets[i]` before the diagonal. `outputs` are the rows c_k, `abar` (a panel's rows x p) holds the abar_k, `work` p entries.
+/// J is given as a sum of shifts: column i of `shifts` (a panel's rows x s) has a one in the rows in which the one of J
+/// stands `offsets[i]` before the diagonal. `outputs` are the rows c_k, `abar` (a panel's rows x p) holds the abar_k,
+/// `work` p entries.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 pub fn advance_panel<S: Scalar>(

@@ -3,7 +3,8 @@
 use super::{Pack, PanelLayout};
 use crate::{Scalar, View, ViewMut};
 
-/// As many columns are gathered before their squares are added to the sum: few enough that they stay in the first-level cache.
+/// As many columns are gathered before their squares are added to the sum: few enough that they stay in the first-level
+/// cache.
 pub const DEPTH: usize = 32;
 
 /// Columns of the sum that are formed at a time.

@@ -37,7 +37,8 @@ impl Shift {
     /// x <- J x.
     #[inline(always)]
     pub fn apply<S: Scalar>(&self, x: &mut [S]) {
-        // A row is read from one above it, so that what is written last first overwrites nothing that is still to be read.
+        // A row is read from one above it, so that what is written last first overwrites nothing that is still to be
+        // read.
         for &(from, to, length) in &self.runs {
             x.copy_within(from..from + length, to);
         }

@@ -216,8 +216,8 @@ fn add_transposed_tile<S: Scalar>(from: &[S], step: usize, to: &mut [S], stride:
     for q in 0..EDGE {
         tile[q].copy_from_slice(&from[q * step..][..EDGE]);
     }
-    // Each round takes the first bit of a column's number and puts it behind the bits of a row's: after three the two have changed places. Written so,
-    // it becomes shuffles of whole registers.
+    // Each round takes the first bit of a column's number and puts it behind the bits of a row's: after three the two
+    // have changed places. Written so, it becomes shuffles of whole registers.
     for _ in 0..3 {
         let before = tile;
         for q in 0..EDGE / 2 {

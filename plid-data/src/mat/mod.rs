@@ -1,9 +1,7 @@
 //! MATLAB .mat files of version 5 (`save -v6` or `-v7`) and version 4 (`save -v4`).
 //!
-//! Only real arrays are data here. Everything else in a file is named to the user, and whatever is wrong with a file is an error: no
-//! variable is lost without a word.
-mod bytes;
-mod matrix;
+//! Only real arrays are read. Everything else in a file is reported to the user, and any fault of a file is an error,
+//! so that no variable is lost silently.
 mod v4;
 mod v5;
 
@@ -24,7 +22,7 @@ struct Found {
 /// What a variable holds.
 enum Contents {
     Real(ArrayD<f64>),
-    /// What it is, in words.
+    /// A description of what it is.
     Other(&'static str),
 }
 
@@ -191,8 +189,8 @@ mod tests {
         assert!(content.columns.columns().into_iter().all(|column| column.to_vec() == [1.0, 0.0, 1.0]));
     }
 
-    /// Function handles (class 16) and opaque objects (class 17, without dimensions), which SciPy cannot write, among arrays; and the matrix
-    /// without a name behind them.
+    /// Function handles (class 16) and opaque objects (class 17, without dimensions), which SciPy cannot write, among
+    /// arrays; and the matrix without a name behind them.
     #[test]
     fn handles_and_objects_are_named_and_nothing_else_is_lost() {
         let [u, shared] = [("u", [1.0, 2.0]), ("", [0.0, 0.0])]
@@ -256,7 +254,8 @@ mod tests {
         #[test]
         fn no_variable_of_a_damaged_file_is_lost_without_a_word(
             which in 0..3_usize,
-            damage in proptest::collection::vec((proptest::prelude::any::<proptest::sample::Index>(), proptest::prelude::any::<u8>()), 1..4),
+            damage in proptest::collection::vec((proptest::prelude::any::<proptest::sample::Index>(),
+                proptest::prelude::any::<u8>()), 1..4),
             end in proptest::option::of(proptest::prelude::any::<proptest::sample::Index>()),
         ) {
             let original = [V4, V5, COMPRESSED][which];

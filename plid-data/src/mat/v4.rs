@@ -1,9 +1,11 @@
 //! MATLAB .mat files of version 4 (`save -v4`): one matrix after the other, each with a header of five words.
 
-use super::bytes::{Bytes, Storage};
-use super::{Contents, Found, matrix};
+use super::{Contents, Found};
+use crate::array::{array, count};
+use crate::bytes::{Bytes, Storage};
 
-/// Whether the file may be of version 4: versions since 5 begin with four characters of text, and this one with a number below 5000.
+/// Whether the file may be of version 4: versions since 5 begin with four characters of text, and this one with a
+/// number below 5000.
 pub(super) fn is_likely(bytes: &[u8]) -> bool {
     bytes.len() >= 20 && bytes[..4].contains(&0)
 }
@@ -42,13 +44,13 @@ fn variable(file: &mut Bytes) -> Result<Found, String> {
     }
     let name = String::from_utf8_lossy(file.take(name_length as usize)?).trim_end_matches('\0').to_string();
     let shape = vec![rows as usize, columns as usize];
-    let part = matrix::count(&shape)?.checked_mul(storage.width()).ok_or("it is too large")?;
+    let part = count(&shape)?.checked_mul(storage.width()).ok_or("it is too large")?;
     let data = file.take(part)?;
     if complex == 1 {
         file.take(part)?;
     }
     let contents = match (sort, complex) {
-        (0, 0) => Contents::Real(matrix::real(&shape, storage.numbers(data, file.big)?)?),
+        (0, 0) => Contents::Real(array(&shape, storage.numbers(data, file.big)?, true)?),
         (0, _) => Contents::Other("complex"),
         (1, _) => Contents::Other("text"),
         (2, _) => Contents::Other("a sparse matrix"),

@@ -1,20 +1,21 @@
 //! MATLAB .mat files of version 5 (`save -v6` or `-v7`): tagged elements, each either a matrix or a compressed one.
 //!
-//! After MathWorks, "MAT-File Level 5 File Format". A matrix consists of elements itself: flags, dimensions, a name, and what its class
-//! asks for. These must fill it exactly, also where its contents are of no use here: a size that is wrong would otherwise swallow the
-//! matrices behind it.
+//! After MathWorks, "MAT-File Level 5 File Format". A matrix consists of elements itself: flags, dimensions, a name,
+//! and what its class asks for. These must fill it exactly, also where its contents are of no use here: a size that is
+//! wrong would otherwise swallow the matrices behind it.
 
 use std::io::Read;
 
 use flate2::read::ZlibDecoder;
 
-use super::bytes::{Bytes, Storage};
-use super::{Contents, Found, matrix};
+use super::{Contents, Found};
+use crate::array::{array, count};
+use crate::bytes::{Bytes, Storage};
 
 /// Bytes before the first element.
 const HEADER: usize = 128;
 
-/// Deflate makes at most so many bytes of one.
+/// The largest ratio by which deflate can expand its input.
 const EXPANSION: usize = 1032;
 
 const INT8: u32 = 1;
@@ -147,7 +148,7 @@ fn expect<'a>(parts: &mut Bytes<'a>, kind: u32, what: &str) -> Result<&'a [u8], 
 fn contents(mut parts: Bytes, class: u32, is_complex: bool, shape: &[usize]) -> Result<Contents, String> {
     let numeric = 1 + usize::from(is_complex);
     let (wanted, what) = match class {
-        1 => (matrix::count(shape)?, "a cell array"),
+        1 => (count(shape)?, "a cell array"),
         2 => (fields(&mut parts, shape)?, "a struct"),
         3 => {
             expect(&mut parts, INT8, "class name")?;
@@ -156,7 +157,7 @@ fn contents(mut parts: Bytes, class: u32, is_complex: bool, shape: &[usize]) -> 
         4 => (1, "text"),
         5 => (2 + numeric, "a sparse matrix"),
         6..=15 if is_complex => (2, "complex"),
-        6..=15 => return Ok(Contents::Real(matrix::real(shape, numbers(parts)?)?)),
+        6..=15 => return Ok(Contents::Real(array(shape, numbers(parts)?, true)?)),
         16 => (1, "a function handle"),
         17 => (3, "an object"),
         _ => return Err(format!("there is no class {class}")),
@@ -174,8 +175,8 @@ fn fields(parts: &mut Bytes, shape: &[usize]) -> Result<usize, String> {
     if names > 0 && (width == 0 || !names.is_multiple_of(width)) {
         return Err(format!("{names} bytes hold no names of {width} bytes each"));
     }
-    let count = names.checked_div(width).unwrap_or(0);
-    matrix::count(shape)?.checked_mul(count).ok_or_else(|| "it is too large".to_string())
+    let fields = names.checked_div(width).unwrap_or(0);
+    count(shape)?.checked_mul(fields).ok_or_else(|| "it is too large".to_string())
 }
 
 /// The numbers of a real array, whatever they are stored as.

@@ -1,28 +1,27 @@
-//! Plants that answer within the sample: the input one sample ahead.
+//! Plants with direct feedthrough: the input is advanced by one sample.
 //!
-//! The model of PLID is strictly proper: y_k depends on u_{k-1} and before. A plant that answers
-//! at once (force to acceleration) is brought into that form by putting u_{k+1} in the place of
-//! u_k. Whether that is needed is tested: does y_k depend on u_k, given the past?
+//! The model of PLID is strictly proper: y_k depends on u_{k-1} and earlier inputs. A plant with direct feedthrough,
+//! such as force to acceleration, takes this form if u_{k+1} replaces u_k. A test decides whether this is needed: does
+//! y_k depend on u_k, given the past?
 //!
 //! y_k is regressed on y_{k-1..k-L} of all outputs and u_{k-1..k-L} of all inputs, without and
 //! with u_k; the partial F-test compares the two (Draper and Smith, Applied Regression Analysis).
-//! Significance alone would not do. In a long record any trace is significant, such as crosstalk
-//! between converters; and where the input is measured with noise, u_k helps to tell what u_{k-1}
-//! truly was. So the answer must matter, too, in one of two ways: u_k explains at least
-//! [`RELEVANT_SHARE`] of the residual variance (below that, leaving it out adds less than 2.6 % to the
-//! one-step error); or its direct part, coefficient times RMS of the input, is at least
-//! [`RELEVANT_WEIGHT`] of the output's RMS. The second counts where the input is smooth: its
-//! present is then all but known from its past, and the one-step error hides what a free run
-//! would show.
+//! Significance alone is not sufficient. In a long record any small effect is significant, such as crosstalk between
+//! converters, and if the input is measured with noise, u_k contains information on the true u_{k-1}. The feedthrough
+//! must therefore also be relevant in one of two ways: u_k explains at least [`RELEVANT_SHARE`] of the residual
+//! variance (below that, omitting it adds less than 2.6 % to the one-step error), or its direct part, coefficient times
+//! RMS of the input, is at least [`RELEVANT_WEIGHT`] of the output's RMS. The second criterion matters for smooth
+//! inputs: their present value is almost determined by their past, and the one-step error hides what a free run would
+//! show.
 //!
-//! The test errs towards "no". Where the rate is far above the band and input and output are noisy,
-//! an answer that makes a quarter of the output can be missed: noise draws the coefficient
-//! towards zero. There, what is known of the plant (accelerations answer forces) should decide.
+//! The test errs towards "no". If the rate is far above the band and input and output are noisy, a feedthrough that
+//! accounts for a quarter of the output can be missed, because noise biases the coefficient towards zero. In this case
+//! knowledge of the plant should decide: accelerations respond to forces at once.
 use super::Segment;
-use super::segment::mean;
 use crate::{Record, Warning};
 use nalgebra::DMatrix;
 use ndarray::s;
+use plid_model::signal::mean;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
@@ -34,13 +33,13 @@ pub const RELEVANT_WEIGHT: f64 = 0.1;
 pub const SIGNIFICANT: f64 = 1e-6;
 /// Lags of the regression where the record affords them.
 pub const LAGS: usize = 20;
-/// Most regressors: beyond, the lags are cut so that the test stays quick.
+/// Maximum number of regressors, beyond which the lags are reduced to keep the test fast.
 const MOST_REGRESSORS: usize = 400;
 /// An input whose present is known from its past to this relative precision cannot be tested.
 const NOVELTY: f64 = 1e-8;
 /// An output that is known from the past to this relative precision needs nothing more.
 const PREDICTED: f64 = 1e-8;
-/// Rows that are brought into the triangular factor at a time.
+/// Number of rows added to the triangular factor at a time.
 const BLOCK: usize = 4096;
 
 /// The effect of one input's present sample on one output, given the past and the other inputs.
@@ -50,13 +49,13 @@ pub struct PairTest {
     pub input: String,
     /// Name of the output.
     pub output: String,
-    /// Coefficient of u_k, in output units an input unit.
+    /// Coefficient of u_k, in output units per input unit.
     pub coefficient: f64,
     /// RMS of coefficient times input over RMS of the output, both about their means.
     pub weight: f64,
     /// Share of the residual variance of the output that this input's sample explains.
     pub partial_r2: f64,
-    /// Probability of so large a share by chance.
+    /// Probability of a share at least this large by chance.
     pub p_value: f64,
 }
 
@@ -67,14 +66,14 @@ pub struct OutputTest {
     pub output: String,
     /// Share of the residual variance that the inputs' samples explain together.
     pub partial_r2: f64,
-    /// Probability of so large a share by chance.
+    /// Probability of a share at least this large by chance.
     pub p_value: f64,
 }
 
-/// The test of whether the plant answers within the sample.
+/// The test for direct feedthrough.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AdvanceTest {
-    /// Whether some output answers within the sample.
+    /// Whether any output has direct feedthrough.
     pub answers_at_once: bool,
     /// Lags L of the past.
     pub lags: usize,
@@ -89,7 +88,7 @@ pub struct AdvanceTest {
 /// Tests whether y_k depends on u_k given the past. Rows with a missing sample are left out.
 ///
 /// # Errors
-/// A warning, if there are too few samples or if the inputs' samples follow from their past.
+/// Returns a warning if there are too few samples, or if the inputs are determined by their past.
 pub fn test(segments: &[Segment], input_names: &[String], output_names: &[String]) -> Result<AdvanceTest, Warning> {
     let (m, p) = (input_names.len(), output_names.len());
     let untested = |reason: String| Err(Warning::AdvanceUntested { reason });
@@ -144,7 +143,8 @@ pub fn test(segments: &[Segment], input_names: &[String], output_names: &[String
                 input: input.clone(),
                 output: output.clone(),
                 coefficient,
-                weight: coefficient.abs() * size(past + j) / size(column),
+                // An output that never moves has no direct part.
+                weight: if size(column) > 0.0 { coefficient.abs() * size(past + j) / size(column) } else { 0.0 },
                 partial_r2: alone,
                 p_value: p_value(alone, 1.0, freedom),
             });
@@ -171,8 +171,8 @@ fn triangular_factor(segments: &[Segment], lags: usize) -> (DMatrix<f64>, usize)
     let m = segments.first().map_or(0, |s| s.inputs.ncols());
     let p = segments.first().map_or(0, |s| s.outputs.ncols());
     let columns = (lags + 1) * (m + p);
-    let u_mean: Vec<f64> = (0..m).map(|j| mean(segments.iter().map(|s| s.inputs.column(j)))).collect();
-    let y_mean: Vec<f64> = (0..p).map(|j| mean(segments.iter().map(|s| s.outputs.column(j)))).collect();
+    let u_mean: Vec<f64> = (0..m).map(|j| mean(segments.iter().flat_map(|s| s.inputs.column(j)))).collect();
+    let y_mean: Vec<f64> = (0..p).map(|j| mean(segments.iter().flat_map(|s| s.outputs.column(j)))).collect();
     let mut factor = DMatrix::zeros(columns, columns);
     let mut block = Vec::with_capacity(BLOCK * columns);
     let mut rows = 0;
@@ -209,7 +209,7 @@ fn append(factor: &DMatrix<f64>, block: &[f64]) -> DMatrix<f64> {
     stacked.qr().unpack_r()
 }
 
-/// Puts u_{k+1} in the place of u_k; the last sample goes.
+/// Replaces u_k by u_{k+1} and drops the last sample.
 pub fn advance(record: &Record) -> Record {
     let last = record.samples().saturating_sub(1);
     Record {

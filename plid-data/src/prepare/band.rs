@@ -1,9 +1,8 @@
-//! Where the power of a channel lies, and whether the rate is high against it.
+//! The frequency band of a channel, and whether the sample rate is high compared with it.
 use super::Segment;
-use super::segment::mean;
 use crate::Warning;
 use ndarray::ArrayView1;
-use rustfft::{FftPlanner, num_complex::Complex};
+use plid_model::signal::{fourier, mean};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
@@ -18,9 +17,9 @@ pub struct Band {
     pub high_hz: f64,
 }
 
-/// A band narrower than this share of the Nyquist frequency is worth a warning.
+/// A band narrower than this share of the Nyquist frequency causes a warning.
 const NARROW: f64 = 0.2;
-/// The rate is high if the data lie below this share of it.
+/// The rate is high if the data are below this share of it.
 const OVERSAMPLED: f64 = 0.125;
 /// Suggested rate over the upper edge of the band: the anti-alias filter passes 0.4 of the new
 /// rate, and a quarter more leaves room for what the edge leaves out.
@@ -86,19 +85,18 @@ fn periodogram(values: ArrayView1<f64>) -> Vec<f64> {
     if samples == 0 {
         return Vec::new();
     }
-    let mean = mean([values]);
-    let mut spectrum: Vec<Complex<f64>> = values
+    let mean = mean(values);
+    let windowed: Vec<f64> = values
         .iter()
         .take(samples)
         .enumerate()
         .map(|(k, v)| {
             let window = 0.5 - 0.5 * (2.0 * PI * k as f64 / samples as f64).cos();
             let about = if v.is_nan() { 0.0 } else { v - mean };
-            Complex::new(window * about, 0.0)
+            window * about
         })
         .collect();
-    FftPlanner::new().plan_fft_forward(samples).process(&mut spectrum);
-    spectrum[..=samples / 2].iter().map(Complex::norm_sqr).collect()
+    fourier::forward(&windowed).iter().map(|z| z.norm_sqr()).collect()
 }
 
 #[cfg(test)]

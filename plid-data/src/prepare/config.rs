@@ -1,4 +1,4 @@
-//! What an experiment's config may say about preparation.
+//! The keys of an experiment that concern preparation.
 use super::repeats::Repeats;
 use super::scaling::Scaling;
 use super::trend::Trend;
@@ -8,17 +8,17 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Preparation {
-    /// Average repeats of one input. Left out: no averaging.
+    /// Average repeats of one input. Without it there is no averaging.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub repeats: Option<Repeats>,
-    /// Decimate to this rate in Hz, an integer fraction of the data's. Left out: no decimation.
+    /// Decimate to this rate in Hz, an integer fraction of the data's rate. Without it there is no decimation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub decimate_to_hz: Option<f64>,
-    /// What is taken away from every channel: `none`, `mean` (the default) or `linear`.
+    /// The trend removed from every channel: `none`, `mean` (the default) or `linear`.
     pub trend: Trend,
-    /// Put u_{k+1} in the place of u_k: `"auto"` (the default, by a test), 0 (no) or 1 (yes).
+    /// Replace u_k by u_{k+1}: `"auto"` (the default, decided by a test), 0 (no) or 1 (yes).
     pub advance: Advance,
-    /// What every channel is divided by: `rms` (the default) or `none`.
+    /// The divisor of every channel: `rms` (the default) or `none`.
     pub scaling: Scaling,
 }
 
@@ -72,7 +72,8 @@ mod tests {
 
     #[test]
     fn every_key_is_read_and_written_alike() {
-        let text = "decimate_to_hz = 50.0\ntrend = \"linear\"\nadvance = 1\nscaling = \"rms\"\n\n[repeats]\nperiod = 8192\nskip = 1\n";
+        let text = "decimate_to_hz = 50.0\ntrend = \"linear\"\nadvance = 1\nscaling = \"rms\"\n\n[repeats]\nperiod = \
+            8192\nskip = 1\n";
         let read: Preparation = toml::from_str(text).unwrap();
         assert_eq!(read.advance, Advance::Yes);
         assert_eq!(read.repeats.as_ref().unwrap().tolerance, 0.01);

@@ -1,4 +1,4 @@
-//! The step of the analogue-to-digital converter, seen in the data.
+//! The quantisation step of the analogue-to-digital converter, estimated from the data.
 use ndarray::ArrayView1;
 use serde::{Deserialize, Serialize};
 
@@ -15,9 +15,9 @@ pub struct ConverterStep {
 
 /// Finds the smallest common step of the values of a channel.
 ///
-/// `None` if no step shows: the usual distance of neighbouring values must be one step, and
-/// all others whole multiples of it to a tenth of a step. Data that are merely printed with few
-/// digits do not pass, unless their step is the same at all sizes.
+/// Returns `None` if no step is visible: the most frequent distance of neighbouring values must be one step, and all
+/// others must be multiples of it to within a tenth of a step. Data that are merely printed with few digits fail this
+/// test, unless their step is the same at all magnitudes.
 pub fn converter_step(values: ArrayView1<f64>) -> Option<ConverterStep> {
     let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);

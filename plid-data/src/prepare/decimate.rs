@@ -1,23 +1,22 @@
 //! Decimation behind a linear-phase anti-alias filter.
 //!
-//! The filter is a sinc under a Kaiser window (Oppenheim and Schafer, Discrete-Time Signal
-//! Processing, 7.5.3): passes up to 0.8 of the new Nyquist frequency, stops by at least 60 dB from
-//! the new Nyquist frequency on, so that nothing above it folds back. It is symmetric and
-//! applied about each kept sample, so it delays nothing, and it is the same for inputs and
-//! outputs, so it leaves their relation as it is. Samples whose filter would reach beyond the
-//! record are dropped, at both ends.
+//! The filter is a sinc with a Kaiser window (Oppenheim and Schafer, Discrete-Time Signal Processing, 7.5.3). It passes
+//! frequencies up to 0.8 of the new Nyquist frequency and attenuates those above the new Nyquist frequency by at least
+//! 60 dB, which prevents aliasing. It is symmetric about each kept sample, so it causes no delay, and it is the same
+//! for inputs and outputs, so it preserves their relation. Samples whose filter would extend beyond the record are
+//! dropped at both ends.
 use super::PrepareError;
-use crate::Record;
-use ndarray::{Array2, ArrayView2};
+use crate::{Record, Warning};
+use ndarray::{Array2, ArrayView1, ArrayView2};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// Pass-band edge over the new Nyquist frequency.
+/// Pass-band edge relative to the new Nyquist frequency.
 const PASS: f64 = 0.8;
-/// Design attenuation in dB; 60 dB is what is promised.
+/// Design attenuation in dB; the documented attenuation is 60 dB.
 const ATTENUATION_DB: f64 = 70.0;
 
-/// What decimation did.
+/// The parameters of a decimation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Decimation {
     /// Rate before, in Hz.
@@ -33,7 +32,7 @@ pub struct Decimation {
 /// Plans the decimation from one rate to another.
 ///
 /// # Errors
-/// If the ratio is not an integer to within 0.1 %; the error names the nearest rates.
+/// Returns an error if the ratio is not an integer to within 0.1 %; it names the nearest rates.
 pub fn plan(from_hz: f64, to_hz: f64) -> Result<Decimation, PrepareError> {
     if !(to_hz > 0.0 && to_hz.is_finite()) || to_hz > from_hz * 1.001 {
         return Err(PrepareError::DecimationRate { from_hz, to_hz });
@@ -59,10 +58,10 @@ pub fn plan(from_hz: f64, to_hz: f64) -> Result<Decimation, PrepareError> {
 
 /// Applies a planned decimation; `number` is that of the record, from 1, for messages.
 ///
-/// A sample that is missing under the filter makes the filtered sample missing.
+/// A filtered sample is missing (NaN) if any sample under the filter is; [`masked`] counts these.
 ///
 /// # Errors
-/// If the record is not longer than the filter.
+/// Returns [`PrepareError::TooShort`] if the record is not longer than the filter.
 pub fn decimate(record: &Record, plan: &Decimation, number: usize) -> Result<Record, PrepareError> {
     if plan.ratio == 1 {
         return Ok(record.clone());
@@ -83,6 +82,23 @@ pub fn decimate(record: &Record, plan: &Decimation, number: usize) -> Result<Rec
         outputs: filter(record.outputs.view(), &taps, plan.ratio),
         ..record.clone()
     })
+}
+
+/// Says for each output with missing samples how many samples the filter masked; `number` is that of the record,
+/// from 1.
+pub fn masked(raw: &Record, decimated: &Record, number: usize) -> Vec<Warning> {
+    let missing = |column: ArrayView1<f64>| column.iter().filter(|x| x.is_nan()).count();
+    let channels = decimated.output_names.iter().zip(raw.outputs.columns()).zip(decimated.outputs.columns());
+    let lost = channels.map(|((channel, before), after)| (channel, missing(before), missing(after)));
+    lost.filter(|(_, before, _)| *before > 0)
+        .map(|(channel, missing, masked)| Warning::MaskedByFilter {
+            channel: channel.clone(),
+            record: number,
+            missing,
+            masked,
+            samples: decimated.samples(),
+        })
+        .collect()
 }
 
 /// Half the length of the filter, by Kaiser's formula.
@@ -212,6 +228,15 @@ mod tests {
             assert_eq!(out.outputs[[k, 0]].is_nan(), touched);
             assert!(out.inputs[[k, 0]].is_finite());
         }
+        let count = out.outputs.iter().filter(|y| y.is_nan()).count();
+        let said = masked(&raw, &out, 3);
+        let said: Vec<String> = said.iter().map(ToString::to_string).collect();
+        let words = format!("{count} of {} samples at the new rate", out.samples());
+        assert!(
+            said.len() == 1 && said[0].contains("record 3 lacks 1 samples") && said[0].contains(&words),
+            "{said:?}"
+        );
+        assert!(count > 1 && masked(&sine(5.0, 4000), &out, 1).is_empty());
     }
 
     #[test]

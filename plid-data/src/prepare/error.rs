@@ -1,9 +1,9 @@
-//! Why data cannot be prepared as asked.
+//! The reasons why data cannot be prepared as requested.
 
 /// A preparation that is not possible with these data.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 pub enum PrepareError {
-    /// The records do not fit together, or teach nothing.
+    /// The records are incompatible or contain no information.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Data(#[from] crate::DataError),
@@ -50,7 +50,7 @@ pub enum PrepareError {
         /// Samples needed.
         needed: usize,
     },
-    /// Fewer than two repeats: no average, no spread.
+    /// There are fewer than two repeats.
     #[error("averaging needs at least two repeats; there are {found}")]
     TooFewRepeats {
         /// Repeats found.
@@ -68,7 +68,8 @@ pub enum PrepareError {
     },
     /// The input of a repeat is not that of the others.
     #[error(
-        "input `{channel}` does not repeat: repeat {repeat} differs from the mean by {difference:.2e} of its RMS, {tolerance:.2e} is allowed"
+        "input `{channel}` does not repeat: repeat {repeat} differs from the mean by {difference:.2e} of its RMS, \
+         {tolerance:.2e} is allowed"
     )]
     NotRepeated {
         /// The input.
@@ -77,7 +78,7 @@ pub enum PrepareError {
         repeat: usize,
         /// RMS of the difference over RMS of the mean.
         difference: f64,
-        /// What is allowed.
+        /// The limit.
         tolerance: f64,
     },
     /// A record that should have no input has one.
@@ -87,7 +88,7 @@ pub enum PrepareError {
         channel: String,
         /// RMS about its mean, in its units.
         rms: f64,
-        /// What is allowed.
+        /// The limit.
         limit: f64,
     },
     /// Too few complete samples for a covariance of the noise.

@@ -1,8 +1,7 @@
 //! How well the inputs excite the plant.
 //!
-//! An input is persistently exciting of order d if d samples of it side by side, taken at all
-//! times, span all of R^{md} (Ljung, System Identification, 13.2). A model of n states needs
-//! about the order 2n.
+//! An input is persistently exciting of order d if its vectors of d consecutive samples span R^{md} (Ljung, System
+//! Identification, 13.2). A model of n states requires an order of about 2n.
 use super::Segment;
 use crate::Warning;
 use nalgebra::DMatrix;
@@ -10,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 /// An eigenvalue this far below the largest counts as zero: rounding leaves about 1e-15.
 const ZERO: f64 = 1e-11;
-/// Condition number from which on estimates lean on directions that noise covers.
+/// Condition number above which estimates depend on directions that are dominated by noise.
 const ILL_CONDITIONED: f64 = 1e8;
 
 /// Persistence of excitation.
@@ -18,14 +17,14 @@ const ILL_CONDITIONED: f64 = 1e8;
 pub struct Excitation {
     /// The largest order up to `depth` to which the inputs excite persistently.
     pub order: usize,
-    /// Samples side by side that were looked at.
+    /// Number of consecutive samples examined.
     pub depth: usize,
     /// Largest over smallest eigenvalue of their covariance; infinite below full order.
     pub condition: f64,
 }
 
 impl Excitation {
-    /// What the reader of a report must know.
+    /// Returns the warnings for the reader of a report.
     pub fn warnings(&self) -> Vec<Warning> {
         if self.order < self.depth {
             vec![Warning::PoorExcitation { order: self.order, wanted: self.depth }]
@@ -39,8 +38,7 @@ impl Excitation {
 
 /// Order of persistent excitation up to `depth`, each input taken at unit RMS.
 ///
-/// A record gives windows of its own; the depth is cut where there are fewer windows than the
-/// m * depth directions.
+/// Windows do not cross records. The depth is reduced if there are fewer windows than m * depth directions.
 pub fn excitation(segments: &[Segment], depth: usize) -> Excitation {
     let m = segments.first().map_or(0, |s| s.inputs.ncols());
     let enough = |d: usize| {
@@ -67,7 +65,8 @@ fn spread(segments: &[Segment], depth: usize) -> f64 {
     if depth == 0 || m == 0 {
         return 1.0;
     }
-    let scales: Vec<f64> = (0..m).map(|j| super::segment::rms(segments.iter().map(|s| s.inputs.column(j)))).collect();
+    let scales: Vec<f64> =
+        (0..m).map(|j| plid_model::signal::rms(segments.iter().flat_map(|s| s.inputs.column(j)))).collect();
     if scales.contains(&0.0) {
         return f64::INFINITY;
     }

@@ -1,4 +1,4 @@
-//! Preparation of records before identification, and the way back to the data's units.
+//! Preparation of records before identification, and conversion back to the data's units.
 //!
 //! [`prepare`] runs the steps that a [`Preparation`] asks for, in this order:
 //! 1. repeats of one input are averaged, so that all that follows has less noise;
@@ -7,8 +7,7 @@
 //! 4. the input is advanced by a sample where the plant answers at once;
 //! 5. channels are scaled.
 //!
-//! Whatever is estimated on the way (means, lines, the answer within the sample, scales, bands)
-//! is estimated from the training parts only.
+//! All estimates in these steps (means, lines, feedthrough, scales, bands) use the training parts only.
 pub mod advance;
 pub mod band;
 mod config;
@@ -40,7 +39,7 @@ mod real_files;
 #[cfg(test)]
 mod test_plants;
 
-/// Records ready for identification, with all that leads back to the data's units.
+/// Records ready for identification, with everything required to convert back to the data's units.
 #[derive(Debug, Clone)]
 pub struct Prepared {
     /// The records.
@@ -51,9 +50,10 @@ pub struct Prepared {
     pub start_s: f64,
     /// Samples by which the input was advanced: 0 or 1.
     pub advanced: usize,
-    /// For each record the outputs (p, prepared as the others) of the last sample, which an advanced input does not reach.
+    /// For each record the outputs (p, prepared as the others) of the last sample, which an advanced input does not
+    /// reach.
     pub last_outputs: Vec<Option<Vec<f64>>>,
-    /// The test of whether the plant answers at once, if it was asked for and could be made.
+    /// The test for direct feedthrough, if it was requested and possible.
     pub advance_test: Option<AdvanceTest>,
     /// For each record, the lines removed from the inputs and from the outputs.
     pub lines: Vec<[Vec<Line>; 2]>,
@@ -66,18 +66,18 @@ pub struct Prepared {
     pub repeat_noise: Vec<(NoiseCovariance, usize)>,
     /// Bands of the inputs and of the outputs.
     pub bands: [Vec<Band>; 2],
-    /// What was done.
+    /// The steps.
     pub steps: Vec<Step>,
-    /// What the reader must know.
+    /// The warnings for the reader.
     pub warnings: Vec<Warning>,
 }
 
-/// Prepares records; `training_shares` gives for each the leading share that is for training.
+/// Prepares records. `training_shares` holds the leading share of each record that is used for training.
 ///
-/// Records that are averaged into one take the share of the first of them.
+/// Records that are averaged into one have the share of the first.
 ///
 /// # Errors
-/// If the records differ in channels or rate, or if a step is not possible with them.
+/// Returns an error if the records differ in channels or rate, or if a step is not possible.
 pub fn prepare(
     records: Vec<Record>,
     training_shares: &[f64],
@@ -97,7 +97,7 @@ pub fn prepare(
     let mut steps = Vec::new();
     let mut warnings = Vec::new();
     let (records, repeat_noise) = average_repeats(records, preparation, &mut steps)?;
-    let (mut records, start_s) = decimate_all(records, preparation, &mut steps)?;
+    let (mut records, start_s) = decimate_all(records, preparation, &mut steps, &mut warnings)?;
     let mut training: Vec<usize> = records
         .iter()
         .zip(training_shares)
@@ -198,6 +198,7 @@ fn decimate_all(
     records: Vec<Record>,
     preparation: &Preparation,
     steps: &mut Vec<Step>,
+    warnings: &mut Vec<Warning>,
 ) -> Result<(Vec<Record>, f64), PrepareError> {
     let Some(to_hz) = preparation.decimate_to_hz else {
         return Ok((records, 0.0));
@@ -207,13 +208,13 @@ fn decimate_all(
     if plan.ratio == 1 {
         return Ok((records, 0.0));
     }
-    let records = records
-        .iter()
-        .enumerate()
-        .map(|(i, record)| decimate::decimate(record, &plan, i + 1))
-        .collect::<Result<Vec<_>, _>>()?;
+    let mut decimated = Vec::new();
+    for (i, record) in records.iter().enumerate() {
+        decimated.push(decimate::decimate(record, &plan, i + 1)?);
+        warnings.extend(decimate::masked(record, &decimated[i], i + 1));
+    }
     steps.push(Step::Decimated(plan));
-    Ok((records, plan.edge as f64 / from_hz))
+    Ok((decimated, plan.edge as f64 / from_hz))
 }
 
 impl Prepared {
@@ -293,7 +294,18 @@ mod tests {
             assert!((back[[0, 1]] - plain.outputs[[50, 1]]).abs() < 1e-8);
         }
         let head = heads(&prepared.records, &prepared.training);
-        assert!((segment::rms([head[0].outputs.column(0)]) - 1.0).abs() < 1e-9);
+        assert!((plid_model::signal::rms(head[0].outputs.column(0)) - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_reader_is_told_what_a_missing_sample_costs() {
+        let mut raw = record(1, 4000);
+        raw.outputs[[2000, 1]] = f64::NAN;
+        let prepared = prepare(vec![raw.clone()], &[0.75], &all_steps()).unwrap();
+        let masked = |w: &&Warning| matches!(w, Warning::MaskedByFilter { channel, missing: 1, .. } if channel == "z");
+        assert_eq!(prepared.warnings.iter().filter(masked).count(), 1, "{:?}", prepared.warnings);
+        let how = Preparation { decimate_to_hz: None, ..all_steps() };
+        assert_eq!(prepare(vec![raw], &[0.75], &how).unwrap().warnings.iter().filter(masked).count(), 0);
     }
 
     #[test]

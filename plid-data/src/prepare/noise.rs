@@ -1,8 +1,8 @@
-//! The covariance of the outputs' noise, from records that show it alone.
+//! The covariance of the output noise, estimated from records that contain only noise.
 use super::PrepareError;
-use super::segment::{mean, rms};
 use crate::Record;
 use ndarray::Array2;
+use plid_model::signal::{mean, rms};
 
 /// An estimated covariance of the outputs' noise.
 #[derive(Debug, Clone, PartialEq)]
@@ -14,10 +14,10 @@ pub struct NoiseCovariance {
 }
 
 impl NoiseCovariance {
-    /// From a sum of outer products.
+    /// Computes the covariance from a sum of outer products.
     ///
     /// # Errors
-    /// If there are not more degrees of freedom than outputs: the covariance would be singular.
+    /// Returns an error unless there are more degrees of freedom than outputs; the covariance would be singular.
     pub(super) fn new(sum: Array2<f64>, freedom: usize) -> Result<Self, PrepareError> {
         let outputs = sum.nrows();
         if freedom <= outputs {
@@ -34,17 +34,17 @@ impl NoiseCovariance {
 
 /// Covariance of the outputs about their means in a record without input.
 ///
-/// It holds all that moves the outputs at rest: sensor noise and ambient disturbances. Inputs
-/// may have an RMS of `input_limit` about their means, in their units: a measured zero is noisy.
+/// It contains everything that moves the outputs at rest: sensor noise and ambient disturbances. Inputs may have an RMS
+/// of `input_limit` about their means in their units, because a measured zero is noisy.
 ///
 /// # Errors
-/// If an input is not zero, or if there are too few complete samples.
+/// Returns an error if an input is not zero, or if there are too few complete samples.
 pub fn noise_from_zero_input(record: &Record, input_limit: f64) -> Result<NoiseCovariance, PrepareError> {
     for (channel, column) in record.input_names.iter().zip(record.inputs.columns()) {
-        let about = &column - mean([column]);
-        let size = rms([about.view()]);
+        let about = &column - mean(column);
+        let size = rms(about.view());
         // The mean of equal numbers is not quite that number.
-        let rounding = 1e-12 * rms([column]);
+        let rounding = 1e-12 * rms(column);
         if size.is_nan() || size > input_limit + rounding {
             return Err(PrepareError::InputNotZero { channel: channel.clone(), rms: size, limit: input_limit });
         }

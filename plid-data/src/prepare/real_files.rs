@@ -42,7 +42,7 @@ fn f16_periods_show_its_noise() {
     let (noise, repeats) = &p.repeat_noise[0];
     assert_eq!(*repeats, 8);
     for (i, rms) in noise.rms().iter().enumerate() {
-        let size = segment::rms([p.records[0].outputs.column(i)]);
+        let size = plid_model::signal::rms(p.records[0].outputs.column(i));
         eprintln!("noise of output {} over its RMS: {}", i + 1, rms / size);
         // The noise floor of this record is 0.85 % over all outputs.
         assert!((0.001..0.03).contains(&(rms / size)));

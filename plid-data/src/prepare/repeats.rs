@@ -1,22 +1,22 @@
-//! Repeats of one input: their average, and the noise from their spread.
+//! Repeated records of one input: their average, and the noise estimated from their spread.
 use super::PrepareError;
 use super::noise::NoiseCovariance;
-use super::segment::rms;
 use crate::{Record, require_alike};
 use ndarray::{Array1, Array2, ArrayView1, s};
+use plid_model::signal::rms;
 use serde::{Deserialize, Serialize};
 
 /// How repeats are found in the data.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Repeats {
-    /// Samples of a period within each record. Left out, the records are repeats of one another.
+    /// Samples in a period of each record. Without it, the records are repeats of one another.
     #[serde(default)]
     pub period: Option<usize>,
-    /// Periods, or records, at the beginning that are left out (the start has not died away).
+    /// Number of periods or records at the beginning that are left out because of the transient.
     #[serde(default)]
     pub skip: usize,
-    /// How far the input of a repeat may be from the mean input, RMS over RMS.
+    /// Largest permissible RMS difference between the input of a repeat and the mean input, relative to the mean input.
     #[serde(default = "default_tolerance")]
     pub tolerance: f64,
 }
@@ -25,23 +25,23 @@ fn default_tolerance() -> f64 {
     0.01
 }
 
-/// The average of repeats, and what their spread says.
+/// The average of repeats and the noise estimated from their spread.
 #[derive(Debug, Clone)]
 pub struct Averaged {
-    /// The mean over the repeats; missing where no repeat has the sample.
+    /// The mean over the repeats. A sample is missing if no repeat has it.
     pub record: Record,
     /// Number of repeats.
     pub repeats: usize,
     /// Noise of a single repeat. That of the average is `repeats` times smaller.
     pub noise: NoiseCovariance,
-    /// For each input, the largest difference of a repeat from the mean, RMS over RMS.
+    /// The largest relative RMS difference between a repeat and the mean for each input.
     pub input_mismatch: Vec<f64>,
 }
 
 /// Cuts a record into periods; the first `skip` and an incomplete last one are left out.
 ///
 /// # Errors
-/// If fewer than two periods remain.
+/// Returns an error if fewer than two periods remain.
 pub fn periods(record: &Record, period: usize, skip: usize) -> Result<Vec<Record>, PrepareError> {
     let whole = record.samples().checked_div(period).unwrap_or(0);
     let found = whole.saturating_sub(skip);
@@ -63,8 +63,8 @@ pub fn periods(record: &Record, period: usize, skip: usize) -> Result<Vec<Record
 /// Averages repeats of one input.
 ///
 /// # Errors
-/// If there are fewer than two, if they differ in channels, rate or length, or if the inputs do
-/// not repeat to within `tolerance`.
+/// Returns an error if there are fewer than two, if they differ in channels, rate or length, or if the inputs do not
+/// repeat to within `tolerance`.
 pub fn average(repeats: &[Record], tolerance: f64) -> Result<Averaged, PrepareError> {
     let [first, _, ..] = repeats else {
         return Err(PrepareError::TooFewRepeats { found: repeats.len() });
@@ -87,7 +87,7 @@ pub fn average(repeats: &[Record], tolerance: f64) -> Result<Averaged, PrepareEr
 /// repeats. Samples that some repeat lacks are left out.
 ///
 /// # Errors
-/// If there are fewer than two repeats or too few complete samples.
+/// Returns an error if there are fewer than two repeats or too few complete samples.
 pub fn noise_from_repeats(repeats: &[Record]) -> Result<NoiseCovariance, PrepareError> {
     let [first, _, ..] = repeats else {
         return Err(PrepareError::TooFewRepeats { found: repeats.len() });
@@ -128,7 +128,7 @@ fn mismatch(repeats: &[Record], mean: &Array2<f64>, tolerance: f64) -> Result<Ve
     for (r, repeat) in repeats.iter().enumerate() {
         for (j, channel) in repeat.input_names.iter().enumerate() {
             let off = &repeat.inputs.column(j) - &mean.column(j);
-            let (off, size) = (rms([off.view()]), rms([mean.column(j)]));
+            let (off, size) = (rms(off.view()), rms(mean.column(j)));
             let difference = if off == 0.0 { 0.0 } else { off / size };
             if difference.is_nan() || difference > tolerance {
                 return Err(PrepareError::NotRepeated {
@@ -187,7 +187,7 @@ mod tests {
         let clean = &raw.inputs.slice(s![..500, 0]) * 3.0;
         let left = &averaged.record.outputs.column(0) - &clean;
         let expected = 0.2 / 10_f64.sqrt();
-        assert!((rms([left.view()]) / expected - 1.0).abs() < 0.1);
+        assert!((rms(left.view()) / expected - 1.0).abs() < 0.1);
     }
 
     #[test]

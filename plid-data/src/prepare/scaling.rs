@@ -1,21 +1,21 @@
-//! Channels of different units on one scale.
-use super::segment::rms;
+//! Scaling of channels with different units.
 use crate::Record;
 use ndarray::{Array2, s};
+use plid_model::signal::rms;
 use serde::{Deserialize, Serialize};
 
-/// What every channel is divided by.
+/// The divisor of every channel.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Scaling {
     /// One.
     None,
-    /// Its RMS over the training parts of all records together: what the first covariance and the noise bank are made for.
+    /// Its RMS over the training parts of all records, which the initial covariance and the noise bank assume.
     #[default]
     Rms,
 }
 
-/// Scales in place; returns the divisors of inputs and of outputs, in the data's units.
+/// Scales in place and returns the divisors of inputs and outputs in the data's units.
 ///
 /// A channel that is zero throughout keeps the divisor one.
 pub fn apply(records: &mut [Record], training: &[usize], scaling: Scaling) -> [Vec<f64>; 2] {
@@ -28,7 +28,7 @@ pub fn apply(records: &mut [Record], training: &[usize], scaling: Scaling) -> [V
                 let heads = arrays.iter().zip(training);
                 let size = match scaling {
                     Scaling::None => 1.0,
-                    Scaling::Rms => rms(heads.map(|(array, n)| array.slice(s![..*n, i]))),
+                    Scaling::Rms => rms(heads.flat_map(|(array, n)| array.slice(s![..*n, i]))),
                 };
                 let size = if size > 0.0 { size } else { 1.0 };
                 for array in &mut arrays {

@@ -1,6 +1,6 @@
-//! The part of a record that an estimate may look at.
+//! The part of a record that an estimate may use.
 use crate::Record;
-use ndarray::{ArrayView1, ArrayView2, s};
+use ndarray::{ArrayView2, s};
 
 /// Inputs and outputs of a stretch of samples.
 #[derive(Debug, Clone, Copy)]
@@ -22,28 +22,4 @@ pub fn heads<'a>(records: &'a [Record], samples: &[usize]) -> Vec<Segment<'a>> {
             outputs: record.outputs.slice(s![..*n, ..]),
         })
         .collect()
-}
-
-/// Mean over the values that are there, of all parts together; 0 if there is none.
-pub(super) fn mean<'a>(parts: impl IntoIterator<Item = ArrayView1<'a, f64>>) -> f64 {
-    let (mut sum, mut count) = (0.0, 0_usize);
-    for part in parts {
-        for value in part.iter().filter(|v| !v.is_nan()) {
-            sum += value;
-            count += 1;
-        }
-    }
-    if count == 0 { 0.0 } else { sum / count as f64 }
-}
-
-/// RMS over the values that are there, of all parts together; 0 if there is none.
-pub(super) fn rms<'a>(parts: impl IntoIterator<Item = ArrayView1<'a, f64>>) -> f64 {
-    let (mut sum, mut count) = (0.0, 0_usize);
-    for part in parts {
-        for value in part.iter().filter(|v| !v.is_nan()) {
-            sum += value * value;
-            count += 1;
-        }
-    }
-    if count == 0 { 0.0 } else { (sum / count as f64).sqrt() }
 }

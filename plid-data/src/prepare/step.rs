@@ -1,4 +1,4 @@
-//! What was done to the data, for manifest and report.
+//! The preparation steps, for manifest and report.
 use super::decimate::Decimation;
 use serde::{Deserialize, Serialize};
 
@@ -17,7 +17,8 @@ pub enum Step {
         skipped: usize,
     },
     /// The rate was lowered.
-    #[error("decimated from {} to {} Hz behind a linear-phase filter without delay; {} samples at either end are used up by it", .0.from_hz, .0.to_hz, .0.edge)]
+    #[error("decimated from {} to {} Hz behind a linear-phase filter without delay; {} samples at either end are used \
+        up by it", .0.from_hz, .0.to_hz, .0.edge)]
     Decimated(Decimation),
     /// Means were removed.
     #[error("the mean of each channel over the training part was removed")]
@@ -26,7 +27,8 @@ pub enum Step {
     #[error("a straight line, fitted to the training part of each record, was removed from each channel")]
     LineRemoved,
     /// The input was advanced.
-    #[error("the input was advanced by one sample, because the plant {}", if *.by_test { "was found to answer within the sample" } else { "is said to answer within the sample" })]
+    #[error("the input was advanced by one sample, because the plant \
+        {}", if *.by_test { "was found to answer within the sample" } else { "is said to answer within the sample" })]
     Advanced {
         /// Whether a test decided it, or the config.
         by_test: bool,

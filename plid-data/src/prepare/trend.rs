@@ -1,10 +1,10 @@
 //! Means and straight-line trends.
-use super::segment::mean;
 use crate::Record;
 use ndarray::{Array2, ArrayView1, s};
+use plid_model::signal::mean;
 use serde::{Deserialize, Serialize};
 
-/// What is taken away from every channel.
+/// The trend that is removed from every channel.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Trend {
@@ -23,11 +23,11 @@ pub enum Trend {
 pub struct Line {
     /// In the channel's units.
     pub offset: f64,
-    /// In the channel's units a second.
+    /// In the channel's units per second.
     pub slope_per_s: f64,
 }
 
-/// Removes the trend in place; returns for each record the lines of inputs, then of outputs.
+/// Removes the trend in place and returns the lines of the inputs and outputs of each record.
 pub fn remove(records: &mut [Record], training: &[usize], trend: Trend) -> Vec<[Vec<Line>; 2]> {
     if trend == Trend::None {
         return records
@@ -53,7 +53,7 @@ fn lines(
     let mut all = vec![Vec::new(); arrays.len()];
     for i in 0..channels {
         let heads = arrays.iter().zip(training);
-        let pooled = mean(heads.map(|(array, n)| array.slice(s![..*n, i])));
+        let pooled = mean(heads.flat_map(|(array, n)| array.slice(s![..*n, i])));
         for (r, array) in arrays.iter_mut().enumerate() {
             let line = match trend {
                 Trend::Linear if training[r] > 1 => fit(array.slice(s![..training[r], i]), rates[r]),
@@ -68,7 +68,7 @@ fn lines(
     all
 }
 
-/// Least-squares line through the values that are there.
+/// Fits a line to the values that are not missing by least squares.
 fn fit(values: ArrayView1<f64>, rate_hz: f64) -> Line {
     let present: Vec<(f64, f64)> =
         values.iter().enumerate().filter(|(_, v)| !v.is_nan()).map(|(k, v)| (k as f64 / rate_hz, *v)).collect();

@@ -63,6 +63,7 @@ impl Predictor {
                 .or(sibling.map(|sibling| sibling as &dyn Effect))
                 .ok_or_else(|| malformed(format!("there is no effect `{}`", written.effect)))?;
             let place = place(&written.location, effect, &setting)
+                .filter(|place| acts_at(place, effect, library, &setting))
                 .ok_or_else(|| malformed(format!("{}: `{}` is no place for it", written.effect, written.location)))?;
             let mut parameters = Vec::new();
             for parameter in effect.parameters(&setting) {
@@ -175,6 +176,17 @@ fn require_possible(parameter: &Parameter, value: f64, rate: f64) -> Result<(), 
     }
 }
 
+/// Whether an effect can act at a place that the simulation has; a frequency is no such place. A free shape acts where the
+/// effects that it stands for do.
+fn acts_at(place: &Place, effect: &dyn Effect, library: &Library, setting: &Setting) -> bool {
+    if matches!(place, Place::MissingMode(_) | Place::Frequency(..)) {
+        return true;
+    }
+    let Some(shape) = Flexible::named(effect.name()) else { return effect.places(setting).contains(place) };
+    let is_sibling = |effect: &&dyn Effect| Flexible::of(effect.name()).is_some_and(|of| of.name() == shape.name());
+    library.effects().filter(is_sibling).any(|effect| effect.places(setting).contains(place))
+}
+
 /// A place as [`Place::location`] writes it.
 fn place(location: &str, effect: &dyn Effect, setting: &Setting) -> Option<Place> {
     let names = &setting.names;
@@ -188,6 +200,7 @@ fn place(location: &str, effect: &dyn Effect, setting: &Setting) -> Option<Place
     if let Some(k) = of(&names.ports, location).filter(|&k| has_port(k)) {
         return Some(Place::Port(k));
     }
+    let hz = |text: &str| text.parse().ok().filter(|hz: &f64| hz.is_finite() && *hz > 0.0);
     let (kind, at) = location.split_once(':')?;
     match kind {
         "input" if at == "all" => Some(Place::AllInputs),
@@ -200,11 +213,11 @@ fn place(location: &str, effect: &dyn Effect, setting: &Setting) -> Option<Place
             None => Some(Place::Output(of(&names.outputs, at)?)),
         },
         "port" => Some(Place::Port(of(&names.ports, at)?)),
-        "mode" if effect.adds_mode() => Some(Place::MissingMode(at.parse().ok()?)),
-        "mode" => Some(Place::Mode(setting.plant.mode_at(at.parse().ok()?)?)),
+        "mode" if effect.adds_mode() => Some(Place::MissingMode(hz(at)?)),
+        "mode" => Some(Place::Mode(setting.plant.mode_at(hz(at)?)?)),
         "freq" => {
-            let (hz, port) = at.split_once(" port:")?;
-            Some(Place::Frequency(hz.parse().ok()?, of(&names.ports, port)?))
+            let (tone, port) = at.split_once(" port:")?;
+            Some(Place::Frequency(hz(tone)?, of(&names.ports, port)?))
         }
         _ => None,
     }
@@ -301,5 +314,51 @@ mod tests {
             let error = read(&bad).unwrap_err().to_string();
             assert!(error.contains(said) && error.contains("sim-with-effect.json"), "{at}: {error}");
         }
+    }
+
+    /// No effect panics at a place at which it cannot act: an input may have no strut, and an output never has one.
+    #[test]
+    fn every_effect_is_read_or_refused_at_every_place() {
+        let model = truss(1);
+        let plant = Plant::new(&model).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sim-with-effect.json");
+        let bare = {
+            let mut bare = plant.to_model(&model);
+            bare.ports.clear();
+            bare
+        };
+        let library = Library::standard();
+        let (mut read, mut refused) = (0, 0);
+        for model in [&plant.to_model(&model), &bare] {
+            let setting = Setting::bare(&Plant::new(model).unwrap(), model);
+            let port = setting.names.ports.first().map_or("none", String::as_str);
+            let places = ["structure", "input:u1", "input:all", "input:u1->u2", "output:y2", "output:y1->y2", "mode:9"];
+            let places = places.into_iter().map(str::to_string).chain([format!("port:{port}"), port.to_string()]);
+            let places: Vec<String> = places.chain([format!("freq:3 port:{port}"), "mode:nan".into()]).collect();
+            let siblings = library.effects().filter_map(|e| Some(Flexible::of(e.name())? as &dyn Effect));
+            for effect in library.effects().chain(siblings) {
+                let parameters: serde_json::Map<String, serde_json::Value> = effect
+                    .parameters(&setting)
+                    .iter()
+                    .map(|p| (p.name.to_string(), serde_json::json!({ "value": 0.5, "unit": p.unit })))
+                    .collect();
+                let given = serde_json::json!({ "value": 1.0, "unit": "" });
+                for place in &places {
+                    let file = serde_json::json!({
+                        "format": "simulation-with-effects", "linear": model.to_json(), "modes": 4, "refit": [],
+                        "t0": 1.0, "noise_rms": [0.1, 0.1],
+                        "effects": [{ "effect": effect.name(), "location": place, "parameters": parameters,
+                                      "given": { "unit": given, "size": given }, "equation": "" }],
+                    });
+                    std::fs::write(&path, file.to_string()).unwrap();
+                    match Predictor::read(&path, &library) {
+                        Ok(_) => read += 1,
+                        Err(_) => refused += 1,
+                    }
+                }
+            }
+        }
+        assert!(read > 50 && refused > 50, "{read} {refused}");
     }
 }

@@ -6,6 +6,7 @@ use crate::fit::problem::Placed;
 use crate::judge::explained::Explained;
 use crate::judge::held_out::HeldOut;
 use crate::judge::locate::Map;
+use crate::words::likelihood;
 
 /// The evidence, a sentence or two each. `class` is the most probable explanation and what the records cannot distinguish from it.
 pub(crate) fn words(
@@ -36,8 +37,8 @@ pub(crate) fn words(
     }));
     words.extend(held_out.map(|held_out| {
         format!(
-            "On what was held out from all fitting it gains {:.0} in log likelihood over a refit alone, {:.0} times what chance would make of it{}.",
-            held_out.gain / 2.0,
+            "On the held-out records it gains {} over a refit alone, {:.0} times what chance would make of it{}.",
+            likelihood(held_out.gain / 2.0),
             held_out.gain / held_out.deviation.max(f64::MIN_POSITIVE),
             if held_out.refutes(judge) { ": too little, which refutes it" } else { "" },
         )
@@ -113,9 +114,9 @@ fn nearest_other(explained: &Explained) -> Option<String> {
     let how = if worse < 0.0 {
         let parameters = other.effects.iter().map(|placed| placed.parameters.len()).sum::<usize>();
         let more = parameters.saturating_sub(best.parameters());
-        format!("fits better by {:.0} in log likelihood, with {more} parameters more, and is less probable", -worse)
+        format!("fits better by {}, with {more} parameters more, and is less probable", likelihood(-worse))
     } else {
-        format!("is worse by {worse:.0} in log likelihood")
+        format!("is worse by {}", likelihood(worse))
     };
     let other = in_words(&other.effects, &explained.ready.problem.setting.names);
     Some(format!("The nearest other explanation, {other}, {how}."))

@@ -1,5 +1,7 @@
 //! What was measured, as the diagnosis uses it.
 
+pub use plid_model::signal::rms;
+
 /// One channel after the other, each over all samples.
 pub type Channels = Vec<Vec<f64>>;
 
@@ -54,11 +56,4 @@ impl Record {
         };
         self.y.iter().zip(simulated).map(one).collect()
     }
-}
-
-/// Root of the mean square of what was measured: missing samples (NaN) do not count. Zero for nothing.
-pub fn rms<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
-    let measured = values.into_iter().filter(|x| !x.is_nan());
-    let (sum, count) = measured.fold((0.0, 0usize), |(sum, count), x| (sum + x * x, count + 1));
-    if count == 0 { 0.0 } else { (sum / count as f64).sqrt() }
 }

@@ -28,7 +28,9 @@ pub(super) fn read(path: &Path, config: &CaseConfig, folder: &Path) -> Result<(V
         let failed = |error: plid_data::prepare::PrepareError| wrong("decimate_to_hz", error.to_string());
         let plan = decimate::plan(config.sample_rate_hz, to_hz).map_err(failed)?;
         for (number, (record, simulated)) in measured.iter_mut().enumerate() {
-            *record = decimate::decimate(record, &plan, number + 1).map_err(failed)?;
+            let decimated = decimate::decimate(record, &plan, number + 1).map_err(failed)?;
+            warnings.extend(decimate::masked(record, &decimated, number + 1).iter().map(ToString::to_string));
+            *record = decimated;
             if let Some(simulated) = simulated {
                 *simulated = decimate::decimate(simulated, &plan, number + 1).map_err(failed)?;
             }

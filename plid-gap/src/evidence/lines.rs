@@ -55,9 +55,9 @@ pub struct Line {
 pub struct Lines {
     /// The record.
     pub record: String,
-    /// Of each output (p); none where samples are missing.
+    /// The lines of each output (p); empty if fewer than two periods have all of their samples.
     pub outputs: Vec<Vec<Line>>,
-    /// Periods over which lines are averaged.
+    /// Number of periods averaged, of the output that has the fewest; periods with missing samples are left out.
     pub periods: usize,
 }
 
@@ -84,11 +84,18 @@ impl Lines {
         let odd = records.iter().filter_map(|record| Some((record, kinds(record)?)));
         let (record, (period, kinds)) = odd.max_by(|a, b| a.0.level().total_cmp(&b.0.level()))?;
         let (linear, with) = (linear(record), with(record));
+        let starts = used(record.samples(), period);
         let one = |o: usize| {
-            let y = periods(&record.y[o], period);
+            let present = |k: usize| record.y[o][k].is_finite() && linear[o][k].is_finite() && with[o][k].is_finite();
+            let whole = |from: &usize| (*from..from + period).all(present);
+            let starts: Vec<usize> = starts.iter().copied().filter(whole).collect();
+            if starts.len() < FOLLOW {
+                return (Vec::new(), starts.len());
+            }
+            let y = periods(&record.y[o], period, &starts);
             let error = |from: &[f64]| -> Vec<f64> { from.iter().zip(&linear[o]).map(|(y, s)| y - s).collect() };
-            let [left, added] = [error(&record.y[o]), error(&with[o])].map(|x| periods(&x, period));
-            let simulated = periods(&with[o], period);
+            let [left, added] = [error(&record.y[o]), error(&with[o])].map(|x| periods(&x, period, &starts));
+            let simulated = periods(&with[o], period, &starts);
             let noise = smooth(&left.iter().map(|line| line.1).collect::<Vec<f64>>());
             let line = |(k, kind): (usize, &Option<Kind>)| {
                 let kind = (*kind)?;
@@ -103,11 +110,11 @@ impl Lines {
                     noise: noise[k].sqrt(),
                 })
             };
-            let whole = record.y[o].iter().chain(&linear[o]).chain(&with[o]).all(|x| x.is_finite());
-            if whole { kinds.iter().enumerate().filter_map(line).collect() } else { Vec::new() }
+            (kinds.iter().enumerate().filter_map(line).collect(), starts.len())
         };
-        let outputs = (0..record.y.len()).map(one).collect();
-        Some(Self { record: record.name.clone(), outputs, periods: used(record.samples(), period).len() })
+        let (outputs, periods): (Vec<Vec<Line>>, Vec<usize>) = (0..record.y.len()).map(one).unzip();
+        let periods = periods.into_iter().filter(|count| *count >= FOLLOW).min().unwrap_or(FOLLOW);
+        Some(Self { record: record.name.clone(), outputs, periods })
     }
 
     /// What lines of a kind answer; none where all samples are missing somewhere.
@@ -175,7 +182,7 @@ fn kinds(record: &Record) -> Option<(usize, Vec<Option<Kind>>)> {
     }
     let mut power = vec![0.0; period / 2 + 1];
     for u in &record.u {
-        let lines = periods(u, period);
+        let lines = periods(u, period, &used(u.len(), period));
         let most = lines.iter().skip(1).map(|line| line.0).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
         power.iter_mut().zip(&lines).skip(1).for_each(|(to, line)| *to += line.0 / most);
     }
@@ -199,10 +206,9 @@ fn used(samples: usize, period: usize) -> Vec<usize> {
     (usize::from(all > FOLLOW)..all).map(|k| k * period).collect()
 }
 
-/// Of each line the power of what repeats, and that of the noise in it.
-fn periods(x: &[f64], period: usize) -> Vec<(f64, f64)> {
-    let each: Vec<Vec<C>> =
-        used(x.len(), period).into_iter().map(|from| fourier::forward(&x[from..from + period])).collect();
+/// The power of each line that repeats over the periods from `starts`, and the power of the noise in it.
+fn periods(x: &[f64], period: usize, starts: &[usize]) -> Vec<(f64, f64)> {
+    let each: Vec<Vec<C>> = starts.iter().map(|&from| fourier::forward(&x[from..from + period])).collect();
     let count = each.len() as f64;
     // A line's transform is half its amplitude times the samples.
     let scale = 2.0 / (period * period) as f64;
@@ -275,11 +281,28 @@ mod tests {
         }
     }
 
+    #[test]
+    fn a_missing_sample_costs_its_period_and_not_the_output() {
+        let curve = |u: f64| u - 0.1 * u.powi(3);
+        let mut record = record(&odd(), curve);
+        let of = |record: &Record| {
+            let with = |r: &Record| vec![r.u[0].iter().map(|u| curve(*u)).collect()];
+            Lines::of(std::slice::from_ref(record), 100.0, |r: &Record| r.u.clone(), with).unwrap()
+        };
+        let (whole, share) = (of(&record), |lines: &Lines| lines.answer(Kind::Odd).unwrap().share);
+        record.y[0][PERIOD + 7] = f64::NAN;
+        let one = of(&record);
+        assert_eq!((whole.periods, one.periods), (3, 2));
+        assert!((share(&one) / share(&whole) - 1.0).abs() < 0.05 && one.answer(Kind::Odd).unwrap().clear);
+        record.y[0][2 * PERIOD + 7] = f64::NAN;
+        assert_eq!(of(&record).answer(Kind::Odd), None);
+    }
+
     /// Of u + c u^2 with cosines of amplitude a at the lines k and l, the line k + l has the amplitude c a^2.
     #[test]
     fn the_size_of_a_line_is_that_of_the_closed_form() {
         let record = record(&[41, 61, 81], |u| u + u * u);
-        let found = periods(&record.y[0], PERIOD)[41 + 61].0;
+        let found = periods(&record.y[0], PERIOD, &used(4 * PERIOD, PERIOD))[41 + 61].0;
         let expected = 0.1f64.powi(4) / 2.0;
         assert!((found / expected - 1.0).abs() < 0.03, "{found} {expected}");
     }

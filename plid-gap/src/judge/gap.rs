@@ -136,7 +136,7 @@ pub fn expected(records: &[Record], simulated: &[Channels], level: f64) -> f64 {
         let [w, x, xx, e, ex] = sums;
         let determinant = w * xx - x * x;
         let slope = if determinant > 1e-9 * w * xx { (w * ex - x * e) / determinant } else { 0.0 };
-        let slope = slope.clamp(0.0, e / x.max(f64::MIN_POSITIVE));
+        let slope = slope.min(e / x.max(f64::MIN_POSITIVE)).max(0.0);
         let error = (e - slope * x) / w + slope * level * level;
         let output = output / driven.max(1.0) * level * level + error;
         error / output.max(f64::MIN_POSITIVE)

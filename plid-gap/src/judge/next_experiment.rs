@@ -18,6 +18,7 @@ use crate::judge::separability::{Foretold, Rival, foretold, open};
 use crate::judge::verdict::Weighted;
 use crate::noise::whiten::Whitener;
 use crate::simulate::Fineness;
+use crate::words::likelihood;
 
 /// The experiment to make next, in words with its predicted gain; none where nothing is open.
 pub fn next_experiment<'a>(
@@ -64,8 +65,9 @@ pub fn next_experiment<'a>(
     let from = format!("{} from {}", name(best), others.join(" and from "));
     Some(if gain > settings.separable {
         format!(
-            "{words}: {} samples are expected to distinguish {from} by {gain:.0} in log likelihood.",
-            settings.experiment_samples
+            "{words}: {} samples are expected to distinguish {from} by {}.",
+            settings.experiment_samples,
+            likelihood(gain)
         )
     } else {
         format!(

@@ -102,8 +102,8 @@ impl Whitener {
 
     /// Number of values that [`Whitener::apply`] gives.
     pub fn rows(&self) -> usize {
-        let edge = |k: &&usize| **k == 0 || 2 * **k == self.length;
-        let edges = [*self.bins.start(), *self.bins.end()].iter().filter(edge).count();
+        // The bins at zero and at half the rate are real, and a band may hold one of them alone.
+        let edges = self.bins.clone().filter(|&k| k == 0 || 2 * k == self.length).count();
         self.p * (2 * self.bins.clone().count() - edges)
     }
 
@@ -203,5 +203,24 @@ mod tests {
         };
         let (leaking, clear) = (power(&leaking), power(&whitener));
         assert!(leaking > 10.0 && (0.6..1.2).contains(&clear), "{leaking}, {clear}");
+    }
+
+    #[test]
+    fn a_band_may_hold_a_single_bin() {
+        let plant = Plant::new(&truss(2)).unwrap();
+        let y: Channels = random_input(5, 400, plant.p);
+        let record = crate::testing::record(vec![vec![0.0; 400]; plant.m], y);
+        let declared = NoiseModel::declared(&plant, &vec![1.0; plant.p], &vec![0.0; plant.m]);
+        let step = RATE / 400.0;
+        for (band_hz, real) in
+            [([0.0, 0.5 * step], 1), ([199.5 * step, 200.0 * step], 1), ([2.9 * step, 3.1 * step], 2)]
+        {
+            let noise = NoiseModel { band_hz: Some(band_hz), ..declared.clone() };
+            let whitener = Whitener::new(&record, &noise, RATE, vec![Vec::new(); plant.p]);
+            assert_eq!(whitener.rows(), real * plant.p, "{band_hz:?}");
+            let mut white = vec![0.0; whitener.rows()];
+            whitener.apply(&record.y, &mut white);
+            assert!(white.iter().all(|x| x.is_finite() && *x != 0.0), "{band_hz:?}");
+        }
     }
 }

@@ -476,7 +476,7 @@ fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]
     let Some(loudest) = loudest else { return setting };
     setting.duration_s = records.iter().map(|r| r.start_s + r.samples() as f64 / plant.rate).fold(0.0, f64::max);
     for i in 0..m {
-        let slope = |u: &[f64]| rms(&u.windows(2).map(|w| (w[1] - w[0]) * plant.rate).collect::<Vec<f64>>());
+        let slope = |u: &[f64]| rms(u.windows(2).map(|w| (w[1] - w[0]) * plant.rate));
         // A random record of the same level is much steeper than a multisine of a few lines.
         setting.u_rms[i] = rms(&loudest.u[i]);
         setting.u_slope[i] = records.iter().map(|record| slope(&record.u[i])).fold(0.0, f64::max);

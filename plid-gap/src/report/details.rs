@@ -7,6 +7,7 @@ use super::{GIVEN, REFERENCE, WITH, shrink, whereabouts};
 use crate::case::Case;
 use crate::diagnose::Outcome;
 use crate::plant::plain_hz;
+use crate::words::likelihood_cell;
 
 /// All of them.
 pub(super) fn section(report: Report, outcome: &Outcome, case: &Case) -> Report {
@@ -117,6 +118,7 @@ fn separability(report: Report, outcome: &Outcome) -> Report {
         Some(value) if value.is_finite() => Cell::fixed(value, digits),
         _ => "".into(),
     };
+    let evidence = |value: Option<f64>| value.filter(|x| x.is_finite()).map_or("".into(), likelihood_cell);
     for row in &diagnosis.separability {
         let told = match row.expected {
             None => "",
@@ -128,9 +130,9 @@ fn separability(report: Report, outcome: &Outcome) -> Report {
             row.explanation.as_str().into(),
             cell(row.absorbed.map(|share| 100.0 * share), 1),
             cell(row.cosine, 4),
-            cell(row.expected_before, 1),
-            cell(row.expected, 1),
-            cell(row.realised, 1),
+            evidence(row.expected_before),
+            evidence(row.expected),
+            evidence(row.realised),
             told.into(),
         ]);
     }
@@ -324,7 +326,7 @@ fn quiet(report: Report, outcome: &Outcome) -> Report {
         .column("place", "")
         .column("evidence: twice the log likelihood", "");
     for (effect, location, gain) in &shown.stochastic {
-        table = table.row([effect.as_str().into(), location.as_str().into(), Cell::fixed(*gain, 1)]);
+        table = table.row([effect.as_str().into(), location.as_str().into(), likelihood_cell(*gain)]);
     }
     report.table(table).paragraph(format!(
         "In the answer from {:.0} on; {} of all explanations is left to something else.",

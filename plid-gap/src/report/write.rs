@@ -6,27 +6,34 @@ use crate::case::Case;
 use crate::diagnose::Outcome;
 use crate::error::GapError;
 use crate::report;
-use plid_model::to_json;
-use plid_report::write_atomic;
+use plid_file::{Staged, to_json, write_atomic};
 
-/// Writes diagnosis.json, sim-with-effect.json and report.html into a directory, each whole or not at all.
+/// It is written last, so that its presence shows that the other files are complete.
+const DIAGNOSIS: &str = "diagnosis.json";
+
+/// Writes diagnosis.json, sim-with-effect.json and report.html into a directory. They replace those of an earlier
+/// diagnosis together; if anything fails, these are as they were.
 ///
 /// # Errors
 /// [`GapError::NotFinite`] with file and key, before anything is written; [`GapError::Io`] with the file.
 pub fn write(outcome: &Outcome, case: &Case, directory: &Path) -> Result<(), GapError> {
-    let (diagnosis, simulation) = (directory.join("diagnosis.json"), directory.join("sim-with-effect.json"));
+    let (diagnosis, simulation) = (directory.join(DIAGNOSIS), directory.join("sim-with-effect.json"));
     let not_finite = |file: &Path| {
         let file = file.to_path_buf();
         move |source| GapError::NotFinite { file, source }
     };
     let said = to_json(&outcome.diagnosis).map_err(not_finite(&diagnosis))?;
     let predicts = to_json(&outcome.simulation).map_err(not_finite(&simulation))?;
-    let put = |path: &Path, text: &str| {
-        write_atomic(path, text.as_bytes()).map_err(|source| GapError::Io { file: path.into(), source })
+    let page = report::page(outcome, case).to_html();
+    let failed = |file: &Path| {
+        let file = file.to_path_buf();
+        move |source| GapError::Io { file, source }
     };
-    put(&simulation, &predicts)?;
-    put(&directory.join("report.html"), &report::page(outcome, case).to_html())?;
-    put(&diagnosis, &said)
+    let staged = Staged::new(directory).map_err(failed(directory))?;
+    for (name, text) in [("sim-with-effect.json", predicts), ("report.html", page), (DIAGNOSIS, said)] {
+        write_atomic(&staged.path().join(name), text.as_bytes()).map_err(failed(&directory.join(name)))?;
+    }
+    staged.commit(DIAGNOSIS, &[]).map_err(failed(directory))
 }
 
 #[cfg(test)]

@@ -79,7 +79,8 @@ fn the_structure_may_be_a_word_or_a_table() {
 #[test]
 fn a_problem_is_shown_at_its_key() {
     let file = tempfile::NamedTempFile::new().unwrap();
-    let text = "[data]\nfiles = [\"x.csv\"]\ninputs = [\"u\"]\noutputs = [\"y\"]\n[structure]\nstates = 4\n[validation]\ntraining_share = 2.0\n";
+    let text = "[data]\nfiles = [\"x.csv\"]\ninputs = [\"u\"]\noutputs = [\"y\"]\n[structure]\nstates = \
+        4\n[validation]\ntraining_share = 2.0\n";
     std::fs::write(file.path(), text).unwrap();
     let message = read(file.path()).unwrap_err().to_string();
     assert!(message.contains("line 8"), "{message}");

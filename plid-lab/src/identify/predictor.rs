@@ -174,8 +174,8 @@ impl Problem for GainFit<'_, '_> {
         Normal::without_memory(self.model.n() * self.model.p())
     }
 
-    /// The sensitivity of x to K_ij obeys xi_{k+1} = (A - K C) xi_k + e_i e_{k,j}; for fixed j these form an n x n matrix
-    /// Xi_j driven by the scalar e_j: Xi_j <- (A - K C) Xi_j + e_{k,j} I.
+    /// The sensitivity of x to K_ij obeys xi_{k+1} = (A - K C) xi_k + e_i e_{k,j}; for fixed j these form an n x n
+    /// matrix Xi_j driven by the scalar e_j: Xi_j <- (A - K C) Xi_j + e_{k,j} I.
     fn linearise(&mut self, at: &GainPoint, normal: &mut Normal) -> Result<(), Infallible> {
         let Model { a, b, c, d, .. } = self.model;
         let (n, p) = (self.model.n(), self.model.p());

@@ -9,6 +9,7 @@ use super::MergeError;
 use super::finished::FinishedRun;
 use super::held_out::{HeldOut, judge};
 use super::merged::{Merged, merge};
+use super::runs;
 use super::split::split;
 use super::tune::{common_noise, predictor};
 use crate::experiment::{Experiment, to_toml};
@@ -18,7 +19,7 @@ use crate::run::{
 };
 use plid_data::prepare::Preparation;
 use plid_data::{self as data, MissingPolicy};
-use plid_report::write_atomic;
+use plid_file::write_atomic;
 
 /// The results of a merge.
 #[derive(Debug)]
@@ -78,7 +79,9 @@ pub fn carry_out(
         }
     };
     let together = Together::new(progress, parts.len());
-    let directories: Vec<PathBuf> = parts.iter().map(|(name, _)| directory.join("runs").join(name)).collect();
+    let is_own = resume && is_finished(directory, &identity);
+    let runs = runs::folder(directory, is_own, resume).map_err(run::file_error(directory))?;
+    let directories: Vec<PathBuf> = parts.iter().map(|(name, _)| runs::of_input(&runs, name)).collect();
     progress.stage(&format!("{} runs", parts.len()));
     let done: Vec<Result<(), RunError>> = parts
         .par_iter()

@@ -37,8 +37,9 @@ const ROUNDING: f64 = 1e-3;
 impl Knowledge {
     /// The data of the run without its prior, from P^-1 = P0^-1 + (information of the data).
     ///
-    /// In units of the prior's deviations, P = L L' with the singular values s of L. Its data have the information 1/s^2 - 1 along the
-    /// left singular vectors: P is never inverted, and s is exact to about 1e-16 where s^2 would not be.
+    /// In units of the prior's deviations, P = L L' with the singular values s of L. Its data have the information
+    /// 1/s^2 - 1 along the left singular vectors: P is never inverted, and s is exact to about 1e-16 where s^2 would
+    /// not be.
     pub(super) fn data(&self) -> Result<Rows, MergeError> {
         let size = self.places.len();
         let free: Vec<usize> = (0..size).filter(|&k| self.prior_variances[k] > 0.0).collect();
@@ -96,7 +97,8 @@ impl Knowledge {
         Err(MergeError::Unusable { run: self.run.clone(), problem: problem.into() })
     }
 
-    /// L of P = L L'. Cholesky's factor has errors relative to each parameter's own variance, however much these differ.
+    /// L of P = L L'. Cholesky's factor has errors relative to each parameter's own variance, however much these
+    /// differ.
     fn factor(&self, whitened: &DMatrix<f64>, free: &[usize]) -> Result<DMatrix<f64>, MergeError> {
         let size = whitened.nrows();
         let smallest = 4.0 * size as f64 * f64::EPSILON;

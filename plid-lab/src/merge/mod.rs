@@ -14,6 +14,7 @@ mod knowledge;
 mod merged;
 mod output;
 mod report;
+mod runs;
 mod split;
 #[cfg(test)]
 mod tests;

@@ -6,72 +6,78 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use super::carry_out::Outcome;
+use super::finished::FinishedRun;
+use super::held_out::HeldOut;
 use super::report;
-use crate::run::{CHECKPOINT, RunError, errors_json, modes_json, peaks_json, pretty};
-use plid_report::write_atomic;
+use super::runs::{RUNS, replace_runs};
+use crate::run::{
+    CHECKPOINT, RESULT, RunError, errors_json, file_error, modes_json, peaks_json, strict_json, typed, with,
+};
+use plid_file::{Staged, write_atomic};
 
-/// Writes all files of a merge into `directory`.
+/// Writes all files of a merge into `directory`. They replace those of an earlier merge together; if anything fails,
+/// the earlier merge is as it was.
 ///
 /// # Errors
 /// Returns an error if a file cannot be written or a frequency response cannot be computed.
 pub fn write(outcome: &Outcome, directory: &Path) -> Result<(), RunError> {
+    let staged = Staged::new(directory).map_err(file_error(directory))?;
     let put = |name: &str, text: &str| {
-        let path = directory.join(name);
-        write_atomic(&path, text.as_bytes()).map_err(|source| RunError::File { path, source })
+        write_atomic(&staged.path().join(name), text.as_bytes()).map_err(file_error(&directory.join(name)))
     };
-    std::fs::create_dir_all(directory).map_err(|source| RunError::File { path: directory.into(), source })?;
     let page = report::page(outcome)?;
-    outcome.merged.model.write(&directory.join("model.json"))?;
+    outcome.merged.model.write(&staged.path().join("model.json"))?;
     put("report.html", &page)?;
-    // It is written last, so that its presence shows that the other files are complete.
-    put("result.json", &pretty(&result(outcome)?))?;
-    let checkpoint = directory.join(CHECKPOINT);
-    match std::fs::remove_file(&checkpoint) {
-        Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
-            Err(RunError::File { path: checkpoint, source })
-        }
-        _ => Ok(()),
+    let path = directory.join(RESULT);
+    put(RESULT, &strict_json(&path, &result(outcome, &path)?)?)?;
+    if outcome.experiment.is_some() {
+        replace_runs(directory).map_err(file_error(&directory.join(RUNS)))?;
     }
+    staged.commit(RESULT, &[CHECKPOINT]).map_err(file_error(directory))
 }
 
-fn result(outcome: &Outcome) -> Result<Value, RunError> {
+fn result(outcome: &Outcome, path: &Path) -> Result<Value, RunError> {
     let merged = &outcome.merged;
     let model = &merged.model;
-    let runs: Vec<Value> = outcome
-        .runs
-        .iter()
-        .map(|run| {
-            json!({ "run": run.name, "experiment": run.experiment.name, "inputs": run.model.inputs, "training_samples": run.training_samples,
-                    "innovation_ratio": run.estimate.innovation_ratio, "free_run_relative": run.free_run })
-        })
-        .collect();
-    let held_out: Vec<Value> = outcome
-        .held_out
-        .iter()
-        .map(|held_out| {
-            json!({ "record": held_out.record, "samples": held_out.measured.nrows(), "free_run": errors_json(&held_out.errors),
-                    "one_step": held_out.one_step_errors.as_ref().map(errors_json),
-                    "free_run_of_the_true_plant": held_out.truth_errors.as_ref().map(errors_json) })
-        })
-        .collect();
-    Ok(json!({
+    let run = |run: &FinishedRun| {
+        let value = json!({
+            "run": run.name, "experiment": run.experiment.name, "inputs": run.model.inputs,
+            "training_samples": run.training_samples, "innovation_ratio": run.estimate.innovation_ratio,
+        });
+        with(value, [("free_run_relative", run.free_run.map(|error| json!(error)))])
+    };
+    let held_out = |held_out: &HeldOut| {
+        let optional = |measures: &Option<_>| measures.as_ref().map(|measures| errors_json(measures, &model.outputs));
+        let value = json!({
+            "record": held_out.record, "samples": held_out.measured.nrows(),
+            "free_run": errors_json(&held_out.errors, &model.outputs),
+        });
+        let one_step = ("one_step", optional(&held_out.one_step_errors));
+        with(value, [one_step, ("free_run_of_the_true_plant", optional(&held_out.truth_errors))])
+    };
+    let runs: Vec<Value> = outcome.runs.iter().map(run).collect();
+    let held_out: Vec<Value> = outcome.held_out.iter().map(held_out).collect();
+    let value = json!({
         "name": outcome.name,
-        "identity_sha256": outcome.identity,
         "sample_rate_hz": model.sample_rate_hz,
         "inputs": model.inputs,
         "outputs": model.outputs,
         "states": model.n(),
-        "observability_indices": model.observability_indices,
         "training_samples": outcome.runs.iter().map(|run| run.training_samples).sum::<usize>(),
         "input_advanced_by": merged.advanced,
         "runs": runs,
-        "consistency": merged.consistency,
+        "consistency": typed(path, "consistency", &merged.consistency)?,
         "verdict": report::verdict(outcome),
         "held_out": held_out,
-        "predictor": outcome.predictor,
-        "noise_bank": outcome.bank,
+        "noise_bank": typed(path, "noise_bank", &outcome.bank)?,
         "modes": modes_json(&merged.canonical)?,
         "peaks": peaks_json(&outcome.peaks),
         "warnings": outcome.warnings,
-    }))
+    });
+    let optional = [
+        ("identity_sha256", outcome.identity.as_ref().map(|identity| json!(identity))),
+        ("predictor", outcome.predictor.as_ref().map(|predictor| json!(predictor))),
+        ("observability_indices", model.observability_indices.as_ref().map(|indices| json!(indices))),
+    ];
+    Ok(with(value, optional))
 }

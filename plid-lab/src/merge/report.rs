@@ -90,6 +90,8 @@ pub fn verdict(outcome: &Outcome) -> Vec<String> {
                 held_out.record,
                 percent(error)
             )
+        } else if error.is_nan() {
+            format!("All outputs of {} are constant, so its simulation has no relative error", held_out.record)
         } else {
             format!("It diverges in simulation of {}", held_out.record)
         };

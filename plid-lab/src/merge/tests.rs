@@ -190,7 +190,8 @@ fn two_runs_of_one_input_share_its_column_too() {
     merges_to_the_batch_estimate(&records, &prior);
 }
 
-/// A run whose noise covariances are a hundred times too small would outweigh the others, but for the scale that its innovations show.
+/// A run whose noise covariances are a hundred times too small would outweigh the others, but for the scale that its
+/// innovations show.
 #[test]
 fn a_covariance_of_the_wrong_scale_is_put_right() {
     let records = records(&mut Random::new(5), &[40, 40], &[0.1, 0.4]);
@@ -288,7 +289,8 @@ fn what_is_no_covariance_is_refused_by_name() {
     }
 }
 
-/// Covariances over ten decades and nearly singular: the estimate is still that of double the digits, which the normal equations of the batch are not.
+/// Covariances over ten decades and nearly singular: the estimate is still that of double the digits, which the normal
+/// equations of the batch are not.
 #[test]
 fn nearly_singular_covariances_are_no_harm() {
     let mut random = Random::new(9);
@@ -337,12 +339,14 @@ fn the_test_keeps_its_size() {
         ratio += test.overdispersion / draws as f64;
         rejected += usize::from(test.agreement != Agreement::Agree);
     }
-    // 400 draws of 12 correlated directions: about 0.03 of spread. At 1 % four are expected; the pooled reference of at least one makes it fewer.
+    // 400 draws of 12 correlated directions: about 0.03 of spread. At 1 % four are expected; the pooled reference of at
+    // least one makes it fewer.
     assert!((0.9..1.1).contains(&ratio), "{ratio}");
     assert!(rejected <= 10, "{rejected}");
 }
 
-/// One run of four has another plant; the common overdispersion of twenty, as a reduced order gives it, neither hides it nor accuses a valid run.
+/// One run of four has another plant; the common overdispersion of twenty, as a reduced order gives it, neither hides
+/// it nor accuses a valid run.
 #[test]
 fn the_run_that_does_not_fit_is_named_and_only_that_one() {
     let overdispersed = 20f64;

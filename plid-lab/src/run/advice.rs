@@ -20,7 +20,7 @@ pub(super) fn advise(outcome: &Outcome, of_data: &[Warning]) -> Result<(Vec<Stri
     if let Some(unstable) = stability(&outcome.model)?.warning() {
         warnings.push(unstable.to_string());
     }
-    if !free_run.is_finite() {
+    if free_run.is_infinite() {
         warnings.push("the simulation of the held-out data diverges".into());
         advice
             .push("Do not simulate with this model. Try fewer states, a lower sample rate, or a longer record.".into());

@@ -6,18 +6,13 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::error::RunError;
+use super::output::{MANIFEST, RESULT};
 use crate::experiment::{Experiment, to_toml};
 use crate::identify::{Memory, Paused};
-use plid_report::write_atomic;
+use plid_file::write_atomic;
 
 /// The name of the checkpoint in the output directory.
 pub const CHECKPOINT: &str = "checkpoint.json";
-
-/// A run with this file is finished.
-const RESULT: &str = "result.json";
-
-/// Describes a run, with every default filled in.
-const MANIFEST: &str = "manifest.json";
 
 /// The filters already scored, and the state of the interrupted recursion.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -28,8 +23,8 @@ pub(crate) struct Saved {
     pub(super) paused: Option<Paused>,
 }
 
-/// SHA-256 over the experiment as it was asked for and the bytes of every file that it names (relative to `base`): what a resumed run must
-/// have in common with the one that was interrupted.
+/// SHA-256 over the experiment as requested and the bytes of every file that it names (relative to `base`). A resumed
+/// run must have the same identity as the interrupted one.
 pub(crate) fn identity(experiment: &Experiment, base: &Path) -> Result<String, RunError> {
     let mut hash = Sha256::new();
     hash.update(to_toml(experiment));

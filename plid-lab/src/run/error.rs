@@ -68,6 +68,14 @@ pub enum RunError {
         /// The reason that the operating system gives.
         source: std::io::Error,
     },
+    /// A result is not a finite number.
+    #[error("{}: {source}; nothing is written", path.display())]
+    NotFinite {
+        /// The file that would hold it.
+        path: PathBuf,
+        /// The number and its key.
+        source: plid_file::NotFinite,
+    },
     /// A checkpoint is invalid or belongs to another experiment.
     #[error("{}: {reason}", path.display())]
     Checkpoint {

@@ -24,7 +24,7 @@ pub(crate) use estimate::scaling;
 pub(crate) use obtain::obtain;
 pub use obtain::{Obtained, Source, Truth};
 pub use output::write;
-pub(crate) use output::{errors as errors_json, modes_json, peaks_json, pretty};
+pub(crate) use output::{RESULT, errors as errors_json, file_error, modes_json, peaks_json, strict_json, typed, with};
 pub use peaks::PeakRow;
 pub(crate) use peaks::compare as compare_peaks;
 pub use plid_report::{Progress, Silent};
@@ -301,7 +301,8 @@ pub(crate) fn training(prepared: &Prepared) -> Vec<Samples<'_>> {
     samples.collect()
 }
 
-/// The prepared data of an experiment and its bank of filters; `None` in its place if the experiment gives all of the noise.
+/// The prepared data of an experiment and its bank of filters; `None` in its place if the experiment gives all of the
+/// noise.
 pub(crate) fn bank(experiment: &Experiment, base: &Path) -> Result<(Prepared, Option<Bank>), RunError> {
     let mut experiment = experiment.clone();
     let (obtained, prepared) = data(&mut experiment, base)?;

@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use plid_refine::{Noise, Score};
+use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::error::RunError;
@@ -13,60 +14,72 @@ use super::validate::Errors;
 use super::{Alternative, CHECKPOINT, Outcome, PeakRow, report};
 use crate::experiment::to_toml;
 use plid_catalogue::Conditions;
+use plid_file::{Staged, to_json, to_value, write_atomic};
 use plid_model::{ModeDeviation, Model, mode_deviations};
-use plid_report::write_atomic;
 
-/// Writes all files of a run into `directory` and removes its checkpoint.
+/// The file that is written last, so that its presence shows that the other files are complete.
+pub(crate) const RESULT: &str = "result.json";
+
+/// Describes a run, with every default filled in.
+pub(crate) const MANIFEST: &str = "manifest.json";
+
+const REFINED: &str = "model-refined.json";
+const SUBSPACE: &str = "model-subspace.json";
+
+/// Writes all files of a run into `directory`. They replace those of an earlier run together, and its checkpoint is
+/// removed; if anything fails, the earlier run is as it was.
 ///
 /// # Errors
 /// Returns an error if a file cannot be written or a frequency response cannot be computed.
 pub fn write(outcome: &Outcome, directory: &Path) -> Result<(), RunError> {
-    let file = |name: &str| directory.join(name);
+    let staged = Staged::new(directory).map_err(file_error(directory))?;
     let put = |name: &str, bytes: &[u8]| {
-        write_atomic(&file(name), bytes).map_err(|source| RunError::File { path: file(name), source })
+        write_atomic(&staged.path().join(name), bytes).map_err(file_error(&directory.join(name)))
     };
-    std::fs::create_dir_all(directory).map_err(|source| RunError::File { path: directory.into(), source })?;
+    let json = |name: &str, value: &Value| put(name, strict_json(&directory.join(name), value)?.as_bytes());
     let (page, responses) = report::page(outcome)?;
     put("innovations.csv", innovations(outcome).as_bytes())?;
-    with_provenance(outcome).write(&file("model.json"))?;
-    simulation_models(outcome, directory)?;
-    put("manifest.json", pretty(&manifest(outcome)).as_bytes())?;
+    with_provenance(outcome).write(&staged.path().join("model.json"))?;
+    simulation_models(outcome, staged.path())?;
+    json(MANIFEST, &manifest(outcome, &directory.join(MANIFEST))?)?;
     put("frf.svg", responses.as_bytes())?;
     put("report.html", page.as_bytes())?;
-    // It is written last, so that its presence shows that the other files are complete.
-    put("result.json", pretty(&result(outcome)?).as_bytes())?;
-    match std::fs::remove_file(file(CHECKPOINT)) {
-        Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
-            Err(RunError::File { path: file(CHECKPOINT), source })
-        }
-        _ => Ok(()),
-    }
+    json(RESULT, &result(outcome, &directory.join(RESULT))?)?;
+    staged.commit(RESULT, &[REFINED, SUBSPACE, CHECKPOINT]).map_err(file_error(directory))
 }
 
-/// Writes model-refined.json and model-subspace.json, and removes files of an earlier run that this run does not
-/// replace.
-fn simulation_models(outcome: &Outcome, directory: &Path) -> Result<(), RunError> {
+/// Returns the error of a file.
+pub(crate) fn file_error(path: &Path) -> impl FnOnce(std::io::Error) -> RunError {
+    move |source| RunError::File { path: path.into(), source }
+}
+
+/// Returns the value of `key` in the JSON file `path`; a field that is `None` has no key.
+pub(crate) fn typed<T: Serialize + ?Sized>(path: &Path, key: &str, value: &T) -> Result<Value, RunError> {
+    to_value(value).map_err(|mut source| {
+        source.path = format!("{key}.{}", source.path);
+        RunError::NotFinite { path: path.into(), source }
+    })
+}
+
+/// Returns the text of a JSON file.
+pub(crate) fn strict_json(path: &Path, value: &Value) -> Result<String, RunError> {
+    to_json(value).map_err(|source| RunError::NotFinite { path: path.into(), source })
+}
+
+/// Writes the models for simulation into `folder`.
+fn simulation_models(outcome: &Outcome, folder: &Path) -> Result<(), RunError> {
     let simulation = &outcome.simulation;
     let refined = simulation.refined.as_ref().filter(|_| !simulation.refined_is_worse).map(|(model, _)| model);
-    for (name, alternative) in [("model-refined.json", refined), ("model-subspace.json", simulation.subspace.as_ref())]
-    {
-        let path = directory.join(name);
-        match alternative {
-            Some(alternative) => {
-                let provenance = with_provenance(outcome).provenance.map(|mut provenance| {
-                    provenance.remove("predictor");
-                    provenance.insert("held_out_free_run".into(), json!(alternative.free_run_errors.overall_relative));
-                    provenance
-                });
-                Model { provenance, ..alternative.model.clone() }.write(&path)?;
+    for (name, alternative) in [(REFINED, refined), (SUBSPACE, simulation.subspace.as_ref())] {
+        let Some(alternative) = alternative else { continue };
+        let provenance = with_provenance(outcome).provenance.map(|mut provenance| {
+            provenance.remove("predictor");
+            if let Some(error) = finite(alternative.free_run_errors.overall_relative) {
+                provenance.insert("held_out_free_run".into(), json!(error));
             }
-            None => match std::fs::remove_file(&path) {
-                Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
-                    return Err(RunError::File { path, source });
-                }
-                _ => {}
-            },
-        }
+            provenance
+        });
+        Model { provenance, ..alternative.model.clone() }.write(&folder.join(name))?;
     }
     Ok(())
 }
@@ -74,7 +87,11 @@ fn simulation_models(outcome: &Outcome, directory: &Path) -> Result<(), RunError
 /// Returns the figures of the additional models for simulation, `refined` and `subspace`.
 fn simulation(outcome: &Outcome) -> Result<Value, RunError> {
     let simulation = &outcome.simulation;
-    let figures = |model: &Alternative| json!({ "one_step": model.one_step_errors.as_ref().map(errors), "free_run": errors(&model.free_run_errors) });
+    let outputs = &outcome.model.outputs;
+    let figures = |model: &Alternative| {
+        let value = json!({ "free_run": errors(&model.free_run_errors, outputs) });
+        with(value, [("one_step", model.one_step_errors.as_ref().map(|e| errors(e, outputs)))])
+    };
     let refined = simulation.refined.as_ref().map(|(model, path)| -> Result<Value, RunError> {
         let mut value = figures(model);
         let modes: Vec<Value> = path.mode_deviations(&model.model)?.iter().map(mode).collect();
@@ -88,36 +105,56 @@ fn simulation(outcome: &Outcome) -> Result<Value, RunError> {
         value["modes"] = json!(modes);
         Ok(value)
     });
-    Ok(json!({
-        "best_free_run": simulation.best,
-        "longest_time_constant_s": simulation.longest_time_constant_s,
-        "period_s": simulation.period_s,
-        "refined": refined.transpose()?,
-        "subspace": simulation.subspace.as_ref().map(figures),
-    }))
+    Ok(with(
+        json!({ "best_free_run": simulation.best }),
+        [
+            ("longest_time_constant_s", number(simulation.longest_time_constant_s)),
+            ("period_s", simulation.period_s.map(|s| json!(s))),
+            ("refined", refined.transpose()?),
+            ("subspace", simulation.subspace.as_ref().map(figures)),
+        ],
+    ))
+}
+
+/// Adds to an object the keys that have a value; a key without one is absent.
+pub(crate) fn with<const N: usize>(mut object: Value, optional: [(&str, Option<Value>); N]) -> Value {
+    for (key, value) in optional {
+        if let Some(value) = value {
+            object[key] = value;
+        }
+    }
+    object
 }
 
 fn score(score: &Score) -> Value {
     let noise = if score.noise == Noise::Coloured { "coloured" } else { "white" };
-    json!({ "start": score.start, "noise": noise, "free_run": finite(score.error) })
+    let value = json!({ "start": score.start, "noise": noise });
+    with(value, [("free_run", number(score.error))])
 }
 
 fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
 }
 
-fn mode(deviation: &ModeDeviation) -> Value {
-    let mode = &deviation.mode;
-    json!({
-        "hz": mode.hz, "hz_std": deviation.hz_std, "damping_ratio": mode.damping, "damping_ratio_std": deviation.damping_std,
-        "kind": mode.kind, "stable": mode.stable, "strength_db": finite(mode.strongest_db()),
-    })
+/// Returns a number, or `None` for one that is not finite.
+fn number(value: f64) -> Option<Value> {
+    finite(value).map(|value| json!(value))
 }
 
-pub(crate) fn pretty(value: &Value) -> String {
-    let mut text = serde_json::to_string_pretty(value).expect("JSON values are JSON");
-    text.push('\n');
-    text
+fn mode(deviation: &ModeDeviation) -> Value {
+    let mode = &deviation.mode;
+    let value = json!({ "kind": mode.kind, "stable": mode.stable });
+    with(
+        value,
+        [
+            // A pole at zero has no frequency.
+            ("hz", number(mode.hz)),
+            ("damping_ratio", number(mode.damping)),
+            ("hz_std", deviation.hz_std.and_then(number)),
+            ("damping_ratio_std", deviation.damping_std.and_then(number)),
+            ("strength_db", number(mode.strongest_db())),
+        ],
+    )
 }
 
 /// Returns the rows k, e_1, ..., e_p over all records, with k continuing from one record to the next; the cell of a
@@ -158,7 +195,9 @@ fn with_provenance(outcome: &Outcome) -> Model {
     provenance.insert("experiment".into(), json!(outcome.experiment.name));
     provenance.insert("operating_point".into(), operating_point(outcome));
     provenance.insert("input_advanced_by".into(), json!(outcome.prepared.advanced));
-    provenance.insert("predictor".into(), json!(outcome.predictor));
+    if let Some(predictor) = &outcome.predictor {
+        provenance.insert("predictor".into(), json!(predictor));
+    }
     Model { provenance: Some(provenance), ..outcome.model.clone() }
 }
 
@@ -174,30 +213,38 @@ fn reason(conditions: &Conditions) -> String {
     )
 }
 
-fn manifest(outcome: &Outcome) -> Value {
-    json!({
+fn manifest(outcome: &Outcome, path: &Path) -> Result<Value, RunError> {
+    Ok(json!({
         "program": "plid",
         "version": env!("CARGO_PKG_VERSION"),
         "identity_sha256": outcome.identity,
-        "experiment": outcome.experiment,
+        "experiment": typed(path, "experiment", &outcome.experiment)?,
         "covariance_form": {
             "name": outcome.experiment.variant.covariance,
             "chosen_by": outcome.chosen.as_ref().map_or("the experiment".into(), reason),
         },
         "experiment_toml": to_toml(&outcome.experiment),
-        "files": outcome.sources,
+        "files": typed(path, "files", &outcome.sources)?,
         "preparation": outcome.steps,
         "warnings": outcome.warnings,
-    })
+    }))
 }
 
-pub(crate) fn errors(errors: &Errors) -> Value {
-    json!({
-        "relative": errors.relative,
-        "overall_relative": errors.overall_relative,
-        "rms": errors.rms_error,
-        "fit_percent": errors.fit_percent,
-    })
+/// Returns the error measures. A figure that does not exist has no key: the relative error of an output that is zero
+/// throughout, the fit of a constant one, and every figure of a simulation that diverges, which `diverges` says.
+pub(crate) fn errors(errors: &Errors, outputs: &[String]) -> Value {
+    let output = |(i, name): (usize, &String)| {
+        let figures = [
+            ("relative", number(errors.relative[i])),
+            ("rms", number(errors.rms_error[i])),
+            ("fit_percent", number(errors.fit_percent[i])),
+        ];
+        with(json!({ "output": name }), figures)
+    };
+    let outputs: Vec<Value> = outputs.iter().enumerate().map(output).collect();
+    let diverges = errors.rms_error.iter().any(|x| x.is_infinite());
+    let value = json!({ "diverges": diverges, "outputs": outputs });
+    with(value, [("overall_relative", number(errors.overall_relative))])
 }
 
 /// Returns the modes of a canonical model with their standard deviations.
@@ -208,14 +255,23 @@ pub(crate) fn modes_json(canonical: &Model) -> Result<Value, RunError> {
 /// Returns the peaks of a model and of the true plant.
 pub(crate) fn peaks_json(peaks: &[PeakRow]) -> Value {
     let row = |row: &PeakRow| {
-        json!({ "mode_hz": row.mode_hz, "input": row.input, "output": row.output, "truth_hz_db": row.truth, "model_hz_db": row.model,
-                "frequency_error_relative": row.frequency_error(), "height_error_db": row.height_error_db() })
+        let value = json!({
+            "mode_hz": row.mode_hz, "input": row.input, "output": row.output, "truth_hz_db": row.truth,
+        });
+        with(
+            value,
+            [
+                ("model_hz_db", row.model.map(|peak| json!(peak))),
+                ("frequency_error_relative", row.frequency_error().map(|error| json!(error))),
+                ("height_error_db", row.height_error_db().map(|error| json!(error))),
+            ],
+        )
     };
     peaks.iter().map(row).collect()
 }
 
 /// Returns the content of result.json.
-fn result(outcome: &Outcome) -> Result<Value, RunError> {
+fn result(outcome: &Outcome, path: &Path) -> Result<Value, RunError> {
     let validation = &outcome.validation;
     let record = &outcome.prepared.records[outcome.prepared.records.len() - 1];
     let states: usize = outcome.form.indices().iter().sum();
@@ -223,10 +279,9 @@ fn result(outcome: &Outcome) -> Result<Value, RunError> {
         json!({ "statistic": c.test.statistic, "degrees_of_freedom": c.test.degrees_of_freedom,
                 "p_value": c.test.p_value, "passes": c.test.passes, "lags_outside": c.test.outside })
     };
-    let bank: Vec<Value> = outcome.bank.iter().map(|trial| json!(trial)).collect();
-    Ok(json!({
+    let value = json!({
         "name": outcome.experiment.name,
-        "variant": outcome.experiment.variant,
+        "variant": typed(path, "variant", &outcome.experiment.variant)?,
         "sample_rate_hz": record.sample_rate_hz,
         "inputs": record.input_names,
         "outputs": record.output_names,
@@ -236,33 +291,62 @@ fn result(outcome: &Outcome) -> Result<Value, RunError> {
         "training_samples": outcome.prepared.training.iter().sum::<usize>(),
         "held_out_samples": validation.measured.nrows() - validation.training,
         "input_advanced_by": outcome.prepared.advanced,
-        "input_advance_test": outcome.prepared.advance_test,
         "operating_point": operating_point(outcome),
-        "held_out": {
-            "one_step": validation.one_step_errors.as_ref().map(errors),
-            "free_run": errors(&validation.free_run_errors),
-            "free_run_of_the_true_plant": validation.truth_errors.as_ref().map(errors),
-            "noise_floor_relative": validation.noise_floor,
-        },
+        "held_out": held_out(outcome),
         "simulation": simulation(outcome)?,
-        "predictor": outcome.predictor,
-        "estimate": outcome.estimate,
+        "estimate": typed(path, "estimate", &outcome.estimate)?,
         "noise": {
-            "of_channels_divided_by": { "inputs": outcome.prepared.input_scales, "outputs": outcome.prepared.output_scales },
-            "sensor_variances": outcome.noise_levels.0, "mean_state_variance": outcome.noise_levels.1, "bank": bank,
+            "of_channels_divided_by": {
+                "inputs": outcome.prepared.input_scales, "outputs": outcome.prepared.output_scales,
+            },
+            "sensor_variances": outcome.noise_levels.0,
+            "mean_state_variance": outcome.noise_levels.1,
+            "bank": typed(path, "noise.bank", &outcome.bank)?,
         },
-        "order_scan": outcome.scan,
-        "index_search": outcome.index_search,
+        "index_search": typed(path, "index_search", &outcome.index_search)?,
         "modes": modes_json(&outcome.canonical)?,
         "peaks": peaks_json(&outcome.peaks),
         "residual_whiteness": validation.whiteness.iter().map(tests).collect::<Vec<_>>(),
         "residual_input_correlation":
             validation.cross.iter().map(|row| row.iter().map(tests).collect::<Vec<_>>()).collect::<Vec<_>>(),
-        "covariance_health": {
-            "smallest_pivot": outcome.health.smallest_pivot, "index": outcome.health.index,
-            "symmetry_defect": outcome.health.symmetry_defect, "condition_at_least": outcome.health.condition,
-        },
+        "covariance_health": health(outcome),
         "warnings": outcome.warnings,
         "advice": outcome.advice,
-    }))
+    });
+    let test = outcome.prepared.advance_test.as_ref();
+    let advance_test = test.map(|test| typed(path, "input_advance_test", test)).transpose()?;
+    let scan = outcome.scan.as_ref().map(|scan| typed(path, "order_scan", scan)).transpose()?;
+    let optional = [
+        ("input_advance_test", advance_test),
+        ("predictor", outcome.predictor.as_ref().map(|predictor| json!(predictor))),
+        ("order_scan", scan),
+    ];
+    Ok(with(value, optional))
+}
+
+fn held_out(outcome: &Outcome) -> Value {
+    let (validation, outputs) = (&outcome.validation, &outcome.model.outputs);
+    let optional = |measures: &Option<Errors>| measures.as_ref().map(|measures| errors(measures, outputs));
+    // An output that is zero throughout has no relative noise floor.
+    let noise_floor = validation.noise_floor.as_ref().filter(|floor| floor.iter().all(|x| x.is_finite()));
+    with(
+        json!({ "free_run": errors(&validation.free_run_errors, outputs) }),
+        [
+            ("one_step", optional(&validation.one_step_errors)),
+            ("free_run_of_the_true_plant", optional(&validation.truth_errors)),
+            ("noise_floor_relative", noise_floor.map(|floor| json!(floor))),
+        ],
+    )
+}
+
+fn health(outcome: &Outcome) -> Value {
+    let health = &outcome.health;
+    with(
+        json!({ "index": health.index }),
+        [
+            ("smallest_pivot", number(health.smallest_pivot)),
+            ("symmetry_defect", number(health.symmetry_defect)),
+            ("condition_at_least", number(health.condition)),
+        ],
+    )
 }

@@ -143,6 +143,8 @@ fn verdict(outcome: &Outcome) -> Vec<String> {
     let free_run = validation.free_run_errors.overall_relative;
     let simulated = if free_run.is_finite() {
         format!("simulates held-out data with an error of {}", percent(free_run))
+    } else if free_run.is_nan() {
+        "cannot be judged in simulation, because all held-out outputs are constant,".into()
     } else {
         "diverges in simulation of held-out data".into()
     };

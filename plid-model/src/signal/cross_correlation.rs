@@ -1,9 +1,9 @@
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use ndarray::ArrayView2;
-use rustfft::{FftPlanner, num_complex::Complex64};
 
 use super::correlation::{Correlation, CorrelationTest, centred, lags_outside, two_sided_quantile};
 use super::error::{SignalError, check_record, check_rows};
+use super::fourier::sums_of_products;
 
 /// Settings of [`cross_correlation`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -135,18 +135,6 @@ fn bartlett(e: &Series, u: &Series, apart: usize) -> f64 {
     sum / (e.products[0] * u.products[0] * u.present as f64)
 }
 
-/// Returns sum_t x_t x_{t+k} for k = 0 .. len - 1, by a Fourier transform long enough to avoid wrap-around.
-fn sums_of_products(x: &[f64]) -> Vec<f64> {
-    let length = (2 * x.len()).next_power_of_two();
-    let mut planner = FftPlanner::new();
-    let mut buffer: Vec<Complex64> = x.iter().map(|&v| Complex64::new(v, 0.0)).collect();
-    buffer.resize(length, Complex64::ZERO);
-    planner.plan_fft_forward(length).process(&mut buffer);
-    buffer.iter_mut().for_each(|z| *z = Complex64::new(z.norm_sqr() / length as f64, 0.0));
-    planner.plan_fft_inverse(length).process(&mut buffer);
-    buffer[..x.len()].iter().map(|z| z.re).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -167,11 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn products_and_lags_worked_by_hand() {
-        let sums = sums_of_products(&[1.0, -2.0, 3.0]);
-        for (sum, expected) in sums.iter().zip([14.0, -8.0, 3.0]) {
-            assert!((sum - expected).abs() < 1e-12);
-        }
+    fn lags_worked_by_hand() {
         // The residual is the input of two samples before, so lag 2 and no other must exceed its bound.
         let u = white(31, 4000, 1);
         let e = Array2::from_shape_fn((4000, 1), |(k, _)| if k > 1 { u[[k - 2, 0]] } else { 0.0 });

@@ -1,6 +1,6 @@
 use ndarray::ArrayView2;
 
-/// The reasons why [`crate::signal`] rejects a record. Channels and records are counted from 0.
+/// The reasons why [`crate::signal`] rejects a record. Fields count channels and samples from 0, and messages from 1.
 #[derive(Debug, Clone, PartialEq, thiserror::Error, miette::Diagnostic)]
 pub enum SignalError {
     /// The record has fewer samples (or lags, or periods) than the estimate requires.
@@ -42,7 +42,7 @@ pub enum SignalError {
         what: &'static str,
     },
     /// A sample is infinite; only NaN marks a missing sample.
-    #[error("{what}, channel {channel}, sample {sample} is infinite")]
+    #[error("{what}, channel {}, sample {} is infinite", .channel + 1, .sample + 1)]
     Infinite {
         /// The record.
         what: &'static str,
@@ -52,7 +52,7 @@ pub enum SignalError {
         sample: usize,
     },
     /// A channel is constant or has no samples, so it carries no information.
-    #[error("{what}, channel {channel} is constant or has no samples")]
+    #[error("{what}, channel {} is constant or has no samples", .channel + 1)]
     Constant {
         /// The record.
         what: &'static str,
@@ -105,4 +105,15 @@ pub(super) fn check_positive(name: &'static str, value: f64) -> Result<(), Signa
         return Ok(());
     }
     Err(SignalError::Setting { name, value, allowed: "a finite positive number" })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_count_from_one() {
+        let error = SignalError::Infinite { what: "the residual", channel: 0, sample: 9 };
+        assert_eq!(error.to_string(), "the residual, channel 1, sample 10 is infinite");
+    }
 }

@@ -1,8 +1,9 @@
 use nalgebra::DMatrix;
 use ndarray::{Array2, Array3, ArrayView2, Axis, s};
-use rustfft::{FftPlanner, num_complex::Complex64};
+use rustfft::num_complex::Complex64;
 
 use super::error::{SignalError, check_positive, check_record, check_rows};
+use super::fourier;
 
 /// A record with a periodic input.
 #[derive(Debug, Clone, Copy)]
@@ -193,13 +194,11 @@ fn average_periods(record: &PeriodicRecord, period: usize, transient: usize) -> 
 /// Returns the Fourier amplitudes of one period (`lines x channels`).
 fn amplitudes(data: ArrayView2<f64>) -> Array2<Complex64> {
     let length = data.nrows();
-    let fft = FftPlanner::new().plan_fft_forward(length);
     let mut result = Array2::zeros((length.div_ceil(2), data.ncols()));
     for (channel, column) in data.axis_iter(Axis(1)).enumerate() {
-        let mut buffer: Vec<Complex64> = column.iter().map(|&x| Complex64::new(x, 0.0)).collect();
-        fft.process(&mut buffer);
-        for line in 0..result.nrows() {
-            result[[line, channel]] = buffer[line] / length as f64;
+        let lines = fourier::forward(&column.to_vec());
+        for (to, line) in result.column_mut(channel).iter_mut().zip(lines) {
+            *to = line / length as f64;
         }
     }
     result

@@ -1,7 +1,8 @@
-use ndarray::{Array2, Array3, ArrayView2, s};
-use rustfft::{FftPlanner, num_complex::Complex64};
+use ndarray::{Array2, Array3, ArrayView1, ArrayView2, s};
+use rustfft::num_complex::Complex64;
 
 use super::error::{SignalError, check_positive, check_record};
+use super::fourier;
 
 /// The segmentation of a record for Welch's method. Segments have a Hann window and overlap by half.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -58,7 +59,6 @@ pub fn welch_spectra(data: ArrayView2<f64>, options: &WelchOptions) -> Result<Sp
 
     let window = hann(length);
     let power: f64 = window.iter().map(|w| w * w).sum();
-    let fft = FftPlanner::new().plan_fft_forward(length);
     let (lines, channels) = (length / 2 + 1, data.ncols());
     let mut sum = Array3::<Complex64>::zeros((lines, channels, channels));
     let (mut used, mut skipped, mut neighbours) = (0, 0, 0);
@@ -76,12 +76,8 @@ pub fn welch_spectra(data: ArrayView2<f64>, options: &WelchOptions) -> Result<Sp
         last_used = true;
         for (channel, column) in segment.columns().into_iter().enumerate() {
             let mean = column.sum() / length as f64;
-            let mut buffer: Vec<Complex64> =
-                column.iter().zip(&window).map(|(x, w)| Complex64::new((x - mean) * w, 0.0)).collect();
-            fft.process(&mut buffer);
-            for line in 0..lines {
-                spectrum[[channel, line]] = buffer[line];
-            }
+            let windowed: Vec<f64> = column.iter().zip(&window).map(|(x, w)| (x - mean) * w).collect();
+            spectrum.row_mut(channel).assign(&ArrayView1::from(&fourier::forward(&windowed)));
         }
         for line in 0..lines {
             for i in 0..channels {

@@ -1,4 +1,4 @@
-//! Convergence to the true parameters.
+//! Claim: convergence to the true parameters.
 
 use plid_bench::expectations::{self, Config};
 use plid_report::{Axis, Chart, Series, chart};
@@ -8,7 +8,8 @@ use crate::claim::{Claim, Context, Finding, Inner, Result, claim};
 
 pub const CLAIM: Claim = claim!("converge",
     statement: "The estimate converges almost surely to the true parameters.",
-    limit: "A simulation sees many records of finite length, and not the limit. It can see a bias larger than the scatter at the end. Plants are of the model's own order; the truss is not.",
+    limit: "A simulation sees many records of finite length, and not the limit. It can see a bias larger than the \
+        scatter at the end. Plants are of the model's own order; the truss is not.",
     timed: false,
 );
 
@@ -19,11 +20,11 @@ struct Vary {
     runs: usize,
 }
 
-/// The best that can be had, for comparison: largest posterior density over the whole record.
+/// The best possible estimate, for comparison: the maximum of the posterior density over the whole record.
 const BATCH: &str = "batch-maximum-posterior";
 const NAMES: [&str; 6] = ["prior", "posterior", "moment-matched", "certainty-equivalent", "joint-ekf", BATCH];
 
-/// Slope of log y over log x by least squares.
+/// Fits the slope of log y against log x by least squares.
 fn slope(points: &[(f64, f64)]) -> f64 {
     let logs: Vec<(f64, f64)> = points.iter().map(|(x, y)| (x.ln(), y.ln())).collect();
     let count = logs.len() as f64;
@@ -32,7 +33,7 @@ fn slope(points: &[(f64, f64)]) -> f64 {
     over / under
 }
 
-/// What the study has of one way to an estimate at one length.
+/// Results of the study for one method at one record length.
 struct Point {
     /// Geometric mean over plants of the free-run error against the true response.
     free_run: f64,
@@ -105,7 +106,8 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         .collect();
     for (name, slope) in &slopes {
         let rule = format!(
-            "With `{name}` the free-run error falls over the longer records with a slope below -0.25, half of the square root's -0.5: a bias would flatten it."
+            "With `{name}` the free-run error falls over the longer records with a slope below -0.25, half of the \
+             square root's -0.5: a bias would flatten it."
         );
         finding = finding.part(rule, *slope < -0.25);
     }
@@ -114,12 +116,29 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     let [picture, nees] = pictures;
     let batch = finding.value(&format!("slope of the free-run error, {BATCH}"));
     Ok(finding
-        .part("With every expectation P says how far the estimate still is: NEES at the end is below 2.", proud.is_empty())
-        .picture(picture, format!("Geometric mean over {} random plants of the model's order, signal-to-noise ratio {}.", vary.runs, config.signal_to_noise[0]))
+        .part(
+            "With every expectation P says how far the estimate still is: NEES at the end is below \
+            2.",
+            proud.is_empty(),
+        )
+        .picture(
+            picture,
+            format!(
+                "Geometric mean over {} random plants of the model's order, signal-to-noise ratio \
+            {}.",
+                vary.runs, config.signal_to_noise[0]
+            ),
+        )
         .picture(nees, "One for an honest P.")
-        .table("Free-run error against the true response; the RMS error of the entries of a_1 .. a_p at the end is owned by the plants that the data tell least of.", &heads, rows)
+        .table(
+            "Free-run error against the true response; the RMS error of the entries of a_1 .. a_p at the end is \
+            owned by the plants that the data tell least of.",
+            &heads,
+            rows,
+        )
         .say(format!(
-            "Over the longer records, up to {} samples, the free-run error falls with these slopes (the square root's is -0.5): {}; batch estimation's with {:.2}. P falls faster than the error with {}.",
+            "Over the longer records, up to {} samples, the free-run error falls with these slopes (the square root's \
+             is -0.5): {}; batch estimation's with {:.2}. P falls faster than the error with {}.",
             vary.samples.last().unwrap_or(&0),
             listed.join(", "),
             batch,

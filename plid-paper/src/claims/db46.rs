@@ -1,4 +1,4 @@
-//! 2 V RMS predicted to 0.01 V RMS.
+//! Claim: outputs of 2 V RMS are predicted to 0.01 V RMS.
 
 use plid_lab::experiment::Experiment;
 use plid_lab::run::Outcome;
@@ -6,12 +6,13 @@ use plid_testbed::{InputConfig, Multisine, TrussConfig, WhiteNoise};
 use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};
-use crate::truss::{rms, truss_of};
+use crate::truss::truss_of;
+use plid_model::signal::rms;
 
 pub const CLAIM: Claim = claim!("46db",
     statement: "Outputs of 2 V RMS are predicted to 0.01 V RMS: 46 dB.",
-    limit: "The noise of the testbed's outputs at rest is the paper's 15-20 mV, so that no simulation of 2 V can be better than about 41 dB against measured outputs; a one-step prediction can, since it \
-        follows the disturbance.",
+    limit: "The noise of the testbed's outputs at rest is the paper's 15-20 mV, so that no simulation of 2 V can be \
+        better than about 41 dB against measured outputs; a one-step prediction can, since it follows the disturbance.",
     timed: false,
 );
 
@@ -20,7 +21,7 @@ pub const CLAIM: Claim = claim!("46db",
 struct Vary {
     duration_s: f64,
     output_rms_v: f64,
-    /// Seeds of the multisine's phases among which the one of lowest peak is taken.
+    /// Number of random phase sets for the multisine, of which the one with the lowest peak is used.
     phases: u64,
 }
 
@@ -28,7 +29,7 @@ fn decibel(ratio: f64) -> f64 {
     20.0 * ratio.log10()
 }
 
-/// Signal over error, dB.
+/// Ratio of signal to error in dB.
 struct Row {
     name: &'static str,
     rms_v: f64,
@@ -59,10 +60,10 @@ fn row(name: &'static str, outcome: &Outcome, range_v: f64) -> Row {
     }
 }
 
-/// The level is scaled so often: the converter of the commands clips, so the outputs do not follow in proportion.
+/// Number of times that the level is rescaled; the command converter clips, so the outputs are not proportional to it.
 const TRIES: usize = 12;
 
-/// The level of all inputs at which the noise-free outputs have the RMS asked for.
+/// Finds the level of all inputs at which the noise-free outputs have the required RMS.
 fn levelled(truss: &TrussConfig, output_rms_v: f64, input: impl Fn([f64; 3]) -> InputConfig) -> Result<TrussConfig> {
     let mut level = output_rms_v;
     let mut config = truss.clone();
@@ -126,7 +127,8 @@ fn run(context: &Context<'_>) -> Result<Finding> {
             .figure(format!("free run, {name}"), row.free_run, "dB")
             .figure(format!("true plant, {name}"), row.truth, "dB");
     }
-    // Power beyond c standard deviations of a Gaussian, less what the clipped value keeps: 2 ((1 + c^2) Q(c) - c phi(c)).
+    // Power beyond c standard deviations of a Gaussian, less what the clipped value keeps: 2 ((1 + c^2) Q(c) - c
+    // phi(c)).
     let c = range_v / vary.output_rms_v;
     let lost = 2.0
         * (0..60_000).map(|i| f64::from(i) * 1e-4).map(|x| x * x * (-(c + x).powi(2) / 2.0).exp() * 1e-4).sum::<f64>()
@@ -139,18 +141,47 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     let [hard, ideal, sines] = &rows[..] else { return Err("three runs".into()) };
     Ok(finding
         .figure("what clipping alone allows at 2 V RMS", cap, "dB")
-        .part("Gaussian outputs of 2 V RMS through converters of ±5 V are predicted one step ahead to 46 dB, within 1 dB.", hard.one_step >= 45.0)
+        .part(
+            "Gaussian outputs of 2 V RMS through converters of ±5 V are predicted one step ahead to 46 dB, within 1 \
+            dB.",
+            hard.one_step >= 45.0,
+        )
         .part("Without clipping they are.", ideal.one_step >= 45.0)
-        .part("A multisine whose outputs stay below 5 V is predicted one step ahead to 46 dB, within 1 dB.", sines.one_step >= 45.0)
+        .part(
+            "A multisine whose outputs stay below 5 V is predicted one step ahead to 46 dB, within 1 \
+            dB.",
+            sines.one_step >= 45.0,
+        )
         .part("It is so in free run.", sines.free_run >= 45.0)
         .table(
             "Signal over error on held-out data; the last column is what the noise leaves to the true plant.",
-            &[("run", ""), ("output", "V RMS"), ("peak", "V"), ("clipped", "%"), ("one step", "dB"), ("error", "mV"), ("free run", "dB"), ("true plant", "dB")],
+            &[
+                ("run", ""),
+                ("output", "V RMS"),
+                ("peak", "V"),
+                ("clipped", "%"),
+                ("one step", "dB"),
+                ("error", "mV"),
+                ("free run", "dB"),
+                ("true plant", "dB"),
+            ],
             table.collect(),
         )
         .say(format!(
-            "Gaussian outputs of {:.1} V RMS clip in {:.1} % of the samples and are predicted one step ahead to {:.0} dB; without clipping 2 V RMS to {:.0} dB, a multisine of {:.1} V RMS below 5 V to {:.0} dB ({:.0} mV). In free run these are \
-             {:.0}, {:.0} and {:.0} dB, and the noise leaves {:.0} dB to the true plant with the multisine. At 2 V RMS clipping alone would cap it at {cap:.0} dB.",
-            hard.rms_v, hard.clipped, hard.one_step, ideal.one_step, sines.rms_v, sines.one_step, sines.one_step_mv, hard.free_run, ideal.free_run, sines.free_run, sines.truth
+            "Gaussian outputs of {:.1} V RMS clip in {:.1} % of the samples and are predicted one step ahead to {:.0} \
+             dB; without clipping 2 V RMS to {:.0} dB, a multisine of {:.1} V RMS below 5 V to {:.0} dB ({:.0} mV). In \
+             free run these are {:.0}, {:.0} and {:.0} dB, and the noise leaves {:.0} dB to the true plant with the \
+             multisine. At 2 V RMS clipping alone would cap it at {cap:.0} dB.",
+            hard.rms_v,
+            hard.clipped,
+            hard.one_step,
+            ideal.one_step,
+            sines.rms_v,
+            sines.one_step,
+            sines.one_step_mv,
+            hard.free_run,
+            ideal.free_run,
+            sines.free_run,
+            sines.truth
         )))
 }

@@ -1,10 +1,10 @@
-//! A plant that changes slowly.
+//! Claim: PLID follows a plant that changes slowly.
 
 use ndarray::{Array2, ArrayView2, s};
-use plid_bench::median;
 use plid_core::{Dense, ImplicitModel, InitialCovariance, ObservableForm, Settings};
 use plid_lab::experiment::Experiment;
 use plid_model::signal::error_measures;
+use plid_model::signal::median;
 use plid_model::{Model, estimate_initial_state, simulate};
 use plid_testbed::EffectsConfig;
 use rayon::prelude::*;
@@ -25,7 +25,8 @@ pub const CLAIM: Claim = claim!("drift",
 struct Vary {
     duration_s: f64,
     drift_per_s: f64,
-    /// The end of the record, on which models are judged, and the stretch before it from which the plant is identified anew.
+    /// The end of the record, on which models are judged, and the part before it from which the plant is identified
+    /// again.
     check_s: f64,
     recent_s: f64,
     tune_samples: usize,
@@ -34,7 +35,7 @@ struct Vary {
     seeds: u64,
 }
 
-/// What is known of the parameters from a former run, its covariance widened; of the state nothing is known.
+/// The parameters of an earlier run with an increased covariance; nothing is known of the state.
 fn from_last(form: &ObservableForm, former: &Course, widen: f64) -> Settings {
     let (n, size) = (form.states(), form.joint_states());
     let known = &former.identified.covariance;
@@ -52,14 +53,14 @@ fn from_last(form: &ObservableForm, former: &Course, widen: f64) -> Settings {
     }
 }
 
-/// Free-run error over a record, its initial state fitted, %.
+/// Free-run error over a record in per cent, with a fitted initial state.
 fn free_run(model: &Model, (inputs, outputs): Pair<'_>) -> Result<f64> {
     let start = estimate_initial_state(model, inputs, outputs, None)?;
     let simulated = simulate(model, inputs, &start.state)?;
     Ok(100.0 * error_measures(outputs, simulated.outputs.view())?.overall_relative)
 }
 
-/// The errors of all ways on one record, in the order of their names.
+/// The errors of all methods on one record, in the order of their names.
 fn ways(experiment: &Experiment, vary: &Vary, noise: &plid_core::NoiseModel) -> Result<Vec<f64>> {
     let mut experiment = experiment.clone();
     let states = experiment.structure.states.unwrap_or(30);
@@ -133,19 +134,34 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     let total = 50.0 * vary.drift_per_s * vary.duration_s;
     Ok(finding
         .figure("change of frequencies over the record", total, "%")
-        .part("Without re-identification the drift makes the free-run error at least half as large again as without drift.", one > 1.5 * floor)
-        .part("Identified again over the last stretch, the model comes at least half-way back.", best - floor < 0.5 * (one - floor))
-        .part("Forgetting leaves an error more than a tenth larger than identifying again does: it is re-identification that is needed.", forgetting > 1.1 * best)
+        .part(
+            "Without re-identification the drift makes the free-run error at least half as large again as without \
+            drift.",
+            one > 1.5 * floor,
+        )
+        .part(
+            "Identified again over the last stretch, the model comes at least half-way \
+            back.",
+            best - floor < 0.5 * (one - floor),
+        )
+        .part(
+            "Forgetting leaves an error more than a tenth larger than identifying again does: it is \
+            re-identification that is needed.",
+            forgetting > 1.1 * best,
+        )
         .table(
             &format!(
-                "Free-run error over the last {} s, initial state fitted, median over {} seeds; the last stretch before it is {} s long.",
+                "Free-run error over the last {} s, initial state fitted, median over {} seeds; the last stretch \
+                 before it is {} s long.",
                 vary.check_s, vary.seeds, vary.recent_s
             ),
             &[("way", ""), ("no drift", "%"), ("drift", "%")],
             rows.collect(),
         )
         .say(format!(
-            "Frequencies drift by {total:.2} % in {} s. One run then simulates with {one:.1} % ({floor:.1} % without drift); identified again over the last {} s, {again:.1} % from the last P and {anew:.1} % anew; with forgetting {forgetting:.1} %.",
+            "Frequencies drift by {total:.2} % in {} s. One run then simulates with {one:.1} % ({floor:.1} % without \
+             drift); identified again over the last {} s, {again:.1} % from the last P and {anew:.1} % anew; with \
+             forgetting {forgetting:.1} %.",
             vary.duration_s, vary.recent_s
         )))
 }

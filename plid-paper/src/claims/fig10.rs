@@ -1,4 +1,4 @@
-//! Fig. 10: what more states cost and bring.
+//! Fig. 10: the costs and benefits of more states.
 
 use ndarray::{Axis as Way, s};
 use plid_bench::study::Machine;
@@ -11,8 +11,8 @@ use crate::course::{course, form_and_start};
 use crate::truss::{mean_and_spread, truss_of};
 
 pub const CLAIM: Claim = claim!("fig10",
-    statement: "SIMO, 24, 30, 35, 40, 45, 50 and 64 states: the time of an iteration against the mean absolute one-step error over the last 200 iterations. More states cost more time and \
-        bring less and less.",
+    statement: "SIMO, 24, 30, 35, 40, 45, 50 and 64 states: the time of an iteration against the mean absolute \
+        one-step error over the last 200 iterations. More states cost more time and bring less and less.",
     limit: "Times are this machine's. The error's level is the simulated noise's.",
     timed: true,
 );
@@ -86,11 +86,22 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     }
     let (early, late) = (first.2 - middle.2, middle.2 - last.2);
     Ok(finding
-        .part("The error falls from the fewest states to the most, by more than two standard errors.", first.2 - last.2 > 2.0 * first.3.hypot(last.3))
+        .part(
+            "The error falls from the fewest states to the most, by more than two standard \
+            errors.",
+            first.2 - last.2 > 2.0 * first.3.hypot(last.3),
+        )
         .part("It falls less over the upper half of the orders than over the lower.", late < early)
         .part("An iteration takes longer with every order.", points.windows(2).all(|w| w[1].1 > w[0].1))
         .say(format!(
-            "From {} to {} states an iteration goes from {:.0} to {:.0} µs and the mean error from {:.2} to {:.2} mV, of which {early:.2} mV come with the first {} states.",
-            first.0, last.0, first.1, last.1, first.2, last.2, middle.0 - first.0
+            "From {} to {} states an iteration goes from {:.0} to {:.0} µs and the mean error from {:.2} to {:.2} mV, \
+             of which {early:.2} mV come with the first {} states.",
+            first.0,
+            last.0,
+            first.1,
+            last.1,
+            first.2,
+            last.2,
+            middle.0 - first.0
         )))
 }

@@ -9,9 +9,10 @@ use crate::claim::{Claim, Context, Finding, Result, claim};
 use crate::truss::{ACTUATOR, BAND_HZ, MODES_HZ, SENSOR, curve, truss_of, truth};
 
 pub const CLAIM: Claim = claim!("fig4",
-    statement: "The transfer function from actuator 1 to sensor 2, 50-300 Hz, random excitation, 64 averages, shows a group of modes near 60 Hz some 40 dB down, then \
-        modes at 136, 168, 186, 212 and 243 Hz.",
-    limit: "The truss was given these frequencies and this level. What is tested is that such a measurement shows them; that the real structure had them is the paper's word.",
+    statement: "The transfer function from actuator 1 to sensor 2, 50-300 Hz, random excitation, 64 averages, shows a \
+        group of modes near 60 Hz some 40 dB down, then modes at 136, 168, 186, 212 and 243 Hz.",
+    limit: "The truss was given these frequencies and this level. What is tested is that such a measurement shows \
+        them; that the real structure had them is the paper's word.",
     timed: false,
 );
 
@@ -92,20 +93,37 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         .figure("largest error of a peak's height", worst_db, "dB")
         .figure("mean coherence, 100-250 Hz", coherence, "")
         .part(
-            format!("Each of the five modes is measured within two lines ({:.2} Hz) of its true peak: the window is that wide.", 2.0 * line_hz),
+            format!(
+                "Each of the five modes is measured within two lines ({:.2} Hz) of its true peak: the window is \
+                that wide.",
+                2.0 * line_hz
+            ),
             worst_hz <= 2.0 * line_hz,
         )
         .part("The group near 60 Hz is measured within 3 dB of its true level.", (down - truly_down).abs() <= 3.0)
-        .part("In this pair the group lies 35 to 45 dB below the highest peak: \"some 40 dB\" read to the nearest ten.", (35.0..=45.0).contains(&down))
+        .part(
+            "In this pair the group lies 35 to 45 dB below the highest peak: \"some 40 dB\" read to the nearest \
+            ten.",
+            (35.0..=45.0).contains(&down),
+        )
         .open("The real structure had these modes: the testbed was built from them.")
-        .picture(picture, format!("Welch's estimate from {} segments with its coherence, and the true response.", vary.segments))
+        .picture(
+            picture,
+            format!(
+                "Welch's estimate from {} segments with its coherence, and the true \
+            response.",
+                vary.segments
+            ),
+        )
         .table(
             "The five modes.",
             &[("mode", "Hz"), ("measured", "Hz"), ("true", "Hz"), ("measured", "dB"), ("off", "dB")],
             rows,
         )
         .say(format!(
-            "{} segments show the five modes within {worst_hz:.2} Hz and {worst_db:.1} dB of the true peaks, and the tubes' group {down:.0} dB below the highest (truly {truly_down:.0} dB in this pair; the testbed has 40 dB over all pairs).",
+            "{} segments show the five modes within {worst_hz:.2} Hz and {worst_db:.1} dB of the true peaks, and the \
+             tubes' group {down:.0} dB below the highest (truly {truly_down:.0} dB in this pair; the testbed has 40 dB \
+             over all pairs).",
             vary.segments
         )))
 }

@@ -1,4 +1,4 @@
-//! Fig. 5: the actuator's signal.
+//! Fig. 5: the actuator signal.
 
 use plid_model::signal::{WelchOptions, welch_spectra};
 use plid_report::{Axis, Chart, Series, chart};
@@ -8,8 +8,10 @@ use crate::claim::{Claim, Context, Finding, Result, claim};
 use crate::truss::{ACTUATOR, truss_of};
 
 pub const CLAIM: Claim = claim!("fig5",
-    statement: "The actuator signal is noise through a sixth-order Butterworth low-pass filter at 200 Hz; from about 600 Hz it is below the noise floor.",
-    limit: "The filter is the paper's and the floors follow from its noise figure (5 mV) and its converter (12 bits over 10 V). Where the real amplifier's floor lay is not known.",
+    statement: "The actuator signal is noise through a sixth-order Butterworth low-pass filter at 200 Hz; from about \
+        600 Hz it is below the noise floor.",
+    limit: "The filter is the paper's and the floors follow from its noise figure (5 mV) and its converter (12 bits \
+        over 10 V). Where the real amplifier's floor lay is not known.",
     timed: false,
 );
 
@@ -19,7 +21,7 @@ struct Vary {
     segments: usize,
 }
 
-/// Order and corner of the paper's filter.
+/// Order and corner frequency of the paper's filter.
 const ORDER: i32 = 6;
 const CORNER_HZ: f64 = 200.0;
 const SEGMENT: usize = 512;
@@ -87,16 +89,27 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         .figure("the same for an analogue filter, rounding", ideal_rounded, "Hz")
         .figure("largest distance of the density from the filter's, 20-350 Hz", off, "dB")
         .part(
-            "From 20 to 350 Hz the density is the filter's within 3 dB (so many averages leave 1 dB of scatter a line, and the largest of a hundred lines is looked at).",
+            "From 20 to 350 Hz the density is the filter's within 3 dB (so many averages leave 1 dB of scatter a line, \
+             and the largest of a hundred lines is looked at).",
             off < 3.0,
         )
-        .part("From 600 Hz on the command is below the amplifier's noise of 5 mV.", from <= 600.0 && digital(700.0) < amplifier)
-        .part("It is so from about 600 Hz, 500 to 700, and not from much lower: for the sampled filter.", (500.0..=700.0).contains(&from))
+        .part(
+            "From 600 Hz on the command is below the amplifier's noise of 5 \
+            mV.",
+            from <= 600.0 && digital(700.0) < amplifier,
+        )
+        .part(
+            "It is so from about 600 Hz, 500 to 700, and not from much lower: for the sampled \
+            filter.",
+            (500.0..=700.0).contains(&from),
+        )
         .part("The same for an analogue filter.", (500.0..=700.0).contains(&ideal))
         .picture(psd, "Density of the command as the converter gives it, the filter, and the floors.")
         .picture(time, "The first half second.")
         .say(format!(
-            "From 600 Hz on the command is below the floor of 5 mV, but a sampled filter of this kind is so from {from:.0} Hz already (measured {measured:.0} Hz), an analogue one from {ideal:.0} Hz. The converter's rounding takes over at \
-             {rounded:.0} Hz, or {ideal_rounded:.0} Hz. The paper's figure lies between the two floors of an analogue filter."
+            "From 600 Hz on the command is below the floor of 5 mV, but a sampled filter of this kind is so from \
+             {from:.0} Hz already (measured {measured:.0} Hz), an analogue one from {ideal:.0} Hz. The converter's \
+             rounding takes over at {rounded:.0} Hz, or {ideal_rounded:.0} Hz. The paper's figure lies between the two \
+             floors of an analogue filter."
         )))
 }

@@ -1,10 +1,10 @@
 //! Fig. 6: how the recursion converges, without averages and with ten.
 
 use ndarray::{Array2, s};
-use plid_bench::median;
 use plid_core::NoiseModel;
 use plid_lab::experiment::{Experiment, NoiseSource};
 use plid_model::signal::convergence;
+use plid_model::signal::median;
 use plid_report::{Axis, Chart, ConvergencePlot, Scale, Series, chart, convergence_plot};
 use rayon::prelude::*;
 use serde::Deserialize;
@@ -14,10 +14,10 @@ use crate::course::{course, form_and_start};
 use crate::truss::{MODES_HZ, curve, mean_and_spread, truss_of, with_and_without_averages};
 
 pub const CLAIM: Claim = claim!("fig6",
-    statement: "The convergence plot (largest absolute one-step error over the sensors, a sample at a time) comes down to about 30 mV without averages and 20 mV with ten; \
-        single peaks come down from 40 to 20 mV.",
-    limit: "The levels depend on the noise of the real outputs, which is known only as a figure for the whole (15-20 mV at rest), and on the covariances that were told. That averaging \
-        lowers them can be tested.",
+    statement: "The convergence plot (largest absolute one-step error over the sensors, a sample at a time) comes down \
+        to about 30 mV without averages and 20 mV with ten; single peaks come down from 40 to 20 mV.",
+    limit: "The levels depend on the noise of the real outputs, which is known only as a figure for the whole (15-20 \
+        mV at rest), and on the covariances that were told. That averaging lowers them can be tested.",
     timed: false,
 );
 
@@ -26,12 +26,12 @@ pub const CLAIM: Claim = claim!("fig6",
 struct Vary {
     seeds: u64,
     duration_s: f64,
-    /// How often the transfer function is drawn, and up to which step.
+    /// Interval between plots of the transfer function, and the last step plotted.
     every: usize,
     until: usize,
 }
 
-/// The level at the end is that of the last so many seconds.
+/// Duration at the end, in s, over which the final level is taken.
 const END_S: f64 = 1.0;
 
 /// One run: the largest |e| of every training sample, V.
@@ -41,7 +41,7 @@ fn errors(context: &Context<'_>, experiment: &Experiment) -> Result<Array2<f64>>
     Ok(outcome.validation.innovations[0].slice(s![..learnt, ..]).to_owned())
 }
 
-/// Median and largest value of the largest |e| over the last second, mV.
+/// Median and maximum of the largest |e| over the last second, in mV.
 fn end(errors: &Array2<f64>, rate: f64) -> (f64, f64) {
     let largest = convergence(errors.view(), 1).largest;
     let last = &largest[largest.len().saturating_sub((END_S * rate) as usize)..];
@@ -97,22 +97,40 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     let (watched, unheard) = waterfall(&setting(1, ten, NoiseSource::PaperLiteral), &vary)?;
     Ok(finding
         .figure("modes that show within 3 dB at the last curve", watched as f64, "of 5")
-        .part("Averaging ten records lowers the level at the end, by more than its spread over seeds, with the paper's covariances.", one > ten_averages)
-        .part("The level without averages is 30 mV within half of that, for the real noise is known no better.", (15.0..=45.0).contains(&one))
+        .part(
+            "Averaging ten records lowers the level at the end, by more than its spread over seeds, with the paper's \
+            covariances.",
+            one > ten_averages,
+        )
+        .part(
+            "The level without averages is 30 mV within half of that, for the real noise is known no \
+            better.",
+            (15.0..=45.0).contains(&one),
+        )
         .part("The level with ten averages is 20 mV within half of that.", (10.0..=30.0).contains(&ten_averages))
         .part("Single peaks come down by a factor of two, 1.5 at least.", peak_one > 1.5 * peak_ten)
-        .picture(unheard, format!("The identified transfer function every {} steps, actuator 1 to sensor 2, ten averages, the paper's covariances; each curve is 10 dB above the former. The measured peaks are marked.", vary.every))
+        .picture(
+            unheard,
+            format!(
+                "The identified transfer function every {} steps, actuator 1 to sensor 2, ten \
+            averages, the paper's covariances; each curve is 10 dB above the former. The measured peaks are \
+            marked.",
+                vary.every
+            ),
+        )
         .table(
             &format!("The last second, over {} seeds: median of the largest error, and its largest value.", vary.seeds),
             &[("run", ""), ("level", "mV"), ("spread", "mV"), ("peak", "mV"), ("spread", "mV")],
             rows,
         )
         .say(format!(
-            "With the paper's covariances the level at the end is {one:.1} mV without averages and {ten_averages:.1} mV with ten, single peaks {peak_one:.0} and {peak_ten:.0} mV; with tuned covariances the level is {tuned_one:.1} and {tuned_ten:.1} mV."
+            "With the paper's covariances the level at the end is {one:.1} mV without averages and {ten_averages:.1} \
+             mV with ten, single peaks {peak_one:.0} and {peak_ten:.0} mV; with tuned covariances the level is \
+             {tuned_one:.1} and {tuned_ten:.1} mV."
         )))
 }
 
-/// The transfer function as it becomes what it is, and how many modes the last curve has within 3 dB.
+/// Plots how the transfer function converges, and counts the modes that the last curve has within 3 dB.
 fn waterfall(experiment: &Experiment, vary: &Vary) -> Result<(usize, String)> {
     let mut experiment = experiment.clone();
     let states = experiment.structure.states.unwrap_or(30);

@@ -1,8 +1,8 @@
 //! Fig. 8: more states, more samples.
 
-use plid_bench::median;
 use plid_lab::experiment::{Experiment, NoiseSource};
 use plid_model::Model;
+use plid_model::signal::median;
 use plid_report::{Axis, Chart, Series, chart};
 use rayon::prelude::*;
 use serde::Deserialize;
@@ -14,7 +14,8 @@ use crate::truss::{
 };
 
 pub const CLAIM: Claim = claim!("fig8",
-    statement: "With 27 and 30 states the MIMO transfer function is better than with 24: more states are better. The peak at 168 Hz is too low because too few samples were used.",
+    statement: "With 27 and 30 states the MIMO transfer function is better than with 24: more states are better. The \
+        peak at 168 Hz is too low because too few samples were used.",
     limit: "Which peaks need how many states depends on shapes and damping that the paper does not give.",
     timed: false,
 );
@@ -25,13 +26,14 @@ struct Vary {
     states: Vec<usize>,
     samples: Vec<usize>,
     seeds: u64,
-    /// The samples at which numbers of states are compared, and the states at which samples are.
+    /// The number of samples at which numbers of states are compared, and the number of states at which numbers of
+    /// samples are compared.
     at_samples: usize,
     at_states: usize,
     noise: Vec<NoiseSource>,
 }
 
-/// What a model is worth: its error in the band, and the modes of the paper's pair.
+/// The quality of a model: its error in the band, and the modes of the paper's pair.
 #[derive(Clone)]
 struct Worth {
     band: f64,
@@ -134,14 +136,21 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     let (b24, b27, b30, few_db, many_db) = (band(24), band(27), band(30), low(few), low(many));
     let never_low = (0..vary.samples.len()).all(|k| low(vary.samples[k]) > -1.0);
     Ok(finding
-        .part("At the same samples, 27 states have a smaller error in band than 24, and 30 a smaller one than 27, with the paper's covariances.", b30 < b27 && b27 < b24)
+        .part(
+            "At the same samples, 27 states have a smaller error in band than 24, and 30 a smaller one than 27, with \
+            the paper's covariances.",
+            b30 < b27 && b27 < b24,
+        )
         .part("At some number of samples the peak at 168 Hz is too low, by 1 dB at least.", !never_low)
         .part(
-            "With the fewest samples it is lower than with the most, by 0.5 dB at least, and with the most it is within 1 dB: samples are what was missing.",
+            "With the fewest samples it is lower than with the most, by 0.5 dB at least, and with the most it is \
+             within 1 dB: samples are what was missing.",
             many_db - few_db > 0.5 && many_db.abs() < 1.0,
         )
         .say(format!(
-            "With {} samples and the paper's covariances the error in band is {b24:.1} % at 24 states, {b27:.1} % at 27 and {b30:.1} % at 30. The peak at 168 Hz is off by {few_db:+.2} dB after {few} samples and by {many_db:+.2} dB after {many}.",
+            "With {} samples and the paper's covariances the error in band is {b24:.1} % at 24 states, {b27:.1} % at \
+             27 and {b30:.1} % at 30. The peak at 168 Hz is off by {few_db:+.2} dB after {few} samples and by \
+             {many_db:+.2} dB after {many}.",
             vary.at_samples
         )))
 }

@@ -1,19 +1,21 @@
 //! Fig. 9: one input.
 
 use ndarray::s;
-use plid_bench::median;
 use plid_lab::experiment::NoiseSource;
+use plid_model::signal::{median, rms};
 use rayon::prelude::*;
 use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};
 use crate::truss::{
-    MODES_HZ, ModeRow, SENSOR, covariances, modes, noise_floor, overlay, rms, truth, with_samples, with_seed,
+    MODES_HZ, ModeRow, SENSOR, covariances, modes, noise_floor, overlay, truth, with_samples, with_seed,
 };
 
 pub const CLAIM: Claim = claim!("fig9",
-    statement: "A SIMO run over 1500 samples: the first four modes agree, that at 243 Hz is 5 dB off; the error is below the noise floor.",
-    limit: "How many decibels a mode is off depends on shapes and damping that the paper does not give; that the mode with the weakest response is the worst can be tested.",
+    statement: "A SIMO run over 1500 samples: the first four modes agree, that at 243 Hz is 5 dB off; the error is \
+        below the noise floor.",
+    limit: "How many decibels a mode is off depends on shapes and damping that the paper does not give; that the mode \
+        with the weakest response is the worst can be tested.",
     timed: false,
 );
 
@@ -66,7 +68,10 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         let worst = offs[..4].iter().copied().fold(0.0, f64::max);
         let last =
             if offs[4].is_finite() { format!("243 Hz by {:.1} dB", offs[4]) } else { "243 Hz has no peak".into() };
-        sentences.push(format!("with {name} the first four modes are off by at most {worst:.1} dB, {last}, and the one-step error at the end is {error:.1} mV RMS"));
+        sentences.push(format!(
+            "with {name} the first four modes are off by at most {worst:.1} dB, {last}, and the \
+            one-step error at the end is {error:.1} mV RMS"
+        ));
         finding = finding
             .part(format!("With {name} the first four modes are within 3 dB, in the median over seeds."), worst <= 3.0)
             .part(format!("With {name} 243 Hz is worse than any of them."), offs[4] > worst)

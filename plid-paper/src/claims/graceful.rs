@@ -1,7 +1,7 @@
-//! White against shaped input for models of reduced order.
+//! Claim: models of reduced order under white and under shaped inputs.
 
-use plid_bench::median;
 use plid_lab::experiment::Experiment;
+use plid_model::signal::median;
 use plid_report::{Axis, Chart, Series, chart};
 use plid_testbed::{InputConfig, WhiteNoise};
 use rayon::prelude::*;
@@ -11,12 +11,13 @@ use crate::claim::{Claim, Context, Finding, Result, claim};
 use crate::truss::{band_error, truss_of, truth, with_seed};
 
 pub const CLAIM: Claim = claim!("graceful",
-    statement: "Shaping the input reduces the model gracefully: what lies above the band of the input is left out, and the band is modelled well.",
+    statement: "Shaping the input reduces the model gracefully: what lies above the band of the input is left out, and \
+        the band is modelled well.",
     limit: "The modes above the band are the testbed's own: eight from 312 to 731 Hz.",
     timed: false,
 );
 
-/// Where the shaped input has its power and the dominant modes lie.
+/// The band of the shaped input, which contains the dominant modes.
 const BAND: [f64; 2] = [50.0, 250.0];
 
 #[derive(Deserialize)]
@@ -82,12 +83,34 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     let last = vary.states.len() - 1;
     let gracefully = lines[0].windows(2).all(|w| w[1] < 1.1 * w[0]);
     Ok(finding
-        .part("At every order the shaped input gives the smaller error in the band, for the same RMS.", better == vary.states.len())
-        .part("With the shaped input each further reduction makes the error larger or leaves it within 10 %: no order breaks down.", gracefully)
-        .picture(picture, format!("Error of all nine responses where the shaped input has its power, median over {} seeds, {} samples.", vary.seeds, vary.samples))
+        .part(
+            "At every order the shaped input gives the smaller error in the band, for the same \
+            RMS.",
+            better == vary.states.len(),
+        )
+        .part(
+            "With the shaped input each further reduction makes the error larger or leaves it within 10 %: no order \
+            breaks down.",
+            gracefully,
+        )
+        .picture(
+            picture,
+            format!(
+                "Error of all nine responses where the shaped input has its power, median over {} \
+            seeds, {} samples.",
+                vary.seeds, vary.samples
+            ),
+        )
         .table("Error in 50-250 Hz.", &[("states", ""), ("shaped", "%"), ("white", "%")], rows.collect())
         .say(format!(
-            "The shaped input gives the smaller error in the band at {better} of {} orders, by a factor of up to {ratio:.1}: {:.1} against {:.1} % at {} states, {:.1} against {:.1} % at {}.",
-            vary.states.len(), lines[0][0], lines[1][0], vary.states[0], lines[0][last], lines[1][last], vary.states[last]
+            "The shaped input gives the smaller error in the band at {better} of {} orders, by a factor of up to \
+             {ratio:.1}: {:.1} against {:.1} % at {} states, {:.1} against {:.1} % at {}.",
+            vary.states.len(),
+            lines[0][0],
+            lines[1][0],
+            vary.states[0],
+            lines[0][last],
+            lines[1][last],
+            vary.states[last]
         )))
 }

@@ -1,4 +1,4 @@
-//! A single-input run beside a run with all inputs.
+//! Claim: the duration of a single-input run, compared with a run with all inputs.
 
 use plid_bench::speed::Cell;
 
@@ -51,7 +51,10 @@ fn run(context: &Context<'_>) -> Result<Finding> {
             rows,
         )
         .say(format!(
-            "A SIMO step takes {least:.2} to {most:.2} of the time of a MIMO step; in theory, with 5 n unknowns in place of 7 n and work that grows with their square, 0.51. Three SIMO runs together so take {:.1} to {:.1} times as long as one MIMO run over as many samples.",
-            3.0 * least, 3.0 * most
+            "A SIMO step takes {least:.2} to {most:.2} of the time of a MIMO step; in theory, with 5 n unknowns in \
+             place of 7 n and work that grows with their square, 0.51. Three SIMO runs together so take {:.1} to {:.1} \
+             times as long as one MIMO run over as many samples.",
+            3.0 * least,
+            3.0 * most
         )))
 }

@@ -1,4 +1,4 @@
-//! Poles above the band of the input.
+//! Claim: no poles are found above the band of the input.
 
 use plid_lab::experiment::NoiseSource;
 use plid_model::{Mode, ModeKind, modes};
@@ -27,7 +27,7 @@ struct Vary {
     noise: Vec<NoiseSource>,
 }
 
-/// Poles whose frequency lies above the limit: a pair counts twice; a real pole is there where it alternates in sign.
+/// Counts the poles above the frequency limit. A complex pair counts twice; a real pole counts if it is negative.
 fn above(modes: &[Mode]) -> usize {
     let inside = modes.iter().filter(|mode| mode.pole.re < 0.0 && mode.hz > ABOVE_HZ);
     inside.map(|mode| if mode.kind == ModeKind::Real { 1 } else { 2 }).sum()
@@ -74,12 +74,17 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         .figure("largest share of poles above 600 Hz, shaped", 100.0 * most, "%")
         .part("With the shaped input no model has a pole above 600 Hz.", none == shaped_poles.len())
         .part(
-            "With the shaped input every model has a smaller share of its poles there than the band has of all frequencies (a quarter): the band gets less than its due.",
+            "With the shaped input every model has a smaller share of its poles there than the band has of all \
+             frequencies (a quarter): the band gets less than its due.",
             most < even,
         )
         .table(&format!("Poles above 600 Hz, mean over {} seeds.", vary.seeds), &heads, rows)
         .say(format!(
-            "With the shaped input {none} of {} models have no pole above 600 Hz, and at most {:.0} % of a model's poles lie there, where an even spread would put {:.0} %; with white input at least {:.0} %.",
-            shaped_poles.len(), 100.0 * most, 100.0 * even, 100.0 * least_white
+            "With the shaped input {none} of {} models have no pole above 600 Hz, and at most {:.0} % of a model's \
+             poles lie there, where an even spread would put {:.0} %; with white input at least {:.0} %.",
+            shaped_poles.len(),
+            100.0 * most,
+            100.0 * even,
+            100.0 * least_white
         )))
 }

@@ -1,4 +1,4 @@
-//! Noise on the parameters as a cure for finite precision.
+//! Claim: parameter noise compensates for finite precision.
 
 use plid_bench::stability::{self, Class, Config, Judged};
 use plid_catalogue::{CovarianceName, ScalarName};
@@ -67,14 +67,24 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         .part("Without noise on the parameters the direct form is lost in f32.", single == Class::Lost)
         .part("Without it the direct form is not sound in f64.", double != Class::Sound)
         .part("With some of the levels tried it is not lost in f32: noise is a cure.", !cured.is_empty())
-        .part("With one of these the model simulates within 10 % as well as in f64 without noise: the cure has no price.", !harmless.is_empty())
+        .part(
+            "With one of these the model simulates within 10 % as well as in f64 without noise: the cure has no \
+            price.",
+            !harmless.is_empty(),
+        )
         .table(
             &format!("The direct form with {} states over {} steps.", vary.states, vary.steps),
             &[("noise a step", "variance"), ("f32", ""), ("free run", "%"), ("f64", ""), ("free run", "%")],
             rows,
         )
         .say(format!(
-            "With {} states over {} steps the direct form without noise is {} in f64 and {} in f32. In f32 these levels keep it: {}; of them these simulate as well: {}.",
-            vary.states, vary.steps, word(find(0.0, ScalarName::F64)?), word(find(0.0, ScalarName::F32)?), list(&cured), list(&harmless)
+            "With {} states over {} steps the direct form without noise is {} in f64 and {} in f32. In f32 these \
+             levels keep it: {}; of them these simulate as well: {}.",
+            vary.states,
+            vary.steps,
+            word(find(0.0, ScalarName::F64)?),
+            word(find(0.0, ScalarName::F32)?),
+            list(&cured),
+            list(&harmless)
         )))
 }

@@ -1,6 +1,6 @@
-//! How many samples are needed at which rate.
+//! Claim: the number of samples required at each sample rate.
 
-use plid_bench::median;
+use plid_model::signal::median;
 use plid_report::{Axis, Chart, Series, chart};
 use rayon::prelude::*;
 use serde::Deserialize;
@@ -11,11 +11,12 @@ use crate::truss::{band_error, truss_of, truth, with_seed};
 
 pub const CLAIM: Claim = claim!("rate",
     statement: "A rate of 1600 Hz keeps the information that a sample carries high.",
-    limit: "The structure, its converters and its noise figures are the same at every rate; the real ones were sampled at one rate only.",
+    limit: "The structure, its converters and its noise figures are the same at every rate; the real ones were sampled \
+        at one rate only.",
     timed: false,
 );
 
-/// The band that every rate has, below the Nyquist frequency of the lowest.
+/// The band common to all rates, below the Nyquist frequency of the lowest.
 const BAND: [f64; 2] = [100.0, 260.0];
 
 #[derive(Deserialize)]
@@ -23,18 +24,18 @@ const BAND: [f64; 2] = [100.0, 260.0];
 struct Vary {
     rates_hz: Vec<f64>,
     samples: usize,
-    /// Samples that the noise bank sees at each rate.
+    /// Number of samples given to the noise bank at each rate.
     tune_samples: usize,
     every: usize,
     seeds: u64,
-    /// Converged: the error in the band stays below this.
+    /// A run has converged if its error in the band stays below this value.
     target_percent: f64,
 }
 
-/// Error in the band against samples, %.
+/// Error in the band in per cent against the number of samples.
 type Line = Vec<(f64, f64)>;
 
-/// The samples after which the error stays below the target; none where it does not come to stay there.
+/// Number of samples after which the error stays below the target; `None` if it never does.
 fn needed(line: &[(f64, f64)], target: f64) -> Option<f64> {
     let last_above = line.iter().rposition(|(_, error)| !(*error < target));
     match last_above {

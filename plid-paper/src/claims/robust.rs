@@ -1,4 +1,4 @@
-//! What the paper says does no harm.
+//! Claim: imperfections that do no harm.
 
 use plid_core::ImplicitModel;
 use plid_lab::experiment::{Covariance, Experiment, NoiseSource};
@@ -11,8 +11,10 @@ use crate::course::noise_of;
 use crate::truss::{BAND_HZ, band_error, modes_of_all_pairs, truss_of, truth};
 
 pub const CLAIM: Claim = claim!("robust",
-    statement: "12-bit converters, noise that is not white or misjudged, a weak nonlinearity and a slow drift do no harm.",
-    limit: "How weak and how slow the real truss's effects were is not known: those here are stated, and the outputs change by about 1 %.",
+    statement: "12-bit converters, noise that is not white or misjudged, a weak nonlinearity and a slow drift do no \
+        harm.",
+    limit: "How weak and how slow the real truss's effects were is not known: those here are stated, and the outputs \
+        change by about 1 %.",
     timed: false,
 );
 
@@ -23,11 +25,11 @@ struct Vary {
     /// At strut 2, 1/V^2.
     cubic_per_v2: f64,
     drift_per_s: f64,
-    /// By what the covariances are wrong.
+    /// Factors by which the covariances are wrong.
     factors: Vec<f64>,
 }
 
-/// What one setting left: free run on held-out data, error in the band, and how many of the peaks are within 3 dB.
+/// The result of one setting: free-run error on held-out data, error in the band, and number of peaks within 3 dB.
 struct Row {
     name: String,
     free_run: f64,
@@ -139,11 +141,24 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         .part(format!("With all of it and covariances wrong by up to two decades, {rule}."), wrong == misjudged)
         .table(
             "One factor at a time, all together, and all with misjudged covariances.",
-            &[("what is not ideal", ""), ("free run", "%"), ("error in band", "%"), ("peaks within 3 dB", ""), ("worst peak", "dB")],
+            &[
+                ("what is not ideal", ""),
+                ("free run", "%"),
+                ("error in band", "%"),
+                ("peaks within 3 dB", ""),
+                ("worst peak", "dB"),
+            ],
             table.collect(),
         )
         .say(format!(
-            "The error in the band is {:.2} % under ideal conditions and {:.2} % with all factors together, and {} of {} peaks stay within 3 dB. Of {misjudged} misjudged settings {wrong} keep every peak within 3 dB; the worst ({}) has an error of {:.1} %.",
-            rows[0].band, rows[factors - 1].band, rows[factors - 1].close, rows[factors - 1].peaks, worst.name, worst.band
+            "The error in the band is {:.2} % under ideal conditions and {:.2} % with all factors together, and {} of \
+             {} peaks stay within 3 dB. Of {misjudged} misjudged settings {wrong} keep every peak within 3 dB; the \
+             worst ({}) has an error of {:.1} %.",
+            rows[0].band,
+            rows[factors - 1].band,
+            rows[factors - 1].close,
+            rows[factors - 1].peaks,
+            worst.name,
+            worst.band
         )))
 }

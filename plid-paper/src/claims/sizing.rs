@@ -1,4 +1,4 @@
-//! Eq. 11-15: how thick the piezoelectric wafers of an actuator must be.
+//! Eq. 11-15: the required thickness of the piezoelectric wafers of an actuator.
 
 use serde::Deserialize;
 
@@ -14,7 +14,7 @@ pub const CLAIM: Claim = Claim {
     run,
 };
 
-/// Inches, pounds a square inch, volts, rad/s.
+/// The design values, in inches, pounds per square inch, volts and rad/s.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Sizes {
@@ -34,13 +34,13 @@ struct Sizes {
     frequency: f64,
     /// Voltage.
     voltage: f64,
-    /// What the paper prints, in.
+    /// The result printed in the paper, in inches.
     printed: f64,
-    /// Wafers of an actuator.
+    /// Number of wafers in an actuator.
     wafers: f64,
 }
 
-/// Gravity, in/s².
+/// Acceleration of gravity in in/s².
 const GRAVITY: f64 = 386.0;
 
 fn run(context: &Context<'_>) -> Result<Finding> {
@@ -56,7 +56,8 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         .part("The printed numbers give the printed result within 5 %, its last digit.", near(side))
         .part("So they do with the paper's own factor of 2 for the two wafers of an actuator.", near(both))
         .say(format!(
-            "The equations give {side:.3} in with the paper's numbers, so its arithmetic is right; its own factor of {} for the two wafers, which the result leaves out, would make it {both:.3} in.",
+            "The equations give {side:.3} in with the paper's numbers, so its arithmetic is right; its own factor of \
+             {} for the two wafers, which the result leaves out, would make it {both:.3} in.",
             s.wafers
         )))
 }

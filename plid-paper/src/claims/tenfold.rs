@@ -1,4 +1,4 @@
-//! What a square root costs.
+//! Claim: the cost of a square-root form.
 
 use plid_bench::speed::{self, Config, Outcome};
 use plid_catalogue::{CovarianceName, ExpectationName};
@@ -20,7 +20,7 @@ pub struct Vary {
     steps: usize,
 }
 
-/// Carries out ID.toml, a study of speed, for as long as ID.vary.toml says.
+/// Runs ID.toml, a study of speed, for the duration given in ID.vary.toml.
 pub fn timed(context: &Context<'_>) -> Result<Outcome> {
     let (mut config, vary): (Config, Vary) = (context.config()?, context.vary()?);
     (config.rounds, config.visit_ms, config.steps) = (vary.rounds, vary.visit_ms, vary.steps);
@@ -67,10 +67,22 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         .part("Some factored form takes five times as long at least: ten is the order of it.", most_time >= 5.0)
         .table(
             "Least time of a step of the direct form; times and operations of the others over it.",
-            &[("states", ""), ("expectations", ""), ("direct", "µs"), ("Joseph", "time"), ("Joseph", "operations"), ("UD", "time"), ("UD", "operations"), ("array", "time"), ("array", "operations")],
+            &[
+                ("states", ""),
+                ("expectations", ""),
+                ("direct", "µs"),
+                ("Joseph", "time"),
+                ("Joseph", "operations"),
+                ("UD", "time"),
+                ("UD", "operations"),
+                ("array", "time"),
+                ("array", "operations"),
+            ],
             rows,
         )
         .say(format!(
-            "Factored forms take at most {most_time:.1} times as long as the direct one, with at most {most_work:.1} times its operations: up to ten is true as a bound, and far from what the structure of the problem demands."
+            "Factored forms take at most {most_time:.1} times as long as the direct one, with at most {most_work:.1} \
+             times its operations: up to ten is true as a bound, and far from what the structure of the problem \
+             demands."
         )))
 }

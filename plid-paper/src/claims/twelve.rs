@@ -1,4 +1,4 @@
-//! Direct propagation of P: for how many states?
+//! Claim: the number of states up to which the direct propagation of P is sound.
 
 use plid_bench::stability::{self, Class, Config, Judged, Part};
 use plid_catalogue::{CovarianceName, ScalarName};
@@ -7,8 +7,10 @@ use serde::Deserialize;
 use crate::claim::{Claim, Context, Finding, Inner, Result, claim};
 
 pub const CLAIM: Claim = claim!("twelve",
-    statement: "Direct propagation of the covariance is good enough for up to 12 states; beyond, a square root is needed.",
-    limit: "The precision that the paper's computer worked in, and for how many steps, is not known; both scalars are shown.",
+    statement: "Direct propagation of the covariance is good enough for up to 12 states; beyond, a square root is \
+        needed.",
+    limit: "The precision that the paper's computer worked in, and for how many steps, is not known; both scalars are \
+        shown.",
     timed: false,
 );
 
@@ -19,7 +21,7 @@ struct Vary {
     steps: usize,
 }
 
-/// The cells of one scalar and form, by rising number of states: sound, or where lost.
+/// The cells of one scalar and form in increasing number of states: sound, or the step at which P was lost.
 pub fn word(judged: &Judged) -> String {
     match (judged.class, judged.lost_at) {
         (Class::Sound, _) => "sound".into(),
@@ -71,10 +73,14 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         .part("In f64 the direct form is sound with 12 states.", sound(direct, ScalarName::F64, &small))
         .part("In f32 it is.", single_small)
         .part("In f64 it is not sound with more than 12 states at every size.", !sound(direct, ScalarName::F64, &large))
-        .part("In f32 it is not, and Bierman UD is.", !sound(direct, ScalarName::F32, &large) && sound(CovarianceName::BiermanUd, ScalarName::F32, &large))
+        .part(
+            "In f32 it is not, and Bierman UD is.",
+            !sound(direct, ScalarName::F32, &large) && sound(CovarianceName::BiermanUd, ScalarName::F32, &large),
+        )
         .table(&format!("{} steps on the truss, P0/R = 4·10⁴. {}", vary.steps, stability::rule()), &columns, rows)
         .say(format!(
-            "Over {} steps the direct form is {} in f64 up to {largest} states; in f32 it is {} with 12 states. What decides is the scalar, not the twelve.",
+            "Over {} steps the direct form is {} in f64 up to {largest} states; in f32 it is {} with 12 states. What \
+             decides is the scalar, not the twelve.",
             vary.steps,
             if double_all { "sound" } else { "not sound at every size" },
             if single_small { "sound" } else { "lost or degraded" },

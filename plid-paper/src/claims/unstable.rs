@@ -1,12 +1,12 @@
-//! Plants that are unstable, or not of minimum phase.
+//! Claim: unstable and nonminimum-phase plants are identified.
 
 use std::fmt::Write as _;
 
 use nalgebra::{Complex, DMatrix};
 use ndarray::Array2;
-use plid_bench::median;
 use plid_bench::study;
 use plid_lab::experiment::Experiment;
+use plid_model::signal::median;
 use plid_model::{Model, simulate};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -17,7 +17,8 @@ use crate::claim::{Claim, Context, Finding, Result, claim};
 
 pub const CLAIM: Claim = claim!("unstable",
     statement: "Neither open-loop stability nor minimum phase is assumed.",
-    limit: "Two small plants of known poles and zeros, in open loop; the unstable one over a record that is short enough to stay finite.",
+    limit: "Two small plants of known poles and zeros, in open loop; the unstable one over a record that is short \
+        enough to stay finite.",
     timed: false,
 );
 
@@ -36,7 +37,7 @@ struct Plant {
     samples: usize,
 }
 
-/// Poles at 1.03 and 0.9 exp(+-0.7i): it grows 30 000-fold over the record.
+/// Poles at 1.03 and 0.9 exp(+-0.7i); the response grows by a factor of 30 000 over the record.
 const UNSTABLE: Plant = Plant {
     name: "unstable",
     denominator: [-2.406_715_937_112_079_7, 2.228_017_415_225_442, -0.8343],
@@ -50,7 +51,7 @@ const NON_MINIMUM_PHASE: Plant = Plant {
     numerator: [1.0, -1.9, 0.7],
     samples: 1000,
 };
-/// RMS of the sensor's noise; the input has 1.
+/// RMS of the sensor noise for an input of RMS 1.
 const NOISE: f64 = 0.02;
 const RATE_HZ: f64 = 100.0;
 
@@ -63,7 +64,7 @@ impl Plant {
         Ok(Model::new(RATE_HZ, a, b, DMatrix::from_row_slice(1, 3, &[0.0, 0.0, 1.0]), DMatrix::zeros(1, 1))?)
     }
 
-    /// u1,y1: white input of unit RMS, and the response with the sensor's noise.
+    /// The record u1,y1: a white input of unit RMS, and the response with sensor noise.
     fn csv(&self, seed: u64) -> Result<String> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
@@ -78,7 +79,8 @@ impl Plant {
     }
 }
 
-/// Poles, or zeros: the eigenvalues of A, or of A - B (C B)^-1 C A without the one that this puts at zero.
+/// Returns the poles or the zeros: the eigenvalues of A, or those of A - B (C B)^-1 C A without the one at zero that
+/// this form adds.
 fn poles(model: &Model) -> Vec<Complex<f64>> {
     model.a.complex_eigenvalues().iter().copied().collect()
 }
@@ -129,9 +131,21 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         let counted = if plant.name == UNSTABLE.name { outside(&|x| x.0) } else { outside(&|x| x.1) };
         let what = if plant.name == UNSTABLE.name { "pole" } else { "zero" };
         finding = finding
-            .figure(format!("runs with a {what} outside of the unit circle, {}", plant.name), counted as f64, &format!("of {}", vary.seeds))
+            .figure(
+                format!(
+                    "runs with a {what} outside of the unit circle, \
+                {}",
+                    plant.name
+                ),
+                counted as f64,
+                &format!("of {}", vary.seeds),
+            )
             .part(
-                format!("{}: in every run the model has its {what} outside of the unit circle, and poles and zeros are right to 0.05 in the median.", plant.name),
+                format!(
+                    "{}: in every run the model has its {what} outside of the unit circle, and poles and zeros are \
+                    right to 0.05 in the median.",
+                    plant.name
+                ),
                 counted as u64 == vary.seeds && pole < 0.05 && zero < 0.05,
             );
         rows.push(vec![
@@ -145,15 +159,28 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         ]);
     }
     let sentence = format!(
-        "An unstable plant in open loop is identified with its poles right to {:.4}, one of minimum phase lacking with its zeros right to {:.4}, medians over {} records each.",
+        "An unstable plant in open loop is identified with its poles right to {:.4}, one of minimum phase lacking with \
+         its zeros right to {:.4}, medians over {} records each.",
         finding.value("error of the poles, unstable"),
         finding.value("error of the zeros, non-minimum-phase"),
         vary.seeds
     );
     Ok(finding
         .table(
-            &format!("The outermost pole and zero, and the largest errors; medians over {} records with sensor noise of 2 % of the input's RMS.", vary.seeds),
-            &[("plant", ""), ("pole", "true"), ("pole", "found"), ("zero", "true"), ("zero", "found"), ("poles off", ""), ("zeros off", "")],
+            &format!(
+                "The outermost pole and zero, and the largest errors; medians over {} records with sensor noise \
+                of 2 % of the input's RMS.",
+                vary.seeds
+            ),
+            &[
+                ("plant", ""),
+                ("pole", "true"),
+                ("pole", "found"),
+                ("zero", "true"),
+                ("zero", "found"),
+                ("poles off", ""),
+                ("zeros off", ""),
+            ],
             rows,
         )
         .say(sentence))

@@ -1,4 +1,4 @@
-//! What is left between measured and predicted outputs.
+//! Claim: the difference between measured and predicted outputs is white.
 
 use plid_report::correlation_plot;
 use rayon::prelude::*;

@@ -8,8 +8,8 @@ use crate::plant::{StrutPort, Truss};
 
 /// A force inside the structure, integrated in continuous time together with it.
 pub(crate) trait StructureEffect {
-    /// Adds its share of dx/dt at time `t_s` (since the first record began). States of its own follow those of the truss
-    /// in `x` and `rate`.
+    /// Adds its share of dx/dt at time `t_s` (since the first record began). States of its own follow those of the
+    /// truss in `x` and `rate`.
     fn add_rate(&self, t_s: f64, x: &[f64], rate: &mut [f64]);
 }
 

@@ -1,9 +1,9 @@
 //! Effects: what the nominal linear time-invariant model lacks. One file an effect.
 //!
 //! An effect is a `Law`: it changes the linear plant, or takes its place in the chain of a record: between
-//! amplifier and actuator pole, inside the structure (integrated in continuous time together with it), on the samples before
-//! the sensor noise, or behind the ADC. Effects at one place act in the order of the list. All internal states are zero at the
-//! start of a record; clocks and phases run on.
+//! amplifier and actuator pole, inside the structure (integrated in continuous time together with it), on the samples
+//! before the sensor noise, or behind the ADC. Effects at one place act in the order of the list. All internal states
+//! are zero at the start of a record; clocks and phases run on.
 
 pub mod actuator;
 pub(crate) mod chain;
@@ -30,8 +30,8 @@ use crate::streams::{Purpose, stream};
 /// The effects, each with its name in the vocabulary; outsiders' names begin with `x-`.
 macro_rules! effects {
     ($($kind:literal = $module:ident::$effect:ident;)*) => {
-        /// An effect of the list. In TOML a table with its `kind`, its place `at` and its parameters; many take another `law` of the
-        /// same physics than the vocabulary's own.
+        /// An effect of the list. In TOML a table with its `kind`, its place `at` and its parameters; many take another
+        /// `law` of the same physics than the vocabulary's own.
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
         #[serde(tag = "kind")]
         #[allow(missing_docs)] // Each is documented where it is defined.
@@ -106,7 +106,8 @@ impl Effect {
         Effect::ActuatorGain(actuator::ActuatorGain { at: Input(0), gain: 1.0 })
     }
 
-    /// Makes it stronger by a factor: what it changes grows with it, to first order in proportion where the law allows that.
+    /// Makes it stronger by a factor: what it changes grows with it, to first order in proportion where the law allows
+    /// that.
     #[must_use]
     pub fn strengthened(&self, factor: f64) -> Self {
         let mut stronger = self.clone();

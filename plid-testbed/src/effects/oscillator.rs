@@ -1,5 +1,5 @@
-//! Tests of the forces at a strut on a truss of one mode, whose free motion is known in closed form to first order: in volts,
-//! d" + 2 zeta w d' + w^2 (d - f) = 0.
+//! Tests of the forces at a strut on a truss of one mode, whose free motion is known in closed form to first order: in
+//! volts, d" + 2 zeta w d' + w^2 (d - f) = 0.
 
 use std::f64::consts::PI;
 
@@ -117,8 +117,8 @@ fn a_gap_does_nothing_within_and_is_a_spring_far_beyond() {
     assert!((frequency(&beyond) / HZ / 1.1_f64.sqrt() - 1.0).abs() < 1e-3);
 }
 
-/// The area of the steady loop of z over the displacement, in closed form: z unloads straight from -Z to 0 over Z, then follows
-/// dy (1 - exp(-x / dy)) over the L left of the stroke 2 A. A mode loses w^2 k times that in a period.
+/// The area of the steady loop of z over the displacement, in closed form: z unloads straight from -Z to 0 over Z, then
+/// follows dy (1 - exp(-x / dy)) over the L left of the stroke 2 A. A mode loses w^2 k times that in a period.
 #[test]
 fn joint_hysteresis_takes_the_area_of_its_loop_from_each_period() {
     let (k, dy, stroke) = (0.002, 0.5, 2.0);

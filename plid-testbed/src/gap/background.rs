@@ -72,7 +72,8 @@ const SENSOR_CROSSTALK: &str = "sensor-crosstalk";
 const WHOLE: Kind = ("stiffness-drift", &["settling"]);
 const DISTURBANCE: [Kind; 2] = [("narrowband-disturbance", &["wandering"]), ("coloured-disturbance", &[])];
 
-/// Chances of a second effect at a place, of a law other than the effect's own, of a drift of the structure, and of a disturbance.
+/// Chances of a second effect at a place, of a law other than the effect's own, of a drift of the structure, and of a
+/// disturbance.
 const SECOND: f64 = 0.5;
 const OTHER_LAW: f64 = 0.5;
 const DRIFTS: f64 = 0.7;
@@ -82,7 +83,8 @@ const SPREAD: f64 = 0.7;
 const LARGEST_SHARE: f64 = 0.5;
 /// Samples of the held-out record on which one effect is sized. The joint gap is then set on all of it.
 const EXCERPT: usize = 1000;
-/// Between which the modes are drawn that the simulation lacks, Hz: above the excited band and below half the sample rate.
+/// Between which the modes are drawn that the simulation lacks, Hz: above the excited band and below half the sample
+/// rate.
 const RESIDUAL_HZ: Range<f64> = 420.0..0.475 * SAMPLE_RATE_HZ;
 
 /// What a case's effects are drawn for.
@@ -103,8 +105,8 @@ impl Scene<'_> {
     }
 }
 
-/// Draws small effects of random kind, place and size that make the gap `spec.imperfections` together. None has both kind and place of a
-/// main effect.
+/// Draws small effects of random kind, place and size that make the gap `spec.imperfections` together. None has both
+/// kind and place of a main effect.
 pub(crate) fn drawn(scene: &Scene<'_>, main: &[Effect]) -> Result<Background, GapError> {
     let target = scene.spec.imperfections;
     if target == 0.0 {

@@ -199,10 +199,14 @@ fn parameters(kind: &str, channel: usize, drawn: &Drawn, signals: &Signals, rng:
         "sensor-drift" => json!({ "rate_v_per_s": sign * 1e-3 }),
         "mains-hum" => {
             let frequency_hz = if sign > 0.0 { 50.0 } else { 60.0 } + within(-0.05, 0.05);
-            let mut harmonic = |multiple: u32, share: f64| json!({ "multiple": multiple, "amplitude_v": 0.03 * share * within(0.5, 1.5), "phase_rad": within(0.0, TAU) });
+            let mut harmonic = |multiple: u32, share: f64| {
+                json!({ "multiple": multiple,
+                "amplitude_v": 0.03 * share * within(0.5, 1.5), "phase_rad": within(0.0, TAU) })
+            };
             let harmonics = [harmonic(2, 0.1), harmonic(3, 0.3), harmonic(5, 0.15)];
             json!({
-                "amplitude_v": 0.03, "frequency_hz": frequency_hz, "phase_rad": within(0.0, TAU), "harmonics": harmonics,
+                "amplitude_v": 0.03, "frequency_hz": frequency_hz, "phase_rad": within(0.0, TAU),
+                    "harmonics": harmonics,
             })
         }
         "sensor-noise" => json!({ "rms_v": 0.02 }),

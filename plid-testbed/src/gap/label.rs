@@ -51,12 +51,13 @@ pub struct LabelledBackground {
     pub imperfect: bool,
     /// The gap that they make together, without noise.
     pub imperfections: f64,
-    /// What they and the noise make of the held-out record without the main effects: the gap of a simulation that has none of these effects
-    /// and whose own parameters are exact.
+    /// What they and the noise make of the held-out record without the main effects: the gap of a simulation that has
+    /// none of these effects and whose own parameters are exact.
     pub gap_background: f64,
     /// The same of the nominal simulation, which is also off.
     pub gap_background_as_given: f64,
-    /// Each of them, with about the gap that it makes alone; then what the simulation is off by more than the stated limits.
+    /// Each of them, with about the gap that it makes alone; then what the simulation is off by more than the stated
+    /// limits.
     pub background_effects: Vec<LabelledEffect>,
 }
 
@@ -85,8 +86,8 @@ pub struct LabelledEffect {
     pub hz: f64,
     /// Whether its law is the vocabulary's own equation.
     pub own_equation: bool,
-    /// Whether it lies beyond twice what a case lets a simulation be off (0.2 % of a frequency, a tenth of a damping ratio), by itself and beside what this
-    /// simulation is off; always so for what is no nuisance.
+    /// Whether it lies beyond twice what a case lets a simulation be off (0.2 % of a frequency, a tenth of a damping
+    /// ratio), by itself and beside what this simulation is off; always so for what is no nuisance.
     pub clear_of_nuisance: bool,
     /// The effect as a config's list has it.
     pub config: Option<Effect>,
@@ -101,7 +102,8 @@ const SAME_MODE: f64 = 0.05;
 const SAME_FREQUENCY: f64 = 0.1;
 
 impl LabelledEffect {
-    /// Names of `par` in the vocabulary's equations, in order; the index of the other channel, which a crosstalk has in it, has none.
+    /// Names of `par` in the vocabulary's equations, in order; the index of the other channel, which a crosstalk has in
+    /// it, has none.
     #[must_use]
     pub fn parameter_names(&self) -> &'static [&'static str] {
         match self.effect.as_str() {
@@ -132,7 +134,8 @@ impl LabelledEffect {
         }
     }
 
-    /// Whether a location, as a diagnosis states it (`input:u2`, `output:y1->y3`, `mode:168.2`), means the place of this effect.
+    /// Whether a location, as a diagnosis states it (`input:u2`, `output:y1->y3`, `mode:168.2`), means the place of
+    /// this effect.
     #[must_use]
     pub fn is_at(&self, location: &str) -> bool {
         let (loc, par) = (self.loc + 1, &self.par);
@@ -212,8 +215,8 @@ pub(crate) fn labelled(effect: &Effect, target: f64, gap: f64, base: &Truss, nom
     }
 }
 
-/// What a simulation is off by more than the stated limits: frequencies, damping ratios, and poles of actuators, for which no limits are
-/// stated.
+/// What a simulation is off by more than the stated limits: frequencies, damping ratios, and poles of actuators, for
+/// which no limits are stated.
 pub(crate) fn off_limits(base: &Truss, nominal: &Truss, inputs: usize) -> Vec<LabelledEffect> {
     let off = |effect: &str, loc: usize, par: f64, hz: f64| LabelledEffect {
         effect: effect.to_owned(),

@@ -1,9 +1,9 @@
 //! Gap cases with a known answer: a plant with effects, the nominal simulation that lacks them, and records.
 //!
-//! [`draw`] draws one from a seed and a [`GapSpec`]; [`GapCase::write`] writes what a diagnosis may see in one folder and the
-//! answer in another. All plants have up to three actuators (with a pole at 260 Hz; a drone's motors are slower), up to three
-//! accelerometers behind a two-pole filter at 1 kHz, 12-bit converters of +-5 V, 5 mV of noise on each sensor and amplifier, and
-//! an ambient force that gives 2 mV.
+//! [`draw`] draws one from a seed and a [`GapSpec`]; [`GapCase::write`] writes what a diagnosis may see in one folder
+//! and the answer in another. All plants have up to three actuators (with a pole at 260 Hz; a drone's motors are
+//! slower), up to three accelerometers behind a two-pole filter at 1 kHz, 12-bit converters of +-5 V, 5 mV of noise on
+//! each sensor and amplifier, and an ambient force that gives 2 mV.
 
 mod background;
 mod effect;
@@ -132,8 +132,8 @@ const NOISE_V: f64 = 0.005;
 /// Draws a case: the same seed and spec give the same bits.
 ///
 /// # Errors
-/// If the spec names an effect, place or law that does not exist or not with these channels, has a number outside its range or
-/// keys that contradict each other, or asks for a gap that its effect cannot make.
+/// If the spec names an effect, place or law that does not exist or not with these channels, has a number outside its
+/// range or keys that contradict each other, or asks for a gap that its effect cannot make.
 pub fn draw(seed: u64, spec: &GapSpec) -> Result<GapCase, GapError> {
     spec.check()?;
     let config = config(seed, spec);

@@ -5,15 +5,15 @@ use serde::{Deserialize, Serialize};
 use super::GapError;
 use crate::{INPUTS, OUTPUTS};
 
-/// What is to be drawn. Left out, each key is as it is in [`GapSpec::default`]: a truss with all its channels, no effect, six
-/// records of full length and a simulation that is exact.
+/// What is to be drawn. Left out, each key is as it is in [`GapSpec::default`]: a truss with all its channels, no
+/// effect, six records of full length and a simulation that is exact.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct GapSpec {
     /// The effects at work; empty for none.
     pub effects: Vec<EffectSpec>,
-    /// Whether the nominal simulation is slightly off beside them: one standard deviation is 0.05 % of a frequency, 3 % of a
-    /// damping ratio and 0.5 % of a shape's entry.
+    /// Whether the nominal simulation is slightly off beside them: one standard deviation is 0.05 % of a frequency, 3 %
+    /// of a damping ratio and 0.5 % of a shape's entry.
     pub perturbed: bool,
     /// Whether the nominal simulation says where internal forces may act.
     pub ports: bool,
@@ -27,15 +27,16 @@ pub struct GapSpec {
     pub simulator: Simulator,
     /// What the noise of sensors and amplifiers is over what the nominal simulation declares; from 2/3 to 3/2.
     pub noise_misjudged: f64,
-    /// Length of the records over that of full ones; from 0.1 to 1. At 0.16 a record without input has 512 samples. The multisine's
-    /// period shortens with it, so that it has six in any case.
+    /// Length of the records over that of full ones; from 0.1 to 1. At 0.16 a record without input has 512 samples. The
+    /// multisine's period shortens with it, so that it has six in any case.
     pub length: f64,
-    /// The gap that small effects make together, of random kind, place and size everywhere beside the effects above; 0 for none, at most
-    /// 0.2. With them the noise has coloured and heavy-tailed parts.
+    /// The gap that small effects make together, of random kind, place and size everywhere beside the effects above; 0
+    /// for none, at most 0.2. With them the noise has coloured and heavy-tailed parts.
     #[serde(skip_serializing_if = "is_zero")]
     pub imperfections: f64,
-    /// How far the nominal simulation is off, in standard deviations of what a case states as limits (0.1 % of a frequency, 5 % of a
-    /// damping ratio, 1 % of a shape's entry) and, of an actuator's pole, in units of 2 %; 0 leaves it to `perturbed`, at most 3.
+    /// How far the nominal simulation is off, in standard deviations of what a case states as limits (0.1 % of a
+    /// frequency, 5 % of a damping ratio, 1 % of a shape's entry) and, of an actuator's pole, in units of 2 %; 0 leaves
+    /// it to `perturbed`, at most 3.
     #[serde(skip_serializing_if = "is_zero")]
     pub beyond_limits: f64,
 }
@@ -75,8 +76,8 @@ pub struct EffectSpec {
     /// Its law, as in a config's list; the vocabulary's own where left out.
     #[serde(default)]
     pub law: Option<String>,
-    /// The gap that it is to make alone: RMS(y with it - y without) / RMS(y without) on the held-out record without noise, each
-    /// output scaled to unit RMS.
+    /// The gap that it is to make alone: RMS(y with it - y without) / RMS(y without) on the held-out record without
+    /// noise, each output scaled to unit RMS.
     pub gap: f64,
 }
 
@@ -91,14 +92,15 @@ pub enum PlantKind {
     Beam,
     /// Seven inertias in a row on shafts, as of a gearbox.
     Chain,
-    /// Motors that lag behind their commands more than anything else does, a body that is held in its attitude, and its arms.
+    /// Motors that lag behind their commands more than anything else does, a body that is held in its attitude, and its
+    /// arms.
     Drone,
     /// The truss with two pairs of modes, each closer than its modes are wide.
     CloseModes,
 }
 
-/// How many inputs and outputs there are: the first ones of the plant's three. Inputs beyond are neither driven nor noisy, outputs
-/// beyond are not measured, and effects are drawn only where there is a channel.
+/// How many inputs and outputs there are: the first ones of the plant's three. Inputs beyond are neither driven nor
+/// noisy, outputs beyond are not measured, and effects are drawn only where there is a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Channels {

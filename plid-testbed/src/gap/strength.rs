@@ -92,7 +92,8 @@ impl Bench<'_> {
         self.near(first, target, Goal::MAIN)
     }
 
-    /// The same without precision and in few trials: the search starts where the effect would be if its gap grew with its strength.
+    /// The same without precision and in few trials: the search starts where the effect would be if its gap grew with
+    /// its strength.
     pub(crate) fn roughly(&self, first: &Effect, target: f64) -> Result<(Effect, f64), GapError> {
         let unscaled = self.gap_of(&self.outputs(&[])?, std::slice::from_ref(first))?;
         let near = unscaled > 0.0 && unscaled.is_finite();
@@ -111,7 +112,8 @@ impl Bench<'_> {
         Err(GapError::Unreachable { kind: effect.kind().to_owned(), target, nearest: gap })
     }
 
-    /// The gap that some effects make; infinite where they are too strong for the structure to hold or for their laws to make sense.
+    /// The gap that some effects make; infinite where they are too strong for the structure to hold or for their laws
+    /// to make sense.
     fn gap_of(&self, linear: &Array2<f64>, effects: &[Effect]) -> Result<f64, GapError> {
         match self.with(effects) {
             Ok(y) => Ok(gap(linear, &y)),
@@ -120,8 +122,8 @@ impl Bench<'_> {
         }
     }
 
-    /// The factor at which effects come nearest to the gap, and that gap: a bracket, then bisection of the factor's logarithm with a
-    /// secant in between where that falls well inside.
+    /// The factor at which effects come nearest to the gap, and that gap: a bracket, then bisection of the factor's
+    /// logarithm with a secant in between where that falls well inside.
     pub(crate) fn search(
         &self,
         target: f64,
@@ -165,7 +167,8 @@ impl Bench<'_> {
     }
 
     fn with(&self, effects: &[Effect]) -> Result<Array2<f64>, TestbedError> {
-        // Gains of one stand in for the effects before these, so that these draw from the streams that they have in the case.
+        // Gains of one stand in for the effects before these, so that these draw from the streams that they have in the
+        // case.
         let mut list = vec![Effect::idle(); self.number];
         list.extend_from_slice(effects);
         self.outputs(&list)

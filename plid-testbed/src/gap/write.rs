@@ -69,8 +69,8 @@ fn names(letter: char, count: usize) -> Vec<String> {
 }
 
 impl SimulationFile {
-    /// A plant as a spec's case gives it: with the channels that there are, in arbitrary coordinates, with its ports or without a word
-    /// of them.
+    /// A plant as a spec's case gives it: with the channels that there are, in arbitrary coordinates, with its ports or
+    /// without a word of them.
     pub(crate) fn of(seed: u64, truss: &Truss, spec: &GapSpec) -> Self {
         let Channels { inputs, outputs } = spec.channels;
         // Actuators that nothing drives are not in it, nor are filters that nobody reads: no other state meets them.
@@ -112,9 +112,10 @@ impl SimulationFile {
 }
 
 impl GapCase {
-    /// Writes case.toml, sim.json and r1.csv to r6.csv (as many as there are records) into `case`, and label.json, test_u.csv and
-    /// test_uy.csv into `label`. Where the simulation is given only by its outputs, r1_sim.csv to r6_sim.csv stand for sim.json, and
-    /// test_sim.csv is in `label` too. The folders are made where they are missing; case.toml and label.json are written last.
+    /// Writes case.toml, sim.json and r1.csv to r6.csv (as many as there are records) into `case`, and label.json,
+    /// test_u.csv and test_uy.csv into `label`. Where the simulation is given only by its outputs, r1_sim.csv to
+    /// r6_sim.csv stand for sim.json, and test_sim.csv is in `label` too. The folders are made where they are missing;
+    /// case.toml and label.json are written last.
     ///
     /// # Errors
     /// If a file cannot be written.
@@ -194,8 +195,6 @@ fn file_error(path: &Path, error: &std::io::Error) -> GapError {
     GapError::File { path: path.display().to_string(), reason: error.to_string() }
 }
 
-/// Whole or not at all: beside the file first, then in its place.
 fn save(path: &Path, text: &str) -> Result<(), GapError> {
-    let beside = path.with_extension("part");
-    fs::write(&beside, text).and_then(|()| fs::rename(&beside, path)).map_err(|e| file_error(path, &e))
+    plid_file::write_atomic(path, text.as_bytes()).map_err(|e| file_error(path, &e))
 }

@@ -282,7 +282,8 @@ fn a_label_knows_its_place_and_the_names_of_its_parameters() {
     }
 }
 
-/// A damping that is off by more than twice the limits, of which the simulation's own error takes some back, is not clear of them.
+/// A damping that is off by more than twice the limits, of which the simulation's own error takes some back, is not
+/// clear of them.
 #[test]
 fn what_a_nuisance_takes_back_does_not_count() {
     let drawn = |seed, perturbed| {

@@ -52,7 +52,8 @@ fn gap(y: &Array2<f64>, other: &Array2<f64>) -> f64 {
     (squares.sum::<f64>() / y.ncols() as f64).sqrt()
 }
 
-/// Frequencies (Hz) and damping ratios of the continuous model in sim.json, poles without oscillation first with ratio 1.
+/// Frequencies (Hz) and damping ratios of the continuous model in sim.json, poles without oscillation first with
+/// ratio 1.
 fn poles(case: &GapCase) -> Vec<(f64, f64)> {
     let sim = serde_json::to_value(&case.simulation).unwrap();
     // With the default tolerance nalgebra's iteration may not end.
@@ -168,7 +169,8 @@ fn fewer_channels_are_those_of_the_simulation_and_of_the_records() {
     }
 }
 
-/// Without a command a channel that is not there changes nothing for those that are: the same commands, and the same noise.
+/// Without a command a channel that is not there changes nothing for those that are: the same commands, and the same
+/// noise.
 #[test]
 fn a_channel_that_is_not_measured_changes_only_the_scale() {
     let all = draw(71, &short()).unwrap();

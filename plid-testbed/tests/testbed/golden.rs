@@ -29,8 +29,8 @@ fn old_configs_give_the_codes_that_they_always_gave() {
     }
 }
 
-/// Files of gap cases as they were before cases could have other plants, channels and experiments (printed by the same loop at that
-/// commit).
+/// Files of gap cases as they were before cases could have other plants, channels and experiments (printed by the same
+/// loop at that commit).
 #[test]
 fn old_specs_give_the_cases_that_they_always_gave() {
     for (seed, text, files) in [
@@ -44,7 +44,8 @@ fn old_specs_give_the_cases_that_they_always_gave() {
         ),
         (
             11,
-            "[[effects]]\nkind = \"actuator-delay\"\ngap = 0.05\n[[effects]]\nkind = \"x-parametric-stiffness\"\ngap = 0.02",
+            "[[effects]]\nkind = \"actuator-delay\"\ngap = 0.05\n[[effects]]\nkind = \"x-parametric-stiffness\"\ngap = \
+             0.02",
             0xd25b_2617_7a3e_d2a1,
         ),
     ] {

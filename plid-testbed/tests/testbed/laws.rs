@@ -194,7 +194,8 @@ fn sensors_sample_by_sample() {
     let hum = one(
         "mains-hum",
         "y1",
-        "amplitude_v = 0.1\nfrequency_hz = 50.0\nphase_rad = 0.3\nharmonics = [{ multiple = 3, amplitude_v = 0.02, phase_rad = 1.0 }]",
+        "amplitude_v = 0.1\nfrequency_hz = 50.0\nphase_rad = 0.3\nharmonics = \
+         [{ multiple = 3, amplitude_v = 0.02, phase_rad = 1.0 }]",
     );
     check_samples(&hum, |k, y| {
         let angle = 2.0 * PI * 50.0 * k as f64 / RATE;

@@ -13,8 +13,8 @@ fn noise_only(sensor_rms_v: f64, amplifier_rms_v: f64, ambient_rms_v: f64) -> Tr
     }
 }
 
-/// The covariance at rest obeys the continuous Lyapunov equation A P + P A^T + W = 0 with W of white forces on the corners,
-/// built here from the shapes alone.
+/// The covariance at rest obeys the continuous Lyapunov equation A P + P A^T + W = 0 with W of white forces on the
+/// corners, built here from the shapes alone.
 #[test]
 fn ambient_covariance_obeys_the_continuous_lyapunov_equation() {
     for rate in [1600.0, 200.0] {

@@ -124,8 +124,8 @@ fn truncated_modes_reach_beyond_500_hz_and_all_damping_is_of_bonded_aluminium() 
     }
 }
 
-/// 1 V RMS of white noise through a sixth-order Butterworth filter at 200 Hz on every input gives 0.5 V RMS: expected mean
-/// squares from the spectra in closed form, not from a record.
+/// 1 V RMS of white noise through a sixth-order Butterworth filter at 200 Hz on every input gives 0.5 V RMS: expected
+/// mean squares from the spectra in closed form, not from a record.
 #[test]
 fn half_a_volt_is_the_expected_response_to_one_volt() {
     for modes_per_tube in [2, 1] {

@@ -1,4 +1,5 @@
-//! What each step of the diagnosis is worth: the same cases once more with one step off at a time, blind as before, and scored by the same judge.
+//! What each step of the diagnosis is worth: the same cases once more with one step off at a time, blind as before, and
+//! scored by the same judge.
 
 mod report;
 
@@ -18,7 +19,8 @@ use crate::score::{Extent, FIXED, fix, given, lines, seconds, unseal};
 use crate::scores::{Line, Totals};
 use crate::statistics::{median, paired, sign_test};
 
-/// Answers one case: its folder, the effects without which it is to be answered a second time, and the step that is off.
+/// Answers one case: its folder, the effects without which it is to be answered a second time, and the step that is
+/// off.
 pub type AblatedAnswerer<'a> = dyn Fn(&Path, &[String], Option<Step>) -> Result<Answer, String> + Sync + 'a;
 
 /// Where the answers with a step off are, and those with none.
@@ -26,7 +28,8 @@ fn answers(trial: &Path, off: Option<Step>) -> PathBuf {
     trial.join("ablation").join(off.map_or("nothing", Step::name))
 }
 
-/// Diagnoses the cases of a trial again: with nothing off, and with each of `steps` off. What is done is not done again.
+/// Diagnoses the cases of a trial again: with nothing off, and with each of `steps` off. What is done is not done
+/// again.
 ///
 /// # Errors
 /// As [`crate::diagnose()`].
@@ -95,7 +98,8 @@ fn single(line: &Line) -> bool {
     line.asked == Asked::Single
 }
 
-/// One effect: it alone is named, at its place. Several: all are named and no other. Nothing: nothing is. Outside: kept open.
+/// One effect: it alone is named, at its place. Several: all are named and no other. Nothing: nothing is. Outside: kept
+/// open.
 fn right(line: &Line) -> bool {
     let judged = &line.judged[0];
     match line.asked {
@@ -177,7 +181,8 @@ impl Without {
 /// Scores the answers with each of `steps` off beside the trial's own; writes ablation.json and report.html into `out`.
 ///
 /// # Errors
-/// As [`crate::score()`]; [`TrialError::Changed`] also where the trial's own answer is not the one that this program gives with nothing off.
+/// As [`crate::score()`]; [`TrialError::Changed`] also where the trial's own answer is not the one that this program
+/// gives with nothing off.
 pub fn score_without(
     trial: &Path,
     sealed: &Path,
@@ -235,7 +240,7 @@ pub fn score_without(
         steps,
     };
     files::make(out)?;
-    files::write(&out.join("ablation.json"), &files::json(&ablation))?;
+    files::write_json(&out.join("ablation.json"), &ablation)?;
     let page = out.join("report.html");
     report::page(&ablation, &seal.config).write(&page).map_err(TrialError::file(page))?;
     Ok(ablation)

@@ -21,7 +21,8 @@ pub(super) fn page(ablation: &Ablation, config: &TrialConfig) -> Report {
         .listing(
             "The commands:",
             format!(
-                "plid gap trial draw TRIAL.toml --out T --sealed S --seed {}\nplid gap trial diagnose T\nplid gap trial score T --sealed S\nplid gap trial ablate T --sealed S --out DIR",
+                "plid gap trial draw TRIAL.toml --out T --sealed S --seed {}\nplid gap trial diagnose T\nplid gap \
+                 trial score T --sealed S\nplid gap trial ablate T --sealed S --out DIR",
                 ablation.seed
             ),
         )
@@ -90,16 +91,16 @@ fn picture(report: Report, ablation: &Ablation) -> Report {
     });
     report.heading("What goes when a step goes").figure(
         svg,
-        "A step is worth something where exact names or the 95 % set move left without it, or wrong names and false alarms move right. The lines are \
-         95 % intervals of the paired difference; each of gained and lost is within its own 97.5 % interval (Clopper-Pearson), so that they are rather \
-         too long.",
+        "A step is worth something where exact names or the 95 % set move left without it, or wrong names and false \
+         alarms move right. The lines are 95 % intervals of the paired difference; each of gained and lost is within \
+         its own 97.5 % interval (Clopper-Pearson), so that they are rather too long.",
     )
 }
 
 fn figures(report: Report, ablation: &Ablation) -> Report {
     let mut table = Table::new(
-        "All cases. Better, worse: cases that are rightly answered without the step alone, or with it alone; p is the sign test's. Seconds of a case, \
-         the middle one, without baselines.",
+        "All cases. Better, worse: cases that are rightly answered without the step alone, or with it alone; p is the \
+         sign test's. Seconds of a case, the middle one, without baselines.",
     )
     .column("off", "")
     .column("answers changed", "")

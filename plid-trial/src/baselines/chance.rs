@@ -1,22 +1,22 @@
-//! A guess: one name of the vocabulary or "none", each as likely as another. What it scores is known without trying.
+//! A guess: one name of the vocabulary or "none" with equal probability. Its expected scores are known in closed form.
 
 use crate::vocabulary::{VOCABULARY, family};
 
-/// Names that a guess chooses among.
+/// Number of names that a guess chooses from.
 const NAMES: f64 = VOCABULARY.len() as f64 + 1.0;
 
-/// That the right name is said.
+/// Probability that the right effect is named.
 pub fn exact() -> f64 {
     1.0 / NAMES
 }
 
-/// That a name of the right family is said.
+/// Probability that an effect of the right family is named.
 pub fn right_family(effect: &str) -> f64 {
     let alike = VOCABULARY.iter().filter(|kind| Some(kind.family) == family(effect)).count();
     alike as f64 / NAMES
 }
 
-/// That something is said where nothing is missing.
+/// Probability that an effect is named although nothing is missing.
 pub fn false_alarm() -> f64 {
     1.0 - exact()
 }

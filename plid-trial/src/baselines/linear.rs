@@ -1,5 +1,5 @@
-//! The best linear refit: every mode's frequency, damping and shapes, almost without bounds. It predicts; and what it names, if
-//! anything, is the parameter that is most surely beyond the stated limits.
+//! The best linear refit: frequency, damping and shapes of every mode, almost without bounds. It predicts, and it names
+//! the parameter that is most significantly beyond the stated limits, if any.
 
 use plid_gap::GapError;
 use plid_gap::case::Channels;
@@ -10,13 +10,13 @@ use serde::{Deserialize, Serialize};
 use super::WIDER;
 use crate::judge::{Claim, Named};
 
-/// What it answers and predicts with.
+/// The answer, and the model used for prediction.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Linear {
-    /// In the words of a diagnosis. It states no probability: what it names counts as certain.
+    /// The answer in the form of a diagnosis. It states no probability, so what it names counts as certain.
     pub claim: Claim,
-    /// The refitted simulation, a model.json.
+    /// The refitted simulation in the format of model.json.
     pub model: serde_json::Value,
 }
 

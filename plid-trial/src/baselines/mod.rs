@@ -1,4 +1,4 @@
-//! Simpler ways to answer the same cases, to stand beside the diagnosis.
+//! Simpler methods that answer the same cases, for comparison with the diagnosis.
 
 pub mod chance;
 mod linear;
@@ -17,15 +17,15 @@ use crate::judge::Claim;
 use linear::Linear;
 use sparse::Sparse;
 
-/// baselines.json: what they answer, and what their predictions need.
+/// The content of baselines.json: the answers of the baselines, and what their predictions require.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Baselines {
-    /// The diagnosis' own candidates ranked by BIC, without any test of whether the best is good enough.
+    /// The candidates of the diagnosis ranked by BIC, without a test of whether the best is adequate.
     pub ranking: Claim,
-    /// The same of the second answer.
+    /// The same ranking for the second answer.
     pub ranking_left_out: Option<Claim>,
-    /// Those that need a simulation.
+    /// The baselines that require a simulation.
     pub fitted: Option<Fitted>,
 }
 
@@ -39,10 +39,10 @@ pub struct Fitted {
     pub linear: Linear,
 }
 
-/// How much wider than the stated limits a linear refit may go: frequency, damping, shapes.
+/// Factors by which the limits of a linear refit are wider than the stated ones: frequency, damping, shapes.
 const WIDER: [f64; 3] = [40.0, 10.0, 40.0];
 
-/// Lets the baselines answer a case that was diagnosed with `library`, and a second time with less.
+/// Answers a case with the baselines: with the vocabulary `library`, and a second time with a reduced one.
 pub(crate) fn answers(
     case: &Case,
     outcome: &Outcome,
@@ -76,7 +76,7 @@ fn fitted(case: &Case, model: &Model) -> Result<Fitted, GapError> {
 }
 
 impl Fitted {
-    /// Free runs on a new input from rest at `t0`: sparse, linear.
+    /// Simulates a new input from rest at `t0` with the sparse and the linear baseline.
     pub(crate) fn predict(&self, model: &Model, u: &[Vec<f64>], t0: f64) -> Result<[Channels; 2], GapError> {
         Ok([self.sparse.predict(&Plant::new(model)?, u, t0), self.linear.predict(u)?])
     }

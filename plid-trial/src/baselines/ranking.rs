@@ -1,5 +1,5 @@
-//! BIC alone: the candidates that the diagnosis fitted, ranked as a textbook ranks models. No test asks whether the best is good
-//! enough, nothing is kept for causes outside the vocabulary, and no placebo is asked.
+//! BIC alone: the candidates fitted by the diagnosis, ranked by BIC. There is no test of whether the best one is
+//! adequate, no probability for causes outside the vocabulary, and no reference effect.
 
 use plid_gap::answer::schema::{Diagnosis, Explanation};
 use plid_gap::effects::{Library, Setting};
@@ -71,7 +71,8 @@ mod tests {
             "verdict": "unknown", "sentence": "", "effects": [], "not_separable": [], "evidence": [], "warnings": [],
             "where": { "side": "structure", "channels": {}, "bands_hz": [], "time": [], "level_slope": null },
             "gap": {
-                "as_given": 0.2, "refit": 0.1, "free_refit": 0.1, "with_effect": 0.02, "noise_floor": 0.02, "shrink": 1.0,
+                "as_given": 0.2, "refit": 0.1, "free_refit": 0.1, "with_effect": 0.02, "noise_floor": 0.02,
+                    "shrink": 1.0,
                 "shrink_ci95": [0.9, 1.0], "shrink_over_refit": 1.0, "placebo_shrink": 0.0, "share_of_ceiling": 1.0,
                 "predicted_held_out_gap": 0.02, "measured_on": []
             },

@@ -1,6 +1,7 @@
-//! Sparse regression as SINDy does it: what the simulation leaves is regressed on the traces of monomials (of each command, of the
-//! motion at each port, of each output), and terms below a threshold are dropped, again and again (STLSQ). BIC chooses the threshold.
-//! Both sides are whitened by the diagnosis's own model of the noise, without which noise alone gets terms.
+//! Sparse regression as in SINDy: the residual of the simulation is regressed on the traces of monomials of each
+//! command, of the motion at each port and of each output, and terms below a threshold are dropped repeatedly (STLSQ).
+//! BIC selects the threshold. Both sides are whitened by the noise model of the diagnosis; without it, terms would be
+//! fitted to noise.
 
 use nalgebra::{DMatrix, DVector};
 use plid_gap::case::Channels;
@@ -10,13 +11,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::judge::{Claim, Named};
 
-/// What it answers and predicts with.
+/// The answer, and the terms used for prediction.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sparse {
-    /// In the words of a diagnosis. It states no probability: what it names counts as certain.
+    /// The answer in the form of a diagnosis. It states no probability, so what it names counts as certain.
     pub claim: Claim,
-    /// What was kept, largest first.
+    /// The terms kept, largest first.
     pub terms: Vec<Kept>,
 }
 
@@ -26,13 +27,13 @@ pub struct Sparse {
 pub struct Kept {
     /// The monomial.
     pub term: Term,
-    /// In the channels' and ports' own units.
+    /// In the units of the channels and ports.
     pub coefficient: f64,
-    /// RMS of its whitened trace over that of what the simulation leaves.
+    /// RMS of its whitened trace relative to that of the residual.
     pub share: f64,
 }
 
-/// A monomial and where it is added. Channels and ports count from 0.
+/// A monomial and the place where it is added. Channels and ports are counted from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Term {
@@ -47,14 +48,14 @@ pub enum Term {
     },
     /// A power of one command, added to a command.
     Command {
-        /// Of this one.
+        /// The channel of the monomial.
         from: usize,
-        /// To this one.
+        /// The channel to which it is added.
         to: usize,
         /// Its power.
         power: i32,
     },
-    /// What a command changed by since the last sample.
+    /// The change of a command since the last sample.
     CommandStep {
         /// The command.
         input: usize,
@@ -66,34 +67,34 @@ pub enum Term {
     },
     /// A power of one output, added to an output.
     Output {
-        /// Of this one.
+        /// The channel of the monomial.
         from: usize,
-        /// To this one.
+        /// The channel to which it is added.
         to: usize,
         /// Its power; 0 is a constant.
         power: i32,
     },
-    /// What an output changed by since the last sample.
+    /// The change of an output since the last sample.
     OutputStep {
         /// The output.
         output: usize,
     },
     /// Time.
     OutputTrend {
-        /// Added to this output.
+        /// The output to which it is added.
         output: usize,
     },
 }
 
-/// Powers of the motion at a port: all up to the third degree.
+/// The powers of displacement and velocity at a port, up to the third degree.
 const MOTION: [(i32, i32); 9] = [(1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3)];
-/// Thresholds, as shares of what the simulation leaves.
+/// Thresholds as shares of the residual.
 const THRESHOLDS: [f64; 6] = [0.01, 0.03, 0.1, 0.2, 0.4, 0.7];
-/// Rounds of dropping and fitting, at most.
+/// Maximum number of rounds of dropping and fitting.
 const ROUNDS: usize = 20;
-/// Relative size at which traces are taken: what they bend by their own feedback is of second order.
+/// Relative size at which traces are computed, so that their own feedback is of second order.
 const SMALL: f64 = 1e-3;
-/// Ridge on traces of unit length: some are nearly the same.
+/// Ridge on traces of unit length, because some are nearly equal.
 const RIDGE: f64 = 1e-8;
 
 fn library(m: usize, p: usize, ports: usize) -> Vec<Term> {
@@ -114,7 +115,7 @@ fn library(m: usize, p: usize, ports: usize) -> Vec<Term> {
     terms
 }
 
-/// Regresses what the simulation leaves of a problem's records.
+/// Regresses the residual of the simulation over the records of a problem.
 pub(super) fn regress(problem: &Problem) -> Sparse {
     let setting = &problem.setting;
     let plant = &problem.plant;
@@ -167,7 +168,8 @@ fn run(plant: &Plant, actions: &[Action], u: &[Vec<f64>], t0: f64) -> Channels {
     simulate(plant, actions, u, t0, None, Fineness::COARSE)
 }
 
-/// Sequentially thresholded least squares on regressors of unit length: which are kept, with their coefficients.
+/// Sequentially thresholded least squares on regressors of unit length. Returns the regressors kept, with their
+/// coefficients.
 fn stlsq(x: &DMatrix<f64>, y: &DVector<f64>) -> Vec<(usize, f64)> {
     let rows = y.len() as f64;
     let all = y.norm_squared();
@@ -233,7 +235,7 @@ impl Sparse {
 }
 
 impl Term {
-    /// The effect whose first term this is, and its place.
+    /// Returns the effect of which this is the first term, and its place.
     fn name(&self, setting: &Setting) -> Option<(&'static str, String)> {
         let names = &setting.names;
         let strut = |port: usize| match setting.plant.ports[port].input {
@@ -267,7 +269,7 @@ impl Term {
         })
     }
 
-    /// A coefficient at which the term is about as large as the command or output itself.
+    /// Returns a coefficient at which the term is about as large as the command or output itself.
     fn size(&self, setting: &Setting) -> f64 {
         let over = |power: i32, rms: f64| 1.0 / rms.max(f64::MIN_POSITIVE).powi(power);
         let size = match *self {

@@ -1,4 +1,4 @@
-//! Cases to look at by hand: false alarms, confident wrong names, and those that failed.
+//! Tables of the cases to inspect by hand: false alarms, confident wrong names, and failures.
 
 use plid_report::{Cell, Report, Table};
 

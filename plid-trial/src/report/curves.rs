@@ -1,4 +1,4 @@
-//! Pictures.
+//! The plots of the report.
 
 use ndarray::Array2;
 use plid_report::{Axis, Chart, HeatMap, Report, Series, chart, charts, heat_map};
@@ -9,7 +9,7 @@ use crate::statistics::Rate;
 const COLOURS: [&str; 4] = ["#0072b2", "#d55e00", "#009e73", "#e69f00"];
 const GREY: &str = "#8f8f8f";
 
-/// Where a bin stands: the middle of its logarithm, the open ones as wide as the others.
+/// Returns the position of a bin: the middle of its logarithm, with open bins as wide as the others.
 fn middle(bin: usize) -> f64 {
     let (low, high) = (GAPS[bin], GAPS[bin + 1]);
     let (low, high) = (if low == 0.0 { high / 2.0 } else { low }, if high.is_infinite() { 2.0 * low } else { high });
@@ -18,7 +18,7 @@ fn middle(bin: usize) -> f64 {
 
 type Reading = fn(&Totals) -> Rate;
 
-/// Per cent against strength.
+/// Plots percentages against strength.
 fn points(scores: &Scores, by: &str, who: usize, read: Reading) -> Vec<(f64, Rate)> {
     (0..GAPS.len() - 1)
         .filter_map(|bin| Some((middle(bin), read(scores.totals(by, &gap_bin(bin), who)?))))
@@ -61,7 +61,7 @@ fn panel(scores: &Scores, label: &str, read: Reading, chance: Option<f64>) -> Ch
     Chart { title: String::new(), x: strength(), y: percent(label), series, height: 190.0 }
 }
 
-/// Power and wrong names against strength, where any case has a single effect.
+/// Plots power and wrong names against strength, if any case has a single effect.
 pub(crate) fn power(scores: &Scores) -> Option<String> {
     (!points(scores, GAP, 0, |t| t.exact).is_empty()).then(|| {
         charts(&[
@@ -71,20 +71,20 @@ pub(crate) fn power(scores: &Scores) -> Option<String> {
     })
 }
 
-/// The same with its words.
+/// Adds the plot with its caption.
 pub(super) fn first(report: Report, scores: &Scores) -> Report {
     let Some(svg) = power(scores) else {
         return report.paragraph("No case of this trial has a single effect: there is no power to show.");
     };
     report.heading("Power against strength").figure(
         svg,
-        "Single effects. Above: the effect was named, and nothing else. Below: the first name was stated with a probability of 0.9 or \
-         more, and wrong. Sparse regression and linear refit state no probability: what they name counts as certain. The band is plid's \
-         95 % interval (Clopper-Pearson).",
+        "Single effects. Above: the effect was named, and nothing else. Below: the first name was stated with a \
+         probability of 0.9 or more, and wrong. Sparse regression and linear refit state no probability: what they \
+         name counts as certain. The band is plid's 95 % interval (Clopper-Pearson).",
     )
 }
 
-/// Own equation and near miss apart.
+/// Plots the vocabulary's own equations and the near misses separately.
 pub(super) fn equations(report: Report, scores: &Scores) -> Report {
     let mut series = Vec::new();
     for (by, name, colour) in [(GAP_OWN, "own equation", COLOURS[0]), (GAP_NEAR, "near miss in shape", "#cc79a7")] {
@@ -105,11 +105,12 @@ pub(super) fn equations(report: Report, scores: &Scores) -> Report {
     let chart_of = Chart { title: String::new(), x: strength(), y: percent("of the cases, %"), series, height: 190.0 };
     report.heading("Own equation and near miss in shape").figure(
         chart(&chart_of),
-        "plid on single effects whose law is the vocabulary's own equation, and on those that follow another law of the same physics.",
+        "plid on single effects whose law is the vocabulary's own equation, and on those that follow another law of \
+         the same physics.",
     )
 }
 
-/// Power of each effect at each strength.
+/// Plots the power for each effect at each strength.
 pub(super) fn power_by_effect(scores: &Scores) -> String {
     let kinds: Vec<&str> = scores.by(EFFECT).map(|group| group.is.as_str()).collect();
     let bins: Vec<String> = (0..GAPS.len() - 1).map(gap_bin).collect();
@@ -127,7 +128,7 @@ pub(super) fn power_by_effect(scores: &Scores) -> String {
     })
 }
 
-/// What was stated and what came true.
+/// Plots stated probabilities against observed frequencies.
 pub(super) fn reliability(report: Report, scores: &Scores) -> Report {
     let mut series = vec![Series::line("perfect", vec![(0.0, 0.0), (100.0, 100.0)]).colour(GREY).dashed()];
     for who in [1, 0] {

@@ -1,5 +1,5 @@
-//! report.html of a trial: how often the right name is said and how often a wrong one with confidence, against strength; what was to be
-//! reached; then the tables.
+//! The report of a trial: how often the right effect is named, and how often a wrong one with confidence, against
+//! strength; the targets; and the tables.
 
 mod cases;
 mod curves;
@@ -14,7 +14,7 @@ use crate::config::TrialConfig;
 use crate::scores::{ALL, ANSWERERS, ARM, EQUATION, NEAR, OWN, Scores, Totals};
 use crate::statistics::Rate;
 
-/// The page.
+/// Returns the page.
 pub(crate) fn page(scores: &Scores, config: &TrialConfig) -> Report {
     let mut report = Report::new(format!("Blind trial: {}", scores.name));
     for sentence in sentences(scores) {
@@ -31,7 +31,8 @@ pub(crate) fn page(scores: &Scores, config: &TrialConfig) -> Report {
         .listing(
             "The commands, in a process each:",
             format!(
-                "plid gap trial draw TRIAL.toml --out T --sealed S --seed {}\nplid gap trial diagnose T\nplid gap trial score T --sealed S{}",
+                "plid gap trial draw TRIAL.toml --out T --sealed S --seed {}\nplid gap trial diagnose T\nplid gap \
+                 trial score T --sealed S{}",
                 scores.seed,
                 if scores.scored() < scores.of { " --answered" } else { "" }
             ),
@@ -64,7 +65,7 @@ fn sentences(scores: &Scores) -> Vec<String> {
     sentences
 }
 
-/// "12 of 14 (86 %, 57 to 98)".
+/// Formats a rate as "12 of 14 (86 %, 57 to 98)".
 fn words(rate: &Rate) -> String {
     match (rate.share, rate.ci95) {
         (Some(share), Some([low, high])) => format!(
@@ -79,7 +80,7 @@ fn words(rate: &Rate) -> String {
     }
 }
 
-/// "86 (57–98) of 14": per cent with its interval, of how many.
+/// Formats a rate as "86 (57–98) of 14": per cent, interval and number of cases.
 fn cell(rate: &Rate) -> Cell {
     match share(rate) {
         Cell::Number(text) if rate.of > 0 => Cell::Number(format!("{text} of {}", rate.of)),
@@ -87,7 +88,7 @@ fn cell(rate: &Rate) -> Cell {
     }
 }
 
-/// The same where the number of cases stands beside it.
+/// Formats a rate without the number of cases.
 fn share(rate: &Rate) -> Cell {
     Cell::Number(match (rate.share, rate.ci95) {
         (Some(share), Some([low, high])) => {
@@ -101,7 +102,7 @@ fn number(value: Option<f64>, decimals: usize) -> Cell {
     Cell::fixed(value.unwrap_or(f64::NAN), decimals)
 }
 
-/// Every answerer's totals of a group that all have.
+/// Returns the totals of every answerer for a group that all of them have.
 fn of_all<'a>(scores: &'a Scores, by: &str, is: &str) -> Vec<(&'static str, &'a Totals)> {
     (0..ANSWERERS.len()).filter_map(|who| Some((ANSWERERS[who], scores.totals(by, is, who)?))).collect()
 }

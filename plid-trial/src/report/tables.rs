@@ -1,4 +1,4 @@
-//! Tables.
+//! The tables of the report.
 
 use plid_report::{Cell, Report, Table};
 
@@ -9,7 +9,7 @@ use crate::scores::{
 use crate::statistics::Rate;
 use crate::targets::{Target, WHOLE};
 
-/// What is to be reached.
+/// Adds the table of targets.
 pub(super) fn targets(report: Report, scores: &Scores) -> Report {
     let mut table = Table::new("What is to be reached, with 95 % intervals (Clopper-Pearson).")
         .column("figure", "")
@@ -38,13 +38,14 @@ pub(super) fn targets(report: Report, scores: &Scores) -> Report {
     parts(report.heading("What is to be reached").table(table), scores)
 }
 
-/// The same figures where less is recorded.
+/// Adds the same figures for cases with fewer channels or records.
 fn parts(report: Report, scores: &Scores) -> Report {
     if scores.parts.is_empty() {
         return report;
     }
     let mut table = Table::new(format!(
-        "The same figures where less is recorded, each with its cases. Of the whole trial, single effects are those that are {WHOLE}."
+        "The same figures where less is recorded, each with its cases. Of the whole trial, single effects are those \
+         that are {WHOLE}."
     ))
     .column("figure", "")
     .column("whole trial", "");
@@ -65,7 +66,7 @@ fn parts(report: Report, scores: &Scores) -> Report {
     report.table(table)
 }
 
-/// Everything else.
+/// Adds all other tables.
 pub(super) fn all(report: Report, scores: &Scores) -> Report {
     let report = answerers(report, scores);
     let report = effects(report, scores);
@@ -78,7 +79,8 @@ type Reading = fn(&Totals) -> Rate;
 
 fn answerers(report: Report, scores: &Scores) -> Report {
     let mut table = Table::new(
-        "plid and the baselines on the same cases, per cent with 95 % intervals. Single effects are those of 2 % and more.",
+        "plid and the baselines on the same cases, per cent with 95 % intervals. Single effects are those of 2 % and \
+         more.",
     )
     .column("figure", "");
     let all = of_all(scores, ALL, ALL);
@@ -121,10 +123,10 @@ fn answerers(report: Report, scores: &Scores) -> Report {
         table = table.row([name.into()].into_iter().chain(cells).chain([dash()]));
     }
     report.heading("Beside the baselines").table(table).paragraph(
-        "BIC alone: the candidates that the diagnosis fitted, ranked by BIC without any test of adequacy; it predicts with plid's \
-         simulation. Sparse regression: thresholded least squares on monomials of commands, outputs and motions at the ports. Linear refit: \
-         all modes almost without bounds; it names the frequency or damping that went furthest beyond the stated limits. Chance: one of the \
-         33 names with equal probability.",
+        "BIC alone: the candidates that the diagnosis fitted, ranked by BIC without any test of adequacy; it predicts \
+         with plid's simulation. Sparse regression: thresholded least squares on monomials of commands, outputs and \
+         motions at the ports. Linear refit: all modes almost without bounds; it names the frequency or damping that \
+         went furthest beyond the stated limits. Chance: one of the 33 names with equal probability.",
     )
 }
 
@@ -166,7 +168,8 @@ fn effects(report: Report, scores: &Scores) -> Report {
         .table(table("Single effects of 2 % and more.", STRONG_EFFECT))
         .figure(
             curves::power_by_effect(scores),
-            "Share of the cases in which the effect alone was named, by the gap that it makes. Blank: no case of this trial.",
+            "Share of the cases in which the effect alone was named, by the gap that it makes. Blank: no case of this \
+             trial.",
         )
         .details("Single effects of all strengths", |report| {
             report.table(table("Single effects of all strengths.", EFFECT))

@@ -1,4 +1,5 @@
-//! P = U D U^T: Bierman's measurement update, Thornton's time update (Bierman 1977, ch. V and VI) restricted to the plant's states.
+//! P = U D U^T: Bierman's measurement update, Thornton's time update (Bierman 1977, ch. V and VI) restricted to the
+//! plant's states.
 
 use num_traits::One;
 use plid_core::kernels::{BadPivot, Kernels};

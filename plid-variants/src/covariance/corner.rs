@@ -82,11 +82,12 @@ pub struct Corner<S> {
     root: Dense<S>,
 }
 
-/// Numbers between the columns of W, lest the entries of a row fall on the same few lines of a cache; as many are at most left
-/// out at the beginning.
+/// Numbers between the columns of W, lest the entries of a row fall on the same few lines of a cache; as many are at
+/// most left out at the beginning.
 const GAP: usize = PanelLayout::ROWS;
 
-/// W in its room, 2n columns of a panel's rows. The kernels load and store whole lines of the cache, on which it therefore begins.
+/// W in its room, 2n columns of a panel's rows. The kernels load and store whole lines of the cache, on which it
+/// therefore begins.
 fn array<S: Kernels>(room: &mut [S], rows: usize, columns: usize) -> ViewMut<'_, S> {
     let offset = room.as_ptr().align_offset(GAP * size_of::<S>()).min(GAP);
     ViewMut::new(&mut room[offset..], rows, columns, rows + GAP)
@@ -133,14 +134,16 @@ impl<S: Kernels> Corner<S> {
             left.column_mut(c).copy_from_slice(ux.column(c));
         }
         advance.apply(ux, &[], 0, left, &mut self.outputs);
-        // Qbar is a moment. If it is clearly definite its factor may be triangular, which leaves rows of the array short.
+        // Qbar is a moment. If it is clearly definite its factor may be triangular, which leaves rows of the array
+        // short.
         let tolerance = 64.0 * n as f64 * S::EPSILON;
         S::upper_ldl(qbar.view(), right.reborrow(), &mut self.weights[n..], S::from_f64(tolerance), &mut self.work);
         let lost = |i: usize| self.weights[n + i] == S::zero() && qbar.at(i, i) != S::zero();
         if !(0..n).any(lost) {
             return Ok(Laid { columns: 2 * n, triangular: true });
         }
-        // Where w tells all of v and xi, nothing but rounding of either sign is left of a pivot: then the pivots have to be sought.
+        // Where w tells all of v and xi, nothing but rounding of either sign is left of a pivot: then the pivots have
+        // to be sought.
         for c in 0..n {
             self.qbar.column_mut(c).copy_from_slice(qbar.column(c));
         }

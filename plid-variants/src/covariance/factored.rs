@@ -149,14 +149,14 @@ fn update_flops<R: FactorRule>(size: &StepSize) -> Vec<Term> {
         Term { what: "phi on U_theta", flops: c * (c + 1.0) * n * n },
         // One column of the root after another is taken off the triangle that is left.
         Term { what: "root of Qbar", flops: n * n * n / 3.0 },
-        // The array is [Abar Ux, L] with L L^T = Qbar triangular: row j has n + n - j entries. Row after row is taken out of
-        // those above it, j of them, a product and a subtraction for each entry.
+        // The array is [Abar Ux, L] with L L^T = Qbar triangular: row j has n + n - j entries. Row after row is taken
+        // out of those above it, j of them, a product and a subtraction for each entry.
         Term { what: "triangularisation", flops: R::TRIANGULARISATION_FLOPS * n * n * n },
     ]
 }
 
-/// Weights = V V^T with V triangular: column k of V sums the blocks k .. t of each column of block t. Then the squares are added up: n^2
-/// for each column, or less in block k itself, which is triangular.
+/// Weights = V V^T with V triangular: column k of V sums the blocks k .. t of each column of block t. Then the squares
+/// are added up: n^2 for each column, or less in block k itself, which is triangular.
 fn block_flops(size: &StepSize, _pairs: f64) -> Vec<Term> {
     let (n, c) = (size.n, size.columns());
     vec![

@@ -3,8 +3,8 @@
 use plid_core::kernels::{self, Kernels, PanelLayout, pivoted_cholesky, semidefinite_ldl};
 use plid_core::{Backend, Dense, Matrix, View, ViewMut};
 
-/// With weights = V V^T, V lower triangular, the sum is one of M_k diag(d_theta) M_k^T with M_k = sum_s V_sk U_s, U_s the panel of
-/// parameter column s: M_k begins with the columns of panel k.
+/// With weights = V V^T, V lower triangular, the sum is one of M_k diag(d_theta) M_k^T with M_k = sum_s V_sk U_s, U_s
+/// the panel of parameter column s: M_k begins with the columns of panel k.
 #[derive(Clone, Debug)]
 pub struct ParameterBlocks<S> {
     layout: PanelLayout,

@@ -61,8 +61,8 @@ pub struct Symmetric<B: Backend, R> {
     shift: Shift,
 }
 
-/// Columns of the product with the regressor that are formed at once: few enough that their scratch stays in the nearest cache, and enough
-/// to be shared out.
+/// Columns of the product with the regressor that are formed at once: few enough that their scratch stays in the
+/// nearest cache, and enough to be shared out.
 const COLUMNS_AT_ONCE: usize = 32;
 
 /// Column `c` of the symmetric matrix whose lower triangle is `p`.
@@ -74,8 +74,8 @@ fn symmetric_column<S: Scalar>(p: View<'_, S>, c: usize, out: &mut [S]) {
 }
 
 impl<B: Backend, R: UpdateRule> Symmetric<B, R> {
-    /// `observe` writes P H^T into the first `k` columns of its second argument; `output` and `sensor` hold H P H^T and R.
-    /// Forms the gain and corrects P.
+    /// `observe` writes P H^T into the first `k` columns of its second argument; `output` and `sensor` hold H P H^T and
+    /// R. Forms the gain and corrects P.
     fn correct(
         &mut self,
         k: usize,
@@ -339,17 +339,19 @@ fn update_flops(size: &StepSize, corrections: f64) -> Vec<Term> {
         },
         // (K Re K^T)_ii for each of N variances.
         Term { what: "check of the variances", flops: joint * p * (p + 3.0) },
-        // Abar P_xx Abar^T: p products for each of n^2 entries, and one with the one or zero of J, from either side; the same
-        // from one side for P_{theta x}.
+        // Abar P_xx Abar^T: p products for each of n^2 entries, and one with the one or zero of J, from either side;
+        // the same from one side for P_{theta x}.
         Term { what: "Abar on the states' rows", flops: 2.0 * (p + 1.0) * (c + 2.0) * n * n },
         // (phi (x) I) P_{theta x}, twice: 2 c for each of n^2 entries.
         Term { what: "phi on P_{theta x}", flops: 4.0 * c * n * n },
-        // P_{theta theta} (phi (x) I)^T: each entry of the lower triangle serves itself and its mirror image, whose sums are then added.
+        // P_{theta theta} (phi (x) I)^T: each entry of the lower triangle serves itself and its mirror image, whose
+        // sums are then added.
         Term { what: "phi on P_{theta theta}", flops: 2.0 * c * c * n * n + c * n * n },
     ]
 }
 
-/// A symmetric block has n (n + 1) / 2 entries that count; one beside the diagonal n^2, and the sum of those is added to its transpose.
+/// A symmetric block has n (n + 1) / 2 entries that count; one beside the diagonal n^2, and the sum of those is added
+/// to its transpose.
 fn block_flops(size: &StepSize, pairs: f64) -> Vec<Term> {
     let (n, c) = (size.n, size.columns());
     let mirrored = if pairs > 0.0 { n * n } else { 0.0 };

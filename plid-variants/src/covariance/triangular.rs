@@ -1,7 +1,7 @@
 //! P = U diag(d) U^T with U upper triangular: what the factored forms share.
 //!
-//! With s = [x; theta] and the parameters constant, U = [Ux, Uxt; 0, Ut]: a time update leaves Ut alone, and Uxt becomes
-//! Abar Uxt + (phi (x) I) Ut.
+//! With s = [x; theta] and the parameters constant, U = [Ux, Uxt; 0, Ut]: a time update leaves Ut alone, and Uxt
+//! becomes Abar Uxt + (phi (x) I) Ut.
 
 use num_traits::{One, Zero};
 use plid_core::kernels::{self, BadPivot, Kernels, PanelLayout, axpy};

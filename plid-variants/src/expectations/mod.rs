@@ -22,8 +22,8 @@ fn parameter<S>(s: &[S], n: usize, t: usize) -> &[S] {
     &s[(1 + t) * n..(2 + t) * n]
 }
 
-/// What E[G] with the parameters of `step.s` makes of the noise given w: the columns of Abar, a_i - (B L + M)_i, or a_i where
-/// output i is missing, and Qbar = Sigma' + B Q' B^T + B S' + (B S')^T, which is E[G] (Q0 - S R^-1 S^T) E[G]^T.
+/// What E[G] with the parameters of `step.s` makes of the noise given w: the columns of Abar, a_i - (B L + M)_i, or a_i
+/// where output i is missing, and Qbar = Sigma' + B Q' B^T + B S' + (B S')^T, which is E[G] (Q0 - S R^-1 S^T) E[G]^T.
 fn condition_on_sensor_noise<S: Kernels>(
     step: &StepView<'_, S>,
     scratch: &mut Scratch<S>,
@@ -79,8 +79,8 @@ impl<S: Scalar> Scratch<S> {
     }
 }
 
-/// The weights of the parameters' covariances where E[.] is not conditioned on z_k: Q0_ab sigma_a sigma_b, sigma = -1 for w
-/// and +1 for v. Missing outputs have none.
+/// The weights of the parameters' covariances where E[.] is not conditioned on z_k: Q0_ab sigma_a sigma_b, sigma = -1
+/// for w and +1 for v. Missing outputs have none.
 fn unconditioned_weights<S: Scalar>(step: &StepView<'_, S>, weights: &mut Dense<S>) {
     let noise = step.noise;
     let (p, m) = (step.model.outputs(), step.model.inputs());

@@ -10,9 +10,10 @@ use super::{Scratch, condition_on_sensor_noise, noise_flops, regress_on_estimate
 
 /// Moment matching.
 ///
-/// The row g_t that multiplies parameter column t is e_{c_i}^T for a_i and -(L C)_j for b_j: a combination of the outputs' rows,
-/// g_t = sum_i W_ti e_{c_i}^T. With E_ij = sum_t W_tj P_{theta_t, x_{c_i}} the two sums over parameter pairs become
-/// the sum over s, t of (W H P H^T W^T)_st P_{theta_s theta_t}, and the sum over i, j of E_ij E_ji^T; the drift is the sum of E_ii.
+/// The row g_t that multiplies parameter column t is e_{c_i}^T for a_i and -(L C)_j for b_j: a combination of the
+/// outputs' rows, g_t = sum_i W_ti e_{c_i}^T. With E_ij = sum_t W_tj P_{theta_t, x_{c_i}} the two sums over parameter
+/// pairs become the sum over s, t of (W H P H^T W^T)_st P_{theta_s theta_t}, and the sum over i, j of E_ij E_ji^T; the
+/// drift is the sum of E_ii.
 #[derive(Clone, Debug)]
 pub struct MomentMatched<S> {
     scratch: Scratch<S>,

@@ -1,4 +1,5 @@
-//! The expectation of Eq. 8-10 with psi = Z^k for the parameters only: estimates and covariances from after the measurement.
+//! The expectation of Eq. 8-10 with psi = Z^k for the parameters only: estimates and covariances from after the
+//! measurement.
 
 use plid_core::kernels::Kernels;
 use plid_core::{
@@ -8,7 +9,8 @@ use plid_core::{
 
 use super::{Scratch, condition_on_sensor_noise, regress_on_measurement, unconditioned_flops, unconditioned_weights};
 
-/// The expectation of Eq. 8-10 with psi = Z^k for the parameters only: estimates and covariances from after the measurement.
+/// The expectation of Eq. 8-10 with psi = Z^k for the parameters only: estimates and covariances from after the
+/// measurement.
 #[derive(Clone, Debug)]
 pub struct Posterior<S> {
     scratch: Scratch<S>,

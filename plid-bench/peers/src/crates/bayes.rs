@@ -17,7 +17,8 @@ fn kalman_state(s: &[f64], p: &[f64]) -> KalmanState<f64, Dyn> {
     KalmanState { x: DVector::from_column_slice(s), X: DMatrix::from_column_slice(s.len(), s.len(), p) }
 }
 
-/// The covariance filter: P+ = P - K S K^T, made symmetric here. Without that the asymmetry grows until P is lost, within 60 samples.
+/// The covariance filter: P+ = P - K S K^T, made symmetric here. Without that the asymmetry grows until P is lost,
+/// within 60 samples.
 pub struct BayesCovariance {
     joint: Joint,
     rows: Vec<usize>,
@@ -68,8 +69,8 @@ impl Peer for BayesCovariance {
     }
 }
 
-/// The UD filter. Outputs come one at a time, each with its own innovation: given all at once, that crate corrects with the
-/// innovations from before the first of them. Qbar = G diag(q) G^T with G = [I, B], q = [Sigma; Q].
+/// The UD filter. Outputs come one at a time, each with its own innovation: given all at once, that crate corrects with
+/// the innovations from before the first of them. Qbar = G diag(q) G^T with G = [I, B], q = [Sigma; Q].
 pub struct BayesUd {
     joint: Joint,
     n: usize,

@@ -1,4 +1,5 @@
-//! kalmanfilt, filterpy's Kalman filter in Rust: fixed sizes (nalgebra), Joseph's update. `predict` multiplies by F; f(s) then replaces that mean.
+//! kalmanfilt, filterpy's Kalman filter in Rust: fixed sizes (nalgebra), Joseph's update. `predict` multiplies by F;
+//! f(s) then replaces that mean.
 
 use kalmanfilt::kalman::kalman_filter::KalmanFilter;
 use nalgebra_033::{Const, SMatrix, SVector, U1};

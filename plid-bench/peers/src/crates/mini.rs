@@ -7,7 +7,8 @@ use crate::joint::{Joint, make_symmetric};
 use crate::peer::{Failure, Peer};
 use crate::workload::{CHANNELS, Case};
 
-/// minikalman: P+ = P - K (H P), made symmetric here. Without that the asymmetry grows until P is lost, within 40 samples.
+/// minikalman: P+ = P - K (H P), made symmetric here. Without that the asymmetry grows until P is lost, within 40
+/// samples.
 pub struct Minikalman<const N: usize> {
     joint: Joint,
     rows: Vec<usize>,

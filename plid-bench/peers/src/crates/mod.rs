@@ -1,4 +1,5 @@
-//! One file a library. Each is fed f(s), its Jacobian F and Qbar of the joint EKF, about the estimate after the measurement.
+//! One file a library. Each is fed f(s), its Jacobian F and Qbar of the joint EKF, about the estimate after the
+//! measurement.
 
 mod ads;
 mod bayes;

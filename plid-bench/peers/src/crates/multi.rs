@@ -1,5 +1,5 @@
-//! multicalc: fixed sizes, loops of its own. Its linear filter, since its extended one differentiates f itself. `predict` multiplies by F;
-//! f(s) then replaces that mean.
+//! multicalc: fixed sizes, loops of its own. Its linear filter, since its extended one differentiates f itself.
+//! `predict` multiplies by F; f(s) then replaces that mean.
 
 use multicalc::estimation::{KalmanFilter, KalmanModel};
 use multicalc::linear_algebra::{Matrix, Vector};

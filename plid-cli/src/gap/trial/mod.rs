@@ -85,7 +85,9 @@ impl From<TrialError> for Failure {
             TrialError::Config(error) => Self::Input(error.into()),
             TrialError::Data(error) => error.into(),
             TrialError::Model(error) => error.into(),
-            TrialError::Draw { .. } | TrialError::Interrupted { .. } => Self::Work(error.into()),
+            TrialError::Draw { .. } | TrialError::NotFinite { .. } | TrialError::Interrupted { .. } => {
+                Self::Work(error.into())
+            }
             _ => Self::Input(error.into()),
         }
     }

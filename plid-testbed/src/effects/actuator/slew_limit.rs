@@ -47,7 +47,8 @@ fn remaining(law: SlewLaw, left: f64, rate: f64, t: f64) -> f64 {
     let size = match law {
         SlewLaw::Hard => (left.abs() - rate * t).max(0.0),
         SlewLaw::Soft => {
-            // With w = left / e: dw/dt = -tanh(w) R / e, so sinh(w) decays as exp(-R t / e). Far above 1, sinh is an exponential.
+            // With w = left / e: dw/dt = -tanh(w) R / e, so sinh(w) decays as exp(-R t / e). Far above 1, sinh is an
+            // exponential.
             let w = left.abs() / SOFT_V;
             let steps = rate * t / SOFT_V;
             let end = if w - steps > 20.0 { w - steps } else { (log_sinh(w) - steps).exp().asinh() };

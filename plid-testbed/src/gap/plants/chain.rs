@@ -1,4 +1,5 @@
-//! Inertias in a row on shafts, the first also held from outside: the torsion of a gearbox, everything referred to the drive's shaft.
+//! Inertias in a row on shafts, the first also held from outside: the torsion of a gearbox, everything referred to the
+//! drive's shaft.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use rand::RngExt;
@@ -34,8 +35,8 @@ pub(super) fn layout(rng: &mut ChaCha12Rng) -> Layout {
     Layout::new(modes, 1..5, 1..5)
 }
 
-/// Natural frequencies in rad/s, lowest first, and the shapes in the columns, each of unit modal inertia. `shafts[i]` is the
-/// stiffness between inertia i - 1, or the outside, and inertia i.
+/// Natural frequencies in rad/s, lowest first, and the shapes in the columns, each of unit modal inertia. `shafts[i]`
+/// is the stiffness between inertia i - 1, or the outside, and inertia i.
 fn eigen(inertias: &[f64], shafts: &[f64]) -> (Vec<f64>, DMatrix<f64>) {
     let n = inertias.len();
     let mut stiffness = DMatrix::zeros(n, n);
@@ -62,7 +63,8 @@ mod tests {
     use super::*;
     use rand::SeedableRng;
 
-    /// Of n equal ones: w_m = 2 sin((2 m - 1) pi / (2 (2 n + 1))), and the shape at inertia i goes with sin((2 m - 1) pi i / (2 n + 1)).
+    /// Of n equal ones: w_m = 2 sin((2 m - 1) pi / (2 (2 n + 1))), and the shape at inertia i goes with sin((2 m - 1)
+    /// pi i / (2 n + 1)).
     #[test]
     fn a_uniform_chain_has_the_modes_of_the_closed_form() {
         let n = 7;

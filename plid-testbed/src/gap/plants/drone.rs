@@ -1,4 +1,5 @@
-//! Motors with a slow lag, a body that is held in heave, roll and pitch, and arms that flex: what a command does is first of all late.
+//! Motors with a slow lag, a body that is held in heave, roll and pitch, and arms that flex: what a command does is
+//! first of all late.
 
 use rand::RngExt;
 use rand_chacha::ChaCha12Rng;
@@ -8,7 +9,8 @@ use crate::structure::{Mode, ModeGroup, Row, platform_mode};
 
 /// About which the motors' poles are drawn, Hz.
 const MOTOR_HZ: f64 = 12.0;
-/// The body in heave, roll and pitch, then the arms: frequency (Hz), damping ratio, shapes at the sensors and the motors.
+/// The body in heave, roll and pitch, then the arms: frequency (Hz), damping ratio, shapes at the sensors and the
+/// motors.
 const MODES: [Row; 7] = [
     (2.4, 0.70, [1.00, 0.05, 0.00], [1.00, 0.00, 0.05]),
     (3.7, 0.50, [0.05, 1.00, 0.10], [0.00, 1.00, 0.05]),

@@ -1,4 +1,5 @@
-//! One mode of three of the truss's tubes, its five dominant modes and the two above them, each drawn about the truss's own.
+//! One mode of three of the truss's tubes, its five dominant modes and the two above them, each drawn about the truss's
+//! own.
 
 use rand::RngExt;
 use rand_chacha::ChaCha12Rng;

@@ -1,4 +1,4 @@
-//! Values of an array in the order in which MATLAB stores them.
+//! Arrays from the values of a file.
 
 use ndarray::{ArrayD, IxDyn, ShapeBuilder};
 
@@ -8,13 +8,13 @@ pub(super) fn count(shape: &[usize]) -> Result<usize, String> {
     product.ok_or_else(|| format!("{} is too large", dimensions(shape)))
 }
 
-/// An array from its values, one column after the other.
-pub(super) fn real(shape: &[usize], values: Vec<f64>) -> Result<ArrayD<f64>, String> {
+/// Makes an array of its values, which the file stores by columns (MATLAB, Fortran) or by rows.
+pub(super) fn array(shape: &[usize], values: Vec<f64>, by_columns: bool) -> Result<ArrayD<f64>, String> {
     let there = values.len();
     if count(shape)? != there {
         return Err(format!("{there} values are there for an array of {}", dimensions(shape)));
     }
-    ArrayD::from_shape_vec(IxDyn(shape).f(), values).map_err(|e| e.to_string())
+    ArrayD::from_shape_vec(IxDyn(shape).set_f(by_columns), values).map_err(|e| e.to_string())
 }
 
 fn dimensions(shape: &[usize]) -> String {

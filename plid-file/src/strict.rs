@@ -1,29 +1,33 @@
-//! JSON in which every number is one.
+//! JSON without `null` where a number belongs.
 //!
-//! JSON has no NaN and no infinity: serde writes `null` in their place, and whoever reads the file back finds no number there, or finds nothing wrong at
-//! all. [`to_json`] therefore looks at every number of a value before it writes any, and names the first that is not finite by its path.
+//! JSON has no NaN and no infinity: serde writes `null` in their place, and a reader then finds no number, or does not
+//! notice at all. [`to_json`] therefore checks every number of a value before it writes anything, and names the first
+//! one that is not finite by its path. A `null` inside a [`serde_json::Value`] is refused as well, because it may have
+//! been such a number. What is not available has no key: a typed field is an `Option` that is skipped if it is `None`.
 
 use serde::Serialize;
 use serde::ser;
+use serde_json::Value;
 use std::fmt;
 
-/// A number that is not finite, and where it stands.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+/// A number that is not finite, and its place.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("`{path}` is {value}, and no file may hold that where a number belongs")]
 pub struct NotFinite {
-    /// As `effects[0].parameters.k`.
+    /// The keys and indices that lead to the number, such as `effects[0].parameters.k`.
     pub path: String,
-    /// What stands there.
-    pub value: f64,
+    /// `NaN`, `inf`, `-inf` or `null`.
+    pub value: String,
 }
 
-/// A value as indented JSON with a newline at its end.
+/// Returns a value as indented JSON with a newline at its end.
 ///
 /// # Errors
-/// [`NotFinite`] with the first number that is none.
+/// Returns [`NotFinite`] for the first number that is not finite.
 ///
 /// # Panics
-/// If the type cannot be JSON (a map whose keys are no text), which is a bug of the type and not of the value.
+/// Panics if the type cannot be JSON (a map whose keys are not text), which is a fault of the type and not of the
+/// value.
 pub fn to_json<T: Serialize + ?Sized>(value: &T) -> Result<String, NotFinite> {
     require_finite(value)?;
     let mut text = serde_json::to_string_pretty(value).expect("plain data are JSON by construction");
@@ -31,13 +35,39 @@ pub fn to_json<T: Serialize + ?Sized>(value: &T) -> Result<String, NotFinite> {
     Ok(text)
 }
 
-/// Whether every number of a value is finite.
+/// Returns a value as a [`Value`] to build a file from. A field that is `None` has no key.
 ///
 /// # Errors
-/// [`NotFinite`] with the first number that is none.
+/// Returns [`NotFinite`] for the first number that is not finite.
 ///
 /// # Panics
-/// As [`to_json`].
+/// Panics as [`to_json`] does.
+pub fn to_value<T: Serialize + ?Sized>(value: &T) -> Result<Value, NotFinite> {
+    require_finite(value)?;
+    let mut value = serde_json::to_value(value).expect("plain data are JSON by construction");
+    drop_absent(&mut value);
+    Ok(value)
+}
+
+/// Removes the keys without a value. After [`require_finite`] these are the fields that are `None`.
+fn drop_absent(value: &mut Value) {
+    match value {
+        Value::Object(fields) => {
+            fields.retain(|_, value| !value.is_null());
+            fields.values_mut().for_each(drop_absent);
+        }
+        Value::Array(items) => items.iter_mut().for_each(drop_absent),
+        _ => {}
+    }
+}
+
+/// Checks that every number of a value is finite.
+///
+/// # Errors
+/// Returns [`NotFinite`] for the first number that is not finite.
+///
+/// # Panics
+/// Panics as [`to_json`] does.
 pub fn require_finite<T: Serialize + ?Sized>(value: &T) -> Result<(), NotFinite> {
     let mut walk = Walk { path: Vec::new(), item: Vec::new() };
     value.serialize(&mut walk).map_err(|stop| match stop {
@@ -48,9 +78,9 @@ pub fn require_finite<T: Serialize + ?Sized>(value: &T) -> Result<(), NotFinite>
 
 /// A serializer that writes nothing, and stops at the first number that is not finite.
 struct Walk {
-    /// Names of the fields and numbers of the items that lead to the present value.
+    /// Names of the fields and indices of the items that lead to the current value.
     path: Vec<String>,
-    /// Number of the next item in each sequence that is open.
+    /// Index of the next item in each open sequence.
     item: Vec<usize>,
 }
 
@@ -78,7 +108,7 @@ impl Walk {
 
 #[derive(Debug)]
 enum Stop {
-    NotFinite(f64),
+    NotFinite(String),
     Type(String),
 }
 
@@ -113,8 +143,9 @@ impl<'a> ser::Serializer for &'a mut Walk {
     type SerializeStructVariant = &'a mut Walk;
 
     nothing! {
-        serialize_bool: bool, serialize_i8: i8, serialize_i16: i16, serialize_i32: i32, serialize_i64: i64, serialize_u8: u8, serialize_u16: u16,
-        serialize_u32: u32, serialize_u64: u64, serialize_char: char, serialize_str: &str, serialize_bytes: &[u8], serialize_unit_struct: &'static str,
+        serialize_bool: bool, serialize_i8: i8, serialize_i16: i16, serialize_i32: i32, serialize_i64: i64,
+        serialize_u8: u8, serialize_u16: u16, serialize_u32: u32, serialize_u64: u64, serialize_char: char,
+        serialize_str: &str, serialize_bytes: &[u8], serialize_unit_struct: &'static str,
     }
 
     fn serialize_f32(self, x: f32) -> Result<(), Stop> {
@@ -122,7 +153,7 @@ impl<'a> ser::Serializer for &'a mut Walk {
     }
 
     fn serialize_f64(self, x: f64) -> Result<(), Stop> {
-        if x.is_finite() { Ok(()) } else { Err(Stop::NotFinite(x)) }
+        if x.is_finite() { Ok(()) } else { Err(Stop::NotFinite(x.to_string())) }
     }
 
     fn serialize_none(self) -> Result<(), Stop> {
@@ -130,7 +161,7 @@ impl<'a> ser::Serializer for &'a mut Walk {
     }
 
     fn serialize_unit(self) -> Result<(), Stop> {
-        Ok(())
+        Err(Stop::NotFinite("null".into()))
     }
 
     fn serialize_some<T: Serialize + ?Sized>(self, value: &T) -> Result<(), Stop> {
@@ -271,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn a_number_that_is_none_is_named_by_its_path() {
+    fn a_number_that_is_not_finite_is_named_by_its_path() {
         let fine = outer(1.0, 2.0, 3.0, 4.0);
         assert_eq!(to_json(&fine).unwrap(), serde_json::to_string_pretty(&fine).unwrap() + "\n");
         let said = |outer: &Outer| to_json(outer).unwrap_err();
@@ -282,5 +313,18 @@ mod tests {
         assert_eq!(said(&outer(1.0, 2.0, f64::NEG_INFINITY, 4.0)).path, "kinds[1].Line");
         assert_eq!(said(&outer(1.0, 2.0, 3.0, f64::NAN)).path, "kinds[2].low");
         assert_eq!(to_json(&f64::NAN).unwrap_err().path, "");
+    }
+
+    #[test]
+    fn a_field_without_a_value_has_no_key() {
+        let inner = |interval| vec![Inner { value: 1.0, interval }];
+        assert_eq!(to_value(&inner(None)).unwrap(), serde_json::json!([{ "value": 1.0 }]));
+        assert_eq!(to_value(&inner(Some([0.0, f64::NAN]))).unwrap_err().path, "[0].interval[1]");
+    }
+
+    #[test]
+    fn a_null_in_a_value_is_refused() {
+        let error = to_json(&serde_json::json!({ "a": [1.0, f64::NAN] })).unwrap_err();
+        assert_eq!((error.path.as_str(), error.value.as_str()), ("a[1]", "null"));
     }
 }
