@@ -1,12 +1,12 @@
 //! How far the simulation may be off without that being an effect: every mode's frequency, damping ratio and shapes, as a Gaussian
-//! prior; and the initial state of records that do not start from rest.
+//! prior; without modes the poles and gains of the whole; and the initial state of records that do not start from rest.
 
 use crate::case::Limits;
 use crate::case::record::Record;
 use crate::fit::problem::Tangent;
 use crate::fourier::C;
-use crate::plant::{Passed, Plant};
-use crate::simulate::State;
+use crate::plant::{Passed, Plant, RestNumber, Spectrum};
+use crate::simulate::{Fineness, State, simulate};
 
 /// Standard deviation of an initial state, in units of what the input makes it: wide.
 const START: f64 = 3.0;
@@ -17,16 +17,22 @@ const TOLD: f64 = 10.0;
 /// Median of the absolute value of a normal variable.
 const NORMAL_MEDIAN: f64 = 0.6745;
 
+/// Step over which a derivative in a number of the rest is taken.
+const REST_STEP: f64 = 1e-4;
+
 /// Relative step over which the chain's bend at a moved pole is taken.
 const BEND: f64 = 1e-4;
 
-/// The layout of the nuisance vector: of each mode frequency, damping, input shape (m), output shape (p); then initial states.
+/// The layout of the nuisance vector: of each mode frequency, damping, input shape (m), output shape (p); without modes poles and gains of
+/// the rest; then initial states.
 #[derive(Debug, Clone)]
 pub struct Nuisance {
     m: usize,
     p: usize,
     modes: usize,
     rest: usize,
+    /// Poles and gains of a simulation without modes.
+    spectrum: Option<Spectrum>,
     /// Of each mode the simulation's own directions.
     nominal: Vec<(C, C)>,
     /// Of each record, where its initial state begins, if it has one.
@@ -49,6 +55,12 @@ impl Nuisance {
             std.extend([limits.frequency / 2.0, limits.damping / 2.0]);
             std.extend(std::iter::repeat_n(limits.shape / 2.0, m + p));
         }
+        let spectrum = Spectrum::of(plant);
+        std.extend(spectrum.iter().flat_map(|spectrum| &spectrum.numbers).map(|number| match number {
+            RestNumber::Frequency(_) => limits.frequency / 2.0,
+            RestNumber::Rate(_) | RestNumber::Damping(_) => limits.damping / 2.0,
+            RestNumber::Input(_) | RestNumber::Output(_) => limits.shape / 2.0,
+        }));
         let starts = records
             .iter()
             .map(|record| {
@@ -61,7 +73,7 @@ impl Nuisance {
             .collect();
         let sizes = state_sizes(plant, records);
         let nominal = plant.modes.iter().map(directions).collect();
-        Self { m, p, modes, rest, nominal, starts, sizes, std, struts_follow: false }
+        Self { m, p, modes, rest, spectrum, nominal, starts, sizes, std, struts_follow: false }
     }
 
     /// The same for a simulation that was itself estimated: its parameters are in doubt by so much (standard deviations) beyond the
@@ -75,7 +87,7 @@ impl Nuisance {
     /// a few that an effect has moved do not change.
     pub fn needed(&self, eta: &[f64], tangent: &Tangent) -> f64 {
         let told = |k: &usize| tangent.normal[(*k, *k)] * self.std[*k].powi(2) > TOLD;
-        let mut off: Vec<f64> = (0..self.of_modes()).filter(told).map(|k| (eta[k] / self.std[k]).abs()).collect();
+        let mut off: Vec<f64> = (0..self.of_simulation()).filter(told).map(|k| (eta[k] / self.std[k]).abs()).collect();
         off.sort_by(f64::total_cmp);
         off.get(off.len() / 2).map_or(1.0, |median| (median / NORMAL_MEDIAN).max(1.0))
     }
@@ -85,9 +97,26 @@ impl Nuisance {
         self.starts.remove(record);
     }
 
-    /// Entries that belong to the modes; initial states follow.
-    pub fn of_modes(&self) -> usize {
+    /// Number of entries that belong to the simulation; initial states follow.
+    pub fn of_simulation(&self) -> usize {
+        self.of_modes() + self.numbers().len()
+    }
+
+    /// Number of entries that belong to modes.
+    fn of_modes(&self) -> usize {
         self.modes * self.each()
+    }
+
+    /// The numbers of the rest, in the order of their entries.
+    fn numbers(&self) -> &[RestNumber] {
+        self.spectrum.as_ref().map_or(&[], |spectrum| &spectrum.numbers)
+    }
+
+    /// The numbers of the rest with their entries of `eta`, in words.
+    pub fn rest_in_words(&self, eta: &[f64], inputs: &[String], outputs: &[String]) -> Vec<String> {
+        let Some(spectrum) = &self.spectrum else { return Vec::new() };
+        let numbers = spectrum.numbers.iter().zip(&eta[self.of_modes()..]);
+        numbers.map(|(number, eta)| spectrum.words(*number, *eta, inputs, outputs)).collect()
     }
 
     /// Number of entries.
@@ -105,9 +134,9 @@ impl Nuisance {
         2 + self.m + self.p
     }
 
-    /// What an entry is: the mode and its part (0 frequency, 1 damping, then inputs, then outputs); none for initial states.
+    /// What an entry is: the mode and its part (0 frequency, 1 damping, then inputs, then outputs); none for numbers of the rest and for initial states.
     pub fn entry(&self, index: usize) -> Option<(usize, usize)> {
-        (index < self.modes * self.each()).then(|| (index / self.each(), index % self.each()))
+        (index < self.of_modes()).then(|| (index / self.each(), index % self.each()))
     }
 
     /// The simulation changed by `eta`.
@@ -133,6 +162,12 @@ impl Nuisance {
             });
             if let Some(before) = before {
                 changed.struts_follow(k, &before);
+            }
+        }
+        if let Some(spectrum) = &self.spectrum {
+            let at = &eta[self.of_modes()..self.of_simulation()];
+            if at.iter().any(|x| *x != 0.0) {
+                spectrum.change(&mut changed, at);
             }
         }
         changed
@@ -228,6 +263,7 @@ impl Nuisance {
                 put(base + part, &y);
             }
         }
+        self.rest_tangents(plant, record, &mut put);
         let Some(at) = self.starts[index] else { return };
         for (k, mode) in plant.modes.iter().take(self.modes).enumerate() {
             let turn = (mode.pole * step).exp();
@@ -249,6 +285,26 @@ impl Nuisance {
                 x = &plant.rest.a * x;
             }
             put(at + 2 * self.modes + j, &y);
+        }
+    }
+}
+
+impl Nuisance {
+    /// Derivatives of the outputs of a record in the numbers of the rest, by differences: the rest has few states.
+    fn rest_tangents(&self, plant: &Plant, record: &Record, put: &mut impl FnMut(usize, &[Vec<f64>])) {
+        let Some(spectrum) = Spectrum::of(plant) else { return };
+        let outputs = |plant: &Plant| simulate(plant, &[], &record.u, record.start_s, None, Fineness::COARSE);
+        let nominal = outputs(plant);
+        for k in 0..self.numbers().len().min(spectrum.numbers.len()) {
+            let mut eta = vec![0.0; spectrum.numbers.len()];
+            eta[k] = REST_STEP;
+            let mut moved = plant.clone();
+            spectrum.change(&mut moved, &eta);
+            let mut slope = outputs(&moved);
+            for (slope, nominal) in slope.iter_mut().zip(&nominal) {
+                slope.iter_mut().zip(nominal).for_each(|(to, from)| *to = (*to - from) / REST_STEP);
+            }
+            put(self.of_modes() + k, &slope);
         }
     }
 }

@@ -220,11 +220,10 @@ impl Problem {
         eta.iter().zip(&self.nuisance.std).map(|(x, std)| (x / std).powi(2)).sum()
     }
 
-    /// The largest change of a mode's parameter, in standard deviations of its prior.
+    /// The largest change of a parameter of the simulation, in standard deviations of its prior.
     pub fn bent(&self, eta: &[f64]) -> f64 {
-        let modal = |index: &usize| self.nuisance.entry(*index).is_some();
         let z = |index: usize| (eta[index] / self.nuisance.std[index]).abs();
-        (0..eta.len()).filter(modal).map(z).fold(0.0, f64::max)
+        (0..self.nuisance.of_simulation()).map(z).fold(0.0, f64::max)
     }
 
     /// Fits the linear parameters and the effects from the given start. Their derivatives are those of the linear simulation, as far as effects do not move its
