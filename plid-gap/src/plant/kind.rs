@@ -169,7 +169,7 @@ mod tests {
                 (Sensor::Velocity, OutputKind::Velocity),
                 (Sensor::Acceleration, OutputKind::Acceleration),
             ] {
-                let plant = Plant::new(&testing::truss_sensed(seed, sensor, 1.0)).unwrap();
+                let plant = Plant::new(&testing::truss_sensed(seed, sensor, |_| {})).unwrap();
                 for sensed in &plant.sensed {
                     assert_eq!((sensed.kind(), sensed.source), (kind, KindSource::Inferred), "{seed}");
                 }

@@ -1,5 +1,6 @@
 //! Small structures and records of them, for tests.
 
+mod axis;
 mod blind;
 mod truss;
 
@@ -30,11 +31,11 @@ pub fn truss_with(seed: u64, change: impl FnOnce(&mut [(f64, f64)], &mut DMatrix
     truss.model(&mut rng)
 }
 
-/// The truss of [`truss`] with other sensors, and the damping ratio of its third mode multiplied by `damping`.
-pub fn truss_sensed(seed: u64, sensor: Sensor, damping: f64) -> Model {
+/// The truss of [`truss`] with other sensors, and changed frequencies and damping ratios.
+pub fn truss_sensed(seed: u64, sensor: Sensor, change: impl FnOnce(&mut [(f64, f64)])) -> Model {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut truss = Truss { sensor, ..Truss::draw(&MODES, &mut rng) };
-    truss.modes[2].1 *= damping;
+    change(&mut truss.modes);
     // Outputs of like size, whatever is sensed.
     truss.gamma *= match sensor {
         Sensor::Position => 1e6,
