@@ -47,7 +47,7 @@ impl Plant {
     /// Stiffness that a port on an axis meets: the force over the displacement that it makes at rest. Zero if nothing
     /// holds the axis, or if its displacement is not known.
     pub(super) fn axis_stiffness(&self, port: &Port) -> f64 {
-        let Some((a, _)) = &self.rest.continuous else { return 0.0 };
+        let Some((a, _)) = self.rest.continuous.as_ref().filter(|(a, _)| !a.is_empty()) else { return 0.0 };
         let at_rest = a.clone().lu().solve(&port.force_rest);
         let compliance = at_rest.map_or(f64::INFINITY, |x| port.displacement_rest.dot(&x).abs());
         if compliance > 0.0 && compliance.is_finite() { compliance.recip() } else { 0.0 }

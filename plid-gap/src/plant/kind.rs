@@ -142,9 +142,13 @@ fn distance(plant: &Plant, output: usize, order: i32) -> f64 {
 /// The response of one output to each input (m) at s, in continuous time; none if the rest has no continuous form.
 fn response(plant: &Plant, output: usize, s: C) -> Option<Vec<C>> {
     let (a, b) = plant.rest.continuous.as_ref()?;
-    let shifted = DMatrix::from_diagonal_element(a.nrows(), a.nrows(), s) - a.map(C::from);
-    let states = shifted.lu().solve(&b.map(C::from))?;
-    let rest = plant.rest.c.row(output).map(C::from) * states;
+    let rest = if a.is_empty() {
+        vec![C::ZERO; plant.m]
+    } else {
+        let shifted = DMatrix::from_diagonal_element(a.nrows(), a.nrows(), s) - a.map(C::from);
+        let states = shifted.lu().solve(&b.map(C::from))?;
+        (plant.rest.c.row(output).map(C::from) * states).iter().copied().collect()
+    };
     let of_modes = |i: usize| -> C {
         let part = |mode: &super::Mode| {
             let residue = mode.c[output] * mode.b[i];
