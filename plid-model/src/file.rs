@@ -49,7 +49,7 @@ fn io_error(path: &Path, source: io::Error) -> ModelError {
 #[cfg(test)]
 mod tests {
     use super::super::testing::{canonical, random};
-    use super::super::{Continuous, KeyProblem, Noise, Port};
+    use super::super::{Continuous, KeyProblem, Noise, OutputKind, Port};
     use super::*;
     use nalgebra::DVector;
     use proptest::prelude::*;
@@ -74,6 +74,7 @@ mod tests {
             velocity: vec![0.7; n],
             output: Some(vec![-0.0; p]),
         }];
+        model.output_kinds[0] = Some(OutputKind::Velocity);
         model
     }
 
@@ -156,6 +157,8 @@ mod tests {
         let port =
             json!({"name": "p", "input": "u9", "force": [1, 2, 3], "displacement": [1, 2, 3], "velocity": [1, 2, 3]});
         assert_eq!(with("ports", json!([port])).0, "ports[0].input");
+        assert_eq!(with("output_kinds", json!({"y9": "velocity"})).0, "output_kinds.y9");
+        assert_eq!(with("output_kinds", json!({"y1": "speed"})).0, "output_kinds.y1");
     }
 
     #[test]

@@ -2,7 +2,7 @@ use nalgebra::{DMatrix, DVector};
 use serde_json::{Map, Value, json};
 
 use super::error::{KeyProblem, ModelError};
-use super::state_space::{Continuous, Model, Noise, Port, at};
+use super::state_space::{Continuous, Model, Noise, OutputKind, Port, at};
 
 /// The only supported value of the key `format`.
 const FORMAT: &str = "state-space";
@@ -24,10 +24,12 @@ impl Model {
             Some(value) => keys.matrix(value, "D")?,
             None => DMatrix::zeros(c.nrows(), b.ncols()),
         };
+        let outputs = keys.names("outputs")?;
+        let output_kinds = keys.output_kinds(&outputs)?;
         let model = Self {
             sample_rate_hz: keys.number(keys.need("sample_rate_hz")?, "sample_rate_hz")?,
             inputs: keys.names("inputs")?,
-            outputs: keys.names("outputs")?,
+            outputs,
             a: keys.matrix(keys.need("A")?, "A")?,
             b,
             c,
@@ -40,6 +42,7 @@ impl Model {
             provenance: keys.provenance()?,
             continuous: keys.continuous()?,
             ports: keys.ports()?,
+            output_kinds,
         };
         model.check(place)?;
         Ok(model)
@@ -79,9 +82,18 @@ impl Model {
             ("provenance", self.provenance.clone().map(Value::Object)),
             ("continuous", self.continuous.as_ref().map(|x| json!({"A": rows(&x.a), "B": rows(&x.b)}))),
             ("ports", (!self.ports.is_empty()).then(|| self.ports.iter().map(port_json).collect())),
+            ("output_kinds", self.declared_kinds()),
         ];
         entries.extend(optional.into_iter().filter_map(|(k, v)| Some((k, v?))));
         entries
+    }
+
+    /// Returns the declared kinds by output, if there are any.
+    fn declared_kinds(&self) -> Option<Value> {
+        let declared = self.outputs.iter().zip(&self.output_kinds);
+        let kinds: Map<String, Value> =
+            declared.filter_map(|(output, kind)| Some((output.clone(), json!((*kind)?.name())))).collect();
+        (!kinds.is_empty()).then_some(Value::Object(kinds))
     }
 }
 
@@ -220,6 +232,24 @@ impl<'a> Keys<'a> {
         };
         let keys = self.inner(value, "continuous")?;
         Ok(Some(Continuous { a: keys.matrix(keys.need("A")?, "A")?, b: keys.matrix(keys.need("B")?, "B")? }))
+    }
+
+    /// Reads the declared kind of each output.
+    fn output_kinds(&self, outputs: &[String]) -> Result<Vec<Option<OutputKind>>, ModelError> {
+        let mut kinds = vec![None; outputs.len()];
+        let Some(value) = self.get("output_kinds") else {
+            return Ok(kinds);
+        };
+        let keys = self.inner(value, "output_kinds")?;
+        for (name, kind) in keys.object {
+            let index = outputs.iter().position(|output| output == name);
+            let unknown =
+                || at(self.place, format!("output_kinds.{name}"), KeyProblem::UnknownChannel { name: name.clone() });
+            let read = OutputKind::ALL.into_iter().find(|known| kind.as_str() == Some(known.name()));
+            let wrong = || keys.kind(name, "position, velocity, acceleration, force or other");
+            kinds[index.ok_or_else(unknown)?] = Some(read.ok_or_else(wrong)?);
+        }
+        Ok(kinds)
     }
 
     fn ports(&self) -> Result<Vec<Port>, ModelError> {

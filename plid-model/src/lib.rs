@@ -41,5 +41,5 @@ pub use riccati::{SteadyState, steady_state_gain};
 pub use scaling::{ChannelScaling, undo_scaling};
 pub use simulate::{DIVERGENCE_FACTOR, Simulation, simulate};
 pub use stability::{Stability, UnstableModel, stability};
-pub use state_space::{Continuous, Model, Noise, Port};
+pub use state_space::{Continuous, Model, Noise, OutputKind, Port};
 pub use uncertainty::{ModeDeviation, ResponseVariance, mode_deviations, response_variance};

@@ -15,12 +15,42 @@ pub struct Noise {
 /// The continuous-time model with the same states: dx/dt = A x + B u, with the C and D of the discrete model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Continuous {
-    /// n x n, in 1/s.
-    /// 19+ The state matrix A.
-    /// 21+ The input matrix B.
+    /// The state matrix A (n x n), in 1/s.
     pub a: DMatrix<f64>,
-    /// n x m.
+    /// The input matrix B (n x m), in 1/s.
     pub b: DMatrix<f64>,
+}
+
+/// The quantity that an output measures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum OutputKind {
+    /// A displacement or an angle.
+    Position,
+    /// Its first derivative.
+    Velocity,
+    /// Its second derivative.
+    Acceleration,
+    /// A force or a torque.
+    Force,
+    /// Anything else, such as a temperature or a voltage.
+    Other,
+}
+
+impl OutputKind {
+    /// All kinds.
+    pub const ALL: [Self; 5] = [Self::Position, Self::Velocity, Self::Acceleration, Self::Force, Self::Other];
+
+    /// The name of the kind, as in model.json.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Position => "position",
+            Self::Velocity => "velocity",
+            Self::Acceleration => "acceleration",
+            Self::Force => "force",
+            Self::Other => "other",
+        }
+    }
 }
 
 /// A port: a pair of points between which an internal force may act.
@@ -74,6 +104,8 @@ pub struct Model {
     pub continuous: Option<Continuous>,
     /// The ports at which an internal force may act.
     pub ports: Vec<Port>,
+    /// The quantity that each output measures (p), where it is declared.
+    pub output_kinds: Vec<Option<OutputKind>>,
 }
 
 impl Model {
@@ -88,6 +120,7 @@ impl Model {
         c: DMatrix<f64>,
         d: DMatrix<f64>,
     ) -> Result<Self, ModelError> {
+        let output_kinds = vec![None; c.nrows()];
         let model = Self {
             sample_rate_hz,
             inputs: (1..=b.ncols()).map(|j| format!("u{j}")).collect(),
@@ -104,6 +137,7 @@ impl Model {
             provenance: None,
             continuous: None,
             ports: Vec::new(),
+            output_kinds,
         };
         model.check("the model")?;
         Ok(model)

@@ -1,5 +1,6 @@
 //! Step 9: the answer in names, figures and words.
 
+mod motion;
 pub mod predict;
 mod range;
 pub mod schema;

@@ -65,6 +65,7 @@ pub(crate) fn written(
                 from.hz(), from.hz(), to.hz(), from.damping(), to.damping(), z.3.abs()
             )
         })
+        .chain(ready.problem.nuisance.rest_in_words(eta, &setting.names.inputs, &setting.names.outputs))
         .collect();
     SimulationWithEffects {
         format: "simulation-with-effects".into(),

@@ -1,5 +1,6 @@
 //! The evidence in sentences.
 
+use crate::answer::motion;
 use crate::evidence::Evidence;
 use crate::fit::candidate::{in_words, same};
 use crate::fit::problem::Placed;
@@ -26,6 +27,7 @@ pub(crate) fn words(
             slope.value, slope.ci95[0], slope.ci95[1]
         )
     }));
+    words.extend(motion::in_words(&explained.ready.problem.plant, &explained.ready.problem.setting.names));
     words.extend(evidence.words(&explained.ready.problem.plant, !explained.fit().effects.is_empty()));
     words.extend(explained.found.best.effects.iter().flat_map(|placed| of_effect(explained, placed)));
     words.extend(nearest_other(explained));

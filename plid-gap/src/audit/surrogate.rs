@@ -94,9 +94,10 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<StandIn, Gap
     model.inputs.clone_from(&case.config.inputs);
     model.outputs.clone_from(&case.config.outputs);
     model.initial_state = None;
+    case.config.declare_kinds(&mut model);
     let error = relative(&std, &arrays);
     let words = words(&model, &case.for_simulation, of_simulator, [error, unseen], settings);
-    let prior_std = prior_std(&model, &fitted, &std)?;
+    let prior_std = prior_std(&model, &fitted, &std, of_simulator)?;
     let model_error = if of_simulator { None } else { model_error(&model, &fitted, !case.for_simulation.is_empty())? };
     Ok(StandIn { model, words, prior_std, model_error })
 }
@@ -166,8 +167,10 @@ fn model_error(model: &Model, records: &[&Record], aside: bool) -> Result<Option
 }
 
 /// How well the records it was identified from tell the model's parameters, if white noise of these standard deviations is all that it
-/// leaves of them. What they do not tell at all stays within a tenth of itself.
-fn prior_std(model: &Model, records: &[&Record], std: &[f64]) -> Result<Vec<f64>, GapError> {
+/// leaves of them. What they do not tell at all stays within a tenth of itself. A model of the records themselves has taken in what it
+/// could of the effect: without modes, where a pole stands for friction as well as for viscous damping, its poles and gains stay free
+/// within the wide limits.
+fn prior_std(model: &Model, records: &[&Record], std: &[f64], of_simulator: bool) -> Result<Vec<f64>, GapError> {
     let plant = Plant::new(model)?;
     let records: Vec<Record> = records.iter().map(|record| (*record).clone()).collect();
     let noise = NoiseModel::declared(&plant, std, &vec![0.0; plant.m]);
@@ -179,7 +182,9 @@ fn prior_std(model: &Model, records: &[&Record], std: &[f64]) -> Result<Vec<f64>
     let normal = problem.tangent(&problem.plant).normal;
     let Some(factor) = normal.cholesky() else { return Ok(Vec::new()) };
     let covariance = factor.inverse();
-    Ok((0..problem.nuisance.of_modes()).map(|k| covariance[(k, k)].max(0.0).sqrt()).collect())
+    let free = problem.plant.modes.is_empty() && !of_simulator;
+    let told = |k: usize| if free { problem.nuisance.std[k] } else { covariance[(k, k)].max(0.0).sqrt() };
+    Ok((0..problem.nuisance.of_simulation()).map(told).collect())
 }
 
 fn words(model: &Model, chosen: &[Record], of_simulator: bool, errors: [f64; 2], settings: &AuditSettings) -> String {

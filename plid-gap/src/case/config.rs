@@ -1,3 +1,6 @@
+use std::collections::BTreeMap;
+
+use plid_model::{Model, OutputKind};
 use serde::{Deserialize, Serialize};
 
 use crate::case::Limits;
@@ -30,6 +33,9 @@ pub struct CaseConfig {
     pub inputs: Vec<String>,
     /// Columns of the records.
     pub outputs: Vec<String>,
+    /// What outputs measure, by name; left out, as the simulation declares or shows it.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub output_kinds: BTreeMap<String, OutputKind>,
     /// Effects or locations that the engineer suspects.
     #[serde(default)]
     pub suspects: Vec<String>,
@@ -169,6 +175,7 @@ impl CaseConfig {
             band_hz: None,
             inputs,
             outputs,
+            output_kinds: BTreeMap::new(),
             suspects: Vec::new(),
             exclude: Vec::new(),
             nuisance: Limits::default(),
@@ -193,6 +200,9 @@ impl CaseConfig {
         }
         if self.sim.is_some() && self.record.iter().any(RecordConfig::is_for_simulation) {
             problems.push(("use", "\"sim\" is for a case without `sim`: here the simulation is given".to_string()));
+        }
+        if let Some(name) = self.output_kinds.keys().find(|name| !self.outputs.contains(name)) {
+            problems.push(("output_kinds", format!("`{name}` is none of the outputs")));
         }
         let ratio = match self.ratio() {
             Ok(ratio) => ratio,
@@ -233,6 +243,13 @@ impl CaseConfig {
     pub fn ratio(&self) -> Result<usize, String> {
         let Some(to) = self.decimate_to_hz else { return Ok(1) };
         decimate::plan(self.sample_rate_hz, to).map(|plan| plan.ratio).map_err(|error| error.to_string())
+    }
+
+    /// Lets a model know what the case says of its outputs.
+    pub(crate) fn declare_kinds(&self, model: &mut Model) {
+        for (declared, output) in model.output_kinds.iter_mut().zip(&self.outputs) {
+            *declared = self.output_kinds.get(output).copied().or(*declared);
+        }
     }
 
     /// Samples a second of what is diagnosed.

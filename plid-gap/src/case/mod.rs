@@ -50,9 +50,10 @@ impl Case {
     pub fn read_with(path: &Path, data: &Path) -> Result<Self, GapError> {
         let config: CaseConfig = plid_data::config::read_checked(path, CaseConfig::problems)?;
         let folder = path.parent().unwrap_or(Path::new("."));
-        let model = config.sim.as_ref().map(|sim| Model::read(&folder.join(sim))).transpose()?;
-        if let Some(model) = &model {
+        let mut model = config.sim.as_ref().map(|sim| Model::read(&folder.join(sim))).transpose()?;
+        if let Some(model) = &mut model {
             check_channels(path, &config, model)?;
+            config.declare_kinds(model);
         }
         let (records, warnings) = records::read(path, &config, data)?;
         let is_for_simulation = |k: usize| config.record[k].r#use == Some(Use::Sim);

@@ -24,7 +24,7 @@ impl Effect for Clearance {
     }
 
     fn places(&self, setting: &Setting) -> Vec<Place> {
-        setting.joints()
+        setting.springs()
     }
 
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {

@@ -27,7 +27,7 @@ impl Effect for JointHysteresis {
     }
 
     fn places(&self, setting: &Setting) -> Vec<Place> {
-        setting.joints()
+        setting.springs()
     }
 
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {

@@ -4,9 +4,10 @@ use super::{Action, Effect, Parameter, Place, Range, Setting, Side};
 use crate::fourier::C;
 use crate::plant::Plant;
 
-/// A mode that the simulation does not have: q" + 2 zeta w q' + w^2 q = b.a, accelerations += c q".
+/// A mode that the simulation does not have: q" + 2 zeta w q' + w^2 q = b.a. Each output senses, of c q, what it senses of
+/// the other modes: the displacement, the velocity or the acceleration.
 ///
-/// Its forces pass the actuators' poles and its accelerations the filters, as far as the simulation shows them.
+/// Its forces pass the actuators' poles and its motion the filters, as far as the simulation shows them.
 pub struct MissingMode;
 
 impl Effect for MissingMode {
@@ -19,7 +20,7 @@ impl Effect for MissingMode {
     }
 
     fn equation(&self) -> &'static str {
-        "one mode more: q\" + 2 zeta w q' + w^2 q = b.a, accelerations += c q\", w = 2 pi f, norm(c) = 1"
+        "one mode more: q\" + 2 zeta w q' + w^2 q = b.a, outputs sense c q, c q' or c q\", w = 2 pi f, norm(c) = 1"
     }
 
     fn parameters(&self, setting: &Setting) -> Vec<Parameter> {

@@ -21,7 +21,7 @@ impl Effect for QuadraticStiffness {
     }
 
     fn places(&self, setting: &Setting) -> Vec<Place> {
-        setting.joints()
+        setting.springs()
     }
 
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {

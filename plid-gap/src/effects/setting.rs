@@ -83,6 +83,12 @@ impl Setting {
         ports.map(|(k, port)| port.input.map_or(Place::Port(k), Place::Input)).collect()
     }
 
+    /// The places of [`Setting::joints`] whose displacement is known.
+    pub fn springs(&self) -> Vec<Place> {
+        let sees = |place: &Place| self.plant.ports[self.port(place)].sees_displacement();
+        self.joints().into_iter().filter(sees).collect()
+    }
+
     /// Whether a port is on one mode alone.
     pub fn is_on_a_mode(&self, port: usize) -> bool {
         self.names.ports[port].starts_with(ON_A_MODE)

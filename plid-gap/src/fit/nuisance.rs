@@ -1,12 +1,13 @@
 //! The linear parameters: every mode's frequency, damping ratio and shapes, with a Gaussian prior on how far the
-//! simulation may be off without that being an effect; and the initial states of records that do not start from rest.
+//! simulation may be off without that being an effect; without modes its poles and gains; and the initial states of
+//! records that do not start from rest.
 
 use crate::case::Limits;
 use crate::case::record::Record;
 use crate::fit::jacobian::Tangent;
 use crate::fourier::C;
-use crate::plant::{Passed, Plant};
-use crate::simulate::State;
+use crate::plant::{Passed, Plant, RestNumber, Spectrum};
+use crate::simulate::{Fineness, State, simulate};
 
 /// Standard deviation of an initial state, relative to the state that the input excites.
 const START: f64 = 3.0;
@@ -17,17 +18,22 @@ const TOLD: f64 = 10.0;
 /// Median of the absolute value of a standard normal variable.
 const NORMAL_MEDIAN: f64 = 0.6745;
 
+/// Step of a number of the rest, for differences of the outputs.
+const REST_STEP: f64 = 1e-4;
+
 /// Relative step of a pole, for differences of the gain of actuators and filters.
 const BEND: f64 = 1e-4;
 
 /// The linear parameters and their prior: frequency, damping, input shape (m) and output shape (p) of each mode,
-/// followed by the initial states.
+/// followed by poles and gains of a simulation without modes, and by the initial states.
 #[derive(Debug, Clone)]
 pub struct Nuisance {
     m: usize,
     p: usize,
     modes: usize,
     rest: usize,
+    /// Poles and gains of a simulation without modes.
+    spectrum: Option<Spectrum>,
     /// The directions of each mode's shapes in the simulation as given.
     nominal: Vec<(C, C)>,
     /// Where each record's initial state begins, if it has one.
@@ -50,6 +56,12 @@ impl Nuisance {
             std.extend([limits.frequency / 2.0, limits.damping / 2.0]);
             std.extend(std::iter::repeat_n(limits.shape / 2.0, m + p));
         }
+        let spectrum = Spectrum::of(plant);
+        std.extend(spectrum.iter().flat_map(|spectrum| &spectrum.numbers).map(|number| match number {
+            RestNumber::Frequency(_) => limits.frequency / 2.0,
+            RestNumber::Rate(_) | RestNumber::Damping(_) => limits.damping / 2.0,
+            RestNumber::Input(_) | RestNumber::Output(_) => limits.shape / 2.0,
+        }));
         let starts = records
             .iter()
             .map(|record| {
@@ -62,7 +74,7 @@ impl Nuisance {
             .collect();
         let sizes = state_sizes(plant, records);
         let nominal = plant.modes.iter().map(directions).collect();
-        Self { m, p, modes, rest, nominal, starts, sizes, std, ports_follow: false }
+        Self { m, p, modes, rest, spectrum, nominal, starts, sizes, std, ports_follow: false }
     }
 
     /// Widens the prior for a simulation that was itself estimated, by the standard deviations of its parameters.
@@ -75,7 +87,7 @@ impl Nuisance {
     /// median of those that the records determine, which is insensitive to a few that an effect has moved.
     pub fn needed(&self, eta: &[f64], jacobian: &Tangent) -> f64 {
         let told = |k: &usize| jacobian.normal[(*k, *k)] * self.std[*k].powi(2) > TOLD;
-        let mut off: Vec<f64> = (0..self.of_modes()).filter(told).map(|k| (eta[k] / self.std[k]).abs()).collect();
+        let mut off: Vec<f64> = (0..self.of_simulation()).filter(told).map(|k| (eta[k] / self.std[k]).abs()).collect();
         off.sort_by(f64::total_cmp);
         off.get(off.len() / 2).map_or(1.0, |median| (median / NORMAL_MEDIAN).max(1.0))
     }
@@ -85,9 +97,26 @@ impl Nuisance {
         self.starts.remove(record);
     }
 
-    /// Returns the number of entries that belong to the modes; the initial states follow.
-    pub fn of_modes(&self) -> usize {
+    /// Returns the number of entries that belong to the simulation; the initial states follow.
+    pub fn of_simulation(&self) -> usize {
+        self.of_modes() + self.numbers().len()
+    }
+
+    /// Returns the number of entries that belong to the modes.
+    fn of_modes(&self) -> usize {
         self.modes * self.each()
+    }
+
+    /// The numbers of the rest, in the order of their entries.
+    fn numbers(&self) -> &[RestNumber] {
+        self.spectrum.as_ref().map_or(&[], |spectrum| &spectrum.numbers)
+    }
+
+    /// Says what the numbers of the rest become by their entries of `eta`.
+    pub fn rest_in_words(&self, eta: &[f64], inputs: &[String], outputs: &[String]) -> Vec<String> {
+        let Some(spectrum) = &self.spectrum else { return Vec::new() };
+        let numbers = spectrum.numbers.iter().zip(&eta[self.of_modes()..]);
+        numbers.map(|(number, eta)| spectrum.words(*number, *eta, inputs, outputs)).collect()
     }
 
     /// Returns the number of entries.
@@ -106,9 +135,9 @@ impl Nuisance {
     }
 
     /// Returns the mode of an entry and its part (0 frequency, 1 damping, then inputs, then outputs); `None` for
-    /// initial states.
+    /// numbers of the rest and for initial states.
     pub fn entry(&self, index: usize) -> Option<(usize, usize)> {
-        (index < self.modes * self.each()).then(|| (index / self.each(), index % self.each()))
+        (index < self.of_modes()).then(|| (index / self.each(), index % self.each()))
     }
 
     /// Returns the simulation changed by `eta`.
@@ -134,6 +163,12 @@ impl Nuisance {
             });
             if let Some(before) = before {
                 changed.ports_follow(k, &before);
+            }
+        }
+        if let Some(spectrum) = &self.spectrum {
+            let at = &eta[self.of_modes()..self.of_simulation()];
+            if at.iter().any(|x| *x != 0.0) {
+                spectrum.change(&mut changed, at);
             }
         }
         changed
@@ -165,6 +200,7 @@ impl Nuisance {
             self.shape_tangents(plant, k, &response, &through, &mut y, &mut put);
             self.pole_tangents(plant, k, &response, &through, &mut y, &mut put);
         }
+        self.rest_tangents(plant, record, &mut put);
         if let Some(at) = self.starts[index] {
             self.start_tangents(plant, at, &mut y, &mut put);
         }
@@ -233,6 +269,24 @@ impl Nuisance {
             through.add(plant, &passed.at(mode.pole + change * BEND), y, 1.0 / BEND);
             through.add(plant, &passed, y, -1.0 / BEND);
             put(k * self.each() + part, y);
+        }
+    }
+
+    /// Computes the derivatives in the numbers of the rest, by differences: the rest has few states.
+    fn rest_tangents(&self, plant: &Plant, record: &Record, put: &mut impl FnMut(usize, &[Vec<f64>])) {
+        let Some(spectrum) = Spectrum::of(plant) else { return };
+        let outputs = |plant: &Plant| simulate(plant, &[], &record.u, record.start_s, None, Fineness::COARSE);
+        let nominal = outputs(plant);
+        for k in 0..self.numbers().len().min(spectrum.numbers.len()) {
+            let mut eta = vec![0.0; spectrum.numbers.len()];
+            eta[k] = REST_STEP;
+            let mut moved = plant.clone();
+            spectrum.change(&mut moved, &eta);
+            let mut slope = outputs(&moved);
+            for (slope, nominal) in slope.iter_mut().zip(&nominal) {
+                slope.iter_mut().zip(nominal).for_each(|(to, from)| *to = (*to - from) / REST_STEP);
+            }
+            put(self.of_modes() + k, &slope);
         }
     }
 

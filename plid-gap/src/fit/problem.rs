@@ -137,11 +137,10 @@ impl Problem {
         eta.iter().zip(&self.nuisance.std).map(|(x, std)| (x / std).powi(2)).sum()
     }
 
-    /// Returns the largest change of a mode's parameter, in standard deviations of its prior.
+    /// Returns the largest change of a parameter of the simulation, in standard deviations of its prior.
     pub fn max_prior_z(&self, eta: &[f64]) -> f64 {
-        let modal = |index: &usize| self.nuisance.entry(*index).is_some();
         let z = |index: usize| (eta[index] / self.nuisance.std[index]).abs();
-        (0..eta.len()).filter(modal).map(z).fold(0.0, f64::max)
+        (0..self.nuisance.of_simulation()).map(z).fold(0.0, f64::max)
     }
 }
 

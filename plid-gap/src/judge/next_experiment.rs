@@ -162,7 +162,8 @@ fn imagined(explained: &Explained, best: &Fit, experiment: &Experiment) -> Probl
 /// What the records say of a rival's parameters: the information on modes and effects, with initial states let go.
 fn known(problem: &Problem, fit: &Fit) -> Option<DMatrix<f64>> {
     let (normal, _) = problem.information(fit, &fit.residual);
-    let kept: Vec<usize> = (0..problem.nuisance.of_modes()).chain(problem.nuisance.len()..normal.nrows()).collect();
+    let kept: Vec<usize> =
+        (0..problem.nuisance.of_simulation()).chain(problem.nuisance.len()..normal.nrows()).collect();
     let covariance = normal.cholesky()?.inverse();
     let part = DMatrix::from_fn(kept.len(), kept.len(), |i, j| covariance[(kept[i], kept[j])]);
     part.cholesky().map(|factor| factor.inverse())

@@ -24,7 +24,7 @@ pub fn with_all<'a>(explained: &Explained<'a>) -> Option<(Vec<f64>, Vec<Placed<'
         let missing = |y: &Vec<f64>| (0..y.len()).filter(|&k| !y[k].is_finite()).collect();
         Whitener::new(record, &ready.noise, problem.plant.rate, record.y.iter().map(missing).collect())
     }));
-    let modes = problem.nuisance.of_modes();
+    let modes = problem.nuisance.of_simulation();
     let mut nuisance = Nuisance::new(&problem.plant, &records, &Limits::default());
     nuisance.std[..modes].copy_from_slice(&problem.nuisance.std[..modes]);
     nuisance.ports_follow = problem.nuisance.ports_follow;

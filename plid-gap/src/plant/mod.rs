@@ -3,9 +3,12 @@
 //! In these coordinates a frequency, a damping ratio or a shape of one mode is changed by changing that mode's numbers, whatever
 //! the state-space basis in which the simulation was written.
 
+mod axis;
 mod chain;
+mod kind;
 mod logarithm;
 mod ports;
+mod spectrum;
 
 use nalgebra::{DMatrix, DVector};
 use plid_model::{ModeKind, Model};
@@ -14,7 +17,9 @@ use crate::error::GapError;
 use crate::fourier::C;
 
 pub use chain::Chain;
+pub use kind::{KindSource, Sensed};
 pub use ports::PortSource;
+pub use spectrum::{RestNumber, Spectrum};
 
 /// Pairs with a larger damping ratio belong to filters, unless they lie below a pair that is damped less: filters lie above the structure.
 const LIGHT: f64 = 0.3;
@@ -56,7 +61,7 @@ pub(crate) struct Carried {
     /// Of q'.
     pub velocity: C,
     /// Of q".
-    pub acceleration: C,
+    acceleration: C,
 }
 
 impl Carried {
@@ -66,6 +71,15 @@ impl Carried {
     pub(crate) fn new(from: C, to: C) -> Self {
         let (displacement, turn) = (from.im / to.im, to / from);
         Self { displacement, velocity: turn * displacement, acceleration: turn * turn * displacement }
+    }
+
+    /// Of what an output senses.
+    pub(crate) fn sensed(&self, sensed: Sensed) -> C {
+        match sensed.order {
+            0 => C::from(self.displacement),
+            1 => self.velocity,
+            _ => self.acceleration,
+        }
     }
 }
 
@@ -126,6 +140,8 @@ pub struct Plant {
     pub port_source: PortSource,
     /// What lies before and behind the structure.
     pub chain: Chain,
+    /// Which derivative of a displacement each output follows (p).
+    pub sensed: Vec<Sensed>,
     /// The simulation's own basis, to write a changed plant back.
     basis: Basis,
 }
@@ -200,11 +216,13 @@ impl Plant {
             ports: Vec::new(),
             port_source: PortSource::Declared,
             chain,
+            sensed: vec![Sensed::ASSUMED; p],
             basis,
         };
+        plant.sensed = kind::sensed(&plant, &model.output_kinds);
         let declared: Vec<Port> = model.ports.iter().map(|port| plant.declared(model, port)).collect();
         (plant.ports, plant.port_source) =
-            if declared.is_empty() { ports::infer(&plant, &model.inputs) } else { (declared, PortSource::Declared) };
+            if declared.is_empty() { inferred(&plant, &model.inputs) } else { (declared, PortSource::Declared) };
         Ok(plant)
     }
 
@@ -253,6 +271,9 @@ impl Plant {
     /// Stiffness that a port meets: force over the displacement that it makes at rest, through the modes.
     pub fn stiffness(&self, port: &Port) -> f64 {
         let parts = self.modes.iter().zip(&port.force).zip(&port.displacement);
+        if self.modes.is_empty() {
+            return self.axis_stiffness(port);
+        }
         let compliance: f64 = parts.map(|((mode, force), row)| -2.0 * (row * force / mode.pole).re).sum();
         if compliance == 0.0 { 0.0 } else { 1.0 / compliance.abs() }
     }
@@ -309,6 +330,8 @@ impl Plant {
         model.parameter_covariance = None;
         model.initial_state = None;
         model.ports = self.ports.iter().map(|port| self.written(port, &names.inputs)).collect();
+        let known = |sensed: &Sensed| (sensed.source != KindSource::Assumed).then(|| sensed.kind());
+        model.output_kinds = self.sensed.iter().map(known).collect();
         model
     }
 
@@ -430,24 +453,43 @@ fn rest_in_time(
     if r == 0 {
         return Some((a.clone(), b.clone()));
     }
-    let log = logarithm::logarithm(a)? / step;
-    // b = A^{-1} (e^{A T} - 1) b_time.
-    let b_time = (a - DMatrix::identity(r, r)).lu().solve(&(&log * b))?;
-    Some((log, b_time))
+    // e^{[A B; 0 0] T} = [a b; 0 1]: one logarithm gives both, poles at the origin included.
+    let m = b.ncols();
+    let mut held = DMatrix::identity(r + m, r + m);
+    held.view_mut((0, 0), (r, r)).copy_from(a);
+    held.view_mut((0, r), (r, m)).copy_from(b);
+    let log = logarithm::logarithm(&held)? / step;
+    Some((log.view((0, 0), (r, r)).into_owned(), log.view((0, r), (r, m)).into_owned()))
+}
+
+/// Where internal forces may act in a simulation that declares no port: at the strut of each input, as the modes show it;
+/// without modes on the axis of each input.
+fn inferred(plant: &Plant, inputs: &[String]) -> (Vec<Port>, PortSource) {
+    if plant.modes.is_empty() {
+        (axis::infer(plant, inputs), PortSource::Axis)
+    } else {
+        (ports::infer(plant, inputs), PortSource::Inferred)
+    }
+}
+
+/// (e^x - 1) / x.
+pub(crate) fn phi1(x: C) -> C {
+    if x.norm() < 1e-3 { C::ONE + x * (0.5 + x / 6.0 * (1.0 + x / 4.0)) } else { (x.exp() - 1.0) / x }
 }
 
 impl Plant {
-    /// Moves a mode's pole and keeps its physical shapes: q" + 2 zeta w q' + w^2 q = b.a with acceleration c q", behind the
-    /// actuators' poles and before the filters.
+    /// Moves a mode's pole and keeps its physical shapes: q" + 2 zeta w q' + w^2 q = b.a, of which an output senses a derivative
+    /// of c q, behind the actuators' poles and before the filters.
     pub fn move_pole(&mut self, k: usize, pole: C) {
         let from = self.modes[k].pole;
         let rows = Carried::new(from, pole);
         let before: Vec<C> = (0..self.m).map(|i| self.chain.before(i, pole) / self.chain.before(i, from)).collect();
+        let sensed: Vec<C> = self.sensed.iter().map(|&sensed| rows.sensed(sensed)).collect();
         let behind: Vec<C> = (0..self.p).map(|o| self.chain.behind(o, pole) / self.chain.behind(o, from)).collect();
         self.change(k, |mode| {
             mode.pole = pole;
             mode.b.iter_mut().zip(before).for_each(|(b, ratio)| *b *= ratio);
-            mode.c.iter_mut().zip(behind).for_each(|(c, ratio)| *c *= rows.acceleration * ratio);
+            mode.c.iter_mut().zip(sensed.iter().zip(&behind)).for_each(|(c, (sensed, ratio))| *c *= sensed * ratio);
         });
         for port in &mut self.ports {
             port.displacement[k] *= rows.displacement;
@@ -462,14 +504,14 @@ impl Plant {
         self.pass(k, 1.0);
     }
 
-    /// One mode more: q" + 2 zeta w q' + w^2 q = b.a with accelerations c q".
+    /// One mode more: q" + 2 zeta w q' + w^2 q = b.a, of which each output senses its derivative of c q.
     pub fn add_mode(&mut self, pole: C, b: &[f64], c: &[f64]) {
         // z' = pole z + b a, q = 2 Re(z / (pole - conj pole)).
-        let scale = pole * pole / C::new(0.0, 2.0 * pole.im);
+        let scale = |o: usize| pole.powi(self.sensed[o].order) / C::new(0.0, 2.0 * pole.im);
         self.modes.push(Mode {
             pole,
             b: b.iter().enumerate().map(|(i, b)| self.chain.before(i, pole) * *b).collect(),
-            c: c.iter().enumerate().map(|(o, c)| self.chain.behind(o, pole) * scale * *c).collect(),
+            c: c.iter().enumerate().map(|(o, c)| self.chain.behind(o, pole) * scale(o) * *c).collect(),
         });
         for port in &mut self.ports {
             for modal in [&mut port.force, &mut port.displacement, &mut port.velocity] {
@@ -479,21 +521,36 @@ impl Plant {
         self.pass(self.modes.len() - 1, 1.0);
     }
 
-    /// c_o b_i of a mode in physical form (accelerations of one volt before the filter).
+    /// gamma_o beta_i of a mode in physical form: what an output senses of a unit input, before the filter.
     pub fn product(&self, mode: &Mode, o: usize, i: usize) -> f64 {
-        let pole = mode.pole;
-        let both = mode.c[o] * mode.b[i] / (self.chain.behind(o, pole) * self.chain.before(i, pole));
-        (both * C::new(0.0, 2.0 * pole.im) / (pole * pole)).re
+        self.product_of(mode, o, i, self.sensed[o].order)
     }
 
-    /// s^2 / (s^2 + 2 zeta w s + w^2).
-    pub fn acceleration(pole: C, s: C) -> C {
-        s * s / ((s - pole) * (s - pole.conj()))
+    /// The same for an output that senses a displacement's derivative of another order.
+    fn product_of(&self, mode: &Mode, o: usize, i: usize, order: i32) -> f64 {
+        let pole = mode.pole;
+        let both = mode.c[o] * mode.b[i] / (self.chain.behind(o, pole) * self.chain.before(i, pole));
+        (both * C::new(0.0, 2.0 * pole.im) / pole.powi(order)).re
+    }
+
+    /// s^k / (s^2 + 2 zeta w s + w^2): the k-th derivative of a mode's displacement for a unit force.
+    pub fn derivative(order: i32, pole: C, s: C) -> C {
+        s.powi(order) / ((s - pole) * (s - pole.conj()))
+    }
+
+    /// Whether the paths from the modes to the outputs are known, so that a changed mode changes what passes them.
+    fn understood(&self) -> bool {
+        self.chain.known() || self.sensed.iter().any(|sensed| sensed.source != KindSource::Assumed)
+    }
+
+    /// Whether an output answers a force at once: an acceleration without a filter.
+    fn answers_at_once(&self, o: usize) -> bool {
+        self.understood() && self.sensed[o].order == 2 && self.chain.filter[o].is_empty()
     }
 
     /// Adds (or takes away) what a mode sends through the poles of actuators and filters: in partial fractions, the residues there.
     fn pass(&mut self, k: usize, sign: f64) {
-        if !self.chain.known() {
+        if !self.understood() {
             return;
         }
         let gains = Passed::new(self, &self.modes[k]);
@@ -504,7 +561,7 @@ impl Plant {
                     for (j, x) in actuator.row.iter().enumerate() {
                         self.rest.c[(o, j)] += gain * x;
                     }
-                } else if self.chain.filter[o].is_empty() {
+                } else if self.answers_at_once(o) {
                     self.d[(o, i)] += sign * gains.products[(o, i)];
                 }
                 for (f, filter) in self.chain.filter[o].iter().enumerate() {
@@ -599,13 +656,14 @@ impl Passed {
     pub(crate) fn actuator(&self, plant: &Plant, o: usize, i: usize) -> f64 {
         let Some(actuator) = &plant.chain.actuator[i] else { return 0.0 };
         let s = C::from(-actuator.pole);
-        (plant.chain.behind(o, s) * Plant::acceleration(self.pole, s)).re * self.products[(o, i)]
+        let order = plant.sensed[o].order;
+        (plant.chain.behind(o, s) * Plant::derivative(order, self.pole, s)).re * self.products[(o, i)]
     }
 
     /// The gain from the input to the filter's state, which the output sees with gain one.
     pub(crate) fn filter(&self, plant: &Plant, o: usize, i: usize, f: usize) -> C {
         let s = plant.chain.filter[o][f].pole;
-        let through = plant.chain.before(i, s) * Plant::acceleration(self.pole, s);
+        let through = plant.chain.before(i, s) * Plant::derivative(plant.sensed[o].order, self.pole, s);
         plant.chain.residue(o, f) * through * self.products[(o, i)]
     }
 }

@@ -12,20 +12,18 @@ pub enum PortSource {
     /// The port of each input, from the modes' input shapes; the scale of each mode by reciprocity (input and output shapes of
     /// equal norm, as if sensors stood near the actuators).
     Inferred,
+    /// The axis of each input, from the output that shows its motion, because the simulation has no lightly damped mode.
+    Axis,
 }
 
 /// The port of each input, from the modes.
 ///
-/// A mode in physical form is q" + 2 zeta w q' + w^2 q = beta f with acceleration gamma q"; its port sees d = beta q. The
+/// A mode in physical form is q" + 2 zeta w q' + w^2 q = beta f, of which a sensor measures gamma q^(k); its port sees d = beta q. The
 /// simulation gives g = beta g0 (its input shape without the actuator's pole) and k = gamma / g0 up to one number g0 a mode.
-pub(super) fn infer(plant: &Plant, inputs: &[String]) -> (Vec<Port>, PortSource) {
+pub(super) fn infer(plant: &Plant, inputs: &[String]) -> Vec<Port> {
     let modal = modal_struts(plant);
-    let ports = inputs
-        .iter()
-        .enumerate()
-        .map(|(i, name)| Port { name: name.clone(), input: Some(i), ..port(plant, &modal, i, &|_| true) })
-        .collect();
-    (ports, PortSource::Inferred)
+    let port = |(i, name): (usize, &String)| Port { name: name.clone(), input: Some(i), ..port(plant, &modal, i, &|_| true) };
+    inputs.iter().enumerate().map(port).collect()
 }
 
 /// A place on one mode alone, for an effect that no input's port explains: the port of the input that drives this mode most, of
@@ -70,7 +68,7 @@ fn through_filters(plant: &Plant, i: usize, kept: &dyn Fn(usize) -> bool) -> DVe
 
 /// Accelerations without a filter answer a force at once.
 fn at_once(plant: &Plant, i: usize, kept: &dyn Fn(usize) -> bool) -> Vec<f64> {
-    if !plant.chain.known() {
+    if !plant.understood() {
         return Vec::new();
     }
     let modes = || plant.modes.iter().enumerate().filter(|(k, _)| kept(*k));
@@ -114,7 +112,8 @@ impl Plant {
         let mut column = DVector::zeros(self.rest.a.nrows());
         for (o, filters) in self.chain.filter.iter().enumerate() {
             for (f, filter) in filters.iter().enumerate() {
-                let response = Plant::acceleration(mode.pole, filter.pole) * self.product(mode, o, i);
+                let order = self.sensed[o].order;
+                let response = Plant::derivative(order, mode.pole, filter.pole) * self.product(mode, o, i);
                 let gain = self.chain.residue(o, f) * response;
                 let both = if filter.pole.im == 0.0 { 1.0 } else { 2.0 };
                 column += filter.column.map(|v| both * (v * gain).re);
@@ -125,7 +124,7 @@ impl Plant {
 
     /// What such a force does through a mode to an output at once: accelerations without a filter.
     fn at_once_part(&self, mode: &Mode, o: usize, i: usize) -> f64 {
-        if self.chain.known() && self.chain.filter[o].is_empty() { self.product(mode, o, i) } else { 0.0 }
+        if self.answers_at_once(o) { self.product(mode, o, i) } else { 0.0 }
     }
 
     /// What a row sees of a mode's state that is no motion: kappa_j a_j of each actuator's output, as rows of the rest's states.
@@ -144,9 +143,10 @@ impl Plant {
 fn modal_strut(plant: &Plant, mode: &Mode) -> (Vec<C>, Vec<C>) {
     let pole = mode.pole;
     let force: Vec<C> = (0..plant.m).map(|i| mode.b[i] / plant.chain.before(i, pole)).collect();
-    // y = gamma q" behind the filter: c = gamma pole^2 F(pole) / (2 j Im(pole) g0).
+    // y = gamma q^(k) behind the filter: c = gamma pole^k F(pole) / (2 j Im(pole) g0).
     let twice = C::new(0.0, 2.0 * pole.im);
-    let sensed = (0..plant.p).map(|o| mode.c[o] * twice / (pole * pole * plant.chain.behind(o, pole)));
+    let sensed =
+        (0..plant.p).map(|o| mode.c[o] * twice / (pole.powi(plant.sensed[o].order) * plant.chain.behind(o, pole)));
     let norm = |sum: f64| sum.sqrt().max(f64::MIN_POSITIVE);
     let size = norm(force.iter().map(|g| g.norm_sqr()).sum()) / norm(sensed.map(|k| k.norm_sqr()).sum());
     // The phase of g0 is that which makes all of g / g0 as real as can be.

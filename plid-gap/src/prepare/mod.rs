@@ -358,7 +358,7 @@ impl Prepared {
     pub fn widen(&mut self, refitted: &Refit) -> f64 {
         let nuisance = &mut self.problem.nuisance;
         let scale = nuisance.needed(&refitted.eta, &refitted.tangent);
-        let modes = nuisance.of_modes();
+        let modes = nuisance.of_simulation();
         nuisance.std[..modes].iter_mut().for_each(|std| *std *= scale);
         self.widened = Some(scale);
         scale
@@ -515,6 +515,9 @@ pub(crate) fn of_ports(setting: &mut Setting, loudest: &Record) {
 
 /// Displacement and velocity at each port in turn, in the linear simulation from rest.
 pub(crate) fn port_motion(plant: &Plant, u: &[Vec<f64>]) -> Channels {
+    if plant.ports.is_empty() {
+        return Vec::new();
+    }
     // The ports' rows as outputs of the same modes.
     let mut probe = plant.clone();
     let ports = plant.ports.len();
@@ -528,6 +531,7 @@ pub(crate) fn port_motion(plant: &Plant, u: &[Vec<f64>]) -> Channels {
         if i % 2 == 0 { port.displacement_rest[j] } else { port.velocity_rest[j] }
     });
     probe.d = nalgebra::DMatrix::zeros(2 * ports, plant.m);
+    probe.sensed = vec![plant.sensed[0]; 2 * ports];
     simulate(&probe, &[], u, 0.0, None, Fineness::COARSE)
 }
 
@@ -539,7 +543,12 @@ fn force_size(plant: &Plant, port: usize, u_rms: &[f64]) -> f64 {
         .iter()
         .map(|mode| mode.b.iter().zip(u_rms).map(|(b, u)| (b * u).norm_sqr()).sum::<f64>() / plant.m as f64)
         .sum();
-    if forced > 0.0 && driven > 0.0 { (driven / forced).sqrt() } else { 1.0 }
+    match plant.ports[port].input {
+        _ if forced > 0.0 && driven > 0.0 => (driven / forced).sqrt(),
+        // A force on an axis is of the input's own kind.
+        Some(input) if plant.modes.is_empty() && u_rms[input] > 0.0 => u_rms[input],
+        _ => 1.0,
+    }
 }
 
 #[cfg(test)]

@@ -62,7 +62,7 @@ pub fn fit_ports<'a>(problem: &mut Problem, quick: &mut Problem, best: Fit<'a>) 
         let acts = placed.effect.act(&problem.setting, &placed.place, &placed.parameters);
         acts.iter().any(|action| matches!(action, Action::Force(..)))
     };
-    if problem.plant.port_source == PortSource::Declared || !best.effects.iter().any(at_port) {
+    if problem.plant.port_source != PortSource::Inferred || !best.effects.iter().any(at_port) {
         return best;
     }
     let start = SCALES.starts(&problem.setting, &Place::Structure).remove(0);

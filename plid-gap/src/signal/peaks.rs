@@ -142,11 +142,12 @@ fn start(plant: &Plant, response: &DMatrix<C>, power: &[f64], k: usize, hz: f64)
     };
     let bins = (width(1) + width(-1) - 1.0).max(1.0);
     let damping = (0.5 * bins / k as f64).clamp(0.003, 0.05);
-    // s^2 / (s^2 + 2 zeta w s + w^2) is j / (2 zeta) at the peak.
+    // s^k / (s^2 + 2 zeta w s + w^2) is s^k / (2 j zeta w^2) at the peak.
     let s = C::new(0.0, std::f64::consts::TAU * hz);
     let shape = DMatrix::from_fn(plant.p, plant.m, |o, i| {
         let chain = plant.chain.behind(o, s) * plant.chain.before(i, s);
-        (response[(o, i)] / chain * C::new(0.0, -2.0 * damping)).re
+        let sensed = s.powi(plant.sensed[o].order) / C::new(0.0, 2.0 * damping * s.norm_sqr());
+        (response[(o, i)] / (chain * sensed)).re
     });
     let svd = shape.svd(true, true);
     let (u, v) = (svd.u.expect("asked for"), svd.v_t.expect("asked for"));

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::effects::{Drive, Force};
 use crate::fourier::C;
-use crate::plant::{Carried, Plant};
+use crate::plant::{Carried, Plant, phi1};
 use crate::simulate::State;
 use crate::simulate::lanes::{self, Lane, Quad, Rows};
 
@@ -181,8 +181,8 @@ impl<'a> Runner<'a> {
         for (to, b) in self.b.iter_mut().zip(mode.b.iter()) {
             lanes::set(to, k, held * b);
         }
-        for (to, c) in self.c.iter_mut().zip(mode.c.iter()) {
-            lanes::set(to, k, 2.0 * c * rows.acceleration);
+        for ((to, c), &sensed) in self.c.iter_mut().zip(&mode.c).zip(&plant.sensed) {
+            lanes::set(to, k, 2.0 * c * rows.sensed(sensed));
         }
         for to in &mut self.ports {
             let port = &plant.ports[to.number];
@@ -424,11 +424,6 @@ fn held_and_ramp(a: &DMatrix<f64>, b: &DMatrix<f64>, h: f64) -> (DMatrix<f64>, D
         whole.view((0, r), (r, m)).into_owned(),
         whole.view((0, r + m), (r, m)).into_owned(),
     )
-}
-
-/// (e^x - 1) / x.
-fn phi1(x: C) -> C {
-    if x.norm() < 1e-3 { C::ONE + x * (0.5 + x / 6.0 * (1.0 + x / 4.0)) } else { (x.exp() - 1.0) / x }
 }
 
 /// (e^x - 1 - x) / x^2.

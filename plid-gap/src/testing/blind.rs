@@ -129,6 +129,24 @@ fn a_cubic_spring_is_named_with_place_and_size() {
     assert!(class.clone().all(|text| !text.contains("clearance")), "{:?}", found.not_separable);
 }
 
+/// A damping ratio that is 20 % off, where 5 % is stated, is named whatever the sensors measure.
+#[test]
+fn a_damping_ratio_is_named_whatever_the_sensors_are() {
+    use crate::testing::Sensor;
+    // Each sensor shows another mode best.
+    for (sensor, mode) in [(Sensor::Position, 0), (Sensor::Velocity, 1), (Sensor::Acceleration, 2)] {
+        let of = |damping: f64| testing::truss_sensed(3, sensor, |modes| modes[mode].1 *= damping);
+        let mut case = testing::case(&of(1.0), &of(1.2));
+        case.config.nuisance.damping = 0.05;
+        let found = diagnosed(&case);
+        assert_eq!(found.verdict, Verdict::Effects, "{sensor:?}: {}", found.sentence);
+        let named: Vec<&str> = found.effects.iter().map(|effect| effect.effect.as_str()).collect();
+        assert_eq!(named, ["modal-damping"], "{sensor:?}: {}", found.sentence);
+        let rho = found.effects[0].parameters["rho"].value;
+        assert!((rho / 1.2 - 1.0).abs() < 0.01, "{sensor:?}: {rho}");
+    }
+}
+
 /// No derivative at the simulation's own frequency points there; what appears at the new one and is missing at the old does.
 #[test]
 fn a_mode_that_is_far_off_is_one_change_and_not_two_missing_modes() {

@@ -1,5 +1,6 @@
 //! Small structures and records of them, for tests.
 
+mod axis;
 mod blind;
 mod truss;
 
@@ -11,8 +12,8 @@ use rand_distr::StandardNormal;
 
 use crate::case::record::{Channels, Excitation, Record, rms};
 use crate::case::{Case, CaseConfig};
-pub use crate::testing::truss::RATE;
 use crate::testing::truss::Truss;
+pub use crate::testing::truss::{RATE, Sensor, held};
 
 /// Frequencies and damping ratios.
 pub const MODES: [(f64, f64); 4] = [(58.0, 0.01), (137.0, 0.008), (186.0, 0.012), (243.0, 0.006)];
@@ -27,6 +28,20 @@ pub fn truss_with(seed: u64, change: impl FnOnce(&mut [(f64, f64)], &mut DMatrix
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut truss = Truss::draw(&MODES, &mut rng);
     change(&mut truss.modes, &mut truss.beta, &mut truss.gamma);
+    truss.model(&mut rng)
+}
+
+/// The truss of [`truss`] with other sensors, and changed frequencies and damping ratios.
+pub fn truss_sensed(seed: u64, sensor: Sensor, change: impl FnOnce(&mut [(f64, f64)])) -> Model {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut truss = Truss { sensor, ..Truss::draw(&MODES, &mut rng) };
+    change(&mut truss.modes);
+    // Outputs of like size, whatever is sensed.
+    truss.gamma *= match sensor {
+        Sensor::Position => 1e6,
+        Sensor::Velocity => 1e3,
+        Sensor::Acceleration => 1.0,
+    };
     truss.model(&mut rng)
 }
 

@@ -12,8 +12,18 @@ use rand_distr::StandardNormal;
 /// Samples a second.
 pub const RATE: f64 = 1600.0;
 
-/// q" + 2 zeta w q' + w^2 q = beta a of each mode, with a' = pole (u - a) of each actuator; accelerations gamma q" behind a filter of
-/// two poles.
+/// What a sensor measures of the modes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sensor {
+    /// gamma q.
+    Position,
+    /// gamma q'.
+    Velocity,
+    /// gamma q".
+    Acceleration,
+}
+
+/// q" + 2 zeta w q' + w^2 q = beta a of each mode, with a' = pole (u - a) of each actuator; sensors behind a filter of two poles.
 #[derive(Debug, Clone)]
 pub struct Truss {
     /// Frequencies in Hz and damping ratios.
@@ -24,8 +34,10 @@ pub struct Truss {
     pub gamma: DMatrix<f64>,
     /// Poles of the actuators in Hz.
     pub actuators_hz: Vec<f64>,
-    /// Of the filters in Hz; without them accelerations are measured as they are.
+    /// Of the filters in Hz; without them the motion is measured as it is.
     pub filter_hz: Option<f64>,
+    /// Of all outputs.
+    pub sensor: Sensor,
 }
 
 /// dx/dt = a x + b u + force f of each port, y = c x + output f.
@@ -47,7 +59,14 @@ impl Truss {
         let mut normal = || -> f64 { rng.sample(StandardNormal) };
         let beta = DMatrix::from_fn(modes.len(), 2, |_, _| normal());
         let gamma = DMatrix::from_fn(2, modes.len(), |_, _| 0.05 * normal());
-        Self { modes: modes.to_vec(), beta, gamma, actuators_hz: vec![260.0; 2], filter_hz: Some(600.0) }
+        Self {
+            modes: modes.to_vec(),
+            beta,
+            gamma,
+            actuators_hz: vec![260.0; 2],
+            filter_hz: Some(600.0),
+            sensor: Sensor::Acceleration,
+        }
     }
 
     /// In the states (q, q') of each mode, a of each actuator, two of each filter.
@@ -83,18 +102,22 @@ impl Truss {
             b[(acting + i, i)] = TAU * hz;
         }
         for o in 0..p {
-            // The acceleration: of the states, and at once of a force.
-            let mut acceleration = DVector::zeros(n);
+            // The motion that is sensed: of the states and, if it is an acceleration, at once of a force.
+            let mut motion = DVector::zeros(n);
             let mut at_once = vec![0.0; m];
             for k in 0..q {
-                acceleration += a.row(2 * k + 1).transpose() * self.gamma[(o, k)];
-                at_once
-                    .iter_mut()
-                    .zip(&ports)
-                    .for_each(|(sum, port)| *sum += self.gamma[(o, k)] * port.force[2 * k + 1]);
+                match self.sensor {
+                    Sensor::Position => motion[2 * k] += self.gamma[(o, k)],
+                    Sensor::Velocity => motion[2 * k + 1] += self.gamma[(o, k)],
+                    Sensor::Acceleration => {
+                        motion += a.row(2 * k + 1).transpose() * self.gamma[(o, k)];
+                        let forces = ports.iter().map(|port| port.force[2 * k + 1]);
+                        at_once.iter_mut().zip(forces).for_each(|(sum, force)| *sum += self.gamma[(o, k)] * force);
+                    }
+                }
             }
             let Some(hz) = self.filter_hz else {
-                c.row_mut(o).copy_from(&acceleration.transpose());
+                c.row_mut(o).copy_from(&motion.transpose());
                 for (port, at_once) in ports.iter_mut().zip(at_once) {
                     port.output.as_mut().expect("without a filter")[o] = at_once;
                 }
@@ -102,7 +125,7 @@ impl Truss {
             };
             let (at, w) = (filters + 2 * o, TAU * hz);
             a[(at, at + 1)] = 1.0;
-            let mut row = acceleration * (w * w);
+            let mut row = motion * (w * w);
             row[at] -= w * w;
             row[at + 1] -= 2_f64.sqrt() * w;
             a.row_mut(at + 1).copy_from(&row.transpose());

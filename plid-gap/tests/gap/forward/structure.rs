@@ -7,7 +7,7 @@ use plid_gap::research::Fineness;
 use plid_model::Model;
 
 use super::{Check, Rig, T0};
-use crate::truss::Truss;
+use crate::truss::{Sensor, Truss};
 use crate::truth::{self, Channels, Equations, Joint, Motion};
 
 /// plid-gap's forces are straight lines over an eighth of a sample: an error of second order in that step, which
@@ -140,14 +140,33 @@ pub fn rms(x: &[f64]) -> f64 {
     (x.iter().map(|x| x * x).sum::<f64>() / x.len() as f64).sqrt()
 }
 
+/// The largest disagreement over structures that are seen by each kind of sensor, behind filters and without.
+fn worst_of_sensors(seed: u64, disagreement: impl Fn(&Rig) -> f64) -> f64 {
+    let mut worst = 0.0_f64;
+    // Outputs of like size, so that the states of filters are.
+    for (sensor, gain) in [(Sensor::Position, 1e6), (Sensor::Velocity, 1e3), (Sensor::Acceleration, 1.0)] {
+        for filter_hz in [Some(600.0), None] {
+            let rig = Rig::with(seed, |truss| {
+                (truss.sensor, truss.filter_hz) = (sensor, filter_hz);
+                truss.gamma *= gain;
+            });
+            worst = worst.max(disagreement(&rig));
+        }
+    }
+    worst
+}
+
 /// The second mode moved, in the simulation and in the structure.
 fn moved(effect: &dyn Effect, parameter: f64, hz: f64, zeta: f64) -> f64 {
-    let rig = Rig::new(5);
+    worst_of_sensors(5, |rig| moved_in(rig, effect, parameter, hz, zeta))
+}
+
+fn moved_in(rig: &Rig, effect: &dyn Effect, parameter: f64, hz: f64, zeta: f64) -> f64 {
     let mut other = rig.truss.clone();
     let (old_hz, old_zeta) = other.modes[1];
     other.modes[1] = (old_hz * hz, old_zeta * zeta);
     let place = Place::Mode(rig.plant.mode_at(old_hz).unwrap());
-    rig.disagreement(&rig.simulated(effect, &place, &[parameter], T0), &built(&rig, &other))
+    rig.disagreement(&rig.simulated(effect, &place, &[parameter], T0), &built(rig, &other))
 }
 
 /// What a structure that is built so answers.
@@ -160,14 +179,21 @@ pub fn built(rig: &Rig, truss: &Truss) -> Channels {
 
 /// A fourth mode that the simulation lacks.
 fn missing_mode(effect: &dyn Effect) -> f64 {
-    let rig = Rig::new(6);
-    let (hz, zeta, b, c) = (186.0, 0.01, [0.7, -0.4], [0.6, 0.8]);
+    worst_of_sensors(6, |rig| missing_mode_in(rig, effect))
+}
+
+fn missing_mode_in(rig: &Rig, effect: &dyn Effect) -> f64 {
+    let (hz, zeta, b) = (186.0, 0.01, [0.7, -0.4]);
+    // As large as the other modes' shapes.
+    let c = [0.6, 0.8].map(|c| c * rig.truss.gamma.norm());
     let mut other = rig.truss.clone();
     other.modes.push((hz, zeta));
     other.beta = DMatrix::from_fn(4, 2, |k, i| if k < 3 { rig.truss.beta[(k, i)] } else { b[i] });
     other.gamma = DMatrix::from_fn(2, 4, |o, k| if k < 3 { rig.truss.gamma[(o, k)] } else { c[o] });
-    let parameters = [hz, zeta, b[0], b[1], c[0], c[1]];
-    rig.disagreement(&rig.simulated(effect, &Place::MissingMode(hz), &parameters, T0), &built(&rig, &other))
+    // The effect's own c has norm one.
+    let size = c[0].hypot(c[1]);
+    let parameters = [hz, zeta, b[0] * size, b[1] * size, c[0], c[1]];
+    rig.disagreement(&rig.simulated(effect, &Place::MissingMode(hz), &parameters, T0), &built(rig, &other))
 }
 
 /// The step is fine enough: halved, it changes no effect by more than 1 / 400, and the error against the truth falls by four, as the order

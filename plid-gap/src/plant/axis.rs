@@ -1,0 +1,107 @@
+use nalgebra::DVector;
+
+use super::{Plant, Port};
+use crate::fourier::C;
+
+/// The axis of each input, as a port, for a plant without lightly damped modes: a motor, a servo, a slider.
+///
+/// A force on the axis enters as the input does, so its unit is that of the input. The motion that the force meets is
+/// the one that the collocated output shows: of the outputs that sense a position or a velocity, the one to which the
+/// input contributes most. A position gives both displacement and velocity. A velocity does not give the displacement,
+/// which is its integral and no combination of the states.
+pub(super) fn infer(plant: &Plant, inputs: &[String]) -> Vec<Port> {
+    let Some((a, b)) = &plant.rest.continuous else { return Vec::new() };
+    let port = |(i, name): (usize, &String)| {
+        let o = collocated(plant, i)?;
+        let row: DVector<f64> = plant.rest.c.row(o).transpose();
+        let slope = a.tr_mul(&row);
+        let none = DVector::zeros(row.len());
+        let (displacement_rest, velocity_rest) = if plant.sensed[o].order == 0 { (row, slope) } else { (none, row) };
+        Some(Port {
+            name: name.clone(),
+            input: Some(i),
+            force: Vec::new(),
+            displacement: Vec::new(),
+            velocity: Vec::new(),
+            force_rest: b.column(i).into_owned(),
+            displacement_rest,
+            velocity_rest,
+            output: Vec::new(),
+        })
+    };
+    inputs.iter().enumerate().filter_map(port).collect()
+}
+
+/// The output that shows the motion of an input's axis, if any does.
+fn collocated(plant: &Plant, input: usize) -> Option<usize> {
+    let share = |o: usize| {
+        let size = |i: usize| plant.rest.c.row(o).dot(&plant.rest.b.column(i).transpose()).abs();
+        let all: f64 = (0..plant.m).map(size).sum();
+        if all > 0.0 { size(input) / all } else { 0.0 }
+    };
+    let shows_motion = |o: &usize| plant.sensed[*o].order < 2;
+    (0..plant.p).filter(shows_motion).max_by(|&x, &y| share(x).total_cmp(&share(y))).filter(|&o| share(o) > 0.0)
+}
+
+impl Plant {
+    /// Stiffness that a port on an axis meets: the force over the displacement that it makes at rest. Zero if nothing
+    /// holds the axis, or if its displacement is not known.
+    pub(super) fn axis_stiffness(&self, port: &Port) -> f64 {
+        let Some((a, _)) = self.rest.continuous.as_ref().filter(|(a, _)| !a.is_empty()) else { return 0.0 };
+        let at_rest = a.clone().lu().solve(&port.force_rest);
+        let compliance = at_rest.map_or(f64::INFINITY, |x| port.displacement_rest.dot(&x).abs());
+        if compliance > 0.0 && compliance.is_finite() { compliance.recip() } else { 0.0 }
+    }
+}
+
+impl Port {
+    /// Whether the displacement at the port is known, and not only the velocity.
+    pub fn sees_displacement(&self) -> bool {
+        self.displacement.iter().any(|x| *x != C::ZERO) || self.displacement_rest.iter().any(|x| *x != 0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plant::PortSource;
+    use nalgebra::{DMatrix, dmatrix};
+    use plid_model::Model;
+
+    /// A mass of 2 with a viscous damper of 3 and a spring `k`, seen by its position or its velocity, at 1 kHz.
+    fn axis(k: f64, position: bool) -> Plant {
+        let (a, b) = (dmatrix![0.0, 1.0; -k / 2.0, -1.5], dmatrix![0.0; 0.5]);
+        let (a, b) = crate::testing::held(&a, &b, 1e-3);
+        let c = if position { dmatrix![1.0, 0.0] } else { dmatrix![0.0, 1.0] };
+        Plant::new(&Model::new(1000.0, a, b, c, DMatrix::zeros(1, 1)).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn an_overdamped_servo_has_its_axis() {
+        let plant = axis(0.7, true);
+        assert_eq!((plant.modes.len(), plant.port_source), (0, PortSource::Axis));
+        let port = &plant.ports[0];
+        assert!(port.sees_displacement());
+        // A unit force accelerates the mass by 1/2, and the spring holds it.
+        assert!((port.velocity_rest.dot(&port.force_rest) - 0.5).abs() < 1e-6);
+        assert!(port.displacement_rest.dot(&port.force_rest).abs() < 1e-6);
+        assert!((plant.stiffness(port) / 0.7 - 1.0).abs() < 1e-6, "{}", plant.stiffness(port));
+    }
+
+    #[test]
+    fn a_velocity_does_not_give_the_displacement() {
+        let plant = axis(0.7, false);
+        let port = &plant.ports[0];
+        assert!(!port.sees_displacement());
+        assert!((port.velocity_rest.dot(&port.force_rest) - 0.5).abs() < 1e-6);
+    }
+
+    /// Nothing holds a slider: its pole at the origin has a continuous form, and its axis no stiffness.
+    #[test]
+    fn a_free_slider_has_its_axis() {
+        let plant = axis(0.0, true);
+        let port = &plant.ports[0];
+        assert!((port.velocity_rest.dot(&port.force_rest) - 0.5).abs() < 1e-6);
+        assert_eq!(plant.stiffness(port), 0.0);
+    }
+}

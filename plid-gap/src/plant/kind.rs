@@ -1,0 +1,193 @@
+//! Which derivative of a displacement each output follows.
+//!
+//! A mode in physical form is q" + 2 zeta w q' + w^2 q = beta f, and a sensor measures gamma q^(k): a displacement for
+//! k = 0, a velocity for k = 1, an acceleration for k = 2. The order k decides what a changed mode does to the outputs,
+//! and what the modes say about the motion where an actuator acts.
+
+use std::f64::consts::TAU;
+
+use nalgebra::DMatrix;
+use plid_model::OutputKind;
+use serde::Serialize;
+
+use super::Plant;
+use crate::fourier::C;
+
+/// Number of frequencies at which the orders are compared.
+const FREQUENCIES: usize = 120;
+
+/// The lowest frequency of the comparison, relative to the lowest mode: there a displacement is constant, and an
+/// acceleration vanishes.
+const BELOW: f64 = 0.1;
+
+/// The highest frequency of the comparison, relative to the highest mode.
+const ABOVE: f64 = 4.0;
+
+/// The largest distance of the simulation from an order that the simulation can be said to follow. A sensor whose
+/// other dynamics are unknown is further from every order.
+const CLOSE: f64 = 0.5;
+
+/// The most that the nearest order's distance may be, relative to the next one's.
+const CLEARER: f64 = 0.5;
+
+/// Frequencies between which the slope of a response without resonances is taken, relative to the sample rate.
+const SLOPE_BETWEEN: [f64; 2] = [0.125, 0.25];
+
+/// Where the kind of an output comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum KindSource {
+    /// The simulation or the case declares it.
+    Declared,
+    /// The simulation's responses show it.
+    Inferred,
+    /// Neither does: an acceleration is assumed.
+    Assumed,
+}
+
+/// The derivative of a displacement that an output follows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sensed {
+    /// The order of the derivative: 0, 1 or 2.
+    pub order: i32,
+    /// Where it comes from.
+    pub source: KindSource,
+}
+
+impl Sensed {
+    /// What is assumed as long as nothing else is known.
+    pub(super) const ASSUMED: Self = Self { order: 2, source: KindSource::Assumed };
+
+    /// The kind that belongs to the order.
+    pub fn kind(self) -> OutputKind {
+        match self.order {
+            0 => OutputKind::Position,
+            1 => OutputKind::Velocity,
+            _ => OutputKind::Acceleration,
+        }
+    }
+}
+
+/// The orders of all outputs (p): as declared, or as the simulation shows them.
+pub(super) fn sensed(plant: &Plant, declared: &[Option<OutputKind>]) -> Vec<Sensed> {
+    let order = |kind: OutputKind| match kind {
+        OutputKind::Position => Some(0),
+        OutputKind::Velocity => Some(1),
+        OutputKind::Acceleration => Some(2),
+        OutputKind::Force | OutputKind::Other => None,
+    };
+    (0..plant.p)
+        .map(|o| match declared.get(o).copied().flatten().and_then(order) {
+            Some(order) => Sensed { order, source: KindSource::Declared },
+            None => inferred(plant, o),
+        })
+        .collect()
+}
+
+fn inferred(plant: &Plant, output: usize) -> Sensed {
+    if plant.modes.is_empty() {
+        return by_slope(plant, output);
+    }
+    let mut distances: Vec<(f64, i32)> = (0..3).map(|order| (distance(plant, output, order), order)).collect();
+    distances.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let [(nearest, order), (next, _), ..] = distances[..] else { return Sensed::ASSUMED };
+    // NaN, where nothing can be compared, is not close.
+    if nearest < CLOSE && nearest < CLEARER * next {
+        Sensed { order, source: KindSource::Inferred }
+    } else {
+        Sensed::ASSUMED
+    }
+}
+
+/// Without modes, from how the response to the inputs falls at high frequencies: a force makes an acceleration at once,
+/// a velocity falls as 1/s and a position as 1/s^2.
+fn by_slope(plant: &Plant, output: usize) -> Sensed {
+    let size = |share: f64| {
+        let response = response(plant, output, C::new(0.0, TAU * share * plant.rate))?;
+        Some(response.iter().map(|g| g.norm_sqr()).sum::<f64>().sqrt())
+    };
+    let [from, to] = SLOPE_BETWEEN;
+    let slope = size(from).zip(size(to)).map(|(low, high)| (high / low).ln() / (to / from).ln());
+    match slope {
+        Some(slope) if slope < -1.5 => Sensed { order: 0, source: KindSource::Inferred },
+        Some(slope) if slope < -0.5 => Sensed { order: 1, source: KindSource::Inferred },
+        _ => Sensed::ASSUMED,
+    }
+}
+
+/// Mean of |G - G_k|^2 / (|G|^2 + |G_k|^2) over inputs and logarithmic frequencies. G is the simulation's response, and
+/// G_k that of its modes if they are sensed by their k-th derivative. NaN without modes or without the rest in continuous time.
+fn distance(plant: &Plant, output: usize, order: i32) -> f64 {
+    let (Some(lowest), Some(highest)) = (plant.modes.first(), plant.modes.last()) else { return f64::NAN };
+    let (from, to) = (BELOW * lowest.hz(), (ABOVE * highest.hz()).min(plant.rate / 2.0));
+    let mut sum = 0.0;
+    for step in 0..FREQUENCIES {
+        let hz = from * (to / from).powf(step as f64 / (FREQUENCIES - 1) as f64);
+        let s = C::new(0.0, TAU * hz);
+        let Some(response) = response(plant, output, s) else { return f64::NAN };
+        for (i, given) in response.into_iter().enumerate() {
+            let through = plant.chain.before(i, s) * plant.chain.behind(output, s);
+            let modes = plant.modes.iter();
+            let of_order: C = modes
+                .map(|mode| plant.product_of(mode, output, i, order) * Plant::derivative(order, mode.pole, s))
+                .sum::<C>()
+                * through;
+            let both = given.norm_sqr() + of_order.norm_sqr();
+            sum += if both > 0.0 { (given - of_order).norm_sqr() / both } else { 0.0 };
+        }
+    }
+    sum / (FREQUENCIES * plant.m) as f64
+}
+
+/// The response of one output to each input (m) at s, in continuous time; none if the rest has no continuous form.
+fn response(plant: &Plant, output: usize, s: C) -> Option<Vec<C>> {
+    let (a, b) = plant.rest.continuous.as_ref()?;
+    let rest = if a.is_empty() {
+        vec![C::ZERO; plant.m]
+    } else {
+        let shifted = DMatrix::from_diagonal_element(a.nrows(), a.nrows(), s) - a.map(C::from);
+        let states = shifted.lu().solve(&b.map(C::from))?;
+        (plant.rest.c.row(output).map(C::from) * states).iter().copied().collect()
+    };
+    let of_modes = |i: usize| -> C {
+        let part = |mode: &super::Mode| {
+            let residue = mode.c[output] * mode.b[i];
+            residue / (s - mode.pole) + residue.conj() / (s - mode.pole.conj())
+        };
+        plant.modes.iter().map(part).sum()
+    };
+    Some((0..plant.m).map(|i| C::from(plant.d[(output, i)]) + rest[i] + of_modes(i)).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{self, Sensor};
+
+    /// The same truss seen by each sensor, with actuators and filters, and with plain sensors.
+    #[test]
+    fn each_sensor_is_told_from_the_simulation() {
+        for seed in 0..4 {
+            for (sensor, kind) in [
+                (Sensor::Position, OutputKind::Position),
+                (Sensor::Velocity, OutputKind::Velocity),
+                (Sensor::Acceleration, OutputKind::Acceleration),
+            ] {
+                let plant = Plant::new(&testing::truss_sensed(seed, sensor, |_| {})).unwrap();
+                for sensed in &plant.sensed {
+                    assert_eq!((sensed.kind(), sensed.source), (kind, KindSource::Inferred), "{seed}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_declaration_comes_first() {
+        let mut model = testing::truss(1);
+        model.output_kinds[0] = Some(OutputKind::Velocity);
+        model.output_kinds[1] = Some(OutputKind::Other);
+        let plant = Plant::new(&model).unwrap();
+        assert_eq!(plant.sensed[0], Sensed { order: 1, source: KindSource::Declared });
+        assert_eq!(plant.sensed[1], Sensed { order: 2, source: KindSource::Inferred });
+    }
+}

@@ -1,0 +1,193 @@
+use nalgebra::{DMatrix, DVector};
+
+use super::{Plant, Rest, eigenvectors, phi1};
+use crate::fourier::C;
+
+/// How well the eigenvectors must give the matrix back.
+const GIVEN_BACK: f64 = 1e-6;
+
+/// A pole this slow, relative to the sample rate, is an integrator: its rate is no number that can be off by a share.
+const INTEGRATOR: f64 = 1e-7;
+
+/// A number of the rest that may be off, by its relative change.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum RestNumber {
+    /// A real pole, rad/s.
+    Rate(usize),
+    /// The magnitude of a pair, rad/s.
+    Frequency(usize),
+    /// The damping ratio of a pair.
+    Damping(usize),
+    /// The gain of an input.
+    Input(usize),
+    /// The gain of an output.
+    Output(usize),
+}
+
+/// A real pole, or the upper one of a pair, with its eigenvectors (left . right = 1).
+#[derive(Debug, Clone)]
+struct Pole {
+    /// Continuous, rad/s.
+    pole: C,
+    right: DVector<C>,
+    left: DVector<C>,
+}
+
+/// The poles of the rest with their eigenvectors, for a plant without structural modes: so that each pole can be moved by
+/// itself, as a mode's can.
+#[derive(Debug, Clone)]
+pub struct Spectrum {
+    poles: Vec<Pole>,
+    /// In the order of the parameters.
+    pub numbers: Vec<RestNumber>,
+}
+
+impl Spectrum {
+    /// The poles of a plant without modes. `None` for a plant with modes, without a rest in continuous time, or with
+    /// poles so near each other that they cannot be moved one by one.
+    pub fn of(plant: &Plant) -> Option<Self> {
+        let rest = &plant.rest;
+        if !plant.modes.is_empty() || rest.a.nrows() == 0 || rest.continuous.is_none() {
+            return None;
+        }
+        let eigenvalues = rest.a.complex_eigenvalues();
+        let upper = eigenvalues.iter().copied().filter(|z| z.im >= 0.0);
+        let poles = upper.map(|z| Pole::of(&rest.a, z, plant.rate)).collect::<Option<Vec<_>>>()?;
+        let back = sum(&poles, |pole| (pole * (1.0 / plant.rate)).exp());
+        if !((back - &rest.a).norm() < GIVEN_BACK * rest.a.norm()) {
+            return None;
+        }
+        let mut numbers = Vec::new();
+        for (k, Pole { pole, .. }) in poles.iter().enumerate() {
+            if pole.norm() < INTEGRATOR * plant.rate {
+                continue;
+            }
+            if pole.im == 0.0 {
+                numbers.push(RestNumber::Rate(k));
+            } else {
+                numbers.extend([RestNumber::Frequency(k), RestNumber::Damping(k)]);
+            }
+        }
+        numbers.extend((0..plant.m).map(RestNumber::Input));
+        numbers.extend((0..plant.p).map(RestNumber::Output));
+        Some(Self { poles, numbers })
+    }
+
+    /// The rest of a plant with each number multiplied by e^eta, its output gains in D as well.
+    pub fn change(&self, plant: &mut Plant, eta: &[f64]) {
+        let mut poles = self.poles.clone();
+        let (mut inputs, mut outputs) = (vec![1.0; plant.m], vec![1.0; plant.p]);
+        for (number, eta) in self.numbers.iter().zip(eta) {
+            // A fit that goes astray must not overflow.
+            let factor = eta.clamp(-3.0, 3.0).exp();
+            match *number {
+                RestNumber::Rate(k) | RestNumber::Frequency(k) => poles[k].pole *= factor,
+                RestNumber::Damping(k) => poles[k].pole = damped(poles[k].pole, factor),
+                RestNumber::Input(i) => inputs[i] = factor,
+                RestNumber::Output(o) => outputs[o] = factor,
+            }
+        }
+        let step = 1.0 / plant.rate;
+        let Some((_, b)) = &plant.rest.continuous else { return };
+        let mut b = b.clone();
+        b.column_iter_mut().zip(&inputs).for_each(|(mut column, gain)| column *= *gain);
+        let mut c = plant.rest.c.clone();
+        c.row_iter_mut().zip(&outputs).for_each(|(mut row, gain)| row *= *gain);
+        let d = DMatrix::from_fn(plant.p, plant.m, |o, i| plant.d[(o, i)] * outputs[o] * inputs[i]);
+        let a = sum(&poles, |pole| (pole * step).exp());
+        let held = sum(&poles, |pole| phi1(pole * step) * step);
+        let a_time = sum(&poles, |pole| pole);
+        let rest = Rest { a, b: held * &b, c, continuous: Some((a_time, b)) };
+        (plant.rest, plant.d) = (rest, d);
+    }
+
+    /// In words with its frequency, for the report: what a number is and what it becomes.
+    pub fn words(&self, number: RestNumber, eta: f64, inputs: &[String], outputs: &[String]) -> String {
+        let hz = |k: usize| self.poles[k].pole.norm() / std::f64::consts::TAU;
+        let factor = eta.exp();
+        match number {
+            RestNumber::Rate(k) => format!("real pole {:.3} Hz -> {:.3} Hz", hz(k), hz(k) * factor),
+            RestNumber::Frequency(k) => format!("pair of poles {:.3} Hz -> {:.3} Hz", hz(k), hz(k) * factor),
+            RestNumber::Damping(k) => {
+                format!("pair of poles at {:.3} Hz: damping ratio multiplied by {factor:.3}", hz(k))
+            }
+            RestNumber::Input(i) => format!("gain of {} multiplied by {factor:.4}", inputs[i]),
+            RestNumber::Output(o) => format!("gain of {} multiplied by {factor:.4}", outputs[o]),
+        }
+    }
+}
+
+/// A pair of poles with its damping ratio multiplied.
+fn damped(pole: C, factor: f64) -> C {
+    let size = pole.norm();
+    let zeta = (-pole.re / size * factor).min(0.999);
+    C::new(-zeta * size, size * (1.0 - zeta * zeta).sqrt())
+}
+
+impl Pole {
+    /// Of a discrete matrix, at one of its eigenvalues.
+    fn of(a: &DMatrix<f64>, z: C, rate: f64) -> Option<Self> {
+        let (refined, right, left) = eigenvectors(a, z)?;
+        // Rounding gives a real eigenvalue a small imaginary part.
+        let z = if z.im == 0.0 { C::from(refined.re) } else { refined };
+        Some(Self { pole: z.ln() * rate, right, left })
+    }
+}
+
+/// The real matrix that has f(pole) on each pole's eigenvectors, conjugate poles included.
+fn sum(poles: &[Pole], f: impl Fn(C) -> C) -> DMatrix<f64> {
+    let n = poles.first().map_or(0, |pole| pole.right.len());
+    poles.iter().fold(DMatrix::zeros(n, n), |sum, Pole { pole, right, left }| {
+        let both = if pole.im == 0.0 { 1.0 } else { 2.0 };
+        sum + (right * left.transpose()).map(|rl| both * (f(*pole) * rl).re)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::dmatrix;
+    use plid_model::Model;
+
+    /// A mass with a damper and a spring, as matrices of continuous time, and seen by its position at 500 Hz.
+    fn servo(k: f64, c: f64) -> Plant {
+        let (a, b) = crate::testing::held(&dmatrix![0.0, 1.0; -k, -c], &dmatrix![0.0; 1.0], 2e-3);
+        Plant::new(&Model::new(500.0, a, b, dmatrix![1.0, 0.0], dmatrix![0.0]).unwrap()).unwrap()
+    }
+
+    fn far(one: &Plant, other: &Plant) -> f64 {
+        let difference = |hz: &f64| (one.response(*hz) - other.response(*hz)).norm() / other.response(*hz).norm();
+        [0.1, 1.0, 10.0, 100.0].iter().map(difference).fold(0.0, f64::max)
+    }
+
+    /// A well damped pair moved by e^eta is the servo that is built with that frequency and damping ratio.
+    #[test]
+    fn a_moved_pair_is_a_servo_built_so() {
+        let (w, zeta) = (30.0_f64, 0.7);
+        let nominal = servo(w * w, 2.0 * zeta * w);
+        let spectrum = Spectrum::of(&nominal).unwrap();
+        assert_eq!(spectrum.numbers[..2], [RestNumber::Frequency(0), RestNumber::Damping(0)]);
+        let mut moved = nominal.clone();
+        // The input's gain stays 1: a unit force accelerates the unit mass, whatever holds it.
+        spectrum.change(&mut moved, &[0.1, -0.2, 0.0, 0.0]);
+        let w = w * 0.1_f64.exp();
+        let built = servo(w * w, 2.0 * zeta * (-0.2_f64).exp() * w);
+        let gain = built.response(0.01)[(0, 0)].re / moved.response(0.01)[(0, 0)].re;
+        moved.rest.c *= gain;
+        assert!(far(&moved, &built) < 1e-6, "{}", far(&moved, &built));
+    }
+
+    #[test]
+    fn zero_changes_nothing_and_an_integrator_has_no_rate() {
+        let slider = servo(0.0, 4.0);
+        let spectrum = Spectrum::of(&slider).unwrap();
+        assert_eq!(spectrum.numbers.len(), 3, "{:?}", spectrum.numbers);
+        let mut same = slider.clone();
+        spectrum.change(&mut same, &[0.0; 3]);
+        assert!(far(&same, &slider) < 1e-8, "{}", far(&same, &slider));
+        let mut louder = slider.clone();
+        spectrum.change(&mut louder, &[0.0, 0.1, 0.05]);
+        let ratio = louder.response(3.0)[(0, 0)] / slider.response(3.0)[(0, 0)];
+        assert!((ratio - 0.15_f64.exp()).norm() < 1e-8, "{ratio}");
+    }
+}
