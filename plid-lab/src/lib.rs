@@ -1,6 +1,5 @@
 //! Experiments of plid: configs, runs, merged runs.
 pub mod experiment;
-pub mod identify;
 pub mod merge;
 #[cfg(test)]
 #[path = "../../plid-data/src/real_file.rs"]
@@ -9,4 +8,5 @@ pub mod run;
 
 pub use plid_data as data;
 pub use plid_data::prepare;
+pub use plid_identify as identify;
 pub use plid_report as report;

@@ -125,7 +125,7 @@ impl Candidate<'_> {
             Err(_) => return Err(Failed::Diverged),
         };
         let diverged = |_: RunError| Failed::Diverged;
-        let scaled = scaled_model(&done.identified, &plan.form, self.prepared).map_err(diverged)?;
+        let scaled = scaled_model(&done.identified, self.prepared).map_err(diverged)?;
         let estimate =
             Estimate::new(&plan, &scaled, &done.identified, &done.innovations, self.prepared, BTreeMap::new())
                 .map_err(diverged)?;

@@ -1,7 +1,8 @@
 use ndarray::ArrayView2;
 
 /// The reasons why [`crate::signal`] rejects a record. Channels and records are counted from 0.
-#[derive(Debug, Clone, PartialEq, thiserror::Error, miette::Diagnostic)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[cfg_attr(feature = "diagnostics", derive(miette::Diagnostic))]
 pub enum SignalError {
     /// The record has fewer samples (or lags, or periods) than the estimate requires.
     #[error("{what} requires at least {needed} {unit}; the record has {available}")]
