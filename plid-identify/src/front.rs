@@ -14,6 +14,8 @@ use crate::{
 const ORDERS: [usize; 12] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64];
 /// The comparison ends after this number of orders without an error that is smaller by [`OrderScan::SLACK`].
 const PATIENCE: usize = 2;
+/// Relative simulation errors below this count as equal: a larger order then follows only rounding.
+const EXPLAINED: f64 = 1e-3;
 /// Samples needed per parameter column and state; with fewer, an order is not considered.
 const SAMPLES_PER_PARAMETER: usize = 4;
 /// Share of the record on which the filters of the bank run; the rest scores them.
@@ -21,7 +23,8 @@ const LEARNING_SHARE: f64 = 0.75;
 
 /// Identifies a plant from its inputs (K x m) and outputs (K x p), one row per sample, at the sample rate `rate` in Hz.
 ///
-/// The number of states and the noise covariances are those whose model best simulates the last quarter of the record.
+/// The number of states is the smallest whose model simulates the last quarter of the record about as well as the best
+/// one, or with a relative error below 1e-3; the noise covariances are chosen by the same error.
 /// [`Identification`] has the options.
 ///
 /// # Errors
@@ -128,7 +131,7 @@ impl Identification {
         for states in ORDERS.into_iter().filter(|&states| states >= p && states <= most) {
             match self.tuned(samples, states) {
                 Ok(next) => {
-                    let error = next.tuned.best.free_run.unwrap_or(f64::INFINITY);
+                    let error = next.tuned.best.free_run.unwrap_or(f64::INFINITY).max(EXPLAINED);
                     idle = if OrderScan::SLACK * error < best { 0 } else { idle + 1 };
                     best = best.min(error);
                     rows.push(ScanRow { states, indices: next.form.indices().to_vec(), free_run: Some(error) });
@@ -365,6 +368,14 @@ mod tests {
         // The deviations are right to within a factor of two; the mean was 2.0 when this test was written.
         let ratio = sum / f64::from(count);
         assert!((0.25..4.0).contains(&ratio), "{ratio}");
+    }
+
+    /// Without noise the error keeps falling with the order; the comparison still ends at a small one.
+    #[test]
+    fn a_record_without_noise_does_not_ask_for_the_largest_order() {
+        let (u, y) = record(6, 600, 0.0);
+        let states = identify(u.view(), y.view(), RATE).unwrap().model.n();
+        assert!((4..=8).contains(&states), "{states}");
     }
 
     #[test]

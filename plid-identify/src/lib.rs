@@ -1,5 +1,5 @@
 //! Identification from arrays: [`identify`] is the short way, and the other functions are its steps: the recursion, the
-//! noise covariances, the order, and the steady-state predictor.
+//! noise covariances, the order, and the model.
 //!
 //! The steps expect channels of comparable size (usually scaled to unit RMS), with one row per sample.
 
@@ -7,7 +7,6 @@ mod calibration;
 mod front;
 mod noise;
 mod order;
-mod predictor;
 mod recursion;
 mod to_model;
 
@@ -15,7 +14,6 @@ pub use calibration::innovation_ratio;
 pub use front::{Identification, IdentificationError, Identified, identify};
 pub use noise::{Bank, Memory, Point, Search, Split, Trial, Tuned, tune, tune_by};
 pub use order::{OrderScan, ScanRow, scan_orders, search_indices};
-pub use predictor::{Predictor, fit_predictor};
 pub use recursion::{Ending, Paused, Plan, RecursionRun, Watcher, run, run_or_factor};
 pub use to_model::ToModel;
 

@@ -39,9 +39,10 @@ use plid_core::{Dense, Health, IdentifiedModel, ImplicitModel, ObservableForm};
 
 use crate::experiment::{Experiment, IndicesChoice, StructureKind};
 use crate::identify::{
-    Bank, Ending, IdentifyError, Memory, OrderScan, Plan, Predictor, RecursionRun, Samples, ScanRow, Search, Split,
-    ToModel, Trial, fit_predictor, scan_orders, search_indices, tune,
+    Bank, Ending, IdentifyError, Memory, OrderScan, Plan, RecursionRun, Samples, ScanRow, Search, Split, ToModel,
+    Trial, scan_orders, search_indices, tune,
 };
+use crate::{Predictor, fit_predictor};
 use error::setting;
 use noise::Known;
 use plid_catalogue::Conditions;
