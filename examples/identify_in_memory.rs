@@ -35,8 +35,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let IdentifiedModel { a, b, c, state, .. } = identifier.identified();
 
     // The rest of the record is new to the model: it is simulated from the last estimate of the state.
-    let to_nalgebra = |m: &plid::Dense<f64>| DMatrix::from_column_slice(m.rows(), m.columns(), m.data());
-    let model = [to_nalgebra(&a), to_nalgebra(&b), to_nalgebra(&c)];
+    let model = [&a, &b, &c].map(DMatrix::from);
     let free_run = simulate(&model, &state, &inputs[TRAINING..]);
     for i in 0..2 {
         let error = rms(free_run.iter().zip(&outputs[TRAINING..]).map(|(y, z)| z[i] - y[i]));

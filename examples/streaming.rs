@@ -2,12 +2,11 @@
 //!
 //!     cargo run --example streaming
 
-use nalgebra::DMatrix;
 use plid::backends::Plain;
 use plid::covariance::BiermanUd;
 use plid::expectations::MomentMatched;
-use plid::model::{Model, modes};
-use plid::{Identifier, NoiseModel, ObservableForm, Settings};
+use plid::model::modes;
+use plid::{Identifier, NoiseModel, ObservableForm, Settings, ToModel};
 use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -77,8 +76,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
 /// Frequency in Hz and damping ratio of the identified mode.
 fn mode(plant: &plid::IdentifiedModel) -> Result<(f64, f64), Box<dyn std::error::Error>> {
-    let matrix = |m: &plid::Dense<f64>| DMatrix::from_column_slice(m.rows(), m.columns(), m.data());
-    let (a, b, c) = (matrix(&plant.a), matrix(&plant.b), matrix(&plant.c));
-    let mode = modes(&Model::new(RATE_HZ, a, b, c, DMatrix::zeros(1, 1))?)?.swap_remove(0);
+    let mode = modes(&plant.to_model(RATE_HZ)?)?.swap_remove(0);
     Ok((mode.hz, mode.damping))
 }

@@ -1,40 +1,72 @@
-//! plid: pseudo-linear identification, the recursive joint estimation of a linear plant's states and parameters.
+//! Pseudo-linear identification (PLID): recursive joint estimation of the states and parameters of a linear plant.
 //!
-//! This crate gathers the library. The recursion and its traits stand at the root: [`Identifier`] is the one loop, over a
-//! [`CovariancePropagation`], [`ConditionalExpectations`] and an [`ImplicitModel`]. The ready-made types to put in their
-//! places are in [`covariance`], [`expectations`] and [`backends`], and by name in [`catalogue`]; [`model`] is what may be
-//! asked of a linear model and of sampled signals, [`refine`] the models refined for simulation, [`testbed`] the simulated truss, and [`lab`] the experiments on
-//! records: data files, noise covariances, validation, reports.
-//!
-//! A plant of two states, x1' = -0.81 x2 + 0.5 u, x2' = x1 + 1.2 x2 + u, y = x2, from its input and output alone:
+//! [`identify`] goes from two arrays to a model. [`Identification`] has its options, the variants among them:
 //!
 //! ```
-//! use plid::backends::Plain;
-//! use plid::covariance::BiermanUd;
-//! use plid::expectations::MomentMatched;
-//! use plid::{Identifier, NoiseModel, ObservableForm, Settings};
-//!
-//! # fn main() -> Result<(), plid::IdentifierError> {
-//! let form = ObservableForm::new(&[2], 1).expect("one output with two states, one input");
-//! let noise = NoiseModel::diagonal(&[1e-10], &[0.0], &[1e-14; 2]);
-//! let settings = Settings::new(&form, 1.0, 1.0);
-//! let mut identifier = Identifier::<BiermanUd<Plain<f64>>, MomentMatched<f64>>::new(form, &noise, &settings)?;
-//!
-//! let mut x = [0.0, 0.0];
-//! for k in 0..200_u32 {
-//!     let u = if (7 * k * k) % 23 < 11 { 1.0 } else { -1.0 };
-//!     identifier.step(&[x[1]], &[u])?;
-//!     x = [-0.81 * x[1] + 0.5 * u, x[0] + 1.2 * x[1] + u];
+//! use plid::catalogue::{BackendName, CovarianceName};
+//! use plid::model::{frequency_response, mode_deviations, response_variance};
+//! use plid::ndarray::Array2;
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! // One row per sample and one column per channel, at 100 Hz: y(k) = 1.2 y(k-1) - 0.81 y(k-2) + u(k-1), and noise.
+//! let u = Array2::from_shape_fn((400, 1), |(k, _)| if (7 * k * k) % 23 < 11 { 1.0 } else { -1.0 });
+//! let mut y = Array2::zeros((400, 1));
+//! for k in 2..400 {
+//!     y[(k, 0)] = 1.2 * y[(k - 1, 0)] - 0.81 * y[(k - 2, 0)] + u[(k - 1, 0)];
 //! }
+//! y.indexed_iter_mut().for_each(|((k, _), y)| *y += 0.1 * (k as f64 * k as f64).sin());
+//! // Identify: the order and the noise covariances are found.
+//! let identified = plid::identify(u.view(), y.view(), 100.0)?;
+//! println!("{} states", identified.model.n());
 //!
-//! let plant = identifier.identified();
-//! for (found, true_value) in
-//!     [(plant.a.at(0, 1), -0.81), (plant.a.at(1, 1), 1.2), (plant.b.at(0, 0), 0.5), (plant.b.at(1, 0), 1.0)]
-//! {
-//!     assert!((found - true_value).abs() < 1e-6, "{found} for {true_value}");
+//! // Swap a variant.
+//! let other = plid::Identification::default()
+//!     .states(2)
+//!     .covariance(CovarianceName::ArraySqrt)
+//!     .backend(BackendName::Nalgebra)
+//!     .run(u.view(), y.view(), 100.0)?;
+//! assert_eq!(other.variant.covariance, CovarianceName::ArraySqrt);
+//!
+//! // Read the model, x(k+1) = A x(k) + B u(k), y(k) = C x(k), its uncertainty and its frequency response.
+//! let model = identified.model;
+//! println!("A = {}B = {}C = {}", model.a, model.b, model.c);
+//! for found in mode_deviations(&model)? {
+//!     println!("{:.3} Hz, standard deviation {:?}", found.mode.hz, found.hz_std);
 //! }
+//! let magnitude = frequency_response(&model, &[10.0, 20.0])?[0][(0, 0)].norm();
+//! println!("|H(10 Hz)| = {magnitude:.3} ± {:.1e}", response_variance(&model, &[10.0], 0)?[0].magnitude_std()[(0, 0)]);
+//!
+//! // Save it.
+//! model.write(&std::env::temp_dir().join("model.json"))?;
 //! # Ok(())
 //! # }
+//! ```
+//!
+//! The recursion itself is [`Identifier`], the one loop, which takes a sample at a time. It is generic over a
+//! [`CovariancePropagation`], [`ConditionalExpectations`] and an [`ImplicitModel`]; the types to put in their places are in
+//! [`covariance`], [`expectations`] and [`backends`], and by name in [`catalogue`]. [`ToModel`] turns its estimate into a
+//! [`model::Model`].
+//!
+//! # Features
+//!
+//! | feature | adds |
+//! |---|---|
+//! | `nalgebra`, `faer` (default) | backends on these libraries of matrices |
+//! | `threads` | a backend on two threads; the search for noise covariances on all |
+//! | `signal` | spectra, correlations and error measures of records |
+//! | `refine` | models refined for simulation |
+//! | `data`, `plots` | data files and their preparation; plots and reports |
+//! | `testbed` | the simulated truss |
+//! | `lab` | experiments, from data files to reports; it has all of the above |
+//! | `gap` | where a simulation disagrees with records, and why |
+//!
+//! # Profile
+//!
+//! A release build needs no settings. In a debug build the arithmetic is slow unless these lines in your `Cargo.toml`
+//! optimise the dependencies:
+//!
+//! ```toml
+//! [profile.dev.package."*"]
+//! opt-level = 2
 //! ```
 
 #[doc(inline)]
@@ -49,6 +81,7 @@ pub use plid_data as data;
 #[cfg(feature = "gap")]
 #[doc(inline)]
 pub use plid_gap as gap;
+pub use plid_identify::{Identification, IdentificationError, Identified, ToModel, identify};
 #[cfg(feature = "lab")]
 #[doc(inline)]
 pub use plid_lab as lab;

@@ -1,67 +1,17 @@
 //! The scalar plant x+ = a x + b u + xi, z = x + w against exact Bayes.
 
-use plid_backends::Plain;
-use plid_bench::expectations::grid::{ScalarPrior, ScalarRecord, exact_bayes};
-use plid_core::{
-    ConditionalExpectations, Identifier, InitialCovariance, Inspect, NoiseModel, ObservableForm, Settings,
-};
-use plid_variants::covariance::Direct;
+use plid_core::ConditionalExpectations;
+use plid_testkit::scalar_case::ScalarCase;
 use plid_variants::expectations::{JointEkf, MomentMatched, Prior};
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
-
-const STEPS: usize = 200;
-
-struct Record {
-    a: f64,
-    z: Vec<f64>,
-    u: Vec<f64>,
-}
-
-fn normal(rng: &mut ChaCha8Rng) -> f64 {
-    StandardNormal.sample(rng)
-}
-
-fn record(sigma: f64, r: f64, seed: u64) -> Record {
-    let prior = ScalarPrior::default();
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let (a, b) = prior.draw(|| normal(&mut rng));
-    let mut x = normal(&mut rng);
-    let (mut z, mut u) = (Vec::new(), Vec::new());
-    for _ in 0..STEPS {
-        z.push(x + r.sqrt() * normal(&mut rng));
-        u.push(if rng.random::<bool>() { 1.0 } else { -1.0 });
-        x = a * x + b * u[u.len() - 1] + sigma.sqrt() * normal(&mut rng);
-    }
-    Record { a, z, u }
-}
-
-/// E[a | z].
-fn exact(record: &Record, sigma: f64, r: f64, points: usize) -> f64 {
-    let record = ScalarRecord { z: &record.z, u: &record.u, sensor: r, state: sigma };
-    exact_bayes(&record, &ScalarPrior::default(), points).mean[0]
-}
 
 /// Error of a, and its square over its variance in P.
-fn filter<E: ConditionalExpectations<Scalar = f64>>(record: &Record, sigma: f64, r: f64) -> (f64, f64) {
-    let form = ObservableForm::new(&[1], 1).unwrap();
-    let ScalarPrior { a, b, state_variance, .. } = ScalarPrior::default();
-    let settings = Settings {
-        initial_covariance: InitialCovariance::Diagonal(vec![state_variance, a.1, b.1]),
-        initial_estimate: vec![0.0, a.0, b.0],
-        ..Settings::new(&form, 1.0, 1.0)
-    };
-    let noise = NoiseModel::diagonal(&[r], &[0.0], &[sigma]);
-    let mut run = Identifier::<Direct<Plain<f64>>, E>::new(form, &noise, &settings).unwrap();
-    for (&z, &u) in record.z.iter().zip(&record.u) {
-        run.step(&[z], &[u]).unwrap();
-    }
-    let error = run.estimate()[1] - record.a;
-    (error, error * error / run.covariance().dense().at(1, 1))
+fn filter<E: ConditionalExpectations<Scalar = f64>>(case: &ScalarCase) -> (f64, f64) {
+    let (found, variance) = case.filtered::<E>();
+    let error = found - case.a;
+    (error, error * error / variance)
 }
 
-type Filter = fn(&Record, f64, f64) -> (f64, f64);
+type Filter = fn(&ScalarCase) -> (f64, f64);
 
 /// Mean and standard deviation.
 fn moments(values: &[f64]) -> (f64, f64) {
@@ -105,10 +55,9 @@ const TABLE: [[f64; 8]; 3] = [
 fn reproduce(runs: usize, exact_runs: usize, points: usize) {
     for [sigma, r, rmse_exact, rmse_prior, rmse_moments, rmse_ekf, nees_prior, nees_moments] in TABLE {
         println!("Sigma = {sigma}, R = {r}, {runs} runs ({exact_runs} on the grid)");
-        let records: Vec<Record> = (0..runs).map(|k| record(sigma, r, 1000 + k as u64)).collect();
-        let errors: Vec<f64> =
-            records[..exact_runs].iter().map(|record| exact(record, sigma, r, points) - record.a).collect();
-        let all = |one: Filter| -> (Vec<f64>, Vec<f64>) { records.iter().map(|record| one(record, sigma, r)).unzip() };
+        let cases: Vec<ScalarCase> = (0..runs).map(|k| ScalarCase::draw(sigma, r, 1000 + k as u64)).collect();
+        let errors: Vec<f64> = cases[..exact_runs].iter().map(|case| case.exact_mean(points) - case.a).collect();
+        let all = |one: Filter| -> (Vec<f64>, Vec<f64>) { cases.iter().map(one).unzip() };
         let (prior, moments, ekf) =
             (all(filter::<Prior<f64>>), all(filter::<MomentMatched<f64>>), all(filter::<JointEkf<f64>>));
         let deviations = [

@@ -8,8 +8,9 @@ mod registry;
 mod variant;
 
 pub use names::{BackendName, CovarianceName, ExpectationName, ScalarName};
+pub use plid_core::AnyForm;
 pub use plid_core::Backend;
 pub use plid_core::kernels::Kernels;
 pub use recommendation::{Conditions, START_RATIO, STATES, STEPS, VariantChoice};
-pub use registry::{AnyForm, BackendEntry, Entry, ExpectationEntry, ExpectationFamily, FormEntry, FormFamily, Number};
+pub use registry::{BackendEntry, Entry, ExpectationEntry, ExpectationFamily, FormEntry, FormFamily, Number};
 pub use variant::{Built, Recursion, Variant, VariantError};

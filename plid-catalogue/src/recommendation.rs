@@ -2,6 +2,7 @@
 //!
 //! `plid bench stability` holds the rule to its own cells; docs/stability.md has the figures.
 
+use plid_core::{InitialCovariance, NoiseModel, Settings};
 use serde::{Deserialize, Serialize};
 
 use crate::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
@@ -29,8 +30,20 @@ pub const STEPS: usize = 100_000;
 pub const START_RATIO: f64 = 1e8;
 
 impl Conditions {
-    /// The fastest form that the study found sound with a margin under such conditions; where it did not look or found
-    /// none (12 states in f32 over 10^5 steps), Bierman UD.
+    /// The conditions of a run over `steps` samples.
+    pub fn of(scalar: ScalarName, settings: &Settings, noise: &NoiseModel, steps: usize) -> Self {
+        let largest = match &settings.initial_covariance {
+            InitialCovariance::Diagonal(variances) => variances.iter().copied().fold(0.0, f64::max),
+            InitialCovariance::Full(p0) => (0..p0.rows()).map(|i| p0.at(i, i)).fold(0.0, f64::max),
+        };
+        let sensor = &noise.sensor;
+        let smallest = (0..sensor.rows()).map(|i| sensor.at(i, i)).fold(f64::INFINITY, f64::min);
+        let forgets = settings.forgetting < 1.0;
+        Self { states: noise.state.rows(), scalar, steps, start_ratio: largest / smallest, forgets }
+    }
+
+    /// The fastest form that the study found sound with a margin under such conditions; where it did not look or found none (12 states
+    /// in f32 over 10^5 steps), Bierman UD.
     ///
     /// In f64 that is the direct form, within the bounds of [`STATES`], [`STEPS`] and [`START_RATIO`] and without
     /// forgetting. In f32 it is Bierman UD for every size and length: as a matrix P is lost within hundreds to

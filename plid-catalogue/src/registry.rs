@@ -8,35 +8,13 @@ use std::sync::{LazyLock, PoisonError, RwLock, RwLockReadGuard};
 use plid_backends::*;
 use plid_core::kernels::{BadPivot, Kernels};
 use plid_core::{
-    Backend, Checkpointed, ConditionalExpectations, Dense, Expectation, Form, FormFacts, Health, ImplicitModel,
-    InitialCovariance, StepSize, Term,
+    AnyForm, Backend, ConditionalExpectations, Expectation, Form, FormFacts, ImplicitModel, InitialCovariance,
+    StepSize, Term,
 };
 use plid_variants::covariance::{ArraySqrt, BiermanUd, Direct, Joseph};
 use plid_variants::expectations::{CertaintyEquivalent, JointEkf, MomentMatched, Posterior, Prior};
 
 use crate::count::Counted;
-
-/// A form whose backend is not known by type.
-pub trait AnyForm: Checkpointed {
-    /// P in the form's own scalar.
-    fn own_dense(&self) -> Dense<Self::Scalar>;
-    /// P in double-double, from the stored numbers without rounding.
-    fn exact_dense(&self) -> Dense<qd::Quad>;
-    /// How sound P is.
-    fn own_health(&self) -> Health;
-}
-
-impl<C: Form> AnyForm for C {
-    fn own_dense(&self) -> Dense<C::Scalar> {
-        self.dense()
-    }
-    fn exact_dense(&self) -> Dense<qd::Quad> {
-        self.dense_in()
-    }
-    fn own_health(&self) -> Health {
-        self.health()
-    }
-}
 
 /// A form of scalar `S`.
 pub type BoxedForm<S> = Box<dyn AnyForm<Scalar = S>>;

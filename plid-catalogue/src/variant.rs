@@ -1,13 +1,13 @@
 //! A recursion by the names of its parts.
 
 use plid_core::{
-    Checkpoint, ConditionalExpectations, Dense, FormFacts, Health, IdentifiedModel, Identifier, IdentifierError,
-    NoiseModel, ObservableForm, Settings, StepSize, Term,
+    AnyForm, Checkpoint, ConditionalExpectations, Dense, FormFacts, Health, IdentifiedModel, Identifier,
+    IdentifierError, NoiseModel, ObservableForm, Settings, StepSize, Term,
 };
 use serde::{Deserialize, Serialize};
 
 use crate::count::Counted;
-use crate::registry::{AnyForm, Number, registry};
+use crate::registry::{Number, registry};
 use crate::{BackendName, CovarianceName, ExpectationName, ScalarName};
 
 /// A recursion whose types were chosen by name.

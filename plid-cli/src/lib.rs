@@ -52,7 +52,10 @@ enum Command {
     Gap(gap::Arguments),
 }
 
-/// Runs the command that the arguments name.
+/// Runs the command that the arguments name, and returns the exit status.
+///
+/// A program of your own may first add forms, expectations and backends to the catalogue with
+/// [`Entry::add`](plid::catalogue::Entry::add); experiments and studies then name them like built-in ones.
 pub fn main() -> ExitCode {
     main_with(Library::standard())
 }

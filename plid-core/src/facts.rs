@@ -1,7 +1,7 @@
 //! What a catalogue and the studies must know of a variant beyond its arithmetic. Every item is required: a variant
 //! that lacks one does not compile into a catalogue.
 
-use crate::{Checkpointed, ConditionalExpectations, CovariancePropagation, Inspect};
+use crate::{Checkpointed, ConditionalExpectations, CovariancePropagation, Dense, Health, Inspect};
 
 /// The sizes on which the operations of a step depend.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,4 +68,27 @@ pub trait Form: CovariancePropagation + Inspect + Checkpointed {
 pub trait Expectation: ConditionalExpectations {
     /// Its operations in a step, those that it asks of the form among them.
     const FLOPS: fn(&StepSize, &FormFacts) -> Vec<Term>;
+}
+
+/// A [`Form`] whose type is not known, for a choice at run time: as a trait object it takes the place of the form in an
+/// [`Identifier`](crate::Identifier).
+pub trait AnyForm: Checkpointed {
+    /// Returns P in the form's own scalar.
+    fn own_dense(&self) -> Dense<Self::Scalar>;
+    /// Returns P in double-double, from the stored numbers without rounding.
+    fn exact_dense(&self) -> Dense<qd::Quad>;
+    /// Returns the numerical condition of P.
+    fn own_health(&self) -> Health;
+}
+
+impl<C: Form> AnyForm for C {
+    fn own_dense(&self) -> Dense<C::Scalar> {
+        self.dense()
+    }
+    fn exact_dense(&self) -> Dense<qd::Quad> {
+        self.dense_in()
+    }
+    fn own_health(&self) -> Health {
+        self.health()
+    }
 }

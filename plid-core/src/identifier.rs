@@ -118,6 +118,39 @@ impl Settings {
         }
     }
 
+    /// As [`Settings::new`], with the redundant parameters of `form` fixed at zero, which makes the form unique.
+    pub fn of_unique_form(form: &ObservableForm, state: f64, parameter: f64) -> Self {
+        let n = form.states();
+        let mut settings = Self::new(form, state, parameter);
+        if let InitialCovariance::Diagonal(variances) = &mut settings.initial_covariance {
+            for output in 0..form.outputs() {
+                for row in (0..n).filter(|&row| form.is_redundant(row, output)) {
+                    variances[(1 + output) * n + row] = 0.0;
+                }
+            }
+        }
+        settings
+    }
+
+    /// Returns the settings for the next record: the parameters as identified so far, with their covariance times
+    /// `widening`, and the state as uncertain as in these settings. `widening` is 1, or larger if the plant may have
+    /// changed between the records.
+    pub fn carry_over(&self, model: &dyn ImplicitModel, former: &IdentifiedModel, widening: f64) -> Self {
+        let (n, size) = (model.states(), model.joint_states());
+        let state_variance = |i: usize| match &self.initial_covariance {
+            InitialCovariance::Diagonal(variances) => variances[i],
+            InitialCovariance::Full(p0) => p0.at(i, i),
+        };
+        let covariance = Dense::from_fn(size, size, |i, j| match (i < n, j < n) {
+            (false, false) => widening * former.covariance.at(i, j),
+            (true, true) if i == j => state_variance(i),
+            _ => 0.0,
+        });
+        let mut estimate = vec![0.0; n];
+        estimate.extend(former.parameters(model));
+        Self { initial_covariance: InitialCovariance::Full(covariance), initial_estimate: estimate, ..self.clone() }
+    }
+
     fn check(&self, model: &dyn ImplicitModel) -> Result<(), IdentifierError> {
         check_length("the initial estimate", self.initial_estimate.len(), model.joint_states())?;
         match &self.initial_covariance {

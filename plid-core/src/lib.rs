@@ -11,6 +11,8 @@
 //! the backends in `plid-backends`.
 
 mod backend;
+#[cfg(any(feature = "nalgebra", feature = "ndarray"))]
+mod convert;
 mod covariance;
 mod expectations;
 mod facts;
@@ -28,7 +30,7 @@ pub use covariance::{
     Unsupported,
 };
 pub use expectations::{ConditionalExpectations, CovarianceBlocks, StepView};
-pub use facts::{Expectation, Form, FormFacts, StepSize, Term};
+pub use facts::{AnyForm, Expectation, Form, FormFacts, StepSize, Term};
 pub use identified::IdentifiedModel;
 pub use identifier::{Checkpoint, Identifier, IdentifierError, Settings};
 pub use matrix::{Dense, Matrix, View, ViewMut};

@@ -1,12 +1,15 @@
 //! Experiments of plid: configs, runs, merged runs.
 pub mod experiment;
-pub mod identify;
 pub mod merge;
+mod predictor;
 #[cfg(test)]
 #[path = "../../plid-data/src/real_file.rs"]
 mod real_file;
 pub mod run;
 
+pub use predictor::{Predictor, fit_predictor};
+
 pub use plid_data as data;
 pub use plid_data::prepare;
+pub use plid_identify as identify;
 pub use plid_report as report;

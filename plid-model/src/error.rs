@@ -46,7 +46,8 @@ pub enum KeyProblem {
 }
 
 /// The reasons why a model cannot be read, written or used.
-#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[derive(Debug, thiserror::Error)]
+#[cfg_attr(feature = "diagnostics", derive(miette::Diagnostic))]
 pub enum ModelError {
     /// The file could not be read or written.
     #[error("{}: {source}", file.display())]

@@ -18,6 +18,7 @@ mod predict;
 mod riccati;
 pub mod scalar_bayes;
 mod scaling;
+#[cfg(feature = "signal")]
 pub mod signal;
 mod simulate;
 mod stability;

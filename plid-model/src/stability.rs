@@ -16,12 +16,13 @@ pub struct Stability {
 }
 
 /// The warning that a model is unstable: its simulation grows without bound.
-#[derive(Debug, Clone, PartialEq, thiserror::Error, miette::Diagnostic)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[cfg_attr(feature = "diagnostics", derive(miette::Diagnostic))]
 #[error(
     "the model is unstable: {count} of its poles are on or outside the unit circle (largest magnitude {radius:.6}, \
          near {hz:.3} Hz)"
 )]
-#[diagnostic(severity(Warning))]
+#[cfg_attr(feature = "diagnostics", diagnostic(severity(Warning)))]
 pub struct UnstableModel {
     /// Number of poles on or outside the unit circle.
     pub count: usize,

@@ -2,10 +2,10 @@
 
 use std::time::Instant;
 
-use nalgebra::DMatrix;
 use ndarray::{Array2, ArrayView2};
 use plid_catalogue::{CovarianceName, Variant};
-use plid_core::{Dense, IdentifiedModel, NoiseModel, ObservableForm, Settings};
+use plid_core::{IdentifiedModel, NoiseModel, ObservableForm, Settings};
+use plid_lab::identify::ToModel;
 use plid_lab::run::Outcome;
 use plid_model::Model;
 
@@ -57,23 +57,12 @@ pub fn course(
         innovations.row_mut(k).iter_mut().zip(recursion.innovation()).for_each(|(to, &e)| *to = e);
         if (k + 1) % every == 0 {
             seconds += start.elapsed().as_secs_f64();
-            models.push((k + 1, model(&recursion.identified(), rate_hz)?));
+            models.push((k + 1, recursion.identified().to_model(rate_hz)?));
             start = Instant::now();
         }
     }
     seconds += start.elapsed().as_secs_f64();
     Ok(Course { innovations, models, identified: recursion.identified(), seconds })
-}
-
-/// Returns the plant of an estimate.
-///
-/// # Errors
-/// Returns an error for an estimate that is not finite.
-pub fn model(identified: &IdentifiedModel, rate_hz: f64) -> Result<Model> {
-    let matrix = |m: &Dense<f64>| DMatrix::from_column_slice(m.rows(), m.columns(), m.data());
-    let (b, c) = (matrix(&identified.b), matrix(&identified.c));
-    let through = DMatrix::zeros(c.nrows(), b.ncols());
-    Ok(Model::new(rate_hz, matrix(&identified.a), b, c, through)?)
 }
 
 /// Returns the noise covariances of a run in V²; those of actuators are zero.

@@ -18,58 +18,16 @@
 //! Each panics with the figures where something is wrong. The crate counts allocations, and so brings the global
 //! allocator of `allocation-counter` into the program that links it: make it a dev-dependency.
 
-/// Makes every form and expectation of the lists into a call of `check::<form, expectation>(arguments)` over one
-/// backend.
-#[macro_export]
-macro_rules! every_variant {
-    ($check:ident, $backend:ident < $scalar:ty > $(, $argument:expr)*) => {{
-        #[allow(unused_imports)]
-        use {$crate::variants::covariance::*, $crate::backends::$backend};
-        $crate::variants::every_form!(each_form, $check, $backend, [$scalar], [$($argument),*]);
-    }};
-}
-
-/// One form of [`every_variant!`].
-#[doc(hidden)]
-#[macro_export]
-macro_rules! each_form {
-    ($check:ident $backend:ident [$scalar:ty] $arguments:tt $($(#[$doc:meta])* $word:literal = $form:ident;)*) => {
-        $($crate::every_expectation_of!($check, $form<$backend<$scalar>>, $scalar, $arguments);)*
-    };
-}
-
-/// `check::<form, expectation>(arguments)` for every expectation of the list.
-#[macro_export]
-macro_rules! every_expectation_of {
-    ($check:ident, $form:ty, $scalar:ty, $arguments:tt) => {{
-        use $crate::variants::expectations::*;
-        $crate::variants::every_expectation!(each_expectation, $check, [$form], [$scalar], $arguments);
-    }};
-}
-
-/// One expectation of [`every_expectation_of!`].
-#[doc(hidden)]
-#[macro_export]
-macro_rules! each_expectation {
-    ($check:ident [$form:ty] [$scalar:ty] $arguments:tt $($(#[$doc:meta])* $word:literal = $expectation:ident;)*) => {
-        $($crate::each_expectation!(@call $check [$form] [$scalar] $arguments $expectation);)*
-    };
-    (@call $check:ident [$form:ty] [$scalar:ty] [$($argument:expr),*] $expectation:ident) => {
-        $check::<$form, $expectation<$scalar>>($($argument),*)
-    };
-}
-
-/// One `#[test]` a backend and scalar, each for every form and expectation.
+/// One `#[test]` per backend: `check`, which takes a [`run::Variant`], for each form with each expectation.
 #[macro_export]
 macro_rules! test_every_variant {
-    ($check:ident: $($name:ident = $backend:ident < $scalar:ty >),* $(,)?) => {
+    ($check:ident: $($name:ident = $backend:ty),* $(,)?) => {
         mod $check {
-            use super::$check;
-            use $crate::{each_expectation, each_form};
+            use super::*;
             $(
                 #[test]
                 fn $name() {
-                    $crate::every_variant!($check, $backend<$scalar>);
+                    $crate::run::every_variant::<$backend>().iter().for_each(super::$check);
                 }
             )*
         }
@@ -85,34 +43,31 @@ mod oracle;
 mod properties;
 mod reference;
 pub mod run;
+pub mod scalar_case;
 mod warm_start;
 
 pub use algebra::{bierman, check_scalar_update, dyer_mcreynolds};
 pub use expectation::{Calibration, check_expectation, grid_bayes};
 
 use plid_core::{Backend, Form, Scalar, ScalarOf};
-
-#[doc(hidden)]
-pub use {plid_backends as backends, plid_variants as variants};
+use reference::Kind;
 
 /// Holds a covariance form to what plid's own forms are held to, with each of plid's conditional expectations.
 ///
 /// # Panics
 /// Where it does not conform.
 pub fn check_form<C: Form>() {
-    every_expectation_of!(of_the_dense_recursion, C, ScalarOf<C>, []);
-    every_expectation_of!(of_allocations, C, ScalarOf<C>, []);
+    let variants = run::with_every_expectation::<C>();
+    variants.iter().for_each(oracle::agrees_with_the_dense_recursion);
+    variants.iter().for_each(allocations::a_step_allocates_nothing);
     if ScalarOf::<C>::EPSILON < 1e-10 {
-        every_expectation_of!(of_one_step, C, ScalarOf<C>, []);
-        warm_start::goes_on::<C>();
-        properties::check::<C>();
+        variants.iter().for_each(oracle::one_step_is_eq_8_to_10);
+        variants.iter().filter(|variant| variant.kind() == Kind::MomentMatched).for_each(warm_start::goes_on);
+        properties::check(&variants);
         properties::parameter_noise_adds_up::<C>();
     }
-    properties::checkpoints::<C>();
+    properties::checkpoints(&variants);
 }
-
-use allocations::a_step_allocates_nothing as of_allocations;
-use oracle::{agrees_with_the_dense_recursion as of_the_dense_recursion, one_step_is_eq_8_to_10 as of_one_step};
 
 /// Holds all of plid's forms to [`check_form`] on a backend.
 ///

@@ -5,8 +5,9 @@ use std::sync::LazyLock;
 use crate::case::{Case, Options, random_case, record, rng};
 use crate::dense::Mat;
 use crate::reference::{KINDS, Kind, Reference};
-use crate::run::{HasKind, finish, label, outcome, quad, relative};
-use plid_core::{ConditionalExpectations, Form, NoiseModel, Scalar, ScalarOf};
+use crate::run::{Variant, outcome, quad, relative};
+use plid_core::kernels::Kernels;
+use plid_core::{NoiseModel, Scalar};
 use qd::Quad;
 
 /// n = 4..12, p and m = 1..3, unequal indices; noise that changes, missing outputs and a full P0 among them.
@@ -67,38 +68,30 @@ fn tolerance<S: Scalar>() -> f64 {
     }
 }
 
-pub fn agrees_with_the_dense_recursion<C, E>()
-where
-    C: Form,
-    E: ConditionalExpectations<Scalar = ScalarOf<C>> + HasKind,
-{
-    let kind = KINDS.iter().position(|&kind| kind == E::KIND).unwrap();
+pub fn agrees_with_the_dense_recursion<S: Kernels>(variant: &Variant<S>) {
+    let kind = KINDS.iter().position(|&kind| kind == variant.kind()).unwrap();
     for (case, reference) in CASES.iter().zip(&*REFERENCE) {
-        let (s, p) = outcome(&finish::<C, E>(case));
+        let (s, p) = outcome(&variant.finish(case));
         let (ds, dp) = (relative(&s, &reference[kind].0), relative(&p, &reference[kind].1));
-        let name = label::<C, E>();
+        let name = variant.label();
         println!("{name} {:?} m = {}: s {ds:.1e}, P {dp:.1e}", case.indices, case.inputs);
-        let limit = tolerance::<ScalarOf<C>>();
+        let limit = tolerance::<S>();
         assert!(ds <= limit && dp <= limit, "{name} {:?}: s {ds:.2e}, P {dp:.2e}", case.indices);
     }
 }
 
 /// Two phases are one (section 4): a single step from a full P0, the dense recursion in the same scalar.
-pub fn one_step_is_eq_8_to_10<C, E>()
-where
-    C: Form,
-    E: ConditionalExpectations<Scalar = ScalarOf<C>> + HasKind,
-{
+pub fn one_step_is_eq_8_to_10<S: Kernels>(variant: &Variant<S>) {
     for (seed, missing) in [(31, 0.0), (32, 0.0), (33, 0.4)] {
         let options = Options { steps: 1, full_initial: true, missing, ..Options::default() };
         let case = random_case(&[3, 1, 2], 2, options, seed);
-        let mut reference = Reference::<ScalarOf<C>>::new(E::KIND, &case.indices, case.inputs, &case.settings);
+        let mut reference = Reference::<S>::new(variant.kind(), &case.indices, case.inputs, &case.settings);
         reference.step(&case.z[0], &case.u[0], case.noise_at(0));
-        let (s, p) = outcome(&finish::<C, E>(&case));
-        let widened = |m: &Mat<ScalarOf<C>>| Mat::from_fn(m.rows, m.columns, |i, j| quad(m[(i, j)]));
+        let (s, p) = outcome(&variant.finish(&case));
+        let widened = |m: &Mat<S>| Mat::from_fn(m.rows, m.columns, |i, j| quad(m[(i, j)]));
         let (ds, dp) = (relative(&s, &widened(&reference.s)), relative(&p, &widened(&reference.p)));
-        let limit = if ScalarOf::<C>::EPSILON < 1e-20 { 1e-28 } else { 1e-13 };
-        let name = label::<C, E>();
+        let limit = if S::EPSILON < 1e-20 { 1e-28 } else { 1e-13 };
+        let name = variant.label();
         println!("{name}: s {ds:.1e}, P {dp:.1e}");
         assert!(ds <= limit && dp <= limit, "{name}: s {ds:.2e}, P {dp:.2e}");
     }

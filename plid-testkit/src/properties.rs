@@ -3,9 +3,10 @@
 use crate::case::{Case, Options, random_case};
 use crate::dense::Mat;
 use crate::reference::{Kind, Reference};
-use crate::run::{HasKind, finish, identifier, label, outcome, relative, take};
+use crate::run::{Variant, identified, outcome, relative, take};
 use nalgebra::DMatrix;
 use plid_backends::Plain;
+use plid_core::kernels::Kernels;
 use plid_core::{
     Checkpoint, ConditionalExpectations, Dense, Form, ImplicitModel, InitialCovariance, NoiseModel, ObservableForm,
     Scalar, ScalarOf,
@@ -124,12 +125,14 @@ fn rescaled(case: &Case, alpha: &[f64], beta: &[f64]) -> Case {
 }
 
 /// |found - factors x original| over |original|, of s and of P.
-fn transformed_difference<C, E>(original: &Case, other: &Case, places: &[usize], factors: &[f64]) -> (f64, f64)
-where
-    C: Form,
-    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
-{
-    let ((s, p), (s_other, p_other)) = (outcome(&finish::<C, E>(original)), outcome(&finish::<C, E>(other)));
+fn transformed_difference<S: Kernels>(
+    variant: &Variant<S>,
+    original: &Case,
+    other: &Case,
+    places: &[usize],
+    factors: &[f64],
+) -> (f64, f64) {
+    let ((s, p), (s_other, p_other)) = (outcome(&variant.finish(original)), outcome(&variant.finish(other)));
     let f = |x: f64| qd::Quad::from_f64(x);
     let back = |i: usize| places.iter().position(|&place| place == i).unwrap();
     let undone_s = Mat::from_fn(s.rows, 1, |i, _| s_other[(back(i), 0)] / f(factors[i]));
@@ -143,32 +146,25 @@ fn smallest_eigenvalue(p: &Dense<f64>) -> (f64, f64) {
 }
 
 /// P is symmetric to the bit and positive semidefinite, and its health says so.
-fn stays_a_covariance<C, E>(case: &Case)
-where
-    C: Form,
-    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
-{
-    let run = finish::<C, E>(case);
-    let p = run.covariance().dense();
+fn stays_a_covariance<S: Kernels>(variant: &Variant<S>, case: &Case) {
+    let run = variant.finish(case);
+    let p = run.covariance().own_dense();
     for j in 0..p.rows() {
         for i in 0..j {
             assert_eq!(p.at(i, j), p.at(j, i));
         }
     }
     let (smallest, largest) = smallest_eigenvalue(&p.cast());
-    assert!(smallest > -1e-14 * largest, "{}: eigenvalue {smallest:.1e} of {largest:.1e}", label::<C, E>());
-    let health = run.health();
+    assert!(smallest > -1e-14 * largest, "{}: eigenvalue {smallest:.1e} of {largest:.1e}", variant.label());
+    let health = run.covariance().own_health();
     assert!(health.smallest_pivot > 0.0 && health.condition >= 1.0 && health.symmetry_defect == 0.0, "{health:?}");
     assert!(health.index < p.rows());
 }
 
-/// What rounding may do to a run. The matrix forms subtract: what is left of P carries the roundoff of the largest P
-/// that there was, and the gain divides by R.
-fn rounding<E>(case: &Case) -> f64
-where
-    E: ConditionalExpectations,
-{
-    let mut run = identifier::<BiermanUd<Plain<E::Scalar>>, E>(case);
+/// What rounding may do to a run. The matrix forms subtract: what is left of P carries the roundoff of the largest P that
+/// there was, and the gain divides by R.
+fn rounding<S: Kernels>(variant: &Variant<S>, case: &Case) -> f64 {
+    let mut run = variant.with_form::<BiermanUd<Plain<S>>>().on(case);
     let mut largest = outcome(&run).1.norm();
     for k in 0..STEPS {
         take(&mut run, case, k).unwrap();
@@ -178,37 +174,29 @@ where
     1e-12 + 1e-14 * largest / least
 }
 
-fn agrees_with<C, E>(case: &Case)
-where
-    C: Form,
-    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
-{
-    let (s, p) = outcome(&finish::<C, E>(case));
-    let (s_ud, p_ud) = outcome(&finish::<BiermanUd<Plain<ScalarOf<C>>>, E>(case));
-    let (ds, dp, limit) = (relative(&s, &s_ud), relative(&p, &p_ud), rounding::<E>(case));
-    assert!(ds < limit && dp < limit, "{}: s {ds:.1e}, P {dp:.1e}, not {limit:.1e}", label::<C, E>());
+fn agrees_with<S: Kernels>(variant: &Variant<S>, case: &Case) {
+    let (s, p) = outcome(&variant.finish(case));
+    let (s_ud, p_ud) = outcome(&variant.with_form::<BiermanUd<Plain<S>>>().finish(case));
+    let (ds, dp, limit) = (relative(&s, &s_ud), relative(&p, &p_ud), rounding(variant, case));
+    assert!(ds < limit && dp < limit, "{}: s {ds:.1e}, P {dp:.1e}, not {limit:.1e}", variant.label());
 }
 
 /// Continuing from a checkpoint, through JSON, gives the bits of the run that was not interrupted.
-fn continues_from_a_checkpoint<C, E>(case: &Case)
-where
-    C: Form,
-    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
-{
-    let whole = finish::<C, E>(case);
-    let mut first = identifier::<C, E>(case);
+fn continues_from_a_checkpoint<S: Kernels>(variant: &Variant<S>, case: &Case) {
+    let whole = variant.finish(case);
+    let mut first = variant.on(case);
     for k in 0..23 {
         take(&mut first, case, k).unwrap();
     }
     let text = serde_json::to_string(&first.checkpoint()).unwrap();
     let checkpoint: Checkpoint = serde_json::from_str(&text).unwrap();
     assert_eq!(checkpoint.step(), 23);
-    let mut second = identifier::<C, E>(case);
+    let mut second = variant.on(case);
     second.restore(&checkpoint).unwrap();
     for k in 23..STEPS {
         take(&mut second, case, k).unwrap();
     }
-    assert_eq!(second.checkpoint(), whole.checkpoint(), "{}", label::<C, E>());
+    assert_eq!(second.checkpoint(), whole.checkpoint(), "{}", variant.label());
     assert_eq!(second.innovation().iter().map(|e| e.to_bits()).collect::<Vec<_>>(), bits(whole.innovation()));
 }
 
@@ -217,30 +205,22 @@ fn bits(x: &[f64]) -> Vec<u64> {
 }
 
 /// Given the same noise model before each step, or once: the same bits.
-fn same_noise_changes_nothing<C, E>(case: &Case)
-where
-    C: Form,
-    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
-{
+fn same_noise_changes_nothing<S: Kernels>(variant: &Variant<S>, case: &Case) {
     let mut constant = case.clone();
     constant.noise.truncate(1);
-    let mut run = identifier::<C, E>(&constant);
+    let mut run = variant.on(&constant);
     for k in 0..STEPS {
         run.set_noise(&constant.noise[0]).unwrap();
         take(&mut run, &constant, k).unwrap();
     }
-    assert_eq!(run.checkpoint(), finish::<C, E>(&constant).checkpoint(), "{}", label::<C, E>());
+    assert_eq!(run.checkpoint(), variant.finish(&constant).checkpoint(), "{}", variant.label());
 }
 
 /// Nothing measured: x <- A^ x + B^ u (and the covariance of a_i and x_{c_i}, where moments are matched), the
 /// parameters and their covariance as they were, and a step whose outputs are all missing leaves no innovation.
-fn nothing_measured_is_a_time_update<C, E>(case: &Case)
-where
-    C: Form,
-    E: ConditionalExpectations<Scalar = ScalarOf<C>> + HasKind,
-{
-    let mut run = finish::<C, E>(case);
-    let before = run.identified();
+fn nothing_measured_is_a_time_update<S: Kernels>(variant: &Variant<S>, case: &Case) {
+    let mut run = variant.finish(case);
+    let before = identified(&run);
     let s_before: Vec<f64> = run.estimate().iter().map(|x| x.to_f64()).collect();
     let u: Vec<f64> = (0..case.inputs).map(|j| 0.7 - j as f64).collect();
     run.step_with_missing(&vec![f64::NAN; case.indices.len()], &u).unwrap();
@@ -249,56 +229,48 @@ where
     for i in 0..n {
         let mut expected: f64 = (0..n).map(|j| before.a.at(i, j) * before.state[j]).sum();
         expected += (0..case.inputs).map(|j| before.b.at(i, j) * u[j]).sum::<f64>();
-        if E::KIND == Kind::MomentMatched {
+        if variant.kind() == Kind::MomentMatched {
             let outputs = run.model().output_states();
             expected += outputs.iter().enumerate().map(|(t, &c)| before.covariance.at((1 + t) * n + i, c)).sum::<f64>();
         }
-        assert!((after[i] - expected).abs() < 1e-12 * (1.0 + expected.abs()), "{}", label::<C, E>());
+        assert!((after[i] - expected).abs() < 1e-12 * (1.0 + expected.abs()), "{}", variant.label());
     }
     assert_eq!(after[n..], s_before[n..]);
-    let covariance = run.identified().covariance;
+    let covariance = identified(&run).covariance;
     for j in n..size {
         for i in n..size {
-            assert_eq!(covariance.at(i, j), before.covariance.at(i, j), "{}", label::<C, E>());
+            assert_eq!(covariance.at(i, j), before.covariance.at(i, j), "{}", variant.label());
         }
     }
     assert!(run.innovation().iter().all(|e| e.is_nan()));
 }
 
 /// Permuting and rescaling the channels permutes and rescales the estimate.
-fn follows_the_channels<C, E>(case: &Case, order: &[usize], alpha: &[f64], beta: &[f64])
-where
-    C: Form,
-    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
-{
-    let limit = rounding::<E>(case);
+fn follows_the_channels<S: Kernels>(variant: &Variant<S>, case: &Case, order: &[usize], alpha: &[f64], beta: &[f64]) {
+    let limit = rounding(variant, case);
     let places = permuted_places(&case.indices, case.inputs, order);
     let ones = vec![1.0; places.len()];
-    let (ds, dp) = transformed_difference::<C, E>(case, &permuted(case, order), &places, &ones);
-    assert!(ds < limit && dp < limit, "{} permuted: s {ds:.1e}, P {dp:.1e}", label::<C, E>());
+    let (ds, dp) = transformed_difference(variant, case, &permuted(case, order), &places, &ones);
+    assert!(ds < limit && dp < limit, "{} permuted: s {ds:.1e}, P {dp:.1e}", variant.label());
     let own: Vec<usize> = (0..places.len()).collect();
     let (_, joint) = factors(case, alpha, beta);
-    let (ds, dp) = transformed_difference::<C, E>(case, &rescaled(case, alpha, beta), &own, &joint);
-    assert!(ds < limit && dp < limit, "{} rescaled: s {ds:.1e}, P {dp:.1e}", label::<C, E>());
+    let (ds, dp) = transformed_difference(variant, case, &rescaled(case, alpha, beta), &own, &joint);
+    assert!(ds < limit && dp < limit, "{} rescaled: s {ds:.1e}, P {dp:.1e}", variant.label());
 }
 
 /// P / lambda each step: the dense recursion with the same.
-fn forgets<C, E>(case: &Case, forgetting: f64)
-where
-    C: Form,
-    E: ConditionalExpectations<Scalar = ScalarOf<C>> + HasKind,
-{
-    let limit = rounding::<E>(case);
+fn forgets<S: Kernels>(variant: &Variant<S>, case: &Case, forgetting: f64) {
+    let limit = rounding(variant, case);
     let mut case = case.clone();
     case.settings.forgetting = forgetting;
     case.z.truncate(20);
-    let mut reference = Reference::<qd::Quad>::new(E::KIND, &case.indices, case.inputs, &case.settings);
+    let mut reference = Reference::<qd::Quad>::new(variant.kind(), &case.indices, case.inputs, &case.settings);
     for (k, (z, u)) in case.z.iter().zip(&case.u).enumerate() {
         reference.step(z, u, case.noise_at(k));
     }
-    let (s, p) = outcome(&finish::<C, E>(&case));
+    let (s, p) = outcome(&variant.finish(&case));
     let (ds, dp) = (relative(&s, &reference.s), relative(&p, &reference.p));
-    assert!(ds < limit && dp < limit, "{}: s {ds:.1e}, P {dp:.1e}, not {limit:.1e}", label::<C, E>());
+    assert!(ds < limit && dp < limit, "{}: s {ds:.1e}, P {dp:.1e}, not {limit:.1e}", variant.label());
 }
 
 /// Runs `property` over random cases, the same ones on every run.
@@ -312,48 +284,50 @@ fn for_all<T: Strategy>(inputs: T, property: impl Fn(T::Value)) {
     }
 }
 
-/// All properties, with every expectation.
-pub fn check<C: Form>() {
+/// All properties of plid's own expectations with a form.
+pub fn check<S: Kernels>(variants: &[Variant<S>]) {
     for_all(cases(), |case| {
-        every_expectation_of!(stays_a_covariance, C, ScalarOf<C>, [&case]);
-        every_expectation_of!(agrees_with, C, ScalarOf<C>, [&case]);
-        every_expectation_of!(continues_from_a_checkpoint, C, ScalarOf<C>, [&case]);
-        every_expectation_of!(same_noise_changes_nothing, C, ScalarOf<C>, [&case]);
-        every_expectation_of!(nothing_measured_is_a_time_update, C, ScalarOf<C>, [&case]);
+        for variant in variants {
+            stays_a_covariance(variant, &case);
+            agrees_with(variant, &case);
+            continues_from_a_checkpoint(variant, &case);
+            same_noise_changes_nothing(variant, &case);
+            nothing_measured_is_a_time_update(variant, &case);
+        }
     });
     let factors = || prop::collection::vec(0.01..100.0_f64, 3);
     for_all((cases(), any::<bool>(), factors(), factors()), |(case, reverse, alpha, beta)| {
         let p = case.indices.len();
         let order: Vec<usize> = if reverse { (0..p).rev().collect() } else { (0..p).map(|i| (i + 1) % p).collect() };
         let (alpha, beta) = (&alpha[..p], &beta[..case.inputs]);
-        every_expectation_of!(follows_the_channels, C, ScalarOf<C>, [&case, &order, alpha, beta]);
+        variants.iter().for_each(|variant| follows_the_channels(variant, &case, &order, alpha, beta));
     });
     for_all((cases(), 0.95..1.0_f64), |(case, forgetting)| {
-        every_expectation_of!(forgets, C, ScalarOf<C>, [&case, forgetting]);
+        variants.iter().for_each(|variant| forgets(variant, &case, forgetting));
     });
 }
 
-/// The properties that do not ask which expectation it is.
+/// The properties of any expectation.
 pub fn check_expectation<E: ConditionalExpectations<Scalar = f64>>() {
-    type Form = Direct<Plain<f64>>;
+    let direct = &Variant::of::<Direct<Plain<f64>>, E>();
     for_all(cases(), |case| {
-        stays_a_covariance::<BiermanUd<Plain<f64>>, E>(&case);
-        agrees_with::<Form, E>(&case);
-        continues_from_a_checkpoint::<Form, E>(&case);
-        same_noise_changes_nothing::<Form, E>(&case);
+        stays_a_covariance(&direct.with_form::<BiermanUd<Plain<f64>>>(), &case);
+        agrees_with(direct, &case);
+        continues_from_a_checkpoint(direct, &case);
+        same_noise_changes_nothing(direct, &case);
     });
     let factors = || prop::collection::vec(0.01..100.0_f64, 3);
     for_all((cases(), factors(), factors()), |(case, alpha, beta)| {
         let p = case.indices.len();
         let order: Vec<usize> = (0..p).rev().collect();
-        follows_the_channels::<Form, E>(&case, &order, &alpha[..p], &beta[..case.inputs]);
+        follows_the_channels(direct, &case, &order, &alpha[..p], &beta[..case.inputs]);
     });
 }
 
 /// Checkpoints in any scalar.
-pub fn checkpoints<C: Form>() {
+pub fn checkpoints<S: Kernels>(variants: &[Variant<S>]) {
     let case = random_case(&[2, 1], 1, Options { steps: STEPS, ..Options::default() }, 4);
-    every_expectation_of!(continues_from_a_checkpoint, C, ScalarOf<C>, [&case]);
+    variants.iter().for_each(|variant| continues_from_a_checkpoint(variant, &case));
 }
 
 /// Over a round of as many steps as there are parameters every form has added the same, q a step to each.

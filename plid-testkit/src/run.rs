@@ -1,32 +1,159 @@
 //! Runs over cases, and what is compared of them.
 
-use plid_core::{ConditionalExpectations, Form, Identifier, IdentifierError, ObservableForm, Scalar, ScalarOf};
-use plid_variants::expectations::{CertaintyEquivalent, JointEkf, MomentMatched, Posterior, Prior};
+use plid_core::kernels::{BadPivot, Kernels};
+use plid_core::{
+    AnyForm, Backend, ConditionalExpectations, Form, IdentifiedModel, Identifier, IdentifierError, ImplicitModel,
+    InitialCovariance, NoiseModel, ObservableForm, Scalar, ScalarOf, Settings,
+};
+use plid_variants::{covariance, expectations};
 
 use crate::case::Case;
 use crate::dense::Mat;
 use crate::reference::Kind;
 
-/// An expectation of which there is a dense reference.
-pub trait HasKind {
-    /// Which one.
+/// An expectation that has a dense reference.
+trait HasKind {
     const KIND: Kind;
 }
 
-impl<S> HasKind for Prior<S> {
+impl<S> HasKind for expectations::Prior<S> {
     const KIND: Kind = Kind::Prior;
 }
-impl<S> HasKind for Posterior<S> {
+impl<S> HasKind for expectations::Posterior<S> {
     const KIND: Kind = Kind::Posterior;
 }
-impl<S> HasKind for CertaintyEquivalent<S> {
+impl<S> HasKind for expectations::CertaintyEquivalent<S> {
     const KIND: Kind = Kind::CertaintyEquivalent;
 }
-impl<S> HasKind for MomentMatched<S> {
+impl<S> HasKind for expectations::MomentMatched<S> {
     const KIND: Kind = Kind::MomentMatched;
 }
-impl<S> HasKind for JointEkf<S> {
+impl<S> HasKind for expectations::JointEkf<S> {
     const KIND: Kind = Kind::JointEkf;
+}
+
+/// A run whose form and expectation are not known by type.
+pub type Run<S> = Identifier<dyn AnyForm<Scalar = S>, dyn ConditionalExpectations<Scalar = S>>;
+
+type StartForm<S> = fn(&dyn ImplicitModel, &InitialCovariance) -> Result<Box<dyn AnyForm<Scalar = S>>, BadPivot>;
+
+fn start_form<C: Form>() -> StartForm<ScalarOf<C>> {
+    |model, initial| Ok(Box::new(C::new(model, initial, &C::Options::default())?))
+}
+
+/// A covariance form with a conditional expectation.
+///
+/// Their types are erased, so that the compiler makes each check once per scalar and not once per form, expectation and
+/// backend.
+#[derive(Clone, Debug)]
+pub struct Variant<S: Kernels> {
+    form_name: String,
+    expectation_name: String,
+    kind: Option<Kind>,
+    form: StartForm<S>,
+    expectation: fn(&dyn ImplicitModel) -> Box<dyn ConditionalExpectations<Scalar = S>>,
+}
+
+impl<S: Kernels> Variant<S> {
+    /// Form `C` with expectation `E`.
+    pub fn of<C: Form<Scalar = S>, E: ConditionalExpectations<Scalar = S>>() -> Self {
+        Self {
+            form_name: short_name::<C>(),
+            expectation_name: short_name::<E>(),
+            kind: None,
+            form: start_form::<C>(),
+            expectation: |model| Box::new(E::new(model, &E::Options::default())),
+        }
+    }
+
+    fn built_in<C: Form<Scalar = S>, E: ConditionalExpectations<Scalar = S> + HasKind>() -> Self {
+        Self { kind: Some(E::KIND), ..Self::of::<C, E>() }
+    }
+
+    /// The same expectation with form `C`.
+    pub fn with_form<C: Form<Scalar = S>>(&self) -> Self {
+        Self { form_name: short_name::<C>(), form: start_form::<C>(), ..self.clone() }
+    }
+
+    /// Which of the dense references it must agree with.
+    ///
+    /// # Panics
+    /// If there is none, because the expectation is not one of plid's own.
+    pub fn kind(&self) -> Kind {
+        self.kind.expect("a built-in expectation")
+    }
+
+    /// The names of form and expectation, for messages.
+    pub fn label(&self) -> String {
+        format!("{} {}", self.form_name, self.expectation_name)
+    }
+
+    /// A run that is about to take its first sample.
+    ///
+    /// # Errors
+    /// As [`Identifier::begin`].
+    pub fn begin(
+        &self,
+        form: ObservableForm,
+        noise: &NoiseModel,
+        settings: &Settings,
+    ) -> Result<Run<S>, IdentifierError> {
+        let expectation = (self.expectation)(&form);
+        Run::begin(form, noise, settings, self.form, expectation)
+    }
+
+    /// A run that is about to take the first sample of a case.
+    pub fn on(&self, case: &Case) -> Run<S> {
+        let form = ObservableForm::new(&case.indices, case.inputs).unwrap();
+        self.begin(form, &case.noise[0], &case.settings).unwrap()
+    }
+
+    /// The run after the last sample of a case.
+    pub fn finish(&self, case: &Case) -> Run<S> {
+        let mut run = self.on(case);
+        for k in 0..case.z.len() {
+            take(&mut run, case, k).unwrap();
+        }
+        run
+    }
+}
+
+macro_rules! with_every_expectation {
+    ([$form:ty] $($(#[$doc:meta])* $word:literal = $expectation:ident;)*) => {
+        vec![$(Variant::built_in::<$form, expectations::$expectation<ScalarOf<$form>>>()),*]
+    };
+}
+
+/// Form `C` with each of plid's expectations.
+pub fn with_every_expectation<C: Form>() -> Vec<Variant<ScalarOf<C>>> {
+    plid_variants::every_expectation!(with_every_expectation, [C])
+}
+
+macro_rules! every_variant {
+    ([$backend:ty] $($(#[$doc:meta])* $word:literal = $form:ident;)*) => {
+        [$(with_every_expectation::<covariance::$form<$backend>>()),*].concat()
+    };
+}
+
+/// Each of plid's forms on backend `B` with each of its expectations.
+pub fn every_variant<B: Backend>() -> Vec<Variant<B::Scalar>> {
+    plid_variants::every_form!(every_variant, [B])
+}
+
+/// The step `k` of a case.
+///
+/// # Errors
+/// As [`Identifier::step`].
+pub fn take<S: Kernels>(run: &mut Run<S>, case: &Case, k: usize) -> Result<(), IdentifierError> {
+    if case.noise.len() > 1 {
+        run.set_noise(case.noise_at(k))?;
+    }
+    run.step_with_missing(&case.z[k], &case.u[k])
+}
+
+/// The plant of a run's estimate.
+pub fn identified<S: Kernels>(run: &Run<S>) -> IdentifiedModel {
+    IdentifiedModel::from_estimate(run.model(), run.estimate(), &run.covariance().own_dense())
 }
 
 /// The double-double value of a scalar, exactly.
@@ -35,49 +162,10 @@ pub fn quad<S: Scalar>(x: S) -> qd::Quad {
     qd::Quad(high, low)
 }
 
-/// A run about to begin.
-pub fn identifier<C, E>(case: &Case) -> Identifier<C, E>
-where
-    C: Form,
-    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
-{
-    let form = ObservableForm::new(&case.indices, case.inputs).unwrap();
-    Identifier::new(form, &case.noise[0], &case.settings).unwrap()
-}
-
-/// The step `k` of a case.
-pub fn take<C, E>(run: &mut Identifier<C, E>, case: &Case, k: usize) -> Result<(), IdentifierError>
-where
-    C: Form,
-    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
-{
-    if case.noise.len() > 1 {
-        run.set_noise(case.noise_at(k))?;
-    }
-    run.step_with_missing(&case.z[k], &case.u[k])
-}
-
-/// The whole of a case.
-pub fn finish<C, E>(case: &Case) -> Identifier<C, E>
-where
-    C: Form,
-    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
-{
-    let mut run = identifier(case);
-    for k in 0..case.z.len() {
-        take(&mut run, case, k).unwrap();
-    }
-    run
-}
-
 /// Estimate and covariance of a run in double-double.
-pub fn outcome<C, E>(run: &Identifier<C, E>) -> (Mat<qd::Quad>, Mat<qd::Quad>)
-where
-    C: Form,
-    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
-{
+pub fn outcome<S: Kernels>(run: &Run<S>) -> (Mat<qd::Quad>, Mat<qd::Quad>) {
     let s = Mat::column(&run.estimate().iter().map(|&x| quad(x)).collect::<Vec<_>>());
-    (s, widen(&run.covariance().dense()))
+    (s, widen(&run.covariance().own_dense()))
 }
 
 /// The same matrix in double-double.
@@ -90,10 +178,8 @@ pub fn relative(a: &Mat<qd::Quad>, b: &Mat<qd::Quad>) -> f64 {
     (a - b).norm() / b.norm()
 }
 
-/// The names of a form and an expectation, for messages.
-pub fn label<C, E>() -> String {
-    let short = |name: &str| -> String {
-        name.split_inclusive(['<', ',', '>', ' ']).map(|part| part.rsplit("::").next().unwrap_or(part)).collect()
-    };
-    format!("{} {}", short(std::any::type_name::<C>()), short(std::any::type_name::<E>()))
+/// The name of a type without its modules.
+fn short_name<T>() -> String {
+    let name = std::any::type_name::<T>();
+    name.split_inclusive(['<', ',', '>', ' ']).map(|part| part.rsplit("::").next().unwrap_or(part)).collect()
 }

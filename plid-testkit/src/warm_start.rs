@@ -1,7 +1,9 @@
 //! A run that is begun with another's estimate and whole covariance goes on as that one does.
 
-use plid_core::{Form, Identifier, InitialCovariance, NoiseModel, ObservableForm, Scalar, ScalarOf, Settings};
-use plid_variants::expectations::MomentMatched;
+use plid_core::kernels::Kernels;
+use plid_core::{InitialCovariance, NoiseModel, ObservableForm, Settings};
+
+use crate::run::Variant;
 
 /// Three outputs and inputs of sample `k`.
 fn sample(k: usize) -> ([f64; 3], [f64; 3]) {
@@ -9,22 +11,22 @@ fn sample(k: usize) -> ([f64; 3], [f64; 3]) {
     ([wave(0.31), wave(0.47), wave(0.83)], [wave(1.7), wave(2.3), wave(2.9)])
 }
 
-pub fn goes_on<C: Form>() {
+pub fn goes_on<S: Kernels>(variant: &Variant<S>) {
     // Large enough for kernels that take columns and rows in packs.
     let form = ObservableForm::new(&[7, 7, 6], 3).unwrap();
     let noise = NoiseModel::diagonal(&[1e-2; 3], &[1e-3; 3], &[1e-4; 20]);
     let settings = Settings::new(&form, 1.0, 1.0);
-    let mut first = Identifier::<C, MomentMatched<ScalarOf<C>>>::new(form.clone(), &noise, &settings).unwrap();
+    let mut first = variant.begin(form.clone(), &noise, &settings).unwrap();
     for k in 0..20 {
         let (z, u) = sample(k);
         first.step(&z, &u).unwrap();
     }
     let settings = Settings {
-        initial_covariance: InitialCovariance::Full(first.covariance().dense_in()),
+        initial_covariance: InitialCovariance::Full(first.covariance().own_dense().cast()),
         initial_estimate: first.estimate().iter().map(|x| x.to_f64()).collect(),
         ..settings
     };
-    let mut second = Identifier::<C, MomentMatched<ScalarOf<C>>>::new(form, &noise, &settings).unwrap();
+    let mut second = variant.begin(form, &noise, &settings).unwrap();
     for k in 20..30 {
         let (z, u) = sample(k);
         first.step(&z, &u).unwrap();

@@ -38,14 +38,15 @@ test_backends! {
 fn checkpoints_of_others_are_refused() {
     use plid_backends::Plain;
     use plid_testkit::case::{Options, random_case};
-    use plid_testkit::run::finish;
+    use plid_testkit::run::Variant;
     use plid_variants::expectations::MomentMatched;
 
     let case = random_case(&[2, 1], 1, Options { steps: 5, ..Options::default() }, 4);
     let larger = random_case(&[2, 2], 1, Options { steps: 5, ..Options::default() }, 4);
-    let mut run = finish::<BiermanUd<Plain<f64>>, MomentMatched<f64>>(&case);
+    let bierman = Variant::of::<BiermanUd<Plain<f64>>, MomentMatched<f64>>();
+    let mut run = bierman.finish(&case);
     let before = run.checkpoint();
-    assert!(run.restore(&finish::<BiermanUd<Plain<f64>>, MomentMatched<f64>>(&larger).checkpoint()).is_err());
-    assert!(run.restore(&finish::<Direct<Plain<f64>>, MomentMatched<f64>>(&case).checkpoint()).is_err());
+    assert!(run.restore(&bierman.finish(&larger).checkpoint()).is_err());
+    assert!(run.restore(&bierman.with_form::<Direct<Plain<f64>>>().finish(&case).checkpoint()).is_err());
     assert_eq!(run.checkpoint(), before);
 }

@@ -1,12 +1,10 @@
 //! What cannot be is refused, by step, channel and pivot.
 
-use plid_backends::Plain;
-use plid_core::{
-    ConditionalExpectations, Dense, Form, Identifier, IdentifierError, InitialCovariance, NoiseError, NoiseModel,
-    ObservableForm, ScalarOf, Settings,
-};
+use plid_backends::{Faer, Nalgebra, Plain};
+use plid_core::kernels::Kernels;
+use plid_core::{Dense, IdentifierError, InitialCovariance, NoiseError, NoiseModel, ObservableForm, Settings};
 use plid_testkit::case::{Case, Options, random_case};
-use plid_testkit::run::{finish, identifier, label, take};
+use plid_testkit::run::{Variant, take};
 use plid_testkit::test_every_variant;
 use plid_variants::covariance::{BiermanUd, Direct};
 use plid_variants::expectations::Prior;
@@ -15,13 +13,9 @@ fn small() -> Case {
     random_case(&[2, 1], 2, Options { steps: 30, ..Options::default() }, 3)
 }
 
-fn data_that_are_not_finite_are_named<C, E>()
-where
-    C: Form,
-    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
-{
+fn data_that_are_not_finite_are_named<S: Kernels>(variant: &Variant<S>) {
     let case = small();
-    let mut run = identifier::<C, E>(&case);
+    let mut run = variant.on(&case);
     for k in 0..7 {
         take(&mut run, &case, k).unwrap();
     }
@@ -56,26 +50,14 @@ test_every_variant!(data_that_are_not_finite_are_named:
     nalgebra_f32 = Nalgebra<f32>,
 );
 
-fn begin<C, E>(settings: &Settings, noise: &NoiseModel) -> Result<Identifier<C, E>, IdentifierError>
-where
-    C: Form,
-    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
-{
-    Identifier::new(ObservableForm::new(&[2, 1], 2).unwrap(), noise, settings)
-}
-
-fn beginnings_that_cannot_be_are_refused<C, E>()
-where
-    C: Form,
-    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
-{
+fn beginnings_that_cannot_be_are_refused<S: Kernels>(variant: &Variant<S>) {
     let form = ObservableForm::new(&[2, 1], 2).unwrap();
     let good = Settings::new(&form, 1.0, 1.0);
     let noise = NoiseModel::paper_squared(2, 2, 3);
-    let refused = |settings: &Settings| begin::<C, E>(settings, &noise).map(|_| ()).unwrap_err();
-    begin::<C, E>(&good, &noise).unwrap();
+    let refused = |settings: &Settings| variant.begin(form.clone(), &noise, settings).map(|_| ()).unwrap_err();
+    variant.begin(form.clone(), &noise, &good).unwrap();
     let size = good.initial_estimate.len();
-    let name = label::<C, E>();
+    let name = variant.label();
 
     for forgetting in [0.0, -0.5, 1.0 + 1e-9, f64::NAN, f64::INFINITY] {
         let error = refused(&Settings { forgetting, ..good.clone() });
@@ -135,12 +117,12 @@ where
     let mut indefinite = noise.clone();
     *indefinite.actuator_sensor.at_mut(1, 0) = 1.0;
     assert!(matches!(
-        begin::<C, E>(&good, &indefinite).map(|_| ()),
+        variant.begin(form.clone(), &indefinite, &good).map(|_| ()),
         Err(IdentifierError::Noise(NoiseError::Indefinite { .. }))
     ));
     // A model that is refused between steps leaves the former one in force.
     let case = small();
-    let (mut run, mut other) = (identifier::<C, E>(&case), identifier::<C, E>(&case));
+    let (mut run, mut other) = (variant.on(&case), variant.on(&case));
     assert!(run.set_noise(&NoiseModel::paper_literal(2, 2, 4)).is_err());
     for k in 0..5 {
         let mut negative = case.noise[0].clone();
@@ -159,11 +141,7 @@ test_every_variant!(beginnings_that_cannot_be_are_refused:
 );
 
 /// A joint covariance that is only just one: v follows w_1 and xi_3 follows w_2.
-fn singular_noise_is_no_error<C, E>()
-where
-    C: Form,
-    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
-{
+fn singular_noise_is_no_error<S: Kernels>(variant: &Variant<S>) {
     let mut case = random_case(&[2, 1], 1, Options { steps: 20, ..Options::default() }, 17);
     let form = ObservableForm::new(&case.indices, case.inputs).unwrap();
     let root = |a: f64, b: f64| (a * b).sqrt();
@@ -174,10 +152,10 @@ where
         *noise.actuator_sensor.at_mut(0, 0) = root(q, 0.1);
         *noise.sensor_state.at_mut(1, 2) = -root(0.3, sigma);
         case.noise = vec![noise];
-        let mut run = Identifier::<C, E>::new(form.clone(), &case.noise[0], &case.settings).unwrap();
+        let mut run = variant.begin(form.clone(), &case.noise[0], &case.settings).unwrap();
         for k in 0..case.z.len() {
             if let Err(error) = take(&mut run, &case, k) {
-                panic!("{}, q = {q}: {error}", label::<C, E>());
+                panic!("{}, q = {q}: {error}", variant.label());
             }
         }
     }
@@ -197,7 +175,7 @@ fn a_covariance_that_is_lost_is_a_typed_error() {
     let form = ObservableForm::new(&case.indices, case.inputs).unwrap();
     case.noise = vec![NoiseModel::diagonal(&[2.5e-6; 3], &[0.0; 3], &[1e-9; 24])];
     case.settings = Settings::new(&form, 1.0, 1.0);
-    let mut direct = identifier::<Direct<Plain<f32>>, Prior<f32>>(&case);
+    let mut direct = Variant::of::<Direct<Plain<f32>>, Prior<f32>>().on(&case);
     let error = (0..case.z.len()).find_map(|k| take(&mut direct, &case, k).err().map(|error| (k, error)));
     match error {
         Some((k, IdentifierError::Indefinite { step, phase, index, value })) => {
@@ -207,29 +185,25 @@ fn a_covariance_that_is_lost_is_a_typed_error() {
         }
         other => panic!("{other:?}"),
     }
-    let survivor = finish::<BiermanUd<Plain<f32>>, Prior<f32>>(&case);
-    let health = survivor.health();
+    let survivor = Variant::of::<BiermanUd<Plain<f32>>, Prior<f32>>().finish(&case);
+    let health = survivor.covariance().own_health();
     println!("{health:?}");
     assert!(health.smallest_pivot > 0.0 && health.condition.is_finite());
 }
 
 /// What f32 cannot hold is an error, not a panic and not a NaN that goes on.
-fn overflow_is_a_typed_error<C, E>()
-where
-    C: Form,
-    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
-{
+fn overflow_is_a_typed_error<S: Kernels>(variant: &Variant<S>) {
     let mut case = small();
-    let mut run = identifier::<C, E>(&case);
+    let mut run = variant.on(&case);
     let error = run.step(&[1e300, 0.0], &[0.0, 0.0]).unwrap_err();
     assert!(matches!(error, IdentifierError::Diverged { step: 0, .. } | IdentifierError::Indefinite { step: 0, .. }));
     *case.noise[0].sensor.at_mut(0, 0) = 1e300;
-    let mut run = identifier::<C, E>(&case);
+    let mut run = variant.on(&case);
     let error = run.step(&[0.0, 0.0], &[0.0, 0.0]).unwrap_err();
     assert!(
         matches!(error, IdentifierError::Diverged { step: 0, .. } | IdentifierError::Indefinite { step: 0, .. }),
         "{} {error}",
-        label::<C, E>()
+        variant.label()
     );
 }
 

@@ -1,9 +1,11 @@
 //! A known plant from a record without noise: A, B and the transfer function come back.
 
 use nalgebra::{Complex, DMatrix};
-use plid_core::{ConditionalExpectations, Form, InitialCovariance, NoiseModel, ObservableForm, ScalarOf, Settings};
+use plid_backends::{Faer, Nalgebra, Plain};
+use plid_core::kernels::Kernels;
+use plid_core::{NoiseModel, ObservableForm, Settings};
 use plid_testkit::case::{Case, Plant, record, rng};
-use plid_testkit::run::{finish, label};
+use plid_testkit::run::{Variant, identified};
 use plid_testkit::test_every_variant;
 
 /// What the identifier is told of the noise is tiny, and there is none. `unique`: the entries of A that inputs and
@@ -17,14 +19,7 @@ fn case(indices: &[usize], unique: bool, seed: u64) -> Case {
     let (z, u) = record(&plant, &[silent], 400, &mut rng);
     let noise = vec![NoiseModel::diagonal(&vec![1e-8; p], &[0.0; 2], &vec![0.0; n])];
     let form = ObservableForm::new(indices, inputs).unwrap();
-    let mut settings = Settings::new(&form, 1.0, 10.0);
-    if let (true, InitialCovariance::Diagonal(d)) = (unique, &mut settings.initial_covariance) {
-        for output in 0..p {
-            for row in (0..n).filter(|&row| form.is_redundant(row, output)) {
-                d[(1 + output) * n + row] = 0.0;
-            }
-        }
-    }
+    let settings = if unique { Settings::of_unique_form(&form, 1.0, 10.0) } else { Settings::new(&form, 1.0, 10.0) };
     Case { indices: indices.to_vec(), inputs, plant, noise, settings, z, u }
 }
 
@@ -38,12 +33,8 @@ fn response(a: &DMatrix<f64>, b: &DMatrix<f64>, outputs: &[usize], angle: f64) -
 }
 
 /// The largest errors of A, of B, and of the transfer function relative to its peak.
-fn errors<C, E>(case: &Case) -> [f64; 3]
-where
-    C: Form,
-    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
-{
-    let model = finish::<C, E>(case).identified();
+fn errors<S: Kernels>(variant: &Variant<S>, case: &Case) -> [f64; 3] {
+    let model = identified(&variant.finish(case));
     let (n, m) = (case.states(), case.inputs);
     let a = DMatrix::from_fn(n, n, |i, j| model.a.at(i, j));
     let b = DMatrix::from_fn(n, m, |i, j| model.b.at(i, j));
@@ -63,14 +54,10 @@ where
     [(&a - &case.plant.a).amax(), (&b - &case.plant.b).amax(), worst / peak]
 }
 
-fn a_known_plant_is_recovered<C, E>()
-where
-    C: Form,
-    E: ConditionalExpectations<Scalar = ScalarOf<C>>,
-{
-    let name = label::<C, E>();
+fn a_known_plant_is_recovered<S: Kernels>(variant: &Variant<S>) {
+    let name = variant.label();
     for (indices, unique) in [(&[2, 2][..], false), (&[3, 1, 2], true), (&[3, 1, 2], false)] {
-        let [a, b, transfer] = errors::<C, E>(&case(indices, unique, 5));
+        let [a, b, transfer] = errors(variant, &case(indices, unique, 5));
         println!("{name} {indices:?}, unique {unique}: A {a:.1e}, B {b:.1e}, transfer function {transfer:.1e}");
         assert!(transfer < 1e-6, "{name} {indices:?}: transfer function {transfer:.1e}");
         if unique || indices == [2, 2] {

@@ -2,7 +2,7 @@
 
 use ndarray::Array2;
 use plid_core::{Dense, IdentifiedModel, ImplicitModel, NoiseModel, ObservableForm, Settings};
-use plid_lab::identify::{Samples, free_run_error};
+use plid_identify::{Samples, free_run_error};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use plid_catalogue::{CovarianceName, Recursion, ScalarName, VariantError};
 use plid_core::{Dense, IdentifiedModel, IdentifierError, ObservableForm};
-use plid_lab::identify::{Samples, free_run_error};
+use plid_identify::{Samples, free_run_error};
 use plid_testbed::OUTPUTS;
 use serde::{Deserialize, Serialize};
 

@@ -1,9 +1,9 @@
 //! The complete rule that decides whether a cell is sound, degraded or lost.
 
-use nalgebra::DMatrix;
 use plid_catalogue::{CovarianceName, ScalarName};
-use plid_core::{Dense, ImplicitModel, ObservableForm};
-use plid_model::{FrequencyResponse, Model, ModelError};
+use plid_core::ObservableForm;
+use plid_identify::ToModel;
+use plid_model::{FrequencyResponse, ModelError};
 use plid_testbed::{INPUTS, OUTPUTS};
 use serde::Serialize;
 
@@ -181,10 +181,7 @@ fn response_difference(cell: &Cell, peer: &Cell) -> Result<Option<f64>, ModelErr
 fn frequency_response(cell: &Cell) -> Result<FrequencyResponse, ModelError> {
     let form = ObservableForm::balanced(cell.group.states, OUTPUTS, INPUTS).expect("the cell was run with it");
     let found = model(&cell.estimate, &form);
-    let matrix = |m: &Dense<f64>| DMatrix::from_column_slice(m.rows(), m.columns(), m.data());
-    let through = DMatrix::zeros(form.outputs(), form.inputs());
-    let (a, b, c) = (matrix(&found.a), matrix(&found.b), matrix(&found.c));
-    Ok(FrequencyResponse::of(&Model::new(cell.rate_hz, a, b, c, through)?))
+    Ok(FrequencyResponse::of(&found.to_model(cell.rate_hz)?))
 }
 
 #[cfg(test)]

@@ -12,6 +12,9 @@ pub const FULL: &str = include_str!("../../../experiments/bench/stability.toml")
 /// The study of about two minutes, as experiments/bench/stability-quick.toml has it.
 pub const QUICK: &str = include_str!("../../../experiments/bench/stability-quick.toml");
 
+/// The study of `cargo bench -- stability`, as experiments/bench/stability-bench.toml has it.
+pub const BENCH: &str = include_str!("../../../experiments/bench/stability-bench.toml");
+
 /// A stability study. The defaults are the full study.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]

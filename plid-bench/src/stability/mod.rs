@@ -18,13 +18,14 @@ mod reference;
 mod report;
 mod scenario;
 mod study;
+mod table;
 mod verdicts;
 
 use std::path::Path;
 
 pub use cell::{Cell, ErrorAt, Indefinite, LocalAt, Stop};
 pub use classify::{Class, Judged, rule};
-pub use config::{Adversarial, Config, FULL, Long, QUICK, Variations};
+pub use config::{Adversarial, BENCH, Config, FULL, Long, QUICK, Variations};
 pub use group::{Group, Part};
 pub use outcome::Outcome;
 pub use reference::ReferenceSummary;

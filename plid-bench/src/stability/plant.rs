@@ -3,9 +3,9 @@
 //!
 //! The truss cannot serve: it has 59 states.
 
-use nalgebra::DMatrix;
 use ndarray::Array2;
 use plid_core::{Dense, IdentifiedModel, ImplicitModel, ObservableForm, StructureError};
+use plid_identify::ToModel;
 use plid_model::{Model, ModelError, stability};
 use plid_testbed::{INPUTS, OUTPUTS};
 use rand_chacha::ChaCha12Rng;
@@ -86,9 +86,7 @@ impl Plant {
     fn model(&self) -> Result<Model, ModelError> {
         let s: Vec<f64> = vec![0.0; self.form.states()].into_iter().chain(self.parameters.iter().copied()).collect();
         let found = IdentifiedModel::from_estimate(&self.form, &s, &Dense::<f64>::from_diagonal(&[]));
-        let matrix = |m: &Dense<f64>| DMatrix::from_column_slice(m.rows(), m.columns(), m.data());
-        let through = DMatrix::zeros(OUTPUTS, INPUTS);
-        Model::new(RATE_HZ, matrix(&found.a), matrix(&found.b), matrix(&found.c), through)
+        found.to_model(RATE_HZ)
     }
 
     fn rng(&self, stream: u64) -> ChaCha12Rng {

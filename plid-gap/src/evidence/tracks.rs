@@ -7,9 +7,7 @@
 use nalgebra::DMatrix;
 use ndarray::{Array2, aview1};
 use plid_backends::Plain;
-use plid_core::{
-    Dense, IdentifiedModel, Identifier, ImplicitModel, InitialCovariance, NoiseModel, ObservableForm, Settings,
-};
+use plid_core::{IdentifiedModel, Identifier, NoiseModel, ObservableForm, Settings};
 use plid_model::{ModeKind, Model};
 use plid_variants::covariance::BiermanUd;
 use plid_variants::expectations::MomentMatched;
@@ -98,7 +96,8 @@ fn follow(plant: &Plant, driven: &[&Record], noise: &[f64]) -> Option<Vec<Passed
     let sensor: Vec<f64> = noise.iter().zip(&y_scale).map(|(rms, scale)| (rms / scale).powi(2)).collect();
     let mean = sensor.iter().sum::<f64>() / p as f64;
     let noise_model = NoiseModel::diagonal(&sensor, &vec![0.0; m], &vec![STATE_NOISE * mean; states.div_ceil(p) * p]);
-    let mut settings = Settings::new(&form, 1.0, 1.0);
+    let start = Settings::new(&form, 1.0, 1.0);
+    let mut settings = start.clone();
     let mut passed = Vec::new();
     for record in driven {
         let samples = record.samples().min(SAMPLES);
@@ -122,30 +121,15 @@ fn follow(plant: &Plant, driven: &[&Record], noise: &[f64]) -> Option<Vec<Passed
             innovations: innovations.sqrt(),
             modes: nearest(plant, &identified),
         });
-        settings = carry_over(&form, &identified);
+        settings = start.carry_over(&form, &identified, WIDENED);
     }
     Some(passed)
 }
 
-/// Where the next record begins: with the parameters as learnt, their covariance widened, and nothing known of the state.
-fn carry_over(form: &ObservableForm, learnt: &IdentifiedModel) -> Settings {
-    let (states, size) = (form.states(), form.joint_states());
-    let covariance = Dense::from_fn(size, size, |i, j| match (i < states, j < states) {
-        (false, false) => WIDENED * learnt.covariance.at(i, j),
-        _ if i == j => 1.0,
-        _ => 0.0,
-    });
-    let mut start = Settings::new(form, 1.0, 1.0);
-    start.initial_covariance = InitialCovariance::Full(covariance);
-    start.initial_estimate[states..].copy_from_slice(&learnt.parameters(form));
-    start
-}
-
 /// Of each mode of the simulation, frequency and damping ratio of the model's nearest.
 fn nearest(plant: &Plant, identified: &IdentifiedModel) -> Vec<Option<(f64, f64)>> {
-    let matrix = |m: &Dense<f64>| DMatrix::from_column_slice(m.rows(), m.columns(), m.data());
-    let through = DMatrix::zeros(plant.p, plant.m);
-    let model = Model::new(plant.rate, matrix(&identified.a), matrix(&identified.b), matrix(&identified.c), through);
+    let (a, b, c) = ((&identified.a).into(), (&identified.b).into(), (&identified.c).into());
+    let model = Model::new(plant.rate, a, b, c, DMatrix::zeros(plant.p, plant.m));
     let Ok(found) = model.and_then(|model| plid_model::modes(&model)) else { return vec![None; plant.modes.len()] };
     let oscillatory = found.iter().filter(|mode| mode.kind == ModeKind::Oscillatory && mode.damping.abs() < DAMPED);
     let found: Vec<(f64, f64)> = oscillatory.map(|mode| (mode.hz, mode.damping)).collect();

@@ -22,7 +22,8 @@ pub enum PortSource {
 /// simulation gives g = beta g0 (its input shape without the actuator's pole) and k = gamma / g0 up to one number g0 a mode.
 pub(super) fn infer(plant: &Plant, inputs: &[String]) -> Vec<Port> {
     let modal = modal_struts(plant);
-    let port = |(i, name): (usize, &String)| Port { name: name.clone(), input: Some(i), ..port(plant, &modal, i, &|_| true) };
+    let port =
+        |(i, name): (usize, &String)| Port { name: name.clone(), input: Some(i), ..port(plant, &modal, i, &|_| true) };
     inputs.iter().enumerate().map(port).collect()
 }
 

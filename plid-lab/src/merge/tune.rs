@@ -17,7 +17,8 @@ use super::MergeError;
 use super::carry_out::of_run;
 use super::merged::{Piece, join};
 use crate::experiment::{Covariance, Experiment, NoiseConfig, NoiseReading, NoiseSource};
-use crate::identify::{Bank, Ending, Memory, Point, Samples, Trial, fit_predictor, run, tune_by};
+use crate::fit_predictor;
+use crate::identify::{Bank, Ending, Memory, Point, Samples, Trial, run, tune_by};
 use crate::run::{self, Estimate, RunError, scaled_model, scaling, training};
 use plid_data::prepare::Prepared;
 
@@ -125,7 +126,7 @@ impl Candidate<'_> {
             Err(_) => return Err(Failed::Diverged),
         };
         let diverged = |_: RunError| Failed::Diverged;
-        let scaled = scaled_model(&done.identified, &plan.form, self.prepared).map_err(diverged)?;
+        let scaled = scaled_model(&done.identified, self.prepared).map_err(diverged)?;
         let estimate =
             Estimate::new(&plan, &scaled, &done.identified, &done.innovations, self.prepared, BTreeMap::new())
                 .map_err(diverged)?;

@@ -35,14 +35,14 @@ pub use validate::{Errors, Validation};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use nalgebra::DMatrix;
 use plid_core::{Dense, Health, IdentifiedModel, ImplicitModel, ObservableForm};
 
 use crate::experiment::{Experiment, IndicesChoice, StructureKind};
 use crate::identify::{
-    Bank, Ending, IdentifyError, Memory, OrderScan, Plan, Predictor, RecursionRun, Samples, ScanRow, Search, Split,
-    Trial, fit_predictor, scan_orders, search_indices, tune,
+    Bank, Ending, IdentifyError, Memory, OrderScan, Plan, RecursionRun, Samples, ScanRow, Search, Split, ToModel,
+    Trial, scan_orders, search_indices, tune,
 };
+use crate::{Predictor, fit_predictor};
 use error::setting;
 use noise::Known;
 use plid_catalogue::Conditions;
@@ -179,7 +179,8 @@ pub fn carry_out(
         (0..p).map(|i| noise.sensor.at(i, i)).collect(),
         (0..form.states()).map(|i| noise.state.at(i, i)).sum::<f64>() / form.states() as f64,
     );
-    let conditions = start::conditions(&experiment, &settings, &noise, samples * experiment.identification.passes);
+    let conditions =
+        Conditions::of(experiment.variant.scalar, &settings, &noise, samples * experiment.identification.passes);
     let mut variant = experiment.variant.settle(&conditions);
     let form_is_open = experiment.variant.covariance.is_none();
     if form_is_open && let Some(paused) = &saved.paused {
@@ -211,7 +212,7 @@ pub fn carry_out(
     };
 
     progress.stage("validation");
-    let scaled = scaled_model(&run.identified, &form, &prepared)?;
+    let scaled = scaled_model(&run.identified, &prepared)?;
     let alone = experiment.validation.model_only;
     let predictor = if alone { None } else { fit_predictor(&scaled, training[training.len() - 1]) };
     let (canonical, model) = in_data_units(&scaled, predictor.as_ref(), &plan, &prepared)?;
@@ -395,27 +396,12 @@ impl Actor<'_> {
     }
 }
 
-fn dense(matrix: &Dense<f64>) -> DMatrix<f64> {
-    DMatrix::from_column_slice(matrix.rows(), matrix.columns(), matrix.data())
-}
-
 /// The identified plant as a model of scaled channels and, where they are, advanced inputs.
-pub(crate) fn scaled_model(
-    identified: &IdentifiedModel,
-    form: &ObservableForm,
-    prepared: &Prepared,
-) -> Result<Model, RunError> {
-    let (n, size) = (form.states(), form.joint_states());
+pub(crate) fn scaled_model(identified: &IdentifiedModel, prepared: &Prepared) -> Result<Model, RunError> {
     let record = &prepared.records[0];
-    let through = DMatrix::zeros(form.outputs(), form.inputs());
-    let (a, b, c) = (dense(&identified.a), dense(&identified.b), dense(&identified.c));
-    let mut model = Model::new(record.sample_rate_hz, a, b, c, through)?;
+    let mut model = identified.to_model(record.sample_rate_hz)?;
     model.inputs.clone_from(&record.input_names);
     model.outputs.clone_from(&record.output_names);
-    model.observability_indices = Some(form.indices().to_vec());
-    let covariance = dense(&identified.covariance).view((n, n), (size - n, size - n)).into_owned();
-    // The last digits of a covariance carried in single precision may differ between the triangles.
-    model.parameter_covariance = Some((&covariance + covariance.transpose()) / 2.0);
     Ok(model)
 }
 

@@ -13,7 +13,8 @@ use plid_refine::{Candidate, Noise, Options, Record, RefineError, Refined, Score
 use super::error::RunError;
 use super::validate::{Errors, Validation, offsets};
 use crate::experiment::{Experiment, Refinement};
-use crate::identify::{Samples, fit_predictor};
+use crate::fit_predictor;
+use crate::identify::Samples;
 use plid_data::prepare::Prepared;
 use plid_report::Progress;
 

@@ -3,11 +3,10 @@
 use std::path::Path;
 
 use nalgebra::DMatrix;
-use plid_core::{Dense, ImplicitModel, InitialCovariance, NoiseModel, ObservableForm, Settings};
+use plid_core::{Dense, ImplicitModel, InitialCovariance, ObservableForm, Settings};
 
 use super::error::{RunError, setting};
 use crate::experiment::Experiment;
-use plid_catalogue::Conditions;
 use plid_data::prepare::Prepared;
 use plid_model::{ChannelScaling, Model, undo_scaling};
 
@@ -19,16 +18,7 @@ pub(super) fn settings(
     form: &ObservableForm,
 ) -> Result<Settings, RunError> {
     let start = &experiment.start;
-    let mut settings = Settings::new(form, start.state_variance, start.parameter_variance);
-    if let InitialCovariance::Diagonal(variances) = &mut settings.initial_covariance {
-        // Redundant parameters are fixed at zero, which makes the form unique.
-        let n = form.states();
-        for output in 0..form.outputs() {
-            for row in (0..n).filter(|&row| form.is_redundant(row, output)) {
-                variances[(1 + output) * n + row] = 0.0;
-            }
-        }
-    }
+    let mut settings = Settings::of_unique_form(form, start.state_variance, start.parameter_variance);
     settings.forgetting = experiment.identification.forgetting;
     settings.parameter_noise = experiment.identification.parameter_noise;
     if let Some(file) = &start.model {
@@ -36,23 +26,6 @@ pub(super) fn settings(
         from_model(&mut settings, &model, start.widen, prepared, form)?;
     }
     Ok(settings)
-}
-
-/// Returns the conditions on which the choice of a covariance form depends.
-pub(super) fn conditions(experiment: &Experiment, settings: &Settings, noise: &NoiseModel, steps: usize) -> Conditions {
-    let largest = match &settings.initial_covariance {
-        InitialCovariance::Diagonal(variances) => variances.iter().copied().fold(0.0, f64::max),
-        InitialCovariance::Full(p0) => (0..p0.rows()).map(|i| p0.at(i, i)).fold(0.0, f64::max),
-    };
-    let sensor = &noise.sensor;
-    let smallest = (0..sensor.rows()).map(|i| sensor.at(i, i)).fold(f64::INFINITY, f64::min);
-    Conditions {
-        states: noise.state.rows(),
-        scalar: experiment.variant.scalar,
-        steps,
-        start_ratio: largest / smallest,
-        forgets: settings.forgetting < 1.0,
-    }
 }
 
 /// Takes over the parameters of an earlier model, with their covariance multiplied by `widen` if it is known. The state

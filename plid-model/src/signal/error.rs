@@ -1,7 +1,8 @@
 use ndarray::ArrayView2;
 
 /// The reasons why [`crate::signal`] rejects a record. Fields count channels and samples from 0, and messages from 1.
-#[derive(Debug, Clone, PartialEq, thiserror::Error, miette::Diagnostic)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[cfg_attr(feature = "diagnostics", derive(miette::Diagnostic))]
 pub enum SignalError {
     /// The record has fewer samples (or lags, or periods) than the estimate requires.
     #[error("{what} requires at least {needed} {unit}; the record has {available}")]

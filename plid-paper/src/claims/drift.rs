@@ -3,6 +3,7 @@
 use ndarray::{Array2, ArrayView2, s};
 use plid_core::{Dense, ImplicitModel, InitialCovariance, ObservableForm, Settings};
 use plid_lab::experiment::Experiment;
+use plid_lab::identify::ToModel;
 use plid_model::signal::error_measures;
 use plid_model::signal::median;
 use plid_model::{Model, estimate_initial_state, simulate};
@@ -11,7 +12,7 @@ use rayon::prelude::*;
 use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};
-use crate::course::{Course, Pair, course, form_and_start, model, noise_of};
+use crate::course::{Course, Pair, course, form_and_start, noise_of};
 use crate::truss::{truss_of, with_seed};
 
 pub const CLAIM: Claim = claim!("drift",
@@ -82,7 +83,7 @@ fn ways(experiment: &Experiment, vary: &Vary, noise: &plid_core::NoiseModel) -> 
     let go = |record: &(Array2<f64>, Array2<f64>), start: &(ObservableForm, Settings)| {
         course(views(record), rate, start, noise, usize::MAX)
     };
-    let judge = |done: &Course| free_run(&model(&done.identified, rate)?, views(&last));
+    let judge = |done: &Course| free_run(&done.identified.to_model(rate)?, views(&last));
     let former = go(&before, &start)?;
     let mut errors = vec![judge(&former)?, judge(&go(&whole, &start)?)?, judge(&go(&late, &start)?)?];
     for &forgetting in &vary.forgetting {

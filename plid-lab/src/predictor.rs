@@ -9,7 +9,7 @@ use std::convert::Infallible;
 use nalgebra::{DMatrix, DVector};
 use plid_lsq::{Damping, Normal, Problem, Stop, minimise};
 
-use super::Samples;
+use crate::identify::Samples;
 use plid_model::{Model, NoiseCovariances, steady_state_gain};
 
 /// A predictor gain and its origin.

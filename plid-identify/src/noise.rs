@@ -9,7 +9,6 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use plid_core::{ImplicitModel, NoiseModel, ObservableForm, Settings};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::recursion::{Ending, Plan, run};
@@ -209,16 +208,13 @@ pub fn tune_by(
         }
         let done = AtomicUsize::new(scores.len());
         let planned = scores.len() + new.len();
-        let results: Vec<(Point, Option<f64>)> = new
-            .par_iter()
-            .map(|&point| {
-                let score = score(point);
-                progress(done.fetch_add(1, Ordering::Relaxed) + 1, planned);
-                (point, score)
-            })
-            .collect();
+        let results = for_each_point(&new, &|point| {
+            let score = score(point);
+            progress(done.fetch_add(1, Ordering::Relaxed) + 1, planned);
+            score
+        });
         let mut interrupted = false;
-        for (point, score) in results {
+        for (&point, score) in new.iter().zip(results) {
             match score {
                 Some(error) => {
                     memory.store(&indices, point, error);
@@ -262,4 +258,15 @@ pub fn tune_by(
     };
     let trials = scores.into_iter().map(trial).collect();
     Ok(Tuned { noise: bank.noise(point), best: trial((point, error)), point, trials })
+}
+
+/// Scores all points: on all cores with the feature `threads`, otherwise one after the other.
+fn for_each_point(points: &[Point], score: &(dyn Fn(Point) -> Option<f64> + Sync)) -> Vec<Option<f64>> {
+    #[cfg(feature = "threads")]
+    {
+        use rayon::prelude::*;
+        points.par_iter().map(|&point| score(point)).collect()
+    }
+    #[cfg(not(feature = "threads"))]
+    points.iter().map(|&point| score(point)).collect()
 }

@@ -2,8 +2,7 @@
 
 use ndarray::Array2;
 use plid_core::{
-    Checkpoint, Dense, Health, IdentifiedModel, IdentifierError, ImplicitModel, InitialCovariance, NoiseModel,
-    ObservableForm, Settings,
+    Checkpoint, Health, IdentifiedModel, IdentifierError, ImplicitModel, NoiseModel, ObservableForm, Settings,
 };
 use serde::{Deserialize, Serialize};
 
@@ -61,26 +60,9 @@ pub enum Ending {
     Paused(Box<Paused>),
 }
 
-/// Returns the initial settings of a new record: the known parameters with an uninformative prior of the state.
-pub fn carry_over(form: &ObservableForm, settings: &Settings, former: &IdentifiedModel) -> Settings {
-    let (n, size) = (form.states(), form.joint_states());
-    let state_variance = |i: usize| match &settings.initial_covariance {
-        InitialCovariance::Diagonal(d) => d[i],
-        InitialCovariance::Full(p0) => p0.at(i, i),
-    };
-    let covariance = Dense::from_fn(size, size, |i, j| match (i < n, j < n) {
-        (false, false) => former.covariance.at(i, j),
-        (true, true) if i == j => state_variance(i),
-        _ => 0.0,
-    });
-    let mut estimate = vec![0.0; n];
-    estimate.extend(former.parameters(form));
-    Settings { initial_covariance: InitialCovariance::Full(covariance), initial_estimate: estimate, ..settings.clone() }
-}
-
 fn build(plan: &Plan, former: Option<&IdentifiedModel>) -> Result<Box<dyn Recursion>, VariantError> {
     let settings = match former {
-        Some(former) => &carry_over(&plan.form, &plan.settings, former),
+        Some(former) => &plan.settings.carry_over(&plan.form, former, 1.0),
         None => &plan.settings,
     };
     plan.variant.build(plan.form.clone(), &plan.noise, settings)

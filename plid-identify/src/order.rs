@@ -30,6 +30,14 @@ pub struct OrderScan {
 impl OrderScan {
     /// The largest permissible ratio of the error of a smaller model to the smallest error.
     pub const SLACK: f64 = 1.05;
+
+    /// Selects the order from the rows of a scan; `None` if no order gave a model.
+    pub(crate) fn of(mut rows: Vec<ScanRow>) -> Option<Self> {
+        rows.sort_by_key(|row| row.states);
+        let best = rows.iter().filter_map(|row| row.free_run).fold(f64::INFINITY, f64::min);
+        let row = rows.iter().find(|row| row.free_run.is_some_and(|e| e <= Self::SLACK * best))?;
+        Some(Self { recommended: row.states, rows })
+    }
 }
 
 /// Tunes and scores each order with evenly distributed indices. `template` returns the filter bank of an order.
@@ -55,12 +63,7 @@ pub fn scan_orders(
         };
         rows.push(ScanRow { states, indices: bank.form.indices().to_vec(), free_run });
     }
-    rows.sort_by_key(|row| row.states);
-    let best = rows.iter().filter_map(|row| row.free_run).fold(f64::INFINITY, f64::min);
-    match rows.iter().find(|row| row.free_run.is_some_and(|e| e <= OrderScan::SLACK * best)) {
-        Some(row) => Ok(OrderScan { recommended: row.states, rows }),
-        None => Err(failure.unwrap_or(IdentifyError::NoSetting { trials: 0 })),
-    }
+    OrderScan::of(rows).ok_or(failure.unwrap_or(IdentifyError::NoSetting { trials: 0 }))
 }
 
 /// Moves one state at a time from one output to another as long as this reduces the simulation error by more than two

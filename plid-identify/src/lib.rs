@@ -1,17 +1,21 @@
-//! Identification from prepared records: the recursion, the noise covariances, the order, and the steady-state
-//! predictor.
+//! Identification from arrays: [`identify`] is the short way, and the other functions are its steps: the recursion, the
+//! noise covariances, the order, and the model.
 //!
-//! All functions expect channels of comparable size (usually scaled to unit RMS), with one row per sample.
+//! The steps expect channels of comparable size (usually scaled to unit RMS), with one row per sample.
 
+mod calibration;
+mod front;
 mod noise;
 mod order;
-mod predictor;
 mod recursion;
+mod to_model;
 
+pub use calibration::innovation_ratio;
+pub use front::{Identification, IdentificationError, Identified, identify};
 pub use noise::{Bank, Memory, Point, Search, Split, Trial, Tuned, tune, tune_by};
 pub use order::{OrderScan, ScanRow, scan_orders, search_indices};
-pub use predictor::{Predictor, fit_predictor};
-pub use recursion::{Ending, Paused, Plan, RecursionRun, Watcher, carry_over, run, run_or_factor};
+pub use recursion::{Ending, Paused, Plan, RecursionRun, Watcher, run, run_or_factor};
+pub use to_model::ToModel;
 
 use ndarray::ArrayView2;
 use plid_core::{IdentifiedModel, ObservableForm};
@@ -108,10 +112,10 @@ pub fn free_run_error(model: &IdentifiedModel, form: &ObservableForm, samples: S
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{DMatrix, DVector};
+    use nalgebra::DVector;
     use ndarray::Array2;
     use plid_core::Dense;
-    use plid_model::{Model, simulate};
+    use plid_model::simulate;
 
     /// Compares the structured simulation with the dense one, with unequal indices and a missing sample.
     #[test]
@@ -124,8 +128,7 @@ mod tests {
         outputs[[9, 1]] = f64::NAN;
         let samples = Samples { inputs: inputs.view(), outputs: outputs.view(), nan_is_missing: true };
 
-        let dense = |m: &Dense<f64>| DMatrix::from_fn(m.rows(), m.columns(), |i, j| m.at(i, j));
-        let plain = Model::new(1.0, dense(&model.a), dense(&model.b), dense(&model.c), DMatrix::zeros(2, 2)).unwrap();
+        let plain = model.to_model(1.0).unwrap();
         let simulated = simulate(&plain, inputs.view(), &DVector::from_vec(model.state.clone())).unwrap().outputs;
         let relative = |i: usize| {
             let there = (0..50).filter(|&k| outputs[[k, i]].is_finite());

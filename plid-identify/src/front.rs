@@ -1,0 +1,425 @@
+//! The front door: from two arrays to a model.
+
+use ndarray::{Array2, ArrayView1, ArrayView2};
+use plid_catalogue::{BackendName, Conditions, CovarianceName, ExpectationName, ScalarName, Variant, VariantChoice};
+use plid_core::{Health, ImplicitModel, NoiseModel, ObservableForm, Settings, StructureError};
+use plid_model::{ChannelScaling, Model, ModelError, Noise, undo_scaling};
+
+use crate::{
+    Bank, Ending, IdentifyError, Memory, OrderScan, Plan, RecursionRun, Samples, ScanRow, Search, Split, ToModel,
+    Tuned, innovation_ratio, run, run_or_factor, tune,
+};
+
+/// Orders that are compared if the number of states is not given.
+const ORDERS: [usize; 12] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64];
+/// The comparison ends after this number of orders without an error that is smaller by [`OrderScan::SLACK`].
+const PATIENCE: usize = 2;
+/// Relative simulation errors below this count as equal: a larger order then follows only rounding.
+const EXPLAINED: f64 = 1e-3;
+/// Samples needed per parameter column and state; with fewer, an order is not considered.
+const SAMPLES_PER_PARAMETER: usize = 4;
+/// Share of the record on which the filters of the bank run; the rest scores them.
+const LEARNING_SHARE: f64 = 0.75;
+
+/// Identifies a plant from its inputs (K x m) and outputs (K x p), one row per sample, at the sample rate `rate` in Hz.
+///
+/// The number of states is the smallest whose model simulates the last quarter of the record about as well as the best
+/// one, or with a relative error below 1e-3; the noise covariances are chosen by the same error.
+/// [`Identification`] has the options.
+///
+/// # Errors
+/// As [`Identification::run`].
+pub fn identify(
+    inputs: ArrayView2<'_, f64>,
+    outputs: ArrayView2<'_, f64>,
+    rate: f64,
+) -> Result<Identified, IdentificationError> {
+    Identification::default().run(inputs, outputs, rate)
+}
+
+/// The options of an identification from arrays.
+///
+/// The model has no direct feedthrough (D = 0): an input acts on the outputs from the next sample on.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Identification {
+    states: Option<usize>,
+    variant: VariantChoice,
+    nan_is_missing: bool,
+}
+
+impl Identification {
+    /// Sets the number of states; by default several are compared.
+    pub fn states(mut self, states: usize) -> Self {
+        self.states = Some(states);
+        self
+    }
+
+    /// Sets the covariance form; by default it is the recommended one for size, scalar and length.
+    pub fn covariance(mut self, covariance: CovarianceName) -> Self {
+        self.variant.covariance = Some(covariance);
+        self
+    }
+
+    /// Sets the conditional expectation.
+    pub fn expectations(mut self, expectations: ExpectationName) -> Self {
+        self.variant.expectations = expectations;
+        self
+    }
+
+    /// Sets the matrix library.
+    pub fn backend(mut self, backend: BackendName) -> Self {
+        self.variant.backend = backend;
+        self
+    }
+
+    /// Sets the number type.
+    pub fn scalar(mut self, scalar: ScalarName) -> Self {
+        self.variant.scalar = scalar;
+        self
+    }
+
+    /// Treats a NaN among the outputs as a missing sample; by default it is an error.
+    pub fn nan_is_missing(mut self) -> Self {
+        self.nan_is_missing = true;
+        self
+    }
+
+    /// Identifies a plant from its inputs (K x m) and outputs (K x p), one row per sample, at the sample rate `rate` in
+    /// Hz.
+    ///
+    /// # Errors
+    /// Returns an [`IdentificationError`] for arrays that do not fit each other, channels that are constant or not
+    /// finite, records that are too short, and records that no model follows.
+    pub fn run(
+        &self,
+        inputs: ArrayView2<'_, f64>,
+        outputs: ArrayView2<'_, f64>,
+        rate: f64,
+    ) -> Result<Identified, IdentificationError> {
+        if inputs.nrows() != outputs.nrows() {
+            return Err(IdentificationError::Lengths { inputs: inputs.nrows(), outputs: outputs.nrows() });
+        }
+        let (scaled_inputs, input_mean, input_scale) = scaled(inputs, "u", false)?;
+        let (scaled_outputs, output_mean, output_scale) = scaled(outputs, "y", self.nan_is_missing)?;
+        let scaling = ChannelScaling { input_mean, input_scale, output_mean, output_scale };
+        let (inputs, outputs) = (scaled_inputs.view(), scaled_outputs.view());
+        let samples = Samples { inputs, outputs, nan_is_missing: self.nan_is_missing };
+        let (found, orders) = self.find_order(samples)?;
+        let (plan, done) = self.final_run(samples, found)?;
+        let ratio = innovation_ratio(&plan.form, &plan.noise.sensor, &done.identified, &done.innovations);
+        Ok(Identified {
+            model: in_channel_units(&plan, &done, ratio, rate, &scaling)?,
+            scaling,
+            orders,
+            variant: plan.variant,
+            noise: plan.noise,
+            innovation_ratio: ratio,
+            health: done.health,
+        })
+    }
+
+    /// Tunes the noise covariances for the given order, or for each order until a larger one no longer helps.
+    fn find_order(&self, samples: Samples<'_>) -> Result<(Found, Option<OrderScan>), IdentificationError> {
+        let (m, p) = (samples.inputs.ncols(), samples.outputs.ncols());
+        if let Some(states) = self.states {
+            return Ok((self.tuned(samples, states)?, None));
+        }
+        let most = samples.len() / (SAMPLES_PER_PARAMETER * (p + m));
+        let mut found: Vec<Found> = Vec::new();
+        let mut rows: Vec<ScanRow> = Vec::new();
+        let (mut best, mut idle, mut failure) = (f64::INFINITY, 0, None);
+        for states in ORDERS.into_iter().filter(|&states| states >= p && states <= most) {
+            match self.tuned(samples, states) {
+                Ok(next) => {
+                    let error = next.tuned.best.free_run.unwrap_or(f64::INFINITY).max(EXPLAINED);
+                    idle = if OrderScan::SLACK * error < best { 0 } else { idle + 1 };
+                    best = best.min(error);
+                    rows.push(ScanRow { states, indices: next.form.indices().to_vec(), free_run: Some(error) });
+                    found.push(next);
+                }
+                Err(IdentificationError::Identify(error @ IdentifyError::NoSetting { .. })) => {
+                    idle += usize::from(best.is_finite());
+                    failure = Some(error);
+                }
+                Err(other) => return Err(other),
+            }
+            if idle >= PATIENCE {
+                break;
+            }
+        }
+        let Some(scan) = OrderScan::of(rows) else {
+            return Err(failure.map_or(IdentificationError::TooShort { samples: samples.len() }, Into::into));
+        };
+        let place = found.iter().position(|found| found.form.states() == scan.recommended);
+        Ok((found.swap_remove(place.expect("the recommended order is one of those tried")), Some(scan)))
+    }
+
+    /// Finds the noise covariances of the model with `states` states.
+    fn tuned(&self, samples: Samples<'_>, states: usize) -> Result<Found, IdentificationError> {
+        let (m, p) = (samples.inputs.ncols(), samples.outputs.ncols());
+        let form = ObservableForm::balanced(states, p, m)?;
+        let settings = Settings::of_unique_form(&form, 1.0, 1.0);
+        let expectations = self.variant.expectations;
+        let bank = Bank { form: form.clone(), settings, expectations, sensor: None, actuator: vec![0.0; m] };
+        let split = Split::new(&[samples], LEARNING_SHARE);
+        let memory = Memory::default();
+        let tuned = tune(&bank, &mut Search { split, progress: &|_, _| (), may_go_on: &|| true, memory })?;
+        Ok(Found { form, settings: bank.settings, tuned })
+    }
+
+    /// Runs the recursion over the whole record.
+    fn final_run(&self, samples: Samples<'_>, found: Found) -> Result<(Plan, Box<RecursionRun>), IdentificationError> {
+        let Found { form, settings, tuned } = found;
+        let noise = tuned.noise;
+        let conditions = Conditions::of(self.variant.scalar, &settings, &noise, samples.len());
+        let variant = self.variant.settle(&conditions);
+        let mut plan = Plan { form, noise, settings, variant, passes: 1 };
+        let ending = if self.variant.covariance.is_some() {
+            run(&plan, &[samples], None, &mut |_, _| true)
+        } else {
+            run_or_factor(&mut plan, &[samples], None, &mut |_, _| true).0
+        };
+        match ending? {
+            Ending::Done(done) => Ok((plan, done)),
+            Ending::Paused(_) => Err(IdentifyError::Interrupted.into()),
+        }
+    }
+}
+
+/// An order with its noise covariances.
+struct Found {
+    form: ObservableForm,
+    settings: Settings,
+    tuned: Tuned,
+}
+
+/// The result of an identification from arrays.
+#[derive(Clone, Debug)]
+pub struct Identified {
+    /// The model in the channels' units, with its parameter covariance. Its inputs and outputs are deviations from the
+    /// means in `scaling`. The covariance is multiplied by `innovation_ratio`; standard deviations from it are right to
+    /// within a factor of about two, because only a common factor of the noise covariances can be seen in the
+    /// innovations.
+    pub model: Model,
+    /// The means and RMS values of the channels.
+    pub scaling: ChannelScaling,
+    /// The orders that were compared; `None` if the number of states was given.
+    pub orders: Option<OrderScan>,
+    /// The form, expectation, library and number type of the recursion.
+    pub variant: Variant,
+    /// The noise covariances of the scaled channels.
+    pub noise: NoiseModel,
+    /// Mean square of the last innovations over their variance according to `noise` and the covariance of the estimate:
+    /// the factor by which the noise covariances were too small.
+    pub innovation_ratio: f64,
+    /// The numerical condition of the covariance at the end.
+    pub health: Health,
+}
+
+/// Converts the estimate to a model in the channels' units, all covariances multiplied by `ratio`.
+fn in_channel_units(
+    plan: &Plan,
+    done: &RecursionRun,
+    ratio: f64,
+    rate: f64,
+    scaling: &ChannelScaling,
+) -> Result<Model, ModelError> {
+    let mut model = done.identified.to_model(rate)?;
+    model.parameter_covariance = model.parameter_covariance.map(|covariance| covariance * ratio);
+    let sensor = &plan.noise.sensor;
+    let sensor_std = (0..sensor.rows()).map(|i| (ratio * sensor.at(i, i)).sqrt()).collect();
+    model.noise = Noise { sensor_std: Some(sensor_std), actuator_std: None };
+    undo_scaling(&model, scaling)
+}
+
+/// Returns the deviations of the channels from their means, divided by their RMS, and the means and RMS values.
+#[allow(clippy::type_complexity)]
+fn scaled(
+    channels: ArrayView2<'_, f64>,
+    letter: &str,
+    nan_is_missing: bool,
+) -> Result<(Array2<f64>, Vec<f64>, Vec<f64>), IdentificationError> {
+    if channels.ncols() == 0 {
+        return Err(IdentificationError::NoChannels);
+    }
+    let mut scaled = channels.to_owned();
+    let (mut means, mut scales) = (Vec::new(), Vec::new());
+    for (i, mut column) in scaled.columns_mut().into_iter().enumerate() {
+        let channel = || format!("{letter}{}", i + 1);
+        let is_bad = |x: &f64| !(x.is_finite() || nan_is_missing && x.is_nan());
+        if let Some(sample) = column.iter().position(is_bad) {
+            return Err(IdentificationError::NotFinite { channel: channel(), sample });
+        }
+        let mean = mean(column.view(), |x| x);
+        column.mapv_inplace(|x| x - mean);
+        let rms = self::mean(column.view(), |x| x * x).sqrt();
+        // Rounding leaves a trace of the mean in a channel that is constant.
+        if !(rms > 1e-12 * mean.abs()) {
+            return Err(IdentificationError::Constant { channel: channel() });
+        }
+        column.mapv_inplace(|x| x / rms);
+        means.push(mean);
+        scales.push(rms);
+    }
+    Ok((scaled, means, scales))
+}
+
+/// Returns the mean of `f` over the samples that are not missing.
+fn mean(column: ArrayView1<'_, f64>, f: impl Fn(f64) -> f64) -> f64 {
+    let present = column.iter().filter(|x| !x.is_nan());
+    let (sum, count) = present.fold((0.0, 0), |(sum, count), &x| (sum + f(x), count + 1));
+    sum / f64::from(count.max(1))
+}
+
+/// The reasons why an identification from arrays fails.
+#[derive(Debug, thiserror::Error)]
+pub enum IdentificationError {
+    /// Inputs and outputs have different numbers of rows.
+    #[error("there are {inputs} rows of inputs and {outputs} of outputs; each sample needs a row of both")]
+    Lengths {
+        /// Rows of the inputs.
+        inputs: usize,
+        /// Rows of the outputs.
+        outputs: usize,
+    },
+    /// An array has no columns.
+    #[error("at least one input and one output are needed")]
+    NoChannels,
+    /// A channel has a sample that is not finite.
+    #[error("sample {sample} of {channel} is not a finite number (samples count from 0)")]
+    NotFinite {
+        /// The channel: u1, u2, ... or y1, y2, ...
+        channel: String,
+        /// The sample, from 0.
+        sample: usize,
+    },
+    /// A channel never changes.
+    #[error("{channel} is constant")]
+    Constant {
+        /// The channel: u1, u2, ... or y1, y2, ...
+        channel: String,
+    },
+    /// The record is too short for any order.
+    #[error("{samples} samples are too few to identify a model")]
+    TooShort {
+        /// Number of samples.
+        samples: usize,
+    },
+    /// The number of states does not suit the outputs.
+    #[error(transparent)]
+    Structure(#[from] StructureError),
+    /// The recursion failed, or no noise covariances gave a model.
+    #[error(transparent)]
+    Identify(#[from] IdentifyError),
+    /// The result is not a valid model.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{DMatrix, dmatrix};
+    use plid_model::{mode_deviations, modes, simulate};
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    const RATE: f64 = 50.0;
+
+    /// Two modes, two inputs, two outputs.
+    fn plant() -> Model {
+        let mut a = DMatrix::zeros(4, 4);
+        for (at, radius, angle) in [(0, 0.97_f64, 0.6_f64), (2, 0.95, 1.3)] {
+            let (sin, cos) = angle.sin_cos();
+            a.view_mut((at, at), (2, 2)).copy_from_slice(&[radius * cos, radius * sin, -radius * sin, radius * cos]);
+        }
+        let b = dmatrix![0.3, 0.0; 0.1, -0.4; 0.2, 0.5; 0.0, 0.3];
+        let c = dmatrix![1.0, 0.2, 0.5, -0.3; -0.4, 1.0, 0.8, 0.1];
+        Model::new(RATE, a, b, c, DMatrix::zeros(2, 2)).unwrap()
+    }
+
+    /// Inputs and noisy outputs of [`plant`].
+    fn record(seed: u64, samples: usize, noise: f64) -> (Array2<f64>, Array2<f64>) {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
+        let inputs = Array2::from_shape_simple_fn((samples, 2), &mut normal);
+        let plant = plant();
+        let mut outputs = simulate(&plant, inputs.view(), &plant.rest()).unwrap().outputs;
+        outputs.mapv_inplace(|y| y + noise * normal());
+        (inputs, outputs)
+    }
+
+    #[test]
+    fn the_order_the_modes_and_their_deviations_are_found() {
+        let truth = modes(&plant()).unwrap();
+        let (mut sum, mut count) = (0.0, 0);
+        for seed in 0..8 {
+            let (u, y) = record(seed, 1500, 0.05);
+            let identified = identify(u.view(), y.view(), RATE).unwrap();
+            assert_eq!(identified.model.n(), 4, "{:?}", identified.orders);
+            for (found, truth) in mode_deviations(&identified.model).unwrap().iter().zip(&truth) {
+                let std = found.hz_std.unwrap();
+                assert!(std < 0.01 * truth.hz && (found.mode.hz - truth.hz).abs() < 5.0 * std, "{found:?} {truth:?}");
+                sum += ((found.mode.hz - truth.hz) / std).powi(2);
+                count += 1;
+            }
+        }
+        // The deviations are right to within a factor of two; the mean was 2.0 when this test was written.
+        let ratio = sum / f64::from(count);
+        assert!((0.25..4.0).contains(&ratio), "{ratio}");
+    }
+
+    /// Without noise the error keeps falling with the order; the comparison still ends at a small one.
+    #[test]
+    fn a_record_without_noise_does_not_ask_for_the_largest_order() {
+        let (u, y) = record(6, 600, 0.0);
+        let states = identify(u.view(), y.view(), RATE).unwrap().model.n();
+        assert!((4..=8).contains(&states), "{states}");
+    }
+
+    #[test]
+    fn units_and_offsets_do_not_change_the_modes() {
+        let (u, y) = record(3, 1500, 0.05);
+        let (other_u, other_y) = (u.mapv(|u| 1e-3 * u + 7.0), y.mapv(|y| 200.0 * y - 1e4));
+        let options = Identification::default().states(4);
+        let one = options.run(u.view(), y.view(), RATE).unwrap();
+        let two = options.run(other_u.view(), other_y.view(), RATE).unwrap();
+        let (first, second) = (mode_deviations(&one.model).unwrap(), mode_deviations(&two.model).unwrap());
+        for (a, b) in first.iter().zip(&second) {
+            assert!((a.mode.hz - b.mode.hz).abs() < 1e-6 * a.mode.hz, "{a:?} {b:?}");
+            assert!((a.hz_std.unwrap() / b.hz_std.unwrap() - 1.0).abs() < 1e-3);
+        }
+        assert!((two.model.b[(0, 0)] / one.model.b[(0, 0)] / 2e5 - 1.0).abs() < 1e-4);
+        assert!((two.scaling.input_mean[1] - 7.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn another_variant_and_missing_outputs_give_nearly_the_same_model() {
+        let (u, mut y) = record(4, 1500, 0.05);
+        let plain = Identification::default().states(4);
+        let reference = plain.run(u.view(), y.view(), RATE).unwrap();
+        y[(700, 1)] = f64::NAN;
+        let error = plain.run(u.view(), y.view(), RATE).unwrap_err();
+        assert!(
+            matches!(&error, IdentificationError::NotFinite { channel, sample: 700 } if channel == "y2"),
+            "{error}"
+        );
+        let other = plain.covariance(CovarianceName::ArraySqrt).nan_is_missing().run(u.view(), y.view(), RATE).unwrap();
+        assert_eq!(other.variant.covariance, CovarianceName::ArraySqrt);
+        for (a, b) in modes(&reference.model).unwrap().iter().zip(&modes(&other.model).unwrap()) {
+            assert!((a.hz / b.hz - 1.0).abs() < 1e-3, "{a:?} {b:?}");
+        }
+    }
+
+    #[test]
+    fn arrays_that_cannot_be_used_are_refused() {
+        let (u, y) = record(5, 200, 0.05);
+        let failure = |u: ArrayView2<'_, f64>, y: ArrayView2<'_, f64>| identify(u, y, RATE).unwrap_err().to_string();
+        assert!(failure(u.slice(ndarray::s![..100, ..]), y.view()).contains("100 rows of inputs and 200"));
+        assert!(failure(Array2::from_elem((200, 1), 0.1).view(), y.view()).contains("u1 is constant"));
+        assert!(failure(u.slice(ndarray::s![.., ..0]), y.view()).contains("at least one input"));
+        assert!(failure(u.slice(ndarray::s![..20, ..]), y.slice(ndarray::s![..20, ..])).contains("20 samples"));
+        assert!(identify(u.view(), y.view(), 0.0).unwrap_err().to_string().contains("sample_rate_hz"));
+    }
+}
