@@ -183,7 +183,7 @@ fn acts_at(place: &Place, effect: &dyn Effect, library: &Library, setting: &Sett
         return true;
     }
     let Some(shape) = Flexible::named(effect.name()) else { return effect.places(setting).contains(place) };
-    let is_sibling = |effect: &&dyn Effect| Flexible::of(effect.name()).is_some_and(|of| of.name() == shape.name());
+    let is_sibling = |effect: &&dyn Effect| effect.free_shape().is_some_and(|of| of.name() == shape.name());
     library.effects().filter(is_sibling).any(|effect| effect.places(setting).contains(place))
 }
 
