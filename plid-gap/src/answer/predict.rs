@@ -336,7 +336,7 @@ mod tests {
             let places = ["structure", "input:u1", "input:all", "input:u1->u2", "output:y2", "output:y1->y2", "mode:9"];
             let places = places.into_iter().map(str::to_string).chain([format!("port:{port}"), port.to_string()]);
             let places: Vec<String> = places.chain([format!("freq:3 port:{port}"), "mode:nan".into()]).collect();
-            let siblings = library.effects().filter_map(|e| Some(Flexible::of(e.name())? as &dyn Effect));
+            let siblings = library.effects().filter_map(|e| Some(e.free_shape()? as &dyn Effect));
             for effect in library.effects().chain(siblings) {
                 let parameters: serde_json::Map<String, serde_json::Value> = effect
                     .parameters(&setting)
