@@ -201,11 +201,11 @@ impl Problem {
         let jacobian = self.tangent(&self.plant);
         let mut settled = self.last_steps(fit);
         for _ in 0..RESTARTS {
-            if self.bent(&settled.eta) <= NEAR_ZERO {
+            if self.max_prior_z(&settled.eta) <= NEAR_ZERO {
                 break;
             }
             let mut eta = settled.eta.clone();
-            eta[..self.nuisance.of_modes()].fill(0.0);
+            eta[..self.nuisance.of_simulation()].fill(0.0);
             let anew = self.last_steps(&self.fit(&jacobian, &eta, &settled.effects, ANEW));
             if anew.cost > settled.cost - ANEW.gain {
                 break;
@@ -324,7 +324,7 @@ mod tests {
         }
 
         fn places(&self, setting: &Setting) -> Vec<Place> {
-            setting.struts()
+            setting.joints()
         }
 
         fn starts(&self, _setting: &Setting, _place: &Place) -> Vec<Vec<f64>> {
@@ -364,7 +364,11 @@ mod tests {
         }
         let problem = prepared(&case).problem;
         let refitted = refit(&problem, STEPS);
-        assert!(problem.bent(&refitted.eta) > 5.0, "the refit took nothing: {}", problem.bent(&refitted.eta));
+        assert!(
+            problem.max_prior_z(&refitted.eta) > 5.0,
+            "the refit took nothing: {}",
+            problem.max_prior_z(&refitted.eta)
+        );
         let damper = Placed { effect: &Viscous, place: Place::Input(0), parameters: vec![0.5 * size] };
         let effort = Effort { steps: 8, gain: 0.1, fineness: Fineness::FINE };
         let fit = problem.fit(&refitted.tangent, &refitted.eta, &[damper], effort);
