@@ -70,7 +70,7 @@ impl Axis {
             let drawn = &random_input(seed, SAMPLES, 1)[0];
             (0..SAMPLES).map(|k| level * drawn[k / HOLD]).collect()
         };
-        let std = 0.005 * rms(&self.run(&command(1, 1.0)));
+        let std = 0.005 * rms(self.run(&command(1, 1.0)));
         let mut records = Vec::new();
         for (k, level) in [0.0, 1.0, 0.5, 1.0].into_iter().enumerate() {
             let u = command(k as u64 + 1, level);
