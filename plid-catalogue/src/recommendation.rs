@@ -42,8 +42,8 @@ impl Conditions {
         Self { states: noise.state.rows(), scalar, steps, start_ratio: largest / smallest, forgets }
     }
 
-    /// The fastest form that the study found sound with a margin under such conditions; where it did not look or found none (12 states
-    /// in f32 over 10^5 steps), Bierman UD.
+    /// The fastest form that the study found sound with a margin under such conditions; where it did not look or found
+    /// none (12 states in f32 over 10^5 steps), Bierman UD.
     ///
     /// In f64 that is the direct form, within the bounds of [`STATES`], [`STEPS`] and [`START_RATIO`] and without
     /// forgetting. In f32 it is Bierman UD for every size and length: as a matrix P is lost within hundreds to

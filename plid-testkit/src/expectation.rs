@@ -36,9 +36,9 @@ pub fn grid_bayes<E: ConditionalExpectations<Scalar = f64>>(sigma: f64, r: f64, 
     Calibration { rmse: (own / runs).sqrt(), exact_rmse: (exact / runs).sqrt(), nees: nees / runs }
 }
 
-/// Holds a conditional expectation to what any must satisfy. A step allocates nothing. P stays a covariance, forms agree, and
-/// checkpoints continue to the same bits. Permuted and rescaled channels permute and rescale the estimate. On a scalar plant
-/// its error is no smaller than that of exact Bayes, and smaller than the prior's.
+/// Holds a conditional expectation to what any must satisfy. A step allocates nothing. P stays a covariance, forms
+/// agree, and checkpoints continue to the same bits. Permuted and rescaled channels permute and rescale the estimate.
+/// On a scalar plant its error is no smaller than that of exact Bayes, and smaller than the prior's.
 ///
 /// How good it is beyond that is not judged; [`grid_bayes`] tells.
 ///

@@ -161,8 +161,8 @@ fn stays_a_covariance<S: Kernels>(variant: &Variant<S>, case: &Case) {
     assert!(health.index < p.rows());
 }
 
-/// What rounding may do to a run. The matrix forms subtract: what is left of P carries the roundoff of the largest P that
-/// there was, and the gain divides by R.
+/// What rounding may do to a run. The matrix forms subtract: what is left of P carries the roundoff of the largest P
+/// that there was, and the gain divides by R.
 fn rounding<S: Kernels>(variant: &Variant<S>, case: &Case) -> f64 {
     let mut run = variant.with_form::<BiermanUd<Plain<S>>>().on(case);
     let mut largest = outcome(&run).1.norm();
