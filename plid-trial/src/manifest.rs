@@ -1,7 +1,7 @@
 //! What a trial says of itself, in the open and under seal.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
@@ -9,6 +9,8 @@ use crate::config::TrialConfig;
 use crate::error::TrialError;
 use crate::files;
 use crate::plan::Arm;
+use crate::program::Program;
+use crate::seal::{salt, sha256};
 
 /// T/trial.json, written last: all that the cases say of what is withheld.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -28,6 +30,8 @@ pub(crate) struct OpenCase {
     pub case: String,
     /// Effects without which this case is answered a second time. With some cases these are not at work, so that the list does not tell what is.
     pub without: Vec<String>,
+    /// SHA-256 of the files of the case's folder, by name.
+    pub files: BTreeMap<String, String>,
     /// Salted hashes of the sealed files, by name.
     pub sealed: BTreeMap<String, String>,
 }
@@ -46,6 +50,8 @@ pub(crate) struct Seal {
     pub trial_sha256: String,
     /// Draws that were repeated, because no strength made the gap asked for or a nuisance could have made it.
     pub repeated: usize,
+    /// The program that drew it.
+    pub program: Program,
     /// What was asked for.
     pub config: TrialConfig,
 }
@@ -89,6 +95,38 @@ impl Manifest {
     }
 }
 
+impl OpenCase {
+    /// The case's folder.
+    pub(crate) fn folder(&self, trial: &Path) -> PathBuf {
+        trial.join("cases").join(&self.case)
+    }
+
+    /// SHA-256 of the files of a folder, by name.
+    pub(crate) fn hashes(folder: &Path) -> Result<BTreeMap<String, String>, TrialError> {
+        let entries = std::fs::read_dir(folder).map_err(TrialError::file(folder))?;
+        entries
+            .map(|entry| {
+                let path = entry.map_err(TrialError::file(folder))?.path();
+                let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+                // What is no file is none that was drawn.
+                let hash = if path.is_file() { sha256(&files::read(&path)?) } else { String::new() };
+                Ok((name, hash))
+            })
+            .collect()
+    }
+
+    /// Whether the case's folder has the files that were drawn and no others.
+    pub(crate) fn check(&self, trial: &Path) -> Result<(), TrialError> {
+        let folder = self.folder(trial);
+        let found = Self::hashes(&folder)?;
+        let mut names = self.files.keys().chain(found.keys());
+        match names.find(|name| self.files.get(*name) != found.get(*name)) {
+            Some(name) => Err(TrialError::Altered { case: self.case.clone(), path: folder.join(name) }),
+            None => Ok(()),
+        }
+    }
+}
+
 impl Seal {
     /// Reads S/seal.json.
     pub(crate) fn read(sealed: &Path) -> Result<Self, TrialError> {
@@ -96,6 +134,10 @@ impl Seal {
         let read: Self = files::parse(&path, &files::read(&path)?)?;
         if read.format != SEAL_FORMAT {
             let reason = format!("format: `{}` is not `{SEAL_FORMAT}`", read.format);
+            return Err(TrialError::Malformed { path, reason });
+        }
+        if salt(read.seed) != read.salt {
+            let reason = format!("seed: {} is not the one that the salt was made from", read.seed);
             return Err(TrialError::Malformed { path, reason });
         }
         Ok(read)
