@@ -14,7 +14,7 @@ fn main() {
         println!("cargo::rustc-env=PLID_COMMIT={commit}");
         println!("cargo::rustc-env=PLID_CHANGED={}", !changed.is_empty());
     }
-    for name in ["HEAD", "logs/HEAD", "index"] {
+    for name in ["HEAD", "logs/HEAD"] {
         if let Some(path) = git(&["rev-parse", "--path-format=absolute", "--git-path", name]) {
             println!("cargo::rerun-if-changed={path}");
         }

@@ -1,6 +1,6 @@
 //! Tables of trials with imperfect truths.
 
-use plid_lab::report::{Report, Table};
+use plid_report::{Report, Table};
 
 use super::{cell, number, share, words};
 use crate::scores::Scores;
