@@ -42,8 +42,8 @@ struct Task {
     key: String,
 }
 
-/// Runs the claims and writes DIR/ID/claim.json with plots and configs for each, and DIR/claims.json and
-/// DIR/report.html for all of them. A claim that DIR already holds for the same configs is not repeated.
+/// Runs the claims and writes, for each, DIR/ID/claim.json with its pictures and configs, and for all DIR/claims.json and DIR/report.html. A
+/// claim that DIR has already, from the same configs and by the same build of the program, is not run again.
 ///
 /// # Errors
 /// Returns [`StudyError::Cell`] for a claim that cannot be run, after the others are done, [`StudyError::Interrupted`],
@@ -54,7 +54,8 @@ pub fn reproduce(
     directory: &Path,
     progress: &dyn Progress,
 ) -> Result<Vec<Line>, StudyError> {
-    let tasks = claims.iter().map(|claim| task(claim, options)).collect::<Result<Vec<Task>, _>>()?;
+    let program = program()?;
+    let tasks = claims.iter().map(|claim| task(claim, options, &program)).collect::<Result<Vec<Task>, _>>()?;
     let journal: Journal<Done> = Journal::open(directory, "paper", "claims", !options.anew)?;
     let wanted = |task: &&Task| options.only.is_empty() || options.only.iter().any(|id| id == task.claim.id);
     let missing = |task: &&Task| journal.get(&task.key).is_none();
@@ -124,7 +125,17 @@ pub fn reproduce(
     first.map_or(Ok(lines), Err)
 }
 
-fn task(claim: &Claim, options: &Options) -> Result<Task, StudyError> {
+/// The running build: the SHA-256 of its executable.
+fn program() -> Result<String, StudyError> {
+    let path = std::env::current_exe().map_err(StudyError::file("the program's executable"))?;
+    Ok(sha256(fs::read(&path).map_err(StudyError::file(path))?))
+}
+
+fn sha256(bytes: impl AsRef<[u8]>) -> String {
+    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn task(claim: &Claim, options: &Options, program: &str) -> Result<Task, StudyError> {
     let read = |name: String, built_in: &str| match &options.configs {
         Some(directory) if !built_in.is_empty() => {
             let path = directory.join(name);
@@ -134,8 +145,7 @@ fn task(claim: &Claim, options: &Options) -> Result<Task, StudyError> {
     };
     let config = read(format!("{}.toml", claim.id), claim.config)?;
     let vary = read(format!("{}.vary.toml", claim.id), claim.vary)?;
-    let all = format!("{}\n{}\n{config}\n{vary}", env!("CARGO_PKG_VERSION"), options.quick);
-    let hash: String = Sha256::digest(all).iter().map(|byte| format!("{byte:02x}")).collect();
+    let hash = sha256(format!("{program}\n{}\n{config}\n{vary}", options.quick));
     Ok(Task { claim: *claim, key: format!("{} {hash}", claim.id), config, vary })
 }
 
@@ -195,5 +205,22 @@ impl Summary {
             parts: finding.parts.clone(),
             figures: finding.figures.clone(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_claim_is_kept_under_its_configs_and_its_program() {
+        let key = |quick: bool, program: &str| {
+            let options = Options { quick, ..Options::default() };
+            task(&crate::claims::CLAIMS[0], &options, program).unwrap().key
+        };
+        assert_eq!(key(true, "one"), key(true, "one"));
+        assert_ne!(key(true, "one"), key(false, "one"));
+        assert_ne!(key(true, "one"), key(true, "another"));
+        assert_eq!(program().unwrap().len(), 64);
     }
 }

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::TrialError;
 use crate::files;
+use crate::program::Program;
 use crate::seal::sha256;
 
 /// The files of an answer by name.
@@ -22,7 +23,9 @@ pub struct Answered {
     /// The reason for a missing answer: the error of the diagnosis or its panic message.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failed: Option<String>,
-    /// SHA-256 of each file by name.
+    /// The program that answered.
+    pub program: Program,
+    /// SHA-256 of the files, by name.
     pub files: BTreeMap<String, String>,
 }
 
@@ -92,7 +95,7 @@ pub(crate) fn write(
         files::write(&beside.join(name), bytes)?;
     }
     let hashes = content.iter().map(|(name, bytes)| ((*name).to_owned(), sha256(bytes))).collect();
-    let answered = Answered { case: case.to_owned(), failed, files: hashes };
+    let answered = Answered { case: case.to_owned(), failed, program: Program::this()?, files: hashes };
     files::write_json(&beside.join(SECONDS), &Seconds { seconds })?;
     files::write_json(&beside.join(ANSWER), &answered)?;
     let place = answers.join(case);
@@ -120,6 +123,23 @@ pub(crate) fn read(answers: &Path, case: &str) -> Result<Option<(Answered, Strin
         }
     }
     Ok(Some((answered, sha256(&bytes))))
+}
+
+/// Whether all answers come from one program; none where there is no answer.
+pub(crate) fn one_program<'a>(answered: impl IntoIterator<Item = &'a Answered>) -> Result<Option<Program>, TrialError> {
+    let mut one: Option<&Program> = None;
+    for answered in answered {
+        let ours = *one.get_or_insert(&answered.program);
+        if *ours != answered.program {
+            return Err(TrialError::OtherProgram {
+                what: format!("the answer to {}", answered.case),
+                theirs: Box::new(answered.program.clone()),
+                ours: Box::new(ours.clone()),
+                running: false,
+            });
+        }
+    }
+    Ok(one.cloned())
 }
 
 pub(crate) fn seconds(answers: &Path, case: &str) -> Result<f64, TrialError> {

@@ -5,6 +5,7 @@ use std::path::Path;
 use plid_data::config::{ConfigError, from_toml_checked, read_checked};
 use plid_testbed::gap::{Channels, Experiment, PlantKind};
 use plid_testbed::{INPUTS, OUTPUTS};
+use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
 use crate::vocabulary::{VOCABULARY, family};
@@ -40,6 +41,8 @@ pub struct Cases {
     /// without that effect. As many of the other single effects are answered a second time without an effect that does
     /// not act.
     pub leave_one_out: usize,
+    /// One effect: so many in all, effects in turn; beside `singles_per_effect`.
+    pub singles: usize,
 }
 
 /// The distributions from which each case is drawn.
@@ -70,6 +73,40 @@ pub struct Draw {
     pub misjudged: f64,
     /// Length of the records relative to full ones.
     pub length: f64,
+    /// Least gap that an effect makes alone, whatever the noise.
+    pub least: f64,
+    /// Gap that small effects make together, everywhere beside the effects of a case; 0 for none.
+    pub imperfections: Span,
+    /// How far the simulation of a case with imperfections is off, in standard deviations of the stated limits.
+    pub beyond_limits: Span,
+}
+
+/// A number, or the ends between which one is drawn uniformly for each case.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Span {
+    /// Always the same.
+    Value(f64),
+    /// From the first to the second.
+    Range([f64; 2]),
+}
+
+impl Span {
+    /// The least and the largest.
+    pub fn ends(self) -> [f64; 2] {
+        match self {
+            Self::Value(value) => [value, value],
+            Self::Range(ends) => ends,
+        }
+    }
+
+    /// Draws a number; nothing is drawn where there is no choice.
+    pub(crate) fn drawn(self, rng: &mut impl RngExt) -> f64 {
+        match self.ends() {
+            [low, high] if low < high => rng.random_range(low..=high),
+            [only, _] => only,
+        }
+    }
 }
 
 /// The built-in trial of `--quick`.
@@ -91,6 +128,9 @@ impl Default for Draw {
             outputs_only: 0.0,
             misjudged: 0.0,
             length: 1.0,
+            least: 0.0,
+            imperfections: Span::Value(0.0),
+            beyond_limits: Span::Range([1.0, 1.5]),
         }
     }
 }
@@ -161,6 +201,17 @@ impl TrialConfig {
                 problems.push((key, format!("{value} is no share from 0 to 1")));
             }
         }
+        if !(draw.least >= 0.0 && draw.least < draw.most) {
+            problems.push(("least", format!("{} is not from 0 to below most, {}", draw.least, draw.most)));
+        }
+        for (key, span, most) in
+            [("imperfections", draw.imperfections, 0.2), ("beyond_limits", draw.beyond_limits, 3.0)]
+        {
+            let [low, high] = span.ends();
+            if !(0.0 <= low && low <= high && high <= most) {
+                problems.push((key, format!("{low} to {high} does not rise within 0 to {most}")));
+            }
+        }
         for (key, value) in [("least_over_floor", draw.least_over_floor), ("most", draw.most)] {
             if !(value.is_finite() && value > 0.0) {
                 problems.push((key, format!("{value} is not positive")));
@@ -180,8 +231,8 @@ impl TrialConfig {
 
     /// Returns the number of cases.
     pub fn total(&self) -> usize {
-        let Cases { none, singles_per_effect, pairs, triples, outsiders, leave_one_out } = self.cases;
-        none + singles_per_effect * self.effects().len() + pairs + triples + outsiders + leave_one_out
+        let Cases { none, singles_per_effect, pairs, triples, outsiders, leave_one_out, singles } = self.cases;
+        none + singles_per_effect * self.effects().len() + pairs + triples + outsiders + leave_one_out + singles
     }
 }
 
@@ -203,6 +254,8 @@ mod tests {
             ("[draw]\nports = 1.5\n", "line 5: ports: 1.5 is no share"),
             ("[draw]\nmost = -0.1\n", "line 5: most: -0.1 is not positive"),
             ("[draw]\nchannels = [{ inputs = 4, outputs = 1 }]\n", "line 5: channels: inputs go from 1 to 3"),
+            ("[draw]\nimperfections = [0.05, 0.02]\n", "line 5: imperfections: 0.05 to 0.02 does not rise"),
+            ("[draw]\nleast = 0.4\n", "line 5: least: 0.4 is not"),
             ("[draw]\nplants = []\n", "line 5: plants: there must be"),
             ("[draw]\neffects = [\"cubic\"]\n", "line 5: effects: `cubic` is not of the vocabulary"),
             ("[draw]\neffects = [\"clearance\", \"clearance\"]\n", "twice"),
@@ -220,6 +273,7 @@ mod tests {
         let config = read("name = \"t\"\n[cases]\nnone = 3\nsingles_per_effect = 2\n").unwrap();
         assert_eq!(config.total(), 3 + 2 * 32);
         assert_eq!((config.draw.least_over_floor, config.draw.most), (0.5, 0.3));
+        assert_eq!(config.draw.imperfections.ends(), [0.0, 0.0]);
         assert_eq!(read(&to_toml(&config)).unwrap(), config);
     }
 
@@ -238,5 +292,9 @@ mod tests {
         assert!(standard.total() >= 800 && standard.cases.none >= 200 && singles >= 300);
         assert!(standard.cases.outsiders >= 2 * crate::vocabulary::OUTSIDERS.len());
         assert_eq!(TrialConfig::quick().unwrap().total(), 60);
+        let imperfect = TrialConfig::read(&folder.join("imperfect.toml")).unwrap();
+        assert!(imperfect.total() >= 400 && imperfect.draw.plants.len() == 5 && imperfect.draw.experiments.len() > 1);
+        let quick = TrialConfig::read(&folder.join("imperfect-quick.toml")).unwrap();
+        assert_eq!((quick.total(), quick.draw.imperfections), (30, imperfect.draw.imperfections));
     }
 }

@@ -10,6 +10,7 @@ use std::time::Instant;
 use crate::answer::{self, Answer, Shard};
 use crate::error::TrialError;
 use crate::manifest::{MANIFEST, Manifest, OpenCase};
+use crate::program::Program;
 use crate::seal::sha256;
 use crate::{baselines, files};
 use plid_gap::case::Case;
@@ -48,6 +49,7 @@ pub(crate) struct ShardFile {
     pub shard: Shard,
     /// SHA-256 of T/trial.json.
     pub trial_sha256: String,
+    pub program: Program,
     pub cases: Vec<String>,
 }
 
@@ -89,7 +91,10 @@ pub fn diagnose_with(
     if let Some(shard) = options.shard {
         let cases = ours.iter().map(|case| case.case.clone()).collect();
         let trial_sha256 = sha256(&files::read(&trial.join(MANIFEST))?);
-        files::write_json(&done.answers.join(SHARD), &ShardFile { shard, trial_sha256, cases })?;
+        files::write_json(
+            &done.answers.join(SHARD),
+            &ShardFile { shard, trial_sha256, program: Program::this()?, cases },
+        )?;
     }
     Ok(done)
 }
@@ -104,10 +109,20 @@ pub(crate) fn answer_all(
     progress: &dyn Progress,
 ) -> Result<Done, TrialError> {
     files::make(&answers)?;
+    let program = Program::this()?;
     let mut open = Vec::new();
     for case in ours {
-        if answer::read(&answers, &case.case)?.is_none() {
-            open.push(*case);
+        match answer::read(&answers, &case.case)? {
+            None => open.push(*case),
+            Some((answered, _)) if answered.program != program => {
+                return Err(TrialError::OtherProgram {
+                    what: format!("the answer to {}", case.case),
+                    theirs: Box::new(answered.program),
+                    ours: Box::new(program),
+                    running: true,
+                });
+            }
+            Some(_) => {}
         }
     }
     let before = ours.len() - open.len();
@@ -131,8 +146,12 @@ pub(crate) fn answer_all(
         };
         while !stop() {
             let Some(case) = open.get(next.fetch_add(1, Ordering::Relaxed)) else { break };
+            if let Err(error) = case.check(trial) {
+                fail(error);
+                break;
+            }
             let clock = Instant::now();
-            let folder = trial.join("cases").join(&case.case);
+            let folder = case.folder(trial);
             let given = catch_unwind(AssertUnwindSafe(|| pool.install(|| answerer(&folder, &case.without))));
             let given = given.unwrap_or_else(|panic| Err(format!("panicked: {}", words(panic.as_ref()))));
             if let Err(error) = answer::write(&answers, &case.case, given, clock.elapsed().as_secs_f64()) {

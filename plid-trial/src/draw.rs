@@ -15,6 +15,7 @@ use crate::error::TrialError;
 use crate::files;
 use crate::manifest::{DrawnCase, FORMAT, MANIFEST, Manifest, OpenCase, SEAL, SEAL_FORMAT, SEALED, Seal};
 use crate::plan::{Planned, plan};
+use crate::program::Program;
 use crate::seal::{derived, salt, salted, sha256};
 
 /// What was drawn.
@@ -60,7 +61,9 @@ pub fn draw(
             let name = format!("case-{:0width$}", index + 1);
             let made = one(config, seed, index, planned)?;
             let folder = sealed.join("cases").join(&name);
-            made.case.write(&trial.join("cases").join(&name), &folder).map_err(|e| not_drawn(planned, &e))?;
+            let open = trial.join("cases").join(&name);
+            made.case.write(&open, &folder).map_err(|e| not_drawn(planned, &e))?;
+            let files = OpenCase::hashes(&open)?;
             files::write_json(&folder.join("drawn.json"), &made.drawn)?;
             let hashes = SEALED
                 .iter()
@@ -70,7 +73,7 @@ pub fn draw(
                 })
                 .collect::<Result<BTreeMap<_, _>, TrialError>>()?;
             progress.advance(done.fetch_add(1, Ordering::Relaxed) + 1, cases_in_all);
-            Ok((OpenCase { case: name, without: planned.without.clone(), sealed: hashes }, made.repeated))
+            Ok((OpenCase { case: name, without: planned.without.clone(), files, sealed: hashes }, made.repeated))
         })
         .collect::<Result<Vec<_>, TrialError>>()?;
     let repeated = cases.iter().map(|(_, repeated)| repeated).sum();
@@ -82,6 +85,7 @@ pub fn draw(
         salt,
         trial_sha256: sha256(&text),
         repeated,
+        program: Program::this()?,
         config: config.clone(),
     };
     files::write_json(&sealed.join(SEAL), &seal)?;
@@ -104,7 +108,8 @@ fn one(config: &TrialConfig, seed: u64, index: usize, planned: &Planned) -> Resu
         // The same plant without an effect says what noise makes of it.
         let nothing = planned.spec.clone();
         let floor = gap::draw(case_seed, &nothing).map_err(|e| not_drawn(planned, &e))?.label.gap_floor;
-        let range = (config.draw.least_over_floor * floor).ln()..=config.draw.most.ln();
+        let least = (config.draw.least_over_floor * floor).max(config.draw.least);
+        let range = least.ln()..=config.draw.most.ln();
         if range.is_empty() {
             let reason = format!("most: {} is below the least gap, at a noise of {floor:.4}", config.draw.most);
             return Err(TrialError::Draw { what: what(planned), reason });
@@ -115,7 +120,14 @@ fn one(config: &TrialConfig, seed: u64, index: usize, planned: &Planned) -> Resu
             law: wanted.law.map(str::to_owned),
             gap: rng.random_range(range.clone()).exp(),
         });
-        let spec = GapSpec { effects: effects.collect(), ..nothing.clone() };
+        let effects = effects.collect();
+        let spec = match config.draw.imperfections.drawn(&mut rng) {
+            0.0 => GapSpec { effects, ..nothing.clone() },
+            imperfections => {
+                let beyond_limits = config.draw.beyond_limits.drawn(&mut rng);
+                GapSpec { effects, imperfections, beyond_limits, ..nothing.clone() }
+            }
+        };
         match gap::draw(case_seed, &spec) {
             Ok(case) if clear(&case.label) => {
                 return Ok(Made {

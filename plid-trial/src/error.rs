@@ -5,7 +5,9 @@ use plid_data::DataError;
 use plid_data::config::ConfigError;
 use plid_model::ModelError;
 
-/// The reasons why a trial cannot continue.
+use crate::program::Program;
+
+/// A trial that cannot go on.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum TrialError {
     /// TRIAL.toml cannot be used.
@@ -59,7 +61,27 @@ pub enum TrialError {
         /// The sealed file.
         path: PathBuf,
     },
-    /// An answer was changed after it was given.
+    /// A case is not the one that was drawn.
+    #[error("{case}: {} is not what was drawn; the case is refused", path.display())]
+    Altered {
+        /// The case.
+        case: String,
+        /// The file that has changed, is missing or was added.
+        path: PathBuf,
+    },
+    /// Answers of different programs, which no figure could be of.
+    #[error("{what} comes from {theirs}, but {} {ours}; answer all cases with one program, in a folder of its own", if *running { "this is" } else { "another from" })]
+    OtherProgram {
+        /// The answer or shard.
+        what: String,
+        /// Where it comes from.
+        theirs: Box<Program>,
+        /// With what it would be mixed.
+        ours: Box<Program>,
+        /// Whether that is the running program.
+        running: bool,
+    },
+    /// An answer is not the one that was given.
     #[error("{case}: the answer has changed since {since}; it is refused")]
     Changed {
         /// The case.

@@ -10,7 +10,9 @@ use crate::vocabulary::family;
 
 /// Smallest probability at which an effect counts as named with confidence.
 pub const CONFIDENT: f64 = 0.9;
-/// Smallest probability of something else at which a cause outside the vocabulary counts as kept open.
+/// Probability from which on a named effect is held to be likely.
+pub const LIKELY: f64 = 0.5;
+/// Probability of something else from which on a cause outside the vocabulary was kept open.
 pub const OPEN: f64 = 0.2;
 /// Probability of the set of explanations.
 pub const COVER: f64 = 0.95;
@@ -78,6 +80,9 @@ pub struct Stated {
     /// The gap predicted before the held-out record was seen.
     #[serde(default)]
     pub predicted_held_out_gap: Option<f64>,
+    /// The 80 % interval of it.
+    #[serde(default)]
+    pub predicted_ci80: Option<[Option<f64>; 2]>,
 }
 
 impl Claim {
@@ -165,13 +170,31 @@ pub struct Judged {
     pub shrinkable: bool,
     /// Difference between the stated and the realised gap, relative to the gap as given.
     pub missed_by: Option<f64>,
+    /// The first effect named is the main cause, the largest one at work.
+    pub main_first: bool,
+    /// The main cause is among those named.
+    pub main_named: bool,
+    /// It is the first, and at its place.
+    pub main_located: bool,
+    /// An effect is named with [`LIKELY`] or more and is not at work.
+    pub likely_wrong: bool,
+    /// The stated gap is within a quarter of the one found.
+    pub stated_near: bool,
+    /// Whether the stated 80 % interval holds the gap found.
+    pub in_ci80: Option<bool>,
+    /// Of each effect named: its probability, and whether it is at work at its place.
+    pub statements: Vec<(f64, bool)>,
 }
 
-/// Returns whether a list of effects is the truth: each at its place, and nothing else.
+/// Whether a list of effects is the truth: each at its place and nothing else, imperfections aside. Where there is nothing else than these, some of
+/// them are the truth too.
 fn same(truth: &Truth, effects: &[Named]) -> bool {
     let there =
         |e: &crate::truth::TrueEffect| effects.iter().any(|said| said.effect == e.effect && e.is_at(&said.location));
-    truth.at_work().count() == effects.len() && truth.at_work().all(there)
+    let main = |said: &Named| truth.at_work().any(|e| said.effect == e.effect && e.is_at(&said.location));
+    let beside =
+        effects.iter().filter(|said| !main(said) && truth.has_background(&said.effect, &said.location)).count();
+    truth.at_work().count() + beside == effects.len() && truth.at_work().all(there)
 }
 
 /// Joins names in alphabetical order.
@@ -190,7 +213,9 @@ pub fn wanted(truth: &Truth) -> String {
 /// Judges an answer; `realised` is the gap of its simulation on the held-out record.
 pub fn judge(truth: &Truth, without: &[String], claim: &Claim, realised: Option<f64>) -> Judged {
     let outside = asked(truth, without) == Asked::Outside;
-    let is_at_work = |name: &str| truth.at_work().any(|e| e.effect == name);
+    let is_named = |name: &str| truth.at_work().any(|e| e.effect == name);
+    let is_small = |said: &Named| truth.has_background(&said.effect, &said.location);
+    let is_at_work = |said: &Named| is_named(&said.effect) || is_small(said);
     let said = claim.said();
     let first = said.first();
     let probability = |c: &Candidate| c.probability.unwrap_or(0.0);
@@ -205,7 +230,10 @@ pub fn judge(truth: &Truth, without: &[String], claim: &Claim, realised: Option<
         set.push(*candidate);
         mass += probability(candidate);
     }
-    let right_name = first.is_some_and(|said| is_at_work(&said.effect));
+    let right_name = first.is_some_and(|said| is_named(&said.effect));
+    let small_first = first.is_some_and(is_small);
+    let is_likely = |said: &Named| said.confidence.unwrap_or(0.0) >= LIKELY;
+    let is_main = |said: &Named| truth.main().is_some_and(|main| main.effect == said.effect);
     let at_its_place = |said: &Named| truth.at_work().any(|e| e.effect == said.effect && e.is_at(&said.location));
     let confident = first.is_some_and(|said| said.confidence.unwrap_or(0.0) >= CONFIDENT);
     let top = order.first().and_then(|top| {
@@ -214,7 +242,9 @@ pub fn judge(truth: &Truth, without: &[String], claim: &Claim, realised: Option<
     });
     let families: Vec<_> = truth.at_work().map(|e| family(&e.effect)).collect();
     let text = if said.is_empty() { claim.verdict.clone() } else { joined(said.iter().map(|s| s.effect.as_str())) };
-    let right = text == wanted(truth);
+    let without_small = || said.iter().filter(|said| is_named(&said.effect) || !is_small(said));
+    let names = joined(without_small().map(|said| said.effect.as_str()));
+    let right = if names.is_empty() { said.is_empty() && text == wanted(truth) } else { names == wanted(truth) };
     let unknown = claim.verdict == "unknown";
     let (given, floor) = (truth.gap_sim, truth.gap_floor);
     let beyond = |gap: f64| (gap * gap - floor * floor).max(0.0);
@@ -223,18 +253,18 @@ pub fn judge(truth: &Truth, without: &[String], claim: &Claim, realised: Option<
     Judged {
         at: first.map(|said| said.location.clone()).unwrap_or_default(),
         named: !said.is_empty(),
-        exact: right_name && said.len() == 1,
+        exact: right_name && without_small().count() == 1,
         family: first.is_some_and(|said| families.contains(&family(&said.effect))) && !families.is_empty(),
         located: first.is_some_and(at_its_place),
         in_set: mass > 0.0 && set.iter().any(|c| same(truth, &c.effects)),
         set_size: set.len(),
-        all_named: said.iter().all(|said| is_at_work(&said.effect))
+        all_named: said.iter().all(is_at_work)
             && truth.at_work().all(|e| said.iter().any(|said| said.effect == e.effect)),
-        spurious: said.iter().any(|said| !is_at_work(&said.effect)),
+        spurious: !said.iter().all(is_at_work),
         open: unknown || order.iter().any(|c| c.unknown && probability(c) >= OPEN),
         unknown,
         confident,
-        wrong: confident && (outside || !right_name),
+        wrong: confident && (outside || !right_name) && !small_first,
         shape_differs: right_name && first.is_some_and(|said| said.shape_differs),
         top,
         right,
@@ -242,6 +272,17 @@ pub fn judge(truth: &Truth, without: &[String], claim: &Claim, realised: Option<
         shrink: realised.map_or(0.0, shrink),
         shrinkable: given > 1.5 * floor,
         missed_by: stated.zip(realised).map(|(stated, found)| (stated - found).abs() / given),
+        main_first: first.is_some_and(is_main),
+        main_named: said.iter().any(is_main),
+        main_located: first
+            .is_some_and(|said| truth.main().is_some_and(|main| is_main(said) && main.is_at(&said.location))),
+        likely_wrong: said.iter().any(|said| is_likely(said) && !is_at_work(said)),
+        stated_near: stated.zip(realised).is_some_and(|(stated, found)| (stated / found - 1.0).abs() <= 0.25),
+        in_ci80: claim.gap.predicted_ci80.and_then(|[low, high]| Some((low?..=high?).contains(&realised?))),
+        statements: said
+            .iter()
+            .filter_map(|said| Some((said.confidence?, at_its_place(said) || is_small(said))))
+            .collect(),
         said: text,
     }
 }

@@ -1,7 +1,7 @@
 //! The public and the sealed manifest of a trial.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
@@ -9,6 +9,8 @@ use crate::config::TrialConfig;
 use crate::error::TrialError;
 use crate::files;
 use crate::plan::Arm;
+use crate::program::Program;
+use crate::seal::{salt, sha256};
 
 /// The content of T/trial.json, which is written last: everything that the cases reveal about the truth.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -29,6 +31,8 @@ pub(crate) struct OpenCase {
     /// Effects to leave out for a second answer to this case. In some cases they do not act, so that the list does not
     /// reveal the truth.
     pub without: Vec<String>,
+    /// SHA-256 of the files of the case's folder, by name.
+    pub files: BTreeMap<String, String>,
     /// Salted hashes of the sealed files, by name.
     pub sealed: BTreeMap<String, String>,
 }
@@ -48,7 +52,9 @@ pub(crate) struct Seal {
     /// Number of draws that were repeated, because no strength gave the required gap or a nuisance could have caused
     /// it.
     pub repeated: usize,
-    /// The config of the trial.
+    /// The program that drew it.
+    pub program: Program,
+    /// What was asked for.
     pub config: TrialConfig,
 }
 
@@ -91,6 +97,38 @@ impl Manifest {
     }
 }
 
+impl OpenCase {
+    /// The case's folder.
+    pub(crate) fn folder(&self, trial: &Path) -> PathBuf {
+        trial.join("cases").join(&self.case)
+    }
+
+    /// SHA-256 of the files of a folder, by name.
+    pub(crate) fn hashes(folder: &Path) -> Result<BTreeMap<String, String>, TrialError> {
+        let entries = std::fs::read_dir(folder).map_err(TrialError::file(folder))?;
+        entries
+            .map(|entry| {
+                let path = entry.map_err(TrialError::file(folder))?.path();
+                let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+                // What is no file is none that was drawn.
+                let hash = if path.is_file() { sha256(&files::read(&path)?) } else { String::new() };
+                Ok((name, hash))
+            })
+            .collect()
+    }
+
+    /// Whether the case's folder has the files that were drawn and no others.
+    pub(crate) fn check(&self, trial: &Path) -> Result<(), TrialError> {
+        let folder = self.folder(trial);
+        let found = Self::hashes(&folder)?;
+        let mut names = self.files.keys().chain(found.keys());
+        match names.find(|name| self.files.get(*name) != found.get(*name)) {
+            Some(name) => Err(TrialError::Altered { case: self.case.clone(), path: folder.join(name) }),
+            None => Ok(()),
+        }
+    }
+}
+
 impl Seal {
     /// Reads S/seal.json.
     pub(crate) fn read(sealed: &Path) -> Result<Self, TrialError> {
@@ -98,6 +136,10 @@ impl Seal {
         let read: Self = files::parse(&path, &files::read(&path)?)?;
         if read.format != SEAL_FORMAT {
             let reason = format!("format: `{}` is not `{SEAL_FORMAT}`", read.format);
+            return Err(TrialError::Malformed { path, reason });
+        }
+        if salt(read.seed) != read.salt {
+            let reason = format!("seed: {} is not the one that the salt was made from", read.seed);
             return Err(TrialError::Malformed { path, reason });
         }
         Ok(read)

@@ -22,16 +22,26 @@ pub fn merge(trial: &Path, folders: &[PathBuf]) -> Result<usize, TrialError> {
     let found = if folders.is_empty() { list(&trial.join(SHARDS))? } else { folders.to_vec() };
     let mut shards: BTreeMap<usize, (PathBuf, Vec<String>)> = BTreeMap::new();
     let mut of = None;
+    let mut one = None;
     for folder in found {
         let path = folder.join(SHARD);
         if !path.exists() {
             let shown = folder.display();
             return Err(TrialError::Shards(format!("{shown}: this shard is not finished; run its `diagnose` again")));
         }
-        let ShardFile { shard, trial_sha256, cases } = files::parse(&path, &files::read(&path)?)?;
+        let ShardFile { shard, trial_sha256, program, cases } = files::parse(&path, &files::read(&path)?)?;
         let Shard { number, of: all } = shard;
         if trial_sha256 != hash {
             return Err(TrialError::Shards(format!("shard {number} of {all} is of another trial")));
+        }
+        let ours = one.get_or_insert_with(|| program.clone());
+        if *ours != program {
+            return Err(TrialError::OtherProgram {
+                what: format!("shard {number} of {all}"),
+                theirs: Box::new(program),
+                ours: Box::new(ours.clone()),
+                running: false,
+            });
         }
         if *of.get_or_insert(all) != all {
             let other = of.unwrap_or(all);

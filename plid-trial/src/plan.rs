@@ -79,6 +79,10 @@ pub(crate) fn plan(config: &TrialConfig, seed: u64) -> Vec<Planned> {
         arms.extend(in_turn(from, count, &mut rng).into_iter().map(|kind| (arm, vec![kind])));
     }
 
+    if cases.singles > 0 {
+        arms.extend(in_turn(&kinds, cases.singles, &mut rng).into_iter().map(|kind| (Arm::Single, vec![kind])));
+    }
+
     let specs = specs(&config.draw, arms.len(), &mut rng);
     let mut planned: Vec<Planned> = arms
         .into_iter()
@@ -129,6 +133,7 @@ fn specs(draw: &Draw, count: usize, rng: &mut ChaCha12Rng) -> Vec<GapSpec> {
                 experiment: one_of(&draw.experiments, rng),
                 simulator,
                 length: draw.length,
+                // Drawn with the strengths of the effects.
                 imperfections: 0.0,
                 beyond_limits: 0.0,
             }
@@ -208,7 +213,8 @@ mod tests {
     use crate::config::{Cases, Draw};
 
     fn config() -> TrialConfig {
-        let cases = Cases { none: 12, singles_per_effect: 4, pairs: 5, triples: 3, outsiders: 9, leave_one_out: 6 };
+        let cases =
+            Cases { none: 12, singles_per_effect: 4, pairs: 5, triples: 3, outsiders: 9, leave_one_out: 6, singles: 0 };
         TrialConfig { name: "t".to_owned(), cases, draw: Draw::default() }
     }
 

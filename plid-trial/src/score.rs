@@ -66,6 +66,7 @@ pub fn score(
     let whole = Manifest::read(trial)?;
     let answers = trial.join(ANSWERS);
     let given = given(&whole, extent, &answers)?;
+    let program = answer::one_program(given.iter().map(|(answered, _)| answered))?;
     let fixed = fix(&given, &sealed.join(FIXED))?;
     let seal = unseal(&whole, trial, sealed)?;
     let mut manifest = whole.clone();
@@ -79,6 +80,8 @@ pub fn score(
         answers_sha256: fixed.sha256,
         repeated_draws: seal.repeated,
         of: whole.cases.len(),
+        program,
+        drawn_by: seal.program.clone(),
         seconds,
     };
     let scores = Scores::new(given, lines);
@@ -172,13 +175,14 @@ pub(crate) fn unseal(manifest: &Manifest, trial: &Path, sealed: &Path) -> Result
         let reason = format!("it is not the one that {} was drawn with", sealed.display());
         return Err(TrialError::Malformed { path: trial.join(MANIFEST), reason });
     }
-    check(manifest, &seal, sealed)?;
+    check(manifest, &seal, trial, sealed)?;
     Ok(seal)
 }
 
-/// Checks all sealed files against the committed hashes.
-fn check(manifest: &Manifest, seal: &Seal, sealed: &Path) -> Result<(), TrialError> {
+/// Whether the cases and what is sealed are what the trial commits to.
+fn check(manifest: &Manifest, seal: &Seal, trial: &Path, sealed: &Path) -> Result<(), TrialError> {
     for case in &manifest.cases {
+        case.check(trial)?;
         for (file, hash) in &case.sealed {
             let path = sealed.join("cases").join(&case.case).join(file);
             if salted(&seal.salt, &case.case, file, &files::read(&path)?) != *hash {
@@ -252,6 +256,7 @@ fn lines_of(
             without: without.to_vec(),
             gap_as_given: truth.gap_sim,
             gap_floor: truth.gap_floor,
+            gap_background: truth.gap_background,
             nuisances: truth.nuisances(),
             failed: answered.failed.clone(),
             covered,
@@ -341,8 +346,8 @@ fn covers(effect: &TrueEffect, said: &Named, parameters: &[plid_gap::effects::Pa
     let mut covered = BTreeMap::new();
     for (parameter, value) in parameters.iter().zip(&effect.par) {
         let ends = said.parameters.get(&parameter.name).and_then(|stated| stated.ci95);
-        let Some([Some(low), Some(high)]) = ends else { continue };
-        let inside = |value: f64| (low..=high).contains(&value);
+        // A parameter without an interval is not covered.
+        let inside = |value: f64| matches!(ends, Some([Some(low), Some(high)]) if (low..=high).contains(&value));
         let hit = match parameter.range {
             // An amplitude with the other sign and half a turn more is the same signal.
             Range::Angle => continue,
@@ -406,5 +411,11 @@ mod tests {
         assert_eq!(found, BTreeMap::from([("a".to_owned(), true), ("f".to_owned(), false)]));
         let found = covers(&truth, &said, &with(false));
         assert_eq!((found["a"], found["phi"]), (false, true));
+        // Without an interval nothing is covered.
+        let bare = Named { parameters: BTreeMap::from([("f".to_owned(), Stretch { ci95: None })]), ..Named::default() };
+        assert_eq!(
+            covers(&truth, &bare, &with(true)),
+            BTreeMap::from([("a".to_owned(), false), ("f".to_owned(), false)])
+        );
     }
 }

@@ -6,7 +6,9 @@ use serde::Serialize;
 
 use crate::baselines::chance;
 use crate::judge::{Asked, Judged};
+use crate::main_cause::{self, MainCause};
 use crate::plan::Arm;
+use crate::program::Program;
 use crate::statistics::{Calibration, Rate, calibration, lowest_tenth, median};
 use crate::targets::{Target, parts, targets};
 use crate::vocabulary::{VOCABULARY, family};
@@ -35,6 +37,8 @@ pub struct Line {
     pub gap_as_given: f64,
     /// See `gap_as_given`.
     pub gap_floor: f64,
+    /// What imperfections and noise make without the main effects; none where the truth has no imperfections.
+    pub gap_background: Option<f64>,
     /// By name.
     pub nuisances: BTreeMap<String, String>,
     /// Why there is no answer.
@@ -136,6 +140,10 @@ pub struct Scores {
     pub answers_sha256: String,
     /// Draws that were repeated.
     pub repeated_draws: usize,
+    /// The program that answered.
+    pub program: Option<Program>,
+    /// The program that drew the cases.
+    pub drawn_by: Program,
     /// Cases that were drawn. Where these are more than there are here, the others have no answer and do not count.
     pub of: usize,
     /// Who answers.
@@ -144,6 +152,8 @@ pub struct Scores {
     pub targets: Vec<Target>,
     /// The same figures of each of [`PARTS`] that there are cases of, whatever they are.
     pub parts: BTreeMap<&'static str, Vec<Target>>,
+    /// Imperfect truths: all cases, then groups of them; empty where there are none.
+    pub main_cause: Vec<MainCause>,
     /// A guess.
     pub chance: Chance,
     /// Every group.
@@ -227,7 +237,7 @@ impl Totals {
         let covered = lines.iter().filter(|_| answerer == 0).flat_map(|(line, _)| line.covered.values().copied());
         Self {
             cases: lines.len(),
-            false_alarms: rate(&[Asked::None], |j| j.named),
+            false_alarms: rate(&[Asked::None], |j| j.spurious),
             exact: rate(&[Asked::Single], |j| j.exact),
             family: rate(&[Asked::Single], |j| j.family),
             located: rate(&[Asked::Single], |j| j.located),
@@ -336,12 +346,15 @@ pub(crate) struct Given {
     pub answers_sha256: String,
     pub repeated_draws: usize,
     pub of: usize,
+    pub program: Option<Program>,
+    pub drawn_by: Program,
     pub seconds: Vec<f64>,
 }
 
 impl Scores {
     pub(crate) fn new(given: Given, cases: Vec<Line>) -> Self {
         let groups = groups(&cases);
+        let main_cause = main_cause::groups(&cases);
         let singles: Vec<f64> =
             cases.iter().filter(|c| c.asked == Asked::Single).map(|c| chance::right_family(&c.truth)).collect();
         let family = (!singles.is_empty()).then(|| singles.iter().sum::<f64>() / singles.len() as f64);
@@ -356,10 +369,13 @@ impl Scores {
             seed: given.seed,
             answers_sha256: given.answers_sha256,
             repeated_draws: given.repeated_draws,
+            program: given.program,
+            drawn_by: given.drawn_by,
             of: given.of,
             answerers: ANSWERERS,
-            targets: targets(&groups),
-            parts: parts(&groups),
+            targets: main_cause.first().map_or_else(|| targets(&groups), main_cause::targets),
+            parts: if main_cause.is_empty() { parts(&groups) } else { BTreeMap::new() },
+            main_cause,
             chance,
             groups,
             cases,
@@ -406,6 +422,7 @@ mod tests {
             named,
             exact: named && truth != "none",
             right: named == (truth != "none"),
+            spurious: named && truth == "none",
             shrinkable: true,
             shrink: if named { 0.9 } else { 0.1 },
             shape_differs: named && !own,
@@ -422,6 +439,7 @@ mod tests {
             without: Vec::new(),
             gap_as_given: gap,
             gap_floor: 0.01,
+            gap_background: None,
             nuisances: BTreeMap::from([("ports".to_owned(), if own { "yes" } else { "no" }.to_owned())]),
             failed: None,
             covered: BTreeMap::from([("k".to_owned(), named)]),
@@ -447,6 +465,8 @@ mod tests {
             seed: 1,
             answers_sha256: String::new(),
             repeated_draws: 0,
+            program: None,
+            drawn_by: Program::this().unwrap(),
             of: 6,
             seconds: vec![2.0, 4.0],
         };

@@ -26,12 +26,12 @@ pub struct Target {
     pub reached: Option<bool>,
 }
 
-fn target(what: impl Into<String>, at_least: bool, bound: f64, found: Option<f64>, of: usize) -> Target {
+pub(crate) fn target(what: impl Into<String>, at_least: bool, bound: f64, found: Option<f64>, of: usize) -> Target {
     let reached = found.map(|found| if at_least { found >= bound } else { found <= bound });
     Target { what: what.into(), at_least, bound, found, ci95: None, of, reached }
 }
 
-fn share(what: impl Into<String>, at_least: bool, bound: f64, rate: Option<Rate>) -> Target {
+pub(crate) fn share(what: impl Into<String>, at_least: bool, bound: f64, rate: Option<Rate>) -> Target {
     let rate = rate.unwrap_or_else(|| Rate::new(0, 0));
     Target { ci95: rate.ci95, ..target(what, at_least, bound, rate.share, rate.of) }
 }

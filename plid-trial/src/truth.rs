@@ -15,7 +15,14 @@ pub struct Truth {
     pub gap_sim: f64,
     /// Gap that remains if everything except the noise is known.
     pub gap_floor: f64,
-    /// All other properties of the case: its nuisances.
+    /// What small imperfections and noise make of the held-out record without the main effects, for a simulation whose own parameters are
+    /// exact; none where the truth has no imperfections.
+    #[serde(default)]
+    pub gap_background: Option<f64>,
+    /// The imperfections.
+    #[serde(default)]
+    pub background_effects: Vec<TrueEffect>,
+    /// Everything else that is said of the case: its nuisances.
     #[serde(flatten)]
     pub more: BTreeMap<String, Value>,
 }
@@ -48,7 +55,17 @@ impl Truth {
         self.effects.iter().filter(|effect| effect.effect != "none")
     }
 
-    /// Returns the nuisances of the case in words; the scores have one table for each.
+    /// The largest of them.
+    pub fn main(&self) -> Option<&TrueEffect> {
+        self.at_work().max_by(|a, b| a.gap.total_cmp(&b.gap))
+    }
+
+    /// Whether an imperfection of this name is at this place.
+    pub fn has_background(&self, effect: &str, location: &str) -> bool {
+        self.background_effects.iter().any(|small| small.effect == effect && small.is_at(location))
+    }
+
+    /// What is said of the case beside its effects, in words: one table of the scores for each.
     pub fn nuisances(&self) -> BTreeMap<String, String> {
         let word = |value: &Value| match value {
             Value::Bool(true) => Some("yes".to_owned()),

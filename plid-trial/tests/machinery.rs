@@ -235,6 +235,71 @@ fn a_broken_seal_is_found() {
 }
 
 #[test]
+fn a_case_that_was_altered_is_refused() {
+    let trial = Trial::drawn(41);
+    let refused = |what: &str, said: &str| {
+        let message =
+            format!("case-003: {} is not what was drawn", trial.t().join("cases/case-003").join(what).display());
+        assert!(said.starts_with(&message), "{said}");
+    };
+    let diagnosed = || diagnose_with(&trial.t(), Options { shard: None, jobs: 1 }, &made_up, &Silent);
+    // A record that is changed, one that is added, and one that is missing when the answers are scored.
+    let record = trial.t().join("cases/case-003/r1.csv");
+    let before = fs::read(&record).unwrap();
+    fs::write(&record, "u1,y1\n0,0\n").unwrap();
+    refused("r1.csv", &diagnosed().unwrap_err().to_string());
+    fs::write(&record, &before).unwrap();
+    let added = record.with_file_name("r9.csv");
+    fs::write(&added, &before).unwrap();
+    refused("r9.csv", &diagnosed().unwrap_err().to_string());
+    fs::remove_file(&added).unwrap();
+    diagnosed().unwrap();
+    fs::remove_file(&record).unwrap();
+    refused("r1.csv", &trial.score().unwrap_err().to_string());
+    fs::write(&record, &before).unwrap();
+    // A seed that is not the one that was drawn from.
+    let seal = trial.s().join("seal.json");
+    let text = fs::read_to_string(&seal).unwrap();
+    fs::write(&seal, text.replace("\"seed\": 41", "\"seed\": 42")).unwrap();
+    let said = trial.score().unwrap_err().to_string();
+    assert!(said.contains("seed: 42 is not the one that the salt was made from"), "{said}");
+    fs::write(&seal, text).unwrap();
+    trial.score().unwrap();
+}
+
+/// An answer and a shard as another build would have left them.
+#[test]
+fn answers_of_two_programs_are_not_mixed() {
+    let rebuilt = |path: &Path| {
+        let mut written = read(path);
+        written["program"]["executable_sha256"] = "0123456789abcdef".into();
+        fs::write(path, written.to_string()).unwrap();
+    };
+    let trial = Trial::drawn(51);
+    trial.diagnose(None, 2);
+    let program = trial.score().unwrap()["program"].clone();
+    assert_eq!(program, read(&trial.s().join("seal.json"))["program"]);
+    assert_eq!(program["version"], env!("CARGO_PKG_VERSION"));
+
+    let trial = Trial::drawn(51);
+    trial.diagnose(None, 2);
+    rebuilt(&trial.t().join("answers/case-002/answer.json"));
+    let said = diagnose_with(&trial.t(), Options { shard: None, jobs: 1 }, &made_up, &Silent).unwrap_err().to_string();
+    assert!(
+        said.starts_with("the answer to case-002 comes from plid")
+            && said.contains("(executable 01234567), but this is")
+    );
+    let said = trial.score().unwrap_err().to_string();
+    assert!(said.starts_with("the answer to case-002 comes from") && said.contains("but another from"), "{said}");
+
+    trial.diagnose(Some("1/2"), 1);
+    trial.diagnose(Some("2/2"), 1);
+    rebuilt(&trial.t().join("shards/2-of-2/shard.json"));
+    let said = merge(&trial.t(), &[]).unwrap_err().to_string();
+    assert!(said.starts_with("shard 2 of 2 comes from plid"), "{said}");
+}
+
+#[test]
 fn shards_that_make_no_whole_are_named_by_number() {
     let trial = Trial::drawn(51);
     let t = trial.t();

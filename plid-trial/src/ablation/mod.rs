@@ -89,7 +89,11 @@ const READINGS: [Reading; 9] = [
         good: true,
         read: |line| (line.asked == Asked::Several).then(|| line.judged[0].all_named),
     },
-    Reading { name: FALSE_ALARM, good: false, read: |line| (line.asked == Asked::None).then(|| line.judged[0].named) },
+    Reading {
+        name: FALSE_ALARM,
+        good: false,
+        read: |line| (line.asked == Asked::None).then(|| line.judged[0].spurious),
+    },
     Reading { name: WRONG, good: false, read: |line| Some(line.judged[0].wrong) },
     Reading { name: "kept open", good: true, read: |line| (line.asked == Asked::Outside).then(|| line.judged[0].open) },
 ];
@@ -103,7 +107,7 @@ fn single(line: &Line) -> bool {
 fn right(line: &Line) -> bool {
     let judged = &line.judged[0];
     match line.asked {
-        Asked::None => !judged.named,
+        Asked::None => !judged.spurious,
         Asked::Single => judged.exact && judged.located,
         Asked::Several => judged.all_named,
         Asked::Outside => judged.open,

@@ -3,6 +3,7 @@
 
 mod cases;
 mod curves;
+mod main_cause;
 mod tables;
 
 pub(crate) use curves::power;
@@ -22,6 +23,7 @@ pub(crate) fn page(scores: &Scores, config: &TrialConfig) -> Report {
     }
     report = curves::first(report, scores);
     report = tables::targets(report, scores);
+    report = main_cause::section(report, scores);
     report = curves::equations(report, scores);
     report = curves::reliability(report, scores);
     report = tables::all(report, scores);
@@ -37,7 +39,8 @@ pub(crate) fn page(scores: &Scores, config: &TrialConfig) -> Report {
                 if scores.scored() < scores.of { " --answered" } else { "" }
             ),
         )
-        .provenance("plid", env!("CARGO_PKG_VERSION"))
+        .provenance("diagnosed by", scores.program.as_ref().map_or("nobody".to_owned(), ToString::to_string))
+        .provenance("drawn by", &scores.drawn_by.to_string())
         .provenance("SHA-256 of all answers, fixed before anything was opened", &scores.answers_sha256)
         .provenance("seconds of diagnosis in all", format!("{:.0}", scores.time.total_s))
 }
@@ -47,6 +50,7 @@ fn sentences(scores: &Scores) -> Vec<String> {
     let kept = scores.targets.iter().filter(|t| t.reached == Some(true)).count();
     let asked = scores.targets.iter().filter(|t| t.reached.is_some()).count();
     sentences.push(format!("{}; {kept} of the {asked} targets that they can show are reached.", scores.extent()));
+    sentences.extend(main_cause::sentences(scores));
     for (is, equation) in [(OWN, "the vocabulary's own equation"), (NEAR, "another law of the same physics")] {
         if let Some(t) = scores.totals(EQUATION, is, 0) {
             sentences.push(format!(

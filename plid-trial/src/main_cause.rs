@@ -1,0 +1,126 @@
+//! Imperfect truths: is the main cause found, is what small imperfections do called a main cause, and does what is stated of the gap hold?
+
+use std::collections::BTreeSet;
+
+use serde::Serialize;
+
+use crate::judge::Asked;
+use crate::plan::Arm;
+use crate::scores::{ALL, Line};
+use crate::statistics::{Calibration, Rate, calibration, median};
+use crate::targets::{Target, share, target};
+use crate::vocabulary::family;
+
+/// What is counted over cases with imperfect truths, of plid's answers.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct MainCause {
+    /// What the cases have in common.
+    pub by: String,
+    /// See `by`.
+    pub is: String,
+    /// How many.
+    pub cases: usize,
+    /// The main cause is of the vocabulary: the first effect named is it.
+    pub first: Rate,
+    /// The same, in any position.
+    pub named: Rate,
+    /// The same, first and at its place.
+    pub located: Rate,
+    /// The main cause is of the vocabulary: called unknown.
+    pub called_unknown: Rate,
+    /// The main cause is outside the vocabulary: kept open.
+    pub kept_open: Rate,
+    /// Nothing but imperfections: an effect with 0.5 or more that is not at work.
+    pub likely_wrong: Rate,
+    /// Of all cases: the first effect is named with 0.9 or more and is not at work.
+    pub confident_wrong: Rate,
+    /// The main cause is of the vocabulary: held-out gap with the answer, over the background's; the middle.
+    pub over_background: Option<f64>,
+    /// Of all cases: the stated gap is within a quarter of the one found.
+    pub stated_near: Rate,
+    /// The stated 80 % interval holds the gap found, where one is stated.
+    pub in_ci80: Rate,
+    /// Of the first explanation: whether all of it is at work, and the main cause among it.
+    pub explanations: Calibration,
+    /// Of every effect named: whether it is at work at its place.
+    pub statements: Calibration,
+}
+
+const VOCABULARY: &[Asked] = &[Asked::Single, Asked::Several];
+
+impl MainCause {
+    fn of(by: &str, is: &str, lines: &[&Line]) -> Self {
+        let asked = |asked: &'static [Asked]| lines.iter().filter(move |line| asked.contains(&line.asked));
+        let rate = |of: &'static [Asked], hit: &dyn Fn(&Line) -> bool| Rate::of(asked(of).map(|line| hit(line)));
+        // An answer that predicts nothing leaves the gap as given.
+        let left = |line: &Line| line.judged[0].gap.unwrap_or(line.gap_as_given);
+        let over: Vec<f64> = asked(VOCABULARY)
+            .filter_map(|line| line.gap_background.map(|background| left(line) / background))
+            .collect();
+        let explained: Vec<(f64, bool)> = lines.iter().filter_map(|line| line.judged[0].top).collect();
+        let stated: Vec<(f64, bool)> =
+            lines.iter().flat_map(|line| line.judged[0].statements.iter().copied()).collect();
+        Self {
+            by: by.to_owned(),
+            is: is.to_owned(),
+            cases: lines.len(),
+            first: rate(VOCABULARY, &|line| line.judged[0].main_first),
+            named: rate(VOCABULARY, &|line| line.judged[0].main_named),
+            located: rate(VOCABULARY, &|line| line.judged[0].main_located),
+            called_unknown: rate(VOCABULARY, &|line| line.judged[0].unknown),
+            kept_open: rate(&[Asked::Outside], &|line| line.judged[0].open),
+            likely_wrong: rate(&[Asked::None], &|line| line.judged[0].likely_wrong),
+            confident_wrong: Rate::of(lines.iter().map(|line| line.judged[0].wrong)),
+            over_background: median(&over),
+            stated_near: Rate::of(lines.iter().map(|line| line.judged[0].stated_near)),
+            in_ci80: Rate::of(lines.iter().filter_map(|line| line.judged[0].in_ci80)),
+            explanations: calibration(&explained),
+            statements: calibration(&stated),
+        }
+    }
+}
+
+/// All cases with imperfect truths, then by what may make them hard; empty where there is none. Second answers are not counted.
+pub(crate) fn groups(lines: &[Line]) -> Vec<MainCause> {
+    let imperfect: Vec<&Line> =
+        lines.iter().filter(|line| line.gap_background.is_some() && line.without.is_empty()).collect();
+    let mut groups = Vec::new();
+    let mut add = |by: &str, is: &str, keep: &dyn Fn(&Line) -> bool| {
+        let these: Vec<&Line> = imperfect.iter().copied().filter(|line| keep(line)).collect();
+        if !these.is_empty() {
+            groups.push(MainCause::of(by, is, &these));
+        }
+    };
+    add(ALL, ALL, &|_| true);
+    let families: BTreeSet<&str> = imperfect.iter().filter_map(|line| family(&line.truth)).collect();
+    for name in families {
+        add("family", name, &|line| line.asked == Asked::Single && family(&line.truth) == Some(name));
+    }
+    for (arm, name) in [(Arm::Pair, "pair"), (Arm::Triple, "triple"), (Arm::Outsider, "outsider")] {
+        add("arm", name, &|line| line.arm == arm);
+    }
+    let nuisances: BTreeSet<(&String, &String)> = imperfect.iter().flat_map(|line| &line.nuisances).collect();
+    for (key, value) in nuisances {
+        add(key, value, &|line| line.nuisances.get(key) == Some(value));
+    }
+    groups
+}
+
+/// What is to be reached on imperfect truths.
+pub(crate) fn targets(all: &MainCause) -> Vec<Target> {
+    let calibrated = |what: &str, found: &Calibration| target(what, false, 0.04, found.expected_error, found.of);
+    vec![
+        share("main cause named first", true, 0.85, Some(all.first)),
+        share("main cause named first, at its place", true, 0.80, Some(all.located)),
+        share("main cause called unknown", false, 0.08, Some(all.called_unknown)),
+        share("outsiders kept open", true, 0.85, Some(all.kept_open)),
+        share("confident and wrong, of all cases", false, 0.03, Some(all.confident_wrong)),
+        share("nothing but imperfections: 0.5 or more for what is not at work", false, 0.05, Some(all.likely_wrong)),
+        target("held-out gap over the background's, median", false, 0.8, all.over_background, all.first.of),
+        share("stated gap within a quarter", true, 0.85, Some(all.stated_near)),
+        share("stated 80 % interval holds the gap found", true, 0.75, Some(all.in_ci80)),
+        share("the same (it is not to be too wide either)", false, 0.87, Some(all.in_ci80)),
+        calibrated("expected calibration error of first explanations", &all.explanations),
+        calibrated("expected calibration error of named effects", &all.statements),
+    ]
+}

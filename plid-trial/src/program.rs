@@ -1,0 +1,59 @@
+//! Which program drew, diagnosed or scored a trial.
+
+use std::fmt;
+use std::sync::OnceLock;
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::TrialError;
+use crate::files;
+use crate::seal::sha256;
+
+/// A build of the program. Two builds of one commit differ where their executables do.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Program {
+    /// Of the package.
+    pub version: String,
+    /// Of the repository that it was built in; none outside one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub commit: Option<String>,
+    /// Whether the files under version control differed from that commit.
+    pub dirty: bool,
+    /// SHA-256 of the executable.
+    pub executable_sha256: String,
+}
+
+impl Program {
+    /// The one that is running.
+    ///
+    /// # Errors
+    /// If its own executable cannot be read.
+    pub fn this() -> Result<Self, TrialError> {
+        static THIS: OnceLock<Program> = OnceLock::new();
+        if let Some(program) = THIS.get() {
+            return Ok(program.clone());
+        }
+        let path = std::env::current_exe().map_err(TrialError::file("the program's executable"))?;
+        let program = Self {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            commit: option_env!("PLID_COMMIT").map(str::to_owned),
+            dirty: option_env!("PLID_CHANGED") == Some("true"),
+            executable_sha256: sha256(&files::read(&path)?),
+        };
+        Ok(THIS.get_or_init(|| program).clone())
+    }
+}
+
+impl fmt::Display for Program {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "plid {}", self.version)?;
+        if let Some(commit) = &self.commit {
+            write!(f, " of commit {}", commit.get(..12).unwrap_or(commit))?;
+        }
+        if self.dirty {
+            write!(f, " with changes")?;
+        }
+        write!(f, " (executable {})", self.executable_sha256.get(..8).unwrap_or(&self.executable_sha256))
+    }
+}
