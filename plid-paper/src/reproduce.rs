@@ -42,8 +42,9 @@ struct Task {
     key: String,
 }
 
-/// Runs the claims and writes, for each, DIR/ID/claim.json with its pictures and configs, and for all DIR/claims.json and DIR/report.html. A
-/// claim that DIR has already, from the same configs and by the same build of the program, is not run again.
+/// Runs the claims and writes DIR/ID/claim.json with plots and configs for each, and DIR/claims.json and
+/// DIR/report.html for all of them. A claim that DIR already holds for the same configs, by the same build of the
+/// program, is not repeated.
 ///
 /// # Errors
 /// Returns [`StudyError::Cell`] for a claim that cannot be run, after the others are done, [`StudyError::Interrupted`],

@@ -69,8 +69,11 @@ pub enum TrialError {
         /// The file that has changed, is missing or was added.
         path: PathBuf,
     },
-    /// Answers of different programs, which no figure could be of.
-    #[error("{what} comes from {theirs}, but {} {ours}; answer all cases with one program, in a folder of its own", if *running { "this is" } else { "another from" })]
+    /// Answers of different programs cannot be scored together.
+    #[error(
+        "{what} comes from {theirs}, but {} {ours}; answer all cases with one program, in a folder of its own",
+        if *running { "this is" } else { "another comes from" }
+    )]
     OtherProgram {
         /// The answer or shard.
         what: String,

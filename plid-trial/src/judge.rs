@@ -186,8 +186,8 @@ pub struct Judged {
     pub statements: Vec<(f64, bool)>,
 }
 
-/// Whether a list of effects is the truth: each at its place and nothing else, imperfections aside. Where there is nothing else than these, some of
-/// them are the truth too.
+/// Whether a list of effects is the truth: each at its place and nothing else, imperfections aside. If the truth has
+/// only imperfections, some of them are the truth, too.
 fn same(truth: &Truth, effects: &[Named]) -> bool {
     let there =
         |e: &crate::truth::TrueEffect| effects.iter().any(|said| said.effect == e.effect && e.is_at(&said.location));

@@ -1,4 +1,5 @@
-//! Imperfect truths: is the main cause found, is what small imperfections do called a main cause, and does what is stated of the gap hold?
+//! Scores on imperfect truths: whether the main cause is found, whether small imperfections are called a main cause,
+//! and whether the statements about the gap hold.
 
 use std::collections::BTreeSet;
 
@@ -80,7 +81,8 @@ impl MainCause {
     }
 }
 
-/// All cases with imperfect truths, then by what may make them hard; empty where there is none. Second answers are not counted.
+/// All cases with imperfect truths, then groups of them by family, arm and nuisance; empty if there is none. Second
+/// answers are not counted.
 pub(crate) fn groups(lines: &[Line]) -> Vec<MainCause> {
     let imperfect: Vec<&Line> =
         lines.iter().filter(|line| line.gap_background.is_some() && line.without.is_empty()).collect();

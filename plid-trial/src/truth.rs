@@ -15,8 +15,8 @@ pub struct Truth {
     pub gap_sim: f64,
     /// Gap that remains if everything except the noise is known.
     pub gap_floor: f64,
-    /// What small imperfections and noise make of the held-out record without the main effects, for a simulation whose own parameters are
-    /// exact; none where the truth has no imperfections.
+    /// Gap of the held-out record without the main effects, noise included, relative to a simulation whose own
+    /// parameters are exact. `None` if the truth has no imperfections.
     #[serde(default)]
     pub gap_background: Option<f64>,
     /// The imperfections.

@@ -55,7 +55,8 @@ pub(super) fn section(report: Report, scores: &Scores) -> Report {
         ]);
     }
     report.heading("Imperfect truths").table(table).paragraph(
-        "The background is what small imperfections and noise make of the held-out record without the main cause, for a simulation whose \
-         own parameters are exact. An imperfection that is named at its place is no wrong name, but it is not the main cause.",
+        "The background is the gap of the held-out record without the main cause, noise included, relative to a \
+         simulation whose own parameters are exact. An imperfection that is named at its place is not a wrong name, but \
+         it is not the main cause either.",
     )
 }
