@@ -56,7 +56,7 @@ pub(super) fn section(report: Report, scores: &Scores) -> Report {
     }
     report.heading("Imperfect truths").table(table).paragraph(
         "The background is the gap of the held-out record without the main cause, noise included, relative to a \
-         simulation whose own parameters are exact. An imperfection that is named at its place is not a wrong name, but \
-         it is not the main cause either.",
+         simulation whose own parameters are exact. An imperfection that is named at its place is not a wrong name, \
+         but it is not the main cause either.",
     )
 }
