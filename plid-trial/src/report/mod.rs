@@ -40,7 +40,7 @@ pub(crate) fn page(scores: &Scores, config: &TrialConfig) -> Report {
             ),
         )
         .provenance("diagnosed by", scores.program.as_ref().map_or("nobody".to_owned(), ToString::to_string))
-        .provenance("drawn by", &scores.drawn_by.to_string())
+        .provenance("drawn by", scores.drawn_by.to_string())
         .provenance("SHA-256 of all answers, fixed before anything was opened", &scores.answers_sha256)
         .provenance("seconds of diagnosis in all", format!("{:.0}", scores.time.total_s))
 }
