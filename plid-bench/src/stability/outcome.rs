@@ -162,7 +162,20 @@ impl Outcome {
             "claims": self.claims,
             "recommended": self.recommended,
             "references": self.references,
-            "cells": details.collect::<Vec<_>>(),
+            "cells": details.map(|line| present(serde_json::json!(line))).collect::<Vec<_>>(),
         })
     }
+}
+
+/// A value without the keys that have none: what is not available is absent.
+fn present(mut value: serde_json::Value) -> serde_json::Value {
+    match &mut value {
+        serde_json::Value::Object(keys) => {
+            keys.retain(|_, value| !value.is_null());
+            keys.values_mut().for_each(|value| *value = present(value.take()));
+        }
+        serde_json::Value::Array(values) => values.iter_mut().for_each(|value| *value = present(value.take())),
+        _ => {}
+    }
+    value
 }
