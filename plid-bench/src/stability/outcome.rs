@@ -155,15 +155,15 @@ impl Outcome {
             indefinite: &judged.cell.indefinite,
             microseconds_per_step: judged.cell.microseconds_per_step,
         });
-        serde_json::json!({
+        present(serde_json::json!({
             "machine": self.machine,
             "config": self.config,
             "rule": rule(),
             "claims": self.claims,
             "recommended": self.recommended,
             "references": self.references,
-            "cells": details.map(|line| present(serde_json::json!(line))).collect::<Vec<_>>(),
-        })
+            "cells": details.collect::<Vec<_>>(),
+        }))
     }
 }
 
