@@ -201,7 +201,7 @@ impl TrialConfig {
                 problems.push((key, format!("{value} is no share from 0 to 1")));
             }
         }
-        if !(draw.least >= 0.0 && draw.least < draw.most) {
+        if draw.most > 0.0 && !(draw.least >= 0.0 && draw.least < draw.most) {
             problems.push(("least", format!("{} is not from 0 to below most, {}", draw.least, draw.most)));
         }
         for (key, span, most) in

@@ -290,7 +290,7 @@ fn answers_of_two_programs_are_not_mixed() {
             && said.contains("(executable 01234567), but this is")
     );
     let said = trial.score().unwrap_err().to_string();
-    assert!(said.starts_with("the answer to case-002 comes from") && said.contains("but another from"), "{said}");
+    assert!(said.starts_with("the answer to case-002 comes from") && said.contains("but another comes from"), "{said}");
 
     trial.diagnose(Some("1/2"), 1);
     trial.diagnose(Some("2/2"), 1);
