@@ -48,7 +48,13 @@ fn steps(case: &Case) -> Result<(), GapError> {
 
     // Where the gap lies.
     let problem = &ready.problem;
-    let map = locate::map(&problem.records, &locate::errors(problem), &ready.noise, problem.plant.rate);
+    let map = locate::map(
+        &problem.records,
+        &locate::errors(problem),
+        &ready.noise,
+        problem.plant.rate,
+        problem.settings.case.same_level,
+    );
     for (name, share) in names.outputs.iter().zip(&map.outputs) {
         println!("of the gap at {name}: {:.2} ({:.2} to {:.2})", share.value, share.ci95[0], share.ci95[1]);
     }

@@ -15,8 +15,15 @@ out of its range is an error. All of them are written to `settings` in `diagnosi
 most_unknown = 0.5
 ```
 
-2 ln L is twice a difference in log likelihood. This chapter is generated from the code: after a change there,
-`UPDATE_BOOK=1 cargo test -p plid-gap --test settings` writes it.
+2 ln L is twice a difference in log likelihood.
+
+A number is a setting if it decides what the diagnosis says: with another value, another statement would be made about
+the same records. Its reason and its source stand beside it. A number that only controls a computation stays beside its
+algorithm, with a comment that says why it has its value. Such numbers are steps of finite differences, limits of
+iterations, lengths of segments, rounding tolerances, the shapes of starting values, and numbers of rows in a report.
+
+This chapter is generated from the code. After a change there, `UPDATE_BOOK=1 cargo test -p plid-gap --test settings`
+writes it.
 ";
 
 fn row(field: &Field) -> String {

@@ -27,6 +27,7 @@ use crate::judge::shares::Share;
 use crate::judge::verdict::{Weighted, outside};
 use crate::search::stepwise::Search;
 use crate::search::stochastic::{Stochastic, cuts, wanders};
+use crate::settings::AnswerSettings;
 
 /// Effects of the answer with intervals and confidence.
 pub(crate) fn named(
@@ -110,14 +111,20 @@ fn stated(value: f64, half: f64, unit: String) -> Value {
     Value { value, ci95: half.is_finite().then_some([value - half, value + half]), unit }
 }
 
-pub(crate) fn place(before: &Map, outputs: &[String], found: &Search, shown: &[&Stochastic]) -> Where {
+pub(crate) fn place(
+    before: &Map,
+    outputs: &[String],
+    found: &Search,
+    shown: &[&Stochastic],
+    settings: &AnswerSettings,
+) -> Where {
     let named = found.best.effects.first().map(|placed| placed.effect.side());
     let screened = found.stages.first().and_then(|entries| entries.first()).map(|e| e.placed.effect.side());
     let side = named.or(shown.first().map(|u| u.placed.effect.side())).or(screened).unwrap_or(Side::Structure);
     let mut order: Vec<usize> = (0..before.bands.len()).collect();
     order.sort_by(|&a, &b| before.bands[b].value.total_cmp(&before.bands[a].value));
     order.truncate(4);
-    order.retain(|&b| before.bands[b].value > 0.02);
+    order.retain(|&b| before.bands[b].value > settings.listed_band);
     let by_name = || outputs.iter().cloned().zip(&before.outputs);
     Where {
         side,
@@ -225,7 +232,7 @@ pub(crate) fn remainder(explained: &Explained, gap: &Gap, after: &Map, with: &Bl
     let found = &explained.found;
     let floor = gap.noise_floor;
     let beyond = |gap: f64| (gap * gap - floor * floor).max(0.0);
-    let place = place(after, &names.outputs, found, &[]);
+    let place = place(after, &names.outputs, found, &[], &explained.ready.problem.settings.answer);
     let best = &found.best.effects;
     let last = found.stages.last().map_or(&[][..], Vec::as_slice);
     let more = last.iter().filter(|entry| {
@@ -252,7 +259,7 @@ pub(crate) fn remainder(explained: &Explained, gap: &Gap, after: &Map, with: &Bl
     }
 }
 
-/// Entries of a screen that are said to come nearest to a remainder.
+/// Largest number of entries of a screen that are said to come nearest to a remainder: more would not be read.
 const MOST_NEAREST: usize = 3;
 
 #[cfg(test)]

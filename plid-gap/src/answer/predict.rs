@@ -12,10 +12,11 @@ use crate::error::GapError;
 use crate::plant::Plant;
 use crate::simulate::{Fineness, simulate};
 
-/// An output is out of all bounds at so many times the linear simulation's peak, or the fitted records' where that is larger.
+/// A run has diverged if an output exceeds the peak of the linear simulation, or that of the fitted records if it is
+/// larger, by this factor: no effect of a physical cause does so.
 const OUT_OF_BOUNDS: f64 = 1e3;
 
-/// No delay is longer, in samples.
+/// Longest delay in samples that a file may contain, to bound memory.
 const LONGEST_DELAY: f64 = 1e6;
 
 /// What a prediction needs, read back.
@@ -52,7 +53,7 @@ impl Predictor {
         let text = std::fs::read_to_string(path).map_err(|source| GapError::Io { file: path.into(), source })?;
         let written: SimulationWithEffects = serde_json::from_str(&text).map_err(|e| malformed(e.to_string()))?;
         let model = Model::from_json(&written.linear, &path.display().to_string())?;
-        let plant = Plant::new(&model)?;
+        let plant = Plant::with_settings(&model, &written.plant)?;
         let setting = Setting::bare(&plant, &model);
         require_sizes(&written, &plant).map_err(malformed)?;
         let mut actions = Vec::new();

@@ -6,8 +6,8 @@ use crate::case::record::{Record, rms};
 use crate::plant::Plant;
 use crate::prepare::port_motion;
 
-/// An input so many times beyond the range counts as that far: nothing is known of one that was never driven.
-const FAR: f64 = 1e3;
+/// Largest excess over the range that is stated. An input that was never driven would have none that is finite.
+const MOST_TIMES: f64 = 1e3;
 
 /// Of the records that were fitted. Sizes are the largest over them, motion is that of the linear simulation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -58,7 +58,7 @@ impl FittedRange {
         let motion = displacement_peaks(plant, u);
         let motion = motion.into_iter().zip(&self.displacement_peak).zip(&plant.ports);
         let motion = motion.map(|((now, &fitted), port)| (format!("motion at `{}`", port.name), now, fitted));
-        let times = |now: f64, fitted: f64| if now > 0.0 { (now / fitted).min(FAR) } else { 0.0 };
+        let times = |now: f64, fitted: f64| if now > 0.0 { (now / fitted).min(MOST_TIMES) } else { 0.0 };
         let within = Beyond { times: 1.0, what: String::new() };
         level.chain(motion).fold(within, |most, (what, now, fitted)| {
             let times = times(now, fitted);

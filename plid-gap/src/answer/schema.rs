@@ -11,7 +11,7 @@ use crate::effects::Side;
 use crate::judge::locate::LevelGap;
 pub use crate::judge::shrink::{Gap, ShrinkOver};
 pub use crate::judge::verdict::Verdict;
-use crate::settings::GapSettings;
+use crate::settings::{GapSettings, PlantSettings};
 
 /// A parameter's value with its 95 % interval.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -243,4 +243,11 @@ pub struct SimulationWithEffects {
     /// What it was fitted to; files of former versions do not have it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fitted: Option<FittedRange>,
+    /// The thresholds by which `linear` was decomposed; absent if they are the defaults.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub plant: PlantSettings,
+}
+
+fn is_default(settings: &PlantSettings) -> bool {
+    *settings == PlantSettings::default()
 }

@@ -6,16 +6,8 @@ use crate::answer::schema::{Gap, NamedEffect};
 use crate::effects::Observation;
 use crate::judge::locate::Map;
 use crate::judge::verdict::Verdict;
+use crate::settings::AnswerSettings;
 use crate::words::percent;
-
-/// Of the gap as given, in amplitude: what is smaller is small.
-const SMALL: f64 = 0.1;
-
-/// A gap with the effects beyond this many times the noise is said to leave something.
-const LEFT: f64 = 1.1;
-
-/// A gap as given within this factor of the noise has nothing to shrink.
-const NOISE_ONLY: f64 = 1.1;
 
 /// What becomes of a gap, which effects that were fitted to other records may also widen.
 fn course(from: f64, to: f64) -> String {
@@ -26,12 +18,12 @@ fn course(from: f64, to: f64) -> String {
 }
 
 /// Where most of a remainder lies, in words; `after` is its map over outputs and bands, and `beyond` its size beyond the noise, of a gap of `given`.
-pub(crate) fn remains(after: &Map, outputs: &[String], beyond: f64, given: f64) -> String {
+pub(crate) fn remains(after: &Map, outputs: &[String], beyond: f64, given: f64, settings: &AnswerSettings) -> String {
     let cells = (0..after.share.nrows()).flat_map(|o| (0..after.share.ncols()).map(move |b| (o, b)));
     let Some((o, b)) = cells.max_by(|x, y| after.share[*x].total_cmp(&after.share[*y])) else { return String::new() };
     let hz = 0.5 * (after.edges[b] + after.edges[b + 1]);
-    let what =
-        if beyond < SMALL * given { "Something small".to_string() } else { format!("A gap of {}", percent(beyond)) };
+    let small = beyond < settings.small_remainder * given;
+    let what = if small { "Something small".to_string() } else { format!("A gap of {}", percent(beyond)) };
     format!(" {what} remains near {} Hz at {}.", Cell::significant(hz, 2), outputs[o])
 }
 
@@ -49,6 +41,8 @@ pub(crate) struct Said<'s> {
     pub seen: bool,
     /// Where the remainder lies, for a simulation that is imperfect as a whole.
     pub remains: Option<&'s str>,
+    /// The thresholds of the sentences.
+    pub settings: &'s AnswerSettings,
 }
 
 /// The answer in a sentence or two.
@@ -87,7 +81,7 @@ impl Said<'_> {
 
     fn is_noise(&self) -> bool {
         let random = |observed: &Observation| matches!(observed, Observation::Band | Observation::SensorNoise);
-        self.gap.as_given < NOISE_ONLY * self.gap.noise_floor || self.observed.iter().all(random)
+        self.gap.as_given < self.settings.noise_only * self.gap.noise_floor || self.observed.iter().all(random)
     }
 
     /// All effects, with the probability of the least certain one.
@@ -125,7 +119,7 @@ impl Said<'_> {
         let gap = self.gap;
         // No simulation can follow samples that drop out.
         let drops = self.observed.contains(&Observation::Dropouts);
-        let rest = if self.seen && !drops && gap.with_effect > LEFT * gap.noise_floor {
+        let rest = if self.seen && !drops && gap.with_effect > self.settings.unexplained * gap.noise_floor {
             format!(" {} of the output stays unexplained.", percent(gap.beyond_noise(gap.with_effect)))
         } else {
             String::new()

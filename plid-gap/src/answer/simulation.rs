@@ -77,6 +77,7 @@ pub(crate) fn written(
         t0,
         noise_rms: explained.noise_rms(),
         fitted: Some(FittedRange::of(plant, records, gap.predicted_held_out_gap, gap.noise_floor)),
+        plant: ready.problem.settings.plant.clone(),
     }
 }
 

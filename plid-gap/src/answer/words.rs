@@ -28,7 +28,8 @@ pub(crate) fn words(
         )
     }));
     words.extend(motion::in_words(&explained.ready.problem.plant, &explained.ready.problem.setting.names));
-    words.extend(evidence.words(&explained.ready.problem.plant, !explained.fit().effects.is_empty()));
+    let problem = &explained.ready.problem;
+    words.extend(evidence.words(&problem.plant, !explained.fit().effects.is_empty(), &problem.settings));
     words.extend(explained.found.best.effects.iter().flat_map(|placed| of_effect(explained, placed)));
     words.extend(nearest_other(explained));
     words.extend(class.map(|(first, others)| {

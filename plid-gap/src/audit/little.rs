@@ -10,9 +10,6 @@ use crate::error::GapError;
 use crate::plant::Plant;
 use crate::signal::peaks;
 
-/// Modes with a larger damping ratio are filters.
-const STRUCTURAL_DAMPING: f64 = 0.3;
-
 /// What there is too little data for.
 pub struct Little {
     /// In words.
@@ -39,7 +36,8 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
     }
     let mut little = Little { findings: Vec::new(), left_out: Vec::new() };
 
-    let structural = |mode: &&Mode| mode.kind == ModeKind::Oscillatory && mode.damping.abs() < STRUCTURAL_DAMPING;
+    let structural =
+        |mode: &&Mode| mode.kind == ModeKind::Oscillatory && mode.damping.abs() < settings.plant.light_damping;
     let modes: Vec<f64> = plid_model::modes(model)?.iter().filter(structural).map(|mode| mode.hz).collect();
     let short = short(&records, &modes, rate, settings.audit.periods, &mut little.findings);
     let mut leave = |names: Vec<String>, why: String| {
@@ -57,7 +55,7 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
         leave(effects().filter(|e| e.adds_mode()).map(|e| e.name().to_string()).collect(), why);
     }
 
-    let setting = Setting::bare(&Plant::new(model)?, model);
+    let setting = Setting::bare(&Plant::with_settings(model, &settings.plant)?, model);
     let starts = records.iter().filter(|record| !record.from_rest).count();
     let linear = modes.len() * (2 + m + p) + starts * n;
     let more = |e: &&dyn Effect| values <= linear + e.parameters(&setting).len();

@@ -23,7 +23,7 @@ use crate::noise::NoiseModel;
 use crate::noise::model_error::ModelError;
 use crate::noise::whiten::Whitener;
 use crate::plant::Plant;
-use crate::settings::AuditSettings;
+use crate::settings::{AuditSettings, GapSettings, PlantSettings};
 
 /// About the most states of a simulator that is identified with as many as it has.
 const MOST_STATES: usize = 40;
@@ -97,8 +97,10 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<StandIn, Gap
     case.config.declare_kinds(&mut model);
     let error = relative(&std, &arrays);
     let words = words(&model, &case.for_simulation, of_simulator, [error, unseen], settings);
-    let prior_std = prior_std(&model, &fitted, &std, of_simulator)?;
-    let model_error = if of_simulator { None } else { model_error(&model, &fitted, !case.for_simulation.is_empty())? };
+    let prior_std = prior_std(&model, &fitted, &std, of_simulator, &case.config.settings)?;
+    let set_aside = !case.for_simulation.is_empty();
+    let model_error =
+        if of_simulator { None } else { model_error(&model, &fitted, set_aside, &case.config.settings.plant)? };
     Ok(StandIn { model, words, prior_std, model_error })
 }
 
@@ -158,10 +160,15 @@ pub fn take_misfit(record: &mut Record, model: &Model) {
 }
 
 /// From the longest record. What repeats in a periodic one may be an effect, unless the record was set aside for the model.
-fn model_error(model: &Model, records: &[&Record], aside: bool) -> Result<Option<ModelError>, GapError> {
+fn model_error(
+    model: &Model,
+    records: &[&Record],
+    aside: bool,
+    settings: &PlantSettings,
+) -> Result<Option<ModelError>, GapError> {
     let tells = |record: &&&Record| record.excitation == Excitation::Random || aside;
     let Some(record) = records.iter().filter(tells).max_by_key(|record| record.samples()) else { return Ok(None) };
-    let plant = Plant::new(model)?;
+    let plant = Plant::with_settings(model, settings)?;
     let error = record.error(&run(&plant, &[], record));
     Ok(ModelError::of(record, &error, plant.rate))
 }
@@ -170,15 +177,22 @@ fn model_error(model: &Model, records: &[&Record], aside: bool) -> Result<Option
 /// leaves of them. What they do not tell at all stays within a tenth of itself. A model of the records themselves has taken in what it
 /// could of the effect: without modes, where a pole stands for friction as well as for viscous damping, its poles and gains stay free
 /// within the wide limits.
-fn prior_std(model: &Model, records: &[&Record], std: &[f64], of_simulator: bool) -> Result<Vec<f64>, GapError> {
-    let plant = Plant::new(model)?;
+fn prior_std(
+    model: &Model,
+    records: &[&Record],
+    std: &[f64],
+    of_simulator: bool,
+    settings: &GapSettings,
+) -> Result<Vec<f64>, GapError> {
+    let plant = Plant::with_settings(model, &settings.plant)?;
     let records: Vec<Record> = records.iter().map(|record| (*record).clone()).collect();
-    let noise = NoiseModel::declared(&plant, std, &vec![0.0; plant.m]);
+    let mut noise = NoiseModel::declared(&plant, std, &vec![0.0; plant.m]);
+    noise.settings.clone_from(&settings.noise);
     let masked = vec![Vec::new(); plant.p];
     let whiteners = records.iter().map(|record| Whitener::new(record, &noise, plant.rate, masked.clone())).collect();
     let nuisance = Nuisance::new(&plant, &records, &Limits { frequency: 0.2, damping: 2.0, shape: 0.2 });
     let setting = Setting::bare(&plant, model);
-    let problem = Problem { plant, records, whiteners, nuisance, setting, settings: Arc::default() };
+    let problem = Problem { plant, records, whiteners, nuisance, setting, settings: Arc::new(settings.clone()) };
     let normal = problem.tangent(&problem.plant).normal;
     let Some(factor) = normal.cholesky() else { return Ok(Vec::new()) };
     let covariance = factor.inverse();

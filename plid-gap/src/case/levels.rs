@@ -2,9 +2,6 @@
 
 use crate::case::record::{Channels, Excitation, Record, rms};
 
-/// Levels nearer than this ratio are one level.
-pub(crate) const ALIKE: f64 = 1.15;
-
 /// A driven record beside what the simulation makes of its input.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LevelRun {
@@ -22,8 +19,9 @@ pub struct LevelRun {
     pub with: Channels,
 }
 
-/// The longest random record of each level, by rising level; where nothing is random, of any driven record.
-pub fn one_of_each_level(records: &[Record]) -> Vec<&Record> {
+/// Returns the longest random record of each level, by rising level; if no record is random, the longest driven one.
+/// Levels whose ratio is below `same_level` are one level.
+pub fn one_of_each_level(records: &[Record], same_level: f64) -> Vec<&Record> {
     let driven = |r: &&Record| r.excitation != Excitation::Zero && r.level() > 0.0;
     let random = |r: &&Record| r.excitation == Excitation::Random && driven(r);
     let mut left: Vec<&Record> = records.iter().filter(random).collect();
@@ -36,7 +34,7 @@ pub fn one_of_each_level(records: &[Record]) -> Vec<&Record> {
     for record in left {
         let alike = |other: &&Record| {
             let ratio = record.level() / other.level();
-            ratio < ALIKE && ratio > 1.0 / ALIKE
+            ratio < same_level && ratio > 1.0 / same_level
         };
         if !chosen.iter().any(alike) {
             chosen.push(record);
@@ -84,7 +82,8 @@ mod tests {
             record(1.05, 80, random),
             record(2.0, 500, Excitation::Periodic(50)),
         ];
-        let levels = |records: &[Record]| one_of_each_level(records).iter().map(|r| r.u[0][0]).collect::<Vec<f64>>();
+        let levels =
+            |records: &[Record]| one_of_each_level(records, 1.15).iter().map(|r| r.u[0][0]).collect::<Vec<f64>>();
         assert_eq!(levels(&records), [0.3, 1.05]);
         assert_eq!(levels(&[records[0].clone(), records[4].clone()]), [2.0]);
         assert!(levels(&records[..1]).is_empty());

@@ -7,22 +7,10 @@ use ndarray::Array2;
 
 use crate::fourier;
 use crate::fourier::C;
-
-/// An input repeats up to this misfit. Measured inputs of shakers and amplifiers have at most 0.01.
-const TOLERANCE: f64 = 0.1;
-
-/// A misfit from which two stretches of an input have nothing in common. A period is looked for only behind a shift of that misfit: any slow
-/// input resembles itself a few samples later.
-const UNLIKE: f64 = 0.5;
-
-/// A neighbour whose misfit is below this share of the declared period's is the true one.
-const CLEARLY: f64 = 0.7;
+use crate::settings::CaseSettings;
 
 /// Misfits below this are rounding.
 const ROUNDING: f64 = 1e-6;
-
-/// The neighbours of a period that might be meant lie within this share of it.
-const NEIGHBOURS: f64 = 0.125;
 
 /// What is wrong with a period.
 #[derive(Debug, PartialEq)]
@@ -34,17 +22,18 @@ pub(super) struct NotPeriodic {
 }
 
 /// The inputs of a record, ready to be compared with themselves.
-pub(super) struct Repeating {
+pub(super) struct Repeating<'s> {
     /// Per input: the values without their mean, over the RMS that counts.
     inputs: Vec<Vec<f64>>,
     /// Per input: a step of its converter, in the same units.
     steps: Vec<f64>,
+    settings: &'s CaseSettings,
 }
 
-impl Repeating {
+impl<'s> Repeating<'s> {
     /// `levels` is the RMS that each input has about its mean in the record of the case in which it is largest: an input that is idle here need
     /// not repeat its noise.
-    pub fn new(inputs: &Array2<f64>, levels: &[f64]) -> Self {
+    pub fn new(inputs: &Array2<f64>, levels: &[f64], settings: &'s CaseSettings) -> Self {
         let (inputs, steps) = inputs
             .columns()
             .into_iter()
@@ -58,7 +47,7 @@ impl Repeating {
                 (scaled, step)
             })
             .unzip();
-        Self { inputs, steps }
+        Self { inputs, steps, settings }
     }
 
     fn samples(&self) -> usize {
@@ -93,13 +82,13 @@ impl Repeating {
     pub fn check(&self, period: usize) -> Result<bool, NotPeriodic> {
         let Some(misfits) = self.misfits(period) else { return Ok(false) };
         let worst = misfits.into_iter().enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, 0.0));
-        if worst.1 > TOLERANCE {
+        if worst.1 > self.settings.period_misfit {
             return Err(NotPeriodic { worst, fits: self.nearest(period) });
         }
-        let reach = (period as f64 * NEIGHBOURS) as usize;
+        let reach = (period as f64 * self.settings.period_distance) as usize;
         let better = (period.saturating_sub(reach).max(2)..=period + reach)
             .filter_map(|near| Some((near, self.misfit(near)?)))
-            .filter(|(_, misfit)| *misfit < CLEARLY * worst.1)
+            .filter(|(_, misfit)| *misfit < self.settings.better_misfit * worst.1)
             .min_by(|a, b| a.1.total_cmp(&b.1));
         match better {
             Some((near, _)) if worst.1 > ROUNDING => Err(NotPeriodic { worst, fits: Some(near) }),
@@ -128,17 +117,18 @@ impl Repeating {
         for u in &self.inputs {
             rough.iter_mut().zip(differences(u)).for_each(|(most, of)| *most = most.max(of));
         }
-        let unlike = 2.0 * UNLIKE * UNLIKE;
+        let CaseSettings { period_misfit, unrelated_misfit, better_misfit, .. } = *self.settings;
+        let unlike = 2.0 * unrelated_misfit * unrelated_misfit;
         let Some(first) = rough.iter().position(|square| *square > unlike) else { return Vec::new() };
         let candidate = |&shift: &usize| {
             let beside = [shift - 1, shift + 1].iter().all(|&at| rough.get(at).is_none_or(|of| rough[shift] <= *of));
-            beside && rough[shift] < unlike && self.misfit(shift).is_some_and(|misfit| misfit <= TOLERANCE)
+            beside && rough[shift] < unlike && self.misfit(shift).is_some_and(|misfit| misfit <= period_misfit)
         };
         let found: Vec<usize> = (first.max(2)..rough.len()).filter(candidate).collect();
         // A slow input nearly repeats beside its period; noise keeps the true one from zero.
         let least = found.iter().filter_map(|&shift| self.misfit(shift)).fold(f64::INFINITY, f64::min);
         let good = |shift: &usize| {
-            self.misfit(*shift).is_some_and(|of| of <= (least / CLEARLY).max(ROUNDING) + 0.1 * TOLERANCE)
+            self.misfit(*shift).is_some_and(|of| of <= (least / better_misfit).max(ROUNDING) + 0.1 * period_misfit)
         };
         found.into_iter().filter(good).collect()
     }
@@ -176,9 +166,10 @@ mod tests {
     use super::*;
     use crate::testing::random_input;
 
-    fn repeating(u: &[Vec<f64>]) -> Repeating {
+    fn repeating(u: &[Vec<f64>]) -> Repeating<'static> {
+        static SETTINGS: std::sync::LazyLock<CaseSettings> = std::sync::LazyLock::new(CaseSettings::default);
         let array = Array2::from_shape_fn((u[0].len(), u.len()), |(k, i)| u[i][k]);
-        Repeating::new(&array, &vec![1.0; u.len()])
+        Repeating::new(&array, &vec![1.0; u.len()], &SETTINGS)
     }
 
     fn noisy(u: &[f64], size: f64) -> Vec<f64> {

@@ -106,7 +106,7 @@ fn excitations(
             ExcitationKind::Zero => Excitation::Zero,
             ExcitationKind::Random => Excitation::Random,
             ExcitationKind::Periodic => {
-                let repeating = Repeating::new(inputs, &levels);
+                let repeating = Repeating::new(inputs, &levels, &config.settings.case);
                 Excitation::Periodic(period(config, given, &repeating, ratio, warnings)? / ratio)
             }
         });
@@ -189,7 +189,7 @@ fn learnt(config: &CaseConfig, records: &[data::Record]) -> Vec<usize> {
         match unnamed {
             _ if is_test(given) => 0,
             Some(Unnamed::Last(last)) if k == last => 0,
-            Some(Unnamed::EndOf(only)) if k == only => split::fitted(samples),
+            Some(Unnamed::EndOf(only)) if k == only => split::fitted(samples, config.settings.case.held_out_share),
             _ => samples,
         }
     };

@@ -2,9 +2,6 @@
 
 use crate::case::record::{Channels, Excitation, Record};
 
-/// Share of a driven record that stands alone which is held out.
-const LAST_SHARE: f64 = 0.25;
-
 /// What a case that names nothing holds out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Unnamed {
@@ -21,9 +18,9 @@ pub(crate) fn unnamed(driven: impl DoubleEndedIterator<Item = bool> + ExactSizeI
     Some(if driven.next().is_some() { Unnamed::Last(last) } else { Unnamed::EndOf(last) })
 }
 
-/// Of so many samples of the only driven record, those that are fitted.
-pub(crate) fn fitted(samples: usize) -> usize {
-    (samples as f64 * (1.0 - LAST_SHARE)) as usize
+/// Returns how many samples of the only driven record are fitted, if this share of it is held out.
+pub(crate) fn fitted(samples: usize, held_out_share: f64) -> usize {
+    (samples as f64 * (1.0 - held_out_share)) as usize
 }
 
 fn of(records: &[Record]) -> Option<Unnamed> {
@@ -33,8 +30,9 @@ fn of(records: &[Record]) -> Option<Unnamed> {
     unnamed(records.iter().map(|record| record.excitation != Excitation::Zero))
 }
 
-/// Those to fit and those held out.
-pub(crate) fn split(records: &[Record]) -> (Vec<Record>, Vec<Record>) {
+/// Returns the records that are fitted and those that are held out. If only one record is driven, this share of it is
+/// held out.
+pub(crate) fn split(records: &[Record], held_out_share: f64) -> (Vec<Record>, Vec<Record>) {
     let mut fit = records.to_vec();
     match of(records) {
         None => fit.into_iter().partition(|record| !record.held_out),
@@ -43,9 +41,9 @@ pub(crate) fn split(records: &[Record]) -> (Vec<Record>, Vec<Record>) {
             (fit, held_out)
         }
         Some(Unnamed::EndOf(only)) => {
-            let at = fitted(records[only].samples());
+            let at = fitted(records[only].samples(), held_out_share);
             fit[only] = head(&records[only], at);
-            (fit, vec![tail(&records[only], at)])
+            (fit, vec![tail(&records[only], at, held_out_share)])
         }
     }
 }
@@ -66,10 +64,10 @@ fn head(record: &Record, samples: usize) -> Record {
 }
 
 /// A record whose first samples were not measured: it is simulated from its own start, and judged on the rest.
-fn tail(record: &Record, from: usize) -> Record {
+fn tail(record: &Record, from: usize, held_out_share: f64) -> Record {
     let mut tail = record.clone();
     tail.y.iter_mut().for_each(|y| y[..from].fill(f64::NAN));
-    tail.name = format!("the last {:.0} % of {}", 100.0 * LAST_SHARE, record.name);
+    tail.name = format!("the last {:.0} % of {}", 100.0 * held_out_share, record.name);
     tail
 }
 
@@ -85,12 +83,12 @@ mod tests {
     #[test]
     fn the_last_driven_record_is_held_out_where_the_case_names_none() {
         let mut records = case(&truss(1), &truss(1)).records;
-        let (fit, held_out) = split(&records);
+        let (fit, held_out) = split(&records, 0.25);
         assert_eq!((names(&fit), names(&held_out)), (vec!["quiet", "random-1", "random-2"], vec!["random-3"]));
         let at_work = |records: &[Record]| driven(records).iter().map(|record| record.name.clone()).collect::<Vec<_>>();
         assert_eq!(at_work(&records), ["random-1", "random-2"]);
         records[1].held_out = true;
-        let (fit, held_out) = split(&records);
+        let (fit, held_out) = split(&records, 0.25);
         assert_eq!((names(&fit), names(&held_out)), (vec!["quiet", "random-2", "random-3"], vec!["random-1"]));
         assert_eq!(at_work(&records), ["random-2", "random-3"]);
         records.drain(1..3);
@@ -101,8 +99,8 @@ mod tests {
     fn of_the_only_driven_record_the_end_is_held_out() {
         let mut records = case(&truss(1), &truss(1)).records;
         records.drain(2..);
-        let (fit, held_out) = split(&records);
-        let (samples, at) = (records[1].samples(), fitted(records[1].samples()));
+        let (fit, held_out) = split(&records, 0.25);
+        let (samples, at) = (records[1].samples(), fitted(records[1].samples(), 0.25));
         assert_eq!(fit[1].y[0], records[1].y[0][..at]);
         assert_eq!(held_out[0].samples(), samples);
         assert_eq!(held_out[0].y[0].iter().filter(|y| y.is_finite()).count(), samples - at);
@@ -114,6 +112,6 @@ mod tests {
     fn without_a_driven_record_nothing_is_held_out() {
         let mut records = case(&truss(1), &truss(1)).records;
         records.truncate(1);
-        assert_eq!(split(&records).1, []);
+        assert_eq!(split(&records, 0.25).1, []);
     }
 }

@@ -50,7 +50,8 @@ impl<'f, 'a> Finding<'f, 'a> {
         let problem = &ready.problem;
         say("gaps".into());
         let judged = Judgement::new(explained, stochastic, rules, &audit.case.config);
-        let map = |errors: &[_]| locate::map(&problem.records, errors, &ready.noise, judged.plant.rate);
+        let same_level = problem.settings.case.same_level;
+        let map = |errors: &[_]| locate::map(&problem.records, errors, &ready.noise, judged.plant.rate, same_level);
         let after = errors(problem, &explained.fit().eta, &explained.fit().effects);
         let maps = [map(&locate::errors(problem)), map(&after)];
         say("evidence beside it".into());
@@ -92,7 +93,7 @@ impl<'f, 'a> Finding<'f, 'a> {
             candidates,
             not_separable: classes(self.explained, &rivals),
             separability: comparisons(found, best, &rivals, names),
-            place: place(before, &names.outputs, found, shown),
+            place: place(before, &names.outputs, found, shown, &ready.problem.settings.answer),
             remainder: remainder(self.explained, gaps, after, simulated, self.audit.case.config.material),
             evidence: words(self.explained, before, *held_out, &self.evidence, class),
             gap: gaps.clone(),
@@ -146,7 +147,9 @@ impl<'f, 'a> Finding<'f, 'a> {
         let (names, best) = (&ready.problem.setting.names, &found.best.effects);
         let nearest: Vec<String> = best.iter().map(|placed| in_words(std::slice::from_ref(placed), names)).collect();
         let beyond = gaps.beyond_noise(gaps.with_effect);
-        let remains = ready.widened.map(|_| remains(&self.maps[1], &names.outputs, beyond, gaps.as_given));
+        let settings = &ready.problem.settings.answer;
+        let remains = |_| remains(&self.maps[1], &names.outputs, beyond, gaps.as_given, settings);
+        let remains = ready.widened.map(remains);
         let of = |e: &NamedEffect| {
             let shown = self.judged.shown.iter().find(|u| u.placed.effect.name() == e.effect);
             shown.map_or(Observation::FreeRun, |u| u.placed.effect.observed_in())
@@ -159,6 +162,7 @@ impl<'f, 'a> Finding<'f, 'a> {
             gap: gaps,
             seen: level.seen,
             remains: remains.as_deref(),
+            settings,
         };
         let mut text = sentence(*verdict, &said);
         if let (Verdict::Effects, Some(others)) = (verdict, others(self.explained, rivals)) {

@@ -106,7 +106,8 @@ impl Finding<'_, '_> {
             given: run(given, &[], record),
             with: run(&self.judged.plant, &self.judged.actions, record),
         };
-        one_of_each_level(&self.audit.case.records).into_iter().map(one).collect()
+        let same_level = self.audit.case.config.settings.case.same_level;
+        one_of_each_level(&self.audit.case.records, same_level).into_iter().map(one).collect()
     }
 }
 

@@ -7,22 +7,15 @@
 use crate::case::record::{Channels, Excitation, Record};
 use crate::fourier;
 use crate::fourier::C;
+use crate::settings::EvidenceSettings;
 use crate::words::percent;
 
-/// An input drives a line with at least this share of its strongest line's power: what a converter rounds is less.
-const DRIVES: f64 = 1e-3;
+/// Least number of periods that are averaged, since the noise is estimated from their differences. If as many follow the
+/// first period, that one is left out, because the structure has to settle.
+const LEAST_PERIODS: usize = 2;
 
-/// Lines of a kind from which their mean power says something.
-const ENOUGH: usize = 8;
-
-/// The first period is left out, where so many follow: the structure has to settle.
-const FOLLOW: usize = 2;
-
-/// Lines over which noise is averaged.
+/// Number of neighbouring lines over which the noise is averaged: enough for a scatter of a fifth.
 const NEIGHBOURS: usize = 21;
-
-/// More than noise makes, in standard deviations of its mean over the lines.
-const CLEAR: f64 = 6.0;
 
 /// What a line is to a multisine of odd lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -80,8 +73,9 @@ impl Lines {
         rate: f64,
         linear: impl Fn(&Record) -> Channels,
         with: impl Fn(&Record) -> Channels,
+        settings: &EvidenceSettings,
     ) -> Option<Self> {
-        let odd = records.iter().filter_map(|record| Some((record, kinds(record)?)));
+        let odd = records.iter().filter_map(|record| Some((record, kinds(record, settings)?)));
         let (record, (period, kinds)) = odd.max_by(|a, b| a.0.level().total_cmp(&b.0.level()))?;
         let (linear, with) = (linear(record), with(record));
         let starts = used(record.samples(), period);
@@ -89,7 +83,7 @@ impl Lines {
             let present = |k: usize| record.y[o][k].is_finite() && linear[o][k].is_finite() && with[o][k].is_finite();
             let whole = |from: &usize| (*from..from + period).all(present);
             let starts: Vec<usize> = starts.iter().copied().filter(whole).collect();
-            if starts.len() < FOLLOW {
+            if starts.len() < LEAST_PERIODS {
                 return (Vec::new(), starts.len());
             }
             let y = periods(&record.y[o], period, &starts);
@@ -113,12 +107,12 @@ impl Lines {
             (kinds.iter().enumerate().filter_map(line).collect(), starts.len())
         };
         let (outputs, periods): (Vec<Vec<Line>>, Vec<usize>) = (0..record.y.len()).map(one).unzip();
-        let periods = periods.into_iter().filter(|count| *count >= FOLLOW).min().unwrap_or(FOLLOW);
+        let periods = periods.into_iter().filter(|count| *count >= LEAST_PERIODS).min().unwrap_or(LEAST_PERIODS);
         Some(Self { record: record.name.clone(), outputs, periods })
     }
 
     /// What lines of a kind answer; none where all samples are missing somewhere.
-    pub fn answer(&self, kind: Kind) -> Option<Answer> {
+    pub fn answer(&self, kind: Kind, settings: &EvidenceSettings) -> Option<Answer> {
         let of = |lines: &[Line], kind: Kind, value: &dyn Fn(&Line) -> f64| -> (f64, f64) {
             let chosen = lines.iter().filter(|line| line.kind == kind);
             chosen.fold((0.0, 0.0), |(sum, count), line| (sum + value(line), count + 1.0))
@@ -142,13 +136,13 @@ impl Lines {
         (outputs > 0.0).then(|| Answer {
             share: (measured / outputs).max(0.0).sqrt(),
             simulated: (simulated / outputs).sqrt(),
-            clear: over / count - 1.0 > CLEAR * scatter,
+            clear: over / count - 1.0 > settings.line_excess * scatter,
         })
     }
 
     /// What the lines say, beside what the simulation says if something was found.
-    pub fn words(&self, found: bool) -> Option<String> {
-        let (odd, even) = (self.answer(Kind::Odd)?, self.answer(Kind::Even)?);
+    pub fn words(&self, found: bool, settings: &EvidenceSettings) -> Option<String> {
+        let (odd, even) = (self.answer(Kind::Odd, settings)?, self.answer(Kind::Even, settings)?);
         let share = |answer: Answer| {
             let simulated = if found { format!(" (simulated: {})", percent(answer.simulated)) } else { String::new() };
             if answer.clear {
@@ -161,8 +155,8 @@ impl Lines {
             (false, false) => "what repeats is linear",
             (true, false) => "a nonlinearity that is odd",
             (false, true) => "a nonlinearity that is even",
-            (true, true) if odd.share > 3.0 * even.share => "a nonlinearity that is mostly odd",
-            (true, true) if even.share > 3.0 * odd.share => "a nonlinearity that is mostly even",
+            (true, true) if odd.share > settings.mostly * even.share => "a nonlinearity that is mostly odd",
+            (true, true) if even.share > settings.mostly * odd.share => "a nonlinearity that is mostly even",
             (true, true) => "a nonlinearity with an odd and an even part",
         };
         Some(format!(
@@ -175,9 +169,9 @@ impl Lines {
 }
 
 /// The period and what each of its lines is, where a record drives odd lines only and leaves out enough of them.
-fn kinds(record: &Record) -> Option<(usize, Vec<Option<Kind>>)> {
+fn kinds(record: &Record, settings: &EvidenceSettings) -> Option<(usize, Vec<Option<Kind>>)> {
     let Excitation::Periodic(period) = record.excitation else { return None };
-    if used(record.samples(), period).len() < FOLLOW {
+    if used(record.samples(), period).len() < LEAST_PERIODS {
         return None;
     }
     let mut power = vec![0.0; period / 2 + 1];
@@ -186,7 +180,7 @@ fn kinds(record: &Record) -> Option<(usize, Vec<Option<Kind>>)> {
         let most = lines.iter().skip(1).map(|line| line.0).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
         power.iter_mut().zip(&lines).skip(1).for_each(|(to, line)| *to += line.0 / most);
     }
-    let driven = |k: usize| power[k] > DRIVES;
+    let driven = |k: usize| power[k] > settings.driven_line;
     let (first, last) = ((1..power.len()).find(|&k| driven(k))?, (1..power.len()).rev().find(|&k| driven(k))?);
     let kind = |k: usize| match k {
         _ if k < first || k > last => None,
@@ -195,7 +189,7 @@ fn kinds(record: &Record) -> Option<(usize, Vec<Option<Kind>>)> {
         _ => Some(Kind::Even),
     };
     let kinds: Vec<Option<Kind>> = (0..power.len()).map(kind).collect();
-    let enough = |kind: Kind| kinds.iter().filter(|k| **k == Some(kind)).count() >= ENOUGH;
+    let enough = |kind: Kind| kinds.iter().filter(|k| **k == Some(kind)).count() >= settings.least_lines;
     let odd = (first..=last).all(|k| k % 2 == 1 || !driven(k));
     (odd && enough(Kind::Odd) && enough(Kind::Even)).then_some((period, kinds))
 }
@@ -203,7 +197,7 @@ fn kinds(record: &Record) -> Option<(usize, Vec<Option<Kind>>)> {
 /// Where each period begins that is used: the first is left out, where enough follow, for the structure has to settle.
 fn used(samples: usize, period: usize) -> Vec<usize> {
     let all = samples / period.max(1);
-    (usize::from(all > FOLLOW)..all).map(|k| k * period).collect()
+    (usize::from(all > LEAST_PERIODS)..all).map(|k| k * period).collect()
 }
 
 /// The power of each line that repeats over the periods from `starts`, and the power of the noise in it.
@@ -253,6 +247,10 @@ mod tests {
         }
     }
 
+    fn odd_lines(lines: &Lines) -> Option<Answer> {
+        lines.answer(Kind::Odd, &EvidenceSettings::default())
+    }
+
     fn odd() -> Vec<usize> {
         (1..120).step_by(2).filter(|k| k % 5 != 0).collect()
     }
@@ -260,7 +258,7 @@ mod tests {
     fn lines(curve: impl Fn(f64) -> f64) -> Lines {
         let record = record(&odd(), &curve);
         let with = |r: &Record| vec![r.u[0].iter().map(|u| curve(*u)).collect()];
-        Lines::of(&[record], 100.0, |r: &Record| r.u.clone(), with).unwrap()
+        Lines::of(&[record], 100.0, |r: &Record| r.u.clone(), with, &EvidenceSettings::default()).unwrap()
     }
 
     #[test]
@@ -271,13 +269,13 @@ mod tests {
             (Box::new(|u: f64| u + 0.1 * u * u), false, true, "that is even"),
         ] {
             let lines = lines(curve);
-            let answers = [Kind::Odd, Kind::Even].map(|kind| lines.answer(kind).unwrap());
+            let answers = [Kind::Odd, Kind::Even].map(|kind| lines.answer(kind, &EvidenceSettings::default()).unwrap());
             assert_eq!(answers.map(|a| a.clear), [odd, even], "{answers:?}");
             // What makes the record is simulated: both answer alike.
             for answer in answers.iter().filter(|a| a.clear) {
                 assert!((answer.share / answer.simulated - 1.0).abs() < 0.05, "{answer:?}");
             }
-            assert!(lines.words(true).unwrap().contains(word));
+            assert!(lines.words(true, &EvidenceSettings::default()).unwrap().contains(word));
         }
     }
 
@@ -287,15 +285,16 @@ mod tests {
         let mut record = record(&odd(), curve);
         let of = |record: &Record| {
             let with = |r: &Record| vec![r.u[0].iter().map(|u| curve(*u)).collect()];
-            Lines::of(std::slice::from_ref(record), 100.0, |r: &Record| r.u.clone(), with).unwrap()
+            let settings = EvidenceSettings::default();
+            Lines::of(std::slice::from_ref(record), 100.0, |r: &Record| r.u.clone(), with, &settings).unwrap()
         };
-        let (whole, share) = (of(&record), |lines: &Lines| lines.answer(Kind::Odd).unwrap().share);
+        let (whole, share) = (of(&record), |lines: &Lines| odd_lines(lines).unwrap().share);
         record.y[0][PERIOD + 7] = f64::NAN;
         let one = of(&record);
         assert_eq!((whole.periods, one.periods), (3, 2));
-        assert!((share(&one) / share(&whole) - 1.0).abs() < 0.05 && one.answer(Kind::Odd).unwrap().clear);
+        assert!((share(&one) / share(&whole) - 1.0).abs() < 0.05 && odd_lines(&one).unwrap().clear);
         record.y[0][2 * PERIOD + 7] = f64::NAN;
-        assert_eq!(of(&record).answer(Kind::Odd), None);
+        assert_eq!(odd_lines(&of(&record)), None);
     }
 
     /// Of u + c u^2 with cosines of amplitude a at the lines k and l, the line k + l has the amplitude c a^2.
@@ -310,12 +309,13 @@ mod tests {
     #[test]
     fn records_of_other_lines_say_nothing() {
         let none = |lines: &[usize], curve: fn(f64) -> f64| {
-            Lines::of(&[record(lines, curve)], 100.0, |r: &Record| r.u.clone(), |r: &Record| r.u.clone())
+            let run = |r: &Record| r.u.clone();
+            Lines::of(&[record(lines, curve)], 100.0, run, run, &EvidenceSettings::default())
         };
         assert_eq!(none(&(1..120).collect::<Vec<_>>(), |u| u), None);
         assert_eq!(none(&(1..120).step_by(2).collect::<Vec<_>>(), |u| u), None);
         // Missing samples.
         let lines = none(&odd(), |_| f64::NAN).unwrap();
-        assert_eq!(lines.words(false), None);
+        assert_eq!(lines.words(false, &EvidenceSettings::default()), None);
     }
 }

@@ -12,6 +12,7 @@ use crate::evidence::tracks::Tracks;
 use crate::fit::problem::Problem;
 use crate::noise::NoiseModel;
 use crate::plant::Plant;
+use crate::settings::GapSettings;
 
 /// What stands beside the diagnosis.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -34,17 +35,18 @@ impl Evidence {
         linear: impl Fn(&Record) -> Channels,
         with: impl Fn(&Record) -> Channels,
     ) -> Self {
+        let settings = &problem.settings.evidence;
         Self {
-            tracks: Tracks::of(&problem.plant, &problem.records, &noise.rms()),
+            tracks: Tracks::of(&problem.plant, &problem.records, &noise.rms(), settings),
             resonances: each_alone(problem, refitted, noise),
-            lines: Lines::of(records, refitted.rate, linear, with),
+            lines: Lines::of(records, refitted.rate, linear, with, settings),
         }
     }
 
     /// In words, as far as they say something. `found`: whether the simulation has an effect to compare with.
-    pub fn words(&self, plant: &Plant, found: bool) -> impl Iterator<Item = String> {
-        let resonances = resonances::words(&self.resonances, plant);
-        let lines = self.lines.as_ref().and_then(|lines| lines.words(found));
-        resonances.into_iter().chain(lines).chain(self.tracks.words(plant))
+    pub fn words(&self, plant: &Plant, found: bool, settings: &GapSettings) -> impl Iterator<Item = String> {
+        let resonances = resonances::words(&self.resonances, plant, settings);
+        let lines = self.lines.as_ref().and_then(|lines| lines.words(found, &settings.evidence));
+        resonances.into_iter().chain(lines).chain(self.tracks.words(plant, settings))
     }
 }

@@ -11,17 +11,16 @@ use crate::fit::problem::{Problem, sum_of_squares};
 use crate::fit::refit::refit;
 use crate::noise::NoiseModel;
 use crate::plant::Plant;
+use crate::settings::{EvidenceSettings, GapSettings};
 
-/// How far a record's own modes may be from those of all records: far beyond any simulation's own error.
+/// Limits of a record's own modes about those of all records: far wider than the errors of any simulation, so that the
+/// record alone determines them.
 const LIMITS: Limits = Limits { frequency: 0.1, damping: 2.0, shape: 0.4 };
 
-/// Steps of a record's own refit.
+/// Largest number of steps of a record's own refit.
 const STEPS: usize = 12;
 
-/// A mode is seen where the record narrows the priors of frequency and damping ratio to these shares.
-const NARROWED: [f64; 2] = [0.05, 0.2];
-
-/// Samples of a record that are used, at most.
+/// Largest number of samples of a record that are used, to bound the time of the fit.
 const SAMPLES: usize = 8192;
 
 /// Frequency and damping ratio of a mode in a record.
@@ -75,12 +74,13 @@ fn alone(problem: &Problem, plant: &Plant, noise: &NoiseModel, index: usize) -> 
     let inflation = (sum_of_squares(&fitted.residual) / own.rows().max(1) as f64).max(1.0);
     let covariance = fitted.tangent.normal.clone().cholesky().map(|factor| factor.inverse() * inflation);
     let deviation = |entry: usize| covariance.as_ref().map_or(f64::INFINITY, |c| c[(entry, entry)].max(0.0).sqrt());
+    let EvidenceSettings { frequency_narrowed, damping_narrowed, .. } = problem.settings.evidence;
     let mut modes = vec![None; plant.modes.len()];
     for entry in 0..own.nuisance.len() {
         let Some((mode, 0)) = own.nuisance.entry(entry) else { continue };
         let [frequency, damping] = [deviation(entry), deviation(entry + 1)];
         let prior = &own.nuisance.std[entry..entry + 2];
-        if frequency < NARROWED[0] * prior[0] && damping < NARROWED[1] * prior[1] {
+        if frequency < frequency_narrowed * prior[0] && damping < damping_narrowed * prior[1] {
             let found = &fitted.plant.modes[mode];
             modes[mode] = Some(Resonance {
                 hz: found.hz(),
@@ -93,26 +93,26 @@ fn alone(problem: &Problem, plant: &Plant, noise: &NoiseModel, index: usize) -> 
     Alone { record: record.name.clone(), level: record.level(), start_s: record.start_s, modes }
 }
 
-/// Records from which a trend can be told.
-const LEAST: usize = 3;
-
-/// Modes that more than two records show, the one that follows the level or the time most clearly first.
-pub fn by_trend(alone: &[Alone]) -> Vec<(usize, Trend)> {
+/// Returns the modes that enough records show, with their trends: first the mode that follows the level or the time most
+/// clearly.
+pub fn by_trend(alone: &[Alone], settings: &GapSettings) -> Vec<(usize, Trend)> {
     let modes = alone.first().map_or(0, |alone| alone.modes.len());
-    let mut trends: Vec<(usize, Trend)> =
-        (0..modes).filter_map(|mode| Some((mode, trend(&points(alone, mode), LEAST)?))).collect();
+    let least = settings.evidence.trend_records;
+    let of = |mode: usize| Some((mode, trend(&points(alone, mode), least, settings)?));
+    let mut trends: Vec<(usize, Trend)> = (0..modes).filter_map(of).collect();
     trends.sort_by(|a, b| b.1.clear.total_cmp(&a.1.clear));
     trends
 }
 
-/// Modes that are told of, at most.
+/// Largest number of modes in the sentence.
 const TOLD: usize = 3;
 
 /// The modes that follow the level or the time beyond their own scatter, as far as there are any: the largest change first.
-pub fn words(alone: &[Alone], plant: &Plant) -> Option<String> {
-    let told = by_trend(alone)
+pub fn words(alone: &[Alone], plant: &Plant, settings: &GapSettings) -> Option<String> {
+    let words = |mode: usize, trend: &Trend| trend.words(plant.modes[mode].hz(), &settings.evidence);
+    let told = by_trend(alone, settings)
         .into_iter()
-        .filter_map(|(mode, trend)| Some((trend.change.abs(), trend.words(plant.modes[mode].hz())?)));
+        .filter_map(|(mode, trend)| Some((trend.change.abs(), words(mode, &trend)?)));
     let mut told: Vec<(f64, String)> = told.collect();
     told.sort_by(|a, b| b.0.total_cmp(&a.0));
     let told: Vec<String> = told.into_iter().take(TOLD).map(|(_, words)| words).collect();
@@ -175,13 +175,13 @@ mod tests {
             assert!((mode.damping - damping).abs() < 4.0 * mode.damping_std, "{} for {damping}", mode.damping);
             assert!(mode.hz_std < 1e-3 * hz);
         }
-        let words = words(&alone, &plant).unwrap();
+        let words = words(&alone, &plant, &GapSettings::default()).unwrap();
         assert!(words.contains("137.0 Hz by +1.1") && words.contains("from level 0."), "{words}");
     }
 
     #[test]
     fn what_stays_is_not_told() {
         let (alone, plant) = found(&|_| C::ZERO);
-        assert_eq!(words(&alone, &plant), None);
+        assert_eq!(words(&alone, &plant, &GapSettings::default()), None);
     }
 }

@@ -15,6 +15,7 @@ use plid_variants::expectations::MomentMatched;
 use crate::case::record::{Excitation, Record, rms};
 use crate::evidence::trend::{Point, trend};
 use crate::plant::Plant;
+use crate::settings::{EvidenceSettings, GapSettings};
 
 /// The recursion that follows the plant: the form that cannot lose P, with the default expectations.
 type Filter = Identifier<BiermanUd<Plain<f64>>, MomentMatched<f64>>;
@@ -41,51 +42,54 @@ pub struct Tracks {
     pub passed: Vec<Passed>,
 }
 
-/// Samples of each record that the filter sees, at most.
+/// Largest number of samples of each record that the filter uses, to bound its time.
 const SAMPLES: usize = 4000;
 
-/// States at most: a step costs as their square.
+/// Largest number of states: the time of a step grows with their square.
 const STATES: usize = 36;
 
-/// Factor on the parameters' variances from one record to the next: what was learnt is doubted.
+/// Factor on the parameters' variances from one record to the next, so that they can follow a change.
 const WIDENED: f64 = 100.0;
 
-/// Noise of a state over that of a sensor, in variance.
+/// Variance of a state's noise over that of a sensor: small, because a large one would hide what the parameters follow.
 const STATE_NOISE: f64 = 1e-3;
-
-/// Poles of the model with a larger damping ratio are no resonance.
-const DAMPED: f64 = 0.2;
-
-/// A mode of the model within this share of the simulation's is the same.
-const NEAR: f64 = 0.03;
 
 impl Tracks {
     /// Runs PLID over the records. Empty where the filter breaks down or nothing drives the structure: the diagnosis does without.
-    pub fn of(plant: &Plant, records: &[Record], noise: &[f64]) -> Self {
+    pub fn of(plant: &Plant, records: &[Record], noise: &[f64], settings: &EvidenceSettings) -> Self {
         let driven: Vec<&Record> =
             records.iter().filter(|r| r.excitation != Excitation::Zero && r.level() > 0.0).collect();
-        Self { passed: follow(plant, &driven, noise).unwrap_or_default() }
+        Self { passed: follow(plant, &driven, noise, settings).unwrap_or_default() }
     }
 
     /// What the tracks say, in words: the mode that follows the level most, if one does beyond its own scatter, or the time.
-    pub fn words(&self, plant: &Plant) -> Option<String> {
-        let trends = (0..plant.modes.len()).filter_map(|mode| Some((mode, trend(&self.points(mode), 4)?)));
+    pub fn words(&self, plant: &Plant, settings: &GapSettings) -> Option<String> {
+        let least = settings.evidence.tracked_records;
+        let trends =
+            (0..plant.modes.len()).filter_map(|mode| Some((mode, trend(&self.points(mode), least, settings)?)));
         let (mode, strongest) = trends.max_by(|a, b| a.1.clear.total_cmp(&b.1.clear))?;
-        Some(format!("An adaptive PLID run follows {}.", strongest.words(plant.modes[mode].hz())?))
+        let words = strongest.words(plant.modes[mode].hz(), &settings.evidence)?;
+        Some(format!("An adaptive PLID run follows {words}."))
     }
 
     /// A mode from record to record.
     fn points(&self, mode: usize) -> Vec<Point> {
         let seen = self.passed.iter().filter_map(|p| Some((p, p.modes[mode]?)));
-        seen.map(|(p, (hz, damping))| Point { level: p.level, start_s: p.start_s, hz, hz_std: TELLS * hz, damping })
-            .collect()
+        seen.map(|(p, (hz, damping))| Point {
+            level: p.level,
+            start_s: p.start_s,
+            hz,
+            hz_std: RESOLUTION * hz,
+            damping,
+        })
+        .collect()
     }
 }
 
-/// Relative change of a frequency that is within what one record tells.
-const TELLS: f64 = 1e-4;
+/// Relative change of a frequency that one record cannot resolve.
+const RESOLUTION: f64 = 1e-4;
 
-fn follow(plant: &Plant, driven: &[&Record], noise: &[f64]) -> Option<Vec<Passed>> {
+fn follow(plant: &Plant, driven: &[&Record], noise: &[f64], settings: &EvidenceSettings) -> Option<Vec<Passed>> {
     let (m, p) = (plant.m, plant.p);
     let states = plant.n().min(STATES);
     let form = ObservableForm::new(&vec![states.div_ceil(p); p], m).ok()?;
@@ -97,11 +101,11 @@ fn follow(plant: &Plant, driven: &[&Record], noise: &[f64]) -> Option<Vec<Passed
     let mean = sensor.iter().sum::<f64>() / p as f64;
     let noise_model = NoiseModel::diagonal(&sensor, &vec![0.0; m], &vec![STATE_NOISE * mean; states.div_ceil(p) * p]);
     let start = Settings::new(&form, 1.0, 1.0);
-    let mut settings = start.clone();
+    let mut carried = start.clone();
     let mut passed = Vec::new();
     for record in driven {
         let samples = record.samples().min(SAMPLES);
-        let mut filter = Filter::new(form.clone(), &noise_model, &settings).ok()?;
+        let mut filter = Filter::new(form.clone(), &noise_model, &carried).ok()?;
         let mut innovations = Array2::from_elem((samples, p), f64::NAN);
         for k in 0..samples {
             // An acceleration answers at once, and the form is strictly proper: the input one sample ahead.
@@ -119,22 +123,24 @@ fn follow(plant: &Plant, driven: &[&Record], noise: &[f64]) -> Option<Vec<Passed
             level: record.level(),
             start_s: record.start_s,
             innovations: innovations.sqrt(),
-            modes: nearest(plant, &identified),
+            modes: nearest(plant, &identified, settings),
         });
-        settings = start.carry_over(&form, &identified, WIDENED);
+        carried = start.carry_over(&form, &identified, WIDENED);
     }
     Some(passed)
 }
 
 /// Of each mode of the simulation, frequency and damping ratio of the model's nearest.
-fn nearest(plant: &Plant, identified: &IdentifiedModel) -> Vec<Option<(f64, f64)>> {
+fn nearest(plant: &Plant, identified: &IdentifiedModel, settings: &EvidenceSettings) -> Vec<Option<(f64, f64)>> {
     let (a, b, c) = ((&identified.a).into(), (&identified.b).into(), (&identified.c).into());
     let model = Model::new(plant.rate, a, b, c, DMatrix::zeros(plant.p, plant.m));
     let Ok(found) = model.and_then(|model| plid_model::modes(&model)) else { return vec![None; plant.modes.len()] };
-    let oscillatory = found.iter().filter(|mode| mode.kind == ModeKind::Oscillatory && mode.damping.abs() < DAMPED);
+    let EvidenceSettings { tracked_damping, tracked_distance, .. } = *settings;
+    let oscillatory =
+        found.iter().filter(|mode| mode.kind == ModeKind::Oscillatory && mode.damping.abs() < tracked_damping);
     let found: Vec<(f64, f64)> = oscillatory.map(|mode| (mode.hz, mode.damping)).collect();
     let of = |hz: f64| {
-        let near = found.iter().filter(|(f, _)| (f / hz - 1.0).abs() < NEAR);
+        let near = found.iter().filter(|(f, _)| (f / hz - 1.0).abs() < tracked_distance);
         near.min_by(|a, b| (a.0 / hz - 1.0).abs().total_cmp(&(b.0 / hz - 1.0).abs())).copied()
     };
     plant.modes.iter().map(|mode| of(mode.hz())).collect()
@@ -163,14 +169,14 @@ mod tests {
             }
         }
         all.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
-        (Tracks::of(&plant, &all, &vec![1e-4; plant.p]), plant)
+        (Tracks::of(&plant, &all, &vec![1e-4; plant.p], &EvidenceSettings::default()), plant)
     }
 
     #[test]
     fn a_resonance_that_follows_the_level_is_told() {
         let (tracks, plant) = tracks(&|record| -0.01 * record.level());
         assert_eq!(tracks.passed.len(), 8);
-        let words = tracks.words(&plant).unwrap();
+        let words = tracks.words(&plant, &GapSettings::default()).unwrap();
         assert!(
             words.contains(&crate::plant::plain_hz(plant.modes[0].hz())) && words.contains("from level 0.2"),
             "{words}"
@@ -181,13 +187,13 @@ mod tests {
     #[test]
     fn a_resonance_that_follows_the_time_is_told() {
         let (tracks, plant) = tracks(&|record| 0.001 * record.start_s);
-        let words = tracks.words(&plant).unwrap();
+        let words = tracks.words(&plant, &GapSettings::default()).unwrap();
         assert!(words.contains(" s to "), "{words}");
     }
 
     #[test]
     fn what_stays_is_not() {
         let (tracks, plant) = tracks(&|_| 0.0);
-        assert_eq!(tracks.words(&plant), None);
+        assert_eq!(tracks.words(&plant, &GapSettings::default()), None);
     }
 }

@@ -1,7 +1,7 @@
 //! Whether a resonance follows the level or the time: from record to record, in words.
 
-use crate::case::levels::ALIKE;
 use crate::plant::plain_hz;
+use crate::settings::{CaseSettings, EvidenceSettings, GapSettings};
 
 /// A resonance in a record.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,14 +40,9 @@ pub struct Trend {
     damping: (f64, f64),
 }
 
-/// A trend over this many times its own scatter is told.
-const CLEAR: f64 = 6.0;
-
-/// A trend with the time is so much clearer than one with the level: records are often taken at rising levels.
-const LATER: f64 = 1.5;
-
-/// Of points, whichever is clearer: with the level or with the time. None for fewer than `least` points.
-pub fn trend(points: &[Point], least: usize) -> Option<Trend> {
+/// Returns the trend of points with the level or with the time, whichever is clearer; `None` for fewer than `least` points.
+pub fn trend(points: &[Point], least: usize, settings: &GapSettings) -> Option<Trend> {
+    let GapSettings { case: CaseSettings { same_level, .. }, evidence, .. } = settings;
     let along = |with: Along| -> Option<Trend> {
         let x = |p: &Point| match with {
             Along::Level => p.level,
@@ -66,7 +61,7 @@ pub fn trend(points: &[Point], least: usize) -> Option<Trend> {
         let high = points.iter().max_by(|a, b| x(a).total_cmp(&x(b)))?;
         let between = (x(low), x(high));
         // Levels that differ no more are one.
-        if with == Along::Level && between.1 < ALIKE * between.0 {
+        if with == Along::Level && between.1 < same_level * between.0 {
             return None;
         }
         let chance = points.iter().map(|p| p.hz_std * p.hz_std).sum::<f64>() / n;
@@ -79,7 +74,9 @@ pub fn trend(points: &[Point], least: usize) -> Option<Trend> {
         })
     };
     match [Along::Level, Along::Time].map(along) {
-        [Some(level), Some(time)] if !together(points) && time.clear > LATER * level.clear => Some(time),
+        [Some(level), Some(time)] if !together(points) && time.clear > evidence.time_over_level * level.clear => {
+            Some(time)
+        }
         [Some(level), _] => Some(level),
         [None, time] => time,
     }
@@ -94,9 +91,9 @@ fn together(points: &[Point]) -> bool {
 
 impl Trend {
     /// "the resonance at 168 Hz by +0.40 % from level 0.3 to 1, its damping ratio from 0.0050 to 0.0051"; none for what chance makes.
-    pub fn words(&self, hz: f64) -> Option<String> {
+    pub fn words(&self, hz: f64, settings: &EvidenceSettings) -> Option<String> {
         let (from, to) = self.between;
-        (self.clear > CLEAR).then(|| {
+        (self.clear > settings.trend_change).then(|| {
             format!(
                 "the resonance at {} Hz by {:+.2} % from {}, its damping ratio from {:.4} to {:.4}",
                 plain_hz(hz),
@@ -119,7 +116,7 @@ mod tests {
     #[test]
     fn time_is_told_from_the_level_only_where_they_go_apart() {
         let at = |level: f64, start_s: f64| Point { level, start_s, hz: 100.0 + start_s, hz_std: 1e-3, damping: 0.01 };
-        let told = |points: &[Point]| trend(points, 3).map(|trend| trend.with);
+        let told = |points: &[Point]| trend(points, 3, &GapSettings::default()).map(|trend| trend.with);
         assert_eq!(told(&[at(0.3, 0.0), at(0.5, 1.0), at(1.0, 2.0)]), Some(Along::Level));
         assert_eq!(told(&[at(1.0, 0.0), at(0.3, 1.0), at(0.9, 2.0)]), Some(Along::Time));
         assert_eq!(told(&[at(1.0, 0.0), at(1.01, 1.0), at(1.02, 2.0)]), Some(Along::Time));

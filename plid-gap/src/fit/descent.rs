@@ -46,17 +46,13 @@ pub struct Effort {
     pub fineness: Fineness,
 }
 
-/// The last steps of a fit.
+/// The last steps of a fit: it is close to its minimum, and intervals need the derivatives at the minimum itself.
 const SETTLED: Effort = Effort { steps: 6, gain: 0.05, fineness: Fineness::FINE };
 
-/// Largest change of a mode's parameter, in standard deviations of its prior, with which a fit is not made anew from
-/// zero: what an effect could gain from so small a change is within its interval.
-const NEAR_ZERO: f64 = 1.0;
-
-/// Largest number of times that a fit is made anew.
+/// Largest number of times that a fit is repeated from zero: each repetition ends nearer the minimum.
 const RESTARTS: usize = 4;
 
-/// A fit that is made anew.
+/// A fit that is repeated from zero.
 const ANEW: Effort = Effort { steps: 12, gain: 0.1, fineness: Fineness::FINE };
 
 /// Damping up to which linear parameters are not held back: the model is close to linear in them, so that only a step
@@ -69,7 +65,7 @@ const DAMPING: Damping = Damping { start: UNDAMPED, shrink: 0.1, grow: 10.0, lea
 /// The same where every step is tried undamped first.
 const DAMPING_LINEAR: Damping = Damping { shrink: 0.0, least: UNDAMPED, tries: 7, ..DAMPING };
 
-/// Steps after which derivatives are taken anew where effects move modes.
+/// Number of steps after which derivatives are computed again where effects move modes: modes move little in three.
 const RENEWED: usize = 3;
 
 /// Where the derivatives by the linear parameters come from.
@@ -201,7 +197,7 @@ impl Problem {
         let jacobian = self.tangent(&self.plant);
         let mut settled = self.last_steps(fit);
         for _ in 0..RESTARTS {
-            if self.max_prior_z(&settled.eta) <= NEAR_ZERO {
+            if self.max_prior_z(&settled.eta) <= self.settings.fit.repeated_from {
                 break;
             }
             let mut eta = settled.eta.clone();

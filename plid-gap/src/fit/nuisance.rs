@@ -9,20 +9,18 @@ use crate::fourier::C;
 use crate::plant::{Passed, Plant, RestNumber, Spectrum};
 use crate::simulate::{Fineness, State, simulate};
 
-/// Standard deviation of an initial state, relative to the state that the input excites.
-const START: f64 = 3.0;
-
-/// The records determine a parameter whose information, the prior included, exceeds that of the prior by this factor.
-const TOLD: f64 = 10.0;
+/// Prior standard deviation of an initial state, relative to the state that the input excites: wide enough for the record
+/// alone to determine the state.
+const INITIAL_STATE_STD: f64 = 3.0;
 
 /// Median of the absolute value of a standard normal variable.
 const NORMAL_MEDIAN: f64 = 0.6745;
 
-/// Step of a number of the rest, for differences of the outputs.
+/// Relative step of a pole or gain of the rest, for differences of the outputs: four of their digits are then right.
 const REST_STEP: f64 = 1e-4;
 
-/// Relative step of a pole, for differences of the gain of actuators and filters.
-const BEND: f64 = 1e-4;
+/// Relative step of a pole, for differences of the gain of actuators and filters: four of their digits are then right.
+const POLE_STEP: f64 = 1e-4;
 
 /// The linear parameters and their prior: frequency, damping, input shape (m) and output shape (p) of each mode,
 /// followed by poles and gains of a simulation without modes, and by the initial states.
@@ -67,7 +65,7 @@ impl Nuisance {
             .map(|record| {
                 (!record.from_rest).then(|| {
                     let at = std.len();
-                    std.extend(std::iter::repeat_n(START, 2 * modes + rest));
+                    std.extend(std::iter::repeat_n(INITIAL_STATE_STD, 2 * modes + rest));
                     at
                 })
             })
@@ -84,9 +82,10 @@ impl Nuisance {
     }
 
     /// Returns the factor, at least one, by which the modes' parameters exceed their prior. It is estimated from the
-    /// median of those that the records determine, which is insensitive to a few that an effect has moved.
-    pub fn needed(&self, eta: &[f64], jacobian: &Tangent) -> f64 {
-        let told = |k: &usize| jacobian.normal[(*k, *k)] * self.std[*k].powi(2) > TOLD;
+    /// median of those that the records determine, which is insensitive to a few that an effect has moved. The records
+    /// determine a parameter if its information, the prior included, exceeds that of the prior by the factor `determined`.
+    pub fn needed(&self, eta: &[f64], jacobian: &Tangent, determined: f64) -> f64 {
+        let told = |k: &usize| jacobian.normal[(*k, *k)] * self.std[*k].powi(2) > determined;
         let mut off: Vec<f64> = (0..self.of_simulation()).filter(told).map(|k| (eta[k] / self.std[k]).abs()).collect();
         off.sort_by(f64::total_cmp);
         off.get(off.len() / 2).map_or(1.0, |median| (median / NORMAL_MEDIAN).max(1.0))
@@ -252,7 +251,8 @@ impl Nuisance {
         for (part, change) in [faster, damped].into_iter().enumerate() {
             let shape = 2.0 * change / mode.pole - change.im / mode.pole.im;
             // What lies before and behind the structure responds differently at the new pole.
-            let bends = |gain: &dyn Fn(C) -> C| (gain(mode.pole + change * BEND) / gain(mode.pole)).ln() / BEND;
+            let bends =
+                |gain: &dyn Fn(C) -> C| (gain(mode.pole + change * POLE_STEP) / gain(mode.pole)).ln() / POLE_STEP;
             let before: Vec<C> = (0..self.m).map(|i| mode.b[i] * bends(&|s| plant.chain.before(i, s))).collect();
             let behind: Vec<C> = (0..self.p).map(|o| bends(&|s| plant.chain.behind(o, s))).collect();
             let moved: Vec<C> = (0..response.sum.len())
@@ -266,8 +266,8 @@ impl Nuisance {
                 let gain = 2.0 * mode.c[o] * behind[o];
                 y.iter_mut().zip(&response.sum).for_each(|(y, z)| *y += gain.re * z.re - gain.im * z.im);
             }
-            through.add(plant, &passed.at(mode.pole + change * BEND), y, 1.0 / BEND);
-            through.add(plant, &passed, y, -1.0 / BEND);
+            through.add(plant, &passed.at(mode.pole + change * POLE_STEP), y, 1.0 / POLE_STEP);
+            through.add(plant, &passed, y, -1.0 / POLE_STEP);
             put(k * self.each() + part, y);
         }
     }

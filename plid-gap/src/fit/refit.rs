@@ -37,21 +37,18 @@ impl Refit {
     }
 }
 
-/// Largest number of steps within the prior's bounds.
+/// Largest number of steps within the prior's bounds: the model is close to linear in its parameters there.
 pub const STEPS: usize = 5;
 
-/// A step that lowers the cost by less than this is the last one.
-const GAIN: f64 = 1.0;
+/// A step that lowers the cost by less than this is the last one: an effect counts only if it gains more than ten.
+const LEAST_GAIN: f64 = 1.0;
 
 /// Fits the linear parameters alone.
 pub fn refit(problem: &Problem, steps: usize) -> Refit {
-    let effort = Effort { steps, gain: GAIN, fineness: Fineness::FINE };
+    let effort = Effort { steps, gain: LEAST_GAIN, fineness: Fineness::FINE };
     let (Point { eta, plant, residual, cost, .. }, tangent) = problem.fit_linear(effort);
     Refit { eta, plant, tangent, residual, cost }
 }
-
-/// Linear parameters further from zero than this many standard deviations are no nuisance, but the trace of an effect.
-const FAR: f64 = 2.5;
 
 impl Refit {
     /// Computes residual and cost for a changed noise model.
@@ -61,9 +58,10 @@ impl Refit {
     }
 }
 
-/// Returns the linear parameters brought back to the prior's bounds; `None` if all are within.
+/// Returns the linear parameters brought back to within `prior_bound` standard deviations; `None` if all are within.
 pub fn clipped(problem: &Problem, eta: &[f64]) -> Option<Vec<f64>> {
-    let bound = |(x, std): (&f64, &f64)| x.clamp(-FAR * std, FAR * std);
+    let most = problem.settings.fit.prior_bound;
+    let bound = |(x, std): (&f64, &f64)| x.clamp(-most * std, most * std);
     let all: Vec<f64> = eta.iter().zip(&problem.nuisance.std).map(bound).collect();
     (all != eta).then_some(all)
 }

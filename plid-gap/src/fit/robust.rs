@@ -9,23 +9,22 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 use nalgebra::DMatrix;
 
-/// Rows whose leverages are computed together.
+/// Number of rows whose leverages are computed together: they fit into the cache.
 const CHUNK: usize = 1024;
-
-/// Upper limit of a leverage. A row that determines a parameter alone says nothing about its own noise.
-const MOST_LEVERAGE: f64 = 0.9;
 
 /// Returns a factor, at least one, on the standard deviation of each of the last `count` parameters: that from the
 /// residuals over that from the noise model.
 ///
 /// `jacobian` has the derivatives of the whitened residual, in blocks of columns; `prior` the precision of the first
-/// parameters, those without one following; `covariance` is that of all parameters under the noise model.
+/// parameters, those without one following; `covariance` is that of all parameters under the noise model. No leverage
+/// counts for more than `most_leverage`.
 pub(super) fn widened(
     jacobian: &[MatRef<'_, f64>],
     prior: &[f64],
     residual: &[f64],
     covariance: &DMatrix<f64>,
     count: usize,
+    most_leverage: f64,
 ) -> Vec<f64> {
     let n = covariance.nrows();
     let covariance = MatRef::from_column_major_slice(covariance.as_slice(), n, n);
@@ -44,7 +43,7 @@ pub(super) fn widened(
         for i in 0..height {
             let row = jacobian.iter().flat_map(|block| (0..block.ncols()).map(move |j| block[(from + i, j)]));
             let leverage: f64 = row.enumerate().map(|(j, x)| moved[(i, j)] * x).sum();
-            let square = residual[from + i].powi(2) / (1.0 - leverage.clamp(0.0, MOST_LEVERAGE));
+            let square = residual[from + i].powi(2) / (1.0 - leverage.clamp(0.0, most_leverage));
             (0..count).for_each(|k| power[k] += square * moved[(i, n - count + k)].powi(2));
         }
     }
@@ -72,7 +71,7 @@ mod tests {
         let precision = DMatrix::from_diagonal(&DVector::from_column_slice(prior));
         let covariance = (j.transpose() * &j + precision).try_inverse().unwrap();
         let blocks = MatRef::from_column_major_slice(jacobian, ROWS, prior.len()).split_at_col(1);
-        widened(&[blocks.0, blocks.1], prior, residual, &covariance, count)
+        widened(&[blocks.0, blocks.1], prior, residual, &covariance, count, 0.9)
     }
 
     /// Two parameters; the second is told by a tenth of the rows alone, where the noise is `louder` than elsewhere.

@@ -7,7 +7,8 @@ use crate::fit::problem::{Placed, Problem, dot};
 /// counts.
 const HELD: f64 = 1e4;
 
-/// A step of a frequency, as a share of the width of a line over all records.
+/// Unit step of a frequency, over the width of a line in all records together: the phase at their ends then turns by about
+/// a radian.
 const LINE_SHARE: f64 = 0.2;
 
 /// How a step changes a parameter.

@@ -5,7 +5,6 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::case::levels::ALIKE;
 use crate::case::record::{Channels, Excitation, Record, rms};
 use crate::fit::problem::Problem;
 use crate::fourier;
@@ -79,7 +78,8 @@ pub fn errors(problem: &Problem) -> Vec<Channels> {
 }
 
 /// Draws the map, with intervals by a block bootstrap: of each record, and of each stretch of time in it, as many blocks are drawn anew.
-pub fn map(records: &[Record], errors: &[Channels], noise: &NoiseModel, rate: f64) -> Map {
+/// Levels whose ratio is below `same_level` are one level.
+pub fn map(records: &[Record], errors: &[Channels], noise: &NoiseModel, rate: f64, same_level: f64) -> Map {
     let edges: Vec<f64> = (0..=BANDS).map(|k| 0.5 * rate * k as f64 / BANDS as f64).collect();
     let blocks = blocks(records, errors, noise, &edges);
     let whole = Sums::of(&blocks, &vec![1.0; blocks.len()]);
@@ -92,7 +92,7 @@ pub fn map(records: &[Record], errors: &[Channels], noise: &NoiseModel, rate: f6
         level: records[index].level(),
         gap: estimate(&move |sums| sums.gap(index)),
     };
-    let indices = of_levels(records);
+    let indices = of_levels(records, same_level);
     let levels: Vec<LevelGap> = indices.iter().map(|&index| level(index)).collect();
     // What chance may hide in the noise has no place on a logarithmic scale.
     let clear = levels.iter().zip(&indices).filter(|(level, _)| level.gap.ci95[0] > 0.0);
@@ -258,14 +258,14 @@ impl Sums {
 }
 
 /// The records by which one says how the gap goes with the level: alike in kind, for the gap of what repeats is another one.
-fn of_levels(records: &[Record]) -> Vec<usize> {
+fn of_levels(records: &[Record], same_level: f64) -> Vec<usize> {
     let driven = |periodic: bool| -> Vec<usize> {
         let kind = |r: &Record| matches!(r.excitation, Excitation::Periodic(_)) == periodic;
         (0..records.len()).filter(|&k| kind(&records[k]) && records[k].level() > 0.0).collect()
     };
     let differ = |of: &Vec<usize>| {
         let levels = || of.iter().map(|&k| records[k].level());
-        levels().fold(0.0, f64::max) > ALIKE * levels().fold(f64::INFINITY, f64::min)
+        levels().fold(0.0, f64::max) > same_level * levels().fold(f64::INFINITY, f64::min)
     };
     let [random, periodic] = [false, true].map(driven);
     if differ(&random) || !differ(&periodic) && !random.is_empty() { random } else { periodic }

@@ -15,18 +15,13 @@ use crate::fourier;
 use crate::fourier::C;
 use crate::noise::model_error::ModelError;
 use crate::plant::Plant;
+use crate::settings::NoiseSettings;
 use crate::signal::notch;
 
-/// Bins whose power exceeds the model's by this factor (chance e^-16) hold a line and no noise.
-const LINE: f64 = 16.0;
-
-/// A sensor has at least this share of its declared variance.
-const QUIETEST: f64 = 0.25;
-
-/// Relative width of the band about a line that wanders.
+/// Relative width of the band that stands for what remains of a line whose phase wanders, after the line is removed.
 const LINE_WIDTH: f64 = 0.003;
 
-/// Rounds of the fixed-point iteration.
+/// Number of rounds of the fixed-point iteration, which converges linearly.
 const ROUNDS: usize = 60;
 
 /// Spectra of what no command explains: of one stretch, p channels of bins scaled so that |bin|^2 is a power spectral density
@@ -142,6 +137,8 @@ pub struct NoiseModel {
     pub band_hz: Option<[f64; 2]>,
     /// Lines that wander, as port and Hz: what they may be in a record is taken out of it.
     pub lines: Vec<(usize, f64)>,
+    /// The thresholds by which it is fitted.
+    pub settings: NoiseSettings,
 }
 
 impl NoiseModel {
@@ -158,6 +155,7 @@ impl NoiseModel {
             model_error: None,
             band_hz: None,
             lines: Vec::new(),
+            settings: NoiseSettings::default(),
         }
     }
 
@@ -197,15 +195,15 @@ impl NoiseModel {
         let rows: Vec<Row> = stretches.iter().flat_map(|s| model.rows(s, thin)).collect();
         let mut theta: Vec<f64> = model.sources.iter().map(|(_, theta)| *theta).collect();
         let fixed: Vec<bool> = model.sources.iter().map(|(s, _)| matches!(s, Source::Actuator(_))).collect();
-        // A channel that is constant in a quiet record is coarse, not free of noise.
+        let quietest = self.settings.least_sensor_variance;
         let least: Vec<f64> = model
             .sources
             .iter()
-            .map(|(source, theta)| if matches!(source, Source::Sensor(_)) { QUIETEST * theta } else { 1e-9 * theta })
+            .map(|(source, theta)| theta * if matches!(source, Source::Sensor(_)) { quietest } else { 1e-9 })
             .collect();
         let mut used = vec![true; rows.len()];
         for round in 0..rounds {
-            let (up, down) = ratios(&rows, &theta, &mut used, round < 5);
+            let (up, down) = ratios(&rows, &theta, &mut used, (round >= 5).then_some(self.settings.line_power));
             for j in 0..theta.len() {
                 if !fixed[j] && down[j] > 0.0 {
                     theta[j] *= (up[j] / down[j]).sqrt().clamp(0.2, 5.0);
@@ -375,14 +373,15 @@ impl Row {
     }
 }
 
-/// Power that rows of data have along each source, and that they should have at these sizes. A row that a line dominates is not `used`, unless `all` are.
-fn ratios(rows: &[Row], theta: &[f64], used: &mut [bool], all: bool) -> (Vec<f64>, Vec<f64>) {
+/// Returns the power that rows of data have along each source, and the power that they should have with these variances.
+/// A row whose power over that of the model reaches `line_power` is not `used`.
+fn ratios(rows: &[Row], theta: &[f64], used: &mut [bool], line_power: Option<f64>) -> (Vec<f64>, Vec<f64>) {
     let (mut up, mut down) = (vec![0.0; theta.len()], vec![0.0; theta.len()]);
     for (row, used) in rows.iter().zip(used) {
         let Some(inverse) = row.covariance(theta).try_inverse() else { continue };
         let seen = &inverse * &row.data;
         let power = row.data.dotc(&seen).re / row.data.len() as f64;
-        *used = all || power < LINE;
+        *used = line_power.is_none_or(|line_power| power < line_power);
         if !*used {
             continue;
         }

@@ -21,17 +21,19 @@ pub struct ModelError {
     density: Vec<Vec<f64>>,
 }
 
-/// Segments for each input, at least, from which coherence can be told.
+/// Least number of segments for each input: the bias of the coherence is then below one eighth.
 const SEGMENTS: usize = 8;
 
-/// Longest and shortest segment.
+/// Longest and shortest segment in samples: lines of lightly damped modes are resolved, or at least separated.
 const LENGTHS: [usize; 2] = [2048, 128];
 
-/// Lines to either side over which a density is averaged.
+/// Number of lines on either side over which a density is averaged.
 const SMOOTHED: usize = 2;
 
-/// Bins of the longest record in one value of what an explanation leaves, at least, and the most values.
+/// Least number of frequency bins of the longest record that make one value of the density.
 const CELL: usize = 4;
+
+/// Largest number of these values.
 const MOST_CELLS: usize = 1024;
 
 impl ModelError {

@@ -28,8 +28,9 @@ pub struct Whitener {
     taken_out: Vec<(Range<usize>, DMatrix<f64>)>,
 }
 
-/// A line's modulation is seen so far about it; beyond, its ends in the record leave less than the noise of a twelve-bit converter.
-const REACH_HZ: f64 = 25.0;
+/// Distance from a line, in Hz, up to which its modulation is removed. Beyond it, the ends of the line in the record leave
+/// less than the noise of a twelve-bit converter.
+const MODULATION_HZ: f64 = 25.0;
 
 impl Whitener {
     /// For a record under a noise model.
@@ -81,7 +82,8 @@ impl Whitener {
         let bin = |hz: f64| ((hz / step).round().max(0.0) as usize).clamp(*self.bins.start(), *self.bins.end());
         let first_row =
             |k: usize| 2 * self.p * (k - self.bins.start()) - if *self.bins.start() == 0 { self.p } else { 0 };
-        let (from, to) = (bin(hz - REACH_HZ).max(self.bins.start() + 1), bin(hz + REACH_HZ).saturating_sub(1));
+        let (from, to) =
+            (bin(hz - MODULATION_HZ).max(self.bins.start() + 1), bin(hz + MODULATION_HZ).saturating_sub(1));
         if to <= from {
             return;
         }

@@ -9,29 +9,23 @@ use nalgebra::{DMatrix, DVector};
 use crate::fourier::C;
 use crate::noise::{Band, NoiseModel, Source, Stretch};
 
-/// Steps at most.
+/// Largest number of steps.
 const STEPS: usize = 30;
 
-/// A step changes no parameter by more than this share.
-const FARTHEST: f64 = 0.2;
+/// Largest relative change of a parameter by one step: the expected information changes little within it.
+const LONGEST_STEP: f64 = 0.2;
 
-/// No step along the score is tried that is shorter.
-const NEAR: f64 = 1e-4;
+/// Shortest step along the score that is tried: a shorter one changes nothing that is stated.
+const SHORTEST_STEP: f64 = 1e-4;
 
-/// A gain in log likelihood that ends the fit.
-const GAINED: f64 = 1e-3;
+/// A step that raises the log likelihood by less than this ends the fit.
+const LEAST_GAIN: f64 = 1e-3;
 
-/// Bins count whose frequency is within this factor of the band's first centre: how a band falls off further out nobody knows, and where it dwarfs the sensors
-/// its skirts would say where its middle is.
-const REACH: f64 = 1.4;
+/// Prior information on each logarithm: negligible beside that of the data, but enough to keep the matrix regular if no
+/// bin determines the parameter.
+const PRIOR_INFORMATION: f64 = 0.1;
 
-/// Information on each logarithm beforehand: next to nothing, but enough where no bin tells.
-const BEFOREHAND: f64 = 0.1;
-
-/// How far a band may be tilted: a standard deviation, about none. A band-pass and a resonator are one apart, and their middles are told apart by it.
-const TILT: f64 = 1.0;
-
-/// Relative step of the derivatives by a band's centre and width.
+/// Relative step of the derivatives by a band's centre and width: central differences are then exact to eight digits.
 const DIFFERENCE: f64 = 1e-4;
 
 /// What a parameter is the logarithm of.
@@ -55,14 +49,11 @@ pub struct Scored {
     pub covariance: DMatrix<f64>,
 }
 
-/// A maximum whose band lies this far from where it began, as a share, is another one.
-const ELSEWHERE: f64 = 0.15;
-
 impl Scored {
     /// Whether the band's centre is still about here.
     pub fn is_near(&self, hz: f64) -> bool {
         let Some((Source::Band(band), _)) = self.model.sources.last() else { return false };
-        (band.hz / hz - 1.0).abs() < ELSEWHERE && band.width < 1.0
+        (band.hz / hz - 1.0).abs() < self.model.settings.band_shift && band.width < 1.0
     }
 }
 
@@ -74,7 +65,8 @@ pub fn scored(from: &NoiseModel, stretches: &[Stretch]) -> Option<Scored> {
     let band = [Parameter::Slope(last), Parameter::Variance(last), Parameter::Centre(last), Parameter::Width(last)];
     let parameters: Vec<Parameter> = variances.chain(band).collect();
     let Source::Band(Band { hz: middle, .. }) = model.sources[last].0 else { return None };
-    let near = |hz: f64| hz < REACH * middle && middle < REACH * hz;
+    let range = from.settings.band_range;
+    let near = |hz: f64| hz < range * middle && middle < range * hz;
     let tapered: Vec<Stretch> = stretches.iter().map(Stretch::tapered).collect();
     let bins: Vec<(f64, DVector<C>)> =
         tapered.iter().flat_map(|stretch| from.bins(stretch).step_by(2)).filter(|(hz, _)| near(*hz)).collect();
@@ -86,13 +78,14 @@ pub fn scored(from: &NoiseModel, stretches: &[Stretch]) -> Option<Scored> {
         let whole = information.clone().cholesky()?.solve(&gradient);
         // Each parameter as far as it may; or, where that leads from one side of a resonance to the other and back, along the score, which leads down.
         let along = |share: f64| &whole * (share / whole.amax().max(share));
-        let halved = std::iter::successors(Some(FARTHEST), |share| Some(0.5 * share)).take_while(|share| *share > NEAR);
-        let steps = std::iter::once(whole.map(|x| x.clamp(-FARTHEST, FARTHEST))).chain(halved.map(along));
+        let halved = std::iter::successors(Some(LONGEST_STEP), |share| Some(0.5 * share));
+        let halved = halved.take_while(|share| *share > SHORTEST_STEP);
+        let steps = std::iter::once(whole.map(|x| x.clamp(-LONGEST_STEP, LONGEST_STEP))).chain(halved.map(along));
         let tried = steps.map(|step| moved(&model, &parameters, &step)).map(|next| (misfit(&next, &bins), next));
         let before = reached;
         let Some(better) = tried.into_iter().find(|(misfit, _)| *misfit < before) else { break };
         (reached, model) = better;
-        if before - reached < GAINED {
+        if before - reached < LEAST_GAIN {
             break;
         }
     }
@@ -122,7 +115,7 @@ fn move_by(model: &mut NoiseModel, parameter: Parameter, step: f64) {
 /// -log likelihood, and what is known of tilts beforehand: what the score is the derivative of, up to its sign.
 fn misfit(model: &NoiseModel, bins: &[(f64, DVector<C>)]) -> f64 {
     let tilts = model.sources.iter().map(|(source, _)| match source {
-        Source::Band(band) => 0.5 * (band.slope / TILT).powi(2),
+        Source::Band(band) => 0.5 * (band.slope / model.settings.band_slope_std).powi(2),
         _ => 0.0,
     });
     let one = |(hz, data): &(f64, DVector<C>)| {
@@ -136,13 +129,14 @@ fn misfit(model: &NoiseModel, bins: &[(f64, DVector<C>)]) -> f64 {
 /// Gradient of the log likelihood, and the expected information.
 fn score(model: &NoiseModel, bins: &[(f64, DVector<C>)], parameters: &[Parameter]) -> (DVector<f64>, DMatrix<f64>) {
     let n = parameters.len();
-    let (mut gradient, mut information) = (DVector::zeros(n), DMatrix::from_diagonal_element(n, n, BEFOREHAND));
+    let (mut gradient, mut information) = (DVector::zeros(n), DMatrix::from_diagonal_element(n, n, PRIOR_INFORMATION));
     for (i, parameter) in parameters.iter().enumerate() {
         if let Parameter::Slope(j) = parameter
             && let Source::Band(band) = model.sources[*j].0
         {
-            gradient[i] -= band.slope / (TILT * TILT);
-            information[(i, i)] = 1.0 / (TILT * TILT);
+            let variance = model.settings.band_slope_std.powi(2);
+            gradient[i] -= band.slope / variance;
+            information[(i, i)] = 1.0 / variance;
         }
     }
     for (hz, data) in bins {

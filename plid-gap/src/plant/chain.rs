@@ -4,17 +4,14 @@ use nalgebra::{DMatrix, DVector};
 
 use super::Rest;
 use crate::fourier::C;
+use crate::settings::PlantSettings;
 
-/// Poles of the rest that are nearer than this (relative) count as one repeated pole.
-const SAME_POLE: f64 = 1e-3;
-
-/// How well one channel must be met alone by a pole's vectors.
-const ALONE: f64 = 1e-3;
-
-/// Singular values of a sampled matrix that are rounding: where the rest is one repeated pole and nothing else, all of them are.
+/// Singular values of a sampled matrix below this are rounding. If the rest is one repeated pole and nothing else, all of
+/// them are.
 const ROUNDING: f64 = 1e-9;
 
-/// The library's iteration may not end where singular values repeat.
+/// Largest number of sweeps of a singular value decomposition: the library's iteration may not end if singular values
+/// repeat.
 const MOST_SWEEPS: usize = 10_000;
 
 /// The pole of one input's actuator.
@@ -45,29 +42,30 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// Looks for poles that belong to one input or to one output alone.
-    pub(super) fn find(rest: &Rest, step: f64) -> Self {
+    /// Finds the poles that belong to one input or to one output alone.
+    pub(super) fn find(rest: &Rest, step: f64, settings: &PlantSettings) -> Self {
+        let PlantSettings { repeated_pole, own_channel, .. } = *settings;
         let (r, m, p) = (rest.a.nrows(), rest.b.ncols(), rest.c.nrows());
         let mut chain = Self { actuator: vec![None; m], filter: vec![Vec::new(); p] };
         if r == 0 {
             return chain;
         }
         let matrix = rest.a.map(C::from);
-        for (z, count) in clusters(&rest.a) {
+        for (z, count) in clusters(&rest.a, repeated_pole) {
             if z.norm() < 1e-9 || (z.im == 0.0 && z.re <= 0.0) {
                 continue;
             }
             let pole = z.ln() / step;
             let shifted = &matrix - DMatrix::from_diagonal_element(r, r, z);
-            let left = null_space(&shifted.transpose(), count);
-            let right = null_space(&shifted, count);
+            let left = null_space(&shifted.transpose(), count, own_channel);
+            let right = null_space(&shifted, count, own_channel);
             let (Some(left), Some(right)) = (left, right) else { continue };
             // An input's own pole is real: a resonant amplifier would be a finding of its own.
             let mut driven_alone = false;
             if z.im == 0.0 {
                 let driven = rest.b.map(C::from).transpose() * &left;
                 for i in 0..m {
-                    if let Some(x) = alone(&driven, i) {
+                    if let Some(x) = alone(&driven, i, own_channel) {
                         // Over a sample a' = pole (u - a) takes 1 - e^{-pole T} of the held input.
                         let row = (&left * x).map(|x| x.re) * (1.0 - z.re);
                         chain.actuator[i] = Some(Actuator { pole: -pole.re, row });
@@ -80,7 +78,7 @@ impl Chain {
                 if driven_alone {
                     break;
                 }
-                if let Some(x) = alone(&seen, o) {
+                if let Some(x) = alone(&seen, o, own_channel) {
                     chain.filter[o].push(Filter { pole, column: &right * x });
                 }
             }
@@ -129,18 +127,19 @@ impl Chain {
     }
 }
 
-/// Poles (of a pair, the upper one) with how often each occurs.
-fn clusters(a: &DMatrix<f64>) -> Vec<(C, usize)> {
+/// Returns the poles (of a pair, the upper one), and how often each occurs. Poles within the relative distance
+/// `repeated_pole` are one.
+fn clusters(a: &DMatrix<f64>, repeated_pole: f64) -> Vec<(C, usize)> {
     let mut found: Vec<(C, usize)> = Vec::new();
     let matrix = faer::Mat::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)]);
     for value in matrix.eigenvalues().unwrap_or_default() {
         let value = C::new(value.re, value.im);
         let size = value.norm().max(1e-12);
-        let value = if value.im.abs() < SAME_POLE * size { C::from(value.re) } else { value };
+        let value = if value.im.abs() < repeated_pole * size { C::from(value.re) } else { value };
         if value.im < 0.0 {
             continue;
         }
-        match found.iter_mut().find(|(other, _)| (*other - value).norm() < SAME_POLE * size) {
+        match found.iter_mut().find(|(other, _)| (*other - value).norm() < repeated_pole * size) {
             Some((mean, count)) => {
                 *mean = (*mean * *count as f64 + value) / (*count + 1) as f64;
                 *count += 1;
@@ -151,20 +150,21 @@ fn clusters(a: &DMatrix<f64>) -> Vec<(C, usize)> {
     found
 }
 
-/// The `count` directions in which a matrix is nearly zero, if there are that many.
-fn null_space(matrix: &DMatrix<C>, count: usize) -> Option<DMatrix<C>> {
+/// Returns the `count` directions in which a matrix is zero up to a relative tolerance, if there are that many.
+fn null_space(matrix: &DMatrix<C>, count: usize, tolerance: f64) -> Option<DMatrix<C>> {
     let svd = matrix.clone().try_svd(false, true, f64::EPSILON, MOST_SWEEPS)?;
     let v = svd.v_t?.adjoint();
     let mut order: Vec<usize> = (0..svd.singular_values.len()).collect();
     order.sort_by(|&i, &j| svd.singular_values[i].total_cmp(&svd.singular_values[j]));
     let scale = svd.singular_values.max();
     let last = *order.get(count - 1)?;
-    (svd.singular_values[last] < (ALONE * scale).max(ROUNDING))
+    (svd.singular_values[last] < (tolerance * scale).max(ROUNDING))
         .then(|| DMatrix::from_fn(v.nrows(), count, |i, j| v[(i, order[j])]))
 }
 
-/// The combination of the columns that is one in row `channel` and zero elsewhere, if there is one.
-fn alone(columns: &DMatrix<C>, channel: usize) -> Option<DVector<C>> {
+/// Returns the combination of the columns that is one in row `channel` and zero elsewhere, up to the square root of the
+/// tolerance, if there is one.
+fn alone(columns: &DMatrix<C>, channel: usize, tolerance: f64) -> Option<DVector<C>> {
     let mut wanted = DVector::zeros(columns.nrows());
     wanted[channel] = C::ONE;
     let svd = columns.clone().try_svd(true, true, f64::EPSILON, MOST_SWEEPS)?;
@@ -173,5 +173,5 @@ fn alone(columns: &DMatrix<C>, channel: usize) -> Option<DVector<C>> {
         return None;
     }
     let x = svd.solve(&wanted, floor).ok()?;
-    ((columns * &x - wanted).norm() < ALONE.sqrt()).then_some(x)
+    ((columns * &x - wanted).norm() < tolerance.sqrt()).then_some(x)
 }

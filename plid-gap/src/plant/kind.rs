@@ -23,13 +23,6 @@ const BELOW: f64 = 0.1;
 /// The highest frequency of the comparison, relative to the highest mode.
 const ABOVE: f64 = 4.0;
 
-/// The largest distance of the simulation from an order that the simulation can be said to follow. A sensor whose
-/// other dynamics are unknown is further from every order.
-const CLOSE: f64 = 0.5;
-
-/// The most that the nearest order's distance may be, relative to the next one's.
-const CLEARER: f64 = 0.5;
-
 /// Frequencies between which the slope of a response without resonances is taken, relative to the sample rate.
 const SLOPE_BETWEEN: [f64; 2] = [0.125, 0.25];
 
@@ -92,7 +85,7 @@ fn inferred(plant: &Plant, output: usize) -> Sensed {
     distances.sort_by(|a, b| a.0.total_cmp(&b.0));
     let [(nearest, order), (next, _), ..] = distances[..] else { return Sensed::ASSUMED };
     // NaN, where nothing can be compared, is not close.
-    if nearest < CLOSE && nearest < CLEARER * next {
+    if nearest < plant.settings.kind_distance && nearest < plant.settings.kind_ratio * next {
         Sensed { order, source: KindSource::Inferred }
     } else {
         Sensed::ASSUMED

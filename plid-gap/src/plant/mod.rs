@@ -15,20 +15,12 @@ use plid_model::{ModeKind, Model};
 
 use crate::error::GapError;
 use crate::fourier::C;
+use crate::settings::PlantSettings;
 
 pub use chain::Chain;
 pub use kind::{KindSource, Sensed};
 pub use ports::PortSource;
 pub use spectrum::{RestNumber, Spectrum};
-
-/// Pairs with a larger damping ratio belong to filters, unless they lie below a pair that is damped less: filters lie above the structure.
-const LIGHT: f64 = 0.3;
-
-/// And then up to this damping ratio: a body in a soft suspension, held by its controller or in a fluid.
-const HEAVY: f64 = 0.95;
-
-/// Poles whose eigenvectors' norms multiply to more than this are not parted from their neighbours.
-const PARTED: f64 = 1e5;
 
 /// One mode of the structure: dz/dt = pole z + b u, y += 2 Re(c z), with a complex z.
 #[derive(Debug, Clone, PartialEq)]
@@ -144,6 +136,8 @@ pub struct Plant {
     pub sensed: Vec<Sensed>,
     /// The simulation's own basis, to write a changed plant back.
     basis: Basis,
+    /// The thresholds by which it was decomposed.
+    settings: PlantSettings,
 }
 
 /// x = sum of 2 Re(right z) + rest x_r, with z = left x and x_r = rest_inverse x.
@@ -156,29 +150,38 @@ struct Basis {
 }
 
 /// The poles of the structure's modes (of the discrete time), with their right and left eigenvectors.
-fn structural(model: &Model) -> Result<Vec<Structural>, GapError> {
+fn structural(model: &Model, settings: &PlantSettings) -> Result<Vec<Structural>, GapError> {
     let mut oscillatory = plid_model::modes(model)?;
     oscillatory.retain(|mode| mode.kind == ModeKind::Oscillatory);
-    let light = |damping: f64| damping.abs() < LIGHT;
+    let PlantSettings { light_damping, heavy_damping, mode_condition, .. } = *settings;
+    let light = |damping: f64| damping.abs() < light_damping;
     let highest = oscillatory.iter().filter(|m| light(m.damping)).map(|m| m.hz).fold(0.0, f64::max);
     let structural: Vec<_> = oscillatory
         .into_iter()
-        .filter(|mode| light(mode.damping) || mode.hz < highest && mode.damping.abs() < HEAVY)
+        .filter(|mode| light(mode.damping) || mode.hz < highest && mode.damping.abs() < heavy_damping)
         .filter_map(|mode| eigenvectors(&model.a, mode.pole))
-        .filter(|(_, right, left)| left.norm() * right.norm() < PARTED)
+        .filter(|(_, right, left)| left.norm() * right.norm() < mode_condition)
         .collect();
     Ok(structural)
 }
 
 impl Plant {
-    /// Takes a simulation apart.
+    /// Decomposes a simulation, by the default thresholds.
     ///
     /// # Errors
-    /// [`GapError::Model`] where the eigenvalues cannot be had.
+    /// [`GapError::Model`] if the eigenvalues cannot be computed.
     pub fn new(model: &Model) -> Result<Self, GapError> {
+        Self::with_settings(model, &PlantSettings::default())
+    }
+
+    /// Decomposes a simulation.
+    ///
+    /// # Errors
+    /// [`GapError::Model`] if the eigenvalues cannot be computed.
+    pub fn with_settings(model: &Model, settings: &PlantSettings) -> Result<Self, GapError> {
         let model = &balanced(model);
         let (n, m, p, rate) = (model.n(), model.m(), model.p(), model.sample_rate_hz);
-        let (poles, right, left) = split(structural(model)?);
+        let (poles, right, left) = split(structural(model, settings)?);
         let mut projection = DMatrix::identity(n, n);
         for (r, l) in right.iter().zip(&left) {
             projection -= (r * l.transpose()).map(|x| 2.0 * x.re);
@@ -205,7 +208,7 @@ impl Plant {
         let b = &basis.rest_inverse * &model.b;
         let continuous = rest_in_time(model, &basis, &a, &b, step);
         let rest = Rest { c: &model.c * &basis.rest, a, b, continuous };
-        let chain = Chain::find(&rest, step);
+        let chain = Chain::find(&rest, step, settings);
         let mut plant = Self {
             rate,
             m,
@@ -218,6 +221,7 @@ impl Plant {
             chain,
             sensed: vec![Sensed::ASSUMED; p],
             basis,
+            settings: settings.clone(),
         };
         plant.sensed = kind::sensed(&plant, &model.output_kinds);
         let declared: Vec<Port> = model.ports.iter().map(|port| plant.declared(model, port)).collect();

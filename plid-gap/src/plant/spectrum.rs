@@ -3,11 +3,9 @@ use nalgebra::{DMatrix, DVector};
 use super::{Plant, Rest, eigenvectors, phi1};
 use crate::fourier::C;
 
-/// How well the eigenvectors must give the matrix back.
-const GIVEN_BACK: f64 = 1e-6;
-
-/// A pole this slow, relative to the sample rate, is an integrator: its rate is no number that can be off by a share.
-const INTEGRATOR: f64 = 1e-7;
+/// Relative error up to which the eigenvectors reconstruct the matrix. Poles that nearly coincide have eigenvectors that
+/// do not, and such poles cannot be moved one by one.
+const RECONSTRUCTION_TOLERANCE: f64 = 1e-6;
 
 /// A number of the rest that may be off, by its relative change.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,12 +52,12 @@ impl Spectrum {
         let upper = eigenvalues.iter().copied().filter(|z| z.im >= 0.0);
         let poles = upper.map(|z| Pole::of(&rest.a, z, plant.rate)).collect::<Option<Vec<_>>>()?;
         let back = sum(&poles, |pole| (pole * (1.0 / plant.rate)).exp());
-        if !((back - &rest.a).norm() < GIVEN_BACK * rest.a.norm()) {
+        if !((back - &rest.a).norm() < RECONSTRUCTION_TOLERANCE * rest.a.norm()) {
             return None;
         }
         let mut numbers = Vec::new();
         for (k, Pole { pole, .. }) in poles.iter().enumerate() {
-            if pole.norm() < INTEGRATOR * plant.rate {
+            if pole.norm() < plant.settings.integrator * plant.rate {
                 continue;
             }
             if pole.im == 0.0 {

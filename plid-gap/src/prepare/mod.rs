@@ -21,7 +21,7 @@ use crate::plant::{Mode, Plant};
 use crate::prepare::coloured::{Coloured, coloured};
 use crate::prepare::wandering::{Wandering, wandering};
 use crate::settings::step::Step;
-use crate::settings::{GapSettings, PrepareSettings};
+use crate::settings::{GapSettings, PrepareSettings, SignalSettings};
 use crate::signal::quantisation::{self, Quantisation};
 use crate::signal::{notch, peaks, tones};
 use crate::simulate::{Fineness, simulate};
@@ -80,8 +80,8 @@ pub struct Known {
 /// [`GapError`] where the simulation cannot be taken apart.
 pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepared, GapError> {
     let settings = Arc::new(known.settings.clone());
-    let plant = Plant::new(model)?;
-    let (mut fitted, mut held_out) = split(records);
+    let plant = Plant::with_settings(model, &settings.plant)?;
+    let (mut fitted, mut held_out) = split(records, settings.case.held_out_share);
     let declared_sensor = model.noise.sensor_std.clone().unwrap_or_else(|| {
         (0..plant.p).map(|o| settings.prepare.undeclared_noise * rms(fitted.iter().flat_map(|r| &r.y[o]))).collect()
     });
@@ -89,15 +89,16 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     let mut declared = NoiseModel::declared(&plant, &declared_sensor, &declared_actuator);
     declared.model_error.clone_from(&known.model_error);
     declared.band_hz = known.band_hz;
+    declared.settings.clone_from(&settings.noise);
     let mut errors = given_errors(&plant, &fitted);
-    let quantisation = quantisation::of_outputs(&fitted, &errors, &declared_sensor);
+    let quantisation = quantisation::of_outputs(&fitted, &errors, &declared_sensor, &settings.signal);
     if quantisation.iter().any(|codes| codes.cut) {
         quantisation::mend(&mut fitted, &errors, &quantisation);
         let unseen = given_errors(&plant, &held_out);
         quantisation::mend(&mut held_out, &unseen, &quantisation);
         errors = given_errors(&plant, &fitted);
     }
-    let setting = setting(&plant, model, &fitted, &errors, settings.prepare.tones);
+    let setting = setting(&plant, model, &fitted, &errors, &settings);
     let off = &known.off;
     let quiet = if off.contains(&Step::NoiseFit) {
         Vec::new()
@@ -221,9 +222,10 @@ impl Prepared {
     pub fn renew_missing(&mut self, eta: &[f64]) {
         let problem = &mut self.problem;
         let left = errors(problem, eta, &[]);
-        for mode in missing_modes(&problem.plant, &problem.records, &left) {
+        let signal = &problem.settings.signal;
+        for mode in missing_modes(&problem.plant, &problem.records, &left, signal) {
             let known = &mut problem.setting.missing;
-            if !known.iter().any(|other| peaks::is_same(other.hz, mode.hz)) {
+            if !known.iter().any(|other| peaks::is_same(other.hz, mode.hz, signal.same_peak)) {
                 known.push(mode);
             }
         }
@@ -234,7 +236,7 @@ impl Prepared {
     pub fn renew_quantisation(&mut self, simulated: &[Channels]) -> bool {
         let records = &self.problem.records;
         let errors: Vec<Channels> = records.iter().zip(simulated).map(|(r, y)| r.error(y)).collect();
-        let mut seen = quantisation::of_outputs(records, &errors, &self.declared_sensor);
+        let mut seen = quantisation::of_outputs(records, &errors, &self.declared_sensor, &self.problem.settings.signal);
         // These values are mended.
         seen.iter_mut().zip(&self.quantisation).for_each(|(new, old)| (new.step, new.cut) = (old.step, old.cut));
         let more = |(new, old): (&Quantisation, &Quantisation)| new.dropout_rate > old.dropout_rate;
@@ -357,7 +359,7 @@ impl Prepared {
     /// The limits as wide as most of the linear parameters of a refit need them: how many times as wide.
     pub fn widen(&mut self, refitted: &Refit) -> f64 {
         let nuisance = &mut self.problem.nuisance;
-        let scale = nuisance.needed(&refitted.eta, &refitted.tangent);
+        let scale = nuisance.needed(&refitted.eta, &refitted.tangent, self.problem.settings.fit.determined);
         let modes = nuisance.of_simulation();
         nuisance.std[..modes].iter_mut().for_each(|std| *std *= scale);
         self.widened = Some(scale);
@@ -469,7 +471,7 @@ fn given_errors(plant: &Plant, records: &[Record]) -> Vec<Channels> {
         .collect()
 }
 
-fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels], tones: usize) -> Setting {
+fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels], settings: &GapSettings) -> Setting {
     let loudest = records.iter().max_by(|a, b| a.level().total_cmp(&b.level()));
     let (m, p) = (plant.m, plant.p);
     let mut setting = Setting::bare(plant, model);
@@ -487,20 +489,25 @@ fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]
         setting.y_max[o] = all.filter(|y| y.is_finite()).fold(0.0, |most: f64, y| most.max(y.abs()));
     }
     of_ports(&mut setting, loudest);
-    setting.missing = missing_modes(plant, records, errors);
+    setting.missing = missing_modes(plant, records, errors, &settings.signal);
     // Where a record without input is, lines stand out in it alone.
     let quiet: Vec<usize> = (0..records.len()).filter(|&k| records[k].excitation == Excitation::Zero).collect();
     let chosen: Vec<usize> = if quiet.is_empty() { (0..records.len()).collect() } else { quiet };
     let stretch = |k: usize| tones::Stretch { start_s: records[k].start_s, residual: &errors[k] };
     let first: Vec<tones::Stretch> = chosen.iter().map(|&k| stretch(k)).collect();
-    setting.tones = tones::tones(&first, plant.rate, tones);
+    setting.tones = tones::tones(&first, plant.rate, settings.prepare.tones, &settings.signal);
     setting
 }
 
-fn missing_modes(plant: &Plant, records: &[Record], errors: &[Channels]) -> Vec<MissingModeStart> {
+fn missing_modes(
+    plant: &Plant,
+    records: &[Record],
+    errors: &[Channels],
+    settings: &SignalSettings,
+) -> Vec<MissingModeStart> {
     let random = records.iter().zip(errors).filter(|(record, _)| record.excitation == Excitation::Random);
     let driven: Vec<peaks::Driven> = random.map(|(record, error)| peaks::Driven { u: &record.u, error }).collect();
-    peaks::missing_modes(plant, &driven)
+    peaks::missing_modes(plant, &driven, settings)
 }
 
 /// What effects may know of the ports, from the loudest record.
@@ -557,7 +564,7 @@ pub(crate) mod tests {
     use crate::testing;
 
     pub(crate) fn setting_of(plant: &Plant, model: &Model) -> Setting {
-        setting(plant, model, &[], &[], 0)
+        setting(plant, model, &[], &[], &GapSettings::default())
     }
 
     /// A weak mode that the simulation lacks is behind the peaks that its own frequencies make; a refit takes those away.

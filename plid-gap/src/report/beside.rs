@@ -9,6 +9,7 @@ use crate::evidence::lines::{Kind, Line, Lines};
 use crate::evidence::resonances::{Alone, Resonance, by_trend};
 use crate::evidence::trend::Along;
 use crate::plant::plain_hz;
+use crate::settings::GapSettings;
 
 /// Resonances that a picture has room for.
 const MODES: usize = 4;
@@ -16,7 +17,7 @@ const MODES: usize = 4;
 /// Both pictures, as far as there is something to draw.
 pub(super) fn section(mut report: Report, outcome: &Outcome) -> Report {
     let beside = &outcome.shown.evidence;
-    if let Some((svg, along)) = resonances(&beside.resonances) {
+    if let Some((svg, along)) = resonances(&beside.resonances, &outcome.diagnosis.settings) {
         report = report.figure(
             svg,
             format!(
@@ -42,8 +43,8 @@ pub(super) fn section(mut report: Report, outcome: &Outcome) -> Report {
     report
 }
 
-fn resonances(alone: &[Alone]) -> Option<(String, Along)> {
-    let trends = by_trend(alone);
+fn resonances(alone: &[Alone], settings: &GapSettings) -> Option<(String, Along)> {
+    let trends = by_trend(alone, settings);
     let along = trends.first()?.1.with;
     let x = |alone: &Alone| match along {
         Along::Level => alone.level,

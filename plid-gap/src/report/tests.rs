@@ -149,6 +149,7 @@ fn outcome(case: &Case) -> Outcome {
         t0: 24.0,
         noise_rms: vec![0.01, 0.01],
         fitted: None,
+        plant: Default::default(),
     };
     let estimate = |value: f64| Estimate { value, ci95: [0.9 * value, 1.1 * value] };
     let map = |levels: Vec<(f64, f64)>| Map {

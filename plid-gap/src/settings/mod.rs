@@ -1,42 +1,77 @@
 //! What can be set: the thresholds of the diagnosis, and the steps that can be switched off.
 
+mod answer;
 mod audit;
+mod case;
+mod evidence;
+mod fit;
 mod group;
 mod judge;
+mod noise;
+mod plant;
 mod prepare;
 mod search;
+mod signal;
 pub(crate) mod step;
 
 use serde::{Deserialize, Serialize};
 
+pub use answer::AnswerSettings;
 pub use audit::AuditSettings;
+pub use case::CaseSettings;
+pub use evidence::EvidenceSettings;
+pub use fit::FitSettings;
 pub use group::Field;
 pub use judge::JudgeSettings;
+pub use noise::NoiseSettings;
+pub use plant::PlantSettings;
 pub use prepare::PrepareSettings;
 pub use search::SearchSettings;
+pub use signal::SignalSettings;
 
 /// The thresholds of the diagnosis, in one group for each of its modules. A case sets them in `[settings.GROUP]`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct GapSettings {
+    /// The reading of a case.
+    pub case: CaseSettings,
     /// The audit.
     pub audit: AuditSettings,
+    /// The decomposition of a simulation.
+    pub plant: PlantSettings,
+    /// The processing of records before any fit.
+    pub signal: SignalSettings,
+    /// The noise model.
+    pub noise: NoiseSettings,
     /// The preparation.
     pub prepare: PrepareSettings,
+    /// The fits.
+    pub fit: FitSettings,
     /// The search for explanations.
     pub search: SearchSettings,
     /// The judgement of explanations.
     pub judge: JudgeSettings,
+    /// The evidence that does not enter the verdict.
+    pub evidence: EvidenceSettings,
+    /// The sentences of the answer.
+    pub answer: AnswerSettings,
 }
 
 impl GapSettings {
     /// Each group by its key.
     pub fn groups(&self) -> Vec<(&'static str, Vec<Field>)> {
         vec![
+            ("case", self.case.fields()),
             ("audit", self.audit.fields()),
+            ("plant", self.plant.fields()),
+            ("signal", self.signal.fields()),
+            ("noise", self.noise.fields()),
             ("prepare", self.prepare.fields()),
+            ("fit", self.fit.fields()),
             ("search", self.search.fields()),
             ("judge", self.judge.fields()),
+            ("evidence", self.evidence.fields()),
+            ("answer", self.answer.fields()),
         ]
     }
 

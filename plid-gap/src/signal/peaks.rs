@@ -5,18 +5,11 @@ use nalgebra::DMatrix;
 use crate::fourier;
 use crate::fourier::C;
 use crate::plant::Plant;
+use crate::settings::SignalSettings;
 
-/// Samples of a segment: lines of a mode of one percent damping at a tenth of the sample rate are a few bins wide.
+/// Number of samples of a segment: the line of a mode of one per cent damping at a tenth of the sample rate is then a few
+/// bins wide.
 pub(crate) const SEGMENT: usize = 2048;
-
-/// A peak counts from this share of the largest.
-const SHARE: f64 = 0.05;
-
-/// Peaks so near, as a share, are of one resonance.
-const SAME: f64 = 0.04;
-
-/// Peaks that are offered.
-const MOST: usize = 2;
 
 /// A resonance in the residual's frequency response.
 #[derive(Debug, Clone, PartialEq)]
@@ -86,7 +79,7 @@ impl Spectra {
 }
 
 /// Residual frequency response over driven records (inputs and errors, each channel by channel), and its peaks.
-pub fn missing_modes(plant: &Plant, driven: &[Driven]) -> Vec<MissingModeStart> {
+pub fn missing_modes(plant: &Plant, driven: &[Driven], settings: &SignalSettings) -> Vec<MissingModeStart> {
     let (m, p) = (plant.m, plant.p);
     let Spectra { uu, eu, segments } = Spectra::of(m, p, driven);
     if segments <= m {
@@ -110,15 +103,15 @@ pub fn missing_modes(plant: &Plant, driven: &[Driven]) -> Vec<MissingModeStart> 
         .collect();
     let most = power[2..bins - 2].iter().copied().fold(0.0, f64::max);
     let mut peaks: Vec<usize> = (2..bins - 2)
-        .filter(|&k| power[k] > SHARE * most && power[k] >= power[k - 1] && power[k] > power[k + 1])
+        .filter(|&k| power[k] > settings.least_peak * most && power[k] >= power[k - 1] && power[k] > power[k + 1])
         .collect();
     peaks.sort_by(|&a, &b| power[b].total_cmp(&power[a]));
     let mut found: Vec<MissingModeStart> = Vec::new();
     for k in peaks {
-        if found.len() == MOST {
+        if found.len() == settings.most_peaks {
             break;
         }
-        if found.iter().any(|mode| is_same(mode.hz, hz(k))) {
+        if found.iter().any(|mode| is_same(mode.hz, hz(k), settings.same_peak)) {
             continue;
         }
         found.push(start(plant, &response[k], &power, k, hz(k)));
@@ -126,9 +119,9 @@ pub fn missing_modes(plant: &Plant, driven: &[Driven]) -> Vec<MissingModeStart> 
     found
 }
 
-/// Whether two peaks are of one resonance.
-pub fn is_same(hz: f64, other: f64) -> bool {
-    (hz / other - 1.0).abs() < SAME
+/// Returns whether two peaks belong to one resonance: their relative distance is then below `same_peak`.
+pub fn is_same(hz: f64, other: f64, same_peak: f64) -> bool {
+    (hz / other - 1.0).abs() < same_peak
 }
 
 fn start(plant: &Plant, response: &DMatrix<C>, power: &[f64], k: usize, hz: f64) -> MissingModeStart {

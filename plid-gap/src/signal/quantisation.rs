@@ -3,30 +3,11 @@
 use statrs::distribution::{ContinuousCDF, Normal};
 
 use crate::case::record::{Channels, Excitation, Record};
+use crate::settings::SignalSettings;
 
-/// A channel whose values lie on a grid this many times as coarse as the finest channel's is quantised.
-const COARSER: f64 = 2.5;
-
-/// Repeats of a value beyond chance: this many onsets at least.
-const ONSETS: usize = 4;
-
-/// Values beyond this share of the extremes may be clipped.
-const NEAR_RAIL: f64 = 0.85;
-
-/// From this share of a record's values on there is a rail, and not a peak that is seldom reached.
-const CROWDED: f64 = 0.01;
-
-/// Samples on each side with which a repeat's error is compared.
-const AROUND: usize = 60;
-
-/// A repeat's error, in standard deviations of the declared noise.
-const OUT_OF_NOISE: f64 = 6.0;
-
-/// A repeat's error over the median of its neighbours' (five medians are 3.4 standard deviations).
-const OUT_OF_NEIGHBOURS: f64 = 5.0;
-
-/// Errors just before and just behind a repeat, over its own, at most.
-const BESIDE: f64 = 0.5;
+/// Number of samples on each side with whose errors that of a repeated value is compared: enough for a median, and few
+/// enough for the level to be the same.
+const NEIGHBOURS: usize = 60;
 
 /// What the codes of one output show.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -43,8 +24,14 @@ pub struct Quantisation {
     pub repeats: Vec<Vec<usize>>,
 }
 
-/// Looks at every output; `errors` are those of the simulation as given (p channels, one for each record).
-pub fn of_outputs(records: &[Record], errors: &[Channels], sensor_std: &[f64]) -> Vec<Quantisation> {
+/// Examines every output; `errors` are those of the simulation as given (p channels, one for each record).
+pub fn of_outputs(
+    records: &[Record],
+    errors: &[Channels],
+    sensor_std: &[f64],
+    settings: &SignalSettings,
+) -> Vec<Quantisation> {
+    let SignalSettings { coarse_step, coarse_over_noise, coarse_alone, .. } = *settings;
     let p = records.first().map_or(0, |record| record.y.len());
     let steps: Vec<f64> = (0..p).map(|o| step(records, o)).collect();
     let finest = steps.iter().copied().filter(|s| *s > 0.0).fold(f64::INFINITY, f64::min);
@@ -53,9 +40,10 @@ pub fn of_outputs(records: &[Record], errors: &[Channels], sensor_std: &[f64]) -
             // With one channel, or all alike, the noise is the measure: it would blur a grid finer than itself.
             let noisy = sensor_std[o];
             let coarse = steps[o].is_finite()
-                && (steps[o] > COARSER * finest && steps[o] > 1.5 * noisy || steps[o] > 4.0 * noisy);
+                && (steps[o] > coarse_step * finest && steps[o] > coarse_over_noise * noisy
+                    || steps[o] > coarse_alone * noisy);
             let jumps: Vec<Jumps> =
-                records.iter().zip(errors).map(|(r, e)| jumps(&r.y[o], &e[o], sensor_std[o])).collect();
+                records.iter().zip(errors).map(|(r, e)| jumps(&r.y[o], &e[o], sensor_std[o], settings)).collect();
             let (mut onsets, mut others, mut samples) = (0, 0, 0);
             // Where nothing moves, a repeat is not seen.
             for (record, jumps) in records.iter().zip(&jumps).filter(|(record, _)| driven(record)) {
@@ -64,7 +52,7 @@ pub fn of_outputs(records: &[Record], errors: &[Channels], sensor_std: &[f64]) -
                 others += jumps.others;
                 samples += record.samples();
             }
-            let drops = !coarse && onsets >= ONSETS && onsets >= others;
+            let drops = !coarse && onsets >= settings.dropouts && onsets >= others;
             let dropout_rate = drops.then(|| onsets as f64 / samples as f64);
             let repeats = |jumps: Jumps| {
                 let mut all = if drops { [jumps.repeats, jumps.held_down].concat() } else { Vec::new() };
@@ -72,17 +60,16 @@ pub fn of_outputs(records: &[Record], errors: &[Channels], sensor_std: &[f64]) -
                 all
             };
             let repeats = jumps.into_iter().map(repeats).collect();
-            let cut = coarse && cuts(records, o, steps[o]);
+            let cut = coarse && cuts(records, o, steps[o], settings.truncation_values);
             Quantisation { step: steps[o], coarse, cut, dropout_rate, repeats }
         })
         .collect()
 }
 
-/// Values of the two codes beside zero that must be there before it is asked whether bits are cut off.
-const ASKED: f64 = 20.0;
-
-/// Whether bits are cut off: the code zero is then twice as wide as the others. As often as a Gaussian signal of each random record's size would have it.
-fn cuts(records: &[Record], o: usize, step: f64) -> bool {
+/// Returns whether a converter truncates: its code zero is then twice as wide as the others. The frequencies of the codes
+/// are compared with those of a Gaussian signal of each random record's size. At least `least` values must lie in the two
+/// codes next to zero.
+fn cuts(records: &[Record], o: usize, step: f64, least: f64) -> bool {
     let normal = Normal::standard();
     let (mut zero, mut beside) = (0.0, 0.0);
     // Expected in zero and beside it, for codes that round and that cut off.
@@ -107,7 +94,7 @@ fn cuts(records: &[Record], o: usize, step: f64) -> bool {
         beside += y.iter().filter(|y| (y.abs() - step).abs() < 0.5 * step).count() as f64;
     }
     let [round, cut] = expected.map(|[zero, beside]| zero / beside);
-    beside >= ASKED && zero / beside > (round * cut).sqrt()
+    beside >= least && zero / beside > (round * cut).sqrt()
 }
 
 /// Half a step more for what was cut off. The code zero takes the sign of the simulation, of which `errors` are what it leaves.
@@ -151,11 +138,12 @@ struct Jumps {
 
 /// Samples that repeat the one before while the simulation moves away: two equal values happen by chance, but then the error is as
 /// everywhere.
-fn jumps(y: &[f64], error: &[f64], noise: f64) -> Jumps {
+fn jumps(y: &[f64], error: &[f64], noise: f64, settings: &SignalSettings) -> Jumps {
+    let SignalSettings { near_extreme, repeat_error, repeat_over_median, repeat_isolation, .. } = *settings;
     let (low, high) = y.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), y| (l.min(*y), h.max(*y)));
     // A missing sample (NaN) is none.
-    let extreme = |y: f64| y <= NEAR_RAIL * low || y >= NEAR_RAIL * high;
-    let rail = y.iter().filter(|y| extreme(**y)).count() as f64 > CROWDED * y.len() as f64;
+    let extreme = |y: f64| y <= near_extreme * low || y >= near_extreme * high;
+    let rail = y.iter().filter(|y| extreme(**y)).count() as f64 > settings.clipped_share * y.len() as f64;
     let mut found = Jumps { repeats: Vec::new(), held_down: Vec::new(), others: 0 };
     let mut first = 0;
     for k in 1..=y.len() {
@@ -165,18 +153,20 @@ fn jumps(y: &[f64], error: &[f64], noise: f64) -> Jumps {
         let most = |from: usize| error[from..k].iter().fold(0.0, |most: f64, e| most.max(e.abs()));
         // What drops out, drops out at once: about the peak of a slow error two values are equal too.
         let calm = |from: usize| {
-            let small = |at: Option<usize>| at.and_then(|k| error.get(k)).is_none_or(|e| e.abs() < BESIDE * most(from));
+            let small = |at: Option<usize>| {
+                at.and_then(|k| error.get(k)).is_none_or(|e| e.abs() < repeat_isolation * most(from))
+            };
             small(from.checked_sub(1)) && small(Some(k))
         };
         let single = k - first == 1;
         // A converter that clips repeats too, while the simulation goes further out: that is no dropout.
         let worst = (first..k).max_by(|a, b| error[*a].abs().total_cmp(&error[*b].abs())).unwrap_or(first);
         let held_down = extreme(y[first]) && error[worst] * y[first] < 0.0;
-        if most(first) > OUT_OF_NOISE * noise && !(held_down && (rail || single)) && (!single || calm(first)) {
-            let mut near: Vec<f64> =
-                error[first.saturating_sub(AROUND)..(k + AROUND).min(error.len())].iter().map(|e| e.abs()).collect();
+        if most(first) > repeat_error * noise && !(held_down && (rail || single)) && (!single || calm(first)) {
+            let around = first.saturating_sub(NEIGHBOURS)..(k + NEIGHBOURS).min(error.len());
+            let mut near: Vec<f64> = error[around].iter().map(|e| e.abs()).collect();
             near.sort_by(f64::total_cmp);
-            let out = |e: f64| e > OUT_OF_NOISE * noise && e > OUT_OF_NEIGHBOURS * near[near.len() / 2];
+            let out = |e: f64| e > repeat_error * noise && e > repeat_over_median * near[near.len() / 2];
             // Most hold the last good value; where another one is put in its place, the first of the run is wrong as well.
             let from = first + usize::from(!single && !out(error[first].abs()));
             if out(most(from)) && calm(from) {
@@ -217,7 +207,8 @@ mod tests {
             (start + 1..start + 5).for_each(|k| held[k] = held[start]);
         }
         let errors = |y: &[f64]| vec![vec![y.iter().zip(&smooth).map(|(y, s)| y - s).collect::<Vec<f64>>()]];
-        let found = of_outputs(&[record(vec![held.clone()])], &errors(&held), &[0.005]).remove(0);
+        let settings = SignalSettings::default();
+        let found = of_outputs(&[record(vec![held.clone()])], &errors(&held), &[0.005], &settings).remove(0);
         assert!(found.dropout_rate.is_some());
         let mut wanted: Vec<usize> = starts.iter().flat_map(|start| start + 1..start + 5).collect();
         wanted.sort_unstable();
@@ -228,7 +219,7 @@ mod tests {
         for share in [0.5, 0.9] {
             let rail = share * smooth[peak].abs();
             let clipped: Vec<f64> = smooth.iter().map(|y| on_grid(&y.clamp(-rail, rail))).collect();
-            let found = of_outputs(&[record(vec![clipped.clone()])], &errors(&clipped), &[0.005]).remove(0);
+            let found = of_outputs(&[record(vec![clipped.clone()])], &errors(&clipped), &[0.005], &settings).remove(0);
             assert_eq!(found.dropout_rate, None, "{share}");
         }
     }
@@ -242,7 +233,7 @@ mod tests {
             let cut: Vec<f64> = y.iter().map(|y| share * (y / share).trunc()).collect();
             let mut records = vec![record(vec![y.clone(), rounded, cut])];
             let errors = vec![vec![vec![0.0; 4000]; 3]];
-            let found = of_outputs(&records, &errors, &[1e-3; 3]);
+            let found = of_outputs(&records, &errors, &[1e-3; 3], &SignalSettings::default());
             assert_eq!(
                 found.iter().map(|c| (c.coarse, c.cut)).collect::<Vec<_>>(),
                 [(false, false), (true, false), (true, true)]

@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 
 use crate::fourier;
 use crate::fourier::C;
+use crate::settings::SignalSettings;
 
 /// A line.
 #[derive(Debug, Clone, PartialEq)]
@@ -14,11 +15,8 @@ pub struct Tone {
     pub prominence: f64,
 }
 
-/// Power over the neighbourhood's median from which a line counts: a resonance in noise reaches ten times the chance of an exponential
-/// tail; a line of half the noise's RMS in a record of 3200 samples stands out by 250.
-const PROMINENT: f64 = 60.0;
-
-/// The neighbourhood in bins, on each side: beyond the window's own width, and near enough that a resonance is in it.
+/// The neighbourhood in bins on each side: it begins beyond the width of the window's main lobe, and ends near enough to
+/// lie within a resonance.
 const NEIGHBOURS: std::ops::Range<usize> = 3..13;
 
 /// A residual stretch: its start time, and p channels.
@@ -29,8 +27,9 @@ pub struct Stretch<'a> {
     pub residual: &'a [Vec<f64>],
 }
 
-/// The strongest lines, at most `most`. Frequencies are refined over all stretches together, for a line's clock runs on.
-pub fn tones(stretches: &[Stretch], rate: f64, most: usize) -> Vec<Tone> {
+/// Returns the strongest lines, at most `most`. Their frequencies are refined over all stretches together, because the
+/// phase of a line continues from one stretch to the next.
+pub fn tones(stretches: &[Stretch], rate: f64, most: usize, settings: &SignalSettings) -> Vec<Tone> {
     let Some(longest) = stretches.iter().max_by_key(|s| s.residual[0].len()) else { return Vec::new() };
     let mut found: Vec<Tone> = Vec::new();
     let length = longest.residual[0].len();
@@ -52,7 +51,7 @@ pub fn tones(stretches: &[Stretch], rate: f64, most: usize) -> Vec<Tone> {
         let mut near: Vec<f64> = below.chain(above).collect();
         near.sort_by(f64::total_cmp);
         let prominence = power[k] / near[near.len() / 2].max(f64::MIN_POSITIVE);
-        if prominence > PROMINENT {
+        if prominence > settings.line_prominence {
             found.push(Tone { hz: k as f64 * rate / length as f64, prominence });
         }
     }

@@ -123,6 +123,7 @@ impl Bench {
             t0: T0,
             noise_rms: vec![0.0; self.plant.p],
             fitted: None,
+            plant: Default::default(),
         }
     }
 

@@ -77,7 +77,7 @@ fn map(rig: &Rig, real: &Truth) -> (Map, Side) {
         from += samples;
     }
     let ready = prepare(&model, &records, &Known::default()).unwrap();
-    let map = locate::map(&ready.problem.records, &locate::errors(&ready.problem), &ready.noise, RATE);
+    let map = locate::map(&ready.problem.records, &locate::errors(&ready.problem), &ready.noise, RATE, 1.15);
     (map, side(&ready.problem))
 }
 

@@ -1,0 +1,17 @@
+//! Settings of the answer.
+
+use super::group::group;
+
+group! {
+    /// The sentences of the answer.
+    AnswerSettings {
+        /// Remaining gap, over the gap as given, below which what remains is called small.
+        small_remainder: f64 = 0.1, "1", 0.0..=1.0;
+        /// Gap with the effects, over the noise, above which a share of the output is said to remain unexplained.
+        unexplained: f64 = 1.1, "1", 1.0..=1e6;
+        /// Gap as given, over the noise, below which the gap is noise.
+        noise_only: f64 = 1.1, "1", 1.0..=1e6;
+        /// Share of the gap from which one of the bands with most of it is listed.
+        listed_band: f64 = 0.02, "1", 0.0..=1.0;
+    }
+}

@@ -1,0 +1,23 @@
+//! Settings of the reading of a case.
+
+use super::group::group;
+
+group! {
+    /// The reading of a case: levels, periods and the records that are held out. The misfit of a period is
+    /// RMS(u(k + P) - u(k)) over sqrt(2) RMS(u): 0 where an input repeats exactly, 1 where it does not repeat at all.
+    CaseSettings {
+        /// Ratio of two levels below which they count as one level.
+        same_level: f64 = 1.15, "1", 1.0..=1e3;
+        /// Largest misfit of an input that repeats. Measured inputs of shakers and amplifiers have at most 0.01.
+        period_misfit: f64 = 0.1, "1", 0.0..=1.0;
+        /// Misfit from which two stretches of an input have nothing in common. A period is looked for only beyond a
+        /// shift of that misfit, because any slow input resembles itself a few samples later.
+        unrelated_misfit: f64 = 0.5, "1", 0.0..=1.0;
+        /// A period whose misfit is below this share of the declared period's misfit replaces it.
+        better_misfit: f64 = 0.7, "1", 0.0..=1.0;
+        /// Largest relative distance of such a period from the declared one.
+        period_distance: f64 = 0.125, "1", 0.0..=1.0;
+        /// Share of the only driven record that is held out if the case holds out nothing.
+        held_out_share: f64 = 0.25, "1", 0.0..=0.9;
+    }
+}
