@@ -68,10 +68,10 @@ fn steps(case: &Case) -> Result<(), GapError> {
 
     // 4. Every effect at every place by its trace, and whether these records can part the first of them.
     let fit = refitted.as_fit();
-    let tangent = problem.tangent(&refitted.plant);
+    let jacobian = problem.jacobian(&refitted.plant);
     let base = Base {
         problem,
-        tangent: &tangent,
+        jacobian: &jacobian,
         plant: &refitted.plant,
         eta: &fit.eta,
         effects: &[],

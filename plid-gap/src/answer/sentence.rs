@@ -64,7 +64,7 @@ pub(crate) fn sentence(verdict: Verdict, said: &Said) -> String {
         ),
         Verdict::Effects => match (said.remains, effects) {
             _ if said.is_noise() => said.all_noise(),
-            (Some(remains), [main, beside @ ..]) => said.mostly(main, beside, remains),
+            (Some(remains), [main, others @ ..]) => said.mostly(main, others, remains),
             _ => said.effects(),
         },
     }
@@ -103,10 +103,10 @@ impl Said<'_> {
         )
     }
 
-    fn mostly(&self, main: &NamedEffect, beside: &[NamedEffect], remains: &str) -> String {
-        let beside = if beside.is_empty() { String::new() } else { format!(", with {} beside it", listed(beside)) };
+    fn mostly(&self, main: &NamedEffect, others: &[NamedEffect], remains: &str) -> String {
+        let others = if others.is_empty() { String::new() } else { format!(", with {} beside it", listed(others)) };
         format!(
-            "Mostly {} ({:.0} % sure){beside}: with {} the gap on held-out records{}, and {} of that is noise.{remains}",
+            "Mostly {} ({:.0} % sure){others}: with {} the gap on held-out records{}, and {} of that is noise.{remains}",
             listed(std::slice::from_ref(main)),
             100.0 * main.confidence,
             self.them(),

@@ -45,7 +45,7 @@ pub(crate) fn written(
         records.iter().chain(&ready.held_out).map(|r| r.start_s + r.samples() as f64 / plant.rate).fold(0.0, f64::max);
     let effects = fitted
         .iter()
-        .chain(shown.iter().map(|unseen| &unseen.placed).filter(|placed| !wanders(placed)))
+        .chain(shown.iter().map(|stochastic| &stochastic.placed).filter(|placed| !wanders(placed)))
         .map(|placed| written_effect(placed, setting, &refitted))
         .collect();
     let mut modal = plant.clone();

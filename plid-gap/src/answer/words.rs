@@ -84,11 +84,11 @@ fn of_records(explained: &Explained) -> Vec<String> {
             "What differs between the periods of driven records has {ratio:.2} times the power of the noise in quiet ones: something random acts there."
         )
     });
-    let cut = ready.quantisation.iter().zip(&ready.problem.setting.names.outputs).filter(|(codes, _)| codes.cut);
-    let cut = cut.map(|(codes, output)| {
+    let cut = ready.quantisation.iter().zip(&ready.problem.setting.names.outputs).filter(|(quantisation, _)| quantisation.cut);
+    let cut = cut.map(|(quantisation, output)| {
         format!(
             "The converter of {output} cuts bits off towards zero: to its values half a step, {:.4} V, was added before anything was fitted.",
-            codes.step / 2.0
+            quantisation.step / 2.0
         )
     });
     random.into_iter().chain(cut).collect()

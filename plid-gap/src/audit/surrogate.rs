@@ -86,7 +86,7 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<StandIn, Gap
     // A start that the tail of the records judges must not have learnt from it.
     let head = plid_refine::head(&records).map_err(failed)?;
     let tried = of_simulator && case.config.states.is_none();
-    let Linear { mut model, std, unseen } = match tried.then(|| itself(&head, &records, rate, settings.exact)).flatten()
+    let Linear { mut model, std, validation_error } = match tried.then(|| itself(&head, &records, rate, settings.exact)).flatten()
     {
         Some(itself) => itself,
         None => fitted_best(&head, &records, case.config.states.unwrap_or(settings.surrogate_states), rate, &options)?,
@@ -96,7 +96,7 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<StandIn, Gap
     model.initial_state = None;
     case.config.declare_kinds(&mut model);
     let error = relative(&std, &arrays);
-    let words = words(&model, &case.for_simulation, of_simulator, [error, unseen], settings);
+    let words = words(&model, &case.for_simulation, of_simulator, [error, validation_error], settings);
     let prior_std = prior_std(&model, &fitted, &std, of_simulator, &case.config.settings)?;
     let set_aside = !case.for_simulation.is_empty();
     let model_error =
@@ -110,7 +110,7 @@ struct Linear {
     /// Of its free-run error on all of them, of each output.
     std: Vec<f64>,
     /// Relative free-run error behind the head of the records.
-    unseen: f64,
+    validation_error: f64,
 }
 
 /// The linear simulator itself, with as many states as it has. None where its outputs do not tell, or it does not foretell them behind the head.
@@ -118,7 +118,7 @@ fn itself(head: &[plid_refine::Record], records: &[plid_refine::Record], rate: f
     let found = plid_refine::exact(head, MOST_STATES, true, rate).ok()??;
     let start = |k: usize| &found.initial_states[k];
     let last = records.len().checked_sub(1)?;
-    let unseen = free_run_error(&found.model, &records[last], start(last), head[last].samples()).ok()?;
+    let validation_error = free_run_error(&found.model, &records[last], start(last), head[last].samples()).ok()?;
     let mut sums = vec![(0.0, 0.0); found.model.p()];
     for (k, record) in records.iter().enumerate() {
         let run = plid_model::simulate(&found.model, record.inputs, start(k)).ok()?;
@@ -131,7 +131,7 @@ fn itself(head: &[plid_refine::Record], records: &[plid_refine::Record], rate: f
     }
     let samples = records.iter().map(plid_refine::Record::samples).sum::<usize>() as f64;
     let std = sums.iter().map(|(error, output)| (error.max(ROUNDING * output) / samples).sqrt()).collect();
-    (unseen < exact).then_some(Linear { model: found.model, std, unseen })
+    (validation_error < exact).then_some(Linear { model: found.model, std, validation_error })
 }
 
 /// The best model of so many states.
@@ -146,7 +146,7 @@ fn fitted_best(
     let starts = [Candidate { name: "subspace".into(), model: start }];
     let choice = plid_refine::best_of(&starts, records, options, &|_, _| true).map_err(failed)?;
     let std = choice.refined.residual_variances.iter().map(|variance| variance.sqrt()).collect();
-    Ok(Linear { model: choice.refined.model, std, unseen: choice.scores[choice.chosen].error })
+    Ok(Linear { model: choice.refined.model, std, validation_error: choice.scores[choice.chosen].error })
 }
 
 /// Takes from what was measured what the model does not follow of the simulator's own outputs, where these are given: what is left to
@@ -193,7 +193,7 @@ fn prior_std(
     let nuisance = Nuisance::new(&plant, &records, &Limits { frequency: 0.2, damping: 2.0, shape: 0.2 });
     let setting = Setting::bare(&plant, model);
     let problem = Problem { plant, records, whiteners, nuisance, setting, settings: Arc::new(settings.clone()) };
-    let normal = problem.tangent(&problem.plant).normal;
+    let normal = problem.jacobian(&problem.plant).normal;
     let Some(factor) = normal.cholesky() else { return Ok(Vec::new()) };
     let covariance = factor.inverse();
     let free = problem.plant.modes.is_empty() && !of_simulator;
@@ -202,29 +202,29 @@ fn prior_std(
 }
 
 fn words(model: &Model, chosen: &[Record], of_simulator: bool, errors: [f64; 2], settings: &AuditSettings) -> String {
-    let [error, unseen] = errors.map(|error| 100.0 * error);
+    let [error, validation_error] = errors.map(|error| 100.0 * error);
     let states = model.n();
-    if of_simulator && unseen < 100.0 * settings.exact {
+    if of_simulator && validation_error < 100.0 * settings.exact {
         format!(
-            "The simulator was found from its outputs: it is linear, with {states} states, and what was not fitted is missed by {unseen:.0e} % of itself. `predict` does not need its outputs."
+            "The simulator was found from its outputs: it is linear, with {states} states, and what was not fitted is missed by {validation_error:.0e} % of itself. `predict` does not need its outputs."
         )
     } else if of_simulator {
-        let poor = if unseen > 100.0 * settings.poor {
+        let poor = if validation_error > 100.0 * settings.poor {
             ": a linear model does not stand for it well; what it misses is taken from what was measured, but effects act on the model"
         } else {
             ", which is taken from what was measured; `predict` needs its outputs beside the effect's correction (`--simulated`)"
         };
         format!(
-            "The simulator is stood for by a linear model of {states} states that was identified from its outputs: it misses them by {error:.2} % where it was fitted, by {unseen:.2} % where it was not{poor}."
+            "The simulator is stood for by a linear model of {states} states that was identified from its outputs: it misses them by {error:.2} % where it was fitted, by {validation_error:.2} % where it was not{poor}."
         )
     } else if let [first, rest @ ..] = chosen {
         let names = rest.iter().fold(first.name.clone(), |names, record| format!("{names} and {}", record.name));
         format!(
-            "No simulation is given: the best linear model of {states} states of {names} stands in. It leaves {error:.2} % of it where it was fitted, {unseen:.2} % where it was not."
+            "No simulation is given: the best linear model of {states} states of {names} stands in. It leaves {error:.2} % of it where it was fitted, {validation_error:.2} % where it was not."
         )
     } else {
         format!(
-            "No simulation is given: the best linear model of {states} states of the records stands in. It leaves {error:.2} % of them where it was fitted, {unseen:.2} % where it was not; linear effects are inside it and cannot be found."
+            "No simulation is given: the best linear model of {states} states of the records stands in. It leaves {error:.2} % of them where it was fitted, {validation_error:.2} % where it was not; linear effects are inside it and cannot be found."
         )
     }
 }

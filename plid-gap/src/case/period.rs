@@ -121,8 +121,8 @@ impl<'s> Repeating<'s> {
         let unlike = 2.0 * unrelated_misfit * unrelated_misfit;
         let Some(first) = rough.iter().position(|square| *square > unlike) else { return Vec::new() };
         let candidate = |&shift: &usize| {
-            let beside = [shift - 1, shift + 1].iter().all(|&at| rough.get(at).is_none_or(|of| rough[shift] <= *of));
-            beside && rough[shift] < unlike && self.misfit(shift).is_some_and(|misfit| misfit <= period_misfit)
+            let least = [shift - 1, shift + 1].iter().all(|&at| rough.get(at).is_none_or(|of| rough[shift] <= *of));
+            least && rough[shift] < unlike && self.misfit(shift).is_some_and(|misfit| misfit <= period_misfit)
         };
         let found: Vec<usize> = (first.max(2)..rough.len()).filter(candidate).collect();
         // A slow input nearly repeats beside its period; noise keeps the true one from zero.

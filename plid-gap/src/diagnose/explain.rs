@@ -9,7 +9,7 @@ use crate::fit::problem::{Fit, Placed, Problem, sum_of_squares};
 use crate::fit::refit::{Refit, STEPS, clipped, refit};
 use crate::judge::explained::Explained;
 use crate::judge::gap::{self, Blocks};
-use crate::judge::verdict::{Adequacy, Rest, adequacy, least_unknown, outside};
+use crate::judge::verdict::{Adequacy, FitFigures, adequacy, least_unknown, outside};
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::search::closest_law::closest_law;
 use crate::search::modal::dominant;
@@ -136,7 +136,7 @@ impl<'a> Searched<'a> {
             return Some("samples drop out: once more without them".into());
         }
         let best = &self.found.best;
-        let may_be = !scope.skips(Step::Unseen) && scope.rules.may_show(scope.library, Observation::Band);
+        let may_be = !scope.skips(Step::Stochastic) && scope.rules.may_show(scope.library, Observation::Band);
         let lines = if pass == Pass::First { ready.renew_lines(&best.eta, &best.effects, may_be) } else { None };
         if lines.is_none() && !best.effects.is_empty() && ready.renew_noise(&self.simulated) {
             refitted.weigh_anew(&ready.problem);
@@ -211,8 +211,8 @@ struct Judging<'j> {
 impl Judging<'_> {
     fn adequacy(&self, max_prior_z: f64, next_gain: f64, cost: f64) -> Adequacy {
         let Self { ready, before, level, .. } = *self;
-        let rest = Rest { max_prior_z, next_gain, cost, before, rows: ready.problem.rows() as f64, level };
-        adequacy(&rest, &ready.problem.settings.judge, &ready.off)
+        let figures = FitFigures { max_prior_z, next_gain, cost, before, rows: ready.problem.rows() as f64, level };
+        adequacy(&figures, &ready.problem.settings.judge, &ready.off)
     }
 
     fn judge<'a>(

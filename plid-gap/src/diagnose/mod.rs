@@ -138,7 +138,7 @@ fn finish(
     let (ready, refitted) = (ground.ready.clone(), ground.refitted.clone());
     let explained = explain(ready, refitted, ground.library, &rules, &ground.first, say);
     // Taken from the noise as the explanation leaves it: what the explanation accounts for in quiet records is not noise.
-    let skipped = audit.known.off.contains(&Step::Unseen);
+    let skipped = audit.known.off.contains(&Step::Stochastic);
     let mut stochastic = if skipped { Vec::new() } else { stochastic_effects(&explained.ready, ground.library) };
     stochastic.retain(|stochastic| rules.knows(stochastic.placed.effect));
     let finding = Finding::new(audit, &explained, &stochastic, &rules, say);

@@ -3,7 +3,7 @@
 
 use super::{Action, Command, Drive, Effect, Force, Parameter, Place, Range, Sensor, Setting, Side};
 
-/// What a flexible sibling bends.
+/// The characteristic that a free shape changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Flexible {
     /// A force of the displacement.
@@ -253,7 +253,7 @@ impl Sensor for ZeroOverTime {
 }
 
 /// A curve of continuous slope on either side of zero: a straight line, and for each two knots beside each other what its slope changes by between them.
-fn bend(x: f64, shape: &[f64]) -> f64 {
+fn characteristic(x: f64, shape: &[f64]) -> f64 {
     let side = if x >= 0.0 { &shape[..KNOTS.len()] } else { &shape[KNOTS.len()..] };
     let (sign, x) = (x.signum(), x.abs());
     let changed: f64 = side[1..].iter().zip(KNOTS.windows(2)).map(|(c, knots)| c * ramp(x, knots[0], knots[1])).sum();
@@ -274,7 +274,7 @@ struct Curve {
 
 impl Force for Curve {
     fn force(&self, d: f64, _v: f64, _state: f64) -> f64 {
-        -self.size * bend(d / self.unit, &self.shape)
+        -self.size * characteristic(d / self.unit, &self.shape)
     }
 }
 
@@ -317,7 +317,7 @@ struct CommandCurve {
 impl Command for CommandCurve {
     fn apply(&self, drive: &mut Drive) {
         for u in &mut drive.u[self.i] {
-            *u += self.unit * bend(*u / self.unit, &self.shape);
+            *u += self.unit * characteristic(*u / self.unit, &self.shape);
         }
     }
 }
@@ -376,7 +376,7 @@ struct OutputCurve {
 impl Sensor for OutputCurve {
     fn apply(&self, y: &mut [Vec<f64>], _t0: f64, _rate: f64) {
         for y in &mut y[self.o] {
-            *y += self.unit * bend(*y / self.unit, &self.shape);
+            *y += self.unit * characteristic(*y / self.unit, &self.shape);
         }
     }
 }

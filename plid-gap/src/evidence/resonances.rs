@@ -72,7 +72,7 @@ fn alone(problem: &Problem, plant: &Plant, noise: &NoiseModel, index: usize) -> 
     let fitted = refit(&own, STEPS);
     // What a linear model does not explain widens what is known.
     let inflation = (sum_of_squares(&fitted.residual) / own.rows().max(1) as f64).max(1.0);
-    let covariance = fitted.tangent.normal.clone().cholesky().map(|factor| factor.inverse() * inflation);
+    let covariance = fitted.jacobian.normal.clone().cholesky().map(|factor| factor.inverse() * inflation);
     let deviation = |entry: usize| covariance.as_ref().map_or(f64::INFINITY, |c| c[(entry, entry)].max(0.0).sqrt());
     let EvidenceSettings { frequency_narrowed, damping_narrowed, .. } = problem.settings.evidence;
     let mut modes = vec![None; plant.modes.len()];

@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 use plid_lsq::Normal;
 
 use crate::fit::descent::Fit;
-use crate::fit::jacobian::Tangent;
+use crate::fit::jacobian::Jacobian;
 use crate::fit::problem::{Placed, Problem};
 use crate::fit::robust::widened;
 use crate::fit::scale::Scale;
@@ -22,7 +22,7 @@ impl Problem {
 
     /// Returns the covariance at a fit with these derivatives, as wide as the residuals say, but no narrower than under
     /// the noise model.
-    pub(super) fn robust_covariance(&self, jacobian: &Tangent, fit: &Fit, fineness: Fineness) -> DMatrix<f64> {
+    pub(super) fn robust_covariance(&self, jacobian: &Jacobian, fit: &Fit, fineness: Fineness) -> DMatrix<f64> {
         let Fit { eta, effects, residual, .. } = fit;
         let plant = self.nuisance.apply(&self.plant, eta);
         let scales = self.scales(effects);

@@ -5,7 +5,7 @@ use std::convert::Infallible;
 use nalgebra::{DMatrix, DVector};
 use plid_lsq::{Damping, Ended, Equations, Minimum, Normal, Stop, minimise};
 
-use crate::fit::jacobian::Tangent;
+use crate::fit::jacobian::Jacobian;
 use crate::fit::problem::{Placed, Problem, sum_of_squares};
 use crate::fit::scale::{Scale, stepped};
 use crate::plant::Plant;
@@ -71,9 +71,9 @@ const RENEWED: usize = 3;
 /// Where the derivatives by the linear parameters come from.
 enum Derivatives<'p> {
     /// They are given, and stay.
-    Given(&'p Tangent),
+    Given(&'p Jacobian),
     /// They are given, and computed anew every few steps where effects move the modes to which they belong.
-    Renewed(&'p Tangent),
+    Renewed(&'p Jacobian),
     /// They are computed at every step, without effects.
     Current,
 }
@@ -86,7 +86,7 @@ pub(super) struct Search<'p, 'a> {
     effort: Effort,
     scales: Vec<Scale>,
     /// Derivatives that the search computed itself.
-    own: Option<Tangent>,
+    own: Option<Jacobian>,
     /// Linearisations so far.
     steps: usize,
     /// The effects at the last linearisation.
@@ -155,11 +155,11 @@ impl<'a> plid_lsq::Problem for Search<'_, 'a> {
                 if self.steps.is_multiple_of(RENEWED)
                     && let Some(changed) = problem.changed(plant, effects)
                 {
-                    self.own = Some(problem.tangent(&changed));
+                    self.own = Some(problem.jacobian(&changed));
                 }
                 self.own.as_ref().unwrap_or(given)
             }
-            Derivatives::Current => self.own.insert(problem.tangent(plant)),
+            Derivatives::Current => self.own.insert(problem.jacobian(plant)),
         };
         let columns = problem.effect_columns(plant, eta, effects, residual, &self.scales, self.effort.fineness);
         problem.assemble(jacobian, &columns, residual, eta, &mut equations.normal);
@@ -182,7 +182,7 @@ impl<'a> plid_lsq::Problem for Search<'_, 'a> {
 impl Problem {
     /// Fits the linear parameters and the effects from the given start. The derivatives by the linear parameters are
     /// those of the linear simulation, as far as effects do not move its modes.
-    pub fn fit<'a>(&self, jacobian: &Tangent, eta: &[f64], effects: &[Placed<'a>], effort: Effort) -> Fit<'a> {
+    pub fn fit<'a>(&self, jacobian: &Jacobian, eta: &[f64], effects: &[Placed<'a>], effort: Effort) -> Fit<'a> {
         self.fitted(Derivatives::Renewed(jacobian), eta, effects, effort)
     }
 
@@ -194,7 +194,7 @@ impl Problem {
         if fit.effects.is_empty() {
             return fit.clone();
         }
-        let jacobian = self.tangent(&self.plant);
+        let jacobian = self.jacobian(&self.plant);
         let mut settled = self.last_steps(fit);
         for _ in 0..RESTARTS {
             if self.max_prior_z(&settled.eta) <= self.settings.fit.repeated_from {
@@ -239,11 +239,11 @@ impl Problem {
 
     /// Fits the linear parameters alone, with derivatives that are computed at every step. Also returns the derivatives
     /// at the minimum.
-    pub(super) fn fit_linear(&self, effort: Effort) -> (Point<'static>, Tangent) {
+    pub(super) fn fit_linear(&self, effort: Effort) -> (Point<'static>, Jacobian) {
         let mut search = self.search(Derivatives::Current, DAMPING_LINEAR, effort);
         let found = search.run(&vec![0.0; self.nuisance.len()], &[]);
         let there = search.own.filter(|_| found.ended == Ended::Stalled);
-        let jacobian = there.unwrap_or_else(|| self.tangent(&found.point.plant));
+        let jacobian = there.unwrap_or_else(|| self.jacobian(&found.point.plant));
         (found.point, jacobian)
     }
 }
@@ -281,7 +281,7 @@ mod tests {
             record.y.iter_mut().flatten().zip(changed).for_each(|(y, (a, b))| *y += a - b);
         }
         let problem = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap().problem;
-        let jacobian = problem.tangent(&problem.plant);
+        let jacobian = problem.jacobian(&problem.plant);
         let effort = Effort { steps: 20, gain: 1e-3, fineness: Fineness::FINE };
         let fit = problem.fit(&jacobian, &vec![0.0; problem.nuisance.len()], &[spring], effort);
         let settled = problem.settled(&fit);
@@ -367,7 +367,7 @@ mod tests {
         );
         let damper = Placed { effect: &Viscous, place: Place::Input(0), parameters: vec![0.5 * size] };
         let effort = Effort { steps: 8, gain: 0.1, fineness: Fineness::FINE };
-        let fit = problem.fit(&refitted.tangent, &refitted.eta, &[damper], effort);
+        let fit = problem.fit(&refitted.jacobian, &refitted.eta, &[damper], effort);
         let (kept, settled) = (problem.last_steps(&fit), problem.settled(&fit));
         let off = |fit: &Fit| (fit.effects[0].parameters[0] - size) / fit.covariance[(0, 0)].sqrt();
         println!("{} {} {} {}", off(&kept), off(&settled), kept.cost, settled.cost);

@@ -14,7 +14,7 @@ use crate::simulate::Fineness;
 
 /// Derivatives of the whitened outputs (rows x linear parameters) at one linear model, with their normal matrix.
 #[derive(Clone)]
-pub struct Tangent {
+pub struct Jacobian {
     rows: usize,
     columns: usize,
     values: Vec<f64>,
@@ -22,7 +22,7 @@ pub struct Tangent {
     pub normal: DMatrix<f64>,
 }
 
-impl Tangent {
+impl Jacobian {
     /// Takes the derivatives column after column; the parameters have a prior of these standard deviations.
     pub fn new(values: Vec<f64>, rows: usize, std: &[f64]) -> Self {
         let columns = std.len();
@@ -69,14 +69,14 @@ impl EffectColumns {
 
 impl Problem {
     /// Computes the derivatives by the linear parameters at a linear model.
-    pub fn tangent(&self, plant: &Plant) -> Tangent {
+    pub fn jacobian(&self, plant: &Plant) -> Jacobian {
         let (rows, columns) = (self.rows(), self.nuisance.len());
         let mut values = vec![0.0; rows * columns];
         let blocks: Vec<Vec<(usize, Vec<f64>)>> = (0..self.records.len())
             .into_par_iter()
             .map(|index| {
                 let mut found = Vec::new();
-                self.nuisance.tangents(plant, &self.records[index], index, |column, outputs| {
+                self.nuisance.derivatives(plant, &self.records[index], index, |column, outputs| {
                     let mut white = vec![0.0; self.whiteners[index].rows()];
                     self.whiteners[index].apply(outputs, &mut white);
                     found.push((column, white));
@@ -90,12 +90,12 @@ impl Problem {
                 values[column * rows + range.start..column * rows + range.end].copy_from_slice(&white);
             }
         }
-        Tangent::new(values, rows, &self.nuisance.std)
+        Jacobian::new(values, rows, &self.nuisance.std)
     }
 
     /// Computes the derivatives by the linear parameters of the simulation with a fit's effects, as differences of
     /// whole simulations.
-    pub(super) fn jacobian_with_effects(&self, fit: &Fit, fineness: Fineness) -> Tangent {
+    pub(super) fn jacobian_with_effects(&self, fit: &Fit, fineness: Fineness) -> Jacobian {
         // In standard deviations of the prior.
         const STEP: f64 = 1e-2;
         let rows = self.rows();
@@ -108,7 +108,7 @@ impl Problem {
             let moved = self.residual(&plant, &eta, &fit.effects, fineness);
             column.iter_mut().zip(&moved).zip(&fit.residual).for_each(|((to, m), r)| *to = (r - m) / step);
         });
-        Tangent::new(values, rows, &self.nuisance.std)
+        Jacobian::new(values, rows, &self.nuisance.std)
     }
 
     /// Computes the derivatives by each effect parameter, as differences of simulations.
@@ -135,7 +135,7 @@ impl Problem {
     /// Fills the normal equations of the linear parameters and the effects' parameters, with the prior.
     pub(super) fn assemble(
         &self,
-        jacobian: &Tangent,
+        jacobian: &Jacobian,
         effects: &EffectColumns,
         residual: &[f64],
         eta: &[f64],
@@ -157,7 +157,7 @@ impl Problem {
     }
 
     /// Returns the direction in which a refit goes from a residual: J' r less the pull of the prior.
-    pub fn gradient(&self, jacobian: &Tangent, residual: &[f64], eta: &[f64]) -> DMatrix<f64> {
+    pub fn gradient(&self, jacobian: &Jacobian, residual: &[f64], eta: &[f64]) -> DMatrix<f64> {
         let mut gradient = jacobian.cross(residual, 1);
         for ((g, x), std) in gradient.iter_mut().zip(eta).zip(&self.nuisance.std) {
             *g -= x / (std * std);
@@ -169,7 +169,7 @@ impl Problem {
     /// scale): the normal matrix with the prior, and J' residual without it.
     pub fn information(&self, fit: &Fit, residual: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
         let plant = self.nuisance.apply(&self.plant, &fit.eta);
-        let jacobian = self.tangent(&self.changed(&plant, &fit.effects).unwrap_or_else(|| plant.clone()));
+        let jacobian = self.jacobian(&self.changed(&plant, &fit.effects).unwrap_or_else(|| plant.clone()));
         let scales = self.scales(&fit.effects);
         let effects = self.effect_columns(&plant, &fit.eta, &fit.effects, residual, &scales, Fineness::COARSE);
         let mut normal = Normal::new(self.nuisance.len() + scales.len());

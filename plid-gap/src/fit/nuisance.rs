@@ -4,7 +4,7 @@
 
 use crate::case::Limits;
 use crate::case::record::Record;
-use crate::fit::jacobian::Tangent;
+use crate::fit::jacobian::Jacobian;
 use crate::fourier::C;
 use crate::plant::{Passed, Plant, RestNumber, Spectrum};
 use crate::simulate::{Fineness, State, simulate};
@@ -84,7 +84,7 @@ impl Nuisance {
     /// Returns the factor, at least one, by which the modes' parameters exceed their prior. It is estimated from the
     /// median of those that the records determine, which is insensitive to a few that an effect has moved. The records
     /// determine a parameter if its information, the prior included, exceeds that of the prior by the factor `determined`.
-    pub fn needed(&self, eta: &[f64], jacobian: &Tangent, determined: f64) -> f64 {
+    pub fn needed(&self, eta: &[f64], jacobian: &Jacobian, determined: f64) -> f64 {
         let told = |k: &usize| jacobian.normal[(*k, *k)] * self.std[*k].powi(2) > determined;
         let mut off: Vec<f64> = (0..self.of_simulation()).filter(told).map(|k| (eta[k] / self.std[k]).abs()).collect();
         off.sort_by(f64::total_cmp);
@@ -191,22 +191,22 @@ impl Nuisance {
 
     /// Computes the derivatives of the outputs of a record: `put(column, outputs)` is called for each entry that acts
     /// on it.
-    pub fn tangents(&self, plant: &Plant, record: &Record, index: usize, mut put: impl FnMut(usize, &[Vec<f64>])) {
+    pub fn derivatives(&self, plant: &Plant, record: &Record, index: usize, mut put: impl FnMut(usize, &[Vec<f64>])) {
         let mut y = vec![vec![0.0; record.samples()]; self.p];
         let through = Through::new(plant, record);
         for k in 0..self.modes {
             let response = Response::new(&plant.modes[k], 1.0 / plant.rate, record);
-            self.shape_tangents(plant, k, &response, &through, &mut y, &mut put);
-            self.pole_tangents(plant, k, &response, &through, &mut y, &mut put);
+            self.shape_derivatives(plant, k, &response, &through, &mut y, &mut put);
+            self.pole_derivatives(plant, k, &response, &through, &mut y, &mut put);
         }
-        self.rest_tangents(plant, record, &mut put);
+        self.rest_derivatives(plant, record, &mut put);
         if let Some(at) = self.starts[index] {
-            self.start_tangents(plant, at, &mut y, &mut put);
+            self.start_derivatives(plant, at, &mut y, &mut put);
         }
     }
 
     /// The derivatives by the entries of a mode's shapes.
-    fn shape_tangents(
+    fn shape_derivatives(
         &self,
         plant: &Plant,
         k: usize,
@@ -234,7 +234,7 @@ impl Nuisance {
     }
 
     /// The derivatives by a mode's frequency and damping ratio.
-    fn pole_tangents(
+    fn pole_derivatives(
         &self,
         plant: &Plant,
         k: usize,
@@ -251,14 +251,14 @@ impl Nuisance {
         for (part, change) in [faster, damped].into_iter().enumerate() {
             let shape = 2.0 * change / mode.pole - change.im / mode.pole.im;
             // What lies before and behind the structure responds differently at the new pole.
-            let bends =
+            let relative_slope =
                 |gain: &dyn Fn(C) -> C| (gain(mode.pole + change * POLE_STEP) / gain(mode.pole)).ln() / POLE_STEP;
-            let before: Vec<C> = (0..self.m).map(|i| mode.b[i] * bends(&|s| plant.chain.before(i, s))).collect();
-            let behind: Vec<C> = (0..self.p).map(|o| bends(&|s| plant.chain.behind(o, s))).collect();
+            let before: Vec<C> = (0..self.m).map(|i| mode.b[i] * relative_slope(&|s| plant.chain.before(i, s))).collect();
+            let behind: Vec<C> = (0..self.p).map(|o| relative_slope(&|s| plant.chain.behind(o, s))).collect();
             let moved: Vec<C> = (0..response.sum.len())
                 .map(|n| {
-                    let bent: C = before.iter().zip(&response.units).map(|(bend, unit)| bend * unit[n]).sum();
-                    response.slope[n] * change + response.sum[n] * shape + bent
+                    let through_gain: C = before.iter().zip(&response.units).map(|(slope, unit)| slope * unit[n]).sum();
+                    response.slope[n] * change + response.sum[n] * shape + through_gain
                 })
                 .collect();
             write(y, &moved, |o| 2.0 * mode.c[o]);
@@ -273,7 +273,7 @@ impl Nuisance {
     }
 
     /// Computes the derivatives in the numbers of the rest, by differences: the rest has few states.
-    fn rest_tangents(&self, plant: &Plant, record: &Record, put: &mut impl FnMut(usize, &[Vec<f64>])) {
+    fn rest_derivatives(&self, plant: &Plant, record: &Record, put: &mut impl FnMut(usize, &[Vec<f64>])) {
         let Some(spectrum) = Spectrum::of(plant) else { return };
         let outputs = |plant: &Plant| simulate(plant, &[], &record.u, record.start_s, None, Fineness::COARSE);
         let nominal = outputs(plant);
@@ -291,7 +291,7 @@ impl Nuisance {
     }
 
     /// The derivatives by an initial state whose entries begin at `at`.
-    fn start_tangents(&self, plant: &Plant, at: usize, y: &mut [Vec<f64>], put: &mut impl FnMut(usize, &[Vec<f64>])) {
+    fn start_derivatives(&self, plant: &Plant, at: usize, y: &mut [Vec<f64>], put: &mut impl FnMut(usize, &[Vec<f64>])) {
         let samples = y[0].len();
         for (k, mode) in plant.modes.iter().take(self.modes).enumerate() {
             let turn = (mode.pole / plant.rate).exp();
@@ -460,7 +460,7 @@ mod tests {
 
     /// Each derivative is the difference of two simulations.
     #[test]
-    fn tangents_are_differences() {
+    fn derivatives_are_differences() {
         let plant = Plant::new(&testing::truss(3)).unwrap();
         let u = testing::random_input(3, 800, 2);
         let record = Record { from_rest: false, ..testing::record(u.clone(), vec![vec![0.0; 800]; 2]) };
@@ -472,7 +472,7 @@ mod tests {
         };
         let now = run(&zero);
         let mut seen = 0;
-        nuisance.tangents(&plant, &record, 0, |column, tangent| {
+        nuisance.derivatives(&plant, &record, 0, |column, derivative| {
             const STEP: f64 = 1e-5;
             let mut eta = zero.clone();
             eta[column] = STEP;
@@ -481,7 +481,7 @@ mod tests {
             for o in 0..2 {
                 for k in 0..800 {
                     let difference = (moved[o][k] - now[o][k]) / STEP;
-                    error += (difference - tangent[o][k]).powi(2);
+                    error += (difference - derivative[o][k]).powi(2);
                     size += difference.powi(2);
                 }
             }

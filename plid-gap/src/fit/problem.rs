@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::case::record::{Channels, Record};
 use crate::effects::{Action, Effect, Place, Setting};
 pub use crate::fit::descent::{Effort, Fit};
-pub use crate::fit::jacobian::Tangent;
+pub use crate::fit::jacobian::Jacobian;
 use crate::fit::nuisance::Nuisance;
 use crate::noise::NoiseModel;
 use crate::noise::whiten::Whitener;

@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 
 use crate::fit::descent::{Effort, Fit, Point};
-use crate::fit::jacobian::Tangent;
+use crate::fit::jacobian::Jacobian;
 use crate::fit::problem::{Problem, sum_of_squares};
 use crate::plant::Plant;
 use crate::simulate::Fineness;
@@ -16,7 +16,7 @@ pub struct Refit {
     /// The simulation with them.
     pub plant: Plant,
     /// Derivatives at this model.
-    pub tangent: Tangent,
+    pub jacobian: Jacobian,
     /// Whitened residual.
     pub residual: Vec<f64>,
     /// Sum of squares of residual and eta / std.
@@ -46,8 +46,8 @@ const LEAST_GAIN: f64 = 1.0;
 /// Fits the linear parameters alone.
 pub fn refit(problem: &Problem, steps: usize) -> Refit {
     let effort = Effort { steps, gain: LEAST_GAIN, fineness: Fineness::FINE };
-    let (Point { eta, plant, residual, cost, .. }, tangent) = problem.fit_linear(effort);
-    Refit { eta, plant, tangent, residual, cost }
+    let (Point { eta, plant, residual, cost, .. }, jacobian) = problem.fit_linear(effort);
+    Refit { eta, plant, jacobian, residual, cost }
 }
 
 impl Refit {

@@ -52,8 +52,8 @@ pub fn stated(problem: &Problem, fit: &Fit, level: f64, noise: impl Fn(&Record) 
 /// Free run of a record by the model of the others.
 fn by_others(problem: &Problem, fit: &Fit, k: usize) -> Channels {
     let others = problem.without(k);
-    let tangent = others.tangent(&others.nuisance.apply(&others.plant, &fit.eta));
-    let fit = others.fit(&tangent, &fit.eta, &fit.effects, FROM_ALL);
+    let jacobian = others.jacobian(&others.nuisance.apply(&others.plant, &fit.eta));
+    let fit = others.fit(&jacobian, &fit.eta, &fit.effects, FROM_ALL);
     run(&others.nuisance.apply(&others.plant, &fit.eta), &others.actions(&fit.effects), &problem.records[k])
 }
 
@@ -75,8 +75,8 @@ fn by_parts(problem: &Problem, fit: &Fit, only: usize, noise: impl Fn(&Record) -
             masked.extend(range.clone());
         }
         others.whiteners[only] = whitener;
-        let tangent = others.tangent(&others.nuisance.apply(&others.plant, &fit.eta));
-        let fit = others.fit(&tangent, &fit.eta, &fit.effects, FROM_ALL);
+        let jacobian = others.jacobian(&others.nuisance.apply(&others.plant, &fit.eta));
+        let fit = others.fit(&jacobian, &fit.eta, &fit.effects, FROM_ALL);
         let y = &outputs(&others, &fit.eta, &fit.effects)[only];
         for (to, from) in whole.iter_mut().zip(y) {
             to[range.clone()].copy_from_slice(&from[range.clone()]);

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::case::record::Record;
 use crate::fit::candidate::{Candidate, all_same};
-use crate::fit::problem::{Effort, Fit, Placed, Problem, Tangent};
+use crate::fit::problem::{Effort, Fit, Placed, Problem, Jacobian};
 use crate::settings::JudgeSettings;
 use crate::simulate::Fineness;
 
@@ -24,7 +24,7 @@ pub struct Foretold<'a> {
     pub problem: Problem,
     /// The explanation, as it was fitted to what was measured.
     pub truth: Fit<'a>,
-    tangent: Tangent,
+    jacobian: Jacobian,
     /// Its own cost on what it foretells.
     own: f64,
 }
@@ -33,15 +33,15 @@ impl<'a> Foretold<'a> {
     /// As `truth`, a fit to `problem`, foretells them.
     pub fn new(problem: &Problem, truth: &Fit<'a>) -> Self {
         let problem = foretold(problem, &truth.eta, &truth.effects);
-        let tangent = problem.tangent(&problem.nuisance.apply(&problem.plant, &truth.eta));
+        let jacobian = problem.jacobian(&problem.nuisance.apply(&problem.plant, &truth.eta));
         // Its own linear parameters give way to their prior as a rival's do.
-        let own = problem.fit(&tangent, &truth.eta, &truth.effects, NEARLY).cost;
-        Self { problem, truth: truth.clone(), tangent, own }
+        let own = problem.fit(&jacobian, &truth.eta, &truth.effects, NEARLY).cost;
+        Self { problem, truth: truth.clone(), jacobian, own }
     }
 
     /// The fit of another explanation to them.
     pub fn fit(&self, effects: &[Placed<'a>]) -> Fit<'a> {
-        self.problem.fit(&self.tangent, &self.truth.eta, effects, NEARLY)
+        self.problem.fit(&self.jacobian, &self.truth.eta, effects, NEARLY)
     }
 
     /// The difference in log likelihood that the records are expected to make between the explanation that foretold them and another
@@ -155,8 +155,8 @@ mod tests {
     }
 
     fn fit<'a>(problem: &Problem, placed: &Placed<'a>) -> Fit<'a> {
-        let tangent = problem.tangent(&problem.plant);
-        problem.fit(&tangent, &vec![0.0; problem.nuisance.len()], std::slice::from_ref(placed), NEARLY)
+        let jacobian = problem.jacobian(&problem.plant);
+        problem.fit(&jacobian, &vec![0.0; problem.nuisance.len()], std::slice::from_ref(placed), NEARLY)
     }
 
     /// What an effect adds to the whitened outputs of the simulation as given.
@@ -185,7 +185,7 @@ mod tests {
         assert!((found / expected - 1.0).abs() < 1e-3, "{found} for {expected}");
         // Both are linear in their sizes, so that it is known before any fit.
         let before =
-            overlap(&problem.tangent(&problem.plant), &[trace(&problem, &drift), trace(&problem, &offset)]).unwrap();
+            overlap(&problem.jacobian(&problem.plant), &[trace(&problem, &drift), trace(&problem, &offset)]).unwrap();
         assert!((before.expected[(0, 1)] / expected - 1.0).abs() < 1e-3, "{:?} for {expected}", before.expected);
         // Nothing is expected to part a truth from itself.
         assert!(foretold.expected(&foretold.fit(&[drift])) < 1e-6);
@@ -218,7 +218,7 @@ mod tests {
         }
         let best = fit(&problem, &cubic);
         // A clearance of the same size to begin with, of each width.
-        let tangent = problem.tangent(&problem.plant);
+        let jacobian = problem.jacobian(&problem.plant);
         let starts = Clearance.starts(&problem.setting, &input);
         let own = trace(&problem, &cubic);
         let mut fits: Vec<(Overlap, Fit)> = starts
@@ -227,7 +227,7 @@ mod tests {
                 let mut clearance = at(&Clearance, input.clone(), start);
                 let other = trace(&problem, &clearance);
                 clearance.parameters[0] *= dot(&own, &other) / sum_of_squares(&other);
-                let overlap = overlap(&tangent, &[own.clone(), other]).unwrap();
+                let overlap = overlap(&jacobian, &[own.clone(), other]).unwrap();
                 (overlap, fit(&problem, &clearance))
             })
             .collect();

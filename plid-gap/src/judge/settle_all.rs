@@ -32,7 +32,7 @@ pub fn with_all<'a>(explained: &Explained<'a>) -> Option<(Vec<f64>, Vec<Placed<'
     let mut eta = fit.eta.clone();
     eta.resize(nuisance.len(), 0.0);
     let all = Problem { records, whiteners, nuisance, ..problem.clone() };
-    let tangent = all.tangent(&all.nuisance.apply(&all.plant, &eta));
-    let refitted = all.fit(&tangent, &eta, &fit.effects, ALL);
+    let jacobian = all.jacobian(&all.nuisance.apply(&all.plant, &eta));
+    let refitted = all.fit(&jacobian, &eta, &fit.effects, ALL);
     refitted.cost.is_finite().then(|| (refitted.eta[..fit.eta.len()].to_vec(), refitted.effects))
 }

@@ -37,8 +37,8 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
     let opened = opened(explained);
     let floor = floor(explained, &opened);
     let limits = blocks(&opened, within, &[]);
-    let tangent = (named.len() > 1).then(|| problem.tangent(&problem.nuisance.apply(&problem.plant, &fit.eta)));
-    let sibling = explained.free_shape.as_ref().map(|bent| (bent.which, fit.effects.len() - 1));
+    let jacobian = (named.len() > 1).then(|| problem.jacobian(&problem.nuisance.apply(&problem.plant, &fit.eta)));
+    let sibling = explained.free_shape.as_ref().map(|free| (free.which, fit.effects.len() - 1));
     let others = |which: usize| -> Vec<Placed> {
         let is_sibling = |at: usize| sibling == Some((which, at));
         let stays = |(at, placed): &(usize, &Placed)| !is_sibling(*at) && !same(placed, &named[which]);
@@ -46,8 +46,8 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
     };
     let without = |which: usize| -> Blocks {
         let others = others(which);
-        let Some(tangent) = tangent.as_ref().filter(|_| !others.is_empty()) else { return limits.clone() };
-        let Fit { eta, effects, .. } = problem.fit(tangent, &fit.eta, &others, WITHOUT);
+        let Some(jacobian) = jacobian.as_ref().filter(|_| !others.is_empty()) else { return limits.clone() };
+        let Fit { eta, effects, .. } = problem.fit(jacobian, &fit.eta, &others, WITHOUT);
         let eta = clipped(problem, &eta).unwrap_or(eta);
         blocks(&opened, &problem.nuisance.apply(&problem.plant, &eta), &problem.actions(&effects))
     };

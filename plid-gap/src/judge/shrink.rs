@@ -181,8 +181,8 @@ fn reference_effect(problem: &Problem, found: &Search) -> Option<(Plant, Vec<Act
         .iter()
         .skip(entries.len() / 2)
         .find(|entry| entry.placed.effect.side() != first.effect.side() && entry.placed.parameters.len() == wanted)?;
-    let tangent = problem.tangent(&problem.plant);
-    let fit = problem.fit(&tangent, &vec![0.0; problem.nuisance.len()], std::slice::from_ref(&entry.placed), ROUGH);
+    let jacobian = problem.jacobian(&problem.plant);
+    let fit = problem.fit(&jacobian, &vec![0.0; problem.nuisance.len()], std::slice::from_ref(&entry.placed), ROUGH);
     Some((problem.nuisance.apply(&problem.plant, &fit.eta), problem.actions(&fit.effects)))
 }
 
@@ -191,8 +191,8 @@ fn ceiling(problem: &Problem, found: &Search) -> Option<(Plant, Vec<Action>)> {
     let mut effects = found.best.effects.clone();
     let entries = found.stages.last()?;
     effects.extend(entries.iter().filter(|e| e.gain > 20.0).take(3).map(|entry| entry.placed.clone()));
-    let tangent = problem.tangent(&problem.nuisance.apply(&problem.plant, &found.best.eta));
-    let fit = problem.fit(&tangent, &found.best.eta, &effects, ROUGH);
+    let jacobian = problem.jacobian(&problem.nuisance.apply(&problem.plant, &found.best.eta));
+    let fit = problem.fit(&jacobian, &found.best.eta, &effects, ROUGH);
     Some((problem.nuisance.apply(&problem.plant, &fit.eta), problem.actions(&fit.effects)))
 }
 

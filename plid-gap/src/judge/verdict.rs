@@ -51,7 +51,7 @@ pub struct Adequacy {
 
 /// What an explanation leaves, and what it needs.
 #[derive(Debug, Clone, Copy)]
-pub struct Rest {
+pub struct FitFigures {
     /// The largest change of a linear parameter, in standard deviations of its prior.
     pub max_prior_z: f64,
     /// Gain of the best further entry of the screen.
@@ -67,8 +67,8 @@ pub struct Rest {
 }
 
 /// Judges what an explanation leaves.
-pub fn adequacy(rest: &Rest, settings: &JudgeSettings, off: &[Step]) -> Adequacy {
-    let &Rest { max_prior_z, next_gain, cost, before, rows, level } = rest;
+pub fn adequacy(figures: &FitFigures, settings: &JudgeSettings, off: &[Step]) -> Adequacy {
+    let &FitFigures { max_prior_z, next_gain, cost, before, rows, level } = figures;
     let noise = rows * level.factor;
     let excess = (cost / noise - 1.0) / level.uncertainty;
     let left = ((cost - noise) / (before - noise).max(1.0)).clamp(0.0, 1.0);

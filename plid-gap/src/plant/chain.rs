@@ -34,14 +34,14 @@ pub struct Filter {
 
 /// What lies before the structure (a real pole an input) and behind it (the filter of an output), as far as the simulation shows it.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Chain {
+pub struct SignalChain {
     /// Of each input: the real pole that this input drives and no other.
     pub actuator: Vec<Option<Actuator>>,
     /// Of each output: the poles that this output sees and no other.
     pub filter: Vec<Vec<Filter>>,
 }
 
-impl Chain {
+impl SignalChain {
     /// Finds the poles that belong to one input or to one output alone.
     pub(super) fn find(rest: &Rest, step: f64, settings: &PlantSettings) -> Self {
         let PlantSettings { repeated_pole, own_channel, .. } = *settings;

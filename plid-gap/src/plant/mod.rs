@@ -17,7 +17,7 @@ use crate::error::GapError;
 use crate::fourier::C;
 use crate::settings::PlantSettings;
 
-pub use chain::Chain;
+pub use chain::SignalChain;
 pub use kind::{KindSource, Sensed};
 pub use ports::PortSource;
 pub use spectrum::{RestNumber, Spectrum};
@@ -131,7 +131,7 @@ pub struct Plant {
     /// Where the ports come from.
     pub port_source: PortSource,
     /// What lies before and behind the structure.
-    pub chain: Chain,
+    pub chain: SignalChain,
     /// Which derivative of a displacement each output follows (p).
     pub sensed: Vec<Sensed>,
     /// The simulation's own basis, to write a changed plant back.
@@ -208,7 +208,7 @@ impl Plant {
         let b = &basis.rest_inverse * &model.b;
         let continuous = rest_in_time(model, &basis, &a, &b, step);
         let rest = Rest { c: &model.c * &basis.rest, a, b, continuous };
-        let chain = Chain::find(&rest, step, settings);
+        let chain = SignalChain::find(&rest, step, settings);
         let mut plant = Self {
             rate,
             m,

@@ -21,7 +21,7 @@ pub enum PortSource {
 /// A mode in physical form is q" + 2 zeta w q' + w^2 q = beta f, of which a sensor measures gamma q^(k); its port sees d = beta q. The
 /// simulation gives g = beta g0 (its input shape without the actuator's pole) and k = gamma / g0 up to one number g0 a mode.
 pub(super) fn infer(plant: &Plant, inputs: &[String]) -> Vec<Port> {
-    let modal = modal_struts(plant);
+    let modal = modal_ports(plant);
     let port =
         |(i, name): (usize, &String)| Port { name: name.clone(), input: Some(i), ..port(plant, &modal, i, &|_| true) };
     inputs.iter().enumerate().map(port).collect()
@@ -30,7 +30,7 @@ pub(super) fn infer(plant: &Plant, inputs: &[String]) -> Vec<Port> {
 /// A place on one mode alone, for an effect that no input's port explains: the port of the input that drives this mode most, of
 /// which only this mode is kept.
 pub(super) fn of_mode(plant: &Plant, k: usize) -> Port {
-    let modal = modal_struts(plant);
+    let modal = modal_ports(plant);
     let size = |i: usize| modal[k].0[i].norm_sqr();
     let i = (0..plant.m).max_by(|&a, &b| size(a).total_cmp(&size(b))).expect("a plant has inputs");
     port(plant, &modal, i, &|mode| mode == k)
@@ -39,8 +39,8 @@ pub(super) fn of_mode(plant: &Plant, k: usize) -> Port {
 /// Force columns and displacement rows of all ports, of each mode.
 type ModalPorts = Vec<(Vec<C>, Vec<C>)>;
 
-fn modal_struts(plant: &Plant) -> ModalPorts {
-    plant.modes.iter().map(|mode| modal_strut(plant, mode)).collect()
+fn modal_ports(plant: &Plant) -> ModalPorts {
+    plant.modes.iter().map(|mode| modal_port(plant, mode)).collect()
 }
 
 /// The port of an input, of the modes that are kept, without a name.
@@ -141,7 +141,7 @@ impl Plant {
 }
 
 /// Force columns and displacement rows of all ports on one mode.
-fn modal_strut(plant: &Plant, mode: &Mode) -> (Vec<C>, Vec<C>) {
+fn modal_port(plant: &Plant, mode: &Mode) -> (Vec<C>, Vec<C>) {
     let pole = mode.pole;
     let force: Vec<C> = (0..plant.m).map(|i| mode.b[i] / plant.chain.before(i, pole)).collect();
     // y = gamma q^(k) behind the filter: c = gamma pole^k F(pole) / (2 j Im(pole) g0).

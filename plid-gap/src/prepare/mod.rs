@@ -92,10 +92,10 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     declared.settings.clone_from(&settings.noise);
     let mut errors = given_errors(&plant, &fitted);
     let quantisation = quantisation::of_outputs(&fitted, &errors, &declared_sensor, &settings.signal);
-    if quantisation.iter().any(|codes| codes.cut) {
+    if quantisation.iter().any(|output| output.cut) {
         quantisation::mend(&mut fitted, &errors, &quantisation);
-        let unseen = given_errors(&plant, &held_out);
-        quantisation::mend(&mut held_out, &unseen, &quantisation);
+        let held_out_errors = given_errors(&plant, &held_out);
+        quantisation::mend(&mut held_out, &held_out_errors, &quantisation);
         errors = given_errors(&plant, &fitted);
     }
     let setting = setting(&plant, model, &fitted, &errors, &settings);
@@ -189,7 +189,7 @@ impl Prepared {
         let quiet: f64 = self.quiet.iter().map(|stretch| p * stretch.length as f64).sum();
         let (mut power, mut freedom) = self.between_periods(simulated);
         // What a coarse converter rounds repeats with the period, and is no noise there.
-        if self.quantisation.iter().any(|codes| codes.coarse) {
+        if self.quantisation.iter().any(|output| output.coarse) {
             return NoiseLevel { factor: 1.0, uncertainty: settings.rounded_uncertainty, seen: true, driven: None };
         }
         // A whitened value squared has variance two; a tenth more for what the noise model's shape does not follow.
@@ -359,7 +359,7 @@ impl Prepared {
     /// The limits as wide as most of the linear parameters of a refit need them: how many times as wide.
     pub fn widen(&mut self, refitted: &Refit) -> f64 {
         let nuisance = &mut self.problem.nuisance;
-        let scale = nuisance.needed(&refitted.eta, &refitted.tangent, self.problem.settings.fit.determined);
+        let scale = nuisance.needed(&refitted.eta, &refitted.jacobian, self.problem.settings.fit.determined);
         let modes = nuisance.of_simulation();
         nuisance.std[..modes].iter_mut().for_each(|std| *std *= scale);
         self.widened = Some(scale);
@@ -389,7 +389,7 @@ impl Prepared {
 
 /// Of each record, with what repeats in it masked.
 fn whiteners(records: &[Record], noise: &NoiseModel, rate: f64, quantisation: &[Quantisation]) -> Vec<Whitener> {
-    let masked = |k: usize| quantisation.iter().map(|codes| codes.repeats[k].clone()).collect();
+    let masked = |k: usize| quantisation.iter().map(|output| output.repeats[k].clone()).collect();
     records.iter().enumerate().map(|(k, record)| Whitener::new(record, noise, rate, masked(k))).collect()
 }
 

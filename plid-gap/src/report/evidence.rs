@@ -2,7 +2,7 @@
 
 use plid_report::{Bar, Bars, Report, bars};
 
-use super::beside;
+use super::evidence_figures;
 use super::response::Responses;
 use super::words::{at, percent, short, with};
 use crate::case::Case;
@@ -47,7 +47,7 @@ pub(super) fn section(report: Report, outcome: &Outcome, case: &Case) -> Report 
             "No driven record is long enough, with all inputs moving, for a frequency response at its level.",
         ),
     };
-    report = beside::section(report, outcome);
+    report = evidence_figures::section(report, outcome);
     match screen(outcome) {
         Some(svg) => report.figure(
             svg,

@@ -1,9 +1,9 @@
 //! report.html of a diagnosis: the verdict in a sentence, three pictures (the gap before and after, where, the evidence), then
 //! the details.
 
-mod beside;
 mod details;
 mod evidence;
+mod evidence_figures;
 mod hidden;
 mod response;
 mod shrink;

@@ -76,11 +76,11 @@ fn unlike(range: f64, curve: &DVector<f64>, law: &DVector<f64>) -> (f64, f64) {
     let weighted = |f: &dyn Fn(usize) -> f64| DVector::from_fn(POINTS, |k, _| weight(k) * f(k));
     let basis = DMatrix::from_columns(&[weighted(&|_| 1.0), weighted(&|k| grid(range, k))]);
     let q = basis.qr().q();
-    let bent = |x: &DVector<f64>| {
+    let nonlinear = |x: &DVector<f64>| {
         let x = weighted(&|k| x[k]);
         &x - &q * q.tr_mul(&x)
     };
-    let (curve, law) = (bent(curve), bent(law));
+    let (curve, law) = (nonlinear(curve), nonlinear(law));
     let (whole, size) = (curve.norm_squared(), curve.dot(&law) / law.norm_squared().max(f64::MIN_POSITIVE));
     if whole > 0.0 { ((curve - law * size).norm_squared() / whole, size) } else { (0.0, 0.0) }
 }

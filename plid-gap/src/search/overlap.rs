@@ -3,7 +3,7 @@
 
 use nalgebra::DMatrix;
 
-use crate::fit::problem::{Tangent, dot};
+use crate::fit::problem::{Jacobian, dot};
 use crate::search::screen::{Base, Entry, traces};
 
 /// How alike the traces of some effects are, once a bounded refit has absorbed of them what it can.
@@ -19,10 +19,10 @@ pub struct Overlap {
 }
 
 /// Of whitened traces, each at the size at which its effect is looked for. None where the refit's normal matrix is no such matrix.
-pub fn overlap(tangent: &Tangent, traces: &[Vec<f64>]) -> Option<Overlap> {
+pub fn overlap(jacobian: &Jacobian, traces: &[Vec<f64>]) -> Option<Overlap> {
     let count = traces.len();
-    let cross = tangent.cross(&traces.concat(), count);
-    let solved = tangent.normal.clone().cholesky()?.solve(&cross);
+    let cross = jacobian.cross(&traces.concat(), count);
+    let solved = jacobian.normal.clone().cholesky()?.solve(&cross);
     let whole = DMatrix::from_fn(count, count, |i, j| dot(&traces[i], &traces[j]));
     let clear = &whole - cross.tr_mul(&solved);
     let energy = |i: usize| clear[(i, i)].max(0.0);
@@ -39,7 +39,7 @@ pub fn overlap(tangent: &Tangent, traces: &[Vec<f64>]) -> Option<Overlap> {
 
 /// Of entries of a screen, at the sizes that it found.
 pub fn of_screen(base: &Base, entries: &[Entry]) -> Option<Overlap> {
-    overlap(base.tangent, &traces(base, entries))
+    overlap(base.jacobian, &traces(base, entries))
 }
 
 #[cfg(test)]
@@ -49,8 +49,8 @@ mod tests {
     /// The refit takes half of what lies along its one derivative, whose size is that of its prior.
     #[test]
     fn overlap_is_that_of_what_the_refit_leaves() {
-        let tangent = Tangent::new(vec![1.0, 0.0, 0.0], 3, &[1.0]);
-        let found = overlap(&tangent, &[vec![2.0, 2.0, 0.0], vec![2.0, 0.0, 1.0]]).unwrap();
+        let jacobian = Jacobian::new(vec![1.0, 0.0, 0.0], 3, &[1.0]);
+        let found = overlap(&jacobian, &[vec![2.0, 2.0, 0.0], vec![2.0, 0.0, 1.0]]).unwrap();
         // Left are energies of 4/2 + 4 of 8 and 4/2 + 1 of 5, and a product of 4/2.
         let cosine = 2.0 / 18_f64.sqrt();
         let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");

@@ -69,16 +69,16 @@ pub fn fit_ports<'a>(problem: &mut Problem, quick: &mut Problem, best: Fit<'a>) 
     let count = start.len();
     let mut effects = best.effects.clone();
     effects.push(Placed { effect: &SCALES, place: Place::Structure, parameters: start });
-    let tangent = quick.tangent(&quick.nuisance.apply(&quick.plant, &best.eta));
-    let scaled = quick.fit(&tangent, &best.eta, &effects, QUICK);
+    let jacobian = quick.jacobian(&quick.nuisance.apply(&quick.plant, &best.eta));
+    let scaled = quick.fit(&jacobian, &best.eta, &effects, QUICK);
     let scales = scaled.effects.last().expect("just put there").parameters.clone();
     let (old, old_quick, old_setting) = (problem.plant.clone(), quick.plant.clone(), problem.setting.plant.clone());
     for plant in [&mut problem.plant, &mut quick.plant, &mut problem.setting.plant, &mut quick.setting.plant] {
         scale(plant, &scales);
     }
-    let tangent = problem.tangent(&problem.nuisance.apply(&problem.plant, &scaled.eta));
+    let jacobian = problem.jacobian(&problem.nuisance.apply(&problem.plant, &scaled.eta));
     let effects = &scaled.effects[..best.effects.len()];
-    let whole = problem.fit(&tangent, &scaled.eta, effects, WHOLE);
+    let whole = problem.fit(&jacobian, &scaled.eta, effects, WHOLE);
     let price = count as f64 * (problem.rows() as f64).ln();
     if whole.cost.is_finite() && whole.cost + price < best.cost {
         return whole;

@@ -7,7 +7,7 @@ use nalgebra::{Cholesky, DMatrix, Dyn};
 use rayon::prelude::*;
 
 use crate::effects::{Effect, Library, Place, Range};
-use crate::fit::problem::{Placed, Problem, Tangent, dot, sum_of_squares};
+use crate::fit::problem::{Placed, Problem, Jacobian, dot, sum_of_squares};
 use crate::plant::Plant;
 use crate::simulate::Fineness;
 
@@ -33,7 +33,7 @@ pub struct Base<'p, 'a> {
     /// Records, simulation, noise.
     pub problem: &'p Problem,
     /// Derivatives of the linear parameters.
-    pub tangent: &'p Tangent,
+    pub jacobian: &'p Jacobian,
     /// The linear model.
     pub plant: &'p Plant,
     /// Its parameters.
@@ -49,7 +49,7 @@ pub struct Base<'p, 'a> {
 /// All entries, best first: of each effect at each place the best shape.
 pub fn screen<'a>(base: &Base<'_, 'a>, library: &'a Library, skip: impl Fn(&Placed) -> bool + Sync) -> Vec<Entry<'a>> {
     let problem = base.problem;
-    let Some(factor) = base.tangent.normal.clone().cholesky() else { return Vec::new() };
+    let Some(factor) = base.jacobian.normal.clone().cholesky() else { return Vec::new() };
     let setting = &problem.setting;
     let pairs: Vec<(&dyn Effect, _)> = library
         .effects()
@@ -62,7 +62,7 @@ pub fn screen<'a>(base: &Base<'_, 'a>, library: &'a Library, skip: impl Fn(&Plac
     // As the runs make it, so that what a coarse run does differently cancels.
     let now = problem.residual(base.plant, base.eta, base.effects, Fineness::COARSE);
     // At a refit's end that is nothing: what an effect explains there may be the residual, or what linear parameters were bent for.
-    let left = factor.solve(&problem.gradient(base.tangent, base.residual, base.eta));
+    let left = factor.solve(&problem.gradient(base.jacobian, base.residual, base.eta));
     let mut entries: Vec<Entry> = pairs
         .par_iter()
         .filter_map(|(effect, place)| {
@@ -100,8 +100,8 @@ struct Projected {
     solved: DMatrix<f64>,
 }
 
-fn projected(tangent: &Tangent, factor: &Cholesky<f64, Dyn>, v: &[f64]) -> Projected {
-    let cross = tangent.cross(v, 1);
+fn projected(jacobian: &Jacobian, factor: &Cholesky<f64, Dyn>, v: &[f64]) -> Projected {
+    let cross = jacobian.cross(v, 1);
     let solved = factor.solve(&cross);
     Projected { cross, solved }
 }
@@ -121,7 +121,7 @@ fn entry<'a>(
     if !(whole.is_finite() && whole > 0.0) {
         return None;
     }
-    let own = projected(base.tangent, factor, &trace);
+    let own = projected(base.jacobian, factor, &trace);
     let clear = whole - own.cross.dot(&own.solved);
     let absorbed = 1.0 - clear / whole;
     // What a refit absorbs is told by derivatives, which say nothing of a resonance that has gone further than its width.

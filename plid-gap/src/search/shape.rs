@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::effects::{Effect, Flexible};
-use crate::fit::problem::{Effort, Fit, Placed, Problem, Tangent};
+use crate::fit::problem::{Effort, Fit, Placed, Problem, Jacobian};
 use crate::simulate::Fineness;
 
 const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE };
@@ -23,17 +23,17 @@ pub fn fewer<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<(
     if best.effects.len() < 2 {
         return None;
     }
-    let tangent = quick.tangent(&quick.nuisance.apply(&quick.plant, &best.eta));
-    let own = quick.fit(&tangent, &best.eta, &best.effects, QUICK);
+    let jacobian = quick.jacobian(&quick.nuisance.apply(&quick.plant, &best.eta));
+    let own = quick.fit(&jacobian, &best.eta, &best.effects, QUICK);
     let slack = |problem: &Problem| problem.settings.search.material_power * problem.rows() as f64;
     let fits = subsets(&best.effects).into_iter().filter_map(|effects| {
-        let alone = quick.fit(&tangent, &best.eta, &effects, QUICK);
-        let free = freed(quick, &tangent, &alone)?;
+        let alone = quick.fit(&jacobian, &best.eta, &effects, QUICK);
+        let free = freed(quick, &jacobian, &alone)?;
         // On the heads there is less to tell them apart by.
         if free.fit.cost > own.cost + slack(problem) {
             return None;
         }
-        let whole = problem.tangent(&problem.nuisance.apply(&problem.plant, &best.eta));
+        let whole = problem.jacobian(&problem.nuisance.apply(&problem.plant, &best.eta));
         let alone = problem.fit(&whole, &alone.eta, &alone.effects, WHOLE);
         let free = on_whole(problem, free);
         (free.fit.cost < best.cost + slack(problem)).then_some((alone, free))
@@ -67,9 +67,9 @@ pub fn free_shape<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Opt
     if siblings(&best.effects).is_empty() {
         return None;
     }
-    let tangent = quick.tangent(&quick.nuisance.apply(&quick.plant, &best.eta));
-    let own = quick.fit(&tangent, &best.eta, &best.effects, QUICK);
-    Some(on_whole(problem, freed(quick, &tangent, &own)?))
+    let jacobian = quick.jacobian(&quick.nuisance.apply(&quick.plant, &best.eta));
+    let own = quick.fit(&jacobian, &best.eta, &best.effects, QUICK);
+    Some(on_whole(problem, freed(quick, &jacobian, &own)?))
 }
 
 /// The same explanation with another law in place of the one whose shape is free: its fit, and its fit with a free shape.
@@ -82,10 +82,10 @@ pub fn renamed<'a>(
 ) -> Option<(Fit<'a>, FreeShapeFit<'a>)> {
     let mut effects = best.effects.clone();
     effects[present.which] = law;
-    let tangent = quick.tangent(&quick.nuisance.apply(&quick.plant, &best.eta));
-    let alone = quick.fit(&tangent, &best.eta, &effects, QUICK);
-    let free = freed(quick, &tangent, &alone).filter(|free| free.which == present.which)?;
-    let whole = problem.tangent(&problem.nuisance.apply(&problem.plant, &best.eta));
+    let jacobian = quick.jacobian(&quick.nuisance.apply(&quick.plant, &best.eta));
+    let alone = quick.fit(&jacobian, &best.eta, &effects, QUICK);
+    let free = freed(quick, &jacobian, &alone).filter(|free| free.which == present.which)?;
+    let whole = problem.jacobian(&problem.nuisance.apply(&problem.plant, &best.eta));
     let alone = problem.fit(&whole, &alone.eta, &alone.effects, WHOLE);
     let free = on_whole(problem, free);
     (free.fit.cost < present.fit.cost + problem.settings.search.material_power * problem.rows() as f64)
@@ -93,8 +93,8 @@ pub fn renamed<'a>(
 }
 
 fn on_whole<'a>(problem: &Problem, free: FreeShapeFit<'a>) -> FreeShapeFit<'a> {
-    let tangent = problem.tangent(&problem.nuisance.apply(&problem.plant, &free.fit.eta));
-    FreeShapeFit { fit: problem.fit(&tangent, &free.fit.eta, &free.fit.effects, WHOLE), ..free }
+    let jacobian = problem.jacobian(&problem.nuisance.apply(&problem.plant, &free.fit.eta));
+    FreeShapeFit { fit: problem.fit(&jacobian, &free.fit.eta, &free.fit.effects, WHOLE), ..free }
 }
 
 /// Of each effect that has one: its number, the sibling, and whether that takes its place.
@@ -109,7 +109,7 @@ fn siblings(effects: &[Placed]) -> Vec<(usize, &'static Flexible, bool)> {
 }
 
 /// The best on the heads of the records.
-fn freed<'a>(quick: &Problem, tangent: &Tangent, own: &Fit<'a>) -> Option<FreeShapeFit<'a>> {
+fn freed<'a>(quick: &Problem, jacobian: &Jacobian, own: &Fit<'a>) -> Option<FreeShapeFit<'a>> {
     let fits: Vec<FreeShapeFit> = siblings(&own.effects)
         .into_par_iter()
         .map(|(which, sibling, alone)| {
@@ -120,7 +120,7 @@ fn freed<'a>(quick: &Problem, tangent: &Tangent, own: &Fit<'a>) -> Option<FreeSh
                 effects.remove(which);
             }
             effects.push(Placed { effect: sibling, place, parameters });
-            FreeShapeFit { fit: quick.fit(tangent, &own.eta, &effects, QUICK), which }
+            FreeShapeFit { fit: quick.fit(jacobian, &own.eta, &effects, QUICK), which }
         })
         .collect();
     let top = fits.into_iter().min_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost))?;

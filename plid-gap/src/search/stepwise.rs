@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::effects::{Names, Range};
 use crate::fit::candidate::{Candidate, all_same, same};
-use crate::fit::problem::{Effort, Fit, Placed, Problem, Tangent, sum_of_squares};
+use crate::fit::problem::{Effort, Fit, Placed, Problem, Jacobian, sum_of_squares};
 use crate::fit::refit::{Refit, clipped};
 use crate::search::overlap::{Overlap, of_screen};
 use crate::search::ports::fit_ports;
@@ -230,7 +230,7 @@ impl<'a> SearchStage<'a> {
                 let new = || {
                     let mut all = self.from.effects.clone();
                     all.push(self.entries[k].placed.clone());
-                    whether_sound(quick, quick.fit(&self.from.tangent, &self.from.eta, &all, QUICK))
+                    whether_sound(quick, quick.fit(&self.from.jacobian, &self.from.eta, &all, QUICK))
                 };
                 (k, known(&self.quick, k).unwrap_or_else(new))
             })
@@ -283,7 +283,7 @@ struct Start<'a> {
     effects: Vec<Placed<'a>>,
     eta: Vec<f64>,
     plant: crate::plant::Plant,
-    tangent: Tangent,
+    jacobian: Jacobian,
     residual: Vec<f64>,
     cost: f64,
 }
@@ -293,16 +293,16 @@ impl<'a> Start<'a> {
         let within = if off.contains(&Step::Clipping) { None } else { clipped(problem, &fit.eta) };
         let eta = within.unwrap_or_else(|| fit.eta.clone());
         let plant = problem.nuisance.apply(&problem.plant, &eta);
-        let tangent = problem.tangent(&plant);
+        let jacobian = problem.jacobian(&plant);
         let residual = problem.residual(&plant, &eta, &fit.effects, Fineness::COARSE);
         let cost = sum_of_squares(&residual) + problem.penalty(&eta);
-        Self { effects: fit.effects.clone(), eta, plant, tangent, residual, cost }
+        Self { effects: fit.effects.clone(), eta, plant, jacobian, residual, cost }
     }
 
     fn base<'p>(&'p self, problem: &'p Problem, bold: bool) -> Base<'p, 'a> {
         Base {
             problem,
-            tangent: &self.tangent,
+            jacobian: &self.jacobian,
             plant: &self.plant,
             eta: &self.eta,
             effects: &self.effects,
@@ -331,8 +331,8 @@ fn on_whole<'a>(problem: &Problem, fit: Fit<'a>, off: &[Step]) -> Fit<'a> {
 /// The same fit with fine steps and derivatives at its own linear model.
 pub(crate) fn polish<'a>(problem: &Problem, fit: Fit<'a>) -> Fit<'a> {
     let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
-    let tangent = problem.tangent(&plant);
-    let mut fit = problem.fit(&tangent, &fit.eta, &fit.effects, FINE);
+    let jacobian = problem.jacobian(&plant);
+    let mut fit = problem.fit(&jacobian, &fit.eta, &fit.effects, FINE);
     for placed in &mut fit.effects {
         let kinds = placed.effect.parameters(&problem.setting);
         for (value, parameter) in placed.parameters.iter_mut().zip(kinds) {

@@ -28,12 +28,12 @@ pub fn stochastic_effects<'a>(ready: &Prepared, library: &'a Library) -> Vec<Sto
         }
     };
     let observed = |what: Observation| move |effect: &dyn Effect| effect.observed_in() == what;
-    for (o, codes) in ready.quantisation.iter().enumerate() {
-        if codes.coarse {
-            let cut = if codes.cut { 0.5 } else { 0.0 };
-            put(&observed(Observation::Quantisation), Place::Output(o), &[codes.step, cut], &[0.0, 0.0], 1e3);
+    for (o, quantisation) in ready.quantisation.iter().enumerate() {
+        if quantisation.coarse {
+            let cut = if quantisation.cut { 0.5 } else { 0.0 };
+            put(&observed(Observation::Quantisation), Place::Output(o), &[quantisation.step, cut], &[0.0, 0.0], 1e3);
         }
-        if let Some(rate) = codes.dropout_rate {
+        if let Some(rate) = quantisation.dropout_rate {
             let driven = ready.problem.records.iter().filter(|record| crate::signal::quantisation::driven(record));
             let onsets = rate * driven.map(|record| record.samples() as f64).sum::<f64>();
             // Onsets are rare and do not know of each other.
@@ -80,18 +80,18 @@ fn without_leakage(ready: &Prepared) -> NoiseModel {
 fn noisy(
     noise: &NoiseModel,
     declared: &[f64],
-    codes: &[Quantisation],
+    quantisation: &[Quantisation],
     search: &SearchSettings,
 ) -> Vec<(usize, f64, f64, f64)> {
     let sensors = noise.sensors();
     let ratios: Vec<f64> = sensors.iter().zip(declared).map(|(theta, std)| theta / (std * std)).collect();
     let mut found = Vec::new();
     for o in 0..ratios.len() {
-        if codes[o].coarse || noise.bins == 0 {
+        if quantisation[o].coarse || noise.bins == 0 {
             continue;
         }
         let mut others: Vec<f64> =
-            (0..ratios.len()).filter(|&j| j != o && !codes[j].coarse).map(|j| ratios[j]).collect();
+            (0..ratios.len()).filter(|&j| j != o && !quantisation[j].coarse).map(|j| ratios[j]).collect();
         others.sort_by(f64::total_cmp);
         // The least noisy other channel says what is common.
         let common = others.first().copied().unwrap_or(search.misjudged * search.misjudged).max(0.4);

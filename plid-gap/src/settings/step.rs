@@ -25,8 +25,9 @@ pub enum Step {
     PortScales,
     /// An effect must explain a material part, or straighten the linear parameters. Off: its price alone decides.
     Material,
-    /// Effects that no free run shows, from quiet records and raw values. Off: none of them is found.
-    Unseen,
+    /// Stochastic effects are found in quiet records and raw values. Off: none of them is found.
+    #[serde(alias = "unseen")]
+    Stochastic,
     /// Power above the noise speaks for something else. Off: it does not.
     Excess,
     /// Linear parameters beyond their limits speak for something else. Off: they do not.
@@ -61,7 +62,7 @@ impl Step {
         Self::BeyondLimits,
         Self::Coherent,
         Self::ModalPlaces,
-        Self::Unseen,
+        Self::Stochastic,
         Self::HeldOutVeto,
         Self::Temperature,
     ];
@@ -76,7 +77,7 @@ impl Step {
             Self::Questioning => "questioning",
             Self::PortScales => "port-scales",
             Self::Material => "material",
-            Self::Unseen => "unseen",
+            Self::Stochastic => "stochastic",
             Self::Excess => "excess",
             Self::BeyondLimits => "beyond-limits",
             Self::Coherent => "coherent",
@@ -98,7 +99,7 @@ impl Step {
             Self::Questioning => "of several effects, what was accepted first stays",
             Self::PortScales => "scales at inferred ports rest on reciprocity",
             Self::Material => "an effect's price alone decides whether it is accepted",
-            Self::Unseen => "no effect is found in quiet records and raw values",
+            Self::Stochastic => "no stochastic effect is found in quiet records and raw values",
             Self::Excess => "power above the noise does not speak for something else",
             Self::BeyondLimits => "linear parameters beyond their limits do not speak for something else",
             Self::Coherent => "a further entry of the screen does not speak for something else",

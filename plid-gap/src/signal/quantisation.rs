@@ -71,7 +71,7 @@ pub fn of_outputs(
 /// codes next to zero.
 fn cuts(records: &[Record], o: usize, step: f64, least: f64) -> bool {
     let normal = Normal::standard();
-    let (mut zero, mut beside) = (0.0, 0.0);
+    let (mut zero, mut next) = (0.0, 0.0);
     // Expected in zero and beside it, for codes that round and that cut off.
     let mut expected = [[0.0; 2]; 2];
     for record in records.iter().filter(|record| record.excitation == Excitation::Random) {
@@ -91,20 +91,21 @@ fn cuts(records: &[Record], o: usize, step: f64, least: f64) -> bool {
             expected[1] += within(second) - within(first);
         }
         zero += y.iter().filter(|y| y.abs() < 0.5 * step).count() as f64;
-        beside += y.iter().filter(|y| (y.abs() - step).abs() < 0.5 * step).count() as f64;
+        next += y.iter().filter(|y| (y.abs() - step).abs() < 0.5 * step).count() as f64;
     }
-    let [round, cut] = expected.map(|[zero, beside]| zero / beside);
-    beside >= least && zero / beside > (round * cut).sqrt()
+    let [round, cut] = expected.map(|[zero, next]| zero / next);
+    next >= least && zero / next > (round * cut).sqrt()
 }
 
 /// Half a step more for what was cut off. The code zero takes the sign of the simulation, of which `errors` are what it leaves.
-pub fn mend(records: &mut [Record], errors: &[Channels], codes: &[Quantisation]) {
+pub fn mend(records: &mut [Record], errors: &[Channels], quantisation: &[Quantisation]) {
     for (record, errors) in records.iter_mut().zip(errors) {
-        for ((y, error), codes) in record.y.iter_mut().zip(errors).zip(codes).filter(|(_, codes)| codes.cut) {
+        let outputs = record.y.iter_mut().zip(errors).zip(quantisation);
+        for ((y, error), output) in outputs.filter(|(_, output)| output.cut) {
             for (y, error) in y.iter_mut().zip(error) {
                 let sign = if *y == 0.0 { -error } else { *y };
                 if sign != 0.0 {
-                    *y += (0.5 * codes.step).copysign(sign);
+                    *y += (0.5 * output.step).copysign(sign);
                 }
             }
         }

@@ -159,7 +159,7 @@ impl Bench {
     }
 
     /// Whether a free run shows nothing of these effects.
-    fn is_unseen(&self, effects: &Effects) -> bool {
+    fn is_stochastic(&self, effects: &Effects) -> bool {
         effects.iter().all(|(effect, place)| {
             let actions = effect.act(&self.setting, place, &self.sizes(*effect, place));
             actions.iter().all(|action| matches!(action, Action::Noise))
@@ -300,14 +300,14 @@ fn judge(of: impl Fn(&Bench, &Effects, &Path) -> [Channels; 2] + Sync) {
             let words: Vec<String> = written.iter().map(|e| format!("{} at {}", e.effect, e.location)).collect();
             let [right, found] = of(bench, effects, folder.path());
             let linear = simulate(&bench.plant, &[], &bench.u, T0, None, Fineness::FINE);
-            (words.join(" + "), worst(&right, &linear), worst(&right, &found), bench.is_unseen(effects))
+            (words.join(" + "), worst(&right, &linear), worst(&right, &found), bench.is_stochastic(effects))
         })
         .collect();
     let mut wrong = Vec::new();
-    for (words, changed, apart, unseen) in found {
+    for (words, changed, apart, stochastic) in found {
         let line = format!("{words}: changes {changed:.1e}, differs by {apart:.1e}");
         println!("{line}");
-        if !(apart < LIMIT) || (changed > VISIBLE) == unseen {
+        if !(apart < LIMIT) || (changed > VISIBLE) == stochastic {
             wrong.push(line);
         }
     }

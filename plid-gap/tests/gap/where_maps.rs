@@ -85,11 +85,11 @@ fn map(rig: &Rig, real: &Truth) -> (Map, Side) {
 fn side(problem: &Problem) -> Side {
     let library = Library::standard();
     let eta = vec![0.0; problem.nuisance.len()];
-    let tangent = problem.tangent(&problem.plant);
+    let jacobian = problem.jacobian(&problem.plant);
     let residual = problem.residual(&problem.plant, &eta, &[], Fineness::COARSE);
     let base = Base {
         problem,
-        tangent: &tangent,
+        jacobian: &jacobian,
         plant: &problem.plant,
         eta: &eta,
         effects: &[],

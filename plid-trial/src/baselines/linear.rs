@@ -22,7 +22,7 @@ pub struct Linear {
 
 pub(super) fn refit(problem: &Problem, model: &Model) -> Linear {
     let found = bounded_refit(problem, REFIT_STEPS);
-    let covariance = found.tangent.normal.clone().try_inverse();
+    let covariance = found.jacobian.normal.clone().try_inverse();
     // The first number says how far beyond the stated limits a parameter is, the second how surely it is not zero.
     let changes = found.eta.iter().zip(&problem.nuisance.std).enumerate().filter_map(|(index, (x, std))| {
         let (mode, part) = problem.nuisance.entry(index)?;

@@ -9,7 +9,7 @@ mod disturbance;
 mod sensor;
 pub mod structure;
 mod time;
-mod unseen;
+mod stochastic;
 
 use plid_gap::effects::{Effect, Library, Place, Setting};
 use plid_gap::research::{Fineness, Plant, simulate};
@@ -109,7 +109,7 @@ pub fn noise(seed: u64, channels: usize, samples: usize) -> Channels {
 }
 
 fn checks() -> impl Iterator<Item = &'static Check> {
-    [actuator::CHECKS, disturbance::CHECKS, sensor::CHECKS, structure::CHECKS, time::CHECKS, unseen::CHECKS]
+    [actuator::CHECKS, disturbance::CHECKS, sensor::CHECKS, structure::CHECKS, time::CHECKS, stochastic::CHECKS]
         .into_iter()
         .flatten()
 }

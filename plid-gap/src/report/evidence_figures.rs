@@ -16,8 +16,8 @@ const MODES: usize = 4;
 
 /// Both pictures, as far as there is something to draw.
 pub(super) fn section(mut report: Report, outcome: &Outcome) -> Report {
-    let beside = &outcome.shown.evidence;
-    if let Some((svg, along)) = resonances(&beside.resonances, &outcome.diagnosis.settings) {
+    let evidence = &outcome.shown.evidence;
+    if let Some((svg, along)) = resonances(&evidence.resonances, &outcome.diagnosis.settings) {
         report = report.figure(
             svg,
             format!(
@@ -29,7 +29,7 @@ pub(super) fn section(mut report: Report, outcome: &Outcome) -> Report {
             ),
         );
     }
-    if let Some(lines) = &beside.lines {
+    if let Some(lines) = &evidence.lines {
         report = report.figure(
             left_out(lines, outcome),
             format!(
