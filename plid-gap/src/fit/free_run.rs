@@ -33,7 +33,7 @@ fn fitted_start(plant: &Plant, actions: &[Action], record: &Record) -> State {
     let nuisance = Nuisance::new(plant, std::slice::from_ref(record), &Limits::default());
     let first = nuisance.len() - plant.n();
     let mut columns = nalgebra::DMatrix::zeros(record.y.len() * record.samples(), plant.n());
-    nuisance.derivatives(plant, record, 0, |column, y| {
+    nuisance.derivatives(plant, None, record, 0, |column, y| {
         if column >= first {
             let flat: Vec<f64> = y.iter().flatten().copied().collect();
             columns.column_mut(column - first).copy_from_slice(&flat);

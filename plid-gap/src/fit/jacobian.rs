@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use crate::fit::descent::Fit;
 use crate::fit::problem::{Placed, Problem};
 use crate::fit::scale::{Scale, stepped};
-use crate::plant::Plant;
+use crate::plant::{Plant, Spectrum};
 use crate::simulate::Fineness;
 
 /// Derivatives of the whitened outputs (rows x linear parameters) at one linear model, with their normal matrix.
@@ -72,11 +72,12 @@ impl Problem {
     pub fn jacobian(&self, plant: &Plant) -> Jacobian {
         let (rows, columns) = (self.rows(), self.nuisance.len());
         let mut values = vec![0.0; rows * columns];
+        let spectrum = Spectrum::of(plant);
         let blocks: Vec<Vec<(usize, Vec<f64>)>> = (0..self.records.len())
             .into_par_iter()
             .map(|index| {
                 let mut found = Vec::new();
-                self.nuisance.derivatives(plant, &self.records[index], index, |column, outputs| {
+                self.nuisance.derivatives(plant, spectrum.as_ref(), &self.records[index], index, |column, outputs| {
                     let mut white = vec![0.0; self.whiteners[index].rows()];
                     self.whiteners[index].apply(outputs, &mut white);
                     found.push((column, white));

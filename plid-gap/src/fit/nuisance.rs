@@ -190,8 +190,16 @@ impl Nuisance {
     }
 
     /// Computes the derivatives of the outputs of a record: `put(column, outputs)` is called for each entry that acts
-    /// on it.
-    pub fn derivatives(&self, plant: &Plant, record: &Record, index: usize, mut put: impl FnMut(usize, &[Vec<f64>])) {
+    /// on it. `spectrum` is that of the plant ([`Spectrum::of`]), which all records share; without it the parameters of
+    /// the rest are left out.
+    pub fn derivatives(
+        &self,
+        plant: &Plant,
+        spectrum: Option<&Spectrum>,
+        record: &Record,
+        index: usize,
+        mut put: impl FnMut(usize, &[Vec<f64>]),
+    ) {
         let mut y = vec![vec![0.0; record.samples()]; self.p];
         let through = Through::new(plant, record);
         for k in 0..self.modes {
@@ -199,7 +207,9 @@ impl Nuisance {
             self.shape_derivatives(plant, k, &response, &through, &mut y, &mut put);
             self.pole_derivatives(plant, k, &response, &through, &mut y, &mut put);
         }
-        self.rest_derivatives(plant, record, &mut put);
+        if let Some(spectrum) = spectrum {
+            self.rest_derivatives(plant, spectrum, record, &mut put);
+        }
         if let Some(at) = self.starts[index] {
             self.start_derivatives(plant, at, &mut y, &mut put);
         }
@@ -273,8 +283,13 @@ impl Nuisance {
     }
 
     /// Computes the derivatives in the numbers of the rest, by differences: the rest has few states.
-    fn rest_derivatives(&self, plant: &Plant, record: &Record, put: &mut impl FnMut(usize, &[Vec<f64>])) {
-        let Some(spectrum) = Spectrum::of(plant) else { return };
+    fn rest_derivatives(
+        &self,
+        plant: &Plant,
+        spectrum: &Spectrum,
+        record: &Record,
+        put: &mut impl FnMut(usize, &[Vec<f64>]),
+    ) {
         let outputs = |plant: &Plant| simulate(plant, &[], &record.u, record.start_s, None, Fineness::COARSE);
         let nominal = outputs(plant);
         for k in 0..self.numbers().len().min(spectrum.numbers.len()) {
@@ -472,7 +487,7 @@ mod tests {
         };
         let now = run(&zero);
         let mut seen = 0;
-        nuisance.derivatives(&plant, &record, 0, |column, derivative| {
+        nuisance.derivatives(&plant, None, &record, 0, |column, derivative| {
             const STEP: f64 = 1e-5;
             let mut eta = zero.clone();
             eta[column] = STEP;
