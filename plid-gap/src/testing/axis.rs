@@ -1,16 +1,17 @@
-//! Diagnoses of plants without lightly damped modes, against truths that are integrated here.
+//! Diagnoses of plants without lightly damped modes. Their truths are integrated as those of the blind cases are.
 
 use std::f64::consts::TAU;
 
 use nalgebra::dmatrix;
-use plid_model::Model;
+use plid_model::{Continuous, Model, Port};
 
 use crate::answer::schema::Diagnosis;
-use crate::case::record::{Excitation, Record, rms};
-use crate::case::{Case, CaseConfig};
+use crate::case::Case;
+use crate::case::record::{Channels, rms};
 use crate::effects::Library;
 use crate::judge::verdict::Verdict;
-use crate::testing::{held, random_input, record};
+use crate::testing::blind::integrate;
+use crate::testing::{add_noise, four_records, held, random_input};
 
 const RATE: f64 = 250.0;
 const SAMPLES: usize = 2500;
@@ -18,10 +19,7 @@ const SAMPLES: usize = 2500;
 /// Samples over which a command is held, so that the axis moves.
 const HOLD: usize = 10;
 
-/// Parts of a sample in which the truth is integrated.
-const PARTS: usize = 40;
-
-/// A unit mass on a viscous damper `c` and a spring `k`, with a force of velocity and displacement beside them.
+/// A unit mass on a viscous damper `c` and a spring `k`, with a further force of displacement and velocity.
 struct Axis {
     c: f64,
     k: f64,
@@ -30,60 +28,49 @@ struct Axis {
 }
 
 impl Axis {
+    /// Returns the simulation, which lacks the further force.
     fn simulation(&self) -> Model {
-        let (a, b) = held(&dmatrix![0.0, 1.0; -self.k, -self.c], &dmatrix![0.0; 1.0], 1.0 / RATE);
-        let c = if self.position { dmatrix![1.0, 0.0] } else { dmatrix![0.0, 1.0] };
-        let mut model = Model::new(RATE, a, b, c, dmatrix![0.0]).unwrap();
         if !self.position && self.k == 0.0 {
-            // The position is no state of a motor that is seen by its velocity.
+            // The position is not a state of a motor of which only the velocity is measured.
             let (a, b) = held(&dmatrix![-self.c], &dmatrix![1.0], 1.0 / RATE);
-            model = Model::new(RATE, a, b, dmatrix![1.0], dmatrix![0.0]).unwrap();
+            return Model::new(RATE, a, b, dmatrix![1.0], dmatrix![0.0]).unwrap();
         }
+        Model { continuous: None, ports: Vec::new(), ..self.truth() }
+    }
+
+    /// Returns the real axis in its displacement and velocity, with a port for the further force.
+    fn truth(&self) -> Model {
+        let (a, b) = (dmatrix![0.0, 1.0; -self.k, -self.c], dmatrix![0.0; 1.0]);
+        let (step, input) = held(&a, &b, 1.0 / RATE);
+        let c = if self.position { dmatrix![1.0, 0.0] } else { dmatrix![0.0, 1.0] };
+        let mut model = Model::new(RATE, step, input, c, dmatrix![0.0]).unwrap();
+        model.continuous = Some(Continuous { a, b });
+        model.ports = vec![Port {
+            name: "axis".into(),
+            input: None,
+            force: vec![0.0, 1.0],
+            displacement: vec![1.0, 0.0],
+            velocity: vec![0.0, 1.0],
+            output: None,
+        }];
         model
     }
 
-    /// The output by the classical Runge-Kutta method of fourth order.
-    fn run(&self, u: &[f64]) -> Vec<f64> {
-        let (mut x, mut v) = (0.0, 0.0);
-        let step = 1.0 / (RATE * PARTS as f64);
-        let slope = |u: f64, x: f64, v: f64| (v, u - self.c * v - self.k * x + (self.force)(v, x));
-        u.iter()
-            .map(|&u| {
-                let seen = if self.position { x } else { v };
-                for _ in 0..PARTS {
-                    let k1 = slope(u, x, v);
-                    let k2 = slope(u, x + 0.5 * step * k1.0, v + 0.5 * step * k1.1);
-                    let k3 = slope(u, x + 0.5 * step * k2.0, v + 0.5 * step * k2.1);
-                    let k4 = slope(u, x + step * k3.0, v + step * k3.1);
-                    x += step / 6.0 * (k1.0 + 2.0 * k2.0 + 2.0 * k3.0 + k4.0);
-                    v += step / 6.0 * (k1.1 + 2.0 * k2.1 + 2.0 * k3.1 + k4.1);
-                }
-                seen
-            })
-            .collect()
-    }
-
-    /// A quiet record and three driven ones, with 0.5 % of noise.
+    /// Returns a case of a quiet record and three driven ones, with 0.5 % of noise.
     fn case(&self) -> Case {
-        let mut model = self.simulation();
-        let command = |seed: u64, level: f64| -> Vec<f64> {
-            let drawn = &random_input(seed, SAMPLES, 1)[0];
-            (0..SAMPLES).map(|k| level * drawn[k / HOLD]).collect()
+        let truth = self.truth();
+        let run = |u: &Channels| integrate(&truth, u, Some(&self.force)).0;
+        let input = |k: usize| {
+            let drawn = &random_input(k as u64 + 1, SAMPLES, 1)[0];
+            vec![(0..SAMPLES).map(|n| drawn[n / HOLD]).collect()]
         };
-        let std = 0.005 * rms(self.run(&command(1, 1.0)));
-        let mut records = Vec::new();
-        for (k, level) in [0.0, 1.0, 0.5, 1.0].into_iter().enumerate() {
-            let u = command(k as u64 + 1, level);
-            let mut y = self.run(&u);
-            y.iter_mut().zip(&random_input(k as u64 + 50, SAMPLES, 1)[0]).for_each(|(y, e)| *y += std * e);
-            let excitation = if level > 0.0 { Excitation::Random } else { Excitation::Zero };
-            let start_s = (k * SAMPLES) as f64 / RATE;
-            records.push(Record { name: format!("r{k}"), excitation, start_s, ..record(vec![u], vec![y]) });
-        }
-        model.noise.sensor_std = Some(vec![std]);
-        model.noise.actuator_std = Some(vec![0.0]);
-        let config = CaseConfig::new(RATE, model.inputs.clone(), model.outputs.clone());
-        Case { config, model: Some(model), records, for_simulation: Vec::new(), warnings: Vec::new() }
+        let std = [0.005 * rms(&run(&input(0))[0])];
+        let measure = |k: usize, u: &Channels| {
+            let mut y = run(u);
+            add_noise(&mut y, k as u64 + 50, &std);
+            y
+        };
+        four_records(&self.simulation(), &std, [1.0, 0.5, 1.0], input, measure)
     }
 
     fn diagnosed(&self) -> Diagnosis {
@@ -91,11 +78,11 @@ impl Axis {
     }
 }
 
-fn friction(v: f64, _x: f64) -> f64 {
+fn friction(_d: f64, v: f64) -> f64 {
     -0.1 * (v / 0.01).tanh()
 }
 
-fn none(_v: f64, _x: f64) -> f64 {
+fn none(_d: f64, _v: f64) -> f64 {
     0.0
 }
 

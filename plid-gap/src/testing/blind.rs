@@ -8,13 +8,13 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
 use crate::answer::schema::Diagnosis;
-use crate::case::record::{Channels, Excitation, Record, rms};
-use crate::case::{Case, CaseConfig};
+use crate::case::Case;
+use crate::case::record::{Channels, rms};
 use crate::effects::Library;
 use crate::judge::verdict::Verdict;
 use crate::testing;
 
-/// Runge-Kutta steps a sample.
+/// Number of Runge-Kutta steps in a sample.
 const STEPS: usize = 24;
 
 /// Changes commands or outputs.
@@ -31,7 +31,13 @@ struct Truth {
     sensor: Option<Box<Change>>,
 }
 
-fn integrate(model: &Model, u: &[Vec<f64>], force: Option<&dyn Fn(f64, f64) -> f64>) -> (Channels, f64) {
+/// Integrates a model in continuous time, with a force of displacement and velocity at its first port, by the classical
+/// Runge-Kutta method of fourth order. Returns the outputs (p channels) and the RMS of the port's displacement.
+pub(super) fn integrate(
+    model: &Model,
+    u: &[Vec<f64>],
+    force: Option<&dyn Fn(f64, f64) -> f64>,
+) -> (Channels, f64) {
     let continuous = model.continuous.as_ref().unwrap();
     let port = &model.ports[0];
     let column = DVector::from_column_slice(&port.force);
@@ -66,30 +72,19 @@ fn integrate(model: &Model, u: &[Vec<f64>], force: Option<&dyn Fn(f64, f64) -> f
 fn case(seed: u64, noise: f64, truth: &Truth) -> Case {
     let model = testing::truss(seed);
     let mut rng = ChaCha8Rng::seed_from_u64(seed + 77);
-    let mut records = Vec::new();
-    let mut start_s = 0.0;
-    for (k, (level, samples)) in [(0.0, 1500), (1.0, 2400), (0.4, 2400), (1.0, 2400)].into_iter().enumerate() {
-        let mut u = testing::random_input(seed + 10 + k as u64, samples, model.m());
-        u.iter_mut().flatten().for_each(|u| *u *= level);
+    let input = |k: usize| {
+        let samples = if k > 0 { 2400 } else { 1500 };
+        testing::random_input(seed + 10 + k as u64, samples, model.m())
+    };
+    let measure = |_: usize, u: &Channels| {
         let mut sent = u.clone();
-        if let Some(command) = &truth.command {
-            command(&mut sent);
-        }
+        truth.command.iter().for_each(|command| command(&mut sent));
         let (mut y, _) = integrate(&model, &sent, truth.force.as_deref());
-        if let Some(sensor) = &truth.sensor {
-            sensor(&mut y);
-        }
+        truth.sensor.iter().for_each(|sensor| sensor(&mut y));
         y.iter_mut().flatten().for_each(|y| *y += noise * rng.sample::<f64, _>(StandardNormal));
-        let excitation = if level > 0.0 { Excitation::Random } else { Excitation::Zero };
-        let name = format!("r{k}");
-        records.push(Record { name, excitation, start_s, ..testing::record(u, y) });
-        start_s += samples as f64 / testing::RATE;
-    }
-    let config = CaseConfig::new(testing::RATE, model.inputs.clone(), model.outputs.clone());
-    let mut model = model;
-    model.noise.sensor_std = Some(vec![noise; model.p()]);
-    model.noise.actuator_std = Some(vec![0.0; model.m()]);
-    Case { config, model: Some(model), records, for_simulation: Vec::new(), warnings: Vec::new() }
+        y
+    };
+    testing::four_records(&model, &vec![noise; model.p()], [1.0, 0.4, 1.0], input, measure)
 }
 
 fn diagnosed(case: &Case) -> Diagnosis {

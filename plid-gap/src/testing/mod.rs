@@ -72,34 +72,57 @@ pub fn record(u: Channels, y: Channels) -> Record {
     }
 }
 
-/// A case in memory: what `sim` says, and records of what `real` does, 0.2 % of noise on each output: one of 1024 samples without input, and
-/// `random-1` to `random-3` of 3072 samples each at levels 1, 0.5 and 1.
+/// Returns a case in memory: the simulation `sim`, and records of `real` with 0.2 % of noise on each output: `quiet` of
+/// 1024 samples without input, and `random-1` to `random-3` of 3072 samples each at levels 1, 0.5 and 1.
 pub fn case(sim: &Model, real: &Model) -> Case {
-    let config =
-        CaseConfig { sim: Some("sim.json".into()), ..CaseConfig::new(RATE, sim.inputs.clone(), sim.outputs.clone()) };
     let level_one = run(real, &random_input(0, 4096, real.m()));
     let std: Vec<f64> = level_one.iter().map(|y| 0.002 * rms(y)).collect();
+    let input = |k: usize| random_input(10 + k as u64, if k > 0 { 3072 } else { 1024 }, real.m());
+    let measure = |k: usize, u: &Channels| {
+        let mut y = run(real, u);
+        add_noise(&mut y, 110 + k as u64, &std);
+        y
+    };
+    let mut case = four_records(sim, &std, [1.0, 0.5, 1.0], input, measure);
+    case.config.sim = Some("sim.json".into());
+    case
+}
+
+/// Adds white noise of these standard deviations to the outputs.
+pub fn add_noise(y: &mut Channels, seed: u64, std: &[f64]) {
+    let noise = random_input(seed, y[0].len(), y.len());
+    for ((y, noise), std) in y.iter_mut().zip(&noise).zip(std) {
+        y.iter_mut().zip(noise).for_each(|(y, e)| *y += std * e);
+    }
+}
+
+/// Returns a case of the simulation and of four records: `quiet` without input, and `random-1` to `random-3` at these
+/// levels. `input` gives the inputs of a record (from 0) at level one, and `measure` the outputs for its inputs. The case
+/// declares sensor noise of these standard deviations.
+pub fn four_records(
+    sim: &Model,
+    std: &[f64],
+    levels: [f64; 3],
+    input: impl Fn(usize) -> Channels,
+    mut measure: impl FnMut(usize, &Channels) -> Channels,
+) -> Case {
     let mut records = Vec::new();
     let mut start_s = 0.0;
-    for (k, level) in [0.0, 1.0, 0.5, 1.0].into_iter().enumerate() {
-        let seed = 10 + k as u64;
-        let samples = if level > 0.0 { 3072 } else { 1024 };
-        let mut u = random_input(seed, samples, real.m());
+    for (k, level) in std::iter::once(0.0).chain(levels).enumerate() {
+        let mut u = input(k);
         u.iter_mut().flatten().for_each(|u| *u *= level);
-        let noise = random_input(seed + 100, samples, real.p());
-        let mut y = run(real, &u);
-        for ((y, noise), std) in y.iter_mut().zip(&noise).zip(&std) {
-            y.iter_mut().zip(noise).for_each(|(y, e)| *y += std * e);
-        }
-        let (name, excitation) = match level {
-            0.0 => ("quiet".to_string(), Excitation::Zero),
+        let y = measure(k, &u);
+        let (name, excitation) = match k {
+            0 => ("quiet".to_string(), Excitation::Zero),
             _ => (format!("random-{k}"), Excitation::Random),
         };
-        records.push(Record { name, excitation, start_s, ..record(u, y) });
-        start_s += samples as f64 / RATE;
+        let record = Record { name, excitation, start_s, ..record(u, y) };
+        start_s += record.samples() as f64 / sim.sample_rate_hz;
+        records.push(record);
     }
+    let config = CaseConfig::new(sim.sample_rate_hz, sim.inputs.clone(), sim.outputs.clone());
     let mut sim = sim.clone();
-    sim.noise.sensor_std = Some(std);
+    sim.noise.sensor_std = Some(std.to_vec());
     sim.noise.actuator_std = Some(vec![0.0; sim.m()]);
     Case { config, model: Some(sim), records, for_simulation: Vec::new(), warnings: Vec::new() }
 }
