@@ -4,10 +4,10 @@
 //! cargo run --release -p plid-gap --example diagnose_cases -- [--leave-out] [--verbose] OUT LABELS CASE-FOLDER...
 //! ```
 //!
-//! Each CASE-FOLDER holds a case.toml. OUT/NAME gets the diagnosis and predicted.csv, the prediction for LABELS/NAME/test_u.csv. With
-//! `--leave-out` each case is diagnosed a second time, without the effects that its label.json names, into OUT/NAME/left-out: what is not in the
-//! vocabulary must be kept open.
-//! `--verbose` tells every stage of the search.
+//! Each CASE-FOLDER holds a case.toml. OUT/NAME gets the diagnosis and predicted.csv, the prediction for
+//! LABELS/NAME/test_u.csv. With `--leave-out` each case is diagnosed a second time, without the effects that its
+//! label.json names, into OUT/NAME/left-out: what is not in the vocabulary must be kept open. `--verbose` tells every
+//! stage of the search.
 
 use std::error::Error;
 use std::path::Path;

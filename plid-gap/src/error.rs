@@ -1,4 +1,4 @@
-//! What can stop a diagnosis.
+//! Errors of a diagnosis.
 
 use std::path::PathBuf;
 
@@ -7,61 +7,61 @@ use plid_data::DataError;
 use plid_data::config::ConfigError;
 use plid_model::ModelError;
 
-/// A diagnosis that cannot be made.
+/// A diagnosis that is not possible.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum GapError {
-    /// The case file is wrong.
+    /// The case file is invalid.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Case(#[from] ConfigError),
-    /// A record is wrong.
+    /// A record is invalid.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Data(#[from] DataError),
-    /// The simulation's model is wrong.
+    /// The simulation's model is invalid.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// What a key of the case asks for does not fit the rest.
+    /// A key of the case does not fit the other keys, the records or the simulation.
     #[error("{}: {key}: {message}", file.display())]
     Key {
-        /// The case.
+        /// The case file.
         file: PathBuf,
-        /// Its key.
+        /// The key.
         key: String,
         /// What is wrong.
         message: String,
     },
-    /// A name in `suspects` or `exclude` that is neither an effect nor a place.
-    #[error("`{key}` names `{name}`, which is neither an effect nor a place of this case{}",
+    /// A name in `suspects` or `exclude` is neither an effect nor a location.
+    #[error("`{key}` names `{name}`, which is neither an effect nor a location of this case{}",
         suggestion.as_ref().map(|name| format!("; did you mean `{name}`?")).unwrap_or_default())]
     Name {
-        /// Of the case.
+        /// The key of the case.
         key: &'static str,
-        /// As written.
+        /// The name as written.
         name: String,
-        /// What comes nearest.
+        /// The most similar name.
         suggestion: Option<String>,
     },
-    /// The simulation grows without bound.
+    /// The simulation is unstable.
     #[error("{}: the simulation is unstable: a pole of magnitude {magnitude:.6} at {hz:.2} Hz", file.display())]
     #[diagnostic(help(
-        "a free run of it says nothing; stabilise it, or leave `sim` out and let the records give a model"
+        "its free run diverges; stabilise it, or leave `sim` out for a model to be identified from the records"
     ))]
     Unstable {
-        /// The simulation.
+        /// The simulation's file.
         file: PathBuf,
-        /// Of its largest pole.
+        /// Magnitude of its largest pole.
         magnitude: f64,
         /// Frequency of that pole.
         hz: f64,
     },
-    /// A channel says nothing in any record.
+    /// A channel is constant in all records.
     #[error("channel `{channel}` is constant in every record")]
     Constant {
         /// The channel.
         channel: String,
     },
-    /// A record does not fit the case or the simulation, or holds what is no measurement.
+    /// A record does not fit the case or the simulation, or contains values that are not measurements.
     #[error("{record}: {message}")]
     Record {
         /// The record.
@@ -69,24 +69,25 @@ pub enum GapError {
         /// What is wrong.
         message: String,
     },
-    /// A prediction that leaves all bounds.
+    /// A prediction diverges.
     #[error(
-        "output `{output}` diverges at sample {sample} (from 0): it is {value:.3e}, where the linear simulation stays within {linear:.3e}"
+        "output `{output}` diverges at sample {sample} (from 0): it is {value:.3e}, where the linear simulation stays \
+        within {linear:.3e}"
     )]
     #[diagnostic(help(
-        "the input goes beyond what the effect's law holds for, or the effect itself is unstable there"
+        "the input exceeds the range in which the effect's law holds, or the effect itself is unstable there"
     ))]
     Diverged {
         /// The output.
         output: String,
-        /// From 0.
+        /// The sample, from 0.
         sample: usize,
-        /// The output there.
+        /// The output at that sample.
         value: f64,
-        /// Peak of the linear simulation, or of the fitted records where that is larger.
+        /// Peak of the linear simulation, or of the fitted records if that is larger.
         linear: f64,
     },
-    /// There is not enough to fit from.
+    /// The records are too short for a fit.
     #[error("{0}")]
     TooLittle(String),
     /// A file cannot be read or written.
@@ -94,19 +95,19 @@ pub enum GapError {
     Io {
         /// The file.
         file: PathBuf,
-        /// Why.
+        /// The cause.
         source: std::io::Error,
     },
-    /// A result that is no number where a number belongs: nothing is written then.
+    /// A result is not a finite number, so nothing is written.
     #[error("{}: {source}", file.display())]
     #[diagnostic(help("a value of the records or of the simulation may be too large to square"))]
     NotFinite {
         /// The file that was to be written.
         file: PathBuf,
-        /// The key, and what it is.
+        /// The key and its value.
         source: plid_model::NotFinite,
     },
-    /// A file of ours that is not what it should be.
+    /// A file of this program is malformed.
     #[error("{}: {message}", file.display())]
     Malformed {
         /// The file.
@@ -114,7 +115,7 @@ pub enum GapError {
         /// What is wrong.
         message: String,
     },
-    /// A step failed that should not: the model cannot be fitted.
+    /// A step failed unexpectedly: the model cannot be fitted.
     #[error("{0}")]
     Failed(String),
 }

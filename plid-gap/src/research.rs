@@ -1,4 +1,4 @@
-//! Single steps of the diagnosis, for studies that take one of them out, replace it, or compare it with something else.
+//! Single steps of the diagnosis, for studies that omit one of them, replace it, or compare it with something else.
 //!
 //! A diagnosis needs none of this: see [`diagnose`](crate::diagnose()).
 

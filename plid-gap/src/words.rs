@@ -1,4 +1,4 @@
-//! Numbers as sentences and tables say them.
+//! Numbers in sentences and tables.
 
 use plid_report::Cell;
 
@@ -17,7 +17,7 @@ pub(crate) fn percent(share: f64) -> String {
 /// Beyond this difference in log likelihood the odds exceed 10^400 : 1, and further digits mean nothing.
 const OVERWHELMING: f64 = 1e3;
 
-/// A difference in log likelihood as a sentence says it.
+/// Formats a difference in log likelihood for a sentence.
 pub(crate) fn likelihood(difference: f64) -> String {
     if difference.abs() > OVERWHELMING {
         "an overwhelming margin (odds beyond 10^300 : 1)".into()
@@ -26,7 +26,7 @@ pub(crate) fn likelihood(difference: f64) -> String {
     }
 }
 
-/// The same in a table, with one decimal.
+/// Formats a difference in log likelihood for a table, with one decimal.
 pub(crate) fn likelihood_cell(difference: f64) -> Cell {
     if difference.abs() > OVERWHELMING { "overwhelming (> 10^300 : 1)".into() } else { Cell::fixed(difference, 1) }
 }

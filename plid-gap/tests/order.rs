@@ -1,4 +1,5 @@
-//! The modules of the crate import only what stands below them in the order of the method, so that a case passes through each of them once.
+//! The modules of the crate import only what stands below them in the order of the method, so that a case passes
+//! through each of them once.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! Step 9: the answer in names, figures and words.
+//! Step 9: the answer in names, figures and sentences.
 
 mod motion;
 pub mod predict;
@@ -29,7 +29,7 @@ use crate::search::stepwise::Search;
 use crate::search::stochastic::{Stochastic, cuts, wanders};
 use crate::settings::AnswerSettings;
 
-/// Effects of the answer with intervals and confidence.
+/// Returns the effects of the answer with intervals and confidence.
 pub(crate) fn named(
     explained: &Explained,
     shown: &[&Stochastic],
@@ -59,7 +59,7 @@ pub(crate) fn named(
             at += 1;
         }
         let share = shares.get(which);
-        // What closes little beside what is left may be its imitation.
+        // An effect that closes little compared with what is left may imitate a part of that.
         let judge = &problem.settings.judge;
         let alone = |share: &Share| ((1.0 - outside(share.left, judge)) / (1.0 - outside(left, judge))).min(1.0);
         let imitated = if ready.widened.is_some() { share.map_or(1.0, alone) } else { 1.0 };
@@ -78,11 +78,11 @@ pub(crate) fn named(
     named
 }
 
-/// A stochastic effect of the answer.
+/// Returns a stochastic effect of the answer.
 fn of_stochastic(shown: &Stochastic, setting: &Setting, confidence: f64) -> NamedEffect {
     let Stochastic { placed, std, .. } = shown;
     let all = placed.effect.parameters(setting).into_iter().zip(placed.parameters.iter().zip(std));
-    // What raw values show to the last digit is known to rounding.
+    // The parameters of raw values are exact up to rounding.
     let half = |value: f64, std: f64| (1.96 * std).max(1e-9 * value.abs());
     NamedEffect {
         effect: placed.effect.name().into(),
@@ -96,8 +96,8 @@ fn of_stochastic(shown: &Stochastic, setting: &Setting, confidence: f64) -> Name
     }
 }
 
-/// Which number of the simulation an effect changes, beside what the refit has changed of it; `half` is half the interval of its parameter, in which
-/// that number is linear.
+/// Returns the parameter of the simulation that an effect changes, in addition to the changes of the refit. `half` is
+/// half the interval of the effect's parameter, in which the change is linear.
 fn changed(placed: &Placed, setting: &Setting, refitted: &Setting, half: f64) -> Option<Change> {
     let &[value] = placed.parameters.as_slice() else { return None };
     let at = |setting: &Setting, parameter: f64| placed.effect.change(setting, &placed.place, &[parameter]);
@@ -106,7 +106,7 @@ fn changed(placed: &Placed, setting: &Setting, refitted: &Setting, half: f64) ->
     Some(Change { number: given.number, from: given.from, to })
 }
 
-/// A value with half the length of its interval; none where nothing bounds it.
+/// Returns a value with its interval, given half the interval's length; without an interval if nothing bounds it.
 fn stated(value: f64, half: f64, unit: String) -> Value {
     Value { value, ci95: half.is_finite().then_some([value - half, value + half]), unit }
 }
@@ -140,7 +140,7 @@ pub(crate) fn place(
     }
 }
 
-/// Explanations that these records cannot part from the best, with it: the most probable first.
+/// Returns the best explanation with those that these records cannot separate from it, the most probable first.
 pub(crate) fn classes(explained: &Explained, rivals: &[Rival]) -> Vec<Vec<String>> {
     let Explained { ready, found, .. } = explained;
     let (best, problem) = (&found.best.effects, &ready.problem);
@@ -155,7 +155,7 @@ pub(crate) fn classes(explained: &Explained, rivals: &[Rival]) -> Vec<Vec<String
     vec![class.into_iter().map(|effects| joined(effects, &problem.setting.names, "@")).collect()]
 }
 
-/// What the best cannot be told from, in words.
+/// States the explanations that cannot be separated from the best one.
 pub(crate) fn others(explained: &Explained, rivals: &[Rival]) -> Option<String> {
     let problem = &explained.ready.problem;
     let open = open(rivals, &explained.found.best.effects, &problem.settings.judge);
@@ -163,14 +163,14 @@ pub(crate) fn others(explained: &Explained, rivals: &[Rival]) -> Option<String> 
     (!texts.is_empty()).then(|| texts.join(", nor from "))
 }
 
-/// Whether the records could part the best explanation from others: itself first, then those that it was held against after the fits, then
-/// the entries of the first screen that did not come so far.
+/// Returns how well the records could separate the best explanation from others: first itself, then the explanations
+/// with which it was compared after the fits, then the remaining entries of the first screen.
 pub(crate) fn comparisons(found: &Search, best: &[Placed], rivals: &[Rival], names: &Names) -> Vec<Comparison> {
     let entries = found.stages.first().map_or(&[][..], Vec::as_slice);
     let overlap = found.overlap.as_ref();
     let leading = overlap.map_or(0, |overlap| overlap.absorbed.len());
     let place = |placed: &Placed| entries[..leading].iter().position(|entry| same(&entry.placed, placed));
-    // Which effect the others would stand in for.
+    // The effect that the others would replace.
     let reference = if best.is_empty() { (leading > 0).then_some(0) } else { best.iter().find_map(place) };
     let before = |entry: Option<usize>, explanation: String| Comparison {
         explanation,
@@ -185,7 +185,7 @@ pub(crate) fn comparisons(found: &Search, best: &[Placed], rivals: &[Rival], nam
         let own = before(reference, joined(best, names, "@"));
         rows.push(Comparison { expected: Some(0.0), realised: Some(0.0), ..own });
     }
-    // The entry that takes the place of the reference in a rival.
+    // The entry that replaces the reference in a rival.
     let stand_in = |rival: &Rival| {
         let replaced = &entries[reference?].placed;
         let kept = |placed: &Placed| best.iter().any(|b| !same(b, replaced) && same(b, placed));
@@ -210,7 +210,8 @@ pub(crate) fn comparisons(found: &Search, best: &[Placed], rivals: &[Rival], nam
     rows
 }
 
-/// The candidate in which `entry` takes the place of `replaced` in the best explanation, if it was fitted: it was too far off to be compared further.
+/// Returns the candidate in which `entry` replaces `replaced` in the best explanation, if it was fitted. It was too far
+/// off for a further comparison.
 fn fitted_in_place<'f, 'a>(
     found: &'f Search<'a>,
     best: &[Placed],
@@ -226,7 +227,7 @@ fn fitted_in_place<'f, 'a>(
     found.candidates.iter().find(|candidate| is(&candidate.effects))
 }
 
-/// What the best explanation leaves: of the opened records in size, of the fitted ones in place.
+/// Returns the remainder of the best explanation: its size on the opened records, and its location on the fitted ones.
 pub(crate) fn remainder(explained: &Explained, gap: &Gap, after: &Map, with: &Blocks, material: f64) -> Remainder {
     let names = &explained.ready.problem.setting.names;
     let found = &explained.found;
@@ -259,7 +260,7 @@ pub(crate) fn remainder(explained: &Explained, gap: &Gap, after: &Map, with: &Bl
     }
 }
 
-/// Largest number of entries of a screen that are said to come nearest to a remainder: more would not be read.
+/// Largest number of entries of a screen that are named as nearest to a remainder: more would not be read.
 const MOST_NEAREST: usize = 3;
 
 #[cfg(test)]
@@ -268,7 +269,7 @@ mod tests {
     use crate::effects::Library;
     use crate::testing::{case, truss, truss_with};
 
-    /// A name that nothing has is an error with what comes nearest, and not left out in silence.
+    /// An unknown name is an error with the nearest known one.
     #[test]
     fn names_that_do_not_exist_are_refused() {
         let ask = |exclude: &str| {
@@ -283,7 +284,8 @@ mod tests {
         assert!(ask("mode:123.4").is_ok());
     }
 
-    /// A frequency, a damping ratio and a factor: which number of the simulation is to change, from what to what.
+    /// For a frequency, a damping ratio and a factor, the answer says which parameter of the simulation changes, and
+    /// from what to what.
     #[test]
     fn numbers_of_the_simulation_are_said() {
         let real = truss(1);

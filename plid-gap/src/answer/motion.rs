@@ -1,20 +1,20 @@
-//! What the diagnosis takes the outputs to measure, and where it let forces act.
+//! The kinds of the outputs and the locations of forces, as the diagnosis understood them.
 
 use crate::effects::Names;
 use crate::plant::{KindSource, Plant, PortSource};
 
-/// In words: the kind of each output, and the places of forces of the motion.
+/// States the kind of each output, and the locations of forces that depend on the motion.
 pub(crate) fn in_words(plant: &Plant, names: &Names) -> Vec<String> {
     let mut words = vec![kinds(plant, names)];
     match (plant.port_source, plant.ports.is_empty()) {
         (PortSource::Axis, true) => words.push(
-            "No force of the motion, such as friction or backlash, was considered: the simulation has no lightly damped \
-             mode, and no output shows the motion of an input's axis. Declare `output_kinds` (a position or a velocity), or \
-             ports in the simulation."
+            "No force that depends on the motion, such as friction or backlash, was considered, because the simulation \
+            has no lightly damped mode and no output shows the motion of an input's axis. Declare `output_kinds` (a \
+            position or a velocity), or ports in the simulation."
                 .into(),
         ),
         (PortSource::Axis, false) => {
-            words.push(format!("Forces of the motion were considered {}.", axes(plant)));
+            words.push(format!("Forces that depend on the motion were considered {}.", axes(plant)));
         }
         _ => {}
     }

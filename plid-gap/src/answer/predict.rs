@@ -1,4 +1,4 @@
-//! The simulation with its effects on a new input.
+//! Predictions: the simulation with its effects for a new input.
 
 use std::path::Path;
 
@@ -12,34 +12,34 @@ use crate::error::GapError;
 use crate::plant::Plant;
 use crate::simulate::{Fineness, simulate};
 
-/// A run has diverged if an output exceeds the peak of the linear simulation, or that of the fitted records if it is
-/// larger, by this factor: no effect of a physical cause does so.
+/// Factor by which an output must exceed the peak of the linear simulation, or that of the fitted records if it is
+/// larger, for a run to have diverged. No physical effect does so.
 const OUT_OF_BOUNDS: f64 = 1e3;
 
 /// Longest delay in samples that a file may contain, to bound memory.
 const LONGEST_DELAY: f64 = 1e6;
 
-/// What a prediction needs, read back.
+/// A simulation with effects for predictions, read from a file.
 pub struct Predictor {
-    /// Names, rate.
+    /// The linear model, with names and sample rate.
     pub model: Model,
-    /// End of the last record.
+    /// End of the last record in s.
     pub t0: f64,
     /// RMS of the noise of each output.
     pub noise_rms: Vec<f64>,
-    /// What it was fitted to, if the file says so.
+    /// The range of the fitted records, if the file states it.
     pub fitted: Option<FittedRange>,
     plant: Plant,
     actions: Vec<Action>,
 }
 
-/// Outputs for a new input, and how far they can be trusted.
+/// A prediction and its reliability.
 pub struct Prediction {
-    /// p channels.
+    /// Outputs (p channels).
     pub outputs: Channels,
-    /// What the effects add to the linear simulation.
+    /// Change of the outputs by the effects.
     pub correction: Channels,
-    /// How far the input goes beyond what was fitted; none where the file does not say what that was.
+    /// How far the input exceeds the fitted range; `None` if the file does not state the range.
     pub beyond: Option<Beyond>,
 }
 
@@ -78,7 +78,7 @@ impl Predictor {
             }
             let given = |name: &str| {
                 let value = written.given.get(name).map(|given| given.value);
-                value.ok_or_else(|| malformed(format!("{} lacks `{name}` among what is given", written.effect)))
+                value.ok_or_else(|| malformed(format!("{} lacks `{name}` under `given`", written.effect)))
             };
             actions.extend(match sibling {
                 Some(sibling) => sibling.act_in(&setting, &place, [given("unit")?, given("size")?], &parameters),
@@ -88,10 +88,10 @@ impl Predictor {
         Ok(Self { model, t0: written.t0, noise_rms: written.noise_rms, fitted: written.fitted, plant, actions })
     }
 
-    /// Outputs for inputs (m channels), from rest, from time `t0` on.
+    /// Predicts the outputs for inputs (m channels), from rest, from time `t0` on.
     ///
     /// # Errors
-    /// [`GapError::Diverged`] with the first sample that is no number or out of all bounds.
+    /// [`GapError::Diverged`] with the first sample that is not finite or out of bounds.
     pub fn predict(&self, u: &[Vec<f64>], t0: f64) -> Result<Prediction, GapError> {
         let outputs = self.run(u, t0);
         let linear = simulate(&self.plant, &[], u, t0, None, Fineness::FINE);
@@ -118,9 +118,9 @@ impl Predictor {
         }
     }
 
-    /// The relative gap to expect of outputs that rest on this prediction. Three parts add as squares: the noise; what the fitted records
-    /// left beyond it, in proportion to how far the input goes beyond them; and of the effects' correction the share that lies beyond,
-    /// 1 - 1 / times. None where the outputs are zero: there is nothing to be relative to.
+    /// Returns the relative gap that a prediction is expected to have. Three parts add as squares: the noise; the gap
+    /// that the fitted records left beyond the noise, in proportion to how far the input exceeds them; and the share 1
+    /// - 1 / times of the effects' correction. `None` if the outputs are zero, because nothing can be relative to them.
     pub fn expected_gap(&self, prediction: &Prediction, outputs: &[Vec<f64>]) -> Option<f64> {
         let sizes: Vec<f64> = outputs.iter().map(rms).collect();
         if sizes.contains(&0.0) {
@@ -136,13 +136,14 @@ impl Predictor {
         Some((noise * noise + left * left + extrapolated).sqrt()).filter(|gap| gap.is_finite())
     }
 
-    /// Outputs (p channels) for inputs (m channels), from rest, from time `t0` on, whatever becomes of them.
+    /// Simulates the outputs (p channels) for inputs (m channels), from rest, from time `t0` on, without a check of
+    /// divergence.
     pub fn run(&self, u: &[Vec<f64>], t0: f64) -> Channels {
         simulate(&self.plant, &self.actions, u, t0, None, Fineness::FINE)
     }
 }
 
-/// Every list must have an entry for each channel, and every number a value that it can have.
+/// Checks that every list has an entry for each channel and that every number is possible.
 fn require_sizes(written: &SimulationWithEffects, plant: &Plant) -> Result<(), String> {
     let is_size = |x: &f64| x.is_finite() && *x >= 0.0;
     let check = |key: &str, list: &[f64], count: usize| {
@@ -162,23 +163,23 @@ fn require_sizes(written: &SimulationWithEffects, plant: &Plant) -> Result<(), S
     check("fitted.unexplained", &[fitted.unexplained], 1)
 }
 
-/// Whether a parameter can have this value.
+/// Checks that a parameter can have this value.
 fn require_possible(parameter: &Parameter, value: f64, rate: f64) -> Result<(), String> {
     if !value.is_finite() {
         return Err(format!("is {value}"));
     }
     match parameter.range {
-        Range::Positive if value <= 0.0 => Err(format!("must be positive, and is {value}")),
-        Range::Hz if !(value > 0.0 && value < rate) => Err(format!("must lie between 0 and {rate} Hz, and is {value}")),
+        Range::Positive if value <= 0.0 => Err(format!("must be positive, but is {value}")),
+        Range::Hz if !(value > 0.0 && value < rate) => Err(format!("must lie between 0 and {rate} Hz, but is {value}")),
         _ if parameter.unit == "samples" && value.abs() > LONGEST_DELAY => {
-            Err(format!("is {value:e} samples, and at most {LONGEST_DELAY:e} are possible"))
+            Err(format!("is {value:e} samples, but at most {LONGEST_DELAY:e} are possible"))
         }
         _ => Ok(()),
     }
 }
 
-/// Whether an effect can act at a place that the simulation has; a frequency is no such place. A free shape acts where the
-/// effects that it stands for do.
+/// Returns whether an effect can act at a location. A frequency need not be among the effect's locations. A free shape
+/// acts where the effects that it replaces do.
 fn acts_at(place: &Place, effect: &dyn Effect, library: &Library, setting: &Setting) -> bool {
     if matches!(place, Place::MissingMode(_) | Place::Frequency(..)) {
         return true;
@@ -188,14 +189,14 @@ fn acts_at(place: &Place, effect: &dyn Effect, library: &Library, setting: &Sett
     library.effects().filter(is_sibling).any(|effect| effect.places(setting).contains(place))
 }
 
-/// A place as [`Place::location`] writes it.
+/// Returns the location that [`Place::location`] wrote.
 fn place(location: &str, effect: &dyn Effect, setting: &Setting) -> Option<Place> {
     let names = &setting.names;
     let of = |list: &[String], name: &str| list.iter().position(|x| x == name);
     if location == "structure" {
         return Some(Place::Structure);
     }
-    // Before the modes themselves: a port on one mode has the mode's own name.
+    // Ports come before modes, because a port on a single mode has the mode's name.
     let has_port =
         |k: usize| effect.places(setting).contains(&Place::Port(k)) || Flexible::named(effect.name()).is_some();
     if let Some(k) = of(&names.ports, location).filter(|&k| has_port(k)) {
@@ -230,7 +231,7 @@ mod tests {
     use crate::effects::CubicStiffness;
     use crate::testing::{random_input, record, truss};
 
-    /// A softening spring at the first port, fitted at a hundredth of the level at which it lets go.
+    /// A softening spring at the first port, fitted at a hundredth of the level at which it loses its stiffness.
     fn softening() -> (Predictor, Channels) {
         let model = truss(1);
         let plant = Plant::new(&model).unwrap();
@@ -238,7 +239,7 @@ mod tests {
         let u = random_input(3, 2000, 2);
         let loud = record(u.clone(), vec![vec![0.0; 2000]; 2]);
         crate::prepare::of_ports(&mut setting, &loud);
-        // At a tenth of the motion of this record its stiffness is gone.
+        // Its stiffness vanishes at a tenth of the motion of this record.
         let k = -100.0 * setting.stiffness[0] / setting.d_rms[0].powi(2);
         let actions = CubicStiffness.act(&setting, &Place::Port(0), &[k]);
         let quiet = scaled(&u, 1e-3);
@@ -285,17 +286,21 @@ mod tests {
         assert_eq!(predictor.expected_gap(&nothing, &nothing.outputs), None);
     }
 
-    /// What a hand has changed is an error with the key, and neither a panic nor an endless wait.
+    /// A file that was edited by hand gives an error with the key, and neither a panic nor an endless loop.
     #[test]
     fn a_file_that_was_tampered_with_is_refused() {
         let model = truss(1);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sim-with-effect.json");
         let good = serde_json::json!({
-            "format": "simulation-with-effects", "linear": Plant::new(&model).unwrap().to_model(&model).to_json(), "modes": 4, "refit": [], "t0": 1.0,
-            "noise_rms": [0.1, 0.1], "effects": [
-                { "effect": "sensor-delay", "location": "output:y1", "parameters": { "tau": { "value": 0.5, "ci95": null, "unit": "samples" } }, "equation": "" },
-                { "effect": "sensor-saturation", "location": "output:y2", "parameters": { "a": { "value": 0.5, "ci95": null, "unit": "V" } }, "equation": "" },
+            "format": "simulation-with-effects",
+            "linear": Plant::new(&model).unwrap().to_model(&model).to_json(),
+            "modes": 4, "refit": [], "t0": 1.0, "noise_rms": [0.1, 0.1],
+            "effects": [
+                { "effect": "sensor-delay", "location": "output:y1", "equation": "",
+                  "parameters": { "tau": { "value": 0.5, "ci95": null, "unit": "samples" } } },
+                { "effect": "sensor-saturation", "location": "output:y2", "equation": "",
+                  "parameters": { "a": { "value": 0.5, "ci95": null, "unit": "V" } } },
             ]
         });
         let read = |value: &serde_json::Value| {
@@ -317,7 +322,7 @@ mod tests {
         }
     }
 
-    /// No effect panics at a place at which it cannot act: an input may have no strut, and an output never has one.
+    /// No effect panics at a location at which it cannot act: an input may have no port, and an output never has one.
     #[test]
     fn every_effect_is_read_or_refused_at_every_place() {
         let model = truss(1);

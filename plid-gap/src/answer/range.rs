@@ -1,4 +1,4 @@
-//! What inputs and motion a simulation with effects was fitted to, and what to expect of a prediction beyond them.
+//! The range of inputs and motion to which a simulation with effects was fitted, and how far a new input exceeds it.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,15 +6,15 @@ use crate::case::record::{Record, rms};
 use crate::plant::Plant;
 use crate::prepare::port_motion;
 
-/// Largest excess over the range that is stated. An input that was never driven would have none that is finite.
+/// Largest excess over the range that is stated. For an input that was never driven, the excess would be infinite.
 const MOST_TIMES: f64 = 1e3;
 
-/// Of the records that were fitted. Sizes are the largest over them, motion is that of the linear simulation.
+/// Sizes in the fitted records, the largest over all of them. Motion is that of the linear simulation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FittedRange {
     /// RMS of each input.
     pub input_rms: Vec<f64>,
-    /// Peak displacement at each port, as the ports are ordered.
+    /// Peak displacement at each port, in the order of the ports.
     pub displacement_peak: Vec<f64>,
     /// Peak of each measured output.
     pub output_peak: Vec<f64>,
@@ -22,17 +22,18 @@ pub struct FittedRange {
     pub unexplained: f64,
 }
 
-/// How far a new input goes beyond the range.
+/// How far a new input exceeds the range.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Beyond {
-    /// Times the range; one within it.
+    /// Excess as a multiple of the range; one within it.
     pub times: f64,
-    /// In what, in words.
+    /// The signal with the largest excess, in words.
     pub what: String,
 }
 
 impl FittedRange {
-    /// Of these records. `stated` is the gap that is expected of them and `floor` that of their noise.
+    /// Returns the range of these records. `stated` is the gap that is expected of them and `floor` that of their
+    /// noise.
     pub fn of(plant: &Plant, records: &[Record], stated: f64, floor: f64) -> Self {
         let largest = |size: &dyn Fn(&Record) -> Vec<f64>, count: usize| {
             records.iter().map(size).fold(vec![0.0_f64; count], |mut most, sizes| {
@@ -48,7 +49,7 @@ impl FittedRange {
         }
     }
 
-    /// How far an input (m channels) goes beyond.
+    /// Returns how far an input (m channels) exceeds the range.
     pub fn beyond(&self, plant: &Plant, inputs: &[String], u: &[Vec<f64>]) -> Beyond {
         let level = u
             .iter()
@@ -71,7 +72,7 @@ fn displacement_peaks(plant: &Plant, u: &[Vec<f64>]) -> Vec<f64> {
     port_motion(plant, u).iter().step_by(2).map(|displacement| peak(displacement)).collect()
 }
 
-/// The largest size of a channel; missing samples (NaN) do not count.
+/// Returns the peak of a channel; missing samples (NaN) do not count.
 pub(crate) fn peak(x: &[f64]) -> f64 {
     x.iter().fold(0.0, |most: f64, x| most.max(x.abs()))
 }

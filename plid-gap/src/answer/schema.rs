@@ -1,4 +1,4 @@
-//! diagnosis.json and sim-with-effect.json.
+//! The formats of diagnosis.json and sim-with-effect.json.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -18,21 +18,21 @@ use crate::settings::{GapSettings, PlantSettings};
 pub struct Value {
     /// The estimate.
     pub value: f64,
-    /// Its interval, where the fit gives one.
+    /// The interval, if the fit gives one.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub ci95: Option<[f64; 2]>,
-    /// In the channels' and ports' own units.
+    /// Unit, in terms of the units of channels and ports.
     pub unit: String,
 }
 
-/// A number of the simulation that is to change.
+/// A change of a parameter of the simulation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Change {
-    /// Which one, in words.
+    /// The parameter in words.
     pub number: String,
-    /// As the simulation has it.
+    /// Its value in the simulation.
     pub from: f64,
-    /// As it should be.
+    /// Its value as it should be.
     pub to: Value,
 }
 
@@ -51,61 +51,62 @@ impl fmt::Display for Change {
 pub struct NamedEffect {
     /// Its identifier.
     pub effect: String,
-    /// Where.
+    /// Its location.
     pub location: String,
-    /// Probability that it is at work there.
+    /// Probability that it acts there.
     pub confidence: f64,
-    /// Of the squared gap beyond noise and limits, what this effect closes on held-out records, the others staying. None of what no free run shows.
+    /// Share of the squared gap beyond noise and limits that this effect closes on held-out records, while the others
+    /// stay; absent for a stochastic effect.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub share: Option<f64>,
     /// Its 95 % interval.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub share_ci95: Option<[f64; 2]>,
-    /// By name.
+    /// Parameters by name.
     pub parameters: BTreeMap<String, Value>,
-    /// Which number of the simulation is to change, where the effect is no more than that.
+    /// The parameter of the simulation that changes, if the effect is no more than that.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub change: Option<Change>,
-    /// The same place but a shape near this one.
+    /// Whether the location is right but the shape only near this one.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub shape_differs: bool,
 }
 
-/// An effect at a place.
+/// An effect at a location.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Located {
     /// Its identifier.
     pub effect: String,
-    /// Where.
+    /// Its location.
     pub location: String,
 }
 
-/// An explanation that the data leave open.
+/// An explanation that the data do not exclude.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Explanation {
-    /// Empty for nothing or for something else.
+    /// Its effects; empty for no effect or for something else.
     pub effects: Vec<Located>,
-    /// Something outside the vocabulary.
+    /// Whether it is something outside the vocabulary.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub unknown: bool,
-    /// All add up to one.
+    /// Its probability; all probabilities add up to one.
     pub probability: f64,
-    /// Expected gap with it, where it is a fit.
+    /// Expected gap with it, if it is a fit.
     pub gap_after: Option<f64>,
 }
 
 /// Where the gap lies.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Where {
-    /// Side of the chain.
+    /// The part of the signal path.
     pub side: Side,
-    /// Share of the squared gap of each output.
+    /// Share of each output in the squared gap.
     pub channels: BTreeMap<String, f64>,
-    /// From, to (Hz), share: the bands that hold most of it.
+    /// The bands with most of the squared gap: from, to (Hz), share.
     pub bands_hz: Vec<[f64; 3]>,
-    /// Share of the squared gap of each of eight stretches of time.
+    /// Share of each of eight stretches of time in the squared gap.
     pub time: Vec<f64>,
-    /// Slope of log relative gap against log level, where levels differ.
+    /// Slope of the logarithm of the relative gap over that of the level, if levels differ.
     pub level_slope: Option<f64>,
     /// Intervals of `channels`.
     #[serde(default)]
@@ -119,128 +120,131 @@ pub struct Where {
     /// Interval of `level_slope`.
     #[serde(default)]
     pub level_slope_ci95: Option<[f64; 2]>,
-    /// Gap beyond the noise of each record that `level_slope` rests on.
+    /// Gap beyond the noise of each record on which `level_slope` rests.
     #[serde(default)]
     pub levels: Vec<LevelGap>,
 }
 
-/// What the best explanation leaves, on the records where the gap was measured.
+/// The remainder of the best explanation, on the records on which the gap was measured.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Remainder {
-    /// The gap, noise included.
+    /// The remaining gap, including noise.
     pub gap: f64,
-    /// What noise alone makes.
+    /// The gap of noise alone.
     pub noise: f64,
-    /// Of the squared gap as given beyond the noise, what is left.
+    /// Remaining share of the squared gap as given, both beyond the noise.
     pub share_of_gap: f64,
-    /// Probability that what is left beyond the noise is more than what the case calls material.
+    /// Probability that the remainder beyond the noise exceeds what the case calls material.
     pub further_cause: f64,
-    /// Where it lies on the fitted records.
+    /// Its location on the fitted records.
     #[serde(rename = "where", default)]
     pub place: RemainderPlace,
-    /// Effects that would explain most of it, though none of them enough.
+    /// Effects that would explain most of it, although none of them explains enough.
     pub nearest: Vec<Located>,
 }
 
-/// Where a remainder lies.
+/// The location of a remainder.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct RemainderPlace {
     /// Share of each output.
     pub channels: BTreeMap<String, f64>,
-    /// From, to (Hz), share: the bands that hold most of it.
+    /// The bands with most of it: from, to (Hz), share.
     pub bands_hz: Vec<[f64; 3]>,
 }
 
-/// Whether the records could part an explanation from the best one. Differences are in log likelihood, the best explanation taken for true.
+/// How well the records could separate an explanation from the best one. Differences are in log likelihood, if the best
+/// explanation is true.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Comparison {
-    /// As in `not_separable`.
+    /// The explanation, as in `not_separable`.
     pub explanation: String,
-    /// Share of its trace that a bounded refit absorbs, where it is one entry of the first screen.
+    /// Share of its trace that a bounded refit absorbs, if it is one entry of the first screen.
     pub absorbed: Option<f64>,
-    /// Cosine between what is left of its trace and of that of the best explanation's effect, in whose place it would stand.
+    /// Cosine between the remaining part of its trace and that of the effect of the best explanation that it would
+    /// replace.
     pub cosine: Option<f64>,
-    /// Expected difference, to first order, before any fit.
+    /// Expected difference to first order, before any fit.
     pub expected_before: Option<f64>,
-    /// Expected difference with the explanation fitted to what the best one foretells.
+    /// Expected difference with the explanation fitted to the prediction of the best one.
     pub expected: Option<f64>,
-    /// The difference that the records made.
+    /// The difference on the measured records.
     pub realised: Option<f64>,
 }
 
-/// The answer.
+/// The contents of diagnosis.json.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Diagnosis {
-    /// In a word.
+    /// The verdict in a word.
     pub verdict: Verdict,
-    /// In a sentence.
+    /// The verdict in a sentence.
     pub sentence: String,
-    /// Largest share of the gap first.
+    /// The effects, the largest share of the gap first.
     pub effects: Vec<NamedEffect>,
-    /// Most probable first.
+    /// The explanations, the most probable first.
     pub candidates: Vec<Explanation>,
-    /// Causes that these records cannot part.
+    /// Explanations that these records cannot separate.
     pub not_separable: Vec<Vec<String>>,
-    /// Whether they could: the best explanation first.
+    /// How well the records could separate explanations, the best one first.
     #[serde(default)]
     pub separability: Vec<Comparison>,
-    /// Where.
+    /// Where the gap lies.
     #[serde(rename = "where")]
     pub place: Where,
-    /// How far.
+    /// The gaps.
     pub gap: Gap,
-    /// What the best explanation leaves.
+    /// The remainder of the best explanation.
     #[serde(default)]
     pub remainder: Remainder,
-    /// What would part what is left.
+    /// The experiment that would best separate the remaining explanations.
     pub next_experiment: Option<String>,
     /// Thresholds of the diagnosis.
     #[serde(default)]
     pub settings: GapSettings,
-    /// The evidence in words.
+    /// The evidence in sentences.
     pub evidence: Vec<String>,
-    /// What was noticed.
+    /// Warnings.
     pub warnings: Vec<String>,
 }
 
-/// An effect as another program can use it.
+/// An effect in a form for other programs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct WrittenEffect {
     /// Its identifier.
     pub effect: String,
-    /// Where.
+    /// Its location.
     pub location: String,
-    /// By name.
+    /// Parameters by name.
     pub parameters: BTreeMap<String, Value>,
-    /// Numbers of the simulation that the equation uses: the pole that moves.
+    /// Numbers of the simulation that the equation uses, such as the pole that moves.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub given: BTreeMap<String, Value>,
-    /// What it does.
+    /// Its equation.
     pub equation: String,
 }
 
-/// sim-with-effect.json: all that a prediction uses.
+/// The contents of sim-with-effect.json: all that a prediction uses.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SimulationWithEffects {
-    /// "simulation-with-effects".
+    /// The name of the format, "simulation-with-effects".
     pub format: String,
-    /// A model.json object after the bounded refit, in modal coordinates: the first 2 `modes` states are (Re z, Im z) of each mode, with
-    /// dz/dt = pole z + b u.
+    /// The linear model after the bounded refit, a model.json object in modal coordinates: the first 2 `modes` states
+    /// are (Re z, Im z) of each mode, with dz/dt = pole z + b u.
     pub linear: serde_json::Value,
-    /// Modes of `linear`.
+    /// Number of modes of `linear`.
     pub modes: usize,
-    /// The same with the effects that change the linear model itself (modal effects): simulate this one where there is any.
+    /// The same with the effects that change the linear model itself (modal effects). If present, this model is to be
+    /// simulated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub linear_with_modal_effects: Option<serde_json::Value>,
-    /// What was changed, in words and figures.
+    /// The changes by the refit in words and figures.
     pub refit: Vec<String>,
-    /// Those on commands, and those on outputs, act in this order.
+    /// The effects. Those on commands act in this order, and so do those on outputs.
     pub effects: Vec<WrittenEffect>,
     /// End of the last record, in s since the first began.
     pub t0: f64,
     /// RMS of the noise of each output, in its unit.
     pub noise_rms: Vec<f64>,
-    /// What it was fitted to; files of former versions do not have it.
+    /// The range of the fitted records; files of former versions do not have it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fitted: Option<FittedRange>,
     /// The thresholds by which `linear` was decomposed; absent if they are the defaults.

@@ -9,7 +9,7 @@ use crate::judge::verdict::Verdict;
 use crate::settings::AnswerSettings;
 use crate::words::percent;
 
-/// What becomes of a gap, which effects that were fitted to other records may also widen.
+/// States how a gap changes. Effects that were fitted to other records may also widen it.
 fn course(from: f64, to: f64) -> String {
     match [percent(from), percent(to)] {
         [from, to] if from == to => format!("the gap stays at {to}"),
@@ -17,7 +17,8 @@ fn course(from: f64, to: f64) -> String {
     }
 }
 
-/// Where most of a remainder lies, in words; `after` is its map over outputs and bands, and `beyond` its size beyond the noise, of a gap of `given`.
+/// States where most of a remainder lies. `after` is its map over outputs and bands, and `beyond` its size beyond the
+/// noise, of a gap of `given`.
 pub(crate) fn remains(after: &Map, outputs: &[String], beyond: f64, given: f64, settings: &AnswerSettings) -> String {
     let cells = (0..after.share.nrows()).flat_map(|o| (0..after.share.ncols()).map(move |b| (o, b)));
     let Some((o, b)) = cells.max_by(|x, y| after.share[*x].total_cmp(&after.share[*y])) else { return String::new() };
@@ -27,38 +28,41 @@ pub(crate) fn remains(after: &Map, outputs: &[String], beyond: f64, given: f64, 
     format!(" {what} remains near {} Hz at {}.", Cell::significant(hz, 2), outputs[o])
 }
 
-/// What the sentences are made of.
+/// The content of the sentences.
 pub(crate) struct Said<'s> {
     /// The effects that are named, the largest first.
     pub effects: &'s [NamedEffect],
-    /// Where each of them is observed.
+    /// Where each of them can be observed.
     pub observed: &'s [Observation],
-    /// The best explanation, whether it suffices or not.
+    /// The best explanation, whether or not it suffices.
     pub nearest: &'s [String],
     /// The gaps.
     pub gap: &'s Gap,
     /// Whether the records show the noise level.
     pub seen: bool,
-    /// Where the remainder lies, for a simulation that is imperfect as a whole.
+    /// Where the remainder lies, if the simulation is imperfect as a whole.
     pub remains: Option<&'s str>,
     /// The thresholds of the sentences.
     pub settings: &'s AnswerSettings,
 }
 
-/// The answer in a sentence or two.
+/// Returns the answer in one or two sentences.
 pub(crate) fn sentence(verdict: Verdict, said: &Said) -> String {
     let Said { effects, nearest, gap, .. } = said;
     let [given, refit] = [gap.as_given, gap.refit].map(percent);
     let noise = said.noise();
     match verdict {
         Verdict::None => format!(
-            "Nothing is missing: within its stated limits the simulation explains the records down to {refit} ({noise})."
+            "Nothing is missing: within its stated limits the simulation explains the records down to {refit} \
+            ({noise})."
         ),
         Verdict::Unknown if nearest.is_empty() => format!(
-            "Something outside the vocabulary: no effect explains the gap of {given}, of which a refit leaves {refit} ({noise})."
+            "Something outside the vocabulary: no effect explains the gap of {given}, of which a refit leaves {refit} \
+            ({noise})."
         ),
         Verdict::Unknown => format!(
-            "Something outside the vocabulary: with what comes nearest, {}, {} ({noise}), and a refit alone leaves {refit}.",
+            "Something outside the vocabulary: with the nearest explanation, {}, {} ({noise}), and a refit alone \
+            leaves {refit}.",
             nearest.join(" and "),
             course(gap.as_given, gap.with_effect),
         ),
@@ -84,7 +88,7 @@ impl Said<'_> {
         self.gap.as_given < self.settings.noise_only * self.gap.noise_floor || self.observed.iter().all(random)
     }
 
-    /// All effects, with the probability of the least certain one.
+    /// Lists all effects, with the probability of the least certain one.
     fn all(&self) -> String {
         let sure = 100.0 * self.effects.iter().map(|e| e.confidence).fold(1.0, f64::min);
         format!("{} ({sure:.0} % sure)", listed(self.effects))
@@ -104,9 +108,10 @@ impl Said<'_> {
     }
 
     fn mostly(&self, main: &NamedEffect, others: &[NamedEffect], remains: &str) -> String {
-        let others = if others.is_empty() { String::new() } else { format!(", with {} beside it", listed(others)) };
+        let others = if others.is_empty() { String::new() } else { format!(", together with {}", listed(others)) };
         format!(
-            "Mostly {} ({:.0} % sure){others}: with {} the gap on held-out records{}, and {} of that is noise.{remains}",
+            "Mostly {} ({:.0} % sure){others}: with {} the gap on held-out records{}, and {} of that is \
+            noise.{remains}",
             listed(std::slice::from_ref(main)),
             100.0 * main.confidence,
             self.them(),
@@ -117,10 +122,10 @@ impl Said<'_> {
 
     fn effects(&self) -> String {
         let gap = self.gap;
-        // No simulation can follow samples that drop out.
+        // No simulation can follow dropouts.
         let drops = self.observed.contains(&Observation::Dropouts);
         let rest = if self.seen && !drops && gap.with_effect > self.settings.unexplained * gap.noise_floor {
-            format!(" {} of the output stays unexplained.", percent(gap.beyond_noise(gap.with_effect)))
+            format!(" {} of the output remains unexplained.", percent(gap.beyond_noise(gap.with_effect)))
         } else {
             String::new()
         };
@@ -129,7 +134,7 @@ impl Said<'_> {
     }
 }
 
-/// "cubic-stiffness at input:u2 and sensor-gain at output:y1".
+/// Lists effects: "cubic-stiffness at input:u2 and sensor-gain at output:y1".
 fn listed(effects: &[NamedEffect]) -> String {
     let one = |e: &NamedEffect| {
         let differs = if e.shape_differs { " (its shape differs)" } else { "" };

@@ -1,4 +1,4 @@
-//! The simulation with its effects, as another program can use it.
+//! The simulation with its effects, in a form for other programs.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,8 @@ use crate::fit::problem::{Placed, Problem};
 use crate::judge::explained::Explained;
 use crate::search::stochastic::{Stochastic, wanders};
 
-/// Changes of the bounded refit in standard deviations of its prior, by mode (Hz): frequency, damping, largest of the shapes.
+/// Returns the changes by the bounded refit in standard deviations of its prior, for each mode: its frequency in Hz,
+/// then the changes of frequency, damping and the largest of the shapes.
 pub(crate) fn refit_summary(problem: &Problem, eta: &[f64]) -> Vec<(f64, f64, f64, f64)> {
     let mut modes: Vec<(f64, f64, f64, f64)> = problem.plant.modes.iter().map(|m| (m.hz(), 0.0, 0.0, 0.0)).collect();
     for (index, (x, std)) in eta.iter().zip(&problem.nuisance.std).enumerate() {
@@ -25,8 +26,8 @@ pub(crate) fn refit_summary(problem: &Problem, eta: &[f64]) -> Vec<(f64, f64, f6
     modes
 }
 
-/// sim-with-effect.json: the linear model after the bounded refit (`eta`) with the effects that predict (`fitted`), and those that
-/// quiet records show, but for a line that wanders: that is part of the noise. `gap` is the gap
+/// Returns sim-with-effect.json: the linear model after the bounded refit (`eta`), the effects that predict (`fitted`),
+/// and those that quiet records show. A line whose phase wanders is part of the noise and is left out. `gap` is the gap
 /// that the effects leave.
 pub(crate) fn written(
     explained: &Explained,
@@ -61,8 +62,14 @@ pub(crate) fn written(
         .zip(ready.problem.plant.modes.iter().zip(&plant.modes))
         .map(|(z, (from, to))| {
             format!(
-                "mode {:.2} Hz: frequency {:.3} -> {:.3} Hz, damping ratio {:.4} -> {:.4}, shapes by up to {:.2} standard deviations of the stated limits",
-                from.hz(), from.hz(), to.hz(), from.damping(), to.damping(), z.3.abs()
+                "mode {:.2} Hz: frequency {:.3} -> {:.3} Hz, damping ratio {:.4} -> {:.4}, shapes by up to {:.2} \
+                standard deviations of the stated limits",
+                from.hz(),
+                from.hz(),
+                to.hz(),
+                from.damping(),
+                to.damping(),
+                z.3.abs()
             )
         })
         .chain(ready.problem.nuisance.rest_in_words(eta, &setting.names.inputs, &setting.names.outputs))
@@ -81,7 +88,7 @@ pub(crate) fn written(
     }
 }
 
-/// An effect as another program can use it. `refitted` is the setting with the linear simulation after the fit.
+/// Returns an effect in a form for other programs. `refitted` is the setting with the linear simulation after the fit.
 fn written_effect(placed: &Placed, setting: &Setting, refitted: &Setting) -> WrittenEffect {
     let parameters = placed.effect.parameters(setting).into_iter().zip(&placed.parameters);
     let value = |(p, &value): (Parameter, &f64)| (p.name, Value { value, ci95: None, unit: p.unit });
@@ -94,13 +101,13 @@ fn written_effect(placed: &Placed, setting: &Setting, refitted: &Setting) -> Wri
     }
 }
 
-/// Numbers of the simulation and of the records that the equation of an effect uses.
+/// Returns the numbers of the simulation and of the records that the equation of an effect uses.
 fn given(placed: &Placed, setting: &Setting) -> BTreeMap<String, Value> {
     let value = |(name, value, unit): (&str, f64, &str)| (name.into(), Value { value, ci95: None, unit: unit.into() });
     placed.effect.given(setting, &placed.place).into_iter().map(value).collect()
 }
 
-/// A disturbance's port matters for a prediction, and its location names the frequency alone.
+/// Returns an effect's location. For a disturbance it includes the port, which a prediction needs.
 fn written_place(placed: &Placed, setting: &Setting) -> String {
     let location = placed.place.location(&setting.names);
     match placed.place {

@@ -1,5 +1,5 @@
-//! A delay of all channels by whole samples. The audit finds it before anything is fitted and removes it from the records. It is an effect of the
-//! vocabulary, so the answer names it.
+//! A delay of all channels by whole samples. The audit finds it before anything is fitted and removes it from the
+//! records. It is an effect of the vocabulary, so the answer names it.
 
 use std::collections::BTreeMap;
 
@@ -7,14 +7,14 @@ use crate::answer::schema::{Explanation, Located, NamedEffect, Value, WrittenEff
 use crate::audit::Audit;
 use crate::effects::{ActuatorDelay, Effect};
 
-/// Such a delay. What was fitted of the same effect is what the whole samples leave, so both are added.
+/// A delay by whole samples. If the same effect was fitted, its delay is that of the remainder, and both are added.
 pub(crate) struct WholeDelay {
     samples: f64,
     location: String,
 }
 
 impl WholeDelay {
-    /// The delay that an audit removed, if there is one.
+    /// Returns the delay that an audit removed, if there is one.
     pub(crate) fn of(audit: &Audit) -> Option<Self> {
         let delay = audit.put_right()?.wiring.delay;
         let location = match audit.case.config.inputs.as_slice() {
@@ -40,7 +40,7 @@ impl WholeDelay {
         }
     }
 
-    /// Puts the delay into the effects of a simulation.
+    /// Adds the delay to the effects of a simulation.
     pub(crate) fn simulated(&self, effects: &mut Vec<WrittenEffect>) {
         if let Some(found) = effects.iter_mut().find(|e| self.is(&e.effect, &e.location)) {
             return self.add_to(&mut found.parameters);
@@ -55,7 +55,7 @@ impl WholeDelay {
         effects.insert(0, delay);
     }
 
-    /// Puts the delay into every explanation within the vocabulary.
+    /// Adds the delay to every explanation within the vocabulary.
     pub(crate) fn explains(&self, candidates: &mut [Explanation]) {
         for candidate in candidates.iter_mut().filter(|candidate| !candidate.unknown) {
             if !candidate.effects.iter().any(|e| self.is(&e.effect, &e.location)) {
@@ -65,7 +65,7 @@ impl WholeDelay {
         }
     }
 
-    /// Names the delay first, as probable as all explanations within the vocabulary together.
+    /// Names the delay first, with the probability of all explanations within the vocabulary together.
     pub(crate) fn named(&self, effects: &mut Vec<NamedEffect>, candidates: &[Explanation]) {
         if let Some(found) = effects.iter_mut().find(|e| self.is(&e.effect, &e.location)) {
             return self.add_to(&mut found.parameters);
@@ -94,14 +94,14 @@ mod tests {
     use crate::judge::verdict::Verdict;
     use crate::testing::{case, random_input, run, truss};
 
-    /// A diagnosis that knows one effect only: what the audit says does not depend on the others.
+    /// Diagnoses with a library that knows one effect only, because the audit does not depend on the others.
     fn diagnosed(case: &Case) -> Outcome {
         let all = Library::standard();
         let names: Vec<String> = all.effects().map(|e| e.name().to_string()).filter(|n| n != "sensor-gain").collect();
         diagnose(case, &all.without(&names), &mut |_| {}).unwrap()
     }
 
-    /// Gap of what sim-with-effect.json predicts for a new input, against these outputs.
+    /// Returns the gap between the prediction of sim-with-effect.json for a new input and these outputs.
     fn predicted_gap(outcome: &Outcome, u: &[Vec<f64>], y: &[Vec<f64>]) -> f64 {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sim-with-effect.json");

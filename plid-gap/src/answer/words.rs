@@ -9,7 +9,8 @@ use crate::judge::held_out::HeldOut;
 use crate::judge::locate::Map;
 use crate::words::likelihood;
 
-/// The evidence, a sentence or two each. `class` is the most probable explanation and what the records cannot distinguish from it.
+/// Returns the evidence in a sentence or two each. `class` is the most probable explanation, with the explanations that
+/// the records cannot separate from it.
 pub(crate) fn words(
     explained: &Explained,
     before: &Map,
@@ -23,7 +24,7 @@ pub(crate) fn words(
     words.extend(of_records(explained));
     words.extend(before.slope.map(|slope| {
         format!(
-            "The relative gap goes with the level to the power {:+.1} ({:+.1} to {:+.1}).",
+            "The relative gap is proportional to the level to the power {:+.1} ({:+.1} to {:+.1}).",
             slope.value, slope.ci95[0], slope.ci95[1]
         )
     }));
@@ -34,67 +35,74 @@ pub(crate) fn words(
     words.extend(nearest_other(explained));
     words.extend(class.map(|(first, others)| {
         format!(
-            "These records cannot tell {first} from {others}: if the first is true, the rest is expected to fit worse by less than {:.0} in log likelihood. The next experiment is chosen to tell them apart.",
+            "These records cannot distinguish {first} from {others}: if the first is true, the others are expected to \
+            fit worse by less than {:.0} in log likelihood. The next experiment is chosen to distinguish them.",
             judge.separable
         )
     }));
     words.extend(held_out.map(|held_out| {
         format!(
-            "On the held-out records it gains {} over a refit alone, {:.0} times what chance would make of it{}.",
+            "On the held-out records it gains {} over a refit alone, which is {:.0} standard deviations{}.",
             likelihood(held_out.gain / 2.0),
             held_out.gain / held_out.deviation.max(f64::MIN_POSITIVE),
             if held_out.refutes(judge) { ": too little, which refutes it" } else { "" },
         )
     }));
     let excess = explained.judged.excess;
-    words.push(format!("What is left exceeds the noise by {excess:.1} times the uncertainty of its level."));
+    words.push(format!("The residual exceeds the noise by {excess:.1} times the uncertainty of the noise level."));
     words
 }
 
 fn costs(explained: &Explained) -> String {
     let rows = explained.ready.problem.rows() as f64;
     format!(
-        "Squared residual over noise: {:.3} as given, {:.3} after the bounded refit, {:.3} with the best explanation (1 is noise alone).",
+        "Squared residual over noise: {:.3} as given, {:.3} after the bounded refit, {:.3} with the best explanation \
+        (1 is noise alone).",
         explained.given_cost / rows,
         explained.refitted.cost / rows,
         explained.found.best.cost / rows
     )
 }
 
-/// What the diagnosis had to give up: a simulation that is exact up to its limits, an explanation whose free run has no bounds.
+/// States which assumptions were dropped: that the simulation is exact up to its limits, or an explanation whose free
+/// run diverges.
 fn limits(explained: &Explained) -> Vec<String> {
     let names = &explained.ready.problem.setting.names;
     let imperfect = explained.ready.widened.map(|scale| {
         format!(
-            "No explanation leaves only noise, so that what the best one leaves counts as an error of the simulation itself. Most of its numbers are off by {scale:.1} times what the case says of them."
+            "No explanation leaves only noise, so the residual of the best one counts as an error of the simulation \
+            itself. Most of the simulation's parameters are off by {scale:.1} times the limits that the case states."
         )
     });
     let refused = explained.diverged.as_ref().map(|(effects, record)| {
         let effects = in_words(effects, names);
-        format!("{effects} came nearest, but its free run of `{record}` has no bounds: it was refused.")
+        format!("{effects} came nearest, but its free run of `{record}` diverges, so it was refused.")
     });
     imperfect.into_iter().chain(refused).collect()
 }
 
-/// What the noise of driven records and raw values show.
+/// States what the noise of driven records and the raw values show.
 fn of_records(explained: &Explained) -> Vec<String> {
     let ready = &explained.ready;
     let random = explained.level.driven.map(|ratio| {
         format!(
-            "What differs between the periods of driven records has {ratio:.2} times the power of the noise in quiet ones: something random acts there."
+            "The differences between the periods of driven records have {ratio:.2} times the power of the noise in \
+            quiet ones: a random effect acts there."
         )
     });
-    let cut = ready.quantisation.iter().zip(&ready.problem.setting.names.outputs).filter(|(quantisation, _)| quantisation.cut);
+    let outputs = ready.quantisation.iter().zip(&ready.problem.setting.names.outputs);
+    let cut = outputs.filter(|(quantisation, _)| quantisation.cut);
     let cut = cut.map(|(quantisation, output)| {
         format!(
-            "The converter of {output} cuts bits off towards zero: to its values half a step, {:.4} V, was added before anything was fitted.",
+            "The converter of {output} truncates towards zero: half a step, {:.4} V, was added to its values before \
+            all fits.",
             quantisation.step / 2.0
         )
     });
     random.into_iter().chain(cut).collect()
 }
 
-/// What a refit would absorb of an effect, and what speaks against its name.
+/// States how much of an effect a refit would absorb, and what speaks against its name.
 fn of_effect(explained: &Explained, placed: &Placed) -> Vec<String> {
     let at = format!("{} at {}", placed.effect.name(), placed.place.location(&explained.ready.problem.setting.names));
     let entry = explained.found.stages.iter().flatten().find(|e| same(&e.placed, placed));
@@ -107,7 +115,7 @@ fn of_effect(explained: &Explained, placed: &Placed) -> Vec<String> {
 fn nearest_other(explained: &Explained) -> Option<String> {
     let found = &explained.found;
     let best = &found.best;
-    // What took the place of a refused one was fitted anew, and the others were not.
+    // An explanation that replaced a refused one was fitted again, and the others were not.
     if best.effects.is_empty() || explained.diverged.is_some() {
         return None;
     }
@@ -117,7 +125,7 @@ fn nearest_other(explained: &Explained) -> Option<String> {
     let how = if worse < 0.0 {
         let parameters = other.effects.iter().map(|placed| placed.parameters.len()).sum::<usize>();
         let more = parameters.saturating_sub(best.parameters());
-        format!("fits better by {}, with {more} parameters more, and is less probable", likelihood(-worse))
+        format!("fits better by {}, with {more} more parameters, and is less probable", likelihood(-worse))
     } else {
         format!("is worse by {}", likelihood(worse))
     };

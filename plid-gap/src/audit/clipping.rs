@@ -1,9 +1,9 @@
-//! Converters that ran into their rails: many samples at one and the same extreme value.
+//! Clipping: many samples at one and the same extreme value.
 
 use crate::case::Case;
 use crate::settings::AuditSettings;
 
-/// Findings, by channel and record.
+/// Returns the findings, by channel and record.
 pub fn check(case: &Case) -> Vec<String> {
     let mut found = Vec::new();
     let config = &case.config;
@@ -22,7 +22,7 @@ pub fn check(case: &Case) -> Vec<String> {
     found
 }
 
-/// The lowest and the highest value, each with its samples, where they pile up.
+/// Returns the lowest and the highest value with their numbers of samples, if the samples accumulate there.
 fn rails(x: &[f64], settings: &AuditSettings) -> Vec<(f64, usize)> {
     let mut sorted: Vec<f64> = x.iter().copied().filter(|x| x.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);
@@ -75,7 +75,7 @@ mod tests {
         assert!(rails(&switched, &AuditSettings::default()).is_empty());
         let quiet = codes(random_input(2, 4000, 1)[0].iter().map(|x| 0.6 * CODE * x));
         assert!(rails(&quiet, &AuditSettings::default()).is_empty());
-        // A sensor that saturates before its noise piles up near a value, not on it.
+        // The samples of a sensor that saturates before its noise accumulate near a value, not on it.
         let (signal, noise) = (random_input(3, 4000, 1), random_input(4, 4000, 1));
         let saturated = codes(signal[0].iter().zip(&noise[0]).map(|(x, n)| x.min(1.5) + 0.01 * n));
         assert!(rails(&saturated, &AuditSettings::default()).is_empty());

@@ -1,13 +1,13 @@
-//! Channels that stand still.
+//! Constant channels.
 
 use crate::case::Case;
 use crate::case::record::{Excitation, Record};
 use crate::error::GapError;
 
-/// Channels that are constant in one record where they need not be.
+/// Returns the channels that are constant in one record in which they should not be.
 ///
 /// # Errors
-/// [`GapError::Constant`] for one that is so in all.
+/// [`GapError::Constant`] for a channel that is constant in all records.
 pub fn check(case: &Case) -> Result<Vec<String>, GapError> {
     let mut found = Vec::new();
     let mut look = |names: &[String], of: fn(&Record) -> &[Vec<f64>], asked: &dyn Fn(&Record) -> bool, so: &str| {
@@ -24,7 +24,7 @@ pub fn check(case: &Case) -> Result<Vec<String>, GapError> {
         Ok(())
     };
     let driven = |record: &Record| record.excitation != Excitation::Zero;
-    look(&case.config.inputs, |r| &r.u, &driven, "it tells nothing of that input.")?;
+    look(&case.config.inputs, |r| &r.u, &driven, "it gives no information about that input.")?;
     look(&case.config.outputs, |r| &r.y, &|_| true, "is the sensor connected, or its converter too coarse?")?;
     Ok(found)
 }
@@ -42,7 +42,7 @@ mod tests {
     #[test]
     fn one_record_is_a_finding_and_all_are_an_error() {
         let sound = case(&truss(1), &truss(1));
-        // The record without input is none of it.
+        // The record without input does not count.
         assert!(check(&sound).unwrap().is_empty());
         let mut still = sound.clone();
         still.records[2].y[1].fill(0.3);

@@ -1,9 +1,9 @@
-//! Samples that are missing, and values that no converter gives.
+//! Missing samples, and values that are not finite.
 
 use crate::case::Case;
 use crate::error::GapError;
 
-/// Missing samples of the outputs (NaN), by record and channel.
+/// Returns the missing samples of the outputs (NaN), by record and channel.
 ///
 /// # Errors
 /// [`GapError::Record`] for an infinite value, for a missing input and for an output without any value.
@@ -15,7 +15,7 @@ pub fn check(case: &Case) -> Result<Vec<String>, GapError> {
         let first = |channels: &[Vec<f64>], bad: fn(f64) -> bool| {
             channels.iter().enumerate().find_map(|(c, x)| x.iter().position(|&x| bad(x)).map(|k| (c, k)))
         };
-        // A free run cannot do without a command.
+        // A free run needs every command.
         if let Some((i, k)) = first(&record.u, |x| !x.is_finite()) {
             return Err(wrong(format!("input `{}` is {} at sample {k}", config.inputs[i], record.u[i][k])));
         }
@@ -23,7 +23,7 @@ pub fn check(case: &Case) -> Result<Vec<String>, GapError> {
             return Err(wrong(format!("output `{}` is infinite at sample {k}", config.outputs[o])));
         }
         if let Some((o, k)) = record.simulated.as_deref().and_then(|y| first(y, |x| !x.is_finite())) {
-            return Err(wrong(format!("simulated output `{}` is no number at sample {k}", config.outputs[o])));
+            return Err(wrong(format!("simulated output `{}` is not a number at sample {k}", config.outputs[o])));
         }
         for (name, y) in config.outputs.iter().zip(&record.y) {
             let missing = y.iter().filter(|y| y.is_nan()).count();
@@ -32,13 +32,9 @@ pub fn check(case: &Case) -> Result<Vec<String>, GapError> {
                 return Err(wrong(format!("output `{name}` has no value at all")));
             }
             if missing > 0 {
-                let many = if share > config.settings.audit.many_missing {
-                    ": what it says of the gap is blurred"
-                } else {
-                    ""
-                };
+                let many = if share > config.settings.audit.many_missing { ", so its gap is uncertain" } else { "" };
                 found.push(format!(
-                    "{}: {missing} of {} samples of `{name}` are missing ({:.1} %) and say nothing{many}.",
+                    "{}: {missing} of {} samples of `{name}` are missing ({:.1} %) and are ignored{many}.",
                     record.name,
                     y.len(),
                     100.0 * share

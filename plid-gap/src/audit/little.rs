@@ -1,4 +1,4 @@
-//! Whether the records hold enough to fit from, and which effects they are too short for.
+//! The length of the records: whether they suffice for a fit, and for which effects they are too short.
 
 use plid_model::{Mode, ModeKind, Model};
 
@@ -10,22 +10,23 @@ use crate::error::GapError;
 use crate::plant::Plant;
 use crate::signal::peaks;
 
-/// What there is too little data for.
+/// The effects for which the records are too short.
 pub struct Little {
-    /// In words.
+    /// Findings in words.
     pub findings: Vec<String>,
     /// Names of effects.
     pub left_out: Vec<String>,
 }
 
 /// # Errors
-/// [`GapError::TooLittle`] where no record drives the structure, or all of them together have no more values than the simulation has states.
+/// [`GapError::TooLittle`] if no record drives the structure, or if all of them together have no more values than the
+/// simulation has states.
 pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) -> Result<Little, GapError> {
     let effects = || library.effects().filter(|effect| !without.iter().any(|name| name == effect.name()));
     let settings = &case.config.settings;
     let records = driven(&case.records);
     if records.is_empty() {
-        return Err(GapError::TooLittle("no record to fit from has an input".into()));
+        return Err(GapError::TooLittle("no record that is fitted has an input".into()));
     }
     let (n, m, p, rate) = (model.n(), model.m(), model.p(), model.sample_rate_hz);
     let values = records.iter().flat_map(|r| r.y.iter().flatten()).filter(|y| y.is_finite()).count();
@@ -42,7 +43,7 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
     let short = short(&records, &modes, rate, settings.audit.periods, &mut little.findings);
     let mut leave = |names: Vec<String>, why: String| {
         if !names.is_empty() {
-            little.findings.push(format!("Left out, for {why}: {}.", names.join(", ")));
+            little.findings.push(format!("Left out, because {why}: {}.", names.join(", ")));
             little.left_out.extend(names);
         }
     };
@@ -63,7 +64,8 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
     let names: Vec<String> = left.filter(|name| !little.left_out.contains(name)).collect();
     if !names.is_empty() {
         little.findings.push(format!(
-            "Left out, for more parameters ({linear} of the linear model, and their own) than the {values} values that were measured: {}.",
+            "Left out, because their parameters and the {linear} of the linear model exceed the {values} measured \
+            values: {}.",
             names.join(", ")
         ));
         little.left_out.extend(names);
@@ -74,7 +76,7 @@ pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) 
     Ok(little)
 }
 
-/// How many records are shorter than so many periods of the lowest mode; they are named among the findings.
+/// Returns how many records are shorter than this number of periods of the lowest mode, and adds them to the findings.
 fn short(records: &[&Record], modes: &[f64], rate: f64, periods: f64, findings: &mut Vec<String>) -> usize {
     let lowest = modes.iter().copied().fold(f64::INFINITY, f64::min);
     let short = records.iter().filter(|record| (record.samples() as f64) < periods * rate / lowest);
@@ -86,21 +88,22 @@ fn short(records: &[&Record], modes: &[f64], rate: f64, periods: f64, findings: 
     short.len()
 }
 
-/// Why the random records give no frequency response of m inputs; none where they do.
+/// Returns why the random records give no frequency response of m inputs; `None` if they do.
 fn no_response(records: &[&Record], m: usize) -> Option<String> {
     let random = |record: &&&Record| record.excitation == Excitation::Random && record.samples() >= peaks::SEGMENT;
     let stretches = |record: &&Record| 1 + 2 * (record.samples() - peaks::SEGMENT) / peaks::SEGMENT;
     let segments: usize = records.iter().filter(random).map(stretches).sum();
     (segments <= m).then(|| {
         format!(
-            "the records with a random input hold {segments} stretches of {} samples, where a frequency response of {m} inputs needs {}",
+            "the records with a random input hold {segments} stretches of {} samples, where a frequency response of \
+            {m} inputs needs {}",
             peaks::SEGMENT,
             m + 1
         )
     })
 }
 
-/// That no record shows the noise, and what is assumed of it.
+/// States that no record shows the noise, and what is assumed of it.
 fn unknown_noise(case: &Case, model: &Model) -> String {
     let settings = &case.config.settings.prepare;
     let source = if model.noise.sensor_std.is_some() {
@@ -115,12 +118,12 @@ fn unknown_noise(case: &Case, model: &Model) -> String {
     )
 }
 
-/// Whether the noise can be had from what no command explains.
+/// Returns whether the noise can be estimated from stretches that no command explains.
 fn noise_shows(case: &Case) -> bool {
     let shortest = case.config.settings.prepare.shortest_quiet;
     case.records.iter().filter(|record| !record.held_out).any(|record| match record.excitation {
         Excitation::Zero => record.samples() >= shortest,
-        // The first two hold the transient.
+        // The first two periods contain the transient.
         Excitation::Periodic(period) => period >= shortest && record.samples() >= 4 * period,
         Excitation::Random => false,
     })
@@ -131,7 +134,7 @@ mod tests {
     use super::*;
     use crate::testing::{MODES, RATE, case, truss};
 
-    /// The case with every driven record cut to so many samples.
+    /// Returns the case with every driven record cut to this number of samples.
     fn cut(samples: usize) -> Case {
         let mut case = case(&truss(1), &truss(1));
         for record in case.records.iter_mut().filter(|r| r.excitation != Excitation::Zero) {
@@ -151,7 +154,7 @@ mod tests {
     fn what_is_too_short_leaves_effects_out() {
         let model = truss(1);
         let library = Library::standard();
-        // Longer than three periods of the lowest mode, shorter than a segment of the frequency response.
+        // Longer than three periods of the lowest mode, but shorter than a segment of the frequency response.
         let some = check(&cut(400), &model, &library, &[]).unwrap();
         assert_eq!(some.left_out, ["missing-mode"]);
         assert!(some.findings[0].contains("0 stretches"), "{:?}", some.findings);
@@ -161,14 +164,11 @@ mod tests {
         assert!(few.findings[0].contains("lowest mode (58.0 Hz)"), "{:?}", few.findings);
         assert!(few.left_out.iter().any(|name| name == "cubic-stiffness"));
         assert!(!few.left_out.iter().any(|name| name == "sensor-gain"));
-        // Two records of two outputs with six samples: 24 values, where the linear model alone has 4 (2 + 2 + 2) parameters.
+        // Two records of two outputs with six samples: 24 values, where the linear model alone has 4 (2 + 2 + 2)
+        // parameters.
         let none = check(&cut(6), &model, &library, &[]).unwrap();
         assert_eq!(none.left_out.len(), library.len());
-        assert!(
-            none.findings.iter().any(|f| f.contains("more parameters (24 of the linear model")),
-            "{:?}",
-            none.findings
-        );
+        assert!(none.findings.iter().any(|f| f.contains("the 24 of the linear model")), "{:?}", none.findings);
         let error = check(&cut(3), &model, &library, &[]).err().unwrap().to_string();
         assert!(error.contains("12 values") && error.contains("14 states"), "{error}");
     }

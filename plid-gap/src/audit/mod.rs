@@ -1,8 +1,8 @@
-//! The input before anything is fitted: records that cannot be used, channels that clip, stand still or lack samples, a simulation that is
-//! unstable or meant for other wires and units, and effects that the records are too short for.
+//! The audit of a case before any fit: records that cannot be used, channels that clip, are constant or lack samples, a
+//! simulation that is unstable or has other channels and units, and effects for which the records are too short.
 //!
-//! What makes a diagnosis impossible is an error. What an engineer would put right before reading on (swapped, negated, delayed channels, other
-//! units) is named, and put right for the steps that follow.
+//! A condition that makes a diagnosis impossible is an error. A mismatch that an engineer would correct before reading
+//! on (exchanged, negated or delayed channels, other units) is named, and corrected for the following steps.
 
 mod clipping;
 mod constant;
@@ -24,40 +24,42 @@ use surrogate::StandIn;
 
 pub use rewire::Mismatch;
 
-/// What was found.
+/// The result of an audit.
 #[derive(Debug, Clone)]
 pub struct Audit {
-    /// The case as the steps that follow use it: findings among its warnings, effects that there is too little data for among the excluded, wires and
-    /// units put right where [`Audit::mismatch`] explains the gap.
+    /// The case for the following steps: its warnings include the findings, its excluded effects include those for
+    /// which the records are too short, and its channels and units are corrected if [`Audit::mismatch`] explains the
+    /// gap.
     pub case: Case,
-    /// Wires, signs, units or a delay under which the simulation agrees much better.
+    /// Channels, signs, units or a delay with which the simulation agrees much better.
     pub mismatch: Option<Mismatch>,
-    /// What the preparation needs beside the case.
+    /// The prior knowledge for the preparation.
     pub known: Known,
     stand_in: Option<StandIn>,
 }
 
-/// Looks at a case; one without a simulation is given the model that stands in. `off` are the steps that the diagnosis leaves out.
+/// Audits a case. A case without a simulation gets a surrogate model. `off` are the steps that the diagnosis skips.
 ///
 /// # Errors
-/// [`GapError::Record`], [`GapError::Constant`], [`GapError::Unstable`], [`GapError::TooLittle`], [`GapError::Model`]; [`GapError::Failed`] where no
-/// model is given and none can be identified.
+/// [`GapError::Record`], [`GapError::Constant`], [`GapError::Unstable`], [`GapError::TooLittle`], [`GapError::Model`];
+/// [`GapError::Failed`] if no model is given and none can be identified.
 pub fn audit(case: &Case, library: &Library, off: &[Step], say: &mut dyn FnMut(String)) -> Result<Audit, GapError> {
     look(case, library, &[], off, None, say)
 }
 
 impl Audit {
-    /// The same of the same case with some effects taken from the library; the model that stands in and the wiring are not looked for again.
+    /// Audits the same case with some effects removed from the library. The surrogate model and the wiring are not
+    /// determined again.
     ///
     /// # Errors
-    /// None that the audit before did not have.
+    /// The same errors as those of the first audit.
     pub fn without(&self, case: &Case, library: &Library, without: &[String]) -> Result<Self, GapError> {
         look(case, library, without, &self.known.off, Some(self), &mut |_| {})
     }
 }
 
 impl Audit {
-    /// What the audit put right, if that explains the gap.
+    /// Returns the mismatch that the audit corrected, if it explains the gap.
     pub(crate) fn put_right(&self) -> Option<&Mismatch> {
         self.mismatch.as_ref().filter(|mismatch| mismatch.explains)
     }
@@ -91,7 +93,7 @@ fn look(
     found.extend(stable::check(case, &model)?);
     let little = little::check(case, &model, library, without)?;
     found.extend(little.findings);
-    // A model of these very wires has none crossed.
+    // A model that was identified from these channels has none exchanged.
     let mismatch = match before {
         Some(before) => before.mismatch.clone(),
         None if of_records || !looks => None,
@@ -151,7 +153,7 @@ mod tests {
         let first = look(&case);
         assert!(first.mismatch.unwrap().explains);
         assert!(first.case.warnings[0].contains("y1 and y2 look swapped"), "{:?}", first.case.warnings);
-        // Of what was put right nothing is left to be found.
+        // After the correction, nothing more is found.
         assert_eq!(look(&first.case).mismatch, None);
     }
 

@@ -1,4 +1,5 @@
-//! What every input of the simulation would make of every measured input, and how it goes with what was measured.
+//! The response of the simulation to every measured input on every one of its inputs, and its correlation with the
+//! measured outputs.
 
 use ndarray::Array2;
 use plid_model::Model;
@@ -9,7 +10,7 @@ use crate::error::GapError;
 use crate::fourier;
 use crate::fourier::C;
 
-/// The largest delay that is looked for, in samples.
+/// The largest delay that is considered, in samples.
 const REACH: usize = 1024;
 
 /// Measured and simulated outputs of one record, with their transforms.
@@ -17,21 +18,21 @@ struct Driven {
     samples: usize,
     /// Length of the transforms.
     length: usize,
-    /// Measured (p), without the mean, missing samples zero.
+    /// Measured outputs (p), without the mean, with zeros for missing samples.
     y: Channels,
     y_bins: Vec<Vec<C>>,
-    /// Simulated, of the simulation's input i driven by the measured input j: p channels at i m + j.
+    /// Simulated outputs of the simulation's input i driven by the measured input j: p channels at i m + j.
     s: Vec<Channels>,
     s_bins: Vec<Vec<Vec<C>>>,
 }
 
-/// Of all driven records.
+/// The responses of all driven records.
 pub struct Responses {
-    /// Inputs.
+    /// Number of inputs.
     pub m: usize,
-    /// Outputs.
+    /// Number of outputs.
     pub p: usize,
-    /// Delays run from minus this to this.
+    /// Largest delay: delays run from minus this to this.
     pub reach: usize,
     /// 1 / (sum of squares) of each measured output.
     pub weight: Vec<f64>,
@@ -39,13 +40,13 @@ pub struct Responses {
 }
 
 impl Responses {
-    /// Simulates.
+    /// Simulates the responses.
     ///
     /// # Errors
     /// [`GapError::Model`].
     pub fn new(model: &Model, records: &[&Record]) -> Result<Self, GapError> {
         let (m, p) = (model.m(), model.p());
-        // A delay by a whole period is none.
+        // A delay by a whole period is not a delay.
         let longest = |record: &&Record| match record.excitation {
             Excitation::Periodic(period) => (period / 2).min(record.samples() / 4),
             _ => record.samples() / 4,
@@ -57,8 +58,9 @@ impl Responses {
         Ok(Self { m, p, reach, weight, records: driven })
     }
 
-    /// Sums of y_o(k + lag) s(k) over all records for the lags -reach..=reach: y (one of the measured outputs) with a sum of simulated ones,
-    /// each given as input of the simulation, measured input, output of the simulation, factor.
+    /// Returns the sums of y_o(k + lag) s(k) over all records for the lags -reach..=reach: y is one of the measured
+    /// outputs, and s is a sum of simulated ones, each given as input of the simulation, measured input, output of the
+    /// simulation, factor.
     pub fn correlation(&self, pairs: &[(usize, Simulated)]) -> Vec<f64> {
         let mut sums = vec![0.0; 2 * self.reach + 1];
         for record in &self.records {
@@ -78,7 +80,7 @@ impl Responses {
         sums
     }
 
-    /// Sum of products of two simulated outputs.
+    /// Returns the sum of products of two simulated outputs.
     pub fn product(&self, a: Simulated, b: Simulated) -> f64 {
         let of = |record: &Driven| {
             let s = |x: Simulated| &record.s[x.input * self.m + x.wire][x.output];
@@ -87,7 +89,7 @@ impl Responses {
         a.factor * b.factor * self.records.iter().map(of).sum::<f64>()
     }
 
-    /// The relative gap with channels so read.
+    /// Returns the relative gap with this wiring.
     pub fn gap(&self, wiring: &Wiring) -> f64 {
         let mut share = 0.0;
         for (o, &Wire { channel, gain }) in wiring.outputs.iter().enumerate() {
@@ -112,7 +114,7 @@ impl Responses {
     }
 }
 
-/// A simulated output: which input of the simulation is driven by which measured input.
+/// A simulated output: the input of the simulation and the measured input that drives it.
 #[derive(Debug, Clone, Copy)]
 pub struct Simulated {
     /// The simulation's input.
@@ -121,7 +123,7 @@ pub struct Simulated {
     pub wire: usize,
     /// The simulation's output.
     pub output: usize,
-    /// Times this.
+    /// Its factor.
     pub factor: f64,
 }
 
@@ -148,7 +150,7 @@ fn driven(model: &Model, record: &Record, reach: usize) -> Result<Driven, GapErr
     Ok(Driven { samples, length, y, y_bins, s, s_bins })
 }
 
-/// Without the mean: an offset is no matter of wires. Missing samples become zero.
+/// Subtracts the mean, because an offset does not concern the wiring. Missing samples become zero.
 fn centred(x: &[f64]) -> Vec<f64> {
     let (sum, count) = x.iter().filter(|x| x.is_finite()).fold((0.0, 0.0), |(s, n), x| (s + x, n + 1.0));
     let mean = if count > 0.0 { sum / count } else { 0.0 };

@@ -1,5 +1,5 @@
-//! The wiring under which the simulation agrees best: outputs and inputs over permutations, signs, units and one delay, by
-//! cross-correlation and least squares, before anything is fitted.
+//! The wiring with which the simulation agrees best: permutations, signs and units of outputs and inputs, and one
+//! delay, by cross-correlation and least squares before any fit.
 
 use nalgebra::{DMatrix, DVector};
 use plid_model::Model;
@@ -11,19 +11,19 @@ use crate::case::split::driven;
 use crate::error::GapError;
 use crate::words::percent;
 
-/// Channels up to which all permutations are tried; beyond, all exchanges of two.
+/// Number of channels up to which all permutations are tried; with more, all exchanges of two are.
 const ALL_PERMUTATIONS: usize = 5;
 
-/// A shorter delay is an effect like others, to be fitted.
+/// Shortest delay that counts as one of the wiring. A shorter delay is an effect that is fitted.
 const SHORTEST: i64 = 3;
 
-/// Every change must pay: the squared gap falls by this factor for each.
+/// Factor by which every change must reduce the squared gap.
 const PRICE: f64 = 1.5;
 
-/// Outputs up to which signs are among these beginnings.
+/// Number of outputs up to which all signs are among the starts.
 const ALL_SIGNS: usize = 3;
 
-/// Factors between units that are in use, with the units. The smaller ones (2, the root of 2) are left to gains, which are fitted.
+/// Factors between units in use, with the units. Smaller ones (2, the root of 2) are left to gains, which are fitted.
 const UNITS: [(f64, &str); 9] = [
     (1e6, "as between micro-units and units"),
     (1e3, "as between milli-units and units"),
@@ -36,35 +36,35 @@ const UNITS: [(f64, &str); 9] = [
     (4.448222, "as between newtons and pounds"),
 ];
 
-/// Smaller factors count only where all channels share them: what a single channel is off by may be a gain, and where the simulation is wrong in other
-/// ways too, least squares make it smaller than it is.
+/// Smaller factors count only if all channels share them. A factor of a single channel may be a gain, and if the
+/// simulation is wrong in other ways too, least squares underestimate it.
 const ALONE: f64 = 9.0;
 
-/// A factor is one of these when it is this near.
+/// Relative distance within which a factor is one of these.
 const NEAR: f64 = 0.08;
 
-/// Any other factor beyond this (or below one over it) counts as well.
+/// A factor above this (or below one over it) counts even if it is none of these.
 const OTHER: f64 = 20.0;
 
-/// What was found.
+/// A mismatch of the wiring.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mismatch {
-    /// How channels are to be read.
+    /// The wiring.
     pub wiring: Wiring,
-    /// The gap as given.
+    /// The gap with the wiring as given.
     pub before: f64,
-    /// With the channels so read.
+    /// The gap with this wiring.
     pub after: f64,
-    /// Whether it is strong enough to be put right for what follows.
+    /// Whether it is strong enough to be corrected for the following steps.
     pub explains: bool,
-    /// In words.
+    /// The mismatch in words.
     pub sentence: String,
 }
 
 impl Mismatch {
-    /// What follows from its correction, for the reader.
+    /// Returns the consequence of the correction, for the reader.
     pub(super) fn consequences(&self) -> Vec<String> {
-        let mut said = vec!["All that follows is of the simulation with that put right.".to_string()];
+        let mut said = vec!["Everything below refers to the corrected simulation.".to_string()];
         let delay = self.wiring.delay;
         if delay < 0 {
             said.push(format!("A prediction cannot answer before its input: it comes {} samples late.", -delay));
@@ -76,7 +76,7 @@ impl Mismatch {
 /// Looks for a mismatch.
 ///
 /// # Errors
-/// [`GapError::Model`] where the simulation cannot be run.
+/// [`GapError::Model`] if the simulation cannot be run.
 pub fn find(case: &Case, model: &Model) -> Result<Option<Mismatch>, GapError> {
     let settings = &case.config.settings.audit;
     let records = driven(&case.records);
@@ -88,7 +88,8 @@ pub fn find(case: &Case, model: &Model) -> Result<Option<Mismatch>, GapError> {
     }
     let outputs = |from: &Wiring| pruned(&responses, with_outputs(&responses, from));
     let inputs = |from: &Wiring| pruned(&responses, with_inputs(&responses, from));
-    // Outputs first: where both say the same (all negated, all in other units), the sensors are the more usual cause.
+    // Outputs come first: if a change of either side is equivalent (all negated, all in other units), the sensors are
+    // the more usual cause.
     let outer = outputs(&plain);
     let inner = inputs(&plain);
     let both = [inputs(&outer), outputs(&inner)];
@@ -126,7 +127,7 @@ fn price(responses: &Responses, wiring: &Wiring) -> f64 {
     responses.gap(wiring).powi(2) * PRICE.powi(wiring.changes() as i32)
 }
 
-/// Without what does not pay.
+/// Removes changes that do not reduce the gap enough.
 fn pruned(responses: &Responses, mut wiring: Wiring) -> Wiring {
     let mut least = price(responses, &wiring);
     loop {
@@ -138,7 +139,7 @@ fn pruned(responses: &Responses, mut wiring: Wiring) -> Wiring {
     }
 }
 
-/// The best outputs and delay for these inputs.
+/// Returns the best outputs and delay for these inputs.
 fn with_outputs(responses: &Responses, from: &Wiring) -> Wiring {
     let (p, reach) = (responses.p, responses.reach as i64);
     let simulated = |output: usize| -> Vec<Simulated> {
@@ -169,7 +170,7 @@ fn with_outputs(responses: &Responses, from: &Wiring) -> Wiring {
     let outputs = order
         .iter()
         .enumerate()
-        // The ratio of sizes, for least squares shrink the factor where phases are off.
+        // The ratio of sizes, because least squares underestimate the factor if phases are off.
         .map(|(o, &q)| Wire {
             channel: q,
             gain: plausible((responses.weight[o] * size[q]).sqrt().recip().copysign(with[o][q][at])),
@@ -178,7 +179,7 @@ fn with_outputs(responses: &Responses, from: &Wiring) -> Wiring {
     Wiring { outputs, inputs: from.inputs.clone(), delay: at as i64 - reach }
 }
 
-/// The best inputs and delay for these outputs: each order of the inputs by least squares in their gains.
+/// Returns the best inputs and delay for these outputs: each order of the inputs, with gains by least squares.
 fn with_inputs(responses: &Responses, from: &Wiring) -> Wiring {
     let (m, reach) = (responses.m, responses.reach as i64);
     // The output o is measured where the simulation gives gain times its `channel`.
@@ -223,14 +224,14 @@ fn with_inputs(responses: &Responses, from: &Wiring) -> Wiring {
     Wiring { outputs: from.outputs.clone(), inputs, delay: at as i64 - reach }
 }
 
-/// The best over all lags; without delay where that one is short.
+/// Returns the best of all lags; that without delay if the delay is short.
 fn best_or_at_once<T>(best: impl Fn(&[usize]) -> (T, usize), reach: i64) -> (T, usize) {
     let all: Vec<usize> = (0..=2 * reach as usize).collect();
     let found = best(&all);
     if (found.1 as i64 - reach).abs() >= SHORTEST { found } else { best(&[reach as usize]) }
 }
 
-/// These wirings with one factor between units on all outputs, or on all inputs, and none else.
+/// Returns these wirings with one factor between units on all outputs or on all inputs, and no other factor.
 fn in_other_units(best: &Wiring, plain: &Wiring) -> Vec<Wiring> {
     let sized = |wires: &[Wire], size: f64| -> Vec<Wire> {
         wires.iter().map(|wire| Wire { gain: size.copysign(wire.gain), ..*wire }).collect()
@@ -246,7 +247,8 @@ fn in_other_units(best: &Wiring, plain: &Wiring) -> Vec<Wiring> {
     all
 }
 
-/// All orders of the outputs, of a few with all signs (all of them negated is the same as all inputs negated).
+/// Returns all orders of the outputs; of a few outputs also all signs, except that of all of them, which is equivalent
+/// to that of all inputs.
 fn starts(responses: &Responses) -> Vec<Wiring> {
     let (m, p) = (responses.m, responses.p);
     let signs = if p <= ALL_SIGNS { 1 << (p - 1) } else { 1 };
@@ -258,7 +260,7 @@ fn starts(responses: &Responses) -> Vec<Wiring> {
     permutations(p).iter().flat_map(|order| (0..signs).map(|signs| start(order, signs)).collect::<Vec<_>>()).collect()
 }
 
-/// A sign, with a factor where it is one between units.
+/// Returns a sign, with a factor if it is one between units.
 fn plausible(gain: f64) -> f64 {
     let size = gain.abs();
     let sign = if gain < 0.0 { -1.0 } else { 1.0 };
@@ -270,14 +272,14 @@ fn plausible(gain: f64) -> f64 {
     }
 }
 
-/// The known factor that this one is near.
+/// Returns the known factor that is near this one.
 fn unit(size: f64) -> Option<(f64, &'static str)> {
     let both = UNITS.iter().flat_map(|&(factor, units)| [(factor, units), (1.0 / factor, units)]);
     both.min_by(|a, b| (size / a.0).ln().abs().total_cmp(&(size / b.0).ln().abs()))
         .filter(|(factor, _)| (size / factor - 1.0).abs() < NEAR)
 }
 
-/// All orders of a few channels; of many, all exchanges of two.
+/// Returns all orders of a few channels; of many, all exchanges of two.
 fn permutations(count: usize) -> Vec<Vec<usize>> {
     let plain: Vec<usize> = (0..count).collect();
     let mut orders = vec![plain.clone()];
@@ -326,7 +328,7 @@ fn sentence(wiring: &Wiring, case: &Case, before: f64, after: f64) -> String {
     if let Some(first) = text.get(..1) {
         text.replace_range(..1, &first.to_uppercase());
     }
-    format!("{text}: with that put right the gap falls from {} to {}.", percent(before), percent(after))
+    format!("{text}: with this corrected, the gap falls from {} to {}.", percent(before), percent(after))
 }
 
 fn side(
@@ -343,7 +345,7 @@ fn side(
         &[a, b] => parts.push(format!("{what}s {} and {} look swapped", names[a], names[b])),
         _ => parts.extend(off.iter().map(|&k| moved(&names[k], &names[wires[k].channel]))),
     }
-    // A change of all outputs is the same as one of all inputs.
+    // A change of all outputs is equivalent to one of all inputs.
     let either =
         |parts: &mut Vec<String>, text: &str| parts.push(format!("every {what} looks {text}, or every {opposite}"));
     let negated: Vec<&str> = (0..wires.len()).filter(|&k| wires[k].gain < 0.0).map(|k| names[k].as_str()).collect();
@@ -358,8 +360,8 @@ fn side(
     let alike = scaled.len() == wires.len() && sizes.iter().all(|size| (size / sizes[0] - 1.0).abs() < NEAR);
     let text = |size: f64| match unit(size) {
         Some((factor, units)) => format!("in other units, {} times the simulation's ({units})", short(factor)),
-        None if size < 1.0 => format!("{} times what the simulation has, as if it hardly acted", short(size)),
-        None => format!("{} times what the simulation has, as in other units", short(size)),
+        None if size < 1.0 => format!("{} times that of the simulation, as if it hardly acted", short(size)),
+        None => format!("{} times that of the simulation, as in other units", short(size)),
     };
     if alike {
         either(&mut parts, &text(sizes[0]));
@@ -390,11 +392,11 @@ mod tests {
         find(&case, &model).unwrap()
     }
 
-    /// It explains the gap, in these words and no others.
+    /// The mismatch explains the gap, in exactly these words.
     fn says(mismatch: Option<Mismatch>, words: &str) -> Wiring {
         let mismatch = mismatch.expect("a mismatch");
         assert!(mismatch.explains && mismatch.after < 0.05, "{mismatch:?}");
-        assert!(mismatch.sentence.starts_with(&format!("{words}: with that put right")), "{}", mismatch.sentence);
+        assert!(mismatch.sentence.starts_with(&format!("{words}: with this corrected")), "{}", mismatch.sentence);
         mismatch.wiring
     }
 
@@ -434,17 +436,20 @@ mod tests {
     fn other_units() {
         says(
             found(|_, y| y.iter_mut().for_each(|y| scaled(y, 1000.0))),
-            "Every output looks in other units, 1000 times the simulation's (as between milli-units and units), or every input",
+            "Every output looks in other units, 1000 times the simulation's (as between milli-units and units), or \
+            every input",
         );
         says(
             found(|_, y| scaled(&mut y[0], 1.0 / 9.80665)),
-            "Output y1 looks in other units, 0.102 times the simulation's (as between m/s2 and g, or of a setting of ten)",
+            "Output y1 looks in other units, 0.102 times the simulation's (as between m/s2 and g, or of a setting of \
+            ten)",
         );
         says(
             found(|_, y| y.iter_mut().for_each(|y| scaled(y, 4.448222))),
-            "Every output looks in other units, 4.4482 times the simulation's (as between newtons and pounds), or every input",
+            "Every output looks in other units, 4.4482 times the simulation's (as between newtons and pounds), or \
+            every input",
         );
-        // What is recorded in millivolts drives the simulation with a thousandth.
+        // A record in millivolts drives the simulation with a thousandth.
         says(
             found(|u, _| scaled(&mut u[1], 1000.0)),
             "Input u2 looks in other units, 0.001 times the simulation's (as between milli-units and units)",
@@ -473,7 +478,8 @@ mod tests {
                 scaled(&mut u[0], -1.0);
                 y.iter_mut().for_each(|y| late(y, 16));
             }),
-            "Outputs y1 and y2 look swapped; input u1 looks negated; all channels look delayed by 16 samples (0.0100 s) against the simulation",
+            "Outputs y1 and y2 look swapped; input u1 looks negated; all channels look delayed by 16 samples (0.0100 \
+            s) against the simulation",
         );
         assert_eq!(wiring.changes(), 3);
     }

@@ -1,4 +1,4 @@
-//! Channels and lengths of the records against each other and against the simulation.
+//! Channels and lengths of the records, compared with each other and with the simulation.
 
 use crate::case::Case;
 use crate::error::GapError;

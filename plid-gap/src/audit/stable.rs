@@ -1,14 +1,14 @@
-//! A simulation whose free run grows.
+//! The stability of the simulation.
 
 use plid_model::Model;
 
 use crate::case::Case;
 use crate::error::GapError;
 
-/// Poles this near the circle neither grow nor decay.
+/// Poles this near the unit circle neither grow nor decay.
 const ON_THE_CIRCLE: f64 = 1e-9;
 
-/// A pole on the circle is a finding.
+/// A pole on the unit circle is a finding.
 ///
 /// # Errors
 /// [`GapError::Unstable`] for a pole outside.
@@ -17,7 +17,7 @@ pub fn check(case: &Case, model: &Model) -> Result<Option<String>, GapError> {
     let Some(&hz) = found.unstable_hz.first() else { return Ok(None) };
     if found.spectral_radius <= 1.0 + ON_THE_CIRCLE {
         return Ok(Some(format!(
-            "The simulation has a pole on the unit circle ({hz:.2} Hz): what it is told once it never forgets."
+            "The simulation has a pole on the unit circle ({hz:.2} Hz): its response to an impulse never decays."
         )));
     }
     let file = case.config.sim.as_deref().unwrap_or("the simulation").into();

@@ -1,8 +1,10 @@
-//! A simulation where the case gives none: a linear model of what the engineer's own simulator gave for the records' inputs or, without
-//! such outputs, the best linear model of the records themselves, or of those that the case sets aside for it.
+//! A surrogate model for a case without a simulation: a linear model of the outputs that the engineer's own simulator
+//! gives for the records' inputs or, without such outputs, the best linear model of the records themselves, or of those
+//! that the case sets aside for it.
 //!
-//! In both cases it is the output-error refinement of a subspace estimate. The first stands for a simulator of any kind, with a fit error of its own;
-//! the second has already taken in all of the gap that a linear model can, so that only what is not linear is left to be found.
+//! Both are output-error refinements of a subspace estimate. The first stands for a simulator of any kind, with an
+//! error of its own. The second has already absorbed all of the gap that a linear model can, which leaves only
+//! nonlinear effects to be found.
 
 use std::sync::Arc;
 
@@ -25,38 +27,39 @@ use crate::noise::whiten::Whitener;
 use crate::plant::Plant;
 use crate::settings::{AuditSettings, GapSettings, PlantSettings};
 
-/// About the most states of a simulator that is identified with as many as it has.
+/// Largest number of states, approximately, of a simulator that is identified exactly.
 const MOST_STATES: usize = 40;
 
-/// Share of an output's power that rounding leaves at least.
+/// Least share of an output's power that rounding leaves.
 const ROUNDING: f64 = 1e-20;
 
-/// Steps of the refinement.
+/// Largest number of steps of the refinement.
 const ITERATIONS: usize = 60;
 
-/// A model that stands in where the case gives no simulation.
+/// A surrogate model for a case without a simulation.
 #[derive(Debug, Clone)]
 pub struct StandIn {
     /// The model.
     pub model: Model,
-    /// In words how well it fits.
+    /// Its accuracy in words.
     pub words: String,
-    /// Standard deviations of its modes' parameters, as [`Nuisance`] orders them: by so much more may it be off.
+    /// Standard deviations of its parameters in the order of [`Nuisance`], by which its prior is widened.
     pub prior_std: Vec<f64>,
-    /// What it leaves of the records it was identified from, where that is no noise.
+    /// Its error on the records from which it was identified, if that is not noise.
     pub model_error: Option<ModelError>,
 }
 
-/// A model for a case that has none.
+/// Identifies a model for a case without one.
 ///
 /// # Errors
-/// [`GapError::TooLittle`] where the records are too short for the states asked for; [`GapError::Failed`] where nothing can be identified.
+/// [`GapError::TooLittle`] if the records are too short for the requested states; [`GapError::Failed`] if no model can
+/// be identified.
 pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<StandIn, GapError> {
     let fitted =
         if case.for_simulation.is_empty() { driven(&case.records) } else { case.for_simulation.iter().collect() };
     if fitted.is_empty() {
         return Err(GapError::TooLittle(
-            "without `sim` a model is identified, and no record to fit from has an input".into(),
+            "without `sim` a model is identified, but no record that is fitted has an input".into(),
         ));
     }
     let of_simulator = fitted.iter().all(|record| record.simulated.is_some());
@@ -77,17 +80,17 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<StandIn, Gap
         .collect();
     let options = Options {
         radius: plid_refine::slowest_radius(&records),
-        // Whether it answers at once is not known.
+        // It is unknown whether the simulator responds at once.
         feedthrough: true,
         iterations: ITERATIONS,
         noise: Noise::White,
     };
     let (rate, settings) = (case.config.rate(), &case.config.settings.audit);
-    // A start that the tail of the records judges must not have learnt from it.
+    // A start that is judged by the tails of the records must not have been fitted to them.
     let head = plid_refine::head(&records).map_err(failed)?;
     let tried = of_simulator && case.config.states.is_none();
-    let Linear { mut model, std, validation_error } = match tried.then(|| itself(&head, &records, rate, settings.exact)).flatten()
-    {
+    let exact = tried.then(|| itself(&head, &records, rate, settings.exact)).flatten();
+    let Linear { mut model, std, validation_error } = match exact {
         Some(itself) => itself,
         None => fitted_best(&head, &records, case.config.states.unwrap_or(settings.surrogate_states), rate, &options)?,
     };
@@ -107,13 +110,14 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<StandIn, Gap
 /// A linear model of records.
 struct Linear {
     model: Model,
-    /// Of its free-run error on all of them, of each output.
+    /// Standard deviation of its free-run error on all records, of each output.
     std: Vec<f64>,
-    /// Relative free-run error behind the head of the records.
+    /// Relative free-run error after the heads of the records.
     validation_error: f64,
 }
 
-/// The linear simulator itself, with as many states as it has. None where its outputs do not tell, or it does not foretell them behind the head.
+/// Identifies the linear simulator exactly, with its own number of states. `None` if its outputs do not determine it,
+/// or if it does not predict them after the heads of the records.
 fn itself(head: &[plid_refine::Record], records: &[plid_refine::Record], rate: f64, exact: f64) -> Option<Linear> {
     let found = plid_refine::exact(head, MOST_STATES, true, rate).ok()??;
     let start = |k: usize| &found.initial_states[k];
@@ -134,7 +138,7 @@ fn itself(head: &[plid_refine::Record], records: &[plid_refine::Record], rate: f
     (validation_error < exact).then_some(Linear { model: found.model, std, validation_error })
 }
 
-/// The best model of so many states.
+/// Identifies the best model with this number of states.
 fn fitted_best(
     head: &[plid_refine::Record],
     records: &[plid_refine::Record],
@@ -149,8 +153,8 @@ fn fitted_best(
     Ok(Linear { model: choice.refined.model, std, validation_error: choice.scores[choice.chosen].error })
 }
 
-/// Takes from what was measured what the model does not follow of the simulator's own outputs, where these are given: what is left to
-/// explain is the gap to the simulator, not to its stand-in.
+/// Subtracts from the measured outputs the part of the simulator's own outputs that the model does not follow, if these
+/// are given. The remaining gap is that to the simulator, not to its surrogate.
 pub fn take_misfit(record: &mut Record, model: &Model) {
     let Some(simulated) = &record.simulated else { return };
     let Ok(run) = plid_model::simulate(model, matrix(&record.u).view(), &model.rest()) else { return };
@@ -159,7 +163,8 @@ pub fn take_misfit(record: &mut Record, model: &Model) {
     }
 }
 
-/// From the longest record. What repeats in a periodic one may be an effect, unless the record was set aside for the model.
+/// Estimates the error from the longest record. The periodic part of a periodic record may be an effect, unless the
+/// record was set aside for the model.
 fn model_error(
     model: &Model,
     records: &[&Record],
@@ -173,10 +178,10 @@ fn model_error(
     Ok(ModelError::of(record, &error, plant.rate))
 }
 
-/// How well the records it was identified from tell the model's parameters, if white noise of these standard deviations is all that it
-/// leaves of them. What they do not tell at all stays within a tenth of itself. A model of the records themselves has taken in what it
-/// could of the effect: without modes, where a pole stands for friction as well as for viscous damping, its poles and gains stay free
-/// within the wide limits.
+/// Returns the standard deviations of the model's parameters, as far as the records from which it was identified
+/// determine them, if the residual is white noise of these standard deviations. An undetermined parameter stays within
+/// a tenth of itself. A model of the records themselves has absorbed a part of the effect. Without modes, where a pole
+/// represents friction as well as viscous damping, its poles and gains therefore stay free within the wide limits.
 fn prior_std(
     model: &Model,
     records: &[&Record],
@@ -206,30 +211,37 @@ fn words(model: &Model, chosen: &[Record], of_simulator: bool, errors: [f64; 2],
     let states = model.n();
     if of_simulator && validation_error < 100.0 * settings.exact {
         format!(
-            "The simulator was found from its outputs: it is linear, with {states} states, and what was not fitted is missed by {validation_error:.0e} % of itself. `predict` does not need its outputs."
+            "The simulator was identified exactly from its outputs: it is linear with {states} states, and the \
+            relative error outside the fit is {validation_error:.0e} %. `predict` does not need its outputs."
         )
     } else if of_simulator {
         let poor = if validation_error > 100.0 * settings.poor {
-            ": a linear model does not stand for it well; what it misses is taken from what was measured, but effects act on the model"
+            ": a linear model does not represent it well; the model's error is subtracted from the measured outputs, \
+            but effects act on the model"
         } else {
-            ", which is taken from what was measured; `predict` needs its outputs beside the effect's correction (`--simulated`)"
+            ", which is subtracted from the measured outputs; `predict` needs the simulator's outputs in addition to \
+            the effects' correction (`--simulated`)"
         };
         format!(
-            "The simulator is stood for by a linear model of {states} states that was identified from its outputs: it misses them by {error:.2} % where it was fitted, by {validation_error:.2} % where it was not{poor}."
+            "The surrogate of the simulator is a linear model of {states} states, identified from its outputs: its \
+            error is {error:.2} % within the fit and {validation_error:.2} % outside{poor}."
         )
     } else if let [first, rest @ ..] = chosen {
         let names = rest.iter().fold(first.name.clone(), |names, record| format!("{names} and {}", record.name));
         format!(
-            "No simulation is given: the best linear model of {states} states of {names} stands in. It leaves {error:.2} % of it where it was fitted, {validation_error:.2} % where it was not."
+            "No simulation is given: the surrogate is the best linear model of {states} states of {names}. Its error \
+            is {error:.2} % within the fit and {validation_error:.2} % outside."
         )
     } else {
         format!(
-            "No simulation is given: the best linear model of {states} states of the records stands in. It leaves {error:.2} % of them where it was fitted, {validation_error:.2} % where it was not; linear effects are inside it and cannot be found."
+            "No simulation is given: the surrogate is the best linear model of {states} states of the records. Its \
+            error is {error:.2} % within the fit and {validation_error:.2} % outside; it contains linear effects, \
+            which cannot be found."
         )
     }
 }
 
-/// RMS of the free-run error, each output scaled to unit RMS.
+/// Returns the RMS of the free-run error, each output scaled to unit RMS.
 fn relative(std: &[f64], arrays: &[(Array2<f64>, Array2<f64>)]) -> f64 {
     let share = |o: usize| {
         let all = arrays.iter().flat_map(|(_, y)| y.column(o).to_vec()).filter(|y| y.is_finite());
@@ -256,7 +268,7 @@ mod tests {
     use super::*;
     use crate::testing::{case, random_input, run, truss};
 
-    /// Relative difference of the free runs of two models on an input that neither has seen.
+    /// Returns the relative difference of the free runs of two models for an input that neither was fitted to.
     fn apart(a: &Model, b: &Model) -> f64 {
         let u = random_input(99, 2048, a.m());
         let (a, b) = (run(a, &u), run(b, &u));
@@ -272,33 +284,39 @@ mod tests {
         assert_eq!((model.n(), &model.outputs), (truss(3).n(), &case.config.outputs));
         // Noise of 0.2 % in 4096 samples.
         assert!(apart(&model, &truss(3)) < 0.002, "{}", apart(&model, &truss(3)));
-        assert!(words.starts_with("No simulation is given: the best linear model of 14 states"), "{words}");
+        assert!(
+            words.starts_with("No simulation is given: the surrogate is the best linear model of 14 states"),
+            "{words}"
+        );
     }
 
     #[test]
     fn the_engineers_simulator_is_identified_not_the_records() {
-        // The simulator is another truss than the one that was measured.
+        // The simulator is another truss than the measured one.
         let mut case = case(&truss(4), &truss(3));
         for record in &mut case.records {
             record.simulated = Some(run(&truss(4), &record.u));
         }
         let StandIn { model, words, .. } = identify(&case, &mut |_| {}).unwrap();
-        // As many states as it has, and no rounding worth a name.
+        // It has its own number of states and no rounding.
         assert_eq!(model.n(), truss(4).n());
         assert!(apart(&model, &truss(4)) < 1e-5, "{}", apart(&model, &truss(4)));
         assert!(apart(&model, &truss(3)) > 0.5);
-        assert!(words.starts_with("The simulator was found from its outputs: it is linear, with"), "{words}");
-        // What is rounded to four digits has no order that shows.
+        assert!(
+            words.starts_with("The simulator was identified exactly from its outputs: it is linear with"),
+            "{words}"
+        );
+        // Outputs that are rounded to four digits do not show the order.
         for value in case.records.iter_mut().flat_map(|record| record.simulated.iter_mut().flatten().flatten()) {
             *value = (1e4 * *value).round() / 1e4;
         }
         let StandIn { model, words, .. } = identify(&case, &mut |_| {}).unwrap();
         assert_eq!(model.n(), AuditSettings::default().surrogate_states);
-        assert!(words.contains("it misses them by 0."), "{words}");
-        // Too few states say so.
+        assert!(words.contains("its error is 0."), "{words}");
+        // Too few states are reported.
         case.config.states = Some(6);
         let words = identify(&case, &mut |_| {}).unwrap().words;
-        assert!(words.contains("does not stand for it"), "{words}");
+        assert!(words.contains("does not represent it"), "{words}");
     }
 
     #[test]

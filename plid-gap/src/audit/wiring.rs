@@ -1,4 +1,4 @@
-//! Which channel of the simulation a measured one belongs to, with what factor, and how much later.
+//! The wiring: the channel of the simulation to which a measured channel belongs, with its factor, and a common delay.
 
 use nalgebra::DMatrix;
 use plid_model::Model;
@@ -10,31 +10,31 @@ use crate::case::record::Record;
 pub struct Wire {
     /// The other channel.
     pub channel: usize,
-    /// A sign, or what parts two units.
+    /// A sign, or a factor between two units.
     pub gain: f64,
 }
 
-/// How the simulation's channels are to be read so that it agrees with the records.
+/// The wiring with which the simulation agrees with the records.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wiring {
     /// Measured output o = gain times the simulation's output `channel`.
     pub outputs: Vec<Wire>,
     /// The simulation's input i is driven by gain times the measured input `channel`.
     pub inputs: Vec<Wire>,
-    /// Samples by which the records follow the simulation; negative where they lead.
+    /// Samples by which the records lag behind the simulation; negative if they lead.
     pub delay: i64,
 }
 
 impl Wiring {
-    /// As given.
+    /// The wiring as given.
     pub fn plain(m: usize, p: usize) -> Self {
         Self { outputs: straight(p), inputs: straight(m), delay: 0 }
     }
 
-    /// The simulation with channels, signs and units as the records have them.
+    /// Returns the simulation with channels, signs and units as in the records.
     pub fn applied(&self, model: &Model) -> Model {
         let (n, m, p) = (model.n(), model.m(), model.p());
-        // The column of a measured input is that of the simulation's input which it drives.
+        // The column of a measured input is that of the simulation's input that it drives.
         let driven: Vec<usize> =
             (0..m).map(|j| self.inputs.iter().position(|wire| wire.channel == j).expect("a permutation")).collect();
         let columns = |b: &DMatrix<f64>| {
@@ -68,14 +68,15 @@ impl Wiring {
                 *output = self.outputs.iter().map(|wire| wire.gain * output[wire.channel]).collect();
             }
         }
-        // These belong to the channels as they were.
+        // These belong to the channels in their former order.
         put.predictor_gain = None;
         put.observability_indices = None;
         put.parameter_covariance = None;
         put
     }
 
-    /// Brings a record's inputs to the time at which they act; where they act earlier than written, the end of the record is lost.
+    /// Shifts a record's inputs to the time at which they act. If they act earlier than written, the end of the record
+    /// is lost.
     pub fn delay_inputs(&self, record: &mut Record) {
         let shift = (self.delay.unsigned_abs() as usize).min(record.samples());
         if self.delay >= 0 {
@@ -90,7 +91,7 @@ impl Wiring {
         }
     }
 
-    /// All ways to take one thing back.
+    /// Returns all wirings with one change taken back.
     pub fn simpler(&self) -> Vec<Self> {
         let mut all = Vec::new();
         let mut put = |wiring: Self| {
@@ -119,7 +120,7 @@ impl Wiring {
         all
     }
 
-    /// How many things differ from the simulation as given. What is alike for all channels is one thing.
+    /// Returns the number of changes to the simulation as given. A change of all channels alike counts as one.
     pub fn changes(&self) -> usize {
         usize::from(self.delay != 0) + side_changes(&self.outputs) + side_changes(&self.inputs)
     }
@@ -166,7 +167,7 @@ mod tests {
         assert_eq!(applied.ports[0].input.as_deref(), Some("u2"));
         assert_eq!(applied.noise.sensor_std, Some(vec![0.01, 5.0]));
         assert_eq!(applied.noise.actuator_std, Some(vec![0.01, 0.005]));
-        // Each side: an exchange and a sign; two factors among the outputs, one among the inputs.
+        // On each side an exchange and a sign; two factors among the outputs, one among the inputs.
         assert_eq!(wiring.changes(), 7);
     }
 

@@ -8,41 +8,42 @@ use crate::settings::GapSettings;
 use plid_data::prepare::decimate;
 use plid_data::prepare::trend::Trend;
 
-/// CASE.toml.
+/// The contents of a case file, CASE.toml.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CaseConfig {
-    /// A model.json; left out, the best linear model of the records stands in.
+    /// File of the simulation, a model.json. If absent, the best linear model of the records serves as a surrogate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sim: Option<String>,
-    /// Order of that model.
+    /// Number of states of the surrogate model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub states: Option<usize>,
-    /// Of the records and of the simulation.
+    /// Sample rate of the records, and of the simulation unless `decimate_to_hz` is given.
     pub sample_rate_hz: f64,
-    /// Records are decimated to this rate, which then is that of the simulation; left out, they are not.
+    /// Sample rate to which the records are decimated, which is that of the simulation. If absent, they are not
+    /// decimated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub decimate_to_hz: Option<f64>,
-    /// What is taken from every channel of the records: `none` (if left out), `mean` or `linear`.
+    /// Trend that is removed from every channel of the records: `none` (default), `mean` or `linear`.
     #[serde(default = "no_trend", skip_serializing_if = "is_no_trend")]
     pub trend: Trend,
-    /// Frequencies that are fitted and judged, from and to in Hz; left out, all are.
+    /// Frequency band in Hz that is fitted and judged. If absent, all frequencies are.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub band_hz: Option<[f64; 2]>,
-    /// Columns of the records.
+    /// Columns of the records that are inputs.
     pub inputs: Vec<String>,
-    /// Columns of the records.
+    /// Columns of the records that are outputs.
     pub outputs: Vec<String>,
-    /// What outputs measure, by name; left out, as the simulation declares or shows it.
+    /// Quantities that the outputs measure, by name. If absent, they are those that the simulation declares or shows.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub output_kinds: BTreeMap<String, OutputKind>,
     /// Effects or locations that the engineer suspects.
     #[serde(default)]
     pub suspects: Vec<String>,
-    /// Effects or locations that cannot be.
+    /// Effects or locations that are ruled out.
     #[serde(default)]
     pub exclude: Vec<String>,
-    /// How far the simulation may be off.
+    /// Limits of the simulation's errors.
     #[serde(default)]
     pub nuisance: Limits,
     /// A gap beyond the noise that matters, relative to the output.
@@ -51,7 +52,7 @@ pub struct CaseConfig {
     /// Thresholds of the diagnosis.
     #[serde(default, skip_serializing_if = "GapSettings::is_default")]
     pub settings: GapSettings,
-    /// In the order in which they were taken.
+    /// The records in the order in which they were taken.
     #[serde(default)]
     pub record: Vec<RecordConfig>,
 }
@@ -73,36 +74,36 @@ fn is_no_trend(trend: &Trend) -> bool {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordConfig {
-    /// Beside the case.
+    /// The file, relative to the case.
     pub file: String,
-    /// First row of the file that counts, from 0, and the one behind the last; left out, all do.
+    /// First row of the file that counts, from 0, and the one after the last. If absent, all rows count.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub samples: Option<[usize; 2]>,
-    /// What drove it.
+    /// The excitation.
     #[serde(default = "random")]
     pub excitation: ExcitationKind,
-    /// Samples; periodic only. Left out, it is found.
+    /// Period in samples, for periodic excitation only. If absent, it is estimated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub period: Option<usize>,
     /// The state at its start.
     #[serde(default)]
     pub start: StartKind,
-    /// Since the first record began; left out, records are back to back.
+    /// Start in s since the first record began. If absent, the record follows the previous one at once.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub start_s: Option<f64>,
-    /// For fitting, held out, or for the simulation that is missing; left out, the diagnosis chooses.
+    /// Use of the record: for fitting, held out, or for a missing simulation. If absent, the diagnosis chooses.
     #[serde(default, rename = "use", skip_serializing_if = "Option::is_none")]
     pub r#use: Option<Use>,
-    /// What the engineer's own simulator gave for this input.
+    /// File of the outputs that the engineer's own simulator gives for this input.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub simulated: Option<String>,
 }
 
-/// What drove a record.
+/// The excitation of a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ExcitationKind {
-    /// Nothing.
+    /// No input.
     Zero,
     /// A signal that does not repeat.
     Random,
@@ -118,27 +119,27 @@ fn random() -> ExcitationKind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StartKind {
-    /// Zero.
+    /// The state is zero.
     #[default]
     Rest,
-    /// Fitted.
+    /// The state is fitted.
     Unknown,
 }
 
-/// What a record is for.
+/// The use of a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Use {
-    /// Fitting.
+    /// It is fitted.
     Fit,
-    /// Held out.
+    /// It is held out.
     Test,
     /// The simulation is identified from it, and nothing else is done with it.
     Sim,
 }
 
 impl RecordConfig {
-    /// What is wrong with the values, as key and reason; one sample in `ratio` is kept.
+    /// Returns the invalid values, as key and reason; one sample in `ratio` is kept.
     fn problems(&self, ratio: usize) -> Vec<(&'static str, String)> {
         let mut problems = Vec::new();
         if let Some([from, to]) = self.samples
@@ -149,9 +150,11 @@ impl RecordConfig {
         let wrong = match (self.excitation, self.period) {
             (ExcitationKind::Periodic, Some(period)) if period < 2 => format!("{period} is no period"),
             (ExcitationKind::Periodic, Some(period)) if !period.is_multiple_of(ratio) => {
-                format!("{period} samples are no multiple of the {ratio} of which one is kept")
+                format!("{period} samples are not a multiple of the decimation ratio {ratio}")
             }
-            (ExcitationKind::Zero | ExcitationKind::Random, Some(_)) => "only a periodic record has one".to_string(),
+            (ExcitationKind::Zero | ExcitationKind::Random, Some(_)) => {
+                "only a periodic record has a period".to_string()
+            }
             _ => return problems,
         };
         problems.push(("period", format!("{}: {wrong}", self.file)));
@@ -164,7 +167,7 @@ impl RecordConfig {
 }
 
 impl CaseConfig {
-    /// A case of channels at a rate, with nothing else said.
+    /// Creates a case of channels at a sample rate, with defaults for all else.
     pub fn new(sample_rate_hz: f64, inputs: Vec<String>, outputs: Vec<String>) -> Self {
         Self {
             sim: None,
@@ -185,14 +188,14 @@ impl CaseConfig {
         }
     }
 
-    /// What is wrong with the values, as key and reason.
+    /// Returns the invalid values, as key and reason.
     pub fn problems(&self) -> Vec<(&'static str, String)> {
         let mut problems = Vec::new();
         if !(self.sample_rate_hz.is_finite() && self.sample_rate_hz > 0.0) {
             problems.push(("sample_rate_hz", format!("{} is not positive", self.sample_rate_hz)));
         }
         if !(self.material.is_finite() && self.material >= 0.0) {
-            problems.push(("material", format!("{} is no share of the output", self.material)));
+            problems.push(("material", format!("{} is not a share of the output", self.material)));
         }
         if self.record.iter().all(RecordConfig::is_for_simulation) {
             let message = "a case needs at least one [[record]] that is not for the simulation";
@@ -202,7 +205,7 @@ impl CaseConfig {
             problems.push(("use", "\"sim\" is for a case without `sim`: here the simulation is given".to_string()));
         }
         if let Some(name) = self.output_kinds.keys().find(|name| !self.outputs.contains(name)) {
-            problems.push(("output_kinds", format!("`{name}` is none of the outputs")));
+            problems.push(("output_kinds", format!("`{name}` is not one of the outputs")));
         }
         let ratio = match self.ratio() {
             Ok(ratio) => ratio,
@@ -215,7 +218,7 @@ impl CaseConfig {
         if let Some([from, to]) = self.band_hz
             && !(0.0 <= from && from < to && to <= 0.5 * self.rate())
         {
-            let message = format!("{from} to {to} is no band from 0 to half the rate, {}", 0.5 * self.rate());
+            let message = format!("{from} to {to} is not a band from 0 to half the sample rate, {}", 0.5 * self.rate());
             problems.push(("band_hz", message));
         }
         let limits = [
@@ -236,23 +239,23 @@ impl CaseConfig {
         problems
     }
 
-    /// Of the samples of a file one in so many is kept.
+    /// Returns the decimation ratio: one sample in so many is kept.
     ///
     /// # Errors
-    /// If `decimate_to_hz` is no integer fraction of the rate.
+    /// If `decimate_to_hz` is not an integer fraction of the rate.
     pub fn ratio(&self) -> Result<usize, String> {
         let Some(to) = self.decimate_to_hz else { return Ok(1) };
         decimate::plan(self.sample_rate_hz, to).map(|plan| plan.ratio).map_err(|error| error.to_string())
     }
 
-    /// Lets a model know what the case says of its outputs.
+    /// Sets the kinds of a model's outputs as the case declares them.
     pub(crate) fn declare_kinds(&self, model: &mut Model) {
         for (declared, output) in model.output_kinds.iter_mut().zip(&self.outputs) {
             *declared = self.output_kinds.get(output).copied().or(*declared);
         }
     }
 
-    /// Samples a second of what is diagnosed.
+    /// Returns the sample rate of the diagnosis in Hz.
     pub fn rate(&self) -> f64 {
         self.sample_rate_hz / self.ratio().unwrap_or(1) as f64
     }

@@ -1,11 +1,11 @@
-//! One record of each level, for what is looked at level by level.
+//! Levels of the records, and one record of each.
 
 use crate::case::record::{Channels, Excitation, Record, rms};
 
-/// A driven record beside what the simulation makes of its input.
+/// A driven record with its simulations.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LevelRun {
-    /// Its name.
+    /// Name of the record.
     pub record: String,
     /// RMS of its inputs.
     pub level: f64,
@@ -28,7 +28,7 @@ pub fn one_of_each_level(records: &[Record], same_level: f64) -> Vec<&Record> {
     if left.is_empty() {
         left = records.iter().filter(driven).collect();
     }
-    // The longest claims its level first.
+    // The longest record represents its level.
     left.sort_by_key(|r| std::cmp::Reverse(r.samples()));
     let mut chosen: Vec<&Record> = Vec::new();
     for record in left {
@@ -44,15 +44,15 @@ pub fn one_of_each_level(records: &[Record], same_level: f64) -> Vec<&Record> {
     chosen
 }
 
-/// The last of the loudest records, a random one if there is any: a drift shows there as it will in what follows.
+/// Returns the last of the loudest records, a random one if there is any: a drift shows most clearly there.
 pub(crate) fn loudest(records: &[Record]) -> &Record {
     let most = records.iter().map(Record::level).fold(0.0, f64::max);
     let random = records.iter().rev().find(|r| r.excitation == Excitation::Random && r.level() > 0.9 * most);
     random.or(records.iter().rev().find(|r| r.level() > 0.9 * most)).unwrap_or(&records[0])
 }
 
-/// Whether twice the input gives twice the output, as every linear simulation from rest does. `respond` runs a simulation.
-/// What adds to the outputs whatever the input does (an offset, hum) is taken off first.
+/// Returns whether twice the input gives twice the output, as every linear simulation from rest does. `respond` runs a
+/// simulation. Outputs that do not depend on the input, such as an offset or hum, are subtracted first.
 pub fn is_linear(u: &[Vec<f64>], respond: impl Fn(&[Vec<f64>]) -> Channels) -> bool {
     let scaled = |by: f64| -> Channels { u.iter().map(|u| u.iter().map(|u| by * u).collect()).collect() };
     let [none, once, twice] = [0.0, 1.0, 2.0].map(|by| respond(&scaled(by)));
@@ -60,7 +60,7 @@ pub fn is_linear(u: &[Vec<f64>], respond: impl Fn(&[Vec<f64>]) -> Channels) -> b
     let (none, once, twice) = (flat(&none), flat(&once), flat(&twice));
     let beyond: Vec<f64> = (0..once.len()).map(|k| (twice[k] - none[k]) - 2.0 * (once[k] - none[k])).collect();
     let whole: Vec<f64> = once.iter().zip(&none).map(|(y, y0)| y - y0).collect();
-    // Rounding makes 1e-12 of it, the weakest effect that shows beside noise some 1e-4.
+    // Rounding makes a relative error of 1e-12; the weakest effect that exceeds noise makes about 1e-4.
     rms(&beyond) <= 1e-6 * rms(&whole)
 }
 

@@ -1,14 +1,14 @@
-//! How far the engineer trusts the simulation.
+//! The limits of the simulation's errors.
 
-/// Limits (two standard deviations), relative.
+/// Limits of the simulation's relative errors, as two standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Limits {
-    /// Of each mode's frequency.
+    /// Limit of each mode's frequency.
     pub frequency: f64,
-    /// Of each mode's damping ratio.
+    /// Limit of each mode's damping ratio.
     pub damping: f64,
-    /// Of each entry of a mode's shapes, relative to the shape's largest entry.
+    /// Limit of each entry of a mode's shapes, relative to the shape's largest entry.
     pub shape: f64,
 }
 

@@ -1,4 +1,4 @@
-//! A gap case: the simulation, the records, and what the engineer knows.
+//! A gap case: the simulation, the records, and the engineer's knowledge.
 
 mod config;
 pub(crate) mod levels;
@@ -22,20 +22,20 @@ pub use record::{Channels, Excitation, Record};
 /// A case with its files read.
 #[derive(Debug, Clone)]
 pub struct Case {
-    /// As written.
+    /// The contents of the case file.
     pub config: CaseConfig,
     /// The simulation, if one is given.
     pub model: Option<Model>,
-    /// In order.
+    /// The records in order.
     pub records: Vec<Record>,
-    /// Those from which a missing simulation is identified; if there are none, the others serve.
+    /// The records from which a missing simulation is identified. If there are none, the other records serve.
     pub for_simulation: Vec<Record>,
-    /// What was noticed while reading.
+    /// Warnings from reading.
     pub warnings: Vec<String>,
 }
 
 impl Case {
-    /// Reads a case and its files, all of them beside it.
+    /// Reads a case and its files, which are in its folder.
     ///
     /// # Errors
     /// [`GapError`] with file, line, channel or key.
@@ -65,7 +65,7 @@ impl Case {
     }
 }
 
-/// One channel after the other.
+/// Returns the channels one by one.
 pub fn columns(data: &Array2<f64>) -> Channels {
     data.columns().into_iter().map(|column| column.to_vec()).collect()
 }
@@ -98,7 +98,7 @@ mod tests {
         read_with("", inputs, rate, samples)
     }
 
-    /// A case of one record, written to files: these samples and another one.
+    /// Reads a case from files with one record of these samples and one more.
     fn read_with(keys: &str, inputs: &str, rate: f64, samples: &str) -> Result<Case, GapError> {
         let folder = tempfile::tempdir().unwrap();
         let put = |name: &str, text: String| std::fs::write(folder.path().join(name), text).unwrap();
@@ -107,7 +107,8 @@ mod tests {
         put(
             "case.toml",
             format!(
-                "sim = \"sim.json\"\nsample_rate_hz = {rate:?}\ninputs = [{inputs}]\noutputs = [\"y1\", \"y2\"]\n{keys}\n[[record]]\nfile = \"r1.csv\"\n"
+                "sim = \"sim.json\"\nsample_rate_hz = {rate:?}\ninputs = [{inputs}]\noutputs = [\"y1\", \
+                \"y2\"]\n{keys}\n[[record]]\nfile = \"r1.csv\"\n"
             ),
         );
         Case::read(&folder.path().join("case.toml"))
@@ -155,7 +156,7 @@ mod tests {
 
     #[test]
     fn a_mean_is_learnt_from_what_is_fitted_alone() {
-        // Of eight samples the last two are held out, and there y1 is far off.
+        // The last two of eight samples are held out, and y1 is far off there.
         let case = read_with("trend = \"mean\"", INPUTS, RATE, &format!("{}0,0,99,7", "1,0,5,7\n".repeat(6))).unwrap();
         assert_eq!(case.records[0].y[0][..6], [0.0; 6]);
         assert_eq!(case.records[0].y[0][6], 94.0);

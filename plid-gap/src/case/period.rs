@@ -1,7 +1,8 @@
-//! Whether the input of a record repeats, and after how many samples.
+//! The period of a record's input.
 //!
-//! The measure is RMS(u\[k + P\] - u\[k\]) over sqrt(2) RMS(u), mean removed: zero where an input repeats exactly, one where it does not repeat
-//! at all. Noise of the recorded input and its converter make it small but not zero.
+//! The misfit of a period P is RMS(u\[k + P\] - u\[k\]) over sqrt(2) RMS(u), without the mean: zero if the input
+//! repeats exactly, one if it does not repeat at all. Noise and quantisation of the recorded input make it small but
+//! not zero.
 
 use ndarray::Array2;
 
@@ -12,27 +13,27 @@ use crate::settings::CaseSettings;
 /// Misfits below this are rounding.
 const ROUNDING: f64 = 1e-6;
 
-/// What is wrong with a period.
+/// The defect of a declared period.
 #[derive(Debug, PartialEq)]
 pub(super) struct NotPeriodic {
-    /// The input that fits worst at the declared period, and its misfit there.
+    /// The input with the largest misfit at the declared period, and the misfit.
     pub worst: (usize, f64),
-    /// The nearest period that fits, if any does.
+    /// The nearest period that fits, if there is one.
     pub fits: Option<usize>,
 }
 
-/// The inputs of a record, ready to be compared with themselves.
+/// The inputs of a record, prepared for comparison with themselves.
 pub(super) struct Repeating<'s> {
-    /// Per input: the values without their mean, over the RMS that counts.
+    /// For each input, the values without their mean, over its level.
     inputs: Vec<Vec<f64>>,
-    /// Per input: a step of its converter, in the same units.
+    /// For each input, the step of its converter, in the same units.
     steps: Vec<f64>,
     settings: &'s CaseSettings,
 }
 
 impl<'s> Repeating<'s> {
-    /// `levels` is the RMS that each input has about its mean in the record of the case in which it is largest: an input that is idle here need
-    /// not repeat its noise.
+    /// Prepares the inputs of a record. `levels` is the RMS of each input about its mean in the record in which that is
+    /// largest: an input that is idle here need not repeat its noise.
     pub fn new(inputs: &Array2<f64>, levels: &[f64], settings: &'s CaseSettings) -> Self {
         let (inputs, steps) = inputs
             .columns()
@@ -54,7 +55,8 @@ impl<'s> Repeating<'s> {
         self.inputs.first().map_or(0, Vec::len)
     }
 
-    /// Misfits of each input over the pair of consecutive periods that fits worst. None where the record does not hold two periods.
+    /// Returns the misfits of each input over the pair of consecutive periods with the largest difference; `None` if
+    /// the record does not contain two periods.
     fn misfits(&self, period: usize) -> Option<Vec<f64>> {
         let samples = self.samples();
         if period == 0 || 2 * period > samples {
@@ -64,11 +66,11 @@ impl<'s> Repeating<'s> {
             let pair = |first: usize| {
                 let end = (first + period).min(samples - period);
                 let sum: f64 = (first..end).map(|k| (u[k + period] - u[k]).powi(2)).sum();
-                // The end of a record may hold only a few samples of a period: they say little alone.
+                // The end of a record may contain only a few samples of a period, which say little.
                 if 4 * (end - first) < period { 0.0 } else { sum / (end - first) as f64 }
             };
             let worst = (0..samples - period).step_by(period).map(pair).fold(0.0, f64::max);
-            // A converter may be one step off wherever the noise is.
+            // Noise may move a converter's value by one step.
             (worst - step * step).max(0.0).sqrt() * std::f64::consts::FRAC_1_SQRT_2
         };
         Some(self.inputs.iter().zip(&self.steps).map(of).collect())
@@ -78,7 +80,7 @@ impl<'s> Repeating<'s> {
         Some(self.misfits(period)?.into_iter().fold(0.0, f64::max))
     }
 
-    /// Holds a declared period against the inputs. False where the record is too short to tell.
+    /// Compares a declared period with the inputs. Returns false if the record is too short for that.
     pub fn check(&self, period: usize) -> Result<bool, NotPeriodic> {
         let Some(misfits) = self.misfits(period) else { return Ok(false) };
         let worst = misfits.into_iter().enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, 0.0));
@@ -96,12 +98,12 @@ impl<'s> Repeating<'s> {
         }
     }
 
-    /// The shortest period, if the inputs have one.
+    /// Returns the shortest period, if the inputs have one.
     pub fn shortest(&self) -> Option<usize> {
         self.all().into_iter().next()
     }
 
-    /// The period next to one that does not fit, multiples of the shortest among them.
+    /// Returns the period nearest to one that does not fit, among the multiples of the shortest.
     fn nearest(&self, period: usize) -> Option<usize> {
         let shortest = self.shortest()?;
         let multiple = (period + shortest / 2) / shortest;
@@ -109,10 +111,10 @@ impl<'s> Repeating<'s> {
         Some(shortest * multiple.clamp(1, most.max(1)))
     }
 
-    /// Every shift after which all inputs repeat, the shortest first.
+    /// Returns all shifts after which all inputs repeat, the shortest first.
     fn all(&self) -> Vec<usize> {
         let samples = self.samples();
-        // Of each shift the mean square of the difference, largest over the inputs.
+        // For each shift, the mean square of the difference, largest over the inputs.
         let mut rough = vec![0.0_f64; samples / 2 + 1];
         for u in &self.inputs {
             rough.iter_mut().zip(differences(u)).for_each(|(most, of)| *most = most.max(of));
@@ -125,7 +127,7 @@ impl<'s> Repeating<'s> {
             least && rough[shift] < unlike && self.misfit(shift).is_some_and(|misfit| misfit <= period_misfit)
         };
         let found: Vec<usize> = (first.max(2)..rough.len()).filter(candidate).collect();
-        // A slow input nearly repeats beside its period; noise keeps the true one from zero.
+        // A slow input nearly repeats at shifts near its period; noise keeps the misfit of the true period from zero.
         let least = found.iter().filter_map(|&shift| self.misfit(shift)).fold(f64::INFINITY, f64::min);
         let good = |shift: &usize| {
             self.misfit(*shift).is_some_and(|of| of <= (least / better_misfit).max(ROUNDING) + 0.1 * period_misfit)
@@ -134,7 +136,7 @@ impl<'s> Repeating<'s> {
     }
 }
 
-/// Mean of (u[k + shift] - u[k])^2 for each shift from zero to half the length.
+/// Returns the mean of (u[k + shift] - u[k])^2 for each shift from zero to half the length.
 fn differences(u: &[f64]) -> Vec<f64> {
     let samples = u.len();
     let mut padded = u.to_vec();
@@ -152,7 +154,8 @@ fn differences(u: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// The smallest distance between two values, where there are few different ones: the step of a converter.
+/// Returns the step of a converter: the smallest distance between two values, if there are few different ones;
+/// otherwise zero.
 fn converter_step(u: &[f64]) -> f64 {
     let mut sorted = u.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -176,7 +179,7 @@ mod tests {
         u.iter().zip(random_input(9, u.len(), 1).remove(0)).map(|(u, e)| u + size * e).collect()
     }
 
-    /// White, then low-passed so far that a sample later is nearly the same.
+    /// White noise, and a signal that hardly changes from one sample to the next.
     fn inputs() -> [Vec<f64>; 2] {
         let white = random_input(3, 1024, 1).remove(0);
         let tone = |k: usize, line: f64| (std::f64::consts::TAU * line * k as f64 / 1024.0 + line * line).sin();
@@ -212,7 +215,7 @@ mod tests {
         let mut stopped = slow;
         stopped[3 * 1024..].fill(0.0);
         assert!(repeating(&[stopped]).check(1024).is_err());
-        // An idle input has noise of its own, and a converter flickers.
+        // An idle input has its own noise, and the last bit of its converter flickers.
         let idle: Vec<f64> = random_input(5, white.len(), 1).remove(0).iter().map(|e| 0.01 * e).collect();
         let flicker: Vec<f64> = idle.iter().map(|e| f64::from(u8::from(*e > 0.0))).collect();
         assert_eq!(repeating(&[white.clone(), idle]).check(1024), Ok(true));

@@ -1,55 +1,55 @@
-//! What was measured, as the diagnosis uses it.
+//! Measured records.
 
 pub use plid_model::signal::rms;
 
-/// One channel after the other, each over all samples.
+/// Channels, each with the values of all samples.
 pub type Channels = Vec<Vec<f64>>;
 
-/// What drove a record.
+/// The excitation of a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Excitation {
-    /// Nothing.
+    /// No input.
     Zero,
     /// A signal that does not repeat.
     Random,
-    /// A signal that repeats after so many samples.
+    /// A signal that repeats after this number of samples.
     Periodic(usize),
 }
 
 /// A record of a case.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Record {
-    /// The file's name.
+    /// Name of the file.
     pub name: String,
-    /// What drove it.
+    /// The excitation.
     pub excitation: Excitation,
     /// Whether all states are zero at its start; otherwise the initial state is fitted.
     pub from_rest: bool,
-    /// Since the first record began, in s.
+    /// Start in s since the first record began.
     pub start_s: f64,
-    /// Held out from all fitting.
+    /// Whether the record is held out from all fits.
     pub held_out: bool,
-    /// m channels.
+    /// Inputs (m channels).
     pub u: Channels,
-    /// p channels.
+    /// Measured outputs (p channels).
     pub y: Channels,
-    /// p channels of the engineer's own simulator, if given.
+    /// Outputs of the engineer's own simulator (p channels), if they are given.
     pub simulated: Option<Channels>,
 }
 
 impl Record {
-    /// Number of samples.
+    /// Returns the number of samples.
     pub fn samples(&self) -> usize {
         self.y.first().map_or(0, Vec::len)
     }
 
-    /// RMS over all inputs.
+    /// Returns the RMS over all inputs.
     pub fn level(&self) -> f64 {
         rms(self.u.iter().flatten())
     }
 
-    /// Measured minus simulated (p channels); zero where nothing was measured.
+    /// Returns measured minus simulated outputs (p channels); zero where a sample is missing.
     pub fn error(&self, simulated: &[Vec<f64>]) -> Channels {
         let one = |(y, s): (&Vec<f64>, &Vec<f64>)| {
             y.iter().zip(s).map(|(y, s)| if y.is_finite() { y - s } else { 0.0 }).collect()

@@ -1,4 +1,4 @@
-//! The records' files: the rows that count, decimated and without trend where the case asks for it.
+//! The records' files: the rows that count, decimated and without trend if the case says so.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use plid_data::prepare::{decimate, trend};
 use super::period::{NotPeriodic, Repeating};
 use super::{CaseConfig, ExcitationKind, RecordConfig, StartKind, Use, columns};
 
-/// All records of a case, in order, and what was noticed. `path` is the case's own, for errors.
+/// Reads all records of a case in order. Also returns warnings. `path` is that of the case, for errors.
 pub(super) fn read(path: &Path, config: &CaseConfig, folder: &Path) -> Result<(Vec<Record>, Vec<String>), GapError> {
     let mut warnings = Vec::new();
     let mut measured = Vec::new();
@@ -50,7 +50,7 @@ pub(super) fn read(path: &Path, config: &CaseConfig, folder: &Path) -> Result<(V
         Record {
             name: named(given),
             excitation,
-            // Decimation drops samples at both ends: what is left begins in motion.
+            // Decimation removes samples at both ends, so the remaining record begins in motion.
             from_rest: given.start == StartKind::Rest && ratio == 1,
             start_s,
             held_out: given.r#use == Some(Use::Test),
@@ -62,7 +62,7 @@ pub(super) fn read(path: &Path, config: &CaseConfig, folder: &Path) -> Result<(V
     Ok((config.record.iter().zip(excitations).zip(records).zip(simulated).map(as_used).collect(), warnings))
 }
 
-/// A record as its file has it, and with the outputs of the engineer's own simulator if the case gives them.
+/// Reads a record from its file, and the outputs of the engineer's own simulator if the case names them.
 fn measured_and_simulated(
     path: &Path,
     config: &CaseConfig,
@@ -89,8 +89,9 @@ fn measured_and_simulated(
     Ok((record, simulated))
 }
 
-/// What drove each record, periods in samples after decimation. A declared period is held against the inputs (one array a record, as in its
-/// file), and one that is left out is found. Otherwise the key at fault, and why.
+/// Returns the excitation of each record, with periods in samples after decimation. A declared period is compared with
+/// the inputs (one array for each record, as in its file); one that is absent is estimated. The error is the key and
+/// the reason.
 fn excitations(
     config: &CaseConfig,
     inputs: &[&Array2<f64>],
@@ -114,7 +115,7 @@ fn excitations(
     Ok(excitations)
 }
 
-/// The period of a record in samples of its file.
+/// Returns the period of a record in samples of its file.
 fn period(
     config: &CaseConfig,
     given: &RecordConfig,
@@ -127,20 +128,20 @@ fn period(
         let none = || {
             (
                 "excitation",
-                format!("{file} is declared periodic, but its inputs do not repeat; \"random\" is any other signal"),
+                format!("{file} is declared periodic, but its inputs do not repeat; any other signal is \"random\""),
             )
         };
         let shortest = repeating.shortest().ok_or_else(none)?;
-        // One sample in `ratio` is kept: a whole number of them must make the period.
+        // One sample in `ratio` is kept, so the period must be a multiple of `ratio`.
         let found =
             (1..=ratio).map(|times| times * shortest).find(|found| found.is_multiple_of(ratio)).unwrap_or(shortest);
-        warnings.push(format!("{file}: its inputs repeat after {found} samples, which is taken for the period"));
+        warnings.push(format!("{file}: its inputs repeat after {found} samples, which is used as the period"));
         return Ok(found);
     };
     match repeating.check(declared) {
         Ok(true) => {}
         Ok(false) => warnings.push(format!(
-            "{file}: a period of {declared} samples cannot be checked, for the record does not hold two of them"
+            "{file}: a period of {declared} samples cannot be checked, because the record does not contain two of them"
         )),
         Err(NotPeriodic { worst: (input, misfit), fits }) => {
             let instead = match fits {
@@ -150,7 +151,8 @@ fn period(
             let channel = &config.inputs[input];
             let share = 100.0 * misfit;
             let message = format!(
-                "{file}: input `{channel}` does not repeat after {declared} samples ({share:.1} % of it differs): {instead}"
+                "{file}: input `{channel}` does not repeat after {declared} samples ({share:.1} % of it differs): \
+                {instead}"
             );
             return Err(("period", message));
         }
@@ -158,7 +160,7 @@ fn period(
     Ok(declared)
 }
 
-/// A record's name: the file, and the rows where not all of them count.
+/// Returns a record's name: the file, and the rows if not all of them count.
 fn named(given: &RecordConfig) -> String {
     match given.samples {
         Some([from, to]) => format!("{}, rows {from} to {to}", given.file),
@@ -173,12 +175,12 @@ fn rows(path: &Path, given: &RecordConfig, samples: usize) -> Result<[usize; 2],
         Some([_, to]) => Err(GapError::Key {
             file: path.into(),
             key: "samples".into(),
-            message: format!("{} has {samples} rows, but rows up to {to} are asked for", given.file),
+            message: format!("{} has {samples} rows, but rows up to {to} are requested", given.file),
         }),
     }
 }
 
-/// Samples of each record from which trends may be learnt: none of what is held out.
+/// Returns the number of samples of each record from which trends are estimated: none of what is held out.
 fn learnt(config: &CaseConfig, records: &[data::Record]) -> Vec<usize> {
     let is_test = |given: &RecordConfig| given.r#use == Some(Use::Test);
     let chosen = config.record.iter().any(is_test);

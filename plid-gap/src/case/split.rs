@@ -1,17 +1,18 @@
-//! Which records are held out from all fitting: those that the case names, or else the last one that is driven, or the end of the only one.
+//! The records that are held out from all fits: those that the case names, or else the last driven record, or the end
+//! of the only driven one.
 
 use crate::case::record::{Channels, Excitation, Record};
 
-/// What a case that names nothing holds out.
+/// What is held out if the case names nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Unnamed {
     /// This record.
     Last(usize),
-    /// The end of this one, which alone is driven.
+    /// The end of this record, which is the only driven one.
     EndOf(usize),
 }
 
-/// Of records that are driven or not.
+/// Chooses among records, each of which is driven or not.
 pub(crate) fn unnamed(driven: impl DoubleEndedIterator<Item = bool> + ExactSizeIterator) -> Option<Unnamed> {
     let mut driven = driven.enumerate().rev().filter(|(_, driven)| *driven).map(|(k, _)| k);
     let last = driven.next()?;
@@ -48,7 +49,7 @@ pub(crate) fn split(records: &[Record], held_out_share: f64) -> (Vec<Record>, Ve
     }
 }
 
-/// Records that drive the structure and will not be held out whole.
+/// Returns the driven records that are not held out as a whole.
 pub(crate) fn driven(records: &[Record]) -> Vec<&Record> {
     let unnamed = of(records);
     let counts = |k: usize, r: &Record| {
@@ -57,13 +58,14 @@ pub(crate) fn driven(records: &[Record]) -> Vec<&Record> {
     records.iter().enumerate().filter(|(k, r)| counts(*k, r)).map(|(_, r)| r).collect()
 }
 
-/// The first samples of a record.
+/// Returns the first samples of a record.
 fn head(record: &Record, samples: usize) -> Record {
     let part = |channels: &Channels| channels.iter().map(|x| x[..samples].to_vec()).collect();
     Record { u: part(&record.u), y: part(&record.y), simulated: record.simulated.as_ref().map(part), ..record.clone() }
 }
 
-/// A record whose first samples were not measured: it is simulated from its own start, and judged on the rest.
+/// Returns a record without measurements of its first samples. It is simulated from its own start and judged on the
+/// remainder.
 fn tail(record: &Record, from: usize, held_out_share: f64) -> Record {
     let mut tail = record.clone();
     tail.y.iter_mut().for_each(|y| y[..from].fill(f64::NAN));

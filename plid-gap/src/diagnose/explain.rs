@@ -19,8 +19,8 @@ use crate::search::stepwise::{Search, SearchStage, search, straighten};
 use crate::settings::step::Step;
 use crate::simulate::Fineness;
 
-/// Searches, with the ports as places of internal forces; where that does not suffice, with the modes about which the gap lies too. `stage` keeps the
-/// first stage of the first search, or has it.
+/// Searches with the ports as locations of internal forces. If that does not suffice, searches again with the modes
+/// about which the gap lies. `stage` is the first stage of the first search; it is filled if it is empty.
 pub fn explain<'a>(
     ready: Prepared,
     refitted: Refit,
@@ -36,7 +36,8 @@ pub fn explain<'a>(
     elsewhere(first, &scope, say).refuse_divergence()
 }
 
-/// Where the first search does not suffice, a second with places on single modes, if that one explains more.
+/// Searches again with locations on single modes if the first search does not suffice, and returns the second result if
+/// it explains more.
 fn elsewhere<'a>(first: Explained<'a>, scope: &Scope<'_, 'a>, say: &mut dyn FnMut(String)) -> Explained<'a> {
     if scope.skips(Step::ModalPlaces)
         || first.judged.unknown < scope.settings.inadequate
@@ -63,17 +64,17 @@ fn elsewhere<'a>(first: Explained<'a>, scope: &Scope<'_, 'a>, say: &mut dyn FnMu
     second
 }
 
-/// Which pass a search is.
+/// The pass to which a search belongs.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Pass {
-    /// With the records and their noise as they were prepared.
+    /// The first pass, with the records and their noise as they were prepared.
     First,
-    /// Once more, after an earlier pass has shown what the records or their noise have that no effect explains.
+    /// A further pass, after an earlier one has shown a property of the records or their noise that no effect explains.
     Again,
 }
 
-/// Searches and judges. What a pass finds of dropouts, lines that wander, forces in a band or errors of the simulation itself is taken from the records or put
-/// into their noise, and another pass follows.
+/// Searches and judges in passes. Dropouts, lines whose phase wanders, random forces in a band or errors of the
+/// simulation that a pass finds are removed from the records or added to their noise before the next pass.
 fn passes<'a>(
     mut ready: Prepared,
     mut refitted: Refit,
@@ -102,9 +103,9 @@ fn passes<'a>(
     }
 }
 
-/// What a search found, before it is judged.
+/// The result of a search before it is judged.
 struct Searched<'a> {
-    /// The heads of the records.
+    /// The problem on the first samples of the records.
     quick: Problem,
     found: Search<'a>,
     /// Free runs of the best explanation.
@@ -130,10 +131,11 @@ impl<'a> Searched<'a> {
         Self { quick, found, simulated }
     }
 
-    /// Takes from the records, or puts into their noise, what the best explanation shows there. In words, if another pass is needed.
+    /// Removes from the records, or adds to their noise, what the best explanation shows there. Returns a description
+    /// if another pass is needed.
     fn renew(&mut self, ready: &mut Prepared, refitted: &mut Refit, scope: &Scope, pass: Pass) -> Option<String> {
         if pass == Pass::First && ready.renew_quantisation(&self.simulated) {
-            return Some("samples drop out: once more without them".into());
+            return Some("samples drop out: repeated without them".into());
         }
         let best = &self.found.best;
         let may_be = !scope.skips(Step::Stochastic) && scope.rules.may_show(scope.library, Observation::Band);
@@ -143,10 +145,11 @@ impl<'a> Searched<'a> {
             self.found.weigh_anew(&ready.problem, &scope.off);
         }
         let what = lines.or_else(|| may_be.then(|| ready.renew_band(&self.simulated)).flatten())?;
-        Some(format!("{what}: once more without it"))
+        Some(format!("{what}: repeated without it"))
     }
 
-    /// The best explanation with a free shape where it needs one, its last steps, and what it leaves.
+    /// Completes the best explanation with a free shape if it needs one and with its last steps, and computes its
+    /// residual.
     fn judged(
         mut self,
         mut ready: Prepared,
@@ -155,14 +158,14 @@ impl<'a> Searched<'a> {
         say: &mut dyn FnMut(String),
     ) -> Explained<'a> {
         let widened = ready.widened.is_some();
-        // Beside an error of the simulation itself the last digits of a law do not matter.
+        // With an error of the simulation itself, the last digits of a law do not matter.
         let shaped = !widened || left(&ready, &refitted, &self.found.best) > scope.settings.shape_left;
         let problem = &mut ready.problem;
         let zero = vec![0.0; problem.nuisance.len()];
         let given_cost = sum_of_squares(&problem.residual(&problem.plant, &zero, &[], Fineness::FINE));
         let free = shaped && !scope.skips(Step::FreeShapes);
         let free = if free { self.freed(problem, scope, !widened) } else { None };
-        // A free shape was fitted with the ports where the simulation has them, and has no size of its own to be right about.
+        // A free shape was fitted with the simulation's ports; it has no physical size that they could distort.
         problem.nuisance.ports_follow = free.is_none();
         self.found.best = problem.settled(&self.found.best);
         let best_cost = self.found.best.cost;
@@ -173,8 +176,8 @@ impl<'a> Searched<'a> {
         Explained { ready, quick, refitted, found, free_shape: free, judged, level, given_cost, diverged: None }
     }
 
-    /// The best explanation with one shape set free, if that pays; named by the law that is nearest to the free shape, and by `fewer` effects if these
-    /// explain as much.
+    /// Returns the best explanation with one free shape, if that gains enough. It is named by the law that is nearest
+    /// to the free shape, and by `fewer` effects if these explain as much.
     fn freed(&mut self, problem: &Problem, scope: &Scope<'_, 'a>, may_be_fewer: bool) -> Option<FreeShapeFit<'a>> {
         let (quick, found) = (&self.quick, &mut self.found);
         let simpler = if may_be_fewer { fewer(problem, quick, &found.best) } else { None };
@@ -183,7 +186,8 @@ impl<'a> Searched<'a> {
                 found.settle(alone, free.fit.cost);
                 free
             }
-            // What fails with its own shape and suffices with a free one is this place, and another shape.
+            // If the effect fails with its own shape and suffices with a free one, the location is right and the shape
+            // differs.
             None => free_shape(problem, quick, &found.best)
                 .filter(|free| found.best.cost - free.fit.cost > scope.settings.shape_gain_whole)?,
         };
@@ -199,7 +203,7 @@ impl<'a> Searched<'a> {
     }
 }
 
-/// Against what the best explanation is judged.
+/// The reference by which the best explanation is judged.
 struct Judging<'j> {
     ready: &'j Prepared,
     refitted: &'j Refit,
@@ -230,7 +234,7 @@ impl Judging<'_> {
         if let Some(free) = free {
             let more = free.fit.parameters() - best.parameters();
             found.set_free(free.fit.cost, more, rows);
-            // A shape that is free to tilt may lean on the linear parameters; what they hide, they hide in both fits.
+            // A free shape may be correlated with linear parameters, and they hide the same in both fits.
             let freed = self.adequacy(straight.min(problem.max_prior_z(&free.fit.eta)), 0.0, free.fit.cost);
             say(format!("with a free shape: {freed:.2?}"));
             judged.unknown = judged.unknown.min(freed.unknown).max(settings.shape_differs);
@@ -252,19 +256,21 @@ impl Judging<'_> {
         judged
     }
 
-    /// What the best further entry of the screen would gain. A stage that was looked at and not accepted says what is still there.
+    /// Returns the gain of the best further entry of the screen. A stage that was screened and not accepted shows what
+    /// remains.
     fn next(&self, found: &Search) -> f64 {
         let last = if found.stages.len() > found.best.effects.len() { found.stages.last() } else { None };
         // A parameter that the refit has too is judged by `max_prior_z`.
         let further = last.and_then(|entries| entries.iter().find(|entry| !entry.placed.effect.is_in_refit()));
         let next = further.map_or(0.0, |entry| entry.gain);
-        // Where nothing shows the noise, what is left is its measure.
+        // If nothing shows the noise level, the residual is its estimate.
         let left = found.best.cost / self.ready.problem.rows() as f64;
         if self.level.seen { next } else { next / left.max(1.0) }
     }
 }
 
-/// Where no explanation leaves only noise, what it leaves counts as an error of the simulation itself. In words, if it was not admitted before.
+/// Counts the residual as an error of the simulation itself if no explanation leaves only noise. Returns a description
+/// if that is new.
 fn admit_error(explained: &mut Explained) -> Option<String> {
     if explained.ready.widened.is_some()
         || explained.judged.unknown < explained.ready.problem.settings.search.inadequate
@@ -274,14 +280,17 @@ fn admit_error(explained: &mut Explained) -> Option<String> {
     let fit = explained.fit();
     let simulated = outputs(&explained.ready.problem, &fit.eta, &fit.effects);
     explained.ready.admit_error(&simulated);
-    // In the noise's own weights linear parameters lean on every small thing that is left: how far they are off shows beside it.
+    // With weights by noise alone, linear parameters follow every small remainder. Their true error shows only with the
+    // error of the simulation.
     let scale = explained.ready.widen(&refit(&explained.ready.problem, STEPS));
     Some(format!(
-        "no explanation leaves only noise: once more with that as an error of the simulation, its limits {scale:.2} times as wide"
+        "no explanation leaves only noise: repeated with the residual as an error of the simulation and limits \
+        {scale:.2} times as wide"
     ))
 }
 
-/// Amplitude that a fit leaves of the fitted records beyond the noise, over what the simulation within its limits leaves.
+/// Returns the amplitude that a fit leaves of the fitted records beyond the noise, over that of the simulation within
+/// its limits.
 fn left(ready: &Prepared, refitted: &Refit, fit: &Fit) -> f64 {
     let problem = &ready.problem;
     let within = clipped(problem, &refitted.eta).unwrap_or_else(|| refitted.eta.clone());
@@ -305,7 +314,8 @@ mod tests {
     use crate::prepare::{Known, prepare};
     use crate::testing;
 
-    /// A spring that gives way without end stands first: the next explanation takes its place, or the refit where there is none.
+    /// If the first explanation is a spring that diverges, the next explanation takes its place, or the refit if there
+    /// is none.
     #[test]
     fn what_has_no_bounds_is_refused() {
         let sim = testing::truss(1);

@@ -25,14 +25,14 @@ use crate::search::rules::Rules;
 use crate::search::stochastic::{Stochastic, wandering};
 use crate::settings::GapSettings;
 
-/// An explanation, its judgement, and what is shown beside it.
+/// An explanation, its judgement and its evidence.
 pub(super) struct Finding<'f, 'a> {
     pub(super) audit: &'f Audit,
     pub(super) explained: &'f Explained<'a>,
     pub(super) stochastic: &'f [Stochastic<'a>],
     pub(super) judged: Judgement<'f, 'a>,
     delay: Option<WholeDelay>,
-    /// Where the gap lies: as given, and with the effects.
+    /// Where the gap lies, as given and with the effects.
     pub(super) maps: [Map; 2],
     pub(super) evidence: Evidence,
 }
@@ -61,14 +61,14 @@ impl<'f, 'a> Finding<'f, 'a> {
         Self { audit, explained, stochastic, judged, delay: WholeDelay::of(audit), maps, evidence }
     }
 
-    /// diagnosis.json.
+    /// Returns diagnosis.json.
     pub(super) fn diagnosis(&self, say: &mut dyn FnMut(String)) -> Diagnosis {
         let Explained { ready, found, .. } = self.explained;
         let Judgement { gaps, held_out, simulated, shown, weighted, verdict, .. } = &self.judged;
         let (names, best) = (&ready.problem.setting.names, &found.best.effects);
         let [before, after] = &self.maps;
         say("held against its rivals".into());
-        // Where nothing is missing there is nothing to distinguish.
+        // If nothing is missing, there is nothing to distinguish.
         let foretold = (*verdict != Verdict::None).then(|| Foretold::new(&ready.problem, self.explained.fit()));
         let rivals = foretold.as_ref().map_or_else(Vec::new, |foretold| rivals(foretold, best, &found.candidates));
         let mut effects = self.named();
@@ -77,7 +77,7 @@ impl<'f, 'a> Finding<'f, 'a> {
             effects.clear();
         }
         let mut candidates = self.candidates();
-        // A delay that the audit removed is named whatever else there is.
+        // A delay that the audit removed is always named.
         let delay = self.delay.as_ref().filter(|_| *verdict != Verdict::Unknown);
         self.delay.iter().for_each(|delay| delay.explains(&mut candidates));
         delay.into_iter().for_each(|delay| delay.named(&mut effects, &candidates));
@@ -102,8 +102,8 @@ impl<'f, 'a> Finding<'f, 'a> {
         }
     }
 
-    /// The effects with their parameters, largest part of the gap first. Only effects that close a noticeable share are named, and the largest in any
-    /// case; the others remain among the candidates.
+    /// Returns the effects with their parameters, the largest part of the gap first. The largest effect is always
+    /// named, and further ones only if they close a noticeable share; the others remain among the candidates.
     fn named(&self) -> Vec<NamedEffect> {
         let Judgement { gaps, shares, shown, weighted, .. } = &self.judged;
         let best = &self.explained.found.best.effects;
@@ -112,7 +112,7 @@ impl<'f, 'a> Finding<'f, 'a> {
         for which in self.stochastic.iter().filter_map(|u| wandering(&u.placed, best, near_line)) {
             named[which].shape_differs = true;
         }
-        // A stochastic effect has a part in the noise.
+        // A stochastic effect has a share of the noise.
         let band = |u: &&Stochastic| {
             if u.placed.effect.observed_in() == Observation::Band { of_band(self.explained) } else { 0.0 }
         };
@@ -140,7 +140,7 @@ impl<'f, 'a> Finding<'f, 'a> {
         self.judged.weighted.iter().map(explanation).collect()
     }
 
-    /// The answer in a few sentences.
+    /// Returns the answer in a few sentences.
     fn sentence(&self, effects: &[NamedEffect], rivals: &[Rival]) -> String {
         let Explained { ready, found, level, .. } = self.explained;
         let Judgement { gaps, verdict, .. } = &self.judged;
@@ -174,7 +174,7 @@ impl<'f, 'a> Finding<'f, 'a> {
         }
     }
 
-    /// sim-with-effect.json.
+    /// Returns sim-with-effect.json.
     pub(super) fn simulation(&self, model: &plid_model::Model) -> SimulationWithEffects {
         let (eta, effects) = self.predicting();
         let mut simulation = written(self.explained, model, &eta, &effects, &self.judged.shown, &self.judged.gaps);
@@ -182,8 +182,9 @@ impl<'f, 'a> Finding<'f, 'a> {
         simulation
     }
 
-    /// Linear parameters and effects of the simulation that is written. They are fitted to all records once everything is stated. Effects that follow
-    /// the held-out records worse than the simulation as given or its refit are left out.
+    /// Returns linear parameters and effects of the simulation that is written. They are fitted to all records after
+    /// all statements have been made. Effects that follow the held-out records worse than the simulation as given or
+    /// its refit are left out.
     fn predicting(&self) -> (Vec<f64>, Vec<Placed<'a>>) {
         let (fit, gap) = (self.explained.fit(), &self.judged.gaps);
         let follows =

@@ -1,4 +1,4 @@
-//! The whole diagnosis, step after step.
+//! The whole diagnosis, step by step.
 
 pub(crate) mod explain;
 mod finding;
@@ -24,17 +24,17 @@ use crate::settings::step::Step;
 
 pub use shown::Shown;
 
-/// What a diagnosis gives: the answer, what a prediction needs, and what a report shows.
+/// The result of a diagnosis: the answer, the simulation for predictions, and the data of the report.
 pub struct Outcome {
     /// diagnosis.json.
     pub diagnosis: Diagnosis,
     /// sim-with-effect.json.
     pub simulation: SimulationWithEffects,
-    /// What the report draws.
+    /// The data of the report.
     pub shown: Shown,
 }
 
-/// Diagnoses a case. `say` is told what is going on.
+/// Diagnoses a case. `say` is called with each step.
 ///
 /// # Errors
 /// [`GapError`].
@@ -42,7 +42,7 @@ pub fn diagnose(case: &Case, library: &Library, say: &mut dyn FnMut(String)) -> 
     diagnose_without(case, library, &[], say)
 }
 
-/// Diagnoses a case with some steps off, to see what they are worth.
+/// Diagnoses a case with some steps switched off, to see what they contribute.
 ///
 /// # Errors
 /// [`GapError`].
@@ -55,8 +55,8 @@ pub fn diagnose_without(
     Ok(Groundwork::whole(case, library, off, say)?.0)
 }
 
-/// What a diagnosis does before it matters which effects it knows: audit, preparation, bounded refit; and the first stage of the search, from which one that
-/// knows fewer effects takes all but theirs.
+/// The part of a diagnosis that does not depend on which effects are known: audit, preparation and bounded refit; and
+/// the first stage of the search, from which a diagnosis with fewer effects removes theirs.
 pub struct Groundwork<'a> {
     case: &'a Case,
     library: &'a Library,
@@ -79,7 +79,8 @@ impl<'a> Groundwork<'a> {
         Ok(Self { case, library, audit, ready, refitted, first: OnceCell::new() })
     }
 
-    /// The answer with the whole library, and what can be used again where effects are left out. `off` are steps that neither makes.
+    /// Returns the answer with the whole library, and what can be used again if effects are left out. The steps `off`
+    /// are skipped in both.
     ///
     /// # Errors
     /// [`GapError`].
@@ -94,7 +95,8 @@ impl<'a> Groundwork<'a> {
         Ok((outcome, ground))
     }
 
-    /// The answer of a diagnosis that does not know these effects: to the last bit that with [`Library::without`].
+    /// Returns the answer of a diagnosis without these effects. It equals that with [`Library::without`] to the last
+    /// bit.
     ///
     /// # Errors
     /// [`GapError`].
@@ -103,13 +105,13 @@ impl<'a> Groundwork<'a> {
     }
 }
 
-/// A slip of the pen in `suspects` or `exclude` would go unnoticed.
+/// Refuses unknown names in `suspects` or `exclude`: a typing error would go unnoticed.
 fn known_names(case: &Case, library: &Library, ready: &Prepared) -> Result<(), GapError> {
     let setting = &ready.problem.setting;
     let places = library.effects().flat_map(|effect| effect.places(setting));
     let mut names: Vec<String> = places.map(|place| place.location(&setting.names)).collect();
     names.extend(library.effects().map(|effect| effect.name().to_string()));
-    // A mode that is missing and a line have any frequency.
+    // A missing mode and a line may have any frequency.
     let is_frequency = |name: &str| {
         let hz = name.strip_prefix("mode:").or(name.strip_prefix("freq:"));
         hz.is_some_and(|hz| hz.parse::<f64>().is_ok())
@@ -126,7 +128,7 @@ fn model(audit: &Audit) -> Result<&plid_model::Model, GapError> {
     audit.case.model.as_ref().ok_or_else(|| GapError::Failed("a case has a model once it is audited".into()))
 }
 
-/// All that depends on which effects are known.
+/// Completes a diagnosis with the steps that depend on which effects are known.
 fn finish(
     ground: &Groundwork,
     audit: &Audit,
@@ -137,7 +139,7 @@ fn finish(
     let rules = Rules { suspects: &config.suspects, exclude: &config.exclude, without };
     let (ready, refitted) = (ground.ready.clone(), ground.refitted.clone());
     let explained = explain(ready, refitted, ground.library, &rules, &ground.first, say);
-    // Taken from the noise as the explanation leaves it: what the explanation accounts for in quiet records is not noise.
+    // The noise is that of the explanation, which may account for a part of the quiet records.
     let skipped = audit.known.off.contains(&Step::Stochastic);
     let mut stochastic = if skipped { Vec::new() } else { stochastic_effects(&explained.ready, ground.library) };
     stochastic.retain(|stochastic| rules.knows(stochastic.placed.effect));

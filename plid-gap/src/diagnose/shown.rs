@@ -1,4 +1,4 @@
-//! What a report shows of a diagnosis.
+//! The data of the report.
 
 use nalgebra::DMatrix;
 
@@ -17,50 +17,51 @@ use crate::noise::NoiseModel;
 use crate::search::screen::Entry;
 use crate::simulate::{Fineness, simulate};
 
-/// What the report draws.
+/// The data of the report.
 pub struct Shown {
     /// Names of the outputs.
     pub outputs: Vec<String>,
-    /// Samples a second.
+    /// Sample rate in Hz.
     pub rate: f64,
-    /// The gap as given.
+    /// Where the gap as given lies.
     pub before: Map,
-    /// The gap with the effects.
+    /// Where the gap with the effects lies.
     pub after: Map,
-    /// What the best explanation leaves.
+    /// The adequacy of the best explanation.
     pub adequacy: Adequacy,
-    /// Best entries of each stage's screen: name, place, gain, share that a refit absorbs.
+    /// The best entries of each stage's screen: name, location, gain, share that a refit absorbs.
     pub stages: Vec<Vec<(String, String, f64, f64)>>,
-    /// The record of `trace`.
+    /// Name of the record of `trace`.
     pub trace_record: String,
-    /// Measured, as given, with the effects: p channels each.
+    /// Outputs: measured, as given, and with the effects (p channels each).
     pub trace: [Channels; 3],
-    /// Evidence for effects that no free run shows: name, place, twice the log likelihood.
+    /// Stochastic effects: name, location, gain in twice the log likelihood.
     pub stochastic: Vec<(String, String, f64)>,
-    /// Changes of the bounded refit in standard deviations of its prior, by mode (Hz): frequency, damping, largest of the shapes.
+    /// Changes by the bounded refit in standard deviations of its prior, for each mode: frequency in Hz, then the
+    /// changes of frequency, damping and the largest of the shapes.
     pub refit: Vec<(f64, f64, f64, f64)>,
-    /// Sum of squares a row: as given, refit, with the effects.
+    /// Mean squared whitened residual: as given, after the refit, with the effects.
     pub costs: [f64; 3],
-    /// Of the records that were fitted, in order: name, start in s, samples.
+    /// The records that were fitted, in order: name, start in s, number of samples.
     pub fitted: Vec<(String, f64, usize)>,
-    /// A record of each level beside its simulations.
+    /// One record of each level with its simulations.
     pub levels: Vec<LevelRun>,
-    /// Of each output: frequencies in Hz with the density that noise alone makes there, in the output's unit squared a Hz.
+    /// For each output, frequencies in Hz with the density of the noise, in the output's unit squared per Hz.
     pub noise: Vec<Vec<(f64, f64)>>,
-    /// What the diagnosis does not rest on.
+    /// The evidence that does not enter the verdict.
     pub evidence: Evidence,
-    /// Whether the simulation with the effects still is linear in its inputs.
+    /// Whether the simulation with the effects is linear in its inputs.
     pub linear: bool,
 }
 
-/// Frequencies at which the noise is shown.
+/// Number of frequencies at which the noise is shown.
 const NOISE_LINES: usize = 200;
 
-/// Entries of each stage's screen that are shown.
+/// Number of entries of each stage's screen that are shown.
 const ENTRIES: usize = 15;
 
 impl Finding<'_, '_> {
-    /// What the report draws.
+    /// Returns the data of the report.
     pub(super) fn shown(self) -> Shown {
         let levels = self.levels();
         let (plant, actions) = (&self.judged.plant, &self.judged.actions);
@@ -95,7 +96,7 @@ impl Finding<'_, '_> {
         }
     }
 
-    /// A record of each level beside its simulations.
+    /// Simulates one record of each level.
     fn levels(&self) -> Vec<LevelRun> {
         let given = &self.explained.ready.problem.plant;
         let one = |record: &Record| LevelRun {
@@ -111,13 +112,14 @@ impl Finding<'_, '_> {
     }
 }
 
-/// The first entries of a screen.
+/// Returns the first entries of a screen.
 fn shown(entries: &[Entry], names: &Names) -> Vec<(String, String, f64, f64)> {
     let line = |e: &Entry| (e.placed.effect.name().to_string(), e.placed.place.location(names), e.gain, e.absorbed);
     entries.iter().take(ENTRIES).map(line).collect()
 }
 
-/// Of each of p outputs: frequencies in Hz with the density of its noise, one-sided, from a power spectral density that is the variance for white noise.
+/// Returns, for each of p outputs, frequencies in Hz with the one-sided density of its noise. The model's density is
+/// the variance for white noise.
 fn densities(noise: &NoiseModel, p: usize, rate: f64) -> Vec<Vec<(f64, f64)>> {
     let hz = (1..NOISE_LINES).map(|k| 0.5 * rate * k as f64 / NOISE_LINES as f64);
     let lines: Vec<(f64, DMatrix<C>)> = hz.map(|hz| (hz, noise.density(hz))).collect();

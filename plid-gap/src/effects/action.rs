@@ -1,16 +1,17 @@
 use crate::case::record::Channels;
 use crate::plant::Plant;
 
-/// The command on its way to the structure: m channels, each with `parts` values a sample (held over that part of the sample).
+/// The command on its way to the structure: m channels, each with `parts` values in a sample, held over that part of
+/// the sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Drive {
-    /// Values a sample.
+    /// Number of values in a sample.
     pub parts: usize,
-    /// m channels of samples x parts values.
+    /// Commands: m channels of samples x parts values.
     pub u: Channels,
-    /// Samples a second.
+    /// Sample rate in Hz.
     pub rate: f64,
-    /// Time of the first sample.
+    /// Time of the first sample in s.
     pub t0: f64,
 }
 
@@ -32,49 +33,49 @@ impl Drive {
         self.parts *= each;
     }
 
-    /// Length of a part in s.
+    /// Returns the length of a part in s.
     pub fn step(&self) -> f64 {
         1.0 / (self.rate * self.parts as f64)
     }
 }
 
-/// Changes the command.
+/// A change of the command.
 pub trait Command: Send + Sync {
-    /// In place, from the start of a record.
+    /// Changes the command in place, from the start of a record.
     fn apply(&self, drive: &mut Drive);
 }
 
-/// A force inside the structure, of the displacement d and the velocity v that its port sees.
+/// A force inside the structure that depends on displacement d and velocity v of its port.
 pub trait Force: Send + Sync {
-    /// The force with an internal state (zero at rest; unused by most).
+    /// Returns the force; `state` is an internal state (zero at rest; unused by most effects).
     fn force(&self, d: f64, v: f64, state: f64) -> f64;
 
-    /// The internal state after the displacement has gone from one value to another.
+    /// Returns the internal state after the displacement has changed from one value to another.
     fn advance(&self, _from: f64, _to: f64, state: f64) -> f64 {
         state
     }
 }
 
-/// Changes what a sensor gives, after the filter and before noise.
+/// A change of the sensors' signals, after the filter and before noise.
 pub trait Sensor: Send + Sync {
-    /// In place, p channels from time `t0`.
+    /// Changes the outputs (p channels) in place, from time `t0`.
     fn apply(&self, y: &mut [Vec<f64>], t0: f64, rate: f64);
 }
 
-/// What an effect does to a simulation.
+/// The change of a simulation by an effect.
 pub enum Action {
     /// Changes the command.
     Command(Box<dyn Command>),
     /// Changes the plant before a run.
     Plant(Box<dyn Fn(&mut Plant) + Send + Sync>),
-    /// Multiplies every mode's w^2 by a function of the time.
+    /// Multiplies every mode's w^2 by a function of time.
     Stiffness(Box<dyn Fn(f64) -> f64 + Send + Sync>),
-    /// A force at a port (its number) that depends on the structure's motion.
+    /// Applies a force at a port (its number) that depends on the structure's motion.
     Force(usize, Box<dyn Force>),
-    /// A force at a port (its number) that depends on the time alone, held over a sample.
+    /// Applies a force at a port (its number) that depends on time alone, held over a sample.
     Disturbance(usize, Box<dyn Fn(f64) -> f64 + Send + Sync>),
     /// Changes the outputs.
     Sensor(Box<dyn Sensor>),
-    /// Nothing that a free run shows: more noise, coarser values.
+    /// Changes no free run: more noise, coarser values.
     Noise,
 }

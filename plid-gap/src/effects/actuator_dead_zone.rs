@@ -1,6 +1,6 @@
 use super::{Action, Command, Drive, Effect, Flexible, Parameter, Place, Range, Setting, Side};
 
-/// An actuator that does not answer small commands.
+/// An actuator that does not respond to small commands.
 pub struct ActuatorDeadZone;
 
 impl Effect for ActuatorDeadZone {

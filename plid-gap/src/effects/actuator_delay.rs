@@ -1,6 +1,6 @@
 use super::{Action, Command, Drive, Effect, Flexible, Parameter, Place, Range, Setting, Side};
 
-/// A command that arrives late, at one input or at all.
+/// A delay of the command, at one input or at all.
 pub struct ActuatorDelay;
 
 impl Effect for ActuatorDelay {
@@ -37,10 +37,10 @@ impl Effect for ActuatorDelay {
     }
 }
 
-/// Parts of a sample.
+/// Number of parts of a sample.
 const PARTS: usize = 4;
 
-/// Edges of parts, one after the other, that a step between two of them is spread over.
+/// Number of consecutive edges of parts over which a step between two edges is distributed.
 const EDGES: usize = 6;
 
 struct Delay {
@@ -63,8 +63,9 @@ impl Command for Delay {
     }
 }
 
-/// The first edge that a step after so many parts is spread over, and the weights: Lagrange's, so that its moments are right up to the fifth. What two edges
-/// give made a delay of a tenth of a sample 6 % wrong, and three edges made every delay up to 1 % too short.
+/// Returns the first of these edges for a step after so many parts, and the weights: those of Lagrange's interpolation,
+/// whose moments are exact up to the fifth. With two edges a delay of a tenth of a sample was wrong by 6 %, and with
+/// three edges every delay was up to 1 % too short.
 fn spread(parts: f64) -> (usize, [f64; EDGES]) {
     let first = (parts.floor() as usize).saturating_sub(EDGES / 2 - 1);
     let at = parts - first as f64;

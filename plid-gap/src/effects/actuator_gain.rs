@@ -1,6 +1,6 @@
 use super::{Action, Change, Command, Drive, Effect, Parameter, Place, Range, Setting, Side};
 
-/// An actuator that is stronger or weaker than the simulation has it.
+/// An actuator that is stronger or weaker than in the simulation.
 pub struct ActuatorGain;
 
 impl Effect for ActuatorGain {

@@ -1,10 +1,11 @@
 use super::{Action, Command, Drive, Effect, Flexible, Parameter, Place, Range, Setting, Side};
 
-/// At a reversal u' goes by 1 - alpha of the command. Of 29 hysteretic actuators in development the largest alpha was 0.88, at a gap of 26 %; where what acts
-/// stands still at each reversal, eight fits had 0.95 to 1.18.
+/// Upper limit of alpha. At a reversal, the slope of u' is 1 - alpha of that of the command. Of 29 hysteretic actuators
+/// in development the largest alpha was 0.88, at a gap of 26 %; actuators that stick at each reversal were fitted with
+/// 0.95 to 1.18 in eight cases.
 const STANDS_STILL: f64 = 0.9;
 
-/// A piezo or magnetic actuator whose output depends on where the command came from.
+/// A piezoelectric or magnetic actuator whose output depends on the history of the command.
 pub struct ActuatorHysteresis;
 
 impl Effect for ActuatorHysteresis {
@@ -39,13 +40,14 @@ impl Effect for ActuatorHysteresis {
 
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
         let Place::Input(i) = *place else { return false };
-        // Beyond, it never yields and is a gain; far below, it yields at once and is a shift.
+        // Above, it never yields and is a gain; far below, it yields at once and is a shift.
         (0.005..8.0).contains(&(parameters[1] / setting.u_rms[i]))
     }
 
     fn caveat(&self, parameters: &[f64]) -> Option<&'static str> {
         (parameters[0] > STANDS_STILL).then_some(
-            "alpha is about one: wherever the command turns, what acts stands still, which the hysteresis of a material hardly ever does",
+            "alpha is about one: the actuator stops at every reversal of the command, which material hysteresis hardly \
+            ever causes",
         )
     }
 

@@ -1,7 +1,7 @@
 use super::{Action, Command, Drive, Effect, Flexible, Parameter, Place, Range, Setting, Side};
 use std::f64::consts::TAU;
 
-/// An actuator that is slower or faster than the simulation has it.
+/// An actuator that is slower or faster than in the simulation.
 pub struct ActuatorLag;
 
 impl Effect for ActuatorLag {
@@ -49,10 +49,10 @@ impl Effect for ActuatorLag {
     }
 }
 
-/// Parts of a sample: within one the mean of the lagged command is used.
+/// Number of parts of a sample. Within a part the mean of the lagged command is used.
 const PARTS: usize = 8;
 
-/// (1 + s / from) / (1 + s / to); without `from` a pole that is added.
+/// (1 + s / from) / (1 + s / to); without `from` an additional pole.
 struct Lag {
     i: usize,
     from: Option<f64>,

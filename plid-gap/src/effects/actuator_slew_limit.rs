@@ -31,7 +31,7 @@ impl Effect for ActuatorSlewLimit {
 
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
         let Place::Input(i) = *place else { return false };
-        // A step still takes a part of a sample; beyond, no more than a hundredth.
+        // At this value a step takes a part of a sample; above it, less than a hundredth.
         parameters[0] < 50.0 * setting.u_slope[i]
     }
 
@@ -45,7 +45,7 @@ impl Effect for ActuatorSlewLimit {
     }
 }
 
-/// Parts of a sample: within one the mean of the ramp is used.
+/// Number of parts of a sample. Within a part the mean of the ramp is used.
 const PARTS: usize = 8;
 
 struct Slew {
@@ -62,7 +62,7 @@ impl Command for Slew {
             let (from, far) = (now, *u - now);
             if far.abs() <= most {
                 now = *u;
-                // The ramp takes a share of the part, and the command is held for what is left.
+                // The ramp lasts for a share of the part, and the command is held for the remainder.
                 *u = now - 0.5 * far * far.abs() / most;
             } else {
                 now += most * far.signum();

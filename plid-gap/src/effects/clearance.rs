@@ -38,7 +38,7 @@ impl Effect for Clearance {
     }
 
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
-        // Below, it is a spring; beyond, it is hardly ever reached.
+        // Below, it is a spring; above, it is hardly ever reached.
         (0.02..5.0).contains(&(parameters[1] / setting.d_rms[setting.port(place)]))
     }
 

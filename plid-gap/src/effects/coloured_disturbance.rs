@@ -1,6 +1,6 @@
 use super::{Action, Effect, Observation, Parameter, Place, Range, Setting, Side};
 
-/// A random force in a band. Its places are where such a force is found.
+/// A random force in a frequency band. Its location is where the noise model finds the force.
 pub struct ColouredDisturbance;
 
 impl Effect for ColouredDisturbance {

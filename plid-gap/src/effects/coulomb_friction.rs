@@ -35,7 +35,7 @@ impl Effect for CoulombFriction {
     }
 
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
-        // Beyond, it is a linear damper.
+        // Above, it is a linear damper.
         parameters[1] < 4.0 * setting.v_rms[setting.port(place)]
     }
 

@@ -1,5 +1,6 @@
-//! Flexible siblings: the same signal at the same place, with a free shape. They are fitted beside an effect whose own shape does not
-//! suffice, and never named: they tell "this place, another shape" from "something else".
+//! Free shapes: effects on the same signal at the same location, with a free characteristic. A free shape is fitted
+//! together with an effect whose own characteristic does not suffice, and is never named. It distinguishes "this
+//! location, another shape" from "something else".
 
 use super::{Action, Command, Drive, Effect, Force, Parameter, Place, Range, Sensor, Setting, Side};
 
@@ -20,36 +21,37 @@ pub enum Flexible {
     Path,
     /// A static curve of an output.
     Sensor,
-    /// Values of an output about it.
+    /// Preceding and following values of an output.
     SensorPath,
     /// All stiffnesses over time.
     StiffnessCourse,
     /// An actuator's gain over time.
     GainCourse,
-    /// A sensor's zero over time.
+    /// A sensor's offset over time.
     ZeroCourse,
 }
 
-/// Knots of static curves in RMS of their signal: between two of them the slope changes evenly. The first ones are for what happens about zero, play and
-/// steps, the last ones for rails that only peaks reach.
+/// Knots of static curves, in RMS of their signal. The slope is linear between knots. The first ones represent backlash
+/// and steps about zero, the last ones limits that only peaks reach.
 const KNOTS: [f64; 8] = [0.0, 0.1, 0.3, 0.8, 1.4, 2.0, 2.8, 3.8];
 
-/// Widths of smoothed steps of the velocity in RMS.
+/// Widths of smoothed steps of the velocity, in RMS.
 const STEPS: [f64; 4] = [0.03, 0.12, 0.4, 1.5];
 
-/// Yield points in RMS.
+/// Yield points, in RMS.
 const YIELDS: [f64; 4] = [0.2, 0.6, 1.5, 4.0];
 
-/// Earlier values of a command: in half samples.
+/// Number of earlier values of a command, half a sample apart.
 const TAPS: usize = 4;
 
-/// Other values of an output, in samples before it. One is later: what a delay between two samples smooths, it smooths on both sides.
+/// Other values of an output, in samples before it. One is later, because a delay between two samples smooths on both
+/// sides.
 const AROUND: [isize; 4] = [-1, 1, 2, 3];
 
-/// Where a course over time may turn, as shares of the records' duration.
+/// Times at which a course may change its slope, as shares of the records' duration.
 const TURNS: [f64; 5] = [0.08, 0.2, 0.38, 0.6, 0.8];
 
-/// All siblings.
+/// All free shapes.
 const ALL: [Flexible; 11] = [
     Flexible::Stiffness,
     Flexible::Damping,
@@ -65,12 +67,12 @@ const ALL: [Flexible; 11] = [
 ];
 
 impl Flexible {
-    /// A sibling by its own name.
+    /// Returns the free shape of this name.
     pub fn named(name: &str) -> Option<&'static Self> {
         ALL.iter().find(|sibling| sibling.name() == name)
     }
 
-    /// Whether it can do without the effect: behind one that cuts peaks off, no curve brings them back.
+    /// Returns whether the free shape can replace the effect. After an effect that clips peaks, no curve restores them.
     pub(crate) fn stands_alone(self) -> bool {
         matches!(self, Self::Command | Self::Sensor)
     }
@@ -86,7 +88,7 @@ impl Flexible {
         }
     }
 
-    /// In units of what its curve is drawn: the signal's, and where they are not the same the curve's.
+    /// Returns the unit in which its curve is given: that of the signal, or of the curve if they differ.
     pub fn units(self, setting: &Setting, place: &Place) -> [f64; 2] {
         match (self, place) {
             (Self::Stiffness | Self::Joint, _) => {
@@ -105,7 +107,7 @@ impl Flexible {
         }
     }
 
-    /// What a sibling with these units does.
+    /// Returns the actions of a free shape with these units.
     pub fn act_in(self, setting: &Setting, place: &Place, [unit, size]: [f64; 2], shape: &[f64]) -> Vec<Action> {
         let shape = shape.to_vec();
         match (self, place) {
@@ -167,23 +169,27 @@ impl Effect for Flexible {
     fn equation(&self) -> &'static str {
         match self {
             Self::Stiffness => {
-                "f = -size B(d/unit); B(x) = sign(x) (s_1 abs(x) + sum_k s_k R_k(abs(x))), k = 2..8, where R_k' rises from 0 to 1 between the knots K = 0, 0.1, 0.3, 0.8, 1.4, 2, 2.8, 3.8; s_9..s_16 where x < 0"
+                "f = -size B(d/unit); B(x) = sign(x) (s_1 abs(x) + sum_k s_k R_k(abs(x))), k = 2..8, where R_k' rises \
+                from 0 to 1 between the knots K = 0, 0.1, 0.3, 0.8, 1.4, 2, 2.8, 3.8; s_9..s_16 where x < 0"
             }
             Self::Damping => {
                 "x = v/unit; f = -size (sum_k s_k tanh(x/W_k) + s_5 x abs(x) + s_6 x^2), W = 0.03, 0.12, 0.4, 1.5"
             }
             Self::Joint => {
-                "f = -(size/unit) sum_k s_k z_k; dz_k/dt = v - (abs(v) z_k + v abs(z_k)) / (2 Y_k unit), Y = 0.2, 0.6, 1.5, 4"
+                "f = -(size/unit) sum_k s_k z_k; dz_k/dt = v - (abs(v) z_k + v abs(z_k)) / (2 Y_k unit), Y = 0.2, 0.6, \
+                1.5, 4"
             }
             Self::Command => {
-                "u' = u + unit B(u/unit); B(x) = sign(x) (s_1 abs(x) + sum_k s_k R_k(abs(x))), k = 2..8, where R_k' rises from 0 to 1 between the knots K = 0, 0.1, 0.3, 0.8, 1.4, 2, 2.8, 3.8; s_9..s_16 where x < 0"
+                "u' = u + unit B(u/unit); B(x) = sign(x) (s_1 abs(x) + sum_k s_k R_k(abs(x))), k = 2..8, where R_k' \
+                rises from 0 to 1 between the knots K = 0, 0.1, 0.3, 0.8, 1.4, 2, 2.8, 3.8; s_9..s_16 where x < 0"
             }
             Self::Hysteresis => {
                 "u' = u - sum_k s_k z_k; dz_k = du - (abs(du) z_k + du abs(z_k)) / (2 Y_k unit), Y = 0.2, 0.6, 1.5, 4"
             }
             Self::Path => "u'(t) = u(t) + sum_k s_k (u(t - k/2 samples) - u(t)), k = 1..4",
             Self::Sensor => {
-                "y' = y + unit B(y/unit); B(x) = sign(x) (s_1 abs(x) + sum_k s_k R_k(abs(x))), k = 2..8, where R_k' rises from 0 to 1 between the knots K = 0, 0.1, 0.3, 0.8, 1.4, 2, 2.8, 3.8; s_9..s_16 where x < 0"
+                "y' = y + unit B(y/unit); B(x) = sign(x) (s_1 abs(x) + sum_k s_k R_k(abs(x))), k = 2..8, where R_k' \
+                rises from 0 to 1 between the knots K = 0, 0.1, 0.3, 0.8, 1.4, 2, 2.8, 3.8; s_9..s_16 where x < 0"
             }
             Self::SensorPath => "y'(k) = y(k) + sum_j s_j (y(k - j) - y(k)), j = -1, 1, 2, 3",
             Self::StiffnessCourse => {
@@ -216,7 +222,7 @@ impl Effect for Flexible {
     }
 }
 
-/// Straight pieces over time, each of which begins at a turn and goes on.
+/// Returns a piecewise linear course over time: each piece begins at a change of slope and continues.
 fn course(share: f64, shape: &[f64]) -> f64 {
     shape.iter().zip(TURNS).map(|(c, turn)| c * (share - turn).max(0.0)).sum()
 }
@@ -252,7 +258,8 @@ impl Sensor for ZeroOverTime {
     }
 }
 
-/// A curve of continuous slope on either side of zero: a straight line, and for each two knots beside each other what its slope changes by between them.
+/// Returns a curve of continuous slope on either side of zero: a straight line, and for each pair of adjacent knots the
+/// change of its slope between them.
 fn characteristic(x: f64, shape: &[f64]) -> f64 {
     let side = if x >= 0.0 { &shape[..KNOTS.len()] } else { &shape[KNOTS.len()..] };
     let (sign, x) = (x.signum(), x.abs());
@@ -260,7 +267,7 @@ fn characteristic(x: f64, shape: &[f64]) -> f64 {
     sign * (side[0] * x + changed)
 }
 
-/// Zero up to the first knot; from there on its slope rises evenly, to one at the second.
+/// Returns zero up to the first knot; from there the slope rises linearly to one at the second.
 fn ramp(x: f64, from: f64, to: f64) -> f64 {
     let (width, past) = (to - from, (x - from).max(0.0));
     if past < width { past * past / (2.0 * width) } else { past - width / 2.0 }
@@ -390,7 +397,7 @@ impl Sensor for OutputTaps {
     fn apply(&self, y: &mut [Vec<f64>], _t0: f64, _rate: f64) {
         let from = y[self.o].clone();
         let last = from.len().saturating_sub(1);
-        // Zero before the record; behind it the last value.
+        // Zero before the record; after it the last value.
         let at = |k: usize, back: isize| k.checked_add_signed(-back).map_or(0.0, |k| from[k.min(last)]);
         for (k, y) in y[self.o].iter_mut().enumerate() {
             let more = self.shape.iter().zip(AROUND).map(|(c, back)| c * (at(k, back) - from[k]));

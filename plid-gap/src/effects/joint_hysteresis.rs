@@ -2,8 +2,8 @@ use super::{Action, Effect, Flexible, Force, Parameter, Place, Range, Setting, S
 
 /// A joint that slips: an elastic element in series with friction (Bouc-Wen with n = 1).
 ///
-/// On a mode alone it is a joint that the simulation holds for stuck, as one does that was identified at a low level: its spring k is
-/// part of the mode's stiffness, and is taken out there.
+/// On a single mode it is a joint that the simulation takes for stuck, as a simulation that was identified at a low
+/// level does: its spring k is part of the mode's stiffness and is removed there.
 pub struct JointHysteresis;
 
 impl Effect for JointHysteresis {
@@ -41,7 +41,7 @@ impl Effect for JointHysteresis {
     }
 
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
-        // Beyond, it never yields and is a spring; far below, it is Coulomb friction.
+        // Above, it never yields and is a spring; far below, it is Coulomb friction.
         (0.01..10.0).contains(&(parameters[1] / setting.d_rms[setting.port(place)]))
     }
 

@@ -7,13 +7,13 @@ use super::{
     StiffnessDrift,
 };
 
-/// The effects that a diagnosis knows.
+/// The effects of a diagnosis.
 pub struct Library {
     effects: Vec<Box<dyn Effect>>,
 }
 
 impl Library {
-    /// The whole vocabulary.
+    /// Returns the whole vocabulary.
     pub fn standard() -> Self {
         let effects: Vec<Box<dyn Effect>> = vec![
             Box::new(ActuatorCrosstalk),
@@ -52,34 +52,34 @@ impl Library {
         Self { effects }
     }
 
-    /// With one effect more.
+    /// Adds an effect.
     pub fn with(mut self, effect: Box<dyn Effect>) -> Self {
         self.effects.push(effect);
         self
     }
 
-    /// Without the effects of these names.
+    /// Removes the effects of these names.
     pub fn without(mut self, names: &[String]) -> Self {
         self.effects.retain(|effect| !names.iter().any(|name| name == effect.name()));
         self
     }
 
-    /// All effects.
+    /// Returns all effects.
     pub fn effects(&self) -> impl Iterator<Item = &dyn Effect> {
         self.effects.iter().map(AsRef::as_ref)
     }
 
-    /// An effect by its name.
+    /// Returns an effect by its name.
     pub fn get(&self, name: &str) -> Option<&dyn Effect> {
         self.effects().find(|effect| effect.name() == name)
     }
 
-    /// How many there are.
+    /// Returns the number of effects.
     pub fn len(&self) -> usize {
         self.effects.len()
     }
 
-    /// Whether there is none.
+    /// Returns whether there is no effect.
     pub fn is_empty(&self) -> bool {
         self.effects.is_empty()
     }

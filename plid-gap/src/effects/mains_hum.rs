@@ -1,13 +1,14 @@
 use super::{Action, Effect, Parameter, Place, Range, Sensor, Setting, Side};
 use std::f64::consts::{PI, TAU};
 
-/// Hz.
+/// Mains frequencies in Hz.
 const MAINS: [f64; 2] = [50.0, 60.0];
 
-/// Harmonics beside the mains itself: rectifiers make odd ones, half-wave loads and poor symmetry the second.
+/// Harmonics in addition to the mains frequency: rectifiers make odd ones; half-wave loads and poor symmetry make the
+/// second.
 const HARMONICS: [u32; 3] = [2, 3, 5];
 
-/// The mains in a sensor line, with its harmonics.
+/// Mains hum on a sensor line, with its harmonics.
 pub struct MainsHum;
 
 impl Effect for MainsHum {

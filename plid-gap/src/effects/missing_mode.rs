@@ -4,10 +4,10 @@ use super::{Action, Effect, Parameter, Place, Range, Setting, Side};
 use crate::fourier::C;
 use crate::plant::Plant;
 
-/// A mode that the simulation does not have: q" + 2 zeta w q' + w^2 q = b.a. Each output senses, of c q, what it senses of
-/// the other modes: the displacement, the velocity or the acceleration.
+/// A mode that the simulation lacks: q" + 2 zeta w q' + w^2 q = b.a. Each output measures the same derivative of c q as
+/// of the other modes.
 ///
-/// Its forces pass the actuators' poles and its motion the filters, as far as the simulation shows them.
+/// Its forces pass the actuators and its motion the filters, as far as the simulation shows them.
 pub struct MissingMode;
 
 impl Effect for MissingMode {
@@ -57,7 +57,7 @@ impl Effect for MissingMode {
     }
 }
 
-/// Appends the mode; `c` is brought to norm one, so that its scale is in `b` alone.
+/// Appends the mode; `c` is normalised, which leaves the scale in `b` alone.
 fn add(plant: &mut Plant, parameters: &[f64]) {
     let (m, p) = (plant.m, plant.p);
     let (w, zeta) = (TAU * parameters[0], parameters[1].min(0.99));

@@ -1,8 +1,8 @@
-//! The vocabulary: what may be missing from a simulation, one file an effect.
+//! The vocabulary: effects that a simulation may lack, one file for each.
 //!
-//! An effect says where it may act ([`Effect::places`]), from which values a fit starts ([`Effect::starts`]) and what it does to a
-//! simulation ([`Effect::act`]). Everything else (screen, fit, comparison, report, prediction) works on any effect, so that an
-//! effect of your own is one file and one line in [`Library::standard`] or [`Library::with`].
+//! An effect says where it may act ([`Effect::places`]), from which values a fit starts ([`Effect::starts`]) and how it
+//! changes a simulation ([`Effect::act`]). Everything else (screen, fit, comparison, report, prediction) works on any
+//! effect. A further effect is therefore one file and one line in [`Library::standard`] or [`Library::with`].
 
 mod action;
 mod actuator_crosstalk;
@@ -82,19 +82,19 @@ pub use sensor_saturation::SensorSaturation;
 pub use setting::Setting;
 pub use stiffness_drift::StiffnessDrift;
 
-/// Where in the chain an effect acts.
+/// The part of the signal path in which an effect acts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Side {
     /// Between the command and the structure.
     Actuator,
-    /// Inside.
+    /// Inside the structure.
     Structure,
     /// Between the structure and the record.
     Sensor,
     /// A force that no command causes.
     Disturbance,
-    /// Something that changes while the records are taken.
+    /// A change during the records.
     Time,
 }
 
@@ -103,9 +103,9 @@ pub enum Side {
 pub enum Observation {
     /// In free runs, whose outputs it changes: the search fits it.
     FreeRun,
-    /// In raw values: the steps of a converter. Parameters: step, and the share of it that is cut off (0 or 0.5).
+    /// In raw values: the steps of a converter. Parameters: step, and the share of it that is truncated (0 or 0.5).
     Quantisation,
-    /// In raw values: samples that repeat. Parameter: their rate.
+    /// In raw values: repeated samples. Parameter: their rate.
     Dropouts,
     /// In quiet records: the noise of one sensor. Parameter: its standard deviation.
     SensorNoise,
@@ -113,156 +113,161 @@ pub enum Observation {
     Band,
 }
 
-/// What values a parameter can take, and how a fit steps through them.
+/// The values that a parameter can take, and the steps of a fit in it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Range {
     /// Any sign; zero means no effect. Steps are a share of the start.
     Signed,
-    /// Above zero; steps in the logarithm.
+    /// Positive; steps in the logarithm.
     Positive,
-    /// A frequency in Hz: steps are a small share of a line's width over all records.
+    /// A frequency in Hz; steps are a small share of a line's width over all records.
     Hz,
     /// An angle in rad.
     Angle,
-    /// An entry of a vector of which only the direction counts; steps as of [`Range::Signed`].
+    /// An entry of a vector of which only the direction counts; steps as for [`Range::Signed`].
     Direction,
 }
 
 /// A parameter of an effect.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameter {
-    /// As in the equation.
+    /// Its name in the equation.
     pub name: String,
-    /// In the channels' and ports' own units.
+    /// Its unit, in terms of the units of channels and ports.
     pub unit: String,
-    /// What it can be.
+    /// Its range.
     pub range: Range,
 }
 
 impl Parameter {
-    /// A parameter.
+    /// Creates a parameter.
     pub fn new(name: impl Into<String>, unit: impl Into<String>, range: Range) -> Self {
         Self { name: name.into(), unit: unit.into(), range }
     }
 }
 
-/// A number of the simulation, as it is and as it should be.
+/// A parameter of the simulation, as it is and as it should be.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Change {
-    /// Which one, in words.
+    /// Its name in words.
     pub number: String,
-    /// As the simulation has it.
+    /// Its value in the simulation.
     pub from: f64,
-    /// As the records have it.
+    /// Its value in the records.
     pub to: f64,
-    /// Of both.
+    /// The unit of both.
     pub unit: &'static str,
 }
 
 impl Change {
-    /// A number without unit.
+    /// Creates a change of a number without unit.
     fn of(number: String, from: f64, to: f64) -> Option<Self> {
         Some(Self { number, from, to, unit: "1" })
     }
 }
 
-/// Something that a simulation may lack.
+/// An effect that a simulation may lack.
 pub trait Effect: Send + Sync {
     /// Its identifier.
     fn name(&self) -> &'static str;
 
-    /// Where in the chain it acts.
+    /// Returns the part of the signal path in which it acts.
     fn side(&self) -> Side;
 
-    /// What it does, as a line of mathematics.
+    /// Returns its equation in one line.
     fn equation(&self) -> &'static str;
 
-    /// In the order in which [`Effect::act`] takes them.
+    /// Returns its parameters in the order in which [`Effect::act`] takes them.
     fn parameters(&self, setting: &Setting) -> Vec<Parameter>;
 
-    /// All places where it may act on this simulation and these records.
+    /// Returns all locations at which it may act, in this simulation and these records.
     fn places(&self, setting: &Setting) -> Vec<Place>;
 
-    /// Values from which to look for it there: a coarse grid over what is not linear, with moderate sizes.
+    /// Returns values from which a fit starts at a location: a coarse grid over parameters in which the output is
+    /// nonlinear, with moderate sizes.
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>>;
 
-    /// The parameter in which the output is linear near the value at which the effect vanishes, and that value, if there is one:
-    /// the screen finds the size without a fit.
+    /// Returns the parameter in which the output is linear near the value at which the effect vanishes, with that
+    /// value, if there is one. The screen then finds the size without a fit.
     fn amplitude(&self) -> Option<(usize, f64)> {
         None
     }
 
-    /// Whether its number is one that the bounded refit has too, within the stated limits.
+    /// Returns whether the bounded refit has its parameter too, within the stated limits.
     fn is_in_refit(&self) -> bool {
         false
     }
 
-    /// Whether it is no more than a number of the simulation. A refit can spread such a number over the shapes of all modes, so it is tried again beside an
-    /// explanation that leaves more than noise.
+    /// Returns whether it only changes a parameter of the simulation. A refit can distribute such a change over the
+    /// shapes of all modes, so the effect is tried again with an explanation that leaves more than noise.
     fn is_number(&self) -> bool {
         self.is_in_refit()
     }
 
-    /// Where it can be observed. All but effects in free runs are stochastic: a free run cannot show them.
+    /// Returns where it can be observed. An effect that does not change a free run is stochastic.
     fn observed_in(&self) -> Observation {
         Observation::FreeRun
     }
 
-    /// The free shape that is fitted beside it or in its place where its own shape does not suffice; none for an effect without a shape.
+    /// Returns the free shape that is fitted with it or in its place if its own shape does not suffice; `None` for an
+    /// effect without a shape.
     fn free_shape(&self) -> Option<&'static Flexible> {
         None
     }
 
-    /// The parameter that is the phase of a sinusoidal disturbance. Such a phase may change from record to record; the line is then named, but no
-    /// simulation predicts it.
+    /// Returns the parameter that is the phase of a sinusoidal disturbance. Such a phase may change from record to
+    /// record; the line is then named, but no simulation can predict it.
     fn phase(&self) -> Option<usize> {
         None
     }
 
-    /// Whether it adds a resonance to the simulation. Its places come from the frequency response of random records, which needs as many stretches as there
-    /// are inputs.
+    /// Returns whether it adds a resonance to the simulation. Its locations come from the frequency response of random
+    /// records, which needs at least as many stretches as inputs.
     fn adds_mode(&self) -> bool {
         false
     }
 
-    /// Numbers of the simulation or of the records that its equation uses, as name, value and unit. They are written beside its parameters.
+    /// Returns the numbers of the simulation or of the records that its equation uses, as name, value and unit. They
+    /// are written together with its parameters.
     fn given(&self, _setting: &Setting, _place: &Place) -> Vec<(&'static str, f64, &'static str)> {
         Vec::new()
     }
 
-    /// Whether the parameters still mean what the name says: a hysteresis that never yields is a gain, a gap that is never closed is
-    /// nothing.
+    /// Returns whether the parameters still mean what the name says. A hysteresis that never yields is a gain, and a
+    /// gap that never closes is no effect.
     fn sound(&self, _setting: &Setting, _place: &Place, _parameters: &[f64]) -> bool {
         true
     }
 
-    /// Why something else may be at work although these parameters fit: they are at the limit of what the name means. One clause, for a report.
+    /// Returns why something else may be the cause although these parameters fit: they are at the limit of what the
+    /// name means. One clause, for a report.
     fn caveat(&self, _parameters: &[f64]) -> Option<&'static str> {
         None
     }
 
-    /// Where it is once it is fitted: a frequency that is looked for may have moved far from its start.
+    /// Returns its location after the fit: a fitted frequency may be far from its start.
     fn fitted_place(&self, place: &Place, _parameters: &[f64]) -> Place {
         place.clone()
     }
 
-    /// Which number of the simulation it changes, where it does no more; none for what takes an equation of its own.
+    /// Returns the parameter of the simulation that it changes, if that is all; `None` for an effect with an equation
+    /// of its own.
     fn change(&self, _setting: &Setting, _place: &Place, _parameters: &[f64]) -> Option<Change> {
         None
     }
 
-    /// What it does with these parameters there.
+    /// Returns its actions with these parameters at a location.
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action>;
 }
 
 impl dyn Effect + '_ {
-    /// Whether a free run cannot show it.
+    /// Returns whether a free run cannot show it.
     pub fn is_stochastic(&self) -> bool {
         self.observed_in() != Observation::FreeRun
     }
 }
 
-/// All ordered pairs of different channels.
+/// Returns all ordered pairs of different channels.
 fn pairs(count: usize, of: fn(usize, usize) -> Place) -> Vec<Place> {
     (0..count).flat_map(|i| (0..count).filter(move |&j| j != i).map(move |j| of(i, j))).collect()
 }

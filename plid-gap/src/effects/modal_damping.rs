@@ -2,7 +2,7 @@ use super::{Action, Change, Effect, Parameter, Place, Range, Setting, Side};
 use crate::fourier::C;
 use crate::plant::plain_hz;
 
-/// One mode with another damping ratio than the simulation has it.
+/// A mode whose damping ratio differs from that of the simulation.
 pub struct ModalDamping;
 
 impl Effect for ModalDamping {

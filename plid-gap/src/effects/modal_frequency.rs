@@ -1,10 +1,10 @@
 use super::{Action, Change, Effect, Parameter, Place, Range, Setting, Side};
 use crate::plant::plain_hz;
 
-/// No mode is looked for further from where it was.
+/// Largest relative change of a mode's frequency.
 const FARTHEST: f64 = 0.4;
 
-/// One mode at another frequency than the simulation has it.
+/// A mode whose frequency differs from that of the simulation.
 pub struct ModalFrequency;
 
 impl Effect for ModalFrequency {
@@ -28,7 +28,7 @@ impl Effect for ModalFrequency {
         setting.modes()
     }
 
-    /// A mode that has gone far looks like a missing one where it is now.
+    /// A mode that has moved far looks like a missing mode at its new frequency.
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
         let mut starts = vec![0.004, -0.004, 0.012, -0.012, 0.03, -0.03];
         if let Place::Mode(k) = *place {

@@ -1,7 +1,7 @@
 use super::{Action, Effect, Parameter, Place, Range, Setting, Side};
 use std::f64::consts::{PI, TAU};
 
-/// A machine nearby that shakes the structure at one frequency.
+/// A machine that shakes the structure at one frequency.
 pub struct NarrowbandDisturbance;
 
 impl Effect for NarrowbandDisturbance {

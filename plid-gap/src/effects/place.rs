@@ -2,15 +2,15 @@ use std::fmt;
 
 use crate::plant::plain_hz;
 
-/// How the names of ports on one mode alone begin; the mode's frequency follows.
+/// Prefix of the names of ports on single modes; the mode's frequency follows.
 pub(crate) const ON_A_MODE: &str = "mode:";
 
-/// Where an effect acts. Channels count from zero here and are written by name.
+/// The location at which an effect acts. Channels count from zero here and are written by name.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Place {
     /// One input, or the port of one input.
     Input(usize),
-    /// All inputs alike.
+    /// All inputs equally.
     AllInputs,
     /// From one input into another.
     InputToInput(usize, usize),
@@ -18,33 +18,33 @@ pub enum Place {
     Output(usize),
     /// From one output into another.
     OutputToOutput(usize, usize),
-    /// A port that no input has (its number): declared, or on one mode alone.
+    /// A port that belongs to no input (its number): declared, or on a single mode.
     Port(usize),
     /// One mode of the simulation, by its number.
     Mode(usize),
     /// The whole structure.
     Structure,
-    /// A frequency in Hz: of a mode that is missing.
+    /// The frequency of a missing mode in Hz.
     MissingMode(f64),
-    /// A frequency in Hz: of a disturbance that enters at a port.
+    /// The frequency in Hz of a disturbance, and the port at which it enters.
     Frequency(f64, usize),
 }
 
-/// Names for places.
+/// Names of locations.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Names {
-    /// Of the inputs.
+    /// Names of the inputs.
     pub inputs: Vec<String>,
-    /// Of the outputs.
+    /// Names of the outputs.
     pub outputs: Vec<String>,
-    /// Of the ports.
+    /// Names of the ports.
     pub ports: Vec<String>,
-    /// Of the modes, in Hz.
+    /// Frequencies of the modes in Hz.
     pub modes_hz: Vec<f64>,
 }
 
 impl Place {
-    /// As diagnosis.json says it.
+    /// Returns the location as in diagnosis.json.
     pub fn location(&self, names: &Names) -> String {
         Located { place: self, names }.to_string()
     }

@@ -3,7 +3,7 @@ use std::f64::consts::TAU;
 
 use crate::fourier::C;
 
-/// A channel that is sampled late.
+/// A delay of an output.
 pub struct SensorDelay;
 
 impl Effect for SensorDelay {
@@ -52,7 +52,7 @@ impl Sensor for Delay {
     }
 }
 
-/// A delay by any number of samples, of linear phase over the whole band; zero before the record.
+/// Delays a channel by any number of samples, with linear phase over the whole band; zero before the record.
 fn delay(y: &mut [f64], samples: f64) {
     let length = crate::fourier::good_length(y.len() + samples.ceil() as usize + 64);
     let mut padded = y.to_vec();

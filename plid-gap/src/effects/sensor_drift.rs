@@ -1,6 +1,6 @@
 use super::{Action, Effect, Flexible, Parameter, Place, Range, Sensor, Setting, Side};
 
-/// A sensor whose zero moves with time.
+/// A sensor whose offset changes with time.
 pub struct SensorDrift;
 
 impl Effect for SensorDrift {

@@ -1,6 +1,6 @@
 use super::{Action, Effect, Observation, Parameter, Place, Range, Setting, Side};
 
-/// A channel that repeats its last good value now and then.
+/// A channel that sometimes repeats its last good value.
 pub struct SensorDropout;
 
 impl Effect for SensorDropout {

@@ -1,6 +1,6 @@
 use super::{Action, Change, Effect, Parameter, Place, Range, Sensor, Setting, Side};
 
-/// A sensor whose calibration is off.
+/// A sensor with a calibration error.
 pub struct SensorGain;
 
 impl Effect for SensorGain {

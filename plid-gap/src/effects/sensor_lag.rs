@@ -1,7 +1,7 @@
 use super::{Action, Effect, Flexible, Parameter, Place, Range, Sensor, Setting, Side};
 use std::f64::consts::TAU;
 
-/// A sensor with a low-pass filter that the simulation does not have.
+/// A sensor with a low-pass filter that the simulation lacks.
 pub struct SensorLag;
 
 impl Effect for SensorLag {

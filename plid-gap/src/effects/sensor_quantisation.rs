@@ -1,7 +1,7 @@
 use super::{Action, Effect, Observation, Parameter, Place, Range, Sensor, Setting, Side};
 
-/// A converter that is coarser than the others: found in the codes of the raw records. One that rounds changes no free run; one that cuts bits off draws
-/// every value towards zero by half a step in the mean.
+/// A converter that is coarser than the others, found in the raw values. If it rounds, no free run changes. If it
+/// truncates, it moves every value towards zero by half a step on average.
 pub struct SensorQuantisation;
 
 impl Effect for SensorQuantisation {
@@ -14,7 +14,8 @@ impl Effect for SensorQuantisation {
     }
 
     fn equation(&self) -> &'static str {
-        "y' = q round(y/q) where cut = 0; where bits are cut off, cut = 0.5 and y' = q trunc(y/q), in the mean sgn(y) max(|y| - cut q, 0)"
+        "y' = q round(y/q) where cut = 0; where bits are cut off, cut = 0.5 and y' = q trunc(y/q), in the mean sgn(y) \
+        max(|y| - cut q, 0)"
     }
 
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {

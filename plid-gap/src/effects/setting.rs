@@ -6,7 +6,7 @@ use crate::plant::Plant;
 use crate::signal::peaks::MissingModeStart;
 use crate::signal::tones::Tone;
 
-/// What an effect may know of the simulation and of the records, to choose places and starts.
+/// Properties of the simulation and of the records by which an effect chooses its locations and starts.
 #[derive(Debug, Clone)]
 pub struct Setting {
     /// The simulation.
@@ -21,24 +21,24 @@ pub struct Setting {
     pub y_rms: Vec<f64>,
     /// Largest magnitude of each measured output (p).
     pub y_max: Vec<f64>,
-    /// RMS of displacement and velocity at each port, simulated at the highest level.
+    /// RMS of the displacement at each port, simulated at the highest level.
     pub d_rms: Vec<f64>,
-    /// See `d_rms`.
+    /// RMS of the velocity at each port.
     pub v_rms: Vec<f64>,
-    /// Force at each port that moves the structure by about as much as one volt at its input.
+    /// Force at each port that moves the structure about as much as one volt at its input.
     pub force: Vec<f64>,
-    /// Stiffness that each port meets: force over the displacement that it makes at rest.
+    /// Stiffness at each port: the force over the static displacement that it causes.
     pub stiffness: Vec<f64>,
-    /// From the start of the first record to the end of the last, in s.
+    /// Time from the start of the first record to the end of the last, in s.
     pub duration_s: f64,
-    /// Lines in what the linear simulation leaves.
+    /// Lines in the residual of the linear simulation.
     pub tones: Vec<Tone>,
-    /// A mode that the residual's frequency response shows, if any.
+    /// Modes that the residual's frequency response suggests.
     pub missing: Vec<MissingModeStart>,
 }
 
 impl Setting {
-    /// Names and places only: what a prediction needs, which has no statistics of records.
+    /// Creates names and locations only, which is all that a prediction needs.
     pub fn bare(plant: &Plant, model: &Model) -> Self {
         Self {
             plant: plant.clone(),
@@ -62,53 +62,53 @@ impl Setting {
         }
     }
 
-    /// Inputs by number.
+    /// Returns the inputs by number.
     pub fn inputs(&self) -> Vec<Place> {
         (0..self.plant.m).map(Place::Input).collect()
     }
 
-    /// Outputs by number.
+    /// Returns the outputs by number.
     pub fn outputs(&self) -> Vec<Place> {
         (0..self.plant.p).map(Place::Output).collect()
     }
 
-    /// Modes by number.
+    /// Returns the modes by number.
     pub fn modes(&self) -> Vec<Place> {
         (0..self.plant.modes.len()).map(Place::Mode).collect()
     }
 
-    /// Places of internal forces: the ports of the inputs, then the other ports.
+    /// Returns the locations of internal forces: the ports of the inputs, then the other ports.
     pub fn joints(&self) -> Vec<Place> {
         let ports = self.plant.ports.iter().enumerate();
         ports.map(|(k, port)| port.input.map_or(Place::Port(k), Place::Input)).collect()
     }
 
-    /// The places of [`Setting::joints`] whose displacement is known.
+    /// Returns the locations of [`Setting::joints`] whose displacement is known.
     pub fn springs(&self) -> Vec<Place> {
         let sees = |place: &Place| self.plant.ports[self.port(place)].sees_displacement();
         self.joints().into_iter().filter(sees).collect()
     }
 
-    /// Whether a port is on one mode alone.
+    /// Returns whether a port is on a single mode.
     pub fn is_on_a_mode(&self, port: usize) -> bool {
         self.names.ports[port].starts_with(ON_A_MODE)
     }
 
-    /// Multiples of a start at which an internal force is 1, 3 and 10 % of the spring's there: what shifts a resonance by more than its width
-    /// cannot be guessed from a small change.
+    /// Multiples of a start at which an internal force is 1, 3 and 10 % of the spring force there. A shift of a
+    /// resonance by more than its width cannot be extrapolated from a small change.
     pub(crate) fn bold_sizes(&self, port: usize) -> Vec<f64> {
         if !(self.force[port] > 0.0) {
             return vec![1.0];
         }
-        // Starts are of a hundredth of `force`.
+        // Starts have a hundredth of `force`.
         let spring = self.stiffness[port] * self.d_rms[port] / (0.01 * self.force[port]);
         [0.01, 0.03, 0.1].map(|share| share * spring).to_vec()
     }
 
-    /// The number of the port at a place.
+    /// Returns the number of the port at a location.
     ///
     /// # Panics
-    /// If the simulation has no port at that place.
+    /// If the simulation has no port at that location.
     pub fn port(&self, place: &Place) -> usize {
         let found = match *place {
             Place::Port(k) => Some(k),

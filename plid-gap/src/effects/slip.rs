@@ -1,5 +1,6 @@
-/// The hysteretic state z after its input has moved by `delta` in one direction: dz/dx = slope - z / width while |z| grows towards
-/// its limit slope width, and dz/dx = slope while it falls. Exact for any `delta`, so that no step is too large.
+/// Returns the hysteretic state z after its input has moved by `delta` in one direction: dz/dx = slope - z / width
+/// while |z| grows towards its limit slope width, and dz/dx = slope while it falls. The result is exact for any
+/// `delta`.
 ///
 /// This solves dz = slope dx - (|dx| z + dx |z|) / (2 width).
 pub(super) fn advance(z: f64, delta: f64, slope: f64, width: f64) -> f64 {
@@ -24,7 +25,7 @@ pub(super) fn advance(z: f64, delta: f64, slope: f64, width: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Against Euler steps of the equation itself, a million of them.
+    /// The result agrees with a million Euler steps of the equation itself.
     #[test]
     fn a_loop_is_that_of_the_differential_equation() {
         let (slope, width) = (0.7, 0.4);

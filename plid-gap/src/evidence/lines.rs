@@ -1,8 +1,9 @@
-//! What periodic records answer at lines that nothing drives.
+//! The response of periodic records at lines that the input does not contain.
 //!
-//! A linear structure answers a periodic input at its lines alone. Of odd lines (1, 3, 5, ... periods a period) an odd nonlinearity makes odd ones, an even
-//! nonlinearity even ones: the lines that a multisine leaves out tell which it is, before any model (Pintelon and Schoukens, System Identification, 2012,
-//! chapter 4).
+//! A linear structure responds to a periodic input at the lines of the input only. If the input has odd lines only (1,
+//! 3, 5, ... cycles in a period), an odd nonlinearity adds odd lines and an even one adds even lines. The lines that a
+//! multisine leaves out therefore show the kind of nonlinearity without any model (Pintelon and Schoukens, System
+//! Identification, 2012, chapter 4).
 
 use crate::case::record::{Channels, Excitation, Record};
 use crate::fourier;
@@ -10,43 +11,44 @@ use crate::fourier::C;
 use crate::settings::EvidenceSettings;
 use crate::words::percent;
 
-/// Least number of periods that are averaged, since the noise is estimated from their differences. If as many follow the
-/// first period, that one is left out, because the structure has to settle.
+/// Least number of periods that are averaged, since the noise is estimated from their differences. If as many follow
+/// the first period, that one is left out, because the structure has to settle.
 const LEAST_PERIODS: usize = 2;
 
 /// Number of neighbouring lines over which the noise is averaged: enough for a scatter of a fifth.
 const NEIGHBOURS: usize = 21;
 
-/// What a line is to a multisine of odd lines.
+/// The role of a line in a multisine of odd lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// Driven: odd.
+    /// A line of the input; it is odd.
     Driven,
-    /// Odd and left out.
+    /// An odd line that the input leaves out.
     Odd,
-    /// Even.
+    /// An even line.
     Even,
 }
 
-/// A line of an output.
+/// One line of an output.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Line {
-    /// Frequency.
+    /// Frequency in Hz.
     pub hz: f64,
-    /// What it is to the input.
+    /// Its role in the input.
     pub kind: Kind,
-    /// RMS of what repeats there, in the output's unit; where nothing drives it, of what the linear simulation leaves: that takes along how it settles.
+    /// RMS of the periodic part, in the output's unit. For a line that the input leaves out it is that of the residual
+    /// of the linear simulation, which contains the same transient.
     pub measured: f64,
-    /// The same of the simulation with what was found.
+    /// The same for the simulation with the effects that were found.
     pub simulated: f64,
-    /// RMS of the noise in `measured`, from what differs between the periods, over neighbouring lines.
+    /// RMS of the noise in `measured`, from the differences between periods, averaged over neighbouring lines.
     pub noise: f64,
 }
 
 /// The lines of a record.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lines {
-    /// The record.
+    /// Name of the record.
     pub record: String,
     /// The lines of each output (p); empty if fewer than two periods have all of their samples.
     pub outputs: Vec<Vec<Line>>,
@@ -54,20 +56,21 @@ pub struct Lines {
     pub periods: usize,
 }
 
-/// What the lines of a kind answer.
+/// The response at the lines of one kind.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Answer {
-    /// RMS of a line beyond the noise over that of a driven one, in the mean over outputs.
+    /// RMS of a line beyond the noise over that of a line of the input, averaged over the outputs.
     pub share: f64,
-    /// The same of the simulation with what was found.
+    /// The same for the simulation with the effects that were found.
     pub simulated: f64,
-    /// Whether it is more than chance makes of the noise.
+    /// Whether it exceeds the noise by more than chance.
     pub clear: bool,
 }
 
 impl Lines {
-    /// Of the loudest record whose inputs are odd lines, with some odd ones left out, over enough periods. `linear` and `with` are the simulation without and
-    /// with what was found (p channels each).
+    /// Returns the lines of the loudest record whose inputs have odd lines only, leave out some of them, and repeat
+    /// often enough; `None` if there is no such record. `linear` and `with` simulate a record without and with the
+    /// effects that were found (p channels each).
     pub fn of(
         records: &[Record],
         rate: f64,
@@ -111,7 +114,7 @@ impl Lines {
         Some(Self { record: record.name.clone(), outputs, periods })
     }
 
-    /// What lines of a kind answer; none where all samples are missing somewhere.
+    /// Returns the response at the lines of one kind; `None` if every output lacks samples in too many periods.
     pub fn answer(&self, kind: Kind, settings: &EvidenceSettings) -> Option<Answer> {
         let of = |lines: &[Line], kind: Kind, value: &dyn Fn(&Line) -> f64| -> (f64, f64) {
             let chosen = lines.iter().filter(|line| line.kind == kind);
@@ -131,7 +134,8 @@ impl Lines {
             count += lines;
             outputs += 1.0;
         }
-        // The power of a line of noise is exponential; that of its noise is known from as many lines as are averaged.
+        // The power of noise in a line is exponentially distributed. The noise level is known from as many lines as are
+        // averaged.
         let scatter = (1.0 / count + 1.0 / (NEIGHBOURS * (self.periods - 1)) as f64).sqrt();
         (outputs > 0.0).then(|| Answer {
             share: (measured / outputs).max(0.0).sqrt(),
@@ -140,19 +144,19 @@ impl Lines {
         })
     }
 
-    /// What the lines say, beside what the simulation says if something was found.
+    /// States the responses in a sentence, and those of the simulation if effects were found.
     pub fn words(&self, found: bool, settings: &EvidenceSettings) -> Option<String> {
         let (odd, even) = (self.answer(Kind::Odd, settings)?, self.answer(Kind::Even, settings)?);
         let share = |answer: Answer| {
             let simulated = if found { format!(" (simulated: {})", percent(answer.simulated)) } else { String::new() };
             if answer.clear {
-                format!("{} of what they answer at driven ones{simulated}", percent(answer.share))
+                format!("{} of the response at driven lines{simulated}", percent(answer.share))
             } else {
                 "no more than noise".into()
             }
         };
         let kind = match (odd.clear, even.clear) {
-            (false, false) => "what repeats is linear",
+            (false, false) => "the periodic response is linear",
             (true, false) => "a nonlinearity that is odd",
             (false, true) => "a nonlinearity that is even",
             (true, true) if odd.share > settings.mostly * even.share => "a nonlinearity that is mostly odd",
@@ -160,7 +164,8 @@ impl Lines {
             (true, true) => "a nonlinearity with an odd and an even part",
         };
         Some(format!(
-            "Odd lines drive {}. At odd lines that are left out the outputs have {}, at even ones {}: {kind}.",
+            "Odd lines drive {}. At the odd lines that the input leaves out, the outputs have {}, and at even lines \
+            {}: {kind}.",
             self.record,
             share(odd),
             share(even)
@@ -168,7 +173,8 @@ impl Lines {
     }
 }
 
-/// The period and what each of its lines is, where a record drives odd lines only and leaves out enough of them.
+/// Returns the period and the role of each of its lines, if the record's input has odd lines only and leaves out enough
+/// of them.
 fn kinds(record: &Record, settings: &EvidenceSettings) -> Option<(usize, Vec<Option<Kind>>)> {
     let Excitation::Periodic(period) = record.excitation else { return None };
     if used(record.samples(), period).len() < LEAST_PERIODS {
@@ -194,17 +200,19 @@ fn kinds(record: &Record, settings: &EvidenceSettings) -> Option<(usize, Vec<Opt
     (odd && enough(Kind::Odd) && enough(Kind::Even)).then_some((period, kinds))
 }
 
-/// Where each period begins that is used: the first is left out, where enough follow, for the structure has to settle.
+/// Returns the first sample of each period that is used. If enough periods follow the first one, it is left out,
+/// because the structure has to settle.
 fn used(samples: usize, period: usize) -> Vec<usize> {
     let all = samples / period.max(1);
     (usize::from(all > LEAST_PERIODS)..all).map(|k| k * period).collect()
 }
 
-/// The power of each line that repeats over the periods from `starts`, and the power of the noise in it.
+/// Returns, for each line, the power of its periodic part over the periods that begin at `starts`, and the power of the
+/// noise in it.
 fn periods(x: &[f64], period: usize, starts: &[usize]) -> Vec<(f64, f64)> {
     let each: Vec<Vec<C>> = starts.iter().map(|&from| fourier::forward(&x[from..from + period])).collect();
     let count = each.len() as f64;
-    // A line's transform is half its amplitude times the samples.
+    // The transform of a line is half its amplitude times the number of samples.
     let scale = 2.0 / (period * period) as f64;
     let line = |k: usize| {
         let mean = each.iter().map(|z| z[k]).sum::<C>() / count;
@@ -214,7 +222,7 @@ fn periods(x: &[f64], period: usize, starts: &[usize]) -> Vec<(f64, f64)> {
     (0..=period / 2).map(line).collect()
 }
 
-/// Means over neighbours.
+/// Returns moving averages over neighbouring lines.
 fn smooth(x: &[f64]) -> Vec<f64> {
     let half = NEIGHBOURS / 2;
     let mean = |k: usize| {
@@ -230,7 +238,7 @@ mod tests {
 
     const PERIOD: usize = 400;
 
-    /// A static curve behind one input of odd lines, every fifth left out, with a little noise.
+    /// A static curve of one input with odd lines, every fifth left out, with a little noise.
     fn record(lines: &[usize], curve: impl Fn(f64) -> f64) -> Record {
         let noise = crate::testing::random_input(5, 4 * PERIOD, 1);
         let phase = crate::testing::random_input(6, lines.len(), 1);
@@ -271,7 +279,7 @@ mod tests {
             let lines = lines(curve);
             let answers = [Kind::Odd, Kind::Even].map(|kind| lines.answer(kind, &EvidenceSettings::default()).unwrap());
             assert_eq!(answers.map(|a| a.clear), [odd, even], "{answers:?}");
-            // What makes the record is simulated: both answer alike.
+            // The curve that made the record is simulated, so both responses agree.
             for answer in answers.iter().filter(|a| a.clear) {
                 assert!((answer.share / answer.simulated - 1.0).abs() < 0.05, "{answer:?}");
             }
@@ -297,7 +305,7 @@ mod tests {
         assert_eq!(odd_lines(&of(&record)), None);
     }
 
-    /// Of u + c u^2 with cosines of amplitude a at the lines k and l, the line k + l has the amplitude c a^2.
+    /// With u of cosines of amplitude a at the lines k and l, u + c u^2 has the amplitude c a^2 at the line k + l.
     #[test]
     fn the_size_of_a_line_is_that_of_the_closed_form() {
         let record = record(&[41, 61, 81], |u| u + u * u);
@@ -314,7 +322,7 @@ mod tests {
         };
         assert_eq!(none(&(1..120).collect::<Vec<_>>(), |u| u), None);
         assert_eq!(none(&(1..120).step_by(2).collect::<Vec<_>>(), |u| u), None);
-        // Missing samples.
+        // All samples are missing.
         let lines = none(&odd(), |_| f64::NAN).unwrap();
         assert_eq!(lines.words(false, &EvidenceSettings::default()), None);
     }

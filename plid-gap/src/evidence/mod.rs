@@ -1,4 +1,4 @@
-//! Evidence that the diagnosis does not rest on: what the records show to anybody who looks, in the engineer's own terms.
+//! Evidence that does not enter the verdict, in the engineer's own terms.
 
 pub(crate) mod lines;
 pub(crate) mod resonances;
@@ -14,19 +14,20 @@ use crate::noise::NoiseModel;
 use crate::plant::Plant;
 use crate::settings::GapSettings;
 
-/// What stands beside the diagnosis.
+/// Observations that do not enter the verdict.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Evidence {
-    /// What an adaptive PLID run sees.
+    /// The modes that an adaptive PLID run follows.
     pub tracks: Tracks,
-    /// The resonances of each record by itself.
+    /// The resonances of each record alone.
     pub resonances: Vec<Alone>,
-    /// What a multisine of odd lines shows at those that it leaves out.
+    /// The response to a multisine of odd lines at the lines that it leaves out.
     pub lines: Option<Lines>,
 }
 
 impl Evidence {
-    /// Of the records of a case. `refitted` is the simulation after the bounded refit; `linear` and `with` run a record without and with what was found.
+    /// Collects the evidence of a case's records. `refitted` is the simulation after the bounded refit; `linear` and
+    /// `with` simulate a record without and with the effects that were found.
     pub fn of(
         problem: &Problem,
         refitted: &Plant,
@@ -43,7 +44,7 @@ impl Evidence {
         }
     }
 
-    /// In words, as far as they say something. `found`: whether the simulation has an effect to compare with.
+    /// States in sentences whatever is significant. `found` says whether the simulation has effects to compare with.
     pub fn words(&self, plant: &Plant, found: bool, settings: &GapSettings) -> impl Iterator<Item = String> {
         let resonances = resonances::words(&self.resonances, plant, settings);
         let lines = self.lines.as_ref().and_then(|lines| lines.words(found, &settings.evidence));

@@ -1,7 +1,7 @@
-//! The resonances of each record by itself: what a linear refit to one record alone makes of the simulation's modes.
+//! The resonances of each record alone: a linear refit to a single record moves the simulation's modes.
 //!
-//! A resonance that goes with the level is a nonlinearity of the structure, one that goes with the time a drift; evidence in the engineer's own terms, beside
-//! the diagnosis, which does not use it.
+//! A resonance that follows the level suggests a nonlinearity of the structure; one that follows time suggests a drift.
+//! The diagnosis does not use this evidence.
 
 use crate::case::Limits;
 use crate::case::record::Excitation;
@@ -23,10 +23,10 @@ const STEPS: usize = 12;
 /// Largest number of samples of a record that are used, to bound the time of the fit.
 const SAMPLES: usize = 8192;
 
-/// Frequency and damping ratio of a mode in a record.
+/// Frequency and damping ratio of a mode in one record.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Resonance {
-    /// In Hz.
+    /// Frequency in Hz.
     pub hz: f64,
     /// Its standard deviation.
     pub hz_std: f64,
@@ -36,20 +36,21 @@ pub struct Resonance {
     pub damping_std: f64,
 }
 
-/// A record by itself.
+/// One record alone.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alone {
-    /// The record.
+    /// Name of the record.
     pub record: String,
     /// RMS of its inputs.
     pub level: f64,
     /// Start in s.
     pub start_s: f64,
-    /// Of each mode of the simulation; none where the record does not show it.
+    /// For each mode of the simulation its resonance; `None` if the record does not determine it.
     pub modes: Vec<Option<Resonance>>,
 }
 
-/// All driven records that are fitted, each by itself. `plant` is the simulation after the bounded refit.
+/// Fits the simulation to each driven record alone, among the records that are fitted. `plant` is the simulation after
+/// the bounded refit.
 pub fn each_alone(problem: &Problem, plant: &Plant, noise: &NoiseModel) -> Vec<Alone> {
     let driven = |index: &usize| {
         let record = &problem.records[*index];
@@ -70,7 +71,7 @@ fn alone(problem: &Problem, plant: &Plant, noise: &NoiseModel, index: usize) -> 
     };
     let own = if record.samples() > SAMPLES { whole.head(SAMPLES, noise) } else { whole };
     let fitted = refit(&own, STEPS);
-    // What a linear model does not explain widens what is known.
+    // The residual of a linear model widens the intervals.
     let inflation = (sum_of_squares(&fitted.residual) / own.rows().max(1) as f64).max(1.0);
     let covariance = fitted.jacobian.normal.clone().cholesky().map(|factor| factor.inverse() * inflation);
     let deviation = |entry: usize| covariance.as_ref().map_or(f64::INFINITY, |c| c[(entry, entry)].max(0.0).sqrt());
@@ -93,8 +94,8 @@ fn alone(problem: &Problem, plant: &Plant, noise: &NoiseModel, index: usize) -> 
     Alone { record: record.name.clone(), level: record.level(), start_s: record.start_s, modes }
 }
 
-/// Returns the modes that enough records show, with their trends: first the mode that follows the level or the time most
-/// clearly.
+/// Returns the modes that enough records show, with their trends: first the mode that follows the level or the time
+/// most clearly.
 pub fn by_trend(alone: &[Alone], settings: &GapSettings) -> Vec<(usize, Trend)> {
     let modes = alone.first().map_or(0, |alone| alone.modes.len());
     let least = settings.evidence.trend_records;
@@ -107,7 +108,7 @@ pub fn by_trend(alone: &[Alone], settings: &GapSettings) -> Vec<(usize, Trend)> 
 /// Largest number of modes in the sentence.
 const TOLD: usize = 3;
 
-/// The modes that follow the level or the time beyond their own scatter, as far as there are any: the largest change first.
+/// States which modes follow the level or time beyond their scatter, the largest change first; `None` if no mode does.
 pub fn words(alone: &[Alone], plant: &Plant, settings: &GapSettings) -> Option<String> {
     let words = |mode: usize, trend: &Trend| trend.words(plant.modes[mode].hz(), &settings.evidence);
     let told = by_trend(alone, settings)
@@ -139,7 +140,7 @@ mod tests {
     use crate::prepare::{Known, prepare};
     use crate::testing::{case, random_input, run, truss};
 
-    /// Records of a truss whose second mode is moved by `shift` at each level.
+    /// Records of a truss whose second mode is shifted by `shift` at each level.
     fn found(shift: &dyn Fn(f64) -> C) -> (Vec<Alone>, Plant) {
         let sim = truss(3);
         let mut case = case(&sim, &sim);
@@ -158,7 +159,7 @@ mod tests {
                 y.iter_mut().zip(e).for_each(|(y, e)| *y += std * e);
             }
         }
-        // The last one is held out.
+        // The last record is held out.
         case.records.push(case.records[3].clone());
         let ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
         (each_alone(&ready.problem, &plant, &ready.noise), plant)

@@ -1,8 +1,8 @@
-//! What an adaptive PLID run sees: the plant followed from record to record, and its innovations.
+//! An adaptive PLID run follows the plant from record to record.
 //!
-//! A filter that adapts hides a gap: its innovations stay small. But to keep them small its parameters must follow what changes, and a
-//! resonance that follows the level is evidence of a nonlinearity, one that follows the time of a drift. Evidence for the reader, beside the
-//! diagnosis, which rests on free runs.
+//! An adaptive filter hides a gap, because its innovations stay small. To keep them small, however, its parameters must
+//! follow whatever changes. A resonance that follows the level is evidence of a nonlinearity; one that follows time is
+//! evidence of a drift. The diagnosis rests on free runs and does not use this evidence.
 
 use nalgebra::DMatrix;
 use ndarray::{Array2, aview1};
@@ -17,28 +17,30 @@ use crate::evidence::trend::{Point, trend};
 use crate::plant::Plant;
 use crate::settings::{EvidenceSettings, GapSettings};
 
-/// The recursion that follows the plant: the form that cannot lose P, with the default expectations.
+/// The recursion that follows the plant. Its covariance form keeps P positive definite, and its expectations are the
+/// default ones.
 type Filter = Identifier<BiermanUd<Plain<f64>>, MomentMatched<f64>>;
 
 /// A record in an adaptive run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Passed {
-    /// Its name.
+    /// Name of the record.
     pub record: String,
     /// RMS of its inputs.
     pub level: f64,
-    /// Start in s.
+    /// Start of the record in s.
     pub start_s: f64,
-    /// RMS of the innovations in its second half, each output over that of its noise.
+    /// RMS of the innovations in the second half of the record, each output over its noise.
     pub innovations: f64,
-    /// Of each mode of the simulation: frequency (Hz) and damping ratio of the model's nearest, after the record; none where there is none near.
+    /// For each mode of the simulation, frequency (Hz) and damping ratio of the nearest mode of the model after the
+    /// record; `None` if no mode is near.
     pub modes: Vec<Option<(f64, f64)>>,
 }
 
 /// The run over all records that drive the structure.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Tracks {
-    /// In order.
+    /// The records in order.
     pub passed: Vec<Passed>,
 }
 
@@ -55,14 +57,16 @@ const WIDENED: f64 = 100.0;
 const STATE_NOISE: f64 = 1e-3;
 
 impl Tracks {
-    /// Runs PLID over the records. Empty where the filter breaks down or nothing drives the structure: the diagnosis does without.
+    /// Runs PLID over the records. The result is empty if no record is driven or the filter fails; the diagnosis does
+    /// not need it.
     pub fn of(plant: &Plant, records: &[Record], noise: &[f64], settings: &EvidenceSettings) -> Self {
         let driven: Vec<&Record> =
             records.iter().filter(|r| r.excitation != Excitation::Zero && r.level() > 0.0).collect();
         Self { passed: follow(plant, &driven, noise, settings).unwrap_or_default() }
     }
 
-    /// What the tracks say, in words: the mode that follows the level most, if one does beyond its own scatter, or the time.
+    /// States the trend of the mode that follows the level or time most clearly; `None` if no trend exceeds its
+    /// scatter.
     pub fn words(&self, plant: &Plant, settings: &GapSettings) -> Option<String> {
         let least = settings.evidence.tracked_records;
         let trends =
@@ -72,7 +76,7 @@ impl Tracks {
         Some(format!("An adaptive PLID run follows {words}."))
     }
 
-    /// A mode from record to record.
+    /// Returns the resonance of a mode in each record.
     fn points(&self, mode: usize) -> Vec<Point> {
         let seen = self.passed.iter().filter_map(|p| Some((p, p.modes[mode]?)));
         seen.map(|(p, (hz, damping))| Point {
@@ -108,7 +112,7 @@ fn follow(plant: &Plant, driven: &[&Record], noise: &[f64], settings: &EvidenceS
         let mut filter = Filter::new(form.clone(), &noise_model, &carried).ok()?;
         let mut innovations = Array2::from_elem((samples, p), f64::NAN);
         for k in 0..samples {
-            // An acceleration answers at once, and the form is strictly proper: the input one sample ahead.
+            // An acceleration responds at once, but the form is strictly proper: the input is taken one sample ahead.
             let ahead = (k + 1).min(record.samples() - 1);
             let u: Vec<f64> = (0..m).map(|i| record.u[i][ahead] / u_scale[i]).collect();
             let z: Vec<f64> = (0..p).map(|o| record.y[o][k] / y_scale[o]).collect();
@@ -130,7 +134,7 @@ fn follow(plant: &Plant, driven: &[&Record], noise: &[f64], settings: &EvidenceS
     Some(passed)
 }
 
-/// Of each mode of the simulation, frequency and damping ratio of the model's nearest.
+/// Returns frequency and damping ratio of the model's nearest mode for each mode of the simulation.
 fn nearest(plant: &Plant, identified: &IdentifiedModel, settings: &EvidenceSettings) -> Vec<Option<(f64, f64)>> {
     let (a, b, c) = ((&identified.a).into(), (&identified.b).into(), (&identified.c).into());
     let model = Model::new(plant.rate, a, b, c, DMatrix::zeros(plant.p, plant.m));
@@ -151,7 +155,7 @@ mod tests {
     use super::*;
     use crate::testing::{RATE, case, truss};
 
-    /// Records of a truss whose first mode is moved by `shift` at each of them.
+    /// Records of a truss whose first mode is shifted by `shift` in each of them.
     fn tracks(shift: &dyn Fn(&Record) -> f64) -> (Tracks, Plant) {
         let sim = truss(3);
         let plant = Plant::new(&sim).unwrap();

@@ -1,4 +1,4 @@
-//! Whether a resonance follows the level or the time: from record to record, in words.
+//! The trend of a resonance over records: with the level or with time.
 
 use crate::plant::plain_hz;
 use crate::settings::{CaseSettings, EvidenceSettings, GapSettings};
@@ -10,7 +10,7 @@ pub struct Point {
     pub level: f64,
     /// Its start in s.
     pub start_s: f64,
-    /// Frequency, and how far chance makes it differ.
+    /// Frequency in Hz.
     pub hz: f64,
     /// Standard deviation of `hz`.
     pub hz_std: f64,
@@ -18,7 +18,7 @@ pub struct Point {
     pub damping: f64,
 }
 
-/// What a resonance follows.
+/// The variable that a resonance follows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Along {
     /// RMS of the inputs.
@@ -27,10 +27,10 @@ pub enum Along {
     Time,
 }
 
-/// A straight line through a resonance's frequencies.
+/// A straight line through the frequencies of a resonance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Trend {
-    /// The level or the time.
+    /// The variable that it follows.
     pub with: Along,
     between: (f64, f64),
     /// Relative change of the frequency.
@@ -40,7 +40,8 @@ pub struct Trend {
     damping: (f64, f64),
 }
 
-/// Returns the trend of points with the level or with the time, whichever is clearer; `None` for fewer than `least` points.
+/// Returns the trend of points with the level or with the time, whichever is clearer; `None` for fewer than `least`
+/// points.
 pub fn trend(points: &[Point], least: usize, settings: &GapSettings) -> Option<Trend> {
     let GapSettings { case: CaseSettings { same_level, .. }, evidence, .. } = settings;
     let along = |with: Along| -> Option<Trend> {
@@ -60,7 +61,7 @@ pub fn trend(points: &[Point], least: usize, settings: &GapSettings) -> Option<T
         let low = points.iter().min_by(|a, b| x(a).total_cmp(&x(b)))?;
         let high = points.iter().max_by(|a, b| x(a).total_cmp(&x(b)))?;
         let between = (x(low), x(high));
-        // Levels that differ no more are one.
+        // These levels count as one.
         if with == Along::Level && between.1 < same_level * between.0 {
             return None;
         }
@@ -82,7 +83,8 @@ pub fn trend(points: &[Point], least: usize, settings: &GapSettings) -> Option<T
     }
 }
 
-/// Whether the records were taken in the order of their levels, so that nobody can tell the two apart.
+/// Returns whether the records were taken in the order of their levels, in which case level and time cannot be
+/// distinguished.
 fn together(points: &[Point]) -> bool {
     let mut by_time = points.to_vec();
     by_time.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
@@ -90,7 +92,8 @@ fn together(points: &[Point]) -> bool {
 }
 
 impl Trend {
-    /// "the resonance at 168 Hz by +0.40 % from level 0.3 to 1, its damping ratio from 0.0050 to 0.0051"; none for what chance makes.
+    /// States the trend: "the resonance at 168 Hz by +0.40 % from level 0.3 to 1, its damping ratio from 0.0050 to
+    /// 0.0051"; `None` if it does not exceed its scatter.
     pub fn words(&self, hz: f64, settings: &EvidenceSettings) -> Option<String> {
         let (from, to) = self.between;
         (self.clear > settings.trend_change).then(|| {

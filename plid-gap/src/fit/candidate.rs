@@ -1,25 +1,25 @@
-//! Explanations: effects at places, as they were fitted, compared and named.
+//! Explanations: fitted effects at locations.
 
 use crate::effects::{Names, Place};
 use crate::fit::problem::Placed;
 
-/// An explanation that was fitted, with its price.
+/// A fitted explanation with its price.
 #[derive(Clone)]
 pub struct Candidate<'a> {
     /// Effects with parameters.
     pub effects: Vec<Placed<'a>>,
     /// Sum of squares, with the linear parameters' penalty.
     pub cost: f64,
-    /// The cost with the price of parameters and of choosing among the library.
+    /// The cost with the price of the parameters and of the choice from the library.
     pub priced: f64,
 }
 
-/// Whether two name the same effect at the same place.
+/// Returns whether two name the same effect at the same location.
 pub fn same(a: &Placed, b: &Placed) -> bool {
     a.effect.name() == b.effect.name() && near(&a.place, &b.place)
 }
 
-/// Whether two explanations name the same effects at the same places, in any order.
+/// Returns whether two explanations name the same effects at the same locations, in any order.
 pub fn all_same(a: &[Placed], b: &[Placed]) -> bool {
     a.len() == b.len() && a.iter().all(|a| b.iter().any(|b| same(a, b)))
 }
@@ -33,7 +33,7 @@ fn near(a: &Place, b: &Place) -> bool {
     }
 }
 
-/// "cubic-stiffness at input:u2 + sensor-gain at output:y1".
+/// Names effects: "cubic-stiffness at input:u2 + sensor-gain at output:y1".
 pub(crate) fn in_words(effects: &[Placed], names: &Names) -> String {
     if effects.is_empty() { "nothing".into() } else { joined(effects, names, " at ") }
 }

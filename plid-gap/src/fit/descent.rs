@@ -1,4 +1,4 @@
-//! The fit that everything else asks for: linear parameters and effects together, by least squares.
+//! The fit of linear parameters and effects together, by least squares.
 
 use std::convert::Infallible;
 
@@ -35,7 +35,7 @@ impl Fit<'_> {
     }
 }
 
-/// How far a fit goes.
+/// The effort of a fit.
 #[derive(Debug, Clone, Copy)]
 pub struct Effort {
     /// Largest number of steps.
@@ -62,17 +62,17 @@ const UNDAMPED: f64 = 1e-3;
 /// The damping of a fit's steps (Marquardt 1963).
 const DAMPING: Damping = Damping { start: UNDAMPED, shrink: 0.1, grow: 10.0, least: 1e-9, tries: 6, factors: &[1.0] };
 
-/// The same where every step is tried undamped first.
+/// The damping if every step is tried undamped first.
 const DAMPING_LINEAR: Damping = Damping { shrink: 0.0, least: UNDAMPED, tries: 7, ..DAMPING };
 
 /// Number of steps after which derivatives are computed again where effects move modes: modes move little in three.
 const RENEWED: usize = 3;
 
-/// Where the derivatives by the linear parameters come from.
+/// The source of the derivatives by the linear parameters.
 enum Derivatives<'p> {
-    /// They are given, and stay.
+    /// They are given and stay.
     Given(&'p Jacobian),
-    /// They are given, and computed anew every few steps where effects move the modes to which they belong.
+    /// They are given, and computed again every few steps if effects move the modes to which they belong.
     Renewed(&'p Jacobian),
     /// They are computed at every step, without effects.
     Current,
@@ -186,10 +186,10 @@ impl Problem {
         self.fitted(Derivatives::Renewed(jacobian), eta, effects, effort)
     }
 
-    /// Takes the last steps of a fit. Where an effect resembles linear parameters, these have taken its part in the
-    /// refit before it; both can explain the records along a valley of almost equal sums of squares, which is narrow
-    /// and curved, so that no step goes far in it. A fit that ends with linear parameters far from zero is therefore
-    /// made once more from zero, whence the valley is entered near its minimum.
+    /// Takes the last steps of a fit. If an effect resembles linear parameters, these have absorbed a part of it in the
+    /// preceding refit. Both can explain the records along a narrow, curved valley of almost equal sums of squares, in
+    /// which no step goes far. A fit that ends with linear parameters far from zero is therefore repeated from zero,
+    /// where the valley is entered near its minimum.
     pub fn settled<'a>(&self, fit: &Fit<'a>) -> Fit<'a> {
         if fit.effects.is_empty() {
             return fit.clone();
@@ -212,8 +212,8 @@ impl Problem {
     }
 
     /// Takes the last steps of a fit, with the derivatives of the simulation with its effects. Without a force that
-    /// acts inside the structure, the derivatives are off by as much as it changes the motion: the fit ends beside its
-    /// minimum, with intervals that are too narrow.
+    /// acts inside the structure, the derivatives are wrong by as much as the force changes the motion. The fit would
+    /// then end near its minimum, but not at it, and with intervals that are too narrow.
     fn last_steps<'a>(&self, fit: &Fit<'a>) -> Fit<'a> {
         let plant = self.nuisance.apply(&self.plant, &fit.eta);
         let residual = self.residual(&plant, &fit.eta, &fit.effects, SETTLED.fineness);
@@ -259,9 +259,9 @@ mod tests {
     use crate::simulate::simulate;
     use crate::testing;
 
-    /// A spring that stiffens, and a simulation whose resonances are off within the limits: with the linear
-    /// simulation's derivatives the fit ends beside its minimum, from where the cost still falls along the linear
-    /// parameters; and what is stated of the spring is too sure.
+    /// A spring stiffens, and the simulation's resonances are off within the limits. With the derivatives of the linear
+    /// simulation the fit does not end at its minimum: the cost still decreases along the linear parameters, and the
+    /// interval of the spring is too narrow.
     #[test]
     fn the_last_steps_end_where_no_linear_parameter_lowers_the_cost() {
         let sim = testing::truss(1);
@@ -338,8 +338,8 @@ mod tests {
         }
     }
 
-    /// Of a structure that moves in almost one mode, a damper is nearly a change of that mode's damping ratio, and the
-    /// bounded refit has taken it as such. The fit of the damper gives it back, so that its interval holds the truth.
+    /// In a structure that moves in almost one mode, a damper is nearly a change of that mode's damping ratio, and the
+    /// bounded refit absorbs it. The fit of the damper releases it again, so the interval contains the truth.
     #[test]
     fn what_the_refit_took_of_an_effect_is_given_back() {
         let sim = testing::truss_with(1, |_, input, output| {

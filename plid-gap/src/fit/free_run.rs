@@ -1,4 +1,4 @@
-//! Free runs: what a simulation makes of an input, with nothing of the output but where it began.
+//! Free runs: simulations from the input alone, with at most the initial state fitted to the output.
 
 use crate::case::Limits;
 use crate::case::record::{Channels, Record};
@@ -8,7 +8,7 @@ use crate::fit::problem::{Placed, Problem, sum_of_squares};
 use crate::plant::Plant;
 use crate::simulate::{Fineness, State, simulate};
 
-/// Free runs of all fitted records.
+/// Returns the free runs of all fitted records.
 pub(crate) fn outputs(problem: &Problem, eta: &[f64], effects: &[Placed]) -> Vec<Channels> {
     let plant = problem.nuisance.apply(&problem.plant, eta);
     let actions = problem.actions(effects);
@@ -16,19 +16,20 @@ pub(crate) fn outputs(problem: &Problem, eta: &[f64], effects: &[Placed]) -> Vec
     (0..problem.records.len()).map(run).collect()
 }
 
-/// What they leave.
+/// Returns the errors of the free runs.
 pub(crate) fn errors(problem: &Problem, eta: &[f64], effects: &[Placed]) -> Vec<Channels> {
     problem.records.iter().zip(outputs(problem, eta, effects)).map(|(record, y)| record.error(&y)).collect()
 }
 
-/// Free run of a record; an unknown start is fitted to it first.
+/// Returns the free run of a record. An unknown initial state is fitted first.
 pub(crate) fn run(plant: &Plant, actions: &[Action], record: &Record) -> Channels {
     let start = (!record.from_rest).then(|| fitted_start(plant, actions, record));
     simulate(plant, actions, &record.u, record.start_s, start.as_ref(), Fineness::FINE)
 }
 
-/// The initial state that explains a record best: by least squares on the linear response, first without effects, then corrected by what the run with
-/// them leaves. A run from rest would begin with a transient that the record does not have, and that effects may blow up.
+/// Returns the initial state that explains a record best, by least squares on the linear response: first without
+/// effects, then corrected by the error of the run with them. A run from rest would begin with a transient that the
+/// record does not have, and that effects may amplify.
 fn fitted_start(plant: &Plant, actions: &[Action], record: &Record) -> State {
     let nuisance = Nuisance::new(plant, std::slice::from_ref(record), &Limits::default());
     let first = nuisance.len() - plant.n();

@@ -1,4 +1,4 @@
-//! Least squares in the whitened residuals: the linear parameters, and with them the parameters of effects.
+//! Least squares in the whitened residuals: fits of the linear parameters and of effects.
 
 pub(crate) mod candidate;
 mod covariance;

@@ -1,6 +1,6 @@
-//! The linear parameters: every mode's frequency, damping ratio and shapes, with a Gaussian prior on how far the
-//! simulation may be off without that being an effect; without modes its poles and gains; and the initial states of
-//! records that do not start from rest.
+//! The linear parameters with their Gaussian prior: frequency, damping ratio and shapes of every mode, or poles and
+//! gains if there are no modes; and the initial states of records that do not start from rest. Changes within the prior
+//! do not count as effects.
 
 use crate::case::Limits;
 use crate::case::record::Record;
@@ -9,8 +9,8 @@ use crate::fourier::C;
 use crate::plant::{Passed, Plant, RestNumber, Spectrum};
 use crate::simulate::{Fineness, State, simulate};
 
-/// Prior standard deviation of an initial state, relative to the state that the input excites: wide enough for the record
-/// alone to determine the state.
+/// Prior standard deviation of an initial state, relative to the state that the input excites: wide enough for the
+/// record alone to determine the state.
 const INITIAL_STATE_STD: f64 = 3.0;
 
 /// Median of the absolute value of a standard normal variable.
@@ -34,7 +34,7 @@ pub struct Nuisance {
     spectrum: Option<Spectrum>,
     /// The directions of each mode's shapes in the simulation as given.
     nominal: Vec<(C, C)>,
-    /// Where each record's initial state begins, if it has one.
+    /// Index of each record's initial state, if it is fitted.
     starts: Vec<Option<usize>>,
     /// RMS of each mode's state under the records' inputs, followed by the other states.
     sizes: Vec<f64>,
@@ -83,7 +83,8 @@ impl Nuisance {
 
     /// Returns the factor, at least one, by which the modes' parameters exceed their prior. It is estimated from the
     /// median of those that the records determine, which is insensitive to a few that an effect has moved. The records
-    /// determine a parameter if its information, the prior included, exceeds that of the prior by the factor `determined`.
+    /// determine a parameter if its information, the prior included, exceeds that of the prior by the factor
+    /// `determined`.
     pub fn needed(&self, eta: &[f64], jacobian: &Jacobian, determined: f64) -> f64 {
         let told = |k: &usize| jacobian.normal[(*k, *k)] * self.std[*k].powi(2) > determined;
         let mut off: Vec<f64> = (0..self.of_simulation()).filter(told).map(|k| (eta[k] / self.std[k]).abs()).collect();
@@ -106,12 +107,12 @@ impl Nuisance {
         self.modes * self.each()
     }
 
-    /// The numbers of the rest, in the order of their entries.
+    /// Returns the parameters of the rest, in the order of their entries.
     fn numbers(&self) -> &[RestNumber] {
         self.spectrum.as_ref().map_or(&[], |spectrum| &spectrum.numbers)
     }
 
-    /// Says what the numbers of the rest become by their entries of `eta`.
+    /// States which values the parameters of the rest get by their entries of `eta`.
     pub fn rest_in_words(&self, eta: &[f64], inputs: &[String], outputs: &[String]) -> Vec<String> {
         let Some(spectrum) = &self.spectrum else { return Vec::new() };
         let numbers = spectrum.numbers.iter().zip(&eta[self.of_modes()..]);
@@ -128,7 +129,7 @@ impl Nuisance {
         self.std.is_empty()
     }
 
-    /// The number of entries of each mode.
+    /// Returns the number of entries of each mode.
     fn each(&self) -> usize {
         2 + self.m + self.p
     }
@@ -173,8 +174,8 @@ impl Nuisance {
         changed
     }
 
-    /// The directions of a mode's shapes, moved or not, with the signs that they have in the simulation as given: half
-    /// an angle is ambiguous in sign, and the choice may change as the pole moves.
+    /// Returns the directions of a mode's shapes, moved or not, with the signs of the simulation as given. Half an
+    /// angle is ambiguous in sign, and the choice may change as the pole moves.
     fn directions(&self, k: usize, mode: &crate::plant::Mode) -> (C, C) {
         let towards = |nominal: C, now: C| if (nominal.conj() * now).re < 0.0 { -now } else { now };
         let ((b, c), nominal) = (directions(mode), self.nominal[k]);
@@ -215,7 +216,7 @@ impl Nuisance {
         }
     }
 
-    /// The derivatives by the entries of a mode's shapes.
+    /// Computes the derivatives by the entries of a mode's shapes.
     fn shape_derivatives(
         &self,
         plant: &Plant,
@@ -243,7 +244,7 @@ impl Nuisance {
         }
     }
 
-    /// The derivatives by a mode's frequency and damping ratio.
+    /// Computes the derivatives by a mode's frequency and damping ratio.
     fn pole_derivatives(
         &self,
         plant: &Plant,
@@ -260,10 +261,11 @@ impl Nuisance {
         let passed = Passed::new(plant, mode);
         for (part, change) in [faster, damped].into_iter().enumerate() {
             let shape = 2.0 * change / mode.pole - change.im / mode.pole.im;
-            // What lies before and behind the structure responds differently at the new pole.
+            // Actuators and filters have other gains at the new pole.
             let relative_slope =
                 |gain: &dyn Fn(C) -> C| (gain(mode.pole + change * POLE_STEP) / gain(mode.pole)).ln() / POLE_STEP;
-            let before: Vec<C> = (0..self.m).map(|i| mode.b[i] * relative_slope(&|s| plant.chain.before(i, s))).collect();
+            let before: Vec<C> =
+                (0..self.m).map(|i| mode.b[i] * relative_slope(&|s| plant.chain.before(i, s))).collect();
             let behind: Vec<C> = (0..self.p).map(|o| relative_slope(&|s| plant.chain.behind(o, s))).collect();
             let moved: Vec<C> = (0..response.sum.len())
                 .map(|n| {
@@ -282,7 +284,7 @@ impl Nuisance {
         }
     }
 
-    /// Computes the derivatives in the numbers of the rest, by differences: the rest has few states.
+    /// Computes the derivatives by the parameters of the rest as differences, because the rest has few states.
     fn rest_derivatives(
         &self,
         plant: &Plant,
@@ -305,8 +307,14 @@ impl Nuisance {
         }
     }
 
-    /// The derivatives by an initial state whose entries begin at `at`.
-    fn start_derivatives(&self, plant: &Plant, at: usize, y: &mut [Vec<f64>], put: &mut impl FnMut(usize, &[Vec<f64>])) {
+    /// Computes the derivatives by an initial state whose entries begin at `at`.
+    fn start_derivatives(
+        &self,
+        plant: &Plant,
+        at: usize,
+        y: &mut [Vec<f64>],
+        put: &mut impl FnMut(usize, &[Vec<f64>]),
+    ) {
         let samples = y[0].len();
         for (k, mode) in plant.modes.iter().take(self.modes).enumerate() {
             let turn = (mode.pole / plant.rate).exp();
@@ -346,7 +354,7 @@ struct Response {
     units: Vec<Vec<C>>,
     /// Under all inputs, through the mode's own shape.
     sum: Vec<C>,
-    /// The derivative of that by the pole.
+    /// Its derivative by the pole.
     slope: Vec<C>,
 }
 

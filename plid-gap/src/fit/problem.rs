@@ -1,4 +1,4 @@
-//! Records, a simulation and a noise model: what every fit starts from, and the whitened residual of its free runs.
+//! A least-squares problem: records, a simulation and a noise model, and the whitened residual of free runs.
 
 use std::sync::Arc;
 
@@ -13,12 +13,12 @@ use crate::plant::Plant;
 use crate::settings::GapSettings;
 use crate::simulate::{Fineness, simulate};
 
-/// An effect at a place with its parameters.
+/// An effect at a location with its parameters.
 #[derive(Clone)]
 pub struct Placed<'a> {
     /// The effect.
     pub effect: &'a dyn Effect,
-    /// Where it acts.
+    /// Its location.
     pub place: Place,
     /// Its parameters, in the order of [`Effect::parameters`].
     pub parameters: Vec<f64>,
@@ -35,15 +35,15 @@ pub struct Problem {
     pub whiteners: Vec<Whitener>,
     /// The linear parameters and their prior.
     pub nuisance: Nuisance,
-    /// What effects may know of the simulation and its records.
+    /// Properties of the simulation and its records that effects use.
     pub setting: Setting,
     /// Thresholds of the diagnosis.
     pub settings: Arc<GapSettings>,
 }
 
 impl Problem {
-    /// Returns the problem with the first samples of each record only. A search on it costs in proportion, and a record
-    /// from rest still starts from rest.
+    /// Returns the problem with the first samples of each record only. The time of a search is proportional to them,
+    /// and a record from rest still starts from rest.
     pub fn head(&self, samples: usize, noise: &NoiseModel) -> Self {
         let cut = |channels: &Channels| channels.iter().map(|x| x[..x.len().min(samples)].to_vec()).collect();
         let records: Vec<Record> = self
@@ -86,7 +86,7 @@ impl Problem {
         start..start + self.whiteners[record].rows()
     }
 
-    /// Returns what the effects do to the simulation.
+    /// Returns the actions of the effects on the simulation.
     pub fn actions(&self, effects: &[Placed]) -> Vec<Action> {
         effects.iter().flat_map(|placed| placed.effect.act(&self.setting, &placed.place, &placed.parameters)).collect()
     }
@@ -102,7 +102,7 @@ impl Problem {
         changed
     }
 
-    /// Simulates one record in free run.
+    /// Simulates the free run of one record.
     pub fn outputs(
         &self,
         plant: &Plant,

@@ -1,4 +1,4 @@
-//! Intervals where the noise is not quite what its model says.
+//! Intervals that are robust to errors of the noise model.
 //!
 //! The noise model is fitted to seconds of quiet records, and a few values determine its density at a narrow resonance,
 //! where much of the evidence for an effect lies. The covariance is therefore also taken from the residuals themselves,
@@ -49,7 +49,7 @@ pub(super) fn widened(
     }
     let factor = |k: usize| {
         let own = n - count + k;
-        // The prior's part is taken at its word.
+        // The covariance of the prior is known.
         let of_prior: f64 = prior.iter().enumerate().map(|(j, prior)| covariance[(own, j)].powi(2) * prior).sum();
         ((power[k] + of_prior) / covariance[(own, own)].max(f64::MIN_POSITIVE)).sqrt().max(1.0)
     };
@@ -65,7 +65,7 @@ mod tests {
 
     const ROWS: usize = 4000;
 
-    /// For parameters that all have a prior.
+    /// Computes the factors for parameters that all have a prior.
     fn factors(jacobian: &[f64], prior: &[f64], residual: &[f64], count: usize) -> Vec<f64> {
         let j = DMatrix::from_column_slice(ROWS, prior.len(), jacobian);
         let precision = DMatrix::from_diagonal(&DVector::from_column_slice(prior));
@@ -74,7 +74,7 @@ mod tests {
         widened(&[blocks.0, blocks.1], prior, residual, &covariance, count, 0.9)
     }
 
-    /// Two parameters; the second is told by a tenth of the rows alone, where the noise is `louder` than elsewhere.
+    /// Two parameters; a tenth of the rows alone determine the second, and there the noise is `louder` than elsewhere.
     fn factor(louder: f64) -> f64 {
         let noise = random_input(1, ROWS, 1).remove(0);
         let told = |row: usize| row.is_multiple_of(10);
@@ -88,12 +88,12 @@ mod tests {
 
     #[test]
     fn intervals_grow_as_the_noise_where_they_come_from() {
-        // Four hundred rows tell a standard deviation to a twentieth or so.
+        // Four hundred rows determine a standard deviation to a twentieth or so.
         assert!((factor(2.0) / 2.0 - 1.0).abs() < 0.1, "{}", factor(2.0));
         assert!(factor(1.0) < 1.1 && factor(0.5) == 1.0, "{} {}", factor(1.0), factor(0.5));
     }
 
-    /// A prior that says all leaves nothing to the residuals.
+    /// A prior that determines a parameter leaves nothing to the residuals.
     #[test]
     fn a_prior_keeps_its_word() {
         let residual = random_input(4, ROWS, 1).remove(0).iter().map(|x| 9.0 * x).collect::<Vec<f64>>();

@@ -1,14 +1,14 @@
-//! The coordinates in which a fit steps through the effects' parameters.
+//! The coordinates of a fit's steps in the effects' parameters.
 
 use crate::effects::Range;
 use crate::fit::problem::{Placed, Problem, dot};
 
-/// How firmly, as one over a relative standard deviation, the length of a vector is held of which only the direction
-/// counts.
+/// The constraint of the length of a vector of which only the direction counts, as one over a relative standard
+/// deviation.
 const HELD: f64 = 1e4;
 
-/// Unit step of a frequency, over the width of a line in all records together: the phase at their ends then turns by about
-/// a radian.
+/// Unit step of a frequency, over the width of a line in all records together: the phase at their ends then turns by
+/// about a radian.
 const LINE_SHARE: f64 = 0.2;
 
 /// How a step changes a parameter.
@@ -24,12 +24,12 @@ impl Scale {
     fn moved(self, value: f64, step: f64) -> f64 {
         match self {
             Scale::Linear(scale) => value + step * scale,
-            // No step goes further than a factor e: the slope here says little about a shape that far away.
+            // No step exceeds a factor e, because the slope here says little about a shape that far away.
             Scale::Logarithm => value * step.clamp(-1.0, 1.0).exp(),
         }
     }
 
-    /// The derivative of the parameter by the step.
+    /// Returns the derivative of the parameter by the step.
     pub(super) fn slope(self, value: f64) -> f64 {
         match self {
             Scale::Linear(scale) => scale,

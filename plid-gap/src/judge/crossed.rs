@@ -1,4 +1,4 @@
-//! How good a prediction will be: free runs of the fitted records, each by the model that the others give.
+//! The reliability of predictions: free runs of each fitted record by a model of the others.
 
 use crate::case::record::{Channels, Record};
 use crate::fit::free_run::outputs;
@@ -9,10 +9,10 @@ use crate::noise::whiten::Whitener;
 use crate::settings::JudgeSettings;
 use crate::simulate::Fineness;
 
-/// A fit that starts from the one to all records.
+/// A fit that starts from the fit to all records.
 const FROM_ALL: Effort = Effort { steps: 4, gain: 1.0, fineness: Fineness::COARSE };
 
-/// A gap to expect, with what it rests on.
+/// An expected gap with its basis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stated {
     /// The gap.
@@ -21,7 +21,8 @@ pub struct Stated {
     pub ci80: [f64; 2],
 }
 
-/// The gap to expect on a record of a level, from what each fitted record is foretold by the model of the others.
+/// Returns the gap to expect on a record of a level, from the prediction of each fitted record by a model of the
+/// others.
 pub fn stated(problem: &Problem, fit: &Fit, level: f64, noise: impl Fn(&Record) -> Whitener) -> Stated {
     let records = &problem.records;
     let driven: Vec<usize> = (0..records.len()).filter(|&k| records[k].level() > 0.0).collect();
@@ -34,7 +35,7 @@ pub fn stated(problem: &Problem, fit: &Fit, level: f64, noise: impl Fn(&Record) 
         }
     }
     let gap = gap::expected(records, &simulated, level);
-    // How far each record's gap is from what its level says, as a logarithm.
+    // The deviation of each record's gap from that of its level, as a logarithm.
     let off = |k: &usize| {
         let found = Blocks::new(&records[*k].y, &simulated[*k], 0).gap();
         (found / gap::expected(records, &simulated, records[*k].level())).ln()
@@ -44,12 +45,12 @@ pub fn stated(problem: &Problem, fit: &Fit, level: f64, noise: impl Fn(&Record) 
     let known = prediction_scatter * prediction_scatter * prediction_records;
     let count = driven.len() as f64;
     let scatter = ((square + known) / (count + prediction_records) * (1.0 + 1.0 / count.max(1.0))).sqrt();
-    // Four fifths of a normal variable lie within 1.28 standard deviations.
+    // 80 % of a normal variable lie within 1.28 standard deviations.
     let reach = (1.28 * scatter).exp();
     Stated { gap, ci80: [gap / reach, gap * reach] }
 }
 
-/// Free run of a record by the model of the others.
+/// Returns the free run of a record by the model of the others.
 fn by_others(problem: &Problem, fit: &Fit, k: usize) -> Channels {
     let others = problem.without(k);
     let jacobian = others.jacobian(&others.nuisance.apply(&others.plant, &fit.eta));
@@ -57,7 +58,7 @@ fn by_others(problem: &Problem, fit: &Fit, k: usize) -> Channels {
     run(&others.nuisance.apply(&others.plant, &fit.eta), &others.actions(&fit.effects), &problem.records[k])
 }
 
-/// Free run of the only driven record, each part by the model of the other parts.
+/// Returns the free run of the only driven record, each part by the model of the other parts.
 fn by_parts(problem: &Problem, fit: &Fit, only: usize, noise: impl Fn(&Record) -> Whitener) -> Channels {
     let record = &problem.records[only];
     let samples = record.samples();

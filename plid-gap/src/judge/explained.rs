@@ -1,4 +1,4 @@
-//! What was found, and how far it suffices.
+//! The result of the search and its adequacy.
 
 use crate::case::record::Record;
 use crate::fit::candidate::{Candidate, all_same};
@@ -11,42 +11,44 @@ use crate::search::shape::FreeShapeFit;
 use crate::search::stepwise::{Search, polish};
 use crate::settings::JudgeSettings;
 
-/// What was found, and how far it suffices.
+/// The result of the search and its adequacy.
 pub struct Explained<'a> {
-    /// What was fitted, as the search left it: scales of inferred ports, noise renewed, places on modes.
+    /// The problem as the search left it, with fitted scales of inferred ports, updated noise and ports on modes.
     pub ready: Prepared,
-    /// The heads of the records.
+    /// The problem on the first samples of the records.
     pub quick: Problem,
     /// The bounded refit.
     pub refitted: Refit,
-    /// Explanations.
+    /// The explanations.
     pub found: Search<'a>,
-    /// The best explanation with one effect's shape set free, where its own does not suffice.
+    /// The best explanation with the shape of one effect set free, if its own shape does not suffice.
     pub free_shape: Option<FreeShapeFit<'a>>,
-    /// What the best leaves.
+    /// The adequacy of the best explanation.
     pub judged: Adequacy,
-    /// Of the noise.
+    /// The noise level.
     pub level: NoiseLevel,
     /// Sum of squares of the simulation as given.
     pub given_cost: f64,
-    /// An explanation whose free run of a record has no bounds, with that record: it was refused.
+    /// An explanation that was refused because its free run of a record diverges, with that record.
     pub diverged: Option<(Vec<Placed<'a>>, String)>,
 }
 
 impl<'a> Explained<'a> {
-    /// The model that predicts: the best explanation, with a free shape where one is needed.
+    /// Returns the model that predicts: the best explanation, with a free shape if it needs one.
     pub fn fit(&self) -> &Fit<'a> {
         self.free_shape.as_ref().map_or(&self.found.best, |free| &free.fit)
     }
 
-    /// RMS of each output's noise, lines that wander among it; where nothing shows it, no more than what is left.
+    /// Returns the RMS of each output's noise, including lines whose phase wanders. If nothing shows the noise level,
+    /// it is at most that of the residual.
     pub fn noise_rms(&self) -> Vec<f64> {
         let noise = self.ready.noise.rms().into_iter().map(|rms| rms * self.level.factor.min(1.0).sqrt());
         let lines = |o: usize| self.ready.wandering.iter().map(|line| line.rms[o].powi(2)).sum::<f64>();
         noise.enumerate().map(|(o, noise)| (noise * noise + lines(o)).sqrt()).collect()
     }
 
-    /// The record, held out or not, whose free run has no bounds. Without effects every one has them: the audit refuses what is unstable.
+    /// Returns the record, held out or not, whose free run diverges. Without effects none does, because the audit
+    /// refuses unstable simulations.
     fn unbounded(&self) -> Option<&Record> {
         if self.fit().effects.is_empty() {
             return None;
@@ -58,7 +60,7 @@ impl<'a> Explained<'a> {
         problem.records.iter().chain(&self.ready.held_out).find(|record| !finite(record))
     }
 
-    /// In place of an explanation whose free run of a record has no bounds the next one that has them, or the refit.
+    /// Replaces an explanation whose free run of a record diverges by the next one that does not, or by the refit.
     pub(crate) fn refuse_divergence(mut self) -> Self {
         let JudgeSettings { most_refused: mut tries, most_unknown, .. } = self.ready.problem.settings.judge;
         while let Some(name) = self.unbounded().map(|record| record.name.clone()) {
@@ -69,7 +71,8 @@ impl<'a> Explained<'a> {
             found.candidates.retain(|c| !all_same(&c.effects, &found.best.effects));
             tries -= 1;
             let cheaper = |c: &&Candidate| tries > 0 && !c.effects.is_empty() && c.priced < self.refitted.cost;
-            // From the refit: what had no bounds leaves linear parameters that lean on it.
+            // The fit starts from the refit, because the linear parameters of the diverging explanation compensate for
+            // it.
             let anew =
                 |c: &Candidate<'a>| polish(problem, Fit { effects: c.effects.clone(), ..self.refitted.as_fit() });
             let next = found.candidates.iter().find(cheaper).map(anew);

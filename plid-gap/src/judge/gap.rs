@@ -6,13 +6,13 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::case::record::{Channels, Excitation, Record, rms};
 
-/// Blocks of a record that are drawn anew in a bootstrap.
+/// Number of blocks of a record in a bootstrap.
 const BLOCKS: usize = 24;
 
-/// Draws of a bootstrap.
+/// Number of draws of a bootstrap.
 const DRAWS: usize = 400;
 
-/// Squared errors and squared outputs by block: of each output, of each block.
+/// Squared errors and squared outputs, for each output and each block.
 #[derive(Debug, Clone)]
 pub struct Blocks {
     error: Vec<Vec<f64>>,
@@ -20,7 +20,7 @@ pub struct Blocks {
 }
 
 impl Blocks {
-    /// Of measured and simulated outputs (p channels), from sample `from` on.
+    /// Computes the blocks of measured and simulated outputs (p channels), from sample `from` on.
     pub fn new(y: &[Vec<f64>], simulated: &[Vec<f64>], from: usize) -> Self {
         let samples = y[0].len() - from;
         let each = samples.div_ceil(BLOCKS).max(1);
@@ -39,7 +39,7 @@ impl Blocks {
         }
     }
 
-    /// Those of several records, one after the other.
+    /// Joins the blocks of several records.
     pub fn joined(all: Vec<Self>) -> Option<Self> {
         all.into_iter().reduce(|mut joined, next| {
             let join = |to: &mut Vec<Vec<f64>>, from: Vec<Vec<f64>>| {
@@ -51,7 +51,7 @@ impl Blocks {
         })
     }
 
-    /// The relative gap.
+    /// Returns the relative gap.
     pub fn gap(&self) -> f64 {
         let all: Vec<usize> = (0..self.error[0].len()).collect();
         self.of(&all)
@@ -67,14 +67,15 @@ impl Blocks {
     }
 }
 
-/// 1 - (gap after beyond the floor) / (gap before beyond the floor).
+/// Returns 1 - (gap after) / (gap before), both beyond the floor.
 pub fn shrink(before: f64, after: f64, floor: f64) -> f64 {
     let beyond = |gap: f64| (gap * gap - floor * floor).max(0.0).sqrt();
     let given = beyond(before);
     if given > 0.0 { 1.0 - beyond(after) / given } else { 0.0 }
 }
 
-/// 95 % interval of a figure of several gaps by drawing blocks of the record anew, the same blocks for all of them.
+/// Returns the 95 % interval of a function of several gaps over draws of blocks of the record, the same blocks for all
+/// of them.
 pub fn drawn<const K: usize>(simulated: [&Blocks; K], figure: impl Fn([f64; K]) -> f64) -> [f64; 2] {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let count = simulated.first().map_or(0, |first| first.error[0].len());
@@ -84,7 +85,7 @@ pub fn drawn<const K: usize>(simulated: [&Blocks; K], figure: impl Fn([f64; K]) 
     }))
 }
 
-/// How often a figure of several gaps is true when blocks of the record are drawn anew.
+/// Returns how often a statement about several gaps is true over draws of blocks of the record.
 pub fn how_often<const K: usize>(simulated: [&Blocks; K], is: impl Fn([f64; K]) -> bool) -> f64 {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let count = simulated.first().map_or(0, |first| first.error[0].len());
@@ -95,7 +96,7 @@ pub fn how_often<const K: usize>(simulated: [&Blocks; K], is: impl Fn([f64; K]) 
     drawn.count() as f64 / DRAWS as f64
 }
 
-/// The middle 95 % of what was drawn; NaN of nothing.
+/// Returns the middle 95 % of the draws; NaN without draws.
 pub fn middle(drawn: impl Iterator<Item = f64>) -> [f64; 2] {
     let mut drawn: Vec<f64> = drawn.collect();
     drawn.sort_by(f64::total_cmp);
@@ -103,16 +104,18 @@ pub fn middle(drawn: impl Iterator<Item = f64>) -> [f64; 2] {
     [drawn[last / 40], drawn[last - last / 40]]
 }
 
-/// The gap to expect on a record of a level like `level`, from fitted ones: each output's error power as a + b level^2 over all
-/// records, over that together with the simulated output's as c level^2 over the random ones. (A measured output at a low level has more noise than
-/// its share.) One record of a lightly damped structure scatters by a tenth.
+/// Returns the gap to expect on a record of a level like `level`, from fitted ones. Each output's error power is
+/// modelled as a + b level^2 over all records, and the simulated output's power as c level^2 over the random ones. The
+/// measured output at a low level contains more noise than that. One record of a lightly damped structure scatters by a
+/// tenth.
 pub fn expected(records: &[Record], simulated: &[Channels], level: f64) -> f64 {
     let p = records[0].y.len();
     let periodic = |record: &Record| matches!(record.excitation, Excitation::Periodic(_));
     let random = records.iter().any(|record| record.level() > 0.0 && !periodic(record));
     let power = |x: &mut dyn Iterator<Item = f64>| x.map(|x| x * x).sum::<f64>();
     let share = |o: usize| -> f64 {
-        // Sums over records of weight, level^2, level^4, error power, error power x level^2; and of the output over random ones.
+        // Sums over records of weight, level^2, level^4, error power, error power x level^2; and of the output over
+        // random ones.
         let mut sums = [0.0; 5];
         let (mut output, mut driven) = (0.0, 0.0);
         for (record, simulated) in records.iter().zip(simulated) {
@@ -144,12 +147,12 @@ pub fn expected(records: &[Record], simulated: &[Channels], level: f64) -> f64 {
     ((0..p).map(share).sum::<f64>() / p as f64).sqrt()
 }
 
-/// The gap that noise alone makes.
+/// Returns the gap of noise alone.
 pub fn floor(noise: &[f64], y: &[Vec<f64>]) -> f64 {
     floor_over(noise, &[y])
 }
 
-/// The same over several records, each of p channels.
+/// Returns the same over several records, each of p channels.
 pub fn floor_over(noise: &[f64], records: &[&[Vec<f64>]]) -> f64 {
     let size = |o: usize| rms(records.iter().flat_map(|y| y[o].iter().filter(|y| y.is_finite())));
     let share = |o: usize| (noise[o] / size(o).max(f64::MIN_POSITIVE)).powi(2);
@@ -160,7 +163,8 @@ pub fn floor_over(noise: &[f64], records: &[&[Vec<f64>]]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Noise of one size at two levels: at the lower one it is a large part of what is measured, which says nothing of the louder record's output.
+    /// Noise of one size at two levels is a large part of the measured output at the lower one, but that says nothing
+    /// about the output of the louder record.
     #[test]
     fn noise_is_expected_beside_the_output_of_the_level_that_is_asked_for() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);

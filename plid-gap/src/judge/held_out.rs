@@ -1,8 +1,9 @@
-//! Step 7 once more, on records that were held out from all fitting: do the effects simulate them better than a refit alone, beyond chance?
+//! Held-out records: whether the effects simulate them better than a refit alone, beyond chance.
 //!
-//! With r0 and r1 the whitened residuals of refit and explanation, the gain |r0|^2 - |r1|^2 (twice the log likelihood ratio) has the mean
-//! -delta^2 where the refit is right and +delta^2 where the explanation is, and the standard deviation 2 delta in both cases, with delta =
-//! |r0 - r1|. That holds for an effect that acts at a few instants too, where the scatter between blocks of the record says nothing.
+//! With r0 and r1 the whitened residuals of refit and explanation, the gain |r0|^2 - |r1|^2 (twice the log likelihood
+//! ratio) has the mean -delta^2 if the refit is right and +delta^2 if the explanation is. Its standard deviation is
+//! 2 delta in both cases, where delta is the norm of r0 - r1. This also holds for an effect that acts at a few instants
+//! only, for which the scatter between blocks of the record says nothing.
 
 use crate::case::record::Record;
 use crate::effects::Action;
@@ -13,7 +14,7 @@ use crate::noise::whiten::Whitener;
 use crate::plant::Plant;
 use crate::settings::JudgeSettings;
 
-/// What held-out records say of an explanation against a refit alone.
+/// The evidence of held-out records for an explanation against a refit alone.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeldOut {
     /// Twice the log likelihood ratio.
@@ -23,8 +24,8 @@ pub struct HeldOut {
 }
 
 impl HeldOut {
-    /// Whether the explanation fails where it should show: a right one gains a quarter of the standard deviation, squared. And whether it spoils more than
-    /// chance can, however little it was to show.
+    /// Returns whether the explanation fails where it should show, since a right one gains a quarter of the square of
+    /// the standard deviation; or whether it worsens the fit by more than chance, however little it was to show.
     pub fn refutes(&self, settings: &JudgeSettings) -> bool {
         let JudgeSettings { held_out_gain, held_out_power, .. } = *settings;
         let chance = held_out_gain * self.deviation;
@@ -32,7 +33,7 @@ impl HeldOut {
     }
 }
 
-/// The gain of the second simulation over the first on all records together; none without records.
+/// Returns the gain of the second simulation over the first on all records together; `None` without records.
 pub fn held_out(
     records: &[Record],
     noise: &NoiseModel,
@@ -54,7 +55,7 @@ pub fn held_out(
         apart += r0.iter().zip(&r1).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
         rows += r0.len();
     }
-    // What the better of the two leaves beyond the noise blurs the gain as noise does.
+    // The residual of the better one beyond the noise adds to the scatter as noise does.
     let blur = (before.min(after) / rows.max(1) as f64).max(1.0);
     (rows > 0).then(|| HeldOut { gain: before - after, deviation: 2.0 * (apart * blur).sqrt() })
 }
@@ -66,11 +67,11 @@ mod tests {
     #[test]
     fn only_what_should_have_shown_and_did_not_is_refuted() {
         let of = |gain: f64, deviation: f64| HeldOut { gain, deviation }.refutes(&JudgeSettings::default());
-        // A right explanation of delta = 50: +2500 within 100 each way. A wrong one: -2500.
+        // A right explanation of delta = 50 gains 2500 with a standard deviation of 100; a wrong one loses 2500.
         assert!(!of(2500.0, 100.0) && of(-2500.0, 100.0) && of(200.0, 100.0));
-        // Of delta = 2 nobody can say.
+        // With delta = 2 nothing can be said.
         assert!(!of(-4.0, 4.0));
-        // But not that it gains 4 within 4, where it loses 20.
+        // A loss of 20 refutes a gain of 4 with a standard deviation of 4.
         assert!(of(-20.0, 4.0));
     }
 }

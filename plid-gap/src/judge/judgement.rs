@@ -1,4 +1,5 @@
-//! The judgement of an explanation on all records, those held out among them: its gaps, its probability beside the other explanations, the verdict.
+//! The judgement of an explanation on all records, including those held out: its gaps, the probabilities of all
+//! explanations, and the verdict.
 
 use crate::case::CaseConfig;
 use crate::effects::Action;
@@ -18,15 +19,15 @@ use crate::settings::step::Step;
 pub struct Judgement<'j, 'a> {
     /// The linear simulation after the fit of the explanation.
     pub plant: Plant,
-    /// What its effects do.
+    /// The actions of its effects.
     pub actions: Vec<Action>,
     /// Gaps on the records that are opened at the end.
     pub gaps: Gap,
-    /// What held-out records say of it; none where it has no effects.
+    /// The evidence of held-out records; `None` if it has no effects.
     pub held_out: Option<HeldOut>,
     /// Its free runs of the opened records.
     pub simulated: Blocks,
-    /// What each of its effects closes.
+    /// The share of each of its effects.
     pub shares: Vec<Share>,
     /// Stochastic effects that enter the answer.
     pub shown: Vec<&'j Stochastic<'a>>,
@@ -48,7 +49,7 @@ impl<'j, 'a> Judgement<'j, 'a> {
         let (problem, best) = (&ready.problem, &found.best.effects);
         let plant = problem.nuisance.apply(&problem.plant, &explained.fit().eta);
         let actions = problem.actions(&explained.fit().effects);
-        // A refit beyond the stated limits may stand for the effect itself.
+        // A refit beyond the stated limits may imitate the effect itself.
         let bounded = clipped(problem, &refitted.eta).map(|eta| problem.nuisance.apply(&problem.plant, &eta));
         let bounded = bounded.as_ref().unwrap_or(&refitted.plant);
         let gaps = gaps(explained, &plant, &actions, bounded, &config.nuisance);
@@ -59,7 +60,7 @@ impl<'j, 'a> Judgement<'j, 'a> {
         let shares = shares(explained, &simulated, bounded);
         let mut weighted =
             weigh(&found.candidates, unknown, problem.rows() as f64, explained.level, &problem.settings, &ready.off);
-        // What quiet records show holds whatever the free runs say.
+        // Quiet records are evidence independently of free runs.
         let names = &problem.setting.names;
         let near_line = problem.settings.prepare.near_line;
         let enters = |u: &&Stochastic| {
@@ -76,13 +77,15 @@ impl<'j, 'a> Judgement<'j, 'a> {
     }
 }
 
-/// Probability of something else, with what held-out records say. An effect that does not simulate them better than a refit alone is not at work there.
+/// Returns the probability of something else in view of held-out records. An effect that does not simulate them better
+/// than a refit alone does not act there.
 fn unknown(explained: &Explained, gaps: &Gap, held_out: Option<HeldOut>, material: f64) -> f64 {
     let Explained { ready, found, judged, .. } = explained;
     let settings = &ready.problem.settings.judge;
     let fails = !ready.off.contains(&Step::HeldOutVeto) && held_out.is_some_and(|held_out| held_out.refutes(settings));
     let imperfect = ready.widened.is_some() && !found.best.effects.is_empty();
-    // An explanation that makes the gap on held-out records grow by a material part explains nothing, however well it fits the others.
+    // An explanation that widens the gap on held-out records by a material part explains nothing, however well it fits
+    // the others.
     let grown = gaps.with_effect.powi(2) - gaps.within_limits.powi(2) > material.powi(2);
     match (fails || grown, imperfect) {
         (true, _) => settings.most_unknown.max(judged.unknown),
@@ -92,7 +95,7 @@ fn unknown(explained: &Explained, gaps: &Gap, held_out: Option<HeldOut>, materia
 }
 
 fn verdict(explained: &Explained, weighted: &[Weighted], gaps: &Gap, material: f64) -> Verdict {
-    // Nothing matters that a simulation within its limits leaves less of than is material.
+    // If a simulation within its limits leaves less than a material gap, nothing matters.
     let immaterial = explained.ready.widened.is_some() && gaps.beyond_noise(gaps.within_limits) < material;
     match weighted.first() {
         Some(top) if immaterial && (top.unknown || explained.found.best.effects.is_empty()) => Verdict::None,

@@ -1,4 +1,4 @@
-//! Where the gap lies: output x band x time x level, each share with its interval.
+//! The location of the gap: output x band x time x level, each share with its interval.
 
 use nalgebra::DMatrix;
 use rand::{RngExt, SeedableRng};
@@ -13,31 +13,32 @@ use crate::judge::gap::middle;
 use crate::noise::NoiseModel;
 use crate::simulate::Fineness;
 
-/// Bands over which the gap is spread.
+/// Number of frequency bands.
 pub const BANDS: usize = 24;
 
-/// Stretches of time over all records.
+/// Number of stretches of time over all records.
 pub const STRETCHES: usize = 8;
 
-/// Blocks that each stretch of a record is cut into: what a bootstrap draws anew. Longer than a resonance rings, for records of a few thousand samples.
+/// Number of blocks in each stretch of a record for the bootstrap. In records of a few thousand samples, a block is
+/// longer than a resonance rings.
 const BLOCKS: usize = 8;
 
-/// Draws of the bootstrap.
+/// Number of draws of the bootstrap.
 const DRAWS: usize = 400;
 
 /// A figure with its 95 % interval.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
-    /// From all that was recorded.
+    /// The value from all records.
     pub value: f64,
-    /// By drawing blocks of the records anew.
+    /// The interval from draws of blocks of the records.
     pub ci95: [f64; 2],
 }
 
-/// How large the gap is at a level.
+/// The gap at a level.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LevelGap {
-    /// The record.
+    /// Name of the record.
     pub record: String,
     /// RMS of its inputs.
     pub level: f64,
@@ -60,13 +61,13 @@ pub struct Map {
     pub bands: Vec<Estimate>,
     /// Share of each stretch of time.
     pub stretches: Vec<Estimate>,
-    /// Of each driven random record; where those have one level, of each driven periodic one.
+    /// The gap of each driven random record; if those have one level, of each driven periodic one.
     pub levels: Vec<LevelGap>,
-    /// Slope of log gap against log level, over the records whose gap stands out of the noise.
+    /// Slope of the logarithm of the gap over that of the level, over the records whose gap exceeds the noise.
     pub slope: Option<Estimate>,
 }
 
-/// Errors of a simulation (p channels), one for each record.
+/// Returns the errors of the simulation as given (p channels), one for each record.
 pub fn errors(problem: &Problem) -> Vec<Channels> {
     let eta = vec![0.0; problem.nuisance.len()];
     (0..problem.records.len())
@@ -77,8 +78,8 @@ pub fn errors(problem: &Problem) -> Vec<Channels> {
         .collect()
 }
 
-/// Draws the map, with intervals by a block bootstrap: of each record, and of each stretch of time in it, as many blocks are drawn anew.
-/// Levels whose ratio is below `same_level` are one level.
+/// Computes the map with intervals by a block bootstrap: in each stretch of time of each record, as many blocks are
+/// drawn as there are. Levels whose ratio is below `same_level` are one level.
 pub fn map(records: &[Record], errors: &[Channels], noise: &NoiseModel, rate: f64, same_level: f64) -> Map {
     let edges: Vec<f64> = (0..=BANDS).map(|k| 0.5 * rate * k as f64 / BANDS as f64).collect();
     let blocks = blocks(records, errors, noise, &edges);
@@ -94,13 +95,13 @@ pub fn map(records: &[Record], errors: &[Channels], noise: &NoiseModel, rate: f6
     };
     let indices = of_levels(records, same_level);
     let levels: Vec<LevelGap> = indices.iter().map(|&index| level(index)).collect();
-    // What chance may hide in the noise has no place on a logarithmic scale.
+    // A gap that chance may hide in the noise has no place on a logarithmic scale.
     let clear = levels.iter().zip(&indices).filter(|(level, _)| level.gap.ci95[0] > 0.0);
     let clear: Vec<(usize, f64)> = clear.map(|(level, &index)| (index, level.level)).collect();
     let slope = whole
         .slope(&clear)
         .map(|value| Estimate { value, ci95: middle(drawn.iter().filter_map(|sums| sums.slope(&clear))) })
-        // Without a draw that has one, nothing says how well it is known.
+        // Without a draw that has a slope, its uncertainty is unknown.
         .filter(|slope| slope.ci95.iter().all(|end| end.is_finite()));
     Map {
         outputs: (0..whole.share.nrows()).map(|o| row(|sums| &sums.share, o)).collect(),
@@ -114,7 +115,7 @@ pub fn map(records: &[Record], errors: &[Channels], noise: &NoiseModel, rate: f6
     }
 }
 
-/// A piece of a record.
+/// A block of a record.
 struct Block {
     record: usize,
     stretch: usize,
@@ -124,13 +125,13 @@ struct Block {
     output: f64,
 }
 
-/// All records in blocks, each output scaled to unit RMS.
+/// Divides all records into blocks, each output scaled to unit RMS.
 fn blocks(records: &[Record], errors: &[Channels], noise: &NoiseModel, edges: &[f64]) -> Vec<Block> {
     let p = records[0].y.len();
     let finite = |y: &&f64| y.is_finite();
     let scale: Vec<f64> =
         (0..p).map(|o| 1.0 / rms(records.iter().flat_map(|r| r.y[o].iter().filter(finite))).max(1e-300)).collect();
-    // Noise power of each output in each band, a sample.
+    // Noise power of each output in each band, per sample.
     let quiet = DMatrix::from_fn(p, BANDS, |o, b| {
         let within =
             (0..4).map(|j| noise.density(edges[b] + (edges[b + 1] - edges[b]) * (f64::from(j) + 0.5) / 4.0)[(o, o)].re);
@@ -175,7 +176,7 @@ fn blocks(records: &[Record], errors: &[Channels], noise: &NoiseModel, edges: &[
     blocks
 }
 
-/// A signal cut into bands, one after the other; together they are the signal.
+/// Divides a signal into bands whose sum is the signal.
 fn bands(x: &[f64]) -> Vec<Vec<f64>> {
     let spectrum = fourier::forward(x);
     let last = (spectrum.len() - 1).max(1);
@@ -186,7 +187,7 @@ fn bands(x: &[f64]) -> Vec<Vec<f64>> {
     (0..BANDS).map(within).collect()
 }
 
-/// How often each block counts: of those of one record in one stretch as many as there are, with repeats.
+/// Draws how often each block counts: as many blocks as each stretch of each record has, with repetition.
 fn draw(blocks: &[Block], rng: &mut ChaCha8Rng) -> Vec<f64> {
     let mut counts = vec![0.0; blocks.len()];
     let mut from = 0;
@@ -199,11 +200,11 @@ fn draw(blocks: &[Block], rng: &mut ChaCha8Rng) -> Vec<f64> {
     counts
 }
 
-/// What blocks add up to.
+/// Sums over blocks.
 struct Sums {
     share: DMatrix<f64>,
     time: DMatrix<f64>,
-    /// Of each record: squared gap beyond the noise, squared outputs.
+    /// For each record, squared gap beyond the noise and squared outputs.
     records: Vec<(f64, f64)>,
 }
 
@@ -225,7 +226,7 @@ impl Sums {
                 *beyond += count * column;
             }
         }
-        // What is below the noise is none.
+        // A negative value means that the gap is below the noise.
         for shares in [&mut share, &mut time] {
             shares.iter_mut().for_each(|x: &mut f64| *x = x.max(0.0));
             let all = shares.sum();
@@ -236,13 +237,13 @@ impl Sums {
         Self { share, time, records }
     }
 
-    /// The relative gap of a record.
+    /// Returns the relative gap of a record.
     fn gap(&self, record: usize) -> f64 {
         let (beyond, output) = self.records[record];
         if output > 0.0 { (beyond.max(0.0) / output).sqrt() } else { 0.0 }
     }
 
-    /// Of records, each with its level.
+    /// Returns the slope over records, each with its level.
     fn slope(&self, levels: &[(usize, f64)]) -> Option<f64> {
         let points = levels.iter().map(|&(record, level)| (level.ln(), self.gap(record).ln()));
         let usable: Vec<(f64, f64)> = points.filter(|(_, gap)| gap.is_finite()).collect();
@@ -257,7 +258,8 @@ impl Sums {
     }
 }
 
-/// The records by which one says how the gap goes with the level: alike in kind, for the gap of what repeats is another one.
+/// Returns the records that show how the gap depends on the level. All are random or all are periodic, because the gap
+/// of a periodic response is a different one.
 fn of_levels(records: &[Record], same_level: f64) -> Vec<usize> {
     let driven = |periodic: bool| -> Vec<usize> {
         let kind = |r: &Record| matches!(r.excitation, Excitation::Periodic(_)) == periodic;

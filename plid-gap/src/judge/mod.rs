@@ -1,5 +1,5 @@
-//! What the fits allow to be said: whether the explanation suffices, what the records can separate, how far the gap shrinks, and which
-//! experiment would tell more.
+//! The conclusions from the fits: whether the explanation suffices, what the records can separate, how far the gap
+//! shrinks, and which experiment would tell more.
 
 pub(crate) mod crossed;
 pub(crate) mod explained;

@@ -1,8 +1,9 @@
-//! What next: the experiment that would part what is left, by expected information.
+//! The next experiment: the one that would best separate the remaining explanations, by expected information.
 //!
-//! For each experiment that could be made with this setup, and each pair of the best explanation and a rival: the rival, fitted to what the
-//! best explanation says of the records in hand (`separable.rs`), is fitted to what it says that would be measured, with all that those records
-//! tell of its parameters. What it cannot follow, whitened, is twice the expected log likelihood ratio (Box and Hill 1967, with the noise known).
+//! Each possible experiment with this setup is judged by each pair of the best explanation and a rival. The rival was
+//! fitted to the prediction of the records by the best explanation (`separability.rs`). It is now fitted to the
+//! prediction of the experiment, with the information of those records on its parameters as prior. The whitened part
+//! that it cannot follow is twice the expected log likelihood ratio (Box and Hill 1967, with the noise known).
 
 use nalgebra::DMatrix;
 
@@ -20,7 +21,7 @@ use crate::noise::whiten::Whitener;
 use crate::simulate::Fineness;
 use crate::words::likelihood;
 
-/// The experiment to make next, in words with its predicted gain; none where nothing is open.
+/// Returns the next experiment in words with its predicted gain; `None` if nothing is open.
 pub fn next_experiment<'a>(
     explained: &Explained<'a>,
     weighted: &[Weighted<'a>],
@@ -71,13 +72,14 @@ pub fn next_experiment<'a>(
         )
     } else {
         format!(
-            "No tested input level distinguishes {from} ({words}: {gain:.1} in log likelihood, where {:.0} is needed): a sensor or an input at another place is necessary.",
+            "No tested input level distinguishes {from} ({words}: {gain:.1} in log likelihood, where {:.0} is needed): \
+            a sensor or an input at another location is necessary.",
             settings.separable
         )
     })
 }
 
-/// Where something outside the vocabulary is at work, no model says what it would do elsewhere.
+/// Proposes an experiment by rule: if something outside the vocabulary acts, no model predicts its behaviour elsewhere.
 fn by_rule(explained: &Explained) -> String {
     let records = &explained.ready.problem.records;
     let levels = records.iter().filter(|r| r.level() > 0.0).map(Record::level);
@@ -87,7 +89,10 @@ fn by_rule(explained: &Explained) -> String {
         wanted.push("the same random input at a third and at twice the level, interleaved");
     }
     if records.iter().all(|r| !matches!(r.excitation, Excitation::Periodic(_))) {
-        wanted.push("a random-phase multisine of odd lines over six periods or more, whose even and left-out lines show the kind");
+        wanted.push(
+            "a random-phase multisine of odd lines over six periods or more, whose even and left-out lines \
+        show the kind",
+        );
     }
     if records.iter().all(|r| r.excitation != Excitation::Zero) {
         wanted.push("a record without input");
@@ -99,16 +104,16 @@ fn by_rule(explained: &Explained) -> String {
         wanted
             .push("a sine at the frequency where most of the gap lies, at several levels: its harmonics show the kind");
     }
-    format!("Nothing of the vocabulary explains the rest; to see what it is, record {}.", wanted.join(", then "))
+    format!("Nothing in the vocabulary explains the remainder; to identify it, record {}.", wanted.join(", then "))
 }
 
-/// An input that could be applied.
+/// A possible input.
 struct Experiment {
     u: Channels,
     words: String,
 }
 
-/// The loudest input again, at other levels, and one input alone.
+/// Returns the loudest input at other levels, and each input alone.
 fn experiments(problem: &Problem) -> Vec<Experiment> {
     let samples = problem.settings.judge.experiment_samples;
     let loudest = loudest(&problem.records);
@@ -135,7 +140,7 @@ fn experiments(problem: &Problem) -> Vec<Experiment> {
     experiments
 }
 
-/// What would be measured if the best explanation were true.
+/// Returns what would be measured if the best explanation were true.
 fn imagined(explained: &Explained, best: &Fit, experiment: &Experiment) -> Problem {
     let problem = &explained.ready.problem;
     let ends = problem.records.iter().map(|r| r.start_s + r.samples() as f64 / problem.plant.rate);
@@ -159,7 +164,7 @@ fn imagined(explained: &Explained, best: &Fit, experiment: &Experiment) -> Probl
     foretold(&made, &best.eta[..made.nuisance.len()], &best.effects)
 }
 
-/// What the records say of a rival's parameters: the information on modes and effects, with initial states let go.
+/// Returns the information of the records on a rival's parameters, without the initial states.
 fn known(problem: &Problem, fit: &Fit) -> Option<DMatrix<f64>> {
     let (normal, _) = problem.information(fit, &fit.residual);
     let kept: Vec<usize> =
@@ -169,7 +174,7 @@ fn known(problem: &Problem, fit: &Fit) -> Option<DMatrix<f64>> {
     part.cholesky().map(|factor| factor.inverse())
 }
 
-/// Expected log likelihood ratio against a rival.
+/// Returns the expected log likelihood ratio against a rival.
 fn gain(problem: &Problem, rival: &Fit, known: &DMatrix<f64>) -> f64 {
     let eta = rival.eta[..problem.nuisance.len()].to_vec();
     let rival = Fit { eta, ..rival.clone() };

@@ -1,57 +1,58 @@
-//! Step 0: could these records tell one explanation from another?
+//! Separability: whether these records can distinguish two explanations.
 //!
-//! [`crate::search::overlap`] answers to first order, before any fit. Here each rival is fitted, together with the linear parameters, to what the best
-//! explanation says that the same records would hold without noise. The part that the rival cannot follow is the difference in log likelihood that these
-//! records are expected to make ([`rivals`]).
+//! [`crate::search::overlap`] answers to first order, before any fit. Here each rival is fitted, together with the
+//! linear parameters, to the noise-free prediction of the same records by the best explanation. The part that the rival
+//! cannot follow is the difference in log likelihood that these records are expected to make ([`rivals`]).
 //!
-//! A cosine alone misleads: what counts is the energy times what the cosine leaves of it, and the energy of a gap of a few per cent
+//! A cosine alone is misleading: the energy times the remaining share counts, and the energy of a gap of a few per cent
 //! is some ten thousand times that of a sample's noise.
 
 use rayon::prelude::*;
 
 use crate::case::record::Record;
 use crate::fit::candidate::{Candidate, all_same};
-use crate::fit::problem::{Effort, Fit, Placed, Problem, Jacobian};
+use crate::fit::problem::{Effort, Fit, Jacobian, Placed, Problem};
 use crate::settings::JudgeSettings;
 use crate::simulate::Fineness;
 
-/// A rival needs to be near what it is fitted to, no nearer than the comparison is.
+/// A fit of a rival. It need not be more accurate than the comparison.
 const NEARLY: Effort = Effort { steps: 6, gain: 0.2, fineness: Fineness::COARSE };
 
-/// Records as an explanation foretells them, without noise, and how well it explains these itself.
+/// Records as an explanation predicts them, without noise, and the fit of the explanation to them.
 pub struct Foretold<'a> {
-    /// With outputs that were simulated.
+    /// The problem with simulated outputs.
     pub problem: Problem,
-    /// The explanation, as it was fitted to what was measured.
+    /// The explanation as it was fitted to the measured records.
     pub truth: Fit<'a>,
     jacobian: Jacobian,
-    /// Its own cost on what it foretells.
+    /// Its own cost on its prediction.
     own: f64,
 }
 
 impl<'a> Foretold<'a> {
-    /// As `truth`, a fit to `problem`, foretells them.
+    /// Predicts the records by `truth`, a fit to `problem`.
     pub fn new(problem: &Problem, truth: &Fit<'a>) -> Self {
         let problem = foretold(problem, &truth.eta, &truth.effects);
         let jacobian = problem.jacobian(&problem.nuisance.apply(&problem.plant, &truth.eta));
-        // Its own linear parameters give way to their prior as a rival's do.
+        // Its own linear parameters are pulled towards their prior as a rival's are.
         let own = problem.fit(&jacobian, &truth.eta, &truth.effects, NEARLY).cost;
         Self { problem, truth: truth.clone(), jacobian, own }
     }
 
-    /// The fit of another explanation to them.
+    /// Fits another explanation to the prediction.
     pub fn fit(&self, effects: &[Placed<'a>]) -> Fit<'a> {
         self.problem.fit(&self.jacobian, &self.truth.eta, effects, NEARLY)
     }
 
-    /// The difference in log likelihood that the records are expected to make between the explanation that foretold them and another
-    /// that was fitted to them.
+    /// Returns the difference in log likelihood that the records are expected to make between the explanation that
+    /// predicted them and another one that was fitted to the prediction.
     pub fn expected(&self, fit: &Fit) -> f64 {
         (0.5 * (fit.cost - self.own)).max(0.0)
     }
 }
 
-/// The problem with what a linear model with effects simulates in place of what was measured. What says nothing goes on to do so.
+/// Returns the problem with the outputs of a linear model with effects in place of the measured ones. Missing samples
+/// stay missing.
 pub(crate) fn foretold(problem: &Problem, eta: &[f64], effects: &[Placed]) -> Problem {
     let plant = problem.nuisance.apply(&problem.plant, eta);
     let actions = problem.actions(effects);
@@ -68,20 +69,20 @@ pub(crate) fn foretold(problem: &Problem, eta: &[f64], effects: &[Placed]) -> Pr
     Problem { records, ..problem.clone() }
 }
 
-/// An explanation held against the best one.
+/// An explanation in comparison with the best one.
 pub struct Rival<'a> {
-    /// As they were fitted to the records.
+    /// Its effects as they were fitted to the records.
     pub effects: Vec<Placed<'a>>,
-    /// Fitted to what the best explanation foretells.
+    /// Its fit to the prediction of the best explanation.
     pub fit: Fit<'a>,
     /// Expected difference in log likelihood on the records in hand, if the best explanation is true.
     pub expected: f64,
-    /// The difference that they made.
+    /// The difference on the measured records.
     pub realised: f64,
 }
 
-/// The candidates that come nearest to the best explanation, held against it; none against the explanation that nothing is missing, which
-/// each of them contains. `best` are its effects, without a free shape beside them.
+/// Returns the candidates that are nearest to the best explanation, compared with it. The explanation of no effect has
+/// no rivals, because each candidate contains it. `best` are the effects of the best explanation, without a free shape.
 pub fn rivals<'a>(foretold: &Foretold<'a>, best: &[Placed], candidates: &[Candidate<'a>]) -> Vec<Rival<'a>> {
     let Some(own) = candidates.iter().find(|candidate| all_same(&candidate.effects, best)) else { return Vec::new() };
     if best.is_empty() {
@@ -109,15 +110,15 @@ pub fn rivals<'a>(foretold: &Foretold<'a>, best: &[Placed], candidates: &[Candid
         .collect()
 }
 
-/// Rivals that the records cannot part from the best explanation: they are not expected to, and did not. One with fewer effects has been
-/// refuted by the search, one with more is no other cause.
+/// Returns the rivals that the records cannot separate from the best explanation: they are not expected to, and did
+/// not. A rival with fewer effects has been refuted by the search, and one with more is not another cause.
 pub fn open<'r, 'a>(
     rivals: &'r [Rival<'a>],
     best: &[Placed],
     settings: &JudgeSettings,
 ) -> impl Iterator<Item = &'r Rival<'a>> {
     let effects = best.len();
-    // What is expected to be D scatters by the root of 2 D.
+    // An expected difference D scatters by the root of 2 D.
     let separable = settings.separable;
     let refuted = separable + 2.0 * (2.0 * separable).sqrt();
     rivals
@@ -137,7 +138,7 @@ mod tests {
     use crate::search::overlap::{Overlap, overlap};
     use crate::testing;
 
-    /// White noise of a known size, a simulation that has no play, and what the records hold of a sound simulation.
+    /// White noise of a known size, a simulation without free parameters, and records of a sound simulation.
     fn problem(limits: &Limits, samples: usize) -> (Problem, f64) {
         let model = testing::truss(8);
         let case = testing::case(&model, &model);
@@ -159,14 +160,14 @@ mod tests {
         problem.fit(&jacobian, &vec![0.0; problem.nuisance.len()], std::slice::from_ref(placed), NEARLY)
     }
 
-    /// What an effect adds to the whitened outputs of the simulation as given.
+    /// Returns the change of the whitened outputs of the simulation as given by an effect.
     fn trace(problem: &Problem, placed: &Placed) -> Vec<f64> {
         let zero = vec![0.0; problem.nuisance.len()];
         let run = |effects: &[Placed]| problem.residual(&problem.plant, &zero, effects, Fineness::COARSE);
         run(&[]).iter().zip(&run(std::slice::from_ref(placed))).map(|(a, b)| a - b).collect()
     }
 
-    /// A constant follows a straight line but for its slope: N (N^2 - 1) / 12 samples squared.
+    /// A constant follows a straight line except for its slope: N (N^2 - 1) / 12 samples squared.
     #[test]
     fn an_offset_follows_a_drift_as_far_as_a_mean_follows_a_line() {
         const N: usize = 2048;
@@ -183,15 +184,15 @@ mod tests {
         let expected = 0.5 * (per_sample / std).powi(2) * n * (n * n - 1.0) / 12.0;
         let found = foretold.expected(&foretold.fit(std::slice::from_ref(&offset)));
         assert!((found / expected - 1.0).abs() < 1e-3, "{found} for {expected}");
-        // Both are linear in their sizes, so that it is known before any fit.
+        // Both are linear in their sizes, so the result is known before any fit.
         let before =
             overlap(&problem.jacobian(&problem.plant), &[trace(&problem, &drift), trace(&problem, &offset)]).unwrap();
         assert!((before.expected[(0, 1)] / expected - 1.0).abs() < 1e-3, "{:?} for {expected}", before.expected);
-        // Nothing is expected to part a truth from itself.
+        // Nothing is expected to separate a truth from itself.
         assert!(foretold.expected(&foretold.fit(&[drift])) < 1e-6);
     }
 
-    /// Cubic stiffness that makes a gap of so much beside noise, and clearance against it.
+    /// Cubic stiffness with a gap of this multiple of the noise, compared with clearance.
     fn cubic_and_clearance(gap: f64) -> (f64, f64, f64, bool) {
         let (mut problem, _) = problem(&Limits::default(), 2000);
         let input = Place::Input(0);
@@ -217,7 +218,7 @@ mod tests {
             each.for_each(|((y, bare), with)| *y += with - bare);
         }
         let best = fit(&problem, &cubic);
-        // A clearance of the same size to begin with, of each width.
+        // Clearances of the same initial size, with each width.
         let jacobian = problem.jacobian(&problem.plant);
         let starts = Clearance.starts(&problem.setting, &input);
         let own = trace(&problem, &cubic);
@@ -242,12 +243,12 @@ mod tests {
         (overlap.cosine[(0, 1)], overlap.expected[(0, 1)], expected, is_open)
     }
 
-    /// Near in angle at any size, and parted by the size alone.
+    /// Close in angle at any size, and separated by the size alone.
     #[test]
     fn a_gap_parts_what_a_cosine_does_not() {
         for (gap, parted) in [(0.0003, false), (0.01, true)] {
             let (cosine, before, expected, is_open) = cubic_and_clearance(gap);
-            // A clearance of free width comes nearer than one whose width is that of the screen.
+            // A clearance of free width comes nearer than one with the width of the screen.
             assert!(before > expected, "{gap}: {before} {expected}");
             assert!(cosine > 0.9, "{gap}: {cosine}");
             assert_eq!(

@@ -1,4 +1,4 @@
-//! The answer once more, from all records: what was held out says where a prediction may go that the others did not.
+//! The final fit to all records, including those held out.
 
 use crate::case::Limits;
 use crate::fit::nuisance::Nuisance;
@@ -9,7 +9,7 @@ use crate::simulate::Fineness;
 
 const ALL: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::FINE };
 
-/// The best explanation, fitted to all records; none where nothing was held out, or where it fits worse than before.
+/// Fits the best explanation to all records; `None` if nothing was held out, or if it fits worse than before.
 pub fn with_all<'a>(explained: &Explained<'a>) -> Option<(Vec<f64>, Vec<Placed<'a>>)> {
     let ready = &explained.ready;
     let fit = explained.fit();
@@ -20,7 +20,7 @@ pub fn with_all<'a>(explained: &Explained<'a>) -> Option<(Vec<f64>, Vec<Placed<'
     let records: Vec<_> = problem.records.iter().chain(&ready.held_out).cloned().collect();
     let mut whiteners = problem.whiteners.clone();
     whiteners.extend(ready.held_out.iter().map(|record| {
-        // What was not measured says nothing.
+        // Missing samples count for nothing.
         let missing = |y: &Vec<f64>| (0..y.len()).filter(|&k| !y[k].is_finite()).collect();
         Whitener::new(record, &ready.noise, problem.plant.rate, record.y.iter().map(missing).collect())
     }));
@@ -28,7 +28,7 @@ pub fn with_all<'a>(explained: &Explained<'a>) -> Option<(Vec<f64>, Vec<Placed<'
     let mut nuisance = Nuisance::new(&problem.plant, &records, &Limits::default());
     nuisance.std[..modes].copy_from_slice(&problem.nuisance.std[..modes]);
     nuisance.ports_follow = problem.nuisance.ports_follow;
-    // Initial states that were fitted come first; those of the new records begin at rest.
+    // Fitted initial states come first; those of the added records begin at rest.
     let mut eta = fit.eta.clone();
     eta.resize(nuisance.len(), 0.0);
     let all = Problem { records, whiteners, nuisance, ..problem.clone() };

@@ -1,4 +1,4 @@
-//! What each effect of the best explanation closes, the others staying.
+//! The share of the gap that each effect of the best explanation closes while the others stay.
 
 use crate::case::record::Record;
 use crate::fit::candidate::same;
@@ -11,25 +11,26 @@ use crate::noise::Source;
 use crate::plant::Plant;
 use crate::simulate::Fineness;
 
-/// A fit to see what is missing without an effect.
+/// A fit without one of the effects.
 const WITHOUT: Effort = Effort { steps: 4, gain: 1.0, fineness: Fineness::COARSE };
 
-/// What an effect closes on the opened records.
+/// The share of an effect on the opened records.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Share {
-    /// Of the squared gap beyond noise and the simulation within its limits.
+    /// Share of the squared gap beyond noise and the simulation within its limits.
     pub value: f64,
-    /// By drawing blocks of the opened records anew.
+    /// Interval from draws of blocks of the opened records.
     pub ci95: [f64; 2],
     /// Squared gap that it closes.
     pub closed: f64,
-    /// Amplitude that remains beside what it closes: of all that is left beyond the noise once this effect is missing, what is left with it.
+    /// Remaining amplitude with the effect, over that without it, both beyond the noise.
     pub left: f64,
 }
 
-/// Of each effect of the best explanation, in order. `plant` and `actions` are the simulation with all of them, `within` the one without any, within its limits.
-/// What is missing without an effect is fitted by the others and by the linear parameters, which stay within their limits too: a frequency that is off by
-/// more is an effect, and not for them to hide.
+/// Returns the share of each effect of the best explanation, in order. `plant` and `actions` are the simulation with
+/// all of them; `within` is the simulation without any, within its limits. Without an effect, the others and the linear
+/// parameters are fitted again. The linear parameters stay within their limits: a frequency that is off by more is an
+/// effect and must not hide another one.
 pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share> {
     let problem = &explained.ready.problem;
     let fit = explained.fit();
@@ -70,13 +71,13 @@ pub fn shares(explained: &Explained, with: &Blocks, within: &Plant) -> Vec<Share
     (0..named.len()).map(one).collect()
 }
 
-/// Gap that noise makes on the opened records.
+/// Returns the gap of noise on the opened records.
 fn floor(explained: &Explained, opened: &[&Record]) -> f64 {
     let measured: Vec<&[Vec<f64>]> = opened.iter().map(|record| record.y.as_slice()).collect();
     gap::floor_over(&explained.noise_rms(), &measured)
 }
 
-/// Squared gap that a force in a band makes, which is part of the noise.
+/// Returns the squared gap of a random force in a band, which is part of the noise.
 pub fn of_band(explained: &Explained) -> f64 {
     let mut without = explained.ready.noise.clone();
     without.sources.retain(|(source, _)| !matches!(source, Source::Band(_)));

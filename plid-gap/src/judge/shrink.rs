@@ -1,4 +1,4 @@
-//! Step 10: how far the gap goes down, on what was held out from all fitting.
+//! Step 10: how far the gap shrinks on held-out records.
 
 use serde::{Deserialize, Serialize};
 
@@ -18,10 +18,10 @@ use crate::plant::Plant;
 use crate::search::stepwise::Search;
 use crate::simulate::Fineness;
 
-/// Steps of the refit without bounds.
+/// Largest number of steps of the refit without bounds.
 const FREE_STEPS: usize = 12;
 
-/// How much more the simulation with its effects closes than another model, on the same samples.
+/// How much more the simulation with its effects closes than another model on the same samples.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ShrinkOver {
     /// The other model.
@@ -34,21 +34,21 @@ pub struct ShrinkOver {
     pub ci95: [f64; 2],
 }
 
-/// How far the gap goes down.
+/// The gaps and how far they shrink.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Gap {
-    /// Of the simulation as given.
+    /// Gap of the simulation as given.
     pub as_given: f64,
-    /// After the bounded refit.
+    /// Gap after the bounded refit.
     pub refit: f64,
-    /// After the bounded refit, as far as it stays within the limits.
+    /// Gap after the bounded refit, as far as it stays within the limits.
     #[serde(default)]
     pub within_limits: f64,
-    /// After a linear refit without bounds.
+    /// Gap after a linear refit without bounds.
     pub free_refit: f64,
-    /// After the refit with the effects.
+    /// Gap after the fit with the effects.
     pub with_effect: f64,
-    /// What noise alone makes.
+    /// Gap of noise alone.
     pub noise_floor: f64,
     /// 1 - with_effect / as_given, both beyond the floor.
     pub shrink: f64,
@@ -56,9 +56,10 @@ pub struct Gap {
     pub shrink_ci95: [f64; 2],
     /// The same over the bounded refit.
     pub shrink_over_refit: f64,
-    /// Of a wrong effect with as many parameters.
+    /// Gap of a wrong effect with as many parameters.
     pub placebo_shrink: f64,
-    /// What was found, over the bounded refit, a linear refit without bounds and, where there is one, the reference effect.
+    /// The effects over the bounded refit, over a linear refit without bounds and, if there is one, over the reference
+    /// effect.
     #[serde(default)]
     pub shrink_over: Vec<ShrinkOver>,
     /// Share of what a flexible model closes that the effects close.
@@ -66,35 +67,35 @@ pub struct Gap {
     /// Its 95 % interval.
     #[serde(default)]
     pub share_of_ceiling_ci95: [f64; 2],
-    /// Stated before any held-out record was opened.
+    /// Predicted gap, stated before any held-out record was opened.
     pub predicted_held_out_gap: f64,
     /// Its 80 % interval.
     #[serde(default)]
     pub predicted_ci80: [f64; 2],
-    /// Where these were measured: the held-out records, or the fitted ones where nothing could be held out.
+    /// Names of the records on which these were measured: the held-out ones, or the fitted ones if none was held out.
     pub measured_on: Vec<String>,
 }
 
 impl Gap {
-    /// The part of a gap that noise does not explain, in amplitude.
+    /// Returns the part of a gap that noise does not explain, in amplitude.
     pub fn beyond_noise(&self, gap: f64) -> f64 {
         (gap * gap - self.noise_floor * self.noise_floor).max(0.0).sqrt()
     }
 
-    /// Amplitude that is left beyond the noise, over what the simulation within its limits leaves.
+    /// Returns the remaining amplitude beyond the noise, over that of the simulation within its limits.
     pub fn left(&self) -> f64 {
         self.beyond_noise(self.with_effect) / self.beyond_noise(self.within_limits).max(f64::MIN_POSITIVE)
     }
 }
 
-/// Gaps on held-out records, or on the loudest driven one where nothing is held out. `plant` and `actions` are the simulation with the
-/// effects.
+/// Measures the gaps on held-out records, or on the loudest driven one if nothing is held out. `plant` and `actions`
+/// are the simulation with the effects.
 pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &Plant, limits: &Limits) -> Gap {
     let Explained { ready, quick, refitted, found, .. } = explained;
     let problem = &ready.problem;
     let loudest = loudest(&problem.records);
     let noise = explained.noise_rms();
-    // Stated first, from what was fitted.
+    // The prediction from the fitted records is stated first.
     let masked = || vec![Vec::new(); problem.plant.p];
     let whitened = |record: &Record| Whitener::new(record, &ready.noise, problem.plant.rate, masked());
     let stated = crossed::stated(problem, explained.fit(), loudest.level(), whitened);
@@ -109,7 +110,7 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     let free_blocks = of(&free_refit(quick, limits), &[]);
     let reference_blocks = reference_effect(quick, found).map(|(plant, actions)| of(&plant, &actions));
     let reference_gap = reference_blocks.as_ref().map_or(bounded, Blocks::gap);
-    // A ceiling model that is worse than what was found is none.
+    // A flexible model that is worse than the explanation is no upper bound.
     let ceiling_blocks = ceiling(quick, found)
         .map(|(plant, actions)| of(&plant, &actions))
         .filter(|ceiling| ceiling.gap() < with_effect)
@@ -143,13 +144,14 @@ pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &P
     }
 }
 
-/// Share of what a flexible model closes that the effects close, from the gaps as given, with the effects and of the flexible model.
+/// Returns the share of what a flexible model closes that the effects close, from the gaps as given, with the effects
+/// and of the flexible model.
 fn share_of_ceiling([given, with, most]: [f64; 3], floor: f64) -> f64 {
     let most = gap::shrink(given, most, floor);
     if most > 0.0 { (gap::shrink(given, with, floor) / most).clamp(0.0, 1.0) } else { 1.0 }
 }
 
-/// The linear simulation refitted with limits so wide that they hardly matter.
+/// Fits the linear simulation again with limits so wide that they hardly matter.
 fn free_refit(quick: &Problem, limits: &Limits) -> Plant {
     let wide =
         Limits { frequency: 40.0 * limits.frequency, damping: 10.0 * limits.damping, shape: 40.0 * limits.shape };
@@ -157,13 +159,13 @@ fn free_refit(quick: &Problem, limits: &Limits) -> Plant {
     refit(&free, FREE_STEPS).plant
 }
 
-/// Records that are opened once all is fitted: those that were held out, or else the loudest.
+/// Returns the records that are opened after all fits: the held-out ones, or else the loudest.
 pub(crate) fn opened<'e>(explained: &'e Explained) -> Vec<&'e Record> {
     let Explained { ready, .. } = explained;
     if ready.held_out.is_empty() { vec![loudest(&ready.problem.records)] } else { ready.held_out.iter().collect() }
 }
 
-/// Free runs of records beside what was measured.
+/// Returns free runs of records with the measured outputs.
 pub(crate) fn blocks(records: &[&Record], plant: &Plant, actions: &[Action]) -> Blocks {
     let each = records.iter().map(|record| Blocks::new(&record.y, &run(plant, actions, record), 0));
     Blocks::joined(each.collect()).expect("at least one record is opened")
@@ -172,7 +174,8 @@ pub(crate) fn blocks(records: &[&Record], plant: &Plant, actions: &[Action]) -> 
 /// Fits for comparison only.
 const ROUGH: Effort = Effort { steps: 4, gain: 1.0, fineness: Fineness::COARSE };
 
-/// A wrong effect with as many parameters: from the lower half of the screen, on another side of the chain.
+/// Returns a wrong effect with as many parameters, from the lower half of the screen, in another part of the signal
+/// path.
 fn reference_effect(problem: &Problem, found: &Search) -> Option<(Plant, Vec<Action>)> {
     let first = found.best.effects.first()?;
     let wanted = first.parameters.len();
@@ -186,7 +189,7 @@ fn reference_effect(problem: &Problem, found: &Search) -> Option<(Plant, Vec<Act
     Some((problem.nuisance.apply(&problem.plant, &fit.eta), problem.actions(&fit.effects)))
 }
 
-/// The flexible model: the best explanation and, beside it, the three entries that would explain most of the rest.
+/// Returns the flexible model: the best explanation with the three entries that would explain most of the remainder.
 fn ceiling(problem: &Problem, found: &Search) -> Option<(Plant, Vec<Action>)> {
     let mut effects = found.best.effects.clone();
     let entries = found.stages.last()?;
@@ -206,8 +209,8 @@ mod tests {
     use crate::simulate::simulate;
     use crate::testing;
 
-    /// A truth that is off everywhere, by gains, cross-talk and more than the stated limits, beside one large spring: the spring is named first, and what remains is
-    /// said beside it.
+    /// With a truth that is off in many ways (gains, cross-talk, more than the stated limits) in addition to one large
+    /// spring, the spring is named first and the remainder is stated as well.
     #[test]
     fn a_main_cause_is_named_beside_small_imperfections() {
         use crate::diagnose::diagnose;
@@ -249,7 +252,7 @@ mod tests {
         assert!(diagnosis.remainder.gap >= diagnosis.remainder.noise * 0.9, "{:?}", diagnosis.remainder);
     }
 
-    /// A record that begins in motion is followed from its start, though a spring stiffens.
+    /// A record that begins in motion is followed from its start, although a spring stiffens.
     #[test]
     fn a_start_in_motion_is_found_with_an_effect_too() {
         let model = testing::truss(3);
@@ -261,7 +264,7 @@ mod tests {
             let square = |(a, b): (&f64, &f64)| (a - b) * (a - b);
             a.iter().flatten().zip(b.iter().flatten()).map(square).sum::<f64>().sqrt()
         };
-        // Ever stiffer, until the gap is a fifth.
+        // The spring stiffens until the gap is a fifth.
         let stiffening = (0..).map(|j| {
             let actions = CubicStiffness.act(&setting, &Place::Port(0), &[10_f64.powf(f64::from(j) / 4.0)]);
             let y = simulate(&plant, &actions, &u, 0.0, None, Fineness::FINE);

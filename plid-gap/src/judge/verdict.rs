@@ -1,4 +1,4 @@
-//! Probabilities of all explanations, "something else" among them, and the verdict.
+//! Probabilities of all explanations, including "something else", and the verdict.
 
 use crate::fit::candidate::Candidate;
 use crate::fit::candidate::all_same;
@@ -10,13 +10,13 @@ use crate::settings::{GapSettings, JudgeSettings};
 /// Temperature of the textbook's posterior probabilities, with which the ablation compares.
 const TEXTBOOK: f64 = 2.0;
 
-/// What a diagnosis says.
+/// The verdict of a diagnosis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// Named effects.
+    /// Effects are named.
     Effects,
-    /// The simulation is sound, within its limits.
+    /// The simulation is sound within its limits.
     None,
     /// Something outside the vocabulary.
     Unknown,
@@ -24,32 +24,32 @@ pub enum Verdict {
 
 /// An explanation with its probability.
 pub struct Weighted<'a> {
-    /// Effects; empty for nothing, or for something else.
+    /// Its effects; empty for no effect, or for something else.
     pub effects: Vec<Placed<'a>>,
-    /// Something outside the vocabulary.
+    /// Whether it is something outside the vocabulary.
     pub unknown: bool,
-    /// Of all explanations together one.
+    /// Its probability; all probabilities add up to one.
     pub probability: f64,
-    /// Sum of squares a row, if it is a fit.
+    /// Mean squared whitened residual, if it is a fit.
     pub cost: Option<f64>,
 }
 
-/// What is left after the best explanation, against the noise.
+/// The residual of the best explanation compared with the noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Adequacy {
-    /// (cost a row - 1) / uncertainty of the noise level.
+    /// Excess over the noise, (mean square - 1) / uncertainty of the noise level.
     pub excess: f64,
-    /// Share of the bounded refit's excess that is left.
+    /// Remaining share of the bounded refit's excess.
     pub left: f64,
     /// The largest change of a linear parameter, in standard deviations of the stated limits.
     pub max_prior_z: f64,
-    /// What the best further entry of the screen would gain.
+    /// Gain of the best further entry of the screen.
     pub next_gain: f64,
     /// Probability of something else.
     pub unknown: f64,
 }
 
-/// What an explanation leaves, and what it needs.
+/// The figures by which an explanation is judged.
 #[derive(Debug, Clone, Copy)]
 pub struct FitFigures {
     /// The largest change of a linear parameter, in standard deviations of its prior.
@@ -60,24 +60,24 @@ pub struct FitFigures {
     pub cost: f64,
     /// Sum of squares without effects.
     pub before: f64,
-    /// Whitened values.
+    /// Number of whitened values.
     pub rows: f64,
     /// The noise level.
     pub level: NoiseLevel,
 }
 
-/// Judges what an explanation leaves.
+/// Judges the residual of an explanation.
 pub fn adequacy(figures: &FitFigures, settings: &JudgeSettings, off: &[Step]) -> Adequacy {
     let &FitFigures { max_prior_z, next_gain, cost, before, rows, level } = figures;
     let noise = rows * level.factor;
     let excess = (cost / noise - 1.0) / level.uncertainty;
     let left = ((cost - noise) / (before - noise).max(1.0)).clamp(0.0, 1.0);
     let certain = 1.0 / (1.0 + (-(excess - settings.excess)).exp());
-    // A rest of a thousandth of a large gap is a matter of the effect's third digit, not of another cause.
+    // A remainder of a thousandth of a large gap is a matter of the effect's third digit, not of another cause.
     let material = 1.0 / (1.0 + (settings.material_left / left.max(1e-12)).powi(4));
-    // Beyond the stated limits a refit hides an effect that the vocabulary does not have.
+    // Beyond its stated limits, a refit may hide an effect that the vocabulary lacks.
     let beyond = 1.0 / (1.0 + (-(max_prior_z - settings.max_prior_z) / settings.prior_z_width).exp());
-    // What still lies in the residual along some effect's trace, though no effect explains it.
+    // A residual that still correlates with an effect's trace contains something, although no effect explains it.
     let coherent = 1.0 / (1.0 + (-(next_gain - settings.next_gain) / settings.next_gain_width).exp());
     let speaks = |step: Step, share: f64| if off.contains(&step) { 0.0 } else { share };
     let sound = (1.0 - speaks(Step::Excess, certain * material))
@@ -88,14 +88,15 @@ pub fn adequacy(figures: &FitFigures, settings: &JudgeSettings, off: &[Step]) ->
     Adequacy { excess, left, max_prior_z, next_gain, unknown }
 }
 
-/// Least probability of something else beside effects that explain this power, over that of the noise; `seen` says whether records show the noise.
+/// Returns the least probability of something else if effects explain this power, over that of the noise; `seen` says
+/// whether records show the noise level.
 pub fn least_unknown(explained: f64, seen: bool, settings: &JudgeSettings) -> f64 {
     let faint = settings.faint / (1.0 + (explained.max(0.0) / settings.faint_power).powi(2));
     settings.least_unknown + faint + if seen { 0.0 } else { settings.noise_unknown }
 }
 
-/// Probability of something else beside an explanation that leaves this share, in amplitude, of the gap beyond noise and limits, where the simulation is off
-/// in many small ways and no explanation leaves only noise.
+/// Returns the probability of something else if an explanation leaves this share, in amplitude, of the gap beyond noise
+/// and limits, and no explanation leaves only noise because the simulation is off in many small ways.
 pub fn outside(left: f64, settings: &JudgeSettings) -> f64 {
     let JudgeSettings { least_unknown, most_unknown, most_left, .. } = *settings;
     if left > most_left {
@@ -104,7 +105,7 @@ pub fn outside(left: f64, settings: &JudgeSettings) -> f64 {
     least_unknown + (most_unknown - least_unknown) / (1.0 + (most_left / left.max(1e-6)).powi(4))
 }
 
-/// Spreads probability over the candidates; `unknown` goes to something else.
+/// Distributes probability over the candidates; `unknown` goes to something else.
 pub fn weigh<'a>(
     candidates: &[Candidate<'a>],
     unknown: f64,
@@ -117,7 +118,8 @@ pub fn weigh<'a>(
     let Some(best) = candidates.first() else { return Vec::new() };
     let misfit = (best.cost - rows * level.factor * (1.0 + 2.0 * level.uncertainty)).max(0.0);
     let temperature = if off.contains(&Step::Temperature) { TEXTBOOK } else { least + misfit_temperature * misfit };
-    // Beside nothing stand those that the search did not accept: a misfit that none of them explains makes none of them more probable.
+    // Explanations that the search did not accept rank behind no effect. A misfit that none of them explains makes none
+    // of them more probable.
     let unaccepted = |candidate: &Candidate| best.effects.is_empty() && !candidate.effects.is_empty();
     let most = if off.contains(&Step::Temperature) { 1.0 } else { (-settings.search.not_accepted_price / least).exp() };
     let mut weighted: Vec<Weighted> = Vec::new();
@@ -138,7 +140,7 @@ pub fn weigh<'a>(
     weighted.iter_mut().for_each(|w| w.probability *= (1.0 - unknown) / all);
     weighted.push(Weighted { effects: Vec::new(), unknown: true, probability: unknown, cost: None });
     weighted.sort_by(|a, b| b.probability.total_cmp(&a.probability));
-    // What nobody would read is left out, and its share given to the rest.
+    // Negligible probabilities are left out, and their share goes to the others.
     weighted.retain(|w| w.probability > least_probability);
     let all: f64 = weighted.iter().map(|w| w.probability).sum();
     weighted.iter_mut().for_each(|w| w.probability /= all);
@@ -156,7 +158,7 @@ mod tests {
         NoiseLevel { factor: 1.0, uncertainty: 0.02, seen: true, driven: None }
     }
 
-    /// What leaves more is less sure, and what leaves more than half is never a verdict.
+    /// The more an explanation leaves, the less certain it is; one that leaves more than half is never the verdict.
     #[test]
     fn what_leaves_half_of_the_gap_is_outside() {
         let left = [0.0, 0.03, 0.1, 0.36, 0.49];
@@ -168,7 +170,7 @@ mod tests {
         assert!(outside(0.51, &settings) > 0.5 && outside(2.0, &settings) > 0.5);
     }
 
-    /// What explains more is surer, and surest where the noise is known.
+    /// The more an effect explains, the more certain it is, and most so if the noise level is known.
     #[test]
     fn what_is_faint_is_less_sure() {
         let settings = JudgeSettings::default();
@@ -182,7 +184,7 @@ mod tests {
         assert!(least_unknown(1e6, false, &settings) > settings.least_unknown);
     }
 
-    /// However much is left: what the search did not accept is behind nothing by what that is worth.
+    /// Explanations that the search did not accept rank behind no effect by their price, however much is left.
     #[test]
     fn what_was_not_accepted_stays_behind_nothing() {
         let settings = GapSettings::default();
@@ -204,7 +206,7 @@ mod tests {
             let sum: f64 = weighted.iter().map(|w| w.probability).sum();
             assert!((sum - 1.0).abs() < 1e-12, "{sum}");
             assert!(weighted[0].effects.is_empty() && !weighted[0].unknown && weighted[0].probability > 0.5, "{left}");
-            // A textbook, which knows no misfit, has them behind by more.
+            // The textbook's probabilities ignore the misfit and rank them further behind.
             let flat = weigh(&candidates, 0.3, ROWS, level(), &settings, &[Step::Temperature]);
             assert!(flat[0].probability > weighted[0].probability);
         }

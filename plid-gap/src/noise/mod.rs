@@ -1,7 +1,8 @@
-//! The noise of the records: white sensors, actuator noise through the simulation, and a white force on each mode.
+//! The noise model of the records: white sensor noise, actuator noise through the simulation, and a white force on each
+//! mode.
 //!
-//! S(f) = sum of theta_j h_j(f) h_j(f)^H, fitted by maximum likelihood (Whittle, Ark. Mat. 2, 1953) to what no command explains:
-//! records without input, and the differences between periods.
+//! S(f) = sum of theta_j h_j(f) h_j(f)^H is fitted by maximum likelihood (Whittle, Ark. Mat. 2, 1953) to the part of
+//! the records that no command explains: records without input, and differences between periods.
 
 pub(crate) mod model_error;
 pub(crate) mod whiten;
@@ -24,18 +25,19 @@ const LINE_WIDTH: f64 = 0.003;
 /// Number of rounds of the fixed-point iteration, which converges linearly.
 const ROUNDS: usize = 60;
 
-/// Spectra of what no command explains: of one stretch, p channels of bins scaled so that |bin|^2 is a power spectral density
-/// with mean sigma^2 for white noise.
+/// Spectra of a stretch that no command explains: p channels of bins, scaled for |bin|^2 to be a power spectral density
+/// whose mean is sigma^2 for white noise.
 #[derive(Debug, Clone)]
 pub struct Stretch {
-    /// Samples.
+    /// Number of samples.
     pub length: usize,
     /// p channels of bins.
     pub bins: Vec<Vec<C>>,
 }
 
 impl Stretch {
-    /// From residuals (p channels), without mean and trend. The power is that of the samples that are not missing (NaN).
+    /// Computes the spectra of residuals (p channels) without their mean and trend. The power is that of the samples
+    /// that are not missing (NaN).
     pub fn new(residual: &[Vec<f64>]) -> Self {
         let length = fourier::good_length_below(residual[0].len());
         let bins = residual
@@ -49,8 +51,8 @@ impl Stretch {
         Self { length, bins }
     }
 
-    /// Under Hann's window: where a resonance is a hundred times as strong as what lies beside it, what a cut-off record leaks of it would be taken for that. Every
-    /// other bin is as good as independent of the others.
+    /// Returns the spectra under Hann's window. Without it, the leakage of a strong resonance would be taken for the
+    /// noise next to it. Every other bin is almost independent of the others.
     pub fn tapered(&self) -> Self {
         let taper = |bins: &Vec<C>| -> Vec<C> {
             let at = |k: usize| bins[k.min(bins.len() - 1)];
@@ -65,7 +67,8 @@ impl Stretch {
     }
 }
 
-/// Takes mean and trend off the samples that are there and puts zero in place of the missing ones. How many are there.
+/// Removes mean and trend from the samples that are not missing and sets the missing ones to zero. Returns how many are
+/// not missing.
 fn detrend(x: &mut [f64]) -> usize {
     let there: Vec<usize> = (0..x.len()).filter(|&k| !x[k].is_nan()).collect();
     let n = there.len().max(1) as f64;
@@ -79,42 +82,42 @@ fn detrend(x: &mut [f64]) -> usize {
     there.len()
 }
 
-/// Where noise comes from.
+/// A source of noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Source {
-    /// White, at one sensor.
+    /// White noise of one sensor.
     Sensor(usize),
-    /// White over samples, at one input.
+    /// White noise of one input, held over samples.
     Actuator(usize),
     /// A white force on one mode.
     Mode(usize),
-    /// White forces on all modes, as large on each as the ports' shapes are.
+    /// White forces on all modes, in proportion to the ports' shapes.
     Ambient,
-    /// A force at a port in a band.
+    /// A force at a port in a frequency band.
     Band(Band),
 }
 
-/// A band-pass of second order, tilted.
+/// A band-pass of second order with a slope.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Band {
-    /// The port that is pushed.
+    /// The port at which the force acts.
     pub port: usize,
-    /// Centre.
+    /// Centre in Hz.
     pub hz: f64,
     /// Width over centre.
     pub width: f64,
-    /// Exponent of the frequency by which the amplitude is tilted: 0 is a band-pass, which falls off alike to both sides; -1 a resonator, which leaves slow
-    /// forces as they are.
+    /// Exponent of frequency by which the amplitude is multiplied: 0 for a band-pass, which falls off equally on both
+    /// sides; -1 for a resonator, which passes slow forces.
     pub slope: f64,
 }
 
 impl Band {
-    /// What a line makes whose phase wanders.
+    /// The band about a line whose phase wanders.
     pub fn line(port: usize, hz: f64) -> Self {
         Self::pass(port, hz, LINE_WIDTH)
     }
 
-    /// One that falls off alike to both sides.
+    /// A band that falls off equally on both sides.
     pub fn pass(port: usize, hz: f64, width: f64) -> Self {
         Self { port, hz, width, slope: 0.0 }
     }
@@ -123,26 +126,27 @@ impl Band {
 /// A fitted noise model.
 #[derive(Debug, Clone)]
 pub struct NoiseModel {
-    /// The plant through which it passes.
+    /// The plant that the noise passes.
     plant: Plant,
-    /// Sources with their variances.
+    /// The sources with their variances.
     pub sources: Vec<(Source, f64)>,
-    /// -log likelihood over the stretches (with constants left out) and number of bins.
+    /// Negative log likelihood over the stretches, without constants.
     pub misfit: f64,
-    /// Bins used.
+    /// Number of bins used.
     pub bins: usize,
-    /// Of a model that stands in: what it leaves of its own records, which grows with the level and is no noise in quiet ones.
+    /// For a surrogate model, its error on the records that it was identified from. It grows with the level and does
+    /// not occur in quiet records.
     pub model_error: Option<ModelError>,
-    /// Frequencies that count, from and to; what lies outside is as if its noise had no bounds.
+    /// The frequency band in Hz that counts, if not all frequencies do. The noise outside it has no bound.
     pub band_hz: Option<[f64; 2]>,
-    /// Lines that wander, as port and Hz: what they may be in a record is taken out of it.
+    /// Lines whose phase wanders, as port and Hz. Their modulated sines are removed from the records.
     pub lines: Vec<(usize, f64)>,
     /// The thresholds by which it is fitted.
     pub settings: NoiseSettings,
 }
 
 impl NoiseModel {
-    /// As declared: sensor and actuator standard deviations (p and m).
+    /// Creates the declared noise: standard deviations of sensors (p) and actuators (m).
     pub fn declared(plant: &Plant, sensor: &[f64], actuator: &[f64]) -> Self {
         let sensors = sensor.iter().enumerate().map(|(o, std)| (Source::Sensor(o), std * std));
         let actuators = actuator.iter().enumerate().map(|(i, std)| (Source::Actuator(i), std * std));
@@ -159,33 +163,33 @@ impl NoiseModel {
         }
     }
 
-    /// The simulation that it was made from.
+    /// Returns the simulation of which it was made.
     pub fn plant(&self) -> &Plant {
         &self.plant
     }
 
-    /// Ports of the simulation that it was made from; places on single modes come later.
+    /// Returns the number of ports of the simulation of which it was made. Ports on single modes are added later.
     pub fn ports(&self) -> usize {
         self.plant.ports.len()
     }
 
-    /// Fits sensors and modal forces to stretches; the actuators' noise stays as declared.
+    /// Fits the variances of sensors and modal forces to stretches. The actuator noise stays as declared.
     pub fn fit(&self, stretches: &[Stretch]) -> Self {
         self.fit_beside(stretches, None)
     }
 
-    /// The same beside other sources.
+    /// The same with further sources.
     pub fn fit_beside(&self, stretches: &[Stretch], others: impl IntoIterator<Item = Source>) -> Self {
         let modes = (0..self.plant.modes.len()).map(Source::Mode);
         self.fit_with(stretches, &modes.chain(others).collect::<Vec<Source>>(), ROUNDS, 1)
     }
 
-    /// Fits sensors and these sources, to every `thin`th bin.
+    /// Fits the variances of sensors and of these sources to every `thin`th bin.
     pub fn fit_with(&self, stretches: &[Stretch], more: &[Source], rounds: usize, thin: usize) -> Self {
         let mut model = self.clone();
         let level = self.sensor_variance();
         for &source in more {
-            // A start that shows at its peak by as much as the sensors.
+            // The start of each variance gives a peak as high as the sensor noise.
             let power = |hz: f64| self.columns(source, hz).iter().map(|h| h.norm_squared()).sum::<f64>();
             let peak = self.plant.modes.iter().map(|mode| power(mode.pole.im / TAU)).fold(0.0, f64::max);
             if peak > 0.0 {
@@ -223,7 +227,7 @@ impl NoiseModel {
         model
     }
 
-    /// With another variance of one sensor (V^2).
+    /// Returns the model with another variance of one sensor (V^2).
     pub fn with_sensor(mut self, output: usize, variance: f64) -> Self {
         for (source, theta) in &mut self.sources {
             if *source == Source::Sensor(output) {
@@ -233,7 +237,8 @@ impl NoiseModel {
         self
     }
 
-    /// With a line that wanders: a narrow band at a port, for what its modulation leaves about it.
+    /// Returns the model with a line whose phase wanders: a narrow band at a port for what remains about the line after
+    /// its removal.
     pub fn with_line(mut self, port: usize, hz: f64) -> Self {
         let band = Source::Band(Band::line(port, hz));
         let peak = self.columns(band, hz)[0].norm_squared();
@@ -243,12 +248,14 @@ impl NoiseModel {
         self
     }
 
-    /// Whether a force in a band acts, or a line that wanders: resonances ring with it far above all other noise.
+    /// Returns whether the noise contains a force in a band or a line whose phase wanders. Resonances then ring far
+    /// above all other noise.
     pub fn drives(&self) -> bool {
         self.sources.iter().any(|(source, _)| matches!(source, Source::Band(_)))
     }
 
-    /// What forces in bands give an output where they give little: the quarter of all frequencies with the least of it ends at this variance (V^2).
+    /// Returns the variance (V^2) of white noise with which forces in bands reach an output where they are weak: a
+    /// quarter of all frequencies have less.
     pub fn skirts(&self, output: usize) -> f64 {
         const POINTS: u32 = 256;
         let at = |hz: f64| -> f64 {
@@ -261,7 +268,7 @@ impl NoiseModel {
         powers[powers.len() / 4]
     }
 
-    /// Of each sensor in V^2.
+    /// Returns the variance of each sensor in V^2.
     pub fn sensors(&self) -> Vec<f64> {
         let of = |(source, theta): &(Source, f64)| matches!(source, Source::Sensor(_)).then_some(*theta);
         self.sources.iter().filter_map(of).collect()
@@ -272,9 +279,9 @@ impl NoiseModel {
         all.iter().sum::<f64>() / all.len().max(1) as f64
     }
 
-    /// Frequencies that count, with what a stretch has there.
+    /// Returns the frequencies that count, with the bins of a stretch there.
     pub(crate) fn bins(&self, stretch: &Stretch) -> impl Iterator<Item = (f64, DVector<C>)> {
-        // Zero, the trend's first bin and half the rate are no circular Gaussians.
+        // The bins at zero, of the trend and at half the rate are not circularly Gaussian.
         let taken_out = |hz: f64| self.lines.iter().any(|(_, line)| (hz - line).abs() < notch::HOLE_HZ);
         (2..stretch.bins[0].len() - 1)
             .map(|k| (k, stretch.hz(k, self.plant.rate)))
@@ -287,7 +294,7 @@ impl NoiseModel {
         self.bins(stretch).step_by(thin).map(|(hz, data)| Row { columns: columns(hz), data }).collect()
     }
 
-    /// What a unit of a source gives at the outputs, at a frequency: one column for each independent part.
+    /// Returns the response of the outputs to a unit of a source at a frequency: one column for each independent part.
     pub(crate) fn columns(&self, source: Source, hz: f64) -> Vec<DVector<C>> {
         let plant = &self.plant;
         match source {
@@ -296,8 +303,9 @@ impl NoiseModel {
             Source::Mode(k) => vec![self.modal(k, hz)],
             Source::Ambient => (0..plant.modes.len()).map(|k| self.modal(k, hz)).collect(),
             Source::Band(Band { port, hz: centre, width, slope }) => {
-                // A force that is held over samples has a periodic spectrum: chords of the unit circle stand for frequencies. About the centre that is the
-                // same; far above it a resonator's skirt levels off, and shows where a force passes straight through to an accelerometer.
+                // A force that is held over samples has a periodic spectrum, so frequencies are replaced by chords of
+                // the unit circle. Near the centre nothing changes. Far above it, the skirt of a resonator levels off,
+                // which matters if a force passes straight through to an accelerometer.
                 let angle = |hz: f64| PI * hz / plant.rate;
                 let of_centre = angle(hz.max(1e-9)).sin() / angle(centre).sin();
                 let ratio = of_centre - 1.0 / of_centre;
@@ -308,7 +316,7 @@ impl NoiseModel {
         }
     }
 
-    /// A unit white force, held over samples, on one mode: of the size of the ports' shapes there.
+    /// Returns the response to a unit white force on one mode, held over samples, in proportion to the ports' shapes.
     fn modal(&self, k: usize, hz: f64) -> DVector<C> {
         let plant = &self.plant;
         let z = C::cis(TAU * hz / plant.rate);
@@ -324,7 +332,7 @@ impl NoiseModel {
         })
     }
 
-    /// The spectral density at a frequency (p x p).
+    /// Returns the spectral density at a frequency (p x p).
     pub fn density(&self, hz: f64) -> DMatrix<C> {
         let p = self.plant.p;
         let mut sum = DMatrix::zeros(p, p);
@@ -336,7 +344,7 @@ impl NoiseModel {
         sum
     }
 
-    /// RMS of each output's noise, without lines that wander.
+    /// Returns the RMS of each output's noise, without lines whose phase wanders.
     pub fn rms(&self) -> Vec<f64> {
         let bins = 2048;
         let mut sums = vec![0.0; self.plant.p];
@@ -353,7 +361,7 @@ impl NoiseModel {
 }
 
 struct Row {
-    /// Of each source.
+    /// The responses to each source.
     columns: Vec<Vec<DVector<C>>>,
     data: DVector<C>,
 }
@@ -373,8 +381,8 @@ impl Row {
     }
 }
 
-/// Returns the power that rows of data have along each source, and the power that they should have with these variances.
-/// A row whose power over that of the model reaches `line_power` is not `used`.
+/// Returns the power that rows of data have along each source, and the power that they should have with these
+/// variances. A row whose power over that of the model reaches `line_power` is not `used`.
 fn ratios(rows: &[Row], theta: &[f64], used: &mut [bool], line_power: Option<f64>) -> (Vec<f64>, Vec<f64>) {
     let (mut up, mut down) = (vec![0.0; theta.len()], vec![0.0; theta.len()]);
     for (row, used) in rows.iter().zip(used) {

@@ -1,8 +1,8 @@
-//! What a model that stands in leaves of the very records it was identified from: an error of its own that grows with the level, beside which
-//! an effect must stand out.
+//! The error of a surrogate model on the records that it was identified from. It grows with the level, and an effect
+//! must exceed it.
 //!
-//! Of a periodic record it is what repeats; of another one the part that a linear filter of the inputs gives (Bendat and Piersol 2010, 7.3:
-//! coherent output power), for the rest is noise.
+//! In a periodic record it is the periodic part of the residual. In any other record it is the part that a linear
+//! filter of the inputs gives (Bendat and Piersol 2010, 7.3: coherent output power); the remainder is noise.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -10,14 +10,14 @@ use crate::case::record::{Channels, Excitation, Record};
 use crate::fourier;
 use crate::fourier::C;
 
-/// Density of such an error at the level of the records it was found in.
+/// Spectral density of the error at the level of the records in which it was found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModelError {
-    /// RMS of the inputs there.
+    /// RMS of the inputs of those records.
     level: f64,
-    /// Hz from one value to the next.
+    /// Distance in Hz between two values.
     step: f64,
-    /// Of each output, from zero on: the variance of white noise of that density.
+    /// For each output, the density from zero frequency on, as the variance of white noise of the same density.
     density: Vec<Vec<f64>>,
 }
 
@@ -37,7 +37,7 @@ const CELL: usize = 4;
 const MOST_CELLS: usize = 1024;
 
 impl ModelError {
-    /// From a record and what the model leaves of it (p channels); none where the record is too short to tell.
+    /// Estimates the error from a record and the residual of the model (p channels); `None` if the record is too short.
     pub fn of(record: &Record, error: &[Vec<f64>], rate: f64) -> Option<Self> {
         let (step, density) = match record.excitation {
             Excitation::Zero => return None,
@@ -47,9 +47,9 @@ impl ModelError {
         Some(Self { level: record.level(), step, density: density.iter().map(|d| smoothed(d)).collect() })
     }
 
-    /// What an explanation leaves of driven records beyond the noise: `errors` holds p channels for each record, `noise` gives the noise's density of an
-    /// output at a frequency. The density is taken to grow with the square of the level, and fitted to all levels by least squares. None where no
-    /// record is driven.
+    /// Estimates the residual of an explanation in driven records beyond the noise. `errors` holds p channels for each
+    /// record; `noise` gives the density of each output's noise at a frequency. The density is assumed to grow with the
+    /// square of the level and is fitted to all levels by least squares. `None` if no record is driven.
     pub fn left(records: &[Record], errors: &[Channels], noise: impl Fn(f64) -> Vec<f64>, rate: f64) -> Option<Self> {
         let driven = || records.iter().zip(errors).filter(|(record, _)| record.level() > 0.0);
         let level = driven().map(|(record, _)| record.level()).fold(0.0, f64::max);
@@ -57,7 +57,7 @@ impl ModelError {
         let cells = (longest / (2 * CELL)).clamp(1, MOST_CELLS);
         let step = 0.5 * rate / cells as f64;
         let p = records[0].y.len();
-        // Sums over records of power beyond the noise times the squared level, and of its square.
+        // Sums over records of the power beyond the noise times the squared level, and of the square of that.
         let (mut power, mut weight) = (vec![vec![0.0; cells + 1]; p], vec![0.0; cells + 1]);
         let quiet: Vec<Vec<f64>> = (0..=cells).map(|cell| noise(cell as f64 * step)).collect();
         for (record, error) in driven() {
@@ -81,7 +81,7 @@ impl ModelError {
         Some(Self { level, step, density: power.iter().map(of).collect() })
     }
 
-    /// Of an output at a frequency, in a record of this level.
+    /// Returns the density of an output at a frequency, in a record of this level.
     pub fn density(&self, output: usize, hz: f64, level: f64) -> f64 {
         let values = &self.density[output];
         let at = (hz / self.step).clamp(0.0, (values.len() - 1) as f64);
@@ -91,7 +91,7 @@ impl ModelError {
     }
 }
 
-/// Density of the mean over the periods; the first holds a transient.
+/// Returns the density of the mean over all periods but the first, which contains a transient.
 fn repeating(error: &[Vec<f64>], period: usize) -> Option<Vec<Vec<f64>>> {
     let periods = error[0].len() / period;
     if periods < 2 {
@@ -105,7 +105,8 @@ fn repeating(error: &[Vec<f64>], period: usize) -> Option<Vec<Vec<f64>>> {
     Some(error.iter().map(of).collect())
 }
 
-/// Density of the part that a linear filter of the inputs gives, by least squares over segments at each frequency.
+/// Returns the density of the part that a linear filter of the inputs gives, by least squares over segments at each
+/// frequency.
 fn coherent(u: &[Vec<f64>], error: &[Vec<f64>], rate: f64) -> Option<(f64, Vec<Vec<f64>>)> {
     let (samples, m) = (error[0].len(), u.len());
     let length = (2 * samples / (SEGMENTS * m + 1)).min(LENGTHS[0]);
@@ -126,7 +127,7 @@ fn coherent(u: &[Vec<f64>], error: &[Vec<f64>], rate: f64) -> Option<(f64, Vec<V
     };
     let inputs: Channels = u.to_vec();
     let inputs: Vec<Vec<Vec<C>>> = inputs.iter().map(|u| bins(u)).collect();
-    // Half-overlapping Hann segments count as somewhat fewer.
+    // Half-overlapping Hann segments are not independent: they count as 0.8 of their number.
     let free = 0.8 * starts.len() as f64;
     let spread = free / (free - m as f64).max(1.0);
     let of = |e: &Vec<f64>| -> Vec<f64> {
@@ -167,12 +168,12 @@ mod tests {
     fn of_a_random_record_it_is_what_the_inputs_give() {
         let u = random_input(1, 16384, 2);
         let noise = random_input(2, 16384, 1);
-        // A tenth of the second input, and noise of five times that.
+        // A tenth of the second input, with noise five times as large.
         let error = vec![u[1].iter().zip(&noise[0]).map(|(u, e)| 0.1 * u + 0.5 * e).collect::<Vec<f64>>()];
         let level = crate::case::record::rms(u.iter().flatten());
         let model_error = ModelError::of(&record(Excitation::Random, u, error.clone()), &error, 100.0).unwrap();
         let mean: f64 = (1..50).map(|hz| model_error.density(0, f64::from(hz), level)).sum::<f64>() / 49.0;
-        // A white input of variance one: 0.01, with what the noise's own scatter leaves above zero.
+        // The white input has variance one, so the density is 0.01, and the scatter of the noise adds to it.
         assert!((0.008..0.03).contains(&mean), "{mean}");
         let louder: f64 = model_error.density(0, 10.0, 3.0 * level) / model_error.density(0, 10.0, level);
         assert!((louder - 9.0).abs() < 1e-9);
@@ -193,7 +194,8 @@ mod tests {
         assert!((mean / power - 1.0).abs() < 0.1, "{mean} {power}");
     }
 
-    /// An error of a twentieth of the input beside noise, at two levels: the noise is not counted, and the quieter record has a quarter of the power.
+    /// An error of a twentieth of the input in noise, at two levels: the noise is not counted, and the quieter record
+    /// has a quarter of the power.
     #[test]
     fn what_an_explanation_leaves_grows_with_the_level() {
         let one = |seed: u64, level: f64| {

@@ -1,6 +1,7 @@
-//! Residuals in units of their noise: y(f) -> L(f)^{-1} y(f) with S(f) = L(f) L(f)^H, one record at a time.
+//! Whitening of one record at a time: y(f) -> L(f)^{-1} y(f) with S(f) = L(f) L(f)^H.
 //!
-//! The sum of squares of what comes out is minus twice the log likelihood, so that it can be compared between explanations.
+//! The sum of squares of the whitened residual is minus twice the log likelihood and can be compared between
+//! explanations.
 
 use std::ops::{Range, RangeInclusive};
 
@@ -15,25 +16,25 @@ use crate::signal::notch;
 /// The whitening of one record.
 #[derive(Debug, Clone)]
 pub struct Whitener {
-    /// Samples used: the last few are left out where the transform would be slow.
+    /// Number of samples used. The last few are left out if the transform would otherwise be slow.
     pub length: usize,
-    /// Samples of each channel that say nothing (dropouts): p lists of indices.
+    /// Samples of each channel that are ignored, such as dropouts: p lists of indices.
     pub masked: Vec<Vec<usize>>,
     p: usize,
-    /// Bins that count.
+    /// The bins that count.
     bins: RangeInclusive<usize>,
-    /// Lower triangles of L^{-1}, of each of them, row by row.
+    /// Lower triangles of L^{-1} of each bin, row by row.
     factors: Vec<C>,
-    /// What is taken out: rows, and an orthonormal basis of what it may be in them.
+    /// The parts that are removed: their rows, and an orthonormal basis in these rows.
     taken_out: Vec<(Range<usize>, DMatrix<f64>)>,
 }
 
-/// Distance from a line, in Hz, up to which its modulation is removed. Beyond it, the ends of the line in the record leave
-/// less than the noise of a twelve-bit converter.
+/// Distance from a line, in Hz, up to which its modulation is removed. Beyond it, the ends of the line in the record
+/// leave less than the noise of a twelve-bit converter.
 const MODULATION_HZ: f64 = 25.0;
 
 impl Whitener {
-    /// For a record under a noise model.
+    /// Creates the whitening of a record under a noise model.
     pub fn new(record: &Record, noise: &NoiseModel, rate: f64, masked: Vec<Vec<usize>>) -> Self {
         let length = fourier::good_length_below(record.samples());
         let p = record.y.len();
@@ -58,14 +59,15 @@ impl Whitener {
         for &(_, hz) in &noise.lines {
             whitener.take_out(hz, rate);
         }
-        // What they drive rings where the record begins or is cut off: a Fourier transform has it beside the resonance, where the density has little.
+        // Forces in bands make resonances ring at both ends of the record. A Fourier transform spreads that to
+        // frequencies at which the density is small.
         if noise.drives() {
             whitener.take_out_all(&notch::decays(noise.plant(), length));
         }
         whitener
     }
 
-    /// And without what these channels span.
+    /// Also removes the space that these channels span.
     fn take_out_all(&mut self, traces: &[Channels]) {
         let mut white = vec![0.0; self.rows()];
         let mut basis = DMatrix::zeros(self.rows(), traces.len());
@@ -76,7 +78,7 @@ impl Whitener {
         self.taken_out.push((0..self.rows(), basis.qr().q()));
     }
 
-    /// From now on without what a slowly modulated line may be, at each output for itself.
+    /// Removes the space of a slowly modulated line, at each output separately.
     fn take_out(&mut self, hz: f64, rate: f64) {
         let step = rate / self.length as f64;
         let bin = |hz: f64| ((hz / step).round().max(0.0) as usize).clamp(*self.bins.start(), *self.bins.end());
@@ -102,14 +104,15 @@ impl Whitener {
         self.taken_out.push((rows, basis.qr().q()));
     }
 
-    /// Number of values that [`Whitener::apply`] gives.
+    /// Returns the number of values that [`Whitener::apply`] gives.
     pub fn rows(&self) -> usize {
-        // The bins at zero and at half the rate are real, and a band may hold one of them alone.
+        // The bins at zero and at half the rate are real. A band may contain one of them alone.
         let edges = self.bins.clone().filter(|&k| k == 0 || 2 * k == self.length).count();
         self.p * (2 * self.bins.clone().count() - edges)
     }
 
-    /// Whitened bins of p channels into `to`: all channels of a bin beside each other, by rising frequency.
+    /// Writes the whitened bins of p channels to `to`, by rising frequency and with all channels of a bin next to each
+    /// other.
     pub fn apply(&self, y: &[Vec<f64>], to: &mut [f64]) {
         let scale = 1.0 / (self.length as f64).sqrt();
         let bins: Vec<Vec<C>> = (0..self.p).map(|o| self.bins(&y[o], o)).collect();
@@ -149,7 +152,7 @@ impl Whitener {
     }
 }
 
-/// The bins from 0 to `last` that lie in a band; all of them where none does.
+/// Returns the bins from 0 to `last` that lie in the band; all of them if none does.
 fn counted(band_hz: Option<[f64; 2]>, step: f64, last: usize) -> RangeInclusive<usize> {
     let Some([from, to]) = band_hz else { return 0..=last };
     let (first, end) = ((from / step).ceil() as usize, ((to / step).floor() as usize).min(last));
@@ -166,8 +169,8 @@ mod tests {
     use crate::simulate::{Fineness, simulate};
     use crate::testing::{RATE, random_input, truss};
 
-    /// A force in a band drives a mode three hundred times above the sensors' noise. Where the record is cut off that rings on, and a Fourier transform has
-    /// it at all frequencies; what is whitened has not.
+    /// A force in a band drives a mode three hundred times above the sensor noise. The mode rings at the end of the
+    /// record, which a Fourier transform spreads to all frequencies. The whitened record does not contain it.
     #[test]
     fn what_rings_where_a_record_is_cut_off_is_taken_out() {
         let (hz, before, samples, sensor) = (137.0, 3000, 2000, 1e-3);

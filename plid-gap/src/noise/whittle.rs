@@ -1,8 +1,8 @@
-//! The last digits of a noise model, and how well they are known: Fisher scoring of its Whittle likelihood over the logarithms of all variances, and of centre,
-//! width and tilt of bands.
+//! The refinement of a noise model and its covariance: Fisher scoring of the Whittle likelihood over the logarithms of
+//! all variances and of each band's centre, width and slope.
 //!
-//! With S the density at a bin and y the data there, the gradient of the log likelihood is the sum of y^H S^-1 dS S^-1 y - tr(S^-1 dS), and the expected
-//! information of two parameters that of tr(S^-1 dS_i S^-1 dS_j).
+//! With S the density at a bin and y the data there, the gradient of the log likelihood is the sum of y^H S^-1 dS S^-1
+//! y - tr(S^-1 dS), and the expected information of two parameters is the sum of tr(S^-1 dS_i S^-1 dS_j).
 
 use nalgebra::{DMatrix, DVector};
 
@@ -28,36 +28,37 @@ const PRIOR_INFORMATION: f64 = 0.1;
 /// Relative step of the derivatives by a band's centre and width: central differences are then exact to eight digits.
 const DIFFERENCE: f64 = 1e-4;
 
-/// What a parameter is the logarithm of.
+/// The number of which a parameter is the logarithm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Parameter {
     /// The variance of a source.
     Variance(usize),
     /// The centre of a band.
     Centre(usize),
-    /// Its width.
+    /// The width of a band.
     Width(usize),
-    /// Its tilt: itself, no logarithm.
+    /// The slope of a band; the parameter is the slope itself.
     Slope(usize),
 }
 
-/// A model at its maximum, with the covariance of the logarithms of its last source's variance, centre and width.
+/// A model at the maximum of its likelihood, with the covariance of the logarithms of its last source's variance,
+/// centre and width.
 pub struct Scored {
-    /// The model.
+    /// The noise model.
     pub model: NoiseModel,
-    /// Of the last source, a band: variance, centre, width.
+    /// Covariance of the last source, which is a band: variance, centre, width.
     pub covariance: DMatrix<f64>,
 }
 
 impl Scored {
-    /// Whether the band's centre is still about here.
+    /// Returns whether the band's centre is still near this frequency.
     pub fn is_near(&self, hz: f64) -> bool {
         let Some((Source::Band(band), _)) = self.model.sources.last() else { return false };
         (band.hz / hz - 1.0).abs() < self.model.settings.band_shift && band.width < 1.0
     }
 }
 
-/// From a model whose last source is a band. None where the stretches do not tell all of its parameters.
+/// Refines a model whose last source is a band. `None` if the stretches do not determine all parameters of the band.
 pub fn scored(from: &NoiseModel, stretches: &[Stretch]) -> Option<Scored> {
     let mut model = from.clone();
     let last = model.sources.len().checked_sub(1)?;
@@ -76,7 +77,8 @@ pub fn scored(from: &NoiseModel, stretches: &[Stretch]) -> Option<Scored> {
         let (gradient, now) = score(&model, &bins, &parameters);
         information = now;
         let whole = information.clone().cholesky()?.solve(&gradient);
-        // Each parameter as far as it may; or, where that leads from one side of a resonance to the other and back, along the score, which leads down.
+        // Each parameter moves as far as it may. If that oscillates about a resonance, the step goes along the score,
+        // which always descends.
         let along = |share: f64| &whole * (share / whole.amax().max(share));
         let halved = std::iter::successors(Some(LONGEST_STEP), |share| Some(0.5 * share));
         let halved = halved.take_while(|share| *share > SHORTEST_STEP);
@@ -107,12 +109,12 @@ fn move_by(model: &mut NoiseModel, parameter: Parameter, step: f64) {
         (Parameter::Centre(_), (Source::Band(band), _)) => band.hz *= step.exp(),
         (Parameter::Width(_), (Source::Band(band), _)) => band.width *= step.exp(),
         (Parameter::Slope(_), (Source::Band(band), _)) => band.slope += step,
-        // Nothing else has a centre.
+        // Other sources have no centre.
         _ => (),
     }
 }
 
-/// -log likelihood, and what is known of tilts beforehand: what the score is the derivative of, up to its sign.
+/// Returns the negative log likelihood with the prior of the slopes. The score is its derivative, up to the sign.
 fn misfit(model: &NoiseModel, bins: &[(f64, DVector<C>)]) -> f64 {
     let tilts = model.sources.iter().map(|(source, _)| match source {
         Source::Band(band) => 0.5 * (band.slope / model.settings.band_slope_std).powi(2),
@@ -126,7 +128,7 @@ fn misfit(model: &NoiseModel, bins: &[(f64, DVector<C>)]) -> f64 {
     tilts.sum::<f64>() + bins.iter().filter_map(one).sum::<f64>()
 }
 
-/// Gradient of the log likelihood, and the expected information.
+/// Returns the gradient of the log likelihood and the expected information.
 fn score(model: &NoiseModel, bins: &[(f64, DVector<C>)], parameters: &[Parameter]) -> (DVector<f64>, DMatrix<f64>) {
     let n = parameters.len();
     let (mut gradient, mut information) = (DVector::zeros(n), DMatrix::from_diagonal_element(n, n, PRIOR_INFORMATION));
@@ -158,7 +160,7 @@ fn score(model: &NoiseModel, bins: &[(f64, DVector<C>)], parameters: &[Parameter
     (gradient, information)
 }
 
-/// Derivative of the density.
+/// Returns the derivative of the density by a parameter.
 fn change(model: &NoiseModel, parameter: Parameter, hz: f64) -> DMatrix<C> {
     let of = |source: Source, variance: f64| {
         let outer = model.columns(source, hz).into_iter().map(|h| &h * h.adjoint());
@@ -185,7 +187,7 @@ mod tests {
 
     const LENGTH: usize = 8192;
 
-    /// Bins of a model's own noise: a square root of the density at each, times Gaussian numbers.
+    /// Draws bins of a model's own noise: a square root of the density at each bin times Gaussian numbers.
     fn drawn(model: &NoiseModel, seed: u64) -> Stretch {
         let p = model.plant().p;
         let numbers = random_input(seed, LENGTH / 2 + 1, 2 * p);
@@ -198,7 +200,7 @@ mod tests {
         Stretch { length: LENGTH, bins }
     }
 
-    /// The maximum is found from beside it, and what is stated of it is what it scatters by from draw to draw.
+    /// The maximum is found from a start near it, and the scatter over draws agrees with the stated covariance.
     #[test]
     fn bands_are_found_as_well_as_is_stated() {
         let plant = Plant::new(&truss(2)).unwrap();
@@ -221,7 +223,7 @@ mod tests {
             }
             assert!(found.is_near(hz) && found.covariance[(1, 1)].sqrt() < 0.02, "{}", found.covariance);
         }
-        // The mean of twelve squared normals is within 0.3 and 2.2 in all but one of a thousand draws.
+        // The mean of twelve squared normal variables lies within 0.3 and 2.2 in all but one of a thousand draws.
         assert!(squares.iter().all(|s| (0.3..2.2).contains(&(s / DRAWS as f64))), "{squares:?}");
     }
 }

@@ -6,8 +6,8 @@ use super::Rest;
 use crate::fourier::C;
 use crate::settings::PlantSettings;
 
-/// Singular values of a sampled matrix below this are rounding. If the rest is one repeated pole and nothing else, all of
-/// them are.
+/// Singular values of a sampled matrix below this are rounding. If the rest is one repeated pole and nothing else, all
+/// of them are.
 const ROUNDING: f64 = 1e-9;
 
 /// Largest number of sweeps of a singular value decomposition: the library's iteration may not end if singular values
@@ -17,27 +17,28 @@ const MOST_SWEEPS: usize = 10_000;
 /// The pole of one input's actuator.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Actuator {
-    /// rad/s: a' = pole (u - a).
+    /// Pole in rad/s: a' = pole (u - a).
     pub pole: f64,
-    /// a = row . x_rest (r).
+    /// The actuator's output: a = row . x_rest (r).
     pub row: DVector<f64>,
 }
 
 /// A pole of one output's filter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Filter {
-    /// rad/s; of a pair the upper one.
+    /// Pole in rad/s; of a pair the upper one.
     pub pole: C,
     /// The direction in the rest that this output sees with gain one, and no other output sees (r).
     pub column: DVector<C>,
 }
 
-/// What lies before the structure (a real pole an input) and behind it (the filter of an output), as far as the simulation shows it.
+/// The actuators before the structure (a real pole for each input) and the filters after it (for each output), as far
+/// as the simulation shows them.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SignalChain {
-    /// Of each input: the real pole that this input drives and no other.
+    /// For each input, the real pole that it drives alone.
     pub actuator: Vec<Option<Actuator>>,
-    /// Of each output: the poles that this output sees and no other.
+    /// For each output, the poles that it sees alone.
     pub filter: Vec<Vec<Filter>>,
 }
 
@@ -60,7 +61,7 @@ impl SignalChain {
             let left = null_space(&shifted.transpose(), count, own_channel);
             let right = null_space(&shifted, count, own_channel);
             let (Some(left), Some(right)) = (left, right) else { continue };
-            // An input's own pole is real: a resonant amplifier would be a finding of its own.
+            // An actuator's pole is real. A resonant amplifier would be part of the structure.
             let mut driven_alone = false;
             if z.im == 0.0 {
                 let driven = rest.b.map(C::from).transpose() * &left;
@@ -86,12 +87,12 @@ impl SignalChain {
         chain
     }
 
-    /// Gain of what lies before the structure at s, relative to zero frequency; one where nothing is known.
+    /// Returns the actuator's gain at s relative to zero frequency; one if no actuator is known.
     pub fn before(&self, input: usize, s: C) -> C {
         self.actuator[input].as_ref().map_or(C::ONE, |actuator| C::from(actuator.pole) / (s + actuator.pole))
     }
 
-    /// Gain of what lies behind the structure at s, relative to zero frequency; one where nothing is known.
+    /// Returns the filter's gain at s relative to zero frequency; one if no filter is known.
     pub fn behind(&self, output: usize, s: C) -> C {
         self.filter[output].iter().fold(C::ONE, |gain, filter| {
             let section = |q: C| -q / (s - q);
@@ -100,7 +101,7 @@ impl SignalChain {
         })
     }
 
-    /// The residue of what lies behind at one of its poles.
+    /// Returns the residue of a filter at one of its poles.
     pub fn residue(&self, output: usize, index: usize) -> C {
         let at = self.filter[output][index].pole;
         let mut residue = -at;
@@ -116,12 +117,12 @@ impl SignalChain {
         residue
     }
 
-    /// Whether anything is known.
+    /// Returns whether any actuator or filter is known.
     pub fn known(&self) -> bool {
         self.actuator.iter().any(Option::is_some) || self.filter.iter().any(|filter| !filter.is_empty())
     }
 
-    /// The actuator's pole in Hz.
+    /// Returns the actuator's pole in Hz.
     pub fn actuator_hz(&self, input: usize) -> Option<f64> {
         self.actuator[input].as_ref().map(|actuator| actuator.pole / TAU)
     }

@@ -1,8 +1,8 @@
 //! Which derivative of a displacement each output follows.
 //!
 //! A mode in physical form is q" + 2 zeta w q' + w^2 q = beta f, and a sensor measures gamma q^(k): a displacement for
-//! k = 0, a velocity for k = 1, an acceleration for k = 2. The order k decides what a changed mode does to the outputs,
-//! and what the modes say about the motion where an actuator acts.
+//! k = 0, a velocity for k = 1, an acceleration for k = 2. The order k determines how a changed mode changes the
+//! outputs, and what the modes show of the motion where an actuator acts.
 
 use std::f64::consts::TAU;
 
@@ -26,7 +26,7 @@ const ABOVE: f64 = 4.0;
 /// Frequencies between which the slope of a response without resonances is taken, relative to the sample rate.
 const SLOPE_BETWEEN: [f64; 2] = [0.125, 0.25];
 
-/// Where the kind of an output comes from.
+/// The source of an output's kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum KindSource {
@@ -34,7 +34,7 @@ pub enum KindSource {
     Declared,
     /// The simulation's responses show it.
     Inferred,
-    /// Neither does: an acceleration is assumed.
+    /// Neither does, and an acceleration is assumed.
     Assumed,
 }
 
@@ -48,10 +48,10 @@ pub struct Sensed {
 }
 
 impl Sensed {
-    /// What is assumed as long as nothing else is known.
+    /// The assumption as long as nothing is known.
     pub(super) const ASSUMED: Self = Self { order: 2, source: KindSource::Assumed };
 
-    /// The kind that belongs to the order.
+    /// Returns the kind that belongs to the order.
     pub fn kind(self) -> OutputKind {
         match self.order {
             0 => OutputKind::Position,
@@ -61,7 +61,7 @@ impl Sensed {
     }
 }
 
-/// The orders of all outputs (p): as declared, or as the simulation shows them.
+/// Returns the orders of all outputs (p), as declared or as the simulation shows them.
 pub(super) fn sensed(plant: &Plant, declared: &[Option<OutputKind>]) -> Vec<Sensed> {
     let order = |kind: OutputKind| match kind {
         OutputKind::Position => Some(0),
@@ -84,7 +84,7 @@ fn inferred(plant: &Plant, output: usize) -> Sensed {
     let mut distances: Vec<(f64, i32)> = (0..3).map(|order| (distance(plant, output, order), order)).collect();
     distances.sort_by(|a, b| a.0.total_cmp(&b.0));
     let [(nearest, order), (next, _), ..] = distances[..] else { return Sensed::ASSUMED };
-    // NaN, where nothing can be compared, is not close.
+    // NaN, if nothing can be compared, is not below the threshold.
     if nearest < plant.settings.kind_distance && nearest < plant.settings.kind_ratio * next {
         Sensed { order, source: KindSource::Inferred }
     } else {
@@ -92,8 +92,8 @@ fn inferred(plant: &Plant, output: usize) -> Sensed {
     }
 }
 
-/// Without modes, from how the response to the inputs falls at high frequencies: a force makes an acceleration at once,
-/// a velocity falls as 1/s and a position as 1/s^2.
+/// Infers the order of a plant without modes from the decay of its response at high frequencies. A force causes an
+/// acceleration at once; a velocity decays as 1/s, and a position as 1/s^2.
 fn by_slope(plant: &Plant, output: usize) -> Sensed {
     let size = |share: f64| {
         let response = response(plant, output, C::new(0.0, TAU * share * plant.rate))?;
@@ -108,8 +108,9 @@ fn by_slope(plant: &Plant, output: usize) -> Sensed {
     }
 }
 
-/// Mean of |G - G_k|^2 / (|G|^2 + |G_k|^2) over inputs and logarithmic frequencies. G is the simulation's response, and
-/// G_k that of its modes if they are sensed by their k-th derivative. NaN without modes or without the rest in continuous time.
+/// Returns the mean of |G - G_k|^2 / (|G|^2 + |G_k|^2) over inputs and logarithmic frequencies. G is the simulation's
+/// response, and G_k that of its modes if sensors measure the k-th derivative. NaN without modes or if the rest has no
+/// continuous form.
 fn distance(plant: &Plant, output: usize, order: i32) -> f64 {
     let (Some(lowest), Some(highest)) = (plant.modes.first(), plant.modes.last()) else { return f64::NAN };
     let (from, to) = (BELOW * lowest.hz(), (ABOVE * highest.hz()).min(plant.rate / 2.0));
@@ -132,7 +133,8 @@ fn distance(plant: &Plant, output: usize, order: i32) -> f64 {
     sum / (FREQUENCIES * plant.m) as f64
 }
 
-/// The response of one output to each input (m) at s, in continuous time; none if the rest has no continuous form.
+/// Returns the response of one output to each input (m) at s, in continuous time; `None` if the rest has no continuous
+/// form.
 fn response(plant: &Plant, output: usize, s: C) -> Option<Vec<C>> {
     let (a, b) = plant.rest.continuous.as_ref()?;
     let rest = if a.is_empty() {
@@ -157,7 +159,7 @@ mod tests {
     use super::*;
     use crate::testing::{self, Sensor};
 
-    /// The same truss seen by each sensor, with actuators and filters, and with plain sensors.
+    /// The kind of each sensor is inferred for the same truss, with actuators and filters and with plain sensors.
     #[test]
     fn each_sensor_is_told_from_the_simulation() {
         for seed in 0..4 {

@@ -1,9 +1,9 @@
 use nalgebra::DMatrix;
 
-/// How near to the unit matrix the square roots must come before the series is used.
+/// Distance from the unit matrix below which square roots give way to the series.
 const NEAR_ONE: f64 = 0.2;
 
-/// More square roots than this mean an eigenvalue at zero or on the negative axis.
+/// Largest number of square roots. If more are needed, an eigenvalue is zero or lies on the negative axis.
 const MOST_ROOTS: i32 = 40;
 
 /// Nodes and weights of Gauss-Legendre quadrature on [0, 1], eight points:
@@ -19,8 +19,8 @@ const QUADRATURE: [(f64, f64); 8] = [
     (0.980_144_928_248_768_1, 0.050_614_268_145_188_13),
 ];
 
-/// The principal logarithm by inverse scaling and squaring; `None` where there is none (a pole at zero, a negative real pole)
-/// or where exp of it does not give the matrix back.
+/// Returns the principal logarithm by inverse scaling and squaring; `None` if there is none (a pole at zero, a negative
+/// real pole) or if its exponential does not reproduce the matrix.
 pub(crate) fn logarithm(a: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let n = a.nrows();
     if n == 0 {
@@ -47,7 +47,7 @@ pub(crate) fn logarithm(a: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     (back <= 1e-8 * a.norm()).then_some(log)
 }
 
-/// The principal square root by the product form of the Denman-Beavers iteration (Higham, eq. 6.29).
+/// Returns the principal square root by the product form of the Denman-Beavers iteration (Higham, eq. 6.29).
 fn square_root(a: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let n = a.nrows();
     let one = DMatrix::identity(n, n);
@@ -72,7 +72,7 @@ mod tests {
     use super::*;
     use nalgebra::dmatrix;
 
-    /// A double pole: there is no basis of eigenvectors.
+    /// A double pole has no basis of eigenvectors.
     #[test]
     fn a_jordan_block_has_its_logarithm() {
         let log = dmatrix![-0.3, 1.0, 0.0; 0.0, -0.3, 1.0; 0.0, 0.0, -0.3];

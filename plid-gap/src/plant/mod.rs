@@ -1,7 +1,8 @@
-//! The simulation in its modes: the structure's pairs one by one, everything else (actuator poles, filters) in one block.
+//! The simulation in modal form: the structure's pairs of poles one by one, and everything else (actuators, filters) in
+//! one block.
 //!
-//! In these coordinates a frequency, a damping ratio or a shape of one mode is changed by changing that mode's numbers, whatever
-//! the state-space basis in which the simulation was written.
+//! In these coordinates, a frequency, damping ratio or shape of one mode can be changed by itself, in whatever
+//! state-space basis the simulation was written.
 
 mod axis;
 mod chain;
@@ -25,11 +26,11 @@ pub use spectrum::{RestNumber, Spectrum};
 /// One mode of the structure: dz/dt = pole z + b u, y += 2 Re(c z), with a complex z.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mode {
-    /// rad/s, with a positive imaginary part.
+    /// Pole in rad/s, with a positive imaginary part.
     pub pole: C,
-    /// Of each input (m).
+    /// Input shape (m).
     pub b: Vec<C>,
-    /// Of each output (p).
+    /// Output shape (p).
     pub c: Vec<C>,
 }
 
@@ -39,25 +40,25 @@ impl Mode {
         self.pole.norm() / std::f64::consts::TAU
     }
 
-    /// -Re pole / |pole|.
+    /// Returns the damping ratio, -Re pole / |pole|.
     pub fn damping(&self) -> f64 {
         -self.pole.re / self.pole.norm()
     }
 }
 
-/// What a mode's rows are multiplied by when its pole moves and its physical shapes stay: with dz/dt = pole z + b f,
-/// q = 2 Re(z / (pole - conj pole)) for a real b.
+/// Factors of a mode's output rows if its pole moves and its physical shapes stay: with dz/dt = pole z + b f, q = 2
+/// Re(z / (pole - conj pole)) for a real b.
 pub(crate) struct Carried {
-    /// Of q.
+    /// Factor of the row of q.
     pub displacement: f64,
-    /// Of q'.
+    /// Factor of the row of q'.
     pub velocity: C,
-    /// Of q".
+    /// Factor of the row of q".
     acceleration: C,
 }
 
 impl Carried {
-    /// Of a pole that stays.
+    /// The factors of a pole that does not move.
     pub(crate) const UNMOVED: Self = Self { displacement: 1.0, velocity: C::ONE, acceleration: C::ONE };
 
     pub(crate) fn new(from: C, to: C) -> Self {
@@ -65,7 +66,7 @@ impl Carried {
         Self { displacement, velocity: turn * displacement, acceleration: turn * turn * displacement }
     }
 
-    /// Of what an output senses.
+    /// Returns the factor of an output's row.
     pub(crate) fn sensed(&self, sensed: Sensed) -> C {
         match sensed.order {
             0 => C::from(self.displacement),
@@ -75,66 +76,66 @@ impl Carried {
     }
 }
 
-/// All that is not a structural mode: r states, discrete at the sample rate.
+/// The rest of the simulation, which is no structural mode: r states, discrete at the sample rate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rest {
-    /// r x r, over one sample.
+    /// State matrix over one sample (r x r).
     pub a: DMatrix<f64>,
-    /// r x m, over one sample.
+    /// Input matrix over one sample (r x m).
     pub b: DMatrix<f64>,
-    /// p x r.
+    /// Output matrix (p x r).
     pub c: DMatrix<f64>,
-    /// r x r and r x m in continuous time, where the logarithm exists.
+    /// State matrix (r x r) and input matrix (r x m) in continuous time, if the logarithm exists.
     pub continuous: Option<(DMatrix<f64>, DMatrix<f64>)>,
 }
 
-/// Where an internal force acts: dz/dt += force f, d = 2 Re(displacement . z) + displacement_rest . x, v likewise.
+/// A port of internal forces: dz/dt += force f, d = 2 Re(displacement . z) + displacement_rest . x, and likewise v.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Port {
-    /// Its name, or that of the input.
+    /// Its name; that of the input if it was inferred.
     pub name: String,
-    /// The input (from 0) whose port it is.
+    /// The input (from 0) to which the port belongs.
     pub input: Option<usize>,
-    /// Of each mode.
+    /// Force on each mode.
     pub force: Vec<C>,
-    /// Of each mode.
+    /// Displacement row of each mode.
     pub displacement: Vec<C>,
-    /// Of each mode.
+    /// Velocity row of each mode.
     pub velocity: Vec<C>,
-    /// Of the rest (r).
+    /// Force on the rest (r).
     pub force_rest: DVector<f64>,
-    /// Of the rest (r).
+    /// Displacement row of the rest (r).
     pub displacement_rest: DVector<f64>,
-    /// Of the rest (r).
+    /// Velocity row of the rest (r).
     pub velocity_rest: DVector<f64>,
-    /// Added to y at once for a unit force (p); empty for nothing.
+    /// Direct response of the outputs to a unit force (p); empty if there is none.
     pub output: Vec<f64>,
 }
 
-/// A simulation in its modes.
+/// A simulation in modal form.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plant {
-    /// Samples a second.
+    /// Sample rate in Hz.
     pub rate: f64,
-    /// Inputs.
+    /// Number of inputs.
     pub m: usize,
-    /// Outputs.
+    /// Number of outputs.
     pub p: usize,
-    /// By rising frequency.
+    /// Structural modes by rising frequency.
     pub modes: Vec<Mode>,
-    /// Everything else.
+    /// All other states.
     pub rest: Rest,
-    /// p x m.
+    /// Direct feedthrough (p x m).
     pub d: DMatrix<f64>,
-    /// Places of internal forces.
+    /// Ports of internal forces.
     pub ports: Vec<Port>,
-    /// Where the ports come from.
+    /// The source of the ports.
     pub port_source: PortSource,
-    /// What lies before and behind the structure.
+    /// Actuators and filters.
     pub chain: SignalChain,
-    /// Which derivative of a displacement each output follows (p).
+    /// The derivative of a displacement that each output follows (p).
     pub sensed: Vec<Sensed>,
-    /// The simulation's own basis, to write a changed plant back.
+    /// The simulation's own basis, by which a changed plant is written back.
     basis: Basis,
     /// The thresholds by which it was decomposed.
     settings: PlantSettings,
@@ -149,7 +150,7 @@ struct Basis {
     rest_inverse: DMatrix<f64>,
 }
 
-/// The poles of the structure's modes (of the discrete time), with their right and left eigenvectors.
+/// Returns the discrete poles of the structural modes with their right and left eigenvectors.
 fn structural(model: &Model, settings: &PlantSettings) -> Result<Vec<Structural>, GapError> {
     let mut oscillatory = plid_model::modes(model)?;
     oscillatory.retain(|mode| mode.kind == ModeKind::Oscillatory);
@@ -230,7 +231,7 @@ impl Plant {
         Ok(plant)
     }
 
-    /// A declared port in this plant's coordinates.
+    /// Returns a declared port in modal coordinates.
     fn declared(&self, model: &Model, port: &plid_model::Port) -> Port {
         let Basis { right, left, rest, rest_inverse } = &self.basis;
         let force = DVector::from_column_slice(&port.force);
@@ -249,7 +250,7 @@ impl Plant {
         }
     }
 
-    /// Puts a place for internal forces on one mode alone beside the ports: `mode:HZ`, for effects that no input's port explains.
+    /// Adds a port on a single mode, `mode:HZ`, for effects that no input's port explains.
     pub fn add_modal_port(&mut self, mode: usize) {
         let name = format!("mode:{}", plain_hz(self.modes[mode].hz()));
         if self.ports.iter().all(|port| port.name != name) {
@@ -258,10 +259,10 @@ impl Plant {
         }
     }
 
-    /// Takes a spring between the ends of a port that lies on one mode alone out of that mode; what damps it stays.
+    /// Removes a spring between the ends of a port that lies on a single mode. The damping force of the mode stays.
     pub(crate) fn take_spring(&mut self, port: usize, k: f64) {
         let port = &self.ports[port];
-        // Read back from a file, the others' forces are not zero but rounding.
+        // In a plant that was read from a file, the forces on the other modes are not zero but rounding errors.
         let size = |k: usize| port.force[k].norm_sqr();
         let Some(mode) = (0..self.modes.len()).max_by(|&a, &b| size(a).total_cmp(&size(b))) else { return };
         let share = (k / self.stiffness(port)).min(0.9);
@@ -272,7 +273,7 @@ impl Plant {
         }
     }
 
-    /// Stiffness that a port meets: force over the displacement that it makes at rest, through the modes.
+    /// Returns the static stiffness at a port: the force over the displacement that it causes through the modes.
     pub fn stiffness(&self, port: &Port) -> f64 {
         let parts = self.modes.iter().zip(&port.force).zip(&port.displacement);
         if self.modes.is_empty() {
@@ -282,12 +283,12 @@ impl Plant {
         if compliance == 0.0 { 0.0 } else { 1.0 / compliance.abs() }
     }
 
-    /// Number of states: two a mode, and the rest.
+    /// Returns the number of states: two for each mode, and those of the rest.
     pub fn n(&self) -> usize {
         2 * self.modes.len() + self.rest.a.nrows()
     }
 
-    /// The mode nearest to a frequency.
+    /// Returns the mode nearest to a frequency.
     pub fn mode_at(&self, hz: f64) -> Option<usize> {
         (0..self.modes.len()).min_by(|&a, &b| {
             let far = |k: usize| (self.modes[k].hz() / hz).ln().abs();
@@ -295,8 +296,8 @@ impl Plant {
         })
     }
 
-    /// The plant as a model in real modal coordinates: (Re z, Im z) of each mode, then the rest. Ports and, where it is known,
-    /// continuous time are kept.
+    /// Returns the plant as a model in real modal coordinates: (Re z, Im z) of each mode, then the rest. Ports are
+    /// kept, and so is the continuous form if it is known.
     pub fn to_model(&self, names: &Model) -> Model {
         let (n, q, r) = (self.n(), self.modes.len(), self.rest.a.nrows());
         let step = 1.0 / self.rate;
@@ -357,7 +358,7 @@ impl Plant {
     }
 }
 
-/// A frequency with one decimal or four digits, whichever says more.
+/// Formats a frequency with one decimal or four digits, whichever is more precise.
 pub fn plain_hz(hz: f64) -> String {
     let digits = if hz > 0.0 { (3.0 - hz.log10().floor()).clamp(1.0, 12.0) as usize } else { 1 };
     format!("{hz:.digits$}")
@@ -377,7 +378,7 @@ fn put_pair(to: &mut DMatrix<f64>, i: usize, j: usize, z: C) {
 
 type Structural = (C, DVector<C>, DVector<C>);
 
-/// The simulation with states of like size, whatever basis it was written in.
+/// Returns the simulation with states of similar size, whatever its basis.
 fn balanced(model: &Model) -> Model {
     let mut balanced = model.clone();
     let scale = nalgebra::linalg::balancing::balance_parlett_reinsch(&mut balanced.a);
@@ -398,8 +399,8 @@ fn balanced(model: &Model) -> Model {
     balanced
 }
 
-/// A pole with its right and left eigenvectors (l . r = 1), by inverse iteration on each side: repeated poles elsewhere do not
-/// spoil it, as they spoil the inverse of all eigenvectors.
+/// Returns a pole with its right and left eigenvectors (l . r = 1), by inverse iteration on each side. Repeated poles
+/// elsewhere do not disturb it, although they make the matrix of all eigenvectors singular.
 fn eigenvectors(a: &DMatrix<f64>, pole: C) -> Option<Structural> {
     let n = a.nrows();
     let matrix = a.map(C::from);
@@ -431,18 +432,19 @@ fn split(structural: Vec<Structural>) -> (Vec<C>, Vec<DVector<C>>, Vec<DVector<C
     parts
 }
 
-/// An orthonormal basis (n x rank) of a projection's range: the first columns of a QR factorisation with pivots, for its singular values
-/// are zero or at least one. (The library's singular vectors are off where singular values repeat, as they do here.)
+/// Returns an orthonormal basis (n x rank) of a projection's range: the first columns of a pivoted QR factorisation,
+/// since the singular values of a projection are zero or at least one. The library's singular vectors are inaccurate if
+/// singular values repeat, as they do here.
 fn range(projection: &DMatrix<f64>, rank: usize) -> DMatrix<f64> {
     if rank == 0 {
         return DMatrix::zeros(projection.nrows(), 0);
     }
     let near = projection.clone().col_piv_qr().q().columns(0, rank).into_owned();
-    // Once more through the projection, what rounding has put beside its range is gone.
+    // A second projection removes rounding errors outside the range.
     (projection * near).qr().q()
 }
 
-/// The rest in continuous time: as the simulation says, or by the logarithm.
+/// Returns the rest in continuous time, as the simulation declares it or by the matrix logarithm.
 fn rest_in_time(
     model: &Model,
     basis: &Basis,
@@ -457,7 +459,7 @@ fn rest_in_time(
     if r == 0 {
         return Some((a.clone(), b.clone()));
     }
-    // e^{[A B; 0 0] T} = [a b; 0 1]: one logarithm gives both, poles at the origin included.
+    // e^{[A B; 0 0] T} = [a b; 0 1]: one logarithm gives both, also for poles at the origin.
     let m = b.ncols();
     let mut held = DMatrix::identity(r + m, r + m);
     held.view_mut((0, 0), (r, r)).copy_from(a);
@@ -466,8 +468,8 @@ fn rest_in_time(
     Some((log.view((0, 0), (r, r)).into_owned(), log.view((0, r), (r, m)).into_owned()))
 }
 
-/// Where internal forces may act in a simulation that declares no port: at the strut of each input, as the modes show it;
-/// without modes on the axis of each input.
+/// Infers the ports of a simulation that declares none: at each input, from the modes; without modes, on the axis of
+/// each input.
 fn inferred(plant: &Plant, inputs: &[String]) -> (Vec<Port>, PortSource) {
     if plant.modes.is_empty() {
         (axis::infer(plant, inputs), PortSource::Axis)
@@ -482,8 +484,8 @@ pub(crate) fn phi1(x: C) -> C {
 }
 
 impl Plant {
-    /// Moves a mode's pole and keeps its physical shapes: q" + 2 zeta w q' + w^2 q = b.a, of which an output senses a derivative
-    /// of c q, behind the actuators' poles and before the filters.
+    /// Moves a mode's pole and keeps its physical shapes: q" + 2 zeta w q' + w^2 q = b.a, where an output measures a
+    /// derivative of c q, after the actuators and before the filters.
     pub fn move_pole(&mut self, k: usize, pole: C) {
         let from = self.modes[k].pole;
         let rows = Carried::new(from, pole);
@@ -501,14 +503,14 @@ impl Plant {
         }
     }
 
-    /// Changes a mode, and with it what it sends through the actuators' and filters' own poles.
+    /// Changes a mode, and with it the response through the poles of actuators and filters.
     pub fn change(&mut self, k: usize, change: impl FnOnce(&mut Mode)) {
         self.pass(k, -1.0);
         change(&mut self.modes[k]);
         self.pass(k, 1.0);
     }
 
-    /// One mode more: q" + 2 zeta w q' + w^2 q = b.a, of which each output senses its derivative of c q.
+    /// Adds a mode: q" + 2 zeta w q' + w^2 q = b.a, where each output measures its derivative of c q.
     pub fn add_mode(&mut self, pole: C, b: &[f64], c: &[f64]) {
         // z' = pole z + b a, q = 2 Re(z / (pole - conj pole)).
         let scale = |o: usize| pole.powi(self.sensed[o].order) / C::new(0.0, 2.0 * pole.im);
@@ -525,34 +527,35 @@ impl Plant {
         self.pass(self.modes.len() - 1, 1.0);
     }
 
-    /// gamma_o beta_i of a mode in physical form: what an output senses of a unit input, before the filter.
+    /// Returns gamma_o beta_i of a mode in physical form: the response of an output to a unit input, before the filter.
     pub fn product(&self, mode: &Mode, o: usize, i: usize) -> f64 {
         self.product_of(mode, o, i, self.sensed[o].order)
     }
 
-    /// The same for an output that senses a displacement's derivative of another order.
+    /// The same for an output that measures a derivative of another order.
     fn product_of(&self, mode: &Mode, o: usize, i: usize, order: i32) -> f64 {
         let pole = mode.pole;
         let both = mode.c[o] * mode.b[i] / (self.chain.behind(o, pole) * self.chain.before(i, pole));
         (both * C::new(0.0, 2.0 * pole.im) / pole.powi(order)).re
     }
 
-    /// s^k / (s^2 + 2 zeta w s + w^2): the k-th derivative of a mode's displacement for a unit force.
+    /// Returns s^k / (s^2 + 2 zeta w s + w^2), the k-th derivative of a mode's displacement for a unit force.
     pub fn derivative(order: i32, pole: C, s: C) -> C {
         s.powi(order) / ((s - pole) * (s - pole.conj()))
     }
 
-    /// Whether the paths from the modes to the outputs are known, so that a changed mode changes what passes them.
+    /// Returns whether the paths from the modes to the outputs are known. Only then does a changed mode change the
+    /// response through them.
     fn understood(&self) -> bool {
         self.chain.known() || self.sensed.iter().any(|sensed| sensed.source != KindSource::Assumed)
     }
 
-    /// Whether an output answers a force at once: an acceleration without a filter.
+    /// Returns whether an output responds to a force at once, as an acceleration without a filter does.
     fn answers_at_once(&self, o: usize) -> bool {
         self.understood() && self.sensed[o].order == 2 && self.chain.filter[o].is_empty()
     }
 
-    /// Adds (or takes away) what a mode sends through the poles of actuators and filters: in partial fractions, the residues there.
+    /// Adds or subtracts a mode's response through the poles of actuators and filters, which are its residues there.
     fn pass(&mut self, k: usize, sign: f64) {
         if !self.understood() {
             return;
@@ -586,7 +589,7 @@ impl Plant {
 }
 
 impl Plant {
-    /// The response (p) to a force at a port, held over samples, at a frequency.
+    /// Returns the response (p) to a force at a port, held over samples, at a frequency.
     pub fn port_response(&self, port: usize, hz: f64) -> DVector<C> {
         let z = C::cis(std::f64::consts::TAU * hz / self.rate);
         let port = &self.ports[port];
@@ -604,7 +607,7 @@ impl Plant {
         let s = C::new(0.0, std::f64::consts::TAU * hz);
         let shifted = DMatrix::from_diagonal_element(r, r, s) - a.map(C::from);
         if let Some(x) = shifted.lu().solve(&port.force_rest.map(C::from)) {
-            // The hold's own response: sinc and half a sample's delay.
+            // The response of the hold: sinc and a delay of half a sample.
             let half = std::f64::consts::PI * hz / self.rate;
             let hold = if half > 0.0 { C::cis(-half) * (half.sin() / half) } else { C::ONE };
             sum += self.rest.c.map(C::from) * x * hold;
@@ -612,7 +615,7 @@ impl Plant {
         sum
     }
 
-    /// The response p x m at a frequency, for held inputs.
+    /// Returns the response p x m at a frequency, for held inputs.
     pub fn response(&self, hz: f64) -> DMatrix<C> {
         let z = C::cis(std::f64::consts::TAU * hz / self.rate);
         let r = self.rest.a.nrows();
@@ -638,10 +641,10 @@ impl Plant {
     }
 }
 
-/// What a mode sends through the poles of actuators and filters.
+/// The response of a mode through the poles of actuators and filters.
 pub(crate) struct Passed {
     pole: C,
-    /// p x m.
+    /// Products of output and input shapes (p x m).
     pub products: DMatrix<f64>,
 }
 
@@ -651,12 +654,12 @@ impl Passed {
         Self { pole: mode.pole, products }
     }
 
-    /// The same shapes with another pole.
+    /// Returns the same shapes with another pole.
     pub(crate) fn at(&self, pole: C) -> Self {
         Self { pole, products: self.products.clone() }
     }
 
-    /// The gain from the actuator's output to this output, at the actuator's pole.
+    /// Returns the gain from the actuator's output to this output, at the actuator's pole.
     pub(crate) fn actuator(&self, plant: &Plant, o: usize, i: usize) -> f64 {
         let Some(actuator) = &plant.chain.actuator[i] else { return 0.0 };
         let s = C::from(-actuator.pole);
@@ -664,7 +667,7 @@ impl Passed {
         (plant.chain.behind(o, s) * Plant::derivative(order, self.pole, s)).re * self.products[(o, i)]
     }
 
-    /// The gain from the input to the filter's state, which the output sees with gain one.
+    /// Returns the gain from the input to the filter's state, which the output sees with gain one.
     pub(crate) fn filter(&self, plant: &Plant, o: usize, i: usize, f: usize) -> C {
         let s = plant.chain.filter[o][f].pole;
         let through = plant.chain.before(i, s) * Plant::derivative(plant.sensed[o].order, self.pole, s);

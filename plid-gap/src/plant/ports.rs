@@ -3,23 +3,25 @@ use nalgebra::DVector;
 use super::{Mode, Plant, Port};
 use crate::fourier::C;
 
-/// Where the places of internal forces come from.
+/// The source of the ports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PortSource {
     /// The simulation declares them.
     Declared,
-    /// The port of each input, from the modes' input shapes; the scale of each mode by reciprocity (input and output shapes of
-    /// equal norm, as if sensors stood near the actuators).
+    /// The port of each input, from the modes' input shapes; the scale of each mode by reciprocity (input and output
+    /// shapes of equal norm, as if sensors stood near the actuators).
     Inferred,
-    /// The axis of each input, from the output that shows its motion, because the simulation has no lightly damped mode.
+    /// The axis of each input, from the output that shows its motion, because the simulation has no lightly damped
+    /// mode.
     Axis,
 }
 
-/// The port of each input, from the modes.
+/// Infers the port of each input from the modes.
 ///
-/// A mode in physical form is q" + 2 zeta w q' + w^2 q = beta f, of which a sensor measures gamma q^(k); its port sees d = beta q. The
-/// simulation gives g = beta g0 (its input shape without the actuator's pole) and k = gamma / g0 up to one number g0 a mode.
+/// A mode in physical form is q" + 2 zeta w q' + w^2 q = beta f, and a sensor measures gamma q^(k); the mode's port
+/// sees d = beta q. The simulation gives g = beta g0 (its input shape without the actuator's pole) and k = gamma / g0,
+/// up to one number g0 for each mode.
 pub(super) fn infer(plant: &Plant, inputs: &[String]) -> Vec<Port> {
     let modal = modal_ports(plant);
     let port =
@@ -27,8 +29,8 @@ pub(super) fn infer(plant: &Plant, inputs: &[String]) -> Vec<Port> {
     inputs.iter().enumerate().map(port).collect()
 }
 
-/// A place on one mode alone, for an effect that no input's port explains: the port of the input that drives this mode most, of
-/// which only this mode is kept.
+/// Returns a port on a single mode, for an effect that no input's port explains: the port of the input that drives this
+/// mode most, restricted to this mode.
 pub(super) fn of_mode(plant: &Plant, k: usize) -> Port {
     let modal = modal_ports(plant);
     let size = |i: usize| modal[k].0[i].norm_sqr();
@@ -36,14 +38,14 @@ pub(super) fn of_mode(plant: &Plant, k: usize) -> Port {
     port(plant, &modal, i, &|mode| mode == k)
 }
 
-/// Force columns and displacement rows of all ports, of each mode.
+/// Force columns and displacement rows of all ports, for each mode.
 type ModalPorts = Vec<(Vec<C>, Vec<C>)>;
 
 fn modal_ports(plant: &Plant) -> ModalPorts {
     plant.modes.iter().map(|mode| modal_port(plant, mode)).collect()
 }
 
-/// The port of an input, of the modes that are kept, without a name.
+/// Returns the port of an input, restricted to the modes that are kept, without a name.
 fn port(plant: &Plant, modal: &ModalPorts, i: usize, kept: &dyn Fn(usize) -> bool) -> Port {
     let keep = |k: usize, x: C| if kept(k) { x } else { C::ZERO };
     let displacement: Vec<C> = modal.iter().enumerate().map(|(k, (_, row))| keep(k, row[i])).collect();
@@ -61,13 +63,13 @@ fn port(plant: &Plant, modal: &ModalPorts, i: usize, kept: &dyn Fn(usize) -> boo
     }
 }
 
-/// What a port's force sends through the filters' own poles: it passes no actuator.
+/// Returns the force of a port on the poles of the filters. It passes no actuator.
 fn through_filters(plant: &Plant, i: usize, kept: &dyn Fn(usize) -> bool) -> DVector<f64> {
     let modes = plant.modes.iter().enumerate().filter(|(k, _)| kept(*k));
     modes.fold(DVector::zeros(plant.rest.a.nrows()), |sum, (_, mode)| sum + plant.filters_part(mode, i))
 }
 
-/// Accelerations without a filter answer a force at once.
+/// Returns the direct response to a force, which accelerations without a filter have.
 fn at_once(plant: &Plant, i: usize, kept: &dyn Fn(usize) -> bool) -> Vec<f64> {
     if !plant.understood() {
         return Vec::new();
@@ -76,16 +78,17 @@ fn at_once(plant: &Plant, i: usize, kept: &dyn Fn(usize) -> bool) -> Vec<f64> {
     (0..plant.p).map(|o| modes().map(|(_, mode)| plant.at_once_part(mode, o, i)).sum()).collect()
 }
 
-/// A mode's state z contains kappa_j a_j of each actuator's output, which is no motion: z = z_motion + sum of kappa_j a_j with
-/// kappa_j = g_j / (pole + pole_j).
+/// A mode's state z contains a part kappa_j a_j of each actuator's output that is not motion: z = z_motion + sum of
+/// kappa_j a_j with kappa_j = g_j / (pole + pole_j).
 fn without_actuators(plant: &Plant, row: &[C]) -> DVector<f64> {
     let parts = plant.modes.iter().zip(row).map(|(mode, &row)| plant.actuators_part(mode, row));
     -parts.fold(DVector::zeros(plant.rest.a.nrows()), |sum, part| sum + part)
 }
 
 impl Plant {
-    /// A port is where its actuator pushes: where the input shape of a mode was changed from that of `before`, what the port's force does to the mode and
-    /// what the port sees of it change in the same ratio. Else the size of an effect there would be that of a shape that nobody holds for true any more.
+    /// Changes the ports with a mode's input shapes. A port lies where its actuator pushes. If the input shape of a
+    /// mode was changed from that of `before`, the force of the port on the mode and its displacement row change in the
+    /// same ratio. Otherwise the size of an effect there would belong to the former shape.
     pub fn ports_follow(&mut self, k: usize, before: &Mode) {
         let after = self.modes[k].clone();
         for index in 0..self.ports.len() {
@@ -108,7 +111,7 @@ impl Plant {
         }
     }
 
-    /// What a force at the port of an input sends through a mode into the filters' own poles.
+    /// Returns the force of an input's port on the poles of the filters, through one mode.
     fn filters_part(&self, mode: &Mode, i: usize) -> DVector<f64> {
         let mut column = DVector::zeros(self.rest.a.nrows());
         for (o, filters) in self.chain.filter.iter().enumerate() {
@@ -123,12 +126,13 @@ impl Plant {
         column
     }
 
-    /// What such a force does through a mode to an output at once: accelerations without a filter.
+    /// Returns the direct response of an output to such a force through one mode.
     fn at_once_part(&self, mode: &Mode, o: usize, i: usize) -> f64 {
         if self.answers_at_once(o) { self.product(mode, o, i) } else { 0.0 }
     }
 
-    /// What a row sees of a mode's state that is no motion: kappa_j a_j of each actuator's output, as rows of the rest's states.
+    /// Returns the part of a row on a mode's state that is not motion: kappa_j a_j of each actuator's output, as a row
+    /// of the rest's states.
     fn actuators_part(&self, mode: &Mode, row: C) -> DVector<f64> {
         let mut seen = DVector::zeros(self.rest.a.nrows());
         for (j, actuator) in self.chain.actuator.iter().enumerate() {
@@ -140,17 +144,17 @@ impl Plant {
     }
 }
 
-/// Force columns and displacement rows of all ports on one mode.
+/// Returns the force columns and displacement rows of all ports on one mode.
 fn modal_port(plant: &Plant, mode: &Mode) -> (Vec<C>, Vec<C>) {
     let pole = mode.pole;
     let force: Vec<C> = (0..plant.m).map(|i| mode.b[i] / plant.chain.before(i, pole)).collect();
-    // y = gamma q^(k) behind the filter: c = gamma pole^k F(pole) / (2 j Im(pole) g0).
+    // After the filter, y = gamma q^(k) has c = gamma pole^k F(pole) / (2 j Im(pole) g0).
     let twice = C::new(0.0, 2.0 * pole.im);
     let sensed =
         (0..plant.p).map(|o| mode.c[o] * twice / (pole.powi(plant.sensed[o].order) * plant.chain.behind(o, pole)));
     let norm = |sum: f64| sum.sqrt().max(f64::MIN_POSITIVE);
     let size = norm(force.iter().map(|g| g.norm_sqr()).sum()) / norm(sensed.map(|k| k.norm_sqr()).sum());
-    // The phase of g0 is that which makes all of g / g0 as real as can be.
+    // The phase of g0 makes all of g / g0 as nearly real as possible.
     let phase = force.iter().map(|g| g * g).sum::<C>().arg();
     let square = C::from_polar(size, phase);
     let row = force.iter().map(|g| g / (square * twice)).collect();

@@ -3,16 +3,16 @@ use nalgebra::{DMatrix, DVector};
 use super::{Plant, Rest, eigenvectors, phi1};
 use crate::fourier::C;
 
-/// Relative error up to which the eigenvectors reconstruct the matrix. Poles that nearly coincide have eigenvectors that
-/// do not, and such poles cannot be moved one by one.
+/// Relative error up to which the eigenvectors reconstruct the matrix. Poles that nearly coincide have eigenvectors
+/// that do not, and such poles cannot be moved one by one.
 const RECONSTRUCTION_TOLERANCE: f64 = 1e-6;
 
-/// A number of the rest that may be off, by its relative change.
+/// A parameter of the rest that may be off by a relative change.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum RestNumber {
-    /// A real pole, rad/s.
+    /// A real pole in rad/s.
     Rate(usize),
-    /// The magnitude of a pair, rad/s.
+    /// The magnitude of a pair in rad/s.
     Frequency(usize),
     /// The damping ratio of a pair.
     Damping(usize),
@@ -25,24 +25,24 @@ pub enum RestNumber {
 /// A real pole, or the upper one of a pair, with its eigenvectors (left . right = 1).
 #[derive(Debug, Clone)]
 struct Pole {
-    /// Continuous, rad/s.
+    /// Continuous pole in rad/s.
     pole: C,
     right: DVector<C>,
     left: DVector<C>,
 }
 
-/// The poles of the rest with their eigenvectors, for a plant without structural modes: so that each pole can be moved by
-/// itself, as a mode's can.
+/// The poles of the rest with their eigenvectors, for a plant without structural modes. Each pole can be moved by
+/// itself.
 #[derive(Debug, Clone)]
 pub struct Spectrum {
     poles: Vec<Pole>,
-    /// In the order of the parameters.
+    /// The parameters in their order.
     pub numbers: Vec<RestNumber>,
 }
 
 impl Spectrum {
-    /// The poles of a plant without modes. `None` for a plant with modes, without a rest in continuous time, or with
-    /// poles so near each other that they cannot be moved one by one.
+    /// Decomposes the rest of a plant without modes. `None` for a plant with modes, without a continuous form of the
+    /// rest, or with poles that are too near each other to be moved one by one.
     pub fn of(plant: &Plant) -> Option<Self> {
         let rest = &plant.rest;
         if !plant.modes.is_empty() || rest.a.nrows() == 0 || rest.continuous.is_none() {
@@ -71,12 +71,12 @@ impl Spectrum {
         Some(Self { poles, numbers })
     }
 
-    /// The rest of a plant with each number multiplied by e^eta, its output gains in D as well.
+    /// Multiplies each parameter of a plant's rest by e^eta, output gains also in D.
     pub fn change(&self, plant: &mut Plant, eta: &[f64]) {
         let mut poles = self.poles.clone();
         let (mut inputs, mut outputs) = (vec![1.0; plant.m], vec![1.0; plant.p]);
         for (number, eta) in self.numbers.iter().zip(eta) {
-            // A fit that goes astray must not overflow.
+            // A diverging fit must not overflow.
             let factor = eta.clamp(-3.0, 3.0).exp();
             match *number {
                 RestNumber::Rate(k) | RestNumber::Frequency(k) => poles[k].pole *= factor,
@@ -99,7 +99,7 @@ impl Spectrum {
         (plant.rest, plant.d) = (rest, d);
     }
 
-    /// In words with its frequency, for the report: what a number is and what it becomes.
+    /// States for the report what a parameter is and which value it gets.
     pub fn words(&self, number: RestNumber, eta: f64, inputs: &[String], outputs: &[String]) -> String {
         let hz = |k: usize| self.poles[k].pole.norm() / std::f64::consts::TAU;
         let factor = eta.exp();
@@ -115,7 +115,7 @@ impl Spectrum {
     }
 }
 
-/// A pair of poles with its damping ratio multiplied.
+/// Returns a pair of poles with its damping ratio multiplied.
 fn damped(pole: C, factor: f64) -> C {
     let size = pole.norm();
     let zeta = (-pole.re / size * factor).min(0.999);
@@ -123,7 +123,7 @@ fn damped(pole: C, factor: f64) -> C {
 }
 
 impl Pole {
-    /// Of a discrete matrix, at one of its eigenvalues.
+    /// Returns the pole of a discrete matrix at one of its eigenvalues.
     fn of(a: &DMatrix<f64>, z: C, rate: f64) -> Option<Self> {
         let (refined, right, left) = eigenvectors(a, z)?;
         // Rounding gives a real eigenvalue a small imaginary part.
@@ -132,7 +132,7 @@ impl Pole {
     }
 }
 
-/// The real matrix that has f(pole) on each pole's eigenvectors, conjugate poles included.
+/// Returns the real matrix with eigenvalue f(pole) on the eigenvectors of each pole and of its conjugate.
 fn sum(poles: &[Pole], f: impl Fn(C) -> C) -> DMatrix<f64> {
     let n = poles.first().map_or(0, |pole| pole.right.len());
     poles.iter().fold(DMatrix::zeros(n, n), |sum, Pole { pole, right, left }| {
@@ -147,7 +147,7 @@ mod tests {
     use nalgebra::dmatrix;
     use plid_model::Model;
 
-    /// A mass with a damper and a spring, as matrices of continuous time, and seen by its position at 500 Hz.
+    /// A mass with a damper and a spring, whose position is measured at 500 Hz.
     fn servo(k: f64, c: f64) -> Plant {
         let (a, b) = crate::testing::held(&dmatrix![0.0, 1.0; -k, -c], &dmatrix![0.0; 1.0], 2e-3);
         Plant::new(&Model::new(500.0, a, b, dmatrix![1.0, 0.0], dmatrix![0.0]).unwrap()).unwrap()
@@ -158,7 +158,7 @@ mod tests {
         [0.1, 1.0, 10.0, 100.0].iter().map(difference).fold(0.0, f64::max)
     }
 
-    /// A well damped pair moved by e^eta is the servo that is built with that frequency and damping ratio.
+    /// A well damped pair that is moved by e^eta equals the servo with that frequency and damping ratio.
     #[test]
     fn a_moved_pair_is_a_servo_built_so() {
         let (w, zeta) = (30.0_f64, 0.7);
@@ -166,7 +166,7 @@ mod tests {
         let spectrum = Spectrum::of(&nominal).unwrap();
         assert_eq!(spectrum.numbers[..2], [RestNumber::Frequency(0), RestNumber::Damping(0)]);
         let mut moved = nominal.clone();
-        // The input's gain stays 1: a unit force accelerates the unit mass, whatever holds it.
+        // The input's gain stays 1: a unit force accelerates the unit mass, whatever holds the mass.
         spectrum.change(&mut moved, &[0.1, -0.2, 0.0, 0.0]);
         let w = w * 0.1_f64.exp();
         let built = servo(w * w, 2.0 * zeta * (-0.2_f64).exp() * w);

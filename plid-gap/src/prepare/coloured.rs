@@ -1,37 +1,38 @@
-//! Forces in a band that no command causes, found in the noise of quiet records.
+//! Random forces in a frequency band that no command causes, found in the noise of quiet records.
 
 use crate::noise::whittle::scored;
 use crate::noise::{Band, Source};
 use crate::prepare::Prepared;
 use crate::prepare::wandering::Wandering;
 
-/// The search for a band looks at every so many bins.
+/// The search for a band uses every bin of this number: bands are wider than that.
 const THINNED: usize = 4;
 
-/// Relative widths of bands.
+/// Relative widths of the bands that are tried.
 const WIDTHS: [f64; 2] = [0.05, 0.2];
 
-/// Such a force.
+/// A random force in a frequency band.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Coloured {
-    /// Where it acts, and about which frequency.
+    /// Its port and centre frequency.
     pub band: Band,
-    /// Its standard deviation, in the port's force.
+    /// Its standard deviation, in the unit of the port's force.
     pub a: f64,
     /// Relative standard deviations of `a` and of the centre.
     pub std: [f64; 2],
-    /// Twice the log likelihood that it gains.
+    /// Its gain in twice the log likelihood.
     pub gain: f64,
 }
 
 impl Coloured {
-    /// As a source of noise.
+    /// Returns the force as a source of noise.
     pub fn source(&self) -> Source {
         Source::Band(self.band)
     }
 }
 
-/// A force in a band: where an equal force on all modes does not explain the quiet records, and one band at one port does.
+/// Finds a random force in a band: an equal force on all modes does not explain the quiet records, but one band at one
+/// port does.
 pub fn coloured(ready: &Prepared) -> Option<Coloured> {
     if ready.quiet.is_empty() {
         return None;
@@ -66,7 +67,8 @@ pub fn coloured(ready: &Prepared) -> Option<Coloured> {
     let rough = ready.declared.fit_with(&ready.quiet, &[Source::Ambient, Source::Band(band)], 40, 1);
     let misfit = rough.misfit;
     let gain = 2.0 * (plain.misfit - misfit);
-    // An equal force on all modes is a guess, from few ports a poor one: where one mode alone that is pushed harder explains as much, it is no band.
+    // An equal force on all modes is an assumption, and a poor one with few ports. If a larger force on one mode
+    // explains as much, there is no band.
     let pushed =
         |mode: usize| ready.declared.fit_with(&ready.quiet, &[Source::Ambient, Source::Mode(mode)], 40, 1).misfit;
     let near = (0..plant.modes.len()).filter(|&k| (plant.modes[k].hz() / hz - 1.0).abs() < 2.0 * WIDTHS[1]);
@@ -74,7 +76,7 @@ pub fn coloured(ready: &Prepared) -> Option<Coloured> {
     if 2.0 * (harder - misfit) < least {
         return None;
     }
-    // Three numbers of a band must do most of what a free force on every mode does.
+    // The three parameters of a band must explain most of what a free force on each mode explains.
     let share = gain / (2.0 * (plain.misfit - free.misfit));
     if gain <= least || share <= settings.band_share {
         return None;
@@ -83,20 +85,22 @@ pub fn coloured(ready: &Prepared) -> Option<Coloured> {
     Some(Coloured { band, a: size(theta, band, plant.rate), std: [f64::INFINITY; 2], gain })
 }
 
-/// Standard deviation of a band of white noise of density theta: the band's share of half the sample rate, times pi / 2 for its skirts.
+/// Returns the standard deviation of a band of white noise of density theta: the band's share of half the sample rate,
+/// times pi / 2 for its skirts.
 fn size(theta: f64, band: Band, rate: f64) -> f64 {
     (theta * std::f64::consts::FRAC_PI_2 * band.width * band.hz / (0.5 * rate)).sqrt()
 }
 
 impl Coloured {
-    /// Whether quiet records rather show this than a line that wanders: a light resonance that a band pushes rings like one.
+    /// Returns whether quiet records show this force rather than a line whose phase wanders: a lightly damped resonance
+    /// in a band looks like a line.
     pub fn rather_than(&self, line: &Wandering, ready: &Prepared) -> bool {
         let misfit = |band| ready.declared.fit_with(&ready.quiet, &[Source::Ambient, Source::Band(band)], 40, 1).misfit;
         misfit(self.band) < misfit(Band::line(line.port, line.hz))
     }
 
-    /// From the steps of the search to the maximum, by all that the noise is fitted to. Forces of their own on the modes take what the band's skirts are elsewhere:
-    /// centre, width and size are those of the band itself.
+    /// Refines the parameters from the grid of the search to the maximum of the likelihood. Separate forces on the
+    /// modes absorb deviations of the skirts, so centre, width and size are those of the band.
     pub fn sharpened(self, ready: &Prepared) -> Self {
         let rough = ready.declared.fit_beside(&ready.quiet, [self.source()]);
         let Some(scored) = scored(&rough, &ready.quiet).filter(|scored| scored.is_near(self.band.hz)) else {
@@ -120,7 +124,7 @@ mod tests {
     use crate::simulate::{Fineness, simulate};
     use crate::testing;
 
-    /// Adds what a force at a port does to the case's quiet record.
+    /// Adds the response to a force at a port to the case's quiet record.
     fn push(case: &mut crate::case::Case, plant: &crate::plant::Plant, port: usize, strength: f64, force: Vec<f64>) {
         let quiet = &mut case.records[0];
         let rate = plant.rate;
@@ -129,7 +133,7 @@ mod tests {
         quiet.y.iter_mut().zip(&pushed).for_each(|(y, more)| y.iter_mut().zip(more).for_each(|(y, more)| *y += more));
     }
 
-    /// A mode that ambient forces push harder than the others is no band.
+    /// A mode that ambient forces drive more than the others is not a band.
     #[test]
     fn a_mode_that_is_pushed_harder_is_no_coloured_force() {
         let sim = testing::truss(1);
@@ -146,7 +150,7 @@ mod tests {
         assert_eq!(coloured(&ready), None);
     }
 
-    /// A force in a band at the second port is found there, with places on single modes beside the ports too.
+    /// A force in a band at the second port is found there, also if there are ports on single modes.
     #[test]
     fn a_coloured_force_is_looked_for_at_the_struts_alone() {
         let sim = testing::truss(1);

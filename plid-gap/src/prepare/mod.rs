@@ -1,4 +1,5 @@
-//! From a case to a problem: which records are fitted, what the noise is, what effects may know.
+//! The preparation of a least-squares problem from a case: the records that are fitted, the noise model, and the
+//! properties that effects need.
 
 pub(crate) mod coloured;
 pub(crate) mod wandering;
@@ -27,57 +28,57 @@ use crate::signal::{notch, peaks, tones};
 use crate::simulate::{Fineness, simulate};
 use plid_model::Model;
 
-/// A simulation with records, made ready.
+/// A simulation with its records, prepared for fits.
 #[derive(Clone)]
 pub struct Prepared {
-    /// What is fitted.
+    /// The least-squares problem.
     pub problem: Problem,
-    /// Held out from all fitting, in order.
+    /// The records that are held out from all fits, in order.
     pub held_out: Vec<Record>,
-    /// Of the records.
+    /// The noise model of the records.
     pub noise: NoiseModel,
-    /// As the simulation declares it.
+    /// The noise model as the simulation declares it.
     pub declared: NoiseModel,
-    /// What raw values show, of each output.
+    /// Quantisation and dropouts of each output, from the raw values.
     pub quantisation: Vec<Quantisation>,
-    /// As the simulation declares it: of sensors (p); a share of each output where it declares none.
+    /// Declared standard deviations of the sensors (p); a share of each output if the simulation declares none.
     pub declared_sensor: Vec<f64>,
-    /// Whether it declares it.
+    /// Whether the simulation declares sensor noise.
     pub declares: bool,
-    /// Spectra of what no command explains.
+    /// Spectra of the stretches that no command explains.
     pub quiet: Vec<Stretch>,
-    /// Lines whose phase nobody foretells.
+    /// Lines whose phase wanders.
     pub wandering: Vec<Wandering>,
-    /// A force in a band, that the noise has.
+    /// A random force in a frequency band, which is part of the noise.
     pub coloured: Option<Coloured>,
-    /// Steps that the diagnosis leaves out.
+    /// Steps that the diagnosis skips.
     pub off: Vec<Step>,
-    /// Where no explanation leaves only noise, how many times further than stated the simulation's own numbers are off: what is left then counts as an error
-    /// of the simulation beside the noise.
+    /// If no explanation leaves only noise, the factor by which the simulation's limits are exceeded. The remaining
+    /// residual then counts as an error of the simulation in addition to the noise.
     pub widened: Option<f64>,
 }
 
-/// What is known beforehand, beside model and records.
+/// Prior knowledge in addition to model and records.
 #[derive(Debug, Clone, Default)]
 pub struct Known {
-    /// How far the simulation may be off.
+    /// Limits of the simulation's errors.
     pub limits: Limits,
-    /// Of a model that was itself estimated: standard deviations of its parameters, as the linear parameters are ordered.
+    /// For a surrogate model, the standard deviations of its parameters in the order of the linear parameters.
     pub prior_std: Vec<f64>,
-    /// Of such a model: what it leaves of its own records.
+    /// For a surrogate model, its error on the records that it was identified from.
     pub model_error: Option<ModelError>,
-    /// Frequencies that count.
+    /// The frequency band in Hz that counts; all frequencies if `None`.
     pub band_hz: Option<[f64; 2]>,
-    /// Steps that the diagnosis leaves out.
+    /// Steps that the diagnosis skips.
     pub off: Vec<Step>,
     /// Thresholds of the diagnosis.
     pub settings: GapSettings,
 }
 
-/// Makes a problem.
+/// Prepares a problem.
 ///
 /// # Errors
-/// [`GapError`] where the simulation cannot be taken apart.
+/// [`GapError`] if the simulation cannot be decomposed.
 pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepared, GapError> {
     let settings = Arc::new(known.settings.clone());
     let plant = Plant::with_settings(model, &settings.plant)?;
@@ -127,22 +128,23 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     })
 }
 
-/// How well the noise's level is known, and what it is over the model's.
+/// The noise level and its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NoiseLevel {
-    /// Power over that of the noise model.
+    /// Noise power over that of the noise model.
     pub factor: f64,
     /// Relative standard deviation of the factor.
     pub uncertainty: f64,
-    /// Whether records show the noise, and not only a declaration or an assumption says what it is.
+    /// Whether records show the noise level. Otherwise it is only declared or assumed.
     pub seen: bool,
-    /// What differs between the periods of driven records over the noise of quiet ones, where that is more than chance and models make it: something
-    /// random acts there, and it is no noise.
+    /// Power of the differences between periods of driven records over that of quiet records, if the ratio exceeds
+    /// chance: a random effect acts in driven records, which is not noise.
     pub driven: Option<f64>,
 }
 
 impl Prepared {
-    /// Sum of squares of what differs between the periods of driven records once these simulations are taken away, whitened, and its degrees of freedom.
+    /// Returns the sum of squares of the whitened differences between the periods of driven records, without these
+    /// simulations, and its degrees of freedom.
     fn between_periods(&self, simulated: &[Channels]) -> (f64, f64) {
         let problem = &self.problem;
         let (mut power, mut freedom) = (0.0, 0.0);
@@ -179,26 +181,27 @@ impl Prepared {
         (power, freedom)
     }
 
-    /// The level of the noise from all that repeats: quiet records, and what differs between the periods of periodic ones once the
-    /// best explanation is taken away. What a wrong explanation leaves repeats with the period, and does not enter.
-    /// `left` is what the best explanation leaves of a row's variance: where nothing shows the noise, it is no more than that.
+    /// Estimates the noise level from quiet records and from the differences between periods without the best
+    /// explanation. The error of a wrong explanation repeats with the period and does not enter. `left` is the mean
+    /// squared whitened residual of the best explanation: if nothing shows the noise level, the level is at most that.
     pub fn noise_level(&self, simulated: &[Channels], left: f64) -> NoiseLevel {
         let problem = &self.problem;
         let settings = &problem.settings.prepare;
         let p = problem.plant.p as f64;
         let quiet: f64 = self.quiet.iter().map(|stretch| p * stretch.length as f64).sum();
         let (mut power, mut freedom) = self.between_periods(simulated);
-        // What a coarse converter rounds repeats with the period, and is no noise there.
+        // The rounding of a coarse converter repeats with the period, and is not noise there.
         if self.quantisation.iter().any(|output| output.coarse) {
             return NoiseLevel { factor: 1.0, uncertainty: settings.rounded_uncertainty, seen: true, driven: None };
         }
-        // A whitened value squared has variance two; a tenth more for what the noise model's shape does not follow.
+        // The square of a whitened value has variance two. The factor 1.1 allows for errors in the shape of the noise
+        // model.
         let uncertainty = |freedom: f64| 1.1 * (2.0 / freedom).sqrt();
         let ratio = power / freedom;
         let both = quiet >= settings.level_values && freedom >= settings.level_values;
         let scatter = uncertainty(quiet).hypot(uncertainty(freedom));
         let driven = (both && ratio - 1.0 > settings.louder.max(5.0 * scatter)).then_some(ratio);
-        // The noise model is that of the quiet records: its factor there is one.
+        // The noise model was fitted to the quiet records, so its factor there is one.
         if driven.is_none() {
             (power, freedom) = (power + quiet, freedom + quiet);
         } else {
@@ -213,12 +216,13 @@ impl Prepared {
             };
         }
         let uncertainty = uncertainty(freedom);
-        // How a model's own error grows with the level is a guess.
+        // The growth of a model's own error with the level is an assumption.
         let uncertainty = if self.noise.model_error.is_some() { settings.declared_uncertainty } else { uncertainty };
         NoiseLevel { factor: power / freedom, uncertainty, seen: true, driven }
     }
 
-    /// Resonances that the simulation does not have, once more in what a refit leaves: where its own frequencies are off, their peaks are higher.
+    /// Looks again for missing modes, in the residual of a refit. As long as the simulation's own frequencies are off,
+    /// their peaks hide smaller ones.
     pub fn renew_missing(&mut self, eta: &[f64]) {
         let problem = &mut self.problem;
         let left = errors(problem, eta, &[]);
@@ -231,13 +235,13 @@ impl Prepared {
         }
     }
 
-    /// Repeats once more, among the errors that an explanation leaves: where the gap as given is large, they do not stand out of it.
-    /// Whether an output turned out to drop out.
+    /// Looks again for repeated values, among the errors of an explanation: in a large gap as given they do not stand
+    /// out. Returns whether an output turned out to drop samples.
     pub fn renew_quantisation(&mut self, simulated: &[Channels]) -> bool {
         let records = &self.problem.records;
         let errors: Vec<Channels> = records.iter().zip(simulated).map(|(r, y)| r.error(y)).collect();
         let mut seen = quantisation::of_outputs(records, &errors, &self.declared_sensor, &self.problem.settings.signal);
-        // These values are mended.
+        // These values have been corrected.
         seen.iter_mut().zip(&self.quantisation).for_each(|(new, old)| (new.step, new.cut) = (old.step, old.cut));
         let more = |(new, old): (&Quantisation, &Quantisation)| new.dropout_rate > old.dropout_rate;
         if !seen.iter().zip(&self.quantisation).any(more) {
@@ -248,15 +252,16 @@ impl Prepared {
         true
     }
 
-    /// A line that does not keep its phase is taken out of the records, or, where these rather show a force in a band and that `may_be`, the force becomes part of
-    /// the noise. In words which of the two there was; none where there is no such line.
+    /// Removes a line whose phase wanders from the records. If `may_be` and the records rather show a random force in a
+    /// band, the force becomes part of the noise instead. Returns which of the two was found; `None` if there is no
+    /// such line.
     pub fn renew_lines(&mut self, eta: &[f64], effects: &[Placed], may_be: bool) -> Option<&'static str> {
         let (which, line) = wandering(self, eta, effects)?;
         let mut others = effects.to_vec();
         others.remove(which);
         let simulated = outputs(&self.problem, eta, &others);
         if may_be && self.coloured.is_none() {
-            // Lines were taken out of the quiet records before.
+            // Lines were removed from the quiet records before.
             let mut whole = self.clone();
             whole.quiet = whole.quiet_of(&simulated);
             whole.noise = whole.fitted(&whole.quiet);
@@ -277,8 +282,8 @@ impl Prepared {
         Some("a line wanders")
     }
 
-    /// A force in a band that acts in the quiet records becomes part of the noise: forces of their own on all modes stand for it badly. In words, if there is one
-    /// that was not known before.
+    /// Adds a random force in a band, which acts in the quiet records, to the noise, because separate forces on all
+    /// modes represent it badly. Returns a description if the force was not known before.
     pub fn renew_band(&mut self, simulated: &[Channels]) -> Option<&'static str> {
         if self.coloured.is_some() {
             return None;
@@ -292,7 +297,7 @@ impl Prepared {
         let longest = self.quiet.iter().map(|stretch| stretch.length).max().unwrap_or(1);
         let plant = &self.problem.plant;
         let apart_widths = self.problem.settings.prepare.apart_widths;
-        // A resonance that noise pushes looks like a line to a record that is too short to tell.
+        // In a record that is too short, a resonance driven by noise looks like a line.
         let apart = |hz: f64, mode: &Mode| {
             (hz - mode.hz()).abs() > (mode.damping() * mode.hz()).max(plant.rate / longest as f64) * apart_widths
         };
@@ -302,21 +307,22 @@ impl Prepared {
         self.whiten_with(self.fitted(&self.quiet));
     }
 
-    /// The noise that these stretches show.
+    /// Fits the noise model to these stretches.
     fn fitted(&self, quiet: &[Stretch]) -> NoiseModel {
         let band = self.coloured.iter().map(Coloured::source);
         let noise = if quiet.is_empty() { self.declared.clone() } else { self.declared.fit_beside(quiet, band) };
         rounded(noise, &self.quantisation, &self.declared_sensor)
     }
 
-    /// From now on.
+    /// Uses a noise model from now on.
     fn whiten_with(&mut self, noise: NoiseModel) {
         self.problem.whiteners = whiteners(&self.problem.records, &noise, self.problem.plant.rate, &self.quantisation);
         self.noise = noise;
     }
 
-    /// What simulations leave of the records without input, without lines that wander; where a force acts in a band, between the periods of others too: a
-    /// resonance that noise pushes has few values of its own in a short record.
+    /// Returns the residual of the records without input, without lines whose phase wanders. If a force acts in a band,
+    /// the differences between the periods of other records are added, because a short record holds few independent
+    /// values of a resonance driven by noise.
     fn quiet_of(&self, simulated: &[Channels]) -> Vec<Stretch> {
         let plant = &self.problem.plant;
         let left = |(record, y): (&Record, &Channels)| {
@@ -339,8 +345,9 @@ impl Prepared {
         quiet
     }
 
-    /// What an explanation leaves of driven records becomes an error of the simulation beside the noise. A real simulation is off in many small ways that no
-    /// effect explains: likelihoods that know noise alone take each of them for certain, and rank by what is left of them.
+    /// Counts the residual of an explanation in driven records as an error of the simulation in addition to the noise.
+    /// A real simulation is off in many small ways that no effect explains. A likelihood with noise alone would take
+    /// each of them for certain and rank explanations by them.
     pub fn admit_error(&mut self, simulated: &[Channels]) {
         let problem = &self.problem;
         let errors: Vec<Channels> = problem.records.iter().zip(simulated).map(|(record, y)| record.error(y)).collect();
@@ -356,7 +363,7 @@ impl Prepared {
         self.widened = Some(1.0);
     }
 
-    /// The limits as wide as most of the linear parameters of a refit need them: how many times as wide.
+    /// Widens the limits to the errors that most linear parameters of a refit show. Returns the factor.
     pub fn widen(&mut self, refitted: &Refit) -> f64 {
         let nuisance = &mut self.problem.nuisance;
         let scale = nuisance.needed(&refitted.eta, &refitted.jacobian, self.problem.settings.fit.determined);
@@ -366,8 +373,8 @@ impl Prepared {
         scale
     }
 
-    /// The noise once more, from what an explanation leaves of the quiet records: a disturbance or a line in them is no noise.
-    /// Whether it changed by so much that residuals must be whitened anew.
+    /// Fits the noise again, to the residual of an explanation in the quiet records: a disturbance or a line in them is
+    /// not noise. Returns whether the noise changed enough for residuals to be whitened again.
     pub fn renew_noise(&mut self, simulated: &[Channels]) -> bool {
         if self.off.iter().any(|step| matches!(step, Step::NoiseFit | Step::RenewedNoise)) {
             return false;
@@ -387,13 +394,13 @@ impl Prepared {
     }
 }
 
-/// Of each record, with what repeats in it masked.
+/// Returns the whitening of each record, with repeated values masked.
 fn whiteners(records: &[Record], noise: &NoiseModel, rate: f64, quantisation: &[Quantisation]) -> Vec<Whitener> {
     let masked = |k: usize| quantisation.iter().map(|output| output.repeats[k].clone()).collect();
     records.iter().enumerate().map(|(k, record)| Whitener::new(record, noise, rate, masked(k))).collect()
 }
 
-/// A coarse converter rounds: q^2 / 12 once the signal moves, though a quiet record may show a constant.
+/// Adds the noise of coarse converters: q^2 / 12 as soon as the signal moves, although a quiet record may be constant.
 fn rounded(noise: NoiseModel, quantisation: &[Quantisation], declared: &[f64]) -> NoiseModel {
     let coarse = quantisation.iter().zip(declared).enumerate().filter(|(_, (quantisation, _))| quantisation.coarse);
     coarse.fold(noise, |noise, (o, (quantisation, std))| {
@@ -401,10 +408,10 @@ fn rounded(noise: NoiseModel, quantisation: &[Quantisation], declared: &[f64]) -
     })
 }
 
-/// In words.
+/// The description of a random force in a band.
 const BAND: &str = "a force acts in a band";
 
-/// What no command explains: records without input, and otherwise the differences between periods.
+/// Returns the stretches that no command explains: records without input, or else the differences between periods.
 fn quiet_stretches(
     plant: &Plant,
     records: &[Record],
@@ -416,19 +423,20 @@ fn quiet_stretches(
     if silent.is_empty() { differences(records, shortest) } else { silent }
 }
 
-/// Of records without input.
+/// Returns the stretches of records without input.
 fn silent(records: &[Record], shortest: usize, stretch: impl Fn(&Record) -> Stretch) -> Vec<Stretch> {
     let long = |r: &&Record| r.excitation == Excitation::Zero && r.samples() >= shortest;
     records.iter().filter(long).map(stretch).collect()
 }
 
-/// Measured minus simulated; NaN where nothing was measured.
+/// Returns measured minus simulated outputs; NaN where a sample is missing.
 fn measured_error(record: &Record, simulated: &[Vec<f64>]) -> Channels {
     let one = |(y, s): (&Vec<f64>, &Vec<f64>)| y.iter().zip(s).map(|(y, s)| y - s).collect();
     record.y.iter().zip(simulated).map(one).collect()
 }
 
-/// A sample that is missing (NaN) is what the other periods have in its place on average, the first one left out; zero where none has it.
+/// Replaces a missing sample (NaN) by the mean of the other periods except the first; by zero if it is missing in all
+/// of them.
 fn fill_from_other_periods(error: &mut [f64], period: usize) {
     for k in 0..error.len() {
         if !error[k].is_nan() {
@@ -441,7 +449,7 @@ fn fill_from_other_periods(error: &mut [f64], period: usize) {
     }
 }
 
-/// The differences between periods, but for the first ones, which hold the transient.
+/// Returns the differences between periods, except for the first two, which contain the transient.
 fn differences(records: &[Record], shortest: usize) -> Vec<Stretch> {
     let half = std::f64::consts::FRAC_1_SQRT_2;
     let mut stretches = Vec::new();
@@ -460,7 +468,7 @@ fn differences(records: &[Record], shortest: usize) -> Vec<Stretch> {
     stretches
 }
 
-/// Errors of the simulation as given (p channels), one for each record.
+/// Returns the errors of the simulation as given (p channels), one for each record.
 fn given_errors(plant: &Plant, records: &[Record]) -> Vec<Channels> {
     records
         .iter()
@@ -490,7 +498,7 @@ fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]
     }
     of_ports(&mut setting, loudest);
     setting.missing = missing_modes(plant, records, errors, &settings.signal);
-    // Where a record without input is, lines stand out in it alone.
+    // In a record without input, lines stand out most clearly.
     let quiet: Vec<usize> = (0..records.len()).filter(|&k| records[k].excitation == Excitation::Zero).collect();
     let chosen: Vec<usize> = if quiet.is_empty() { (0..records.len()).collect() } else { quiet };
     let stretch = |k: usize| tones::Stretch { start_s: records[k].start_s, residual: &errors[k] };
@@ -510,7 +518,7 @@ fn missing_modes(
     peaks::missing_modes(plant, &driven, settings)
 }
 
-/// What effects may know of the ports, from the loudest record.
+/// Sets the properties of the ports from the loudest record.
 pub(crate) fn of_ports(setting: &mut Setting, loudest: &Record) {
     let plant = &setting.plant;
     setting.names.ports = plant.ports.iter().map(|port| port.name.clone()).collect();
@@ -520,12 +528,12 @@ pub(crate) fn of_ports(setting: &mut Setting, loudest: &Record) {
     setting.force = (0..plant.ports.len()).map(|k| force_size(plant, k, &setting.u_rms)).collect();
 }
 
-/// Displacement and velocity at each port in turn, in the linear simulation from rest.
+/// Returns displacement and velocity at each port in turn, in the linear simulation from rest.
 pub(crate) fn port_motion(plant: &Plant, u: &[Vec<f64>]) -> Channels {
     if plant.ports.is_empty() {
         return Vec::new();
     }
-    // The ports' rows as outputs of the same modes.
+    // The ports' rows are outputs of the same modes.
     let mut probe = plant.clone();
     let ports = plant.ports.len();
     probe.p = 2 * ports;
@@ -542,7 +550,7 @@ pub(crate) fn port_motion(plant: &Plant, u: &[Vec<f64>]) -> Channels {
     simulate(&probe, &[], u, 0.0, None, Fineness::COARSE)
 }
 
-/// The force at a port that moves the modes by as much as the mean input does.
+/// Returns the force at a port that moves the modes as much as the mean input does.
 fn force_size(plant: &Plant, port: usize, u_rms: &[f64]) -> f64 {
     let forced: f64 = plant.ports[port].force.iter().map(|g| g.norm_sqr()).sum();
     let driven: f64 = plant
@@ -552,7 +560,7 @@ fn force_size(plant: &Plant, port: usize, u_rms: &[f64]) -> f64 {
         .sum();
     match plant.ports[port].input {
         _ if forced > 0.0 && driven > 0.0 => (driven / forced).sqrt(),
-        // A force on an axis is of the input's own kind.
+        // A force on an axis has the unit of the input.
         Some(input) if plant.modes.is_empty() && u_rms[input] > 0.0 => u_rms[input],
         _ => 1.0,
     }
@@ -567,7 +575,7 @@ pub(crate) mod tests {
         setting(plant, model, &[], &[], &GapSettings::default())
     }
 
-    /// A weak mode that the simulation lacks is behind the peaks that its own frequencies make; a refit takes those away.
+    /// The peaks of the simulation's own frequency errors hide a weak missing mode; a refit removes them.
     #[test]
     fn a_missing_mode_is_seen_behind_frequencies_that_are_off() {
         let real = testing::truss_with(1, |_, shapes, _| shapes.row_mut(2).scale_mut(0.1));
@@ -585,7 +593,7 @@ pub(crate) mod tests {
         assert!(seen(&ready), "{:?}", ready.problem.setting.missing);
     }
 
-    /// Noise that a driven plant has more of is no noise level: the quiet record says what that is.
+    /// If a driven plant has more noise than the quiet record, the quiet record gives the noise level.
     #[test]
     fn what_is_random_only_when_driven_is_no_noise() {
         const PERIOD: usize = 512;
@@ -614,7 +622,8 @@ pub(crate) mod tests {
         }
     }
 
-    /// A sample that is missing here and there changes no figure by more than its share, whatever the record and whether noise is declared or not.
+    /// Some missing samples change no figure by more than their share, whatever the record and whether noise is
+    /// declared or not.
     #[test]
     fn missing_outputs_are_masked() {
         const PERIOD: usize = 512;

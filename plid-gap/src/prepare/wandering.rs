@@ -1,5 +1,5 @@
-//! Lines that wander: a force at one frequency whose phase goes its own way. No simulation foretells it, so that it is no part of one: it is taken out of
-//! the residuals, and told from what is left.
+//! Lines whose phase wanders: forces at one frequency that no simulation can predict. They are removed from the
+//! residuals, and are estimated from what was removed.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -10,24 +10,24 @@ use crate::prepare::Prepared;
 use crate::signal::notch;
 use crate::simulate::Fineness;
 
-/// Such a line.
+/// A line whose phase wanders.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wandering {
-    /// The effect that was fitted to it, by name.
+    /// Name of the effect that was fitted to it.
     pub effect: &'static str,
     /// The port at which it acts.
     pub port: usize,
-    /// Its frequency.
+    /// Its frequency in Hz.
     pub hz: f64,
-    /// Its amplitude, in the port's force.
+    /// Its amplitude, in the unit of the port's force.
     pub amplitude: f64,
     /// Its RMS at each output.
     pub rms: Vec<f64>,
-    /// Twice the log likelihood that it gains.
+    /// Its gain in twice the log likelihood.
     pub gain: f64,
 }
 
-/// The first line of an explanation that does not keep its phase from record to record, by number.
+/// Returns the first line of an explanation that does not keep its phase from record to record, by number.
 pub fn wandering(ready: &Prepared, eta: &[f64], effects: &[Placed]) -> Option<(usize, Wandering)> {
     let problem = &ready.problem;
     let settings = &problem.settings.prepare;
@@ -54,7 +54,8 @@ pub fn wandering(ready: &Prepared, eta: &[f64], effects: &[Placed]) -> Option<(u
         if own - one < settings.random_phase_gain || one > settings.common_phase_share * own {
             return None;
         }
-        // How large it is, from all that it may be in each record: its phase may walk within one too.
+        // Its size is estimated from its modulated sine in each record, because its phase may wander within a record as
+        // well.
         let runs = [&others, &with(0.0)].map(|effects| outputs(problem, eta, effects));
         let (mut squares, mut samples, mut one) = (vec![0.0; problem.plant.p], 0, 0.0);
         for ((record, simulated), steady) in problem.records.iter().zip(&runs[0]).zip(&runs[1]) {
@@ -73,8 +74,8 @@ pub fn wandering(ready: &Prepared, eta: &[f64], effects: &[Placed]) -> Option<(u
     })
 }
 
-/// Twice the log likelihood that a line gains over the residual `without` it: with a phase of its own in each record, and with one for all. `traces` are its
-/// whitened responses at phases of 0 and 90 degrees.
+/// Returns twice the log likelihood that a line gains over the residual `without` it: with a separate phase in each
+/// record, and with one phase for all. `traces` are its whitened responses at phases of 0 and 90 degrees.
 fn gains(problem: &Problem, traces: &[Vec<f64>; 2], without: &[f64]) -> [f64; 2] {
     let (mut normal, mut cross, mut own) = (Matrix2::zeros(), Vector2::zeros(), 0.0);
     for record in 0..problem.records.len() {
@@ -102,7 +103,7 @@ mod tests {
     use crate::simulate::simulate;
     use crate::testing;
 
-    /// A force of 103 Hz at the second port, with one phase or with another one in each record.
+    /// A force of 103 Hz at the second port, with one phase or with a separate one in each record.
     #[test]
     fn a_line_that_keeps_its_phase_does_not_wander() {
         const HZ: f64 = 103.0;
@@ -132,7 +133,7 @@ mod tests {
             assert_eq!(ready.renew_lines(&eta, effects, true), wanders.then_some("a line wanders"));
             let problem = &ready.problem;
             let left = sum_of_squares(&problem.residual(&problem.plant, &eta, &[], Fineness::FINE));
-            // Noise alone, or all of the line.
+            // Noise alone, or the whole line.
             let ratio = left / problem.rows() as f64;
             assert!(if wanders { (0.8..1.1).contains(&ratio) } else { ratio > 10.0 }, "{ratio}");
         }

@@ -1,4 +1,4 @@
-//! What stands below the pictures: every figure of the diagnosis.
+//! The details below the figures: all numbers of the diagnosis.
 
 use plid_report::{Axis, Cell, Chart, Report, Series, Table, chart};
 
@@ -9,7 +9,7 @@ use crate::diagnose::Outcome;
 use crate::plant::plain_hz;
 use crate::words::likelihood_cell;
 
-/// All of them.
+/// Adds all details.
 pub(super) fn section(report: Report, outcome: &Outcome, case: &Case) -> Report {
     let report = report.heading("Details");
     let report = parameters(report, outcome);
@@ -83,10 +83,10 @@ fn explanations(report: Report, outcome: &Outcome, case: &Case) -> Report {
     }
     let mut report = report.table(table);
     for class in &diagnosis.not_separable {
-        report = report.paragraph(format!("These records cannot part: {}.", class.join("; ")));
+        report = report.paragraph(format!("These records cannot separate: {}.", class.join("; ")));
     }
     for (words, what) in [
-        (&case.config.suspects, "Suspected by the engineer, and for that given a higher prior"),
+        (&case.config.suspects, "Suspected by the engineer, and therefore given a higher prior"),
         (&case.config.exclude, "Excluded by the engineer"),
     ] {
         if !words.is_empty() {
@@ -96,7 +96,7 @@ fn explanations(report: Report, outcome: &Outcome, case: &Case) -> Report {
     report
 }
 
-/// Whether the records could have parted the explanations.
+/// How well the records could separate the explanations.
 fn separability(report: Report, outcome: &Outcome) -> Report {
     let diagnosis = &outcome.diagnosis;
     let [first, others @ ..] = diagnosis.separability.as_slice() else { return report };
@@ -104,7 +104,8 @@ fn separability(report: Report, outcome: &Outcome) -> Report {
         return report;
     }
     let mut table = Table::new(format!(
-        "Could these records tell them apart? Differences in log likelihood, if {} is at work. The columns on the left are to first order, from the first screen.",
+        "Could these records tell them apart? Differences in log likelihood, if {} is at work. The columns on the left \
+        are to first order, from the first screen.",
         first.explanation
     ))
     .column("explanation", "")
@@ -137,19 +138,25 @@ fn separability(report: Report, outcome: &Outcome) -> Report {
         ]);
     }
     report.table(table).paragraph(format!(
-        "How to read it. The absorbed share of an effect's trace is what a bounded refit takes for its own; only the rest can be seen. The cosine says how alike two such rests are. It does not decide alone: the energy of the rest, times one minus the squared cosine, halved, is the expected difference in log likelihood, so a cosine of 0.99 hides a cause in a small gap but not in a large one. A rival is therefore fitted to what the first explanation predicts for these records. Where less than {:.0} (odds of 150 : 1) is expected after the fits, the records cannot distinguish the two, whatever they happened to show. An empty field: the entry was not fitted, or was too far off to be fitted again.",
+        "How to read it. A bounded refit absorbs a share of an effect's trace; only the remainder is visible. The \
+        cosine says how similar two remainders are. It is not decisive alone: half the energy of the remainder times \
+        one minus the squared cosine is the expected difference in log likelihood, so a cosine of 0.99 hides a cause \
+        in a small gap but not in a large one. A rival is therefore fitted to what the first explanation predicts for \
+        these records. Where less than {:.0} (odds of 150 : 1) is expected after the fits, the records cannot \
+        distinguish the two, whatever they happened to show. An empty field: the entry was not fitted, or was too far \
+        off to be fitted again.",
         outcome.diagnosis.settings.judge.separable
     ))
 }
 
-/// What an adaptive run sees: innovations, and each mode of the simulation from record to record.
+/// The adaptive run: innovations, and each mode of the simulation from record to record.
 fn tracks(report: Report, outcome: &Outcome) -> Report {
     let passed = &outcome.shown.evidence.tracks.passed;
     if passed.is_empty() {
         return report;
     }
     let mut table = Table::new(
-        "An adaptive PLID run over the records that were fitted: it hides a gap in parameters that follow the level or the time.",
+        "An adaptive PLID run over the fitted records. It hides a gap in parameters that follow the level or time.",
     )
     .column("record", "")
     .column("level, RMS", "")
@@ -175,14 +182,14 @@ fn tracks(report: Report, outcome: &Outcome) -> Report {
     report.table(table)
 }
 
-/// Modes that a table has room for.
+/// Largest number of modes in a table.
 const MODES: usize = 8;
 
 fn gaps(report: Report, outcome: &Outcome) -> Report {
     let gap = &outcome.diagnosis.gap;
     // A zero has no sign.
     let figure = |share: f64| Cell::fixed(if share.abs() < 5e-5 { 0.0 } else { 100.0 * share }, 2);
-    let mut table = Table::new(format!("The gap in figures, on {}.", gap.measured_on.join(", ")))
+    let mut table = Table::new(format!("The gap in numbers, on {}.", gap.measured_on.join(", ")))
         .column("figure", "")
         .column("value", "%");
     let rows = [
@@ -190,7 +197,7 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
         ("gap after the bounded refit", gap.refit),
         ("gap after a linear refit without bounds", gap.free_refit),
         ("gap with all that was found", gap.with_effect),
-        ("gap that noise alone makes", gap.noise_floor),
+        ("gap of noise alone", gap.noise_floor),
         ("gap stated before the record was opened", gap.predicted_held_out_gap),
         ("shrink by a reference effect, over the bounded refit", gap.placebo_shrink),
     ];
@@ -198,7 +205,8 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
         table = table.row([name.into(), figure(value)]);
     }
     let mut shrink = Table::new(
-        "Shrink by all that was found: one minus its gap over the other one, both beyond the noise; 95 % interval by drawing blocks of the record anew.",
+        "Shrink by all that was found: one minus its gap over the other one, both beyond the noise; 95 % interval by \
+        drawing blocks of the record anew.",
     )
     .column("over", "")
     .column("its gap", "%")
@@ -214,26 +222,26 @@ fn gaps(report: Report, outcome: &Outcome) -> Report {
         shrink = shrink.row([than.into(), its_gap, figure(value), figure(low), figure(high)]);
     }
     let costs = costs(outcome);
-    report.table(table).table(shrink).details("What is left, against the noise", |report| report.table(costs))
+    report.table(table).table(shrink).details("Residual compared with the noise", |report| report.table(costs))
 }
 
-/// What is left of the fitted records.
+/// The remainder on the fitted records.
 fn costs(outcome: &Outcome) -> Table {
     let judged = &outcome.shown.adequacy;
     let [given, refit, found] = outcome.shown.costs;
     let mut costs =
-        Table::new("What is left in the fitted records. Squared whitened residual a row: 1 is noise alone.")
+        Table::new("The residual of the fitted records: mean squared whitened residual, where 1 is noise alone.")
             .column("figure", "")
             .column("value", "");
     for (name, value) in [
         ("as given", given),
         ("after the bounded refit", refit),
         ("with all that was found", found),
-        ("excess of that over the noise, in the uncertainty of its level", judged.excess),
+        ("its excess over the noise, in the uncertainty of the noise level", judged.excess),
         ("share of the gap that is left", judged.left),
         ("largest change of a linear parameter, in standard deviations of the stated limits", judged.max_prior_z),
-        ("what the best further entry of the screen would gain", judged.next_gain),
-        ("probability that something else is at work", judged.unknown),
+        ("gain of the best further entry of the screen", judged.next_gain),
+        ("probability of something else", judged.unknown),
     ] {
         costs = costs.row([name.into(), Cell::significant(value, 4)]);
     }
@@ -266,10 +274,11 @@ fn refit(report: Report, outcome: &Outcome) -> Report {
         .figure(
             plot,
             format!(
-                "What the refit beside the effects changed, mode by mode, in standard deviations of its prior (half the stated limits). The largest change is {largest:.1}: {within}."
+                "Changes by the refit in addition to the effects, mode by mode, in standard deviations of its prior \
+                (half the stated limits). The largest change is {largest:.1}: {within}."
             ),
         )
-        .details("What the refit changed, in figures", |mut report| {
+        .details("Changes by the refit in numbers", |mut report| {
             for line in &outcome.simulation.refit {
                 report = report.paragraph(line);
             }
@@ -283,11 +292,11 @@ fn stages(report: Report, outcome: &Outcome) -> Report {
             let mut table = Table::new(format!(
                 "Stage {}: the best entries, before any fit, beside {}.",
                 stage + 1,
-                if stage == 0 { "nothing" } else { "what the stages before it found" }
+                if stage == 0 { "nothing" } else { "the effects of the stages before it" }
             ))
             .column("effect", "")
             .column("place", "")
-            .column("fall of the sum of squares", "")
+            .column("reduction of the sum of squares", "")
             .column("absorbed by a refit", "%");
             for (effect, location, gain, absorbed) in entries {
                 table = table.row([
@@ -318,10 +327,11 @@ fn quiet(report: Report, outcome: &Outcome) -> Report {
     let report = report.table(noise);
     if shown.stochastic.is_empty() {
         return report.paragraph(
-            "Quiet records, differences between periods and the codes of all records show no effect that a free run cannot show (coarse codes, dropouts, a noisy sensor, a force in a band).",
+            "Quiet records, differences between periods and raw values show no stochastic effect (coarse quantisation, \
+            dropouts, a noisy sensor, a random force in a band).",
         );
     }
-    let mut table = Table::new("Found in quiet records and in the codes of all, where no free run can show it.")
+    let mut table = Table::new("Stochastic effects, found in quiet records and in raw values.")
         .column("effect", "")
         .column("place", "")
         .column("evidence: twice the log likelihood", "");

@@ -1,4 +1,4 @@
-//! The third picture: the evidence.
+//! The third figure: the evidence.
 
 use plid_report::{Bar, Bars, Report, bars};
 
@@ -8,10 +8,10 @@ use super::words::{at, percent, short, with};
 use crate::case::Case;
 use crate::diagnose::Outcome;
 
-/// Entries of the screen that are drawn.
+/// Number of entries of the screen that are drawn.
 const SHOWN: usize = 8;
 
-/// The section.
+/// Adds the section.
 pub(super) fn section(report: Report, outcome: &Outcome, case: &Case) -> Report {
     let mut report = report.heading("3. The evidence");
     for sentence in &outcome.diagnosis.evidence {
@@ -23,7 +23,9 @@ pub(super) fn section(report: Report, outcome: &Outcome, case: &Case) -> Report 
                 .figure(
                     responses.by_level(),
                     format!(
-                        "Frequency response level by level, for the pair ({}) and the band in which measured and simulated differ most. Left: measured. Right: simulated with the same inputs, {}. 0 dB is one unit of the output for one of the input. {}.",
+                        "Frequency response at each level, for the pair ({}) and the band in which measured and \
+                        simulated differ most. Left: measured. Right: simulated with the same inputs, {}. 0 dB is one \
+                        unit of the output for one of the input. {}.",
                         responses.pair(),
                         with(outcome),
                         responses.how()
@@ -31,7 +33,9 @@ pub(super) fn section(report: Report, outcome: &Outcome, case: &Case) -> Report 
                 )
                 .figure(
                     responses.change(outcome),
-                    "The same against the simulation as given at the same level: where the broad lines part, the structure answers other levels otherwise; where the dashed lines lie on them, what was found does the same.",
+                    "The same against the simulation as given at the same level: where the broad lines diverge, the \
+                    structure's response depends on the level; where the dashed lines follow them, so does that of the \
+                    simulation with its effects.",
                 );
             match responses.all_pairs(outcome, case) {
                 Some(svg) => report.details("All pairs at the highest level", |report| {
@@ -43,17 +47,18 @@ pub(super) fn section(report: Report, outcome: &Outcome, case: &Case) -> Report 
                 None => report,
             }
         }
-        None => report.paragraph(
-            "No driven record is long enough, with all inputs moving, for a frequency response at its level.",
-        ),
+        None => report
+            .paragraph("No driven record with all inputs moving is long enough for a frequency response at its level."),
     };
     report = evidence_figures::section(report, outcome);
     match screen(outcome) {
         Some(svg) => report.figure(
             svg,
-            "The screen, first stage: by how much the sum of squares of the whitened residual (twice the log likelihood) would fall with each effect alone, before any fit, and the share of its trace that a linear refit would absorb. Dark: in the answer.",
+            "The screen, first stage: by how much the sum of squares of the whitened residual (twice the log \
+            likelihood) would fall with each effect alone, before any fit, and the share of its trace that a linear \
+            refit would absorb. Dark: in the answer.",
         ),
-        None => report.paragraph("The screen has no entry that would explain anything of what the bounded refit leaves."),
+        None => report.paragraph("No entry of the screen would explain anything of the residual of the bounded refit."),
     }
 }
 
@@ -71,6 +76,6 @@ fn screen(outcome: &Outcome) -> Option<String> {
             strong: outcome.diagnosis.effects.iter().any(|e| e.effect == *effect && e.location == *location),
         })
         .collect();
-    let plot = Bars { bars: rows, label: "fall of the sum of squares".into(), reference: None };
+    let plot = Bars { bars: rows, label: "reduction of the sum of squares".into(), reference: None };
     (!plot.bars.is_empty()).then(|| bars(&plot))
 }

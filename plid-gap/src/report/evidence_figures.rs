@@ -1,4 +1,4 @@
-//! Pictures of the evidence that the diagnosis does not rest on.
+//! Figures of the evidence that does not enter the verdict.
 
 use plid_report::{Axis, Chart, Report, Series, chart, charts};
 
@@ -11,17 +11,18 @@ use crate::evidence::trend::Along;
 use crate::plant::plain_hz;
 use crate::settings::GapSettings;
 
-/// Resonances that a picture has room for.
+/// Largest number of resonances in a figure.
 const MODES: usize = 4;
 
-/// Both pictures, as far as there is something to draw.
+/// Adds both figures, if there is something to draw.
 pub(super) fn section(mut report: Report, outcome: &Outcome) -> Report {
     let evidence = &outcome.shown.evidence;
     if let Some((svg, along)) = resonances(&evidence.resonances, &outcome.diagnosis.settings) {
         report = report.figure(
             svg,
             format!(
-                "Resonances record by record, against their mean: a linear model fitted to each record alone, over {}. Whiskers: two standard deviations. The {MODES} at most that move most clearly.",
+                "Resonances record by record, against their mean: a linear model fitted to each record alone, over {}. \
+                Whiskers: two standard deviations. At most {MODES} resonances, those that move most clearly.",
                 match along {
                     Along::Level => "the level",
                     Along::Time => "the time",
@@ -33,7 +34,9 @@ pub(super) fn section(mut report: Report, outcome: &Outcome) -> Report {
         report = report.figure(
             left_out(lines, outcome),
             format!(
-                "Lines of {} at {}: driven ones, and what the linear simulation leaves at those that nothing drives. A linear structure answers there with noise alone; an odd nonlinearity answers at odd lines, an even one at even lines. Lines: the simulation {}.",
+                "Lines of {} at {}: driven lines, and the residual of the linear simulation at the others. There, a \
+                linear structure shows noise alone; an odd nonlinearity responds at odd lines, an even one at even \
+                lines. Curves: the simulation {}.",
                 lines.record,
                 outcome.shown.outputs[worst(outcome)],
                 with(outcome)

@@ -1,5 +1,5 @@
-//! report.html of a diagnosis: the verdict in a sentence, three pictures (the gap before and after, where, the evidence), then
-//! the details.
+//! The report of a diagnosis, report.html: the verdict in a sentence, three figures (the gap before and after, its
+//! location, the evidence), then the details.
 
 mod details;
 mod evidence;
@@ -23,16 +23,16 @@ use crate::diagnose::Outcome;
 
 pub use write::write;
 
-/// What was measured: grey, broad, below the rest.
+/// Colour of measured outputs, which are drawn broad and behind the others.
 const MEASURED: &str = "#8f8f8f";
-/// The simulation as given.
+/// Colour of the simulation as given.
 const GIVEN: &str = "#e69f00";
-/// The simulation with what was found.
+/// Colour of the simulation with its effects.
 const WITH: &str = "#0072b2";
-/// Noise and limits.
+/// Colour of noise and limits.
 const REFERENCE: &str = "#d55e00";
 
-/// The page.
+/// Builds the page.
 pub fn page(outcome: &Outcome, case: &Case) -> Report {
     let mut report = Report::new("The gap between the simulation and the records").verdict(&outcome.diagnosis.sentence);
     for change in outcome.diagnosis.effects.iter().filter_map(|effect| effect.change.as_ref()) {

@@ -1,4 +1,5 @@
-//! Frequency responses by level, measured and simulated in the same way, so that what the window does to one it does to both.
+//! Frequency responses by level. Measured and simulated outputs are processed in the same way, so the window changes
+//! both alike.
 
 use ndarray::{Array2, s};
 use plid_model::signal::{WelchFrf, WelchOptions, welch_frf};
@@ -10,14 +11,14 @@ use crate::case::Case;
 use crate::case::record::Channels;
 use crate::diagnose::Outcome;
 
-/// Segments without overlap that a record is cut into, at least: a resolution that tells modes apart comes first, and the
+/// Least number of segments without overlap in a record. Resolution comes first, to separate modes, because the
 /// responses lie far above the noise.
 const SEGMENTS: usize = 6;
 
-/// Share of all frequencies that is shown large.
+/// Share of all frequencies in the enlarged figure.
 const SHOWN: f64 = 0.08;
 
-/// Pairs of input and output that are shown in a grid, at most.
+/// Largest number of pairs of input and output in a grid.
 const MOST_PAIRS: usize = 36;
 
 /// Responses at one level.
@@ -28,7 +29,7 @@ struct Level {
     with: WelchFrf,
 }
 
-/// Responses at every level, and the pair and band in which measured and simulated differ most.
+/// Responses at every level, and the pair and band with the largest difference between measured and simulated.
 pub(super) struct Responses {
     levels: Vec<Level>,
     pair: (usize, usize),
@@ -42,7 +43,7 @@ fn matrix(channels: &Channels) -> Array2<f64> {
 }
 
 impl Responses {
-    /// Of the records that are long enough, with inputs that all move; none if there are none.
+    /// Computes the responses of records that are long enough and whose inputs all move; `None` if there are none.
     pub fn new(outcome: &Outcome, case: &Case) -> Option<Self> {
         let shown = &outcome.shown;
         let m = case.config.inputs.len();
@@ -68,7 +69,7 @@ impl Responses {
         Some(Self { levels, pair, range_hz, title })
     }
 
-    /// Resolution and averages, for a caption.
+    /// States resolution and averages, for a caption.
     pub fn how(&self) -> String {
         let frf = &self.levels[0].measured;
         let step = frf.frequency_hz.first().copied().unwrap_or(f64::NAN);
@@ -79,12 +80,12 @@ impl Responses {
         )
     }
 
-    /// The pair that is shown large.
+    /// The pair of the enlarged figure.
     pub fn pair(&self) -> &str {
         &self.title
     }
 
-    /// Measured at each level beside the simulation as given, and what the simulation makes of each level with what was found.
+    /// The measured response at each level, the simulation as given, and the simulation of each level with its effects.
     pub fn by_level(&self) -> String {
         let curves = |of: &dyn Fn(&Level) -> FrfCurve| -> Vec<(String, FrfCurve)> {
             self.levels.iter().map(|level| (level.name.clone(), of(level))).collect()
@@ -105,7 +106,7 @@ impl Responses {
         frf_grid(2, &[plot("measured", measured), plot("simulated", simulated)])
     }
 
-    /// By how much each level's response differs from the simulation as given: measured, and with what was found.
+    /// The difference of each level's response from the simulation as given: measured, and with the effects.
     pub fn change(&self, outcome: &Outcome) -> String {
         const COLOURS: [&str; 6] = ["#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#4d4d4d", "#8c6d1f"];
         let ratio = |frf: &WelchFrf, given: &WelchFrf| -> Vec<(f64, f64)> {
@@ -132,7 +133,7 @@ impl Responses {
         })
     }
 
-    /// All pairs at the highest level; none where they are too many to read.
+    /// All pairs at the highest level; none if they are too many to read.
     pub fn all_pairs(&self, outcome: &Outcome, case: &Case) -> Option<String> {
         let loudest = self.levels.last()?;
         let (p, m) = (case.config.outputs.len(), case.config.inputs.len());
@@ -165,7 +166,8 @@ impl Responses {
     }
 }
 
-/// The pair, and the band, in which the input drives most error in units of the output: |H - H_sim|^2 S_uu / S_yy.
+/// Returns the pair and the band in which the input causes most error in units of the output: |H - H_sim|^2 S_uu /
+/// S_yy.
 fn largest_difference(level: &Level, top_hz: f64) -> ((usize, usize), (f64, f64)) {
     let (lines, p, m) = level.measured.response.dim();
     let mut best = (-1.0, (0, 0), 0);

@@ -1,4 +1,4 @@
-//! The first picture: the gap before and after.
+//! The first figure: the gap before and after.
 
 use plid_report::{Bar, Bars, Report, bars};
 
@@ -8,12 +8,16 @@ use crate::diagnose::Outcome;
 use crate::judge::gap::shrink;
 use crate::judge::verdict::Verdict;
 
-/// What stands below the verdict: how far the gap shrinks, and what was stated before.
+/// States below the verdict how far the gap shrinks, and what was predicted.
 pub(super) fn sentences(outcome: &Outcome) -> Vec<String> {
     let gap = &outcome.diagnosis.gap;
     let on = gap.measured_on.join(", ");
-    let kind =
-        if held_out(outcome) { "held out from all fitting" } else { "a fitted record: nothing could be held out" };
+    let kind = if held_out(outcome) {
+        "held out from all fitting"
+    } else {
+        "a fitted record, because nothing could be held \
+        out"
+    };
     let mut sentences = Vec::new();
     if outcome.diagnosis.verdict != Verdict::None {
         sentences.push(format!(
@@ -26,7 +30,7 @@ pub(super) fn sentences(outcome: &Outcome) -> Vec<String> {
     }
     if held_out(outcome) {
         sentences.push(format!(
-            "Stated before opening {on}: a gap of {}; found: {}.",
+            "Predicted before opening {on}: a gap of {}; measured: {}.",
             percent(gap.predicted_held_out_gap),
             percent(gap.with_effect)
         ));
@@ -34,7 +38,7 @@ pub(super) fn sentences(outcome: &Outcome) -> Vec<String> {
     sentences
 }
 
-/// The gap that a shrink leaves.
+/// Returns the gap that a shrink leaves.
 fn left(as_given: f64, floor: f64, shrink: f64) -> f64 {
     if as_given <= floor {
         return as_given;
@@ -71,7 +75,7 @@ fn gap_bars(outcome: &Outcome) -> Bars {
     }
 }
 
-/// The section.
+/// Adds the section.
 pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
     let gap = &outcome.diagnosis.gap;
     let worst = worst(outcome);
@@ -79,7 +83,9 @@ pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
         String::new()
     } else {
         format!(
-            " The reference effect is a wrong effect with as many parameters; the ceiling model has up to three effects more, and what was found closes {} of what it closes. The whisker is the 95 % interval of the shrink.",
+            " The reference effect is a wrong effect with as many parameters; the ceiling model has up to three \
+            effects more, and what was found closes {} of what it closes. The whisker is the 95 % interval of the \
+            shrink.",
             percent(gap.share_of_ceiling)
         )
     };
@@ -100,18 +106,18 @@ pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
         Some(svg) => report.figure(
             svg,
             format!(
-                "Spectra of {} in {}: the output, the error before and after, and what noise alone makes (Welch).",
+                "Spectra of {} in {}: the output, the error before and after, and noise alone (Welch).",
                 outcome.shown.outputs[worst], outcome.shown.trace_record
             ),
         ),
         None => report.paragraph(format!(
-            "{} gives no spectra: it is too short, or too much of it is missing.",
+            "{} gives no spectra, because it is too short or too many samples are missing.",
             outcome.shown.trace_record
         )),
     }
 }
 
-/// The other outputs, for the details.
+/// Adds the other outputs, for the details.
 pub(super) fn other_outputs(report: Report, outcome: &Outcome) -> Report {
     let others: Vec<usize> = (0..outcome.shown.outputs.len()).filter(|&o| o != worst(outcome)).collect();
     if others.is_empty() {

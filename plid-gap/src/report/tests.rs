@@ -1,4 +1,4 @@
-//! The page of a made-up diagnosis.
+//! The page of an invented diagnosis.
 
 use std::collections::BTreeMap;
 
@@ -234,7 +234,7 @@ fn the_page_says_all_that_the_diagnosis_says() {
         "nothing is missing",
         "something outside the vocabulary",
         "cubic-stiffness@input:u1; clearance@input:u1",
-        // Whether the records could part them.
+        // Whether the records could separate them.
         "if cubic-stiffness@input:u1 is at work",
         "65.4",
         "0.9871",
@@ -255,7 +255,7 @@ fn the_page_says_all_that_the_diagnosis_says() {
         "frequency 11.000 -&gt; 11.010 Hz",
         "sensor-noise",
         "higher prior: clearance",
-        "Stated before opening last.csv: a gap of 2.1\u{a0}%; found: 2.0\u{a0}%.",
+        "Predicted before opening last.csv: a gap of 2.1\u{a0}%; measured: 2.0\u{a0}%.",
         // The shrink over another model, from and to.
         "the bounded refit",
         "86.00",
@@ -266,7 +266,8 @@ fn the_page_says_all_that_the_diagnosis_says() {
         assert!(html.contains(text), "{text}");
     }
     assert!(!html.contains("<b>is it") && !html.contains("NaN") && !html.contains(">inf"), "{html}");
-    // The gap, a trace, spectra, two maps, shares, level, responses twice, resonances, lines, the screen, the refit, and what is folded away.
+    // The gap, a trace, spectra, two maps, shares, level, responses twice, resonances, lines, the screen, the refit,
+    // and the folded details.
     assert!(html.matches("<figure>").count() >= 16, "{}", html.matches("<figure>").count());
 }
 
@@ -275,15 +276,15 @@ fn a_linear_refit_that_hides_the_gap_is_shown_as_such() {
     let case = case();
     let mut outcome = outcome(&case);
     let text = |outcome: &Outcome| page(outcome, &case).to_html();
-    // Where a number of the simulation is what is wrong, a refit is right to change it.
+    // If a parameter of the simulation is wrong, a refit is right to change it.
     assert!(!text(&outcome).contains("hides most"));
     outcome.diagnosis.effects[0].change = None;
     // (0.4, 0.15) beyond 0.01 is a shrink of 63 %.
     let html = text(&outcome);
-    assert!(html.contains("A linear refit hides most of this gap") && html.contains("not linear: such a model"));
+    assert!(html.contains("A linear refit hides most of this gap") && html.contains("nonlinear: such a model"));
     assert!(html.contains("(62.6\u{a0}% of the shrink that noise allows)"), "{html}");
     outcome.shown.linear = true;
-    assert!(text(&outcome).contains("It would put into modes and shapes"));
+    assert!(text(&outcome).contains("It would attribute the effect named above"));
     outcome.diagnosis.verdict = Verdict::Unknown;
     assert!(text(&outcome).contains("That does not make the cause linear"));
     (outcome.diagnosis.gap.refit, outcome.diagnosis.gap.free_refit) = (0.35, 0.3);

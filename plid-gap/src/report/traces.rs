@@ -1,4 +1,4 @@
-//! Traces and spectra of one output: measured, as given, with what was found.
+//! Traces and spectra of one output: measured, as given, and with the effects.
 
 use std::ops::Range;
 
@@ -11,10 +11,10 @@ use super::{GIVEN, MEASURED, REFERENCE, WITH};
 use crate::case::record::rms;
 use crate::diagnose::Outcome;
 
-/// Samples of a trace.
+/// Number of samples of a trace.
 const WINDOW: usize = 200;
 
-/// Where the outputs together, each in units of its RMS, are loudest.
+/// Returns where the outputs together are loudest, each in units of its RMS.
 fn loudest(y: &[Vec<f64>]) -> Range<usize> {
     let samples = y.first().map_or(0, Vec::len);
     let finite = |y: &f64| if y.is_finite() { *y } else { 0.0 };
@@ -30,7 +30,7 @@ fn loudest(y: &[Vec<f64>]) -> Range<usize> {
     start..start + width
 }
 
-/// The loudest moment of output `o`, errors below.
+/// Draws the loudest stretch of output `o`, with the errors below.
 pub(super) fn window(outcome: &Outcome, o: usize) -> String {
     let shown = &outcome.shown;
     let [measured, given, found] = &shown.trace;
@@ -69,7 +69,7 @@ pub(super) fn window(outcome: &Outcome, o: usize) -> String {
     ])
 }
 
-/// Spectra of output `o` and of its error, if the record is long enough.
+/// Draws the spectra of output `o` and of its error, if the record is long enough.
 pub(super) fn spectra(outcome: &Outcome, o: usize) -> Option<String> {
     let shown = &outcome.shown;
     let [measured, given, found] = &shown.trace;

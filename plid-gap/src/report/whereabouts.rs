@@ -1,4 +1,4 @@
-//! The second picture: where the gap lies.
+//! The second figure: where the gap lies.
 
 use nalgebra::DMatrix;
 use ndarray::Array2;
@@ -10,13 +10,13 @@ use crate::diagnose::Outcome;
 use crate::effects::Side;
 use crate::judge::locate::{Estimate, LevelGap, Map, STRETCHES};
 
-/// A share that shows as more than nothing.
+/// Least share that is visible.
 const HOLDS: f64 = 0.0005;
 
-/// Bands that are drawn at least.
+/// Least number of bands that are drawn.
 const FEWEST: usize = 8;
 
-/// The section.
+/// Adds the section.
 pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
     let shown = &outcome.shown;
     let report = report.heading("2. Where").paragraph(sentence(outcome));
@@ -24,7 +24,8 @@ pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
         report
             .figure(
                 map(&shown.before, &shown.before.share, shown.outputs.clone()),
-                "Output by band: share of the squared gap of the simulation as given, beyond the noise, in all fitted records.",
+                "Output by band: share of the squared gap of the simulation as given, beyond the noise, in all fitted \
+                records.",
             )
             .figure(
                 map(&shown.before, &shown.before.time, stretches(outcome)),
@@ -32,14 +33,18 @@ pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
             )
             .figure(
                 shares(outcome),
-                "Share of each output, of the bands that hold most, and of each stretch of time. Whiskers: 95 % intervals by drawing blocks of the records anew.",
+                "Share of each output, of the bands with most of it, and of each stretch of time. Whiskers: 95 % \
+                intervals by drawing blocks of the records anew.",
             )
     } else {
-        report.paragraph("As given, the simulation leaves nothing beyond the noise: there is nothing to map.")
+        report.paragraph("The simulation as given leaves nothing beyond the noise, so there is nothing to map.")
     };
     report = match levels(outcome) {
         Some(svg) => report.figure(svg, level_caption(outcome)),
-        None => report.paragraph("The fitted records have one level: how the gap grows with it cannot be said."),
+        None => report.paragraph(
+            "The fitted records have one level only, so the dependence of the gap on the level is \
+        unknown.",
+        ),
     };
     report
 }
@@ -47,11 +52,11 @@ pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
 fn sentence(outcome: &Outcome) -> String {
     let place = &outcome.diagnosis.place;
     let side = match place.side {
-        Side::Actuator => "Side of the chain: actuator, between the command and the structure.",
-        Side::Structure => "Side of the chain: structure.",
-        Side::Sensor => "Side of the chain: sensor, between the structure and the record.",
-        Side::Disturbance => "Side of the chain: disturbance, a force that no command causes.",
-        Side::Time => "Side of the chain: time, something that changes while the records are taken.",
+        Side::Actuator => "Part of the signal path: actuator, between the command and the structure.",
+        Side::Structure => "Part of the signal path: structure.",
+        Side::Sensor => "Part of the signal path: sensor, between the structure and the record.",
+        Side::Disturbance => "Part of the signal path: disturbance, a force that no command causes.",
+        Side::Time => "Part of the signal path: time, a change during the records.",
     };
     let bands: Vec<String> =
         place.bands_hz.iter().map(|[from, to, share]| format!("{} ({})", band(*from, *to), percent(*share))).collect();
@@ -59,13 +64,13 @@ fn sentence(outcome: &Outcome) -> String {
     format!("{side}{bands}")
 }
 
-/// "64 to 76 Hz", with as many digits as its width needs.
+/// Formats a band, "64 to 76 Hz", with as many digits as its width needs.
 fn band(from: f64, to: f64) -> String {
     let digits = usize::from(to - from < 5.0) + usize::from(to - from < 0.5);
     format!("{from:.digits$} to {to:.digits$} Hz")
 }
 
-/// Shares in per cent over bands. Bands above the last that holds anything are left out.
+/// Returns shares in per cent over bands. Bands above the last visible one are left out.
 fn map(of: &Map, share: &DMatrix<f64>, rows: Vec<String>) -> String {
     let holds =
         |b: usize| share.column(b).iter().any(|x| *x >= HOLDS) || of.share.column(b).iter().any(|x| *x >= HOLDS);
@@ -75,7 +80,7 @@ fn map(of: &Map, share: &DMatrix<f64>, rows: Vec<String>) -> String {
         columns: of.edges.windows(2).take(bands).map(|edge| format!("{:.0}–{:.0}", edge[0], edge[1])).collect(),
         values: Array2::from_shape_fn((share.nrows(), bands), |(i, j)| {
             let percent = 100.0 * share[(i, j)];
-            // Tenths are enough, and short enough for a cell.
+            // Tenths of a per cent suffice and fit into a cell.
             if percent < 10.0 { (10.0 * percent).round() / 10.0 } else { percent.round() }
         }),
         column_label: if bands < share.ncols() { "band, Hz (nothing above)" } else { "band, Hz" }.into(),
@@ -84,7 +89,7 @@ fn map(of: &Map, share: &DMatrix<f64>, rows: Vec<String>) -> String {
     })
 }
 
-/// Names of the stretches of time: when, and in which records.
+/// Returns the names of the stretches of time: when, and in which records.
 fn stretches(outcome: &Outcome) -> Vec<String> {
     let fitted = &outcome.shown.fitted;
     let rate = outcome.shown.rate;
@@ -115,10 +120,10 @@ fn stretches(outcome: &Outcome) -> Vec<String> {
     (0..STRETCHES).map(|stretch| one(stretch).unwrap_or_default()).collect()
 }
 
-/// Outputs that a picture of shares has room for.
+/// Largest number of outputs in a figure of shares.
 const MOST_OUTPUTS: usize = 12;
 
-/// Outputs, bands and stretches with their intervals.
+/// Tabulates outputs, bands and stretches with their intervals.
 fn shares(outcome: &Outcome) -> String {
     let (shown, place) = (&outcome.shown, &outcome.diagnosis.place);
     let map = &shown.before;
@@ -139,7 +144,7 @@ fn shares(outcome: &Outcome) -> String {
     bars_of(&Bars { bars, label: "share of the squared gap beyond the noise, %".into(), reference: None })
 }
 
-/// Gap against level, before and after, where there are two levels.
+/// Draws the gap against the level, before and after, if there are two levels.
 fn levels(outcome: &Outcome) -> Option<String> {
     let usable = |map: &Map| -> Vec<LevelGap> {
         let mut usable: Vec<LevelGap> = map
@@ -159,7 +164,7 @@ fn levels(outcome: &Outcome) -> Option<String> {
     let mut series = Vec::new();
     for (levels, name, colour) in [(&before, "as given", GIVEN), (&after, with(outcome), WITH)] {
         let points: Vec<(f64, f64)> = levels.iter().map(|l| (l.level, 100.0 * l.gap.value)).collect();
-        // An interval that reaches down to nothing has no lower end on a logarithmic axis.
+        // An interval that reaches zero has no lower end on a logarithmic axis.
         let whisker = |l: &LevelGap| {
             let [low, high] = l.gap.ci95.map(|gap| 100.0 * gap.max(0.1 * l.gap.value));
             (l.level, low, high)
@@ -168,7 +173,7 @@ fn levels(outcome: &Outcome) -> Option<String> {
         series.push(Series::whiskers(levels.iter().map(whisker)).colour(colour));
         series.push(Series::points(name, points).colour(colour).width(5.0));
     }
-    // Room above and below, so that scatter does not look like a slope.
+    // Without room above and below, scatter would look like a slope.
     let gaps = || before.iter().chain(&after).map(|l| 100.0 * l.gap.value);
     let (low, high) = (gaps().fold(f64::INFINITY, f64::min), gaps().fold(0.0, f64::max));
     Some(chart(&Chart {
@@ -188,18 +193,17 @@ fn level_caption(outcome: &Outcome) -> String {
         }
         Some(Estimate { value, ci95: [low, high] }) => {
             format!(
-                "As given, the relative gap goes with the level to the power {value:+.1} ({low:+.1} to {high:+.1}): "
+                "As given, the relative gap is proportional to the level to the power {value:+.1} ({low:+.1} to \
+                {high:+.1}): "
             ) + match value {
                 s if s > 0.5 => {
-                    "it grows, as with stiffness or damping that goes with the motion, clearance and limits."
+                    "it grows, as with stiffness or damping that depends on the motion, clearance and limits."
                 }
                 s if s < -0.5 => "it falls, as with friction, hysteresis, offsets, hum and disturbances.",
                 _ => "it hardly changes, as with gains, delays, modes and drifts.",
             }
         }
-        None => {
-            "The gap stands out of the noise at too few levels, or they are too near each other, for a slope.".into()
-        }
+        None => "For a slope, the gap exceeds the noise at too few levels, or the levels are too close.".into(),
     };
     let after = &outcome.shown.after.levels;
     let clean = after.iter().filter(|l| !(l.gap.value > 0.0)).count();
@@ -209,21 +213,22 @@ fn level_caption(outcome: &Outcome) -> String {
         String::new()
     };
     format!(
-        "Gap beyond the noise against level, one point a record that was fitted, with its 95 % interval: random records, or periodic ones where those have one level. {slope}{left}"
+        "Gap beyond the noise against level, one point for each fitted record, with its 95 % interval: random records, \
+        or periodic ones if the random ones have one level. {slope}{left}"
     )
 }
 
-/// What is left, for the details.
+/// Draws the remainder, for the details.
 pub(super) fn after(report: Report, outcome: &Outcome) -> Report {
     let shown = &outcome.shown;
     if !(shown.after.share.sum() > 0.0) {
         return report;
     }
-    report.details(format!("Where the rest lies, {}", with(outcome)), |report| {
+    report.details(format!("Where the remainder lies, {}", with(outcome)), |report| {
         report
             .figure(
                 map(&shown.after, &shown.after.share, shown.outputs.clone()),
-                "Output by band: share of what is left of the squared gap, beyond the noise.",
+                "Output by band: share of the remaining squared gap, beyond the noise.",
             )
             .figure(map(&shown.after, &shown.after.time, stretches(outcome)), "Time by band: the same.")
     })

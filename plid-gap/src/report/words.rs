@@ -1,15 +1,15 @@
-//! Numbers and names as the report says them.
+//! Numbers and names in the report.
 
 use crate::answer::schema::{Explanation, Located};
 use crate::diagnose::Outcome;
 use crate::judge::verdict::Verdict;
 
-/// "12.3 %", held together by a blank that does not break.
+/// Formats a share, "12.3 %", with a non-breaking space.
 pub(super) fn percent(share: f64) -> String {
     crate::words::percent(share).replace(' ', "\u{a0}")
 }
 
-/// Two significant digits, without exponents where they can be helped.
+/// Formats a number with two significant digits, without an exponent if possible.
 pub(super) fn short(value: f64) -> String {
     if !value.is_finite() {
         return "–".into();
@@ -33,12 +33,12 @@ pub(super) fn short(value: f64) -> String {
     }
 }
 
-/// "cubic-stiffness at input:u2".
+/// Names an effect: "cubic-stiffness at input:u2".
 pub(super) fn at(effect: &str, location: &str) -> String {
     format!("{effect} at {location}")
 }
 
-/// An explanation in words.
+/// Names an explanation.
 pub(super) fn explanation(explanation: &Explanation) -> String {
     if explanation.unknown {
         return "something outside the vocabulary".into();
@@ -50,7 +50,7 @@ pub(super) fn explanation(explanation: &Explanation) -> String {
     explanation.effects.iter().map(one).collect::<Vec<_>>().join(" and ")
 }
 
-/// What the simulation with all that was found is called.
+/// Names the simulation with all that was found.
 pub(super) fn with(outcome: &Outcome) -> &'static str {
     match (outcome.diagnosis.verdict, outcome.diagnosis.effects.len()) {
         (Verdict::None, _) => "after the bounded refit",
@@ -60,13 +60,13 @@ pub(super) fn with(outcome: &Outcome) -> &'static str {
     }
 }
 
-/// The output with the largest share of the gap.
+/// Returns the output with the largest share of the gap.
 pub(super) fn worst(outcome: &Outcome) -> usize {
     let share = &outcome.shown.before.share;
     (0..share.nrows()).max_by(|&a, &b| share.row(a).sum().total_cmp(&share.row(b).sum())).unwrap_or(0)
 }
 
-/// Whether the gaps were measured on records that nothing was fitted to.
+/// Returns whether the gaps were measured on held-out records.
 pub(super) fn held_out(outcome: &Outcome) -> bool {
     let fitted = |name: &String| outcome.shown.fitted.iter().any(|(other, ..)| other == name);
     !outcome.diagnosis.gap.measured_on.iter().any(fitted)

@@ -8,11 +8,11 @@ use crate::error::GapError;
 use crate::report;
 use plid_file::{Staged, to_json, write_atomic};
 
-/// It is written last, so that its presence shows that the other files are complete.
+/// It is written last: its presence shows that the other files are complete.
 const DIAGNOSIS: &str = "diagnosis.json";
 
-/// Writes diagnosis.json, sim-with-effect.json and report.html into a directory. They replace those of an earlier
-/// diagnosis together; if anything fails, these are as they were.
+/// Writes diagnosis.json, sim-with-effect.json and report.html into a folder. They replace those of an earlier
+/// diagnosis together. If anything fails, the earlier files stay as they were.
 ///
 /// # Errors
 /// [`GapError::NotFinite`] with file and key, before anything is written; [`GapError::Io`] with the file.

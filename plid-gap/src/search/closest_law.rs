@@ -1,16 +1,17 @@
-//! Which law has a free shape? A force that was fitted with its shape set free is named by the law of the vocabulary that comes nearest to the curve
-//! that was found. Likelihoods rank laws by what a refit leaves of them, and a law with one number more may come first with a curve quite unlike its own.
+//! The law of a free shape. A force whose shape was fitted freely is named by the law of the vocabulary that is nearest
+//! to the fitted curve. Likelihoods rank laws by the residual of a refit, and a law with one more parameter may come
+//! first with a curve that is quite unlike the fitted one.
 
 use nalgebra::{DMatrix, DVector};
 
 use crate::effects::{Action, Effect, Flexible, Library, Range};
 use crate::fit::problem::{Placed, Problem};
 
-/// Points of a curve.
+/// Number of points of a curve.
 const POINTS: usize = 121;
 
-/// The law that is nearer to the curve that these effects make at the place of `present` than that is, with the size that fits it best; none where that
-/// is the nearest.
+/// Returns the law that is nearer than that of `present` to the curve of these effects at its location, with the size
+/// that fits best; `None` if the law of `present` is the nearest.
 pub fn closest_law<'a>(
     problem: &Problem,
     effects: &[Placed<'a>],
@@ -69,8 +70,9 @@ fn grid(range: f64, k: usize) -> f64 {
     range * (2.0 * k as f64 / (POINTS - 1) as f64 - 1.0)
 }
 
-/// Share of a curve that a multiple of a law does not follow, and that multiple. A constant and a straight line are free: a force at rest shows in no
-/// acceleration, and what is linear a refit takes for its own. Points count as often as a Gaussian motion passes them.
+/// Returns the share of a curve that a multiple of a law does not follow, and the multiple. A constant and a straight
+/// line are free: no acceleration shows a static force, and a refit absorbs what is linear. Points are weighted by how
+/// often a Gaussian motion passes them.
 fn unlike(range: f64, curve: &DVector<f64>, law: &DVector<f64>) -> (f64, f64) {
     let weight = |k: usize| (-0.25 * grid(range, k).powi(2)).exp();
     let weighted = |f: &dyn Fn(usize) -> f64| DVector::from_fn(POINTS, |k, _| weight(k) * f(k));
@@ -92,7 +94,8 @@ mod tests {
     use crate::prepare::{Known, prepare};
     use crate::testing;
 
-    /// Half a parabola, on one side alone, is a quadratic spring and no gap; a cube is a cube, whatever it was called; a gap stays one.
+    /// Half a parabola, on one side only, is a quadratic spring and not a clearance; a cubic is a cubic, whatever it
+    /// was called; a clearance stays a clearance.
     #[test]
     fn a_curve_is_named_by_the_law_that_it_is_like() {
         let sim = testing::truss(1);
@@ -103,7 +106,7 @@ mod tests {
         let at = |effect, parameters| Placed { effect, place: Place::Port(0), parameters };
         let law = |name: &str, parameters: Vec<f64>| at(library.get(name).unwrap(), parameters);
         let gap = law("clearance", vec![1.0, rms]);
-        // The slope of a parabola rises by twice the distance of two knots from one to the next.
+        // From one knot to the next, the slope of a parabola rises by twice their distance.
         let half = [0.0, 0.1, 0.2, 0.5, 0.6, 0.6, 0.8, 1.0].map(|x| 2.0 * x);
         let half = at(&Flexible::Stiffness, [half, [0.0; 8]].concat());
         let named = |effects: &[Placed], allowed: &dyn Fn(&Placed) -> bool| {

@@ -1,4 +1,5 @@
-//! The search for the effects that explain the gap: a screen of the whole vocabulary, fits of its best entries, and the steps that follow.
+//! The search for the effects that explain the gap: a screen of the whole vocabulary, fits of its best entries, and the
+//! steps that follow.
 
 pub(crate) mod closest_law;
 pub(crate) mod modal;

@@ -1,11 +1,12 @@
-//! Places on one mode alone, for an effect inside the structure that no input's port explains.
+//! Locations on a single mode, for an effect inside the structure that no input's port explains.
 
 use crate::case::record::Channels;
 use crate::fit::problem::Problem;
 use crate::fourier;
 use crate::prepare::of_ports;
 
-/// The modes about which most of what a linear model leaves lies: `errors` of each record that is fitted (p channels).
+/// Returns the modes about which most of the residual of a linear model lies. `errors` are those of each fitted record
+/// (p channels).
 pub fn dominant(problem: &Problem, errors: &[Channels]) -> Vec<usize> {
     let search = &problem.settings.search;
     let plant = &problem.plant;
@@ -31,7 +32,7 @@ pub fn dominant(problem: &Problem, errors: &[Channels]) -> Vec<usize> {
 }
 
 impl Problem {
-    /// The same with places on these modes beside the ports.
+    /// Returns the same problem with ports on these modes.
     pub fn with_modal_places(mut self, modes: &[usize]) -> Self {
         modes.iter().for_each(|&mode| self.plant.add_modal_port(mode));
         self.setting.plant = self.plant.clone();

@@ -1,24 +1,25 @@
-//! How alike the traces of effects are, before any fit and to first order: of each entry of a screen the share that a bounded refit would absorb, and the
-//! cosines between what is left.
+//! The similarity of effects before any fit, to first order: the share of each entry of a screen that a bounded refit
+//! would absorb, and the cosines between the remaining traces.
 
 use nalgebra::DMatrix;
 
 use crate::fit::problem::{Jacobian, dot};
 use crate::search::screen::{Base, Entry, traces};
 
-/// How alike the traces of some effects are, once a bounded refit has absorbed of them what it can.
+/// The similarity of the traces of some effects, after a bounded refit has absorbed what it can of them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Overlap {
     /// Share of each trace's energy that the refit absorbs.
     pub absorbed: Vec<f64>,
-    /// Cosines between what is left of them.
+    /// Cosines between the remaining traces.
     pub cosine: DMatrix<f64>,
-    /// Expected difference in log likelihood, where the row's effect is at work at the size of its trace and the column's is fitted
-    /// in its place: energy (1 - cosine^2) / 2.
+    /// Expected difference in log likelihood if the row's effect acts with the size of its trace and the column's
+    /// effect is fitted in its place: energy (1 - cosine^2) / 2.
     pub expected: DMatrix<f64>,
 }
 
-/// Of whitened traces, each at the size at which its effect is looked for. None where the refit's normal matrix is no such matrix.
+/// Computes the similarity of whitened traces, each with the size at which its effect is screened. `None` if the
+/// refit's normal matrix is not positive definite.
 pub fn overlap(jacobian: &Jacobian, traces: &[Vec<f64>]) -> Option<Overlap> {
     let count = traces.len();
     let cross = jacobian.cross(&traces.concat(), count);
@@ -37,7 +38,7 @@ pub fn overlap(jacobian: &Jacobian, traces: &[Vec<f64>]) -> Option<Overlap> {
     })
 }
 
-/// Of entries of a screen, at the sizes that it found.
+/// Computes the similarity of entries of a screen, with the sizes that the screen found.
 pub fn of_screen(base: &Base, entries: &[Entry]) -> Option<Overlap> {
     overlap(base.jacobian, &traces(base, entries))
 }
@@ -46,12 +47,12 @@ pub fn of_screen(base: &Base, entries: &[Entry]) -> Option<Overlap> {
 mod tests {
     use super::*;
 
-    /// The refit takes half of what lies along its one derivative, whose size is that of its prior.
+    /// The refit absorbs half of the part along its one derivative, whose size equals that of its prior.
     #[test]
     fn overlap_is_that_of_what_the_refit_leaves() {
         let jacobian = Jacobian::new(vec![1.0, 0.0, 0.0], 3, &[1.0]);
         let found = overlap(&jacobian, &[vec![2.0, 2.0, 0.0], vec![2.0, 0.0, 1.0]]).unwrap();
-        // Left are energies of 4/2 + 4 of 8 and 4/2 + 1 of 5, and a product of 4/2.
+        // The remaining energies are 4/2 + 4 of 8 and 4/2 + 1 of 5, and their product is 4/2.
         let cosine = 2.0 / 18_f64.sqrt();
         let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
         close(found.absorbed[0], 0.25);

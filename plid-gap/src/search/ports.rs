@@ -1,12 +1,12 @@
-//! Where ports are inferred, the scale of each mode at the ports rests on reciprocity. Once an effect at a port is found, its own
-//! response says better.
+//! The scales of the modes at inferred ports. They rest on reciprocity, until the response of an effect at a port
+//! determines them.
 
 use crate::effects::{Action, Effect, Parameter, Place, Range, Setting, Side};
 use crate::fit::problem::{Effort, Fit, Placed, Problem};
 use crate::plant::{Plant, PortSource};
 use crate::simulate::Fineness;
 
-/// Scales of the modes' displacements at all ports: never named, and fitted once.
+/// Scales of the modes' displacements at all ports: an effect that is never named and fitted once.
 struct ModeScales;
 
 static SCALES: ModeScales = ModeScales;
@@ -45,7 +45,7 @@ impl Effect for ModeScales {
 fn scale(plant: &mut Plant, scales: &[f64]) {
     for port in &mut plant.ports {
         for (k, s) in scales.iter().enumerate() {
-            // A mode that hardly moves the port says nothing of its scale.
+            // A mode that hardly moves the port does not determine its scale.
             let factor = s.clamp(-2.0, 2.0).exp();
             port.displacement[k] *= factor;
             port.velocity[k] *= factor;
@@ -56,7 +56,7 @@ fn scale(plant: &mut Plant, scales: &[f64]) {
 const QUICK: Effort = Effort { steps: 8, gain: 1.0, fineness: Fineness::COARSE };
 const WHOLE: Effort = Effort { steps: 6, gain: 0.1, fineness: Fineness::FINE };
 
-/// Fits the scales beside the effects, and keeps them in both problems if they are worth their price.
+/// Fits the scales together with the effects, and keeps them in both problems if they gain more than their price.
 pub fn fit_ports<'a>(problem: &mut Problem, quick: &mut Problem, best: Fit<'a>) -> Fit<'a> {
     let at_port = |placed: &Placed| {
         let acts = placed.effect.act(&problem.setting, &placed.place, &placed.parameters);

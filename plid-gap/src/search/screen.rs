@@ -1,52 +1,55 @@
-//! The score screen: how much would each effect, at each place and for each of a few shapes, explain of what a bounded refit leaves?
+//! The score screen: how much each effect, at each location and for each of a few shapes, would explain of the residual
+//! of a bounded refit.
 //!
-//! One run an entry: the difference that the effect makes to the simulation, whitened, with what the refit could absorb projected
-//! out under its prior (a generalised likelihood ratio). Effects that are linear in a size are given the best size.
+//! Each entry takes one run: the change of the simulation by the effect, whitened, without the part that the refit
+//! could absorb under its prior (a generalised likelihood ratio). Effects that are linear in a size get their best
+//! size.
 
 use nalgebra::{Cholesky, DMatrix, Dyn};
 use rayon::prelude::*;
 
 use crate::effects::{Effect, Library, Place, Range};
-use crate::fit::problem::{Placed, Problem, Jacobian, dot, sum_of_squares};
+use crate::fit::problem::{Jacobian, Placed, Problem, dot, sum_of_squares};
 use crate::plant::Plant;
 use crate::simulate::Fineness;
 
-/// An entry of the screen: an effect at a place with the shape that does best.
+/// An entry of the screen: an effect at a location with its best shape.
 #[derive(Clone)]
 pub struct Entry<'a> {
-    /// With the start for a fit.
+    /// The effect with its start for a fit.
     pub placed: Placed<'a>,
-    /// By how much the sum of squares would fall.
+    /// Reduction of the sum of squares.
     pub gain: f64,
     /// Share of the effect's own trace that a refit absorbs.
     pub absorbed: f64,
-    /// What is left of the effect's trace, whitened and projected, at the best size: its energy.
+    /// The remaining trace of the effect, whitened and projected, at its best size; its square is its energy.
     pub energy: f64,
-    /// The parameters with which it was simulated.
+    /// The parameters of the run.
     tried: Vec<f64>,
-    /// By how much that trace is multiplied at the best size.
+    /// Factor of the trace at its best size.
     size: f64,
 }
 
-/// What the screen starts from: a fit so far.
+/// The fit from which the screen starts.
 pub struct Base<'p, 'a> {
-    /// Records, simulation, noise.
+    /// Records, simulation and noise.
     pub problem: &'p Problem,
-    /// Derivatives of the linear parameters.
+    /// Derivatives by the linear parameters.
     pub jacobian: &'p Jacobian,
     /// The linear model.
     pub plant: &'p Plant,
-    /// Its parameters.
+    /// Its linear parameters.
     pub eta: &'p [f64],
-    /// Effects that are in it already.
+    /// Its effects.
     pub effects: &'p [Placed<'a>],
-    /// What it leaves.
+    /// Its whitened residual.
     pub residual: &'p [f64],
-    /// Whether effects are tried at several sizes: where a gap is as large as the output, a linear guess of the size is none.
+    /// Whether effects are tried at several sizes: if a gap is as large as the output, a linear extrapolation of the
+    /// size is useless.
     pub bold: bool,
 }
 
-/// All entries, best first: of each effect at each place the best shape.
+/// Returns all entries, the best first: for each effect at each location its best shape.
 pub fn screen<'a>(base: &Base<'_, 'a>, library: &'a Library, skip: impl Fn(&Placed) -> bool + Sync) -> Vec<Entry<'a>> {
     let problem = base.problem;
     let Some(factor) = base.jacobian.normal.clone().cholesky() else { return Vec::new() };
@@ -59,9 +62,10 @@ pub fn screen<'a>(base: &Base<'_, 'a>, library: &'a Library, skip: impl Fn(&Plac
             !skip(&placed)
         })
         .collect();
-    // As the runs make it, so that what a coarse run does differently cancels.
+    // The residual is that of runs of the same fineness, so their discretisation errors cancel.
     let now = problem.residual(base.plant, base.eta, base.effects, Fineness::COARSE);
-    // At a refit's end that is nothing: what an effect explains there may be the residual, or what linear parameters were bent for.
+    // At the end of a refit the pull is zero: an effect may explain the residual, or the change of linear parameters
+    // that imitates it.
     let left = factor.solve(&problem.gradient(base.jacobian, base.residual, base.eta));
     let mut entries: Vec<Entry> = pairs
         .par_iter()
@@ -92,7 +96,7 @@ pub fn screen<'a>(base: &Base<'_, 'a>, library: &'a Library, skip: impl Fn(&Plac
     entries
 }
 
-/// r - J (J'J + prior)^{-1} J' r enters all sums of products: only J'r is needed.
+/// The projection r - J (J'J + prior)^{-1} J' r. It enters all products, so only J'r is needed.
 struct Projected {
     /// J' r.
     cross: DMatrix<f64>,
@@ -106,7 +110,7 @@ fn projected(jacobian: &Jacobian, factor: &Cholesky<f64, Dyn>, v: &[f64]) -> Pro
     Projected { cross, solved }
 }
 
-/// `scaled`: with the size that is best if the trace is proportional to it; otherwise with the size as it is.
+/// Returns an entry. `scaled`: with the best size if the trace is proportional to it; otherwise with the size as it is.
 fn entry<'a>(
     base: &Base<'_, 'a>,
     factor: &Cholesky<f64, Dyn>,
@@ -124,7 +128,7 @@ fn entry<'a>(
     let own = projected(base.jacobian, factor, &trace);
     let clear = whole - own.cross.dot(&own.solved);
     let absorbed = 1.0 - clear / whole;
-    // What a refit absorbs is told by derivatives, which say nothing of a resonance that has gone further than its width.
+    // Derivatives show what a refit absorbs, but not a resonance that has moved further than its width.
     let (energy, product) = if base.bold {
         (whole, dot(&trace, base.residual))
     } else {
@@ -141,7 +145,8 @@ fn entry<'a>(
             *parameter = neutral + size * (*parameter - neutral);
             (size * product, size * size * energy, size)
         }
-        // Along a bend of its own the trace grows nearly in proportion too: a start that is some times too strong must not hide it.
+        // Over a moderate range of sizes the trace is nearly proportional to the size of a nonlinear effect too, so a
+        // start that is several times too strong does not hide it.
         None if scaled => {
             let search = &base.problem.settings.search;
             let size = (product / energy.max(1e-12 * whole)).clamp(search.least_size, search.most_size);
@@ -152,7 +157,7 @@ fn entry<'a>(
     gain.is_finite().then_some(Entry { placed, gain, absorbed, energy, tried, size })
 }
 
-/// What each entry adds to the whitened outputs at its best size, in proportion to what it was simulated with.
+/// Returns the change of the whitened outputs by each entry at its best size, in proportion to its run.
 pub fn traces(base: &Base, entries: &[Entry]) -> Vec<Vec<f64>> {
     let now = base.problem.residual(base.plant, base.eta, base.effects, Fineness::COARSE);
     let trace = |entry: &Entry| -> Vec<f64> {
@@ -162,7 +167,7 @@ pub fn traces(base: &Base, entries: &[Entry]) -> Vec<Vec<f64>> {
     entries.par_iter().map(trace).collect()
 }
 
-/// What an effect adds to the whitened outputs, whose residual is `now` without it.
+/// Returns the change of the whitened outputs by an effect; `now` is the residual without it.
 fn added(base: &Base, now: &[f64], placed: &Placed) -> Vec<f64> {
     let mut effects = base.effects.to_vec();
     effects.push(placed.clone());

@@ -1,24 +1,26 @@
-//! Is it this place with another shape? Each effect of an explanation that does not suffice is fitted with its flexible sibling.
+//! Free shapes: each effect of an explanation that does not suffice is fitted with its free shape, to see whether the
+//! location is right.
 
 use rayon::prelude::*;
 
 use crate::effects::{Effect, Flexible};
-use crate::fit::problem::{Effort, Fit, Placed, Problem, Jacobian};
+use crate::fit::problem::{Effort, Fit, Jacobian, Placed, Problem};
 use crate::simulate::Fineness;
 
 const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE };
 const WHOLE: Effort = Effort { steps: 10, gain: 0.5, fineness: Fineness::FINE };
 
-/// A fit with one effect's shape set free.
+/// A fit with the shape of one effect set free.
 pub struct FreeShapeFit<'a> {
-    /// The fit; its last effect is the sibling.
+    /// The fit; its last effect is the free shape.
     pub fit: Fit<'a>,
-    /// Which effect of the explanation has the shape.
+    /// The number of the effect that has the shape.
     pub which: usize,
 }
 
-/// Several effects of which fewer, one of them with another shape, explain as much: two at one place may be one with another shape, and what was put beside
-/// a law that does not quite fit may be there for its sake. The fit of the fewer, and with the shape set free.
+/// Returns an explanation with fewer effects, one of them with another shape, that explains as much as several. Two
+/// effects at one location may be one with another shape, and an effect may only compensate for a law that does not
+/// quite fit. The result is the fit of the fewer effects and the fit with the free shape.
 pub fn fewer<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<(Fit<'a>, FreeShapeFit<'a>)> {
     if best.effects.len() < 2 {
         return None;
@@ -29,7 +31,7 @@ pub fn fewer<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<(
     let fits = subsets(&best.effects).into_iter().filter_map(|effects| {
         let alone = quick.fit(&jacobian, &best.eta, &effects, QUICK);
         let free = freed(quick, &jacobian, &alone)?;
-        // On the heads there is less to tell them apart by.
+        // The first samples distinguish them less well.
         if free.fit.cost > own.cost + slack(problem) {
             return None;
         }
@@ -45,7 +47,7 @@ pub fn fewer<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<(
     })
 }
 
-/// Explanations without one of the effects, or without all at a place but one.
+/// Returns the explanations without one of the effects, or without all but one at a location.
 fn subsets<'a>(effects: &[Placed<'a>]) -> Vec<Vec<Placed<'a>>> {
     let without = |left: &dyn Fn(usize) -> bool| {
         (0..effects.len()).filter(|&j| left(j)).map(|j| effects[j].clone()).collect::<Vec<Placed>>()
@@ -60,10 +62,10 @@ fn subsets<'a>(effects: &[Placed<'a>]) -> Vec<Vec<Placed<'a>>> {
     all
 }
 
-/// The best of all fits with one sibling each, beside its effect or in its place; none where no effect has a shape, or where a free one gains nothing on the
-/// heads of the records.
+/// Returns the best of all fits with one free shape each, together with its effect or in its place; `None` if no effect
+/// has a shape, or if no free shape gains on the first samples.
 pub fn free_shape<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Option<FreeShapeFit<'a>> {
-    // Derivatives cost seconds.
+    // Derivatives take seconds.
     if siblings(&best.effects).is_empty() {
         return None;
     }
@@ -72,7 +74,7 @@ pub fn free_shape<'a>(problem: &Problem, quick: &Problem, best: &Fit<'a>) -> Opt
     Some(on_whole(problem, freed(quick, &jacobian, &own)?))
 }
 
-/// The same explanation with another law in place of the one whose shape is free: its fit, and its fit with a free shape.
+/// Returns the same explanation with another law for the free shape: its fit, and its fit with a free shape.
 pub fn renamed<'a>(
     problem: &Problem,
     quick: &Problem,
@@ -97,7 +99,7 @@ fn on_whole<'a>(problem: &Problem, free: FreeShapeFit<'a>) -> FreeShapeFit<'a> {
     FreeShapeFit { fit: problem.fit(&jacobian, &free.fit.eta, &free.fit.effects, WHOLE), ..free }
 }
 
-/// Of each effect that has one: its number, the sibling, and whether that takes its place.
+/// Returns, for each effect with a free shape, its number, the free shape, and whether that replaces the effect.
 fn siblings(effects: &[Placed]) -> Vec<(usize, &'static Flexible, bool)> {
     let shaped = effects.iter().enumerate().filter_map(|(k, e)| Some((k, e.effect.free_shape()?)));
     shaped
@@ -108,7 +110,7 @@ fn siblings(effects: &[Placed]) -> Vec<(usize, &'static Flexible, bool)> {
         .collect()
 }
 
-/// The best on the heads of the records.
+/// Returns the best fit on the first samples.
 fn freed<'a>(quick: &Problem, jacobian: &Jacobian, own: &Fit<'a>) -> Option<FreeShapeFit<'a>> {
     let fits: Vec<FreeShapeFit> = siblings(&own.effects)
         .into_par_iter()

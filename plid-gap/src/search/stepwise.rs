@@ -1,4 +1,4 @@
-//! One effect after the other: screen, fit of the best few, acceptance; then each effect is questioned again beside the others.
+//! The stepwise search: screen, fits of the best entries, acceptance; after each effect all effects are reconsidered.
 
 use std::cell::OnceCell;
 use std::f64::consts::TAU;
@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::effects::{Names, Range};
 use crate::fit::candidate::{Candidate, all_same, same};
-use crate::fit::problem::{Effort, Fit, Placed, Problem, Jacobian, sum_of_squares};
+use crate::fit::problem::{Effort, Fit, Jacobian, Placed, Problem, sum_of_squares};
 use crate::fit::refit::{Refit, clipped};
 use crate::search::overlap::{Overlap, of_screen};
 use crate::search::ports::fit_ports;
@@ -16,20 +16,20 @@ use crate::search::screen::{Base, Entry, screen};
 use crate::settings::step::Step;
 use crate::simulate::Fineness;
 
-/// What the search found.
+/// The result of the search.
 pub struct Search<'a> {
     /// The best explanation, fitted finely; without effects the refit itself.
     pub best: Fit<'a>,
-    /// All explanations that were fitted, best first, "nothing" among them.
+    /// All explanations that were fitted, the best first, including that of no effect.
     pub candidates: Vec<Candidate<'a>>,
     /// The screen of each stage.
     pub stages: Vec<Vec<Entry<'a>>>,
-    /// How alike the first entries of the first stage are, before any fit.
+    /// The similarity of the first entries of the first stage, before any fit.
     pub overlap: Option<Overlap>,
 }
 
 impl<'a> Search<'a> {
-    /// The best explanation with its shape set free, which costs `more` parameters.
+    /// Accepts a free shape of the best explanation, which costs `more` parameters.
     pub fn set_free(&mut self, cost: f64, more: usize, rows: f64) {
         let is_best = |c: &Candidate| all_same(&c.effects, &self.best.effects);
         let Some(at) = self.candidates.iter().position(is_best) else { return };
@@ -40,7 +40,8 @@ impl<'a> Search<'a> {
         self.candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
     }
 
-    /// Fewer effects in place of the best explanation, which with a free shape explain as much: they take its rank.
+    /// Replaces the best explanation by one with fewer effects that explains as much with a free shape. It takes the
+    /// rank of the best explanation.
     pub fn settle(&mut self, fewer: Fit<'a>, cost: f64) {
         let first = self.candidates.first().map_or(cost, |candidate| candidate.priced);
         let old = std::mem::replace(&mut self.best, fewer);
@@ -49,7 +50,7 @@ impl<'a> Search<'a> {
         self.candidates.insert(0, Candidate { effects: self.best.effects.clone(), cost, priced: first });
     }
 
-    /// The best explanation under a changed noise model; the others keep their distance from it.
+    /// Updates the best explanation for a changed noise model; the others keep their difference from it.
     pub fn weigh_anew(&mut self, problem: &Problem, off: &[Step]) {
         let before = self.best.cost;
         self.best = on_whole(problem, self.best.clone(), off);
@@ -60,14 +61,14 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Fits in the search.
+/// Quick fits of the search.
 const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE };
 
-/// Fits of what was found.
+/// Fits of the result.
 const FINE: Effort = Effort { steps: 8, gain: 0.1, fineness: Fineness::FINE };
 
-/// Searches for up to `most_effects` effects: on `quick` (the heads of the records), then among the best few on `problem`. `first` keeps the first stage,
-/// or has it; `say` is told what is going on.
+/// Searches for up to `most_effects` effects: on `quick` (the first samples of the records), then with the best few on
+/// `problem`. `first` is the first stage; it is filled if it is empty. `say` is called with the progress.
 pub fn search<'a>(
     problem: &mut Problem,
     quick: &mut Problem,
@@ -97,7 +98,7 @@ pub fn search<'a>(
         let gain = price.of(&best) - price.of(&top);
         let material = scope.skips(Step::Material) || material(problem, &best, &top, stage);
         let accepted = gain > settings.accept_gain && material;
-        // The best with something beside it that was not accepted is no other explanation.
+        // The best explanation with a further effect that was not accepted is not another explanation.
         if accepted || best.effects.is_empty() {
             candidates.extend(tried);
         }
@@ -111,7 +112,7 @@ pub fn search<'a>(
             best = question(problem, quick, best, &price, &mut candidates);
         }
     }
-    // What was not accepted is no better than nothing, whatever its price.
+    // An effect that was not accepted must rank behind no effect, whatever its price.
     if best.effects.is_empty() {
         let least = best.cost + settings.not_accepted_price;
         candidates.iter_mut().filter(|c| !c.effects.is_empty()).for_each(|c| c.priced = c.priced.max(least));
@@ -120,8 +121,9 @@ pub fn search<'a>(
     Search { best, candidates, stages, overlap }
 }
 
-/// Numbers of the simulation that the refit changed in place of an effect: a gain, a frequency, beyond what the rest of them is off by. Each is put beside the
-/// best explanation where that straightens the linear parameters enough, whatever else was found.
+/// Adds parameters of the simulation, such as a gain or a frequency, that the refit changed beyond its other changes.
+/// Each is added to the best explanation if that brings the linear parameters sufficiently close to their prior,
+/// whatever else was found.
 pub fn straighten<'a>(
     problem: &Problem,
     quick: &Problem,
@@ -149,7 +151,7 @@ pub fn straighten<'a>(
     }
 }
 
-/// A stage in words: how many entries there were, and what the fits of the first of them gained.
+/// States the number of entries of a stage and the gains of its first fits.
 fn progress(stage: usize, entries: &[Entry], fits: &[Fit], price: &Price, names: &Names) -> String {
     let one = |fit: &Fit| {
         let last = fit.effects.last().expect("a stage adds an effect");
@@ -159,7 +161,7 @@ fn progress(stage: usize, entries: &[Entry], fits: &[Fit], price: &Price, names:
     format!("stage {stage}: {} entries of the screen; priced fits: {fits}", entries.len())
 }
 
-/// Whether a further effect explains enough: of the residual, or of what the linear parameters had to be bent for it.
+/// Returns whether a further effect explains enough: of the residual, or of the changes of the linear parameters.
 fn material(problem: &Problem, before: &Fit, after: &Fit, stage: usize) -> bool {
     let (search, rows) = (&problem.settings.search, problem.rows() as f64);
     let left = |fit: &Fit| sum_of_squares(&fit.residual);
@@ -170,14 +172,15 @@ fn material(problem: &Problem, before: &Fit, after: &Fit, stage: usize) -> bool 
     visible || (straightened > search.straightened_penalty && explained > -search.straightened_penalty)
 }
 
-/// One more effect beside those that were found: the screen, quick fits of its first entries, whole fits of the best of these. No entry and no fit depends
-/// on which others there are, so that a search which knows fewer effects can take them from here.
+/// One stage of the search: the screen for a further effect, quick fits of its first entries, and whole fits of the
+/// best of these. No entry and no fit depends on which other entries there are, so a search that knows fewer effects
+/// can use the same ones.
 pub struct SearchStage<'a> {
     from: Start<'a>,
     entries: Vec<Entry<'a>>,
-    /// How many are fitted, and how many of these to whole records.
+    /// Number of entries that are fitted, and number of these that are fitted to whole records.
     counts: [usize; 2],
-    /// Fits to the heads of the records by number of the entry; none where the fit is not sound.
+    /// Fits to the first samples by number of the entry; `None` if the fit is not sound.
     quick: Numbered<'a>,
     /// Fits to whole records.
     whole: Numbered<'a>,
@@ -202,7 +205,7 @@ impl<'a> SearchStage<'a> {
         searched
     }
 
-    /// Entries and whole fits of those that are not there already, and not left out.
+    /// Adds entries and whole fits of effects that are neither present nor left out.
     fn without(
         &self,
         problem: &Problem,
@@ -216,7 +219,7 @@ impl<'a> SearchStage<'a> {
         (entries, whole.into_iter().filter_map(|(_, fit)| fit).collect())
     }
 
-    /// Fits of the first of these entries, to heads and to whole records; those that are known are not made again.
+    /// Fits the first of these entries to the first samples and to whole records. Known fits are not repeated.
     fn fits(&self, problem: &Problem, quick: &Problem, at: &[usize], price: &Price) -> (Numbered<'a>, Numbered<'a>) {
         let [fitted, polished] = self.counts;
         let known = |fits: &Numbered<'a>, k: usize| fits.iter().find(|(n, _)| *n == k).map(|(_, fit)| fit.clone());
@@ -253,7 +256,7 @@ impl<'a> SearchStage<'a> {
     }
 }
 
-/// What parameters and choices cost, and how a stage goes about it.
+/// The price of parameters and choices, and the options of a stage.
 struct Price<'p, 'a> {
     rows: f64,
     scope: &'p Scope<'p, 'a>,
@@ -278,7 +281,8 @@ impl<'a> Price<'_, 'a> {
     }
 }
 
-/// A linear model from which a stage starts: without what lies far outside the prior, for that may be an effect.
+/// A linear model from which a stage starts. Parameters far outside their prior are brought back, because they may be
+/// the trace of an effect.
 struct Start<'a> {
     effects: Vec<Placed<'a>>,
     eta: Vec<f64>,
@@ -312,12 +316,12 @@ impl<'a> Start<'a> {
     }
 }
 
-/// Whether the parameters still say what the effect's name says.
+/// Returns whether the parameters still mean what the effect's name says.
 fn sound(problem: &Problem, placed: &Placed) -> bool {
     placed.effect.sound(&problem.setting, &placed.place, &placed.parameters)
 }
 
-/// A fit to the heads of the records, fitted to whole ones; where that is off, judged there.
+/// Fits to whole records what was fitted to the first samples, or only evaluates it there if that step is off.
 fn on_whole<'a>(problem: &Problem, fit: Fit<'a>, off: &[Step]) -> Fit<'a> {
     if !off.contains(&Step::Polishing) {
         return polish(problem, fit);
@@ -328,7 +332,7 @@ fn on_whole<'a>(problem: &Problem, fit: Fit<'a>, off: &[Step]) -> Fit<'a> {
     Fit { residual, cost, ..fit }
 }
 
-/// The same fit with fine steps and derivatives at its own linear model.
+/// Returns the same fit with fine steps and derivatives at its own linear model.
 pub(crate) fn polish<'a>(problem: &Problem, fit: Fit<'a>) -> Fit<'a> {
     let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
     let jacobian = problem.jacobian(&plant);
@@ -345,7 +349,7 @@ pub(crate) fn polish<'a>(problem: &Problem, fit: Fit<'a>) -> Fit<'a> {
     fit
 }
 
-/// With all effects in place, is each of them still the best? The first was chosen while the others were missing.
+/// Reconsiders each effect with all others in place: the first was chosen while the others were missing.
 fn question<'a>(
     problem: &Problem,
     quick: &Problem,

@@ -1,4 +1,4 @@
-//! Effects that no free run shows: found in the noise of quiet records and in the codes of all.
+//! Stochastic effects, which are found in the noise of quiet records and in raw values.
 
 use crate::effects::{Effect, Library, Observation, Place};
 use crate::fit::problem::Placed;
@@ -8,17 +8,17 @@ use crate::prepare::coloured::Coloured;
 use crate::settings::SearchSettings;
 use crate::signal::quantisation::Quantisation;
 
-/// A finding with its evidence.
+/// A stochastic effect with its evidence.
 pub struct Stochastic<'a> {
     /// The effect.
     pub placed: Placed<'a>,
-    /// Standard deviation of each parameter; zero for what raw values show to the last digit.
+    /// Standard deviation of each parameter; zero for a parameter of raw values, which is exact.
     pub std: Vec<f64>,
-    /// Twice the gain in log likelihood.
+    /// Gain in twice the log likelihood.
     pub gain: f64,
 }
 
-/// Looks for all of them.
+/// Returns all stochastic effects that the records show.
 pub fn stochastic_effects<'a>(ready: &Prepared, library: &'a Library) -> Vec<Stochastic<'a>> {
     let mut found = Vec::new();
     let mut put = |is: &dyn Fn(&dyn Effect) -> bool, place: Place, parameters: &[f64], std: &[f64], gain: f64| {
@@ -36,7 +36,7 @@ pub fn stochastic_effects<'a>(ready: &Prepared, library: &'a Library) -> Vec<Sto
         if let Some(rate) = quantisation.dropout_rate {
             let driven = ready.problem.records.iter().filter(|record| crate::signal::quantisation::driven(record));
             let onsets = rate * driven.map(|record| record.samples() as f64).sum::<f64>();
-            // Onsets are rare and do not know of each other.
+            // Dropouts are rare and independent of each other.
             put(
                 &observed(Observation::Dropouts),
                 Place::Output(o),
@@ -46,8 +46,8 @@ pub fn stochastic_effects<'a>(ready: &Prepared, library: &'a Library) -> Vec<Sto
             );
         }
     }
-    // A sensor is noisy only against what was declared of it. Beside resonances that are driven it must be so where these leak nothing, too, and more so than the
-    // driving force's own skirts, of which the fit of its band says little.
+    // A sensor is noisy only in comparison with its declaration. If resonances are driven, it must also be noisy where
+    // these do not leak, and by more than the skirts of the driving force, of which the fit of its band says little.
     if ready.declares {
         let search = &ready.problem.settings.search;
         let of = |noise: &NoiseModel| noisy(noise, &ready.declared_sensor, &ready.quantisation, search);
@@ -60,7 +60,7 @@ pub fn stochastic_effects<'a>(ready: &Prepared, library: &'a Library) -> Vec<Sto
     }
     for line in &ready.wandering {
         let place = Place::Frequency(line.hz, line.port);
-        // How far its phase walks, and with it its amplitude, nobody knows.
+        // How far its phase and amplitude wander is unknown.
         let std = [f64::INFINITY; 3];
         put(&|effect| effect.name() == line.effect, place, &[line.amplitude, line.hz, 0.0], &std, line.gain);
     }
@@ -70,13 +70,15 @@ pub fn stochastic_effects<'a>(ready: &Prepared, library: &'a Library) -> Vec<Sto
     found
 }
 
-/// The noise under a taper. Bins beside each other are alike there, and evidence counts double: it only has to say the same.
+/// Fits the noise under a taper. Adjacent bins are then correlated and evidence counts double, but it only has to
+/// confirm the evidence without a taper.
 fn without_leakage(ready: &Prepared) -> NoiseModel {
     let tapered: Vec<Stretch> = ready.quiet.iter().map(Stretch::tapered).collect();
     ready.declared.fit_beside(&tapered, ready.coloured.iter().map(Coloured::source))
 }
 
-/// Sensors whose noise exceeds what is common to all: number, added standard deviation and its own, evidence.
+/// Returns the sensors whose noise exceeds what is common to all: number, additional standard deviation and its
+/// uncertainty, evidence.
 fn noisy(
     noise: &NoiseModel,
     declared: &[f64],
@@ -93,13 +95,14 @@ fn noisy(
         let mut others: Vec<f64> =
             (0..ratios.len()).filter(|&j| j != o && !quantisation[j].coarse).map(|j| ratios[j]).collect();
         others.sort_by(f64::total_cmp);
-        // The least noisy other channel says what is common.
+        // The least noisy other channel shows what is common.
         let common = others.first().copied().unwrap_or(search.misjudged * search.misjudged).max(0.4);
         let excess = ratios[o] / common;
         let gain = 2.0 * noise.bins as f64 * (excess - 1.0 - excess.ln());
         if excess > search.noisier && gain > search.stochastic_gain {
             let std = declared[o] * (ratios[o] - common).sqrt();
-            // The power of a bin is exponential, so that a variance is known to its root of the number of bins.
+            // The power of a bin is exponentially distributed, so the relative uncertainty of a variance is one over
+            // the root of the number of bins.
             let variance = declared[o].powi(2) * ratios[o].hypot(common) / (noise.bins as f64).sqrt();
             found.push((o, std, variance / (2.0 * std), gain));
         }
@@ -107,7 +110,7 @@ fn noisy(
     found
 }
 
-/// A band about the line of a narrowband disturbance that is named is that line: it wanders. Which of the effects that is.
+/// Returns the narrowband disturbance whose line a band is about, if one is named: the line's phase then wanders.
 pub fn wandering(band: &Placed, effects: &[Placed], near_line: f64) -> Option<usize> {
     let Place::Frequency(hz, _) = band.place else { return None };
     let line = |placed: &Placed| match placed.place {
@@ -117,12 +120,12 @@ pub fn wandering(band: &Placed, effects: &[Placed], near_line: f64) -> Option<us
     (band.effect.observed_in() == Observation::Band).then(|| effects.iter().position(line)).flatten()
 }
 
-/// Whether what the records show without a free run is a line: one that wanders.
+/// Returns whether a stochastic effect is a line whose phase wanders.
 pub fn wanders(shown: &Placed) -> bool {
     shown.effect.phase().is_some()
 }
 
-/// Whether it is a converter that cuts bits off, and does not round.
+/// Returns whether it is a converter that truncates instead of rounding.
 pub fn cuts(placed: &Placed) -> bool {
     placed.effect.observed_in() == Observation::Quantisation && placed.parameters.get(1).is_some_and(|cut| *cut > 0.0)
 }
@@ -134,7 +137,7 @@ mod tests {
     use crate::prepare::{Known, prepare};
     use crate::testing;
 
-    /// An effect of one's own that shows in repeated samples.
+    /// A user's own effect that is observed in repeated samples.
     struct Hiccup;
 
     impl Effect for Hiccup {

@@ -7,29 +7,34 @@ group! {
     AuditSettings {
         /// Gap from which crossed, negated, delayed or rescaled channels are looked for.
         least_gap: f64 = 0.1, "1", 0.0..=1e6;
-        /// A mismatch of channels is reported if it reduces the gap to this share: the squared gap is then about halved.
+        /// A mismatch of channels is reported if it reduces the gap to this share: the squared gap is then about
+        /// halved.
         reported: f64 = 0.7, "1", 0.0..=1.0;
-        /// A mismatch of channels is corrected if it reduces the gap to this share, which no single effect of a sound signal chain imitates.
+        /// A mismatch of channels is corrected if it reduces the gap to this share, which no single effect of a sound
+        /// signal chain imitates.
         corrected: f64 = 0.5, "1", 0.0..=1.0;
-        /// Gap from which several mismatches may occur together, so that the search starts from every order and sign of the outputs: two channels
-        /// that are exchanged make a gap of about one.
+        /// Gap from which several mismatches may occur together, so that the search starts from every order and sign of
+        /// the outputs: two channels that are exchanged make a gap of about one.
         several: f64 = 0.7, "1", 0.0..=1e6;
         /// These starts are tried only if a plain search leaves a larger gap than this: dozens of starts cost seconds.
         several_left: f64 = 0.25, "1", 0.0..=1e6;
-        /// Periods of the lowest mode that a record must contain: in fewer, the mode shows neither its decay nor its frequency.
+        /// Periods of the lowest mode that a record must contain: in fewer, the mode shows neither its decay nor its
+        /// frequency.
         periods: f64 = 3.0, "periods", 0.0..=1e6;
         /// Share of missing samples of a channel from which the report warns that the gap is uncertain.
         many_missing: f64 = 0.2, "1", 0.0..=1.0;
         /// Samples at the extreme value of a channel that clips.
         clipped_samples: usize = 5, "samples", 1.0..=1e9;
-        /// Ratio of these to the samples at the next value. A signal's tail gets thinner outwards; even a sine has only 2.4 times as many samples
-        /// in its last code as in the one before.
+        /// Ratio of these to the samples at the next value. A signal's tail gets thinner outwards; even a sine has only
+        /// 2.4 times as many samples in its last code as in the one before.
         clipped_ratio: usize = 5, "1", 1.0..=1e6;
-        /// Different values that a channel must take for clipping to be looked for: a switched signal has few, all of them extremes.
+        /// Different values that a channel must take for clipping to be looked for: a switched signal has few, all of
+        /// them extremes.
         clipped_values: usize = 16, "values", 2.0..=1e9;
         /// States of a surrogate model if the case does not state them.
         surrogate_states: usize = 24, "states", 2.0..=1000.0;
-        /// Relative error on what it was not fitted to below which a surrogate model is the simulator itself: a hundredth of typical noise.
+        /// Relative error on what it was not fitted to below which a surrogate model is the simulator itself: a
+        /// hundredth of typical noise.
         exact: f64 = 1e-4, "1", 0.0..=1.0;
         /// Relative error above which a linear model does not represent a simulator well.
         poor: f64 = 0.05, "1", 0.0..=1e3;

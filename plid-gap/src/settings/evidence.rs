@@ -5,13 +5,13 @@ use super::group::group;
 group! {
     /// The evidence that does not enter the verdict: lines of multisines, resonances of single records, adaptive runs.
     EvidenceSettings {
-        /// Power of a line over that of the strongest line of an input from which the input drives the line. Rounding by a
-        /// converter has less.
+        /// Power of a line over that of the strongest line of an input from which the input drives the line. Rounding
+        /// by a converter has less.
         driven_line: f64 = 1e-3, "1", 0.0..=1.0;
         /// Odd lines without input, and even lines, from which their mean power is stated.
         least_lines: usize = 8, "lines", 1.0..=1e6;
-        /// Excess of the power of such lines over the noise, in standard deviations of its mean, from which a nonlinearity is
-        /// stated.
+        /// Excess of the power of such lines over the noise, in standard deviations of its mean, from which a
+        /// nonlinearity is stated.
         line_excess: f64 = 6.0, "std", 0.0..=1e6;
         /// Ratio of the responses at odd and at even lines from which a nonlinearity is mostly odd, or mostly even.
         mostly: f64 = 3.0, "1", 1.0..=1e6;
@@ -25,8 +25,8 @@ group! {
         tracked_records: usize = 4, "records", 2.0..=1000.0;
         /// Change of a frequency, over its scatter about the trend, from which the trend is stated.
         trend_change: f64 = 6.0, "1", 0.0..=1e6;
-        /// Ratio by which a trend with time must be clearer than one with the level to be stated in its place: records are
-        /// often taken at rising levels.
+        /// Ratio by which a trend with time must be clearer than one with the level to be stated in its place: records
+        /// are often taken at rising levels.
         time_over_level: f64 = 1.5, "1", 1.0..=1e6;
         /// Damping ratio from which a pole of an adaptive model is not a resonance.
         tracked_damping: f64 = 0.2, "1", 0.0..=1.0;

@@ -1,4 +1,5 @@
-//! How a group of settings is declared: its struct, its default values, and what the book and the checks need of each field come from one list.
+//! The declaration of a group of settings: its struct, its defaults, and the metadata for the book and the checks come
+//! from one list.
 
 use std::ops::RangeInclusive;
 
@@ -11,7 +12,7 @@ pub struct Field {
     pub value: f64,
     /// Its unit.
     pub unit: &'static str,
-    /// The values that it may have.
+    /// The range of values that it may have.
     pub range: RangeInclusive<f64>,
     /// Its meaning, reason and source.
     pub about: &'static str,
@@ -34,7 +35,7 @@ impl Number for usize {
     }
 }
 
-/// Declares a group: `key: type = default, "unit", range;` after the doc comment of each setting.
+/// Declares a group. After the doc comment of each setting stands `key: type = default, "unit", range;`.
 macro_rules! group {
     (
         $(#[doc = $group:literal])+
@@ -56,7 +57,7 @@ macro_rules! group {
         }
 
         impl $name {
-            /// Its settings in order.
+            /// Returns its settings in order.
             pub fn fields(&self) -> Vec<$crate::settings::Field> {
                 vec![$(
                     $crate::settings::Field {

@@ -3,58 +3,62 @@
 use super::group::group;
 
 group! {
-    /// The judgement of explanations. "Something else" is a cause outside the vocabulary. The figures from blind cases are those of the trials
-    /// on which the calibration was developed.
+    /// The judgement of explanations. "Something else" is a cause outside the vocabulary. The figures from blind cases
+    /// are those of the trials on which the calibration was developed.
     JudgeSettings {
-        /// Excess of the residual over the noise, in the standard deviation of the noise level, at which something else is as likely as not.
+        /// Excess of the residual over the noise, in the standard deviation of the noise level, at which something else
+        /// is as likely as not.
         excess: f64 = 4.0, "std", 0.0..=1e6;
-        /// Share of the excess of the bounded refit below which an excess does not count: a thousandth of a large gap is the third digit of an
-        /// effect's parameters, not another cause.
+        /// Share of the excess of the bounded refit below which an excess does not count: a thousandth of a large gap
+        /// is the third digit of an effect's parameters, not another cause.
         material_left: f64 = 0.004, "1", 1e-9..=1.0;
-        /// Change of a linear parameter, in standard deviations of its prior, at which something else is as likely as not. The largest of
-        /// eighty parameters within their limits is about 2.5.
+        /// Change of a linear parameter, in standard deviations of its prior, at which something else is as likely as
+        /// not. The largest of eighty parameters within their limits is about 2.5.
         max_prior_z: f64 = 3.8, "std", 0.0..=1e6;
         /// Width of the transition at `max_prior_z`.
         prior_z_width: f64 = 0.3, "std", 1e-6..=1e6;
-        /// Gain of the best further entry of the screen, on the first samples, at which something else is as likely as not. Beside a right
-        /// explanation the best of a hundred entries gains up to 20.
+        /// Gain of the best further entry of the screen, on the first samples, at which something else is as likely as
+        /// not. Beside a right explanation the best of a hundred entries gains up to 20.
         next_gain: f64 = 50.0, "2 ln L", 0.0..=1e9;
         /// Width of the transition at `next_gain`.
         next_gain_width: f64 = 8.0, "2 ln L", 1e-6..=1e9;
-        /// Differences in twice the log likelihood over which probability is spread. The textbook's value is 2; it is doubled because the noise
-        /// model is estimated.
+        /// Differences in twice the log likelihood over which probability is spread. The textbook's value is 2; it is
+        /// doubled because the noise model is estimated.
         temperature: f64 = 4.0, "2 ln L", 1e-3..=1e9;
-        /// Addition to `temperature`, as a share of what the best explanation leaves beyond twice the uncertainty of the noise level.
-        /// Differences between inadequate models mean little.
+        /// Addition to `temperature`, as a share of what the best explanation leaves beyond twice the uncertainty of
+        /// the noise level. Differences between inadequate models mean little.
         misfit_temperature: f64 = 0.05, "1", 0.0..=1e3;
-        /// Probability of something else where only a free shape is adequate. Of 52 such answers in development 49 were right, fewer where
-        /// more causes lie outside the vocabulary; 0.2 counts as kept open.
+        /// Probability of something else where only a free shape is adequate. Of 52 such answers in development 49 were
+        /// right, fewer where more causes lie outside the vocabulary; 0.2 counts as kept open.
         shape_differs: f64 = 0.21, "1", 0.0..=1.0;
-        /// Probability of something else beside an effect that explains next to nothing. Of 34 blind cases whose effects explained less than
-        /// half the power of the noise and were stated with 0.9 or more, 29 were right; of 224 in which they explained more than the noise, 218.
+        /// Probability of something else beside an effect that explains next to nothing. Of 34 blind cases whose
+        /// effects explained less than half the power of the noise and were stated with 0.9 or more, 29 were right; of
+        /// 224 in which they explained more than the noise, 218.
         faint: f64 = 0.15, "1", 0.0..=1.0;
         /// Explained power, over that of the noise, at which half of `faint` is left.
         faint_power: f64 = 0.4, "1", 1e-9..=1e9;
-        /// Probability of something else, in addition, where no record shows the noise level. Of 84 such blind cases that were stated with 0.9 or
-        /// more, 70 were right.
+        /// Probability of something else, in addition, where no record shows the noise level. Of 84 such blind cases
+        /// that were stated with 0.9 or more, 70 were right.
         noise_unknown: f64 = 0.09, "1", 0.0..=1.0;
         /// Probability of something else where an effect's parameters are at the limit of what its name means.
         caveat: f64 = 0.21, "1", 0.0..=1.0;
         /// Least probability of something else.
         least_unknown: f64 = 0.02, "1", 0.0..=1.0;
-        /// Largest probability of something else, also where held-out records refute the best explanation. In half of the blind cases in which
-        /// nothing of the vocabulary sufficed, the cause was in it all the same, in another shape or beside another effect.
+        /// Largest probability of something else, also where held-out records refute the best explanation. In half of
+        /// the blind cases in which nothing of the vocabulary sufficed, the cause was in it all the same, in another
+        /// shape or beside another effect.
         most_unknown: f64 = 0.6, "1", 0.0..=1.0;
-        /// Amplitude that an explanation may leave of the gap beyond noise and limits. With imperfect truths the true causes left 0.03 to 0.36,
-        /// and imitations of a cause outside the vocabulary 0.70 or more.
+        /// Amplitude that an explanation may leave of the gap beyond noise and limits. With imperfect truths the true
+        /// causes left 0.03 to 0.36, and imitations of a cause outside the vocabulary 0.70 or more.
         most_left: f64 = 0.5, "1", 1e-6..=1.0;
-        /// Gain on held-out records, in its standard deviation, that an explanation must reach if it is expected to show there.
+        /// Gain on held-out records, in its standard deviation, that an explanation must reach if it is expected to
+        /// show there.
         held_out_gain: f64 = 3.0, "std", 0.0..=1e6;
-        /// An explanation is expected to show on held-out records if the standard deviation of its gain exceeds this multiple of
-        /// `held_out_gain`: the expected gain is then twice what is required.
+        /// An explanation is expected to show on held-out records if the standard deviation of its gain exceeds this
+        /// multiple of `held_out_gain`: the expected gain is then twice what is required.
         held_out_power: f64 = 8.0, "1", 0.0..=1e6;
-        /// Scatter of the gap of one record about the stated gap, as a standard deviation of its logarithm, before any record has shown it. One
-        /// record of a lightly damped structure scatters by a tenth.
+        /// Scatter of the gap of one record about the stated gap, as a standard deviation of its logarithm, before any
+        /// record has shown it. One record of a lightly damped structure scatters by a tenth.
         prediction_scatter: f64 = 0.12, "1", 0.0..=10.0;
         /// Number of records for which `prediction_scatter` counts.
         prediction_records: f64 = 4.0, "records", 0.0..=1e6;
@@ -66,12 +70,14 @@ group! {
         compared_within: f64 = 60.0, "ln L", 0.0..=1e9;
         /// Most explanations that are compared with the best, each by a fit to whole records.
         compared: usize = 8, "explanations", 0.0..=1000.0;
-        /// Least share of the squared held-out gap that an effect beside a larger one must close to be named: a tenth in amplitude. Smaller
-        /// shares belong to the many small errors of every simulation.
+        /// Least share of the squared held-out gap that an effect beside a larger one must close to be named: a tenth
+        /// in amplitude. Smaller shares belong to the many small errors of every simulation.
         least_share: f64 = 0.01, "1", 0.0..=1.0;
-        /// The effects are written into the simulation if the held-out gap with them is at most this multiple of the gap without them.
+        /// The effects are written into the simulation if the held-out gap with them is at most this multiple of the
+        /// gap without them.
         no_worse: f64 = 1.001, "1", 1.0..=10.0;
-        /// Explanations without bounds on some record that are replaced by the next one before the refit takes their place.
+        /// Explanations without bounds on some record that are replaced by the next one before the refit takes their
+        /// place.
         most_refused: usize = 5, "explanations", 1.0..=100.0;
         /// Explanations for which the next experiment is chosen, beside those that the records cannot separate.
         experiment_rivals: usize = 3, "explanations", 0.0..=100.0;

@@ -1,4 +1,4 @@
-//! What can be set: the thresholds of the diagnosis, and the steps that can be switched off.
+//! The thresholds of the diagnosis, and the steps that can be switched off.
 
 mod answer;
 mod audit;
@@ -58,7 +58,7 @@ pub struct GapSettings {
 }
 
 impl GapSettings {
-    /// Each group by its key.
+    /// Returns each group with its key.
     pub fn groups(&self) -> Vec<(&'static str, Vec<Field>)> {
         vec![
             ("case", self.case.fields()),
@@ -75,7 +75,7 @@ impl GapSettings {
         ]
     }
 
-    /// Values outside their range, as key and reason.
+    /// Returns the values outside their range, as key and reason.
     pub fn problems(&self) -> Vec<(&'static str, String)> {
         let out_of_range = |(group, fields): (&'static str, Vec<Field>)| {
             fields.into_iter().filter(|field| !field.range.contains(&field.value)).map(move |field| {
@@ -86,7 +86,7 @@ impl GapSettings {
         self.groups().into_iter().flat_map(out_of_range).collect()
     }
 
-    /// Whether every setting has its default.
+    /// Returns whether every setting has its default.
     pub fn is_default(&self) -> bool {
         *self == Self::default()
     }

@@ -5,25 +5,25 @@ use super::group::group;
 group! {
     /// The decomposition of a simulation into structural modes, actuators and filters, and the kinds of its outputs.
     PlantSettings {
-        /// Damping ratio up to which a pair of poles is a structural mode. More strongly damped pairs belong to filters,
-        /// unless a mode that is damped less lies above them: filters lie above the structure.
+        /// Damping ratio up to which a pair of poles is a structural mode. More strongly damped pairs belong to
+        /// filters, unless a mode that is damped less lies above them: filters lie above the structure.
         light_damping: f64 = 0.3, "1", 0.0..=1.0;
         /// Damping ratio up to which such a lower pair is a structural mode: a body in a soft suspension, held by its
         /// controller or in a fluid.
         heavy_damping: f64 = 0.95, "1", 0.0..=1.0;
-        /// Condition number of an eigenvalue, which is the product of the norms of its left and right eigenvectors, up to
-        /// which its mode is separated from the rest.
+        /// Condition number of an eigenvalue, which is the product of the norms of its left and right eigenvectors, up
+        /// to which its mode is separated from the rest.
         mode_condition: f64 = 1e5, "1", 1.0..=1e15;
         /// Relative distance below which two poles of the rest count as one repeated pole.
         repeated_pole: f64 = 1e-3, "1", 1e-12..=1.0;
-        /// Relative error up to which the eigenvectors of a pole may reach other channels, if the pole is to be that of one
-        /// input's actuator or of one output's filter.
+        /// Relative error up to which the eigenvectors of a pole may reach other channels, if the pole is to be that of
+        /// one input's actuator or of one output's filter.
         own_channel: f64 = 1e-3, "1", 1e-12..=1.0;
-        /// Magnitude of a pole, over the sample rate, below which the pole is an integrator: its rate is not a number that
-        /// can be off by a share.
+        /// Magnitude of a pole, over the sample rate, below which the pole is an integrator: its rate is not a number
+        /// that can be off by a share.
         integrator: f64 = 1e-7, "1", 0.0..=1.0;
-        /// Largest distance of an output's response from that of a displacement, velocity or acceleration that it can be
-        /// said to measure. A sensor with unknown dynamics is further from all three.
+        /// Largest distance of an output's response from that of a displacement, velocity or acceleration that it can
+        /// be said to measure. A sensor with unknown dynamics is further from all three.
         kind_distance: f64 = 0.5, "1", 0.0..=1.0;
         /// Largest ratio of that distance to the distance of the next kind.
         kind_ratio: f64 = 0.5, "1", 0.0..=1.0;

@@ -11,18 +11,20 @@ group! {
         undeclared_noise: f64 = 0.01, "1", 1e-9..=1.0;
         /// Whitened values from which their mean square gives the noise level.
         level_values: f64 = 1000.0, "values", 1.0..=1e9;
-        /// Excess of the noise of driven records over that of quiet ones from which something random acts in driven records. The noise model
-        /// is fitted to the quiet ones.
+        /// Excess of the noise of driven records over that of quiet ones from which something random acts in driven
+        /// records. The noise model is fitted to the quiet ones.
         louder: f64 = 0.1, "1", 0.0..=1e6;
         /// Relative uncertainty of a noise level that is only declared, or grows with the level of the input.
         declared_uncertainty: f64 = 0.3, "1", 1e-6..=1e3;
-        /// Relative uncertainty of the noise level where rounding by a coarse converter is the noise: q^2 / 12 holds for a signal of many steps.
+        /// Relative uncertainty of the noise level where rounding by a coarse converter is the noise: q^2 / 12 holds
+        /// for a signal of many steps.
         rounded_uncertainty: f64 = 0.05, "1", 1e-6..=1e3;
         /// Relative change of the noise RMS of an output from which residuals are whitened anew.
         renewed: f64 = 0.05, "1", 0.0..=1e3;
         /// Lines in the residual that are offered to effects.
         tones: usize = 4, "lines", 0.0..=100.0;
-        /// Distance of a line from a resonance, in widths of the resonance or of the resolution, from which the line is not the resonance.
+        /// Distance of a line from a resonance, in widths of the resonance or of the resolution, from which the line is
+        /// not the resonance.
         apart_widths: f64 = 2.0, "1", 0.0..=1e3;
         /// Relative distance within which a frequency is that of a known line: bands are tried in steps of 6 %.
         near_line: f64 = 0.04, "1", 0.0..=1.0;
@@ -30,7 +32,8 @@ group! {
         lowest_band_hz: f64 = 15.0, "Hz", 1e-6..=1e9;
         /// Share that such a band must explain of what a free force on every mode explains.
         band_share: f64 = 0.6, "1", 0.0..=1.0;
-        /// Gain that an own phase in each record must have for a line to have a random phase: two numbers a record gain two each by chance.
+        /// Gain that an own phase in each record must have for a line to have a random phase: two numbers a record gain
+        /// two each by chance.
         random_phase_gain: f64 = 100.0, "2 ln L", 0.0..=1e9;
         /// Largest share of that gain that one phase for all records may reach.
         common_phase_share: f64 = 0.9, "1", 0.0..=1.0;

@@ -5,45 +5,50 @@ use super::group::group;
 group! {
     /// The search for explanations. Gains and prices are in twice the log likelihood.
     SearchSettings {
-        /// Entries of the screen that are fitted at each stage. In all labelled cases the truth was among the first six entries; the others
-        /// allow for effects that are off in shape.
+        /// Entries of the screen that are fitted at each stage. In all labelled cases the truth was among the first six
+        /// entries; the others allow for effects that are off in shape.
         fitted: usize = 12, "entries", 1.0..=1000.0;
         /// Of these, the fits that are repeated on whole records.
         polished: usize = 4, "entries", 1.0..=1000.0;
-        /// A quick fit is not repeated on whole records if it trails the best gain by more than this share of that gain and by more than
-        /// `trailing_gain`: it would not come first there.
+        /// A quick fit is not repeated on whole records if it trails the best gain by more than this share of that gain
+        /// and by more than `trailing_gain`: it would not come first there.
         trailing_share: f64 = 0.25, "1", 0.0..=1.0;
         /// See `trailing_share`.
         trailing_gain: f64 = 500.0, "2 ln L", 0.0..=1e9;
-        /// Leading part of each record that the quick fits use. A third of a record ranks explanations as a whole record does, because
-        /// effects of a few per cent stand out by thousands.
+        /// Leading part of each record that the quick fits use. A third of a record ranks explanations as a whole
+        /// record does, because effects of a few per cent stand out by thousands.
         first_samples: usize = 2000, "samples", 64.0..=1e9;
         /// Most effects in one explanation.
         most_effects: usize = 3, "effects", 1.0..=10.0;
         /// Gain that an effect must have beyond the price of its parameters and of the library: odds of 150 : 1.
         accept_gain: f64 = 10.0, "2 ln L", 0.0..=1e9;
-        /// Power that an effect must explain, over that of the noise: a gap of a twentieth of the noise. Smaller gains can be errors of the
-        /// noise model, for example a resonance whose ambient force is a little off.
+        /// Power that an effect must explain, over that of the noise: a gap of a twentieth of the noise. Smaller gains
+        /// can be errors of the noise model, for example a resonance whose ambient force is a little off.
         material_power: f64 = 0.003, "1", 0.0..=1.0;
-        /// Penalty of the linear parameters that an effect may remove instead. A sound simulation within its limits has a penalty of about
-        /// the number of modal parameters times the square of its use of the limits. One parameter at four standard deviations has 16.
+        /// Penalty of the linear parameters that an effect may remove instead. A sound simulation within its limits has
+        /// a penalty of about the number of modal parameters times the square of its use of the limits. One parameter
+        /// at four standard deviations has 16.
         straightened_penalty: f64 = 14.0, "2 ln L", 0.0..=1e9;
-        /// Effects that are added, beside an error of the simulation itself, because they straighten the linear parameters.
+        /// Effects that are added, beside an error of the simulation itself, because they straighten the linear
+        /// parameters.
         most_straightened: usize = 2, "effects", 0.0..=10.0;
-        /// Least price of an effect that was not accepted, against no effect. In 93 % of 229 blind cases in which nothing was named, nothing
-        /// was missing, or all that was missing was too small to see; a price of 10 stated that with 0.80, 15 states it with 0.91.
+        /// Least price of an effect that was not accepted, against no effect. In 93 % of 229 blind cases in which
+        /// nothing was named, nothing was missing, or all that was missing was too small to see; a price of 10 stated
+        /// that with 0.80, 15 states it with 0.91.
         not_accepted_price: f64 = 15.0, "2 ln L", 0.0..=1e9;
-        /// Share of the power above the noise that a further effect must explain. A true second effect explains nearly all of it, a wrong
-        /// one a small part.
+        /// Share of the power above the noise that a further effect must explain. A true second effect explains nearly
+        /// all of it, a wrong one a small part.
         further_share: f64 = 0.4, "1", 0.0..=1.0;
-        /// Price of an effect: twice the logarithm of the number of entries of the library, which are equally likely before the data are seen.
+        /// Price of an effect: twice the logarithm of the number of entries of the library, which are equally likely
+        /// before the data are seen.
         choice_price: f64 = 9.0, "2 ln L", 0.0..=1e9;
-        /// Price of an effect that the bounded refit has as a parameter: twice the logarithm of how much further than its limits, in standard
-        /// deviations, the effect lets the parameter go.
+        /// Price of an effect that the bounded refit has as a parameter: twice the logarithm of how much further than
+        /// its limits, in standard deviations, the effect lets the parameter go.
         release_price: f64 = 5.0, "2 ln L", 0.0..=1e9;
         /// Bonus of an effect or location that the case suspects: odds of 50 : 1.
         suspect_bonus: f64 = 8.0, "2 ln L", 0.0..=1e9;
-        /// Smallest factor by which the screen may change the size of a start of an effect that is not linear in its size.
+        /// Smallest factor by which the screen may change the size of a start of an effect that is not linear in its
+        /// size.
         least_size: f64 = 0.1, "1", 1e-6..=1.0;
         /// Largest such factor.
         most_size: f64 = 3.0, "1", 1.0..=1e6;
@@ -51,18 +56,20 @@ group! {
         shape_gain: f64 = 40.0, "2 ln L", 0.0..=1e9;
         /// The same on whole records.
         shape_gain_whole: f64 = 160.0, "2 ln L", 0.0..=1e9;
-        /// Amplitude that an explanation must leave of the gap beyond noise and limits for a free shape to be tried beside an error of the
-        /// simulation itself.
+        /// Amplitude that an explanation must leave of the gap beyond noise and limits for a free shape to be tried
+        /// beside an error of the simulation itself.
         shape_left: f64 = 0.2, "1", 0.0..=1.0;
-        /// Range on either side over which the curve of a free shape is compared with the laws of the vocabulary, in RMS of the loudest record.
+        /// Range on either side over which the curve of a free shape is compared with the laws of the vocabulary, in
+        /// RMS of the loudest record.
         curve_range: f64 = 3.0, "RMS", 0.1..=100.0;
-        /// Another law takes the name of a free shape if it leaves less than this share of what the present law leaves of the curve.
+        /// Another law takes the name of a free shape if it leaves less than this share of what the present law leaves
+        /// of the curve.
         nearer_law: f64 = 0.7, "1", 0.0..=1.0;
-        /// Probability of something else from which a search continues: with the remainder as an error of the simulation itself, and with
-        /// effects on single modes.
+        /// Probability of something else from which a search continues: with the remainder as an error of the
+        /// simulation itself, and with effects on single modes.
         inadequate: f64 = 0.35, "1", 0.0..=1.0;
-        /// Share of the excess of the bounded refit that must be left for effects on single modes to be tried. A cause at another place leaves
-        /// more than the third digit of a shape.
+        /// Share of the excess of the bounded refit that must be left for effects on single modes to be tried. A cause
+        /// at another place leaves more than the third digit of a shape.
         modal_left: f64 = 0.05, "1", 0.0..=1.0;
         /// Modes on which effects are tried.
         modes: usize = 3, "modes", 1.0..=100.0;

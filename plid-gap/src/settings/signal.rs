@@ -14,7 +14,8 @@ group! {
         most_peaks: usize = 2, "peaks", 0.0..=100.0;
         /// Step of a converter over the finest step of all channels from which the converter may be coarse.
         coarse_step: f64 = 2.5, "1", 1.0..=1e9;
-        /// Step over the declared noise from which such a converter is coarse: the noise of a finer one hides its steps.
+        /// Step over the declared noise from which such a converter is coarse: the noise of a finer one hides its
+        /// steps.
         coarse_over_noise: f64 = 1.5, "1", 0.0..=1e9;
         /// Step over the declared noise from which a converter is coarse whatever the steps of the other channels are.
         coarse_alone: f64 = 4.0, "1", 0.0..=1e9;
@@ -33,9 +34,9 @@ group! {
         repeat_over_median: f64 = 5.0, "1", 0.0..=1e6;
         /// Largest errors just before and just after a repeated value, over its own.
         repeat_isolation: f64 = 0.5, "1", 0.0..=1.0;
-        /// Power of a line over the median of its neighbourhood from which the line counts. A resonance in noise reaches ten
-        /// times the chance of an exponential tail; a line of half the noise's RMS in a record of 3200 samples stands out
-        /// by 250.
+        /// Power of a line over the median of its neighbourhood from which the line counts. A resonance in noise
+        /// reaches ten times the chance of an exponential tail; a line of half the noise's RMS in a record of 3200
+        /// samples stands out by 250.
         line_prominence: f64 = 60.0, "1", 1.0..=1e9;
     }
 }

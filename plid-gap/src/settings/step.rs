@@ -1,53 +1,59 @@
-//! Steps of the diagnosis that can be switched off, one at a time, to see what each is worth. Nothing else is: an answer with a step off is for
-//! comparison only.
+//! Steps of the diagnosis that can be switched off one at a time, to see what each contributes. An answer with a step
+//! off is for comparison only.
 
 use std::fmt;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-/// A step that can be off.
+/// A step that can be switched off.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Step {
-    /// What the audit finds. Off: crossed, negated, delayed or clipped channels and other units are not looked for. Records that cannot be used are still
-    /// refused.
+    /// The audit looks for crossed, negated, delayed or clipped channels and other units. Off: it does not. Records
+    /// that cannot be used are still refused.
     Audit,
-    /// The noise, fitted to what no command explains. Off: as declared, or a share of each output; nothing is found in quiet records.
+    /// The noise is fitted to the stretches that no command explains. Off: it is as declared, or a share of each
+    /// output, and nothing is found in quiet records.
     NoiseFit,
-    /// Linear parameters far outside their prior are brought back before a search. Off: the search starts from the refit as it is.
+    /// Linear parameters far outside their prior are brought back before a search. Off: the search starts from the
+    /// refit as it is.
     Clipping,
-    /// The best of the quick fits, fitted again to whole records. Off: they are only judged there.
+    /// The best of the quick fits are repeated on whole records. Off: they are only judged there.
     Polishing,
-    /// Each effect of several is questioned beside the others. Off: what was accepted first stays.
+    /// Each of several effects must justify itself in the presence of the others. Off: an effect that was accepted
+    /// stays.
     Questioning,
-    /// Scales of the modes at inferred ports. Off: they rest on reciprocity.
+    /// The scales of the modes at inferred ports are fitted. Off: they rest on reciprocity.
     PortScales,
-    /// An effect must explain a material part, or straighten the linear parameters. Off: its price alone decides.
+    /// An effect must explain a material part of the residual, or bring the linear parameters back to their prior. Off:
+    /// its price alone decides.
     Material,
     /// Stochastic effects are found in quiet records and raw values. Off: none of them is found.
     #[serde(alias = "unseen")]
     Stochastic,
-    /// Power above the noise speaks for something else. Off: it does not.
+    /// Residual power above the noise is evidence for something else. Off: it is not.
     Excess,
-    /// Linear parameters beyond their limits speak for something else. Off: they do not.
+    /// Linear parameters beyond their limits are evidence for something else. Off: they are not.
     BeyondLimits,
-    /// A further entry of the screen that would gain speaks for something else. Off: it does not.
+    /// A further entry of the screen that would gain is evidence for something else. Off: it is not.
     Coherent,
-    /// Free shapes beside the effects' own. Off: none is tried.
+    /// Free shapes are tried in addition to the effects' own. Off: none is tried.
     FreeShapes,
-    /// Places on single modes, where the ports do not suffice. Off: none is tried.
+    /// Locations on single modes are tried if the ports do not suffice. Off: none is tried.
     ModalPlaces,
-    /// Records that were held out refute an explanation. Off: they only measure it.
+    /// Held-out records can refute an explanation. Off: they only measure it.
     HeldOutVeto,
-    /// Confidence is spread more widely than a textbook does, and more so where the best leaves much. Off: as in the textbook.
+    /// Probability is spread more widely than in the textbook, and more so if the best explanation leaves much. Off: it
+    /// is as in the textbook.
     Temperature,
-    /// The noise once more, from what the explanation leaves of quiet records. Off: it stays as it was first fitted.
+    /// The noise is fitted again to the residual of the explanation in quiet records. Off: it stays as it was first
+    /// fitted.
     RenewedNoise,
 }
 
 impl Step {
-    /// All of them, in the order in which a diagnosis comes to them.
+    /// All steps, in the order in which a diagnosis comes to them.
     pub const ALL: [Self; 16] = [
         Self::Audit,
         Self::NoiseFit,
@@ -67,7 +73,7 @@ impl Step {
         Self::Temperature,
     ];
 
-    /// As a command has it.
+    /// Returns the name of the step, as in a command.
     pub fn name(self) -> &'static str {
         match self {
             Self::Audit => "audit",
@@ -89,23 +95,26 @@ impl Step {
         }
     }
 
-    /// What a diagnosis does without it.
+    /// Returns how a diagnosis differs without the step.
     pub fn when_off(self) -> &'static str {
         match self {
             Self::Audit => "crossed, negated, delayed or clipped channels and other units are not looked for",
             Self::NoiseFit => "noise is taken as declared, and nothing is found in quiet records",
-            Self::Clipping => "the search starts from the refit as it is, however far it has gone",
-            Self::Polishing => "fits to the heads of the records are only judged on whole ones",
-            Self::Questioning => "of several effects, what was accepted first stays",
+            Self::Clipping => {
+                "the search starts from the refit as it is, however far its parameters are outside their \
+            prior"
+            }
+            Self::Polishing => "quick fits are only judged on whole records",
+            Self::Questioning => "of several effects, one that was accepted stays",
             Self::PortScales => "scales at inferred ports rest on reciprocity",
             Self::Material => "an effect's price alone decides whether it is accepted",
             Self::Stochastic => "no stochastic effect is found in quiet records and raw values",
-            Self::Excess => "power above the noise does not speak for something else",
-            Self::BeyondLimits => "linear parameters beyond their limits do not speak for something else",
-            Self::Coherent => "a further entry of the screen does not speak for something else",
+            Self::Excess => "residual power above the noise is no evidence for something else",
+            Self::BeyondLimits => "linear parameters beyond their limits are no evidence for something else",
+            Self::Coherent => "a further entry of the screen is no evidence for something else",
             Self::FreeShapes => "no free shape is tried",
-            Self::ModalPlaces => "no place on a single mode is tried",
-            Self::HeldOutVeto => "records that were held out refute nothing",
+            Self::ModalPlaces => "no location on a single mode is tried",
+            Self::HeldOutVeto => "held-out records refute nothing",
             Self::Temperature => "probabilities are the textbook's",
             Self::RenewedNoise => "the noise stays as it was first fitted",
         }

@@ -1,4 +1,4 @@
-//! Signal processing that knows records and the plant, but no effect and no fit.
+//! Signal processing. It knows records and the plant, but neither effects nor fits.
 
 pub(crate) mod notch;
 pub(crate) mod peaks;

@@ -1,4 +1,4 @@
-//! Resonances that the simulation does not have: peaks in the frequency response of what it leaves.
+//! Resonances that the simulation lacks: peaks in the frequency response of the residual.
 
 use nalgebra::DMatrix;
 
@@ -7,36 +7,36 @@ use crate::fourier::C;
 use crate::plant::Plant;
 use crate::settings::SignalSettings;
 
-/// Number of samples of a segment: the line of a mode of one per cent damping at a tenth of the sample rate is then a few
-/// bins wide.
+/// Number of samples of a segment: the line of a mode of one per cent damping at a tenth of the sample rate is then a
+/// few bins wide.
 pub(crate) const SEGMENT: usize = 2048;
 
 /// A resonance in the residual's frequency response.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MissingModeStart {
-    /// Hz.
+    /// Frequency in Hz.
     pub hz: f64,
     /// Damping ratio.
     pub damping: f64,
-    /// Of each input (m).
+    /// Input shape (m).
     pub b: Vec<f64>,
-    /// Of each output (p), of norm one.
+    /// Output shape (p), of norm one.
     pub c: Vec<f64>,
 }
 
 /// A driven record: inputs (m channels) and errors (p channels).
 pub struct Driven<'a> {
-    /// m channels.
+    /// Inputs (m channels).
     pub u: &'a [Vec<f64>],
-    /// p channels.
+    /// Errors (p channels).
     pub error: &'a [Vec<f64>],
 }
 
 /// Averaged products of spectra over the segments of driven records.
 struct Spectra {
-    /// Of the inputs with each other, of each bin (m x m).
+    /// Products of the inputs, for each bin (m x m).
     uu: Vec<DMatrix<C>>,
-    /// Of the errors with the inputs, of each bin (p x m).
+    /// Products of the errors with the inputs, for each bin (p x m).
     eu: Vec<DMatrix<C>>,
     segments: usize,
 }
@@ -78,7 +78,7 @@ impl Spectra {
     }
 }
 
-/// Residual frequency response over driven records (inputs and errors, each channel by channel), and its peaks.
+/// Returns the peaks of the residual's frequency response over driven records, the largest first.
 pub fn missing_modes(plant: &Plant, driven: &[Driven], settings: &SignalSettings) -> Vec<MissingModeStart> {
     let (m, p) = (plant.m, plant.p);
     let Spectra { uu, eu, segments } = Spectra::of(m, p, driven);
@@ -96,7 +96,7 @@ pub fn missing_modes(plant: &Plant, driven: &[Driven], settings: &SignalSettings
             let ridge = C::from(1e-6 * uu.trace().re / m as f64);
             (0..m).for_each(|i| uu[(i, i)] += ridge);
             let response = uu.try_inverse().map_or_else(|| DMatrix::zeros(p, m), |inverse| &eu * inverse);
-            // What the inputs explain of the residual: where they have no power, their response is no evidence.
+            // The power that the inputs explain. At frequencies without input power, the response is no evidence.
             *power = (&response * eu.adjoint()).trace().re.max(0.0);
             response
         })
@@ -135,7 +135,7 @@ fn start(plant: &Plant, response: &DMatrix<C>, power: &[f64], k: usize, hz: f64)
     };
     let bins = (width(1) + width(-1) - 1.0).max(1.0);
     let damping = (0.5 * bins / k as f64).clamp(0.003, 0.05);
-    // s^k / (s^2 + 2 zeta w s + w^2) is s^k / (2 j zeta w^2) at the peak.
+    // At the peak, s^k / (s^2 + 2 zeta w s + w^2) is s^k / (2 j zeta w^2).
     let s = C::new(0.0, std::f64::consts::TAU * hz);
     let shape = DMatrix::from_fn(plant.p, plant.m, |o, i| {
         let chain = plant.chain.behind(o, s) * plant.chain.before(i, s);

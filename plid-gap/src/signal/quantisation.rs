@@ -1,4 +1,4 @@
-//! What the raw values show before any model: a coarse converter, a channel that repeats itself, a channel that clips.
+//! Properties of the raw values that need no model: coarse converters, repeated values and clipping.
 
 use statrs::distribution::{ContinuousCDF, Normal};
 
@@ -9,18 +9,18 @@ use crate::settings::SignalSettings;
 /// enough for the level to be the same.
 const NEIGHBOURS: usize = 60;
 
-/// What the codes of one output show.
+/// Quantisation and dropouts of one output.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Quantisation {
     /// Smallest distance between two values (V).
     pub step: f64,
-    /// The converter is coarser than those of the other channels.
+    /// Whether the converter is coarser than those of the other channels.
     pub coarse: bool,
-    /// And cuts bits off towards zero, where others round.
+    /// Whether the converter truncates towards zero instead of rounding.
     pub cut: bool,
-    /// Onsets of repeats, per sample of the driven records.
+    /// Number of runs of repeated values per sample of the driven records, if the output drops samples.
     pub dropout_rate: Option<f64>,
-    /// Of each record, the samples that repeat.
+    /// For each record, the samples that are repeated.
     pub repeats: Vec<Vec<usize>>,
 }
 
@@ -37,7 +37,7 @@ pub fn of_outputs(
     let finest = steps.iter().copied().filter(|s| *s > 0.0).fold(f64::INFINITY, f64::min);
     (0..p)
         .map(|o| {
-            // With one channel, or all alike, the noise is the measure: it would blur a grid finer than itself.
+            // For a single channel, or if all are alike, the noise is the reference: it would blur a finer grid.
             let noisy = sensor_std[o];
             let coarse = steps[o].is_finite()
                 && (steps[o] > coarse_step * finest && steps[o] > coarse_over_noise * noisy
@@ -45,7 +45,7 @@ pub fn of_outputs(
             let jumps: Vec<Jumps> =
                 records.iter().zip(errors).map(|(r, e)| jumps(&r.y[o], &e[o], sensor_std[o], settings)).collect();
             let (mut onsets, mut others, mut samples) = (0, 0, 0);
-            // Where nothing moves, a repeat is not seen.
+            // While nothing moves, a repeated value cannot be recognised.
             for (record, jumps) in records.iter().zip(&jumps).filter(|(record, _)| driven(record)) {
                 let repeats = &jumps.repeats;
                 onsets += repeats.iter().enumerate().filter(|(k, at)| *k == 0 || repeats[k - 1] + 1 != **at).count();
@@ -66,17 +66,17 @@ pub fn of_outputs(
         .collect()
 }
 
-/// Returns whether a converter truncates: its code zero is then twice as wide as the others. The frequencies of the codes
-/// are compared with those of a Gaussian signal of each random record's size. At least `least` values must lie in the two
-/// codes next to zero.
+/// Returns whether a converter truncates: its code zero is then twice as wide as the others. The frequencies of the
+/// codes are compared with those of a Gaussian signal of each random record's size. At least `least` values must lie in
+/// the two codes next to zero.
 fn cuts(records: &[Record], o: usize, step: f64, least: f64) -> bool {
     let normal = Normal::standard();
     let (mut zero, mut next) = (0.0, 0.0);
-    // Expected in zero and beside it, for codes that round and that cut off.
+    // Expected counts in the code zero and in the two next to it, for rounding and for truncation.
     let mut expected = [[0.0; 2]; 2];
     for record in records.iter().filter(|record| record.excitation == Excitation::Random) {
         let y: Vec<f64> = record.y[o].iter().copied().filter(|y| y.is_finite()).collect();
-        // Each takes a code for its middle, and knows what that blurs.
+        // Both take a code for its middle, and correct the variance for the width of the code.
         let sizes = [0.0, 0.5].map(|cut| {
             let square =
                 |y: &f64| if *y == 0.0 { 4.0 * cut * cut / 3.0 } else { (y.abs() / step + cut).powi(2) - 1.0 / 12.0 };
@@ -97,7 +97,8 @@ fn cuts(records: &[Record], o: usize, step: f64, least: f64) -> bool {
     next >= least && zero / next > (round * cut).sqrt()
 }
 
-/// Half a step more for what was cut off. The code zero takes the sign of the simulation, of which `errors` are what it leaves.
+/// Adds half a step to truncated values. The sign of a value in the code zero is that of the simulation, which is the
+/// value minus the entry of `errors`.
 pub fn mend(records: &mut [Record], errors: &[Channels], quantisation: &[Quantisation]) {
     for (record, errors) in records.iter_mut().zip(errors) {
         let outputs = record.y.iter_mut().zip(errors).zip(quantisation);
@@ -112,12 +113,13 @@ pub fn mend(records: &mut [Record], errors: &[Channels], quantisation: &[Quantis
     }
 }
 
-/// Whether a repeat would show.
+/// Returns whether a repeated value could be recognised in a record.
 pub(crate) fn driven(record: &Record) -> bool {
     record.excitation != Excitation::Zero
 }
 
-/// The grid on which values lie: the smallest distance between two different ones that occurs often.
+/// Returns the step of the grid of values, which is the smallest distance between two different values that exceeds
+/// rounding.
 fn step(records: &[Record], o: usize) -> f64 {
     let mut values: Vec<f64> = records.iter().flat_map(|r| r.y[o].iter().copied()).filter(|y| y.is_finite()).collect();
     values.sort_by(f64::total_cmp);
@@ -126,23 +128,24 @@ fn step(records: &[Record], o: usize) -> f64 {
     distances.fold(f64::INFINITY, f64::min)
 }
 
-/// Where an output jumps away from the simulation and back.
+/// Samples at which an output departs from the simulation and returns.
 struct Jumps {
-    /// Samples that repeat the one before meanwhile.
+    /// Samples that repeat the value before them.
     repeats: Vec<usize>,
-    /// The same near an extreme from which the simulation goes further out: a converter that clips would do so too. Where samples drop out, these do as well.
+    /// Repeated values near an extreme, while the simulation lies further out. A converter that clips makes them as
+    /// well, so they count only if the output drops samples elsewhere.
     held_down: Vec<usize>,
-    /// Single samples that are out and repeat nothing. Where there are more of them than repeats, something else makes jumps (a noise with
-    /// heavy tails, peaks that are held down), and in some of those two values are equal by chance.
+    /// Number of single samples that depart and repeat nothing. If they outnumber the repeated values, something else
+    /// makes jumps, such as heavy-tailed noise, and some pairs of equal values are due to chance.
     others: usize,
 }
 
-/// Samples that repeat the one before while the simulation moves away: two equal values happen by chance, but then the error is as
-/// everywhere.
+/// Finds the samples that repeat the value before them while the simulation moves away. Two values may be equal by
+/// chance, but their error is then as small as elsewhere.
 fn jumps(y: &[f64], error: &[f64], noise: f64, settings: &SignalSettings) -> Jumps {
     let SignalSettings { near_extreme, repeat_error, repeat_over_median, repeat_isolation, .. } = *settings;
     let (low, high) = y.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), y| (l.min(*y), h.max(*y)));
-    // A missing sample (NaN) is none.
+    // A comparison with a missing sample (NaN) is false.
     let extreme = |y: f64| y <= near_extreme * low || y >= near_extreme * high;
     let rail = y.iter().filter(|y| extreme(**y)).count() as f64 > settings.clipped_share * y.len() as f64;
     let mut found = Jumps { repeats: Vec::new(), held_down: Vec::new(), others: 0 };
@@ -152,7 +155,7 @@ fn jumps(y: &[f64], error: &[f64], noise: f64, settings: &SignalSettings) -> Jum
             continue;
         }
         let most = |from: usize| error[from..k].iter().fold(0.0, |most: f64, e| most.max(e.abs()));
-        // What drops out, drops out at once: about the peak of a slow error two values are equal too.
+        // A dropout begins at once. About the peak of a slow error, two values are equal as well.
         let calm = |from: usize| {
             let small = |at: Option<usize>| {
                 at.and_then(|k| error.get(k)).is_none_or(|e| e.abs() < repeat_isolation * most(from))
@@ -160,7 +163,7 @@ fn jumps(y: &[f64], error: &[f64], noise: f64, settings: &SignalSettings) -> Jum
             small(from.checked_sub(1)) && small(Some(k))
         };
         let single = k - first == 1;
-        // A converter that clips repeats too, while the simulation goes further out: that is no dropout.
+        // A converter that clips repeats values too, while the simulation lies further out. That is not a dropout.
         let worst = (first..k).max_by(|a, b| error[*a].abs().total_cmp(&error[*b].abs())).unwrap_or(first);
         let held_down = extreme(y[first]) && error[worst] * y[first] < 0.0;
         if most(first) > repeat_error * noise && !(held_down && (rail || single)) && (!single || calm(first)) {
@@ -168,7 +171,8 @@ fn jumps(y: &[f64], error: &[f64], noise: f64, settings: &SignalSettings) -> Jum
             let mut near: Vec<f64> = error[around].iter().map(|e| e.abs()).collect();
             near.sort_by(f64::total_cmp);
             let out = |e: f64| e > repeat_error * noise && e > repeat_over_median * near[near.len() / 2];
-            // Most hold the last good value; where another one is put in its place, the first of the run is wrong as well.
+            // Most converters hold the last good value. If another value replaces it, the first sample of the run is
+            // wrong as well.
             let from = first + usize::from(!single && !out(error[first].abs()));
             if out(most(from)) && calm(from) {
                 match (single, held_down) {
@@ -192,7 +196,8 @@ mod tests {
         testing::record(Vec::new(), y)
     }
 
-    /// Values that are held, of a smooth signal, on a grid: at its largest value too. What a clipped converter holds is none of that.
+    /// Held values of a smooth signal on a grid are found, also at its largest value. The values that a clipping
+    /// converter holds are not.
     #[test]
     fn what_drops_out_at_a_peak_is_seen_and_what_is_clipped_is_not() {
         let white = testing::random_input(8, 3000, 1).remove(0);
@@ -213,7 +218,7 @@ mod tests {
         assert!(found.dropout_rate.is_some());
         let mut wanted: Vec<usize> = starts.iter().flat_map(|start| start + 1..start + 5).collect();
         wanted.sort_unstable();
-        // One that moved by no more than the noise meanwhile is not wrong.
+        // A value that changed by no more than the noise meanwhile is not wrong.
         let wrong: Vec<usize> = wanted.iter().copied().filter(|k| (held[*k] - smooth[*k]).abs() > 0.1).collect();
         assert!(wrong.iter().all(|k| found.repeats[0].contains(k)), "{wrong:?} {:?}", found.repeats[0]);
         assert!(found.repeats[0].iter().all(|k| wanted.contains(k)), "{:?}", found.repeats[0]);
@@ -225,7 +230,8 @@ mod tests {
         }
     }
 
-    /// Three channels of one signal: fine, rounded coarsely, cut off coarsely; at steps from a fifth of its size to all of it.
+    /// Three channels of one signal: fine, rounded coarsely, and truncated coarsely, with steps from a fifth of its
+    /// size to its size.
     #[test]
     fn a_converter_that_cuts_is_told_from_one_that_rounds() {
         for share in [0.2, 0.5, 1.0] {
@@ -243,7 +249,7 @@ mod tests {
                 records[0].y[2].iter().zip(&y).map(|(a, y)| (y - a) * y.signum()).sum::<f64>() / 4000.0
             };
             let before = mean(&records);
-            // What a simulation without errors leaves.
+            // The errors of an exact simulation.
             let left = records[0].y.iter().map(|given| given.iter().zip(&y).map(|(a, y)| a - y).collect()).collect();
             mend(&mut records, &[left], &found);
             assert!(mean(&records).abs() < 0.2 * before, "{} of {before}", mean(&records));

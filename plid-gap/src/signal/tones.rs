@@ -1,4 +1,4 @@
-//! Lines in a residual: a force or a voltage at one frequency that no command causes.
+//! Lines in a residual: forces or voltages at one frequency that no command causes.
 
 use std::f64::consts::TAU;
 
@@ -6,24 +6,24 @@ use crate::fourier;
 use crate::fourier::C;
 use crate::settings::SignalSettings;
 
-/// A line.
+/// A spectral line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tone {
-    /// Hz.
+    /// Frequency in Hz.
     pub hz: f64,
     /// Power of the line over the median of its neighbourhood.
     pub prominence: f64,
 }
 
-/// The neighbourhood in bins on each side: it begins beyond the width of the window's main lobe, and ends near enough to
-/// lie within a resonance.
+/// The neighbourhood in bins on each side: it begins beyond the width of the window's main lobe, and ends near enough
+/// to lie within a resonance.
 const NEIGHBOURS: std::ops::Range<usize> = 3..13;
 
-/// A residual stretch: its start time, and p channels.
+/// A stretch of a residual.
 pub struct Stretch<'a> {
-    /// Since the first record began, in s.
+    /// Start in s since the first record began.
     pub start_s: f64,
-    /// p channels.
+    /// Residual (p channels).
     pub residual: &'a [Vec<f64>],
 }
 
@@ -64,7 +64,7 @@ pub fn tones(stretches: &[Stretch], rate: f64, most: usize, settings: &SignalSet
     found
 }
 
-/// The frequency within a bin's width at which the stretches' coherent sum is largest.
+/// Returns the frequency within the width of a bin at which the coherent sum of all stretches is largest.
 fn refine(stretches: &[Stretch], rate: f64, hz: f64, width: f64) -> f64 {
     let power = |hz: f64| -> f64 {
         (0..stretches[0].residual.len())
@@ -79,7 +79,7 @@ fn refine(stretches: &[Stretch], rate: f64, hz: f64, width: f64) -> f64 {
         (-steps..=steps).map(at).max_by(|a, b| power(*a).total_cmp(&power(*b))).expect("not empty")
     };
     let last = stretches.iter().map(|s| s.start_s + s.residual[0].len() as f64 / rate).fold(0.0, f64::max);
-    // A quarter of the width of a line over everything.
+    // Steps of a quarter of the width of a line in all stretches together.
     let steps = ((width * last * 4.0).ceil() as i32).clamp(4, 400);
     let coarse = best(hz, width, steps);
     best(coarse, width / f64::from(steps), 8)
@@ -96,8 +96,8 @@ fn line(x: &[f64], start_s: f64, rate: f64, hz: f64) -> C {
     sum
 }
 
-/// Channels without these lines (and the harmonics that a hum has): sines and cosines by least squares over the samples of the stretch that
-/// are not missing (NaN).
+/// Returns the channels without these lines and the harmonics that hum has. Sines and cosines are fitted by least
+/// squares to the samples that are not missing (NaN).
 pub fn without(y: &[Vec<f64>], rate: f64, tones: &[Tone]) -> Vec<Vec<f64>> {
     let lines: Vec<f64> =
         tones.iter().flat_map(|tone| [1.0, 2.0, 3.0, 5.0].map(|h| h * tone.hz)).filter(|hz| *hz < 0.5 * rate).collect();

@@ -1,4 +1,4 @@
-//! Numbers side by side in lanes of four, filled up with zeros: loops over them have no remainder, so that they vectorise.
+//! Numbers in lanes of four, padded with zeros. Loops over them have no remainder, so they vectorise.
 
 use crate::fourier::C;
 
@@ -7,7 +7,7 @@ const WIDE: usize = 4;
 /// Real numbers.
 pub type Quad = [f64; WIDE];
 
-/// Complex numbers, one a mode.
+/// Complex numbers, one for each mode.
 #[derive(Debug, Clone, Copy, Default)]
 #[repr(align(64))]
 pub struct Lane {
@@ -82,7 +82,7 @@ pub fn real(values: &[f64]) -> Vec<Quad> {
 #[inline(always)]
 pub fn add_real(to: &mut [Quad], from: &[Quad], factor: f64) {
     for (to, from) in to.iter_mut().zip(from) {
-        // All are read before any is written, so that the compiler need not fear that they overlap.
+        // All values are read before any is written, so the compiler need not assume that they overlap.
         *to = std::array::from_fn(|l| to[l] + from[l] * factor);
     }
 }
@@ -104,11 +104,11 @@ fn whole(sum: Quad) -> f64 {
     (sum[0] + sum[2]) + (sum[1] + sum[3])
 }
 
-/// A matrix, four of its rows after the other four.
+/// A matrix, in groups of four rows.
 #[derive(Debug, Clone)]
 pub struct Rows {
     columns: usize,
-    /// Of each four rows their columns.
+    /// The columns of each group of four rows.
     values: Vec<Quad>,
 }
 

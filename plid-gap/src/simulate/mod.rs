@@ -1,8 +1,8 @@
-//! The forward simulation: command, structure, sensors, with any effects.
+//! The forward simulation of commands, structure and sensors, with any effects.
 //!
-//! The structure's modes are advanced exactly for a held input. A force that depends on the motion is a straight line over each
-//! part of a sample, by a predictor and a corrector (exponential time differencing, second order: Cox and Matthews, J. Comput.
-//! Phys. 176, 2002), in continuous time: [`Fineness`] says how many parts a sample has.
+//! The structure's modes are advanced exactly for a held input. A force that depends on the motion is linear in time
+//! over each part of a sample, by a predictor and a corrector in continuous time (exponential time differencing, second
+//! order: Cox and Matthews, J. Comput. Phys. 176, 2002). [`Fineness`] says how many parts a sample has.
 
 mod lanes;
 mod runner;
@@ -13,12 +13,12 @@ use crate::fourier::C;
 use crate::plant::Plant;
 use crate::simulate::runner::{Runner, advance};
 
-/// How finely a sample is divided.
+/// Subdivision of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Fineness {
-    /// Parts of a sample over which a force of the motion is a straight line.
+    /// Number of parts of a sample over which a force of the motion is linear in time.
     pub force: usize,
-    /// Samples after which a drifting pole is brought up to date.
+    /// Number of samples after which a drifting pole is updated.
     pub drift: usize,
 }
 
@@ -29,23 +29,23 @@ impl Fineness {
     pub const COARSE: Self = Self { force: 4, drift: 64 };
 }
 
-/// A state: of each mode, then of the rest.
+/// A state of the plant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct State {
-    /// Of each mode.
+    /// State of each mode.
     pub modes: Vec<C>,
-    /// Of the rest.
+    /// State of the rest.
     pub rest: Vec<f64>,
 }
 
 impl State {
-    /// At rest.
+    /// The state at rest.
     pub fn rest(plant: &Plant) -> Self {
         Self { modes: vec![C::ZERO; plant.modes.len()], rest: vec![0.0; plant.rest.a.nrows()] }
     }
 }
 
-/// The outputs (p channels) for held inputs (m channels) from time `t0`, with effects.
+/// Returns the outputs (p channels) for held inputs (m channels) from time `t0`, with effects.
 pub fn simulate(
     plant: &Plant,
     actions: &[Action],
@@ -134,7 +134,7 @@ mod tests {
         crate::case::record::rms(&error) / crate::case::record::rms(expected.iter().flatten())
     }
 
-    /// The modal simulation is the simulation: against x+ = A x + B u in its own basis.
+    /// The modal simulation agrees with x+ = A x + B u in the simulation's own basis.
     #[test]
     fn without_effects_it_is_the_state_space_simulation() {
         for seed in 0..3 {
@@ -144,7 +144,7 @@ mod tests {
         }
     }
 
-    /// A mode moved or reshaped in the modal form, against a structure built with that mode.
+    /// A mode that is moved or reshaped in modal form agrees with a structure that is built with that mode.
     #[test]
     fn a_changed_mode_is_a_structure_built_so() {
         let nominal = Plant::new(&testing::truss(1)).unwrap();
@@ -175,7 +175,7 @@ mod tests {
         assert!(far < 1e-5, "{far}");
     }
 
-    /// Where sensors stand at the ports, the inferred ports are the declared ones, whatever the force.
+    /// If the sensors are at the ports, the inferred ports are the declared ones for any force.
     #[test]
     fn inferred_ports_answer_as_declared_ones() {
         let mut model = testing::truss_with(2, |_, beta, gamma| *gamma = beta.transpose() * 0.05);
@@ -193,7 +193,7 @@ mod tests {
                 with.iter().zip(&without).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect()).collect();
             change
         };
-        // Displacements are in other units there: sensors are 0.05 of the shapes.
+        // Displacements have other units there: sensors are 0.05 of the shapes.
         let k = 1e12;
         let expected = respond(&declared, k);
         let best = (0..400)

@@ -1,4 +1,4 @@
-//! The plant stepped through time, with the forces that depend on its motion: where a diagnosis spends most of its time.
+//! The plant stepped through time with the forces that depend on its motion. A diagnosis spends most of its time here.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -8,7 +8,7 @@ use crate::plant::{Carried, Plant, phi1};
 use crate::simulate::State;
 use crate::simulate::lanes::{self, Lane, Quad, Rows};
 
-/// All samples. The loops over modes are short, and gain by wide registers.
+/// Runs all samples. The loops over modes are short and gain from wide registers.
 #[multiversion::multiversion(targets("x86_64+avx2+fma"))]
 pub fn advance(
     runner: &mut Runner,
@@ -34,7 +34,8 @@ pub fn advance(
             }
             if value == 0 {
                 runner.sample(drive, k);
-                // Sampled before the next value of a disturbance acts, which an accelerometer without a filter would show.
+                // The outputs are sampled before the next value of a disturbance acts, which an accelerometer without a
+                // filter would show.
                 runner.output(&held, y, k);
                 for (d, (_, signal)) in disturbances.iter().enumerate() {
                     runner.push(d, signal[k]);
@@ -47,19 +48,19 @@ pub fn advance(
     }
 }
 
-/// The plant at the step of one part of a sample, with its state.
+/// The plant stepped over parts of a sample, with its state.
 pub struct Runner<'a> {
-    /// Parts of a sample for each value of the command.
+    /// Number of parts of a sample for each value of the command.
     parts_a_value: usize,
     step: f64,
     turn: Vec<Lane>,
-    /// Of each input: what a unit adds over a part.
+    /// For each input, the increment of a unit over a part.
     b: Vec<Vec<Lane>>,
-    /// Of each output, already doubled.
+    /// Output row of each mode, doubled.
     c: Vec<Vec<Lane>>,
     d: DMatrix<f64>,
     rest: Rest,
-    /// What the held input adds over a part; with the disturbances.
+    /// Increment of the held input and of the disturbances over a part.
     held: Vec<Lane>,
     held_rest: Vec<Quad>,
     added: Vec<Lane>,
@@ -68,14 +69,14 @@ pub struct Runner<'a> {
     x: Vec<Quad>,
     ports: Vec<Port<'a>>,
     pushes: Vec<Push>,
-    /// Of each port: the force before a part, then its change.
+    /// For each port, the force before a part and its change.
     forces: Vec<f64>,
 }
 
-/// How the rest steps: at each part where its continuous time is known, otherwise once a sample with the mean input.
+/// The step of the rest: over each part if its continuous form is known, otherwise over a sample with the mean input.
 struct Rest {
     a: Rows,
-    /// Of each input: what a unit adds.
+    /// For each input, the increment of a unit.
     b: Vec<Vec<Quad>>,
     /// Of each output.
     c: Vec<Vec<Quad>>,
@@ -86,31 +87,31 @@ struct Rest {
 /// A port over one part of a sample.
 struct Port<'a> {
     law: &'a dyn Force,
-    /// Its number in the plant.
+    /// Number of the port in the plant.
     number: usize,
     /// Of the law.
     state: f64,
-    /// d and v now, and the displacement to which the law's state belongs (the predictor's).
+    /// Displacement and velocity now, and the displacement to which the law's state belongs (that of the predictor).
     d: f64,
     v: f64,
     path: f64,
-    /// What a force adds over a part: a unit that is held, and a ramp from 0 to 1.
+    /// Increments by a force over a part: by a held unit and by a ramp from 0 to 1.
     held: Vec<Lane>,
     ramp: Vec<Lane>,
     held_rest: Vec<Quad>,
     ramp_rest: Vec<Quad>,
-    /// How d and v are seen.
+    /// Rows of displacement and velocity.
     sees_d: Vec<Lane>,
     sees_v: Vec<Lane>,
     sees_d_rest: Vec<Quad>,
     sees_v_rest: Vec<Quad>,
-    /// What each port's ramp adds to d and to v.
+    /// Increments of displacement and velocity by each port's ramp.
     ramps: Vec<(f64, f64)>,
-    /// What a unit adds at once to the outputs.
+    /// Direct response of the outputs to a unit.
     output: Vec<f64>,
 }
 
-/// A disturbance at a port: what a unit adds over a part, and at once to the outputs.
+/// A disturbance at a port: the increment by a unit over a part, and its direct response.
 struct Push {
     /// Of the port in the plant.
     number: usize,
@@ -121,7 +122,7 @@ struct Push {
 }
 
 impl<'a> Runner<'a> {
-    /// At rest, with a command of so many values a sample, each of so many parts.
+    /// A runner at rest, with a given number of values of the command in a sample, each of a given number of parts.
     pub fn new(
         plant: &Plant,
         (values, parts_a_value): (usize, usize),
@@ -163,7 +164,7 @@ impl<'a> Runner<'a> {
         runner
     }
 
-    /// From a state.
+    /// Starts from a state.
     pub fn start(&mut self, state: &State) {
         self.z = lanes::complex(state.modes.iter().copied());
         self.x = lanes::real(&state.rest);
@@ -173,7 +174,7 @@ impl<'a> Runner<'a> {
         }
     }
 
-    /// A mode's pole, with all that follows from it over a part.
+    /// Sets a mode's pole and all that follows from it over a part.
     fn place(&mut self, plant: &Plant, k: usize, pole: C, rows: Carried) {
         let mode = &plant.modes[k];
         let (held, ramp) = (phi1(pole * self.step) * self.step, phi2(pole * self.step) * self.step);
@@ -196,7 +197,7 @@ impl<'a> Runner<'a> {
         }
     }
 
-    /// What each port's ramp adds to what each port sees.
+    /// Computes the increments by each port's ramp at each port.
     fn couple(&mut self) {
         for j in 0..self.ports.len() {
             let at = &self.ports[j];
@@ -209,8 +210,8 @@ impl<'a> Runner<'a> {
         }
     }
 
-    /// Every w^2 times `factor`: the force 2 zeta w q' stays, so the real part of each pole does, and a mode's rows go with its pole.
-    /// What lies before and behind the structure is taken as at the old pole.
+    /// Multiplies every w^2 by `factor`. The force 2 zeta w q' stays, and so does the real part of each pole; a mode's
+    /// rows follow its pole. The gains of actuators and filters are those at the former pole.
     fn stiffen(&mut self, plant: &Plant, factor: f64) {
         for (k, mode) in plant.modes.iter().enumerate() {
             let from = mode.pole;
@@ -224,7 +225,7 @@ impl<'a> Runner<'a> {
         }
     }
 
-    /// A new held input.
+    /// Sets a new held input.
     #[inline(always)]
     fn hold(&mut self, u: &[f64]) {
         self.held.fill(Lane::default());
@@ -249,14 +250,14 @@ impl<'a> Runner<'a> {
         }
     }
 
-    /// A new value of a disturbance.
+    /// Sets a new value of a disturbance.
     #[inline(always)]
     fn push(&mut self, disturbance: usize, value: f64) {
         self.pushes[disturbance].value = value;
         self.renew();
     }
 
-    /// Where the rest steps once a sample: its mean input.
+    /// Steps the rest by a sample with its mean input, if it has no continuous form.
     #[inline(always)]
     fn sample(&mut self, drive: &Drive, k: usize) {
         if self.rest.each_part {
@@ -286,7 +287,7 @@ impl<'a> Runner<'a> {
         }
     }
 
-    /// Displacement and velocity at a port.
+    /// Returns displacement and velocity at a port.
     #[inline(always)]
     fn seen(&self, j: usize) -> (f64, f64) {
         let port = &self.ports[j];
@@ -295,7 +296,7 @@ impl<'a> Runner<'a> {
         (d, v)
     }
 
-    /// One part of a sample.
+    /// Steps by one part of a sample.
     #[inline(always)]
     fn step(&mut self, last: bool) {
         for ((z, turn), added) in self.z.iter_mut().zip(&self.turn).zip(&self.added) {
@@ -353,7 +354,7 @@ impl Rest {
         }
     }
 
-    /// What a held input adds.
+    /// Adds the increment of a held input.
     #[inline(always)]
     fn driven(&self, u: impl Iterator<Item = f64>, to: &mut [Quad]) {
         to.fill(Quad::default());
@@ -362,7 +363,7 @@ impl Rest {
         }
     }
 
-    /// x = A x + what is added.
+    /// x = A x + increment.
     #[inline(always)]
     fn step(&mut self, x: &mut Vec<Quad>, added: &[Quad]) {
         self.a.times(x, added, &mut self.next);
@@ -371,7 +372,7 @@ impl Rest {
 }
 
 impl<'a> Port<'a> {
-    /// With what does not hang on a mode's pole.
+    /// Sets all that does not depend on a mode's pole.
     fn new(plant: &Plant, number: usize, law: &'a dyn Force, step: f64) -> Self {
         let port = &plant.ports[number];
         let none = lanes::complex(std::iter::repeat_n(C::ZERO, plant.modes.len()));
@@ -397,7 +398,8 @@ impl<'a> Port<'a> {
     }
 }
 
-/// What a held force and a ramp from 0 to 1 add to the rest over a step; nothing where its continuous time is not known.
+/// Returns the increments of the rest over a step by a held force and by a ramp from 0 to 1; zero if its continuous
+/// form is not known.
 fn rest_force(plant: &Plant, force: &DVector<f64>, step: f64) -> (Vec<Quad>, Vec<Quad>) {
     let r = force.len();
     match &plant.rest.continuous {
@@ -410,7 +412,8 @@ fn rest_force(plant: &Plant, force: &DVector<f64>, step: f64) -> (Vec<Quad>, Vec
     }
 }
 
-/// e^{A h}, int e^{A (h - s)} B ds and int e^{A (h - s)} B s / h ds, from one exponential (Van Loan, IEEE TAC 23, 1978).
+/// e^{A h}, int e^{A (h - s)} B ds and int e^{A (h - s)} B s / h ds, from one exponential (Van Loan, IEEE TAC 23,
+/// 1978).
 fn held_and_ramp(a: &DMatrix<f64>, b: &DMatrix<f64>, h: f64) -> (DMatrix<f64>, DMatrix<f64>, DMatrix<f64>) {
     let (r, m) = b.shape();
     let size = r + 2 * m;

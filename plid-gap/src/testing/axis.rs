@@ -16,7 +16,7 @@ use crate::testing::{add_noise, four_records, held, random_input};
 const RATE: f64 = 250.0;
 const SAMPLES: usize = 2500;
 
-/// Samples over which a command is held, so that the axis moves.
+/// Number of samples over which a command is held, long enough for the axis to move.
 const HOLD: usize = 10;
 
 /// A unit mass on a viscous damper `c` and a spring `k`, with a further force of displacement and velocity.
@@ -121,7 +121,7 @@ fn nothing_is_missing_from_a_sound_motor() {
     assert_eq!(found.verdict, Verdict::None, "{}", found.sentence);
 }
 
-/// A viscous damper that is 5 % off is within the stated limits (two standard deviations are 10 %), and is no friction.
+/// A viscous damper that is 5 % off is within the stated limits (two standard deviations are 10 %) and is not friction.
 #[test]
 fn a_pole_within_its_limits_is_no_effect() {
     let real = Axis { c: 4.2, k: 0.0, force: none, position: false };

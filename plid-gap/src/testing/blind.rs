@@ -1,5 +1,5 @@
-//! Small blind cases, end to end. The truth is integrated here by a Runge-Kutta scheme in the simulation's own states, not by the
-//! code that the diagnosis fits.
+//! Small blind cases from records to answer. The truth is integrated here by a Runge-Kutta scheme in the simulation's
+//! own states, not by the code that the diagnosis fits.
 
 use nalgebra::{DMatrix, DVector};
 use plid_model::Model;
@@ -20,24 +20,20 @@ const STEPS: usize = 24;
 /// Changes commands or outputs.
 type Change = dyn Fn(&mut Channels);
 
-/// What the real thing does beside the simulation.
+/// What the real system does in addition to the simulation.
 #[derive(Default)]
 struct Truth {
-    /// At the first port: force of displacement and velocity.
+    /// Force at the first port as a function of displacement and velocity.
     force: Option<Box<dyn Fn(f64, f64) -> f64>>,
-    /// On the commands.
+    /// Change of the commands.
     command: Option<Box<Change>>,
-    /// On the outputs, before noise.
+    /// Change of the outputs, before noise.
     sensor: Option<Box<Change>>,
 }
 
 /// Integrates a model in continuous time, with a force of displacement and velocity at its first port, by the classical
 /// Runge-Kutta method of fourth order. Returns the outputs (p channels) and the RMS of the port's displacement.
-pub(super) fn integrate(
-    model: &Model,
-    u: &[Vec<f64>],
-    force: Option<&dyn Fn(f64, f64) -> f64>,
-) -> (Channels, f64) {
+pub(super) fn integrate(model: &Model, u: &[Vec<f64>], force: Option<&dyn Fn(f64, f64) -> f64>) -> (Channels, f64) {
     let continuous = model.continuous.as_ref().unwrap();
     let port = &model.ports[0];
     let column = DVector::from_column_slice(&port.force);
@@ -91,7 +87,7 @@ fn diagnosed(case: &Case) -> Diagnosis {
     crate::diagnose(case, &Library::standard(), &mut |_| {}).unwrap().diagnosis
 }
 
-/// Noise of about one per cent of the outputs.
+/// Returns noise of about one per cent of the outputs.
 fn quiet(seed: u64) -> f64 {
     let model = testing::truss(seed);
     let (y, _) = integrate(&model, &testing::random_input(seed, 400, 2), None);
@@ -142,7 +138,8 @@ fn a_damping_ratio_is_named_whatever_the_sensors_are() {
     }
 }
 
-/// No derivative at the simulation's own frequency points there; what appears at the new one and is missing at the old does.
+/// No derivative at the simulation's own frequency leads there. A mode that appears at the new frequency and is missing
+/// at the old one does.
 #[test]
 fn a_mode_that_is_far_off_is_one_change_and_not_two_missing_modes() {
     let real = testing::truss_with(2, |modes, _, _| modes[1].0 *= 0.85);
@@ -151,12 +148,12 @@ fn a_mode_that_is_far_off_is_one_change_and_not_two_missing_modes() {
     assert_eq!(found.effects[0].effect, "modal-frequency");
     let delta = found.effects[0].parameters["delta"].value;
     assert!((delta + 0.15).abs() < 1e-3, "{delta}");
-    // What is named is the first explanation, and as sure as that.
+    // The named effect is the first explanation, with the same probability.
     assert_eq!(found.candidates[0].effects[0].location, found.effects[0].location);
     assert!((found.effects[0].confidence - found.candidates[0].probability).abs() < 1e-9);
 }
 
-/// A gap of a tenth of the noise shows that a spring stiffens, and not how.
+/// A gap of a tenth of the noise shows that a spring stiffens, but not how.
 #[test]
 fn a_spring_that_hardly_stiffens_may_be_a_clearance() {
     let (truth, _) = cubic(2, 0.001);
@@ -170,7 +167,7 @@ fn a_spring_that_hardly_stiffens_may_be_a_clearance() {
     );
     let next = found.next_experiment.expect("something is open");
     assert!(next.contains(&format!("from {other}")), "{next}");
-    // The first says how the others compare, the best among them.
+    // The first row is the best explanation; the others compare with it.
     assert_eq!(found.separability[0].explanation, "cubic-stiffness@input:u1");
     let compared =
         found.separability.iter().find(|row| row.explanation == "clearance@input:u1").expect("it was fitted");
@@ -190,10 +187,10 @@ fn a_dead_zone_and_a_clipping_sensor_are_found_together() {
     assert_eq!(named, ["actuator-dead-zone@input:u2", "sensor-saturation@output:y1"], "{}", found.sentence);
 }
 
-/// A voltage that the outputs of seed 3 exceed now and then.
+/// A voltage that the outputs of seed 3 sometimes exceed.
 const CLIP: f64 = 0.25;
 
-/// A sensor whose gain depends on the square of its signal: the vocabulary has no word for that.
+/// A sensor whose gain depends on the square of its signal, which the vocabulary lacks.
 #[test]
 fn what_the_vocabulary_lacks_is_kept_open() {
     let truth =
@@ -203,7 +200,7 @@ fn what_the_vocabulary_lacks_is_kept_open() {
     assert!(found.verdict == Verdict::Unknown || open >= 0.2, "{}", found.sentence);
 }
 
-/// Units of the outputs, their order and the states' basis are the engineer's choice, and say nothing of the cause.
+/// Units of the outputs, their order and the states' basis are the engineer's choice and say nothing of the cause.
 #[test]
 fn units_order_and_basis_change_nothing() {
     let (truth, _) = cubic(5, 0.06);
@@ -211,7 +208,7 @@ fn units_order_and_basis_change_nothing() {
     let first = diagnosed(&plain);
     let mut other = plain.clone();
     let model = other.model.as_mut().unwrap();
-    // Outputs swapped and in millivolts.
+    // The outputs are exchanged and in millivolts.
     for record in &mut other.records {
         record.y.swap(0, 1);
         record.y.iter_mut().flatten().for_each(|y| *y *= 1000.0);
@@ -221,7 +218,7 @@ fn units_order_and_basis_change_nothing() {
     model.outputs.swap(0, 1);
     other.config.outputs.swap(0, 1);
     model.noise.sensor_std.as_mut().unwrap().iter_mut().for_each(|s| *s *= 1000.0);
-    // Another basis.
+    // The states have another basis.
     let n = model.n();
     let basis = DMatrix::from_fn(n, n, |i, j| if i == j { 1.0 } else { 0.1 / (1.0 + i as f64 + 2.0 * j as f64) });
     let inverse = basis.clone().try_inverse().unwrap();

@@ -15,7 +15,7 @@ use crate::case::{Case, CaseConfig};
 use crate::testing::truss::Truss;
 pub use crate::testing::truss::{RATE, Sensor, held};
 
-/// Frequencies and damping ratios.
+/// Frequencies in Hz and damping ratios of the modes.
 pub const MODES: [(f64, f64); 4] = [(58.0, 0.01), (137.0, 0.008), (186.0, 0.012), (243.0, 0.006)];
 
 /// Two actuators with a pole at 260 Hz, two accelerometers behind a two-pole filter at 600 Hz, declared ports.
@@ -36,7 +36,7 @@ pub fn truss_sensed(seed: u64, sensor: Sensor, change: impl FnOnce(&mut [(f64, f
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut truss = Truss { sensor, ..Truss::draw(&MODES, &mut rng) };
     change(&mut truss.modes);
-    // Outputs of like size, whatever is sensed.
+    // The outputs have similar sizes for each sensor.
     truss.gamma *= match sensor {
         Sensor::Position => 1e6,
         Sensor::Velocity => 1e3,
@@ -51,14 +51,14 @@ pub fn random_input(seed: u64, samples: usize, channels: usize) -> Channels {
     (0..channels).map(|_| (0..samples).map(|_| rng.sample(StandardNormal)).collect()).collect()
 }
 
-/// Free run from rest.
+/// Simulates a free run from rest.
 pub fn run(model: &Model, u: &[Vec<f64>]) -> Channels {
     let inputs = ndarray::Array2::from_shape_fn((u[0].len(), u.len()), |(k, i)| u[i][k]);
     let outputs = plid_model::simulate(model, inputs.view(), &model.rest()).expect("a sound model").outputs;
     crate::case::columns(&outputs)
 }
 
-/// Driven at random, from rest.
+/// Creates a record that is driven at random, from rest.
 pub fn record(u: Channels, y: Channels) -> Record {
     Record {
         name: "random".into(),
@@ -97,8 +97,8 @@ pub fn add_noise(y: &mut Channels, seed: u64, std: &[f64]) {
 }
 
 /// Returns a case of the simulation and of four records: `quiet` without input, and `random-1` to `random-3` at these
-/// levels. `input` gives the inputs of a record (from 0) at level one, and `measure` the outputs for its inputs. The case
-/// declares sensor noise of these standard deviations.
+/// levels. `input` gives the inputs of a record (from 0) at level one, and `measure` the outputs for its inputs. The
+/// case declares sensor noise of these standard deviations.
 pub fn four_records(
     sim: &Model,
     std: &[f64],

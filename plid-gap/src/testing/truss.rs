@@ -1,5 +1,5 @@
-//! A small structure for tests: modes behind actuators' poles and filters. Its equations are written out here in physical form, so
-//! that they check the modal form. Nothing of this crate is used.
+//! A small structure for tests: modes with actuators and filters. Its equations are written here in physical form and
+//! check the modal form. Nothing of this crate is used.
 
 use std::f64::consts::TAU;
 
@@ -9,10 +9,10 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-/// Samples a second.
+/// Sample rate in Hz.
 pub const RATE: f64 = 1600.0;
 
-/// What a sensor measures of the modes.
+/// The quantity that a sensor measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sensor {
     /// gamma q.
@@ -23,38 +23,39 @@ pub enum Sensor {
     Acceleration,
 }
 
-/// q" + 2 zeta w q' + w^2 q = beta a of each mode, with a' = pole (u - a) of each actuator; sensors behind a filter of two poles.
+/// q" + 2 zeta w q' + w^2 q = beta a for each mode, with a' = pole (u - a) for each actuator; sensors have a filter of
+/// two poles.
 #[derive(Debug, Clone)]
 pub struct Truss {
     /// Frequencies in Hz and damping ratios.
     pub modes: Vec<(f64, f64)>,
-    /// Modes x inputs.
+    /// Input shapes (modes x inputs).
     pub beta: DMatrix<f64>,
-    /// Outputs x modes.
+    /// Output shapes (outputs x modes).
     pub gamma: DMatrix<f64>,
     /// Poles of the actuators in Hz.
     pub actuators_hz: Vec<f64>,
-    /// Of the filters in Hz; without them the motion is measured as it is.
+    /// Frequency of the filters in Hz; without them the motion is measured directly.
     pub filter_hz: Option<f64>,
-    /// Of all outputs.
+    /// The sensor of all outputs.
     pub sensor: Sensor,
 }
 
 /// dx/dt = a x + b u + force f of each port, y = c x + output f.
 #[derive(Debug, Clone)]
 pub struct Equations {
-    /// n x n.
+    /// State matrix (n x n).
     pub a: DMatrix<f64>,
-    /// n x m.
+    /// Input matrix (n x m).
     pub b: DMatrix<f64>,
-    /// p x n.
+    /// Output matrix (p x n).
     pub c: DMatrix<f64>,
-    /// At the strut of each input.
+    /// The port of each input.
     pub ports: Vec<Port>,
 }
 
 impl Truss {
-    /// Two inputs and two outputs of random shapes, actuators with a pole at 260 Hz, filters at 600 Hz.
+    /// Draws two inputs and two outputs of random shapes, actuators with a pole at 260 Hz, and filters at 600 Hz.
     pub fn draw(modes: &[(f64, f64)], rng: &mut ChaCha8Rng) -> Self {
         let mut normal = || -> f64 { rng.sample(StandardNormal) };
         let beta = DMatrix::from_fn(modes.len(), 2, |_, _| normal());
@@ -69,7 +70,7 @@ impl Truss {
         }
     }
 
-    /// In the states (q, q') of each mode, a of each actuator, two of each filter.
+    /// Returns the equations in the states (q, q') of each mode, a of each actuator, and two of each filter.
     pub fn equations(&self) -> Equations {
         let (q, m, p) = (self.modes.len(), self.beta.ncols(), self.gamma.nrows());
         let (acting, filters) = (2 * q, 2 * q + m);
@@ -102,7 +103,7 @@ impl Truss {
             b[(acting + i, i)] = TAU * hz;
         }
         for o in 0..p {
-            // The motion that is sensed: of the states and, if it is an acceleration, at once of a force.
+            // The measured motion: a function of the states and, for an acceleration, of the force at once.
             let mut motion = DVector::zeros(n);
             let mut at_once = vec![0.0; m];
             for k in 0..q {
@@ -137,7 +138,7 @@ impl Truss {
         Equations { a, b, c, ports }
     }
 
-    /// As a model in a random basis, of states of like size, so that nothing rests on this one.
+    /// Returns the structure as a model in a random basis, with states of similar size. No test depends on the basis.
     pub fn model(&self, rng: &mut ChaCha8Rng) -> Model {
         let Equations { a, b, c, mut ports } = self.equations();
         let (n, m, p) = (a.nrows(), b.ncols(), c.nrows());
@@ -170,7 +171,7 @@ impl Truss {
     }
 }
 
-/// What dx/dt = a x + b u does over a time with a held u: to x, and with u.
+/// Integrates dx/dt = a x + b u over a time with a held u: the factors of x and of u.
 pub fn held(a: &DMatrix<f64>, b: &DMatrix<f64>, time: f64) -> (DMatrix<f64>, DMatrix<f64>) {
     let (n, m) = b.shape();
     let mut whole = DMatrix::zeros(n + m, n + m);

@@ -1,5 +1,5 @@
-//! sim-with-effect.json carries each effect, place and free shape: [`Predictor`] reads from it what was written, and so does the example
-//! in Python.
+//! sim-with-effect.json carries each effect, place and free shape: [`Predictor`] reads from it what was written, and so
+//! does the example in Python.
 
 use std::collections::BTreeMap;
 use std::io::Write;

@@ -1,5 +1,5 @@
-//! The independent answer: a truss's equations in continuous time, integrated by somebody else's Runge-Kutta method (Dormand and
-//! Prince, order 8), sample by sample of the held command.
+//! The independent answer: a truss's equations in continuous time, integrated by somebody else's Runge-Kutta method
+//! (Dormand and Prince, order 8), sample by sample of the held command.
 
 use nalgebra::{DMatrix, DVector};
 use ode_solvers::{Dop853, OutputType, System};
@@ -10,8 +10,8 @@ use crate::truss::RATE;
 /// p or m channels of samples.
 pub type Channels = Vec<Vec<f64>>;
 
-/// Error a step, relative to the largest state. A hundredth of it changes no answer here by more than 2e-8 of the outputs
-/// (`a_finer_integration_changes_nothing`).
+/// Error a step, relative to the largest state. A hundredth of it changes no answer here by more than 2e-8 of the
+/// outputs (`a_finer_integration_changes_nothing`).
 pub const TOLERANCE: f64 = 1e-10;
 
 /// A force inside the structure, of the displacement d and the velocity v of its port and an internal state z.

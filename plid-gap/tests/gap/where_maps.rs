@@ -1,5 +1,5 @@
-//! Golden maps of where a gap lies, one case each of actuator, structure, sensor and time: output x band, time, level slope and the side that the screen says,
-//! beside what physics says of each. `PLID_BLESS=1` writes the files anew.
+//! Golden maps of where a gap lies, one case each of actuator, structure, sensor and time: output x band, time, level
+//! slope and the side that the screen says, beside what physics says of each. `PLID_BLESS=1` writes the files anew.
 
 use std::path::PathBuf;
 
@@ -18,14 +18,15 @@ use crate::truth::{self, Channels, Equations, Joint};
 /// Samples and level of each record; the last is held out from all fitting, and from the map.
 const RECORDS: [(usize, f64); 5] = [(1200, 0.0), (2000, 1.0), (2000, 0.4), (2000, 1.0), (600, 1.0)];
 
-/// Shares, relative gaps and the slope may differ by this from the golden ones, and larger numbers by this share: other machines round
-/// otherwise, and nothing else is random.
+/// Shares, relative gaps and the slope may differ by this from the golden ones, and larger numbers by this share: other
+/// machines round otherwise, and nothing else is random.
 const TOLERANCE: f64 = 1e-6;
 
 /// Changes the commands of a record that starts at this time in s.
 type Command<'a> = &'a dyn Fn(&mut Channels, f64);
 
-/// A case: a change of commands (with the start of a record in s), a force of the displacement at the second strut, a change of outputs.
+/// A case: a change of commands (with the start of a record in s), a force of the displacement at the second strut, a
+/// change of outputs.
 #[derive(Default)]
 struct Truth<'a> {
     command: Option<Command<'a>>,
@@ -157,7 +158,8 @@ fn compare(golden: &Value, found: &Value, at: &str, far: &mut Vec<String>) {
     }
 }
 
-/// A saturated actuator: at every output, nothing without a command, more at high level (2 for a cube; saturation bends it down).
+/// A saturated actuator: at every output, nothing without a command, more at high level (2 for a cube; saturation bends
+/// it down).
 #[test]
 fn actuator() {
     let rig = Rig::new(101);

@@ -1,5 +1,5 @@
-//! Effects of a command: the held command of the table through model.json, or, where it changes between samples, piece by piece through
-//! its continuous time.
+//! Effects of a command: the held command of the table through model.json, or, where it changes between samples, piece
+//! by piece through its continuous time.
 
 use nalgebra::{DMatrix, DVector};
 use plid_gap::effects::{Effect, Place};
@@ -8,9 +8,10 @@ use super::{Check, Rig, T0, structure};
 use crate::truss::RATE;
 use crate::truth::{self, Channels};
 
-/// Static curves are the same arithmetic on both sides: rounding. The hysteresis has a corner where z changes its sign, which costs the
-/// integration some digits. Between samples plid-gap divides a sample: a lag and a ramp are their means over an eighth (second order:
-/// up to the square of w T / 8 over 12), a delayed step is right to the sixth order of a quarter.
+/// Static curves are the same arithmetic on both sides: rounding. The hysteresis has a corner where z changes its sign,
+/// which costs the integration some digits. Between samples plid-gap divides a sample: a lag and a ramp are their means
+/// over an eighth (second order: up to the square of w T / 8 over 12), a delayed step is right to the sixth order of a
+/// quarter.
 pub const CHECKS: &[Check] = &[
     Check {
         effect: "actuator-saturation",

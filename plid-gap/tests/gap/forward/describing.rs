@@ -1,8 +1,10 @@
-//! Describing functions: near a resonance a force of the motion acts as a stiffness or a damper that depends on the amplitude alone.
+//! Describing functions: near a resonance a force of the motion acts as a stiffness or a damper that depends on the
+//! amplitude alone.
 //!
-//! With d = A sin(w t) the fundamental of f is -k_eq d - c_eq v: k_eq = 3/4 k A^2 of a cubic spring, c_eq = 8 c V / (3 pi) of a drag,
-//! 4 F / (pi V) of dry friction (V = w A), and k (1 - 2/pi (asin(g/A) + (g/A) sqrt(1 - (g/A)^2))) of a clearance. The amplitude is
-//! found by iteration in the frequency domain, from model.json's matrices; no differential equation is solved.
+//! With d = A sin(w t) the fundamental of f is -k_eq d - c_eq v: k_eq = 3/4 k A^2 of a cubic spring, c_eq = 8 c V / (3
+//! pi) of a drag, 4 F / (pi V) of dry friction (V = w A), and k (1 - 2/pi (asin(g/A) + (g/A) sqrt(1 - (g/A)^2))) of a
+//! clearance. The amplitude is found by iteration in the frequency domain, from model.json's matrices; no differential
+//! equation is solved.
 
 use std::f64::consts::{PI, TAU};
 
@@ -29,8 +31,8 @@ struct Describing {
     equivalent: fn(&[f64], f64, f64) -> (f64, f64),
 }
 
-/// Forces of about a per cent of the command: what this neglects, the harmonics' way back to the fundamental, is of second order in them,
-/// half a per cent of the effect or less.
+/// Forces of about a per cent of the command: what this neglects, the harmonics' way back to the fundamental, is of
+/// second order in them, half a per cent of the effect or less.
 const ALL: [Describing; 4] = [
     Describing {
         effect: "cubic-stiffness",

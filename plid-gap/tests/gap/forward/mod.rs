@@ -1,15 +1,16 @@
-//! Every effect of the vocabulary forward: what `simulate` makes of it against an answer written here from the table of equations.
+//! Every effect of the vocabulary forward: what `simulate` makes of it against an answer written here from the table of
+//! equations.
 //!
-//! A disagreement is the RMS of the difference over all outputs, relative to the RMS of what the effect changes: an effect of one
-//! per cent that is right to one per cent disagrees by 0.01, though the outputs agree to 1e-4.
+//! A disagreement is the RMS of the difference over all outputs, relative to the RMS of what the effect changes: an
+//! effect of one per cent that is right to one per cent disagrees by 0.01, though the outputs agree to 1e-4.
 
 mod actuator;
 mod describing;
 mod disturbance;
 mod sensor;
+mod stochastic;
 pub mod structure;
 mod time;
-mod stochastic;
 
 use plid_gap::effects::{Effect, Library, Place, Setting};
 use plid_gap::research::{Fineness, Plant, simulate};
@@ -114,7 +115,8 @@ fn checks() -> impl Iterator<Item = &'static Check> {
         .flatten()
 }
 
-/// An effect of the library without a check fails, and so does a check without its effect. `--nocapture` prints the table.
+/// An effect of the library without a check fails, and so does a check without its effect. `--nocapture` prints the
+/// table.
 #[test]
 fn every_effect_agrees_with_an_independent_answer() {
     let library = Library::standard();

@@ -15,9 +15,9 @@ use super::{Check, Rig, T0, noise};
 use crate::truss::RATE;
 use crate::truth::{self, Channels, Equations, Push};
 
-/// A variance of 4096 samples is known to 2.2 %, a standard deviation to 1.1 %: three of those, and as much for the other sensor's. Of
-/// the onsets some fall where the signal hardly moves. A band is looked for on a grid of centres (6 %) and widths (5 and 20 %, the
-/// planted one has 10 %), and half a second holds some fifty of its correlation times.
+/// A variance of 4096 samples is known to 2.2 %, a standard deviation to 1.1 %: three of those, and as much for the
+/// other sensor's. Of the onsets some fall where the signal hardly moves. A band is looked for on a grid of centres (6
+/// %) and widths (5 and 20 %, the planted one has 10 %), and half a second holds some fifty of its correlation times.
 pub const CHECKS: &[Check] = &[
     Check { effect: "sensor-noise", limit: 0.05, measure: sensor_noise },
     Check { effect: "sensor-quantisation", limit: 0.05, measure: quantisation },
@@ -37,7 +37,8 @@ const QUIET: usize = 0;
 /// The number of the one with input that is not held out.
 const FITTED: usize = 1;
 
-/// Records without input and with: what `push` adds to the structure and `raw` makes of the noisy samples (record, outputs, noise).
+/// Records without input and with: what `push` adds to the structure and `raw` makes of the noisy samples (record,
+/// outputs, noise).
 fn records(
     rig: &Rig,
     std: f64,
@@ -133,8 +134,8 @@ fn sensor_noise(effect: &dyn Effect) -> f64 {
     (parameters[0] / (2.0 * std) - 1.0).abs().max(variance.abs())
 }
 
-/// Rounded to a step, and cut off towards zero: the step is found to rounding, and which it is; the noise model's q^2 / 12 is what a signal of many steps
-/// gets by it, once half a step has been put back to what was cut off.
+/// Rounded to a step, and cut off towards zero: the step is found to rounding, and which it is; the noise model's q^2 /
+/// 12 is what a signal of many steps gets by it, once half a step has been put back to what was cut off.
 fn quantisation(effect: &dyn Effect) -> f64 {
     let off = |cut: f64, law: fn(f64) -> f64| {
         let (rig, std) = declared(52);

@@ -1,5 +1,5 @@
-//! Forces inside the structure, integrated in continuous time from the matrices and ports of model.json; modes that differ, against
-//! a structure built with them.
+//! Forces inside the structure, integrated in continuous time from the matrices and ports of model.json; modes that
+//! differ, against a structure built with them.
 
 use nalgebra::DMatrix;
 use plid_gap::effects::{Effect, Library, Place};
@@ -115,7 +115,8 @@ impl Law {
         equations.run(T0, rig.u[0].len(), |k| rig.u.iter().map(|u| u[k]).collect(), tolerance)
     }
 
-    /// For so many parts of a sample, the worse of a structure behind filters and one without, where a force shows at once.
+    /// For so many parts of a sample, the worse of a structure behind filters and one without, where a force shows at
+    /// once.
     fn disagreements<const N: usize>(&self, effect: &dyn Effect, parts: [usize; N]) -> [f64; N] {
         let of = |rig: &Rig| {
             let parameters = self.chosen(rig);
@@ -196,8 +197,8 @@ fn missing_mode_in(rig: &Rig, effect: &dyn Effect) -> f64 {
     rig.disagreement(&rig.simulated(effect, &Place::MissingMode(hz), &parameters, T0), &built(rig, &other))
 }
 
-/// The step is fine enough: halved, it changes no effect by more than 1 / 400, and the error against the truth falls by four, as the order
-/// of the method says (by three at least: corners).
+/// The step is fine enough: halved, it changes no effect by more than 1 / 400, and the error against the truth falls by
+/// four, as the order of the method says (by three at least: corners).
 #[test]
 fn half_the_step_is_a_quarter_of_the_error() {
     let library = Library::standard();

@@ -7,8 +7,8 @@ use super::{Check, Rig, T0, structure};
 use crate::truss::{RATE, Truss};
 use crate::truth::{self, Channels, Equations, Joint};
 
-/// A command's gain is rounding. A drift leaves what lies before and behind the structure as at the old pole: a phase of some
-/// w / (pole) of the shift, beside the resonance's own w / (half width), which is one per cent.
+/// A command's gain is rounding. A drift leaves what lies before and behind the structure as at the old pole: a phase
+/// of some w / (pole) of the shift, beside the resonance's own w / (half width), which is one per cent.
 pub const CHECKS: &[Check] = &[
     Check { effect: "actuator-gain-drift", limit: 1e-6, measure: gain_drift },
     Check { effect: "stiffness-drift", limit: 2e-2, measure: stiffness_drift },
@@ -60,7 +60,8 @@ fn stiffness_drift(effect: &dyn Effect) -> f64 {
     all.into_iter().fold(0.0, f64::max)
 }
 
-/// A force of the displacement on a structure that has stiffened: d is that of the moved modes. Relative to what the force changes.
+/// A force of the displacement on a structure that has stiffened: d is that of the moved modes. Relative to what the
+/// force changes.
 #[test]
 fn a_force_sees_the_displacement_of_the_stiffened_structure() {
     let rig = Rig::new(34);
