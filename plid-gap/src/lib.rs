@@ -1,10 +1,12 @@
-//! Where a simulation disagrees with its records, which unmodelled effect causes it, and how far the gap shrinks once it is added.
+//! Finds where a simulation disagrees with its records, which unmodelled effect causes the disagreement, and how far
+//! the gap shrinks once the effect is added.
 //!
-//! A case passes through the modules in this order. It is read (`case`), and its simulation is taken apart into modes (`plant`). The noise is estimated
-//! (`signal`, `noise`), effects (`effects`) are simulated (`simulate`), and a least-squares problem (`fit`) is prepared (`prepare`). Explanations are searched
-//! for (`search`) and judged (`judge`); `evidence` is shown beside them and does not enter the verdict. The result is written as an answer (`answer`) and a
-//! report (`report`). `audit` checks and corrects the input, and `diagnose` calls all of them. A module imports only modules below it in the order of
-//! `tests/order.rs`.
+//! A case passes through the modules in this order. It is read (`case`), and its simulation is decomposed into modes
+//! (`plant`). The noise is estimated (`signal`, `noise`), effects (`effects`) are simulated (`simulate`), and a
+//! least-squares problem (`fit`) is prepared (`prepare`). Explanations are searched for (`search`) and judged
+//! (`judge`); `evidence` is collected and does not enter the verdict. The result is written as an answer (`answer`) and
+//! a report (`report`). `audit` checks and corrects the input, and `diagnose` calls all of them. A module imports only
+//! modules below it in the order of `tests/order.rs`.
 
 #![warn(clippy::too_many_lines)]
 
@@ -15,8 +17,6 @@ pub mod diagnose;
 pub mod effects;
 mod error;
 mod evidence;
-// One recursion over the samples of a record is longer.
-#[allow(clippy::too_many_lines)]
 mod fit;
 mod fourier;
 mod judge;
