@@ -7,8 +7,8 @@ use plid_gap::settings::{Field, GapSettings};
 
 const HEAD: &str = "# Thresholds of the diagnosis
 
-A diagnosis decides by the thresholds below. A case may set each of them in the table of its group; an unknown key or a value
-out of its range is an error. All of them are written to `settings` in `diagnosis.json`.
+A diagnosis decides by the thresholds below. A case may set each of them in the table of its group; an unknown key or
+a value out of its range is an error. All of them are written to `settings` in `diagnosis.json`.
 
 ```toml
 [settings.judge]
