@@ -1,6 +1,6 @@
-//! The diagnosis step by step: each is a function of its own, with what it takes and what it gives.
+//! The diagnosis step by step: each step is a function of its own.
 //!
-//! `plid::gap::diagnose` makes them all. Here one of them can be taken out, looked at, or replaced.
+//! `plid::gap::diagnose` runs all of them. Here a step can be left out, examined or replaced.
 //!
 //! ```sh
 //! cargo run --release --example gap_steps               # on a case that is drawn: a stiffening spring in a beam
@@ -36,7 +36,7 @@ fn steps(case: &Case) -> Result<(), GapError> {
     audit.case.warnings.iter().for_each(|warning| println!("audit: {warning}"));
     let model = audit.case.model.as_ref().ok_or_else(|| GapError::Failed("the audit gives a model".into()))?;
 
-    // 1, 2. The simulation in its modes, the noise, what is held out.
+    // 1, 2. The simulation in modal form, the noise, the held-out records.
     let mut ready = prepare(model, &audit.case.records, &audit.known)?;
     let names = ready.problem.setting.names.clone();
     println!(
@@ -92,7 +92,7 @@ fn steps(case: &Case) -> Result<(), GapError> {
         println!("cosine of the first two: {:.3}", overlap.cosine[(0, 1)]);
     }
 
-    // 5, 7. Fits, up to three effects, and whether they suffice.
+    // 5, 7. Fits of up to three effects, and whether they suffice.
     let rules = Rules { suspects: &[], exclude: &[], without: &[] };
     let found = explain(ready, refitted, &library, &rules, &OnceCell::new(), &mut silent);
     let best = &found.found.best;
@@ -130,7 +130,7 @@ fn said(placed: &Placed, names: &Names) -> String {
     format!("{} at {}", placed.effect.name(), placed.place.location(names))
 }
 
-/// A beam of two channels with a spring that stiffens; the simulation knows nothing of it, and is slightly off.
+/// A beam of two channels with a spring that stiffens; the simulation lacks the spring and is slightly off.
 fn drawn() -> Result<Case, Box<dyn std::error::Error>> {
     let spring = EffectSpec { kind: "cubic-stiffness".into(), at: None, law: None, gap: 0.1 };
     let spec = GapSpec {

@@ -1,12 +1,12 @@
-//! Diagnoses a folder of labelled cases, so that a scorer can compare the answers with the labels.
+//! Diagnoses a folder of labelled cases for a scorer to compare the answers with the labels.
 //!
 //! ```sh
 //! cargo run --release -p plid-gap --example diagnose_cases -- [--leave-out] [--verbose] OUT LABELS CASE-FOLDER...
 //! ```
 //!
-//! Each CASE-FOLDER holds a case.toml. OUT/NAME gets the diagnosis and predicted.csv, the prediction for
+//! Each CASE-FOLDER contains a case.toml. OUT/NAME gets the diagnosis and predicted.csv, the prediction for
 //! LABELS/NAME/test_u.csv. With `--leave-out` each case is diagnosed a second time, without the effects that its
-//! label.json names, into OUT/NAME/left-out: what is not in the vocabulary must be kept open. `--verbose` tells every
+//! label.json names, into OUT/NAME/left-out: a cause outside the vocabulary must be kept open. `--verbose` prints every
 //! stage of the search.
 
 use std::error::Error;
@@ -51,7 +51,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Writes an answer with its prediction, and says it.
+/// Writes an answer with its prediction, and prints it.
 fn told(outcome: &Outcome, case: &Case, label: &Path, to: &Path, clock: Instant) -> Result<(), Box<dyn Error>> {
     std::fs::create_dir_all(to)?;
     plid_gap::write(outcome, case, to)?;
@@ -78,7 +78,7 @@ fn told(outcome: &Outcome, case: &Case, label: &Path, to: &Path, clock: Instant)
     Ok(())
 }
 
-/// Effects that a label names.
+/// Returns the effects that a label names.
 fn true_effects(label: &Path) -> Result<Vec<String>, Box<dyn Error>> {
     let label: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(label.join("label.json"))?)?;
     let effects = label["effects"].as_array().ok_or("a label names its effects")?;

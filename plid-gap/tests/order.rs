@@ -1,5 +1,5 @@
-//! The modules of the crate import only what stands below them in the order of the method, so that a case passes
-//! through each of them once.
+//! The modules of the crate import only modules below them in the order of the method. A case therefore passes through
+//! each of them once.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ const ORDER: [&str; 20] = [
     "prepare", "search", "judge", "evidence", "audit", "answer", "diagnose", "report", "research",
 ];
 
-/// Files that belong to no module of the order: the crate's root, and what only tests use.
+/// Returns whether a file belongs to no module of the order: the crate's root, and modules that only tests use.
 fn is_apart(module: &str, file: &Path) -> bool {
     module == "lib" || module == "testing" || file.file_name().is_some_and(|name| name == "tests.rs")
 }
@@ -20,13 +20,13 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
     entries.flat_map(|path| if path.is_dir() { sources(&path) } else { vec![path] }).collect()
 }
 
-/// The module of the first level to which a file belongs.
+/// Returns the module of the first level to which a file belongs.
 fn module(file: &Path) -> String {
     let first = file.components().next().unwrap().as_os_str().to_string_lossy();
     first.trim_end_matches(".rs").to_string()
 }
 
-/// Names that follow `crate::` in the code, comments and unit tests left out.
+/// Returns the names that follow `crate::` in the code, without comments and unit tests.
 fn imported(text: &str) -> Vec<String> {
     let code = text.split("#[cfg(test)]\nmod tests").next().unwrap();
     let code = code.split("#[cfg(test)]\npub(crate) mod tests").next().unwrap();
@@ -39,7 +39,7 @@ fn height(module: &str) -> Option<usize> {
     ORDER.iter().position(|name| *name == module)
 }
 
-/// What is wrong with the imports of one file.
+/// Returns the forbidden imports of one file.
 fn wrong(file: &Path, text: &str) -> Vec<String> {
     let own = module(file);
     let Some(level) = height(&own) else { return vec![format!("{}: `{own}` is not in the order", file.display())] };

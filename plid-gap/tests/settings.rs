@@ -1,4 +1,4 @@
-//! The book has every threshold of the diagnosis, as the code has it.
+//! The book contains every threshold of the diagnosis as it is in the code.
 
 use std::fs;
 use std::path::Path;

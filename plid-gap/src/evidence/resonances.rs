@@ -13,8 +13,8 @@ use crate::noise::NoiseModel;
 use crate::plant::Plant;
 use crate::settings::{EvidenceSettings, GapSettings};
 
-/// Limits of a record's own modes about those of all records: far wider than the errors of any simulation, so that the
-/// record alone determines them.
+/// Limits of a record's own modes about those of all records: far wider than the errors of any simulation. The record
+/// alone therefore determines the modes.
 const LIMITS: Limits = Limits { frequency: 0.1, damping: 2.0, shape: 0.4 };
 
 /// Largest number of steps of a record's own refit.

@@ -55,8 +55,8 @@ const RESTARTS: usize = 4;
 /// A fit that is repeated from zero.
 const ANEW: Effort = Effort { steps: 12, gain: 0.1, fineness: Fineness::FINE };
 
-/// Damping up to which linear parameters are not held back: the model is close to linear in them, so that only a step
-/// that led astray is shortened.
+/// Damping up to which linear parameters are not damped. The model is close to linear in them, and only a step that led
+/// astray is shortened.
 const UNDAMPED: f64 = 1e-3;
 
 /// The damping of a fit's steps (Marquardt 1963).

@@ -21,8 +21,8 @@ const SHORTEST_STEP: f64 = 1e-4;
 /// A step that raises the log likelihood by less than this ends the fit.
 const LEAST_GAIN: f64 = 1e-3;
 
-/// Prior information on each logarithm: negligible beside that of the data, but enough to keep the matrix regular if no
-/// bin determines the parameter.
+/// Prior information on each logarithm: negligible compared with that of the data, but enough to keep the matrix
+/// regular if no bin determines the parameter.
 const PRIOR_INFORMATION: f64 = 0.1;
 
 /// Relative step of the derivatives by a band's centre and width: central differences are then exact to eight digits.

@@ -13,8 +13,8 @@ group! {
         /// A mismatch of channels is corrected if it reduces the gap to this share, which no single effect of a sound
         /// signal chain imitates.
         corrected: f64 = 0.5, "1", 0.0..=1.0;
-        /// Gap from which several mismatches may occur together, so that the search starts from every order and sign of
-        /// the outputs: two channels that are exchanged make a gap of about one.
+        /// Gap from which several mismatches may occur together. The search then starts from every order and sign of
+        /// the outputs: two exchanged channels make a gap of about one.
         several: f64 = 0.7, "1", 0.0..=1e6;
         /// These starts are tried only if a plain search leaves a larger gap than this: dozens of starts cost seconds.
         several_left: f64 = 0.25, "1", 0.0..=1e6;

@@ -31,9 +31,9 @@ group! {
         /// Probability of something else where only a free shape is adequate. Of 52 such answers in development 49 were
         /// right, fewer where more causes lie outside the vocabulary; 0.2 counts as kept open.
         shape_differs: f64 = 0.21, "1", 0.0..=1.0;
-        /// Probability of something else beside an effect that explains next to nothing. Of 34 blind cases whose
-        /// effects explained less than half the power of the noise and were stated with 0.9 or more, 29 were right; of
-        /// 224 in which they explained more than the noise, 218.
+        /// Probability of something else if effects explain next to nothing. Of 34 blind cases whose effects explained
+        /// less than half the power of the noise and were stated with 0.9 or more, 29 were right; of 224 in which they
+        /// explained more than the noise, 218.
         faint: f64 = 0.15, "1", 0.0..=1.0;
         /// Explained power, over that of the noise, at which half of `faint` is left.
         faint_power: f64 = 0.4, "1", 1e-9..=1e9;
@@ -44,9 +44,9 @@ group! {
         caveat: f64 = 0.21, "1", 0.0..=1.0;
         /// Least probability of something else.
         least_unknown: f64 = 0.02, "1", 0.0..=1.0;
-        /// Largest probability of something else, also where held-out records refute the best explanation. In half of
-        /// the blind cases in which nothing of the vocabulary sufficed, the cause was in it all the same, in another
-        /// shape or beside another effect.
+        /// Largest probability of something else, also if held-out records refute the best explanation. In half of the
+        /// blind cases in which nothing in the vocabulary sufficed, the cause was in it all the same, with another
+        /// shape or together with another effect.
         most_unknown: f64 = 0.6, "1", 0.0..=1.0;
         /// Amplitude that an explanation may leave of the gap beyond noise and limits. With imperfect truths the true
         /// causes left 0.03 to 0.36, and imitations of a cause outside the vocabulary 0.70 or more.
@@ -70,8 +70,8 @@ group! {
         compared_within: f64 = 60.0, "ln L", 0.0..=1e9;
         /// Most explanations that are compared with the best, each by a fit to whole records.
         compared: usize = 8, "explanations", 0.0..=1000.0;
-        /// Least share of the squared held-out gap that an effect beside a larger one must close to be named: a tenth
-        /// in amplitude. Smaller shares belong to the many small errors of every simulation.
+        /// Least share of the squared held-out gap that an effect other than the largest must close to be named: a
+        /// tenth in amplitude. Smaller shares belong to the many small errors of every simulation.
         least_share: f64 = 0.01, "1", 0.0..=1.0;
         /// The effects are written into the simulation if the held-out gap with them is at most this multiple of the
         /// gap without them.
@@ -79,7 +79,7 @@ group! {
         /// Explanations without bounds on some record that are replaced by the next one before the refit takes their
         /// place.
         most_refused: usize = 5, "explanations", 1.0..=100.0;
-        /// Explanations for which the next experiment is chosen, beside those that the records cannot separate.
+        /// Explanations for which the next experiment is chosen, in addition to those that the records cannot separate.
         experiment_rivals: usize = 3, "explanations", 0.0..=100.0;
         /// Least probability of these explanations.
         open_probability: f64 = 0.02, "1", 0.0..=1.0;

@@ -19,7 +19,7 @@ group! {
         /// Relative uncertainty of the noise level where rounding by a coarse converter is the noise: q^2 / 12 holds
         /// for a signal of many steps.
         rounded_uncertainty: f64 = 0.05, "1", 1e-6..=1e3;
-        /// Relative change of the noise RMS of an output from which residuals are whitened anew.
+        /// Relative change of the noise RMS of an output from which residuals are whitened again.
         renewed: f64 = 0.05, "1", 0.0..=1e3;
         /// Lines in the residual that are offered to effects.
         tones: usize = 4, "lines", 0.0..=100.0;

@@ -6,7 +6,7 @@ group! {
     /// The search for explanations. Gains and prices are in twice the log likelihood.
     SearchSettings {
         /// Entries of the screen that are fitted at each stage. In all labelled cases the truth was among the first six
-        /// entries; the others allow for effects that are off in shape.
+        /// entries; the others allow for effects whose shape differs.
         fitted: usize = 12, "entries", 1.0..=1000.0;
         /// Of these, the fits that are repeated on whole records.
         polished: usize = 4, "entries", 1.0..=1000.0;
@@ -29,8 +29,8 @@ group! {
         /// a penalty of about the number of modal parameters times the square of its use of the limits. One parameter
         /// at four standard deviations has 16.
         straightened_penalty: f64 = 14.0, "2 ln L", 0.0..=1e9;
-        /// Effects that are added, beside an error of the simulation itself, because they straighten the linear
-        /// parameters.
+        /// Most effects that are added to an error of the simulation itself because they bring the linear parameters
+        /// back to their prior.
         most_straightened: usize = 2, "effects", 0.0..=10.0;
         /// Least price of an effect that was not accepted, against no effect. In 93 % of 229 blind cases in which
         /// nothing was named, nothing was missing, or all that was missing was too small to see; a price of 10 stated
@@ -42,8 +42,8 @@ group! {
         /// Price of an effect: twice the logarithm of the number of entries of the library, which are equally likely
         /// before the data are seen.
         choice_price: f64 = 9.0, "2 ln L", 0.0..=1e9;
-        /// Price of an effect that the bounded refit has as a parameter: twice the logarithm of how much further than
-        /// its limits, in standard deviations, the effect lets the parameter go.
+        /// Price of an effect that the bounded refit has as a parameter: twice the logarithm of the factor, in standard
+        /// deviations, by which the effect's range exceeds the limits.
         release_price: f64 = 5.0, "2 ln L", 0.0..=1e9;
         /// Bonus of an effect or location that the case suspects: odds of 50 : 1.
         suspect_bonus: f64 = 8.0, "2 ln L", 0.0..=1e9;
@@ -56,8 +56,8 @@ group! {
         shape_gain: f64 = 40.0, "2 ln L", 0.0..=1e9;
         /// The same on whole records.
         shape_gain_whole: f64 = 160.0, "2 ln L", 0.0..=1e9;
-        /// Amplitude that an explanation must leave of the gap beyond noise and limits for a free shape to be tried
-        /// beside an error of the simulation itself.
+        /// Amplitude of the gap beyond noise and limits that an explanation must leave for a free shape to be tried in
+        /// addition to an error of the simulation itself.
         shape_left: f64 = 0.2, "1", 0.0..=1.0;
         /// Range on either side over which the curve of a free shape is compared with the laws of the vocabulary, in
         /// RMS of the loudest record.

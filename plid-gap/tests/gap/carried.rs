@@ -1,5 +1,5 @@
-//! sim-with-effect.json carries each effect, place and free shape: [`Predictor`] reads from it what was written, and so
-//! does the example in Python.
+//! sim-with-effect.json describes each effect, location and free shape completely: [`Predictor`] reads what was
+//! written, and so does the example in Python.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -18,22 +18,22 @@ use crate::truth::{self, Channels};
 
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/predict_with_effect.py");
 
-/// Largest difference of an output, relative to its RMS: rounding. The script promises 1e-3.
+/// Largest difference of an output, relative to its RMS, which is rounding. The script promises 1e-3.
 const LIMIT: f64 = 1e-8;
 
-/// What an effect must change of the outputs, so that one which is left out would show.
+/// Least change of the outputs by an effect, for a missing effect to be noticed.
 const VISIBLE: f64 = 1e-3;
 
-/// A record is so long that courses turn and drifts move in it.
+/// A record is long enough for courses over time to change their slope and for drifts to be visible.
 const DURATION_S: f64 = 1.0;
 const T0: f64 = 0.3;
 
-/// Where the script can run: Python with NumPy is no part of a build.
+/// The interpreter of the script, which is not required to build this project: Python with NumPy.
 fn python() -> bool {
     Command::new("python3").args(["-c", "import numpy"]).output().is_ok_and(|output| output.status.success())
 }
 
-/// A simulation with what effects may know of it.
+/// A simulation with the properties that effects use.
 struct Bench {
     model: Model,
     plant: Plant,
@@ -42,7 +42,7 @@ struct Bench {
 }
 
 impl Bench {
-    /// With a place on its second mode.
+    /// Adds a port on its second mode.
     fn new(rig: Rig, model: Model) -> Self {
         let mut plant = Plant::new(&model).unwrap();
         plant.add_modal_port(1);
@@ -68,9 +68,10 @@ impl Bench {
         Self { model, plant, setting, u: rig.u }
     }
 
-    /// Sizes at which it shows: those from which a fit starts, a free shape of falling pieces of either sign.
+    /// Returns sizes at which an effect is visible: those from which a fit starts; for a free shape, decreasing
+    /// coefficients of either sign.
     fn sizes(&self, effect: &dyn Effect, place: &Place) -> Vec<f64> {
-        // What only the noise shows has no start.
+        // An effect on the noise alone has no start.
         let any = || vec![1.0; effect.parameters(&self.setting).len()];
         let start = effect.starts(&self.setting, place).into_iter().next().unwrap_or_else(any);
         if Flexible::named(effect.name()).is_none() {
@@ -127,7 +128,7 @@ impl Bench {
         }
     }
 
-    /// What the effects make of the input, and what is read back and predicted from a file in this folder.
+    /// Returns the outputs with the effects, and the prediction from a file in this folder.
     fn predicted(&self, effects: &Effects, folder: &Path) -> [Channels; 2] {
         let json = folder.join("sim-with-effect.json");
         std::fs::write(&json, serde_json::to_string(&self.write(effects)).unwrap()).unwrap();
@@ -138,7 +139,7 @@ impl Bench {
         [written, predictor.run(&self.u, predictor.t0)]
     }
 
-    /// What the script makes of the file in this folder.
+    /// Returns the prediction of the script from the file in this folder.
     fn carried(&self, folder: &Path) -> Channels {
         let [json, input, output] = ["sim-with-effect.json", "u.csv", "y.csv"].map(|name| folder.join(name));
         let rows: Vec<String> = self.u[0].iter().zip(&self.u[1]).map(|(a, b)| format!("{a:e},{b:e}")).collect();
@@ -158,7 +159,7 @@ impl Bench {
         (0..2).map(|o| rows.iter().map(|row| row[o]).collect()).collect()
     }
 
-    /// Whether a free run shows nothing of these effects.
+    /// Returns whether these effects change no free run.
     fn is_stochastic(&self, effects: &Effects) -> bool {
         effects.iter().all(|(effect, place)| {
             let actions = effect.act(&self.setting, place, &self.sizes(*effect, place));
@@ -167,7 +168,7 @@ impl Bench {
     }
 }
 
-/// The largest difference of an output, relative to its RMS; infinite for what is no number.
+/// Returns the largest difference of an output, relative to its RMS; infinite for a value that is not a number.
 fn worst(y: &Channels, other: &Channels) -> f64 {
     let of = |(y, other): (&Vec<f64>, &Vec<f64>)| {
         assert_eq!(y.len(), other.len());
@@ -177,7 +178,7 @@ fn worst(y: &Channels, other: &Channels) -> f64 {
     y.iter().zip(other).map(of).fold(0.0, f64::max)
 }
 
-/// A pure delay before the first input: the simulation has no continuous time then.
+/// Adds a pure delay before the first input; the simulation then has no continuous form.
 fn delayed(mut model: Model) -> Model {
     let n = model.n();
     let late = model.b.column(0).into_owned();
@@ -196,20 +197,20 @@ fn delayed(mut model: Model) -> Model {
     model
 }
 
-/// Effects with their places.
+/// Effects with their locations.
 type Effects<'a> = [(&'a dyn Effect, Place)];
 
-/// A simulation with the effects that are tried on it.
+/// A simulation with the effects that are tested on it.
 type Case<'a> = (&'a Bench, Vec<(&'a dyn Effect, Place)>);
 
-/// The simulations on which effects are tried.
+/// The simulations on which effects are tested.
 struct Benches {
-    /// The second strut without an input: `port:strut2`.
+    /// A truss whose second port has no input: `port:strut2`.
     declared: Bench,
-    /// Accelerations without filters, which answer a force at once.
+    /// Accelerations without filters, which respond to a force at once.
     open: Bench,
     inferred: Bench,
-    /// Without continuous time.
+    /// A simulation without a continuous form.
     discrete: Bench,
 }
 
@@ -235,7 +236,7 @@ impl Benches {
         }
     }
 
-    /// Every effect at a place of each kind where it may act, and its free shape there; then several together.
+    /// Every effect at a location of each kind at which it may act, and its free shape there; then several together.
     fn cases<'a>(&'a self, library: &'a Library) -> Vec<Case<'a>> {
         let Self { declared, open, inferred, discrete } = self;
         let get = |name: &str| library.get(name).unwrap();
@@ -259,7 +260,7 @@ impl Benches {
                 }
             }
         }
-        // Its places are found in noise.
+        // Its locations are found in noise.
         cases.push((declared, vec![(get("coloured-disturbance"), Place::Frequency(133.0, 0))]));
         let on_mode = || Place::Port(declared.setting.names.ports.len() - 1);
         let joint = || (get("joint-hysteresis"), on_mode());
@@ -283,7 +284,7 @@ impl Benches {
     }
 }
 
-/// Of each case in words, what its effects change of the outputs, and what `of` makes of it against what it should be.
+/// Compares, for each case, the change of the outputs by its effects with the result of `of`.
 fn judge(of: impl Fn(&Bench, &Effects, &Path) -> [Channels; 2] + Sync) {
     let (library, benches) = (Library::standard(), Benches::new());
     assert!(benches.discrete.plant.rest.continuous.is_none());
@@ -322,7 +323,7 @@ fn what_is_written_is_read_back() {
 #[test]
 fn the_script_repeats_every_prediction() {
     if !python() {
-        // Past the harness, which keeps what a passing test prints.
+        // Writes past the test harness, which suppresses the output of a passing test.
         writeln!(std::io::stderr(), "SKIPPED the_script_repeats_every_prediction: no python3 with numpy").unwrap();
         return;
     }

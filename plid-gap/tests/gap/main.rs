@@ -1,4 +1,4 @@
-//! What plid-gap simulates and where it sees a gap, against answers that share no code with it.
+//! Simulations and located gaps of plid-gap, compared with results that share no code with it.
 
 mod carried;
 mod forward;

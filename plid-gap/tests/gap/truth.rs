@@ -1,5 +1,5 @@
-//! The independent answer: a truss's equations in continuous time, integrated by somebody else's Runge-Kutta method
-//! (Dormand and Prince, order 8), sample by sample of the held command.
+//! The independent solution: the equations of a truss in continuous time, integrated by another library's Runge-Kutta
+//! method (Dormand and Prince, order 8), sample by sample of the held command.
 
 use nalgebra::{DMatrix, DVector};
 use ode_solvers::{Dop853, OutputType, System};
@@ -7,53 +7,54 @@ use plid_model::{Model, Port};
 
 use crate::truss::RATE;
 
-/// p or m channels of samples.
+/// Channels of samples (p or m).
 pub type Channels = Vec<Vec<f64>>;
 
-/// Error a step, relative to the largest state. A hundredth of it changes no answer here by more than 2e-8 of the
+/// Error of a step, relative to the largest state. A hundredth of it changes no result here by more than 2e-8 of the
 /// outputs (`a_finer_integration_changes_nothing`).
 pub const TOLERANCE: f64 = 1e-10;
 
-/// A force inside the structure, of the displacement d and the velocity v of its port and an internal state z.
+/// A force inside the structure, as a function of displacement d and velocity v of its port and of an internal state z.
 pub struct Joint<'a> {
-    /// Where it acts.
+    /// The port of the force.
     pub port: &'a Port,
     /// f(d, v, z).
     pub force: &'a dyn Fn(f64, f64, f64) -> f64,
-    /// What z is measured in, so that it is of like size as the other states: the tolerance is of the largest.
+    /// Unit of z, chosen for z to be of similar size as the other states, because the tolerance is relative to the
+    /// largest.
     pub unit: f64,
-    /// dz/dt of d, v and z.
+    /// dz/dt as a function of d, v and z.
     pub slip: &'a dyn Fn(f64, f64, f64) -> f64,
 }
 
-/// A force of the time, held over a sample, at a port.
+/// A force at a port as a function of time, held over a sample.
 pub struct Push<'a> {
-    /// Where it acts.
+    /// The port of the force.
     pub port: &'a Port,
-    /// The force from t_k on, of the number of the sample.
+    /// The force from t_k on, as a function of the number of the sample.
     pub force: &'a dyn Fn(usize) -> f64,
 }
 
-/// A number of the time.
+/// A number as a function of time.
 pub type OfTime<'a> = &'a dyn Fn(f64) -> f64;
 
 /// dx/dt = (a + (factor(t) - 1) stiffening) x + b u + forces, y = c x.
 pub struct Equations<'a> {
-    /// n x n.
+    /// State matrix (n x n).
     pub a: &'a DMatrix<f64>,
-    /// n x m.
+    /// Input matrix (n x m).
     pub b: &'a DMatrix<f64>,
-    /// p x n, of the factor.
+    /// Output matrix (p x n), as a function of the factor.
     pub c: &'a dyn Fn(f64) -> DMatrix<f64>,
-    /// What another unit of stiffness adds to `a`, and the factor of the stiffness in time.
+    /// Change of `a` by a further unit of stiffness, and the factor of the stiffness as a function of time.
     pub stiffening: Option<(&'a DMatrix<f64>, OfTime<'a>)>,
-    /// A force of the motion.
+    /// A force that depends on the motion.
     pub joint: Option<Joint<'a>>,
-    /// A force of the time.
+    /// A force that depends on time.
     pub push: Option<Push<'a>>,
 }
 
-/// What a run gives.
+/// The result of a run.
 pub struct Motion {
     /// Outputs.
     pub y: Channels,
@@ -71,7 +72,7 @@ impl<F: Fn(f64, &[f64], &mut [f64])> System<f64, ode_solvers::DVector<f64>> for 
     }
 }
 
-/// x after dx/dt = rate(t, x) from one time to another.
+/// Integrates dx/dt = rate(t, x) from one time to another.
 pub fn advance(x: &mut [f64], from: f64, to: f64, tolerance: f64, rate: impl Fn(f64, &[f64], &mut [f64])) {
     let absolute = tolerance * x.iter().fold(1e-3, |most: f64, x| most.max(x.abs()));
     let start = ode_solvers::DVector::from_column_slice(x);
@@ -100,10 +101,11 @@ pub fn advance(x: &mut [f64], from: f64, to: f64, tolerance: f64, rate: impl Fn(
 }
 
 impl Equations<'_> {
-    /// From rest at t0, with the held command of each sample. A sample is taken before it acts.
+    /// Runs from rest at t0 with the held command of each sample. An output is sampled before the command of its sample
+    /// acts.
     pub fn run(&self, t0: f64, samples: usize, command: impl Fn(usize) -> Vec<f64>, tolerance: f64) -> Motion {
         let n = self.a.nrows();
-        // The last state is the joint's.
+        // The last state is that of the joint.
         let mut x = vec![0.0; n + 1];
         let (mut d, mut v) = (Vec::new(), Vec::new());
         let mut y: Channels = Vec::new();
@@ -121,13 +123,13 @@ impl Equations<'_> {
                 }
             }
             if let Some(Push { port: Port { output: Some(output), .. }, force }) = &self.push {
-                // Sampled before the next value acts.
+                // The outputs are sampled before the next value acts.
                 out += DVector::from_column_slice(output) * if k > 0 { force(k - 1) } else { 0.0 };
             }
             y.resize(out.len(), Vec::new());
             y.iter_mut().zip(out.iter()).for_each(|(y, out)| y.push(*out));
             let held = command(k);
-            // From zero: far from it, a place in a sample has lost digits.
+            // Time counts from zero, because far from it the time within a sample loses digits.
             advance(&mut x, 0.0, 1.0 / RATE, tolerance, |since, x, rate| {
                 let t = start + since;
                 let matrix = self.a.as_slice();
@@ -161,7 +163,7 @@ impl Equations<'_> {
     }
 }
 
-/// The linear simulation as model.json says it: x+ = A x + B u, y = C x + D u.
+/// Runs the linear simulation as in model.json: x+ = A x + B u, y = C x + D u.
 pub fn linear(model: &Model, u: &[Vec<f64>]) -> Channels {
     let mut x = DVector::zeros(model.a.nrows());
     let mut y = vec![Vec::new(); model.c.nrows()];
@@ -174,13 +176,13 @@ pub fn linear(model: &Model, u: &[Vec<f64>]) -> Channels {
     y
 }
 
-/// RMS over all channels.
+/// Returns the RMS over all channels.
 pub fn size(channels: &[Vec<f64>]) -> f64 {
     let count = channels.iter().map(Vec::len).sum::<usize>();
     (channels.iter().flatten().map(|x| x * x).sum::<f64>() / count as f64).sqrt()
 }
 
-/// The difference of two sets of channels.
+/// Returns the difference of two sets of channels.
 pub fn minus(a: &[Vec<f64>], b: &[Vec<f64>]) -> Channels {
     a.iter().zip(b).map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect()).collect()
 }

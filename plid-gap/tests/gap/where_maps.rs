@@ -1,5 +1,6 @@
-//! Golden maps of where a gap lies, one case each of actuator, structure, sensor and time: output x band, time, level
-//! slope and the side that the screen says, beside what physics says of each. `PLID_BLESS=1` writes the files anew.
+//! Golden maps of the location of a gap, one case each for actuator, structure, sensor and time: output x band, time,
+//! level slope and the part of the signal path that the screen names, compared with the physics of each. `PLID_BLESS=1`
+//! writes the files again.
 
 use std::path::PathBuf;
 
@@ -15,18 +16,18 @@ use crate::forward::{MODES, Rig, noise};
 use crate::truss::RATE;
 use crate::truth::{self, Channels, Equations, Joint};
 
-/// Samples and level of each record; the last is held out from all fitting, and from the map.
+/// Number of samples and level of each record; the last is held out from all fits and from the map.
 const RECORDS: [(usize, f64); 5] = [(1200, 0.0), (2000, 1.0), (2000, 0.4), (2000, 1.0), (600, 1.0)];
 
-/// Shares, relative gaps and the slope may differ by this from the golden ones, and larger numbers by this share: other
-/// machines round otherwise, and nothing else is random.
+/// Largest difference of shares, relative gaps and the slope from the golden ones, and largest relative difference of
+/// larger numbers. Other machines round differently; nothing else is random.
 const TOLERANCE: f64 = 1e-6;
 
 /// Changes the commands of a record that starts at this time in s.
 type Command<'a> = &'a dyn Fn(&mut Channels, f64);
 
-/// A case: a change of commands (with the start of a record in s), a force of the displacement at the second strut, a
-/// change of outputs.
+/// A case: a change of commands (with the start of a record in s), a force at the second port as a function of
+/// displacement, and a change of outputs.
 #[derive(Default)]
 struct Truth<'a> {
     command: Option<Command<'a>>,
@@ -34,7 +35,7 @@ struct Truth<'a> {
     sensor: Option<&'a dyn Fn(&mut Channels)>,
 }
 
-/// The map as plid-gap draws it of records of this truth.
+/// Returns the map of plid-gap for records of this truth.
 fn map(rig: &Rig, real: &Truth) -> (Map, Side) {
     let time = rig.model.continuous.as_ref().unwrap();
     let c = |_: f64| rig.model.c.clone();
@@ -82,7 +83,7 @@ fn map(rig: &Rig, real: &Truth) -> (Map, Side) {
     (map, side(&ready.problem))
 }
 
-/// Of the effect that the screen puts first.
+/// The part of the signal path of the effect that the screen puts first.
 fn side(problem: &Problem) -> Side {
     let library = Library::standard();
     let eta = vec![0.0; problem.nuisance.len()];
@@ -100,7 +101,7 @@ fn side(problem: &Problem) -> Side {
     screen(&base, &library, |_| false)[0].placed.effect.side()
 }
 
-/// Share of an output, of a band by a frequency in it, of a stretch.
+/// Returns the share of an output, of a band by a frequency in it, or of a stretch.
 fn of_output(map: &Map, o: usize) -> f64 {
     map.share.row(o).sum()
 }
@@ -113,7 +114,7 @@ fn of_stretch(map: &Map, stretch: usize) -> f64 {
     map.time.row(stretch).sum()
 }
 
-/// Against the file, or into it.
+/// Compares with the file, or writes it.
 fn golden(name: &str, map: &Map, side: Side) {
     let rows = |m: &nalgebra::DMatrix<f64>| -> Vec<Vec<f64>> {
         m.row_iter().map(|row| row.iter().copied().collect()).collect()
@@ -138,7 +139,7 @@ fn golden(name: &str, map: &Map, side: Side) {
     assert!(far.is_empty(), "not as in {}:\n{}", file.display(), far.join("\n"));
 }
 
-/// Every number that differs.
+/// Returns every number that differs.
 fn compare(golden: &Value, found: &Value, at: &str, far: &mut Vec<String>) {
     match (golden, found) {
         (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
@@ -158,8 +159,8 @@ fn compare(golden: &Value, found: &Value, at: &str, far: &mut Vec<String>) {
     }
 }
 
-/// A saturated actuator: at every output, nothing without a command, more at high level (2 for a cube; saturation bends
-/// it down).
+/// A saturated actuator: at every output, nothing without a command, and more at a high level (2 for a cube; saturation
+/// reduces the slope).
 #[test]
 fn actuator() {
     let rig = Rig::new(101);
@@ -173,11 +174,11 @@ fn actuator() {
     assert!((1.2..2.1).contains(&slope), "{slope}");
 }
 
-/// A strut that stiffens: at the resonances, and with the square of the level.
+/// A port that stiffens: at the resonances, and with the square of the level.
 #[test]
 fn structure() {
     let rig = Rig::new(102);
-    // Strong enough to stand out of the noise at the lower level.
+    // Strong enough to exceed the noise at the lower level.
     let k = 2.0 * CUBIC.chosen(&rig)[0];
     let force = |d: f64| -k * d.powi(3);
     let (map, side) = map(&rig, &Truth { force: Some(&force), ..Truth::default() });
@@ -189,7 +190,7 @@ fn structure() {
     assert!((1.4..2.4).contains(&slope), "{slope}");
 }
 
-/// A sensor of the wrong gain: in its own output alone, alike at every level.
+/// A sensor with a wrong gain: in its own output alone, equally at every level.
 #[test]
 fn sensor() {
     let rig = Rig::new(103);
@@ -202,7 +203,7 @@ fn sensor() {
     assert!(slope.value.abs() < 0.1 && slope.ci95[0] < 0.0 && slope.ci95[1] > 0.0, "{slope:?}");
 }
 
-/// An actuator whose gain drifts: at the same level three times as much where three times the time has gone.
+/// An actuator whose gain drifts: at the same level three times as much after three times the time.
 #[test]
 fn time() {
     let rig = Rig::new(104);

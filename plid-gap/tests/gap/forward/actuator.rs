@@ -1,5 +1,5 @@
-//! Effects of a command: the held command of the table through model.json, or, where it changes between samples, piece
-//! by piece through its continuous time.
+//! Effects on a command: the changed command through model.json or, if it changes between samples, piece by piece
+//! through its continuous form.
 
 use nalgebra::{DMatrix, DVector};
 use plid_gap::effects::{Effect, Place};
@@ -8,10 +8,10 @@ use super::{Check, Rig, T0, structure};
 use crate::truss::RATE;
 use crate::truth::{self, Channels};
 
-/// Static curves are the same arithmetic on both sides: rounding. The hysteresis has a corner where z changes its sign,
-/// which costs the integration some digits. Between samples plid-gap divides a sample: a lag and a ramp are their means
-/// over an eighth (second order: up to the square of w T / 8 over 12), a delayed step is right to the sixth order of a
-/// quarter.
+/// Static curves are the same arithmetic on both sides, so the disagreement is rounding. The hysteresis has a corner
+/// where z changes its sign, which costs the integration some digits. Between samples plid-gap divides a sample: a lag
+/// and a ramp are replaced by their means over an eighth (second order: up to the square of w T / 8 over 12), and a
+/// delayed step is exact to the sixth order of a quarter.
 pub const CHECKS: &[Check] = &[
     Check {
         effect: "actuator-saturation",
@@ -92,7 +92,7 @@ fn lag(effect: &dyn Effect) -> f64 {
     [150.0, 300.0, 520.0].into_iter().map(|hz| one(&filtered, hz)).fold(one(&open, 200.0), f64::max)
 }
 
-/// The command of one input or of all arrives late: each hold is split where the late value comes.
+/// The command of one input or of all is delayed: each hold is split where the delayed value arrives.
 fn delay(effect: &dyn Effect) -> f64 {
     let rig = Rig::new(15);
     let one = |place: Place, tau: f64| {
@@ -113,7 +113,7 @@ fn delay(effect: &dyn Effect) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// u' runs towards u at the rate R and then stays.
+/// u' approaches u at the rate R and then stays.
 fn slew(effect: &dyn Effect) -> f64 {
     let rig = Rig::new(16);
     let one = |limit: f64| {
@@ -142,14 +142,14 @@ fn slew(effect: &dyn Effect) -> f64 {
     [1200.0, 3000.0].into_iter().map(one).fold(0.0, f64::max)
 }
 
-/// What drives the structure during a share of a sample: a straight line from one set of values to another.
+/// The command during a share of a sample: a straight line from one set of values to another.
 struct Piece {
     share: f64,
     from: Vec<f64>,
     to: Vec<f64>,
 }
 
-/// The linear structure driven piece by piece, exactly: (x, u, its change) over a piece is one matrix exponential.
+/// Runs the linear structure piece by piece, exactly: (x, u, its change) over a piece is one matrix exponential.
 fn pieces(rig: &Rig, drive: impl Fn(usize) -> Vec<Piece>) -> Channels {
     let time = rig.model.continuous.as_ref().unwrap();
     let (n, m) = time.b.shape();

@@ -1,5 +1,5 @@
-//! Describing functions: near a resonance a force of the motion acts as a stiffness or a damper that depends on the
-//! amplitude alone.
+//! Describing functions: near a resonance, a force that depends on the motion acts as a stiffness or a damper that
+//! depends on the amplitude alone.
 //!
 //! With d = A sin(w t) the fundamental of f is -k_eq d - c_eq v: k_eq = 3/4 k A^2 of a cubic spring, c_eq = 8 c V / (3
 //! pi) of a drag, 4 F / (pi V) of dry friction (V = w A), and k (1 - 2/pi (asin(g/A) + (g/A) sqrt(1 - (g/A)^2))) of a
@@ -17,22 +17,22 @@ use crate::truss::{RATE, held};
 
 type C = Complex<f64>;
 
-/// Samples of one period of the analysis: all tones have whole numbers of cycles in it.
+/// Number of samples of the analysis period, which contains whole numbers of cycles of all tones.
 const PERIOD: usize = 1600;
 
-/// Periods before it: thirty time constants of the slowest mode here.
+/// Number of periods before it: thirty time constants of the slowest mode here.
 const WAIT: usize = 3;
 
 struct Describing {
     effect: &'static str,
-    /// Of the amplitude A and the speed V of the linear motion.
+    /// Parameters for amplitude A and speed V of the linear motion.
     parameters: fn(f64, f64) -> Vec<f64>,
-    /// k_eq and c_eq of parameters, A and V.
+    /// k_eq and c_eq for parameters, A and V.
     equivalent: fn(&[f64], f64, f64) -> (f64, f64),
 }
 
-/// Forces of about a per cent of the command: what this neglects, the harmonics' way back to the fundamental, is of
-/// second order in them, half a per cent of the effect or less.
+/// Largest disagreement. Forces are about one per cent of the command. The neglected part, the effect of the harmonics
+/// on the fundamental, is of second order in them: half a per cent of the effect or less.
 const ALL: [Describing; 4] = [
     Describing {
         effect: "cubic-stiffness",
@@ -60,7 +60,8 @@ const ALL: [Describing; 4] = [
     },
 ];
 
-/// Complex amplitudes of (d, outputs) for a unit command held over samples, with a spring and a damper at the port.
+/// Returns complex amplitudes of (d, outputs) for a unit command held over samples, with a spring and a damper at the
+/// port.
 fn response(rig: &Rig, input: usize, hz: f64, k: f64, c: f64) -> (C, Vec<C>) {
     let time = rig.model.continuous.as_ref().unwrap();
     let port = &rig.model.ports[input];
@@ -85,7 +86,7 @@ fn response(rig: &Rig, input: usize, hz: f64, k: f64, c: f64) -> (C, Vec<C>) {
     (d.map(C::from).dot(&x), y.iter().copied().collect())
 }
 
-/// The complex amplitude of the last period at a frequency.
+/// Returns the complex amplitude of the last period at a frequency.
 fn fundamental(y: &[f64], hz: f64) -> C {
     let from = y.len() - PERIOD;
     let sum: C = (from..y.len()).map(|k| C::cis(-TAU * hz * k as f64 / RATE) * y[k]).sum();

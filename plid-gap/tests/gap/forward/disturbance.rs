@@ -1,4 +1,4 @@
-//! Forces that no command causes and that a free run shows.
+//! Forces that no command causes and that change a free run.
 
 use std::f64::consts::TAU;
 
@@ -8,10 +8,10 @@ use super::{Check, Rig, T0};
 use crate::truss::RATE;
 use crate::truth::{self, Equations, Push};
 
-/// A held force is exact on both sides: rounding.
+/// A held force is exact on both sides, so the disagreement is rounding.
 pub const CHECKS: &[Check] = &[Check { effect: "narrowband-disturbance", limit: 1e-6, measure: narrowband }];
 
-/// a sin(2 pi f t + phi), held over a sample, along a strut, beside the command.
+/// a sin(2 pi f t + phi), held over a sample, at a port, in addition to the command.
 fn narrowband(effect: &dyn Effect) -> f64 {
     let one = |rig: &Rig| {
         let (a, f, phi) = (0.1, 132.6, 0.7);

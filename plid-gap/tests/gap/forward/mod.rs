@@ -1,8 +1,8 @@
-//! Every effect of the vocabulary forward: what `simulate` makes of it against an answer written here from the table of
-//! equations.
+//! Forward simulations with every effect of the vocabulary, compared with solutions that are written here from the
+//! table of equations.
 //!
-//! A disagreement is the RMS of the difference over all outputs, relative to the RMS of what the effect changes: an
-//! effect of one per cent that is right to one per cent disagrees by 0.01, though the outputs agree to 1e-4.
+//! A disagreement is the RMS of the difference over all outputs, relative to the RMS of the change by the effect. An
+//! effect of one per cent that is right to one per cent disagrees by 0.01, although the outputs agree to 1e-4.
 
 mod actuator;
 mod describing;
@@ -26,17 +26,17 @@ use crate::truth::{self, Channels};
 /// Frequencies in Hz and damping ratios.
 pub const MODES: [(f64, f64); 3] = [(58.0, 0.012), (137.0, 0.008), (243.0, 0.006)];
 
-/// Samples of a run: 0.4 s, three time constants of the slowest mode.
+/// Number of samples of a run: 0.4 s, three time constants of the slowest mode.
 const SAMPLES: usize = 640;
 
-/// When a run starts, in s, where nothing else is said: clocks do not begin with a record.
+/// Default start of a run in s: clocks do not begin with a record.
 const T0: f64 = 12.5;
 
-/// One effect's check.
+/// The check of one effect.
 pub struct Check {
     /// Its name.
     pub effect: &'static str,
-    /// The largest disagreement that passes.
+    /// The largest disagreement that is accepted.
     pub limit: f64,
     /// The disagreement.
     pub measure: fn(&dyn Effect) -> f64,
@@ -44,13 +44,13 @@ pub struct Check {
 
 /// A simulation with an input.
 pub struct Rig {
-    /// In physical form.
+    /// The structure in physical form.
     pub truss: Truss,
-    /// In a random basis, as model.json has it.
+    /// The same in a random basis, as in model.json.
     pub model: Model,
-    /// As plid-gap takes it apart.
+    /// The same as plid-gap decomposes it.
     pub plant: Plant,
-    /// Of the same.
+    /// The properties of the same that effects use.
     pub setting: Setting,
     /// White noise of unit RMS.
     pub u: Channels,
@@ -64,7 +64,7 @@ impl Rig {
         Self::with(seed, |_| {})
     }
 
-    /// The same with something changed before the simulation is made.
+    /// Creates the same with a change before the simulation is made.
     pub fn with(seed: u64, change: impl FnOnce(&mut Truss)) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut truss = Truss::draw(&MODES, &mut rng);
@@ -77,12 +77,12 @@ impl Rig {
         Self { truss, model, plant, setting, u, linear }
     }
 
-    /// With an effect, as finely as predictions are.
+    /// Simulates with an effect, as finely as predictions are.
     pub fn simulated(&self, effect: &dyn Effect, place: &Place, parameters: &[f64], t0: f64) -> Channels {
         self.simulated_at(effect, place, parameters, t0, Fineness::FINE)
     }
 
-    /// With an effect.
+    /// Simulates with an effect.
     pub fn simulated_at(
         &self,
         effect: &dyn Effect,
@@ -95,7 +95,7 @@ impl Rig {
         simulate(&self.plant, &effect.act(&self.setting, place, parameters), &self.u, t0, None, fineness)
     }
 
-    /// How far a simulation is from the truth, relative to what the effect changes.
+    /// Returns the disagreement of a simulation with the truth, relative to the change by the effect.
     pub fn disagreement(&self, simulated: &[Vec<f64>], truth: &[Vec<f64>]) -> f64 {
         let changed = truth::size(&truth::minus(truth, &self.linear));
         assert!(changed > 1e-3 * truth::size(&self.linear), "an effect too small to judge: {changed:.1e}");
@@ -115,8 +115,7 @@ fn checks() -> impl Iterator<Item = &'static Check> {
         .flatten()
 }
 
-/// An effect of the library without a check fails, and so does a check without its effect. `--nocapture` prints the
-/// table.
+/// Every effect of the library has a check, and every check an effect. `--nocapture` prints the table.
 #[test]
 fn every_effect_agrees_with_an_independent_answer() {
     let library = Library::standard();
@@ -146,7 +145,7 @@ fn every_effect_agrees_with_an_independent_answer() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
-/// The effects are judged against the simulation's own linear answer: both forms of it are the same.
+/// The effects are compared with the simulation's own linear response: both forms of it agree.
 #[test]
 fn without_effects_both_answers_are_the_same() {
     let rig = Rig::new(1);

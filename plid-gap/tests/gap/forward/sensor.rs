@@ -1,4 +1,4 @@
-//! Effects of a sensor: the table's equations on the samples of the linear simulation.
+//! Effects on a sensor: the table's equations on the samples of the linear simulation.
 
 use std::f64::consts::TAU;
 
@@ -8,7 +8,7 @@ use super::{Check, Rig, T0};
 use crate::truss::RATE;
 use crate::truth;
 
-/// The same arithmetic on both sides: what is left is the modal form's rounding, relative to a small effect.
+/// Both sides use the same arithmetic. The disagreement is the rounding of the modal form, relative to a small effect.
 pub const CHECKS: &[Check] = &[
     Check { effect: "sensor-saturation", limit: 1e-6, measure: saturation },
     Check { effect: "sensor-gain", limit: 1e-6, measure: |effect| fixed(effect, &[0.94], |p, y, _| p[0] * y) },
@@ -26,14 +26,15 @@ pub const CHECKS: &[Check] = &[
     },
     Check { effect: "sensor-lag", limit: 1e-6, measure: lag },
     Check { effect: "sensor-crosstalk", limit: 1e-6, measure: crosstalk },
-    // Band-limited and at rest at both ends: exact but for the tails, which are below 1e-10 of the peak.
+    // The bursts are band-limited and at rest at both ends. The delay is exact except for the tails, which are below
+    // 1e-10 of the peak.
     Check { effect: "sensor-delay", limit: 1e-8, measure: delay },
 ];
 
 /// The output that changes.
 const OUTPUT: usize = 1;
 
-/// A curve of one output and of time.
+/// A curve as a function of one output and of time.
 fn fixed(effect: &dyn Effect, parameters: &[f64], curve: fn(&[f64], f64, f64) -> f64) -> f64 {
     let rig = Rig::new(21);
     let mut y = rig.linear.clone();
@@ -56,7 +57,7 @@ fn saturation(effect: &dyn Effect) -> f64 {
     rig.disagreement(&rig.simulated(effect, &Place::Output(OUTPUT), &[a], T0), &y)
 }
 
-/// Unrolled: y'_k = (1 - al) sum of al^j y_{k-j}.
+/// The recursion written as a sum: y'_k = (1 - al) sum of al^j y_{k-j}.
 fn lag(effect: &dyn Effect) -> f64 {
     let rig = Rig::new(23);
     let fc = 300.0;
@@ -76,7 +77,7 @@ fn crosstalk(effect: &dyn Effect) -> f64 {
     rig.disagreement(&rig.simulated(effect, &Place::OutputToOutput(1, 0), &[0.05], T0), &y)
 }
 
-/// Bursts of tones up to 700 Hz, whose values between the samples are known: y(t_k - tau) is y' at t_k, whatever tau.
+/// Bursts of tones up to 700 Hz, whose values between the samples are known: y(t_k - tau) is y' at t_k for any tau.
 fn delay(effect: &dyn Effect) -> f64 {
     let rig = Rig::new(25);
     let samples = 1500;

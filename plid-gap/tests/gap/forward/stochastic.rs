@@ -1,6 +1,6 @@
-//! Effects that only enter the covariance: no free run shows them, and their parameters are read off the records.
+//! Stochastic effects: no free run shows them, and their parameters are estimated from the records.
 //!
-//! A disagreement is that of the parameter found in drawn records, relative to the parameter planted.
+//! A disagreement is that of the estimated parameter with the planted one, in records that are drawn.
 
 use std::f64::consts::TAU;
 
@@ -15,9 +15,10 @@ use super::{Check, Rig, T0, noise};
 use crate::truss::RATE;
 use crate::truth::{self, Channels, Equations, Push};
 
-/// A variance of 4096 samples is known to 2.2 %, a standard deviation to 1.1 %: three of those, and as much for the
-/// other sensor's. Of the onsets some fall where the signal hardly moves. A band is looked for on a grid of centres (6
-/// %) and widths (5 and 20 %, the planted one has 10 %), and half a second holds some fifty of its correlation times.
+/// A variance of 4096 samples is known to 2.2 %, a standard deviation to 1.1 %: the limit is three of those, and as
+/// much for the other sensor's. Some dropouts begin where the signal hardly moves. A band is found on a grid of centres
+/// (6 %) and widths (5 and 20 %, while the planted one has 10 %), and half a second contains some fifty of its
+/// correlation times.
 pub const CHECKS: &[Check] = &[
     Check { effect: "sensor-noise", limit: 0.05, measure: sensor_noise },
     Check { effect: "sensor-quantisation", limit: 0.05, measure: quantisation },
@@ -25,7 +26,7 @@ pub const CHECKS: &[Check] = &[
     Check { effect: "coloured-disturbance", limit: 0.15, measure: coloured },
 ];
 
-/// Samples of a record.
+/// Number of samples of a record.
 const LONG: usize = 4096;
 
 /// Standard deviation of the declared noise over the outputs' RMS.
@@ -34,10 +35,10 @@ const DECLARED: f64 = 0.01;
 /// The number of the record without input.
 const QUIET: usize = 0;
 
-/// The number of the one with input that is not held out.
+/// The number of the record with input that is not held out.
 const FITTED: usize = 1;
 
-/// Records without input and with: what `push` adds to the structure and `raw` makes of the noisy samples (record,
+/// Records with and without input: `push` is added to the structure, and `raw` converts the noisy samples (record,
 /// outputs, noise).
 fn records(
     rig: &Rig,
@@ -93,7 +94,7 @@ fn run(rig: &Rig, actions: &[Action]) -> Channels {
     simulate(&rig.plant, actions, &rig.u, T0, None, Fineness::FINE)
 }
 
-/// What is found of one effect: parameters of the first, which must be at the first output or strut.
+/// The estimate of one effect: parameters of the first, which must be at the first output or port.
 fn found(rig: &Rig, effect: &dyn Effect, records: &[Record]) -> (Vec<f64>, Prepared) {
     let mut ready = prepare(&rig.model, records, &Known::default()).unwrap();
     let library = Library::standard();
@@ -114,7 +115,7 @@ fn found(rig: &Rig, effect: &dyn Effect, records: &[Record]) -> (Vec<f64>, Prepa
     let free_run = run(rig, &effect.act(&rig.setting, &one.place, &one.parameters));
     let mut expected = run(rig, &[]);
     if let ("sensor-quantisation", &[q, cut]) = (effect.name(), one.parameters.as_slice()) {
-        // What cutting bits off takes in the mean, of what is more than that.
+        // Truncation reduces larger values by this much on average.
         expected[0].iter_mut().for_each(|y| *y = y.signum() * (y.abs() - cut * q).max(0.0));
     }
     let same = free_run.iter().flatten().zip(expected.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-12);
@@ -122,7 +123,7 @@ fn found(rig: &Rig, effect: &dyn Effect, records: &[Record]) -> (Vec<f64>, Prepa
     (one.parameters.clone(), ready)
 }
 
-/// White noise of twice the declared standard deviation on top of it: variances add.
+/// White noise of twice the declared standard deviation in addition to it: variances add.
 fn sensor_noise(effect: &dyn Effect) -> f64 {
     let (rig, std) = declared(51);
     let more = noise(70, 3, LONG);
@@ -134,8 +135,8 @@ fn sensor_noise(effect: &dyn Effect) -> f64 {
     (parameters[0] / (2.0 * std) - 1.0).abs().max(variance.abs())
 }
 
-/// Rounded to a step, and cut off towards zero: the step is found to rounding, and which it is; the noise model's q^2 /
-/// 12 is what a signal of many steps gets by it, once half a step has been put back to what was cut off.
+/// Rounding and truncation to a step. The step is found to rounding, and so is the kind. The noise model's q^2 / 12 is
+/// that of a signal of many steps, once half a step has been added to truncated values.
 fn quantisation(effect: &dyn Effect) -> f64 {
     let off = |cut: f64, law: fn(f64) -> f64| {
         let (rig, std) = declared(52);
@@ -160,7 +161,7 @@ fn quantisation(effect: &dyn Effect) -> f64 {
     off(0.0, f64::round).max(off(0.5, f64::trunc))
 }
 
-/// Onsets at random instants, three samples long.
+/// Dropouts at random instants, three samples long.
 fn dropout(effect: &dyn Effect) -> f64 {
     let (rig, std) = declared(53);
     let mut rng = ChaCha8Rng::seed_from_u64(71);
@@ -182,7 +183,7 @@ fn dropout(effect: &dyn Effect) -> f64 {
     (parameters[0] / planted - 1.0).abs()
 }
 
-/// A resonator's answer to white noise, a tenth of its frequency wide, brought to its standard deviation.
+/// The response of a resonator to white noise, a tenth of its frequency wide, scaled to its standard deviation.
 fn coloured(effect: &dyn Effect) -> f64 {
     let (rig, std) = declared(54);
     let (f, a) = (95.0, 0.2);

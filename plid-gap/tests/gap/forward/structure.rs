@@ -1,5 +1,5 @@
-//! Forces inside the structure, integrated in continuous time from the matrices and ports of model.json; modes that
-//! differ, against a structure built with them.
+//! Forces inside the structure, integrated in continuous time from the matrices and ports of model.json; and changed
+//! modes, compared with a structure that is built with them.
 
 use nalgebra::DMatrix;
 use plid_gap::effects::{Effect, Library, Place};
@@ -10,7 +10,7 @@ use super::{Check, Rig, T0};
 use crate::truss::{Sensor, Truss};
 use crate::truth::{self, Channels, Equations, Joint, Motion};
 
-/// plid-gap's forces are straight lines over an eighth of a sample: an error of second order in that step, which
+/// In plid-gap, forces are linear in time over an eighth of a sample: an error of second order in that step, which
 /// `half_the_step_is_a_quarter_of_the_error` measures. A corner or a jump inside a step costs more.
 pub const CHECKS: &[Check] = &[
     Check { effect: "cubic-stiffness", limit: 2.5e-3, measure: |effect| CUBIC.disagreement(effect) },
@@ -37,7 +37,7 @@ pub struct Law {
 
 const NONE: fn(&[f64], f64, f64) -> f64 = |_, _, _| 0.0;
 
-/// A force of 0.05 is a twentieth of what a command of unit RMS does.
+/// A force of 0.05 has a twentieth of the effect of a command of unit RMS.
 pub const CUBIC: Law = Law {
     effect: "cubic-stiffness",
     parameters: |d, _| vec![0.03 / d.powi(3)],
@@ -90,7 +90,7 @@ const DRAG: Law = Law {
 
 const LAWS: [&Law; 6] = [&CUBIC, &QUADRATIC, &COULOMB, &CLEARANCE, &HYSTERESIS, &DRAG];
 
-/// The strut at which the forces act.
+/// The port at which the forces act.
 pub const STRUT: usize = 1;
 
 impl Law {
@@ -100,13 +100,13 @@ impl Law {
         (self.parameters)(rms(&still.d), rms(&still.v))
     }
 
-    /// The truth; without parameters the linear motion.
+    /// Returns the truth; without parameters the linear motion.
     fn run(&self, rig: &Rig, parameters: Option<&[f64]>, tolerance: f64) -> Motion {
         let time = rig.model.continuous.as_ref().unwrap();
         let joint = Joint {
             port: &rig.model.ports[STRUT],
             force: &|d, v, z| parameters.map_or(0.0, |p| (self.force)(p, d, v, z)),
-            // Displacements are some 1e-6.
+            // Displacements are about 1e-6.
             unit: 1e-6,
             slip: &|_, v, z| parameters.map_or(0.0, |p| (self.slip)(p, v, z)),
         };
@@ -115,8 +115,8 @@ impl Law {
         equations.run(T0, rig.u[0].len(), |k| rig.u.iter().map(|u| u[k]).collect(), tolerance)
     }
 
-    /// For so many parts of a sample, the worse of a structure behind filters and one without, where a force shows at
-    /// once.
+    /// Returns the disagreement for a number of parts of a sample: the larger one of a structure with filters and one
+    /// without, where a force acts on the outputs at once.
     fn disagreements<const N: usize>(&self, effect: &dyn Effect, parts: [usize; N]) -> [f64; N] {
         let of = |rig: &Rig| {
             let parameters = self.chosen(rig);
@@ -131,7 +131,7 @@ impl Law {
         std::array::from_fn(|k| filtered[k].max(open[k]))
     }
 
-    /// As finely as predictions are.
+    /// Returns the disagreement as finely as predictions are.
     fn disagreement(&self, effect: &dyn Effect) -> f64 {
         self.disagreements(effect, [Fineness::FINE.force])[0]
     }
@@ -141,10 +141,10 @@ pub fn rms(x: &[f64]) -> f64 {
     (x.iter().map(|x| x * x).sum::<f64>() / x.len() as f64).sqrt()
 }
 
-/// The largest disagreement over structures that are seen by each kind of sensor, behind filters and without.
+/// Returns the largest disagreement over structures with each kind of sensor, with filters and without.
 fn worst_of_sensors(seed: u64, disagreement: impl Fn(&Rig) -> f64) -> f64 {
     let mut worst = 0.0_f64;
-    // Outputs of like size, so that the states of filters are.
+    // Outputs of similar size lead to filter states of similar size.
     for (sensor, gain) in [(Sensor::Position, 1e6), (Sensor::Velocity, 1e3), (Sensor::Acceleration, 1.0)] {
         for filter_hz in [Some(600.0), None] {
             let rig = Rig::with(seed, |truss| {
@@ -157,7 +157,7 @@ fn worst_of_sensors(seed: u64, disagreement: impl Fn(&Rig) -> f64) -> f64 {
     worst
 }
 
-/// The second mode moved, in the simulation and in the structure.
+/// The second mode is moved, in the simulation and in the structure.
 fn moved(effect: &dyn Effect, parameter: f64, hz: f64, zeta: f64) -> f64 {
     worst_of_sensors(5, |rig| moved_in(rig, effect, parameter, hz, zeta))
 }
@@ -170,10 +170,10 @@ fn moved_in(rig: &Rig, effect: &dyn Effect, parameter: f64, hz: f64, zeta: f64) 
     rig.disagreement(&rig.simulated(effect, &place, &[parameter], T0), &built(rig, &other))
 }
 
-/// What a structure that is built so answers.
+/// Returns the response of a structure that is built so.
 pub fn built(rig: &Rig, truss: &Truss) -> Channels {
     use rand::SeedableRng;
-    // Another basis than the rig's.
+    // Its basis differs from that of the rig.
     let model: Model = truss.model(&mut rand_chacha::ChaCha8Rng::seed_from_u64(99));
     truth::linear(&model, &rig.u)
 }
@@ -191,14 +191,14 @@ fn missing_mode_in(rig: &Rig, effect: &dyn Effect) -> f64 {
     other.modes.push((hz, zeta));
     other.beta = DMatrix::from_fn(4, 2, |k, i| if k < 3 { rig.truss.beta[(k, i)] } else { b[i] });
     other.gamma = DMatrix::from_fn(2, 4, |o, k| if k < 3 { rig.truss.gamma[(o, k)] } else { c[o] });
-    // The effect's own c has norm one.
+    // The c of the effect has norm one.
     let size = c[0].hypot(c[1]);
     let parameters = [hz, zeta, b[0] * size, b[1] * size, c[0], c[1]];
     rig.disagreement(&rig.simulated(effect, &Place::MissingMode(hz), &parameters, T0), &built(rig, &other))
 }
 
-/// The step is fine enough: halved, it changes no effect by more than 1 / 400, and the error against the truth falls by
-/// four, as the order of the method says (by three at least: corners).
+/// The step is fine enough: halved, it changes no effect by more than 1 / 400, and the error decreases by a factor of
+/// four, as the order of the method predicts (by three at least, because of corners).
 #[test]
 fn half_the_step_is_a_quarter_of_the_error() {
     let library = Library::standard();
@@ -211,7 +211,7 @@ fn half_the_step_is_a_quarter_of_the_error() {
     }
 }
 
-/// The independent answer itself is fine enough.
+/// The independent solution itself is fine enough.
 #[test]
 fn a_finer_integration_changes_nothing() {
     let rig = Rig::new(3);

@@ -1,4 +1,4 @@
-//! Effects that change while records are taken.
+//! Effects that change during the records.
 
 use plid_gap::effects::{Action, CubicStiffness, Effect, Place, StiffnessDrift};
 use plid_gap::research::{Fineness, simulate};
@@ -7,8 +7,8 @@ use super::{Check, Rig, T0, structure};
 use crate::truss::{RATE, Truss};
 use crate::truth::{self, Channels, Equations, Joint};
 
-/// A command's gain is rounding. A drift leaves what lies before and behind the structure as at the old pole: a phase
-/// of some w / (pole) of the shift, beside the resonance's own w / (half width), which is one per cent.
+/// A changed gain of a command is exact up to rounding. A drift leaves actuators and filters as at the former pole: a
+/// phase of some w / (pole) of the shift, compared with the resonance's own w / (half width), which is one per cent.
 pub const CHECKS: &[Check] = &[
     Check { effect: "actuator-gain-drift", limit: 1e-6, measure: gain_drift },
     Check { effect: "stiffness-drift", limit: 2e-2, measure: stiffness_drift },
@@ -24,11 +24,11 @@ fn gain_drift(effect: &dyn Effect) -> f64 {
     rig.disagreement(&rig.simulated(effect, &Place::Input(0), &[r], T0), &truth)
 }
 
-/// When a drift is looked at, and how fast it is: the stiffness is one per cent off.
+/// Time at which a drift is examined, and its rate: the stiffness is off by one per cent.
 const LATE: f64 = 25.0;
 const RATE_OF_DRIFT: f64 = 4e-4;
 
-/// w^2 (1 + r t) in every mode's own equation; the force 2 zeta w q' stays, as only the stiffness changes.
+/// w^2 (1 + r t) in every mode's own equation. The force 2 zeta w q' stays, because only the stiffness changes.
 fn drifting(rig: &Rig, r: f64, t0: f64, cubic: Option<f64>) -> Channels {
     let now = rig.truss.equations();
     // Twice the stiffness and the same damping force.
@@ -48,7 +48,7 @@ fn drifting(rig: &Rig, r: f64, t0: f64, cubic: Option<f64>) -> Channels {
     equations.run(t0, rig.u[0].len(), |k| rig.u.iter().map(|u| u[k]).collect(), truth::TOLERANCE).y
 }
 
-/// Either sign, behind filters and without, where the accelerations of a stiffer mode are larger at once.
+/// Drifts of either sign, with filters and without, where the accelerations of a stiffer mode are larger at once.
 fn stiffness_drift(effect: &dyn Effect) -> f64 {
     let one = |rig: &Rig, r: f64| {
         let truth = drifting(rig, r, LATE, None);
@@ -60,13 +60,13 @@ fn stiffness_drift(effect: &dyn Effect) -> f64 {
     all.into_iter().fold(0.0, f64::max)
 }
 
-/// A force of the displacement on a structure that has stiffened: d is that of the moved modes. Relative to what the
-/// force changes.
+/// A force as a function of displacement in a structure that has stiffened: d is that of the moved modes. The
+/// disagreement is relative to the change by the force.
 #[test]
 fn a_force_sees_the_displacement_of_the_stiffened_structure() {
     let rig = Rig::new(34);
     let k = structure::CUBIC.chosen(&rig)[0];
-    // Eight per cent, for a difference that shows.
+    // Eight per cent, for a visible difference.
     let r = 0.08 / LATE;
     let without = drifting(&rig, r, LATE, None);
     let truth = drifting(&rig, r, LATE, Some(k));
@@ -81,6 +81,6 @@ fn a_force_sees_the_displacement_of_the_stiffened_structure() {
     let simulated = truth::minus(&run(true), &run(false));
     let far = truth::size(&truth::minus(&simulated, &changed)) / truth::size(&changed);
     println!("force on drift {far:.2e}");
-    // With the displacement as it was before, it is four per cent too large, and its cube twelve.
+    // With the former displacement it is four per cent too large, and its cube twelve.
     assert!(far < 0.03, "{far:.2e}");
 }
