@@ -21,6 +21,7 @@ A number is a setting if it decides what the diagnosis says: with another value,
 the same records. Its reason and its source stand beside it. A number that only controls a computation stays beside its
 algorithm, with a comment that says why it has its value. Such numbers are steps of finite differences, limits of
 iterations, lengths of segments, rounding tolerances, the shapes of starting values, and numbers of rows in a report.
+The limits within which the parameters of an effect mean what its name says belong to the effect and stand in its file.
 
 This chapter is generated from the code. After a change there, `UPDATE_BOOK=1 cargo test -p plid-gap --test settings`
 writes it.

@@ -9,18 +9,13 @@ use super::wiring::{Wire, Wiring};
 use crate::case::Case;
 use crate::case::split::driven;
 use crate::error::GapError;
+use crate::settings::AuditSettings;
 use crate::words::percent;
 
-/// Number of channels up to which all permutations are tried; with more, all exchanges of two are.
+/// Number of channels up to which all permutations are tried; with more, all exchanges of two are, to bound the time.
 const ALL_PERMUTATIONS: usize = 5;
 
-/// Shortest delay that counts as one of the wiring. A shorter delay is an effect that is fitted.
-const SHORTEST: i64 = 3;
-
-/// Factor by which every change must reduce the squared gap.
-const PRICE: f64 = 1.5;
-
-/// Number of outputs up to which all signs are among the starts.
+/// Number of outputs up to which all signs are among the starts, to bound the time.
 const ALL_SIGNS: usize = 3;
 
 /// Factors between units in use, with the units. Smaller ones (2, the root of 2) are left to gains, which are fitted.
@@ -35,16 +30,6 @@ const UNITS: [(f64, &str); 9] = [
     (std::f64::consts::TAU, "as between rad/s and Hz"),
     (4.448222, "as between newtons and pounds"),
 ];
-
-/// Smaller factors count only if all channels share them. A factor of a single channel may be a gain, and if the
-/// simulation is wrong in other ways too, least squares underestimate it.
-const ALONE: f64 = 9.0;
-
-/// Relative distance within which a factor is one of these.
-const NEAR: f64 = 0.08;
-
-/// A factor above this (or below one over it) counts even if it is none of these.
-const OTHER: f64 = 20.0;
 
 /// A mismatch of the wiring.
 #[derive(Debug, Clone, PartialEq)]
@@ -86,8 +71,8 @@ pub fn find(case: &Case, model: &Model) -> Result<Option<Mismatch>, GapError> {
     if !(before > settings.least_gap) {
         return Ok(None);
     }
-    let outputs = |from: &Wiring| pruned(&responses, with_outputs(&responses, from));
-    let inputs = |from: &Wiring| pruned(&responses, with_inputs(&responses, from));
+    let outputs = |from: &Wiring| pruned(&responses, with_outputs(&responses, from, settings), settings);
+    let inputs = |from: &Wiring| pruned(&responses, with_inputs(&responses, from, settings), settings);
     // Outputs come first: if a change of either side is equivalent (all negated, all in other units), the sensors are
     // the more usual cause.
     let outer = outputs(&plain);
@@ -95,9 +80,9 @@ pub fn find(case: &Case, model: &Model) -> Result<Option<Mismatch>, GapError> {
     let both = [inputs(&outer), outputs(&inner)];
     let again = [outputs(&both[0]), inputs(&both[1])];
     let mut best = plain;
-    let mut least = price(&responses, &best);
+    let mut least = price(&responses, &best, settings);
     let mut take = |wiring: Wiring, best: &mut Wiring| {
-        let price = price(&responses, &wiring);
+        let price = price(&responses, &wiring, settings);
         if price < 0.999 * least {
             (least, *best) = (price, wiring);
         }
@@ -123,15 +108,16 @@ pub fn find(case: &Case, model: &Model) -> Result<Option<Mismatch>, GapError> {
     Ok(Some(Mismatch { wiring: best, before, after, explains: after <= settings.corrected * before, sentence }))
 }
 
-fn price(responses: &Responses, wiring: &Wiring) -> f64 {
-    responses.gap(wiring).powi(2) * PRICE.powi(wiring.changes() as i32)
+/// Returns the squared gap with the price of all changes.
+fn price(responses: &Responses, wiring: &Wiring, settings: &AuditSettings) -> f64 {
+    responses.gap(wiring).powi(2) * settings.change_price.powi(wiring.changes() as i32)
 }
 
 /// Removes changes that do not reduce the gap enough.
-fn pruned(responses: &Responses, mut wiring: Wiring) -> Wiring {
-    let mut least = price(responses, &wiring);
+fn pruned(responses: &Responses, mut wiring: Wiring, settings: &AuditSettings) -> Wiring {
+    let mut least = price(responses, &wiring, settings);
     loop {
-        let simpler = wiring.simpler().into_iter().map(|w| (price(responses, &w), w));
+        let simpler = wiring.simpler().into_iter().map(|w| (price(responses, &w, settings), w));
         match simpler.min_by(|a, b| a.0.total_cmp(&b.0)) {
             Some((price, simpler)) if price <= least => (least, wiring) = (price, simpler),
             _ => return wiring,
@@ -140,7 +126,7 @@ fn pruned(responses: &Responses, mut wiring: Wiring) -> Wiring {
 }
 
 /// Returns the best outputs and delay for these inputs.
-fn with_outputs(responses: &Responses, from: &Wiring) -> Wiring {
+fn with_outputs(responses: &Responses, from: &Wiring, settings: &AuditSettings) -> Wiring {
     let (p, reach) = (responses.p, responses.reach as i64);
     let simulated = |output: usize| -> Vec<Simulated> {
         let wires = from.inputs.iter().enumerate();
@@ -166,21 +152,21 @@ fn with_outputs(responses: &Responses, from: &Wiring) -> Wiring {
         });
         all.max_by(|a, b| a.2.total_cmp(&b.2)).map(|(order, at, _)| (order.clone(), at)).expect("an order and a lag")
     };
-    let (order, at) = best_or_at_once(best, reach);
+    let (order, at) = best_or_at_once(best, reach, settings.shortest_delay);
     let outputs = order
         .iter()
         .enumerate()
         // The ratio of sizes, because least squares underestimate the factor if phases are off.
         .map(|(o, &q)| Wire {
             channel: q,
-            gain: plausible((responses.weight[o] * size[q]).sqrt().recip().copysign(with[o][q][at])),
+            gain: plausible((responses.weight[o] * size[q]).sqrt().recip().copysign(with[o][q][at]), settings),
         })
         .collect();
     Wiring { outputs, inputs: from.inputs.clone(), delay: at as i64 - reach }
 }
 
 /// Returns the best inputs and delay for these outputs: each order of the inputs, with gains by least squares.
-fn with_inputs(responses: &Responses, from: &Wiring) -> Wiring {
+fn with_inputs(responses: &Responses, from: &Wiring, settings: &AuditSettings) -> Wiring {
     let (m, reach) = (responses.m, responses.reach as i64);
     // The output o is measured where the simulation gives gain times its `channel`.
     let simulated = |input: usize, wire: usize| -> Vec<(usize, Simulated)> {
@@ -217,18 +203,18 @@ fn with_inputs(responses: &Responses, from: &Wiring) -> Wiring {
         let all = (0..orders.len()).flat_map(|which| lags.iter().map(move |&at| (which, at, gains(which, at).1)));
         all.max_by(|a, b| a.2.total_cmp(&b.2)).map(|(which, at, _)| (which, at)).expect("an order and a lag")
     };
-    let (which, at) = best_or_at_once(best, reach);
+    let (which, at) = best_or_at_once(best, reach, settings.shortest_delay);
     let (gains, _) = gains(which, at);
     let inputs = orders[which].0.iter().zip(&gains);
-    let inputs = inputs.map(|(&channel, &gain)| Wire { channel, gain: plausible(gain) }).collect();
+    let inputs = inputs.map(|(&channel, &gain)| Wire { channel, gain: plausible(gain, settings) }).collect();
     Wiring { outputs: from.outputs.clone(), inputs, delay: at as i64 - reach }
 }
 
-/// Returns the best of all lags; that without delay if the delay is short.
-fn best_or_at_once<T>(best: impl Fn(&[usize]) -> (T, usize), reach: i64) -> (T, usize) {
+/// Returns the best of all lags; that without delay if the delay is shorter than `shortest` samples.
+fn best_or_at_once<T>(best: impl Fn(&[usize]) -> (T, usize), reach: i64, shortest: usize) -> (T, usize) {
     let all: Vec<usize> = (0..=2 * reach as usize).collect();
     let found = best(&all);
-    if (found.1 as i64 - reach).abs() >= SHORTEST { found } else { best(&[reach as usize]) }
+    if (found.1 as i64 - reach).unsigned_abs() as usize >= shortest { found } else { best(&[reach as usize]) }
 }
 
 /// Returns these wirings with one factor between units on all outputs or on all inputs, and no other factor.
@@ -261,22 +247,23 @@ fn starts(responses: &Responses) -> Vec<Wiring> {
 }
 
 /// Returns a sign, with a factor if it is one between units.
-fn plausible(gain: f64) -> f64 {
+fn plausible(gain: f64, settings: &AuditSettings) -> f64 {
     let size = gain.abs();
     let sign = if gain < 0.0 { -1.0 } else { 1.0 };
-    match unit(size) {
-        Some((factor, _)) if factor.max(1.0 / factor) > ALONE => sign * factor,
-        _ if (1.0 / OTHER..=OTHER).contains(&size) => sign,
+    let any = settings.unknown_factor;
+    match unit(size, settings.unit_distance) {
+        Some((factor, _)) if factor.max(1.0 / factor) > settings.single_factor => sign * factor,
+        _ if (1.0 / any..=any).contains(&size) => sign,
         _ if size > 0.0 && size.is_finite() => gain,
         _ => 1.0,
     }
 }
 
-/// Returns the known factor that is near this one.
-fn unit(size: f64) -> Option<(f64, &'static str)> {
+/// Returns the known factor within this relative distance.
+fn unit(size: f64, distance: f64) -> Option<(f64, &'static str)> {
     let both = UNITS.iter().flat_map(|&(factor, units)| [(factor, units), (1.0 / factor, units)]);
     both.min_by(|a, b| (size / a.0).ln().abs().total_cmp(&(size / b.0).ln().abs()))
-        .filter(|(factor, _)| (size / factor - 1.0).abs() < NEAR)
+        .filter(|(factor, _)| (size / factor - 1.0).abs() < distance)
 }
 
 /// Returns all orders of a few channels; of many, all exchanges of two.
@@ -308,10 +295,11 @@ fn permutations(count: usize) -> Vec<Vec<usize>> {
 
 fn sentence(wiring: &Wiring, case: &Case, before: f64, after: f64) -> String {
     let config = &case.config;
-    let mut parts = side(&wiring.outputs, &config.outputs, "output", "input", |name, other| {
+    let distance = config.settings.audit.unit_distance;
+    let mut parts = side(&wiring.outputs, &config.outputs, ["output", "input"], distance, |name, other| {
         format!("what is recorded as {name} looks like the simulation's {other}")
     });
-    parts.extend(side(&wiring.inputs, &config.inputs, "input", "output", |name, other| {
+    parts.extend(side(&wiring.inputs, &config.inputs, ["input", "output"], distance, |name, other| {
         format!("the simulation's {name} looks driven by what is recorded as {other}")
     }));
     let seconds = wiring.delay.unsigned_abs() as f64 / config.rate();
@@ -334,8 +322,8 @@ fn sentence(wiring: &Wiring, case: &Case, before: f64, after: f64) -> String {
 fn side(
     wires: &[Wire],
     names: &[String],
-    what: &str,
-    opposite: &str,
+    [what, opposite]: [&str; 2],
+    distance: f64,
     moved: impl Fn(&str, &str) -> String,
 ) -> Vec<String> {
     let mut parts = Vec::new();
@@ -357,8 +345,8 @@ fn side(
     }
     let scaled: Vec<usize> = (0..wires.len()).filter(|&k| wires[k].gain.abs() != 1.0).collect();
     let sizes: Vec<f64> = scaled.iter().map(|&k| wires[k].gain.abs()).collect();
-    let alike = scaled.len() == wires.len() && sizes.iter().all(|size| (size / sizes[0] - 1.0).abs() < NEAR);
-    let text = |size: f64| match unit(size) {
+    let alike = scaled.len() == wires.len() && sizes.iter().all(|size| (size / sizes[0] - 1.0).abs() < distance);
+    let text = |size: f64| match unit(size, distance) {
         Some((factor, units)) => format!("in other units, {} times the simulation's ({units})", short(factor)),
         None if size < 1.0 => format!("{} times that of the simulation, as if it hardly acted", short(size)),
         None => format!("{} times that of the simulation, as in other units", short(size)),

@@ -5,17 +5,15 @@ use crate::diagnose::Outcome;
 use crate::judge::gap::shrink;
 use crate::judge::verdict::Verdict;
 
-/// Share of the gap from which a refit that closes it hides the gap.
-const MOST: f64 = 0.5;
-
 /// Returns the sentence, if a refit hides the gap.
 pub(super) fn sentence(outcome: &Outcome) -> Option<String> {
     let gap = &outcome.diagnosis.gap;
     let bounded = shrink(gap.as_given, gap.refit, gap.noise_floor);
     let free = shrink(gap.as_given, gap.free_refit, gap.noise_floor);
-    let (share, refitted, how) = if bounded > MOST {
+    let least = outcome.diagnosis.settings.answer.hidden_by_refit;
+    let (share, refitted, how) = if bounded > least {
         (bounded, gap.refit, "even within its stated limits")
-    } else if free > MOST {
+    } else if free > least {
         (free, gap.free_refit, "freed from its limits")
     } else {
         return None;

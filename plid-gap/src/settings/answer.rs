@@ -11,6 +11,8 @@ group! {
         unexplained: f64 = 1.1, "1", 1.0..=1e6;
         /// Gap as given, over the noise, below which the gap is noise.
         noise_only: f64 = 1.1, "1", 1.0..=1e6;
+        /// Share of the gap that a linear refit must close for the report to say that it hides the gap.
+        hidden_by_refit: f64 = 0.5, "1", 0.0..=1.0;
         /// Share of the gap from which one of the bands with most of it is listed.
         listed_band: f64 = 0.02, "1", 0.0..=1.0;
     }

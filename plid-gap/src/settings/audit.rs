@@ -18,6 +18,17 @@ group! {
         several: f64 = 0.7, "1", 0.0..=1e6;
         /// These starts are tried only if a plain search leaves a larger gap than this: dozens of starts cost seconds.
         several_left: f64 = 0.25, "1", 0.0..=1e6;
+        /// Factor by which every change of the wiring must reduce the squared gap.
+        change_price: f64 = 1.5, "1", 1.0..=1e6;
+        /// Delay from which all channels count as delayed. A shorter delay is an effect, which is fitted.
+        shortest_delay: usize = 3, "samples", 1.0..=1e6;
+        /// Largest relative distance of a factor from one between units.
+        unit_distance: f64 = 0.08, "1", 0.0..=1.0;
+        /// Factor between units above which a single channel may have it. A smaller factor of a single channel may be a
+        /// gain, and if the simulation is wrong in other ways too, least squares underestimate it.
+        single_factor: f64 = 9.0, "1", 1.0..=1e9;
+        /// Factor above which a channel has other units, even if the factor is none between known units.
+        unknown_factor: f64 = 20.0, "1", 1.0..=1e9;
         /// Periods of the lowest mode that a record must contain: in fewer, the mode shows neither its decay nor its
         /// frequency.
         periods: f64 = 3.0, "periods", 0.0..=1e6;
