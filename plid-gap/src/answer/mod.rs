@@ -186,7 +186,7 @@ pub(crate) fn comparisons(found: &Search, best: &[Placed], rivals: &[Rival], nam
         rows.push(Comparison { expected: Some(0.0), realised: Some(0.0), ..own });
     }
     // The entry that replaces the reference in a rival.
-    let stand_in = |rival: &Rival| {
+    let replacing = |rival: &Rival| {
         let replaced = &entries[reference?].placed;
         let kept = |placed: &Placed| best.iter().any(|b| !same(b, replaced) && same(b, placed));
         let new: Vec<&Placed> = rival.effects.iter().filter(|placed| !kept(placed)).collect();
@@ -194,7 +194,7 @@ pub(crate) fn comparisons(found: &Search, best: &[Placed], rivals: &[Rival], nam
     };
     let mut listed: Vec<usize> = best.iter().filter_map(place).collect();
     for rival in rivals {
-        let entry = stand_in(rival);
+        let entry = replacing(rival);
         listed.extend(entry);
         let row = before(entry, joined(&rival.effects, names, "@"));
         rows.push(Comparison { expected: Some(rival.expected), realised: Some(rival.realised), ..row });

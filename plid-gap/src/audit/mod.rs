@@ -20,7 +20,7 @@ use crate::effects::Library;
 use crate::error::GapError;
 use crate::prepare::Known;
 use crate::settings::step::Step;
-use surrogate::StandIn;
+use surrogate::Surrogate;
 
 pub use rewire::Mismatch;
 
@@ -35,7 +35,7 @@ pub struct Audit {
     pub mismatch: Option<Mismatch>,
     /// The prior knowledge for the preparation.
     pub known: Known,
-    stand_in: Option<StandIn>,
+    surrogate: Option<Surrogate>,
 }
 
 /// Audits a case. A case without a simulation gets a surrogate model. `off` are the steps that the diagnosis skips.
@@ -80,16 +80,16 @@ fn look(
     if looks {
         found.extend(clipping::check(case));
     }
-    let (model, stand_in) = match &case.model {
+    let (model, surrogate) = match &case.model {
         Some(model) => (model.clone(), None),
         None => {
-            let known = before.and_then(|before| before.stand_in.clone());
-            let stand_in = known.map_or_else(|| surrogate::identify(case, say), Ok)?;
-            (stand_in.model.clone(), Some(stand_in))
+            let known = before.and_then(|before| before.surrogate.clone());
+            let surrogate = known.map_or_else(|| surrogate::identify(case, say), Ok)?;
+            (surrogate.model.clone(), Some(surrogate))
         }
     };
-    let of_records = stand_in.is_some() && case.records.iter().all(|record| record.simulated.is_none());
-    found.extend(stand_in.iter().map(|stand_in| stand_in.words.clone()));
+    let of_records = surrogate.is_some() && case.records.iter().all(|record| record.simulated.is_none());
+    found.extend(surrogate.iter().map(|surrogate| surrogate.words.clone()));
     found.extend(stable::check(case, &model)?);
     let little = little::check(case, &model, library, without)?;
     found.extend(little.findings);
@@ -101,7 +101,7 @@ fn look(
     };
 
     let mut case = case.clone();
-    if stand_in.is_some() {
+    if surrogate.is_some() {
         case.records.iter_mut().for_each(|record| surrogate::take_misfit(record, &model));
     }
     case.config.exclude.extend(little.left_out);
@@ -114,7 +114,7 @@ fn look(
     case.model = Some(explained.map_or(model.clone(), |mismatch| mismatch.wiring.applied(&model)));
     case.warnings.extend(found);
     let (prior_std, model_error) =
-        stand_in.clone().map_or_else(Default::default, |stand_in| (stand_in.prior_std, stand_in.model_error));
+        surrogate.clone().map_or_else(Default::default, |surrogate| (surrogate.prior_std, surrogate.model_error));
     let known = Known {
         limits: case.config.nuisance,
         prior_std,
@@ -123,7 +123,7 @@ fn look(
         off: off.to_vec(),
         settings: case.config.settings.clone(),
     };
-    Ok(Audit { case, mismatch, known, stand_in })
+    Ok(Audit { case, mismatch, known, surrogate })
 }
 
 #[cfg(test)]

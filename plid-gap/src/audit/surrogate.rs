@@ -38,7 +38,7 @@ const ITERATIONS: usize = 60;
 
 /// A surrogate model for a case without a simulation.
 #[derive(Debug, Clone)]
-pub struct StandIn {
+pub struct Surrogate {
     /// The model.
     pub model: Model,
     /// Its accuracy in words.
@@ -54,7 +54,7 @@ pub struct StandIn {
 /// # Errors
 /// [`GapError::TooLittle`] if the records are too short for the requested states; [`GapError::Failed`] if no model can
 /// be identified.
-pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<StandIn, GapError> {
+pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<Surrogate, GapError> {
     let fitted =
         if case.for_simulation.is_empty() { driven(&case.records) } else { case.for_simulation.iter().collect() };
     if fitted.is_empty() {
@@ -104,7 +104,7 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<StandIn, Gap
     let set_aside = !case.for_simulation.is_empty();
     let model_error =
         if of_simulator { None } else { model_error(&model, &fitted, set_aside, &case.config.settings.plant)? };
-    Ok(StandIn { model, words, prior_std, model_error })
+    Ok(Surrogate { model, words, prior_std, model_error })
 }
 
 /// A linear model of records.
@@ -277,10 +277,10 @@ mod tests {
     }
 
     #[test]
-    fn the_best_linear_model_of_the_records_stands_in() {
+    fn the_best_linear_model_of_the_records_is_the_surrogate() {
         let mut case = case(&truss(3), &truss(3));
         case.config.states = Some(truss(3).n());
-        let StandIn { model, words, .. } = identify(&case, &mut |_| {}).unwrap();
+        let Surrogate { model, words, .. } = identify(&case, &mut |_| {}).unwrap();
         assert_eq!((model.n(), &model.outputs), (truss(3).n(), &case.config.outputs));
         // Noise of 0.2 % in 4096 samples.
         assert!(apart(&model, &truss(3)) < 0.002, "{}", apart(&model, &truss(3)));
@@ -297,7 +297,7 @@ mod tests {
         for record in &mut case.records {
             record.simulated = Some(run(&truss(4), &record.u));
         }
-        let StandIn { model, words, .. } = identify(&case, &mut |_| {}).unwrap();
+        let Surrogate { model, words, .. } = identify(&case, &mut |_| {}).unwrap();
         // It has its own number of states and no rounding.
         assert_eq!(model.n(), truss(4).n());
         assert!(apart(&model, &truss(4)) < 1e-5, "{}", apart(&model, &truss(4)));
@@ -310,7 +310,7 @@ mod tests {
         for value in case.records.iter_mut().flat_map(|record| record.simulated.iter_mut().flatten().flatten()) {
             *value = (1e4 * *value).round() / 1e4;
         }
-        let StandIn { model, words, .. } = identify(&case, &mut |_| {}).unwrap();
+        let Surrogate { model, words, .. } = identify(&case, &mut |_| {}).unwrap();
         assert_eq!(model.n(), AuditSettings::default().surrogate_states);
         assert!(words.contains("its error is 0."), "{words}");
         // Too few states are reported.
