@@ -14,7 +14,7 @@ use plid::gap::GapError;
 use plid::gap::case::Case;
 use plid::gap::effects::{Library, Names};
 use plid::gap::research::{
-    Base, Foretold, Placed, REFIT_STEPS, Rules, audit, explain, gaps, locate, next_experiment, of_screen, prepare,
+    Base, Placed, Predicted, REFIT_STEPS, Rules, audit, explain, gaps, locate, next_experiment, of_screen, prepare,
     refit, rivals, screen, stochastic_effects, weigh,
 };
 use plid::testbed::gap::{Channels, EffectSpec, GapSpec, PlantKind, draw};
@@ -117,11 +117,11 @@ fn steps(case: &Case) -> Result<(), GapError> {
     println!("held out: {:.2} % as given, {:.2} % with it", 100.0 * gaps.as_given, 100.0 * gaps.with_effect);
 
     // 9. What would part what is left.
-    let foretold = Foretold::new(problem, found.fit());
-    let rivals = rivals(&foretold, &best.effects, &found.found.candidates);
+    let predicted = Predicted::new(problem, found.fit());
+    let rivals = rivals(&predicted, &best.effects, &found.found.candidates);
     println!(
         "next: {}",
-        next_experiment(&found, &weighted, &best.effects, &foretold, &rivals).unwrap_or("nothing".into())
+        next_experiment(&found, &weighted, &best.effects, &predicted, &rivals).unwrap_or("nothing".into())
     );
     Ok(())
 }

@@ -7,7 +7,7 @@ pub use crate::diagnose::explain::explain;
 pub use crate::fit::problem::{Placed, Problem};
 pub use crate::fit::refit::{Refit, STEPS as REFIT_STEPS, refit};
 pub use crate::judge::next_experiment::next_experiment;
-pub use crate::judge::separability::{Foretold, rivals};
+pub use crate::judge::separability::{Predicted, rivals};
 pub use crate::judge::shrink::gaps;
 pub use crate::judge::verdict::weigh;
 pub use crate::plant::Plant;

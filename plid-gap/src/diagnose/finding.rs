@@ -17,7 +17,7 @@ use crate::judge::explained::Explained;
 use crate::judge::judgement::Judgement;
 use crate::judge::locate::{self, Map};
 use crate::judge::next_experiment::next_experiment;
-use crate::judge::separability::{Foretold, Rival, rivals};
+use crate::judge::separability::{Predicted, Rival, rivals};
 use crate::judge::settle_all::with_all;
 use crate::judge::shares::of_band;
 use crate::judge::verdict::Verdict;
@@ -69,8 +69,8 @@ impl<'f, 'a> Finding<'f, 'a> {
         let [before, after] = &self.maps;
         say("held against its rivals".into());
         // If nothing is missing, there is nothing to distinguish.
-        let foretold = (*verdict != Verdict::None).then(|| Foretold::new(&ready.problem, self.explained.fit()));
-        let rivals = foretold.as_ref().map_or_else(Vec::new, |foretold| rivals(foretold, best, &found.candidates));
+        let predicted = (*verdict != Verdict::None).then(|| Predicted::new(&ready.problem, self.explained.fit()));
+        let rivals = predicted.as_ref().map_or_else(Vec::new, |predicted| rivals(predicted, best, &found.candidates));
         let mut effects = self.named();
         let sentence = self.sentence(&effects, &rivals);
         if *verdict != Verdict::Effects {
@@ -82,8 +82,9 @@ impl<'f, 'a> Finding<'f, 'a> {
         self.delay.iter().for_each(|delay| delay.explains(&mut candidates));
         delay.into_iter().for_each(|delay| delay.named(&mut effects, &candidates));
         say("next experiment".into());
-        let next =
-            foretold.as_ref().and_then(|foretold| next_experiment(self.explained, weighted, best, foretold, &rivals));
+        let next = predicted
+            .as_ref()
+            .and_then(|predicted| next_experiment(self.explained, weighted, best, predicted, &rivals));
         let class = others(self.explained, &rivals).map(|others| (in_words(best, names), others));
         Diagnosis {
             verdict: if delay.is_some() { Verdict::Effects } else { *verdict },

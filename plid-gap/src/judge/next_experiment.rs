@@ -15,7 +15,7 @@ use crate::fit::candidate::in_words;
 use crate::fit::nuisance::Nuisance;
 use crate::fit::problem::{Fit, Placed, Problem, sum_of_squares};
 use crate::judge::explained::Explained;
-use crate::judge::separability::{Foretold, Rival, foretold, open};
+use crate::judge::separability::{Predicted, Rival, open, predicted};
 use crate::judge::verdict::Weighted;
 use crate::noise::whiten::Whitener;
 use crate::simulate::Fineness;
@@ -26,7 +26,7 @@ pub fn next_experiment<'a>(
     explained: &Explained<'a>,
     weighted: &[Weighted<'a>],
     best: &[Placed],
-    records: &Foretold<'a>,
+    records: &Predicted<'a>,
     rivals: &[Rival<'a>],
 ) -> Option<String> {
     if weighted.len() < 2 {
@@ -161,7 +161,7 @@ fn imagined(explained: &Explained, best: &Fit, experiment: &Experiment) -> Probl
     let (plant, setting) = (problem.plant.clone(), problem.setting.clone());
     let settings = problem.settings.clone();
     let made = Problem { plant, records, whiteners: vec![whitener], nuisance, setting, settings };
-    foretold(&made, &best.eta[..made.nuisance.len()], &best.effects)
+    predicted(&made, &best.eta[..made.nuisance.len()], &best.effects)
 }
 
 /// Returns the information of the records on a rival's parameters, without the initial states.

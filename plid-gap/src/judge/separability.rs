@@ -19,7 +19,7 @@ use crate::simulate::Fineness;
 const NEARLY: Effort = Effort { steps: 6, gain: 0.2, fineness: Fineness::COARSE };
 
 /// Records as an explanation predicts them, without noise, and the fit of the explanation to them.
-pub struct Foretold<'a> {
+pub struct Predicted<'a> {
     /// The problem with simulated outputs.
     pub problem: Problem,
     /// The explanation as it was fitted to the measured records.
@@ -29,10 +29,10 @@ pub struct Foretold<'a> {
     own: f64,
 }
 
-impl<'a> Foretold<'a> {
+impl<'a> Predicted<'a> {
     /// Predicts the records by `truth`, a fit to `problem`.
     pub fn new(problem: &Problem, truth: &Fit<'a>) -> Self {
-        let problem = foretold(problem, &truth.eta, &truth.effects);
+        let problem = predicted(problem, &truth.eta, &truth.effects);
         let jacobian = problem.jacobian(&problem.nuisance.apply(&problem.plant, &truth.eta));
         // Its own linear parameters are pulled towards their prior as a rival's are.
         let own = problem.fit(&jacobian, &truth.eta, &truth.effects, NEARLY).cost;
@@ -53,7 +53,7 @@ impl<'a> Foretold<'a> {
 
 /// Returns the problem with the outputs of a linear model with effects in place of the measured ones. Missing samples
 /// stay missing.
-pub(crate) fn foretold(problem: &Problem, eta: &[f64], effects: &[Placed]) -> Problem {
+pub(crate) fn predicted(problem: &Problem, eta: &[f64], effects: &[Placed]) -> Problem {
     let plant = problem.nuisance.apply(&problem.plant, eta);
     let actions = problem.actions(effects);
     let simulated = |(index, record): (usize, &Record)| {
@@ -83,12 +83,12 @@ pub struct Rival<'a> {
 
 /// Returns the candidates that are nearest to the best explanation, compared with it. The explanation of no effect has
 /// no rivals, because each candidate contains it. `best` are the effects of the best explanation, without a free shape.
-pub fn rivals<'a>(foretold: &Foretold<'a>, best: &[Placed], candidates: &[Candidate<'a>]) -> Vec<Rival<'a>> {
+pub fn rivals<'a>(predicted: &Predicted<'a>, best: &[Placed], candidates: &[Candidate<'a>]) -> Vec<Rival<'a>> {
     let Some(own) = candidates.iter().find(|candidate| all_same(&candidate.effects, best)) else { return Vec::new() };
     if best.is_empty() {
         return Vec::new();
     }
-    let JudgeSettings { compared_within, compared, .. } = foretold.problem.settings.judge;
+    let JudgeSettings { compared_within, compared, .. } = predicted.problem.settings.judge;
     let realised = |candidate: &Candidate| 0.5 * (candidate.cost - own.cost);
     let mut near: Vec<&Candidate> = Vec::new();
     for candidate in candidates {
@@ -99,10 +99,10 @@ pub fn rivals<'a>(foretold: &Foretold<'a>, best: &[Placed], candidates: &[Candid
     }
     near.into_par_iter()
         .map(|candidate| {
-            let fit = foretold.fit(&candidate.effects);
+            let fit = predicted.fit(&candidate.effects);
             Rival {
                 effects: candidate.effects.clone(),
-                expected: foretold.expected(&fit),
+                expected: predicted.expected(&fit),
                 realised: realised(candidate),
                 fit,
             }
@@ -179,17 +179,17 @@ mod tests {
         let offset = at(&SensorOffset, Place::Output(0), &[std]);
         let truth = fit(&problem, &drift);
         let truth = Fit { effects: vec![drift.clone()], ..truth };
-        let foretold = Foretold::new(&problem, &truth);
+        let predicted = Predicted::new(&problem, &truth);
         let n = N as f64;
         let expected = 0.5 * (per_sample / std).powi(2) * n * (n * n - 1.0) / 12.0;
-        let found = foretold.expected(&foretold.fit(std::slice::from_ref(&offset)));
+        let found = predicted.expected(&predicted.fit(std::slice::from_ref(&offset)));
         assert!((found / expected - 1.0).abs() < 1e-3, "{found} for {expected}");
         // Both are linear in their sizes, so the result is known before any fit.
         let before =
             overlap(&problem.jacobian(&problem.plant), &[trace(&problem, &drift), trace(&problem, &offset)]).unwrap();
         assert!((before.expected[(0, 1)] / expected - 1.0).abs() < 1e-3, "{:?} for {expected}", before.expected);
         // Nothing is expected to separate a truth from itself.
-        assert!(foretold.expected(&foretold.fit(&[drift])) < 1e-6);
+        assert!(predicted.expected(&predicted.fit(&[drift])) < 1e-6);
     }
 
     /// Cubic stiffness with a gap of this multiple of the noise, compared with clearance.
@@ -198,7 +198,7 @@ mod tests {
         let input = Place::Input(0);
         let mut cubic = at(&CubicStiffness, input.clone(), &CubicStiffness.starts(&problem.setting, &input)[0]);
         let zero = vec![0.0; problem.nuisance.len()];
-        let bare = foretold(&problem, &zero, &[]);
+        let bare = predicted(&problem, &zero, &[]);
         let share = |with: &Problem| {
             let (mut error, mut output) = (0.0, 0.0);
             for (a, b) in bare.records.iter().zip(&with.records) {
@@ -210,9 +210,9 @@ mod tests {
             f64::sqrt(error / output)
         };
         for _ in 0..4 {
-            cubic.parameters[0] *= gap / share(&foretold(&problem, &zero, std::slice::from_ref(&cubic)));
+            cubic.parameters[0] *= gap / share(&predicted(&problem, &zero, std::slice::from_ref(&cubic)));
         }
-        let with = foretold(&problem, &zero, std::slice::from_ref(&cubic));
+        let with = predicted(&problem, &zero, std::slice::from_ref(&cubic));
         for ((record, bare), with) in problem.records.iter_mut().zip(&bare.records).zip(&with.records) {
             let each = record.y.iter_mut().flatten().zip(bare.y.iter().flatten()).zip(with.y.iter().flatten());
             each.for_each(|((y, bare), with)| *y += with - bare);
@@ -236,7 +236,7 @@ mod tests {
         let (overlap, rival) = fits.remove(0);
         let candidate =
             |fit: &Fit<'static>| Candidate { effects: fit.effects.clone(), cost: fit.cost, priced: fit.cost };
-        let held = Foretold::new(&problem, &best);
+        let held = Predicted::new(&problem, &best);
         let near = rivals(&held, &best.effects, &[candidate(&best), candidate(&rival)]);
         let is_open = open(&near, &best.effects, &JudgeSettings::default()).next().is_some();
         let expected = held.expected(&held.fit(&rival.effects));

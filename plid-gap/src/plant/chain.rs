@@ -2,7 +2,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::Rest;
+use super::NonModal;
 use crate::fourier::C;
 use crate::settings::PlantSettings;
 
@@ -44,7 +44,7 @@ pub struct SignalChain {
 
 impl SignalChain {
     /// Finds the poles that belong to one input or to one output alone.
-    pub(super) fn find(rest: &Rest, step: f64, settings: &PlantSettings) -> Self {
+    pub(super) fn find(rest: &NonModal, step: f64, settings: &PlantSettings) -> Self {
         let PlantSettings { repeated_pole, own_channel, .. } = *settings;
         let (r, m, p) = (rest.a.nrows(), rest.b.ncols(), rest.c.nrows());
         let mut chain = Self { actuator: vec![None; m], filter: vec![Vec::new(); p] };

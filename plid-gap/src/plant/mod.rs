@@ -78,7 +78,7 @@ impl Carried {
 
 /// The rest of the simulation, which is no structural mode: r states, discrete at the sample rate.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Rest {
+pub struct NonModal {
     /// State matrix over one sample (r x r).
     pub a: DMatrix<f64>,
     /// Input matrix over one sample (r x m).
@@ -124,7 +124,7 @@ pub struct Plant {
     /// Structural modes by rising frequency.
     pub modes: Vec<Mode>,
     /// All other states.
-    pub rest: Rest,
+    pub rest: NonModal,
     /// Direct feedthrough (p x m).
     pub d: DMatrix<f64>,
     /// Ports of internal forces.
@@ -208,7 +208,7 @@ impl Plant {
         let a = &basis.rest_inverse * &model.a * &basis.rest;
         let b = &basis.rest_inverse * &model.b;
         let continuous = rest_in_time(model, &basis, &a, &b, step);
-        let rest = Rest { c: &model.c * &basis.rest, a, b, continuous };
+        let rest = NonModal { c: &model.c * &basis.rest, a, b, continuous };
         let chain = SignalChain::find(&rest, step, settings);
         let mut plant = Self {
             rate,

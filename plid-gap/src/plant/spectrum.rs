@@ -1,6 +1,6 @@
 use nalgebra::{DMatrix, DVector};
 
-use super::{Plant, Rest, eigenvectors, phi1};
+use super::{NonModal, Plant, eigenvectors, phi1};
 use crate::fourier::C;
 
 /// Relative error up to which the eigenvectors reconstruct the matrix. Poles that nearly coincide have eigenvectors
@@ -95,7 +95,7 @@ impl Spectrum {
         let a = sum(&poles, |pole| (pole * step).exp());
         let held = sum(&poles, |pole| phi1(pole * step) * step);
         let a_time = sum(&poles, |pole| pole);
-        let rest = Rest { a, b: held * &b, c, continuous: Some((a_time, b)) };
+        let rest = NonModal { a, b: held * &b, c, continuous: Some((a_time, b)) };
         (plant.rest, plant.d) = (rest, d);
     }
 

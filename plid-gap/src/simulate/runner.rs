@@ -59,7 +59,7 @@ pub struct Runner<'a> {
     /// Output row of each mode, doubled.
     c: Vec<Vec<Lane>>,
     d: DMatrix<f64>,
-    rest: Rest,
+    rest: NonModalStep,
     /// Increment of the held input and of the disturbances over a part.
     held: Vec<Lane>,
     held_rest: Vec<Quad>,
@@ -74,7 +74,7 @@ pub struct Runner<'a> {
 }
 
 /// The step of the rest: over each part if its continuous form is known, otherwise over a sample with the mean input.
-struct Rest {
+struct NonModalStep {
     a: Rows,
     /// For each input, the increment of a unit.
     b: Vec<Vec<Quad>>,
@@ -131,7 +131,7 @@ impl<'a> Runner<'a> {
     ) -> Self {
         let parts = values * parts_a_value;
         let step = 1.0 / (plant.rate * parts as f64);
-        let rest = Rest::new(plant, parts, step);
+        let rest = NonModalStep::new(plant, parts, step);
         let none = lanes::complex(std::iter::repeat_n(C::ZERO, plant.modes.len()));
         let nought = rest.next.clone();
         let ports = forces.iter().map(|&(number, law)| Port::new(plant, number, law, step)).collect();
@@ -338,7 +338,7 @@ impl<'a> Runner<'a> {
     }
 }
 
-impl Rest {
+impl NonModalStep {
     fn new(plant: &Plant, parts: usize, step: f64) -> Self {
         let rest = &plant.rest;
         let r = rest.a.nrows();
