@@ -51,7 +51,7 @@ pub fn carry_out(
 /// Writes report.html, stability.csv, stability.json, machine.json and config.toml.
 ///
 /// # Errors
-/// [`StudyError::File`]
+/// Returns [`StudyError::NotFinite`] or [`StudyError::File`].
 pub fn write_all(outcome: &Outcome, directory: &Path) -> Result<(), StudyError> {
     outcome.write(directory)
 }

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use plid_catalogue::{CovarianceName, ExpectationName, ScalarName};
+use plid_file::{NotFinite, to_value};
 use serde::Serialize;
 
 use super::classify::{Class, Judged, judge, rule};
@@ -104,7 +105,19 @@ impl Row {
     }
 }
 
-/// stability.json: a line of the table and what it leaves out.
+/// The content of stability.json.
+#[derive(Serialize)]
+struct Content<'a> {
+    machine: &'a Machine,
+    config: &'a Config,
+    rule: String,
+    claims: &'a [Claim],
+    recommended: &'a [Recommended],
+    references: &'a [ReferenceSummary],
+    cells: Vec<Details<'a>>,
+}
+
+/// A cell in stability.json: its line of the table and what the table leaves out.
 #[derive(Serialize)]
 struct Details<'a> {
     #[serde(flatten)]
@@ -135,18 +148,22 @@ impl Outcome {
     /// Writes the files and keeps the journal.
     ///
     /// # Errors
-    /// [`StudyError::File`]
+    /// Returns [`StudyError::NotFinite`] or [`StudyError::File`].
     pub fn write(&self, directory: &Path) -> Result<(), StudyError> {
         write(&directory.join("config.toml"), to_toml(&self.config))?;
         write_json(&directory.join("machine.json"), &self.machine)?;
         write_csv(&directory.join("stability.csv"), self.cells.iter().map(Row::of))?;
         write(&directory.join("report.html"), report::page(self).to_html())?;
         // Last, so that its presence says that the others are there.
-        write_json(&directory.join("stability.json"), &self.json())
+        let path = directory.join("stability.json");
+        write_json(&path, &self.json().map_err(StudyError::not_finite(&path))?)
     }
 
-    /// stability.json.
-    pub fn json(&self) -> serde_json::Value {
+    /// Returns the content of stability.json. What is not available has no key.
+    ///
+    /// # Errors
+    /// Returns [`NotFinite`] for the first number that is not finite.
+    pub fn json(&self) -> Result<serde_json::Value, NotFinite> {
         let details = self.cells.iter().map(|judged| Details {
             row: Row::of(judged),
             errors: &judged.cell.errors,
@@ -155,27 +172,38 @@ impl Outcome {
             indefinite: &judged.cell.indefinite,
             microseconds_per_step: judged.cell.microseconds_per_step,
         });
-        present(serde_json::json!({
-            "machine": self.machine,
-            "config": self.config,
-            "rule": rule(),
-            "claims": self.claims,
-            "recommended": self.recommended,
-            "references": self.references,
-            "cells": details.collect::<Vec<_>>(),
-        }))
+        to_value(&Content {
+            machine: &self.machine,
+            config: &self.config,
+            rule: rule(),
+            claims: &self.claims,
+            recommended: &self.recommended,
+            references: &self.references,
+            cells: details.collect(),
+        })
     }
 }
 
-/// A value without the keys that have none: what is not available is absent.
-fn present(mut value: serde_json::Value) -> serde_json::Value {
-    match &mut value {
-        serde_json::Value::Object(keys) => {
-            keys.retain(|_, value| !value.is_null());
-            keys.values_mut().for_each(|value| *value = present(value.take()));
-        }
-        serde_json::Value::Array(values) => values.iter_mut().for_each(|value| *value = present(value.take())),
-        _ => {}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stability::cell::Cell;
+
+    #[test]
+    fn a_number_that_is_not_finite_is_refused_by_its_path() {
+        let config = Config::default();
+        let group = config.groups().remove(0);
+        let cell = Cell::new(&group, CovarianceName::Direct, ScalarName::F64, [1.0, 100.0], 400.0);
+        let found = Found { cells: vec![cell], references: Vec::new() };
+        let mut outcome = Outcome::new(config, Machine::here(), found).unwrap();
+        let cell = &outcome.json().unwrap()["cells"][0];
+        assert!(cell["symmetry_defect"].is_number() && cell.get("nees").is_none(), "{cell}");
+
+        outcome.cells[0].cell.symmetry_defect = f64::NAN;
+        assert_eq!(outcome.json().unwrap_err().path, "cells[0].symmetry_defect");
+        let directory = tempfile::tempdir().unwrap();
+        let refused = outcome.write(directory.path()).unwrap_err();
+        assert!(matches!(refused, StudyError::NotFinite { .. }), "{refused}");
+        assert!(!directory.path().join("stability.json").exists());
     }
-    value
 }

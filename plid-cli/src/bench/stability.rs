@@ -1,6 +1,7 @@
 //! `plid bench stability`: how long P stays a covariance, by form, scalar and size.
 
 use plid_bench::stability::{self, Config, FULL, Outcome, QUICK};
+use plid_bench::study::StudyError;
 
 use super::Common;
 use crate::progress::Bar;
@@ -33,7 +34,8 @@ pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
         Ok(outcome)
     })?;
     if voice.json {
-        voice::print(&format!("{:#}\n", outcome.json()))
+        let content = outcome.json().map_err(StudyError::not_finite("stability.json"))?;
+        voice::print(&format!("{content:#}\n"))
     } else if voice.quiet {
         Ok(())
     } else {
