@@ -1,7 +1,6 @@
 //! A file as a table of named columns.
 use super::{DataError, Warning, delimited, mat, numpy};
 use ndarray::{Array2, ArrayView1};
-use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
@@ -62,7 +61,7 @@ pub fn read(path: &Path, variable: Option<&str>) -> Result<Table, DataError> {
         names: content.names,
         columns: content.columns,
         scalars: content.scalars,
-        sha256: Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect(),
+        sha256: plid_file::sha256(&bytes),
         lines: content.lines,
         notes: content.notes,
     })

@@ -4,14 +4,19 @@
 //! - [`Staged`] does the same for several files that belong together in one folder.
 //! - [`to_json`] refuses a number that is not finite, because JSON has none.
 //! - [`file_name`] turns any name into one that stays in its folder.
+//! - With the feature `hash`, `sha256` identifies files by their content.
 
 mod atomic;
+#[cfg(feature = "hash")]
+mod hash;
 mod leftover;
 mod name;
 mod staged;
 mod strict;
 
 pub use atomic::write_atomic;
+#[cfg(feature = "hash")]
+pub use hash::{digest, executable_sha256, hex, sha256};
 pub use name::file_name;
 pub use staged::Staged;
 pub use strict::{NotFinite, require_finite, to_json, to_value};

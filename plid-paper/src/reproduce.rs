@@ -7,9 +7,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use plid_bench::study::{Journal, Machine, Progress, StudyError, write, write_json};
+use plid_file::{executable_sha256, sha256};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 
 use crate::claim::{Claim, Context, Finding, Panel, Verdict};
 use crate::page::{self, Line};
@@ -55,7 +55,7 @@ pub fn reproduce(
     directory: &Path,
     progress: &dyn Progress,
 ) -> Result<Vec<Line>, StudyError> {
-    let program = program()?;
+    let program = executable_sha256().map_err(StudyError::file("the program's executable"))?;
     let tasks = claims.iter().map(|claim| task(claim, options, &program)).collect::<Result<Vec<Task>, _>>()?;
     let journal: Journal<Done> = Journal::open(directory, "paper", "claims", !options.anew)?;
     let wanted = |task: &&Task| options.only.is_empty() || options.only.iter().any(|id| id == task.claim.id);
@@ -124,16 +124,6 @@ pub fn reproduce(
     let failed = results.into_iter().filter_map(Result::err);
     let first = failed.min_by_key(|error| !matches!(error, StudyError::Interrupted { .. }));
     first.map_or(Ok(lines), Err)
-}
-
-/// The running build: the SHA-256 of its executable.
-fn program() -> Result<String, StudyError> {
-    let path = std::env::current_exe().map_err(StudyError::file("the program's executable"))?;
-    Ok(sha256(fs::read(&path).map_err(StudyError::file(path))?))
-}
-
-fn sha256(bytes: impl AsRef<[u8]>) -> String {
-    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 fn task(claim: &Claim, options: &Options, program: &str) -> Result<Task, StudyError> {
@@ -222,6 +212,5 @@ mod tests {
         assert_eq!(key(true, "one"), key(true, "one"));
         assert_ne!(key(true, "one"), key(false, "one"));
         assert_ne!(key(true, "one"), key(true, "another"));
-        assert_eq!(program().unwrap().len(), 64);
     }
 }

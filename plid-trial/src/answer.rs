@@ -1,5 +1,6 @@
 //! The answer to a case on disk: its files, and answer.json with their hashes.
 
+use plid_file::sha256;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -9,7 +10,6 @@ use serde::{Deserialize, Serialize};
 use crate::error::TrialError;
 use crate::files;
 use crate::program::Program;
-use crate::seal::sha256;
 
 /// The files of an answer by name.
 pub type Answer = BTreeMap<&'static str, Vec<u8>>;

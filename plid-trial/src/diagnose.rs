@@ -1,5 +1,6 @@
 //! The diagnosis of all cases of a trial, from the trial's directory alone.
 
+use plid_file::sha256;
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
@@ -11,7 +12,6 @@ use crate::answer::{self, Answer, Shard};
 use crate::error::TrialError;
 use crate::manifest::{MANIFEST, Manifest, OpenCase};
 use crate::program::Program;
-use crate::seal::sha256;
 use crate::{baselines, files};
 use plid_gap::case::Case;
 use plid_gap::effects::Library;

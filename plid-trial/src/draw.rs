@@ -1,5 +1,6 @@
 //! Cases in one directory, their answers under seal in another.
 
+use plid_file::sha256;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -16,7 +17,7 @@ use crate::files;
 use crate::manifest::{DrawnCase, FORMAT, MANIFEST, Manifest, OpenCase, SEAL, SEAL_FORMAT, SEALED, Seal};
 use crate::plan::{Planned, plan};
 use crate::program::Program;
-use crate::seal::{derived, salt, salted, sha256};
+use crate::seal::{derived, salt, salted};
 
 /// What was drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,5 +1,6 @@
 //! The public and the sealed manifest of a trial.
 
+use plid_file::sha256;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -10,7 +11,7 @@ use crate::error::TrialError;
 use crate::files;
 use crate::plan::Arm;
 use crate::program::Program;
-use crate::seal::{salt, sha256};
+use crate::seal::salt;
 
 /// The content of T/trial.json, which is written last: everything that the cases reveal about the truth.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

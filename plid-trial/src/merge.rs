@@ -1,5 +1,6 @@
 //! Merges shards, each of which must be present exactly once.
 
+use plid_file::sha256;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,7 +10,6 @@ use crate::diagnose::{ANSWERS, SHARD, SHARDS, ShardFile};
 use crate::error::TrialError;
 use crate::files;
 use crate::manifest::{MANIFEST, Manifest};
-use crate::seal::sha256;
 
 /// Merges the answers of shards into T/answers. Without `folders`, all shards in T/shards are merged.
 ///

@@ -6,8 +6,6 @@ use std::sync::OnceLock;
 use serde::{Deserialize, Serialize};
 
 use crate::error::TrialError;
-use crate::files;
-use crate::seal::sha256;
 
 /// A build of the program. Two builds of one commit differ where their executables do.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -34,12 +32,13 @@ impl Program {
         if let Some(program) = THIS.get() {
             return Ok(program.clone());
         }
-        let path = std::env::current_exe().map_err(TrialError::file("the program's executable"))?;
+        let executable_sha256 =
+            plid_file::executable_sha256().map_err(TrialError::file("the program's executable"))?;
         let program = Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             commit: option_env!("PLID_COMMIT").map(str::to_owned),
             dirty: option_env!("PLID_CHANGED") == Some("true"),
-            executable_sha256: sha256(&files::read(&path)?),
+            executable_sha256,
         };
         Ok(THIS.get_or_init(|| program).clone())
     }

@@ -1,6 +1,7 @@
 //! Compares answers with the truth: the answers are recorded first, then the seals are checked, and only then is
 //! anything opened.
 
+use plid_file::sha256;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -25,7 +26,7 @@ use crate::manifest::{DrawnCase, MANIFEST, Manifest, OpenCase, Seal};
 use crate::plan::Arm;
 use crate::report;
 use crate::scores::{Given, Line, Scores};
-use crate::seal::{salted, sha256};
+use crate::seal::salted;
 use crate::truth::{TrueEffect, Truth};
 
 /// S/answers.json: the answers as they were before anything was opened.

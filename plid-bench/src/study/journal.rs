@@ -3,10 +3,9 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use plid_file::require_finite;
+use plid_file::{require_finite, sha256};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 
 use super::StudyError;
 
@@ -52,8 +51,7 @@ impl<T: Serialize + DeserializeOwned> Journal<T> {
     /// dropped; the file system's.
     pub fn open(directory: &Path, study: &str, config: &str, resume: bool) -> Result<Self, StudyError> {
         let path = directory.join(NAME);
-        let sha256 = Sha256::digest(config).iter().map(|byte| format!("{byte:02x}")).collect();
-        let head = Head { study: study.into(), config_sha256: sha256 };
+        let head = Head { study: study.into(), config_sha256: sha256(config) };
         fs::create_dir_all(directory).map_err(StudyError::file(directory))?;
         let old = match fs::read(&path) {
             Ok(bytes) if resume => bytes,

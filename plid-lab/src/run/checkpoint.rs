@@ -3,13 +3,12 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 
 use super::error::RunError;
 use super::output::{MANIFEST, RESULT};
 use crate::experiment::{Experiment, to_toml};
 use crate::identify::{Memory, Paused};
-use plid_file::write_atomic;
+use plid_file::{digest, sha256, write_atomic};
 
 /// The name of the checkpoint in the output directory.
 pub const CHECKPOINT: &str = "checkpoint.json";
@@ -26,14 +25,13 @@ pub(crate) struct Saved {
 /// SHA-256 over the experiment as requested and the bytes of every file that it names (relative to `base`). A resumed
 /// run must have the same identity as the interrupted one.
 pub(crate) fn identity(experiment: &Experiment, base: &Path) -> Result<String, RunError> {
-    let mut hash = Sha256::new();
-    hash.update(to_toml(experiment));
+    let mut parts = to_toml(experiment).into_bytes();
     for file in experiment.files() {
         let path = base.join(file);
         let bytes = std::fs::read(&path).map_err(|source| RunError::File { path, source })?;
-        hash.update(Sha256::digest(&bytes));
+        parts.extend(digest(bytes));
     }
-    Ok(hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+    Ok(sha256(parts))
 }
 
 /// Checks that a resumed run of `experiment` may write into `directory`. A checkpoint carries its own identity; without
