@@ -8,6 +8,32 @@ use plid::lab::report::file_name;
 
 use super::Failure;
 
+/// The output directory of work that can be interrupted, and what it may hold already.
+#[derive(clap::Args)]
+pub struct Output {
+    /// Output directory [default: out/NAME; a study's name is bench-STUDY].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Continue what was interrupted from what it left in the output directory, without repeating finished work.
+    #[arg(long)]
+    pub resume: bool,
+    /// Write into a directory that is not empty.
+    #[arg(long)]
+    pub force: bool,
+}
+
+impl Output {
+    /// The directory for work of this name, which is free or may be written to.
+    ///
+    /// # Errors
+    /// An input failure if the directory holds something and neither option allows that.
+    pub fn directory(&self, name: &str) -> Result<PathBuf, Failure> {
+        let out = self.out.clone().unwrap_or_else(|| default_for(name));
+        check(&out, self.force || self.resume)?;
+        Ok(out)
+    }
+}
+
 /// `out/NAME`, which stays in `out` whatever the name is.
 pub fn default_for(name: &str) -> PathBuf {
     Path::new("out").join(file_name(if name.is_empty() { "experiment" } else { name }))
@@ -33,8 +59,8 @@ pub fn is_free(directory: &Path) -> Result<bool, Failure> {
     }
 }
 
-/// Does work that writes into `directory`. The directory is made first, so that a place that cannot be written to is found
-/// before the work and not after it; work that fails without a trace leaves no new directory.
+/// Does work that writes into `directory`. The directory is made first, so that a place that cannot be written to is
+/// found before the work and not after it; work that fails without a trace leaves no new directory.
 pub fn with<T>(directory: &Path, work: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failure> {
     let is_new = !directory.exists();
     fs::create_dir_all(directory).map_err(|error| Failure::file(directory, &error))?;

@@ -13,7 +13,8 @@ use plid::lab::prepare::{Advance, Preparation};
 use plid::lab::report::write_atomic;
 use plid::lab::run::{CHECKPOINT, require_own};
 
-use super::{Failure, Voice, directory};
+use super::directory::Output;
+use super::{Failure, Voice};
 
 /// Identify a model from records.
 ///
@@ -22,7 +23,12 @@ use super::{Failure, Voice, directory};
 /// covariances tuned on the training data, input advance decided by a test, channels scaled.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Examples:\n  plid identify record.csv --inputs force --outputs left,right --states 8 --out out/record\n  plid identify flexible.mat --inputs 1-2 --outputs 3-5 --states 48 --rate 100 --out out/flexible\n  plid identify record.csv --inputs u --outputs y --scan 2,4,8,12 --out out/scan"
+    after_help = concat!(
+        "Examples:\n",
+        "  plid identify record.csv --inputs force --outputs left,right --states 8 --out out/record\n",
+        "  plid identify flexible.mat --inputs 1-2 --outputs 3-5 --states 48 --rate 100 --out out/flexible\n",
+        "  plid identify record.csv --inputs u --outputs y --scan 2,4,8,12 --out out/scan",
+    )
 )]
 pub struct Arguments {
     /// Data files: CSV and similar text, MATLAB .mat (v4, v5), NumPy .npz, columns without a header.
@@ -49,7 +55,8 @@ pub struct Arguments {
     /// Decimate to this rate.
     #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
     decimate: Option<f64>,
-    /// Number of samples by which the input is advanced, for a plant with direct feedthrough; `auto`: decided by a test.
+    /// Number of samples by which the input is advanced, for a plant with direct feedthrough; `auto`: decided by a
+    /// test.
     #[arg(long, default_value = "auto", value_parser = ["auto", "0", "1"])]
     advance: String,
     /// Treat a NaN among the outputs as an error, or as a missing sample (nan).
@@ -85,15 +92,8 @@ pub struct Arguments {
     /// Name of the experiment in the report [default: name of the first file].
     #[arg(long)]
     name: Option<String>,
-    /// Output directory [default: out/NAME].
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
-    /// Continue an interrupted run from its checkpoint in the output directory.
-    #[arg(long)]
-    resume: bool,
-    /// Write into a directory that is not empty.
-    #[arg(long)]
-    force: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// A word as an experiment file has it.
@@ -138,8 +138,7 @@ fn indices(word: Option<&str>) -> Result<IndicesChoice, Failure> {
 pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     let stem = arguments.data[0].file_stem().map(|s| s.to_string_lossy().into_owned());
     let name = arguments.name.clone().or(stem).unwrap_or_else(|| "record".into());
-    let out = arguments.out.clone().unwrap_or_else(|| directory::default_for(&name));
-    directory::check(&out, arguments.force || arguments.resume)?;
+    let out = arguments.output.directory(&name)?;
     // The file that is written may be run from anywhere.
     let absolute = |path: &PathBuf| std::fs::canonicalize(path).map_err(|error| Failure::file(path, &error));
     let experiment = Experiment {
@@ -190,12 +189,13 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     if let Some((key, reason)) = experiment.problems().into_iter().next() {
         return Err(Failure::input(format!("{key}: {reason}")));
     }
-    if arguments.resume && !arguments.force {
+    let Output { resume, force, .. } = arguments.output;
+    if resume && !force {
         require_own(&experiment, &out, &out)?;
     }
     let checkpoint = || std::fs::read(out.join(CHECKPOINT)).ok();
     let before = checkpoint();
-    let result = super::run::carry_out(&experiment, &out, &out, arguments.resume, voice);
+    let result = super::run::carry_out(&experiment, &out, &out, resume, voice);
     // An experiment that fails leaves nothing; one that is interrupted leaves a checkpoint and may be continued.
     if result.is_ok() || checkpoint() != before {
         let path = out.join("experiment.toml");

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use plid::lab::experiment::{self, Experiment, Refinement, StructureKind};
 use plid::lab::run::{self, Outcome, RunError};
 
+use super::directory::Output;
 use super::progress::Bar;
 use super::{Failure, Voice, directory, voice};
 
@@ -16,23 +17,27 @@ use super::{Failure, Voice, directory, voice};
 /// checkpoint, from which --resume continues to the same result.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example:\n  plid run experiments/truss-mimo-30.toml --out out/truss\n\nThe shortest experiment file for data of your own:\n  [data]\n  files = [\"record.csv\"]\n  inputs = [\"force\"]\n  outputs = [\"left\", \"right\"]\n  [structure]\n  states = 8"
+    after_help = concat!(
+        "Example:\n",
+        "  plid run experiments/truss-mimo-30.toml --out out/truss\n",
+        "\n",
+        "The shortest experiment file for data of your own:\n",
+        "  [data]\n",
+        "  files = [\"record.csv\"]\n",
+        "  inputs = [\"force\"]\n",
+        "  outputs = [\"left\", \"right\"]\n",
+        "  [structure]\n",
+        "  states = 8",
+    )
 )]
 pub struct Arguments {
     /// The experiment, a TOML file; the paths in it are relative to it.
     experiment: PathBuf,
-    /// Output directory [default: out/NAME].
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
     /// Second model, refined for simulation: output-error or off [default: as in the experiment].
     #[arg(long, value_name = "HOW", value_parser = super::identify::parse::<Refinement>)]
     refine: Option<Refinement>,
-    /// Continue an interrupted run of the same experiment and the same data from its checkpoint in the output directory.
-    #[arg(long)]
-    resume: bool,
-    /// Write into a directory that is not empty.
-    #[arg(long)]
-    force: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// Runs the command.
@@ -43,15 +48,15 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
         experiment.identification.refine = refine;
     }
     let base = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let out = arguments.out.unwrap_or_else(|| directory::default_for(&experiment.name));
-    directory::check(&out, arguments.force || arguments.resume)?;
-    if arguments.resume && !arguments.force {
+    let out = arguments.output.directory(&experiment.name)?;
+    let Output { resume, force, .. } = arguments.output;
+    if resume && !force {
         run::require_own(&experiment, base, &out)?;
     }
     if experiment.structure.kind == StructureKind::SimoMerge {
-        return super::merge::carry_out(&experiment, base, &out, arguments.resume, voice);
+        return super::merge::carry_out(&experiment, base, &out, resume, voice);
     }
-    carry_out(&experiment, base, &out, arguments.resume, voice)
+    carry_out(&experiment, base, &out, resume, voice)
 }
 
 /// Carries out an experiment and says in short what came of it.

@@ -7,64 +7,19 @@ use std::process::ExitCode;
 
 use plid::catalogue::{Entry, forms};
 
-fn main() -> ExitCode {
+pub fn main() -> ExitCode {
     forms! { "own" = Own; }.add();
     plid_cli::main()
 }
 // ANCHOR_END: main
 
+mod form;
+
+use form::Own;
+// What the form is written with; another crate may have the same from the crates below `plid`.
 use plid::covariance::Direct;
 use plid::kernels::BadPivot;
 use plid::{
     Backend, Checkpointed, CovariancePropagation, Dense, Form, FormFacts, ImplicitModel, InitialCovariance, Inspect,
     NoiseTerms, Scalar, Transition, ViewMut,
 };
-
-/// The direct form, from outside.
-struct Own<B: Backend>(Direct<B>);
-
-impl<B: Backend> CovariancePropagation for Own<B> {
-    type Scalar = B::Scalar;
-    type Options = ();
-
-    fn new(model: &dyn ImplicitModel, initial: &InitialCovariance, _: &()) -> Result<Self, BadPivot> {
-        Ok(Self(Direct::new(model, initial, &())?))
-    }
-    fn output_columns(&self, rows: &[usize], out: ViewMut<'_, B::Scalar>) {
-        self.0.output_columns(rows, out);
-    }
-    fn add_parameter_blocks(&mut self, weights: &Dense<B::Scalar>, out: ViewMut<'_, B::Scalar>) {
-        self.0.add_parameter_blocks(weights, out);
-    }
-    fn measurement_update(
-        &mut self,
-        rows: &[usize],
-        noise: &NoiseTerms<B::Scalar>,
-        innovation: &[B::Scalar],
-        s: &mut [B::Scalar],
-    ) -> Result<(), BadPivot> {
-        self.0.measurement_update(rows, noise, innovation, s)
-    }
-    fn time_update(&mut self, model: &dyn ImplicitModel, transition: &Transition<B::Scalar>) -> Result<(), BadPivot> {
-        self.0.time_update(model, transition)
-    }
-}
-
-impl<B: Backend> Inspect for Own<B> {
-    fn dense_in<T: Scalar>(&self) -> Dense<T> {
-        self.0.dense_in()
-    }
-}
-
-impl<B: Backend> Checkpointed for Own<B> {
-    fn state(&self) -> Vec<B::Scalar> {
-        self.0.state()
-    }
-    fn restore(&mut self, state: &[B::Scalar]) -> bool {
-        self.0.restore(state)
-    }
-}
-
-impl<B: Backend> Form for Own<B> {
-    const FACTS: FormFacts = Direct::<B>::FACTS;
-}

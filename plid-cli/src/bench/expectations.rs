@@ -8,13 +8,17 @@ use crate::{Failure, Voice, directory, voice};
 
 /// Compare the five conditional expectations with each other, with exact Bayesian estimation and with batch estimates.
 ///
-/// NEES (is the stated accuracy true?), RMS error and free-run error over signal-to-noise ratios from 0.3 to 300, for a scalar plant, for plants of
-/// 4 to 12 states, and for the truss with fewer states than it has; with the true Sigma and one 100 times too large. The
-/// full study takes up to an hour on two cores, --quick up to five minutes. Ctrl-C keeps finished cells in
-/// DIR/cells.jsonl, from which --resume continues.
+/// NEES (is the stated accuracy true?), RMS error and free-run error over signal-to-noise ratios from 0.3 to 300, for a
+/// scalar plant, for plants of 4 to 12 states, and for the truss with fewer states than it has; with the true Sigma and
+/// one 100 times too large. The full study takes up to an hour on two cores, --quick up to five minutes. Ctrl-C keeps
+/// finished cells in DIR/cells.jsonl, from which --resume continues.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example:\n  plid bench expectations --quick --out out/expectations\nthen open out/expectations/report.html."
+    after_help = concat!(
+        "Example:\n",
+        "  plid bench expectations --quick --out out/expectations\n",
+        "then open out/expectations/report.html.",
+    )
 )]
 pub struct Arguments {
     #[command(flatten)]
@@ -24,10 +28,10 @@ pub struct Arguments {
 /// Runs the command.
 pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
     let config: Config = arguments.common.config(FULL, QUICK, Config::problems)?;
-    let out = arguments.common.directory("expectations")?;
+    let out = arguments.common.output.directory("bench-expectations")?;
     let bar = Bar::new(voice.quiet || voice.json);
     let study = directory::with(&out, || {
-        let study = expectations::run(&config, &out, arguments.common.resume, &bar);
+        let study = expectations::run(&config, &out, arguments.common.output.resume, &bar);
         bar.finish();
         Ok(study?)
     })?;

@@ -4,13 +4,14 @@ mod expectations;
 mod speed;
 mod stability;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Subcommand;
 use plid_bench::study::{self, StudyError};
 use serde::de::DeserializeOwned;
 
-use super::{Failure, Voice, directory};
+use super::directory::Output;
+use super::{Failure, Voice};
 
 /// Study plid on this machine: speed, numerical stability and conditional expectations.
 #[derive(clap::Args)]
@@ -36,25 +37,11 @@ pub struct Common {
     /// A smaller study that takes minutes.
     #[arg(long)]
     quick: bool,
-    /// Output directory [default: out/bench-STUDY].
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
-    /// Continue an interrupted study in the output directory without repeating finished measurements.
-    #[arg(long)]
-    resume: bool,
-    /// Write into a directory that is not empty.
-    #[arg(long)]
-    force: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 impl Common {
-    /// The output directory, checked.
-    fn directory(&self, study: &str) -> Result<PathBuf, Failure> {
-        let out = self.out.clone().unwrap_or_else(|| Path::new("out").join(format!("bench-{study}")));
-        directory::check(&out, self.force || self.resume)?;
-        Ok(out)
-    }
-
     /// The config: the file that was named, or the text built in for the full or the quick study.
     fn config<T: DeserializeOwned>(
         &self,

@@ -11,17 +11,23 @@ use crate::{Failure, Voice, directory, voice};
 
 /// Time a step by size, form, expectation, library and scalar, relative to a pass over P and to the machine's peak.
 ///
-/// Writes DIR/report.html, speed.csv, speed.json (for --compare), machine.json and config.toml. The full
-/// study takes about ten minutes on two cores; nothing else should run at the same time. Ctrl-C keeps finished measurements
-/// in DIR/cells.jsonl, from which --resume continues.
+/// Writes DIR/report.html, speed.csv, speed.json (for --compare), machine.json and config.toml. The full study takes
+/// about ten minutes on two cores; nothing else should run at the same time. Ctrl-C keeps finished measurements in
+/// DIR/cells.jsonl, from which --resume continues.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Examples:\n  plid bench speed --quick --out out/speed\n  plid bench speed experiments/bench/speed.toml --out out/speed\n  plid bench speed --quick --out out/after --compare out/before/speed.json"
+    after_help = concat!(
+        "Examples:\n",
+        "  plid bench speed --quick --out out/speed\n",
+        "  plid bench speed experiments/bench/speed.toml --out out/speed\n",
+        "  plid bench speed --quick --out out/after --compare out/before/speed.json",
+    )
 )]
 pub struct Arguments {
     #[command(flatten)]
     common: Common,
-    /// Earlier speed.json: list what became slower or faster, in passes over P; exit with status 1 if something is slower.
+    /// Earlier speed.json: list what became slower or faster, in passes over P; exit with status 1 if something is
+    /// slower.
     #[arg(long, value_name = "OLD.json")]
     compare: Option<PathBuf>,
     /// Smallest relative change to report.
@@ -40,10 +46,10 @@ pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
     if !(arguments.tolerance >= 0.0 && arguments.tolerance.is_finite()) {
         return Err(Failure::input(format!("--tolerance: {} is not 0 or above", arguments.tolerance)));
     }
-    let out = arguments.common.directory("speed")?;
+    let out = arguments.common.output.directory("bench-speed")?;
     let bar = Bar::new(voice.quiet || voice.json);
     let outcome = directory::with(&out, || {
-        let outcome = speed::carry_out(&config, &out, arguments.common.resume, &bar);
+        let outcome = speed::carry_out(&config, &out, arguments.common.output.resume, &bar);
         bar.finish();
         let outcome = outcome?;
         speed::write_all(&outcome, peers.as_ref(), &out)?;
