@@ -248,7 +248,7 @@ fn look(recursion: &dyn Recursion, form: CovarianceName, group: &Group) -> Optio
     bad.map(|(index, pivot)| (entry_name(index, group.states), finite(pivot).unwrap_or(f64::MIN)))
 }
 
-/// The step just done, once more in double-double from the same checkpoint.
+/// The step just done, once more in double-double from the same checkpoint; none if the form has no double-double.
 fn local(
     problem: &Problem,
     recursion: &dyn Recursion,
@@ -256,7 +256,10 @@ fn local(
     before: &plid_core::Checkpoint,
     step: usize,
 ) -> Result<Option<LocalAt>, VariantError> {
-    let mut exact = problem.recursion(form, ScalarName::DoubleDouble)?;
+    let mut exact = match problem.recursion(form, ScalarName::DoubleDouble) {
+        Err(VariantError::Absent { .. }) => return Ok(None),
+        other => other?,
+    };
     exact.restore(before)?;
     // What stops the exact step is the state it starts from, and no rounding of this step.
     if problem.step(exact.as_mut(), step - 1).is_err() {

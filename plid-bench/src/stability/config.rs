@@ -1,6 +1,6 @@
 //! The keys of a stability study.
 
-use plid_catalogue::ExpectationName;
+use plid_catalogue::{CovarianceName, ExpectationName};
 use plid_core::{ObservableForm, StructureError};
 use plid_testbed::{INPUTS, OUTPUTS};
 use serde::{Deserialize, Serialize};
@@ -21,6 +21,9 @@ pub const BENCH: &str = include_str!("../../../experiments/bench/stability-bench
 pub struct Config {
     /// Numbers of states of the map.
     pub states: Vec<usize>,
+    /// How P is carried: all forms of the catalogue by default. What the others are judged against, Bierman UD and,
+    /// with parameter noise, the direct form in double precision, is run in any case, and so is the long run.
+    pub covariance: Vec<CovarianceName>,
     /// Steps of each cell of the map and of its variations.
     pub steps: usize,
     /// Entries of P that a run in double-double may go through, times its steps: it ends at the last 1, 3, 10, 30 ..
@@ -83,6 +86,7 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             states: vec![12, 18, 24, 30, 36, 48, 64],
+            covariance: CovarianceName::all(),
             steps: 100_000,
             reference_work: 6.1e8,
             variations: Variations::default(),
@@ -153,6 +157,9 @@ impl Config {
         positive("start_ratios", &self.adversarial.start_ratios);
         if !(self.adversarial.forgetting > 0.0 && self.adversarial.forgetting <= 1.0) {
             problems.push(("forgetting", format!("{} is not above 0 and at most 1", self.adversarial.forgetting)));
+        }
+        if (1..self.covariance.len()).any(|i| self.covariance[..i].contains(&self.covariance[i])) {
+            problems.push(("covariance", "one stands there twice".into()));
         }
         if self.steps == 0 {
             problems.push(("steps", "a cell needs at least one step".into()));

@@ -67,12 +67,11 @@ impl Group {
         format!("{part}, {}, n = {}", self.label, self.states)
     }
 
-    /// Form and scalar of each cell.
-    pub fn cells(&self) -> Vec<(CovarianceName, ScalarName)> {
-        match self.part {
-            Part::Long => SCALARS.map(|scalar| (CovarianceName::BiermanUd, scalar)).to_vec(),
-            _ => CovarianceName::all().into_iter().flat_map(|form| SCALARS.map(|scalar| (form, scalar))).collect(),
-        }
+    /// The forms that cells are judged against, and that the references are taken from: parameter noise enters a matrix
+    /// in another way than a factor.
+    pub fn peers(&self) -> Vec<CovarianceName> {
+        let matrix = (self.parameter_noise > 0.0).then_some(CovarianceName::Direct);
+        std::iter::once(CovarianceName::BiermanUd).chain(matrix).collect()
     }
 
     /// The steps of a cell: the long run is single precision's; double is there to be compared with.
@@ -93,10 +92,21 @@ pub fn one_three(last: usize) -> Vec<usize> {
 }
 
 impl Config {
+    /// Form and scalar of each cell of a group.
+    pub fn cells(&self, group: &Group) -> Vec<(CovarianceName, ScalarName)> {
+        let both = |form: CovarianceName| SCALARS.map(|scalar| (form, scalar));
+        if group.part == Part::Long {
+            return both(CovarianceName::BiermanUd).to_vec();
+        }
+        let peers = group.peers().into_iter().filter(|peer| !self.covariance.contains(peer));
+        let peers = peers.map(|peer| (peer, ScalarName::F64));
+        self.covariance.iter().copied().flat_map(both).chain(peers).collect()
+    }
+
     /// The groups, the longest first, so that threads end together.
     pub fn groups(&self) -> Vec<Group> {
         let mut groups = self.groups_in_order();
-        groups.sort_by_key(|group| std::cmp::Reverse(group.steps * group.states.pow(2) * group.cells().len()));
+        groups.sort_by_key(|group| std::cmp::Reverse(group.steps * group.states.pow(2) * self.cells(group).len()));
         groups
     }
 
@@ -204,16 +214,28 @@ mod tests {
 
     #[test]
     fn the_full_study_has_every_form_scalar_and_size_and_no_key_twice() {
-        let groups = Config::default().groups();
+        let config = Config::default();
+        let groups = config.groups();
         let keys: BTreeSet<String> = groups.iter().map(Group::key).collect();
         assert_eq!(keys.len(), groups.len());
         let map: Vec<&Group> = groups.iter().filter(|g| g.part == Part::Map).collect();
         assert_eq!(map.len(), 7);
-        assert!(map.iter().all(|g| g.cells().len() == 8 && g.steps == 100_000));
+        assert!(map.iter().all(|g| config.cells(g).len() == 8 && g.steps == 100_000));
         let long = groups.iter().find(|g| g.part == Part::Long).unwrap();
-        assert_eq!((long.states, long.steps, long.cells().len()), (24, 1_000_000, 2));
+        assert_eq!((long.states, long.steps, config.cells(long).len()), (24, 1_000_000, 2));
         assert_eq!(SCALARS.map(|scalar| long.steps_of(scalar)), [1_000_000, 100_000]);
-        assert!(Config::default().problems().is_empty());
+        assert!(config.problems().is_empty());
+    }
+
+    #[test]
+    fn what_a_cell_is_judged_against_is_run_in_any_case() {
+        use CovarianceName::{BiermanUd, Direct, Joseph};
+        use ScalarName::{F32, F64};
+        let config = Config { covariance: vec![Joseph], ..Config::default() };
+        let centre = config.centre(12);
+        assert_eq!(config.cells(&centre), [(Joseph, F32), (Joseph, F64), (BiermanUd, F64)]);
+        let noisy = Group { parameter_noise: 1e-8, ..centre };
+        assert_eq!(config.cells(&noisy)[2..], [(BiermanUd, F64), (Direct, F64)]);
     }
 
     #[test]

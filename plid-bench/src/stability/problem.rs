@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use plid_catalogue::{BackendName, CovarianceName, Recursion, ScalarName, Variant, VariantError};
-use plid_core::{NoiseModel, ObservableForm, Settings, StructureError};
+use plid_core::{IdentifierError, NoiseModel, ObservableForm, Settings, StructureError};
 use plid_testbed::{INPUTS, OUTPUTS};
 
 use super::group::Group;
@@ -53,11 +53,20 @@ impl Problem {
         variant.build(self.form.clone(), &self.noise, &self.settings)
     }
 
+    /// Whether a form has this scalar and the operations that the group asks for: one of the program's own may lack
+    /// forgetting or parameter noise, which its first step then says.
+    pub fn is_offered(&self, covariance: CovarianceName, scalar: ScalarName) -> bool {
+        match self.recursion(covariance, scalar) {
+            Ok(mut recursion) => !matches!(self.step(recursion.as_mut(), 0), Err(IdentifierError::Unsupported(_))),
+            Err(error) => !matches!(error, VariantError::Absent { .. }),
+        }
+    }
+
     /// Sample `k` into `recursion`.
     ///
     /// # Errors
     /// As [`plid_core::Identifier::step`].
-    pub fn step(&self, recursion: &mut dyn Recursion, k: usize) -> Result<(), plid_core::IdentifierError> {
+    pub fn step(&self, recursion: &mut dyn Recursion, k: usize) -> Result<(), IdentifierError> {
         recursion.step(&self.record.outputs[k], &self.record.inputs[k], false)
     }
 }

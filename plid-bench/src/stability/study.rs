@@ -49,9 +49,10 @@ pub fn run(config: &Config, directory: &Path, resume: bool, progress: &dyn Progr
     let journal = Mutex::new(Journal::open(directory, "stability", &to_toml(config), resume)?);
     let groups = config.groups();
     progress.stage("stability");
-    let total: usize = groups.iter().map(|g| g.cells().iter().map(|c| work(g, g.steps_of(c.1))).sum::<usize>()).sum();
+    let total: usize =
+        groups.iter().map(|g| config.cells(g).iter().map(|c| work(g, g.steps_of(c.1))).sum::<usize>()).sum();
     let total = total + groups.iter().map(|g| DEARER * work(g, g.reference_steps)).sum::<usize>();
-    let study = Study { journal, records: Mutex::default(), done: AtomicUsize::new(0), total, progress };
+    let study = Study { config, journal, records: Mutex::default(), done: AtomicUsize::new(0), total, progress };
     groups.iter().par_bridge().try_for_each(|group| study.group(group))?;
     let journal = study.journal.into_inner().unwrap_or_else(PoisonError::into_inner);
     let mut found = Found { cells: Vec::new(), references: Vec::new() };
@@ -61,7 +62,7 @@ pub fn run(config: &Config, directory: &Path, resume: bool, progress: &dyn Progr
                 found.references.push(reference.clone());
             }
         }
-        for (form, scalar) in group.cells() {
+        for (form, scalar) in config.cells(group) {
             if let Some(Entry::Cell(cell)) = journal.get(&Cell::key(group, form, scalar)) {
                 found.cells.push((**cell).clone());
             }
@@ -89,6 +90,7 @@ fn reference_key(group: &Group, form: CovarianceName) -> String {
 }
 
 struct Study<'a> {
+    config: &'a Config,
     journal: Mutex<Journal<Entry>>,
     records: Mutex<BTreeMap<String, Arc<Record>>>,
     done: AtomicUsize,
@@ -98,21 +100,26 @@ struct Study<'a> {
 
 impl Study<'_> {
     fn group(&self, group: &Group) -> Result<(), StudyError> {
-        let wanted: Vec<_> = {
+        let all = self.config.cells(group);
+        let mut wanted: Vec<_> = {
             let journal = self.lock();
             let there = |&(form, scalar): &_| journal.get(&Cell::key(group, form, scalar)).is_some();
-            group.cells().into_iter().filter(|cell| !there(cell)).collect()
+            all.iter().copied().filter(|cell| !there(cell)).collect()
         };
-        let had: usize =
-            group.cells().iter().filter(|c| !wanted.contains(c)).map(|c| work(group, group.steps_of(c.1))).sum();
-        self.advance(had);
-        if wanted.is_empty() {
+        let key = group.key();
+        let problem = match wanted.is_empty() {
+            true => None,
+            false => {
+                let record = self.record(group).map_err(StudyError::cell(&key))?;
+                Some(Problem::new(group.clone(), record).map_err(StudyError::cell(&key))?)
+            }
+        };
+        wanted.retain(|&(form, scalar)| problem.as_ref().is_some_and(|problem| problem.is_offered(form, scalar)));
+        self.advance(all.iter().filter(|c| !wanted.contains(c)).map(|c| work(group, group.steps_of(c.1))).sum());
+        let Some(problem) = problem.filter(|_| !wanted.is_empty()) else {
             self.advance(DEARER * work(group, group.reference_steps));
             return Ok(());
-        }
-        let key = group.key();
-        let record = self.record(group).map_err(StudyError::cell(&key))?;
-        let problem = Problem::new(group.clone(), record).map_err(StudyError::cell(&key))?;
+        };
         let mut known: Vec<(bool, Reference)> = Vec::new();
         for name in references(group) {
             let go = self.ticker(group, DEARER);

@@ -73,6 +73,9 @@ fn all_sound(cells: &[&Judged]) -> bool {
     !cells.is_empty() && cells.iter().all(|j| j.class == Class::Sound)
 }
 
+/// The verdict on a claim whose cells the config leaves out.
+const NOT_RUN: &str = "Not run.";
+
 /// The verdicts on the paper's claims and on the target for single precision.
 pub fn claims(config: &Config, cells: &Cells<'_>) -> Vec<Claim> {
     vec![twelve_states(config, cells), parameter_noise(cells), long_run(config, cells), hard_starts(cells), cost()]
@@ -92,6 +95,7 @@ fn twelve_states(config: &Config, cells: &Cells<'_>) -> Claim {
     let largest = double.last().map_or(0, |j| j.cell.group.states);
     let small: Vec<&Judged> = single.iter().copied().filter(|j| j.cell.group.states <= 12).collect();
     let verdict = match (all_sound(&double), all_sound(&small)) {
+        _ if single.is_empty() || double.is_empty() => NOT_RUN.into(),
         (true, false) => format!(
             "Twelve states are not the bound. In f64 the direct form is sound at every size up to {largest}; in f32 it \
              is not even at 12. \
@@ -103,9 +107,9 @@ fn twelve_states(config: &Config, cells: &Cells<'_>) -> Claim {
         ),
         (false, _) => "In f64 the direct form is not sound at every size; the numbers list the failures.".into(),
     };
-    let numbers = [Form::Direct, Form::Joseph].iter().flat_map(|&form| {
-        SCALARS.map(|scalar| format!("{}: {}.", name(form, scalar), listed(&cells.of(Part::Map, form, scalar))))
-    });
+    let both = |form| SCALARS.map(|scalar| (name(form, scalar), cells.of(Part::Map, form, scalar)));
+    let run = [Form::Direct, Form::Joseph].into_iter().flat_map(both).filter(|(_, cells)| !cells.is_empty());
+    let numbers = run.map(|(name, cells)| format!("{name}: {}.", listed(&cells)));
     Claim {
         claim: format!(
             "Direct propagation is fine for \"<= 12 states\" (the paper); here over {} steps.",
@@ -155,7 +159,7 @@ fn parameter_noise(cells: &Cells<'_>) -> Claim {
             }
         }
     }
-    let double = all_sound(&cells.of(Part::Map, Form::Direct, ScalarName::F64));
+    let direct = cells.of(Part::Map, Form::Direct, ScalarName::F64);
     let factored = all_sound(&cells.of(Part::Map, Form::BiermanUd, ScalarName::F32));
     let in_single = if numbers.is_empty() {
         "It was not tested in f32.".into()
@@ -168,7 +172,9 @@ fn parameter_noise(cells: &Cells<'_>) -> Claim {
     };
     let verdict = format!(
         "{} {in_single} {}",
-        if double {
+        if direct.is_empty() {
+            "The direct form was not run without it."
+        } else if all_sound(&direct) {
             "It is not needed in f64: the direct form is sound without it."
         } else {
             "In f64 the direct form is not sound without it either."
@@ -185,7 +191,7 @@ fn parameter_noise(cells: &Cells<'_>) -> Claim {
 fn long_run(config: &Config, cells: &Cells<'_>) -> Claim {
     let found = cells.of(Part::Long, Form::BiermanUd, ScalarName::F32);
     let (verdict, numbers) = match found.first() {
-        None => ("Not run.".into(), Vec::new()),
+        None => (NOT_RUN.into(), Vec::new()),
         Some(j) => {
             let group = &j.cell.group;
             let response = j.response.map_or("not known".into(), |r| format!("{:.2} % of the peak", 100.0 * r));
@@ -237,7 +243,7 @@ fn hard_starts(cells: &Cells<'_>) -> Claim {
         }
     }
     let verdict = if numbers.is_empty() && unharmed.is_empty() {
-        "Not run.".into()
+        NOT_RUN.into()
     } else if unharmed.is_empty() {
         "No form is sound in all cases.".into()
     } else {
@@ -246,7 +252,7 @@ fn hard_starts(cells: &Cells<'_>) -> Claim {
     Claim { claim: "Adverse initial conditions and records.".into(), verdict, numbers }
 }
 
-/// The table of recommendations, held to the map.
+/// The table of recommendations, held to the map; it has no line for a form that was not run.
 pub fn recommended(config: &Config, cells: &Cells<'_>, start_ratio: f64) -> Vec<Recommended> {
     let mut table = Vec::new();
     let lengths = [1000, 10_000, 100_000].into_iter().filter(|&steps| steps <= config.steps);
@@ -259,6 +265,9 @@ pub fn recommended(config: &Config, cells: &Cells<'_>, start_ratio: f64) -> Vec<
                     cells.iter().any(|j| j.cell.group.states == states && j.holds_to(steps))
                 };
                 let recommended = Conditions { states, scalar, steps, start_ratio, forgets: false }.recommended();
+                if cells.of(Part::Map, recommended, scalar).is_empty() {
+                    continue;
+                }
                 table.push(Recommended {
                     scalar,
                     states,
