@@ -7,67 +7,19 @@
 //! cargo run --release --example own_effect
 //! ```
 
+mod bent;
+
+use bent::BentSensor;
+// What the effect is written with.
+use plid::gap::effects::{Action, Effect, Parameter, Place, Range, Sensor, Setting, Side};
+
 use plid::gap::case::{Case, CaseConfig, Excitation, Record, columns};
 use plid::gap::diagnose;
-use plid::gap::effects::{Action, Effect, Library, Parameter, Place, Range, Sensor, Setting, Side};
+use plid::gap::effects::Library;
 use plid::model::{Model, simulate};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
-
-/// y' = y + c y^2 at one output.
-struct BentSensor;
-
-impl Effect for BentSensor {
-    fn name(&self) -> &'static str {
-        "bent-sensor"
-    }
-
-    fn side(&self) -> Side {
-        Side::Sensor
-    }
-
-    fn equation(&self) -> &'static str {
-        "y' = y + c y^2"
-    }
-
-    fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
-        vec![Parameter::new("c", "1/V", Range::Signed)]
-    }
-
-    fn places(&self, setting: &Setting) -> Vec<Place> {
-        setting.outputs()
-    }
-
-    /// A first size: it bends by one per cent of the signal.
-    fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
-        let Place::Output(o) = *place else { return Vec::new() };
-        vec![vec![0.01 / setting.y_rms[o]]]
-    }
-
-    /// The output is linear in c: the screen finds its size.
-    fn amplitude(&self) -> Option<(usize, f64)> {
-        Some((0, 0.0))
-    }
-
-    fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
-        let Place::Output(o) = *place else { return Vec::new() };
-        vec![Action::Sensor(Box::new(Bend { o, c: parameters[0] }))]
-    }
-}
-
-struct Bend {
-    o: usize,
-    c: f64,
-}
-
-impl Sensor for Bend {
-    fn apply(&self, y: &mut [Vec<f64>], _t0: f64, _rate: f64) {
-        for y in &mut y[self.o] {
-            *y += self.c * *y * *y;
-        }
-    }
-}
 
 const RATE: f64 = 200.0;
 const NOISE: f64 = 0.01;

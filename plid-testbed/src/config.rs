@@ -7,7 +7,7 @@ use crate::effects::{self, Effect};
 use crate::error::TestbedError;
 use crate::{INPUTS, structure};
 
-/// Samples over all repeats that are still thought to be meant.
+/// Largest number of samples over all repeats.
 const MOST_SAMPLES: usize = 50_000_000;
 /// Rates between which the exact discretisation is tested, Hz.
 const RATES_HZ: [f64; 2] = [1.0, 1e6];
@@ -23,7 +23,7 @@ pub struct TrussConfig {
     pub duration_s: f64,
     /// Records of the same input, each with fresh noise, back to back in time and each from rest.
     pub repeats: usize,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
     /// The command.
     pub input: InputConfig,
@@ -53,7 +53,7 @@ impl Default for TrussConfig {
     }
 }
 
-/// The command, before the DAC. In TOML either `input = "zero"` or a table such as `[input.white-noise]`.
+/// The command before the DAC. In TOML it is either `input = "zero"` or a table such as `[input.white-noise]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum InputConfig {
@@ -79,7 +79,7 @@ impl Default for InputConfig {
 pub struct WhiteNoise {
     /// RMS of the record of each input, V.
     pub level_rms_v: [f64; INPUTS],
-    /// Where the filter is down by 3 dB, Hz.
+    /// Cut-off frequency (-3 dB), Hz.
     pub cutoff_hz: f64,
 }
 
@@ -225,7 +225,7 @@ pub struct CubicJoint {
 }
 
 impl TrussConfig {
-    /// Samples of a record.
+    /// Returns the number of samples of a record.
     ///
     /// # Errors
     /// If the rate is not from 1 Hz to 1 MHz, the duration is not positive, or the record has no sample or far too
@@ -250,10 +250,10 @@ impl TrussConfig {
         Ok(samples as usize)
     }
 
-    /// Checks every key but those of the input's signal, which [`simulate`](crate::simulate) checks.
+    /// Checks every key except those of the input's signal, which [`simulate`](crate::simulate) checks.
     ///
     /// # Errors
-    /// Names the first key that is wrong.
+    /// Returns an error that names the first key that is wrong.
     pub fn check(&self) -> Result<(), TestbedError> {
         let modes = self.structure.strut_modes_per_tube * structure::TUBES + structure::PLATFORM_MODES;
         self.check_for(modes, 0)

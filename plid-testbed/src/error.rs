@@ -14,7 +14,7 @@ pub enum TestbedError {
         /// Its value.
         value: f64,
     },
-    /// The value is above what can be computed with.
+    /// The value is too large to compute with.
     #[error("`{key}` must be at most {most}, not {value}")]
     TooLarge {
         /// Path of the key.
@@ -86,7 +86,7 @@ pub enum TestbedError {
         /// Upper end of the band, Hz.
         high_hz: f64,
     },
-    /// The record would hold no sample, or more than fit.
+    /// The record would have no sample, or too many.
     #[error(
         "`duration_s` of {duration_s} s at {sample_rate_hz} Hz gives {samples} samples; there must be from 1 to {most} \
          (over all repeats)"
@@ -115,7 +115,7 @@ pub enum TestbedError {
     /// A value of an effect is wrong.
     #[error("`effects.list`, number {number} ({kind}): {source}")]
     Effect {
-        /// Which of the list, from 1.
+        /// Its number in the list, from 1.
         number: usize,
         /// Its kind.
         kind: &'static str,
@@ -154,7 +154,7 @@ pub enum TestbedError {
     },
 }
 
-/// Something that an experimenter would want to know, though the simulation is sound.
+/// A remark on a simulation that is valid.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Warning {

@@ -36,7 +36,7 @@ impl Noise {
         }
     }
 
-    /// The same, but only the first inputs' amplifiers are on.
+    /// Returns the same noise with only the first inputs' amplifiers on.
     pub(crate) fn of_inputs(self, inputs: usize) -> Self {
         Self { inputs, ..self }
     }

@@ -11,7 +11,7 @@ use crate::noise::Noise;
 use crate::plant::{Truss, altered, truss};
 use crate::record::{convert, record};
 
-/// What an experimenter takes home, and the truth that he does not know.
+/// The records of an experiment, and the true plant.
 #[derive(Clone, Debug)]
 pub struct Simulation {
     /// Sample rate, Hz.
@@ -25,14 +25,14 @@ pub struct Simulation {
     pub noise_free: Array2<f64>,
     /// The plant without the effects.
     pub truth: Truss,
-    /// What is unusual about these records.
+    /// Warnings about these records.
     pub warnings: Vec<Warning>,
 }
 
 /// Runs the experiment.
 ///
 /// # Errors
-/// If a key of the config is wrong, or an effect makes the structure unstable.
+/// Returns an error if a key of the config is wrong, or if an effect makes the structure unstable.
 pub fn simulate(config: &TrussConfig) -> Result<Simulation, TestbedError> {
     config.check()?;
     run(config, input::command(config)?)
@@ -42,7 +42,8 @@ pub fn simulate(config: &TrussConfig) -> Result<Simulation, TestbedError> {
 /// length stands for `duration_s`.
 ///
 /// # Errors
-/// As [`simulate`]; also if the array is empty, has not three columns, or holds NaN or infinity.
+/// Returns the errors of [`simulate`], and an error if the array is empty, does not have three columns, or contains NaN
+/// or infinity.
 pub fn simulate_input(config: &TrussConfig, input: ArrayView2<f64>) -> Result<Simulation, TestbedError> {
     input::check_given(input)?;
     crate::config::positive("sample_rate_hz", config.sample_rate_hz)?;

@@ -8,7 +8,7 @@ use plid_testbed::{INPUTS, OUTPUTS};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
-use crate::vocabulary::{VOCABULARY, family};
+use crate::vocabulary::{VOCABULARY, family, whole};
 
 /// A trial.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -49,7 +49,8 @@ pub struct Cases {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Draw {
-    /// The effects of the vocabulary to draw from; empty for all.
+    /// The effects to draw from: names of the vocabulary, and of effects that the program has added to the testbed. If
+    /// the list is empty, they are all effects of the vocabulary.
     pub effects: Vec<String>,
     /// Smallest gap that an effect causes alone, relative to the gap caused by noise in this case.
     pub least_over_floor: f64,
@@ -158,7 +159,7 @@ impl TrialConfig {
         let effects = self.effects();
         for name in &self.draw.effects {
             if family(name).is_none() {
-                let known: Vec<&str> = VOCABULARY.iter().map(|kind| kind.name).collect();
+                let known: Vec<&str> = whole().iter().map(|kind| kind.name).collect();
                 problems.push(("effects", format!("`{name}` is not of the vocabulary: {}", known.join(", "))));
             }
         }

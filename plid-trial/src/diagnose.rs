@@ -60,13 +60,18 @@ pub(crate) const SHARDS: &str = "shards";
 /// Answers one case, given its folder and the effects to leave out of the vocabulary for a second answer, if any.
 pub type Answerer<'a> = dyn Fn(&Path, &[String]) -> Result<Answer, String> + Sync + 'a;
 
-/// Diagnoses the cases of a trial that have no answer yet, and lets the baselines answer.
+/// Diagnoses the cases of a trial that have no answer yet with the vocabulary `library`, and lets the baselines answer.
 ///
 /// # Errors
 /// Returns an error if the trial cannot be read or an answer cannot be written. A case that cannot be diagnosed is not
 /// an error; the failure is its answer.
-pub fn diagnose(trial: &Path, options: Options, progress: &dyn Progress) -> Result<Done, TrialError> {
-    diagnose_with(trial, options, &plid, progress)
+pub fn diagnose(
+    trial: &Path,
+    options: Options,
+    library: &Library,
+    progress: &dyn Progress,
+) -> Result<Done, TrialError> {
+    diagnose_with(trial, options, &|folder, without| plid(folder, without, library), progress)
 }
 
 /// Answers the cases with any diagnosis.
@@ -183,20 +188,24 @@ fn words(panic: &(dyn Any + Send)) -> String {
 }
 
 /// Answers a case with plid's own diagnosis and with the baselines.
-fn plid(folder: &Path, without: &[String]) -> Result<Answer, String> {
+fn plid(folder: &Path, without: &[String], library: &Library) -> Result<Answer, String> {
     let case = Case::read(&folder.join("case.toml")).map_err(|e| e.to_string())?;
-    let library = Library::standard();
-    let (whole, left_out) = outcomes(&case, &library, without, &[])?;
-    let others = baselines::answers(&case, &whole, left_out.as_ref(), &library).map_err(|e| e.to_string())?;
+    let (whole, left_out) = outcomes(&case, library, without, &[])?;
+    let others = baselines::answers(&case, &whole, left_out.as_ref(), library).map_err(|e| e.to_string())?;
     let mut answer = answer_of(&whole, left_out.as_ref())?;
     answer.insert(BASELINES, files::json(Path::new(BASELINES), &others).map_err(|e| e.to_string())?);
     Ok(answer)
 }
 
 /// Answers a case with one step switched off and without baselines.
-pub(crate) fn plid_without(folder: &Path, without: &[String], off: &[Step]) -> Result<Answer, String> {
+pub(crate) fn plid_without(
+    folder: &Path,
+    without: &[String],
+    library: &Library,
+    off: &[Step],
+) -> Result<Answer, String> {
     let case = Case::read(&folder.join("case.toml")).map_err(|e| e.to_string())?;
-    let (whole, left_out) = outcomes(&case, &Library::standard(), without, off)?;
+    let (whole, left_out) = outcomes(&case, library, without, off)?;
     answer_of(&whole, left_out.as_ref())
 }
 

@@ -19,25 +19,25 @@ use crate::plan::{Planned, plan};
 use crate::program::Program;
 use crate::seal::{derived, salt, salted};
 
-/// What was drawn.
+/// The extent of a draw.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Drawn {
-    /// How many.
+    /// Number of cases.
     pub cases: usize,
-    /// Draws that were repeated.
+    /// Number of draws that were repeated.
     pub repeated: usize,
 }
 
-/// How often a case is drawn anew, with another plant and other strengths, before it is given up.
+/// Number of attempts to draw a case, each with another plant and other strengths.
 const ATTEMPTS: usize = 60;
 
-/// A gain or a share of another channel within this is what the stated limits of a shape allow.
+/// The stated limits of a shape allow a gain, or a share of another channel, to be off by this much.
 const SHAPE: f64 = 0.02;
 
 /// Draws the cases of a trial. The same config and seed give the same bytes.
 ///
 /// # Errors
-/// If an effect cannot be drawn as strong as asked for, or a file cannot be written.
+/// Returns an error if an effect cannot be drawn as strong as asked for, or a file cannot be written.
 pub fn draw(
     config: &TrialConfig,
     seed: u64,
@@ -100,7 +100,7 @@ struct Made {
     repeated: usize,
 }
 
-/// One case: plant, strengths and noise from its own seed.
+/// Draws one case, whose plant, strengths and noise follow from a seed of its own.
 fn one(config: &TrialConfig, seed: u64, index: usize, planned: &Planned) -> Result<Made, TrialError> {
     let mut rng = ChaCha12Rng::from_seed(derived(seed, "case", index));
     let mut last = None;

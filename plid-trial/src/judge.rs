@@ -10,9 +10,9 @@ use crate::vocabulary::family;
 
 /// Smallest probability at which an effect counts as named with confidence.
 pub const CONFIDENT: f64 = 0.9;
-/// Probability from which on a named effect is held to be likely.
+/// Smallest probability at which a named effect counts as likely.
 pub const LIKELY: f64 = 0.5;
-/// Probability of something else from which on a cause outside the vocabulary was kept open.
+/// Smallest probability of something else at which an answer keeps a cause outside the vocabulary open.
 pub const OPEN: f64 = 0.2;
 /// Probability of the set of explanations.
 pub const COVER: f64 = 0.95;
@@ -36,9 +36,9 @@ pub struct Claim {
 /// A named effect.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Named {
-    /// Its name.
+    /// The name of the effect.
     pub effect: String,
-    /// Where.
+    /// Its location.
     #[serde(default)]
     pub location: String,
     /// Probability that it is at work there.
@@ -63,7 +63,7 @@ pub struct Stretch {
 /// An explanation.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Candidate {
-    /// The effects; empty for nothing or for something else.
+    /// The effects; empty if nothing is missing, and for something else.
     #[serde(default)]
     pub effects: Vec<Named>,
     /// Whether it stands for something else.
@@ -86,7 +86,7 @@ pub struct Stated {
 }
 
 impl Claim {
-    /// Creates a missing answer.
+    /// Returns a missing answer.
     pub fn missing() -> Self {
         Self { verdict: "missing".to_owned(), ..Self::default() }
     }
@@ -170,19 +170,19 @@ pub struct Judged {
     pub shrinkable: bool,
     /// Difference between the stated and the realised gap, relative to the gap as given.
     pub missed_by: Option<f64>,
-    /// The first effect named is the main cause, the largest one at work.
+    /// Whether the first effect named is the main cause, the largest one that acts.
     pub main_first: bool,
-    /// The main cause is among those named.
+    /// Whether the main cause is among the effects named.
     pub main_named: bool,
-    /// It is the first, and at its place.
+    /// Whether the main cause is named first, at its place.
     pub main_located: bool,
-    /// An effect is named with [`LIKELY`] or more and is not at work.
+    /// Whether an effect that does not act is named with a probability of [`LIKELY`] or more.
     pub likely_wrong: bool,
-    /// The stated gap is within a quarter of the one found.
+    /// Whether the stated gap is within a quarter of the one found.
     pub stated_near: bool,
-    /// Whether the stated 80 % interval holds the gap found.
+    /// Whether the stated 80 % interval contains the gap found.
     pub in_ci80: Option<bool>,
-    /// Of each effect named: its probability, and whether it is at work at its place.
+    /// For each effect named: its probability, and whether it acts at its place.
     pub statements: Vec<(f64, bool)>,
 }
 

@@ -12,38 +12,39 @@ use crate::statistics::{Calibration, Rate, calibration, median};
 use crate::targets::{Target, share, target};
 use crate::vocabulary::family;
 
-/// What is counted over cases with imperfect truths, of plid's answers.
+/// The figures of plid's answers over cases with imperfect truths.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MainCause {
-    /// What the cases have in common.
+    /// The property by which cases are grouped.
     pub by: String,
-    /// See `by`.
+    /// The value of that property in this group.
     pub is: String,
-    /// How many.
+    /// Number of cases.
     pub cases: usize,
-    /// The main cause is of the vocabulary: the first effect named is it.
+    /// If the main cause is of the vocabulary: it is named first.
     pub first: Rate,
-    /// The same, in any position.
+    /// If the main cause is of the vocabulary: it is named, in any position.
     pub named: Rate,
-    /// The same, first and at its place.
+    /// If the main cause is of the vocabulary: it is named first and at its place.
     pub located: Rate,
-    /// The main cause is of the vocabulary: called unknown.
+    /// If the main cause is of the vocabulary: the verdict is unknown.
     pub called_unknown: Rate,
-    /// The main cause is outside the vocabulary: kept open.
+    /// If the main cause is outside the vocabulary: the answer keeps another cause open.
     pub kept_open: Rate,
-    /// Nothing but imperfections: an effect with 0.5 or more that is not at work.
+    /// If there are only imperfections: an effect that does not act is named with a probability of 0.5 or more.
     pub likely_wrong: Rate,
-    /// Of all cases: the first effect is named with 0.9 or more and is not at work.
+    /// Among all cases: the first effect is named with a probability of 0.9 or more and does not act.
     pub confident_wrong: Rate,
-    /// The main cause is of the vocabulary: held-out gap with the answer, over the background's; the middle.
+    /// If the main cause is of the vocabulary: the median ratio of the held-out gap with the answer to that of the
+    /// background.
     pub over_background: Option<f64>,
-    /// Of all cases: the stated gap is within a quarter of the one found.
+    /// Among all cases: the stated gap is within a quarter of the one found.
     pub stated_near: Rate,
-    /// The stated 80 % interval holds the gap found, where one is stated.
+    /// Among the cases with a stated 80 % interval: it contains the gap found.
     pub in_ci80: Rate,
-    /// Of the first explanation: whether all of it is at work, and the main cause among it.
+    /// The calibration of the first explanation: whether all of its effects act, the main cause among them.
     pub explanations: Calibration,
-    /// Of every effect named: whether it is at work at its place.
+    /// The calibration of every effect named: whether it acts at its place.
     pub statements: Calibration,
 }
 
@@ -108,7 +109,7 @@ pub(crate) fn groups(lines: &[Line]) -> Vec<MainCause> {
     groups
 }
 
-/// What is to be reached on imperfect truths.
+/// Returns the targets on imperfect truths.
 pub(crate) fn targets(all: &MainCause) -> Vec<Target> {
     let calibrated = |what: &str, found: &Calibration| target(what, false, 0.04, found.expected_error, found.of);
     vec![

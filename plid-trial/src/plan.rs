@@ -17,7 +17,7 @@ use crate::vocabulary::{Kind, OUTSIDERS, find};
 const INPUTS: usize = plid_testbed::INPUTS;
 const OUTPUTS: usize = plid_testbed::OUTPUTS;
 
-/// Why a case is drawn.
+/// The arm of a trial for which a case is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Arm {
@@ -25,20 +25,20 @@ pub enum Arm {
     None,
     /// One effect.
     Single,
-    /// Two.
+    /// Two effects.
     Pair,
-    /// Three.
+    /// Three effects.
     Triple,
-    /// One that the vocabulary does not have.
+    /// One effect that the vocabulary does not have.
     Outsider,
-    /// One that is taken from the vocabulary for a second answer.
+    /// One effect, which is removed from the vocabulary for a second answer.
     LeaveOneOut,
 }
 
 /// An effect before its strength is drawn.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Wanted {
-    pub kind: &'static Kind,
+    pub kind: Kind,
     pub at: Option<String>,
     pub law: Option<&'static str>,
 }
@@ -48,17 +48,17 @@ pub(crate) struct Wanted {
 pub(crate) struct Planned {
     pub arm: Arm,
     pub effects: Vec<Wanted>,
-    /// All of the case but its effects.
+    /// Everything about the case except its effects.
     pub spec: GapSpec,
     pub without: Vec<String>,
 }
 
-/// The cases in the order of their names.
+/// Returns the cases in the order of their names.
 pub(crate) fn plan(config: &TrialConfig, seed: u64) -> Vec<Planned> {
     let mut rng = ChaCha12Rng::from_seed(derived(seed, "plan", 0));
-    let kinds: Vec<&'static Kind> = config.effects().iter().filter_map(|name| find(name)).collect();
+    let kinds: Vec<Kind> = config.effects().iter().filter_map(|name| find(name)).collect();
     let mut turns = Turns::default();
-    let mut arms: Vec<(Arm, Vec<&'static Kind>)> = Vec::new();
+    let mut arms: Vec<(Arm, Vec<Kind>)> = Vec::new();
     let cases = &config.cases;
     arms.extend((0..cases.none).map(|_| (Arm::None, Vec::new())));
     for _ in 0..cases.singles_per_effect {
@@ -72,7 +72,7 @@ pub(crate) fn plan(config: &TrialConfig, seed: u64) -> Vec<Planned> {
             (arm, drawn)
         }));
     }
-    let outsiders: Vec<&'static Kind> = OUTSIDERS.iter().collect();
+    let outsiders = OUTSIDERS.to_vec();
     for (arm, count, from) in
         [(Arm::Outsider, cases.outsiders, &outsiders), (Arm::LeaveOneOut, cases.leave_one_out, &kinds)]
     {
@@ -88,7 +88,7 @@ pub(crate) fn plan(config: &TrialConfig, seed: u64) -> Vec<Planned> {
         .into_iter()
         .zip(specs)
         .map(|((arm, kinds), mut spec)| {
-            if kinds.iter().any(|kind| joins_channels(kind)) {
+            if kinds.iter().any(|kind| joins_channels(*kind)) {
                 spec.channels = Channels::default();
             }
             let without = if arm == Arm::LeaveOneOut { vec![kinds[0].name.to_owned()] } else { Vec::new() };
@@ -108,11 +108,11 @@ pub(crate) fn plan(config: &TrialConfig, seed: u64) -> Vec<Planned> {
 }
 
 /// Whether an effect needs more than one channel.
-fn joins_channels(kind: &Kind) -> bool {
+fn joins_channels(kind: Kind) -> bool {
     kind.name.ends_with("crosstalk") || kind.name == "x-channel-product"
 }
 
-/// Plants, channels, experiments and nuisances of `count` cases.
+/// Draws plants, channels, experiments and nuisances of `count` cases.
 fn specs(draw: &Draw, count: usize, rng: &mut ChaCha12Rng) -> Vec<GapSpec> {
     let perturbed = shares(draw.perturbed, count, rng);
     let ports = shares(draw.ports, count, rng);
@@ -141,32 +141,32 @@ fn specs(draw: &Draw, count: usize, rng: &mut ChaCha12Rng) -> Vec<GapSpec> {
         .collect()
 }
 
-/// No number is drawn where there is no choice.
+/// Draws one of several values. No random number is used if there is no choice.
 fn one_of<T: Copy>(from: &[T], rng: &mut ChaCha12Rng) -> T {
     if let [only] = from { *only } else { from[rng.random_range(0..from.len())] }
 }
 
 /// Singles whose second answer is without an effect that is not at work: otherwise the list of what is left out would
 /// name causes.
-fn add_decoys(planned: &mut [Planned], kinds: &[&'static Kind], count: usize, rng: &mut ChaCha12Rng) {
+fn add_decoys(planned: &mut [Planned], kinds: &[Kind], count: usize, rng: &mut ChaCha12Rng) {
     let mut singles: Vec<&mut Planned> = planned.iter_mut().filter(|case| case.arm == Arm::Single).collect();
     singles.shuffle(rng);
     for case in singles.into_iter().take(count) {
-        let others: Vec<&Kind> = kinds.iter().copied().filter(|kind| *kind != case.effects[0].kind).collect();
+        let others: Vec<Kind> = kinds.iter().copied().filter(|kind| *kind != case.effects[0].kind).collect();
         if !others.is_empty() {
             case.without = vec![others[rng.random_range(0..others.len())].name.to_owned()];
         }
     }
 }
 
-/// `count` of them, each as often as another up to one.
-fn in_turn(from: &[&'static Kind], count: usize, rng: &mut ChaCha12Rng) -> Vec<&'static Kind> {
+/// Returns `count` kinds in a random order; their numbers differ by at most one.
+fn in_turn(from: &[Kind], count: usize, rng: &mut ChaCha12Rng) -> Vec<Kind> {
     let mut order = from.to_vec();
     order.shuffle(rng);
     order.into_iter().cycle().take(count).collect()
 }
 
-/// True for a share of `count`, to the nearest whole number, in a random order.
+/// Returns `count` flags in a random order, of which a share, to the nearest whole number, is true.
 fn shares(share: f64, count: usize, rng: &mut ChaCha12Rng) -> Vec<bool> {
     let most = (share * count as f64).round() as usize;
     let mut chosen: Vec<bool> = (0..count).map(|i| i < most).collect();
@@ -181,12 +181,12 @@ struct Turns(Vec<(&'static str, Turn)>);
 struct Turn {
     places: Vec<Option<String>>,
     drawn: usize,
-    /// What is owed to near misses, from 0 to 1.
+    /// The number of near misses, as a fraction from 0 to 1, that should have been drawn but was not.
     owed: f64,
 }
 
 impl Turns {
-    fn next(&mut self, kind: &'static Kind, near_misses: f64, rng: &mut ChaCha12Rng) -> Wanted {
+    fn next(&mut self, kind: Kind, near_misses: f64, rng: &mut ChaCha12Rng) -> Wanted {
         let at = self.0.iter().position(|(name, _)| *name == kind.name).unwrap_or_else(|| {
             let mut places = kind.places(INPUTS, OUTPUTS);
             places.shuffle(rng);

@@ -11,9 +11,9 @@ use crate::error::TrialError;
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Program {
-    /// Of the package.
+    /// The version of the package.
     pub version: String,
-    /// Of the repository that it was built in; none outside one.
+    /// The commit of the repository that it was built in; `None` outside a repository.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub commit: Option<String>,
     /// Whether the files under version control differed from that commit.
@@ -23,17 +23,16 @@ pub struct Program {
 }
 
 impl Program {
-    /// The one that is running.
+    /// Returns the running program.
     ///
     /// # Errors
-    /// If its own executable cannot be read.
+    /// Returns an error if the program's own executable cannot be read.
     pub fn this() -> Result<Self, TrialError> {
         static THIS: OnceLock<Program> = OnceLock::new();
         if let Some(program) = THIS.get() {
             return Ok(program.clone());
         }
-        let executable_sha256 =
-            plid_file::executable_sha256().map_err(TrialError::file("the program's executable"))?;
+        let executable_sha256 = plid_file::executable_sha256().map_err(TrialError::file("the program's executable"))?;
         let program = Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             commit: option_env!("PLID_COMMIT").map(str::to_owned),

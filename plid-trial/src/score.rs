@@ -33,9 +33,9 @@ use crate::truth::{TrueEffect, Truth};
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Fixed {
-    /// Of all of them.
+    /// SHA-256 of the list.
     pub(crate) sha256: String,
-    /// Of each case's answer.json, which holds the hashes of the files.
+    /// SHA-256 of each case's answer.json, which contains the hashes of its files.
     cases: BTreeMap<String, String>,
 }
 
@@ -44,7 +44,7 @@ pub(crate) const FIXED: &str = "answers.json";
 /// Which cases are scored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Extent {
-    /// All that were drawn, or none.
+    /// All cases that were drawn.
     Whole,
     /// Those that have an answer. Cases come in an order that says nothing, so that these are a sample of all. They are
     /// fixed as the whole would be: what is answered later is refused.
@@ -61,6 +61,7 @@ pub fn score(
     trial: &Path,
     sealed: &Path,
     extent: Extent,
+    library: &Library,
     out: &Path,
     progress: &dyn Progress,
 ) -> Result<Scores, TrialError> {
@@ -73,7 +74,7 @@ pub fn score(
     let mut manifest = whole.clone();
     manifest.cases.retain(|case| fixed.cases.contains_key(&case.case));
     progress.stage("scoring");
-    let lines = lines(trial, sealed, &manifest, &answers, &given, progress)?;
+    let lines = lines(trial, sealed, &manifest, &answers, &given, library, progress)?;
     let seconds = seconds(&manifest, &answers)?;
     let given = Given {
         name: seal.config.name.clone(),
@@ -103,6 +104,7 @@ pub(crate) fn lines(
     manifest: &Manifest,
     answers: &Path,
     given: &[(Answered, String)],
+    library: &Library,
     progress: &dyn Progress,
 ) -> Result<Vec<Line>, TrialError> {
     progress.advance(0, manifest.cases.len());
@@ -112,7 +114,14 @@ pub(crate) fn lines(
         .par_iter()
         .zip(given)
         .map(|(case, (answered, _))| {
-            let lines = lines_of(trial, sealed, case, answers, answered)?;
+            let place = Place {
+                trial,
+                sealed: &sealed.join("cases").join(&case.case),
+                answer: &answers.join(&case.case),
+                case,
+                library,
+            };
+            let lines = lines_of(&place, answered)?;
             let done = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
             progress.advance(done, manifest.cases.len());
             Ok(lines)
@@ -225,26 +234,19 @@ impl HeldOut {
 
 /// Returns the question of a case with the whole vocabulary, and without the effects that it leaves out, if one of them
 /// acts.
-fn lines_of(
-    trial: &Path,
-    sealed: &Path,
-    case: &OpenCase,
-    answers: &Path,
-    answered: &Answered,
-) -> Result<Vec<Line>, TrialError> {
-    let folder = sealed.join("cases").join(&case.case);
+fn lines_of(place: &Place, answered: &Answered) -> Result<Vec<Line>, TrialError> {
+    let Place { sealed: folder, case, .. } = *place;
     let path = folder.join("label.json");
     let truth: Truth = files::parse(&path, &files::read(&path)?)?;
     let path = folder.join("drawn.json");
     let drawn: DrawnCase = files::parse(&path, &files::read(&path)?)?;
-    let place = Place { trial, sealed: &folder, answer: &answers.join(&case.case), case };
     let line = |arm: Arm, without: &[String], names: Names| {
         let (judged, covered) = match answered.failed {
             Some(_) => {
                 let missing = || judge(&truth, without, &Claim::missing(), None);
                 ([missing(), missing(), missing(), missing()], BTreeMap::new())
             }
-            None => judged(&place, answered, &truth, without, names)?,
+            None => judged(place, answered, &truth, without, names)?,
         };
         let told = if without.is_empty() { String::new() } else { format!(" without {}", without.join(", ")) };
         Ok::<_, TrialError>(Line {
@@ -270,12 +272,13 @@ fn lines_of(
     Ok(vec![line(Arm::Single, &[], WHOLE)?, line(Arm::LeaveOneOut, &case.without, LEFT_OUT)?])
 }
 
-/// The folders of a case and of its answer.
+/// The folders of a case and of its answer, and the vocabulary of the diagnosis.
 struct Place<'p> {
     trial: &'p Path,
     sealed: &'p Path,
     answer: &'p Path,
     case: &'p OpenCase,
+    library: &'p Library,
 }
 
 /// Judges the answers of plid and of the baselines, and determines which parameters plid's intervals cover.
@@ -296,7 +299,7 @@ fn judged(
     let ranking =
         if without.is_empty() { &baselines.ranking } else { baselines.ranking_left_out.as_ref().unwrap_or(&missing) };
     // An answer that cannot be read back predicts nothing.
-    let predictor = Predictor::read(&place.answer.join(names.simulation), &Library::standard()).ok();
+    let predictor = Predictor::read(&place.answer.join(names.simulation), place.library).ok();
     let mut gaps = [None; 4];
     let mut covered = BTreeMap::new();
     if let Some(predictor) = predictor {
@@ -311,7 +314,8 @@ fn judged(
             }
         }
         if let Ok(plant) = Plant::new(&predictor.model) {
-            covered = coverage(truth, without, &claim, &Setting::bare(&plant, &predictor.model));
+            let setting = Setting::bare(&plant, &predictor.model);
+            covered = coverage(truth, without, &claim, place.library, &setting);
         }
     }
     let judged = |claim: &Claim, gap: Option<f64>| judge(truth, without, claim, gap);
@@ -325,11 +329,16 @@ fn judged(
 
 /// Returns the parameters of a single effect with the vocabulary's own equation, if it is named correctly with its
 /// place and has the units of the label.
-fn coverage(truth: &Truth, without: &[String], claim: &Claim, setting: &Setting) -> BTreeMap<String, bool> {
+fn coverage(
+    truth: &Truth,
+    without: &[String],
+    claim: &Claim,
+    library: &Library,
+    setting: &Setting,
+) -> BTreeMap<String, bool> {
     let (Asked::Single, Some(effect), [said]) = (asked(truth, without), truth.at_work().next(), claim.said()) else {
         return BTreeMap::new();
     };
-    let library = Library::standard();
     let Some(known) = library.get(&effect.effect) else { return BTreeMap::new() };
     // Without declared ports a force and a motion have units of the diagnosis's own.
     let strut = effect.effect != "missing-mode"

@@ -11,204 +11,208 @@ use crate::plan::Arm;
 use crate::program::Program;
 use crate::statistics::{Calibration, Rate, calibration, lowest_tenth, median};
 use crate::targets::{Target, parts, targets};
-use crate::vocabulary::{VOCABULARY, family};
+use crate::vocabulary::{family, whole};
 
-/// Who answers: plid first.
+/// The names of the answerers: plid first, then the baselines.
 pub const ANSWERERS: [&str; 4] = ["plid", "BIC alone", "sparse regression", "linear refit"];
 
-/// A case with all that is said of it.
+/// The scores of a case.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Line {
-    /// Its name.
+    /// The name of the case.
     pub case: String,
-    /// Why it was drawn.
+    /// The arm for which it was drawn.
     pub arm: Arm,
-    /// What it asks.
+    /// The question that it asks.
     pub asked: Asked,
     /// Names of the true effects, or "none".
     pub truth: String,
-    /// Gap that the weakest of them makes alone.
+    /// The gap that the weakest true effect makes alone.
     pub gap: f64,
-    /// Whether all follow the vocabulary's own equations.
+    /// Whether all true effects follow the vocabulary's own equations.
     pub own_equation: bool,
-    /// Effects that this answer was to do without.
+    /// The effects that were removed from the vocabulary for this answer.
     pub without: Vec<String>,
-    /// Gap of the simulation as given, and that of the noise alone.
+    /// The gap of the simulation as given.
     pub gap_as_given: f64,
-    /// See `gap_as_given`.
+    /// The gap that the noise makes alone.
     pub gap_floor: f64,
-    /// What imperfections and noise make without the main effects; none where the truth has no imperfections.
+    /// The gap that imperfections and noise make without the main effects; `None` if the truth has no imperfections.
     pub gap_background: Option<f64>,
-    /// By name.
+    /// The nuisances of the case, by name.
     pub nuisances: BTreeMap<String, String>,
-    /// Why there is no answer.
+    /// The reason for a missing answer.
     pub failed: Option<String>,
-    /// Of a rightly named effect's parameters, whether the stated 95 % interval holds the true value.
+    /// For each parameter of a correctly named effect, whether the stated 95 % interval contains the true value.
     pub covered: BTreeMap<String, bool>,
-    /// In the order of [`ANSWERERS`].
+    /// The judgements, in the order of [`ANSWERERS`].
     pub judged: [Judged; 4],
 }
 
-/// What is counted over a group of cases, for one answerer.
+/// The figures of one answerer over a group of cases.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Totals {
-    /// Cases.
+    /// Number of cases.
     pub cases: usize,
-    /// Nothing is missing, and something was named.
+    /// Among the cases with nothing missing: an effect was named.
     pub false_alarms: Rate,
-    /// One effect: it alone was named.
+    /// Among the cases with one effect: it alone was named.
     pub exact: Rate,
-    /// One effect: the first one named is of its family.
+    /// Among the cases with one effect: the first effect named is of its family.
     pub family: Rate,
-    /// One effect: the first one named is it, at its place.
+    /// Among the cases with one effect: it is named first, at its place.
     pub located: Rate,
-    /// One effect: it is in the 95 % set.
+    /// Among the cases with one effect: it is in the 95 % set.
     pub in_set: Rate,
-    /// One effect: mean size of that set.
+    /// Among the cases with one effect: the mean size of the 95 % set.
     pub set_size: Option<f64>,
-    /// Several effects: all named and no other.
+    /// Among the cases with several effects: all were named and no other.
     pub all_named: Rate,
-    /// Effects of the vocabulary: something was named that is not at work.
+    /// Among the cases with effects of the vocabulary: an effect was named that does not act.
     pub spurious: Rate,
-    /// Of all cases: a wrong name with confidence.
+    /// Among all cases: a wrong effect was named with confidence.
     pub confident_wrong: Rate,
-    /// Of the confident names: wrong ones.
+    /// Among the effects named with confidence: the wrong ones.
     pub wrong_of_confident: Rate,
-    /// Effects of the vocabulary: called unknown.
+    /// Among the cases with effects of the vocabulary: the verdict is unknown.
     pub called_unknown: Rate,
-    /// Outside the vocabulary: kept open.
+    /// Among the cases with an effect outside the vocabulary: the answer keeps another cause open.
     pub kept_open: Rate,
-    /// Rightly named, and a gap to shrink: how much of it goes, in the middle.
+    /// The median reduction of the gap, over the cases whose effects are correctly named and whose gap exceeds the
+    /// noise.
     pub shrink_median: Option<f64>,
-    /// The lowest tenth.
+    /// The lowest decile of that reduction.
     pub shrink_lowest_tenth: Option<f64>,
-    /// Of how many.
+    /// Number of these cases.
     pub shrink_of: usize,
-    /// Every case with an effect and a gap to shrink, whatever was named: the middle.
+    /// The median reduction over all cases with an effect and a gap that exceeds the noise, whatever was named.
     pub shrink_of_all_median: Option<f64>,
-    /// Rightly named: the stated gap is within 5 % of the gap as given.
+    /// Among the correctly named cases: the stated gap is within 5 % of the gap as given.
     pub stated_rightly: Rate,
-    /// A near miss in shape, rightly named: said to differ in shape.
+    /// Among the correctly named near misses: the answer states that the shape differs.
     pub shape_differs: Rate,
-    /// Parameters of rightly named effects within their stated intervals.
+    /// Among the parameters of correctly named effects: the stated interval contains the true value.
     pub parameters_covered: Rate,
-    /// Of the first explanation.
+    /// The calibration of the probability of the first explanation.
     pub calibration: Calibration,
 }
 
 /// Cases that have something in common.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Group {
-    /// What is asked.
+    /// The property by which cases are grouped.
     pub by: String,
-    /// What these have.
+    /// The value of that property in this group.
     pub is: String,
-    /// In the order of [`ANSWERERS`].
+    /// The figures, in the order of [`ANSWERERS`].
     pub totals: Vec<Totals>,
 }
 
-/// What a guess would score.
+/// The expected scores of a guess.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Chance {
-    /// The right name.
+    /// Probability of the right name.
     pub exact: f64,
-    /// A name of the right family, the mean over the single effects of the trial.
+    /// Probability of a name of the right family: the mean over the single effects of the trial.
     pub family: Option<f64>,
-    /// A name where nothing is missing.
+    /// Probability that an effect is named where nothing is missing.
     pub false_alarms: f64,
 }
 
-/// Seconds a case took; no part of the scores that a seed repeats.
+/// The durations of the cases in seconds, which differ from run to run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Time {
-    /// Of all together.
+    /// The sum over the cases.
     pub total_s: f64,
-    /// The middle.
+    /// The median.
     pub median_s: Option<f64>,
-    /// The longest.
+    /// The longest duration.
     pub longest_s: Option<f64>,
 }
 
-/// scores.json.
+/// The content of scores.json.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Scores {
-    /// Of the trial.
+    /// The name of the trial.
     pub name: String,
-    /// From which it was drawn.
+    /// The seed from which it was drawn.
     pub seed: u64,
-    /// Of all answers, as it was fixed before anything was opened.
+    /// SHA-256 of all answers, recorded before any sealed file was opened.
     pub answers_sha256: String,
-    /// Draws that were repeated.
+    /// Number of draws that were repeated.
     pub repeated_draws: usize,
     /// The program that answered.
     pub program: Option<Program>,
     /// The program that drew the cases.
     pub drawn_by: Program,
-    /// Cases that were drawn. Where these are more than there are here, the others have no answer and do not count.
+    /// Number of cases that were drawn. Cases without an answer are not scored.
     pub of: usize,
-    /// Who answers.
+    /// The names of the answerers.
     pub answerers: [&'static str; 4],
-    /// What is to be reached.
+    /// The targets.
     pub targets: Vec<Target>,
-    /// The same figures of each of [`PARTS`] that there are cases of, whatever they are.
+    /// The figures of the targets for each of [`PARTS`] that has cases.
     pub parts: BTreeMap<&'static str, Vec<Target>>,
-    /// Imperfect truths: all cases, then groups of them; empty where there are none.
+    /// The scores on imperfect truths: all cases, then groups of them; empty if there are none.
     pub main_cause: Vec<MainCause>,
-    /// A guess.
+    /// The expected scores of a guess.
     pub chance: Chance,
-    /// Every group.
+    /// The figures of all groups.
     pub groups: Vec<Group>,
-    /// Every case.
+    /// The scores of all cases.
     pub cases: Vec<Line>,
-    /// How long it took.
+    /// The durations.
     pub time: Time,
 }
 
-/// Ends of the bins of strength.
+/// The edges of the bins of strength.
 pub const GAPS: [f64; 7] = [0.0, 0.01, 0.02, 0.04, 0.08, 0.16, f64::INFINITY];
-/// The gap from which on the targets hold.
+/// The smallest gap to which the targets apply.
 pub const STRONG: f64 = 0.02;
 
-/// Names of groups.
+/// The group of all cases.
 pub const ALL: &str = "all";
-/// By arm.
+/// The groups by arm.
 pub const ARM: &str = "arm";
-/// Single effects by their gap.
+/// The groups of single effects by gap.
 pub const GAP: &str = "gap";
-/// The same of those with the vocabulary's own equations.
+/// The same for effects with the vocabulary's own equation.
 pub const GAP_OWN: &str = "gap, own equation";
-/// The same of near misses in shape.
+/// The same for near misses in shape.
 pub const GAP_NEAR: &str = "gap, near miss";
-/// Single effects at or above [`STRONG`], by equation.
+/// The groups of single effects at or above [`STRONG`] by equation.
 pub const EQUATION: &str = "equation";
-/// Single effects.
+/// The groups of single effects by name.
 pub const EFFECT: &str = "effect";
-/// Single effects at or above [`STRONG`].
+/// The groups of single effects at or above [`STRONG`] by name.
 pub const STRONG_EFFECT: &str = "effect, gap >= 2 %";
-/// Single effects at or above [`STRONG`].
+/// The groups of single effects at or above [`STRONG`] by family.
 pub const FAMILY: &str = "family, gap >= 2 %";
-/// Before the name of an effect: it alone, by its gap; of plid only.
+/// The prefix of the groups of one single effect by gap, which exist for plid only; the name of the effect follows.
 pub const GAP_OF: &str = "gap of ";
-/// Effects outside the vocabulary.
+/// The groups of effects outside the vocabulary by name.
 pub const OUTSIDER: &str = "outsider";
-/// Effects that were taken from the vocabulary.
+/// The groups of effects that were removed from the vocabulary by name.
 pub const LEFT_OUT: &str = "left out";
-/// Before the name of a nuisance: cases with nothing missing, and single effects at or above [`STRONG`].
+/// The prefix of the groups by nuisance, whose name follows: cases with nothing missing, and single effects at or above
+/// [`STRONG`].
 pub const NUISANCE: &str = "nuisance: ";
-/// Cases of which the same is asked, whatever it is: a nuisance with its value, and what they are called.
+/// Parts of a trial for which the targets' figures are repeated: their names, and the nuisances with their values that
+/// define them.
 pub const PARTS: [(&str, &[(&str, &str)]); 3] = [
     ("passive", &[("experiment", "passive")]),
     ("one input, one output", &[("inputs", "1"), ("outputs", "1")]),
     ("simulator by outputs", &[("simulator", "outputs")]),
 ];
-/// Before the name of a part: all of it, one of its arms, or its single effects at or above [`STRONG`] by equation.
+/// The prefix of the groups within a part, whose name follows: all of it, an arm, or single effects at or above
+/// [`STRONG`] by equation.
 pub const PART: &str = "part: ";
-/// The vocabulary's own.
+/// The value of [`EQUATION`] for the vocabulary's own equation.
 pub const OWN: &str = "own";
-/// Not quite.
+/// The value of [`EQUATION`] for another law of the same physics.
 pub const NEAR: &str = "near miss";
 
-/// In words, such as "1 % to 2 %".
+/// Returns a bin of strength in words, such as "1 % to 2 %".
 pub fn gap_bin(bin: usize) -> String {
     let percent = |x: f64| format!("{:.0} %", 100.0 * x);
     match (GAPS[bin], GAPS[bin + 1]) {
@@ -219,7 +223,7 @@ pub fn gap_bin(bin: usize) -> String {
 }
 
 impl Totals {
-    /// Of some cases, for one answerer.
+    /// Counts the figures of one answerer over some cases.
     pub fn of<'a>(lines: impl IntoIterator<Item = &'a Line>, answerer: usize) -> Self {
         let lines: Vec<(&Line, &Judged)> = lines.into_iter().map(|line| (line, &line.judged[answerer])).collect();
         let asked = |asked: &'static [Asked]| lines.iter().filter(move |(line, _)| asked.contains(&line.asked));
@@ -261,7 +265,7 @@ impl Totals {
     }
 }
 
-/// All groups of a trial's cases.
+/// Returns all groups of a trial's cases.
 fn groups(lines: &[Line]) -> Vec<Group> {
     let mut groups = Vec::new();
     let mut add = |by: &str, is: &str, keep: &dyn Fn(&Line) -> bool| {
@@ -311,18 +315,19 @@ fn groups(lines: &[Line]) -> Vec<Group> {
             add(&name(arm), &|line| line.arm == arm);
         }
     }
-    for kind in &VOCABULARY {
+    let whole = whole();
+    for kind in &whole {
         add(EFFECT, kind.name, &|line| single(line) && line.truth == kind.name);
         add(STRONG_EFFECT, kind.name, &|line| strong(line) && line.truth == kind.name);
         add(LEFT_OUT, kind.name, &|line| line.arm == Arm::LeaveOneOut && line.truth == kind.name);
     }
-    for kind in &VOCABULARY {
+    for kind in &whole {
         for bin in 0..GAPS.len() - 1 {
             let within = |line: &Line| (GAPS[bin]..GAPS[bin + 1]).contains(&line.gap) && line.truth == kind.name;
             add(&format!("{GAP_OF}{}", kind.name), &gap_bin(bin), &|line| single(line) && within(line));
         }
     }
-    let families: BTreeSet<&str> = VOCABULARY.iter().map(|kind| kind.family).collect();
+    let families: BTreeSet<&str> = whole.iter().map(|kind| kind.family).collect();
     for name in families {
         add(FAMILY, name, &|line| strong(line) && family(&line.truth) == Some(name));
     }
@@ -339,7 +344,7 @@ fn groups(lines: &[Line]) -> Vec<Group> {
     groups
 }
 
-/// What a score adds to the cases.
+/// What the scores state besides the cases.
 pub(crate) struct Given {
     pub name: String,
     pub seed: u64,
@@ -388,7 +393,7 @@ impl Scores {
         self.cases.iter().filter(|line| line.without.is_empty()).count()
     }
 
-    /// How many cases these are, in words.
+    /// Returns the number of cases in words.
     pub fn extent(&self) -> String {
         match self.scored() {
             all if all == self.of => format!("{all} cases"),
@@ -396,7 +401,7 @@ impl Scores {
         }
     }
 
-    /// A group, for plid or a baseline.
+    /// Returns the figures of a group for one answerer.
     pub fn totals(&self, by: &str, is: &str, answerer: usize) -> Option<&Totals> {
         totals(&self.groups, by, is, answerer)
     }

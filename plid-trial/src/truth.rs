@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use plid_testbed::INPUTS;
+use plid_testbed::effects::own::{self, Side};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -84,6 +85,15 @@ impl TrueEffect {
         let (kind, at) = location.split_once(':').unwrap_or((location, ""));
         let family = crate::vocabulary::family(&self.effect).unwrap_or("");
         let number = self.loc + 1;
+        let at_strut =
+            || (kind == "input" && at == format!("u{number}")) || (kind == "port" && at == format!("strut{number}"));
+        if let Some(truth) = own::find(&self.effect) {
+            return match truth.side() {
+                Side::Strut => at_strut(),
+                Side::Actuator => kind == "input" && at == format!("u{number}"),
+                Side::Sensor => kind == "output" && at == format!("y{number}"),
+            };
+        }
         let pair = |letter: char| {
             let to = self.par.get(1).map_or(0, |j| *j as usize + 1);
             at == format!("{letter}{number}->{letter}{to}")
@@ -97,9 +107,7 @@ impl TrueEffect {
             "stiffness-drift" => true,
             name if name.starts_with("actuator") => kind == "input" && at == format!("u{number}"),
             name if name.starts_with("sensor") || name == "mains-hum" => kind == "output" && at == format!("y{number}"),
-            _ if family == STRUT => {
-                (kind == "input" && at == format!("u{number}")) || (kind == "port" && at == format!("strut{number}"))
-            }
+            _ if family == STRUT => at_strut(),
             _ if family == MODAL => near(self.hz, 0.05),
             _ => self.par.get(1).is_some_and(|hz| near(*hz, 0.1)),
         }

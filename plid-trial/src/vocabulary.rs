@@ -1,4 +1,7 @@
-//! The testbed's effects as a trial draws them: family, places, and the laws that are near misses in shape.
+//! The testbed's effects as a trial draws them: family, places, and the laws that are near misses in shape. Effects
+//! that a program has added to the testbed are drawn where a trial names them.
+
+use plid_testbed::effects::own::{self, Side};
 
 /// The kind of place of an effect, in the notation of the testbed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -96,14 +99,30 @@ pub const OUTSIDERS: [Kind; 8] = [
     kind("x-varying-damping", OUTSIDE, At::Whole, &[]),
 ];
 
-/// Returns an effect of either list.
-pub fn find(name: &str) -> Option<&'static Kind> {
-    VOCABULARY.iter().chain(&OUTSIDERS).find(|kind| kind.name == name)
+const OWN: &str = "own";
+
+/// Returns the effects that this program has added to the testbed. Each follows its own equation only.
+pub fn own() -> Vec<Kind> {
+    let at = |side| match side {
+        Side::Strut | Side::Actuator => At::Input,
+        Side::Sensor => At::Output,
+    };
+    own::all().into_iter().map(|truth| kind(truth.name(), OWN, at(truth.side()), &[])).collect()
 }
 
-/// Returns the family of an effect of the vocabulary.
+/// Returns the vocabulary, and then the effects of [`own`].
+pub fn whole() -> Vec<Kind> {
+    VOCABULARY.into_iter().chain(own()).collect()
+}
+
+/// Returns an effect of [`whole`].
+pub fn find(name: &str) -> Option<Kind> {
+    whole().into_iter().find(|kind| kind.name == name)
+}
+
+/// Returns the family of an effect of [`whole`].
 pub fn family(name: &str) -> Option<&'static str> {
-    VOCABULARY.iter().find(|kind| kind.name == name).map(|kind| kind.family)
+    find(name).map(|kind| kind.family)
 }
 
 impl Kind {

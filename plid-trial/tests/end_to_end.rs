@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::Path;
 
+use plid_gap::effects::Library;
 use plid_report::Silent;
 use plid_trial::config::{Cases, Draw};
 use plid_trial::{Extent, Options, Shard, TrialConfig, diagnose, draw, score};
@@ -29,16 +30,17 @@ fn three_cases_from_the_draw_to_the_report() {
     let config = TrialConfig { name: "three".to_owned(), cases, draw: draws };
     draw(&config, 3, &t, &s, &Silent).unwrap();
 
+    let library = Library::standard();
     // Diagnosed while what is sealed is out of sight.
     fs::rename(&s, at("elsewhere")).unwrap();
-    diagnose(&t, Options { shard: None, jobs: 2 }, &Silent).unwrap();
+    diagnose(&t, Options { shard: None, jobs: 2 }, &library, &Silent).unwrap();
     fs::rename(at("elsewhere"), &s).unwrap();
     // One of them again with everything in its place, as a shard on one thread: the same bytes.
     let shard: Shard = "2/3".parse().unwrap();
-    diagnose(&t, Options { shard: Some(shard), jobs: 1 }, &Silent).unwrap();
+    diagnose(&t, Options { shard: Some(shard), jobs: 1 }, &library, &Silent).unwrap();
     assert_eq!(answer(&t.join("answers/case-002")), answer(&t.join("shards/2-of-3/case-002")));
 
-    let scored = score(&t, &s, Extent::Whole, &at("out"), &Silent).unwrap();
+    let scored = score(&t, &s, Extent::Whole, &library, &at("out"), &Silent).unwrap();
     assert_eq!(scored.cases.len(), 3);
     assert!(scored.cases.iter().all(|line| line.failed.is_none()));
     for line in &scored.cases {

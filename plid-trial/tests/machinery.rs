@@ -6,6 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use plid_gap::Step;
+use plid_gap::effects::Library;
 use plid_report::{Progress, Silent};
 use plid_trial::ablation::diagnose_without_with;
 use plid_trial::config::{Cases, Draw};
@@ -51,7 +52,7 @@ impl Trial {
     }
 
     fn score_of(&self, extent: Extent) -> Result<serde_json::Value, TrialError> {
-        score(&self.t(), &self.s(), extent, &self.directory.path().join("out"), &Silent)?;
+        score(&self.t(), &self.s(), extent, &Library::standard(), &self.directory.path().join("out"), &Silent)?;
         let mut scores: serde_json::Value = read(&self.directory.path().join("out/scores.json"));
         scores["time"] = serde_json::Value::Null;
         Ok(scores)
@@ -373,7 +374,7 @@ fn what_a_step_is_worth_is_read_case_by_case() {
     let trial = Trial::drawn(71);
     let (t, out) = (trial.t(), trial.directory.path().join("ablation"));
     let steps = [Step::Polishing, Step::Audit];
-    let ablated = |off: &[Step]| score_without(&t, &trial.s(), off, &out, &Silent);
+    let ablated = |off: &[Step]| score_without(&t, &trial.s(), off, &Library::standard(), &out, &Silent);
     trial.diagnose(None, 2);
     let said = ablated(&steps).unwrap_err().to_string();
     assert!(said.starts_with("5 of 5 cases have no answer yet"), "{said}");
@@ -421,7 +422,8 @@ fn another_program_s_answers_are_no_measure_for_a_step() {
         Ok(answer)
     };
     diagnose_without_with(&trial.t(), &[Step::Audit], 1, &other, &Silent).unwrap();
-    let said = score_without(&trial.t(), &trial.s(), &[Step::Audit], &trial.t(), &Silent).unwrap_err().to_string();
+    let said = score_without(&trial.t(), &trial.s(), &[Step::Audit], &Library::standard(), &trial.t(), &Silent);
+    let said = said.unwrap_err().to_string();
     assert!(said.starts_with("case-001: the answer has changed since the trial was diagnosed"), "{said}");
 }
 

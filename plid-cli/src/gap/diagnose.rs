@@ -60,7 +60,8 @@ pub struct Arguments {
     /// Write into a directory that is not empty.
     #[arg(long)]
     force: bool,
-    /// Remove an effect from the vocabulary, to see how the diagnosis treats an effect it does not know. May be repeated.
+    /// Remove an effect from the vocabulary, to see how the diagnosis treats an effect it does not know. May be
+    /// repeated.
     #[arg(long, value_name = "EFFECT")]
     without: Vec<String>,
 }

@@ -10,10 +10,16 @@ use plid::gap::effects::Library;
 
 use super::{Failure, Voice, directory, progress, table, voice};
 
-/// Find what a simulation lacks: where it disagrees with records, which effect causes the gap, and how much of it that effect closes.
+/// Find what a simulation lacks: where it disagrees with records, which effect causes the gap, and how much of it that
+/// effect closes.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example:\n  plid gap diagnose case.toml --out out/gap\nthen open out/gap/report.html, and\n  plid gap predict --diagnosis out/gap/diagnosis.json --input u.csv --out y.csv"
+    after_help = concat!(
+        "Example:\n",
+        "  plid gap diagnose case.toml --out out/gap\n",
+        "then open out/gap/report.html, and\n",
+        "  plid gap predict --diagnosis out/gap/diagnosis.json --input u.csv --out y.csv",
+    )
 )]
 pub struct Arguments {
     #[command(subcommand)]
@@ -27,12 +33,12 @@ enum Step {
     Trial(trial::Arguments),
 }
 
-/// Runs the command. A diagnosis and a prediction know the effects of `library`; blind trials know those of [`Library::standard`].
+/// Runs the command. The vocabulary of diagnoses, predictions and blind trials is `library`.
 pub fn execute(arguments: Arguments, library: Library, voice: Voice) -> Result<(), Failure> {
     match arguments.step {
         Step::Diagnose(arguments) => diagnose::execute(arguments, library, voice),
         Step::Predict(arguments) => predict::execute(arguments, &library, voice),
-        Step::Trial(arguments) => trial::execute(arguments, voice),
+        Step::Trial(arguments) => trial::execute(arguments, &library, voice),
     }
 }
 

@@ -10,7 +10,8 @@ use super::{Failure, Voice, table, voice};
 
 /// Simulate a new input with the diagnosed effects, in free run from rest.
 ///
-/// Reads sim-with-effect.json from the folder of the diagnosis. The result has one row per input row and one column per output.
+/// Reads sim-with-effect.json from the folder of the diagnosis. The result has one row per input row and one column per
+/// output.
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  plid gap predict --diagnosis out/gap/diagnosis.json --input u.csv --out y.csv")]
 pub struct Arguments {

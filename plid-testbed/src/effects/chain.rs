@@ -24,7 +24,7 @@ pub(crate) trait SensorEffect {
     fn apply(&mut self, clock: Clock, y: &mut Array2<f64>);
 }
 
-/// A force that is held over a sample and knows nothing of the state.
+/// A force that is held over a sample and does not depend on the state.
 pub(crate) trait Disturbance {
     fn force(&mut self, t_s: f64) -> f64;
 }
@@ -32,7 +32,7 @@ pub(crate) trait Disturbance {
 /// Time of a record.
 #[derive(Clone, Copy)]
 pub(crate) struct Clock {
-    /// Which record it is, from 0.
+    /// The number of the record, from 0.
     pub record: usize,
     /// Samples since the first record began.
     pub start: usize,
@@ -47,7 +47,7 @@ impl Clock {
 
 /// A sample and its pieces.
 pub(crate) struct Span<'a> {
-    /// Since the first record began.
+    /// The time since the first record began, s.
     pub start_s: f64,
     pub sample_s: f64,
     /// Where the pieces begin and end, as shares of the sample: 0, ..., 1.
@@ -65,7 +65,7 @@ impl Span<'_> {
 pub(crate) struct Site<'a> {
     pub truss: &'a Truss,
     pub clock: Clock,
-    /// A stream of its own.
+    /// The random numbers of this effect.
     pub rng: ChaCha12Rng,
 }
 
@@ -73,19 +73,19 @@ pub(crate) struct Site<'a> {
 #[derive(Default)]
 pub(crate) struct Chain {
     pub structure: Vec<Box<dyn StructureEffect>>,
-    /// States that effects have beside those of the truss.
+    /// Number of states that effects add to those of the truss.
     pub own_states: usize,
     pub actuator: Vec<Box<dyn ActuatorEffect>>,
-    /// Shares of the sample at which a voltage jumps.
+    /// The fractions of a sample at which a voltage jumps.
     pub jumps: Vec<f64>,
     /// Whether a voltage moves within the sample.
     pub moves_within: bool,
     pub sensor: Vec<Box<dyn SensorEffect>>,
-    /// Samples that a sensor effect needs after the last.
+    /// Number of samples after the last one that a sensor effect needs.
     pub look_ahead: usize,
-    /// Behind the ADC.
+    /// Effects behind the ADC.
     pub codes: Vec<Box<dyn SensorEffect>>,
-    /// With the input along whose strut each acts.
+    /// Forces, each with the input along whose strut it acts.
     pub forces: Vec<(usize, Box<dyn Disturbance>)>,
 }
 

@@ -22,7 +22,7 @@ pub(crate) struct Limits {
 }
 
 impl Limits {
-    /// Checks that a mode is in the list.
+    /// Checks that a mode is in the list of modes.
     pub(crate) fn mode(&self, ModeNumber(mode): ModeNumber) -> Result<(), TestbedError> {
         within("at (number of the mode)", mode + 1, 1, self.modes)
     }
@@ -30,31 +30,31 @@ impl Limits {
 
 /// An effect as it was written in a config.
 pub(crate) trait Law {
-    /// Names the first key that is wrong.
+    /// Checks the values; an error names the first key that is wrong.
     fn check(&self, limits: &Limits) -> Result<(), TestbedError>;
 
     /// Changes the linear plant.
     fn alter(&self, _plant: &mut Plant) {}
 
-    /// Takes its place in a record's chain.
+    /// Adds the effect to a record's chain.
     fn install(&self, _site: Site, _chain: &mut Chain) {}
 
     /// Makes the effect stronger by a factor: what it changes grows with it, to first order in proportion where
     /// the law allows that.
     fn strengthen(&mut self, factor: f64);
 
-    /// Its place for a label: an input, output or mode from 0; the number of inputs stands for all of them.
+    /// Returns its place for a label: an input, output or mode from 0; the number of inputs stands for all inputs.
     fn place(&self) -> usize;
 
-    /// Its parameters for a label, in the order of the vocabulary.
+    /// Returns its parameters for a label, in the order of the vocabulary.
     fn parameters(&self) -> Vec<f64>;
 
-    /// Whether its law is the vocabulary's own equation.
+    /// Returns whether its law is the vocabulary's own equation.
     fn own_equation(&self) -> bool {
         true
     }
 
-    /// Whether what it does in a record could be foretold by somebody who knows its parameters.
+    /// Returns whether its action in a record follows from its parameters alone, without random numbers.
     fn foretold(&self) -> bool {
         true
     }

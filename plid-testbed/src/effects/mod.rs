@@ -12,6 +12,7 @@ pub(crate) mod law;
 #[cfg(test)]
 mod oscillator;
 pub mod outside;
+pub mod own;
 pub mod place;
 pub mod sensor;
 pub mod shapes;
@@ -51,9 +52,15 @@ macro_rules! effects {
             /// Its name in the vocabulary; outsiders' begin with `x-`.
             #[must_use]
             pub fn kind(&self) -> &'static str {
+                if let Effect::Own(own) = self {
+                    return own.name();
+                }
                 match self { $(Effect::$effect(_) => $kind,)* }
             }
         }
+
+        /// The kinds that a list may name.
+        const KINDS: &[&str] = &[$($kind),*];
     };
 }
 
@@ -98,10 +105,11 @@ effects! {
     "x-sensor-square" = outside::SensorSquare;
     "x-sticking-valve" = outside::StickingValve;
     "x-varying-damping" = outside::VaryingDamping;
+    "own" = own::Own;
 }
 
 impl Effect {
-    /// One that changes nothing.
+    /// Returns an effect that changes nothing.
     pub(crate) fn idle() -> Self {
         Effect::ActuatorGain(actuator::ActuatorGain { at: Input(0), gain: 1.0 })
     }
@@ -115,32 +123,32 @@ impl Effect {
         stronger
     }
 
-    /// The place for a label, from 0: an input, output or mode; the number of inputs stands for all of them.
+    /// Returns the place for a label, from 0: an input, output or mode; the number of inputs stands for all inputs.
     #[must_use]
     pub fn place(&self) -> usize {
         self.law().place()
     }
 
-    /// The parameters for a label, in the order of the vocabulary.
+    /// Returns the parameters for a label, in the order of the vocabulary.
     #[must_use]
     pub fn parameters(&self) -> Vec<f64> {
         self.law().parameters()
     }
 
-    /// Whether its law is the vocabulary's own equation, not a near miss in shape.
+    /// Returns whether its law is the vocabulary's own equation and not a near miss in shape.
     #[must_use]
     pub fn own_equation(&self) -> bool {
         self.law().own_equation()
     }
 
-    /// Whether somebody who knows its parameters could foretell what it does in a record.
+    /// Returns whether its action in a record follows from its parameters alone, without random numbers.
     #[must_use]
     pub fn foretold(&self) -> bool {
         self.law().foretold()
     }
 }
 
-/// The effects of a config in one list: first the two that have keys of their own.
+/// Returns the effects of a config in one list: first the two that have keys of their own.
 fn list(config: &EffectsConfig) -> Vec<Effect> {
     let mut effects = Vec::new();
     if config.stiffness_drift_per_s != 0.0 {
@@ -172,7 +180,7 @@ pub(crate) fn alter(config: &EffectsConfig, plant: &mut Plant) {
     list(config).iter().for_each(|effect| effect.law().alter(plant));
 }
 
-/// The chain of a record under the effects of a checked config.
+/// Returns the chain of a record with the effects of a checked config.
 pub(crate) fn chain(config: &EffectsConfig, truss: &Truss, seed: u64, clock: Clock) -> Chain {
     let mut chain = Chain::default();
     for (i, effect) in list(config).iter().enumerate() {

@@ -11,7 +11,7 @@ use super::GapError;
 use super::plant::{Drawn, EFFECTS};
 use super::spec::{Channels, EffectSpec};
 use super::strength::Signals;
-use crate::effects::Effect;
+use crate::effects::{Effect, own};
 use crate::streams::{Purpose, stream};
 use crate::{ACTUATOR_POLE_HZ, INPUTS, OUTPUTS};
 
@@ -51,9 +51,12 @@ pub(crate) fn drawn(
         return Err(wrong(format!("`{at}` is no place in a case of {inputs} inputs and {outputs} outputs")));
     }
     let channel = at.as_deref().map_or(0, first_number);
-    let parameters = parameters(&wanted.kind, channel, drawn, signals, &mut rng);
+    let (kind, parameters) = match own::find(&wanted.kind) {
+        Some(truth) => ("own", json!({ "name": truth.name(), "parameters": truth.start(&signals.at(channel)) })),
+        None => (wanted.kind.as_str(), parameters(&wanted.kind, channel, drawn, signals, &mut rng)),
+    };
     let Value::Object(mut keys) = parameters else { unreachable!("parameters are made as an object") };
-    keys.insert("kind".to_owned(), Value::from(wanted.kind.as_str()));
+    keys.insert("kind".to_owned(), Value::from(kind));
     let mut also = |key: &str, value: &Option<String>| {
         if let Some(text) = value {
             keys.insert(key.to_owned(), Value::from(text.as_str()));
@@ -71,6 +74,12 @@ fn first_number(place: &str) -> usize {
 }
 
 fn place_of(kind: &str) -> Option<Place> {
+    if let Some(truth) = own::find(kind) {
+        return Some(match truth.side() {
+            own::Side::Strut | own::Side::Actuator => Place::Input,
+            own::Side::Sensor => Place::Output,
+        });
+    }
     Some(match kind {
         "modal-frequency" | "modal-damping" => Place::Mode,
         "missing-mode" | "stiffness-drift" | "x-parametric-stiffness" | "x-varying-damping" => Place::None,

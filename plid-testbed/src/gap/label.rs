@@ -3,40 +3,40 @@
 use serde::Serialize;
 
 use super::spec::{Experiment, PlantKind, Simulator};
-use crate::effects::Effect;
+use crate::effects::{Effect, own};
 use crate::plant::Truss;
 use crate::structure::Mode;
 use crate::{INPUTS, OUTPUTS};
 
-/// What is true of a case.
+/// The truth of a case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Label {
     /// The effects at work; the single effect `none` where there is none.
     pub effects: Vec<LabelledEffect>,
     /// Whether the nominal simulation is slightly off beside them.
     pub perturbed: bool,
-    /// Gap of the nominal simulation on the held-out record.
+    /// The gap of the nominal simulation on the held-out record.
     pub gap_sim: f64,
-    /// Gap that would be left to somebody who knew everything but the noise.
+    /// The gap that remains if everything except the noise is known.
     pub gap_floor: f64,
     /// Whether the nominal simulation has ports.
     pub ports: bool,
-    /// Of which kind the plant is; this and what follows is left out where it is as it always was.
+    /// The kind of plant. This key and the following ones are left out if they have their default values.
     #[serde(skip_serializing_if = "is_default")]
     pub plant: PlantKind,
-    /// Inputs that there are.
+    /// Number of inputs.
     #[serde(skip_serializing_if = "is_all")]
     pub inputs: usize,
-    /// Outputs that there are.
+    /// Number of outputs.
     #[serde(skip_serializing_if = "is_all")]
     pub outputs: usize,
-    /// What was recorded.
+    /// The kind of experiment.
     #[serde(skip_serializing_if = "is_default")]
     pub experiment: Experiment,
-    /// In what form the case has the nominal simulation.
+    /// The form in which the case gives the nominal simulation.
     #[serde(skip_serializing_if = "is_default")]
     pub simulator: Simulator,
-    /// Whether the declared noise is off.
+    /// Whether the declared noise is wrong.
     #[serde(skip_serializing_if = "is_default")]
     pub misjudged: bool,
     /// What is so small beside the effects at work that it is no main cause; none where the truth is else perfect.
@@ -47,14 +47,14 @@ pub struct Label {
 /// The small imperfections of a case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LabelledBackground {
-    /// Always true: a table of scores tells these cases from others by it.
+    /// Always true; the tables of scores distinguish these cases by it.
     pub imperfect: bool,
     /// The gap that they make together, without noise.
     pub imperfections: f64,
     /// What they and the noise make of the held-out record without the main effects: the gap of a simulation that has
     /// none of these effects and whose own parameters are exact.
     pub gap_background: f64,
-    /// The same of the nominal simulation, which is also off.
+    /// The same for the nominal simulation, which has errors of its own.
     pub gap_background_as_given: f64,
     /// Each of them, with about the gap that it makes alone; then what the simulation is off by more than the stated
     /// limits.
@@ -72,11 +72,11 @@ fn is_all(channels: &usize) -> bool {
 /// One effect of the answer.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LabelledEffect {
-    /// Its name.
+    /// The name of the effect.
     pub effect: String,
-    /// Its place, from 0.
+    /// The place of the effect, from 0.
     pub loc: usize,
-    /// Its parameters, in the order of the vocabulary.
+    /// The parameters, in the order of the vocabulary.
     pub par: Vec<f64>,
     /// The gap that was asked for.
     pub target: f64,
@@ -93,7 +93,7 @@ pub struct LabelledEffect {
     pub config: Option<Effect>,
 }
 
-/// By how much a case lets a simulation be off, relative: two standard deviations.
+/// Stated limits on relative errors of a simulation: two standard deviations.
 const FREQUENCY_LIMIT: f64 = 0.002;
 const DAMPING_LIMIT: f64 = 0.1;
 
@@ -130,7 +130,7 @@ impl LabelledEffect {
             "sensor-noise" => &["std"],
             "sensor-quantisation" => &["q"],
             "sensor-dropout" => &["rate"],
-            _ => &[],
+            name => own::find(name).map_or(&[], |truth| truth.parameters()),
         }
     }
 
@@ -143,6 +143,13 @@ impl LabelledEffect {
             let stated = location.split_once(':').and_then(|(_, at)| at.split(' ').next()?.parse::<f64>().ok());
             stated.is_some_and(|stated| (stated / hz - 1.0).abs() < within)
         };
+        if let Some(truth) = own::find(&self.effect) {
+            return match truth.side() {
+                own::Side::Strut => location == format!("input:u{loc}") || location == format!("port:strut{loc}"),
+                own::Side::Actuator => location == format!("input:u{loc}"),
+                own::Side::Sensor => location == format!("output:y{loc}"),
+            };
+        }
         match self.effect.as_str() {
             "cubic-stiffness"
             | "quadratic-stiffness"
@@ -164,7 +171,7 @@ impl LabelledEffect {
 }
 
 impl Label {
-    /// With the effect `none` where no other is at work.
+    /// Adds the effect `none` if there is no other effect.
     pub(crate) fn or_none(mut self) -> Self {
         if self.effects.is_empty() {
             self.effects.push(LabelledEffect {

@@ -33,16 +33,16 @@ pub use label::{Label, LabelledBackground, LabelledEffect};
 pub use spec::{Channels, EffectSpec, Experiment, GapSpec, PlantKind, Simulator};
 pub use write::SimulationFile;
 
-/// Why a case could not be drawn or written.
+/// The reasons why a case cannot be drawn or written.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GapError {
     /// A kind, place or law that does not exist.
     #[error("effect {number} of the spec ({kind}): {reason}")]
     Spec {
-        /// Which of the spec's, from 1.
+        /// The number of the effect in the spec, from 1.
         number: usize,
-        /// Its kind.
+        /// The kind of effect.
         kind: String,
         /// What is wrong.
         reason: String,
@@ -95,13 +95,13 @@ pub enum GapError {
 /// A record: what was commanded and what was measured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GapRecord {
-    /// How it was excited.
+    /// The excitation.
     pub excitation: Excitation,
-    /// As the DAC gave them (K x m), V.
+    /// Commands as the DAC gives them (K x m), V.
     pub commands: Array2<f64>,
-    /// As the ADC gave them (K x p), V.
+    /// Outputs as the ADC gives them (K x p), V.
     pub outputs: Array2<f64>,
-    /// What the nominal simulation gives for these commands (K x p), V.
+    /// Outputs of the nominal simulation for these commands (K x p), V.
     pub simulated: Array2<f64>,
 }
 
@@ -110,13 +110,13 @@ pub struct GapRecord {
 pub struct GapCase {
     /// The nominal simulation, in arbitrary coordinates.
     pub simulation: SimulationFile,
-    /// In what form the case gives it.
+    /// The form in which the case gives the nominal simulation.
     pub simulator: Simulator,
-    /// In the order in which they were taken, each from rest, back to back.
+    /// The records in the order in which they were taken, each from rest, without pauses.
     pub records: Vec<GapRecord>,
-    /// Follows the last of them.
+    /// The held-out record, which follows the last of them.
     pub held_out: GapRecord,
-    /// The answer.
+    /// The truth.
     pub label: Label,
     /// The effects with their parameters, as a config's list has them.
     pub effects: Vec<Effect>,
@@ -129,7 +129,7 @@ const SAMPLE_RATE_HZ: f64 = 1600.0;
 /// Standard deviation of sensor noise and of amplifier noise, V.
 const NOISE_V: f64 = 0.005;
 
-/// Draws a case: the same seed and spec give the same bits.
+/// Draws a case. The same seed and spec give the same bits.
 ///
 /// # Errors
 /// If the spec names an effect, place or law that does not exist or not with these channels, has a number outside its

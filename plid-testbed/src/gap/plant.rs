@@ -18,7 +18,7 @@ use crate::plant::{Truss, assemble, assemble_in, compliances};
 use crate::streams::{Purpose, stream};
 use crate::structure::Mode;
 
-/// The plant without effects, and what a simulation holds it for.
+/// The plant without effects, and the nominal simulation of it.
 pub(crate) struct Drawn {
     pub base: Truss,
     pub nominal: Truss,
@@ -31,7 +31,7 @@ pub(crate) struct Drawn {
 /// RMS over the outputs that a random record of 1 V RMS gives, V.
 const OUTPUT_V: f64 = 0.45;
 
-/// What the streams of the draw are for.
+/// The numbers of the random streams of a draw.
 const PLANT: usize = 0;
 const NUISANCE: usize = 1;
 const COORDINATES: usize = 2;
@@ -77,17 +77,17 @@ fn normal(rng: &mut ChaCha12Rng) -> f64 {
     StandardNormal.sample(rng)
 }
 
-/// How far a simulation is off: relative standard deviations.
+/// The errors of a simulation: relative standard deviations.
 struct Off {
     frequency: f64,
     damping: f64,
     shape: f64,
-    /// Of the actuators' poles, for which no limits are stated.
+    /// Relative standard deviation of the actuators' poles, for which no limits are stated.
     pole: f64,
 }
 
 impl Off {
-    /// Within the stated limits, or that many times their standard deviations.
+    /// Returns errors within the stated limits, or the given multiple of their standard deviations.
     fn of(spec: &GapSpec) -> Self {
         let factor = spec.beyond_limits;
         if factor > 0.0 {
@@ -100,7 +100,7 @@ impl Off {
         Self { frequency: 0.0, damping: 0.0, shape: 0.0, pole: 0.0 }
     }
 
-    /// What a simulation that is so far off holds the plant for.
+    /// Draws the plant of a simulation with these errors.
     fn simulation(&self, seed: u64, modes: &[Mode], poles_hz: [f64; INPUTS]) -> Plant {
         let mut rng = stream(seed, Purpose::Draw, NUISANCE);
         let mut about = |value: f64, std: f64| value * (1.0 + std * normal(&mut rng));

@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 use super::GapError;
 use crate::{INPUTS, OUTPUTS};
 
-/// What is to be drawn. Left out, each key is as it is in [`GapSpec::default`]: a truss with all its channels, no
-/// effect, six records of full length and a simulation that is exact.
+/// The specification of a case. Keys that are left out have the values of [`GapSpec::default`]: a truss with all its
+/// channels, no effect, six records of full length and a simulation that is exact.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct GapSpec {
@@ -19,13 +19,13 @@ pub struct GapSpec {
     pub ports: bool,
     /// The plant.
     pub plant: PlantKind,
-    /// Channels that there are.
+    /// The numbers of channels.
     pub channels: Channels,
     /// The records.
     pub experiment: Experiment,
-    /// In what form the case has the nominal simulation.
+    /// The form in which the case gives the nominal simulation.
     pub simulator: Simulator,
-    /// What the noise of sensors and amplifiers is over what the nominal simulation declares; from 2/3 to 3/2.
+    /// Ratio of the noise of sensors and amplifiers to the noise that the nominal simulation declares; from 2/3 to 3/2.
     pub noise_misjudged: f64,
     /// Length of the records over that of full ones; from 0.1 to 1. At 0.16 a record without input has 512 samples. The
     /// multisine's period shortens with it, so that it has six in any case.
@@ -68,7 +68,7 @@ impl Default for GapSpec {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EffectSpec {
-    /// Its name, as in a config's list.
+    /// The name of the effect, as in a config's list, or of one that the program has added.
     pub kind: String,
     /// Its place, as in a config's list; drawn where left out, among the channels that there are.
     #[serde(default)]
@@ -104,9 +104,9 @@ pub enum PlantKind {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Channels {
-    /// From 1 to 3.
+    /// Number of inputs, from 1 to 3.
     pub inputs: usize,
-    /// From 1 to 3.
+    /// Number of outputs, from 1 to 3.
     pub outputs: usize,
 }
 
@@ -116,7 +116,7 @@ impl Default for Channels {
     }
 }
 
-/// Which records are taken.
+/// The kind of experiment.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Experiment {
@@ -127,28 +127,28 @@ pub enum Experiment {
     Passive,
 }
 
-/// How a case gives the nominal simulation.
+/// The form in which a case gives the nominal simulation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Simulator {
     /// As a model, in sim.json.
     #[default]
     Model,
-    /// Only by what it gives for the input of each record.
+    /// Only by its outputs for the input of each record.
     Outputs,
 }
 
-/// How far a declared noise may be off, either way.
+/// Largest factor by which a declared noise may be wrong, either way.
 const MOST_MISJUDGED: f64 = 1.5;
-/// Of a record.
+/// Shortest length of a record, relative to a full one.
 const SHORTEST: f64 = 0.1;
-/// Gap beyond which imperfections are small no longer.
+/// Largest gap of imperfections.
 const MOST_IMPERFECT: f64 = 0.2;
-/// Standard deviations of the stated limits.
+/// Largest error of a simulation, in standard deviations of the stated limits.
 const MOST_BEYOND: f64 = 3.0;
 
 impl GapSpec {
-    /// Checks all but the effects.
+    /// Checks all keys except the effects.
     pub(crate) fn check(&self) -> Result<(), GapError> {
         within("channels.inputs", self.channels.inputs as f64, 1.0, INPUTS as f64)?;
         within("channels.outputs", self.channels.outputs as f64, 1.0, OUTPUTS as f64)?;

@@ -7,6 +7,7 @@ use super::{GapError, measured, with_effects};
 use crate::config::TrussConfig;
 use crate::effects::Effect;
 use crate::effects::chain::dot;
+use crate::effects::own::Level;
 use crate::error::TestbedError;
 use crate::plant::{Truss, altered};
 use crate::record::record;
@@ -50,6 +51,12 @@ impl Signals {
         }
         let [displacement, velocity, output] = squares.map(|s| s.map(|s| (s / commands.nrows() as f64).sqrt()));
         Self { displacement, velocity, output }
+    }
+
+    /// Those of one input and output.
+    pub(crate) fn at(&self, channel: usize) -> Level {
+        let Self { displacement, velocity, output } = self;
+        Level { displacement: displacement[channel], velocity: velocity[channel], output: output[channel] }
     }
 }
 

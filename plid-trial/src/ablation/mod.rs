@@ -6,6 +6,7 @@ mod report;
 use std::path::{Path, PathBuf};
 
 use plid_gap::Step;
+use plid_gap::effects::Library;
 use plid_report::Progress;
 use serde::Serialize;
 
@@ -19,11 +20,10 @@ use crate::score::{Extent, FIXED, fix, given, lines, seconds, unseal};
 use crate::scores::{Line, Totals};
 use crate::statistics::{median, paired, sign_test};
 
-/// Answers one case: its folder, the effects without which it is to be answered a second time, and the step that is
-/// off.
+/// Answers one case, given its folder, the effects to leave out for a second answer, and the step that is off.
 pub type AblatedAnswerer<'a> = dyn Fn(&Path, &[String], Option<Step>) -> Result<Answer, String> + Sync + 'a;
 
-/// Where the answers with a step off are, and those with none.
+/// Returns the folder of the answers with a step off, or with nothing off.
 fn answers(trial: &Path, off: Option<Step>) -> PathBuf {
     trial.join("ablation").join(off.map_or("nothing", Step::name))
 }
@@ -37,13 +37,15 @@ pub fn diagnose_without(
     trial: &Path,
     steps: &[Step],
     jobs: usize,
+    library: &Library,
     progress: &dyn Progress,
 ) -> Result<Vec<Done>, TrialError> {
-    let answerer = |folder: &Path, without: &[String], off: Option<Step>| plid_without(folder, without, off.as_slice());
+    let answerer =
+        |folder: &Path, without: &[String], off: Option<Step>| plid_without(folder, without, library, off.as_slice());
     diagnose_without_with(trial, steps, jobs, &answerer, progress)
 }
 
-/// The same with any diagnosis.
+/// Answers the cases with any diagnosis.
 ///
 /// # Errors
 /// As [`crate::diagnose()`].
@@ -65,7 +67,7 @@ pub fn diagnose_without_with(
     .collect()
 }
 
-/// What is asked of a case, and whether "yes" is good.
+/// A question about a case, and whether "yes" is the good answer.
 struct Reading {
     name: &'static str,
     good: bool,
@@ -114,18 +116,18 @@ fn right(line: &Line) -> bool {
     }
 }
 
-/// One reading of the same cases with a step off and on.
+/// The comparison of one figure over the same cases with a step off and on.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Change {
-    /// What is read.
+    /// The name of the figure.
     pub figure: &'static str,
-    /// Of so many cases.
+    /// Number of cases.
     pub of: usize,
     /// Cases that are better without the step.
     pub better: Vec<String>,
     /// Cases that are worse without it.
     pub worse: Vec<String>,
-    /// Share of the cases without the step, less that with it; none where no case asks.
+    /// The share of the cases without the step minus that with it; `None` if no case has the figure.
     pub difference: Option<f64>,
     /// Its 95 % interval.
     pub ci95: Option<[f64; 2]>,
@@ -133,12 +135,12 @@ pub struct Change {
     pub p: f64,
 }
 
-/// What is counted over all cases.
+/// The figures over all cases.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Figures {
-    /// As a trial counts it.
+    /// The figures of a trial.
     pub totals: Totals,
-    /// Of a case, the middle one, without baselines.
+    /// The median duration of a case in seconds, without the baselines.
     pub median_s: Option<f64>,
 }
 
@@ -147,32 +149,32 @@ pub struct Figures {
 pub struct Without {
     /// The step.
     pub step: Step,
-    /// What a diagnosis does without it.
+    /// What a diagnosis does if the step is off.
     pub when_off: &'static str,
-    /// Of all answers, as it was fixed before anything was opened.
+    /// SHA-256 of all answers, recorded before any sealed file was opened.
     pub answers_sha256: String,
     /// Cases whose answer differs in any byte.
     pub changed: Vec<String>,
-    /// All cases.
+    /// The figures over all cases.
     pub figures: Figures,
-    /// Case by case.
+    /// The comparison with the trial's own answers, figure by figure.
     pub changes: Vec<Change>,
 }
 
-/// ablation.json.
+/// The content of ablation.json.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Ablation {
-    /// Of the trial.
+    /// The name of the trial.
     pub name: String,
-    /// From which it was drawn.
+    /// The seed from which it was drawn.
     pub seed: u64,
-    /// Of the trial's own answers.
+    /// SHA-256 of the trial's own answers.
     pub answers_sha256: String,
-    /// How many.
+    /// Number of cases.
     pub cases: usize,
-    /// With nothing off.
+    /// The figures with nothing off.
     pub full: Figures,
-    /// With each step off.
+    /// The results with each step off.
     pub steps: Vec<Without>,
 }
 
@@ -191,6 +193,7 @@ pub fn score_without(
     trial: &Path,
     sealed: &Path,
     steps: &[Step],
+    library: &Library,
     out: &Path,
     progress: &dyn Progress,
 ) -> Result<Ablation, TrialError> {
@@ -216,7 +219,7 @@ pub fn score_without(
     let seal = unseal(&manifest, trial, sealed)?;
 
     progress.stage("scoring");
-    let full = lines(trial, sealed, &manifest, &trial.join(ANSWERS), &own, progress)?;
+    let full = lines(trial, sealed, &manifest, &trial.join(ANSWERS), &own, library, progress)?;
     let figures = |lines: &[Line], answers: &Path| {
         Ok::<_, TrialError>(Figures { totals: Totals::of(lines, 0), median_s: median(&seconds(&manifest, answers)?) })
     };
@@ -224,7 +227,7 @@ pub fn score_without(
         .into_iter()
         .map(|(step, answers, given, answers_sha256)| {
             progress.stage(&format!("scoring without {step}"));
-            let lines = lines(trial, sealed, &manifest, &answers, &given, progress)?;
+            let lines = lines(trial, sealed, &manifest, &answers, &given, library, progress)?;
             Ok(Without {
                 step,
                 when_off: step.when_off(),
@@ -250,7 +253,7 @@ pub fn score_without(
     Ok(ablation)
 }
 
-/// Cases whose answers differ, in what was found or in why there is none.
+/// Returns the cases whose answers, or reasons for a missing answer, differ.
 fn differing(one: &[(Answered, String)], other: &[(Answered, String)]) -> Vec<String> {
     let own = |answered: &Answered| {
         let mut files = answered.files.clone();

@@ -2,6 +2,7 @@ use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
 use plid::gap::Step;
+use plid::gap::effects::Library;
 use plid_trial::ablation::Ablation;
 use plid_trial::score_without;
 
@@ -10,11 +11,11 @@ use super::{Answered, Failure, Voice, diagnose, voice};
 
 /// Ablation: diagnose a trial again with one step off at a time, and score the results.
 ///
-/// The trial must have answers to all cases. It is diagnosed with nothing off (which must reproduce its answers) and with
-/// each step off, in a separate process that only knows T. These answers are kept in T/ablation, so that the same command
-/// continues after an interruption. Their hashes are recorded in S, and all are scored in the same way. Writes
-/// DIR/report.html and DIR/ablation.json: for each step, the changes in names, sets, false alarms and time, the cases that
-/// are better or worse without it, and a sign test.
+/// The trial must have answers to all cases. It is diagnosed with nothing off (which must reproduce its answers) and
+/// with each step off, in a separate process that only knows T. These answers are kept in T/ablation, so that the same
+/// command continues after an interruption. Their hashes are recorded in S, and all are scored in the same way. Writes
+/// DIR/report.html and DIR/ablation.json: for each step, the changes in names, sets, false alarms and time, the cases
+/// that are better or worse without it, and a sign test.
 #[derive(clap::Args)]
 #[command(after_help = help())]
 pub struct Arguments {
@@ -34,12 +35,15 @@ pub struct Arguments {
 fn help() -> String {
     let steps: String = Step::ALL.iter().map(|step| format!("  {:<15} {}\n", step.name(), step.when_off())).collect();
     format!(
-        "Steps, and what replaces each when it is off:\n{steps}\nExamples:\n  plid gap trial run --quick --out out/trial\n  plid gap trial ablate out/trial/trial --sealed out/trial/sealed --out out/ablation\n  plid gap trial ablate T --sealed S --out out/ablation --steps polishing,questioning"
+        "Steps, and what replaces each when it is off:\n{steps}\n\
+         Examples:\n  plid gap trial run --quick --out out/trial\n  \
+         plid gap trial ablate out/trial/trial --sealed out/trial/sealed --out out/ablation\n  \
+         plid gap trial ablate T --sealed S --out out/ablation --steps polishing,questioning"
     )
 }
 
 /// Runs the command.
-pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
+pub fn execute(arguments: &Arguments, library: &Library, voice: Voice) -> Result<(), Failure> {
     let jobs = diagnose::jobs(arguments.jobs)?;
     let steps = if arguments.steps.is_empty() { Step::ALL.to_vec() } else { arguments.steps.clone() };
     let names: Vec<&str> = steps.iter().map(|step| step.name()).collect();
@@ -56,7 +60,8 @@ pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
         )));
     }
     let bar = Bar::new(voice.quiet || voice.json);
-    let ablation = score_without(&arguments.answered.trial, &arguments.answered.sealed, &steps, &arguments.out, &bar);
+    let ablation =
+        score_without(&arguments.answered.trial, &arguments.answered.sealed, &steps, library, &arguments.out, &bar);
     bar.finish();
     let ablation = ablation?;
     let report = arguments.out.join("report.html");

@@ -1,6 +1,7 @@
 use std::path::PathBuf;
 
 use plid::gap::Step;
+use plid::gap::effects::Library;
 use plid_trial::{Done, Options, Shard, diagnose, diagnose_without};
 
 use super::progress::Bar;
@@ -12,7 +13,12 @@ use super::{Failure, Voice, voice};
 /// `plid gap trial merge`. With --off, writes T/ablation for `plid gap trial ablate`.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Examples:\n  plid gap trial diagnose T --jobs 2\n  plid gap trial diagnose T --shard 3/16\n  plid gap trial merge T"
+    after_help = concat!(
+        "Examples:\n",
+        "  plid gap trial diagnose T --jobs 2\n",
+        "  plid gap trial diagnose T --shard 3/16\n",
+        "  plid gap trial merge T",
+    )
 )]
 pub struct Arguments {
     /// The cases, as written by `plid gap trial draw`.
@@ -30,13 +36,13 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
+pub fn execute(arguments: &Arguments, library: &Library, voice: Voice) -> Result<(), Failure> {
     let jobs = jobs(arguments.jobs)?;
     let bar = Bar::new(voice.quiet || voice.json);
     let done = if arguments.off.is_empty() {
-        diagnose(&arguments.trial, Options { shard: arguments.shard, jobs }, &bar).map(|done| vec![done])
+        diagnose(&arguments.trial, Options { shard: arguments.shard, jobs }, library, &bar).map(|done| vec![done])
     } else {
-        diagnose_without(&arguments.trial, &arguments.off, jobs, &bar)
+        diagnose_without(&arguments.trial, &arguments.off, jobs, library, &bar)
     };
     bar.finish();
     done?.iter().try_for_each(|done| tell(done, voice))

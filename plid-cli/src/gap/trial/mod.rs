@@ -10,17 +10,27 @@ mod score;
 use std::path::PathBuf;
 
 use clap::Subcommand;
+use plid::gap::effects::Library;
 use plid_trial::{TrialConfig, TrialError};
 
 use super::{Failure, Voice, directory, progress, voice};
 
 /// Blind trials of the diagnosis, on cases whose effects are withheld from it: draw, diagnose, score.
 ///
-/// `draw` writes the cases to one directory and their true effects, sealed, to another. `diagnose` reads only the first.
-/// `score` records the hash of all answers before it opens the sealed directory.
+/// `draw` writes the cases to one directory and their true effects, sealed, to another. `diagnose` reads only the
+/// first. `score` records the hash of all answers before it opens the sealed directory.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example:\n  plid gap trial run --quick --out out/trial\nthen open out/trial/report.html; or step by step:\n  plid gap trial draw --quick --out T --sealed S\n  plid gap trial diagnose T --jobs 2\n  plid gap trial score T --sealed S\nto measure the contribution of each step of the diagnosis:\n  plid gap trial ablate T --sealed S --out out/ablation"
+    after_help = concat!(
+        "Example:\n",
+        "  plid gap trial run --quick --out out/trial\n",
+        "then open out/trial/report.html; or step by step:\n",
+        "  plid gap trial draw --quick --out T --sealed S\n",
+        "  plid gap trial diagnose T --jobs 2\n",
+        "  plid gap trial score T --sealed S\n",
+        "to measure the contribution of each step of the diagnosis:\n",
+        "  plid gap trial ablate T --sealed S --out out/ablation",
+    )
 )]
 pub struct Arguments {
     #[command(subcommand)]
@@ -67,14 +77,14 @@ impl Which {
 }
 
 /// Runs the command.
-pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
+pub fn execute(arguments: Arguments, library: &Library, voice: Voice) -> Result<(), Failure> {
     match arguments.step {
         Step::Draw(arguments) => draw::execute(&arguments, voice),
-        Step::Diagnose(arguments) => diagnose::execute(&arguments, voice),
+        Step::Diagnose(arguments) => diagnose::execute(&arguments, library, voice),
         Step::Merge(arguments) => merge::execute(&arguments, voice),
-        Step::Score(arguments) => score::execute(&arguments, voice),
-        Step::Run(arguments) => run::execute(&arguments, voice),
-        Step::Ablate(arguments) => ablate::execute(&arguments, voice),
+        Step::Score(arguments) => score::execute(&arguments, library, voice),
+        Step::Run(arguments) => run::execute(&arguments, library, voice),
+        Step::Ablate(arguments) => ablate::execute(&arguments, library, voice),
     }
 }
 

@@ -1,6 +1,7 @@
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
+use plid::gap::effects::Library;
 use plid_trial::{Extent, config_of};
 
 use super::{Failure, Voice, Which, diagnose, directory, draw, score};
@@ -10,7 +11,11 @@ use super::{Failure, Voice, Which, diagnose, directory, draw, score};
 /// The diagnosis runs in a separate process that only knows DIR/trial.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Examples:\n  plid gap trial run --quick --out out/trial\n  plid gap trial run experiments/trials/standard.toml --out out/standard --resume"
+    after_help = concat!(
+        "Examples:\n",
+        "  plid gap trial run --quick --out out/trial\n",
+        "  plid gap trial run experiments/trials/standard.toml --out out/standard --resume",
+    )
 )]
 pub struct Arguments {
     #[command(flatten)]
@@ -30,7 +35,7 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
+pub fn execute(arguments: &Arguments, library: &Library, voice: Voice) -> Result<(), Failure> {
     let config = arguments.which.read()?;
     let jobs = diagnose::jobs(arguments.jobs)?;
     let out = &arguments.out;
@@ -53,5 +58,5 @@ pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
             "the diagnosis ended with {status}; --resume continues with the cases that remain"
         )));
     }
-    score::into(&trial, &sealed, Extent::Whole, out, voice)
+    score::into(&trial, &sealed, Extent::Whole, library, out, voice)
 }

@@ -1,5 +1,6 @@
 use std::path::{Path, PathBuf};
 
+use plid::gap::effects::Library;
 use plid_trial::scores::Scores;
 use plid_trial::{Extent, score};
 
@@ -8,16 +9,22 @@ use super::{Answered, Failure, Voice, voice};
 
 /// Score the answers to a trial.
 ///
-/// First records the hash of all answers in S, then checks the sealed files against the hashes in T, and only then opens
-/// them. Writes report.html and scores.json. Answers that change afterwards are rejected.
+/// First records the hash of all answers in S, then checks the sealed files against the hashes in T, and only then
+/// opens them. Writes report.html and scores.json. Answers that change afterwards are rejected.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Examples:\n  plid gap trial score T --sealed S\n  plid gap trial score T --sealed S --answered   # a diagnosis that was stopped half-way\nthen open S/report.html"
+    after_help = concat!(
+        "Examples:\n",
+        "  plid gap trial score T --sealed S\n",
+        "  plid gap trial score T --sealed S --answered   # a diagnosis that was stopped half-way\n",
+        "then open S/report.html",
+    )
 )]
 pub struct Arguments {
     #[command(flatten)]
     answered: Answered,
-    /// Score only the cases answered so far. Cases are in random order, so these are a fair sample; later answers are rejected.
+    /// Score only the cases answered so far. Cases are in random order, so these are a fair sample; later answers are
+    /// rejected.
     #[arg(long = "answered")]
     partial: bool,
     /// Folder for report.html, its first figure power.svg, and scores.json [default: S].
@@ -26,16 +33,23 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
+pub fn execute(arguments: &Arguments, library: &Library, voice: Voice) -> Result<(), Failure> {
     let out = arguments.out.as_ref().unwrap_or(&arguments.answered.sealed);
     let extent = if arguments.partial { Extent::Answered } else { Extent::Whole };
-    into(&arguments.answered.trial, &arguments.answered.sealed, extent, out, voice)
+    into(&arguments.answered.trial, &arguments.answered.sealed, extent, library, out, voice)
 }
 
 /// Scores into a directory and says what came of it.
-pub fn into(trial: &Path, sealed: &Path, extent: Extent, out: &Path, voice: Voice) -> Result<(), Failure> {
+pub fn into(
+    trial: &Path,
+    sealed: &Path,
+    extent: Extent,
+    library: &Library,
+    out: &Path,
+    voice: Voice,
+) -> Result<(), Failure> {
     let bar = Bar::new(voice.quiet || voice.json);
-    let scores = score(trial, sealed, extent, out, &bar);
+    let scores = score(trial, sealed, extent, library, out, &bar);
     bar.finish();
     let scores = scores?;
     if voice.json {

@@ -1,0 +1,231 @@
+//! Effects of a program's own: the truth of an effect that the testbed does not have.
+//!
+//! A program adds a [`Truth`] at its start. Configs and specs then name it as they name a built-in effect, and the
+//! testbed simulates it. The truth says only what happens in the plant: what a diagnosis makes of it is code of its
+//! own, so that neither can be wrong in the other's favour.
+
+use std::sync::{PoisonError, RwLock};
+
+use serde::{Deserialize, Serialize};
+
+use super::chain::{Chain, Site};
+use super::law::{Law, Limits};
+use super::place::{Input, Output};
+use crate::config::finite;
+use crate::error::TestbedError;
+
+/// The part of the plant that an effect acts in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// The strut of an input, inside the structure.
+    Strut,
+    /// The actuator of an input.
+    Actuator,
+    /// A sensor.
+    Sensor,
+}
+
+/// What an effect does in one record, from rest. All signals are in volts, times in seconds.
+pub enum Action {
+    /// The force on the structure at a strut, from the strut's displacement (V) and velocity (V/s).
+    Force(Box<dyn Fn(f64, f64) -> f64>),
+    /// The voltage between amplifier and actuator pole, from the voltage without the effect.
+    Voltage(Box<dyn Fn(f64) -> f64>),
+    /// The sample before the sensor noise, from the sample without the effect and its time since the first record
+    /// began. The samples of a record come in order, so that the function may have a memory.
+    Sample(Box<dyn FnMut(f64, f64) -> f64>),
+}
+
+/// RMS values in the held-out record at the place of an effect, without any effect. A place has those of its side.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Level {
+    /// Displacement of the strut, V.
+    pub displacement: f64,
+    /// Velocity of the strut, V/s.
+    pub velocity: f64,
+    /// Output, V.
+    pub output: f64,
+}
+
+/// The truth of an effect, as the testbed simulates it.
+pub trait Truth: Send + Sync {
+    /// Returns the name of the effect in configs, specs and labels: that of the diagnosis's vocabulary.
+    fn name(&self) -> &'static str;
+
+    /// Returns the part of the plant that it acts in; its places are the inputs or the outputs.
+    fn side(&self) -> Side;
+
+    /// Returns the names of its parameters, in the order of the diagnosis's equation.
+    fn parameters(&self) -> &'static [&'static str];
+
+    /// Returns parameters of some size, which the draw of a case scales until they make the gap asked for.
+    fn start(&self, level: &Level) -> Vec<f64>;
+
+    /// Makes the effect stronger by a factor: what it changes grows with it, to first order in proportion. By default
+    /// the first parameter is multiplied.
+    fn strengthen(&self, parameters: &mut [f64], factor: f64) {
+        parameters[0] *= factor;
+    }
+
+    /// Returns what the effect does in a record that begins now. It must be an action of its [`Truth::side`].
+    fn act(&self, parameters: &[f64]) -> Action;
+}
+
+static TRUTHS: RwLock<Vec<&'static dyn Truth>> = RwLock::new(Vec::new());
+
+/// Adds an effect to those that configs and specs may name, for as long as the process runs.
+///
+/// # Panics
+/// Panics if there is an effect of this name, or if the effect has no parameter.
+pub fn add(truth: impl Truth + 'static) {
+    let name = truth.name();
+    assert!(!super::KINDS.contains(&name), "the testbed has a `{name}` already");
+    assert!(!truth.parameters().is_empty(), "`{name}` has no parameter");
+    let mut truths = TRUTHS.write().unwrap_or_else(PoisonError::into_inner);
+    assert!(truths.iter().all(|there| there.name() != name), "the testbed has a `{name}` already");
+    truths.push(Box::leak(Box::new(truth)));
+}
+
+/// Returns the added effect of this name.
+#[must_use]
+pub fn find(name: &str) -> Option<&'static dyn Truth> {
+    all().into_iter().find(|truth| truth.name() == name)
+}
+
+/// Returns all added effects, in the order in which they were added.
+#[must_use]
+pub fn all() -> Vec<&'static dyn Truth> {
+    TRUTHS.read().unwrap_or_else(PoisonError::into_inner).clone()
+}
+
+/// The name of an added effect. Under this alias serde does not take it for a reference into the text that is read.
+type Name = &'static str;
+
+/// An effect that a program has added, as a config's list has it: with its name, its place and its parameters.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Written", into = "Written")]
+pub struct Own {
+    name: Name,
+    /// An input or an output, from 0.
+    at: usize,
+    parameters: Vec<f64>,
+}
+
+/// The keys of an effect of a program's own.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Written {
+    name: String,
+    at: String,
+    parameters: Vec<f64>,
+}
+
+impl TryFrom<Written> for Own {
+    type Error = String;
+
+    fn try_from(Written { name, at, parameters }: Written) -> Result<Self, String> {
+        let truth = find(&name).ok_or_else(|| format!("`{name}` is no effect that this program has added"))?;
+        let at = match truth.side() {
+            Side::Strut | Side::Actuator => Input::try_from(at).map(|Input(j)| j),
+            Side::Sensor => Output::try_from(at).map(|Output(i)| i),
+        };
+        let (found, wanted) = (parameters.len(), truth.parameters());
+        if found != wanted.len() {
+            return Err(format!("`{name}` has the parameters {}, not {found} of them", wanted.join(", ")));
+        }
+        Ok(Self { name: truth.name(), at: at.map_err(|error| error.to_string())?, parameters })
+    }
+}
+
+impl From<Own> for Written {
+    fn from(own: Own) -> Self {
+        let at = match own.truth().side() {
+            Side::Strut | Side::Actuator => Input(own.at).into(),
+            Side::Sensor => Output(own.at).into(),
+        };
+        Self { name: own.name.to_owned(), at, parameters: own.parameters }
+    }
+}
+
+impl Own {
+    pub(crate) fn name(&self) -> &'static str {
+        self.name
+    }
+
+    fn truth(&self) -> &'static dyn Truth {
+        find(self.name).expect("an effect that was made was added before")
+    }
+}
+
+impl Law for Own {
+    fn check(&self, _limits: &Limits) -> Result<(), TestbedError> {
+        self.parameters.iter().try_for_each(|&value| finite("parameters", value))
+    }
+
+    fn install(&self, site: Site, chain: &mut Chain) {
+        match self.truth().act(&self.parameters) {
+            Action::Force(force) => chain.force_at(&site.truss.ports[self.at], force),
+            Action::Voltage(law) => chain.change_inputs(vec![self.at], law),
+            Action::Sample(law) => chain.change_output(self.at, law),
+        }
+    }
+
+    fn strengthen(&mut self, factor: f64) {
+        self.truth().strengthen(&mut self.parameters, factor);
+    }
+
+    fn place(&self) -> usize {
+        self.at
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        self.parameters.clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Effect;
+
+    struct Square;
+
+    impl Truth for Square {
+        fn name(&self) -> &'static str {
+            "test-square"
+        }
+        fn side(&self) -> Side {
+            Side::Sensor
+        }
+        fn parameters(&self) -> &'static [&'static str] {
+            &["c"]
+        }
+        fn start(&self, level: &Level) -> Vec<f64> {
+            vec![0.1 / level.output]
+        }
+        fn act(&self, parameters: &[f64]) -> Action {
+            let c = parameters[0];
+            Action::Sample(Box::new(move |y, _t| y + c * y * y))
+        }
+    }
+
+    #[test]
+    fn an_added_effect_is_read_written_and_strengthened_and_wrong_keys_are_named() {
+        add(Square);
+        let read = |at: &str, parameters: &[f64]| {
+            let keys = serde_json::json!({
+                "kind": "own", "name": "test-square", "at": at, "parameters": parameters
+            });
+            serde_json::from_value::<Effect>(keys.clone()).map(|effect| (effect, keys)).map_err(|e| e.to_string())
+        };
+        let (effect, keys) = read("y2", &[0.5]).unwrap();
+        assert_eq!((effect.kind(), effect.place(), effect.parameters()), ("test-square", 1, vec![0.5]));
+        assert_eq!(serde_json::to_value(&effect).unwrap(), keys);
+        assert_eq!(effect.strengthened(3.0).parameters(), [1.5]);
+        assert!(read("u2", &[0.5]).unwrap_err().contains("an output, y1 to y3"));
+        assert!(read("y2", &[]).unwrap_err().contains("has the parameters c"));
+        let unknown = serde_json::json!({ "kind": "own", "name": "nobody's", "at": "y1", "parameters": [] });
+        assert!(serde_json::from_value::<Effect>(unknown).unwrap_err().to_string().contains("nobody's"));
+        assert!(std::panic::catch_unwind(|| add(Square)).is_err(), "a name is taken twice");
+    }
+}
