@@ -39,16 +39,17 @@ use plid_core::{Dense, Health, IdentifiedModel, ImplicitModel, ObservableForm};
 
 use crate::experiment::{Experiment, IndicesChoice, StructureKind};
 use crate::identify::{
-    Bank, Ending, IdentifyError, Memory, OrderScan, Plan, RecursionRun, Samples, ScanRow, Search, Split, ToModel,
-    Trial, scan_orders, search_indices, tune,
+    Bank, Ending, IdentifyError, Memory, OrderScan, Paused, Plan, RecursionRun, Samples, ScanRow, Search, Split,
+    ToModel, Trial, scan_orders, search_indices, tune,
 };
 use crate::{Predictor, fit_predictor};
 use error::setting;
 use noise::Known;
 use plid_catalogue::Conditions;
 use plid_data::prepare::{self, Prepared, excitation};
-use plid_data::require_samples;
+use plid_data::{Warning, require_samples};
 use plid_model::{Model, Noise, undo_advance, undo_scaling};
+use plid_refine::RefineError;
 
 /// The results of a run, in the units of the data.
 #[derive(Debug)]
@@ -112,81 +113,164 @@ pub fn carry_out(
     progress: &dyn Progress,
 ) -> Result<Outcome, RunError> {
     let mut experiment = experiment.clone();
+    require_single(&experiment)?;
+    progress.stage("data");
+    let identity = identity(&experiment, base)?;
+    let Saved { memory, paused, .. } = match (directory, resume) {
+        (Some(directory), true) => checkpoint::read(directory, &identity)?,
+        _ => Saved::default(),
+    };
+    // An interruption leaves what is known in a checkpoint.
+    let stopped = |error: RunError, memory: Memory| match error {
+        RunError::Identify(IdentifyError::Interrupted) | RunError::Refine(RefineError::Interrupted) => {
+            checkpoint::write(directory, &identity, memory, None)
+        }
+        other => other,
+    };
+    let (mut obtained, mut prepared) = data(&mut experiment, base)?;
+    let mut of_data = std::mem::take(&mut prepared.warnings);
+    let training = training(&prepared);
+    require_parts(&prepared, &training)?;
+    let mut search = Search {
+        split: Split::new(&training, experiment.validation.learning_share),
+        progress: &|done, total| progress.advance(done, total),
+        may_go_on: &|| !progress.interrupted(),
+        memory,
+    };
+    let actor = Actor { experiment: &experiment, base, raw: &obtained.records, prepared: &prepared, progress };
+    let mut settled = match actor.settle(&training, &mut search, &mut of_data) {
+        Err(error) => return Err(stopped(error, search.memory)),
+        Ok(settled) => settled,
+    };
+    let mut warnings = std::mem::take(&mut obtained.warnings);
+    warnings.extend(of_data.iter().map(ToString::to_string));
+
+    progress.stage("identification");
+    let Settled { plan, .. } = &mut settled;
+    let form_is_open = experiment.variant.covariance.is_none();
+    if form_is_open && let Some(paused) = &paused {
+        plan.variant.covariance = paused.covariance;
+    }
+    let run = match recursion(plan, form_is_open, &training, paused.as_ref(), progress, &mut warnings)? {
+        Ending::Done(run) => *run,
+        Ending::Paused(paused) => return Err(checkpoint::write(directory, &identity, search.memory, Some(*paused))),
+    };
+    experiment.variant.covariance = Some(plan.variant.covariance);
+    let memory = search.memory;
+    let identity = identity.clone();
+    let done = Done { experiment, identity, obtained, prepared, of_data, warnings, settled, form_is_open, run };
+    done.conclude(progress).map_err(|error| stopped(error, memory))
+}
+
+/// A finished recursion and what led to it.
+struct Done {
+    experiment: Experiment,
+    identity: String,
+    obtained: Obtained,
+    prepared: Prepared,
+    of_data: Vec<Warning>,
+    warnings: Vec<String>,
+    settled: Settled,
+    form_is_open: bool,
+    run: RecursionRun,
+}
+
+impl Done {
+    /// Validates the model, and refines it for simulation.
+    fn conclude(self, progress: &dyn Progress) -> Result<Outcome, RunError> {
+        progress.stage("validation");
+        let Self { experiment, identity, obtained, prepared, of_data, mut warnings, settled, form_is_open, run } = self;
+        let Settled { plan, conditions, scan, index_search, bank } = settled;
+        let RecursionRun { innovations, health, identified } = run;
+        let scaled = scaled_model(&identified, &prepared)?;
+        let alone = experiment.validation.model_only;
+        let last = training(&prepared).pop().filter(|_| !alone);
+        let predictor = last.and_then(|last| fit_predictor(&scaled, last));
+        let (canonical, model) = in_data_units(&scaled, predictor.as_ref(), &plan, &prepared)?;
+        let truth = obtained.truth.filter(|truth| is_comparable(truth, &prepared));
+        let estimate = Estimate::new(&plan, &scaled, &identified, &innovations, &prepared, obtained.channel_rms)?;
+        let gain = predictor.as_ref().map(|p| &p.gain);
+        let state = &identified.state;
+        let validation = validate::validate(&experiment, &scaled, gain, state, innovations, &prepared, truth.as_ref())?;
+        let (simulation, said) = if alone {
+            (Simulation { best: "plid", ..Simulation::default() }, Vec::new())
+        } else {
+            simulation::carry_out(&experiment, &scaled, &prepared, &validation, progress)?
+        };
+        warnings.extend(said);
+        let mut outcome = Outcome {
+            steps: prepared.steps.iter().map(ToString::to_string).collect(),
+            identity,
+            sources: obtained.sources,
+            advice: Vec::new(),
+            predictor: predictor.map(|p| p.origin),
+            experiment,
+            chosen: form_is_open.then_some(conditions),
+            warnings,
+            noise_levels: noise_levels(&plan),
+            form: plan.form,
+            scan,
+            index_search,
+            bank,
+            health,
+            canonical,
+            estimate,
+            validation,
+            simulation,
+            peaks: truth.as_ref().map_or(Ok(Vec::new()), |truth| peaks::compare(truth, &model))?,
+            model,
+            truth,
+            prepared,
+        };
+        let (more_warnings, advice) = advice::advise(&outcome, &of_data)?;
+        outcome.warnings.extend(more_warnings);
+        outcome.advice = advice;
+        Ok(outcome)
+    }
+}
+
+/// Checks that an experiment has no invalid value and is a single run.
+fn require_single(experiment: &Experiment) -> Result<(), RunError> {
     if let Some((key, reason)) = experiment.problems().into_iter().next() {
         return Err(setting(key, reason));
     }
     if experiment.structure.kind == StructureKind::SimoMerge {
         return Err(setting("structure", "runs that are to be merged are several: `merge::carry_out` makes them"));
     }
-    progress.stage("data");
-    let identity = identity(&experiment, base)?;
-    let saved = match (directory, resume) {
-        (Some(directory), true) => checkpoint::read(directory, &identity)?,
-        _ => Saved::default(),
-    };
-    let (obtained, mut prepared) = data(&mut experiment, base)?;
-    let (raw, truth) = (obtained.records, obtained.truth);
-    let mut warnings = obtained.warnings;
-    let mut of_data = std::mem::take(&mut prepared.warnings);
-    let (p, m) = (prepared.records[0].outputs.ncols(), prepared.records[0].inputs.ncols());
-    let training = training(&prepared);
-    let samples: usize = training.iter().map(Samples::len).sum();
+    Ok(())
+}
+
+/// Checks that there are samples to learn from, and samples that are held out.
+fn require_parts(prepared: &Prepared, training: &[Samples<'_>]) -> Result<(), RunError> {
     let last_training = *prepared.training.last().unwrap_or(&0);
-    if training.is_empty()
-        || last_training < 8
-        || prepared.records[prepared.records.len() - 1].samples() <= last_training
-    {
-        return Err(setting(
-            "training_share",
-            format!("it leaves {last_training} samples to learn from, or none to hold out"),
-        ));
+    let held_out = prepared.records[prepared.records.len() - 1].samples() > last_training;
+    if training.is_empty() || last_training < 8 || !held_out {
+        let reason = format!("it leaves {last_training} samples to learn from, or none to hold out");
+        return Err(setting("training_share", reason));
     }
+    Ok(())
+}
 
-    let memory = std::sync::Mutex::new(saved.memory);
-    let pause = |memory: Memory, paused| checkpoint::write(directory, &identity, memory, paused);
-    let actor = Actor { experiment: &experiment, base, raw: &raw, prepared: &prepared, progress };
-    let mut search = Search {
-        split: Split::new(&training, experiment.validation.learning_share),
-        progress: &|done, total| progress.advance(done, total),
-        may_go_on: &|| !progress.interrupted(),
-        memory: std::mem::take(&mut *memory.lock().unwrap_or_else(|e| e.into_inner())),
-    };
-    let structured = actor.structure(p, m, &mut search);
-    let (form, scan, index_search) = match structured {
-        Err(RunError::Identify(IdentifyError::Interrupted)) => return Err(pause(search.memory, None)),
-        other => other?,
-    };
-    of_data.extend(require_samples(samples, (p + m) * form.states())?);
-    let segments = prepare::heads(&prepared.records, &prepared.training);
-    let deepest = form.indices().iter().copied().max().unwrap_or(1);
-    of_data.extend(excitation::excitation(&segments, 2 * deepest).warnings());
-    warnings.extend(of_data.iter().map(ToString::to_string));
+/// What a run has decided before its recursion.
+struct Settled {
+    plan: Plan,
+    /// What the choice of the covariance form depends on.
+    conditions: Conditions,
+    scan: Option<OrderScan>,
+    index_search: Vec<ScanRow>,
+    bank: Vec<Trial>,
+}
 
-    let settings = start::settings(&experiment, base, &prepared, &form)?;
-    let (noise, bank) = match actor.known(&form)? {
-        Known::All(noise) => (*noise, Vec::new()),
-        Known::Some { .. } => {
-            progress.stage("noise covariances");
-            match tune(&actor.bank(&form)?, &mut search) {
-                Err(IdentifyError::Interrupted) => return Err(pause(search.memory, None)),
-                Err(other) => return Err(RunError::Identify(other)),
-                Ok(tuned) => (tuned.noise, tuned.trials),
-            }
-        }
-    };
-    progress.stage("identification");
-    let noise_levels = (
-        (0..p).map(|i| noise.sensor.at(i, i)).collect(),
-        (0..form.states()).map(|i| noise.state.at(i, i)).sum::<f64>() / form.states() as f64,
-    );
-    let conditions =
-        Conditions::of(experiment.variant.scalar, &settings, &noise, samples * experiment.identification.passes);
-    let mut variant = experiment.variant.settle(&conditions);
-    let form_is_open = experiment.variant.covariance.is_none();
-    if form_is_open && let Some(paused) = &saved.paused {
-        variant.covariance = paused.covariance;
-    }
-    let mut plan = Plan { form: form.clone(), noise, settings, variant, passes: experiment.identification.passes };
+/// Runs the recursion of `plan`, or continues it. If the covariance form is open and is lost, Bierman UD takes its place
+/// in `plan` and a warning says so.
+fn recursion(
+    plan: &mut Plan,
+    form_is_open: bool,
+    training: &[Samples<'_>],
+    paused: Option<&Paused>,
+    progress: &dyn Progress,
+    warnings: &mut Vec<String>,
+) -> Result<Ending, RunError> {
     let told = AtomicUsize::new(0);
     let mut watcher = |done: usize, total: usize| {
         if done == total || done >= told.load(Ordering::Relaxed) + 64 {
@@ -195,87 +279,27 @@ pub fn carry_out(
         }
         !progress.interrupted()
     };
-    let paused = saved.paused.as_ref();
-    let ending = if form_is_open {
-        let (ending, lost) = crate::identify::run_or_factor(&mut plan, &training, paused, &mut watcher);
-        warnings.extend(lost.map(|lost| {
-            format!("the recommended covariance form was lost ({lost}); Bierman UD took its place from the start")
-        }));
-        ending
-    } else {
-        crate::identify::run(&plan, &training, paused, &mut watcher)
-    };
-    experiment.variant.covariance = Some(plan.variant.covariance);
-    let run = match ending.map_err(RunError::Identify)? {
-        Ending::Done(run) => *run,
-        Ending::Paused(paused) => return Err(pause(search.memory, Some(*paused))),
-    };
+    if !form_is_open {
+        return crate::identify::run(plan, training, paused, &mut watcher).map_err(RunError::Identify);
+    }
+    let (ending, lost) = crate::identify::run_or_factor(plan, training, paused, &mut watcher);
+    warnings.extend(lost.map(|lost| {
+        format!("the recommended covariance form was lost ({lost}); Bierman UD took its place from the start")
+    }));
+    ending.map_err(RunError::Identify)
+}
 
-    progress.stage("validation");
-    let scaled = scaled_model(&run.identified, &prepared)?;
-    let alone = experiment.validation.model_only;
-    let predictor = if alone { None } else { fit_predictor(&scaled, training[training.len() - 1]) };
-    let (canonical, model) = in_data_units(&scaled, predictor.as_ref(), &plan, &prepared)?;
-    let truth = truth.filter(|t| {
-        let same = t.noise_free.nrows() == prepared.records[0].samples() + prepared.advanced;
-        same && prepared.records.len() == 1 && prepared.start_s == 0.0
-    });
-    let RecursionRun { innovations, health, identified } = run;
-    let estimate = Estimate::new(&plan, &scaled, &identified, &innovations, &prepared, obtained.channel_rms)?;
-    let state = identified.state;
-    let validation = validate::validate(
-        &experiment,
-        &scaled,
-        predictor.as_ref().map(|p| &p.gain),
-        &state,
-        innovations,
-        &prepared,
-        truth.as_ref(),
-    )?;
-    let simulation = if alone {
-        Simulation { best: "plid", ..Simulation::default() }
-    } else {
-        match simulation::carry_out(&experiment, &scaled, &prepared, &validation, progress) {
-            Err(RunError::Refine(plid_refine::RefineError::Interrupted)) => return Err(pause(search.memory, None)),
-            other => {
-                let (simulation, said) = other?;
-                warnings.extend(said);
-                simulation
-            }
-        }
-    };
-    let peaks = match &truth {
-        Some(truth) => peaks::compare(truth, &model)?,
-        None => Vec::new(),
-    };
-    let mut outcome = Outcome {
-        steps: prepared.steps.iter().map(ToString::to_string).collect(),
-        identity,
-        sources: obtained.sources,
-        advice: Vec::new(),
-        predictor: predictor.map(|p| p.origin),
-        experiment,
-        chosen: form_is_open.then_some(conditions),
-        warnings,
-        form,
-        scan,
-        index_search,
-        bank,
-        noise_levels,
-        health,
-        model,
-        canonical,
-        estimate,
-        validation,
-        simulation,
-        peaks,
-        truth,
-        prepared,
-    };
-    let (more_warnings, advice) = advice::advise(&outcome, &of_data)?;
-    outcome.warnings.extend(more_warnings);
-    outcome.advice = advice;
-    Ok(outcome)
+/// Returns R_ii of each scaled output, and the mean Sigma_ii.
+fn noise_levels(plan: &Plan) -> (Vec<f64>, f64) {
+    let (form, noise) = (&plan.form, &plan.noise);
+    let sensor = (0..form.outputs()).map(|i| noise.sensor.at(i, i)).collect();
+    (sensor, (0..form.states()).map(|i| noise.state.at(i, i)).sum::<f64>() / form.states() as f64)
+}
+
+/// Whether the response of the true plant has the samples of the prepared data.
+fn is_comparable(truth: &Truth, prepared: &Prepared) -> bool {
+    let same = truth.noise_free.nrows() == prepared.records[0].samples() + prepared.advanced;
+    same && prepared.records.len() == 1 && prepared.start_s == 0.0
 }
 
 /// The data, and what preparation makes of them.
@@ -327,6 +351,38 @@ struct Actor<'a> {
 }
 
 impl Actor<'_> {
+    /// Settles structure, noise and covariance form. Warnings on the training data are added to `of_data`.
+    fn settle(
+        &self,
+        training: &[Samples<'_>],
+        search: &mut Search<'_>,
+        of_data: &mut Vec<Warning>,
+    ) -> Result<Settled, RunError> {
+        let Self { experiment, prepared, .. } = *self;
+        let (p, m) = (prepared.records[0].outputs.ncols(), prepared.records[0].inputs.ncols());
+        let samples: usize = training.iter().map(Samples::len).sum();
+        let (form, scan, index_search) = self.structure(p, m, search)?;
+        of_data.extend(require_samples(samples, (p + m) * form.states())?);
+        let segments = prepare::heads(&prepared.records, &prepared.training);
+        let deepest = form.indices().iter().copied().max().unwrap_or(1);
+        of_data.extend(excitation::excitation(&segments, 2 * deepest).warnings());
+
+        let settings = start::settings(experiment, self.base, prepared, &form)?;
+        let (noise, bank) = match self.known(&form)? {
+            Known::All(noise) => (*noise, Vec::new()),
+            Known::Some { .. } => {
+                self.progress.stage("noise covariances");
+                let tuned = tune(&self.bank(&form)?, search).map_err(RunError::Identify)?;
+                (tuned.noise, tuned.trials)
+            }
+        };
+        let passes = experiment.identification.passes;
+        let conditions = Conditions::of(experiment.variant.scalar, &settings, &noise, samples * passes);
+        let variant = experiment.variant.settle(&conditions);
+        let plan = Plan { form, noise, settings, variant, passes };
+        Ok(Settled { plan, conditions, scan, index_search, bank })
+    }
+
     fn known(&self, form: &ObservableForm) -> Result<Known, RunError> {
         noise::known(self.experiment, self.base, self.raw, self.prepared, form)
     }

@@ -1,7 +1,7 @@
 //! Validation of the fixed model on held-out data: one-step errors, simulation errors and residual tests.
 
 use nalgebra::{DMatrix, DVector};
-use ndarray::{Array2, Axis, concatenate, s};
+use ndarray::{Array1, Array2, ArrayView2, Axis, concatenate, s};
 
 use super::error::{RunError, setting};
 use super::obtain::Truth;
@@ -61,87 +61,26 @@ pub(super) fn validate(
 ) -> Result<Validation, RunError> {
     let last = prepared.records.len() - 1;
     let (record, training) = (&prepared.records[last], prepared.training[last]);
-    let scales = ndarray::Array1::from(prepared.output_scales.clone());
-    let x0 = DVector::from_column_slice(state);
-    let inputs = record.inputs.slice(s![training.., ..]);
-    let outputs = record.outputs.slice(s![training.., ..]);
-    let append = |array: &mut Array2<f64>, row: Vec<f64>| {
-        // The row has as many entries as the array has columns, namely one per output.
-        let row = ndarray::ArrayView2::from_shape((1, row.len()), &row).expect("one row").to_owned();
-        *array = concatenate![Axis(0), array.view(), row];
-    };
-    let seen = |state: &DVector<f64>| (&scaled.c * state).as_slice().to_vec();
-
-    let mut measured = outputs.to_owned();
-    let dropped = prepared.last_outputs[last].clone();
-    if let Some(row) = &dropped {
-        append(&mut measured, row.clone());
-    }
-    // A simulation that diverges is a result and not an error: its error is infinite.
+    let scales = Array1::from(prepared.output_scales.clone());
+    let held_out = HeldOut::run(scaled, gain, state, prepared);
+    let HeldOut { measured, free_run, predicted: prediction } = &held_out;
     let held = measured.nrows();
-    let mut free_run = match simulate(scaled, inputs, &x0) {
-        Ok(simulation) => {
-            let mut free_run = simulation.outputs;
-            if dropped.is_some() {
-                append(&mut free_run, seen(&simulation.final_state));
-            }
-            free_run
-        }
-        Err(_) => Array2::from_elem(measured.dim(), f64::INFINITY),
-    };
-    let mut predicted = Array2::from_elem(measured.dim(), f64::NAN);
-    let mut predicts = false;
-    if let Some(gain) = gain {
-        let model = Model { predictor_gain: Some(gain.clone()), ..scaled.clone() };
-        if let Ok(prediction) = one_step_prediction(&model, inputs, outputs, &x0) {
-            predicted = prediction.predicted;
-            if dropped.is_some() {
-                append(&mut predicted, seen(&prediction.final_state));
-            }
-            predicts = true;
-        }
-    }
-    for array in [&mut measured, &mut free_run, &mut predicted] {
-        *array *= &scales;
-    }
-    let residual = &measured - &predicted;
-    let one_step_errors = if predicts { Some(error_measures(measured.view(), predicted.view())?) } else { None };
-    let free_run_errors = error_measures(measured.view(), free_run.view())?;
-    let truth_errors = match truth {
-        Some(truth) => {
-            // The true model starts at rest with the record, so no initial state is fitted.
-            let from = truth.noise_free.nrows() - held;
-            let offset = offsets(prepared, last, training, held);
-            let response = &truth.noise_free.slice(s![from.., ..]) - &offset;
-            Some(error_measures(measured.view(), response.view())?)
-        }
-        None => None,
-    };
-
-    let lags = experiment.validation.lags.unwrap_or(50.min(held / 8)).max(1);
-    let first_lag = if prepared.advanced == 1 { 0 } else { 1 };
-    let tested = residual.slice(s![..outputs.nrows(), ..]);
-    // An advanced input at k - 1 is the input at k.
-    let cross_options = CrossCorrelationOptions { first_lag: 1, last_lag: lags as i64, confidence: 0.99 };
-    let tests = if predicts {
-        whiteness(tested, &WhitenessOptions { lags, ..WhitenessOptions::default() })
-            .and_then(|white| Ok((white, cross_correlation(tested, inputs, &cross_options)?)))
-    } else {
-        Ok((Vec::new(), Vec::new()))
-    };
-    let (whiteness, mut cross, tests_failed) = match tests {
-        Ok((white, cross)) => (white, cross, None),
-        Err(reason) => (Vec::new(), Vec::new(), Some(reason.to_string())),
-    };
-    if prepared.advanced == 1 {
-        cross.iter_mut().flatten().for_each(|c| c.lags.iter_mut().for_each(|lag| *lag -= 1));
-    }
+    let errors = |response: &Array2<f64>| error_measures(measured.view(), response.view());
+    let one_step_errors = prediction.as_ref().map(errors).transpose()?;
+    let free_run_errors = errors(free_run)?;
+    let truth_errors = truth.map(|truth| {
+        // The true model starts at rest with the record, so no initial state is fitted.
+        let from = truth.noise_free.nrows() - held;
+        errors(&(&truth.noise_free.slice(s![from.., ..]) - &offsets(prepared, last, training, held)))
+    });
+    let predicted = prediction.clone().unwrap_or_else(|| Array2::from_elem(measured.dim(), f64::NAN));
+    let residual = measured - &predicted;
+    let tests = ResidualTests::of(experiment, prepared, prediction.as_ref().map(|_| residual.view()));
 
     let mut all_innovations: Vec<Array2<f64>> = innovations.iter().map(|e| e * &scales).collect();
     if let Some(own) = all_innovations.last_mut() {
         *own = concatenate![Axis(0), own.view(), residual.view()];
     }
-    let noise_floor = noise_floor(experiment, prepared, &measured)?;
     let offset = offsets(prepared, last, 0, training + held);
     let head = &record.outputs.slice(s![..training, ..]) * &scales;
     let head_predicted = match innovations.last() {
@@ -153,19 +92,96 @@ pub(super) fn validate(
     Ok(Validation {
         training,
         inputs: unadvanced(prepared, last),
-        measured: whole(&head, &measured),
+        measured: whole(&head, measured),
         predicted: whole(&head_predicted, &predicted),
-        free_run: whole(&nothing, &free_run),
+        free_run: whole(&nothing, free_run),
         innovations: all_innovations,
         one_step_errors,
         free_run_errors,
-        truth_errors,
-        noise_floor,
-        whiteness,
-        cross,
-        tests_failed,
-        first_lag,
+        truth_errors: truth_errors.transpose()?,
+        noise_floor: noise_floor(experiment, prepared, measured)?,
+        whiteness: tests.whiteness,
+        cross: tests.cross,
+        tests_failed: tests.failed,
+        first_lag: first_lag(prepared),
     })
+}
+
+/// The held-out part of the last record, in the data's units (K x p). K includes the last sample even if the input was
+/// advanced.
+struct HeldOut {
+    measured: Array2<f64>,
+    /// Simulation from the last training state; infinite if the model diverges.
+    free_run: Array2<f64>,
+    /// One-step prediction; `None` if there is no stable predictor.
+    predicted: Option<Array2<f64>>,
+}
+
+impl HeldOut {
+    fn run(scaled: &Model, gain: Option<&DMatrix<f64>>, state: &[f64], prepared: &Prepared) -> Self {
+        let last = prepared.records.len() - 1;
+        let (record, training) = (&prepared.records[last], prepared.training[last]);
+        let x0 = DVector::from_column_slice(state);
+        let inputs = record.inputs.slice(s![training.., ..]);
+        let outputs = record.outputs.slice(s![training.., ..]);
+        let scales = Array1::from(prepared.output_scales.clone());
+        // The sample that the input advance drops: measured, and as the model's state after the others gives it.
+        let dropped = &prepared.last_outputs[last];
+        let whole = |array: Array2<f64>, row: Option<Vec<f64>>| match row {
+            Some(row) => concatenate![Axis(0), array, Array1::from(row).insert_axis(Axis(0))] * &scales,
+            None => array * &scales,
+        };
+        let seen = |state: &DVector<f64>| dropped.as_ref().map(|_| (&scaled.c * state).as_slice().to_vec());
+        let measured = whole(outputs.to_owned(), dropped.clone());
+        // A simulation that diverges is a result and not an error: its error is infinite.
+        let free_run = simulate(scaled, inputs, &x0).map_or_else(
+            |_| Array2::from_elem(measured.dim(), f64::INFINITY),
+            |simulation| whole(simulation.outputs, seen(&simulation.final_state)),
+        );
+        let predicted = gain.and_then(|gain| {
+            let model = Model { predictor_gain: Some(gain.clone()), ..scaled.clone() };
+            let prediction = one_step_prediction(&model, inputs, outputs, &x0).ok()?;
+            Some(whole(prediction.predicted, seen(&prediction.final_state)))
+        });
+        Self { measured, free_run, predicted }
+    }
+}
+
+/// Returns the first lag of the correlation with the inputs.
+fn first_lag(prepared: &Prepared) -> i64 {
+    if prepared.advanced == 1 { 0 } else { 1 }
+}
+
+/// Tests of the held-out one-step residuals.
+#[derive(Default)]
+struct ResidualTests {
+    whiteness: Vec<Correlation>,
+    cross: Vec<Vec<Correlation>>,
+    failed: Option<String>,
+}
+
+impl ResidualTests {
+    /// Tests the residuals (K x p) for whiteness, and for correlation with the inputs; there is nothing to test without
+    /// residuals.
+    fn of(experiment: &Experiment, prepared: &Prepared, residual: Option<ArrayView2<'_, f64>>) -> Self {
+        let Some(residual) = residual else { return Self::default() };
+        let last = prepared.records.len() - 1;
+        let inputs = prepared.records[last].inputs.slice(s![prepared.training[last].., ..]);
+        let tested = residual.slice(s![..inputs.nrows(), ..]);
+        let lags = experiment.validation.lags.unwrap_or(50.min(residual.nrows() / 8)).max(1);
+        // An advanced input at k - 1 is the input at k.
+        let cross_options = CrossCorrelationOptions { first_lag: 1, last_lag: lags as i64, confidence: 0.99 };
+        let tests = whiteness(tested, &WhitenessOptions { lags, ..WhitenessOptions::default() })
+            .and_then(|white| Ok((white, cross_correlation(tested, inputs, &cross_options)?)));
+        match tests {
+            Ok((whiteness, mut cross)) => {
+                let shift = 1 - first_lag(prepared);
+                cross.iter_mut().flatten().for_each(|c| c.lags.iter_mut().for_each(|lag| *lag -= shift));
+                Self { whiteness, cross, failed: None }
+            }
+            Err(reason) => Self { failed: Some(reason.to_string()), ..Self::default() },
+        }
+    }
 }
 
 /// Returns the offsets that preparation removed from the outputs of a record, from sample `first` on (count x p).
