@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use ndarray::ArrayView2;
 use plid_core::{Dense, ImplicitModel, InitialCovariance, NoiseModel, ObservableForm, Settings};
+use plid_lsq::{Damping, Normal, Stop, minimise};
 use plid_model::{Model, NoiseCovariances, steady_state_gain};
 
 use super::plants::matrices;
@@ -10,10 +11,10 @@ use super::trial::Trial;
 
 /// Rows whose normal equations are summed at a time.
 const BLOCK: usize = 1000;
-/// Gauss-Newton steps at most.
-const STEPS: usize = 20;
-/// A step that lowers the cost (half a sum of squared standard errors) by less than this is the last one.
-const SETTLED: f64 = 1e-3;
+/// The starts are near the minimum, so the first step is nearly a Gauss-Newton step.
+const DAMPING: Damping = Damping { start: 1e-4, shrink: 0.1, grow: 10.0, least: 0.0, tries: 10, factors: &[1.0] };
+/// The cost is half a sum of squared standard errors; steps that lower it by less are of no interest.
+const STOP: Stop = Stop { steps: 20, gain: 1e-3, patience: 1 };
 /// A prediction beyond this many standard deviations of the innovation has diverged.
 const UNBOUNDED: f64 = 1e8;
 
@@ -55,32 +56,37 @@ pub fn least_squares(trial: &Trial) -> Option<Vec<f64>> {
 /// dependence on the parameters is in the cost but not in the gradient: at the truth innovations are white, and the
 /// left-out term is zero on average.
 pub fn most_probable(trial: &Trial, noise: &NoiseModel, start: &[f64]) -> Option<(Vec<f64>, DMatrix<f64>)> {
-    let problem = Problem::new(trial, noise);
-    let mut s = DVector::from_column_slice(start);
-    let mut cost = problem.cost(&s)?;
-    let mut damping = 1e-4;
-    for _ in 0..STEPS {
-        let (normal, right) = problem.linearised(&s)?;
-        let mut lowered = None;
-        while lowered.is_none() && damping < 1e6 {
-            let mut damped = normal.clone();
-            for i in 0..s.len() {
-                damped[(i, i)] *= 1.0 + damping;
-            }
-            let next = &s + damped.cholesky()?.solve(&right);
-            let found = problem.cost(&next).filter(|&found| found < cost);
-            damping *= if found.is_some() { 0.1 } else { 10.0 };
-            lowered = found.map(|found| (next, found));
-        }
-        let Some((next, found)) = lowered else { break };
-        let gained = cost - found;
-        (s, cost) = (next, found);
-        if gained < SETTLED {
-            break;
-        }
+    let mut problem = Problem::new(trial, noise);
+    let found = minimise(&mut problem, DVector::from_column_slice(start), DAMPING, STOP).ok()?;
+    let (information, _) = problem.linearised(&found.point)?;
+    Some((found.point.as_slice().to_vec(), information.cholesky()?.inverse()))
+}
+
+/// The plant of an estimate has no stable predictor.
+struct NoPredictor;
+
+impl plid_lsq::Problem for Problem<'_> {
+    type Point = DVector<f64>;
+    type Equations = Normal;
+    type Error = NoPredictor;
+
+    fn equations(&self) -> Normal {
+        Normal::without_memory(self.prior.1.len())
     }
-    let (information, _) = problem.linearised(&s)?;
-    Some((s.as_slice().to_vec(), information.cholesky()?.inverse()))
+
+    fn linearise(&mut self, s: &DVector<f64>, equations: &mut Normal) -> Result<(), NoPredictor> {
+        (equations.matrix, equations.right) = self.linearised(s).ok_or(NoPredictor)?;
+        Ok(())
+    }
+
+    fn advance(&self, from: &DVector<f64>, step: &DVector<f64>, to: &mut DVector<f64>) {
+        to.copy_from(from);
+        *to += step;
+    }
+
+    fn cost(&self, s: &DVector<f64>) -> f64 {
+        self.surprise(s).unwrap_or(f64::INFINITY)
+    }
 }
 
 struct Problem<'a> {
@@ -171,7 +177,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Minus the logarithm of the posterior density, but for a constant; none where the plant has no stable predictor.
-    fn cost(&self, s: &DVector<f64>) -> Option<f64> {
+    fn surprise(&self, s: &DVector<f64>) -> Option<f64> {
         let predictor = self.predictor(s)?;
         let mut squares = self.outputs.nrows() as f64 * predictor.log_determinant;
         self.predict(s, &predictor, |_, _, e| squares += e.iter().map(|e| e * e).sum::<f64>())?;
