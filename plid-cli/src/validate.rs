@@ -1,14 +1,16 @@
 //! `plid validate`: models beside each other on records, as MATLAB's `compare`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use ndarray::{Array2, s};
 use plid::lab::data::{self, MissingPolicy, Table};
-use plid::lab::report::{self, Cell, Report, Trace, trace_plot, write_atomic};
+use plid::lab::report::{self, Cell, Report, Trace, trace_plot};
 use plid::model::{
-    CompareOptions, Comparison, Model, NamedModel, OutputScore, Record, Run, Start, compare, estimate_initial_state,
-    simulate,
+    CompareOptions, Comparison, Model, NamedModel, OutputScore, Record, Run, Start, Trial, compare,
+    estimate_initial_state, simulate,
 };
+
+use plid_file::{Staged, to_json, to_value, write_atomic};
 
 use super::{Failure, Voice, directory, table, voice};
 
@@ -47,6 +49,9 @@ pub struct Arguments {
     force: bool,
 }
 
+/// Written last, so that its presence says that the report is there.
+const RESULT: &str = "result.json";
+
 /// Samples of the traces in the report.
 const WINDOW: usize = 400;
 
@@ -59,45 +64,27 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     let models = arguments.models.iter().map(|path| Model::read(path)).collect::<Result<Vec<_>, _>>()?;
     let named: Vec<NamedModel<'_>> =
         names.iter().zip(&models).map(|(name, model)| NamedModel { name, model }).collect();
-    let tables = arguments.data.iter().map(|path| table::read(path)).collect::<Result<Vec<Table>, _>>()?;
-    let mut values = Vec::new();
-    let mut rates = Vec::new();
-    for table in &tables {
-        rates.push(table::rate(table, arguments.rate, models[0].sample_rate_hz)?);
-        for model in &models {
-            // What is wrong with a channel is said with file and line.
-            data::extract(table, &model.inputs, &model.outputs, Some(model.sample_rate_hz), MissingPolicy::Nan)?;
-        }
-        values.push(if arguments.keep_means { table.columns.clone() } else { without_means(&table.columns) });
-    }
-    let records: Vec<Record<'_>> = tables
-        .iter()
-        .zip(&values)
-        .zip(&rates)
-        .zip(&arguments.data)
-        .map(|(((table, values), &rate), path)| Record {
+    let tables = arguments.data.iter().map(|path| read(path, &arguments, &models)).collect::<Result<Vec<_>, _>>()?;
+    let paths = arguments.data.iter();
+    let records: Vec<Record<'_>> = paths
+        .zip(&tables)
+        .map(|(path, (table, rate))| Record {
             name: path.to_str().unwrap_or("record"),
-            sample_rate_hz: rate,
+            sample_rate_hz: *rate,
             channels: &table.names,
-            values: values.view(),
+            values: table.columns.view(),
         })
         .collect();
     let start = if arguments.start == "rest" { Start::Rest } else { Start::Fitted { window: None } };
     let comparison = compare(&named, &records, CompareOptions { start, score_from: arguments.skip })?;
-    let json = serde_json::to_string_pretty(&comparison).map_err(Failure::work)?;
+    let json = to_value(&comparison).and_then(|value| to_json(&value)).map_err(Failure::work)?;
     // The files come first: a reader of the table may be gone before its end.
     if let Some(out) = &arguments.out {
-        let page = page(&comparison, &named, &records, start)?;
-        let files = [("report.html", page), ("result.json", format!("{json}\n"))];
-        directory::with(out, || {
-            files.iter().try_for_each(|(name, text)| {
-                let path = out.join(name);
-                write_atomic(&path, text.as_bytes()).map_err(|error| Failure::file(&path, &error))
-            })
-        })?;
+        let page = page(&comparison, &named, &records, start);
+        directory::with(out, || write(out, &page, &json).map_err(|error| Failure::file(out, &error)))?;
     }
     if voice.json {
-        voice::print(&format!("{json}\n"))
+        voice::print(&json)
     } else if voice.quiet {
         Ok(())
     } else {
@@ -105,14 +92,34 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     }
 }
 
-fn without_means(columns: &Array2<f64>) -> Array2<f64> {
-    let mut values = columns.clone();
-    for mut column in values.columns_mut() {
+/// Reads a record and its sample rate (Hz), and checks that it has the channels of every model.
+fn read(path: &Path, arguments: &Arguments, models: &[Model]) -> Result<(Table, f64), Failure> {
+    let mut table = table::read(path)?;
+    let rate = table::rate(&table, arguments.rate, models[0].sample_rate_hz)?;
+    for model in models {
+        // What is wrong with a channel is said with file and line.
+        data::extract(&table, &model.inputs, &model.outputs, Some(model.sample_rate_hz), MissingPolicy::Nan)?;
+    }
+    if !arguments.keep_means {
+        remove_means(&mut table.columns);
+    }
+    Ok((table, rate))
+}
+
+fn remove_means(columns: &mut Array2<f64>) {
+    for mut column in columns.columns_mut() {
         let present: Vec<f64> = column.iter().copied().filter(|x| x.is_finite()).collect();
         let mean = present.iter().sum::<f64>() / present.len().max(1) as f64;
         column.mapv_inplace(|x| x - mean);
     }
-    values
+}
+
+/// Writes both files or none.
+fn write(out: &Path, page: &str, json: &str) -> std::io::Result<()> {
+    let staged = Staged::new(out)?;
+    write_atomic(&staged.path().join("report.html"), page.as_bytes())?;
+    write_atomic(&staged.path().join(RESULT), json.as_bytes())?;
+    staged.commit(RESULT, &[])
 }
 
 fn percent(value: Option<f64>) -> String {
@@ -179,39 +186,12 @@ fn rows(kind: &str, runs: &[Option<&Run>]) -> String {
     text
 }
 
-fn page(
-    comparison: &Comparison,
-    models: &[NamedModel<'_>],
-    records: &[Record<'_>],
-    start: Start,
-) -> Result<String, Failure> {
-    let overall = |run: &Run| match run {
-        Run::Scored { relative_rms, .. } => relative_rms.unwrap_or(f64::INFINITY),
-        Run::Diverged { .. } => f64::INFINITY,
-    };
+fn page(comparison: &Comparison, models: &[NamedModel<'_>], records: &[Record<'_>], start: Start) -> String {
     let mut report = Report::new("Models beside each other");
     for record in records {
-        let best = comparison
-            .trials
-            .iter()
-            .filter(|trial| trial.record == record.name)
-            .min_by(|a, b| overall(&a.free_run).total_cmp(&overall(&b.free_run)));
-        if let Some(trial) = best {
-            let best = if models.len() > 1 { " simulates best: its free run" } else { " in free run" };
-            report = report.verdict(if overall(&trial.free_run).is_finite() {
-                format!(
-                    "On {}, {}{best} is off by {} % (RMS of the error over RMS of the output).",
-                    record.name,
-                    trial.model,
-                    percent(Some(overall(&trial.free_run)))
-                )
-            } else {
-                format!(
-                    "On {} {}.",
-                    record.name,
-                    if models.len() > 1 { "every model diverges" } else { "the model diverges" }
-                )
-            });
+        let trials = comparison.trials.iter().filter(|trial| trial.record == record.name);
+        if let Some(best) = trials.min_by(|a, b| overall(&a.free_run).total_cmp(&overall(&b.free_run))) {
+            report = report.verdict(verdict(best, models.len() == 1));
         }
     }
     for record in records {
@@ -224,6 +204,34 @@ fn page(
             }
         }
     }
+    report.table(scores(comparison)).provenance("plid", env!("CARGO_PKG_VERSION")).to_html()
+}
+
+/// RMS of the error over RMS of the output; infinite where the model diverges.
+fn overall(run: &Run) -> f64 {
+    match run {
+        Run::Scored { relative_rms, .. } => relative_rms.unwrap_or(f64::INFINITY),
+        Run::Diverged { .. } => f64::INFINITY,
+    }
+}
+
+/// What the page says of the best trial of a record.
+fn verdict(best: &Trial, alone: bool) -> String {
+    let error = overall(&best.free_run);
+    if !error.is_finite() {
+        return format!("On {} {}.", best.record, if alone { "the model diverges" } else { "every model diverges" });
+    }
+    format!(
+        "On {}, {}{} is off by {} % (RMS of the error over RMS of the output).",
+        best.record,
+        best.model,
+        if alone { " in free run" } else { " simulates best: its free run" },
+        percent(Some(error))
+    )
+}
+
+/// The table of the page: a row for every output of every run.
+fn scores(comparison: &Comparison) -> report::Table {
     let mut table = report::Table::new("Fit as MATLAB's compare, and RMS of the error over RMS of the output.")
         .column("record", "")
         .column("model", "")
@@ -252,10 +260,11 @@ fn page(
             }
         }
     }
-    Ok(report.table(table).provenance("plid", env!("CARGO_PKG_VERSION")).to_html())
+    table
 }
 
-/// The last samples of a record; none where the model diverges or the record has gaps that keep its state from being fitted.
+/// The last samples of a record; none where the model diverges or the record has gaps that keep its state from being
+/// fitted.
 fn traces(named: &NamedModel<'_>, record: &Record<'_>, start: Start) -> Option<String> {
     let model = named.model;
     let column = |name: &String| record.channels.iter().position(|c| c == name);

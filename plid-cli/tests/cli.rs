@@ -215,6 +215,12 @@ fn validate_ranks_the_true_model_first() {
     let report = std::fs::read_to_string(at.join("compared/report.html")).unwrap();
     assert!(report.contains("true.json simulates best") && report.contains("<svg"));
     fails(at, &both, 2, "is not empty");
+    // Both files or none: a folder is in the place of one of them.
+    std::fs::remove_file(at.join("compared/result.json")).unwrap();
+    std::fs::create_dir(at.join("compared/result.json")).unwrap();
+    put(at, "compared/report.html", "old");
+    fails(at, &[&both[..], &["--force"]].concat(), 2, "is a folder");
+    assert_eq!(std::fs::read_to_string(at.join("compared/report.html")).unwrap(), "old");
     let table = text(&plid(at, &["validate", "--model", "off.json", "--model", "true.json", "r.csv"]).stdout);
     let row = table.lines().find(|line| line.trim_start().starts_with("free run  all")).unwrap();
     let errors: Vec<f64> = row.split_whitespace().skip(3).map(|word| word.parse().unwrap()).collect();
@@ -309,7 +315,8 @@ fn an_interrupted_run_leaves_a_checkpoint_that_resume_takes_up() {
     put(
         at,
         "e.toml",
-        "name = \"e\"\n[data.testbed.truss]\nduration_s = 4.0\n[structure]\nstates = 24\n[noise]\nfrom = \"paper-squared\"\n[variant]\ncovariance = \"array-sqrt\"\n[identification]\npasses = 6\n",
+        "name = \"e\"\n[data.testbed.truss]\nduration_s = 4.0\n[structure]\nstates = 24\n\
+         [noise]\nfrom = \"paper-squared\"\n[variant]\ncovariance = \"array-sqrt\"\n[identification]\npasses = 6\n",
     );
     let mut child = Command::new(env!("CARGO_BIN_EXE_plid"))
         .current_dir(at)
