@@ -42,9 +42,9 @@
 //! ```
 //!
 //! The recursion itself is [`Identifier`], the one loop, which takes a sample at a time. It is generic over a
-//! [`CovariancePropagation`], [`ConditionalExpectations`] and an [`ImplicitModel`]; the types to put in their places are in
-//! [`covariance`], [`expectations`] and [`backends`], and by name in [`catalogue`]. [`ToModel`] turns its estimate into a
-//! [`model::Model`].
+//! [`CovariancePropagation`], [`ConditionalExpectations`] and an [`ImplicitModel`]; the types to put in their places
+//! are in [`covariance`], [`expectations`] and [`backends`], and by name in [`catalogue`]. [`ToModel`] turns its
+//! estimate into a [`model::Model`].
 //!
 //! # Features
 //!

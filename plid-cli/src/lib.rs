@@ -22,12 +22,17 @@ use plid::gap::effects::Library;
 use failure::Failure;
 use voice::Voice;
 
-/// Pseudo-linear identification: recursive estimation of the states and parameters of a linear plant from measured inputs and outputs.
+/// Pseudo-linear identification: recursive estimation of the states and parameters of a linear plant from measured
+/// inputs and outputs.
 #[derive(Parser)]
 #[command(
     name = "plid",
     version,
-    after_help = "Start here:\n  plid run experiments/truss-mimo-30.toml --out out/truss\nthen open out/truss/report.html. `plid COMMAND --help` explains a command with an example."
+    after_help = concat!(
+        "Start here:\n",
+        "  plid run experiments/truss-mimo-30.toml --out out/truss\n",
+        "then open out/truss/report.html. `plid COMMAND --help` explains a command with an example.",
+    )
 )]
 struct Cli {
     #[command(subcommand)]
@@ -60,7 +65,8 @@ pub fn main() -> ExitCode {
     main_with(Library::standard())
 }
 
-/// The same with effects of one's own: `plid gap diagnose` and `plid gap predict` then know them like the built-in ones.
+/// The same with effects of one's own: `plid gap diagnose` and `plid gap predict` then know them like the built-in
+/// ones.
 ///
 /// ```no_run
 /// use plid::gap::effects::{Effect, Library};

@@ -11,15 +11,29 @@ use super::{Failure, Voice, directory, voice};
 
 /// Merge finished runs with one active input each into one model of all inputs.
 ///
-/// Each RUN is the output directory of `plid run` or `plid identify`. All must have the same outputs, sample rate and observability
-/// indices; their lengths and noise may differ. The estimates of A are combined, weighted by their information, with the
-/// prior counted once, and each run's columns of B follow. A test decides whether the runs share one A, and if not, which
-/// run differs. A run in whose record another input acts is rejected.
+/// Each RUN is the output directory of `plid run` or `plid identify`. All must have the same outputs, sample rate and
+/// observability indices; their lengths and noise may differ. The estimates of A are combined, weighted by their
+/// information, with the prior counted once, and each run's columns of B follow. A test decides whether the runs share
+/// one A, and if not, which run differs. A run in whose record another input acts is rejected.
 ///
 /// Writes DIR/model.json, result.json and report.html.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example:\n  plid identify push.csv --inputs u1 --outputs y1,y2 --states 8 --out out/u1\n  plid identify twist.csv --inputs u2 --outputs y1,y2 --states 8 --out out/u2\n  plid merge out/u1 out/u2 --held-out both.csv --out out/merged\n\nFrom records to the merged model in one experiment file:\n  [data]\n  files = [\"push.csv\", \"twist.csv\"]\n  inputs = [\"u1\", \"u2\"]\n  outputs = [\"y1\", \"y2\"]\n  [structure]\n  kind = \"simo-merge\"\n  states = 8"
+    after_help = concat!(
+        "Example:\n",
+        "  plid identify push.csv --inputs u1 --outputs y1,y2 --states 8 --out out/u1\n",
+        "  plid identify twist.csv --inputs u2 --outputs y1,y2 --states 8 --out out/u2\n",
+        "  plid merge out/u1 out/u2 --held-out both.csv --out out/merged\n",
+        "\n",
+        "From records to the merged model in one experiment file:\n",
+        "  [data]\n",
+        "  files = [\"push.csv\", \"twist.csv\"]\n",
+        "  inputs = [\"u1\", \"u2\"]\n",
+        "  outputs = [\"y1\", \"y2\"]\n",
+        "  [structure]\n",
+        "  kind = \"simo-merge\"\n",
+        "  states = 8",
+    )
 )]
 pub struct Arguments {
     /// Directories of finished runs.

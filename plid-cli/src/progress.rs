@@ -12,7 +12,8 @@ static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 pub struct Bar(ProgressBar);
 
 impl Bar {
-    /// A bar that is hidden where nobody looks; from here on the first Ctrl-C asks for an orderly end, the second one ends at once.
+    /// A bar that is hidden where nobody looks; from here on the first Ctrl-C asks for an orderly end, the second one
+    /// ends at once.
     pub fn new(quiet: bool) -> Self {
         // Without a handler Ctrl-C ends the program, as ever.
         let _ = ctrlc::set_handler(|| {

@@ -9,13 +9,19 @@ use super::{Failure, Voice, directory, voice};
 
 /// Run every figure and claim of Vallone and Hopkins (1995) on the simulated truss.
 ///
-/// Writes DIR/report.html, which compares each statement of the paper with our figure and verdict, DIR/claims.json, and for
-/// each claim DIR/ID with claim.json, its figures and its configs. Everything takes up to half an hour on two cores, --quick
-/// up to three minutes. Finished claims are kept: the same command continues after an interruption, and repeats only claims
-/// whose config has changed.
+/// Writes DIR/report.html, which compares each statement of the paper with our figure and verdict, DIR/claims.json, and
+/// for each claim DIR/ID with claim.json, its figures and its configs. Everything takes up to half an hour on two
+/// cores, --quick up to three minutes. Finished claims are kept: the same command continues after an interruption, and
+/// repeats only claims whose config has changed.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Examples:\n  plid reproduce --quick --out out/paper\n  plid reproduce --only fig6 --only drift\nthen open out/paper/report.html. The configs are in experiments/paper; those that identify a model also run by themselves, as in `plid run experiments/paper/fig8.toml`."
+    after_help = concat!(
+        "Examples:\n",
+        "  plid reproduce --quick --out out/paper\n",
+        "  plid reproduce --only fig6 --only drift\n",
+        "then open out/paper/report.html. The configs are in experiments/paper; those that identify a model also run ",
+        "by themselves, as in `plid run experiments/paper/fig8.toml`.",
+    )
 )]
 pub struct Arguments {
     /// Output directory.

@@ -98,7 +98,8 @@ fn an_offset_is_diagnosed_and_predicted() {
         assert!((y - truth - OFFSET).abs() < 0.02, "{y} for {truth}");
     }
 
-    // The engineer's own simulator, which knows something that the model does not: its outputs stay, and the effect's correction is added.
+    // The engineer's own simulator, which knows something that the model does not: its outputs stay, and the effect's
+    // correction is added.
     let own = |rows: usize| {
         let lines: String = truth[..rows].iter().map(|y| format!("{}\n", y + 1.0)).collect();
         std::fs::write(at.join("own.csv"), format!("y1\n{lines}")).unwrap();
@@ -115,7 +116,8 @@ fn an_offset_is_diagnosed_and_predicted() {
     assert_eq!(short.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&short.stderr).contains("own.csv: 499 rows, but the input has 500"));
 
-    // An input that is read is not written over, nor one taken that is sampled otherwise; and beyond the fitted level the expected gap grows.
+    // An input that is read is not written over, nor one taken that is sampled otherwise; and beyond the fitted level
+    // the expected gap grows.
     let into_itself = plid(at, &[&predict[..5], &["new.csv", "--out", "new.csv"]].concat());
     assert_eq!(into_itself.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&into_itself.stderr).contains("overwrite"));

@@ -10,8 +10,8 @@ use plid::lab::experiment;
 use plid::lab::merge::{self, Agreement};
 use plid::lab::run::Silent;
 
-/// Golden figures: the same seed gives the same data on every run. The MIMO run of as many samples (`plid run experiments/truss-mimo-30.toml`, tests/main_job.rs)
-/// simulates the same held-out part with an error of 3.121 %.
+/// Golden figures: the same seed gives the same data on every run. The MIMO run of as many samples (`plid run
+/// experiments/truss-mimo-30.toml`, tests/main_job.rs) simulates the same held-out part with an error of 3.121 %.
 #[test]
 fn three_runs_of_a_third_of_the_samples_simulate_the_truss_nearly_as_well_as_one_of_all_inputs() {
     let directory = tempfile::tempdir().unwrap();
@@ -31,8 +31,9 @@ fn three_runs_of_a_third_of_the_samples_simulate_the_truss_nearly_as_well_as_one
     assert_eq!(outcome.merged.consistency.agreement, Agreement::Agree);
 }
 
-/// x' = 0.6 x + 0.4 u + v, y = x: `u` and `v` are 1, 2 or 3 times a square wave of a period of its own, or zero.
-/// The means that a run takes off are those of its training part; over fewer samples they would be off by what the state holds at its ends.
+/// x' = 0.6 x + 0.4 u + v, y = x: `u` and `v` are 1, 2 or 3 times a square wave of a period of its own, or zero. The
+/// means that a run takes off are those of its training part; over fewer samples they would be off by what the state
+/// holds at its ends.
 fn csv(u: f64, v: f64) -> String {
     let (mut text, mut x) = (String::from("t,u,v,y\n"), 0.0);
     for k in 0..4000_usize {

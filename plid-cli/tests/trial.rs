@@ -7,7 +7,15 @@ use std::path::Path;
 
 use common::plid;
 
-const TRIAL: &str = "name = \"one\"\n[cases]\nsingles_per_effect = 1\n[draw]\neffects = [\"sensor-offset\"]\nleast_over_floor = 5.0\nlength = 0.2\nchannels = [{ inputs = 1, outputs = 1 }]\n";
+const TRIAL: &str = r#"name = "one"
+[cases]
+singles_per_effect = 1
+[draw]
+effects = ["sensor-offset"]
+least_over_floor = 5.0
+length = 0.2
+channels = [{ inputs = 1, outputs = 1 }]
+"#;
 
 /// Runs it and gives status, standard output and standard error.
 fn run(at: &Path, arguments: &[&str]) -> (i32, String, String) {

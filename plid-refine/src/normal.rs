@@ -147,8 +147,8 @@ impl Normal {
     }
 
     /// Solves (J'WJ + damping diag J'WJ) step = J'We, or returns `None` if the matrix is not positive definite. The
-    /// initial states that are estimated follow the shared parameters, record after record. A parameter without influence
-    /// is unchanged.
+    /// initial states that are estimated follow the shared parameters, record after record. A parameter without
+    /// influence is unchanged.
     pub fn step(&self, damping: f64) -> Option<DVector<f64>> {
         let scale = |h: &DMatrix<f64>| h.diagonal().map(|x| if x > 0.0 { 1.0 / x.sqrt() } else { 0.0 });
         let scaled = |h: &DMatrix<f64>, rows: &DVector<f64>, columns: &DVector<f64>| {

@@ -219,7 +219,11 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(12))]
         #[test]
-        fn gradients_are_those_of_differences(seed in 0_u64..1 << 40, states in 1_usize..6, feedthrough in any::<bool>()) {
+        fn gradients_are_those_of_differences(
+            seed in 0_u64..1 << 40,
+            states in 1_usize..6,
+            feedthrough in any::<bool>(),
+        ) {
             let starts = [Start::Unknown, Start::Rest, Start::Unknown];
             let (point, data) = point(seed, states, &starts, feedthrough);
             let variances = [0.7, 2.0];
