@@ -1,8 +1,9 @@
 //! The front door: from two arrays to a model.
 
-use ndarray::{Array2, ArrayView1, ArrayView2};
+use nalgebra::{DMatrix, DVector};
+use ndarray::{Array2, ArrayView1, ArrayView2, Axis, concatenate};
 use plid_catalogue::{BackendName, Conditions, CovarianceName, ExpectationName, ScalarName, Variant, VariantChoice};
-use plid_core::{Health, ImplicitModel, NoiseModel, ObservableForm, Settings, StructureError};
+use plid_core::{Dense, Health, ImplicitModel, NoiseModel, ObservableForm, Settings, StructureError};
 use plid_model::{ChannelScaling, Model, ModelError, Noise, undo_scaling};
 
 use crate::{
@@ -12,10 +13,13 @@ use crate::{
 
 /// Orders that are compared if the number of states is not given.
 const ORDERS: [usize; 12] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64];
-/// The comparison ends after this number of orders without an error that is smaller by [`OrderScan::SLACK`].
+/// The comparison ends after this number of orders without an error that is smaller by more than the slack.
 const PATIENCE: usize = 2;
 /// Relative simulation errors below this count as equal: a larger order then follows only rounding.
 const EXPLAINED: f64 = 1e-3;
+/// The RMS of as many independent errors varies by one part in the root of twice their number (one standard deviation).
+/// Orders whose simulation errors differ by less than so many standard deviations count as equal.
+const CHANCE: f64 = 2.0;
 /// Samples needed per parameter column and state; with fewer, an order is not considered.
 const SAMPLES_PER_PARAMETER: usize = 4;
 /// Share of the record on which the filters of the bank run; the rest scores them.
@@ -23,8 +27,10 @@ const LEARNING_SHARE: f64 = 0.75;
 
 /// Identifies a plant from its inputs (K x m) and outputs (K x p), one row per sample, at the sample rate `rate` in Hz.
 ///
-/// The number of states is the smallest whose model simulates the last quarter of the record about as well as the best
-/// one, or with a relative error below 1e-3; the noise covariances are chosen by the same error.
+/// The number of states is the smallest whose model simulates the last quarter of the record as well as the best one, to
+/// within 5 % or what chance makes of so many samples, or with a relative error below 1e-3. The noise covariances are
+/// chosen by the same error. The operating point is identified together with the plant: the mean of a finite record is
+/// not exactly where the plant is at rest, and the difference is not to be taken for further states.
 /// [`Identification`] has the options.
 ///
 /// # Errors
@@ -101,18 +107,22 @@ impl Identification {
         }
         let (scaled_inputs, input_mean, input_scale) = scaled(inputs, "u", false)?;
         let (scaled_outputs, output_mean, output_scale) = scaled(outputs, "y", self.nan_is_missing)?;
-        let scaling = ChannelScaling { input_mean, input_scale, output_mean, output_scale };
-        let (inputs, outputs) = (scaled_inputs.view(), scaled_outputs.view());
+        let mut scaling = ChannelScaling { input_mean, input_scale, output_mean, output_scale };
+        let inputs = with_constant(&scaled_inputs);
+        let (inputs, outputs) = (inputs.view(), scaled_outputs.view());
         let samples = Samples { inputs, outputs, nan_is_missing: self.nan_is_missing };
         let (found, orders) = self.find_order(samples)?;
         let (plan, done) = self.final_run(samples, found)?;
         let ratio = innovation_ratio(&plan.form, &plan.noise.sensor, &done.identified, &done.innovations);
+        let model = in_channel_units(&plan, &done, ratio, rate, &mut scaling)?;
+        let diagonal = |dense: &Dense<f64>| (0..dense.rows()).map(|i| dense.at(i, i)).collect::<Vec<f64>>();
+        let Plan { noise, variant, .. } = plan;
         Ok(Identified {
-            model: in_channel_units(&plan, &done, ratio, rate, &scaling)?,
+            noise: NoiseModel::diagonal(&diagonal(&noise.sensor), &vec![0.0; model.m()], &diagonal(&noise.state)),
+            model,
             scaling,
             orders,
-            variant: plan.variant,
-            noise: plan.noise,
+            variant,
             innovation_ratio: ratio,
             health: done.health,
         })
@@ -125,6 +135,8 @@ impl Identification {
             return Ok((self.tuned(samples, states)?, None));
         }
         let most = samples.len() / (SAMPLES_PER_PARAMETER * (p + m));
+        let scored = Split::new(&[samples], LEARNING_SHARE).score.len() * p;
+        let slack = OrderScan::SLACK.max(1.0 + CHANCE / (2.0 * scored as f64).sqrt());
         let mut found: Vec<Found> = Vec::new();
         let mut rows: Vec<ScanRow> = Vec::new();
         let (mut best, mut idle, mut failure) = (f64::INFINITY, 0, None);
@@ -132,7 +144,7 @@ impl Identification {
             match self.tuned(samples, states) {
                 Ok(next) => {
                     let error = next.tuned.best.free_run.unwrap_or(f64::INFINITY).max(EXPLAINED);
-                    idle = if OrderScan::SLACK * error < best { 0 } else { idle + 1 };
+                    idle = if slack * error < best { 0 } else { idle + 1 };
                     best = best.min(error);
                     rows.push(ScanRow { states, indices: next.form.indices().to_vec(), free_run: Some(error) });
                     found.push(next);
@@ -147,7 +159,7 @@ impl Identification {
                 break;
             }
         }
-        let Some(scan) = OrderScan::of(rows) else {
+        let Some(scan) = OrderScan::of(rows, slack) else {
             return Err(failure.map_or(IdentificationError::TooShort { samples: samples.len() }, Into::into));
         };
         let place = found.iter().position(|found| found.form.states() == scan.recommended);
@@ -197,11 +209,12 @@ struct Found {
 #[derive(Clone, Debug)]
 pub struct Identified {
     /// The model in the channels' units, with its parameter covariance. Its inputs and outputs are deviations from the
-    /// means in `scaling`. The covariance is multiplied by `innovation_ratio`; standard deviations from it are right to
+    /// operating point in `scaling`. The covariance is multiplied by `innovation_ratio`; standard deviations from it are right to
     /// within a factor of about two, because only a common factor of the noise covariances can be seen in the
     /// innovations.
     pub model: Model,
-    /// The means and RMS values of the channels.
+    /// The operating point and the RMS values of the channels: the means of the inputs, and the outputs that the plant
+    /// has at rest with these inputs.
     pub scaling: ChannelScaling,
     /// The orders that were compared; `None` if the number of states was given.
     pub orders: Option<OrderScan>,
@@ -216,15 +229,44 @@ pub struct Identified {
     pub health: Health,
 }
 
-/// Converts the estimate to a model in the channels' units, all covariances multiplied by `ratio`.
+/// Appends an input that is always one.
+///
+/// The mean of an output over a finite record is not what the plant gives for the mean of the inputs. The difference is
+/// a constant that the plant does not explain: without an input of its own it takes a further state for each output,
+/// and a record with little noise would ask for these states.
+fn with_constant(inputs: &Array2<f64>) -> Array2<f64> {
+    concatenate![Axis(1), inputs.view(), Array2::ones((inputs.nrows(), 1))]
+}
+
+/// Removes the constant input of [`with_constant`]. Returns the outputs at rest with it (p); `None` if the plant has
+/// none, as with a pole at 1.
+fn take_constant(model: &mut Model) -> Option<DVector<f64>> {
+    let last = model.m() - 1;
+    let constant = model.b.column(last).into_owned();
+    model.b = model.b.columns(0, last).into_owned();
+    model.d = model.d.columns(0, last).into_owned();
+    model.inputs.truncate(last);
+    let size = (model.p() + last) * model.n();
+    model.parameter_covariance =
+        model.parameter_covariance.take().map(|all| all.view((0, 0), (size, size)).into_owned());
+    let at_rest = (DMatrix::identity(model.n(), model.n()) - &model.a).lu().solve(&constant)?;
+    Some(&model.c * at_rest).filter(|outputs| outputs.iter().all(|y| y.is_finite()))
+}
+
+/// Converts the estimate to a model in the channels' units, all covariances multiplied by `ratio`, and moves the
+/// operating point of the outputs to where the plant is at rest.
 fn in_channel_units(
     plan: &Plan,
     done: &RecursionRun,
     ratio: f64,
     rate: f64,
-    scaling: &ChannelScaling,
+    scaling: &mut ChannelScaling,
 ) -> Result<Model, ModelError> {
     let mut model = done.identified.to_model(rate)?;
+    if let Some(offsets) = take_constant(&mut model) {
+        let means = scaling.output_mean.iter_mut().zip(&scaling.output_scale);
+        means.zip(offsets.iter()).for_each(|((mean, scale), offset)| *mean += scale * offset);
+    }
     model.parameter_covariance = model.parameter_covariance.map(|covariance| covariance * ratio);
     let sensor = &plan.noise.sensor;
     let sensor_std = (0..sensor.rows()).map(|i| (ratio * sensor.at(i, i)).sqrt()).collect();
@@ -319,7 +361,7 @@ pub enum IdentificationError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{DMatrix, dmatrix};
+    use nalgebra::dmatrix;
     use plid_model::{mode_deviations, modes, simulate};
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
@@ -329,23 +371,33 @@ mod tests {
 
     /// Two modes, two inputs, two outputs.
     fn plant() -> Model {
-        let mut a = DMatrix::zeros(4, 4);
-        for (at, radius, angle) in [(0, 0.97_f64, 0.6_f64), (2, 0.95, 1.3)] {
+        plant_of(4, 2)
+    }
+
+    /// Two or three modes, one or two inputs and as many outputs.
+    fn plant_of(states: usize, channels: usize) -> Model {
+        let mut a = DMatrix::zeros(6, 6);
+        for (at, radius, angle) in [(0, 0.97_f64, 0.6_f64), (2, 0.95, 1.3), (4, 0.98, 2.0)] {
             let (sin, cos) = angle.sin_cos();
             a.view_mut((at, at), (2, 2)).copy_from_slice(&[radius * cos, radius * sin, -radius * sin, radius * cos]);
         }
-        let b = dmatrix![0.3, 0.0; 0.1, -0.4; 0.2, 0.5; 0.0, 0.3];
-        let c = dmatrix![1.0, 0.2, 0.5, -0.3; -0.4, 1.0, 0.8, 0.1];
-        Model::new(RATE, a, b, c, DMatrix::zeros(2, 2)).unwrap()
+        let b = dmatrix![0.3, 0.0; 0.1, -0.4; 0.2, 0.5; 0.0, 0.3; 0.3, 0.1; -0.2, 0.3];
+        let c = dmatrix![1.0, 0.2, 0.5, -0.3, 0.4, 0.3; -0.4, 1.0, 0.8, 0.1, -0.5, 0.6];
+        let part = |of: &DMatrix<f64>, rows, columns| of.view((0, 0), (rows, columns)).into_owned();
+        let d = DMatrix::zeros(channels, channels);
+        Model::new(RATE, part(&a, states, states), part(&b, states, channels), part(&c, channels, states), d).unwrap()
     }
 
     /// Inputs and noisy outputs of [`plant`].
     fn record(seed: u64, samples: usize, noise: f64) -> (Array2<f64>, Array2<f64>) {
+        record_of(&plant(), seed, samples, noise)
+    }
+
+    fn record_of(plant: &Model, seed: u64, samples: usize, noise: f64) -> (Array2<f64>, Array2<f64>) {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
-        let inputs = Array2::from_shape_simple_fn((samples, 2), &mut normal);
-        let plant = plant();
-        let mut outputs = simulate(&plant, inputs.view(), &plant.rest()).unwrap().outputs;
+        let inputs = Array2::from_shape_simple_fn((samples, plant.m()), &mut normal);
+        let mut outputs = simulate(plant, inputs.view(), &plant.rest()).unwrap().outputs;
         outputs.mapv_inplace(|y| y + noise * normal());
         (inputs, outputs)
     }
@@ -370,12 +422,40 @@ mod tests {
         assert!((0.25..4.0).contains(&ratio), "{ratio}");
     }
 
-    /// Without noise the error keeps falling with the order; the comparison still ends at a small one.
+    /// What the means leave behind takes no states of its own, whether noise hides it or not.
     #[test]
-    fn a_record_without_noise_does_not_ask_for_the_largest_order() {
-        let (u, y) = record(6, 600, 0.0);
-        let states = identify(u.view(), y.view(), RATE).unwrap().model.n();
-        assert!((4..=8).contains(&states), "{states}");
+    fn the_order_is_found_without_noise_with_little_and_with_much() {
+        for (states, channels) in [(4, 1), (4, 2), (6, 1), (6, 2)] {
+            let plant = plant_of(states, channels);
+            for (seed, noise) in [(1, 0.0), (1, 1e-4), (2, 0.01), (3, 0.1)] {
+                let (u, y) = record_of(&plant, seed, 600, noise);
+                let (u, y) = (u.mapv(|u| u + 3.0), y.mapv(|y| y - 20.0));
+                let identified = identify(u.view(), y.view(), RATE).unwrap();
+                assert_eq!(identified.model.n(), states, "{channels} channels, noise {noise}: {:?}", identified.orders);
+                let (truth, found) = (modes(&plant).unwrap(), modes(&identified.model).unwrap());
+                assert!(
+                    truth.iter().zip(&found).all(|(t, f)| (f.hz / t.hz - 1.0).abs() < 1e-6 + 0.3 * noise),
+                    "{found:?}"
+                );
+            }
+        }
+    }
+
+    /// The operating point: with an input of one mean the plant rests at what its gain at zero frequency makes of it.
+    #[test]
+    fn the_plant_is_at_rest_at_the_operating_point() {
+        let plant = plant();
+        let (u, _) = record(6, 600, 0.0);
+        let u = u.mapv(|u| u + 2.0);
+        let y = simulate(&plant, u.view(), &plant.rest()).unwrap().outputs;
+        let identified = Identification::default().states(4).run(u.view(), y.view(), RATE).unwrap();
+        let gain = |model: &Model| &model.c * (DMatrix::identity(4, 4) - &model.a).try_inverse().unwrap() * &model.b;
+        let expected = gain(&plant) * DVector::from_column_slice(&identified.scaling.input_mean);
+        for (found, expected) in identified.scaling.output_mean.iter().zip(expected.iter()) {
+            assert!((found - expected).abs() < 1e-6 * expected.abs(), "{found} {expected}");
+        }
+        assert!((gain(&identified.model) - gain(&plant)).norm() < 1e-6);
+        assert_eq!((identified.model.m(), identified.noise.actuator.rows()), (2, 2));
     }
 
     #[test]

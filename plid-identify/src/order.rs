@@ -23,19 +23,21 @@ pub struct ScanRow {
 pub struct OrderScan {
     /// One row per order, in increasing order.
     pub rows: Vec<ScanRow>,
-    /// The smallest order whose error is within the factor [`OrderScan::SLACK`] of the smallest.
+    /// The smallest order whose error is within a factor of the smallest error: [`OrderScan::SLACK`], or more where the
+    /// samples that score the models are few.
     pub recommended: usize,
 }
 
 impl OrderScan {
-    /// The largest permissible ratio of the error of a smaller model to the smallest error.
+    /// The largest permissible ratio of the error of a smaller model to the smallest error, if the samples are many.
     pub const SLACK: f64 = 1.05;
 
-    /// Selects the order from the rows of a scan; `None` if no order gave a model.
-    pub(crate) fn of(mut rows: Vec<ScanRow>) -> Option<Self> {
+    /// Selects the order from the rows of a scan: the smallest within the factor `slack` of the smallest error. `None` if
+    /// no order gave a model.
+    pub(crate) fn of(mut rows: Vec<ScanRow>, slack: f64) -> Option<Self> {
         rows.sort_by_key(|row| row.states);
         let best = rows.iter().filter_map(|row| row.free_run).fold(f64::INFINITY, f64::min);
-        let row = rows.iter().find(|row| row.free_run.is_some_and(|e| e <= Self::SLACK * best))?;
+        let row = rows.iter().find(|row| row.free_run.is_some_and(|e| e <= slack * best))?;
         Some(Self { recommended: row.states, rows })
     }
 }
@@ -63,7 +65,7 @@ pub fn scan_orders(
         };
         rows.push(ScanRow { states, indices: bank.form.indices().to_vec(), free_run });
     }
-    OrderScan::of(rows).ok_or(failure.unwrap_or(IdentifyError::NoSetting { trials: 0 }))
+    OrderScan::of(rows, OrderScan::SLACK).ok_or(failure.unwrap_or(IdentifyError::NoSetting { trials: 0 }))
 }
 
 /// Moves one state at a time from one output to another as long as this reduces the simulation error by more than two
