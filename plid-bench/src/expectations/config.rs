@@ -1,5 +1,6 @@
 //! The methods that a study of expectations compares, and the number of runs.
 
+use itertools::Itertools;
 use plid_catalogue::CovarianceName;
 use plid_core::{ImplicitModel, ObservableForm};
 use plid_testbed::OUTPUTS;
@@ -114,9 +115,8 @@ impl Config {
         all.push((!(0.0..=1.0).contains(&share)).then(|| ("state_noise_share", format!("{share} is not from 0 to 1"))));
         // Names of plants are keys of cells: two of a kind with the same name would be one.
         let names: Vec<String> = self.plants().map(|plant| plant.name()).collect();
-        let twice = (1..names.len()).find(|&i| names[..i].contains(&names[i]));
-        all.push(twice.map(|i| {
-            (if names[i].starts_with("truss") { "truss" } else { "in_class" }, format!("{} stands twice", names[i]))
+        all.push(names.iter().duplicates().next().map(|name| {
+            (if name.starts_with("truss") { "truss" } else { "in_class" }, format!("{name} stands twice"))
         }));
         for plant in &self.scalar {
             all.extend([

@@ -1,5 +1,6 @@
 //! What a speed study measures, and for how long.
 
+use itertools::iproduct;
 use plid_catalogue::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
 use serde::{Deserialize, Serialize};
 
@@ -151,26 +152,20 @@ impl Config {
 
 impl Cross {
     fn cells(&self) -> impl Iterator<Item = Cell> {
-        let mut cells = Vec::new();
-        for &states in &self.states {
-            for &inputs in &self.inputs {
-                for &covariance in &self.covariance {
-                    for &expectations in &self.expectations {
-                        for &backend in &self.backend {
-                            for &scalar in &self.scalar {
-                                for &threads in &self.threads {
-                                    for &noise in &self.noise {
-                                        let variant = Variant { covariance, expectations, backend, scalar };
-                                        cells.push(Cell { states, inputs, noise, threads, variant });
-                                    }
-                                }
-                            }
-                        }
-                    }
-                }
-            }
-        }
-        cells.into_iter()
+        iproduct!(
+            &self.states,
+            &self.inputs,
+            &self.covariance,
+            &self.expectations,
+            &self.backend,
+            &self.scalar,
+            &self.threads,
+            &self.noise
+        )
+        .map(|(&states, &inputs, &covariance, &expectations, &backend, &scalar, &threads, &noise)| {
+            let variant = Variant { covariance, expectations, backend, scalar };
+            Cell { states, inputs, noise, threads, variant }
+        })
     }
 }
 

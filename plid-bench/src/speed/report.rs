@@ -1,5 +1,6 @@
 //! report.html: what it amounts to, pictures, the targets, the tables behind them.
 
+use itertools::Itertools;
 use plid_catalogue::CovarianceName;
 use plid_report::{Cell as Shown, Report, Table};
 
@@ -208,16 +209,11 @@ fn term_table(outcome: &Outcome) -> Table {
         let cell = Cell::plain(STATES, form, expectations);
         cell.variant.flops(&cell.size())
     };
-    let mut parts: Vec<&str> = Vec::new();
     let forms = CovarianceName::all();
-    for &form in &forms {
-        table = table.column(word(&form), "Mflop");
-        for term in of(form) {
-            if !parts.contains(&term.what) {
-                parts.push(term.what);
-            }
-        }
+    for form in &forms {
+        table = table.column(word(form), "Mflop");
     }
+    let parts = forms.iter().flat_map(|&form| of(form)).map(|term| term.what).unique();
     let cells = |part: &str| {
         let megaflops =
             |form| of(form).iter().filter(|term| term.what == part).map(|term| term.flops / 1e6).sum::<f64>();
@@ -227,7 +223,7 @@ fn term_table(outcome: &Outcome) -> Table {
         });
         [Shown::from(part)].into_iter().chain(shown).collect::<Vec<_>>()
     };
-    parts.into_iter().fold(table, |table, part| table.row(cells(part)))
+    parts.fold(table, |table, part| table.row(cells(part)))
 }
 
 fn cell_table(outcome: &Outcome) -> Table {

@@ -1,5 +1,6 @@
 //! The keys of a stability study.
 
+use itertools::Itertools;
 use plid_catalogue::{CovarianceName, ExpectationName};
 use plid_core::{ObservableForm, StructureError};
 use plid_testbed::{INPUTS, OUTPUTS};
@@ -158,7 +159,7 @@ impl Config {
         if !(self.adversarial.forgetting > 0.0 && self.adversarial.forgetting <= 1.0) {
             problems.push(("forgetting", format!("{} is not above 0 and at most 1", self.adversarial.forgetting)));
         }
-        if (1..self.covariance.len()).any(|i| self.covariance[..i].contains(&self.covariance[i])) {
+        if !self.covariance.iter().all_unique() {
             problems.push(("covariance", "one stands there twice".into()));
         }
         if self.steps == 0 {

@@ -1,5 +1,6 @@
 //! report.html: the map first, then how errors grow, hard starts, variations, the table, the verdicts' numbers.
 
+use itertools::Itertools;
 use plid_catalogue::{CovarianceName, ScalarName};
 use plid_report::{Axis, Cell as Field, Chart, Report, Series, Table, chart};
 
@@ -95,14 +96,8 @@ fn map(outcome: &Outcome) -> String {
 
 /// Labels of a part at a size, in the order of the config.
 fn labels(outcome: &Outcome, part: Part, states: usize) -> Vec<String> {
-    let mut labels: Vec<String> = Vec::new();
-    let groups = outcome.config.groups_in_order();
-    for group in groups.iter().filter(|g| g.part == part && g.states == states) {
-        if !labels.contains(&group.label) {
-            labels.push(group.label.clone());
-        }
-    }
-    labels
+    let groups = outcome.config.groups_in_order().into_iter().filter(|g| g.part == part && g.states == states);
+    groups.map(|group| group.label).unique().collect()
 }
 
 /// One row a label, one column a form and scalar.
