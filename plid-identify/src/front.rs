@@ -27,10 +27,10 @@ const LEARNING_SHARE: f64 = 0.75;
 
 /// Identifies a plant from its inputs (K x m) and outputs (K x p), one row per sample, at the sample rate `rate` in Hz.
 ///
-/// The number of states is the smallest whose model simulates the last quarter of the record as well as the best one, to
-/// within 5 % or what chance makes of so many samples, or with a relative error below 1e-3. The noise covariances are
-/// chosen by the same error. The operating point is identified together with the plant: the mean of a finite record is
-/// not exactly where the plant is at rest, and the difference is not to be taken for further states.
+/// The number of states is the smallest whose model simulates the last quarter of the record as well as the best one,
+/// to within 5 % or what chance makes of so many samples, or with a relative error below 1e-3. The noise covariances
+/// are chosen by the same error. The operating point is identified together with the plant: the mean of a finite record
+/// is not exactly where the plant is at rest, and the difference is not to be taken for further states.
 /// [`Identification`] has the options.
 ///
 /// # Errors
@@ -209,9 +209,9 @@ struct Found {
 #[derive(Clone, Debug)]
 pub struct Identified {
     /// The model in the channels' units, with its parameter covariance. Its inputs and outputs are deviations from the
-    /// operating point in `scaling`. The covariance is multiplied by `innovation_ratio`; standard deviations from it are right to
-    /// within a factor of about two, because only a common factor of the noise covariances can be seen in the
-    /// innovations.
+    /// operating point in `scaling`. The covariance is multiplied by `innovation_ratio`; standard deviations from it
+    /// are right to within a factor of about two, because only a common factor of the noise covariances can be seen in
+    /// the innovations.
     pub model: Model,
     /// The operating point and the RMS values of the channels: the means of the inputs, and the outputs that the plant
     /// has at rest with these inputs.

@@ -32,8 +32,8 @@ impl OrderScan {
     /// The largest permissible ratio of the error of a smaller model to the smallest error, if the samples are many.
     pub const SLACK: f64 = 1.05;
 
-    /// Selects the order from the rows of a scan: the smallest within the factor `slack` of the smallest error. `None` if
-    /// no order gave a model.
+    /// Selects the order from the rows of a scan: the smallest within the factor `slack` of the smallest error. `None`
+    /// if no order gave a model.
     pub(crate) fn of(mut rows: Vec<ScanRow>, slack: f64) -> Option<Self> {
         rows.sort_by_key(|row| row.states);
         let best = rows.iter().filter_map(|row| row.free_run).fold(f64::INFINITY, f64::min);

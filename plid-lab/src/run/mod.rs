@@ -261,8 +261,8 @@ struct Settled {
     bank: Vec<Trial>,
 }
 
-/// Runs the recursion of `plan`, or continues it. If the covariance form is open and is lost, Bierman UD takes its place
-/// in `plan` and a warning says so.
+/// Runs the recursion of `plan`, or continues it. If the covariance form is open and is lost, Bierman UD takes its
+/// place in `plan` and a warning says so.
 fn recursion(
     plan: &mut Plan,
     form_is_open: bool,
