@@ -229,13 +229,13 @@ mod tests {
 
     #[test]
     fn what_a_cell_is_judged_against_is_run_in_any_case() {
-        use CovarianceName::{BiermanUd, Direct, Joseph};
+        use CovarianceName as Form;
         use ScalarName::{F32, F64};
-        let config = Config { covariance: vec![Joseph], ..Config::default() };
+        let config = Config { covariance: vec![Form::Joseph], ..Config::default() };
         let centre = config.centre(12);
-        assert_eq!(config.cells(&centre), [(Joseph, F32), (Joseph, F64), (BiermanUd, F64)]);
+        assert_eq!(config.cells(&centre), [(Form::Joseph, F32), (Form::Joseph, F64), (Form::BiermanUd, F64)]);
         let noisy = Group { parameter_noise: 1e-8, ..centre };
-        assert_eq!(config.cells(&noisy)[2..], [(BiermanUd, F64), (Direct, F64)]);
+        assert_eq!(config.cells(&noisy)[2..], [(Form::BiermanUd, F64), (Form::Direct, F64)]);
     }
 
     #[test]
