@@ -7,7 +7,7 @@ use std::process::ExitCode;
 
 use plid::catalogue::{Entry, forms};
 
-pub fn main() -> ExitCode {
+pub(crate) fn main() -> ExitCode {
     forms! { "own" = Own; }.add();
     plid_cli::main()
 }
