@@ -168,6 +168,13 @@ impl BackendEntry {
     pub fn of<B: Backend<Scalar: Number>>(name: &'static str) -> Self {
         Self { name, cells: plid_variants::every_form!(on_one_backend, B) }
     }
+
+    /// The same backend in another scalar: `BackendEntry::of::<Mine<f64>>("mine").and::<Mine<f32>>().add()`.
+    #[must_use]
+    pub fn and<B: Backend<Scalar: Number>>(mut self) -> Self {
+        self.cells.extend(Self::of::<B>(self.name).cells);
+        self
+    }
 }
 
 /// Everything that has a name.
@@ -244,28 +251,29 @@ impl<T: Entry> Entry for Vec<T> {
     }
 }
 
-/// Entries for covariance forms that are generic over the backend: `forms! { "carlson" = Carlson; }.add()`.
+/// Entries for covariance forms that are generic over the backend: `forms! { "carlson" = filters::Carlson; }.add()`.
 #[macro_export]
 macro_rules! forms {
-    ($($(#[$doc:meta])* $name:literal = $form:ident;)*) => {
+    ($($(#[$doc:meta])* $name:literal = $($form:ident)::+;)*) => {
         vec![$({
             struct Family;
             impl $crate::FormFamily for Family {
-                type On<B: $crate::Backend> = $form<B>;
+                type On<B: $crate::Backend> = $($form)::+<B>;
             }
             $crate::FormEntry::of::<Family>($name)
         }),*]
     };
 }
 
-/// Entries for conditional expectations that are generic over the scalar: `expectations! { "mine" = Mine; }.add()`.
+/// Entries for conditional expectations that are generic over the scalar:
+/// `expectations! { "mine" = filters::Mine; }.add()`.
 #[macro_export]
 macro_rules! expectations {
-    ($($(#[$doc:meta])* $name:literal = $expectation:ident;)*) => {
+    ($($(#[$doc:meta])* $name:literal = $($expectation:ident)::+;)*) => {
         vec![$({
             struct Family;
             impl $crate::ExpectationFamily for Family {
-                type In<S: $crate::Kernels> = $expectation<S>;
+                type In<S: $crate::Kernels> = $($expectation)::+<S>;
             }
             $crate::ExpectationEntry::of::<Family>($name)
         }),*]

@@ -1,10 +1,12 @@
 //! A form, an expectation and a backend from outside are named like those that are built in.
+use std::marker::PhantomData;
+
 use plid_backends::Plain;
 use plid_catalogue::{
     BackendEntry, BackendName, CovarianceName, Entry, ExpectationEntry, ExpectationName, ScalarName, Variant,
     VariantError, forms,
 };
-use plid_core::kernels::BadPivot;
+use plid_core::kernels::{BadPivot, Kernels};
 use plid_core::{
     Backend, Checkpointed, ConditionalExpectations, CovarianceBlocks, CovariancePropagation, Dense, Expectation, Form,
     FormFacts, IdentifierError, ImplicitModel, InitialCovariance, Inspect, NoiseModel, NoiseTerms, ObservableForm,
@@ -42,13 +44,13 @@ impl Expectation for OwnExpectation {
     const FLOPS: fn(&StepSize, &FormFacts) -> Vec<Term> = JointEkf::<f64>::FLOPS;
 }
 
-/// Storage, and the default kernels.
+/// Storage, and the default kernels, in any scalar.
 #[derive(Clone, Copy, Debug)]
-struct OwnBackend;
+struct OwnBackend<S>(PhantomData<S>);
 
-impl Backend for OwnBackend {
-    type Scalar = f64;
-    type Matrix = Dense<f64>;
+impl<S: Kernels> Backend for OwnBackend<S> {
+    type Scalar = S;
+    type Matrix = Dense<S>;
 }
 
 /// What config text says, on the structure and the start of all tests here.
@@ -68,9 +70,9 @@ fn run(variant: Variant, settings: impl Fn(&mut Settings)) -> Result<Vec<[f64; 2
 fn what_a_program_adds_is_named_run_counted_and_listed() {
     let unknown = serde_json::from_str::<CovarianceName>("\"own\"").unwrap_err().to_string();
     assert!(unknown.contains("unknown variant `own`") && unknown.contains("`bierman-ud`"), "{unknown}");
-    forms! { "own" = Own; }.add();
+    forms! { "own" = form::Own; }.add();
     ExpectationEntry::only::<OwnExpectation>("own-expectation").add();
-    BackendEntry::of::<OwnBackend>("own-backend").add();
+    BackendEntry::of::<OwnBackend<f64>>("own-backend").and::<OwnBackend<f32>>().add();
 
     let own: Variant = serde_json::from_str(r#"{"covariance": "own"}"#).unwrap();
     let built_in = Variant { covariance: CovarianceName::Direct, ..Variant::default() };
@@ -89,7 +91,12 @@ fn what_a_program_adds_is_named_run_counted_and_listed() {
     assert_eq!(absent.to_string(), "there is no direct with own-expectation on plain in f32");
 
     let backend: BackendName = serde_json::from_str("\"own-backend\"").unwrap();
-    assert_eq!(run(Variant { backend, ..built_in }, |_| ()).unwrap(), run(built_in, |_| ()).unwrap());
+    for scalar in [ScalarName::F64, ScalarName::F32] {
+        let plain = Variant { scalar, ..built_in };
+        assert_eq!(run(Variant { backend, ..plain }, |_| ()).unwrap(), run(plain, |_| ()).unwrap());
+    }
+    let absent = run(Variant { backend, scalar: ScalarName::DoubleDouble, ..built_in }, |_| ()).unwrap_err();
+    assert!(absent.to_string().contains("on own-backend in double-double"), "{absent}");
 
     // What the form does not offer is a typed error, and no wrong number.
     let unsupported = run(own, |settings| settings.forgetting = 0.99).unwrap_err();

@@ -104,7 +104,7 @@ pub trait CovariancePropagation: Send + Sync + 'static {
     fn add_parameter_blocks(&mut self, weights: &Dense<Self::Scalar>, out: ViewMut<'_, Self::Scalar>);
 
     /// The measurement update of P and of the estimate `s`: `z_i = s[rows[i]] + w_i`, `innovation` is z - H s, and
-    /// `noise` holds R.
+    /// `noise` holds R. The outputs are those that are available, in that order.
     ///
     /// # Errors
     /// The pivot of the innovation covariance, or of P, that was not positive.
@@ -145,7 +145,7 @@ pub trait CovariancePropagation: Send + Sync + 'static {
 /// A form whose P can be looked at.
 pub trait Inspect: CovariancePropagation {
     /// P as a whole symmetric matrix in scalar `T`, formed from the stored numbers without rounding to the form's own
-    /// scalar in between.
+    /// scalar in between: `T::from_parts(x.to_parts())` for each entry.
     fn dense_in<T: Scalar>(&self) -> Dense<T>
     where
         Self: Sized;

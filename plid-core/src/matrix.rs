@@ -291,7 +291,7 @@ impl<S: Scalar> Dense<S> {
         self.data_mut().fill(value);
     }
 
-    /// The same matrix in another scalar.
+    /// The same matrix in another scalar, by way of `f64`: a double-double loses its second half.
     pub fn cast<T: Scalar>(&self) -> Dense<T> {
         Dense::from_fn(self.rows, self.columns, |i, j| T::from_f64(self.at(i, j).to_f64()))
     }

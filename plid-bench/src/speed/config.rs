@@ -9,7 +9,7 @@ use crate::Noise;
 
 /// The full study, as experiments/bench/speed.toml has it.
 pub const FULL: &str = include_str!("../../../experiments/bench/speed.toml");
-/// The study of about ten minutes, as experiments/bench/speed-quick.toml has it.
+/// The study of about two minutes, as experiments/bench/speed-quick.toml has it.
 pub const QUICK: &str = include_str!("../../../experiments/bench/speed-quick.toml");
 
 /// A speed study.

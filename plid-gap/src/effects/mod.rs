@@ -210,7 +210,8 @@ pub trait Effect: Send + Sync {
     }
 
     /// Returns the free shape that is fitted with it or in its place if its own shape does not suffice; `None` for an
-    /// effect without a shape.
+    /// effect without a shape. It is one of those built in: the one on the same signal, at a place of the same kind,
+    /// such as `Some(&Flexible::Command)` for a static curve of a command.
     fn free_shape(&self) -> Option<&'static Flexible> {
         None
     }

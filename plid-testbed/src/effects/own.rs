@@ -36,7 +36,8 @@ pub enum Action {
     Sample(Box<dyn FnMut(f64, f64) -> f64>),
 }
 
-/// RMS values in the held-out record at the place of an effect, without any effect. A place has those of its side.
+/// RMS values in the held-out record at the place of an effect, without any effect: those of the input's strut for a
+/// strut or an actuator, and that of the output for a sensor. The commands of that record have about 1 V RMS.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Level {
     /// Displacement of the strut, V.
@@ -58,7 +59,8 @@ pub trait Truth: Send + Sync {
     /// Returns the names of its parameters, in the order of the diagnosis's equation.
     fn parameters(&self) -> &'static [&'static str];
 
-    /// Returns parameters of some size, which the draw of a case scales until they make the gap asked for.
+    /// Returns parameters of some size, which the draw of a case scales by [`Truth::strengthen`], by positive factors,
+    /// until they make the gap asked for.
     fn start(&self, level: &Level) -> Vec<f64>;
 
     /// Makes the effect stronger by a factor: what it changes grows with it, to first order in proportion. By default
