@@ -64,7 +64,7 @@ impl Mismatch {
 /// [`GapError::Model`] if the simulation cannot be run.
 pub fn find(case: &Case, model: &Model) -> Result<Option<Mismatch>, GapError> {
     let settings = &case.config.settings.audit;
-    let records = driven(&case.records);
+    let records = driven(&case.records, &case.config.settings.case);
     let responses = Responses::new(model, &records)?;
     let plain = Wiring::plain(responses.m, responses.p);
     let before = responses.gap(&plain);

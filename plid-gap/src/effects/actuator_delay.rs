@@ -16,6 +16,10 @@ impl Effect for ActuatorDelay {
         "u'(t) = u(t - tau)"
     }
 
+    fn is_linear(&self) -> bool {
+        true
+    }
+
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
         vec![Parameter::new("tau", "samples", Range::Positive)]
     }

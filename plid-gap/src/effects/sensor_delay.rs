@@ -19,6 +19,10 @@ impl Effect for SensorDelay {
         "y'(t_k) = y(t_k - tau)"
     }
 
+    fn is_linear(&self) -> bool {
+        true
+    }
+
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
         vec![Parameter::new("tau", "samples", Range::Positive)]
     }
