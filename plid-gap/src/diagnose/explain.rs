@@ -123,10 +123,12 @@ impl<'a> Searched<'a> {
     ) -> Self {
         ready.problem.nuisance.ports_follow = false;
         let mut quick = ready.problem.head(scope.settings.first_samples, &ready.noise);
-        if let Some(windows) = Windows::choose(&quick, refitted) {
-            say(format!("windows of {} samples, up to {} of each record", windows.samples, windows.each));
-            quick = quick.windows(windows.samples, windows.each, &ready.noise);
-            ready.problem.strong = quick.nuisance.of_simulation() <= scope.settings.strong_numbers;
+        let windows = Windows::choose(&quick, refitted);
+        let few = quick.nuisance.of_simulation() <= scope.settings.strong_numbers;
+        ready.problem.strong = windows.is_some() && few;
+        if let Some(Windows { samples, each }) = windows {
+            say(format!("windows of {samples} samples, up to {each} of each record"));
+            quick = quick.windows(samples, each, &ready.noise);
         }
         let mut found = search(&mut ready.problem, &mut quick, refitted, scope, stage, say);
         if ready.widened.is_some() {

@@ -29,7 +29,7 @@ impl Effect for ActuatorDelay {
     }
 
     fn starts(&self, _setting: &Setting, _place: &Place) -> Vec<Vec<f64>> {
-        vec![vec![0.1], vec![0.5], vec![1.5]]
+        [0.1, 0.5, 1.5, 4.0, 10.0].map(|samples| vec![samples]).to_vec()
     }
 
     fn free_shape(&self) -> Option<&'static Flexible> {
