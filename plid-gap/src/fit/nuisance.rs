@@ -92,8 +92,8 @@ impl Nuisance {
         off.get(off.len() / 2).map_or(1.0, |median| (median / NORMAL_MEDIAN).max(1.0))
     }
 
-    /// Adds initial states for records that are cut into windows, `windows[k]` of record k. The first window of a record
-    /// begins as the record does. The existing entries keep their places.
+    /// Adds initial states for records that are cut into windows, `windows[k]` of record k. The first window of a
+    /// record begins as the record does. The existing entries keep their places.
     pub fn with_windows(mut self, windows: &[usize]) -> Self {
         let states = 2 * self.modes + self.rest;
         let mut starts = Vec::new();
