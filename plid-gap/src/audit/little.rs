@@ -24,7 +24,7 @@ pub struct Little {
 pub fn check(case: &Case, model: &Model, library: &Library, without: &[String]) -> Result<Little, GapError> {
     let effects = || library.effects().filter(|effect| !without.iter().any(|name| name == effect.name()));
     let settings = &case.config.settings;
-    let records = driven(&case.records);
+    let records = driven(&case.records, &case.config.settings.case);
     if records.is_empty() {
         return Err(GapError::TooLittle("no record that is fitted has an input".into()));
     }

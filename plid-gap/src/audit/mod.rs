@@ -105,6 +105,10 @@ fn look(
         case.records.iter_mut().for_each(|record| surrogate::take_misfit(record, &model));
     }
     case.config.exclude.extend(little.left_out);
+    if of_records && case.for_simulation.is_empty() {
+        let inside = library.effects().filter(|effect| effect.is_linear()).map(|effect| effect.name().to_string());
+        case.config.exclude.extend(inside);
+    }
     let explained = mismatch.as_ref().filter(|mismatch| mismatch.explains);
     found.extend(mismatch.iter().map(|mismatch| mismatch.sentence.clone()));
     if let Some(mismatch) = explained {

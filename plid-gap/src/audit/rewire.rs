@@ -64,7 +64,7 @@ impl Mismatch {
 /// [`GapError::Model`] if the simulation cannot be run.
 pub fn find(case: &Case, model: &Model) -> Result<Option<Mismatch>, GapError> {
     let settings = &case.config.settings.audit;
-    let records = driven(&case.records);
+    let records = driven(&case.records, &case.config.settings.case);
     let responses = Responses::new(model, &records)?;
     let plain = Wiring::plain(responses.m, responses.p);
     let before = responses.gap(&plain);
@@ -101,11 +101,13 @@ pub fn find(case: &Case, model: &Model) -> Result<Option<Mismatch>, GapError> {
         }
     }
     let after = responses.gap(&best);
-    if best.changes() == 0 || after > settings.reported * before {
+    // A simulation that is scaled down to nothing leaves a gap of one.
+    let least = before.min(1.0);
+    if best.changes() == 0 || after > settings.reported * least {
         return Ok(None);
     }
     let sentence = sentence(&best, case, before, after);
-    Ok(Some(Mismatch { wiring: best, before, after, explains: after <= settings.corrected * before, sentence }))
+    Ok(Some(Mismatch { wiring: best, before, after, explains: after <= settings.corrected * least, sentence }))
 }
 
 /// Returns the squared gap with the price of all changes.
@@ -370,8 +372,8 @@ fn short(x: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::case::record::Channels;
-    use crate::testing::{case, truss};
+    use crate::case::record::{Channels, rms};
+    use crate::testing::{case, random_input, truss};
 
     fn found(change: impl Fn(&mut Channels, &mut Channels)) -> Option<Mismatch> {
         let mut case = case(&truss(3), &truss(3));
@@ -442,6 +444,19 @@ mod tests {
             found(|u, _| scaled(&mut u[1], 1000.0)),
             "Input u2 looks in other units, 0.001 times the simulation's (as between milli-units and units)",
         );
+    }
+
+    /// Any simulation agrees better with records that it does not explain if it is scaled down.
+    #[test]
+    fn a_simulation_is_not_scaled_down_to_nothing() {
+        let other = random_input(77, 4096, 2);
+        let unrelated = found(|_, y| {
+            for (y, other) in y.iter_mut().zip(&other) {
+                let size = rms(&*y) / 25.4;
+                y.iter_mut().zip(other).for_each(|(y, other)| *y = size * other);
+            }
+        });
+        assert_eq!(unrelated, None);
     }
 
     #[test]

@@ -55,8 +55,11 @@ pub struct Surrogate {
 /// [`GapError::TooLittle`] if the records are too short for the requested states; [`GapError::Failed`] if no model can
 /// be identified.
 pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<Surrogate, GapError> {
-    let fitted =
-        if case.for_simulation.is_empty() { driven(&case.records) } else { case.for_simulation.iter().collect() };
+    let fitted = if case.for_simulation.is_empty() {
+        driven(&case.records, &case.config.settings.case)
+    } else {
+        case.for_simulation.iter().collect()
+    };
     if fitted.is_empty() {
         return Err(GapError::TooLittle(
             "without `sim` a model is identified, but no record that is fitted has an input".into(),
@@ -100,8 +103,9 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<Surrogate, G
     case.config.declare_kinds(&mut model);
     let error = relative(&std, &arrays);
     let words = words(&model, &case.for_simulation, of_simulator, [error, validation_error], settings);
-    let prior_std = prior_std(&model, &fitted, &std, of_simulator, &case.config.settings)?;
     let set_aside = !case.for_simulation.is_empty();
+    let free = |plant: &Plant| !of_simulator && (!set_aside || plant.modes.is_empty());
+    let prior_std = prior_std(&model, &fitted, &std, free, &case.config.settings)?;
     let model_error =
         if of_simulator { None } else { model_error(&model, &fitted, set_aside, &case.config.settings.plant)? };
     Ok(Surrogate { model, words, prior_std, model_error })
@@ -180,13 +184,13 @@ fn model_error(
 
 /// Returns the standard deviations of the model's parameters, as far as the records from which it was identified
 /// determine them, if the residual is white noise of these standard deviations. An undetermined parameter stays within
-/// a tenth of itself. A model of the records themselves has absorbed a part of the effect. Without modes, where a pole
-/// represents friction as well as viscous damping, its poles and gains therefore stay free within the wide limits.
+/// a tenth of itself. A model of the records themselves has absorbed a part of the effect: a stiffening spring as a
+/// higher frequency, friction as a larger damping ratio. Its parameters are therefore `free` within wide limits.
 fn prior_std(
     model: &Model,
     records: &[&Record],
     std: &[f64],
-    of_simulator: bool,
+    free: impl Fn(&Plant) -> bool,
     settings: &GapSettings,
 ) -> Result<Vec<f64>, GapError> {
     let plant = Plant::with_settings(model, &settings.plant)?;
@@ -197,11 +201,12 @@ fn prior_std(
     let whiteners = records.iter().map(|record| Whitener::new(record, &noise, plant.rate, masked.clone())).collect();
     let nuisance = Nuisance::new(&plant, &records, &Limits { frequency: 0.2, damping: 2.0, shape: 0.2 });
     let setting = Setting::bare(&plant, model);
-    let problem = Problem { plant, records, whiteners, nuisance, setting, settings: Arc::new(settings.clone()) };
+    let problem =
+        Problem { plant, records, whiteners, nuisance, setting, settings: Arc::new(settings.clone()), strong: false };
     let normal = problem.jacobian(&problem.plant).normal;
     let Some(factor) = normal.cholesky() else { return Ok(Vec::new()) };
     let covariance = factor.inverse();
-    let free = problem.plant.modes.is_empty() && !of_simulator;
+    let free = free(&problem.plant);
     let told = |k: usize| if free { problem.nuisance.std[k] } else { covariance[(k, k)].max(0.0).sqrt() };
     Ok((0..problem.nuisance.of_simulation()).map(told).collect())
 }

@@ -44,6 +44,19 @@ impl Record {
         self.y.first().map_or(0, Vec::len)
     }
 
+    /// Returns some of the samples as a record of their own. It begins in motion, unless it begins where this one does.
+    pub fn part(&self, samples: std::ops::Range<usize>, rate: f64) -> Self {
+        let cut = |channels: &Channels| channels.iter().map(|x| x[samples.clone()].to_vec()).collect();
+        Self {
+            u: cut(&self.u),
+            y: cut(&self.y),
+            simulated: None,
+            from_rest: self.from_rest && samples.start == 0,
+            start_s: self.start_s + samples.start as f64 / rate,
+            ..self.clone()
+        }
+    }
+
     /// Returns the RMS over all inputs.
     pub fn level(&self) -> f64 {
         rms(self.u.iter().flatten())

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::case::record::{Excitation, Record};
+use crate::case::record::{Excitation, Record, rms};
 use crate::case::split::{self, Unnamed};
 use crate::error::GapError;
 use ndarray::{Array2, s};
@@ -41,9 +41,9 @@ pub(super) fn read(path: &Path, config: &CaseConfig, folder: &Path) -> Result<(V
     trend::remove(&mut records, &learnt, config.trend);
 
     let mut clock = 0.0;
-    let as_used = |(((given, excitation), record), simulated): (
-        ((&RecordConfig, Excitation), data::Record),
-        Option<data::Record>,
+    let as_used = |((((given, excitation), record), simulated), learnt): (
+        (((&RecordConfig, Excitation), data::Record), Option<data::Record>),
+        usize,
     )| {
         let start_s = given.start_s.unwrap_or(clock);
         clock = start_s + record.duration_s();
@@ -53,13 +53,14 @@ pub(super) fn read(path: &Path, config: &CaseConfig, folder: &Path) -> Result<(V
             // Decimation removes samples at both ends, so the remaining record begins in motion.
             from_rest: given.start == StartKind::Rest && ratio == 1,
             start_s,
-            held_out: given.r#use == Some(Use::Test),
+            held_out: learnt == 0,
             u: columns(&record.inputs),
             y: columns(&record.outputs),
             simulated: simulated.map(|simulated| columns(&simulated.outputs)),
         }
     };
-    Ok((config.record.iter().zip(excitations).zip(records).zip(simulated).map(as_used).collect(), warnings))
+    let given = config.record.iter().zip(excitations).zip(records).zip(simulated).zip(learnt);
+    Ok((given.map(as_used).collect(), warnings))
 }
 
 /// Reads a record from its file, and the outputs of the engineer's own simulator if the case names them.
@@ -185,13 +186,17 @@ fn learnt(config: &CaseConfig, records: &[data::Record]) -> Vec<usize> {
     let is_test = |given: &RecordConfig| given.r#use == Some(Use::Test);
     let chosen = config.record.iter().any(is_test);
     let is_driven = |given: &RecordConfig| given.excitation != ExcitationKind::Zero && given.r#use != Some(Use::Sim);
-    let unnamed = if chosen { None } else { split::unnamed(config.record.iter().map(is_driven)) };
+    let level = |(given, record): (&RecordConfig, &data::Record)| {
+        if is_driven(given) { rms(record.inputs.iter()) } else { 0.0 }
+    };
+    let levels: Vec<f64> = config.record.iter().zip(records).map(level).collect();
+    let unnamed = if chosen { None } else { split::unnamed(&levels, &config.settings.case) };
     let learnt = |(k, given): (usize, &RecordConfig)| {
         let samples = records[k].samples();
         match unnamed {
             _ if is_test(given) => 0,
-            Some(Unnamed::Last(last)) if k == last => 0,
-            Some(Unnamed::EndOf(only)) if k == only => split::fitted(samples, config.settings.case.held_out_share),
+            Some(Unnamed::Whole(whole)) if k == whole => 0,
+            Some(Unnamed::EndOf(one)) if k == one => split::fitted(samples, config.settings.case.held_out_share),
             _ => samples,
         }
     };

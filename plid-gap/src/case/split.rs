@@ -1,22 +1,31 @@
-//! The records that are held out from all fits: those that the case names, or else the last driven record, or the end
-//! of the only driven one.
+//! The records that are held out from all fits: those that the case names, or else the last driven record that is not
+//! louder than all others. The loudest record is fitted, because the other records do not determine what a nonlinearity
+//! does at its level. If only one record is driven, or two at different levels, the end of the last one is held out.
 
 use crate::case::record::{Channels, Excitation, Record};
+use crate::settings::CaseSettings;
 
 /// What is held out if the case names nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Unnamed {
     /// This record.
-    Last(usize),
-    /// The end of this record, which is the only driven one.
+    Whole(usize),
+    /// The end of this record.
     EndOf(usize),
 }
 
-/// Chooses among records, each of which is driven or not.
-pub(crate) fn unnamed(driven: impl DoubleEndedIterator<Item = bool> + ExactSizeIterator) -> Option<Unnamed> {
-    let mut driven = driven.enumerate().rev().filter(|(_, driven)| *driven).map(|(k, _)| k);
-    let last = driven.next()?;
-    Some(if driven.next().is_some() { Unnamed::Last(last) } else { Unnamed::EndOf(last) })
+/// Chooses among records whose inputs have these RMS values; zero means that a record is not driven.
+pub(crate) fn unnamed(levels: &[f64], settings: &CaseSettings) -> Option<Unnamed> {
+    let driven: Vec<usize> = (0..levels.len()).filter(|&k| levels[k] > 0.0).collect();
+    let as_loud = |k: usize, other: usize| other != k && settings.same_level * levels[other] > levels[k];
+    let not_loudest = |k: &&usize| driven.iter().any(|&other| as_loud(**k, other));
+    match driven[..] {
+        [] => None,
+        [only] => Some(Unnamed::EndOf(only)),
+        // Each of them shows a level that the other does not.
+        [first, last] if !(as_loud(first, last) && as_loud(last, first)) => Some(Unnamed::EndOf(last)),
+        _ => driven.iter().rev().find(not_loudest).copied().map(Unnamed::Whole),
+    }
 }
 
 /// Returns how many samples of the only driven record are fitted, if this share of it is held out.
@@ -24,36 +33,36 @@ pub(crate) fn fitted(samples: usize, held_out_share: f64) -> usize {
     (samples as f64 * (1.0 - held_out_share)) as usize
 }
 
-fn of(records: &[Record]) -> Option<Unnamed> {
+fn of(records: &[Record], settings: &CaseSettings) -> Option<Unnamed> {
     if records.iter().any(|record| record.held_out) {
         return None;
     }
-    unnamed(records.iter().map(|record| record.excitation != Excitation::Zero))
+    let level = |record: &Record| if record.excitation == Excitation::Zero { 0.0 } else { record.level() };
+    unnamed(&records.iter().map(level).collect::<Vec<f64>>(), settings)
 }
 
-/// Returns the records that are fitted and those that are held out. If only one record is driven, this share of it is
-/// held out.
-pub(crate) fn split(records: &[Record], held_out_share: f64) -> (Vec<Record>, Vec<Record>) {
+/// Returns the records that are fitted and those that are held out.
+pub(crate) fn split(records: &[Record], settings: &CaseSettings) -> (Vec<Record>, Vec<Record>) {
     let mut fit = records.to_vec();
-    match of(records) {
+    match of(records, settings) {
         None => fit.into_iter().partition(|record| !record.held_out),
-        Some(Unnamed::Last(last)) => {
-            let held_out = vec![fit.remove(last)];
+        Some(Unnamed::Whole(whole)) => {
+            let held_out = vec![fit.remove(whole)];
             (fit, held_out)
         }
-        Some(Unnamed::EndOf(only)) => {
-            let at = fitted(records[only].samples(), held_out_share);
-            fit[only] = head(&records[only], at);
-            (fit, vec![tail(&records[only], at, held_out_share)])
+        Some(Unnamed::EndOf(one)) => {
+            let at = fitted(records[one].samples(), settings.held_out_share);
+            fit[one] = head(&records[one], at);
+            (fit, vec![tail(&records[one], at, settings.held_out_share)])
         }
     }
 }
 
 /// Returns the driven records that are not held out as a whole.
-pub(crate) fn driven(records: &[Record]) -> Vec<&Record> {
-    let unnamed = of(records);
+pub(crate) fn driven<'r>(records: &'r [Record], settings: &CaseSettings) -> Vec<&'r Record> {
+    let unnamed = of(records, settings);
     let counts = |k: usize, r: &Record| {
-        unnamed != Some(Unnamed::Last(k)) && !r.held_out && r.excitation != Excitation::Zero && r.level() > 0.0
+        unnamed != Some(Unnamed::Whole(k)) && !r.held_out && r.excitation != Excitation::Zero && r.level() > 0.0
     };
     records.iter().enumerate().filter(|(k, r)| counts(*k, r)).map(|(_, r)| r).collect()
 }
@@ -85,35 +94,50 @@ mod tests {
     #[test]
     fn the_last_driven_record_is_held_out_where_the_case_names_none() {
         let mut records = case(&truss(1), &truss(1)).records;
-        let (fit, held_out) = split(&records, 0.25);
+        let (fit, held_out) = split(&records, &CaseSettings::default());
         assert_eq!((names(&fit), names(&held_out)), (vec!["quiet", "random-1", "random-2"], vec!["random-3"]));
-        let at_work = |records: &[Record]| driven(records).iter().map(|record| record.name.clone()).collect::<Vec<_>>();
+        let at_work = |records: &[Record]| {
+            driven(records, &CaseSettings::default()).iter().map(|record| record.name.clone()).collect::<Vec<_>>()
+        };
         assert_eq!(at_work(&records), ["random-1", "random-2"]);
         records[1].held_out = true;
-        let (fit, held_out) = split(&records, 0.25);
+        let (fit, held_out) = split(&records, &CaseSettings::default());
         assert_eq!((names(&fit), names(&held_out)), (vec!["quiet", "random-2", "random-3"], vec!["random-1"]));
         assert_eq!(at_work(&records), ["random-2", "random-3"]);
         records.drain(1..3);
         assert_eq!(at_work(&records), ["random-3"]);
     }
 
+    /// The loudest record is fitted. Of two records at different levels, neither is held out as a whole.
+    #[test]
+    fn the_loudest_record_is_fitted() {
+        let settings = CaseSettings::default();
+        let unnamed = |levels: &[f64]| unnamed(levels, &settings);
+        assert_eq!(unnamed(&[0.0, 1.0, 2.0, 4.0]), Some(Unnamed::Whole(2)));
+        assert_eq!(unnamed(&[4.0, 1.0, 0.0, 3.9]), Some(Unnamed::Whole(3)));
+        assert_eq!(unnamed(&[1.0, 4.0]), Some(Unnamed::EndOf(1)));
+        assert_eq!(unnamed(&[4.0, 1.0]), Some(Unnamed::EndOf(1)));
+        assert_eq!(unnamed(&[1.0, 1.05]), Some(Unnamed::Whole(1)));
+        assert_eq!(unnamed(&[0.0, 0.0]), None);
+    }
+
     #[test]
     fn of_the_only_driven_record_the_end_is_held_out() {
         let mut records = case(&truss(1), &truss(1)).records;
         records.drain(2..);
-        let (fit, held_out) = split(&records, 0.25);
+        let (fit, held_out) = split(&records, &CaseSettings::default());
         let (samples, at) = (records[1].samples(), fitted(records[1].samples(), 0.25));
         assert_eq!(fit[1].y[0], records[1].y[0][..at]);
         assert_eq!(held_out[0].samples(), samples);
         assert_eq!(held_out[0].y[0].iter().filter(|y| y.is_finite()).count(), samples - at);
         assert_eq!(held_out[0].y[0][at..], records[1].y[0][at..]);
-        assert_eq!(driven(&records).len(), 1);
+        assert_eq!(driven(&records, &CaseSettings::default()).len(), 1);
     }
 
     #[test]
     fn without_a_driven_record_nothing_is_held_out() {
         let mut records = case(&truss(1), &truss(1)).records;
         records.truncate(1);
-        assert_eq!(split(&records, 0.25).1, []);
+        assert_eq!(split(&records, &CaseSettings::default()).1, []);
     }
 }

@@ -16,6 +16,7 @@ use crate::search::modal::dominant;
 use crate::search::rules::{Rules, Scope};
 use crate::search::shape::{FreeShapeFit, fewer, free_shape, renamed};
 use crate::search::stepwise::{Search, SearchStage, search, straighten};
+use crate::search::windows::Windows;
 use crate::settings::step::Step;
 use crate::simulate::Fineness;
 
@@ -122,6 +123,13 @@ impl<'a> Searched<'a> {
     ) -> Self {
         ready.problem.nuisance.ports_follow = false;
         let mut quick = ready.problem.head(scope.settings.first_samples, &ready.noise);
+        let windows = Windows::choose(&quick, refitted);
+        let few = quick.nuisance.of_simulation() <= scope.settings.strong_numbers;
+        ready.problem.strong = windows.is_some() && few;
+        if let Some(Windows { samples, each }) = windows {
+            say(format!("windows of {samples} samples, up to {each} of each record"));
+            quick = quick.windows(samples, each, &ready.noise);
+        }
         let mut found = search(&mut ready.problem, &mut quick, refitted, scope, stage, say);
         if ready.widened.is_some() {
             let plain = Scope { bold: false, ..scope.clone() };

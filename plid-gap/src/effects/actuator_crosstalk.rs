@@ -16,6 +16,10 @@ impl Effect for ActuatorCrosstalk {
         "u'_j = u_j + c u_i"
     }
 
+    fn is_linear(&self) -> bool {
+        true
+    }
+
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
         vec![Parameter::new("c", "1", Range::Signed)]
     }

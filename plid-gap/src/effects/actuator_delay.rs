@@ -16,6 +16,10 @@ impl Effect for ActuatorDelay {
         "u'(t) = u(t - tau)"
     }
 
+    fn is_linear(&self) -> bool {
+        true
+    }
+
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
         vec![Parameter::new("tau", "samples", Range::Positive)]
     }
@@ -25,7 +29,7 @@ impl Effect for ActuatorDelay {
     }
 
     fn starts(&self, _setting: &Setting, _place: &Place) -> Vec<Vec<f64>> {
-        vec![vec![0.1], vec![0.5], vec![1.5]]
+        [0.1, 0.5, 1.5, 4.0, 10.0].map(|samples| vec![samples]).to_vec()
     }
 
     fn free_shape(&self) -> Option<&'static Flexible> {

@@ -16,6 +16,10 @@ impl Effect for ActuatorGain {
         "u' = g u"
     }
 
+    fn is_linear(&self) -> bool {
+        true
+    }
+
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
         vec![Parameter::new("g", "1", Range::Signed)]
     }

@@ -17,6 +17,10 @@ impl Effect for ActuatorLag {
         "the actuator's pole moves to fp (gain at zero frequency 1)"
     }
 
+    fn is_linear(&self) -> bool {
+        true
+    }
+
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
         vec![Parameter::new("fp", "Hz", Range::Positive)]
     }

@@ -23,6 +23,10 @@ impl Effect for MissingMode {
         "one mode more: q\" + 2 zeta w q' + w^2 q = b.a, outputs sense c q, c q' or c q\", w = 2 pi f, norm(c) = 1"
     }
 
+    fn is_linear(&self) -> bool {
+        true
+    }
+
     fn parameters(&self, setting: &Setting) -> Vec<Parameter> {
         let names = &setting.names;
         let head = [Parameter::new("f", "Hz", Range::Positive), Parameter::new("zeta", "1", Range::Positive)];

@@ -204,6 +204,12 @@ pub trait Effect: Send + Sync {
         self.is_in_refit()
     }
 
+    /// Returns whether it is linear and does not change with time. A linear model that was identified from the same
+    /// records already contains such an effect.
+    fn is_linear(&self) -> bool {
+        false
+    }
+
     /// Returns where it can be observed. An effect that does not change a free run is stochastic.
     fn observed_in(&self) -> Observation {
         Observation::FreeRun

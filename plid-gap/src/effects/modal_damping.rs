@@ -18,6 +18,10 @@ impl Effect for ModalDamping {
         "zeta_m -> rho zeta_m"
     }
 
+    fn is_linear(&self) -> bool {
+        true
+    }
+
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
         vec![Parameter::new("rho", "1", Range::Positive)]
     }

@@ -20,6 +20,10 @@ impl Effect for ModalFrequency {
         "w_m -> w_m (1 + delta)"
     }
 
+    fn is_linear(&self) -> bool {
+        true
+    }
+
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
         vec![Parameter::new("delta", "1", Range::Signed)]
     }

@@ -16,6 +16,10 @@ impl Effect for SensorCrosstalk {
         "y'_j = y_j + c y_i"
     }
 
+    fn is_linear(&self) -> bool {
+        true
+    }
+
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
         vec![Parameter::new("c", "1", Range::Signed)]
     }

@@ -19,6 +19,10 @@ impl Effect for SensorDelay {
         "y'(t_k) = y(t_k - tau)"
     }
 
+    fn is_linear(&self) -> bool {
+        true
+    }
+
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
         vec![Parameter::new("tau", "samples", Range::Positive)]
     }
@@ -28,7 +32,7 @@ impl Effect for SensorDelay {
     }
 
     fn starts(&self, _setting: &Setting, _place: &Place) -> Vec<Vec<f64>> {
-        vec![vec![0.1], vec![0.5], vec![1.5]]
+        [0.1, 0.5, 1.5, 4.0, 10.0].map(|samples| vec![samples]).to_vec()
     }
 
     fn free_shape(&self) -> Option<&'static Flexible> {

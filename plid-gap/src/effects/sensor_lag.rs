@@ -17,6 +17,10 @@ impl Effect for SensorLag {
         "y'_k = al y'_{k-1} + (1 - al) y_k, al = exp(-2 pi fc / fs)"
     }
 
+    fn is_linear(&self) -> bool {
+        true
+    }
+
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
         vec![Parameter::new("fc", "Hz", Range::Positive)]
     }

@@ -129,7 +129,10 @@ impl<'p, 'a> Search<'p, 'a> {
 
     fn run(&mut self, eta: &[f64], effects: &[Placed<'a>]) -> Minimum<Self> {
         self.scales = self.problem.scales(effects);
-        let start = self.point(eta.to_vec(), effects.to_vec());
+        let mut eta = eta.to_vec();
+        // A fit to the same records in windows has other initial states.
+        eta.resize(self.problem.nuisance.len(), 0.0);
+        let start = self.point(eta, effects.to_vec());
         let stop = Stop { steps: self.effort.steps, gain: self.effort.gain, patience: 1 };
         let Ok(found) = minimise(self, start, self.damping, stop);
         found
@@ -152,10 +155,12 @@ impl<'a> plid_lsq::Problem for Search<'_, 'a> {
         let jacobian = match self.derivatives {
             Derivatives::Given(given) => given,
             Derivatives::Renewed(given) => {
-                if self.steps.is_multiple_of(RENEWED)
-                    && let Some(changed) = problem.changed(plant, effects)
-                {
-                    self.own = Some(problem.jacobian(&changed));
+                if self.steps.is_multiple_of(RENEWED) {
+                    if problem.strong {
+                        self.own = Some(problem.jacobian_with_effects(at, self.effort.fineness));
+                    } else if let Some(changed) = problem.changed(plant, effects) {
+                        self.own = Some(problem.jacobian(&changed));
+                    }
                 }
                 self.own.as_ref().unwrap_or(given)
             }
@@ -217,7 +222,8 @@ impl Problem {
     fn last_steps<'a>(&self, fit: &Fit<'a>) -> Fit<'a> {
         let plant = self.nuisance.apply(&self.plant, &fit.eta);
         let residual = self.residual(&plant, &fit.eta, &fit.effects, SETTLED.fineness);
-        let start = Fit { residual, ..fit.clone() };
+        let cost = fit.cost;
+        let start = Point { eta: fit.eta.clone(), effects: fit.effects.clone(), plant, residual, cost };
         let jacobian = self.jacobian_with_effects(&start, SETTLED.fineness);
         let mut settled = self.fitted(Derivatives::Given(&jacobian), &fit.eta, &fit.effects, SETTLED);
         settled.covariance = self.robust_covariance(&jacobian, &settled, SETTLED.fineness);

@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use plid_lsq::Normal;
 use rayon::prelude::*;
 
-use crate::fit::descent::Fit;
+use crate::fit::descent::{Fit, Point};
 use crate::fit::problem::{Placed, Problem};
 use crate::fit::scale::{Scale, stepped};
 use crate::plant::{Plant, Spectrum};
@@ -95,19 +95,31 @@ impl Problem {
     }
 
     /// Computes the derivatives by the linear parameters of the simulation with a fit's effects, as differences of
-    /// whole simulations.
-    pub(super) fn jacobian_with_effects(&self, fit: &Fit, fineness: Fineness) -> Jacobian {
+    /// simulations. For an initial state, only its own record is simulated.
+    pub(super) fn jacobian_with_effects(&self, at: &Point, fineness: Fineness) -> Jacobian {
         // Step in standard deviations of the prior. The sum of squares is close to quadratic within a hundredth of one.
         const STEP: f64 = 1e-2;
-        let rows = self.rows();
+        let (rows, actions) = (self.rows(), self.actions(&at.effects));
         let mut values = vec![0.0; rows * self.nuisance.len()];
         values.par_chunks_mut(rows).enumerate().for_each(|(k, column)| {
             let step = STEP * self.nuisance.std[k];
-            let mut eta = fit.eta.clone();
+            let mut eta = at.eta.clone();
             eta[k] += step;
-            let plant = self.nuisance.apply(&self.plant, &eta);
-            let moved = self.residual(&plant, &eta, &fit.effects, fineness);
-            column.iter_mut().zip(&moved).zip(&fit.residual).for_each(|((to, m), r)| *to = (r - m) / step);
+            let mut put = |range: std::ops::Range<usize>, moved: &[f64]| {
+                let before = &at.residual[range.clone()];
+                column[range].iter_mut().zip(moved).zip(before).for_each(|((to, m), r)| *to = (r - m) / step);
+            };
+            match self.nuisance.record_of(k) {
+                Some(record) => {
+                    put(self.rows_of(record), &self.residual_of(record, &at.plant, &eta, &actions, fineness))
+                }
+                None if k < self.nuisance.of_simulation() => {
+                    let plant = self.nuisance.apply(&self.plant, &eta);
+                    put(0..rows, &self.residual(&plant, &eta, &at.effects, fineness));
+                }
+                // The initial state of a record that is not fitted.
+                None => {}
+            }
         });
         Jacobian::new(values, rows, &self.nuisance.std)
     }

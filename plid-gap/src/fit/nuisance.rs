@@ -92,6 +92,22 @@ impl Nuisance {
         off.get(off.len() / 2).map_or(1.0, |median| (median / NORMAL_MEDIAN).max(1.0))
     }
 
+    /// Adds initial states for records that are cut into windows, `windows[k]` of record k. The first window of a
+    /// record begins as the record does. The existing entries keep their places.
+    pub fn with_windows(mut self, windows: &[usize]) -> Self {
+        let states = 2 * self.modes + self.rest;
+        let mut starts = Vec::new();
+        for (first, &count) in self.starts.iter().zip(windows) {
+            starts.push(*first);
+            for _ in 1..count {
+                starts.push(Some(self.std.len()));
+                self.std.extend(std::iter::repeat_n(INITIAL_STATE_STD, states));
+            }
+        }
+        self.starts = starts;
+        self
+    }
+
     /// Removes one of the records. Its initial state remains a parameter that nothing acts on.
     pub fn forget(&mut self, record: usize) {
         self.starts.remove(record);
@@ -117,6 +133,12 @@ impl Nuisance {
         let Some(spectrum) = &self.spectrum else { return Vec::new() };
         let numbers = spectrum.numbers.iter().zip(&eta[self.of_modes()..]);
         numbers.map(|(number, eta)| spectrum.words(*number, *eta, inputs, outputs)).collect()
+    }
+
+    /// Returns the record to whose initial state an entry belongs.
+    pub fn record_of(&self, index: usize) -> Option<usize> {
+        let states = 2 * self.modes + self.rest;
+        self.starts.iter().position(|start| start.is_some_and(|at| (at..at + states).contains(&index)))
     }
 
     /// Returns the number of entries.
@@ -182,11 +204,12 @@ impl Nuisance {
         (towards(nominal.0, b), towards(nominal.1, c))
     }
 
-    /// Returns the initial state of a record, if it is fitted.
+    /// Returns the initial state of a record, if it is fitted; at rest where `eta` lacks it.
     pub fn start(&self, record: usize, eta: &[f64]) -> Option<State> {
         let at = self.starts[record]?;
-        let modes = (0..self.modes).map(|k| C::new(eta[at + 2 * k], eta[at + 2 * k + 1]) * self.sizes[k]);
-        let rest = (0..self.rest).map(|j| eta[at + 2 * self.modes + j] * self.sizes[self.modes + j]);
+        let entry = |k: usize| eta.get(at + k).copied().unwrap_or(0.0);
+        let modes = (0..self.modes).map(|k| C::new(entry(2 * k), entry(2 * k + 1)) * self.sizes[k]);
+        let rest = (0..self.rest).map(|j| entry(2 * self.modes + j) * self.sizes[self.modes + j]);
         Some(State { modes: modes.collect(), rest: rest.collect() })
     }
 

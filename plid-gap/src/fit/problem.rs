@@ -39,18 +39,17 @@ pub struct Problem {
     pub setting: Setting,
     /// Thresholds of the diagnosis.
     pub settings: Arc<GapSettings>,
+    /// Whether effects may change the motion so much that the derivatives of the linear simulation are misleading. Fits
+    /// then use the derivatives of the simulation with its effects, which take a run each.
+    pub strong: bool,
 }
 
 impl Problem {
     /// Returns the problem with the first samples of each record only. The time of a search is proportional to them,
     /// and a record from rest still starts from rest.
     pub fn head(&self, samples: usize, noise: &NoiseModel) -> Self {
-        let cut = |channels: &Channels| channels.iter().map(|x| x[..x.len().min(samples)].to_vec()).collect();
-        let records: Vec<Record> = self
-            .records
-            .iter()
-            .map(|record| Record { u: cut(&record.u), y: cut(&record.y), simulated: None, ..record.clone() })
-            .collect();
+        let head = |record: &Record| record.part(0..record.samples().min(samples), self.plant.rate);
+        let records: Vec<Record> = self.records.iter().map(head).collect();
         let whiteners = records
             .iter()
             .zip(&self.whiteners)
@@ -62,8 +61,32 @@ impl Problem {
             nuisance: self.nuisance.clone(),
             setting: self.setting.clone(),
             settings: self.settings.clone(),
+            strong: self.strong,
             records,
         }
+    }
+
+    /// Returns the problem with at most `most` windows of each driven record, evenly spaced, each with an initial state
+    /// of its own.
+    pub fn windows(&self, samples: usize, most: usize, noise: &NoiseModel) -> Self {
+        let (mut records, mut whiteners, mut kept) = (Vec::new(), Vec::new(), Vec::new());
+        for (record, whole) in self.records.iter().zip(&self.whiteners) {
+            let length = if record.level() > 0.0 { samples.min(record.samples()) } else { record.samples() };
+            let all = record.samples() / length;
+            let count = all.min(most);
+            let chosen: Vec<usize> = (0..count).map(|k| k * all / count).collect();
+            for range in chosen.iter().map(|k| k * length..(k + 1) * length) {
+                let window = record.part(range.clone(), self.plant.rate);
+                let inside = |all: &Vec<usize>| {
+                    all.iter().filter(|at| range.contains(at)).map(|at| at - range.start).collect::<Vec<usize>>()
+                };
+                let masked = whole.masked.iter().map(inside).collect();
+                whiteners.push(Whitener::new(&window, noise, self.plant.rate, masked));
+                records.push(window);
+            }
+            kept.push(count);
+        }
+        Self { records, whiteners, nuisance: self.nuisance.clone().with_windows(&kept), strong: false, ..self.clone() }
     }
 
     /// Returns the problem without one of the records, whose initial state remains among the linear parameters.
@@ -121,15 +144,24 @@ impl Problem {
         let actions = self.actions(effects);
         let mut to = vec![0.0; self.rows()];
         for index in 0..self.records.len() {
-            let outputs = self.outputs(plant, eta, &actions, index, fineness);
-            let range = self.rows_of(index);
-            self.whitened_error(index, &outputs, &mut to[range]);
+            to[self.rows_of(index)].copy_from_slice(&self.residual_of(index, plant, eta, &actions, fineness));
         }
         to
     }
 
-    fn whitened_error(&self, index: usize, outputs: &[Vec<f64>], to: &mut [f64]) {
-        self.whiteners[index].apply(&self.records[index].error(outputs), to);
+    /// Returns the whitened residual of one record.
+    pub(super) fn residual_of(
+        &self,
+        index: usize,
+        plant: &Plant,
+        eta: &[f64],
+        actions: &[Action],
+        fineness: Fineness,
+    ) -> Vec<f64> {
+        let outputs = self.outputs(plant, eta, actions, index, fineness);
+        let mut to = vec![0.0; self.whiteners[index].rows()];
+        self.whiteners[index].apply(&self.records[index].error(&outputs), &mut to);
+        to
     }
 
     /// Returns the sum of squares of eta / std, which the prior adds to the cost.

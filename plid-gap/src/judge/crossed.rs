@@ -22,17 +22,26 @@ pub struct Stated {
 }
 
 /// Returns the gap to expect on a record of a level, from the prediction of each fitted record by a model of the
-/// others.
+/// others. A record that is louder than all others is predicted part by part, from its other parts as well: what an
+/// effect does at that level cannot be told from the other records.
 pub fn stated(problem: &Problem, fit: &Fit, level: f64, noise: impl Fn(&Record) -> Whitener) -> Stated {
     let records = &problem.records;
     let driven: Vec<usize> = (0..records.len()).filter(|&k| records[k].level() > 0.0).collect();
     let mut simulated = outputs(problem, &fit.eta, &fit.effects);
-    if let [only] = driven[..] {
-        simulated[only] = by_parts(problem, fit, only, noise);
-    } else {
-        for &k in &driven {
-            simulated[k] = by_others(problem, fit, k);
-        }
+    let same_level = problem.settings.case.same_level;
+    for &k in &driven {
+        let as_loud = |other: &&usize| **other != k && same_level * records[**other].level() > records[k].level();
+        let predicted = if driven.iter().any(|other| as_loud(&other)) {
+            by_others(problem, fit, k)
+        } else {
+            by_parts(problem, fit, k, &noise)
+        };
+        simulated[k] = if predicted.iter().flatten().all(|y| y.is_finite()) {
+            predicted
+        } else {
+            // A free run that diverges predicts nothing.
+            records[k].y.iter().map(|y| vec![0.0; y.len()]).collect()
+        };
     }
     let gap = gap::expected(records, &simulated, level);
     // The deviation of each record's gap from that of its level, as a logarithm.
@@ -58,8 +67,8 @@ fn by_others(problem: &Problem, fit: &Fit, k: usize) -> Channels {
     run(&others.nuisance.apply(&others.plant, &fit.eta), &others.actions(&fit.effects), &problem.records[k])
 }
 
-/// Returns the free run of the only driven record, each part by the model of the other parts.
-fn by_parts(problem: &Problem, fit: &Fit, only: usize, noise: impl Fn(&Record) -> Whitener) -> Channels {
+/// Returns the free run of a record, each part by the model of its other parts and of the other records.
+fn by_parts(problem: &Problem, fit: &Fit, only: usize, noise: &impl Fn(&Record) -> Whitener) -> Channels {
     let record = &problem.records[only];
     let samples = record.samples();
     let mut whole: Channels = record.y.clone();

@@ -82,7 +82,7 @@ pub struct Known {
 pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepared, GapError> {
     let settings = Arc::new(known.settings.clone());
     let plant = Plant::with_settings(model, &settings.plant)?;
-    let (mut fitted, mut held_out) = split(records, settings.case.held_out_share);
+    let (mut fitted, mut held_out) = split(records, &settings.case);
     let declared_sensor = model.noise.sensor_std.clone().unwrap_or_else(|| {
         (0..plant.p).map(|o| settings.prepare.undeclared_noise * rms(fitted.iter().flat_map(|r| &r.y[o]))).collect()
     });
@@ -110,7 +110,7 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     let noise = rounded(noise, &quantisation, &declared_sensor);
     let whiteners = whiteners(&fitted, &noise, plant.rate, &quantisation);
     let nuisance = Nuisance::new(&plant, &fitted, &known.limits).with_prior_std(&known.prior_std);
-    let problem = Problem { plant, records: fitted, whiteners, nuisance, setting, settings };
+    let problem = Problem { plant, records: fitted, whiteners, nuisance, setting, settings, strong: false };
     let declares = model.noise.sensor_std.is_some();
     Ok(Prepared {
         problem,
@@ -504,6 +504,7 @@ fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]
     let stretch = |k: usize| tones::Stretch { start_s: records[k].start_s, residual: &errors[k] };
     let first: Vec<tones::Stretch> = chosen.iter().map(|&k| stretch(k)).collect();
     setting.tones = tones::tones(&first, plant.rate, settings.prepare.tones, &settings.signal);
+    setting.tones.retain(|tone| !chosen.iter().all(|&k| tones::is_driven(&records[k], plant.rate, tone.hz)));
     setting
 }
 

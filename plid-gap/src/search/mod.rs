@@ -10,3 +10,4 @@ pub(crate) mod screen;
 pub(crate) mod shape;
 pub(crate) mod stepwise;
 pub(crate) mod stochastic;
+pub(crate) mod windows;

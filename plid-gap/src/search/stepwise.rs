@@ -64,8 +64,14 @@ impl<'a> Search<'a> {
 /// Quick fits of the search.
 const QUICK: Effort = Effort { steps: 8, gain: 0.5, fineness: Fineness::COARSE };
 
+/// Fits of the windows' initial states.
+const BEGIN: Effort = Effort { steps: 3, gain: 1.0, fineness: Fineness::COARSE };
+
 /// Fits of the result.
 const FINE: Effort = Effort { steps: 8, gain: 0.1, fineness: Fineness::FINE };
+
+/// The same after a search in windows, whose parameters may be far off.
+const FAR: Effort = Effort { steps: 24, ..FINE };
 
 /// Searches for up to `most_effects` effects: on `quick` (the first samples of the records), then with the best few on
 /// `problem`. `first` is the first stage; it is filled if it is empty. `say` is called with the progress.
@@ -158,7 +164,11 @@ fn progress(stage: usize, entries: &[Entry], fits: &[Fit], price: &Price, names:
         format!("{} at {} ({:.0})", last.effect.name(), last.place.location(names), price.of(fit))
     };
     let fits = fits.iter().map(one).collect::<Vec<_>>().join(", ");
-    format!("stage {stage}: {} entries of the screen; priced fits: {fits}", entries.len())
+    let entry = |entry: &Entry| {
+        format!("{} at {} ({:.0})", entry.placed.effect.name(), entry.placed.place.location(names), entry.gain)
+    };
+    let first = entries.iter().take(6).map(entry).collect::<Vec<_>>().join(", ");
+    format!("stage {stage}: {} entries of the screen, the first: {first}; priced fits: {fits}", entries.len())
 }
 
 /// Returns whether a further effect explains enough: of the residual, or of the changes of the linear parameters.
@@ -295,9 +305,13 @@ struct Start<'a> {
 impl<'a> Start<'a> {
     fn new(problem: &Problem, fit: &Fit<'a>, off: &[Step]) -> Self {
         let within = if off.contains(&Step::Clipping) { None } else { clipped(problem, &fit.eta) };
-        let eta = within.unwrap_or_else(|| fit.eta.clone());
+        let mut eta = within.unwrap_or_else(|| fit.eta.clone());
         let plant = problem.nuisance.apply(&problem.plant, &eta);
         let jacobian = problem.jacobian(&plant);
+        if problem.nuisance.len() > eta.len() {
+            let begun = problem.fit(&jacobian, &eta, &fit.effects, BEGIN);
+            eta.extend_from_slice(&begun.eta[eta.len()..]);
+        }
         let residual = problem.residual(&plant, &eta, &fit.effects, Fineness::COARSE);
         let cost = sum_of_squares(&residual) + problem.penalty(&eta);
         Self { effects: fit.effects.clone(), eta, plant, jacobian, residual, cost }
@@ -336,7 +350,8 @@ fn on_whole<'a>(problem: &Problem, fit: Fit<'a>, off: &[Step]) -> Fit<'a> {
 pub(crate) fn polish<'a>(problem: &Problem, fit: Fit<'a>) -> Fit<'a> {
     let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
     let jacobian = problem.jacobian(&plant);
-    let mut fit = problem.fit(&jacobian, &fit.eta, &fit.effects, FINE);
+    let effort = if problem.strong { FAR } else { FINE };
+    let mut fit = problem.fit(&jacobian, &fit.eta, &fit.effects, effort);
     for placed in &mut fit.effects {
         let kinds = placed.effect.parameters(&problem.setting);
         for (value, parameter) in placed.parameters.iter_mut().zip(kinds) {

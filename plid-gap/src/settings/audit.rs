@@ -20,8 +20,10 @@ group! {
         several_left: f64 = 0.25, "1", 0.0..=1e6;
         /// Factor by which every change of the wiring must reduce the squared gap.
         change_price: f64 = 1.5, "1", 1.0..=1e6;
-        /// Delay from which all channels count as delayed. A shorter delay is an effect, which is fitted.
-        shortest_delay: usize = 3, "samples", 1.0..=1e6;
+        /// Delay from which all channels count as delayed, as by a block of samples. A shorter delay is an effect,
+        /// which is fitted beside lags: a first-order lag that looks like a longer delay would remove most of the
+        /// signal.
+        shortest_delay: usize = 16, "samples", 1.0..=1e6;
         /// Largest relative distance of a factor from one between units.
         unit_distance: f64 = 0.08, "1", 0.0..=1.0;
         /// Factor between units above which a single channel may have it. A smaller factor of a single channel may be a

@@ -17,7 +17,7 @@ group! {
         better_misfit: f64 = 0.7, "1", 0.0..=1.0;
         /// Largest relative distance of such a period from the declared one.
         period_distance: f64 = 0.125, "1", 0.0..=1.0;
-        /// Share of the only driven record that is held out if the case holds out nothing.
+        /// Share of a driven record that is held out if the case holds out nothing and no whole record can be spared.
         held_out_share: f64 = 0.25, "1", 0.0..=0.9;
     }
 }

@@ -18,6 +18,18 @@ group! {
         /// Leading part of each record that the quick fits use. A third of a record ranks explanations as a whole
         /// record does, because effects of a few per cent stand out by thousands.
         first_samples: usize = 2000, "samples", 64.0..=1e9;
+        /// Gap that the bounded refit must leave of some driven record for the search to use windows of the records. A
+        /// resonance that has moved by its width leaves about this much.
+        windows_gap: f64 = 0.3, "1", 0.0..=1e6;
+        /// Length of a window, in periods of the frequency below which half of the output's power lies.
+        windows_periods: f64 = 3.0, "periods", 0.5..=1e6;
+        /// Smallest length of a window.
+        least_window: usize = 64, "samples", 16.0..=1e9;
+        /// Largest number of initial states of all windows together. The time of a fit grows with its square.
+        window_states: usize = 240, "states", 1.0..=1e6;
+        /// Largest number of linear parameters for which the fits after a search in windows use the derivatives of the
+        /// simulation with its effects. They take a run for each parameter.
+        strong_numbers: usize = 24, "parameters", 0.0..=1e6;
         /// Most effects in one explanation.
         most_effects: usize = 3, "effects", 1.0..=10.0;
         /// Gain that an effect must have beyond the price of its parameters and of the library: odds of 150 : 1.

@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use crate::case::record::Record;
 use crate::fourier;
 use crate::fourier::C;
 use crate::settings::SignalSettings;
@@ -94,6 +95,32 @@ fn line(x: &[f64], start_s: f64, rate: f64, hz: f64) -> C {
         phase *= turn;
     }
     sum
+}
+
+/// Share of an input's power within [`NEAR_LINE`] of a line from which the line may be the plant's response.
+const DRIVEN: f64 = 0.05;
+
+/// Distance from a line, in units of the resolution 1 / duration, within which power belongs to it.
+const NEAR_LINE: f64 = 2.0;
+
+/// Returns whether a line at `hz` may be the plant's response to the record's input: much of the input's power lies
+/// there, or most of it lies at one frequency of which `hz` is a multiple. Such a record does not show that the line
+/// has another cause.
+pub fn is_driven(record: &Record, rate: f64, hz: f64) -> bool {
+    let samples = record.samples();
+    let resolution = rate / samples as f64;
+    let harmonic = |fundamental: f64| (hz / fundamental - (hz / fundamental).round()).abs() * fundamental < resolution;
+    record.u.iter().any(|u| {
+        let spectrum = fourier::forward(u);
+        let all: f64 = spectrum[1..].iter().map(|z| z.norm_sqr()).sum();
+        let about = |hz: f64| -> f64 {
+            let near = |k: usize| (k as f64 * resolution - hz).abs() <= NEAR_LINE * resolution;
+            (1..spectrum.len()).filter(|&k| near(k)).map(|k| spectrum[k].norm_sqr()).sum()
+        };
+        let strongest = (1..spectrum.len()).max_by(|&a, &b| spectrum[a].norm_sqr().total_cmp(&spectrum[b].norm_sqr()));
+        let fundamental = strongest.map_or(resolution, |k| k as f64 * resolution);
+        all > 0.0 && (about(hz) > DRIVEN * all || about(fundamental) > 0.5 * all && harmonic(fundamental))
+    })
 }
 
 /// Returns the channels without these lines and the harmonics that hum has. Sines and cosines are fitted by least

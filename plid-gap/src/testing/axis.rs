@@ -131,3 +131,18 @@ fn a_pole_within_its_limits_is_no_effect() {
     let found = crate::diagnose(&case, &Library::standard(), &mut |_| {}).unwrap().diagnosis;
     assert_eq!(found.verdict, Verdict::None, "{}", found.sentence);
 }
+
+/// A spring that stiffens so much that a free run of the linear simulation leaves more than half of the output. The
+/// search finds it in short windows, alone and with its own shape.
+#[test]
+fn a_spring_that_moves_the_resonance_far_is_found() {
+    fn stiff(d: f64, _v: f64) -> f64 {
+        -2e5 * d.powi(3)
+    }
+    let found = Axis { c: 0.6, k: 400.0, force: stiff, position: true }.diagnosed();
+    assert!(found.gap.as_given > 0.5, "{}", found.sentence);
+    assert_eq!(found.verdict, Verdict::Effects, "{}", found.sentence);
+    let [spring] = found.effects.as_slice() else { panic!("{}", found.sentence) };
+    assert_eq!((spring.effect.as_str(), spring.location.as_str()), ("cubic-stiffness", "input:u1"));
+    assert!(!spring.shape_differs && found.gap.with_effect < 1.2 * found.gap.noise_floor, "{}", found.sentence);
+}
