@@ -110,7 +110,7 @@ pub fn own() -> Vec<Kind> {
     own::all().into_iter().map(|truth| kind(truth.name(), OWN, at(truth.side()), &[])).collect()
 }
 
-/// Returns the vocabulary, and then the effects of [`own`].
+/// Returns the vocabulary, and then the effects of [`own()`].
 pub fn whole() -> Vec<Kind> {
     VOCABULARY.into_iter().chain(own()).collect()
 }

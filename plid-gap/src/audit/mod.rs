@@ -105,10 +105,7 @@ fn look(
         case.records.iter_mut().for_each(|record| surrogate::take_misfit(record, &model));
     }
     case.config.exclude.extend(little.left_out);
-    if of_records && case.for_simulation.is_empty() {
-        let inside = library.effects().filter(|effect| effect.is_linear()).map(|effect| effect.name().to_string());
-        case.config.exclude.extend(inside);
-    }
+    case.config.exclude.extend(absorbed(&case, library, of_records));
     let explained = mismatch.as_ref().filter(|mismatch| mismatch.explains);
     found.extend(mismatch.iter().map(|mismatch| mismatch.sentence.clone()));
     if let Some(mismatch) = explained {
@@ -128,6 +125,15 @@ fn look(
         settings: case.config.settings.clone(),
     };
     Ok(Audit { case, mismatch, known, surrogate })
+}
+
+/// Returns the names of the effects that the surrogate model already contains: all linear ones, if it was identified
+/// from the fitted records themselves.
+fn absorbed(case: &Case, library: &Library, of_records: bool) -> Vec<String> {
+    if !of_records || !case.for_simulation.is_empty() {
+        return Vec::new();
+    }
+    library.effects().filter(|effect| effect.is_linear()).map(|effect| effect.name().to_string()).collect()
 }
 
 #[cfg(test)]

@@ -55,16 +55,7 @@ pub struct Surrogate {
 /// [`GapError::TooLittle`] if the records are too short for the requested states; [`GapError::Failed`] if no model can
 /// be identified.
 pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<Surrogate, GapError> {
-    let fitted = if case.for_simulation.is_empty() {
-        driven(&case.records, &case.config.settings.case)
-    } else {
-        case.for_simulation.iter().collect()
-    };
-    if fitted.is_empty() {
-        return Err(GapError::TooLittle(
-            "without `sim` a model is identified, but no record that is fitted has an input".into(),
-        ));
-    }
+    let fitted = fitted_records(case)?;
     let of_simulator = fitted.iter().all(|record| record.simulated.is_some());
     say(format!("identifying a model from {}", if of_simulator { "the simulated outputs" } else { "the records" }));
     let target = |record: &Record| match &record.simulated {
@@ -109,6 +100,21 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<Surrogate, G
     let model_error =
         if of_simulator { None } else { model_error(&model, &fitted, set_aside, &case.config.settings.plant)? };
     Ok(Surrogate { model, words, prior_std, model_error })
+}
+
+/// Returns the records from which a model is identified: those that are set aside for it, or else those that are fitted.
+fn fitted_records(case: &Case) -> Result<Vec<&Record>, GapError> {
+    let fitted = if case.for_simulation.is_empty() {
+        driven(&case.records, &case.config.settings.case)
+    } else {
+        case.for_simulation.iter().collect()
+    };
+    if fitted.is_empty() {
+        return Err(GapError::TooLittle(
+            "without `sim` a model is identified, but no record that is fitted has an input".into(),
+        ));
+    }
+    Ok(fitted)
 }
 
 /// A linear model of records.

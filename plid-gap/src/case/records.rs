@@ -41,13 +41,14 @@ pub(super) fn read(path: &Path, config: &CaseConfig, folder: &Path) -> Result<(V
     trend::remove(&mut records, &learnt, config.trend);
 
     let mut clock = 0.0;
-    let as_used = |((((given, excitation), record), simulated), learnt): (
-        (((&RecordConfig, Excitation), data::Record), Option<data::Record>),
-        usize,
-    )| {
+    let mut used = Vec::new();
+    let channels = records.into_iter().zip(simulated);
+    for (((given, excitation), (record, simulated)), learnt) in
+        config.record.iter().zip(excitations).zip(channels).zip(learnt)
+    {
         let start_s = given.start_s.unwrap_or(clock);
         clock = start_s + record.duration_s();
-        Record {
+        used.push(Record {
             name: named(given),
             excitation,
             // Decimation removes samples at both ends, so the remaining record begins in motion.
@@ -57,10 +58,9 @@ pub(super) fn read(path: &Path, config: &CaseConfig, folder: &Path) -> Result<(V
             u: columns(&record.inputs),
             y: columns(&record.outputs),
             simulated: simulated.map(|simulated| columns(&simulated.outputs)),
-        }
-    };
-    let given = config.record.iter().zip(excitations).zip(records).zip(simulated).zip(learnt);
-    Ok((given.map(as_used).collect(), warnings))
+        });
+    }
+    Ok((used, warnings))
 }
 
 /// Reads a record from its file, and the outputs of the engineer's own simulator if the case names them.

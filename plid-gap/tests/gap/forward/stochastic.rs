@@ -72,7 +72,7 @@ fn records(
             excitation,
             from_rest: true,
             start_s: (index * LONG) as f64 / RATE,
-            held_out: false,
+            held_out: index > FITTED,
             u,
             y,
             simulated: None,
