@@ -102,7 +102,8 @@ pub fn identify(case: &Case, say: &mut dyn FnMut(String)) -> Result<Surrogate, G
     Ok(Surrogate { model, words, prior_std, model_error })
 }
 
-/// Returns the records from which a model is identified: those that are set aside for it, or else those that are fitted.
+/// Returns the records from which a model is identified: those that are set aside for it, or else those that are
+/// fitted.
 fn fitted_records(case: &Case) -> Result<Vec<&Record>, GapError> {
     let fitted = if case.for_simulation.is_empty() {
         driven(&case.records, &case.config.settings.case)
