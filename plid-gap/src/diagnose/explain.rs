@@ -8,7 +8,7 @@ use crate::fit::free_run::{errors, outputs};
 use crate::fit::problem::{Fit, Placed, Problem, sum_of_squares};
 use crate::fit::refit::{Refit, STEPS, clipped, refit};
 use crate::judge::explained::Explained;
-use crate::judge::gap::{self, Blocks};
+use crate::judge::gap;
 use crate::judge::verdict::{Adequacy, FitFigures, adequacy, least_unknown, outside};
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::search::closest_law::closest_law;
@@ -304,12 +304,11 @@ fn left(ready: &Prepared, refitted: &Refit, fit: &Fit) -> f64 {
     let within = clipped(problem, &refitted.eta).unwrap_or_else(|| refitted.eta.clone());
     let noise = ready.noise.rms();
     let beyond = |eta: &[f64], effects: &[Placed]| {
-        let simulated = outputs(problem, eta, effects);
-        let driven = || problem.records.iter().zip(&simulated).filter(|(record, _)| record.level() > 0.0);
-        let blocks = Blocks::joined(driven().map(|(record, y)| Blocks::new(&record.y, y, 0)).collect());
-        let measured: Vec<&[Vec<f64>]> = driven().map(|(record, _)| record.y.as_slice()).collect();
+        let driven = problem.records.iter().filter(|record| record.level() > 0.0);
+        let measured: Vec<&[Vec<f64>]> = driven.map(|record| record.y.as_slice()).collect();
         let floor = gap::floor_over(&noise, &measured);
-        blocks.map_or(0.0, |blocks| (blocks.gap().powi(2) - floor * floor).max(0.0).sqrt())
+        let gap = gap::of_driven(&problem.records, &outputs(problem, eta, effects));
+        (gap * gap - floor * floor).max(0.0).sqrt()
     };
     beyond(&fit.eta, &fit.effects) / beyond(&within, &[]).max(f64::MIN_POSITIVE)
 }

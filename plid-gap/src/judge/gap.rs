@@ -104,6 +104,13 @@ pub fn middle(drawn: impl Iterator<Item = f64>) -> [f64; 2] {
     [drawn[last / 40], drawn[last - last / 40]]
 }
 
+/// Returns the relative gap over all driven records together; zero if no record is driven.
+pub fn of_driven(records: &[Record], simulated: &[Channels]) -> f64 {
+    let driven = records.iter().zip(simulated).filter(|(record, _)| record.level() > 0.0);
+    let blocks = driven.map(|(record, simulated)| Blocks::new(&record.y, simulated, 0)).collect();
+    Blocks::joined(blocks).map_or(0.0, |blocks| blocks.gap())
+}
+
 /// Returns the gap to expect on a record of a level like `level`, from fitted ones. Each output's error power is
 /// modelled as a + b level^2 over all records, and the simulated output's power as c level^2 over the random ones. The
 /// measured output at a low level contains more noise than that. One record of a lightly damped structure scatters by a

@@ -5,7 +5,7 @@ use crate::fit::free_run::outputs;
 use crate::fit::nuisance::Nuisance;
 use crate::fit::problem::{Effort, Placed, Problem};
 use crate::judge::explained::Explained;
-use crate::judge::gap::Blocks;
+use crate::judge::gap;
 use crate::noise::whiten::Whitener;
 use crate::simulate::Fineness;
 
@@ -37,11 +37,7 @@ pub fn with_all<'a>(explained: &Explained<'a>) -> Option<(Vec<f64>, Vec<Placed<'
     let jacobian = all.jacobian(&all.nuisance.apply(&all.plant, &eta));
     let refitted = all.fit(&jacobian, &eta, &fit.effects, ALL);
     // The whitened sum of squares may fall although the gap grows, in a band where the noise is weak.
-    let gap = |eta: &[f64], effects: &[Placed]| {
-        let simulated = outputs(&all, eta, effects);
-        let driven = all.records.iter().zip(&simulated).filter(|(record, _)| record.level() > 0.0);
-        Blocks::joined(driven.map(|(record, y)| Blocks::new(&record.y, y, 0)).collect()).map_or(0.0, |all| all.gap())
-    };
+    let gap = |eta: &[f64], effects: &[Placed]| gap::of_driven(&all.records, &outputs(&all, eta, effects));
     let follows = gap(&refitted.eta, &refitted.effects) <= gap(&eta, &fit.effects);
     follows.then(|| (refitted.eta[..fit.eta.len()].to_vec(), refitted.effects))
 }
