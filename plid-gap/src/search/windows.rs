@@ -1,8 +1,9 @@
 //! Short windows of the records, in which the search looks for effects that change the motion strongly.
 //!
-//! An effect that moves a resonance by more than its width cannot be found from long free runs, because these follow the
-//! records only close to the right parameters. A free run of a few periods from a fitted initial state follows them
-//! even far from the right parameters (multiple shooting; Bock, *Springer Series in Chemical Physics* 18, 1981, 102).
+//! An effect that moves a resonance by more than its width cannot be found from long free runs, because these follow
+//! the records only close to the right parameters. A free run of a few periods from a fitted initial state follows
+//! them even far from the right parameters (multiple shooting; Bock, *Springer Series in Chemical Physics* 18, 1981,
+//! 102).
 
 use crate::case::record::{Channels, Record, rms};
 use crate::fit::free_run::outputs;
