@@ -139,53 +139,7 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     let stem = arguments.data[0].file_stem().map(|s| s.to_string_lossy().into_owned());
     let name = arguments.name.clone().or(stem).unwrap_or_else(|| "record".into());
     let out = arguments.output.directory(&name)?;
-    // The file that is written may be run from anywhere.
-    let absolute = |path: &PathBuf| std::fs::canonicalize(path).map_err(|error| Failure::file(path, &error));
-    let experiment = Experiment {
-        name,
-        data: DataConfig {
-            files: arguments.data.iter().map(absolute).collect::<Result<_, _>>()?,
-            inputs: columns(&arguments.inputs)?,
-            outputs: columns(&arguments.outputs)?,
-            sample_rate_hz: arguments.rate,
-            missing: if arguments.missing == "nan" { MissingPolicy::Nan } else { MissingPolicy::Error },
-            variable: arguments.variable.clone(),
-            ..DataConfig::default()
-        },
-        preparation: Preparation {
-            decimate_to_hz: arguments.decimate,
-            advance: match arguments.advance.as_str() {
-                "0" => Advance::No,
-                "1" => Advance::Yes,
-                _ => Advance::Auto,
-            },
-            ..Preparation::default()
-        },
-        structure: StructureConfig {
-            states: arguments.states,
-            indices: indices(arguments.indices.as_deref())?,
-            scan: arguments.scan.clone(),
-            ..StructureConfig::default()
-        },
-        noise: NoiseConfig::default(),
-        variant: VariantChoice {
-            covariance: arguments.covariance,
-            expectations: arguments.expectations,
-            backend: arguments.backend,
-            scalar: arguments.scalar,
-        },
-        start: StartConfig::default(),
-        identification: IdentificationConfig {
-            passes: arguments.passes,
-            refine: arguments.refine,
-            ..IdentificationConfig::default()
-        },
-        validation: ValidationConfig {
-            training_share: arguments.training_share,
-            period: arguments.period,
-            ..ValidationConfig::default()
-        },
-    };
+    let experiment = arguments.experiment(name)?;
     if let Some((key, reason)) = experiment.problems().into_iter().next() {
         return Err(Failure::input(format!("{key}: {reason}")));
     }
@@ -202,4 +156,61 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
         write_atomic(&path, to_toml(&experiment).as_bytes()).map_err(|error| Failure::file(&path, &error))?;
     }
     result
+}
+
+impl Arguments {
+    /// The experiment that does the same.
+    fn experiment(&self, name: String) -> Result<Experiment, Failure> {
+        Ok(Experiment {
+            name,
+            data: self.data()?,
+            preparation: Preparation {
+                decimate_to_hz: self.decimate,
+                advance: match self.advance.as_str() {
+                    "0" => Advance::No,
+                    "1" => Advance::Yes,
+                    _ => Advance::Auto,
+                },
+                ..Preparation::default()
+            },
+            structure: StructureConfig {
+                states: self.states,
+                indices: indices(self.indices.as_deref())?,
+                scan: self.scan.clone(),
+                ..StructureConfig::default()
+            },
+            noise: NoiseConfig::default(),
+            variant: VariantChoice {
+                covariance: self.covariance,
+                expectations: self.expectations,
+                backend: self.backend,
+                scalar: self.scalar,
+            },
+            start: StartConfig::default(),
+            identification: IdentificationConfig {
+                passes: self.passes,
+                refine: self.refine,
+                ..IdentificationConfig::default()
+            },
+            validation: ValidationConfig {
+                training_share: self.training_share,
+                period: self.period,
+                ..ValidationConfig::default()
+            },
+        })
+    }
+
+    fn data(&self) -> Result<DataConfig, Failure> {
+        // The file that is written may be run from anywhere.
+        let absolute = |path: &PathBuf| std::fs::canonicalize(path).map_err(|error| Failure::file(path, &error));
+        Ok(DataConfig {
+            files: self.data.iter().map(absolute).collect::<Result<_, _>>()?,
+            inputs: columns(&self.inputs)?,
+            outputs: columns(&self.outputs)?,
+            sample_rate_hz: self.rate,
+            missing: if self.missing == "nan" { MissingPolicy::Nan } else { MissingPolicy::Error },
+            variable: self.variable.clone(),
+            ..DataConfig::default()
+        })
+    }
 }

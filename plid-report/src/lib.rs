@@ -25,6 +25,7 @@ mod progress;
 mod style;
 mod ticks;
 mod trace_plot;
+mod words;
 
 pub use bars::{Bar, Bars, bars};
 pub use chart::{Chart, chart, charts};
@@ -39,3 +40,4 @@ pub use panel::{Axis, Scale, Series};
 pub use plid_file::{file_name, write_atomic};
 pub use progress::{Progress, Silent};
 pub use trace_plot::{Trace, trace_plot};
+pub use words::percent;

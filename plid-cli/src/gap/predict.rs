@@ -1,10 +1,11 @@
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use ndarray::Array2;
 use plid::gap::answer::Beyond;
 use plid::gap::answer::predict::Predictor;
-use plid::gap::case::columns;
+use plid::gap::case::{Channels, columns};
 use plid::gap::effects::Library;
+use plid::report::percent;
 
 use super::{Failure, Voice, table, voice};
 
@@ -37,18 +38,10 @@ const JUST_BEYOND: f64 = 1.1;
 
 /// Runs the command.
 pub fn execute(arguments: Arguments, library: &Library, voice: Voice) -> Result<(), Failure> {
-    let folder = arguments.diagnosis.parent().map(PathBuf::from).unwrap_or_default();
-    let simulation = folder.join("sim-with-effect.json");
-    let sources = [Some(&arguments.diagnosis), Some(&simulation), Some(&arguments.input), arguments.simulated.as_ref()];
-    for source in sources.into_iter().flatten() {
-        if table::same_file(source, &arguments.out) {
-            return Err(Failure::input(format!("--out {} would overwrite what is read", source.display())));
-        }
-    }
+    let simulation = arguments.diagnosis.with_file_name("sim-with-effect.json");
+    arguments.overwrites_nothing(&simulation)?;
     let predictor = Predictor::read(&simulation, library)?;
-    let input = table::read(&arguments.input)?;
-    table::require_rate(&input, &arguments.input, &predictor.model, &simulation)?;
-    let u = columns(&table::pick(&input, &predictor.model.inputs)?);
+    let u = read(&arguments.input, &predictor, &predictor.model.inputs, &simulation)?;
     let t0 = arguments.t0.unwrap_or(predictor.t0);
     if !t0.is_finite() {
         return Err(Failure::input(format!("--t0 {t0}: give a time in seconds")));
@@ -57,30 +50,52 @@ pub fn execute(arguments: Arguments, library: &Library, voice: Voice) -> Result<
     let y = match &arguments.simulated {
         None => prediction.outputs.clone(),
         Some(file) => {
-            let own = table::read(file)?;
-            table::require_rate(&own, file, &predictor.model, &simulation)?;
-            let own = columns(&table::pick(&own, &predictor.model.outputs)?);
-            if own[0].len() != u[0].len() {
-                return Err(Failure::input(format!(
-                    "{}: {} rows, but the input has {}",
-                    file.display(),
-                    own[0].len(),
-                    u[0].len()
-                )));
+            let own = read(file, &predictor, &predictor.model.outputs, &simulation)?;
+            let (rows, inputs) = (own[0].len(), u[0].len());
+            if rows != inputs {
+                return Err(Failure::input(format!("{}: {rows} rows, but the input has {inputs}", file.display())));
             }
             own.iter().zip(&prediction.correction).map(|(y, c)| y.iter().zip(c).map(|(y, c)| y + c).collect()).collect()
         }
     };
-    let samples = y[0].len();
-    let values = Array2::from_shape_fn((samples, y.len()), |(k, o)| y[o][k]);
+    let values = Array2::from_shape_fn((y[0].len(), y.len()), |(k, o)| y[o][k]);
     table::write_csv(&arguments.out, &predictor.model.outputs, &values)?;
     let gap = predictor.expected_gap(&prediction, &y);
     let beyond = prediction.beyond.filter(|beyond| beyond.times > JUST_BEYOND);
+    say(&arguments.out, y[0].len(), t0, gap, beyond, voice)
+}
+
+impl Arguments {
+    fn overwrites_nothing(&self, simulation: &Path) -> Result<(), Failure> {
+        let sources = [Some(self.diagnosis.as_path()), Some(simulation), Some(&self.input), self.simulated.as_deref()];
+        match sources.into_iter().flatten().find(|source| table::same_file(source, &self.out)) {
+            Some(source) => Err(Failure::input(format!("--out {} would overwrite what is read", source.display()))),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Reads channels from a file at the rate of the simulation.
+fn read(file: &Path, predictor: &Predictor, names: &[String], simulation: &Path) -> Result<Channels, Failure> {
+    let table = table::read(file)?;
+    table::require_rate(&table, file, &predictor.model, simulation)?;
+    Ok(columns(&table::pick(&table, names)?))
+}
+
+/// Says what was written, and warns if the input goes beyond what was fitted.
+fn say(
+    out: &Path,
+    samples: usize,
+    t0: f64,
+    gap: Option<f64>,
+    beyond: Option<Beyond>,
+    voice: Voice,
+) -> Result<(), Failure> {
     if voice.json {
         return voice::print(&format!(
             "{}\n",
             serde_json::json!({
-                "out": arguments.out, "samples": samples, "t0": t0, "expected_gap": gap,
+                "out": out, "samples": samples, "t0": t0, "expected_gap": gap,
                 "beyond_fitted": beyond.map(|beyond| serde_json::json!({ "times": beyond.times, "what": beyond.what })),
             })
         ));
@@ -88,11 +103,8 @@ pub fn execute(arguments: Arguments, library: &Library, voice: Voice) -> Result<
     if voice.quiet {
         return Ok(());
     }
-    voice::print(&format!(
-        "{samples} samples from {t0:.3} s on: {}; {}\n",
-        arguments.out.display(),
-        gap.map_or("the outputs are zero".to_string(), |gap| format!("expected gap {:.2} %", 100.0 * gap))
-    ))?;
+    let gap = gap.map_or("the outputs are zero".to_string(), |gap| format!("expected gap {}", percent(gap)));
+    voice::print(&format!("{samples} samples from {t0:.3} s on: {}; {gap}\n", out.display()))?;
     if let Some(Beyond { times, what }) = beyond {
         let far = if times < 1e3 { format!("{times:.1} times") } else { "far beyond".to_string() };
         voice::remark(&format!("warning: beyond what was fitted: {what} is {far} that of the fitted records"));

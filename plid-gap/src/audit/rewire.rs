@@ -10,7 +10,7 @@ use crate::case::Case;
 use crate::case::split::driven;
 use crate::error::GapError;
 use crate::settings::AuditSettings;
-use crate::words::percent;
+use plid_report::percent;
 
 /// Number of channels up to which all permutations are tried; with more, all exchanges of two are, to bound the time.
 const ALL_PERMUTATIONS: usize = 5;

@@ -44,11 +44,13 @@ pub fn one_of_each_level(records: &[Record], same_level: f64) -> Vec<&Record> {
     chosen
 }
 
-/// Returns the last of the loudest records, a random one if there is any: a drift shows most clearly there.
-pub(crate) fn loudest(records: &[Record]) -> &Record {
+/// Returns the last of the loudest records, a random one if there is any: a drift shows most clearly there. Levels
+/// whose ratio is below `same_level` are one level.
+pub(crate) fn loudest(records: &[Record], same_level: f64) -> &Record {
     let most = records.iter().map(Record::level).fold(0.0, f64::max);
-    let random = records.iter().rev().find(|r| r.excitation == Excitation::Random && r.level() > 0.9 * most);
-    random.or(records.iter().rev().find(|r| r.level() > 0.9 * most)).unwrap_or(&records[0])
+    let loud = || records.iter().rev().filter(|r| r.level() * same_level > most);
+    let random = loud().find(|r| r.excitation == Excitation::Random);
+    random.or(loud().next()).unwrap_or(&records[0])
 }
 
 /// Returns whether twice the input gives twice the output, as every linear simulation from rest does. `respond` runs a

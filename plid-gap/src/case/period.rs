@@ -119,7 +119,7 @@ impl<'s> Repeating<'s> {
         for u in &self.inputs {
             rough.iter_mut().zip(differences(u)).for_each(|(most, of)| *most = most.max(of));
         }
-        let CaseSettings { period_misfit, unrelated_misfit, better_misfit, .. } = *self.settings;
+        let CaseSettings { period_misfit, measured_misfit, unrelated_misfit, better_misfit, .. } = *self.settings;
         let unlike = 2.0 * unrelated_misfit * unrelated_misfit;
         let Some(first) = rough.iter().position(|square| *square > unlike) else { return Vec::new() };
         let candidate = |&shift: &usize| {
@@ -129,9 +129,8 @@ impl<'s> Repeating<'s> {
         let found: Vec<usize> = (first.max(2)..rough.len()).filter(candidate).collect();
         // A slow input nearly repeats at shifts near its period; noise keeps the misfit of the true period from zero.
         let least = found.iter().filter_map(|&shift| self.misfit(shift)).fold(f64::INFINITY, f64::min);
-        let good = |shift: &usize| {
-            self.misfit(*shift).is_some_and(|of| of <= (least / better_misfit).max(ROUNDING) + 0.1 * period_misfit)
-        };
+        let most = (least / better_misfit).max(ROUNDING) + measured_misfit;
+        let good = |shift: &usize| self.misfit(*shift).is_some_and(|of| of <= most);
         found.into_iter().filter(good).collect()
     }
 }

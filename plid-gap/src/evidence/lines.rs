@@ -9,7 +9,7 @@ use crate::case::record::{Channels, Excitation, Record};
 use crate::fourier;
 use crate::fourier::C;
 use crate::settings::EvidenceSettings;
-use crate::words::percent;
+use plid_report::percent;
 
 /// Least number of periods that are averaged, since the noise is estimated from their differences. If as many follow
 /// the first period, that one is left out, because the structure has to settle.

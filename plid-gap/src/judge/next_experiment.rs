@@ -116,7 +116,7 @@ struct Experiment {
 /// Returns the loudest input at other levels, and each input alone.
 fn experiments(problem: &Problem) -> Vec<Experiment> {
     let samples = problem.settings.judge.experiment_samples;
-    let loudest = loudest(&problem.records);
+    let loudest = loudest(&problem.records, problem.settings.case.same_level);
     let scaled = |by: &dyn Fn(usize) -> f64| -> Channels {
         let scale = |(i, u): (usize, &Vec<f64>)| u.iter().take(samples).map(|x| by(i) * x).collect();
         loudest.u.iter().enumerate().map(scale).collect()

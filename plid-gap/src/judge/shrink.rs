@@ -93,7 +93,7 @@ impl Gap {
 pub fn gaps(explained: &Explained, plant: &Plant, actions: &[Action], within: &Plant, limits: &Limits) -> Gap {
     let Explained { ready, quick, refitted, found, .. } = explained;
     let problem = &ready.problem;
-    let loudest = loudest(&problem.records);
+    let loudest = loudest(&problem.records, problem.settings.case.same_level);
     let noise = explained.noise_rms();
     // The prediction from the fitted records is stated first.
     let masked = || vec![Vec::new(); problem.plant.p];
@@ -162,7 +162,12 @@ fn free_refit(quick: &Problem, limits: &Limits) -> Plant {
 /// Returns the records that are opened after all fits: the held-out ones, or else the loudest.
 pub(crate) fn opened<'e>(explained: &'e Explained) -> Vec<&'e Record> {
     let Explained { ready, .. } = explained;
-    if ready.held_out.is_empty() { vec![loudest(&ready.problem.records)] } else { ready.held_out.iter().collect() }
+    let Problem { records, settings, .. } = &ready.problem;
+    if ready.held_out.is_empty() {
+        vec![loudest(records, settings.case.same_level)]
+    } else {
+        ready.held_out.iter().collect()
+    }
 }
 
 /// Returns free runs of records with the measured outputs.

@@ -6,7 +6,7 @@ use crate::judge::verdict::Verdict;
 
 /// Formats a share, "12.3 %", with a non-breaking space.
 pub(super) fn percent(share: f64) -> String {
-    crate::words::percent(share).replace(' ', "\u{a0}")
+    plid_report::percent(share).replace(' ', "\u{a0}")
 }
 
 /// Formats a number with two significant digits, without an exponent if possible.

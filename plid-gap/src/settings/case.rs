@@ -8,8 +8,11 @@ group! {
     CaseSettings {
         /// Ratio of two levels below which they count as one level.
         same_level: f64 = 1.15, "1", 1.0..=1e3;
-        /// Largest misfit of an input that repeats. Measured inputs of shakers and amplifiers have at most 0.01.
+        /// Largest misfit of an input that repeats: ten times that of a measured one.
         period_misfit: f64 = 0.1, "1", 0.0..=1.0;
+        /// Misfit of a measured input at its period, from noise: shakers and amplifiers have at most this. Shifts whose
+        /// misfits differ by less are equally good periods, and the shortest is taken.
+        measured_misfit: f64 = 0.01, "1", 0.0..=1.0;
         /// Misfit from which two stretches of an input have nothing in common. A period is looked for only beyond a
         /// shift of that misfit, because any slow input resembles itself a few samples later.
         unrelated_misfit: f64 = 0.5, "1", 0.0..=1.0;

@@ -78,23 +78,9 @@ pub fn carry_out(
             common.trials
         }
     };
-    let together = Together::new(progress, parts.len());
-    let is_own = resume && is_finished(directory, &identity);
-    let runs = runs::folder(directory, is_own, resume).map_err(run::file_error(directory))?;
-    let directories: Vec<PathBuf> = parts.iter().map(|(name, _)| runs::of_input(&runs, name)).collect();
-    progress.stage(&format!("{} runs", parts.len()));
-    let done: Vec<Result<(), RunError>> = parts
-        .par_iter()
-        .zip(&directories)
-        .enumerate()
-        .map(|(number, ((name, part), directory))| {
-            one_run(part, directory, resume, &together.of(number)).map_err(|error| of_run(name, error))
-        })
-        .collect();
-    if done.iter().any(|run| matches!(run, Err(RunError::Interrupted { .. }))) {
+    let Some(directories) = all_runs(&parts, directory, &identity, resume, progress)? else {
         return Err(write_checkpoint(Some(directory), &identity, saved.memory, None));
-    }
-    done.into_iter().collect::<Result<(), _>>()?;
+    };
     progress.stage("merge");
     let read = |((name, _), directory): (&(String, Experiment), &PathBuf)| {
         Ok(FinishedRun { name: format!("runs/{name}"), ..FinishedRun::read(directory)? })
@@ -107,31 +93,39 @@ pub fn carry_out(
         outcome.merged.model.predictor_gain = Some(gain);
         outcome.predictor = Some(origin);
     }
-    if experiment.data.testbed.is_some() {
-        let mut all = experiment.clone();
-        let obtained = run::obtain(&mut all, base)?;
-        let truth = obtained.truth;
-        let noise_free = truth.as_ref().map(|truth| &truth.noise_free);
-        let share = experiment.validation.training_share;
-        let name = "the truss with all inputs driven";
-        let merged = &outcome.merged;
-        outcome.held_out.push(judge(
-            &merged.canonical,
-            merged.advanced,
-            name,
-            obtained.records,
-            share,
-            &all.preparation,
-            noise_free,
-        )?);
-        outcome.with_truth(truth)?;
-    } else if let Some(file) = &experiment.validation.file {
-        outcome.judge_file(&base.join(file), experiment.validation.training_share)?;
-    }
+    outcome.validate(experiment, base)?;
     outcome.bank = trials;
     outcome.experiment = Some(experiment.clone());
     outcome.identity = Some(identity);
     Ok(outcome)
+}
+
+/// Carries out the runs in parallel and returns their directories; `None` if they were interrupted.
+fn all_runs(
+    parts: &[(String, Experiment)],
+    directory: &Path,
+    identity: &str,
+    resume: bool,
+    progress: &dyn Progress,
+) -> Result<Option<Vec<PathBuf>>, RunError> {
+    let together = Together::new(progress, parts.len());
+    let is_own = resume && is_finished(directory, identity);
+    let runs = runs::folder(directory, is_own, resume).map_err(run::file_error(directory))?;
+    let directories: Vec<PathBuf> = parts.iter().map(|(name, _)| runs::of_input(&runs, name)).collect();
+    progress.stage(&format!("{} runs", parts.len()));
+    let done: Vec<Result<(), RunError>> = parts
+        .par_iter()
+        .zip(&directories)
+        .enumerate()
+        .map(|(number, ((name, part), directory))| {
+            one_run(part, directory, resume, &together.of(number)).map_err(|error| of_run(name, error))
+        })
+        .collect();
+    if done.iter().any(|run| matches!(run, Err(RunError::Interrupted { .. }))) {
+        return Ok(None);
+    }
+    done.into_iter().collect::<Result<(), _>>()?;
+    Ok(Some(directories))
 }
 
 /// Merges finished runs in the given order.
@@ -177,6 +171,25 @@ impl Outcome {
         let name = file.display().to_string();
         let judged = judge(&merged.canonical, merged.advanced, &name, vec![record], share, &preparation, None)?;
         self.held_out.push(judged);
+        Ok(())
+    }
+
+    /// Simulates the merged model on data in which all inputs act: the simulated truss, or the file for validation.
+    fn validate(&mut self, experiment: &Experiment, base: &Path) -> Result<(), RunError> {
+        let share = experiment.validation.training_share;
+        if experiment.data.testbed.is_some() {
+            let mut all = experiment.clone();
+            let obtained = run::obtain(&mut all, base)?;
+            let truth = obtained.truth;
+            let noise_free = truth.as_ref().map(|truth| &truth.noise_free);
+            let Merged { canonical, advanced, .. } = &self.merged;
+            let name = "the truss with all inputs driven";
+            let judged = judge(canonical, *advanced, name, obtained.records, share, &all.preparation, noise_free)?;
+            self.held_out.push(judged);
+            self.with_truth(truth)?;
+        } else if let Some(file) = &experiment.validation.file {
+            self.judge_file(&base.join(file), share)?;
+        }
         Ok(())
     }
 

@@ -10,8 +10,10 @@ use super::consistency::{Agreement, LEVEL};
 use super::held_out::HeldOut;
 use crate::experiment::to_toml;
 use crate::run::RunError;
-use crate::run::report::{bank, complex, peak_sentence, peak_table, percent};
-use plid_report::{Cell, FrfCurve, FrfPlot, ModeSet, Report, Scale, Table, Trace, frf_grid, mode_map, trace_plot};
+use crate::run::report::{bank, complex, peak_sentence, peak_table};
+use plid_report::{
+    Cell, FrfCurve, FrfPlot, ModeSet, Report, Scale, Table, Trace, frf_grid, mode_map, percent, trace_plot,
+};
 
 /// Number of frequencies at which a model's response is plotted.
 const LINES: usize = 400;

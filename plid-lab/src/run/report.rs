@@ -13,7 +13,7 @@ use plid_model::signal::{WelchFrf, WelchOptions, convergence, welch_frf};
 use plid_model::{FrequencyResponse, Mode, mode_deviations, response_variance};
 use plid_report::{
     Axis, Cell, Chart, ConvergencePlot, FrfCurve, FrfPlot, ModeSet, Report, Scale, Series, Table, Trace, chart,
-    convergence_plot, correlation_plot, frf_grid, mode_map, trace_plot,
+    convergence_plot, correlation_plot, frf_grid, mode_map, percent, trace_plot,
 };
 
 /// Number of frequencies at which a model's response is plotted.
@@ -125,16 +125,6 @@ pub(super) fn page(outcome: &Outcome) -> Result<(String, String), RunError> {
         report = report.provenance(source.file.clone(), format!("SHA-256 {}", source.sha256));
     }
     Ok((report.to_html(), responses))
-}
-
-pub(crate) fn percent(value: f64) -> String {
-    if !value.is_finite() {
-        "infinite".into()
-    } else if value >= 0.1 {
-        format!("{:.1} %", 100.0 * value)
-    } else {
-        format!("{:.2} %", 100.0 * value)
-    }
 }
 
 fn verdict(outcome: &Outcome) -> Vec<String> {

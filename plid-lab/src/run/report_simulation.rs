@@ -6,9 +6,9 @@ use plid_refine::{Noise, Score};
 
 use super::Outcome;
 use super::error::RunError;
-use super::report::{complex, curve, is_drawn, lines, measured_pair, percent};
+use super::report::{complex, curve, is_drawn, lines, measured_pair};
 use super::simulation::Alternative;
-use plid_report::{Cell, FrfCurve, FrfPlot, ModeSet, Report, Table, frf_grid, mode_map};
+use plid_report::{Cell, FrfCurve, FrfPlot, ModeSet, Report, Table, frf_grid, mode_map, percent};
 
 /// Returns a sentence that compares the models.
 pub(super) fn verdict(outcome: &Outcome) -> Option<String> {
