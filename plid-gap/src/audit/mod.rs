@@ -8,6 +8,7 @@ mod clipping;
 mod constant;
 mod finite;
 mod little;
+mod ports;
 mod responses;
 mod rewire;
 mod shapes;
@@ -41,7 +42,7 @@ pub struct Audit {
 /// Audits a case. A case without a simulation gets a surrogate model. `off` are the steps that the diagnosis skips.
 ///
 /// # Errors
-/// [`GapError::Record`], [`GapError::Constant`], [`GapError::Unstable`], [`GapError::TooLittle`], [`GapError::Model`];
+/// [`GapError::Record`], [`GapError::Constant`], [`GapError::Port`], [`GapError::Unstable`], [`GapError::TooLittle`], [`GapError::Model`];
 /// [`GapError::Failed`] if no model is given and none can be identified.
 pub fn audit(case: &Case, library: &Library, off: &[Step], say: &mut dyn FnMut(String)) -> Result<Audit, GapError> {
     look(case, library, &[], off, None, say)
@@ -116,7 +117,9 @@ fn look(
     case.warnings.extend(found);
     let (prior_std, model_error) =
         surrogate.clone().map_or_else(Default::default, |surrogate| (surrogate.prior_std, surrogate.model_error));
+    let ports = ports::of_case(&case)?;
     let known = Known {
+        ports,
         limits: case.config.nuisance,
         prior_std,
         model_error,

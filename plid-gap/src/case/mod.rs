@@ -15,7 +15,7 @@ use plid_model::Model;
 
 use crate::error::GapError;
 
-pub use config::{CaseConfig, ExcitationKind, RecordConfig, StartKind, Use};
+pub use config::{CaseConfig, ExcitationKind, PortConfig, RecordConfig, StartKind, Use};
 pub use limits::Limits;
 pub use record::{Channels, Excitation, Record};
 

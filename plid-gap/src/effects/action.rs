@@ -1,5 +1,5 @@
 use crate::case::record::Channels;
-use crate::plant::Plant;
+use crate::plant::{Load, Plant};
 
 /// The command on its way to the structure: m channels, each with `parts` values in a sample, held over that part of
 /// the sample.
@@ -68,7 +68,10 @@ pub enum Action {
     Command(Box<dyn Command>),
     /// Changes the plant before a run.
     Plant(Box<dyn Fn(&mut Plant) + Send + Sync>),
-    /// Multiplies every mode's w^2 by a function of time.
+    /// Adds a linear force at a port (its number). It acts after all other changes of the plant, because it couples
+    /// the modes.
+    Load(usize, Load),
+    /// Multiplies every mode's w^2 by a function of time. Modes that a load couples are not changed.
     Stiffness(Box<dyn Fn(f64) -> f64 + Send + Sync>),
     /// Applies a force at a port (its number) that depends on the structure's motion.
     Force(usize, Box<dyn Force>),

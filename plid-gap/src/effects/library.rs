@@ -1,6 +1,6 @@
 use super::{
     ActuatorCrosstalk, ActuatorDeadZone, ActuatorDelay, ActuatorGain, ActuatorGainDrift, ActuatorHysteresis,
-    ActuatorLag, ActuatorSaturation, ActuatorSlewLimit, Clearance, ColouredDisturbance, CoulombFriction,
+    ActuatorLag, ActuatorSaturation, ActuatorSlewLimit, AddedDamping, AddedMass, AddedStiffness, Clearance, ColouredDisturbance, CoulombFriction,
     CubicStiffness, Effect, JointHysteresis, MainsHum, MissingMode, ModalDamping, ModalFrequency,
     NarrowbandDisturbance, QuadraticDamping, QuadraticStiffness, SensorCrosstalk, SensorDelay, SensorDrift,
     SensorDropout, SensorGain, SensorLag, SensorNoise, SensorOffset, SensorQuantisation, SensorSaturation,
@@ -25,6 +25,9 @@ impl Library {
             Box::new(ActuatorLag),
             Box::new(ActuatorSaturation),
             Box::new(ActuatorSlewLimit),
+            Box::new(AddedDamping),
+            Box::new(AddedMass),
+            Box::new(AddedStiffness),
             Box::new(Clearance),
             Box::new(CoulombFriction),
             Box::new(CubicStiffness),

@@ -2,7 +2,7 @@ use super::Place;
 use super::place::{Names, ON_A_MODE};
 use plid_model::Model;
 
-use crate::plant::Plant;
+use crate::plant::{Plant, PortSource};
 use crate::signal::peaks::MissingModeStart;
 use crate::signal::tones::Tone;
 
@@ -87,6 +87,14 @@ impl Setting {
     pub fn springs(&self) -> Vec<Place> {
         let sees = |place: &Place| self.plant.ports[self.port(place)].sees_displacement();
         self.joints().into_iter().filter(sees).collect()
+    }
+
+    /// Returns the locations of linear forces: declared ports, and the axes of a plant without modes. At ports that were
+    /// inferred from modes, the frequency and the damping ratio of each mode serve instead.
+    pub fn loads(&self) -> Vec<Place> {
+        let exact = self.plant.port_source != PortSource::Inferred && self.plant.rest.continuous.is_some();
+        let on_a_mode = |place: &Place| self.is_on_a_mode(self.port(place));
+        if exact { self.joints().into_iter().filter(|place| !on_a_mode(place)).collect() } else { Vec::new() }
     }
 
     /// Returns whether a port is on a single mode.

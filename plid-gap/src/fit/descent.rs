@@ -156,7 +156,7 @@ impl<'a> plid_lsq::Problem for Search<'_, 'a> {
             Derivatives::Given(given) => given,
             Derivatives::Renewed(given) => {
                 if self.steps.is_multiple_of(RENEWED) {
-                    if problem.strong {
+                    if problem.strong || problem.is_loaded(effects) {
                         self.own = Some(problem.jacobian_with_effects(at, self.effort.fineness));
                     } else if let Some(changed) = problem.changed(plant, effects) {
                         self.own = Some(problem.jacobian(&changed));

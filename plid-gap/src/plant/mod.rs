@@ -6,8 +6,11 @@
 
 mod axis;
 mod chain;
+mod declared;
 mod kind;
+mod load;
 mod logarithm;
+mod motion;
 mod ports;
 mod spectrum;
 
@@ -19,7 +22,9 @@ use crate::fourier::C;
 use crate::settings::PlantSettings;
 
 pub use chain::SignalChain;
+pub use declared::CasePort;
 pub use kind::{KindSource, Sensed};
+pub use load::Load;
 pub use ports::PortSource;
 pub use spectrum::{RestNumber, Spectrum};
 

@@ -18,7 +18,7 @@ use crate::fit::refit::Refit;
 use crate::noise::model_error::ModelError;
 use crate::noise::whiten::Whitener;
 use crate::noise::{NoiseModel, Stretch};
-use crate::plant::{Mode, Plant};
+use crate::plant::{CasePort, Mode, Plant};
 use crate::prepare::coloured::{Coloured, coloured};
 use crate::prepare::wandering::{Wandering, wandering};
 use crate::settings::step::Step;
@@ -69,6 +69,8 @@ pub struct Known {
     pub model_error: Option<ModelError>,
     /// The frequency band in Hz that counts; all frequencies if `None`.
     pub band_hz: Option<[f64; 2]>,
+    /// Ports that the case declares.
+    pub ports: Vec<CasePort>,
     /// Steps that the diagnosis skips.
     pub off: Vec<Step>,
     /// Thresholds of the diagnosis.
@@ -78,10 +80,11 @@ pub struct Known {
 /// Prepares a problem.
 ///
 /// # Errors
-/// [`GapError`] if the simulation cannot be decomposed.
+/// [`GapError`] if the simulation cannot be decomposed; [`GapError::Port`] if a port of the case has no motion.
 pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepared, GapError> {
     let settings = Arc::new(known.settings.clone());
-    let plant = Plant::with_settings(model, &settings.plant)?;
+    let mut plant = Plant::with_settings(model, &settings.plant)?;
+    declare(&mut plant, &known.ports)?;
     let (mut fitted, mut held_out) = split(records, &settings.case);
     let declared_sensor = model.noise.sensor_std.clone().unwrap_or_else(|| {
         (0..plant.p).map(|o| settings.prepare.undeclared_noise * rms(fitted.iter().flat_map(|r| &r.y[o]))).collect()
@@ -394,6 +397,11 @@ impl Prepared {
     }
 }
 
+/// Adds the ports of a case.
+fn declare(plant: &mut Plant, ports: &[CasePort]) -> Result<(), GapError> {
+    plant.declare(ports).map_err(|(name, message)| GapError::Port { name, message })
+}
+
 /// Returns the whitening of each record, with repeated values masked.
 fn whiteners(records: &[Record], noise: &NoiseModel, rate: f64, quantisation: &[Quantisation]) -> Vec<Whitener> {
     let masked = |k: usize| quantisation.iter().map(|output| output.repeats[k].clone()).collect();
@@ -563,8 +571,16 @@ fn force_size(plant: &Plant, port: usize, u_rms: &[f64]) -> f64 {
         _ if forced > 0.0 && driven > 0.0 => (driven / forced).sqrt(),
         // A force on an axis has the unit of the input.
         Some(input) if plant.modes.is_empty() && u_rms[input] > 0.0 => u_rms[input],
-        _ => 1.0,
+        _ => force_on_rest(plant, port, u_rms),
     }
+}
+
+/// The same for a plant without modes, for a port that belongs to no input. One if nothing is driven.
+fn force_on_rest(plant: &Plant, port: usize, u_rms: &[f64]) -> f64 {
+    let Some((_, b)) = &plant.rest.continuous else { return 1.0 };
+    let forced = plant.ports[port].force_rest.norm_squared();
+    let driven: f64 = b.column_iter().zip(u_rms).map(|(b, u)| b.norm_squared() * u * u).sum();
+    if forced > 0.0 && driven > 0.0 { (driven / forced).sqrt() } else { 1.0 }
 }
 
 #[cfg(test)]
