@@ -27,3 +27,21 @@ pub fn of_case(case: &Case) -> Result<Vec<CasePort>, GapError> {
     };
     case.config.port.iter().map(one).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing;
+
+    #[test]
+    fn a_force_sensor_shows_no_motion() {
+        let mut case = testing::case(&testing::truss(1), &testing::truss(1));
+        case.config.port =
+            vec![PortConfig { name: "strut".into(), input: case.config.inputs[1].clone(), output: "y1".into() }];
+        let found = of_case(&case).unwrap();
+        assert_eq!(found, [CasePort { name: "strut".into(), input: 1, output: 0 }]);
+        case.model.as_mut().unwrap().output_kinds[0] = Some(OutputKind::Force);
+        let said = of_case(&case).unwrap_err().to_string();
+        assert!(said.contains("[[port]] `strut`") && said.contains("no motion"), "{said}");
+    }
+}

@@ -266,7 +266,8 @@ impl CaseConfig {
         for (at, port) in self.port.iter().enumerate() {
             let PortConfig { name, input, output } = port;
             if name.is_empty() || name.starts_with(ON_A_MODE) {
-                problems.push(("name", format!("`{name}` is not the name of a port: it is empty or begins with mode:")));
+                problems
+                    .push(("name", format!("`{name}` is not the name of a port: it is empty or begins with mode:")));
             }
             if self.port[..at].iter().any(|other| other.name == *name) {
                 problems.push(("name", format!("two ports are called `{name}`")));

@@ -50,6 +50,17 @@ pub trait Force: Send + Sync {
     /// Returns the force; `state` is an internal state (zero at rest; unused by most effects).
     fn force(&self, d: f64, v: f64, state: f64) -> f64;
 
+    /// Returns the stiffness and the damper of the steepest part of the law. A run takes as many steps as they need.
+    fn steepest(&self) -> [f64; 2] {
+        [0.0; 2]
+    }
+
+    /// Returns the largest force that holds the port where it is while its velocity is zero, as dry friction does;
+    /// `None` for a force that depends on the motion alone.
+    fn holds(&self) -> Option<f64> {
+        None
+    }
+
     /// Returns the internal state after the displacement has changed from one value to another.
     fn advance(&self, _from: f64, _to: f64, state: f64) -> f64 {
         state

@@ -34,11 +34,7 @@ impl Effect for AddedDamping {
 
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
         let port = setting.port(place);
-        vec![vec![0.01 * setting.force[port] / setting.v_rms[port]]]
-    }
-
-    fn amplitude(&self) -> Option<(usize, f64)> {
-        Some((0, 0.0))
+        setting.load_starts(setting.plant.damper(port), setting.force[port] / setting.v_rms[port], None)
     }
 
     fn change(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Option<Change> {

@@ -3,9 +3,6 @@ use super::{Action, Change, Effect, Load, Parameter, Place, Range, Setting, Side
 /// A mass that the simulation lacks, such as a payload, or has too much of.
 pub struct AddedMass;
 
-/// Share of the inertia at a port from which a fit starts.
-const START: f64 = 0.1;
-
 impl Effect for AddedMass {
     fn name(&self) -> &'static str {
         "added-mass"
@@ -37,11 +34,8 @@ impl Effect for AddedMass {
     }
 
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
-        vec![vec![START / setting.plant.mobility(setting.port(place))]]
-    }
-
-    fn amplitude(&self) -> Option<(usize, f64)> {
-        Some((0, 0.0))
+        let inertia = setting.plant.mobility(setting.port(place)).recip();
+        setting.load_starts(inertia, 1.0, Some(|factor| factor.powi(-2) - 1.0))
     }
 
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {

@@ -35,11 +35,8 @@ impl Effect for AddedStiffness {
 
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
         let port = setting.port(place);
-        vec![vec![0.01 * setting.force[port] / setting.d_rms[port]]]
-    }
-
-    fn amplitude(&self) -> Option<(usize, f64)> {
-        Some((0, 0.0))
+        let other = setting.force[port] / setting.d_rms[port];
+        setting.load_starts(setting.stiffness[port], other, Some(|factor| factor * factor - 1.0))
     }
 
     fn change(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Option<Change> {

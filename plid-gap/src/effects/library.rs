@@ -1,10 +1,10 @@
 use super::{
     ActuatorCrosstalk, ActuatorDeadZone, ActuatorDelay, ActuatorGain, ActuatorGainDrift, ActuatorHysteresis,
-    ActuatorLag, ActuatorSaturation, ActuatorSlewLimit, AddedDamping, AddedMass, AddedStiffness, Clearance, ColouredDisturbance, CoulombFriction,
-    CubicStiffness, Effect, JointHysteresis, MainsHum, MissingMode, ModalDamping, ModalFrequency,
-    NarrowbandDisturbance, QuadraticDamping, QuadraticStiffness, SensorCrosstalk, SensorDelay, SensorDrift,
-    SensorDropout, SensorGain, SensorLag, SensorNoise, SensorOffset, SensorQuantisation, SensorSaturation,
-    StiffnessDrift,
+    ActuatorLag, ActuatorSaturation, ActuatorSlewLimit, AddedDamping, AddedMass, AddedStiffness, Clearance,
+    ColouredDisturbance, CoulombFriction, CubicStiffness, Effect, EndStop, JointHysteresis, MainsHum, MissingMode,
+    ModalDamping, ModalFrequency, NarrowbandDisturbance, OneSidedStop, QuadraticDamping, QuadraticStiffness,
+    SensorCrosstalk, SensorDelay, SensorDrift, SensorDropout, SensorGain, SensorLag, SensorNoise, SensorOffset,
+    SensorQuantisation, SensorSaturation, StickFriction, StiffnessDrift,
 };
 
 /// The effects of a diagnosis.
@@ -31,12 +31,14 @@ impl Library {
             Box::new(Clearance),
             Box::new(CoulombFriction),
             Box::new(CubicStiffness),
+            Box::new(EndStop),
             Box::new(JointHysteresis),
             Box::new(MainsHum),
             Box::new(MissingMode),
             Box::new(ModalDamping),
             Box::new(ModalFrequency),
             Box::new(NarrowbandDisturbance),
+            Box::new(OneSidedStop),
             Box::new(QuadraticDamping),
             Box::new(QuadraticStiffness),
             Box::new(SensorCrosstalk),
@@ -46,6 +48,7 @@ impl Library {
             Box::new(SensorLag),
             Box::new(SensorOffset),
             Box::new(SensorSaturation),
+            Box::new(StickFriction),
             Box::new(StiffnessDrift),
             Box::new(ColouredDisturbance),
             Box::new(SensorDropout),

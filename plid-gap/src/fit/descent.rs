@@ -155,8 +155,11 @@ impl<'a> plid_lsq::Problem for Search<'_, 'a> {
         let jacobian = match self.derivatives {
             Derivatives::Given(given) => given,
             Derivatives::Renewed(given) => {
-                if self.steps.is_multiple_of(RENEWED) {
-                    if problem.strong || problem.is_loaded(effects) {
+                // A load and the poles that it moves may look alike to the last digit. Derivatives of which only some
+                // are current would part them.
+                let loaded = problem.is_loaded(effects);
+                if loaded || self.steps.is_multiple_of(RENEWED) {
+                    if problem.strong || loaded {
                         self.own = Some(problem.jacobian_with_effects(at, self.effort.fineness));
                     } else if let Some(changed) = problem.changed(plant, effects) {
                         self.own = Some(problem.jacobian(&changed));

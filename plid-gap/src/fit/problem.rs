@@ -127,7 +127,7 @@ impl Problem {
 
     /// Returns whether an effect loads the plant, whose few linear parameters allow the derivatives of the simulation
     /// with its effects. A load and the poles that it moves look alike, so that derivatives without it lead astray.
-    pub(super) fn is_loaded(&self, effects: &[Placed]) -> bool {
+    pub fn is_loaded(&self, effects: &[Placed]) -> bool {
         let few = self.nuisance.of_simulation() <= self.settings.search.strong_numbers;
         few && self.actions(effects).iter().any(|action| matches!(action, Action::Load(..)))
     }

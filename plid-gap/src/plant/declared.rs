@@ -98,3 +98,65 @@ impl Plant {
         (force, &column + a * &ahead, at_once.collect())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing;
+    use nalgebra::dmatrix;
+    use plid_model::Model;
+
+    fn port(name: &str, input: usize, output: usize) -> CasePort {
+        CasePort { name: name.into(), input, output }
+    }
+
+    /// Where accelerometers stand at the struts, a port of an input and an output is the strut that the simulation
+    /// declares, behind the actuator and before the filter.
+    #[test]
+    fn a_port_between_an_input_and_an_output_is_the_declared_strut() {
+        const RATIO: f64 = 0.05;
+        let mut model = testing::truss_with(2, |_, beta, gamma| *gamma = beta.transpose() * RATIO);
+        let declared = Plant::new(&model).unwrap();
+        model.ports.clear();
+        let mut plant = Plant::new(&model).unwrap();
+        assert_eq!(plant.port_source, PortSource::Inferred);
+        plant.declare(&[port("a", 0, 0), port("b", 1, 1)]).unwrap();
+        assert_eq!((plant.ports.len(), plant.port_source), (2, PortSource::Declared));
+        for k in 0..2 {
+            assert_eq!(plant.ports[k].input, Some(k));
+            let same = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-4, "{a} {b}");
+            same(plant.mobility(k), RATIO * declared.mobility(k));
+            same(plant.stiffness(&plant.ports[k]), declared.stiffness(&declared.ports[k]) / RATIO);
+            for hz in [5.0, 60.0, 150.0, 400.0] {
+                let [found, right] = [&plant, &declared].map(|plant| plant.port_response(k, hz));
+                assert!((&found - &right).norm() < 1e-3 * right.norm(), "{hz} Hz: {found} {right}");
+            }
+        }
+    }
+
+    /// Ports of the simulation stay. Ports that share an input have only their names.
+    #[test]
+    fn declared_ports_stay_and_names_tell_two_apart() {
+        let model = testing::truss(1);
+        let mut plant = Plant::new(&model).unwrap();
+        let before = plant.ports.len();
+        plant.declare(&[port("a", 0, 0)]).unwrap();
+        assert_eq!((plant.ports.len(), plant.ports[before].input), (before + 1, None));
+        assert_eq!(plant.declare(&[port("a", 0, 1)]).unwrap_err().0, "a");
+        let mut bare = model.clone();
+        bare.ports.clear();
+        let mut plant = Plant::new(&bare).unwrap();
+        plant.declare(&[port("a", 0, 0), port("b", 0, 1), port("c", 1, 1)]).unwrap();
+        let inputs: Vec<Option<usize>> = plant.ports.iter().map(|port| port.input).collect();
+        assert_eq!(inputs, [None, None, Some(1)]);
+    }
+
+    /// Nothing moves where the output follows the input at once.
+    #[test]
+    fn an_output_without_motion_is_refused() {
+        let model = Model::new(100.0, dmatrix![0.5], dmatrix![1.0], dmatrix![1.0], dmatrix![30.0]).unwrap();
+        let mut plant = Plant::new(&model).unwrap();
+        let (name, why) = plant.declare(&[port("axis", 0, 0)]).unwrap_err();
+        assert!(name == "axis" && why.contains("output_kinds"), "{why}");
+    }
+}

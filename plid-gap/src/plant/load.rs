@@ -119,3 +119,72 @@ fn held(a: DMatrix<f64>, b: DMatrix<f64>, c: DMatrix<f64>, step: f64) -> NonModa
     let (over, entered) = (whole.view((0, 0), (r, r)).into_owned(), whole.view((0, r), (r, m)).into_owned());
     NonModal { a: over, b: entered, c, continuous: Some((a, b)) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plant::CasePort;
+    use nalgebra::dmatrix;
+    use plid_model::{Model, OutputKind};
+
+    /// A mass on a damper and a spring, seen by its position, velocity or acceleration at 500 Hz, with a port there.
+    fn servo([m, c, k]: [f64; 3], kind: OutputKind) -> Plant {
+        let (a, b) = (dmatrix![0.0, 1.0; -k / m, -c / m], dmatrix![0.0; 1.0 / m]);
+        let (seen, direct) = match kind {
+            OutputKind::Position => (dmatrix![1.0, 0.0], 0.0),
+            OutputKind::Velocity => (dmatrix![0.0, 1.0], 0.0),
+            _ => (dmatrix![-k / m, -c / m], 1.0 / m),
+        };
+        let (a, b) = crate::testing::held(&a, &b, 2e-3);
+        let mut model = Model::new(500.0, a, b, seen, dmatrix![direct]).unwrap();
+        model.output_kinds = vec![Some(kind)];
+        let mut plant = Plant::new(&model).unwrap();
+        plant.declare(&[CasePort { name: "axis".into(), input: 0, output: 0 }]).unwrap();
+        plant
+    }
+
+    fn far(one: &Plant, other: &Plant) -> f64 {
+        let difference = |hz: &f64| (one.response(*hz) - other.response(*hz)).norm() / other.response(*hz).norm();
+        [0.1, 1.0, 5.0, 50.0, 200.0].iter().map(difference).fold(0.0, f64::max)
+    }
+
+    const KINDS: [OutputKind; 3] = [OutputKind::Position, OutputKind::Velocity, OutputKind::Acceleration];
+
+    /// A mass that is several times the plant's own, one that is taken away, a damper and a spring: each time the
+    /// response is that of a servo built so, lightly damped or not.
+    #[test]
+    fn a_loaded_servo_is_a_servo_built_so() {
+        for own in [[2.0, 60.0, 1800.0], [2.0, 6.0, 1800.0]] {
+            for kind in KINDS {
+                for load in [[6.0, 0.0, 0.0], [-1.5, 0.0, 0.0], [0.0, 40.0, 0.0], [0.0, 0.0, -900.0], [1.0, 9.0, 700.0]]
+                {
+                    let mut loaded = servo(own, kind);
+                    loaded.load(0, &Load { mass: load[0], damping: load[1], stiffness: load[2] });
+                    let built = servo(std::array::from_fn(|j| own[j] + load[j]), kind);
+                    assert!(far(&loaded, &built) < 1e-6, "{own:?} {kind:?} {load:?}: {}", far(&loaded, &built));
+                    // A further force there finds the heavier mass.
+                    assert!((loaded.mobility(0) * (own[0] + load[0]) - 1.0).abs() < 1e-6, "{kind:?} {load:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_port_knows_its_inertia_and_its_damper() {
+        for kind in KINDS {
+            for own in [[2.0, 60.0, 1800.0], [2.0, 6.0, 1800.0]] {
+                let plant = servo(own, kind);
+                let found = [plant.mobility(0).recip(), plant.damper(0), plant.stiffness(&plant.ports[0])];
+                let right = found.iter().zip(&own).all(|(found, own)| (found / own - 1.0).abs() < 1e-5);
+                assert!(right, "{kind:?}: {found:?} for {own:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn no_fit_takes_all_of_the_inertia() {
+        let mut plant = servo([2.0, 60.0, 1800.0], OutputKind::Position);
+        plant.load(0, &Load { mass: -5.0, ..Load::default() });
+        assert!(plant.mobility(0) > 0.0 && plant.mobility(0).is_finite());
+    }
+}

@@ -198,7 +198,7 @@ impl Plant {
         let basis = Basis { right, left, rest, rest_inverse };
 
         let step = 1.0 / rate;
-        let modes = poles
+        let modes: Vec<Mode> = poles
             .iter()
             .enumerate()
             .map(|(k, &z)| {
@@ -214,7 +214,11 @@ impl Plant {
         let b = &basis.rest_inverse * &model.b;
         let continuous = rest_in_time(model, &basis, &a, &b, step);
         let rest = NonModal { c: &model.c * &basis.rest, a, b, continuous };
-        let chain = SignalChain::find(&rest, step, settings);
+        let mut chain = SignalChain::find(&rest, step, settings);
+        if modes.is_empty() && m == 1 {
+            // Its only input drives every pole alone: that of the axis itself as well as that of an actuator.
+            chain.actuator = vec![None];
+        }
         let mut plant = Self {
             rate,
             m,

@@ -92,9 +92,8 @@ impl Plant {
         } else {
             // Both kinds of equations count alike.
             let weight = if b.norm() > 0.0 { a.norm() / b.norm() } else { 1.0 };
-            let of_modes = |i: usize| -> f64 {
-                modes.iter().zip(&self.modes).map(|(row, mode)| 2.0 * (row * mode.b[i]).re).sum()
-            };
+            let of_modes =
+                |i: usize| -> f64 { modes.iter().zip(&self.modes).map(|(row, mode)| 2.0 * (row * mode.b[i]).re).sum() };
             let mut equations = DMatrix::zeros(r + m, r);
             equations.view_mut((0, 0), (r, r)).copy_from(&a.transpose());
             equations.view_mut((r, 0), (m, r)).copy_from(&(b.transpose() * weight));

@@ -13,8 +13,9 @@ use crate::effects::{MissingModeStart, Setting};
 use crate::error::GapError;
 use crate::fit::free_run::{errors, outputs};
 use crate::fit::nuisance::Nuisance;
-use crate::fit::problem::{Placed, Problem};
+use crate::fit::problem::{Placed, Problem, dot};
 use crate::fit::refit::Refit;
+use crate::fourier::C;
 use crate::noise::model_error::ModelError;
 use crate::noise::whiten::Whitener;
 use crate::noise::{NoiseModel, Stretch};
@@ -504,6 +505,7 @@ fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]
         let all = records.iter().flat_map(|r| &r.y[o]);
         setting.y_max[o] = all.filter(|y| y.is_finite()).fold(0.0, |most: f64, y| most.max(y.abs()));
     }
+    setting.d_range = (0..plant.ports.len()).map(|port| measured_range(plant, port, records)).collect();
     of_ports(&mut setting, loudest);
     setting.missing = missing_modes(plant, records, errors, &settings.signal);
     // In a record without input, lines stand out most clearly.
@@ -532,9 +534,33 @@ pub(crate) fn of_ports(setting: &mut Setting, loudest: &Record) {
     let plant = &setting.plant;
     setting.names.ports = plant.ports.iter().map(|port| port.name.clone()).collect();
     let motion = port_motion(plant, &loudest.u);
+    setting.d_range.resize(plant.ports.len(), None);
     (setting.d_rms, setting.v_rms) = motion.chunks_exact(2).map(|both| (rms(&both[0]), rms(&both[1]))).unzip();
     setting.stiffness = plant.ports.iter().map(|port| plant.stiffness(port)).collect();
     setting.force = (0..plant.ports.len()).map(|k| force_size(plant, k, &setting.u_rms)).collect();
+}
+
+/// Relative difference below which an output's row is that of a port's displacement.
+const SAME_ROW: f64 = 1e-6;
+
+/// Returns the lowest and the highest displacement at a port in all records, if an output measures it.
+fn measured_range(plant: &Plant, port: usize, records: &[Record]) -> Option<[f64; 2]> {
+    let port = &plant.ports[port];
+    let row = |modal: &mut dyn Iterator<Item = C>, rest: Vec<f64>| -> Vec<f64> {
+        modal.flat_map(|x| [x.re, x.im]).chain(rest).collect()
+    };
+    let wanted = row(&mut port.displacement.iter().copied(), port.displacement_rest.iter().copied().collect());
+    let ratio = |o: usize| {
+        let rest = plant.rest.c.row(o).iter().copied().collect();
+        let seen = row(&mut plant.modes.iter().map(|mode| mode.c[o]), rest);
+        let ratio = dot(&seen, &wanted) / dot(&wanted, &wanted);
+        let apart: f64 = seen.iter().zip(&wanted).map(|(seen, wanted)| (seen - ratio * wanted).powi(2)).sum();
+        (ratio.is_finite() && apart.sqrt() < SAME_ROW * dot(&seen, &seen).sqrt()).then_some(ratio)
+    };
+    let (o, ratio) = (0..plant.p).find_map(|o| Some((o, ratio(o)?)))?;
+    let seen = records.iter().flat_map(|record| &record.y[o]).filter(|y| y.is_finite()).map(|y| y / ratio);
+    let [low, high] = seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], d| [low.min(d), high.max(d)]);
+    (low < high).then_some([low, high])
 }
 
 /// Returns displacement and velocity at each port in turn, in the linear simulation from rest.

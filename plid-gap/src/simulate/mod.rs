@@ -80,7 +80,8 @@ pub fn simulate(
         .iter()
         .filter_map(|action| if let Action::Force(port, law) = action { Some((*port, law.as_ref())) } else { None })
         .collect();
-    let parts_a_value = if forces.is_empty() { 1 } else { (fineness.force / drive.parts).max(1) };
+    let parts = forces.iter().map(|&(port, law)| parts_of(plant, port, law)).fold(fineness.force, usize::max);
+    let parts_a_value = if forces.is_empty() { 1 } else { (parts / drive.parts).max(1) };
     let disturbances: Vec<(usize, Vec<f64>)> = actions
         .iter()
         .filter_map(|action| match action {
@@ -112,6 +113,24 @@ pub fn simulate(
         }
     }
     y
+}
+
+/// Largest turn in a part of a sample of what a stiff law does to a port, in rad.
+const TURN: f64 = 0.25;
+
+/// Most parts of a sample.
+const MOST_PARTS: f64 = 32.0;
+
+/// Returns the number of parts of a sample that a law needs: a power of two.
+fn parts_of(plant: &Plant, port: usize, law: &dyn Force) -> usize {
+    let [stiffness, damper] = law.steepest();
+    if stiffness == 0.0 && damper == 0.0 {
+        return 1;
+    }
+    let mobility = plant.mobility(port).max(0.0);
+    let rate = (stiffness.abs() * mobility).sqrt() + damper.abs() * mobility;
+    let parts = (rate / (TURN * plant.rate)).clamp(1.0, MOST_PARTS);
+    parts.log2().ceil().exp2() as usize
 }
 
 /// Returns the plant with the actions that change it before a run; `None` if none of them does.

@@ -81,7 +81,8 @@ impl Bench {
     }
 
     fn write(&self, effects: &Effects) -> SimulationWithEffects {
-        let act = |(effect, place): &(&dyn Effect, Place)| effect.act(&self.setting, place, &self.sizes(*effect, place));
+        let act =
+            |(effect, place): &(&dyn Effect, Place)| effect.act(&self.setting, place, &self.sizes(*effect, place));
         let changed = changed_plant(&self.plant, &effects.iter().flat_map(act).collect::<Vec<Action>>());
         let mut written = Vec::new();
         for (effect, place) in effects {
