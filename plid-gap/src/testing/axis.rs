@@ -221,26 +221,28 @@ fn a_declared_port_has_a_payload() {
     assert!((mass / 0.2 - 1.0).abs() < 0.02, "{mass}");
 }
 
-/// A hard stop at 0.8 times the RMS of the free motion, on which the axis bounces at 20 Hz.
+/// A hard stop, on which the axis bounces at 20 Hz.
 fn stop(d: f64, v: f64, at: f64) -> f64 {
     let (x, w) = (d - at, TAU * 20.0);
     if x > 0.0 { -(w * w * x + 0.4 * w * v).max(0.0) } else { 0.0 }
 }
 
+/// The free motion of the servo has an RMS of about 0.0035.
 #[test]
-fn hard_stops_of_a_slider_are_named() {
+fn hard_stops_of_a_servo_are_named() {
     fn both(d: f64, v: f64) -> f64 {
-        stop(d, v, 0.06) - stop(-d, -v, 0.06)
+        stop(d, v, 0.0028) - stop(-d, -v, 0.0028)
     }
     fn above(d: f64, v: f64) -> f64 {
-        stop(d, v, 0.06)
+        stop(d, v, 0.0028)
     }
+    let w = TAU * 1.5;
     for (effect, force, position) in [("end-stop", both as fn(f64, f64) -> f64, "g"), ("one-sided-stop", above, "s")] {
-        let found = Axis { mass: 1.0, c: 4.0, k: 0.0, force, position: true }.diagnosed();
+        let found = Axis { mass: 1.0, c: 1.4 * w, k: w * w, force, position: true }.diagnosed();
         assert_eq!(found.verdict, Verdict::Effects, "{effect}: {}", found.sentence);
         let first = &found.effects[0];
         assert_eq!((first.effect.as_str(), first.location.as_str()), (effect, "input:u1"), "{}", found.sentence);
         let at = first.parameters[position].value;
-        assert!((at / 0.06 - 1.0).abs() < 0.02, "{effect}: {at}");
+        assert!((at / 0.0028 - 1.0).abs() < 0.02, "{effect}: {at}");
     }
 }
