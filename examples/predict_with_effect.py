@@ -301,8 +301,8 @@ def simulate(file, u, t0):
 
 
 def stiff_parts(name, p, port, rate):
-    """The parts of a sample that a stiff law needs, a power of two up to 32: in each, it turns the motion of its port by
-    a quarter of a radian at most. A unit force accelerates the port by its mobility."""
+    """The parts of a sample that a stiff law needs, a power of two up to 32: in each, it turns the motion of its port
+    by a quarter of a radian at most. A unit force accelerates the port by its mobility."""
     stiffness, damper = STEEPEST[name](p) if name in STEEPEST else (0, 0)
     if stiffness == damper == 0:
         return 1
@@ -334,7 +334,8 @@ def structure(model, q, u, parts, t, forces, pushes, drifts):
     x, y, f, z = np.zeros(n), np.zeros((len(c), len(t))), np.zeros(len(ports)), [0.0] * count
     seen, passed = [(0.0, 0.0)] * count, [0.0] * count  # (d, v) of each port, and the d to which its z belongs
     kept = [0.0 if name in HOLDS else None for name, *_ in forces]  # the force that holds a port, None while it moves
-    law = lambda: [FORCES[name](*seen[j], z[j], p) if kept[j] is None else kept[j] for j, (name, p, _) in enumerate(forces)]
+    act = lambda j, name, p: FORCES[name](*seen[j], z[j], p) if kept[j] is None else kept[j]
+    law = lambda: [act(j, name, p) for j, (name, p, _) in enumerate(forces)]
     gain = np.einsum("jn,nj->j", sees[1::2], held[:, :count])  # velocity at each port by its own held unit
     for k in range(len(t)):
         if drifts and k % DRIFT_SAMPLES == 0:

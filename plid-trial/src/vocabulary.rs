@@ -86,8 +86,8 @@ pub const VOCABULARY: [Kind; 32] = [
 ];
 
 /// Effects of the diagnosis that no trial draws: they act on the axes of plants without lightly damped modes, and at
-/// declared ports. The testbed's plants are structures with modes, and in half of their cases no port is declared, where
-/// a mass, a damper or a spring is what it does to the frequencies and damping ratios of all modes. Stops and friction
+/// declared ports. The testbed's plants are structures with modes, and many of their cases declare no port, where a
+/// mass, a damper or a spring is what it does to the frequencies and damping ratios of all modes. Stops and friction
 /// that sticks have the testbed's clearance and its Stribeck curve for near relatives.
 pub const ELSEWHERE: [Kind; 6] = [
     kind("added-mass", MODAL, At::Input, &[]),

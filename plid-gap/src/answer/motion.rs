@@ -3,7 +3,8 @@
 use crate::effects::Names;
 use crate::plant::{KindSource, Plant, PortSource};
 
-/// States the kind of each output, and the locations of forces that depend on the motion, as far as that is not obvious.
+/// States the kind of each output, and the locations of forces that depend on the motion, as far as they are not
+/// obvious.
 pub(crate) fn in_words(plant: &Plant, names: &Names) -> Vec<String> {
     let mut words = vec![kinds(plant, names)];
     if plant.ports.is_empty() {

@@ -98,16 +98,16 @@ impl Setting {
         self.joints().into_iter().filter(sees).collect()
     }
 
-    /// Returns the locations of linear forces: declared ports, and the axes of a plant without modes. At ports that were
-    /// inferred from modes, the frequency and the damping ratio of each mode serve instead.
+    /// Returns the locations of linear forces: declared ports, and the axes of a plant without modes. At ports that
+    /// were inferred from modes, the frequency and the damping ratio of each mode serve instead.
     pub fn loads(&self) -> Vec<Place> {
         let exact = self.plant.port_source != PortSource::Inferred && self.plant.rest.continuous.is_some();
         let on_a_mode = |place: &Place| self.is_on_a_mode(self.port(place));
         if exact { self.joints().into_iter().filter(|place| !on_a_mode(place)).collect() } else { Vec::new() }
     }
 
-    /// Returns sizes of a linear force from which fits start: shares of what the port has itself, or of `other` if it has
-    /// nothing; and for each resonance that shows elsewhere, the size that moves the nearest mode there. `by` gives the
+    /// Returns sizes of a linear force from which fits start: shares of what the port has itself, or of `other` if it
+    /// has nothing; and for each resonance that shows elsewhere, the size that moves the nearest mode there. `by` gives the
     /// share for a frequency that is multiplied by a factor, if the force moves frequencies.
     pub(super) fn load_starts(&self, own: f64, other: f64, by: Option<fn(f64) -> f64>) -> Vec<Vec<f64>> {
         let scale = if own > 0.0 { own } else { other };

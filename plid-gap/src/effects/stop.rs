@@ -19,8 +19,8 @@ const BOUNCE_DAMPING: f64 = 0.3;
 /// within a sample or two.
 const FASTEST: f64 = 0.5;
 
-/// Range of the position of a stop, over the RMS of the displacement in the linear simulation. A stop nearer to rest is a
-/// spring or a clamp, and one farther away is not reached.
+/// Range of the position of a stop, over the RMS of the displacement in the linear simulation. A stop nearer to rest is
+/// a spring or a clamp, and one farther away is not reached.
 const REACHED: [f64; 2] = [0.02, 5.0];
 
 /// Returns k and c of stops from which fits start, with each position.
@@ -42,7 +42,8 @@ pub(super) fn sound(setting: &Setting, place: &Place, parameters: &[f64]) -> boo
     bounce < FASTEST * setting.plant.rate && (REACHED[0]..REACHED[1]).contains(&at)
 }
 
-/// Stops exist where a force accelerates the axis at once and the displacement is known, at the places of linear forces.
+/// Stops exist where a force accelerates the axis at once and the displacement is known, at the places of linear
+/// forces.
 pub(super) fn places(setting: &Setting) -> Vec<Place> {
     let accelerates = |place: &Place| {
         let port = setting.port(place);

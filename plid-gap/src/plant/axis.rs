@@ -1,32 +1,18 @@
-use nalgebra::DVector;
-
-use super::{Plant, Port};
+use super::{CasePort, KindSource, Plant, Port};
 use crate::fourier::C;
 
 /// The axis of each input, as a port, for a plant without lightly damped modes: a motor, a servo, a slider.
 ///
-/// A force on the axis enters as the input does, so its unit is that of the input. The motion that the force meets is
-/// the one that the collocated output shows: of the outputs that sense a position or a velocity, the one to which the
-/// input contributes most. A position gives both displacement and velocity. A velocity gives the displacement if a
-/// spring holds the axis. Otherwise that is no combination of the states.
+/// It is the port between the input and the collocated output: of the outputs that sense a position or a velocity, or
+/// are declared to sense an acceleration, the one to which the input contributes most. A velocity gives the displacement
+/// only if a spring holds the axis. Otherwise that is no combination of the states.
 pub(super) fn infer(plant: &Plant, inputs: &[String]) -> Vec<Port> {
-    let Some((_, b)) = &plant.rest.continuous else { return Vec::new() };
-    let port = |(i, name): (usize, &String)| {
-        let motion = plant.motion(collocated(plant, i)?)?;
-        let none = DVector::zeros(motion.velocity.rest.len());
-        Some(Port {
-            name: name.clone(),
-            input: Some(i),
-            force: Vec::new(),
-            displacement: Vec::new(),
-            velocity: Vec::new(),
-            force_rest: b.column(i).into_owned(),
-            displacement_rest: motion.displacement.map_or(none, |row| row.rest),
-            velocity_rest: motion.velocity.rest,
-            output: Vec::new(),
-        })
+    let axis = |(input, name): (usize, &String)| {
+        let output = collocated(plant, input)?;
+        let port = plant.between(&CasePort { name: name.clone(), input, output }).ok()?;
+        Some(Port { input: Some(input), ..port })
     };
-    inputs.iter().enumerate().filter_map(port).collect()
+    inputs.iter().enumerate().filter_map(axis).collect()
 }
 
 /// The output that shows the motion of an input's axis, if any does.
@@ -36,7 +22,7 @@ fn collocated(plant: &Plant, input: usize) -> Option<usize> {
         let all: f64 = (0..plant.m).map(size).sum();
         if all > 0.0 { size(input) / all } else { 0.0 }
     };
-    let shows_motion = |o: &usize| plant.sensed[*o].order < 2;
+    let shows_motion = |o: &usize| plant.sensed[*o].order < 2 || plant.sensed[*o].source == KindSource::Declared;
     (0..plant.p).filter(shows_motion).max_by(|&x, &y| share(x).total_cmp(&share(y))).filter(|&o| share(o) > 0.0)
 }
 

@@ -46,7 +46,11 @@ impl Plant {
         Ok(())
     }
 
-    fn between(&self, declared: &CasePort) -> Result<Port, String> {
+    /// Returns the port between an input and an output, which belongs to no input.
+    ///
+    /// # Errors
+    /// Why there is none, in words.
+    pub(super) fn between(&self, declared: &CasePort) -> Result<Port, String> {
         let CasePort { name, input, output } = declared;
         if self.rest.continuous.is_none() {
             return Err("the simulation has no continuous form, as with a delay of whole samples".into());

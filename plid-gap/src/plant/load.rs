@@ -20,8 +20,8 @@ impl Load {
 }
 
 impl Plant {
-    /// Returns the acceleration that a unit force causes at a port at once, which is one over the inertia there. Zero if
-    /// the force passes something else first, as the lag of a torque.
+    /// Returns the acceleration that a unit force causes at a port at once, which is one over the inertia there. Zero
+    /// if the force passes something else first, as the lag of a torque.
     pub fn mobility(&self, port: usize) -> f64 {
         let port = &self.ports[port];
         let modes: f64 = port.velocity.iter().zip(&port.force).map(|(v, f)| 2.0 * (v * f).re).sum();

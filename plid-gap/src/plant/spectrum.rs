@@ -114,7 +114,7 @@ impl Spectrum {
                 c.row_mut(o).copy_from(&(sensed * outputs[o]).transpose());
             }
             for port in plant.ports.iter_mut().filter(|port| port.sees_displacement()) {
-                let force = DMatrix::from_columns(&[port.force_rest.clone()]);
+                let force = DMatrix::from_columns(std::slice::from_ref(&port.force_rest));
                 let Some(factor) = inertia_kept(&port.displacement_rest, &before, &a_time, &force) else { continue };
                 port.displacement_rest *= factor;
                 port.velocity_rest = a_time.tr_mul(&port.displacement_rest);

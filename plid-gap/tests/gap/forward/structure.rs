@@ -229,8 +229,8 @@ fn missing_mode_in(rig: &Rig, effect: &dyn Effect) -> f64 {
 }
 
 /// A mass, a damper and a spring at a strut, with sensors of each kind: a structure that has them, from model.json's
-/// matrices. `load` gives the three numbers of what the strut has itself: inertia, twice the damping of the second mode,
-/// and static stiffness.
+/// matrices. `load` gives the three numbers of what the strut has itself: inertia, twice the damping of the second
+/// mode, and static stiffness.
 fn loaded(effect: &dyn Effect, load: fn([f64; 3]) -> [f64; 3]) -> f64 {
     worst_of_sensors(8, |rig| loaded_in(rig, effect, load))
 }
@@ -267,8 +267,8 @@ fn slider() -> (Model, Channels) {
     (model, vec![(0..32 * 40).map(|n| drawn[n / 40]).collect()])
 }
 
-/// Returns the disagreement on the slider between an effect and dx/dt = rate(u, x), with x the position and the velocity,
-/// of which `step` integrates a sample.
+/// Returns the disagreement on the slider between an effect and the truth, of which `step` takes position and velocity
+/// over a sample with its command.
 fn on_the_slider(effect: &dyn Effect, parameters: &[f64], step: impl Fn(f64, &mut [f64; 2])) -> f64 {
     let (model, u) = slider();
     let plant = Plant::new(&model).unwrap();
