@@ -1,4 +1,4 @@
-use super::stop::{self, OF_MEASURED, OF_SIMULATED, Sides, Stop};
+use super::stop::{self, Sides, Stop};
 use super::{Action, Effect, Parameter, Place, Range, Setting, Side};
 
 /// Stops on both sides of an axis, at the same distance from rest.
@@ -26,12 +26,8 @@ impl Effect for EndStop {
     }
 
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
-        let port = setting.port(place);
-        let positions: Vec<f64> = match setting.d_range[port] {
-            Some([low, high]) => OF_MEASURED.map(|share| share * high.max(-low)).to_vec(),
-            None => OF_SIMULATED.map(|share| share * setting.d_rms[port]).to_vec(),
-        };
-        stop::starts(setting, place, &positions)
+        let farthest = setting.d_range[setting.port(place)].map(|[low, high]| [high.max(-low)]);
+        stop::starts(setting, place, farthest.as_ref().map(|end| &end[..]), &[1.0])
     }
 
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {

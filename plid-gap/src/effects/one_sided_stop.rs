@@ -1,4 +1,4 @@
-use super::stop::{self, OF_MEASURED, OF_SIMULATED, Sides, Stop};
+use super::stop::{self, Sides, Stop};
 use super::{Action, Effect, Parameter, Place, Range, Setting, Side};
 
 /// A stop on one side of an axis.
@@ -26,12 +26,8 @@ impl Effect for OneSidedStop {
     }
 
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
-        let port = setting.port(place);
-        let positions: Vec<f64> = match setting.d_range[port] {
-            Some(ends) => ends.iter().flat_map(|end| OF_MEASURED.map(|share| share * end)).collect(),
-            None => OF_SIMULATED.iter().flat_map(|x| [x * setting.d_rms[port], -x * setting.d_rms[port]]).collect(),
-        };
-        stop::starts(setting, place, &positions)
+        let ends = setting.d_range[setting.port(place)];
+        stop::starts(setting, place, ends.as_ref().map(|ends| &ends[..]), &[1.0, -1.0])
     }
 
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {

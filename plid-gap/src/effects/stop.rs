@@ -3,14 +3,19 @@
 use super::{Force, Parameter, Place, Range, Setting};
 
 /// Frequencies over the sample rate at which an axis would bounce on the stops from which fits start. A structure with
-/// modes takes longer to simulate, and is tried with the last one alone.
-const BOUNCES: [f64; 2] = [0.03, 0.12];
+/// modes takes longer to simulate, and is tried with one of them alone.
+const BOUNCES: [f64; 4] = [0.02, 0.05, 0.12, 0.3];
+const BOUNCE_OF_MODES: [f64; 1] = [0.12];
 
-/// Positions of the stops from which fits start, over the largest displacement that was measured: a stop gives way.
-pub(super) const OF_MEASURED: [f64; 2] = [0.97, 0.85];
+/// How deep an axis enters the stops from which fits start, over the depth at which the RMS of its velocity turns. The
+/// largest displacement that was measured lies so much beyond the stop.
+const DEPTHS: [f64; 2] = [0.5, 1.5];
 
-/// The same over the RMS of the linear simulation, where no output measures the displacement.
-pub(super) const OF_SIMULATED: [f64; 2] = [0.5, 1.2];
+/// The least position of these stops over that displacement.
+const NEAREST: f64 = 0.3;
+
+/// Positions over the RMS of the displacement in the linear simulation, where no output measures it.
+const OF_SIMULATED: [f64; 2] = [0.5, 1.2];
 
 /// Damping ratio of the bounce from which fits start.
 const BOUNCE_DAMPING: f64 = 0.3;
@@ -23,15 +28,27 @@ const FASTEST: f64 = 0.5;
 /// a spring or a clamp, and one farther away is not reached.
 const REACHED: [f64; 2] = [0.02, 5.0];
 
-/// Returns k and c of stops from which fits start, with each position.
-pub(super) fn starts(setting: &Setting, place: &Place, positions: &[f64]) -> Vec<Vec<f64>> {
-    let mobility = setting.plant.mobility(setting.port(place));
-    let stop = |share: &f64, position: &f64| {
+/// Returns k, c and the position of stops from which fits start. `ends` are the largest displacements that were measured
+/// on the sides where there may be a stop; without them, `signs` are those of the positions.
+pub(super) fn starts(setting: &Setting, place: &Place, ends: Option<&[f64]>, signs: &[f64]) -> Vec<Vec<f64>> {
+    let port = setting.port(place);
+    let mobility = setting.plant.mobility(port);
+    let bounces = if setting.plant.modes.is_empty() { &BOUNCES[..] } else { &BOUNCE_OF_MODES[..] };
+    let mut starts = Vec::new();
+    for share in bounces {
         let w = std::f64::consts::TAU * share * setting.plant.rate;
-        vec![w * w / mobility, 2.0 * BOUNCE_DAMPING * w / mobility, *position]
-    };
-    let bounces = if setting.plant.modes.is_empty() { &BOUNCES[..] } else { &BOUNCES[1..] };
-    bounces.iter().flat_map(|share| positions.iter().map(move |position| stop(share, position))).collect()
+        let before = |end: &f64, depth: f64| {
+            let size = (end.abs() - depth * setting.v_rms[port] / w).max(NEAREST * end.abs());
+            size.copysign(*end)
+        };
+        let positions: Vec<f64> = match ends {
+            Some(ends) => ends.iter().flat_map(|end| DEPTHS.map(|depth| before(end, depth))).collect(),
+            None => signs.iter().flat_map(|sign| OF_SIMULATED.map(|x| sign * x * setting.d_rms[port])).collect(),
+        };
+        let stop = |position: f64| vec![w * w / mobility, 2.0 * BOUNCE_DAMPING * w / mobility, position];
+        starts.extend(positions.into_iter().map(stop));
+    }
+    starts
 }
 
 /// Returns whether records can show such a stop.

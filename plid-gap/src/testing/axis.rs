@@ -270,3 +270,42 @@ fn what_has_no_place_is_said() {
     assert_eq!((plant.ports.len(), plant.ports[0].output.as_slice()), (1, &[1.0][..]));
     assert!((plant.mobility(0) - 1.0).abs() < 1e-6, "{}", plant.mobility(0));
 }
+
+/// Returns the speed of a unit mass on a damper of 4 with friction that holds up to 0.3 and slides at 0.2, by small steps
+/// that end at rest where the velocity changes its sign.
+fn sticking(u: &[f64]) -> Vec<f64> {
+    const STEPS: usize = 100;
+    let (h, mut v) = (1.0 / (RATE * STEPS as f64), 0.0_f64);
+    let mut seen = Vec::new();
+    for u in u {
+        seen.push(v);
+        for _ in 0..STEPS {
+            let other = u - 4.0 * v;
+            if v == 0.0 && other.abs() <= 0.3 {
+                continue;
+            }
+            let sign = if v == 0.0 { other.signum() } else { v.signum() };
+            let next = v + h * (other - sign * (0.2 + 0.1 * (-(v / 0.02).powi(2)).exp()));
+            v = if v * next < 0.0 { 0.0 } else { next };
+        }
+    }
+    seen
+}
+
+#[test]
+fn friction_that_sticks_is_told_from_a_smooth_curve() {
+    let motor = Axis { mass: 1.0, c: 4.0, k: 0.0, force: none, position: false };
+    let mut case = motor.case();
+    let std = case.model.as_ref().unwrap().noise.sensor_std.clone().unwrap();
+    for (k, record) in case.records.iter_mut().enumerate() {
+        record.y = vec![sticking(&record.u[0])];
+        add_noise(&mut record.y, k as u64 + 50, &std);
+    }
+    let found = diagnosed(&case);
+    let [friction] = found.effects.as_slice() else { panic!("{}", found.sentence) };
+    assert_eq!((friction.effect.as_str(), friction.location.as_str()), ("stick-friction", "input:u1"));
+    for (name, size) in [("Fc", 0.2), ("Fs", 0.3)] {
+        let value = friction.parameters[name].value;
+        assert!((value / size - 1.0).abs() < 0.05, "{name} {value}: {}", found.sentence);
+    }
+}
