@@ -51,6 +51,12 @@ def free_rate(x, s):
     return sum(size * math.tanh(x / width) for size, width in zip(s, STEPS)) + s[4] * x * abs(x) + s[5] * x * x
 
 
+def stop(d, v, side, g, p):
+    """A spring with a damper beyond g on one side of rest. It pushes and never pulls."""
+    x = side * d - g
+    return -side * max(p["k"] * x + p["c"] * side * v, 0) if x > 0 else 0.0
+
+
 def course(t, s):
     """sum_k s_k max(t - T_k, 0)."""
     return sum(slope * np.maximum(t - turn, 0) for slope, turn in zip(s, TURNS))
@@ -176,10 +182,18 @@ FORCES = {
     "clearance": lambda d, v, z, p: -p["k"] * math.copysign(max(abs(d) - p["g"], 0), d),
     "coulomb-friction": lambda d, v, z, p: -p["F"] * math.tanh(v / p["v0"]),
     "quadratic-damping": lambda d, v, z, p: -p["c"] * abs(v) * v,
+    "end-stop": lambda d, v, z, p: stop(d, v, math.copysign(1, d), p["g"], p),
+    "one-sided-stop": lambda d, v, z, p: stop(d, v, math.copysign(1, p["s"]), abs(p["s"]), p),
+    "stick-friction": lambda d, v, z, p: 0.0 if v == 0 else
+        -math.copysign(p["Fc"] + (p["Fs"] - p["Fc"]) * math.exp(-(v / p["vs"])**2), v),
     "joint-hysteresis": lambda d, v, z, p: -p["k"] * z,
     "free-stiffness": lambda d, v, z, p: -p["size"] * bend(d / p["unit"], p["s"]),
     "free-damping": lambda d, v, z, p: -p["size"] * free_rate(v / p["unit"], p["s"]),
 }
+# Stiffness and damper of the steepest part of a law, which takes steps of its own.
+STEEPEST = {"end-stop": lambda p: (p["k"], p["c"]), "one-sided-stop": lambda p: (p["k"], p["c"])}
+# The largest force of dry friction that holds its port.
+HOLDS = {"stick-friction": lambda p: p["Fs"]}
 # Several forces at one port, each with a slip of its own.
 SEVERAL = {"free-joint": lambda p: [("joint-hysteresis", {"k": s * p["size"] / p["unit"], "dy": share * p["unit"]})
                                     for s, share in zip(p["s"], YIELDS)]}
@@ -193,7 +207,7 @@ DRIFTS = {
     "free-stiffness-course": lambda t, p: 1 + course(t / p["unit"], p["s"]),
 }
 # Already in linear_with_modal_effects; and what no free run shows.
-NOTHING_TO_DO = ["modal-frequency", "modal-damping", "missing-mode",
+NOTHING_TO_DO = ["modal-frequency", "modal-damping", "missing-mode", "added-mass", "added-damping", "added-stiffness",
                  "sensor-noise", "sensor-dropout", "coloured-disturbance"]
 
 KNOWN = [COMMANDS, FORCES, SEVERAL, DISTURBANCES, DRIFTS, SENSORS, NOTHING_TO_DO]
@@ -276,7 +290,7 @@ def simulate(file, u, t0):
                    1 / (rate * parts))
     forces = [(name, p, strut(location, model)) for name, location, p in effects if name in FORCES]
     if forces:
-        u, parts = refined(u, parts, FORCE_PARTS)
+        u, parts = refined(u, parts, max([FORCE_PARTS] + [stiff_parts(*force, rate) for force in forces]))
     pushes = [(DISTURBANCES[name](t, p), strut(location, model)) for name, location, p in effects if name in DISTURBANCES]
     drifts = [(DRIFTS[name], p) for name, _, p in effects if name in DRIFTS]
     y = structure(model, q, u, parts, t, forces, pushes, drifts)
@@ -284,6 +298,17 @@ def simulate(file, u, t0):
         if name in SENSORS:
             change(SENSORS[name], y, location, model["outputs"], p, t, 1 / rate)
     return y
+
+
+def stiff_parts(name, p, port, rate):
+    """The parts of a sample that a stiff law needs, a power of two up to 32: in each, it turns the motion of its port
+    by a quarter of a radian at most. A unit force accelerates the port by its mobility."""
+    stiffness, damper = STEEPEST[name](p) if name in STEEPEST else (0, 0)
+    if stiffness == damper == 0:
+        return 1
+    mobility = max(float(np.dot(port["velocity"], port["force"])), 0)
+    turn = (math.sqrt(abs(stiffness) * mobility) + abs(damper) * mobility) / (0.25 * rate)
+    return 2 ** math.ceil(math.log2(min(max(turn, 1), 32)))
 
 
 def refined(u, parts, least):
@@ -308,13 +333,17 @@ def structure(model, q, u, parts, t, forces, pushes, drifts):
     plain_c, plain_sees = c, sees
     x, y, f, z = np.zeros(n), np.zeros((len(c), len(t))), np.zeros(len(ports)), [0.0] * count
     seen, passed = [(0.0, 0.0)] * count, [0.0] * count  # (d, v) of each port, and the d to which its z belongs
-    law = lambda: [FORCES[name](*seen[j], z[j], p) for j, (name, p, _) in enumerate(forces)]
+    kept = [0.0 if name in HOLDS else None for name, *_ in forces]  # the force that holds a port, None while it moves
+    act = lambda j, name, p: FORCES[name](*seen[j], z[j], p) if kept[j] is None else kept[j]
+    law = lambda: [act(j, name, p) for j, (name, p, _) in enumerate(forces)]
+    gain = np.einsum("jn,nj->j", sees[1::2], held[:, :count])  # velocity at each port by its own held unit
     for k in range(len(t)):
         if drifts and k % DRIFT_SAMPLES == 0:
             middle = t[k] + DRIFT_SAMPLES / 2 * parts * h
             now, c, sees = stiffened(a, plain_c, plain_sees, q, math.prod(drift(middle, p) for drift, p in drifts))
             step, add, _ = over(now, b, h)
             _, held, ramp = over(now, column, h)
+            gain = np.einsum("jn,nj->j", sees[1::2], held[:, :count])
             seen = (sees @ x).reshape(-1, 2).tolist()
         for part in range(k * parts, (k + 1) * parts):
             f[:count] = law()
@@ -327,8 +356,20 @@ def structure(model, q, u, parts, t, forces, pushes, drifts):
             if forces:
                 # So far the forces were held. What they are at the end of that step says how they change on the way: the
                 # change is a ramp (exponential time differencing of second order, Cox and Matthews 2002).
-                seen = (sees @ x).reshape(-1, 2).tolist()
+                before, seen = seen, (sees @ x).reshape(-1, 2).tolist()
                 for j, (name, p, _) in enumerate(forces):
+                    # Friction that holds its port, or on whose way the velocity passes zero, becomes the force that
+                    # brings the port to rest at the end of the part, as far as it can (the time stepping of Moreau).
+                    v = seen[j][1]
+                    if name in HOLDS and (kept[j] is not None or before[j][1] * v <= 0):
+                        wanted, most = f[j] - v / gain[j], HOLDS[name](p)
+                        force = min(max(wanted, -most), most)
+                        kept[j] = force if force == wanted else None
+                        x = x + held[:, j] * (force - f[j])
+                        f[j] = force
+                        seen[j:] = (sees @ x).reshape(-1, 2).tolist()[j:]
+                        if kept[j] is not None:
+                            seen[j][1] = 0.0
                     if name in SLIPS:
                         z[j], passed[j] = SLIPS[name](z[j], seen[j][0] - passed[j], p), seen[j][0]
                 x += ramp[:, :count] @ (np.array(law()) - f[:count])

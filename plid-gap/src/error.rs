@@ -42,6 +42,14 @@ pub enum GapError {
         /// The most similar name.
         suggestion: Option<String>,
     },
+    /// A force cannot act at a port that the case declares.
+    #[error("[[port]] `{name}`: {message}")]
+    Port {
+        /// The name of the port.
+        name: String,
+        /// Why not.
+        message: String,
+    },
     /// The simulation is unstable.
     #[error("{}: the simulation is unstable: a pole of magnitude {magnitude:.6} at {hz:.2} Hz", file.display())]
     #[diagnostic(help(

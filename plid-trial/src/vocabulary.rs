@@ -85,6 +85,19 @@ pub const VOCABULARY: [Kind; 32] = [
     kind("coloured-disturbance", DISTURBANCE, At::Input, &[]),
 ];
 
+/// Effects of the diagnosis that no trial draws: they act on the axes of plants without lightly damped modes, and at
+/// declared ports. The testbed's plants are structures with modes, and many of their cases declare no port, where a
+/// mass, a damper or a spring is what it does to the frequencies and damping ratios of all modes. Stops and friction
+/// that sticks have the testbed's clearance and its Stribeck curve for near relatives.
+pub const ELSEWHERE: [Kind; 6] = [
+    kind("added-mass", MODAL, At::Input, &[]),
+    kind("added-damping", MODAL, At::Input, &[]),
+    kind("added-stiffness", MODAL, At::Input, &[]),
+    kind("end-stop", STRUT, At::Input, &[]),
+    kind("one-sided-stop", STRUT, At::Input, &[]),
+    kind("stick-friction", STRUT, At::Input, &[]),
+];
+
 const OUTSIDE: &str = "outside";
 
 /// Effects that are not in the vocabulary of plid-gap.
@@ -120,9 +133,10 @@ pub fn find(name: &str) -> Option<Kind> {
     whole().into_iter().find(|kind| kind.name == name)
 }
 
-/// Returns the family of an effect of [`whole`].
+/// Returns the family of an effect of [`whole`] or [`ELSEWHERE`].
 pub fn family(name: &str) -> Option<&'static str> {
-    find(name).map(|kind| kind.family)
+    let elsewhere = || ELSEWHERE.into_iter().find(|kind| kind.name == name);
+    find(name).or_else(elsewhere).map(|kind| kind.family)
 }
 
 impl Kind {
@@ -158,7 +172,7 @@ mod tests {
     fn the_vocabulary_is_the_diagnosis_s_and_outsiders_are_not() {
         let library = Library::standard();
         let mut known: Vec<&str> = library.effects().map(|effect| effect.name()).collect();
-        let mut drawn: Vec<&str> = VOCABULARY.iter().map(|kind| kind.name).collect();
+        let mut drawn: Vec<&str> = VOCABULARY.iter().chain(&ELSEWHERE).map(|kind| kind.name).collect();
         known.sort_unstable();
         drawn.sort_unstable();
         assert_eq!(known, drawn);

@@ -3,20 +3,32 @@
 use crate::effects::Names;
 use crate::plant::{KindSource, Plant, PortSource};
 
-/// States the kind of each output, and the locations of forces that depend on the motion.
+/// States the kind of each output, and the locations of forces that depend on the motion, as far as they are not
+/// obvious.
 pub(crate) fn in_words(plant: &Plant, names: &Names) -> Vec<String> {
     let mut words = vec![kinds(plant, names)];
-    match (plant.port_source, plant.ports.is_empty()) {
-        (PortSource::Axis, true) => words.push(
-            "No force that depends on the motion, such as friction or backlash, was considered, because the simulation \
-            has no lightly damped mode and no output shows the motion of an input's axis. Declare `output_kinds` (a \
-            position or a velocity), or ports in the simulation."
+    if plant.ports.is_empty() {
+        words.push(
+            "No force that depends on the motion, such as friction, backlash or a payload, was considered: it has no \
+            place, because the simulation has no lightly damped mode and no output shows the motion of an input's \
+            axis. Declare `output_kinds` (a position, a velocity or an acceleration), a `[[port]]` by an input and an \
+            output, or ports in the simulation."
                 .into(),
-        ),
-        (PortSource::Axis, false) => {
-            words.push(format!("Forces that depend on the motion were considered {}.", axes(plant)));
-        }
-        _ => {}
+        );
+        return words;
+    }
+    if plant.port_source == PortSource::Axis {
+        let axes: Vec<String> = plant.ports.iter().map(|port| format!("on the axis of {}", port.name)).collect();
+        words.push(format!("Forces that depend on the motion were considered {}.", axes.join(" and ")));
+    }
+    let blind: Vec<&str> =
+        plant.ports.iter().filter(|port| !port.sees_displacement()).map(|port| port.name.as_str()).collect();
+    if !blind.is_empty() {
+        words.push(format!(
+            "Forces that depend on a displacement, such as springs, clearances and stops, were not considered at {}, \
+            where only the velocity is known. Declare a `[[port]]` with an output that measures a position.",
+            blind.join(" and ")
+        ));
     }
     words
 }
@@ -36,12 +48,4 @@ fn kinds(plant: &Plant, names: &Names) -> String {
 
 fn with_article(kind: &str) -> String {
     if kind.starts_with('a') { format!("an {kind}") } else { format!("a {kind}") }
-}
-
-fn axes(plant: &Plant) -> String {
-    let axis = |port: &crate::plant::Port| {
-        let sees = if port.sees_displacement() { "" } else { ", of its velocity alone" };
-        format!("on the axis of {}{sees}", port.name)
-    };
-    plant.ports.iter().map(axis).collect::<Vec<_>>().join(" and ")
 }

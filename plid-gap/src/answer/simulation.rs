@@ -4,10 +4,11 @@ use std::collections::BTreeMap;
 
 use crate::answer::range::FittedRange;
 use crate::answer::schema::{Gap, SimulationWithEffects, Value, WrittenEffect};
-use crate::effects::{Action, Parameter, Place, Setting};
+use crate::effects::{Parameter, Place, Setting};
 use crate::fit::problem::{Placed, Problem};
 use crate::judge::explained::Explained;
 use crate::search::stochastic::{Stochastic, wanders};
+use crate::simulate::changed_plant;
 
 /// Returns the changes by the bounded refit in standard deviations of its prior, for each mode: its frequency in Hz,
 /// then the changes of frequency, damping and the largest of the shapes.
@@ -49,14 +50,7 @@ pub(crate) fn written(
         .chain(shown.iter().map(|stochastic| &stochastic.placed).filter(|placed| !wanders(placed)))
         .map(|placed| written_effect(placed, setting, &refitted))
         .collect();
-    let mut modal = plant.clone();
-    let mut changed = false;
-    for action in ready.problem.actions(fitted) {
-        if let Action::Plant(change) = action {
-            change(&mut modal);
-            changed = true;
-        }
-    }
+    let modal = changed_plant(plant, &ready.problem.actions(fitted));
     let refit = refit_summary(&ready.problem, eta)
         .iter()
         .zip(ready.problem.plant.modes.iter().zip(&plant.modes))
@@ -78,7 +72,7 @@ pub(crate) fn written(
         format: "simulation-with-effects".into(),
         linear: plant.to_model(model).to_json(),
         modes: plant.modes.len(),
-        linear_with_modal_effects: changed.then(|| modal.to_model(model).to_json()),
+        linear_with_modal_effects: modal.map(|modal| modal.to_model(model).to_json()),
         refit,
         effects,
         t0,

@@ -8,6 +8,7 @@ mod clipping;
 mod constant;
 mod finite;
 mod little;
+mod ports;
 mod responses;
 mod rewire;
 mod shapes;
@@ -41,7 +42,8 @@ pub struct Audit {
 /// Audits a case. A case without a simulation gets a surrogate model. `off` are the steps that the diagnosis skips.
 ///
 /// # Errors
-/// [`GapError::Record`], [`GapError::Constant`], [`GapError::Unstable`], [`GapError::TooLittle`], [`GapError::Model`];
+/// [`GapError::Record`], [`GapError::Constant`], [`GapError::Port`], [`GapError::Unstable`], [`GapError::TooLittle`],
+/// [`GapError::Model`];
 /// [`GapError::Failed`] if no model is given and none can be identified.
 pub fn audit(case: &Case, library: &Library, off: &[Step], say: &mut dyn FnMut(String)) -> Result<Audit, GapError> {
     look(case, library, &[], off, None, say)
@@ -77,9 +79,7 @@ fn look(
     let mut found = finite::check(case)?;
     found.extend(constant::check(case)?);
     let looks = !off.contains(&Step::Audit);
-    if looks {
-        found.extend(clipping::check(case));
-    }
+    found.extend(if looks { clipping::check(case) } else { Vec::new() });
     let (model, surrogate) = match &case.model {
         Some(model) => (model.clone(), None),
         None => {
@@ -117,6 +117,7 @@ fn look(
     let (prior_std, model_error) =
         surrogate.clone().map_or_else(Default::default, |surrogate| (surrogate.prior_std, surrogate.model_error));
     let known = Known {
+        ports: ports::of_case(&case)?,
         limits: case.config.nuisance,
         prior_std,
         model_error,

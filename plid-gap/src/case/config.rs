@@ -5,8 +5,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::case::Limits;
 use crate::settings::GapSettings;
+use plid_data::nearest;
 use plid_data::prepare::decimate;
 use plid_data::prepare::trend::Trend;
+
+/// Prefix of the names of ports on single modes, which no case may give.
+const ON_A_MODE: &str = "mode:";
 
 /// The contents of a case file, CASE.toml.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -37,6 +41,9 @@ pub struct CaseConfig {
     /// Quantities that the outputs measure, by name. If absent, they are those that the simulation declares or shows.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub output_kinds: BTreeMap<String, OutputKind>,
+    /// Places where forces may act that depend on the motion, each by an input and an output.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub port: Vec<PortConfig>,
     /// Effects or locations that the engineer suspects.
     #[serde(default)]
     pub suspects: Vec<String>,
@@ -55,6 +62,18 @@ pub struct CaseConfig {
     /// The records in the order in which they were taken.
     #[serde(default)]
     pub record: Vec<RecordConfig>,
+}
+
+/// A place where a force may act: it enters as an input does, and meets the motion that an output shows.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PortConfig {
+    /// Its name.
+    pub name: String,
+    /// The input that acts there.
+    pub input: String,
+    /// The output that shows the motion there.
+    pub output: String,
 }
 
 /// Two per cent of the output.
@@ -179,6 +198,7 @@ impl CaseConfig {
             inputs,
             outputs,
             output_kinds: BTreeMap::new(),
+            port: Vec::new(),
             suspects: Vec::new(),
             exclude: Vec::new(),
             nuisance: Limits::default(),
@@ -207,6 +227,7 @@ impl CaseConfig {
         if let Some(name) = self.output_kinds.keys().find(|name| !self.outputs.contains(name)) {
             problems.push(("output_kinds", format!("`{name}` is not one of the outputs")));
         }
+        problems.extend(self.port_problems());
         let ratio = match self.ratio() {
             Ok(ratio) => ratio,
             Err(message) => {
@@ -236,6 +257,29 @@ impl CaseConfig {
             problems.push(("simulated", "either every record has its simulated outputs or none".to_string()));
         }
         problems.extend(self.settings.problems());
+        problems
+    }
+
+    /// Returns the invalid values of the ports, as key and reason.
+    fn port_problems(&self) -> Vec<(&'static str, String)> {
+        let mut problems = Vec::new();
+        for (at, port) in self.port.iter().enumerate() {
+            let PortConfig { name, input, output } = port;
+            if name.is_empty() || name.starts_with(ON_A_MODE) {
+                problems
+                    .push(("name", format!("`{name}` is not the name of a port: it is empty or begins with mode:")));
+            }
+            if self.port[..at].iter().any(|other| other.name == *name) {
+                problems.push(("name", format!("two ports are called `{name}`")));
+            }
+            for (key, given, names) in [("input", input, &self.inputs), ("output", output, &self.outputs)] {
+                if !names.contains(given) {
+                    let meant = nearest(given, names).map(|name| format!("; did you mean `{name}`?"));
+                    let message = format!("port `{name}`: `{given}` is not one of the {key}s");
+                    problems.push((key, message + &meant.unwrap_or_default()));
+                }
+            }
+        }
         problems
     }
 

@@ -15,7 +15,7 @@ use plid_model::Model;
 
 use crate::error::GapError;
 
-pub use config::{CaseConfig, ExcitationKind, RecordConfig, StartKind, Use};
+pub use config::{CaseConfig, ExcitationKind, PortConfig, RecordConfig, StartKind, Use};
 pub use limits::Limits;
 pub use record::{Channels, Excitation, Record};
 
@@ -152,6 +152,34 @@ mod tests {
         assert!(unknown.contains("most_unknwon") && unknown.contains("did you mean `most_unknown`"), "{unknown}");
         let range = said("[settings.judge]\nmost_unknown = 1.5");
         assert!(range.contains("line 5") && range.contains("1.5 is not within 0 to 1"), "{range}");
+    }
+
+    #[test]
+    fn ports_are_channels_of_the_case() {
+        let with = |ports: &str| {
+            let text = format!(
+                "sample_rate_hz = 1.0\ninputs = [\"torque\"]\noutputs = [\"encoder\"]\n[[record]]\nfile = \
+                \"r1.csv\"\n{ports}"
+            );
+            plid_data::config::from_toml_checked(&text, "case.toml", CaseConfig::problems)
+        };
+        let port = |name: &str, input: &str, output: &str| {
+            format!("[[port]]\nname = \"{name}\"\ninput = \"{input}\"\noutput = \"{output}\"\n")
+        };
+        let read = with(&port("axis", "torque", "encoder")).unwrap();
+        let expected = PortConfig { name: "axis".into(), input: "torque".into(), output: "encoder".into() };
+        assert_eq!(read.port, [expected]);
+        let said = |ports: &str| format!("{:?}", miette::Report::new(with(ports).unwrap_err()));
+        let input = said(&port("axis", "torqe", "encoder"));
+        assert!(input.contains("`torqe` is not one of the inputs; did you mean `torque`?"), "{input}");
+        let output = said(&port("axis", "torque", "encodr"));
+        assert!(output.contains("`encodr` is not one of the outputs; did you mean `encoder`?"), "{output}");
+        let twice = said(&port("axis", "torque", "encoder").repeat(2));
+        assert!(twice.contains("two ports are called `axis`"), "{twice}");
+        let mode = said(&port("mode:3", "torque", "encoder"));
+        assert!(mode.contains("is not the name of a port"), "{mode}");
+        let key = said(&(port("axis", "torque", "encoder") + "place = 1\n"));
+        assert!(key.contains("place"), "{key}");
     }
 
     #[test]

@@ -1,5 +1,5 @@
 use crate::case::record::Channels;
-use crate::plant::Plant;
+use crate::plant::{Load, Plant};
 
 /// The command on its way to the structure: m channels, each with `parts` values in a sample, held over that part of
 /// the sample.
@@ -50,6 +50,17 @@ pub trait Force: Send + Sync {
     /// Returns the force; `state` is an internal state (zero at rest; unused by most effects).
     fn force(&self, d: f64, v: f64, state: f64) -> f64;
 
+    /// Returns the stiffness and the damper of the steepest part of the law. A run takes as many steps as they need.
+    fn steepest(&self) -> [f64; 2] {
+        [0.0; 2]
+    }
+
+    /// Returns the largest force that holds the port where it is while its velocity is zero, as dry friction does;
+    /// `None` for a force that depends on the motion alone.
+    fn holds(&self) -> Option<f64> {
+        None
+    }
+
     /// Returns the internal state after the displacement has changed from one value to another.
     fn advance(&self, _from: f64, _to: f64, state: f64) -> f64 {
         state
@@ -68,7 +79,10 @@ pub enum Action {
     Command(Box<dyn Command>),
     /// Changes the plant before a run.
     Plant(Box<dyn Fn(&mut Plant) + Send + Sync>),
-    /// Multiplies every mode's w^2 by a function of time.
+    /// Adds a linear force at a port (its number). It acts after all other changes of the plant, because it couples
+    /// the modes.
+    Load(usize, Load),
+    /// Multiplies every mode's w^2 by a function of time. Modes that a load couples are not changed.
     Stiffness(Box<dyn Fn(f64) -> f64 + Send + Sync>),
     /// Applies a force at a port (its number) that depends on the structure's motion.
     Force(usize, Box<dyn Force>),

@@ -33,7 +33,7 @@ impl Effect for ActuatorLag {
         let Place::Input(i) = *place else { return Vec::new() };
         match setting.plant.chain.actuator_hz(i) {
             Some(hz) => [0.5, 0.75, 0.9, 1.12, 1.4, 2.2].map(|share| vec![share * hz]).to_vec(),
-            None => [0.1, 0.25, 0.5].map(|share| vec![share * setting.plant.rate]).to_vec(),
+            None => [0.02, 0.1, 0.25, 0.5].map(|share| vec![share * setting.plant.rate]).to_vec(),
         }
     }
 

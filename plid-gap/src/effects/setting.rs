@@ -2,9 +2,15 @@ use super::Place;
 use super::place::{Names, ON_A_MODE};
 use plid_model::Model;
 
-use crate::plant::Plant;
+use crate::plant::{Plant, PortSource};
 use crate::signal::peaks::MissingModeStart;
 use crate::signal::tones::Tone;
+
+/// Shares of the inertia, damper or stiffness at a port from which fits of an added one start.
+const LOAD_SHARES: [f64; 4] = [0.1, -0.1, 0.4, -0.4];
+
+/// Largest relative change of a mode's frequency from which a fit of a load starts.
+const FARTHEST: f64 = 0.4;
 
 /// Properties of the simulation and of the records by which an effect chooses its locations and starts.
 #[derive(Debug, Clone)]
@@ -23,6 +29,8 @@ pub struct Setting {
     pub y_max: Vec<f64>,
     /// RMS of the displacement at each port, simulated at the highest level.
     pub d_rms: Vec<f64>,
+    /// Lowest and highest displacement at each port that an output measured; `None` where no output measures it.
+    pub d_range: Vec<Option<[f64; 2]>>,
     /// RMS of the velocity at each port.
     pub v_rms: Vec<f64>,
     /// Force at each port that moves the structure about as much as one volt at its input.
@@ -53,6 +61,7 @@ impl Setting {
             y_rms: vec![0.0; plant.p],
             y_max: vec![0.0; plant.p],
             d_rms: vec![0.0; plant.ports.len()],
+            d_range: vec![None; plant.ports.len()],
             v_rms: vec![0.0; plant.ports.len()],
             force: vec![0.0; plant.ports.len()],
             stiffness: plant.ports.iter().map(|port| plant.stiffness(port)).collect(),
@@ -87,6 +96,28 @@ impl Setting {
     pub fn springs(&self) -> Vec<Place> {
         let sees = |place: &Place| self.plant.ports[self.port(place)].sees_displacement();
         self.joints().into_iter().filter(sees).collect()
+    }
+
+    /// Returns the locations of linear forces: declared ports, and the axes of a plant without modes. At ports that
+    /// were inferred from modes, the frequency and the damping ratio of each mode serve instead.
+    pub fn loads(&self) -> Vec<Place> {
+        let exact = self.plant.port_source != PortSource::Inferred && self.plant.rest.continuous.is_some();
+        let on_a_mode = |place: &Place| self.is_on_a_mode(self.port(place));
+        if exact { self.joints().into_iter().filter(|place| !on_a_mode(place)).collect() } else { Vec::new() }
+    }
+
+    /// Returns sizes of a linear force from which fits start: shares of what the port has itself, or of `other` if it
+    /// has nothing; and for each resonance that shows elsewhere, the size that moves the nearest mode there. `by` gives the
+    /// share for a frequency that is multiplied by a factor, if the force moves frequencies.
+    pub(super) fn load_starts(&self, own: f64, other: f64, by: Option<fn(f64) -> f64>) -> Vec<Vec<f64>> {
+        let scale = if own > 0.0 { own } else { other };
+        let mut shares = LOAD_SHARES.to_vec();
+        if let Some(by) = by {
+            let moved = |hz: f64| Some(hz / self.plant.modes[self.plant.mode_at(hz)?].hz());
+            let factors = self.missing.iter().filter_map(|mode| moved(mode.hz));
+            shares.extend(factors.filter(|factor| (factor - 1.0).abs() < FARTHEST).map(by));
+        }
+        shares.into_iter().map(|share| vec![share * scale]).collect()
     }
 
     /// Returns whether a port is on a single mode.

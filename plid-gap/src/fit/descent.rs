@@ -62,6 +62,10 @@ const UNDAMPED: f64 = 1e-3;
 /// The damping of a fit's steps (Marquardt 1963).
 const DAMPING: Damping = Damping { start: UNDAMPED, shrink: 0.1, grow: 10.0, least: 1e-9, tries: 6, factors: &[1.0] };
 
+/// The damping of fits with a load. Along the valley in which the poles and gains follow the load, only their prior
+/// holds the linear parameters. A damping of the load that exceeds it makes them take the step, and biases the load.
+const DAMPING_LOADED: Damping = Damping { start: 1e-8, grow: 100.0, ..DAMPING };
+
 /// The damping if every step is tried undamped first.
 const DAMPING_LINEAR: Damping = Damping { shrink: 0.0, least: UNDAMPED, tries: 7, ..DAMPING };
 
@@ -155,8 +159,11 @@ impl<'a> plid_lsq::Problem for Search<'_, 'a> {
         let jacobian = match self.derivatives {
             Derivatives::Given(given) => given,
             Derivatives::Renewed(given) => {
-                if self.steps.is_multiple_of(RENEWED) {
-                    if problem.strong {
+                // A load and the poles that it moves may look alike to the last digit. Derivatives of which only some
+                // are current would part them.
+                let loaded = problem.is_loaded(effects);
+                if loaded || self.steps.is_multiple_of(RENEWED) {
+                    if problem.strong || loaded {
                         self.own = Some(problem.jacobian_with_effects(at, self.effort.fineness));
                     } else if let Some(changed) = problem.changed(plant, effects) {
                         self.own = Some(problem.jacobian(&changed));
@@ -236,7 +243,8 @@ impl Problem {
     }
 
     fn fitted<'a>(&self, derivatives: Derivatives<'_>, eta: &[f64], effects: &[Placed<'a>], effort: Effort) -> Fit<'a> {
-        let mut search = self.search(derivatives, DAMPING, effort);
+        let damping = if self.is_loaded(effects) { DAMPING_LOADED } else { DAMPING };
+        let mut search = self.search(derivatives, damping, effort);
         let Minimum { point, equations, ended, .. } = search.run(eta, effects);
         let covariance = self.model_covariance(&equations.normal, &search.linearised, &search.scales);
         let Point { eta, effects, residual, cost, .. } = point;

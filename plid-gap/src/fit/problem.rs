@@ -125,6 +125,13 @@ impl Problem {
         changed
     }
 
+    /// Returns whether an effect loads the plant, whose few linear parameters allow the derivatives of the simulation
+    /// with its effects. A load and the poles that it moves look alike, so that derivatives without it lead astray.
+    pub fn is_loaded(&self, effects: &[Placed]) -> bool {
+        let few = self.nuisance.of_simulation() <= self.settings.search.strong_numbers;
+        few && self.actions(effects).iter().any(|action| matches!(action, Action::Load(..)))
+    }
+
     /// Simulates the free run of one record.
     pub fn outputs(
         &self,

@@ -1,35 +1,18 @@
-use nalgebra::DVector;
-
-use super::{Plant, Port};
+use super::{CasePort, KindSource, Plant, Port};
 use crate::fourier::C;
 
 /// The axis of each input, as a port, for a plant without lightly damped modes: a motor, a servo, a slider.
 ///
-/// A force on the axis enters as the input does, so its unit is that of the input. The motion that the force meets is
-/// the one that the collocated output shows: of the outputs that sense a position or a velocity, the one to which the
-/// input contributes most. A position gives both displacement and velocity. A velocity does not give the displacement,
-/// which is its integral and no combination of the states.
+/// It is the port between the input and the collocated output: of the outputs that sense a position or a velocity, or
+/// are declared to sense an acceleration, the one to which the input contributes most. A velocity gives the displacement
+/// only if a spring holds the axis. Otherwise that is no combination of the states.
 pub(super) fn infer(plant: &Plant, inputs: &[String]) -> Vec<Port> {
-    let Some((a, b)) = &plant.rest.continuous else { return Vec::new() };
-    let port = |(i, name): (usize, &String)| {
-        let o = collocated(plant, i)?;
-        let row: DVector<f64> = plant.rest.c.row(o).transpose();
-        let slope = a.tr_mul(&row);
-        let none = DVector::zeros(row.len());
-        let (displacement_rest, velocity_rest) = if plant.sensed[o].order == 0 { (row, slope) } else { (none, row) };
-        Some(Port {
-            name: name.clone(),
-            input: Some(i),
-            force: Vec::new(),
-            displacement: Vec::new(),
-            velocity: Vec::new(),
-            force_rest: b.column(i).into_owned(),
-            displacement_rest,
-            velocity_rest,
-            output: Vec::new(),
-        })
+    let axis = |(input, name): (usize, &String)| {
+        let output = collocated(plant, input)?;
+        let port = plant.between(&CasePort { name: name.clone(), input, output }).ok()?;
+        Some(Port { input: Some(input), ..port })
     };
-    inputs.iter().enumerate().filter_map(port).collect()
+    inputs.iter().enumerate().filter_map(axis).collect()
 }
 
 /// The output that shows the motion of an input's axis, if any does.
@@ -39,7 +22,7 @@ fn collocated(plant: &Plant, input: usize) -> Option<usize> {
         let all: f64 = (0..plant.m).map(size).sum();
         if all > 0.0 { size(input) / all } else { 0.0 }
     };
-    let shows_motion = |o: &usize| plant.sensed[*o].order < 2;
+    let shows_motion = |o: &usize| plant.sensed[*o].order < 2 || plant.sensed[*o].source == KindSource::Declared;
     (0..plant.p).filter(shows_motion).max_by(|&x, &y| share(x).total_cmp(&share(y))).filter(|&o| share(o) > 0.0)
 }
 
@@ -76,6 +59,12 @@ mod tests {
         Plant::new(&Model::new(1000.0, a, b, c, DMatrix::zeros(1, 1)).unwrap()).unwrap()
     }
 
+    /// The same mass without a spring, of which only the speed is a state.
+    fn motor() -> Plant {
+        let (a, b) = crate::testing::held(&dmatrix![-1.5], &dmatrix![0.5], 1e-3);
+        Plant::new(&Model::new(1000.0, a, b, dmatrix![1.0], DMatrix::zeros(1, 1)).unwrap()).unwrap()
+    }
+
     #[test]
     fn an_overdamped_servo_has_its_axis() {
         let plant = axis(0.7, true);
@@ -89,11 +78,21 @@ mod tests {
     }
 
     #[test]
-    fn a_velocity_does_not_give_the_displacement() {
-        let plant = axis(0.7, false);
+    fn a_velocity_does_not_give_the_displacement_of_a_motor() {
+        let plant = motor();
         let port = &plant.ports[0];
         assert!(!port.sees_displacement());
         assert!((port.velocity_rest.dot(&port.force_rest) - 0.5).abs() < 1e-6);
+    }
+
+    /// Where a spring holds the axis, its displacement is a state, whatever is measured.
+    #[test]
+    fn a_velocity_gives_the_displacement_on_a_spring() {
+        let plant = axis(0.7, false);
+        let port = &plant.ports[0];
+        assert!(port.sees_displacement());
+        assert!(port.displacement_rest.dot(&port.force_rest).abs() < 1e-6);
+        assert!((plant.stiffness(port) / 0.7 - 1.0).abs() < 1e-6, "{}", plant.stiffness(port));
     }
 
     /// Nothing holds a slider: its pole at the origin has a continuous form, and its axis no stiffness.

@@ -6,8 +6,11 @@
 
 mod axis;
 mod chain;
+mod declared;
 mod kind;
+mod load;
 mod logarithm;
+mod motion;
 mod ports;
 mod spectrum;
 
@@ -19,7 +22,9 @@ use crate::fourier::C;
 use crate::settings::PlantSettings;
 
 pub use chain::SignalChain;
+pub use declared::CasePort;
 pub use kind::{KindSource, Sensed};
+pub use load::Load;
 pub use ports::PortSource;
 pub use spectrum::{RestNumber, Spectrum};
 
@@ -193,7 +198,7 @@ impl Plant {
         let basis = Basis { right, left, rest, rest_inverse };
 
         let step = 1.0 / rate;
-        let modes = poles
+        let modes: Vec<Mode> = poles
             .iter()
             .enumerate()
             .map(|(k, &z)| {
@@ -209,7 +214,11 @@ impl Plant {
         let b = &basis.rest_inverse * &model.b;
         let continuous = rest_in_time(model, &basis, &a, &b, step);
         let rest = NonModal { c: &model.c * &basis.rest, a, b, continuous };
-        let chain = SignalChain::find(&rest, step, settings);
+        let mut chain = SignalChain::find(&rest, step, settings);
+        if modes.is_empty() && m == 1 {
+            // Its only input drives every pole alone: that of the axis itself as well as that of an actuator.
+            chain.actuator = vec![None];
+        }
         let mut plant = Self {
             rate,
             m,

@@ -7,7 +7,7 @@ use crate::fourier::C;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PortSource {
-    /// The simulation declares them.
+    /// The simulation or the case declares them.
     Declared,
     /// The port of each input, from the modes' input shapes; the scale of each mode by reciprocity (input and output
     /// shapes of equal norm, as if sensors stood near the actuators).

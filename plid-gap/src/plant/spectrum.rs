@@ -1,6 +1,6 @@
 use nalgebra::{DMatrix, DVector};
 
-use super::{NonModal, Plant, eigenvectors, phi1};
+use super::{KindSource, NonModal, Plant, eigenvectors, phi1};
 use crate::fourier::C;
 
 /// Relative error up to which the eigenvectors reconstruct the matrix. Poles that nearly coincide have eigenvectors
@@ -36,6 +36,8 @@ struct Pole {
 #[derive(Debug, Clone)]
 pub struct Spectrum {
     poles: Vec<Pole>,
+    /// For each output whose displacement is a combination of the states, that combination.
+    displacements: Vec<Option<DVector<f64>>>,
     /// The parameters in their order.
     pub numbers: Vec<RestNumber>,
 }
@@ -68,10 +70,15 @@ impl Spectrum {
         }
         numbers.extend((0..plant.m).map(RestNumber::Input));
         numbers.extend((0..plant.p).map(RestNumber::Output));
-        Some(Self { poles, numbers })
+        let displacements = (0..plant.p).map(|o| displacement(plant, o)).collect();
+        Some(Self { poles, displacements, numbers })
     }
 
     /// Multiplies each parameter of a plant's rest by e^eta, output gains also in D.
+    ///
+    /// Whatever holds or brakes a mass, a force accelerates it alike: a pole that moves leaves the acceleration that a
+    /// force causes at once as it is, at every output and port whose displacement is known, as a mode's pole does. The
+    /// outputs there stay the derivatives of that displacement.
     pub fn change(&self, plant: &mut Plant, eta: &[f64]) {
         let mut poles = self.poles.clone();
         let (mut inputs, mut outputs) = (vec![1.0; plant.m], vec![1.0; plant.p]);
@@ -95,6 +102,24 @@ impl Spectrum {
         let a = sum(&poles, |pole| (pole * step).exp());
         let held = sum(&poles, |pole| phi1(pole * step) * step);
         let a_time = sum(&poles, |pole| pole);
+        if poles.iter().zip(&self.poles).any(|(now, before)| now.pole != before.pole) {
+            let before = sum(&self.poles, |pole| pole);
+            let entered = plant.rest.continuous.as_ref().map(|(_, b)| b.clone()).unwrap_or_default();
+            for (o, row) in self.displacements.iter().enumerate() {
+                let Some(row) = row.as_ref().and_then(|row| Some(row * inertia_kept(row, &before, &a_time, &entered)?))
+                else {
+                    continue;
+                };
+                let sensed = (0..plant.sensed[o].order).fold(row, |row, _| a_time.tr_mul(&row));
+                c.row_mut(o).copy_from(&(sensed * outputs[o]).transpose());
+            }
+            for port in plant.ports.iter_mut().filter(|port| port.sees_displacement()) {
+                let force = DMatrix::from_columns(std::slice::from_ref(&port.force_rest));
+                let Some(factor) = inertia_kept(&port.displacement_rest, &before, &a_time, &force) else { continue };
+                port.displacement_rest *= factor;
+                port.velocity_rest = a_time.tr_mul(&port.displacement_rest);
+            }
+        }
         let rest = NonModal { a, b: held * &b, c, continuous: Some((a_time, b)) };
         (plant.rest, plant.d) = (rest, d);
     }
@@ -113,6 +138,31 @@ impl Spectrum {
             RestNumber::Output(o) => format!("gain of {} multiplied by {factor:.4}", outputs[o]),
         }
     }
+}
+
+/// Returns the displacement that an output shows, as a row of the states; `None` if its kind is only assumed, or if its
+/// derivative is not the velocity, so that a force moves it at once.
+fn displacement(plant: &Plant, output: usize) -> Option<DVector<f64>> {
+    if plant.sensed[output].source == KindSource::Assumed {
+        return None;
+    }
+    let motion = plant.motion(output)?;
+    let row = motion.displacement?;
+    plant.is_integral(&motion.velocity, &row).then_some(row.rest)
+}
+
+/// Returns the factor of a displacement with which a force causes the same acceleration at once after the poles have
+/// moved; that of the column with the largest. `None` if a force causes none.
+fn inertia_kept(
+    row: &DVector<f64>,
+    before: &DMatrix<f64>,
+    after: &DMatrix<f64>,
+    columns: &DMatrix<f64>,
+) -> Option<f64> {
+    let [before, after] = [before, after].map(|a| columns.tr_mul(&a.tr_mul(row)));
+    let at = before.iamax();
+    let factor = before[at] / after[at];
+    (factor.is_finite() && factor > 0.0).then_some(factor)
 }
 
 /// Returns a pair of poles with its damping ratio multiplied.
@@ -166,13 +216,24 @@ mod tests {
         let spectrum = Spectrum::of(&nominal).unwrap();
         assert_eq!(spectrum.numbers[..2], [RestNumber::Frequency(0), RestNumber::Damping(0)]);
         let mut moved = nominal.clone();
-        // The input's gain stays 1: a unit force accelerates the unit mass, whatever holds the mass.
+        // A unit force accelerates the unit mass, whatever holds the mass.
         spectrum.change(&mut moved, &[0.1, -0.2, 0.0, 0.0]);
         let w = w * 0.1_f64.exp();
         let built = servo(w * w, 2.0 * zeta * (-0.2_f64).exp() * w);
-        let gain = built.response(0.01)[(0, 0)].re / moved.response(0.01)[(0, 0)].re;
-        moved.rest.c *= gain;
         assert!(far(&moved, &built) < 1e-6, "{}", far(&moved, &built));
+        let [moved, built] = [&moved, &built].map(|plant| [plant.mobility(0), plant.stiffness(&plant.ports[0])]);
+        assert!(moved.iter().zip(&built).all(|(a, b)| (a / b - 1.0).abs() < 1e-5), "{moved:?} {built:?}");
+    }
+
+    /// The pole of a slider is its damper over its mass. It moves as if the damper was another one.
+    #[test]
+    fn a_sliders_pole_moves_by_its_damper() {
+        let nominal = servo(0.0, 4.0);
+        let spectrum = Spectrum::of(&nominal).unwrap();
+        let mut moved = nominal.clone();
+        spectrum.change(&mut moved, &[0.3, 0.0, 0.0]);
+        let built = servo(0.0, 4.0 * 0.3_f64.exp());
+        assert!(far(&moved, &built) < 1e-5, "{}", far(&moved, &built));
     }
 
     #[test]

@@ -13,12 +13,13 @@ use crate::effects::{MissingModeStart, Setting};
 use crate::error::GapError;
 use crate::fit::free_run::{errors, outputs};
 use crate::fit::nuisance::Nuisance;
-use crate::fit::problem::{Placed, Problem};
+use crate::fit::problem::{Placed, Problem, dot};
 use crate::fit::refit::Refit;
+use crate::fourier::C;
 use crate::noise::model_error::ModelError;
 use crate::noise::whiten::Whitener;
 use crate::noise::{NoiseModel, Stretch};
-use crate::plant::{Mode, Plant};
+use crate::plant::{CasePort, Mode, Plant};
 use crate::prepare::coloured::{Coloured, coloured};
 use crate::prepare::wandering::{Wandering, wandering};
 use crate::settings::step::Step;
@@ -69,6 +70,8 @@ pub struct Known {
     pub model_error: Option<ModelError>,
     /// The frequency band in Hz that counts; all frequencies if `None`.
     pub band_hz: Option<[f64; 2]>,
+    /// Ports that the case declares.
+    pub ports: Vec<CasePort>,
     /// Steps that the diagnosis skips.
     pub off: Vec<Step>,
     /// Thresholds of the diagnosis.
@@ -78,10 +81,11 @@ pub struct Known {
 /// Prepares a problem.
 ///
 /// # Errors
-/// [`GapError`] if the simulation cannot be decomposed.
+/// [`GapError`] if the simulation cannot be decomposed; [`GapError::Port`] if a port of the case has no motion.
 pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepared, GapError> {
     let settings = Arc::new(known.settings.clone());
-    let plant = Plant::with_settings(model, &settings.plant)?;
+    let mut plant = Plant::with_settings(model, &settings.plant)?;
+    declare(&mut plant, &known.ports)?;
     let (mut fitted, mut held_out) = split(records, &settings.case);
     let declared_sensor = model.noise.sensor_std.clone().unwrap_or_else(|| {
         (0..plant.p).map(|o| settings.prepare.undeclared_noise * rms(fitted.iter().flat_map(|r| &r.y[o]))).collect()
@@ -394,6 +398,11 @@ impl Prepared {
     }
 }
 
+/// Adds the ports of a case.
+fn declare(plant: &mut Plant, ports: &[CasePort]) -> Result<(), GapError> {
+    plant.declare(ports).map_err(|(name, message)| GapError::Port { name, message })
+}
+
 /// Returns the whitening of each record, with repeated values masked.
 fn whiteners(records: &[Record], noise: &NoiseModel, rate: f64, quantisation: &[Quantisation]) -> Vec<Whitener> {
     let masked = |k: usize| quantisation.iter().map(|output| output.repeats[k].clone()).collect();
@@ -496,6 +505,7 @@ fn setting(plant: &Plant, model: &Model, records: &[Record], errors: &[Channels]
         let all = records.iter().flat_map(|r| &r.y[o]);
         setting.y_max[o] = all.filter(|y| y.is_finite()).fold(0.0, |most: f64, y| most.max(y.abs()));
     }
+    setting.d_range = (0..plant.ports.len()).map(|port| measured_range(plant, port, records)).collect();
     of_ports(&mut setting, loudest);
     setting.missing = missing_modes(plant, records, errors, &settings.signal);
     // In a record without input, lines stand out most clearly.
@@ -524,9 +534,33 @@ pub(crate) fn of_ports(setting: &mut Setting, loudest: &Record) {
     let plant = &setting.plant;
     setting.names.ports = plant.ports.iter().map(|port| port.name.clone()).collect();
     let motion = port_motion(plant, &loudest.u);
+    setting.d_range.resize(plant.ports.len(), None);
     (setting.d_rms, setting.v_rms) = motion.chunks_exact(2).map(|both| (rms(&both[0]), rms(&both[1]))).unzip();
     setting.stiffness = plant.ports.iter().map(|port| plant.stiffness(port)).collect();
     setting.force = (0..plant.ports.len()).map(|k| force_size(plant, k, &setting.u_rms)).collect();
+}
+
+/// Relative difference below which an output's row is that of a port's displacement.
+const SAME_ROW: f64 = 1e-6;
+
+/// Returns the lowest and the highest displacement at a port in all records, if an output measures it.
+fn measured_range(plant: &Plant, port: usize, records: &[Record]) -> Option<[f64; 2]> {
+    let port = &plant.ports[port];
+    let row = |modal: &mut dyn Iterator<Item = C>, rest: Vec<f64>| -> Vec<f64> {
+        modal.flat_map(|x| [x.re, x.im]).chain(rest).collect()
+    };
+    let wanted = row(&mut port.displacement.iter().copied(), port.displacement_rest.iter().copied().collect());
+    let ratio = |o: usize| {
+        let rest = plant.rest.c.row(o).iter().copied().collect();
+        let seen = row(&mut plant.modes.iter().map(|mode| mode.c[o]), rest);
+        let ratio = dot(&seen, &wanted) / dot(&wanted, &wanted);
+        let apart: f64 = seen.iter().zip(&wanted).map(|(seen, wanted)| (seen - ratio * wanted).powi(2)).sum();
+        (ratio.is_finite() && apart.sqrt() < SAME_ROW * dot(&seen, &seen).sqrt()).then_some(ratio)
+    };
+    let (o, ratio) = (0..plant.p).find_map(|o| Some((o, ratio(o)?)))?;
+    let seen = records.iter().flat_map(|record| &record.y[o]).filter(|y| y.is_finite()).map(|y| y / ratio);
+    let [low, high] = seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], d| [low.min(d), high.max(d)]);
+    (low < high).then_some([low, high])
 }
 
 /// Returns displacement and velocity at each port in turn, in the linear simulation from rest.
@@ -563,8 +597,16 @@ fn force_size(plant: &Plant, port: usize, u_rms: &[f64]) -> f64 {
         _ if forced > 0.0 && driven > 0.0 => (driven / forced).sqrt(),
         // A force on an axis has the unit of the input.
         Some(input) if plant.modes.is_empty() && u_rms[input] > 0.0 => u_rms[input],
-        _ => 1.0,
+        _ => force_on_rest(plant, port, u_rms),
     }
+}
+
+/// The same for a plant without modes, for a port that belongs to no input. One if nothing is driven.
+fn force_on_rest(plant: &Plant, port: usize, u_rms: &[f64]) -> f64 {
+    let Some((_, b)) = &plant.rest.continuous else { return 1.0 };
+    let forced = plant.ports[port].force_rest.norm_squared();
+    let driven: f64 = b.column_iter().zip(u_rms).map(|(b, u)| b.norm_squared() * u * u).sum();
+    if forced > 0.0 && driven > 0.0 { (driven / forced).sqrt() } else { 1.0 }
 }
 
 #[cfg(test)]

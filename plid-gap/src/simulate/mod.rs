@@ -39,6 +39,18 @@ pub struct State {
 }
 
 impl State {
+    /// Returns the same state of a changed plant. If its modes are coupled, they are among the other states: (Re z, Im
+    /// z) of each, before these. A mode that was added begins at rest.
+    fn of(&self, changed: &Plant) -> Self {
+        let added = changed.rest.a.nrows().saturating_sub(self.rest.len() + 2 * self.modes.len());
+        if !changed.modes.is_empty() || changed.rest.a.nrows() == self.rest.len() {
+            return self.clone();
+        }
+        let modes = self.modes.iter().flat_map(|z| [z.re, z.im]);
+        let rest = modes.chain(std::iter::repeat_n(0.0, added)).chain(self.rest.iter().copied()).collect();
+        Self { modes: Vec::new(), rest }
+    }
+
     /// The state at rest.
     pub fn rest(plant: &Plant) -> Self {
         Self { modes: vec![C::ZERO; plant.modes.len()], rest: vec![0.0; plant.rest.a.nrows()] }
@@ -56,6 +68,7 @@ pub fn simulate(
 ) -> Channels {
     let samples = u.first().map_or(0, Vec::len);
     let changed = changed_plant(plant, actions);
+    let start = start.map(|start| changed.as_ref().map_or_else(|| start.clone(), |changed| start.of(changed)));
     let plant = changed.as_ref().unwrap_or(plant);
     let mut drive = Drive::new(u, plant.rate, t0);
     for action in actions {
@@ -67,7 +80,8 @@ pub fn simulate(
         .iter()
         .filter_map(|action| if let Action::Force(port, law) = action { Some((*port, law.as_ref())) } else { None })
         .collect();
-    let parts_a_value = if forces.is_empty() { 1 } else { (fineness.force / drive.parts).max(1) };
+    let parts = forces.iter().map(|&(port, law)| parts_of(plant, port, law)).fold(fineness.force, usize::max);
+    let parts_a_value = if forces.is_empty() { 1 } else { (parts / drive.parts).max(1) };
     let disturbances: Vec<(usize, Vec<f64>)> = actions
         .iter()
         .filter_map(|action| match action {
@@ -82,7 +96,7 @@ pub fn simulate(
     let factor = |t: f64| stiffness.iter().map(|of| of(t)).product::<f64>();
 
     let mut runner = Runner::new(plant, (drive.parts, parts_a_value), &forces, &disturbances);
-    if let Some(start) = start {
+    if let Some(start) = &start {
         runner.start(start);
     }
     let mut y = vec![vec![0.0; samples]; plant.p];
@@ -101,11 +115,35 @@ pub fn simulate(
     y
 }
 
-fn changed_plant(plant: &Plant, actions: &[Action]) -> Option<Plant> {
+/// Largest turn in a part of a sample of what a stiff law does to a port, in rad.
+const TURN: f64 = 0.25;
+
+/// Most parts of a sample.
+const MOST_PARTS: f64 = 32.0;
+
+/// Returns the number of parts of a sample that a law needs: a power of two.
+fn parts_of(plant: &Plant, port: usize, law: &dyn Force) -> usize {
+    let [stiffness, damper] = law.steepest();
+    if stiffness == 0.0 && damper == 0.0 {
+        return 1;
+    }
+    let mobility = plant.mobility(port).max(0.0);
+    let rate = (stiffness.abs() * mobility).sqrt() + damper.abs() * mobility;
+    let parts = (rate / (TURN * plant.rate)).clamp(1.0, MOST_PARTS);
+    parts.log2().ceil().exp2() as usize
+}
+
+/// Returns the plant with the actions that change it before a run; `None` if none of them does.
+pub fn changed_plant(plant: &Plant, actions: &[Action]) -> Option<Plant> {
     let mut changed = None;
     for action in actions {
         if let Action::Plant(change) = action {
             change(changed.get_or_insert_with(|| plant.clone()));
+        }
+    }
+    for action in actions {
+        if let Action::Load(port, load) = action {
+            changed.get_or_insert_with(|| plant.clone()).load(*port, load);
         }
     }
     changed

@@ -109,6 +109,20 @@ struct Port<'a> {
     ramps: Vec<(f64, f64)>,
     /// Direct response of the outputs to a unit.
     output: Vec<f64>,
+    /// Friction that can hold the port.
+    hold: Option<Hold>,
+}
+
+/// Dry friction that holds a port while it stands still.
+struct Hold {
+    /// The largest force.
+    most: f64,
+    /// Increment of the velocity over a part by a held unit of force.
+    gain: f64,
+    /// Whether the port stands still.
+    stuck: bool,
+    /// The force of the last part.
+    force: f64,
 }
 
 /// A disturbance at a port: the increment by a unit over a part, and its direct response.
@@ -171,6 +185,7 @@ impl<'a> Runner<'a> {
         for j in 0..self.ports.len() {
             let (d, v) = self.seen(j);
             (self.ports[j].d, self.ports[j].v, self.ports[j].path) = (d, v, d);
+            self.ports[j].hold.iter_mut().for_each(|hold| hold.stuck = v == 0.0);
         }
     }
 
@@ -207,6 +222,9 @@ impl<'a> Runner<'a> {
                 (d, v)
             };
             self.ports[j].ramps = self.ports.iter().map(seen).collect();
+            let at = &self.ports[j];
+            let gain = lanes::real_dot(&at.sees_v, &at.held) + lanes::dot(&at.sees_v_rest, &at.held_rest);
+            self.ports[j].hold.iter_mut().for_each(|hold| hold.gain = gain);
         }
     }
 
@@ -277,7 +295,7 @@ impl<'a> Runner<'a> {
             }
             for port in &self.ports {
                 if let Some(gain) = port.output.get(o) {
-                    sum += gain * port.law.force(port.d, port.v, port.state);
+                    sum += gain * port.acting();
                 }
             }
             for push in &self.pushes {
@@ -309,19 +327,20 @@ impl<'a> Runner<'a> {
             return;
         }
         for (force, port) in self.forces.iter_mut().zip(&self.ports) {
-            *force = port.law.force(port.d, port.v, port.state);
+            *force = port.acting();
             lanes::add(&mut self.z, &port.held, *force);
             if self.rest.each_part {
                 lanes::add_real(&mut self.x, &port.held_rest, *force);
             }
         }
         for j in 0..self.ports.len() {
-            let (d, v) = self.seen(j);
+            let (d, v) = self.held_still(j);
             let port = &mut self.ports[j];
             (port.d, port.v) = (d, v);
             port.state = port.law.advance(port.path, d, port.state);
             port.path = d;
-            self.forces[j] = port.law.force(d, v, port.state) - self.forces[j];
+            let stuck = port.hold.as_ref().is_some_and(|hold| hold.stuck);
+            self.forces[j] = if stuck { 0.0 } else { port.law.force(d, v, port.state) - self.forces[j] };
         }
         for (port, &change) in self.ports.iter().zip(&self.forces) {
             lanes::add(&mut self.z, &port.ramp, change);
@@ -335,6 +354,33 @@ impl<'a> Runner<'a> {
                 port.v += v * change;
             }
         }
+    }
+
+    /// Returns displacement and velocity at a port after its force was held over a part. Friction that holds the port,
+    /// or on whose way the velocity passes zero, becomes the force that brings the port to rest at the end of the part,
+    /// as far as it can. (This is the time stepping of Moreau for unilateral constraints: J. J. Moreau, in Nonsmooth
+    /// Mechanics and Applications, 1988.)
+    #[inline(always)]
+    fn held_still(&mut self, j: usize) -> (f64, f64) {
+        let (d, v) = self.seen(j);
+        let (before, held) = (self.ports[j].v, self.forces[j]);
+        let Some(hold) = &mut self.ports[j].hold else { return (d, v) };
+        hold.stuck = hold.stuck || before * v <= 0.0;
+        if !hold.stuck {
+            return (d, v);
+        }
+        let wanted = held - v / hold.gain;
+        hold.force = wanted.clamp(-hold.most, hold.most);
+        hold.stuck = hold.force == wanted;
+        let (change, stuck) = (hold.force - held, hold.stuck);
+        self.forces[j] = hold.force;
+        let port = &self.ports[j];
+        lanes::add(&mut self.z, &port.held, change);
+        if self.rest.each_part {
+            lanes::add_real(&mut self.x, &port.held_rest, change);
+        }
+        let (d, v) = self.seen(j);
+        (d, if stuck { 0.0 } else { v })
     }
 }
 
@@ -394,6 +440,16 @@ impl<'a> Port<'a> {
             sees_v_rest: lanes::real(port.velocity_rest.as_slice()),
             ramps: Vec::new(),
             output: port.output.clone(),
+            hold: law.holds().map(|most| Hold { most, gain: 0.0, stuck: true, force: 0.0 }),
+        }
+    }
+
+    /// Returns the force that acts now.
+    #[inline(always)]
+    fn acting(&self) -> f64 {
+        match &self.hold {
+            Some(hold) if hold.stuck => hold.force,
+            _ => self.law.force(self.d, self.v, self.state),
         }
     }
 }

@@ -9,7 +9,7 @@ use std::process::Command;
 use plid_gap::answer::predict::Predictor;
 use plid_gap::answer::schema::{SimulationWithEffects, Value, WrittenEffect};
 use plid_gap::effects::{Action, Effect, Flexible, Library, MissingModeStart, Place, Setting};
-use plid_gap::research::{Fineness, Plant, Tone, simulate};
+use plid_gap::research::{Fineness, Plant, Tone, changed_plant, simulate};
 use plid_model::Model;
 use rayon::prelude::*;
 
@@ -81,15 +81,12 @@ impl Bench {
     }
 
     fn write(&self, effects: &Effects) -> SimulationWithEffects {
-        let mut changed = None;
+        let act =
+            |(effect, place): &(&dyn Effect, Place)| effect.act(&self.setting, place, &self.sizes(*effect, place));
+        let changed = changed_plant(&self.plant, &effects.iter().flat_map(act).collect::<Vec<Action>>());
         let mut written = Vec::new();
         for (effect, place) in effects {
             let sizes = self.sizes(*effect, place);
-            for action in effect.act(&self.setting, place, &sizes) {
-                if let Action::Plant(change) = action {
-                    change(changed.get_or_insert_with(|| self.plant.clone()));
-                }
-            }
             let value = |value: f64| Value { value, ci95: None, unit: "1".into() };
             let given: BTreeMap<String, Value> = match (Flexible::named(effect.name()), place) {
                 (Some(sibling), _) => {

@@ -1,13 +1,15 @@
 //! Forces inside the structure, integrated in continuous time from the matrices and ports of model.json; and changed
 //! modes, compared with a structure that is built with them.
 
-use nalgebra::DMatrix;
-use plid_gap::effects::{Effect, Library, Place};
-use plid_gap::research::Fineness;
+use std::f64::consts::TAU;
+
+use nalgebra::{DMatrix, DVector, dmatrix};
+use plid_gap::effects::{Effect, Library, Place, Setting};
+use plid_gap::research::{Fineness, Plant, simulate};
 use plid_model::Model;
 
-use super::{Check, Rig, T0};
-use crate::truss::{Sensor, Truss};
+use super::{Check, MODES, Rig, T0};
+use crate::truss::{RATE, Sensor, Truss, held};
 use crate::truth::{self, Channels, Equations, Joint, Motion};
 
 /// In plid-gap, forces are linear in time over an eighth of a sample: an error of second order in that step, which
@@ -22,6 +24,16 @@ pub const CHECKS: &[Check] = &[
     Check { effect: "modal-frequency", limit: 1e-5, measure: |effect| moved(effect, 0.02, 1.02, 1.0) },
     Check { effect: "modal-damping", limit: 1e-5, measure: |effect| moved(effect, 1.6, 1.0, 1.6) },
     Check { effect: "missing-mode", limit: 1e-5, measure: missing_mode },
+    Check { effect: "end-stop", limit: 1e-2, measure: |effect| STOPS.disagreement(effect).max(bounces(effect, false)) },
+    Check {
+        effect: "one-sided-stop",
+        limit: 1e-2,
+        measure: |effect| STOP.disagreement(effect).max(bounces(effect, true)),
+    },
+    Check { effect: "stick-friction", limit: 1e-2, measure: sticks },
+    Check { effect: "added-stiffness", limit: 1e-5, measure: |effect| loaded(effect, |[_, _, k]| [0.0, 0.0, 0.2 * k]) },
+    Check { effect: "added-damping", limit: 1e-5, measure: |effect| loaded(effect, |[_, c, _]| [0.0, c, 0.0]) },
+    Check { effect: "added-mass", limit: 1e-5, measure: |effect| loaded(effect, |[m, _, _]| [3.0 * m, 0.0, 0.0]) },
 ];
 
 /// A force law of the table.
@@ -85,6 +97,25 @@ const DRAG: Law = Law {
     effect: "quadratic-damping",
     parameters: |_, v| vec![0.05 / v.powi(2)],
     force: |p, _, v, _| -p[0] * v.abs() * v,
+    slip: NONE,
+};
+
+/// A spring with a damper beyond a stop, which pushes and never pulls.
+fn stop(p: &[f64], x: f64, rate: f64) -> f64 {
+    if x > 0.0 { (p[0] * x + p[1] * rate).max(0.0) } else { 0.0 }
+}
+
+const STOPS: Law = Law {
+    effect: "end-stop",
+    parameters: |d, v| vec![0.5 / d, 0.05 / v, 0.8 * d],
+    force: |p, d, v, _| stop(p, -d - p[2], -v) - stop(p, d - p[2], v),
+    slip: NONE,
+};
+
+const STOP: Law = Law {
+    effect: "one-sided-stop",
+    parameters: |d, v| vec![0.5 / d, 0.05 / v, -0.6 * d],
+    force: |p, d, v, _| stop(p, p[2] - d, -v),
     slip: NONE,
 };
 
@@ -195,6 +226,112 @@ fn missing_mode_in(rig: &Rig, effect: &dyn Effect) -> f64 {
     let size = c[0].hypot(c[1]);
     let parameters = [hz, zeta, b[0] * size, b[1] * size, c[0], c[1]];
     rig.disagreement(&rig.simulated(effect, &Place::MissingMode(hz), &parameters, T0), &built(rig, &other))
+}
+
+/// A mass, a damper and a spring at a strut, with sensors of each kind: a structure that has them, from model.json's
+/// matrices. `load` gives the three numbers of what the strut has itself: inertia, twice the damping of the second
+/// mode, and static stiffness.
+fn loaded(effect: &dyn Effect, load: fn([f64; 3]) -> [f64; 3]) -> f64 {
+    worst_of_sensors(8, |rig| loaded_in(rig, effect, load))
+}
+
+fn loaded_in(rig: &Rig, effect: &dyn Effect, load: fn([f64; 3]) -> [f64; 3]) -> f64 {
+    let (time, port) = (rig.model.continuous.as_ref().unwrap(), &rig.model.ports[STRUT]);
+    let column = |x: &[f64]| DVector::from_column_slice(x);
+    let (force, d, v) = (column(&port.force), column(&port.displacement), column(&port.velocity));
+    let inertia = v.dot(&force).recip();
+    let compliance = -d.dot(&time.a.clone().lu().solve(&force).unwrap());
+    let [m, c, k] = load([inertia, 2.0 * inertia * TAU * MODES[1].0 * MODES[1].1, compliance.recip()]);
+    // (1 + force m v') dx/dt = (A - force (k d + c v)') x + B u.
+    let n = time.a.nrows();
+    let carries = (DMatrix::identity(n, n) + &force * (&v * m).transpose()).lu();
+    let row = (&d * k + &v * c).transpose();
+    let (a, b) = (carries.solve(&(&time.a - &force * &row)).unwrap(), carries.solve(&time.b).unwrap());
+    let (step, held) = held(&a, &b, 1.0 / RATE);
+    let mut built = Model::new(RATE, step, held, rig.model.c.clone(), rig.model.d.clone()).unwrap();
+    if let Some(output) = &port.output {
+        let (output, mass) = (column(output), (&v * -m).transpose());
+        built.c += &output * (&mass * &a - &row);
+        built.d += &output * (&mass * &b);
+    }
+    let parameter = [m, c, k].into_iter().find(|x| *x != 0.0).expect("one of them");
+    let simulated = rig.simulated(effect, &Place::Input(STRUT), &[parameter], T0);
+    rig.disagreement(&simulated, &truth::linear(&built, &rig.u))
+}
+
+/// A slider of mass 2 on a damper of 3, seen by its position, and commands that are held over forty samples.
+fn slider() -> (Model, Channels) {
+    let (a, b) = held(&dmatrix![0.0, 1.0; 0.0, -1.5], &dmatrix![0.0; 0.5], 1.0 / RATE);
+    let model = Model::new(RATE, a, b, dmatrix![1.0, 0.0], dmatrix![0.0]).unwrap();
+    let drawn = &super::noise(17, 1, 32)[0];
+    (model, vec![(0..32 * 40).map(|n| drawn[n / 40]).collect()])
+}
+
+/// Returns the disagreement on the slider between an effect and the truth, of which `step` takes position and velocity
+/// over a sample with its command.
+fn on_the_slider(effect: &dyn Effect, parameters: &[f64], step: impl Fn(f64, &mut [f64; 2])) -> f64 {
+    let (model, u) = slider();
+    let plant = Plant::new(&model).unwrap();
+    let setting = Setting::bare(&plant, &model);
+    let actions = effect.act(&setting, &Place::Input(0), parameters);
+    let simulated = simulate(&plant, &actions, &u, T0, None, Fineness::FINE);
+    let mut x = [0.0; 2];
+    let truth = u[0].iter().map(|u| {
+        let now = x[0];
+        step(*u, &mut x);
+        now
+    });
+    let truth = vec![truth.collect::<Vec<f64>>()];
+    let changed = truth::size(&truth::minus(&truth, &truth::linear(&model, &u)));
+    truth::size(&truth::minus(&simulated, &truth)) / changed
+}
+
+/// The slider bounces on hard stops, at about 50 Hz.
+fn bounces(effect: &dyn Effect, one_sided: bool) -> f64 {
+    let parameters = [2e5, 300.0, 0.002];
+    on_the_slider(effect, &parameters, |u, x| {
+        truth::advance(x, 0.0, 1.0 / RATE, truth::TOLERANCE, |_, x, rate| {
+            let below = if one_sided { 0.0 } else { stop(&parameters, -x[0] - parameters[2], -x[1]) };
+            let force = below - stop(&parameters, x[0] - parameters[2], x[1]);
+            (rate[0], rate[1]) = (x[1], (u - 3.0 * x[1] + force) / 2.0);
+        });
+    })
+}
+
+/// The slider sticks and slips: between the times at which its velocity passes zero, which are found by bisection, the
+/// friction has one sign. Where it stands, it stays until a command exceeds the holding force.
+fn sticks(effect: &dyn Effect) -> f64 {
+    const PIECES: usize = 50;
+    let [slides, holds, vs] = [0.3, 0.5, 0.02];
+    on_the_slider(effect, &[slides, holds, vs], |u, x| {
+        let over = |x: &[f64; 2], sign: f64, time: f64| {
+            let mut to = *x;
+            truth::advance(&mut to, 0.0, time, truth::TOLERANCE, |_, x, rate| {
+                let friction = sign * (slides + (holds - slides) * (-(x[1] / vs).powi(2)).exp());
+                (rate[0], rate[1]) = (x[1], (u - 3.0 * x[1] - friction) / 2.0);
+            });
+            to
+        };
+        let mut left = 1.0 / RATE;
+        while left > 0.0 {
+            if x[1] == 0.0 && u.abs() <= holds {
+                return;
+            }
+            let sign = if x[1] == 0.0 { u.signum() } else { x[1].signum() };
+            let piece = left.min(1.0 / (RATE * PIECES as f64));
+            let next = over(x, sign, piece);
+            if next[1] * sign > 0.0 {
+                (*x, left) = (next, left - piece);
+                continue;
+            }
+            let (mut low, mut high) = (0.0, piece);
+            for _ in 0..60 {
+                let middle = 0.5 * (low + high);
+                if over(x, sign, middle)[1] * sign > 0.0 { low = middle } else { high = middle }
+            }
+            (*x, left) = ([over(x, sign, low)[0], 0.0], left - high);
+        }
+    })
 }
 
 /// The step is fine enough: halved, it changes no effect by more than 1 / 400, and the error decreases by a factor of

@@ -1,0 +1,55 @@
+use super::{Action, Change, Effect, Load, Parameter, Place, Range, Setting, Side};
+
+/// A mass that the simulation lacks, such as a payload, or has too much of.
+pub struct AddedMass;
+
+impl Effect for AddedMass {
+    fn name(&self) -> &'static str {
+        "added-mass"
+    }
+
+    fn side(&self) -> Side {
+        Side::Structure
+    }
+
+    fn equation(&self) -> &'static str {
+        "f = -m dv/dt"
+    }
+
+    fn is_linear(&self) -> bool {
+        true
+    }
+
+    fn is_number(&self) -> bool {
+        true
+    }
+
+    fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
+        vec![Parameter::new("m", "force/acceleration", Range::Signed)]
+    }
+
+    /// A force that passes the lag of an actuator first accelerates nothing at once, and no mass is there.
+    fn places(&self, setting: &Setting) -> Vec<Place> {
+        setting.loads().into_iter().filter(|place| setting.plant.mobility(setting.port(place)) > 0.0).collect()
+    }
+
+    fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
+        let inertia = setting.plant.mobility(setting.port(place)).recip();
+        setting.load_starts(inertia, 1.0, Some(|factor| factor.powi(-2) - 1.0))
+    }
+
+    fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
+        // What is left of the inertia carries the port.
+        1.0 + parameters[0] * setting.plant.mobility(setting.port(place)) > Load::LEAST_INERTIA
+    }
+
+    fn change(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Option<Change> {
+        let inertia = setting.plant.mobility(setting.port(place)).recip();
+        let number = format!("inertia at {}", place.location(&setting.names));
+        Some(Change { number, from: inertia, to: inertia + parameters[0], unit: "force/acceleration" })
+    }
+
+    fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
+        vec![Action::Load(setting.port(place), Load { mass: parameters[0], ..Load::default() })]
+    }
+}

@@ -1,0 +1,51 @@
+use super::{Action, Change, Effect, Load, Parameter, Place, Range, Setting, Side};
+
+/// A linear spring that the simulation lacks, or has too much of.
+pub struct AddedStiffness;
+
+impl Effect for AddedStiffness {
+    fn name(&self) -> &'static str {
+        "added-stiffness"
+    }
+
+    fn side(&self) -> Side {
+        Side::Structure
+    }
+
+    fn equation(&self) -> &'static str {
+        "f = -k d"
+    }
+
+    fn is_linear(&self) -> bool {
+        true
+    }
+
+    fn is_number(&self) -> bool {
+        true
+    }
+
+    fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
+        vec![Parameter::new("k", "force/displacement", Range::Signed)]
+    }
+
+    fn places(&self, setting: &Setting) -> Vec<Place> {
+        let sees = |place: &Place| setting.plant.ports[setting.port(place)].sees_displacement();
+        setting.loads().into_iter().filter(sees).collect()
+    }
+
+    fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
+        let port = setting.port(place);
+        let other = setting.force[port] / setting.d_rms[port];
+        setting.load_starts(setting.stiffness[port], other, Some(|factor| factor * factor - 1.0))
+    }
+
+    fn change(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Option<Change> {
+        let stiffness = setting.plant.stiffness(&setting.plant.ports[setting.port(place)]);
+        let number = format!("static stiffness at {}", place.location(&setting.names));
+        Some(Change { number, from: stiffness, to: stiffness + parameters[0], unit: "force/displacement" })
+    }
+
+    fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
+        vec![Action::Load(setting.port(place), Load { stiffness: parameters[0], ..Load::default() })]
+    }
+}

@@ -1,0 +1,42 @@
+use super::stop::{self, Sides, Stop};
+use super::{Action, Effect, Parameter, Place, Range, Setting, Side};
+
+/// A stop on one side of an axis.
+pub struct OneSidedStop;
+
+impl Effect for OneSidedStop {
+    fn name(&self) -> &'static str {
+        "one-sided-stop"
+    }
+
+    fn side(&self) -> Side {
+        Side::Structure
+    }
+
+    fn equation(&self) -> &'static str {
+        "x = sign(s) (d - s), f = -sign(s) max(k x + c dx/dt, 0) for x > 0, else 0"
+    }
+
+    fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
+        stop::parameters(("s", Range::Signed))
+    }
+
+    fn places(&self, setting: &Setting) -> Vec<Place> {
+        stop::places(setting)
+    }
+
+    fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
+        let ends = setting.d_range[setting.port(place)];
+        stop::starts(setting, place, ends.as_ref().map(|ends| &ends[..]), &[1.0, -1.0])
+    }
+
+    fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
+        stop::sound(setting, place, parameters)
+    }
+
+    fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
+        let side = if parameters[2] >= 0.0 { Sides::Above } else { Sides::Below };
+        let law = Stop { k: parameters[0], c: parameters[1], g: parameters[2].abs(), sides: side };
+        vec![Action::Force(setting.port(place), Box::new(law))]
+    }
+}

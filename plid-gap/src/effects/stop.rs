@@ -1,0 +1,112 @@
+//! What stops on both sides and on one side have in common.
+
+use super::{Force, Parameter, Place, Range, Setting};
+
+/// Frequencies over the sample rate at which an axis would bounce on the stops from which fits start. A structure with
+/// modes takes longer to simulate, and is tried with one of them alone.
+const BOUNCES: [f64; 4] = [0.02, 0.05, 0.12, 0.3];
+const BOUNCE_OF_MODES: [f64; 1] = [0.12];
+
+/// How deep an axis enters the stops from which fits start, over the depth at which the RMS of its velocity turns. The
+/// largest displacement that was measured lies so much beyond the stop.
+const DEPTHS: [f64; 2] = [0.5, 1.5];
+
+/// The least position of these stops over that displacement.
+const NEAREST: f64 = 0.3;
+
+/// Positions over the RMS of the displacement in the linear simulation, where no output measures it.
+const OF_SIMULATED: [f64; 2] = [0.5, 1.2];
+
+/// Damping ratio of the bounce from which fits start.
+const BOUNCE_DAMPING: f64 = 0.3;
+
+/// Highest frequency of a bounce over the sample rate: records do not show how hard a stop is on which the axis bounces
+/// within a sample or two.
+const FASTEST: f64 = 0.5;
+
+/// Range of the position of a stop, over the RMS of the displacement in the linear simulation. A stop nearer to rest is
+/// a spring or a clamp, and one farther away is not reached.
+const REACHED: [f64; 2] = [0.02, 5.0];
+
+/// Returns k, c and the position of stops from which fits start. `ends` are the largest displacements that were measured
+/// on the sides where there may be a stop; without them, `signs` are those of the positions.
+pub(super) fn starts(setting: &Setting, place: &Place, ends: Option<&[f64]>, signs: &[f64]) -> Vec<Vec<f64>> {
+    let port = setting.port(place);
+    let mobility = setting.plant.mobility(port);
+    let bounces = if setting.plant.modes.is_empty() { &BOUNCES[..] } else { &BOUNCE_OF_MODES[..] };
+    let mut starts = Vec::new();
+    for share in bounces {
+        let w = std::f64::consts::TAU * share * setting.plant.rate;
+        let before = |end: &f64, depth: f64| {
+            let size = (end.abs() - depth * setting.v_rms[port] / w).max(NEAREST * end.abs());
+            size.copysign(*end)
+        };
+        let positions: Vec<f64> = match ends {
+            Some(ends) => ends.iter().flat_map(|end| DEPTHS.map(|depth| before(end, depth))).collect(),
+            None => signs.iter().flat_map(|sign| OF_SIMULATED.map(|x| sign * x * setting.d_rms[port])).collect(),
+        };
+        let stop = |position: f64| vec![w * w / mobility, 2.0 * BOUNCE_DAMPING * w / mobility, position];
+        starts.extend(positions.into_iter().map(stop));
+    }
+    starts
+}
+
+/// Returns whether records can show such a stop.
+pub(super) fn sound(setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
+    let port = setting.port(place);
+    let bounce = (parameters[0] * setting.plant.mobility(port)).sqrt() / std::f64::consts::TAU;
+    let at = parameters[2].abs() / setting.d_rms[port];
+    bounce < FASTEST * setting.plant.rate && (REACHED[0]..REACHED[1]).contains(&at)
+}
+
+/// Stops exist where a force accelerates the axis at once and the displacement is known, at the places of linear
+/// forces.
+pub(super) fn places(setting: &Setting) -> Vec<Place> {
+    let accelerates = |place: &Place| {
+        let port = setting.port(place);
+        setting.plant.ports[port].sees_displacement() && setting.plant.mobility(port) > 0.0
+    };
+    setting.loads().into_iter().filter(accelerates).collect()
+}
+
+/// Returns the parameters of a stop; the last one is its position.
+pub(super) fn parameters(position: (&str, Range)) -> Vec<Parameter> {
+    vec![
+        Parameter::new("k", "force/displacement", Range::Positive),
+        Parameter::new("c", "force/velocity", Range::Positive),
+        Parameter::new(position.0, "displacement", position.1),
+    ]
+}
+
+/// The sides of rest on which there is a stop.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Sides {
+    Both,
+    Above,
+    Below,
+}
+
+/// A spring k with a damper c beyond a distance g from rest.
+pub(super) struct Stop {
+    pub k: f64,
+    pub c: f64,
+    pub g: f64,
+    pub sides: Sides,
+}
+
+impl Force for Stop {
+    fn force(&self, d: f64, v: f64, _state: f64) -> f64 {
+        let side = match self.sides {
+            Sides::Both => d.signum(),
+            Sides::Above => 1.0,
+            Sides::Below => -1.0,
+        };
+        let x = side * d - self.g;
+        // A stop pushes and never pulls.
+        if x > 0.0 { -side * (self.k * x + self.c * side * v).max(0.0) } else { 0.0 }
+    }
+
+    fn steepest(&self) -> [f64; 2] {
+        [self.k, self.c]
+    }
+}
