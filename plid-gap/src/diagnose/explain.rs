@@ -12,7 +12,6 @@ use crate::judge::gap;
 use crate::judge::verdict::{Adequacy, FitFigures, adequacy, least_unknown, outside};
 use crate::prepare::{NoiseLevel, Prepared};
 use crate::search::closest_law::closest_law;
-use crate::search::family::family;
 use crate::search::modal::dominant;
 use crate::search::rules::{Rules, Scope};
 use crate::search::shape::{FreeShapeFit, fewer, free_shape, renamed};
@@ -173,50 +172,16 @@ impl<'a> Searched<'a> {
         let zero = vec![0.0; problem.nuisance.len()];
         let given_cost = sum_of_squares(&problem.residual(&problem.plant, &zero, &[], Fineness::FINE));
         let free = shaped && !scope.skips(Step::FreeShapes);
-        let mut free = if free { self.freed(problem, scope, !widened) } else { None };
-        let alone = if widened { self.family(&ready, &refitted, free.as_ref(), scope) } else { None };
-        let of_family = alone.is_some();
-        free = alone.or(free);
-        let problem = &mut ready.problem;
+        let free = if free { self.freed(problem, scope, !widened) } else { None };
         // A free shape was fitted with the simulation's ports; it has no physical size that they could distort.
         problem.nuisance.ports_follow = free.is_none();
         self.found.best = problem.settled(&self.found.best);
         let best_cost = self.found.best.cost;
         let level = ready.noise_level(&self.simulated, best_cost / ready.problem.rows() as f64);
         let judging = Judging { ready: &ready, refitted: &refitted, before: refitted.cost.max(given_cost), level };
-        let mut judged = judging.judge(&mut self.found, free.as_ref(), say);
-        if of_family {
-            // Only the family is known, and a free shape also follows what is no law of it.
-            judged.unknown = judged.unknown.max(ready.problem.settings.judge.shape_differs);
-        }
+        let judged = judging.judge(&mut self.found, free.as_ref(), say);
         let Self { quick, found, .. } = self;
         Explained { ready, quick, refitted, found, free_shape: free, judged, level, given_cost, diverged: None }
-    }
-
-    /// Returns the free shape of a family of laws, if it explains most of a gap of which all laws leave most. `free` is
-    /// the shape that the best explanation has already.
-    fn family(
-        &mut self,
-        ready: &Prepared,
-        refitted: &Refit,
-        free: Option<&FreeShapeFit<'a>>,
-        scope: &Scope<'_, 'a>,
-    ) -> Option<FreeShapeFit<'a>> {
-        let most_left = ready.problem.settings.judge.most_left;
-        let best = free.map_or(&self.found.best, |free| &free.fit);
-        if scope.skips(Step::FreeShapes) || left(ready, refitted, best) <= most_left {
-            return None;
-        }
-        let few = ready.problem.nuisance.of_simulation() <= scope.settings.strong_numbers;
-        let problem = Problem { strong: few, ..ready.problem.clone() };
-        let Windows { samples, each } = Windows::of(&problem);
-        let windows = problem.windows(samples, each, &ready.noise);
-        let (law, shape) = family(&problem, &windows, &refitted.as_fit(), scope)?;
-        if !(left(ready, refitted, &shape.fit) <= most_left) {
-            return None;
-        }
-        self.found.settle(law, shape.fit.cost);
-        Some(shape)
     }
 
     /// Returns the best explanation with one free shape, if that gains enough. It is named by the law that is nearest

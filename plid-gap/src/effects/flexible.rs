@@ -11,8 +11,7 @@ pub enum Flexible {
     Stiffness,
     /// A force of the velocity.
     Damping,
-    /// Several joints that slip at different displacements, and several that soften at reversals without slipping.
-    /// Together they represent the loops of Bouc and Wen with n = 1 for any beta and gamma.
+    /// Several joints that slip at different displacements.
     Joint,
     /// A static curve of a command.
     Command,
@@ -41,9 +40,6 @@ const STEPS: [f64; 4] = [0.03, 0.12, 0.4, 1.5];
 
 /// Yield points, in RMS.
 const YIELDS: [f64; 4] = [0.2, 0.6, 1.5, 4.0];
-
-/// Softening at reversals, over one RMS.
-const SOFTENINGS: [f64; 3] = [0.3, 1.0, 3.0];
 
 /// Number of earlier values of a command, half a sample apart.
 const TAPS: usize = 4;
@@ -85,8 +81,7 @@ impl Flexible {
         match self {
             Self::Stiffness | Self::Sensor | Self::Command => 2 * KNOTS.len(),
             Self::Damping => STEPS.len() + 2,
-            Self::Joint => YIELDS.len() + SOFTENINGS.len(),
-            Self::Hysteresis => YIELDS.len(),
+            Self::Joint | Self::Hysteresis => YIELDS.len(),
             Self::Path => TAPS,
             Self::SensorPath => AROUND.len(),
             Self::StiffnessCourse | Self::GainCourse | Self::ZeroCourse => TURNS.len(),
@@ -122,13 +117,11 @@ impl Flexible {
             (Self::Damping, _) => vec![Action::Force(setting.port(place), Box::new(Rate { unit, size, shape }))],
             (Self::Joint, _) => {
                 let port = setting.port(place);
-                let yielding = YIELDS.map(|share| Loop::Yields(share * unit));
-                let softening = SOFTENINGS.map(|rate| Loop::Softens(rate / unit));
-                let one = |(c, form): (&f64, Loop)| {
-                    let element = Element { k: c * size / unit, form };
-                    Action::Force(port, Box::new(element))
+                let one = |(c, share): (&f64, &f64)| {
+                    let joint = Element { k: c * size / unit, dy: share * unit };
+                    Action::Force(port, Box::new(joint))
                 };
-                shape.iter().zip(yielding.into_iter().chain(softening)).map(one).collect()
+                shape.iter().zip(&YIELDS).map(one).collect()
             }
             (Self::Command, &Place::Input(i)) => vec![Action::Command(Box::new(CommandCurve { i, unit, shape }))],
             (Self::Hysteresis, &Place::Input(i)) => vec![Action::Command(Box::new(Elements { i, unit, shape }))],
@@ -184,7 +177,7 @@ impl Effect for Flexible {
             }
             Self::Joint => {
                 "f = -(size/unit) sum_k s_k z_k; dz_k/dt = v - (abs(v) z_k + v abs(z_k)) / (2 Y_k unit), Y = 0.2, 0.6, \
-                1.5, 4, k = 1..4; dz_k/dt = v - R_k (abs(v) z_k - v abs(z_k)) / (2 unit), R = 0.3, 1, 3, k = 5..7"
+                1.5, 4"
             }
             Self::Command => {
                 "u' = u + unit B(u/unit); B(x) = sign(x) (s_1 abs(x) + sum_k s_k R_k(abs(x))), k = 2..8, where R_k' \
@@ -309,15 +302,7 @@ impl Force for Rate {
 
 struct Element {
     k: f64,
-    form: Loop,
-}
-
-/// The loop of a hysteretic element.
-enum Loop {
-    /// It yields at this displacement.
-    Yields(f64),
-    /// After a reversal it moves faster than its input by this rate, per displacement.
-    Softens(f64),
+    dy: f64,
 }
 
 impl Force for Element {
@@ -326,10 +311,7 @@ impl Force for Element {
     }
 
     fn advance(&self, from: f64, to: f64, state: f64) -> f64 {
-        match self.form {
-            Loop::Yields(dy) => super::slip::advance(state, to - from, 1.0, dy),
-            Loop::Softens(rate) => super::slip::soften(state, to - from, rate),
-        }
+        super::slip::advance(state, to - from, 1.0, self.dy)
     }
 }
 

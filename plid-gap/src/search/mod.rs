@@ -2,7 +2,6 @@
 //! steps that follow.
 
 pub(crate) mod closest_law;
-pub(crate) mod family;
 pub(crate) mod modal;
 pub(crate) mod overlap;
 pub(crate) mod ports;

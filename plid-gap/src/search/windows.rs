@@ -29,20 +29,13 @@ impl Windows {
         if driven().all(|(record, simulated)| gap(record, simulated) < settings.windows_gap) {
             return None;
         }
-        Some(Self::of(problem))
-    }
-
-    /// Returns the windows of the driven records.
-    pub fn of(problem: &Problem) -> Self {
-        let settings = &problem.settings.search;
-        let driven = || problem.records.iter().filter(|record| record.level() > 0.0);
         let states = problem.plant.n().max(1);
-        let slowest = driven().map(|record| median_frequency(&record.y)).fold(f64::INFINITY, f64::min);
+        let slowest = driven().map(|(record, _)| median_frequency(&record.y)).fold(f64::INFINITY, f64::min);
         let samples = (settings.windows_periods / slowest) as usize;
-        Self {
+        Some(Self {
             samples: samples.max(settings.least_window).max(4 * states),
-            each: (settings.window_states / states / driven().count().max(1)).max(1),
-        }
+            each: (settings.window_states / states / driven().count()).max(1),
+        })
     }
 }
 

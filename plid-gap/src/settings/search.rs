@@ -71,8 +71,6 @@ group! {
         /// Amplitude of the gap beyond noise and limits that an explanation must leave for a free shape to be tried in
         /// addition to an error of the simulation itself.
         shape_left: f64 = 0.2, "1", 0.0..=1.0;
-        /// Free shapes that are fitted on their own if no law suffices. Each stands for a family of laws at a place.
-        families: usize = 3, "shapes", 0.0..=100.0;
         /// Range on either side over which the curve of a free shape is compared with the laws of the vocabulary, in
         /// RMS of the loudest record.
         curve_range: f64 = 3.0, "RMS", 0.1..=100.0;
