@@ -13,8 +13,12 @@ const HELD: f64 = 1.3;
 /// Velocity of the transition from which fits start, over the RMS of the linear simulation.
 const TRANSITION: f64 = 0.2;
 
-/// The largest such velocity. Above, the force falls with the velocity everywhere.
-const SLOWEST: f64 = 4.0;
+/// The largest such velocity. Above, the force falls with the velocity nearly everywhere, as a viscous damper that is
+/// taken away.
+const FASTEST: f64 = 1.0;
+
+/// The largest holding force over the sliding force. Above, the law only bends another curve.
+const MOST_HELD: f64 = 3.0;
 
 impl Effect for StickFriction {
     fn name(&self) -> &'static str {
@@ -49,7 +53,8 @@ impl Effect for StickFriction {
     }
 
     fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
-        parameters[1] >= parameters[0] && parameters[2] < SLOWEST * setting.v_rms[setting.port(place)]
+        let held = parameters[1] / parameters[0];
+        (1.0..MOST_HELD).contains(&held) && parameters[2] < FASTEST * setting.v_rms[setting.port(place)]
     }
 
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

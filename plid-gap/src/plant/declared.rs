@@ -85,7 +85,9 @@ impl Plant {
     fn entry(&self, input: usize) -> (Vec<C>, DVector<f64>, Vec<f64>) {
         let Some((a, b)) = &self.rest.continuous else { return Default::default() };
         let column: DVector<f64> = b.column(input).into_owned();
-        let direct: Vec<f64> = self.d.column(input).iter().copied().collect();
+        // A force moves nothing at once: the feedthrough of a position or a velocity is an error of its model.
+        let moves = |o: usize| self.sensed[o].order == 2;
+        let direct: Vec<f64> = (0..self.p).map(|o| if moves(o) { self.d[(o, input)] } else { 0.0 }).collect();
         let actuator = self.chain.actuator[input].as_ref().filter(|_| !self.modes.is_empty());
         let force = self.modes.iter().map(|mode| mode.b[input] / self.chain.before(input, mode.pole)).collect();
         let Some(actuator) = actuator else { return (force, column, direct) };
