@@ -8,9 +8,9 @@ use plid::covariance::Direct;
 use plid::expectations::MomentMatched;
 use plid::kernels::{BadPivot, Kernels, axpy, cholesky, pivoted_cholesky, solve_lower};
 use plid::{
-    Backend, Checkpointed, ConditionalExpectations, CovarianceBlocks, CovariancePropagation, Dense, Form, FormFacts,
-    Identifier, ImplicitModel, InitialCovariance, Inspect, Matrix, NoiseModel, NoiseTerms, ObservableForm, Scalar,
-    ScalarOf, Settings, StepView, Transition, View, ViewMut,
+    Backend, Checkpointed, ConditionalExpectations, CovarianceBlocks, CovariancePropagation, Dense, Expectation, Form,
+    FormFacts, Identifier, ImplicitModel, InitialCovariance, Inspect, Matrix, NoiseModel, NoiseTerms, ObservableForm,
+    Scalar, ScalarOf, Settings, StepSize, StepView, Term, Transition, View, ViewMut,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
@@ -115,6 +115,13 @@ impl<S: Kernels> ConditionalExpectations for Uncorrelated<S> {
     }
 }
 // ANCHOR_END: expectation
+
+// ANCHOR: expectation_facts
+impl<S: Kernels> Expectation for Uncorrelated<S> {
+    // Nothing is known of its operations.
+    const FLOPS: fn(&StepSize, &FormFacts) -> Vec<Term> = |_, _| Vec::new();
+}
+// ANCHOR_END: expectation_facts
 
 // ANCHOR: covariance
 /// The textbook: P and F as whole matrices, O(N^3) a step. Slow, and short enough to be seen to be right.

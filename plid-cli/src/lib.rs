@@ -65,8 +65,8 @@ pub fn main() -> ExitCode {
     main_with(Library::standard())
 }
 
-/// The same with effects of one's own: `plid gap diagnose` and `plid gap predict` then know them like the built-in
-/// ones.
+/// The same with effects of one's own: `plid gap diagnose`, `plid gap predict` and `plid gap trial` then know them like
+/// the built-in ones.
 ///
 /// ```no_run
 /// use plid::gap::effects::{Effect, Library};

@@ -53,6 +53,7 @@ use plid_core::{Backend, Form, Scalar, ScalarOf};
 use reference::Kind;
 
 /// Holds a covariance form to what plid's own forms are held to, with each of plid's conditional expectations.
+/// Forgetting and parameter noise are checked where the form offers them.
 ///
 /// # Panics
 /// Where it does not conform.

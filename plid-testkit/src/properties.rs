@@ -8,8 +8,8 @@ use nalgebra::DMatrix;
 use plid_backends::Plain;
 use plid_core::kernels::Kernels;
 use plid_core::{
-    Checkpoint, ConditionalExpectations, Dense, Form, ImplicitModel, InitialCovariance, NoiseModel, ObservableForm,
-    Scalar, ScalarOf,
+    Checkpoint, ConditionalExpectations, Dense, Form, IdentifierError, ImplicitModel, InitialCovariance, NoiseModel,
+    ObservableForm, Scalar, ScalarOf, Unsupported,
 };
 use plid_variants::covariance::{BiermanUd, Direct};
 use proptest::prelude::*;
@@ -217,7 +217,8 @@ fn same_noise_changes_nothing<S: Kernels>(variant: &Variant<S>, case: &Case) {
 }
 
 /// Nothing measured: x <- A^ x + B^ u (and the covariance of a_i and x_{c_i}, where moments are matched), the
-/// parameters and their covariance as they were, and a step whose outputs are all missing leaves no innovation.
+/// parameters as they were, their covariance too but for rounding, because a form may transform its whole factor; and
+/// a step whose outputs are all missing leaves no innovation.
 fn nothing_measured_is_a_time_update<S: Kernels>(variant: &Variant<S>, case: &Case) {
     let mut run = variant.finish(case);
     let before = identified(&run);
@@ -239,7 +240,9 @@ fn nothing_measured_is_a_time_update<S: Kernels>(variant: &Variant<S>, case: &Ca
     let covariance = identified(&run).covariance;
     for j in n..size {
         for i in n..size {
-            assert_eq!(covariance.at(i, j), before.covariance.at(i, j), "{}", variant.label());
+            let change = (covariance.at(i, j) - before.covariance.at(i, j)).abs();
+            let scale = (before.covariance.at(i, i) * before.covariance.at(j, j)).sqrt();
+            assert!(change <= 1e-13 * scale, "{} ({i}, {j}): {change:.1e} of {scale:.1e}", variant.label());
         }
     }
     assert!(run.innovation().iter().all(|e| e.is_nan()));
@@ -258,7 +261,7 @@ fn follows_the_channels<S: Kernels>(variant: &Variant<S>, case: &Case, order: &[
     assert!(ds < limit && dp < limit, "{} rescaled: s {ds:.1e}, P {dp:.1e}", variant.label());
 }
 
-/// P / lambda each step: the dense recursion with the same.
+/// P / lambda each step: the dense recursion with the same. A form that says that it cannot forget is left out.
 fn forgets<S: Kernels>(variant: &Variant<S>, case: &Case, forgetting: f64) {
     let limit = rounding(variant, case);
     let mut case = case.clone();
@@ -268,7 +271,14 @@ fn forgets<S: Kernels>(variant: &Variant<S>, case: &Case, forgetting: f64) {
     for (k, (z, u)) in case.z.iter().zip(&case.u).enumerate() {
         reference.step(z, u, case.noise_at(k));
     }
-    let (s, p) = outcome(&variant.finish(&case));
+    let mut run = variant.on(&case);
+    for k in 0..case.z.len() {
+        match take(&mut run, &case, k) {
+            Err(IdentifierError::Unsupported(_)) => return,
+            step => step.unwrap(),
+        }
+    }
+    let (s, p) = outcome(&run);
     let (ds, dp) = (relative(&s, &reference.s), relative(&p, &reference.p));
     assert!(ds < limit && dp < limit, "{}: s {ds:.1e}, P {dp:.1e}, not {limit:.1e}", variant.label());
 }
@@ -330,7 +340,8 @@ pub fn checkpoints<S: Kernels>(variants: &[Variant<S>]) {
     variants.iter().for_each(|variant| continues_from_a_checkpoint(variant, &case));
 }
 
-/// Over a round of as many steps as there are parameters every form has added the same, q a step to each.
+/// Over a round of as many steps as there are parameters every form has added the same, q a step to each. A form that
+/// says that it cannot is left out.
 pub fn parameter_noise_adds_up<C: Form>() {
     let form = ObservableForm::new(&[2, 1], 1).unwrap();
     let case = random_case(&[2, 1], 1, Options { full_initial: true, ..Options::default() }, 8);
@@ -339,7 +350,9 @@ pub fn parameter_noise_adds_up<C: Form>() {
     let before = covariance.dense();
     let q = 0.01;
     for step in 0..(size - n) as u64 {
-        covariance.add_parameter_noise(ScalarOf::<C>::from_f64(q), 100 + step).unwrap();
+        if let Err(Unsupported(_)) = covariance.add_parameter_noise(ScalarOf::<C>::from_f64(q), 100 + step) {
+            return;
+        }
     }
     let after = covariance.dense();
     for j in 0..size {

@@ -1,7 +1,16 @@
 //! Every form on every backend and in every scalar conforms.
 
+use plid_core::{CovariancePropagation, InitialCovariance, ObservableForm, Scalar, ScalarOf};
 use plid_testkit::check_form;
 use plid_variants::covariance::*;
+
+/// The check leaves out what a form says that it cannot do: plid's own forms can do all of it.
+fn forgets_and_takes_parameter_noise<C: CovariancePropagation>() {
+    let model = ObservableForm::new(&[2, 1], 1).unwrap();
+    let mut form = C::new(&model, &InitialCovariance::Diagonal(vec![1.0; 12]), &C::Options::default()).unwrap();
+    form.scale(ScalarOf::<C>::from_f64(1.01)).unwrap();
+    form.add_parameter_noise(ScalarOf::<C>::from_f64(0.01), 0).unwrap();
+}
 
 /// One `#[test]` a form, over one backend and scalar.
 macro_rules! test_forms {
@@ -9,7 +18,9 @@ macro_rules! test_forms {
         $(#[test]
         #[allow(non_snake_case)]
         fn $form() {
-            check_form::<super::$form<plid_backends::$backend<$scalar>>>();
+            type Form = super::$form<plid_backends::$backend<$scalar>>;
+            check_form::<Form>();
+            super::forgets_and_takes_parameter_noise::<Form>();
         })*
     };
 }
