@@ -44,6 +44,8 @@ pub(super) fn eigen(a: &DMatrix<f64>) -> Result<Eigen, ModelError> {
     Ok(Eigen { values, right, left })
 }
 
+/// The library is faer: nalgebra's Schur decomposition does not converge for a cyclic permutation, which a delay line
+/// in a loop is.
 fn library(a: &DMatrix<f64>) -> faer::Mat<f64> {
     faer::Mat::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)])
 }
