@@ -124,8 +124,7 @@ impl<'a> Searched<'a> {
         ready.problem.nuisance.ports_follow = false;
         let mut quick = ready.problem.head(scope.settings.first_samples, &ready.noise);
         let windows = Windows::choose(&quick, refitted);
-        let few = quick.nuisance.of_simulation() <= scope.settings.strong_numbers;
-        ready.problem.strong = windows.is_some() && few;
+        ready.problem.strong = windows.is_some();
         if let Some(Windows { samples, each }) = windows {
             say(format!("windows of {samples} samples, up to {each} of each record"));
             quick = quick.windows(samples, each, &ready.noise);

@@ -21,9 +21,14 @@ pub struct Windows {
 }
 
 impl Windows {
-    /// Chooses the windows; `None` if the free runs of the refit follow all records.
+    /// Chooses the windows; `None` if the free runs of the refit follow all records. A simulation with many linear
+    /// parameters has none, because too few windows of so many initial states could be afforded. They would hold too
+    /// little of the records, and effects with a memory, such as delays, would suffer at their ends.
     pub fn choose(problem: &Problem, refitted: &Refit) -> Option<Self> {
         let settings = &problem.settings.search;
+        if problem.nuisance.of_simulation() > settings.strong_numbers {
+            return None;
+        }
         let simulated = outputs(problem, &refitted.eta, &[]);
         let driven = || problem.records.iter().zip(&simulated).filter(|(record, _)| record.level() > 0.0);
         if driven().all(|(record, simulated)| gap(record, simulated) < settings.windows_gap) {
