@@ -107,8 +107,8 @@ impl Setting {
     }
 
     /// Returns sizes of a linear force from which fits start: shares of what the port has itself, or of `other` if it
-    /// has nothing; and for each resonance that shows elsewhere, the size that moves the nearest mode there. `by` gives the
-    /// share for a frequency that is multiplied by a factor, if the force moves frequencies.
+    /// has nothing; and for each resonance that shows elsewhere, the size that moves the nearest mode there. `by` gives
+    /// the share for a frequency that is multiplied by a factor, if the force moves frequencies.
     pub(super) fn load_starts(&self, own: f64, other: f64, by: Option<fn(f64) -> f64>) -> Vec<Vec<f64>> {
         let scale = if own > 0.0 { own } else { other };
         let mut shares = LOAD_SHARES.to_vec();

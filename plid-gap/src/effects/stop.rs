@@ -28,8 +28,8 @@ const FASTEST: f64 = 0.5;
 /// a spring or a clamp, and one farther away is not reached.
 const REACHED: [f64; 2] = [0.02, 5.0];
 
-/// Returns k, c and the position of stops from which fits start. `ends` are the largest displacements that were measured
-/// on the sides where there may be a stop; without them, `signs` are those of the positions.
+/// Returns k, c and the position of stops from which fits start. `ends` are the largest displacements that were
+/// measured on the sides where there may be a stop; without them, `signs` are those of the positions.
 pub(super) fn starts(setting: &Setting, place: &Place, ends: Option<&[f64]>, signs: &[f64]) -> Vec<Vec<f64>> {
     let port = setting.port(place);
     let mobility = setting.plant.mobility(port);

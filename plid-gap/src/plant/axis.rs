@@ -4,8 +4,8 @@ use crate::fourier::C;
 /// The axis of each input, as a port, for a plant without lightly damped modes: a motor, a servo, a slider.
 ///
 /// It is the port between the input and the collocated output: of the outputs that sense a position or a velocity, or
-/// are declared to sense an acceleration, the one to which the input contributes most. A velocity gives the displacement
-/// only if a spring holds the axis. Otherwise that is no combination of the states.
+/// are declared to sense an acceleration, the one to which the input contributes most. A velocity gives the
+/// displacement only if a spring holds the axis. Otherwise that is no combination of the states.
 pub(super) fn infer(plant: &Plant, inputs: &[String]) -> Vec<Port> {
     let axis = |(input, name): (usize, &String)| {
         let output = collocated(plant, input)?;

@@ -272,8 +272,8 @@ fn what_has_no_place_is_said() {
     assert!((plant.mobility(0) - 1.0).abs() < 1e-6, "{}", plant.mobility(0));
 }
 
-/// Returns the speed of a unit mass on a damper of 4 with friction that holds up to 0.3 and slides at 0.2, by small steps
-/// that end at rest where the velocity changes its sign.
+/// Returns the speed of a unit mass on a damper of 4 with friction that holds up to 0.3 and slides at 0.2, by small
+/// steps that end at rest where the velocity changes its sign.
 fn sticking(u: &[f64]) -> Vec<f64> {
     const STEPS: usize = 100;
     let (h, mut v) = (1.0 / (RATE * STEPS as f64), 0.0_f64);
