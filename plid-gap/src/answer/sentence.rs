@@ -149,6 +149,6 @@ mod tests {
     fn a_gap_that_grows_is_not_said_to_fall() {
         assert_eq!(super::course(0.145, 0.16), "the gap grows from 14.5 % to 16.0 %");
         assert_eq!(super::course(0.145, 0.009), "the gap falls from 14.5 % to 0.90 %");
-        assert_eq!(super::course(0.0137, 0.0138), "the gap stays at 1.37 %");
+        assert_eq!(super::course(0.01371, 0.01374), "the gap stays at 1.37 %");
     }
 }

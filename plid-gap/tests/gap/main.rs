@@ -2,6 +2,7 @@
 
 mod carried;
 mod forward;
+mod matrices;
 #[path = "../../src/testing/truss.rs"]
 mod truss;
 mod truth;
