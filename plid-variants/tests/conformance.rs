@@ -1,7 +1,9 @@
 //! Every form on every backend and in every scalar conforms.
 
-use plid_core::{CovariancePropagation, InitialCovariance, ObservableForm, Scalar, ScalarOf};
+use plid_core::{CovariancePropagation, Form, InitialCovariance, ObservableForm, Scalar, ScalarOf};
+use plid_testkit::case::{Options, random_case};
 use plid_testkit::check_form;
+use plid_testkit::run::{Variant, identified, with_every_expectation};
 use plid_variants::covariance::*;
 
 /// The check leaves out what a form says that it cannot do: plid's own forms can do all of it.
@@ -10,6 +12,23 @@ fn forgets_and_takes_parameter_noise<C: CovariancePropagation>() {
     let mut form = C::new(&model, &InitialCovariance::Diagonal(vec![1.0; 12]), &C::Options::default()).unwrap();
     form.scale(ScalarOf::<C>::from_f64(1.01)).unwrap();
     form.add_parameter_noise(ScalarOf::<C>::from_f64(0.01), 0).unwrap();
+}
+
+/// The check allows for rounding where nothing is measured: plid's own forms keep the parameters' covariance to the
+/// bit.
+fn keeps_the_parameters_without_outputs<C: Form>() {
+    let case = random_case(&[2, 1], 1, Options { steps: 20, ..Options::default() }, 4);
+    for variant in with_every_expectation::<C>() {
+        let mut run = variant.finish(&case);
+        let before = identified(&run).covariance;
+        run.step_with_missing(&[f64::NAN; 2], &[0.7]).unwrap();
+        let after = identified(&run).covariance;
+        for j in case.states()..before.columns() {
+            for i in case.states()..before.rows() {
+                assert_eq!(after.at(i, j), before.at(i, j), "{}", variant.label());
+            }
+        }
+    }
 }
 
 /// One `#[test]` a form, over one backend and scalar.
@@ -21,6 +40,7 @@ macro_rules! test_forms {
             type Form = super::$form<plid_backends::$backend<$scalar>>;
             check_form::<Form>();
             super::forgets_and_takes_parameter_noise::<Form>();
+            super::keeps_the_parameters_without_outputs::<Form>();
         })*
     };
 }
@@ -48,8 +68,6 @@ test_backends! {
 #[test]
 fn checkpoints_of_others_are_refused() {
     use plid_backends::Plain;
-    use plid_testkit::case::{Options, random_case};
-    use plid_testkit::run::Variant;
     use plid_variants::expectations::MomentMatched;
 
     let case = random_case(&[2, 1], 1, Options { steps: 5, ..Options::default() }, 4);

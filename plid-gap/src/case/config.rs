@@ -9,8 +9,8 @@ use plid_data::nearest;
 use plid_data::prepare::decimate;
 use plid_data::prepare::trend::Trend;
 
-/// Prefix of the names of ports on single modes, which no case may give.
-const ON_A_MODE: &str = "mode:";
+/// Prefix of the names of ports on single modes, which no case may give; the mode's frequency follows.
+pub(crate) const ON_A_MODE: &str = "mode:";
 
 /// The contents of a case file, CASE.toml.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -266,8 +266,10 @@ impl CaseConfig {
         for (at, port) in self.port.iter().enumerate() {
             let PortConfig { name, input, output } = port;
             if name.is_empty() || name.starts_with(ON_A_MODE) {
-                problems
-                    .push(("name", format!("`{name}` is not the name of a port: it is empty or begins with mode:")));
+                problems.push((
+                    "name",
+                    format!("`{name}` is not the name of a port: it is empty or begins with {ON_A_MODE}"),
+                ));
             }
             if self.port[..at].iter().any(|other| other.name == *name) {
                 problems.push(("name", format!("two ports are called `{name}`")));

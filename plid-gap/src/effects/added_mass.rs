@@ -28,9 +28,8 @@ impl Effect for AddedMass {
         vec![Parameter::new("m", "force/acceleration", Range::Signed)]
     }
 
-    /// A force that passes the lag of an actuator first accelerates nothing at once, and no mass is there.
     fn places(&self, setting: &Setting) -> Vec<Place> {
-        setting.loads().into_iter().filter(|place| setting.plant.mobility(setting.port(place)) > 0.0).collect()
+        setting.inertias()
     }
 
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {

@@ -29,8 +29,7 @@ impl Effect for AddedStiffness {
     }
 
     fn places(&self, setting: &Setting) -> Vec<Place> {
-        let sees = |place: &Place| setting.plant.ports[setting.port(place)].sees_displacement();
-        setting.loads().into_iter().filter(sees).collect()
+        setting.loads().into_iter().filter(|place| setting.sees_displacement(place)).collect()
     }
 
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {

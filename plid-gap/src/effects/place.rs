@@ -1,9 +1,7 @@
 use std::fmt;
 
+use crate::case::ON_A_MODE;
 use crate::plant::plain_hz;
-
-/// Prefix of the names of ports on single modes; the mode's frequency follows.
-pub(crate) const ON_A_MODE: &str = "mode:";
 
 /// The location at which an effect acts. Channels count from zero here and are written by name.
 #[derive(Debug, Clone, PartialEq)]

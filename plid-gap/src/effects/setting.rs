@@ -1,7 +1,8 @@
 use super::Place;
-use super::place::{Names, ON_A_MODE};
+use super::place::Names;
 use plid_model::Model;
 
+use crate::case::ON_A_MODE;
 use crate::plant::{Plant, PortSource};
 use crate::signal::peaks::MissingModeStart;
 use crate::signal::tones::Tone;
@@ -94,8 +95,12 @@ impl Setting {
 
     /// Returns the locations of [`Setting::joints`] whose displacement is known.
     pub fn springs(&self) -> Vec<Place> {
-        let sees = |place: &Place| self.plant.ports[self.port(place)].sees_displacement();
-        self.joints().into_iter().filter(sees).collect()
+        self.joints().into_iter().filter(|place| self.sees_displacement(place)).collect()
+    }
+
+    /// Returns whether the displacement at a port is known.
+    pub(super) fn sees_displacement(&self, place: &Place) -> bool {
+        self.plant.ports[self.port(place)].sees_displacement()
     }
 
     /// Returns the locations of linear forces: declared ports, and the axes of a plant without modes. At ports that
@@ -104,6 +109,12 @@ impl Setting {
         let exact = self.plant.port_source != PortSource::Inferred && self.plant.rest.continuous.is_some();
         let on_a_mode = |place: &Place| self.is_on_a_mode(self.port(place));
         if exact { self.joints().into_iter().filter(|place| !on_a_mode(place)).collect() } else { Vec::new() }
+    }
+
+    /// Returns the locations of [`Setting::loads`] that a force accelerates at once. A force that passes the lag of an
+    /// actuator first accelerates nothing at once.
+    pub fn inertias(&self) -> Vec<Place> {
+        self.loads().into_iter().filter(|place| self.plant.mobility(self.port(place)) > 0.0).collect()
     }
 
     /// Returns sizes of a linear force from which fits start: shares of what the port has itself, or of `other` if it

@@ -42,8 +42,7 @@ impl Effect for StickFriction {
     }
 
     fn places(&self, setting: &Setting) -> Vec<Place> {
-        let accelerates = |place: &Place| setting.plant.mobility(setting.port(place)) > 0.0;
-        setting.loads().into_iter().filter(accelerates).collect()
+        setting.inertias()
     }
 
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {

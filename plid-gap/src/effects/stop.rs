@@ -62,11 +62,7 @@ pub(super) fn sound(setting: &Setting, place: &Place, parameters: &[f64]) -> boo
 /// Stops exist where a force accelerates the axis at once and the displacement is known, at the places of linear
 /// forces.
 pub(super) fn places(setting: &Setting) -> Vec<Place> {
-    let accelerates = |place: &Place| {
-        let port = setting.port(place);
-        setting.plant.ports[port].sees_displacement() && setting.plant.mobility(port) > 0.0
-    };
-    setting.loads().into_iter().filter(accelerates).collect()
+    setting.inertias().into_iter().filter(|place| setting.sees_displacement(place)).collect()
 }
 
 /// Returns the parameters of a stop; the last one is its position.

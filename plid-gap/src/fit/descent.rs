@@ -89,6 +89,8 @@ pub(super) struct Search<'p, 'a> {
     damping: Damping,
     effort: Effort,
     scales: Vec<Scale>,
+    /// Whether an effect loads the plant.
+    loaded: bool,
     /// Derivatives that the search computed itself.
     own: Option<Jacobian>,
     /// Linearisations so far.
@@ -161,7 +163,7 @@ impl<'a> plid_lsq::Problem for Search<'_, 'a> {
             Derivatives::Renewed(given) => {
                 // A load and the poles that it moves may look alike to the last digit. Derivatives of which only some
                 // are current would part them.
-                let loaded = problem.is_loaded(effects);
+                let loaded = self.loaded;
                 if loaded || self.steps.is_multiple_of(RENEWED) {
                     if problem.strong || loaded {
                         self.own = Some(problem.jacobian_with_effects(at, self.effort.fineness));
@@ -239,12 +241,14 @@ impl Problem {
 
     fn search<'p, 'a>(&'p self, derivatives: Derivatives<'p>, damping: Damping, effort: Effort) -> Search<'p, 'a> {
         let (scales, linearised) = (Vec::new(), Vec::new());
-        Search { problem: self, derivatives, damping, effort, scales, own: None, steps: 0, linearised }
+        let (own, steps, loaded) = (None, 0, false);
+        Search { problem: self, derivatives, damping, effort, scales, loaded, own, steps, linearised }
     }
 
     fn fitted<'a>(&self, derivatives: Derivatives<'_>, eta: &[f64], effects: &[Placed<'a>], effort: Effort) -> Fit<'a> {
-        let damping = if self.is_loaded(effects) { DAMPING_LOADED } else { DAMPING };
-        let mut search = self.search(derivatives, damping, effort);
+        let loaded = self.is_loaded(effects);
+        let damping = if loaded { DAMPING_LOADED } else { DAMPING };
+        let mut search = Search { loaded, ..self.search(derivatives, damping, effort) };
         let Minimum { point, equations, ended, .. } = search.run(eta, effects);
         let covariance = self.model_covariance(&equations.normal, &search.linearised, &search.scales);
         let Point { eta, effects, residual, cost, .. } = point;

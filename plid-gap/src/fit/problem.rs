@@ -11,7 +11,7 @@ use crate::noise::NoiseModel;
 use crate::noise::whiten::Whitener;
 use crate::plant::Plant;
 use crate::settings::GapSettings;
-use crate::simulate::{Fineness, simulate};
+use crate::simulate::{Fineness, changed_modes, simulate};
 
 /// An effect at a location with its parameters.
 #[derive(Clone)]
@@ -114,15 +114,9 @@ impl Problem {
         effects.iter().flat_map(|placed| placed.effect.act(&self.setting, &placed.place, &placed.parameters)).collect()
     }
 
-    /// Returns the plant with those effects that change it; `None` if none of them does.
+    /// Returns the plant with those effects that change its modes; `None` if none of them does.
     pub(super) fn changed(&self, plant: &Plant, effects: &[Placed]) -> Option<Plant> {
-        let mut changed = None;
-        for action in self.actions(effects) {
-            if let Action::Plant(change) = action {
-                change(changed.get_or_insert_with(|| plant.clone()));
-            }
-        }
-        changed
+        changed_modes(plant, &self.actions(effects))
     }
 
     /// Returns whether an effect loads the plant, whose few linear parameters allow the derivatives of the simulation

@@ -17,6 +17,7 @@ mod spectrum;
 use nalgebra::{DMatrix, DVector};
 use plid_model::{ModeKind, Model};
 
+use crate::case::ON_A_MODE;
 use crate::error::GapError;
 use crate::fourier::C;
 use crate::settings::PlantSettings;
@@ -261,7 +262,7 @@ impl Plant {
 
     /// Adds a port on a single mode, `mode:HZ`, for effects that no input's port explains.
     pub fn add_modal_port(&mut self, mode: usize) {
-        let name = format!("mode:{}", plain_hz(self.modes[mode].hz()));
+        let name = format!("{ON_A_MODE}{}", plain_hz(self.modes[mode].hz()));
         if self.ports.iter().all(|port| port.name != name) {
             let port = ports::of_mode(self, mode);
             self.ports.push(Port { name, ..port });

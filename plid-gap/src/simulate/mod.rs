@@ -135,15 +135,21 @@ fn parts_of(plant: &Plant, port: usize, law: &dyn Force) -> usize {
 
 /// Returns the plant with the actions that change it before a run; `None` if none of them does.
 pub fn changed_plant(plant: &Plant, actions: &[Action]) -> Option<Plant> {
+    let mut changed = changed_modes(plant, actions);
+    for action in actions {
+        if let Action::Load(port, load) = action {
+            changed.get_or_insert_with(|| plant.clone()).load(*port, load);
+        }
+    }
+    changed
+}
+
+/// Returns the same without the loads, which couple the modes.
+pub fn changed_modes(plant: &Plant, actions: &[Action]) -> Option<Plant> {
     let mut changed = None;
     for action in actions {
         if let Action::Plant(change) = action {
             change(changed.get_or_insert_with(|| plant.clone()));
-        }
-    }
-    for action in actions {
-        if let Action::Load(port, load) = action {
-            changed.get_or_insert_with(|| plant.clone()).load(*port, load);
         }
     }
     changed
