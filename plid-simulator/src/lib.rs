@@ -1,0 +1,119 @@
+//! Anybody's simulator behind one trait.
+//!
+//! A [`Simulator`] says what it has ([`Description`]): inputs, outputs, numbers that may be wrong ([`Parameter`]), and
+//! places that take a force ([`Port`]). [`Simulator::run`] maps inputs to outputs from rest. A simulator that can also
+//! advance by one step at a time shows the motion at its ports and takes forces there ([`Simulator::step`]).
+//!
+//! | implementation | simulator |
+//! |---|---|
+//! | [`Function`] | a Rust function from inputs to outputs |
+//! | [`Linear`] | a linear model with ports, such as a model.json |
+//!
+//! [`Checked`] wraps any of them: it checks what comes back, names the call that failed, and counts calls and time.
+//!
+//! ```
+//! use plid_simulator::{Checked, Description, Function, Input, Output};
+//!
+//! // A gain of 0.5 with a parameter, at 100 Hz.
+//! let mut description = Description::new("gain", 100.0, vec![Input::new("u")], vec![Output::new("y")]);
+//! description.parameters.push(plid_simulator::Parameter::new("gain", 0.5));
+//! let mut simulator = Function::new(description, |parameters, u| {
+//!     Ok(vec![u[0].iter().map(|u| parameters[0] * u).collect()])
+//! });
+//! let mut checked = Checked::new(&mut simulator)?;
+//! assert_eq!(checked.run(&[0.5], &[vec![1.0, 2.0]])?, [[0.5, 1.0]]);
+//! assert_eq!(checked.calls().runs, 1);
+//! # Ok::<(), plid_simulator::SimulatorError>(())
+//! ```
+
+mod checked;
+mod description;
+mod error;
+mod function;
+mod linear;
+
+pub use checked::{Calls, Checked};
+pub use description::{Description, Input, Output, Parameter, Port};
+pub use error::SimulatorError;
+pub use function::Function;
+pub use linear::Linear;
+pub use plid_model::OutputKind;
+
+/// Channels, each with the values of all samples.
+pub type Channels = Vec<Vec<f64>>;
+
+/// Displacement and velocity at a port, in its units.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Motion {
+    /// Displacement.
+    pub displacement: f64,
+    /// Velocity: displacement per second.
+    pub velocity: f64,
+}
+
+/// A simulator of a plant.
+///
+/// One of [`Simulator::run`] and [`Simulator::step`] is required. The same calls must give the same numbers: a
+/// simulator that draws random numbers begins each run with the same seed.
+pub trait Simulator {
+    /// Returns what the simulator has.
+    fn description(&self) -> &Description;
+
+    /// Simulates from rest with these parameters (in the order of the description) and held inputs (m channels), and
+    /// returns the outputs (p channels) at the same samples.
+    ///
+    /// # Errors
+    /// [`SimulatorError`] with the simulator's own words.
+    fn run(&mut self, parameters: &[f64], u: &[Vec<f64>]) -> Result<Channels, SimulatorError> {
+        run_by_steps(self, parameters, u)
+    }
+
+    /// Goes to rest with these parameters, and returns the motion at each port there.
+    ///
+    /// # Errors
+    /// [`SimulatorError`] with the simulator's own words; [`SimulatorError::NoSteps`] if it only runs as a whole.
+    fn start(&mut self, _parameters: &[f64]) -> Result<Vec<Motion>, SimulatorError> {
+        Err(SimulatorError::NoSteps { name: self.description().name.clone() })
+    }
+
+    /// Advances by one step. It takes the inputs (m) and the force at each port, both held over the step. It writes the
+    /// outputs (p) at the start of the step to `y`, and the motion at each port at its end to `motions`. A sample has
+    /// [`Description::steps_per_sample`] steps.
+    ///
+    /// # Errors
+    /// As [`Simulator::start`].
+    fn step(
+        &mut self,
+        _u: &[f64],
+        _forces: &[f64],
+        _y: &mut [f64],
+        _motions: &mut [Motion],
+    ) -> Result<(), SimulatorError> {
+        Err(SimulatorError::NoSteps { name: self.description().name.clone() })
+    }
+}
+
+/// Runs a simulator step by step without forces.
+fn run_by_steps<S: Simulator + ?Sized>(
+    simulator: &mut S,
+    parameters: &[f64],
+    u: &[Vec<f64>],
+) -> Result<Channels, SimulatorError> {
+    let Description { outputs, ports, steps_per_sample, .. } = simulator.description();
+    let (p, steps) = (outputs.len(), *steps_per_sample);
+    let (forces, mut motions) = (vec![0.0; ports.len()], vec![Motion::default(); ports.len()]);
+    let samples = u.first().map_or(0, Vec::len);
+    let mut y = vec![vec![0.0; samples]; p];
+    let (mut held, mut now) = (vec![0.0; u.len()], vec![0.0; p]);
+    simulator.start(parameters)?;
+    for k in 0..samples {
+        held.iter_mut().zip(u).for_each(|(held, u)| *held = u[k]);
+        for step in 0..steps {
+            simulator.step(&held, &forces, &mut now, &mut motions)?;
+            if step == 0 {
+                y.iter_mut().zip(&now).for_each(|(y, now)| y[k] = *now);
+            }
+        }
+    }
+    Ok(y)
+}
