@@ -50,6 +50,9 @@ pub enum GapError {
         /// Why not.
         message: String,
     },
+    /// The engineer's own simulator failed.
+    #[error(transparent)]
+    Simulator(#[from] plid_simulator::SimulatorError),
     /// The simulation is unstable.
     #[error("{}: the simulation is unstable: a pole of magnitude {magnitude:.6} at {hz:.2} Hz", file.display())]
     #[diagnostic(help(

@@ -19,6 +19,7 @@ mod error;
 mod evidence;
 mod fit;
 mod fourier;
+pub mod in_loop;
 mod judge;
 mod noise;
 mod plant;

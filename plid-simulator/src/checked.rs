@@ -54,8 +54,9 @@ impl<'a> Checked<'a> {
         result.and_then(|y| self.checked(y, samples)).map_err(|source| self.called("", source))
     }
 
-    /// Runs from rest, step by step. `force` gives the force at each port from the motion there; it is called before
-    /// each step with the motions (one for each port) and writes the forces.
+    /// Runs from rest, step by step. `u` holds one value of each input for each step, so that an input may change within
+    /// a sample. `force` gives the force at each port from the motion there: it is called before each step with the
+    /// step's number and the motions (one for each port), and writes the forces. Returns the outputs at the samples.
     ///
     /// # Errors
     /// [`SimulatorError::Call`] with the number of the run, the sample and the failure.
@@ -77,7 +78,8 @@ impl<'a> Checked<'a> {
         u: &[Vec<f64>],
         force: &mut dyn FnMut(usize, &[Motion], &mut [f64]),
     ) -> Result<Channels, (usize, SimulatorError)> {
-        let samples = u.first().map_or(0, Vec::len);
+        let steps = self.description.steps_per_sample.max(1);
+        let samples = u.first().map_or(0, Vec::len) / steps;
         let mut y = vec![vec![0.0; samples]; self.description.outputs.len()];
         let (mut held, mut forces) = (vec![0.0; u.len()], vec![0.0; self.description.ports.len()]);
         let started = self.simulator.start(parameters).map_err(|source| (0, source))?;
@@ -88,9 +90,9 @@ impl<'a> Checked<'a> {
         }
         self.motions.copy_from_slice(&started);
         for k in 0..samples {
-            held.iter_mut().zip(u).for_each(|(held, u)| *held = u[k]);
-            for step in 0..self.description.steps_per_sample {
-                force(k, &self.motions, &mut forces);
+            for step in 0..steps {
+                held.iter_mut().zip(u).for_each(|(held, u)| *held = u[k * steps + step]);
+                force(k * steps + step, &self.motions, &mut forces);
                 self.simulator.step(&held, &forces, &mut self.y, &mut self.motions).map_err(|source| (k, source))?;
                 if step == 0 {
                     y.iter_mut().zip(&self.y).for_each(|(y, now)| y[k] = *now);

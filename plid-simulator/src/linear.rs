@@ -158,7 +158,7 @@ mod tests {
             let mut simulator = oscillator(steps);
             let mut checked = Checked::new(&mut simulator).unwrap();
             let by_input = checked.run(&[], &[vec![force; samples]]).unwrap();
-            let none = vec![vec![0.0; samples]];
+            let none = vec![vec![0.0; samples * steps]];
             let by_force = checked.run_with(&[], &none, |_, _, forces| forces.fill(force)).unwrap();
             for k in 0..samples {
                 assert!((by_input[0][k] - expected(k)).abs() < 1e-14, "{k}");
@@ -174,7 +174,7 @@ mod tests {
         let mut checked = Checked::new(&mut simulator).unwrap();
         let mut far = 0.0_f64;
         let y = checked
-            .run_with(&[], &[vec![1.0; 300]], |_, motions, forces| {
+            .run_with(&[], &[vec![1.0; 300 * 50]], |_, motions, forces| {
                 forces[0] = -100.0 * motions[0].displacement;
                 far = far.max(motions[0].displacement);
             })

@@ -102,7 +102,7 @@ fn changed(placed: &Placed, setting: &Setting, refitted: &Setting, half: f64) ->
     let &[value] = placed.parameters.as_slice() else { return None };
     let at = |setting: &Setting, parameter: f64| placed.effect.change(setting, &placed.place, &[parameter]);
     let [given, to, end] = [at(setting, value)?, at(refitted, value)?, at(refitted, value + half)?];
-    let to = stated(to.to, (end.to - to.to).abs(), to.unit.into());
+    let to = stated(to.to, (end.to - to.to).abs(), to.unit);
     Some(Change { number: given.number, from: given.from, to })
 }
 
@@ -121,6 +121,11 @@ pub(crate) fn place(
     let named = found.best.effects.first().map(|placed| placed.effect.side());
     let screened = found.stages.first().and_then(|entries| entries.first()).map(|e| e.placed.effect.side());
     let side = named.or(shown.first().map(|u| u.placed.effect.side())).or(screened).unwrap_or(Side::Structure);
+    whereabouts(side, before, outputs, settings)
+}
+
+/// Returns where a gap lies by its map, with the part of the signal path that causes it.
+pub(crate) fn whereabouts(side: Side, before: &Map, outputs: &[String], settings: &AnswerSettings) -> Where {
     let mut order: Vec<usize> = (0..before.bands.len()).collect();
     order.sort_by(|&a, &b| before.bands[b].value.total_cmp(&before.bands[a].value));
     order.truncate(4);

@@ -190,7 +190,7 @@ fn acts_at(place: &Place, effect: &dyn Effect, library: &Library, setting: &Sett
 }
 
 /// Returns the location that [`Place::location`] wrote.
-fn place(location: &str, effect: &dyn Effect, setting: &Setting) -> Option<Place> {
+pub(crate) fn place(location: &str, effect: &dyn Effect, setting: &Setting) -> Option<Place> {
     let names = &setting.names;
     let of = |list: &[String], name: &str| list.iter().position(|x| x == name);
     if location == "structure" {
@@ -214,6 +214,7 @@ fn place(location: &str, effect: &dyn Effect, setting: &Setting) -> Option<Place
             Some((i, j)) => Some(Place::OutputToOutput(of(&names.outputs, i)?, of(&names.outputs, j)?)),
             None => Some(Place::Output(of(&names.outputs, at)?)),
         },
+        "parameter" => Some(Place::Parameter(of(&names.parameters, at)?)),
         "port" => Some(Place::Port(of(&names.ports, at)?)),
         "mode" if effect.adds_mode() => Some(Place::MissingMode(hz(at)?)),
         "mode" => Some(Place::Mode(setting.plant.mode_at(hz(at)?)?)),

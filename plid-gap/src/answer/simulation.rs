@@ -83,7 +83,7 @@ pub(crate) fn written(
 }
 
 /// Returns an effect in a form for other programs. `refitted` is the setting with the linear simulation after the fit.
-fn written_effect(placed: &Placed, setting: &Setting, refitted: &Setting) -> WrittenEffect {
+pub(crate) fn written_effect(placed: &Placed, setting: &Setting, refitted: &Setting) -> WrittenEffect {
     let parameters = placed.effect.parameters(setting).into_iter().zip(&placed.parameters);
     let value = |(p, &value): (Parameter, &f64)| (p.name, Value { value, ci95: None, unit: p.unit });
     WrittenEffect {

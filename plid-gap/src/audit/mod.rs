@@ -75,11 +75,8 @@ fn look(
     before: Option<&Audit>,
     say: &mut dyn FnMut(String),
 ) -> Result<Audit, GapError> {
-    shapes::check(case)?;
-    let mut found = finite::check(case)?;
-    found.extend(constant::check(case)?);
     let looks = !off.contains(&Step::Audit);
-    found.extend(if looks { clipping::check(case) } else { Vec::new() });
+    let mut found = of_records(case, looks)?;
     let (model, surrogate) = match &case.model {
         Some(model) => (model.clone(), None),
         None => {
@@ -88,7 +85,7 @@ fn look(
             (surrogate.model.clone(), Some(surrogate))
         }
     };
-    let of_records = surrogate.is_some() && case.records.iter().all(|record| record.simulated.is_none());
+    let from_records = surrogate.is_some() && case.records.iter().all(|record| record.simulated.is_none());
     found.extend(surrogate.iter().map(|surrogate| surrogate.words.clone()));
     found.extend(stable::check(case, &model)?);
     let little = little::check(case, &model, library, without)?;
@@ -96,7 +93,7 @@ fn look(
     // A model that was identified from these channels has none exchanged.
     let mismatch = match before {
         Some(before) => before.mismatch.clone(),
-        None if of_records || !looks => None,
+        None if from_records || !looks => None,
         None => rewire::find(case, &model)?,
     };
 
@@ -105,7 +102,7 @@ fn look(
         case.records.iter_mut().for_each(|record| surrogate::take_misfit(record, &model));
     }
     case.config.exclude.extend(little.left_out);
-    case.config.exclude.extend(absorbed(&case, library, of_records));
+    case.config.exclude.extend(absorbed(&case, library, from_records));
     let explained = mismatch.as_ref().filter(|mismatch| mismatch.explains);
     found.extend(mismatch.iter().map(|mismatch| mismatch.sentence.clone()));
     if let Some(mismatch) = explained {
@@ -126,6 +123,18 @@ fn look(
         settings: case.config.settings.clone(),
     };
     Ok(Audit { case, mismatch, known, surrogate })
+}
+
+/// Checks the records alone. Returns warnings. `looks` says whether values at the end of a range are looked for.
+///
+/// # Errors
+/// [`GapError::Record`], [`GapError::Constant`], [`GapError::TooLittle`].
+pub(crate) fn of_records(case: &Case, looks: bool) -> Result<Vec<String>, GapError> {
+    shapes::check(case)?;
+    let mut found = finite::check(case)?;
+    found.extend(constant::check(case)?);
+    found.extend(if looks { clipping::check(case) } else { Vec::new() });
+    Ok(found)
 }
 
 /// Returns the names of the effects that the surrogate model already contains: all linear ones, if it was identified

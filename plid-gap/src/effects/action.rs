@@ -90,6 +90,8 @@ pub enum Action {
     Disturbance(usize, Box<dyn Fn(f64) -> f64 + Send + Sync>),
     /// Changes the outputs.
     Sensor(Box<dyn Sensor>),
+    /// Gives a parameter of the engineer's own simulator (its number) another value.
+    Parameter(usize, f64),
     /// Changes no free run: more noise, coarser values.
     Noise,
 }

@@ -40,7 +40,7 @@ impl Effect for AddedDamping {
     fn change(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Option<Change> {
         let damper = setting.plant.damper(setting.port(place));
         let number = format!("viscous damping at {}", place.location(&setting.names));
-        Some(Change { number, from: damper, to: damper + parameters[0], unit: "force/velocity" })
+        Some(Change { number, from: damper, to: damper + parameters[0], unit: "force/velocity".into() })
     }
 
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

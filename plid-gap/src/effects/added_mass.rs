@@ -45,7 +45,7 @@ impl Effect for AddedMass {
     fn change(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Option<Change> {
         let inertia = setting.plant.mobility(setting.port(place)).recip();
         let number = format!("inertia at {}", place.location(&setting.names));
-        Some(Change { number, from: inertia, to: inertia + parameters[0], unit: "force/acceleration" })
+        Some(Change { number, from: inertia, to: inertia + parameters[0], unit: "force/acceleration".into() })
     }
 
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

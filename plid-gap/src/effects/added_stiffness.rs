@@ -41,7 +41,7 @@ impl Effect for AddedStiffness {
     fn change(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Option<Change> {
         let stiffness = setting.plant.stiffness(&setting.plant.ports[setting.port(place)]);
         let number = format!("static stiffness at {}", place.location(&setting.names));
-        Some(Change { number, from: stiffness, to: stiffness + parameters[0], unit: "force/displacement" })
+        Some(Change { number, from: stiffness, to: stiffness + parameters[0], unit: "force/displacement".into() })
     }
 
     fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

@@ -170,13 +170,13 @@ pub struct Change {
     /// Its value in the records.
     pub to: f64,
     /// The unit of both.
-    pub unit: &'static str,
+    pub unit: String,
 }
 
 impl Change {
     /// Creates a change of a number without unit.
     fn of(number: String, from: f64, to: f64) -> Option<Self> {
-        Some(Self { number, from, to, unit: "1" })
+        Some(Self { number, from, to, unit: "1".into() })
     }
 }
 

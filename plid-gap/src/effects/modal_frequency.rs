@@ -50,7 +50,7 @@ impl Effect for ModalFrequency {
         let Place::Mode(k) = *place else { return None };
         let hz = setting.plant.modes[k].hz();
         let number = format!("frequency of the mode at {} Hz", plain_hz(hz));
-        Some(Change { number, from: hz, to: hz * (1.0 + parameters[0]), unit: "Hz" })
+        Some(Change { number, from: hz, to: hz * (1.0 + parameters[0]), unit: "Hz".into() })
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

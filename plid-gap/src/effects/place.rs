@@ -24,6 +24,8 @@ pub enum Place {
     Structure,
     /// The frequency of a missing mode in Hz.
     MissingMode(f64),
+    /// One parameter of the engineer's own simulator, by its number.
+    Parameter(usize),
     /// The frequency in Hz of a disturbance, and the port at which it enters.
     Frequency(f64, usize),
 }
@@ -39,6 +41,8 @@ pub struct Names {
     pub ports: Vec<String>,
     /// Frequencies of the modes in Hz.
     pub modes_hz: Vec<f64>,
+    /// Names of the parameters of the engineer's own simulator.
+    pub parameters: Vec<String>,
 }
 
 impl Place {
@@ -65,6 +69,7 @@ impl fmt::Display for Located<'_> {
             Place::Port(k) if names.ports[k].starts_with(ON_A_MODE) => f.write_str(&names.ports[k]),
             Place::Port(k) => write!(f, "port:{}", names.ports[k]),
             Place::Mode(k) => write!(f, "mode:{}", plain_hz(names.modes_hz[k])),
+            Place::Parameter(k) => write!(f, "parameter:{}", names.parameters[k]),
             Place::Structure => f.write_str("structure"),
             Place::MissingMode(hz) => write!(f, "mode:{}", plain_hz(hz)),
             Place::Frequency(hz, _) => write!(f, "freq:{}", plain_hz(hz)),

@@ -56,6 +56,7 @@ impl Setting {
                 outputs: model.outputs.clone(),
                 ports: plant.ports.iter().map(|port| port.name.clone()).collect(),
                 modes_hz: plant.modes.iter().map(|mode| mode.hz()).collect(),
+                parameters: Vec::new(),
             },
             u_rms: vec![0.0; plant.m],
             u_slope: vec![0.0; plant.m],

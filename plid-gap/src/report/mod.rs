@@ -10,7 +10,7 @@ mod shrink;
 #[cfg(test)]
 #[allow(clippy::too_many_lines)]
 mod tests;
-mod traces;
+pub(crate) mod traces;
 mod whereabouts;
 mod words;
 mod write;

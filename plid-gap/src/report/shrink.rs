@@ -2,7 +2,7 @@
 
 use plid_report::{Bar, Bars, Report, bars};
 
-use super::traces;
+use super::traces::{self, Traces};
 use super::words::{held_out, percent, with, worst};
 use crate::diagnose::Outcome;
 use crate::judge::gap::shrink;
@@ -96,13 +96,13 @@ pub(super) fn section(report: Report, outcome: &Outcome) -> Report {
             format!("Free-run gap on {}, every output scaled to unit RMS.{reference}", gap.measured_on.join(", ")),
         )
         .figure(
-            traces::window(outcome, worst),
+            traces::window(&Traces::of(outcome), worst),
             format!(
                 "The loudest moment of {}, at the output with the largest share of the gap; errors below.",
                 outcome.shown.trace_record
             ),
         );
-    match traces::spectra(outcome, worst) {
+    match traces::spectra(&Traces::of(outcome), worst) {
         Some(svg) => report.figure(
             svg,
             format!(
@@ -126,8 +126,9 @@ pub(super) fn other_outputs(report: Report, outcome: &Outcome) -> Report {
     report.details("The other outputs: traces and spectra", |mut report| {
         for o in others {
             let name = &outcome.shown.outputs[o];
-            report = report.figure(traces::window(outcome, o), format!("{name} at the same moment; errors below."));
-            if let Some(svg) = traces::spectra(outcome, o) {
+            report = report
+                .figure(traces::window(&Traces::of(outcome), o), format!("{name} at the same moment; errors below."));
+            if let Some(svg) = traces::spectra(&Traces::of(outcome), o) {
                 report = report.figure(svg, format!("Spectra of {name} and of its error."));
             }
         }

@@ -8,7 +8,7 @@ use plid_report::{Axis, Chart, Series, chart, charts};
 
 use super::words::with;
 use super::{GIVEN, MEASURED, REFERENCE, WITH};
-use crate::case::record::rms;
+use crate::case::record::{Channels, rms};
 use crate::diagnose::Outcome;
 
 /// Number of samples of a trace.
@@ -30,17 +30,47 @@ fn loudest(y: &[Vec<f64>]) -> Range<usize> {
     start..start + width
 }
 
+/// Outputs of one record: measured, as given, and with the effects.
+pub(crate) struct Traces<'t> {
+    /// Name of the record.
+    pub record: &'t str,
+    /// Sample rate in Hz.
+    pub rate: f64,
+    /// Names of the outputs (p).
+    pub outputs: &'t [String],
+    /// Measured, as given, and with the effects (p channels each).
+    pub y: &'t [Channels; 3],
+    /// What the last of them is.
+    pub with: String,
+    /// For each output, frequencies in Hz with the density of the noise; empty if it is not shown.
+    pub noise: &'t [Vec<(f64, f64)>],
+}
+
+impl<'t> Traces<'t> {
+    /// Those of a diagnosis.
+    pub(super) fn of(outcome: &'t Outcome) -> Self {
+        let shown = &outcome.shown;
+        Self {
+            record: &shown.trace_record,
+            rate: shown.rate,
+            outputs: &shown.outputs,
+            y: &shown.trace,
+            with: with(outcome).into(),
+            noise: &shown.noise,
+        }
+    }
+}
+
 /// Draws the loudest stretch of output `o`, with the errors below.
-pub(super) fn window(outcome: &Outcome, o: usize) -> String {
-    let shown = &outcome.shown;
-    let [measured, given, found] = &shown.trace;
+pub(crate) fn window(shown: &Traces, o: usize) -> String {
+    let [measured, given, found] = shown.y;
     let range = loudest(measured);
     let points = |value: &dyn Fn(usize) -> f64| -> Vec<(f64, f64)> {
         range.clone().map(|k| (k as f64 / shown.rate, value(k))).collect()
     };
     let (y, as_given, with_it) = (&measured[o], &given[o], &found[o]);
     let ends = (range.start as f64 / shown.rate, (range.end.max(range.start + 2) - 1) as f64 / shown.rate);
-    let x = Axis::linear(format!("time since {} began, s", shown.trace_record)).range(ends.0, ends.1);
+    let x = Axis::linear(format!("time since {} began, s", shown.record)).range(ends.0, ends.1);
     let part = |label: String, height: f64, series: Vec<Series>| Chart {
         title: String::new(),
         x: x.clone(),
@@ -55,7 +85,7 @@ pub(super) fn window(outcome: &Outcome, o: usize) -> String {
             vec![
                 Series::line("measured", points(&|k| y[k])).colour(MEASURED).width(3.0),
                 Series::line("as given", points(&|k| as_given[k])).colour(GIVEN).width(1.4),
-                Series::line(with(outcome), points(&|k| with_it[k])).colour(WITH).width(1.4),
+                Series::line(shown.with.as_str(), points(&|k| with_it[k])).colour(WITH).width(1.4),
             ],
         ),
         part(
@@ -63,16 +93,15 @@ pub(super) fn window(outcome: &Outcome, o: usize) -> String {
             100.0,
             vec![
                 Series::line("as given", points(&|k| y[k] - as_given[k])).colour(GIVEN).width(1.4),
-                Series::line(with(outcome), points(&|k| y[k] - with_it[k])).colour(WITH).width(1.4),
+                Series::line(shown.with.as_str(), points(&|k| y[k] - with_it[k])).colour(WITH).width(1.4),
             ],
         ),
     ])
 }
 
 /// Draws the spectra of output `o` and of its error, if the record is long enough.
-pub(super) fn spectra(outcome: &Outcome, o: usize) -> Option<String> {
-    let shown = &outcome.shown;
-    let [measured, given, found] = &shown.trace;
+pub(crate) fn spectra(shown: &Traces, o: usize) -> Option<String> {
+    let [measured, given, found] = shown.y;
     let data = Array2::from_shape_fn((measured[o].len(), 3), |(k, which)| match which {
         0 => measured[o][k],
         1 => measured[o][k] - given[o][k],
@@ -92,7 +121,7 @@ pub(super) fn spectra(outcome: &Outcome, o: usize) -> Option<String> {
         series: vec![
             Series::line("measured", density(0)).colour(MEASURED).width(2.4),
             Series::line("error as given", density(1)).colour(GIVEN).width(1.6),
-            Series::line(format!("error {}", with(outcome)), density(2)).colour(WITH).width(1.6),
+            Series::line(format!("error {}", shown.with), density(2)).colour(WITH).width(1.6),
             Series::line("noise alone", noise).colour(REFERENCE).width(1.4).dashed(),
         ],
         height: 240.0,

@@ -6,6 +6,7 @@ mod case;
 mod evidence;
 mod fit;
 mod group;
+mod in_loop;
 mod judge;
 mod noise;
 mod plant;
@@ -22,6 +23,7 @@ pub use case::CaseSettings;
 pub use evidence::EvidenceSettings;
 pub use fit::FitSettings;
 pub use group::Field;
+pub use in_loop::LoopSettings;
 pub use judge::JudgeSettings;
 pub use noise::NoiseSettings;
 pub use plant::PlantSettings;
@@ -55,6 +57,8 @@ pub struct GapSettings {
     pub evidence: EvidenceSettings,
     /// The sentences of the answer.
     pub answer: AnswerSettings,
+    /// The diagnosis with the engineer's own simulator in the loop.
+    pub in_loop: LoopSettings,
 }
 
 impl GapSettings {
@@ -72,6 +76,7 @@ impl GapSettings {
             ("judge", self.judge.fields()),
             ("evidence", self.evidence.fields()),
             ("answer", self.answer.fields()),
+            ("in_loop", self.in_loop.fields()),
         ]
     }
 

@@ -1,5 +1,6 @@
 //! Small structures and records of them, for tests.
 
+pub mod arm;
 mod axis;
 mod blind;
 mod truss;

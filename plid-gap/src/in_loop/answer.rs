@@ -1,0 +1,269 @@
+//! The answer of a diagnosis with a simulator in the loop.
+
+use std::collections::BTreeMap;
+
+use plid_report::{Cell, percent};
+use plid_simulator::Description;
+use serde::{Deserialize, Serialize};
+
+use crate::answer::schema::{Change, Explanation, Located, NamedEffect, Remainder, Value, Where, WrittenEffect};
+use crate::fit::candidate::{in_words, joined};
+use crate::fit::problem::Placed;
+use crate::in_loop::coupling::Response;
+use crate::in_loop::judge::{Judged, confidence};
+use crate::in_loop::problem::{Fit, Problem};
+use crate::judge::verdict::{Verdict, Weighted};
+use crate::settings::GapSettings;
+
+/// The contents of diagnosis.json for a simulator in the loop. Keys that it shares with a diagnosis of a linear
+/// simulation have the same meaning.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LoopDiagnosis {
+    /// The verdict in a word.
+    pub verdict: Verdict,
+    /// The verdict in a sentence.
+    pub sentence: String,
+    /// The effects, the largest share of the gap first.
+    pub effects: Vec<NamedEffect>,
+    /// The explanations, the most probable first.
+    pub candidates: Vec<Explanation>,
+    /// Explanations that these records cannot separate.
+    pub not_separable: Vec<Vec<String>>,
+    /// Where the gap lies.
+    #[serde(rename = "where")]
+    pub place: Where,
+    /// The gaps.
+    pub gap: LoopGap,
+    /// The remainder of the best explanation.
+    pub remainder: Remainder,
+    /// The simulator and its calls.
+    pub simulator: Used,
+    /// Parameters of the simulator that the bounded refit changed: from, to, in standard deviations of the limit.
+    pub refit: BTreeMap<String, [f64; 3]>,
+    /// Thresholds of the diagnosis.
+    pub settings: GapSettings,
+    /// Warnings.
+    pub warnings: Vec<String>,
+}
+
+/// The gaps, on held-out records, or on the fitted ones if none was held out.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct LoopGap {
+    /// Gap of the simulator as given.
+    pub as_given: f64,
+    /// Gap after a fit of its parameters within their limits.
+    pub refit: f64,
+    /// Gap with the effects.
+    pub with_effect: f64,
+    /// Gap of noise alone.
+    pub noise_floor: f64,
+    /// 1 - with_effect / as_given, both beyond the floor.
+    pub shrink: f64,
+    /// Its 95 % interval.
+    pub shrink_ci95: [f64; 2],
+    /// The same over the refit.
+    pub shrink_over_refit: f64,
+    /// The gap that the fitted records promise at the highest level, stated before any held-out record was opened.
+    pub predicted_held_out_gap: f64,
+    /// Its 80 % interval.
+    pub predicted_ci80: [f64; 2],
+    /// Names of the records on which these were measured.
+    pub measured_on: Vec<String>,
+}
+
+/// The simulator and its calls.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Used {
+    /// Its name.
+    pub name: String,
+    /// Number of runs, on one record each.
+    pub runs: usize,
+    /// Time in the simulator, in s.
+    pub seconds: f64,
+    /// Whether the bound on the runs ended the search early.
+    pub cut_short: bool,
+}
+
+/// The contents of sim-with-effect.json for a simulator in the loop: all that a prediction uses besides the simulator.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SimulatorWithEffects {
+    /// The name of the format, "simulator-with-effects".
+    pub format: String,
+    /// What the simulator has.
+    pub simulator: Description,
+    /// The program that it is, if it is one.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub command: Vec<String>,
+    /// Values of the simulator's parameters, by name.
+    pub parameters: BTreeMap<String, f64>,
+    /// How each port answers to a force.
+    pub ports: Vec<WrittenPort>,
+    /// The effects around the simulator and at its ports.
+    pub effects: Vec<WrittenEffect>,
+    /// End of the last record, in s since the first began.
+    pub t0: f64,
+    /// RMS of the noise of each output, in its unit.
+    pub noise_rms: Vec<f64>,
+    /// The stated gap.
+    pub expected_gap: f64,
+}
+
+/// How a port answers to a force.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct WrittenPort {
+    /// Its name.
+    pub name: String,
+    /// Change of its velocity over a step by a unit of force.
+    pub mobility: f64,
+    /// Weight of the velocity after a step in the change of the displacement over it.
+    pub weight: f64,
+}
+
+impl WrittenPort {
+    /// Returns the responses of a simulator's ports.
+    pub(super) fn all(description: &Description, responses: &[Response]) -> Vec<Self> {
+        let ports = description.ports.iter().zip(responses);
+        ports.map(|(p, r)| Self { name: p.name.clone(), mobility: r.mobility, weight: r.weight }).collect()
+    }
+}
+
+/// Returns the effects of an explanation with intervals and confidence, the largest share first.
+pub(super) fn named(problem: &Problem, best: &Fit, weighted: &[Weighted], shares: &[Option<f64>]) -> Vec<NamedEffect> {
+    let setting = &problem.setting;
+    let mut at = 0;
+    let mut named = Vec::new();
+    for (placed, share) in best.effects.iter().zip(shares) {
+        let half = |at: usize| best.covariance.as_ref().map(|c| 1.96 * c[(at, at)].max(0.0).sqrt());
+        let stated = |value: f64, half: Option<f64>, unit: String| {
+            let ci95 = half.filter(|half| half.is_finite()).map(|half| [value - half, value + half]);
+            Value { value, ci95, unit }
+        };
+        let first = at;
+        let mut parameters = BTreeMap::new();
+        for (parameter, value) in placed.effect.parameters(setting).into_iter().zip(&placed.parameters) {
+            parameters.insert(parameter.name, stated(*value, half(at), parameter.unit));
+            at += 1;
+        }
+        let change = placed.effect.change(setting, &placed.place, &placed.parameters).map(|change| Change {
+            number: change.number,
+            from: change.from,
+            to: stated(change.to, half(first), change.unit),
+        });
+        named.push(NamedEffect {
+            effect: placed.effect.name().into(),
+            location: placed.place.location(&setting.names),
+            confidence: confidence(weighted, placed),
+            share: *share,
+            share_ci95: None,
+            parameters,
+            change,
+            shape_differs: false,
+        });
+    }
+    named.sort_by(|a, b| b.share.unwrap_or(0.0).total_cmp(&a.share.unwrap_or(0.0)));
+    named
+}
+
+/// Returns the explanations for the answer.
+pub(super) fn candidates(
+    problem: &Problem,
+    weighted: &[Weighted],
+    gap_after: impl Fn(&Weighted) -> Option<f64>,
+) -> Vec<Explanation> {
+    let names = &problem.setting.names;
+    let located =
+        |placed: &Placed| Located { effect: placed.effect.name().into(), location: placed.place.location(names) };
+    let one = |w: &Weighted| Explanation {
+        effects: w.effects.iter().map(located).collect(),
+        unknown: w.unknown,
+        probability: w.probability,
+        gap_after: gap_after(w),
+    };
+    weighted.iter().map(one).collect()
+}
+
+/// Returns the best explanation with those that cannot be separated from it.
+pub(super) fn class(problem: &Problem, best: &Fit, judged: &Judged) -> Vec<Vec<String>> {
+    if judged.not_separable.is_empty() {
+        return Vec::new();
+    }
+    let names = &problem.setting.names;
+    let all = std::iter::once(best.effects.as_slice()).chain(judged.not_separable.iter().map(Vec::as_slice));
+    vec![all.map(|effects| joined(effects, names, "@")).collect()]
+}
+
+/// States an effect in words: "coulomb-friction at port:hinge", or the change of a parameter.
+fn stated(effect: &NamedEffect) -> String {
+    match &effect.change {
+        Some(change) if effect.effect == super::parameter::NAME => change.to_string(),
+        _ => format!("{} at {}", effect.effect, effect.location),
+    }
+}
+
+/// Returns the answer in a sentence.
+pub(super) fn sentence(
+    problem: &Problem,
+    judged: &Judged,
+    best: &Fit,
+    effects: &[NamedEffect],
+    gap: &LoopGap,
+    held_out: bool,
+) -> String {
+    let records = if held_out { "held-out records" } else { "the fitted records" };
+    let noise = percent(gap.noise_floor);
+    let course = format!("{} to {}", percent(gap.as_given), percent(gap.with_effect));
+    match judged.verdict {
+        Verdict::None => format!(
+            "Nothing is missing: within its stated limits the simulator explains {records} down to {} (noise {noise}).",
+            percent(gap.refit)
+        ),
+        Verdict::Effects => {
+            let all: Vec<String> = effects.iter().map(stated).collect();
+            let sure = effects.iter().map(|effect| effect.confidence).fold(1.0, f64::min);
+            let them = if all.len() == 1 { "it" } else { "them" };
+            let others = match judged.not_separable.first() {
+                None => String::new(),
+                Some(other) => {
+                    format!(" These records cannot separate it from {}.", in_words(other, &problem.setting.names))
+                }
+            };
+            format!(
+                "{} ({:.0} % sure): with {them} the gap on {records} falls from {course}, and {noise} is noise.{others}",
+                capital(&all.join(" and ")),
+                100.0 * sure
+            )
+        }
+        Verdict::Unknown if best.effects.is_empty() => format!(
+            "Something outside the vocabulary: no effect and no parameter explains the gap of {} (noise {noise}).",
+            percent(gap.as_given)
+        ),
+        Verdict::Unknown => format!(
+            "Something outside the vocabulary: with the nearest explanation, {}, the gap on {records} goes from \
+            {course} (noise {noise}).",
+            in_words(&best.effects, &problem.setting.names)
+        ),
+    }
+}
+
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
+}
+
+impl LoopDiagnosis {
+    /// Returns the answer as text: the sentence, then each parameter with its interval.
+    pub fn text(&self) -> String {
+        let mut text = format!("{}\n", self.sentence);
+        for effect in &self.effects {
+            for (name, value) in &effect.parameters {
+                let short = |x| Cell::significant(x, 4);
+                let interval = value.ci95.map(|[a, b]| format!(" ({} to {})", short(a), short(b))).unwrap_or_default();
+                let unit = if value.unit == "1" { String::new() } else { format!(" {}", value.unit) };
+                let (effect, location) = (&effect.effect, &effect.location);
+                text += &format!("  {effect} at {location}: {name} = {}{unit}{interval}\n", short(value.value));
+            }
+        }
+        let Used { name, runs, seconds, .. } = &self.simulator;
+        text + &format!("  {runs} runs of {name} in {seconds:.1} s\n")
+    }
+}

@@ -1,0 +1,126 @@
+//! Which explanation the records prefer, and how sure that is.
+
+use crate::effects::Place;
+use crate::fit::candidate::{all_same, same};
+use crate::fit::problem::Placed;
+use crate::in_loop::problem::{Fit, Problem};
+use crate::in_loop::search::{Found, Search};
+use crate::judge::verdict::{Verdict, Weighted, outside};
+use crate::settings::JudgeSettings;
+
+/// How much better one explanation is than another.
+pub(super) struct Evidence {
+    /// Difference of the sums of squares.
+    pub difference: f64,
+    /// How much more of the records one explains than the other, over the standard deviation of that.
+    pub z: f64,
+}
+
+/// Number of groups of frequencies. It is prime, so that the lines of a periodic input fall into all groups.
+const GROUPS: usize = 23;
+
+/// Compares two explanations. No explanation of real records is exact, so what both leave is no noise, and the
+/// difference of their sums of squares scatters more than that of two likelihoods. The scatter is therefore estimated
+/// from groups of frequencies, each spread over the whole band like the teeth of a comb (Vuong, Econometrica 57, 1989).
+/// Each whitened value r counts as ln(1 + r^2), a likelihood with heavy tails: otherwise the few frequencies at which
+/// most of the power lies would be the only units of evidence.
+pub(super) fn evidence(problem: &Problem, better: &Fit, worse: &Fit) -> Evidence {
+    let rows = problem.rows();
+    // Real and imaginary parts of all outputs at one frequency.
+    let together = 2 * problem.setting.plant.p;
+    let mut each = [0.0; GROUPS];
+    for (row, (worse, better)) in worse.residual[..rows].iter().zip(&better.residual).enumerate() {
+        each[row / together % GROUPS] += (1.0 + worse * worse).ln() - (1.0 + better * better).ln();
+    }
+    let count = GROUPS as f64;
+    let mean = each.iter().sum::<f64>() / count;
+    let scatter: f64 = each.iter().map(|x| (x - mean).powi(2)).sum();
+    let std = (scatter * count / (count - 1.0)).sqrt();
+    let z = if std > 0.0 { count * mean / std } else { 0.0 };
+    Evidence { difference: worse.cost - better.cost, z }
+}
+
+/// The judgement of a search.
+pub(super) struct Judged<'a> {
+    /// All explanations, the most probable first.
+    pub weighted: Vec<Weighted<'a>>,
+    /// The verdict.
+    pub verdict: Verdict,
+    /// Explanations that these records cannot separate from the best one.
+    pub not_separable: Vec<Vec<Placed<'a>>>,
+}
+
+/// Judges the explanations of a search. `material` is the gap that matters.
+pub(super) fn judge<'a>(
+    search: &Search<'_, 'a>,
+    problem: &Problem<'a>,
+    found: &Found<'a>,
+    material: f64,
+    settings: &JudgeSettings,
+) -> Judged<'a> {
+    let best = &found.fits[0];
+    let within = search.left(problem, &found.refit);
+    let left = if within > 0.0 { (search.left(problem, best) / within).min(1.0) } else { 0.0 };
+    let named = !best.effects.is_empty();
+    let unknown = match (named, within > material) {
+        (true, _) => outside(left, settings),
+        (false, true) => settings.most_unknown,
+        (false, false) => settings.least_unknown,
+    };
+    let caveat = best.effects.iter().any(|placed| placed.effect.caveat(&placed.parameters).is_some());
+    let unknown = if caveat { unknown.max(settings.caveat) } else { unknown };
+    let mut weighted: Vec<Weighted> = Vec::new();
+    let mut not_separable = Vec::new();
+    for (at, fit) in found.fits.iter().enumerate() {
+        if weighted.iter().any(|other| all_same(&other.effects, &fit.effects)) {
+            continue;
+        }
+        let Evidence { difference, z } = evidence(problem, best, fit);
+        let price = search.price(problem, fit) - search.price(problem, best);
+        // An explanation that was not accepted ranks behind the best one, whatever it costs.
+        let behind = if at == 0 { 0.0 } else { (difference + price).min(z.max(0.0).powi(2)).max(0.0) };
+        let probability = (-0.5 * behind).exp();
+        if at > 0 && z < search.settings.clear && !fit.effects.is_empty() && named && is_rival(best, fit) {
+            not_separable.push(fit.effects.clone());
+        }
+        let cost = Some(fit.cost / problem.rows() as f64);
+        weighted.push(Weighted { effects: fit.effects.clone(), unknown: false, probability, cost });
+    }
+    let all: f64 = weighted.iter().map(|w| w.probability).sum();
+    weighted.iter_mut().for_each(|w| w.probability *= (1.0 - unknown) / all);
+    weighted.push(Weighted { effects: Vec::new(), unknown: true, probability: unknown, cost: None });
+    weighted.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    weighted.retain(|w| w.probability > settings.least_probability);
+    let all: f64 = weighted.iter().map(|w| w.probability).sum();
+    weighted.iter_mut().for_each(|w| w.probability /= all);
+    let of = |which: &dyn Fn(&Weighted) -> bool| -> f64 {
+        weighted.iter().filter(|w| which(w)).map(|w| w.probability).sum()
+    };
+    let effects = of(&|w| !w.effects.is_empty());
+    let verdict = if !named && within <= material {
+        Verdict::None
+    } else if named && effects > unknown {
+        Verdict::Effects
+    } else {
+        Verdict::Unknown
+    };
+    Judged { weighted, verdict, not_separable }
+}
+
+/// Returns whether an explanation names another effect or place in as many words. One with an effect more than the best
+/// contains it, and is no rival.
+fn is_rival(best: &Fit, fit: &Fit) -> bool {
+    fit.effects.len() <= best.effects.len()
+        && fit.effects.iter().any(|placed| !best.effects.iter().any(|other| same(placed, other)))
+}
+
+/// Returns the probability that an effect is at work at its place.
+pub(super) fn confidence(weighted: &[Weighted], placed: &Placed) -> f64 {
+    let names = |w: &&Weighted| w.effects.iter().any(|other| same(other, placed));
+    weighted.iter().filter(names).map(|w| w.probability).sum()
+}
+
+/// Returns whether a place is a parameter of the simulator.
+pub(super) fn is_parameter(place: &Place) -> bool {
+    matches!(place, Place::Parameter(_))
+}

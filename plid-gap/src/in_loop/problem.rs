@@ -1,0 +1,344 @@
+//! The least-squares problem of a simulator in the loop: whitened differences between records and runs.
+
+use nalgebra::{DMatrix, DVector};
+use plid_simulator::SimulatorError;
+
+use crate::case::record::{Channels, Record, rms};
+use crate::effects::{Effect, Place, Range, Setting};
+use crate::fit::problem::{Placed, dot, sum_of_squares};
+use crate::in_loop::parameter::SimulatorParameter;
+use crate::in_loop::runs::Runs;
+use crate::noise::NoiseModel;
+use crate::noise::model_error::ModelError;
+use crate::noise::whiten::Whitener;
+
+/// A parameter of the simulator that may be off within a limit without being a cause.
+#[derive(Clone)]
+pub(super) struct Nuisance<'a> {
+    /// The parameter as an effect.
+    pub effect: &'a SimulatorParameter,
+    /// Its place.
+    pub place: Place,
+    /// Its value in the simulator as given.
+    pub value: f64,
+    /// Standard deviation of its error: half the limit.
+    pub std: f64,
+    /// Change of the outputs of each record by one standard deviation.
+    pub change: Vec<Channels>,
+    /// The same, whitened.
+    pub trace: Vec<f64>,
+}
+
+/// Records and their weights.
+pub(super) struct Problem<'a> {
+    /// The fitted records.
+    pub records: Vec<Record>,
+    /// For effects.
+    pub setting: Setting,
+    /// The noise, and the discrepancy of the best explanation if there is one already.
+    pub noise: NoiseModel,
+    /// The parameters that may be off.
+    pub nuisances: Vec<Nuisance<'a>>,
+    whiteners: Vec<Whitener>,
+}
+
+/// An explanation: effects with their sizes, and what it leaves.
+#[derive(Clone)]
+pub(super) struct Fit<'a> {
+    /// Its effects.
+    pub effects: Vec<Placed<'a>>,
+    /// Values of the nuisances, in their standard deviations.
+    pub eta: Vec<f64>,
+    /// Outputs of each record.
+    pub simulated: Vec<Channels>,
+    /// Whitened residual of all records, then the pull of the nuisances' prior.
+    pub residual: Vec<f64>,
+    /// Sum of its squares.
+    pub cost: f64,
+    /// Covariance of the effects' parameters, if the records determine them.
+    pub covariance: Option<DMatrix<f64>>,
+}
+
+impl Fit<'_> {
+    /// Returns the number of effect parameters.
+    pub fn parameters(&self) -> usize {
+        self.effects.iter().map(|placed| placed.parameters.len()).sum()
+    }
+}
+
+/// Share of the gap as given that counts as an error of the simulator from the start: a fit need not follow the last
+/// digits before it is known what there is.
+const FIRST_DISCREPANCY: f64 = 0.1;
+
+impl<'a> Problem<'a> {
+    /// Weighs records by their noise (p standard deviations) and a share of the gap as given.
+    pub fn new(
+        records: Vec<Record>,
+        given: &[Channels],
+        setting: Setting,
+        noise: &[f64],
+        band_hz: Option<[f64; 2]>,
+    ) -> Self {
+        let gap = |o: usize| {
+            let errors = records.iter().zip(given).flat_map(|(record, y)| record.error(y)[o].clone());
+            rms(&errors.collect::<Vec<f64>>())
+        };
+        let std: Vec<f64> =
+            noise.iter().enumerate().map(|(o, noise)| noise.hypot(FIRST_DISCREPANCY * gap(o))).collect();
+        let mut model = NoiseModel::declared(&setting.plant, &std, &vec![0.0; setting.plant.m]);
+        model.band_hz = band_hz;
+        let mut problem = Self { records, setting, noise: model, nuisances: Vec::new(), whiteners: Vec::new() };
+        problem.weigh();
+        problem
+    }
+
+    /// Weighs anew, by the noise and what an explanation leaves beyond it.
+    pub fn weigh_by(&mut self, noise: &[f64], fit: &Fit) {
+        let rate = self.setting.plant.rate;
+        let band_hz = self.noise.band_hz;
+        self.noise = NoiseModel::declared(&self.setting.plant, noise, &vec![0.0; self.setting.plant.m]);
+        self.noise.band_hz = band_hz;
+        let errors: Vec<Channels> = self.records.iter().zip(&fit.simulated).map(|(r, y)| r.error(y)).collect();
+        let squares: Vec<f64> = noise.iter().map(|std| std * std).collect();
+        self.noise.model_error = ModelError::left(&self.records, &errors, |_| squares.clone(), rate);
+        self.weigh();
+    }
+
+    fn weigh(&mut self) {
+        let missing = |y: &Vec<f64>| (0..y.len()).filter(|&k| !y[k].is_finite()).collect();
+        let one = |record: &Record| {
+            let masked = record.y.iter().map(missing).collect();
+            Whitener::new(record, &self.noise, self.setting.plant.rate, masked)
+        };
+        self.whiteners = self.records.iter().map(one).collect();
+        let traces: Vec<Vec<f64>> = self.nuisances.iter().map(|nuisance| self.whiten(&nuisance.change)).collect();
+        self.nuisances.iter_mut().zip(traces).for_each(|(nuisance, trace)| nuisance.trace = trace);
+    }
+
+    /// Returns the problem with the first samples of one record only.
+    pub fn head(&self, record: usize, samples: usize) -> Self {
+        let samples = self.records[record].samples().min(samples);
+        let cut = |y: &Channels| -> Channels { y.iter().map(|y| y[..samples].to_vec()).collect() };
+        let part =
+            |nuisance: &Nuisance<'a>| Nuisance { change: vec![cut(&nuisance.change[record])], ..nuisance.clone() };
+        let mut head = Self {
+            records: vec![self.records[record].part(0..samples, self.setting.plant.rate)],
+            setting: self.setting.clone(),
+            noise: self.noise.clone(),
+            nuisances: self.nuisances.iter().map(part).collect(),
+            whiteners: Vec::new(),
+        };
+        head.weigh();
+        head
+    }
+
+    /// Returns an explanation on the head of one record.
+    pub fn on_head(&self, fit: &Fit<'a>, record: usize) -> Fit<'a> {
+        let samples = self.records[0].samples();
+        let y = fit.simulated[record].iter().map(|y| y[..samples].to_vec()).collect();
+        self.as_is(fit.effects.clone(), fit.eta.clone(), vec![y])
+    }
+
+    /// Number of whitened values.
+    pub fn rows(&self) -> usize {
+        self.whiteners.iter().map(Whitener::rows).sum()
+    }
+
+    /// Returns the whitened residual of runs, without the nuisances' prior.
+    pub fn whitened(&self, simulated: &[Channels]) -> Vec<f64> {
+        let errors: Vec<Channels> = self.records.iter().zip(simulated).map(|(r, y)| r.error(y)).collect();
+        self.whiten(&errors)
+    }
+
+    /// Returns whitened channels of all records.
+    fn whiten(&self, channels: &[Channels]) -> Vec<f64> {
+        let mut to = vec![0.0; self.rows()];
+        let mut at = 0;
+        for (whitener, y) in self.whiteners.iter().zip(channels) {
+            whitener.apply(y, &mut to[at..at + whitener.rows()]);
+            at += whitener.rows();
+        }
+        to
+    }
+
+    /// Returns the effects with those nuisances that are off and that no effect replaces.
+    pub fn with_nuisances(&self, effects: &[Placed<'a>], eta: &[f64]) -> Vec<Placed<'a>> {
+        let off = self
+            .nuisances
+            .iter()
+            .zip(eta)
+            .filter(|(nuisance, eta)| **eta != 0.0 && !effects.iter().any(|placed| placed.place == nuisance.place));
+        let moved = off.map(|(nuisance, eta)| Placed {
+            effect: nuisance.effect as &dyn Effect,
+            place: nuisance.place.clone(),
+            parameters: vec![nuisance.value + eta * nuisance.std],
+        });
+        effects.iter().cloned().chain(moved).collect()
+    }
+
+    /// Simulates the records with effects and nuisances.
+    pub fn simulate(
+        &self,
+        runs: &mut Runs,
+        effects: &[Placed<'a>],
+        eta: &[f64],
+    ) -> Result<Vec<Channels>, SimulatorError> {
+        let all = self.with_nuisances(effects, eta);
+        self.records.iter().map(|record| runs.simulate(&self.setting, &all, record)).collect()
+    }
+
+    /// Returns an explanation as it is.
+    pub fn as_is(&self, effects: Vec<Placed<'a>>, eta: Vec<f64>, simulated: Vec<Channels>) -> Fit<'a> {
+        let mut residual = self.whitened(&simulated);
+        residual.extend(eta.iter().map(|eta| -eta));
+        let cost = sum_of_squares(&residual);
+        Fit { effects, eta, simulated, residual, cost, covariance: None }
+    }
+
+    /// Measures what each nuisance changes about the simulator as given.
+    pub fn measure_nuisances(&mut self, runs: &mut Runs, given: &[Channels]) -> Result<(), SimulatorError> {
+        let count = self.nuisances.len();
+        for nuisance in &mut self.nuisances {
+            let none = |y: &Channels| y.iter().map(|y| vec![0.0; y.len()]).collect();
+            nuisance.change = given.iter().map(none).collect();
+        }
+        for at in 0..count {
+            let eta: Vec<f64> = (0..count).map(|k| if k == at { 1.0 } else { 0.0 }).collect();
+            let moved = self.simulate(runs, &[], &eta)?;
+            self.nuisances[at].change = difference(&moved, given);
+        }
+        self.weigh();
+        Ok(())
+    }
+
+    /// Returns the whitened change from one set of runs to another.
+    pub fn trace(&self, from: &[Channels], to: &[Channels]) -> Vec<f64> {
+        self.whiten(&difference(to, from))
+    }
+
+    /// Fits the sizes of effects, and the nuisances within their limits, by damped Gauss-Newton steps on runs of the
+    /// simulator itself. The nuisances' columns are those about the simulator as given. A run that fails counts as
+    /// infinitely bad.
+    pub fn fit(&self, runs: &mut Runs, start: Fit<'a>, steps: usize, gain: f64) -> Result<Fit<'a>, SimulatorError> {
+        let mut best = start;
+        let mut damping = 1e-3;
+        for _ in 0..steps {
+            let jacobian = self.jacobian(runs, &best)?;
+            let normal = jacobian.tr_mul(&jacobian);
+            let right = jacobian.tr_mul(&DVector::from_column_slice(&best.residual));
+            best.covariance = self.covariance(&normal, &best);
+            let before = best.cost;
+            for _ in 0..TRIES {
+                let mut damped = normal.clone();
+                (0..damped.nrows()).for_each(|k| damped[(k, k)] += damping * normal[(k, k)].max(f64::MIN_POSITIVE));
+                let Some(step) = damped.cholesky().map(|factor| factor.solve(&right)) else { break };
+                let (effects, eta) = self.moved(&best, step.as_slice());
+                if let Ok(simulated) = self.simulate(runs, &effects, &eta) {
+                    let tried = self.as_is(effects, eta, simulated);
+                    if tried.cost < best.cost {
+                        best = Fit { covariance: best.covariance.take(), ..tried };
+                        damping *= 0.1;
+                        break;
+                    }
+                }
+                damping *= 10.0;
+            }
+            if before - best.cost < gain {
+                break;
+            }
+        }
+        Ok(best)
+    }
+
+    /// Returns the derivatives of the whitened outputs, and of the nuisances' prior, by steps of all parameters.
+    fn jacobian(&self, runs: &mut Runs, at: &Fit<'a>) -> Result<DMatrix<f64>, SimulatorError> {
+        let (rows, nuisances, count) = (self.rows(), self.nuisances.len(), at.parameters());
+        let mut jacobian = DMatrix::zeros(rows + nuisances, count + nuisances);
+        let mut step = vec![0.0; count + nuisances];
+        for k in 0..count {
+            step[k] = DIFFERENCE;
+            let (effects, eta) = self.moved(at, &step);
+            step[k] = 0.0;
+            // A parameter at its bound does not move, or makes the simulator fail: no derivative then.
+            let Ok(simulated) = self.simulate(runs, &effects, &eta) else { continue };
+            let change = self.trace(&at.simulated, &simulated);
+            jacobian.view_mut((0, k), (rows, 1)).iter_mut().zip(change).for_each(|(j, x)| *j = x / DIFFERENCE);
+        }
+        for (k, nuisance) in self.nuisances.iter().enumerate() {
+            let replaced = at.effects.iter().any(|placed| placed.place == nuisance.place);
+            if !replaced {
+                jacobian.view_mut((0, count + k), (rows, 1)).copy_from_slice(&nuisance.trace);
+            }
+            jacobian[(rows + k, count + k)] = 1.0;
+        }
+        Ok(jacobian)
+    }
+
+    /// Returns effects and nuisances after a step: in the logarithm of a positive parameter, and in units of any other.
+    fn moved(&self, from: &Fit<'a>, step: &[f64]) -> (Vec<Placed<'a>>, Vec<f64>) {
+        let mut effects = from.effects.clone();
+        let mut steps = step.iter();
+        for placed in &mut effects {
+            let parameters = placed.effect.parameters(&self.setting);
+            for ((value, parameter), step) in placed.parameters.iter_mut().zip(parameters).zip(&mut steps) {
+                let step = step.clamp(-LONGEST, LONGEST);
+                *value =
+                    if parameter.range == Range::Positive { *value * step.exp() } else { *value + step * unit(*value) };
+            }
+        }
+        let eta = from.eta.iter().zip(steps).map(|(eta, step)| eta + step).collect();
+        (effects, eta)
+    }
+
+    /// Returns the covariance of the effects' parameters, in their own units, scaled by the size of the residual.
+    fn covariance(&self, normal: &DMatrix<f64>, at: &Fit) -> Option<DMatrix<f64>> {
+        let count = at.parameters();
+        let spread = (at.cost / self.rows() as f64).max(1.0);
+        let inverse = normal.clone().cholesky()?.inverse() * spread;
+        let mut slopes = Vec::new();
+        for placed in &at.effects {
+            for (value, parameter) in placed.parameters.iter().zip(placed.effect.parameters(&self.setting)) {
+                slopes.push(if parameter.range == Range::Positive { *value } else { unit(*value) });
+            }
+        }
+        Some(DMatrix::from_fn(count, count, |i, j| inverse[(i, j)] * slopes[i] * slopes[j]))
+    }
+
+    /// Returns the part of whitened values that the nuisances within their limits do not explain.
+    pub fn beyond_limits(&self, values: &[f64]) -> Vec<f64> {
+        let count = self.nuisances.len();
+        if count == 0 {
+            return values.to_vec();
+        }
+        let trace = |k: usize| self.nuisances[k].trace.as_slice();
+        let normal = DMatrix::from_fn(count, count, |i, j| dot(trace(i), trace(j)) + if i == j { 1.0 } else { 0.0 });
+        let right = DVector::from_fn(count, |i, _| dot(trace(i), values));
+        let Some(factor) = normal.cholesky() else { return values.to_vec() };
+        let sizes = factor.solve(&right);
+        let mut left = values.to_vec();
+        for (k, size) in sizes.iter().enumerate() {
+            left.iter_mut().zip(trace(k)).for_each(|(left, trace)| *left -= size * trace);
+        }
+        left
+    }
+}
+
+/// Step of a difference quotient, in the logarithm of a positive parameter: large beside the rounding of a simulator
+/// with contacts, small beside the curvature of the laws.
+const DIFFERENCE: f64 = 0.01;
+
+/// Longest step of a parameter, in its unit or logarithm: the slope here says little about a size that far away.
+const LONGEST: f64 = 1.5;
+
+/// Largest number of dampings that are tried at one point.
+const TRIES: usize = 3;
+
+/// The unit of steps in a parameter of any sign.
+fn unit(value: f64) -> f64 {
+    if value == 0.0 { 1.0 } else { value.abs() }
+}
+
+fn difference(to: &[Channels], from: &[Channels]) -> Vec<Channels> {
+    let channel = |(to, from): (&Vec<f64>, &Vec<f64>)| to.iter().zip(from).map(|(a, b)| a - b).collect();
+    to.iter().zip(from).map(|(to, from)| to.iter().zip(from).map(channel).collect()).collect()
+}

@@ -1,0 +1,162 @@
+//! The report of a diagnosis with a simulator in the loop, and the files of its answer.
+
+use std::path::Path;
+
+use plid_data::config::to_toml;
+use plid_file::{Staged, to_json, write_atomic};
+use plid_report::{Bar, Bars, Cell, Report, Table, bars, percent};
+
+use crate::case::Case;
+use crate::error::GapError;
+use crate::in_loop::{LoopOutcome, Shown};
+use crate::judge::verdict::Verdict;
+use crate::report::traces::{Traces, spectra, window};
+
+/// It is written last: its presence shows that the other files are complete.
+const DIAGNOSIS: &str = "diagnosis.json";
+
+/// Writes diagnosis.json, sim-with-effect.json and report.html into a folder, whole or not at all.
+///
+/// # Errors
+/// [`GapError::NotFinite`] with file and key, before anything is written; [`GapError::Io`] with the file.
+pub fn write(outcome: &LoopOutcome, case: &Case, directory: &Path) -> Result<(), GapError> {
+    let named = |name: &str| directory.join(name);
+    let simulation = "sim-with-effect.json";
+    let said = to_json(&outcome.diagnosis).map_err(|source| GapError::NotFinite { file: named(DIAGNOSIS), source })?;
+    let predicts =
+        to_json(&outcome.simulation).map_err(|source| GapError::NotFinite { file: named(simulation), source })?;
+    let page = page(outcome, case).to_html();
+    let failed = |source, name: &str| GapError::Io { file: named(name), source };
+    let staged = Staged::new(directory).map_err(|source| failed(source, ""))?;
+    for (name, text) in [(simulation, predicts), ("report.html", page), (DIAGNOSIS, said)] {
+        write_atomic(&staged.path().join(name), text.as_bytes()).map_err(|source| failed(source, name))?;
+    }
+    staged.commit(DIAGNOSIS, &[]).map_err(|source| failed(source, ""))
+}
+
+/// Builds the page.
+pub(super) fn page(outcome: &LoopOutcome, case: &Case) -> Report {
+    let LoopOutcome { diagnosis, simulation, shown } = outcome;
+    let gap = &diagnosis.gap;
+    let mut report =
+        Report::new("The gap between the simulator and the records").verdict(&diagnosis.sentence).verdict(format!(
+            "Stated from the fitted records: a gap of {} ({} to {} in four of five records). Measured on {}: {}.",
+            percent(gap.predicted_held_out_gap),
+            percent(gap.predicted_ci80[0]),
+            percent(gap.predicted_ci80[1]),
+            gap.measured_on.join(", "),
+            percent(gap.with_effect)
+        ));
+    report = report.warnings(&diagnosis.warnings);
+    report = report.heading("The gap before and after").figure(
+        bars(&gap_bars(outcome)),
+        format!("The gap on {}. It is relative to the output; each output counts equally.", gap.measured_on.join(", ")),
+    );
+    report = traces_section(report, shown);
+    report = report.heading("What was tried");
+    let mut fits = Table::new("Explanations that were fitted on the simulator, the best first")
+        .column("explanation", "")
+        .column("left beyond the noise", "% of the output");
+    for (words, left) in &shown.fits {
+        fits = fits.row([words.as_str().into(), Cell::significant(100.0 * left, 3)]);
+    }
+    report = report.table(fits);
+    report = parameters(report, outcome);
+    for (stage, entries) in shown.screens.iter().enumerate() {
+        let mut table = Table::new(format!("The best entries of screen {}", stage + 1))
+            .column("effect", "")
+            .column("location", "")
+            .column("share of the squared gap that its trace explains", "%");
+        for (effect, location, share) in entries {
+            table = table.row([effect.as_str().into(), location.as_str().into(), Cell::significant(100.0 * share, 3)]);
+        }
+        report = report.details(format!("Screen {}", stage + 1), |report| report.table(table));
+    }
+    let used = &diagnosis.simulator;
+    report
+        .paragraph(format!(
+            "The simulator, {}, was run {} times on one record each, {:.1} s in all.{}",
+            used.name,
+            used.runs,
+            used.seconds,
+            if used.cut_short { " The bound on the runs ended the search early." } else { "" }
+        ))
+        .listing("The case, every default filled in:", to_toml(&case.config))
+        .provenance("plid", env!("CARGO_PKG_VERSION"))
+        .provenance("simulator", &simulation.simulator.name)
+}
+
+fn gap_bars(outcome: &LoopOutcome) -> Bars {
+    let gap = &outcome.diagnosis.gap;
+    let bar = |name: &str, value: f64| Bar {
+        name: name.into(),
+        value: 100.0 * value,
+        text: percent(value),
+        ..Bar::default()
+    };
+    let mut rows = vec![bar("as given", gap.as_given), bar("parameters within their limits", gap.refit)];
+    if outcome.diagnosis.verdict != Verdict::None {
+        rows.push(Bar { strong: true, ..bar("with the best explanation", gap.with_effect) });
+    }
+    Bars {
+        bars: rows,
+        label: "gap: RMS of the error over RMS of the output, %".into(),
+        reference: Some((format!("noise alone, {}", percent(gap.noise_floor)), 100.0 * gap.noise_floor)),
+    }
+}
+
+fn traces_section(mut report: Report, shown: &Shown) -> Report {
+    report = report.heading("Measured and simulated");
+    let traces = Traces {
+        record: &shown.record,
+        rate: shown.rate,
+        outputs: &shown.outputs,
+        y: &shown.trace,
+        with: "with the effects".into(),
+        noise: &[],
+    };
+    for (o, output) in shown.outputs.iter().enumerate() {
+        report = report.figure(
+            window(&traces, o),
+            format!("{output} where the outputs are loudest, and the errors in the same unit."),
+        );
+        if let Some(spectra) = spectra(&traces, o) {
+            report = report.figure(spectra, format!("Spectral densities of {output} and of its errors."));
+        }
+    }
+    report
+}
+
+/// Adds the table of what is named.
+fn parameters(report: Report, outcome: &LoopOutcome) -> Report {
+    let mut table = Table::new("What is named, with 95 % intervals")
+        .column("effect", "")
+        .column("location", "")
+        .column("sure", "%")
+        .column("share of the gap", "%")
+        .column("parameter", "")
+        .column("value", "")
+        .column("from", "")
+        .column("to", "")
+        .column("unit", "");
+    if outcome.diagnosis.effects.is_empty() {
+        return report;
+    }
+    for effect in &outcome.diagnosis.effects {
+        for (name, value) in &effect.parameters {
+            let end = |k: usize| value.ci95.map_or_else(|| Cell::from("-"), |ci95| Cell::significant(ci95[k], 4));
+            table = table.row([
+                effect.effect.as_str().into(),
+                effect.location.as_str().into(),
+                Cell::fixed(100.0 * effect.confidence, 0),
+                effect.share.map_or_else(|| Cell::from("-"), |share| Cell::fixed(100.0 * share, 0)),
+                name.as_str().into(),
+                Cell::significant(value.value, 4),
+                end(0),
+                end(1),
+                value.unit.as_str().into(),
+            ]);
+        }
+    }
+    report.table(table)
+}

@@ -1,0 +1,243 @@
+//! The search: screen, fit the best entries on the simulator, weigh anew by what the best one leaves, and try a second
+//! effect beside it.
+
+use plid_simulator::SimulatorError;
+
+use crate::case::record::Channels;
+use crate::effects::Effect;
+use crate::fit::candidate::{all_same, same};
+use crate::fit::problem::Placed;
+use crate::in_loop::judge::{Evidence, evidence, is_parameter};
+use crate::in_loop::problem::{Fit, Problem};
+use crate::in_loop::runs::Runs;
+use crate::in_loop::screen::{Entry, screen};
+use crate::judge::gap;
+use crate::search::rules::Scope;
+use crate::settings::LoopSettings;
+
+/// What a search found.
+pub(super) struct Found<'a> {
+    /// The simulator with its parameters fitted within their limits, without effects.
+    pub refit: Fit<'a>,
+    /// All fitted explanations, the best first; weighed by what the best one leaves.
+    pub fits: Vec<Fit<'a>>,
+    /// The screens, in order.
+    pub screens: Vec<Vec<Entry<'a>>>,
+    /// Whether the bound on the calls ended the search early.
+    pub cut_short: bool,
+}
+
+/// The search and its bounds.
+pub(super) struct Search<'s, 'a> {
+    /// The vocabulary.
+    pub effects: Vec<&'a dyn Effect>,
+    /// What may be named.
+    pub scope: Scope<'s, 'a>,
+    /// The settings.
+    pub settings: LoopSettings,
+    /// Standard deviation of the noise of each output (p).
+    pub noise: Vec<f64>,
+}
+
+impl<'a> Search<'_, 'a> {
+    fn may_call(&self, runs: &Runs) -> bool {
+        runs.calls().runs < self.settings.calls
+    }
+
+    /// Searches for explanations of a problem.
+    pub fn run(
+        &self,
+        problem: &mut Problem<'a>,
+        runs: &mut Runs,
+        given: &[Channels],
+        say: &mut dyn FnMut(String),
+    ) -> Result<Found<'a>, SimulatorError> {
+        let none = vec![0.0; problem.nuisances.len()];
+        let as_given = problem.as_is(Vec::new(), none, given.to_vec());
+        let mut refit = as_given.clone();
+        if !problem.nuisances.is_empty() {
+            say("fitting the parameters within their limits".into());
+            refit = problem.fit(runs, as_given, self.settings.steps, self.gain(problem))?;
+        }
+        let mut found = Found { fits: vec![refit.clone()], refit, screens: Vec::new(), cut_short: false };
+        for stage in 0..self.settings.effects {
+            let beside = found.fits[0].clone();
+            if self.left(problem, &beside) < self.settings.least_left || !self.may_call(runs) {
+                break;
+            }
+            say(format!("stage {}: screening effects", stage + 1));
+            let tried = self.stage(problem, runs, &beside, &mut found, say)?;
+            let best = tried.iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).cloned();
+            found.fits.extend(tried);
+            let Some(best) = best else { break };
+            let accepted = self.accepts(problem, &best, &beside);
+            if accepted {
+                self.weigh(problem, runs, &mut found, &best)?;
+            }
+            found.fits.sort_by(|a, b| self.priced(problem, a).total_cmp(&self.priced(problem, b)));
+            if !accepted {
+                self.keep_first(&mut found.fits, &beside);
+                break;
+            }
+            say(format!("{}, {} runs so far", self.words(problem, &found.fits[0]), runs.calls().runs));
+        }
+        found.cut_short |= !self.may_call(runs);
+        Ok(found)
+    }
+
+    /// Decrease of the cost below which a fit ends.
+    fn gain(&self, problem: &Problem) -> f64 {
+        self.settings.fit_gain * problem.rows() as f64
+    }
+
+    /// Screens beside an explanation and fits the best entries.
+    fn stage(
+        &self,
+        problem: &Problem<'a>,
+        runs: &mut Runs,
+        beside: &Fit<'a>,
+        found: &mut Found<'a>,
+        say: &mut dyn FnMut(String),
+    ) -> Result<Vec<Fit<'a>>, SimulatorError> {
+        let levels: Vec<f64> = problem.records.iter().map(crate::case::record::Record::level).collect();
+        let loudest = (0..levels.len()).max_by(|&a, &b| levels[a].total_cmp(&levels[b])).unwrap_or(0);
+        let quick = problem.head(loudest, self.settings.screened_samples);
+        let start = quick.on_head(beside, loudest);
+        // Half of the calls are kept for the fits.
+        let bound = runs.calls().runs + (self.settings.calls.saturating_sub(runs.calls().runs)) / 2;
+        let may_call = |runs: &Runs| runs.calls().runs < bound;
+        let entries = screen(&quick, runs, &self.effects, &start, &self.scope, may_call, say)?;
+        found.cut_short |= !may_call(runs);
+        let leading = self.tried(&quick, runs, &start, &entries, say)?;
+        let mut fits: Vec<Fit> = Vec::new();
+        for effects in leading {
+            if !self.may_call(runs) {
+                found.cut_short = true;
+                break;
+            }
+            let Ok(simulated) = problem.simulate(runs, &effects, &beside.eta) else { continue };
+            let start = problem.as_is(effects, beside.eta.clone(), simulated);
+            let fit = problem.fit(runs, start, self.settings.steps, self.gain(problem))?;
+            say(format!("fitted {}, {} runs so far", self.words(problem, &fit), runs.calls().runs));
+            let sound = |placed: &Placed| placed.effect.sound(&problem.setting, &placed.place, &placed.parameters);
+            if fit.effects.iter().all(sound) {
+                fits.push(fit);
+            }
+        }
+        found.screens.push(entries);
+        Ok(fits)
+    }
+
+    /// Fits the best start of each effect at each place in a few steps, on the head of the loudest record. Returns the
+    /// effects of the best of these fits, one for each effect at each place.
+    fn tried(
+        &self,
+        quick: &Problem<'a>,
+        runs: &mut Runs,
+        start: &Fit<'a>,
+        entries: &[Entry<'a>],
+        say: &mut dyn FnMut(String),
+    ) -> Result<Vec<Vec<Placed<'a>>>, SimulatorError> {
+        // The best start of each effect at each place comes first, then the second best of each.
+        let rank = |at: usize| entries[..at].iter().filter(|other| same(&other.placed, &entries[at].placed)).count();
+        let mut order: Vec<(usize, usize)> = (0..entries.len()).map(|at| (rank(at), at)).collect();
+        order.retain(|(rank, _)| *rank < self.settings.starts);
+        order.sort_unstable();
+        let chosen = order.iter().take(self.settings.tried).map(|(_, at)| &entries[*at]);
+        let mut fits: Vec<Fit> = Vec::new();
+        for entry in chosen {
+            if !self.may_call(runs) {
+                break;
+            }
+            let mut sized: Vec<Fit> = Vec::new();
+            for placed in entry.sizes(quick) {
+                let effects: Vec<Placed> = start.effects.iter().cloned().chain([placed]).collect();
+                let Ok(simulated) = quick.simulate(runs, &effects, &start.eta) else { continue };
+                sized.push(quick.as_is(effects, start.eta.clone(), simulated));
+            }
+            let Some(from) = sized.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost)) else { continue };
+            let fit = quick.fit(runs, from, self.settings.quick_steps, self.gain(quick))?;
+            say(format!("tried {}, {} runs so far", self.words(quick, &fit), runs.calls().runs));
+            match fits.iter_mut().find(|other| all_same(&other.effects, &fit.effects)) {
+                Some(other) if other.cost <= fit.cost => {}
+                Some(other) => *other = fit,
+                None => fits.push(fit),
+            }
+        }
+        fits.sort_by(|a, b| self.priced(quick, a).total_cmp(&self.priced(quick, b)));
+        Ok(fits.into_iter().take(self.settings.fitted).map(|fit| fit.effects).collect())
+    }
+
+    /// Weighs all explanations anew, by what the best one leaves, and fits the leading ones once more.
+    fn weigh(
+        &self,
+        problem: &mut Problem<'a>,
+        runs: &mut Runs,
+        found: &mut Found<'a>,
+        best: &Fit<'a>,
+    ) -> Result<(), SimulatorError> {
+        problem.weigh_by(&self.noise, best);
+        let anew = |fit: &Fit<'a>| {
+            let again = problem.as_is(fit.effects.clone(), fit.eta.clone(), fit.simulated.clone());
+            Fit { covariance: fit.covariance.clone(), ..again }
+        };
+        found.fits = found.fits.iter().map(anew).collect();
+        found.refit = anew(&found.refit);
+        found.fits.sort_by(|a, b| self.priced(problem, a).total_cmp(&self.priced(problem, b)));
+        let rivals = self.settings.refined.min(found.fits.len());
+        for k in 0..rivals {
+            if found.fits[k].effects.is_empty() || !self.may_call(runs) {
+                continue;
+            }
+            found.fits[k] = problem.fit(runs, found.fits[k].clone(), self.settings.steps, self.gain(problem))?;
+        }
+        Ok(())
+    }
+
+    /// Returns whether a further effect is needed: the records prefer it clearly, and it closes a share of what its
+    /// predecessor leaves.
+    fn accepts(&self, problem: &Problem, fit: &Fit, before: &Fit) -> bool {
+        let Evidence { difference, z } = evidence(problem, fit, before);
+        let price = self.price(problem, fit) - self.price(problem, before);
+        let closes = 1.0 - self.left(problem, fit) / self.left(problem, before);
+        difference > price && z > self.settings.clear && closes > self.settings.least_closed
+    }
+
+    /// Returns the gap of the fitted records beyond the noise, relative to the outputs.
+    pub fn left(&self, problem: &Problem, fit: &Fit) -> f64 {
+        let driven = problem.records.iter().filter(|record| record.level() > 0.0);
+        let measured: Vec<&[Vec<f64>]> = driven.map(|record| record.y.as_slice()).collect();
+        let floor = gap::floor_over(&self.noise, &measured);
+        let gap = gap::of_driven(&problem.records, &fit.simulated);
+        (gap * gap - floor * floor).max(0.0).sqrt()
+    }
+
+    /// Returns the price of an explanation, in twice the log likelihood: of its parameters (Schwarz, Ann. Stat. 6, 1978)
+    /// and of the choice among all entries of the screen. A parameter that the simulator names counts as suspected: its
+    /// engineer says that it may be wrong.
+    pub fn price(&self, problem: &Problem, fit: &Fit) -> f64 {
+        let choices = self.effects.len().max(2) as f64;
+        let of = |placed: &Placed| {
+            if is_parameter(&placed.place) { self.scope.settings.suspect_bonus } else { self.scope.bonus(placed) }
+        };
+        let bonus: f64 = fit.effects.iter().map(of).sum();
+        fit.parameters() as f64 * (problem.rows() as f64).ln() + 2.0 * fit.effects.len() as f64 * choices.ln() - bonus
+    }
+
+    /// Returns the cost of an explanation with its price.
+    pub fn priced(&self, problem: &Problem, fit: &Fit) -> f64 {
+        fit.cost + self.price(problem, fit)
+    }
+
+    /// Puts an explanation first, whatever it costs.
+    fn keep_first(&self, fits: &mut [Fit<'a>], first: &Fit<'a>) {
+        if let Some(at) = fits.iter().position(|fit| all_same(&fit.effects, &first.effects)) {
+            fits[..=at].rotate_right(1);
+        }
+    }
+
+    fn words(&self, problem: &Problem, fit: &Fit) -> String {
+        let effects = crate::fit::candidate::in_words(&fit.effects, &problem.setting.names);
+        format!("{effects}: leaves {} of the output", plid_report::percent(self.left(problem, fit)))
+    }
+}

@@ -1,0 +1,241 @@
+//! What effects need to know of a foreign simulator: how its ports answer to a force, and how far everything moves.
+//!
+//! A linear simulation gives these from its matrices. Here they are measured, in a few runs: the motion in the loudest
+//! record, and at each port the velocity that a force causes, in a step and over the record.
+
+use nalgebra::{DMatrix, DVector};
+use plid_model::{Continuous, Model};
+use plid_simulator::{Checked, Description, Motion, SimulatorError};
+
+use crate::case::CaseConfig;
+use crate::case::record::{Record, rms};
+use crate::effects::Setting;
+use crate::error::GapError;
+use crate::in_loop::coupling::Response;
+use crate::in_loop::runs::Runs;
+use crate::plant::Plant;
+
+/// The motion of a simulator, and what effects know of it.
+pub(super) struct Survey {
+    /// For effects.
+    pub setting: Setting,
+    /// Of each port.
+    pub responses: Vec<Response>,
+}
+
+/// Forces from which the mobility of a port is measured, over the last: a port that sticks moves only by a large one.
+const GROWTH: f64 = 10.0;
+
+/// The least and the largest force that is tried, in the port's unit.
+const FORCES: [f64; 2] = [1e-6, 1e9];
+
+/// Relative difference below which two mobilities are one: the port then moves freely.
+const SAME_MOBILITY: f64 = 0.05;
+
+/// Share of a port's velocity in the loudest record that the trial force causes.
+const PROBE: f64 = 0.05;
+
+/// Relative difference below which an output is a multiple of a port's displacement.
+const SAME_SIGNAL: f64 = 1e-6;
+
+/// Surveys a simulator whose records are these, the loudest of them at `loudest`.
+pub(super) fn survey(
+    simulator: &mut Checked<'_>,
+    config: &CaseConfig,
+    records: &[Record],
+    loudest: &Record,
+) -> Result<Survey, GapError> {
+    let description = simulator.description().clone();
+    let failed = |error: SimulatorError| GapError::Simulator(error);
+    let step = 1.0 / (description.rate_hz * description.steps_per_sample.max(1) as f64);
+    let count = description.ports.len();
+    let mut mobilities = vec![0.0; count];
+    for (port, mobility) in mobilities.iter_mut().enumerate() {
+        *mobility = measured_mobility(simulator, port).map_err(failed)?;
+    }
+    let mut model = stand_in(&description, &mobilities, step);
+    config.declare_kinds(&mut model);
+    let mut setting = of_model(&description, &model)?;
+    of_records(&mut setting, records, loudest);
+    let mut responses = Vec::new();
+    if count > 0 {
+        let (y, motions) = Runs::watched(simulator, &loudest.u, |_, forces| forces.fill(0.0)).map_err(failed)?;
+        let steps = description.steps_per_sample;
+        for port in 0..count {
+            let of = |part: fn(&Motion) -> f64| -> Vec<f64> { motions.iter().map(|all| part(&all[port])).collect() };
+            let (d, v) = (of(|motion| motion.displacement), of(|motion| motion.velocity));
+            responses.push(Response { mobility: mobilities[port], weight: weight(&d, &v, step), step });
+            setting.d_rms[port] = spread(&d);
+            setting.v_rms[port] = rms(&v);
+            let sampled: Vec<f64> = d.iter().step_by(steps).copied().collect();
+            setting.d_range[port] = measured_range(&sampled, &y, records);
+        }
+        for port in 0..count {
+            let size = force(simulator, port, &loudest.u, &motions, &mobilities).map_err(failed)?;
+            setting.force[port] = size;
+            setting.stiffness[port] = if setting.d_rms[port] > 0.0 { size / setting.d_rms[port] } else { 0.0 };
+        }
+    }
+    Ok(Survey { setting, responses })
+}
+
+/// Returns the channels, places and parameters of a simulator without any sizes: what a prediction needs.
+pub(super) fn bare(description: &Description, responses: &[Response]) -> Result<Setting, GapError> {
+    let mobilities: Vec<f64> = responses.iter().map(|response| response.mobility).collect();
+    let step = responses.first().map_or(1.0, |response| response.step);
+    of_model(description, &stand_in(description, &mobilities, step))
+}
+
+fn of_model(description: &Description, model: &Model) -> Result<Setting, GapError> {
+    let mut setting = Setting::bare(&Plant::new(model)?, model);
+    setting.names.ports = description.ports.iter().map(|port| port.name.clone()).collect();
+    setting.names.parameters = description.parameters.iter().map(|parameter| parameter.name.clone()).collect();
+    Ok(setting)
+}
+
+/// Sets what the records show.
+fn of_records(setting: &mut Setting, records: &[Record], loudest: &Record) {
+    let rate = setting.plant.rate;
+    let finite = |y: &[f64]| -> Vec<f64> { y.iter().copied().filter(|y| y.is_finite()).collect() };
+    setting.u_rms = loudest.u.iter().map(rms).collect();
+    let slope = |u: &Vec<f64>| rms(&u.windows(2).map(|two| (two[1] - two[0]) * rate).collect::<Vec<f64>>());
+    setting.u_slope = loudest.u.iter().map(slope).collect();
+    setting.y_rms = loudest.y.iter().map(|y| rms(&finite(y))).collect();
+    let largest = |o: usize| records.iter().flat_map(|record| finite(&record.y[o])).map(f64::abs).fold(0.0, f64::max);
+    setting.y_max = (0..loudest.y.len()).map(largest).collect();
+    let end = records.iter().map(|record| record.start_s + record.samples() as f64 / rate).fold(0.0, f64::max);
+    setting.duration_s = end;
+}
+
+/// Returns a model that has the simulator's channels, and a free mass at each port: what effects ask of a plant when
+/// they choose their places and starts.
+fn stand_in(description: &Description, mobilities: &[f64], step: f64) -> Model {
+    let (m, p, ports) = (description.inputs.len(), description.outputs.len(), description.ports.len());
+    // One state that nothing drives, because a model has at least one.
+    let n = 2 * ports + 1;
+    let (mut a, mut discrete) = (DMatrix::zeros(n, n), DMatrix::identity(n, n));
+    let last = n - 1;
+    (a[(last, last)], discrete[(last, last)]) = (-1.0, (-1.0 / description.rate_hz).exp());
+    let unit = |k: usize| DVector::from_fn(n, |i, _| if i == k { 1.0 } else { 0.0 });
+    let mut all = Vec::new();
+    for (j, port) in description.ports.iter().enumerate() {
+        a[(2 * j, 2 * j + 1)] = 1.0;
+        discrete[(2 * j, 2 * j + 1)] = 1.0 / description.rate_hz;
+        all.push(plid_model::Port {
+            name: port.name.clone(),
+            input: port.input.clone(),
+            force: (unit(2 * j + 1) * (mobilities[j] / step)).as_slice().to_vec(),
+            displacement: unit(2 * j).as_slice().to_vec(),
+            velocity: unit(2 * j + 1).as_slice().to_vec(),
+            output: None,
+        });
+    }
+    Model {
+        sample_rate_hz: description.rate_hz,
+        inputs: description.inputs.iter().map(|input| input.name.clone()).collect(),
+        outputs: description.outputs.iter().map(|output| output.name.clone()).collect(),
+        b: DMatrix::zeros(n, m),
+        c: DMatrix::zeros(p, n),
+        d: DMatrix::zeros(p, m),
+        noise: plid_model::Noise::default(),
+        predictor_gain: None,
+        observability_indices: None,
+        parameter_covariance: None,
+        initial_state: None,
+        provenance: None,
+        continuous: Some(Continuous { a, b: DMatrix::zeros(n, m) }),
+        ports: all,
+        output_kinds: description.outputs.iter().map(|output| output.kind).collect(),
+        a: discrete,
+    }
+}
+
+/// Returns the change of a port's velocity over the first step by a unit of force, once it no longer depends on the
+/// force. Zero if no force moves the port within a step.
+fn measured_mobility(simulator: &mut Checked<'_>, port: usize) -> Result<f64, SimulatorError> {
+    let (m, steps) = (simulator.description().inputs.len(), simulator.description().steps_per_sample);
+    let ports = simulator.description().ports.len();
+    let quiet = vec![vec![0.0; 2]; m.max(1)];
+    let mut after = |size: f64| -> Result<f64, SimulatorError> {
+        let (_, motions) = Runs::watched(simulator, &quiet, |step, forces| {
+            forces.fill(0.0);
+            if step == 0 {
+                forces[port] = size;
+            }
+        })?;
+        debug_assert!(motions.len() == 2 * steps && motions[0].len() == ports);
+        Ok(motions[1][port].velocity)
+    };
+    let still = after(0.0)?;
+    let mut size = FORCES[0];
+    let mut before = f64::NAN;
+    while size <= FORCES[1] {
+        let mobility = (after(size)? - still) / size;
+        // A difference in the last digits of the velocity at rest is no motion.
+        let clear = (mobility * size).abs() > 1e-9 * still.abs();
+        if clear && mobility != 0.0 && (mobility / before - 1.0).abs() < SAME_MOBILITY {
+            return Ok(mobility.max(0.0));
+        }
+        before = mobility;
+        size *= GROWTH;
+    }
+    Ok(0.0)
+}
+
+/// Returns the weight of the velocity after a step in the change of the displacement over it.
+fn weight(d: &[f64], v: &[f64], step: f64) -> f64 {
+    let (mut up, mut down) = (0.0, 0.0);
+    for k in 1..d.len() {
+        let (change, rise) = (d[k] - d[k - 1] - step * v[k - 1], step * (v[k] - v[k - 1]));
+        up += change * rise;
+        down += rise * rise;
+    }
+    if down > 0.0 { (up / down).clamp(0.0, 1.0) } else { 0.5 }
+}
+
+/// Returns the RMS about zero of a motion from its start.
+fn spread(d: &[f64]) -> f64 {
+    let start = d.first().copied().unwrap_or(0.0);
+    rms(&d.iter().map(|d| d - start).collect::<Vec<f64>>())
+}
+
+/// Returns the lowest and the highest displacement in all records, if an output measures it.
+fn measured_range(d: &[f64], y: &[Vec<f64>], records: &[Record]) -> Option<[f64; 2]> {
+    let square = |x: &[f64]| x.iter().map(|x| x * x).sum::<f64>();
+    let ratio = |y: &[f64]| {
+        let ratio = d.iter().zip(y).map(|(d, y)| d * y).sum::<f64>() / square(d);
+        let apart: f64 = d.iter().zip(y).map(|(d, y)| (y - ratio * d).powi(2)).sum();
+        (ratio.is_finite() && ratio != 0.0 && apart <= SAME_SIGNAL.powi(2) * square(y)).then_some(ratio)
+    };
+    let (o, ratio) = y.iter().enumerate().find_map(|(o, y)| Some((o, ratio(y)?)))?;
+    let seen = records.iter().flat_map(|record| &record.y[o]).filter(|y| y.is_finite()).map(|y| y / ratio);
+    let [low, high] = seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], d| [low.min(d), high.max(d)]);
+    (low < high).then_some([low, high])
+}
+
+/// Returns the force that moves a port about as much as the inputs do: a random force of a known size is added in the
+/// loudest record, and scaled to the motion there.
+fn force(
+    simulator: &mut Checked<'_>,
+    port: usize,
+    u: &[Vec<f64>],
+    motions: &[Vec<Motion>],
+    mobilities: &[f64],
+) -> Result<f64, SimulatorError> {
+    let velocity = rms(&motions.iter().map(|all| all[port].velocity).collect::<Vec<f64>>());
+    if !(mobilities[port] > 0.0 && velocity > 0.0) {
+        return Ok(0.0);
+    }
+    // Held as long as a typical motion takes: between two changes of the velocity's sign.
+    let signs = motions.windows(2).filter(|two| two[0][port].velocity * two[1][port].velocity < 0.0).count();
+    let hold = (motions.len() / (signs + 1)).clamp(1, motions.len());
+    let size = PROBE * velocity / (mobilities[port] * (hold as f64).sqrt());
+    let sign = |step: usize| if (step / hold).wrapping_mul(0x9E37_79B9) & 0x8000 == 0 { 1.0 } else { -1.0 };
+    let (_, pushed) = Runs::watched(simulator, u, |step, forces| {
+        forces.fill(0.0);
+        forces[port] = size * sign(step);
+    })?;
+    let change: Vec<f64> = pushed.iter().zip(motions).map(|(a, b)| a[port].velocity - b[port].velocity).collect();
+    let answer = rms(&change) / size;
+    Ok(if answer > 0.0 { velocity / answer } else { 0.0 })
+}

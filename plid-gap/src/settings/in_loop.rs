@@ -1,0 +1,35 @@
+//! Settings of the diagnosis with a simulator in the loop.
+
+use super::group::group;
+
+group! {
+    /// The diagnosis with the engineer's own simulator in the loop.
+    LoopSettings {
+        /// Largest number of runs of the simulator, on one record each. What could not be finished is said.
+        calls: usize = 1000, "1", 10.0..=1e9;
+        /// Number of samples of the loudest record on which effects are screened.
+        screened_samples: usize = 8192, "samples", 64.0..=1e9;
+        /// Number of entries of a screen that are fitted in a few steps, on the head of the loudest record.
+        tried: usize = 24, "1", 1.0..=1e3;
+        /// Largest number of steps of such a fit.
+        quick_steps: usize = 3, "1", 1.0..=1e3;
+        /// Number of effects that are then fitted to all records.
+        fitted: usize = 5, "1", 1.0..=1e3;
+        /// Number of starts of one effect at one place among them.
+        starts: usize = 2, "1", 1.0..=100.0;
+        /// Largest number of steps of a fit. Each takes a run for every parameter and one for each trial.
+        steps: usize = 8, "1", 1.0..=1e3;
+        /// Decrease of the cost, over the number of whitened values, below which a fit ends.
+        fit_gain: f64 = 1e-3, "1", 0.0..=1.0;
+        /// Number of explanations that are fitted again after the weights have changed.
+        refined: usize = 3, "1", 1.0..=100.0;
+        /// Largest number of effects of an explanation.
+        effects: usize = 2, "1", 1.0..=10.0;
+        /// Gap beyond the noise below which no further effect is searched for.
+        least_left: f64 = 0.005, "1", 0.0..=1.0;
+        /// Standard deviations between two explanations from which the records separate them (Vuong 1989).
+        clear: f64 = 3.0, "1", 0.0..=100.0;
+        /// Share of the remaining gap that a further effect must close.
+        least_closed: f64 = 0.1, "1", 0.0..=1.0;
+    }
+}
