@@ -7,9 +7,10 @@
 //! | implementation | simulator |
 //! |---|---|
 //! | [`Function`] | a Rust function from inputs to outputs |
+//! | [`Command`] | another program, over its standard input and output |
 //! | [`Linear`] | a linear model with ports, such as a model.json |
 //!
-//! [`Checked`] wraps any of them: it checks what comes back, names the call that failed, and counts calls and time.
+//! [`check()`] tells what a simulator does not honour. [`Checked`] wraps any of them: it checks what comes back, names the call that failed, and counts calls and time.
 //!
 //! ```
 //! use plid_simulator::{Checked, Description, Function, Input, Output};
@@ -26,13 +27,17 @@
 //! # Ok::<(), plid_simulator::SimulatorError>(())
 //! ```
 
+mod check;
 mod checked;
+mod command;
 mod description;
 mod error;
 mod function;
 mod linear;
 
+pub use check::{Finding, check};
 pub use checked::{Calls, Checked};
+pub use command::Command;
 pub use description::{Description, Input, Output, Parameter, Port};
 pub use error::SimulatorError;
 pub use function::Function;

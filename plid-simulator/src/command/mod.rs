@@ -1,0 +1,178 @@
+//! A simulator that is another program, over its standard input and output.
+//!
+//! The program says what it has in one line of JSON, the [`Description`] with `"protocol": 1`. Then it answers requests
+//! until its standard input ends (docs/simulator-protocol.md):
+//!
+//! | request | answer |
+//! |---|---|
+//! | `{"run": {"parameters": [..], "samples": N}}` and a newline; then N times the m inputs | `{"ok": true}` and a newline; then N times the p outputs |
+//! | `{"start": {"parameters": [..]}}` and a newline | `{"ok": true}` and a newline; then displacement and velocity of each port |
+//! | the byte `s`; then the m inputs and the force at each port | the byte `s`; then the p outputs, and displacement and velocity of each port |
+//!
+//! Numbers are binary, eight bytes each, little endian. Instead of any answer the program may write
+//! `{"error": "why"}` and a newline. Its standard error is kept, and its end is part of every message of a failure.
+
+mod process;
+
+use std::io::{BufRead, Read};
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use self::process::Process;
+use crate::{Channels, Description, Motion, Simulator, SimulatorError};
+
+/// The version of the protocol.
+const PROTOCOL: u32 = 1;
+
+/// First byte of a step and of its answer.
+const STEP: u8 = b's';
+
+/// A program as a simulator.
+pub struct Command {
+    process: Process,
+    description: Description,
+    /// What is sent and received in a step.
+    sent: Vec<u8>,
+    received: Vec<u8>,
+}
+
+/// The first line of a program.
+#[derive(Deserialize)]
+struct Hello {
+    protocol: u32,
+    #[serde(flatten)]
+    description: serde_json::Value,
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "lowercase")]
+enum Request<'r> {
+    Run { parameters: &'r [f64], samples: usize },
+    Start { parameters: &'r [f64] },
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Answer {
+    Ok(#[allow(dead_code)] bool),
+    Error(String),
+}
+
+impl Command {
+    /// How long a program may take to answer one request, if nothing else is said.
+    pub const PATIENCE: Duration = Duration::from_secs(60);
+
+    /// Starts a program with its arguments and reads its description. A program that does not answer a request within
+    /// `patience` is stopped.
+    ///
+    /// # Errors
+    /// [`SimulatorError::Failed`] if the program cannot be started, ends, or writes anything but its description;
+    /// [`SimulatorError::Description`] if that contradicts itself.
+    pub fn start(command: &[String], folder: &std::path::Path, patience: Duration) -> Result<Self, SimulatorError> {
+        let mut process = Process::start(command, folder, patience)?;
+        let line = process.answering(|input| line(input))?;
+        let hello: Hello = parsed(&line).map_err(|message| process.failed(message))?;
+        if hello.protocol != PROTOCOL {
+            return Err(process.failed(format!("it speaks protocol {}, expected {PROTOCOL}", hello.protocol)));
+        }
+        let description: Description = serde_json::from_value(hello.description)
+            .map_err(|error| process.failed(format!("its description: {error}")))?;
+        description.check()?;
+        let (m, p, q) = (description.inputs.len(), description.outputs.len(), description.ports.len());
+        Ok(Self { process, description, sent: vec![0; 1 + 8 * (m + q)], received: vec![0; 8 * (p + 2 * q)] })
+    }
+
+    fn request(&mut self, request: &Request, then: &[u8]) -> Result<(), SimulatorError> {
+        let mut text = serde_json::to_vec(request).map_err(|error| SimulatorError::failed(error.to_string()))?;
+        text.push(b'\n');
+        self.process.send(&[&text, then])
+    }
+
+    /// Reads the answer to a request, and so many numbers after it.
+    fn answer(&mut self, numbers: usize) -> Result<Vec<f64>, SimulatorError> {
+        let line = self.process.answering(|input| line(input))?;
+        match parsed(&line).map_err(|message| self.process.failed(message))? {
+            Answer::Error(message) => Err(SimulatorError::failed(message)),
+            Answer::Ok(_) => {
+                let mut bytes = vec![0; 8 * numbers];
+                self.process.answering(|input| input.read_exact(&mut bytes))?;
+                Ok(bytes.chunks_exact(8).map(number).collect())
+            }
+        }
+    }
+}
+
+/// Reads a line.
+fn line(input: &mut impl BufRead) -> std::io::Result<Vec<u8>> {
+    let mut line = Vec::new();
+    input.read_until(b'\n', &mut line)?;
+    if line.is_empty() { Err(std::io::ErrorKind::UnexpectedEof.into()) } else { Ok(line) }
+}
+
+/// Longest part of a line that is quoted in a message.
+const QUOTED: usize = 80;
+
+/// Reads JSON.
+fn parsed<T: for<'d> Deserialize<'d>>(line: &[u8]) -> Result<T, String> {
+    serde_json::from_slice(line).map_err(|error| {
+        let text: String = String::from_utf8_lossy(line).trim_end().chars().take(QUOTED).collect();
+        format!("it wrote {text:?} where a line of JSON is expected ({error})")
+    })
+}
+
+fn number(bytes: &[u8]) -> f64 {
+    bytes.try_into().map_or(f64::NAN, f64::from_le_bytes)
+}
+
+fn motion(bytes: &[u8]) -> Motion {
+    Motion { displacement: number(&bytes[..8]), velocity: number(&bytes[8..16]) }
+}
+
+impl Simulator for Command {
+    fn description(&self) -> &Description {
+        &self.description
+    }
+
+    fn run(&mut self, parameters: &[f64], u: &[Vec<f64>]) -> Result<Channels, SimulatorError> {
+        let samples = u.first().map_or(0, Vec::len);
+        let inputs: Vec<u8> = (0..samples).flat_map(|k| u.iter().flat_map(move |u| u[k].to_le_bytes())).collect();
+        self.request(&Request::Run { parameters, samples }, &inputs)?;
+        let p = self.description.outputs.len();
+        let y = self.answer(samples * p)?;
+        Ok((0..p).map(|o| y.iter().skip(o).step_by(p).copied().collect()).collect())
+    }
+
+    fn start(&mut self, parameters: &[f64]) -> Result<Vec<Motion>, SimulatorError> {
+        if !self.description.has_steps() {
+            return Err(SimulatorError::NoSteps { name: self.description.name.clone() });
+        }
+        self.request(&Request::Start { parameters }, &[])?;
+        let motions = self.answer(2 * self.description.ports.len())?;
+        Ok(motions.chunks_exact(2).map(|both| Motion { displacement: both[0], velocity: both[1] }).collect())
+    }
+
+    fn step(&mut self, u: &[f64], forces: &[f64], y: &mut [f64], motions: &mut [Motion]) -> Result<(), SimulatorError> {
+        self.sent[0] = STEP;
+        for (to, from) in self.sent[1..].chunks_exact_mut(8).zip(u.iter().chain(forces)) {
+            to.copy_from_slice(&from.to_le_bytes());
+        }
+        let Self { process, sent, received, .. } = self;
+        process.send(&[sent])?;
+        let mut first = [0];
+        process.answering(|input| input.read_exact(&mut first))?;
+        if first[0] != STEP {
+            let rest = process.answering(|input| line(input))?;
+            let line = [&first[..], &rest].concat();
+            return match parsed(&line).map_err(|message| process.failed(message))? {
+                Answer::Error(message) => Err(SimulatorError::failed(message)),
+                Answer::Ok(_) => Err(process.failed("it answered a step without numbers".into())),
+            };
+        }
+        process.answering(|input| input.read_exact(received))?;
+        let (outputs, seen) = received.split_at(8 * y.len());
+        y.iter_mut().zip(outputs.chunks_exact(8)).for_each(|(y, bytes)| *y = number(bytes));
+        motions.iter_mut().zip(seen.chunks_exact(16)).for_each(|(to, bytes)| *to = motion(bytes));
+        Ok(())
+    }
+}

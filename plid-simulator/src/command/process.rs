@@ -1,0 +1,191 @@
+//! A program with its pipes, its log and a watch over its answers.
+
+use std::collections::VecDeque;
+use std::io::{BufReader, Read, Write};
+use std::path::Path;
+use std::process::{Child, ChildStdin, ChildStdout, Stdio};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use crate::SimulatorError;
+
+/// Number of bytes of the log that are kept.
+const KEPT: usize = 65536;
+
+/// Number of lines of the log in a message.
+const LINES: usize = 8;
+
+/// How often the watch looks.
+const WATCH: Duration = Duration::from_millis(20);
+
+/// A running program.
+pub(super) struct Process {
+    name: String,
+    child: Arc<Mutex<Child>>,
+    input: ChildStdin,
+    output: BufReader<ChildStdout>,
+    log: Arc<Mutex<VecDeque<u8>>>,
+    logger: Option<thread::JoinHandle<()>>,
+    watch: Arc<Watch>,
+    patience: Duration,
+}
+
+/// What the watching thread knows: when the program must have answered, in ms since the start; zero if nothing is
+/// asked.
+struct Watch {
+    began: Instant,
+    until: AtomicU64,
+    overdue: AtomicBool,
+    ended: AtomicBool,
+}
+
+impl Process {
+    /// Starts a program in a folder.
+    pub fn start(command: &[String], folder: &Path, patience: Duration) -> Result<Self, SimulatorError> {
+        let Some((program, arguments)) = command.split_first() else {
+            return Err(SimulatorError::failed("the command of the simulator is empty"));
+        };
+        let mut child = std::process::Command::new(program)
+            .args(arguments)
+            .current_dir(folder)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .map_err(|error| SimulatorError::failed(format!("{program:?} cannot be started: {error}")))?;
+        let (Some(input), Some(output), Some(errors)) = (child.stdin.take(), child.stdout.take(), child.stderr.take())
+        else {
+            return Err(SimulatorError::failed(format!("{program:?} has no pipes")));
+        };
+        let log = Arc::new(Mutex::new(VecDeque::new()));
+        let kept = Arc::clone(&log);
+        let logger = thread::spawn(move || keep(errors, &kept));
+        let watch = Arc::new(Watch {
+            began: Instant::now(),
+            until: AtomicU64::new(0),
+            overdue: AtomicBool::new(false),
+            ended: AtomicBool::new(false),
+        });
+        let child = Arc::new(Mutex::new(child));
+        let (watched, by) = (Arc::clone(&child), Arc::clone(&watch));
+        thread::spawn(move || by.look(&watched));
+        Ok(Self {
+            name: command.join(" "),
+            child,
+            input,
+            output: BufReader::with_capacity(1 << 16, output),
+            log,
+            logger: Some(logger),
+            watch,
+            patience,
+        })
+    }
+
+    /// Writes all parts. They go out together.
+    pub fn send(&mut self, parts: &[&[u8]]) -> Result<(), SimulatorError> {
+        self.expect();
+        let sent = parts.iter().try_for_each(|part| self.input.write_all(part)).and_then(|()| self.input.flush());
+        self.watch.until.store(0, Ordering::Relaxed);
+        sent.map_err(|error| self.broken(&error))
+    }
+
+    /// Reads a part of an answer.
+    pub fn answering<T>(
+        &mut self,
+        read: impl FnOnce(&mut BufReader<ChildStdout>) -> std::io::Result<T>,
+    ) -> Result<T, SimulatorError> {
+        self.expect();
+        let answer = read(&mut self.output);
+        self.watch.until.store(0, Ordering::Relaxed);
+        answer.map_err(|error| self.broken(&error))
+    }
+
+    fn expect(&self) {
+        let until = self.watch.began.elapsed() + self.patience;
+        self.watch.until.store(until.as_millis().max(1) as u64, Ordering::Relaxed);
+    }
+
+    /// Returns a failure with the end of the log.
+    pub fn failed(&self, message: String) -> SimulatorError {
+        let log: Vec<u8> = locked(&self.log).iter().copied().collect();
+        let text = String::from_utf8_lossy(&log);
+        let lines: Vec<&str> = text.lines().collect();
+        let last = lines[lines.len().saturating_sub(LINES)..].join("\n");
+        let log = if last.is_empty() { String::new() } else { format!("; the end of its log:\n{last}") };
+        SimulatorError::failed(format!("{}: {message}{log}", self.name))
+    }
+
+    /// Returns what became of a program that can no longer be written to or read from.
+    fn broken(&mut self, error: &std::io::Error) -> SimulatorError {
+        if self.watch.overdue.load(Ordering::Relaxed) {
+            let message = format!("it did not answer within {} s and was stopped", self.patience.as_secs_f64());
+            return self.failed(message);
+        }
+        let ended = Self::end(&self.child);
+        // The log is whole once the program has ended.
+        if ended.is_some()
+            && let Some(logger) = self.logger.take()
+        {
+            logger.join().ok();
+        }
+        match ended {
+            Some(status) => self.failed(format!("it ended before it answered ({status})")),
+            None => self.failed(error.to_string()),
+        }
+    }
+
+    /// Waits a moment for the end of a program that closed its pipes.
+    fn end(child: &Mutex<Child>) -> Option<std::process::ExitStatus> {
+        for _ in 0..50 {
+            if let Ok(Some(status)) = locked(child).try_wait() {
+                return Some(status);
+            }
+            thread::sleep(WATCH);
+        }
+        None
+    }
+}
+
+impl Drop for Process {
+    /// No program is left behind.
+    fn drop(&mut self) {
+        self.watch.ended.store(true, Ordering::Relaxed);
+        let mut child = locked(&self.child);
+        child.kill().ok();
+        child.wait().ok();
+    }
+}
+
+impl Watch {
+    fn look(&self, child: &Mutex<Child>) {
+        while !self.ended.load(Ordering::Relaxed) {
+            thread::sleep(WATCH);
+            let until = self.until.load(Ordering::Relaxed);
+            if until > 0 && self.began.elapsed().as_millis() as u64 > until {
+                self.overdue.store(true, Ordering::Relaxed);
+                locked(child).kill().ok();
+                return;
+            }
+        }
+    }
+}
+
+/// Reads a log to its end and keeps its last bytes.
+fn keep(mut from: impl Read, log: &Mutex<VecDeque<u8>>) {
+    let mut bytes = [0; 4096];
+    while let Ok(count) = from.read(&mut bytes) {
+        if count == 0 {
+            return;
+        }
+        let mut log = locked(log);
+        log.extend(&bytes[..count]);
+        let more = log.len().saturating_sub(KEPT);
+        log.drain(..more);
+    }
+}
+
+fn locked<T>(of: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    of.lock().unwrap_or_else(PoisonError::into_inner)
+}
