@@ -57,7 +57,7 @@
 //! | `data`, `plots` | data files and their preparation; plots and reports |
 //! | `testbed` | the simulated truss |
 //! | `lab` | experiments, from data files to reports; it has all of the above |
-//! | `gap` | where a simulation disagrees with records, and why |
+//! | `gap` | where a simulation disagrees with records, and why; anybody's simulator in the loop |
 //!
 //! # Profile
 //!
@@ -93,6 +93,9 @@ pub use plid_refine as refine;
 #[cfg(feature = "plots")]
 #[doc(inline)]
 pub use plid_report as report;
+#[cfg(feature = "gap")]
+#[doc(inline)]
+pub use plid_simulator as simulator;
 #[cfg(feature = "testbed")]
 #[doc(inline)]
 pub use plid_testbed as testbed;

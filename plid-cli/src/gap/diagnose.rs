@@ -6,7 +6,7 @@ use plid::gap::{diagnose, write};
 use plid::lab::report::Cell;
 use plid::model::to_json;
 
-use super::{Failure, Voice, directory, progress::Spinner, voice};
+use super::{Failure, Voice, directory, in_loop, progress::Spinner, voice};
 
 /// A case as short as can be, then the keys for measured data.
 const EXAMPLE: &str = r#"Example of a case:
@@ -39,7 +39,16 @@ Optional keys for measured data:
   samples = [8192, 40960]
   excitation = "periodic"
   period = 8192
-  start = "unknown""#;
+  start = "unknown"
+
+Your own simulator in place of `sim` (see `plid gap check-simulator --help`):
+  [simulator]
+  command = ["python3", "my_simulator.py"]   # started in the folder of the case
+  patience_s = 60.0                          # longest time for one run
+  limits = { "motor damper" = 0.02 }         # errors of its parameters that are no cause
+
+  [settings.in_loop]
+  calls = 300                                # largest number of runs"#;
 
 /// Diagnose the gap between records and a simulation.
 ///
@@ -76,11 +85,14 @@ pub fn execute(arguments: Arguments, library: Library, voice: Voice) -> Result<(
     let stem = arguments.case.file_stem().map_or_else(|| "case".into(), |stem| stem.to_string_lossy().into_owned());
     let out = arguments.out.clone().unwrap_or_else(|| directory::default_for(&stem));
     directory::check(&out, arguments.force)?;
+    let case = match &arguments.data {
+        Some(data) => Case::read_with(&arguments.case, data)?,
+        None => Case::read(&arguments.case)?,
+    };
+    if let Some(simulator) = &case.config.simulator {
+        return in_loop::diagnose(&case, simulator, &library, &arguments.case, &out, voice);
+    }
     let outcome = directory::with(&out, || {
-        let case = match &arguments.data {
-            Some(data) => Case::read_with(&arguments.case, data)?,
-            None => Case::read(&arguments.case)?,
-        };
         let spinner = Spinner::new(voice.quiet || voice.json);
         let outcome = diagnose(&case, &library, &mut |stage| spinner.say(&stage));
         spinner.finish();

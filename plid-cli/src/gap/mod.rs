@@ -1,6 +1,8 @@
 //! `plid gap`: where a simulation disagrees with reality, and why.
 
+mod check_simulator;
 mod diagnose;
+mod in_loop;
 mod predict;
 mod trial;
 
@@ -29,6 +31,7 @@ pub struct Arguments {
 #[derive(Subcommand)]
 enum Step {
     Diagnose(diagnose::Arguments),
+    CheckSimulator(check_simulator::Arguments),
     Predict(predict::Arguments),
     Trial(trial::Arguments),
 }
@@ -37,6 +40,7 @@ enum Step {
 pub fn execute(arguments: Arguments, library: Library, voice: Voice) -> Result<(), Failure> {
     match arguments.step {
         Step::Diagnose(arguments) => diagnose::execute(arguments, library, voice),
+        Step::CheckSimulator(arguments) => check_simulator::execute(&arguments, voice),
         Step::Predict(arguments) => predict::execute(arguments, &library, voice),
         Step::Trial(arguments) => trial::execute(arguments, &library, voice),
     }
@@ -49,7 +53,9 @@ impl From<GapError> for Failure {
             GapError::Case(error) => Self::Input(error.into()),
             GapError::Data(error) => error.into(),
             GapError::Model(error) => error.into(),
-            GapError::Failed(_) | GapError::NotFinite { .. } | GapError::Diverged { .. } => Self::Work(error.into()),
+            GapError::Simulator(_) | GapError::Failed(_) | GapError::NotFinite { .. } | GapError::Diverged { .. } => {
+                Self::Work(error.into())
+            }
             _ => Self::Input(error.into()),
         }
     }

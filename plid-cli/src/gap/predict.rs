@@ -7,7 +7,7 @@ use plid::gap::case::{Channels, columns};
 use plid::gap::effects::Library;
 use plid::report::percent;
 
-use super::{Failure, Voice, table, voice};
+use super::{Failure, Voice, in_loop, table, voice};
 
 /// Simulate a new input with the diagnosed effects, in free run from rest.
 ///
@@ -28,6 +28,10 @@ pub struct Arguments {
     /// Start time since the first record began, for drifts and hum [default: end of the last record].
     #[arg(long, value_name = "SECONDS")]
     t0: Option<f64>,
+    /// Folder in which the program of the diagnosis is started, if it had a simulator in the loop: that of its case
+    /// [default: the current folder].
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    folder: PathBuf,
     /// Outputs of your own simulator for that input: the effects' correction is added to them.
     #[arg(long, value_name = "FILE")]
     simulated: Option<PathBuf>,
@@ -40,6 +44,10 @@ const JUST_BEYOND: f64 = 1.1;
 pub fn execute(arguments: Arguments, library: &Library, voice: Voice) -> Result<(), Failure> {
     let simulation = arguments.diagnosis.with_file_name("sim-with-effect.json");
     arguments.overwrites_nothing(&simulation)?;
+    if in_loop::is_of_simulator(&simulation)? {
+        let Arguments { input, out, t0, folder, .. } = &arguments;
+        return in_loop::predict(&simulation, library, (input, out), *t0, folder, voice);
+    }
     let predictor = Predictor::read(&simulation, library)?;
     let u = read(&arguments.input, &predictor, &predictor.model.inputs, &simulation)?;
     let t0 = arguments.t0.unwrap_or(predictor.t0);

@@ -19,6 +19,9 @@ pub struct CaseConfig {
     /// File of the simulation, a model.json. If absent, the best linear model of the records serves as a surrogate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sim: Option<String>,
+    /// The engineer's own simulator, which is run during the diagnosis.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub simulator: Option<SimulatorConfig>,
     /// Number of states of the surrogate model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub states: Option<usize>,
@@ -62,6 +65,24 @@ pub struct CaseConfig {
     /// The records in the order in which they were taken.
     #[serde(default)]
     pub record: Vec<RecordConfig>,
+}
+
+/// A program that simulates (docs/simulator-protocol.md).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SimulatorConfig {
+    /// The program and its arguments. It is started in the folder of the case.
+    pub command: Vec<String>,
+    /// Time in s within which it must answer one request.
+    #[serde(default = "patience")]
+    pub patience_s: f64,
+    /// Errors of its parameters that are no cause, by name, in their units: two standard deviations.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub limits: BTreeMap<String, f64>,
+}
+
+fn patience() -> f64 {
+    60.0
 }
 
 /// A place where a force may act: it enters as an input does, and meets the motion that an output shows.
@@ -185,11 +206,31 @@ impl RecordConfig {
     }
 }
 
+impl SimulatorConfig {
+    fn problems(&self, has_sim: bool) -> Vec<(&'static str, String)> {
+        let mut problems = Vec::new();
+        if has_sim {
+            problems.push(("simulator", "a case has either `sim` or `[simulator]`".to_string()));
+        }
+        if self.command.first().is_none_or(String::is_empty) {
+            problems.push(("command", "it is empty: give a program and its arguments".to_string()));
+        }
+        if !(self.patience_s.is_finite() && self.patience_s > 0.0) {
+            problems.push(("patience_s", format!("{} is not positive", self.patience_s)));
+        }
+        if let Some((name, limit)) = self.limits.iter().find(|(_, limit)| !(limit.is_finite() && **limit > 0.0)) {
+            problems.push(("limits", format!("{name}: {limit} is not positive")));
+        }
+        problems
+    }
+}
+
 impl CaseConfig {
     /// Creates a case of channels at a sample rate, with defaults for all else.
     pub fn new(sample_rate_hz: f64, inputs: Vec<String>, outputs: Vec<String>) -> Self {
         Self {
             sim: None,
+            simulator: None,
             states: None,
             sample_rate_hz,
             decimate_to_hz: None,
@@ -224,6 +265,7 @@ impl CaseConfig {
         if self.sim.is_some() && self.record.iter().any(RecordConfig::is_for_simulation) {
             problems.push(("use", "\"sim\" is for a case without `sim`: here the simulation is given".to_string()));
         }
+        problems.extend(self.simulator.iter().flat_map(|simulator| simulator.problems(self.sim.is_some())));
         if let Some(name) = self.output_kinds.keys().find(|name| !self.outputs.contains(name)) {
             problems.push(("output_kinds", format!("`{name}` is not one of the outputs")));
         }

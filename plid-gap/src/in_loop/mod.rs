@@ -24,6 +24,7 @@ pub use answer::{LoopDiagnosis, LoopGap, SimulatorWithEffects, Used, WrittenPort
 pub use predict::LoopPredictor;
 pub use report::write;
 
+use plid_data::nearest;
 use plid_simulator::{Checked, Description, Simulator};
 
 use crate::answer::schema::{Located, Remainder, RemainderPlace};
@@ -91,7 +92,7 @@ pub fn diagnose(
     say: &mut dyn FnMut(String),
 ) -> Result<LoopOutcome, GapError> {
     let mut simulator = Checked::new(simulator)?;
-    let description = simulator.description().clone();
+    let description = limited(simulator.description().clone(), case)?;
     require_same_channels(case, &description)?;
     let mut warnings = case.warnings.clone();
     warnings.extend(audit::of_records(case, true)?);
@@ -128,7 +129,13 @@ pub fn diagnose(
         off: Vec::new(),
         bold: false,
     };
-    let search = Search { effects, scope, settings: settings.in_loop.clone(), noise: noise.std.clone() };
+    let search = Search {
+        effects,
+        scope,
+        settings: settings.in_loop.clone(),
+        noise: noise.std.clone(),
+        material: case.config.material,
+    };
     let found = search.run(&mut problem, &mut runs, &given, say)?;
     let judged = judge(&search, &problem, &found, case.config.material, &settings.judge);
     let opened = Opened { case, problem: &problem, noise: &noise, held_out: &held_out };
@@ -156,6 +163,23 @@ fn require_same_channels(case: &Case, description: &Description) -> Result<(), G
         return Err(wrong("sample_rate_hz", format!("the records have {rate} Hz, the simulator {own} Hz")));
     }
     Ok(())
+}
+
+/// Returns a description with the limits that the case states.
+///
+/// # Errors
+/// [`GapError::Key`] for a parameter that the simulator does not have.
+fn limited(mut description: Description, case: &Case) -> Result<Description, GapError> {
+    for (name, limit) in case.config.simulator.iter().flat_map(|simulator| &simulator.limits) {
+        let Some(parameter) = description.parameters.iter_mut().find(|parameter| parameter.name == *name) else {
+            let names: Vec<String> = description.parameters.iter().map(|parameter| parameter.name.clone()).collect();
+            let meant = nearest(name, &names).map(|name| format!("; did you mean `{name}`?")).unwrap_or_default();
+            let message = format!("the simulator has no parameter `{name}`{meant}");
+            return Err(GapError::Key { file: "[simulator.limits]".into(), key: name.clone(), message });
+        };
+        parameter.limit = Some(*limit);
+    }
+    Ok(description)
 }
 
 /// # Errors
@@ -367,7 +391,7 @@ impl<'a> Opened<'_, 'a> {
             format: predict::FORMAT.into(),
             parameters: description.parameters.iter().map(|p| p.name.clone()).zip(values).collect(),
             simulator: description,
-            command: Vec::new(),
+            command: case.config.simulator.as_ref().map(|simulator| simulator.command.clone()).unwrap_or_default(),
             ports,
             effects: around.map(|placed| written_effect(placed, &problem.setting, &problem.setting)).collect(),
             t0: case.records.iter().map(end).fold(0.0, f64::max),

@@ -37,6 +37,8 @@ pub(super) struct Search<'s, 'a> {
     pub settings: LoopSettings,
     /// Standard deviation of the noise of each output (p).
     pub noise: Vec<f64>,
+    /// The gap that matters.
+    pub material: f64,
 }
 
 impl<'a> Search<'_, 'a> {
@@ -62,7 +64,7 @@ impl<'a> Search<'_, 'a> {
         let mut found = Found { fits: vec![refit.clone()], refit, screens: Vec::new(), cut_short: false };
         for stage in 0..self.settings.effects {
             let beside = found.fits[0].clone();
-            if self.left(problem, &beside) < self.settings.least_left || !self.may_call(runs) {
+            if self.left(problem, &beside) < self.least() || !self.may_call(runs) {
                 break;
             }
             say(format!("stage {}: screening effects", stage + 1));
@@ -199,8 +201,15 @@ impl<'a> Search<'_, 'a> {
     fn accepts(&self, problem: &Problem, fit: &Fit, before: &Fit) -> bool {
         let Evidence { difference, z } = evidence(problem, fit, before);
         let price = self.price(problem, fit) - self.price(problem, before);
-        let closes = 1.0 - self.left(problem, fit) / self.left(problem, before);
-        difference > price && z > self.settings.clear && closes > self.settings.least_closed
+        let [after, before] = [fit, before].map(|fit| self.left(problem, fit));
+        let closes = (before * before - after * after).max(0.0).sqrt();
+        let enough = closes > self.least() && 1.0 - after / before > self.settings.least_closed;
+        difference > price && z > self.settings.clear && enough
+    }
+
+    /// Returns the least gap that a further effect must close, in amplitude.
+    fn least(&self) -> f64 {
+        self.settings.least_material * self.material
     }
 
     /// Returns the gap of the fitted records beyond the noise, relative to the outputs.

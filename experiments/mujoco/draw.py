@@ -1,0 +1,291 @@
+"""Draws cases of MuJoCo models whose cause is known, for `plid gap diagnose` with the simulator in the loop.
+
+    python3 experiments/mujoco/draw.py OUT --cases 40 --seed 1
+
+Each folder OUT/NNN has model.xml (the simulator), records, case.toml, and fresh.csv, a record of which no diagnosis
+knows. OUT/labels.json has the causes. The truth is another model with a shorter time step, in which the cause is built in
+Python. Needs `pip install mujoco numpy`. score.py compares answers with labels.
+"""
+
+import argparse
+import json
+import pathlib
+
+import mujoco
+import numpy as np
+
+EXAMPLES = pathlib.Path(__file__).resolve().parents[2] / "examples" / "simulator"
+
+# Rate in Hz, and the time steps of the simulator and of the truth in s.
+RATE, STEP, FINE = 200.0, 1e-3, 2.5e-4
+SAMPLES = 1000
+
+PLANTS = {
+    # A slider with a viscous bearing and a weak spring.
+    "slider": dict(
+        bodies='<body name="cart"><joint name="rail" type="slide" axis="1 0 0" damping="{d}" stiffness="4"/>'
+        '<geom type="box" size=".1 .05 .05" mass="{m}"/></body>',
+        actuators='<motor name="force" joint="rail"/>',
+        sensors='<jointpos name="x" joint="rail"/><jointvel name="v" joint="rail"/>',
+        numbers=dict(m=1.0, d=3.0),
+        ports=["rail"],
+        parameters=["joint.rail.damping", "body.cart.mass"],
+        force=6.0,
+    ),
+    # A pendulum: gravity makes it nonlinear.
+    "pendulum": dict(
+        bodies='<body name="rod"><joint name="hinge" type="hinge" axis="0 1 0" damping="{d}"/>'
+        '<geom type="capsule" fromto="0 0 0 0 0 -.4" size=".02" mass="{m}"/></body>',
+        actuators='<motor name="torque" joint="hinge"/>',
+        sensors='<jointpos name="angle" joint="hinge"/>',
+        numbers=dict(m=0.8, d=0.06),
+        ports=["hinge"],
+        parameters=["joint.hinge.damping", "body.rod.mass"],
+        force=0.9,
+    ),
+    # A position servo.
+    "servo": dict(
+        bodies='<body name="arm"><joint name="axis" type="hinge" axis="0 0 1" damping="{d}" armature=".01"/>'
+        '<geom type="capsule" fromto="0 0 0 .3 0 0" size=".02" mass="{m}"/></body>',
+        actuators='<position name="target" joint="axis" kp="12" kv=".5"/>',
+        sensors='<jointpos name="angle" joint="axis"/><jointvel name="rate" joint="axis"/>',
+        numbers=dict(m=0.7, d=0.12),
+        ports=["axis"],
+        parameters=["joint.axis.damping", "body.arm.mass"],
+        force=0.8,
+    ),
+    # A motor drives a link through an elastic joint, under gravity.
+    "arm": dict(
+        bodies='<body name="motor"><joint name="drive" type="hinge" axis="0 1 0" damping="{d}" armature=".02"/>'
+        '<geom type="sphere" size=".03" mass=".3"/><body name="link"><joint name="elastic" type="hinge" axis="0 1 0" '
+        'stiffness="25" damping=".05"/><geom type="capsule" fromto="0 0 0 0 0 -.35" size=".02" mass="{m}"/></body></body>',
+        actuators='<motor name="torque" joint="drive"/>',
+        sensors='<jointpos name="drive" joint="drive"/><jointpos name="elastic" joint="elastic"/>',
+        numbers=dict(m=0.6, d=0.2),
+        ports=["drive", "elastic"],
+        parameters=["joint.drive.damping", "body.link.mass", "joint.elastic.stiffness"],
+        force=1.2,
+    ),
+}
+
+FRICTION = ["coulomb-friction", "stick-friction", "simulator-parameter"]
+
+
+def xml(plant, step, **changed):
+    numbers = {**plant["numbers"], **changed}
+    return (
+        f'<mujoco><option timestep="{step}" integrator="implicitfast"/><worldbody>'
+        f'{plant["bodies"].format(**numbers)}</worldbody><actuator>{plant["actuators"]}</actuator>'
+        f'<sensor>{plant["sensors"]}</sensor></mujoco>'
+    )
+
+
+class Cause:
+    """What the truth has beside the simulator: other numbers, a changed command, forces at joints, changed outputs."""
+
+    def __init__(self, names, place, numbers=None, command=None, force=None, sense=None, joint=None):
+        self.names, self.place, self.numbers = names, place, numbers or {}
+        self.command, self.force, self.sense, self.joint = command, force, sense, joint
+
+
+def lagged(hz):
+    def command(u):
+        share, slow, out = 1 - np.exp(-2 * np.pi * hz * FINE), np.zeros(u.shape[1]), np.empty_like(u)
+        for k, now in enumerate(u):
+            slow = slow + share * (now - slow)
+            out[k] = slow
+        return out
+
+    return command
+
+
+def delayed(seconds):
+    return lambda u: np.vstack([np.zeros((round(seconds / FINE), u.shape[1])), u])[: len(u)]
+
+
+def late(samples, output):
+    def sense(y):
+        y = y.copy()
+        y[samples:, output], y[:samples, output] = y[:-samples, output].copy(), y[0, output]
+        return y
+
+    return sense
+
+
+def stop(limit, stiffness, damping):
+    def force(d, v, t):
+        x = abs(d) - limit
+        return -np.sign(d) * max(stiffness * x + damping * v * np.sign(d), 0.0) if x > 0 else 0.0
+
+    return force
+
+
+def causes(kind, plant, rng):
+    """Draws a cause of a kind for a plant; None if the plant has no such cause."""
+    u = "input:" + _name(plant["actuators"], 0)
+    joints, outputs = plant["ports"], plant["sensors"].split("<")[1:]
+    joint = joints[-1]
+    port = u if len(joints) == 1 else "port:" + joint
+    first = "output:" + _name(plant["sensors"], 0)
+    scale, big = plant["force"], rng.uniform(0.7, 1.4)
+    mass, damping = plant["parameters"][1], plant["parameters"][0]
+    drawn = {
+        "none": lambda: Cause([], None),
+        "friction": lambda: Cause(FRICTION, u, joint=joints[0], force=("dry", 0.12 * big * scale)),
+        "smooth-friction": lambda: Cause(
+            ["coulomb-friction", "stick-friction"], u, joint=joints[0],
+            force=lambda d, v, t, f=0.15 * big * scale: -f * np.tanh(v / 0.15),
+        ),
+        "stiffening": lambda: Cause(
+            ["cubic-stiffness"], port, joint=joint,
+            force=lambda d, v, t, k=(400 if joint == "elastic" else 8.0) * big * scale: -k * d**3,
+        ),
+        "stop": lambda: Cause(["end-stop"], port, joint=joint, force=("stop", 400 * scale, 2 * scale)),
+        "damping": lambda: Cause(
+            ["simulator-parameter", "added-damping"], ["parameter:" + damping, u],
+            numbers=dict(d=plant["numbers"]["d"] * rng.choice([0.6, 1.7])),
+        ),
+        "mass": lambda: Cause(
+            ["simulator-parameter", "added-mass"], ["parameter:" + mass, port],
+            numbers=dict(m=plant["numbers"]["m"] * rng.choice([0.8, 1.3])),
+        ),
+        "gain": lambda: Cause(["actuator-gain"], u, command=lambda c, g=1 + 0.2 * big: g * c),
+        "saturation": lambda: Cause(
+            ["actuator-saturation"], u, command=lambda c, a=0.9 * big * scale: a * np.tanh(c / a)
+        ),
+        "dead-zone": lambda: Cause(
+            ["actuator-dead-zone"], u,
+            command=lambda c, z=0.25 * big * scale: np.sign(c) * np.maximum(np.abs(c) - z, 0),
+        ),
+        "lag": lambda: Cause(["actuator-lag"], u, command=lagged(5.0 * big)),
+        "delay": lambda: Cause(["actuator-delay"], u, command=delayed(0.02 * big)),
+        "sensor-delay": lambda: Cause(["sensor-delay"], first, sense=late(3, 0)),
+        "sensor-gain": lambda: Cause(
+            ["sensor-gain"], first, sense=lambda y, g=1.15: np.hstack([g * y[:, :1], y[:, 1:]])
+        ),
+        "offset": lambda: Cause(["sensor-offset"], first, sense=lambda y, o=0.04 * big: y + o * np.eye(y.shape[1])[0]),
+        # Neither an effect nor a parameter: a payload that falls off and is picked up again.
+        "slips": lambda: Cause(
+            None, None, joint=joints[0],
+            force=lambda d, v, t, f=0.35 * scale: f * (1 if int(1.7 * t) % 3 == 0 else 0) * np.sign(np.sin(9 * t * t)),
+        ),
+    }
+    if kind == "sensor-delay" and len(outputs) < 2 or kind == "mass" and "m" not in plant["numbers"]:
+        return None
+    return drawn[kind]()
+
+
+KINDS = [
+    "friction", "damping", "lag", "none", "stiffening", "saturation", "mass", "stop", "delay", "slips",
+    "smooth-friction", "gain", "dead-zone", "sensor-delay", "offset", "sensor-gain",
+]
+
+
+def _name(tags, index):
+    return tags.split('name="')[index + 1].split('"')[0]
+
+
+def command(rng, m, level):
+    """Steps of random size and length, smoothed."""
+    u, at = np.zeros((SAMPLES, m)), 0
+    while at < SAMPLES:
+        length = int(rng.integers(6, 40))
+        u[at : at + length] = level * rng.normal(size=m)
+        at += length
+    slow = np.zeros(m)
+    for k in range(SAMPLES):
+        slow = slow + 0.3 * (u[k] - slow)
+        u[k] = slow
+    return u
+
+
+def measure(plant, cause, u, reach):
+    """Runs the truth; `reach` is the displacement that the joint of the cause has without it."""
+    model = mujoco.MjModel.from_xml_string(xml(plant, FINE, **cause.numbers))
+    force = cause.force
+    joint = model.joint(cause.joint).id if cause.joint else None
+    if isinstance(force, tuple) and force[0] == "dry":
+        model.dof_frictionloss[model.jnt_dofadr[joint]] = force[1]
+        force = None
+    elif isinstance(force, tuple):
+        force = stop(0.6 * reach, *force[1:])
+    data = mujoco.MjData(model)
+    repeat = round(1 / (RATE * FINE))
+    fine = np.repeat(u, repeat, axis=0)
+    fine = cause.command(fine) if cause.command else fine
+    y, seen = [], []
+    dof = model.jnt_dofadr[joint] if joint is not None else 0
+    for k, now in enumerate(fine):
+        data.ctrl[:] = now
+        if force is not None:
+            data.qfrc_applied[dof] = force(data.qpos[dof], data.qvel[dof], k * FINE)
+        seen.append(data.qpos[dof])
+        mujoco.mj_step(model, data)
+        if k % repeat == 0:
+            y.append(data.sensordata.copy())
+    y = np.array(y)
+    return (cause.sense(y) if cause.sense else y), np.sqrt(np.mean(np.square(seen)))
+
+
+def write(folder, name, inputs, outputs, u, y):
+    table = np.hstack([u, y])
+    np.savetxt(folder / name, table, delimiter=",", header=",".join(inputs + outputs), comments="", fmt="%.9g")
+
+
+def draw(folder, kind, plant_name, seed):
+    rng = np.random.default_rng(seed)
+    plant = PLANTS[plant_name]
+    cause = causes(kind, plant, rng)
+    if cause is None:
+        return None
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "model.xml").write_text(xml(plant, STEP))
+    inputs = [_name(plant["actuators"], k) for k in range(plant["actuators"].count("name="))]
+    outputs = [_name(plant["sensors"], k) for k in range(plant["sensors"].count("name="))]
+    plain = Cause([], None, joint=cause.joint)
+    levels = [0.5, 1.0, 1.0, 0.0, 1.0]
+    commands = [command(rng, len(inputs), level * plant["force"]) for level in levels]
+    reach = measure(plant, plain, commands[1], 0.0)[1]
+    measured = [measure(plant, cause, u, reach)[0] for u in commands]
+    noise = 0.005 * np.sqrt(np.mean(np.square(measured[1]), axis=0))
+    step = noise  # an encoder that rounds to the noise's size
+    lines = [
+        f"sample_rate_hz = {RATE}", f"inputs = {json.dumps(inputs)}", f"outputs = {json.dumps(outputs)}", "",
+        "[simulator]",
+        "command = " + json.dumps(
+            ["python3", str(EXAMPLES / "mujoco_simulator.py"), "model.xml", "--rate", str(RATE)]
+            + [x for port in plant["ports"] for x in ("--port", port)]
+            + [x for path in plant["parameters"] for x in ("--parameter", path)]
+        ),
+    ]
+    for k, (u, y) in enumerate(zip(commands, measured)):
+        y = np.round((y + noise * rng.normal(size=y.shape)) / step) * step
+        last = k == len(levels) - 1
+        write(folder, "fresh.csv" if last else f"r{k}.csv", inputs, outputs, u, y)
+        if not last:
+            lines += ["", "[[record]]", f'file = "r{k}.csv"'] + (['excitation = "zero"'] if levels[k] == 0 else [])
+    (folder / "case.toml").write_text("\n".join(lines) + "\n")
+    relative = float(np.sqrt(np.mean((1.04 * noise) ** 2 / np.mean(np.square(measured[-1]), axis=0))))
+    place = cause.place if isinstance(cause.place, list) else [cause.place]
+    return dict(kind=kind, plant=plant_name, effects=cause.names, places=place, numbers=cause.numbers, noise=relative)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=pathlib.Path)
+    parser.add_argument("--cases", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    labels, at = {}, 0
+    plants = list(PLANTS)
+    while len(labels) < given.cases:
+        kind, plant = KINDS[at % len(KINDS)], plants[(at // len(KINDS) + at) % len(plants)]
+        label = draw(given.out / f"{len(labels) + 1:03}", kind, plant, given.seed * 1000 + at)
+        at += 1
+        if label is not None:
+            labels[f"{len(labels) + 1:03}"] = label
+    (given.out / "labels.json").write_text(json.dumps(labels, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,100 @@
+//! Diagnosis and prediction with a program as the simulator.
+
+use std::path::Path;
+use std::time::Duration;
+
+use ndarray::Array2;
+use plid::gap::GapError;
+use plid::gap::case::{Case, SimulatorConfig, columns};
+use plid::gap::effects::Library;
+use plid::gap::in_loop::{self, LoopPredictor};
+use plid::model::to_json;
+use plid::report::percent;
+use plid::simulator::Command;
+
+use super::{Failure, Voice, directory, progress::Spinner, table, voice};
+
+/// Starts the simulator of a case.
+pub fn start(simulator: &SimulatorConfig, case: &Path) -> Result<Command, GapError> {
+    let folder = case.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    Ok(Command::start(&simulator.command, folder, Duration::from_secs_f64(simulator.patience_s))?)
+}
+
+/// Diagnoses a case with its program, and writes the answer into a folder.
+pub fn diagnose(
+    case: &Case,
+    simulator: &SimulatorConfig,
+    library: &Library,
+    file: &Path,
+    out: &Path,
+    voice: Voice,
+) -> Result<(), Failure> {
+    let outcome = directory::with(out, || {
+        let mut simulator = start(simulator, file)?;
+        let spinner = Spinner::new(voice.quiet || voice.json);
+        let outcome = in_loop::diagnose(case, &mut simulator, library, &mut |stage| spinner.say(&stage));
+        spinner.finish();
+        let outcome = outcome?;
+        in_loop::write(&outcome, case, out)?;
+        Ok(outcome)
+    })?;
+    if voice.json {
+        return voice::print(&to_json(&outcome.diagnosis).map_err(Failure::work)?);
+    }
+    if voice.quiet {
+        return Ok(());
+    }
+    voice::print(&format!("{}report: {}\n", outcome.diagnosis.text(), out.join("report.html").display()))
+}
+
+/// Returns whether a sim-with-effect.json belongs to a simulator in the loop.
+pub fn is_of_simulator(simulation: &Path) -> Result<bool, Failure> {
+    let text = std::fs::read(simulation).map_err(|error| Failure::file(simulation, &error))?;
+    let format = serde_json::from_slice::<serde_json::Value>(&text).ok();
+    Ok(format.is_some_and(|json| json["format"] == "simulator-with-effects"))
+}
+
+/// Predicts the outputs for a new input with the program of the diagnosis.
+pub fn predict(
+    simulation: &Path,
+    library: &Library,
+    (input, out): (&Path, &Path),
+    t0: Option<f64>,
+    folder: &Path,
+    voice: Voice,
+) -> Result<(), Failure> {
+    let predictor = LoopPredictor::read(simulation)?;
+    let written = &predictor.written;
+    if written.command.is_empty() {
+        let message = format!("{}: the simulator of this diagnosis was no program", simulation.display());
+        return Err(Failure::input(message));
+    }
+    let t0 = t0.unwrap_or(written.t0);
+    if !t0.is_finite() {
+        return Err(Failure::input(format!("--t0 {t0}: give a time in seconds")));
+    }
+    let names: Vec<String> = written.simulator.inputs.iter().map(|input| input.name.clone()).collect();
+    let record = table::read(input)?;
+    let rate = table::rate(&record, None, written.simulator.rate_hz)?;
+    if rate != written.simulator.rate_hz {
+        let message = format!("{}: {rate} Hz, but the simulator has {}", input.display(), written.simulator.rate_hz);
+        return Err(Failure::input(message));
+    }
+    let u = columns(&table::pick(&record, &names)?);
+    let mut simulator = Command::start(&written.command, folder, Command::PATIENCE).map_err(GapError::from)?;
+    let y = predictor.predict(&mut simulator, library, &u, t0)?;
+    let outputs: Vec<String> = written.simulator.outputs.iter().map(|output| output.name.clone()).collect();
+    let values = Array2::from_shape_fn((y[0].len(), y.len()), |(k, o)| y[o][k]);
+    table::write_csv(out, &outputs, &values)?;
+    if voice.json {
+        let said = serde_json::json!({
+            "out": out, "samples": y[0].len(), "t0": t0, "expected_gap": written.expected_gap,
+        });
+        return voice::print(&format!("{said}\n"));
+    }
+    if voice.quiet {
+        return Ok(());
+    }
+    let gap = percent(written.expected_gap);
+    voice::print(&format!("{} samples from {t0:.3} s on: {}; expected gap {gap}\n", y[0].len(), out.display()))
+}
