@@ -54,8 +54,8 @@ impl<'a> Checked<'a> {
         result.and_then(|y| self.checked(y, samples)).map_err(|source| self.called("", source))
     }
 
-    /// Runs from rest, step by step. `u` holds one value of each input for each step, so that an input may change within
-    /// a sample. `force` gives the force at each port from the motion there: it is called before each step with the
+    /// Runs from rest, step by step. `u` holds one value of each input for each step, so that an input may change
+    /// within a sample. `force` gives the force at each port from the motion there: it is called before each step with the
     /// step's number and the motions (one for each port), and writes the forces. Returns the outputs at the samples.
     ///
     /// # Errors

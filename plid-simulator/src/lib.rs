@@ -10,7 +10,8 @@
 //! | [`Command`] | another program, over its standard input and output |
 //! | [`Linear`] | a linear model with ports, such as a model.json |
 //!
-//! [`check()`] tells what a simulator does not honour. [`Checked`] wraps any of them: it checks what comes back, names the call that failed, and counts calls and time.
+//! [`Checked`] wraps any of them: it checks what comes back, names the call that failed, and counts calls and time.
+//! [`check()`] tells what a simulator does not honour.
 //!
 //! ```
 //! use plid_simulator::{Checked, Description, Function, Input, Output};

@@ -6,8 +6,6 @@ mod shown;
 
 use std::cell::OnceCell;
 
-use plid_data::nearest;
-
 use crate::answer::schema::{Diagnosis, SimulationWithEffects};
 use crate::audit::{Audit, audit};
 use crate::case::Case;
@@ -17,7 +15,7 @@ use crate::effects::Library;
 use crate::error::GapError;
 use crate::fit::refit::{self, Refit, refit};
 use crate::prepare::{Prepared, prepare};
-use crate::search::rules::Rules;
+use crate::search::rules::{Rules, require_names};
 use crate::search::stepwise::SearchStage;
 use crate::search::stochastic::stochastic_effects;
 use crate::settings::step::Step;
@@ -72,7 +70,7 @@ impl<'a> Groundwork<'a> {
         let audit = audit(case, library, off, say)?;
         say("preparing".into());
         let mut ready = prepare(model(&audit)?, &audit.case.records, &audit.known)?;
-        known_names(&audit.case, library, &ready)?;
+        require_names(&audit.case.config, library.effects(), &ready.problem.setting)?;
         say("bounded refit".into());
         let refitted = refit(&ready.problem, refit::STEPS);
         ready.renew_missing(&refitted.eta);
@@ -103,25 +101,6 @@ impl<'a> Groundwork<'a> {
     pub fn leave_out(&self, without: &[String], say: &mut dyn FnMut(String)) -> Result<Outcome, GapError> {
         finish(self, &self.audit.without(self.case, self.library, without)?, without, say)
     }
-}
-
-/// Refuses unknown names in `suspects` or `exclude`: a typing error would go unnoticed.
-fn known_names(case: &Case, library: &Library, ready: &Prepared) -> Result<(), GapError> {
-    let setting = &ready.problem.setting;
-    let places = library.effects().flat_map(|effect| effect.places(setting));
-    let mut names: Vec<String> = places.map(|place| place.location(&setting.names)).collect();
-    names.extend(library.effects().map(|effect| effect.name().to_string()));
-    // A missing mode and a line may have any frequency.
-    let is_frequency = |name: &str| {
-        let hz = name.strip_prefix("mode:").or(name.strip_prefix("freq:"));
-        hz.is_some_and(|hz| hz.parse::<f64>().is_ok())
-    };
-    for (key, said) in [("suspects", &case.config.suspects), ("exclude", &case.config.exclude)] {
-        if let Some(name) = said.iter().find(|name| !names.contains(name) && !is_frequency(name)) {
-            return Err(GapError::Name { key, name: name.clone(), suggestion: nearest(name, &names) });
-        }
-    }
-    Ok(())
 }
 
 fn model(audit: &Audit) -> Result<&plid_model::Model, GapError> {

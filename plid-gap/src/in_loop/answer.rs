@@ -228,7 +228,8 @@ pub(super) fn sentence(
                 }
             };
             format!(
-                "{} ({:.0} % sure): with {them} the gap on {records} falls from {course}, and {noise} is noise.{others}",
+                "{} ({:.0} % sure): with {them} the gap on {records} falls from {course}, and {noise} is \
+                noise.{others}",
                 capital(&all.join(" and ")),
                 100.0 * sure
             )

@@ -117,8 +117,8 @@ fn solve(f: impl Fn(f64) -> f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// Returns the force of dry friction: that of sliding, unless it would reverse the motion; then the force that stops the
-/// port, as far as the friction reaches.
+/// Returns the force of dry friction: that of sliding, unless it would reverse the motion; then the force that stops
+/// the port, as far as the friction reaches.
 fn held(law: &dyn Force, state: f64, most: f64, d: f64, v: f64, free: f64, mobility: f64) -> f64 {
     let slides = law.force(d, v, state);
     if v != 0.0 && (free + mobility * slides) * v > 0.0 {

@@ -1,5 +1,6 @@
 //! Which explanation the records prefer, and how sure that is.
 
+use crate::case::record::{Channels, rms};
 use crate::effects::Place;
 use crate::fit::candidate::{all_same, same};
 use crate::fit::problem::Placed;
@@ -16,28 +17,66 @@ pub(super) struct Evidence {
     pub z: f64,
 }
 
-/// Number of groups of frequencies. It is prime, so that the lines of a periodic input fall into all groups.
+/// Number of groups of frequencies, and of stretches of each record. It is prime, so that the lines of a periodic input
+/// fall into all groups.
 const GROUPS: usize = 23;
 
 /// Compares two explanations. No explanation of real records is exact, so what both leave is no noise, and the
 /// difference of their sums of squares scatters more than that of two likelihoods. The scatter is therefore estimated
-/// from groups of frequencies, each spread over the whole band like the teeth of a comb (Vuong, Econometrica 57, 1989).
-/// Each whitened value r counts as ln(1 + r^2), a likelihood with heavy tails: otherwise the few frequencies at which
-/// most of the power lies would be the only units of evidence.
+/// from parts of the records (Vuong, Econometrica 57, 1989). Each value r counts as ln(1 + r^2), a likelihood with
+/// heavy tails: otherwise the few values with most of the power would be the only units of evidence.
+///
+/// The parts are groups of frequencies, each spread over the whole band like the teeth of a comb, or stretches of time,
+/// whichever tell the explanations apart. An offset lies at one frequency and at all times, and a delay at all
+/// frequencies.
 pub(super) fn evidence(problem: &Problem, better: &Fit, worse: &Fit) -> Evidence {
+    let z = over_frequencies(problem, better, worse).max(over_time(problem, better, worse));
+    Evidence { difference: worse.cost - better.cost, z }
+}
+
+fn over_frequencies(problem: &Problem, better: &Fit, worse: &Fit) -> f64 {
     let rows = problem.rows();
     // Real and imaginary parts of all outputs at one frequency.
     let together = 2 * problem.setting.plant.p;
-    let mut each = [0.0; GROUPS];
+    let mut each = vec![0.0; GROUPS];
     for (row, (worse, better)) in worse.residual[..rows].iter().zip(&better.residual).enumerate() {
-        each[row / together % GROUPS] += (1.0 + worse * worse).ln() - (1.0 + better * better).ln();
+        each[row / together % GROUPS] += heavy(*worse) - heavy(*better);
     }
-    let count = GROUPS as f64;
+    clear(&each)
+}
+
+fn over_time(problem: &Problem, better: &Fit, worse: &Fit) -> f64 {
+    let errors = |fit: &Fit| -> Vec<Channels> {
+        problem.records.iter().zip(&fit.simulated).map(|(record, y)| record.error(y)).collect()
+    };
+    let (better, worse) = (errors(better), errors(worse));
+    let scale = |o: usize| rms(better.iter().flat_map(|error| &error[o])).max(f64::MIN_POSITIVE);
+    let scales: Vec<f64> = (0..problem.setting.plant.p).map(scale).collect();
+    let mut each = Vec::new();
+    for (better, worse) in better.iter().zip(&worse) {
+        let samples = better[0].len();
+        for stretch in 0..GROUPS.min(samples) {
+            let (from, to) = (stretch * samples / GROUPS, (stretch + 1) * samples / GROUPS);
+            let of = |error: &Channels| -> f64 {
+                error.iter().zip(&scales).flat_map(|(e, scale)| e[from..to].iter().map(move |e| heavy(e / scale))).sum()
+            };
+            each.push(of(worse) - of(better));
+        }
+    }
+    clear(&each)
+}
+
+fn heavy(r: f64) -> f64 {
+    (1.0 + r * r).ln()
+}
+
+/// Returns the sum of independent parts over its standard deviation.
+fn clear(each: &[f64]) -> f64 {
+    let count = each.len() as f64;
     let mean = each.iter().sum::<f64>() / count;
     let scatter: f64 = each.iter().map(|x| (x - mean).powi(2)).sum();
     let std = (scatter * count / (count - 1.0)).sqrt();
-    let z = if std > 0.0 { count * mean / std } else { 0.0 };
-    Evidence { difference: worse.cost - better.cost, z }
+    if std > 0.0 { count * mean / std } else { 0.0 }
 }
 
 /// The judgement of a search.

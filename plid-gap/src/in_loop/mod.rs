@@ -49,7 +49,7 @@ use crate::in_loop::survey::{Survey, survey};
 use crate::judge::gap::{self, Blocks};
 use crate::judge::locate;
 use crate::judge::verdict::Verdict;
-use crate::search::rules::{Rules, Scope};
+use crate::search::rules::{Rules, Scope, require_names};
 
 /// The result of a diagnosis with a simulator in the loop.
 pub struct LoopOutcome {
@@ -121,6 +121,7 @@ pub fn diagnose(
     let rules = Rules { suspects: &case.config.suspects, exclude: &case.config.exclude, without: &[] };
     let effects: Vec<&dyn Effect> =
         library.effects().chain(parameters.iter().map(|parameter| parameter as &dyn Effect)).collect();
+    require_names(&case.config, effects.iter().copied(), &setting)?;
     let scope = Scope {
         library,
         rules: &rules,

@@ -73,6 +73,13 @@ fn what_wraps_around_the_simulator_is_named() {
     assert!(["actuator-lag", "actuator-delay"].contains(&first(&lag).0), "{}", lag.diagnosis.sentence);
 }
 
+/// An offset lies at a single frequency.
+#[test]
+fn an_offset_is_named() {
+    let offset = diagnosed(&case(&NOMINAL, nothing, same, |y| y[1].iter_mut().for_each(|y| *y += 0.02)));
+    assert_eq!(first(&offset), ("sensor-offset", "output:link"));
+}
+
 #[test]
 fn a_parameter_of_the_simulator_is_named_with_its_value() {
     let numbers = Numbers { damper: 1.4 * NOMINAL.damper, ..NOMINAL };
@@ -98,4 +105,79 @@ fn what_the_vocabulary_lacks_is_kept_open() {
     });
     assert_ne!(outcome.diagnosis.verdict, Verdict::None);
     assert!(outcome.diagnosis.effects.iter().all(|effect| effect.confidence < 0.9), "{}", outcome.diagnosis.sentence);
+}
+
+/// The error of a case with the arm as the simulator.
+fn refused(change: fn(&mut Case)) -> String {
+    let mut case = case(&NOMINAL, nothing, same, as_it_is);
+    change(&mut case);
+    diagnose(&case, &mut Arm::new(), &Library::standard(), &mut |_| {}).err().unwrap().to_string()
+}
+
+#[test]
+fn what_does_not_fit_the_simulator_is_refused() {
+    let names = refused(|case| case.config.outputs[1] = "lnik".into());
+    assert!(names.contains("outputs") && names.contains("lnik") && names.contains("link"), "{names}");
+    let rate = refused(|case| case.config.sample_rate_hz = 100.0);
+    assert!(rate.contains("sample_rate_hz") && rate.contains("200"), "{rate}");
+    let moving = refused(|case| case.records[1].from_rest = false);
+    assert!(moving.contains("r1") && moving.contains("begins at rest"), "{moving}");
+    let excluded = refused(|case| case.config.exclude = vec!["parameter:motor dampr".into()]);
+    assert!(excluded.contains("did you mean `parameter:motor damper`"), "{excluded}");
+    let limit = refused(|case| {
+        let limits = [("sprnig".to_string(), 1.0)].into();
+        let command = vec!["arm".into()];
+        case.config.simulator = Some(crate::case::SimulatorConfig { command, patience_s: 1.0, limits });
+    });
+    assert!(limit.contains("no parameter `sprnig`; did you mean `spring`"), "{limit}");
+}
+
+/// A parameter within its limit is no cause; the same error without a limit is one.
+#[test]
+fn a_parameter_within_its_limit_is_no_cause() {
+    let numbers = Numbers { damper: 1.08 * NOMINAL.damper, ..NOMINAL };
+    let mut limited = case(&numbers, nothing, same, as_it_is);
+    let open = diagnosed(&limited);
+    assert_eq!(first(&open).0, "simulator-parameter", "{}", open.diagnosis.sentence);
+    let limits = [("motor damper".to_string(), 0.2 * NOMINAL.damper)].into();
+    limited.config.simulator =
+        Some(crate::case::SimulatorConfig { command: vec!["arm".into()], patience_s: 1.0, limits });
+    let closed = diagnosed(&limited);
+    assert_eq!(closed.diagnosis.verdict, Verdict::None, "{}", closed.diagnosis.sentence);
+    let [from, to, z] = closed.diagnosis.refit["parameter:motor damper"];
+    assert!((to / numbers.damper - 1.0).abs() < 0.02 && from == NOMINAL.damper && z < 1.0, "{to}, {z}");
+}
+
+/// A bound on the runs is kept, and said.
+#[test]
+fn a_bound_on_the_runs_is_kept() {
+    let mut case = case(&NOMINAL, |x, _, _| [-0.1 * (x[2] / 0.1).tanh(), 0.0, 0.0], same, as_it_is);
+    case.config.settings.in_loop.calls = 60;
+    let outcome = diagnosed(&case);
+    // A fit that has begun is finished.
+    assert!(outcome.diagnosis.simulator.cut_short && outcome.diagnosis.simulator.runs < 130);
+}
+
+/// What is written predicts a new input, with the effects and the parameters.
+#[test]
+fn the_answer_predicts_what_it_has_not_seen() {
+    let damped = case(&Numbers { damper: 1.4 * NOMINAL.damper, ..NOMINAL }, nothing, same, as_it_is);
+    let stiffening = case(&NOMINAL, |x, _, _| [0.0, -6.0 * x[1].powi(3), 0.0], same, as_it_is);
+    for case in [damped, stiffening] {
+        let outcome = diagnosed(&case);
+        let folder = tempfile::tempdir().unwrap();
+        write(&outcome, &case, folder.path()).unwrap();
+        let predictor = LoopPredictor::read(&folder.path().join("sim-with-effect.json")).unwrap();
+        let fresh = &case.records[2];
+        let y = predictor.predict(&mut Arm::new(), &Library::standard(), &fresh.u, fresh.start_s).unwrap();
+        let gap = Blocks::new(&fresh.y, &y, 0).gap();
+        assert!(gap < 1.5 * outcome.diagnosis.gap.noise_floor, "{gap}");
+        assert!(std::fs::read_to_string(folder.path().join("report.html")).unwrap().contains("<svg"));
+        // Another simulator is refused.
+        let output = plid_simulator::Output::new("y");
+        let description = Description::new("other", 200.0, Vec::new(), vec![output]);
+        let mut other = plid_simulator::Function::new(description, |_: &[f64], _: &[Vec<f64>]| Ok(Vec::new()));
+        let message = predictor.predict(&mut other, &Library::standard(), &fresh.u, 0.0).unwrap_err().to_string();
+        assert!(message.contains("other inputs"), "{message}");
+    }
 }

@@ -1,6 +1,10 @@
 //! The engineer's prior knowledge of the effects.
 
-use crate::effects::{Effect, Library, Names, Observation};
+use plid_data::nearest;
+
+use crate::case::CaseConfig;
+use crate::effects::{Effect, Library, Names, Observation, Setting};
+use crate::error::GapError;
 use crate::fit::problem::Placed;
 use crate::settings::SearchSettings;
 use crate::settings::step::Step;
@@ -37,6 +41,33 @@ impl Rules<'_> {
     pub(crate) fn suspects(&self, placed: &Placed, names: &Names) -> bool {
         self.suspects.iter().any(|word| means(word, placed, names))
     }
+}
+
+/// Checks that every suspicion and every exclusion names an effect or a location.
+///
+/// # Errors
+/// [`GapError::Name`] with the most similar name.
+pub(crate) fn require_names<'e>(
+    config: &CaseConfig,
+    effects: impl Iterator<Item = &'e dyn Effect>,
+    setting: &Setting,
+) -> Result<(), GapError> {
+    let mut names: Vec<String> = Vec::new();
+    for effect in effects {
+        names.push(effect.name().to_string());
+        names.extend(effect.places(setting).iter().map(|place| place.location(&setting.names)));
+    }
+    // A missing mode and a line may have any frequency.
+    let is_frequency = |name: &str| {
+        let hz = name.strip_prefix("mode:").or(name.strip_prefix("freq:"));
+        hz.is_some_and(|hz| hz.parse::<f64>().is_ok())
+    };
+    for (key, said) in [("suspects", &config.suspects), ("exclude", &config.exclude)] {
+        if let Some(name) = said.iter().find(|name| !names.contains(name) && !is_frequency(name)) {
+            return Err(GapError::Name { key, name: name.clone(), suggestion: nearest(name, &names) });
+        }
+    }
+    Ok(())
 }
 
 fn means(word: &str, placed: &Placed, names: &Names) -> bool {

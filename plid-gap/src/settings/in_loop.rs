@@ -25,8 +25,8 @@ group! {
         refined: usize = 3, "1", 1.0..=100.0;
         /// Largest number of effects of an explanation.
         effects: usize = 2, "1", 1.0..=10.0;
-        /// Share of the material gap that a further effect must close, in amplitude. A smaller one may be there, but it is
-        /// also what a foreign integrator's error looks like.
+        /// Share of the material gap that a further effect must close, in amplitude. A smaller one may be there, but it
+        /// is also what a foreign integrator's error looks like.
         least_material: f64 = 0.5, "1", 0.0..=1.0;
         /// Standard deviations between two explanations from which the records separate them (Vuong 1989).
         clear: f64 = 3.0, "1", 0.0..=100.0;

@@ -3,11 +3,12 @@
 //! The program says what it has in one line of JSON, the [`Description`] with `"protocol": 1`. Then it answers requests
 //! until its standard input ends (docs/simulator-protocol.md):
 //!
-//! | request | answer |
-//! |---|---|
-//! | `{"run": {"parameters": [..], "samples": N}}` and a newline; then N times the m inputs | `{"ok": true}` and a newline; then N times the p outputs |
-//! | `{"start": {"parameters": [..]}}` and a newline | `{"ok": true}` and a newline; then displacement and velocity of each port |
-//! | the byte `s`; then the m inputs and the force at each port | the byte `s`; then the p outputs, and displacement and velocity of each port |
+//! - `{"run": {"parameters": [..], "samples": N}}`, a newline and N times the m inputs; the answer is `{"ok": true}`, a
+//!   newline and N times the p outputs.
+//! - `{"start": {"parameters": [..]}}` and a newline; the answer is `{"ok": true}`, a newline, and displacement and
+//!   velocity of each port.
+//! - The byte `s`, the m inputs and the force at each port, for one step; the answer is the byte `s`, the p outputs, and
+//!   displacement and velocity of each port.
 //!
 //! Numbers are binary, eight bytes each, little endian. Instead of any answer the program may write
 //! `{"error": "why"}` and a newline. Its standard error is kept, and its end is part of every message of a failure.
@@ -55,7 +56,7 @@ enum Request<'r> {
 #[derive(Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum Answer {
-    Ok(#[allow(dead_code)] bool),
+    Ok(bool),
     Error(String),
 }
 
@@ -94,7 +95,8 @@ impl Command {
         let line = self.process.answering(|input| line(input))?;
         match parsed(&line).map_err(|message| self.process.failed(message))? {
             Answer::Error(message) => Err(SimulatorError::failed(message)),
-            Answer::Ok(_) => {
+            Answer::Ok(false) => Err(self.process.failed("it answered that a request failed, without a reason".into())),
+            Answer::Ok(true) => {
                 let mut bytes = vec![0; 8 * numbers];
                 self.process.answering(|input| input.read_exact(&mut bytes))?;
                 Ok(bytes.chunks_exact(8).map(number).collect())
