@@ -200,10 +200,12 @@ impl Identification {
         let settings = Settings::of_unique_form(&form, 1.0, 1.0);
         let expectations = self.variant.expectations;
         let bank = Bank { form: form.clone(), settings, expectations, sensor: None, actuator: vec![0.0; m] };
+        let progress = |done, planned| (watch.progress)(states, done, planned);
+        // Views that live no longer than what watches.
+        let samples = Samples { inputs: samples.inputs.view(), outputs: samples.outputs.view(), ..samples };
         let split = Split::new(&[samples], LEARNING_SHARE);
         let memory = Memory::default();
-        let progress = |done, planned| (watch.progress)(states, done, planned);
-        let tuned = tune(&bank, &mut Search { split, progress: &progress, may_go_on: watch.may_go_on, memory })?;
+        let tuned = tune(&bank, &mut Search { split, progress: &progress, may_go_on: &|| (watch.may_go_on)(), memory })?;
         Ok(Found { form, settings: bank.settings, tuned })
     }
 

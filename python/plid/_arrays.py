@@ -17,11 +17,11 @@ class Channels(NamedTuple):
     names: list[str]
 
 
-def channels(data: Any, name: str, missing: bool = False) -> Channels:
+def channels(data: Any, name: str, missing: bool = False, letter: str | None = None) -> Channels:
     """Return an array or a data frame as samples x channels.
 
-    `name` is the name of the argument, "u" or "y", and of channels without a name: u1, u2, ... NaN is accepted if
-    `missing`.
+    `name` is that of the argument. Channels without a name are `letter`, or else `name`, with a number: u1, u2, ... NaN
+    is accepted if `missing`.
     """
     array = numbers(data, name)
     if array.ndim == 1:
@@ -31,7 +31,7 @@ def channels(data: Any, name: str, missing: bool = False) -> Channels:
     samples, count = array.shape
     if samples == 0 or count == 0:
         raise ValueError(f"{name} has the shape {array.shape}: it is empty")
-    names = names_of(data, name, count)
+    names = names_of(data, letter or name, count)
     repeated = next((one for one in names if names.count(one) > 1), None)
     if repeated is not None:
         raise ValueError(f"{name} has two channels named {repeated!r}")
@@ -49,20 +49,19 @@ def numbers(data: Any, name: str) -> Array:
     """Return data as float64, or say what it is instead."""
     array = np.asarray(data)
     if array.dtype.kind not in "fiub":
-        kinds = getattr(data, "dtypes", None)
-        column = next((f"column {c!r} has dtype {k}" for c, k in zip(data.columns, kinds) if k.kind not in "fiub"), "") \
-            if hasattr(data, "columns") else ""
-        raise TypeError(f"{name} holds {array.dtype}, expected real numbers{'; ' + column if column else ''}")
+        columns = zip(getattr(data, "columns", ()), getattr(data, "dtypes", ()))
+        wrong = [f"; column {column!r} has dtype {kind}" for column, kind in columns if kind.kind not in "fiub"]
+        raise TypeError(f"{name} holds {array.dtype}, expected real numbers{''.join(wrong[:1])}")
     return np.asarray(array, dtype=np.float64)
 
 
-def names_of(data: Any, name: str, count: int) -> list[str]:
+def names_of(data: Any, letter: str, count: int) -> list[str]:
     """Return the names of the columns of a data frame, the name of a series, or u1, u2, ..."""
     if hasattr(data, "columns"):
         return [str(column) for column in data.columns]
     if hasattr(data, "index") and isinstance(getattr(data, "name", None), str):
         return [data.name]
-    return [f"{name}{k + 1}" for k in range(count)]
+    return [f"{letter}{k + 1}" for k in range(count)]
 
 
 def vector(data: Any, name: str, length: int) -> Array:

@@ -2,10 +2,12 @@
 //! with documentation are in `plid/*.py`.
 
 mod arrays;
+mod diagnose;
 mod errors;
 mod identify;
 mod model;
 mod recursion;
+mod simulator;
 mod variant;
 mod wait;
 
@@ -16,6 +18,8 @@ fn _plid(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<model::Model>()?;
     module.add_class::<recursion::Recursion>()?;
+    module.add_class::<diagnose::Outcome>()?;
+    module.add_function(wrap_pyfunction!(diagnose::diagnose, module)?)?;
     module.add_function(wrap_pyfunction!(identify::identify, module)?)?;
     module.add_function(wrap_pyfunction!(variant::variants, module)?)
 }

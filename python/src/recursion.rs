@@ -4,7 +4,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use numpy::{PyArray1, PyReadonlyArray1, ToPyArray};
 use plid::catalogue::{self, Variant};
-use plid::{NoiseModel, ObservableForm, Settings, ToModel};
+use plid::{ImplicitModel, NoiseModel, ObservableForm, Settings, ToModel};
 use pyo3::prelude::*;
 
 use crate::errors::{of_model, value};
