@@ -73,6 +73,7 @@ def of_arrays(found: dict[str, Any], path: str) -> _plid.Model:
             raise ValueError(f"{path}: there is no {key!r}, so it is no model of plid")
     keys = json.loads(str(np.ravel(found["more"])[0])) if "more" in found else {}
     n = np.atleast_2d(found["A"]).shape[0]
+    keys.setdefault("format", "state-space")
     keys["sample_rate_hz"] = float(np.ravel(found["sample_rate_hz"])[0])
     keys |= {key: np.atleast_2d(found[key]).tolist() for key in MATRICES if key in found}
     keys |= {key: np.ravel(found[key]).tolist() for key in VECTORS if key in found}

@@ -173,7 +173,7 @@ class Model:
 
     def modes(self) -> list[Mode]:
         """Return the modes in order of frequency, with standard deviations where the covariance is known."""
-        return [Mode(hz, damping, *stds, pole, pair) for pole, hz, damping, *stds, pair in self._core.modes()]
+        return [Mode(*mode) for mode in self._core.modes()]
 
     def frequency_response(self, hz: Any) -> FrequencyResponse:
         """Return the frequency response.

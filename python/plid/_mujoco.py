@@ -162,7 +162,7 @@ class _Arm:
         return found
 
     def _id(self, kind: Any, name: str, what: str) -> int:
-        found = self.mujoco.mj_name2id(self.model, kind, name)
+        found = int(self.mujoco.mj_name2id(self.model, kind, name))
         if found < 0:
             raise ValueError(f"the model has no {what} {name!r}")
         return found

@@ -10,8 +10,8 @@ use pyo3::prelude::*;
 use crate::arrays::{Responses, stacked, to_array, to_matrix};
 use crate::errors::{of_model, value};
 
-/// A mode: pole, frequency in Hz, damping ratio, their standard deviations, and whether it oscillates.
-type Mode = (Complex<f64>, f64, f64, Option<f64>, Option<f64>, bool);
+/// A mode: frequency in Hz, damping ratio, their standard deviations, the pole, and whether it oscillates.
+type Mode = (f64, f64, Option<f64>, Option<f64>, Complex<f64>, bool);
 
 /// A model of the library.
 #[pyclass(frozen, module = "plid._plid")]
@@ -116,7 +116,7 @@ impl Model {
     /// The modes in order of frequency.
     fn modes(&self, py: Python<'_>) -> PyResult<Vec<Mode>> {
         let one = |mode: model::Mode, hz_std, damping_std| {
-            (mode.pole, mode.hz, mode.damping, hz_std, damping_std, mode.kind == ModeKind::Oscillatory)
+            (mode.hz, mode.damping, hz_std, damping_std, mode.pole, mode.kind == ModeKind::Oscillatory)
         };
         py.detach(|| {
             if self.has_deviations() {

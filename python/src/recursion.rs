@@ -44,8 +44,7 @@ impl Recursion {
         let (sensor, actuator, state) = noise;
         let form = ObservableForm::new(&indices, actuator.len()).map_err(value)?;
         let noise = NoiseModel::diagonal(&sensor, &actuator, &state);
-        let settings =
-            Settings { parameter_noise, forgetting, ..Settings::of_unique_form(&form, start.0, start.1) };
+        let settings = Settings { parameter_noise, forgetting, ..Settings::of_unique_form(&form, start.0, start.1) };
         let chosen = variant.chosen()?;
         let variant = Variant {
             covariance: chosen.covariance.unwrap_or_default(),

@@ -84,7 +84,7 @@ def test_a_pickle_is_the_same_model(model):
     assert_array_equal(pickle.loads(pickle.dumps(model)).A, model.A)
 
 
-def test_the_program_reads_the_model_and_predicts_the_same(model, data, tmp_path):
+def test_the_program_reads_the_model_and_simulates_the_same(model, data, tmp_path):
     """The Rust program simulates the same record from the same model.json."""
     program = os.environ.get("PLID_PROGRAM") or shutil.which("plid")
     if not program:
@@ -95,7 +95,7 @@ def test_the_program_reads_the_model_and_predicts_the_same(model, data, tmp_path
     header = ",".join(model.inputs)
     np.savetxt(tmp_path / "u.csv", deviations, delimiter=",", header=header, comments="", fmt="%.17g")
     files = ["--model", tmp_path / "model.json", "--input", tmp_path / "u.csv", "--out", tmp_path / "y.csv"]
-    done = subprocess.run([program, "predict", *files], capture_output=True, text=True)
+    done = subprocess.run([program, "simulate", *files], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     expected = np.genfromtxt(tmp_path / "y.csv", delimiter=",", names=True)
     found = model.simulate(u) - model.operating_point[1]
