@@ -43,10 +43,12 @@ def main(picture: str) -> None:
     clean = truth.simulate(u)
     y = clean + 0.02 * clean.std() * random.standard_normal(clean.shape)
 
+    # ANCHOR: identify
     model = plid.identify(u, y, rate=RATE)
     print(model)
     for found, true in zip(model.modes(), truth.modes(), strict=True):
         print(f"{found.hz:8.4f} ± {found.hz_std:.4f} Hz (true {true.hz:8.4f}), damping {found.damping:.4f}")
+    # ANCHOR_END: identify
 
     hz = np.linspace(1.0, 0.5 * RATE, 600)
     found, true = model.frequency_response(hz), truth.frequency_response(hz)

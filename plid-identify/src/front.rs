@@ -205,7 +205,8 @@ impl Identification {
         let samples = Samples { inputs: samples.inputs.view(), outputs: samples.outputs.view(), ..samples };
         let split = Split::new(&[samples], LEARNING_SHARE);
         let memory = Memory::default();
-        let tuned = tune(&bank, &mut Search { split, progress: &progress, may_go_on: &|| (watch.may_go_on)(), memory })?;
+        let tuned =
+            tune(&bank, &mut Search { split, progress: &progress, may_go_on: &|| (watch.may_go_on)(), memory })?;
         Ok(Found { form, settings: bank.settings, tuned })
     }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -156,7 +157,8 @@ class _Arm:
         return np.column_stack([self.data.qpos[self.positions] - start, self.data.qvel[self.velocities]])
 
     def _chosen(self, names: Sequence[str] | None, kind: Any, count: int, what: str) -> list[str]:
-        found = list(names) if names is not None else [self.mujoco.mj_id2name(self.model, kind, k) for k in range(count)]
+        every = (self.mujoco.mj_id2name(self.model, kind, k) for k in range(count))
+        found = list(every if names is None else names)
         if None in found:
             raise ValueError(f"some {what} of the model have no name: name them, or choose with `{what}`")
         return found
@@ -208,4 +210,4 @@ class _Arm:
             return Parameter(own, lower=0.0 if own >= 0.0 else None)
         if not isinstance(given, Parameter):
             return Parameter(float(given))
-        return Parameter(own, given.lower, given.upper, given.limit, given.unit) if given.value != given.value else given
+        return dataclasses.replace(given, value=own) if np.isnan(given.value) else given

@@ -39,6 +39,10 @@ pub fn diagnose(
 ) -> PyResult<Outcome> {
     let description: Description = serde_json::from_str(description).map_err(value)?;
     let config: CaseConfig = serde_json::from_str(options).map_err(value)?;
+    // The records are given apart from the case, so a case without any is no fault.
+    if let Some((key, message)) = config.problems().into_iter().find(|(key, _)| *key != "record") {
+        return Err(value(format!("{key}: {message}")));
+    }
     let records = records.into_iter().map(record).collect();
     let case = Case { config, model: None, records, for_simulation: Vec::new(), warnings: Vec::new() };
     let mut foreign = Foreign::new(description, simulator);

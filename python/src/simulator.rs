@@ -18,8 +18,8 @@ pub struct Raised {
 /// The place where exceptions wait until Rust has returned.
 pub type Shelf = Arc<Mutex<Raised>>;
 
-/// An object with the methods `run(parameters, u)`, `start(parameters)` and `step(u, forces)`, as `plid._simulator` makes
-/// them. Samples are rows of its arrays.
+/// An object with the methods `run(parameters, u)`, `start(parameters)` and `step(u, forces)`, as `plid._simulator`
+/// makes them. Samples are rows of its arrays.
 pub struct Foreign {
     description: Description,
     object: Py<PyAny>,

@@ -181,8 +181,21 @@ def test_records_that_do_not_fit_are_named():
         gap.diagnose([(u, y)], simulator=simulator, rate=2 * RATE)
     with pytest.raises(ValueError, match="empty"):
         gap.diagnose([], simulator=simulator, rate=RATE)
+    with pytest.raises(ValueError, match="band_hz: 10 to 80"):
+        gap.diagnose([(u, y)], simulator=simulator, rate=RATE, band_hz=(10, 80))
+    with pytest.raises(ValueError, match="unknown field `in_lop`"):
+        gap.diagnose([(u, y)], simulator=simulator, rate=RATE, settings={"in_lop": {}})
     with pytest.raises(TypeError, match="neither a function"):
         gap.diagnose([(u, y)], simulator=3, rate=RATE)
+
+
+def test_columns_of_a_data_frame_are_those_of_the_simulator():
+    pandas = pytest.importorskip("pandas", reason="pandas is not installed")
+    u, y = measured(stage)[0]
+    simulator = gap.Simulator(stage, rate=RATE, inputs=["force"], outputs=["x"])
+    frame = pandas.DataFrame(y, columns=["z"])
+    with pytest.raises(ValueError, match=r"records\[0\].y has the columns \['z'\], the simulator has \['x'\]"):
+        gap.diagnose([(u, frame)], simulator=simulator, rate=RATE)
 
 
 SLOW = """
