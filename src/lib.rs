@@ -81,7 +81,7 @@ pub use plid_data as data;
 #[cfg(feature = "gap")]
 #[doc(inline)]
 pub use plid_gap as gap;
-pub use plid_identify::{Identification, IdentificationError, Identified, ToModel, identify};
+pub use plid_identify::{Identification, IdentificationError, Identified, IdentifyError, ToModel, Watch, identify};
 #[cfg(feature = "lab")]
 #[doc(inline)]
 pub use plid_lab as lab;

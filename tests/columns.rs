@@ -43,6 +43,14 @@ fn code_fits() {
     assert!(long.is_empty(), "longer than {COLUMNS} columns: {long:#?}");
 }
 
+/// The Python package and its examples.
+#[test]
+fn python_fits() {
+    let of_package = |line: &String| line.starts_with("python/") || line.starts_with("examples/python/");
+    let long: Vec<String> = long_lines("py", |_| false).into_iter().filter(of_package).collect();
+    assert!(long.is_empty(), "longer than {COLUMNS} columns: {long:#?}");
+}
+
 /// Tables and links cannot be broken.
 #[test]
 fn prose_fits() {

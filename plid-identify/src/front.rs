@@ -43,6 +43,15 @@ pub fn identify(
     Identification::default().run(inputs, outputs, rate)
 }
 
+/// A caller that watches a long identification, from several threads at once.
+#[derive(Clone, Copy)]
+pub struct Watch<'a> {
+    /// Receives the number of states, and the numbers of filters done and planned for it.
+    pub progress: &'a (dyn Fn(usize, usize, usize) + Sync),
+    /// Returns whether to go on.
+    pub may_go_on: &'a (dyn Fn() -> bool + Sync),
+}
+
 /// The options of an identification from arrays.
 ///
 /// The model has no direct feedthrough (D = 0): an input acts on the outputs from the next sample on.
@@ -102,6 +111,20 @@ impl Identification {
         outputs: ArrayView2<'_, f64>,
         rate: f64,
     ) -> Result<Identified, IdentificationError> {
+        self.run_watched(inputs, outputs, rate, Watch { progress: &|_, _, _| (), may_go_on: &|| true })
+    }
+
+    /// As [`Identification::run`], watched by the caller.
+    ///
+    /// # Errors
+    /// As [`Identification::run`]; [`IdentifyError::Interrupted`] if it may not go on.
+    pub fn run_watched(
+        &self,
+        inputs: ArrayView2<'_, f64>,
+        outputs: ArrayView2<'_, f64>,
+        rate: f64,
+        watch: Watch<'_>,
+    ) -> Result<Identified, IdentificationError> {
         if inputs.nrows() != outputs.nrows() {
             return Err(IdentificationError::Lengths { inputs: inputs.nrows(), outputs: outputs.nrows() });
         }
@@ -111,8 +134,8 @@ impl Identification {
         let inputs = with_constant(&scaled_inputs);
         let (inputs, outputs) = (inputs.view(), scaled_outputs.view());
         let samples = Samples { inputs, outputs, nan_is_missing: self.nan_is_missing };
-        let (found, orders) = self.find_order(samples)?;
-        let (plan, done) = self.final_run(samples, found)?;
+        let (found, orders) = self.find_order(samples, watch)?;
+        let (plan, done) = self.final_run(samples, found, watch)?;
         let ratio = innovation_ratio(&plan.form, &plan.noise.sensor, &done.identified, &done.innovations);
         let model = in_channel_units(&plan, &done, ratio, rate, &mut scaling)?;
         let diagonal = |dense: &Dense<f64>| (0..dense.rows()).map(|i| dense.at(i, i)).collect::<Vec<f64>>();
@@ -129,10 +152,14 @@ impl Identification {
     }
 
     /// Tunes the noise covariances for the given order, or for each order until a larger one no longer helps.
-    fn find_order(&self, samples: Samples<'_>) -> Result<(Found, Option<OrderScan>), IdentificationError> {
+    fn find_order(
+        &self,
+        samples: Samples<'_>,
+        watch: Watch<'_>,
+    ) -> Result<(Found, Option<OrderScan>), IdentificationError> {
         let (m, p) = (samples.inputs.ncols(), samples.outputs.ncols());
         if let Some(states) = self.states {
-            return Ok((self.tuned(samples, states)?, None));
+            return Ok((self.tuned(samples, states, watch)?, None));
         }
         let most = samples.len() / (SAMPLES_PER_PARAMETER * (p + m));
         let scored = Split::new(&[samples], LEARNING_SHARE).score.len() * p;
@@ -141,7 +168,7 @@ impl Identification {
         let mut rows: Vec<ScanRow> = Vec::new();
         let (mut best, mut idle, mut failure) = (f64::INFINITY, 0, None);
         for states in ORDERS.into_iter().filter(|&states| states >= p && states <= most) {
-            match self.tuned(samples, states) {
+            match self.tuned(samples, states, watch) {
                 Ok(next) => {
                     let error = next.tuned.best.free_run.unwrap_or(f64::INFINITY).max(EXPLAINED);
                     idle = if slack * error < best { 0 } else { idle + 1 };
@@ -167,29 +194,38 @@ impl Identification {
     }
 
     /// Finds the noise covariances of the model with `states` states.
-    fn tuned(&self, samples: Samples<'_>, states: usize) -> Result<Found, IdentificationError> {
+    fn tuned(&self, samples: Samples<'_>, states: usize, watch: Watch<'_>) -> Result<Found, IdentificationError> {
         let (m, p) = (samples.inputs.ncols(), samples.outputs.ncols());
         let form = ObservableForm::balanced(states, p, m)?;
         let settings = Settings::of_unique_form(&form, 1.0, 1.0);
         let expectations = self.variant.expectations;
         let bank = Bank { form: form.clone(), settings, expectations, sensor: None, actuator: vec![0.0; m] };
+        let progress = |done, planned| (watch.progress)(states, done, planned);
+        // Views that live no longer than what watches.
+        let samples = Samples { inputs: samples.inputs.view(), outputs: samples.outputs.view(), ..samples };
         let split = Split::new(&[samples], LEARNING_SHARE);
         let memory = Memory::default();
-        let tuned = tune(&bank, &mut Search { split, progress: &|_, _| (), may_go_on: &|| true, memory })?;
+        let tuned =
+            tune(&bank, &mut Search { split, progress: &progress, may_go_on: &|| (watch.may_go_on)(), memory })?;
         Ok(Found { form, settings: bank.settings, tuned })
     }
 
     /// Runs the recursion over the whole record.
-    fn final_run(&self, samples: Samples<'_>, found: Found) -> Result<(Plan, Box<RecursionRun>), IdentificationError> {
+    fn final_run(
+        &self,
+        samples: Samples<'_>,
+        found: Found,
+        watch: Watch<'_>,
+    ) -> Result<(Plan, Box<RecursionRun>), IdentificationError> {
         let Found { form, settings, tuned } = found;
         let noise = tuned.noise;
         let conditions = Conditions::of(self.variant.scalar, &settings, &noise, samples.len());
         let variant = self.variant.settle(&conditions);
         let mut plan = Plan { form, noise, settings, variant, passes: 1 };
         let ending = if self.variant.covariance.is_some() {
-            run(&plan, &[samples], None, &mut |_, _| true)
+            run(&plan, &[samples], None, &mut |_, _| (watch.may_go_on)())
         } else {
-            run_or_factor(&mut plan, &[samples], None, &mut |_, _| true).0
+            run_or_factor(&mut plan, &[samples], None, &mut |_, _| (watch.may_go_on)()).0
         };
         match ending? {
             Ending::Done(done) => Ok((plan, done)),
@@ -456,6 +492,20 @@ mod tests {
         }
         assert!((gain(&identified.model) - gain(&plant)).norm() < 1e-6);
         assert_eq!((identified.model.m(), identified.noise.actuator.rows()), (2, 2));
+    }
+
+    #[test]
+    fn a_watched_run_reports_and_can_be_stopped() {
+        let (u, y) = record(3, 600, 0.05);
+        let told = std::sync::atomic::AtomicUsize::new(0);
+        let tell = |states, _, _| told.store(states, std::sync::atomic::Ordering::Relaxed);
+        let options = Identification::default().states(4);
+        let watch = |may_go_on| Watch { progress: &tell, may_go_on };
+        assert!(options.run_watched(u.view(), y.view(), RATE, watch(&|| true)).is_ok());
+        assert_eq!(told.into_inner(), 4);
+        let quiet = Watch { progress: &|_, _, _| (), may_go_on: &|| false };
+        let stopped = options.run_watched(u.view(), y.view(), RATE, quiet).unwrap_err();
+        assert!(matches!(stopped, IdentificationError::Identify(IdentifyError::Interrupted)), "{stopped}");
     }
 
     #[test]

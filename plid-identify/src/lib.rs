@@ -11,7 +11,7 @@ mod recursion;
 mod to_model;
 
 pub use calibration::innovation_ratio;
-pub use front::{Identification, IdentificationError, Identified, identify};
+pub use front::{Identification, IdentificationError, Identified, Watch, identify};
 pub use noise::{Bank, Memory, Point, Search, Split, Trial, Tuned, tune, tune_by};
 pub use order::{OrderScan, ScanRow, scan_orders, search_indices};
 pub use recursion::{Ending, Paused, Plan, RecursionRun, Watcher, run, run_or_factor};

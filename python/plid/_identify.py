@@ -1,0 +1,124 @@
+"""From two arrays to a model."""
+
+from __future__ import annotations
+
+import operator
+import sys
+from collections.abc import Callable
+from typing import Any
+
+from plid import _plid
+from plid._arrays import channels, positive
+from plid._model import Model
+
+
+def variants() -> dict[str, list[str]]:
+    """List the names of all variants.
+
+    Returns
+    -------
+    dict of str to list of str
+        The options `covariance`, `expectations`, `backend` and `scalar` with the names that each takes.
+
+    Examples
+    --------
+    >>> plid.variants()["scalar"]
+    ['f32', 'f64', 'double-double']
+    """
+    return dict(_plid.variants())
+
+
+def identify(
+    u: Any,
+    y: Any,
+    *,
+    rate: float,
+    states: int | None = None,
+    covariance: str | None = None,
+    expectations: str | None = None,
+    backend: str | None = None,
+    scalar: str | None = None,
+    missing: bool = False,
+    progress: Callable[[str], object] | bool | None = None,
+) -> Model:
+    """Identify a linear plant from a record.
+
+    The operating point is identified together with the plant: means need not be removed. Ctrl-C stops the work.
+
+    Parameters
+    ----------
+    u : array_like, shape (samples, m) or (samples,)
+        Inputs, one row per sample. The columns of a pandas data frame name the channels.
+    y : array_like, shape (samples, p) or (samples,)
+        Outputs at the same samples.
+    rate : float
+        Samples per second, in Hz.
+    states : int, optional
+        Number of states. By default several are compared, and the smallest sufficient one is taken.
+    covariance, expectations, backend, scalar : str, optional
+        The variant of the recursion by name; `variants` lists them. By default the recommended one.
+    missing : bool, default False
+        Whether NaN among the outputs is a missing sample. Otherwise it is an error.
+    progress : callable or bool, optional
+        Receives lines of text. By default they go to standard error if it is a terminal; False turns them off.
+
+    Returns
+    -------
+    Model
+        x(k+1) = A x(k) + B u(k), y(k) = C x(k) about the operating point, with the covariance of its parameters.
+
+    Raises
+    ------
+    ValueError
+        For arrays that do not fit each other, constant channels, records that are too short, and unknown names.
+    TypeError
+        For arrays that do not hold real numbers.
+
+    Examples
+    --------
+    >>> model = plid.identify(u, y, rate=100.0, covariance="array-sqrt")
+    >>> [round(mode.hz, 1) for mode in model.modes()]
+    [6.3, 11.9]
+    """
+    inputs, outputs = channels(u, "u"), channels(y, "y", missing)
+    if len(inputs.samples) != len(outputs.samples):
+        raise ValueError(
+            f"u has the shape {inputs.samples.shape} and y {outputs.samples.shape}: "
+            "each sample needs a row of both"
+        )
+    if states is not None and (states := operator.index(states)) < 1:
+        raise ValueError(f"states = {states} is not positive")
+    variant = dict(covariance=covariance, expectations=expectations, backend=backend, scalar=scalar)
+    with listener(progress) as listen:
+        core = _plid.identify(
+            inputs.samples,
+            outputs.samples,
+            positive(rate, "rate"),
+            (inputs.names, outputs.names),
+            variant,
+            states,
+            missing,
+            listen,
+        )
+    return Model(core)
+
+
+class listener:
+    """Who hears of progress: a callable, a line on a terminal, or nobody."""
+
+    def __init__(self, progress: Callable[[str], object] | bool | None) -> None:
+        on_terminal = progress is True or (progress is None and sys.stderr is not None and sys.stderr.isatty())
+        self.line = on_terminal and not callable(progress)
+        self.listen = progress if callable(progress) else self.show if self.line else None
+
+    def show(self, text: str) -> None:
+        """Replace the line on the terminal."""
+        sys.stderr.write(f"\r\x1b[K{text}")
+        sys.stderr.flush()
+
+    def __enter__(self) -> Callable[[str], object] | None:
+        return self.listen
+
+    def __exit__(self, *error: object) -> None:
+        if self.line:
+            self.show("")

@@ -1,0 +1,182 @@
+"""What can be a simulator: a function from inputs to outputs, or an object that takes steps."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from plid._arrays import Array, positive
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """A number of a simulator that may be wrong.
+
+    Attributes
+    ----------
+    value : float
+        Its value in the simulator as given.
+    lower, upper : float, optional
+        Bounds that the simulator needs.
+    limit : float, optional
+        Largest error that is no cause, two standard deviations. Without it any material error is a cause.
+    unit : str, optional
+        Its unit.
+    """
+
+    value: float
+    lower: float | None = None
+    upper: float | None = None
+    limit: float | None = None
+    unit: str | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Port:
+    """A place of a simulator that shows its motion and takes a force.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    input : str, optional
+        The input that acts at the same place.
+    force_unit, displacement_unit : str, optional
+        Units.
+    """
+
+    name: str
+    input: str | None = None
+    force_unit: str | None = None
+    displacement_unit: str | None = None
+
+
+class Simulator:
+    """A simulator for `plid.gap.diagnose`.
+
+    Parameters
+    ----------
+    simulator : callable or object
+        Either a function `u -> y` of arrays (samples, m) and (samples, p), called as `simulator(u, parameters)` if it
+        has parameters, a dict by name. Or an object that takes steps. It has a method `start(parameters)`, which goes
+        to rest and returns the motion at each port, and a method `step(u, forces)`, which holds the inputs (m,) and
+        the forces at the ports over a step. `step` returns the outputs (p,) at the start of the step, and displacement
+        and velocity of each port, shape (ports, 2), at its end. Without ports only the outputs.
+    rate : float
+        Samples per second, in Hz.
+    inputs, outputs : sequence of str
+        Names of the channels. For `outputs`, a dict gives each output's kind, or None: "position", "velocity",
+        "acceleration", "force", "other".
+    parameters : dict, optional
+        The numbers that may be wrong by name, each a number or a `Parameter`.
+    ports : sequence of str or Port, optional
+        Places that take a force, for an object with steps.
+    steps_per_sample : int, default 1
+        Number of steps in a sample.
+    name : str, optional
+        Its name for messages.
+
+    Examples
+    --------
+    >>> simulator = plid.gap.Simulator(my_function, rate=200.0, inputs=["torque"], outputs={"angle": "position"})
+    """
+
+    def __init__(
+        self,
+        simulator: Any,
+        *,
+        rate: float,
+        inputs: Sequence[str],
+        outputs: Sequence[str] | Mapping[str, str | None],
+        parameters: Mapping[str, float | Parameter] | None = None,
+        ports: Sequence[str | Port] = (),
+        steps_per_sample: int = 1,
+        name: str | None = None,
+    ) -> None:
+        self._steps = callable(getattr(simulator, "step", None))
+        if not self._steps and not callable(simulator):
+            raise TypeError(f"simulator is a {type(simulator).__name__}: neither a function nor an object with `step`")
+        if ports and not self._steps:
+            raise TypeError("only a simulator with `step` has ports")
+        self._simulator = simulator
+        self.rate = positive(rate, "rate")
+        self.inputs = list(inputs)
+        kinds = outputs if isinstance(outputs, Mapping) else dict.fromkeys(outputs)
+        self.outputs = list(kinds)
+        given = (parameters or {}).items()
+        self.parameters = {key: p if isinstance(p, Parameter) else Parameter(float(p)) for key, p in given}
+        self.ports = [port if isinstance(port, Port) else Port(port) for port in ports]
+        self.steps_per_sample = int(steps_per_sample) if self._steps else 0
+        self.name = name or getattr(simulator, "__name__", type(simulator).__name__)
+        self._kinds = dict(kinds)
+
+    def description(self) -> str:
+        """Return the description as JSON, as `plid check-simulator` reads it."""
+        return json.dumps(
+            {
+                "name": self.name,
+                "rate_hz": self.rate,
+                "inputs": [{"name": name} for name in self.inputs],
+                "outputs": [known({"name": name, "kind": kind}) for name, kind in self._kinds.items()],
+                "ports": [known(dataclasses.asdict(port)) for port in self.ports],
+                "parameters": [{"name": n} | known(dataclasses.asdict(p)) for n, p in self.parameters.items()],
+                "steps_per_sample": self.steps_per_sample,
+            }
+        )
+
+    def run(self, parameters: Array, u: Array) -> Array:
+        """Simulate from rest: inputs (samples, m) to outputs (samples, p)."""
+        if self._steps:
+            return self._run_by_steps(parameters, u)
+        arguments = (u, self._named(parameters)) if self.parameters else (u,)
+        y = np.asarray(self._simulator(*arguments), dtype=np.float64)
+        if y.ndim == 1:
+            y = y[:, np.newaxis]
+        if y.shape != (len(u), len(self.outputs)):
+            raise ValueError(f"{self.name} returned the shape {y.shape}, expected {(len(u), len(self.outputs))}")
+        return y
+
+    def start(self, parameters: Array) -> Array:
+        """Go to rest; return displacement and velocity of each port, shape (ports, 2)."""
+        start = self._simulator.start
+        takes = len(inspect.signature(start).parameters) > 0
+        found = start(self._named(parameters)) if takes else start()
+        return self._motions(np.zeros((len(self.ports), 2)) if found is None else found)
+
+    def step(self, u: Array, forces: Array) -> tuple[Array, Array]:
+        """Advance by one step; return the outputs at its start and the motions at its end."""
+        found = self._simulator.step(u, forces)
+        y, motions = found if self.ports else (found, np.zeros((0, 2)))
+        y = np.atleast_1d(np.asarray(y, dtype=np.float64))
+        if y.shape != (len(self.outputs),):
+            raise ValueError(f"{self.name}.step returned the shape {y.shape}, expected ({len(self.outputs)},)")
+        return y, self._motions(motions)
+
+    def _run_by_steps(self, parameters: Array, u: Array) -> Array:
+        self.start(parameters)
+        forces = np.zeros(len(self.ports))
+        y = np.empty((len(u), len(self.outputs)))
+        for k, held in enumerate(u):
+            y[k] = self.step(held, forces)[0]
+            for _ in range(self.steps_per_sample - 1):
+                self.step(held, forces)
+        return y
+
+    def _motions(self, found: Any) -> Array:
+        motions = np.asarray(found, dtype=np.float64).reshape(-1, 2) if np.size(found) else np.zeros((0, 2))
+        if motions.shape != (len(self.ports), 2):
+            raise ValueError(f"{self.name} returned motions of shape {motions.shape}, expected ({len(self.ports)}, 2)")
+        return motions
+
+    def _named(self, parameters: Array) -> dict[str, float]:
+        return dict(zip(self.parameters, parameters.tolist(), strict=True))
+
+
+def known(entries: dict[str, Any]) -> dict[str, Any]:
+    """Return the entries that are not None."""
+    return {key: value for key, value in entries.items() if value is not None}

@@ -1,0 +1,138 @@
+//! The diagnosis with a Python simulator in the loop.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+
+use numpy::{PyArray2, PyReadonlyArray2, ToPyArray};
+use plid::gap::GapError;
+use plid::gap::case::{Case, CaseConfig, Excitation, Record};
+use plid::gap::effects::Library;
+use plid::gap::in_loop::{self, LoopOutcome, LoopPredictor};
+use plid_simulator::Description;
+use pyo3::exceptions::{PyOSError, PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+
+use crate::errors::{of_panic, value};
+use crate::simulator::{Foreign, end, ended, reason, rows};
+
+/// A record: its name, inputs and outputs (samples x channels), its start in s, and whether it is held out.
+type Given<'py> = (String, PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>, f64, bool);
+
+/// A finished diagnosis.
+#[pyclass(frozen, module = "plid._plid")]
+pub struct Outcome {
+    outcome: LoopOutcome,
+    case: Case,
+}
+
+/// Diagnoses the gap between records and a simulator. `description` is the JSON of a `Description`, `options` that of a
+/// case file without records.
+#[pyfunction]
+#[pyo3(signature = (records, simulator, description, options, progress))]
+pub fn diagnose(
+    py: Python<'_>,
+    records: Vec<Given<'_>>,
+    simulator: Py<PyAny>,
+    description: &str,
+    options: &str,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Outcome> {
+    let description: Description = serde_json::from_str(description).map_err(value)?;
+    let config: CaseConfig = serde_json::from_str(options).map_err(value)?;
+    // The records are given apart from the case, so a case without any is no fault.
+    if let Some((key, message)) = config.problems().into_iter().find(|(key, _)| *key != "record") {
+        return Err(value(format!("{key}: {message}")));
+    }
+    let records = records.into_iter().map(record).collect();
+    let case = Case { config, model: None, records, for_simulation: Vec::new(), warnings: Vec::new() };
+    let mut foreign = Foreign::new(description, simulator);
+    let shelf = foreign.shelf();
+    let mut say = |line: String| {
+        let told = Python::attach(|py| {
+            py.check_signals()?;
+            progress.as_ref().map_or(Ok(()), |progress| progress.call1(py, (line,)).map(drop))
+        });
+        if let Err(error) = told {
+            end(&shelf, error);
+        }
+    };
+    let work = || in_loop::diagnose(&case, &mut foreign, &Library::standard(), &mut say);
+    let done = py.detach(|| catch_unwind(AssertUnwindSafe(work)));
+    if let Some(error) = ended(&shelf) {
+        return Err(error);
+    }
+    match done {
+        Ok(Ok(outcome)) => Ok(Outcome { outcome, case }),
+        Ok(Err(error)) => Err(reason(py, &shelf, of_gap(&error))),
+        Err(panic) => Err(of_panic(panic.as_ref())),
+    }
+}
+
+fn record((name, u, y, start_s, held_out): Given<'_>) -> Record {
+    let channels = |array: &PyReadonlyArray2<'_, f64>| {
+        array.as_array().columns().into_iter().map(|column| column.to_vec()).collect::<Vec<Vec<f64>>>()
+    };
+    let (u, y) = (channels(&u), channels(&y));
+    let silent = u.iter().flatten().all(|u| *u == 0.0);
+    let excitation = if silent { Excitation::Zero } else { Excitation::Random };
+    Record { name, excitation, from_rest: true, start_s, held_out, u, y, simulated: None }
+}
+
+fn of_gap(error: &GapError) -> PyErr {
+    let text = error.to_string();
+    match error {
+        GapError::Io { .. } => PyOSError::new_err(text),
+        GapError::Simulator(_) => PyRuntimeError::new_err(text),
+        _ => PyValueError::new_err(text),
+    }
+}
+
+#[pymethods]
+impl Outcome {
+    /// The contents of diagnosis.json.
+    fn diagnosis(&self) -> PyResult<String> {
+        plid::model::to_json(&self.outcome.diagnosis).map_err(value)
+    }
+
+    /// The contents of sim-with-effect.json.
+    fn simulation(&self) -> PyResult<String> {
+        plid::model::to_json(&self.outcome.simulation).map_err(value)
+    }
+
+    /// The answer as text, with the parameters and their intervals.
+    fn text(&self) -> String {
+        self.outcome.diagnosis.text()
+    }
+
+    /// Measured, as given and with the effects (samples x outputs each) on the record that the report shows.
+    fn shown<'py>(&self, py: Python<'py>) -> (String, Vec<Bound<'py, PyArray2<f64>>>) {
+        let shown = &self.outcome.shown;
+        (shown.record.clone(), shown.trace.iter().map(|trace| rows(trace).to_pyarray(py)).collect())
+    }
+
+    /// Writes report.html, diagnosis.json and sim-with-effect.json into a folder.
+    fn write(&self, folder: PathBuf) -> PyResult<()> {
+        in_loop::write(&self.outcome, &self.case, &folder).map_err(|error| of_gap(&error))
+    }
+
+    /// Predicts the outputs of the simulator with the effects.
+    fn predict<'py>(
+        &self,
+        py: Python<'py>,
+        simulator: Py<PyAny>,
+        u: PyReadonlyArray2<'py, f64>,
+        t0: Option<f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let written = self.outcome.simulation.clone();
+        let mut foreign = Foreign::new(written.simulator.clone(), simulator);
+        let (shelf, t0) = (foreign.shelf(), t0.unwrap_or(written.t0));
+        let predictor = LoopPredictor::new(written).map_err(value)?;
+        let u: Vec<Vec<f64>> = u.as_array().columns().into_iter().map(|column| column.to_vec()).collect();
+        let work = || predictor.predict(&mut foreign, &Library::standard(), &u, t0);
+        match py.detach(|| catch_unwind(AssertUnwindSafe(work))) {
+            Ok(Ok(y)) => Ok(rows(&y).to_pyarray(py)),
+            Ok(Err(error)) => Err(reason(py, &shelf, of_gap(&error))),
+            Err(panic) => Err(of_panic(panic.as_ref())),
+        }
+    }
+}

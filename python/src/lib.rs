@@ -1,0 +1,25 @@
+//! `plid._plid`: the compiled half of the Python package. It converts arrays, errors and interruptions; the functions
+//! with documentation are in `plid/*.py`.
+
+mod arrays;
+mod diagnose;
+mod errors;
+mod identify;
+mod model;
+mod recursion;
+mod simulator;
+mod variant;
+mod wait;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+fn _plid(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add_class::<model::Model>()?;
+    module.add_class::<recursion::Recursion>()?;
+    module.add_class::<diagnose::Outcome>()?;
+    module.add_function(wrap_pyfunction!(diagnose::diagnose, module)?)?;
+    module.add_function(wrap_pyfunction!(identify::identify, module)?)?;
+    module.add_function(wrap_pyfunction!(variant::variants, module)?)
+}

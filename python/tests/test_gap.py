@@ -1,0 +1,226 @@
+"""Diagnoses with simulators of Python in the loop. The truths have effects that the simulators lack."""
+
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.signal import StateSpace, cont2discrete, lfilter
+
+import plid
+from plid import gap
+
+RATE = 100.0
+# A stage of 2 kg with a spring and a damper: force in N to position in m, held over each sample.
+A, B = np.array([[0.0, 1.0], [-200.0, -4.0]]), np.array([[0.0], [0.5]])
+STEP = cont2discrete((A, B, np.eye(2), np.zeros((2, 1))), 1.0 / RATE)[:2]
+
+
+def command(seed, level, samples=1200):
+    random = np.random.default_rng(seed)
+    steps = np.repeat(random.standard_normal(samples // 8), 8)
+    return level * lfilter([0.4], [1.0, -0.6], steps)
+
+
+def stage(u, gain=1.0):
+    """Simulate the stage without friction."""
+    a, b = STEP
+    x, y = np.zeros(2), np.empty((len(u), 1))
+    for k, force in enumerate(np.ravel(u)):
+        y[k] = x[0]
+        x = a @ x + b[:, 0] * gain * force
+    return y
+
+
+class Stage:
+    """The same, step by step, with a port at the stage."""
+
+    def start(self):
+        self.x = np.zeros(2)
+
+    def step(self, u, forces):
+        a, b = STEP
+        y = self.x[:1]
+        self.x = a @ self.x + b[:, 0] * (u[0] + forces[0])
+        return y, self.x
+
+
+def measured(truth, levels=(4.0, 8.0, 8.0, 0.0)):
+    """Return records of a truth with noise."""
+    records = []
+    for k, level in enumerate(levels):
+        u = command(k, level)[:, None]
+        y = truth(u)
+        records.append((u, y + 1e-4 * np.random.default_rng(50 + k).standard_normal(y.shape)))
+    return records
+
+
+def first(diagnosis):
+    return (diagnosis.effects[0].effect, diagnosis.effects[0].location) if diagnosis.effects else None
+
+
+@pytest.fixture(scope="module")
+def saturated():
+    return gap.diagnose(measured(lambda u: stage(6.0 * np.tanh(u / 6.0))), simulator=stage, rate=RATE, progress=False)
+
+
+def test_a_saturated_command_is_named(saturated):
+    assert first(saturated) == ("actuator-saturation", "input:u1")
+    assert saturated.verdict == "effects" and saturated.gap["shrink"] > 0.8
+    assert "actuator-saturation" in str(saturated) and saturated.sentence in repr(saturated)
+    assert sum(one["probability"] for one in saturated.candidates) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_prediction_has_the_effect(saturated):
+    u = command(9, 8.0)[:, None]
+    truth = stage(6.0 * np.tanh(u / 6.0))
+    found = saturated.predict(u)
+    assert np.std(found - truth) < 0.2 * np.std(stage(u) - truth)
+    with pytest.raises(ValueError, match=r"u has the shape \(5, 2\)"):
+        saturated.predict(np.zeros((5, 2)))
+
+
+def test_a_report_is_written(saturated, tmp_path):
+    page = saturated.report(tmp_path / "out")
+    assert saturated.sentence[:30] in page.read_text()
+    assert {path.name for path in page.parent.iterdir()} == {"report.html", "diagnosis.json", "sim-with-effect.json"}
+
+
+def test_a_notebook_shows_the_answer(saturated):
+    shown = saturated._repr_html_()
+    assert "actuator-saturation at input:u1" in shown and "<table>" in shown and "&" not in saturated.sentence
+
+
+def test_nothing_is_named_where_nothing_is_missing():
+    diagnosis = gap.diagnose(measured(stage), simulator=stage, rate=RATE, progress=False)
+    assert diagnosis.verdict == "none" and diagnosis.effects == []
+
+
+def test_friction_is_named_at_its_port():
+    def rubbed(u):
+        fine = 40
+        h = 1.0 / (RATE * fine)
+        x, y = np.zeros(2), np.empty((len(u), 1))
+        for k, force in enumerate(u[:, 0]):
+            y[k] = x[0]
+            for _ in range(fine):
+                v = x[1] + h * (A[1] @ x + 0.5 * (force - 1.5 * np.tanh(x[1] / 0.002)))
+                x = np.array([x[0] + h * v, v])
+        return y
+
+    port = gap.Port("stage", input="force", force_unit="N", displacement_unit="m")
+    simulator = gap.Simulator(Stage(), rate=RATE, inputs=["force"], outputs={"x": "position"}, ports=[port])
+    lines = []
+    diagnosis = gap.diagnose(measured(rubbed), simulator=simulator, rate=RATE, progress=lines.append)
+    assert first(diagnosis)[0] == "coulomb-friction" and lines
+    force = next(iter(diagnosis.effects[0].parameters.values()))
+    assert 1.0 < force["value"] < 2.0
+
+
+def test_a_wrong_parameter_is_named():
+    diagnosis = gap.diagnose(
+        measured(lambda u: stage(u, 1.3)),
+        simulator=lambda u, parameters: stage(u, parameters["gain"]),
+        rate=RATE,
+        parameters={"gain": gap.Parameter(1.0, lower=0.0)},
+        progress=False,
+    )
+    # A gain of the simulator and one of its command are the same thing.
+    effects = {name for one in diagnosis.candidates for name in [e["effect"] for e in one["effects"]]}
+    assert "simulator-parameter" in effects
+    assert_allclose(diagnosis.predict(command(9, 8.0)[:, None]), stage(command(9, 8.0), 1.3), atol=5e-4)
+
+
+def test_a_system_is_a_simulator():
+    system = StateSpace(A, B, [[1.0, 0.0]], [[0.0]])
+    simulator = gap.from_system(system, rate=RATE)
+    u = command(3, 5.0)[:, None]
+    assert_allclose(simulator.run(np.zeros(0), u), stage(u), atol=1e-12)
+    model = plid.Model.of_matrices(*STEP, [[1.0, 0.0]], rate=RATE)
+    assert_allclose(gap.from_system(model, rate=RATE).run(np.zeros(0), u), stage(u), atol=1e-12)
+    with pytest.raises(ValueError, match="sample rate of 100 Hz, the records 50 Hz"):
+        gap.from_system(model, rate=50.0)
+
+
+def test_a_system_of_python_control_is_a_simulator():
+    control = pytest.importorskip("control", reason="python-control is not installed")
+    system = control.tf([0.5], [1.0, 4.0, 200.0], inputs=["force"], outputs=["x"])
+    simulator = gap.from_system(system, rate=RATE)
+    u = command(3, 5.0)[:, None]
+    assert (simulator.inputs, simulator.outputs) == (["force"], ["x"])
+    assert_allclose(simulator.run(np.zeros(0), u), stage(u), atol=1e-10)
+
+
+def test_what_the_simulator_raises_is_the_cause():
+    def broken(u):
+        raise LookupError("no licence")
+
+    with pytest.raises(RuntimeError, match="no licence") as caught:
+        gap.diagnose(measured(stage), simulator=broken, rate=RATE, progress=False)
+    assert isinstance(caught.value.__cause__, LookupError)
+
+
+def test_a_wrong_answer_of_the_simulator_is_named():
+    with pytest.raises(RuntimeError, match=r"returned the shape \(1199, 1\), expected \(1200, 1\)"):
+        gap.diagnose(measured(stage), simulator=lambda u: stage(u)[1:], rate=RATE, progress=False)
+    with pytest.raises(RuntimeError, match="NaN for output \"y1\" at sample 0"):
+        gap.diagnose(measured(stage), simulator=lambda u: stage(u) * np.nan, rate=RATE, progress=False)
+
+
+def test_records_that_do_not_fit_are_named():
+    u, y = measured(stage)[0]
+    simulator = gap.Simulator(stage, rate=RATE, inputs=["force"], outputs=["x"])
+    with pytest.raises(ValueError, match=r"records\[1\].u has the shape \(1200, 2\)"):
+        gap.diagnose([(u, y), (np.c_[u, u], y)], simulator=simulator, rate=RATE)
+    with pytest.raises(ValueError, match=r"records\[0\] has 1200 rows of u and 1199 of y"):
+        gap.diagnose([(u, y[1:])], simulator=simulator, rate=RATE)
+    with pytest.raises(ValueError, match="sample_rate_hz"):
+        gap.diagnose([(u, y)], simulator=simulator, rate=2 * RATE)
+    with pytest.raises(ValueError, match="empty"):
+        gap.diagnose([], simulator=simulator, rate=RATE)
+    with pytest.raises(ValueError, match="band_hz: 10 to 80"):
+        gap.diagnose([(u, y)], simulator=simulator, rate=RATE, band_hz=(10, 80))
+    with pytest.raises(ValueError, match="unknown field `in_lop`"):
+        gap.diagnose([(u, y)], simulator=simulator, rate=RATE, settings={"in_lop": {}})
+    with pytest.raises(TypeError, match="neither a function"):
+        gap.diagnose([(u, y)], simulator=3, rate=RATE)
+
+
+def test_columns_of_a_data_frame_are_those_of_the_simulator():
+    pandas = pytest.importorskip("pandas", reason="pandas is not installed")
+    u, y = measured(stage)[0]
+    simulator = gap.Simulator(stage, rate=RATE, inputs=["force"], outputs=["x"])
+    frame = pandas.DataFrame(y, columns=["z"])
+    with pytest.raises(ValueError, match=r"records\[0\].y has the columns \['z'\], the simulator has \['x'\]"):
+        gap.diagnose([(u, frame)], simulator=simulator, rate=RATE)
+
+
+SLOW = """
+import time, numpy as np
+from plid import gap
+def slow(u):
+    print("runs", flush=True)
+    time.sleep(0.2)
+    return np.cumsum(u, axis=0)
+u = np.random.default_rng(0).standard_normal((800, 1))
+try:
+    gap.diagnose([(u, np.cumsum(np.tanh(u), axis=0))], simulator=slow, rate=100.0)
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGINT between processes")
+def test_ctrl_c_ends_a_diagnosis():
+    process = subprocess.Popen([sys.executable, "-c", SLOW], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout.readline() == "runs\n"
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        rest, _ = process.communicate(timeout=20)
+        assert rest.endswith("interrupted\n") and rest.count("runs") < 10
+    finally:
+        process.kill()

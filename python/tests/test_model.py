@@ -1,0 +1,139 @@
+"""Models: analysis, conversions and files."""
+
+import json
+import os
+import pickle
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from conftest import RATE, plant
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.io import loadmat, savemat
+from scipy.signal import dlsim
+
+import plid
+
+
+@pytest.fixture
+def exact():
+    return plid.Model.of_matrices(*plant(), rate=RATE)
+
+
+def test_a_simulation_agrees_with_scipy(exact):
+    u = np.random.default_rng(2).standard_normal((300, 2))
+    expected = dlsim(exact.to_scipy(), u)[1]
+    assert_allclose(exact.simulate(u), expected, rtol=0, atol=1e-12)
+
+
+def test_a_state_begins_a_simulation(exact):
+    a, _, c, _ = plant()
+    state = np.array([1.0, -1.0, 0.5, 2.0])
+    found = exact.simulate(np.zeros((3, 2)), state=state)
+    assert_allclose(found, [c @ state, c @ a @ state, c @ a @ a @ state], atol=1e-14)
+
+
+def test_modes_are_those_of_the_closed_form(exact):
+    for mode, (radius, angle) in zip(exact.modes(), ((0.97, 0.6), (0.95, 1.3)), strict=True):
+        s = RATE * (np.log(radius) + 1j * angle)
+        assert_allclose([mode.hz, mode.damping], [abs(s) / 2 / np.pi, -s.real / abs(s)], rtol=1e-12)
+        assert_allclose(mode.pole, radius * np.exp(1j * angle), rtol=1e-12)
+        assert mode.hz_std is None and mode.damping_std is None
+
+
+def test_a_model_of_python_control_has_names_and_the_same_response(model):
+    control = pytest.importorskip("control", reason="python-control is not installed")
+    other = model.to_control()
+    assert isinstance(other, control.StateSpace) and other.input_labels == model.inputs
+    hz = np.array([1.0, 7.0])
+    expected = np.moveaxis(other(np.exp(2j * np.pi * hz / RATE)), -1, 0)
+    assert_allclose(model.frequency_response(hz).response, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("ending", [".json", ".npz", ".mat"])
+def test_files_keep_every_bit(model, tmp_path, ending):
+    path = tmp_path / f"model{ending}"
+    model.save(path)
+    found = plid.Model.load(path)
+    for name in "ABCD":
+        assert_array_equal(getattr(found, name), getattr(model, name))
+    assert_array_equal(found.parameter_covariance, model.parameter_covariance)
+    assert (found.rate, found.inputs, found.outputs) == (model.rate, model.inputs, model.outputs)
+    assert found.provenance == model.provenance
+    assert [m.hz_std for m in found.modes()] == [m.hz_std for m in model.modes()]
+
+
+def test_a_model_of_one_state_survives_matlab(tmp_path):
+    one = plid.Model.of_matrices([[0.5]], [[1.0]], [[2.0]], rate=10.0)
+    one.save(tmp_path / "one.mat")
+    assert_array_equal(plid.Model.load(tmp_path / "one.mat").C, [[2.0]])
+
+
+def test_a_mat_file_without_names_is_read(tmp_path):
+    a, b, c, d = plant()
+    savemat(tmp_path / "own.mat", dict(A=a, B=b, C=c, D=d, sample_rate_hz=RATE))
+    assert plid.Model.load(tmp_path / "own.mat").inputs == ["u1", "u2"]
+    assert "A" in loadmat(tmp_path / "own.mat")
+    savemat(tmp_path / "not.mat", dict(A=a))
+    with pytest.raises(ValueError, match="no 'B'"):
+        plid.Model.load(tmp_path / "not.mat")
+
+
+def test_a_pickle_is_the_same_model(model):
+    assert_array_equal(pickle.loads(pickle.dumps(model)).A, model.A)
+
+
+def test_the_program_reads_the_model_and_simulates_the_same(model, data, tmp_path):
+    """The Rust program simulates the same record from the same model.json."""
+    program = os.environ.get("PLID_PROGRAM") or shutil.which("plid")
+    if not program:
+        pytest.skip("the program `plid` is neither in PLID_PROGRAM nor on the path")
+    u, _ = data
+    model.save(tmp_path / "model.json")
+    deviations = u - model.operating_point[0]
+    header = ",".join(model.inputs)
+    np.savetxt(tmp_path / "u.csv", deviations, delimiter=",", header=header, comments="", fmt="%.17g")
+    files = ["--model", tmp_path / "model.json", "--input", tmp_path / "u.csv", "--out", tmp_path / "y.csv"]
+    done = subprocess.run([program, "simulate", *files], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    expected = np.genfromtxt(tmp_path / "y.csv", delimiter=",", names=True)
+    found = model.simulate(u) - model.operating_point[1]
+    for k, name in enumerate(model.outputs):
+        assert_allclose(found[:, k], expected[name], rtol=0, atol=1e-12)
+
+
+def test_a_predictor_gain_is_used(exact, tmp_path):
+    exact.save(tmp_path / "model.json")
+    keys = json.loads((tmp_path / "model.json").read_text())
+    gain = np.arange(8.0).reshape(4, 2) / 50.0
+    keys["predictor_gain"] = gain.tolist()
+    (tmp_path / "model.json").write_text(json.dumps(keys))
+    model = plid.Model.load(tmp_path / "model.json")
+    assert_array_equal(model.predictor_gain, gain)
+    a, b, c, _ = plant()
+    random = np.random.default_rng(5)
+    u, y = random.standard_normal((40, 2)), random.standard_normal((40, 2))
+    expected, x = [], np.zeros(4)
+    for u_k, y_k in zip(u, y, strict=True):
+        expected.append(c @ x)
+        x = a @ x + b @ u_k + gain @ (y_k - c @ x)
+    assert_allclose(model.predict(u, y), expected, rtol=0, atol=1e-12)
+    with pytest.raises(ValueError, match="predictor_gain"):
+        exact.predict(u, y)
+
+
+def test_what_does_not_fit_is_named(exact, tmp_path):
+    a, b, c, d = plant()
+    with pytest.raises(ValueError, match="B"):
+        plid.Model.of_matrices(a, b[:3], c, d, rate=RATE)
+    with pytest.raises(ValueError, match=r"u has the shape \(5, 3\)"):
+        exact.simulate(np.zeros((5, 3)))
+    with pytest.raises(ValueError, match=r"state has the shape \(3,\), expected \(4,\)"):
+        exact.simulate(np.zeros((5, 2)), state=np.zeros(3))
+    with pytest.raises(ValueError, match="25"):
+        exact.frequency_response(26.0)
+    with pytest.raises(ValueError, match="'.txt' is none of"):
+        exact.save(tmp_path / "model.txt")
+    with pytest.raises(OSError, match="absent"):
+        plid.Model.load(tmp_path / "absent.json")
