@@ -64,10 +64,10 @@ impl<'a> Checked<'a> {
         &mut self,
         parameters: &[f64],
         u: &[Vec<f64>],
-        mut force: impl FnMut(usize, &[Motion], &mut [f64]),
+        force: impl FnMut(usize, &[Motion], &mut [f64]),
     ) -> Result<Channels, SimulatorError> {
         let began = Instant::now();
-        let result = self.stepped(parameters, u, &mut force);
+        let result = self.stepped(parameters, u, force);
         self.count(began);
         result.map_err(|(sample, source)| self.called(&format!(", sample {sample}"), source))
     }
@@ -76,7 +76,7 @@ impl<'a> Checked<'a> {
         &mut self,
         parameters: &[f64],
         u: &[Vec<f64>],
-        force: &mut dyn FnMut(usize, &[Motion], &mut [f64]),
+        mut force: impl FnMut(usize, &[Motion], &mut [f64]),
     ) -> Result<Channels, (usize, SimulatorError)> {
         let steps = self.description.steps_per_sample.max(1);
         let samples = u.first().map_or(0, Vec::len) / steps;

@@ -14,6 +14,15 @@ pub(super) struct Noise {
     pub seen: bool,
 }
 
+impl Noise {
+    /// Returns what is to be said if nothing shows the noise.
+    pub fn warning(&self) -> Option<String> {
+        let text = "no record without input and no repeated input shows the noise: it is estimated from the highest \
+                    frequencies of the gap";
+        (!self.seen).then(|| text.into())
+    }
+}
+
 /// Estimates the noise: from records without input, and from the differences between periods; otherwise from the
 /// highest frequencies of the gap, which are an upper bound.
 pub(super) fn estimate(records: &[Record], given: &[Channels]) -> Noise {

@@ -81,7 +81,7 @@ impl<'a> Problem<'a> {
     ) -> Self {
         let gap = |o: usize| {
             let errors = records.iter().zip(given).flat_map(|(record, y)| record.error(y)[o].clone());
-            rms(&errors.collect::<Vec<f64>>())
+            rms(errors.collect::<Vec<f64>>())
         };
         let std: Vec<f64> =
             noise.iter().enumerate().map(|(o, noise)| noise.hypot(FIRST_DISCREPANCY * gap(o))).collect();

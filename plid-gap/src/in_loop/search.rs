@@ -221,8 +221,8 @@ impl<'a> Search<'_, 'a> {
         (gap * gap - floor * floor).max(0.0).sqrt()
     }
 
-    /// Returns the price of an explanation, in twice the log likelihood: of its parameters (Schwarz, Ann. Stat. 6,
-    /// 1978) and of the choice among all entries of the screen. A parameter that the simulator names counts as suspected: its
+    /// Returns the price of an explanation, in twice the log likelihood: that of its parameters (Schwarz, Ann. Stat. 6,
+    /// 1978) and that of the choice among all effects. A parameter that the simulator names counts as suspected: its
     /// engineer says that it may be wrong.
     pub fn price(&self, problem: &Problem, fit: &Fit) -> f64 {
         let choices = self.effects.len().max(2) as f64;

@@ -98,9 +98,9 @@ fn of_records(setting: &mut Setting, records: &[Record], loudest: &Record) {
     let rate = setting.plant.rate;
     let finite = |y: &[f64]| -> Vec<f64> { y.iter().copied().filter(|y| y.is_finite()).collect() };
     setting.u_rms = loudest.u.iter().map(rms).collect();
-    let slope = |u: &Vec<f64>| rms(&u.windows(2).map(|two| (two[1] - two[0]) * rate).collect::<Vec<f64>>());
+    let slope = |u: &Vec<f64>| rms(u.windows(2).map(|two| (two[1] - two[0]) * rate).collect::<Vec<f64>>());
     setting.u_slope = loudest.u.iter().map(slope).collect();
-    setting.y_rms = loudest.y.iter().map(|y| rms(&finite(y))).collect();
+    setting.y_rms = loudest.y.iter().map(|y| rms(finite(y))).collect();
     let largest = |o: usize| records.iter().flat_map(|record| finite(&record.y[o])).map(f64::abs).fold(0.0, f64::max);
     setting.y_max = (0..loudest.y.len()).map(largest).collect();
     let end = records.iter().map(|record| record.start_s + record.samples() as f64 / rate).fold(0.0, f64::max);
@@ -196,7 +196,7 @@ fn weight(d: &[f64], v: &[f64], step: f64) -> f64 {
 /// Returns the RMS about zero of a motion from its start.
 fn spread(d: &[f64]) -> f64 {
     let start = d.first().copied().unwrap_or(0.0);
-    rms(&d.iter().map(|d| d - start).collect::<Vec<f64>>())
+    rms(d.iter().map(|d| d - start).collect::<Vec<f64>>())
 }
 
 /// Returns the lowest and the highest displacement in all records, if an output measures it.
@@ -222,7 +222,7 @@ fn force(
     motions: &[Vec<Motion>],
     mobilities: &[f64],
 ) -> Result<f64, SimulatorError> {
-    let velocity = rms(&motions.iter().map(|all| all[port].velocity).collect::<Vec<f64>>());
+    let velocity = rms(motions.iter().map(|all| all[port].velocity).collect::<Vec<f64>>());
     if !(mobilities[port] > 0.0 && velocity > 0.0) {
         return Ok(0.0);
     }

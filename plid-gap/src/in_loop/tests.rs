@@ -1,7 +1,8 @@
 //! Diagnoses of a nonlinear arm. Their truths have the effect inside the equations of motion.
 
 use super::*;
-use crate::case::record::Channels;
+use crate::judge::gap::Blocks;
+use crate::judge::verdict::Verdict;
 use crate::testing::arm::{Arm, Extra, NOMINAL, Numbers, case, nothing};
 
 fn same(u: &[f64]) -> Vec<f64> {

@@ -15,7 +15,8 @@
 
 mod process;
 
-use std::io::{BufRead, Read};
+use std::io::{BufRead, BufReader, Read};
+use std::process::ChildStdout;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
@@ -72,7 +73,7 @@ impl Command {
     /// [`SimulatorError::Description`] if that contradicts itself.
     pub fn start(command: &[String], folder: &std::path::Path, patience: Duration) -> Result<Self, SimulatorError> {
         let mut process = Process::start(command, folder, patience)?;
-        let line = process.answering(|input| line(input))?;
+        let line = process.answering(line)?;
         let hello: Hello = parsed(&line).map_err(|message| process.failed(message))?;
         if hello.protocol != PROTOCOL {
             return Err(process.failed(format!("it speaks protocol {}, expected {PROTOCOL}", hello.protocol)));
@@ -92,7 +93,7 @@ impl Command {
 
     /// Reads the answer to a request, and so many numbers after it.
     fn answer(&mut self, numbers: usize) -> Result<Vec<f64>, SimulatorError> {
-        let line = self.process.answering(|input| line(input))?;
+        let line = self.process.answering(line)?;
         match parsed(&line).map_err(|message| self.process.failed(message))? {
             Answer::Error(message) => Err(SimulatorError::failed(message)),
             Answer::Ok(false) => Err(self.process.failed("it answered that a request failed, without a reason".into())),
@@ -106,7 +107,7 @@ impl Command {
 }
 
 /// Reads a line.
-fn line(input: &mut impl BufRead) -> std::io::Result<Vec<u8>> {
+fn line(input: &mut BufReader<ChildStdout>) -> std::io::Result<Vec<u8>> {
     let mut line = Vec::new();
     input.read_until(b'\n', &mut line)?;
     if line.is_empty() { Err(std::io::ErrorKind::UnexpectedEof.into()) } else { Ok(line) }
@@ -164,7 +165,7 @@ impl Simulator for Command {
         let mut first = [0];
         process.answering(|input| input.read_exact(&mut first))?;
         if first[0] != STEP {
-            let rest = process.answering(|input| line(input))?;
+            let rest = process.answering(line)?;
             let line = [&first[..], &rest].concat();
             return match parsed(&line).map_err(|message| process.failed(message))? {
                 Answer::Error(message) => Err(SimulatorError::failed(message)),

@@ -1,0 +1,192 @@
+//! From a judged search to the answer.
+
+use plid_simulator::Description;
+
+use crate::answer::schema::{Located, Remainder, RemainderPlace, Where};
+use crate::answer::simulation::written_effect;
+use crate::answer::whereabouts;
+use crate::case::record::{Channels, Record};
+use crate::effects::{Names, Place, Side};
+use crate::fit::candidate::{all_same, in_words, same};
+use crate::fit::problem::Placed;
+use crate::in_loop::answer::{self, LoopDiagnosis, SimulatorWithEffects, Used, WrittenPort};
+use crate::in_loop::judge::{self, Judged};
+use crate::in_loop::measure::{Measured, Opened, blocks};
+use crate::in_loop::predict::FORMAT;
+use crate::in_loop::runs::Runs;
+use crate::in_loop::screen::Entry;
+use crate::in_loop::search::{Found, Search};
+use crate::in_loop::{LoopOutcome, Shown};
+use crate::judge::gap;
+use crate::judge::locate;
+use crate::judge::verdict::{Verdict, Weighted};
+use crate::noise::NoiseModel;
+
+/// Largest number of entries of a screen that are named as nearest to a remainder.
+const MOST_NEAREST: usize = 3;
+
+/// Number of entries of a screen that are shown.
+const SHOWN_ENTRIES: usize = 8;
+
+/// What was found, and how.
+pub(super) struct Told<'t, 's, 'a> {
+    /// The runs.
+    pub runs: &'t Runs<'s>,
+    /// The search and its bounds.
+    pub search: &'t Search<'t, 'a>,
+    /// What it found.
+    pub found: &'t Found<'a>,
+    /// Its judgement.
+    pub judged: &'t Judged<'a>,
+    /// Warnings about the records.
+    pub warnings: Vec<String>,
+}
+
+impl<'a> Opened<'_, 'a> {
+    /// Writes the answer.
+    pub fn outcome(
+        &self,
+        told: &Told<'_, '_, 'a>,
+        measured: &Measured,
+        simulation: SimulatorWithEffects,
+    ) -> LoopOutcome {
+        let Told { runs, found, judged, .. } = told;
+        let Self { case, problem, held_out, .. } = self;
+        let (best, names) = (&found.fits[0], &problem.setting.names);
+        let fitted = judged.verdict == Verdict::Effects;
+        let effects =
+            if fitted { answer::named(problem, best, &judged.weighted, &measured.shares) } else { Vec::new() };
+        let sentence = answer::sentence(problem, judged, best, &effects, &measured.gap, !held_out.is_empty());
+        let gap_after = |w: &Weighted| {
+            let fit = found.fits.iter().find(|fit| !w.unknown && all_same(&fit.effects, &w.effects))?;
+            Some(gap::of_driven(&problem.records, &fit.simulated))
+        };
+        let refit = problem.nuisances.iter().zip(&best.eta).map(|(nuisance, eta)| {
+            let name = nuisance.place.location(names);
+            (name, [nuisance.value, nuisance.value + eta * nuisance.std, *eta])
+        });
+        let calls = runs.calls();
+        let diagnosis = LoopDiagnosis {
+            verdict: judged.verdict,
+            sentence,
+            effects,
+            candidates: answer::candidates(problem, &judged.weighted, gap_after),
+            not_separable: if fitted { answer::class(problem, best, judged) } else { Vec::new() },
+            place: self.whereabouts(told, measured, &measured.given),
+            gap: measured.gap.clone(),
+            remainder: self.remainder(told, measured),
+            simulator: Used {
+                name: simulation.simulator.name.clone(),
+                runs: calls.runs,
+                seconds: calls.time.as_secs_f64(),
+                cut_short: found.cut_short,
+            },
+            refit: refit.collect(),
+            settings: case.config.settings.clone(),
+            warnings: told.warnings.clone(),
+        };
+        LoopOutcome { diagnosis, simulation, shown: self.shown(told, measured) }
+    }
+
+    /// Returns where the errors of runs lie.
+    fn whereabouts(&self, told: &Told, measured: &Measured, y: &[Channels]) -> Where {
+        let Self { case, problem, noise, .. } = self;
+        let plant = &problem.setting.plant;
+        let errors: Vec<Channels> = measured.records.iter().zip(y).map(|(record, y)| record.error(y)).collect();
+        let white = NoiseModel::declared(plant, &noise.std, &vec![0.0; plant.m]);
+        let map = locate::map(&measured.records, &errors, &white, plant.rate, case.config.settings.case.same_level);
+        let side = told.found.fits[0].effects.first().map_or(Side::Structure, |placed| placed.effect.side());
+        whereabouts(side, &map, &problem.setting.names.outputs, &case.config.settings.answer)
+    }
+
+    /// Returns what remains, on the records on which the gap was measured.
+    fn remainder(&self, told: &Told, measured: &Measured) -> Remainder {
+        let (found, names) = (told.found, &self.problem.setting.names);
+        let (gap, material) = (&measured.gap, self.case.config.material);
+        let beyond = |x: f64| (x * x - gap.noise_floor * gap.noise_floor).max(0.0);
+        let after = self.whereabouts(told, measured, &measured.with);
+        let entries = found.screens.get(found.fits[0].effects.len()).map_or(&[][..], Vec::as_slice);
+        let share = beyond(gap.with_effect) / beyond(gap.as_given).max(f64::MIN_POSITIVE);
+        let further = blocks(&measured.records, &measured.with)
+            .map_or(0.0, |with| gap::how_often([&with], |[with]| beyond(with) > material * material));
+        Remainder {
+            gap: gap.with_effect,
+            noise: gap.noise_floor,
+            share_of_gap: share.min(1.0),
+            further_cause: further,
+            place: RemainderPlace { channels: after.channels, bands_hz: after.bands_hz },
+            nearest: distinct(entries).take(MOST_NEAREST).map(|placed| located(placed, names)).collect(),
+        }
+    }
+
+    /// Returns what the report shows.
+    fn shown(&self, told: &Told<'_, '_, 'a>, measured: &Measured) -> Shown {
+        let Self { problem, .. } = self;
+        let (found, names) = (told.found, &problem.setting.names);
+        let fits = found.fits.iter().map(|fit| (in_words(&fit.effects, names), told.search.left(problem, fit)));
+        Shown {
+            record: measured.records[0].name.clone(),
+            rate: problem.setting.plant.rate,
+            outputs: names.outputs.clone(),
+            trace: [measured.records[0].y.clone(), measured.given[0].clone(), measured.with[0].clone()],
+            screens: found.screens.iter().map(|entries| shown_entries(entries, names, found)).collect(),
+            fits: fits.collect(),
+        }
+    }
+
+    /// Returns what a prediction uses.
+    pub fn simulation(
+        &self,
+        found: &Found<'a>,
+        judged: &Judged,
+        description: Description,
+        ports: Vec<WrittenPort>,
+        expected_gap: f64,
+    ) -> SimulatorWithEffects {
+        let Self { case, problem, noise, .. } = self;
+        let fit = if judged.verdict == Verdict::Effects { &found.fits[0] } else { &found.refit };
+        let all = problem.with_nuisances(&fit.effects, &fit.eta);
+        let mut values = description.values();
+        for placed in &all {
+            if let Place::Parameter(k) = placed.place {
+                values[k] = description.parameters[k].bounded(placed.parameters[0]);
+            }
+        }
+        let around = all.iter().filter(|placed| !judge::is_parameter(&placed.place));
+        let end = |record: &Record| record.start_s + record.samples() as f64 / problem.setting.plant.rate;
+        let command = case.config.simulator.as_ref().map(|simulator| simulator.command.clone());
+        SimulatorWithEffects {
+            format: FORMAT.into(),
+            parameters: description.parameters.iter().map(|p| p.name.clone()).zip(values).collect(),
+            simulator: description,
+            command: command.unwrap_or_default(),
+            ports,
+            effects: around.map(|placed| written_effect(placed, &problem.setting, &problem.setting)).collect(),
+            t0: case.records.iter().map(end).fold(0.0, f64::max),
+            noise_rms: noise.std.clone(),
+            expected_gap,
+        }
+    }
+}
+
+/// Returns the entries of a screen, each effect at each place once.
+fn distinct<'e, 'a>(entries: &'e [Entry<'a>]) -> impl Iterator<Item = &'e Placed<'a>> {
+    let first = |at: usize| !entries[..at].iter().any(|other| same(&other.placed, &entries[at].placed));
+    (0..entries.len()).filter(move |&at| first(at)).map(|at| &entries[at].placed)
+}
+
+fn located(placed: &Placed, names: &Names) -> Located {
+    Located { effect: placed.effect.name().into(), location: placed.place.location(names) }
+}
+
+fn shown_entries(entries: &[Entry], names: &Names, found: &Found) -> Vec<(String, String, f64)> {
+    let whole = found.refit.cost.max(f64::MIN_POSITIVE);
+    let gain = |placed: &Placed| {
+        entries.iter().filter(|entry| same(&entry.placed, placed)).map(|entry| entry.gain).fold(0.0, f64::max)
+    };
+    let one = |placed: &Placed| {
+        let Located { effect, location } = located(placed, names);
+        (effect, location, gain(placed) / whole)
+    };
+    distinct(entries).take(SHOWN_ENTRIES).map(one).collect()
+}
