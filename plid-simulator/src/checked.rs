@@ -55,8 +55,9 @@ impl<'a> Checked<'a> {
     }
 
     /// Runs from rest, step by step. `u` holds one value of each input for each step, so that an input may change
-    /// within a sample. `force` gives the force at each port from the motion there: it is called before each step with the
-    /// step's number and the motions (one for each port), and writes the forces. Returns the outputs at the samples.
+    /// within a sample. `force` gives the force at each port from the motion there: it is called before each step with
+    /// the step's number and the motions (one for each port), and writes the forces. Returns the outputs at the
+    /// samples.
     ///
     /// # Errors
     /// [`SimulatorError::Call`] with the number of the run, the sample and the failure.

@@ -12,6 +12,7 @@ use crate::fit::problem::Placed;
 use crate::in_loop::coupling::Response;
 use crate::in_loop::judge::{Judged, confidence};
 use crate::in_loop::problem::{Fit, Problem};
+use crate::in_loop::units;
 use crate::judge::verdict::{Verdict, Weighted};
 use crate::settings::GapSettings;
 
@@ -128,7 +129,13 @@ impl WrittenPort {
 }
 
 /// Returns the effects of an explanation with intervals and confidence, the largest share first.
-pub(super) fn named(problem: &Problem, best: &Fit, weighted: &[Weighted], shares: &[Option<f64>]) -> Vec<NamedEffect> {
+pub(super) fn named(
+    problem: &Problem,
+    best: &Fit,
+    weighted: &[Weighted],
+    shares: &[Option<f64>],
+    description: &Description,
+) -> Vec<NamedEffect> {
     let setting = &problem.setting;
     let mut at = 0;
     let mut named = Vec::new();
@@ -141,7 +148,8 @@ pub(super) fn named(problem: &Problem, best: &Fit, weighted: &[Weighted], shares
         let first = at;
         let mut parameters = BTreeMap::new();
         for (parameter, value) in placed.effect.parameters(setting).into_iter().zip(&placed.parameters) {
-            parameters.insert(parameter.name, stated(*value, half(at), parameter.unit));
+            let unit = units::stated(&parameter.unit, &placed.place, setting, description);
+            parameters.insert(parameter.name, stated(*value, half(at), unit));
             at += 1;
         }
         let change = placed.effect.change(setting, &placed.place, &placed.parameters).map(|change| Change {

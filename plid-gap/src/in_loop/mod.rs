@@ -21,6 +21,7 @@ mod runs;
 mod screen;
 mod search;
 mod survey;
+mod units;
 
 pub use answer::{LoopDiagnosis, LoopGap, SimulatorWithEffects, Used, WrittenPort};
 pub use predict::LoopPredictor;
@@ -66,6 +67,8 @@ pub struct Shown {
     pub outputs: Vec<String>,
     /// Measured, as given, and with the effects (p channels each).
     pub trace: [Channels; 3],
+    /// For each output, frequencies in Hz with the density of the noise.
+    pub noise: Vec<Vec<(f64, f64)>>,
     /// The best entries of each screen: effect, location, promised share of the gap's square.
     pub screens: Vec<Vec<(String, String, f64)>>,
     /// All fitted explanations with the share of the output that they leave beyond the noise.

@@ -54,8 +54,8 @@ impl<'a> Opened<'_, 'a> {
         let Self { case, problem, held_out, .. } = self;
         let (best, names) = (&found.fits[0], &problem.setting.names);
         let fitted = judged.verdict == Verdict::Effects;
-        let effects =
-            if fitted { answer::named(problem, best, &judged.weighted, &measured.shares) } else { Vec::new() };
+        let named = || answer::named(problem, best, &judged.weighted, &measured.shares, runs.description());
+        let effects = if fitted { named() } else { Vec::new() };
         let sentence = answer::sentence(problem, judged, best, &effects, &measured.gap, !held_out.is_empty());
         let gap_after = |w: &Weighted| {
             let fit = found.fits.iter().find(|fit| !w.unknown && all_same(&fit.effects, &w.effects))?;
@@ -124,9 +124,16 @@ impl<'a> Opened<'_, 'a> {
         let Self { problem, .. } = self;
         let (found, names) = (told.found, &problem.setting.names);
         let fits = found.fits.iter().map(|fit| (in_words(&fit.effects, names), told.search.left(problem, fit)));
+        // White noise, with one side of the spectrum.
+        let rate = problem.setting.plant.rate;
+        let white = |std: &f64| {
+            let density = 2.0 * std * std / rate;
+            vec![(0.0, density), (0.5 * rate, density)]
+        };
         Shown {
+            noise: self.noise.std.iter().map(white).collect(),
             record: measured.records[0].name.clone(),
-            rate: problem.setting.plant.rate,
+            rate,
             outputs: names.outputs.clone(),
             trace: [measured.records[0].y.clone(), measured.given[0].clone(), measured.with[0].clone()],
             screens: found.screens.iter().map(|entries| shown_entries(entries, names, found)).collect(),

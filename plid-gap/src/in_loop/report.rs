@@ -113,7 +113,7 @@ fn traces_section(mut report: Report, shown: &Shown) -> Report {
         outputs: &shown.outputs,
         y: &shown.trace,
         with: "with the effects".into(),
-        noise: &[],
+        noise: &shown.noise,
     };
     for (o, output) in shown.outputs.iter().enumerate() {
         report = report.figure(

@@ -7,8 +7,8 @@
 //!   newline and N times the p outputs.
 //! - `{"start": {"parameters": [..]}}` and a newline; the answer is `{"ok": true}`, a newline, and displacement and
 //!   velocity of each port.
-//! - The byte `s`, the m inputs and the force at each port, for one step; the answer is the byte `s`, the p outputs, and
-//!   displacement and velocity of each port.
+//! - The byte `s`, the m inputs and the force at each port, for one step; the answer is the byte `s`, the p outputs,
+//!   and displacement and velocity of each port.
 //!
 //! Numbers are binary, eight bytes each, little endian. Instead of any answer the program may write
 //! `{"error": "why"}` and a newline. Its standard error is kept, and its end is part of every message of a failure.
