@@ -65,14 +65,15 @@ impl Command {
     /// How long a program may take to answer one request, if nothing else is said.
     pub const PATIENCE: Duration = Duration::from_secs(60);
 
-    /// Starts a program with its arguments and reads its description. A program that does not answer a request within
-    /// `patience` is stopped.
+    /// Starts a program with its arguments in a folder, and reads its description. A program that does not answer a
+    /// request within `patience` is stopped. It may take [`Command::PATIENCE`] to start in any case, because an
+    /// interpreter loads its libraries first.
     ///
     /// # Errors
     /// [`SimulatorError::Failed`] if the program cannot be started, ends, or writes anything but its description;
     /// [`SimulatorError::Description`] if that contradicts itself.
     pub fn start(command: &[String], folder: &std::path::Path, patience: Duration) -> Result<Self, SimulatorError> {
-        let mut process = Process::start(command, folder, patience)?;
+        let mut process = Process::start(command, folder, patience.max(Self::PATIENCE))?;
         let line = process.answering(line)?;
         let hello: Hello = parsed(&line).map_err(|message| process.failed(message))?;
         if hello.protocol != PROTOCOL {
@@ -81,6 +82,7 @@ impl Command {
         let description: Description = serde_json::from_value(hello.description)
             .map_err(|error| process.failed(format!("its description: {error}")))?;
         description.check()?;
+        process.patience = patience;
         let (m, p, q) = (description.inputs.len(), description.outputs.len(), description.ports.len());
         Ok(Self { process, description, sent: vec![0; 1 + 8 * (m + q)], received: vec![0; 8 * (p + 2 * q)] })
     }

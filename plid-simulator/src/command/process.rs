@@ -29,7 +29,8 @@ pub(super) struct Process {
     log: Arc<Mutex<VecDeque<u8>>>,
     logger: Option<thread::JoinHandle<()>>,
     watch: Arc<Watch>,
-    patience: Duration,
+    /// How long it may take to answer.
+    pub patience: Duration,
 }
 
 /// What the watching thread knows: when the program must have answered, in ms since the start; zero if nothing is
