@@ -7,8 +7,8 @@ use crate::effects::{Place, Setting};
 /// Unit of a channel for which none is known.
 const AS_RECORDED: &str = "as recorded";
 
-/// Returns the unit of a parameter at a place: `unit` in terms of force, displacement and velocity of a port, or of V at
-/// a channel, with the units that the simulator states. A part for which it states none keeps its name.
+/// Returns the unit of a parameter at a place: `unit` in terms of force, displacement and velocity of a port, or of V
+/// at a channel, with the units that the simulator states. A part for which it states none keeps its name.
 pub(super) fn stated(unit: &str, place: &Place, setting: &Setting, description: &Description) -> String {
     let ports = &description.ports;
     let at_port = match *place {
