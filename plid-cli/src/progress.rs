@@ -54,25 +54,18 @@ impl Progress for Bar {
 }
 
 /// A line on standard error that says what is being done, where the length of the work is not known before.
-pub struct Spinner(ProgressBar);
+pub struct Spinner;
 
 impl Spinner {
-    /// A line that is hidden where nobody looks.
-    pub fn new(quiet: bool) -> Self {
+    /// Does `work`, which says on the line what it is doing, and takes the line away. The line is hidden where nobody
+    /// looks.
+    pub fn during<T>(quiet: bool, work: impl FnOnce(&mut dyn FnMut(String)) -> T) -> T {
         let shown = !quiet && std::io::stderr().is_terminal();
-        let bar = if shown { ProgressBar::new_spinner() } else { ProgressBar::hidden() };
-        bar.set_style(ProgressStyle::with_template("{spinner} {elapsed} {msg}").expect("the template is well formed"));
-        bar.enable_steady_tick(std::time::Duration::from_millis(200));
-        Self(bar)
-    }
-
-    /// What is being done now.
-    pub fn say(&self, stage: &str) {
-        self.0.set_message(stage.to_string());
-    }
-
-    /// Takes the line away.
-    pub fn finish(&self) {
-        self.0.finish_and_clear();
+        let line = if shown { ProgressBar::new_spinner() } else { ProgressBar::hidden() };
+        line.set_style(ProgressStyle::with_template("{spinner} {elapsed} {msg}").expect("the template is well formed"));
+        line.enable_steady_tick(std::time::Duration::from_millis(200));
+        let result = work(&mut |stage| line.set_message(stage));
+        line.finish_and_clear();
+        result
     }
 }

@@ -55,7 +55,7 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     }
     let model = Model::read(&arguments.model)?;
     let input = table::read(&arguments.input)?;
-    table::require_rate(&input, &arguments.input, &model, &arguments.model)?;
+    table::require_rate(&input, &arguments.input, model.sample_rate_hz, &arguments.model)?;
     let mut inputs = table::pick(&input, &model.inputs)?;
     let x0 = match (arguments.from_model_state, &model.initial_state) {
         (false, _) => model.rest(),

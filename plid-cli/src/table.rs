@@ -6,7 +6,7 @@ use std::path::Path;
 use ndarray::Array2;
 use plid::lab::data::{self, MissingPolicy, Table};
 use plid::lab::report::write_atomic;
-use plid::model::{Model, ModelError};
+use plid::model::ModelError;
 
 use super::Failure;
 
@@ -29,9 +29,8 @@ pub fn rate(table: &Table, given: Option<f64>, model_hz: f64) -> Result<f64, Fai
     Ok(if is_the_models { model_hz } else { rate })
 }
 
-/// A record for a model must be sampled as the model is; `input` and `of` are their files.
-pub fn require_rate(table: &Table, input: &Path, model: &Model, of: &Path) -> Result<(), Failure> {
-    let model_hz = model.sample_rate_hz;
+/// A record must be sampled as the model or simulator for which it is; `input` and `of` are their files.
+pub fn require_rate(table: &Table, input: &Path, model_hz: f64, of: &Path) -> Result<(), Failure> {
     let record_hz = rate(table, None, model_hz)?;
     if record_hz == model_hz {
         return Ok(());

@@ -112,22 +112,21 @@ fn stepped(
             holds,
             format!("velocity and change of displacement differ by {wrong:.1e} of up to {speed:.1e}"),
         );
+        let none = vec![vec![0.0; 2 * steps]; u.len()];
+        let mut velocity = |force: f64| -> Result<f64, SimulatorError> {
+            let mut last = 0.0;
+            simulator.run_with(&values, &none, |step, now, forces| {
+                forces.fill(0.0);
+                forces[j] = if step == 0 { force } else { 0.0 };
+                last = now[j].velocity;
+            })?;
+            Ok(last)
+        };
+        let still = velocity(0.0)?;
         let mut size = 1e-6;
         let mut moved = 0.0;
         while moved == 0.0 && size < 1e9 {
-            let none = vec![vec![0.0; 2 * steps]; u.len()];
-            let mut last = Motion::default();
-            simulator.run_with(&values, &none, |step, now, forces| {
-                forces.fill(0.0);
-                forces[j] = if step == 0 { size } else { 0.0 };
-                last = now[j];
-            })?;
-            let mut still = Motion::default();
-            simulator.run_with(&values, &none, |_, now, forces| {
-                forces.fill(0.0);
-                still = now[j];
-            })?;
-            moved = last.velocity - still.velocity;
+            moved = velocity(size)? - still;
             size *= 10.0;
         }
         let what = format!("force at {}", port.name);

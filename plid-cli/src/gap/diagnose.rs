@@ -3,7 +3,6 @@ use std::path::PathBuf;
 use plid::gap::case::Case;
 use plid::gap::effects::Library;
 use plid::gap::{diagnose, write};
-use plid::lab::report::Cell;
 use plid::model::to_json;
 
 use super::{Failure, Voice, directory, in_loop, progress::Spinner, voice};
@@ -93,10 +92,7 @@ pub fn execute(arguments: Arguments, library: Library, voice: Voice) -> Result<(
         return in_loop::diagnose(&case, simulator, &library, &arguments.case, &out, voice);
     }
     let outcome = directory::with(&out, || {
-        let spinner = Spinner::new(voice.quiet || voice.json);
-        let outcome = diagnose(&case, &library, &mut |stage| spinner.say(&stage));
-        spinner.finish();
-        let outcome = outcome?;
+        let outcome = Spinner::during(voice.quiet || voice.json, |say| diagnose(&case, &library, say))?;
         write(&outcome, &case, &out)?;
         Ok(outcome)
     })?;
@@ -108,14 +104,7 @@ pub fn execute(arguments: Arguments, library: Library, voice: Voice) -> Result<(
     }
     let mut text = format!("{}\n", outcome.diagnosis.sentence);
     for effect in &outcome.diagnosis.effects {
-        for (name, value) in &effect.parameters {
-            let short = |x| Cell::significant(x, 4);
-            let interval = value.ci95.map(|[a, b]| format!(" ({} to {})", short(a), short(b))).unwrap_or_default();
-            // A pure number has no unit to read.
-            let unit = if value.unit == "1" { String::new() } else { format!(" {}", value.unit) };
-            let (effect, location) = (&effect.effect, &effect.location);
-            text += &format!("  {effect} at {location}: {name} = {}{unit}{interval}\n", short(value.value));
-        }
+        text += &effect.lines();
         if let Some(change) = &effect.change {
             text += &format!("  in the simulation: {change}\n");
         }

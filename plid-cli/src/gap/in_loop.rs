@@ -31,10 +31,8 @@ pub fn diagnose(
 ) -> Result<(), Failure> {
     let outcome = directory::with(out, || {
         let mut simulator = start(simulator, file)?;
-        let spinner = Spinner::new(voice.quiet || voice.json);
-        let outcome = in_loop::diagnose(case, &mut simulator, library, &mut |stage| spinner.say(&stage));
-        spinner.finish();
-        let outcome = outcome?;
+        let quiet = voice.quiet || voice.json;
+        let outcome = Spinner::during(quiet, |say| in_loop::diagnose(case, &mut simulator, library, say))?;
         in_loop::write(&outcome, case, out)?;
         Ok(outcome)
     })?;
@@ -51,7 +49,7 @@ pub fn diagnose(
 pub fn is_of_simulator(simulation: &Path) -> Result<bool, Failure> {
     let text = std::fs::read(simulation).map_err(|error| Failure::file(simulation, &error))?;
     let format = serde_json::from_slice::<serde_json::Value>(&text).ok();
-    Ok(format.is_some_and(|json| json["format"] == "simulator-with-effects"))
+    Ok(format.is_some_and(|json| json["format"] == in_loop::FORMAT))
 }
 
 /// Predicts the outputs for a new input with the program of the diagnosis.
@@ -75,11 +73,7 @@ pub fn predict(
     }
     let names: Vec<String> = written.simulator.inputs.iter().map(|input| input.name.clone()).collect();
     let record = table::read(input)?;
-    let rate = table::rate(&record, None, written.simulator.rate_hz)?;
-    if rate != written.simulator.rate_hz {
-        let message = format!("{}: {rate} Hz, but the simulator has {}", input.display(), written.simulator.rate_hz);
-        return Err(Failure::input(message));
-    }
+    table::require_rate(&record, input, written.simulator.rate_hz, simulation)?;
     let u = columns(&table::pick(&record, &names)?);
     let mut simulator = Command::start(&written.command, folder, Command::PATIENCE).map_err(GapError::from)?;
     let y = predictor.predict(&mut simulator, library, &u, t0)?;

@@ -86,7 +86,7 @@ impl Arguments {
 /// Reads channels from a file at the rate of the simulation.
 fn read(file: &Path, predictor: &Predictor, names: &[String], simulation: &Path) -> Result<Channels, Failure> {
     let table = table::read(file)?;
-    table::require_rate(&table, file, &predictor.model, simulation)?;
+    table::require_rate(&table, file, predictor.model.sample_rate_hz, simulation)?;
     Ok(columns(&table::pick(&table, names)?))
 }
 

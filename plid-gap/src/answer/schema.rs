@@ -72,6 +72,20 @@ pub struct NamedEffect {
     pub shape_differs: bool,
 }
 
+impl NamedEffect {
+    /// Returns a line of text for each parameter, with its interval.
+    pub fn lines(&self) -> String {
+        let short = |x: f64| Cell::significant(x, 4);
+        let line = |(name, value): (&String, &Value)| {
+            let interval = value.ci95.map(|[a, b]| format!(" ({} to {})", short(a), short(b))).unwrap_or_default();
+            // A pure number has no unit to read.
+            let unit = if value.unit == "1" { String::new() } else { format!(" {}", value.unit) };
+            format!("  {} at {}: {name} = {}{unit}{interval}\n", self.effect, self.location, short(value.value))
+        };
+        self.parameters.iter().map(line).collect()
+    }
+}
+
 /// An effect at a location.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Located {

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use plid_report::{Cell, percent};
+use plid_report::percent;
 use plid_simulator::Description;
 use serde::{Deserialize, Serialize};
 
@@ -262,17 +262,8 @@ fn capital(text: &str) -> String {
 impl LoopDiagnosis {
     /// Returns the answer as text: the sentence, then each parameter with its interval.
     pub fn text(&self) -> String {
-        let mut text = format!("{}\n", self.sentence);
-        for effect in &self.effects {
-            for (name, value) in &effect.parameters {
-                let short = |x| Cell::significant(x, 4);
-                let interval = value.ci95.map(|[a, b]| format!(" ({} to {})", short(a), short(b))).unwrap_or_default();
-                let unit = if value.unit == "1" { String::new() } else { format!(" {}", value.unit) };
-                let (effect, location) = (&effect.effect, &effect.location);
-                text += &format!("  {effect} at {location}: {name} = {}{unit}{interval}\n", short(value.value));
-            }
-        }
+        let lines: String = self.effects.iter().map(NamedEffect::lines).collect();
         let Used { name, runs, seconds, .. } = &self.simulator;
-        text + &format!("  {runs} runs of {name} in {seconds:.1} s\n")
+        format!("{}\n{lines}  {runs} runs of {name} in {seconds:.1} s\n", self.sentence)
     }
 }

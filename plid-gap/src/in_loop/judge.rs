@@ -89,12 +89,11 @@ pub(super) struct Judged<'a> {
     pub not_separable: Vec<Vec<Placed<'a>>>,
 }
 
-/// Judges the explanations of a search. `material` is the gap that matters.
+/// Judges the explanations of a search.
 pub(super) fn judge<'a>(
     search: &Search<'_, 'a>,
     problem: &Problem<'a>,
     found: &Found<'a>,
-    material: f64,
     settings: &JudgeSettings,
 ) -> Judged<'a> {
     let best = &found.fits[0];
@@ -103,7 +102,7 @@ pub(super) fn judge<'a>(
     let whole = within.min(1.0);
     let left = if whole > 0.0 { (search.left(problem, best) / whole).min(1.0) } else { 0.0 };
     let named = !best.effects.is_empty();
-    let unknown = match (named, within > material) {
+    let unknown = match (named, within > search.material) {
         (true, _) => outside(left, settings),
         (false, true) => settings.most_unknown,
         (false, false) => settings.least_unknown,
@@ -138,7 +137,7 @@ pub(super) fn judge<'a>(
         weighted.iter().filter(|w| which(w)).map(|w| w.probability).sum()
     };
     let effects = of(&|w| !w.effects.is_empty());
-    let verdict = if !named && within <= material {
+    let verdict = if !named && within <= search.material {
         Verdict::None
     } else if named && effects > unknown {
         Verdict::Effects

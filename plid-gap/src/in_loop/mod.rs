@@ -5,7 +5,7 @@
 //! measurements wrap around [`plid_simulator::Simulator::run`]; effects at ports act between its steps; the simulator's
 //! own parameters are causes like any other. Each effect is screened by one run for each start, the best ones are
 //! fitted on the simulator itself, and the fits are compared by what they leave, whitened by what the best one leaves
-//! (docs/gap-simulator.md).
+//! (docs/your-simulator.md).
 
 mod answer;
 mod coupling;
@@ -24,7 +24,7 @@ mod survey;
 mod units;
 
 pub use answer::{LoopDiagnosis, LoopGap, SimulatorWithEffects, Used, WrittenPort};
-pub use predict::LoopPredictor;
+pub use predict::{FORMAT, LoopPredictor};
 pub use report::write;
 
 use plid_data::nearest;
@@ -121,11 +121,12 @@ pub fn diagnose(
         material: case.config.material,
     };
     let found = search.run(&mut problem, &mut runs, &given, say)?;
-    let judged = judge(&search, &problem, &found, case.config.material, &settings.judge);
+    let judged = judge(&search, &problem, &found, &settings.judge);
     let opened = Opened { case, problem: &problem, noise: &noise, held_out: &held_out };
     let measured = opened.measure(&mut runs, &found, &judged)?;
-    let simulation =
-        opened.simulation(&found, &judged, description, written_ports, measured.gap.predicted_held_out_gap);
+    // The limits are the case's, and no part of the simulator that a prediction runs.
+    let own = runs.description().clone();
+    let simulation = opened.simulation(&found, &judged, own, written_ports, measured.gap.predicted_held_out_gap);
     Ok(opened.outcome(
         &Told { runs: &runs, search: &search, found: &found, judged: &judged, warnings },
         &measured,

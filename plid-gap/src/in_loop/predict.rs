@@ -16,8 +16,8 @@ use crate::in_loop::parameter::SimulatorParameter;
 use crate::in_loop::runs::Runs;
 use crate::in_loop::survey;
 
-/// The format of the file.
-pub(super) const FORMAT: &str = "simulator-with-effects";
+/// The `format` of a sim-with-effect.json that belongs to a simulator in the loop.
+pub const FORMAT: &str = "simulator-with-effects";
 
 /// A prediction's effects, read from sim-with-effect.json. The simulator itself is given for each prediction.
 pub struct LoopPredictor {

@@ -198,10 +198,6 @@ impl<'a> Problem<'a> {
     /// Measures what each nuisance changes about the simulator as given.
     pub fn measure_nuisances(&mut self, runs: &mut Runs, given: &[Channels]) -> Result<(), SimulatorError> {
         let count = self.nuisances.len();
-        for nuisance in &mut self.nuisances {
-            let none = |y: &Channels| y.iter().map(|y| vec![0.0; y.len()]).collect();
-            nuisance.change = given.iter().map(none).collect();
-        }
         for at in 0..count {
             let eta: Vec<f64> = (0..count).map(|k| if k == at { 1.0 } else { 0.0 }).collect();
             let moved = self.simulate(runs, &[], &eta)?;

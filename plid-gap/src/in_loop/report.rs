@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use plid_data::config::to_toml;
-use plid_file::{Staged, to_json, write_atomic};
 use plid_report::{Bar, Bars, Cell, Report, Table, bars, percent};
 
 use crate::case::Case;
@@ -11,27 +10,14 @@ use crate::error::GapError;
 use crate::in_loop::{LoopOutcome, Shown};
 use crate::judge::verdict::Verdict;
 use crate::report::traces::{Traces, spectra, window};
-
-/// It is written last: its presence shows that the other files are complete.
-const DIAGNOSIS: &str = "diagnosis.json";
+use crate::report::write_answer;
 
 /// Writes diagnosis.json, sim-with-effect.json and report.html into a folder, whole or not at all.
 ///
 /// # Errors
 /// [`GapError::NotFinite`] with file and key, before anything is written; [`GapError::Io`] with the file.
 pub fn write(outcome: &LoopOutcome, case: &Case, directory: &Path) -> Result<(), GapError> {
-    let named = |name: &str| directory.join(name);
-    let simulation = "sim-with-effect.json";
-    let said = to_json(&outcome.diagnosis).map_err(|source| GapError::NotFinite { file: named(DIAGNOSIS), source })?;
-    let predicts =
-        to_json(&outcome.simulation).map_err(|source| GapError::NotFinite { file: named(simulation), source })?;
-    let page = page(outcome, case).to_html();
-    let failed = |source, name: &str| GapError::Io { file: named(name), source };
-    let staged = Staged::new(directory).map_err(|source| failed(source, ""))?;
-    for (name, text) in [(simulation, predicts), ("report.html", page), (DIAGNOSIS, said)] {
-        write_atomic(&staged.path().join(name), text.as_bytes()).map_err(|source| failed(source, name))?;
-    }
-    staged.commit(DIAGNOSIS, &[]).map_err(|source| failed(source, ""))
+    write_answer(&outcome.diagnosis, &outcome.simulation, || page(outcome, case), directory)
 }
 
 /// Builds the page.

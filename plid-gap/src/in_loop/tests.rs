@@ -145,6 +145,9 @@ fn a_parameter_within_its_limit_is_no_cause() {
         Some(crate::case::SimulatorConfig { command: vec!["arm".into()], patience_s: 1.0, limits });
     let closed = diagnosed(&limited);
     assert_eq!(closed.diagnosis.verdict, Verdict::None, "{}", closed.diagnosis.sentence);
+    // The limit belongs to the case: the simulator that predicts knows nothing of it.
+    let predictor = LoopPredictor::new(closed.simulation).unwrap();
+    predictor.predict(&mut Arm::new(), &Library::standard(), &limited.records[0].u, 0.0).unwrap();
     let [from, to, z] = closed.diagnosis.refit["parameter:motor damper"];
     assert!((to / numbers.damper - 1.0).abs() < 0.02 && from == NOMINAL.damper && z < 1.0, "{to}, {z}");
 }

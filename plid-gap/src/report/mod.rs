@@ -22,6 +22,7 @@ use crate::case::Case;
 use crate::diagnose::Outcome;
 
 pub use write::write;
+pub(crate) use write::write_answer;
 
 /// Colour of measured outputs, which are drawn broad and behind the others.
 const MEASURED: &str = "#8f8f8f";

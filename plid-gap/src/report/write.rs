@@ -1,6 +1,9 @@
 //! The files of a diagnosis.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+use plid_report::Report;
+use serde::Serialize;
 
 use crate::case::Case;
 use crate::diagnose::Outcome;
@@ -11,29 +14,38 @@ use plid_file::{Staged, to_json, write_atomic};
 /// It is written last: its presence shows that the other files are complete.
 const DIAGNOSIS: &str = "diagnosis.json";
 
+/// What a prediction reads.
+const SIMULATION: &str = "sim-with-effect.json";
+
 /// Writes diagnosis.json, sim-with-effect.json and report.html into a folder. They replace those of an earlier
 /// diagnosis together. If anything fails, the earlier files stay as they were.
 ///
 /// # Errors
 /// [`GapError::NotFinite`] with file and key, before anything is written; [`GapError::Io`] with the file.
 pub fn write(outcome: &Outcome, case: &Case, directory: &Path) -> Result<(), GapError> {
-    let (diagnosis, simulation) = (directory.join(DIAGNOSIS), directory.join("sim-with-effect.json"));
-    let not_finite = |file: &Path| {
-        let file = file.to_path_buf();
-        move |source| GapError::NotFinite { file, source }
-    };
-    let said = to_json(&outcome.diagnosis).map_err(not_finite(&diagnosis))?;
-    let predicts = to_json(&outcome.simulation).map_err(not_finite(&simulation))?;
-    let page = report::page(outcome, case).to_html();
-    let failed = |file: &Path| {
-        let file = file.to_path_buf();
-        move |source| GapError::Io { file, source }
-    };
-    let staged = Staged::new(directory).map_err(failed(directory))?;
-    for (name, text) in [("sim-with-effect.json", predicts), ("report.html", page), (DIAGNOSIS, said)] {
-        write_atomic(&staged.path().join(name), text.as_bytes()).map_err(failed(&directory.join(name)))?;
+    write_answer(&outcome.diagnosis, &outcome.simulation, || report::page(outcome, case), directory)
+}
+
+/// Writes the files of any diagnosis.
+///
+/// # Errors
+/// As [`write()`].
+pub(crate) fn write_answer(
+    diagnosis: &impl Serialize,
+    simulation: &impl Serialize,
+    page: impl FnOnce() -> Report,
+    directory: &Path,
+) -> Result<(), GapError> {
+    let not_finite = |file: PathBuf| move |source| GapError::NotFinite { file, source };
+    let said = to_json(diagnosis).map_err(not_finite(directory.join(DIAGNOSIS)))?;
+    let predicts = to_json(simulation).map_err(not_finite(directory.join(SIMULATION)))?;
+    let page = page().to_html();
+    let failed = |file: PathBuf| move |source| GapError::Io { file, source };
+    let staged = Staged::new(directory).map_err(failed(directory.into()))?;
+    for (name, text) in [(SIMULATION, predicts), ("report.html", page), (DIAGNOSIS, said)] {
+        write_atomic(&staged.path().join(name), text.as_bytes()).map_err(failed(directory.join(name)))?;
     }
-    staged.commit(DIAGNOSIS, &[]).map_err(failed(directory))
+    staged.commit(DIAGNOSIS, &[]).map_err(failed(directory.into()))
 }
 
 #[cfg(test)]
