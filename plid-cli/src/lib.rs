@@ -2,6 +2,7 @@
 
 mod bench;
 mod directory;
+mod export;
 mod failure;
 mod gap;
 mod identify;
@@ -53,6 +54,7 @@ enum Command {
     Simulate(simulate::Arguments),
     Validate(validate::Arguments),
     Bench(bench::Arguments),
+    Export(export::Arguments),
     Reproduce(reproduce::Arguments),
     Gap(gap::Arguments),
 }
@@ -86,6 +88,7 @@ pub fn main_with(library: Library) -> ExitCode {
         Command::Simulate(arguments) => simulate::execute(arguments, voice),
         Command::Validate(arguments) => validate::execute(arguments, voice),
         Command::Bench(arguments) => bench::execute(arguments, voice),
+        Command::Export(arguments) => export::execute(&arguments, voice),
         Command::Reproduce(arguments) => reproduce::execute(arguments, voice),
         Command::Gap(arguments) => gap::execute(arguments, library, voice),
     };

@@ -31,7 +31,7 @@ const MODEL: &str = r#"{"format": "state-space", "sample_rate_hz": 10.0, "inputs
 fn help_teaches() {
     let directory = tempfile::tempdir().unwrap();
     for arguments in
-        [&["--help"][..], &["run", "--help"], &["identify", "--help"], &["simulate", "--help"], &["validate", "--help"]]
+        [&["--help"][..], &["run", "--help"], &["identify", "--help"], &["simulate", "--help"], &["export", "--help"]]
     {
         let output = plid(directory.path(), arguments);
         assert_eq!(output.status.code(), Some(0));
@@ -345,4 +345,32 @@ fn an_interrupted_run_leaves_a_checkpoint_that_resume_takes_up() {
         let read = |out: &str| std::fs::read(at.join(out).join(file)).unwrap();
         assert_eq!(read("parts"), read("whole"), "{file}");
     }
+}
+
+#[test]
+fn a_model_is_exported_for_other_programs() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    put(at, "model.json", MODEL);
+    for to in ["model.mat", "model.npz", "model.py"] {
+        let output = plid(at, &["export", "model.json", "--to", to]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        assert_eq!(text(&output.stdout), format!("1 states, 1 inputs, 1 outputs: {to}\n"));
+    }
+    // Two variables of the .mat, as plid itself reads them.
+    let mat = plid::lab::data::read(&at.join("model.mat"), None);
+    let npz = plid::lab::data::read(&at.join("model.npz"), None);
+    for table in [mat.unwrap(), npz.unwrap()] {
+        let column = |name: &str| table.column(name).unwrap().to_vec();
+        assert_eq!((column("A"), column("D"), column("sample_rate_hz")), (vec![0.5], vec![3.0], vec![10.0]));
+    }
+    let python = std::fs::read_to_string(at.join("model.py")).unwrap();
+    assert!(python.contains("C = np.array([\n    2.0,\n]).reshape(1, 1)\n"), "{python}");
+    let before = std::fs::read(at.join("model.mat")).unwrap();
+    fails(at, &["export", "model.json", "--to", "model.mat"], 2, "--force");
+    assert_eq!(plid(at, &["export", "model.json", "--to", "model.mat", "--force"]).status.code(), Some(0));
+    assert_eq!(std::fs::read(at.join("model.mat")).unwrap(), before);
+    fails(at, &["export", "model.json", "--to", "model.m"], 2, "none of .mat, .npz, .py");
+    fails(at, &["export", "none.json", "--to", "model.m.py"], 2, "none.json");
+    fails(at, &["export", "model.json", "--to", "no/model.py"], 2, "no/model.py");
 }

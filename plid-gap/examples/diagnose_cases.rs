@@ -1,13 +1,14 @@
 //! Diagnoses a folder of labelled cases for a scorer to compare the answers with the labels.
 //!
 //! ```sh
-//! cargo run --release -p plid-gap --example diagnose_cases -- [--leave-out] [--verbose] OUT LABELS CASE-FOLDER...
+//! cargo run --release -p plid-gap --example diagnose_cases -- [--leave-out] [--as-simulator] [--verbose] OUT LABELS \
+//!     CASE-FOLDER...
 //! ```
 //!
 //! Each CASE-FOLDER contains a case.toml. OUT/NAME gets the diagnosis and predicted.csv, the prediction for
 //! LABELS/NAME/test_u.csv. With `--leave-out` each case is diagnosed a second time, without the effects that its
-//! label.json names, into OUT/NAME/left-out: a cause outside the vocabulary must be kept open. `--verbose` prints every
-//! stage of the search.
+//! label.json names, into OUT/NAME/left-out: a cause outside the vocabulary must be kept open. With `--as-simulator` the
+//! model of each case is hidden behind a simulator that only takes steps. `--verbose` prints every stage of the search.
 
 use std::error::Error;
 use std::path::Path;
@@ -17,15 +18,18 @@ use plid_data::{MissingPolicy, channels, read};
 use plid_gap::answer::predict::Predictor;
 use plid_gap::case::{Case, columns};
 use plid_gap::effects::Library;
+use plid_gap::in_loop::{self, Answered};
 use plid_gap::{Groundwork, Outcome};
+use plid_simulator::Linear;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
     let leave_out = arguments.iter().any(|argument| argument == "--leave-out");
     let verbose = arguments.iter().any(|argument| argument == "--verbose");
+    let as_simulator = arguments.iter().any(|argument| argument == "--as-simulator");
     arguments.retain(|argument| !argument.starts_with("--"));
     let [out, labels, folders @ ..] = arguments.as_slice() else {
-        return Err("usage: diagnose_cases [--leave-out] OUT LABELS CASE-FOLDER...".into());
+        return Err("usage: diagnose_cases [--leave-out] [--as-simulator] OUT LABELS CASE-FOLDER...".into());
     };
     for folder in folders {
         let clock = Instant::now();
@@ -39,6 +43,11 @@ fn main() -> Result<(), Box<dyn Error>> {
                 println!("    {stage}");
             }
         };
+        if as_simulator {
+            let (outcome, case) = by_simulator(&case, &library, &mut say)?;
+            told(&outcome, &case, &label, &Path::new(out).join(name), clock)?;
+            continue;
+        }
         let (outcome, ground) = Groundwork::whole(&case, &library, &[], &mut say)?;
         let to = Path::new(out).join(name);
         told(&outcome, &case, &label, &to, clock)?;
@@ -49,6 +58,21 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     }
     Ok(())
+}
+
+/// Diagnoses a case whose model is a simulator.
+fn by_simulator(
+    case: &Case,
+    library: &Library,
+    say: &mut dyn FnMut(String),
+) -> Result<(Outcome, Case), Box<dyn Error>> {
+    let model = case.model.as_ref().ok_or("a case has a model")?;
+    let mut simulator = Linear::new(model, "model", 1)?;
+    let case = Case { model: None, ..case.clone() };
+    match in_loop::diagnose(&case, &mut simulator, library, say)? {
+        Answered::ByModel(found) => Ok(*found),
+        Answered::InLoop(_) => Err("the simulator was not found to be linear".into()),
+    }
 }
 
 /// Writes an answer with its prediction, and prints it.

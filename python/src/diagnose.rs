@@ -7,7 +7,7 @@ use numpy::{PyArray2, PyReadonlyArray2, ToPyArray};
 use plid::gap::GapError;
 use plid::gap::case::{Case, CaseConfig, Excitation, Record};
 use plid::gap::effects::Library;
-use plid::gap::in_loop::{self, LoopOutcome, LoopPredictor};
+use plid::gap::in_loop::{self, Answered};
 use plid_simulator::Description;
 use pyo3::exceptions::{PyOSError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
@@ -21,7 +21,8 @@ type Given<'py> = (String, PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64
 /// A finished diagnosis.
 #[pyclass(frozen, module = "plid._plid")]
 pub struct Outcome {
-    outcome: LoopOutcome,
+    answered: Answered,
+    description: Description,
     case: Case,
 }
 
@@ -45,7 +46,7 @@ pub fn diagnose(
     }
     let records = records.into_iter().map(record).collect();
     let case = Case { config, model: None, records, for_simulation: Vec::new(), warnings: Vec::new() };
-    let mut foreign = Foreign::new(description, simulator);
+    let mut foreign = Foreign::new(description.clone(), simulator);
     let shelf = foreign.shelf();
     let mut say = |line: String| {
         let told = Python::attach(|py| {
@@ -62,7 +63,7 @@ pub fn diagnose(
         return Err(error);
     }
     match done {
-        Ok(Ok(outcome)) => Ok(Outcome { outcome, case }),
+        Ok(Ok(answered)) => Ok(Outcome { answered, description, case }),
         Ok(Err(error)) => Err(reason(py, &shelf, of_gap(&error))),
         Err(panic) => Err(of_panic(panic.as_ref())),
     }
@@ -91,28 +92,28 @@ fn of_gap(error: &GapError) -> PyErr {
 impl Outcome {
     /// The contents of diagnosis.json.
     fn diagnosis(&self) -> PyResult<String> {
-        plid::model::to_json(&self.outcome.diagnosis).map_err(value)
+        self.answered.diagnosis().map_err(value)
     }
 
     /// The contents of sim-with-effect.json.
     fn simulation(&self) -> PyResult<String> {
-        plid::model::to_json(&self.outcome.simulation).map_err(value)
+        self.answered.simulation().map_err(value)
     }
 
     /// The answer as text, with the parameters and their intervals.
     fn text(&self) -> String {
-        self.outcome.diagnosis.text()
+        self.answered.text()
     }
 
     /// Measured, as given and with the effects (samples x outputs each) on the record that the report shows.
     fn shown<'py>(&self, py: Python<'py>) -> (String, Vec<Bound<'py, PyArray2<f64>>>) {
-        let shown = &self.outcome.shown;
-        (shown.record.clone(), shown.trace.iter().map(|trace| rows(trace).to_pyarray(py)).collect())
+        let (record, trace) = self.answered.shown();
+        (record.into(), trace.iter().map(|trace| rows(trace).to_pyarray(py)).collect())
     }
 
     /// Writes report.html, diagnosis.json and sim-with-effect.json into a folder.
     fn write(&self, folder: PathBuf) -> PyResult<()> {
-        in_loop::write(&self.outcome, &self.case, &folder).map_err(|error| of_gap(&error))
+        self.answered.write(&self.case, &folder).map_err(|error| of_gap(&error))
     }
 
     /// Predicts the outputs of the simulator with the effects.
@@ -123,12 +124,10 @@ impl Outcome {
         u: PyReadonlyArray2<'py, f64>,
         t0: Option<f64>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let written = self.outcome.simulation.clone();
-        let mut foreign = Foreign::new(written.simulator.clone(), simulator);
-        let (shelf, t0) = (foreign.shelf(), t0.unwrap_or(written.t0));
-        let predictor = LoopPredictor::new(written).map_err(value)?;
+        let mut foreign = Foreign::new(self.description.clone(), simulator);
+        let (shelf, t0) = (foreign.shelf(), t0.unwrap_or(self.answered.t0()));
         let u: Vec<Vec<f64>> = u.as_array().columns().into_iter().map(|column| column.to_vec()).collect();
-        let work = || predictor.predict(&mut foreign, &Library::standard(), &u, t0);
+        let work = || self.answered.predict(&mut foreign, &Library::standard(), &u, t0);
         match py.detach(|| catch_unwind(AssertUnwindSafe(work))) {
             Ok(Ok(y)) => Ok(rows(&y).to_pyarray(py)),
             Ok(Err(error)) => Err(reason(py, &shelf, of_gap(&error))),

@@ -3,6 +3,7 @@
 import json
 import os
 import pickle
+import runpy
 import shutil
 import subprocess
 
@@ -101,6 +102,34 @@ def test_the_program_reads_the_model_and_simulates_the_same(model, data, tmp_pat
     found = model.simulate(u) - model.operating_point[1]
     for k, name in enumerate(model.outputs):
         assert_allclose(found[:, k], expected[name], rtol=0, atol=1e-12)
+
+
+def test_what_the_program_exports_is_the_same_model(model, tmp_path):
+    """The .mat and .npz of `plid export` are read by SciPy, NumPy and plid; the .py simulates by itself."""
+    program = os.environ.get("PLID_PROGRAM") or shutil.which("plid")
+    if not program:
+        pytest.skip("the program `plid` is neither in PLID_PROGRAM nor on the path")
+    model.save(tmp_path / "model.json")
+    keys = json.loads((tmp_path / "model.json").read_text())
+    keys["outputs"][0] = "Höhe"
+    (tmp_path / "model.json").write_text(json.dumps(keys))
+    for ending in ("mat", "npz", "py"):
+        to = tmp_path / f"exported.{ending}"
+        done = subprocess.run([program, "export", tmp_path / "model.json", "--to", to], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    read = [loadmat(tmp_path / "exported.mat"), np.load(tmp_path / "exported.npz")]
+    for found in read:
+        for name in "ABCD":
+            assert_array_equal(found[name], getattr(model, name))
+    for ending in ("mat", "npz"):
+        found = plid.Model.load(tmp_path / f"exported.{ending}")
+        assert found.outputs[0] == "Höhe" and found.provenance == model.provenance
+        assert_array_equal(found.B, model.B)
+    module = runpy.run_path(str(tmp_path / "exported.py"))
+    u = np.random.default_rng(3).standard_normal((50, 2))
+    assert_array_equal(module["A"], model.A)
+    assert_allclose(module["simulate"](u), dlsim(model.to_scipy(), u)[1], rtol=0, atol=1e-12)
+    assert module["outputs"] == keys["outputs"] and module["to_scipy"]().dt == pytest.approx(1 / RATE)
 
 
 def test_a_predictor_gain_is_used(exact, tmp_path):

@@ -102,16 +102,7 @@ pub fn execute(arguments: Arguments, library: Library, voice: Voice) -> Result<(
     if voice.quiet {
         return Ok(());
     }
-    let mut text = format!("{}\n", outcome.diagnosis.sentence);
-    for effect in &outcome.diagnosis.effects {
-        text += &effect.lines();
-        if let Some(change) = &effect.change {
-            text += &format!("  in the simulation: {change}\n");
-        }
-    }
-    if let Some(next) = &outcome.diagnosis.next_experiment {
-        text += &format!("next: {next}\n");
-    }
+    let mut text = outcome.diagnosis.text();
     text += &format!("report: {}\n", out.join("report.html").display());
     voice::print(&text)
 }

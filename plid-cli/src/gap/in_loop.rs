@@ -8,7 +8,6 @@ use plid::gap::GapError;
 use plid::gap::case::{Case, SimulatorConfig, columns};
 use plid::gap::effects::Library;
 use plid::gap::in_loop::{self, LoopPredictor};
-use plid::model::to_json;
 use plid::report::percent;
 use plid::simulator::Command;
 
@@ -33,16 +32,16 @@ pub fn diagnose(
         let mut simulator = start(simulator, file)?;
         let quiet = voice.quiet || voice.json;
         let outcome = Spinner::during(quiet, |say| in_loop::diagnose(case, &mut simulator, library, say))?;
-        in_loop::write(&outcome, case, out)?;
+        outcome.write(case, out)?;
         Ok(outcome)
     })?;
     if voice.json {
-        return voice::print(&to_json(&outcome.diagnosis).map_err(Failure::work)?);
+        return voice::print(&outcome.diagnosis().map_err(Failure::work)?);
     }
     if voice.quiet {
         return Ok(());
     }
-    voice::print(&format!("{}report: {}\n", outcome.diagnosis.text(), out.join("report.html").display()))
+    voice::print(&format!("{}report: {}\n", outcome.text(), out.join("report.html").display()))
 }
 
 /// Returns whether a sim-with-effect.json belongs to a simulator in the loop.

@@ -49,9 +49,18 @@ impl Predictor {
     /// # Errors
     /// [`GapError`] with the file and what is wrong.
     pub fn read(path: &Path, library: &Library) -> Result<Self, GapError> {
-        let malformed = |message: String| GapError::Malformed { file: path.into(), message };
         let text = std::fs::read_to_string(path).map_err(|source| GapError::Io { file: path.into(), source })?;
-        let written: SimulationWithEffects = serde_json::from_str(&text).map_err(|e| malformed(e.to_string()))?;
+        let written: SimulationWithEffects = serde_json::from_str(&text)
+            .map_err(|error| GapError::Malformed { file: path.into(), message: error.to_string() })?;
+        Self::new(written, library, path)
+    }
+
+    /// Of the contents of such a file. `path` names them in errors.
+    ///
+    /// # Errors
+    /// [`GapError`] with what is wrong.
+    pub fn new(written: SimulationWithEffects, library: &Library, path: &Path) -> Result<Self, GapError> {
+        let malformed = |message: String| GapError::Malformed { file: path.into(), message };
         let model = Model::from_json(&written.linear, &path.display().to_string())?;
         let plant = Plant::with_settings(&model, &written.plant)?;
         let setting = Setting::bare(&plant, &model);
@@ -302,6 +311,10 @@ mod tests {
                   "parameters": { "tau": { "value": 0.5, "ci95": null, "unit": "samples" } } },
                 { "effect": "sensor-saturation", "location": "output:y2", "equation": "",
                   "parameters": { "a": { "value": 0.5, "ci95": null, "unit": "V" } } },
+                // A converter that rounds cuts nothing off.
+                { "effect": "sensor-quantisation", "location": "output:y2", "equation": "",
+                  "parameters": { "q": { "value": 0.01, "ci95": null, "unit": "V" },
+                                  "cut": { "value": 0.0, "ci95": null, "unit": "steps" } } },
             ]
         });
         let read = |value: &serde_json::Value| {

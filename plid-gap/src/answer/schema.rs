@@ -211,6 +211,9 @@ pub struct Diagnosis {
     pub remainder: Remainder,
     /// The experiment that would best separate the remaining explanations.
     pub next_experiment: Option<String>,
+    /// The simulator whose linear model was diagnosed, if there was one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub simulator: Option<Used>,
     /// Thresholds of the diagnosis.
     #[serde(default)]
     pub settings: GapSettings,
@@ -218,6 +221,40 @@ pub struct Diagnosis {
     pub evidence: Vec<String>,
     /// Warnings.
     pub warnings: Vec<String>,
+}
+
+impl Diagnosis {
+    /// Returns the answer as text: the sentence, each parameter with its interval, the changes of the simulation, and
+    /// the next experiment.
+    pub fn text(&self) -> String {
+        let mut text = format!("{}\n", self.sentence);
+        for effect in &self.effects {
+            text += &effect.lines();
+            if let Some(change) = &effect.change {
+                text += &format!("  in the simulation: {change}\n");
+            }
+        }
+        if let Some(next) = &self.next_experiment {
+            text += &format!("next: {next}\n");
+        }
+        if let Some(Used { name, runs, seconds, .. }) = &self.simulator {
+            text += &format!("  {runs} runs of {name} in {seconds:.1} s\n");
+        }
+        text
+    }
+}
+
+/// A simulator and its calls.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Used {
+    /// Its name.
+    pub name: String,
+    /// Number of runs, on one record each.
+    pub runs: usize,
+    /// Time in the simulator, in s.
+    pub seconds: f64,
+    /// Whether the bound on the runs ended the search early.
+    pub cut_short: bool,
 }
 
 /// An effect in a form for other programs.

@@ -89,6 +89,7 @@ impl<'f, 'a> Finding<'f, 'a> {
         Diagnosis {
             verdict: if delay.is_some() { Verdict::Effects } else { *verdict },
             sentence,
+            simulator: None,
             next_experiment: next,
             effects,
             candidates,

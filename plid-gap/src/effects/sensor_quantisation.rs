@@ -19,7 +19,7 @@ impl Effect for SensorQuantisation {
     }
 
     fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
-        vec![Parameter::new("q", "V", Range::Positive), Parameter::new("cut", "steps", Range::Positive)]
+        vec![Parameter::new("q", "V", Range::Positive), Parameter::new("cut", "steps", Range::Signed)]
     }
 
     fn places(&self, setting: &Setting) -> Vec<Place> {

@@ -6,7 +6,7 @@ use plid_report::percent;
 use plid_simulator::Description;
 use serde::{Deserialize, Serialize};
 
-use crate::answer::schema::{Change, Explanation, Located, NamedEffect, Remainder, Value, Where, WrittenEffect};
+use crate::answer::schema::{Change, Explanation, Located, NamedEffect, Remainder, Used, Value, Where, WrittenEffect};
 use crate::fit::candidate::{in_words, joined};
 use crate::fit::problem::Placed;
 use crate::in_loop::coupling::Response;
@@ -70,19 +70,6 @@ pub struct LoopGap {
     pub predicted_ci80: [f64; 2],
     /// Names of the records on which these were measured.
     pub measured_on: Vec<String>,
-}
-
-/// The simulator and its calls.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Used {
-    /// Its name.
-    pub name: String,
-    /// Number of runs, on one record each.
-    pub runs: usize,
-    /// Time in the simulator, in s.
-    pub seconds: f64,
-    /// Whether the bound on the runs ended the search early.
-    pub cut_short: bool,
 }
 
 /// The contents of sim-with-effect.json for a simulator in the loop: all that a prediction uses besides the simulator.

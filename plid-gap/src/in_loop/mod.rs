@@ -8,6 +8,7 @@
 //! (docs/your-simulator.md).
 
 mod answer;
+mod answered;
 mod coupling;
 mod judge;
 mod measure;
@@ -16,6 +17,7 @@ mod outcome;
 mod parameter;
 mod predict;
 mod problem;
+mod realise;
 mod report;
 mod runs;
 mod screen;
@@ -23,9 +25,9 @@ mod search;
 mod survey;
 mod units;
 
-pub use answer::{LoopDiagnosis, LoopGap, SimulatorWithEffects, Used, WrittenPort};
+pub use answer::{LoopDiagnosis, LoopGap, SimulatorWithEffects, WrittenPort};
+pub use answered::Answered;
 pub use predict::{FORMAT, LoopPredictor};
-pub use report::write;
 
 use plid_data::nearest;
 use plid_simulator::{Checked, Description, Simulator};
@@ -75,12 +77,29 @@ pub struct Shown {
     pub fits: Vec<(String, f64)>,
 }
 
-/// Diagnoses the gap between records and a simulator.
+/// Diagnoses the gap between records and a simulator. One that is linear and has no parameters is taken apart: its
+/// model is diagnosed as a model.json is.
 ///
 /// # Errors
 /// [`GapError::Simulator`] if the simulator fails as it is given, or does not fit the case; the errors of an audit of
 /// the records.
 pub fn diagnose(
+    case: &Case,
+    simulator: &mut dyn Simulator,
+    library: &Library,
+    say: &mut dyn FnMut(String),
+) -> Result<Answered, GapError> {
+    if let Some(answered) = answered::by_model(case, simulator, library, say)? {
+        return Ok(answered);
+    }
+    Ok(Answered::InLoop(Box::new(diagnose_in_loop(case, simulator, library, say)?)))
+}
+
+/// Diagnoses with the simulator itself, whatever it is.
+///
+/// # Errors
+/// As [`diagnose`].
+pub fn diagnose_in_loop(
     case: &Case,
     simulator: &mut dyn Simulator,
     library: &Library,

@@ -2,14 +2,14 @@
 
 use plid_simulator::Description;
 
-use crate::answer::schema::{Located, Remainder, RemainderPlace, Where};
+use crate::answer::schema::{Located, Remainder, RemainderPlace, Used, Where};
 use crate::answer::simulation::written_effect;
 use crate::answer::whereabouts;
 use crate::case::record::{Channels, Record};
 use crate::effects::{Names, Place, Side};
 use crate::fit::candidate::{all_same, in_words, same};
 use crate::fit::problem::Placed;
-use crate::in_loop::answer::{self, LoopDiagnosis, SimulatorWithEffects, Used, WrittenPort};
+use crate::in_loop::answer::{self, LoopDiagnosis, SimulatorWithEffects, WrittenPort};
 use crate::in_loop::judge::{self, Judged};
 use crate::in_loop::measure::{Measured, Opened, blocks};
 use crate::in_loop::predict::FORMAT;

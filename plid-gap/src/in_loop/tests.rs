@@ -17,7 +17,7 @@ fn diagnosed(case: &Case) -> LoopOutcome {
             eprintln!("{text}");
         }
     };
-    let outcome = diagnose(case, &mut Arm::new(), &Library::standard(), &mut say).unwrap();
+    let outcome = diagnose_in_loop(case, &mut Arm::new(), &Library::standard(), &mut say).unwrap();
     eprintln!("{}", outcome.diagnosis.text());
     outcome
 }
@@ -112,7 +112,7 @@ fn what_the_vocabulary_lacks_is_kept_open() {
 fn refused(change: fn(&mut Case)) -> String {
     let mut case = case(&NOMINAL, nothing, same, as_it_is);
     change(&mut case);
-    diagnose(&case, &mut Arm::new(), &Library::standard(), &mut |_| {}).err().unwrap().to_string()
+    diagnose_in_loop(&case, &mut Arm::new(), &Library::standard(), &mut |_| {}).err().unwrap().to_string()
 }
 
 #[test]
@@ -170,7 +170,7 @@ fn the_answer_predicts_what_it_has_not_seen() {
     for case in [damped, stiffening] {
         let outcome = diagnosed(&case);
         let folder = tempfile::tempdir().unwrap();
-        write(&outcome, &case, folder.path()).unwrap();
+        report::write(&outcome, &case, folder.path()).unwrap();
         let predictor = LoopPredictor::read(&folder.path().join("sim-with-effect.json")).unwrap();
         let fresh = &case.records[2];
         let y = predictor.predict(&mut Arm::new(), &Library::standard(), &fresh.u, fresh.start_s).unwrap();

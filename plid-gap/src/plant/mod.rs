@@ -26,6 +26,7 @@ pub use chain::SignalChain;
 pub use declared::CasePort;
 pub use kind::{KindSource, Sensed};
 pub use load::Load;
+pub(crate) use logarithm::logarithm;
 pub use ports::PortSource;
 pub use spectrum::{RestNumber, Spectrum};
 

@@ -70,6 +70,7 @@ fn outcome(case: &Case) -> Outcome {
     let diagnosis = Diagnosis {
         verdict: Verdict::Effects,
         sentence: "cubic-stiffness at input:u1 <b>is it</b>.".into(),
+        simulator: None,
         effects: vec![NamedEffect {
             effect: cubic.into(),
             location: "input:u1".into(),

@@ -7,6 +7,9 @@ group! {
     LoopSettings {
         /// Largest number of runs of the simulator, on one record each. What could not be finished is said.
         calls: usize = 1000, "1", 10.0..=1e9;
+        /// Largest number of states of a linear model that may take the simulator's place: a simulator that is linear
+        /// and has no parameters is diagnosed as a model.json is. Zero keeps every simulator in the loop.
+        model_states: usize = 200, "1", 0.0..=1e4;
         /// Number of samples of the loudest record on which effects are screened.
         screened_samples: usize = 8192, "samples", 64.0..=1e9;
         /// Number of entries of a screen that are fitted in a few steps, on the head of the loudest record.

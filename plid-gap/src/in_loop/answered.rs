@@ -1,0 +1,149 @@
+//! The answer about any simulator: by its linear model, or with itself in the loop.
+
+use std::path::Path;
+
+use plid_file::{NotFinite, to_json};
+use plid_simulator::{Checked, Simulator};
+
+use crate::answer::predict::Predictor;
+use crate::answer::schema::Used;
+use crate::case::Case;
+use crate::case::levels::loudest;
+use crate::case::record::Channels;
+use crate::diagnose::{Outcome, diagnose};
+use crate::effects::Library;
+use crate::error::GapError;
+use crate::in_loop::predict::LoopPredictor;
+use crate::in_loop::realise::realise;
+use crate::in_loop::{LoopOutcome, report, require_same_channels};
+
+/// The answer about a simulator.
+pub enum Answered {
+    /// The simulator is linear: its model was diagnosed. The case holds the model.
+    ByModel(Box<(Outcome, Case)>),
+    /// The simulator itself was run with effects.
+    InLoop(Box<LoopOutcome>),
+}
+
+/// Diagnoses the linear model of a simulator; `None` if it is not linear, has parameters, or is no model that the
+/// linear diagnosis takes.
+pub(super) fn by_model(
+    case: &Case,
+    simulator: &mut dyn Simulator,
+    library: &Library,
+    say: &mut dyn FnMut(String),
+) -> Result<Option<Answered>, GapError> {
+    let most = case.config.settings.in_loop.model_states;
+    let mut checked = Checked::new(simulator)?;
+    let description = checked.description().clone();
+    require_same_channels(case, &description)?;
+    if most == 0 || !description.parameters.is_empty() || case.records.is_empty() {
+        return Ok(None);
+    }
+    say("finding out whether the simulator is linear".into());
+    let loud = loudest(&case.records, case.config.settings.case.same_level);
+    let Some(realised) = realise(&mut checked, &loud.u)? else { return Ok(None) };
+    let states = realised.model.n();
+    if states > most {
+        return Ok(None);
+    }
+    let mut model = realised.model;
+    case.config.declare_kinds(&mut model);
+    let case = Case { model: Some(model), ..case.clone() };
+    // What the linear diagnosis cannot take, such as an unstable simulation, stays in the loop.
+    let Ok(mut outcome) = diagnose(&case, library, say) else { return Ok(None) };
+    let calls = checked.calls();
+    let name = description.name;
+    outcome.diagnosis.evidence.push(format!(
+        "The simulator {name} is linear: a model of {states} states, realised from its impulse responses, repeats it to \
+        {:.0e} of each output in the loudest record. The model was diagnosed in its place.",
+        realised.error
+    ));
+    let seconds = calls.time.as_secs_f64();
+    outcome.diagnosis.simulator = Some(Used { name, runs: calls.runs, seconds, cut_short: false });
+    Ok(Some(Answered::ByModel(Box::new((outcome, case)))))
+}
+
+impl Answered {
+    /// Returns the answer as text, with the parameters and their intervals.
+    pub fn text(&self) -> String {
+        match self {
+            Self::ByModel(found) => found.0.diagnosis.text(),
+            Self::InLoop(outcome) => outcome.diagnosis.text(),
+        }
+    }
+
+    /// Returns the contents of diagnosis.json.
+    ///
+    /// # Errors
+    /// [`NotFinite`] with the key of a number that is not finite.
+    pub fn diagnosis(&self) -> Result<String, NotFinite> {
+        match self {
+            Self::ByModel(found) => to_json(&found.0.diagnosis),
+            Self::InLoop(outcome) => to_json(&outcome.diagnosis),
+        }
+    }
+
+    /// Returns the contents of sim-with-effect.json.
+    ///
+    /// # Errors
+    /// [`NotFinite`] with the key of a number that is not finite.
+    pub fn simulation(&self) -> Result<String, NotFinite> {
+        match self {
+            Self::ByModel(found) => to_json(&found.0.simulation),
+            Self::InLoop(outcome) => to_json(&outcome.simulation),
+        }
+    }
+
+    /// Returns the record that the report shows: its name, and the outputs measured, as given and with the effects
+    /// (p channels each).
+    pub fn shown(&self) -> (&str, &[Channels; 3]) {
+        match self {
+            Self::ByModel(found) => (&found.0.shown.trace_record, &found.0.shown.trace),
+            Self::InLoop(outcome) => (&outcome.shown.record, &outcome.shown.trace),
+        }
+    }
+
+    /// Returns the end of the last record, in s since the first began.
+    pub fn t0(&self) -> f64 {
+        match self {
+            Self::ByModel(found) => found.0.simulation.t0,
+            Self::InLoop(outcome) => outcome.simulation.t0,
+        }
+    }
+
+    /// Predicts the outputs (p channels) for inputs (m channels), from rest, from time `t0` on. A linear simulator is
+    /// not called again.
+    ///
+    /// # Errors
+    /// [`GapError::Simulator`] if the simulator fails or is another one; [`GapError::Diverged`].
+    pub fn predict(
+        &self,
+        simulator: &mut dyn Simulator,
+        library: &Library,
+        u: &[Vec<f64>],
+        t0: f64,
+    ) -> Result<Channels, GapError> {
+        match self {
+            Self::ByModel(found) => {
+                let written = found.0.simulation.clone();
+                Ok(Predictor::new(written, library, Path::new("the diagnosis"))?.predict(u, t0)?.outputs)
+            }
+            Self::InLoop(outcome) => {
+                let predictor = LoopPredictor::new(outcome.simulation.clone()).map_err(GapError::Failed)?;
+                predictor.predict(simulator, library, u, t0)
+            }
+        }
+    }
+
+    /// Writes diagnosis.json, sim-with-effect.json and report.html into a folder, together or not at all.
+    ///
+    /// # Errors
+    /// As [`crate::write`].
+    pub fn write(&self, case: &Case, folder: &Path) -> Result<(), GapError> {
+        match self {
+            Self::ByModel(found) => crate::report::write(&found.0, case, folder),
+            Self::InLoop(outcome) => report::write(outcome, case, folder),
+        }
+    }
+}
