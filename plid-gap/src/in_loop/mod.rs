@@ -115,11 +115,12 @@ pub fn diagnose_in_loop(
     let (records, held_out) = split(&case.records, &settings.case);
     let loud = loudest(&records, settings.case.same_level).clone();
     say("running the simulator as given".into());
-    let Survey { setting, responses } = survey(&mut simulator, &case.config, &records, &loud)?;
+    let Survey { setting, responses, start } = survey(&mut simulator, &case.config, &records, &loud)?;
     let written_ports = WrittenPort::all(&description, &responses);
     let mut runs = Runs::new(simulator, responses);
     let run = |runs: &mut Runs, record: &Record| runs.simulate(&setting, &[], record);
     let given: Vec<Channels> = records.iter().map(|record| run(&mut runs, record)).collect::<Result<_, _>>()?;
+    records.iter().zip(&given).for_each(|(record, y)| runs.learn_rest(record, y, &start));
     let noise = noise::estimate(&records, &given);
     warnings.extend(noise.warning());
     let parameters = SimulatorParameter::all(&description.parameters);

@@ -9,13 +9,19 @@ use crate::in_loop::coupling::{Coupling, Response};
 use crate::plant::Load;
 
 /// Number of runs that are remembered: those of the last explanations on a few records.
-const REMEMBERED: usize = 64;
+const REMEMBERED: usize = 256;
 
 /// The simulator, with what is known of its ports and its latest runs.
 pub(super) struct Runs<'s> {
     simulator: Checked<'s>,
     responses: Vec<Response>,
     remembered: Vec<Remembered>,
+    rest: Option<Rest>,
+}
+
+/// A simulator that stays at rest without inputs: its outputs there (p).
+struct Rest {
+    outputs: Vec<f64>,
 }
 
 /// A run before the sensors.
@@ -46,7 +52,30 @@ impl AtPorts<'_> {
 impl<'s> Runs<'s> {
     /// Of a simulator whose ports have these responses.
     pub fn new(simulator: Checked<'s>, responses: Vec<Response>) -> Self {
-        Self { simulator, responses, remembered: Vec::new() }
+        Self { simulator, responses, remembered: Vec::new(), rest: None }
+    }
+
+    /// Learns from a run without effects whether the simulator stays at rest: no input moved, and no output did. Such
+    /// a run need not be repeated with effects that do nothing at rest. `start` is the motion of the ports there.
+    pub fn learn_rest(&mut self, record: &Record, y: &[Vec<f64>], start: &[Motion]) {
+        let still = |y: &Vec<f64>| y.iter().all(|value| *value == y[0]);
+        let moved = record.u.iter().flatten().any(|u| *u != 0.0);
+        if !moved && record.samples() > 1 && y.iter().all(still) && start.iter().all(|at| *at == Motion::default()) {
+            self.rest = Some(Rest { outputs: y.iter().map(|y| y[0]).collect() });
+        }
+    }
+
+    /// Returns the outputs of a run in which nothing can move the simulator.
+    fn resting(&self, drive: &Drive, values: &[f64], at: &AtPorts) -> Option<Channels> {
+        let rest = self.rest.as_ref()?;
+        let driven = drive.u.iter().flatten().any(|u| *u != 0.0);
+        let acts =
+            |(_, law): &(usize, &dyn Force)| law.force(0.0, 0.0, 0.0) != 0.0 || law.advance(0.0, 0.0, 0.0) != 0.0;
+        if driven || !at.pushes.is_empty() || at.laws.iter().any(acts) || values != self.description().values() {
+            return None;
+        }
+        let samples = drive.u.first().map_or(0, Vec::len) / drive.parts;
+        Some(rest.outputs.iter().map(|y| vec![*y; samples]).collect())
     }
 
     /// Returns what the simulator has.
@@ -115,6 +144,9 @@ impl<'s> Runs<'s> {
                 Action::Sensor(_) | Action::Noise => {}
                 Action::Plant(_) | Action::Stiffness(_) => unreachable!("such effects are not among the candidates"),
             }
+        }
+        if let Some(y) = self.resting(&drive, &values, &at) {
+            return Ok(y);
         }
         let steps = self.description().steps_per_sample;
         if at.is_empty() && (drive.parts == 1 || steps < 2) {

@@ -15,6 +15,9 @@ use crate::judge::gap;
 use crate::search::rules::Scope;
 use crate::settings::LoopSettings;
 
+/// Least number of samples of a record on which effects are screened.
+const SHORTEST: usize = 64;
+
 /// What a search found.
 pub(super) struct Found<'a> {
     /// The simulator with its parameters fitted within their limits, without effects.
@@ -64,7 +67,8 @@ impl<'a> Search<'_, 'a> {
         let mut found = Found { fits: vec![refit.clone()], refit, screens: Vec::new(), cut_short: false };
         for stage in 0..self.settings.effects {
             let beside = found.fits[0].clone();
-            if self.left(problem, &beside) < self.least() || !self.may_call(runs) {
+            let least = self.least(problem, &found);
+            if self.left(problem, &beside) < least || !self.may_call(runs) {
                 break;
             }
             say(format!("stage {}: screening effects", stage + 1));
@@ -72,7 +76,7 @@ impl<'a> Search<'_, 'a> {
             let best = tried.iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).cloned();
             found.fits.extend(tried);
             let Some(best) = best else { break };
-            let accepted = self.accepts(problem, &best, &beside);
+            let accepted = self.accepts(problem, &best, &beside, least);
             if accepted {
                 self.weigh(problem, runs, &mut found, &best)?;
             }
@@ -101,16 +105,18 @@ impl<'a> Search<'_, 'a> {
         found: &mut Found<'a>,
         say: &mut dyn FnMut(String),
     ) -> Result<Vec<Fit<'a>>, SimulatorError> {
-        let levels: Vec<f64> = problem.records.iter().map(crate::case::record::Record::level).collect();
-        let loudest = (0..levels.len()).max_by(|&a, &b| levels[a].total_cmp(&levels[b])).unwrap_or(0);
-        let quick = problem.head(loudest, self.settings.screened_samples);
-        let start = quick.on_head(beside, loudest);
+        let (record, heads) = self.heads(problem, beside);
+        let quick = problem.head(record, heads[0]);
+        let start = quick.on_head(beside, record);
         // Half of the calls are kept for the fits.
         let bound = runs.calls().runs + (self.settings.calls.saturating_sub(runs.calls().runs)) / 2;
         let may_call = |runs: &Runs| runs.calls().runs < bound;
         let entries = screen(&quick, runs, &self.effects, &start, &self.scope, may_call, say)?;
         found.cut_short |= !may_call(runs);
-        let leading = self.tried(&quick, runs, &start, &entries, say)?;
+        let mut leading = self.tried(&quick, runs, &start, &entries, say)?;
+        for samples in &heads[1..] {
+            leading = self.grown(&problem.head(record, *samples), runs, &leading, &start.eta, say)?;
+        }
         let mut fits: Vec<Fit> = Vec::new();
         for effects in leading {
             if !self.may_call(runs) {
@@ -130,8 +136,83 @@ impl<'a> Search<'_, 'a> {
         Ok(fits)
     }
 
-    /// Fits the best start of each effect at each place in a few steps, on the head of the loudest record. Returns the
-    /// effects of the best of these fits, one for each effect at each place.
+    /// Returns the record on which effects are screened, and the numbers of its first samples that are fitted in turn.
+    ///
+    /// It is the loudest record that shows a gap which is smaller than the output. A simulation that is off by more
+    /// than the output is far from where the record is, and the traces of effects there tell little. If it is so in all
+    /// records, the head of the loudest one is shortened until its gap is smaller: the explanations that fit it are
+    /// carried on to longer heads.
+    fn heads(&self, problem: &Problem<'a>, beside: &Fit<'a>) -> (usize, Vec<usize>) {
+        let levels: Vec<f64> = problem.records.iter().map(crate::case::record::Record::level).collect();
+        let mut order: Vec<usize> = (0..levels.len()).filter(|k| levels[*k] > 0.0).collect();
+        order.sort_by(|&a, &b| levels[b].total_cmp(&levels[a]));
+        let gap = |k: usize| gap::of_driven(&problem.records[k..=k], &beside.simulated[k..=k]);
+        let floor = |k: usize| gap::floor_over(&self.noise, &[problem.records[k].y.as_slice()]);
+        let shows = |k: &usize| gap(*k) < 1.0 && gap(*k).powi(2) - floor(*k).powi(2) > self.material.powi(2);
+        let whole = |k: usize| problem.records[k].samples().min(self.settings.screened_samples);
+        if let Some(record) = order.iter().copied().find(shows) {
+            return (record, vec![whole(record)]);
+        }
+        let record = order.first().copied().unwrap_or(0);
+        let near = |samples: usize| {
+            let head = problem.head(record, samples);
+            gap::of_driven(&head.records, &head.on_head(beside, record).simulated) < 1.0
+        };
+        let [mut short, mut long] = [SHORTEST.min(whole(record)), whole(record)];
+        if !near(short) {
+            return (record, vec![long]);
+        }
+        // A stop that is hit once may throw a simulation far off within a few samples.
+        while long - short > SHORTEST / 8 {
+            let middle = (short + long) / 2;
+            if near(middle) {
+                short = middle;
+            } else {
+                long = middle;
+            }
+        }
+        let mut heads = vec![short];
+        while heads[heads.len() - 1] < whole(record) {
+            heads.push((2 * heads[heads.len() - 1]).min(whole(record)));
+        }
+        (record, heads)
+    }
+
+    /// Fits explanations in a few steps on a longer head than the one on which they were found, and drops those that do
+    /// not follow it.
+    fn grown(
+        &self,
+        head: &Problem<'a>,
+        runs: &mut Runs,
+        leading: &[Vec<Placed<'a>>],
+        eta: &[f64],
+        say: &mut dyn FnMut(String),
+    ) -> Result<Vec<Vec<Placed<'a>>>, SimulatorError> {
+        let mut fits = Vec::new();
+        for effects in leading {
+            if !self.may_call(runs) {
+                break;
+            }
+            let Ok(simulated) = head.simulate(runs, effects, eta) else { continue };
+            let start = head.as_is(effects.clone(), eta.to_vec(), simulated);
+            let fit = head.fit(runs, start, self.settings.quick_steps, self.gain(head))?;
+            let samples = head.records[0].samples();
+            say(format!("{samples} samples: {}, {} runs so far", self.words(head, &fit), runs.calls().runs));
+            fits.push(fit);
+        }
+        Ok(self.leading(head, fits))
+    }
+
+    /// Returns the effects of the fits that leave least, without those far behind.
+    fn leading(&self, problem: &Problem<'a>, mut fits: Vec<Fit<'a>>) -> Vec<Vec<Placed<'a>>> {
+        fits.sort_by(|a, b| self.priced(problem, a).total_cmp(&self.priced(problem, b)));
+        let nearest = fits.iter().map(|fit| self.left(problem, fit)).fold(f64::INFINITY, f64::min);
+        fits.retain(|fit| self.left(problem, fit) <= self.settings.far * nearest.max(self.material));
+        fits.into_iter().take(self.settings.fitted).map(|fit| fit.effects).collect()
+    }
+
+    /// Runs the best start of each effect at each place in three sizes on the head of one record, and fits the leading
+    /// ones in a few steps. Returns the effects of the best of these fits, one for each effect at each place.
     fn tried(
         &self,
         quick: &Problem<'a>,
@@ -146,19 +227,30 @@ impl<'a> Search<'_, 'a> {
         order.retain(|(rank, _)| *rank < self.settings.starts);
         order.sort_unstable();
         let chosen = order.iter().take(self.settings.tried).map(|(_, at)| &entries[*at]);
-        let mut fits: Vec<Fit> = Vec::new();
+        let mut sized: Vec<Fit> = Vec::new();
         for entry in chosen {
-            if !self.may_call(runs) {
-                break;
-            }
-            let mut sized: Vec<Fit> = Vec::new();
+            let before = runs.calls().runs;
+            let mut of_entry: Vec<Fit> = Vec::new();
             for placed in entry.sizes(quick) {
                 let effects: Vec<Placed> = start.effects.iter().cloned().chain([placed]).collect();
                 let Ok(simulated) = quick.simulate(runs, &effects, &start.eta) else { continue };
-                sized.push(quick.as_is(effects, start.eta.clone(), simulated));
+                of_entry.push(quick.as_is(effects, start.eta.clone(), simulated));
             }
-            let Some(from) = sized.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost)) else { continue };
-            let fit = quick.fit(runs, from, self.settings.quick_steps, self.gain(quick))?;
+            sized.extend(of_entry.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost)));
+            if runs.calls().runs > before && !self.may_call(runs) {
+                break;
+            }
+        }
+        sized.sort_by(|a, b| self.priced(quick, a).total_cmp(&self.priced(quick, b)));
+        let mut fits: Vec<Fit> = Vec::new();
+        let mut stepped = 0;
+        for from in sized {
+            let mut fit = from;
+            let before = runs.calls().runs;
+            if stepped < self.settings.stepped && self.may_call(runs) {
+                fit = quick.fit(runs, fit, self.settings.quick_steps, self.gain(quick))?;
+                stepped += usize::from(runs.calls().runs > before);
+            }
             say(format!("tried {}, {} runs so far", self.words(quick, &fit), runs.calls().runs));
             match fits.iter_mut().find(|other| all_same(&other.effects, &fit.effects)) {
                 Some(other) if other.cost <= fit.cost => {}
@@ -166,8 +258,7 @@ impl<'a> Search<'_, 'a> {
                 None => fits.push(fit),
             }
         }
-        fits.sort_by(|a, b| self.priced(quick, a).total_cmp(&self.priced(quick, b)));
-        Ok(fits.into_iter().take(self.settings.fitted).map(|fit| fit.effects).collect())
+        Ok(self.leading(quick, fits))
     }
 
     /// Weighs all explanations anew, by what the best one leaves, and fits the leading ones once more.
@@ -198,18 +289,20 @@ impl<'a> Search<'_, 'a> {
 
     /// Returns whether a further effect is needed: the records prefer it clearly, and it closes a share of what its
     /// predecessor leaves.
-    fn accepts(&self, problem: &Problem, fit: &Fit, before: &Fit) -> bool {
+    fn accepts(&self, problem: &Problem, fit: &Fit, before: &Fit, least: f64) -> bool {
         let Evidence { difference, z } = evidence(problem, fit, before);
         let price = self.price(problem, fit) - self.price(problem, before);
         let [after, before] = [fit, before].map(|fit| self.left(problem, fit));
         let closes = (before * before - after * after).max(0.0).sqrt();
-        let enough = closes > self.least() && 1.0 - after / before > self.settings.least_closed;
+        let enough = closes > least && 1.0 - after / before > self.settings.least_closed;
         difference > price && z > self.settings.clear && enough
     }
 
-    /// Returns the least gap that a further effect must close, in amplitude.
-    fn least(&self) -> f64 {
-        self.settings.least_material * self.material
+    /// Returns the least gap that an effect must close beside those that were found, in amplitude.
+    fn least(&self, problem: &Problem, found: &Found) -> f64 {
+        let least = self.settings.least_material * self.material;
+        let is_first = found.fits[0].effects.is_empty();
+        if is_first { least } else { least.max(self.settings.least_of_gap * self.left(problem, &found.refit).min(1.0)) }
     }
 
     /// Returns the gap of the fitted records beyond the noise, relative to the outputs.

@@ -21,6 +21,8 @@ pub(super) struct Survey {
     pub setting: Setting,
     /// Of each port.
     pub responses: Vec<Response>,
+    /// The motion of each port at rest.
+    pub start: Vec<Motion>,
 }
 
 /// Forces from which the mobility of a port is measured, over the last: a port that sticks moves only by a large one.
@@ -57,9 +59,10 @@ pub(super) fn survey(
     config.declare_kinds(&mut model);
     let mut setting = of_model(&description, &model)?;
     of_records(&mut setting, records, loudest);
-    let mut responses = Vec::new();
+    let (mut responses, mut start) = (Vec::new(), Vec::new());
     if count > 0 {
         let (y, motions) = Runs::watched(simulator, &loudest.u, |_, forces| forces.fill(0.0)).map_err(failed)?;
+        start = motions.first().cloned().unwrap_or_default();
         let steps = description.steps_per_sample;
         for port in 0..count {
             let of = |part: fn(&Motion) -> f64| -> Vec<f64> { motions.iter().map(|all| part(&all[port])).collect() };
@@ -68,7 +71,15 @@ pub(super) fn survey(
             setting.d_rms[port] = spread(&d);
             setting.v_rms[port] = rms(&v);
             let sampled: Vec<f64> = d.iter().step_by(steps).copied().collect();
-            setting.d_range[port] = measured_range(&sampled, &y, records);
+            if let Some((o, ratio)) = shown_by(&sampled, &y) {
+                setting.d_range[port] = measured_range(o, ratio, records);
+                // The plant's motion counts, and not that of a simulator which may be far from it.
+                let measured = measured_spread(o, ratio, loudest);
+                if measured > 0.0 && setting.d_rms[port] > 0.0 {
+                    setting.v_rms[port] *= measured / setting.d_rms[port];
+                    setting.d_rms[port] = measured;
+                }
+            }
         }
         for port in 0..count {
             let size = force(simulator, port, &loudest.u, &motions, &mobilities).map_err(failed)?;
@@ -76,7 +87,7 @@ pub(super) fn survey(
             setting.stiffness[port] = if setting.d_rms[port] > 0.0 { size / setting.d_rms[port] } else { 0.0 };
         }
     }
-    Ok(Survey { setting, responses })
+    Ok(Survey { setting, responses, start })
 }
 
 /// Returns the channels, places and parameters of a simulator without any sizes: what a prediction needs.
@@ -199,18 +210,28 @@ fn spread(d: &[f64]) -> f64 {
     rms(d.iter().map(|d| d - start).collect::<Vec<f64>>())
 }
 
-/// Returns the lowest and the highest displacement in all records, if an output measures it.
-fn measured_range(d: &[f64], y: &[Vec<f64>], records: &[Record]) -> Option<[f64; 2]> {
+/// Returns the output that measures a displacement, and its value over the displacement.
+fn shown_by(d: &[f64], y: &[Vec<f64>]) -> Option<(usize, f64)> {
     let square = |x: &[f64]| x.iter().map(|x| x * x).sum::<f64>();
     let ratio = |y: &[f64]| {
         let ratio = d.iter().zip(y).map(|(d, y)| d * y).sum::<f64>() / square(d);
         let apart: f64 = d.iter().zip(y).map(|(d, y)| (y - ratio * d).powi(2)).sum();
         (ratio.is_finite() && ratio != 0.0 && apart <= SAME_SIGNAL.powi(2) * square(y)).then_some(ratio)
     };
-    let (o, ratio) = y.iter().enumerate().find_map(|(o, y)| Some((o, ratio(y)?)))?;
+    y.iter().enumerate().find_map(|(o, y)| Some((o, ratio(y)?)))
+}
+
+/// Returns the lowest and the highest displacement in all records.
+fn measured_range(o: usize, ratio: f64, records: &[Record]) -> Option<[f64; 2]> {
     let seen = records.iter().flat_map(|record| &record.y[o]).filter(|y| y.is_finite()).map(|y| y / ratio);
     let [low, high] = seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], d| [low.min(d), high.max(d)]);
     (low < high).then_some([low, high])
+}
+
+/// Returns the RMS of the displacement in a record.
+fn measured_spread(o: usize, ratio: f64, record: &Record) -> f64 {
+    let seen: Vec<f64> = record.y[o].iter().filter(|y| y.is_finite()).map(|y| y / ratio).collect();
+    if seen.is_empty() { 0.0 } else { rms(seen) }
 }
 
 /// Returns the force that moves a port about as much as the inputs do: a random force of a known size is added in the
