@@ -145,6 +145,31 @@ def test_a_system_is_a_simulator():
         gap.from_system(model, rate=50.0)
 
 
+def test_a_linear_simulator_is_diagnosed_by_its_model(tmp_path):
+    """The model gives the same answer as the simulator in the loop, and predicts without the simulator."""
+    records = measured(lambda u: stage(u, 1.3))
+    calls = []
+
+    def simulator(u):
+        calls.append(len(u))
+        return stage(u)
+
+    by_model = gap.diagnose(records, simulator=simulator, rate=RATE, progress=False)
+    assert by_model.data["simulator"]["runs"] == len(calls) < 10
+    assert any("model of 2 states" in sentence for sentence in by_model.data["evidence"])
+    in_loop = gap.diagnose(
+        records, simulator=stage, rate=RATE, progress=False, settings={"in_loop": {"model_states": 0}}
+    )
+    # With one input and one output, the two gains are the same thing.
+    gains = {("actuator-gain", "input:u1"), ("sensor-gain", "output:y1")}
+    assert first(by_model) in gains and first(in_loop) in gains
+    fresh = command(9, 8.0)[:, None]
+    calls.clear()
+    assert_allclose(by_model.predict(fresh), stage(fresh, 1.3), atol=5e-4)
+    assert calls == []
+    assert "model of 2 states" in by_model.report(tmp_path).read_text()
+
+
 def test_a_system_of_python_control_is_a_simulator():
     control = pytest.importorskip("control", reason="python-control is not installed")
     system = control.tf([0.5], [1.0, 4.0, 200.0], inputs=["force"], outputs=["x"])
