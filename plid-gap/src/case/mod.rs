@@ -16,7 +16,7 @@ use plid_model::Model;
 use crate::error::GapError;
 
 pub(crate) use config::ON_A_MODE;
-pub use config::{CaseConfig, ExcitationKind, PortConfig, RecordConfig, SimulatorConfig, StartKind, Use};
+pub use config::{CaseConfig, ExcitationKind, PortConfig, RecordConfig, StartKind, Use};
 pub use limits::Limits;
 pub use record::{Channels, Excitation, Record};
 

@@ -167,6 +167,7 @@ impl<'a> Opened<'_, 'a> {
             parameters: description.parameters.iter().map(|p| p.name.clone()).zip(values).collect(),
             simulator: description,
             command: command.unwrap_or_default(),
+            fmu: case.config.simulator.as_ref().and_then(SimulatorConfig::source),
             ports,
             effects: around.map(|placed| written_effect(placed, &problem.setting, &problem.setting)).collect(),
             t0: case.records.iter().map(end).fold(0.0, f64::max),
