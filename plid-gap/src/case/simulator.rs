@@ -128,23 +128,26 @@ impl SimulatorConfig {
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
     use super::*;
 
-    fn faults(text: &str) -> Vec<&'static str> {
-        let config: SimulatorConfig = toml::from_str(text).unwrap();
+    fn faults(json: serde_json::Value) -> Vec<&'static str> {
+        let config: SimulatorConfig = serde_json::from_value(json).unwrap();
         config.problems(false).into_iter().map(|(key, _)| key).collect()
     }
 
     #[test]
     fn a_simulator_is_a_program_or_an_fmu() {
         let none: [&str; 0] = [];
-        assert_eq!(faults("command = ['sim']"), none);
-        let port = "[[port]]\nname = 'p'\nforce = 'f'\ndisplacement = 'x'\nvelocity = 'v'";
-        assert_eq!(faults(&format!("fmu = 'a.fmu'\nparameters = ['mass']\nsteps_per_sample = 4\n{port}")), none);
-        assert_eq!(faults("patience_s = 1.0"), ["command"]);
-        assert_eq!(faults("command = ['sim']\nfmu = 'a.fmu'"), ["fmu"]);
-        assert_eq!(faults("fmu = ''"), ["fmu"]);
-        assert_eq!(faults("command = ['sim']\nparameters = ['mass']"), ["parameters"]);
-        assert_eq!(faults("fmu = 'a.fmu'\nsteps_per_sample = 0"), ["steps_per_sample"]);
+        assert_eq!(faults(json!({ "command": ["sim"] })), none);
+        let port = json!({ "name": "p", "force": "f", "displacement": "x", "velocity": "v" });
+        let fmu = json!({ "fmu": "a.fmu", "parameters": ["mass"], "steps_per_sample": 4, "port": [port] });
+        assert_eq!(faults(fmu), none);
+        assert_eq!(faults(json!({ "patience_s": 1.0 })), ["command"]);
+        assert_eq!(faults(json!({ "command": ["sim"], "fmu": "a.fmu" })), ["fmu"]);
+        assert_eq!(faults(json!({ "fmu": "" })), ["fmu"]);
+        assert_eq!(faults(json!({ "command": ["sim"], "parameters": ["mass"] })), ["parameters"]);
+        assert_eq!(faults(json!({ "fmu": "a.fmu", "steps_per_sample": 0 })), ["steps_per_sample"]);
     }
 }

@@ -6,8 +6,8 @@ use plid_report::percent;
 use plid_simulator::Description;
 use serde::{Deserialize, Serialize};
 
-use crate::case::FmuSource;
 use crate::answer::schema::{Change, Explanation, Located, NamedEffect, Remainder, Value, Where, WrittenEffect};
+use crate::case::FmuSource;
 use crate::fit::candidate::{in_words, joined};
 use crate::fit::problem::Placed;
 use crate::in_loop::coupling::Response;

@@ -5,6 +5,7 @@ use plid_simulator::Description;
 use crate::answer::schema::{Located, Remainder, RemainderPlace, Where};
 use crate::answer::simulation::written_effect;
 use crate::answer::whereabouts;
+use crate::case::SimulatorConfig;
 use crate::case::record::{Channels, Record};
 use crate::effects::{Names, Place, Side};
 use crate::fit::candidate::{all_same, in_words, same};

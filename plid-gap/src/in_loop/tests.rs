@@ -1,6 +1,7 @@
 //! Diagnoses of a nonlinear arm. Their truths have the effect inside the equations of motion.
 
 use super::*;
+use crate::case::SimulatorConfig;
 use crate::judge::gap::Blocks;
 use crate::judge::verdict::Verdict;
 use crate::testing::arm::{Arm, Extra, NOMINAL, Numbers, case, nothing};

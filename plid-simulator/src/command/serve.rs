@@ -126,9 +126,9 @@ impl<I: BufRead, O: Write> Server<'_, I, O> {
                 let u = self.inputs(samples)?;
                 match self.parameters(&parameters).and_then(|()| self.whole(&parameters, &u)) {
                     Ok(y) => {
-                    let samples = y.first().map_or(0, Vec::len);
-                    self.answer((0..samples).flat_map(|k| y.iter().map(move |y| y[k])))
-                }
+                        let samples = y.first().map_or(0, Vec::len);
+                        self.answer((0..samples).flat_map(|k| y.iter().map(move |y| y[k])))
+                    }
                     Err(error) => refuse(&mut self.output, &message(error)),
                 }
             }
