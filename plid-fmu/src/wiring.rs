@@ -130,11 +130,11 @@ impl<'a> Chooser<'a> {
         }
         let fit_names: Vec<&str> =
             self.model.variables.iter().filter(|one| fit(one)).map(|one| one.name.as_str()).collect();
-        let fault = match found {
-            Some(found) => format!("it is {}, and not {wanted}", found.in_words()),
-            None => format!("the FMU has none of this name{}", meant(name, &fit_names)),
+        let (fault, meant) = match found {
+            Some(found) => (format!("it is {}", found.in_words()), String::new()),
+            None => ("the FMU has none of this name".to_string(), meant(name, &fit_names)),
         };
-        let message = format!("{fault}; {wanted} would be {}", listed(&fit_names));
+        let message = format!("{fault}; {wanted} would be {}{meant}", listed(&fit_names));
         Err(FmuError::Variable { file: self.file.into(), variable: name.into(), message })
     }
 
@@ -166,7 +166,7 @@ impl<'a> Chooser<'a> {
 
     fn parameter(&self, chosen: &ChosenParameter) -> Result<(u32, Parameter), FmuError> {
         let ChosenParameter { name, value, lower, upper, limit, unit } = chosen;
-        let found = self.find(name, is_parameter, "a real parameter, fixed or tunable")?;
+        let found = self.find(name, is_parameter, "a real parameter that is fixed or tunable")?;
         let missing = || FmuError::Variable {
             file: self.file.into(),
             variable: name.clone(),

@@ -108,7 +108,7 @@ impl Binary {
     /// Loads a library.
     pub fn load(file: &Path, version: Version) -> Result<Self, String> {
         // SAFETY: the initialisers of a foreign library run here. The caller has been asked to load it.
-        let library = unsafe { Library::new(file) }.map_err(|error| error.to_string())?;
+        let library = unsafe { Library::new(file) }.map_err(|error| in_words(&error))?;
         // SAFETY: the types of the functions are those of the standard, which the FMU claims to follow.
         let functions = unsafe {
             match version {
@@ -116,7 +116,15 @@ impl Binary {
                 Version::Three => fmi3::Functions::of(&library).map(Functions::Three),
             }
         };
-        Ok(Self { functions: functions.map_err(|error| error.to_string())?, _library: library })
+        Ok(Self { functions: functions.map_err(|error| in_words(&error))?, _library: library })
+    }
+}
+
+/// Returns an error with the system's own words behind it.
+fn in_words(error: &dyn std::error::Error) -> String {
+    match error.source() {
+        Some(source) => format!("{error}: {}", in_words(source)),
+        None => error.to_string(),
     }
 }
 
