@@ -112,12 +112,23 @@ impl Functions {
         }
     }
 
+    /// Sets parameters and initialises.
+    ///
     /// # Safety
     /// The component is alive.
-    pub unsafe fn initialise(&self, of: Component, time: f64) -> Result<(), Failed> {
+    pub unsafe fn initialise(
+        &self,
+        of: Component,
+        time: f64,
+        references: &[u32],
+        values: &[f64],
+    ) -> Result<(), Failed> {
         // SAFETY: as the caller promises.
         unsafe {
             done("fmi2SetupExperiment", (self.experiment)(of, FALSE, 0.0, time, FALSE, 0.0))?;
+            if !references.is_empty() {
+                self.set(of, references, values)?;
+            }
             done("fmi2EnterInitializationMode", (self.enter)(of))?;
             done("fmi2ExitInitializationMode", (self.exit)(of))
         }

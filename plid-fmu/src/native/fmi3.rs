@@ -101,11 +101,22 @@ impl Functions {
         }
     }
 
+    /// Sets parameters and initialises.
+    ///
     /// # Safety
     /// The component is alive.
-    pub unsafe fn initialise(&self, of: Component, time: f64) -> Result<(), Failed> {
+    pub unsafe fn initialise(
+        &self,
+        of: Component,
+        time: f64,
+        references: &[u32],
+        values: &[f64],
+    ) -> Result<(), Failed> {
         // SAFETY: as the caller promises.
         unsafe {
+            if !references.is_empty() {
+                self.set(of, references, values)?;
+            }
             done("fmi3EnterInitializationMode", (self.enter)(of, FALSE, 0.0, time, FALSE, 0.0))?;
             done("fmi3ExitInitializationMode", (self.exit)(of))
         }

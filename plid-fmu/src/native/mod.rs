@@ -186,13 +186,13 @@ impl Instance {
 
     /// Initialises with these values of parameters.
     pub fn initialise(&mut self, time: f64, references: &[u32], values: &[f64]) -> Result<(), Failed> {
-        self.set(references, values)?;
+        debug_assert_eq!(references.len(), values.len());
         let pointer = self.pointer;
-        // SAFETY: the instance is alive.
+        // SAFETY: the instance is alive, and the arrays have the stated lengths.
         self.call(|functions| unsafe {
             match functions {
-                Functions::Two(functions) => functions.initialise(pointer, time),
-                Functions::Three(functions) => functions.initialise(pointer, time),
+                Functions::Two(functions) => functions.initialise(pointer, time, references, values),
+                Functions::Three(functions) => functions.initialise(pointer, time, references, values),
             }
         })?;
         self.stage = Stage::Steps;
