@@ -58,6 +58,7 @@
 //! | `testbed` | the simulated truss |
 //! | `lab` | experiments, from data files to reports; it has all of the above |
 //! | `gap` | where a simulation disagrees with records, and why; anybody's simulator in the loop |
+//! | `fmu` | FMUs as simulators |
 //!
 //! # Profile
 //!
@@ -78,6 +79,9 @@ pub use plid_core::*;
 #[cfg(feature = "data")]
 #[doc(inline)]
 pub use plid_data as data;
+#[cfg(feature = "fmu")]
+#[doc(inline)]
+pub use plid_fmu as fmu;
 #[cfg(feature = "gap")]
 #[doc(inline)]
 pub use plid_gap as gap;
@@ -93,7 +97,7 @@ pub use plid_refine as refine;
 #[cfg(feature = "plots")]
 #[doc(inline)]
 pub use plid_report as report;
-#[cfg(feature = "gap")]
+#[cfg(any(feature = "gap", feature = "fmu"))]
 #[doc(inline)]
 pub use plid_simulator as simulator;
 #[cfg(feature = "testbed")]

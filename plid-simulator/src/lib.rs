@@ -11,7 +11,7 @@
 //! | [`Linear`] | a linear model with ports, such as a model.json |
 //!
 //! [`Checked`] wraps any of them: it checks what comes back, names the call that failed, and counts calls and time.
-//! [`check()`] tells what a simulator does not honour.
+//! [`check()`] tells what a simulator does not honour. [`serve()`] makes a simulator one for another program.
 //!
 //! ```
 //! use plid_simulator::{Checked, Description, Function, Input, Output};
@@ -38,7 +38,7 @@ mod linear;
 
 pub use check::{Finding, check};
 pub use checked::{Calls, Checked};
-pub use command::Command;
+pub use command::{Command, refuse, serve};
 pub use description::{Description, Input, Output, Parameter, Port};
 pub use error::SimulatorError;
 pub use function::Function;

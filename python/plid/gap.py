@@ -15,12 +15,25 @@ from typing import Any
 
 from plid import _plid
 from plid._arrays import Array, channels, positive
+from plid._fmu import FmuPort, from_fmu
 from plid._identify import listener
 from plid._mujoco import from_mujoco
 from plid._simulator import Parameter, Port, Simulator
 from plid._state_space import from_system
 
-__all__ = ["Diagnosis", "Effect", "Parameter", "Port", "Record", "Simulator", "diagnose", "from_mujoco", "from_system"]
+__all__ = [
+    "Diagnosis",
+    "Effect",
+    "FmuPort",
+    "Parameter",
+    "Port",
+    "Record",
+    "Simulator",
+    "diagnose",
+    "from_fmu",
+    "from_mujoco",
+    "from_system",
+]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -13,7 +13,7 @@ use pyo3::exceptions::{PyOSError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::errors::{of_panic, value};
-use crate::simulator::{Foreign, end, ended, reason, rows};
+use crate::simulator::{end, ended, of_object, reason, rows};
 
 /// A record: its name, inputs and outputs (samples x channels), its start in s, and whether it is held out.
 type Given<'py> = (String, PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>, f64, bool);
@@ -46,8 +46,7 @@ pub fn diagnose(
     }
     let records = records.into_iter().map(record).collect();
     let case = Case { config, model: None, records, for_simulation: Vec::new(), warnings: Vec::new() };
-    let mut foreign = Foreign::new(description.clone(), simulator);
-    let shelf = foreign.shelf();
+    let (mut simulator, shelf) = of_object(py, description, simulator);
     let mut say = |line: String| {
         let told = Python::attach(|py| {
             py.check_signals()?;
@@ -57,7 +56,7 @@ pub fn diagnose(
             end(&shelf, error);
         }
     };
-    let work = || in_loop::diagnose(&case, &mut foreign, &Library::standard(), &mut say);
+    let work = || in_loop::diagnose(&case, simulator.as_mut(), &Library::standard(), &mut say);
     let done = py.detach(|| catch_unwind(AssertUnwindSafe(work)));
     if let Some(error) = ended(&shelf) {
         return Err(error);
@@ -124,10 +123,10 @@ impl Outcome {
         u: PyReadonlyArray2<'py, f64>,
         t0: Option<f64>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let mut foreign = Foreign::new(self.description.clone(), simulator);
-        let (shelf, t0) = (foreign.shelf(), t0.unwrap_or(self.answered.t0()));
+        let (mut simulator, shelf) = of_object(py, self.description.clone(), simulator);
+        let t0 = t0.unwrap_or(self.answered.t0());
         let u: Vec<Vec<f64>> = u.as_array().columns().into_iter().map(|column| column.to_vec()).collect();
-        let work = || self.answered.predict(&mut foreign, &Library::standard(), &u, t0);
+        let work = || self.answered.predict(simulator.as_mut(), &Library::standard(), &u, t0);
         match py.detach(|| catch_unwind(AssertUnwindSafe(work))) {
             Ok(Ok(y)) => Ok(rows(&y).to_pyarray(py)),
             Ok(Err(error)) => Err(reason(py, &shelf, of_gap(&error))),

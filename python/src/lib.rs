@@ -4,6 +4,7 @@
 mod arrays;
 mod diagnose;
 mod errors;
+mod fmu;
 mod identify;
 mod model;
 mod recursion;
@@ -19,6 +20,7 @@ fn _plid(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<model::Model>()?;
     module.add_class::<recursion::Recursion>()?;
     module.add_class::<diagnose::Outcome>()?;
+    module.add_class::<fmu::Fmu>()?;
     module.add_function(wrap_pyfunction!(diagnose::diagnose, module)?)?;
     module.add_function(wrap_pyfunction!(identify::identify, module)?)?;
     module.add_function(wrap_pyfunction!(variant::variants, module)?)

@@ -8,6 +8,8 @@ use plid_simulator::{Description, Motion, Simulator, SimulatorError};
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
 
+use crate::fmu::Fmu;
+
 /// What the simulator raised: the last exception, and the one that ends everything, such as Ctrl-C.
 #[derive(Default)]
 pub struct Raised {
@@ -20,38 +22,43 @@ pub type Shelf = Arc<Mutex<Raised>>;
 
 /// An object with the methods `run(parameters, u)`, `start(parameters)` and `step(u, forces)`, as `plid._simulator`
 /// makes them. Samples are rows of its arrays.
-pub struct Foreign {
+struct Foreign {
     description: Description,
     object: Py<PyAny>,
     shelf: Shelf,
 }
 
 impl Foreign {
-    /// Creates the simulator.
-    pub fn new(description: Description, object: Py<PyAny>) -> Self {
-        Self { description, object, shelf: Shelf::default() }
-    }
-
-    /// Returns the place of its exceptions.
-    pub fn shelf(&self) -> Shelf {
-        Arc::clone(&self.shelf)
-    }
-
-    /// Calls Python, unless it has ended everything.
     fn call<T>(&self, work: impl FnOnce(Python<'_>, &Bound<'_, PyAny>) -> PyResult<T>) -> Result<T, SimulatorError> {
-        let mut raised = self.shelf.lock().unwrap_or_else(PoisonError::into_inner);
-        if raised.end.is_some() {
-            return Err(SimulatorError::failed("it was stopped"));
-        }
-        Python::attach(|py| {
-            let result = py.check_signals().and_then(|()| work(py, self.object.bind(py)));
-            result.map_err(|error| {
-                let words = SimulatorError::failed(error.to_string());
-                let place = if error.is_instance_of::<PyException>(py) { &mut raised.last } else { &mut raised.end };
-                *place = Some(error);
-                words
-            })
+        unless_ended(&self.shelf, |py| work(py, self.object.bind(py)))
+    }
+}
+
+/// Calls Python, unless it has ended everything.
+pub fn unless_ended<T>(shelf: &Shelf, work: impl FnOnce(Python<'_>) -> PyResult<T>) -> Result<T, SimulatorError> {
+    let mut raised = shelf.lock().unwrap_or_else(PoisonError::into_inner);
+    if raised.end.is_some() {
+        return Err(SimulatorError::failed("it was stopped"));
+    }
+    Python::attach(|py| {
+        let result = py.check_signals().and_then(|()| work(py));
+        result.map_err(|error| {
+            let words = SimulatorError::failed(error.to_string());
+            let place = if error.is_instance_of::<PyException>(py) { &mut raised.last } else { &mut raised.end };
+            *place = Some(error);
+            words
         })
+    })
+}
+
+/// Returns the simulator of an object of `plid._simulator`, and the place of its exceptions. That of an FMU has it as
+/// `native`.
+pub fn of_object(py: Python<'_>, description: Description, object: Py<PyAny>) -> (Box<dyn Simulator + Send>, Shelf) {
+    let shelf = Shelf::default();
+    let native = object.bind(py).getattr("native").and_then(|native| Ok(native.cast_into::<Fmu>()?));
+    match native {
+        Ok(fmu) => (Box::new(fmu.get().in_loop(Arc::clone(&shelf))), shelf),
+        Err(_) => (Box::new(Foreign { description, object, shelf: Arc::clone(&shelf) }), shelf),
     }
 }
 
@@ -74,7 +81,8 @@ pub fn end(shelf: &Shelf, error: PyErr) {
     shelf.lock().unwrap_or_else(PoisonError::into_inner).end = Some(error);
 }
 
-fn columns(array: ArrayView2<'_, f64>) -> Vec<Vec<f64>> {
+/// Returns the columns of an array as channels.
+pub fn columns(array: ArrayView2<'_, f64>) -> Vec<Vec<f64>> {
     array.columns().into_iter().map(|column| column.to_vec()).collect()
 }
 

@@ -15,17 +15,16 @@ use super::{Failure, Voice, table, voice};
 
 /// Write a model for MATLAB, NumPy or Python.
 ///
-/// The ending of --to names the format. A .mat and a .npz hold A, B, C, D, sample_rate_hz and, where the model has them,
-/// predictor_gain, parameter_covariance, observability_indices and initial_state, each with the meaning that it has in
-/// model.json; `more` holds all else as JSON. A .py is a module of NumPy arrays with a function that simulates.
+/// The ending of --to names the format. A .mat and a .npz hold A, B, C, D, sample_rate_hz and, where the model has
+/// them, predictor_gain, parameter_covariance, observability_indices and initial_state, each with the meaning that it
+/// has in model.json; `more` holds all else as JSON. A .py is a module of NumPy arrays with a function that simulates.
 /// `plid.Model.load` in Python reads .mat and .npz back.
 #[derive(clap::Args)]
-#[command(
-    after_help = "Examples:\n  plid export out/truss/model.json --to model.mat\n  plid export model.json --to model.npz\n  \
+#[command(after_help = "Examples:\n  plid export out/truss/model.json --to model.mat\n  \
+                  plid export model.json --to model.npz\n  \
                   plid export model.json --to model.py\n\n\
                   In MATLAB:  load model.mat; sys = ss(A, B, C, D, 1 / sample_rate_hz)\n\
-                  In Python:  from model import simulate, A, B, C, D"
-)]
+                  In Python:  from model import simulate, A, B, C, D")]
 pub struct Arguments {
     /// The model, a model.json.
     #[arg(value_name = "MODEL.json")]

@@ -1,48 +1,64 @@
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 use plid::gap::GapError;
 use plid::gap::case::CaseConfig;
 use plid::lab::data::config;
 use plid::simulator::{Command, Finding, Simulator, check};
 
+use super::serve_fmu::Choice;
 use super::{Failure, Voice, in_loop, voice};
 
 /// Check a simulator before it is used in a diagnosis.
 ///
-/// Starts the program of a case, or one that is given after `--`, and tells what it does not honour: equal runs give
-/// equal outputs, steps give what a run gives, each parameter changes something, and a force moves its port. Exit
-/// status 1 if a diagnosis cannot use it.
+/// Starts the simulator of a case, an FMU, or a program that is given after `--`, and tells what it does not honour:
+/// equal runs give equal outputs, steps give what a run gives, each parameter changes something, and a force moves its
+/// port. Exit status 1 if a diagnosis cannot use it.
 #[derive(clap::Args)]
 #[command(
-    override_usage = "plid gap check-simulator CASE.toml\n       plid gap check-simulator -- PROGRAM [ARGUMENT]...",
-    after_help = "Example:\n  plid gap check-simulator -- python3 examples/simulator/oscillator.py\n\n\
+    override_usage = "plid gap check-simulator CASE.toml\n       plid gap check-simulator [OPTIONS] MODEL.fmu\n       \
+                      plid gap check-simulator -- PROGRAM [ARGUMENT]...",
+    after_help = "Examples:\n  plid gap check-simulator -- python3 examples/simulator/oscillator.py\n  \
+                  plid gap check-simulator model.fmu --rate 200 --parameter mass\n\n\
                   A template in Python is in examples/simulator, and the protocol in docs/simulator-protocol.md."
 )]
 pub struct Arguments {
-    /// A case with `[simulator]`.
-    #[arg(value_name = "CASE.toml", conflicts_with = "command", required_unless_present = "command")]
-    case: Option<PathBuf>,
+    /// A case with `[simulator]`, or an FMU.
+    #[arg(value_name = "CASE.toml|MODEL.fmu", conflicts_with = "command", required_unless_present = "command")]
+    file: Option<PathBuf>,
     /// Size of the trial inputs.
     #[arg(long, value_name = "SIZE", default_value_t = 1.0)]
     size: f64,
     /// The program and its arguments.
     #[arg(last = true, value_name = "PROGRAM")]
     command: Vec<String>,
+    #[command(flatten, next_help_heading = "For an FMU")]
+    choice: Choice,
+}
+
+impl Arguments {
+    fn start(&self) -> Result<Command, Failure> {
+        let is_fmu = |file: &Path| file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("fmu"));
+        let (here, patience) = (Path::new("."), Command::PATIENCE);
+        match &self.file {
+            Some(file) if is_fmu(file) => Ok(self.choice.start(file, here, patience)?),
+            _ if !self.choice.is_empty() => {
+                Err(Failure::input("parameters, ports, channels and rates are chosen for an FMU only"))
+            }
+            None => Ok(Command::start(&self.command, here, patience).map_err(GapError::from)?),
+            Some(file) => {
+                let read: CaseConfig = config::read_checked(file, CaseConfig::problems).map_err(GapError::from)?;
+                let Some(simulator) = &read.simulator else {
+                    return Err(Failure::input(format!("{}: it has no [simulator]", file.display())));
+                };
+                Ok(in_loop::start(&read, simulator, file)?)
+            }
+        }
+    }
 }
 
 /// Runs the command.
 pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
-    let mut simulator = match &arguments.case {
-        Some(case) => {
-            let read: CaseConfig = config::read_checked(case, CaseConfig::problems).map_err(GapError::from)?;
-            let Some(simulator) = &read.simulator else {
-                return Err(Failure::input(format!("{}: it has no [simulator]", case.display())));
-            };
-            in_loop::start(simulator, case)?
-        }
-        None => Command::start(&arguments.command, Path::new("."), Duration::from_secs(60)).map_err(GapError::from)?,
-    };
+    let mut simulator = arguments.start()?;
     let findings = check(&mut simulator, arguments.size).map_err(GapError::from)?;
     let sound = findings.iter().all(|finding| finding.holds || !finding.required);
     if voice.json {

@@ -46,6 +46,19 @@ Your own simulator in place of `sim` (see `plid gap check-simulator --help`):
   patience_s = 60.0                          # longest time for one run
   limits = { "motor damper" = 0.02 }         # errors of its parameters that are no cause
 
+An FMU in its place (see `plid gap serve-fmu --help`):
+  [simulator]
+  fmu = "model.fmu"                          # relative to the case
+  parameters = ["mass", "motor.damper"]      # those that may be wrong
+  steps_per_sample = 10
+
+  [[simulator.port]]                         # a place that takes a force
+  name = "joint"
+  force = "torque"
+  displacement = "angle"
+  velocity = "speed"
+
+With either:
   [settings.in_loop]
   calls = 300                                # largest number of runs"#;
 

@@ -1,22 +1,29 @@
-//! Diagnosis and prediction with a program as the simulator.
+//! Diagnosis and prediction with a program or an FMU as the simulator.
 
 use std::path::Path;
 use std::time::Duration;
 
 use ndarray::Array2;
 use plid::gap::GapError;
-use plid::gap::case::{Case, SimulatorConfig, columns};
+use plid::gap::case::{Case, CaseConfig, SimulatorConfig, columns};
 use plid::gap::effects::Library;
 use plid::gap::in_loop::{self, LoopPredictor};
 use plid::report::percent;
 use plid::simulator::Command;
 
+use super::serve_fmu::Choice;
 use super::{Failure, Voice, directory, progress::Spinner, table, voice};
 
-/// Starts the simulator of a case.
-pub fn start(simulator: &SimulatorConfig, case: &Path) -> Result<Command, GapError> {
-    let folder = case.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    Ok(Command::start(&simulator.command, folder, Duration::from_secs_f64(simulator.patience_s))?)
+/// Starts the simulator of a case. An FMU runs in a process of its own, because it may crash or hang.
+pub fn start(case: &CaseConfig, simulator: &SimulatorConfig, file: &Path) -> Result<Command, GapError> {
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let patience = Duration::from_secs_f64(simulator.patience_s);
+    match simulator.source() {
+        None => Ok(Command::start(&simulator.command, folder, patience)?),
+        Some(source) => Choice::of_case(&source, case.rate(), &simulator.parameters, simulator.steps_per_sample)
+            .channels(&case.inputs, &case.outputs)
+            .start(Path::new(&source.file), folder, patience),
+    }
 }
 
 /// Diagnoses a case with its program, and writes the answer into a folder.
@@ -29,7 +36,7 @@ pub fn diagnose(
     voice: Voice,
 ) -> Result<(), Failure> {
     let outcome = directory::with(out, || {
-        let mut simulator = start(simulator, file)?;
+        let mut simulator = start(&case.config, simulator, file)?;
         let quiet = voice.quiet || voice.json;
         let outcome = Spinner::during(quiet, |say| in_loop::diagnose(case, &mut simulator, library, say))?;
         outcome.write(case, out)?;
@@ -51,7 +58,7 @@ pub fn is_of_simulator(simulation: &Path) -> Result<bool, Failure> {
     Ok(format.is_some_and(|json| json["format"] == in_loop::FORMAT))
 }
 
-/// Predicts the outputs for a new input with the program of the diagnosis.
+/// Predicts the outputs for a new input with the program or the FMU of the diagnosis.
 pub fn predict(
     simulation: &Path,
     library: &Library,
@@ -62,8 +69,9 @@ pub fn predict(
 ) -> Result<(), Failure> {
     let predictor = LoopPredictor::read(simulation)?;
     let written = &predictor.written;
-    if written.command.is_empty() {
-        let message = format!("{}: the simulator of this diagnosis was no program", simulation.display());
+    if written.command.is_empty() && written.fmu.is_none() {
+        let message =
+            format!("{}: the simulator of this diagnosis was neither a program nor an FMU", simulation.display());
         return Err(Failure::input(message));
     }
     let t0 = t0.unwrap_or(written.t0);
@@ -74,7 +82,13 @@ pub fn predict(
     let record = table::read(input)?;
     table::require_rate(&record, input, written.simulator.rate_hz, simulation)?;
     let u = columns(&table::pick(&record, &names)?);
-    let mut simulator = Command::start(&written.command, folder, Command::PATIENCE).map_err(GapError::from)?;
+    let mut simulator = match &written.fmu {
+        None => Command::start(&written.command, folder, Command::PATIENCE).map_err(GapError::from)?,
+        Some(source) => {
+            let choice = Choice::again(source, &written.simulator);
+            choice.start(Path::new(&source.file), folder, Command::PATIENCE)?
+        }
+    };
     let y = predictor.predict(&mut simulator, library, &u, t0)?;
     let outputs: Vec<String> = written.simulator.outputs.iter().map(|output| output.name.clone()).collect();
     let values = Array2::from_shape_fn((y[0].len(), y.len()), |(k, o)| y[o][k]);

@@ -4,6 +4,7 @@ mod check_simulator;
 mod diagnose;
 mod in_loop;
 mod predict;
+mod serve_fmu;
 mod trial;
 
 use clap::Subcommand;
@@ -33,6 +34,7 @@ enum Step {
     Diagnose(diagnose::Arguments),
     CheckSimulator(check_simulator::Arguments),
     Predict(predict::Arguments),
+    ServeFmu(serve_fmu::Arguments),
     Trial(trial::Arguments),
 }
 
@@ -42,6 +44,7 @@ pub fn execute(arguments: Arguments, library: Library, voice: Voice) -> Result<(
         Step::Diagnose(arguments) => diagnose::execute(arguments, library, voice),
         Step::CheckSimulator(arguments) => check_simulator::execute(&arguments, voice),
         Step::Predict(arguments) => predict::execute(arguments, &library, voice),
+        Step::ServeFmu(arguments) => serve_fmu::execute(&arguments),
         Step::Trial(arguments) => trial::execute(arguments, &library, voice),
     }
 }

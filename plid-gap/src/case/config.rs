@@ -3,7 +3,7 @@ use std::collections::BTreeMap;
 use plid_model::{Model, OutputKind};
 use serde::{Deserialize, Serialize};
 
-use crate::case::Limits;
+use crate::case::{Limits, SimulatorConfig};
 use crate::settings::GapSettings;
 use plid_data::nearest;
 use plid_data::prepare::decimate;
@@ -65,24 +65,6 @@ pub struct CaseConfig {
     /// The records in the order in which they were taken.
     #[serde(default)]
     pub record: Vec<RecordConfig>,
-}
-
-/// A program that simulates (docs/simulator-protocol.md).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SimulatorConfig {
-    /// The program and its arguments. It is started in the folder of the case.
-    pub command: Vec<String>,
-    /// Time in s within which it must answer one request.
-    #[serde(default = "patience")]
-    pub patience_s: f64,
-    /// Errors of its parameters that are no cause, by name, in their units: two standard deviations.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub limits: BTreeMap<String, f64>,
-}
-
-fn patience() -> f64 {
-    60.0
 }
 
 /// A place where a force may act: it enters as an input does, and meets the motion that an output shows.
@@ -203,25 +185,6 @@ impl RecordConfig {
 
     fn is_for_simulation(&self) -> bool {
         self.r#use == Some(Use::Sim)
-    }
-}
-
-impl SimulatorConfig {
-    fn problems(&self, has_sim: bool) -> Vec<(&'static str, String)> {
-        let mut problems = Vec::new();
-        if has_sim {
-            problems.push(("simulator", "a case has either `sim` or `[simulator]`".to_string()));
-        }
-        if self.command.first().is_none_or(String::is_empty) {
-            problems.push(("command", "it is empty: give a program and its arguments".to_string()));
-        }
-        if !(self.patience_s.is_finite() && self.patience_s > 0.0) {
-            problems.push(("patience_s", format!("{} is not positive", self.patience_s)));
-        }
-        if let Some((name, limit)) = self.limits.iter().find(|(_, limit)| !(limit.is_finite() && **limit > 0.0)) {
-            problems.push(("limits", format!("{name}: {limit} is not positive")));
-        }
-        problems
     }
 }
 

@@ -6,6 +6,7 @@ mod limits;
 mod period;
 pub(crate) mod record;
 mod records;
+mod simulator;
 pub(crate) mod split;
 
 use std::path::Path;
@@ -16,9 +17,10 @@ use plid_model::Model;
 use crate::error::GapError;
 
 pub(crate) use config::ON_A_MODE;
-pub use config::{CaseConfig, ExcitationKind, PortConfig, RecordConfig, SimulatorConfig, StartKind, Use};
+pub use config::{CaseConfig, ExcitationKind, PortConfig, RecordConfig, StartKind, Use};
 pub use limits::Limits;
 pub use record::{Channels, Excitation, Record};
+pub use simulator::{FmuPort, FmuSource, SimulatorConfig};
 
 /// A case with its files read.
 #[derive(Debug, Clone)]

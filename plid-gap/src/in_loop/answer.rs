@@ -7,6 +7,7 @@ use plid_simulator::Description;
 use serde::{Deserialize, Serialize};
 
 use crate::answer::schema::{Change, Explanation, Located, NamedEffect, Remainder, Used, Value, Where, WrittenEffect};
+use crate::case::FmuSource;
 use crate::fit::candidate::{in_words, joined};
 use crate::fit::problem::Placed;
 use crate::in_loop::coupling::Response;
@@ -82,6 +83,9 @@ pub struct SimulatorWithEffects {
     /// The program that it is, if it is one.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub command: Vec<String>,
+    /// The FMU that it is, if it is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fmu: Option<FmuSource>,
     /// Values of the simulator's parameters, by name.
     pub parameters: BTreeMap<String, f64>,
     /// How each port answers to a force.

@@ -55,8 +55,8 @@ pub(super) fn by_model(
     let calls = checked.calls();
     let name = description.name;
     outcome.diagnosis.evidence.push(format!(
-        "The simulator {name} is linear: a model of {states} states, realised from its impulse responses, repeats it to \
-        {:.0e} of each output in the loudest record. The model was diagnosed in its place.",
+        "The simulator {name} is linear: a model of {states} states, realised from its impulse responses, repeats it \
+        to {:.0e} of each output in the loudest record. The model was diagnosed in its place.",
         realised.error
     ));
     let seconds = calls.time.as_secs_f64();

@@ -5,6 +5,7 @@ use plid_simulator::Description;
 use crate::answer::schema::{Located, Remainder, RemainderPlace, Used, Where};
 use crate::answer::simulation::written_effect;
 use crate::answer::whereabouts;
+use crate::case::SimulatorConfig;
 use crate::case::record::{Channels, Record};
 use crate::effects::{Names, Place, Side};
 use crate::fit::candidate::{all_same, in_words, same};
@@ -167,6 +168,7 @@ impl<'a> Opened<'_, 'a> {
             parameters: description.parameters.iter().map(|p| p.name.clone()).zip(values).collect(),
             simulator: description,
             command: command.unwrap_or_default(),
+            fmu: case.config.simulator.as_ref().and_then(SimulatorConfig::source),
             ports,
             effects: around.map(|placed| written_effect(placed, &problem.setting, &problem.setting)).collect(),
             t0: case.records.iter().map(end).fold(0.0, f64::max),

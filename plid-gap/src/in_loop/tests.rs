@@ -1,6 +1,7 @@
 //! Diagnoses of a nonlinear arm. Their truths have the effect inside the equations of motion.
 
 use super::*;
+use crate::case::SimulatorConfig;
 use crate::judge::gap::Blocks;
 use crate::judge::verdict::Verdict;
 use crate::testing::arm::{Arm, Extra, NOMINAL, Numbers, case, nothing};
@@ -128,7 +129,7 @@ fn what_does_not_fit_the_simulator_is_refused() {
     let limit = refused(|case| {
         let limits = [("sprnig".to_string(), 1.0)].into();
         let command = vec!["arm".into()];
-        case.config.simulator = Some(crate::case::SimulatorConfig { command, patience_s: 1.0, limits });
+        case.config.simulator = Some(SimulatorConfig { command, limits, ..SimulatorConfig::default() });
     });
     assert!(limit.contains("no parameter `sprnig`; did you mean `spring`"), "{limit}");
 }
@@ -141,8 +142,8 @@ fn a_parameter_within_its_limit_is_no_cause() {
     let open = diagnosed(&limited);
     assert_eq!(first(&open).0, "simulator-parameter", "{}", open.diagnosis.sentence);
     let limits = [("motor damper".to_string(), 0.2 * NOMINAL.damper)].into();
-    limited.config.simulator =
-        Some(crate::case::SimulatorConfig { command: vec!["arm".into()], patience_s: 1.0, limits });
+    let command = vec!["arm".into()];
+    limited.config.simulator = Some(SimulatorConfig { command, limits, ..SimulatorConfig::default() });
     let closed = diagnosed(&limited);
     assert_eq!(closed.diagnosis.verdict, Verdict::None, "{}", closed.diagnosis.sentence);
     // The limit belongs to the case: the simulator that predicts knows nothing of it.

@@ -10,10 +10,12 @@
 //! - The byte `s`, the m inputs and the force at each port, for one step; the answer is the byte `s`, the p outputs,
 //!   and displacement and velocity of each port.
 //!
-//! Numbers are binary, eight bytes each, little endian. Instead of any answer the program may write
-//! `{"error": "why"}` and a newline. Its standard error is kept, and its end is part of every message of a failure.
+//! Numbers are binary, eight bytes each, little endian. Instead of its description and of any answer the program may
+//! write `{"error": "why"}` and a newline. Its standard error is kept, and its end is part of every message of a
+//! failure. [`serve()`] is the other side.
 
 mod process;
+mod serve;
 
 use std::io::{BufRead, BufReader, Read};
 use std::process::ChildStdout;
@@ -22,6 +24,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use self::process::Process;
+pub use self::serve::{refuse, serve};
 use crate::{Channels, Description, Motion, Simulator, SimulatorError};
 
 /// The version of the protocol.
@@ -75,6 +78,9 @@ impl Command {
     pub fn start(command: &[String], folder: &std::path::Path, patience: Duration) -> Result<Self, SimulatorError> {
         let mut process = Process::start(command, folder, patience.max(Self::PATIENCE))?;
         let line = process.answering(line)?;
+        if let Ok(Answer::Error(message)) = parsed(&line) {
+            return Err(SimulatorError::failed(message));
+        }
         let hello: Hello = parsed(&line).map_err(|message| process.failed(message))?;
         if hello.protocol != PROTOCOL {
             return Err(process.failed(format!("it speaks protocol {}, expected {PROTOCOL}", hello.protocol)));

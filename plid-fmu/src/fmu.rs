@@ -1,0 +1,252 @@
+use std::path::Path;
+
+use plid_simulator::{Description, Motion, Simulator, SimulatorError};
+
+use crate::native::{Failed, Instance};
+use crate::package::Package;
+use crate::wiring::Wiring;
+use crate::{FmuError, Options};
+
+/// An FMU for co-simulation, FMI 2.0 or 3.0, as a simulator.
+///
+/// Each run begins with the state after initialisation: the FMU is reset, or created anew if a reset does not restore
+/// that state. Displacements at ports count from there.
+pub struct Fmu {
+    /// Dropped before the binary.
+    instance: Option<Instance>,
+    package: Package,
+    wiring: Wiring,
+    resets: Resets,
+    /// Steps since the start.
+    steps: u64,
+    /// What is set in a step.
+    values: Vec<f64>,
+    /// Displacement and velocity of each port.
+    motions: Vec<f64>,
+    /// The same at rest.
+    rest: Vec<f64>,
+}
+
+/// Whether the FMU's own reset restores the start.
+enum Resets {
+    /// No run has begun.
+    New,
+    /// One run has begun: its parameters, and all variables at its start.
+    Begun(Vec<f64>, Vec<f64>),
+    Work,
+    Fail,
+}
+
+impl Fmu {
+    /// Opens an FMU.
+    ///
+    /// # Errors
+    /// [`FmuError`]: the file is none, is for another machine or another kind of simulation, or lacks a variable.
+    pub fn open(file: &Path, options: &Options) -> Result<Self, FmuError> {
+        let package = Package::open(file)?;
+        let wiring = Wiring::new(file, &package.description, options)?;
+        let (driven, motions) = (wiring.driven.len(), wiring.motions.len());
+        let mut fmu = Self {
+            instance: None,
+            package,
+            wiring,
+            resets: Resets::New,
+            steps: 0,
+            values: vec![0.0; driven],
+            motions: vec![0.0; motions],
+            rest: vec![0.0; motions],
+        };
+        fmu.instance = Some(fmu.create()?);
+        Ok(fmu)
+    }
+
+    fn create(&self) -> Result<Instance, FmuError> {
+        let Package { binary, birth, description, file, .. } = &self.package;
+        Instance::new(binary, birth).map_err(|said| {
+            let tool = if description.needs_tool { " (it needs its own tool to be installed)" } else { "" };
+            let at = tool.to_string();
+            FmuError::Call {
+                file: file.clone(),
+                function: "instantiation",
+                found: "nothing".into(),
+                at,
+                log: log(said),
+            }
+        })
+    }
+
+    /// Returns the error of a call, with the FMU's own words.
+    fn failed(&self, failed: Failed, at: String) -> FmuError {
+        let said = self.instance.as_ref().map(Instance::said).unwrap_or_default();
+        let Failed { function, found, .. } = failed;
+        FmuError::Call { file: self.package.file.clone(), function, found, at, log: log(said) }
+    }
+
+    fn not_started(&self) -> FmuError {
+        FmuError::Setting { file: self.package.file.clone(), message: "no run has been started".into() }
+    }
+
+    fn time(&self) -> f64 {
+        self.package.description.start_time + self.steps as f64 * self.wiring.step
+    }
+
+    /// Calls the instance.
+    fn call<T>(&mut self, work: impl FnOnce(&mut Instance) -> Result<T, Failed>) -> Result<T, FmuError> {
+        if self.instance.is_none() {
+            self.instance = Some(self.create()?);
+        }
+        match self.instance.as_mut().map(work) {
+            Some(Ok(value)) => Ok(value),
+            Some(Err(failed)) => Err(self.failed(failed, String::new())),
+            None => Err(self.not_started()),
+        }
+    }
+
+    fn initialise(&mut self, parameters: &[f64]) -> Result<(), FmuError> {
+        let time = self.package.description.start_time;
+        let references = self.wiring.parameters.clone();
+        self.call(|instance| instance.initialise(time, &references, parameters))
+    }
+
+    /// Returns all variables, for comparison.
+    fn all(&mut self) -> Result<Vec<f64>, FmuError> {
+        let references = self.wiring.all.clone();
+        let mut values = vec![0.0; references.len()];
+        self.call(|instance| instance.get(&references, &mut values))?;
+        Ok(values)
+    }
+
+    /// Makes an instance that is as new.
+    fn renew(&mut self) -> Result<(), FmuError> {
+        let sound = self.instance.as_ref().is_some_and(Instance::is_sound);
+        self.resets = match std::mem::replace(&mut self.resets, Resets::Fail) {
+            Resets::New => Resets::New,
+            Resets::Begun(parameters, all) if sound => {
+                if self.restores(&parameters, &all) {
+                    Resets::Work
+                } else {
+                    Resets::Fail
+                }
+            }
+            other => other,
+        };
+        let is_new = match self.resets {
+            Resets::New => sound,
+            Resets::Work => sound && self.call(Instance::reset).is_ok(),
+            Resets::Begun(..) | Resets::Fail => false,
+        };
+        if !is_new {
+            // The old instance goes first: some FMUs allow one at a time.
+            self.instance = None;
+            self.instance = Some(self.create()?);
+        }
+        Ok(())
+    }
+
+    /// Returns whether a reset restores the start of the first run.
+    fn restores(&mut self, parameters: &[f64], all: &[f64]) -> bool {
+        let mut again = || {
+            self.call(Instance::reset)?;
+            self.initialise(parameters)?;
+            self.all()
+        };
+        let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect::<Vec<u64>>();
+        again().is_ok_and(|again| bits(&again) == bits(all))
+    }
+
+    /// Begins a run.
+    fn begin(&mut self, parameters: &[f64]) -> Result<(), FmuError> {
+        self.steps = 0;
+        self.renew()?;
+        self.initialise(parameters)?;
+        if matches!(self.resets, Resets::New) {
+            match self.all() {
+                Ok(all) => self.resets = Resets::Begun(parameters.to_vec(), all),
+                Err(_) => {
+                    // It does not show all that it has, so nothing tells whether a reset is one.
+                    self.resets = Resets::Fail;
+                    self.renew()?;
+                    self.initialise(parameters)?;
+                }
+            }
+        }
+        self.read_motions()?;
+        self.rest.copy_from_slice(&self.motions);
+        Ok(())
+    }
+
+    /// Reads the motion at the ports.
+    fn read_motions(&mut self) -> Result<(), FmuError> {
+        let Self { instance, wiring, motions, .. } = self;
+        let read = instance.as_mut().map_or(Ok(()), |instance| instance.get(&wiring.motions, motions));
+        read.map_err(|failed| self.failed(failed, format!(" at {} s", self.time())))?;
+        match self.motions.iter().position(|value| !value.is_finite()) {
+            Some(k) => Err(self.not_finite(&self.wiring.motion_names[k], self.motions[k])),
+            None => Ok(()),
+        }
+    }
+
+    fn not_finite(&self, variable: &str, value: f64) -> FmuError {
+        let said = self.instance.as_ref().map(Instance::said).unwrap_or_default();
+        let (file, variable) = (self.package.file.clone(), variable.to_string());
+        FmuError::NotFinite { file, variable, value, time: self.time(), log: log(said) }
+    }
+
+    fn motion(&self, port: usize) -> Motion {
+        let displacement = self.motions[2 * port] - self.rest[2 * port];
+        Motion { displacement, velocity: self.motions[2 * port + 1] }
+    }
+
+    /// Sets inputs and forces, reads the outputs, and takes a step.
+    fn advance(&mut self, u: &[f64], forces: &[f64], y: &mut [f64]) -> Result<(), FmuError> {
+        let time = self.time();
+        let Self { instance, wiring, values, .. } = self;
+        let Some(instance) = instance else { return Err(self.not_started()) };
+        values.copy_from_slice(&wiring.base);
+        values.iter_mut().zip(u).for_each(|(to, u)| *to = *u);
+        wiring.forces.iter().zip(forces).for_each(|(&at, force)| values[at] += force);
+        let done = instance
+            .set(&wiring.driven, values)
+            .and_then(|()| instance.get(&wiring.outputs, y))
+            .and_then(|()| instance.advance(time, wiring.step));
+        done.map_err(|failed| self.failed(failed, format!(" at {time} s{}", self.hint())))?;
+        if let Some(o) = y.iter().position(|y| !y.is_finite()) {
+            return Err(self.not_finite(&self.wiring.description.outputs[o].name, y[o]));
+        }
+        self.steps += 1;
+        self.read_motions()
+    }
+
+    /// A reason why a step may have failed.
+    fn hint(&self) -> String {
+        let model = &self.package.description;
+        match model.step_size.filter(|own| model.fixed_step && (own / self.wiring.step - 1.0).abs() > 1e-9) {
+            Some(own) => {
+                format!(" (its steps are {own} s and of no other size, and {} s were asked for)", self.wiring.step)
+            }
+            None => String::new(),
+        }
+    }
+}
+
+/// Returns the FMU's own words as the end of a message.
+fn log(said: String) -> String {
+    if said.is_empty() { said } else { format!("; its last messages:\n{said}") }
+}
+
+impl Simulator for Fmu {
+    fn description(&self) -> &Description {
+        &self.wiring.description
+    }
+
+    fn start(&mut self, parameters: &[f64]) -> Result<Vec<Motion>, SimulatorError> {
+        self.begin(parameters)?;
+        Ok((0..self.wiring.description.ports.len()).map(|port| self.motion(port)).collect())
+    }
+
+    fn step(&mut self, u: &[f64], forces: &[f64], y: &mut [f64], motions: &mut [Motion]) -> Result<(), SimulatorError> {
+        self.advance(u, forces, y)?;
+        motions.iter_mut().enumerate().for_each(|(port, motion)| *motion = self.motion(port));
+        Ok(())
+    }
+}

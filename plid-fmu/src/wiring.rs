@@ -1,0 +1,223 @@
+//! Which variables of an FMU are what of a simulator.
+
+use std::path::Path;
+
+use plid_simulator::{Description, Input, Output, Parameter, Port};
+
+use crate::description::{ModelDescription, Variable};
+use crate::{ChosenParameter, ChosenPort, FmuError, Options};
+
+/// The variables of a simulator.
+pub(crate) struct Wiring {
+    pub description: Description,
+    /// What is set in each step: inputs, then the forces that are no inputs.
+    pub driven: Vec<u32>,
+    /// Start values of what is driven: those of forces that are no inputs remain under the force.
+    pub base: Vec<f64>,
+    /// Of each port, the number of its force among the driven ones.
+    pub forces: Vec<usize>,
+    pub outputs: Vec<u32>,
+    /// Displacement and velocity of each port.
+    pub motions: Vec<u32>,
+    /// Their names.
+    pub motion_names: Vec<String>,
+    pub parameters: Vec<u32>,
+    /// Everything that can be read: it shows whether a reset restores the start.
+    pub all: Vec<u32>,
+    /// Length of a step in s.
+    pub step: f64,
+}
+
+/// Number of names in a message.
+const NAMED: usize = 20;
+
+/// Likeness of names from which one is suggested.
+const ALIKE: f64 = 0.75;
+
+/// The variables of an FMU, and words about them.
+struct Chooser<'a> {
+    file: &'a Path,
+    model: &'a ModelDescription,
+}
+
+impl Wiring {
+    pub fn new(file: &Path, model: &ModelDescription, options: &Options) -> Result<Self, FmuError> {
+        let chooser = Chooser { file, model };
+        let inputs = chooser.inputs(options)?;
+        let outputs = chooser.outputs(options)?;
+        let (rate, steps) = chooser.steps(options)?;
+        let mut driven = inputs.clone();
+        let mut forces = Vec::new();
+        let mut motions: Vec<&Variable> = Vec::new();
+        let mut ports = Vec::new();
+        for port in &options.ports {
+            let force = chooser.input(&port.force, "the force of a port")?;
+            let at = driven.iter().position(|one| one.reference == force.reference);
+            forces.push(at.unwrap_or(driven.len()));
+            if at.is_none() {
+                driven.push(force);
+            }
+            let [displacement, velocity] = chooser.motion(port)?;
+            motions.extend([displacement, velocity]);
+            let input = inputs.iter().any(|one| one.name == force.name).then(|| force.name.clone());
+            let (force_unit, displacement_unit) = (force.unit.clone(), displacement.unit.clone());
+            ports.push(Port { name: port.name.clone(), input, force_unit, displacement_unit });
+        }
+        let parameters: Vec<(u32, Parameter)> =
+            options.parameters.iter().map(|chosen| chooser.parameter(chosen)).collect::<Result<_, _>>()?;
+        let of = |variables: &[&Variable]| variables.iter().map(|one| one.reference).collect::<Vec<u32>>();
+        let readable =
+            |one: &&Variable| one.is_real() && one.causality != "independent" && one.variability != "constant";
+        let description = Description {
+            name: model.name.clone(),
+            rate_hz: rate,
+            inputs: inputs.iter().map(|one| Input { name: one.name.clone(), unit: one.unit.clone() }).collect(),
+            outputs: outputs.iter().map(|one| output(one)).collect(),
+            ports,
+            parameters: parameters.iter().map(|(_, parameter)| parameter.clone()).collect(),
+            steps_per_sample: steps,
+        };
+        description.check().map_err(|error| chooser.setting(error.to_string()))?;
+        Ok(Self {
+            description,
+            base: driven.iter().map(|one| one.start.unwrap_or(0.0)).collect(),
+            driven: of(&driven),
+            forces,
+            outputs: of(&outputs),
+            motion_names: motions.iter().map(|one| one.name.clone()).collect(),
+            motions: of(&motions),
+            parameters: parameters.iter().map(|(reference, _)| *reference).collect(),
+            all: of(&model.variables.iter().filter(readable).collect::<Vec<_>>()),
+            step: 1.0 / (rate * steps as f64),
+        })
+    }
+}
+
+fn output(variable: &Variable) -> Output {
+    Output { name: variable.name.clone(), kind: variable.quantity, unit: variable.unit.clone() }
+}
+
+fn is_input(variable: &Variable) -> bool {
+    variable.is_real() && variable.causality == "input"
+}
+
+fn is_output(variable: &Variable) -> bool {
+    variable.is_real() && variable.causality == "output"
+}
+
+fn is_parameter(variable: &Variable) -> bool {
+    variable.is_real()
+        && variable.causality == "parameter"
+        && matches!(variable.variability.as_str(), "fixed" | "tunable")
+}
+
+fn moves(variable: &Variable) -> bool {
+    variable.is_real()
+        && matches!(variable.causality.as_str(), "output" | "local")
+        && matches!(variable.variability.as_str(), "continuous" | "discrete")
+}
+
+impl<'a> Chooser<'a> {
+    fn setting(&self, message: String) -> FmuError {
+        FmuError::Setting { file: self.file.into(), message }
+    }
+
+    /// Returns the variable of a name that is fit for a use.
+    fn find(&self, name: &str, fit: fn(&Variable) -> bool, wanted: &str) -> Result<&'a Variable, FmuError> {
+        let found = self.model.variables.iter().find(|one| one.name == name);
+        if let Some(found) = found.filter(|found| fit(found)) {
+            return Ok(found);
+        }
+        let fit_names: Vec<&str> =
+            self.model.variables.iter().filter(|one| fit(one)).map(|one| one.name.as_str()).collect();
+        let (fault, meant) = match found {
+            Some(found) => (format!("it is {}", found.in_words()), String::new()),
+            None => ("the FMU has none of this name".to_string(), meant(name, &fit_names)),
+        };
+        let message = format!("{fault}; {wanted} would be {}{meant}", listed(&fit_names));
+        Err(FmuError::Variable { file: self.file.into(), variable: name.into(), message })
+    }
+
+    fn input(&self, name: &str, wanted: &str) -> Result<&'a Variable, FmuError> {
+        self.find(name, is_input, wanted)
+    }
+
+    fn inputs(&self, options: &Options) -> Result<Vec<&'a Variable>, FmuError> {
+        if let Some(names) = &options.inputs {
+            return names.iter().map(|name| self.input(name, "a real input")).collect();
+        }
+        let all: Vec<&Variable> = self.model.variables.iter().filter(|one| is_input(one)).collect();
+        let takes_a_force = |one: &&Variable| options.ports.iter().any(|port| port.force == one.name);
+        let plain: Vec<&Variable> = all.iter().copied().filter(|one| !takes_a_force(one)).collect();
+        Ok(if plain.is_empty() { all } else { plain })
+    }
+
+    fn outputs(&self, options: &Options) -> Result<Vec<&'a Variable>, FmuError> {
+        match &options.outputs {
+            Some(names) => names.iter().map(|name| self.find(name, is_output, "a real output")).collect(),
+            None => Ok(self.model.variables.iter().filter(|one| is_output(one)).collect()),
+        }
+    }
+
+    fn motion(&self, port: &ChosenPort) -> Result<[&'a Variable; 2], FmuError> {
+        let find = |name: &str| self.find(name, moves, "a variable that moves");
+        Ok([find(&port.displacement)?, find(&port.velocity)?])
+    }
+
+    fn parameter(&self, chosen: &ChosenParameter) -> Result<(u32, Parameter), FmuError> {
+        let ChosenParameter { name, value, lower, upper, limit, unit } = chosen;
+        let found = self.find(name, is_parameter, "a real parameter that is fixed or tunable")?;
+        let missing = || FmuError::Variable {
+            file: self.file.into(),
+            variable: name.clone(),
+            message: "it has no start value: give one".into(),
+        };
+        let parameter = Parameter {
+            name: name.clone(),
+            value: value.or(found.start).ok_or_else(missing)?,
+            unit: unit.clone().or_else(|| found.unit.clone()),
+            lower: lower.or(found.min),
+            upper: upper.or(found.max),
+            limit: *limit,
+        };
+        Ok((found.reference, parameter))
+    }
+
+    /// Returns the sample rate and the number of steps in a sample.
+    fn steps(&self, options: &Options) -> Result<(f64, usize), FmuError> {
+        let own = self.model.step_size;
+        let rate = match (options.rate_hz, own) {
+            (Some(rate), _) => rate,
+            (None, Some(step)) => 1.0 / step,
+            (None, None) => return Err(self.setting("it names no step size of its own: give a sample rate".into())),
+        };
+        if !(rate.is_finite() && rate > 0.0) {
+            return Err(self.setting(format!("the sample rate of {rate} Hz is not positive")));
+        }
+        let steps = match (options.steps_per_sample, own) {
+            (Some(0), _) => return Err(self.setting("a sample has at least one step, not 0".into())),
+            (Some(steps), _) => steps,
+            // The last step is not shortened: all are a little shorter.
+            (None, Some(step)) if !options.ports.is_empty() => ((1.0 / (rate * step) - 1e-6).ceil() as usize).max(1),
+            (None, _) => 1,
+        };
+        Ok((rate, steps))
+    }
+}
+
+/// Returns the suggestion of the nearest name.
+fn meant(name: &str, names: &[&str]) -> String {
+    let likeness = |other: &str| strsim::jaro_winkler(&name.to_lowercase(), &other.to_lowercase());
+    let best = names.iter().map(|other| (likeness(other), other)).max_by(|a, b| a.0.total_cmp(&b.0));
+    best.filter(|(likeness, _)| *likeness > ALIKE)
+        .map_or_else(String::new, |(_, name)| format!("; did you mean {name:?}?"))
+}
+
+/// Returns names in a list.
+fn listed(names: &[&str]) -> String {
+    match names {
+        [] => "none".into(),
+        names if names.len() <= NAMED => names.join(", "),
+        names => format!("{} and {} more", names[..NAMED].join(", "), names.len() - NAMED),
+    }
+}
