@@ -1,13 +1,16 @@
 """Draws cases of MuJoCo models whose cause is known, for `plid gap diagnose` with the simulator in the loop.
 
     python3 experiments/mujoco/draw.py OUT --cases 40 --seed 1
+    python3 experiments/mujoco/draw.py OUT --cases 16 --seed 5 --two      # two causes at once
+    python3 experiments/mujoco/draw.py OUT --cases 12 --seed 3 --outside  # causes that no effect describes
 
 Each folder OUT/NNN has model.xml (the simulator), records, case.toml, and fresh.csv, a record of which no diagnosis
 knows. OUT/labels.json has the causes. The truth is another model with a shorter time step, in which the cause is built in
-Python. Needs `pip install mujoco numpy`. score.py compares answers with labels.
+Python. Needs `pip install ./python[mujoco]`. score.py compares answers with labels.
 """
 
 import argparse
+import itertools
 import json
 import pathlib
 
@@ -68,6 +71,19 @@ PLANTS = {
     ),
 }
 
+# A table with two drives: their axes can be coupled.
+TABLE = dict(
+    bodies='<body name="saddle"><joint name="x" type="slide" axis="1 0 0" damping="{d}" stiffness="6"/>'
+    '<geom type="box" size=".1 .1 .02" mass=".5"/><body name="plate"><joint name="y" type="slide" axis="0 1 0" '
+    'damping="{d}" stiffness="6"/><geom type="box" size=".1 .1 .02" mass="{m}"/></body></body>',
+    actuators='<motor name="fx" joint="x"/><motor name="fy" joint="y"/>',
+    sensors='<jointpos name="x" joint="x"/><jointpos name="y" joint="y"/>',
+    numbers=dict(m=0.8, d=2.5),
+    ports=["x", "y"],
+    parameters=["joint.x.damping", "joint.y.damping", "body.plate.mass"],
+    force=5.0,
+)
+
 FRICTION = ["coulomb-friction", "stick-friction", "simulator-parameter"]
 
 
@@ -81,11 +97,27 @@ def xml(plant, step, **changed):
 
 
 class Cause:
-    """What the truth has beside the simulator: other numbers, a changed command, forces at joints, changed outputs."""
+    """What the truth has beside the simulator: other numbers, a changed command, forces at joints, changed outputs.
 
-    def __init__(self, names, place, numbers=None, command=None, force=None, sense=None, joint=None):
-        self.names, self.place, self.numbers = names, place, numbers or {}
+    `force` is that at one joint, of its displacement, velocity and time; `coupling` gives the forces at all joints from
+    their positions and velocities.
+    """
+
+    def __init__(self, names, place, numbers=None, command=None, force=None, sense=None, joint=None, coupling=None):
+        self.names, self.place, self.numbers, self.coupling = names, place, numbers or {}, coupling
         self.command, self.force, self.sense, self.joint = command, force, sense, joint
+
+    def beside(self, other):
+        """Both causes at once; only one of the two has a force."""
+        def after(first, second):
+            return (lambda x: second(first(x))) if first and second else first or second
+
+        both = Cause(
+            [self.names, other.names], [self.place, other.place], {**self.numbers, **other.numbers},
+            after(self.command, other.command), self.force or other.force, after(self.sense, other.sense),
+            self.joint or other.joint,
+        )
+        return both
 
 
 def lagged(hz):
@@ -169,7 +201,11 @@ def causes(kind, plant, rng):
             None, None, joint=joints[0],
             force=lambda d, v, t, f=0.35 * scale: f * (1 if int(1.7 * t) % 3 == 0 else 0) * np.sign(np.sin(9 * t * t)),
         ),
+        # A joint that couples two axes: each pushes the other when both are away from their middle.
+        "couples": lambda: Cause(None, None, coupling=lambda q, v, k=60 * big * scale: -k * q * q[::-1] ** 2),
     }
+    if kind == "couples" and len(joints) < 2:
+        return None
     if kind == "sensor-delay" and len(outputs) < 2 or kind == "mass" and "m" not in plant["numbers"]:
         return None
     return drawn[kind]()
@@ -179,6 +215,23 @@ KINDS = [
     "friction", "damping", "lag", "none", "stiffening", "saturation", "mass", "stop", "delay", "slips",
     "smooth-friction", "gain", "dead-zone", "sensor-delay", "offset", "sensor-gain",
 ]
+
+
+# Two causes at once are of two classes.
+CLASSES = {
+    "command": ["lag", "saturation", "dead-zone", "delay", "gain"],
+    "force": ["friction", "smooth-friction", "stiffening", "stop"],
+    "numbers": ["damping", "mass"],
+    "sense": ["sensor-gain", "offset"],
+}
+
+
+def two(plant, rng):
+    """Draws two causes at once, and their kinds."""
+    classes = rng.choice(list(CLASSES), 2, replace=False)
+    kinds = [str(rng.choice(CLASSES[one])) for one in classes]
+    first, second = (causes(kind, plant, rng) for kind in kinds)
+    return "+".join(kinds), first and second and first.beside(second)
 
 
 def _name(tags, index):
@@ -219,6 +272,8 @@ def measure(plant, cause, u, reach):
         data.ctrl[:] = now
         if force is not None:
             data.qfrc_applied[dof] = force(data.qpos[dof], data.qvel[dof], k * FINE)
+        if cause.coupling is not None:
+            data.qfrc_applied[:] = cause.coupling(data.qpos, data.qvel)
         seen.append(data.qpos[dof])
         mujoco.mj_step(model, data)
         if k % repeat == 0:
@@ -233,9 +288,10 @@ def write(folder, name, inputs, outputs, u, y):
 
 
 def draw(folder, kind, plant_name, seed):
+    """Writes a case of a kind, or of two causes if `kind` is None. Returns its label; None if there is no such case."""
     rng = np.random.default_rng(seed)
-    plant = PLANTS[plant_name]
-    cause = causes(kind, plant, rng)
+    plant = TABLE if plant_name == "table" else PLANTS[plant_name]
+    kind, cause = two(plant, rng) if kind is None else (kind, causes(kind, plant, rng))
     if cause is None:
         return None
     folder.mkdir(parents=True, exist_ok=True)
@@ -266,8 +322,24 @@ def draw(folder, kind, plant_name, seed):
             lines += ["", "[[record]]", f'file = "r{k}.csv"'] + (['excitation = "zero"'] if levels[k] == 0 else [])
     (folder / "case.toml").write_text("\n".join(lines) + "\n")
     relative = float(np.sqrt(np.mean((1.04 * noise) ** 2 / np.mean(np.square(measured[-1]), axis=0))))
-    place = cause.place if isinstance(cause.place, list) else [cause.place]
-    return dict(kind=kind, plant=plant_name, effects=cause.names, places=place, numbers=cause.numbers, noise=relative)
+    return dict(kind=kind, plant=plant_name, effects=cause.names, places=listed(cause.place), numbers=cause.numbers,
+                noise=relative)
+
+
+def listed(place):
+    return place if isinstance(place, list) else [place]
+
+
+def asked(outside, together):
+    """Yields kinds and plants without end."""
+    plants = list(PLANTS)
+    for at in itertools.count():
+        if together:
+            yield None, plants[at % len(plants)]
+        elif outside:
+            yield ("couples", "table") if at % 2 == 0 else ("slips", plants[at // 2 % len(plants)])
+        else:
+            yield KINDS[at % len(KINDS)], plants[(at // len(KINDS) + at) % len(plants)]
 
 
 def main():
@@ -275,15 +347,17 @@ def main():
     parser.add_argument("out", type=pathlib.Path)
     parser.add_argument("--cases", type=int, default=40)
     parser.add_argument("--seed", type=int, default=1)
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--two", action="store_true", help="two causes in each case")
+    which.add_argument("--outside", action="store_true", help="causes that no effect describes")
     given = parser.parse_args()
-    labels, at = {}, 0
-    plants = list(PLANTS)
-    while len(labels) < given.cases:
-        kind, plant = KINDS[at % len(KINDS)], plants[(at // len(KINDS) + at) % len(plants)]
+    labels = {}
+    for at, (kind, plant) in enumerate(asked(given.outside, given.two)):
         label = draw(given.out / f"{len(labels) + 1:03}", kind, plant, given.seed * 1000 + at)
-        at += 1
         if label is not None:
             labels[f"{len(labels) + 1:03}"] = label
+        if len(labels) == given.cases:
+            break
     (given.out / "labels.json").write_text(json.dumps(labels, indent=1) + "\n")
 
 

@@ -351,21 +351,21 @@ fn an_interrupted_run_leaves_a_checkpoint_that_resume_takes_up() {
 fn a_model_is_exported_for_other_programs() {
     let directory = tempfile::tempdir().unwrap();
     let at = directory.path();
-    put(at, "model.json", MODEL);
+    let two = MODEL.replace("[[0.5]]", "[[0.5, 0.25], [0.0, 0.5]]").replace("[[1.0]]", "[[1.0], [4.0]]");
+    let two = two.replace("[[2.0]]", "[[2.0, 8.0]]").replace("[[0.1]]", "[[0.1], [0.2]]");
+    put(at, "model.json", &two);
     for to in ["model.mat", "model.npz", "model.py"] {
         let output = plid(at, &["export", "model.json", "--to", to]);
         assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
-        assert_eq!(text(&output.stdout), format!("1 states, 1 inputs, 1 outputs: {to}\n"));
+        assert_eq!(text(&output.stdout), format!("2 states, 1 inputs, 1 outputs: {to}\n"));
     }
-    // Two variables of the .mat, as plid itself reads them.
-    let mat = plid::lab::data::read(&at.join("model.mat"), None);
-    let npz = plid::lab::data::read(&at.join("model.npz"), None);
-    for table in [mat.unwrap(), npz.unwrap()] {
-        let column = |name: &str| table.column(name).unwrap().to_vec();
-        assert_eq!((column("A"), column("D"), column("sample_rate_hz")), (vec![0.5], vec![3.0], vec![10.0]));
+    // The input matrix, as plid itself reads it.
+    for file in ["model.mat", "model.npz"] {
+        let table = plid::lab::data::read(&at.join(file), Some("B")).unwrap();
+        assert_eq!(table.column("B").unwrap().to_vec(), [1.0, 4.0], "{file}");
     }
     let python = std::fs::read_to_string(at.join("model.py")).unwrap();
-    assert!(python.contains("C = np.array([\n    2.0,\n]).reshape(1, 1)\n"), "{python}");
+    assert!(python.contains("C = np.array([\n    2.0, 8.0,\n]).reshape(1, 2)\n"), "{python}");
     let before = std::fs::read(at.join("model.mat")).unwrap();
     fails(at, &["export", "model.json", "--to", "model.mat"], 2, "--force");
     assert_eq!(plid(at, &["export", "model.json", "--to", "model.mat", "--force"]).status.code(), Some(0));

@@ -21,8 +21,16 @@ const FRICTION: f64 = 1.5;
 const HEAD: &str = "sample_rate_hz = 100.0\ninputs = [\"force\"]\noutputs = [\"position\"]\n\n[simulator]\n";
 
 /// The oscillator with its port at the force.
-const FMU: &str = "fmu = \"models/oscillator2.fmu\"\nparameters = [\"mass\"]\nsteps_per_sample = 2\n\n[[simulator.port]]\n\
-                   name = \"spring\"\nforce = \"force\"\ndisplacement = \"position\"\nvelocity = \"velocity\"\n";
+const FMU: &str = r#"fmu = "models/oscillator2.fmu"
+parameters = ["mass"]
+steps_per_sample = 2
+
+[[simulator.port]]
+name = "spring"
+force = "force"
+displacement = "position"
+velocity = "velocity"
+"#;
 
 /// The oscillator with dry friction, by short steps.
 fn truth(u: &[f64]) -> Vec<f64> {

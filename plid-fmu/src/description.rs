@@ -43,8 +43,6 @@ pub(crate) struct ModelDescription {
     pub start_time: f64,
     /// The step size of the default experiment in s.
     pub step_size: Option<f64>,
-    /// Categories of messages.
-    pub categories: Vec<String>,
     pub variables: Vec<Variable>,
 }
 
@@ -100,7 +98,6 @@ impl ModelDescription {
         let time = |key: &str| experiment.and_then(|experiment| float(experiment, key));
         let takes_any = simulation.attribute("canHandleVariableCommunicationStepSize").is_some_and(is_true);
         let internal = float(simulation, "fixedInternalStepSize");
-        let categories = child(root, "LogCategories");
         Ok(Self {
             version,
             name: required(root, "modelName")?,
@@ -110,7 +107,6 @@ impl ModelDescription {
             fixed_step: !takes_any,
             start_time: time("startTime").filter(|time| time.is_finite()).unwrap_or(0.0),
             step_size: internal.or(time("stepSize")).filter(|step| step.is_finite() && *step > 0.0),
-            categories: categories.map(names).unwrap_or_default(),
             variables: variables(root, version)?,
         })
     }
@@ -135,10 +131,6 @@ fn float(of: Node<'_, '_>, key: &str) -> Option<f64> {
 
 fn is_true(text: &str) -> bool {
     matches!(text.trim(), "true" | "1")
-}
-
-fn names(of: Node<'_, '_>) -> Vec<String> {
-    of.children().filter_map(|node| node.attribute("name")).map(str::to_string).collect()
 }
 
 /// Returns what an FMU without co-simulation has.

@@ -92,9 +92,6 @@ fn binary(file: &Path, folder: &Path, description: &ModelDescription) -> Result<
     Err(FmuError::Platform { file: file.into(), wanted, found })
 }
 
-/// Categories of messages that tell of failures.
-const FAILURES: [&str; 4] = ["logStatusWarning", "logStatusDiscard", "logStatusError", "logStatusFatal"];
-
 fn birth(file: &Path, folder: &Path, description: &ModelDescription) -> Result<Birth, FmuError> {
     let of = |text: &str| {
         let message = format!("{text:?} contains a zero");
@@ -106,13 +103,7 @@ fn birth(file: &Path, folder: &Path, description: &ModelDescription) -> Result<B
         Version::Two => uri(&resources),
         Version::Three => format!("{resources}{}", std::path::MAIN_SEPARATOR),
     };
-    let wanted = description.categories.iter().filter(|name| FAILURES.contains(&name.as_str()));
-    Ok(Birth {
-        name: of(&description.name)?,
-        token: of(&description.token)?,
-        resources: of(&place)?,
-        categories: wanted.map(|name| of(name)).collect::<Result<_, _>>()?,
-    })
+    Ok(Birth { name: of(&description.name)?, token: of(&description.token)?, resources: of(&place)? })
 }
 
 /// Returns the URI of a file.

@@ -8,7 +8,8 @@
 //! Each CASE-FOLDER contains a case.toml. OUT/NAME gets the diagnosis and predicted.csv, the prediction for
 //! LABELS/NAME/test_u.csv. With `--leave-out` each case is diagnosed a second time, without the effects that its
 //! label.json names, into OUT/NAME/left-out: a cause outside the vocabulary must be kept open. With `--as-simulator`
-//! the model of each case is hidden behind a simulator that only takes steps. `--verbose` prints every stage of the search.
+//! the model of each case is hidden behind a simulator that only takes steps. `--verbose` prints every stage of the
+//! search.
 
 use std::error::Error;
 use std::path::Path;

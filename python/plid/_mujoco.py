@@ -34,6 +34,15 @@ KINDS = {
     "JOINTACTFRC": "force",
 }
 
+# MuJoCo's elements by how the names of their attributes begin, and numbers of joints.
+ELEMENTS = {"dof_": "joint", "jnt_": "joint", "geom_": "geom", "body_": "body", "actuator_": "actuator"}
+JOINT = {
+    "damping": "dof_damping",
+    "frictionloss": "dof_frictionloss",
+    "stiffness": "jnt_stiffness",
+    "armature": "dof_armature",
+}
+
 
 def from_mujoco(
     model: Any,
@@ -42,7 +51,7 @@ def from_mujoco(
     actuators: Sequence[str] | None = None,
     sensors: Sequence[str] | None = None,
     joints: Sequence[str] | None = None,
-    parameters: Mapping[str, float | Parameter | None] | None = None,
+    parameters: Mapping[str, float | Parameter | None] | Sequence[str] = (),
 ) -> Simulator:
     """Make a simulator of a MuJoCo model.
 
@@ -58,10 +67,12 @@ def from_mujoco(
         The sensors that are outputs; by default all. A sensor of several numbers gives "name.0", "name.1", ...
     joints : sequence of str, optional
         The hinges and slides that are ports; by default all.
-    parameters : dict, optional
-        Numbers of the model that may be wrong, named "attribute:element", as in "dof_damping:hinge",
-        "jnt_stiffness:hinge", "body_mass:link" and "actuator_gainprm:motor". The value None, or a `Parameter` whose
-        value is NaN, takes the model's own number. An attribute with several columns takes "body_inertia:link:0".
+    parameters : dict or sequence of str, optional
+        Numbers of the model that may be wrong: "joint.NAME.damping", "joint.NAME.frictionloss",
+        "joint.NAME.stiffness", "joint.NAME.armature", "body.NAME.mass" (its inertia follows), and "actuator.NAME.gain"
+        (a factor, also on the stiffness of a position actuator). Any other number is named as in MjModel,
+        "attribute:element" or, with several columns, "attribute:element:column", as in "geom_friction:floor:0". The
+        value None, or a `Parameter` whose value is NaN, takes the model's own number.
 
     Returns
     -------
@@ -70,9 +81,12 @@ def from_mujoco(
 
     Examples
     --------
-    >>> simulator = plid.gap.from_mujoco("arm.xml", rate=200.0, parameters={"dof_damping:hinge": None})
+    >>> simulator = plid.gap.from_mujoco("arm.xml", rate=200.0, parameters=["joint.hinge.damping", "body.link.mass"])
     """
-    return _Arm(loaded(model), rate, actuators, sensors, joints, parameters or {}).simulator
+    if isinstance(parameters, str):
+        raise TypeError("parameters is a str: give a sequence of names or a dict")
+    given = parameters if isinstance(parameters, Mapping) else dict.fromkeys(parameters)
+    return _Arm(loaded(model), rate, actuators, sensors, joints, given).simulator
 
 
 def loaded(model: Any) -> Any:
@@ -122,8 +136,14 @@ class _Arm:
                 raise ValueError(f"the joint {name!r} is neither a hinge nor a slide, so it is no port")
         self.positions = np.array([model.jnt_qposadr[joint] for joint in ids], dtype=int)
         self.velocities = np.array([model.jnt_dofadr[joint] for joint in ids], dtype=int)
+        self.rest = model.qpos0[self.positions]
+        # Views of the arrays: asking MuJoCo for them in each step would take longer than the step.
+        data = self.data
+        self.ctrl, self.applied, self.sensed = data.ctrl, data.qfrc_applied, data.sensordata
+        self.qpos, self.qvel = data.qpos, data.qvel
+        self.moved = np.zeros((len(ids), 2))
         ports = [self._port(name, joint, actuators) for name, joint in zip(joints, ids, strict=True)]
-        self.places = {name: self._place(name) for name in parameters}
+        self.numbers = {name: self._number(name) for name in parameters}
         self.simulator = Simulator(
             self,
             rate=rate,
@@ -137,24 +157,25 @@ class _Arm:
 
     def start(self, parameters: dict[str, float]) -> Array:
         for name, value in parameters.items():
-            array, at = self.places[name]
-            array[at] = value
-        # Masses and inertias have numbers that follow from them.
-        self.mujoco.mj_setConst(self.model, self.data)
+            self.numbers[name].put(value)
+        if parameters:
+            # Other numbers of the model follow from masses and inertias.
+            self.mujoco.mj_setConst(self.model, self.data)
         self.mujoco.mj_resetData(self.model, self.data)
         return self._motions()
 
     def step(self, u: Array, forces: Array) -> Any:
-        self.data.ctrl[self.actuators] = u
-        self.data.qfrc_applied[self.velocities] = forces
+        self.ctrl[self.actuators] = u
+        self.applied[self.velocities] = forces
         # The sensors that `mj_step` leaves are those of the start of the step.
         self.mujoco.mj_step(self.model, self.data)
-        y = self.data.sensordata[self.seen].copy()
-        return (y, self._motions()) if len(self.positions) else y
+        y = self.sensed[self.seen]
+        return (y, self._motions()) if len(self.moved) else y
 
     def _motions(self) -> Array:
-        start = self.model.qpos0[self.positions]
-        return np.column_stack([self.data.qpos[self.positions] - start, self.data.qvel[self.velocities]])
+        self.moved[:, 0] = self.qpos[self.positions] - self.rest
+        self.moved[:, 1] = self.qvel[self.velocities]
+        return self.moved
 
     def _chosen(self, names: Sequence[str] | None, kind: Any, count: int, what: str) -> list[str]:
         every = (self.mujoco.mj_id2name(self.model, kind, k) for k in range(count))
@@ -188,26 +209,67 @@ class _Arm:
         units = ("N m", "rad") if hinge else ("N", "m")
         return Port(name, next(driven, None), *units)
 
-    def _place(self, name: str) -> tuple[Any, tuple[int, ...]]:
-        attribute, _, rest = name.partition(":")
-        element, _, column = rest.partition(":")
-        array = getattr(self.model, attribute, None)
-        if not isinstance(array, np.ndarray):
-            raise ValueError(f"parameter {name!r}: the model has no attribute {attribute!r}")
-        kinds = {"dof": "joint", "jnt": "joint", "geom": "geom", "body": "body", "actuator": "actuator"}
-        kind = kinds.get(attribute.split("_")[0])
-        if kind is None:
-            raise ValueError(f"parameter {name!r}: known are attributes that begin with {', '.join(kinds)}")
+    def _number(self, name: str) -> _Number:
+        if ":" in name:
+            attribute, _, rest = name.partition(":")
+            element, _, column = rest.partition(":")
+            kind = next((kind for start, kind in ELEMENTS.items() if attribute.startswith(start)), None)
+            if kind is None or not isinstance(getattr(self.model, attribute, None), np.ndarray):
+                starts = ", ".join(ELEMENTS)
+                raise ValueError(f"parameter {name!r}: {attribute!r} is no attribute of MjModel with {starts}")
+            return self._entry(attribute, kind, element, int(column or 0))
+        kind, _, rest = name.partition(".")
+        element, _, field = rest.rpartition(".")
+        if kind == "joint" and field in JOINT:
+            return self._entry(JOINT[field], "joint", element)
+        if (kind, field) == ("body", "mass"):
+            mass = self._entry("body_mass", "body", element)
+            return _Number(mass.value, [*mass.of, *self._row("body_inertia", "body", element, mass.value).of])
+        if (kind, field) == ("actuator", "gain"):
+            parts = (self._row(f"actuator_{part}prm", "actuator", element, 1.0) for part in ("gain", "bias"))
+            return _Number(1.0, [of for part in parts for of in part.of])
+        raise ValueError(
+            f"parameter {name!r}: known are joint.NAME.{{{', '.join(JOINT)}}}, body.NAME.mass, actuator.NAME.gain and "
+            "attribute:element[:column]"
+        )
+
+    def _entry(self, attribute: str, kind: str, element: str, column: int = 0) -> _Number:
+        array, at = self._at(attribute, kind, element)
+        row = array[at].reshape(-1)
+        if not 0 <= column < row.size:
+            raise ValueError(f"{attribute}:{element} has {row.size} columns, so there is no column {column}")
+        # A factor on 1: the number itself.
+        return _Number(float(row[column]), [(row[column : column + 1], np.ones(1))])
+
+    def _row(self, attribute: str, kind: str, element: str, value: float) -> _Number:
+        """Return all entries of an element, which change in proportion to a number of this value."""
+        array, at = self._at(attribute, kind, element)
+        row = array[at].reshape(-1)
+        return _Number(value, [(row, row / value)])
+
+    def _at(self, attribute: str, kind: str, element: str) -> tuple[Any, slice]:
         index = self._id(getattr(self.mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), element, kind)
         if attribute.startswith("dof"):
             index = int(self.model.jnt_dofadr[index])
-        return array, (index, int(column or 0)) if array.ndim > 1 else (index,)
+        # A slice is a view, also of an array with one dimension.
+        return getattr(self.model, attribute), slice(index, index + 1)
 
     def _parameter(self, name: str, given: float | Parameter | None) -> Parameter:
-        array, at = self.places[name]
-        own = float(array[at])
+        own = self.numbers[name].value
         if given is None:
             return Parameter(own, lower=0.0 if own >= 0.0 else None)
         if not isinstance(given, Parameter):
             return Parameter(float(given))
         return dataclasses.replace(given, value=own) if np.isnan(given.value) else given
+
+
+@dataclasses.dataclass
+class _Number:
+    """A number of a model: its value, and the views of the model that are this number times a factor each."""
+
+    value: float
+    of: list[tuple[Array, Array]]
+
+    def put(self, value: float) -> None:
+        for view, factor in self.of:
+            view[:] = value * factor

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from plid import _plid
 from plid._arrays import Array, positive
 
 
@@ -66,7 +67,8 @@ class Simulator:
         has parameters, a dict by name. Or an object that takes steps. It has a method `start(parameters)`, which goes
         to rest and returns the motion at each port, and a method `step(u, forces)`, which holds the inputs (m,) and
         the forces at the ports over a step. `step` returns the outputs (p,) at the start of the step, and displacement
-        and velocity of each port, shape (ports, 2), at its end. Without ports only the outputs.
+        and velocity of each port, shape (ports, 2), at its end. Without ports only the outputs. Arrays, tuples and
+        lists are equally welcome, and may be the same in each call.
     rate : float
         Samples per second, in Hz.
     inputs, outputs : sequence of str
@@ -98,10 +100,12 @@ class Simulator:
         steps_per_sample: int = 1,
         name: str | None = None,
     ) -> None:
-        self._steps = callable(getattr(simulator, "step", None))
-        if not self._steps and not callable(simulator):
+        # The compiled half calls this one itself.
+        step = getattr(simulator, "step", None)
+        self.own_step = step if callable(step) else None
+        if self.own_step is None and not callable(simulator):
             raise TypeError(f"simulator is a {type(simulator).__name__}: neither a function nor an object with `step`")
-        if ports and not self._steps:
+        if ports and self.own_step is None:
             raise TypeError("only a simulator with `step` has ports")
         self._simulator = simulator
         self.rate = positive(rate, "rate")
@@ -111,7 +115,7 @@ class Simulator:
         given = (parameters or {}).items()
         self.parameters = {key: p if isinstance(p, Parameter) else Parameter(float(p)) for key, p in given}
         self.ports = [port if isinstance(port, Port) else Port(port) for port in ports]
-        self.steps_per_sample = int(steps_per_sample) if self._steps else 0
+        self.steps_per_sample = 0 if self.own_step is None else int(steps_per_sample)
         self.name = name or getattr(simulator, "__name__", type(simulator).__name__)
         self._kinds = dict(kinds)
 
@@ -131,8 +135,9 @@ class Simulator:
 
     def run(self, parameters: Array, u: Array) -> Array:
         """Simulate from rest: inputs (samples, m) to outputs (samples, p)."""
-        if self._steps:
-            return self._run_by_steps(parameters, u)
+        if self.own_step is not None:
+            given = np.asarray(parameters, dtype=np.float64), np.asarray(u, dtype=np.float64)
+            return _plid.run(self, self.description(), *given)
         arguments = (u, self._named(parameters)) if self.parameters else (u,)
         y = np.asarray(self._simulator(*arguments), dtype=np.float64)
         if y.ndim == 1:
@@ -148,24 +153,9 @@ class Simulator:
         found = start(self._named(parameters)) if takes else start()
         return self._motions(np.zeros((len(self.ports), 2)) if found is None else found)
 
-    def step(self, u: Array, forces: Array) -> tuple[Array, Array]:
-        """Advance by one step; return the outputs at its start and the motions at its end."""
-        found = self._simulator.step(u, forces)
-        y, motions = found if self.ports else (found, np.zeros((0, 2)))
-        y = np.atleast_1d(np.asarray(y, dtype=np.float64))
-        if y.shape != (len(self.outputs),):
-            raise ValueError(f"{self.name}.step returned the shape {y.shape}, expected ({len(self.outputs)},)")
-        return y, self._motions(motions)
-
-    def _run_by_steps(self, parameters: Array, u: Array) -> Array:
-        self.start(parameters)
-        forces = np.zeros(len(self.ports))
-        y = np.empty((len(u), len(self.outputs)))
-        for k, held in enumerate(u):
-            y[k] = self.step(held, forces)[0]
-            for _ in range(self.steps_per_sample - 1):
-                self.step(held, forces)
-        return y
+    def step(self, u: Array, forces: Array) -> Any:
+        """Advance by one step; return what the simulator's own `step` returns."""
+        return self._simulator.step(u, forces)
 
     def _motions(self, found: Any) -> Array:
         motions = np.asarray(found, dtype=np.float64).reshape(-1, 2) if np.size(found) else np.zeros((0, 2))
@@ -175,6 +165,24 @@ class Simulator:
 
     def _named(self, parameters: Array) -> dict[str, float]:
         return dict(zip(self.parameters, parameters.tolist(), strict=True))
+
+
+def serve(simulator: Simulator) -> None:
+    """Serve a simulator to the program `plid` over standard input and output, until standard input ends.
+
+    A script that ends with this call is a command for `[simulator]` in a case. What it prints from then on goes to
+    plid's log.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        What is served.
+
+    Examples
+    --------
+    >>> plid.gap.serve(plid.gap.from_mujoco("arm.xml", rate=200.0))
+    """
+    _plid.serve(simulator, simulator.description())
 
 
 def known(entries: dict[str, Any]) -> dict[str, Any]:

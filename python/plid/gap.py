@@ -18,7 +18,7 @@ from plid._arrays import Array, channels, positive
 from plid._fmu import FmuPort, from_fmu
 from plid._identify import listener
 from plid._mujoco import from_mujoco
-from plid._simulator import Parameter, Port, Simulator
+from plid._simulator import Parameter, Port, Simulator, serve
 from plid._state_space import from_system
 
 __all__ = [
@@ -33,6 +33,7 @@ __all__ = [
     "from_fmu",
     "from_mujoco",
     "from_system",
+    "serve",
 ]
 
 
@@ -225,7 +226,7 @@ def diagnose(
     material : float, default 0.02
         A gap beyond the noise that matters, relative to the output.
     settings : dict, optional
-        Thresholds by table, as in a case file: `{"in_loop": {"most_runs": 200}}`.
+        Thresholds by table, as in a case file: `{"in_loop": {"calls": 200}}`.
     progress : callable or bool, optional
         Receives lines of text. By default they go to standard error if it is a terminal; False turns them off.
 

@@ -46,7 +46,7 @@ pub fn diagnose(
     }
     let records = records.into_iter().map(record).collect();
     let case = Case { config, model: None, records, for_simulation: Vec::new(), warnings: Vec::new() };
-    let (mut simulator, shelf) = of_object(py, description, simulator);
+    let (mut simulator, shelf) = of_object(py, description.clone(), simulator);
     let mut say = |line: String| {
         let told = Python::attach(|py| {
             py.check_signals()?;

@@ -23,5 +23,7 @@ fn _plid(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<fmu::Fmu>()?;
     module.add_function(wrap_pyfunction!(diagnose::diagnose, module)?)?;
     module.add_function(wrap_pyfunction!(identify::identify, module)?)?;
+    module.add_function(wrap_pyfunction!(simulator::run, module)?)?;
+    module.add_function(wrap_pyfunction!(simulator::serve, module)?)?;
     module.add_function(wrap_pyfunction!(variant::variants, module)?)
 }

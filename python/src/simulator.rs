@@ -1,13 +1,17 @@
 //! A simulator that is a Python object.
 
+use std::fs::File;
+use std::io::{stdin, stdout};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use numpy::ndarray::{Array2, ArrayView2};
-use numpy::{PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
-use plid_simulator::{Description, Motion, Simulator, SimulatorError};
-use pyo3::exceptions::PyException;
+use numpy::{PyArray2, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
+use plid_simulator::{Checked, Description, Motion, Simulator, SimulatorError};
+use pyo3::exceptions::{PyException, PyRuntimeError};
 use pyo3::prelude::*;
+use pyo3::types::{PyFloat, PyList, PyTuple};
 
+use crate::errors::value;
 use crate::fmu::Fmu;
 
 /// What the simulator raised: the last exception, and the one that ends everything, such as Ctrl-C.
@@ -20,18 +24,22 @@ pub struct Raised {
 /// The place where exceptions wait until Rust has returned.
 pub type Shelf = Arc<Mutex<Raised>>;
 
-/// An object with the methods `run(parameters, u)`, `start(parameters)` and `step(u, forces)`, as `plid._simulator`
-/// makes them. Samples are rows of its arrays.
-struct Foreign {
+/// An object with the method `run(parameters, u)`, as `plid._simulator` makes it. Samples are rows of its arrays.
+struct Whole {
     description: Description,
     object: Py<PyAny>,
     shelf: Shelf,
 }
 
-impl Foreign {
-    fn call<T>(&self, work: impl FnOnce(Python<'_>, &Bound<'_, PyAny>) -> PyResult<T>) -> Result<T, SimulatorError> {
-        unless_ended(&self.shelf, |py| work(py, self.object.bind(py)))
-    }
+/// An object with the method `start(parameters)`, and the user's own `step(u, forces)`: a diagnosis takes millions of
+/// steps, so nothing of Python lies between.
+struct Stepping {
+    description: Description,
+    object: Py<PyAny>,
+    step: Py<PyAny>,
+    /// Displacements and velocities after a step.
+    moved: Vec<f64>,
+    shelf: Shelf,
 }
 
 /// Calls Python, unless it has ended everything.
@@ -52,14 +60,66 @@ pub fn unless_ended<T>(shelf: &Shelf, work: impl FnOnce(Python<'_>) -> PyResult<
 }
 
 /// Returns the simulator of an object of `plid._simulator`, and the place of its exceptions. That of an FMU has it as
-/// `native`.
+/// `native`, and that of an object with steps has the user's method as `own_step`.
 pub fn of_object(py: Python<'_>, description: Description, object: Py<PyAny>) -> (Box<dyn Simulator + Send>, Shelf) {
     let shelf = Shelf::default();
-    let native = object.bind(py).getattr("native").and_then(|native| Ok(native.cast_into::<Fmu>()?));
-    match native {
-        Ok(fmu) => (Box::new(fmu.get().in_loop(Arc::clone(&shelf))), shelf),
-        Err(_) => (Box::new(Foreign { description, object, shelf: Arc::clone(&shelf) }), shelf),
+    let bound = object.bind(py);
+    if let Ok(fmu) = bound.getattr("native").and_then(|native| Ok(native.cast_into::<Fmu>()?)) {
+        return (Box::new(fmu.get().in_loop(Arc::clone(&shelf))), shelf);
     }
+    let own_step = bound.getattr("own_step").ok().filter(|step| !step.is_none()).map(Bound::unbind);
+    let simulator: Box<dyn Simulator + Send> = match own_step {
+        Some(step) => {
+            let moved = vec![0.0; 2 * description.ports.len()];
+            Box::new(Stepping { description, object, step, moved, shelf: Arc::clone(&shelf) })
+        }
+        None => Box::new(Whole { description, object, shelf: Arc::clone(&shelf) }),
+    };
+    (simulator, shelf)
+}
+
+/// Runs an object of `plid._simulator` from rest (samples x channels).
+#[pyfunction]
+pub fn run<'py>(
+    py: Python<'py>,
+    simulator: Py<PyAny>,
+    description: &str,
+    parameters: PyReadonlyArray1<'py, f64>,
+    u: PyReadonlyArray2<'py, f64>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let description: Description = serde_json::from_str(description).map_err(value)?;
+    let (mut simulator, shelf) = of_object(py, description, simulator);
+    let (parameters, u) = (parameters.as_array().to_vec(), columns(u.as_array()));
+    match py.detach(|| Checked::new(simulator.as_mut())?.run(&parameters, &u)) {
+        Ok(y) => Ok(rows(&y).to_pyarray(py)),
+        Err(error) => Err(reason(py, &shelf, PyRuntimeError::new_err(error.to_string()))),
+    }
+}
+
+/// Serves an object of `plid._simulator` over standard input and output, until standard input ends.
+#[pyfunction]
+pub fn serve(py: Python<'_>, simulator: Py<PyAny>, description: &str) -> PyResult<()> {
+    let description: Description = serde_json::from_str(description).map_err(value)?;
+    let (mut simulator, shelf) = of_object(py, description, simulator);
+    let output = own_output()?;
+    // What Python prints from now on goes to standard error.
+    py.import("os")?.call_method1("dup2", (2, 1))?;
+    let done = py.detach(|| plid_simulator::serve(simulator.as_mut(), stdin().lock(), output));
+    ended(&shelf).map_or(Ok(done?), Err)
+}
+
+/// Returns a handle of standard output that remains when standard output is redirected.
+#[cfg(unix)]
+fn own_output() -> std::io::Result<File> {
+    use std::os::fd::AsFd;
+    Ok(File::from(stdout().as_fd().try_clone_to_owned()?))
+}
+
+/// Returns a handle of standard output that remains when standard output is redirected.
+#[cfg(windows)]
+fn own_output() -> std::io::Result<File> {
+    use std::os::windows::io::AsHandle;
+    Ok(File::from(stdout().as_handle().try_clone_to_owned()?))
 }
 
 /// Returns the exception that a failed diagnosis should raise: what ended it, or `failure` caused by the last one.
@@ -92,41 +152,89 @@ pub fn rows(channels: &[Vec<f64>]) -> Array2<f64> {
     Array2::from_shape_fn((samples, channels.len()), |(k, i)| channels[i][k])
 }
 
-fn motions(array: ArrayView2<'_, f64>) -> Vec<Motion> {
-    array.rows().into_iter().map(|row| Motion { displacement: row[0], velocity: row[1] }).collect()
+/// Numbers that Python returned: a number, an array, or a sequence of these. Those beyond the end are only counted.
+struct Filled<'a> {
+    numbers: &'a mut [f64],
+    found: usize,
 }
 
-impl Simulator for Foreign {
+impl Filled<'_> {
+    fn put(&mut self, x: f64) {
+        if let Some(number) = self.numbers.get_mut(self.found) {
+            *number = x;
+        }
+        self.found += 1;
+    }
+
+    fn add(&mut self, from: &Bound<'_, PyAny>) -> PyResult<()> {
+        if let Ok(number) = from.cast::<PyFloat>() {
+            self.put(number.value());
+        } else if let Ok(array) = from.cast::<PyArrayDyn<f64>>() {
+            array.readonly().as_array().iter().for_each(|x| self.put(*x));
+        } else if from.is_instance_of::<PyTuple>() || from.is_instance_of::<PyList>() {
+            from.try_iter()?.try_for_each(|entry| self.add(&entry?))?;
+        } else {
+            // NumPy knows what else is a number: integers, arrays of other types, data frames.
+            let array = from.py().import("numpy")?.call_method1("asarray", (from, "float64"))?;
+            self.add(&array)?;
+        }
+        Ok(())
+    }
+}
+
+/// Copies the numbers that Python returned; `what` names them, and `to` has their expected count.
+fn copy(from: &Bound<'_, PyAny>, to: &mut [f64], name: &str, what: &str) -> PyResult<()> {
+    let expected = to.len();
+    let mut filled = Filled { numbers: to, found: 0 };
+    filled.add(from)?;
+    match filled.found {
+        found if found == expected => Ok(()),
+        found => Err(value(format!("{name}.step returned {found} {what}, expected {expected}"))),
+    }
+}
+
+impl Simulator for Whole {
     fn description(&self) -> &Description {
         &self.description
     }
 
     fn run(&mut self, parameters: &[f64], u: &[Vec<f64>]) -> Result<Vec<Vec<f64>>, SimulatorError> {
-        self.call(|py, object| {
-            let y = object.call_method1("run", (parameters.to_pyarray(py), rows(u).to_pyarray(py)))?;
+        unless_ended(&self.shelf, |py| {
+            let y = self.object.bind(py).call_method1("run", (parameters.to_pyarray(py), rows(u).to_pyarray(py)))?;
             let y: PyReadonlyArray2<'_, f64> = y.extract()?;
             Ok(columns(y.as_array()))
         })
     }
+}
+
+impl Simulator for Stepping {
+    fn description(&self) -> &Description {
+        &self.description
+    }
 
     fn start(&mut self, parameters: &[f64]) -> Result<Vec<Motion>, SimulatorError> {
-        if !self.description.has_steps() {
-            return Err(SimulatorError::NoSteps { name: self.description.name.clone() });
-        }
-        self.call(|py, object| {
-            let found = object.call_method1("start", (parameters.to_pyarray(py),))?;
+        unless_ended(&self.shelf, |py| {
+            let found = self.object.bind(py).call_method1("start", (parameters.to_pyarray(py),))?;
             let found: PyReadonlyArray2<'_, f64> = found.extract()?;
-            Ok(motions(found.as_array()))
+            // The Python half has checked the size.
+            Ok(found.as_array().rows().into_iter().map(|m| Motion { displacement: m[0], velocity: m[1] }).collect())
         })
     }
 
     fn step(&mut self, u: &[f64], forces: &[f64], y: &mut [f64], at: &mut [Motion]) -> Result<(), SimulatorError> {
-        self.call(|py, object| {
-            let found = object.call_method1("step", (u.to_pyarray(py), forces.to_pyarray(py)))?;
-            // The Python half has checked both sizes.
-            let (seen, moved): (PyReadonlyArray1<'_, f64>, PyReadonlyArray2<'_, f64>) = found.extract()?;
-            y.iter_mut().zip(seen.as_array()).for_each(|(y, seen)| *y = *seen);
-            at.iter_mut().zip(motions(moved.as_array())).for_each(|(at, moved)| *at = moved);
+        let Self { description, step, moved, .. } = self;
+        unless_ended(&self.shelf, |py| {
+            let found = step.bind(py).call1((u.to_pyarray(py), forces.to_pyarray(py)))?;
+            let name = &description.name;
+            if at.is_empty() {
+                return copy(&found, y, name, "outputs");
+            }
+            let (seen, motions): (Bound<'_, PyAny>, Bound<'_, PyAny>) = found.extract()?;
+            copy(&seen, y, name, "outputs")?;
+            copy(&motions, moved, name, "displacements and velocities")?;
+            for (at, moved) in at.iter_mut().zip(moved.chunks_exact(2)) {
+                *at = Motion { displacement: moved[0], velocity: moved[1] };
+            }
             Ok(())
         })
     }

@@ -1,5 +1,9 @@
 """A MuJoCo model as a simulator."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -39,10 +43,10 @@ def records(truth):
 
 
 def test_the_model_is_described():
-    simulator = arm(parameters={"dof_damping:hinge": None})
+    simulator = arm(parameters=["joint.hinge.damping"])
     assert (simulator.inputs, simulator.outputs, simulator.steps_per_sample) == (["torque"], ["angle"], 2)
     assert simulator.ports == [gap.Port("hinge", "torque", "N m", "rad")]
-    assert simulator.parameters["dof_damping:hinge"] == gap.Parameter(0.3, lower=0.0)
+    assert simulator.parameters["joint.hinge.damping"] == gap.Parameter(0.3, lower=0.0)
     assert '"kind": "position"' in simulator.description()
 
 
@@ -64,9 +68,44 @@ def test_it_moves_as_mujoco_does():
 
 
 def test_a_parameter_changes_the_model():
-    simulator, other = arm(parameters={"dof_damping:hinge": None}), arm(damping=0.6)
+    simulator, other = arm(parameters={"joint.hinge.damping": None}), arm(damping=0.6)
     u = np.ones((30, 1))
     assert_allclose(simulator.run(np.array([0.6]), u), other.run(np.zeros(0), u), atol=1e-12)
+
+
+def test_the_inertia_follows_the_mass():
+    # Twice the mass, the spring and the damping: the same motion under twice the torque.
+    names = ["body.link.mass", "joint.hinge.damping", "joint.hinge.stiffness", "actuator.torque.gain"]
+    simulator = arm(parameters=names)
+    given = np.array([simulator.parameters[name].value for name in names])
+    assert_allclose(given, [1.0, 0.3, 4.0, 1.0])
+    u = np.ones((30, 1))
+    assert_allclose(simulator.run(2.0 * given, u), simulator.run(given, u), rtol=1e-9)
+    assert np.abs(simulator.run(given * [2.0, 1.0, 1.0, 1.0], u) - simulator.run(given, u)).max() > 1e-3
+
+
+def test_any_number_of_the_model_may_be_named():
+    simulator = arm(parameters={"body_inertia:link:1": 0.02, "geom_size:rod:0": None})
+    assert simulator.parameters["geom_size:rod:0"].value == 0.02
+    light = simulator.run(np.array([0.01, 0.02]), np.ones((30, 1)))
+    assert np.abs(light - simulator.run(np.array([0.5, 0.02]), np.ones((30, 1)))).max() > 1e-3
+
+
+def test_a_script_that_serves_it_is_a_command(tmp_path):
+    program = os.environ.get("PLID_PROGRAM")
+    if program is None:
+        pytest.skip("PLID_PROGRAM names no program")
+    (tmp_path / "arm.xml").write_text(XML.format(damping=0.3, friction=0.0))
+    (tmp_path / "serve.py").write_text(
+        "from plid import gap\n"
+        "gap.serve(gap.from_mujoco('arm.xml', rate=100.0, parameters=['joint.hinge.damping']))\n"
+    )
+    checked = subprocess.run(
+        [program, "gap", "check-simulator", "--", sys.executable, "serve.py"],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+    assert "joint.hinge.damping" in checked.stdout, checked.stdout
 
 
 def test_friction_of_the_joint_is_named():
@@ -77,7 +116,11 @@ def test_friction_of_the_joint_is_named():
 def test_what_the_model_lacks_is_named():
     with pytest.raises(ValueError, match="no joint 'elbow'"):
         arm(joints=["elbow"])
-    with pytest.raises(ValueError, match="no attribute 'dof_dampin'"):
-        arm(parameters={"dof_dampin:hinge": None})
+    with pytest.raises(ValueError, match="'dof_dampin' is no attribute"):
+        arm(parameters=["dof_dampin:hinge"])
+    with pytest.raises(ValueError, match="known are joint.NAME"):
+        arm(parameters=["joint.hinge.dampin"])
+    with pytest.raises(ValueError, match="3 columns, so there is no column 3"):
+        arm(parameters=["body_inertia:link:3"])
     with pytest.raises(ValueError, match="whole number of steps"):
         gap.from_mujoco(XML.format(damping=0.3, friction=0), rate=150.0)

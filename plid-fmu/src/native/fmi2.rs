@@ -52,7 +52,6 @@ type Simple = unsafe extern "C" fn(Component) -> c_int;
 /// The functions of a library.
 pub(super) struct Functions {
     instantiate: Instantiate,
-    debug: unsafe extern "C" fn(Component, c_int, usize, *const *const c_char) -> c_int,
     experiment: Experiment,
     enter: Simple,
     exit: Simple,
@@ -73,7 +72,6 @@ impl Functions {
         unsafe {
             Ok(Self {
                 instantiate: *library.get("fmi2Instantiate")?,
-                debug: *library.get("fmi2SetDebugLogging")?,
                 experiment: *library.get("fmi2SetupExperiment")?,
                 enter: *library.get("fmi2EnterInitializationMode")?,
                 exit: *library.get("fmi2ExitInitializationMode")?,
@@ -90,25 +88,10 @@ impl Functions {
     /// # Safety
     /// The callbacks outlive the instance.
     pub unsafe fn create(&self, birth: &Birth, callbacks: &Callbacks) -> Component {
-        let Birth { name, token, resources, categories, .. } = birth;
+        let Birth { name, token, resources } = birth;
         // SAFETY: as the caller promises; the strings are copied by the FMU.
         unsafe {
-            let of = (self.instantiate)(
-                name.as_ptr(),
-                CO_SIMULATION,
-                token.as_ptr(),
-                resources.as_ptr(),
-                callbacks,
-                FALSE,
-                TRUE,
-            );
-            if !of.is_null() && !categories.is_empty() {
-                let wanted: Vec<*const c_char> = categories.iter().map(|category| category.as_ptr()).collect();
-                // An FMU that knows no categories says more than it is asked for.
-                let _ = (self.debug)(of, FALSE, 0, std::ptr::null());
-                let _ = (self.debug)(of, TRUE, wanted.len(), wanted.as_ptr());
-            }
-            of
+            (self.instantiate)(name.as_ptr(), CO_SIMULATION, token.as_ptr(), resources.as_ptr(), callbacks, FALSE, TRUE)
         }
     }
 

@@ -37,7 +37,6 @@ type Simple = unsafe extern "C" fn(Component) -> c_int;
 /// The functions of a library.
 pub(super) struct Functions {
     instantiate: Instantiate,
-    debug: unsafe extern "C" fn(Component, Boolean, usize, *const *const c_char) -> c_int,
     enter: Enter,
     exit: Simple,
     reset: Simple,
@@ -57,7 +56,6 @@ impl Functions {
         unsafe {
             Ok(Self {
                 instantiate: *library.get("fmi3InstantiateCoSimulation")?,
-                debug: *library.get("fmi3SetDebugLogging")?,
                 enter: *library.get("fmi3EnterInitializationMode")?,
                 exit: *library.get("fmi3ExitInitializationMode")?,
                 reset: *library.get("fmi3Reset")?,
@@ -73,11 +71,11 @@ impl Functions {
     /// # Safety
     /// The log at the address `environment` outlives the instance.
     pub unsafe fn create(&self, birth: &Birth, environment: *mut c_void) -> Component {
-        let Birth { name, token, resources, categories, .. } = birth;
+        let Birth { name, token, resources } = birth;
         // SAFETY: as the caller promises; the strings are copied by the FMU.
         unsafe {
             // Neither events, nor early returns, nor intermediate updates are wanted.
-            let of = (self.instantiate)(
+            (self.instantiate)(
                 name.as_ptr(),
                 token.as_ptr(),
                 resources.as_ptr(),
@@ -90,14 +88,7 @@ impl Functions {
                 environment,
                 logger3,
                 std::ptr::null(),
-            );
-            if !of.is_null() && !categories.is_empty() {
-                let wanted: Vec<*const c_char> = categories.iter().map(|category| category.as_ptr()).collect();
-                // An FMU that knows no categories says more than it is asked for.
-                let _ = (self.debug)(of, FALSE, 0, std::ptr::null());
-                let _ = (self.debug)(of, TRUE, wanted.len(), wanted.as_ptr());
-            }
-            of
+            )
         }
     }
 

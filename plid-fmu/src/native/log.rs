@@ -57,7 +57,8 @@ impl Log {
 unsafe extern "C" fn keep(log: *const Log, status: c_int, message: *const c_char) {
     // SAFETY: as the caller promises.
     let (log, message) = unsafe { (log.as_ref(), (!message.is_null()).then(|| CStr::from_ptr(message))) };
-    if let (Some(log), Some(message)) = (log, message) {
+    // FMUs differ in what their categories mean, so messages are told apart by their status: zero is well.
+    if let (Some(log), Some(message), 1..) = (log, message, status) {
         log.add(status, &message.to_string_lossy());
     }
 }

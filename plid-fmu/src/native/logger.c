@@ -18,7 +18,8 @@ void plid_fmu_logger(void *environment, const char *instance, int status, const 
     va_list arguments;
     (void)instance;
     (void)category;
-    if (log == NULL || message == NULL) {
+    /* What an FMU says although all is well is not written out. */
+    if (log == NULL || message == NULL || status == 0) {
         return;
     }
     va_start(arguments, message);

@@ -87,8 +87,6 @@ pub(crate) struct Birth {
     pub token: CString,
     /// The folder of resources: a URI for FMI 2.0, a path for FMI 3.0.
     pub resources: CString,
-    /// The categories of messages that are wanted, if the FMU names some that tell of failures.
-    pub categories: Vec<CString>,
 }
 
 /// The functions of one version of the standard.
