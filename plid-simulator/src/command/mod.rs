@@ -14,15 +14,16 @@
 //! write `{"error": "why"}` and a newline. Its standard error is kept, and its end is part of every message of a
 //! failure. [`serve()`] is the other side.
 
+mod answers;
 mod process;
 mod serve;
 
 use std::io::{BufRead, BufReader, Read};
-use std::process::ChildStdout;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
+use self::answers::Answers;
 use self::process::Process;
 pub use self::serve::{refuse, serve};
 use crate::{Channels, Description, Motion, Simulator, SimulatorError};
@@ -115,7 +116,7 @@ impl Command {
 }
 
 /// Reads a line.
-fn line(input: &mut BufReader<ChildStdout>) -> std::io::Result<Vec<u8>> {
+fn line(input: &mut BufReader<Answers>) -> std::io::Result<Vec<u8>> {
     let mut line = Vec::new();
     input.read_until(b'\n', &mut line)?;
     if line.is_empty() { Err(std::io::ErrorKind::UnexpectedEof.into()) } else { Ok(line) }

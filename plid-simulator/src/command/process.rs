@@ -3,12 +3,13 @@
 use std::collections::VecDeque;
 use std::io::{BufReader, Read, Write};
 use std::path::Path;
-use std::process::{Child, ChildStdin, ChildStdout, Stdio};
+use std::process::{Child, ChildStdin, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use super::answers::Answers;
 use crate::SimulatorError;
 
 /// Number of bytes of the log that are kept.
@@ -25,7 +26,7 @@ pub(super) struct Process {
     name: String,
     child: Arc<Mutex<Child>>,
     input: ChildStdin,
-    output: BufReader<ChildStdout>,
+    output: BufReader<Answers>,
     log: Arc<Mutex<VecDeque<u8>>>,
     logger: Option<thread::JoinHandle<()>>,
     watch: Arc<Watch>,
@@ -76,7 +77,7 @@ impl Process {
             name: command.join(" "),
             child,
             input,
-            output: BufReader::with_capacity(1 << 16, output),
+            output: BufReader::with_capacity(1 << 16, Answers::new(output)),
             log,
             logger: Some(logger),
             watch,
@@ -95,7 +96,7 @@ impl Process {
     /// Reads a part of an answer.
     pub fn answering<T>(
         &mut self,
-        read: impl FnOnce(&mut BufReader<ChildStdout>) -> std::io::Result<T>,
+        read: impl FnOnce(&mut BufReader<Answers>) -> std::io::Result<T>,
     ) -> Result<T, SimulatorError> {
         self.expect();
         let answer = read(&mut self.output);
