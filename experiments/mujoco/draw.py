@@ -113,7 +113,7 @@ class Cause:
             return (lambda x: second(first(x))) if first and second else first or second
 
         both = Cause(
-            [self.names, other.names], [self.place, other.place], {**self.numbers, **other.numbers},
+            [self.names, other.names], [listed(self.place), listed(other.place)], {**self.numbers, **other.numbers},
             after(self.command, other.command), self.force or other.force, after(self.sense, other.sense),
             self.joint or other.joint,
         )

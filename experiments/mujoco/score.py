@@ -88,7 +88,6 @@ def judge(label, answer):
 def judge_two(label, effects):
     """Returns "right" if both causes are named, "one" for one of them, else whether the first is sure."""
     def named(names, places):
-        places = places if isinstance(places, list) else [places]
         return any(one["effect"] in names and one["location"] in places for one in effects)
 
     found = sum(named(*cause) for cause in zip(label["effects"], label["places"], strict=True))

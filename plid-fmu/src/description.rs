@@ -112,6 +112,13 @@ impl ModelDescription {
     }
 }
 
+impl ModelDescription {
+    /// Returns a reason why it may fail, for the end of a message.
+    pub fn tool(&self) -> &'static str {
+        if self.needs_tool { " (it needs its own tool to be installed)" } else { "" }
+    }
+}
+
 fn child<'a, 'i>(of: Node<'a, 'i>, name: &str) -> Option<Node<'a, 'i>> {
     of.children().find(|node| node.has_tag_name(name))
 }

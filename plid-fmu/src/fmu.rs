@@ -63,15 +63,8 @@ impl Fmu {
     fn create(&self) -> Result<Instance, FmuError> {
         let Package { binary, birth, description, file, .. } = &self.package;
         Instance::new(binary, birth).map_err(|said| {
-            let tool = if description.needs_tool { " (it needs its own tool to be installed)" } else { "" };
-            let at = tool.to_string();
-            FmuError::Call {
-                file: file.clone(),
-                function: "instantiation",
-                found: "nothing".into(),
-                at,
-                log: log(said),
-            }
+            let (found, at) = ("nothing".into(), description.tool().into());
+            FmuError::Call { file: file.clone(), function: "instantiation", found, at, log: log(said) }
         })
     }
 

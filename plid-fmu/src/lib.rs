@@ -35,4 +35,4 @@ mod wiring;
 
 pub use error::FmuError;
 pub use fmu::Fmu;
-pub use options::{ChosenParameter, ChosenPort, Options};
+pub use options::{ChosenParameter, Options};

@@ -29,10 +29,8 @@ impl Package {
     pub fn open(file: &Path) -> Result<Self, FmuError> {
         let (folder, description) = unpack(file)?;
         let path = binary(file, folder.path(), &description)?;
-        let binary = Binary::load(&path, description.version).map_err(|message| {
-            let tool = if description.needs_tool { " (it needs its own tool to be installed)" } else { "" };
-            FmuError::Binary { file: file.into(), message: message + tool }
-        })?;
+        let binary = Binary::load(&path, description.version)
+            .map_err(|message| FmuError::Binary { file: file.into(), message: message + description.tool() })?;
         let birth = birth(file, folder.path(), &description)?;
         Ok(Self { file: file.into(), description, binary: Arc::new(binary), birth, _folder: folder })
     }

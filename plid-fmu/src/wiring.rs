@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
-use plid_simulator::{Description, Input, Output, Parameter, Port};
+use plid_data::nearest;
+use plid_simulator::{Description, Input, Output, Parameter, Port, PortVariables};
 
 use crate::description::{ModelDescription, Variable};
-use crate::{ChosenParameter, ChosenPort, FmuError, Options};
+use crate::{ChosenParameter, FmuError, Options};
 
 /// The variables of a simulator.
 pub(crate) struct Wiring {
@@ -30,9 +31,6 @@ pub(crate) struct Wiring {
 
 /// Number of names in a message.
 const NAMED: usize = 20;
-
-/// Likeness of names from which one is suggested.
-const ALIKE: f64 = 0.75;
 
 /// The variables of an FMU, and words about them.
 struct Chooser<'a> {
@@ -128,11 +126,14 @@ impl<'a> Chooser<'a> {
         if let Some(found) = found.filter(|found| fit(found)) {
             return Ok(found);
         }
-        let fit_names: Vec<&str> =
-            self.model.variables.iter().filter(|one| fit(one)).map(|one| one.name.as_str()).collect();
+        let fit_names: Vec<&String> = self.model.variables.iter().filter(|one| fit(one)).map(|one| &one.name).collect();
         let (fault, meant) = match found {
             Some(found) => (format!("it is {}", found.in_words()), String::new()),
-            None => ("the FMU has none of this name".to_string(), meant(name, &fit_names)),
+            None => {
+                let meant = nearest(name, fit_names.iter().copied());
+                let meant = meant.map(|name| format!("; did you mean {name:?}?")).unwrap_or_default();
+                ("the FMU has none of this name".to_string(), meant)
+            }
         };
         let message = format!("{fault}; {wanted} would be {}{meant}", listed(&fit_names));
         Err(FmuError::Variable { file: self.file.into(), variable: name.into(), message })
@@ -159,7 +160,7 @@ impl<'a> Chooser<'a> {
         }
     }
 
-    fn motion(&self, port: &ChosenPort) -> Result<[&'a Variable; 2], FmuError> {
+    fn motion(&self, port: &PortVariables) -> Result<[&'a Variable; 2], FmuError> {
         let find = |name: &str| self.find(name, moves, "a variable that moves");
         Ok([find(&port.displacement)?, find(&port.velocity)?])
     }
@@ -205,19 +206,12 @@ impl<'a> Chooser<'a> {
     }
 }
 
-/// Returns the suggestion of the nearest name.
-fn meant(name: &str, names: &[&str]) -> String {
-    let likeness = |other: &str| strsim::jaro_winkler(&name.to_lowercase(), &other.to_lowercase());
-    let best = names.iter().map(|other| (likeness(other), other)).max_by(|a, b| a.0.total_cmp(&b.0));
-    best.filter(|(likeness, _)| *likeness > ALIKE)
-        .map_or_else(String::new, |(_, name)| format!("; did you mean {name:?}?"))
-}
-
 /// Returns names in a list.
-fn listed(names: &[&str]) -> String {
-    match names {
-        [] => "none".into(),
-        names if names.len() <= NAMED => names.join(", "),
-        names => format!("{} and {} more", names[..NAMED].join(", "), names.len() - NAMED),
+fn listed(names: &[&String]) -> String {
+    let first: Vec<&str> = names.iter().take(NAMED).map(|name| name.as_str()).collect();
+    match names.len() - first.len() {
+        _ if names.is_empty() => "none".into(),
+        0 => first.join(", "),
+        more => format!("{} and {more} more", first.join(", ")),
     }
 }

@@ -35,15 +35,17 @@ mod description;
 mod error;
 mod function;
 mod linear;
+mod port_variables;
 
 pub use check::{Finding, check};
 pub use checked::{Calls, Checked};
-pub use command::{Command, refuse, serve};
+pub use command::{Command, own_output, refuse, serve};
 pub use description::{Description, Input, Output, Parameter, Port};
 pub use error::SimulatorError;
 pub use function::Function;
 pub use linear::Linear;
 pub use plid_model::OutputKind;
+pub use port_variables::PortVariables;
 
 /// Channels, each with the values of all samples.
 pub type Channels = Vec<Vec<f64>>;

@@ -13,7 +13,7 @@ import numpy as np
 
 from plid import _plid
 from plid._arrays import Array, positive
-from plid._simulator import Parameter, Port, Simulator
+from plid._simulator import Parameter, Port, Simulator, by_name
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,11 +88,8 @@ def from_fmu(
     >>> port = plid.gap.FmuPort("joint", force="torque", displacement="angle", velocity="speed")
     >>> simulator = plid.gap.from_fmu("arm.fmu", rate=200.0, parameters={"damping": None}, ports=[port])
     """
-    if isinstance(parameters, str):
-        raise TypeError("parameters is a str: give a sequence of names or a dict")
-    given = parameters if isinstance(parameters, Mapping) else dict.fromkeys(parameters)
     options: dict[str, Any] = {
-        "parameters": [chosen(name, parameter) for name, parameter in given.items()],
+        "parameters": [chosen(name, parameter) for name, parameter in by_name(parameters).items()],
         "ports": [dataclasses.asdict(port) for port in ports],
     }
     if rate is not None:

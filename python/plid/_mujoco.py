@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from plid._arrays import Array
-from plid._simulator import Parameter, Port, Simulator
+from plid._simulator import Parameter, Port, Simulator, by_name
 
 # Kinds of MuJoCo's sensors by what they measure, for the names of outputs.
 KINDS = {
@@ -83,10 +83,7 @@ def from_mujoco(
     --------
     >>> simulator = plid.gap.from_mujoco("arm.xml", rate=200.0, parameters=["joint.hinge.damping", "body.link.mass"])
     """
-    if isinstance(parameters, str):
-        raise TypeError("parameters is a str: give a sequence of names or a dict")
-    given = parameters if isinstance(parameters, Mapping) else dict.fromkeys(parameters)
-    return _Arm(loaded(model), rate, actuators, sensors, joints, given).simulator
+    return _Arm(loaded(model), rate, actuators, sensors, joints, by_name(parameters)).simulator
 
 
 def loaded(model: Any) -> Any:

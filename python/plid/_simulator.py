@@ -185,6 +185,13 @@ def serve(simulator: Simulator) -> None:
     _plid.serve(simulator, simulator.description())
 
 
+def by_name(parameters: Mapping[str, Any] | Sequence[str]) -> Mapping[str, Any]:
+    """Return what is given for each parameter: None if only names are."""
+    if isinstance(parameters, str):
+        raise TypeError("parameters is a str: give a sequence of names or a dict")
+    return parameters if isinstance(parameters, Mapping) else dict.fromkeys(parameters)
+
+
 def known(entries: dict[str, Any]) -> dict[str, Any]:
     """Return the entries that are not None."""
     return {key: value for key, value in entries.items() if value is not None}

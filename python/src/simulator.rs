@@ -1,12 +1,11 @@
 //! A simulator that is a Python object.
 
-use std::fs::File;
-use std::io::{stdin, stdout};
+use std::io::stdin;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use numpy::ndarray::{Array2, ArrayView2};
 use numpy::{PyArray2, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
-use plid_simulator::{Checked, Description, Motion, Simulator, SimulatorError};
+use plid_simulator::{Checked, Description, Motion, Simulator, SimulatorError, own_output};
 use pyo3::exceptions::{PyException, PyRuntimeError};
 use pyo3::prelude::*;
 use pyo3::types::{PyFloat, PyList, PyTuple};
@@ -106,20 +105,6 @@ pub fn serve(py: Python<'_>, simulator: Py<PyAny>, description: &str) -> PyResul
     py.import("os")?.call_method1("dup2", (2, 1))?;
     let done = py.detach(|| plid_simulator::serve(simulator.as_mut(), stdin().lock(), output));
     ended(&shelf).map_or(Ok(done?), Err)
-}
-
-/// Returns a handle of standard output that remains when standard output is redirected.
-#[cfg(unix)]
-fn own_output() -> std::io::Result<File> {
-    use std::os::fd::AsFd;
-    Ok(File::from(stdout().as_fd().try_clone_to_owned()?))
-}
-
-/// Returns a handle of standard output that remains when standard output is redirected.
-#[cfg(windows)]
-fn own_output() -> std::io::Result<File> {
-    use std::os::windows::io::AsHandle;
-    Ok(File::from(stdout().as_handle().try_clone_to_owned()?))
 }
 
 /// Returns the exception that a failed diagnosis should raise: what ended it, or `failure` caused by the last one.

@@ -1,12 +1,11 @@
-use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use plid::fmu::{ChosenParameter, ChosenPort, Fmu, Options};
+use plid::fmu::{ChosenParameter, Fmu, Options};
 use plid::gap::GapError;
-use plid::gap::case::{FmuPort, FmuSource};
-use plid::simulator::{Command, Description, refuse, serve};
+use plid::gap::case::FmuSource;
+use plid::simulator::{Command, Description, PortVariables, own_output, refuse, serve};
 
 use super::Failure;
 
@@ -38,7 +37,7 @@ pub struct Choice {
     /// A place that takes a force: an input of the FMU, and the variables that show its displacement and velocity. May
     /// be repeated.
     #[arg(long, value_name = "NAME=FORCE,DISPLACEMENT,VELOCITY")]
-    port: Vec<ChosenPort>,
+    port: Vec<PortVariables>,
     /// Steps of the FMU in a sample [default: with ports, as many as the default experiment has; without 1].
     #[arg(long, value_name = "N")]
     steps_per_sample: Option<usize>,
@@ -60,14 +59,10 @@ impl Choice {
 
     /// As a case chooses.
     pub fn of_case(source: &FmuSource, rate_hz: f64, parameters: &[String], steps: Option<usize>) -> Self {
-        let port = |port: &FmuPort| {
-            let FmuPort { name, force, displacement, velocity } = port.clone();
-            ChosenPort { name, force, displacement, velocity }
-        };
         Self {
             rate: Some(rate_hz),
             parameter: parameters.to_vec(),
-            port: source.ports.iter().map(port).collect(),
+            port: source.ports.clone(),
             steps_per_sample: steps,
             ..Self::default()
         }
@@ -118,7 +113,7 @@ impl Choice {
         for (key, names) in [("parameter", parameter), ("input", input), ("output", output)] {
             names.iter().for_each(|name| add(key, name.clone()));
         }
-        for ChosenPort { name, force, displacement, velocity } in port {
+        for PortVariables { name, force, displacement, velocity } in port {
             add("port", format!("{name}={force},{displacement},{velocity}"));
         }
         command.extend(["--".into(), file.to_string_lossy().into()]);
@@ -136,6 +131,9 @@ impl Choice {
 pub fn execute(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { file, choice } = arguments;
     let output = own_output().map_err(Failure::work)?;
+    // What an FMU prints goes to standard error.
+    #[cfg(unix)]
+    rustix::stdio::dup2_stdout(io::stderr()).map_err(|error| Failure::work(io::Error::from(error)))?;
     let mut fmu = match Fmu::open(file, &choice.options()) {
         Ok(fmu) => fmu,
         Err(error) => {
@@ -144,20 +142,4 @@ pub fn execute(arguments: &Arguments) -> Result<(), Failure> {
         }
     };
     serve(&mut fmu, io::stdin().lock(), output).map_err(Failure::work)
-}
-
-/// Takes standard output for the protocol: what an FMU prints goes to standard error.
-#[cfg(unix)]
-fn own_output() -> io::Result<File> {
-    use std::os::fd::AsFd;
-    let kept = io::stdout().as_fd().try_clone_to_owned()?;
-    rustix::stdio::dup2_stdout(io::stderr())?;
-    Ok(File::from(kept))
-}
-
-/// Takes standard output for the protocol. What an FMU prints would get in between.
-#[cfg(not(unix))]
-fn own_output() -> io::Result<File> {
-    use std::os::windows::io::AsHandle;
-    Ok(File::from(io::stdout().as_handle().try_clone_to_owned()?))
 }

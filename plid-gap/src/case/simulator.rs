@@ -1,5 +1,6 @@
 use std::collections::BTreeMap;
 
+use plid_simulator::PortVariables;
 use serde::{Deserialize, Serialize};
 
 /// The engineer's own simulator: a program (docs/simulator-protocol.md) or an FMU.
@@ -17,7 +18,7 @@ pub struct SimulatorConfig {
     pub parameters: Vec<String>,
     /// Of an FMU: the places that take a force.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub port: Vec<FmuPort>,
+    pub port: Vec<PortVariables>,
     /// Of an FMU: number of steps in a sample. If absent, the FMU's own step size decides where there are ports, and
     /// without ports it is 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -30,20 +31,6 @@ pub struct SimulatorConfig {
     pub limits: BTreeMap<String, f64>,
 }
 
-/// A place of an FMU that shows its motion and takes a force, by the names of its variables.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct FmuPort {
-    /// Its name.
-    pub name: String,
-    /// The input that takes the force.
-    pub force: String,
-    /// The variable that shows the displacement.
-    pub displacement: String,
-    /// The variable that shows the velocity.
-    pub velocity: String,
-}
-
 /// What a prediction needs besides the description to start an FMU again.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FmuSource {
@@ -51,7 +38,7 @@ pub struct FmuSource {
     pub file: String,
     /// The places that take a force.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub ports: Vec<FmuPort>,
+    pub ports: Vec<PortVariables>,
 }
 
 fn patience() -> f64 {

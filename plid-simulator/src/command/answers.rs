@@ -4,35 +4,35 @@ use std::io::{self, Read};
 use std::process::ChildStdout;
 use std::time::{Duration, Instant};
 
-/// How long an answer is looked for before the thread sleeps. Waking a thread on another core takes longer than a short
+/// How long a read polls the pipe before the thread sleeps. Waking a thread on another core takes longer than a short
 /// step of a simulator, and a diagnosis waits for millions of steps.
-const LOOKING: Duration = Duration::from_micros(50);
+const POLLING: Duration = Duration::from_micros(50);
 
-/// The standard output of a program. A read looks for an answer for a moment, and then sleeps until one arrives.
+/// The standard output of a program. A read polls for a moment, and then sleeps until an answer arrives.
 pub(super) struct Answers {
     pipe: ChildStdout,
-    /// Whether reading from the pipe returns at once.
-    returns: bool,
+    /// Whether reading from the pipe does not block.
+    nonblocking: bool,
 }
 
 impl Answers {
     /// Takes a pipe.
     pub fn new(pipe: ChildStdout) -> Self {
-        let returns = returns_at_once(&pipe);
-        Self { pipe, returns }
+        let nonblocking = set_nonblocking(&pipe);
+        Self { pipe, nonblocking }
     }
 }
 
 impl Read for Answers {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-        if !self.returns {
+        if !self.nonblocking {
             return self.pipe.read(bytes);
         }
         let began = Instant::now();
         loop {
             match self.pipe.read(bytes) {
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
-                    if began.elapsed() < LOOKING {
+                    if began.elapsed() < POLLING {
                         // The program may need this core.
                         std::thread::yield_now();
                     } else {
@@ -45,9 +45,9 @@ impl Read for Answers {
     }
 }
 
-/// Makes reading return at once; returns whether that worked. Only this end of the pipe changes.
+/// Makes reads non-blocking; returns whether that worked. Only this end of the pipe changes.
 #[cfg(unix)]
-fn returns_at_once(pipe: &ChildStdout) -> bool {
+fn set_nonblocking(pipe: &ChildStdout) -> bool {
     use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
     fcntl_getfl(pipe).and_then(|flags| fcntl_setfl(pipe, flags | OFlags::NONBLOCK)).is_ok()
 }
@@ -63,7 +63,7 @@ fn sleep(pipe: &ChildStdout) -> io::Result<()> {
 }
 
 #[cfg(not(unix))]
-fn returns_at_once(_pipe: &ChildStdout) -> bool {
+fn set_nonblocking(_pipe: &ChildStdout) -> bool {
     false
 }
 

@@ -25,7 +25,7 @@ use serde::{Deserialize, Serialize};
 
 use self::answers::Answers;
 use self::process::Process;
-pub use self::serve::{refuse, serve};
+pub use self::serve::{own_output, refuse, serve};
 use crate::{Channels, Description, Motion, Simulator, SimulatorError};
 
 /// The version of the protocol.

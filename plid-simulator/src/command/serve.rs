@@ -1,5 +1,6 @@
 //! The other side of the protocol: a simulator for another program.
 
+use std::fs::File;
 use std::io::{BufRead, BufReader, BufWriter, ErrorKind, Read, Write};
 
 use serde::{Deserialize, Serialize};
@@ -60,6 +61,28 @@ pub fn serve(simulator: &mut dyn Simulator, input: impl Read, output: impl Write
 /// If the stream fails.
 pub fn refuse(mut output: impl Write, why: &str) -> std::io::Result<()> {
     say(&mut output, &serde_json::json!({ "error": why }))
+}
+
+/// Returns a handle of standard output that remains when standard output is redirected. A program takes it for the
+/// protocol, and sends what is printed elsewhere.
+///
+/// # Errors
+/// If the system has no handle left.
+#[cfg(unix)]
+pub fn own_output() -> std::io::Result<File> {
+    use std::os::fd::AsFd;
+    Ok(File::from(std::io::stdout().as_fd().try_clone_to_owned()?))
+}
+
+/// Returns a handle of standard output that remains when standard output is redirected. A program takes it for the
+/// protocol, and sends what is printed elsewhere.
+///
+/// # Errors
+/// If the system has no handle left.
+#[cfg(not(unix))]
+pub fn own_output() -> std::io::Result<File> {
+    use std::os::windows::io::AsHandle;
+    Ok(File::from(std::io::stdout().as_handle().try_clone_to_owned()?))
 }
 
 /// Writes a line of JSON.
