@@ -177,6 +177,20 @@ impl BackendEntry {
     }
 }
 
+/// A form of a program's own on a backend of its own, under the names of both. The two are added before it.
+pub struct PairEntry {
+    form: &'static str,
+    backend: &'static str,
+    start: AnyStart,
+}
+
+impl PairEntry {
+    /// The pair of a named form and a named backend: `PairEntry::of::<Form<Backend>>("form", "backend").add()`.
+    pub fn of<C: Form<Scalar: Number>>(form: &'static str, backend: &'static str) -> Self {
+        Self { form, backend, start: start::<C>() }
+    }
+}
+
 /// Everything that has a name.
 pub struct Registry {
     pub(crate) forms: Vec<FormEntry>,
@@ -209,7 +223,7 @@ pub trait Entry {
     /// Adds it. From then on configs may name it, and studies have it in their lists.
     ///
     /// # Panics
-    /// If the name is taken.
+    /// If the name is taken, or if a part of a pair has no entry yet.
     fn add(self);
 }
 
@@ -242,6 +256,22 @@ impl Entry for BackendEntry {
             entry.expect("a built-in form").cells.push((self.name, start));
         }
         registry.backends.push(self);
+    }
+}
+
+impl Entry for PairEntry {
+    fn add(self) {
+        let Self { form, backend, start } = self;
+        let mut registry = REGISTRY.write().unwrap_or_else(PoisonError::into_inner);
+        assert!(registry.backends.iter().any(|entry| entry.name == backend), "there is no backend `{backend}` yet");
+        let entry = registry.forms.iter_mut().find(|entry| entry.name == form);
+        let cells = &mut entry.unwrap_or_else(|| panic!("there is no form `{form}` yet")).cells;
+        // The variants differ by scalar.
+        let same = |(name, there): &(&str, AnyStart)| {
+            *name == backend && std::mem::discriminant(there) == std::mem::discriminant(&start)
+        };
+        assert!(!cells.iter().any(same), "the catalogue has `{form}` on `{backend}` already");
+        cells.push((backend, start));
     }
 }
 

@@ -3,8 +3,8 @@ use std::marker::PhantomData;
 
 use plid_backends::Plain;
 use plid_catalogue::{
-    BackendEntry, BackendName, CovarianceName, Entry, ExpectationEntry, ExpectationName, ScalarName, Variant,
-    VariantError, forms,
+    BackendEntry, BackendName, CovarianceName, Entry, ExpectationEntry, ExpectationName, PairEntry, ScalarName,
+    Variant, VariantError, forms,
 };
 use plid_core::kernels::{BadPivot, Kernels};
 use plid_core::{
@@ -97,6 +97,18 @@ fn what_a_program_adds_is_named_run_counted_and_listed() {
     }
     let absent = run(Variant { backend, scalar: ScalarName::DoubleDouble, ..built_in }, |_| ()).unwrap_err();
     assert!(absent.to_string().contains("on own-backend in double-double"), "{absent}");
+
+    // Their pair goes by both names once it is added.
+    let pair = Variant { backend, ..own };
+    let absent = run(pair, |_| ()).unwrap_err();
+    assert_eq!(absent.to_string(), "there is no own with moment-matched on own-backend in f64");
+    let add = || PairEntry::of::<Own<OwnBackend<f64>>>("own", "own-backend").add();
+    add();
+    assert_eq!(run(pair, |_| ()).unwrap(), run(built_in, |_| ()).unwrap());
+    assert!(run(Variant { scalar: ScalarName::F32, ..pair }, |_| ()).is_err());
+    assert!(std::panic::catch_unwind(add).is_err(), "a pair is taken twice");
+    let unknown = || PairEntry::of::<Own<OwnBackend<f64>>>("own", "nobody's").add();
+    assert!(std::panic::catch_unwind(unknown).is_err(), "a pair of an unknown backend");
 
     // What the form does not offer is a typed error, and no wrong number.
     let unsupported = run(own, |settings| settings.forgetting = 0.99).unwrap_err();

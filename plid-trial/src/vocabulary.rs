@@ -114,13 +114,13 @@ pub const OUTSIDERS: [Kind; 8] = [
 
 const OWN: &str = "own";
 
-/// Returns the effects that this program has added to the testbed. Each follows its own equation only.
+/// Returns the effects that this program has added to the testbed.
 pub fn own() -> Vec<Kind> {
     let at = |side| match side {
         Side::Strut | Side::Actuator => At::Input,
         Side::Sensor => At::Output,
     };
-    own::all().into_iter().map(|truth| kind(truth.name(), OWN, at(truth.side()), &[])).collect()
+    own::all().into_iter().map(|truth| kind(truth.name(), OWN, at(truth.side()), truth.near_misses())).collect()
 }
 
 /// Returns the vocabulary, and then the effects of [`own()`].

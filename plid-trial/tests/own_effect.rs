@@ -14,7 +14,7 @@ mod bent;
 use bent::BentSensor;
 
 // ANCHOR: truth
-/// The truth of a bent sensor: y' = y + c y^2.
+/// The truth of a bent sensor: y' = y + c y^2, or y' = y + c |y|^1.5 as a near miss.
 struct Bent;
 
 impl Truth for Bent {
@@ -30,9 +30,13 @@ impl Truth for Bent {
     fn start(&self, level: &Level) -> Vec<f64> {
         vec![0.1 / level.output]
     }
-    fn act(&self, parameters: &[f64]) -> own::Action {
+    fn near_misses(&self) -> &'static [&'static str] {
+        &["power"]
+    }
+    fn act(&self, law: Option<&str>, parameters: &[f64]) -> own::Action {
         let c = parameters[0];
-        own::Action::Sample(Box::new(move |y, _t| y + c * y * y))
+        let exponent = if law == Some("power") { 1.5 } else { 2.0 };
+        own::Action::Sample(Box::new(move |y, _t| y + c * y.abs().powf(exponent)))
     }
 }
 // ANCHOR_END: truth
@@ -67,7 +71,10 @@ fn an_effect_of_ones_own_is_drawn_by_name_and_diagnosed() {
     let all = scores.totals("all", "all", 0).unwrap();
     assert_eq!((all.exact.hits, all.exact.of, all.located.hits), (2, 2, 2), "{:#?}", scores.cases);
     assert_eq!((all.family.hits, all.false_alarms.hits), (2, 0));
-    for line in scores.cases.iter().filter(|line| line.truth == "bent-sensor") {
+    // One case follows the equation of the diagnosis, the other a near miss.
+    let found: Vec<_> = scores.cases.iter().filter(|line| line.truth == "bent-sensor").collect();
+    assert_eq!(found.iter().filter(|line| line.own_equation).count(), 1, "{found:?}");
+    for line in found.iter().filter(|line| line.own_equation) {
         // Its parameter has an interval, and the simulation with it predicts the held-out record.
         assert_eq!(line.covered.keys().collect::<Vec<_>>(), ["c"], "{line:?}");
         assert!(line.judged[0].gap.is_some_and(|gap| gap < 1.5 * line.gap_floor), "{line:?}");

@@ -69,8 +69,15 @@ pub trait Truth: Send + Sync {
         parameters[0] *= factor;
     }
 
-    /// Returns what the effect does in a record that begins now. It must be an action of its [`Truth::side`].
-    fn act(&self, parameters: &[f64]) -> Action;
+    /// Returns the names of other laws of the same physics, which differ in shape from the diagnosis's equation. A
+    /// config or a spec names one as `law`; trials draw them as near misses. By default there is none.
+    fn near_misses(&self) -> &'static [&'static str] {
+        &[]
+    }
+
+    /// Returns what the effect does in a record that begins now: by the diagnosis's equation, or by the law that is
+    /// named, one of [`Truth::near_misses`]. It must be an action of its [`Truth::side`].
+    fn act(&self, law: Option<&str>, parameters: &[f64]) -> Action;
 }
 
 static TRUTHS: RwLock<Vec<&'static dyn Truth>> = RwLock::new(Vec::new());
@@ -103,7 +110,8 @@ pub fn all() -> Vec<&'static dyn Truth> {
 /// The name of an added effect. Under this alias serde does not take it for a reference into the text that is read.
 type Name = &'static str;
 
-/// An effect that a program has added, as a config's list has it: with its name, its place and its parameters.
+/// An effect that a program has added, as a config's list has it: with its name, its place, its parameters and, for a
+/// near miss, its law.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Written", into = "Written")]
 pub struct Own {
@@ -111,6 +119,8 @@ pub struct Own {
     /// An input or an output, from 0.
     at: usize,
     parameters: Vec<f64>,
+    /// One of the truth's near misses; without it, the diagnosis's equation holds.
+    law: Option<Name>,
 }
 
 /// The keys of an effect of a program's own.
@@ -120,13 +130,15 @@ struct Written {
     name: String,
     at: String,
     parameters: Vec<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    law: Option<String>,
 }
 
 impl TryFrom<Written> for Own {
     type Error = String;
 
-    fn try_from(Written { name, at, parameters }: Written) -> Result<Self, String> {
-        let truth = find(&name).ok_or_else(|| format!("`{name}` is no effect that this program has added"))?;
+    fn try_from(Written { name, at, parameters, law }: Written) -> Result<Self, String> {
+        let truth = find(&name).ok_or_else(|| format!("this program has added no effect `{name}`"))?;
         let at = match truth.side() {
             Side::Strut | Side::Actuator => Input::try_from(at).map(|Input(j)| j),
             Side::Sensor => Output::try_from(at).map(|Output(i)| i),
@@ -135,7 +147,13 @@ impl TryFrom<Written> for Own {
         if found != wanted.len() {
             return Err(format!("`{name}` has the parameters {}, not {found} of them", wanted.join(", ")));
         }
-        Ok(Self { name: truth.name(), at: at.map_err(|error| error.to_string())?, parameters })
+        let laws = truth.near_misses();
+        let found = |law: String| {
+            let known = laws.iter().copied().find(|known| *known == law);
+            known.ok_or_else(|| format!("`{name}` has no law `{law}`; its laws are: {}", laws.join(", ")))
+        };
+        let law = law.map(found).transpose()?;
+        Ok(Self { name: truth.name(), at: at.map_err(|error| error.to_string())?, parameters, law })
     }
 }
 
@@ -145,7 +163,7 @@ impl From<Own> for Written {
             Side::Strut | Side::Actuator => Input(own.at).into(),
             Side::Sensor => Output(own.at).into(),
         };
-        Self { name: own.name.to_owned(), at, parameters: own.parameters }
+        Self { name: own.name.to_owned(), at, parameters: own.parameters, law: own.law.map(str::to_owned) }
     }
 }
 
@@ -165,7 +183,7 @@ impl Law for Own {
     }
 
     fn install(&self, site: Site, chain: &mut Chain) {
-        match self.truth().act(&self.parameters) {
+        match self.truth().act(self.law, &self.parameters) {
             Action::Force(force) => chain.force_at(&site.truss.ports[self.at], force),
             Action::Voltage(law) => chain.change_inputs(vec![self.at], law),
             Action::Sample(law) => chain.change_output(self.at, law),
@@ -182,6 +200,10 @@ impl Law for Own {
 
     fn parameters(&self) -> Vec<f64> {
         self.parameters.clone()
+    }
+
+    fn own_equation(&self) -> bool {
+        self.law.is_none()
     }
 }
 
@@ -205,9 +227,13 @@ mod tests {
         fn start(&self, level: &Level) -> Vec<f64> {
             vec![0.1 / level.output]
         }
-        fn act(&self, parameters: &[f64]) -> Action {
+        fn near_misses(&self) -> &'static [&'static str] {
+            &["power"]
+        }
+        fn act(&self, law: Option<&str>, parameters: &[f64]) -> Action {
             let c = parameters[0];
-            Action::Sample(Box::new(move |y, _t| y + c * y * y))
+            let exponent = if law == Some("power") { 1.5 } else { 2.0 };
+            Action::Sample(Box::new(move |y, _t| y + c * y.abs().powf(exponent)))
         }
     }
 
@@ -224,6 +250,16 @@ mod tests {
         assert_eq!((effect.kind(), effect.place(), effect.parameters()), ("test-square", 1, vec![0.5]));
         assert_eq!(serde_json::to_value(&effect).unwrap(), keys);
         assert_eq!(effect.strengthened(3.0).parameters(), [1.5]);
+        assert!(effect.own_equation());
+        let near_miss = |law: &str| {
+            let mut keys = keys.clone();
+            keys["law"] = law.into();
+            serde_json::from_value::<Effect>(keys.clone()).map(|effect| (effect, keys)).map_err(|e| e.to_string())
+        };
+        let (other, other_keys) = near_miss("power").unwrap();
+        assert!(!other.own_equation() && other != effect);
+        assert_eq!(serde_json::to_value(&other).unwrap(), other_keys);
+        assert!(near_miss("root").unwrap_err().contains("its laws are: power"));
         assert!(read("u2", &[0.5]).unwrap_err().contains("an output, y1 to y3"));
         assert!(read("y2", &[]).unwrap_err().contains("has the parameters c"));
         let unknown = serde_json::json!({ "kind": "own", "name": "nobody's", "at": "y1", "parameters": [] });
