@@ -8,8 +8,8 @@
 //!
 //! A case per effect and seed, at a gap from 5 to 15 %, with ports and all six records; `all` stands for every effect
 //! of the vocabulary. What a simulation may be off by itself (frequencies, damping ratios, gains) is drawn beyond those
-//! limits, at a larger gap. With `--out` each finished case is a file in FOLDER, and the same command goes on where it
-//! was stopped. Without arguments it is a trial of seconds: one effect, one seed, short records.
+//! limits, at a larger gap. With `--out` each finished case is a file in FOLDER, and the same command continues where
+//! it was stopped. Without arguments it is a trial of seconds: one effect, one seed, short records.
 
 use std::collections::BTreeMap;
 use std::error::Error;

@@ -78,7 +78,7 @@ impl<S: Kernels> ConditionalExpectations for Uncorrelated<S> {
         let StepView { model, noise, s, z, u, .. } = step;
         let (n, p) = (model.states(), model.outputs());
         let theta = |t: usize| &s[(1 + t) * n..(2 + t) * n];
-        // What is measured stands in for the state; where an output is missing, its estimate does.
+        // The measurement is used in place of the state; for a missing output, its estimate is used.
         transition.drift.fill(S::from_f64(0.0));
         for (i, &row) in model.output_states().iter().enumerate() {
             transition.phi[i] = s[row];

@@ -36,7 +36,7 @@ fn diagnosed(seed: u64, spec: &GapSpec) -> (GapCase, Diagnosis) {
     (drawn, diagnosis)
 }
 
-/// The effect and nothing else is named, at its place, and most of the gap goes.
+/// The effect and nothing else is named, at its location, and most of the gap is closed.
 fn is_named(seed: u64, spec: &GapSpec) {
     let (drawn, found) = diagnosed(seed, spec);
     let truth = &drawn.label.effects[0];

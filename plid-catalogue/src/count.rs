@@ -1,4 +1,4 @@
-//! Numbers that count the operations done to them: what a step costs is counted while the real recursion does it.
+//! Numbers that count the operations done to them: the operations of a step are counted while the real recursion runs.
 
 use std::cell::Cell as Shared;
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Rem, RemAssign, Sub, SubAssign};
@@ -8,7 +8,7 @@ use plid_core::Scalar;
 use plid_core::kernels::Kernels;
 use serde::{Deserialize, Serialize};
 
-/// Operations on numbers. A fused multiplication and addition is one of each.
+/// Operations on numbers. A fused multiply-add counts as one multiplication and one addition.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Operations {
     /// Additions and subtractions.
@@ -22,7 +22,7 @@ pub struct Operations {
 }
 
 impl Operations {
-    /// All of them, each as one.
+    /// The total number of operations.
     pub fn total(self) -> u64 {
         self.additions + self.multiplications + self.divisions + self.roots
     }
@@ -41,7 +41,7 @@ pub fn operations<T>(work: impl FnOnce() -> T) -> (T, Operations) {
     (result, COUNTED.get())
 }
 
-/// An `f64` that counts what is done to it.
+/// An `f64` that counts the operations on it.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 pub struct Counted(pub f64);
 
@@ -73,7 +73,7 @@ counts!(Rem, rem, RemAssign, rem_assign, divisions);
 
 impl Neg for Counted {
     type Output = Self;
-    /// A change of sign is part of the operation beside it.
+    /// A change of sign counts as part of the neighbouring operation.
     fn neg(self) -> Self {
         Self(-self.0)
     }

@@ -12,5 +12,7 @@ pub use plid_core::AnyForm;
 pub use plid_core::Backend;
 pub use plid_core::kernels::Kernels;
 pub use recommendation::{Conditions, START_RATIO, STATES, STEPS, VariantChoice};
-pub use registry::{BackendEntry, Entry, ExpectationEntry, ExpectationFamily, FormEntry, FormFamily, Number, PairEntry};
+pub use registry::{
+    BackendEntry, Entry, ExpectationEntry, ExpectationFamily, FormEntry, FormFamily, Number, PairEntry,
+};
 pub use variant::{Built, Recursion, Variant, VariantError};

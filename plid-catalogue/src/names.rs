@@ -1,4 +1,4 @@
-//! The names of variants. What is built in has a constant; a program may add others at its start.
+//! The names of variants. Built-in variants have constants; a program may add others at its start.
 
 use std::fmt::Display;
 
@@ -6,7 +6,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 
 use crate::registry::registry;
 
-/// A kind of name: its constants are made from the list of what is built in.
+/// A kind of name. Its constants come from the list of built-in variants.
 macro_rules! name {
     ($(#[$doc:meta])* $name:ident, default $default:ident, of $known:ident;
      $($(#[$entry:meta])* $word:literal = $constant:ident $(: [$($scalar:ty),+], feature [$($feature:tt)*])?;)*) => {
@@ -18,17 +18,17 @@ macro_rules! name {
         #[allow(non_upper_case_globals)]
         impl $name {
             $($(#[$entry])* pub const $constant: Self = Self($word);)*
-            /// What is built in.
+            /// The built-in names.
             pub const BUILT_IN: [Self; [$($word),*].len()] = [$(Self::$constant),*];
         }
 
         impl $name {
-            /// What is built in, and then what the program has added.
+            /// The built-in names, followed by those that the program has added.
             pub fn all() -> Vec<Self> {
                 registry().$known.iter().map(|entry| Self(entry.name)).collect()
             }
 
-            /// The word by which a config names it.
+            /// The name in configs.
             pub const fn as_str(self) -> &'static str {
                 self.0
             }

@@ -1,24 +1,24 @@
-//! Which covariance form to take: what the study of stability found, as a rule.
+//! Which covariance form to use: the result of the stability study, as a rule.
 //!
-//! `plid bench stability` holds the rule to its own cells; docs/stability.md has the figures.
+//! `plid bench stability` compares the rule with its own cells; docs/stability.md has the figures.
 
 use plid_core::{InitialCovariance, NoiseModel, Settings};
 use serde::{Deserialize, Serialize};
 
 use crate::{BackendName, CovarianceName, ExpectationName, ScalarName, Variant};
 
-/// What a choice depends on.
+/// The conditions on which the choice depends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Conditions {
     /// n
     pub states: usize,
     /// The number type.
     pub scalar: ScalarName,
-    /// Samples to be taken.
+    /// The number of samples.
     pub steps: usize,
     /// The largest variance of P0 over the smallest of R.
     pub start_ratio: f64,
-    /// Whether P is divided by a forgetting factor, and so may grow without bound where the input is silent.
+    /// Whether P is divided by a forgetting factor, so that it may grow without bound while the input is zero.
     pub forgets: bool,
 }
 
@@ -47,7 +47,7 @@ impl Conditions {
     ///
     /// In f64 that is the direct form, within the bounds of [`STATES`], [`STEPS`] and [`START_RATIO`] and without
     /// forgetting. In f32 it is Bierman UD for every size and length: as a matrix P is lost within hundreds to
-    /// thousands of steps even with 12 states. Double-double has digits enough for the direct form.
+    /// thousands of steps even with 12 states. Double-double has enough digits for the direct form.
     pub fn recommended(&self) -> CovarianceName {
         match self.scalar {
             ScalarName::F32 => CovarianceName::BiermanUd,
@@ -60,7 +60,7 @@ impl Conditions {
     }
 }
 
-/// A recursion as a config names it: the form may be left open.
+/// A recursion as named in a config, in which the form may be omitted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct VariantChoice {
@@ -76,7 +76,7 @@ pub struct VariantChoice {
 }
 
 impl VariantChoice {
-    /// The recursion, its form chosen where it was left open.
+    /// The recursion, with a form chosen if none was named.
     pub fn settle(self, conditions: &Conditions) -> Variant {
         Variant {
             covariance: self.covariance.unwrap_or_else(|| conditions.recommended()),

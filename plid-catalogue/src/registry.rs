@@ -1,7 +1,7 @@
-//! The catalogue of this process: what is built in, and what the program has added at its start.
+//! The catalogue of this process: the built-in variants, and those that the program has added at its start.
 //!
-//! Types are erased here, at the seams between the loop, the form and the expectation. A form is then compiled once a
-//! backend and scalar, an expectation and the loop once a scalar, and no combination of them at all.
+//! Types are erased here, at the seams between the loop, the form and the expectation. A form is then compiled
+//! once for each backend and scalar, an expectation and the loop once for each scalar, and no combination of them.
 
 use std::sync::{LazyLock, PoisonError, RwLock, RwLockReadGuard};
 
@@ -116,7 +116,7 @@ impl FormEntry {
         Self { name, facts: F::On::<Plain<f64>>::FACTS, cells }
     }
 
-    /// A form of one scalar that has its own storage: it goes by the backend "plain".
+    /// A form of one scalar with its own storage, listed under the backend "plain".
     pub fn only<C: Form<Scalar: Number>>(name: &'static str) -> Self {
         Self { name, facts: C::FACTS, cells: vec![("plain", start::<C>())] }
     }
@@ -191,7 +191,7 @@ impl PairEntry {
     }
 }
 
-/// Everything that has a name.
+/// All entries.
 pub struct Registry {
     pub(crate) forms: Vec<FormEntry>,
     pub(crate) expectations: Vec<ExpectationEntry>,
@@ -213,14 +213,14 @@ static REGISTRY: LazyLock<RwLock<Registry>> = LazyLock::new(|| {
     })
 });
 
-/// The catalogue as it stands.
+/// The current catalogue.
 pub(crate) fn registry() -> RwLockReadGuard<'static, Registry> {
     REGISTRY.read().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// What a program adds to the catalogue, at its start.
+/// An entry that a program adds to the catalogue at its start.
 pub trait Entry {
-    /// Adds it. From then on configs may name it, and studies have it in their lists.
+    /// Adds the entry. From then on configs may name it, and studies list it.
     ///
     /// # Panics
     /// If the name is taken, or if a part of a pair has no entry yet.

@@ -1,4 +1,4 @@
-//! A recursion by the names of its parts.
+//! A recursion whose parts are chosen by name.
 
 use plid_core::{
     AnyForm, Checkpoint, ConditionalExpectations, Dense, FormFacts, Health, IdentifiedModel, Identifier,
@@ -19,17 +19,17 @@ pub trait Recursion: Send {
     fn step(&mut self, z: &[f64], u: &[f64], nan_is_missing: bool) -> Result<(), IdentifierError>;
     /// The innovation of the last step.
     fn innovation(&self) -> &[f64];
-    /// The plant as it stands.
+    /// The model as estimated so far.
     fn identified(&self) -> IdentifiedModel;
     /// The estimate of s, N entries, each as an unevaluated sum of two numbers: exactly, in every scalar.
     fn estimate(&self) -> Vec<[f64; 2]>;
     /// P in double-double, formed from the numbers that are stored, without rounding to the recursion's scalar.
     fn exact_covariance(&self) -> Dense<qd::Quad>;
-    /// How sound P is.
+    /// The numerical condition of P.
     fn health(&self) -> Health;
-    /// All that is needed to go on.
+    /// Everything that is needed to continue.
     fn checkpoint(&self) -> Checkpoint;
-    /// Goes on from a checkpoint.
+    /// Continues from a checkpoint.
     ///
     /// # Errors
     /// A checkpoint of another size.
@@ -86,7 +86,7 @@ pub enum VariantError {
     /// Only plain loops run in double-double.
     #[error("variant.scalar = \"double-double\" needs variant.backend = \"plain\"; {0} has no such numbers")]
     NoDoubleDouble(&'static str),
-    /// A form, an expectation or a backend of the program's own that is not there in this combination.
+    /// A combination that does not exist, with a form, expectation or backend that the program has added.
     #[error("there is no {covariance} with {expectations} on {backend} in {scalar}")]
     Absent {
         /// The form.
@@ -98,12 +98,12 @@ pub enum VariantError {
         /// The scalar.
         scalar: &'static str,
     },
-    /// The start is impossible.
+    /// The initial conditions are invalid.
     #[error(transparent)]
     Identifier(#[from] IdentifierError),
 }
 
-/// A recursion, or why there is none.
+/// A recursion, or the reason why it cannot be built.
 pub type Built = Result<Box<dyn Recursion>, VariantError>;
 
 impl Variant {
@@ -167,7 +167,7 @@ impl Variant {
 }
 
 impl CovarianceName {
-    /// What is known of the form.
+    /// Facts about the form.
     pub fn facts(self) -> FormFacts {
         let registry = registry();
         let entry = registry.forms.iter().find(|entry| entry.name == self.as_str());

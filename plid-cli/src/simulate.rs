@@ -67,7 +67,7 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     let point = match (arguments.operating_point, operating_point(&model)) {
         (false, _) => None,
         (true, Some(point)) => Some(point),
-        (true, None) => return Err(Failure::input(format!("{} names no operating point", arguments.model.display()))),
+        (true, None) => return Err(Failure::input(format!("{} has no operating point", arguments.model.display()))),
     };
     if let Some([means, _]) = &point {
         shift(&mut inputs, means, -1.0);

@@ -97,7 +97,7 @@ fn read(path: &Path, arguments: &Arguments, models: &[Model]) -> Result<(Table, 
     let mut table = table::read(path)?;
     let rate = table::rate(&table, arguments.rate, models[0].sample_rate_hz)?;
     for model in models {
-        // What is wrong with a channel is said with file and line.
+        // An error in a channel is reported with file and line.
         data::extract(&table, &model.inputs, &model.outputs, Some(model.sample_rate_hz), MissingPolicy::Nan)?;
     }
     if !arguments.keep_means {
@@ -187,7 +187,7 @@ fn rows(kind: &str, runs: &[Option<&Run>]) -> String {
 }
 
 fn page(comparison: &Comparison, models: &[NamedModel<'_>], records: &[Record<'_>], start: Start) -> String {
-    let mut report = Report::new("Models beside each other");
+    let mut report = Report::new("Comparison of the models");
     for record in records {
         let trials = comparison.trials.iter().filter(|trial| trial.record == record.name);
         if let Some(best) = trials.min_by(|a, b| overall(&a.free_run).total_cmp(&overall(&b.free_run))) {
@@ -215,7 +215,7 @@ fn overall(run: &Run) -> f64 {
     }
 }
 
-/// What the page says of the best trial of a record.
+/// The sentence about the best simulation of a record.
 fn verdict(best: &Trial, alone: bool) -> String {
     let error = overall(&best.free_run);
     if !error.is_finite() {

@@ -11,7 +11,7 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// Runs, and checks status and a part of what is said on standard error.
+/// Runs the program, and checks its status and a part of its standard error.
 fn fails(directory: &Path, arguments: &[&str], status: i32, said: &str) {
     let output = plid(directory, arguments);
     let message = text(&output.stderr);
@@ -133,7 +133,7 @@ fn names_of_any_kind_read_back() {
     }
 }
 
-/// Where `--out` is no regular file, the table goes through it, and a link stays a link.
+/// If `--out` is not a regular file, the table is written through it, and a link remains a link.
 #[cfg(target_os = "linux")]
 #[test]
 fn an_output_may_be_a_device_a_pipe_or_a_link() {

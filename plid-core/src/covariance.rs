@@ -1,4 +1,4 @@
-//! The trait of the covariance forms, and what may be asked of a form beyond its updates.
+//! The trait of the covariance forms, and the traits for operations beyond the two updates.
 
 use crate::kernels::{BadPivot, Kernels, semidefinite_ldl};
 use crate::{Dense, ImplicitModel, Matrix, NoiseTerms, Scalar, ViewMut};
@@ -31,7 +31,7 @@ impl<S: Scalar> Transition<S> {
     }
 }
 
-/// How sound P is, at the end of a step.
+/// The numerical condition of P at the end of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Health {
     /// The smallest pivot: of D in a U D U^T or S S^T form, else of a Cholesky factorisation of P.
@@ -46,7 +46,7 @@ pub struct Health {
 }
 
 impl Health {
-    /// The health that a set of pivots tells, with the stated symmetry defect.
+    /// The numerical condition that follows from a set of pivots, with the given symmetry defect.
     pub fn from_pivots(pivots: impl Iterator<Item = f64>, symmetry_defect: f64) -> Self {
         let (mut smallest, mut index, mut largest) = (f64::INFINITY, 0, 0.0_f64);
         for (i, pivot) in pivots.enumerate() {
@@ -66,7 +66,7 @@ impl Health {
 pub enum InitialCovariance {
     /// Independent entries with these variances, N of them.
     Diagonal(Vec<f64>),
-    /// A whole N x N covariance, from a former model for example.
+    /// A full N x N covariance, for example from an earlier model.
     Full(Dense<f64>),
 }
 
@@ -142,7 +142,7 @@ pub trait CovariancePropagation: Send + Sync + 'static {
     }
 }
 
-/// A form whose P can be looked at.
+/// A form whose P can be inspected.
 pub trait Inspect: CovariancePropagation {
     /// P as a whole symmetric matrix in scalar `T`, formed from the stored numbers without rounding to the form's own
     /// scalar in between: `T::from_parts(x.to_parts())` for each entry.
@@ -158,7 +158,7 @@ pub trait Inspect: CovariancePropagation {
         self.dense_in()
     }
 
-    /// How sound P is. By default P is factorised; a form that carries a factor tells it from that.
+    /// The numerical condition of P. By default P is factorised; a form that carries a factor uses that instead.
     fn health(&self) -> Health
     where
         Self: Sized,
@@ -174,16 +174,17 @@ pub trait Inspect: CovariancePropagation {
     }
 }
 
-/// A form whose P can be stored and taken up again, to the bit.
+/// A form whose P can be stored and restored with the same bits.
 pub trait Checkpointed: CovariancePropagation {
-    /// The numbers that the form consists of.
+    /// All numbers of the form's state.
     fn state(&self) -> Vec<Self::Scalar>;
 
-    /// Takes the numbers of [`Checkpointed::state`] back. Returns false, and changes nothing, if their count is wrong.
+    /// Restores the numbers of [`Checkpointed::state`]. Returns false, and changes nothing, if their count is wrong.
     fn restore(&mut self, state: &[Self::Scalar]) -> bool;
 }
 
-/// A form with a measurement update for any row h. The loop has no use for it; textbook problems of filter algebra do.
+/// A form with a measurement update for any row h. The loop does not use it, but textbook problems of filter algebra
+/// do.
 pub trait ScalarUpdate: CovariancePropagation {
     /// The measurement update of one z = h s + w with any row h (N entries) and variance `r`; the gain (N entries) is
     /// written to `gain`.

@@ -58,7 +58,7 @@ pub trait ConditionalExpectations: Send + Sync + 'static {
     where
         Self: Sized;
 
-    /// Before the measurement update; most expectations have no need of it.
+    /// Called before the measurement update; most expectations do not need it.
     fn before(
         &mut self,
         _step: &StepView<'_, Self::Scalar>,
@@ -67,7 +67,7 @@ pub trait ConditionalExpectations: Send + Sync + 'static {
     ) {
     }
 
-    /// After the measurement update.
+    /// Called after the measurement update.
     fn after(
         &mut self,
         step: &StepView<'_, Self::Scalar>,

@@ -1,5 +1,5 @@
-//! What a catalogue and the studies must know of a variant beyond its arithmetic. Every item is required: a variant
-//! that lacks one does not compile into a catalogue.
+//! What a catalogue and the studies need to know about a variant in addition to its arithmetic. Every item is required:
+//! a variant that lacks one does not compile into a catalogue.
 
 use crate::{Checkpointed, ConditionalExpectations, CovariancePropagation, Dense, Health, Inspect};
 
@@ -42,7 +42,7 @@ pub struct Term {
     pub flops: f64,
 }
 
-/// What is known of a covariance form. The lists of operations hold leading terms only; an empty list means "not
+/// Facts about a covariance form. The lists of operations hold leading terms only; an empty list means "not
 /// known".
 #[derive(Clone, Copy, Debug)]
 pub struct FormFacts {
@@ -58,15 +58,15 @@ pub struct FormFacts {
     pub output_columns: fn(&StepSize) -> Vec<Term>,
 }
 
-/// A covariance form that may stand in a catalogue.
+/// A covariance form that can be part of a catalogue.
 pub trait Form: CovariancePropagation + Inspect + Checkpointed {
-    /// What is known of it.
+    /// Facts about the form.
     const FACTS: FormFacts;
 }
 
-/// A conditional expectation that may stand in a catalogue.
+/// A conditional expectation that can be part of a catalogue.
 pub trait Expectation: ConditionalExpectations {
-    /// Its operations in a step, those that it asks of the form among them.
+    /// The operations of a step, including those that the expectation requires from the form.
     const FLOPS: fn(&StepSize, &FormFacts) -> Vec<Term>;
 }
 

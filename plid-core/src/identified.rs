@@ -1,4 +1,4 @@
-//! The plant that an estimate stands for.
+//! The model that belongs to an estimate.
 
 use crate::{Dense, ImplicitModel, Matrix, Scalar};
 

@@ -26,14 +26,14 @@ pub enum IdentifierError {
         /// Those needed.
         expected: usize,
     },
-    /// A number that must be above zero is not.
+    /// A number that must be positive is not.
     #[error("{name} is {value}; it must be {range}")]
     Range {
         /// Which number.
         name: &'static str,
         /// Its value.
         value: f64,
-        /// What it may be.
+        /// The allowed range.
         range: &'static str,
     },
     /// P0 is not positive semidefinite.
@@ -59,7 +59,7 @@ pub enum IdentifierError {
         step: u64,
         /// The channel: "input 2" or "output 1", from 1.
         channel: String,
-        /// What stands there.
+        /// The value.
         value: f64,
     },
     /// P has lost its positive definiteness.
@@ -82,7 +82,7 @@ pub enum IdentifierError {
         /// The entry of s.
         index: usize,
     },
-    /// The settings ask for what the covariance form has not.
+    /// The settings require an operation that the covariance form does not have.
     #[error(transparent)]
     Unsupported(#[from] Unsupported),
     /// A checkpoint belongs to another identifier.
@@ -90,14 +90,14 @@ pub enum IdentifierError {
     Checkpoint(&'static str),
 }
 
-/// What a run is begun with, besides structure and noise.
+/// The initial conditions and options of a run, apart from structure and noise.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     /// P0.
     pub initial_covariance: InitialCovariance,
     /// The first estimate of s, N entries.
     pub initial_estimate: Vec<f64>,
-    /// Variance added to each parameter's variance a step (the paper's cure for finite precision); 0 for none.
+    /// Variance added to each parameter's variance a step (the paper's remedy for finite precision); 0 for none.
     pub parameter_noise: f64,
     /// Exponential forgetting: P is divided by this each step; 1 for none.
     pub forgetting: f64,
@@ -176,7 +176,7 @@ impl Settings {
     }
 }
 
-/// All that a run needs to be continued to the same bits.
+/// Everything that is needed to continue a run with the same bits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Checkpoint {
     step: u64,
@@ -331,7 +331,7 @@ where
         Ok(())
     }
 
-    /// Checks a sample and takes it over; says which outputs are there.
+    /// Checks and stores a sample, and finds the outputs that are available.
     fn accept(&mut self, z: &[f64], u: &[f64], nan_is_missing: bool) -> Result<(), IdentifierError> {
         check_length("the outputs", z.len(), self.model.outputs())?;
         check_length("the inputs", u.len(), self.model.inputs())?;
@@ -358,7 +358,7 @@ where
         Ok(())
     }
 
-    /// Calls one of the two methods of the expectation, with the step as it stands.
+    /// Calls one of the two methods of the expectation with the current state of the step.
     fn expect(&mut self, count: usize, call: Expect<E, ScalarOf<C>>) {
         let view = StepView {
             model: &self.model,
@@ -391,7 +391,8 @@ where
         axpy(num_traits::One::one(), &self.transition.drift, x);
     }
 
-    /// Another noise model from the next step on: noise may be given per step. Allocates only on error.
+    /// Sets another noise model from the next step on, so that the noise may vary from step to step. Allocates only on
+    /// error.
     ///
     /// # Errors
     /// A noise model that cannot be; the former one then stays.
@@ -426,19 +427,19 @@ where
 }
 
 impl<C: Inspect, E: ?Sized, M: ImplicitModel> Identifier<C, E, M> {
-    /// How sound P is now.
+    /// The current numerical condition of P.
     pub fn health(&self) -> Health {
         self.covariance.health()
     }
 
-    /// The plant as it stands in the estimate, with the covariance of its parameters.
+    /// The model that belongs to the current estimate, with the covariance of its parameters.
     pub fn identified(&self) -> IdentifiedModel {
         IdentifiedModel::from_estimate(&self.model, &self.s, &self.covariance.dense())
     }
 }
 
 impl<C: Checkpointed + ?Sized, E: ?Sized, M: ImplicitModel> Identifier<C, E, M> {
-    /// All that is needed to go on later.
+    /// Everything that is needed to continue later.
     pub fn checkpoint(&self) -> Checkpoint {
         Checkpoint {
             step: self.step,
@@ -447,7 +448,7 @@ impl<C: Checkpointed + ?Sized, E: ?Sized, M: ImplicitModel> Identifier<C, E, M> 
         }
     }
 
-    /// Goes on from a checkpoint of an identifier of the same types and structure.
+    /// Continues from a checkpoint of an identifier of the same types and structure.
     ///
     /// # Errors
     /// A checkpoint of another size; nothing is changed then.
@@ -478,7 +479,7 @@ fn check_length(name: &'static str, found: usize, expected: usize) -> Result<(),
     if found == expected { Ok(()) } else { Err(IdentifierError::Length { name, found, expected }) }
 }
 
-/// A P0 from a former model may have gone through a file or another program: rounding is let pass.
+/// A P0 from an earlier model may have been written to a file: differences within rounding are accepted.
 fn check_symmetric(p0: &Dense<f64>) -> Result<(), IdentifierError> {
     for j in 0..p0.columns() {
         for i in j + 1..p0.rows() {

@@ -12,7 +12,7 @@ pub(super) fn count(shape: &[usize]) -> Result<usize, String> {
 pub(super) fn array(shape: &[usize], values: Vec<f64>, by_columns: bool) -> Result<ArrayD<f64>, String> {
     let there = values.len();
     if count(shape)? != there {
-        return Err(format!("{there} values are there for an array of {}", dimensions(shape)));
+        return Err(format!("{there} values are present for an array of {}", dimensions(shape)));
     }
     ArrayD::from_shape_vec(IxDyn(shape).set_f(by_columns), values).map_err(|e| e.to_string())
 }

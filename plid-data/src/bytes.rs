@@ -15,7 +15,7 @@ impl<'a> Bytes<'a> {
         let (taken, rest) = self
             .rest
             .split_at_checked(count)
-            .ok_or_else(|| format!("{count} bytes are announced, {there} are there"))?;
+            .ok_or_else(|| format!("{count} bytes are announced, but {there} are present"))?;
         self.rest = rest;
         Ok(taken)
     }
@@ -74,7 +74,7 @@ impl Storage {
 fn each<const N: usize>(data: &[u8], big: bool, number: fn([u8; N]) -> f64) -> Result<Vec<f64>, String> {
     let (whole, rest) = data.as_chunks::<N>();
     if !rest.is_empty() {
-        return Err(format!("{} bytes do not make whole numbers of {N} bytes", data.len()));
+        return Err(format!("{} bytes are not a multiple of {N} bytes", data.len()));
     }
     let ordered = |mut bytes: [u8; N]| {
         if big {

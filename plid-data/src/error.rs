@@ -9,7 +9,7 @@ pub enum DataError {
     Io {
         /// The file.
         file: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
     /// The file holds nothing but blanks and comments.
@@ -53,7 +53,7 @@ pub enum DataError {
         line: usize,
         /// Name of the column.
         column: String,
-        /// What stands there, at most 40 characters of it.
+        /// The content of the cell, at most 40 characters.
         cell: String,
     },
     /// Two columns of one name.
@@ -184,7 +184,7 @@ pub enum DataError {
     },
     /// Fewer equations than unknowns.
     #[error("{samples} samples are too few for {unknowns} unknown parameters")]
-    #[diagnostic(help("take fewer states, or a longer record"))]
+    #[diagnostic(help("use fewer states or a longer record"))]
     TooFewSamples {
         /// Samples of an output.
         samples: usize,

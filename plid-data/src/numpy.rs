@@ -58,7 +58,7 @@ fn read_array(bytes: &[u8]) -> Result<Array, String> {
     let length = match (magic, version[0]) {
         (b"\x93NUMPY", 1) => usize::from(u16::from_le_bytes(file.take(2)?.try_into().expect("two bytes are taken"))),
         (b"\x93NUMPY", 2 | 3) => file.word()? as usize,
-        _ => return Err("it does not begin as a file of version 1, 2 or 3 does".into()),
+        _ => return Err("it does not begin like a file of version 1, 2 or 3".into()),
     };
     let header = std::str::from_utf8(file.take(length)?).map_err(|_| "its header is not text".to_string())?;
     let field = |name: &str| {
@@ -77,7 +77,7 @@ fn read_array(bytes: &[u8]) -> Result<Array, String> {
     let shape = shape(field("shape")?)?;
     let wanted = count(&shape)?.checked_mul(kind.width()).ok_or("it is too large")?;
     if wanted != file.rest.len() {
-        return Err(format!("{wanted} bytes are announced, {} are there", file.rest.len()));
+        return Err(format!("{wanted} bytes are announced, but {} are present", file.rest.len()));
     }
     array(&shape, kind.numbers(file.rest, order)?, by_columns).map(Ok)
 }

@@ -1,4 +1,4 @@
-//! Public benchmark records, where they are at hand; elsewhere these tests say that they were
+//! Public benchmark records, if they are available; otherwise these tests report that they were
 //! skipped. The files are not part of the project.
 use super::*;
 use crate::real_file::real_file;

@@ -6,13 +6,13 @@ use serde::{Deserialize, Serialize};
 #[serde(tag = "warning", rename_all = "kebab-case")]
 pub enum Warning {
     /// Neither config nor file gives the sample rate.
-    #[error("{file} does not say its sample rate: 1 Hz is assumed, so all frequencies are per sample")]
+    #[error("{file} does not state its sample rate: 1 Hz is assumed, so all frequencies are in cycles per sample")]
     RateAssumed {
         /// The file.
         file: String,
     },
     /// A variable of a file that holds no table of real numbers.
-    #[error("{file}: variable `{variable}` is {what}, and is not read")]
+    #[error("{file}: variable `{variable}` is {what} and is ignored")]
     UnusedVariable {
         /// The file.
         file: String,
@@ -69,7 +69,7 @@ pub enum Warning {
         unknowns: usize,
     },
     /// The inputs do not excite enough directions for the number of parameters.
-    #[error("the inputs excite persistently to order {order} only, where {wanted} is wanted")]
+    #[error("the inputs are persistently exciting only to order {order}, where {wanted} is required")]
     PoorExcitation {
         /// Order of persistent excitation that was found.
         order: usize,
@@ -86,7 +86,8 @@ pub enum Warning {
     },
     /// The power of an input is concentrated in a small part of the band.
     #[error(
-        "99 % of the power of input `{channel}` lies in {low_hz:.4}-{high_hz:.4} Hz: outside of it the model is a guess"
+        "99 % of the power of input `{channel}` lies in {low_hz:.4}-{high_hz:.4} Hz: outside this band the model is \
+         not reliable"
     )]
     NarrowBand {
         /// The channel.
@@ -110,7 +111,7 @@ pub enum Warning {
         suggested_hz: f64,
     },
     /// The test for direct feedthrough is not possible.
-    #[error("whether the plant answers within the sample cannot be tested: {reason}")]
+    #[error("whether the plant responds within the sample cannot be tested: {reason}")]
     AdvanceUntested {
         /// The reason.
         reason: String,

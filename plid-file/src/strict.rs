@@ -12,7 +12,7 @@ use std::fmt;
 
 /// A number that is not finite, and its place.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("`{path}` is {value}, and no file may hold that where a number belongs")]
+#[error("`{path}` is {value}, which is not allowed where a file must contain a number")]
 pub struct NotFinite {
     /// The keys and indices that lead to the number, such as `effects[0].parameters.k`.
     pub path: String,

@@ -1,4 +1,4 @@
-//! modelDescription.xml: what an FMU says of itself.
+//! modelDescription.xml: the description of an FMU.
 
 use std::collections::BTreeMap;
 
@@ -27,7 +27,7 @@ pub(crate) enum Fault {
     Kind(String),
 }
 
-/// What an FMU says of itself.
+/// The description of an FMU.
 #[derive(Debug)]
 pub(crate) struct ModelDescription {
     pub version: Version,
@@ -167,7 +167,7 @@ fn variables(root: Node<'_, '_>, version: Version) -> Result<Vec<Variable>, Faul
         let unit = of("unit").filter(|unit| !unit.is_empty() && *unit != "1");
         let name = required(node, "name")?;
         let reference = required(node, "valueReference")?;
-        let wrong = |_| Fault::Malformed(format!("variable {name:?}: {reference:?} is no value reference"));
+        let wrong = |_| Fault::Malformed(format!("variable {name:?}: {reference:?} is not a value reference"));
         let default = |key: &str, otherwise: &str| node.attribute(key).unwrap_or(otherwise).to_string();
         found.push(Variable {
             reference: reference.parse().map_err(wrong)?,

@@ -15,7 +15,7 @@ pub enum FmuError {
         source: std::io::Error,
     },
     /// The file is no ZIP archive, or a damaged one.
-    #[error("{}: it is no sound ZIP archive: {message}", file.display())]
+    #[error("{}: it is not a valid ZIP archive: {message}", file.display())]
     Archive {
         /// The FMU.
         file: PathBuf,

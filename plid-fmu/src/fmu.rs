@@ -215,7 +215,7 @@ impl Fmu {
         let model = &self.package.description;
         match model.step_size.filter(|own| model.fixed_step && (own / self.wiring.step - 1.0).abs() > 1e-9) {
             Some(own) => {
-                format!(" (its steps are {own} s and of no other size, and {} s were asked for)", self.wiring.step)
+                format!(" (its steps are fixed at {own} s, but {} s were requested)", self.wiring.step)
             }
             None => String::new(),
         }

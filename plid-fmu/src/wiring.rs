@@ -171,7 +171,7 @@ impl<'a> Chooser<'a> {
         let missing = || FmuError::Variable {
             file: self.file.into(),
             variable: name.clone(),
-            message: "it has no start value: give one".into(),
+            message: "it has no start value: give a value".into(),
         };
         let parameter = Parameter {
             name: name.clone(),
@@ -190,7 +190,7 @@ impl<'a> Chooser<'a> {
         let rate = match (options.rate_hz, own) {
             (Some(rate), _) => rate,
             (None, Some(step)) => 1.0 / step,
-            (None, None) => return Err(self.setting("it names no step size of its own: give a sample rate".into())),
+            (None, None) => return Err(self.setting("it does not state a step size: give a sample rate".into())),
         };
         if !(rate.is_finite() && rate > 0.0) {
             return Err(self.setting(format!("the sample rate of {rate} Hz is not positive")));

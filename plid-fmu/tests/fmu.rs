@@ -115,7 +115,7 @@ fn a_reset_that_fails_does_no_harm() {
     });
 }
 
-/// A failure names the file, the function or the variable, the time, and what the FMU said. The next run succeeds.
+/// A failure names the file, the function or the variable, the time, and the FMU's own messages. The next run succeeds.
 #[test]
 fn a_failing_step_is_named() {
     with_both(|file| {

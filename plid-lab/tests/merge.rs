@@ -319,7 +319,7 @@ fn records_in_which_another_input_acts_are_refused_by_file_and_channel() {
     let error = refused(&format!("{FILES}, \"rest.csv\""));
     assert!(matches!(&error, RunError::Merge(MergeError::NoneActs { record, .. }) if record == "rest.csv"), "{error}");
 
-    // What is wrong with one run is said with its name.
+    // An error in one run is reported with the run's name.
     std::fs::write(base.join("short.csv"), csv(1, &truth, &[1], 9)).unwrap();
     let error = refused("\"r1.csv\", \"short.csv\", \"r3.csv\"");
     assert!(error.to_string().starts_with("run u2: "), "{error}");

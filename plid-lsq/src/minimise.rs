@@ -41,7 +41,7 @@ pub struct Stop {
     pub patience: usize,
 }
 
-/// For the best attainable accuracy: the search goes on as long as the cost falls.
+/// For the best attainable accuracy: the search continues as long as the cost falls.
 impl Default for Stop {
     fn default() -> Self {
         Self { steps: 10_000, gain: 0.0, patience: 1 }

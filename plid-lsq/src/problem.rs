@@ -1,4 +1,4 @@
-//! What the search asks of a problem.
+//! The interface between the search and a problem.
 
 use nalgebra::DVector;
 

@@ -36,7 +36,7 @@ impl ScalarPrior {
     }
 }
 
-/// A record of the scalar plant, with the noise variances that the estimate is told.
+/// A record of the scalar plant, with the noise variances that the estimator assumes.
 #[derive(Clone, Copy, Debug)]
 pub struct ScalarRecord<'a> {
     /// Outputs.

@@ -238,7 +238,7 @@ impl Panel {
         Self { x, y, series, height, y_ticks: true }
     }
 
-    /// What the legend says of this panel.
+    /// The legend entry of this panel.
     pub fn legend(&self) -> Vec<LegendEntry> {
         let entry = |s: &Series| LegendEntry {
             label: s.label.clone(),

@@ -8,7 +8,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use crate::reference::joint_covariance;
 
-/// A structure, a record and what the identifier is told.
+/// A structure, a record, and the settings of the identifier.
 #[derive(Clone, Debug)]
 pub struct Case {
     /// Observability indices.

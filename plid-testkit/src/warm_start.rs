@@ -1,4 +1,4 @@
-//! A run that is begun with another's estimate and whole covariance goes on as that one does.
+//! A run that starts from another run's estimate and full covariance continues exactly like that run.
 
 use plid_core::kernels::Kernels;
 use plid_core::{InitialCovariance, NoiseModel, ObservableForm, Settings};

@@ -58,7 +58,7 @@ impl std::str::FromStr for Shard {
         let numbers = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
         match numbers {
             Some((number, of)) if (1..=of).contains(&number) => Ok(Self { number, of }),
-            _ => Err(format!("`{text}` is no shard: give i/N, with i from 1 to N")),
+            _ => Err(format!("`{text}` is not a shard: give i/N, with i from 1 to N")),
         }
     }
 }

@@ -160,11 +160,11 @@ impl TrialConfig {
         for name in &self.draw.effects {
             if family(name).is_none() {
                 let known: Vec<&str> = whole().iter().map(|kind| kind.name).collect();
-                problems.push(("effects", format!("`{name}` is not of the vocabulary: {}", known.join(", "))));
+                problems.push(("effects", format!("`{name}` is not in the vocabulary: {}", known.join(", "))));
             }
         }
         if (1..effects.len()).any(|i| effects[..i].contains(&effects[i])) {
-            problems.push(("effects", "one stands there twice".to_owned()));
+            problems.push(("effects", "an entry occurs twice".to_owned()));
         }
         if self.total() == 0 {
             problems.push(("cases", "no case is asked for".to_owned()));
@@ -199,7 +199,7 @@ impl TrialConfig {
         ];
         for (key, value) in shares {
             if !(0.0..=1.0).contains(&value) {
-                problems.push((key, format!("{value} is no share from 0 to 1")));
+                problems.push((key, format!("{value} is not a share from 0 to 1")));
             }
         }
         if draw.most > 0.0 && !(draw.least >= 0.0 && draw.least < draw.most) {

@@ -54,7 +54,7 @@ pub enum TrialError {
         reason: String,
     },
     /// A sealed file does not match the hash that the trial committed to.
-    #[error("{case}: {} is not what was sealed: its hash is not the one that the trial commits to", path.display())]
+    #[error("{case}: {} is not the sealed file: its hash differs from the trial's commitment", path.display())]
     Broken {
         /// The case.
         case: String,
@@ -62,7 +62,7 @@ pub enum TrialError {
         path: PathBuf,
     },
     /// A case is not the one that was drawn.
-    #[error("{case}: {} is not what was drawn; the case is refused", path.display())]
+    #[error("{case}: {} is not the file that was drawn; the case is rejected", path.display())]
     Altered {
         /// The case.
         case: String,
@@ -85,7 +85,7 @@ pub enum TrialError {
         running: bool,
     },
     /// An answer is not the one that was given.
-    #[error("{case}: the answer has changed since {since}; it is refused")]
+    #[error("{case}: the answer has changed since {since}; it is rejected")]
     Changed {
         /// The case.
         case: String,
@@ -109,7 +109,7 @@ pub enum TrialError {
     #[error("{0}")]
     Shards(String),
     /// The user interrupted the trial.
-    #[error("interrupted; what is done stands in {}, and the same command goes on from it", directory.display())]
+    #[error("interrupted; finished work is in {}, and the same command continues from it", directory.display())]
     Interrupted {
         /// The answers.
         directory: PathBuf,

@@ -118,7 +118,7 @@ pub(crate) fn targets(all: &MainCause) -> Vec<Target> {
         share("main cause called unknown", false, 0.08, Some(all.called_unknown)),
         share("outsiders kept open", true, 0.85, Some(all.kept_open)),
         share("confident and wrong, of all cases", false, 0.03, Some(all.confident_wrong)),
-        share("nothing but imperfections: 0.5 or more for what is not at work", false, 0.05, Some(all.likely_wrong)),
+        share("imperfections only: 0.5 or more for an absent effect", false, 0.05, Some(all.likely_wrong)),
         target("held-out gap over the background's, median", false, 0.8, all.over_background, all.first.of),
         share("stated gap within a quarter", true, 0.85, Some(all.stated_near)),
         share("stated 80 % interval holds the gap found", true, 0.75, Some(all.in_ci80)),

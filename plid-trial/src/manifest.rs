@@ -92,7 +92,7 @@ impl Manifest {
         // A name is joined to paths: it must be a plain one.
         let plain = |name: &str| !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '-');
         if let Some(bad) = read.cases.iter().find(|case| !plain(&case.case)) {
-            return Err(wrong(format!("case: `{}` is no name of a case", bad.case)));
+            return Err(wrong(format!("case: `{}` is not the name of a case", bad.case)));
         }
         Ok(read)
     }
@@ -140,7 +140,7 @@ impl Seal {
             return Err(TrialError::Malformed { path, reason });
         }
         if salt(read.seed) != read.salt {
-            let reason = format!("seed: {} is not the one that the salt was made from", read.seed);
+            let reason = format!("seed: the salt was not made from {}", read.seed);
             return Err(TrialError::Malformed { path, reason });
         }
         Ok(read)

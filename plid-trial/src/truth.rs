@@ -23,7 +23,7 @@ pub struct Truth {
     /// The imperfections.
     #[serde(default)]
     pub background_effects: Vec<TrueEffect>,
-    /// Everything else that is said of the case: its nuisances.
+    /// All other properties of the case: its nuisances.
     #[serde(flatten)]
     pub more: BTreeMap<String, Value>,
 }
@@ -66,7 +66,7 @@ impl Truth {
         self.background_effects.iter().any(|small| small.effect == effect && small.is_at(location))
     }
 
-    /// What is said of the case beside its effects, in words: one table of the scores for each.
+    /// The properties of the case apart from its effects, in words: the scores have a table for each.
     pub fn nuisances(&self) -> BTreeMap<String, String> {
         let word = |value: &Value| match value {
             Value::Bool(true) => Some("yes".to_owned()),

@@ -172,7 +172,7 @@ fn an_answer_that_changed_is_refused_by_its_number() {
     // Changed before scoring: its own hash tells.
     fs::write(&path, "{\"verdict\": \"none\"}").unwrap();
     let said = trial.score().unwrap_err().to_string();
-    assert_eq!(said, "case-003: the answer has changed since it was given; it is refused");
+    assert_eq!(said, "case-003: the answer has changed since it was given; it is rejected");
     fs::write(&path, before).unwrap();
     trial.score().unwrap();
     // Changed after scoring, hash and all.
@@ -182,7 +182,7 @@ fn an_answer_that_changed_is_refused_by_its_number() {
     let other = |_: &Path, _: &[String]| Err("I have thought again".to_owned());
     diagnose_with(&trial.t(), Options { shard: None, jobs: 1 }, &other, &Silent).unwrap();
     let said = trial.score().unwrap_err().to_string();
-    assert_eq!(said, "case-005: the answer has changed since the answers were fixed for scoring; it is refused");
+    assert_eq!(said, "case-005: the answer has changed since the answers were fixed for scoring; it is rejected");
 }
 
 /// Those that are there are scored, and that is the end of the trial: neither is one added, nor one taken away.
@@ -208,7 +208,7 @@ fn a_part_of_a_trial_is_scored_once() {
     fs::rename(&whole, answer("case-002")).unwrap();
     for extent in [Extent::Whole, Extent::Answered] {
         let said = trial.score_of(extent).unwrap_err().to_string();
-        assert_eq!(said, "case-002: the answer has changed since the answers were fixed for scoring; it is refused");
+        assert_eq!(said, "case-002: the answer has changed since the answers were fixed for scoring; it is rejected");
     }
     fs::remove_dir_all(answer("case-002")).unwrap();
     fs::remove_dir_all(answer("case-004")).unwrap();
@@ -409,7 +409,7 @@ fn what_a_step_is_worth_is_read_case_by_case() {
     fs::remove_dir_all(answers.join("case-003")).unwrap();
     diagnose_without_with(&t, &steps, 1, &|_, _, _| Err("I have thought again".to_owned()), &Silent).unwrap();
     let said = ablated(&steps).unwrap_err().to_string();
-    assert_eq!(said, "case-003: the answer has changed since the answers were fixed for scoring; it is refused");
+    assert_eq!(said, "case-003: the answer has changed since the answers were fixed for scoring; it is rejected");
 }
 
 #[test]

@@ -191,7 +191,7 @@ fn a_covariance_that_is_lost_is_a_typed_error() {
     assert!(health.smallest_pivot > 0.0 && health.condition.is_finite());
 }
 
-/// What f32 cannot hold is an error, not a panic and not a NaN that goes on.
+/// A number that f32 cannot represent is an error, not a panic or a NaN that propagates.
 fn overflow_is_a_typed_error<S: Kernels>(variant: &Variant<S>) {
     let mut case = small();
     let mut run = variant.on(&case);

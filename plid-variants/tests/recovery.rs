@@ -8,7 +8,7 @@ use plid_testkit::case::{Case, Plant, record, rng};
 use plid_testkit::run::{Variant, identified};
 use plid_testkit::test_every_variant;
 
-/// What the identifier is told of the noise is tiny, and there is none. `unique`: the entries of A that inputs and
+/// The assumed noise is tiny, and there is none. `unique`: the entries of A that inputs and
 /// outputs cannot tell are zero in the plant, and known to be.
 fn case(indices: &[usize], unique: bool, seed: u64) -> Case {
     let (inputs, p, n) = (2, indices.len(), indices.iter().sum::<usize>());

@@ -1,5 +1,5 @@
-//! The joint filter as a textbook's extended Kalman filter wants it: f(s), its Jacobian F, and the covariance of the
-//! process noise.
+//! The joint filter in the form that a textbook's extended Kalman filter requires: f(s), its Jacobian F, and the
+//! covariance of the process noise.
 
 use crate::workload::{CHANNELS, Case};
 

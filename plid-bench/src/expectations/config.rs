@@ -11,7 +11,7 @@ pub const FULL: &str = include_str!("../../../experiments/bench/expectations.tom
 /// The study of at most five minutes, as experiments/bench/expectations-quick.toml has it.
 pub const QUICK: &str = include_str!("../../../experiments/bench/expectations-quick.toml");
 
-/// A study of expectations. A cell is a plant, a signal-to-noise ratio and a Sigma that is told; all methods of a cell
+/// A study of expectations. A cell is a plant, a signal-to-noise ratio and an assumed Sigma; all methods of a cell
 /// see the same runs, and run k of a plant has the same random numbers in every cell.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -44,7 +44,7 @@ pub struct Scalar {
     pub runs: usize,
     /// Samples of a record.
     pub steps: usize,
-    /// Sigma as it is told over Sigma as it is.
+    /// The assumed Sigma over the true one.
     pub told_sigma: Vec<f64>,
     /// Points of a grid of exact Bayes, and of the search for the largest likelihood.
     pub grid_points: usize,
@@ -64,7 +64,7 @@ pub struct InClass {
     pub runs: usize,
     /// Samples of a record.
     pub steps: usize,
-    /// Sigma as it is told over Sigma as it is.
+    /// The assumed Sigma over the true one.
     pub told_sigma: Vec<f64>,
     /// Standard deviation of each parameter's first estimate.
     pub initial_std: f64,
@@ -82,7 +82,7 @@ pub struct Truss {
     pub duration_s: f64,
     /// Length of the record that scores, s.
     pub held_out_s: f64,
-    /// Sigma as it is told over R.
+    /// The assumed Sigma over R.
     pub sigma_over_r: Vec<f64>,
     /// The one of them at which the batch estimates are made too; left out, none.
     #[serde(default, skip_serializing_if = "Option::is_none")]

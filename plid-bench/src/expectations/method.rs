@@ -16,7 +16,7 @@ pub enum Method {
     Filter(ExpectationName),
     /// Exact Bayes on a grid of so many points, with the true noise variances.
     Exact(ScalarPrior, usize),
-    /// The same with the noise variances that the filters are told.
+    /// The same with the noise variances that the filters assume.
     ExactAsTold(ScalarPrior, usize),
     /// Least squares on the outputs and inputs before.
     LeastSquares,

@@ -31,7 +31,7 @@ pub struct Study {
 }
 
 /// Runs the study of `config` and writes report.html, expectations.csv, expectations.json, machine.json and config.toml
-/// into `directory`. With `resume` the cells that stand in its journal are taken over.
+/// into `directory`. With `resume`, the cells in its journal are not run again.
 ///
 /// # Errors
 /// [`StudyError`]

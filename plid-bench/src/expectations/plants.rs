@@ -26,12 +26,12 @@ pub struct Loudness {
     pub signal_to_noise: f64,
     /// The part of the noise's power in the outputs that state noise makes; sensors make the rest.
     pub state_share: f64,
-    /// Sigma as it is told over Sigma as it is.
+    /// The assumed Sigma over the true one.
     pub told_factor: f64,
 }
 
 /// The scalar plant with parameters from the prior and inputs of +-1. Signal and noise are those of the plant at the
-/// prior's mean, so that the noise variances, which are told, say nothing of the parameters.
+/// prior's mean, so that the noise variances, which are known, contain no information on the parameters.
 pub fn scalar(prior: &ScalarPrior, loudness: Loudness, steps: usize, seed: u64) -> Trial {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (a, b) = prior.draw(|| normal(&mut rng));
@@ -196,7 +196,7 @@ pub fn in_class(form: &ObservableForm, loudness: Loudness, initial_std: f64, ste
 }
 
 /// The truss with its three sources of noise louder or softer by one factor and without converters, to be identified
-/// with fewer states than it has. R and Q are told as they are; `ratio` is Sigma / R.
+/// with fewer states than it has. R and Q are the true ones; `ratio` is the assumed Sigma over R.
 ///
 /// # Errors
 /// Returns the error of the testbed.

@@ -97,7 +97,7 @@ struct Problem<'a> {
     prior: (&'a [f64], Vec<f64>),
 }
 
-/// The predictor of the plant that an s stands for.
+/// The predictor of the plant with the states and parameters s.
 struct Predictor {
     /// A - K C.
     closed: DMatrix<f64>,

@@ -151,7 +151,7 @@ fn truss(report: Report, name: &str, cells: &[Finished], own: &[&Finished]) -> R
         draw(format!("{name}: best Sigma for each"), SNR, y, vec![], lines),
         "Free-run error on a held-out record against the true response without noise, at the Sigma / R of the \
              study at which each does best; \
-             batch estimates beside them.",
+             and of batch estimates.",
     );
     if !large.is_empty() {
         report = report.figure(
@@ -168,7 +168,7 @@ fn truss(report: Report, name: &str, cells: &[Finished], own: &[&Finished]) -> R
             })
             .collect();
         report = report.figure(
-            draw(format!("{name}: signal-to-noise ratio {snr}"), "Sigma told / R", y, vec![], lines),
+            draw(format!("{name}: signal-to-noise ratio {snr}"), "assumed Sigma / R", y, vec![], lines),
             "Simulation error against the Sigma that the filter assumes.",
         );
     }
@@ -210,7 +210,7 @@ fn summary(cells: &[Finished]) -> Table {
 }
 
 fn figures<'a>(name: &str, cells: impl Iterator<Item = &'a Finished>) -> Table {
-    let sigma = if name.starts_with("truss") { "Sigma told / R" } else { "Sigma told / true" };
+    let sigma = if name.starts_with("truss") { "assumed Sigma / R" } else { "assumed Sigma / true Sigma" };
     let mut table = Table::new(format!("{name}: figures with one standard error."))
         .column("signal to noise", "")
         .column(sigma, "")

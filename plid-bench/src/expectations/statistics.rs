@@ -21,7 +21,7 @@ fn is_infinite(value: &f64) -> bool {
     value.is_infinite()
 }
 
-/// Mean and its standard error; none of nothing.
+/// The mean and its standard error; `None` for an empty list.
 pub fn mean(values: &[f64]) -> Option<Figure> {
     let count = values.len() as f64;
     if values.is_empty() {

@@ -15,7 +15,7 @@ pub struct Trial {
     pub inputs: Array2<f64>,
     /// Samples x p.
     pub outputs: Array2<f64>,
-    /// The noise covariances as they are told.
+    /// The noise covariances that the recursion assumes.
     pub told: NoiseModel,
     /// The noise covariances as they are, where the plant is in the model class.
     pub true_noise: Option<NoiseModel>,

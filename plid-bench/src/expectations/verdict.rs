@@ -30,7 +30,7 @@ fn matters(ratio: Option<Figure>, runs: usize) -> bool {
     ratio.is_some_and(|r| r.value.ln().abs() >= MATTERS.ln_1p() && (r.value - 1.0).abs() >= errors * r.error)
 }
 
-/// Cells in which Sigma is told as it is.
+/// Cells with the true Sigma.
 fn told_right(cells: &[Finished]) -> impl Iterator<Item = &Finished> {
     cells.iter().filter(|cell| cell.sigma == 1.0 && !cell.plant.starts_with("truss"))
 }
@@ -45,7 +45,7 @@ pub fn best_sigma<'a>(cells: &'a [Finished], plant: &str, signal_to_noise: f64, 
         .min_by(|x, y| value(x).total_cmp(&value(y)))
 }
 
-/// What is said of one expectation.
+/// The verdict on one expectation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Standing {
     /// Its name.

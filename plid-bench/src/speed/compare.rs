@@ -117,11 +117,11 @@ impl Comparison {
         text +=
             &format!("{} cells compared: {} slower, {} faster\n", self.compared, self.slower.len(), self.faster.len());
         if self.unmatched > 0 {
-            text += &format!("{} cells are in one of the two runs only\n", self.unmatched);
+            text += &format!("{} cells occur in only one of the two runs\n", self.unmatched);
         }
         if !self.same_machine {
-            text +=
-                "the runs are of different machines or compilers: ratios to the pass make up for only part of that\n";
+            text += "the runs are from different machines or compilers; \
+                     ratios to the pass compensate for only part of the difference\n";
         }
         text
     }

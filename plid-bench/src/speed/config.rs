@@ -108,7 +108,7 @@ impl Config {
                 problems.push(("threads", format!("{threads} threads, but {} of `cores`", cores.len())));
             }
             if let Some(threads) = cross.threads.iter().find(|&&t| t > 2) {
-                problems.push(("threads", format!("{threads}; a step has work for two")));
+                problems.push(("threads", format!("{threads}; a step can use at most two")));
             }
             if cross.threads.iter().any(|&t| t > 1) && cross.backend != [BackendName::Plain] {
                 problems.push(("threads", "two threads need backend = [\"plain\"]".into()));

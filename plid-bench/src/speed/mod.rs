@@ -46,7 +46,7 @@ enum Entry {
     Operations(Operations),
 }
 
-/// Seconds of the truss that a recursion goes over.
+/// Length of the truss's record, s.
 const RECORD_S: f64 = 1.0;
 
 /// What is measured, in the order of a round.

@@ -25,7 +25,7 @@ pub struct Target {
     /// Whether it is reached; none where it is only stated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub met: Option<bool>,
-    /// Where it is not: what stands in the way.
+    /// The limiting factor, if the target is missed.
     pub reason: String,
 }
 

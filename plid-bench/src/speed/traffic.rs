@@ -5,7 +5,7 @@ use super::cell::{Cell, OUTPUTS, scalar_bytes};
 /// Bytes that a step must read or write, whatever its order of work, if nothing but the last step's sums stays in
 /// registers:
 ///
-/// - P, or the factor that stands for it, one triangle with its diagonal: read once and written once, 2 N (N + 1) / 2;
+/// - P, or its factor, one triangle with its diagonal: read once and written once, 2 N (N + 1) / 2;
 /// - the estimate s: read once and written once, 2 N;
 /// - the gain, N x p: written by the measurement update and read by what follows, 2 N p.
 ///

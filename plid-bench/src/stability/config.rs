@@ -160,7 +160,7 @@ impl Config {
             problems.push(("forgetting", format!("{} is not above 0 and at most 1", self.adversarial.forgetting)));
         }
         if !self.covariance.iter().all_unique() {
-            problems.push(("covariance", "one stands there twice".into()));
+            problems.push(("covariance", "an entry occurs twice".into()));
         }
         if self.steps == 0 {
             problems.push(("steps", "a cell needs at least one step".into()));

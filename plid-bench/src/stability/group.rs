@@ -199,7 +199,7 @@ impl Config {
     }
 }
 
-/// The word that stands for a value in a config.
+/// The name of a value in a config.
 pub fn word<T: Serialize>(value: &T) -> String {
     match serde_json::to_value(value) {
         Ok(serde_json::Value::String(word)) => word,

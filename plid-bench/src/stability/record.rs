@@ -34,7 +34,7 @@ pub struct Check {
     pub band_hz: [f64; 2],
 }
 
-/// Sigma of every state, as the recursion is told: what stands for ambient forces and truncated modes.
+/// The assumed Sigma of every state, which represents ambient forces and truncated modes.
 pub const STATE_NOISE: f64 = 1e-6;
 /// Samples of the check.
 const CHECK_SAMPLES: usize = 4096;

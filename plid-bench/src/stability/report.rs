@@ -21,10 +21,9 @@ pub fn page(outcome: &Outcome) -> Report {
         .figure(
             map(outcome),
             format!(
-                "The map: what becomes of each form in each scalar over {steps} steps at the centre (truss, 3 x 3, \
-                 sensor noise 0.005 V, moment-matched, \
-                 P0 = 1, no parameter noise). A lost cell names the step by which P was found not to be positive \
-                 definite."
+                "The map: the state of each form in each scalar after {steps} steps at the central settings (truss, \
+                 3 x 3, sensor noise 0.005 V, moment-matched, P0 = 1, no parameter noise). For a lost cell, the step \
+                 is given by which P was found not to be positive definite."
             ),
         )
         .paragraph(rule());

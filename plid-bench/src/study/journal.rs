@@ -109,7 +109,7 @@ fn cells<T: DeserializeOwned>(path: &Path, head: &Head, bytes: &[u8]) -> Result<
         if found != *head {
             return Err(bad(
                 number,
-                "the cells belong to another config or machine; use --force in place of --resume to begin anew".into(),
+                "the cells belong to another config or machine; use --force instead of --resume to start again".into(),
             ));
         }
     }

@@ -44,7 +44,7 @@ Your own simulator in place of `sim` (see `plid gap check-simulator --help`):
   [simulator]
   command = ["python3", "my_simulator.py"]   # started in the folder of the case
   patience_s = 60.0                          # longest time for one run
-  limits = { "motor damper" = 0.02 }         # errors of its parameters that are no cause
+  limits = { "motor damper" = 0.02 }         # expected errors of its parameters: not named as causes
 
 An FMU in its place (see `plid gap serve-fmu --help`):
   [simulator]

@@ -90,7 +90,7 @@ fn read(file: &Path, predictor: &Predictor, names: &[String], simulation: &Path)
     Ok(columns(&table::pick(&table, names)?))
 }
 
-/// Says what was written, and warns if the input goes beyond what was fitted.
+/// Reports what was written, and warns if the input exceeds the fitted range.
 fn say(
     out: &Path,
     samples: usize,

@@ -1,6 +1,6 @@
 //! The kernels that a step spends its time in, as methods of the scalar.
 //!
-//! Their bodies are generic, and stand in the files beside this one. `f32` and `f64` have them compiled here and
+//! Their bodies are generic and are in the other files of this folder. `f32` and `f64` have them compiled here and
 //! nowhere else, once for each of several instruction sets (`multiversion`), of which the best that the CPU has is
 //! chosen at run time: a plain build is already fast, and a crate that uses them does not compile them again. Fused
 //! multiply-adds, and sums whose order does not depend on the width of the registers, give the same bits on all of

@@ -32,7 +32,7 @@ pub(super) fn read(path: &Path, bytes: &[u8], variable: Option<&str>) -> Result<
     // HDF5 begins behind a header of MATLAB's, whose text need not name the version.
     let is_hdf5 = [0, 512].iter().any(|&at| bytes.get(at..).is_some_and(|rest| rest.starts_with(b"\x89HDF")));
     if is_hdf5 || bytes.starts_with(b"MATLAB 7.3") {
-        let what = "a MATLAB 7.3 file (HDF5), which is not read; save it with `save -v7`";
+        let what = "a MATLAB 7.3 file (HDF5), which is not supported; save it with `save -v7`";
         return Err(malformed(what.into()));
     }
     let found = variables(bytes).map_err(|reason| malformed(format!("not a readable .mat file: {reason}")))?;

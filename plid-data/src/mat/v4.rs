@@ -28,7 +28,7 @@ fn variable(file: &mut Bytes) -> Result<Found, String> {
         [file.word()?, file.word()?, file.word()?, file.word()?, file.word()?];
     let [machine, zero, precision, sort] = [kind / 1000, kind / 100 % 10, kind / 10 % 10, kind % 10];
     if machine != u32::from(file.big) || zero != 0 {
-        return Err(format!("its type {kind} is none of MATLAB 4 on machines with IEEE numbers"));
+        return Err(format!("its type {kind} is not one of MATLAB 4 on machines with IEEE numbers"));
     }
     let storage = match precision {
         0 => Storage::F64,
@@ -54,7 +54,7 @@ fn variable(file: &mut Bytes) -> Result<Found, String> {
         (0, _) => Contents::Other("complex"),
         (1, _) => Contents::Other("text"),
         (2, _) => Contents::Other("a sparse matrix"),
-        _ => return Err(format!("its type {kind} is no kind of matrix")),
+        _ => return Err(format!("its type {kind} is not a kind of matrix")),
     };
     Ok(Found { name, shape, contents })
 }

@@ -32,7 +32,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Vec<Found>, String> {
     let big = match &header[HEADER - 2..] {
         b"IM" => false,
         b"MI" => true,
-        _ => return Err("it has no mark of a .mat file of version 5".into()),
+        _ => return Err("it lacks the signature of a .mat file of version 5".into()),
     };
     // Objects have a matrix without a name behind them, with what they share. The header says where.
     let mut subsystem = Bytes { rest: &header[116..120], big };
@@ -86,10 +86,10 @@ fn top_level(file: &mut Bytes) -> Result<Found, String> {
             match inner.kind {
                 MATRIX if inside.rest.is_empty() => variable(inner.data, file.big),
                 MATRIX => Err(format!("{} bytes are left over", inside.rest.len())),
-                kind => Err(format!("type {kind} where a matrix must be")),
+                kind => Err(format!("type {kind} where a matrix is expected")),
             }
         }
-        kind => Err(format!("type {kind} where a matrix must be")),
+        kind => Err(format!("type {kind} where a matrix is expected")),
     }
 }
 
@@ -102,14 +102,14 @@ fn inflated(data: &[u8], big: bool) -> Result<Vec<u8>, String> {
     let mut tag = Bytes { rest: &whole[4..], big };
     let size = (tag.word()? as usize).next_multiple_of(8);
     if size > EXPANSION * data.len() {
-        return Err(format!("{size} bytes cannot come of {} compressed ones", data.len()));
+        return Err(format!("{size} bytes cannot be the contents of {} compressed ones", data.len()));
     }
     decoder.by_ref().take(size as u64 + 1).read_to_end(&mut whole).map_err(corrupt)?;
     if whole.len() > size + 8 {
-        return Err(format!("more than the {size} bytes that it announces come of it"));
+        return Err(format!("its compressed data contain more than the announced {size} bytes"));
     }
     if decoder.total_in() != data.len() as u64 {
-        return Err("bytes stand behind its compressed data".into());
+        return Err("there are bytes after its compressed data".into());
     }
     Ok(whole)
 }
@@ -131,7 +131,7 @@ fn variable(data: &[u8], big: bool) -> Result<Found, String> {
 fn dimensions(data: &[u8], big: bool) -> Result<Vec<usize>, String> {
     let sizes = Storage::I32.numbers(data, big)?;
     if sizes.len() < 2 || sizes.iter().any(|&size| size < 0.0) {
-        return Err(format!("{sizes:?} are no dimensions"));
+        return Err(format!("{sizes:?} are not dimensions"));
     }
     Ok(sizes.into_iter().map(|size| size as usize).collect())
 }
@@ -141,7 +141,7 @@ fn expect<'a>(parts: &mut Bytes<'a>, kind: u32, what: &str) -> Result<&'a [u8], 
     let part = element(parts).map_err(|reason| format!("its {what}: {reason}"))?;
     // Names may be stored in any encoding of text, and some programs write dimensions without a sign.
     let is_it = part.kind == kind || matches!((kind, part.kind), (INT8, 2 | 16) | (INT32, UINT32));
-    if is_it { Ok(part.data) } else { Err(format!("type {} where its {what} must be", part.kind)) }
+    if is_it { Ok(part.data) } else { Err(format!("type {} where its {what} is expected", part.kind)) }
 }
 
 /// What a class asks for behind the name. `parts` must hold that and nothing else.
@@ -173,7 +173,7 @@ fn fields(parts: &mut Bytes, shape: &[usize]) -> Result<usize, String> {
     let width = Bytes { rest: expect(parts, INT32, "length of a field's name")?, big: parts.big }.word()? as usize;
     let names = expect(parts, INT8, "fields' names")?.len();
     if names > 0 && (width == 0 || !names.is_multiple_of(width)) {
-        return Err(format!("{names} bytes hold no names of {width} bytes each"));
+        return Err(format!("{names} bytes are not a list of names of {width} bytes each"));
     }
     let fields = names.checked_div(width).unwrap_or(0);
     count(shape)?.checked_mul(fields).ok_or_else(|| "it is too large".to_string())
@@ -196,7 +196,7 @@ fn numbers(mut parts: Bytes) -> Result<Vec<f64>, String> {
         9 => Storage::F64,
         12 => Storage::I64,
         13 => Storage::U64,
-        kind => return Err(format!("type {kind} where its numbers must be")),
+        kind => return Err(format!("type {kind} where its numbers are expected")),
     };
     storage.numbers(part.data, parts.big)
 }

@@ -27,7 +27,7 @@ pub enum PrepareError {
         to_hz: f64,
     },
     /// The rate to decimate to is no integer fraction of the rate of the data.
-    #[error("{to_hz} Hz is no integer fraction of {from_hz} Hz; the nearest are {below_hz} and {above_hz} Hz")]
+    #[error("{to_hz} Hz is not {from_hz} Hz divided by an integer; the nearest are {below_hz} and {above_hz} Hz")]
     DecimationRatio {
         /// Rate of the data in Hz.
         from_hz: f64,
@@ -82,7 +82,7 @@ pub enum PrepareError {
         tolerance: f64,
     },
     /// A record that should have no input has one.
-    #[error("input `{channel}` has an RMS of {rms:.3e}, where at most {limit:.3e} passes for zero")]
+    #[error("input `{channel}` has an RMS of {rms:.3e}, where at most {limit:.3e} counts as zero")]
     InputNotZero {
         /// The input.
         channel: String,

@@ -17,8 +17,8 @@ pub enum Step {
         skipped: usize,
     },
     /// The rate was lowered.
-    #[error("decimated from {} to {} Hz behind a linear-phase filter without delay; {} samples at either end are used \
-        up by it", .0.from_hz, .0.to_hz, .0.edge)]
+    #[error("decimated from {} to {} Hz after a linear-phase filter without delay; {} samples at each end are \
+        lost", .0.from_hz, .0.to_hz, .0.edge)]
     Decimated(Decimation),
     /// Means were removed.
     #[error("the mean of each channel over the training part was removed")]
@@ -28,7 +28,7 @@ pub enum Step {
     LineRemoved,
     /// The input was advanced.
     #[error("the input was advanced by one sample, because the plant \
-        {}", if *.by_test { "was found to answer within the sample" } else { "is said to answer within the sample" })]
+        {} to respond within the sample", if *.by_test { "was found" } else { "is declared" })]
     Advanced {
         /// Whether a test decided it, or the config.
         by_test: bool,

@@ -57,7 +57,7 @@ impl Log {
 unsafe extern "C" fn keep(log: *const Log, status: c_int, message: *const c_char) {
     // SAFETY: as the caller promises.
     let (log, message) = unsafe { (log.as_ref(), (!message.is_null()).then(|| CStr::from_ptr(message))) };
-    // FMUs differ in what their categories mean, so messages are told apart by their status: zero is well.
+    // The categories of messages differ between FMUs, so messages are distinguished by their status, where 0 is OK.
     if let (Some(log), Some(message), 1..) = (log, message, status) {
         log.add(status, &message.to_string_lossy());
     }

@@ -154,7 +154,7 @@ pub(crate) struct Instance {
 unsafe impl Send for Instance {}
 
 impl Instance {
-    /// Creates an instance; the message of a failure holds what the FMU said.
+    /// Creates an instance; the message of a failure contains the FMU's own messages.
     pub fn new(binary: &std::sync::Arc<Binary>, birth: &Birth) -> Result<Self, String> {
         let log = Log::new();
         let callbacks = Box::new(fmi2::Callbacks::of(log.address()));
@@ -172,7 +172,7 @@ impl Instance {
         Ok(Self { binary, pointer, stage: Stage::New, log, _callbacks: callbacks })
     }
 
-    /// Returns what the FMU has said since the last call.
+    /// Returns the FMU's messages since the last call.
     pub fn said(&self) -> String {
         self.log.take()
     }

@@ -9,9 +9,9 @@ pub(crate) fn in_words(plant: &Plant, names: &Names) -> Vec<String> {
     let mut words = vec![kinds(plant, names)];
     if plant.ports.is_empty() {
         words.push(
-            "No force that depends on the motion, such as friction, backlash or a payload, was considered: it has no \
-            place, because the simulation has no lightly damped mode and no output shows the motion of an input's \
-            axis. Declare `output_kinds` (a position, a velocity or an acceleration), a `[[port]]` by an input and an \
+            "No force that depends on the motion, such as friction, backlash or a payload, was considered: the \
+            simulation has no lightly damped mode, and no output shows the motion of an input's axis. Declare \
+            `output_kinds` (a position, a velocity or an acceleration), a `[[port]]` by an input and an \
             output, or ports in the simulation."
                 .into(),
         );

@@ -74,7 +74,7 @@ impl Predictor {
                 .ok_or_else(|| malformed(format!("there is no effect `{}`", written.effect)))?;
             let place = place(&written.location, effect, &setting)
                 .filter(|place| acts_at(place, effect, library, &setting))
-                .ok_or_else(|| malformed(format!("{}: `{}` is no place for it", written.effect, written.location)))?;
+                .ok_or_else(|| malformed(format!("{}: it cannot act at `{}`", written.effect, written.location)))?;
             let mut parameters = Vec::new();
             for parameter in effect.parameters(&setting) {
                 let value = written
@@ -159,7 +159,7 @@ fn require_sizes(written: &SimulationWithEffects, plant: &Plant) -> Result<(), S
         if list.len() == count && list.iter().all(is_size) {
             return Ok(());
         }
-        Err(format!("`{key}` must hold {count} numbers that are not negative"))
+        Err(format!("`{key}` must contain {count} nonnegative numbers"))
     };
     if !written.t0.is_finite() {
         return Err(format!("`t0` is {}", written.t0));
@@ -325,7 +325,7 @@ mod tests {
         for (at, value, said) in [
             ("/effects/0/parameters/tau/value", serde_json::json!(1e18), "tau"),
             ("/effects/1/parameters/a/value", serde_json::json!(-0.5), "positive"),
-            ("/effects/0/location", serde_json::json!("output:none"), "no place"),
+            ("/effects/0/location", serde_json::json!("output:none"), "cannot act at"),
             ("/noise_rms", serde_json::json!([0.1]), "noise_rms"),
             ("/noise_rms", serde_json::json!([0.1, -1.0]), "noise_rms"),
         ] {

@@ -70,13 +70,14 @@ fn limits(explained: &Explained) -> Vec<String> {
     let names = &explained.ready.problem.setting.names;
     let imperfect = explained.ready.widened.map(|scale| {
         format!(
-            "No explanation leaves only noise, so the residual of the best one counts as an error of the simulation \
-            itself. Most of the simulation's parameters are off by {scale:.1} times the limits that the case states."
+            "No explanation leaves only noise, so the residual of the best one is treated as an error of the \
+            simulation itself. Most of the simulation's parameters are off by {scale:.1} times the limits that the \
+            case states."
         )
     });
     let refused = explained.diverged.as_ref().map(|(effects, record)| {
         let effects = in_words(effects, names);
-        format!("{effects} came nearest, but its free run of `{record}` diverges, so it was refused.")
+        format!("{effects} came nearest, but its free run of `{record}` diverges, so it was rejected.")
     });
     imperfect.into_iter().chain(refused).collect()
 }

@@ -16,12 +16,14 @@ pub fn of_case(case: &Case) -> Result<Vec<CasePort>, GapError> {
         let at = |names: &[String], name: &str| names.iter().position(|other| other == name);
         let input = at(&case.config.inputs, &port.input);
         let output = at(&case.config.outputs, &port.output);
-        let unknown = || refused(format!("{} or {} is no channel of the case", port.input, port.output));
+        let unknown = || refused(format!("{} or {} is not a channel of the case", port.input, port.output));
         let (input, output) = input.zip(output).ok_or_else(unknown)?;
         let kinds = case.model.as_ref().map_or(&[][..], |model| &model.output_kinds);
         let kind = kinds.get(output).copied().flatten();
         match kind.filter(|kind| matches!(kind, OutputKind::Force | OutputKind::Other)) {
-            Some(kind) => Err(refused(format!("{} is declared as `{}`, which is no motion", port.output, kind.name()))),
+            Some(kind) => {
+                Err(refused(format!("{} is declared as `{}`, which is not a motion", port.output, kind.name())))
+            }
             None => Ok(CasePort { name: port.name.clone(), input, output }),
         }
     };

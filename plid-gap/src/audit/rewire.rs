@@ -25,8 +25,8 @@ const UNITS: [(f64, &str); 9] = [
     (100.0, "as between per cent and one"),
     (57.29578, "as between degrees and radians"),
     (25.4, "as between millimetres and inches"),
-    (10.0, "as of a setting of ten, or between m/s2 and g"),
-    (9.80665, "as between m/s2 and g, or of a setting of ten"),
+    (10.0, "as by a factor of ten in a gain setting, or between m/s2 and g"),
+    (9.80665, "as between m/s2 and g, or by a factor of ten in a gain setting"),
     (std::f64::consts::TAU, "as between rad/s and Hz"),
     (4.448222, "as between newtons and pounds"),
 ];
@@ -52,7 +52,7 @@ impl Mismatch {
         let mut said = vec!["Everything below refers to the corrected simulation.".to_string()];
         let delay = self.wiring.delay;
         if delay < 0 {
-            said.push(format!("A prediction cannot answer before its input: it comes {} samples late.", -delay));
+            said.push(format!("A prediction cannot respond before its input, so it is delayed by {} samples.", -delay));
         }
         said
     }
@@ -350,7 +350,7 @@ fn side(
     let alike = scaled.len() == wires.len() && sizes.iter().all(|size| (size / sizes[0] - 1.0).abs() < distance);
     let text = |size: f64| match unit(size, distance) {
         Some((factor, units)) => format!("in other units, {} times the simulation's ({units})", short(factor)),
-        None if size < 1.0 => format!("{} times that of the simulation, as if it hardly acted", short(size)),
+        None if size < 1.0 => format!("{} times that of the simulation, as if it had almost no effect", short(size)),
         None => format!("{} times that of the simulation, as in other units", short(size)),
     };
     if alike {

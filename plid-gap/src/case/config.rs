@@ -170,7 +170,7 @@ impl RecordConfig {
             problems.push(("samples", format!("{}: no sample lies from {from} to {to}", self.file)));
         }
         let wrong = match (self.excitation, self.period) {
-            (ExcitationKind::Periodic, Some(period)) if period < 2 => format!("{period} is no period"),
+            (ExcitationKind::Periodic, Some(period)) if period < 2 => format!("{period} is not a period"),
             (ExcitationKind::Periodic, Some(period)) if !period.is_multiple_of(ratio) => {
                 format!("{period} samples are not a multiple of the decimation ratio {ratio}")
             }

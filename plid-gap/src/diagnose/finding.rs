@@ -67,7 +67,7 @@ impl<'f, 'a> Finding<'f, 'a> {
         let Judgement { gaps, held_out, simulated, shown, weighted, verdict, .. } = &self.judged;
         let (names, best) = (&ready.problem.setting.names, &found.best.effects);
         let [before, after] = &self.maps;
-        say("held against its rivals".into());
+        say("compared with its rivals".into());
         // If nothing is missing, there is nothing to distinguish.
         let predicted = (*verdict != Verdict::None).then(|| Predicted::new(&ready.problem, self.explained.fit()));
         let rivals = predicted.as_ref().map_or_else(Vec::new, |predicted| rivals(predicted, best, &found.candidates));
@@ -168,7 +168,7 @@ impl<'f, 'a> Finding<'f, 'a> {
         };
         let mut text = sentence(*verdict, &said);
         if let (Verdict::Effects, Some(others)) = (verdict, others(self.explained, rivals)) {
-            text += &format!(" These records cannot tell {} from {others}.", in_words(best, names));
+            text += &format!(" These records cannot distinguish {} from {others}.", in_words(best, names));
         }
         match self.audit.put_right() {
             Some(mismatch) => format!("{} {text}", mismatch.sentence),

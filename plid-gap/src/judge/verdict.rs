@@ -105,7 +105,7 @@ pub fn outside(left: f64, settings: &JudgeSettings) -> f64 {
     least_unknown + (most_unknown - least_unknown) / (1.0 + (most_left / left.max(1e-6)).powi(4))
 }
 
-/// Distributes probability over the candidates; `unknown` goes to something else.
+/// Distributes probability over the candidates; something else receives `unknown`.
 pub fn weigh<'a>(
     candidates: &[Candidate<'a>],
     unknown: f64,

@@ -104,7 +104,8 @@ fn separability(report: Report, outcome: &Outcome) -> Report {
         return report;
     }
     let mut table = Table::new(format!(
-        "Could these records tell them apart? Differences in log likelihood, if {} is at work. The columns on the left \
+        "Could these records distinguish them? Differences in log likelihood, if {} is at work. The columns on the \
+         left \
         are to first order, from the first screen.",
         first.explanation
     ))
@@ -114,7 +115,7 @@ fn separability(report: Report, outcome: &Outcome) -> Report {
     .column("difference expected before any fit", "")
     .column("expected after the fits", "")
     .column("found", "")
-    .column("told apart", "");
+    .column("distinguished", "");
     let cell = |value: Option<f64>, digits: usize| match value {
         Some(value) if value.is_finite() => Cell::fixed(value, digits),
         _ => "".into(),

@@ -49,7 +49,7 @@ pub fn page(outcome: &Outcome, case: &Case) -> Report {
     report = details::section(report, outcome, case);
     report
         .listing(
-            "The case, every default filled in. Written beside the records as case.toml, it repeats this report:",
+            "The case, with all default values. As case.toml in the folder of the records, it gives this report:",
             to_toml(&case.config),
         )
         .listing("The commands:", COMMANDS)

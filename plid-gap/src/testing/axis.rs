@@ -248,7 +248,7 @@ fn hard_stops_of_a_servo_are_named() {
     }
 }
 
-/// Where an effect has no place, the evidence says what to declare: a displacement, or any motion at all. A declared
+/// Where an effect cannot act, the evidence says what to declare: a displacement, or any motion at all. A declared
 /// accelerometer is motion enough for friction.
 #[test]
 fn what_has_no_place_is_said() {
@@ -264,7 +264,7 @@ fn what_has_no_place_is_said() {
     let model = case.model.as_mut().unwrap();
     (model.c, model.d) = (dmatrix![-4.0], dmatrix![1.0]);
     let found = diagnosed(&case);
-    assert!(says(&found, "it has no place") && says(&found, "[[port]]"), "{:?}", found.evidence);
+    assert!(says(&found, "no output shows the motion") && says(&found, "[[port]]"), "{:?}", found.evidence);
     let model = case.model.as_mut().unwrap();
     model.output_kinds = vec![Some(plid_model::OutputKind::Acceleration)];
     let plant = crate::plant::Plant::new(model).unwrap();

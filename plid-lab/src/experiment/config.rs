@@ -406,7 +406,7 @@ impl Experiment {
             problems.push(("parameter_noise", format!("{noise} is not 0 or above")));
         }
         if self.identification.passes == 0 {
-            problems.push(("passes", "the data must be gone through at least once".into()));
+            problems.push(("passes", "at least one pass over the data is needed".into()));
         }
         let structure = &self.structure;
         let is_open = structure.states.is_none() && !matches!(structure.indices, IndicesChoice::Given(_));
@@ -439,7 +439,7 @@ impl Experiment {
         match structure.kind {
             StructureKind::SimoMerge => self.problems_of_a_merge(is_open, &mut problems),
             StructureKind::Mimo if self.validation.file.is_some() => {
-                problems.push(("file", "a record of its own for validation belongs to `kind = \"simo-merge\"`".into()));
+                problems.push(("file", "a separate record for validation requires `kind = \"simo-merge\"`".into()));
             }
             StructureKind::Mimo => {}
         }
@@ -458,28 +458,27 @@ impl Experiment {
         if identification.forgetting < 1.0 || identification.parameter_noise > 0.0 {
             problems.push((
                 "identification",
-                "runs that forget have no A in common: a merge wants forgetting = 1 and no parameter noise".into(),
+                "runs with forgetting have no common A: a merge requires forgetting = 1 and no parameter noise".into(),
             ));
         }
         if self.start.model.is_some() {
             problems.push((
                 "model",
-                "runs that begin from a former model have no prior in common, so they cannot be merged".into(),
+                "runs that start from an earlier model have no common prior, so they cannot be merged".into(),
             ));
         }
         if matches!(self.noise.actuator, Some(Covariance::Full(_))) {
-            problems
-                .push(("actuator", "runs with one input each have one variance each: give a number or a list".into()));
+            problems.push(("actuator", "runs with one input have a scalar variance: give a number or a list".into()));
         }
         let data = &self.data;
         if data.testbed.as_ref().is_some_and(|testbed| testbed.input_file.is_some()) {
             problems.push((
                 "input_file",
-                "for a merge the testbed makes records in which one input acts: leave the file out".into(),
+                "for a merge the testbed generates records in which one input acts: omit the file".into(),
             ));
         }
         if data.testbed.is_none() && data.files.len() == 1 {
-            problems.push(("files", "a merge wants one file a run, each with one input at work".into()));
+            problems.push(("files", "a merge requires one file for each run, with one active input each".into()));
         }
     }
 }

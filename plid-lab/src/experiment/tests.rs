@@ -1,4 +1,4 @@
-//! What a config's author is told.
+//! The messages for the author of a config.
 
 use super::*;
 
@@ -51,7 +51,7 @@ fn values_out_of_range_are_named() {
     }
 }
 
-/// The word alone is understood; what it still needs is said, with an example.
+/// The word alone is understood; the message states what else is needed, with an example.
 #[test]
 fn the_structure_may_be_a_word_or_a_table() {
     let data = "[data]\nfiles = [\"1.csv\", \"2.csv\"]\ninputs = [\"u\", \"v\"]\noutputs = [\"y\"]\n";

@@ -76,8 +76,8 @@ pub enum MergeError {
     },
     /// More than one input acts in a record.
     #[error(
-        "{record}: `{acting}` acts there, and `{other}` too ({share:.2e} of its RMS elsewhere); a record for a merge \
-         has one input at work and the others at rest"
+        "{record}: `{acting}` is active there, and so is `{other}` ({share:.2e} of its RMS elsewhere); in a record \
+         for a merge, one input is active and the others are at rest"
     )]
     #[diagnostic(help(
         "a run with several active inputs must model all of them: identify that record with all inputs"
@@ -93,7 +93,7 @@ pub enum MergeError {
         share: f64,
     },
     /// No input acts in a record.
-    #[error("{record}: none of the inputs {inputs} acts there")]
+    #[error("{record}: none of the inputs {inputs} is active there")]
     NoneActs {
         /// The file.
         record: String,
@@ -101,7 +101,7 @@ pub enum MergeError {
         inputs: String,
     },
     /// No record has this input active.
-    #[error("input `{input}` acts in none of {records}")]
+    #[error("input `{input}` is active in none of {records}")]
     NeverActs {
         /// The input.
         input: String,

@@ -90,7 +90,7 @@ impl Knowledge {
         } else if !priors {
             "a prior variance is negative or not finite"
         } else if !(self.overdispersion > 0.0 && self.overdispersion.is_finite()) {
-            "the ratio of its innovations to what was expected of them is not above 0"
+            "the ratio of its innovations to their expected size is not above 0"
         } else {
             return Ok(());
         };

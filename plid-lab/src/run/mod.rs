@@ -245,7 +245,7 @@ fn require_parts(prepared: &Prepared, training: &[Samples<'_>]) -> Result<(), Ru
     let last_training = *prepared.training.last().unwrap_or(&0);
     let held_out = prepared.records[prepared.records.len() - 1].samples() > last_training;
     if training.is_empty() || last_training < 8 || !held_out {
-        let reason = format!("it leaves {last_training} samples to learn from, or none to hold out");
+        let reason = format!("it leaves {last_training} samples for training, or none to hold out");
         return Err(setting("training_share", reason));
     }
     Ok(())
@@ -283,9 +283,11 @@ fn recursion(
         return crate::identify::run(plan, training, paused, &mut watcher).map_err(RunError::Identify);
     }
     let (ending, lost) = crate::identify::run_or_factor(plan, training, paused, &mut watcher);
-    warnings.extend(lost.map(|lost| {
-        format!("the recommended covariance form was lost ({lost}); Bierman UD took its place from the start")
-    }));
+    warnings.extend(
+        lost.map(|lost| {
+            format!("the recommended covariance form failed ({lost}); the run was repeated with Bierman UD")
+        }),
+    );
     ending.map_err(RunError::Identify)
 }
 

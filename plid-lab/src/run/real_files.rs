@@ -1,4 +1,4 @@
-//! What the refinement is to reach on public benchmark records, where they are at hand.
+//! The accuracy that the refinement must reach on public benchmark records, if they are available.
 use super::*;
 use crate::experiment::from_toml;
 use crate::real_file::real_file;

@@ -224,7 +224,7 @@ fn noise_floor(
         });
         let ratio = ratio.unwrap_or(1);
         if period % ratio != 0 {
-            let reason = format!("{period} samples are no whole number of samples once each {ratio} have become one");
+            let reason = format!("{period} samples are not a multiple of the decimation ratio {ratio}");
             return Err(setting("period", reason));
         }
         let last = prepared.records.len() - 1;

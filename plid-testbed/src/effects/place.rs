@@ -6,7 +6,7 @@ use crate::{INPUTS, OUTPUTS};
 
 /// A text that names no place of the kind asked for.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("`{text}` is no place for this effect: it takes {expected}")]
+#[error("this effect cannot act at `{text}`: it takes {expected}")]
 pub struct BadPlace {
     text: String,
     expected: &'static str,

@@ -52,7 +52,7 @@ impl Gap {
     }
 }
 
-/// How a slow change goes on with time.
+/// The course of a slow change in time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Course {

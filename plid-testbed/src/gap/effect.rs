@@ -48,7 +48,7 @@ pub(crate) fn drawn(
     let at = wanted.at.clone().or(random);
     if let Some(at) = at.as_deref().filter(|at| !is_there(at, channels)) {
         let Channels { inputs, outputs } = channels;
-        return Err(wrong(format!("`{at}` is no place in a case of {inputs} inputs and {outputs} outputs")));
+        return Err(wrong(format!("a case of {inputs} inputs and {outputs} outputs has no `{at}`")));
     }
     let channel = at.as_deref().map_or(0, first_number);
     let (kind, parameters) = match own::find(&wanted.kind) {

@@ -60,7 +60,7 @@ pub enum GapError {
         most: f64,
     },
     /// Two keys of the spec contradict each other.
-    #[error("`{key}` cannot stand beside `{other}`: {reason}")]
+    #[error("`{key}` cannot be combined with `{other}`: {reason}")]
     Apart {
         /// The key.
         key: &'static str,
@@ -203,7 +203,7 @@ fn taken(
     })
 }
 
-/// What the label says of the imperfections: the held-out record is taken again without the main effects.
+/// The imperfections of the label: the held-out record is taken again without the main effects.
 fn labelled_background(
     scene: &Scene<'_>,
     background: background::Background,

@@ -214,7 +214,7 @@ fn what_needs_more_channels_says_so() {
     assert!(says("sensor-crosstalk", None, 3, 1).contains("needs two outputs"));
     assert!(says("x-channel-product", None, 3, 2).contains("needs three outputs"));
     let place = says("cubic-stiffness", Some("u3"), 2, 3);
-    assert!(place.contains("`u3` is no place in a case of 2 inputs and 3 outputs"), "{place}");
+    assert!(place.contains("a case of 2 inputs and 3 outputs has no `u3`"), "{place}");
     assert!(says("sensor-crosstalk", Some("y1->y3"), 3, 2).contains("y1->y3"));
 }
 

@@ -9,7 +9,7 @@ use crate::config::TrialConfig;
 use crate::statistics::Rate;
 
 pub(super) fn page(ablation: &Ablation, config: &TrialConfig) -> Report {
-    let mut report = Report::new(format!("What each step is worth: {}", ablation.name));
+    let mut report = Report::new(format!("The contribution of each step: {}", ablation.name));
     for sentence in sentences(ablation) {
         report = report.verdict(sentence);
     }
@@ -30,7 +30,7 @@ pub(super) fn page(ablation: &Ablation, config: &TrialConfig) -> Report {
         .provenance("SHA-256 of the trial's own answers", &ablation.answers_sha256)
 }
 
-/// What a reader wants to know first.
+/// The summary in words.
 pub(super) fn sentences(ablation: &Ablation) -> Vec<String> {
     let mut sentences = vec![format!(
         "{} cases, diagnosed again with one of {} steps off at a time.",
@@ -43,19 +43,19 @@ pub(super) fn sentences(ablation: &Ablation) -> Vec<String> {
     let moves = |without: &Without| without.changes.iter().any(|c| !c.better.is_empty() || !c.worse.is_empty());
     let same = names(&|without| without.changed.is_empty());
     if !same.is_empty() {
-        sentences
-            .push(format!("No answer changed at all without {}: here these steps are worth nothing.", list(&same)));
+        sentences.push(format!("No answer changed without {}: these steps have no effect here.", list(&same)));
     }
     let unread = names(&|without| !without.changed.is_empty() && !moves(without));
     if !unread.is_empty() {
-        sentences.push(format!("Answers changed without {}, but in nothing that is counted by case.", list(&unread)));
+        sentences
+            .push(format!("Answers changed without {}, but no figure that is counted by case did.", list(&unread)));
     }
     for without in &ablation.steps {
         let Some(change) = without.change(RIGHT).filter(|c| !c.better.is_empty() || !c.worse.is_empty()) else {
             continue;
         };
         sentences.push(format!(
-            "Without {}, {} fewer and {} more of {} cases are rightly answered (sign test p = {:.2}).",
+            "Without {}, {} fewer and {} more of {} cases are answered correctly (sign test p = {:.2}).",
             without.step,
             change.worse.len(),
             change.better.len(),
@@ -89,18 +89,18 @@ fn picture(report: Report, ablation: &Ablation) -> Report {
         rows: rows.collect(),
         label: "change when the step is off, in per cent of the cases".to_owned(),
     });
-    report.heading("What goes when a step goes").figure(
+    report.heading("The effect of switching a step off").figure(
         svg,
-        "A step is worth something where exact names or the 95 % set move left without it, or wrong names and false \
-         alarms move right. The lines are 95 % intervals of the paired difference; each of gained and lost is within \
-         its own 97.5 % interval (Clopper-Pearson), so that they are rather too long.",
+        "A step contributes if, without it, exact names or the 95 % set move left, or wrong names and false alarms \
+         move right. The lines are 95 % intervals of the paired difference; each of gained and lost is within \
+         its own 97.5 % interval (Clopper-Pearson), so they are rather too long.",
     )
 }
 
 fn figures(report: Report, ablation: &Ablation) -> Report {
     let mut table = Table::new(
-        "All cases. Better, worse: cases that are rightly answered without the step alone, or with it alone; p is the \
-         sign test's. Seconds of a case, the middle one, without baselines.",
+        "All cases. Better, worse: cases that are answered correctly only without the step, or only with it; p is that \
+         of the sign test. Seconds for a case (median), without baselines.",
     )
     .column("off", "")
     .column("answers changed", "")
@@ -137,7 +137,7 @@ fn figures(report: Report, ablation: &Ablation) -> Report {
         ];
         table = table.row(first.into_iter().chain(cells(&without.figures)));
     }
-    let mut what = Table::new("What a diagnosis does without a step.").column("off", "").column("then", "");
+    let mut what = Table::new("The diagnosis without a step.").column("off", "").column("then", "");
     for without in &ablation.steps {
         what = what.row([without.step.name().into(), without.when_off.into()]);
     }
@@ -178,5 +178,5 @@ fn by_name(report: Report, ablation: &Ablation) -> Report {
         }
     }
     let report = report.heading("Case by case");
-    if rows == 0 { report.paragraph("No case changed in anything that is counted.") } else { report.table(table) }
+    if rows == 0 { report.paragraph("No case changed in any figure that is counted.") } else { report.table(table) }
 }

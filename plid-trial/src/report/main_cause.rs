@@ -12,7 +12,7 @@ pub(super) fn sentences(scores: &Scores) -> Vec<String> {
         format!("Main cause named first: {}; called unknown: {}.", words(&all.first), words(&all.called_unknown)),
         format!("Outsiders kept open: {}.", words(&all.kept_open)),
         format!(
-            "Nothing but imperfections, and an effect that is not at work named with 0.5 or more: {}.",
+            "Cases with imperfections only in which an effect that is absent was named with 0.5 or more: {}.",
             words(&all.likely_wrong)
         ),
     ]

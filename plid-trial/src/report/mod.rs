@@ -41,7 +41,7 @@ pub(crate) fn page(scores: &Scores, config: &TrialConfig) -> Report {
         )
         .provenance("diagnosed by", scores.program.as_ref().map_or("nobody".to_owned(), ToString::to_string))
         .provenance("drawn by", scores.drawn_by.to_string())
-        .provenance("SHA-256 of all answers, fixed before anything was opened", &scores.answers_sha256)
+        .provenance("SHA-256 of all answers, fixed before any label was opened", &scores.answers_sha256)
         .provenance("seconds of diagnosis in all", format!("{:.0}", scores.time.total_s))
 }
 
@@ -49,7 +49,7 @@ fn sentences(scores: &Scores) -> Vec<String> {
     let mut sentences = Vec::new();
     let kept = scores.targets.iter().filter(|t| t.reached == Some(true)).count();
     let asked = scores.targets.iter().filter(|t| t.reached.is_some()).count();
-    sentences.push(format!("{}; {kept} of the {asked} targets that they can show are reached.", scores.extent()));
+    sentences.push(format!("{}; {kept} of the {asked} targets that this trial can show are reached.", scores.extent()));
     sentences.extend(main_cause::sentences(scores));
     for (is, equation) in [(OWN, "the vocabulary's own equation"), (NEAR, "another law of the same physics")] {
         if let Some(t) = scores.totals(EQUATION, is, 0) {

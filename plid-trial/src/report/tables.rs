@@ -11,7 +11,7 @@ use crate::targets::{Target, WHOLE};
 
 /// Adds the table of targets.
 pub(super) fn targets(report: Report, scores: &Scores) -> Report {
-    let mut table = Table::new("What is to be reached, with 95 % intervals (Clopper-Pearson).")
+    let mut table = Table::new("The targets, with 95 % intervals (Clopper-Pearson).")
         .column("figure", "")
         .column("found", "")
         .column("interval", "")
@@ -35,7 +35,7 @@ pub(super) fn targets(report: Report, scores: &Scores) -> Report {
             reached.into(),
         ]);
     }
-    parts(report.heading("What is to be reached").table(table), scores)
+    parts(report.heading("Targets").table(table), scores)
 }
 
 /// Adds the same figures for cases with fewer channels or records.
@@ -177,7 +177,7 @@ fn effects(report: Report, scores: &Scores) -> Report {
 }
 
 fn outside(report: Report, scores: &Scores) -> Report {
-    let mut table = Table::new("Causes that the diagnosis had no word for.")
+    let mut table = Table::new("Causes outside the vocabulary.")
         .column("cause", "")
         .column("kept open", "%")
         .column("called unknown", "")
@@ -208,7 +208,7 @@ fn arms(report: Report, scores: &Scores) -> Report {
         .column("a wrong name", "%")
         .column("confident, wrong", "%")
         .column("stated gap right", "%")
-        .column("shape said to differ", "% of near misses named")
+        .column("stated that the shape differs", "% of near misses named")
         .column("shrink", "median")
         .column("shrink", "lowest tenth");
     for group in scores.by(ARM) {

@@ -56,7 +56,7 @@ pub fn execute(arguments: &Arguments, library: &Library, voice: Voice) -> Result
     let status = command.stdout(Stdio::null()).status().map_err(Failure::work)?;
     if !status.success() {
         return Err(Failure::work(format!(
-            "the diagnosis ended with {status}; the same command goes on from what is done"
+            "the diagnosis ended with {status}; run the same command again to continue"
         )));
     }
     let bar = Bar::new(voice.quiet || voice.json);

@@ -60,7 +60,7 @@ pub fn into(
     directory::with(trial, || {
         directory::with(sealed, || {
             if inside(sealed, trial)? || inside(trial, sealed)? {
-                return Err(Failure::input("--sealed: the answers must lie apart from the cases"));
+                return Err(Failure::input("--sealed: the answers must be in a folder outside that of the cases"));
             }
             let bar = Bar::new(voice.quiet || voice.json);
             let drawn = draw(config, seed.unwrap_or_else(rand::random), trial, sealed, &bar);

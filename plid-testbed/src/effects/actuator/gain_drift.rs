@@ -18,7 +18,7 @@ pub struct ActuatorGainDrift {
     pub at: Input,
     /// r, 1/s; either sign.
     pub rate_per_s: f64,
-    /// How it goes on.
+    /// Its course in time.
     #[serde(default)]
     pub law: Course,
 }

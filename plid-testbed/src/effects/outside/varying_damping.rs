@@ -1,4 +1,4 @@
-//! Damping that comes and goes: zeta -> zeta (1 + s sin(2 pi f t)).
+//! Damping that varies periodically: zeta -> zeta (1 + s sin(2 pi f t)).
 
 use std::f64::consts::PI;
 

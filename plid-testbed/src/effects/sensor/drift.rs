@@ -17,7 +17,7 @@ pub struct SensorDrift {
     pub at: Output,
     /// s, V/s; either sign.
     pub rate_v_per_s: f64,
-    /// How it goes on.
+    /// Its course in time.
     #[serde(default)]
     pub law: Course,
 }

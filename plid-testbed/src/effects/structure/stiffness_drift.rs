@@ -15,7 +15,7 @@ use crate::plant::{modal_force, mode_state};
 pub struct StiffnessDrift {
     /// r, 1/s; either sign.
     pub rate_per_s: f64,
-    /// How it goes on.
+    /// Its course in time.
     #[serde(default)]
     pub law: Course,
 }
