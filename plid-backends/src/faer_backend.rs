@@ -1,4 +1,4 @@
-//! Products of faer, over plain column-major storage: a faer matrix shows its columns as slices, but not itself as one.
+//! faer's products on plain column-major storage: a faer matrix gives its columns as slices, but not itself as one.
 
 use std::marker::PhantomData;
 

@@ -17,7 +17,7 @@ pub use plain::Plain;
 pub use two_threads::{TwoThreads, on_threads};
 
 /// The one list of backends: hands each one's documentation, name, type and scalars to the macro `$then`, after any
-/// further arguments. In a `feature` list stands what the caller's crate must have switched on.
+/// further arguments. A `feature` list contains the features that the caller's crate must have switched on.
 #[macro_export]
 macro_rules! every_backend {
     ($then:ident $(, $argument:tt)*) => {

@@ -4,7 +4,7 @@ use plid_backends::{Faer, Nalgebra, Plain};
 use plid_core::kernels::{Support, Tails};
 use plid_core::{Backend, Dense, Matrix, Scalar};
 
-/// Numbers without a pattern that a wrong index could share.
+/// Numbers without a pattern, so that a wrong index changes the result.
 fn entries<S: Scalar>(rows: usize, columns: usize, seed: usize) -> Dense<S> {
     Dense::from_fn(rows, columns, |i, j| S::from_f64(((seed + 7 * i + 31 * j).pow(2) as f64 * 0.129898).sin()))
 }
@@ -43,7 +43,7 @@ fn symmetric_product<B: Backend>() {
                 assert_close(result.view().at(i + 2, j + 1), expected, &format!("{size} x {k}, ({i}, {j})"));
             }
         }
-        // What lies outside the block is not its to write.
+        // Entries outside the block must not change.
         for j in 0..size + 3 {
             for i in 0..size + 2 {
                 if i < 2 || j < 1 || j > size {

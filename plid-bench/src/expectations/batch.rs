@@ -1,4 +1,4 @@
-//! Batch estimates of the scalar plant: what a whole record says when it may be gone through as often as one likes.
+//! Batch estimates of the scalar plant, which may use the whole record as often as necessary.
 
 use super::grid::{ScalarPrior, ScalarRecord};
 
@@ -33,12 +33,12 @@ pub fn least_squares(record: &ScalarRecord<'_>) -> Option<[f64; 2]> {
     instrumental(record, 0, |k| record.z[k])
 }
 
-/// The same equations with u_{k-1} as the instrument for z_k: it has nothing to do with the noise.
+/// The same equations with u_{k-1} as the instrument for z_k: it is independent of the noise.
 pub fn instrumental_variable(record: &ScalarRecord<'_>) -> Option<[f64; 2]> {
     instrumental(record, 1, |k| record.u[k - 1])
 }
 
-/// What is known of (a, b) besides the record.
+/// The prior knowledge of (a, b).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Knowledge {
     /// |a| < 1, and nothing else: maximum likelihood.
@@ -47,7 +47,7 @@ pub enum Knowledge {
     Prior,
 }
 
-/// Minus the logarithm of likelihood (and prior) at its largest over b for this a, and that b.
+/// The negative logarithm of likelihood (and prior) for this a, at its maximum over b, and that b.
 ///
 /// The innovations e = z - C x of the filter for known (a, b) are linear in b, and its gain does not depend on b: b is
 /// a regression.
@@ -130,7 +130,7 @@ mod tests {
         });
     }
 
-    /// A long record leaves the prior nothing to say, and a posterior that is Gaussian has its mean at its peak.
+    /// With a long record the prior has no influence, and a Gaussian posterior has its mean at its peak.
     #[test]
     fn with_much_data_the_peak_is_the_mean_of_exact_bayes() {
         with_record(3.0, 4, 4000, |record, _| {

@@ -16,7 +16,7 @@ use super::statistics::{Figure, geometric_mean, mean, paired_root_ratio, root_me
 use super::trial::Trial;
 use crate::study::Progress;
 
-/// The method that the others are compared with: the default of `plid run`.
+/// The method with which the others are compared: the default of `plid run`.
 pub const DEFAULT: Method = Method::Filter(ExpectationName::MomentMatched);
 
 /// The position of a cell in the study.
@@ -35,12 +35,12 @@ pub struct Cell<'a> {
 pub struct Score {
     /// Its name.
     pub method: String,
-    /// Runs in which the recursion broke down, P was no covariance or the equations had no solution; the figures are
+    /// Runs in which the recursion failed, P was not a covariance, or the equations had no solution; the figures are
     /// without them.
     pub lost: usize,
-    /// Runs whose model does worse in free run than no model at all.
+    /// Runs whose model has a larger free-run error than no model at all.
     pub useless: usize,
-    /// Normalised estimation error squared of all parameters, over their number: one for an honest P.
+    /// Normalised estimation error squared of all parameters, over their number: one for a consistent P.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub nees: Option<Figure>,
     /// The same of a_1 .. a_p alone.
@@ -53,13 +53,13 @@ pub struct Score {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rmse_b: Option<Figure>,
     /// The same over that of the reference, over the runs that both have, errors in the reference's standard
-    /// deviations: otherwise the few plants that hardly answer to the input would own the figure.
+    /// deviations: otherwise the few plants that hardly answer to the input would dominate the figure.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rmse_a_over_reference: Option<Figure>,
     /// The same over that of the default expectation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rmse_a_over_default: Option<Figure>,
-    /// Free-run error on inputs not seen, relative; geometric mean over runs, in which a useless model counts as one.
+    /// Relative free-run error on new inputs; geometric mean over runs, in which a useless model counts as one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub free_run: Option<Figure>,
     /// Free-run error over the default expectation's; geometric mean over the runs that both have, counted alike.
@@ -122,8 +122,8 @@ impl Cell<'_> {
         }
     }
 
-    /// What is compared here, and the reference among it. Batch estimates know the true Sigma, so one setting of it has
-    /// them.
+    /// The methods that are compared here, including the reference. Batch estimates know the true Sigma, so one setting
+    /// of it has them.
     fn methods(&self) -> (Vec<Method>, Option<Method>) {
         let mut methods: Vec<Method> = ExpectationName::all().into_iter().map(Method::Filter).collect();
         let reference = match self.plant {
@@ -151,8 +151,8 @@ impl Cell<'_> {
         (methods, reference)
     }
 
-    /// Does the runs, in parallel; the results do not depend on the number of threads. None where the user asks for an
-    /// end.
+    /// Carries out the runs in parallel; the results do not depend on the number of threads. None if the user asks for
+    /// an end.
     ///
     /// # Errors
     /// What the testbed says.
@@ -197,7 +197,7 @@ type Outcomes<'a> = &'a [Option<Outcome>];
 
 fn summarise(name: &str, own: Outcomes<'_>, best: Option<Outcomes<'_>>, default: Option<Outcomes<'_>>) -> Score {
     let all = |of: fn(&Outcome) -> f64| own.iter().flatten().map(of).filter(|x| x.is_finite()).collect::<Vec<f64>>();
-    // A model that is worse than none is not used: no model has an error of one.
+    // A model that is worse than no model counts as one, the error without a model.
     let free_run = |outcome: &Outcome| outcome.free_run.min(1.0);
     let ratio = |other: Option<Outcomes<'_>>| {
         let rows = own.iter().zip(other.unwrap_or_default()).enumerate();

@@ -6,9 +6,9 @@ use plid_core::{ImplicitModel, ObservableForm};
 use plid_testbed::OUTPUTS;
 use serde::{Deserialize, Serialize};
 
-/// The full study, as experiments/bench/expectations.toml has it.
+/// The full study, as in experiments/bench/expectations.toml.
 pub const FULL: &str = include_str!("../../../experiments/bench/expectations.toml");
-/// The study of at most five minutes, as experiments/bench/expectations-quick.toml has it.
+/// The study of at most five minutes, as in experiments/bench/expectations-quick.toml.
 pub const QUICK: &str = include_str!("../../../experiments/bench/expectations-quick.toml");
 
 /// A study of expectations. A cell is a plant, a signal-to-noise ratio and an assumed Sigma; all methods of a cell
@@ -20,7 +20,7 @@ pub struct Config {
     pub seed: u64,
     /// RMS of the response to the input over RMS of all noise in the outputs.
     pub signal_to_noise: Vec<f64>,
-    /// The part of that noise's power that state noise makes, for the scalar and the in-class plants; sensors make the
+    /// The share of that noise's power due to state noise, for the scalar and the in-class plants; sensors cause the
     /// rest.
     pub state_noise_share: f64,
     /// How P is carried.
@@ -31,7 +31,7 @@ pub struct Config {
     /// Plants of moderate order within the model class.
     #[serde(default)]
     pub in_class: Vec<InClass>,
-    /// The truss, which has more states than any model of it here.
+    /// The truss, which has more states than any model in the study.
     #[serde(default)]
     pub truss: Vec<Truss>,
 }
@@ -84,7 +84,7 @@ pub struct Truss {
     pub held_out_s: f64,
     /// The assumed Sigma over R.
     pub sigma_over_r: Vec<f64>,
-    /// The one of them at which the batch estimates are made too; left out, none.
+    /// The value at which batch estimates are also computed; by default none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub batch_at: Option<f64>,
 }
@@ -113,7 +113,7 @@ impl Config {
         ];
         let share = self.state_noise_share;
         all.push((!(0.0..=1.0).contains(&share)).then(|| ("state_noise_share", format!("{share} is not from 0 to 1"))));
-        // Names of plants are keys of cells: two of a kind with the same name would be one.
+        // The names of plants are keys of cells, so they must be unique.
         let names: Vec<String> = self.plants().map(|plant| plant.name()).collect();
         all.push(names.iter().duplicates().next().map(|name| {
             (if name.starts_with("truss") { "truss" } else { "in_class" }, format!("{name} stands twice"))
@@ -194,7 +194,7 @@ impl Plant<'_> {
         }
     }
 
-    /// The settings of Sigma that its cells have: told over true, or Sigma / R for the truss.
+    /// The settings of Sigma of its cells: assumed over true, or Sigma / R for the truss.
     pub fn sigmas(self) -> Vec<f64> {
         match self {
             Self::Scalar(plant) => plant.told_sigma.clone(),

@@ -1,4 +1,4 @@
-//! The estimates that are put beside each other, and what one of them makes of one run.
+//! The methods that are compared, and the result of a method on one run.
 
 use nalgebra::{DMatrix, DVector};
 use plid_catalogue::{CovarianceName, ExpectationName, Variant};
@@ -9,7 +9,7 @@ use super::grid::{ScalarPrior, ScalarRecord, exact_bayes};
 use super::prediction_error;
 use super::trial::Trial;
 
-/// One way to an estimate.
+/// A method of estimation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Method {
     /// The recursion with this expectation.
@@ -44,27 +44,27 @@ impl Method {
     }
 }
 
-/// What a method makes of a run.
+/// The result of a method on a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outcome {
-    /// Mean square error of the entries of a_1 .. a_p; NaN where the truth is not in the class.
+    /// Mean square error of the entries of a_1 .. a_p; NaN if the true plant is not in the model class.
     pub squared_a: f64,
     /// Mean square error of the entries of b_1 .. b_m.
     pub squared_b: f64,
-    /// e^T P^-1 e over its size, of all parameters; NaN where the method says no P or there is no truth.
+    /// e^T P^-1 e over its size, of all parameters; NaN if the method gives no P or there are no true parameters.
     pub nees: f64,
     /// The same of a_1 .. a_p alone.
     pub nees_a: f64,
-    /// The mean variance that the method gives the entries of a_1 .. a_p; NaN where it says none.
+    /// The mean variance that the method gives the entries of a_1 .. a_p; NaN if it gives none.
     pub variance_a: f64,
-    /// Free-run error on inputs not seen, relative; infinite where the model diverges.
+    /// Relative free-run error on new inputs; infinite if the model diverges.
     pub free_run: f64,
 }
 
 /// Parameters, and their covariance where the method has one.
 type Estimate = (Vec<f64>, Option<DMatrix<f64>>);
 
-/// Runs `method` on `trial`; none where the recursion breaks down or the equations have no solution.
+/// Runs `method` on `trial`; `None` if the recursion fails or the equations have no solution.
 pub fn run(method: Method, trial: &Trial, covariance: CovarianceName) -> Option<Outcome> {
     let (parameters, covariance) = estimate(method, trial, covariance)?;
     if !parameters.iter().all(|x| x.is_finite()) {
@@ -87,7 +87,7 @@ pub fn run(method: Method, trial: &Trial, covariance: CovarianceName) -> Option<
     outcome.squared_a = mean_square(&error.as_slice()[..of_a]);
     outcome.squared_b = mean_square(&error.as_slice()[of_a..]);
     if let Some(covariance) = covariance {
-        // A covariance without a Cholesky factor is none: the run is lost.
+        // A matrix without a Cholesky factor is not a covariance: the run has failed.
         outcome.nees = nees(&error, &covariance)?;
         let part = covariance.view((0, 0), (of_a, of_a)).into_owned();
         outcome.nees_a = nees(&error.rows(0, of_a).into_owned(), &part)?;
@@ -124,7 +124,7 @@ fn estimate(method: Method, trial: &Trial, covariance: CovarianceName) -> Option
             Some(alone(batch::most_probable(&record(false)?, &prior, Knowledge::Prior, points)))
         }
         Method::MaximumPosterior(None) => {
-            // From the moment-matched recursion's end, but with the first state that P0 supposes.
+            // The end of the moment-matched recursion, but with the initial state assumed by P0.
             let n = trial.form.states();
             let variant = Variant { covariance, expectations: ExpectationName::MomentMatched, ..Variant::default() };
             let mut start = trial.settings.initial_estimate[..n].to_vec();

@@ -26,7 +26,7 @@ use crate::study::{Journal, Machine, Progress, StudyError, to_toml, write, write
 pub struct Study {
     /// All cells.
     pub cells: Vec<Finished>,
-    /// What they say, in sentences.
+    /// The results in sentences.
     pub verdict: Vec<String>,
 }
 

@@ -11,11 +11,11 @@ use super::grid::ScalarPrior;
 use super::trial::{InClass, Trial, normal, white};
 use plid_model::signal::rms;
 
-/// Samples of the record that no estimate has seen.
+/// Samples of the record that is not used for estimation.
 const HELD_OUT: usize = 1000;
 /// Spectral radii of modes.
 const RADII: (f64, f64) = (0.90, 0.98);
-/// No entry of a column a_i may be larger: beyond it the outputs hardly tell the states apart, and another plant is
+/// No entry of a column a_i may be larger: beyond it the plant is nearly unobservable, and another plant is
 /// drawn.
 const LARGEST_ENTRY: f64 = 3.0;
 
@@ -24,7 +24,7 @@ const LARGEST_ENTRY: f64 = 3.0;
 pub struct Loudness {
     /// RMS of the response to the input over RMS of all noise in the outputs.
     pub signal_to_noise: f64,
-    /// The part of the noise's power in the outputs that state noise makes; sensors make the rest.
+    /// The share of the noise's power in the outputs due to state noise; sensors cause the rest.
     pub state_share: f64,
     /// The assumed Sigma over the true one.
     pub told_factor: f64,
@@ -80,7 +80,7 @@ fn finish(
 /// X of X = A X A^T + Q for a stable A, by doubling.
 fn stationary(a: &DMatrix<f64>, q: &DMatrix<f64>) -> DMatrix<f64> {
     let (mut power, mut sum) = (a.clone(), q.clone());
-    // 2^40 samples: a mode that has not settled by then is not stable.
+    // 2^40 samples: a mode that has not settled by then is unstable.
     for _ in 0..40 {
         let more = &power * &sum * power.transpose();
         if more.norm() <= 1e-15 * sum.norm() {
@@ -115,8 +115,8 @@ fn modal(n: usize, m: usize, p: usize, rng: &mut ChaCha8Rng) -> [DMatrix<f64>; 3
     [a, b, c]
 }
 
-/// The parameters [a_1; ..; b_m] of a plant in the form with p equal indices; none where the outputs do not tell its
-/// states apart.
+/// The parameters [a_1; ..; b_m] of a plant in the form with p equal indices; `None` if the plant is not
+/// observable.
 fn canonical(a: &DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>, form: &ObservableForm) -> Option<Vec<f64>> {
     let (n, p) = (form.states(), form.outputs());
     let each = n / p;
@@ -155,8 +155,8 @@ pub fn matrices(form: &ObservableForm, parameters: &[f64]) -> (DMatrix<f64>, DMa
     (a, c)
 }
 
-/// A random plant of lightly damped modes in the form with equal indices. The first estimate lies about the truth as P0
-/// says, so that an honest filter's NEES is one from the start.
+/// A random plant of lightly damped modes in the form with equal indices. The first estimate is scattered about the
+/// truth as P0 states, so the NEES of a consistent filter is one from the start.
 pub fn in_class(form: &ObservableForm, loudness: Loudness, initial_std: f64, steps: usize, seed: u64) -> Trial {
     let (n, m, p) = (form.states(), form.inputs(), form.outputs());
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -222,7 +222,7 @@ pub fn truss(
         *level *= factor;
     }
     let learnt = simulate(&config)?;
-    // Seeds of studies are small numbers: this one is nobody's.
+    // Studies use small seeds, so this one is not used elsewhere.
     let other = simulate(&TrussConfig { duration_s: held_out_s, seed: seed + (1 << 40), ..config })?;
     let form = ObservableForm::balanced(states, OUTPUTS, INPUTS).expect("a config has been checked");
     let sensor = learnt.truth.noise.sensor.diagonal();
@@ -288,7 +288,7 @@ mod tests {
         let trial = truss(12, 3.0, 1e-3, [1.0, 0.1], 1).unwrap();
         let clean = simulate(&TrussConfig { duration_s: 1.0, ..TrussConfig::default() }).unwrap().noise_free;
         let noise = rms(&(&trial.outputs - &clean));
-        // The ambient force's narrow-band motion has not many independent samples in a second.
+        // The narrow-band motion due to the ambient force has few independent samples per second.
         assert!((rms(&clean) / noise / 3.0 - 1.0).abs() < 0.2, "{}", rms(&clean) / noise);
     }
 }

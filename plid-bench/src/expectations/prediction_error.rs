@@ -13,7 +13,7 @@ use super::trial::Trial;
 const BLOCK: usize = 1000;
 /// The starts are near the minimum, so the first step is nearly a Gauss-Newton step.
 const DAMPING: Damping = Damping { start: 1e-4, shrink: 0.1, grow: 10.0, least: 0.0, tries: 10, factors: &[1.0] };
-/// The cost is half a sum of squared standard errors; steps that lower it by less are of no interest.
+/// The cost is half a sum of squared standard errors; smaller decreases do not matter.
 const STOP: Stop = Stop { steps: 20, gain: 1e-3, patience: 1 };
 /// A prediction beyond this many standard deviations of the innovation has diverged.
 const UNBOUNDED: f64 = 1e8;
@@ -33,7 +33,7 @@ pub fn least_squares(trial: &Trial) -> Option<Vec<f64>> {
             if signal < p { trial.outputs[(at, signal)] } else { trial.inputs[(at, signal - p)] }
         });
         let y = DMatrix::from_fn(rows.len(), p, |row, i| trial.outputs[(rows[row], i)]);
-        // As a product of matrices, which is blocked; tr_mul goes by dot products.
+        // As a matrix product, which is blocked; `tr_mul` uses scalar products.
         let transposed = regressors.transpose();
         normal += &transposed * &regressors;
         right += transposed * y;
@@ -176,7 +176,7 @@ impl<'a> Problem<'a> {
         Some(())
     }
 
-    /// Minus the logarithm of the posterior density, but for a constant; none where the plant has no stable predictor.
+    /// The negative logarithm of the posterior density, up to a constant; `None` if the plant has no stable predictor.
     fn surprise(&self, s: &DVector<f64>) -> Option<f64> {
         let predictor = self.predictor(s)?;
         let mut squares = self.outputs.nrows() as f64 * predictor.log_determinant;
@@ -284,7 +284,7 @@ mod tests {
         }
     }
 
-    /// The derivative against differences of the whitened predictions, the gain held: by a plant whose gain is zero.
+    /// Compares the derivative with finite differences of the whitened predictions, for a plant whose gain is zero.
     #[test]
     fn the_normal_equations_are_those_of_the_numerical_derivative() {
         let form = ObservableForm::new(&[2, 2], 1).unwrap();
@@ -318,7 +318,7 @@ mod tests {
         assert!((&right - &expected).norm() < 1e-6 * expected.norm());
     }
 
-    /// Of the scalar plant it is the exact maximum a posteriori, but for the filter's settling.
+    /// For the scalar plant it is the exact maximum a posteriori, apart from the filter's transient.
     #[test]
     fn of_the_scalar_plant_it_is_the_peak_of_the_posterior() {
         let prior = ScalarPrior::default();
@@ -329,7 +329,8 @@ mod tests {
             let (z, u) = (trial.outputs.as_slice().unwrap(), trial.inputs.as_slice().unwrap());
             let record = ScalarRecord { z, u, sensor: noise.sensor.at(0, 0), state: noise.state.at(0, 0) };
             let exact = batch::most_probable(&record, &prior, Knowledge::Prior, 40);
-            // The gradient leaves the gain's dependence out: that moves the end by a part of a standard deviation.
+            // The gradient neglects the gain's dependence, which moves the result by a fraction of a standard
+            // deviation.
             let [aa, _, bb] = exact_bayes(&record, &prior, 60).covariance;
             let off = [(found[1] - exact[0]) / aa.sqrt(), (found[2] - exact[1]) / bb.sqrt()];
             assert!(off.iter().all(|x| x.abs() < 0.6), "{off:?}");

@@ -82,7 +82,8 @@ fn in_class(mut report: Report, config: &Config, name: &str, own: &[&Finished]) 
             "Normalised estimation error squared over the number of parameters, with the true Sigma. Values above one \
              mean overconfidence.",
         );
-        // The batch estimates without a prior or with biased equations are in the table: they would own the axis.
+        // The batch estimates without a prior or with biased equations are in the table: they would determine the range
+        // of the axis.
         let batch = ["batch-maximum-posterior", "batch-maximum-likelihood"];
         let reference = right[0].reference.clone().unwrap_or_default();
         let lines = with(&right, &batch, &|s| s.rmse_a_over_reference);

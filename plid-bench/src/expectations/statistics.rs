@@ -57,7 +57,7 @@ pub fn paired_root_ratio(squares: &[f64], reference: &[f64]) -> Option<Figure> {
     Some(Figure { value, error: value * mean(&differences)?.error })
 }
 
-/// Geometric mean: free-run errors of runs differ by factors, and a few poor ones would own an ordinary mean.
+/// Geometric mean: free-run errors of runs differ by factors, and a few poor ones would dominate an arithmetic mean.
 pub fn geometric_mean(values: &[f64]) -> Option<Figure> {
     let logs: Vec<f64> = values.iter().map(|v| v.ln()).collect();
     let Figure { value, error } = mean(&logs)?;
@@ -65,7 +65,7 @@ pub fn geometric_mean(values: &[f64]) -> Option<Figure> {
 }
 
 /// The interval that holds the mean over `runs` runs of a chi-square with `dimensions` degrees of freedom, over these,
-/// with probability 0.95: where the NEES of an honest filter lies.
+/// with probability 0.95: which contains the NEES of a consistent filter.
 pub fn consistent_band(runs: usize, dimensions: usize) -> Option<(f64, f64)> {
     let freedom = (runs * dimensions) as f64;
     let chi = ChiSquared::new(freedom).ok()?;

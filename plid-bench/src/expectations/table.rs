@@ -6,7 +6,7 @@ use super::cell::{Finished, Score};
 use super::config::{Config, Plant};
 use super::statistics::{Figure, consistent_band};
 
-/// A row of expectations.csv. `_error` is a standard error; an empty field is a figure that there cannot be.
+/// A row of expectations.csv. `_error` is a standard error; an empty field is a figure that does not exist.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
     plant: String,
@@ -38,7 +38,7 @@ pub struct Row {
     free_run_over_default_error: Option<f64>,
 }
 
-/// Where the NEES of an honest filter lies in a cell, with probability 0.95; none for the truss.
+/// The interval that contains the NEES of a consistent filter with probability 0.95; `None` for the truss.
 pub fn band(config: &Config, cell: &Finished) -> Option<(f64, f64)> {
     let parameters = match config.plants().find(|plant| plant.name() == cell.plant)? {
         Plant::Scalar(_) => 2,
@@ -56,7 +56,7 @@ pub fn rows(config: &Config, cells: &[Finished]) -> Vec<Row> {
 fn row(cell: &Finished, score: &Score, band: Option<(f64, f64)>) -> Row {
     let value = |figure: Option<Figure>| figure.map(|f| f.value);
     let error = |figure: Option<Figure>| figure.map(|f| f.error);
-    // The band is for methods that say a covariance.
+    // The band is for methods that give a covariance.
     let band = band.filter(|_| score.nees.is_some());
     Row {
         plant: cell.plant.clone(),

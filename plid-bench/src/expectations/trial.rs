@@ -17,11 +17,11 @@ pub struct Trial {
     pub outputs: Array2<f64>,
     /// The noise covariances that the recursion assumes.
     pub told: NoiseModel,
-    /// The noise covariances as they are, where the plant is in the model class.
+    /// The true noise covariances, if the plant is in the model class.
     pub true_noise: Option<NoiseModel>,
     /// First estimate and P0.
     pub settings: Settings,
-    /// The true parameters [a_1; ..; a_p; b_1; ..; b_m], where the plant is in the model class.
+    /// The true parameters [a_1; ..; a_p; b_1; ..; b_m], if the plant is in the model class.
     pub truth: Option<Vec<f64>>,
     /// Inputs of another record (samples x m), and the true plant's response to them from rest without any noise
     /// (samples x p).
@@ -74,7 +74,7 @@ impl InClass {
         outputs
     }
 
-    /// R and Sigma, the latter `factor` times what it is.
+    /// R, and Sigma multiplied by `factor`.
     pub fn noise(&self, factor: f64) -> NoiseModel {
         let (n, m, p) = (self.form.states(), self.form.inputs(), self.form.outputs());
         NoiseModel::diagonal(&vec![self.sensor; p], &vec![0.0; m], &vec![factor * self.state; n])

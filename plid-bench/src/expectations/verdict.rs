@@ -1,4 +1,4 @@
-//! What the cells say, in sentences.
+//! The results of the cells in sentences.
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
@@ -23,7 +23,7 @@ pub fn names() -> Vec<&'static str> {
     ExpectationName::all().into_iter().map(ExpectationName::as_str).collect()
 }
 
-/// Whether a ratio over so many runs is far enough from one, and surely so.
+/// Whether a ratio over so many runs differs from one by enough, and significantly.
 fn matters(ratio: Option<Figure>, runs: usize) -> bool {
     let Ok(student) = StudentsT::new(0.0, 1.0, (runs.max(2) - 1) as f64) else { return false };
     let errors = student.inverse_cdf(1.0 - CHANCE / 2.0);
@@ -52,7 +52,7 @@ pub struct Standing {
     pub name: &'static str,
     /// Least and largest NEES over the cells with the true Sigma.
     pub nees: Option<(f64, f64)>,
-    /// The factor by which its NEES misses one in these cells, geometric mean.
+    /// The factor by which its NEES differs from one in these cells, geometric mean.
     pub miss: Option<f64>,
     /// Least and largest rmse of a over the reference's in these cells.
     pub rmse_a: Option<(f64, f64)>,
@@ -88,7 +88,7 @@ fn places(cells: &[Finished]) -> Vec<(&str, f64)> {
     places
 }
 
-/// How each of the five did.
+/// The results of each of the five.
 pub fn standings(cells: &[Finished]) -> Vec<Standing> {
     let truss: Vec<(&str, f64)> = places(cells).into_iter().filter(|(plant, _)| plant.starts_with("truss")).collect();
     names()
@@ -206,7 +206,7 @@ fn centre<'a>(cells: &'a [Finished], plant: &str, signal_to_noise: f64) -> Optio
     cells.iter().find(|cell| cell.plant == plant && cell.signal_to_noise == signal_to_noise && cell.sigma == 1.0)
 }
 
-/// How much free-run error hangs on the expectation and how much on Sigma.
+/// How much the free-run error depends on the expectation and on Sigma.
 fn against_sigma(cells: &[Finished]) -> Option<String> {
     let (mut choices, mut sigmas, mut choices_beyond) = (Vec::new(), Vec::new(), Vec::new());
     for (plant, snr) in places(cells) {
@@ -265,7 +265,7 @@ mod tests {
 
     #[test]
     fn accuracy_comes_first_and_honesty_among_equals() {
-        // prior is best by far in free run; then joint-ekf is alike and more honest.
+        // prior has by far the smallest free-run error; then joint-ekf is equivalent and more consistent.
         let far = [(3.0, 0.08, 0.8), (3.0, 0.1, 1.0), (1.0, 0.1, 1.0), (1.0, 0.1, 1.0), (1.0, 0.1, 1.0)];
         assert_eq!(recommended(&standings(&[cell("scalar", 1.0, 1.0, far)])).unwrap().name, "prior");
         let near = [(3.0, 0.1, 0.99), (3.0, 0.1, 1.0), (2.0, 0.1, 1.0), (2.0, 0.1, 1.0), (0.9, 0.1, 1.0)];

@@ -88,7 +88,7 @@ pub fn scalar_bytes(scalar: ScalarName) -> usize {
     }
 }
 
-/// All conditional expectations, those that ask least of a step first.
+/// All conditional expectations, in the order of the operations that they need.
 pub fn expectations() -> Vec<ExpectationName> {
     let flops = |expectations: ExpectationName| -> f64 {
         let cell = Cell::plain(24, CovarianceName::default(), expectations);
@@ -99,7 +99,7 @@ pub fn expectations() -> Vec<ExpectationName> {
     all
 }
 
-/// The word by which a config names a value.
+/// The name of a value in a config.
 pub fn word(name: &impl Serialize) -> String {
     match serde_json::to_value(name) {
         Ok(serde_json::Value::String(word)) => word,

@@ -9,7 +9,7 @@ use crate::study::StudyError;
 
 /// Changes smaller than this are not reported, even if they are significant.
 pub const TOLERANCE: f64 = 0.10;
-/// How many standard errors a change must be away from none.
+/// The smallest change that counts, in standard errors.
 const ERRORS: f64 = 3.0;
 /// Standard error of a median over that of a mean, for normal scatter.
 const MEDIAN: f64 = 1.2533;
@@ -44,7 +44,7 @@ pub struct Change {
     pub threshold: f64,
 }
 
-/// A former run's speed.json.
+/// The speed.json of an earlier run.
 ///
 /// # Errors
 /// A file that cannot be read, or is not one of these.

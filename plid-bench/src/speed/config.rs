@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 use super::cell::Cell;
 use crate::Noise;
 
-/// The full study, as experiments/bench/speed.toml has it.
+/// The full study, as in experiments/bench/speed.toml.
 pub const FULL: &str = include_str!("../../../experiments/bench/speed.toml");
-/// The study of about two minutes, as experiments/bench/speed-quick.toml has it.
+/// The study of about two minutes, as in experiments/bench/speed-quick.toml.
 pub const QUICK: &str = include_str!("../../../experiments/bench/speed-quick.toml");
 
 /// A speed study.

@@ -14,7 +14,7 @@ use crate::Workload;
 /// As a visit.
 pub fn count(cell: &Cell, workload: &Workload<'_>) -> Result<Operations, VisitError> {
     let recursion = workload.build(|form, noise, settings| {
-        // A P0 without zeros: what skips zeros is not to find them.
+        // A P0 without zeros, so that kernels that skip zeros skip nothing.
         let size = form.joint_states();
         let full = Dense::from_fn(size, size, |i, j| if i == j { 1.0 } else { 0.5 / size as f64 });
         let settings = Settings { initial_covariance: InitialCovariance::Full(full), ..settings.clone() };

@@ -7,7 +7,7 @@ use std::time::Instant;
 use multiversion::multiversion;
 use plid_core::Scalar;
 
-/// x <- a x + b for every entry: what no step that reads and writes all of P can be faster than.
+/// x <- a x + b for every entry: no step that reads and writes all of P can be faster.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+fma", "x86_64+avx2+fma"))]
 fn sweep<S: Scalar>(x: &mut [S], a: S, b: S) {
     for x in x {
@@ -40,7 +40,7 @@ fn multiply_and_add<S: Scalar>(sums: &mut [S; SUMS], rounds: usize, a: S, b: S) 
     *sums = inside;
 }
 
-/// An N x N matrix that is gone over again and again. Its entries converge to 1, so that they stay ordinary numbers.
+/// An N x N matrix that is traversed repeatedly. Its entries converge to 1, so that they stay ordinary numbers.
 pub struct Pass<S> {
     matrix: Vec<S>,
     size: usize,
@@ -54,13 +54,13 @@ impl<S: Scalar> Pass<S> {
         Self { matrix: vec![S::zero(); size * size], size, a: S::from_f64(0.9), b: S::from_f64(0.1) }
     }
 
-    /// Goes over the whole matrix once, reading and writing.
+    /// Reads and writes the whole matrix once.
     pub fn full(&mut self) {
         sweep(&mut self.matrix, self.a, self.b);
         black_box(&mut self.matrix);
     }
 
-    /// Goes over the lower triangle once, reading and writing.
+    /// Reads and writes the lower triangle once.
     pub fn triangle(&mut self) {
         sweep_triangle(&mut self.matrix, self.size, self.a, self.b);
         black_box(&mut self.matrix);

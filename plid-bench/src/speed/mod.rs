@@ -49,7 +49,7 @@ enum Entry {
 /// Length of the truss's record, s.
 const RECORD_S: f64 = 1.0;
 
-/// What is measured, in the order of a round.
+/// The measurements, in the order of a round.
 #[derive(Clone, Debug)]
 enum Item {
     Peak(ScalarName),
@@ -156,6 +156,6 @@ pub fn write_all(outcome: &Outcome, peers: Option<&peers::Peers>, directory: &Pa
     write_json(&directory.join("machine.json"), &outcome.machine)?;
     write_csv(&directory.join("speed.csv"), outcome.rows())?;
     write(&directory.join("report.html"), report::page(outcome, peers).to_html())?;
-    // Last, so that its presence says that the others are there.
+    // Written last, so that its presence means that the other files exist.
     write_json(&directory.join("speed.json"), outcome)
 }

@@ -220,12 +220,12 @@ impl Outcome {
     }
 }
 
-/// All that was measured, by key, in the order of the rounds.
+/// All measurements, by key, in the order of the rounds.
 #[derive(Debug, Default)]
 pub struct Found(BTreeMap<String, Vec<Entry>>);
 
 impl Found {
-    /// Takes the measurement of a round.
+    /// Adds the measurement of a round.
     pub fn take(&mut self, key: String, entry: Entry) {
         self.0.entry(key).or_default().push(entry);
     }
@@ -234,7 +234,7 @@ impl Found {
         self.0.get(key).into_iter().flatten().filter_map(pick).collect()
     }
 
-    /// What follows from it.
+    /// Derived figures.
     pub fn outcome(
         &self,
         config: &Config,
@@ -394,7 +394,7 @@ mod tests {
     }
 }
 
-/// Made-up outcomes for the tests of what is made of them.
+/// Artificial outcomes for tests.
 #[cfg(test)]
 pub mod testing {
     use super::*;

@@ -154,7 +154,7 @@ impl Outcome {
         write_json(&directory.join("machine.json"), &self.machine)?;
         write_csv(&directory.join("stability.csv"), self.cells.iter().map(Row::of))?;
         write(&directory.join("report.html"), report::page(self).to_html())?;
-        // Last, so that its presence says that the others are there.
+        // Written last, so that its presence means that the other files exist.
         let path = directory.join("stability.json");
         write_json(&path, &self.json().map_err(StudyError::not_finite(&path))?)
     }
