@@ -50,7 +50,7 @@
 //!
 //! | feature | adds |
 //! |---|---|
-//! | `nalgebra`, `faer` (default) | backends on these libraries of matrices |
+//! | `nalgebra` (default), `faer` | backends on these libraries of matrices |
 //! | `threads` | a backend on two threads; the search for noise covariances on all |
 //! | `signal` | spectra, correlations and error measures of records |
 //! | `refine` | models refined for simulation |
