@@ -7,7 +7,8 @@ group! {
     AnswerSettings {
         /// Remaining gap, over the gap as given, below which what remains is called small.
         small_remainder: f64 = 0.1, "1", 0.0..=1.0;
-        /// Gap with the effects, over the noise, above which a share of the output is said to remain unexplained.
+        /// Gap with the effects, over the noise, above which the answer states that a share of the output remains
+        /// unexplained.
         unexplained: f64 = 1.1, "1", 1.0..=1e6;
         /// Gap as given, over the noise, below which the gap is noise.
         noise_only: f64 = 1.1, "1", 1.0..=1e6;

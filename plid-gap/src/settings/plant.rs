@@ -27,7 +27,7 @@ group! {
         kind_distance: f64 = 0.5, "1", 0.0..=1.0;
         /// Largest ratio of that distance to the distance of the next kind.
         kind_ratio: f64 = 0.5, "1", 0.0..=1.0;
-        /// Largest distance of a response from the derivative of what is said to be its integral, such as the
+        /// Largest distance of a response from the derivative of its presumed integral, such as the
         /// displacement at a port whose velocity is measured. Exact simulations have none, and one that was identified
         /// from records a little; a motor, whose position is no combination of its states, has nearly one.
         port_distance: f64 = 0.1, "1", 0.0..=1.0;
