@@ -1,5 +1,5 @@
-//! The book and the README hold together: every chapter exists and is listed, every link and every include leads
-//! somewhere.
+//! The book and the README are consistent: every chapter exists and is listed, every link and every include leads
+//! somewhere, and every command names targets that exist.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -116,6 +116,39 @@ fn links_and_includes_of_the_book_lead_somewhere() {
 fn links_of_the_readme_lead_somewhere() {
     let dead = dead_ends(&root().join("README.md"));
     assert!(dead.is_empty(), "{dead:#?}");
+}
+
+/// The names after `flag` in all commands of `text`, such as `nist` for `--test`.
+fn named<'t>(text: &'t str, flag: &str) -> Vec<&'t str> {
+    let words: Vec<&str> = text.split_whitespace().collect();
+    let after = words.windows(2).filter(|pair| pair[0] == flag).map(|pair| pair[1]);
+    after.map(|name| name.trim_matches(|c: char| !(c.is_alphanumeric() || "_-".contains(c)))).collect()
+}
+
+/// Whether a package of the workspace has a target of this name in `folder`: a file or a folder, or a target that its
+/// manifest names.
+fn has_target(folder: &str, name: &str) -> bool {
+    let packages = fs::read_dir(root()).expect("the root is a folder").map(|entry| entry.expect("readable").path());
+    let declared = format!("name = \"{name}\"");
+    packages.chain([root()]).any(|package| {
+        let at = package.join(folder);
+        let manifest = fs::read_to_string(package.join("Cargo.toml")).unwrap_or_default();
+        at.join(format!("{name}.rs")).exists() || at.join(name).join("main.rs").exists() || manifest.contains(&declared)
+    })
+}
+
+#[test]
+fn tests_examples_and_benches_in_commands_exist() {
+    let files = chapters().into_iter().map(|name| root().join("docs").join(name)).chain([root().join("README.md")]);
+    let mut missing = Vec::new();
+    for file in files {
+        let text = read(&file);
+        for (flag, folder) in [("--test", "tests"), ("--example", "examples"), ("--bench", "benches")] {
+            let absent = named(&text, flag).into_iter().filter(|name| !has_target(folder, name));
+            missing.extend(absent.map(|name| format!("{}: {flag} {name}", file.display())));
+        }
+    }
+    assert!(missing.is_empty(), "{missing:#?}");
 }
 
 /// The checks above find what they are there to find.
