@@ -1,6 +1,6 @@
 //! The program as a user meets it: files in, files out, exit status, messages.
 
-mod common;
+use crate::common;
 
 use std::path::Path;
 use std::process::{Command, Stdio};

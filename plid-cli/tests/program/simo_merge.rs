@@ -1,6 +1,6 @@
 //! SIMO runs merged: the truss at 30 states, with what it is to reach, and the command.
 
-mod common;
+use crate::common;
 
 use std::fmt::Write;
 use std::path::Path;

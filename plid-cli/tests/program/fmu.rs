@@ -1,8 +1,8 @@
 //! FMUs in the program, which runs them in a child process. The tests need a C compiler and are skipped, visibly,
 //! without.
 
-mod common;
-#[path = "../../plid-fmu/tests/common/mod.rs"]
+use crate::common;
+#[path = "../../../plid-fmu/tests/common/mod.rs"]
 mod oscillator;
 
 use std::fmt::Write;

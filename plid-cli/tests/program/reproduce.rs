@@ -1,6 +1,6 @@
 //! `plid reproduce` as a user meets it.
 
-mod common;
+use crate::common;
 
 use common::plid;
 

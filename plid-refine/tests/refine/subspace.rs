@@ -1,6 +1,6 @@
 //! The subspace estimate on plants with known parameters.
 
-mod common;
+use crate::common;
 
 use common::{Data, options, plant, response_difference};
 use nalgebra::DVector;

@@ -1,6 +1,6 @@
 //! `plid gap` as a user meets it: a case in files, the answer in files, the prediction on a new input.
 
-mod common;
+use crate::common;
 
 use std::fmt::Write;
 use std::path::Path;

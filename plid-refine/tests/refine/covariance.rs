@@ -1,6 +1,6 @@
 //! Compares the stated covariance with the scatter of the estimates over seeds.
 
-mod common;
+use crate::common;
 
 use common::{Data, options, plant, silent};
 use plid_model::frequency_response;

@@ -1,6 +1,6 @@
 //! Noise-free records determine the system exactly.
 
-mod common;
+use crate::common;
 
 use common::{Data, plant, response_difference};
 use nalgebra::{DMatrix, DVector};

@@ -1,6 +1,6 @@
 //! `plid gap trial` as a user meets it.
 
-mod common;
+use crate::common;
 
 use std::fs;
 use std::path::Path;

@@ -1,6 +1,6 @@
 //! The refinement on plants with known parameters.
 
-mod common;
+use crate::common;
 
 use common::{Data, options, plant, response_difference, silent, spoilt};
 use nalgebra::DVector;

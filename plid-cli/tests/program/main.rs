@@ -1,0 +1,10 @@
+//! The program, started as a user starts it. One binary for all of its tests is linked once.
+
+mod cli;
+mod common;
+mod documented;
+mod fmu;
+mod gap;
+mod reproduce;
+mod simo_merge;
+mod trial;

@@ -1,0 +1,5 @@
+//! Experiments, from config to report.
+
+mod merge;
+mod refinement;
+mod run;

@@ -1,0 +1,4 @@
+//! The kit from outside.
+
+mod expectation;
+mod form;

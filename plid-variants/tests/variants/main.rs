@@ -1,0 +1,6 @@
+//! The built-in forms and expectations.
+
+mod algebra;
+mod conformance;
+mod errors;
+mod recovery;
