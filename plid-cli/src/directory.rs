@@ -1,4 +1,4 @@
-//! The directory that takes the results.
+//! The directory for the results.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -8,13 +8,13 @@ use plid::lab::report::file_name;
 
 use super::Failure;
 
-/// The output directory of work that can be interrupted, and what it may hold already.
+/// The output directory of work that can be interrupted, and the content that it may already have.
 #[derive(clap::Args)]
 pub struct Output {
     /// Output directory [default: out/NAME; a study's name is bench-STUDY].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Continue what was interrupted from what it left in the output directory, without repeating finished work.
+    /// Continue interrupted work in the output directory, without repeating finished parts.
     #[arg(long)]
     pub resume: bool,
     /// Write into a directory that is not empty.

@@ -1,4 +1,4 @@
-//! What went wrong, and the exit status that it has: 1 the work failed, 2 the arguments or a file are wrong.
+//! Failures and their exit status: 1 if the work failed, 2 if the arguments or a file are wrong.
 
 use std::fmt::Display;
 use std::io::{self, ErrorKind, IsTerminal, Write};
@@ -50,7 +50,7 @@ impl Failure {
         }
     }
 
-    /// Says what is wrong on standard error, and gives the exit status.
+    /// Prints the error on standard error and returns the exit status.
     pub fn show(&self) -> u8 {
         let (Self::Work(report) | Self::Input(report)) = self;
         // A terminal gets the text with the place marked; a log gets a line.
@@ -60,7 +60,7 @@ impl Failure {
             let help = report.help().map(|help| format!(" ({help})")).unwrap_or_default();
             format!("plid: {report}{help}")
         };
-        // The status still tells where nobody listens.
+        // Without a reader, the status still shows the failure.
         let _ = writeln!(io::stderr(), "{text}");
         if matches!(self, Self::Work(_)) { 1 } else { 2 }
     }

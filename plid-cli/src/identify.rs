@@ -96,14 +96,14 @@ pub struct Arguments {
     output: Output,
 }
 
-/// A word as an experiment file has it.
+/// A word as in an experiment file.
 pub(super) fn parse<T: serde::de::DeserializeOwned>(word: &str) -> Result<T, String> {
     use serde::de::IntoDeserializer;
     let word: serde::de::value::StrDeserializer<'_, serde::de::value::Error> = word.into_deserializer();
     T::deserialize(word).map_err(|e| e.to_string())
 }
 
-/// No record has so many columns; a longer range is a slip.
+/// No record has so many columns; a longer range is a mistake.
 const LONGEST_RANGE: usize = 10_000;
 
 /// `u1,u2`, or ranges of numbers such as `3-5`.

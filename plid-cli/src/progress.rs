@@ -12,10 +12,10 @@ static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 pub struct Bar(ProgressBar);
 
 impl Bar {
-    /// A bar that is hidden where nobody looks; from here on the first Ctrl-C asks for an orderly end, the second one
-    /// ends at once.
+    /// Creates a bar, hidden if there is no terminal. From here on the first Ctrl-C requests an orderly end, and the
+    /// second one ends the program immediately.
     pub fn new(quiet: bool) -> Self {
-        // Without a handler Ctrl-C ends the program, as ever.
+        // Without a handler, Ctrl-C ends the program as usual.
         let _ = ctrlc::set_handler(|| {
             if INTERRUPTED.swap(true, Ordering::SeqCst) {
                 std::process::exit(130);
@@ -30,7 +30,7 @@ impl Bar {
         Self(bar)
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub fn finish(&self) {
         self.0.finish_and_clear();
     }
@@ -53,12 +53,11 @@ impl Progress for Bar {
     }
 }
 
-/// A line on standard error that says what is being done, where the length of the work is not known before.
+/// A line on standard error about the current work, whose length is not known in advance.
 pub struct Spinner;
 
 impl Spinner {
-    /// Does `work`, which says on the line what it is doing, and takes the line away. The line is hidden where nobody
-    /// looks.
+    /// Does `work`, which reports on the line, and then removes the line. It is hidden if there is no terminal.
     pub fn during<T>(quiet: bool, work: impl FnOnce(&mut dyn FnMut(String)) -> T) -> T {
         let shown = !quiet && std::io::stderr().is_terminal();
         let line = if shown { ProgressBar::new_spinner() } else { ProgressBar::hidden() };

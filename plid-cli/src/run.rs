@@ -59,7 +59,7 @@ pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
     carry_out(&experiment, base, &out, resume, voice)
 }
 
-/// Carries out an experiment and says in short what came of it.
+/// Carries out an experiment and prints a summary.
 pub fn carry_out(experiment: &Experiment, base: &Path, out: &Path, resume: bool, voice: Voice) -> Result<(), Failure> {
     let bar = Bar::new(voice.quiet || voice.json);
     let outcome = directory::with(out, || {

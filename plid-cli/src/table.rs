@@ -39,17 +39,18 @@ pub fn require_rate(table: &Table, input: &Path, model_hz: f64, of: &Path) -> Re
     Err(ModelError::Rate { record, record_hz, model, model_hz }.into())
 }
 
-/// Whether two paths lead to one file that is there.
+/// Whether two paths lead to the same existing file.
 pub fn same_file(a: &Path, b: &Path) -> bool {
     matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }
 
-/// The columns `names` of a table, in that order, every value finite.
+/// The columns `names` of a table, in that order, with finite values.
 pub fn pick(table: &Table, names: &[String]) -> Result<Array2<f64>, Failure> {
     Ok(data::channels(table, names, MissingPolicy::Error)?)
 }
 
-/// Writes columns under their names as CSV, whole or not at all. A value that is no number is refused by its place.
+/// Writes columns under their names as CSV, whole or not at all. A value that is not a number is an error with its
+/// position.
 pub fn write_csv(path: &Path, names: &[String], values: &Array2<f64>) -> Result<(), Failure> {
     if let Some(((row, column), value)) = values.indexed_iter().find(|(_, value)| !value.is_finite()) {
         let (path, name) = (path.display(), &names[column]);

@@ -1,4 +1,4 @@
-//! `plid validate`: models beside each other on records, as MATLAB's `compare`.
+//! `plid validate`: a comparison of models on records, like MATLAB's `compare`.
 
 use std::path::{Path, PathBuf};
 
@@ -114,7 +114,7 @@ fn remove_means(columns: &mut Array2<f64>) {
     }
 }
 
-/// Writes both files or none.
+/// Writes both files or neither.
 fn write(out: &Path, page: &str, json: &str) -> std::io::Result<()> {
     let staged = Staged::new(out)?;
     write_atomic(&staged.path().join("report.html"), page.as_bytes())?;
@@ -144,7 +144,7 @@ fn beside(comparison: &Comparison, models: &[String]) -> String {
     text
 }
 
-/// The rows of one kind of run, one run a model; none where no model has it.
+/// The rows of one kind of run, one run a model; `None` if no model has it.
 fn rows(kind: &str, runs: &[Option<&Run>]) -> String {
     if runs.iter().all(Option::is_none) {
         return String::new();

@@ -1,4 +1,4 @@
-//! `plid bench`: studies on the own machine, one a file.
+//! `plid bench`: studies on the user's machine, one file each.
 
 mod expectations;
 mod speed;
@@ -28,7 +28,7 @@ enum Study {
     Stability(stability::Arguments),
 }
 
-/// What every study takes.
+/// The arguments of every study.
 #[derive(clap::Args)]
 pub struct Common {
     /// The study's config, a TOML file like those in experiments/bench [default: the full study].

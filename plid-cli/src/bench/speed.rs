@@ -1,4 +1,4 @@
-//! `plid bench speed`: how long a step takes, beside what the machine can do at best.
+//! `plid bench speed`: the time of a step, compared with the limits of the machine.
 
 use std::path::PathBuf;
 

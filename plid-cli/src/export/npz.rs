@@ -7,7 +7,7 @@ use zip::{CompressionMethod, DateTime, ZipWriter};
 
 use super::Variable;
 
-/// Length that the header of a .npy is filled up to a multiple of.
+/// The length of a .npy's header is padded to a multiple of this.
 const ALIGNED: usize = 64;
 
 /// Returns the contents of a file with these variables.

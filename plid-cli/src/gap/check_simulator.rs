@@ -10,9 +10,9 @@ use super::{Failure, Voice, in_loop, voice};
 
 /// Check a simulator before it is used in a diagnosis.
 ///
-/// Starts the simulator of a case, an FMU, or a program that is given after `--`, and tells what it does not honour:
-/// equal runs give equal outputs, steps give what a run gives, each parameter changes something, and a force moves its
-/// port. Exit status 1 if a diagnosis cannot use it.
+/// Starts the simulator of a case, an FMU, or a program that is given after `--`, and reports which rules it
+/// violates: equal runs give equal outputs, steps give the same outputs as a run, each parameter changes something, and
+/// a force moves its port. Exit status 1 if a diagnosis cannot use it.
 #[derive(clap::Args)]
 #[command(
     override_usage = "plid gap check-simulator CASE.toml\n       plid gap check-simulator [OPTIONS] MODEL.fmu\n       \

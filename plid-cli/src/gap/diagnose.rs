@@ -7,7 +7,7 @@ use plid::model::to_json;
 
 use super::{Failure, Voice, directory, in_loop, progress::Spinner, voice};
 
-/// A case as short as can be, then the keys for measured data.
+/// The shortest case, then the keys for measured data.
 const EXAMPLE: &str = r#"Example of a case:
   sim = "sim.json"
   sample_rate_hz = 1600.0

@@ -37,7 +37,7 @@ pub struct Arguments {
     simulated: Option<PathBuf>,
 }
 
-/// Records of one level differ by about so much.
+/// Typical variation between records of one level.
 const JUST_BEYOND: f64 = 1.1;
 
 /// Runs the command.

@@ -11,9 +11,9 @@ use super::Failure;
 
 /// Serve an FMU as a simulator.
 ///
-/// Speaks docs/simulator-protocol.md on standard input and output. Diagnoses, predictions and `plid gap
-/// check-simulator` start this command for each FMU: it may crash or hang there without harm. Other programs may use it
-/// likewise.
+/// Uses the protocol of docs/simulator-protocol.md on standard input and output. Diagnoses, predictions and `plid gap
+/// check-simulator` start this command for each FMU: it may crash or hang there without harm. Other programs may use
+/// it in the same way.
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  plid gap serve-fmu model.fmu --rate 200 --parameter mass \\\n    \
                         --port joint=torque,angle,speed")]
@@ -25,7 +25,7 @@ pub struct Arguments {
     choice: Choice,
 }
 
-/// What is taken from an FMU.
+/// The choices for an FMU.
 #[derive(clap::Args, Default)]
 pub struct Choice {
     /// Samples per second [default: one sample for each step of the FMU's default experiment].
@@ -57,7 +57,7 @@ impl Choice {
         rate.is_none() && steps_per_sample.is_none() && lists.into_iter().all(|empty| empty)
     }
 
-    /// As a case chooses.
+    /// The choices of a case.
     pub fn of_case(source: &FmuSource, rate_hz: f64, parameters: &[String], steps: Option<usize>) -> Self {
         Self {
             rate: Some(rate_hz),
@@ -79,7 +79,7 @@ impl Choice {
         Self { input: named(inputs), output: named(outputs), ..self }
     }
 
-    /// As a diagnosed FMU was chosen.
+    /// The choices for a diagnosed FMU.
     pub fn again(source: &FmuSource, diagnosed: &Description) -> Self {
         let parameters: Vec<String> = diagnosed.parameters.iter().map(|parameter| parameter.name.clone()).collect();
         let inputs = diagnosed.inputs.iter().map(|input| &input.name);

@@ -52,7 +52,7 @@ pub fn execute(arguments: &Arguments, library: &Library, voice: Voice) -> Result
     command.args(["gap", "trial", "diagnose"]).arg(&arguments.answered.trial);
     command.args(["--off", &names.join(","), "--jobs", &jobs.to_string()]);
     command.args(["--quiet"].iter().filter(|_| voice.quiet || voice.json));
-    // What it prints is no result of this command.
+    // Its output is not a result of this command.
     let status = command.stdout(Stdio::null()).status().map_err(Failure::work)?;
     if !status.success() {
         return Err(Failure::work(format!(
@@ -82,7 +82,7 @@ fn summary(ablation: &Ablation) -> String {
             0 => "no answer changed".to_owned(),
             count => format!("{count} of {} answers changed", ablation.cases),
         };
-        // The first reading is whether a case is rightly answered.
+        // The first reading is whether a case is answered correctly.
         let right = without.changes.first().map_or_else(String::new, |change| {
             format!("{} better, {} worse, p = {:.2}", change.better.len(), change.worse.len(), change.p)
         });

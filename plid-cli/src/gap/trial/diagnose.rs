@@ -48,7 +48,7 @@ pub fn execute(arguments: &Arguments, library: &Library, voice: Voice) -> Result
     done?.iter().try_for_each(|done| tell(done, voice))
 }
 
-/// What was done, one line a set of answers.
+/// A summary with one line for each set of answers.
 fn tell(done: &Done, voice: Voice) -> Result<(), Failure> {
     if voice.json {
         let text = serde_json::json!({

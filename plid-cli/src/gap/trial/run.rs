@@ -51,7 +51,7 @@ pub fn execute(arguments: &Arguments, library: &Library, voice: Voice) -> Result
     let mut command = Command::new(program);
     command.args(["gap", "trial", "diagnose"]).arg(&trial).args(["--jobs", &jobs.to_string()]);
     command.args(["--quiet"].iter().filter(|_| voice.quiet || voice.json));
-    // What it prints is no result of this command.
+    // Its output is not a result of this command.
     let status = command.stdout(Stdio::null()).status().map_err(Failure::work)?;
     if !status.success() {
         return Err(Failure::work(format!(

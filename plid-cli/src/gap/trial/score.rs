@@ -39,7 +39,7 @@ pub fn execute(arguments: &Arguments, library: &Library, voice: Voice) -> Result
     into(&arguments.answered.trial, &arguments.answered.sealed, extent, library, out, voice)
 }
 
-/// Scores into a directory and says what came of it.
+/// Scores into a directory and prints a summary.
 pub fn into(
     trial: &Path,
     sealed: &Path,
