@@ -18,13 +18,14 @@ most_unknown = 0.5
 2 ln L is twice a difference in log likelihood.
 
 A number is a setting if it decides what the diagnosis says: with another value, another statement would be made about
-the same records. Its reason and its source stand beside it. A number that only controls a computation stays beside its
-algorithm, with a comment that says why it has its value. Such numbers are steps of finite differences, limits of
-iterations, lengths of segments, rounding tolerances, the shapes of starting values, and numbers of rows in a report.
-The limits within which the parameters of an effect mean what its name says belong to the effect and stand in its file.
+the same records. Its reason and its source are given in the code and in the tables below. A number that only controls a
+computation is defined beside its algorithm, with a comment that gives its reason. Such numbers are steps of finite
+differences, limits of iterations, lengths of segments, rounding tolerances, the shapes of starting values, and numbers
+of rows in a report. The limits within which the parameters of an effect mean what its name says are in the file of the
+effect.
 
-This chapter is generated from the code. After a change there, `UPDATE_BOOK=1 cargo test -p plid-gap --test settings`
-writes it.
+This chapter is generated from the code. After a change there, run
+`UPDATE_BOOK=1 cargo test -p plid-gap --test gap settings`.
 ";
 
 fn row(field: &Field) -> String {
