@@ -103,7 +103,7 @@ fn of_records(explained: &Explained) -> Vec<String> {
     random.into_iter().chain(cut).collect()
 }
 
-/// States how much of an effect a refit would absorb, and what speaks against its name.
+/// States how much of an effect a refit would absorb, and the reasons against its name.
 fn of_effect(explained: &Explained, placed: &Placed) -> Vec<String> {
     let at = format!("{} at {}", placed.effect.name(), placed.place.location(&explained.ready.problem.setting.names));
     let entry = explained.found.stages.iter().flatten().find(|e| same(&e.placed, placed));

@@ -67,7 +67,8 @@ pub struct CaseConfig {
     pub record: Vec<RecordConfig>,
 }
 
-/// A place where a force may act: it enters as an input does, and meets the motion that an output shows.
+/// A place where a force may act: it acts on the same states as an input, and its motion is the one that an output
+/// shows.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PortConfig {

@@ -26,7 +26,8 @@ pub struct SimulatorConfig {
     /// Time in s within which it must answer one request.
     #[serde(default = "patience")]
     pub patience_s: f64,
-    /// Errors of its parameters that are no cause, by name, in their units: two standard deviations.
+    /// Expected errors of its parameters, which are not named as causes, by name and in their units: two standard
+    /// deviations.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub limits: BTreeMap<String, f64>,
 }

@@ -27,7 +27,7 @@ fn collocated(plant: &Plant, input: usize) -> Option<usize> {
 }
 
 impl Plant {
-    /// Stiffness that a port on an axis meets: the force over the displacement that it makes at rest. Zero if nothing
+    /// Stiffness at a port on an axis: the force over the static displacement that it causes. Zero if nothing
     /// holds the axis, or if its displacement is not known.
     pub(super) fn axis_stiffness(&self, port: &Port) -> f64 {
         let Some((a, _)) = self.rest.continuous.as_ref().filter(|(a, _)| !a.is_empty()) else { return 0.0 };

@@ -16,7 +16,8 @@ pub struct CasePort {
 }
 
 impl Plant {
-    /// Adds ports that a case declares. They replace those that were inferred; ports that the simulation declares stay.
+    /// Adds ports that a case declares. They replace those that were inferred; ports that the simulation declares are
+    /// kept.
     ///
     /// A force at a port enters as its input does, after the actuator if the simulation shows one before its modes, and
     /// meets the motion that its output shows, before the filters. Two ports of one input are told apart by their

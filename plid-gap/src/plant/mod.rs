@@ -83,7 +83,7 @@ impl Carried {
     }
 }
 
-/// The rest of the simulation, which is no structural mode: r states, discrete at the sample rate.
+/// The rest of the simulation, which contains no structural mode: r states, discrete at the sample rate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NonModal {
     /// State matrix over one sample (r x r).

@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use super::Plant;
 use crate::fourier::C;
 
-/// Frequencies at which an integral is compared with what it is the integral of, and the lowest and the highest of them
+/// Frequencies at which an integral is compared with its integrand, and the lowest and the highest of them
 /// over the sample rate.
 const FREQUENCIES: usize = 40;
 const BETWEEN: [f64; 2] = [1e-3, 0.4];
@@ -82,7 +82,7 @@ impl Plant {
     }
 
     /// Returns the row e whose derivative is a row c of the states and `direct` of the inputs: e A = c and e B =
-    /// direct. `None` if there is none: the position of a motor is no combination of its speed and its current.
+    /// direct. `None` if there is none: the position of a motor is not a combination of its speed and its current.
     fn integral(&self, row: &Row, direct: &DVector<f64>) -> Option<Row> {
         let (a, b) = self.rest.continuous.as_ref()?;
         let modes: Vec<C> = row.modes.iter().zip(&self.modes).map(|(row, mode)| row / mode.pole).collect();
