@@ -6,7 +6,7 @@
 //! least-squares problem (`fit`) is prepared (`prepare`). Explanations are searched for (`search`) and judged
 //! (`judge`); `evidence` is collected and does not enter the verdict. The result is written as an answer (`answer`) and
 //! a report (`report`). `audit` checks and corrects the input, and `diagnose` calls all of them. A module imports only
-//! modules below it in the order of `tests/order.rs`.
+//! modules below it in the order of `tests/gap/order.rs`.
 
 #![warn(clippy::too_many_lines)]
 
