@@ -117,7 +117,7 @@ fn a_simulator_that_gives_only_its_outputs() {
 /// bytes of one that never knew it.
 #[test]
 fn what_is_left_out_is_as_if_it_had_never_been_known() {
-    let spec = GapSpec { channels: Channels { inputs: 1, outputs: 1 }, ..spec(&["actuator-dead-zone"]) };
+    let spec = GapSpec { channels: Channels { inputs: 1, outputs: 1 }, length: 0.1, ..spec(&["actuator-dead-zone"]) };
     let drawn = draw(3, &spec).unwrap();
     let folder = tempfile::tempdir().unwrap();
     drawn.write(&folder.path().join("case"), &folder.path().join("label")).unwrap();

@@ -74,7 +74,7 @@ fn all_forms_and_backends_agree_on_it() {
         let mut experiment = experiment();
         experiment.variant.covariance = Some(covariance);
         experiment.variant.backend = backend;
-        experiment.identification.refine = plid::lab::experiment::Refinement::Off;
+        experiment.validation.model_only = true;
         experiment.noise.from = plid::lab::experiment::NoiseSource::Given;
         experiment.noise.sensor = Some(plid::lab::experiment::Covariance::Diagonal(variance(tuned.noise_levels.0[0])));
         experiment.noise.state = Some(plid::lab::experiment::Covariance::Diagonal(per_state.clone()));

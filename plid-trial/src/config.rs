@@ -258,7 +258,7 @@ mod tests {
             ("[draw]\nimperfections = [0.05, 0.02]\n", "line 5: imperfections: 0.05 to 0.02 does not rise"),
             ("[draw]\nleast = 0.4\n", "line 5: least: 0.4 is not"),
             ("[draw]\nplants = []\n", "line 5: plants: there must be"),
-            ("[draw]\neffects = [\"cubic\"]\n", "line 5: effects: `cubic` is not of the vocabulary"),
+            ("[draw]\neffects = [\"cubic\"]\n", "line 5: effects: `cubic` is not in the vocabulary"),
             ("[draw]\neffects = [\"clearance\", \"clearance\"]\n", "twice"),
             ("pairs = 2\n[draw]\neffects = [\"clearance\"]\n", "line 4: pairs: they need 2"),
             ("seed = 3\n", "unknown field `seed`"),

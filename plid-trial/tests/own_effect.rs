@@ -59,7 +59,7 @@ fn an_effect_of_ones_own_is_drawn_by_name_and_diagnosed() {
     let at = |name: &str| directory.path().join(name);
     fs::write(at("trial.toml"), TRIAL).unwrap();
     let read = || TrialConfig::read(&at("trial.toml"));
-    assert!(read().unwrap_err().to_string().contains("`bent-sensor` is not of the vocabulary"));
+    assert!(read().unwrap_err().to_string().contains("`bent-sensor` is not in the vocabulary"));
     own::add(Bent);
     let config = read().unwrap();
     draw(&config, 5, &at("T"), &at("S"), &Silent).unwrap();

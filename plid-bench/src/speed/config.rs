@@ -201,7 +201,7 @@ mod tests {
             (format!("{HEAD}{CROSS}threads = [0]\n"), "line 9: threads: 0 is less than 1"),
             (format!("{HEAD}cores = [1]\n{CROSS}threads = [2]\n"), "line 10: threads: 2 threads"),
             (format!("{HEAD}{CROSS}inputs = [4]\n"), "line 9: inputs: 4"),
-            (format!("{HEAD}{CROSS}threads = [3]\n"), "line 9: threads: 3; a step has work for two"),
+            (format!("{HEAD}{CROSS}threads = [3]\n"), "line 9: threads: 3; a step can use at most two"),
             (format!("{HEAD}{CROSS}backend = [\"two-threads\"]\n"), "line 9: backend: two threads"),
             (format!("{HEAD}{CROSS}backend = [\"faer\"]\nscalar = [\"double-double\"]\n"), "line 10: scalar"),
             (format!("{HEAD}{CROSS}").replace("12", "2"), "line 6: states: 2 is less than 3"),
