@@ -252,7 +252,7 @@ mod tests {
         let start = "name = \"t\"\n[cases]\nnone = 1\n";
         for (rest, said) in [
             ("nones = 2\n", "line 4: unknown field `nones`"),
-            ("[draw]\nports = 1.5\n", "line 5: ports: 1.5 is no share"),
+            ("[draw]\nports = 1.5\n", "line 5: ports: 1.5 is not a share"),
             ("[draw]\nmost = -0.1\n", "line 5: most: -0.1 is not positive"),
             ("[draw]\nchannels = [{ inputs = 4, outputs = 1 }]\n", "line 5: channels: inputs go from 1 to 3"),
             ("[draw]\nimperfections = [0.05, 0.02]\n", "line 5: imperfections: 0.05 to 0.02 does not rise"),

@@ -178,7 +178,7 @@ mod tests {
             }
         }
         let said = parse(V5, None).unwrap().notes[1].to_string();
-        assert_eq!(said, "x.mat: variable `setup` is a struct, and is not read");
+        assert_eq!(said, "x.mat: variable `setup` is a struct and is ignored");
         assert!(parse(V5, Some("y")).unwrap().notes.is_empty());
     }
 

@@ -44,6 +44,6 @@ mod tests {
         assert_eq!(found, [CasePort { name: "strut".into(), input: 1, output: 0 }]);
         case.model.as_mut().unwrap().output_kinds[0] = Some(OutputKind::Force);
         let said = of_case(&case).unwrap_err().to_string();
-        assert!(said.contains("[[port]] `strut`") && said.contains("no motion"), "{said}");
+        assert!(said.contains("[[port]] `strut`") && said.contains("not a motion"), "{said}");
     }
 }

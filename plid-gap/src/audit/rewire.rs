@@ -431,7 +431,7 @@ mod tests {
         );
         says(
             found(|_, y| scaled(&mut y[0], 1.0 / 9.80665)),
-            "Output y1 looks in other units, 0.102 times the simulation's (as between m/s2 and g, or of a setting of \
+            "Output y1 looks in other units, 0.102 times the simulation's (as between m/s2 and g, or by a factor of \
             ten)",
         );
         says(

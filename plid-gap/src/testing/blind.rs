@@ -161,7 +161,7 @@ fn a_spring_that_hardly_stiffens_may_be_a_clearance() {
     assert_eq!(found.not_separable, [["cubic-stiffness@input:u1", "clearance@input:u1"]]);
     let other = "clearance at input:u1";
     assert!(
-        found.sentence.contains(&format!("cannot tell cubic-stiffness at input:u1 from {other}")),
+        found.sentence.contains(&format!("cannot distinguish cubic-stiffness at input:u1 from {other}")),
         "{}",
         found.sentence
     );

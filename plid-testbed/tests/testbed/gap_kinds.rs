@@ -227,7 +227,7 @@ fn a_wrong_number_or_pair_of_keys_is_named() {
     assert!(says(GapSpec { noise_misjudged: 1.6, ..short() }).contains("noise_misjudged"));
     assert!(says(GapSpec { noise_misjudged: f64::NAN, ..short() }).contains("noise_misjudged"));
     let apart = says(GapSpec { simulator: Simulator::Outputs, ..short() });
-    assert!(apart.contains("`ports` cannot stand beside"), "{apart}");
+    assert!(apart.contains("`ports` cannot be combined with"), "{apart}");
     let apart = says(GapSpec { simulator: Simulator::Outputs, ports: false, noise_misjudged: 1.2, ..short() });
     assert!(apart.contains("`noise_misjudged` cannot"), "{apart}");
     let read: GapSpec = toml::from_str("plant = \"close-modes\"\nchannels = { inputs = 1, outputs = 2 }").unwrap();
