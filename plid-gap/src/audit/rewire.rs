@@ -432,7 +432,7 @@ mod tests {
         says(
             found(|_, y| scaled(&mut y[0], 1.0 / 9.80665)),
             "Output y1 looks in other units, 0.102 times the simulation's (as between m/s2 and g, or by a factor of \
-            ten)",
+            ten in a gain setting)",
         );
         says(
             found(|_, y| y.iter_mut().for_each(|y| scaled(y, 4.448222))),
