@@ -90,6 +90,21 @@ fn measured_and_simulated(
     Ok((record, simulated))
 }
 
+/// Returns the excitation of each record of a case whose inputs (m channels each) are at hand, and adds warnings. A
+/// declared period is compared with the inputs; one that is absent is estimated.
+///
+/// # Errors
+/// The key and the reason, if an input that is declared periodic does not repeat.
+pub fn excitations_of(
+    config: &CaseConfig,
+    inputs: &[Channels],
+    warnings: &mut Vec<String>,
+) -> Result<Vec<Excitation>, (&'static str, String)> {
+    let array = |u: &Channels| Array2::from_shape_fn((u.first().map_or(0, Vec::len), u.len()), |(k, i)| u[i][k]);
+    let arrays: Vec<Array2<f64>> = inputs.iter().map(array).collect();
+    excitations(config, &arrays.iter().collect::<Vec<_>>(), 1, warnings)
+}
+
 /// Returns the excitation of each record, with periods in samples after decimation. A declared period is compared with
 /// the inputs (one array for each record, as in its file); one that is absent is estimated. The error is the key and
 /// the reason.

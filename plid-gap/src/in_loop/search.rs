@@ -1,8 +1,6 @@
 //! The search: screen, fit the best entries on the simulator, weigh anew by what the best one leaves, and try a second
 //! effect beside it.
 
-use plid_simulator::SimulatorError;
-
 use crate::case::record::Channels;
 use crate::effects::Effect;
 use crate::fit::candidate::{all_same, same};
@@ -56,13 +54,13 @@ impl<'a> Search<'_, 'a> {
         runs: &mut Runs,
         given: &[Channels],
         say: &mut dyn FnMut(String),
-    ) -> Result<Found<'a>, SimulatorError> {
+    ) -> Found<'a> {
         let none = vec![0.0; problem.nuisances.len()];
         let as_given = problem.as_is(Vec::new(), none, given.to_vec());
         let mut refit = as_given.clone();
         if !problem.nuisances.is_empty() {
             say("fitting the parameters within their limits".into());
-            refit = problem.fit(runs, as_given, self.settings.steps, self.gain(problem))?;
+            refit = problem.fit(runs, as_given, self.settings.steps, self.gain(problem));
         }
         let mut found = Found { fits: vec![refit.clone()], refit, screens: Vec::new(), cut_short: false };
         for stage in 0..self.settings.effects {
@@ -72,13 +70,13 @@ impl<'a> Search<'_, 'a> {
                 break;
             }
             say(format!("stage {}: screening effects", stage + 1));
-            let tried = self.stage(problem, runs, &beside, &mut found, say)?;
+            let tried = self.stage(problem, runs, &beside, &mut found, say);
             let best = tried.iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).cloned();
             found.fits.extend(tried);
             let Some(best) = best else { break };
             let accepted = self.accepts(problem, &best, &beside, least);
             if accepted {
-                self.weigh(problem, runs, &mut found, &best)?;
+                self.weigh(problem, runs, &mut found, &best);
             }
             found.fits.sort_by(|a, b| self.priced(problem, a).total_cmp(&self.priced(problem, b)));
             if !accepted {
@@ -88,7 +86,7 @@ impl<'a> Search<'_, 'a> {
             say(format!("{}, {} runs so far", self.words(problem, &found.fits[0]), runs.calls().runs));
         }
         found.cut_short |= !self.may_call(runs);
-        Ok(found)
+        found
     }
 
     /// Decrease of the cost below which a fit ends.
@@ -104,18 +102,17 @@ impl<'a> Search<'_, 'a> {
         beside: &Fit<'a>,
         found: &mut Found<'a>,
         say: &mut dyn FnMut(String),
-    ) -> Result<Vec<Fit<'a>>, SimulatorError> {
+    ) -> Vec<Fit<'a>> {
         let (record, heads) = self.heads(problem, beside);
         let quick = problem.head(record, heads[0]);
         let start = quick.on_head(beside, record);
         // Half of the calls are kept for the fits.
         let bound = runs.calls().runs + (self.settings.calls.saturating_sub(runs.calls().runs)) / 2;
-        let may_call = |runs: &Runs| runs.calls().runs < bound;
-        let entries = screen(&quick, runs, &self.effects, &start, &self.scope, may_call, say)?;
-        found.cut_short |= !may_call(runs);
-        let mut leading = self.tried(&quick, runs, &start, &entries, say)?;
+        let entries = screen(&quick, runs, &self.effects, &start, &self.scope, bound, say);
+        found.cut_short |= runs.calls().runs >= bound;
+        let mut leading = self.tried(&quick, runs, &start, &entries, say);
         for samples in &heads[1..] {
-            leading = self.grown(&problem.head(record, *samples), runs, &leading, &start.eta, say)?;
+            leading = self.grown(&problem.head(record, *samples), runs, &leading, &start.eta, say);
         }
         let mut fits: Vec<Fit> = Vec::new();
         for effects in leading {
@@ -125,7 +122,7 @@ impl<'a> Search<'_, 'a> {
             }
             let Ok(simulated) = problem.simulate(runs, &effects, &beside.eta) else { continue };
             let start = problem.as_is(effects, beside.eta.clone(), simulated);
-            let fit = problem.fit(runs, start, self.settings.steps, self.gain(problem))?;
+            let fit = problem.fit(runs, start, self.settings.steps, self.gain(problem));
             say(format!("fitted {}, {} runs so far", self.words(problem, &fit), runs.calls().runs));
             let sound = |placed: &Placed| placed.effect.sound(&problem.setting, &placed.place, &placed.parameters);
             if fit.effects.iter().all(sound) {
@@ -133,7 +130,7 @@ impl<'a> Search<'_, 'a> {
             }
         }
         found.screens.push(entries);
-        Ok(fits)
+        fits
     }
 
     /// Returns the record on which effects are screened, and the numbers of its first samples that are fitted in turn.
@@ -187,7 +184,7 @@ impl<'a> Search<'_, 'a> {
         leading: &[Vec<Placed<'a>>],
         eta: &[f64],
         say: &mut dyn FnMut(String),
-    ) -> Result<Vec<Vec<Placed<'a>>>, SimulatorError> {
+    ) -> Vec<Vec<Placed<'a>>> {
         let mut fits = Vec::new();
         for effects in leading {
             if !self.may_call(runs) {
@@ -195,12 +192,12 @@ impl<'a> Search<'_, 'a> {
             }
             let Ok(simulated) = head.simulate(runs, effects, eta) else { continue };
             let start = head.as_is(effects.clone(), eta.to_vec(), simulated);
-            let fit = head.fit(runs, start, self.settings.quick_steps, self.gain(head))?;
+            let fit = head.fit(runs, start, self.settings.quick_steps, self.gain(head));
             let samples = head.records[0].samples();
             say(format!("{samples} samples: {}, {} runs so far", self.words(head, &fit), runs.calls().runs));
             fits.push(fit);
         }
-        Ok(self.leading(head, fits))
+        self.leading(head, fits)
     }
 
     /// Returns the effects of the fits that leave least, without those far behind.
@@ -220,7 +217,7 @@ impl<'a> Search<'_, 'a> {
         start: &Fit<'a>,
         entries: &[Entry<'a>],
         say: &mut dyn FnMut(String),
-    ) -> Result<Vec<Vec<Placed<'a>>>, SimulatorError> {
+    ) -> Vec<Vec<Placed<'a>>> {
         // The best start of each effect at each place comes first, then the second best of each.
         let rank = |at: usize| entries[..at].iter().filter(|other| same(&other.placed, &entries[at].placed)).count();
         let mut order: Vec<(usize, usize)> = (0..entries.len()).map(|at| (rank(at), at)).collect();
@@ -230,13 +227,14 @@ impl<'a> Search<'_, 'a> {
         let mut sized: Vec<Fit> = Vec::new();
         for entry in chosen {
             let before = runs.calls().runs;
-            let mut of_entry: Vec<Fit> = Vec::new();
-            for placed in entry.sizes(quick) {
-                let effects: Vec<Placed> = start.effects.iter().cloned().chain([placed]).collect();
-                let Ok(simulated) = quick.simulate(runs, &effects, &start.eta) else { continue };
-                of_entry.push(quick.as_is(effects, start.eta.clone(), simulated));
-            }
-            sized.extend(of_entry.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost)));
+            let with =
+                |placed: Placed<'a>| (start.effects.iter().cloned().chain([placed]).collect(), start.eta.clone());
+            let sizes: Vec<(Vec<Placed>, Vec<f64>)> = entry.sizes(quick).into_iter().map(with).collect();
+            let simulated = quick.simulate_all(runs, &sizes);
+            let of_entry = sizes.into_iter().zip(simulated);
+            let fits =
+                of_entry.filter_map(|((effects, eta), simulated)| Some(quick.as_is(effects, eta, simulated.ok()?)));
+            sized.extend(fits.min_by(|a, b| a.cost.total_cmp(&b.cost)));
             if runs.calls().runs > before && !self.may_call(runs) {
                 break;
             }
@@ -248,7 +246,7 @@ impl<'a> Search<'_, 'a> {
             let mut fit = from;
             let before = runs.calls().runs;
             if stepped < self.settings.stepped && self.may_call(runs) {
-                fit = quick.fit(runs, fit, self.settings.quick_steps, self.gain(quick))?;
+                fit = quick.fit(runs, fit, self.settings.quick_steps, self.gain(quick));
                 stepped += usize::from(runs.calls().runs > before);
             }
             say(format!("tried {}, {} runs so far", self.words(quick, &fit), runs.calls().runs));
@@ -258,17 +256,11 @@ impl<'a> Search<'_, 'a> {
                 None => fits.push(fit),
             }
         }
-        Ok(self.leading(quick, fits))
+        self.leading(quick, fits)
     }
 
     /// Weighs all explanations anew, by what the best one leaves, and fits the leading ones once more.
-    fn weigh(
-        &self,
-        problem: &mut Problem<'a>,
-        runs: &mut Runs,
-        found: &mut Found<'a>,
-        best: &Fit<'a>,
-    ) -> Result<(), SimulatorError> {
+    fn weigh(&self, problem: &mut Problem<'a>, runs: &mut Runs, found: &mut Found<'a>, best: &Fit<'a>) {
         problem.weigh_by(&self.noise, best);
         let anew = |fit: &Fit<'a>| {
             let again = problem.as_is(fit.effects.clone(), fit.eta.clone(), fit.simulated.clone());
@@ -282,9 +274,8 @@ impl<'a> Search<'_, 'a> {
             if found.fits[k].effects.is_empty() || !self.may_call(runs) {
                 continue;
             }
-            found.fits[k] = problem.fit(runs, found.fits[k].clone(), self.settings.steps, self.gain(problem))?;
+            found.fits[k] = problem.fit(runs, found.fits[k].clone(), self.settings.steps, self.gain(problem));
         }
-        Ok(())
     }
 
     /// Returns whether a further effect is needed: the records prefer it clearly, and it closes a share of what its

@@ -7,6 +7,9 @@ group! {
     LoopSettings {
         /// Largest number of runs of the simulator, on one record each. What could not be finished is said.
         calls: usize = 1000, "1", 10.0..=1e9;
+        /// Number of runs that go side by side, if the simulator allows it. A program is started so many times. The
+        /// answer does not depend on it.
+        side_by_side: usize = 1, "1", 1.0..=1e3;
         /// Largest number of states of a linear model that may take the simulator's place: a simulator that is linear
         /// and has no parameters is diagnosed as a model.json is. Zero keeps every simulator in the loop.
         model_states: usize = 200, "1", 0.0..=1e4;
