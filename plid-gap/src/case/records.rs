@@ -10,7 +10,7 @@ use plid_data as data;
 use plid_data::prepare::{decimate, trend};
 
 use super::period::{NotPeriodic, Repeating};
-use super::{CaseConfig, ExcitationKind, RecordConfig, StartKind, Use, columns};
+use super::{CaseConfig, Channels, ExcitationKind, RecordConfig, StartKind, Use, columns};
 
 /// Reads all records of a case in order. Also returns warnings. `path` is that of the case, for errors.
 pub(super) fn read(path: &Path, config: &CaseConfig, folder: &Path) -> Result<(Vec<Record>, Vec<String>), GapError> {

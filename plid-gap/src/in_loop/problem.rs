@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 use plid_simulator::SimulatorError;
 
 use crate::case::record::{Channels, Record, rms};
-use crate::effects::{Effect, Place, Range, Setting};
+use crate::effects::{Effect, Place, Setting};
 use crate::fit::problem::{Placed, dot, sum_of_squares};
 use crate::in_loop::parameter::SimulatorParameter;
 use crate::in_loop::runs::Runs;
