@@ -52,7 +52,8 @@ def test_the_model_is_described():
 
 def test_the_checker_passes_it():
     findings = gap.check(arm(parameters=["joint.hinge.damping", "actuator.torque.gain"]), size=0.3)
-    assert all(finding.holds for finding in findings), findings
+    # Gravity pulls it down at once.
+    assert [finding.what for finding in findings if not finding.holds] == ["rests"]
     assert {"repeats", "steps", "motion at hinge", "force at hinge", "states"} <= {one.what for one in findings}
 
 

@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector, DVectorView};
 use plid_lsq::{Damping, Normal, Stop, minimise};
 
 use crate::effects::Range;
-use crate::fit::problem::Placed;
+use crate::fit::problem::{Placed, sum_of_squares};
 use crate::in_loop::problem::{Fit, Problem};
 use crate::in_loop::runs::Runs;
 
@@ -35,7 +35,27 @@ impl<'a> Problem<'a> {
         let mut fitting = Fitting { problem: self, runs: Mutex::new(runs) };
         let stop = Stop { steps, gain, patience: 1 };
         let Ok(found) = minimise(&mut fitting, start, DAMPING, stop);
-        Fit { covariance: self.covariance(&found.equations, &found.point), ..found.point }
+        let spread = (found.point.cost / self.rows() as f64).max(1.0);
+        Fit { covariance: self.covariance(&found.equations, &found.point, spread), ..found.point }
+    }
+
+    /// Returns the covariance that an answer states. Noise (p standard deviations) averages out over a record. What an
+    /// explanation leaves beyond it does not: it is the error of a law or of an integrator, as coherent as the trace of
+    /// a parameter. It is taken to hide a part of its own size in the direction of each parameter.
+    pub fn stated_covariance(&self, runs: &mut Runs, fit: &Fit<'a>, noise: &[f64]) -> Option<DMatrix<f64>> {
+        let plain = self.by_noise_alone(noise);
+        let at = plain.as_is(fit.effects.clone(), fit.eta.clone(), fit.simulated.clone());
+        let equations = plain.linearised(runs, &at);
+        let rows = plain.rows();
+        let beyond = (sum_of_squares(&at.residual[..rows]) - rows as f64).max(0.0);
+        plain.covariance(&equations, &at, 1.0 + beyond)
+    }
+
+    fn linearised(&self, runs: &mut Runs, at: &Fit<'a>) -> Normal {
+        let jacobian = self.jacobian(runs, at);
+        let mut equations = Normal::without_memory(jacobian.ncols());
+        equations.add(jacobian.as_view(), DVectorView::from_slice(&at.residual, at.residual.len()));
+        equations
     }
 
     /// Returns the derivatives of the whitened outputs, and of the nuisances' prior, by steps of all parameters.
@@ -76,10 +96,9 @@ impl<'a> Problem<'a> {
         (effects, eta)
     }
 
-    /// Returns the covariance of the effects' parameters, in their own units, scaled by the size of the residual.
-    fn covariance(&self, equations: &Normal, at: &Fit) -> Option<DMatrix<f64>> {
+    /// Returns the covariance of the effects' parameters, in their own units; the residual has this variance.
+    fn covariance(&self, equations: &Normal, at: &Fit, spread: f64) -> Option<DMatrix<f64>> {
         let count = at.parameters();
-        let spread = (at.cost / self.rows() as f64).max(1.0);
         let inverse = equations.covariance()? * spread;
         let mut slopes = Vec::new();
         for placed in &at.effects {
@@ -107,9 +126,7 @@ impl<'a> plid_lsq::Problem for Fitting<'_, 'a, '_> {
     }
 
     fn linearise(&mut self, at: &Fit<'a>, equations: &mut Normal) -> Result<(), Infallible> {
-        let jacobian = self.problem.jacobian(&mut self.runs(), at);
-        *equations = Normal::without_memory(jacobian.ncols());
-        equations.add(jacobian.as_view(), DVectorView::from_slice(&at.residual, at.residual.len()));
+        *equations = self.problem.linearised(&mut self.runs(), at);
         Ok(())
     }
 

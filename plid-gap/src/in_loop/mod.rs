@@ -10,6 +10,7 @@
 mod answer;
 mod answered;
 mod coupling;
+mod exchange;
 mod fit;
 mod judge;
 mod measure;
@@ -142,7 +143,10 @@ pub fn diagnose_in_loop(
         noise: noise.std.clone(),
         material: case.config.material,
     };
-    let found = search.run(&mut problem, &mut runs, &given, say);
+    let mut found = search.run(&mut problem, &mut runs, &given, say);
+    if !found.fits[0].effects.is_empty() {
+        found.fits[0].covariance = problem.stated_covariance(&mut runs, &found.fits[0], &noise.std);
+    }
     let judged = judge(&search, &problem, &found, &settings.judge);
     let opened = Opened { case, problem: &problem, noise: &noise, held_out: &held_out };
     let measured = opened.measure(&mut runs, &found, &judged)?;

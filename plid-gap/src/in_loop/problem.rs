@@ -104,6 +104,17 @@ impl<'a> Problem<'a> {
         self.weigh();
     }
 
+    /// Returns the problem weighed by the noise alone (p standard deviations).
+    pub fn by_noise_alone(&self, noise: &[f64]) -> Self {
+        let band_hz = self.noise.band_hz;
+        let (records, setting, nuisances) = (self.records.clone(), self.setting.clone(), self.nuisances.clone());
+        let mut white = NoiseModel::declared(&setting.plant, noise, &vec![0.0; setting.plant.m]);
+        white.band_hz = band_hz;
+        let mut plain = Self { records, setting, nuisances, noise: white, whiteners: Vec::new() };
+        plain.weigh();
+        plain
+    }
+
     fn weigh(&mut self) {
         let missing = |y: &Vec<f64>| (0..y.len()).filter(|&k| !y[k].is_finite()).collect();
         let one = |record: &Record| {

@@ -43,7 +43,7 @@ pub(super) struct Search<'s, 'a> {
 }
 
 impl<'a> Search<'_, 'a> {
-    fn may_call(&self, runs: &Runs) -> bool {
+    pub(super) fn may_call(&self, runs: &Runs) -> bool {
         runs.calls().runs < self.settings.calls
     }
 
@@ -90,7 +90,7 @@ impl<'a> Search<'_, 'a> {
     }
 
     /// Decrease of the cost below which a fit ends.
-    fn gain(&self, problem: &Problem) -> f64 {
+    pub(super) fn gain(&self, problem: &Problem) -> f64 {
         self.settings.fit_gain * problem.rows() as f64
     }
 
@@ -110,7 +110,12 @@ impl<'a> Search<'_, 'a> {
         let bound = runs.calls().runs + (self.settings.calls.saturating_sub(runs.calls().runs)) / 2;
         let entries = screen(&quick, runs, &self.effects, &start, &self.scope, bound, say);
         found.cut_short |= runs.calls().runs >= bound;
-        let mut leading = self.tried(&quick, runs, &start, &entries, say);
+        let mut tried = self.tried(&quick, runs, &start, &entries, say);
+        if !start.effects.is_empty() {
+            let least = self.settings.doubtful * self.left(problem, &found.refit).min(1.0);
+            tried = self.exchange(&quick, runs, tried, (least, bound), say);
+        }
+        let mut leading = self.leading(&quick, tried);
         for samples in &heads[1..] {
             leading = self.grown(&problem.head(record, *samples), runs, &leading, &start.eta, say);
         }
@@ -124,8 +129,7 @@ impl<'a> Search<'_, 'a> {
             let start = problem.as_is(effects, beside.eta.clone(), simulated);
             let fit = problem.fit(runs, start, self.settings.steps, self.gain(problem));
             say(format!("fitted {}, {} runs so far", self.words(problem, &fit), runs.calls().runs));
-            let sound = |placed: &Placed| placed.effect.sound(&problem.setting, &placed.place, &placed.parameters);
-            if fit.effects.iter().all(sound) {
+            if self.is_sound(problem, &fit) {
                 fits.push(fit);
             }
         }
@@ -139,7 +143,7 @@ impl<'a> Search<'_, 'a> {
     /// than the output is far from where the record is, and the traces of effects there tell little. If it is so in all
     /// records, the head of the loudest one is shortened until its gap is smaller: the explanations that fit it are
     /// carried on to longer heads.
-    fn heads(&self, problem: &Problem<'a>, beside: &Fit<'a>) -> (usize, Vec<usize>) {
+    pub(super) fn heads(&self, problem: &Problem<'a>, beside: &Fit<'a>) -> (usize, Vec<usize>) {
         let levels: Vec<f64> = problem.records.iter().map(crate::case::record::Record::level).collect();
         let mut order: Vec<usize> = (0..levels.len()).filter(|k| levels[*k] > 0.0).collect();
         order.sort_by(|&a, &b| levels[b].total_cmp(&levels[a]));
@@ -209,7 +213,7 @@ impl<'a> Search<'_, 'a> {
     }
 
     /// Runs the best start of each effect at each place in three sizes on the head of one record, and fits the leading
-    /// ones in a few steps. Returns the effects of the best of these fits, one for each effect at each place.
+    /// ones in a few steps. Returns the best of these fits, one for each effect at each place, the best first.
     fn tried(
         &self,
         quick: &Problem<'a>,
@@ -217,7 +221,7 @@ impl<'a> Search<'_, 'a> {
         start: &Fit<'a>,
         entries: &[Entry<'a>],
         say: &mut dyn FnMut(String),
-    ) -> Vec<Vec<Placed<'a>>> {
+    ) -> Vec<Fit<'a>> {
         // The best start of each effect at each place comes first, then the second best of each.
         let rank = |at: usize| entries[..at].iter().filter(|other| same(&other.placed, &entries[at].placed)).count();
         let mut order: Vec<(usize, usize)> = (0..entries.len()).map(|at| (rank(at), at)).collect();
@@ -227,14 +231,7 @@ impl<'a> Search<'_, 'a> {
         let mut sized: Vec<Fit> = Vec::new();
         for entry in chosen {
             let before = runs.calls().runs;
-            let with =
-                |placed: Placed<'a>| (start.effects.iter().cloned().chain([placed]).collect(), start.eta.clone());
-            let sizes: Vec<(Vec<Placed>, Vec<f64>)> = entry.sizes(quick).into_iter().map(with).collect();
-            let simulated = quick.simulate_all(runs, &sizes);
-            let of_entry = sizes.into_iter().zip(simulated);
-            let fits =
-                of_entry.filter_map(|((effects, eta), simulated)| Some(quick.as_is(effects, eta, simulated.ok()?)));
-            sized.extend(fits.min_by(|a, b| a.cost.total_cmp(&b.cost)));
+            sized.extend(self.sized(quick, runs, &start.effects, &start.eta, entry));
             if runs.calls().runs > before && !self.may_call(runs) {
                 break;
             }
@@ -256,11 +253,31 @@ impl<'a> Search<'_, 'a> {
                 None => fits.push(fit),
             }
         }
-        self.leading(quick, fits)
+        fits.sort_by(|a, b| self.priced(quick, a).total_cmp(&self.priced(quick, b)));
+        fits
+    }
+
+    /// Runs an entry in three sizes beside other effects, and returns the best explanation.
+    pub(super) fn sized(
+        &self,
+        quick: &Problem<'a>,
+        runs: &mut Runs,
+        beside: &[Placed<'a>],
+        eta: &[f64],
+        entry: &Entry<'a>,
+    ) -> Option<Fit<'a>> {
+        let with = |placed: Placed<'a>| (beside.iter().cloned().chain([placed]).collect(), eta.to_vec());
+        let sizes: Vec<(Vec<Placed>, Vec<f64>)> = entry.sizes(quick).into_iter().map(with).collect();
+        let simulated = quick.simulate_all(runs, &sizes);
+        let fits = sizes
+            .into_iter()
+            .zip(simulated)
+            .filter_map(|((effects, eta), simulated)| Some(quick.as_is(effects, eta, simulated.ok()?)));
+        fits.min_by(|a, b| a.cost.total_cmp(&b.cost))
     }
 
     /// Weighs all explanations anew, by what the best one leaves, and fits the leading ones once more.
-    fn weigh(&self, problem: &mut Problem<'a>, runs: &mut Runs, found: &mut Found<'a>, best: &Fit<'a>) {
+    pub(super) fn weigh(&self, problem: &mut Problem<'a>, runs: &mut Runs, found: &mut Found<'a>, best: &Fit<'a>) {
         problem.weigh_by(&self.noise, best);
         let anew = |fit: &Fit<'a>| {
             let again = problem.as_is(fit.effects.clone(), fit.eta.clone(), fit.simulated.clone());
@@ -305,6 +322,11 @@ impl<'a> Search<'_, 'a> {
         (gap * gap - floor * floor).max(0.0).sqrt()
     }
 
+    /// Returns whether the records can show all effects of an explanation.
+    pub(super) fn is_sound(&self, problem: &Problem, fit: &Fit) -> bool {
+        fit.effects.iter().all(|placed| placed.effect.sound(&problem.setting, &placed.place, &placed.parameters))
+    }
+
     /// Returns the price of an explanation, in twice the log likelihood: that of its parameters (Schwarz, Ann. Stat. 6,
     /// 1978) and that of the choice among all effects. A parameter that the simulator names counts as suspected: its
     /// engineer says that it may be wrong.
@@ -329,7 +351,7 @@ impl<'a> Search<'_, 'a> {
         }
     }
 
-    fn words(&self, problem: &Problem, fit: &Fit) -> String {
+    pub(super) fn words(&self, problem: &Problem, fit: &Fit) -> String {
         let effects = crate::fit::candidate::in_words(&fit.effects, &problem.setting.names);
         format!("{effects}: leaves {} of the output", plid_report::percent(self.left(problem, fit)))
     }

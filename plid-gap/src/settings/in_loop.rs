@@ -35,6 +35,9 @@ group! {
         fit_gain: f64 = 1e-3, "1", 0.0..=1.0;
         /// Number of explanations that are fitted again after the weights have changed.
         refined: usize = 3, "1", 1.0..=100.0;
+        /// Share of the whole gap that a further effect must leave for the effects before it to be doubted: others are
+        /// then tried in their places.
+        doubtful: f64 = 0.1, "1", 0.0..=1.0;
         /// Largest number of effects of an explanation.
         effects: usize = 2, "1", 1.0..=10.0;
         /// Share of the material gap that a further effect must close, in amplitude. A smaller one may be there, but it
