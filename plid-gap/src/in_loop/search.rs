@@ -63,10 +63,13 @@ impl<'a> Search<'_, 'a> {
             refit = problem.fit(runs, as_given, self.settings.steps, self.gain(problem));
         }
         let mut found = Found { fits: vec![refit.clone()], refit, screens: Vec::new(), cut_short: false };
+        // An effect that does not suffice alone: two may hide each other.
+        let mut insufficient: Option<Fit> = None;
         for stage in 0..self.settings.effects {
-            let beside = found.fits[0].clone();
+            let standing = found.fits[0].clone();
+            let beside = insufficient.take().unwrap_or_else(|| standing.clone());
             let least = self.least(problem, &found);
-            if self.left(problem, &beside) < least || !self.may_call(runs) {
+            if self.left(problem, &standing) < least || !self.may_call(runs) {
                 break;
             }
             say(format!("stage {}: screening effects", stage + 1));
@@ -74,14 +77,18 @@ impl<'a> Search<'_, 'a> {
             let best = tried.iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).cloned();
             found.fits.extend(tried);
             let Some(best) = best else { break };
-            let accepted = self.accepts(problem, &best, &beside, least);
+            let accepted = self.accepts(problem, &best, &standing, least);
             if accepted {
                 self.weigh(problem, runs, &mut found, &best);
             }
             found.fits.sort_by(|a, b| self.priced(problem, a).total_cmp(&self.priced(problem, b)));
             if !accepted {
-                self.keep_first(&mut found.fits, &beside);
-                break;
+                self.keep_first(&mut found.fits, &standing);
+                if self.left(problem, &standing) < self.material {
+                    break;
+                }
+                insufficient = Some(best);
+                continue;
             }
             say(format!("{}, {} runs so far", self.words(problem, &found.fits[0]), runs.calls().runs));
         }
