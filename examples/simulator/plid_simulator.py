@@ -49,7 +49,8 @@ def serve(simulator):
                 simulator.save(request["slot"])
                 _line(sink, {"ok": True})
             else:
-                motions = simulator.start(request["parameters"]) if kind == "start" else simulator.restore(request["slot"])
+                starts = kind == "start"
+                motions = simulator.start(request["parameters"]) if starts else simulator.restore(request["slot"])
                 _line(sink, {"ok": True}, [x for motion in motions for x in motion])
         except Exception as error:  # plid is told, and the next request may succeed
             _line(sink, {"error": f"{type(error).__name__}: {error}"})

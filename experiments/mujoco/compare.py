@@ -142,7 +142,8 @@ def changes(problem, values):
 def agrees(diagnosis, problem, values):
     """Returns whether other values lie in plid's intervals, for the parameters that it names."""
     at = dict(zip(problem.names, values, strict=True))
-    named = [e.change["to"]["ci95"] + [at[e.location.removeprefix("parameter:")]] for e in diagnosis.effects if e.change]
+    changed = [effect for effect in diagnosis.effects if effect.change]
+    named = [[*one.change["to"]["ci95"], at[one.location.removeprefix("parameter:")]] for one in changed]
     return "-" if not named else "yes" if all(low <= value <= high for low, high, value in named) else "no"
 
 

@@ -104,7 +104,8 @@ def main():
     parser.add_argument("--only", nargs="*")
     given = parser.parse_args()
     tally, rows, inside = collections.Counter(), [], []
-    print(f"{'case':5}{'plant':10}{'cause':24}{'judged':10}{'gap':>8}{'fresh':>8}{'noise':>8}{'runs':>6}{'s':>6}  answer")
+    print(f"{'case':5}{'plant':10}{'cause':24}{'judged':10}{'gap':>8}{'fresh':>8}{'noise':>8}{'runs':>6}{'s':>6}"
+          "  answer")
     for name, case in cases(given.cases, given.only):
         label = case.label
         answer, took, fresh = by_program(given.plid, case) if given.plid else by_package(case)

@@ -2,8 +2,8 @@
 //!
 //! A [`Simulator`] says what it has ([`Description`]): inputs, outputs, numbers that may be wrong ([`Parameter`]), and
 //! places that take a force ([`Port`]). [`Simulator::run`] maps inputs to outputs from rest. A simulator that can also
-//! advance by one step at a time shows the motion at its ports and takes forces there ([`Simulator::step`]). It may keep
-//! states ([`Simulator::save`]), and it may have independent instances, which run side by side
+//! advance by one step at a time shows the motion at its ports and takes forces there ([`Simulator::step`]). It may
+//! keep states ([`Simulator::save`]), and it may have independent instances, which run side by side
 //! ([`Simulator::another`]).
 //!
 //! | implementation | simulator |

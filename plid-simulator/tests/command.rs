@@ -99,8 +99,8 @@ fn the_checker_tries_both_sides_and_states() {
     if !has_python() {
         return;
     }
-    let lines = "from plid_simulator import serve\nclass S:\n    description = {'name': 's', 'rate_hz': 10.0, 'inputs': \
-                 [{'name': 'u'}], 'outputs': [{'name': 'y'}], 'parameters': [{'name': 'k', 'value': 1.0, 'lower': \
+    let lines = "from plid_simulator import serve\nclass S:\n    description = {'name': 's', 'rate_hz': 10.0, \
+                 'inputs': [{'name': 'u'}], 'outputs': [{'name': 'y'}], 'parameters': [{'name': 'k', 'value': 1.0, 'lower': \
                  0.5}], 'steps_per_sample': 1, 'states': True}\n    def start(self, parameters):\n        self.k, \
                  self.x = min(parameters[0], 1.0), 0.0\n        if self.k < 0.6: raise ValueError('too soft')\n        \
                  return []\n    def step(self, u, forces):\n        self.x += self.k * u[0]\n        return [self.x], \

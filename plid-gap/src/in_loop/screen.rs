@@ -27,8 +27,8 @@ fn possible(effect: &dyn Effect, placed: &Placed, problem: &Problem) -> bool {
         && actions.iter().all(|action| !matches!(action, Action::Plant(_) | Action::Stiffness(_) | Action::Noise))
 }
 
-/// Screens all effects beside an explanation, until there are so many calls. Entries are sorted, the largest gain first;
-/// of each effect at each location all starts are kept. `problem` has the records that are screened.
+/// Screens all effects beside an explanation, until there are so many calls. Entries are sorted, the largest gain
+/// first; of each effect at each location all starts are kept. `problem` has the records that are screened.
 pub(super) fn screen<'a>(
     problem: &Problem<'a>,
     runs: &mut Runs,

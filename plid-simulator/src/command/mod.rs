@@ -78,8 +78,8 @@ impl Command {
     pub const PATIENCE: Duration = Duration::from_secs(60);
 
     /// Starts a program with its arguments in a folder, and reads its description. A program that neither reads a
-    /// request nor writes its answer for as long as `patience` is stopped. It may take [`Command::PATIENCE`] to start in any case, because an
-    /// interpreter loads its libraries first.
+    /// request nor writes its answer for as long as `patience` is stopped. It may take [`Command::PATIENCE`] to start
+    /// in any case, because an interpreter loads its libraries first.
     ///
     /// # Errors
     /// [`SimulatorError::Failed`] if the program cannot be started, ends, or writes anything but its description;
