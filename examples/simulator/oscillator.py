@@ -11,6 +11,7 @@ class Oscillator:
         "name": "oscillator",
         "rate_hz": 100.0,
         "steps_per_sample": STEPS,
+        "states": True,
         "inputs": [{"name": "force", "unit": "N"}],
         "outputs": [{"name": "position", "kind": "position", "unit": "m"}],
         "ports": [{"name": "spring", "input": "force", "force_unit": "N", "displacement_unit": "m"}],
@@ -22,7 +23,14 @@ class Oscillator:
 
     def start(self, parameters):
         self.stiffness, self.damping = parameters
-        self.x, self.v = 0.0, 0.0
+        self.x, self.v, self.kept = 0.0, 0.0, {}
+        return [(self.x, self.v)]
+
+    def save(self, slot):
+        self.kept[slot] = self.x, self.v
+
+    def restore(self, slot):
+        self.x, self.v = self.kept[slot]
         return [(self.x, self.v)]
 
     def step(self, u, forces):

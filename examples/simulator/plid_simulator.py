@@ -6,7 +6,9 @@ A simulator is an object with
 - `run(parameters, u)`: takes one list of inputs for each sample and returns one list of outputs for each; or
 - `start(parameters)` and `step(u, forces)`: `start` goes to rest and returns the motions, a list of (displacement,
   velocity) with one entry for each port; `step` advances by one step and returns the outputs at its start and the
-  motions at its end.
+  motions at its end;
+- if its description has `"states": True`, `save(slot)` and `restore(slot)`: `save` keeps the state between two steps
+  under a number, `restore` goes back to it and returns the motions there.
 
 `serve(simulator)` then answers until plid ends. Anything that is printed goes to plid's log.
 """
@@ -43,8 +45,12 @@ def serve(simulator):
                 u = [list(values[k * m : (k + 1) * m]) for k in range(samples)]
                 rows = _run(simulator, description, request["parameters"], u)
                 _line(sink, {"ok": True}, [float(x) for row in rows for x in row])
+            elif kind == "save":
+                simulator.save(request["slot"])
+                _line(sink, {"ok": True})
             else:
-                motions = simulator.start(request["parameters"])
+                starts = kind == "start"
+                motions = simulator.start(request["parameters"]) if starts else simulator.restore(request["slot"])
                 _line(sink, {"ok": True}, [x for motion in motions for x in motion])
         except Exception as error:  # plid is told, and the next request may succeed
             _line(sink, {"error": f"{type(error).__name__}: {error}"})

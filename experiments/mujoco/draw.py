@@ -23,6 +23,9 @@ EXAMPLES = pathlib.Path(__file__).resolve().parents[2] / "examples" / "simulator
 RATE, STEP, FINE = 200.0, 1e-3, 2.5e-4
 SAMPLES = 1000
 
+# Position of a stop, over the RMS of the displacement without it.
+STOP = 0.6
+
 PLANTS = {
     # A slider with a viscous bearing and a weak spring.
     "slider": dict(
@@ -100,12 +103,17 @@ class Cause:
     """What the truth has beside the simulator: other numbers, a changed command, forces at joints, changed outputs.
 
     `force` is that at one joint, of its displacement, velocity and time; `coupling` gives the forces at all joints from
-    their positions and velocities.
+    their positions and velocities. `sizes` are the true parameters of the effects that describe the cause exactly, and
+    `changed` those of the simulator.
     """
 
-    def __init__(self, names, place, numbers=None, command=None, force=None, sense=None, joint=None, coupling=None):
+    def __init__(self, names, place, numbers=None, command=None, force=None, sense=None, joint=None, coupling=None,
+                 sizes=None, changed=None):
         self.names, self.place, self.numbers, self.coupling = names, place, numbers or {}, coupling
         self.command, self.force, self.sense, self.joint = command, force, sense, joint
+        at = listed(place)[-1]
+        self.sizes = {f"{name}@{at}": size for name, size in (sizes or {}).items()}
+        self.changed = changed or {}
 
     def beside(self, other):
         """Both causes at once; only one of the two has a force."""
@@ -117,6 +125,7 @@ class Cause:
             after(self.command, other.command), self.force or other.force, after(self.sense, other.sense),
             self.joint or other.joint,
         )
+        both.sizes, both.changed = {**self.sizes, **other.sizes}, {**self.changed, **other.changed}
         return both
 
 
@@ -161,41 +170,67 @@ def causes(kind, plant, rng):
     first = "output:" + _name(plant["sensors"], 0)
     scale, big = plant["force"], rng.uniform(0.7, 1.4)
     mass, damping = plant["parameters"][1], plant["parameters"][0]
+
+    def number(key, parameter, value, names, place, sizes=None):
+        return Cause(["simulator-parameter", *names], ["parameter:" + parameter, place], numbers={key: value},
+                     changed={parameter: value}, sizes=sizes)
+
+    def dry(size):
+        return Cause(FRICTION, u, joint=joints[0], force=("dry", size), sizes={"stick-friction": {"Fc": size}})
+
+    def smooth(size, v0=0.15):
+        return Cause(["coulomb-friction", "stick-friction"], u, joint=joints[0],
+                     force=lambda d, v, t: -size * np.tanh(v / v0), sizes={"coulomb-friction": {"F": size, "v0": v0}})
+
+    def stiffening(k):
+        return Cause(["cubic-stiffness"], port, joint=joint, force=lambda d, v, t: -k * d**3,
+                     sizes={"cubic-stiffness": {"k": k}})
+
+    def damped(value):
+        extra = value - plant["numbers"]["d"]
+        return number("d", damping, value, ["added-damping"], u, sizes={"added-damping": {"c": extra}})
+
+    def saturated(a):
+        return Cause(["actuator-saturation"], u, command=lambda c: a * np.tanh(c / a),
+                     sizes={"actuator-saturation": {"a": a}})
+
+    def dead(z):
+        return Cause(["actuator-dead-zone"], u, command=lambda c: np.sign(c) * np.maximum(np.abs(c) - z, 0),
+                     sizes={"actuator-dead-zone": {"delta": z}})
+
+    def amplified(g):
+        return Cause(["actuator-gain"], u, command=lambda c: g * c, sizes={"actuator-gain": {"g": g}})
+
+    def late_command(seconds):
+        tau = round(seconds / FINE) * FINE * RATE
+        return Cause(["actuator-delay"], u, command=delayed(seconds), sizes={"actuator-delay": {"tau": tau}})
+
+    def offset(o):
+        return Cause(["sensor-offset"], first, sense=lambda y: y + o * np.eye(y.shape[1])[0],
+                     sizes={"sensor-offset": {"o": o}})
+
     drawn = {
         "none": lambda: Cause([], None),
-        "friction": lambda: Cause(FRICTION, u, joint=joints[0], force=("dry", 0.12 * big * scale)),
-        "smooth-friction": lambda: Cause(
-            ["coulomb-friction", "stick-friction"], u, joint=joints[0],
-            force=lambda d, v, t, f=0.15 * big * scale: -f * np.tanh(v / 0.15),
+        "friction": lambda: dry(0.12 * big * scale),
+        "smooth-friction": lambda: smooth(0.15 * big * scale),
+        "stiffening": lambda: stiffening((400 if joint == "elastic" else 8.0) * big * scale),
+        "stop": lambda: Cause(
+            ["end-stop"], port, joint=joint, force=("stop", 400 * scale, 2 * scale),
+            sizes={"end-stop": {"k": 400 * scale, "c": 2 * scale}},
         ),
-        "stiffening": lambda: Cause(
-            ["cubic-stiffness"], port, joint=joint,
-            force=lambda d, v, t, k=(400 if joint == "elastic" else 8.0) * big * scale: -k * d**3,
-        ),
-        "stop": lambda: Cause(["end-stop"], port, joint=joint, force=("stop", 400 * scale, 2 * scale)),
-        "damping": lambda: Cause(
-            ["simulator-parameter", "added-damping"], ["parameter:" + damping, u],
-            numbers=dict(d=plant["numbers"]["d"] * rng.choice([0.6, 1.7])),
-        ),
-        "mass": lambda: Cause(
-            ["simulator-parameter", "added-mass"], ["parameter:" + mass, port],
-            numbers=dict(m=plant["numbers"]["m"] * rng.choice([0.8, 1.3])),
-        ),
-        "gain": lambda: Cause(["actuator-gain"], u, command=lambda c, g=1 + 0.2 * big: g * c),
-        "saturation": lambda: Cause(
-            ["actuator-saturation"], u, command=lambda c, a=0.9 * big * scale: a * np.tanh(c / a)
-        ),
-        "dead-zone": lambda: Cause(
-            ["actuator-dead-zone"], u,
-            command=lambda c, z=0.25 * big * scale: np.sign(c) * np.maximum(np.abs(c) - z, 0),
-        ),
-        "lag": lambda: Cause(["actuator-lag"], u, command=lagged(5.0 * big)),
-        "delay": lambda: Cause(["actuator-delay"], u, command=delayed(0.02 * big)),
-        "sensor-delay": lambda: Cause(["sensor-delay"], first, sense=late(3, 0)),
+        "damping": lambda: damped(plant["numbers"]["d"] * rng.choice([0.6, 1.7])),
+        "mass": lambda: number("m", mass, plant["numbers"]["m"] * rng.choice([0.8, 1.3]), ["added-mass"], port),
+        "gain": lambda: amplified(1 + 0.2 * big),
+        "saturation": lambda: saturated(0.9 * big * scale),
+        "dead-zone": lambda: dead(0.25 * big * scale),
+        "lag": lambda: Cause(["actuator-lag"], u, command=lagged(5.0 * big), sizes={"actuator-lag": {"fp": 5.0 * big}}),
+        "delay": lambda: late_command(0.02 * big),
+        "sensor-delay": lambda: Cause(["sensor-delay"], first, sense=late(3, 0), sizes={"sensor-delay": {"tau": 3.0}}),
         "sensor-gain": lambda: Cause(
-            ["sensor-gain"], first, sense=lambda y, g=1.15: np.hstack([g * y[:, :1], y[:, 1:]])
+            ["sensor-gain"], first, sense=lambda y, g=1.15: np.hstack([g * y[:, :1], y[:, 1:]]),
+            sizes={"sensor-gain": {"g": 1.15}},
         ),
-        "offset": lambda: Cause(["sensor-offset"], first, sense=lambda y, o=0.04 * big: y + o * np.eye(y.shape[1])[0]),
+        "offset": lambda: offset(0.04 * big),
         # Neither an effect nor a parameter: a payload that falls off and is picked up again.
         "slips": lambda: Cause(
             None, None, joint=joints[0],
@@ -261,7 +296,7 @@ def measure(plant, cause, u, reach):
         model.dof_frictionloss[model.jnt_dofadr[joint]] = force[1]
         force = None
     elif isinstance(force, tuple):
-        force = stop(0.6 * reach, *force[1:])
+        force = stop(STOP * reach, *force[1:])
     data = mujoco.MjData(model)
     repeat = round(1 / (RATE * FINE))
     fine = np.repeat(u, repeat, axis=0)
@@ -303,6 +338,9 @@ def draw(folder, kind, plant_name, seed):
     commands = [command(rng, len(inputs), level * plant["force"]) for level in levels]
     reach = measure(plant, plain, commands[1], 0.0)[1]
     measured = [measure(plant, cause, u, reach)[0] for u in commands]
+    for name, size in cause.sizes.items():
+        if name.startswith("end-stop"):
+            size["g"] = STOP * reach
     noise = 0.005 * np.sqrt(np.mean(np.square(measured[1]), axis=0))
     step = noise  # an encoder that rounds to the noise's size
     lines = [
@@ -322,8 +360,8 @@ def draw(folder, kind, plant_name, seed):
             lines += ["", "[[record]]", f'file = "r{k}.csv"'] + (['excitation = "zero"'] if levels[k] == 0 else [])
     (folder / "case.toml").write_text("\n".join(lines) + "\n")
     relative = float(np.sqrt(np.mean((1.04 * noise) ** 2 / np.mean(np.square(measured[-1]), axis=0))))
-    return dict(kind=kind, plant=plant_name, effects=cause.names, places=listed(cause.place), numbers=cause.numbers,
-                noise=relative)
+    return dict(kind=kind, plant=plant_name, effects=cause.names, places=listed(cause.place), numbers=cause.changed,
+                sizes=cause.sizes, noise=relative)
 
 
 def listed(place):

@@ -3,63 +3,49 @@
     python3 experiments/mujoco/score.py CASES                              # by the Python package
     python3 experiments/mujoco/score.py CASES --plid target/release/plid   # by the program, which runs a command
 
-Needs `pip install ./python[mujoco]`.
+The summary counts the answers, the cases within the bounds on the gap, the runs and the time, and the parameters whose
+true value lies in the stated interval. Needs `pip install ./python[mujoco]`.
 """
 
 import argparse
-import csv
+import collections
 import json
 import pathlib
 import subprocess
 import time
-import tomllib
 
 import numpy as np
+from cases import cases, columns, gap
 
 from plid import gap as plid_gap
 
 
-def gap(measured, predicted):
-    """RMS of the error over RMS of the output, each output scaled to unit RMS."""
-    return float(np.sqrt(np.mean(np.mean((measured - predicted) ** 2, axis=0) / np.mean(measured**2, axis=0))))
-
-
-def columns(path, names):
-    with open(path, newline="") as file:
-        return np.array([[float(row[name]) for name in names] for row in csv.DictReader(file)])
-
-
-def by_program(plid, folder):
+def by_program(plid, case):
     """Returns diagnosis.json, the time that it took in s, and the gap on the fresh record."""
     began = time.monotonic()
-    out = folder / "answer"
-    subprocess.run([plid, "gap", "diagnose", folder / "case.toml", "--out", out, "--force", "--quiet"], check=True)
+    out = case.folder / "answer"
+    subprocess.run(
+        [plid, "gap", "diagnose", case.folder / "case.toml", "--out", out, "--force", "--quiet"], check=True
+    )
     took = time.monotonic() - began
     subprocess.run(
-        [plid, "gap", "predict", "--diagnosis", out / "diagnosis.json", "--input", folder / "fresh.csv", "--out",
-         out / "fresh.csv", "--folder", folder, "--quiet"], check=True,
+        [plid, "gap", "predict", "--diagnosis", out / "diagnosis.json", "--input", case.folder / "fresh.csv", "--out",
+         out / "fresh.csv", "--folder", case.folder, "--quiet"], check=True,
     )
     answer = json.loads((out / "diagnosis.json").read_text())
-    outputs = list(answer["where"]["channels"])
-    return answer, took, gap(columns(folder / "fresh.csv", outputs), columns(out / "fresh.csv", outputs))
+    return answer, took, gap(case.read("fresh.csv")[1], columns(out / "fresh.csv", case.case["outputs"]))
 
 
-def by_package(folder):
+def by_package(case):
     """As `by_program`, with the same model and the same options as Python objects."""
-    case = tomllib.loads((folder / "case.toml").read_text())
-    words, rate = case["simulator"]["command"], case["sample_rate_hz"]
-    ports, parameters = ([words[k + 1] for k, word in enumerate(words) if word == f"--{key}"]
-                         for key in ("port", "parameter"))
-    simulator = plid_gap.from_mujoco(folder / "model.xml", rate=rate, joints=ports, parameters=parameters)
-
-    def read(name):
-        return columns(folder / name, case["inputs"]), columns(folder / name, case["outputs"])
-
-    records = [plid_gap.Record(*read(record["file"]), name=record["file"]) for record in case["record"]]
+    simulator = plid_gap.from_mujoco(
+        case.folder / "model.xml", rate=case.rate, joints=case.listed("port"), parameters=case.listed("parameter")
+    )
+    records = [plid_gap.Record(*case.read(name), name=name) for name in case.records()]
     began = time.monotonic()
-    diagnosis = plid_gap.diagnose(records, simulator=simulator, rate=rate, progress=False)
+    diagnosis = plid_gap.diagnose(records, simulator=simulator, rate=case.rate, progress=False)
     took = time.monotonic() - began
-    u, y = read("fresh.csv")
+    u, y = case.read("fresh.csv")
     return diagnosis.data, took, gap(y, diagnosis.predict(u))
 
 
@@ -94,30 +80,51 @@ def judge_two(label, effects):
     return ["CONFIDENT" if effects[0]["confidence"] >= 0.9 else "wrong", "one", "right"][found]
 
 
+def covered(label, answer):
+    """Yields for each stated number whose true value is known whether that lies in the interval."""
+    for effect in answer["effects"]:
+        if effect["effect"] == "simulator-parameter":
+            low, high = effect["change"]["to"]["ci95"]
+            true = label["numbers"].get(effect["location"].removeprefix("parameter:"))
+            if true is not None:
+                yield low <= true <= high
+        for name, true in label["sizes"].get(f"{effect['effect']}@{effect['location']}", {}).items():
+            low, high = effect["parameters"][name]["ci95"]
+            yield low <= true <= high
+
+
+def share(of, what):
+    return f"{what} {sum(of)} of {len(of)}"
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cases", type=pathlib.Path)
     parser.add_argument("--plid", help="the program; without it the Python package diagnoses")
     parser.add_argument("--only", nargs="*")
     given = parser.parse_args()
-    labels = json.loads((given.cases / "labels.json").read_text())
-    tally, ratios = {}, []
-    print(f"{'case':5}{'plant':10}{'cause':16}{'judged':10}{'gap':>8}{'fresh':>8}{'noise':>8}{'runs':>6}{'s':>6}  answer")
-    for name, label in labels.items():
-        if given.only and name not in given.only:
-            continue
-        folder = given.cases / name
-        answer, took, fresh = by_program(given.plid, folder) if given.plid else by_package(folder)
-        verdict = judge(label, answer)
-        tally[verdict] = tally.get(verdict, 0) + 1
-        ratios.append(fresh / label["noise"])
+    tally, rows, inside = collections.Counter(), [], []
+    print(f"{'case':5}{'plant':10}{'cause':24}{'judged':10}{'gap':>8}{'fresh':>8}{'noise':>8}{'runs':>6}{'s':>6}"
+          "  answer")
+    for name, case in cases(given.cases, given.only):
+        label = case.label
+        answer, took, fresh = by_program(given.plid, case) if given.plid else by_package(case)
+        verdict, runs = judge(label, answer), answer["simulator"]["runs"]
+        tally[verdict] += 1
+        rows.append((fresh / label["noise"], runs, took))
+        inside += covered(label, answer)
         said = " + ".join(f"{e['effect']}@{e['location']} {e['confidence']:.2f}" for e in answer["effects"])
         said = said or answer["verdict"]
         print(
-            f"{name:5}{label['plant']:10}{label['kind']:16}{verdict:10}{answer['gap']['as_given']:8.3f}{fresh:8.4f}"
-            f"{label['noise']:8.4f}{answer['simulator']['runs']:6}{took:6.1f}  {said}", flush=True,
+            f"{name:5}{label['plant']:10}{label['kind']:24}{verdict:10}{answer['gap']['as_given']:8.3f}{fresh:8.4f}"
+            f"{label['noise']:8.4f}{runs:6}{took:6.1f}  {said}", flush=True,
         )
-    print(tally, f"fresh gap over noise: median {np.median(ratios):.2f}, at most 1.5 in {np.mean(np.array(ratios) <= 1.5):.0%}")
+    ratios, runs, times = (np.array(of) for of in zip(*rows, strict=True))
+    print(dict(tally))
+    print(f"gap on a fresh record over noise: median {np.median(ratios):.2f}; {share(ratios <= 1.5, 'at most 1.5 in')}")
+    print(f"runs: median {np.median(runs):.0f}; {share(runs <= 400, 'at most 400 in')}")
+    print(f"time: median {np.median(times):.1f} s; {share(times <= 60, 'at most 60 s in')}")
+    print(share(inside, "true values in their intervals:"))
 
 
 if __name__ == "__main__":

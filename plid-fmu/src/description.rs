@@ -38,6 +38,10 @@ pub(crate) struct ModelDescription {
     pub identifier: String,
     /// Whether it needs another program to be installed.
     pub needs_tool: bool,
+    /// Whether its state can be kept and set.
+    pub keeps_states: bool,
+    /// Whether a process may have one instance of it only.
+    pub one_instance: bool,
     /// Whether it takes steps of its own size only.
     pub fixed_step: bool,
     pub start_time: f64,
@@ -96,15 +100,18 @@ impl ModelDescription {
         let token = if version == Version::Two { "guid" } else { "instantiationToken" };
         let experiment = child(root, "DefaultExperiment");
         let time = |key: &str| experiment.and_then(|experiment| float(experiment, key));
-        let takes_any = simulation.attribute("canHandleVariableCommunicationStepSize").is_some_and(is_true);
+        let flag = |key: &str| simulation.attribute(key).is_some_and(is_true);
         let internal = float(simulation, "fixedInternalStepSize");
+        let state = if version == Version::Two { "canGetAndSetFMUstate" } else { "canGetAndSetFMUState" };
         Ok(Self {
             version,
             name: required(root, "modelName")?,
             token: required(root, token)?,
             identifier: required(simulation, "modelIdentifier")?,
-            needs_tool: simulation.attribute("needsExecutionTool").is_some_and(is_true),
-            fixed_step: !takes_any,
+            needs_tool: flag("needsExecutionTool"),
+            keeps_states: flag(state),
+            one_instance: flag("canBeInstantiatedOnlyOncePerProcess"),
+            fixed_step: !flag("canHandleVariableCommunicationStepSize"),
             start_time: time("startTime").filter(|time| time.is_finite()).unwrap_or(0.0),
             step_size: internal.or(time("stepSize")).filter(|step| step.is_finite() && *step > 0.0),
             variables: variables(root, version)?,

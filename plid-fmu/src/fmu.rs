@@ -1,4 +1,6 @@
+use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 
 use plid_simulator::{Description, Motion, Simulator, SimulatorError};
 
@@ -14,11 +16,13 @@ use crate::{FmuError, Options};
 pub struct Fmu {
     /// Dropped before the binary.
     instance: Option<Instance>,
-    package: Package,
+    package: Arc<Package>,
     wiring: Wiring,
     resets: Resets,
     /// Steps since the start.
     steps: u64,
+    /// The same of each state that is kept, by its slot.
+    kept: BTreeMap<usize, u64>,
     /// What is set in a step.
     values: Vec<f64>,
     /// Displacement and velocity of each port.
@@ -43,8 +47,13 @@ impl Fmu {
     /// # Errors
     /// [`FmuError`]: the file is none, is for another machine or another kind of simulation, or lacks a variable.
     pub fn open(file: &Path, options: &Options) -> Result<Self, FmuError> {
-        let package = Package::open(file)?;
+        let package = Arc::new(Package::open(file)?);
         let wiring = Wiring::new(file, &package.description, options)?;
+        Self::of(package, wiring)
+    }
+
+    /// Creates an instance.
+    fn of(package: Arc<Package>, wiring: Wiring) -> Result<Self, FmuError> {
         let (driven, motions) = (wiring.driven.len(), wiring.motions.len());
         let mut fmu = Self {
             instance: None,
@@ -52,6 +61,7 @@ impl Fmu {
             wiring,
             resets: Resets::New,
             steps: 0,
+            kept: BTreeMap::new(),
             values: vec![0.0; driven],
             motions: vec![0.0; motions],
             rest: vec![0.0; motions],
@@ -61,7 +71,7 @@ impl Fmu {
     }
 
     fn create(&self) -> Result<Instance, FmuError> {
-        let Package { binary, birth, description, file, .. } = &self.package;
+        let Package { binary, birth, description, file, .. } = &*self.package;
         Instance::new(binary, birth).map_err(|said| {
             let (found, at) = ("nothing".into(), description.tool().into());
             FmuError::Call { file: file.clone(), function: "instantiation", found, at, log: log(said) }
@@ -150,6 +160,7 @@ impl Fmu {
     /// Begins a run.
     fn begin(&mut self, parameters: &[f64]) -> Result<(), FmuError> {
         self.steps = 0;
+        self.kept.clear();
         self.renew()?;
         self.initialise(parameters)?;
         if matches!(self.resets, Resets::New) {
@@ -166,6 +177,26 @@ impl Fmu {
         self.read_motions()?;
         self.rest.copy_from_slice(&self.motions);
         Ok(())
+    }
+
+    /// Goes back to a state that was kept after so many steps; returns whether there is one.
+    fn go_back(&mut self, slot: usize) -> Result<bool, FmuError> {
+        let Some(steps) = self.kept.get(&slot).copied() else { return Ok(false) };
+        if !self.call(|instance| instance.restore(slot))? {
+            return Ok(false);
+        }
+        self.steps = steps;
+        self.read_motions()?;
+        Ok(true)
+    }
+
+    fn motions(&self) -> Vec<Motion> {
+        (0..self.wiring.description.ports.len()).map(|port| self.motion(port)).collect()
+    }
+
+    fn require_states(&self) -> Result<(), SimulatorError> {
+        let Description { states, name, .. } = &self.wiring.description;
+        states.then_some(()).ok_or_else(|| SimulatorError::NoStates { name: name.clone() })
     }
 
     /// Reads the motion at the ports.
@@ -234,12 +265,33 @@ impl Simulator for Fmu {
 
     fn start(&mut self, parameters: &[f64]) -> Result<Vec<Motion>, SimulatorError> {
         self.begin(parameters)?;
-        Ok((0..self.wiring.description.ports.len()).map(|port| self.motion(port)).collect())
+        Ok(self.motions())
     }
 
     fn step(&mut self, u: &[f64], forces: &[f64], y: &mut [f64], motions: &mut [Motion]) -> Result<(), SimulatorError> {
         self.advance(u, forces, y)?;
         motions.iter_mut().enumerate().for_each(|(port, motion)| *motion = self.motion(port));
         Ok(())
+    }
+
+    fn save(&mut self, slot: usize) -> Result<(), SimulatorError> {
+        self.require_states()?;
+        if !self.call(|instance| instance.save(slot))? {
+            return Err(SimulatorError::failed("its library lacks the functions that keep a state"));
+        }
+        self.kept.insert(slot, self.steps);
+        Ok(())
+    }
+
+    fn restore(&mut self, slot: usize) -> Result<Vec<Motion>, SimulatorError> {
+        self.require_states()?;
+        if self.go_back(slot)? { Ok(self.motions()) } else { Err(SimulatorError::empty(slot)) }
+    }
+
+    fn another(&self) -> Result<Option<Box<dyn Simulator>>, SimulatorError> {
+        if self.package.description.one_instance {
+            return Ok(None);
+        }
+        Ok(Some(Box::new(Self::of(Arc::clone(&self.package), self.wiring.clone())?)))
     }
 }

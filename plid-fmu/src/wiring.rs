@@ -9,6 +9,7 @@ use crate::description::{ModelDescription, Variable};
 use crate::{ChosenParameter, FmuError, Options};
 
 /// The variables of a simulator.
+#[derive(Clone)]
 pub(crate) struct Wiring {
     pub description: Description,
     /// What is set in each step: inputs, then the forces that are no inputs.
@@ -74,6 +75,7 @@ impl Wiring {
             ports,
             parameters: parameters.iter().map(|(_, parameter)| parameter.clone()).collect(),
             steps_per_sample: steps,
+            states: model.keeps_states,
         };
         description.check().map_err(|error| chooser.setting(error.to_string()))?;
         Ok(Self {

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use common::{built, built_with, description, pack};
 use plid_fmu::{ChosenParameter, Fmu, FmuError, Options};
-use plid_simulator::{Checked, OutputKind, Simulator, check};
+use plid_simulator::{Checked, Motion, OutputKind, Simulator, check};
 
 const RATE: f64 = 100.0;
 
@@ -95,6 +95,59 @@ fn the_checker_passes_the_fmu() {
             assert!(findings.iter().all(|finding| finding.holds), "{findings:#?}");
         }
     });
+}
+
+/// States are kept by an FMU that offers it, and lost with the next start. One that does not says so.
+#[test]
+fn a_state_is_kept_until_the_next_start() {
+    with_both(|file| {
+        let mut fmu = Fmu::open(file, &options(&["mass"], true)).unwrap();
+        let (mut y, mut motions) = ([0.0; 2], [Motion::default()]);
+        let mut follow = |fmu: &mut Fmu| -> Vec<Motion> {
+            let one = |_| fmu.step(&[1.0], &[0.5], &mut y, &mut motions).map(|()| motions[0]).unwrap();
+            (0..20).map(one).collect()
+        };
+        for _ in 0..3 {
+            fmu.start(&[2.0]).unwrap();
+            assert!(fmu.restore(3).unwrap_err().to_string().contains("no state is kept in slot 3"));
+            let before = follow(&mut fmu);
+            fmu.save(3).unwrap();
+            let after = follow(&mut fmu);
+            fmu.save(4).unwrap();
+            assert_eq!(fmu.restore(3).unwrap(), before[19..]);
+            assert_eq!(follow(&mut fmu), after);
+            assert_eq!(fmu.restore(4).unwrap(), after[19..]);
+        }
+    });
+    let folder = tempfile::tempdir().unwrap();
+    let Some(file) = built_with(folder.path(), 2, &description(2).replace("canGetAndSetFMUstate=\"true\"", "")) else {
+        return;
+    };
+    let mut fmu = Fmu::open(&file, &options(&[], true)).unwrap();
+    fmu.start(&[]).unwrap();
+    assert!(fmu.save(0).unwrap_err().to_string().contains("cannot keep its state"));
+}
+
+/// Instances do not know of each other.
+#[test]
+fn another_instance_is_independent() {
+    with_both(|file| {
+        let mut fmu = Fmu::open(file, &options(&["mass"], false)).unwrap();
+        let mut another = fmu.another().unwrap().unwrap();
+        let u = [(0..200).map(|k| f64::from(k % 7) - 3.0).collect::<Vec<f64>>(), vec![0.0; 200]];
+        let expected = [2.0, 1.5].map(|mass| fmu.run(&[mass], &u).unwrap());
+        let both = std::thread::scope(|scope| {
+            let one = scope.spawn(|| fmu.run(&[2.0], &u).unwrap());
+            [another.run(&[1.5], &u).unwrap(), one.join().unwrap()]
+        });
+        assert_eq!([&both[1], &both[0]], [&expected[0], &expected[1]]);
+        drop(fmu);
+        assert_eq!(another.run(&[2.0], &u).unwrap(), expected[0]);
+    });
+    let folder = tempfile::tempdir().unwrap();
+    let once = "canBeInstantiatedOnlyOncePerProcess=\"true\" canGetAndSet";
+    let Some(file) = built_with(folder.path(), 2, &description(2).replace("canGetAndSet", once)) else { return };
+    assert!(Fmu::open(&file, &options(&[], false)).unwrap().another().unwrap().is_none());
 }
 
 /// Each run begins anew, also where the FMU's own reset fails or does nothing.

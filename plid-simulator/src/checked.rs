@@ -1,23 +1,25 @@
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::{Channels, Description, Motion, Simulator, SimulatorError};
+use crate::{Channels, Description, Failure, Instance, Motion, Simulator, SimulatorError};
 
 /// How often a simulator was called, and for how long.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Calls {
     /// Number of runs, those step by step included.
     pub runs: usize,
-    /// Time that they took.
+    /// The sum of the times that they took.
     pub time: Duration,
 }
 
 /// A simulator whose answers are checked and whose calls are counted.
 pub struct Checked<'a> {
-    simulator: &'a mut dyn Simulator,
-    description: Description,
+    /// The simulator that was given, and independent instances of it.
+    instances: Vec<Instance<'a>>,
+    description: Arc<Description>,
     calls: Calls,
-    y: Vec<f64>,
-    motions: Vec<Motion>,
 }
 
 impl<'a> Checked<'a> {
@@ -26,10 +28,23 @@ impl<'a> Checked<'a> {
     /// # Errors
     /// [`SimulatorError::Description`] if the simulator's description is inconsistent.
     pub fn new(simulator: &'a mut dyn Simulator) -> Result<Self, SimulatorError> {
-        let description = simulator.description().clone();
+        let description = Arc::new(simulator.description().clone());
         description.check()?;
-        let (y, motions) = (vec![0.0; description.outputs.len()], vec![Motion::default(); description.ports.len()]);
-        Ok(Self { simulator, description, calls: Calls::default(), y, motions })
+        let instances = vec![Instance::new(Box::new(simulator), Arc::clone(&description))];
+        Ok(Self { instances, description, calls: Calls::default() })
+    }
+
+    /// Wraps a simulator and so many instances of it, itself included, or as many as there may be.
+    ///
+    /// # Errors
+    /// As [`Checked::new`]; the failure of [`Simulator::another`].
+    pub fn side_by_side(simulator: &'a mut dyn Simulator, instances: usize) -> Result<Self, SimulatorError> {
+        let mut checked = Self::new(simulator)?;
+        while checked.instances.len() < instances {
+            let Some(another) = checked.simulator().another()? else { break };
+            checked.instances.push(Instance::new(another, Arc::clone(&checked.description)));
+        }
+        Ok(checked)
     }
 
     /// Returns what the simulator has.
@@ -42,22 +57,25 @@ impl<'a> Checked<'a> {
         self.calls
     }
 
+    /// Returns the number of runs that go side by side.
+    pub fn instances(&self) -> usize {
+        self.instances.len()
+    }
+
+    /// Returns the simulator that was given.
+    pub(crate) fn simulator(&mut self) -> &mut (dyn Simulator + 'a) {
+        self.instances[0].simulator()
+    }
+
     /// Runs from rest; see [`Simulator::run`].
     ///
     /// # Errors
     /// [`SimulatorError::Call`] with the number of the run and its failure.
     pub fn run(&mut self, parameters: &[f64], u: &[Vec<f64>]) -> Result<Channels, SimulatorError> {
-        let began = Instant::now();
-        let result = self.simulator.run(parameters, u);
-        self.count(began);
-        let samples = u.first().map_or(0, Vec::len);
-        result.and_then(|y| self.checked(y, samples)).map_err(|source| self.called("", source))
+        self.one(|instance| instance.run(parameters, u))
     }
 
-    /// Runs from rest, step by step. `u` holds one value of each input for each step, so that an input may change
-    /// within a sample. `force` gives the force at each port from the motion there: it is called before each step with
-    /// the step's number and the motions (one for each port), and writes the forces. Returns the outputs at the
-    /// samples.
+    /// Runs from rest, step by step; see [`Instance::run_with`].
     ///
     /// # Errors
     /// [`SimulatorError::Call`] with the number of the run, the sample and the failure.
@@ -67,85 +85,72 @@ impl<'a> Checked<'a> {
         u: &[Vec<f64>],
         force: impl FnMut(usize, &[Motion], &mut [f64]),
     ) -> Result<Channels, SimulatorError> {
-        let began = Instant::now();
-        let result = self.stepped(parameters, u, force);
-        self.count(began);
-        result.map_err(|(sample, source)| self.called(&format!(", sample {sample}"), source))
+        self.one(|instance| instance.run_with(parameters, u, force))
     }
 
-    fn stepped(
+    /// Carries out runs, side by side if there are several instances. The results are those of the runs in order, and
+    /// do not depend on the number of instances.
+    pub fn all<R>(&mut self, runs: &[R]) -> Vec<Result<Channels, SimulatorError>>
+    where
+        R: Fn(&mut Instance<'a>) -> Result<Channels, Failure> + Sync,
+    {
+        let done = match &mut self.instances[..] {
+            [one] => runs.iter().map(|run| timed(run, one)).collect(),
+            several => shared_out(several, runs),
+        };
+        done.into_iter().map(|(result, time)| self.counted(result, time)).collect()
+    }
+
+    fn one(
         &mut self,
-        parameters: &[f64],
-        u: &[Vec<f64>],
-        mut force: impl FnMut(usize, &[Motion], &mut [f64]),
-    ) -> Result<Channels, (usize, SimulatorError)> {
-        let steps = self.description.steps_per_sample.max(1);
-        let samples = u.first().map_or(0, Vec::len) / steps;
-        let mut y = vec![vec![0.0; samples]; self.description.outputs.len()];
-        let (mut held, mut forces) = (vec![0.0; u.len()], vec![0.0; self.description.ports.len()]);
-        let started = self.simulator.start(parameters).map_err(|source| (0, source))?;
-        if started.len() != self.motions.len() {
-            let (expected, found) = (self.motions.len(), started.len());
-            let of = |count: usize| format!("the motion at {count} ports");
-            return Err((0, SimulatorError::Shape { expected: of(expected), found: of(found) }));
-        }
-        self.motions.copy_from_slice(&started);
-        for k in 0..samples {
-            for step in 0..steps {
-                held.iter_mut().zip(u).for_each(|(held, u)| *held = u[k * steps + step]);
-                force(k * steps + step, &self.motions, &mut forces);
-                self.simulator.step(&held, &forces, &mut self.y, &mut self.motions).map_err(|source| (k, source))?;
-                if step == 0 {
-                    y.iter_mut().zip(&self.y).for_each(|(y, now)| y[k] = *now);
-                }
-            }
-            self.finite(k).map_err(|source| (k, source))?;
-        }
-        Ok(y)
+        run: impl FnOnce(&mut Instance<'a>) -> Result<Channels, Failure>,
+    ) -> Result<Channels, SimulatorError> {
+        let (result, time) = timed(run, &mut self.instances[0]);
+        self.counted(result, time)
     }
 
-    /// Checks the outputs of the last step and the motions after it.
-    fn finite(&self, sample: usize) -> Result<(), SimulatorError> {
-        if let Some(o) = self.y.iter().position(|y| !y.is_finite()) {
-            let what = format!("output {:?}", self.description.outputs[o].name);
-            return Err(SimulatorError::NotFinite { what, sample, value: self.y[o] });
-        }
-        let unsound = |motion: &Motion| !(motion.displacement.is_finite() && motion.velocity.is_finite());
-        let Some(j) = self.motions.iter().position(unsound) else { return Ok(()) };
-        let what = format!("the motion at port {:?}", self.description.ports[j].name);
-        let Motion { displacement, velocity } = self.motions[j];
-        let value = if displacement.is_finite() { velocity } else { displacement };
-        Err(SimulatorError::NotFinite { what, sample, value })
-    }
-
-    fn checked(&self, y: Channels, samples: usize) -> Result<Channels, SimulatorError> {
-        let p = self.description.outputs.len();
-        let shape =
-            |found: String| SimulatorError::Shape { expected: format!("{p} outputs of {samples} samples"), found };
-        if y.len() != p {
-            return Err(shape(format!("{} outputs", y.len())));
-        }
-        for (channel, output) in y.iter().zip(&self.description.outputs) {
-            if channel.len() != samples {
-                return Err(shape(format!("{} samples of output {:?}", channel.len(), output.name)));
-            }
-            if let Some(sample) = channel.iter().position(|y| !y.is_finite()) {
-                let what = format!("output {:?}", output.name);
-                return Err(SimulatorError::NotFinite { what, sample, value: channel[sample] });
-            }
-        }
-        Ok(y)
-    }
-
-    fn count(&mut self, began: Instant) {
+    /// Counts a run and names it in its failure.
+    fn counted(&mut self, result: Result<Channels, Failure>, time: Duration) -> Result<Channels, SimulatorError> {
         self.calls.runs += 1;
-        self.calls.time += began.elapsed();
+        self.calls.time += time;
+        result.map_err(|Failure { sample, source }| {
+            let at = sample.map(|sample| format!(", sample {sample}")).unwrap_or_default();
+            let call = format!("run {} of simulator {:?}{at}", self.calls.runs, self.description.name);
+            SimulatorError::Call { call, source: Box::new(source) }
+        })
     }
+}
 
-    fn called(&self, at: &str, source: SimulatorError) -> SimulatorError {
-        let call = format!("run {} of simulator {:?}{at}", self.calls.runs, self.description.name);
-        SimulatorError::Call { call, source: Box::new(source) }
-    }
+/// The result of a run and its time.
+type Timed = (Result<Channels, Failure>, Duration);
+
+fn timed<'a>(run: impl FnOnce(&mut Instance<'a>) -> Result<Channels, Failure>, instance: &mut Instance<'a>) -> Timed {
+    let began = Instant::now();
+    (run(instance), began.elapsed())
+}
+
+/// Carries out runs on several instances: each takes the next run when it is free.
+fn shared_out<'a, R>(instances: &mut [Instance<'a>], runs: &[R]) -> Vec<Timed>
+where
+    R: Fn(&mut Instance<'a>) -> Result<Channels, Failure> + Sync,
+{
+    let next = AtomicUsize::new(0);
+    let done: Mutex<Vec<(usize, Timed)>> = Mutex::new(Vec::with_capacity(runs.len()));
+    let work = |instance: &mut Instance<'a>| {
+        while let Some((at, run)) = Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|at| Some((at, runs.get(at)?)))
+        {
+            let result = timed(run, instance);
+            done.lock().unwrap_or_else(PoisonError::into_inner).push((at, result));
+        }
+    };
+    thread::scope(|scope| {
+        for instance in instances.iter_mut().take(runs.len()) {
+            scope.spawn(|| work(instance));
+        }
+    });
+    let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    done.sort_by_key(|(at, _)| *at);
+    done.into_iter().map(|(_, timed)| timed).collect()
 }
 
 #[cfg(test)]
@@ -181,6 +186,30 @@ mod tests {
         assert!(short.contains("2 samples of output \"b\""), "{short}");
         let unsound = refused(vec![vec![0.0; 3], vec![0.0, f64::NAN, 0.0]]);
         assert!(unsound.ends_with("NaN for output \"b\" at sample 1"), "{unsound}");
+    }
+
+    /// Runs on three instances give the same numbers in the same order as on one, and a failure names its run.
+    #[test]
+    fn runs_side_by_side_are_those_of_one_instance() {
+        let mut simulator = Function::new(description(), |_: &[f64], u: &[Vec<f64>]| {
+            thread::sleep(Duration::from_millis(if u[0][0] == 1.0 { 20 } else { 1 }));
+            let y: Vec<f64> = u[0].iter().map(|u| 1.0 / u).collect();
+            Ok(vec![y.clone(), y])
+        })
+        .side_by_side();
+        let inputs: Vec<Channels> = (0..7).map(|k| vec![vec![1.0 + f64::from(k) * 0.1, f64::from(3 - k)]]).collect();
+        let runs: Vec<_> = inputs.iter().map(|u| |instance: &mut Instance| instance.run(&[], u)).collect();
+        let mut answers = [1, 3].map(|instances| {
+            let mut checked = Checked::side_by_side(&mut simulator, instances).unwrap();
+            assert_eq!(checked.instances(), instances);
+            let all = checked.all(&runs);
+            assert_eq!(checked.calls().runs, 7);
+            all
+        });
+        let failed = answers[1][3].clone().unwrap_err().to_string();
+        assert!(failed.starts_with("run 4 of simulator \"sim\": ") && failed.contains("inf"), "{failed}");
+        answers.iter_mut().for_each(|all| drop(all.remove(3)));
+        assert_eq!(answers[0], answers[1]);
     }
 
     #[test]

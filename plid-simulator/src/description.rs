@@ -24,6 +24,9 @@ pub struct Description {
     /// Number of steps in a sample; zero for a simulator that only runs as a whole.
     #[serde(default)]
     pub steps_per_sample: usize,
+    /// Whether it can keep its state between two steps, and go back to it.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub states: bool,
 }
 
 /// An input of a simulator.
@@ -127,8 +130,8 @@ impl Parameter {
 impl Description {
     /// A simulator without ports and parameters, which runs as a whole.
     pub fn new(name: impl Into<String>, rate_hz: f64, inputs: Vec<Input>, outputs: Vec<Output>) -> Self {
-        let name = name.into();
-        Self { name, rate_hz, inputs, outputs, ports: Vec::new(), parameters: Vec::new(), steps_per_sample: 0 }
+        let (name, ports, parameters) = (name.into(), Vec::new(), Vec::new());
+        Self { name, rate_hz, inputs, outputs, ports, parameters, steps_per_sample: 0, states: false }
     }
 
     /// Returns the values of the parameters in the simulator as given.
@@ -158,6 +161,9 @@ impl Description {
         }
         if !self.ports.is_empty() && !self.has_steps() {
             return Some("it has ports, but steps_per_sample is 0: only `step` takes forces".into());
+        }
+        if self.states && !self.has_steps() {
+            return Some("it keeps states, but steps_per_sample is 0: a state lies between two steps".into());
         }
         let inputs: Vec<&str> = self.inputs.iter().map(|input| input.name.as_str()).collect();
         let outputs = self.outputs.iter().map(|output| output.name.as_str()).collect();

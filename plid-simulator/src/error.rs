@@ -15,6 +15,12 @@ pub enum SimulatorError {
         /// Name of the simulator.
         name: String,
     },
+    /// A state was asked of a simulator that keeps none.
+    #[error("simulator {name:?} cannot keep its state")]
+    NoStates {
+        /// Name of the simulator.
+        name: String,
+    },
     /// The simulator failed by its own account, stopped, or did not answer in time.
     #[error("the simulator failed: {message}")]
     Failed {
@@ -53,5 +59,10 @@ impl SimulatorError {
     /// A failure in the simulator's own words.
     pub fn failed(message: impl Into<String>) -> Self {
         Self::Failed { message: message.into() }
+    }
+
+    /// The failure of a slot that holds no state.
+    pub fn empty(slot: usize) -> Self {
+        Self::failed(format!("no state is kept in slot {slot}"))
     }
 }

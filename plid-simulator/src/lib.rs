@@ -2,7 +2,9 @@
 //!
 //! A [`Simulator`] says what it has ([`Description`]): inputs, outputs, numbers that may be wrong ([`Parameter`]), and
 //! places that take a force ([`Port`]). [`Simulator::run`] maps inputs to outputs from rest. A simulator that can also
-//! advance by one step at a time shows the motion at its ports and takes forces there ([`Simulator::step`]).
+//! advance by one step at a time shows the motion at its ports and takes forces there ([`Simulator::step`]). It may
+//! keep states ([`Simulator::save`]), and it may have independent instances, which run side by side
+//! ([`Simulator::another`]).
 //!
 //! | implementation | simulator |
 //! |---|---|
@@ -10,7 +12,8 @@
 //! | [`Command`] | another program, over its standard input and output |
 //! | [`Linear`] | a linear model with ports, such as a model.json |
 //!
-//! [`Checked`] wraps any of them: it checks what comes back, names the call that failed, and counts calls and time.
+//! [`Checked`] wraps any of them: it checks what comes back, names the call that failed, counts calls and time, and
+//! runs instances side by side.
 //! [`check()`] tells what a simulator does not honour. [`serve()`] makes a simulator one for another program.
 //!
 //! ```
@@ -34,6 +37,7 @@ mod command;
 mod description;
 mod error;
 mod function;
+mod instance;
 mod linear;
 mod port_variables;
 
@@ -43,6 +47,7 @@ pub use command::{Command, own_output, refuse, serve};
 pub use description::{Description, Input, Output, Parameter, Port};
 pub use error::SimulatorError;
 pub use function::Function;
+pub use instance::{Failure, Instance};
 pub use linear::Linear;
 pub use plid_model::OutputKind;
 pub use port_variables::PortVariables;
@@ -63,7 +68,7 @@ pub struct Motion {
 ///
 /// One of [`Simulator::run`] and [`Simulator::step`] is required. The same calls must give the same numbers: a
 /// simulator that draws random numbers begins each run with the same seed.
-pub trait Simulator {
+pub trait Simulator: Send {
     /// Returns what the simulator has.
     fn description(&self) -> &Description;
 
@@ -98,6 +103,62 @@ pub trait Simulator {
         _motions: &mut [Motion],
     ) -> Result<(), SimulatorError> {
         Err(SimulatorError::NoSteps { name: self.description().name.clone() })
+    }
+
+    /// Keeps the present state, which lies between two steps, in a slot; what the slot held is lost. All states are
+    /// lost with the next start.
+    ///
+    /// # Errors
+    /// [`SimulatorError::NoStates`] if it keeps none ([`Description::states`]); else as [`Simulator::start`].
+    fn save(&mut self, _slot: usize) -> Result<(), SimulatorError> {
+        Err(SimulatorError::NoStates { name: self.description().name.clone() })
+    }
+
+    /// Goes back to the state in a slot, which stays kept, and returns the motion at each port there.
+    ///
+    /// # Errors
+    /// As [`Simulator::save`]; [`SimulatorError::Failed`] if the slot is empty.
+    fn restore(&mut self, _slot: usize) -> Result<Vec<Motion>, SimulatorError> {
+        Err(SimulatorError::NoStates { name: self.description().name.clone() })
+    }
+
+    /// Returns an independent instance of this simulator, which may run at the same time in another thread and gives
+    /// the same numbers. `None` if there is only this one.
+    ///
+    /// # Errors
+    /// [`SimulatorError`] if an instance cannot be made.
+    fn another(&self) -> Result<Option<Box<dyn Simulator>>, SimulatorError> {
+        Ok(None)
+    }
+}
+
+impl<S: Simulator + ?Sized> Simulator for &mut S {
+    fn description(&self) -> &Description {
+        (**self).description()
+    }
+
+    fn run(&mut self, parameters: &[f64], u: &[Vec<f64>]) -> Result<Channels, SimulatorError> {
+        (**self).run(parameters, u)
+    }
+
+    fn start(&mut self, parameters: &[f64]) -> Result<Vec<Motion>, SimulatorError> {
+        (**self).start(parameters)
+    }
+
+    fn step(&mut self, u: &[f64], forces: &[f64], y: &mut [f64], motions: &mut [Motion]) -> Result<(), SimulatorError> {
+        (**self).step(u, forces, y, motions)
+    }
+
+    fn save(&mut self, slot: usize) -> Result<(), SimulatorError> {
+        (**self).save(slot)
+    }
+
+    fn restore(&mut self, slot: usize) -> Result<Vec<Motion>, SimulatorError> {
+        (**self).restore(slot)
+    }
+
+    fn another(&self) -> Result<Option<Box<dyn Simulator>>, SimulatorError> {
+        (**self).another()
     }
 }
 

@@ -1,3 +1,5 @@
+use std::collections::HashMap;
+
 use nalgebra::{DMatrix, DVector};
 use plid_model::Model;
 
@@ -17,6 +19,8 @@ pub struct Linear {
     x: DVector<f64>,
     next: DVector<f64>,
     driven: DVector<f64>,
+    /// The states that are kept, by their slots.
+    kept: HashMap<usize, DVector<f64>>,
 }
 
 impl Linear {
@@ -36,6 +40,7 @@ impl Linear {
         description.ports =
             model.ports.iter().map(|port| Port { input: port.input.clone(), ..Port::new(&port.name) }).collect();
         description.steps_per_sample = steps_per_sample.max(1);
+        description.states = true;
         let (n, p, count) = (model.n(), model.p(), model.ports.len());
         let (a, b) = match &model.continuous {
             Some(continuous) => {
@@ -67,7 +72,12 @@ impl Linear {
             x,
             next,
             driven,
+            kept: HashMap::new(),
         })
+    }
+
+    fn motions(&self) -> Vec<Motion> {
+        (0..self.description.ports.len()).map(|port| self.motion(port)).collect()
     }
 
     fn motion(&self, port: usize) -> Motion {
@@ -100,7 +110,22 @@ impl Simulator for Linear {
 
     fn start(&mut self, _parameters: &[f64]) -> Result<Vec<Motion>, SimulatorError> {
         self.x.fill(0.0);
-        Ok((0..self.description.ports.len()).map(|j| self.motion(j)).collect())
+        self.kept.clear();
+        Ok(self.motions())
+    }
+
+    fn save(&mut self, slot: usize) -> Result<(), SimulatorError> {
+        self.kept.insert(slot, self.x.clone());
+        Ok(())
+    }
+
+    fn restore(&mut self, slot: usize) -> Result<Vec<Motion>, SimulatorError> {
+        self.x.copy_from(self.kept.get(&slot).ok_or_else(|| SimulatorError::empty(slot))?);
+        Ok(self.motions())
+    }
+
+    fn another(&self) -> Result<Option<Box<dyn Simulator>>, SimulatorError> {
+        Ok(Some(Box::new(self.clone())))
     }
 
     fn step(&mut self, u: &[f64], forces: &[f64], y: &mut [f64], motions: &mut [Motion]) -> Result<(), SimulatorError> {
@@ -165,6 +190,19 @@ mod tests {
                 assert!((by_force[0][k] - expected(k)).abs() < 1e-14, "{k}");
             }
         }
+    }
+
+    /// The checker finds that states come back, and runs of a copy are those of the original.
+    #[test]
+    fn states_and_copies_are_exact() {
+        let mut simulator = oscillator(4);
+        let findings = crate::check(&mut simulator, 1.0).unwrap();
+        assert!(findings.iter().any(|f| f.what == "states") && findings.iter().all(|f| f.holds), "{findings:#?}");
+        let mut another = simulator.another().unwrap().unwrap();
+        let u = [vec![1.0; 50]];
+        assert_eq!(another.run(&[], &u).unwrap(), simulator.run(&[], &u).unwrap());
+        simulator.start(&[]).unwrap();
+        assert!(simulator.restore(0).is_err(), "a start forgets what was kept");
     }
 
     /// A spring at the port moves the frequency as a stiffer spring does.

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use plid_simulator::{Checked, Command, Simulator, SimulatorError, check};
+use plid_simulator::{Checked, Command, Instance, Simulator, SimulatorError, check};
 
 fn examples() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/simulator")
@@ -89,7 +89,45 @@ fn the_checker_finds_what_is_wrong() {
     let mut simulator = python("sim.py", folder.path(), Command::PATIENCE).unwrap();
     let findings = check(&mut simulator, 1.0).unwrap();
     let wrong: Vec<&str> = findings.iter().filter(|f| f.required && !f.holds).map(|f| f.what.as_str()).collect();
+
     assert_eq!(wrong, ["repeats", "steps", "motion at p", "force at p"]);
+}
+
+/// A parameter that does nothing upwards and fails at its lower bound; states that come back wrong.
+#[test]
+fn the_checker_tries_both_sides_and_states() {
+    if !has_python() {
+        return;
+    }
+    let lines = "from plid_simulator import serve\nclass S:\n    description = {'name': 's', 'rate_hz': 10.0, \
+                 'inputs': [{'name': 'u'}], 'outputs': [{'name': 'y'}], 'parameters': [{'name': 'k', 'value': 1.0, 'lower': \
+                 0.5}], 'steps_per_sample': 1, 'states': True}\n    def start(self, parameters):\n        self.k, \
+                 self.x = min(parameters[0], 1.0), 0.0\n        if self.k < 0.6: raise ValueError('too soft')\n        \
+                 return []\n    def step(self, u, forces):\n        self.x += self.k * u[0]\n        return [self.x], \
+                 []\n    def save(self, slot):\n        self.kept = self.x\n    def restore(self, slot):\n        \
+                 self.x = self.kept\n        return []\nserve(S())\n";
+    let folder = written(lines);
+    let mut simulator = python("sim.py", folder.path(), Command::PATIENCE).unwrap();
+    let findings = check(&mut simulator, 1.0).unwrap();
+    let not: Vec<(&str, bool)> = findings.iter().filter(|f| !f.holds).map(|f| (f.what.as_str(), f.required)).collect();
+    // Both slots are one: the second state is in the place of the first.
+    assert_eq!(not, [("parameter k = 1.05", true), ("bound k = 0.5", false), ("states", true)]);
+    let bound = findings.iter().find(|finding| finding.what == "bound k = 0.5").unwrap();
+    assert!(bound.found.contains("too soft"), "{}", bound.found);
+}
+
+/// A program is started once more, and both give the same numbers side by side.
+#[test]
+fn a_program_runs_side_by_side() {
+    if !has_python() {
+        return;
+    }
+    let mut simulator = python("oscillator.py", &examples(), Command::PATIENCE).unwrap();
+    let inputs: Vec<Vec<Vec<f64>>> = (1..6).map(|k| vec![vec![f64::from(k); 40]]).collect();
+    let runs: Vec<_> = inputs.iter().map(|u| |one: &mut Instance| one.run(&[800.0, 4.0], u)).collect();
+    let [alone, both] = [1, 2].map(|count| Checked::side_by_side(&mut simulator, count).unwrap().all(&runs));
+    assert!(alone.iter().all(Result::is_ok));
+    assert_eq!(alone, both);
 }
 
 /// Each failure names what happened, and the end of the log.
@@ -111,6 +149,24 @@ fn a_failing_program_is_named_with_its_log() {
     assert!(none.contains("\"no-such-program\" cannot be started"), "{none}");
     let other = Command::start(&["echo".into(), "hello".into()], Path::new("."), patience).err().unwrap().to_string();
     assert!(other.contains("it wrote \"hello\" where a line of JSON is expected"), "{other}");
+}
+
+/// The time limit counts from the last part of an answer that came.
+#[test]
+fn a_long_answer_takes_its_time() {
+    if !has_python() {
+        return;
+    }
+    let lines = "import json, os, struct, sys, time\nsource, sink = sys.stdin.buffer, sys.stdout.buffer\n\
+                 sink.write(b'{\"protocol\": 1, \"name\": \"s\", \"rate_hz\": 1.0, \"inputs\": [{\"name\": \"u\"}], \
+                 \"outputs\": [{\"name\": \"y\"}]}\\n')\nsink.flush()\nfor line in source:\n    samples = \
+                 json.loads(line)['run']['samples']\n    u = source.read(8 * samples)\n    sink.write(b'{\"ok\": true}\
+                 \\n')\n    for k in range(samples):\n        time.sleep(0.2)\n        sink.write(u[8 * k:8 * k + 8])\n\
+                 \x20       sink.flush()\n";
+    let folder = written(lines);
+    let mut simulator = python("sim.py", folder.path(), Duration::from_millis(800)).unwrap();
+    let u = vec![(0..8).map(f64::from).collect::<Vec<f64>>()];
+    assert_eq!(simulator.run(&[], &u).unwrap(), u);
 }
 
 /// What a simulator prints goes to the log and not among the numbers.

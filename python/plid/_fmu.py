@@ -124,6 +124,7 @@ class _OfFmu(Simulator):
         self.ports = [Port(**one) for one in known["ports"]]
         self.parameters = {one.pop("name"): Parameter(**one) for one in known["parameters"]}
         self.steps_per_sample: int = known["steps_per_sample"]
+        self.states: bool = known.get("states", False)
 
     def description(self) -> str:
         return self.native.description()

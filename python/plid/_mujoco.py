@@ -169,6 +169,15 @@ class _Arm:
         y = self.sensed[self.seen]
         return (y, self._motions()) if len(self.moved) else y
 
+    def save(self) -> Array:
+        state = np.empty(self.mujoco.mj_stateSize(self.model, self.mujoco.mjtState.mjSTATE_INTEGRATION))
+        self.mujoco.mj_getState(self.model, self.data, state, self.mujoco.mjtState.mjSTATE_INTEGRATION)
+        return state
+
+    def restore(self, state: Array) -> Array:
+        self.mujoco.mj_setState(self.model, self.data, state, self.mujoco.mjtState.mjSTATE_INTEGRATION)
+        return self._motions()
+
     def _motions(self) -> Array:
         self.moved[:, 0] = self.qpos[self.positions] - self.rest
         self.moved[:, 1] = self.qvel[self.velocities]

@@ -68,7 +68,8 @@ class Simulator:
         to rest and returns the motion at each port, and a method `step(u, forces)`, which holds the inputs (m,) and
         the forces at the ports over a step. `step` returns the outputs (p,) at the start of the step, and displacement
         and velocity of each port, shape (ports, 2), at its end. Without ports only the outputs. Arrays, tuples and
-        lists are equally welcome, and may be the same in each call.
+        lists are equally welcome, and may be the same in each call. It may also have a method `save()`, which returns
+        its state between two steps, and a method `restore(state)`, which goes back to it and returns the motions.
     rate : float
         Samples per second, in Hz.
     inputs, outputs : sequence of str
@@ -107,6 +108,8 @@ class Simulator:
             raise TypeError(f"simulator is a {type(simulator).__name__}: neither a function nor an object with `step`")
         if ports and self.own_step is None:
             raise TypeError("only a simulator with `step` has ports")
+        self.states = self.own_step is not None and all(hasattr(simulator, name) for name in ("save", "restore"))
+        self._kept: dict[int, Any] = {}
         self._simulator = simulator
         self.rate = positive(rate, "rate")
         self.inputs = list(inputs)
@@ -130,6 +133,7 @@ class Simulator:
                 "ports": [known(dataclasses.asdict(port)) for port in self.ports],
                 "parameters": [{"name": n} | known(dataclasses.asdict(p)) for n, p in self.parameters.items()],
                 "steps_per_sample": self.steps_per_sample,
+                "states": self.states,
             }
         )
 
@@ -148,23 +152,81 @@ class Simulator:
 
     def start(self, parameters: Array) -> Array:
         """Go to rest; return displacement and velocity of each port, shape (ports, 2)."""
+        self._kept.clear()
         start = self._simulator.start
         takes = len(inspect.signature(start).parameters) > 0
         found = start(self._named(parameters)) if takes else start()
         return self._motions(np.zeros((len(self.ports), 2)) if found is None else found)
+
+    def save(self, slot: int) -> None:
+        """Keep the present state in a slot, until the next start."""
+        self._kept[slot] = self._simulator.save()
+
+    def restore(self, slot: int) -> Array:
+        """Go back to the state in a slot; return displacement and velocity of each port, shape (ports, 2)."""
+        if slot not in self._kept:
+            raise KeyError(f"no state is kept in slot {slot}")
+        return self._motions(self._simulator.restore(self._kept[slot]))
 
     def step(self, u: Array, forces: Array) -> Any:
         """Advance by one step; return what the simulator's own `step` returns."""
         return self._simulator.step(u, forces)
 
     def _motions(self, found: Any) -> Array:
-        motions = np.asarray(found, dtype=np.float64).reshape(-1, 2) if np.size(found) else np.zeros((0, 2))
+        empty = found is None or np.size(found) == 0
+        motions = np.zeros((0, 2)) if empty else np.asarray(found, dtype=np.float64).reshape(-1, 2)
         if motions.shape != (len(self.ports), 2):
             raise ValueError(f"{self.name} returned motions of shape {motions.shape}, expected ({len(self.ports)}, 2)")
         return motions
 
     def _named(self, parameters: Array) -> dict[str, float]:
         return dict(zip(self.parameters, parameters.tolist(), strict=True))
+
+
+@dataclasses.dataclass(frozen=True)
+class Finding:
+    """One thing that `check` looked at.
+
+    Attributes
+    ----------
+    what : str
+        What was checked, in a few words.
+    required : bool
+        Whether a diagnosis needs it.
+    holds : bool
+        Whether the simulator honours it.
+    found : str
+        What was found, in a sentence.
+    """
+
+    what: str
+    required: bool
+    holds: bool
+    found: str
+
+
+def check(simulator: Simulator, *, size: float = 1.0) -> list[Finding]:
+    """Tell what a simulator does not honour, before it is used in a diagnosis.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        What is checked.
+    size : float, default 1.0
+        Size of the trial inputs.
+
+    Returns
+    -------
+    list of Finding
+        What was checked: equal runs, steps against a run, parameters and their bounds, motions and forces at ports,
+        and states that are kept.
+
+    Examples
+    --------
+    >>> [finding.found for finding in plid.gap.check(simulator) if not finding.holds]
+    """
+    found = _plid.check(simulator, simulator.description(), positive(size, "size"))
+    return [Finding(**finding) for finding in json.loads(found)]
 
 
 def serve(simulator: Simulator) -> None:

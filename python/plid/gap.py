@@ -13,22 +13,26 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from plid import _plid
 from plid._arrays import Array, channels, positive
 from plid._fmu import FmuPort, from_fmu
 from plid._identify import listener
 from plid._mujoco import from_mujoco
-from plid._simulator import Parameter, Port, Simulator, serve
+from plid._simulator import Finding, Parameter, Port, Simulator, check, serve
 from plid._state_space import from_system
 
 __all__ = [
     "Diagnosis",
     "Effect",
+    "Finding",
     "FmuPort",
     "Parameter",
     "Port",
     "Record",
     "Simulator",
+    "check",
     "diagnose",
     "from_fmu",
     "from_mujoco",
@@ -51,6 +55,12 @@ class Record:
         Start in s since the first record began. By default it follows the one before at once.
     held_out : bool, default False
         Whether it is kept to measure the gap. If no record is, the diagnosis chooses one.
+    excitation : {"zero", "random", "periodic"}, optional
+        Whether the inputs are zero, or repeat. By default they are what they look like, and periodic if a period is
+        given.
+    period : int, optional
+        Samples after which the inputs repeat; the differences between periods then show the noise. Inputs that are said
+        to be periodic may leave it out.
     """
 
     u: Any
@@ -58,6 +68,8 @@ class Record:
     name: str | None = None
     start_s: float | None = None
     held_out: bool = False
+    excitation: str | None = None
+    period: int | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -179,6 +191,14 @@ class Diagnosis:
         return "".join(parts)
 
 
+def kind(record: Record, u: Array) -> dict[str, Any]:
+    """Return the excitation of a record with these inputs, as in a case."""
+    silent = not np.any(u)
+    by_default = "zero" if silent else "random" if record.period is None else "periodic"
+    said = {"excitation": record.excitation or by_default}
+    return said if record.period is None else said | {"period": int(record.period)}
+
+
 def interval(value: dict[str, Any]) -> str:
     """Return an interval in words."""
     low_high = value.get("ci95")
@@ -283,6 +303,7 @@ def diagnose(
         "suspects": list(suspects),
         "exclude": list(exclude),
         "material": float(material),
+        "record": [kind(one, u) | {"file": name} for one, (name, u, *_) in zip(given, core_records, strict=True)],
     }
     if band_hz is not None:
         options["band_hz"] = list(band_hz)

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use numpy::{PyArray2, PyReadonlyArray2, ToPyArray};
 use plid::gap::GapError;
-use plid::gap::case::{Case, CaseConfig, Excitation, Record};
+use plid::gap::case::{Case, CaseConfig, Channels, Excitation, Record, excitations_of};
 use plid::gap::effects::Library;
 use plid::gap::in_loop::{self, Answered};
 use plid_simulator::Description;
@@ -13,7 +13,7 @@ use pyo3::exceptions::{PyOSError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::errors::{of_panic, value};
-use crate::simulator::{end, ended, of_object, reason, rows};
+use crate::simulator::{columns, end, ended, of_object, reason, rows};
 
 /// A record: its name, inputs and outputs (samples x channels), its start in s, and whether it is held out.
 type Given<'py> = (String, PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>, f64, bool);
@@ -27,7 +27,7 @@ pub struct Outcome {
 }
 
 /// Diagnoses the gap between records and a simulator. `description` is the JSON of a `Description`, `options` that of a
-/// case file without records.
+/// case file, with the kinds of the records' excitation.
 #[pyfunction]
 #[pyo3(signature = (records, simulator, description, options, progress))]
 pub fn diagnose(
@@ -40,12 +40,16 @@ pub fn diagnose(
 ) -> PyResult<Outcome> {
     let description: Description = serde_json::from_str(description).map_err(value)?;
     let config: CaseConfig = serde_json::from_str(options).map_err(value)?;
-    // The records are given apart from the case, so a case without any is no fault.
-    if let Some((key, message)) = config.problems().into_iter().find(|(key, _)| *key != "record") {
-        return Err(value(format!("{key}: {message}")));
+    let wrong = |(key, message): (&str, String)| value(format!("{key}: {message}"));
+    if let Some(problem) = config.problems().into_iter().next() {
+        return Err(wrong(problem));
     }
-    let records = records.into_iter().map(record).collect();
-    let case = Case { config, model: None, records, for_simulation: Vec::new(), warnings: Vec::new() };
+    let mut warnings = Vec::new();
+    let mut records: Vec<Record> = records.into_iter().map(record).collect();
+    let inputs: Vec<Channels> = records.iter().map(|record| record.u.clone()).collect();
+    let excitations = excitations_of(&config, &inputs, &mut warnings).map_err(wrong)?;
+    records.iter_mut().zip(excitations).for_each(|(record, excitation)| record.excitation = excitation);
+    let case = Case { config, model: None, records, for_simulation: Vec::new(), warnings };
     let (mut simulator, shelf) = of_object(py, description.clone(), simulator);
     let mut say = |line: String| {
         let told = Python::attach(|py| {
@@ -68,14 +72,10 @@ pub fn diagnose(
     }
 }
 
+/// Returns a record; its excitation is that of the case.
 fn record((name, u, y, start_s, held_out): Given<'_>) -> Record {
-    let channels = |array: &PyReadonlyArray2<'_, f64>| {
-        array.as_array().columns().into_iter().map(|column| column.to_vec()).collect::<Vec<Vec<f64>>>()
-    };
-    let (u, y) = (channels(&u), channels(&y));
-    let silent = u.iter().flatten().all(|u| *u == 0.0);
-    let excitation = if silent { Excitation::Zero } else { Excitation::Random };
-    Record { name, excitation, from_rest: true, start_s, held_out, u, y, simulated: None }
+    let (u, y) = (columns(u.as_array()), columns(y.as_array()));
+    Record { name, excitation: Excitation::Random, from_rest: true, start_s, held_out, u, y, simulated: None }
 }
 
 fn of_gap(error: &GapError) -> PyErr {
@@ -125,7 +125,7 @@ impl Outcome {
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let (mut simulator, shelf) = of_object(py, self.description.clone(), simulator);
         let t0 = t0.unwrap_or(self.answered.t0());
-        let u: Vec<Vec<f64>> = u.as_array().columns().into_iter().map(|column| column.to_vec()).collect();
+        let u = columns(u.as_array());
         let work = || self.answered.predict(simulator.as_mut(), &Library::standard(), &u, t0);
         match py.detach(|| catch_unwind(AssertUnwindSafe(work))) {
             Ok(Ok(y)) => Ok(rows(&y).to_pyarray(py)),

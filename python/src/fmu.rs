@@ -136,4 +136,16 @@ impl Simulator for InLoop {
     fn step(&mut self, u: &[f64], forces: &[f64], y: &mut [f64], motions: &mut [Motion]) -> Result<(), SimulatorError> {
         locked(&self.model).step(u, forces, y, motions)
     }
+
+    fn save(&mut self, slot: usize) -> Result<(), SimulatorError> {
+        locked(&self.model).save(slot)
+    }
+
+    fn restore(&mut self, slot: usize) -> Result<Vec<Motion>, SimulatorError> {
+        locked(&self.model).restore(slot)
+    }
+
+    fn another(&self) -> Result<Option<Box<dyn Simulator>>, SimulatorError> {
+        locked(&self.model).another()
+    }
 }

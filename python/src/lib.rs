@@ -9,6 +9,7 @@ mod identify;
 mod model;
 mod recursion;
 mod simulator;
+mod table;
 mod variant;
 mod wait;
 
@@ -24,6 +25,8 @@ fn _plid(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(diagnose::diagnose, module)?)?;
     module.add_function(wrap_pyfunction!(identify::identify, module)?)?;
     module.add_function(wrap_pyfunction!(simulator::run, module)?)?;
+    module.add_function(wrap_pyfunction!(simulator::check, module)?)?;
     module.add_function(wrap_pyfunction!(simulator::serve, module)?)?;
+    module.add_function(wrap_pyfunction!(table::read, module)?)?;
     module.add_function(wrap_pyfunction!(variant::variants, module)?)
 }

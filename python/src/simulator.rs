@@ -95,6 +95,19 @@ pub fn run<'py>(
     }
 }
 
+/// Checks an object of `plid._simulator` with inputs of a size; returns the findings as JSON.
+#[pyfunction]
+pub fn check(py: Python<'_>, simulator: Py<PyAny>, description: &str, size: f64) -> PyResult<String> {
+    let description: Description = serde_json::from_str(description).map_err(value)?;
+    let (mut simulator, shelf) = of_object(py, description, simulator);
+    let found = py.detach(|| plid_simulator::check(simulator.as_mut(), size));
+    match (ended(&shelf), found) {
+        (Some(error), _) => Err(error),
+        (None, Ok(findings)) => serde_json::to_string(&findings).map_err(value),
+        (None, Err(error)) => Err(reason(py, &shelf, PyRuntimeError::new_err(error.to_string()))),
+    }
+}
+
 /// Serves an object of `plid._simulator` over standard input and output, until standard input ends.
 #[pyfunction]
 pub fn serve(py: Python<'_>, simulator: Py<PyAny>, description: &str) -> PyResult<()> {
@@ -167,6 +180,12 @@ impl Filled<'_> {
     }
 }
 
+/// Reads an array of displacements and velocities, whose size the Python half has checked.
+fn motions(found: &Bound<'_, PyAny>) -> PyResult<Vec<Motion>> {
+    let found: PyReadonlyArray2<'_, f64> = found.extract()?;
+    Ok(found.as_array().rows().into_iter().map(|m| Motion { displacement: m[0], velocity: m[1] }).collect())
+}
+
 /// Copies the numbers that Python returned; `what` names them, and `to` has their expected count.
 fn copy(from: &Bound<'_, PyAny>, to: &mut [f64], name: &str, what: &str) -> PyResult<()> {
     let expected = to.len();
@@ -199,10 +218,7 @@ impl Simulator for Stepping {
 
     fn start(&mut self, parameters: &[f64]) -> Result<Vec<Motion>, SimulatorError> {
         unless_ended(&self.shelf, |py| {
-            let found = self.object.bind(py).call_method1("start", (parameters.to_pyarray(py),))?;
-            let found: PyReadonlyArray2<'_, f64> = found.extract()?;
-            // The Python half has checked the size.
-            Ok(found.as_array().rows().into_iter().map(|m| Motion { displacement: m[0], velocity: m[1] }).collect())
+            motions(&self.object.bind(py).call_method1("start", (parameters.to_pyarray(py),))?)
         })
     }
 
@@ -222,5 +238,13 @@ impl Simulator for Stepping {
             }
             Ok(())
         })
+    }
+
+    fn save(&mut self, slot: usize) -> Result<(), SimulatorError> {
+        unless_ended(&self.shelf, |py| self.object.bind(py).call_method1("save", (slot,)).map(drop))
+    }
+
+    fn restore(&mut self, slot: usize) -> Result<Vec<Motion>, SimulatorError> {
+        unless_ended(&self.shelf, |py| motions(&self.object.bind(py).call_method1("restore", (slot,))?))
     }
 }

@@ -223,6 +223,77 @@ def test_columns_of_a_data_frame_are_those_of_the_simulator():
         gap.diagnose([(u, frame)], simulator=simulator, rate=RATE)
 
 
+def files(folder, u, y):
+    """Write a record in each format; return the files and the names of its channels."""
+    pandas, io = pytest.importorskip("pandas"), pytest.importorskip("scipy.io")
+    pandas.DataFrame({"force": u[:, 0], "x": y[:, 0]}).to_csv(folder / "r.csv", index=False)
+    io.savemat(folder / "r.mat", {"force": u, "x": y})
+    np.savez(folder / "r.npz", force=u[:, 0], x=y[:, 0])
+    return [folder / name for name in ("r.csv", "r.mat", "r.npz")]
+
+
+def test_records_come_from_arrays_data_frames_and_files(tmp_path):
+    pandas = pytest.importorskip("pandas", reason="pandas is not installed")
+    given = measured(lambda u: stage(6.0 * np.tanh(u / 6.0)))
+    simulator = gap.Simulator(stage, rate=RATE, inputs=["force"], outputs=["x"])
+    frames = [(pandas.DataFrame(u, columns=["force"]), pandas.DataFrame(y, columns=["x"])) for u, y in given]
+    expected = gap.diagnose(given, simulator=simulator, rate=RATE, progress=False).data
+    assert gap.diagnose(frames, simulator=simulator, rate=RATE, progress=False).data["effects"] == expected["effects"]
+    for path in files(tmp_path, *given[1]):
+        u, y = plid.read(path, inputs=["force"], outputs=["x"])
+        assert_allclose(u, given[1][0], rtol=1e-15)
+        assert_allclose(y, given[1][1], rtol=1e-15)
+    with pytest.raises(ValueError, match="did you mean `force`|force"):
+        plid.read(tmp_path / "r.csv", inputs=["forc"], outputs=["x"])
+    with pytest.raises(OSError, match="missing.csv"):
+        plid.read(tmp_path / "missing.csv", inputs=["force"], outputs=["x"])
+
+
+def test_a_period_shows_the_noise():
+    u = np.tile(command(3, 8.0, 400), 4)[:, None]
+    noise = 2e-3 * np.random.default_rng(4).standard_normal((1600, 1))
+    simulator = gap.Simulator(stage, rate=RATE, inputs=["force"], outputs=["x"])
+
+    def diagnosed(**said):
+        truth = stage(6.0 * np.tanh(u / 6.0)) + noise
+        settings = {"in_loop": {"model_states": 0}}
+        records = [gap.Record(u, truth, **said)] * 2
+        return gap.diagnose(records, simulator=simulator, rate=RATE, settings=settings, progress=False)
+
+    unseen, seen = "no record without input and no repeated input shows the noise", diagnosed(period=400)
+    assert not any(unseen in warning for warning in seen.warnings)
+    expected = 2e-3 / np.sqrt(np.mean(stage(6.0 * np.tanh(u / 6.0)) ** 2))
+    assert seen.gap["noise_floor"] == pytest.approx(expected, rel=0.3)
+    # Left out, the period is found; unsaid, nothing repeats.
+    assert any("repeat after 400 samples" in warning for warning in diagnosed(excitation="periodic").warnings)
+    with pytest.raises(ValueError, match="does not repeat after 390 samples.*period that fits is 400"):
+        diagnosed(period=390)
+    with pytest.raises(ValueError, match="only a periodic record has a period"):
+        diagnosed(period=400, excitation="random")
+
+
+class Kept(Stage):
+    """A stage that keeps states."""
+
+    def save(self):
+        return self.x.copy()
+
+    def restore(self, state):
+        self.x = state.copy()
+        return self.x
+
+
+def test_the_checker_tells_what_a_simulator_does_not_honour():
+    options = {"rate": RATE, "inputs": ["force"], "outputs": ["x"], "ports": ["stage"]}
+    findings = gap.check(gap.Simulator(Kept(), **options))
+    assert all(finding.holds for finding in findings) and "states" in [finding.what for finding in findings]
+    assert "states" not in [finding.what for finding in gap.check(gap.Simulator(Stage(), **options))]
+    forgetful = Kept()
+    forgetful.restore = lambda state: forgetful.x
+    wrong = [finding.what for finding in gap.check(gap.Simulator(forgetful, **options)) if not finding.holds]
+    assert wrong == ["states"]
+
+
 SLOW = """
 import time, numpy as np
 from plid import gap

@@ -50,6 +50,13 @@ def test_the_model_is_described():
     assert '"kind": "position"' in simulator.description()
 
 
+def test_the_checker_passes_it():
+    findings = gap.check(arm(parameters=["joint.hinge.damping", "actuator.torque.gain"]), size=0.3)
+    # Gravity pulls it down at once.
+    assert [finding.what for finding in findings if not finding.holds] == ["rests"]
+    assert {"repeats", "steps", "motion at hinge", "force at hinge", "states"} <= {one.what for one in findings}
+
+
 def test_it_moves_as_mujoco_does():
     simulator = arm()
     model = mujoco.MjModel.from_xml_string(XML.format(damping=0.3, friction=0.0))

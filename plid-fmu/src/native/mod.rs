@@ -7,6 +7,7 @@
 mod fmi2;
 mod fmi3;
 mod log;
+mod states;
 
 use std::ffi::{CString, c_int, c_void};
 use std::fmt::{Display, Formatter};
@@ -15,6 +16,7 @@ use std::path::Path;
 use libloading::Library;
 
 use self::log::Log;
+use self::states::States;
 use crate::description::Version;
 
 /// What a function of an FMU returns. The numbers are those of both versions of the standard.
@@ -98,6 +100,8 @@ enum Functions {
 /// The shared library of an FMU.
 pub(crate) struct Binary {
     functions: Functions,
+    /// Those that keep states, if the library has them.
+    states: Option<states::Functions>,
     /// The functions above are in it, so it is dropped last.
     _library: Library,
 }
@@ -114,7 +118,13 @@ impl Binary {
                 Version::Three => fmi3::Functions::of(&library).map(Functions::Three),
             }
         };
-        Ok(Self { functions: functions.map_err(|error| in_words(&error))?, _library: library })
+        let names = match version {
+            Version::Two => ["fmi2GetFMUstate", "fmi2SetFMUstate", "fmi2FreeFMUstate"],
+            Version::Three => ["fmi3GetFMUState", "fmi3SetFMUState", "fmi3FreeFMUState"],
+        };
+        // SAFETY: as above.
+        let states = unsafe { states::Functions::of(&library, names) }.ok();
+        Ok(Self { functions: functions.map_err(|error| in_words(&error))?, states, _library: library })
     }
 }
 
@@ -145,6 +155,7 @@ pub(crate) struct Instance {
     /// Never null.
     pointer: *mut c_void,
     stage: Stage,
+    states: States,
     log: Box<Log>,
     /// FMI 2.0 keeps their address.
     _callbacks: Box<fmi2::Callbacks>,
@@ -169,7 +180,7 @@ impl Instance {
             return Err(log.take());
         }
         let binary = std::sync::Arc::clone(binary);
-        Ok(Self { binary, pointer, stage: Stage::New, log, _callbacks: callbacks })
+        Ok(Self { binary, pointer, stage: Stage::New, states: States::default(), log, _callbacks: callbacks })
     }
 
     /// Returns the FMU's messages since the last call.
@@ -199,6 +210,7 @@ impl Instance {
 
     /// Goes back to the state after its creation.
     pub fn reset(&mut self) -> Result<(), Failed> {
+        self.forget();
         let pointer = self.pointer;
         // SAFETY: the instance is alive.
         self.call(|functions| unsafe {
@@ -255,9 +267,40 @@ impl Instance {
         })
     }
 
+    /// Keeps the present state; returns whether the library can do so.
+    pub fn save(&mut self, slot: usize) -> Result<bool, Failed> {
+        let Self { binary, pointer, states, .. } = self;
+        let Some(functions) = &binary.states else { return Ok(false) };
+        // SAFETY: the instance is alive.
+        let result = unsafe { states.save(functions, *pointer, slot) };
+        self.noted(result).map(|()| true)
+    }
+
+    /// Goes back to a state that was kept; returns whether there is one.
+    pub fn restore(&mut self, slot: usize) -> Result<bool, Failed> {
+        let Self { binary, pointer, states, .. } = self;
+        let Some(functions) = &binary.states else { return Ok(false) };
+        // SAFETY: the instance is alive.
+        let result = unsafe { states.restore(functions, *pointer, slot) };
+        self.noted(result)
+    }
+
+    /// Frees all states that are kept.
+    pub fn forget(&mut self) {
+        let Self { binary, pointer, states, .. } = self;
+        if let Some(functions) = &binary.states {
+            // SAFETY: the instance is alive.
+            unsafe { states.clear(functions, *pointer) };
+        }
+    }
+
     /// Calls functions, and notes a failure.
     fn call(&mut self, work: impl FnOnce(&Functions) -> Result<(), Failed>) -> Result<(), Failed> {
         let result = work(&self.binary.functions);
+        self.noted(result)
+    }
+
+    fn noted<T>(&mut self, result: Result<T, Failed>) -> Result<T, Failed> {
         if let Err(failed) = &result {
             self.stage = if failed.fatal { Stage::Lost } else { Stage::Failed };
         }
@@ -271,6 +314,7 @@ impl Drop for Instance {
         if self.stage == Stage::Lost {
             return;
         }
+        self.forget();
         // SAFETY: the instance is alive, and nothing uses it afterwards.
         unsafe {
             match &self.binary.functions {

@@ -77,6 +77,26 @@ static int reset(struct instance *of) {
     return OK;
 }
 
+/* A state is a copy of all numbers. */
+static int get_state(const struct instance *of, void **state) {
+    if (*state == NULL) {
+        *state = malloc(sizeof of->values);
+    }
+    memcpy(*state, of->values, sizeof of->values);
+    return OK;
+}
+
+static int set_state(struct instance *of, const void *state) {
+    memcpy(of->values, state, sizeof of->values);
+    return OK;
+}
+
+static int free_state(void **state) {
+    free(*state);
+    *state = NULL;
+    return OK;
+}
+
 static int set(struct instance *of, const uint32_t *references, size_t count, const double *values) {
     for (size_t k = 0; k < count; k++) {
         if (references[k] >= COUNT) {
@@ -175,6 +195,9 @@ int fmi2ExitInitializationMode(void *of) { (void)of; return OK; }
 int fmi2Terminate(void *of) { (void)of; return OK; }
 int fmi2Reset(void *of) { return reset(of); }
 void fmi2FreeInstance(void *of) { free(of); }
+int fmi2GetFMUstate(void *of, void **state) { return get_state(of, state); }
+int fmi2SetFMUstate(void *of, void *state) { return set_state(of, state); }
+int fmi2FreeFMUstate(void *of, void **state) { (void)of; return free_state(state); }
 int fmi2SetReal(void *of, const uint32_t *references, size_t count, const double *values) {
     return set(of, references, count, values);
 }
@@ -210,6 +233,9 @@ int fmi3ExitInitializationMode(void *of) { (void)of; return OK; }
 int fmi3Terminate(void *of) { (void)of; return OK; }
 int fmi3Reset(void *of) { return reset(of); }
 void fmi3FreeInstance(void *of) { free(of); }
+int fmi3GetFMUState(void *of, void **state) { return get_state(of, state); }
+int fmi3SetFMUState(void *of, void *state) { return set_state(of, state); }
+int fmi3FreeFMUState(void *of, void **state) { (void)of; return free_state(state); }
 int fmi3SetFloat64(void *of, const uint32_t *references, size_t count, const double *values, size_t numbers) {
     return count == numbers ? set(of, references, count, values) : ERROR;
 }

@@ -20,6 +20,7 @@ pub(crate) use config::ON_A_MODE;
 pub use config::{CaseConfig, ExcitationKind, PortConfig, RecordConfig, StartKind, Use};
 pub use limits::Limits;
 pub use record::{Channels, Excitation, Record};
+pub use records::excitations_of;
 pub use simulator::{FmuSource, SimulatorConfig};
 
 /// A case with its files read.

@@ -10,7 +10,7 @@ use plid_data as data;
 use plid_data::prepare::{decimate, trend};
 
 use super::period::{NotPeriodic, Repeating};
-use super::{CaseConfig, ExcitationKind, RecordConfig, StartKind, Use, columns};
+use super::{CaseConfig, Channels, ExcitationKind, RecordConfig, StartKind, Use, columns};
 
 /// Reads all records of a case in order. Also returns warnings. `path` is that of the case, for errors.
 pub(super) fn read(path: &Path, config: &CaseConfig, folder: &Path) -> Result<(Vec<Record>, Vec<String>), GapError> {
@@ -88,6 +88,21 @@ fn measured_and_simulated(
         None => None,
     };
     Ok((record, simulated))
+}
+
+/// Returns the excitation of each record of a case whose inputs (m channels each) are at hand, and adds warnings. A
+/// declared period is compared with the inputs; one that is absent is estimated.
+///
+/// # Errors
+/// The key and the reason, if an input that is declared periodic does not repeat.
+pub fn excitations_of(
+    config: &CaseConfig,
+    inputs: &[Channels],
+    warnings: &mut Vec<String>,
+) -> Result<Vec<Excitation>, (&'static str, String)> {
+    let array = |u: &Channels| Array2::from_shape_fn((u.first().map_or(0, Vec::len), u.len()), |(k, i)| u[i][k]);
+    let arrays: Vec<Array2<f64>> = inputs.iter().map(array).collect();
+    excitations(config, &arrays.iter().collect::<Vec<_>>(), 1, warnings)
 }
 
 /// Returns the excitation of each record, with periods in samples after decimation. A declared period is compared with

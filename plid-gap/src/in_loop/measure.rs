@@ -57,7 +57,9 @@ impl<'a> Opened<'_, 'a> {
         }
         let mut run = |effects: &[Placed<'a>], eta: &[f64]| -> Result<Vec<Channels>, GapError> {
             let all = self.problem.with_nuisances(effects, eta);
-            records.iter().map(|record| Ok(runs.simulate(&self.problem.setting, &all, record)?)).collect()
+            let asked: Vec<(&[Placed], &Record)> = records.iter().map(|record| (all.as_slice(), record)).collect();
+            let done = runs.simulate_all(&self.problem.setting, &asked);
+            Ok(done.into_iter().collect::<Result<_, _>>()?)
         };
         let given = run(&[], &vec![0.0; self.problem.nuisances.len()])?;
         let refit = run(&[], &found.refit.eta)?;

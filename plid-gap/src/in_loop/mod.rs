@@ -10,6 +10,8 @@
 mod answer;
 mod answered;
 mod coupling;
+mod exchange;
+mod fit;
 mod judge;
 mod measure;
 mod noise;
@@ -39,6 +41,7 @@ use crate::case::record::{Channels, Record};
 use crate::case::split::split;
 use crate::effects::{Effect, Library, Place};
 use crate::error::GapError;
+use crate::fit::problem::Placed;
 use crate::in_loop::judge::judge;
 use crate::in_loop::measure::Opened;
 use crate::in_loop::outcome::Told;
@@ -105,7 +108,7 @@ pub fn diagnose_in_loop(
     library: &Library,
     say: &mut dyn FnMut(String),
 ) -> Result<LoopOutcome, GapError> {
-    let mut simulator = Checked::new(simulator)?;
+    let mut simulator = Checked::side_by_side(simulator, case.config.settings.in_loop.side_by_side)?;
     let description = limited(simulator.description().clone(), case)?;
     require_same_channels(case, &description)?;
     let mut warnings = case.warnings.clone();
@@ -118,8 +121,8 @@ pub fn diagnose_in_loop(
     let Survey { setting, responses, start } = survey(&mut simulator, &case.config, &records, &loud)?;
     let written_ports = WrittenPort::all(&description, &responses);
     let mut runs = Runs::new(simulator, responses);
-    let run = |runs: &mut Runs, record: &Record| runs.simulate(&setting, &[], record);
-    let given: Vec<Channels> = records.iter().map(|record| run(&mut runs, record)).collect::<Result<_, _>>()?;
+    let asked: Vec<(&[Placed], &Record)> = records.iter().map(|record| (&[][..], record)).collect();
+    let given: Vec<Channels> = runs.simulate_all(&setting, &asked).into_iter().collect::<Result<_, _>>()?;
     records.iter().zip(&given).for_each(|(record, y)| runs.learn_rest(record, y, &start));
     let noise = noise::estimate(&records, &given);
     warnings.extend(noise.warning());
@@ -140,7 +143,10 @@ pub fn diagnose_in_loop(
         noise: noise.std.clone(),
         material: case.config.material,
     };
-    let found = search.run(&mut problem, &mut runs, &given, say)?;
+    let mut found = search.run(&mut problem, &mut runs, &given, say);
+    if !found.fits[0].effects.is_empty() {
+        found.fits[0].covariance = problem.stated_covariance(&mut runs, &found.fits[0], &noise.std);
+    }
     let judged = judge(&search, &problem, &found, &settings.judge);
     let opened = Opened { case, problem: &problem, noise: &noise, held_out: &held_out };
     let measured = opened.measure(&mut runs, &found, &judged)?;

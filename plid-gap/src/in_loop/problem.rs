@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 use plid_simulator::SimulatorError;
 
 use crate::case::record::{Channels, Record, rms};
-use crate::effects::{Effect, Place, Range, Setting};
+use crate::effects::{Effect, Place, Setting};
 use crate::fit::problem::{Placed, dot, sum_of_squares};
 use crate::in_loop::parameter::SimulatorParameter;
 use crate::in_loop::runs::Runs;
@@ -55,7 +55,7 @@ pub(super) struct Fit<'a> {
     pub residual: Vec<f64>,
     /// Sum of its squares.
     pub cost: f64,
-    /// Covariance of the effects' parameters, if the records determine them.
+    /// Covariance of the effects' parameters, if they were fitted and the records determine them.
     pub covariance: Option<DMatrix<f64>>,
 }
 
@@ -102,6 +102,17 @@ impl<'a> Problem<'a> {
         let squares: Vec<f64> = noise.iter().map(|std| std * std).collect();
         self.noise.model_error = ModelError::left(&self.records, &errors, |_| squares.clone(), rate);
         self.weigh();
+    }
+
+    /// Returns the problem weighed by the noise alone (p standard deviations).
+    pub fn by_noise_alone(&self, noise: &[f64]) -> Self {
+        let band_hz = self.noise.band_hz;
+        let (records, setting, nuisances) = (self.records.clone(), self.setting.clone(), self.nuisances.clone());
+        let mut white = NoiseModel::declared(&setting.plant, noise, &vec![0.0; setting.plant.m]);
+        white.band_hz = band_hz;
+        let mut plain = Self { records, setting, nuisances, noise: white, whiteners: Vec::new() };
+        plain.weigh();
+        plain
     }
 
     fn weigh(&mut self) {
@@ -183,8 +194,20 @@ impl<'a> Problem<'a> {
         effects: &[Placed<'a>],
         eta: &[f64],
     ) -> Result<Vec<Channels>, SimulatorError> {
-        let all = self.with_nuisances(effects, eta);
-        self.records.iter().map(|record| runs.simulate(&self.setting, &all, record)).collect()
+        self.simulate_all(runs, &[(effects.to_vec(), eta.to_vec())]).remove(0)
+    }
+
+    /// Simulates the records with each of several effects and nuisances, side by side where the simulator allows it.
+    pub fn simulate_all(
+        &self,
+        runs: &mut Runs,
+        all: &[(Vec<Placed<'a>>, Vec<f64>)],
+    ) -> Vec<Result<Vec<Channels>, SimulatorError>> {
+        let with: Vec<Vec<Placed>> = all.iter().map(|(effects, eta)| self.with_nuisances(effects, eta)).collect();
+        let asked: Vec<(&[Placed], &Record)> =
+            with.iter().flat_map(|effects| self.records.iter().map(|record| (effects.as_slice(), record))).collect();
+        let mut done = runs.simulate_all(&self.setting, &asked).into_iter();
+        with.iter().map(|_| done.by_ref().take(self.records.len()).collect::<Vec<_>>().into_iter().collect()).collect()
     }
 
     /// Returns an explanation as it is.
@@ -198,10 +221,10 @@ impl<'a> Problem<'a> {
     /// Measures what each nuisance changes about the simulator as given.
     pub fn measure_nuisances(&mut self, runs: &mut Runs, given: &[Channels]) -> Result<(), SimulatorError> {
         let count = self.nuisances.len();
-        for at in 0..count {
-            let eta: Vec<f64> = (0..count).map(|k| if k == at { 1.0 } else { 0.0 }).collect();
-            let moved = self.simulate(runs, &[], &eta)?;
-            self.nuisances[at].change = difference(&moved, given);
+        let unit = |at: usize| (Vec::new(), (0..count).map(|k| if k == at { 1.0 } else { 0.0 }).collect());
+        let moved = self.simulate_all(runs, &(0..count).map(unit).collect::<Vec<_>>());
+        for (nuisance, moved) in self.nuisances.iter_mut().zip(moved) {
+            nuisance.change = difference(&moved?, given);
         }
         self.weigh();
         Ok(())
@@ -210,94 +233,6 @@ impl<'a> Problem<'a> {
     /// Returns the whitened change from one set of runs to another.
     pub fn trace(&self, from: &[Channels], to: &[Channels]) -> Vec<f64> {
         self.whiten(&difference(to, from))
-    }
-
-    /// Fits the sizes of effects, and the nuisances within their limits, by damped Gauss-Newton steps on runs of the
-    /// simulator itself. The nuisances' columns are those about the simulator as given. A run that fails counts as
-    /// infinitely bad.
-    pub fn fit(&self, runs: &mut Runs, start: Fit<'a>, steps: usize, gain: f64) -> Result<Fit<'a>, SimulatorError> {
-        let mut best = start;
-        let mut damping = 1e-3;
-        for _ in 0..steps {
-            let jacobian = self.jacobian(runs, &best)?;
-            let normal = jacobian.tr_mul(&jacobian);
-            let right = jacobian.tr_mul(&DVector::from_column_slice(&best.residual));
-            best.covariance = self.covariance(&normal, &best);
-            let before = best.cost;
-            for _ in 0..TRIES {
-                let mut damped = normal.clone();
-                (0..damped.nrows()).for_each(|k| damped[(k, k)] += damping * normal[(k, k)].max(f64::MIN_POSITIVE));
-                let Some(step) = damped.cholesky().map(|factor| factor.solve(&right)) else { break };
-                let (effects, eta) = self.moved(&best, step.as_slice());
-                if let Ok(simulated) = self.simulate(runs, &effects, &eta) {
-                    let tried = self.as_is(effects, eta, simulated);
-                    if tried.cost < best.cost {
-                        best = Fit { covariance: best.covariance.take(), ..tried };
-                        damping *= 0.1;
-                        break;
-                    }
-                }
-                damping *= 10.0;
-            }
-            if before - best.cost < gain {
-                break;
-            }
-        }
-        Ok(best)
-    }
-
-    /// Returns the derivatives of the whitened outputs, and of the nuisances' prior, by steps of all parameters.
-    fn jacobian(&self, runs: &mut Runs, at: &Fit<'a>) -> Result<DMatrix<f64>, SimulatorError> {
-        let (rows, nuisances, count) = (self.rows(), self.nuisances.len(), at.parameters());
-        let mut jacobian = DMatrix::zeros(rows + nuisances, count + nuisances);
-        let mut step = vec![0.0; count + nuisances];
-        for k in 0..count {
-            step[k] = DIFFERENCE;
-            let (effects, eta) = self.moved(at, &step);
-            step[k] = 0.0;
-            // A parameter at its bound does not move, or makes the simulator fail: no derivative then.
-            let Ok(simulated) = self.simulate(runs, &effects, &eta) else { continue };
-            let change = self.trace(&at.simulated, &simulated);
-            jacobian.view_mut((0, k), (rows, 1)).iter_mut().zip(change).for_each(|(j, x)| *j = x / DIFFERENCE);
-        }
-        for (k, nuisance) in self.nuisances.iter().enumerate() {
-            let replaced = at.effects.iter().any(|placed| placed.place == nuisance.place);
-            if !replaced {
-                jacobian.view_mut((0, count + k), (rows, 1)).copy_from_slice(&nuisance.trace);
-            }
-            jacobian[(rows + k, count + k)] = 1.0;
-        }
-        Ok(jacobian)
-    }
-
-    /// Returns effects and nuisances after a step: in the logarithm of a positive parameter, and in units of any other.
-    fn moved(&self, from: &Fit<'a>, step: &[f64]) -> (Vec<Placed<'a>>, Vec<f64>) {
-        let mut effects = from.effects.clone();
-        let mut steps = step.iter();
-        for placed in &mut effects {
-            let parameters = placed.effect.parameters(&self.setting);
-            for ((value, parameter), step) in placed.parameters.iter_mut().zip(parameters).zip(&mut steps) {
-                let step = step.clamp(-LONGEST, LONGEST);
-                *value =
-                    if parameter.range == Range::Positive { *value * step.exp() } else { *value + step * unit(*value) };
-            }
-        }
-        let eta = from.eta.iter().zip(steps).map(|(eta, step)| eta + step).collect();
-        (effects, eta)
-    }
-
-    /// Returns the covariance of the effects' parameters, in their own units, scaled by the size of the residual.
-    fn covariance(&self, normal: &DMatrix<f64>, at: &Fit) -> Option<DMatrix<f64>> {
-        let count = at.parameters();
-        let spread = (at.cost / self.rows() as f64).max(1.0);
-        let inverse = normal.clone().cholesky()?.inverse() * spread;
-        let mut slopes = Vec::new();
-        for placed in &at.effects {
-            for (value, parameter) in placed.parameters.iter().zip(placed.effect.parameters(&self.setting)) {
-                slopes.push(if parameter.range == Range::Positive { *value } else { unit(*value) });
-            }
-        }
-        Some(DMatrix::from_fn(count, count, |i, j| inverse[(i, j)] * slopes[i] * slopes[j]))
     }
 
     /// Returns the part of whitened values that the nuisances within their limits do not explain.
@@ -317,21 +252,6 @@ impl<'a> Problem<'a> {
         }
         left
     }
-}
-
-/// Step of a difference quotient, in the logarithm of a positive parameter: large beside the rounding of a simulator
-/// with contacts, small beside the curvature of the laws.
-const DIFFERENCE: f64 = 0.01;
-
-/// Longest step of a parameter, in its unit or logarithm: the slope here says little about a size that far away.
-const LONGEST: f64 = 1.5;
-
-/// Largest number of dampings that are tried at one point.
-const TRIES: usize = 3;
-
-/// The unit of steps in a parameter of any sign.
-fn unit(value: f64) -> f64 {
-    if value == 0.0 { 1.0 } else { value.abs() }
 }
 
 fn difference(to: &[Channels], from: &[Channels]) -> Vec<Channels> {

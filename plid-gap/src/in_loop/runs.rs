@@ -1,6 +1,6 @@
 //! Runs of the engineer's own simulator with effects around it and at its ports.
 
-use plid_simulator::{Calls, Checked, Description, Motion, SimulatorError};
+use plid_simulator::{Calls, Checked, Description, Failure, Instance, Motion, SimulatorError};
 
 use crate::case::record::{Channels, Record};
 use crate::effects::{Action, Drive, Force, Setting};
@@ -47,6 +47,94 @@ impl AtPorts<'_> {
     fn is_empty(&self) -> bool {
         self.laws.is_empty() && self.loads.is_empty() && self.pushes.is_empty()
     }
+
+    /// Returns the laws and loads at each port at which there are any.
+    fn couplings(&self, responses: &[Response]) -> Vec<(Coupling<'_>, usize)> {
+        let acts = |port: &usize| self.laws.iter().any(|(p, _)| p == port) || self.loads.iter().any(|(p, _)| p == port);
+        let one = |port: usize| {
+            let laws = self.laws.iter().filter(|(p, _)| *p == port).map(|(_, law)| *law).collect();
+            let loads: Vec<Load> = self.loads.iter().filter(|(p, _)| *p == port).map(|(_, load)| *load).collect();
+            (Coupling::new(responses[port], laws, &loads), port)
+        };
+        (0..responses.len()).filter(acts).map(one).collect()
+    }
+}
+
+/// What effects do.
+struct Acting {
+    actions: Vec<Action>,
+    /// The effects that reach the simulator.
+    inside: Vec<Written>,
+}
+
+impl Acting {
+    fn new(setting: &Setting, effects: &[Placed]) -> Self {
+        let (mut actions, mut inside) = (Vec::new(), Vec::new());
+        for placed in effects {
+            let own = placed.effect.act(setting, &placed.place, &placed.parameters);
+            if !own.iter().all(|action| matches!(action, Action::Sensor(_))) {
+                inside.push(written(placed, setting));
+            }
+            actions.extend(own);
+        }
+        Self { actions, inside }
+    }
+
+    /// Changes outputs as the sensors do.
+    fn sense(&self, y: &mut Channels, t0: f64, rate: f64) {
+        for action in &self.actions {
+            if let Action::Sensor(sensor) = action {
+                sensor.apply(y, t0, rate);
+            }
+        }
+    }
+}
+
+/// A run that is ready to be carried out.
+struct Prepared<'p> {
+    record: &'p Record,
+    inside: &'p [Written],
+    /// Values of the simulator's parameters.
+    values: Vec<f64>,
+    drive: Drive,
+    at: AtPorts<'p>,
+}
+
+impl Prepared<'_> {
+    /// Runs as a whole, or step by step if something acts within a sample or at a port.
+    fn run(&self, instance: &mut Instance, steps: usize, responses: &[Response]) -> Result<Channels, Failure> {
+        if self.at.is_empty() && (self.drive.parts == 1 || steps < 2) {
+            return instance.run(&self.values, &regrouped(&self.drive, 1));
+        }
+        let mut couplings = self.at.couplings(responses);
+        let rate = self.drive.rate * steps as f64;
+        instance.run_with(&self.values, &regrouped(&self.drive, steps), |step, motions, forces| {
+            forces.fill(0.0);
+            let t = self.record.start_s + step as f64 / rate;
+            for (port, push) in &self.at.pushes {
+                forces[*port] += push(t);
+            }
+            for (coupling, port) in &mut couplings {
+                forces[*port] = coupling.force(motions[*port], forces[*port]);
+            }
+        })
+    }
+}
+
+/// Where the outputs of a run come from.
+enum Source {
+    Known(Channels),
+    /// A run that is carried out, by its number.
+    New(usize),
+}
+
+fn remember(remembered: &mut Vec<Remembered>, prepared: &Prepared, y: &Channels) {
+    if remembered.len() == REMEMBERED {
+        // The first runs are those without effects, which are asked for to the end.
+        remembered.remove(REMEMBERED / 2);
+    }
+    let (record, samples) = (prepared.record.name.clone(), prepared.record.samples());
+    remembered.push(Remembered { record, samples, effects: prepared.inside.to_vec(), y: y.clone() });
 }
 
 impl<'s> Runs<'s> {
@@ -66,12 +154,12 @@ impl<'s> Runs<'s> {
     }
 
     /// Returns the outputs of a run in which nothing can move the simulator.
-    fn resting(&self, drive: &Drive, values: &[f64], at: &AtPorts) -> Option<Channels> {
+    fn resting(&self, Prepared { drive, values, at, .. }: &Prepared) -> Option<Channels> {
         let rest = self.rest.as_ref()?;
         let driven = drive.u.iter().flatten().any(|u| *u != 0.0);
         let acts =
             |(_, law): &(usize, &dyn Force)| law.force(0.0, 0.0, 0.0) != 0.0 || law.advance(0.0, 0.0, 0.0) != 0.0;
-        if driven || !at.pushes.is_empty() || at.laws.iter().any(acts) || values != self.description().values() {
+        if driven || !at.pushes.is_empty() || at.laws.iter().any(acts) || *values != self.description().values() {
             return None;
         }
         let samples = drive.u.first().map_or(0, Vec::len) / drive.parts;
@@ -98,43 +186,70 @@ impl<'s> Runs<'s> {
         effects: &[Placed],
         record: &Record,
     ) -> Result<Channels, SimulatorError> {
-        let acting: Vec<Vec<Action>> = effects.iter().map(|p| p.effect.act(setting, &p.place, &p.parameters)).collect();
-        let inside: Vec<Written> = effects
-            .iter()
-            .zip(&acting)
-            .filter(|(_, actions)| !actions.iter().all(|action| matches!(action, Action::Sensor(_))))
-            .map(|(placed, _)| written(placed, setting))
-            .collect();
-        let actions: Vec<&Action> = acting.iter().flatten().collect();
-        let same = |known: &Remembered| {
-            known.record == record.name && known.samples == record.samples() && known.effects == inside
-        };
-        let mut y = match self.remembered.iter().find(|known| same(known)) {
-            Some(known) => known.y.clone(),
-            None => {
-                let y = self.run(&actions, record, setting.plant.rate)?;
-                if self.remembered.len() == REMEMBERED {
-                    // The first runs are those without effects, which are asked for to the end.
-                    self.remembered.remove(REMEMBERED / 2);
-                }
-                let (record, samples) = (record.name.clone(), record.samples());
-                self.remembered.push(Remembered { record, samples, effects: inside, y: y.clone() });
-                y
-            }
-        };
-        for action in actions {
-            if let Action::Sensor(sensor) = action {
-                sensor.apply(&mut y, record.start_s, setting.plant.rate);
-            }
-        }
-        Ok(y)
+        self.simulate_all(setting, &[(effects, record)]).remove(0)
     }
 
-    fn run(&mut self, actions: &[&Action], record: &Record, rate: f64) -> Result<Channels, SimulatorError> {
+    /// Returns the outputs of several runs, each of a record with effects. They go side by side if the simulator has
+    /// instances; the answers do not depend on that.
+    pub fn simulate_all(
+        &mut self,
+        setting: &Setting,
+        asked: &[(&[Placed], &Record)],
+    ) -> Vec<Result<Channels, SimulatorError>> {
+        let acting: Vec<Acting> = asked.iter().map(|(effects, _)| Acting::new(setting, effects)).collect();
+        let mut new: Vec<Prepared> = Vec::new();
+        let mut sources = Vec::new();
+        for (acting, (_, record)) in acting.iter().zip(asked) {
+            let same = |of: &Prepared| {
+                let (name, samples) = (&of.record.name, of.record.samples());
+                (name, samples) == (&record.name, record.samples()) && of.inside == acting.inside
+            };
+            let source = match (self.known(acting, record), new.iter().position(same)) {
+                (Some(y), _) => Source::Known(y),
+                (None, Some(at)) => Source::New(at),
+                (None, None) => {
+                    let prepared = self.prepared(acting, record, setting.plant.rate);
+                    if let Some(y) = self.resting(&prepared) {
+                        Source::Known(y)
+                    } else {
+                        new.push(prepared);
+                        Source::New(new.len() - 1)
+                    }
+                }
+            };
+            sources.push(source);
+        }
+        let done = self.carried_out(&new);
+        for (prepared, y) in new.iter().zip(&done) {
+            if let Ok(y) = y {
+                remember(&mut self.remembered, prepared, y);
+            }
+        }
+        let finished = sources.into_iter().zip(acting.iter().zip(asked)).map(|(source, (acting, (_, record)))| {
+            let mut y = match source {
+                Source::Known(y) => y,
+                Source::New(at) => done[at].clone()?,
+            };
+            acting.sense(&mut y, record.start_s, setting.plant.rate);
+            Ok(y)
+        });
+        finished.collect()
+    }
+
+    /// Returns the outputs of an earlier run that is the same before the sensors.
+    fn known(&self, acting: &Acting, record: &Record) -> Option<Channels> {
+        let same = |known: &&Remembered| {
+            known.record == record.name && known.samples == record.samples() && known.effects == acting.inside
+        };
+        self.remembered.iter().find(same).map(|known| known.y.clone())
+    }
+
+    /// Collects what the effects do in a run.
+    fn prepared<'p>(&self, acting: &'p Acting, record: &'p Record, rate: f64) -> Prepared<'p> {
         let mut values = self.description().values();
         let mut drive = Drive::new(&record.u, rate, record.start_s);
         let mut at = AtPorts::default();
-        for action in actions {
+        for action in &acting.actions {
             match action {
                 Action::Command(command) => command.apply(&mut drive),
                 Action::Parameter(number, value) => values[*number] = *value,
@@ -145,44 +260,14 @@ impl<'s> Runs<'s> {
                 Action::Plant(_) | Action::Stiffness(_) => unreachable!("such effects are not among the candidates"),
             }
         }
-        if let Some(y) = self.resting(&drive, &values, &at) {
-            return Ok(y);
-        }
-        let steps = self.description().steps_per_sample;
-        if at.is_empty() && (drive.parts == 1 || steps < 2) {
-            return self.simulator.run(&values, &regrouped(&drive, 1));
-        }
-        let u = regrouped(&drive, steps);
-        self.stepped(&values, &u, &at, (record.start_s, rate * steps as f64))
+        Prepared { record, inside: &acting.inside, values, drive, at }
     }
 
-    /// Runs step by step with one value of each input for a step.
-    fn stepped(
-        &mut self,
-        values: &[f64],
-        u: &[Vec<f64>],
-        at: &AtPorts,
-        (t0, rate): (f64, f64),
-    ) -> Result<Channels, SimulatorError> {
-        let ports = 0..self.responses.len();
-        let mut couplings: Vec<(Coupling, usize)> = ports
-            .filter(|port| at.laws.iter().any(|(p, _)| p == port) || at.loads.iter().any(|(p, _)| p == port))
-            .map(|port| {
-                let laws = at.laws.iter().filter(|(p, _)| *p == port).map(|(_, law)| *law).collect();
-                let loads: Vec<Load> = at.loads.iter().filter(|(p, _)| *p == port).map(|(_, load)| *load).collect();
-                (Coupling::new(self.responses[port], laws, &loads), port)
-            })
-            .collect();
-        self.simulator.run_with(values, u, |step, motions, forces| {
-            forces.fill(0.0);
-            let t = t0 + step as f64 / rate;
-            for (port, push) in &at.pushes {
-                forces[*port] += push(t);
-            }
-            for (coupling, port) in &mut couplings {
-                forces[*port] = coupling.force(motions[*port], forces[*port]);
-            }
-        })
+    /// Carries out runs.
+    fn carried_out(&mut self, all: &[Prepared]) -> Vec<Result<Channels, SimulatorError>> {
+        let (steps, responses) = (self.description().steps_per_sample, self.responses.clone());
+        let runs: Vec<_> = all.iter().map(|prepared| |of: &mut Instance| prepared.run(of, steps, &responses)).collect();
+        self.simulator.all(&runs)
     }
 
     /// Runs step by step with these forces, and returns outputs and the motions after each step.

@@ -1,7 +1,5 @@
 //! One run for each effect, location and start: how much of the gap its trace explains.
 
-use plid_simulator::SimulatorError;
-
 use crate::effects::{Action, Effect, Range};
 use crate::fit::problem::{Placed, dot, sum_of_squares};
 use crate::in_loop::problem::{Fit, Problem};
@@ -29,64 +27,64 @@ fn possible(effect: &dyn Effect, placed: &Placed, problem: &Problem) -> bool {
         && actions.iter().all(|action| !matches!(action, Action::Plant(_) | Action::Stiffness(_) | Action::Noise))
 }
 
-/// Screens all effects beside an explanation. Entries are sorted, the largest gain first; of each effect at each
-/// location all starts are kept. `problem` has the records that are screened.
+/// Screens all effects beside an explanation, until there are so many calls. Entries are sorted, the largest gain
+/// first; of each effect at each location all starts are kept. `problem` has the records that are screened.
 pub(super) fn screen<'a>(
     problem: &Problem<'a>,
     runs: &mut Runs,
     effects: &[&'a dyn Effect],
     beside: &Fit<'a>,
     scope: &Scope,
-    may_call: impl Fn(&Runs) -> bool,
+    bound: usize,
     say: &mut dyn FnMut(String),
-) -> Result<Vec<Entry<'a>>, SimulatorError> {
+) -> Vec<Entry<'a>> {
     let residual = problem.beyond_limits(&beside.residual[..problem.rows()]);
-    let before = sum_of_squares(&residual);
     let mut entries: Vec<Entry> = Vec::new();
     for &effect in effects {
-        for place in effect.places(&problem.setting) {
-            for parameters in effect.starts(&problem.setting, &place) {
-                let placed = Placed { effect, place: place.clone(), parameters };
-                let known = beside.effects.iter().any(|other| crate::fit::candidate::same(other, &placed));
-                if known || !scope.allows(&placed) || !possible(effect, &placed, problem) {
-                    continue;
-                }
-                if !may_call(runs) {
-                    say("no calls are left for the rest of the screen".into());
-                    entries.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-                    return Ok(entries);
-                }
-                entries.extend(entry(problem, runs, placed, beside, (&residual, before)));
-            }
+        let mut all = starts(problem, effect, beside, scope);
+        let left = bound.saturating_sub(runs.calls().runs);
+        let cut = all.len() > left;
+        all.truncate(left);
+        let with = |placed: &Placed<'a>| {
+            (beside.effects.iter().cloned().chain([placed.clone()]).collect(), beside.eta.clone())
+        };
+        let asked: Vec<(Vec<Placed>, Vec<f64>)> = all.iter().map(with).collect();
+        for (placed, simulated) in all.into_iter().zip(problem.simulate_all(runs, &asked)) {
+            // What the simulator cannot be run with is no entry.
+            let Ok(simulated) = simulated else { continue };
+            let trace = problem.beyond_limits(&problem.trace(&beside.simulated, &simulated));
+            entries.extend(entry(problem, placed, &residual, &trace));
+        }
+        if cut {
+            say("no calls are left for the rest of the screen".into());
+            break;
         }
         say(format!("screened {}, {} runs so far", effect.name(), runs.calls().runs));
     }
     entries.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    Ok(entries)
+    entries
 }
 
-/// Returns the trace of an effect beside an explanation, without what the nuisances explain. `None` if the simulator
-/// cannot be run with it.
-fn trace<'a>(problem: &Problem<'a>, runs: &mut Runs, placed: &Placed<'a>, beside: &Fit<'a>) -> Option<Vec<f64>> {
-    let mut effects = beside.effects.clone();
-    effects.push(placed.clone());
-    let simulated = problem.simulate(runs, &effects, &beside.eta).ok()?;
-    Some(problem.beyond_limits(&problem.trace(&beside.simulated, &simulated)))
+/// Returns an effect at all of its places and with all of its starts, where it may stand beside an explanation.
+fn starts<'a>(problem: &Problem<'a>, effect: &'a dyn Effect, beside: &Fit<'a>, scope: &Scope) -> Vec<Placed<'a>> {
+    let at = |place: crate::effects::Place| {
+        let sizes = effect.starts(&problem.setting, &place);
+        sizes.into_iter().map(move |parameters| Placed { effect, place: place.clone(), parameters })
+    };
+    let may_stand = |placed: &Placed| {
+        let known = beside.effects.iter().any(|other| crate::fit::candidate::same(other, placed));
+        !known && scope.allows(placed) && possible(effect, placed, problem)
+    };
+    effect.places(&problem.setting).into_iter().flat_map(at).filter(may_stand).collect()
 }
 
-fn entry<'a>(
-    problem: &Problem<'a>,
-    runs: &mut Runs,
-    placed: Placed<'a>,
-    beside: &Fit<'a>,
-    (residual, before): (&[f64], f64),
-) -> Option<Entry<'a>> {
-    let trace = trace(problem, runs, &placed, beside)?;
-    let size = dot(&trace, &trace);
+/// Returns what the trace of an effect promises.
+fn entry<'a>(problem: &Problem<'a>, placed: Placed<'a>, residual: &[f64], trace: &[f64]) -> Option<Entry<'a>> {
+    let size = dot(trace, trace);
     if !(size.is_finite() && size > 0.0) {
         return None;
     }
-    let factor = dot(residual, &trace) / size;
+    let factor = dot(residual, trace) / size;
     let linear = placed.effect.amplitude().is_some();
     let positive = is_positive(&placed, problem);
     let used = if !linear {
@@ -96,8 +94,8 @@ fn entry<'a>(
     } else {
         factor
     };
-    let left: f64 = residual.iter().zip(&trace).map(|(r, t)| (r - used * t).powi(2)).sum();
-    Some(Entry { placed, gain: before - left, factor })
+    let left: f64 = residual.iter().zip(trace).map(|(r, t)| (r - used * t).powi(2)).sum();
+    Some(Entry { placed, gain: sum_of_squares(residual) - left, factor })
 }
 
 /// Whether the amplitude of an effect cannot change its sign.

@@ -1,8 +1,6 @@
 //! The search: screen, fit the best entries on the simulator, weigh anew by what the best one leaves, and try a second
 //! effect beside it.
 
-use plid_simulator::SimulatorError;
-
 use crate::case::record::Channels;
 use crate::effects::Effect;
 use crate::fit::candidate::{all_same, same};
@@ -45,7 +43,7 @@ pub(super) struct Search<'s, 'a> {
 }
 
 impl<'a> Search<'_, 'a> {
-    fn may_call(&self, runs: &Runs) -> bool {
+    pub(super) fn may_call(&self, runs: &Runs) -> bool {
         runs.calls().runs < self.settings.calls
     }
 
@@ -56,43 +54,50 @@ impl<'a> Search<'_, 'a> {
         runs: &mut Runs,
         given: &[Channels],
         say: &mut dyn FnMut(String),
-    ) -> Result<Found<'a>, SimulatorError> {
+    ) -> Found<'a> {
         let none = vec![0.0; problem.nuisances.len()];
         let as_given = problem.as_is(Vec::new(), none, given.to_vec());
         let mut refit = as_given.clone();
         if !problem.nuisances.is_empty() {
             say("fitting the parameters within their limits".into());
-            refit = problem.fit(runs, as_given, self.settings.steps, self.gain(problem))?;
+            refit = problem.fit(runs, as_given, self.settings.steps, self.gain(problem));
         }
         let mut found = Found { fits: vec![refit.clone()], refit, screens: Vec::new(), cut_short: false };
+        // An effect that does not suffice alone: two may hide each other.
+        let mut insufficient: Option<Fit> = None;
         for stage in 0..self.settings.effects {
-            let beside = found.fits[0].clone();
+            let standing = found.fits[0].clone();
+            let beside = insufficient.take().unwrap_or_else(|| standing.clone());
             let least = self.least(problem, &found);
-            if self.left(problem, &beside) < least || !self.may_call(runs) {
+            if self.left(problem, &standing) < least || !self.may_call(runs) {
                 break;
             }
             say(format!("stage {}: screening effects", stage + 1));
-            let tried = self.stage(problem, runs, &beside, &mut found, say)?;
+            let tried = self.stage(problem, runs, &beside, &mut found, say);
             let best = tried.iter().min_by(|a, b| a.cost.total_cmp(&b.cost)).cloned();
             found.fits.extend(tried);
             let Some(best) = best else { break };
-            let accepted = self.accepts(problem, &best, &beside, least);
+            let accepted = self.accepts(problem, &best, &standing, least);
             if accepted {
-                self.weigh(problem, runs, &mut found, &best)?;
+                self.weigh(problem, runs, &mut found, &best);
             }
             found.fits.sort_by(|a, b| self.priced(problem, a).total_cmp(&self.priced(problem, b)));
             if !accepted {
-                self.keep_first(&mut found.fits, &beside);
-                break;
+                self.keep_first(&mut found.fits, &standing);
+                if self.left(problem, &standing) < self.material {
+                    break;
+                }
+                insufficient = Some(best);
+                continue;
             }
             say(format!("{}, {} runs so far", self.words(problem, &found.fits[0]), runs.calls().runs));
         }
         found.cut_short |= !self.may_call(runs);
-        Ok(found)
+        found
     }
 
     /// Decrease of the cost below which a fit ends.
-    fn gain(&self, problem: &Problem) -> f64 {
+    pub(super) fn gain(&self, problem: &Problem) -> f64 {
         self.settings.fit_gain * problem.rows() as f64
     }
 
@@ -104,18 +109,22 @@ impl<'a> Search<'_, 'a> {
         beside: &Fit<'a>,
         found: &mut Found<'a>,
         say: &mut dyn FnMut(String),
-    ) -> Result<Vec<Fit<'a>>, SimulatorError> {
+    ) -> Vec<Fit<'a>> {
         let (record, heads) = self.heads(problem, beside);
         let quick = problem.head(record, heads[0]);
         let start = quick.on_head(beside, record);
         // Half of the calls are kept for the fits.
         let bound = runs.calls().runs + (self.settings.calls.saturating_sub(runs.calls().runs)) / 2;
-        let may_call = |runs: &Runs| runs.calls().runs < bound;
-        let entries = screen(&quick, runs, &self.effects, &start, &self.scope, may_call, say)?;
-        found.cut_short |= !may_call(runs);
-        let mut leading = self.tried(&quick, runs, &start, &entries, say)?;
+        let entries = screen(&quick, runs, &self.effects, &start, &self.scope, bound, say);
+        found.cut_short |= runs.calls().runs >= bound;
+        let mut tried = self.tried(&quick, runs, &start, &entries, say);
+        if !start.effects.is_empty() {
+            let least = self.settings.doubtful * self.left(problem, &found.refit).min(1.0);
+            tried = self.exchange(&quick, runs, tried, (least, bound), say);
+        }
+        let mut leading = self.leading(&quick, tried);
         for samples in &heads[1..] {
-            leading = self.grown(&problem.head(record, *samples), runs, &leading, &start.eta, say)?;
+            leading = self.grown(&problem.head(record, *samples), runs, &leading, &start.eta, say);
         }
         let mut fits: Vec<Fit> = Vec::new();
         for effects in leading {
@@ -125,15 +134,14 @@ impl<'a> Search<'_, 'a> {
             }
             let Ok(simulated) = problem.simulate(runs, &effects, &beside.eta) else { continue };
             let start = problem.as_is(effects, beside.eta.clone(), simulated);
-            let fit = problem.fit(runs, start, self.settings.steps, self.gain(problem))?;
+            let fit = problem.fit(runs, start, self.settings.steps, self.gain(problem));
             say(format!("fitted {}, {} runs so far", self.words(problem, &fit), runs.calls().runs));
-            let sound = |placed: &Placed| placed.effect.sound(&problem.setting, &placed.place, &placed.parameters);
-            if fit.effects.iter().all(sound) {
+            if self.is_sound(problem, &fit) {
                 fits.push(fit);
             }
         }
         found.screens.push(entries);
-        Ok(fits)
+        fits
     }
 
     /// Returns the record on which effects are screened, and the numbers of its first samples that are fitted in turn.
@@ -142,7 +150,7 @@ impl<'a> Search<'_, 'a> {
     /// than the output is far from where the record is, and the traces of effects there tell little. If it is so in all
     /// records, the head of the loudest one is shortened until its gap is smaller: the explanations that fit it are
     /// carried on to longer heads.
-    fn heads(&self, problem: &Problem<'a>, beside: &Fit<'a>) -> (usize, Vec<usize>) {
+    pub(super) fn heads(&self, problem: &Problem<'a>, beside: &Fit<'a>) -> (usize, Vec<usize>) {
         let levels: Vec<f64> = problem.records.iter().map(crate::case::record::Record::level).collect();
         let mut order: Vec<usize> = (0..levels.len()).filter(|k| levels[*k] > 0.0).collect();
         order.sort_by(|&a, &b| levels[b].total_cmp(&levels[a]));
@@ -187,7 +195,7 @@ impl<'a> Search<'_, 'a> {
         leading: &[Vec<Placed<'a>>],
         eta: &[f64],
         say: &mut dyn FnMut(String),
-    ) -> Result<Vec<Vec<Placed<'a>>>, SimulatorError> {
+    ) -> Vec<Vec<Placed<'a>>> {
         let mut fits = Vec::new();
         for effects in leading {
             if !self.may_call(runs) {
@@ -195,12 +203,12 @@ impl<'a> Search<'_, 'a> {
             }
             let Ok(simulated) = head.simulate(runs, effects, eta) else { continue };
             let start = head.as_is(effects.clone(), eta.to_vec(), simulated);
-            let fit = head.fit(runs, start, self.settings.quick_steps, self.gain(head))?;
+            let fit = head.fit(runs, start, self.settings.quick_steps, self.gain(head));
             let samples = head.records[0].samples();
             say(format!("{samples} samples: {}, {} runs so far", self.words(head, &fit), runs.calls().runs));
             fits.push(fit);
         }
-        Ok(self.leading(head, fits))
+        self.leading(head, fits)
     }
 
     /// Returns the effects of the fits that leave least, without those far behind.
@@ -212,7 +220,7 @@ impl<'a> Search<'_, 'a> {
     }
 
     /// Runs the best start of each effect at each place in three sizes on the head of one record, and fits the leading
-    /// ones in a few steps. Returns the effects of the best of these fits, one for each effect at each place.
+    /// ones in a few steps. Returns the best of these fits, one for each effect at each place, the best first.
     fn tried(
         &self,
         quick: &Problem<'a>,
@@ -220,7 +228,7 @@ impl<'a> Search<'_, 'a> {
         start: &Fit<'a>,
         entries: &[Entry<'a>],
         say: &mut dyn FnMut(String),
-    ) -> Result<Vec<Vec<Placed<'a>>>, SimulatorError> {
+    ) -> Vec<Fit<'a>> {
         // The best start of each effect at each place comes first, then the second best of each.
         let rank = |at: usize| entries[..at].iter().filter(|other| same(&other.placed, &entries[at].placed)).count();
         let mut order: Vec<(usize, usize)> = (0..entries.len()).map(|at| (rank(at), at)).collect();
@@ -230,13 +238,7 @@ impl<'a> Search<'_, 'a> {
         let mut sized: Vec<Fit> = Vec::new();
         for entry in chosen {
             let before = runs.calls().runs;
-            let mut of_entry: Vec<Fit> = Vec::new();
-            for placed in entry.sizes(quick) {
-                let effects: Vec<Placed> = start.effects.iter().cloned().chain([placed]).collect();
-                let Ok(simulated) = quick.simulate(runs, &effects, &start.eta) else { continue };
-                of_entry.push(quick.as_is(effects, start.eta.clone(), simulated));
-            }
-            sized.extend(of_entry.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost)));
+            sized.extend(self.sized(quick, runs, &start.effects, &start.eta, entry));
             if runs.calls().runs > before && !self.may_call(runs) {
                 break;
             }
@@ -248,7 +250,7 @@ impl<'a> Search<'_, 'a> {
             let mut fit = from;
             let before = runs.calls().runs;
             if stepped < self.settings.stepped && self.may_call(runs) {
-                fit = quick.fit(runs, fit, self.settings.quick_steps, self.gain(quick))?;
+                fit = quick.fit(runs, fit, self.settings.quick_steps, self.gain(quick));
                 stepped += usize::from(runs.calls().runs > before);
             }
             say(format!("tried {}, {} runs so far", self.words(quick, &fit), runs.calls().runs));
@@ -258,17 +260,31 @@ impl<'a> Search<'_, 'a> {
                 None => fits.push(fit),
             }
         }
-        Ok(self.leading(quick, fits))
+        fits.sort_by(|a, b| self.priced(quick, a).total_cmp(&self.priced(quick, b)));
+        fits
+    }
+
+    /// Runs an entry in three sizes beside other effects, and returns the best explanation.
+    pub(super) fn sized(
+        &self,
+        quick: &Problem<'a>,
+        runs: &mut Runs,
+        beside: &[Placed<'a>],
+        eta: &[f64],
+        entry: &Entry<'a>,
+    ) -> Option<Fit<'a>> {
+        let with = |placed: Placed<'a>| (beside.iter().cloned().chain([placed]).collect(), eta.to_vec());
+        let sizes: Vec<(Vec<Placed>, Vec<f64>)> = entry.sizes(quick).into_iter().map(with).collect();
+        let simulated = quick.simulate_all(runs, &sizes);
+        let fits = sizes
+            .into_iter()
+            .zip(simulated)
+            .filter_map(|((effects, eta), simulated)| Some(quick.as_is(effects, eta, simulated.ok()?)));
+        fits.min_by(|a, b| a.cost.total_cmp(&b.cost))
     }
 
     /// Weighs all explanations anew, by what the best one leaves, and fits the leading ones once more.
-    fn weigh(
-        &self,
-        problem: &mut Problem<'a>,
-        runs: &mut Runs,
-        found: &mut Found<'a>,
-        best: &Fit<'a>,
-    ) -> Result<(), SimulatorError> {
+    pub(super) fn weigh(&self, problem: &mut Problem<'a>, runs: &mut Runs, found: &mut Found<'a>, best: &Fit<'a>) {
         problem.weigh_by(&self.noise, best);
         let anew = |fit: &Fit<'a>| {
             let again = problem.as_is(fit.effects.clone(), fit.eta.clone(), fit.simulated.clone());
@@ -282,9 +298,8 @@ impl<'a> Search<'_, 'a> {
             if found.fits[k].effects.is_empty() || !self.may_call(runs) {
                 continue;
             }
-            found.fits[k] = problem.fit(runs, found.fits[k].clone(), self.settings.steps, self.gain(problem))?;
+            found.fits[k] = problem.fit(runs, found.fits[k].clone(), self.settings.steps, self.gain(problem));
         }
-        Ok(())
     }
 
     /// Returns whether a further effect is needed: the records prefer it clearly, and it closes a share of what its
@@ -314,6 +329,11 @@ impl<'a> Search<'_, 'a> {
         (gap * gap - floor * floor).max(0.0).sqrt()
     }
 
+    /// Returns whether the records can show all effects of an explanation.
+    pub(super) fn is_sound(&self, problem: &Problem, fit: &Fit) -> bool {
+        fit.effects.iter().all(|placed| placed.effect.sound(&problem.setting, &placed.place, &placed.parameters))
+    }
+
     /// Returns the price of an explanation, in twice the log likelihood: that of its parameters (Schwarz, Ann. Stat. 6,
     /// 1978) and that of the choice among all effects. A parameter that the simulator names counts as suspected: its
     /// engineer says that it may be wrong.
@@ -338,7 +358,7 @@ impl<'a> Search<'_, 'a> {
         }
     }
 
-    fn words(&self, problem: &Problem, fit: &Fit) -> String {
+    pub(super) fn words(&self, problem: &Problem, fit: &Fit) -> String {
         let effects = crate::fit::candidate::in_words(&fit.effects, &problem.setting.names);
         format!("{effects}: leaves {} of the output", plid_report::percent(self.left(problem, fit)))
     }

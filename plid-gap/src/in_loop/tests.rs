@@ -153,6 +153,20 @@ fn a_parameter_within_its_limit_is_no_cause() {
     assert!((to / numbers.damper - 1.0).abs() < 0.02 && from == NOMINAL.damper && z < 1.0, "{to}, {z}");
 }
 
+/// Whether runs go side by side changes nothing in the answer, nor the number of runs.
+#[test]
+fn runs_side_by_side_give_the_same_answer() {
+    let answers = [1, 2].map(|count| {
+        let mut case = case(&NOMINAL, |x, _, _| [0.0, -6.0 * x[1].powi(3), 0.0], same, as_it_is);
+        case.config.settings.in_loop.side_by_side = count;
+        let LoopOutcome { mut diagnosis, simulation, .. } = diagnosed(&case);
+        diagnosis.simulator.seconds = 0.0;
+        diagnosis.settings.in_loop.side_by_side = 1;
+        (serde_json::to_string(&diagnosis).unwrap(), serde_json::to_string(&simulation).unwrap())
+    });
+    assert_eq!(answers[0], answers[1]);
+}
+
 /// A bound on the runs is kept, and said.
 #[test]
 fn a_bound_on_the_runs_is_kept() {

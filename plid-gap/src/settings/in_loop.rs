@@ -7,6 +7,9 @@ group! {
     LoopSettings {
         /// Largest number of runs of the simulator, on one record each. What could not be finished is said.
         calls: usize = 1000, "1", 10.0..=1e9;
+        /// Number of runs that go side by side, if the simulator allows it. A program is started so many times. The
+        /// answer does not depend on it.
+        side_by_side: usize = 1, "1", 1.0..=1e3;
         /// Largest number of states of a linear model that may take the simulator's place: a simulator that is linear
         /// and has no parameters is diagnosed as a model.json is. Zero keeps every simulator in the loop.
         model_states: usize = 200, "1", 0.0..=1e4;
@@ -32,6 +35,9 @@ group! {
         fit_gain: f64 = 1e-3, "1", 0.0..=1.0;
         /// Number of explanations that are fitted again after the weights have changed.
         refined: usize = 3, "1", 1.0..=100.0;
+        /// Share of the whole gap that a further effect must leave for the effects before it to be doubted: others are
+        /// then tried in their places.
+        doubtful: f64 = 0.1, "1", 0.0..=1.0;
         /// Largest number of effects of an explanation.
         effects: usize = 2, "1", 1.0..=10.0;
         /// Share of the material gap that a further effect must close, in amplitude. A smaller one may be there, but it

@@ -106,6 +106,10 @@ impl Simulator for Arm {
         motions[1] = Motion { displacement: link, velocity: link_rate };
         Ok(())
     }
+
+    fn another(&self) -> Result<Option<Box<dyn Simulator>>, SimulatorError> {
+        Ok(Some(Box::new(Self::new())))
+    }
 }
 
 /// The measured outputs of the real arm, without noise.

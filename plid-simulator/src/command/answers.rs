@@ -2,7 +2,10 @@
 
 use std::io::{self, Read};
 use std::process::ChildStdout;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
+
+use super::watch::Watch;
 
 /// How long a read polls the pipe before the thread sleeps. Waking a thread on another core takes longer than a short
 /// step of a simulator, and a diagnosis waits for millions of steps.
@@ -13,18 +16,19 @@ pub(super) struct Answers {
     pipe: ChildStdout,
     /// Whether reading from the pipe does not block.
     nonblocking: bool,
+    /// Learns of every part of an answer.
+    watch: Arc<Watch>,
 }
 
 impl Answers {
     /// Takes a pipe.
-    pub fn new(pipe: ChildStdout) -> Self {
+    pub fn new(pipe: ChildStdout, watch: Arc<Watch>) -> Self {
         let nonblocking = set_nonblocking(&pipe);
-        Self { pipe, nonblocking }
+        Self { pipe, nonblocking, watch }
     }
-}
 
-impl Read for Answers {
-    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+    /// Reads from the pipe. If that does not block, it polls before it sleeps.
+    fn wait(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         if !self.nonblocking {
             return self.pipe.read(bytes);
         }
@@ -42,6 +46,16 @@ impl Read for Answers {
                 read => return read,
             }
         }
+    }
+}
+
+impl Read for Answers {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        let count = self.wait(bytes)?;
+        if count > 0 {
+            self.watch.has_written();
+        }
+        Ok(count)
     }
 }
 

@@ -7,6 +7,8 @@
 //!   newline and N times the p outputs.
 //! - `{"start": {"parameters": [..]}}` and a newline; the answer is `{"ok": true}`, a newline, and displacement and
 //!   velocity of each port.
+//! - `{"save": {"slot": K}}` and a newline; the answer is `{"ok": true}` and a newline.
+//! - `{"restore": {"slot": K}}` and a newline; the answer is that of a start.
 //! - The byte `s`, the m inputs and the force at each port, for one step; the answer is the byte `s`, the p outputs,
 //!   and displacement and velocity of each port.
 //!
@@ -17,8 +19,10 @@
 mod answers;
 mod process;
 mod serve;
+mod watch;
 
 use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
@@ -36,6 +40,8 @@ const STEP: u8 = b's';
 
 /// A program as a simulator.
 pub struct Command {
+    command: Vec<String>,
+    folder: PathBuf,
     process: Process,
     description: Description,
     /// What is sent and received in a step.
@@ -56,6 +62,8 @@ struct Hello {
 enum Request<'r> {
     Run { parameters: &'r [f64], samples: usize },
     Start { parameters: &'r [f64] },
+    Save { slot: usize },
+    Restore { slot: usize },
 }
 
 #[derive(Deserialize)]
@@ -69,14 +77,14 @@ impl Command {
     /// How long a program may take to answer one request, if nothing else is said.
     pub const PATIENCE: Duration = Duration::from_secs(60);
 
-    /// Starts a program with its arguments in a folder, and reads its description. A program that does not answer a
-    /// request within `patience` is stopped. It may take [`Command::PATIENCE`] to start in any case, because an
-    /// interpreter loads its libraries first.
+    /// Starts a program with its arguments in a folder, and reads its description. A program that neither reads a
+    /// request nor writes its answer for as long as `patience` is stopped. It may take [`Command::PATIENCE`] to start
+    /// in any case, because an interpreter loads its libraries first.
     ///
     /// # Errors
     /// [`SimulatorError::Failed`] if the program cannot be started, ends, or writes anything but its description;
     /// [`SimulatorError::Description`] if that contradicts itself.
-    pub fn start(command: &[String], folder: &std::path::Path, patience: Duration) -> Result<Self, SimulatorError> {
+    pub fn start(command: &[String], folder: &Path, patience: Duration) -> Result<Self, SimulatorError> {
         let mut process = Process::start(command, folder, patience.max(Self::PATIENCE))?;
         let line = process.answering(line)?;
         if let Ok(Answer::Error(message)) = parsed(&line) {
@@ -89,9 +97,10 @@ impl Command {
         let description: Description = serde_json::from_value(hello.description)
             .map_err(|error| process.failed(format!("its description: {error}")))?;
         description.check()?;
-        process.patience = patience;
+        process.set_patience(patience);
         let (m, p, q) = (description.inputs.len(), description.outputs.len(), description.ports.len());
-        Ok(Self { process, description, sent: vec![0; 1 + 8 * (m + q)], received: vec![0; 8 * (p + 2 * q)] })
+        let (sent, received) = (vec![0; 1 + 8 * (m + q)], vec![0; 8 * (p + 2 * q)]);
+        Ok(Self { command: command.into(), folder: folder.into(), process, description, sent, received })
     }
 
     fn request(&mut self, request: &Request, then: &[u8]) -> Result<(), SimulatorError> {
@@ -112,6 +121,17 @@ impl Command {
                 Ok(bytes.chunks_exact(8).map(number).collect())
             }
         }
+    }
+
+    /// Reads the answer of a start: the motion at each port.
+    fn motions(&mut self) -> Result<Vec<Motion>, SimulatorError> {
+        let motions = self.answer(2 * self.description.ports.len())?;
+        Ok(motions.chunks_exact(2).map(|both| Motion { displacement: both[0], velocity: both[1] }).collect())
+    }
+
+    fn require_states(&self) -> Result<(), SimulatorError> {
+        let name = || self.description.name.clone();
+        self.description.states.then_some(()).ok_or_else(|| SimulatorError::NoStates { name: name() })
     }
 }
 
@@ -160,8 +180,28 @@ impl Simulator for Command {
             return Err(SimulatorError::NoSteps { name: self.description.name.clone() });
         }
         self.request(&Request::Start { parameters }, &[])?;
-        let motions = self.answer(2 * self.description.ports.len())?;
-        Ok(motions.chunks_exact(2).map(|both| Motion { displacement: both[0], velocity: both[1] }).collect())
+        self.motions()
+    }
+
+    fn save(&mut self, slot: usize) -> Result<(), SimulatorError> {
+        self.require_states()?;
+        self.request(&Request::Save { slot }, &[])?;
+        self.answer(0).map(drop)
+    }
+
+    fn restore(&mut self, slot: usize) -> Result<Vec<Motion>, SimulatorError> {
+        self.require_states()?;
+        self.request(&Request::Restore { slot }, &[])?;
+        self.motions()
+    }
+
+    /// Starts the program once more.
+    fn another(&self) -> Result<Option<Box<dyn Simulator>>, SimulatorError> {
+        let another = Self::start(&self.command, &self.folder, self.process.patience())?;
+        if another.description == self.description {
+            return Ok(Some(Box::new(another)));
+        }
+        Err(another.process.failed("started once more, it describes itself in another way".into()))
     }
 
     fn step(&mut self, u: &[f64], forces: &[f64], y: &mut [f64], motions: &mut [Motion]) -> Result<(), SimulatorError> {

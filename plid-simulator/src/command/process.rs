@@ -4,12 +4,12 @@ use std::collections::VecDeque;
 use std::io::{BufReader, Read, Write};
 use std::path::Path;
 use std::process::{Child, ChildStdin, Stdio};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use super::answers::Answers;
+use super::watch::Watch;
 use crate::SimulatorError;
 
 /// Number of bytes of the log that are kept.
@@ -18,8 +18,12 @@ const KEPT: usize = 65536;
 /// Number of lines of the log in a message.
 const LINES: usize = 8;
 
-/// How often the watch looks.
-const WATCH: Duration = Duration::from_millis(20);
+/// How long to wait between two looks at a program that closed its pipes.
+const MOMENT: Duration = Duration::from_millis(20);
+
+/// Number of bytes that are written together: as many as a pipe holds, so that a program that reads slowly is seen to
+/// read.
+const TOGETHER: usize = 1 << 16;
 
 /// A running program.
 pub(super) struct Process {
@@ -30,17 +34,6 @@ pub(super) struct Process {
     log: Arc<Mutex<VecDeque<u8>>>,
     logger: Option<thread::JoinHandle<()>>,
     watch: Arc<Watch>,
-    /// How long it may take to answer.
-    pub patience: Duration,
-}
-
-/// What the watching thread knows: when the program must have answered, in ms since the start; zero if nothing is
-/// asked.
-struct Watch {
-    began: Instant,
-    until: AtomicU64,
-    overdue: AtomicBool,
-    ended: AtomicBool,
 }
 
 impl Process {
@@ -64,32 +57,40 @@ impl Process {
         let log = Arc::new(Mutex::new(VecDeque::new()));
         let kept = Arc::clone(&log);
         let logger = thread::spawn(move || keep(errors, &kept));
-        let watch = Arc::new(Watch {
-            began: Instant::now(),
-            until: AtomicU64::new(0),
-            overdue: AtomicBool::new(false),
-            ended: AtomicBool::new(false),
-        });
         let child = Arc::new(Mutex::new(child));
-        let (watched, by) = (Arc::clone(&child), Arc::clone(&watch));
-        thread::spawn(move || by.look(&watched));
+        let watched = Arc::clone(&child);
+        let watch = Watch::over(patience, move || drop(locked(&watched).kill()));
+        let answers = Answers::new(output, Arc::clone(&watch));
         Ok(Self {
             name: command.join(" "),
             child,
             input,
-            output: BufReader::with_capacity(1 << 16, Answers::new(output)),
+            output: BufReader::with_capacity(1 << 16, answers),
             log,
             logger: Some(logger),
             watch,
-            patience,
         })
+    }
+
+    /// Returns for how long the program may be silent.
+    pub fn patience(&self) -> Duration {
+        self.watch.patience()
+    }
+
+    /// Sets for how long the program may be silent.
+    pub fn set_patience(&self, patience: Duration) {
+        self.watch.set_patience(patience);
     }
 
     /// Writes all parts. They go out together.
     pub fn send(&mut self, parts: &[&[u8]]) -> Result<(), SimulatorError> {
-        self.expect();
-        let sent = parts.iter().try_for_each(|part| self.input.write_all(part)).and_then(|()| self.input.flush());
-        self.watch.until.store(0, Ordering::Relaxed);
+        let mut chunks = parts.iter().flat_map(|part| part.chunks(TOGETHER));
+        let sent = chunks.try_for_each(|chunk| {
+            self.watch.expect();
+            self.input.write_all(chunk)
+        });
+        let sent = sent.and_then(|()| self.input.flush());
+        self.watch.rest();
         sent.map_err(|error| self.broken(&error))
     }
 
@@ -98,15 +99,10 @@ impl Process {
         &mut self,
         read: impl FnOnce(&mut BufReader<Answers>) -> std::io::Result<T>,
     ) -> Result<T, SimulatorError> {
-        self.expect();
+        self.watch.expect();
         let answer = read(&mut self.output);
-        self.watch.until.store(0, Ordering::Relaxed);
+        self.watch.rest();
         answer.map_err(|error| self.broken(&error))
-    }
-
-    fn expect(&self) {
-        let until = self.watch.began.elapsed() + self.patience;
-        self.watch.until.store(until.as_millis().max(1) as u64, Ordering::Relaxed);
     }
 
     /// Returns a failure with the end of the log.
@@ -121,8 +117,8 @@ impl Process {
 
     /// Returns what became of a program that can no longer be written to or read from.
     fn broken(&mut self, error: &std::io::Error) -> SimulatorError {
-        if self.watch.overdue.load(Ordering::Relaxed) {
-            let message = format!("it did not answer within {} s and was stopped", self.patience.as_secs_f64());
+        if self.watch.is_overdue() {
+            let message = format!("it did not answer within {} s and was stopped", self.patience().as_secs_f64());
             return self.failed(message);
         }
         let ended = Self::end(&self.child);
@@ -144,7 +140,7 @@ impl Process {
             if let Ok(Some(status)) = locked(child).try_wait() {
                 return Some(status);
             }
-            thread::sleep(WATCH);
+            thread::sleep(MOMENT);
         }
         None
     }
@@ -153,24 +149,10 @@ impl Process {
 impl Drop for Process {
     /// No program is left behind.
     fn drop(&mut self) {
-        self.watch.ended.store(true, Ordering::Relaxed);
+        self.watch.end();
         let mut child = locked(&self.child);
         child.kill().ok();
         child.wait().ok();
-    }
-}
-
-impl Watch {
-    fn look(&self, child: &Mutex<Child>) {
-        while !self.ended.load(Ordering::Relaxed) {
-            thread::sleep(WATCH);
-            let until = self.until.load(Ordering::Relaxed);
-            if until > 0 && self.began.elapsed().as_millis() as u64 > until {
-                self.overdue.store(true, Ordering::Relaxed);
-                locked(child).kill().ok();
-                return;
-            }
-        }
     }
 }
 

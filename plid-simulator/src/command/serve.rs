@@ -21,6 +21,8 @@ struct Hello<'d> {
 enum Request {
     Run { parameters: Vec<f64>, samples: usize },
     Start { parameters: Vec<f64> },
+    Save { slot: usize },
+    Restore { slot: usize },
 }
 
 /// Longest request in JSON.
@@ -140,10 +142,16 @@ impl<I: BufRead, O: Write> Server<'_, I, O> {
         match serde_json::from_slice(&line).map_err(wrong)? {
             Request::Start { parameters } => {
                 let known = self.parameters(&parameters);
-                match known.and_then(|()| self.simulator.start(&parameters)) {
-                    Ok(motions) => self.answer(numbers_of(&motions)),
-                    Err(error) => refuse(&mut self.output, &message(error)),
-                }
+                let motions = known.and_then(|()| self.simulator.start(&parameters));
+                self.answer_motions(motions)
+            }
+            Request::Save { slot } => {
+                let motions = self.simulator.save(slot).map(|()| Vec::new());
+                self.answer_motions(motions)
+            }
+            Request::Restore { slot } => {
+                let motions = self.simulator.restore(slot);
+                self.answer_motions(motions)
             }
             Request::Run { parameters, samples } => {
                 let u = self.inputs(samples)?;
@@ -189,6 +197,13 @@ impl<I: BufRead, O: Write> Server<'_, I, O> {
             }
         }
         Ok(u)
+    }
+
+    fn answer_motions(&mut self, motions: Result<Vec<Motion>, SimulatorError>) -> std::io::Result<()> {
+        match motions {
+            Ok(motions) => self.answer(numbers_of(&motions)),
+            Err(error) => refuse(&mut self.output, &message(error)),
+        }
     }
 
     fn answer(&mut self, numbers: impl Iterator<Item = f64>) -> std::io::Result<()> {

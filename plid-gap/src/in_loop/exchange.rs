@@ -1,0 +1,65 @@
+//! Another effect in the place of one that was found before.
+//!
+//! The first effect is the one that explains most alone. Where two are at work, that may be a third one, which does a
+//! little of what both do. So where a pair still leaves much, each of its effects is taken out in turn, and all others
+//! are screened in its place.
+
+use crate::fit::candidate::same;
+use crate::fit::problem::Placed;
+use crate::in_loop::problem::{Fit, Problem};
+use crate::in_loop::runs::Runs;
+use crate::in_loop::screen::{Entry, screen};
+use crate::in_loop::search::Search;
+
+impl<'a> Search<'_, 'a> {
+    /// Adds explanations in which another effect has the place of one of the best, while the best leaves more than
+    /// `least` of the output and `bound` calls are not reached. All are on the head of one record, the best first.
+    pub(super) fn exchange(
+        &self,
+        quick: &Problem<'a>,
+        runs: &mut Runs,
+        mut fits: Vec<Fit<'a>>,
+        (least, bound): (f64, usize),
+        say: &mut dyn FnMut(String),
+    ) -> Vec<Fit<'a>> {
+        let places = fits.first().map_or(0, |best| best.effects.len());
+        for at in 0..places {
+            let best = fits[0].clone();
+            if self.left(quick, &best) < least || runs.calls().runs >= bound {
+                break;
+            }
+            say(format!("trying other effects in the place of effect {} of {}", at + 1, self.words(quick, &best)));
+            fits.extend(self.others(quick, runs, &best, at, bound, say));
+            fits.sort_by(|a, b| self.priced(quick, a).total_cmp(&self.priced(quick, b)));
+        }
+        fits
+    }
+
+    /// Returns the best explanations with another effect in one place.
+    fn others(
+        &self,
+        quick: &Problem<'a>,
+        runs: &mut Runs,
+        best: &Fit<'a>,
+        at: usize,
+        bound: usize,
+        say: &mut dyn FnMut(String),
+    ) -> Vec<Fit<'a>> {
+        let rest: Vec<Placed> = [&best.effects[..at], &best.effects[at + 1..]].concat();
+        let Ok(simulated) = quick.simulate(runs, &rest, &best.eta) else { return Vec::new() };
+        let beside = quick.as_is(rest, best.eta.clone(), simulated);
+        let entries = screen(quick, runs, &self.effects, &beside, &self.scope, bound, say);
+        let is_first = |at: usize| !entries[..at].iter().any(|other| same(&other.placed, &entries[at].placed));
+        let is_new = |entry: &&Entry| !same(&entry.placed, &best.effects[at]);
+        let distinct = (0..entries.len()).filter(|at| is_first(*at)).map(|at| &entries[at]).filter(is_new);
+        let sized = distinct.take(self.settings.stepped);
+        let mut fits: Vec<Fit> =
+            sized.filter_map(|entry| self.sized(quick, runs, &beside.effects, &best.eta, entry)).collect();
+        fits.sort_by(|a, b| self.priced(quick, a).total_cmp(&self.priced(quick, b)));
+        fits.truncate(self.settings.refined);
+        let fitted = fits.into_iter().map(|fit| quick.fit(runs, fit, self.settings.quick_steps, self.gain(quick)));
+        let fitted: Vec<Fit> = fitted.collect();
+        fitted.iter().for_each(|fit| say(format!("tried {}", self.words(quick, fit))));
+        fitted
+    }
+}

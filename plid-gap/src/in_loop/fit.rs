@@ -1,0 +1,149 @@
+//! Fits on runs of the simulator itself.
+
+use std::convert::Infallible;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use nalgebra::{DMatrix, DVector, DVectorView};
+use plid_lsq::{Damping, Normal, Stop, minimise};
+
+use crate::effects::Range;
+use crate::fit::problem::{Placed, sum_of_squares};
+use crate::in_loop::problem::{Fit, Problem};
+use crate::in_loop::runs::Runs;
+
+/// Step of a difference quotient, in the logarithm of a positive parameter: large beside the rounding of a simulator
+/// with contacts, small beside the curvature of the laws.
+const DIFFERENCE: f64 = 0.01;
+
+/// Longest step of a parameter, in its unit or logarithm: the slope here says little about a size that far away.
+const LONGEST: f64 = 1.5;
+
+/// Starts are near, and each damping that is tried costs a run of every record.
+const DAMPING: Damping = Damping { start: 1e-3, shrink: 0.1, grow: 10.0, least: 1e-15, tries: 3, factors: &[1.0] };
+
+/// A problem with the runs that it needs.
+struct Fitting<'f, 'a, 's> {
+    problem: &'f Problem<'a>,
+    runs: Mutex<&'f mut Runs<'s>>,
+}
+
+impl<'a> Problem<'a> {
+    /// Fits the sizes of effects, and the nuisances within their limits, by damped Gauss-Newton steps on runs of the
+    /// simulator itself. The nuisances' columns are those about the simulator as given. A run that fails counts as
+    /// infinitely bad.
+    pub fn fit(&self, runs: &mut Runs, start: Fit<'a>, steps: usize, gain: f64) -> Fit<'a> {
+        let mut fitting = Fitting { problem: self, runs: Mutex::new(runs) };
+        let stop = Stop { steps, gain, patience: 1 };
+        let Ok(found) = minimise(&mut fitting, start, DAMPING, stop);
+        let spread = (found.point.cost / self.rows() as f64).max(1.0);
+        Fit { covariance: self.covariance(&found.equations, &found.point, spread), ..found.point }
+    }
+
+    /// Returns the covariance that an answer states. Noise (p standard deviations) averages out over a record. What an
+    /// explanation leaves beyond it does not: it is the error of a law or of an integrator, as coherent as the trace of
+    /// a parameter. It is taken to hide a part of its own size in the direction of each parameter.
+    pub fn stated_covariance(&self, runs: &mut Runs, fit: &Fit<'a>, noise: &[f64]) -> Option<DMatrix<f64>> {
+        let plain = self.by_noise_alone(noise);
+        let at = plain.as_is(fit.effects.clone(), fit.eta.clone(), fit.simulated.clone());
+        let equations = plain.linearised(runs, &at);
+        let rows = plain.rows();
+        let beyond = (sum_of_squares(&at.residual[..rows]) - rows as f64).max(0.0);
+        plain.covariance(&equations, &at, 1.0 + beyond)
+    }
+
+    fn linearised(&self, runs: &mut Runs, at: &Fit<'a>) -> Normal {
+        let jacobian = self.jacobian(runs, at);
+        let mut equations = Normal::without_memory(jacobian.ncols());
+        equations.add(jacobian.as_view(), DVectorView::from_slice(&at.residual, at.residual.len()));
+        equations
+    }
+
+    /// Returns the derivatives of the whitened outputs, and of the nuisances' prior, by steps of all parameters.
+    fn jacobian(&self, runs: &mut Runs, at: &Fit<'a>) -> DMatrix<f64> {
+        let (rows, nuisances, count) = (self.rows(), self.nuisances.len(), at.parameters());
+        let mut jacobian = DMatrix::zeros(rows + nuisances, count + nuisances);
+        let unit = |k: usize| DVector::from_fn(count + nuisances, |i, _| if i == k { DIFFERENCE } else { 0.0 });
+        let moved: Vec<_> = (0..count).map(|k| self.moved(at, unit(k).as_slice())).collect();
+        for (k, simulated) in self.simulate_all(runs, &moved).into_iter().enumerate() {
+            // A parameter at its bound does not move, or makes the simulator fail: no derivative then.
+            let Ok(simulated) = simulated else { continue };
+            let change = self.trace(&at.simulated, &simulated);
+            jacobian.view_mut((0, k), (rows, 1)).iter_mut().zip(change).for_each(|(j, x)| *j = x / DIFFERENCE);
+        }
+        for (k, nuisance) in self.nuisances.iter().enumerate() {
+            let replaced = at.effects.iter().any(|placed| placed.place == nuisance.place);
+            if !replaced {
+                jacobian.view_mut((0, count + k), (rows, 1)).copy_from_slice(&nuisance.trace);
+            }
+            jacobian[(rows + k, count + k)] = 1.0;
+        }
+        jacobian
+    }
+
+    /// Returns effects and nuisances after a step: in the logarithm of a positive parameter, and in units of any other.
+    fn moved(&self, from: &Fit<'a>, step: &[f64]) -> (Vec<Placed<'a>>, Vec<f64>) {
+        let mut effects = from.effects.clone();
+        let mut steps = step.iter();
+        for placed in &mut effects {
+            let parameters = placed.effect.parameters(&self.setting);
+            for ((value, parameter), step) in placed.parameters.iter_mut().zip(parameters).zip(&mut steps) {
+                let step = step.clamp(-LONGEST, LONGEST);
+                *value =
+                    if parameter.range == Range::Positive { *value * step.exp() } else { *value + step * unit(*value) };
+            }
+        }
+        let eta = from.eta.iter().zip(steps).map(|(eta, step)| eta + step).collect();
+        (effects, eta)
+    }
+
+    /// Returns the covariance of the effects' parameters, in their own units; the residual has this variance.
+    fn covariance(&self, equations: &Normal, at: &Fit, spread: f64) -> Option<DMatrix<f64>> {
+        let count = at.parameters();
+        let inverse = equations.covariance()? * spread;
+        let mut slopes = Vec::new();
+        for placed in &at.effects {
+            for (value, parameter) in placed.parameters.iter().zip(placed.effect.parameters(&self.setting)) {
+                slopes.push(if parameter.range == Range::Positive { *value } else { unit(*value) });
+            }
+        }
+        Some(DMatrix::from_fn(count, count, |i, j| inverse[(i, j)] * slopes[i] * slopes[j]))
+    }
+}
+
+impl<'f, 's> Fitting<'f, '_, 's> {
+    fn runs(&self) -> MutexGuard<'_, &'f mut Runs<'s>> {
+        self.runs.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl<'a> plid_lsq::Problem for Fitting<'_, 'a, '_> {
+    type Point = Fit<'a>;
+    type Equations = Normal;
+    type Error = Infallible;
+
+    fn equations(&self) -> Normal {
+        Normal::without_memory(0)
+    }
+
+    fn linearise(&mut self, at: &Fit<'a>, equations: &mut Normal) -> Result<(), Infallible> {
+        *equations = self.problem.linearised(&mut self.runs(), at);
+        Ok(())
+    }
+
+    fn advance(&self, from: &Fit<'a>, step: &DVector<f64>, to: &mut Fit<'a>) {
+        let (effects, eta) = self.problem.moved(from, step.as_slice());
+        *to = match self.problem.simulate(&mut self.runs(), &effects, &eta) {
+            Ok(simulated) => self.problem.as_is(effects, eta, simulated),
+            Err(_) => Fit { cost: f64::INFINITY, ..from.clone() },
+        };
+    }
+
+    fn cost(&self, at: &Fit<'a>) -> f64 {
+        at.cost
+    }
+}
+
+/// The unit of steps in a parameter of any sign.
+fn unit(value: f64) -> f64 {
+    if value == 0.0 { 1.0 } else { value.abs() }
+}
