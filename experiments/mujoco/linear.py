@@ -31,9 +31,13 @@ STEPS_PER_SAMPLE = 8
 
 
 class Plant:
-    """A model and what is recorded of it. `outputs` are pairs of a joint and "position" or "velocity"."""
+    """A model and what is recorded of it. `outputs` are pairs of a joint and "position" or "velocity".
 
-    def __init__(self, bodies, actuators, outputs, rate, level, **numbers):
+    If `nested`, each body hangs on the one before, and outputs and ports are those of bodies and not of joints.
+    """
+
+    def __init__(self, bodies, actuators, outputs, rate, level, nested=False, **numbers):
+        self.nested = nested
         self.bodies, self.actuators, self.outputs = bodies, actuators, outputs
         self.rate, self.level, self.numbers = rate, level, numbers
         self.gravity = "gravity" in numbers
@@ -85,7 +89,8 @@ PLANTS = {
     ),
     "pendulum": Plant(HINGE, MOTOR.format("axis"), [("axis", "position")], 200.0, 0.35, m=0.8, d=0.05, j=0.0, gravity=1),
     "chain": Plant(
-        CHAIN, MOTOR.format("a"), [("a", "position"), ("b", "position"), ("c", "position")], 500.0, 25.0, m=0.6, d=1.0
+        CHAIN, MOTOR.format("a"), [("a", "position"), ("b", "position"), ("c", "position")], 500.0, 25.0, nested=True,
+        m=0.6, d=1.0
     ),
 }
 
@@ -230,7 +235,7 @@ def measure(plant, truth, u, noise, rng):
             data.qfrc_applied[dof] = force(data.qpos[dof], data.qvel[dof])
         seen.append(data.qpos.copy())
         mujoco.mj_step(model, data)
-    y = np.array(y)
+    y = np.cumsum(y, axis=1) if plant.nested else np.array(y)
     y = truth.sense(y) if truth.sense else y
     reach = np.sqrt(np.mean(np.square(seen), axis=0))
     # What a controller is told is recorded as it was sent, before any lag.
@@ -251,7 +256,11 @@ def linearised(plant):
     b, c = np.vstack([np.zeros_like(force), inverse @ force]), np.zeros((len(plant.outputs), 2 * n))
     for row, (joint, kind) in zip(c, plant.outputs):
         row[joints.index(joint) + (n if kind == "velocity" else 0)] = 1.0
-    pushes = np.vstack([np.zeros((n, n)), inverse])
+    # The coordinates of ports and outputs, of those of the joints.
+    seen = np.tri(n) if plant.nested else np.eye(n)
+    if plant.nested:
+        c = np.hstack([seen, np.zeros((n, n))])
+    pushes = np.vstack([np.zeros((n, n)), inverse @ seen.T])
     if n == 1 and not c[0, 0] and not stiffness.any():
         # A motor that is seen by its speed is of first order.
         a, b, c, pushes = a[1:, 1:], b[1:], c[:, 1:], pushes[1:]
@@ -263,9 +272,10 @@ def linearised(plant):
         "A": held[:size, :size].tolist(), "B": held[:size, size:].tolist(), "C": c.tolist(),
         "D": np.zeros((len(c), 1)).tolist(), "continuous": {"A": a.tolist(), "B": b.tolist()},
     }
-    unit = np.eye(size)
+    still = np.zeros(n)
     ports = [
-        {"name": joint, "force": pushes[:, k].tolist(), "displacement": unit[k].tolist(), "velocity": unit[n + k].tolist()}
+        {"name": joint, "force": pushes[:, k].tolist(), "displacement": np.r_[seen[k], still].tolist(),
+         "velocity": np.r_[still, seen[k]].tolist()}
         for k, joint in enumerate(joints) if size == 2 * n
     ]
     if len(ports) == 1:
