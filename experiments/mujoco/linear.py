@@ -164,7 +164,7 @@ def drawn(kind, plant, big, reach):
         case "delay":
             return Truth(["actuator-delay", "sensor-delay"], {"input:u", "output:*"}, command=delay(0.012 * big))
         case "sensor delay":
-            return Truth(["sensor-delay", "actuator-delay"], {"input:u", "output:*"}, sense=late(round(6 * big)))
+            return Truth(["sensor-delay", "actuator-delay"], {"input:u", "output:*"}, sense=late(round(12 * big)))
         case "torque lag":
             return Truth(["actuator-lag"], {"input:u"}, loop=("lag", 40.0 / big))
         case "stiffening":
@@ -359,11 +359,12 @@ def score(out, plid, jobs):
                 print(name, label["plant"], label["kind"], "ENDED:", done.stderr.strip()[:300])
                 rows.append((False, False, False, False, label))
                 continue
+            subprocess.run(
+                [plid, "gap", "predict", "--diagnosis", answers / "diagnosis.json", "--input",
+                 label_file.parent / "test_u.csv", "--out", answers / "predicted.csv", "--force", "--quiet"],
+                capture_output=True,
+            )
         took = time.monotonic() - began
-        subprocess.run(
-            [plid, "gap", "predict", "--diagnosis", answers / "diagnosis.json", "--input", label_file.parent / "test_u.csv",
-             "--out", answers / "predicted.csv", "--force", "--quiet"], capture_output=True,
-        )
         answer = json.loads((answers / "diagnosis.json").read_text())
         outputs = list(PLANTS[label["plant"]].names())
         measured = columns(label_file.parent / "test_uy.csv", outputs)
