@@ -180,6 +180,7 @@ FORCES = {
     "cubic-stiffness": lambda d, v, z, p: -p["k"] * d**3,
     "quadratic-stiffness": lambda d, v, z, p: -p["k"] * d**2,
     "clearance": lambda d, v, z, p: -p["k"] * math.copysign(max(abs(d) - p["g"], 0), d),
+    "backlash": lambda d, v, z, p: p["k"] * min(max(d, -p["g"]), p["g"]),
     "coulomb-friction": lambda d, v, z, p: -p["F"] * math.tanh(v / p["v0"]),
     "quadratic-damping": lambda d, v, z, p: -p["c"] * abs(v) * v,
     "end-stop": lambda d, v, z, p: stop(d, v, math.copysign(1, d), p["g"], p),
@@ -191,7 +192,8 @@ FORCES = {
     "free-damping": lambda d, v, z, p: -p["size"] * free_rate(v / p["unit"], p["s"]),
 }
 # Stiffness and damper of the steepest part of a law, which takes steps of its own.
-STEEPEST = {"end-stop": lambda p: (p["k"], p["c"]), "one-sided-stop": lambda p: (p["k"], p["c"])}
+STEEPEST = {"backlash": lambda p: (p["k"], 0.0), "end-stop": lambda p: (p["k"], p["c"]),
+            "one-sided-stop": lambda p: (p["k"], p["c"])}
 # The largest force of dry friction that holds its port.
 HOLDS = {"stick-friction": lambda p: p["Fs"]}
 # Several forces at one port, each with a slip of its own.

@@ -18,8 +18,11 @@ pub(crate) fn in_words(plant: &Plant, names: &Names) -> Vec<String> {
         return words;
     }
     if plant.port_source == PortSource::Axis {
-        let axes: Vec<String> = plant.ports.iter().map(|port| format!("on the axis of {}", port.name)).collect();
-        words.push(format!("Forces that depend on the motion were considered {}.", axes.join(" and ")));
+        let place = |port: &crate::plant::Port| {
+            format!("{} {}", if port.input.is_some() { "on the axis of" } else { "at the motion of" }, port.name)
+        };
+        let places: Vec<String> = plant.ports.iter().map(place).collect();
+        words.push(format!("Forces that depend on the motion were considered {}.", places.join(" and ")));
     }
     let blind: Vec<&str> =
         plant.ports.iter().filter(|port| !port.sees_displacement()).map(|port| port.name.as_str()).collect();

@@ -38,6 +38,8 @@ pub(crate) struct Said<'s> {
     pub nearest: &'s [String],
     /// The gaps.
     pub gap: &'s Gap,
+    /// The gap that matters, relative to the output.
+    pub material: f64,
     /// Whether the records show the noise level.
     pub seen: bool,
     /// Where the remainder lies, if the simulation is imperfect as a whole.
@@ -52,6 +54,7 @@ pub(crate) fn sentence(verdict: Verdict, said: &Said) -> String {
     let [given, refit] = [gap.as_given, gap.refit].map(percent);
     let noise = said.noise();
     match verdict {
+        Verdict::None if said.is_immaterial() => said.immaterial(),
         Verdict::None => format!(
             "Nothing is missing: within its stated limits the simulation explains the records down to {refit} \
             ({noise})."
@@ -81,6 +84,23 @@ impl Said<'_> {
         } else {
             "the noise level cannot be determined from these records".to_string()
         }
+    }
+
+    /// Returns whether effects were found, but all of the gap is too small to matter.
+    fn is_immaterial(&self) -> bool {
+        !self.nearest.is_empty() && self.gap.as_given < self.material
+    }
+
+    fn immaterial(&self) -> String {
+        format!(
+            "Nothing material is missing: the gap is {}, below the {} that the case calls material. With {} it would be \
+            {} ({}).",
+            percent(self.gap.as_given),
+            percent(self.material),
+            self.nearest.join(" and "),
+            percent(self.gap.with_effect),
+            self.noise(),
+        )
     }
 
     fn is_noise(&self) -> bool {

@@ -39,7 +39,14 @@ fn rails(x: &[f64], settings: &AuditSettings) -> Vec<(f64, usize)> {
     let last = counts.len() - 1;
     let piles =
         |at: usize, next: usize| counts[at].1 >= settings.clipped_samples.max(settings.clipped_ratio * counts[next].1);
-    [(0, 1), (last, last - 1)].into_iter().filter(|&(at, next)| piles(at, next)).map(|(at, _)| counts[at]).collect()
+    let often = |at: usize| visits(x, counts[at].0) >= settings.clipped_visits;
+    let clips = |&(at, next): &(usize, usize)| piles(at, next) && often(at);
+    [(0, 1), (last, last - 1)].into_iter().filter(clips).map(|(at, _)| counts[at]).collect()
+}
+
+/// Returns how often a channel arrives at a value.
+fn visits(x: &[f64], value: f64) -> usize {
+    (0..x.len()).filter(|&k| x[k] == value && (k == 0 || x[k - 1] != value)).count()
 }
 
 #[cfg(test)]
@@ -73,6 +80,9 @@ mod tests {
         assert!(rails(&sine, &AuditSettings::default()).is_empty());
         let switched: Vec<f64> = random_input(1, 4000, 1)[0].iter().map(|x| x.signum()).collect();
         assert!(rails(&switched, &AuditSettings::default()).is_empty());
+        // A command that holds its largest value for a while visits it once.
+        let held: Vec<f64> = (0..4000).map(|k| if k / 40 == 17 { 1.5 } else { (0.0371 * k as f64).sin() }).collect();
+        assert!(rails(&held, &AuditSettings::default()).is_empty());
         let quiet = codes(random_input(2, 4000, 1)[0].iter().map(|x| 0.6 * CODE * x));
         assert!(rails(&quiet, &AuditSettings::default()).is_empty());
         // The samples of a sensor that saturates before its noise accumulate near a value, not on it.

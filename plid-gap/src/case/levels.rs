@@ -22,11 +22,10 @@ pub struct LevelRun {
 /// Returns the longest random record of each level, by rising level; if no record is random, the longest driven one.
 /// Levels whose ratio is below `same_level` are one level.
 pub fn one_of_each_level(records: &[Record], same_level: f64) -> Vec<&Record> {
-    let driven = |r: &&Record| r.excitation != Excitation::Zero && r.level() > 0.0;
-    let random = |r: &&Record| r.excitation == Excitation::Random && driven(r);
+    let random = |r: &&Record| r.excitation == Excitation::Random && r.is_driven();
     let mut left: Vec<&Record> = records.iter().filter(random).collect();
     if left.is_empty() {
-        left = records.iter().filter(driven).collect();
+        left = records.iter().filter(|r| r.is_driven()).collect();
     }
     // The longest record represents its level.
     left.sort_by_key(|r| std::cmp::Reverse(r.samples()));

@@ -62,6 +62,12 @@ impl Record {
         rms(self.u.iter().flatten())
     }
 
+    /// Returns whether an input drives it. The inputs of a record without excitation may still have been measured, with
+    /// noise.
+    pub fn is_driven(&self) -> bool {
+        self.excitation != Excitation::Zero && self.level() > 0.0
+    }
+
     /// Returns measured minus simulated outputs (p channels); zero where a sample is missing.
     pub fn error(&self, simulated: &[Vec<f64>]) -> Channels {
         let one = |(y, s): (&Vec<f64>, &Vec<f64>)| {

@@ -1,8 +1,9 @@
 //! The records that are held out from all fits: those that the case names, or else the last driven record that is not
 //! louder than all others. The loudest record is fitted, because the other records do not determine what a nonlinearity
-//! does at its level. If only one record is driven, or two at different levels, the end of the last one is held out.
+//! does at its level. If only one record is driven, or two at different levels, the end of the last one is held out. A
+//! record whose input is nearly zero, such as a controller's in a quiet record, is never held out: it shows the noise.
 
-use crate::case::record::{Channels, Excitation, Record};
+use crate::case::record::{Channels, Record};
 use crate::settings::CaseSettings;
 
 /// What is held out if the case names nothing.
@@ -16,7 +17,9 @@ pub(crate) enum Unnamed {
 
 /// Chooses among records whose inputs have these RMS values; zero means that a record is not driven.
 pub(crate) fn unnamed(levels: &[f64], settings: &CaseSettings) -> Option<Unnamed> {
-    let driven: Vec<usize> = (0..levels.len()).filter(|&k| levels[k] > 0.0).collect();
+    let loudest = levels.iter().copied().fold(0.0, f64::max);
+    let shows = |k: &usize| levels[*k] > settings.least_held_out_level * loudest;
+    let driven: Vec<usize> = (0..levels.len()).filter(shows).collect();
     let as_loud = |k: usize, other: usize| other != k && settings.same_level * levels[other] > levels[k];
     let not_loudest = |k: &&usize| driven.iter().any(|&other| as_loud(**k, other));
     match driven[..] {
@@ -37,7 +40,7 @@ fn of(records: &[Record], settings: &CaseSettings) -> Option<Unnamed> {
     if records.iter().any(|record| record.held_out) {
         return None;
     }
-    let level = |record: &Record| if record.excitation == Excitation::Zero { 0.0 } else { record.level() };
+    let level = |record: &Record| if record.is_driven() { record.level() } else { 0.0 };
     unnamed(&records.iter().map(level).collect::<Vec<f64>>(), settings)
 }
 
@@ -61,9 +64,7 @@ pub(crate) fn split(records: &[Record], settings: &CaseSettings) -> (Vec<Record>
 /// Returns the driven records that are not held out as a whole.
 pub(crate) fn driven<'r>(records: &'r [Record], settings: &CaseSettings) -> Vec<&'r Record> {
     let unnamed = of(records, settings);
-    let counts = |k: usize, r: &Record| {
-        unnamed != Some(Unnamed::Whole(k)) && !r.held_out && r.excitation != Excitation::Zero && r.level() > 0.0
-    };
+    let counts = |k: usize, r: &Record| unnamed != Some(Unnamed::Whole(k)) && !r.held_out && r.is_driven();
     records.iter().enumerate().filter(|(k, r)| counts(*k, r)).map(|(_, r)| r).collect()
 }
 
@@ -119,6 +120,9 @@ mod tests {
         assert_eq!(unnamed(&[4.0, 1.0]), Some(Unnamed::EndOf(1)));
         assert_eq!(unnamed(&[1.0, 1.05]), Some(Unnamed::Whole(1)));
         assert_eq!(unnamed(&[0.0, 0.0]), None);
+        // The input of a quiet record may be measured with noise.
+        assert_eq!(unnamed(&[1.0, 1.0, 0.01]), Some(Unnamed::Whole(1)));
+        assert_eq!(unnamed(&[1.0, 0.01]), Some(Unnamed::EndOf(0)));
     }
 
     #[test]

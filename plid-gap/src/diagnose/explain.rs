@@ -303,7 +303,7 @@ fn left(ready: &Prepared, refitted: &Refit, fit: &Fit) -> f64 {
     let within = clipped(problem, &refitted.eta).unwrap_or_else(|| refitted.eta.clone());
     let noise = ready.noise.rms();
     let beyond = |eta: &[f64], effects: &[Placed]| {
-        let driven = problem.records.iter().filter(|record| record.level() > 0.0);
+        let driven = problem.records.iter().filter(|record| record.is_driven());
         let measured: Vec<&[Vec<f64>]> = driven.map(|record| record.y.as_slice()).collect();
         let floor = gap::floor_over(&noise, &measured);
         let gap = gap::of_driven(&problem.records, &outputs(problem, eta, effects));

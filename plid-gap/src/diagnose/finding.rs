@@ -162,6 +162,7 @@ impl<'f, 'a> Finding<'f, 'a> {
             observed: &observed,
             nearest: &nearest,
             gap: gaps,
+            material: self.audit.case.config.material,
             seen: level.seen,
             remains: remains.as_deref(),
             settings,

@@ -1,6 +1,6 @@
 use super::{
     ActuatorCrosstalk, ActuatorDeadZone, ActuatorDelay, ActuatorGain, ActuatorGainDrift, ActuatorHysteresis,
-    ActuatorLag, ActuatorSaturation, ActuatorSlewLimit, AddedDamping, AddedMass, AddedStiffness, Clearance,
+    ActuatorLag, ActuatorSaturation, ActuatorSlewLimit, AddedDamping, AddedMass, AddedStiffness, Backlash, Clearance,
     ColouredDisturbance, CoulombFriction, CubicStiffness, Effect, EndStop, JointHysteresis, MainsHum, MissingMode,
     ModalDamping, ModalFrequency, NarrowbandDisturbance, OneSidedStop, QuadraticDamping, QuadraticStiffness,
     SensorCrosstalk, SensorDelay, SensorDrift, SensorDropout, SensorGain, SensorLag, SensorNoise, SensorOffset,
@@ -28,6 +28,7 @@ impl Library {
             Box::new(AddedDamping),
             Box::new(AddedMass),
             Box::new(AddedStiffness),
+            Box::new(Backlash),
             Box::new(Clearance),
             Box::new(CoulombFriction),
             Box::new(CubicStiffness),

@@ -4,7 +4,6 @@
 //! The diagnosis does not use this evidence.
 
 use crate::case::Limits;
-use crate::case::record::Excitation;
 use crate::evidence::trend::{Point, Trend, trend};
 use crate::fit::nuisance::Nuisance;
 use crate::fit::problem::{Problem, sum_of_squares};
@@ -54,7 +53,7 @@ pub struct Alone {
 pub fn each_alone(problem: &Problem, plant: &Plant, noise: &NoiseModel) -> Vec<Alone> {
     let driven = |index: &usize| {
         let record = &problem.records[*index];
-        record.excitation != Excitation::Zero && record.level() > 0.0
+        record.is_driven()
     };
     (0..problem.records.len()).filter(driven).map(|index| alone(problem, plant, noise, index)).collect()
 }

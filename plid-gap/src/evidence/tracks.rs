@@ -12,7 +12,7 @@ use plid_model::{ModeKind, Model};
 use plid_variants::covariance::BiermanUd;
 use plid_variants::expectations::MomentMatched;
 
-use crate::case::record::{Excitation, Record, rms};
+use crate::case::record::{Record, rms};
 use crate::evidence::trend::{Point, trend};
 use crate::plant::Plant;
 use crate::settings::{EvidenceSettings, GapSettings};
@@ -60,8 +60,7 @@ impl Tracks {
     /// Runs PLID over the records. The result is empty if no record is driven or the filter fails; the diagnosis does
     /// not need it.
     pub fn of(plant: &Plant, records: &[Record], noise: &[f64], settings: &EvidenceSettings) -> Self {
-        let driven: Vec<&Record> =
-            records.iter().filter(|r| r.excitation != Excitation::Zero && r.level() > 0.0).collect();
+        let driven: Vec<&Record> = records.iter().filter(|r| r.is_driven()).collect();
         Self { passed: follow(plant, &driven, noise, settings).unwrap_or_default() }
     }
 

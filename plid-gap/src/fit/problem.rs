@@ -71,7 +71,7 @@ impl Problem {
     pub fn windows(&self, samples: usize, most: usize, noise: &NoiseModel) -> Self {
         let (mut records, mut whiteners, mut kept) = (Vec::new(), Vec::new(), Vec::new());
         for (record, whole) in self.records.iter().zip(&self.whiteners) {
-            let length = if record.level() > 0.0 { samples.min(record.samples()) } else { record.samples() };
+            let length = if record.is_driven() { samples.min(record.samples()) } else { record.samples() };
             let all = record.samples() / length;
             let count = all.min(most);
             let chosen: Vec<usize> = (0..count).map(|k| k * all / count).collect();

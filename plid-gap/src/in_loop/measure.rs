@@ -51,7 +51,7 @@ impl<'a> Opened<'_, 'a> {
         let loud = loudest(&self.problem.records, self.case.config.settings.case.same_level);
         // The prediction from the fitted records is stated first.
         let stated = gap::expected(&self.problem.records, &best.simulated, loud.level());
-        let mut records: Vec<Record> = self.held_out.iter().filter(|record| record.level() > 0.0).cloned().collect();
+        let mut records: Vec<Record> = self.held_out.iter().filter(|record| record.is_driven()).cloned().collect();
         if records.is_empty() {
             records = vec![loud.clone()];
         }

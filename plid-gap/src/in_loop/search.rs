@@ -322,7 +322,7 @@ impl<'a> Search<'_, 'a> {
 
     /// Returns the gap of the fitted records beyond the noise, relative to the outputs.
     pub fn left(&self, problem: &Problem, fit: &Fit) -> f64 {
-        let driven = problem.records.iter().filter(|record| record.level() > 0.0);
+        let driven = problem.records.iter().filter(|record| record.is_driven());
         let measured: Vec<&[Vec<f64>]> = driven.map(|record| record.y.as_slice()).collect();
         let floor = gap::floor_over(&self.noise, &measured);
         let gap = gap::of_driven(&problem.records, &fit.simulated);

@@ -26,7 +26,7 @@ pub struct Stated {
 /// effect does at that level cannot be told from the other records.
 pub fn stated(problem: &Problem, fit: &Fit, level: f64, noise: impl Fn(&Record) -> Whitener) -> Stated {
     let records = &problem.records;
-    let driven: Vec<usize> = (0..records.len()).filter(|&k| records[k].level() > 0.0).collect();
+    let driven: Vec<usize> = (0..records.len()).filter(|&k| records[k].is_driven()).collect();
     let mut simulated = outputs(problem, &fit.eta, &fit.effects);
     let same_level = problem.settings.case.same_level;
     for &k in &driven {

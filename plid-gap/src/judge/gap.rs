@@ -106,7 +106,7 @@ pub fn middle(drawn: impl Iterator<Item = f64>) -> [f64; 2] {
 
 /// Returns the relative gap over all driven records together; zero if no record is driven.
 pub fn of_driven(records: &[Record], simulated: &[Channels]) -> f64 {
-    let driven = records.iter().zip(simulated).filter(|(record, _)| record.level() > 0.0);
+    let driven = records.iter().zip(simulated).filter(|(record, _)| record.is_driven());
     let blocks = driven.map(|(record, simulated)| Blocks::new(&record.y, simulated, 0)).collect();
     Blocks::joined(blocks).map_or(0.0, |blocks| blocks.gap())
 }
@@ -118,7 +118,7 @@ pub fn of_driven(records: &[Record], simulated: &[Channels]) -> f64 {
 pub fn expected(records: &[Record], simulated: &[Channels], level: f64) -> f64 {
     let p = records[0].y.len();
     let periodic = |record: &Record| matches!(record.excitation, Excitation::Periodic(_));
-    let random = records.iter().any(|record| record.level() > 0.0 && !periodic(record));
+    let random = records.iter().any(|record| record.is_driven() && !periodic(record));
     let power = |x: &mut dyn Iterator<Item = f64>| x.map(|x| x * x).sum::<f64>();
     let share = |o: usize| -> f64 {
         // Sums over records of weight, level^2, level^4, error power, error power x level^2; and of the output over

@@ -72,7 +72,10 @@ impl<'j, 'a> Judgement<'j, 'a> {
         for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
             explanation.effects.extend(shown.iter().map(|u| u.placed.clone()));
         }
-        let verdict = verdict(explained, &weighted, &gaps, config.material);
+        let verdict = match verdict(explained, &weighted, &gaps, config.material) {
+            Verdict::Effects if shown.is_empty() && gaps.as_given < config.material => Verdict::None,
+            verdict => verdict,
+        };
         Self { plant, actions, gaps, held_out, simulated, shares, shown, weighted, verdict }
     }
 }

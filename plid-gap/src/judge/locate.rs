@@ -263,7 +263,7 @@ impl Sums {
 fn of_levels(records: &[Record], same_level: f64) -> Vec<usize> {
     let driven = |periodic: bool| -> Vec<usize> {
         let kind = |r: &Record| matches!(r.excitation, Excitation::Periodic(_)) == periodic;
-        (0..records.len()).filter(|&k| kind(&records[k]) && records[k].level() > 0.0).collect()
+        (0..records.len()).filter(|&k| kind(&records[k]) && records[k].is_driven()).collect()
     };
     let differ = |of: &Vec<usize>| {
         let levels = || of.iter().map(|&k| records[k].level());

@@ -82,7 +82,7 @@ pub fn next_experiment<'a>(
 /// Proposes an experiment by rule: if something outside the vocabulary acts, no model predicts its behaviour elsewhere.
 fn by_rule(explained: &Explained) -> String {
     let records = &explained.ready.problem.records;
-    let levels = records.iter().filter(|r| r.level() > 0.0).map(Record::level);
+    let levels = records.iter().filter(|r| r.is_driven()).map(Record::level);
     let (least, most) = levels.fold((f64::INFINITY, 0.0_f64), |(a, b), x| (a.min(x), b.max(x)));
     let mut wanted = Vec::new();
     if most < 2.0 * least {

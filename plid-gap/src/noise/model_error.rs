@@ -51,7 +51,7 @@ impl ModelError {
     /// record; `noise` gives the density of each output's noise at a frequency. The density is assumed to grow with the
     /// square of the level and is fitted to all levels by least squares. `None` if no record is driven.
     pub fn left(records: &[Record], errors: &[Channels], noise: impl Fn(f64) -> Vec<f64>, rate: f64) -> Option<Self> {
-        let driven = || records.iter().zip(errors).filter(|(record, _)| record.level() > 0.0);
+        let driven = || records.iter().zip(errors).filter(|(record, _)| record.is_driven());
         let level = driven().map(|(record, _)| record.level()).fold(0.0, f64::max);
         let longest = driven().map(|(record, _)| record.samples()).max()?;
         let cells = (longest / (2 * CELL)).clamp(1, MOST_CELLS);

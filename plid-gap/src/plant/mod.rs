@@ -12,6 +12,7 @@ mod load;
 mod logarithm;
 mod motion;
 mod ports;
+mod reciprocal;
 mod spectrum;
 
 use nalgebra::{DMatrix, DVector};
@@ -238,7 +239,7 @@ impl Plant {
         plant.sensed = kind::sensed(&plant, &model.output_kinds);
         let declared: Vec<Port> = model.ports.iter().map(|port| plant.declared(model, port)).collect();
         (plant.ports, plant.port_source) =
-            if declared.is_empty() { inferred(&plant, &model.inputs) } else { (declared, PortSource::Declared) };
+            if declared.is_empty() { inferred(&plant, model) } else { (declared, PortSource::Declared) };
         Ok(plant)
     }
 
@@ -479,13 +480,15 @@ fn rest_in_time(
     Some((log.view((0, 0), (r, r)).into_owned(), log.view((0, r), (r, m)).into_owned()))
 }
 
-/// Infers the ports of a simulation that declares none: at each input, from the modes; without modes, on the axis of
-/// each input.
-fn inferred(plant: &Plant, inputs: &[String]) -> (Vec<Port>, PortSource) {
+/// Infers the ports of a simulation that declares none: on the axis of each input and, in a structure, at its further
+/// positions and velocities; at each input from the modes, where no output shows the motion of its axis.
+fn inferred(plant: &Plant, model: &Model) -> (Vec<Port>, PortSource) {
     if plant.modes.is_empty() {
-        (axis::infer(plant, inputs), PortSource::Axis)
-    } else {
-        (ports::infer(plant, inputs), PortSource::Inferred)
+        return (axis::infer(plant, &model.inputs), PortSource::Axis);
+    }
+    match reciprocal::infer(plant, &model.inputs, &model.outputs) {
+        Some(ports) => (ports, PortSource::Axis),
+        None => (ports::infer(plant, &model.inputs), PortSource::Inferred),
     }
 }
 

@@ -11,7 +11,7 @@ const FREQUENCIES: usize = 40;
 const BETWEEN: [f64; 2] = [1e-3, 0.4];
 
 /// Singular values of the equations of an integral below this share of the largest are rounding errors.
-const ROUNDING: f64 = 1e-8;
+pub(super) const ROUNDING: f64 = 1e-8;
 
 /// A row of the states: 2 Re(modes . z) + rest . x.
 #[derive(Debug, Clone, PartialEq)]

@@ -30,7 +30,7 @@ impl Windows {
             return None;
         }
         let simulated = outputs(problem, &refitted.eta, &[]);
-        let driven = || problem.records.iter().zip(&simulated).filter(|(record, _)| record.level() > 0.0);
+        let driven = || problem.records.iter().zip(&simulated).filter(|(record, _)| record.is_driven());
         if driven().all(|(record, simulated)| gap(record, simulated) < settings.windows_gap) {
             return None;
         }

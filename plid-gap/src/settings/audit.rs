@@ -44,6 +44,9 @@ group! {
         /// Different values that a channel must take for clipping to be looked for: a switched signal has few, all of
         /// them extremes.
         clipped_values: usize = 16, "values", 2.0..=1e9;
+        /// Separate visits of a channel that clips to its extreme value. A command in steps holds its largest value
+        /// once.
+        clipped_visits: usize = 3, "visits", 1.0..=1e9;
         /// States of a surrogate model if the case does not state them.
         surrogate_states: usize = 24, "states", 2.0..=1000.0;
         /// Relative error on what it was not fitted to below which a surrogate model is the simulator itself: a

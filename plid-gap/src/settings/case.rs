@@ -22,5 +22,8 @@ group! {
         period_distance: f64 = 0.125, "1", 0.0..=1.0;
         /// Share of a driven record that is held out if the case holds out nothing and no whole record can be spared.
         held_out_share: f64 = 0.25, "1", 0.0..=0.9;
+        /// Level of a record, over the loudest one, from which it may be held out. The gap of a quieter record is that
+        /// of its noise.
+        least_held_out_level: f64 = 0.05, "1", 0.0..=1.0;
     }
 }

@@ -31,5 +31,8 @@ group! {
         /// displacement at a port whose velocity is measured. Exact simulations have none, and one that was identified
         /// from records a little; a motor, whose position is no combination of its states, has nearly one.
         port_distance: f64 = 0.1, "1", 0.0..=1.0;
+        /// Largest phase of a mode's residue between a force and the displacement where it acts, which is a positive
+        /// number in a structure without damping. A sensor elsewhere sees some mode with the opposite sign.
+        collocated_phase: f64 = 0.35, "rad", 0.0..=1.5;
     }
 }

@@ -19,6 +19,7 @@ pub const CHECKS: &[Check] = &[
     Check { effect: "quadratic-stiffness", limit: 2.5e-3, measure: |effect| QUADRATIC.disagreement(effect) },
     Check { effect: "coulomb-friction", limit: 2.5e-3, measure: |effect| COULOMB.disagreement(effect) },
     Check { effect: "clearance", limit: 2.5e-3, measure: |effect| CLEARANCE.disagreement(effect) },
+    Check { effect: "backlash", limit: 2.5e-3, measure: |effect| BACKLASH.disagreement(effect) },
     Check { effect: "joint-hysteresis", limit: 2.5e-3, measure: |effect| HYSTERESIS.disagreement(effect) },
     Check { effect: "quadratic-damping", limit: 2.5e-3, measure: |effect| DRAG.disagreement(effect) },
     Check { effect: "modal-frequency", limit: 1e-5, measure: |effect| moved(effect, 0.02, 1.02, 1.0) },
@@ -83,6 +84,13 @@ const CLEARANCE: Law = Law {
             0.0
         }
     },
+    slip: NONE,
+};
+
+const BACKLASH: Law = Law {
+    effect: "backlash",
+    parameters: |d, _| vec![0.2 / d, 0.8 * d],
+    force: |p, d, _, _| p[0] * if d.abs() < p[1] { d } else { p[1] * d.signum() },
     slip: NONE,
 };
 

@@ -1,0 +1,156 @@
+use nalgebra::{DMatrix, DVector};
+
+use super::motion::Row;
+use super::{CasePort, Plant, Port};
+use crate::fourier::C;
+
+/// The axis of each input, and the motion that each further output shows, as ports of a structure whose outputs are
+/// positions and velocities; `None` if an input has no collocated output.
+///
+/// A sensor is collocated with an actuator if every mode answers there in phase: its residue is then the square of one
+/// and the same shape. Where it is, a force at another output follows from reciprocity (Maxwell, Betti): it moves the
+/// collocated sensor as the input moves that other output.
+pub(super) fn infer(plant: &Plant, inputs: &[String], outputs: &[String]) -> Option<Vec<Port>> {
+    if plant.rest.continuous.is_none() || plant.sensed.iter().any(|sensed| sensed.order > 1) {
+        return None;
+    }
+    let mut axes = Vec::new();
+    for (input, name) in inputs.iter().enumerate() {
+        let used = |output: &usize| !axes.iter().any(|(other, _): &(usize, Port)| other == output);
+        let size = |output: &usize| plant.modes.iter().map(|mode| residue(plant, mode, *output, input).norm()).sum();
+        let sizes = |a: &usize, b: &usize| f64::total_cmp(&size(a), &size(b));
+        let output = (0..plant.p).filter(|output| used(output) && collocated(plant, *output, input)).max_by(sizes)?;
+        let port = plant.between(&CasePort { name: name.clone(), input, output }).ok()?;
+        axes.push((output, Port { input: Some(input), ..port }));
+    }
+    let (from, axis) = axes.first()?;
+    let further = (0..plant.p).filter(|output| !axes.iter().any(|(used, _)| used == output));
+    let further: Vec<Port> = further.filter_map(|to| beside(plant, axis, *from, to, &outputs[to])).collect();
+    Some(axes.into_iter().map(|(_, port)| port).chain(further).collect())
+}
+
+/// The residue of a mode in the response of a displacement to a force, over 2 j times its damped frequency: for a
+/// collocated sensor a positive number.
+fn residue(plant: &Plant, mode: &super::Mode, output: usize, input: usize) -> C {
+    let Some(sensed) = plant.sensed.get(output) else { return C::ZERO };
+    let passed = plant.chain.before(input, mode.pole) * plant.chain.behind(output, mode.pole);
+    mode.c[output] * mode.b[input] * C::new(0.0, 2.0 * mode.pole.im) / (passed * mode.pole.powi(sensed.order))
+}
+
+fn collocated(plant: &Plant, output: usize, input: usize) -> bool {
+    let residues: Vec<C> = plant.modes.iter().map(|mode| residue(plant, mode, output, input)).collect();
+    residues.iter().all(|residue| residue.arg().abs() < plant.settings.collocated_phase)
+}
+
+/// Returns the port at the motion that an output shows, by reciprocity with the axis of an input; `None` if the axis
+/// does not show all that the output does.
+fn beside(plant: &Plant, axis: &Port, from: usize, to: usize, name: &str) -> Option<Port> {
+    let (a, _) = plant.rest.continuous.as_ref()?;
+    let [here, there] = [plant.motion(from)?, plant.motion(to)?];
+    let (here, there) = match (here.displacement, &there.displacement) {
+        (Some(here), Some(there)) => (here, there.clone()),
+        _ => (here.velocity, there.velocity.clone()),
+    };
+    let displacement = plant.motion(to)?.displacement.unwrap_or_else(|| Row::none(plant));
+    let velocity = plant.motion(to)?.velocity;
+    let shape = |k: usize| there.modes[k] * axis.force[k] / here.modes[k];
+    let force: Vec<C> = (0..plant.modes.len()).map(shape).collect();
+    Some(Port {
+        name: name.into(),
+        input: None,
+        force: force.iter().all(|x| x.is_finite()).then_some(force)?,
+        force_rest: exchanged(a, &here.rest, &there.rest, &axis.force_rest)?,
+        displacement: displacement.modes,
+        velocity: velocity.modes,
+        displacement_rest: displacement.rest,
+        velocity_rest: velocity.rest,
+        output: Vec::new(),
+    })
+}
+
+/// Returns g with c1 A^k g = c2 A^k b for all k, so that g moves c1 as b moves c2; `None` if there is none.
+fn exchanged(a: &DMatrix<f64>, c1: &DVector<f64>, c2: &DVector<f64>, b: &DVector<f64>) -> Option<DVector<f64>> {
+    let r = a.nrows();
+    if r == 0 {
+        return Some(DVector::zeros(0));
+    }
+    // In units of time in which the powers of A have similar sizes.
+    let scaled = a / a.norm().max(f64::MIN_POSITIVE);
+    let (mut rows, mut wanted) = (DMatrix::zeros(r, r), DVector::zeros(r));
+    let mut column = b.clone();
+    let mut row = c1.clone();
+    for k in 0..r {
+        rows.row_mut(k).copy_from(&row.transpose());
+        wanted[k] = c2.dot(&column);
+        row = scaled.tr_mul(&row);
+        column = &scaled * column;
+    }
+    let svd = rows.clone().svd(true, true);
+    let found = svd.solve(&wanted, super::motion::ROUNDING * svd.singular_values.max()).ok()?;
+    let left = (&rows * &found - &wanted).norm();
+    (left <= 1e-6 * wanted.norm()).then_some(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plant::PortSource;
+    use nalgebra::dmatrix;
+    use plid_model::{Model, OutputKind};
+
+    /// A motor of inertia 0.02 with a bearing, an elastic joint and a link: outputs are the angle of the motor and the
+    /// twist of the joint.
+    fn arm() -> (DMatrix<f64>, DMatrix<f64>, DMatrix<f64>) {
+        // T = j1 q1'^2 / 2 + j2 (q1' + q2')^2 / 2.
+        let (j1, j2, k, c1, c2) = (0.02, 0.05, 30.0, 0.3, 0.04);
+        let inverse = dmatrix![j1 + j2, j2; j2, j2].try_inverse().unwrap();
+        let mut a = DMatrix::zeros(4, 4);
+        a.view_mut((0, 2), (2, 2)).copy_from(&DMatrix::identity(2, 2));
+        a.view_mut((2, 0), (2, 2)).copy_from(&(-&inverse * dmatrix![0.0, 0.0; 0.0, k]));
+        a.view_mut((2, 2), (2, 2)).copy_from(&(-&inverse * dmatrix![c1, 0.0; 0.0, c2]));
+        let mut pushes = DMatrix::zeros(4, 2);
+        pushes.view_mut((2, 0), (2, 2)).copy_from(&inverse);
+        (a, pushes.columns(0, 1).into_owned(), pushes.columns(1, 1).into_owned())
+    }
+
+    /// The port of the elastic joint, which no input drives, is that of the matrices: a spring there changes the poles
+    /// as a stiffer joint does.
+    #[test]
+    fn a_force_at_a_joint_follows_from_reciprocity() {
+        let (a, b, _) = arm();
+        let (held_a, held_b) = crate::testing::held(&a, &b, 2e-3);
+        let c = dmatrix![1.0, 0.0, 0.0, 0.0; 0.0, 1.0, 0.0, 0.0];
+        let mut model = Model::new(500.0, held_a, held_b, c, DMatrix::zeros(2, 1)).unwrap();
+        model.output_kinds = vec![Some(OutputKind::Position); model.p()];
+        let mut plant = Plant::new(&model).unwrap();
+        assert_eq!((plant.modes.len(), plant.port_source), (1, PortSource::Axis));
+        let names: Vec<(&str, Option<usize>)> =
+            plant.ports.iter().map(|port| (port.name.as_str(), port.input)).collect();
+        assert_eq!(names, [("u1", Some(0)), ("y2", None)]);
+        let stiffness = plant.stiffness(&plant.ports[1]);
+        assert!((stiffness / 30.0 - 1.0).abs() < 1e-6, "{stiffness}");
+        plant.load(1, &crate::plant::Load { stiffness: 6.0, ..Default::default() });
+        let (mut stiffer, _, push) = arm();
+        stiffer.set_column(1, &(stiffer.column(1) - push.column(0) * 6.0));
+        let (expected, _) = crate::testing::held(&stiffer, &b, 2e-3);
+        let sorted = |matrix: &DMatrix<f64>| {
+            let mut all: Vec<C> = matrix.complex_eigenvalues().iter().copied().collect();
+            all.sort_by(|x, y| x.re.total_cmp(&y.re).then(x.im.total_cmp(&y.im)));
+            all
+        };
+        for (found, right) in sorted(&plant.rest.a).iter().zip(sorted(&expected)) {
+            assert!((found - right).norm() < 1e-6, "{found} {right}");
+        }
+    }
+
+    /// A sensor at the far end moves against the motor in the elastic mode: it is not collocated.
+    #[test]
+    fn without_a_collocated_sensor_there_is_no_axis() {
+        let (a, b, _) = arm();
+        let (held_a, held_b) = crate::testing::held(&a, &b, 2e-3);
+        let c = dmatrix![1.0, 1.0, 0.0, 0.0];
+        let mut model = Model::new(500.0, held_a, held_b, c, DMatrix::zeros(1, 1)).unwrap();
+        model.output_kinds = vec![Some(OutputKind::Position); model.p()];
+        assert_eq!(Plant::new(&model).unwrap().port_source, PortSource::Inferred);
+    }
+}
