@@ -99,13 +99,30 @@ fn the_checker_tries_both_sides_and_states() {
     if !has_python() {
         return;
     }
-    let lines = "from plid_simulator import serve\nclass S:\n    description = {'name': 's', 'rate_hz': 10.0, \
-                 'inputs': [{'name': 'u'}], 'outputs': [{'name': 'y'}], 'parameters': [{'name': 'k', 'value': 1.0, 'lower': \
-                 0.5}], 'steps_per_sample': 1, 'states': True}\n    def start(self, parameters):\n        self.k, \
-                 self.x = min(parameters[0], 1.0), 0.0\n        if self.k < 0.6: raise ValueError('too soft')\n        \
-                 return []\n    def step(self, u, forces):\n        self.x += self.k * u[0]\n        return [self.x], \
-                 []\n    def save(self, slot):\n        self.kept = self.x\n    def restore(self, slot):\n        \
-                 self.x = self.kept\n        return []\nserve(S())\n";
+    let lines = r#"from plid_simulator import serve
+class S:
+    description = {"name": "s", "rate_hz": 10.0, "inputs": [{"name": "u"}], "outputs": [{"name": "y"}],
+                   "parameters": [{"name": "k", "value": 1.0, "lower": 0.5}], "steps_per_sample": 1, "states": True}
+
+    def start(self, parameters):
+        self.k, self.x = min(parameters[0], 1.0), 0.0
+        if self.k < 0.6:
+            raise ValueError("too soft")
+        return []
+
+    def step(self, u, forces):
+        self.x += self.k * u[0]
+        return [self.x], []
+
+    def save(self, slot):
+        self.kept = self.x
+
+    def restore(self, slot):
+        self.x = self.kept
+        return []
+
+serve(S())
+"#;
     let folder = written(lines);
     let mut simulator = python("sim.py", folder.path(), Command::PATIENCE).unwrap();
     let findings = check(&mut simulator, 1.0).unwrap();
@@ -157,12 +174,20 @@ fn a_long_answer_takes_its_time() {
     if !has_python() {
         return;
     }
-    let lines = "import json, os, struct, sys, time\nsource, sink = sys.stdin.buffer, sys.stdout.buffer\n\
-                 sink.write(b'{\"protocol\": 1, \"name\": \"s\", \"rate_hz\": 1.0, \"inputs\": [{\"name\": \"u\"}], \
-                 \"outputs\": [{\"name\": \"y\"}]}\\n')\nsink.flush()\nfor line in source:\n    samples = \
-                 json.loads(line)['run']['samples']\n    u = source.read(8 * samples)\n    sink.write(b'{\"ok\": true}\
-                 \\n')\n    for k in range(samples):\n        time.sleep(0.2)\n        sink.write(u[8 * k:8 * k + 8])\n\
-                 \x20       sink.flush()\n";
+    let lines = r#"import json, sys, time
+source, sink = sys.stdin.buffer, sys.stdout.buffer
+hello = {"protocol": 1, "name": "s", "rate_hz": 1.0, "inputs": [{"name": "u"}], "outputs": [{"name": "y"}]}
+sink.write(json.dumps(hello).encode() + b"\n")
+sink.flush()
+for line in source:
+    samples = json.loads(line)["run"]["samples"]
+    u = source.read(8 * samples)
+    sink.write(b'{"ok": true}\n')
+    for k in range(samples):
+        time.sleep(0.2)
+        sink.write(u[8 * k : 8 * k + 8])
+        sink.flush()
+"#;
     let folder = written(lines);
     let mut simulator = python("sim.py", folder.path(), Duration::from_millis(800)).unwrap();
     let u = vec![(0..8).map(f64::from).collect::<Vec<f64>>()];

@@ -43,20 +43,26 @@ pub struct SignalChain {
 }
 
 impl SignalChain {
-    /// Finds the poles that belong to one input or to one output alone.
-    pub(super) fn find(rest: &NonModal, step: f64, settings: &PlantSettings) -> Self {
-        let PlantSettings { repeated_pole, own_channel, .. } = *settings;
+    /// Finds the poles that belong to one input or to one output alone. `lowest` is the magnitude of the lowest mode's
+    /// pole: in a structure that nothing holds, slower poles are those of its motion as a rigid body.
+    pub(super) fn find(rest: &NonModal, step: f64, lowest: f64, settings: &PlantSettings) -> Self {
+        let PlantSettings { repeated_pole, own_channel, integrator, .. } = *settings;
         let (r, m, p) = (rest.a.nrows(), rest.b.ncols(), rest.c.nrows());
         let mut chain = Self { actuator: vec![None; m], filter: vec![Vec::new(); p] };
         if r == 0 {
             return chain;
         }
         let matrix = rest.a.map(C::from);
-        for (z, count) in clusters(&rest.a, repeated_pole) {
+        let poles = clusters(&rest.a, repeated_pole);
+        let is_free = poles.iter().any(|(z, _)| z.ln().norm() < integrator);
+        for (z, count) in poles {
             if z.norm() < 1e-9 || (z.im == 0.0 && z.re <= 0.0) {
                 continue;
             }
             let pole = z.ln() / step;
+            if is_free && pole.norm() < lowest {
+                continue;
+            }
             let shifted = &matrix - DMatrix::from_diagonal_element(r, r, z);
             let left = null_space(&shifted.transpose(), count, own_channel);
             let right = null_space(&shifted, count, own_channel);

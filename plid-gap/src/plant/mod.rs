@@ -217,7 +217,8 @@ impl Plant {
         let b = &basis.rest_inverse * &model.b;
         let continuous = rest_in_time(model, &basis, &a, &b, step);
         let rest = NonModal { c: &model.c * &basis.rest, a, b, continuous };
-        let mut chain = SignalChain::find(&rest, step, settings);
+        let lowest = modes.iter().map(|mode| mode.pole.norm()).reduce(f64::min).unwrap_or(0.0);
+        let mut chain = SignalChain::find(&rest, step, lowest, settings);
         if modes.is_empty() && m == 1 {
             // Its only input drives every pole alone: that of the axis itself as well as that of an actuator.
             chain.actuator = vec![None];
