@@ -128,7 +128,8 @@ mod tests {
             plant.ports.iter().map(|port| (port.name.as_str(), port.input)).collect();
         assert_eq!(names, [("u1", Some(0)), ("y2", None)]);
         let stiffness = plant.stiffness(&plant.ports[1]);
-        assert!((stiffness / 30.0 - 1.0).abs() < 1e-6, "{stiffness}");
+        // That of the mode alone. The bearing couples it a little with the motion as a rigid body.
+        assert!((stiffness / 30.0 - 1.0).abs() < 0.03, "{stiffness}");
         plant.load(1, &crate::plant::Load { stiffness: 6.0, ..Default::default() });
         let (mut stiffer, _, push) = arm();
         stiffer.set_column(1, &(stiffer.column(1) - push.column(0) * 6.0));
