@@ -3,7 +3,7 @@
 //! The example diagnoses it, and a test of the blind trials draws it. The names of the library are those of the module
 //! above, so that it is compiled with `plid` and with `plid-gap`.
 
-use super::{Action, Effect, Parameter, Place, Range, Sensor, Setting, Side};
+use super::{Action, Effect, Flexible, Parameter, Place, Range, Sensor, Setting, Side};
 
 /// The equation y' = y + c y^2 at one output.
 pub struct BentSensor;
@@ -38,6 +38,11 @@ impl Effect for BentSensor {
     /// The output is linear in c: the screen finds its size.
     fn amplitude(&self) -> Option<(usize, f64)> {
         Some((0, 0.0))
+    }
+
+    /// A static curve of an output, if the square does not fit.
+    fn free_shape(&self) -> Option<&'static Flexible> {
+        Some(&Flexible::Sensor)
     }
 
     fn act(&self, _setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {

@@ -93,8 +93,8 @@ impl Said<'_> {
 
     fn immaterial(&self) -> String {
         format!(
-            "Nothing material is missing: the gap is {}, below the {} that the case calls material. With {} it would be \
-            {} ({}).",
+            "Nothing material is missing: the gap is {}, below the {} that the case calls material. With {} it would \
+            be {} ({}).",
             percent(self.gap.as_given),
             percent(self.material),
             self.nearest.join(" and "),
