@@ -218,12 +218,7 @@ impl Plant {
         let b = &basis.rest_inverse * &model.b;
         let continuous = rest_in_time(model, &basis, &a, &b, step);
         let rest = NonModal { c: &model.c * &basis.rest, a, b, continuous };
-        let lowest = modes.iter().map(|mode| mode.pole.norm()).reduce(f64::min).unwrap_or(0.0);
-        let mut chain = SignalChain::find(&rest, step, lowest, settings);
-        if modes.is_empty() && m == 1 {
-            // Its only input drives every pole alone: that of the axis itself as well as that of an actuator.
-            chain.actuator = vec![None];
-        }
+        let chain = signal_chain(&rest, &modes, step, settings);
         let mut plant = Self {
             rate,
             m,
@@ -388,6 +383,17 @@ fn put_rotation(to: &mut DMatrix<f64>, i: usize, z: C) {
 fn put_pair(to: &mut DMatrix<f64>, i: usize, j: usize, z: C) {
     to[(i, j)] = z.re;
     to[(i + 1, j)] = z.im;
+}
+
+/// Returns the poles of actuators and filters.
+fn signal_chain(rest: &NonModal, modes: &[Mode], step: f64, settings: &PlantSettings) -> SignalChain {
+    let lowest = modes.iter().map(|mode| mode.pole.norm()).reduce(f64::min).unwrap_or(0.0);
+    let mut chain = SignalChain::find(rest, step, lowest, settings);
+    if modes.is_empty() && chain.actuator.len() == 1 {
+        // Its only input drives every pole alone: that of the axis itself as well as that of an actuator.
+        chain.actuator = vec![None];
+    }
+    chain
 }
 
 type Structural = (C, DVector<C>, DVector<C>);
