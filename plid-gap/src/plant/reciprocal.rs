@@ -21,6 +21,9 @@ pub(super) fn infer(plant: &Plant, inputs: &[String], outputs: &[String]) -> Opt
         let sizes = |a: &usize, b: &usize| f64::total_cmp(&size(a), &size(b));
         let output = (0..plant.p).filter(|output| used(output) && collocated(plant, *output, input)).max_by(sizes)?;
         let port = plant.between(&CasePort { name: name.clone(), input, output }).ok()?;
+        if !only_accelerates(plant, &port, output, input) {
+            return None;
+        }
         axes.push((output, Port { input: Some(input), ..port }));
     }
     let (from, axis) = axes.first()?;
@@ -40,6 +43,22 @@ fn residue(plant: &Plant, mode: &super::Mode, output: usize, input: usize) -> C 
 fn collocated(plant: &Plant, output: usize, input: usize) -> bool {
     let residues: Vec<C> = plant.modes.iter().map(|mode| residue(plant, mode, output, input)).collect();
     residues.iter().all(|residue| residue.arg().abs() < plant.settings.collocated_phase)
+}
+
+/// Returns whether a force at a port changes its velocity at once, and not its displacement, as in any mechanical
+/// simulation. A model that was identified from records has some of both.
+fn only_accelerates(plant: &Plant, port: &Port, output: usize, input: usize) -> bool {
+    let at_once = |modes: &[C], rest: &DVector<f64>| {
+        let of_modes: f64 = modes.iter().zip(&port.force).map(|(row, force)| 2.0 * (row * force).re).sum();
+        of_modes + rest.dot(&port.force_rest)
+    };
+    let acceleration = at_once(&port.velocity, &port.velocity_rest);
+    let lowest = plant.modes.iter().map(|mode| mode.pole.norm()).fold(f64::INFINITY, f64::min);
+    let other = match plant.sensed[output].order {
+        0 => lowest * at_once(&port.displacement, &port.displacement_rest).abs(),
+        _ => lowest * plant.d[(output, input)].abs(),
+    };
+    acceleration > 0.0 && other < plant.settings.at_once * acceleration
 }
 
 /// Returns the port at the motion that an output shows, by reciprocity with the axis of an input; `None` if the axis
@@ -141,6 +160,18 @@ mod tests {
         };
         for (found, right) in sorted(&plant.rest.a).iter().zip(sorted(&expected)) {
             assert!((found - right).norm() < 1e-6, "{found} {right}");
+        }
+    }
+
+    /// An identified model whose position answers a force at once keeps the ports that its modes show.
+    #[test]
+    fn a_position_that_jumps_is_no_axis() {
+        let a = dmatrix![0.0, 1.0; -2.0e5, -45.0];
+        for (jump, source) in [(0.0, PortSource::Axis), (5e-4, PortSource::Inferred)] {
+            let (held_a, held_b) = crate::testing::held(&a, &dmatrix![jump; 1.0], 1e-3);
+            let mut model = Model::new(1000.0, held_a, held_b, dmatrix![1.0, 0.0], DMatrix::zeros(1, 1)).unwrap();
+            model.output_kinds = vec![Some(OutputKind::Position)];
+            assert_eq!(Plant::new(&model).unwrap().port_source, source, "{jump}");
         }
     }
 
