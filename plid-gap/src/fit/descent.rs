@@ -1,6 +1,5 @@
 //! The fit of linear parameters and effects together, by least squares.
 
-use std::cell::OnceCell;
 use std::convert::Infallible;
 
 use nalgebra::{DMatrix, DVector};
@@ -177,7 +176,7 @@ impl<'a> plid_lsq::Problem for Search<'_, 'a> {
             Derivatives::Current => self.own.insert(problem.jacobian(plant)),
         };
         let columns = problem.effect_columns(plant, eta, effects, residual, &self.scales, self.effort.fineness);
-        problem.assemble(jacobian, &columns, eta, &mut equations.normal);
+        problem.assemble(jacobian, &columns, residual, eta, &mut equations.normal);
         self.steps += 1;
         self.linearised.clone_from(effects);
         Ok(())
@@ -209,7 +208,7 @@ impl Problem {
         if fit.effects.is_empty() {
             return fit.clone();
         }
-        let jacobian = OnceCell::new();
+        let jacobian = self.jacobian(&self.plant);
         let mut settled = self.last_steps(fit);
         for _ in 0..RESTARTS {
             if self.max_prior_z(&settled.eta) <= self.settings.fit.repeated_from {
@@ -217,8 +216,7 @@ impl Problem {
             }
             let mut eta = settled.eta.clone();
             eta[..self.nuisance.of_simulation()].fill(0.0);
-            let jacobian = jacobian.get_or_init(|| self.jacobian(&self.plant));
-            let anew = self.last_steps(&self.fit(jacobian, &eta, &settled.effects, ANEW));
+            let anew = self.last_steps(&self.fit(&jacobian, &eta, &settled.effects, ANEW));
             if anew.cost > settled.cost - ANEW.gain {
                 break;
             }
