@@ -47,7 +47,8 @@ class Plant:
         gravity = "0 0 -9.81" if self.gravity else "0 0 0"
         return (
             f'<mujoco><option timestep="{1 / self.rate / STEPS_PER_SAMPLE}" integrator="implicitfast" '
-            f'gravity="{gravity}"><flag contact="disable"/></option><worldbody>{self.bodies.format(**numbers)}</worldbody>'
+            f'gravity="{gravity}"><flag contact="disable"/></option>'
+            f"<worldbody>{self.bodies.format(**numbers)}</worldbody>"
             f"<actuator>{self.actuators.format(**numbers)}</actuator></mujoco>"
         )
 
@@ -70,9 +71,9 @@ ARM = (
 )
 # The masses of a chain move along one line; each joint is the stretch of a spring.
 CHAIN = (
-    '<body><joint name="a" type="slide" axis="1 0 0" stiffness="900" damping="{d}"/><geom type="box" size=".05 .05 .05" '
-    'mass="1"/><body><joint name="b" type="slide" axis="1 0 0" stiffness="700" damping=".8"/><geom type="box" '
-    'size=".05 .05 .05" mass=".8"/><body><joint name="c" type="slide" axis="1 0 0" stiffness="500" damping=".6"/>'
+    '<body><joint name="a" type="slide" axis="1 0 0" stiffness="900" damping="{d}"/><geom type="box" '
+    'size=".05 .05 .05" mass="1"/><body><joint name="b" type="slide" axis="1 0 0" stiffness="700" damping=".8"/>'
+    '<geom type="box" size=".05 .05 .05" mass=".8"/><body><joint name="c" type="slide" axis="1 0 0" stiffness="500" damping=".6"/>'
     '<geom type="box" size=".05 .05 .05" mass="{m}"/></body></body></body>'
 )
 MOTOR, SERVO = '<motor name="u" joint="{}"/>', '<position name="u" joint="{}" kp="{{kp}}" kv="{{kv}}"/>'
@@ -80,14 +81,18 @@ MOTOR, SERVO = '<motor name="u" joint="{}"/>', '<position name="u" joint="{}" kp
 PLANTS = {
     "slider": Plant(CART, MOTOR.format("rail"), [("rail", "position")], 500.0, 6.0, m=1.0, d=3.0),
     "motor": Plant(HINGE, MOTOR.format("axis"), [("axis", "velocity")], 200.0, 0.6, m=0.4, d=0.15, j=0.01),
-    "servo": Plant(HINGE, SERVO.format("axis"), [("axis", "position")], 500.0, 0.6, m=0.4, d=0.1, j=0.01, kp=14, kv=0.9),
+    "servo": Plant(
+        HINGE, SERVO.format("axis"), [("axis", "position")], 500.0, 0.6, m=0.4, d=0.1, j=0.01, kp=14, kv=0.9
+    ),
     "light servo": Plant(
         HINGE, SERVO.format("axis"), [("axis", "position")], 500.0, 0.4, m=0.4, d=0.1, j=0.01, kp=40, kv=0.15
     ),
     "arm": Plant(
         ARM, MOTOR.format("drive"), [("drive", "position"), ("elastic", "position")], 500.0, 0.8, m=0.5, d=0.3, k=30
     ),
-    "pendulum": Plant(HINGE, MOTOR.format("axis"), [("axis", "position")], 200.0, 0.35, m=0.8, d=0.05, j=0.0, gravity=1),
+    "pendulum": Plant(
+        HINGE, MOTOR.format("axis"), [("axis", "position")], 200.0, 0.35, m=0.8, d=0.05, j=0.0, gravity=1
+    ),
     "chain": Plant(
         CHAIN, MOTOR.format("a"), [("a", "position"), ("b", "position"), ("c", "position")], 500.0, 25.0, nested=True,
         m=0.6, d=1.0
@@ -98,8 +103,8 @@ PLANTS = {
 class Truth:
     """A cause: changed numbers of the model, a changed command or measurement, a force at a joint, or a loop.
 
-    `effects` are the answers that are right, each a name; `place` is where, as a set; `numbers` are functions of nothing
-    but the draw.
+    `effects` are the names of the answers that are right, and `places` their locations. `numbers` are those of the
+    model that differ.
     """
 
     def __init__(self, effects, places=(), numbers=None, command=None, force=None, sense=None, loop=None):
@@ -169,7 +174,8 @@ def drawn(kind, plant, big, reach):
             return Truth(["actuator-lag"], {"input:u"}, loop=("lag", 40.0 / big))
         case "stiffening":
             d = reach[last]
-            return Truth(["cubic-stiffness"], far, force=(last, lambda x, v, k=0.5 * numbers["k"] * big / d**2: -k * x**3))
+            k = 0.5 * numbers["k"] * big / d**2
+            return Truth(["cubic-stiffness"], far, force=(last, lambda x, v: -k * x**3))
         case "stop":
             return Truth(["end-stop", "clearance"], far, force=(last, stop(1.2 * reach[last], 4 * numbers["k"], 0.1)))
         case "backlash":
@@ -319,7 +325,8 @@ def draw(out, name, plant_name, kind, with_ports, seed):
             lines += ["", "[[record]]", f'file = "r{k}.csv"'] + (['excitation = "zero"'] if quiet else [])
     (folder / "case.toml").write_text("\n".join(lines) + "\n")
     floor = float(np.sqrt(np.mean((1.04 * noise / size) ** 2)))
-    found = dict(plant=plant_name, kind=kind, ports=declared, effects=truth.effects, places=sorted(truth.places), noise=floor)
+    found = dict(plant=plant_name, kind=kind, ports=declared, effects=truth.effects, noise=floor)
+    found["places"] = sorted(truth.places)
     (label / "label.json").write_text(json.dumps(found, indent=1) + "\n")
 
 
@@ -339,12 +346,13 @@ def judge(label, answer):
         return answer["verdict"] == "none", answer["verdict"] == "none", any(e["confidence"] >= 0.9 for e in effects)
     right = bool(effects) and effects[0]["effect"] in label["effects"]
     places = set(label["places"])
-    here = right and (effects[0]["location"] in places or effects[0]["effect"] == "modal-damping" or "output:*" in places)
+    anywhere = "output:*" in places or right and effects[0]["effect"] == "modal-damping"
+    here = right and (anywhere or effects[0]["location"] in places)
     wrong = any(e["confidence"] >= 0.9 and e["effect"] not in label["effects"] for e in effects)
     return right, here, wrong
 
 
-def score(out, plid, jobs):
+def score(out, plid):
     rows = []
     for label_file in sorted(out.glob("labels/*/label.json")):
         name, label = label_file.parent.name, json.loads(label_file.read_text())
@@ -375,7 +383,8 @@ def score(out, plid, jobs):
         right, here, wrong = judge(label, answer)
         said = " + ".join(f'{e["effect"]}@{e["location"]} {e["confidence"]:.2f}' for e in answer["effects"])
         print(f'{name} {label["plant"]:12} {label["kind"]:15} {"ports" if label["ports"] else "":6}'
-              f'{"right" if here else "name" if right else "MISS":6}{"SURE " if wrong else ""}{said or answer["verdict"]}'
+              f'{"right" if here else "name" if right else "MISS":6}{"SURE " if wrong else ""}'
+              f'{said or answer["verdict"]}'
               f' | gap {given:.3f} -> {gap:.4f}, noise {label["noise"]:.4f}{"" if close else " FAR"}, {took:.1f} s')
         rows.append((right, here, wrong, close, label))
     caused, sound = [r for r in rows if r[4]["effects"]], [r for r in rows if not r[4]["effects"]]
@@ -396,7 +405,7 @@ def main():
     scoring.add_argument("--plid", default="target/release/plid")
     given = parser.parse_args()
     if given.command == "score":
-        return score(given.out, given.plid, 1)
+        return score(given.out, given.plid)
     for at, (plant, kind) in zip(range(given.cases), itertools.cycle(KINDS)):
         with_ports = (at + at // len(KINDS)) % 2 == 0
         draw(given.out, f"{at + 1:03}", plant, kind, with_ports, given.seed * 1000 + at)
