@@ -10,7 +10,6 @@ port. Needs NumPy, SciPy and `mujoco`.
 """
 
 import argparse
-import csv
 import itertools
 import json
 import pathlib
@@ -21,10 +20,10 @@ import time
 
 import mujoco
 import numpy as np
-from scipy.linalg import expm
+from cases import columns, gap
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "examples"))
-from model_from_matrices import from_mujoco  # noqa: E402
+from model_from_matrices import from_mujoco, state_space  # noqa: E402
 
 SECONDS = 6.0
 STEPS_PER_SAMPLE = 8
@@ -73,8 +72,8 @@ ARM = (
 CHAIN = (
     '<body><joint name="a" type="slide" axis="1 0 0" stiffness="900" damping="{d}"/><geom type="box" '
     'size=".05 .05 .05" mass="1"/><body><joint name="b" type="slide" axis="1 0 0" stiffness="700" damping=".8"/>'
-    '<geom type="box" size=".05 .05 .05" mass=".8"/><body><joint name="c" type="slide" axis="1 0 0" stiffness="500" damping=".6"/>'
-    '<geom type="box" size=".05 .05 .05" mass="{m}"/></body></body></body>'
+    '<geom type="box" size=".05 .05 .05" mass=".8"/><body><joint name="c" type="slide" axis="1 0 0" '
+    'stiffness="500" damping=".6"/><geom type="box" size=".05 .05 .05" mass="{m}"/></body></body></body>'
 )
 MOTOR, SERVO = '<motor name="u" joint="{}"/>', '<position name="u" joint="{}" kp="{{kp}}" kv="{{kv}}"/>'
 
@@ -104,12 +103,16 @@ class Truth:
     """A cause: changed numbers of the model, a changed command or measurement, a force at a joint, or a loop.
 
     `effects` are the names of the answers that are right, and `places` their locations. `numbers` are those of the
-    model that differ.
+    model that differ. `controller` is the gain of a position loop whose output is the recorded input, and `torque_lag`
+    the frequency in Hz of a lag behind a servo's own loop.
     """
 
-    def __init__(self, effects, places=(), numbers=None, command=None, force=None, sense=None, loop=None):
+    def __init__(
+        self, effects, places=(), numbers=None, command=None, force=None, sense=None, controller=None, torque_lag=None
+    ):
         self.effects, self.places, self.numbers = effects, places, numbers or {}
-        self.command, self.force, self.sense, self.loop = command, force, sense, loop
+        self.command, self.force, self.sense = command, force, sense
+        self.controller, self.torque_lag = controller, torque_lag
 
 
 FRICTION = ["coulomb-friction", "stick-friction"]
@@ -171,7 +174,7 @@ def drawn(kind, plant, big, reach):
         case "sensor delay":
             return Truth(["sensor-delay", "actuator-delay"], {"input:u", "output:*"}, sense=late(round(12 * big)))
         case "torque lag":
-            return Truth(["actuator-lag"], {"input:u"}, loop=("lag", 40.0 / big))
+            return Truth(["actuator-lag"], {"input:u"}, torque_lag=40.0 / big)
         case "stiffening":
             d = reach[last]
             k = 0.5 * numbers["k"] * big / d**2
@@ -184,9 +187,9 @@ def drawn(kind, plant, big, reach):
         case "sine":
             return Truth(["cubic-stiffness", "gravity"], at)
         case "closed loop":
-            return Truth(FRICTION, at, dict(loss=0.12 * big * level), loop=("position", 60.0))
+            return Truth(FRICTION, at, dict(loss=0.12 * big * level), controller=60.0)
         case "sound loop":
-            return Truth([], loop=("position", 60.0))
+            return Truth([], controller=60.0)
     raise ValueError(kind)
 
 
@@ -223,20 +226,15 @@ def measure(plant, truth, u, noise, rng):
     for k, now in enumerate(fine):
         if k % STEPS_PER_SAMPLE == 0:
             y.append([read[kind][joints[at]] for at, kind in plant.outputs])
-            if truth.loop and truth.loop[0] == "position":
-                # A proportional controller follows the reference; its output is what the plant gets.
-                held = truth.loop[1] * (now / plant.level * 0.1 - y[-1][0] - noise[0] * rng.normal())
-            sent.append(held if truth.loop and truth.loop[0] == "position" else now)
-        if truth.loop and truth.loop[0] == "position":
-            data.ctrl[0] = held
-        elif truth.loop:
-            # The torque of the servo, and not its command, lags.
-            data.ctrl[0] = now
+            if truth.controller:
+                # It follows the reference, and its output is what the plant gets.
+                held = truth.controller * (now / plant.level * 0.1 - y[-1][0] - noise[0] * rng.normal())
+                sent.append(held)
+        data.ctrl[0] = held if truth.controller else now
+        if truth.torque_lag:
             wanted = model.actuator_gainprm[0, 0] * now + model.actuator_biasprm[0, 1:3] @ [data.qpos[0], data.qvel[0]]
-            held += (1 - np.exp(-2 * np.pi * truth.loop[1] * dt)) * (wanted - held)
+            held += (1 - np.exp(-2 * np.pi * truth.torque_lag * dt)) * (wanted - held)
             data.qfrc_applied[0] = held - wanted
-        else:
-            data.ctrl[0] = now
         if force is not None:
             data.qfrc_applied[dof] = force(data.qpos[dof], data.qvel[dof])
         seen.append(data.qpos.copy())
@@ -244,48 +242,33 @@ def measure(plant, truth, u, noise, rng):
     y = np.cumsum(y, axis=1) if plant.nested else np.array(y)
     y = truth.sense(y) if truth.sense else y
     reach = np.sqrt(np.mean(np.square(seen), axis=0))
-    # What a controller is told is recorded as it was sent, before any lag.
-    recorded = np.array(sent) if truth.loop and truth.loop[0] == "position" else u
-    return recorded, y, {name: reach[at] for name, at in joints.items()}
+    return np.array(sent) if truth.controller else u, y, {name: reach[at] for name, at in joints.items()}
 
 
 def linearised(plant):
-    """model.json of a plant, with ports at its joints. States that no output shows are left out."""
+    """model.json of a plant without ports, and its ports, at the joints that are recorded."""
     with tempfile.NamedTemporaryFile("w", suffix=".xml") as file:
         file.write(plant.xml())
         file.flush()
         matrices = from_mujoco(file.name)
-    mass, damping, stiffness, force = (np.atleast_2d(matrices[key]) for key in ["M", "C", "K", "inputs"])
-    n, joints = len(mass), matrices["port_names"]
-    inverse = np.linalg.inv(mass)
-    a = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ stiffness, -inverse @ damping]])
-    b, c = np.vstack([np.zeros_like(force), inverse @ force]), np.zeros((len(plant.outputs), 2 * n))
-    for row, (joint, kind) in zip(c, plant.outputs):
-        row[joints.index(joint) + (n if kind == "velocity" else 0)] = 1.0
-    # The coordinates of ports and outputs, of those of the joints.
+    n = len(matrices["M"])
+    # The coordinates of outputs and ports, of those of the joints.
     seen = np.tri(n) if plant.nested else np.eye(n)
-    if plant.nested:
-        c = np.hstack([seen, np.zeros((n, n))])
-    pushes = np.vstack([np.zeros((n, n)), inverse @ seen.T])
-    if n == 1 and not c[0, 0] and not stiffness.any():
-        # A motor that is seen by its speed is of first order.
-        a, b, c, pushes = a[1:, 1:], b[1:], c[:, 1:], pushes[1:]
-    size = len(a)
-    held = expm(np.block([[a, b], [np.zeros((1, size + 1))]]) / plant.rate)
-    model = {
-        "format": "state-space", "sample_rate_hz": plant.rate, "inputs": ["u"], "outputs": plant.names(),
-        "output_kinds": {name: kind for name, (_, kind) in zip(plant.names(), plant.outputs)},
-        "A": held[:size, :size].tolist(), "B": held[:size, size:].tolist(), "C": c.tolist(),
-        "D": np.zeros((len(c), 1)).tolist(), "continuous": {"A": a.tolist(), "B": b.tolist()},
-    }
-    still = np.zeros(n)
-    ports = [
-        {"name": joint, "force": pushes[:, k].tolist(), "displacement": np.r_[seen[k], still].tolist(),
-         "velocity": np.r_[still, seen[k]].tolist()}
-        for k, joint in enumerate(joints) if size == 2 * n
-    ]
+    matrices |= {"outputs": seen, "ports": seen.T, "output_names": plant.names()}
+    model = state_space(matrices, plant.rate, plant.outputs[0][1])
+    ports = model.pop("ports")
     if len(ports) == 1:
         ports[0]["input"] = "u"
+    if n == 1 and plant.outputs[0][1] == "velocity":
+        # A motor that is seen by its speed is of first order: its position acts on nothing.
+        ports = []
+        for key in ["A", "B", "C"]:
+            model[key] = (np.array(model[key])[1:] if key != "C" else np.array(model[key])).tolist()
+        for key in ["A", "C"]:
+            model[key] = np.array(model[key])[:, 1:].tolist()
+        model["continuous"] = {
+            "A": [model["continuous"]["A"][1][1:]], "B": model["continuous"]["B"][1:]
+        }
     return model, ports
 
 
@@ -330,15 +313,6 @@ def draw(out, name, plant_name, kind, with_ports, seed):
     (label / "label.json").write_text(json.dumps(found, indent=1) + "\n")
 
 
-def columns(path, names):
-    with open(path, newline="") as file:
-        return np.array([[float(row[name]) for name in names] for row in csv.DictReader(file)])
-
-
-def relative(measured, predicted):
-    return float(np.sqrt(np.mean(np.mean((measured - predicted) ** 2, axis=0) / np.mean(measured**2, axis=0))))
-
-
 def judge(label, answer):
     """Whether the main cause is right, whether its place is, and whether a wrong name is confident."""
     effects = answer["effects"]
@@ -377,15 +351,15 @@ def score(out, plid):
         outputs = list(PLANTS[label["plant"]].names())
         measured = columns(label_file.parent / "test_uy.csv", outputs)
         predicted = answers / "predicted.csv"
-        gap = relative(measured, columns(predicted, outputs)) if predicted.exists() else float("nan")
+        left = gap(measured, columns(predicted, outputs)) if predicted.exists() else float("nan")
         given = answer["gap"]["as_given"]
-        close = gap <= max(3 * label["noise"], 0.15 * given)
+        close = left <= max(3 * label["noise"], 0.15 * given)
         right, here, wrong = judge(label, answer)
         said = " + ".join(f'{e["effect"]}@{e["location"]} {e["confidence"]:.2f}' for e in answer["effects"])
         print(f'{name} {label["plant"]:12} {label["kind"]:15} {"ports" if label["ports"] else "":6}'
               f'{"right" if here else "name" if right else "MISS":6}{"SURE " if wrong else ""}'
               f'{said or answer["verdict"]}'
-              f' | gap {given:.3f} -> {gap:.4f}, noise {label["noise"]:.4f}{"" if close else " FAR"}, {took:.1f} s')
+              f' | gap {given:.3f} -> {left:.4f}, noise {label["noise"]:.4f}{"" if close else " FAR"}, {took:.1f} s')
         rows.append((right, here, wrong, close, label))
     caused, sound = [r for r in rows if r[4]["effects"]], [r for r in rows if not r[4]["effects"]]
     print(f"\nright main cause {sum(r[0] for r in caused)} of {len(caused)}, at its place {sum(r[1] for r in caused)}; "

@@ -1,7 +1,7 @@
 //! The kinds of the outputs and the locations of forces, as the diagnosis understood them.
 
 use crate::effects::Names;
-use crate::plant::{KindSource, Plant, PortSource};
+use crate::plant::{KindSource, Plant, Port, PortSource};
 
 /// States the kind of each output, and the locations of forces that depend on the motion, as far as they are not
 /// obvious.
@@ -18,8 +18,8 @@ pub(crate) fn in_words(plant: &Plant, names: &Names) -> Vec<String> {
         return words;
     }
     if plant.port_source == PortSource::Axis {
-        let place = |port: &crate::plant::Port| {
-            format!("{} {}", if port.input.is_some() { "on the axis of" } else { "at the motion of" }, port.name)
+        let place = |port: &Port| {
+            format!("{} {}", if port.input.is_some() { "on the axis of" } else { "at the output" }, port.name)
         };
         let places: Vec<String> = plant.ports.iter().map(place).collect();
         words.push(format!("Forces that depend on the motion were considered {}.", places.join(" and ")));

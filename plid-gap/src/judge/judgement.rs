@@ -72,10 +72,7 @@ impl<'j, 'a> Judgement<'j, 'a> {
         for explanation in weighted.iter_mut().filter(|w| !w.unknown) {
             explanation.effects.extend(shown.iter().map(|u| u.placed.clone()));
         }
-        let verdict = match verdict(explained, &weighted, &gaps, config.material) {
-            Verdict::Effects if shown.is_empty() && gaps.as_given < config.material => Verdict::None,
-            verdict => verdict,
-        };
+        let verdict = verdict(explained, &weighted, &shown, &gaps, config.material);
         Self { plant, actions, gaps, held_out, simulated, shares, shown, weighted, verdict }
     }
 }
@@ -97,13 +94,15 @@ fn unknown(explained: &Explained, gaps: &Gap, held_out: Option<HeldOut>, materia
     }
 }
 
-fn verdict(explained: &Explained, weighted: &[Weighted], gaps: &Gap, material: f64) -> Verdict {
+fn verdict(explained: &Explained, weighted: &[Weighted], shown: &[&Stochastic], gaps: &Gap, material: f64) -> Verdict {
     // If a simulation within its limits leaves less than a material gap, nothing matters.
     let immaterial = explained.ready.widened.is_some() && gaps.beyond_noise(gaps.within_limits) < material;
     match weighted.first() {
         Some(top) if immaterial && (top.unknown || explained.found.best.effects.is_empty()) => Verdict::None,
         Some(top) if top.unknown => Verdict::Unknown,
         Some(top) if top.effects.is_empty() => Verdict::None,
+        // Stochastic effects are not a part of the gap, which may be small although they matter.
+        Some(_) if shown.is_empty() && gaps.as_given < material => Verdict::None,
         Some(_) => Verdict::Effects,
         None => Verdict::Unknown,
     }

@@ -1,6 +1,6 @@
 use nalgebra::{DMatrix, DVector};
 
-use super::{Mode, NonModal, Plant, SignalChain, put_pair, put_rotation};
+use super::{Mode, NonModal, Plant, Port, SignalChain, put_pair, put_rotation};
 use crate::fourier::C;
 
 /// A linear force at a port: f = -k d - c v - m dv/dt. Each number is in the units of the port and may be negative.
@@ -19,13 +19,20 @@ impl Load {
     pub const LEAST_INERTIA: f64 = 0.05;
 }
 
+impl Port {
+    /// Returns the rate at which a unit force at the port changes what a row of the states shows.
+    pub(super) fn at_once(&self, modes: &[C], rest: &DVector<f64>) -> f64 {
+        let modes: f64 = modes.iter().zip(&self.force).map(|(row, force)| 2.0 * (row * force).re).sum();
+        modes + rest.dot(&self.force_rest)
+    }
+}
+
 impl Plant {
     /// Returns the acceleration that a unit force causes at a port at once, which is one over the inertia there. Zero
     /// if the force passes something else first, as the lag of a torque.
     pub fn mobility(&self, port: usize) -> f64 {
         let port = &self.ports[port];
-        let modes: f64 = port.velocity.iter().zip(&port.force).map(|(v, f)| 2.0 * (v * f).re).sum();
-        modes + port.velocity_rest.dot(&port.force_rest)
+        port.at_once(&port.velocity, &port.velocity_rest)
     }
 
     /// Returns the viscous damper between the port and the outside, in force over velocity. With v' = ... - c v / m at

@@ -384,10 +384,14 @@ fn put_pair(to: &mut DMatrix<f64>, i: usize, j: usize, z: C) {
     to[(i + 1, j)] = z.im;
 }
 
+/// Returns the magnitude of the slowest pole of the modes, in rad/s; zero without modes.
+fn lowest(modes: &[Mode]) -> f64 {
+    modes.iter().map(|mode| mode.pole.norm()).reduce(f64::min).unwrap_or(0.0)
+}
+
 /// Returns the poles of actuators and filters.
 fn signal_chain(rest: &NonModal, modes: &[Mode], step: f64, settings: &PlantSettings) -> SignalChain {
-    let lowest = modes.iter().map(|mode| mode.pole.norm()).reduce(f64::min).unwrap_or(0.0);
-    let mut chain = SignalChain::find(rest, step, lowest, settings);
+    let mut chain = SignalChain::find(rest, step, lowest(modes), settings);
     if modes.is_empty() && chain.actuator.len() == 1 {
         // Its only input drives every pole alone: that of the axis itself as well as that of an actuator.
         chain.actuator = vec![None];

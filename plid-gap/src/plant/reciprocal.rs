@@ -1,15 +1,15 @@
 use nalgebra::{DMatrix, DVector};
 
-use super::motion::Row;
-use super::{CasePort, Plant, Port};
+use super::motion::{Motion, ROUNDING, Row};
+use super::{CasePort, Mode, Plant, Port, lowest};
 use crate::fourier::C;
 
 /// The axis of each input, and the motion that each further output shows, as ports of a structure whose outputs are
 /// positions and velocities; `None` if an input has no collocated output.
 ///
-/// A sensor is collocated with an actuator if every mode answers there in phase: its residue is then the square of one
-/// and the same shape. Where it is, a force at another output follows from reciprocity (Maxwell, Betti): it moves the
-/// collocated sensor as the input moves that other output.
+/// A sensor is collocated with an actuator if all modes respond in phase there: the residue of each mode is then the
+/// square of a single shape. A force at another output follows from reciprocity (Maxwell, Betti): it moves the
+/// collocated sensor as the input moves the other output.
 pub(super) fn infer(plant: &Plant, inputs: &[String], outputs: &[String]) -> Option<Vec<Port>> {
     if plant.rest.continuous.is_none() || plant.sensed.iter().any(|sensed| sensed.order > 1) {
         return None;
@@ -26,15 +26,15 @@ pub(super) fn infer(plant: &Plant, inputs: &[String], outputs: &[String]) -> Opt
         }
         axes.push((output, Port { input: Some(input), ..port }));
     }
-    let (from, axis) = axes.first()?;
+    let (_, axis) = axes.first()?;
     let further = (0..plant.p).filter(|output| !axes.iter().any(|(used, _)| used == output));
-    let further: Vec<Port> = further.filter_map(|to| beside(plant, axis, *from, to, &outputs[to])).collect();
+    let further: Vec<Port> = further.filter_map(|to| beside(plant, axis, to, &outputs[to])).collect();
     Some(axes.into_iter().map(|(_, port)| port).chain(further).collect())
 }
 
 /// The residue of a mode in the response of a displacement to a force, over 2 j times its damped frequency: for a
 /// collocated sensor a positive number.
-fn residue(plant: &Plant, mode: &super::Mode, output: usize, input: usize) -> C {
+fn residue(plant: &Plant, mode: &Mode, output: usize, input: usize) -> C {
     let Some(sensed) = plant.sensed.get(output) else { return C::ZERO };
     let passed = plant.chain.before(input, mode.pole) * plant.chain.behind(output, mode.pole);
     mode.c[output] * mode.b[input] * C::new(0.0, 2.0 * mode.pole.im) / (passed * mode.pole.powi(sensed.order))
@@ -48,37 +48,31 @@ fn collocated(plant: &Plant, output: usize, input: usize) -> bool {
 /// Returns whether a force at a port changes its velocity at once, and not its displacement, as in any mechanical
 /// simulation. A model that was identified from records has some of both.
 fn only_accelerates(plant: &Plant, port: &Port, output: usize, input: usize) -> bool {
-    let at_once = |modes: &[C], rest: &DVector<f64>| {
-        let of_modes: f64 = modes.iter().zip(&port.force).map(|(row, force)| 2.0 * (row * force).re).sum();
-        of_modes + rest.dot(&port.force_rest)
-    };
-    let acceleration = at_once(&port.velocity, &port.velocity_rest);
-    let lowest = plant.modes.iter().map(|mode| mode.pole.norm()).fold(f64::INFINITY, f64::min);
+    let acceleration = port.at_once(&port.velocity, &port.velocity_rest);
     let other = match plant.sensed[output].order {
-        0 => lowest * at_once(&port.displacement, &port.displacement_rest).abs(),
-        _ => lowest * plant.d[(output, input)].abs(),
+        0 => port.at_once(&port.displacement, &port.displacement_rest),
+        _ => plant.d[(output, input)],
     };
-    acceleration > 0.0 && other < plant.settings.at_once * acceleration
+    acceleration > 0.0 && lowest(&plant.modes) * other.abs() < plant.settings.at_once * acceleration
 }
 
 /// Returns the port at the motion that an output shows, by reciprocity with the axis of an input; `None` if the axis
 /// does not show all that the output does.
-fn beside(plant: &Plant, axis: &Port, from: usize, to: usize, name: &str) -> Option<Port> {
+fn beside(plant: &Plant, axis: &Port, to: usize, name: &str) -> Option<Port> {
     let (a, _) = plant.rest.continuous.as_ref()?;
-    let [here, there] = [plant.motion(from)?, plant.motion(to)?];
-    let (here, there) = match (here.displacement, &there.displacement) {
-        (Some(here), Some(there)) => (here, there.clone()),
-        _ => (here.velocity, there.velocity.clone()),
+    let Motion { displacement, velocity } = plant.motion(to)?;
+    let (modes, rest, shown) = match &displacement {
+        Some(displacement) if axis.sees_displacement() => (&axis.displacement, &axis.displacement_rest, displacement),
+        _ => (&axis.velocity, &axis.velocity_rest, &velocity),
     };
-    let displacement = plant.motion(to)?.displacement.unwrap_or_else(|| Row::none(plant));
-    let velocity = plant.motion(to)?.velocity;
-    let shape = |k: usize| there.modes[k] * axis.force[k] / here.modes[k];
-    let force: Vec<C> = (0..plant.modes.len()).map(shape).collect();
+    let force: Vec<C> = (0..plant.modes.len()).map(|k| shown.modes[k] * axis.force[k] / modes[k]).collect();
+    let force_rest = exchanged(a, rest, &shown.rest, &axis.force_rest)?;
+    let displacement = displacement.unwrap_or_else(|| Row::none(plant));
     Some(Port {
         name: name.into(),
         input: None,
         force: force.iter().all(|x| x.is_finite()).then_some(force)?,
-        force_rest: exchanged(a, &here.rest, &there.rest, &axis.force_rest)?,
+        force_rest,
         displacement: displacement.modes,
         velocity: velocity.modes,
         displacement_rest: displacement.rest,
@@ -105,7 +99,7 @@ fn exchanged(a: &DMatrix<f64>, c1: &DVector<f64>, c2: &DVector<f64>, b: &DVector
         column = &scaled * column;
     }
     let svd = rows.clone().svd(true, true);
-    let found = svd.solve(&wanted, super::motion::ROUNDING * svd.singular_values.max()).ok()?;
+    let found = svd.solve(&wanted, ROUNDING * svd.singular_values.max()).ok()?;
     let left = (&rows * &found - &wanted).norm();
     (left <= 1e-6 * wanted.norm()).then_some(found)
 }

@@ -34,9 +34,9 @@ group! {
         /// Largest phase of a mode's residue between a force and the displacement where it acts, which is a positive
         /// number in a structure without damping. A sensor elsewhere sees some mode with the opposite sign.
         collocated_phase: f64 = 0.35, "rad", 0.0..=1.5;
-        /// Displacement that a force may cause at once, times the lowest mode's frequency, over the velocity: zero in
-        /// an exact simulation, a few hundredths after the time steps of many simulators, and a quarter in a model of
-        /// two states that was identified from records.
+        /// Displacement that a force may cause at once, times the lowest mode's frequency, over the velocity that it
+        /// causes. It is zero in an exact simulation and small after the time steps of a simulator. A model that was
+        /// identified from records may have much more.
         at_once: f64 = 0.1, "1", 0.0..=1e3;
     }
 }
