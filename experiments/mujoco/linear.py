@@ -155,7 +155,8 @@ def drawn(kind, plant, big, reach):
     level, numbers = plant.level, plant.numbers
     joints = [joint for joint, _ in plant.outputs]
     at = {"input:u"} if len(joints) == 1 else {"input:u", "port:" + joints[0]}
-    last, far = joints[-1], {"port:" + joints[-1]}
+    # A port that is not declared has the name of the output that shows its motion.
+    last, far = joints[-1], {"port:" + joints[-1], "port:" + plant.names()[-1]}
     match kind:
         case "none":
             return Truth([])
