@@ -37,6 +37,8 @@ pub struct Stop {
     pub steps: usize,
     /// A step that lowers the cost by less than this is small.
     pub gain: f64,
+    /// So is a step that lowers the cost by less than this share of the cost.
+    pub share: f64,
     /// The search ends after this many small steps in a row.
     pub patience: usize,
 }
@@ -44,7 +46,7 @@ pub struct Stop {
 /// For the best attainable accuracy: the search continues as long as the cost falls.
 impl Default for Stop {
     fn default() -> Self {
-        Self { steps: 10_000, gain: 0.0, patience: 1 }
+        Self { steps: 10_000, gain: 0.0, share: 0.0, patience: 1 }
     }
 }
 
@@ -136,7 +138,7 @@ pub fn minimise<P: Problem>(
         found.cost = better.cost;
         problem.accepted(&mut found.point);
         current = (current * better.factor * damping.shrink).max(damping.least);
-        small = if gain < stop.gain { small + 1 } else { 0 };
+        small = if gain < stop.gain.max(stop.share * found.cost) { small + 1 } else { 0 };
         if small >= stop.patience {
             found.ended = Ended::Gain;
             break;

@@ -241,7 +241,7 @@ pub(crate) fn descend(
     let variances = start.variances(data);
     start.turn();
     let mut search = Search { data, present: data.present(), iterations, done: 0, watcher };
-    let stop = Stop { steps: iterations, gain: SMALL_GAIN, patience: SMALL_STEPS };
+    let stop = Stop { steps: iterations, gain: SMALL_GAIN, patience: SMALL_STEPS, ..Stop::default() };
     let found = minimise(&mut search, Place { point: start, variances }, DAMPING, stop)?;
     watcher(iterations, iterations);
     let Place { point, variances } = found.point;

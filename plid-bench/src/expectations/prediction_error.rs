@@ -14,7 +14,7 @@ const BLOCK: usize = 1000;
 /// The starts are near the minimum, so the first step is nearly a Gauss-Newton step.
 const DAMPING: Damping = Damping { start: 1e-4, shrink: 0.1, grow: 10.0, least: 0.0, tries: 10, factors: &[1.0] };
 /// The cost is half a sum of squared standard errors; smaller decreases do not matter.
-const STOP: Stop = Stop { steps: 20, gain: 1e-3, patience: 1 };
+const STOP: Stop = Stop { steps: 20, gain: 1e-3, share: 0.0, patience: 1 };
 /// A prediction beyond this many standard deviations of the innovation has diverged.
 const UNBOUNDED: f64 = 1e8;
 

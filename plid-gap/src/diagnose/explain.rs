@@ -15,7 +15,7 @@ use crate::search::closest_law::closest_law;
 use crate::search::modal::dominant;
 use crate::search::rules::{Rules, Scope};
 use crate::search::shape::{FreeShapeFit, fewer, free_shape, renamed};
-use crate::search::stepwise::{Search, SearchStage, search, straighten};
+use crate::search::stepwise::{Search, SearchStage, polish, search, straighten};
 use crate::search::windows::Windows;
 use crate::settings::step::Step;
 use crate::simulate::Fineness;
@@ -121,10 +121,9 @@ impl<'a> Searched<'a> {
         stage: &OnceCell<SearchStage<'a>>,
         say: &mut dyn FnMut(String),
     ) -> Self {
-        ready.problem.nuisance.ports_follow = false;
+        ready.problem.nuisance.ports_follow = ready.problem.few();
         let mut quick = ready.problem.head(scope.settings.first_samples, &ready.noise);
         let windows = Windows::choose(&quick, refitted);
-        ready.problem.strong = windows.is_some();
         if let Some(Windows { samples, each }) = windows {
             say(format!("windows of {samples} samples, up to {each} of each record"));
             quick = quick.windows(samples, each, &ready.noise);
@@ -173,7 +172,7 @@ impl<'a> Searched<'a> {
         let free = shaped && !scope.skips(Step::FreeShapes);
         let free = if free { self.freed(problem, scope, !widened) } else { None };
         // A free shape was fitted with the simulation's ports; it has no physical size that they could distort.
-        problem.nuisance.ports_follow = free.is_none();
+        problem.nuisance.ports_follow = free.is_none() || problem.few();
         self.found.best = problem.settled(&self.found.best);
         let best_cost = self.found.best.cost;
         let level = ready.noise_level(&self.simulated, best_cost / ready.problem.rows() as f64);
@@ -286,10 +285,20 @@ fn admit_error(explained: &mut Explained) -> Option<String> {
     }
     let fit = explained.fit();
     let simulated = outputs(&explained.ready.problem, &fit.eta, &fit.effects);
+    let fit = fit.clone();
     explained.ready.admit_error(&simulated);
     // With weights by noise alone, linear parameters follow every small remainder. Their true error shows only with the
     // error of the simulation.
-    let scale = explained.ready.widen(&refit(&explained.ready.problem, STEPS));
+    let refitted = refit(&explained.ready.problem, STEPS);
+    let mut scale = explained.ready.needed(&refitted.eta, &refitted);
+    // One cause moves most of a few parameters. How far the simulation is off shows only with the cause in place.
+    if explained.ready.problem.few() && !fit.effects.is_empty() {
+        let with = polish(&explained.ready.problem, fit);
+        if with.cost < refitted.cost {
+            scale = scale.min(explained.ready.needed(&with.eta, &refitted));
+        }
+    }
+    explained.ready.widen(scale);
     Some(format!(
         "no explanation leaves only noise: repeated with the residual as an error of the simulation and limits \
         {scale:.2} times as wide"

@@ -40,7 +40,8 @@ impl Fit<'_> {
 pub struct Effort {
     /// Largest number of steps.
     pub steps: usize,
-    /// A step that lowers the cost by less than this ends the fit.
+    /// A step that lowers the cost by less than this ends the fit; if the cost exceeds the number of rows, the gain
+    /// counts in proportion to it.
     pub gain: f64,
     /// Fineness of forces within a sample.
     pub fineness: Fineness,
@@ -48,6 +49,10 @@ pub struct Effort {
 
 /// The last steps of a fit: it is close to its minimum, and intervals need the derivatives at the minimum itself.
 const SETTLED: Effort = Effort { steps: 6, gain: 0.05, fineness: Fineness::FINE };
+
+/// Largest number of steps of a fit with few linear parameters ([`Problem::few`]). Where these have absorbed nearly all
+/// of an effect, they give it back along a curved valley.
+const FAR: usize = 40;
 
 /// Largest number of times that a fit is repeated from zero: each repetition ends nearer the minimum.
 const RESTARTS: usize = 4;
@@ -69,7 +74,8 @@ const DAMPING_LOADED: Damping = Damping { start: 1e-8, grow: 100.0, ..DAMPING };
 /// The damping if every step is tried undamped first.
 const DAMPING_LINEAR: Damping = Damping { shrink: 0.0, least: UNDAMPED, tries: 7, ..DAMPING };
 
-/// Number of steps after which derivatives are computed again where effects move modes: modes move little in three.
+/// Number of steps after which derivatives are computed again where effects matter to them: a plant changes little in
+/// three.
 const RENEWED: usize = 3;
 
 /// The source of the derivatives by the linear parameters.
@@ -80,6 +86,9 @@ enum Derivatives<'p> {
     Renewed(&'p Jacobian),
     /// They are computed at every step, without effects.
     Current,
+    /// They are computed with the effects every few steps, which takes a run for each linear parameter, and again where
+    /// no step lowers the cost.
+    WithEffects,
 }
 
 /// A search over linear parameters and effects.
@@ -89,8 +98,6 @@ pub(super) struct Search<'p, 'a> {
     damping: Damping,
     effort: Effort,
     scales: Vec<Scale>,
-    /// Whether an effect loads the plant.
-    loaded: bool,
     /// Derivatives that the search computed itself.
     own: Option<Jacobian>,
     /// Linearisations so far.
@@ -139,9 +146,22 @@ impl<'p, 'a> Search<'p, 'a> {
         // A fit to the same records in windows has other initial states.
         eta.resize(self.problem.nuisance.len(), 0.0);
         let start = self.point(eta, effects.to_vec());
-        let stop = Stop { steps: self.effort.steps, gain: self.effort.gain, patience: 1 };
-        let Ok(found) = minimise(self, start, self.damping, stop);
+        // Where much more than the noise is left, so much more than the gain is little.
+        let share = self.effort.gain / self.problem.rows().max(1) as f64;
+        let mut stop = Stop { steps: self.effort.steps, gain: self.effort.gain, share, patience: 1 };
+        let Ok(mut found) = minimise(self, start, self.damping, stop);
+        while found.ended == Ended::Stalled && self.is_stale() && found.steps < stop.steps {
+            stop.steps -= found.steps;
+            self.steps = 0;
+            let Ok(further) = minimise(self, found.point, self.damping, stop);
+            found = further;
+        }
         found
+    }
+
+    /// Returns whether the last derivatives belong to an earlier point than the last linearisation.
+    fn is_stale(&self) -> bool {
+        matches!(self.derivatives, Derivatives::WithEffects) && !(self.steps - 1).is_multiple_of(RENEWED)
     }
 }
 
@@ -161,19 +181,22 @@ impl<'a> plid_lsq::Problem for Search<'_, 'a> {
         let jacobian = match self.derivatives {
             Derivatives::Given(given) => given,
             Derivatives::Renewed(given) => {
-                // A load and the poles that it moves may look alike to the last digit. Derivatives of which only some
-                // are current would part them.
-                let loaded = self.loaded;
-                if loaded || self.steps.is_multiple_of(RENEWED) {
-                    if problem.strong || loaded {
-                        self.own = Some(problem.jacobian_with_effects(at, self.effort.fineness));
-                    } else if let Some(changed) = problem.changed(plant, effects) {
-                        self.own = Some(problem.jacobian(&changed));
-                    }
+                if self.steps.is_multiple_of(RENEWED)
+                    && let Some(changed) = problem.changed(plant, effects)
+                {
+                    self.own = Some(problem.jacobian(&changed));
                 }
                 self.own.as_ref().unwrap_or(given)
             }
             Derivatives::Current => self.own.insert(problem.jacobian(plant)),
+            Derivatives::WithEffects => {
+                // A load and the poles that it moves may look alike to the last digit. Derivatives of which only some
+                // are current would part them.
+                if self.steps.is_multiple_of(RENEWED) || problem.is_loaded(effects) {
+                    self.own = Some(problem.jacobian_with_effects(at, self.effort.fineness));
+                }
+                self.own.as_ref().expect("the first step computes them")
+            }
         };
         let columns = problem.effect_columns(plant, eta, effects, residual, &self.scales, self.effort.fineness);
         problem.assemble(jacobian, &columns, residual, eta, &mut equations.normal);
@@ -195,8 +218,12 @@ impl<'a> plid_lsq::Problem for Search<'_, 'a> {
 
 impl Problem {
     /// Fits the linear parameters and the effects from the given start. The derivatives by the linear parameters are
-    /// those of the linear simulation, as far as effects do not move its modes.
+    /// those of the linear simulation, as far as effects do not move its modes. If the linear parameters are few, they
+    /// are those of the simulation with its effects.
     pub fn fit<'a>(&self, jacobian: &Jacobian, eta: &[f64], effects: &[Placed<'a>], effort: Effort) -> Fit<'a> {
+        if self.few() {
+            return self.fitted(Derivatives::WithEffects, eta, effects, effort);
+        }
         self.fitted(Derivatives::Renewed(jacobian), eta, effects, effort)
     }
 
@@ -229,26 +256,38 @@ impl Problem {
     /// acts inside the structure, the derivatives are wrong by as much as the force changes the motion. The fit would
     /// then end near its minimum, but not at it, and with intervals that are too narrow.
     fn last_steps<'a>(&self, fit: &Fit<'a>) -> Fit<'a> {
-        let plant = self.nuisance.apply(&self.plant, &fit.eta);
-        let residual = self.residual(&plant, &fit.eta, &fit.effects, SETTLED.fineness);
-        let cost = fit.cost;
-        let start = Point { eta: fit.eta.clone(), effects: fit.effects.clone(), plant, residual, cost };
-        let jacobian = self.jacobian_with_effects(&start, SETTLED.fineness);
+        if self.few() {
+            let mut settled = self.fitted(Derivatives::WithEffects, &fit.eta, &fit.effects, self.far(SETTLED));
+            let jacobian = self.jacobian_with_effects(&self.point(&settled), SETTLED.fineness);
+            settled.covariance = self.robust_covariance(&jacobian, &settled, SETTLED.fineness);
+            return settled;
+        }
+        let jacobian = self.jacobian_with_effects(&self.point(fit), SETTLED.fineness);
         let mut settled = self.fitted(Derivatives::Given(&jacobian), &fit.eta, &fit.effects, SETTLED);
         settled.covariance = self.robust_covariance(&jacobian, &settled, SETTLED.fineness);
         settled
     }
 
+    /// Returns the effort with as many steps as the way to the minimum may take if the linear parameters are few.
+    pub(crate) fn far(&self, effort: Effort) -> Effort {
+        if self.few() { Effort { steps: FAR, ..effort } } else { effort }
+    }
+
+    /// Returns the point at which a fit ended, with the residual of the last steps.
+    fn point<'a>(&self, fit: &Fit<'a>) -> Point<'a> {
+        let plant = self.nuisance.apply(&self.plant, &fit.eta);
+        let residual = self.residual(&plant, &fit.eta, &fit.effects, SETTLED.fineness);
+        Point { eta: fit.eta.clone(), effects: fit.effects.clone(), plant, residual, cost: fit.cost }
+    }
+
     fn search<'p, 'a>(&'p self, derivatives: Derivatives<'p>, damping: Damping, effort: Effort) -> Search<'p, 'a> {
         let (scales, linearised) = (Vec::new(), Vec::new());
-        let (own, steps, loaded) = (None, 0, false);
-        Search { problem: self, derivatives, damping, effort, scales, loaded, own, steps, linearised }
+        Search { problem: self, derivatives, damping, effort, scales, own: None, steps: 0, linearised }
     }
 
     fn fitted<'a>(&self, derivatives: Derivatives<'_>, eta: &[f64], effects: &[Placed<'a>], effort: Effort) -> Fit<'a> {
-        let loaded = self.is_loaded(effects);
-        let damping = if loaded { DAMPING_LOADED } else { DAMPING };
-        let mut search = Search { loaded, ..self.search(derivatives, damping, effort) };
+        let damping = if self.is_loaded(effects) { DAMPING_LOADED } else { DAMPING };
+        let mut search = self.search(derivatives, damping, effort);
         let Minimum { point, equations, ended, .. } = search.run(eta, effects);
         let covariance = self.model_covariance(&equations.normal, &search.linearised, &search.scales);
         let Point { eta, effects, residual, cost, .. } = point;
@@ -268,6 +307,8 @@ impl Problem {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::case::Case;
     use crate::effects::Library;
@@ -276,6 +317,13 @@ mod tests {
     use crate::prepare::{Known, prepare};
     use crate::simulate::simulate;
     use crate::testing;
+
+    /// Returns a problem that is fitted as one with many linear parameters.
+    fn as_of_many(problem: Problem) -> Problem {
+        let mut settings = (*problem.settings).clone();
+        settings.search.strong_numbers = 0;
+        Problem { settings: Arc::new(settings), ..problem }
+    }
 
     /// A spring stiffens, and the simulation's resonances are off within the limits. With the derivatives of the linear
     /// simulation the fit does not end at its minimum: the cost still decreases along the linear parameters, and the
@@ -299,6 +347,7 @@ mod tests {
             record.y.iter_mut().flatten().zip(changed).for_each(|(y, (a, b))| *y += a - b);
         }
         let problem = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap().problem;
+        let problem = as_of_many(problem);
         let jacobian = problem.jacobian(&problem.plant);
         let effort = Effort { steps: 20, gain: 1e-3, fineness: Fineness::FINE };
         let fit = problem.fit(&jacobian, &vec![0.0; problem.nuisance.len()], &[spring], effort);
@@ -376,7 +425,7 @@ mod tests {
             let changed = with.iter().flatten().zip(without.iter().flatten());
             record.y.iter_mut().flatten().zip(changed).for_each(|(y, (a, b))| *y += a - b);
         }
-        let problem = prepared(&case).problem;
+        let problem = as_of_many(prepared(&case).problem);
         let refitted = refit(&problem, STEPS);
         assert!(
             problem.max_prior_z(&refitted.eta) > 5.0,

@@ -99,10 +99,12 @@ impl Problem {
     pub(super) fn jacobian_with_effects(&self, at: &Point, fineness: Fineness) -> Jacobian {
         // Step in standard deviations of the prior. The sum of squares is close to quadratic within a hundredth of one.
         const STEP: f64 = 1e-2;
+        // A wide prior says nothing about that; the parameters are relative changes.
+        const MOST: f64 = 1e-3;
         let (rows, actions) = (self.rows(), self.actions(&at.effects));
         let mut values = vec![0.0; rows * self.nuisance.len()];
         values.par_chunks_mut(rows).enumerate().for_each(|(k, column)| {
-            let step = STEP * self.nuisance.std[k];
+            let step = (STEP * self.nuisance.std[k]).min(MOST);
             let mut eta = at.eta.clone();
             eta[k] += step;
             let mut put = |range: std::ops::Range<usize>, moved: &[f64]| {

@@ -39,9 +39,6 @@ pub struct Problem {
     pub setting: Setting,
     /// Thresholds of the diagnosis.
     pub settings: Arc<GapSettings>,
-    /// Whether effects may change the motion so much that the derivatives of the linear simulation are misleading. Fits
-    /// then use the derivatives of the simulation with its effects, which take a run each.
-    pub strong: bool,
 }
 
 impl Problem {
@@ -61,7 +58,6 @@ impl Problem {
             nuisance: self.nuisance.clone(),
             setting: self.setting.clone(),
             settings: self.settings.clone(),
-            strong: self.strong,
             records,
         }
     }
@@ -86,7 +82,7 @@ impl Problem {
             }
             kept.push(count);
         }
-        Self { records, whiteners, nuisance: self.nuisance.clone().with_windows(&kept), strong: false, ..self.clone() }
+        Self { records, whiteners, nuisance: self.nuisance.clone().with_windows(&kept), ..self.clone() }
     }
 
     /// Returns the problem without one of the records, whose initial state remains among the linear parameters.
@@ -119,11 +115,17 @@ impl Problem {
         changed_modes(plant, &self.actions(effects))
     }
 
+    /// Returns whether the simulation has so few linear parameters that fits can afford its derivatives with the
+    /// effects, which take a run each. The derivatives of the linear simulation lead astray where an effect changes the
+    /// motion strongly, or where the linear parameters have absorbed nearly all of it.
+    pub fn few(&self) -> bool {
+        self.nuisance.of_simulation() <= self.settings.search.strong_numbers
+    }
+
     /// Returns whether an effect loads the plant, whose few linear parameters allow the derivatives of the simulation
     /// with its effects. A load and the poles that it moves look alike, so that derivatives without it lead astray.
     pub fn is_loaded(&self, effects: &[Placed]) -> bool {
-        let few = self.nuisance.of_simulation() <= self.settings.search.strong_numbers;
-        few && self.actions(effects).iter().any(|action| matches!(action, Action::Load(..)))
+        self.few() && self.actions(effects).iter().any(|action| matches!(action, Action::Load(..)))
     }
 
     /// Simulates the free run of one record.

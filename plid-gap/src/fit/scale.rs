@@ -18,6 +18,10 @@ pub(super) enum Scale {
     Linear(f64),
     /// value * e^step.
     Logarithm,
+    /// value * (1 + step), for a positive parameter to which the effect is proportional: linear parameters that give way
+    /// to the effect then take their part of the same step. Downwards it is linear only to half the value, and the value
+    /// stays positive.
+    Size,
 }
 
 impl Scale {
@@ -26,6 +30,8 @@ impl Scale {
             Scale::Linear(scale) => value + step * scale,
             // No step exceeds a factor e, because the slope here says little about a shape that far away.
             Scale::Logarithm => value * step.clamp(-1.0, 1.0).exp(),
+            Scale::Size if step > -0.5 => value * (1.0 + step),
+            Scale::Size => value * 0.5 * (2.0 * step + 1.0).exp(),
         }
     }
 
@@ -33,7 +39,7 @@ impl Scale {
     pub(super) fn slope(self, value: f64) -> f64 {
         match self {
             Scale::Linear(scale) => scale,
-            Scale::Logarithm => value,
+            Scale::Logarithm | Scale::Size => value,
         }
     }
 }
@@ -53,8 +59,11 @@ impl Problem {
     pub(super) fn scales(&self, effects: &[Placed]) -> Vec<Scale> {
         let mut scales = Vec::new();
         for placed in effects {
-            for (parameter, &start) in placed.effect.parameters(&self.setting).iter().zip(&placed.parameters) {
+            let size = placed.effect.amplitude().map(|(index, _)| index);
+            let parameters = placed.effect.parameters(&self.setting);
+            for (k, (parameter, &start)) in parameters.iter().zip(&placed.parameters).enumerate() {
                 scales.push(match parameter.range {
+                    Range::Positive if size == Some(k) => Scale::Size,
                     Range::Signed | Range::Direction => Scale::Linear(if start == 0.0 { 1.0 } else { start.abs() }),
                     Range::Positive => Scale::Logarithm,
                     Range::Hz => Scale::Linear(LINE_SHARE / self.setting.duration_s.max(1e-9)),

@@ -114,7 +114,7 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     let noise = rounded(noise, &quantisation, &declared_sensor);
     let whiteners = whiteners(&fitted, &noise, plant.rate, &quantisation);
     let nuisance = Nuisance::new(&plant, &fitted, &known.limits).with_prior_std(&known.prior_std);
-    let problem = Problem { plant, records: fitted, whiteners, nuisance, setting, settings, strong: false };
+    let problem = Problem { plant, records: fitted, whiteners, nuisance, setting, settings };
     let declares = model.noise.sensor_std.is_some();
     Ok(Prepared {
         problem,
@@ -367,14 +367,19 @@ impl Prepared {
         self.widened = Some(1.0);
     }
 
-    /// Widens the limits to the errors that most linear parameters of a refit show. Returns the factor.
-    pub fn widen(&mut self, refitted: &Refit) -> f64 {
+    /// Returns the factor by which the limits must widen to hold most of these linear parameters; the refit shows which
+    /// of them the records determine.
+    pub fn needed(&self, eta: &[f64], refitted: &Refit) -> f64 {
+        let problem = &self.problem;
+        problem.nuisance.needed(eta, &refitted.jacobian, problem.settings.fit.determined)
+    }
+
+    /// Widens the limits by a factor.
+    pub fn widen(&mut self, scale: f64) {
         let nuisance = &mut self.problem.nuisance;
-        let scale = nuisance.needed(&refitted.eta, &refitted.jacobian, self.problem.settings.fit.determined);
         let modes = nuisance.of_simulation();
         nuisance.std[..modes].iter_mut().for_each(|std| *std *= scale);
         self.widened = Some(scale);
-        scale
     }
 
     /// Fits the noise again, to the residual of an explanation in the quiet records: a disturbance or a line in them is

@@ -70,9 +70,6 @@ const BEGIN: Effort = Effort { steps: 3, gain: 1.0, fineness: Fineness::COARSE }
 /// Fits of the result.
 const FINE: Effort = Effort { steps: 8, gain: 0.1, fineness: Fineness::FINE };
 
-/// The same after a search in windows, whose parameters may be far off.
-const FAR: Effort = Effort { steps: 24, ..FINE };
-
 /// Searches for up to `most_effects` effects: on `quick` (the first samples of the records), then with the best few on
 /// `problem`. `first` is the first stage; it is filled if it is empty. `say` is called with the progress.
 pub fn search<'a>(
@@ -176,7 +173,9 @@ fn material(problem: &Problem, before: &Fit, after: &Fit, stage: usize) -> bool 
     let (search, rows) = (&problem.settings.search, problem.rows() as f64);
     let left = |fit: &Fit| sum_of_squares(&fit.residual);
     let explained = left(before) - left(after);
-    let share = explained / (left(before) - rows).max(search.material_power * rows);
+    // If less is left than the noise that is assumed, the records do not show how much of it is noise.
+    let excess = if left(before) < search.overstated * rows { left(before) } else { left(before) - rows };
+    let share = explained / excess.max(search.material_power * rows);
     let straightened = problem.penalty(&before.eta) - problem.penalty(&after.eta);
     let visible = explained > search.material_power * rows && (stage == 0 || share > search.further_share);
     visible || (straightened > search.straightened_penalty && explained > -search.straightened_penalty)
@@ -232,10 +231,6 @@ impl<'a> SearchStage<'a> {
     /// Fits the first of these entries to the first samples and to whole records. Known fits are not repeated.
     fn fits(&self, problem: &Problem, quick: &Problem, at: &[usize], price: &Price) -> (Numbered<'a>, Numbered<'a>) {
         let [fitted, polished] = self.counts;
-        let known = |fits: &Numbered<'a>, k: usize| fits.iter().find(|(n, _)| *n == k).map(|(_, fit)| fit.clone());
-        let whether_sound = |problem: &Problem, fit: Fit<'a>| {
-            (fit.cost.is_finite() && fit.effects.iter().all(|placed| sound(problem, placed))).then_some(fit)
-        };
         let heads: Numbered<'a> = at[..at.len().min(fitted)]
             .par_iter()
             .filter(|&&k| self.entries[k].gain > 0.0)
@@ -245,25 +240,58 @@ impl<'a> SearchStage<'a> {
                     all.push(self.entries[k].placed.clone());
                     whether_sound(quick, self.from.fitted(quick, &all))
                 };
-                (k, known(&self.quick, k).unwrap_or_else(new))
+                (k, known(&self.quick, k).cloned().unwrap_or_else(new))
             })
             .collect();
-        let mut best: Vec<(usize, &Fit<'a>)> = heads.iter().filter_map(|(k, fit)| Some((*k, fit.as_ref()?))).collect();
-        best.sort_by(|a, b| price.of(a.1).total_cmp(&price.of(b.1)));
+        let heads = self.further(quick, heads, 2 * polished, price);
+        let mut best = ranked(&heads, price);
         best.truncate(polished);
         let gain = |fit: &Fit| self.from.cost - price.of(fit);
-        let most = best.first().map_or(0.0, |(_, fit)| gain(fit));
+        let most = best.first().map_or(0.0, |&(_, fit)| gain(fit));
         let trailing = price.scope.settings.trailing_gain.max(price.scope.settings.trailing_share * most);
         best.retain(|(_, fit)| most - gain(fit) < trailing);
         let whole = best
             .into_par_iter()
             .map(|(k, fit)| {
                 let new = || whether_sound(problem, on_whole(problem, fit.clone(), &price.scope.off));
-                (k, known(&self.whole, k).unwrap_or_else(new))
+                (k, known(&self.whole, k).cloned().unwrap_or_else(new))
             })
             .collect();
         (heads, whole)
     }
+
+    /// Continues the best quick fits that have not yet reached their minimum, if the linear parameters are few.
+    fn further(&self, quick: &Problem, heads: Numbered<'a>, most: usize, price: &Price) -> Numbered<'a> {
+        if !quick.few() {
+            return heads;
+        }
+        let first: Vec<usize> = ranked(&heads, price).into_iter().take(most).map(|(k, _)| k).collect();
+        let continued = |(k, fit): (usize, Option<Fit<'a>>)| match fit {
+            Some(fit) if !fit.converged && first.contains(&k) && known(&self.quick, k).is_none() => {
+                let fit = quick.fit(&self.from.jacobian, &fit.eta, &fit.effects, quick.far(QUICK));
+                (k, whether_sound(quick, fit))
+            }
+            fit => (k, fit),
+        };
+        heads.into_par_iter().map(continued).collect()
+    }
+}
+
+/// Returns the fit of an entry, if there is one.
+fn known<'f, 'a>(fits: &'f Numbered<'a>, k: usize) -> Option<&'f Option<Fit<'a>>> {
+    fits.iter().find(|(n, _)| *n == k).map(|(_, fit)| fit)
+}
+
+/// Returns the fits with their numbers, the best first.
+fn ranked<'f, 'a>(fits: &'f Numbered<'a>, price: &Price) -> Vec<(usize, &'f Fit<'a>)> {
+    let mut best: Vec<(usize, &Fit<'a>)> = fits.iter().filter_map(|(k, fit)| Some((*k, fit.as_ref()?))).collect();
+    best.sort_by(|a, b| price.of(a.1).total_cmp(&price.of(b.1)));
+    best
+}
+
+/// Returns the fit if its cost is finite and its parameters still mean what the effects' names say.
+fn whether_sound<'a>(problem: &Problem, fit: Fit<'a>) -> Option<Fit<'a>> {
+    (fit.cost.is_finite() && fit.effects.iter().all(|placed| sound(problem, placed))).then_some(fit)
 }
 
 /// The price of parameters and choices, and the options of a stage.
@@ -292,7 +320,8 @@ impl<'a> Price<'_, 'a> {
 }
 
 /// A linear model from which a stage starts. Parameters far outside their prior are brought back, because they may be
-/// the trace of an effect.
+/// the trace of an effect. With an effect in place, few parameters are left where they are: accurate derivatives lead
+/// them back.
 struct Start<'a> {
     effects: Vec<Placed<'a>>,
     eta: Vec<f64>,
@@ -304,8 +333,8 @@ struct Start<'a> {
 
 impl<'a> Start<'a> {
     fn new(problem: &Problem, fit: &Fit<'a>, off: &[Step]) -> Self {
-        let within = if off.contains(&Step::Clipping) { None } else { clipped(problem, &fit.eta) };
-        let mut eta = within.unwrap_or_else(|| fit.eta.clone());
+        let stays = off.contains(&Step::Clipping) || problem.few() && !fit.effects.is_empty();
+        let mut eta = if stays { None } else { clipped(problem, &fit.eta) }.unwrap_or_else(|| fit.eta.clone());
         let plant = problem.nuisance.apply(&problem.plant, &eta);
         let jacobian = problem.jacobian(&plant);
         if problem.nuisance.len() > eta.len() {
@@ -364,8 +393,7 @@ fn on_whole<'a>(problem: &Problem, fit: Fit<'a>, off: &[Step]) -> Fit<'a> {
 pub(crate) fn polish<'a>(problem: &Problem, fit: Fit<'a>) -> Fit<'a> {
     let plant = problem.nuisance.apply(&problem.plant, &fit.eta);
     let jacobian = problem.jacobian(&plant);
-    let effort = if problem.strong { FAR } else { FINE };
-    let mut fit = problem.fit(&jacobian, &fit.eta, &fit.effects, effort);
+    let mut fit = problem.fit(&jacobian, &fit.eta, &fit.effects, problem.far(FINE));
     for placed in &mut fit.effects {
         let kinds = placed.effect.parameters(&problem.setting);
         for (value, parameter) in placed.parameters.iter_mut().zip(kinds) {

@@ -27,8 +27,8 @@ group! {
         least_window: usize = 64, "samples", 16.0..=1e9;
         /// Largest number of initial states of all windows together. The time of a fit grows with its square.
         window_states: usize = 240, "states", 1.0..=1e6;
-        /// Largest number of linear parameters for which a search uses windows. The fits then use the derivatives of
-        /// the simulation with its effects, which take a run for each parameter.
+        /// Largest number of linear parameters for which fits use the derivatives of the simulation with its effects,
+        /// which take a run for each parameter, and for which a search may use windows.
         strong_numbers: usize = 24, "parameters", 0.0..=1e6;
         /// Most effects in one explanation.
         most_effects: usize = 3, "effects", 1.0..=10.0;
@@ -51,6 +51,9 @@ group! {
         /// Share of the power above the noise that a further effect must explain. A true second effect explains nearly
         /// all of it, a wrong one a small part.
         further_share: f64 = 0.4, "1", 0.0..=1.0;
+        /// Residual power, over that of the assumed noise, below which that noise is overstated. A further effect must
+        /// then explain its share of all that is left.
+        overstated: f64 = 0.5, "1", 0.0..=1.0;
         /// Price of an effect: twice the logarithm of the number of entries of the library, which are equally likely
         /// before the data are seen.
         choice_price: f64 = 9.0, "2 ln L", 0.0..=1e9;
