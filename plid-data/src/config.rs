@@ -71,10 +71,27 @@ pub fn from_toml_checked<T: DeserializeOwned>(
 /// # Errors
 /// As [`read_checked`].
 pub fn from_toml<T: DeserializeOwned>(text: &str, name: &str) -> Result<T, ConfigError> {
-    toml::from_str(text).map_err(|error| {
+    let value = toml::from_str(text).map_err(|error| {
         let message = error.message().to_string();
         at(text, name, error.span().unwrap_or(0..0), message.clone(), suggestion(&message))
-    })
+    })?;
+    // TOML has words for NaN and infinity, and no key of a config can be one of them.
+    match toml::from_str::<toml::Table>(text).ok().and_then(|table| not_finite("", &toml::Value::Table(table))) {
+        Some((key, number)) => {
+            Err(at(text, name, find_key(text, &key), format!("{key}: {number} is not a finite number"), None))
+        }
+        None => Ok(value),
+    }
+}
+
+/// The first number that is not finite, and its key.
+fn not_finite(key: &str, value: &toml::Value) -> Option<(String, f64)> {
+    match value {
+        toml::Value::Float(number) => (!number.is_finite()).then(|| (key.to_owned(), *number)),
+        toml::Value::Array(items) => items.iter().find_map(|item| not_finite(key, item)),
+        toml::Value::Table(table) => table.iter().find_map(|(key, value)| not_finite(key, value)),
+        _ => None,
+    }
 }
 
 /// The document that reads back as `value`.
@@ -131,5 +148,26 @@ fn suggestion(message: &str) -> Option<String> {
         Some(format!("did you mean `{nearest}`?"))
     } else {
         Some(format!("it can be {}", known.join(", ")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::Deserialize;
+
+    /// A case with `start_s = nan` was accepted.
+    #[test]
+    fn a_number_that_is_not_finite_is_refused_with_its_line() {
+        #[derive(Debug, Deserialize)]
+        struct Config {
+            _list: Vec<f64>,
+            _inner: Option<Box<Config>>,
+        }
+        let read = |text: &str| from_toml::<Config>(text, "x.toml").map_err(|error| error.to_string());
+        assert!(read("_list = [1.0, 2.0]").is_ok());
+        assert_eq!(read("_list = [1.0, nan]").unwrap_err(), "x.toml, line 1: _list: NaN is not a finite number");
+        let error = read("_list = []\n[_inner]\n_list = [-inf]").unwrap_err();
+        assert!(error.ends_with("_list: -inf is not a finite number"), "{error}");
     }
 }
