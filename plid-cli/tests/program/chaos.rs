@@ -69,6 +69,22 @@ fn undisturbed(work: &Work) -> (Files, Duration) {
     (contents(directory.path(), work.results), began.elapsed())
 }
 
+/// Waits until a process that has outlived the command that started it removes its temporary folder.
+fn settle(folder: &Path) {
+    let began = Instant::now();
+    while std::fs::read_dir(folder).unwrap().any(|entry| is_temporary(&entry.unwrap().path())) {
+        assert!(began.elapsed() < Duration::from_secs(60), "{} holds something temporary", folder.display());
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+/// Whether an entry is temporary or contains something that is.
+fn is_temporary(path: &Path) -> bool {
+    let inside =
+        || std::fs::read_dir(path).is_ok_and(|mut entries| entries.any(|e| e.is_ok_and(|e| is_temporary(&e.path()))));
+    path.extension().is_some_and(|extension| extension == "plid-tmp") || inside()
+}
+
 /// Kills the work several times, and compares the results of each run that reaches its end.
 fn chaos(work: &Work) {
     let (expected, whole) = undisturbed(work);
@@ -87,6 +103,7 @@ fn chaos(work: &Work) {
             killed += 1;
         }
         wait(start(directory.path(), work), None);
+        work.results.iter().for_each(|folder| settle(&directory.path().join(folder)));
         ends += 1;
         let found = contents(directory.path(), work.results);
         let names = |files: &Files| files.keys().cloned().collect::<Vec<_>>();
