@@ -1,6 +1,5 @@
 //! Data tables in and out.
 
-use std::fmt::Write as _;
 use std::path::Path;
 
 use ndarray::Array2;
@@ -56,24 +55,6 @@ pub fn write_csv(path: &Path, names: &[String], values: &Array2<f64>) -> Result<
         let (path, name) = (path.display(), &names[column]);
         return Err(Failure::work(format!("{path}: `{name}` is {value} in row {}; nothing is written", row + 1)));
     }
-    let mut text = names.iter().map(|name| header(name)).collect::<Vec<_>>().join(",");
-    text.push('\n');
-    for row in values.rows() {
-        for (i, value) in row.iter().enumerate() {
-            if i > 0 {
-                text.push(',');
-            }
-            let _ = write!(text, "{value}");
-        }
-        text.push('\n');
-    }
+    let text = data::to_csv(names, values);
     write_atomic(path, text.as_bytes()).map_err(|error| Failure::file(path, &error))
-}
-
-/// A name that reads back as one: in quotes if it could pass for a number or for several cells.
-fn header(name: &str) -> String {
-    let is_plain = name.parse::<f64>().is_err()
-        && name.starts_with(|c: char| c.is_alphabetic())
-        && name.chars().all(|c| c.is_alphanumeric() || "_.-()[]/".contains(c));
-    if is_plain { name.to_string() } else { format!("\"{}\"", name.replace('"', "\"\"")) }
 }

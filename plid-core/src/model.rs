@@ -102,7 +102,7 @@ impl ObservableForm {
         if let Some(i) = indices.iter().position(|&n| n == 0) {
             return Err(StructureError::ZeroIndex(i + 1));
         }
-        let states: usize = indices.iter().sum();
+        let states = indices.iter().copied().fold(0, usize::saturating_add);
         if states > Self::MAX_STATES {
             return Err(StructureError::TooManyStates(states));
         }
@@ -209,5 +209,6 @@ mod tests {
         assert_eq!(ObservableForm::new(&[2], 0), Err(StructureError::NoInput));
         assert_eq!(ObservableForm::new(&[2, 0], 1), Err(StructureError::ZeroIndex(2)));
         assert_eq!(ObservableForm::new(&[129], 1), Err(StructureError::TooManyStates(129)));
+        assert_eq!(ObservableForm::new(&[usize::MAX, 3], 1), Err(StructureError::TooManyStates(usize::MAX)));
     }
 }

@@ -1,10 +1,13 @@
 //! Strict TOML: an unknown key is an error with its line and a suggestion.
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use miette::{Diagnostic, NamedSource, SourceSpan};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use toml::Spanned;
+use toml::de::{DeString, DeTable, DeValue};
 
 /// A config that cannot be used.
 #[derive(Debug, thiserror::Error, Diagnostic)]
@@ -71,10 +74,31 @@ pub fn from_toml_checked<T: DeserializeOwned>(
 /// # Errors
 /// As [`read_checked`].
 pub fn from_toml<T: DeserializeOwned>(text: &str, name: &str) -> Result<T, ConfigError> {
-    toml::from_str(text).map_err(|error| {
+    let value = toml::from_str(text).map_err(|error| {
         let message = error.message().to_string();
         at(text, name, error.span().unwrap_or(0..0), message.clone(), suggestion(&message))
-    })
+    })?;
+    // TOML has words for NaN and infinity, and no key of a config can be one of them.
+    match DeTable::parse(text).ok().and_then(|table| table.get_ref().iter().find_map(not_finite)) {
+        Some((key, span)) => {
+            let message = format!("{key}: {} is not a finite number", &text[span.clone()]);
+            Err(at(text, name, span, message, None))
+        }
+        None => Ok(value),
+    }
+}
+
+/// The first number of an entry that is not finite: its key and its place.
+fn not_finite((key, value): (&Spanned<DeString>, &Spanned<DeValue>)) -> Option<(String, Range<usize>)> {
+    match value.get_ref() {
+        DeValue::Float(number) => {
+            let is_finite = number.as_str().parse().is_ok_and(f64::is_finite);
+            (!is_finite).then(|| (key.get_ref().to_string(), value.span()))
+        }
+        DeValue::Array(items) => items.iter().find_map(|item| not_finite((key, item))),
+        DeValue::Table(table) => table.iter().find_map(not_finite),
+        _ => None,
+    }
 }
 
 /// The document that reads back as `value`.
@@ -85,7 +109,7 @@ pub fn to_toml<T: Serialize>(value: &T) -> String {
     toml::to_string_pretty(value).expect("configs are TOML by construction")
 }
 
-fn at(text: &str, name: &str, span: std::ops::Range<usize>, message: String, help: Option<String>) -> ConfigError {
+fn at(text: &str, name: &str, span: Range<usize>, message: String, help: Option<String>) -> ConfigError {
     let start = span.start.min(text.len());
     let line = 1 + text.as_bytes()[..start].iter().filter(|&&b| b == b'\n').count();
     ConfigError::At {
@@ -99,7 +123,7 @@ fn at(text: &str, name: &str, span: std::ops::Range<usize>, message: String, hel
 }
 
 /// Where a key is set, or its table begins; the document's start if it is only a default.
-fn find_key(text: &str, key: &str) -> std::ops::Range<usize> {
+fn find_key(text: &str, key: &str) -> Range<usize> {
     let mut offset = 0;
     for line in text.split_inclusive('\n') {
         let content = line.trim_start();
@@ -131,5 +155,29 @@ fn suggestion(message: &str) -> Option<String> {
         Some(format!("did you mean `{nearest}`?"))
     } else {
         Some(format!("it can be {}", known.join(", ")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::Deserialize;
+
+    /// A case with `start_s = nan` was accepted.
+    #[test]
+    fn a_number_that_is_not_finite_is_refused_with_its_line() {
+        #[derive(Debug, Deserialize)]
+        struct Config {
+            _list: Vec<f64>,
+            _inner: Option<Box<Config>>,
+        }
+        let read = |text: &str| from_toml::<Config>(text, "x.toml").map_err(|error| error.to_string());
+        assert!(read("_list = [1.0, 2.0]").is_ok());
+        assert_eq!(read("_list = [1.0, nan]").unwrap_err(), "x.toml, line 1: _list: nan is not a finite number");
+        // A number beyond the integers of TOML does not hide it.
+        let error = read("_list = [18446744073709551615, nan]").unwrap_err();
+        assert!(error.ends_with("nan is not a finite number"), "{error}");
+        let error = read("_list = []\n[_inner]\n_list = [-inf]").unwrap_err();
+        assert!(error.ends_with("_list: -inf is not a finite number"), "{error}");
     }
 }

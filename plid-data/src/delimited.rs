@@ -62,7 +62,9 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Content, DataError> {
     }
     let cells = rows.iter().map(|line| row(path, line, separator, &names)).collect::<Result<Vec<_>, _>>()?;
     check_widths(path, rows, &cells, names.len())?;
-    Ok(assemble(names, &cells, rows))
+    let content = assemble(names, &cells, rows);
+    // Each column may have turned out to be a scalar.
+    if content.names.is_empty() { Err(DataError::NoSamples { file: path.into() }) } else { Ok(content) }
 }
 
 /// A remark begins with `#`; a row whose first cell is an error of a spreadsheet (`#N/A`, `#DIV/0!`, `#VALUE!`) does
@@ -315,6 +317,8 @@ mod tests {
     fn nothing_to_read_is_said() {
         assert!(matches!(parse(" \n# only a remark\n"), Err(DataError::Empty { .. })));
         assert!(matches!(parse("u,y\n"), Err(DataError::NoSamples { .. })));
+        // A column with a value in its first row only is a scalar.
+        assert!(matches!(parse("0,\n,"), Err(DataError::NoSamples { .. })));
         assert!(matches!(parse("a\0b"), Err(DataError::Malformed { .. })));
     }
 

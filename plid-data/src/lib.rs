@@ -27,6 +27,7 @@ mod rate;
 mod record;
 mod select;
 mod table;
+mod to_csv;
 mod variables;
 mod warning;
 
@@ -35,7 +36,8 @@ pub use error::{DataError, nearest};
 pub use rate::sample_rate;
 pub use record::{Record, require_alike};
 pub use select::{MissingPolicy, channels, extract, select, select_all};
-pub use table::{Table, read};
+pub use table::{Table, read, read_bytes};
+pub use to_csv::to_csv;
 pub use warning::Warning;
 
 #[cfg(test)]

@@ -23,6 +23,7 @@ type Array = Result<ArrayD<f64>, &'static str>;
 pub(super) fn read_npz(path: &Path, bytes: &[u8], variable: Option<&str>) -> Result<Content, DataError> {
     let malformed = |what: String| DataError::Malformed { file: path.into(), what };
     let unreadable = |e: zip::result::ZipError| malformed(format!("not a readable .npz archive: {e}"));
+    require_directory(bytes).map_err(malformed)?;
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(unreadable)?;
     let mut variables = Vec::new();
     for index in 0..archive.len() {
@@ -40,6 +41,26 @@ pub(super) fn read_npz(path: &Path, bytes: &[u8], variable: Option<&str>) -> Res
         });
     }
     assemble(path, &variables, variable)
+}
+
+/// Checks that the file is long enough for as many entries as its directory announces, because `zip` allocates them
+/// first. The end of the file states twice how many there are, in 16 bits or, for a large archive, in 64.
+fn require_directory(bytes: &[u8]) -> Result<(), String> {
+    /// Bytes of an entry without its name.
+    const ENTRY: u64 = 46;
+    for (at, rest) in (0..bytes.len()).map(|at| (at as u64, &bytes[at..])).filter(|(_, rest)| rest.starts_with(b"PK")) {
+        let counts = match rest.get(2..4) {
+            Some([5, 6]) => rest.get(8..12).map(|counts| [&counts[..2], &counts[2..]]),
+            Some([6, 6]) => rest.get(24..40).map(|counts| [&counts[..8], &counts[8..]]),
+            _ => None,
+        };
+        let number = |count: &[u8]| count.iter().rev().fold(0, |number, &byte| number << 8 | u64::from(byte));
+        let entries = counts.map_or(0, |counts| counts.map(number).into_iter().fold(0, u64::max));
+        if entries.saturating_mul(ENTRY) > at {
+            return Err(format!("not a readable .npz archive: {entries} arrays are announced in {at} bytes"));
+        }
+    }
+    Ok(())
 }
 
 /// Reads a single array; its columns are numbered.
@@ -194,6 +215,23 @@ mod tests {
             assert!(matches!(parse(broken, None), Err(DataError::Malformed { .. })));
         }
         assert!(matches!(read_npy(Path::new("x.npy"), b"\x93NUMPY\x01\x00"), Err(DataError::Malformed { .. })));
+    }
+
+    /// The first made the reader allocate 13 MB for 22 bytes.
+    #[test]
+    fn a_directory_is_checked_against_the_bytes_of_the_file() {
+        let ends = |first: u16, second: u16| {
+            let counts = [first, second].map(u16::to_le_bytes).concat();
+            [&b"PK\x05\x06\0\0\0\0"[..], &counts, &[0; 10]].concat()
+        };
+        let announced = |bytes: &[u8]| parse(bytes, None).err().unwrap().to_string().contains("arrays are announced");
+        assert!(announced(&ends(60_928, 0)) && announced(&ends(0, 60_928)));
+        let counts = [1_u64 << 40, 1 << 40, 0, 1 << 42].map(u64::to_le_bytes).concat();
+        let large = [&b"PK\x06\x06"[..], &44_u64.to_le_bytes(), &[45, 0, 45, 0], &[0; 8], &counts].concat();
+        let locator = [&b"PK\x06\x07"[..], &[0; 12], &1_u32.to_le_bytes()].concat();
+        assert!(announced(&[&large[..], &locator, &ends(0, 0)].concat()));
+        // The file ends within a mark.
+        assert!(parse(b"PK\x03\x04 PK", None).is_err());
     }
 
     fn npy(header: &str, data: &[u8]) -> Vec<u8> {

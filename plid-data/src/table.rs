@@ -40,17 +40,25 @@ pub(super) struct Content {
 /// Returns a [`DataError`] with the file and, for text, line and column.
 pub fn read(path: &Path, variable: Option<&str>) -> Result<Table, DataError> {
     let bytes = std::fs::read(path).map_err(|source| DataError::Io { file: path.into(), source })?;
+    read_bytes(path, &bytes, variable)
+}
+
+/// Reads the bytes of a data file. `path` names the file in messages, and its extension counts as in [`read`].
+///
+/// # Errors
+/// As [`read`].
+pub fn read_bytes(path: &Path, bytes: &[u8], variable: Option<&str>) -> Result<Table, DataError> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     let content = if bytes.is_empty() {
         Err(DataError::Empty { file: path.into() })
     } else if bytes.starts_with(b"PK\x03\x04") || extension == "npz" {
-        numpy::read_npz(path, &bytes, variable)
+        numpy::read_npz(path, bytes, variable)
     } else if bytes.starts_with(b"\x93NUMPY") || extension == "npy" {
-        numpy::read_npy(path, &bytes)
+        numpy::read_npy(path, bytes)
     } else if bytes.starts_with(b"MATLAB") || extension == "mat" {
-        mat::read(path, &bytes, variable)
+        mat::read(path, bytes, variable)
     } else {
-        delimited::read(path, &bytes)
+        delimited::read(path, bytes)
     }?;
     let mut seen = HashSet::new();
     if let Some(name) = content.names.iter().find(|name| !seen.insert(*name)) {
@@ -61,7 +69,7 @@ pub fn read(path: &Path, variable: Option<&str>) -> Result<Table, DataError> {
         names: content.names,
         columns: content.columns,
         scalars: content.scalars,
-        sha256: plid_file::sha256(&bytes),
+        sha256: plid_file::sha256(bytes),
         lines: content.lines,
         notes: content.notes,
     })

@@ -1,12 +1,14 @@
 //! How plid writes files.
 //!
 //! - [`write_atomic`] writes a file whole or not at all.
+//! - [`write_folder`] does the same for a new folder.
 //! - [`Staged`] does the same for several files that belong together in one folder.
 //! - [`to_json`] refuses a number that is not finite, because JSON has none.
 //! - [`file_name`] turns any name into one that stays in its folder.
 //! - With the feature `hash`, `sha256` identifies files by their content.
 
 mod atomic;
+mod folder;
 #[cfg(feature = "hash")]
 mod hash;
 mod leftover;
@@ -15,6 +17,7 @@ mod staged;
 mod strict;
 
 pub use atomic::write_atomic;
+pub use folder::write_folder;
 #[cfg(feature = "hash")]
 pub use hash::{digest, executable_sha256, hex, sha256};
 pub use name::file_name;

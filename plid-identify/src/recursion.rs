@@ -85,8 +85,12 @@ pub fn run(
         records.iter().map(|record| Array2::from_elem((record.len(), p), f64::NAN)).collect();
     let stretches = plan.passes * records.len();
     let (mut stretch, mut first) = (0, 0);
+    let length = |stretch: usize| records[stretch % records.len()].len();
     let mut recursion = build(plan, None)?;
     if let Some(paused) = paused {
+        if paused.stretch >= stretches || paused.checkpoint.step() > length(paused.stretch) as u64 {
+            return Err(VariantError::from(IdentifierError::Checkpoint("its place is beyond the records")).into());
+        }
         recursion.restore(&paused.checkpoint).map_err(VariantError::from)?;
         (stretch, first) = (paused.stretch, paused.checkpoint.step() as usize);
         for (array, saved) in innovations.iter_mut().zip(&paused.innovations) {
@@ -95,7 +99,6 @@ pub fn run(
             }
         }
     }
-    let length = |stretch: usize| records[stretch % records.len()].len();
     let mut done = (0..stretch).map(length).sum::<usize>() + first;
     let (mut z, mut u) = (vec![0.0; p], vec![0.0; plan.form.inputs()]);
     while stretch < stretches {
@@ -156,6 +159,29 @@ pub fn run_or_factor(
 mod tests {
     use super::*;
     use plid_catalogue::ScalarName;
+
+    /// The sum of the records before the place did not end.
+    #[test]
+    fn a_checkpoint_beyond_the_records_is_refused() {
+        let form = ObservableForm::new(&[1], 1).unwrap();
+        let inputs = Array2::from_shape_fn((8, 1), |(k, _)| (k % 3) as f64);
+        let records = [Samples { inputs: inputs.view(), outputs: inputs.view(), nan_is_missing: false }];
+        let plan = Plan {
+            noise: NoiseModel::diagonal(&[1e-2], &[1e-2], &[1e-2]),
+            settings: Settings::new(&form, 1.0, 1.0),
+            form,
+            variant: Variant::default(),
+            passes: 2,
+        };
+        let Ok(Ending::Paused(paused)) = run(&plan, &records, None, &mut |done, _| done < 11) else { panic!() };
+        assert_eq!((paused.stretch, paused.checkpoint.step()), (1, 3));
+        let resumed =
+            |stretch: usize| run(&plan, &records, Some(&Paused { stretch, ..*paused.clone() }), &mut |_, _| true);
+        assert!(matches!(resumed(1), Ok(Ending::Done(_))));
+        for beyond in [2, usize::MAX] {
+            assert!(resumed(beyond).unwrap_err().to_string().contains("beyond the records"));
+        }
+    }
 
     #[test]
     fn a_form_that_is_lost_gives_way_to_bierman_ud() {

@@ -1,9 +1,7 @@
 use nalgebra::{Complex, DMatrix, DVector};
 
 use super::error::ModelError;
-
-/// Matrices with larger entries are not balanced, because squares would overflow.
-const BALANCE_LIMIT: f64 = 1e100;
+use super::state_space::LARGEST;
 
 /// Eigenvalues with right and left eigenvectors, normalised so that l_k . r_k = 1.
 pub(super) struct Eigen {
@@ -14,11 +12,11 @@ pub(super) struct Eigen {
     pub left: Option<DMatrix<Complex<f64>>>,
 }
 
-/// Balances A: returns D^{-1} A D, whose rows and columns have similar norms, and the diagonal of D. Canonical forms
+/// Balances A, unless its entries are too large: returns D^{-1} A D, whose rows and columns have similar norms, and the diagonal of D. Canonical forms
 /// are badly balanced.
 pub(super) fn balance(a: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
     let mut balanced = a.clone();
-    if a.amax() > BALANCE_LIMIT {
+    if a.amax() > LARGEST {
         return (balanced, DVector::from_element(a.nrows(), 1.0));
     }
     let scale = nalgebra::linalg::balancing::balance_parlett_reinsch(&mut balanced);

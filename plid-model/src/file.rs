@@ -136,6 +136,8 @@ mod tests {
         let shape = |expected, found| KeyProblem::Shape { expected, found };
         assert_eq!(with("A", Value::Null), ("A".into(), KeyProblem::Missing));
         assert_eq!(with("A", json!([])).0, "A");
+        // Balancing would not end.
+        assert_eq!(with("A", json!([[0, 1, 0], [0, 1e300, 1], [-1, 0, 0]])).0, "A");
         assert_eq!(with("B", json!([[1, 2]])), ("B".into(), shape((3, 2), (1, 2))));
         assert_eq!(with("B", json!([[1, 2], [1], [1, 2]])), ("B[1]".into(), shape((1, 2), (1, 1))));
         assert_eq!(with("C", json!([[1, 2, null], [1, 2, 3]])).0, "C[0][2]");
@@ -147,6 +149,7 @@ mod tests {
         assert_eq!(with(indices, json!([1, 1])).0, indices);
         assert_eq!(with(indices, json!([3, 0])).0, indices);
         assert_eq!(with(indices, json!([1.5, 1.5])).0, indices);
+        assert_eq!(with(indices, json!([u64::MAX, 1])).0, indices);
         assert_eq!(with("sample_rate_hz", json!(0)).0, "sample_rate_hz");
         assert_eq!(with("inputs", json!(["a", "a"])).0, "inputs");
         assert_eq!(with("outputs", json!(["a", 3])).0, "outputs[1]");

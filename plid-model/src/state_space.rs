@@ -3,6 +3,9 @@ use serde_json::{Map, Value};
 
 use super::error::{KeyProblem, ModelError};
 
+/// Largest entry of A. Balancing does not end where squares overflow.
+pub(super) const LARGEST: f64 = 1e100;
+
 /// Standard deviations of the measurement noise, in the channels' units.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Noise {
@@ -181,7 +184,7 @@ impl Model {
         }
         names_problem("inputs", &self.inputs)
             .or_else(|| names_problem("outputs", &self.outputs))
-            .or_else(|| matrix_problem("A", &self.a, (n.max(1), n.max(1))))
+            .or_else(|| dynamics_problem("A", &self.a, n.max(1)))
             .or_else(|| matrix_problem("B", &self.b, (n, m)))
             .or_else(|| matrix_problem("C", &self.c, (p, n)))
             .or_else(|| matrix_problem("D", &self.d, (p, m)))
@@ -199,7 +202,7 @@ impl Model {
             })
             .or_else(|| {
                 let continuous = self.continuous.as_ref()?;
-                matrix_problem("continuous.A", &continuous.a, (n, n))
+                dynamics_problem("continuous.A", &continuous.a, n)
                     .or_else(|| matrix_problem("continuous.B", &continuous.b, (n, m)))
             })
             .or_else(|| self.ports.iter().enumerate().find_map(|(i, port)| self.port_problem(i, port)))
@@ -211,8 +214,8 @@ impl Model {
         if indices.len() != self.p() {
             return Some((key, wrong_shape((self.p(), 1), (indices.len(), 1))));
         }
-        let sum: usize = indices.iter().sum();
-        if indices.contains(&0) || sum != self.n() {
+        let sum = indices.iter().try_fold(0_usize, |sum, &index| sum.checked_add(index));
+        if indices.contains(&0) || sum != Some(self.n()) {
             let expected = "p positive integers whose sum is the number of states";
             return Some((key, KeyProblem::Kind { expected }));
         }
@@ -246,6 +249,15 @@ impl Model {
                 (!self.inputs.contains(&name)).then(|| (key("input"), problem))
             })
     }
+}
+
+/// Checks a matrix of which eigenvalues are computed.
+fn dynamics_problem(key: &str, matrix: &DMatrix<f64>, n: usize) -> Option<(String, KeyProblem)> {
+    matrix_problem(key, matrix, (n, n)).or_else(|| {
+        let value = matrix.amax();
+        let expected = "at most 1e100 in every entry, because squares of larger ones overflow";
+        (value > LARGEST).then(|| (key.to_string(), KeyProblem::Range { value, expected }))
+    })
 }
 
 /// A key's error.

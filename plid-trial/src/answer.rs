@@ -1,8 +1,9 @@
 //! The answer to a case on disk: its files, and answer.json with their hashes.
 
-use plid_file::sha256;
+use plid_file::{sha256, write_folder};
 use std::collections::BTreeMap;
 use std::fs;
+use std::io::ErrorKind;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
@@ -75,31 +76,33 @@ pub(crate) struct Seconds {
     pub seconds: f64,
 }
 
-/// Writes an answer atomically: into a temporary folder, which is then renamed.
+/// Writes an answer whole or not at all. Another process may have given the same answer in the meantime, such as a task
+/// of a cluster that was believed to be dead.
 pub(crate) fn write(
     answers: &Path,
     case: &str,
     answer: Result<Answer, String>,
     seconds: f64,
 ) -> Result<(), TrialError> {
-    let beside = answers.join(format!(".{case}.part"));
-    if beside.exists() {
-        fs::remove_dir_all(&beside).map_err(TrialError::file(&beside))?;
-    }
-    files::make(&beside)?;
     let (failed, content) = match answer {
         Ok(content) => (None, content),
         Err(reason) => (Some(reason), Answer::new()),
     };
-    for (name, bytes) in &content {
-        files::write(&beside.join(name), bytes)?;
-    }
     let hashes = content.iter().map(|(name, bytes)| ((*name).to_owned(), sha256(bytes))).collect();
     let answered = Answered { case: case.to_owned(), failed, program: Program::this()?, files: hashes };
-    files::write_json(&beside.join(SECONDS), &Seconds { seconds })?;
-    files::write_json(&beside.join(ANSWER), &answered)?;
     let place = answers.join(case);
-    fs::rename(&beside, &place).map_err(TrialError::file(place))
+    let own = [
+        (SECONDS, files::json(&place.join(SECONDS), &Seconds { seconds })?),
+        (ANSWER, files::json(&place.join(ANSWER), &answered)?),
+    ];
+    let all = content.iter().chain(own.iter().map(|(name, bytes)| (name, bytes)));
+    match write_folder(&place, all.map(|(name, bytes)| (*name, bytes.as_slice()))) {
+        Err(error) if error.kind() == ErrorKind::AlreadyExists => match read(answers, case)? {
+            Some((theirs, _)) if theirs == answered => Ok(()),
+            _ => Err(TrialError::Changed { case: case.to_owned(), since: "another process gave it" }),
+        },
+        written => written.map_err(TrialError::file(place)),
+    }
 }
 
 /// Reads answer.json of a case and its hash, and checks the hashes of its files; `None` if the case has no answer.
@@ -157,9 +160,9 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let at = directory.path();
         assert_eq!(read(at, "case-1").unwrap(), None);
-        // What a crash left is written over.
-        fs::create_dir(at.join(".case-1.part")).unwrap();
-        fs::write(at.join(".case-1.part/half"), "x").unwrap();
+        // What a crash left is removed.
+        fs::create_dir(at.join(".case-1.x.plid-tmp")).unwrap();
+        fs::write(at.join(".case-1.x.plid-tmp/half"), "x").unwrap();
         write(at, "case-1", Ok(Answer::from([("a.json", b"1".to_vec())])), 2.0).unwrap();
         let (answered, _) = read(at, "case-1").unwrap().unwrap();
         assert_eq!(answered.files["a.json"], sha256(b"1"));
@@ -167,6 +170,15 @@ mod tests {
         assert_eq!(seconds(at, "case-1").unwrap(), 2.0);
         write(at, "case-2", Err("no".to_owned()), 0.0).unwrap();
         assert_eq!(read(at, "case-2").unwrap().unwrap().0.failed.as_deref(), Some("no"));
+    }
+
+    #[test]
+    fn an_answer_may_be_given_twice_if_it_is_the_same() {
+        let directory = tempfile::tempdir().unwrap();
+        let give = |content: &[u8]| write(directory.path(), "case-1", Ok([("a.json", content.to_vec())].into()), 1.0);
+        give(b"1").unwrap();
+        give(b"1").unwrap();
+        assert!(give(b"2").unwrap_err().to_string().contains("since another process gave it"));
     }
 
     #[test]

@@ -110,6 +110,9 @@ impl Span {
     }
 }
 
+/// Largest number of cases of a trial.
+const MOST: usize = 1_000_000;
+
 /// The built-in trial of `--quick`.
 const QUICK: &str = include_str!("../../experiments/trials/quick.toml");
 
@@ -166,8 +169,10 @@ impl TrialConfig {
         if (1..effects.len()).any(|i| effects[..i].contains(&effects[i])) {
             problems.push(("effects", "an entry occurs twice".to_owned()));
         }
-        if self.total() == 0 {
-            problems.push(("cases", "no case is asked for".to_owned()));
+        match self.total() {
+            0 => problems.push(("cases", "no case is asked for".to_owned())),
+            1..=MOST => {}
+            total => problems.push(("cases", format!("{total} cases are asked for, but at most {MOST} are possible"))),
         }
         for (key, count, wanted) in [("pairs", self.cases.pairs, 2), ("triples", self.cases.triples, 3)] {
             if count > 0 && effects.len() < wanted {
@@ -233,7 +238,8 @@ impl TrialConfig {
     /// Returns the number of cases.
     pub fn total(&self) -> usize {
         let Cases { none, singles_per_effect, pairs, triples, outsiders, leave_one_out, singles } = self.cases;
-        none + singles_per_effect * self.effects().len() + pairs + triples + outsiders + leave_one_out + singles
+        let per_effect = singles_per_effect.saturating_mul(self.effects().len());
+        [none, per_effect, pairs, triples, outsiders, leave_one_out, singles].into_iter().fold(0, usize::saturating_add)
     }
 }
 
@@ -262,6 +268,7 @@ mod tests {
             ("[draw]\neffects = [\"clearance\", \"clearance\"]\n", "twice"),
             ("pairs = 2\n[draw]\neffects = [\"clearance\"]\n", "line 4: pairs: they need 2"),
             ("seed = 3\n", "unknown field `seed`"),
+            ("singles_per_effect = 923372036854775807\n", "line 2: cases: 18446744073709551615 cases are asked for"),
         ] {
             let error = read(&format!("{start}{rest}")).unwrap_err();
             assert!(error.contains(said), "{error}");

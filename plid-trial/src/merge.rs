@@ -1,6 +1,6 @@
 //! Merges shards, each of which must be present exactly once.
 
-use plid_file::sha256;
+use plid_file::{sha256, write_folder};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -101,16 +101,13 @@ fn list(directory: &Path) -> Result<Vec<PathBuf>, TrialError> {
 
 /// Copies a folder of plain files, whole.
 fn copy(from: &Path, answers: &Path, case: &str) -> Result<(), TrialError> {
-    let beside = answers.join(format!(".{case}.part"));
-    if beside.exists() {
-        fs::remove_dir_all(&beside).map_err(TrialError::file(&beside))?;
-    }
-    files::make(&beside)?;
+    let mut content = Vec::new();
     for entry in fs::read_dir(from).map_err(TrialError::file(from))? {
         let path = entry.map_err(TrialError::file(from))?.path();
-        let Some(name) = path.file_name() else { continue };
-        fs::copy(&path, beside.join(name)).map_err(TrialError::file(&path))?;
+        let Some(name) = path.file_name().and_then(|name| name.to_str()) else { continue };
+        content.push((name.to_owned(), files::read(&path)?));
     }
     let place = answers.join(case);
-    fs::rename(&beside, &place).map_err(TrialError::file(place))
+    let written = write_folder(&place, content.iter().map(|(name, bytes)| (name.as_str(), bytes.as_slice())));
+    written.map_err(TrialError::file(place))
 }

@@ -184,7 +184,7 @@ fn standard_output_may_be_closed_or_full() {
 }
 
 /// A record of the model with a small error added to y.
-fn record(samples: usize, error: f64) -> String {
+pub fn record(samples: usize, error: f64) -> String {
     let mut content = String::from("Time,u,y\n");
     let (mut x, mut seed) = (0.0, 1u64);
     for k in 0..samples {

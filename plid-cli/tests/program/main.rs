@@ -1,5 +1,7 @@
 //! The program, started as a user starts it. One binary for all of its tests is linked once.
 
+#[cfg(unix)]
+mod chaos;
 mod cli;
 mod common;
 mod documented;

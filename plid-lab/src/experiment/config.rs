@@ -414,7 +414,7 @@ impl Experiment {
             problems.push(("structure", "give `states`, `indices` or orders to `scan`".into()));
         }
         if let (IndicesChoice::Given(indices), Some(states)) = (&structure.indices, structure.states) {
-            let sum: usize = indices.iter().sum();
+            let sum = indices.iter().copied().fold(0, usize::saturating_add);
             if sum != states {
                 problems.push(("indices", format!("they add up to {sum}, but `states` is {states}")));
             }

@@ -353,7 +353,7 @@ fn what_was_done_before_an_interruption_is_not_done_again() {
     let answers = trial.t().join("answers");
     assert_eq!(fs::read_dir(&answers).unwrap().count(), 3);
     // A crash left half an answer.
-    fs::create_dir(answers.join(".case-004.part")).unwrap();
+    fs::create_dir(answers.join(".case-004.x.plid-tmp")).unwrap();
     let done = diagnose_with(&trial.t(), options, &made_up, &Silent).unwrap();
     assert_eq!((done.cases, done.before), (5, 3));
     assert_eq!(done.failed, ["case-002", "case-004"]);

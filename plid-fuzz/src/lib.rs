@@ -1,0 +1,24 @@
+//! Mutated inputs for everything that reads a file or a message.
+//!
+//! A [`Target`] is a function that reads bytes. [`run`] gives it the files of its corpus, and then mutations of them.
+//! It fails if the function panics, takes too long, or allocates more than the size of its input allows. The function
+//! itself checks that whatever it accepts is written and read back the same.
+//!
+//! The function returns a few words on what became of its input. An input with words that are new joins the inputs that
+//! are mutated, so that mutations reach deeper than one fault. This takes the place of a measured coverage, which would
+//! need a nightly compiler.
+//!
+//! A run is deterministic: it makes a fixed number of executions from a fixed seed. Environment variables change that:
+//!
+//! | variable | meaning |
+//! |---|---|
+//! | `PLID_FUZZ_SECONDS` | time for each target, in place of the fixed number |
+//! | `PLID_FUZZ_SEED` | seed; default 1 |
+//! | `PLID_FUZZ_TRACE` | a file that holds each input before it is read, for faults that end the process |
+
+mod finding;
+mod mutate;
+mod run;
+mod watch;
+
+pub use run::{Target, run};

@@ -1,0 +1,33 @@
+//! The configs of studies, and the files of times that `plid bench speed` compares with.
+
+use plid_bench::{expectations, speed, stability};
+
+use crate::{configs::read, fuzz, with_folder, words};
+
+#[test]
+fn speed_config() {
+    fuzz("speed-config", 2000, 5000, |bytes| read(bytes, speed::Config::problems));
+}
+
+#[test]
+fn stability_config() {
+    fuzz("stability-config", 2000, 5000, |bytes| read(bytes, stability::Config::problems));
+}
+
+#[test]
+fn expectations_config() {
+    fuzz("expectations-config", 2000, 5000, |bytes| read(bytes, expectations::Config::problems));
+}
+
+#[test]
+fn peers() {
+    fuzz("peers", 1000, 5000, |bytes| {
+        with_folder(|folder| {
+            let file = folder.join("peers.json");
+            std::fs::write(&file, bytes).unwrap();
+            words(speed::peers::read(&file).map(|peers| {
+                let _ = peers.fastest(64, true);
+            }))
+        })
+    });
+}

@@ -1,0 +1,57 @@
+//! sim-with-effect.json, which is read for a prediction, and diagnosis.json.
+
+use std::path::Path;
+
+use plid_gap::answer::predict::Predictor;
+use plid_gap::answer::schema::{Diagnosis, SimulationWithEffects};
+use plid_gap::effects::Library;
+
+use crate::{fuzz, require_same, words};
+
+/// Samples that are predicted.
+const SAMPLES: usize = 24;
+
+/// Number of inputs of a file that is predicted, so that an execution stays short.
+const INPUTS: usize = 4;
+
+/// What such a file says at its most is a delay of a million samples.
+#[test]
+fn simulation_with_effects() {
+    fuzz("sim-with-effect", 100_000, 2000, |bytes| {
+        let written: SimulationWithEffects = match serde_json::from_slice(bytes) {
+            Ok(written) => written,
+            Err(error) => return error.to_string(),
+        };
+        let text = serde_json::to_string(&written).unwrap();
+        require_same(&written, &text, serde_json::from_str(&text));
+        let library = Library::standard();
+        let predictor = match Predictor::new(written, &library, Path::new("x.json")) {
+            Ok(predictor) => predictor,
+            Err(error) => return error.to_string(),
+        };
+        if predictor.model.inputs.len() > INPUTS {
+            return "many inputs".into();
+        }
+        let u: Vec<f64> = (0..SAMPLES).map(|k| if k % 5 < 2 { 1.0 } else { -0.5 }).collect();
+        let predicted = predictor.predict(&vec![u; predictor.model.inputs.len()], predictor.t0);
+        if let Ok(prediction) = &predicted {
+            assert!(prediction.outputs.iter().flatten().all(|y| y.is_finite()), "an output that is not finite");
+            let gap = predictor.expected_gap(prediction, &prediction.outputs);
+            assert!(gap.is_none_or(f64::is_finite));
+        }
+        words(predicted)
+    });
+}
+
+#[test]
+fn diagnosis() {
+    fuzz("diagnosis", 1000, 5000, |bytes| {
+        let read = serde_json::from_slice::<Diagnosis>(bytes);
+        if let Ok(diagnosis) = &read {
+            let _ = diagnosis.text();
+            let text = serde_json::to_string(diagnosis).unwrap();
+            require_same(diagnosis, &text, serde_json::from_str(&text));
+        }
+        words(read)
+    });
+}
