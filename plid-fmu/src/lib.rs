@@ -24,8 +24,6 @@
 //! The outputs of a step are read after its inputs are set and before it is taken. All unsafe code is in one module,
 //! `native`.
 
-#![warn(clippy::too_many_lines)]
-
 mod description;
 mod error;
 mod fmu;
