@@ -61,8 +61,8 @@ fn cost(variances: &[f64]) -> f64 {
     variances.iter().sum::<f64>().max(f64::MIN_POSITIVE).ln()
 }
 
-/// Descends over the logarithms of the ratio and of the `p` entries of R. Returns the best point and its score, which is
-/// infinite if no point has a bounded predictor.
+/// Descends over the logarithms of the ratio and of the `p` entries of R. Returns the best point and its score, which
+/// is infinite if no point has a bounded predictor.
 fn descend(p: usize, score: impl Fn(&[f64]) -> f64) -> (Vec<f64>, f64) {
     let mut logs = vec![0.0; p + 1];
     let mut best = f64::INFINITY;

@@ -112,8 +112,8 @@ pub fn welch_frf(
 }
 
 impl WelchFrf {
-    /// Fills one line from its joint density matrix ((m + p) x (m + p), inputs first), S_uu^{-1} (m x m), and the number
-    /// of averages less that of the inputs.
+    /// Fills one line from its joint density matrix ((m + p) x (m + p), inputs first), S_uu^{-1} (m x m), and the
+    /// number of averages less that of the inputs.
     fn fill_line(&mut self, line: usize, density: ArrayView2<Complex64>, inverse: &DMatrix<Complex64>, freedom: f64) {
         let (p, m) = (self.output_density.ncols(), self.input_density.ncols());
         for i in 0..p {
