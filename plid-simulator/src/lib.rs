@@ -14,7 +14,7 @@
 //!
 //! [`Checked`] wraps any of them: it checks what comes back, names the call that failed, counts calls and time, and
 //! runs instances side by side.
-//! [`check()`] tells what a simulator does not honour. [`serve()`] makes a simulator one for another program.
+//! [`check()`] reports which rules a simulator violates. [`serve()`] makes a simulator one for another program.
 //!
 //! ```
 //! use plid_simulator::{Checked, Description, Function, Input, Output};

@@ -16,12 +16,12 @@ pub(super) struct Answers {
     pipe: ChildStdout,
     /// Whether reading from the pipe does not block.
     nonblocking: bool,
-    /// Learns of every part of an answer.
+    /// Is notified of every part of an answer.
     watch: Arc<Watch>,
 }
 
 impl Answers {
-    /// Takes a pipe.
+    /// Wraps a pipe.
     pub fn new(pipe: ChildStdout, watch: Arc<Watch>) -> Self {
         let nonblocking = set_nonblocking(&pipe);
         Self { pipe, nonblocking, watch }

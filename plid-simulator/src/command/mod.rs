@@ -1,6 +1,6 @@
 //! A simulator that is another program, over its standard input and output.
 //!
-//! The program says what it has in one line of JSON, the [`Description`] with `"protocol": 1`. Then it answers requests
+//! The program first writes its [`Description`] with `"protocol": 1` as one line of JSON. Then it answers requests
 //! until its standard input ends (docs/simulator-protocol.md):
 //!
 //! - `{"run": {"parameters": [..], "samples": N}}`, a newline and N times the m inputs; the answer is `{"ok": true}`, a
@@ -12,7 +12,7 @@
 //! - The byte `s`, the m inputs and the force at each port, for one step; the answer is the byte `s`, the p outputs,
 //!   and displacement and velocity of each port.
 //!
-//! Numbers are binary, eight bytes each, little endian. Instead of its description and of any answer the program may
+//! Numbers are binary, eight bytes each, little endian. Instead of its description or an answer, the program may
 //! write `{"error": "why"}` and a newline. Its standard error is kept, and its end is part of every message of a
 //! failure. [`serve()`] is the other side.
 
