@@ -47,7 +47,7 @@ folder = Path(tempfile.mkdtemp())
 (folder / "stage.py").write_text(STAGE)
 FmuBuilder.build_FMU(folder / "stage.py", dest=folder)
 
-# %% Open it: what may be wrong, and where a force may act.
+# %% Open it, and name the parameters that may be wrong and the place where a force may act.
 # ANCHOR: open
 port = gap.FmuPort("guide", force="force", displacement="position", velocity="velocity")
 simulator = gap.from_fmu(
