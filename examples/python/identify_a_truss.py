@@ -3,7 +3,7 @@
     pip install ./python matplotlib
     python examples/python/identify_a_truss.py truss.png
 
-A chain of four masses stands for the truss. It is shaken at both ends, and a sensor at each end shows the velocity.
+A chain of four masses represents the truss. It is shaken at both ends, and a sensor at each end shows the velocity.
 """
 
 import sys

@@ -167,7 +167,7 @@ class Simulator:
     def restore(self, slot: int) -> Array:
         """Return to the state in a slot, and return displacement and velocity of each port, shape (ports, 2)."""
         if slot not in self._kept:
-            raise KeyError(f"no state is kept in slot {slot}")
+            raise KeyError(f"slot {slot} holds no state")
         return self._motions(self._simulator.restore(self._kept[slot]))
 
     def step(self, u: Array, forces: Array) -> Any:

@@ -1,4 +1,4 @@
-//! The end of a pipe at which answers arrive.
+//! The reading end of a program's standard output.
 
 use std::io::{self, Read};
 use std::process::ChildStdout;
@@ -59,7 +59,7 @@ impl Read for Answers {
     }
 }
 
-/// Makes reads non-blocking; returns whether that worked. Only this end of the pipe changes.
+/// Makes reads non-blocking, and returns whether this succeeded. Only this end of the pipe changes.
 #[cfg(unix)]
 fn set_nonblocking(pipe: &ChildStdout) -> bool {
     use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
