@@ -80,7 +80,7 @@ struct Decorrelated<S> {
 }
 
 impl<S: Scalar> Decorrelated<S> {
-    /// Of the joint covariance of eta = [w; v; xi] with p, m and n entries.
+    /// Computes them from the joint covariance of eta = [w; v; xi], which have p, m and n entries.
     fn of(joint: &Mat<f64>, (p, m, n): (usize, usize, usize), there: &[usize]) -> Self {
         let k = there.len();
         let part = |rows: &[usize], columns: &[usize]| {
