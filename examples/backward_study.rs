@@ -1,15 +1,16 @@
-//! Effects planted by the testbed and found by the diagnosis: how often the place is right, and the parameters in their
-//! intervals.
+//! Simulated cases with one known effect each: how often the diagnosis finds it at its location, and how often its
+//! parameters lie in their intervals.
 //!
 //! ```sh
 //! cargo run --release --example backward_study -- [EFFECT...] \
 //!     [--seeds 40] [--first 1] [--length 1.0] [--jobs 1] [--out FOLDER]
 //! ```
 //!
-//! A case per effect and seed, at a gap from 5 to 15 %, with ports and all six records; `all` stands for every effect
-//! of the vocabulary. What a simulation may be off by itself (frequencies, damping ratios, gains) is drawn beyond those
-//! limits, at a larger gap. With `--out` each finished case is a file in FOLDER, and the same command continues where
-//! it was stopped. Without arguments it is a trial of seconds: one effect, one seed, short records.
+//! There is one case for each effect and seed, with a gap of 5 to 15 %, ports and all six records. `all` stands for
+//! every effect of the vocabulary. Effects that the limits of the simulation allow (of frequencies, damping ratios,
+//! gains) are drawn beyond these limits, with a larger gap. With `--out`, each finished case is written to a file in
+//! FOLDER, and the same command continues after an interruption. Without arguments, it is a trial of seconds: one
+//! effect, one seed and short records.
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -33,51 +34,51 @@ use serde::{Deserialize, Serialize};
 struct Arguments {
     /// Effects of the vocabulary, or `all`.
     effects: Vec<String>,
-    /// Cases of each effect.
+    /// Number of cases of each effect.
     #[arg(long, default_value_t = 40)]
     seeds: u64,
     /// The first seed.
     #[arg(long, default_value_t = 1)]
     first: u64,
-    /// Length of the records over that of full ones.
+    /// Length of the records relative to full ones.
     #[arg(long, default_value_t = 1.0)]
     length: f64,
-    /// Cases at a time.
+    /// Number of cases at a time.
     #[arg(long, default_value_t = 1)]
     jobs: usize,
-    /// Where finished cases are kept.
+    /// Folder for finished cases.
     #[arg(long)]
     out: Option<PathBuf>,
 }
 
-/// Gaps are drawn between these, evenly in their logarithm.
+/// Smallest and largest gap. Gaps are drawn evenly in their logarithm.
 const GAPS: [f64; 2] = [0.05, 0.15];
 
-/// What is within the limits of the simulation's own errors is drawn with so much larger a gap, again and again.
+/// Factor on the gap while an effect lies within the limits of the simulation's own errors. It is applied repeatedly.
 const STRONGER: f64 = 1.3;
 
-/// Gap over the floor from which a shrink means something: random effects belong to the floor.
+/// Smallest ratio of the gap to the noise floor for which a shrink is stated. Random effects belong to the floor.
 const STANDS_OUT: f64 = 1.5;
 
-/// What became of a case.
+/// The result of a case.
 #[derive(Serialize, Deserialize)]
 struct Found {
     effect: String,
     seed: u64,
-    /// The spec, so that a folder of another study is not taken for this one's.
+    /// The specification of the case, by which the files of another study are recognised.
     spec: GapSpec,
-    /// No strength of this draw makes the gap: there is no case.
+    /// The reason why there is no case: no strength of this draw gives the gap. `None` if there is a case.
     undrawn: Option<String>,
-    /// What was named, and where.
+    /// The effects that were named, with their locations.
     named: Vec<(String, String)>,
-    /// The first named effect is the planted one, at its place.
+    /// Whether the first named effect is the true one at its location.
     located: bool,
-    /// True value and stated one of each parameter, where the effect was found.
+    /// The true and the stated value of each parameter, if the effect was found.
     parameters: BTreeMap<String, (f64, Option<Value>)>,
-    /// All of them are in their intervals; none where one has no interval.
+    /// Whether all true values lie in their intervals; `None` if one has no interval.
     covered: Option<bool>,
-    /// Share of the gap beyond the noise that is gone on the held-out record; none where nothing stands out of the
-    /// noise there.
+    /// Share of the gap beyond the noise that is closed on the held-out record; `None` if the gap there is not larger
+    /// than the noise.
     shrink: Option<f64>,
     seconds: f64,
 }
@@ -123,7 +124,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// A case that was kept, or one that is made now.
+/// Returns a finished case from its file, or computes it.
 fn one(effect: &str, seed: u64, arguments: &Arguments) -> Result<Found, Box<dyn Error>> {
     let spec = spec(effect, seed, arguments.length);
     let file = arguments.out.as_ref().map(|out| out.join(format!("{effect}-{seed}.json")));
@@ -143,7 +144,7 @@ fn one(effect: &str, seed: u64, arguments: &Arguments) -> Result<Found, Box<dyn 
     Ok(found)
 }
 
-/// Every other simulation is slightly off.
+/// Returns the specification of a case. Every other simulation is slightly wrong.
 fn spec(effect: &str, seed: u64, length: f64) -> GapSpec {
     let share: f64 = ChaCha8Rng::seed_from_u64(seed).random();
     let gap = GAPS[0] * (GAPS[1] / GAPS[0]).powf(share);
@@ -192,8 +193,8 @@ fn plant_and_find(effect: &str, seed: u64, spec: GapSpec) -> Result<Found, Box<d
     Ok(found)
 }
 
-/// Where the simulation may itself be so far off, nothing is there to be found: stronger, until it is beyond the stated
-/// limits.
+/// Draws a case. An effect within the stated limits of the simulation cannot be found, so its gap is increased until
+/// the effect is beyond them.
 fn clear(seed: u64, spec: &GapSpec) -> Result<GapCase, GapError> {
     let mut spec = spec.clone();
     loop {
@@ -210,8 +211,8 @@ fn parameters(truth: &LabelledEffect, stated: &BTreeMap<String, Value>) -> BTree
     values.map(|(name, value)| ((*name).to_owned(), (*value, stated.get(*name).cloned()))).collect()
 }
 
-/// Whether the true value is in the stated interval. An amplitude and its phase mean the same with both signs turned:
-/// the amplitude is compared with the stated one's sign, the phase with the nearest half turn.
+/// Returns whether the true value is in the stated interval. An amplitude of the other sign is the same signal with a
+/// phase that differs by half a turn, so amplitudes are compared up to their sign, and phases up to half a turn.
 fn covers(name: &str, (truth, stated): &(f64, Option<Value>)) -> Option<bool> {
     let stated = stated.as_ref()?;
     let [low, high] = stated.ci95?;
@@ -223,7 +224,7 @@ fn covers(name: &str, (truth, stated): &(f64, Option<Value>)) -> Option<bool> {
     Some((low..=high).contains(&truth))
 }
 
-/// On the held-out record, beyond what somebody who knew everything but the noise would be left with.
+/// Returns the shrink on the held-out record. Both gaps are taken beyond the noise floor.
 fn shrink(drawn: &GapCase, answer: &Path) -> Result<Option<f64>, Box<dyn Error>> {
     if drawn.label.gap_sim < STANDS_OUT * drawn.label.gap_floor {
         return Ok(None);

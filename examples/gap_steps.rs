@@ -1,4 +1,4 @@
-//! The diagnosis step by step: each step is a function of its own.
+//! The diagnosis step by step. Each step is a function of its own.
 //!
 //! `plid::gap::diagnose` runs all of them. Here a step can be left out, examined or replaced.
 //!
@@ -14,8 +14,8 @@ use plid::gap::GapError;
 use plid::gap::case::Case;
 use plid::gap::effects::{Library, Names};
 use plid::gap::research::{
-    Base, Placed, Predicted, REFIT_STEPS, Rules, audit, explain, gaps, locate, next_experiment, of_screen, prepare,
-    refit, rivals, screen, stochastic_effects, weigh,
+    Base, Placed, Predicted, Prepared, REFIT_STEPS, Rules, audit, explain, gaps, locate, next_experiment, of_screen,
+    prepare, refit, rivals, screen, stochastic_effects, weigh,
 };
 use plid::testbed::gap::{Channels, EffectSpec, GapSpec, PlantKind, draw};
 
@@ -31,7 +31,7 @@ fn steps(case: &Case) -> Result<(), GapError> {
     let library = Library::standard();
     let mut silent = |_| {};
 
-    // 0. Is the case sound? What can be put right is.
+    // 0. The audit of the case, which corrects what can be corrected.
     let audit = audit(case, &library, &[], &mut silent)?;
     audit.case.warnings.iter().for_each(|warning| println!("audit: {warning}"));
     let model = audit.case.model.as_ref().ok_or_else(|| GapError::Failed("the audit gives a model".into()))?;
@@ -46,27 +46,16 @@ fn steps(case: &Case) -> Result<(), GapError> {
         ready.held_out.len()
     );
 
-    // Where the gap lies.
-    let problem = &ready.problem;
-    let map = locate::map(
-        &problem.records,
-        &locate::errors(problem),
-        &ready.noise,
-        problem.plant.rate,
-        problem.settings.case.same_level,
-    );
-    for (name, share) in names.outputs.iter().zip(&map.outputs) {
-        println!("of the gap at {name}: {:.2} ({:.2} to {:.2})", share.value, share.ci95[0], share.ci95[1]);
-    }
+    print_map(&ready);
 
-    // 3. What the simulation may be off by itself.
+    // 3. The bounded refit of the simulation within its limits.
     let refitted = refit(&ready.problem, REFIT_STEPS);
     ready.renew_missing(&refitted.eta);
     let problem = &ready.problem;
     let rows = problem.rows() as f64;
     println!("after the bounded refit: {:.1} times the noise's power", refitted.cost / rows);
 
-    // 4. Every effect at every place by its trace, and whether these records can part the first of them.
+    // 4. The screen of every effect at every location, and whether these records can separate the first two.
     let fit = refitted.as_fit();
     let jacobian = problem.jacobian(&refitted.plant);
     let base = Base {
@@ -78,21 +67,9 @@ fn steps(case: &Case) -> Result<(), GapError> {
         residual: &fit.residual,
         bold: false,
     };
-    let mut entries = screen(&base, &library, |_| false);
-    entries.truncate(5);
-    for entry in &entries {
-        println!(
-            "screen: {} gains {:.0}, {:.0} % absorbed",
-            said(&entry.placed, &names),
-            entry.gain,
-            100.0 * entry.absorbed
-        );
-    }
-    if let Some(overlap) = of_screen(&base, &entries) {
-        println!("cosine of the first two: {:.3}", overlap.cosine[(0, 1)]);
-    }
+    print_screen(&base, &library);
 
-    // 5, 7. Fits of up to three effects, and whether they suffice.
+    // 5, 7. Fits of up to three effects, and whether they are sufficient.
     let rules = Rules { suspects: &[], exclude: &[], without: &[] };
     let found = explain(ready, refitted, &library, &rules, &OnceCell::new(), &mut silent);
     let best = &found.found.best;
@@ -102,21 +79,21 @@ fn steps(case: &Case) -> Result<(), GapError> {
     }
     println!("something else is as likely as {:.2}", found.judged.unknown);
 
-    // 6. What no free run shows.
+    // 6. Stochastic effects, which a free run cannot show.
     for noise in stochastic_effects(&found.ready, &library).iter().filter(|u| u.gain > 0.0) {
         println!("in quiet records: {} gains {:.0}", said(&noise.placed, &names), noise.gain);
     }
     let weighted =
         weigh(&found.found.candidates, found.judged.unknown, rows, found.level, &found.ready.problem.settings, &[]);
 
-    // 8. How far, on what was held out.
+    // 8. The gap on held-out records.
     let problem = &found.ready.problem;
     let plant = problem.nuisance.apply(&problem.plant, &found.fit().eta);
     let actions = problem.actions(&found.fit().effects);
     let gaps = gaps(&found, &plant, &actions, &found.refitted.plant, &audit.case.config.nuisance);
     println!("held out: {:.2} % as given, {:.2} % with it", 100.0 * gaps.as_given, 100.0 * gaps.with_effect);
 
-    // 9. What would part what is left.
+    // 9. The next experiment, which separates the remaining explanations.
     let predicted = Predicted::new(problem, found.fit());
     let rivals = rivals(&predicted, &best.effects, &found.found.candidates);
     println!(
@@ -126,11 +103,44 @@ fn steps(case: &Case) -> Result<(), GapError> {
     Ok(())
 }
 
+/// Prints where the gap lies.
+fn print_map(ready: &Prepared) {
+    let problem = &ready.problem;
+    let map = locate::map(
+        &problem.records,
+        &locate::errors(problem),
+        &ready.noise,
+        problem.plant.rate,
+        problem.settings.case.same_level,
+    );
+    for (name, share) in problem.setting.names.outputs.iter().zip(&map.outputs) {
+        println!("of the gap at {name}: {:.2} ({:.2} to {:.2})", share.value, share.ci95[0], share.ci95[1]);
+    }
+}
+
+/// Prints the first entries of the screen, and whether the records can separate the first two.
+fn print_screen<'a>(base: &Base<'_, 'a>, library: &'a Library) {
+    let names = &base.problem.setting.names;
+    let mut entries = screen(base, library, |_| false);
+    entries.truncate(5);
+    for entry in &entries {
+        println!(
+            "screen: {} gains {:.0}, {:.0} % absorbed",
+            said(&entry.placed, names),
+            entry.gain,
+            100.0 * entry.absorbed
+        );
+    }
+    if let Some(overlap) = of_screen(base, &entries) {
+        println!("cosine of the first two: {:.3}", overlap.cosine[(0, 1)]);
+    }
+}
+
 fn said(placed: &Placed, names: &Names) -> String {
     format!("{} at {}", placed.effect.name(), placed.place.location(names))
 }
 
-/// A beam of two channels with a spring that stiffens; the simulation lacks the spring and is slightly off.
+/// Draws a beam with two channels and a stiffening spring. The simulation lacks the spring and is slightly wrong.
 fn drawn() -> Result<Case, Box<dyn std::error::Error>> {
     let spring = EffectSpec { kind: "cubic-stiffness".into(), at: None, law: None, gap: 0.1 };
     let spec = GapSpec {

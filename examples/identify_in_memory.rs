@@ -1,4 +1,4 @@
-//! Identifies a plant from arrays: two modes, two inputs, two outputs, sensor noise of known size.
+//! Identifies a plant with two modes, two inputs, two outputs and sensor noise of known size from arrays.
 //!
 //!     cargo run --example identify_in_memory
 
@@ -24,7 +24,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let clean = simulate(&plant, &[0.0; 4], &inputs);
     let outputs: Vec<[f64; 2]> = clean.iter().map(|y| y.map(|y| y + NOISE * normal())).collect();
 
-    // Four states, two an output. R is known here; Sigma is small, since nothing disturbs the states.
+    // Four states, two for each output. R is known here; Sigma is small, since nothing disturbs the states.
     let form = ObservableForm::balanced(4, 2, 2)?;
     let noise = NoiseModel::diagonal(&[NOISE * NOISE; 2], &[0.0; 2], &[1e-8; 4]);
     let settings = Settings::new(&form, 1.0, 1.0);
@@ -34,7 +34,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     let IdentifiedModel { a, b, c, state, .. } = identifier.identified();
 
-    // The rest of the record is new to the model: it is simulated from the last estimate of the state.
+    // The model has not seen the rest of the record, which is simulated from the last estimate of the state.
     let model = [&a, &b, &c].map(DMatrix::from);
     let free_run = simulate(&model, &state, &inputs[TRAINING..]);
     for i in 0..2 {
@@ -50,7 +50,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// A, B and C of two modes in modal form: nothing that an identifier could recognise.
+/// Returns A, B and C of two modes in modal form, which differs from the form that is identified.
 fn plant() -> [DMatrix<f64>; 3] {
     let mut a = DMatrix::zeros(4, 4);
     for (at, (radius, angle)) in [(0, (0.97_f64, 0.6_f64)), (2, (0.95, 1.3))] {
@@ -72,7 +72,7 @@ fn simulate([a, b, c]: &[DMatrix<f64>; 3], start: &[f64], inputs: &[[f64; 2]]) -
     inputs.iter().map(step).collect()
 }
 
-/// Radius and angle of the poles above the real axis, by angle.
+/// Returns radius and angle of the poles above the real axis, sorted by angle.
 fn poles(a: &DMatrix<f64>) -> Vec<(f64, f64)> {
     let poles = a.complex_eigenvalues();
     let mut upper: Vec<_> = poles.iter().filter(|p| p.im > 0.0).map(|p| p.to_polar()).collect();

@@ -17,7 +17,7 @@ use rand_chacha::ChaCha12Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 // ANCHOR: backend
-/// The core's storage and kernels, but products rounded twice: no fused multiply-add.
+/// The core's storage and kernels, but products without fused multiply-add, which are rounded twice.
 #[derive(Clone, Copy, Debug)]
 struct Unfused;
 
@@ -47,10 +47,10 @@ struct Uncorrelated<S> {
     weights: Dense<S>,
 }
 
-/// What a user may set.
+/// The options of the expectation.
 #[derive(Clone, Debug)]
 struct UncorrelatedOptions {
-    /// Qbar is multiplied by this.
+    /// Factor on Qbar.
     inflation: f64,
 }
 
@@ -124,7 +124,7 @@ impl<S: Kernels> Expectation for Uncorrelated<S> {
 // ANCHOR_END: expectation_facts
 
 // ANCHOR: covariance
-/// The textbook: P and F as whole matrices, O(N^3) a step. Slow, and short enough to be seen to be right.
+/// The textbook form with P and F as whole matrices, O(N^3) per step. It is slow, but short enough to check by reading.
 #[derive(Clone, Debug)]
 struct Textbook {
     n: usize,
@@ -294,7 +294,7 @@ impl Textbook {
     }
 }
 
-/// A plant in canonical form, with what it was driven by and what was measured of it.
+/// A plant in canonical form, with its inputs and its measured outputs.
 struct Record {
     form: ObservableForm,
     noise: NoiseModel,
@@ -327,7 +327,7 @@ fn record(indices: &[usize], parameters: &[f64], [sensor, state]: [f64; 2], samp
 }
 
 // ANCHOR: identify
-/// Runs any variant over the record: to swap a variant is to name another type.
+/// Runs any variant over the record. Another variant only requires another type.
 fn identify<C, E>(record: &Record) -> Result<Identifier<C, E>, plid::IdentifierError>
 where
     C: CovariancePropagation,
@@ -342,7 +342,7 @@ where
 }
 // ANCHOR_END: identify
 
-/// The largest difference of P between two runs, relative to sqrt(P_ii P_jj).
+/// Returns the largest difference of P between two runs, relative to sqrt(P_ii P_jj).
 fn difference(one: &impl Inspect, other: &impl Inspect) -> f64 {
     let (p, q) = (one.dense_in::<f64>(), other.dense_in::<f64>());
     let mut largest = 0.0_f64;
@@ -372,7 +372,7 @@ fn main() -> Result<(), plid::IdentifierError> {
     println!("P of own backend and own form, relative to the built-in one: {:.1e}, {:.1e} apart", apart[0], apart[1]);
     assert!(apart.iter().all(|&d| d > 0.0 && d < 1e-10), "other rounding, the same recursion");
 
-    // A scalar plant in much noise, x' = 0.5 x + u + xi, often enough to see a bias.
+    // A scalar plant with much noise, x' = 0.5 x + u + xi, in enough runs to show a bias.
     let (mut ours, mut theirs) = (0.0, 0.0);
     const RUNS: u64 = 40;
     for seed in 0..RUNS {

@@ -3,8 +3,8 @@
 
     python3 examples/predict_with_effect.py sim-with-effect.json u.csv y.csv [t0]
 
-t0: time since the first record began, in s (drifts and hum need it); the end of the last record if left out.
-To carry an effect into your own simulator, take its function from here, and the lines of `simulate` that call it.
+t0 is the time since the first record began, in s, which drifts and hum need. The default is the end of the last record.
+To add an effect to your own simulator, copy its function, and the lines of `simulate` that call it.
 """
 import json
 import math

@@ -1,4 +1,4 @@
-//! Follows a plant while it runs: one sample at a time, with a mode that stiffens, and a sensor that fails for a while.
+//! Follows a plant while it runs, one sample at a time. Its mode stiffens, and a sensor fails for a while.
 //!
 //!     cargo run --example streaming
 
@@ -13,7 +13,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 const RATE_HZ: f64 = 100.0;
 const DAMPING: f64 = 0.03;
-/// RMS of the sensor noise; the plant's response is about eighteen times that.
+/// RMS of the sensor noise. The response of the plant is about eighteen times as large.
 const NOISE: f64 = 0.1;
 
 /// One mode of unit mass, driven by an acceleration held over the sample and seen by its displacement.
@@ -42,7 +42,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     let form = ObservableForm::new(&[2], 1)?;
     let noise = NoiseModel::diagonal(&[NOISE * NOISE], &[0.0], &[1e-6; 2]);
-    // Forgetting keeps the identifier awake: with 0.99 it remembers some 100 samples, a second.
+    // Forgetting keeps the gain from vanishing. With a factor of 0.99, the memory is about 100 samples, or one second.
     let settings = Settings { forgetting: 0.99, ..Settings::new(&form, 1.0, 1.0) };
     let mut identifier = Identifier::<BiermanUd<Plain<f64>>, MomentMatched<f64>>::new(form, &noise, &settings)?;
 
@@ -74,7 +74,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Frequency in Hz and damping ratio of the identified mode.
+/// Returns the frequency in Hz and the damping ratio of the identified mode.
 fn mode(plant: &plid::IdentifiedModel) -> Result<(f64, f64), Box<dyn std::error::Error>> {
     let mode = modes(&plant.to_model(RATE_HZ)?)?.swap_remove(0);
     Ok((mode.hz, mode.damping))

@@ -24,7 +24,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// A mass on a spring, 4 Hz and a damping ratio of 3 %, whose position is measured with noise.
+/// Simulates a mass on a spring (4 Hz, a damping ratio of 3 %) whose position is measured with noise.
 fn record() -> (Array2<f64>, Array2<f64>) {
     let mut random = rand_chacha::ChaCha12Rng::seed_from_u64(1);
     let mut normal = || -> f64 { StandardNormal.sample(&mut random) };

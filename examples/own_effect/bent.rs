@@ -1,7 +1,7 @@
-//! A sensor that is bent: an effect that the vocabulary lacks.
+//! A sensor with a quadratic characteristic, an effect that the vocabulary lacks.
 //!
-//! The example diagnoses it, and a test of the blind trials draws it. The names of the library are those of the module
-//! above, so that it is compiled with `plid` and with `plid-gap`.
+//! The example diagnoses it, and a test of the blind trials draws it. It takes the names of the library from the parent
+//! module, so that it can be compiled with `plid` and with `plid-gap`.
 
 use super::{Action, Effect, Flexible, Parameter, Place, Range, Sensor, Setting, Side};
 
@@ -29,7 +29,7 @@ impl Effect for BentSensor {
         setting.outputs()
     }
 
-    /// A first size: it bends by one per cent of the signal.
+    /// Returns a first size, at which the deviation is one per cent of the signal.
     fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
         let Place::Output(o) = *place else { return Vec::new() };
         vec![vec![0.01 / setting.y_rms[o]]]
@@ -40,7 +40,7 @@ impl Effect for BentSensor {
         Some((0, 0.0))
     }
 
-    /// A static curve of an output, if the square does not fit.
+    /// Returns a free static characteristic of an output, for the case that the square does not fit.
     fn free_shape(&self) -> Option<&'static Flexible> {
         Some(&Flexible::Sensor)
     }

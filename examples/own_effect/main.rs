@@ -1,7 +1,7 @@
-//! An effect of one's own: one type, one line, and the whole diagnosis knows it.
+//! An effect of one's own. One type and one line make it known to the whole diagnosis.
 //!
-//! A sensor that is bent: y' = y + c y^2. The records are simulated here, the vocabulary is asked without the effect
-//! and with it.
+//! The sensor has a quadratic characteristic, y' = y + c y^2. The records are simulated here and diagnosed without and
+//! with the effect in the vocabulary.
 //!
 //! ```sh
 //! cargo run --release --example own_effect
@@ -10,7 +10,7 @@
 mod bent;
 
 use bent::BentSensor;
-// What the effect is written with.
+// The names that the effect uses.
 use plid::gap::effects::{Action, Effect, Flexible, Parameter, Place, Range, Sensor, Setting, Side};
 
 use plid::gap::case::{Case, CaseConfig, Excitation, Record, columns};
@@ -42,7 +42,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// One mode at 17 Hz, one input, one output: records at rest, at full and at half level.
+/// Returns a case of one mode at 17 Hz, one input and one output, with records at rest, at full and at half level.
 fn case() -> Result<Case, Box<dyn std::error::Error>> {
     let turn = nalgebra::Complex::from_polar((-0.02 * 0.534_f64).exp(), 0.534);
     let a = nalgebra::dmatrix![turn.re, -turn.im; turn.im, turn.re];

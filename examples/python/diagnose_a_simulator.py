@@ -3,8 +3,8 @@
     pip install ./python
     python examples/python/diagnose_a_simulator.py out/gap
 
-The simulator is a function: a stage on a spring, without the limit of its amplifier. The records of the real stage
-have it.
+The simulator is a function that simulates a stage on a spring. It lacks the limit of the amplifier, which the records
+of the real stage show.
 """
 
 import sys

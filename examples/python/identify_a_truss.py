@@ -3,7 +3,7 @@
     pip install ./python matplotlib
     python examples/python/identify_a_truss.py truss.png
 
-A chain of four masses stands for the truss. It is shaken at both ends, and a sensor at each end shows the velocity.
+A chain of four masses represents the truss. It is shaken at both ends, and a sensor at each end shows the velocity.
 """
 
 import sys
@@ -24,7 +24,7 @@ def truss() -> plid.Model:
     drive = np.eye(n)[:, [0, n - 1]] / mass
     a = np.block([[np.zeros((n, n)), np.eye(n)], [-spring / mass * chain, -damping / mass * chain]])
     b = np.vstack([np.zeros((n, 2)), drive])
-    # Sensors show the velocity of the ends: no input acts on them at once.
+    # Sensors measure the velocity of the ends, so there is no direct feedthrough.
     c = np.hstack([np.zeros((2, n)), np.eye(n)[[0, n - 1]]])
     matrices = cont2discrete((a, b, c, np.zeros((2, 2))), 1.0 / RATE)[:4]
     return plid.Model.of_matrices(*matrices, rate=RATE)

@@ -3,8 +3,8 @@
     pip install "./python[fmu]"
     python examples/python/why_does_my_fmu_disagree.py
 
-The FMU is a stage of 2 kg on a spring. The real stage weighs more, and its guide rubs. The cells run in a notebook as
-they stand.
+The FMU is a stage of 2 kg on a spring. The real stage is heavier, and its guide has friction. The cells can be run in a
+notebook unchanged.
 """
 
 # %% Build the FMU. Yours comes from Simulink, Dymola, OpenModelica, ...
@@ -47,7 +47,7 @@ folder = Path(tempfile.mkdtemp())
 (folder / "stage.py").write_text(STAGE)
 FmuBuilder.build_FMU(folder / "stage.py", dest=folder)
 
-# %% Open it: what may be wrong, and where a force may act.
+# %% Open it, and name the parameters that may be wrong and the place where a force may act.
 # ANCHOR: open
 port = gap.FmuPort("guide", force="force", displacement="position", velocity="velocity")
 simulator = gap.from_fmu(
@@ -60,7 +60,7 @@ simulator = gap.from_fmu(
 # ANCHOR_END: open
 
 
-# %% Measure. Here the real stage is simulated: 2.3 kg, and a friction of 1 N.
+# %% Measure. Here the real stage is simulated, with a mass of 2.3 kg and a friction of 1 N.
 def record(seed: int, level: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the command and the measured position."""
     random = np.random.default_rng(seed)

@@ -3,11 +3,11 @@
     pip install "./python[mujoco]" matplotlib
     python examples/python/why_does_my_mujoco_arm_disagree.py out/arm
 
-A motor drives a link through an elastic joint. The bearing of the real motor rubs; the model knows no friction. The
-cells run in a notebook as they stand.
+A motor drives a link through an elastic joint. The bearing of the real motor has friction, which the model
+lacks. The cells can be run in a notebook unchanged.
 """
 
-# %% The model. Yours is a file.
+# %% The model, which you would load from a file.
 import sys
 from pathlib import Path
 
@@ -41,7 +41,7 @@ ARM = """
 """
 
 
-# %% Measure. Here the real arm is a finer model, in which the bearing rubs with 0.1 N m.
+# %% Measure. Here the real arm is a finer model, whose bearing has a friction of 0.1 N m.
 def record(seed: int, level: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the torque in N m, and the angles of both joints in rad."""
     random = np.random.default_rng(seed)
@@ -76,7 +76,7 @@ simulated = {"model as given": simulator.run(given, u), "with what was found": d
 for name, of in simulated.items():
     print(f"gap on a new record, {name}: {100 * np.sqrt(np.mean((of - y) ** 2) / np.mean(y**2)):.1f} %")
 
-# %% Look.
+# %% Plot the result.
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "arm")
 print("report:", diagnosis.report(folder))
 try:

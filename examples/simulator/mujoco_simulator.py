@@ -2,14 +2,14 @@
 
     python3 mujoco_simulator.py MODEL.xml --rate 200 --port hinge --parameter joint.hinge.damping
 
-The inputs are the model's actuators, the outputs its sensors, the ports the joints that are named (hinge or slide), and
-the parameters numbers of the model:
+The inputs are the model's actuators, the outputs are its sensors, and the ports are the named joints (hinge or slide).
+The parameters are numbers of the model:
 
     joint.NAME.damping | frictionloss | stiffness | armature
     body.NAME.mass          (its inertia follows)
     actuator.NAME.gain      (factor on the gain and, of a position actuator, on the stiffness)
 
-Needs `pip install ./python[mujoco]` in a clone of plid. `plid.gap.from_mujoco` gives the same simulator to Python.
+It needs `pip install ./python[mujoco]` in a clone of plid. `plid.gap.from_mujoco` creates the same simulator in Python.
 """
 
 import argparse

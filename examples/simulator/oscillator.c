@@ -1,5 +1,6 @@
 /* A mass on a spring and a damper, as a simulator for plid, in C99: `cc -std=c99 -O2 -o oscillator oscillator.c`, then
- * `plid gap check-simulator -- ./oscillator`. It sends doubles as they lie in memory: the machine is little endian. */
+ * `plid gap check-simulator -- ./oscillator`. It sends doubles as they are in memory, so the machine must be little
+ * endian. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

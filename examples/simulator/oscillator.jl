@@ -1,4 +1,4 @@
-# A mass on a spring and a damper, as a simulator for plid. It needs Julia's Base alone:
+# A mass on a spring and a damper, as a simulator for plid. It needs only Julia's Base:
 #
 #     plid gap check-simulator -- julia --startup-file=no oscillator.jl
 #
@@ -22,14 +22,14 @@ mutable struct Oscillator
     v::Float64
 end
 
-# Goes to rest; returns displacement and velocity of each port, one after the other.
+# Goes to rest, and returns displacement and velocity of each port, one after the other.
 function start!(plant, parameters)
     plant.stiffness, plant.damping = parameters
     plant.x = plant.v = 0.0
     return [plant.x, plant.v]
 end
 
-# Advances by one step; returns the outputs at its start and the motions at its end.
+# Advances by one step, and returns the outputs at its start and the motions at its end.
 function step!(plant, u, forces)
     y = [plant.x]
     h = 1 / (RATE * STEPS)
@@ -76,7 +76,7 @@ function serve(plant)
         end
         request = Char(first) * readline(stdin)
         samples = match(r"\"samples\"\s*:\s*(\d+)", request)
-        # All inputs are read before anything can fail: what comes next must be a request.
+        # All inputs are read before anything can fail, because the next bytes must be a request.
         u = samples === nothing ? nothing : parse(Int, samples.captures[1])
         u = u === nothing ? nothing : reshape(numbers(INPUTS * u), INPUTS, u)
         try

@@ -4,7 +4,7 @@ from plid_simulator import serve
 
 
 class Oscillator:
-    """m x'' = u + f - c x' - k x, by the symplectic method of Euler in ten steps a sample."""
+    """m x'' = u + f - c x' - k x, by the symplectic Euler method with ten steps per sample."""
 
     STEPS = 10
     description = {

@@ -1,4 +1,4 @@
-"""Serves a simulator to plid over standard input and output. It needs Python's standard library alone.
+"""Serves a simulator to plid over standard input and output. It needs only Python's standard library.
 
 A simulator is an object with
 
@@ -22,7 +22,7 @@ import sys
 def serve(simulator):
     """Answers requests until standard input ends."""
     source, sink = sys.stdin.buffer, os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    # What a simulator prints must not end among the numbers.
+    # The output of a simulator must not mix with the numbers.
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     description = simulator.description
     m, p = len(description["inputs"]), len(description["outputs"])

@@ -1,7 +1,5 @@
 //! The `plid` program as a library: the command line, one file per subcommand.
 
-#![warn(clippy::too_many_lines)]
-
 mod bench;
 mod directory;
 mod export;

@@ -100,8 +100,18 @@ pub(super) fn assemble(path: &Path, variables: &[Variable], choice: Option<&str>
     if parts.iter().any(|(_, matrix)| matrix.nrows() != samples) {
         return Err(DataError::ChooseVariable { file: path.into(), there: there() });
     }
+    let names = column_names(&parts);
+    let views: Vec<_> = parts.iter().map(|(_, matrix)| matrix.view()).collect();
+    let columns = ndarray::concatenate(ndarray::Axis(1), &views)
+        .map_err(|e| DataError::Malformed { file: path.into(), what: e.to_string() })?;
+    // Where one variable is chosen, the others are not asked for.
+    let notes = if choice.is_some() { Vec::new() } else { unused(path, variables) };
+    Ok(Content { names, columns, scalars, lines: Vec::new(), notes })
+}
+
+fn column_names(parts: &[(&str, &Array2<f64>)]) -> Vec<String> {
     let alone = parts.len() == 1;
-    let names = parts
+    parts
         .iter()
         .flat_map(|(name, matrix)| {
             let columns = matrix.ncols();
@@ -111,13 +121,7 @@ pub(super) fn assemble(path: &Path, variables: &[Variable], choice: Option<&str>
                 (false, _) => format!("{name}{i}"),
             })
         })
-        .collect();
-    let views: Vec<_> = parts.iter().map(|(_, matrix)| matrix.view()).collect();
-    let columns = ndarray::concatenate(ndarray::Axis(1), &views)
-        .map_err(|e| DataError::Malformed { file: path.into(), what: e.to_string() })?;
-    // Where one variable is chosen, the others are not asked for.
-    let notes = if choice.is_some() { Vec::new() } else { unused(path, variables) };
-    Ok(Content { names, columns, scalars, lines: Vec::new(), notes })
+        .collect()
 }
 
 fn unused(path: &Path, variables: &[Variable]) -> Vec<Warning> {

@@ -19,11 +19,11 @@ pub(crate) enum Version {
 /// What is wrong with a description.
 #[derive(Debug)]
 pub(crate) enum Fault {
-    /// It is not what the standard says.
+    /// It violates the standard.
     Malformed(String),
-    /// Another version.
+    /// It has another version.
     Version(String),
-    /// No co-simulation; what it has instead.
+    /// It has no co-simulation, but these kinds of simulation.
     Kind(String),
 }
 
@@ -38,11 +38,11 @@ pub(crate) struct ModelDescription {
     pub identifier: String,
     /// Whether it needs another program to be installed.
     pub needs_tool: bool,
-    /// Whether its state can be kept and set.
+    /// Whether its state can be stored and restored.
     pub keeps_states: bool,
     /// Whether a process may have one instance of it only.
     pub one_instance: bool,
-    /// Whether it takes steps of its own size only.
+    /// Whether it takes only steps of its own size.
     pub fixed_step: bool,
     pub start_time: f64,
     /// The step size of the default experiment in s.
@@ -64,7 +64,7 @@ pub(crate) struct Variable {
     pub min: Option<f64>,
     pub max: Option<f64>,
     pub unit: Option<String>,
-    /// The quantity that its unit tells.
+    /// The quantity that follows from its unit.
     pub quantity: Option<OutputKind>,
 }
 
@@ -81,7 +81,7 @@ impl Variable {
     }
 }
 
-/// Bounds beyond this size are no bounds: Modelica tools write 1e60 for infinity.
+/// Bounds beyond this size are ignored, because Modelica tools write 1e60 for infinity.
 const BOUNDLESS: f64 = 1e30;
 
 impl ModelDescription {
@@ -120,7 +120,7 @@ impl ModelDescription {
 }
 
 impl ModelDescription {
-    /// Returns a reason why it may fail, for the end of a message.
+    /// Returns a possible reason for a failure, for the end of a message.
     pub fn tool(&self) -> &'static str {
         if self.needs_tool { " (it needs its own tool to be installed)" } else { "" }
     }
@@ -147,7 +147,7 @@ fn is_true(text: &str) -> bool {
     matches!(text.trim(), "true" | "1")
 }
 
-/// Returns what an FMU without co-simulation has.
+/// Returns the kinds of simulation of an FMU without co-simulation.
 fn kinds(root: Node<'_, '_>) -> String {
     let known = [("ModelExchange", "model exchange"), ("ScheduledExecution", "scheduled execution")];
     let has: Vec<&str> = known.iter().filter(|(tag, _)| child(root, tag).is_some()).map(|(_, name)| *name).collect();
@@ -159,7 +159,7 @@ fn variables(root: Node<'_, '_>, version: Version) -> Result<Vec<Variable>, Faul
     let types = types(root, version);
     let mut found = Vec::new();
     for node in elements(root, "ModelVariables") {
-        // FMI 2.0 states the type in an element within.
+        // FMI 2.0 states the type in a child element.
         let typed = match version {
             Version::Two => node.children().find(Node::is_element),
             Version::Three => Some(node),

@@ -6,7 +6,7 @@ use plid_simulator::SimulatorError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FmuError {
-    /// The file cannot be read, or not be unpacked.
+    /// The file cannot be read or unpacked.
     #[error("{}: {source}", file.display())]
     Io {
         /// The FMU.
@@ -14,7 +14,7 @@ pub enum FmuError {
         /// The reason.
         source: std::io::Error,
     },
-    /// The file is no ZIP archive, or a damaged one.
+    /// The file is not a ZIP archive, or it is damaged.
     #[error("{}: it is not a valid ZIP archive: {message}", file.display())]
     Archive {
         /// The FMU.
@@ -30,7 +30,7 @@ pub enum FmuError {
         /// What is wrong.
         message: String,
     },
-    /// A version of FMI other than 2 and 3.
+    /// The FMU follows a version of FMI other than 2 and 3.
     #[error("{}: it follows FMI {version:?}, and only FMI 2.0 and 3.0 are supported", file.display())]
     Version {
         /// The FMU.
@@ -61,7 +61,7 @@ pub enum FmuError {
     Binary {
         /// The FMU.
         file: PathBuf,
-        /// Words of the system.
+        /// The message of the operating system.
         message: String,
     },
     /// A variable that was asked for does not exist, or cannot be used in this way.

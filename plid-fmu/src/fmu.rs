@@ -14,24 +14,24 @@ use crate::{FmuError, Options};
 /// Each run begins with the state after initialisation: the FMU is reset, or created anew if a reset does not restore
 /// that state. Displacements at ports count from there.
 pub struct Fmu {
-    /// Dropped before the binary.
+    /// The instance, which is dropped before the binary.
     instance: Option<Instance>,
     package: Arc<Package>,
     wiring: Wiring,
     resets: Resets,
     /// Steps since the start.
     steps: u64,
-    /// The same of each state that is kept, by its slot.
+    /// The number of steps before each stored state, by slot.
     kept: BTreeMap<usize, u64>,
-    /// What is set in a step.
+    /// The values that are set in a step.
     values: Vec<f64>,
     /// Displacement and velocity of each port.
     motions: Vec<f64>,
-    /// The same at rest.
+    /// The displacement and velocity of each port at rest.
     rest: Vec<f64>,
 }
 
-/// Whether the FMU's own reset restores the start.
+/// Whether a reset of the FMU restores its initial state.
 enum Resets {
     /// No run has begun.
     New,
@@ -45,7 +45,8 @@ impl Fmu {
     /// Opens an FMU.
     ///
     /// # Errors
-    /// [`FmuError`]: the file is none, is for another machine or another kind of simulation, or lacks a variable.
+    /// Returns an [`FmuError`] if the file is not an FMU, is for another machine or another kind of simulation, or
+    /// lacks a variable.
     pub fn open(file: &Path, options: &Options) -> Result<Self, FmuError> {
         let package = Arc::new(Package::open(file)?);
         let wiring = Wiring::new(file, &package.description, options)?;
@@ -78,7 +79,7 @@ impl Fmu {
         })
     }
 
-    /// Returns the error of a call, with the FMU's own words.
+    /// Returns the error of a call, with the last messages of the FMU.
     fn failed(&self, failed: Failed, at: String) -> FmuError {
         let said = self.instance.as_ref().map(Instance::said).unwrap_or_default();
         let Failed { function, found, .. } = failed;
@@ -119,7 +120,7 @@ impl Fmu {
         Ok(values)
     }
 
-    /// Makes an instance that is as new.
+    /// Brings the instance into its initial state, or creates a new one.
     fn renew(&mut self) -> Result<(), FmuError> {
         let sound = self.instance.as_ref().is_some_and(Instance::is_sound);
         self.resets = match std::mem::replace(&mut self.resets, Resets::Fail) {
@@ -167,7 +168,7 @@ impl Fmu {
             match self.all() {
                 Ok(all) => self.resets = Resets::Begun(parameters.to_vec(), all),
                 Err(_) => {
-                    // It does not show all that it has, so nothing tells whether a reset is one.
+                    // Not all variables can be read, so a complete reset cannot be confirmed.
                     self.resets = Resets::Fail;
                     self.renew()?;
                     self.initialise(parameters)?;
@@ -179,7 +180,7 @@ impl Fmu {
         Ok(())
     }
 
-    /// Goes back to a state that was kept after so many steps; returns whether there is one.
+    /// Returns to a stored state, and returns whether there is one.
     fn go_back(&mut self, slot: usize) -> Result<bool, FmuError> {
         let Some(steps) = self.kept.get(&slot).copied() else { return Ok(false) };
         if !self.call(|instance| instance.restore(slot))? {
@@ -241,7 +242,7 @@ impl Fmu {
         self.read_motions()
     }
 
-    /// A reason why a step may have failed.
+    /// Returns a possible reason for the failure of a step.
     fn hint(&self) -> String {
         let model = &self.package.description;
         match model.step_size.filter(|own| model.fixed_step && (own / self.wiring.step - 1.0).abs() > 1e-9) {
@@ -253,7 +254,7 @@ impl Fmu {
     }
 }
 
-/// Returns the FMU's own words as the end of a message.
+/// Returns the last messages of the FMU as the end of a message.
 fn log(said: String) -> String {
     if said.is_empty() { said } else { format!("; its last messages:\n{said}") }
 }
@@ -277,7 +278,7 @@ impl Simulator for Fmu {
     fn save(&mut self, slot: usize) -> Result<(), SimulatorError> {
         self.require_states()?;
         if !self.call(|instance| instance.save(slot))? {
-            return Err(SimulatorError::failed("its library lacks the functions that keep a state"));
+            return Err(SimulatorError::failed("its library lacks the functions that store a state"));
         }
         self.kept.insert(slot, self.steps);
         Ok(())

@@ -18,13 +18,11 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! An FMU is foreign native code: it may crash the process or never return. The program `plid` runs it in a child
-//! process for that reason (`plid gap serve-fmu`).
+//! An FMU is foreign native code, which may crash the process or never return. The program `plid` therefore runs it in
+//! a child process (`plid gap serve-fmu`).
 //!
-//! The outputs of a step are read after its inputs are set and before it is taken. All unsafe code is in one module,
+//! Outputs are read after the inputs of a step are set and before the step. All unsafe code is in one module,
 //! `native`.
-
-#![warn(clippy::too_many_lines)]
 
 mod description;
 mod error;

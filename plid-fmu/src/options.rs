@@ -1,7 +1,7 @@
 use plid_simulator::PortVariables;
 use serde::{Deserialize, Serialize};
 
-/// What is taken from an FMU, and how it is run.
+/// The channels, parameters and ports of an FMU, and its rate.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Options {
@@ -10,8 +10,8 @@ pub struct Options {
     /// Number of steps in a sample. If absent: with ports, the number of steps of the default experiment in a sample;
     /// without ports 1.
     pub steps_per_sample: Option<usize>,
-    /// The inputs, by name. If absent, all real inputs but those that only take the force of a port; if each of them
-    /// takes one, all. An input that is left out keeps its start value.
+    /// The inputs, by name. If absent, these are all real inputs except those that take the force of a port, or all
+    /// real inputs if each of them takes one. An input that is left out keeps its start value.
     pub inputs: Option<Vec<String>>,
     /// The outputs, by name. If absent, all real outputs.
     pub outputs: Option<Vec<String>>,
@@ -30,13 +30,13 @@ pub struct ChosenParameter {
     /// Its value in the simulator as given.
     #[serde(default)]
     pub value: Option<f64>,
-    /// The least value that the simulator takes.
+    /// The smallest value that the simulator accepts.
     #[serde(default)]
     pub lower: Option<f64>,
-    /// The largest value that the simulator takes.
+    /// The largest value that the simulator accepts.
     #[serde(default)]
     pub upper: Option<f64>,
-    /// Largest error of the value that is no cause: two standard deviations.
+    /// Largest expected error of the value (two standard deviations). A smaller error is not named as a cause.
     #[serde(default)]
     pub limit: Option<f64>,
     /// Its unit.
@@ -45,7 +45,7 @@ pub struct ChosenParameter {
 }
 
 impl ChosenParameter {
-    /// The parameter as the FMU has it.
+    /// Creates a parameter with the value, bounds and unit of the FMU.
     pub fn new(name: impl Into<String>) -> Self {
         Self { name: name.into(), ..Self::default() }
     }

@@ -1,4 +1,4 @@
-//! The archive: unpacked into a folder of its own.
+//! The archive, which is unpacked into a temporary folder.
 
 use std::ffi::CString;
 use std::fs::{self, File};
@@ -15,12 +15,12 @@ use crate::native::{Binary, Birth};
 
 /// An FMU that is unpacked and loaded.
 pub(crate) struct Package {
-    /// The FMU as it was given, for messages.
+    /// The path of the FMU as it was given, for messages.
     pub file: PathBuf,
     pub description: ModelDescription,
     pub binary: Arc<Binary>,
     pub birth: Birth,
-    /// The binary and its resources; removed at the end.
+    /// The folder of the binary and its resources, which is removed at the end.
     _folder: TempDir,
 }
 

@@ -1,8 +1,8 @@
-//! The quantity that a unit tells.
+//! The quantity that follows from a unit.
 
 use plid_simulator::OutputKind;
 
-/// Base units of the standard that tell positions, velocities, accelerations and forces.
+/// Base units of the standard, from which positions, velocities, accelerations and forces are recognised.
 pub(crate) const BASE: [&str; 8] = ["kg", "m", "s", "A", "K", "mol", "cd", "rad"];
 
 /// Exponents of [`BASE`].

@@ -1,4 +1,4 @@
-//! Which variables of an FMU are what of a simulator.
+//! The assignment of an FMU's variables to the channels, ports and parameters of a simulator.
 
 use std::path::Path;
 
@@ -12,19 +12,19 @@ use crate::{ChosenParameter, FmuError, Options};
 #[derive(Clone)]
 pub(crate) struct Wiring {
     pub description: Description,
-    /// What is set in each step: inputs, then the forces that are no inputs.
+    /// The variables that are set in each step: inputs, then the forces that are not inputs.
     pub driven: Vec<u32>,
-    /// Start values of what is driven: those of forces that are no inputs remain under the force.
+    /// Start values of these variables. A force that is not an input is added to its start value.
     pub base: Vec<f64>,
-    /// Of each port, the number of its force among the driven ones.
+    /// For each port, the index of its force among these variables.
     pub forces: Vec<usize>,
     pub outputs: Vec<u32>,
     /// Displacement and velocity of each port.
     pub motions: Vec<u32>,
-    /// Their names.
+    /// The names of these variables.
     pub motion_names: Vec<String>,
     pub parameters: Vec<u32>,
-    /// Everything that can be read: it shows whether a reset restores the start.
+    /// All variables that can be read, which show whether a reset restores the initial state.
     pub all: Vec<u32>,
     /// Length of a step in s.
     pub step: f64,
@@ -33,7 +33,7 @@ pub(crate) struct Wiring {
 /// Number of names in a message.
 const NAMED: usize = 20;
 
-/// The variables of an FMU, and words about them.
+/// The variables of an FMU, and the messages about them.
 struct Chooser<'a> {
     file: &'a Path,
     model: &'a ModelDescription,
@@ -122,7 +122,7 @@ impl<'a> Chooser<'a> {
         FmuError::Setting { file: self.file.into(), message }
     }
 
-    /// Returns the variable of a name that is fit for a use.
+    /// Returns the variable with a name if it is suitable for a use.
     fn find(&self, name: &str, fit: fn(&Variable) -> bool, wanted: &str) -> Result<&'a Variable, FmuError> {
         let found = self.model.variables.iter().find(|one| one.name == name);
         if let Some(found) = found.filter(|found| fit(found)) {
@@ -200,7 +200,7 @@ impl<'a> Chooser<'a> {
         let steps = match (options.steps_per_sample, own) {
             (Some(0), _) => return Err(self.setting("a sample has at least one step, not 0".into())),
             (Some(steps), _) => steps,
-            // The last step is not shortened: all are a little shorter.
+            // The last step is not shortened. Instead, all steps are a little shorter.
             (None, Some(step)) if !options.ports.is_empty() => ((1.0 / (rate * step) - 1e-6).ceil() as usize).max(1),
             (None, _) => 1,
         };

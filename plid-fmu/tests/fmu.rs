@@ -109,7 +109,7 @@ fn a_state_is_kept_until_the_next_start() {
         };
         for _ in 0..3 {
             fmu.start(&[2.0]).unwrap();
-            assert!(fmu.restore(3).unwrap_err().to_string().contains("no state is kept in slot 3"));
+            assert!(fmu.restore(3).unwrap_err().to_string().contains("slot 3 holds no state"));
             let before = follow(&mut fmu);
             fmu.save(3).unwrap();
             let after = follow(&mut fmu);
@@ -125,7 +125,7 @@ fn a_state_is_kept_until_the_next_start() {
     };
     let mut fmu = Fmu::open(&file, &options(&[], true)).unwrap();
     fmu.start(&[]).unwrap();
-    assert!(fmu.save(0).unwrap_err().to_string().contains("cannot keep its state"));
+    assert!(fmu.save(0).unwrap_err().to_string().contains("cannot store its state"));
 }
 
 /// Instances do not know of each other.

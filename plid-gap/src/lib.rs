@@ -8,8 +8,6 @@
 //! a report (`report`). `audit` checks and corrects the input, and `diagnose` calls all of them. A module imports only
 //! modules below it in the order of `tests/gap/order.rs`.
 
-#![warn(clippy::too_many_lines)]
-
 pub mod answer;
 mod audit;
 pub mod case;
@@ -31,7 +29,6 @@ pub mod settings;
 mod signal;
 mod simulate;
 #[cfg(test)]
-#[allow(clippy::too_many_lines)]
 mod testing;
 mod words;
 

@@ -181,6 +181,50 @@ pub fn tune(bank: &Bank, search: &mut Search<'_>) -> Result<Tuned, IdentifyError
     tune_by(bank, bank.start(), *progress, memory, &|point| bank.score(bank.noise(point), split, *may_go_on))
 }
 
+/// Scores points once each, and remembers the scores.
+struct Evaluator<'a> {
+    /// The observability indices for which the scores hold.
+    indices: Vec<usize>,
+    progress: &'a (dyn Fn(usize, usize) + Sync),
+    memory: &'a mut Memory,
+    score: &'a (dyn Fn(Point) -> Option<f64> + Sync),
+}
+
+impl Evaluator<'_> {
+    /// Scores the points that have no score yet.
+    fn add(&mut self, points: Vec<Point>, scores: &mut BTreeMap<Point, f64>) -> Result<(), IdentifyError> {
+        let mut new = Vec::new();
+        for point in points {
+            if scores.contains_key(&point) || new.contains(&point) {
+                continue;
+            }
+            match self.memory.find(&self.indices, point) {
+                Some(error) => drop(scores.insert(point, error)),
+                None => new.push(point),
+            }
+        }
+        let done = AtomicUsize::new(scores.len());
+        let planned = scores.len() + new.len();
+        let (progress, score) = (self.progress, self.score);
+        let results = for_each_point(&new, &|point| {
+            let score = score(point);
+            progress(done.fetch_add(1, Ordering::Relaxed) + 1, planned);
+            score
+        });
+        let mut interrupted = false;
+        for (&point, score) in new.iter().zip(results) {
+            match score {
+                Some(error) => {
+                    self.memory.store(&self.indices, point, error);
+                    scores.insert(point, error);
+                }
+                None => interrupted = true,
+            }
+        }
+        if interrupted { Err(IdentifyError::Interrupted) } else { Ok(()) }
+    }
+}
+
 /// Searches from any points of the grid of `bank` with any score: a simulation error, infinite if there is no model, or
 /// `None` if the user requested an interruption.
 ///
@@ -193,38 +237,8 @@ pub fn tune_by(
     memory: &mut Memory,
     score: &(dyn Fn(Point) -> Option<f64> + Sync),
 ) -> Result<Tuned, IdentifyError> {
-    let indices = bank.form.indices().to_vec();
     let mut scores: BTreeMap<Point, f64> = BTreeMap::new();
-    let mut evaluate = |points: Vec<Point>, scores: &mut BTreeMap<Point, f64>| -> Result<(), IdentifyError> {
-        let mut new = Vec::new();
-        for point in points {
-            if scores.contains_key(&point) || new.contains(&point) {
-                continue;
-            }
-            match memory.find(&indices, point) {
-                Some(error) => drop(scores.insert(point, error)),
-                None => new.push(point),
-            }
-        }
-        let done = AtomicUsize::new(scores.len());
-        let planned = scores.len() + new.len();
-        let results = for_each_point(&new, &|point| {
-            let score = score(point);
-            progress(done.fetch_add(1, Ordering::Relaxed) + 1, planned);
-            score
-        });
-        let mut interrupted = false;
-        for (&point, score) in new.iter().zip(results) {
-            match score {
-                Some(error) => {
-                    memory.store(&indices, point, error);
-                    scores.insert(point, error);
-                }
-                None => interrupted = true,
-            }
-        }
-        if interrupted { Err(IdentifyError::Interrupted) } else { Ok(()) }
-    };
+    let mut evaluator = Evaluator { indices: bank.form.indices().to_vec(), progress, memory, score };
     // Ties, such as two infinite errors, are resolved in favour of the larger Sigma, which forgets a poor initial
     // estimate sooner.
     let best = |scores: &BTreeMap<Point, f64>| -> (Point, f64) {
@@ -234,11 +248,11 @@ pub fn tune_by(
             .min_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)))
             .expect("the grid is not empty")
     };
-    evaluate(start, &mut scores)?;
+    evaluator.add(start, &mut scores)?;
     let mut step = DECADE;
     for _ in 0..12 {
         let before = best(&scores);
-        evaluate(bank.neighbours(before.0, step), &mut scores)?;
+        evaluator.add(bank.neighbours(before.0, step), &mut scores)?;
         // Half a per cent is less than the variation between records.
         if best(&scores).1 > 0.995 * before.1 {
             if step == THIRD {

@@ -61,25 +61,9 @@ fn cost(variances: &[f64]) -> f64 {
     variances.iter().sum::<f64>().max(f64::MIN_POSITIVE).ln()
 }
 
-/// Fits the predictor gain of `model` to the training data, the last quarter of which selects among candidates. Returns
-/// `None` if no gain keeps the predictor bounded.
-pub fn fit_predictor(model: &Model, training: Samples<'_>) -> Option<Predictor> {
-    let cut = training.len() * 3 / 4;
-    let learn = training.range(cut.saturating_sub(ENOUGH), cut);
-    let decide = training.range(cut, training.len());
-    let rest = model.rest();
-    let (n, p) = (model.n(), model.p());
-
-    // Kalman gains for Sigma = ratio I and a diagonal R, by descent over the logarithms of the ratio and the entries of
-    // R.
-    let gain_of = |logs: &[f64]| -> Option<DMatrix<f64>> {
-        let process = DMatrix::identity(n, n) * 10f64.powf(logs[0]);
-        let sensor = DMatrix::from_diagonal(&DVector::from_iterator(p, logs[1..].iter().map(|x| 10f64.powf(*x))));
-        steady_state_gain(model, &NoiseCovariances::independent(process, sensor)).ok().map(|s| s.gain)
-    };
-    let score = |logs: &[f64]| -> f64 {
-        gain_of(logs).map_or(f64::INFINITY, |gain| cost(&one_step(model, &gain, learn, &rest).0))
-    };
+/// Descends over the logarithms of the ratio and of the `p` entries of R. Returns the best point and its score, which
+/// is infinite if no point has a bounded predictor.
+fn descend(p: usize, score: impl Fn(&[f64]) -> f64) -> (Vec<f64>, f64) {
     let mut logs = vec![0.0; p + 1];
     let mut best = f64::INFINITY;
     for ratio in -8..=4 {
@@ -111,6 +95,29 @@ pub fn fit_predictor(model: &Model, training: Samples<'_>) -> Option<Predictor> 
             }
         }
     }
+    (logs, best)
+}
+
+/// Fits the predictor gain of `model` to the training data, the last quarter of which selects among candidates. Returns
+/// `None` if no gain keeps the predictor bounded.
+pub fn fit_predictor(model: &Model, training: Samples<'_>) -> Option<Predictor> {
+    let cut = training.len() * 3 / 4;
+    let learn = training.range(cut.saturating_sub(ENOUGH), cut);
+    let decide = training.range(cut, training.len());
+    let rest = model.rest();
+    let (n, p) = (model.n(), model.p());
+
+    // Kalman gains for Sigma = ratio I and a diagonal R, by descent over the logarithms of the ratio and the entries of
+    // R.
+    let gain_of = |logs: &[f64]| -> Option<DMatrix<f64>> {
+        let process = DMatrix::identity(n, n) * 10f64.powf(logs[0]);
+        let sensor = DMatrix::from_diagonal(&DVector::from_iterator(p, logs[1..].iter().map(|x| 10f64.powf(*x))));
+        steady_state_gain(model, &NoiseCovariances::independent(process, sensor)).ok().map(|s| s.gain)
+    };
+    let score = |logs: &[f64]| -> f64 {
+        gain_of(logs).map_or(f64::INFINITY, |gain| cost(&one_step(model, &gain, learn, &rest).0))
+    };
+    let (logs, best) = descend(p, score);
     let mut candidates: Vec<(DMatrix<f64>, String)> = Vec::new();
     // The open-loop predictor, K = 0, is suitable for a stable model whose outputs are dominated by noise.
     candidates.push((DMatrix::zeros(n, p), "no feedback".into()));

@@ -14,6 +14,8 @@ pub const SENSOR: usize = 1;
 pub const ACTUATOR: usize = 0;
 /// The five dominant modes in Hz.
 pub const MODES_HZ: [f64; 5] = [136.0, 168.0, 186.0, 212.0, 243.0];
+/// The names of these modes in tables.
+const MODE_NAMES: [&str; 5] = ["136 Hz", "168 Hz", "186 Hz", "212 Hz", "243 Hz"];
 /// The frequency band of the paper's figures.
 pub const BAND_HZ: [f64; 2] = [50.0, 300.0];
 /// A peak whose height is off by more than this counts as missed. It is a factor of two in power, the usual measure of
@@ -209,4 +211,9 @@ pub fn mean_and_spread(values: &[f64]) -> (f64, f64) {
     let mean = values.iter().sum::<f64>() / count;
     let square = values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
     (mean, square.sqrt())
+}
+
+/// Returns the columns of a table: the first ones, and one for the height of each mode in decibels off the true one.
+pub fn with_mode_columns<'a>(first: &[(&'a str, &'a str)]) -> Vec<(&'a str, &'a str)> {
+    first.iter().copied().chain(MODE_NAMES.map(|name| (name, "dB off"))).collect()
 }

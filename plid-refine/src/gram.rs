@@ -143,6 +143,56 @@ impl Filters {
     }
 }
 
+/// The signals in panels, pairs of which have their inner products summed by one task each.
+struct Panels {
+    /// The number of signals.
+    count: usize,
+    columns: Vec<Range<usize>>,
+    /// Pairs of panels in the lower triangle.
+    pairs: Vec<(usize, usize)>,
+}
+
+impl Panels {
+    fn of(count: usize) -> Self {
+        let columns: Vec<Range<usize>> = (0..count).step_by(PANEL).map(|at| at..(at + PANEL).min(count)).collect();
+        let pairs = (0..columns.len()).flat_map(|i| (0..=i).map(move |j| (i, j))).collect();
+        Self { count, columns, pairs }
+    }
+
+    /// One sum for each pair.
+    fn zeros(&self) -> Vec<DMatrix<f64>> {
+        let sum = |&(i, j): &(usize, usize)| DMatrix::zeros(self.columns[i].len(), self.columns[j].len());
+        self.pairs.iter().map(sum).collect()
+    }
+
+    /// Adds the inner products over the first `rows` rows of `block` (BLOCK x signals).
+    fn accumulate(&self, block: &[f64], rows: usize, sums: &mut [DMatrix<f64>]) {
+        // Each sum belongs to a single task, so the result is identical for any number of threads.
+        sums.par_iter_mut().zip(&self.pairs).for_each(|(sum, &(i, j))| {
+            let view = |panel: &Range<usize>| {
+                let columns = &block[panel.start * BLOCK..panel.end * BLOCK];
+                MatRef::from_column_major_slice(columns, BLOCK, panel.len()).subrows(0, rows)
+            };
+            let (left, right) = (view(&self.columns[i]), view(&self.columns[j]));
+            let (height, breadth) = sum.shape();
+            let to = MatMut::from_column_major_slice_mut(sum.as_mut_slice(), height, breadth);
+            matmul(to, Accum::Add, left.transpose(), right, 1.0, Par::Seq);
+        });
+    }
+
+    /// The symmetric matrix of all inner products.
+    fn assemble(&self, sums: Vec<DMatrix<f64>>) -> DMatrix<f64> {
+        let mut products = DMatrix::zeros(self.count, self.count);
+        for (&(i, j), sum) in self.pairs.iter().zip(&sums) {
+            let (rows, columns) = (&self.columns[i], &self.columns[j]);
+            products.view_mut((rows.start, columns.start), sum.shape()).copy_from(sum);
+            let transposed = sum.transpose();
+            products.view_mut((columns.start, rows.start), transposed.shape()).copy_from(&transposed);
+        }
+        products
+    }
+}
+
 /// Computes the inner products of signals and residuals for one record; `initial` is `None` for a start at rest.
 pub(crate) fn gram(record: &Scaled, model: &Sections, initial: Option<&DVector<f64>>) -> Vec<Gram> {
     let places = places(record, model);
@@ -150,13 +200,9 @@ pub(crate) fn gram(record: &Scaled, model: &Sections, initial: Option<&DVector<f
     let mut filters: Vec<Filters> = (0..places.sections).map(|s| Filters::of(model, s, initial, m)).collect();
     let mut signals = vec![0.0; count * BLOCK];
     let mut states = vec![0.0; 2 * places.sections * BLOCK];
-    let panels: Vec<Range<usize>> = (0..count).step_by(PANEL).map(|at| at..(at + PANEL).min(count)).collect();
+    let panels = Panels::of(count);
     let groups = groups(record);
-    let pairs: Vec<(usize, usize)> = (0..panels.len()).flat_map(|i| (0..=i).map(move |j| (i, j))).collect();
-    let mut sums: Vec<Vec<DMatrix<f64>>> = groups
-        .iter()
-        .map(|_| pairs.iter().map(|&(i, j)| DMatrix::zeros(panels[i].len(), panels[j].len())).collect())
-        .collect();
+    let mut sums: Vec<Vec<DMatrix<f64>>> = groups.iter().map(|_| panels.zeros()).collect();
     let samples = record.inputs.nrows();
     let mut packed = vec![0.0; count * BLOCK];
     for from in (0..samples).step_by(BLOCK) {
@@ -189,33 +235,10 @@ pub(crate) fn gram(record: &Scaled, model: &Sections, initial: Option<&DVector<f
                 }
                 &packed
             };
-            // Each sum belongs to a single task, so the result is identical for any number of threads.
-            sums.par_iter_mut().zip(&pairs).for_each(|(sum, &(i, j))| {
-                let view = |panel: &Range<usize>| {
-                    let columns = &block[panel.start * BLOCK..panel.end * BLOCK];
-                    MatRef::from_column_major_slice(columns, BLOCK, panel.len()).subrows(0, rows.len())
-                };
-                let (left, right) = (view(&panels[i]), view(&panels[j]));
-                let (height, breadth) = sum.shape();
-                let to = MatMut::from_column_major_slice_mut(sum.as_mut_slice(), height, breadth);
-                matmul(to, Accum::Add, left.transpose(), right, 1.0, Par::Seq);
-            });
+            panels.accumulate(block, rows.len(), sums);
         }
     }
-    groups
-        .into_iter()
-        .zip(sums)
-        .map(|(outputs, sums)| {
-            let mut products = DMatrix::zeros(count, count);
-            for (&(i, j), sum) in pairs.iter().zip(&sums) {
-                let (rows, columns) = (&panels[i], &panels[j]);
-                products.view_mut((rows.start, columns.start), sum.shape()).copy_from(sum);
-                let transposed = sum.transpose();
-                products.view_mut((columns.start, rows.start), transposed.shape()).copy_from(&transposed);
-            }
-            Gram { outputs, products }
-        })
-        .collect()
+    groups.into_iter().zip(sums).map(|(outputs, sums)| Gram { outputs, products: panels.assemble(sums) }).collect()
 }
 
 pub(crate) fn places(record: &Scaled, model: &Sections) -> Places {

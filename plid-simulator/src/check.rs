@@ -1,4 +1,4 @@
-//! What a simulator does not honour.
+//! Checks of a simulator against the rules of the trait.
 
 use std::ops::Range;
 
@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::{Channels, Checked, Description, Motion, Simulator, SimulatorError};
 
-/// One thing that was checked.
+/// The result of one check.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Finding {
     /// What was checked, in a few words.
@@ -22,7 +22,7 @@ pub struct Finding {
 /// Number of samples of a trial run.
 const SAMPLES: usize = 200;
 
-/// Relative difference below which two runs are one.
+/// Relative difference below which two runs count as equal.
 const SAME: f64 = 1e-9;
 
 /// Relative change of a parameter.
@@ -57,7 +57,7 @@ pub fn check(simulator: &mut dyn Simulator, size: f64) -> Result<Vec<Finding>, S
     Ok(trials.findings)
 }
 
-/// A simulator on trial.
+/// A simulator that is being checked.
 struct Trials<'a> {
     simulator: Checked<'a>,
     description: Description,
@@ -76,12 +76,12 @@ impl Trials<'_> {
         self.simulator.run(&self.description.values(), u)
     }
 
-    /// Inputs of zero for so many samples.
+    /// Returns inputs of zero for a number of samples.
     fn none(&self, samples: usize) -> Channels {
         vec![vec![0.0; samples]; self.u.len()]
     }
 
-    /// Two equal runs are one.
+    /// Checks that two equal runs give equal outputs.
     fn repeats(&mut self) -> Result<(), SimulatorError> {
         let again = self.run(&self.u.clone())?;
         let apart = difference(&self.y, &again);
@@ -89,7 +89,7 @@ impl Trials<'_> {
         Ok(())
     }
 
-    /// Without an input the simulator is at rest, and an input changes that.
+    /// Checks that the simulator stays at rest without an input, and that an input changes the outputs.
     fn answers(&mut self) -> Result<(), SimulatorError> {
         let quiet = self.run(&self.none(SAMPLES))?;
         let rest = largest(&quiet);
@@ -99,7 +99,7 @@ impl Trials<'_> {
         Ok(())
     }
 
-    /// Each parameter changes the outputs, upwards or downwards, and may take its bounds.
+    /// Checks that each parameter changes the outputs in both directions and accepts its bounds.
     fn parameters(&mut self) {
         for (k, parameter) in self.description.parameters.clone().iter().enumerate() {
             let unit = if parameter.value == 0.0 { 1.0 } else { parameter.value.abs() };
@@ -133,13 +133,13 @@ impl Trials<'_> {
         Ok(difference(&self.y, &self.simulator.run(&values, &self.u)?))
     }
 
-    /// The trial input with a value for each step.
+    /// Returns the trial input with a value for each step.
     fn fine(&self) -> Channels {
         let steps = self.description.steps_per_sample;
         self.u.iter().map(|u| u.iter().flat_map(|u| std::iter::repeat_n(*u, steps)).collect()).collect()
     }
 
-    /// Steps without forces are a run. Returns the motions at the ports before each step.
+    /// Checks that steps without forces give the outputs of a run. Returns the motions at the ports before each step.
     fn steps(&mut self) -> Result<Vec<Vec<Motion>>, SimulatorError> {
         let mut motions: Vec<Vec<Motion>> = Vec::new();
         let by_steps = self.simulator.run_with(&self.description.values(), &self.fine(), |_, now, forces| {
@@ -152,14 +152,14 @@ impl Trials<'_> {
         Ok(motions)
     }
 
-    /// The velocity at a port belongs to its displacement.
+    /// Checks that the velocity at a port is the derivative of its displacement.
     fn motion(&mut self, port: usize, motions: &[Vec<Motion>]) {
         let step = 1.0 / (self.description.rate_hz * self.description.steps_per_sample as f64);
         let speed = motions.iter().map(|all| all[port].velocity.abs()).fold(0.0, f64::max);
         let wrong = motions.windows(2).map(|two| {
             let [from, to] = [two[0][port], two[1][port]];
             let change = (to.displacement - from.displacement) / step;
-            // Between the velocities at both ends of the step, whatever the integrator.
+            // The mean velocity lies between those at both ends of the step, for any integrator.
             let (low, high) = (from.velocity.min(to.velocity), from.velocity.max(to.velocity));
             (low - change).max(change - high).max(0.0)
         });
@@ -169,7 +169,7 @@ impl Trials<'_> {
         self.add(what, true, wrong <= KINEMATIC * speed, found);
     }
 
-    /// A force moves its port.
+    /// Checks that a force moves its port.
     fn force(&mut self, port: usize) -> Result<(), SimulatorError> {
         let still = self.pushed(port, 0.0)?;
         let (mut size, mut moved) = (1e-6, 0.0);
@@ -194,7 +194,7 @@ impl Trials<'_> {
         Ok(last)
     }
 
-    /// A state that is kept comes back.
+    /// Checks that a stored state comes back.
     fn states(&mut self) {
         match self.kept() {
             Ok(apart) => {
@@ -205,7 +205,7 @@ impl Trials<'_> {
         }
     }
 
-    /// Returns the largest difference between what followed a state at first and what follows it later.
+    /// Returns the largest difference between the steps after a state was stored and those after it was restored.
     fn kept(&mut self) -> Result<f64, SimulatorError> {
         let (u, description) = (self.fine(), &self.description);
         let half = u.first().map_or(0, Vec::len) / 2;
@@ -223,7 +223,7 @@ impl Trials<'_> {
     }
 }
 
-/// Takes steps without forces; returns all outputs and motions.
+/// Takes steps without forces, and returns all outputs and motions.
 fn follow(
     simulator: &mut dyn Simulator,
     description: &Description,
@@ -246,7 +246,7 @@ fn flat(motions: &[Motion]) -> Vec<f64> {
     motions.iter().flat_map(|motion| [motion.displacement, motion.velocity]).collect()
 }
 
-/// Largest difference; infinite if one has not as many numbers as the other, or a number that is none.
+/// Returns the largest difference. It is infinite if the lengths differ or a number is NaN.
 fn apart(a: &[f64], b: &[f64]) -> f64 {
     if a.len() != b.len() {
         return f64::INFINITY;
@@ -255,7 +255,7 @@ fn apart(a: &[f64], b: &[f64]) -> f64 {
     each.map(|apart| if apart.is_nan() { f64::INFINITY } else { apart }).fold(0.0, f64::max)
 }
 
-/// A trial input: steps of both signs, other ones for each channel.
+/// Returns a trial input: steps of both signs that differ between the channels.
 fn trial(m: usize, samples: usize, size: f64) -> Channels {
     let sign = |i: usize, k: usize| if (k / 10 * (2 * i + 3)).is_multiple_of(5) { -1.0 } else { 1.0 };
     (0..m).map(|i| (0..samples).map(|k| size * sign(i, k)).collect()).collect()
@@ -265,7 +265,7 @@ fn largest(y: &Channels) -> f64 {
     y.iter().flatten().map(|y| y.abs()).fold(0.0, f64::max)
 }
 
-/// Largest difference over the largest output.
+/// Returns the largest difference relative to the largest output.
 fn difference(a: &Channels, b: &Channels) -> f64 {
     let apart = a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     apart / largest(a).max(f64::MIN_POSITIVE)

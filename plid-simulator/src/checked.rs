@@ -5,10 +5,10 @@ use std::time::{Duration, Instant};
 
 use crate::{Channels, Description, Failure, Instance, Motion, Simulator, SimulatorError};
 
-/// How often a simulator was called, and for how long.
+/// The number of runs of a simulator and their time.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Calls {
-    /// Number of runs, those step by step included.
+    /// Number of runs, including those step by step.
     pub runs: usize,
     /// The sum of the times that they took.
     pub time: Duration,
@@ -34,10 +34,10 @@ impl<'a> Checked<'a> {
         Ok(Self { instances, description, calls: Calls::default() })
     }
 
-    /// Wraps a simulator and so many instances of it, itself included, or as many as there may be.
+    /// Wraps a simulator with up to this number of instances of it, itself included.
     ///
     /// # Errors
-    /// As [`Checked::new`]; the failure of [`Simulator::another`].
+    /// Returns the errors of [`Checked::new`] and of [`Simulator::another`].
     pub fn side_by_side(simulator: &'a mut dyn Simulator, instances: usize) -> Result<Self, SimulatorError> {
         let mut checked = Self::new(simulator)?;
         while checked.instances.len() < instances {
@@ -47,7 +47,7 @@ impl<'a> Checked<'a> {
         Ok(checked)
     }
 
-    /// Returns what the simulator has.
+    /// Returns the description of the simulator.
     pub fn description(&self) -> &Description {
         &self.description
     }

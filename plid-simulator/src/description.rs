@@ -3,11 +3,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::SimulatorError;
 
-/// What a simulator has.
+/// The description of a simulator: its channels, ports, parameters and rate.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Description {
-    /// Its name, for messages and reports.
+    /// Name of the simulator in messages and reports.
     pub name: String,
     /// Samples per second of inputs and outputs.
     pub rate_hz: f64,
@@ -15,16 +15,16 @@ pub struct Description {
     pub inputs: Vec<Input>,
     /// The outputs (p).
     pub outputs: Vec<Output>,
-    /// The places that take a force. Only a simulator with steps has any.
+    /// The places at which a force can act. Only a simulator with steps has ports.
     #[serde(default)]
     pub ports: Vec<Port>,
     /// The numbers that may be wrong.
     #[serde(default)]
     pub parameters: Vec<Parameter>,
-    /// Number of steps in a sample; zero for a simulator that only runs as a whole.
+    /// Number of steps in a sample; zero for a simulator that only has whole runs.
     #[serde(default)]
     pub steps_per_sample: usize,
-    /// Whether it can keep its state between two steps, and go back to it.
+    /// Whether it can store its state between two steps and return to it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub states: bool,
 }
@@ -54,7 +54,7 @@ pub struct Output {
     pub unit: Option<String>,
 }
 
-/// A place of a simulator that shows its motion and takes a force.
+/// A place of a simulator with a displacement and a velocity, at which a force can act.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Port {
@@ -82,41 +82,41 @@ pub struct Parameter {
     /// Its unit, if it is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
-    /// The least value that the simulator takes, if there is one.
+    /// The smallest value that the simulator accepts, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lower: Option<f64>,
-    /// The largest value that the simulator takes, if there is one.
+    /// The largest value that the simulator accepts, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub upper: Option<f64>,
-    /// Largest error of the value that is no cause, in its unit: two standard deviations. If absent, any error of a
-    /// material size is a cause.
+    /// Largest expected error of the value, in its unit (two standard deviations). A smaller error is not named as a
+    /// cause. If absent, any material error is a cause.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub limit: Option<f64>,
 }
 
 impl Input {
-    /// An input without a unit.
+    /// Creates an input without a unit.
     pub fn new(name: impl Into<String>) -> Self {
         Self { name: name.into(), unit: None }
     }
 }
 
 impl Output {
-    /// An output of unknown kind and unit.
+    /// Creates an output of unknown kind and unit.
     pub fn new(name: impl Into<String>) -> Self {
         Self { name: name.into(), kind: None, unit: None }
     }
 }
 
 impl Port {
-    /// A port at no input, without units.
+    /// Creates a port without an input at the same place and without units.
     pub fn new(name: impl Into<String>) -> Self {
         Self { name: name.into(), input: None, force_unit: None, displacement_unit: None }
     }
 }
 
 impl Parameter {
-    /// A parameter without unit, bounds and limit.
+    /// Creates a parameter without unit, bounds and limit.
     pub fn new(name: impl Into<String>, value: f64) -> Self {
         Self { name: name.into(), value, unit: None, lower: None, upper: None, limit: None }
     }
@@ -128,7 +128,7 @@ impl Parameter {
 }
 
 impl Description {
-    /// A simulator without ports and parameters, which runs as a whole.
+    /// Creates the description of a simulator without ports and parameters, which only has whole runs.
     pub fn new(name: impl Into<String>, rate_hz: f64, inputs: Vec<Input>, outputs: Vec<Output>) -> Self {
         let (name, ports, parameters) = (name.into(), Vec::new(), Vec::new());
         Self { name, rate_hz, inputs, outputs, ports, parameters, steps_per_sample: 0, states: false }
@@ -147,7 +147,7 @@ impl Description {
     /// Checks names, numbers and bounds.
     ///
     /// # Errors
-    /// [`SimulatorError::Description`] with the first fault.
+    /// Returns [`SimulatorError::Description`] with the first fault.
     pub fn check(&self) -> Result<(), SimulatorError> {
         self.fault().map_or(Ok(()), |message| Err(SimulatorError::Description { name: self.name.clone(), message }))
     }
@@ -160,10 +160,10 @@ impl Description {
             return Some("it has no output".into());
         }
         if !self.ports.is_empty() && !self.has_steps() {
-            return Some("it has ports, but steps_per_sample is 0: only `step` takes forces".into());
+            return Some("it has ports, but steps_per_sample is 0: forces act only in steps".into());
         }
         if self.states && !self.has_steps() {
-            return Some("it keeps states, but steps_per_sample is 0: a state lies between two steps".into());
+            return Some("it stores states, but steps_per_sample is 0: states exist only between steps".into());
         }
         let inputs: Vec<&str> = self.inputs.iter().map(|input| input.name.as_str()).collect();
         let outputs = self.outputs.iter().map(|output| output.name.as_str()).collect();
@@ -176,7 +176,7 @@ impl Description {
             .or_else(|| {
                 let missing = |name: &&String| !inputs.contains(&name.as_str());
                 let input = self.ports.iter().filter_map(|port| port.input.as_ref()).find(missing)?;
-                Some(format!("a port lies at {input:?}, which is not one of the inputs"))
+                Some(format!("a port names the input {input:?}, which does not exist"))
             })
             .or_else(|| self.parameters.iter().find_map(Parameter::fault))
     }

@@ -1,7 +1,7 @@
-/// The failure of a simulator. Each names the simulator or the call.
+/// The failure of a simulator, with its name or the number of the call.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SimulatorError {
-    /// What the simulator says of itself is inconsistent.
+    /// The description of the simulator is inconsistent.
     #[error("simulator {name:?}: {message}")]
     Description {
         /// Name of the simulator.
@@ -9,22 +9,22 @@ pub enum SimulatorError {
         /// The fault.
         message: String,
     },
-    /// A step was asked of a simulator that only runs as a whole.
+    /// A step was requested from a simulator that only has whole runs.
     #[error("simulator {name:?} cannot advance step by step")]
     NoSteps {
         /// Name of the simulator.
         name: String,
     },
-    /// A state was asked of a simulator that keeps none.
-    #[error("simulator {name:?} cannot keep its state")]
+    /// A state was requested from a simulator that cannot store its state.
+    #[error("simulator {name:?} cannot store its state")]
     NoStates {
         /// Name of the simulator.
         name: String,
     },
-    /// The simulator failed by its own account, stopped, or did not answer in time.
+    /// The simulator reported a failure, ended, or did not answer in time.
     #[error("the simulator failed: {message}")]
     Failed {
-        /// Its words, or what it did; the end of its log, if it has one.
+        /// The message of the simulator or a description of the failure, and the end of its log, if it has one.
         message: String,
     },
     /// A call failed.
@@ -38,9 +38,9 @@ pub enum SimulatorError {
     /// The outputs have the wrong number of channels or samples.
     #[error("the simulator returned {found}, expected {expected}")]
     Shape {
-        /// What was expected.
+        /// The expected numbers.
         expected: String,
-        /// What came back.
+        /// The numbers that were returned.
         found: String,
     },
     /// A returned number is NaN or infinite.
@@ -56,13 +56,13 @@ pub enum SimulatorError {
 }
 
 impl SimulatorError {
-    /// A failure in the simulator's own words.
+    /// Creates a failure with the simulator's own message.
     pub fn failed(message: impl Into<String>) -> Self {
         Self::Failed { message: message.into() }
     }
 
-    /// The failure of a slot that holds no state.
+    /// Creates the failure of a slot that holds no state.
     pub fn empty(slot: usize) -> Self {
-        Self::failed(format!("no state is kept in slot {slot}"))
+        Self::failed(format!("slot {slot} holds no state"))
     }
 }

@@ -7,7 +7,7 @@ pub struct Function<F> {
     copy: Option<Copy<F>>,
 }
 
-/// Makes an independent instance.
+/// Creates an independent instance.
 type Copy<F> = fn(&Function<F>) -> Box<dyn Simulator>;
 
 impl<F: FnMut(&[f64], &[Vec<f64>]) -> Result<Channels, SimulatorError> + Send> Function<F> {
@@ -16,7 +16,7 @@ impl<F: FnMut(&[f64], &[Vec<f64>]) -> Result<Channels, SimulatorError> + Send> F
         Self { description, function, copy: None }
     }
 
-    /// Lets runs go side by side. Clones of the function must not share anything that changes.
+    /// Allows runs side by side. Clones of the function must not share mutable state.
     pub fn side_by_side(self) -> Self
     where
         F: Clone + 'static,

@@ -17,7 +17,7 @@ pub struct Instance<'a> {
 pub struct Failure {
     /// The sample, from 0.
     pub sample: Option<usize>,
-    /// What failed.
+    /// The failure itself.
     pub source: SimulatorError,
 }
 
@@ -35,7 +35,7 @@ impl<'a> Instance<'a> {
     /// Runs from rest; see [`Simulator::run`].
     ///
     /// # Errors
-    /// [`Failure`] of the simulator or in its answer.
+    /// Returns the [`Failure`] of the simulator, or that of a check of its answer.
     pub fn run(&mut self, parameters: &[f64], u: &[Vec<f64>]) -> Result<Channels, Failure> {
         let samples = u.first().map_or(0, Vec::len);
         let y = self.simulator.run(parameters, u).and_then(|y| self.checked(y, samples));
@@ -43,12 +43,11 @@ impl<'a> Instance<'a> {
     }
 
     /// Runs from rest, step by step. `u` holds one value of each input for each step, so that an input may change
-    /// within a sample. `force` gives the force at each port from the motion there: it is called before each step with
-    /// the step's number and the motions (one for each port), and writes the forces. Returns the outputs at the
-    /// samples.
+    /// within a sample. `force` computes the forces at the ports: it is called before each step with the index of the
+    /// step and the motions (one for each port), and writes the forces. Returns the outputs at the samples.
     ///
     /// # Errors
-    /// [`Failure`] of the simulator or in its answer, with the sample.
+    /// Returns the [`Failure`] of the simulator, or that of a check of its answer, with the sample.
     pub fn run_with(
         &mut self,
         parameters: &[f64],

@@ -1,10 +1,10 @@
-//! Anybody's simulator behind one trait.
+//! Simulators of any kind behind one trait.
 //!
-//! A [`Simulator`] says what it has ([`Description`]): inputs, outputs, numbers that may be wrong ([`Parameter`]), and
-//! places that take a force ([`Port`]). [`Simulator::run`] maps inputs to outputs from rest. A simulator that can also
-//! advance by one step at a time shows the motion at its ports and takes forces there ([`Simulator::step`]). It may
-//! keep states ([`Simulator::save`]), and it may have independent instances, which run side by side
-//! ([`Simulator::another`]).
+//! A [`Simulator`] describes itself ([`Description`]): inputs, outputs, parameters that may be wrong ([`Parameter`]),
+//! and places at which a force can act ([`Port`]). [`Simulator::run`] maps inputs to outputs from rest. A simulator
+//! that can also advance by one step at a time returns the motion at its ports and takes forces there
+//! ([`Simulator::step`]). It may store states ([`Simulator::save`]), and it may have independent instances that run
+//! side by side ([`Simulator::another`]).
 //!
 //! | implementation | simulator |
 //! |---|---|
@@ -12,9 +12,9 @@
 //! | [`Command`] | another program, over its standard input and output |
 //! | [`Linear`] | a linear model with ports, such as a model.json |
 //!
-//! [`Checked`] wraps any of them: it checks what comes back, names the call that failed, counts calls and time, and
+//! [`Checked`] wraps any of them: it checks all answers, names the call that failed, counts runs and their time, and
 //! runs instances side by side.
-//! [`check()`] tells what a simulator does not honour. [`serve()`] makes a simulator one for another program.
+//! [`check()`] reports which rules a simulator violates. [`serve()`] offers a simulator to another program.
 //!
 //! ```
 //! use plid_simulator::{Checked, Description, Function, Input, Output};
@@ -66,17 +66,17 @@ pub struct Motion {
 
 /// A simulator of a plant.
 ///
-/// One of [`Simulator::run`] and [`Simulator::step`] is required. The same calls must give the same numbers: a
-/// simulator that draws random numbers begins each run with the same seed.
+/// One of [`Simulator::run`] and [`Simulator::step`] is required. Equal calls must give equal numbers, so a
+/// simulator with random numbers must begin each run with the same seed.
 pub trait Simulator: Send {
-    /// Returns what the simulator has.
+    /// Returns the description of the simulator.
     fn description(&self) -> &Description;
 
     /// Simulates from rest with these parameters (in the order of the description) and held inputs (m channels), and
     /// returns the outputs (p channels) at the same samples.
     ///
     /// # Errors
-    /// [`SimulatorError`] with the simulator's own words.
+    /// Returns a [`SimulatorError`] with the simulator's own message.
     fn run(&mut self, parameters: &[f64], u: &[Vec<f64>]) -> Result<Channels, SimulatorError> {
         run_by_steps(self, parameters, u)
     }
@@ -84,7 +84,8 @@ pub trait Simulator: Send {
     /// Goes to rest with these parameters, and returns the motion at each port there.
     ///
     /// # Errors
-    /// [`SimulatorError`] with the simulator's own words; [`SimulatorError::NoSteps`] if it only runs as a whole.
+    /// Returns a [`SimulatorError`] with the simulator's own message, or [`SimulatorError::NoSteps`] if it only has
+    /// whole runs.
     fn start(&mut self, _parameters: &[f64]) -> Result<Vec<Motion>, SimulatorError> {
         Err(SimulatorError::NoSteps { name: self.description().name.clone() })
     }
@@ -94,7 +95,7 @@ pub trait Simulator: Send {
     /// [`Description::steps_per_sample`] steps.
     ///
     /// # Errors
-    /// As [`Simulator::start`].
+    /// Returns the errors of [`Simulator::start`].
     fn step(
         &mut self,
         _u: &[f64],
@@ -105,28 +106,29 @@ pub trait Simulator: Send {
         Err(SimulatorError::NoSteps { name: self.description().name.clone() })
     }
 
-    /// Keeps the present state, which lies between two steps, in a slot; what the slot held is lost. All states are
-    /// lost with the next start.
+    /// Stores the present state, between two steps, in a slot, and replaces what the slot held. The next start deletes
+    /// all states.
     ///
     /// # Errors
-    /// [`SimulatorError::NoStates`] if it keeps none ([`Description::states`]); else as [`Simulator::start`].
+    /// Returns [`SimulatorError::NoStates`] if it cannot store its state ([`Description::states`]), and the errors of
+    /// [`Simulator::start`].
     fn save(&mut self, _slot: usize) -> Result<(), SimulatorError> {
         Err(SimulatorError::NoStates { name: self.description().name.clone() })
     }
 
-    /// Goes back to the state in a slot, which stays kept, and returns the motion at each port there.
+    /// Returns to the state in a slot, which remains stored, and returns the motion at each port there.
     ///
     /// # Errors
-    /// As [`Simulator::save`]; [`SimulatorError::Failed`] if the slot is empty.
+    /// Returns the errors of [`Simulator::save`], and [`SimulatorError::Failed`] if the slot is empty.
     fn restore(&mut self, _slot: usize) -> Result<Vec<Motion>, SimulatorError> {
         Err(SimulatorError::NoStates { name: self.description().name.clone() })
     }
 
     /// Returns an independent instance of this simulator, which may run at the same time in another thread and gives
-    /// the same numbers. `None` if there is only this one.
+    /// the same numbers. Returns `None` if there can be only one instance.
     ///
     /// # Errors
-    /// [`SimulatorError`] if an instance cannot be made.
+    /// Returns a [`SimulatorError`] if an instance cannot be created.
     fn another(&self) -> Result<Option<Box<dyn Simulator>>, SimulatorError> {
         Ok(None)
     }

@@ -5,7 +5,8 @@ use plid_model::Model;
 
 use crate::{Description, Input, Motion, Output, Port, Simulator, SimulatorError};
 
-/// A linear model behind steps: x+ = A x + B u + F f, y = C x + D u + G f, with forces f at its declared ports.
+/// A linear model as a simulator with steps: x+ = A x + B u + F f, y = C x + D u + G f, with forces f at its declared
+/// ports.
 #[derive(Debug, Clone)]
 pub struct Linear {
     description: Description,
@@ -19,12 +20,12 @@ pub struct Linear {
     x: DVector<f64>,
     next: DVector<f64>,
     driven: DVector<f64>,
-    /// The states that are kept, by their slots.
+    /// The stored states, by their slots.
     kept: HashMap<usize, DVector<f64>>,
 }
 
 impl Linear {
-    /// Creates a simulator of a model that takes so many steps in a sample.
+    /// Creates a simulator from a model, with a number of steps in a sample.
     ///
     /// # Errors
     /// [`SimulatorError::Description`] if it has ports or shorter steps, but no continuous form.
@@ -86,14 +87,14 @@ impl Linear {
     }
 }
 
-/// Two matrices side by side.
+/// Returns two matrices side by side.
 fn columns(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
     let at = |i: usize, j: usize| if j < left.ncols() { left[(i, j)] } else { right[(i, j - left.ncols())] };
     DMatrix::from_fn(left.nrows(), left.ncols() + right.ncols(), at)
 }
 
-/// The matrices of dx/dt = A x + B u over a step with held inputs: the exponential of [A B; 0 0] (Van Loan, IEEE Trans.
-/// Automatic Control 23, 1978).
+/// Returns the matrices of dx/dt = A x + B u over a step with held inputs, by the exponential of [A B; 0 0] (Van Loan,
+/// IEEE Trans. Automatic Control 23, 1978).
 fn held(a: &DMatrix<f64>, b: &DMatrix<f64>, step: f64) -> (DMatrix<f64>, DMatrix<f64>) {
     let (n, m) = b.shape();
     let mut whole = DMatrix::zeros(n + m, n + m);

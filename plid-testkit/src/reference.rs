@@ -68,6 +68,38 @@ fn congruence<S: Scalar>(f: &Mat<S>, p: &Mat<S>) -> Mat<S> {
     f * &(f * p).t()
 }
 
+/// Actuator noise v and state noise xi, given the noise w of the outputs that are there.
+struct Decorrelated<S> {
+    /// E[v w^T] R^{-1} and E[xi w^T] R^{-1}.
+    l: Mat<S>,
+    big_m: Mat<S>,
+    /// Their covariances given w.
+    q: Mat<S>,
+    sigma: Mat<S>,
+    s_vxi: Mat<S>,
+}
+
+impl<S: Scalar> Decorrelated<S> {
+    /// Computes them from the joint covariance of eta = [w; v; xi], which have p, m and n entries.
+    fn of(joint: &Mat<f64>, (p, m, n): (usize, usize, usize), there: &[usize]) -> Self {
+        let k = there.len();
+        let part = |rows: &[usize], columns: &[usize]| {
+            Mat::from_fn(rows.len(), columns.len(), |i, j| S::from_f64(joint[(rows[i], columns[j])]))
+        };
+        let (vs, xis): (Vec<usize>, Vec<usize>) = ((p..p + m).collect(), (p + m..p + m + n).collect());
+        let (s_vw, s_wxi) = (part(&vs, there), part(there, &xis));
+        // Without cross-covariances L = M = 0, whatever R is; zero among others.
+        let correlated = s_vw.norm() > 0.0 || s_wxi.norm() > 0.0;
+        let r_inverse = if correlated { part(there, there).inverse() } else { Mat::zeros(k, k) };
+        let l = &s_vw * &r_inverse;
+        let big_m = &s_wxi.t() * &r_inverse;
+        let q = &part(&vs, &vs) - &(&l * &s_vw.t());
+        let sigma = &part(&xis, &xis) - &(&big_m * &s_wxi);
+        let s_vxi = &part(&vs, &xis) - &(&l * &s_wxi);
+        Self { l, big_m, q, sigma, s_vxi }
+    }
+}
+
 impl<S: Scalar> Reference<S> {
     pub fn new(kind: Kind, indices: &[usize], m: usize, settings: &Settings) -> Self {
         let n = indices.iter().sum();
@@ -211,25 +243,38 @@ impl<S: Scalar> Reference<S> {
         self.p = &advanced - &(&(&gain * &measured.re) * &gain.t());
     }
 
+    /// Adds to the mean and the covariance of the next state what the parameters' covariances contribute.
+    fn add_covariance_terms(&self, cov: &Mat<S>, g: &[Mat<S>], q: &Mat<S>, drift: &mut Mat<S>, qbar: &mut Mat<S>) {
+        let (n, m) = (self.n, self.m);
+        let p = g.len() - m;
+        let p_xx = cov.block(0, 0, n, n);
+        let p_tt = |s: usize, t: usize| cov.block(self.place(s, 0), self.place(t, 0), n, n);
+        let p_tx = |t: usize| cov.block(self.place(t, 0), 0, n, n);
+        for t in 0..p + m {
+            *drift = &*drift + &(&p_tx(t) * &g[t].t());
+        }
+        for j in 0..m {
+            for l in 0..m {
+                *qbar = &*qbar + &p_tt(p + j, p + l).scaled(q[(j, l)]);
+            }
+        }
+        for s in 0..p + m {
+            for t in 0..p + m {
+                let seen = (&(&g[s] * &p_xx) * &g[t].t())[(0, 0)];
+                *qbar = &*qbar + &p_tt(s, t).scaled(seen);
+                let (left, right) = (&p_tx(s) * &g[t].t(), &p_tx(t) * &g[s].t());
+                *qbar = &*qbar + &(&left * &right.t());
+            }
+        }
+    }
+
     /// The moments of the next state if s given z_k is Gaussian, or without those that come from the parameters'
     /// covariances.
     fn moments(&mut self, measured: &Measured<S>, covariances: bool, z: &[f64], u: &[f64], joint: &Mat<f64>) {
         let (n, m, p, size) = (self.n, self.m, z.len(), self.s.rows);
         let Measured { there, s, p: cov, .. } = measured;
         let k = there.len();
-        let part = |rows: &[usize], columns: &[usize]| {
-            Mat::from_fn(rows.len(), columns.len(), |i, j| S::from_f64(joint[(rows[i], columns[j])]))
-        };
-        let (vs, xis): (Vec<usize>, Vec<usize>) = ((p..p + m).collect(), (p + m..p + m + n).collect());
-        let (s_vw, s_wxi) = (part(&vs, there), part(there, &xis));
-        // Without cross-covariances L = M = 0, whatever R is; zero among others.
-        let correlated = s_vw.norm() > 0.0 || s_wxi.norm() > 0.0;
-        let r_inverse = if correlated { part(there, there).inverse() } else { Mat::zeros(k, k) };
-        let l = &s_vw * &r_inverse;
-        let big_m = &s_wxi.t() * &r_inverse;
-        let q = &part(&vs, &vs) - &(&l * &s_vw.t());
-        let sigma = &part(&xis, &xis) - &(&big_m * &s_wxi);
-        let s_vxi = &part(&vs, &xis) - &(&l * &s_wxi);
+        let Decorrelated { l, big_m, q, sigma, s_vxi } = Decorrelated::of(joint, (p, m, n), there);
         let c = Mat::from_fn(k, n, |i, j| if j == self.rows[there[i]] { S::one() } else { S::zero() });
         let residual = Mat::from_fn(k, 1, |i, _| S::from_f64(z[there[i]]) - s[(self.rows[there[i]], 0)]);
 
@@ -257,32 +302,13 @@ impl<S: Scalar> Reference<S> {
                 }
             })
             .collect();
-        let p_xx = cov.block(0, 0, n, n);
-        let p_tt = |s: usize, t: usize| cov.block(self.place(s, 0), self.place(t, 0), n, n);
-        let p_tx = |t: usize| cov.block(self.place(t, 0), 0, n, n);
-
         let mut drift = &big_m * &residual;
         let mut qbar = sigma;
         qbar = &qbar + &(&(&b * &q) * &b.t());
         let bs = &b * &s_vxi;
         qbar = &(&qbar + &bs) + &bs.t();
         if covariances {
-            for t in 0..p + m {
-                drift = &drift + &(&p_tx(t) * &g[t].t());
-            }
-            for j in 0..m {
-                for l in 0..m {
-                    qbar = &qbar + &p_tt(p + j, p + l).scaled(q[(j, l)]);
-                }
-            }
-            for s in 0..p + m {
-                for t in 0..p + m {
-                    let seen = (&(&g[s] * &p_xx) * &g[t].t())[(0, 0)];
-                    qbar = &qbar + &p_tt(s, t).scaled(seen);
-                    let (left, right) = (&p_tx(s) * &g[t].t(), &p_tx(t) * &g[s].t());
-                    qbar = &qbar + &(&left * &right.t());
-                }
-            }
+            self.add_covariance_terms(cov, &g, &q, &mut drift, &mut qbar);
         }
 
         let mut fbar = Mat::identity(size);

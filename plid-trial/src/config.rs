@@ -179,6 +179,12 @@ impl TrialConfig {
                 problems.push((key, format!("they need {wanted} different `effects`")));
             }
         }
+        self.problems_of_draw(&mut problems);
+        problems
+    }
+
+    /// Returns the invalid values of what is drawn.
+    fn problems_of_draw(&self, problems: &mut Vec<(&'static str, String)>) {
         let draw = &self.draw;
         for (key, count) in
             [("plants", draw.plants.len()), ("channels", draw.channels.len()), ("experiments", draw.experiments.len())]
@@ -223,7 +229,6 @@ impl TrialConfig {
                 problems.push((key, format!("{value} is not positive")));
             }
         }
-        problems
     }
 
     /// Returns the effects to draw from.

@@ -104,6 +104,26 @@ pub fn diagnose_with(
     Ok(done)
 }
 
+/// Returns the cases that have no answer yet; those that are there must be by this program.
+fn unanswered<'a>(answers: &Path, ours: &[&'a OpenCase], program: &Program) -> Result<Vec<&'a OpenCase>, TrialError> {
+    let mut open = Vec::new();
+    for case in ours {
+        match answer::read(answers, &case.case)? {
+            None => open.push(*case),
+            Some((answered, _)) if answered.program != *program => {
+                return Err(TrialError::OtherProgram {
+                    what: format!("the answer to {}", case.case),
+                    theirs: Box::new(answered.program),
+                    ours: Box::new(program.clone()),
+                    running: true,
+                });
+            }
+            Some(_) => {}
+        }
+    }
+    Ok(open)
+}
+
 /// Answers the cases of `ours` that have no answer in `answers` yet.
 pub(crate) fn answer_all(
     trial: &Path,
@@ -114,22 +134,7 @@ pub(crate) fn answer_all(
     progress: &dyn Progress,
 ) -> Result<Done, TrialError> {
     files::make(&answers)?;
-    let program = Program::this()?;
-    let mut open = Vec::new();
-    for case in ours {
-        match answer::read(&answers, &case.case)? {
-            None => open.push(*case),
-            Some((answered, _)) if answered.program != program => {
-                return Err(TrialError::OtherProgram {
-                    what: format!("the answer to {}", case.case),
-                    theirs: Box::new(answered.program),
-                    ours: Box::new(program),
-                    running: true,
-                });
-            }
-            Some(_) => {}
-        }
-    }
+    let open = unanswered(&answers, ours, &Program::this()?)?;
     let before = ours.len() - open.len();
     progress.advance(before, ours.len());
 

@@ -210,6 +210,45 @@ pub fn wanted(truth: &Truth) -> String {
     if names.is_empty() { "none".to_owned() } else { joined(names.into_iter()) }
 }
 
+fn probability(candidate: &Candidate) -> f64 {
+    candidate.probability.unwrap_or(0.0)
+}
+
+/// Returns the candidates, the likeliest first.
+fn by_probability(candidates: &[Candidate]) -> Vec<&Candidate> {
+    let mut order: Vec<&Candidate> = candidates.iter().collect();
+    order.sort_by(|a, b| probability(b).total_cmp(&probability(a)));
+    order
+}
+
+/// Returns the likeliest candidates that together reach the probability [`COVER`], and their probability.
+fn credible_set<'a>(order: &[&'a Candidate]) -> (Vec<&'a Candidate>, f64) {
+    let mut mass = 0.0;
+    let mut set = Vec::new();
+    for candidate in order {
+        if mass >= COVER {
+            break;
+        }
+        set.push(*candidate);
+        mass += probability(candidate);
+    }
+    (set, mass)
+}
+
+/// Returns the share of the gap beyond the floor that a correction with the remaining gap `gap` removes.
+fn shrink(truth: &Truth, gap: f64) -> f64 {
+    let (given, floor) = (truth.gap_sim, truth.gap_floor);
+    let beyond = |gap: f64| (gap * gap - floor * floor).max(0.0);
+    1.0 - (beyond(gap) / (given * given - floor * floor).max(1e-12)).sqrt()
+}
+
+/// Returns the probability of the likeliest candidate, and whether it is the truth.
+fn likeliest(order: &[&Candidate], truth: &Truth, outside: bool) -> Option<(f64, bool)> {
+    let top = order.first()?;
+    let hit = if outside { top.unknown } else { !top.unknown && same(truth, &top.effects) };
+    Some((top.probability?, hit))
+}
+
 /// Judges an answer; `realised` is the gap of its simulation on the held-out record.
 pub fn judge(truth: &Truth, without: &[String], claim: &Claim, realised: Option<f64>) -> Judged {
     let outside = asked(truth, without) == Asked::Outside;
@@ -218,28 +257,14 @@ pub fn judge(truth: &Truth, without: &[String], claim: &Claim, realised: Option<
     let is_at_work = |said: &Named| is_named(&said.effect) || is_small(said);
     let said = claim.said();
     let first = said.first();
-    let probability = |c: &Candidate| c.probability.unwrap_or(0.0);
-    let mut order: Vec<&Candidate> = claim.candidates.iter().collect();
-    order.sort_by(|a, b| probability(b).total_cmp(&probability(a)));
-    let mut mass = 0.0;
-    let mut set = Vec::new();
-    for candidate in &order {
-        if mass >= COVER {
-            break;
-        }
-        set.push(*candidate);
-        mass += probability(candidate);
-    }
+    let order = by_probability(&claim.candidates);
+    let (set, mass) = credible_set(&order);
     let right_name = first.is_some_and(|said| is_named(&said.effect));
     let small_first = first.is_some_and(is_small);
     let is_likely = |said: &Named| said.confidence.unwrap_or(0.0) >= LIKELY;
     let is_main = |said: &Named| truth.main().is_some_and(|main| main.effect == said.effect);
     let at_its_place = |said: &Named| truth.at_work().any(|e| e.effect == said.effect && e.is_at(&said.location));
     let confident = first.is_some_and(|said| said.confidence.unwrap_or(0.0) >= CONFIDENT);
-    let top = order.first().and_then(|top| {
-        let hit = if outside { top.unknown } else { !top.unknown && same(truth, &top.effects) };
-        Some((top.probability?, hit))
-    });
     let families: Vec<_> = truth.at_work().map(|e| family(&e.effect)).collect();
     let text = if said.is_empty() { claim.verdict.clone() } else { joined(said.iter().map(|s| s.effect.as_str())) };
     let without_small = || said.iter().filter(|said| is_named(&said.effect) || !is_small(said));
@@ -247,8 +272,6 @@ pub fn judge(truth: &Truth, without: &[String], claim: &Claim, realised: Option<
     let right = if names.is_empty() { said.is_empty() && text == wanted(truth) } else { names == wanted(truth) };
     let unknown = claim.verdict == "unknown";
     let (given, floor) = (truth.gap_sim, truth.gap_floor);
-    let beyond = |gap: f64| (gap * gap - floor * floor).max(0.0);
-    let shrink = |gap: f64| 1.0 - (beyond(gap) / (given * given - floor * floor).max(1e-12)).sqrt();
     let stated = claim.gap.predicted_held_out_gap;
     Judged {
         at: first.map(|said| said.location.clone()).unwrap_or_default(),
@@ -266,10 +289,10 @@ pub fn judge(truth: &Truth, without: &[String], claim: &Claim, realised: Option<
         confident,
         wrong: confident && (outside || !right_name) && !small_first,
         shape_differs: right_name && first.is_some_and(|said| said.shape_differs),
-        top,
+        top: likeliest(&order, truth, outside),
         right,
         gap: realised,
-        shrink: realised.map_or(0.0, shrink),
+        shrink: realised.map_or(0.0, |gap| shrink(truth, gap)),
         shrinkable: given > 1.5 * floor,
         missed_by: stated.zip(realised).map(|(stated, found)| (stated - found).abs() / given),
         main_first: first.is_some_and(is_main),

@@ -63,16 +63,21 @@ pub fn merge(trial: &Path, folders: &[PathBuf]) -> Result<usize, TrialError> {
         return Err(TrialError::Shards(format!("{word} {} of {of} {verb} missing", missing.join(", "))));
     }
 
-    let answers = trial.join(ANSWERS);
-    files::make(&answers)?;
-    for (folder, cases) in shards.values() {
+    copy_all(&trial.join(ANSWERS), shards.values())?;
+    Ok(of)
+}
+
+/// Copies the answers of all shards that are not there yet; those that are there must be the same.
+fn copy_all<'a>(answers: &Path, shards: impl Iterator<Item = &'a (PathBuf, Vec<String>)>) -> Result<(), TrialError> {
+    files::make(answers)?;
+    for (folder, cases) in shards {
         for case in cases {
             let Some((_, theirs)) = answer::read(folder, case)? else {
                 let shown = folder.display();
                 return Err(TrialError::Shards(format!("{shown}: the answer to {case} is missing")));
             };
-            match answer::read(&answers, case)? {
-                None => copy(&folder.join(case), &answers, case)?,
+            match answer::read(answers, case)? {
+                None => copy(&folder.join(case), answers, case)?,
                 Some((_, ours)) if ours == theirs => {}
                 Some(_) => {
                     return Err(TrialError::Changed { case: case.clone(), since: "it was merged before" });
@@ -80,7 +85,7 @@ pub fn merge(trial: &Path, folders: &[PathBuf]) -> Result<usize, TrialError> {
             }
         }
     }
-    Ok(of)
+    Ok(())
 }
 
 fn list(directory: &Path) -> Result<Vec<PathBuf>, TrialError> {

@@ -267,81 +267,126 @@ impl Totals {
 
 /// Returns all groups of a trial's cases.
 fn groups(lines: &[Line]) -> Vec<Group> {
-    let mut groups = Vec::new();
-    let mut add = |by: &str, is: &str, keep: &dyn Fn(&Line) -> bool| {
-        let these: Vec<&Line> = lines.iter().filter(|line| keep(line)).collect();
+    let mut groups = Groups { lines, groups: Vec::new() };
+    groups.add(ALL, ALL, &|_| true);
+    groups.by_arm();
+    groups.by_gap();
+    groups.by_equation();
+    groups.by_part();
+    groups.by_effect();
+    groups.by_outsider();
+    groups.by_nuisance();
+    groups.groups
+}
+
+fn name(arm: Arm) -> String {
+    let name = serde_json::to_value(arm).ok();
+    name.as_ref().and_then(|name| name.as_str()).unwrap_or_default().to_owned()
+}
+
+fn single(line: &Line) -> bool {
+    line.asked == Asked::Single
+}
+
+fn strong(line: &Line) -> bool {
+    single(line) && line.gap >= STRONG
+}
+
+/// The groups so far, and the lines that they are taken from.
+struct Groups<'a> {
+    lines: &'a [Line],
+    groups: Vec<Group>,
+}
+
+impl Groups<'_> {
+    /// Adds the group of the lines to keep, if there are any.
+    fn add(&mut self, by: &str, is: &str, keep: &dyn Fn(&Line) -> bool) {
+        let these: Vec<&Line> = self.lines.iter().filter(|line| keep(line)).collect();
         if !these.is_empty() {
             let answerers = if by.starts_with(GAP_OF) { 1 } else { ANSWERERS.len() };
             let totals = (0..answerers).map(|who| Totals::of(these.iter().copied(), who)).collect();
-            groups.push(Group { by: by.to_owned(), is: is.to_owned(), totals });
-        }
-    };
-    let name = |arm: Arm| {
-        let name = serde_json::to_value(arm).ok();
-        name.as_ref().and_then(|name| name.as_str()).unwrap_or_default().to_owned()
-    };
-    let single = |line: &Line| line.asked == Asked::Single;
-    let strong = |line: &Line| single(line) && line.gap >= STRONG;
-    add(ALL, ALL, &|_| true);
-    for arm in [Arm::None, Arm::Single, Arm::Pair, Arm::Triple, Arm::Outsider, Arm::LeaveOneOut] {
-        add(ARM, &name(arm), &|line| line.arm == arm);
-    }
-    for bin in 0..GAPS.len() - 1 {
-        let within = |line: &Line| single(line) && (GAPS[bin]..GAPS[bin + 1]).contains(&line.gap);
-        add(GAP, &gap_bin(bin), &within);
-        add(GAP_OWN, &gap_bin(bin), &|line| within(line) && line.own_equation);
-        add(GAP_NEAR, &gap_bin(bin), &|line| within(line) && !line.own_equation);
-    }
-    // What the targets are for: all three channels, an experiment, a simulation as a model.
-    let is = |line: &Line, key: &str, value: &str| line.nuisances.get(key).is_none_or(|said| said == value);
-    let full = |line: &Line| {
-        is(line, "experiment", "active")
-            && is(line, "inputs", "3")
-            && is(line, "outputs", "3")
-            && is(line, "simulator", "model")
-    };
-    add(EQUATION, OWN, &|line| strong(line) && full(line) && line.own_equation);
-    add(EQUATION, NEAR, &|line| strong(line) && full(line) && !line.own_equation);
-    for (part, asked) in PARTS {
-        let within =
-            |line: &Line| asked.iter().all(|(key, value)| line.nuisances.get(*key).is_some_and(|is| is == value));
-        let mut add = |is: &str, keep: &dyn Fn(&Line) -> bool| {
-            add(&format!("{PART}{part}"), is, &|line| within(line) && keep(line));
-        };
-        add(ALL, &|_| true);
-        add(OWN, &|line| strong(line) && line.own_equation);
-        add(NEAR, &|line| strong(line) && !line.own_equation);
-        for arm in [Arm::None, Arm::Outsider, Arm::Pair] {
-            add(&name(arm), &|line| line.arm == arm);
+            self.groups.push(Group { by: by.to_owned(), is: is.to_owned(), totals });
         }
     }
-    let whole = whole();
-    for kind in &whole {
-        add(EFFECT, kind.name, &|line| single(line) && line.truth == kind.name);
-        add(STRONG_EFFECT, kind.name, &|line| strong(line) && line.truth == kind.name);
-        add(LEFT_OUT, kind.name, &|line| line.arm == Arm::LeaveOneOut && line.truth == kind.name);
+
+    fn by_arm(&mut self) {
+        for arm in [Arm::None, Arm::Single, Arm::Pair, Arm::Triple, Arm::Outsider, Arm::LeaveOneOut] {
+            self.add(ARM, &name(arm), &|line| line.arm == arm);
+        }
     }
-    for kind in &whole {
+
+    fn by_gap(&mut self) {
         for bin in 0..GAPS.len() - 1 {
-            let within = |line: &Line| (GAPS[bin]..GAPS[bin + 1]).contains(&line.gap) && line.truth == kind.name;
-            add(&format!("{GAP_OF}{}", kind.name), &gap_bin(bin), &|line| single(line) && within(line));
+            let within = |line: &Line| single(line) && (GAPS[bin]..GAPS[bin + 1]).contains(&line.gap);
+            self.add(GAP, &gap_bin(bin), &within);
+            self.add(GAP_OWN, &gap_bin(bin), &|line| within(line) && line.own_equation);
+            self.add(GAP_NEAR, &gap_bin(bin), &|line| within(line) && !line.own_equation);
         }
     }
-    let families: BTreeSet<&str> = whole.iter().map(|kind| kind.family).collect();
-    for name in families {
-        add(FAMILY, name, &|line| strong(line) && family(&line.truth) == Some(name));
+
+    fn by_equation(&mut self) {
+        // What the targets are for: all three channels, an experiment, a simulation as a model.
+        let is = |line: &Line, key: &str, value: &str| line.nuisances.get(key).is_none_or(|said| said == value);
+        let full = |line: &Line| {
+            is(line, "experiment", "active")
+                && is(line, "inputs", "3")
+                && is(line, "outputs", "3")
+                && is(line, "simulator", "model")
+        };
+        self.add(EQUATION, OWN, &|line| strong(line) && full(line) && line.own_equation);
+        self.add(EQUATION, NEAR, &|line| strong(line) && full(line) && !line.own_equation);
     }
-    let outsiders: BTreeSet<&str> =
-        lines.iter().filter(|line| line.arm == Arm::Outsider).map(|line| line.truth.as_str()).collect();
-    for name in outsiders {
-        add(OUTSIDER, name, &|line| line.arm == Arm::Outsider && line.truth == name);
+
+    fn by_part(&mut self) {
+        for (part, asked) in PARTS {
+            let within =
+                |line: &Line| asked.iter().all(|(key, value)| line.nuisances.get(*key).is_some_and(|is| is == value));
+            let mut add = |is: &str, keep: &dyn Fn(&Line) -> bool| {
+                self.add(&format!("{PART}{part}"), is, &|line| within(line) && keep(line));
+            };
+            add(ALL, &|_| true);
+            add(OWN, &|line| strong(line) && line.own_equation);
+            add(NEAR, &|line| strong(line) && !line.own_equation);
+            for arm in [Arm::None, Arm::Outsider, Arm::Pair] {
+                add(&name(arm), &|line| line.arm == arm);
+            }
+        }
     }
-    let nuisances: BTreeSet<(&String, &String)> = lines.iter().flat_map(|line| &line.nuisances).collect();
-    for (key, value) in nuisances {
-        let asks = |line: &Line| line.asked == Asked::None || strong(line);
-        add(&format!("{NUISANCE}{key}"), value, &|line| asks(line) && line.nuisances.get(key) == Some(value));
+
+    fn by_effect(&mut self) {
+        let whole = whole();
+        for kind in &whole {
+            self.add(EFFECT, kind.name, &|line| single(line) && line.truth == kind.name);
+            self.add(STRONG_EFFECT, kind.name, &|line| strong(line) && line.truth == kind.name);
+            self.add(LEFT_OUT, kind.name, &|line| line.arm == Arm::LeaveOneOut && line.truth == kind.name);
+        }
+        for kind in &whole {
+            for bin in 0..GAPS.len() - 1 {
+                let within = |line: &Line| (GAPS[bin]..GAPS[bin + 1]).contains(&line.gap) && line.truth == kind.name;
+                self.add(&format!("{GAP_OF}{}", kind.name), &gap_bin(bin), &|line| single(line) && within(line));
+            }
+        }
+        let families: BTreeSet<&str> = whole.iter().map(|kind| kind.family).collect();
+        for name in families {
+            self.add(FAMILY, name, &|line| strong(line) && family(&line.truth) == Some(name));
+        }
     }
-    groups
+
+    fn by_outsider(&mut self) {
+        let outsiders: BTreeSet<&str> =
+            self.lines.iter().filter(|line| line.arm == Arm::Outsider).map(|line| line.truth.as_str()).collect();
+        for name in outsiders {
+            self.add(OUTSIDER, name, &|line| line.arm == Arm::Outsider && line.truth == name);
+        }
+    }
+
+    fn by_nuisance(&mut self) {
+        let nuisances: BTreeSet<(&String, &String)> = self.lines.iter().flat_map(|line| &line.nuisances).collect();
+        for (key, value) in nuisances {
+            let asks = |line: &Line| line.asked == Asked::None || strong(line);
+            self.add(&format!("{NUISANCE}{key}"), value, &|line| asks(line) && line.nuisances.get(key) == Some(value));
+        }
+    }
 }
 
 /// What the scores state besides the cases.

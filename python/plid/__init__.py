@@ -1,7 +1,7 @@
 """Identification of linear plants from records of inputs and outputs.
 
-`identify` makes a `Model` of two arrays. `Identifier` takes one sample at a time. `variants` lists what can be chosen
-by name, `read` reads a record from a file. `plid.gap` finds what a simulator misses.
+`identify` makes a `Model` from two arrays. `Identifier` takes one sample at a time. `variants` lists the options
+that are chosen by name, and `read` reads a record from a file. `plid.gap` finds what a simulator lacks.
 """
 
 from plid import gap

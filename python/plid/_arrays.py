@@ -20,8 +20,8 @@ class Channels(NamedTuple):
 def channels(data: Any, name: str, missing: bool = False, letter: str | None = None) -> Channels:
     """Return an array or a data frame as samples x channels.
 
-    `name` is that of the argument. Channels without a name are `letter`, or else `name`, with a number: u1, u2, ... NaN
-    is accepted if `missing`.
+    `name` is the name of the argument. Channels without a name are called `letter`, or otherwise `name`, with a number:
+    u1, u2, ... NaN is accepted if `missing` is true.
     """
     array = numbers(data, name)
     if array.ndim == 1:
@@ -46,7 +46,7 @@ def channels(data: Any, name: str, missing: bool = False, letter: str | None = N
 
 
 def numbers(data: Any, name: str) -> Array:
-    """Return data as float64, or say what it is instead."""
+    """Return data as float64. Other data raise an error that names their type."""
     array = np.asarray(data)
     if array.dtype.kind not in "fiub":
         columns = zip(getattr(data, "columns", ()), getattr(data, "dtypes", ()))
@@ -73,7 +73,7 @@ def vector(data: Any, name: str, length: int) -> Array:
 
 
 def positive(value: Any, name: str) -> float:
-    """Return a number that must be positive and finite."""
+    """Return a number after a check that it is positive and finite."""
     number = float(value)
     if not (np.isfinite(number) and number > 0.0):
         raise ValueError(f"{name} = {value!r} is not positive and finite")

@@ -50,7 +50,7 @@ def load(path: str) -> _plid.Model:
 
 
 def ending_of(path: str) -> str:
-    """Return the ending of a file, which must be a known one."""
+    """Return the ending of a file after a check that it is known."""
     ending = os.path.splitext(path)[1].lower()
     if ending not in (".json", ".npz", ".mat"):
         raise ValueError(f"{path}: the ending {ending!r} is none of .json, .npz, .mat")
@@ -67,7 +67,7 @@ def arrays(core: _plid.Model) -> dict[str, Any]:
 
 
 def of_arrays(found: dict[str, Any], path: str) -> _plid.Model:
-    """Return the model of such arrays. MATLAB makes matrices of vectors and numbers."""
+    """Return the model from such arrays. MATLAB turns vectors and numbers into matrices."""
     for key in ("A", "B", "C", "sample_rate_hz"):
         if key not in found:
             raise ValueError(f"{path}: there is no {key!r}, so it is no model of plid")

@@ -18,12 +18,12 @@ from plid._simulator import Parameter, Port, Simulator, by_name
 
 @dataclasses.dataclass(frozen=True)
 class FmuPort:
-    """A place of an FMU that shows its motion and takes a force.
+    """A place of an FMU that has a displacement and a velocity and takes a force.
 
     Attributes
     ----------
     name : str
-        Its name.
+        The name of the port.
     force : str
         The input that takes the force.
     displacement, velocity : str
@@ -46,10 +46,10 @@ def from_fmu(
     outputs: Sequence[str] | None = None,
     steps_per_sample: int | None = None,
 ) -> Simulator:
-    """Make a simulator of an FMU for co-simulation, FMI 2.0 or 3.0.
+    """Make a simulator from an FMU for co-simulation, FMI 2.0 or 3.0.
 
-    The FMU runs in this process, and its steps do not go through Python. One that crashes ends the process: the program
-    `plid` runs it in a child process (`plid gap diagnose`).
+    The FMU runs in this process, and its steps do not go through Python. If it crashes, the process ends. The program
+    `plid` runs it in a child process instead (`plid gap diagnose`).
 
     Parameters
     ----------
@@ -63,23 +63,23 @@ def from_fmu(
     ports : sequence of FmuPort, optional
         Places that take a force.
     inputs : sequence of str, optional
-        The inputs. By default all real inputs but those that only take the force of a port; if each of them takes one,
-        all. An input that is left out keeps its start value.
+        The inputs. By default, these are all real inputs except those that take the force of a port, or all real inputs
+        if each of them takes one. An input that is left out keeps its start value.
     outputs : sequence of str, optional
         The outputs; by default all real outputs.
     steps_per_sample : int, optional
-        Number of steps in a sample. By default the step size of the FMU's default experiment decides if there are
-        ports; without ports it is 1.
+        Number of steps in a sample. The default is 1 without ports; with ports, it follows from the step size of the
+        FMU's default experiment.
 
     Returns
     -------
     Simulator
-        One for `diagnose`.
+        The simulator for `diagnose`.
 
     Raises
     ------
     ValueError
-        For an FMU of another kind or for another machine, and for a variable that it does not have.
+        If the FMU is of another kind or for another machine, or lacks a variable.
     OSError
         If the file cannot be read.
 
@@ -103,7 +103,7 @@ def from_fmu(
 
 
 def chosen(name: str, given: float | Parameter | None) -> dict[str, Any]:
-    """Return a parameter for the compiled half. What is None is left to the FMU."""
+    """Return a parameter for the compiled module. The FMU provides what is None."""
     if given is None:
         return {"name": name}
     fields = dataclasses.asdict(given) if isinstance(given, Parameter) else {"value": float(given)}

@@ -15,15 +15,15 @@ from plid._model import Model
 class Identifier:
     """The recursion, which takes one sample at a time.
 
-    The estimate holds the n states and then all parameters, (1 + p + m) n numbers in all. It works on deviations from
-    an operating point, so means should be removed.
+    The estimate holds the n states and then all parameters, (1 + p + m) n numbers in all. Inputs and outputs are
+    deviations from an operating point, so means should be removed.
 
     Parameters
     ----------
     inputs, outputs : int
         Numbers of channels, m and p.
     states : int or sequence of int
-        Number of states n, shared out evenly among the outputs; or one observability index per output.
+        Number of states n, which are divided evenly among the outputs, or one observability index per output.
     rate : float
         Samples per second, in Hz.
     sensor_noise : float or array_like, shape (p,)
@@ -96,7 +96,7 @@ class Identifier:
         self._steps = 0
 
     def step(self, u: Any, y: Any) -> Array:
-        """Take one sample.
+        """Process one sample.
 
         Parameters
         ----------
@@ -108,7 +108,7 @@ class Identifier:
         Returns
         -------
         ndarray, shape (p,)
-            The innovation: the outputs minus their prediction from the samples before; NaN where one is missing.
+            The innovation: the outputs minus their prediction from the samples before. It is NaN for a missing output.
         """
         innovation = self._core.step(vector(u, "u", self._inputs), vector(y, "y", self._outputs))
         self._steps += 1
@@ -116,7 +116,7 @@ class Identifier:
 
     @property
     def steps(self) -> int:
-        """Number of samples taken."""
+        """Number of samples processed."""
         return self._steps
 
     @property
@@ -135,16 +135,16 @@ class Identifier:
         return self._core.estimate[: self._core.states]
 
     def model(self) -> Model:
-        """Return the model as it stands, with the covariance of its parameters."""
+        """Return the present model with the covariance of its parameters."""
         return Model(self._core.model())
 
 
 def shared_out(states: int, outputs: int) -> list[int]:
-    """Share states out as evenly as they go."""
+    """Divide states among outputs as evenly as possible."""
     return [states // outputs + (k < states % outputs) for k in range(outputs)]
 
 
 def spread(value: Any, name: str, length: int) -> list[float]:
-    """Return variances, one for each."""
+    """Return one variance for each channel."""
     array = np.asarray(value, dtype=np.float64)
     return list(vector(np.full(length, array) if array.ndim == 0 else array, name, length))

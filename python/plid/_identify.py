@@ -1,4 +1,4 @@
-"""From two arrays to a model."""
+"""Identification of a model from two arrays."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def variants() -> dict[str, list[str]]:
     Returns
     -------
     dict of str to list of str
-        The options `covariance`, `expectations`, `backend` and `scalar` with the names that each takes.
+        The options `covariance`, `expectations`, `backend` and `scalar`, each with the names that it accepts.
 
     Examples
     --------
@@ -43,7 +43,8 @@ def identify(
 ) -> Model:
     """Identify a linear plant from a record.
 
-    The operating point is identified together with the plant: means need not be removed. Ctrl-C stops the work.
+    The operating point is identified together with the plant, so means need not be removed. Ctrl-C stops the
+    computation.
 
     Parameters
     ----------
@@ -54,9 +55,9 @@ def identify(
     rate : float
         Samples per second, in Hz.
     states : int, optional
-        Number of states. By default several are compared, and the smallest sufficient one is taken.
+        Number of states. By default, several numbers are compared, and the smallest sufficient one is chosen.
     covariance, expectations, backend, scalar : str, optional
-        The variant of the recursion by name; `variants` lists them. By default the recommended one.
+        The variant of the recursion by name; `variants` lists them. The default is the recommended one.
     missing : bool, default False
         Whether NaN among the outputs is a missing sample. Otherwise it is an error.
     progress : callable or bool, optional
@@ -70,9 +71,9 @@ def identify(
     Raises
     ------
     ValueError
-        For arrays that do not fit each other, constant channels, records that are too short, and unknown names.
+        If the arrays do not match, a channel is constant, the record is too short, or a name is unknown.
     TypeError
-        For arrays that do not hold real numbers.
+        If an array does not hold real numbers.
 
     Examples
     --------
@@ -104,7 +105,7 @@ def identify(
 
 
 class listener:
-    """Who hears of progress: a callable, a line on a terminal, or nobody."""
+    """Return the receiver of progress: a callable, a line on a terminal, or None."""
 
     def __init__(self, progress: Callable[[str], object] | bool | None) -> None:
         on_terminal = progress is True or (progress is None and sys.stderr is not None and sys.stderr.isatty())

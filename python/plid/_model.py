@@ -22,9 +22,10 @@ class Mode(NamedTuple):
     damping : float
         Damping ratio.
     hz_std, damping_std : float or None
-        Their standard deviations; None where the model has no covariance or the mode no first-order expansion.
+        Their standard deviations. They are None if the model has no covariance or the mode has no
+        first-order expansion.
     pole : complex
-        The pole in discrete time; of a pair, the one with the positive imaginary part.
+        The pole in discrete time. Of a pair, it is the one with the positive imaginary part.
     oscillatory : bool
         Whether the mode is a pair of poles.
     """
@@ -59,7 +60,7 @@ class Model:
     """A linear model in discrete time: x(k+1) = A x(k) + B u(k), y(k) = C x(k) + D u(k).
 
     `plid.identify` makes models, `Model.load` reads them, and `Model.of_matrices` takes your own. The inputs and
-    outputs of an identified model are deviations from its operating point. `simulate` takes and gives the channels as
+    outputs of an identified model are deviations from its operating point. `simulate` takes and returns the channels as
     they were recorded.
 
     Examples
@@ -76,7 +77,7 @@ class Model:
 
     @classmethod
     def of_matrices(cls, A: Any, B: Any, C: Any, D: Any = None, *, rate: float) -> Model:  # noqa: N803
-        """Make a model of matrices.
+        """Make a model from matrices.
 
         Parameters
         ----------
@@ -88,7 +89,7 @@ class Model:
         Returns
         -------
         Model
-            With inputs u1, u2, ... and outputs y1, y2, ...
+            The model with inputs u1, u2, ... and outputs y1, y2, ...
         """
         a, b, c = (matrix(x, name) for x, name in ((A, "A"), (B, "B"), (C, "C")))
         d = np.zeros((c.shape[0], b.shape[1])) if D is None else matrix(D, "D")
@@ -105,7 +106,7 @@ class Model:
         Parameters
         ----------
         path : path
-            The ending chooses the format. A .mat file needs SciPy and is for MATLAB too.
+            The ending selects the format. A .mat file requires SciPy; MATLAB can read it, too.
         """
         _files.save(self._core, os.fspath(path))
 
@@ -133,7 +134,8 @@ class Model:
     def predictor_gain(self) -> Array | None:
         """Gain K of the one-step predictor x(k+1) = A x(k) + B u(k) + K e(k), shape (n, p).
 
-        None if the model has none: `plid run` fits one and writes it to model.json, `plid.identify` does not.
+        It is None if the model has none: `plid run` fits a gain and writes it to model.json, but `plid.identify`
+        does not.
         """
         return self._core.predictor_gain
 
@@ -164,7 +166,7 @@ class Model:
 
     @property
     def operating_point(self) -> tuple[Array, Array]:
-        """Inputs (m) and outputs (p) at which the plant rests; zero for a model that was not made by `identify`."""
+        """Inputs (m) and outputs (p) at which the plant is at rest. They are zero unless `identify` made the model."""
         point = self._record.get("operating_point", {})
         inputs = point.get("inputs", np.zeros(len(self.inputs)))
         return np.asarray(inputs, dtype=float), np.asarray(
@@ -205,9 +207,9 @@ class Model:
         Parameters
         ----------
         u : array_like, shape (samples, m) or (samples,)
-            Inputs as recorded: the operating point is subtracted here and added to the outputs.
+            Inputs as recorded. The operating point is subtracted from them and added to the outputs.
         state : array_like, shape (n,), optional
-            State at the first sample, as a deviation. By default the plant begins at rest at its operating point.
+            State at the first sample, as a deviation. By default, the plant begins at rest at its operating point.
 
         Returns
         -------
@@ -226,7 +228,7 @@ class Model:
         u, y : array_like, shapes (samples, m), (samples, p)
             Inputs and outputs as recorded. NaN among the outputs is a missing sample.
         state : array_like, shape (n,), optional
-            State at the first sample, as a deviation. By default zero.
+            State at the first sample, as a deviation. The default is zero.
 
         Returns
         -------
@@ -244,9 +246,9 @@ class Model:
         return StateSpace(self.A, self.B, self.C, self.D, dt=1.0 / self.rate)
 
     def to_control(self) -> Any:
-        """Return the model as a `control.StateSpace` with its channels' names, about the operating point.
+        """Return the model as a `control.StateSpace` with the names of its channels, about the operating point.
 
-        It needs the package `control` (python-control).
+        It requires the package `control` (python-control).
         """
         from control import ss
 
@@ -270,7 +272,7 @@ class Model:
 
 
 def matrix(data: Any, name: str) -> Array:
-    """Return a matrix, or say what it is instead."""
+    """Return a matrix. Other data raise an error that names their type."""
     array = numbers(data, name)
     if array.ndim != 2:
         raise ValueError(f"{name} has the shape {array.shape}, expected a matrix")

@@ -53,20 +53,21 @@ def from_mujoco(
     joints: Sequence[str] | None = None,
     parameters: Mapping[str, float | Parameter | None] | Sequence[str] = (),
 ) -> Simulator:
-    """Make a simulator of a MuJoCo model.
+    """Make a simulator from a MuJoCo model.
 
     Parameters
     ----------
     model : path, str or mujoco.MjModel
         A file, the text of an XML model, or a model. It begins at its initial position `qpos0`.
     rate : float
-        Samples per second, in Hz: a whole number of the model's time steps must make a sample.
+        Samples per second, in Hz. A sample must be a whole number of the model's time steps.
     actuators : sequence of str, optional
-        The actuators that are inputs; by default all. The others are held at zero.
+        The actuators that are inputs. The default is all actuators. The others are held at zero.
     sensors : sequence of str, optional
-        The sensors that are outputs; by default all. A sensor of several numbers gives "name.0", "name.1", ...
+        The sensors that are outputs. The default is all sensors. A sensor with several numbers gives "name.0",
+        "name.1", ...
     joints : sequence of str, optional
-        The hinges and slides that are ports; by default all.
+        The hinges and slides that are ports. The default is all of them.
     parameters : dict or sequence of str, optional
         Numbers of the model that may be wrong: "joint.NAME.damping", "joint.NAME.frictionloss",
         "joint.NAME.stiffness", "joint.NAME.armature", "body.NAME.mass" (its inertia follows), and "actuator.NAME.gain"
@@ -77,7 +78,7 @@ def from_mujoco(
     Returns
     -------
     Simulator
-        One that takes a step for each time step of the model.
+        The simulator, which takes a step for each time step of the model.
 
     Examples
     --------
@@ -87,7 +88,7 @@ def from_mujoco(
 
 
 def loaded(model: Any) -> Any:
-    """Return the MjModel of a file, of XML or of itself."""
+    """Return the MjModel of a file, of XML text or of an MjModel."""
     import mujoco
 
     if isinstance(model, mujoco.MjModel):
@@ -248,7 +249,7 @@ class _Arm:
         return _Number(float(row[column]), [(row[column : column + 1], np.ones(1))])
 
     def _row(self, attribute: str, kind: str, element: str, value: float) -> _Number:
-        """Return all entries of an element, which change in proportion to a number of this value."""
+        """Return all entries of an element. They change in proportion to a number of this value."""
         array, at = self._at(attribute, kind, element)
         row = array[at].reshape(-1)
         return _Number(value, [(row, row / value)])
@@ -271,7 +272,7 @@ class _Arm:
 
 @dataclasses.dataclass
 class _Number:
-    """A number of a model: its value, and the views of the model that are this number times a factor each."""
+    """A number of a model: its value, and the views of the model that are multiples of it."""
 
     value: float
     of: list[tuple[Array, Array]]

@@ -1,4 +1,4 @@
-"""The compiled half of the package."""
+"""The compiled module of the package."""
 
 from collections.abc import Callable
 from typing import Any

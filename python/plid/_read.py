@@ -23,12 +23,12 @@ def read(path: str | os.PathLike[str], *, inputs: Sequence[str], outputs: Sequen
     Returns
     -------
     u, y : ndarray, shapes (samples, m), (samples, p)
-        Inputs and outputs. An output that is missing is NaN.
+        Inputs and outputs. A missing output is NaN.
 
     Raises
     ------
     ValueError
-        For a file that is no table, and for a channel that it does not have.
+        If the file is not a table or lacks a channel.
     OSError
         If the file cannot be read.
 

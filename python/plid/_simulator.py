@@ -1,4 +1,4 @@
-"""What can be a simulator: a function from inputs to outputs, or an object that takes steps."""
+"""Simulators: a function from inputs to outputs, or an object that takes steps."""
 
 from __future__ import annotations
 
@@ -23,11 +23,12 @@ class Parameter:
     value : float
         Its value in the simulator as given.
     lower, upper : float, optional
-        Bounds that the simulator needs.
+        Bounds of the values that the simulator accepts.
     limit : float, optional
-        Largest error that is no cause, two standard deviations. Without it any material error is a cause.
+        Largest expected error (two standard deviations). A smaller error is not named as a cause. Without a limit, any
+        material error is a cause.
     unit : str, optional
-        Its unit.
+        The unit of the value.
     """
 
     value: float
@@ -39,7 +40,7 @@ class Parameter:
 
 @dataclasses.dataclass(frozen=True)
 class Port:
-    """A place of a simulator that shows its motion and takes a force.
+    """A place of a simulator that has a displacement and a velocity and takes a force.
 
     Attributes
     ----------
@@ -48,7 +49,7 @@ class Port:
     input : str, optional
         The input that acts at the same place.
     force_unit, displacement_unit : str, optional
-        Units.
+        Units of forces and displacements.
     """
 
     name: str
@@ -63,26 +64,27 @@ class Simulator:
     Parameters
     ----------
     simulator : callable or object
-        Either a function `u -> y` of arrays (samples, m) and (samples, p), called as `simulator(u, parameters)` if it
-        has parameters, a dict by name. Or an object that takes steps. It has a method `start(parameters)`, which goes
-        to rest and returns the motion at each port, and a method `step(u, forces)`, which holds the inputs (m,) and
-        the forces at the ports over a step. `step` returns the outputs (p,) at the start of the step, and displacement
-        and velocity of each port, shape (ports, 2), at its end. Without ports only the outputs. Arrays, tuples and
-        lists are equally welcome, and may be the same in each call. It may also have a method `save()`, which returns
-        its state between two steps, and a method `restore(state)`, which goes back to it and returns the motions.
+        Either a function `u -> y` of arrays (samples, m) and (samples, p), or an object that takes steps. A function
+        with parameters is called as `simulator(u, parameters)` with a dict by name. An object has a method
+        `start(parameters)`, which goes to rest and returns the motion at each port, and a method `step(u, forces)`,
+        which holds the inputs (m,) and the forces at the ports over a step. `step` returns the outputs (p,) at the
+        start of the step, and displacement and velocity of each port, shape (ports, 2), at its end. Without ports, it
+        returns only the outputs. Arrays, tuples and lists are accepted, and each call may return the same object. The
+        object may also have a method `save()`, which returns its state between two steps, and a method
+        `restore(state)`, which returns to that state and gives the motions there.
     rate : float
         Samples per second, in Hz.
     inputs, outputs : sequence of str
         Names of the channels. For `outputs`, a dict gives each output's kind, or None: "position", "velocity",
         "acceleration", "force", "other".
     parameters : dict, optional
-        The numbers that may be wrong by name, each a number or a `Parameter`.
+        The parameters that may be wrong, by name. Each is a number or a `Parameter`.
     ports : sequence of str or Port, optional
         Places that take a force, for an object with steps.
     steps_per_sample : int, default 1
         Number of steps in a sample.
     name : str, optional
-        Its name for messages.
+        The name of the simulator in messages.
 
     Examples
     --------
@@ -151,7 +153,7 @@ class Simulator:
         return y
 
     def start(self, parameters: Array) -> Array:
-        """Go to rest; return displacement and velocity of each port, shape (ports, 2)."""
+        """Go to rest, and return displacement and velocity of each port, shape (ports, 2)."""
         self._kept.clear()
         start = self._simulator.start
         takes = len(inspect.signature(start).parameters) > 0
@@ -159,17 +161,17 @@ class Simulator:
         return self._motions(np.zeros((len(self.ports), 2)) if found is None else found)
 
     def save(self, slot: int) -> None:
-        """Keep the present state in a slot, until the next start."""
+        """Store the present state in a slot until the next start."""
         self._kept[slot] = self._simulator.save()
 
     def restore(self, slot: int) -> Array:
-        """Go back to the state in a slot; return displacement and velocity of each port, shape (ports, 2)."""
+        """Return to the state in a slot, and return displacement and velocity of each port, shape (ports, 2)."""
         if slot not in self._kept:
-            raise KeyError(f"no state is kept in slot {slot}")
+            raise KeyError(f"slot {slot} holds no state")
         return self._motions(self._simulator.restore(self._kept[slot]))
 
     def step(self, u: Array, forces: Array) -> Any:
-        """Advance by one step; return what the simulator's own `step` returns."""
+        """Advance by one step, and return what the simulator's own `step` returns."""
         return self._simulator.step(u, forces)
 
     def _motions(self, found: Any) -> Array:
@@ -185,7 +187,7 @@ class Simulator:
 
 @dataclasses.dataclass(frozen=True)
 class Finding:
-    """One thing that `check` looked at.
+    """The result of one check.
 
     Attributes
     ----------
@@ -206,20 +208,20 @@ class Finding:
 
 
 def check(simulator: Simulator, *, size: float = 1.0) -> list[Finding]:
-    """Tell what a simulator does not honour, before it is used in a diagnosis.
+    """Check which rules a simulator violates, before it is used in a diagnosis.
 
     Parameters
     ----------
     simulator : Simulator
-        What is checked.
+        The simulator to check.
     size : float, default 1.0
         Size of the trial inputs.
 
     Returns
     -------
     list of Finding
-        What was checked: equal runs, steps against a run, parameters and their bounds, motions and forces at ports,
-        and states that are kept.
+        The results of the checks: equal runs, steps against a run, parameters and their bounds, motions and forces at
+        ports, and stored states.
 
     Examples
     --------
@@ -232,13 +234,13 @@ def check(simulator: Simulator, *, size: float = 1.0) -> list[Finding]:
 def serve(simulator: Simulator) -> None:
     """Serve a simulator to the program `plid` over standard input and output, until standard input ends.
 
-    A script that ends with this call is a command for `[simulator]` in a case. What it prints from then on goes to
+    A script that ends with this call is a command for `[simulator]` in a case. Its later standard output goes to
     plid's log.
 
     Parameters
     ----------
     simulator : Simulator
-        What is served.
+        The simulator to serve.
 
     Examples
     --------
@@ -248,7 +250,7 @@ def serve(simulator: Simulator) -> None:
 
 
 def by_name(parameters: Mapping[str, Any] | Sequence[str]) -> Mapping[str, Any]:
-    """Return what is given for each parameter: None if only names are."""
+    """Return the value given for each parameter, or None for a name without a value."""
     if isinstance(parameters, str):
         raise TypeError("parameters is a str: give a sequence of names or a dict")
     return parameters if isinstance(parameters, Mapping) else dict.fromkeys(parameters)

@@ -18,7 +18,7 @@ def from_system(
     inputs: Sequence[str] | None = None,
     outputs: Sequence[str] | Mapping[str, str | None] | None = None,
 ) -> Simulator:
-    """Make a simulator of a linear system.
+    """Make a simulator from a linear system.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def from_system(
     Returns
     -------
     Simulator
-        A function from inputs to outputs. For parameters and ports write a function or an object with steps.
+        The simulator, without parameters and ports. For these, write a function or an object with steps.
 
     Examples
     --------

@@ -50,17 +50,16 @@ class Record:
     u, y : array_like, shapes (samples, m), (samples, p)
         Inputs and outputs. NaN among the outputs is a missing sample.
     name : str, optional
-        Its name in the answer.
+        The name of the record in the answer.
     start_s : float, optional
-        Start in s since the first record began. By default it follows the one before at once.
+        Start in s since the first record began. By default, each record follows the previous one without a pause.
     held_out : bool, default False
-        Whether it is kept to measure the gap. If no record is, the diagnosis chooses one.
+        Whether the record is held out to measure the gap. If no record is held out, the diagnosis chooses one.
     excitation : {"zero", "random", "periodic"}, optional
-        Whether the inputs are zero, or repeat. By default they are what they look like, and periodic if a period is
-        given.
+        The kind of inputs. By default, it is determined from the inputs, and "periodic" if a period is given.
     period : int, optional
-        Samples after which the inputs repeat; the differences between periods then show the noise. Inputs that are said
-        to be periodic may leave it out.
+        Number of samples after which the inputs repeat. The differences between periods then show the noise. It may be
+        left out if the excitation is "periodic".
     """
 
     u: Any
@@ -79,7 +78,7 @@ class Effect:
     Attributes
     ----------
     effect, location : str
-        Its name and its place, such as "coulomb-friction" and "port:hinge".
+        Its name and its location, such as "coulomb-friction" and "port:hinge".
     confidence : float
         Probability that it is the cause, among all explanations.
     parameters : dict
@@ -104,19 +103,19 @@ class Diagnosis:
     Attributes
     ----------
     sentence : str
-        The answer in a sentence.
+        The answer as a sentence.
     verdict : str
         "effects", "none" or "unknown".
     effects : list of Effect
-        What the simulator lacks, the largest share of the gap first.
+        The effects that the simulator lacks, the largest share of the gap first.
     candidates : list of dict
         All explanations with their probabilities.
     remainder : dict
-        What the best explanation leaves.
+        The part of the gap that the best explanation leaves.
     gap : dict
         Gaps relative to the output: `as_given`, `refit`, `with_effect`, `noise_floor` and others.
     warnings : list of str
-        What was noticed on the way.
+        Warnings about the records and the simulator.
     data : dict
         The contents of diagnosis.json.
 
@@ -146,7 +145,7 @@ class Diagnosis:
         u : array_like, shape (samples, m)
             Inputs from rest.
         start_s : float, optional
-            Time in s since the first record began, for effects that drift. By default after the last record.
+            Time in s since the first record began, for effects that drift. The default is the end of the last record.
 
         Returns
         -------
@@ -160,7 +159,7 @@ class Diagnosis:
         return self._core.predict(self._simulator, given, start_s)
 
     def report(self, path: str | os.PathLike[str]) -> Path:
-        """Write report.html, diagnosis.json and sim-with-effect.json into a folder. Return the path of the report."""
+        """Write report.html, diagnosis.json and sim-with-effect.json to a folder, and return the path of the report."""
         folder = Path(path)
         self._core.write(folder)
         return folder / "report.html"
@@ -226,7 +225,7 @@ def diagnose(
     settings: Mapping[str, Any] | None = None,
     progress: Callable[[str], object] | bool | None = None,
 ) -> Diagnosis:
-    """Find which effect a simulator lacks. Ctrl-C stops the work.
+    """Find which effect a simulator lacks. Ctrl-C stops the computation.
 
     Parameters
     ----------
@@ -234,17 +233,18 @@ def diagnose(
         Records that begin at rest, in the order in which they were taken. A record whose inputs are zero shows the
         noise. Two levels of excitation separate more causes than one.
     simulator : Simulator, or function u -> y
-        The simulator. A function alone takes the channels' names from the first record.
+        The simulator. For a function, the names of the channels come from the first record.
     rate : float
         Samples per second, in Hz.
     parameters : dict, optional
-        For a function alone: its numbers that may be wrong by name. It is then called as `simulator(u, parameters)`.
+        The parameters of a function that may be wrong, by name. The function is then called as
+        `simulator(u, parameters)`.
     band_hz : (float, float), optional
         The frequencies that are fitted and judged.
     suspects, exclude : sequence of str, optional
-        Effects or places that are suspected, or ruled out.
+        Effects or locations that are suspected or ruled out.
     material : float, default 0.02
-        A gap beyond the noise that matters, relative to the output.
+        Smallest gap beyond the noise that matters, relative to the output.
     settings : dict, optional
         Thresholds by table, as in a case file: `{"in_loop": {"calls": 200}}`.
     progress : callable or bool, optional
@@ -258,9 +258,9 @@ def diagnose(
     Raises
     ------
     ValueError
-        For records that do not fit each other or the simulator.
+        If the records do not match each other or the simulator.
     RuntimeError
-        If the simulator fails as it is given. Its own exception is the cause.
+        If the simulator fails as given. Its own exception is the cause.
 
     Examples
     --------

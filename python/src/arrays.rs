@@ -1,4 +1,4 @@
-//! Matrices to and from NumPy.
+//! Conversions of matrices to and from NumPy.
 
 use numpy::ndarray::{Array2, Array3};
 use numpy::{PyArray2, PyArray3, PyReadonlyArray2, ToPyArray};
@@ -16,7 +16,7 @@ pub fn to_matrix(array: &PyReadonlyArray2<'_, f64>) -> DMatrix<f64> {
     DMatrix::from_fn(array.nrows(), array.ncols(), |i, j| array[(i, j)])
 }
 
-/// Returns matrices of one shape as an array whose first axis counts them.
+/// Returns matrices of one shape as an array whose first axis is their index.
 pub fn stacked<'py, T: numpy::Element + Copy + plid::nalgebra::Scalar>(
     py: Python<'py>,
     matrices: &[DMatrix<T>],

@@ -72,7 +72,7 @@ pub fn diagnose(
     }
 }
 
-/// Returns a record; its excitation is that of the case.
+/// Returns a record with the excitation of the case.
 fn record((name, u, y, start_s, held_out): Given<'_>) -> Record {
     let (u, y) = (columns(u.as_array()), columns(y.as_array()));
     Record { name, excitation: Excitation::Random, from_rest: true, start_s, held_out, u, y, simulated: None }
@@ -104,7 +104,8 @@ impl Outcome {
         self.answered.text()
     }
 
-    /// Measured, as given and with the effects (samples x outputs each) on the record that the report shows.
+    /// The outputs measured, as given and with the effects (samples x outputs each) of the record that the report
+    /// shows.
     fn shown<'py>(&self, py: Python<'py>) -> (String, Vec<Bound<'py, PyArray2<f64>>>) {
         let (record, trace) = self.answered.shown();
         (record.into(), trace.iter().map(|trace| rows(trace).to_pyarray(py)).collect())

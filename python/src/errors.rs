@@ -1,4 +1,4 @@
-//! Errors of Rust as exceptions of Python.
+//! Conversions of Rust errors to Python exceptions.
 
 use plid::model::ModelError;
 use pyo3::PyErr;
@@ -6,12 +6,12 @@ use pyo3::exceptions::{PyOSError, PyRuntimeError, PyValueError};
 use std::any::Any;
 use std::fmt::Display;
 
-/// Whatever does not suit the data or the options.
+/// Returns a `ValueError` for unsuitable data or options.
 pub fn value(error: impl Display) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
-/// An error of a model or of its file.
+/// Returns the exception for an error of a model or of its file.
 pub fn of_model(error: ModelError) -> PyErr {
     match error {
         ModelError::Io { .. } => PyOSError::new_err(error.to_string()),

@@ -1,4 +1,4 @@
-//! An FMU as a simulator: its steps do not go through Python.
+//! An FMU as a simulator, whose steps do not go through Python.
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -27,7 +27,7 @@ fn failed(error: SimulatorError) -> PyErr {
     PyRuntimeError::new_err(error.to_string())
 }
 
-/// Displacement and velocity of each port, a row each.
+/// Returns displacement and velocity of each port (ports x 2).
 fn pairs<'py>(py: Python<'py>, motions: &[Motion]) -> Bound<'py, PyArray2<f64>> {
     let column = |of: fn(&Motion) -> f64| motions.iter().map(of).collect::<Vec<f64>>();
     rows(&[column(|motion| motion.displacement), column(|motion| motion.velocity)]).to_pyarray(py)
@@ -84,7 +84,7 @@ impl Fmu {
         Ok(rows(&y).to_pyarray(py))
     }
 
-    /// Goes to rest; returns the motion at each port.
+    /// Goes to rest, and returns the motion at each port.
     fn start<'py>(
         &self,
         py: Python<'py>,
@@ -96,7 +96,7 @@ impl Fmu {
         Ok(pairs(py, &motions))
     }
 
-    /// Advances by one step; returns the outputs at its start and the motions at its end.
+    /// Advances by one step, and returns the outputs at its start and the motions at its end.
     #[allow(clippy::type_complexity)]
     fn step<'py>(
         &self,
@@ -116,7 +116,7 @@ impl Fmu {
     }
 }
 
-/// An FMU in a diagnosis. Each run looks for Ctrl-C; steps do not meet Python.
+/// An FMU in a diagnosis. Each run checks for Ctrl-C; steps do not call Python.
 pub struct InLoop {
     model: Arc<Mutex<Model>>,
     description: Description,

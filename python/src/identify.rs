@@ -13,7 +13,7 @@ use crate::wait::off_the_interpreter;
 /// The names of the channels, for messages and for the model.
 type Channels = (Vec<String>, Vec<String>);
 
-/// Identifies a model. The operating point, the variant and the orders that were compared are in its provenance.
+/// Identifies a model. Its provenance holds the operating point, the variant and the orders that were compared.
 #[pyfunction]
 #[pyo3(signature = (u, y, rate, channels, variant, states, nan_is_missing, progress))]
 #[allow(clippy::too_many_arguments)]
@@ -68,7 +68,7 @@ fn named(identified: Identified, (inputs, outputs): Channels) -> plid::model::Mo
     plid::model::Model { inputs, outputs, provenance: Some(provenance), ..model }
 }
 
-/// Says an error with the caller's names of the channels.
+/// Returns the message of an error with the caller's names of the channels.
 fn in_names(error: &IdentificationError, (inputs, outputs): &Channels) -> String {
     let text = error.to_string();
     let (IdentificationError::Constant { channel } | IdentificationError::NotFinite { channel, .. }) = error else {

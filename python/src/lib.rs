@@ -1,5 +1,5 @@
-//! `plid._plid`: the compiled half of the Python package. It converts arrays, errors and interruptions; the functions
-//! with documentation are in `plid/*.py`.
+//! `plid._plid`, the compiled module of the Python package. It converts arrays, errors and interruptions. The
+//! documented functions are in `plid/*.py`.
 
 mod arrays;
 mod diagnose;

@@ -20,7 +20,7 @@ pub struct Model {
 }
 
 impl Model {
-    /// Whether the model has what standard deviations follow from.
+    /// Whether the model has the covariance from which standard deviations follow.
     fn has_deviations(&self) -> bool {
         self.model.parameter_covariance.is_some() && self.model.observability_indices.is_some()
     }
@@ -32,7 +32,7 @@ impl Model {
 
 #[pymethods]
 impl Model {
-    /// Makes a model of its matrices.
+    /// Makes a model from its matrices.
     #[staticmethod]
     fn of_matrices(
         rate: f64,

@@ -57,7 +57,7 @@ impl Recursion {
         Ok(Self { recursion, rate, states, nan_is_missing })
     }
 
-    /// Takes a sample; returns the innovation.
+    /// Processes a sample, and returns the innovation (p).
     fn step<'py>(
         &self,
         py: Python<'py>,
@@ -91,7 +91,7 @@ impl Recursion {
         self.states
     }
 
-    /// The model as it stands.
+    /// The present model.
     fn model(&self) -> PyResult<Model> {
         Ok(Model { model: self.lock().identified().to_model(self.rate).map_err(of_model)? })
     }

@@ -13,14 +13,14 @@ use pyo3::types::{PyFloat, PyList, PyTuple};
 use crate::errors::value;
 use crate::fmu::Fmu;
 
-/// What the simulator raised: the last exception, and the one that ends everything, such as Ctrl-C.
+/// The exceptions of the simulator: the last one, and the one that ends the computation, such as Ctrl-C.
 #[derive(Default)]
 pub struct Raised {
     last: Option<PyErr>,
     end: Option<PyErr>,
 }
 
-/// The place where exceptions wait until Rust has returned.
+/// The store of exceptions until Rust has returned.
 pub type Shelf = Arc<Mutex<Raised>>;
 
 /// An object with the method `run(parameters, u)`, as `plid._simulator` makes it. Samples are rows of its arrays.
@@ -31,7 +31,7 @@ struct Whole {
 }
 
 /// An object with the method `start(parameters)`, and the user's own `step(u, forces)`: a diagnosis takes millions of
-/// steps, so nothing of Python lies between.
+/// steps, so no other Python code is called in between.
 struct Stepping {
     description: Description,
     object: Py<PyAny>,
@@ -41,7 +41,7 @@ struct Stepping {
     shelf: Shelf,
 }
 
-/// Calls Python, unless it has ended everything.
+/// Calls Python, unless an exception has ended the computation.
 pub fn unless_ended<T>(shelf: &Shelf, work: impl FnOnce(Python<'_>) -> PyResult<T>) -> Result<T, SimulatorError> {
     let mut raised = shelf.lock().unwrap_or_else(PoisonError::into_inner);
     if raised.end.is_some() {
@@ -58,8 +58,8 @@ pub fn unless_ended<T>(shelf: &Shelf, work: impl FnOnce(Python<'_>) -> PyResult<
     })
 }
 
-/// Returns the simulator of an object of `plid._simulator`, and the place of its exceptions. That of an FMU has it as
-/// `native`, and that of an object with steps has the user's method as `own_step`.
+/// Returns the simulator of an object of `plid._simulator`, and the store of its exceptions. The object holds an FMU as
+/// `native`, and the `step` method of the user's own object as `own_step`.
 pub fn of_object(py: Python<'_>, description: Description, object: Py<PyAny>) -> (Box<dyn Simulator + Send>, Shelf) {
     let shelf = Shelf::default();
     let bound = object.bind(py);
@@ -114,13 +114,13 @@ pub fn serve(py: Python<'_>, simulator: Py<PyAny>, description: &str) -> PyResul
     let description: Description = serde_json::from_str(description).map_err(value)?;
     let (mut simulator, shelf) = of_object(py, description, simulator);
     let output = own_output()?;
-    // What Python prints from now on goes to standard error.
+    // From now on, Python prints to standard error.
     py.import("os")?.call_method1("dup2", (2, 1))?;
     let done = py.detach(|| plid_simulator::serve(simulator.as_mut(), stdin().lock(), output));
     ended(&shelf).map_or(Ok(done?), Err)
 }
 
-/// Returns the exception that a failed diagnosis should raise: what ended it, or `failure` caused by the last one.
+/// Returns the exception of a failed diagnosis: the one that ended it, or `failure` with the last one as its cause.
 pub fn reason(py: Python<'_>, shelf: &Shelf, failure: PyErr) -> PyErr {
     let mut raised = shelf.lock().unwrap_or_else(PoisonError::into_inner);
     raised.end.take().unwrap_or_else(|| {
@@ -129,12 +129,12 @@ pub fn reason(py: Python<'_>, shelf: &Shelf, failure: PyErr) -> PyErr {
     })
 }
 
-/// Takes the exception that ends everything.
+/// Takes the exception that ended the computation.
 pub fn ended(shelf: &Shelf) -> Option<PyErr> {
     shelf.lock().unwrap_or_else(PoisonError::into_inner).end.take()
 }
 
-/// Keeps an exception that ends everything.
+/// Stores an exception that ends the computation.
 pub fn end(shelf: &Shelf, error: PyErr) {
     shelf.lock().unwrap_or_else(PoisonError::into_inner).end = Some(error);
 }
@@ -150,7 +150,8 @@ pub fn rows(channels: &[Vec<f64>]) -> Array2<f64> {
     Array2::from_shape_fn((samples, channels.len()), |(k, i)| channels[i][k])
 }
 
-/// Numbers that Python returned: a number, an array, or a sequence of these. Those beyond the end are only counted.
+/// Collects the numbers that Python returned: a number, an array, or a sequence of these. Numbers beyond the end are
+/// only counted.
 struct Filled<'a> {
     numbers: &'a mut [f64],
     found: usize,
@@ -172,7 +173,7 @@ impl Filled<'_> {
         } else if from.is_instance_of::<PyTuple>() || from.is_instance_of::<PyList>() {
             from.try_iter()?.try_for_each(|entry| self.add(&entry?))?;
         } else {
-            // NumPy knows what else is a number: integers, arrays of other types, data frames.
+            // NumPy converts all other numbers: integers, arrays of other types, data frames.
             let array = from.py().import("numpy")?.call_method1("asarray", (from, "float64"))?;
             self.add(&array)?;
         }

@@ -12,7 +12,7 @@ use crate::errors::value;
 /// Inputs and outputs: samples x channels.
 type Sides<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
 
-/// Reads channels of a file of text, .mat, .npz or .npy by their names. An output that is missing is NaN.
+/// Reads channels of a text, .mat, .npz or .npy file by their names. A missing output is NaN.
 #[pyfunction]
 pub fn read<'py>(py: Python<'py>, path: PathBuf, inputs: Vec<String>, outputs: Vec<String>) -> PyResult<Sides<'py>> {
     let failed = |error: DataError| match error {

@@ -35,7 +35,7 @@ pub struct Named {
     scalar: Option<String>,
 }
 
-/// The variant of these names.
+/// Returns the variant with these names.
 #[derive(Clone, Copy)]
 pub struct Chosen {
     pub covariance: Option<CovarianceName>,

@@ -1,4 +1,4 @@
-//! Long work away from Python: the GIL is free, signals are seen, and progress is told.
+//! Long computations in a thread of their own. The GIL is released, signals are handled, and progress is reported.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,17 +10,17 @@ use pyo3::prelude::*;
 
 use crate::errors::of_panic;
 
-/// Python looks for Ctrl-C this often.
+/// Interval at which Python checks for Ctrl-C.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// What the work knows of its caller.
+/// The connection from the computation to its caller.
 pub struct Caller {
     stopped: AtomicBool,
     sender: Mutex<Option<Sender<String>>>,
 }
 
 impl Caller {
-    /// Returns whether the work may go on.
+    /// Returns whether the computation may continue.
     pub fn may_go_on(&self) -> bool {
         !self.stopped.load(Ordering::Relaxed)
     }
@@ -28,12 +28,12 @@ impl Caller {
     /// Passes a line of progress on.
     pub fn tell(&self, line: String) {
         if let Ok(Some(sender)) = self.sender.lock().as_deref() {
-            // Nobody listens any more once the work is to stop.
+            // The receiver is gone once the computation is to stop.
             let _ = sender.send(line);
         }
     }
 
-    /// Ends the conversation, which wakes the caller.
+    /// Closes the connection, which wakes the caller.
     fn done(&self) {
         if let Ok(mut sender) = self.sender.lock() {
             sender.take();
@@ -41,7 +41,7 @@ impl Caller {
     }
 }
 
-/// Tells the caller that the work has ended, also by a panic.
+/// Tells the caller that the computation has ended, even by a panic.
 struct AtTheEnd<'a>(&'a Caller);
 
 impl Drop for AtTheEnd<'_> {
@@ -53,8 +53,8 @@ impl Drop for AtTheEnd<'_> {
 /// Runs `work` in a thread of its own. Each line of progress is passed to `progress` in the calling thread.
 ///
 /// # Errors
-/// `KeyboardInterrupt` after Ctrl-C, whatever `progress` raises, and `RuntimeError` for a panic. The work is stopped
-/// first.
+/// Returns `KeyboardInterrupt` after Ctrl-C, any exception of `progress`, or `RuntimeError` for a panic. The
+/// computation is stopped first.
 pub fn off_the_interpreter<T: Send>(
     py: Python<'_>,
     progress: Option<&Bound<'_, PyAny>>,
@@ -76,7 +76,7 @@ pub fn off_the_interpreter<T: Send>(
     })
 }
 
-/// Listens until the work ends or somebody objects.
+/// Passes progress on until the computation ends or an exception is raised.
 fn watch(py: Python<'_>, progress: Option<&Bound<'_, PyAny>>, receiver: &Mutex<Receiver<String>>) -> PyResult<()> {
     let next = || receiver.lock().map_or(Err(RecvTimeoutError::Disconnected), |r| r.recv_timeout(PATIENCE));
     loop {

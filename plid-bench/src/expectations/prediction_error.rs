@@ -186,6 +186,20 @@ impl<'a> Problem<'a> {
         Some(0.5 * squares)
     }
 
+    /// Computes A - K C (`closed`, n x n) times a state.
+    fn advance(&self, closed: &DMatrix<f64>, state: &[f64], next: &mut [f64]) {
+        // A - K C differs from the shift in the outputs' columns alone.
+        next.copy_from_slice(state);
+        self.form.shift(next);
+        for &row in self.form.output_states() {
+            let by = state[row];
+            for (r, next) in next.iter_mut().enumerate() {
+                let structural = if self.form.shift_source(r) == Some(row) { 1.0 } else { 0.0 };
+                *next += by * (closed[(r, row)] - structural);
+            }
+        }
+    }
+
     /// Normal matrix and right side of a Gauss-Newton step at s.
     ///
     /// The prediction's derivative by entry r of a parameter column is the response of A - K C to its regressor (an
@@ -225,16 +239,7 @@ impl<'a> Problem<'a> {
                 for i in 0..p {
                     past[(longest - 1) * p + i] = (0..=i).map(|j| predictor.whitener[(i, j)] * state[rows[j]]).sum();
                 }
-                // A - K C differs from the shift in the outputs' columns alone.
-                next.copy_from_slice(state);
-                self.form.shift(&mut next);
-                for &row in rows {
-                    let by = state[row];
-                    for (r, next) in next.iter_mut().enumerate() {
-                        let structural = if self.form.shift_source(r) == Some(row) { 1.0 } else { 0.0 };
-                        *next += by * (predictor.closed[(r, row)] - structural);
-                    }
-                }
+                self.advance(&predictor.closed, state, &mut next);
                 let (regressor, block) = (filter / p, filter % p);
                 next[rows[block]] += match regressor {
                     0 => 0.0,

@@ -120,6 +120,33 @@ fn twelve_states(config: &Config, cells: &Cells<'_>) -> Claim {
     }
 }
 
+/// The verdict from the number of cells in f32 that parameter noise keeps positive, and of those among them with a good
+/// model; `None` if none was tested.
+fn parameter_noise_verdict(cells: &Cells<'_>, tested: Option<(usize, usize)>) -> String {
+    let direct = cells.of(Part::Map, Form::Direct, ScalarName::F64);
+    let factored = all_sound(&cells.of(Part::Map, Form::BiermanUd, ScalarName::F32));
+    let in_single = match tested {
+        None => "It was not tested in f32.".into(),
+        Some((kept, worth)) => format!(
+            "In f32, parameter noise keeps a matrix positive in {kept} of the cells below, in {worth} of them at a \
+             free-run error within half \
+             again of what Bierman UD has without noise."
+        ),
+    };
+    let verdict = format!(
+        "{} {in_single} {}",
+        if direct.is_empty() {
+            "The direct form was not run without it."
+        } else if all_sound(&direct) {
+            "It is not needed in f64: the direct form is sound without it."
+        } else {
+            "In f64 the direct form is not sound without it either."
+        },
+        if factored { "Bierman UD is sound in f32 without it." } else { "" }
+    );
+    verdict.trim_end().into()
+}
+
 fn parameter_noise(cells: &Cells<'_>) -> Claim {
     let percent = |error: Option<f64>| error.map_or("diverges".into(), |e| format!("{:.1} %", 100.0 * e));
     let mut numbers = Vec::new();
@@ -159,33 +186,8 @@ fn parameter_noise(cells: &Cells<'_>) -> Claim {
             }
         }
     }
-    let direct = cells.of(Part::Map, Form::Direct, ScalarName::F64);
-    let factored = all_sound(&cells.of(Part::Map, Form::BiermanUd, ScalarName::F32));
-    let in_single = if numbers.is_empty() {
-        "It was not tested in f32.".into()
-    } else {
-        format!(
-            "In f32, parameter noise keeps a matrix positive in {kept} of the cells below, in {worth} of them at a \
-             free-run error within half \
-             again of what Bierman UD has without noise."
-        )
-    };
-    let verdict = format!(
-        "{} {in_single} {}",
-        if direct.is_empty() {
-            "The direct form was not run without it."
-        } else if all_sound(&direct) {
-            "It is not needed in f64: the direct form is sound without it."
-        } else {
-            "In f64 the direct form is not sound without it either."
-        },
-        if factored { "Bierman UD is sound in f32 without it." } else { "" }
-    );
-    Claim {
-        claim: "Tiny parameter noise is needed without square roots (the paper).".into(),
-        verdict: verdict.trim_end().into(),
-        numbers,
-    }
+    let verdict = parameter_noise_verdict(cells, (!numbers.is_empty()).then_some((kept, worth)));
+    Claim { claim: "Tiny parameter noise is needed without square roots (the paper).".into(), verdict, numbers }
 }
 
 fn long_run(config: &Config, cells: &Cells<'_>) -> Claim {

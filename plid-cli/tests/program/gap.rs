@@ -53,20 +53,21 @@ fn record(rng: &mut ChaCha8Rng, samples: usize, level: f64, file: &Path) -> Vec<
     y.column(0).to_vec()
 }
 
-#[test]
-fn an_offset_is_diagnosed_and_predicted() {
-    let directory = tempfile::tempdir().unwrap();
-    let at = directory.path();
-    model().write(&at.join("sim.json")).unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(1);
+/// The prediction of the response to new.csv.
+const PREDICT: [&str; 8] =
+    ["gap", "predict", "--diagnosis", "out/diagnosis.json", "--input", "new.csv", "--out", "y.csv"];
+
+fn write_case(at: &Path, rng: &mut ChaCha8Rng) {
     let mut case = format!("sim = \"sim.json\"\nsample_rate_hz = {RATE}\ninputs = [\"u1\"]\noutputs = [\"y1\"]\n");
     for (k, (level, samples)) in [(0.0, 1000), (1.0, 1800), (0.4, 1800), (1.0, 1800)].into_iter().enumerate() {
-        record(&mut rng, samples, level, &at.join(format!("r{k}.csv")));
+        record(rng, samples, level, &at.join(format!("r{k}.csv")));
         let excitation = if level > 0.0 { "random" } else { "zero" };
         write!(case, "\n[[record]]\nfile = \"r{k}.csv\"\nexcitation = \"{excitation}\"\n").unwrap();
     }
-    std::fs::write(at.join("case.toml"), &case).unwrap();
+    std::fs::write(at.join("case.toml"), case).unwrap();
+}
 
+fn check_diagnosis(at: &Path) {
     let output = plid(at, &["gap", "diagnose", "case.toml", "--out", "out", "--json"]);
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     let said: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -85,62 +86,84 @@ fn an_offset_is_diagnosed_and_predicted() {
         said["candidates"].as_array().unwrap().iter().map(|c| c["probability"].as_f64().unwrap()).sum();
     assert!((probabilities - 1.0).abs() < 1e-9);
     assert!(std::fs::read_to_string(at.join("out/report.html")).unwrap().contains("sensor-offset"));
+}
 
-    let truth = record(&mut rng, 500, 1.0, &at.join("new.csv"));
-    let predict = ["gap", "predict", "--diagnosis", "out/diagnosis.json", "--input", "new.csv", "--out", "y.csv"];
-    let output = plid(at, &predict);
+fn check_prediction(at: &Path, truth: &[f64]) {
+    let output = plid(at, &PREDICT);
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     let text = std::fs::read_to_string(at.join("y.csv")).unwrap();
     let mut lines = text.lines();
     assert_eq!(lines.next(), Some("y1"));
-    for (line, truth) in lines.zip(&truth) {
+    for (line, truth) in lines.zip(truth) {
         let y: f64 = line.parse().unwrap();
         assert!((y - truth - OFFSET).abs() < 0.02, "{y} for {truth}");
     }
+}
 
+fn check_own_simulator(at: &Path, truth: &[f64]) {
     // The engineer's own simulator, which knows something that the model does not: its outputs stay, and the effect's
     // correction is added.
     let own = |rows: usize| {
         let lines: String = truth[..rows].iter().map(|y| format!("{}\n", y + 1.0)).collect();
         std::fs::write(at.join("own.csv"), format!("y1\n{lines}")).unwrap();
-        plid(at, &[&predict[..], &["--simulated", "own.csv"]].concat())
+        plid(at, &[&PREDICT[..], &["--simulated", "own.csv"]].concat())
     };
     assert_eq!(own(truth.len()).status.code(), Some(0));
     let text = std::fs::read_to_string(at.join("y.csv")).unwrap();
     assert_eq!(text.lines().count(), 1 + truth.len());
-    for (line, truth) in text.lines().skip(1).zip(&truth) {
+    for (line, truth) in text.lines().skip(1).zip(truth) {
         let y: f64 = line.parse().unwrap();
         assert!((y - truth - 1.0 - OFFSET).abs() < 0.02, "{y} for {truth}");
     }
     let short = own(truth.len() - 1);
     assert_eq!(short.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&short.stderr).contains("own.csv: 499 rows, but the input has 500"));
+}
 
+fn check_refused_files(at: &Path) {
     // An input that is read is not written over, nor one taken that is sampled otherwise; and beyond the fitted level
     // the expected gap grows.
-    let into_itself = plid(at, &[&predict[..5], &["new.csv", "--out", "new.csv"]].concat());
+    let into_itself = plid(at, &[&PREDICT[..5], &["new.csv", "--out", "new.csv"]].concat());
     assert_eq!(into_itself.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&into_itself.stderr).contains("overwrite"));
     let row = |k: usize| format!("{},{}\n", k as f64 / (2.0 * RATE), (k % 7) as f64);
     std::fs::write(at.join("fast.csv"), format!("t,u1\n{}", (0..100).map(row).collect::<String>())).unwrap();
-    let fast = plid(at, &[&predict[..5], &["fast.csv", "--out", "y.csv"]].concat());
+    let fast = plid(at, &[&PREDICT[..5], &["fast.csv", "--out", "y.csv"]].concat());
     assert_eq!(fast.status.code(), Some(2), "{}", String::from_utf8_lossy(&fast.stderr));
     let rows: String = (0..500).map(|k| format!("{},0\n", k as f64 / (2.0 * RATE))).collect();
     std::fs::write(at.join("own.csv"), format!("t,y1\n{rows}")).unwrap();
-    let fast = plid(at, &[&predict[..], &["--simulated", "own.csv"]].concat());
+    let fast = plid(at, &[&PREDICT[..], &["--simulated", "own.csv"]].concat());
     assert_eq!(fast.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&fast.stderr).contains("own.csv"), "{}", String::from_utf8_lossy(&fast.stderr));
-    let over_the_simulation = plid(at, &[&predict[..7], &["out/sim-with-effect.json"]].concat());
+    let over_the_simulation = plid(at, &[&PREDICT[..7], &["out/sim-with-effect.json"]].concat());
     assert_eq!(over_the_simulation.status.code(), Some(2));
+}
+
+fn check_expected_gap(at: &Path, rng: &mut ChaCha8Rng) {
     let mut expected = |level: f64| -> serde_json::Value {
-        record(&mut rng, 500, level, &at.join("level.csv"));
-        let output = plid(at, &[&predict[..5], &["level.csv", "--out", "y.csv", "--json"]].concat());
+        record(rng, 500, level, &at.join("level.csv"));
+        let output = plid(at, &[&PREDICT[..5], &["level.csv", "--out", "y.csv", "--json"]].concat());
         assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
         serde_json::from_slice(&output.stdout).unwrap()
     };
     let (within, beyond) = (expected(0.8), expected(20.0));
     assert!(within["expected_gap"].as_f64().unwrap() > 0.0 && within["beyond_fitted"].is_null(), "{within}");
     assert!(beyond["beyond_fitted"]["times"].as_f64().unwrap() > 10.0, "{beyond}");
+}
+
+#[test]
+fn an_offset_is_diagnosed_and_predicted() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    model().write(&at.join("sim.json")).unwrap();
+    write_case(at, &mut rng);
+    check_diagnosis(at);
+    let truth = record(&mut rng, 500, 1.0, &at.join("new.csv"));
+    check_prediction(at, &truth);
+    check_own_simulator(at, &truth);
+    check_refused_files(at);
+    check_expected_gap(at, &mut rng);
 
     // The same again is refused, and an effect that nobody knows is named with the vocabulary.
     assert_eq!(plid(at, &["gap", "diagnose", "case.toml", "--out", "out"]).status.code(), Some(2));

@@ -87,13 +87,7 @@ pub fn prepare(
         return Err(PrepareError::NoRecords);
     }
     require_alike(&records)?;
-    let in_range = |share: &f64| (0.0..=1.0).contains(share);
-    if training_shares.len() != records.len()
-        || !training_shares.iter().all(in_range)
-        || training_shares.iter().all(|share| *share == 0.0)
-    {
-        return Err(PrepareError::TrainingShares { shares: training_shares.to_vec(), records: records.len() });
-    }
+    check_shares(training_shares, records.len())?;
     let mut steps = Vec::new();
     let mut warnings = Vec::new();
     let (records, repeat_noise) = average_repeats(records, preparation, &mut steps)?;
@@ -117,18 +111,8 @@ pub fn prepare(
         Trend::Linear => steps.push(Step::LineRemoved),
     }
 
-    let mut advance_test = None;
-    if preparation.advance == Advance::Auto {
-        match advance::test(&heads(&records, &training), &input_names, &output_names) {
-            Ok(test) => advance_test = Some(test),
-            Err(warning) => warnings.push(warning),
-        }
-    }
-    let advanced = match preparation.advance {
-        Advance::Auto => advance_test.as_ref().is_some_and(|t| t.answers_at_once),
-        Advance::No => false,
-        Advance::Yes => true,
-    };
+    let (advance_test, advanced) =
+        choose_advance(&heads(&records, &training), [&input_names, &output_names], preparation.advance, &mut warnings);
     let mut last_outputs = vec![None; records.len()];
     if advanced {
         for (record, last) in records.iter().zip(&mut last_outputs) {
@@ -164,6 +148,39 @@ pub fn prepare(
         steps,
         warnings,
     })
+}
+
+fn check_shares(training_shares: &[f64], records: usize) -> Result<(), PrepareError> {
+    let in_range = |share: &f64| (0.0..=1.0).contains(share);
+    if training_shares.len() != records
+        || !training_shares.iter().all(in_range)
+        || training_shares.iter().all(|share| *share == 0.0)
+    {
+        return Err(PrepareError::TrainingShares { shares: training_shares.to_vec(), records });
+    }
+    Ok(())
+}
+
+/// Returns the test for direct feedthrough, if it was made, and whether inputs are advanced.
+fn choose_advance(
+    heads: &[Segment],
+    [input_names, output_names]: [&[String]; 2],
+    choice: Advance,
+    warnings: &mut Vec<Warning>,
+) -> (Option<AdvanceTest>, bool) {
+    let mut advance_test = None;
+    if choice == Advance::Auto {
+        match advance::test(heads, input_names, output_names) {
+            Ok(test) => advance_test = Some(test),
+            Err(warning) => warnings.push(warning),
+        }
+    }
+    let advanced = match choice {
+        Advance::Auto => advance_test.as_ref().is_some_and(|t| t.answers_at_once),
+        Advance::No => false,
+        Advance::Yes => true,
+    };
+    (advance_test, advanced)
 }
 
 type RepeatNoise = Vec<(NoiseCovariance, usize)>;

@@ -20,7 +20,7 @@ pub(super) struct Callbacks {
     logger: Logger,
     allocate: unsafe extern "C" fn(usize, usize) -> *mut c_void,
     free: unsafe extern "C" fn(*mut c_void),
-    /// Called at the end of asynchronous steps, of which there are none.
+    /// Would be called at the end of asynchronous steps, which are not used.
     step_finished: Option<unsafe extern "C" fn(*mut c_void, c_int)>,
     environment: *mut c_void,
 }
@@ -31,7 +31,7 @@ unsafe extern "C" {
 }
 
 impl Callbacks {
-    /// Those of an instance whose log is at this address.
+    /// Returns the callbacks of an instance whose log is at this address.
     pub fn of(environment: *mut c_void) -> Self {
         Self { logger: plid_fmu_logger, allocate: calloc, free, step_finished: None, environment }
     }

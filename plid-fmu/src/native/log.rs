@@ -1,4 +1,4 @@
-//! What an FMU says.
+//! The log of an FMU.
 
 use std::collections::VecDeque;
 use std::ffi::{CStr, c_char, c_int, c_void};
@@ -15,7 +15,7 @@ const LENGTH: usize = 1000;
 /// The last messages of an instance. The instance has its address, so it must stay where it is.
 #[repr(C)]
 pub(super) struct Log {
-    /// How the logger in logger.c passes a message on.
+    /// The function to which the logger in logger.c passes a message.
     keep: unsafe extern "C" fn(*const Log, c_int, *const c_char),
     messages: Mutex<VecDeque<String>>,
 }
@@ -25,12 +25,12 @@ impl Log {
         Box::new(Self { keep, messages: Mutex::default() })
     }
 
-    /// The address that the FMU hands back with each message.
+    /// Returns the address that the FMU passes with each message.
     pub fn address(&self) -> *mut c_void {
         std::ptr::from_ref(self).cast_mut().cast()
     }
 
-    /// Returns the last messages, a line each, and forgets them.
+    /// Returns the last messages, one per line, and deletes them.
     pub fn take(&self) -> String {
         let messages: Vec<String> = self.locked().drain(..).collect();
         messages.join("\n")
@@ -50,7 +50,7 @@ impl Log {
     }
 }
 
-/// Keeps a message.
+/// Stores a message.
 ///
 /// # Safety
 /// `log` is null or a living `Log`, and `message` null or a string that ends with a zero.

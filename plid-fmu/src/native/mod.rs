@@ -1,7 +1,7 @@
-//! The functions of an FMU's shared library: the one place with unsafe code.
+//! The functions of an FMU's shared library. This is the only module with unsafe code.
 //!
-//! What an FMU does cannot be checked from outside: a library that breaks the standard may crash the process. The
-//! program therefore runs FMUs in a child process.
+//! The behaviour of an FMU cannot be checked from outside: a library that violates the standard may crash the process.
+//! The program therefore runs FMUs in a child process.
 #![allow(unsafe_code)]
 
 mod fmi2;
@@ -19,7 +19,7 @@ use self::log::Log;
 use self::states::States;
 use crate::description::Version;
 
-/// What a function of an FMU returns. The numbers are those of both versions of the standard.
+/// The status that a function of an FMU returns. The numbers are those of both versions of the standard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Status {
     Ok,
@@ -28,7 +28,7 @@ pub(crate) enum Status {
     Error,
     Fatal,
     Pending,
-    /// A number that the standard does not have.
+    /// A number that the standard does not define.
     Unknown(c_int),
 }
 
@@ -65,13 +65,13 @@ impl Display for Status {
 pub(crate) struct Failed {
     /// Name of the function.
     pub function: &'static str,
-    /// What it returned, in words.
+    /// The returned status, in words.
     pub found: String,
-    /// Whether the instance is lost for good.
+    /// Whether the instance can no longer be used.
     fatal: bool,
 }
 
-/// Checks what a function returned.
+/// Checks the status that a function returned.
 fn done(function: &'static str, status: c_int) -> Result<(), Failed> {
     let found = match Status::from(status) {
         Status::Ok | Status::Warning => return Ok(()),
@@ -81,7 +81,7 @@ fn done(function: &'static str, status: c_int) -> Result<(), Failed> {
     Err(Failed { function, found, fatal: Status::from(status) == Status::Fatal })
 }
 
-/// What an instance is created with.
+/// The arguments with which an instance is created.
 pub(crate) struct Birth {
     /// Its name.
     pub name: CString,
@@ -100,7 +100,7 @@ enum Functions {
 /// The shared library of an FMU.
 pub(crate) struct Binary {
     functions: Functions,
-    /// Those that keep states, if the library has them.
+    /// The functions that store states, if the library has them.
     states: Option<states::Functions>,
     /// The functions above are in it, so it is dropped last.
     _library: Library,
@@ -128,7 +128,7 @@ impl Binary {
     }
 }
 
-/// Returns an error with the system's own words behind it.
+/// Returns the message of an error together with that of the operating system.
 fn in_words(error: &dyn std::error::Error) -> String {
     match error.source() {
         Some(source) => format!("{error}: {}", in_words(source)),
@@ -145,7 +145,7 @@ enum Stage {
     Steps,
     /// A function failed.
     Failed,
-    /// A function failed for good: no further call is allowed.
+    /// A function failed fatally, so that no further call is allowed.
     Lost,
 }
 
@@ -208,7 +208,7 @@ impl Instance {
         Ok(())
     }
 
-    /// Goes back to the state after its creation.
+    /// Returns to the state after its creation.
     pub fn reset(&mut self) -> Result<(), Failed> {
         self.forget();
         let pointer = self.pointer;
@@ -255,7 +255,7 @@ impl Instance {
         })
     }
 
-    /// Advances from a time by a step.
+    /// Advances by a step from a time (both in s).
     pub fn advance(&mut self, time: f64, step: f64) -> Result<(), Failed> {
         let pointer = self.pointer;
         // SAFETY: the instance is alive.
@@ -267,7 +267,7 @@ impl Instance {
         })
     }
 
-    /// Keeps the present state; returns whether the library can do so.
+    /// Stores the present state, and returns whether the library can do so.
     pub fn save(&mut self, slot: usize) -> Result<bool, Failed> {
         let Self { binary, pointer, states, .. } = self;
         let Some(functions) = &binary.states else { return Ok(false) };
@@ -276,7 +276,7 @@ impl Instance {
         self.noted(result).map(|()| true)
     }
 
-    /// Goes back to a state that was kept; returns whether there is one.
+    /// Returns to a stored state, and returns whether there is one.
     pub fn restore(&mut self, slot: usize) -> Result<bool, Failed> {
         let Self { binary, pointer, states, .. } = self;
         let Some(functions) = &binary.states else { return Ok(false) };
@@ -285,7 +285,7 @@ impl Instance {
         self.noted(result)
     }
 
-    /// Frees all states that are kept.
+    /// Frees all stored states.
     pub fn forget(&mut self) {
         let Self { binary, pointer, states, .. } = self;
         if let Some(functions) = &binary.states {

@@ -1,4 +1,4 @@
-//! The functions that keep an FMU's state. Those of both versions of the standard differ in their names only.
+//! The functions that store an FMU's state. Those of both versions of the standard differ only in their names.
 
 use std::collections::BTreeMap;
 use std::ffi::{c_int, c_void};
@@ -37,18 +37,18 @@ pub(super) struct States(BTreeMap<usize, State>);
 
 // The functions below are unsafe for one reason: the component must be alive, and it is always the same.
 impl States {
-    /// Keeps the present state.
+    /// Stores the present state.
     ///
     /// # Safety
     /// The component is alive.
     pub unsafe fn save(&mut self, functions: &Functions, of: Component, slot: usize) -> Result<(), Failed> {
-        // The FMU writes over a state that is there.
+        // The FMU overwrites an existing state.
         let state = self.0.entry(slot).or_insert(std::ptr::null_mut());
         // SAFETY: as the caller promises.
         done(functions.names[0], unsafe { (functions.get)(of, state) })
     }
 
-    /// Goes back to a state; returns whether there is one.
+    /// Returns to a stored state, and returns whether there is one.
     ///
     /// # Safety
     /// The component is alive.

@@ -21,9 +21,9 @@ use crate::settings::GapSettings;
 /// simulation have the same meaning.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LoopDiagnosis {
-    /// The verdict in a word.
+    /// The verdict.
     pub verdict: Verdict,
-    /// The verdict in a sentence.
+    /// The verdict as a sentence.
     pub sentence: String,
     /// The effects, the largest share of the gap first.
     pub effects: Vec<NamedEffect>,
@@ -34,13 +34,14 @@ pub struct LoopDiagnosis {
     /// Where the gap lies.
     #[serde(rename = "where")]
     pub place: Where,
-    /// The gaps.
+    /// The gaps before and after, relative to the outputs.
     pub gap: LoopGap,
     /// The remainder of the best explanation.
     pub remainder: Remainder,
     /// The simulator and its calls.
     pub simulator: Used,
-    /// Parameters of the simulator that the bounded refit changed: from, to, in standard deviations of the limit.
+    /// Changes of the simulator's parameters by the bounded refit: the old value, the new value, and the change in
+    /// standard deviations of the limit.
     pub refit: BTreeMap<String, [f64; 3]>,
     /// Thresholds of the diagnosis.
     pub settings: GapSettings,
@@ -48,7 +49,7 @@ pub struct LoopDiagnosis {
     pub warnings: Vec<String>,
 }
 
-/// The gaps, on held-out records, or on the fitted ones if none was held out.
+/// The gaps on held-out records, or on the fitted records if none was held out.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct LoopGap {
     /// Gap of the simulator as given.
@@ -59,17 +60,17 @@ pub struct LoopGap {
     pub with_effect: f64,
     /// Gap of noise alone.
     pub noise_floor: f64,
-    /// 1 - with_effect / as_given, both beyond the floor.
+    /// One minus the ratio of `with_effect` to `as_given`, both beyond the noise.
     pub shrink: f64,
-    /// Its 95 % interval.
+    /// The 95 % interval of `shrink`.
     pub shrink_ci95: [f64; 2],
-    /// The same over the refit.
+    /// The same, with `refit` in place of `as_given`.
     pub shrink_over_refit: f64,
-    /// The gap that the fitted records promise at the highest level, stated before any held-out record was opened.
+    /// The gap at the highest level that is predicted from the fitted records, before any held-out record is opened.
     pub predicted_held_out_gap: f64,
-    /// Its 80 % interval.
+    /// The 80 % interval of the prediction.
     pub predicted_ci80: [f64; 2],
-    /// Names of the records on which these were measured.
+    /// Names of the records on which these gaps were measured.
     pub measured_on: Vec<String>,
 }
 
@@ -78,17 +79,17 @@ pub struct LoopGap {
 pub struct SimulatorWithEffects {
     /// The name of the format, "simulator-with-effects".
     pub format: String,
-    /// What the simulator has.
+    /// The description of the simulator.
     pub simulator: Description,
-    /// The program that it is, if it is one.
+    /// The command of the simulator, if it is a program.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub command: Vec<String>,
-    /// The FMU that it is, if it is one.
+    /// The FMU of the simulator, if it is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fmu: Option<FmuSource>,
     /// Values of the simulator's parameters, by name.
     pub parameters: BTreeMap<String, f64>,
-    /// How each port answers to a force.
+    /// The response of each port to a force.
     pub ports: Vec<WrittenPort>,
     /// The effects around the simulator and at its ports.
     pub effects: Vec<WrittenEffect>,
@@ -96,16 +97,16 @@ pub struct SimulatorWithEffects {
     pub t0: f64,
     /// RMS of the noise of each output, in its unit.
     pub noise_rms: Vec<f64>,
-    /// The stated gap.
+    /// The gap that is expected on new records.
     pub expected_gap: f64,
 }
 
-/// How a port answers to a force.
+/// The response of a port to a force.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct WrittenPort {
-    /// Its name.
+    /// The name of the port.
     pub name: String,
-    /// Change of its velocity over a step by a unit of force.
+    /// Change of the velocity over a step for a unit of force.
     pub mobility: f64,
     /// Weight of the velocity after a step in the change of the displacement over it.
     pub weight: f64,

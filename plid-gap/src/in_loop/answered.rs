@@ -25,8 +25,8 @@ pub enum Answered {
     InLoop(Box<LoopOutcome>),
 }
 
-/// Diagnoses the linear model of a simulator; `None` if it is not linear, has parameters, or is no model that the
-/// linear diagnosis takes.
+/// Diagnoses the linear model of a simulator. Returns `None` if the simulator is not linear or has parameters, or if
+/// the linear diagnosis cannot use its model.
 pub(super) fn by_model(
     case: &Case,
     simulator: &mut dyn Simulator,
@@ -40,7 +40,7 @@ pub(super) fn by_model(
     if most == 0 || !description.parameters.is_empty() || case.records.is_empty() {
         return Ok(None);
     }
-    say("finding out whether the simulator is linear".into());
+    say("testing whether the simulator is linear".into());
     let loud = loudest(&case.records, case.config.settings.case.same_level);
     let Some(realised) = realise(&mut checked, &loud.u)? else { return Ok(None) };
     let states = realised.model.n();
@@ -55,8 +55,8 @@ pub(super) fn by_model(
     let calls = checked.calls();
     let name = description.name;
     outcome.diagnosis.evidence.push(format!(
-        "The simulator {name} is linear: a model of {states} states, realised from its impulse responses, repeats it \
-        to {:.0e} of each output in the loudest record. The model was diagnosed in its place.",
+        "The simulator {name} is linear: a model of {states} states, realised from its impulse responses, reproduces \
+        it to {:.0e} of each output in the loudest record. This model was diagnosed in its place.",
         realised.error
     ));
     let seconds = calls.time.as_secs_f64();

@@ -12,10 +12,10 @@ use plid_simulator::Motion;
 use crate::effects::Force;
 use crate::plant::Load;
 
-/// How the velocity of a port answers to a force, and how its displacement follows from its velocity.
+/// The response of a port's velocity to a force, and the relation between its displacement and its velocity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Response {
-    /// Change of the velocity over a step by a unit of force.
+    /// Change of the velocity over a step for a unit of force.
     pub mobility: f64,
     /// Weight of the velocity after a step in the change of the displacement over it: one half for an exact
     /// integration, one for a symplectic one.
@@ -43,7 +43,7 @@ const HALVINGS: usize = 40;
 const ACCURACY: f64 = 1e-9;
 
 impl<'a> Coupling<'a> {
-    /// The laws at a port, from rest.
+    /// Creates the laws at a port, at rest.
     pub fn new(response: Response, laws: Vec<&'a dyn Force>, loads: &[Load]) -> Self {
         let sum = |of: fn(&Load) -> f64| loads.iter().map(of).sum();
         let load =
@@ -51,7 +51,7 @@ impl<'a> Coupling<'a> {
         Self { response, laws: laws.into_iter().map(|law| (law, 0.0)).collect(), load, before: None }
     }
 
-    /// Returns the force over the next step from the motion before it. `pushed` is a force that acts in any case.
+    /// Returns the force over the next step from the motion before it. `pushed` is a force that acts in addition.
     pub fn force(&mut self, motion: Motion, pushed: f64) -> f64 {
         let Response { mobility, weight, step } = self.response;
         let Motion { displacement, velocity } = motion;
@@ -93,7 +93,7 @@ impl<'a> Coupling<'a> {
     }
 }
 
-/// Returns the x at which x = f(x), where f does not rise.
+/// Returns the solution of x = f(x) for a function f that does not increase.
 fn solve(f: impl Fn(f64) -> f64) -> f64 {
     let first = f(0.0);
     let second = f(first);
@@ -101,7 +101,7 @@ fn solve(f: impl Fn(f64) -> f64) -> f64 {
     if (second - first).abs() <= ACCURACY * scale {
         return second;
     }
-    // f(0) - 0 and f(first) - first have different signs, because f does not rise.
+    // f(0) - 0 and f(first) - first have different signs, because f does not increase.
     let (mut low, mut high) = if first > 0.0 { (0.0, first) } else { (first, 0.0) };
     for _ in 0..HALVINGS {
         let middle = 0.5 * (low + high);
@@ -117,8 +117,8 @@ fn solve(f: impl Fn(f64) -> f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// Returns the force of dry friction: that of sliding, unless it would reverse the motion; then the force that stops
-/// the port, as far as the friction reaches.
+/// Returns the force of dry friction. It is that of sliding, unless this would reverse the motion. In that case it is
+/// the force that stops the port, limited to the friction.
 fn held(law: &dyn Force, state: f64, most: f64, d: f64, v: f64, free: f64, mobility: f64) -> f64 {
     let slides = law.force(d, v, state);
     if v != 0.0 && (free + mobility * slides) * v > 0.0 {

@@ -1,8 +1,8 @@
-//! Another effect in the place of one that was found before.
+//! Exchange of one effect of an explanation for another.
 //!
-//! The first effect is the one that explains most alone. Where two are at work, that may be a third one, which does a
-//! little of what both do. So where a pair still leaves much, each of its effects is taken out in turn, and all others
-//! are screened in its place.
+//! The first effect is the one that explains most alone. If two effects are present, this may be a third one that
+//! imitates a part of both. If a pair leaves much of the gap, each of its effects is therefore removed in turn, and all
+//! others are screened in its place.
 
 use crate::fit::candidate::same;
 use crate::fit::problem::Placed;
@@ -12,8 +12,9 @@ use crate::in_loop::screen::{Entry, screen};
 use crate::in_loop::search::Search;
 
 impl<'a> Search<'_, 'a> {
-    /// Adds explanations in which another effect has the place of one of the best, while the best leaves more than
-    /// `least` of the output and `bound` calls are not reached. All are on the head of one record, the best first.
+    /// Adds explanations in which one effect of the best explanation is exchanged for another, as long as the best one
+    /// leaves more than `least` of the output and fewer than `bound` runs were made. All are fitted to the first
+    /// samples of one record; the best comes first.
     pub(super) fn exchange(
         &self,
         quick: &Problem<'a>,
@@ -28,14 +29,14 @@ impl<'a> Search<'_, 'a> {
             if self.left(quick, &best) < least || runs.calls().runs >= bound {
                 break;
             }
-            say(format!("trying other effects in the place of effect {} of {}", at + 1, self.words(quick, &best)));
+            say(format!("trying other effects in place of effect {} of {}", at + 1, self.words(quick, &best)));
             fits.extend(self.others(quick, runs, &best, at, bound, say));
             fits.sort_by(|a, b| self.priced(quick, a).total_cmp(&self.priced(quick, b)));
         }
         fits
     }
 
-    /// Returns the best explanations with another effect in one place.
+    /// Returns the best explanations in which one effect is exchanged for another.
     fn others(
         &self,
         quick: &Problem<'a>,

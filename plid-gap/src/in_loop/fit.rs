@@ -15,13 +15,14 @@ use crate::in_loop::runs::Runs;
 /// with contacts, small beside the curvature of the laws.
 const DIFFERENCE: f64 = 0.01;
 
-/// Longest step of a parameter, in its unit or logarithm: the slope here says little about a size that far away.
+/// Longest step of a parameter, in its unit or logarithm. The derivative says little about a value farther away.
 const LONGEST: f64 = 1.5;
 
-/// Starts are near, and each damping that is tried costs a run of every record.
+/// The damping starts small because starting values are close, and few dampings are tried because each takes a run of
+/// every record.
 const DAMPING: Damping = Damping { start: 1e-3, shrink: 0.1, grow: 10.0, least: 1e-15, tries: 3, factors: &[1.0] };
 
-/// A problem with the runs that it needs.
+/// A problem together with the runs of the simulator.
 struct Fitting<'f, 'a, 's> {
     problem: &'f Problem<'a>,
     runs: Mutex<&'f mut Runs<'s>>,
@@ -29,8 +30,8 @@ struct Fitting<'f, 'a, 's> {
 
 impl<'a> Problem<'a> {
     /// Fits the sizes of effects, and the nuisances within their limits, by damped Gauss-Newton steps on runs of the
-    /// simulator itself. The nuisances' columns are those about the simulator as given. A run that fails counts as
-    /// infinitely bad.
+    /// simulator itself. The derivatives by the nuisances are those at the simulator as given. The cost of a run that
+    /// fails is infinite.
     pub fn fit(&self, runs: &mut Runs, start: Fit<'a>, steps: usize, gain: f64) -> Fit<'a> {
         let mut fitting = Fitting { problem: self, runs: Mutex::new(runs) };
         let stop = Stop { steps, gain, patience: 1, ..Stop::default() };
@@ -65,7 +66,7 @@ impl<'a> Problem<'a> {
         let unit = |k: usize| DVector::from_fn(count + nuisances, |i, _| if i == k { DIFFERENCE } else { 0.0 });
         let moved: Vec<_> = (0..count).map(|k| self.moved(at, unit(k).as_slice())).collect();
         for (k, simulated) in self.simulate_all(runs, &moved).into_iter().enumerate() {
-            // A parameter at its bound does not move, or makes the simulator fail: no derivative then.
+            // A parameter at its bound may not move, or the simulator may fail there: its derivative stays zero.
             let Ok(simulated) = simulated else { continue };
             let change = self.trace(&at.simulated, &simulated);
             jacobian.view_mut((0, k), (rows, 1)).iter_mut().zip(change).for_each(|(j, x)| *j = x / DIFFERENCE);

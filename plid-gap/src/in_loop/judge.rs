@@ -1,4 +1,4 @@
-//! Which explanation the records prefer, and how sure that is.
+//! The comparison of explanations, and the probability of each.
 
 use crate::case::record::{Channels, rms};
 use crate::effects::Place;
@@ -9,11 +9,11 @@ use crate::in_loop::search::{Found, Search};
 use crate::judge::verdict::{Verdict, Weighted, outside};
 use crate::settings::JudgeSettings;
 
-/// How much better one explanation is than another.
+/// The evidence of the records for one explanation against another.
 pub(super) struct Evidence {
     /// Difference of the sums of squares.
     pub difference: f64,
-    /// How much more of the records one explains than the other, over the standard deviation of that.
+    /// The difference over its standard deviation, which is estimated from parts of the records.
     pub z: f64,
 }
 
@@ -21,10 +21,10 @@ pub(super) struct Evidence {
 /// fall into all groups.
 const GROUPS: usize = 23;
 
-/// Compares two explanations. No explanation of real records is exact, so what both leave is no noise, and the
-/// difference of their sums of squares scatters more than that of two likelihoods. The scatter is therefore estimated
-/// from parts of the records (Vuong, Econometrica 57, 1989). Each value r counts as ln(1 + r^2), a likelihood with
-/// heavy tails: otherwise the few values with most of the power would be the only units of evidence.
+/// Compares two explanations. No explanation of real records is exact, so the residuals of both are more than noise,
+/// and the difference of their sums of squares scatters more than that of two likelihoods. The scatter is therefore
+/// estimated from parts of the records (Vuong, Econometrica 57, 1989). Each value r contributes ln(1 + r^2), a
+/// likelihood with heavy tails. Otherwise the few values with most of the power would decide alone.
 ///
 /// The parts are groups of frequencies, each spread over the whole band like the teeth of a comb, or stretches of time,
 /// whichever tell the explanations apart. An offset lies at one frequency and at all times, and a delay at all
@@ -117,7 +117,7 @@ pub(super) fn judge<'a>(
         }
         let Evidence { difference, z } = evidence(problem, best, fit);
         let price = search.price(problem, fit) - search.price(problem, best);
-        // An explanation that was not accepted ranks behind the best one, whatever it costs.
+        // An explanation that was not accepted ranks behind the best one, whatever its cost.
         let behind = if at == 0 { 0.0 } else { (difference + price).min(z.max(0.0).powi(2)).max(0.0) };
         let probability = (-0.5 * behind).exp();
         if at > 0 && z < search.settings.clear && !fit.effects.is_empty() && named && is_rival(best, fit) {
@@ -147,14 +147,14 @@ pub(super) fn judge<'a>(
     Judged { weighted, verdict, not_separable }
 }
 
-/// Returns whether an explanation names another effect or place in as many words. One with an effect more than the best
-/// contains it, and is no rival.
+/// Returns whether an explanation has as many effects as the best one, but another effect or location among them. An
+/// explanation with one more effect contains the best one and is not its rival.
 fn is_rival(best: &Fit, fit: &Fit) -> bool {
     fit.effects.len() <= best.effects.len()
         && fit.effects.iter().any(|placed| !best.effects.iter().any(|other| same(placed, other)))
 }
 
-/// Returns the probability that an effect is at work at its place.
+/// Returns the probability that an effect is present at its location.
 pub(super) fn confidence(weighted: &[Weighted], placed: &Placed) -> f64 {
     let names = |w: &&Weighted| w.effects.iter().any(|other| same(other, placed));
     weighted.iter().filter(names).map(|w| w.probability).sum()

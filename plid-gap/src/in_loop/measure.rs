@@ -1,4 +1,4 @@
-//! The gaps, on records that no fit has seen.
+//! The gaps on records that were not used for any fit.
 
 use crate::case::Case;
 use crate::case::levels::loudest;
@@ -14,17 +14,17 @@ use crate::in_loop::search::Found;
 use crate::judge::gap::{self, Blocks};
 use crate::judge::verdict::Verdict;
 
-/// How far a gap on a new record of the same level lies from that of the fitted ones, for four records in five: the
-/// records of a lightly damped structure scatter by about a tenth.
+/// Relative half-width of the 80 % interval of the gap on a new record of the same level. The records of a lightly
+/// damped structure scatter by about a tenth.
 const SCATTER: f64 = 0.13;
 
-/// What is measured after the search.
+/// The case and its records, as they are known after the search.
 pub(super) struct Opened<'o, 'a> {
     /// The case.
     pub case: &'o Case,
     /// The fitted records.
     pub problem: &'o Problem<'a>,
-    /// Their noise.
+    /// The noise of the fitted records.
     pub noise: &'o Noise,
     /// The records that were held out.
     pub held_out: &'o [Record],
@@ -36,7 +36,7 @@ pub(super) struct Measured {
     pub records: Vec<Record>,
     /// The simulator as given.
     pub given: Vec<Channels>,
-    /// With the best explanation.
+    /// The simulator with the best explanation.
     pub with: Vec<Channels>,
     /// The gaps.
     pub gap: LoopGap,

@@ -1,11 +1,11 @@
 //! The diagnosis with anybody's simulator in the loop.
 //!
 //! A linear simulation is taken apart into modes, and its fits use exact derivatives in thousands of runs. A foreign
-//! simulator can only be run, and a run may take a second. So this diagnosis counts runs. Effects on commands and on
-//! measurements wrap around [`plid_simulator::Simulator::run`]; effects at ports act between its steps; the simulator's
-//! own parameters are causes like any other. Each effect is screened by one run for each start, the best ones are
-//! fitted on the simulator itself, and the fits are compared by what they leave, whitened by what the best one leaves
-//! (docs/your-simulator.md).
+//! simulator can only be run, and a run may take a second. This diagnosis therefore limits the number of runs. Effects
+//! on commands and on measurements wrap around [`plid_simulator::Simulator::run`]; effects at ports act between its
+//! steps; the simulator's own parameters are possible causes, too. Each effect is screened by one run from each of its
+//! starting values, and the best ones are fitted on the simulator itself. The fits are compared by their residuals,
+//! which are whitened by the residual of the best one (docs/your-simulator.md).
 
 mod answer;
 mod answered;
@@ -56,13 +56,13 @@ use crate::search::rules::{Rules, Scope, require_names};
 pub struct LoopOutcome {
     /// The answer.
     pub diagnosis: LoopDiagnosis,
-    /// All that a prediction uses besides the simulator.
+    /// Everything that a prediction needs besides the simulator.
     pub simulation: SimulatorWithEffects,
     /// The record that the report shows: its name, sample rate and outputs measured, as given and with the effects.
     pub shown: Shown,
 }
 
-/// The record that a report shows.
+/// The record that the report shows.
 pub struct Shown {
     /// Its name.
     pub record: String,
@@ -80,7 +80,7 @@ pub struct Shown {
     pub fits: Vec<(String, f64)>,
 }
 
-/// Diagnoses the gap between records and a simulator. One that is linear and has no parameters is taken apart: its
+/// Diagnoses the gap between records and a simulator. If the simulator is linear and has no parameters, its linear
 /// model is diagnosed as a model.json is.
 ///
 /// # Errors
@@ -98,7 +98,7 @@ pub fn diagnose(
     Ok(Answered::InLoop(Box::new(diagnose_in_loop(case, simulator, library, say)?)))
 }
 
-/// Diagnoses with the simulator itself, whatever it is.
+/// Diagnoses with the simulator itself in the loop, even if it is linear.
 ///
 /// # Errors
 /// As [`diagnose`].

@@ -1,21 +1,21 @@
-//! The noise level of records whose simulator is foreign.
+//! The noise level of records, estimated without a model of the simulator.
 
 use crate::case::record::{Channels, Excitation, Record, rms};
 use crate::fourier;
 
-/// Share of the band, from its upper end, whose power stands for the noise if nothing else shows it.
+/// Share of the band, at its upper end, whose power is taken for noise if nothing else shows the noise.
 const UPPER: f64 = 0.25;
 
 /// The noise of each output, and how it was found.
 pub(super) struct Noise {
     /// Standard deviation of each output (p).
     pub std: Vec<f64>,
-    /// Whether quiet records or repeats of an input show it.
+    /// Whether the noise follows from quiet records or from repeats of an input.
     pub seen: bool,
 }
 
 impl Noise {
-    /// Returns what is to be said if nothing shows the noise.
+    /// Returns the warning for records that do not show the noise.
     pub fn warning(&self) -> Option<String> {
         let text = "no record without input and no repeated input shows the noise: it is estimated from the highest \
                     frequencies of the gap";
@@ -41,7 +41,7 @@ pub(super) fn estimate(records: &[Record], given: &[Channels]) -> Noise {
         (all.into_iter().fold(f64::INFINITY, f64::min), false)
     };
     let all: Vec<(f64, bool)> = (0..p).map(of).collect();
-    // A record that repeats to the last digit has no noise of its own; its rounding is one.
+    // A record that repeats to the last digit has no noise but that of rounding.
     let least = |o: usize| 1e-6 * rms(records.iter().flat_map(|r| r.y[o].iter().filter(|y| y.is_finite())));
     Noise {
         std: all.iter().enumerate().map(|(o, (std, _))| std.max(least(o)).max(f64::MIN_POSITIVE)).collect(),

@@ -29,15 +29,15 @@ const MOST_NEAREST: usize = 3;
 /// Number of entries of a screen that are shown.
 const SHOWN_ENTRIES: usize = 8;
 
-/// What was found, and how.
+/// The results of a diagnosis, from which the answer is written.
 pub(super) struct Told<'t, 's, 'a> {
     /// The runs.
     pub runs: &'t Runs<'s>,
     /// The search and its bounds.
     pub search: &'t Search<'t, 'a>,
-    /// What it found.
+    /// The result of the search.
     pub found: &'t Found<'a>,
-    /// Its judgement.
+    /// The judgement of the result.
     pub judged: &'t Judged<'a>,
     /// Warnings about the records.
     pub warnings: Vec<String>,

@@ -1,4 +1,4 @@
-//! A parameter of the engineer's own simulator as a cause.
+//! A wrong parameter of the engineer's own simulator as a cause.
 
 use plid_simulator::Parameter as Given;
 
@@ -7,20 +7,20 @@ use crate::effects::{Action, Change, Effect, Parameter, Place, Range, Setting, S
 /// Name of the effect in an answer.
 pub(super) const NAME: &str = "simulator-parameter";
 
-/// Factors on a parameter from which fits start. A parameter of ten times its value is found from three times.
+/// Factors on a parameter from which fits start. A fit from three times its value also finds ten times its value.
 const FACTORS: [f64; 3] = [0.6, 1.5, 3.0];
 
-/// Values from which fits of a parameter that is zero start, over its upper bound or, without one, over one.
+/// Starting values for a parameter that is zero, relative to its upper bound or, without one, to one.
 const FROM_ZERO: [f64; 3] = [0.003, 0.03, 0.3];
 
-/// A parameter has another value than the simulator says.
+/// The effect that a parameter has another value than the simulator states.
 pub(super) struct SimulatorParameter {
     number: usize,
     given: Given,
 }
 
 impl SimulatorParameter {
-    /// One effect for each parameter.
+    /// Returns one effect for each parameter.
     pub fn all(parameters: &[Given]) -> Vec<Self> {
         parameters.iter().enumerate().map(|(number, given)| Self { number, given: given.clone() }).collect()
     }

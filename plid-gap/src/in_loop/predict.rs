@@ -40,10 +40,10 @@ impl LoopPredictor {
         Self::new(written).map_err(|message| GapError::Malformed { file, message })
     }
 
-    /// Of the contents of such a file.
+    /// Creates a predictor from the contents of a sim-with-effect.json.
     ///
     /// # Errors
-    /// What is wrong with them.
+    /// Returns a sentence that says what is wrong with the contents.
     pub fn new(written: SimulatorWithEffects) -> Result<Self, String> {
         if written.format != FORMAT {
             return Err(format!("the format is {:?}, expected {FORMAT:?}", written.format));
@@ -59,7 +59,7 @@ impl LoopPredictor {
         if let Some(port) =
             written.ports.iter().find(|port| !(sound(port.mobility) && (0.0..=1.0).contains(&port.weight)))
         {
-            return Err(format!("port {:?} has no possible mobility and weight", port.name));
+            return Err(format!("port {:?} has an impossible mobility or weight", port.name));
         }
         let response = |port: &super::WrittenPort| Response { mobility: port.mobility, weight: port.weight, step };
         let responses: Vec<Response> = written.ports.iter().map(response).collect();
@@ -96,7 +96,7 @@ impl LoopPredictor {
         Ok(Runs::new(checked, self.responses.clone()).simulate(&self.setting, &effects, &record)?)
     }
 
-    /// A simulator with other channels or parameters would be run with the wrong numbers.
+    /// Checks that a simulator has the channels and parameters of the diagnosed one.
     fn require_same(&self, description: &Description) -> Result<(), GapError> {
         let known = &self.written.simulator;
         let parts = [
@@ -126,7 +126,7 @@ impl LoopPredictor {
             let name = &written.effect;
             let effect = library.get(name).ok_or_else(|| format!("there is no effect `{name}`"))?;
             let place = place(&written.location, effect, &self.setting)
-                .ok_or_else(|| format!("{name}: `{}` is no place for it", written.location))?;
+                .ok_or_else(|| format!("{name}: `{}` is not a location of this effect", written.location))?;
             let value = |parameter: crate::effects::Parameter| {
                 let value = written.parameters.get(&parameter.name).map(|value| value.value);
                 value.filter(|value| value.is_finite()).ok_or_else(|| format!("{name} has no `{}`", parameter.name))

@@ -12,7 +12,7 @@ use crate::noise::NoiseModel;
 use crate::noise::model_error::ModelError;
 use crate::noise::whiten::Whitener;
 
-/// A parameter of the simulator that may be off within a limit without being a cause.
+/// A parameter of the simulator with an expected error, which is not a cause.
 #[derive(Clone)]
 pub(super) struct Nuisance<'a> {
     /// The parameter as an effect.
@@ -33,16 +33,16 @@ pub(super) struct Nuisance<'a> {
 pub(super) struct Problem<'a> {
     /// The fitted records.
     pub records: Vec<Record>,
-    /// For effects.
+    /// The sizes, channels and ports as effects see them.
     pub setting: Setting,
-    /// The noise, and the discrepancy of the best explanation if there is one already.
+    /// The spectra of the noise and, once there is a best explanation, of its error.
     pub noise: NoiseModel,
-    /// The parameters that may be off.
+    /// The parameters with an expected error.
     pub nuisances: Vec<Nuisance<'a>>,
     whiteners: Vec<Whitener>,
 }
 
-/// An explanation: effects with their sizes, and what it leaves.
+/// An explanation: effects with their parameters, and the residual.
 #[derive(Clone)]
 pub(super) struct Fit<'a> {
     /// Its effects.
@@ -51,7 +51,7 @@ pub(super) struct Fit<'a> {
     pub eta: Vec<f64>,
     /// Outputs of each record.
     pub simulated: Vec<Channels>,
-    /// Whitened residual of all records, then the pull of the nuisances' prior.
+    /// Whitened residual of all records, followed by that of the nuisances' prior.
     pub residual: Vec<f64>,
     /// Sum of its squares.
     pub cost: f64,
@@ -66,12 +66,12 @@ impl Fit<'_> {
     }
 }
 
-/// Share of the gap as given that counts as an error of the simulator from the start: a fit need not follow the last
-/// digits before it is known what there is.
+/// Share of the gap as given that is treated as an error of the simulator from the start, because the first fits need
+/// not be more accurate than that.
 const FIRST_DISCREPANCY: f64 = 0.1;
 
 impl<'a> Problem<'a> {
-    /// Weighs records by their noise (p standard deviations) and a share of the gap as given.
+    /// Weights records by their noise (p standard deviations) and a share of the gap as given.
     pub fn new(
         records: Vec<Record>,
         given: &[Channels],
@@ -92,7 +92,7 @@ impl<'a> Problem<'a> {
         problem
     }
 
-    /// Weighs anew, by the noise and what an explanation leaves beyond it.
+    /// Weights the records by the noise and the residual of an explanation beyond it.
     pub fn weigh_by(&mut self, noise: &[f64], fit: &Fit) {
         let rate = self.setting.plant.rate;
         let band_hz = self.noise.band_hz;
@@ -104,7 +104,7 @@ impl<'a> Problem<'a> {
         self.weigh();
     }
 
-    /// Returns the problem weighed by the noise alone (p standard deviations).
+    /// Returns the problem weighted by the noise alone (p standard deviations).
     pub fn by_noise_alone(&self, noise: &[f64]) -> Self {
         let band_hz = self.noise.band_hz;
         let (records, setting, nuisances) = (self.records.clone(), self.setting.clone(), self.nuisances.clone());
@@ -143,14 +143,14 @@ impl<'a> Problem<'a> {
         head
     }
 
-    /// Returns an explanation on the head of one record.
+    /// Returns an explanation on the first samples of one record.
     pub fn on_head(&self, fit: &Fit<'a>, record: usize) -> Fit<'a> {
         let samples = self.records[0].samples();
         let y = fit.simulated[record].iter().map(|y| y[..samples].to_vec()).collect();
         self.as_is(fit.effects.clone(), fit.eta.clone(), vec![y])
     }
 
-    /// Number of whitened values.
+    /// Returns the number of whitened values.
     pub fn rows(&self) -> usize {
         self.whiteners.iter().map(Whitener::rows).sum()
     }
@@ -172,7 +172,7 @@ impl<'a> Problem<'a> {
         to
     }
 
-    /// Returns the effects with those nuisances that are off and that no effect replaces.
+    /// Returns the effects, followed by those nuisances that are not zero and that no effect replaces.
     pub fn with_nuisances(&self, effects: &[Placed<'a>], eta: &[f64]) -> Vec<Placed<'a>> {
         let off = self
             .nuisances
@@ -210,7 +210,7 @@ impl<'a> Problem<'a> {
         with.iter().map(|_| done.by_ref().take(self.records.len()).collect::<Vec<_>>().into_iter().collect()).collect()
     }
 
-    /// Returns an explanation as it is.
+    /// Returns an explanation without a fit.
     pub fn as_is(&self, effects: Vec<Placed<'a>>, eta: Vec<f64>, simulated: Vec<Channels>) -> Fit<'a> {
         let mut residual = self.whitened(&simulated);
         residual.extend(eta.iter().map(|eta| -eta));
@@ -218,7 +218,7 @@ impl<'a> Problem<'a> {
         Fit { effects, eta, simulated, residual, cost, covariance: None }
     }
 
-    /// Measures what each nuisance changes about the simulator as given.
+    /// Measures the change of the outputs by each nuisance at the simulator as given.
     pub fn measure_nuisances(&mut self, runs: &mut Runs, given: &[Channels]) -> Result<(), SimulatorError> {
         let count = self.nuisances.len();
         let unit = |at: usize| (Vec::new(), (0..count).map(|k| if k == at { 1.0 } else { 0.0 }).collect());

@@ -2,8 +2,8 @@
 //!
 //! The responses to one pulse at each input and at each port fill a Hankel matrix, whose rank is the number of states
 //! (Ho & Kalman, *Regelungstechnik* 14, 1966; Juang & Pappa, *J. Guidance* 8, 1985). They are free of noise, so the
-//! rank is clear. The model counts only if it repeats the simulator in the loudest record, with forces at all ports:
-//! this is also the test of linearity.
+//! rank is clear. The model is accepted only if it reproduces the simulator in the loudest record with forces at all
+//! ports, which is also the test of linearity.
 
 use nalgebra::{DMatrix, DVector};
 use plid_model::{Continuous, Model, Port, stability};
@@ -12,7 +12,7 @@ use plid_simulator::{Checked, Description, SimulatorError};
 use crate::case::record::{Channels, rms};
 use crate::plant::logarithm;
 
-/// Numbers of sample times that a Hankel matrix spans, until the model repeats the simulator.
+/// Numbers of sample times that a Hankel matrix spans. They are tried in turn until the model reproduces the simulator.
 const SPANS: [usize; 6] = [12, 24, 48, 96, 192, 384];
 
 /// Largest number of rows or columns of a Hankel matrix.
@@ -33,7 +33,7 @@ const PROPORTIONAL: f64 = 1e-9;
 /// Force at a port in the comparison: the velocity after a pulse over the RMS of the velocity in the record.
 const PUSHED: f64 = 0.3;
 
-/// A simulator's linear model, and how far it is from the simulator.
+/// The linear model of a simulator, and its difference from the simulator.
 pub(super) struct Realised {
     /// The model with the simulator's channels and ports.
     pub model: Model,
@@ -44,7 +44,7 @@ pub(super) struct Realised {
 /// Poles this near the unit circle neither grow nor decay.
 const ON_THE_CIRCLE: f64 = 1e-9;
 
-/// What is seen of a simulator at the samples: the outputs (p), then displacement and velocity of each port (2 q).
+/// The signals of a simulator at the samples: the outputs (p), then displacement and velocity of each port (2 q).
 struct Probe<'a, 's> {
     simulator: &'a mut Checked<'s>,
     inputs: usize,
@@ -125,7 +125,8 @@ pub(super) fn realise(simulator: &mut Checked<'_>, u: &[Vec<f64>]) -> Result<Opt
     Ok(found.and_then(|(error, found)| Some(Realised { model: found.model(&description)?, error })))
 }
 
-/// Returns whether the simulator rests without inputs, and answers a half pulse of the other sign by minus one half.
+/// Returns whether the simulator stays at rest without inputs, and whether its response to minus half a pulse is minus
+/// half the response to the pulse.
 fn is_proportional(probe: &mut Probe, size: f64) -> Result<bool, SimulatorError> {
     let still = probe.pulse(usize::MAX, 0.0, SPANS[0])?;
     if still.iter().flatten().any(|y| *y != 0.0) {
@@ -143,7 +144,7 @@ fn is_proportional(probe: &mut Probe, size: f64) -> Result<bool, SimulatorError>
 struct Trial {
     /// Inputs and forces at each sample.
     driven: Vec<DVector<f64>>,
-    /// What the simulator shows.
+    /// The outputs and motions of the simulator.
     seen: Channels,
 }
 
@@ -200,7 +201,7 @@ struct Matrices {
 }
 
 impl Matrices {
-    /// Realises impulse responses by a Hankel matrix of so many sample times.
+    /// Realises impulse responses from a Hankel matrix that spans this number of sample times.
     fn of(responses: &[Channels], span: usize) -> Option<Self> {
         let (rows, columns) = (responses[0].len(), responses.len());
         // Channels of very different units are scaled, so that small ones count.

@@ -8,7 +8,7 @@ use crate::fit::problem::Placed;
 use crate::in_loop::coupling::{Coupling, Response};
 use crate::plant::Load;
 
-/// Number of runs that are remembered: those of the last explanations on a few records.
+/// Number of latest runs that are kept for reuse.
 const REMEMBERED: usize = 256;
 
 /// The simulator, with what is known of its ports and its latest runs.
@@ -24,7 +24,7 @@ struct Rest {
     outputs: Vec<f64>,
 }
 
-/// A run before the sensors.
+/// A run without the effects of the sensors.
 struct Remembered {
     record: String,
     samples: usize,
@@ -60,7 +60,7 @@ impl AtPorts<'_> {
     }
 }
 
-/// What effects do.
+/// The actions of effects in a run.
 struct Acting {
     actions: Vec<Action>,
     /// The effects that reach the simulator.
@@ -80,7 +80,7 @@ impl Acting {
         Self { actions, inside }
     }
 
-    /// Changes outputs as the sensors do.
+    /// Applies the effects of the sensors to outputs.
     fn sense(&self, y: &mut Channels, t0: f64, rate: f64) {
         for action in &self.actions {
             if let Action::Sensor(sensor) = action {
@@ -124,13 +124,13 @@ impl Prepared<'_> {
 /// Where the outputs of a run come from.
 enum Source {
     Known(Channels),
-    /// A run that is carried out, by its number.
+    /// A run that is carried out, with its index.
     New(usize),
 }
 
 fn remember(remembered: &mut Vec<Remembered>, prepared: &Prepared, y: &Channels) {
     if remembered.len() == REMEMBERED {
-        // The first runs are those without effects, which are asked for to the end.
+        // The first runs are those without effects, which are needed until the end.
         remembered.remove(REMEMBERED / 2);
     }
     let (record, samples) = (prepared.record.name.clone(), prepared.record.samples());
@@ -138,13 +138,14 @@ fn remember(remembered: &mut Vec<Remembered>, prepared: &Prepared, y: &Channels)
 }
 
 impl<'s> Runs<'s> {
-    /// Of a simulator whose ports have these responses.
+    /// Wraps a simulator whose ports have these responses.
     pub fn new(simulator: Checked<'s>, responses: Vec<Response>) -> Self {
         Self { simulator, responses, remembered: Vec::new(), rest: None }
     }
 
-    /// Learns from a run without effects whether the simulator stays at rest: no input moved, and no output did. Such
-    /// a run need not be repeated with effects that do nothing at rest. `start` is the motion of the ports there.
+    /// Determines from a run without effects whether the simulator stays at rest, that is, whether neither an input nor
+    /// an output changed. Such a run is not repeated with effects that do nothing at rest. `start` is the motion of the
+    /// ports at rest.
     pub fn learn_rest(&mut self, record: &Record, y: &[Vec<f64>], start: &[Motion]) {
         let still = |y: &Vec<f64>| y.iter().all(|value| *value == y[0]);
         let moved = record.u.iter().flatten().any(|u| *u != 0.0);
@@ -166,12 +167,12 @@ impl<'s> Runs<'s> {
         Some(rest.outputs.iter().map(|y| vec![*y; samples]).collect())
     }
 
-    /// Returns what the simulator has.
+    /// Returns the description of the simulator.
     pub fn description(&self) -> &Description {
         self.simulator.description()
     }
 
-    /// Returns the calls so far.
+    /// Returns the number of runs so far and their time.
     pub fn calls(&self) -> Calls {
         self.simulator.calls()
     }
@@ -292,7 +293,7 @@ fn written(placed: &Placed, setting: &Setting) -> Written {
     (placed.effect.name().into(), placed.place.location(&setting.names), placed.parameters.clone())
 }
 
-/// Returns the command with so many values in a sample: the means over its parts, or the parts repeated.
+/// Returns the command with another number of values in a sample. Values are averaged or repeated.
 fn regrouped(drive: &Drive, values: usize) -> Channels {
     let one = |u: &Vec<f64>| -> Vec<f64> {
         let samples = u.len() / drive.parts;

@@ -1,4 +1,4 @@
-//! One run for each effect, location and start: how much of the gap its trace explains.
+//! The screen: one run for each effect, location and starting value shows how much of the gap its trace explains.
 
 use crate::effects::{Action, Effect, Range};
 use crate::fit::problem::{Placed, dot, sum_of_squares};
@@ -11,9 +11,9 @@ use crate::search::rules::Scope;
 pub(super) struct Entry<'a> {
     /// The effect.
     pub placed: Placed<'a>,
-    /// Decrease of the sum of squares that its trace promises.
+    /// Expected decrease of the sum of squares along its trace.
     pub gain: f64,
-    /// Factor on its trace that explains most.
+    /// Factor by which its trace explains most.
     pub factor: f64,
 }
 
@@ -27,8 +27,9 @@ fn possible(effect: &dyn Effect, placed: &Placed, problem: &Problem) -> bool {
         && actions.iter().all(|action| !matches!(action, Action::Plant(_) | Action::Stiffness(_) | Action::Noise))
 }
 
-/// Screens all effects beside an explanation, until there are so many calls. Entries are sorted, the largest gain
-/// first; of each effect at each location all starts are kept. `problem` has the records that are screened.
+/// Screens all effects in the presence of an explanation until `bound` runs were made. The entries are sorted by their
+/// gain, the largest first, and hold every starting value of each effect at each location. `problem` holds the records
+/// that are screened.
 pub(super) fn screen<'a>(
     problem: &Problem<'a>,
     runs: &mut Runs,
@@ -50,13 +51,13 @@ pub(super) fn screen<'a>(
         };
         let asked: Vec<(Vec<Placed>, Vec<f64>)> = all.iter().map(with).collect();
         for (placed, simulated) in all.into_iter().zip(problem.simulate_all(runs, &asked)) {
-            // What the simulator cannot be run with is no entry.
+            // An effect with which the simulator fails is left out.
             let Ok(simulated) = simulated else { continue };
             let trace = problem.beyond_limits(&problem.trace(&beside.simulated, &simulated));
             entries.extend(entry(problem, placed, &residual, &trace));
         }
         if cut {
-            say("no calls are left for the rest of the screen".into());
+            say("no runs are left for the rest of the screen".into());
             break;
         }
         say(format!("screened {}, {} runs so far", effect.name(), runs.calls().runs));
@@ -65,7 +66,7 @@ pub(super) fn screen<'a>(
     entries
 }
 
-/// Returns an effect at all of its places and with all of its starts, where it may stand beside an explanation.
+/// Returns an effect with all of its starting values at all locations at which it may be added to an explanation.
 fn starts<'a>(problem: &Problem<'a>, effect: &'a dyn Effect, beside: &Fit<'a>, scope: &Scope) -> Vec<Placed<'a>> {
     let at = |place: crate::effects::Place| {
         let sizes = effect.starts(&problem.setting, &place);
@@ -78,7 +79,7 @@ fn starts<'a>(problem: &Problem<'a>, effect: &'a dyn Effect, beside: &Fit<'a>, s
     effect.places(&problem.setting).into_iter().flat_map(at).filter(may_stand).collect()
 }
 
-/// Returns what the trace of an effect promises.
+/// Returns the entry of an effect with this trace, or `None` if the trace explains nothing.
 fn entry<'a>(problem: &Problem<'a>, placed: Placed<'a>, residual: &[f64], trace: &[f64]) -> Option<Entry<'a>> {
     let size = dot(trace, trace);
     if !(size.is_finite() && size > 0.0) {

@@ -1,5 +1,5 @@
-//! The search: screen, fit the best entries on the simulator, weigh anew by what the best one leaves, and try a second
-//! effect beside it.
+//! The search: effects are screened, the best entries are fitted on the simulator and weighted anew by the residual of
+//! the best one, and a second effect is searched for in its presence.
 
 use crate::case::record::Channels;
 use crate::effects::Effect;
@@ -16,15 +16,15 @@ use crate::settings::LoopSettings;
 /// Least number of samples of a record on which effects are screened.
 const SHORTEST: usize = 64;
 
-/// What a search found.
+/// The result of a search.
 pub(super) struct Found<'a> {
     /// The simulator with its parameters fitted within their limits, without effects.
     pub refit: Fit<'a>,
-    /// All fitted explanations, the best first; weighed by what the best one leaves.
+    /// All fitted explanations, the best first, weighted by the residual of the best one.
     pub fits: Vec<Fit<'a>>,
     /// The screens, in order.
     pub screens: Vec<Vec<Entry<'a>>>,
-    /// Whether the bound on the calls ended the search early.
+    /// Whether the limit on the number of runs ended the search early.
     pub cut_short: bool,
 }
 
@@ -32,7 +32,7 @@ pub(super) struct Found<'a> {
 pub(super) struct Search<'s, 'a> {
     /// The vocabulary.
     pub effects: Vec<&'a dyn Effect>,
-    /// What may be named.
+    /// The effects and locations that may be named.
     pub scope: Scope<'s, 'a>,
     /// The settings.
     pub settings: LoopSettings,
@@ -63,7 +63,7 @@ impl<'a> Search<'_, 'a> {
             refit = problem.fit(runs, as_given, self.settings.steps, self.gain(problem));
         }
         let mut found = Found { fits: vec![refit.clone()], refit, screens: Vec::new(), cut_short: false };
-        // An effect that does not suffice alone: two may hide each other.
+        // An effect that does not suffice alone is kept, because two effects may hide each other.
         let mut insufficient: Option<Fit> = None;
         for stage in 0..self.settings.effects {
             let standing = found.fits[0].clone();
@@ -101,7 +101,7 @@ impl<'a> Search<'_, 'a> {
         self.settings.fit_gain * problem.rows() as f64
     }
 
-    /// Screens beside an explanation and fits the best entries.
+    /// Screens effects in the presence of an explanation, and fits the best entries.
     fn stage(
         &self,
         problem: &Problem<'a>,
@@ -146,10 +146,10 @@ impl<'a> Search<'_, 'a> {
 
     /// Returns the record on which effects are screened, and the numbers of its first samples that are fitted in turn.
     ///
-    /// It is the loudest record that shows a gap which is smaller than the output. A simulation that is off by more
-    /// than the output is far from where the record is, and the traces of effects there tell little. If it is so in all
-    /// records, the head of the loudest one is shortened until its gap is smaller: the explanations that fit it are
-    /// carried on to longer heads.
+    /// It is the loudest record with a gap that is smaller than the output. If the gap is larger than the output, the
+    /// simulation is far from the record, and the traces of effects say little. If this is so in all records, the
+    /// loudest one is shortened until its gap is smaller than the output. Explanations that fit its first samples are
+    /// then fitted to more and more samples.
     pub(super) fn heads(&self, problem: &Problem<'a>, beside: &Fit<'a>) -> (usize, Vec<usize>) {
         let levels: Vec<f64> = problem.records.iter().map(crate::case::record::Record::level).collect();
         let mut order: Vec<usize> = (0..levels.len()).filter(|k| levels[*k] > 0.0).collect();
@@ -186,8 +186,8 @@ impl<'a> Search<'_, 'a> {
         (record, heads)
     }
 
-    /// Fits explanations in a few steps on a longer head than the one on which they were found, and drops those that do
-    /// not follow it.
+    /// Fits explanations in a few steps to more samples than those on which they were found, and drops those that do
+    /// not fit.
     fn grown(
         &self,
         head: &Problem<'a>,
@@ -211,7 +211,7 @@ impl<'a> Search<'_, 'a> {
         self.leading(head, fits)
     }
 
-    /// Returns the effects of the fits that leave least, without those far behind.
+    /// Returns the effects of the fits with the smallest residuals, without those that are far behind the best.
     fn leading(&self, problem: &Problem<'a>, mut fits: Vec<Fit<'a>>) -> Vec<Vec<Placed<'a>>> {
         fits.sort_by(|a, b| self.priced(problem, a).total_cmp(&self.priced(problem, b)));
         let nearest = fits.iter().map(|fit| self.left(problem, fit)).fold(f64::INFINITY, f64::min);
@@ -283,7 +283,7 @@ impl<'a> Search<'_, 'a> {
         fits.min_by(|a, b| a.cost.total_cmp(&b.cost))
     }
 
-    /// Weighs all explanations anew, by what the best one leaves, and fits the leading ones once more.
+    /// Weights all explanations by the residual of the best one, and fits the leading ones again.
     pub(super) fn weigh(&self, problem: &mut Problem<'a>, runs: &mut Runs, found: &mut Found<'a>, best: &Fit<'a>) {
         problem.weigh_by(&self.noise, best);
         let anew = |fit: &Fit<'a>| {
@@ -302,8 +302,8 @@ impl<'a> Search<'_, 'a> {
         }
     }
 
-    /// Returns whether a further effect is needed: the records prefer it clearly, and it closes a share of what its
-    /// predecessor leaves.
+    /// Returns whether a further effect is needed: the records clearly prefer it, and it closes a sufficient share of
+    /// the remaining gap.
     fn accepts(&self, problem: &Problem, fit: &Fit, before: &Fit, least: f64) -> bool {
         let Evidence { difference, z } = evidence(problem, fit, before);
         let price = self.price(problem, fit) - self.price(problem, before);
@@ -313,7 +313,7 @@ impl<'a> Search<'_, 'a> {
         difference > price && z > self.settings.clear && enough
     }
 
-    /// Returns the least gap that an effect must close beside those that were found, in amplitude.
+    /// Returns the smallest gap, in amplitude, that a further effect must close.
     fn least(&self, problem: &Problem, found: &Found) -> f64 {
         let least = self.settings.least_material * self.material;
         let is_first = found.fits[0].effects.is_empty();

@@ -1,7 +1,7 @@
-//! What effects need to know of a foreign simulator: how its ports answer to a force, and how far everything moves.
+//! The survey of a foreign simulator: the responses of its ports to forces, and the sizes of all signals.
 //!
-//! A linear simulation gives these from its matrices. Here they are measured, in a few runs: the motion in the loudest
-//! record, and at each port the velocity that a force causes, in a step and over the record.
+//! A linear simulation gives these by its matrices. Here they are measured in a few runs: the motion in the loudest
+//! record, and at each port the velocity that a force causes, within a step and over the record.
 
 use nalgebra::{DMatrix, DVector};
 use plid_model::{Continuous, Model};
@@ -15,11 +15,11 @@ use crate::in_loop::coupling::Response;
 use crate::in_loop::runs::Runs;
 use crate::plant::Plant;
 
-/// The motion of a simulator, and what effects know of it.
+/// The result of a survey.
 pub(super) struct Survey {
-    /// For effects.
+    /// The sizes, channels and ports as effects see them.
     pub setting: Setting,
-    /// Of each port.
+    /// The response of each port to a force.
     pub responses: Vec<Response>,
     /// The motion of each port at rest.
     pub start: Vec<Motion>,
@@ -28,10 +28,10 @@ pub(super) struct Survey {
 /// Forces from which the mobility of a port is measured, over the last: a port that sticks moves only by a large one.
 const GROWTH: f64 = 10.0;
 
-/// The least and the largest force that is tried, in the port's unit.
+/// The smallest and the largest force that is tried, in the port's unit.
 const FORCES: [f64; 2] = [1e-6, 1e9];
 
-/// Relative difference below which two mobilities are one: the port then moves freely.
+/// Relative difference below which two mobilities count as equal, so that the port moves freely.
 const SAME_MOBILITY: f64 = 0.05;
 
 /// Share of a port's velocity in the loudest record that the trial force causes.
@@ -40,7 +40,7 @@ const PROBE: f64 = 0.05;
 /// Relative difference below which an output is a multiple of a port's displacement.
 const SAME_SIGNAL: f64 = 1e-6;
 
-/// Surveys a simulator whose records are these, the loudest of them at `loudest`.
+/// Surveys a simulator with these records, of which the one at `loudest` is the loudest.
 pub(super) fn survey(
     simulator: &mut Checked<'_>,
     config: &CaseConfig,
@@ -104,7 +104,7 @@ fn of_model(description: &Description, model: &Model) -> Result<Setting, GapErro
     Ok(setting)
 }
 
-/// Sets what the records show.
+/// Sets the sizes that follow from the records.
 fn of_records(setting: &mut Setting, records: &[Record], loudest: &Record) {
     let rate = setting.plant.rate;
     let finite = |y: &[f64]| -> Vec<f64> { y.iter().copied().filter(|y| y.is_finite()).collect() };
@@ -161,8 +161,8 @@ fn stand_in(description: &Description, mobilities: &[f64], step: f64) -> Model {
     }
 }
 
-/// Returns the change of a port's velocity over the first step by a unit of force, once it no longer depends on the
-/// force. Zero if no force moves the port within a step.
+/// Returns the change of a port's velocity over the first step for a unit of force, at a force from which on it no
+/// longer depends on the force. Returns zero if no force moves the port within a step.
 fn measured_mobility(simulator: &mut Checked<'_>, port: usize) -> Result<f64, SimulatorError> {
     let (m, steps) = (simulator.description().inputs.len(), simulator.description().steps_per_sample);
     let ports = simulator.description().ports.len();
@@ -182,7 +182,7 @@ fn measured_mobility(simulator: &mut Checked<'_>, port: usize) -> Result<f64, Si
     let mut before = f64::NAN;
     while size <= FORCES[1] {
         let mobility = (after(size)? - still) / size;
-        // A difference in the last digits of the velocity at rest is no motion.
+        // A difference in the last digits of the velocity at rest is not a motion.
         let clear = (mobility * size).abs() > 1e-9 * still.abs();
         if clear && mobility != 0.0 && (mobility / before - 1.0).abs() < SAME_MOBILITY {
             return Ok(mobility.max(0.0));

@@ -1,4 +1,4 @@
-//! Units of an effect's parameters in those of the simulator.
+//! Units of an effect's parameters, from the units of the simulator.
 
 use plid_simulator::Description;
 

@@ -8,7 +8,6 @@ mod hidden;
 mod response;
 mod shrink;
 #[cfg(test)]
-#[allow(clippy::too_many_lines)]
 mod tests;
 pub(crate) mod traces;
 mod whereabouts;

@@ -48,7 +48,17 @@ fn passed(record: &str, level: f64, start_s: f64, hz: f64) -> Passed {
     Passed { record: record.into(), level, start_s, innovations: 1.2, modes: vec![Some((hz, 0.01)), None] }
 }
 
-fn outcome(case: &Case) -> Outcome {
+const CUBIC: &str = "cubic-stiffness";
+
+fn value(value: f64, ci95: Option<[f64; 2]>) -> Value {
+    Value { value, ci95, unit: "f/d^3".into() }
+}
+
+fn parameters() -> BTreeMap<String, Value> {
+    BTreeMap::from([("k".to_string(), value(1.25e3, Some([1.1e3, 1.4e3])))])
+}
+
+fn candidates() -> Vec<Explanation> {
     let located = |effect: &str, location: &str| Located { effect: effect.into(), location: location.into() };
     let explained = |effects: Vec<Located>, probability: f64| Explanation {
         effects,
@@ -56,6 +66,15 @@ fn outcome(case: &Case) -> Outcome {
         probability,
         gap_after: Some(0.02),
     };
+    vec![
+        explained(vec![located(CUBIC, "input:u1")], 0.9),
+        explained(vec![located("clearance", "input:u1"), located("sensor-gain", "output:y2")], 0.06),
+        explained(Vec::new(), 0.025),
+        Explanation { effects: Vec::new(), unknown: true, probability: 0.015, gap_after: None },
+    ]
+}
+
+fn separability() -> Vec<Comparison> {
     let compared = |explanation: &str, before: Option<(f64, f64)>, after: Option<(f64, f64)>| Comparison {
         explanation: explanation.into(),
         absorbed: before.map(|_| 0.6543),
@@ -64,20 +83,26 @@ fn outcome(case: &Case) -> Outcome {
         expected: after.map(|(expected, _)| expected),
         realised: after.map(|(_, realised)| realised),
     };
-    let value = |value: f64, ci95: Option<[f64; 2]>| Value { value, ci95, unit: "f/d^3".into() };
-    let cubic = "cubic-stiffness";
-    let parameters = BTreeMap::from([("k".to_string(), value(1.25e3, Some([1.1e3, 1.4e3])))]);
-    let diagnosis = Diagnosis {
+    vec![
+        compared("cubic-stiffness@input:u1", Some((1.0, 0.0)), Some((0.0, 0.0))),
+        compared("clearance@input:u1", Some((0.9871, 7.25)), Some((3.75, 1.5))),
+        compared("clearance@input:u1 + sensor-gain@output:y2", None, Some((31.5, 33.5))),
+        compared("sensor-gain@output:y2", Some((0.25, 481.5)), None),
+    ]
+}
+
+fn diagnosis() -> Diagnosis {
+    Diagnosis {
         verdict: Verdict::Effects,
         sentence: "cubic-stiffness at input:u1 <b>is it</b>.".into(),
         simulator: None,
         effects: vec![NamedEffect {
-            effect: cubic.into(),
+            effect: CUBIC.into(),
             location: "input:u1".into(),
             share: None,
             share_ci95: None,
             confidence: 0.93,
-            parameters: parameters.clone(),
+            parameters: parameters(),
             change: Some(Change {
                 number: "factor of input u1".into(),
                 from: 1.0,
@@ -85,65 +110,66 @@ fn outcome(case: &Case) -> Outcome {
             }),
             shape_differs: true,
         }],
-        candidates: vec![
-            explained(vec![located(cubic, "input:u1")], 0.9),
-            explained(vec![located("clearance", "input:u1"), located("sensor-gain", "output:y2")], 0.06),
-            explained(Vec::new(), 0.025),
-            Explanation { effects: Vec::new(), unknown: true, probability: 0.015, gap_after: None },
-        ],
+        candidates: candidates(),
         not_separable: vec![vec!["cubic-stiffness@input:u1".into(), "clearance@input:u1".into()]],
-        separability: vec![
-            compared("cubic-stiffness@input:u1", Some((1.0, 0.0)), Some((0.0, 0.0))),
-            compared("clearance@input:u1", Some((0.9871, 7.25)), Some((3.75, 1.5))),
-            compared("clearance@input:u1 + sensor-gain@output:y2", None, Some((31.5, 33.5))),
-            compared("sensor-gain@output:y2", Some((0.25, 481.5)), None),
-        ],
-        place: Where {
-            side: Side::Structure,
-            channels: BTreeMap::from([("y<1>".to_string(), 0.3), ("y2".to_string(), 0.7)]),
-            bands_hz: vec![[10.0, 12.0, 0.8]],
-            time: vec![0.125; STRETCHES],
-            level_slope: Some(2.0),
-            channels_ci95: BTreeMap::from([("y<1>".to_string(), [0.2, 0.4]), ("y2".to_string(), [0.6, 0.8])]),
-            bands_ci95: vec![[0.7, 0.9]],
-            time_ci95: vec![[0.1, 0.15]; STRETCHES],
-            level_slope_ci95: Some([1.9, 2.1]),
-            levels: Vec::new(),
-        },
-        gap: Gap {
-            as_given: 0.4,
-            refit: 0.15,
-            within_limits: 0.15,
-            free_refit: 0.12,
-            with_effect: 0.02,
-            noise_floor: 0.01,
-            shrink: 0.957,
-            shrink_ci95: [0.94, 0.97],
-            shrink_over_refit: 0.88,
-            placebo_shrink: 0.01,
-            shrink_over: vec![ShrinkOver { than: "bounded refit".into(), gap: 0.15, shrink: 0.88, ci95: [0.86, 0.9] }],
-            share_of_ceiling: 0.99,
-            share_of_ceiling_ci95: [0.97, 1.0],
-            predicted_held_out_gap: 0.021,
-            predicted_ci80: [0.018, 0.025],
-            measured_on: vec!["last.csv".into()],
-        },
+        separability: separability(),
+        place: place(),
+        gap: gap(),
         remainder: Default::default(),
         next_experiment: Some("Record it at <twice> the level.".into()),
         evidence: vec!["The resonance at 11 Hz stiffens & the damping does not change.".into()],
         settings: crate::settings::GapSettings::default(),
         warnings: vec!["a&b.csv: 3 samples are missing.".into()],
-    };
-    let simulation = SimulationWithEffects {
+    }
+}
+
+fn place() -> Where {
+    Where {
+        side: Side::Structure,
+        channels: BTreeMap::from([("y<1>".to_string(), 0.3), ("y2".to_string(), 0.7)]),
+        bands_hz: vec![[10.0, 12.0, 0.8]],
+        time: vec![0.125; STRETCHES],
+        level_slope: Some(2.0),
+        channels_ci95: BTreeMap::from([("y<1>".to_string(), [0.2, 0.4]), ("y2".to_string(), [0.6, 0.8])]),
+        bands_ci95: vec![[0.7, 0.9]],
+        time_ci95: vec![[0.1, 0.15]; STRETCHES],
+        level_slope_ci95: Some([1.9, 2.1]),
+        levels: Vec::new(),
+    }
+}
+
+fn gap() -> Gap {
+    Gap {
+        as_given: 0.4,
+        refit: 0.15,
+        within_limits: 0.15,
+        free_refit: 0.12,
+        with_effect: 0.02,
+        noise_floor: 0.01,
+        shrink: 0.957,
+        shrink_ci95: [0.94, 0.97],
+        shrink_over_refit: 0.88,
+        placebo_shrink: 0.01,
+        shrink_over: vec![ShrinkOver { than: "bounded refit".into(), gap: 0.15, shrink: 0.88, ci95: [0.86, 0.9] }],
+        share_of_ceiling: 0.99,
+        share_of_ceiling_ci95: [0.97, 1.0],
+        predicted_held_out_gap: 0.021,
+        predicted_ci80: [0.018, 0.025],
+        measured_on: vec!["last.csv".into()],
+    }
+}
+
+fn simulation() -> SimulationWithEffects {
+    SimulationWithEffects {
         format: "simulation-with-effects".into(),
         linear: serde_json::Value::Null,
         modes: 1,
         linear_with_modal_effects: None,
         refit: vec!["mode 11.00 Hz: frequency 11.000 -> 11.010 Hz".into()],
         effects: vec![WrittenEffect {
-            effect: cubic.into(),
+            effect: CUBIC.into(),
             location: "input:u1".into(),
-            parameters,
+            parameters: parameters(),
             given: BTreeMap::new(),
             equation: "f = -k d^3".into(),
         }],
@@ -151,9 +177,12 @@ fn outcome(case: &Case) -> Outcome {
         noise_rms: vec![0.01, 0.01],
         fitted: None,
         plant: Default::default(),
-    };
+    }
+}
+
+fn map(levels: Vec<(f64, f64)>) -> Map {
     let estimate = |value: f64| Estimate { value, ci95: [0.9 * value, 1.1 * value] };
-    let map = |levels: Vec<(f64, f64)>| Map {
+    Map {
         edges: (0..=BANDS).map(|k| 50.0 * k as f64 / BANDS as f64).collect(),
         share: DMatrix::from_fn(2, BANDS, |o, b| (1 + o + b) as f64 / 660.0),
         time: DMatrix::from_element(STRETCHES, BANDS, 1.0 / (STRETCHES * BANDS) as f64),
@@ -165,16 +194,54 @@ fn outcome(case: &Case) -> Outcome {
             .map(|(level, gap)| LevelGap { record: "a&b.csv".into(), level, gap: estimate(gap) })
             .collect(),
         slope: Some(estimate(2.0)),
-    };
+    }
+}
+
+fn level_run(record: &Record) -> LevelRun {
+    LevelRun {
+        record: record.name.clone(),
+        level: record.level(),
+        u: record.u.clone(),
+        y: record.y.clone(),
+        given: scaled(&record.y, 0.6),
+        with: scaled(&record.y, 0.98),
+    }
+}
+
+fn evidence() -> Evidence {
+    Evidence {
+        tracks: Tracks { passed: vec![passed("a&b.csv", 0.3, 0.0, 11.02), passed("last.csv", 1.0, 12.0, 10.97)] },
+        resonances: [("a&b.csv", 0.3, 11.02), ("b.csv", 0.6, 11.0), ("last.csv", 1.0, 10.97)]
+            .map(|(record, level, hz)| Alone {
+                record: record.into(),
+                level,
+                start_s: level,
+                modes: vec![Some(Resonance { hz, hz_std: 1e-3, damping: 0.01, damping_std: 1e-4 })],
+            })
+            .to_vec(),
+        lines: Some(Lines {
+            record: "a&b.csv".into(),
+            periods: 4,
+            outputs: vec![
+                [Kind::Driven, Kind::Odd, Kind::Even]
+                    .map(|kind| Line { hz: 7.0, kind, measured: 0.1, simulated: 0.1, noise: 0.01 })
+                    .to_vec();
+                2
+            ],
+        }),
+    }
+}
+
+fn shown(case: &Case) -> Shown {
     let last = &case.records[1].y;
-    let shown = Shown {
+    Shown {
         outputs: case.config.outputs.clone(),
         rate: 100.0,
         before: map(vec![(0.3, 0.04), (1.0, 0.4)]),
         after: map(vec![(0.3, 0.0), (1.0, 0.01)]),
         adequacy: Adequacy { excess: 0.5, left: 0.001, max_prior_z: 1.2, next_gain: 4.0, unknown: 0.015 },
         stages: vec![vec![
-            (cubic.into(), "input:u1".into(), 5123.4, 0.78),
+            (CUBIC.into(), "input:u1".into(), 5123.4, 0.78),
             ("clearance".into(), "input:u1".into(), 5000.0, 0.8),
             ("sensor-gain".into(), "output:y2".into(), -3.0, 1.0),
         ]],
@@ -184,43 +251,15 @@ fn outcome(case: &Case) -> Outcome {
         refit: vec![(11.0, 0.4, -1.2, 0.3)],
         costs: [1600.0, 220.0, 1.01],
         fitted: vec![("a&b.csv".into(), 0.0, SAMPLES)],
-        levels: case
-            .records
-            .iter()
-            .map(|record| LevelRun {
-                record: record.name.clone(),
-                level: record.level(),
-                u: record.u.clone(),
-                y: record.y.clone(),
-                given: scaled(&record.y, 0.6),
-                with: scaled(&record.y, 0.98),
-            })
-            .collect(),
+        levels: case.records.iter().map(level_run).collect(),
         noise: vec![vec![(1.0, 1e-6), (49.0, 1e-6)]; 2],
-        evidence: Evidence {
-            tracks: Tracks { passed: vec![passed("a&b.csv", 0.3, 0.0, 11.02), passed("last.csv", 1.0, 12.0, 10.97)] },
-            resonances: [("a&b.csv", 0.3, 11.02), ("b.csv", 0.6, 11.0), ("last.csv", 1.0, 10.97)]
-                .map(|(record, level, hz)| Alone {
-                    record: record.into(),
-                    level,
-                    start_s: level,
-                    modes: vec![Some(Resonance { hz, hz_std: 1e-3, damping: 0.01, damping_std: 1e-4 })],
-                })
-                .to_vec(),
-            lines: Some(Lines {
-                record: "a&b.csv".into(),
-                periods: 4,
-                outputs: vec![
-                    [Kind::Driven, Kind::Odd, Kind::Even]
-                        .map(|kind| Line { hz: 7.0, kind, measured: 0.1, simulated: 0.1, noise: 0.01 })
-                        .to_vec();
-                    2
-                ],
-            }),
-        },
+        evidence: evidence(),
         linear: false,
-    };
-    Outcome { diagnosis, simulation, shown }
+    }
+}
+
+fn outcome(case: &Case) -> Outcome {
+    Outcome { diagnosis: diagnosis(), simulation: simulation(), shown: shown(case) }
 }
 
 #[test]

@@ -70,13 +70,10 @@ impl Truss {
         }
     }
 
-    /// Returns the equations in the states (q, q') of each mode, a of each actuator, and two of each filter.
-    pub fn equations(&self) -> Equations {
-        let (q, m, p) = (self.modes.len(), self.beta.ncols(), self.gamma.nrows());
-        let (acting, filters) = (2 * q, 2 * q + m);
-        let n = if self.filter_hz.is_some() { filters + 2 * p } else { filters };
-        let (mut a, mut b, mut c) = (DMatrix::zeros(n, n), DMatrix::zeros(n, m), DMatrix::zeros(p, n));
-        let mut ports: Vec<Port> = (0..m)
+    /// Returns a port at each actuator. Its vectors of `n` states are zero; the caller fills them.
+    fn ports(&self, n: usize) -> Vec<Port> {
+        let (m, p) = (self.beta.ncols(), self.gamma.nrows());
+        (0..m)
             .map(|i| Port {
                 name: format!("strut{}", i + 1),
                 input: Some(format!("u{}", i + 1)),
@@ -85,7 +82,16 @@ impl Truss {
                 velocity: vec![0.0; n],
                 output: self.filter_hz.is_none().then(|| vec![0.0; p]),
             })
-            .collect();
+            .collect()
+    }
+
+    /// Returns the equations in the states (q, q') of each mode, a of each actuator, and two of each filter.
+    pub fn equations(&self) -> Equations {
+        let (q, m, p) = (self.modes.len(), self.beta.ncols(), self.gamma.nrows());
+        let (acting, filters) = (2 * q, 2 * q + m);
+        let n = if self.filter_hz.is_some() { filters + 2 * p } else { filters };
+        let (mut a, mut b, mut c) = (DMatrix::zeros(n, n), DMatrix::zeros(n, m), DMatrix::zeros(p, n));
+        let mut ports = self.ports(n);
         for (k, (hz, zeta)) in self.modes.iter().enumerate() {
             let w = TAU * hz;
             a[(2 * k, 2 * k + 1)] = 1.0;

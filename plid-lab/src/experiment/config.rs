@@ -382,6 +382,31 @@ impl Experiment {
             (None, false) if data.outputs.is_empty() => problems.push(("data", "`outputs` are missing".into())),
             _ => {}
         }
+        self.problems_of_numbers(&mut problems);
+        let structure = &self.structure;
+        let is_open = structure.states.is_none() && !matches!(structure.indices, IndicesChoice::Given(_));
+        if is_open && structure.scan.is_empty() && structure.kind == StructureKind::Mimo {
+            problems.push(("structure", "give `states`, `indices` or orders to `scan`".into()));
+        }
+        if let (IndicesChoice::Given(indices), Some(states)) = (&structure.indices, structure.states) {
+            let sum = indices.iter().copied().fold(0, usize::saturating_add);
+            if sum != states {
+                problems.push(("indices", format!("they add up to {sum}, but `states` is {states}")));
+            }
+        }
+        self.problems_of_noise(&mut problems);
+        match structure.kind {
+            StructureKind::SimoMerge => self.problems_of_a_merge(is_open, &mut problems),
+            StructureKind::Mimo if self.validation.file.is_some() => {
+                problems.push(("file", "a separate record for validation requires `kind = \"simo-merge\"`".into()));
+            }
+            StructureKind::Mimo => {}
+        }
+        problems
+    }
+
+    /// Returns the numbers that are out of range.
+    fn problems_of_numbers(&self, problems: &mut Vec<(&'static str, String)>) {
         let mut share = |key: &'static str, value: f64| {
             if !(value > 0.0 && value < 1.0) {
                 problems.push((key, format!("{value} is not between 0 and 1")));
@@ -408,17 +433,10 @@ impl Experiment {
         if self.identification.passes == 0 {
             problems.push(("passes", "at least one pass over the data is needed".into()));
         }
-        let structure = &self.structure;
-        let is_open = structure.states.is_none() && !matches!(structure.indices, IndicesChoice::Given(_));
-        if is_open && structure.scan.is_empty() && structure.kind == StructureKind::Mimo {
-            problems.push(("structure", "give `states`, `indices` or orders to `scan`".into()));
-        }
-        if let (IndicesChoice::Given(indices), Some(states)) = (&structure.indices, structure.states) {
-            let sum = indices.iter().copied().fold(0, usize::saturating_add);
-            if sum != states {
-                problems.push(("indices", format!("they add up to {sum}, but `states` is {states}")));
-            }
-        }
+    }
+
+    /// Returns what a source of noise covariances lacks.
+    fn problems_of_noise(&self, problems: &mut Vec<(&'static str, String)>) {
         if self.noise.from == NoiseSource::Given {
             for (key, value) in [("sensor", &self.noise.sensor), ("state", &self.noise.state)] {
                 if value.is_none() {
@@ -431,19 +449,11 @@ impl Experiment {
         }
         if self.noise.from == NoiseSource::Repeats
             && self.preparation.repeats.is_none()
-            && data.testbed.as_ref().is_none_or(|t| t.truss.repeats < 2)
+            && self.data.testbed.as_ref().is_none_or(|t| t.truss.repeats < 2)
         {
             problems
                 .push(("noise", "from = \"repeats\" needs `[preparation.repeats]` or a testbed with repeats".into()));
         }
-        match structure.kind {
-            StructureKind::SimoMerge => self.problems_of_a_merge(is_open, &mut problems),
-            StructureKind::Mimo if self.validation.file.is_some() => {
-                problems.push(("file", "a separate record for validation requires `kind = \"simo-merge\"`".into()));
-            }
-            StructureKind::Mimo => {}
-        }
-        problems
     }
 
     /// Returns the settings that runs for a merge must not have.

@@ -2,6 +2,7 @@
 
 use super::Outcome;
 use super::error::RunError;
+use super::validate::Validation;
 use plid_data::Warning;
 use plid_model::{mode_deviations, stability};
 
@@ -54,27 +55,53 @@ pub(super) fn advise(outcome: &Outcome, of_data: &[Warning]) -> Result<(Vec<Stri
             `preparation.decimate_to_hz`."
         ));
     }
-    if of_data.iter().any(|w| matches!(w, Warning::PoorExcitation { .. } | Warning::IllConditionedInput { .. })) {
-        advice.push(
-            "The inputs excite few frequencies. The model is not reliable outside their band; excite the missing \
-             frequencies if they matter, or use fewer states."
-                .into(),
-        );
+    advice.extend(excitation_advice(of_data));
+    advice.extend(residual_advice(validation));
+    order_advice(outcome, &mut advice)?;
+    if let Some(floor) = &validation.noise_floor {
+        let floor = (floor.iter().map(|x| x * x).sum::<f64>() / floor.len() as f64).sqrt();
+        if free_run.is_finite() && free_run < 1.2 * floor {
+            advice.push(format!(
+                "The simulation error reaches the noise floor ({:.2} %): this record cannot show whether more states \
+                 are better.",
+                100.0 * floor
+            ));
+        }
     }
+    Ok((warnings, advice))
+}
+
+fn excitation_advice(of_data: &[Warning]) -> Option<String> {
+    let poor =
+        of_data.iter().any(|w| matches!(w, Warning::PoorExcitation { .. } | Warning::IllConditionedInput { .. }));
+    poor.then(|| {
+        "The inputs excite few frequencies. The model is not reliable outside their band; excite the missing \
+             frequencies if they matter, or use fewer states."
+            .into()
+    })
+}
+
+fn residual_advice(validation: &Validation) -> Option<String> {
     let coloured = validation.cross.iter().flatten().filter(|c| !c.test.passes).count();
     if coloured > 0 {
-        advice.push(format!(
+        return Some(format!(
             "{coloured} of {} residual-input pairs are correlated: the order is too small, or the plant is nonlinear \
              or time-varying. Compare orders with `structure.scan`.",
             validation.cross.iter().flatten().count()
         ));
-    } else if validation.whiteness.iter().any(|w| !w.test.passes) {
-        advice.push(
+    }
+    if validation.whiteness.iter().any(|w| !w.test.passes) {
+        return Some(
             "The residuals are coloured but not correlated with the inputs: the model describes the dynamics, but not \
              the spectrum of a disturbance."
                 .into(),
         );
     }
+    None
+}
+
+/// Advises on the number of states from the modes' deviations and the scan.
+fn order_advice(outcome: &Outcome, advice: &mut Vec<String>) -> Result<(), RunError> {
     let deviations = mode_deviations(&outcome.canonical)?;
     let vague =
         deviations.iter().filter(|d| d.mode.hz > 0.0 && d.hz_std.is_some_and(|std| std > VAGUE * d.mode.hz)).count();
@@ -91,15 +118,5 @@ pub(super) fn advise(outcome: &Outcome, of_data: &[Warning]) -> Result<(Vec<Stri
     {
         advice.push(format!("The scan recommends {} states; this model has {states}.", scan.recommended));
     }
-    if let Some(floor) = &validation.noise_floor {
-        let floor = (floor.iter().map(|x| x * x).sum::<f64>() / floor.len() as f64).sqrt();
-        if free_run.is_finite() && free_run < 1.2 * floor {
-            advice.push(format!(
-                "The simulation error reaches the noise floor ({:.2} %): this record cannot show whether more states \
-                 are better.",
-                100.0 * floor
-            ));
-        }
-    }
-    Ok((warnings, advice))
+    Ok(())
 }

@@ -7,9 +7,9 @@ use ndarray::Array2;
 use plid_core::{Dense, ImplicitModel, NoiseModel, ObservableForm};
 
 use super::error::{RunError, setting};
-use crate::experiment::{Covariance, Experiment, NoiseReading, NoiseSource};
+use crate::experiment::{Covariance, Experiment, NoiseConfig, NoiseReading, NoiseSource};
 use plid_data::prepare::converter::converter_step;
-use plid_data::prepare::noise::noise_from_zero_input;
+use plid_data::prepare::noise::{NoiseCovariance, noise_from_zero_input};
 use plid_data::prepare::{Prepared, Step};
 use plid_data::{self as data, MissingPolicy, Record};
 
@@ -45,16 +45,8 @@ pub(super) fn known(
         }
         None => vec![0.0; m],
     };
-    // Anti-alias filtering retains about this fraction of white noise power, and averaging divides it by the number of
-    // repeats.
-    let kept: f64 = prepared
-        .steps
-        .iter()
-        .map(|step| match step {
-            Step::Decimated(plan) => 1.0 / plan.ratio as f64,
-            _ => 1.0,
-        })
-        .product();
+    let kept = retained_power(prepared);
+    // Averaging divides the power of noise by the number of repeats.
     let repeats = prepared.repeat_noise.first().map_or(1, |(_, count)| *count) as f64;
     let measured = |variances: Vec<f64>| Known::Some {
         sensor: Some(diagonal(&variances, &prepared.output_scales)),
@@ -64,23 +56,7 @@ pub(super) fn known(
         NoiseSource::PaperLiteral => Known::All(Box::new(scales.apply(&NoiseModel::paper_literal(p, m, n)))),
         NoiseSource::PaperSquared => Known::All(Box::new(scales.apply(&NoiseModel::paper_squared(p, m, n)))),
         NoiseSource::Given => {
-            let cross = |key, value: &Option<Vec<Vec<f64>>>, rows, columns| match value {
-                Some(value) => rectangle(key, value, rows, columns),
-                None => Ok(plid_core::Matrix::zeros(rows, columns)),
-            };
-            let read = |key, value: &Option<Covariance>, size| match value {
-                Some(value) => matrix(key, value, size, config.read_as),
-                None => Ok(plid_core::Matrix::zeros(size, size)),
-            };
-            let noise = NoiseModel {
-                sensor: read("noise.sensor", &config.sensor, p)?,
-                actuator: read("noise.actuator", &config.actuator, m)?,
-                state: read("noise.state", &config.state, n)?,
-                actuator_sensor: cross("noise.actuator_sensor", &config.actuator_sensor, m, p)?,
-                sensor_state: cross("noise.sensor_state", &config.sensor_state, p, n)?,
-                actuator_state: cross("noise.actuator_state", &config.actuator_state, m, n)?,
-            };
-            noise.check(p, m, n).map_err(|e| setting("noise", e))?;
+            let noise = given(config, form)?;
             Known::All(Box::new(scales.apply(&noise)))
         }
         NoiseSource::Tuned => match &config.sensor {
@@ -97,15 +73,7 @@ pub(super) fn known(
             measured(noise.covariance.diag().iter().map(|v| v / *count as f64 * kept).collect())
         }
         NoiseSource::ZeroInput => {
-            let Some(file) = &config.zero_input_file else {
-                return Err(setting("noise", "from = \"zero-input\" requires `zero_input_file`"));
-            };
-            let table = data::read(&base.join(file), experiment.data.variable.as_deref())?;
-            let first = &raw[0];
-            let rate = Some(first.sample_rate_hz);
-            let (rest, _) = data::extract(&table, &first.input_names, &first.output_names, rate, MissingPolicy::Error)?;
-            let largest = prepared.input_scales.iter().copied().fold(0.0, f64::max);
-            let noise = noise_from_zero_input(&rest, REST * largest)?;
+            let noise = at_rest(experiment, base, &raw[0], prepared)?;
             measured(noise.covariance.diag().iter().map(|v| v * kept / repeats).collect())
         }
         NoiseSource::Converter => {
@@ -122,6 +90,59 @@ pub(super) fn known(
             measured(variances?)
         }
     })
+}
+
+/// Returns the covariances that the experiment states, in the data's units.
+fn given(config: &NoiseConfig, form: &ObservableForm) -> Result<NoiseModel, RunError> {
+    let (p, m, n) = (form.outputs(), form.inputs(), form.states());
+    let cross = |key, value: &Option<Vec<Vec<f64>>>, rows, columns| match value {
+        Some(value) => rectangle(key, value, rows, columns),
+        None => Ok(plid_core::Matrix::zeros(rows, columns)),
+    };
+    let read = |key, value: &Option<Covariance>, size| match value {
+        Some(value) => matrix(key, value, size, config.read_as),
+        None => Ok(plid_core::Matrix::zeros(size, size)),
+    };
+    let noise = NoiseModel {
+        sensor: read("noise.sensor", &config.sensor, p)?,
+        actuator: read("noise.actuator", &config.actuator, m)?,
+        state: read("noise.state", &config.state, n)?,
+        actuator_sensor: cross("noise.actuator_sensor", &config.actuator_sensor, m, p)?,
+        sensor_state: cross("noise.sensor_state", &config.sensor_state, p, n)?,
+        actuator_state: cross("noise.actuator_state", &config.actuator_state, m, n)?,
+    };
+    noise.check(p, m, n).map_err(|e| setting("noise", e))?;
+    Ok(noise)
+}
+
+/// Returns the noise of a record with inputs at rest, whose channels and rate are those of `first`.
+fn at_rest(
+    experiment: &Experiment,
+    base: &Path,
+    first: &Record,
+    prepared: &Prepared,
+) -> Result<NoiseCovariance, RunError> {
+    let Some(file) = &experiment.noise.zero_input_file else {
+        return Err(setting("noise", "from = \"zero-input\" requires `zero_input_file`"));
+    };
+    let table = data::read(&base.join(file), experiment.data.variable.as_deref())?;
+    let rate = Some(first.sample_rate_hz);
+    let (rest, _) = data::extract(&table, &first.input_names, &first.output_names, rate, MissingPolicy::Error)?;
+    let largest = prepared.input_scales.iter().copied().fold(0.0, f64::max);
+    Ok(noise_from_zero_input(&rest, REST * largest)?)
+}
+
+/// Returns the fraction of white noise power that decimation retains.
+fn retained_power(prepared: &Prepared) -> f64 {
+    // An anti-alias filter retains about the band that is left.
+    prepared
+        .steps
+        .iter()
+        .map(|step| match step {
+            Step::Decimated(plan) => 1.0 / plan.ratio as f64,
+            _ => 1.0,
+        })
+        .product()
 }
 
 /// The scales of outputs, inputs and states; a state has the scale of its block's output.

@@ -33,6 +33,29 @@ pub struct Truth {
     pub dominant_hz: Vec<f64>,
 }
 
+impl Truth {
+    /// Returns the plant with the chosen outputs, and with all inputs in another order. Each is given by its places and
+    /// the names of all.
+    fn with_channels(
+        self,
+        (use_inputs, inputs): (&[usize], &[String]),
+        (use_outputs, outputs): (&[usize], &[String]),
+    ) -> Self {
+        Self {
+            model: Model {
+                b: self.model.b.select_columns(use_inputs),
+                c: self.model.c.select_rows(use_outputs),
+                d: self.model.d.select_rows(use_outputs).select_columns(use_inputs),
+                inputs: use_inputs.iter().map(|&j| inputs[j].clone()).collect(),
+                outputs: use_outputs.iter().map(|&i| outputs[i].clone()).collect(),
+                ..self.model
+            },
+            noise_free: self.noise_free.select(ndarray::Axis(1), use_outputs),
+            dominant_hz: self.dominant_hz,
+        }
+    }
+}
+
 /// Records and their origin.
 #[derive(Clone, Debug)]
 pub struct Obtained {
@@ -95,6 +118,34 @@ fn largest_rms<'a>(columns: impl Iterator<Item = (&'a String, ArrayView1<'a, f64
     largest
 }
 
+/// Returns the true plant of a simulation with all its channels.
+fn true_plant(simulation: &plid_testbed::Simulation) -> Result<Truth, RunError> {
+    let plant = &simulation.truth;
+    let state_space = &plant.discrete;
+    let model = Model::new(
+        simulation.sample_rate_hz,
+        state_space.a.clone(),
+        state_space.b.clone(),
+        state_space.c.clone(),
+        state_space.d.clone(),
+    )?;
+    let dominant = plant.modes.iter().filter(|mode| mode.group == plid_testbed::ModeGroup::Dominant);
+    Ok(Truth {
+        model,
+        noise_free: simulation.noise_free.clone(),
+        dominant_hz: dominant.map(|mode| mode.frequency_hz).collect(),
+    })
+}
+
+/// Returns the places of the channels wanted among all; of all channels if none is named.
+fn choose(wanted: &[String], all: &[String], key: &'static str) -> Result<Vec<usize>, RunError> {
+    let found = wanted.iter().map(|name| {
+        let place = all.iter().position(|n| n == name);
+        place.ok_or_else(|| setting(key, format!("the truss has {}, not `{name}`", all.join(", "))))
+    });
+    if wanted.is_empty() { Ok((0..all.len()).collect()) } else { found.collect() }
+}
+
 fn simulate(config: &DataConfig, base: &Path) -> Result<Obtained, RunError> {
     let Some(testbed) = &config.testbed else { unreachable!("called only with a testbed") };
     let names = |prefix: &str, count: usize| -> Vec<String> { (1..=count).map(|i| format!("{prefix}{i}")).collect() };
@@ -108,28 +159,6 @@ fn simulate(config: &DataConfig, base: &Path) -> Result<Obtained, RunError> {
             let command = data::channels(&table, &inputs, MissingPolicy::Error)?;
             plid_testbed::simulate_input(&testbed.truss, command.view())?
         }
-    };
-    let plant = &simulation.truth;
-    let state_space = &plant.discrete;
-    let model = Model::new(
-        simulation.sample_rate_hz,
-        state_space.a.clone(),
-        state_space.b.clone(),
-        state_space.c.clone(),
-        state_space.d.clone(),
-    )?;
-    let dominant = plant.modes.iter().filter(|mode| mode.group == plid_testbed::ModeGroup::Dominant);
-    let truth = Truth {
-        model,
-        noise_free: simulation.noise_free.clone(),
-        dominant_hz: dominant.map(|mode| mode.frequency_hz).collect(),
-    };
-    let choose = |wanted: &[String], all: &[String], key| -> Result<Vec<usize>, RunError> {
-        let found = wanted.iter().map(|name| {
-            let place = all.iter().position(|n| n == name);
-            place.ok_or_else(|| setting(key, format!("the truss has {}, not `{name}`", all.join(", "))))
-        });
-        if wanted.is_empty() { Ok((0..all.len()).collect()) } else { found.collect() }
     };
     let (use_inputs, use_outputs) =
         (choose(&config.inputs, &inputs, "inputs")?, choose(&config.outputs, &outputs, "outputs")?);
@@ -147,26 +176,8 @@ fn simulate(config: &DataConfig, base: &Path) -> Result<Obtained, RunError> {
         .collect();
     // If an input is left out, it still affects the outputs, so the true model is no longer a reference.
     let whole = use_inputs.len() == inputs.len();
-    let truth = whole.then(|| Truth {
-        model: Model {
-            c: truth.model.c.select_rows(&use_outputs),
-            d: truth.model.d.select_rows(&use_outputs),
-            outputs: use_outputs.iter().map(|&i| outputs[i].clone()).collect(),
-            ..truth.model.clone()
-        },
-        noise_free: pick(&truth.noise_free, &use_outputs),
-        dominant_hz: truth.dominant_hz.clone(),
-    });
-    let truth = truth.map(|t| Truth {
-        model: Model {
-            // The inputs may be in a different order.
-            b: t.model.b.select_columns(&use_inputs),
-            d: t.model.d.select_columns(&use_inputs),
-            inputs: use_inputs.iter().map(|&j| inputs[j].clone()).collect(),
-            ..t.model
-        },
-        ..t
-    });
+    let truth = true_plant(&simulation)?;
+    let truth = whole.then(|| truth.with_channels((&use_inputs, &inputs), (&use_outputs, &outputs)));
     let repeats = simulation.outputs.iter().flat_map(|measured| outputs.iter().zip(measured.columns()));
     let channel_rms = largest_rms(inputs.iter().zip(simulation.commands.columns()).chain(repeats));
     let warnings = simulation.warnings.iter().map(ToString::to_string).collect();

@@ -9,6 +9,7 @@ use super::validate::Errors;
 use super::{Outcome, PeakRow};
 use crate::experiment::to_toml;
 use crate::identify::Trial;
+use plid_data::Record;
 use plid_model::signal::{WelchFrf, WelchOptions, convergence, welch_frf};
 use plid_model::{FrequencyResponse, Mode, mode_deviations, response_variance};
 use plid_report::{
@@ -28,7 +29,6 @@ const LIGHT: f64 = 0.05;
 
 /// Returns the page, and its first figure as a separate document.
 pub(super) fn page(outcome: &Outcome) -> Result<(String, String), RunError> {
-    let validation = &outcome.validation;
     let record = &outcome.prepared.records[outcome.prepared.records.len() - 1];
     let rate = record.sample_rate_hz;
     let measured = measured_response(outcome, rate);
@@ -40,16 +40,50 @@ pub(super) fn page(outcome: &Outcome) -> Result<(String, String), RunError> {
     }
     let responses = responses(outcome, measured.as_ref(), band)?;
     report = report.figure(responses.clone(), response_caption(outcome, measured.as_ref()));
+    report = convergence_figure(report, outcome, rate);
+    report = traces(report, outcome, record, rate);
+    report = report
+        .warnings(outcome.warnings.iter().cloned())
+        .advice(outcome.advice.iter().cloned())
+        .heading("Errors on held-out data")
+        .table(error_table(outcome));
+    report = report_simulation::section(report, outcome, measured.as_ref(), band)?;
+    if !outcome.peaks.is_empty() {
+        report = report
+            .heading("Identified and true peaks")
+            .paragraph(peak_sentence(&outcome.peaks))
+            .details(format!("All {} peaks", outcome.peaks.len()), |report| report.table(peak_table(&outcome.peaks)));
+    }
+    report = modes(report, outcome)?;
+    report = residuals(report, outcome);
+    report = searches(report, outcome);
+    report = report
+        .details("Preparation, noise and covariance", |report| preparation(report, outcome))
+        .listing("The experiment with all defaults. `plid run` repeats it.", to_toml(&outcome.experiment))
+        .provenance("plid", env!("CARGO_PKG_VERSION"));
+    for source in &outcome.sources {
+        report = report.provenance(source.file.clone(), format!("SHA-256 {}", source.sha256));
+    }
+    Ok((report.to_html(), responses))
+}
+
+fn convergence_figure(report: Report, outcome: &Outcome, rate: f64) -> Report {
+    let validation = &outcome.validation;
     let errors = match validation.innovations.last() {
         Some(own) => convergence(own.view(), 200),
         None => convergence(ndarray::Array2::zeros((0, 1)).view(), 1),
     };
-    let unit = outcome.experiment.data.output_unit.clone().unwrap_or_default();
-    report = report.figure(
+    report.figure(
         convergence_plot(&ConvergencePlot {
             convergence: &errors,
             sample_rate_hz: rate,
-            unit: if unit.is_empty() { "data's unit".into() } else { unit.clone() },
+            unit: outcome
+                .experiment
+                .data
+                .output_unit
+                .clone()
+                .filter(|unit| !unit.is_empty())
+                .unwrap_or("data's unit".into()),
             noise_floor: None,
             time_scale: Scale::Linear,
             error_scale: Scale::Log,
@@ -59,7 +93,13 @@ pub(super) fn page(outcome: &Outcome) -> Result<(String, String), RunError> {
              sample. From {:.2} s on the model is fixed.",
             validation.training as f64 / rate
         ),
-    );
+    )
+}
+
+/// The first held-out samples of every output.
+fn traces(report: Report, outcome: &Outcome, record: &Record, rate: f64) -> Report {
+    let validation = &outcome.validation;
+    let unit = outcome.experiment.data.output_unit.clone().unwrap_or_default();
     let shown = validation.training..(validation.training + WINDOW).min(validation.measured.nrows());
     let columns: Vec<[Vec<f64>; 3]> = (0..record.output_names.len())
         .map(|i| {
@@ -78,53 +118,33 @@ pub(super) fn page(outcome: &Outcome) -> Result<(String, String), RunError> {
             free_run: validation.free_run_errors.overall_relative.is_finite().then_some(free_run.as_slice()),
         })
         .collect();
-    report = report.figure(
+    report.figure(
         trace_plot(&traces, rate, shown),
         "The first held-out samples: measured, predicted one step ahead, and simulated from the last training state. \
          The lower panel shows the errors.",
-    );
-    report = report
-        .warnings(outcome.warnings.iter().cloned())
-        .advice(outcome.advice.iter().cloned())
-        .heading("Errors on held-out data")
-        .table(error_table(outcome));
-    report = report_simulation::section(report, outcome, measured.as_ref(), band)?;
-    if !outcome.peaks.is_empty() {
-        report = report
-            .heading("Identified and true peaks")
-            .paragraph(peak_sentence(&outcome.peaks))
-            .details(format!("All {} peaks", outcome.peaks.len()), |report| report.table(peak_table(&outcome.peaks)));
-    }
-    report = modes(report, outcome)?;
-    report = residuals(report, outcome);
-    report = searches(report, outcome);
-    report = report
-        .details("Preparation, noise and covariance", |report| {
-            let health = &outcome.health;
-            report
-                .paragraph(if outcome.steps.is_empty() {
-                    "The data were used without preparation.".into()
-                } else {
-                    format!("{}.", outcome.steps.join("; "))
-                })
-                .paragraph(advance_sentence(outcome))
-                .paragraph(format!(
-                    "Noise covariances, for channels scaled to unit RMS: R_ii = {}, mean Sigma_ii = {:.2e}.",
-                    outcome.noise_levels.0.iter().map(|x| format!("{x:.2e}")).collect::<Vec<_>>().join(", "),
-                    outcome.noise_levels.1
-                ))
-                .paragraph(format!(
-                    "Covariance at the end: smallest pivot {:.2e} (entry {} of s), condition at least {:.1e}, symmetry \
-                     defect {:.1e}.",
-                    health.smallest_pivot, health.index, health.condition, health.symmetry_defect
-                ))
+    )
+}
+
+/// The preparation of the data, the noise covariances, and the state of P at the end.
+fn preparation(report: Report, outcome: &Outcome) -> Report {
+    let health = &outcome.health;
+    report
+        .paragraph(if outcome.steps.is_empty() {
+            "The data were used without preparation.".into()
+        } else {
+            format!("{}.", outcome.steps.join("; "))
         })
-        .listing("The experiment with all defaults. `plid run` repeats it.", to_toml(&outcome.experiment))
-        .provenance("plid", env!("CARGO_PKG_VERSION"));
-    for source in &outcome.sources {
-        report = report.provenance(source.file.clone(), format!("SHA-256 {}", source.sha256));
-    }
-    Ok((report.to_html(), responses))
+        .paragraph(advance_sentence(outcome))
+        .paragraph(format!(
+            "Noise covariances, for channels scaled to unit RMS: R_ii = {}, mean Sigma_ii = {:.2e}.",
+            outcome.noise_levels.0.iter().map(|x| format!("{x:.2e}")).collect::<Vec<_>>().join(", "),
+            outcome.noise_levels.1
+        ))
+        .paragraph(format!(
+            "Covariance at the end: smallest pivot {:.2e} (entry {} of s), condition at least {:.1e}, symmetry \
+                     defect {:.1e}.",
+            health.smallest_pivot, health.index, health.condition, health.symmetry_defect
+        ))
 }
 
 fn verdict(outcome: &Outcome) -> Vec<String> {

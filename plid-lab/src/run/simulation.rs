@@ -130,6 +130,30 @@ fn aligned(prepared: &Prepared) -> Vec<Aligned> {
     (0..prepared.records.len()).map(one).collect()
 }
 
+/// The training part of each record that has one.
+fn training(records: &[Aligned]) -> Vec<Record<'_>> {
+    records
+        .iter()
+        .filter(|r| r.training > 0)
+        .map(|r| {
+            Record { inputs: r.inputs.view(), outputs: r.outputs.view(), start: Start::Unknown }.range(0, r.training)
+        })
+        .collect()
+}
+
+/// The models from which the refinement starts.
+fn starts(recursive: &Model, subspace: Option<Model>) -> Vec<Candidate> {
+    let mut starts = vec![Candidate { name: "plid".into(), model: recursive.clone() }];
+    starts.extend(subspace.map(|model| Candidate { name: "subspace".into(), model }));
+    starts
+}
+
+/// Reports the progress and returns whether to continue.
+fn may_go_on(progress: &dyn Progress, done: usize, total: usize) -> bool {
+    progress.advance(done, total);
+    !progress.interrupted()
+}
+
 /// Estimates, refines and validates the models. A model that cannot be computed causes a warning. `scaled` is the
 /// recursive model of scaled channels.
 ///
@@ -144,13 +168,7 @@ pub(super) fn carry_out(
     progress: &dyn Progress,
 ) -> Result<(Simulation, Vec<String>), RunError> {
     let records = aligned(prepared);
-    let training: Vec<Record<'_>> = records
-        .iter()
-        .filter(|r| r.training > 0)
-        .map(|r| {
-            Record { inputs: r.inputs.view(), outputs: r.outputs.view(), start: Start::Unknown }.range(0, r.training)
-        })
-        .collect();
+    let training = training(&records);
     let rate = scaled.sample_rate_hz;
     let options = Options {
         radius: plid_refine::slowest_radius(&training),
@@ -178,13 +196,8 @@ pub(super) fn carry_out(
         progress.stage("refinement");
         // A starting model must not use the quarter of the data on which it is scored.
         let of_head = plid_refine::head(&training).and_then(|head| estimate(&head));
-        let mut starts = vec![Candidate { name: "plid".into(), model: scaled.clone() }];
-        starts.extend(of_head.ok().map(|found| Candidate { name: "subspace".into(), model: found.model }));
-        let told = |done: usize, total: usize| {
-            progress.advance(done, total);
-            !progress.interrupted()
-        };
-        match plid_refine::best_of(&starts, &training, &options, &told) {
+        let starts = starts(scaled, of_head.ok().map(|found| found.model));
+        match plid_refine::best_of(&starts, &training, &options, &|done, total| may_go_on(progress, done, total)) {
             Err(RefineError::Interrupted) => return Err(RunError::Refine(RefineError::Interrupted)),
             Err(reason) => warnings.push(format!("the refined model could not be computed: {reason}")),
             Ok(choice) => {

@@ -205,6 +205,21 @@ fn config(files: &str, rest: &str) -> Experiment {
 
 const FILES: &str = "\"r1.csv\", \"r2.csv\", \"r3.csv\"";
 
+/// The result that an older plid wrote to a finished run lacks a key, which the error names.
+fn check_result_of_an_older_program(out: &Path, old: &Path) {
+    std::fs::create_dir(old).unwrap();
+    for name in ["model.json", "manifest.json"] {
+        std::fs::copy(out.join("runs/u1").join(name), old.join(name)).unwrap();
+    }
+    std::fs::write(old.join("result.json"), "{\"name\": \"old\"}").unwrap();
+    let error = FinishedRun::read(old).unwrap_err();
+    assert!(
+        matches!(&error, RunError::Merge(MergeError::Key { file, key, .. }) if file == &old.join("result.json")
+            && key == "estimate"),
+        "{error}"
+    );
+}
+
 #[test]
 fn a_config_makes_runs_and_merges_them_and_so_does_the_command_on_finished_runs() {
     let directory = tempfile::tempdir().unwrap();
@@ -261,19 +276,7 @@ fn a_config_makes_runs_and_merges_them_and_so_does_the_command_on_finished_runs(
     assert!(before == (bytes("model.json"), bytes("report.html"), bytes("result.json")));
     assert_eq!(std::fs::metadata(out.join("runs/u1/result.json")).unwrap().modified().unwrap(), written);
 
-    // A finished run whose result an older plid wrote.
-    let old = base.join("old");
-    std::fs::create_dir(&old).unwrap();
-    for name in ["model.json", "manifest.json"] {
-        std::fs::copy(out.join("runs/u1").join(name), old.join(name)).unwrap();
-    }
-    std::fs::write(old.join("result.json"), "{\"name\": \"old\"}").unwrap();
-    let error = FinishedRun::read(&old).unwrap_err();
-    assert!(
-        matches!(&error, RunError::Merge(MergeError::Key { file, key, .. }) if file == &old.join("result.json")
-            && key == "estimate"),
-        "{error}"
-    );
+    check_result_of_an_older_program(&out, &base.join("old"));
     // Another order cannot be merged with these.
     let mut other = runs.to_vec();
     other[1].model.observability_indices = Some(vec![3, 1]);

@@ -59,12 +59,7 @@ pub fn welch_frf(
     check_record("the input", inputs)?;
     check_record("the output", outputs)?;
     check_rows("the output", outputs, inputs.nrows())?;
-    for (channel, column) in inputs.columns().into_iter().enumerate() {
-        let present = || column.iter().copied().filter(|x| !x.is_nan());
-        if present().fold(f64::INFINITY, f64::min) >= present().fold(f64::NEG_INFINITY, f64::max) {
-            return Err(SignalError::Constant { what: "the input", channel });
-        }
-    }
+    check_varies(inputs)?;
     let (m, p) = (inputs.ncols(), outputs.ncols());
     let joint = concatenate(Axis(1), &[inputs, outputs]).map_err(|_| SignalError::LengthMismatch {
         what: "the output",
@@ -111,6 +106,16 @@ pub fn welch_frf(
         let Some(inverse) = inverse_of_inputs(density, m) else {
             continue;
         };
+        frf.fill_line(line, density, &inverse, freedom);
+    }
+    Ok(frf)
+}
+
+impl WelchFrf {
+    /// Fills one line from its joint density matrix ((m + p) x (m + p), inputs first), S_uu^{-1} (m x m), and the
+    /// number of averages less that of the inputs.
+    fn fill_line(&mut self, line: usize, density: ArrayView2<Complex64>, inverse: &DMatrix<Complex64>, freedom: f64) {
+        let (p, m) = (self.output_density.ncols(), self.input_density.ncols());
         for i in 0..p {
             let power = density[[m + i, m + i]].re;
             let row: Vec<Complex64> =
@@ -118,23 +123,33 @@ pub fn welch_frf(
             let explained: f64 = (0..m).map(|j| (row[j] * density[[j, m + i]]).re).sum();
             let noise = (power - explained).max(0.0);
             if power > 0.0 {
-                frf.multiple_coherence[[line, i]] = (explained / power).clamp(0.0, 1.0);
+                self.multiple_coherence[[line, i]] = (explained / power).clamp(0.0, 1.0);
             }
             for j in 0..m {
-                frf.response[[line, i, j]] = row[j];
+                self.response[[line, i, j]] = row[j];
                 let variance = noise * inverse[(j, j)].re;
-                frf.response_std[[line, i, j]] = (variance / freedom / 2.0).sqrt();
+                self.response_std[[line, i, j]] = (variance / freedom / 2.0).sqrt();
                 if power > 0.0 {
                     let ordinary = density[[m + i, j]].norm_sqr() / (power * density[[j, j]].re);
-                    frf.ordinary_coherence[[line, i, j]] = ordinary.min(1.0);
+                    self.ordinary_coherence[[line, i, j]] = ordinary.min(1.0);
                     // This is the partial coherence from the inverse of the joint density matrix of the output and all
                     // inputs.
-                    frf.partial_coherence[[line, i, j]] = row[j].norm_sqr() / (row[j].norm_sqr() + variance);
+                    self.partial_coherence[[line, i, j]] = row[j].norm_sqr() / (row[j].norm_sqr() + variance);
                 }
             }
         }
     }
-    Ok(frf)
+}
+
+/// Checks that no input is constant.
+fn check_varies(inputs: ArrayView2<f64>) -> Result<(), SignalError> {
+    for (channel, column) in inputs.columns().into_iter().enumerate() {
+        let present = || column.iter().copied().filter(|x| !x.is_nan());
+        if present().fold(f64::INFINITY, f64::min) >= present().fold(f64::NEG_INFINITY, f64::max) {
+            return Err(SignalError::Constant { what: "the input", channel });
+        }
+    }
+    Ok(())
 }
 
 /// Returns S_uu^{-1} at one line, computed from the matrix scaled to a unit diagonal, or `None` if the inputs are

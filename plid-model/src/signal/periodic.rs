@@ -77,28 +77,13 @@ pub fn periodic_frf(
         averages.push(average_periods(record, period, transient)?);
     }
 
-    let lines = period.div_ceil(2);
-    let largest = averages.iter().flat_map(|a| a.inputs.iter()).fold(0.0, |peak: f64, z| peak.max(z.norm()));
-    let mut kept: Vec<(usize, Vec<usize>, DMatrix<Complex64>)> = Vec::new();
-    let mut lines_unresolved = 0;
-    for line in 1..lines {
-        let acts = |j: usize| averages.iter().any(|a| a.inputs[[line, j]].norm() > EXCITED * largest);
-        let active: Vec<usize> = (0..m).filter(|&j| acts(j)).collect();
-        if active.is_empty() {
-            continue;
-        }
-        let u = DMatrix::from_fn(active.len(), records.len(), |row, e| averages[e].inputs[[line, active[row]]]);
-        match right_inverse(&u) {
-            Some(weights) => kept.push((line, active, weights)),
-            None => lines_unresolved += 1,
-        }
-    }
+    let (kept, lines_unresolved) = resolve(&averages, period);
     if kept.is_empty() {
         return Err(SignalError::NoResolvableLine { records: records.len() });
     }
 
     let mut frf = PeriodicFrf {
-        frequency_hz: kept.iter().map(|(line, ..)| *line as f64 * sample_rate_hz / period as f64).collect(),
+        frequency_hz: kept.iter().map(|at| at.line as f64 * sample_rate_hz / period as f64).collect(),
         response: Array3::from_elem((kept.len(), p, m), Complex64::new(f64::NAN, f64::NAN)),
         response_std: Array3::from_elem((kept.len(), p, m), f64::NAN),
         output_noise: Array2::zeros((kept.len(), p)),
@@ -106,7 +91,7 @@ pub fn periodic_frf(
         periods_used: averages.iter().map(|a| a.used).sum(),
         periods_skipped: averages.iter().map(|a| a.skipped).sum(),
     };
-    for (row, (line, active, weights)) in kept.iter().enumerate() {
+    for (row, Resolved { line, active, weights }) in kept.iter().enumerate() {
         for i in 0..p {
             for (column, &j) in active.iter().enumerate() {
                 let (mut response, mut variance) = (Complex64::ZERO, 0.0);
@@ -123,6 +108,37 @@ pub fn periodic_frf(
         }
     }
     Ok(frf)
+}
+
+/// A line at which the responses of the active inputs can be separated.
+struct Resolved {
+    line: usize,
+    /// The inputs that are active at the line.
+    active: Vec<usize>,
+    /// The right inverse of their amplitudes (records x active inputs).
+    weights: DMatrix<Complex64>,
+}
+
+/// Returns the lines that can be resolved, and the number of excited lines that cannot.
+fn resolve(averages: &[PeriodAverage], period: usize) -> (Vec<Resolved>, usize) {
+    let m = averages[0].inputs.ncols();
+    let lines = period.div_ceil(2);
+    let largest = averages.iter().flat_map(|a| a.inputs.iter()).fold(0.0, |peak: f64, z| peak.max(z.norm()));
+    let mut kept: Vec<Resolved> = Vec::new();
+    let mut lines_unresolved = 0;
+    for line in 1..lines {
+        let acts = |j: usize| averages.iter().any(|a| a.inputs[[line, j]].norm() > EXCITED * largest);
+        let active: Vec<usize> = (0..m).filter(|&j| acts(j)).collect();
+        if active.is_empty() {
+            continue;
+        }
+        let u = DMatrix::from_fn(active.len(), averages.len(), |row, e| averages[e].inputs[[line, active[row]]]);
+        match right_inverse(&u) {
+            Some(weights) => kept.push(Resolved { line, active, weights }),
+            None => lines_unresolved += 1,
+        }
+    }
+    (kept, lines_unresolved)
 }
 
 /// Returns the RMS of the difference between periods for each output, which is the noise level of a periodic record.

@@ -28,10 +28,10 @@ pub struct Spectra {
     /// Segments skipped because a sample was missing.
     pub segments_skipped: usize,
     /// Equivalent number of independent averages of the overlapping segments (Welch 1967, Eq. 12 for the Hann window).
-    /// 33+ Smallest segment length in samples.
     pub averages: f64,
 }
 
+/// Smallest segment length in samples.
 const SHORTEST_SEGMENT: usize = 8;
 
 /// Estimates the spectral density matrix of `data` (`samples x channels`) by Welch's method.
@@ -74,18 +74,7 @@ pub fn welch_spectra(data: ArrayView2<f64>, options: &WelchOptions) -> Result<Sp
         used += 1;
         neighbours += usize::from(last_used);
         last_used = true;
-        for (channel, column) in segment.columns().into_iter().enumerate() {
-            let mean = column.sum() / length as f64;
-            let windowed: Vec<f64> = column.iter().zip(&window).map(|(x, w)| (x - mean) * w).collect();
-            spectrum.row_mut(channel).assign(&ArrayView1::from(&fourier::forward(&windowed)));
-        }
-        for line in 0..lines {
-            for i in 0..channels {
-                for j in 0..channels {
-                    sum[[line, i, j]] += spectrum[[i, line]] * spectrum[[j, line]].conj();
-                }
-            }
-        }
+        add_periodogram(segment, &window, &mut spectrum, &mut sum);
     }
     if used == 0 {
         return Err(too_short("segments without a missing sample", 1, 0));
@@ -107,6 +96,29 @@ pub fn welch_spectra(data: ArrayView2<f64>, options: &WelchOptions) -> Result<Sp
         segments_skipped: skipped,
         averages,
     })
+}
+
+/// Adds the cross-periodograms of a windowed segment without its mean. `spectrum` (channels x lines) is overwritten.
+fn add_periodogram(
+    segment: ArrayView2<f64>,
+    window: &[f64],
+    spectrum: &mut Array2<Complex64>,
+    sum: &mut Array3<Complex64>,
+) {
+    let length = window.len();
+    let (channels, lines) = spectrum.dim();
+    for (channel, column) in segment.columns().into_iter().enumerate() {
+        let mean = column.sum() / length as f64;
+        let windowed: Vec<f64> = column.iter().zip(window).map(|(x, w)| (x - mean) * w).collect();
+        spectrum.row_mut(channel).assign(&ArrayView1::from(&fourier::forward(&windowed)));
+    }
+    for line in 0..lines {
+        for i in 0..channels {
+            for j in 0..channels {
+                sum[[line, i, j]] += spectrum[[i, line]] * spectrum[[j, line]].conj();
+            }
+        }
+    }
 }
 
 /// Returns the Hann window in its periodic form, which sums to a constant at half overlap.

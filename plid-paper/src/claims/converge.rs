@@ -43,8 +43,60 @@ struct Point {
     nees: f64,
 }
 
-fn run(context: &Context<'_>) -> Result<Finding> {
-    let (config, vary): (Config, Vary) = (context.config()?, context.vary()?);
+/// Pairs of record length and a figure of each point.
+fn against(samples: &[usize], line: &[Point], of: fn(&Point) -> f64) -> Vec<(f64, f64)> {
+    samples.iter().zip(line).map(|(&samples, point)| (samples as f64, of(point))).collect()
+}
+
+/// How the errors of one method fall with the record length.
+struct Trend<'a> {
+    name: &'static str,
+    line: &'a [Point],
+    /// The point of the longest records.
+    last: &'a Point,
+    /// Slopes of log error against log record length over the longer records.
+    free_run_slope: f64,
+    rmse_slope: f64,
+}
+
+impl<'a> Trend<'a> {
+    fn of(name: &'static str, samples: &[usize], line: &'a [Point]) -> Result<Self> {
+        // The first half of the lengths tells of the start.
+        let late = line.len() / 2 - 1;
+        let slope = |of: fn(&Point) -> f64| slope(&against(samples, line, of)[late..]);
+        let last = line.last().ok_or("no samples")?;
+        Ok(Self { name, line, last, free_run_slope: slope(|p| p.free_run), rmse_slope: slope(|p| p.rmse) })
+    }
+
+    /// Whether the covariance at the end is consistent with the error.
+    fn is_honest(&self) -> bool {
+        self.last.nees < 2.0
+    }
+
+    fn add_figures(&self, finding: Finding) -> Finding {
+        let name = self.name;
+        finding
+            .figure(format!("slope of the free-run error, {name}"), self.free_run_slope, "")
+            .figure(format!("free-run error at the end, {name}"), 100.0 * self.last.free_run, "%")
+            .figure(format!("slope of the parameters' RMS error, {name}"), self.rmse_slope, "")
+            .figure(format!("NEES at the end, {name}"), self.last.nees, "")
+    }
+
+    /// The row of the table: name, slope, NEES and RMS error at the end, then the free-run error at every length.
+    fn cells(&self) -> Vec<String> {
+        let start = [
+            self.name.to_string(),
+            format!("{:.2}", self.free_run_slope),
+            format!("{:.1}", self.last.nees),
+            format!("{:.4}", self.last.rmse),
+        ];
+        let errors = self.line.iter().map(|point| format!("{:.2}", 100.0 * point.free_run));
+        start.into_iter().chain(errors).collect()
+    }
+}
+
+/// Runs the study at every record length; the points of each method are in the order of `NAMES`.
+fn study(context: &Context<'_>, config: &Config, vary: &Vary) -> Result<Vec<Vec<Point>>> {
     let mut lines: Vec<Vec<Point>> = NAMES.iter().map(|_| Vec::new()).collect();
     for &samples in &vary.samples {
         let mut config = config.clone();
@@ -62,58 +114,42 @@ fn run(context: &Context<'_>) -> Result<Finding> {
             line.push(Point { free_run: value(&score.free_run), rmse: value(&score.rmse_a), nees: value(&score.nees) });
         }
     }
-    let against = |line: &[Point], of: fn(&Point) -> f64| -> Vec<(f64, f64)> {
-        vary.samples.iter().zip(line).map(|(&samples, point)| (samples as f64, of(point))).collect()
-    };
-    let mut finding = Finding::default();
-    let mut rows = Vec::new();
-    let (mut slopes, mut honest) = (Vec::new(), Vec::new());
-    for (name, line) in NAMES.into_iter().zip(&lines) {
-        // The first half of the lengths tells of the start.
-        let late = line.len() / 2 - 1;
-        let slope = |of: fn(&Point) -> f64| slope(&against(line, of)[late..]);
-        let last = line.last().ok_or("no samples")?;
-        finding = finding
-            .figure(format!("slope of the free-run error, {name}"), slope(|p| p.free_run), "")
-            .figure(format!("free-run error at the end, {name}"), 100.0 * last.free_run, "%")
-            .figure(format!("slope of the parameters' RMS error, {name}"), slope(|p| p.rmse), "")
-            .figure(format!("NEES at the end, {name}"), last.nees, "");
-        if name != BATCH {
-            slopes.push((name, slope(|p| p.free_run)));
-            honest.push((name, last.nees < 2.0));
-        }
-        let errors = line.iter().map(|point| format!("{:.2}", 100.0 * point.free_run));
-        let start = [
-            name.to_string(),
-            format!("{:.2}", slope(|p| p.free_run)),
-            format!("{:.1}", last.nees),
-            format!("{:.4}", last.rmse),
-        ];
-        rows.push(start.into_iter().chain(errors).collect());
-    }
-    let series = |of: fn(&Point) -> f64| {
-        NAMES.iter().zip(&lines).map(|(name, line)| Series::line(*name, against(line, of))).collect()
-    };
-    let draw = |label: &str, series: Vec<Series>| {
-        chart(&Chart { title: String::new(), x: Axis::log("samples"), y: Axis::log(label), series, height: 230.0 })
-    };
-    let pictures =
-        [draw("free-run error, relative", series(|p| p.free_run)), draw("NEES of the parameters", series(|p| p.nees))];
+    Ok(lines)
+}
+
+/// One figure of every method against the record length.
+fn picture(label: &str, samples: &[usize], lines: &[Vec<Point>], of: fn(&Point) -> f64) -> String {
+    let series = NAMES.iter().zip(lines).map(|(name, line)| Series::line(*name, against(samples, line, of))).collect();
+    chart(&Chart { title: String::new(), x: Axis::log("samples"), y: Axis::log(label), series, height: 230.0 })
+}
+
+fn run(context: &Context<'_>) -> Result<Finding> {
+    let (config, vary): (Config, Vary) = (context.config()?, context.vary()?);
+    let lines = study(context, &config, &vary)?;
+    let trends: Vec<Trend<'_>> = NAMES
+        .into_iter()
+        .zip(&lines)
+        .map(|(name, line)| Trend::of(name, &vary.samples, line))
+        .collect::<Result<_>>()?;
+    let mut finding = trends.iter().fold(Finding::default(), |finding, trend| trend.add_figures(finding));
+    let rows = trends.iter().map(Trend::cells).collect();
+    let free_run_picture = picture("free-run error, relative", &vary.samples, &lines, |p| p.free_run);
+    let nees_picture = picture("NEES of the parameters", &vary.samples, &lines, |p| p.nees);
     let heads: Vec<String> = vary.samples.iter().map(|k| format!("{k} samples")).collect();
     let heads: Vec<(&str, &str)> = [("estimate", ""), ("slope", ""), ("NEES at the end", ""), ("RMS error of a", "")]
         .into_iter()
         .chain(heads.iter().map(|h| (h.as_str(), "%")))
         .collect();
-    for (name, slope) in &slopes {
+    let recursive: Vec<&Trend<'_>> = trends.iter().filter(|trend| trend.name != BATCH).collect();
+    for Trend { name, free_run_slope, .. } in &recursive {
         let rule = format!(
             "With `{name}` the free-run error falls over the longer records with a slope below -0.25, half of the \
              square root's -0.5: a bias would flatten it."
         );
-        finding = finding.part(rule, *slope < -0.25);
+        finding = finding.part(rule, *free_run_slope < -0.25);
     }
-    let listed: Vec<String> = slopes.iter().map(|(name, slope)| format!("{name} {slope:.2}")).collect();
-    let proud: Vec<&str> = honest.iter().filter(|(_, is)| !is).map(|(name, _)| *name).collect();
-    let [picture, nees] = pictures;
+    let listed: Vec<String> = recursive.iter().map(|t| format!("{} {:.2}", t.name, t.free_run_slope)).collect();
+    let proud: Vec<&str> = recursive.iter().filter(|t| !t.is_honest()).map(|t| t.name).collect();
     let batch = finding.value(&format!("slope of the free-run error, {BATCH}"));
     Ok(finding
         .part(
@@ -122,14 +158,14 @@ fn run(context: &Context<'_>) -> Result<Finding> {
             proud.is_empty(),
         )
         .picture(
-            picture,
+            free_run_picture,
             format!(
                 "Geometric mean over {} random plants of the model's order, signal-to-noise ratio \
             {}.",
                 vary.runs, config.signal_to_noise[0]
             ),
         )
-        .picture(nees, "One for an honest P.")
+        .picture(nees_picture, "One for an honest P.")
         .table(
             "Free-run error against the true response; the RMS error of the entries of a_1 .. a_p at the end is \
             owned by the plants that the data tell least of.",

@@ -74,6 +74,73 @@ fn levelled(truss: &TrussConfig, output_rms_v: f64, input: impl Fn([f64; 3]) -> 
     Ok(config)
 }
 
+/// The highest ratio of signal to error, in dB, for a Gaussian signal that is clipped at `c` standard deviations.
+fn clipping_cap(c: f64) -> f64 {
+    // Power beyond c standard deviations of a Gaussian, less what the clipped value keeps: 2 ((1 + c^2) Q(c) - c
+    // phi(c)).
+    let lost = 2.0
+        * (0..60_000).map(|i| f64::from(i) * 1e-4).map(|x| x * x * (-(c + x).powi(2) / 2.0).exp() * 1e-4).sum::<f64>()
+        / (2.0 * std::f64::consts::PI).sqrt();
+    decibel(lost.powf(-0.5))
+}
+
+/// The peak and the seed of the multisine, among those of the seeds up to `phases`, whose outputs have the lowest peak.
+fn quietest(truss: &TrussConfig, sines: impl Fn([f64; 3]) -> InputConfig, phases: u64) -> Result<(f64, u64)> {
+    let mut lowest: Option<(f64, u64)> = None;
+    for seed in 1..=phases {
+        let simulation =
+            plid_testbed::simulate(&TrussConfig { seed, input: sines([1.0; 3]), repeats: 1, ..truss.clone() })?;
+        let peak = simulation.noise_free.iter().fold(0.0_f64, |peak, y| peak.max(y.abs()));
+        if lowest.is_none_or(|(least, _)| peak < least) {
+            lowest = Some((peak, seed));
+        }
+    }
+    Ok(lowest.ok_or("no phases")?)
+}
+
+/// The three runs of the claim with their names.
+fn runs(truss: &TrussConfig, vary: &Vary) -> Result<[(&'static str, TrussConfig); 3]> {
+    let InputConfig::WhiteNoise(noise) = &truss.input else { return Err("46db.toml: the input is white noise".into()) };
+    let cutoff_hz = noise.cutoff_hz;
+    let white = |level_rms_v| InputConfig::WhiteNoise(WhiteNoise { level_rms_v, cutoff_hz });
+    // 1 kHz anti-alias filters and modes up to 243 Hz: the lines lie where the structure answers.
+    let sines =
+        |level_rms_v| InputConfig::Multisine(Multisine { level_rms_v, period_samples: 2048, band_hz: [120.0, 260.0] });
+    let gaussian = levelled(truss, vary.output_rms_v, white)?;
+    let (peak, seed) = quietest(truss, sines, vary.phases)?;
+    // As loud as leaves 0.1 V for the noise. The plant is linear, and commands of this level are not clipped.
+    let level = (truss.converters.range_v - 0.1) / peak;
+    let multisine = TrussConfig { seed, input: sines([level; 3]), ..truss.clone() };
+    let mut unclipped = truss.clone();
+    unclipped.converters.range_v = f64::INFINITY;
+    let ideal = levelled(&unclipped, vary.output_rms_v, white)?;
+    Ok([
+        ("Gaussian, converters at ±5 V", gaussian),
+        ("Gaussian, no clipping", ideal),
+        ("multisine below 5 V", multisine),
+    ])
+}
+
+fn sentence([hard, ideal, sines]: [&Row; 3], cap: f64) -> String {
+    format!(
+        "Gaussian outputs of {:.1} V RMS clip in {:.1} % of the samples and are predicted one step ahead to {:.0} \
+             dB; without clipping 2 V RMS to {:.0} dB, a multisine of {:.1} V RMS below 5 V to {:.0} dB ({:.0} mV). In \
+             free run these are {:.0}, {:.0} and {:.0} dB, and the noise leaves {:.0} dB to the true plant with the \
+             multisine. At 2 V RMS clipping alone would cap it at {cap:.0} dB.",
+        hard.rms_v,
+        hard.clipped,
+        hard.one_step,
+        ideal.one_step,
+        sines.rms_v,
+        sines.one_step,
+        sines.one_step_mv,
+        hard.free_run,
+        ideal.free_run,
+        sines.free_run,
+        sines.truth
+    )
+}
+
 fn run(context: &Context<'_>) -> Result<Finding> {
     let (base, vary): (Experiment, Vary) = (context.experiment()?, context.vary()?);
     let mut truss = truss_of(&mut base.clone()).clone();
@@ -83,36 +150,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         *truss_of(&mut experiment) = truss;
         experiment
     };
-    let range_v = truss.converters.range_v;
-    let InputConfig::WhiteNoise(noise) = &truss.input else { return Err("46db.toml: the input is white noise".into()) };
-    let cutoff_hz = noise.cutoff_hz;
-    let white = |level_rms_v| InputConfig::WhiteNoise(WhiteNoise { level_rms_v, cutoff_hz });
-    // 1 kHz anti-alias filters and modes up to 243 Hz: the lines lie where the structure answers.
-    let sines =
-        |level_rms_v| InputConfig::Multisine(Multisine { level_rms_v, period_samples: 2048, band_hz: [120.0, 260.0] });
-    let gaussian = levelled(&truss, vary.output_rms_v, white)?;
-    let mut lowest: Option<(f64, u64)> = None;
-    for seed in 1..=vary.phases {
-        let simulation =
-            plid_testbed::simulate(&TrussConfig { seed, input: sines([1.0; 3]), repeats: 1, ..truss.clone() })?;
-        let peak = simulation.noise_free.iter().fold(0.0_f64, |peak, y| peak.max(y.abs()));
-        if lowest.is_none_or(|(least, _)| peak < least) {
-            lowest = Some((peak, seed));
-        }
-    }
-    let (peak, seed) = lowest.ok_or("no phases")?;
-    // As loud as leaves 0.1 V for the noise. The plant is linear, and commands of this level are not clipped.
-    let level = (range_v - 0.1) / peak;
-    let multisine = TrussConfig { seed, input: sines([level; 3]), ..truss.clone() };
-    let mut unclipped = truss.clone();
-    unclipped.converters.range_v = f64::INFINITY;
-    let ideal = levelled(&unclipped, vary.output_rms_v, white)?;
-    let rows = [
-        ("Gaussian, converters at ±5 V", gaussian),
-        ("Gaussian, no clipping", ideal),
-        ("multisine below 5 V", multisine),
-    ]
-    .map(|(name, truss)| {
+    let rows = runs(&truss, &vary)?.map(|(name, truss)| {
         let range_v = truss.converters.range_v;
         Ok(row(name, &context.validate(&with(truss))?, range_v))
     });
@@ -127,13 +165,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
             .figure(format!("free run, {name}"), row.free_run, "dB")
             .figure(format!("true plant, {name}"), row.truth, "dB");
     }
-    // Power beyond c standard deviations of a Gaussian, less what the clipped value keeps: 2 ((1 + c^2) Q(c) - c
-    // phi(c)).
-    let c = range_v / vary.output_rms_v;
-    let lost = 2.0
-        * (0..60_000).map(|i| f64::from(i) * 1e-4).map(|x| x * x * (-(c + x).powi(2) / 2.0).exp() * 1e-4).sum::<f64>()
-        / (2.0 * std::f64::consts::PI).sqrt();
-    let cap = decibel(lost.powf(-0.5));
+    let cap = clipping_cap(truss.converters.range_v / vary.output_rms_v);
     let table = rows.iter().map(|row| {
         let numbers = [row.rms_v, row.peak_v, row.clipped, row.one_step, row.one_step_mv, row.free_run, row.truth];
         [row.name.to_string()].into_iter().chain(numbers.map(|x| format!("{x:.2}"))).collect()
@@ -167,21 +199,5 @@ fn run(context: &Context<'_>) -> Result<Finding> {
             ],
             table.collect(),
         )
-        .say(format!(
-            "Gaussian outputs of {:.1} V RMS clip in {:.1} % of the samples and are predicted one step ahead to {:.0} \
-             dB; without clipping 2 V RMS to {:.0} dB, a multisine of {:.1} V RMS below 5 V to {:.0} dB ({:.0} mV). In \
-             free run these are {:.0}, {:.0} and {:.0} dB, and the noise leaves {:.0} dB to the true plant with the \
-             multisine. At 2 V RMS clipping alone would cap it at {cap:.0} dB.",
-            hard.rms_v,
-            hard.clipped,
-            hard.one_step,
-            ideal.one_step,
-            sines.rms_v,
-            sines.one_step,
-            sines.one_step_mv,
-            hard.free_run,
-            ideal.free_run,
-            sines.free_run,
-            sines.truth
-        )))
+        .say(sentence([hard, ideal, sines], cap)))
 }

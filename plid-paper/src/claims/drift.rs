@@ -95,6 +95,24 @@ fn ways(experiment: &Experiment, vary: &Vary, noise: &plid_core::NoiseModel) -> 
     Ok(errors)
 }
 
+/// The names of the methods, in the order of their errors.
+fn names(vary: &Vary) -> Vec<String> {
+    ["one run, ended before the last stretch", "one run over all", "anew from the last stretch alone"]
+        .into_iter()
+        .map(String::from)
+        .chain(vary.forgetting.iter().map(|f| format!("forgetting {f}")))
+        .chain(vary.widen.iter().map(|w| format!("from the last P, widened {w:e} times")))
+        .collect()
+}
+
+/// The errors of all methods, in the order of their names: medians over the seeds.
+fn medians(experiment: &Experiment, vary: &Vary, noise: &plid_core::NoiseModel) -> Result<Vec<f64>> {
+    let states = experiment.structure.states.unwrap_or(30);
+    let runs = (1..=vary.seeds).into_par_iter().map(|seed| ways(&with_seed(experiment, states, seed), vary, noise));
+    let runs = runs.collect::<Result<Vec<_>>>()?;
+    Ok((0..runs[0].len()).map(|k| median(&runs.iter().map(|run| run[k]).collect::<Vec<_>>())).collect())
+}
+
 fn run(context: &Context<'_>) -> Result<Finding> {
     let (base, vary): (_, Vary) = (context.experiment()?, context.vary()?);
     let mut still = base.clone();
@@ -103,21 +121,8 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     truss_of(&mut drifting).effects.stiffness_drift_per_s = vary.drift_per_s;
     // The covariances of the plant as it is when it does not drift.
     let noise = noise_of(&context.identify(&crate::truss::with_samples(&still, vary.tune_samples))?);
-    let states = base.structure.states.unwrap_or(30);
-    let errors = |experiment: &Experiment| -> Result<Vec<f64>> {
-        let runs =
-            (1..=vary.seeds).into_par_iter().map(|seed| ways(&with_seed(experiment, states, seed), &vary, &noise));
-        let runs = runs.collect::<Result<Vec<_>>>()?;
-        Ok((0..runs[0].len()).map(|k| median(&runs.iter().map(|run| run[k]).collect::<Vec<_>>())).collect())
-    };
-    let names: Vec<String> =
-        ["one run, ended before the last stretch", "one run over all", "anew from the last stretch alone"]
-            .into_iter()
-            .map(String::from)
-            .chain(vary.forgetting.iter().map(|f| format!("forgetting {f}")))
-            .chain(vary.widen.iter().map(|w| format!("from the last P, widened {w:e} times")))
-            .collect();
-    let (quiet, moved) = (errors(&still)?, errors(&drifting)?);
+    let names = names(&vary);
+    let (quiet, moved) = (medians(&still, &vary, &noise)?, medians(&drifting, &vary, &noise)?);
     let mut finding = Finding::default();
     for (k, name) in names.iter().enumerate() {
         finding =

@@ -4,6 +4,7 @@ use ndarray::{Axis as Way, s};
 use plid_bench::study::Machine;
 use plid_core::NoiseModel;
 use plid_report::{Axis, Chart, Series, chart};
+use plid_testbed::TrussConfig;
 use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};
@@ -25,10 +26,17 @@ struct Vary {
     seeds: u64,
 }
 
-fn run(context: &Context<'_>) -> Result<Finding> {
-    let (mut base, vary): (_, Vary) = (context.experiment()?, context.vary()?);
-    let truss = truss_of(&mut base);
-    truss.duration_s = vary.samples as f64 / truss.sample_rate_hz;
+/// The price and the error of one number of states.
+struct Point {
+    states: usize,
+    /// Duration of an iteration, µs.
+    micros: f64,
+    /// Mean absolute one-step error over the seeds with its standard error, mV.
+    error: f64,
+    standard_error: f64,
+}
+
+fn measure(truss: &mut TrussConfig, vary: &Vary) -> Result<Vec<Point>> {
     let mut points = Vec::new();
     for &states in &vary.states {
         let noise = NoiseModel::paper_literal(plid_testbed::OUTPUTS, 1, states);
@@ -46,23 +54,36 @@ fn run(context: &Context<'_>) -> Result<Finding> {
             micros = micros.min(1e6 * done.seconds / vary.samples as f64);
         }
         let (error, spread) = mean_and_spread(&errors);
-        points.push((states, micros, error, spread / (errors.len() as f64).sqrt()));
+        points.push(Point { states, micros, error, standard_error: spread / (errors.len() as f64).sqrt() });
     }
-    let (first, last) = (points[0], *points.last().ok_or("no states")?);
-    let middle = points.iter().copied().min_by_key(|p| p.0.abs_diff((first.0 + last.0) / 2)).ok_or("no states")?;
-    let machine = Machine::here();
-    let picture = chart(&Chart {
+    Ok(points)
+}
+
+fn picture(points: &[Point]) -> String {
+    chart(&Chart {
         title: String::new(),
         x: Axis::linear("time of an iteration, µs"),
         y: Axis::linear("mean |e|, mV"),
         series: vec![
-            Series::line("", points.iter().map(|p| (p.1, p.2)).collect()).colour("#0072b2"),
-            Series::points("24 to 64 states", points.iter().map(|p| (p.1, p.2)).collect()).colour("#0072b2"),
+            Series::line("", points.iter().map(|p| (p.micros, p.error)).collect()).colour("#0072b2"),
+            Series::points("24 to 64 states", points.iter().map(|p| (p.micros, p.error)).collect()).colour("#0072b2"),
         ],
         height: 230.0,
-    });
-    let rows = points.iter().map(|(n, micros, error, spread)| {
-        vec![n.to_string(), format!("{micros:.1}"), format!("{error:.2}"), format!("{spread:.2}")]
+    })
+}
+
+fn run(context: &Context<'_>) -> Result<Finding> {
+    let (mut base, vary): (_, Vary) = (context.experiment()?, context.vary()?);
+    let truss = truss_of(&mut base);
+    truss.duration_s = vary.samples as f64 / truss.sample_rate_hz;
+    let points = measure(truss, &vary)?;
+    let (first, last) = (&points[0], points.last().ok_or("no states")?);
+    let middle =
+        points.iter().min_by_key(|p| p.states.abs_diff((first.states + last.states) / 2)).ok_or("no states")?;
+    let machine = Machine::here();
+    let picture = picture(&points);
+    let rows = points.iter().map(|Point { states, micros, error, standard_error }| {
+        vec![states.to_string(), format!("{micros:.1}"), format!("{error:.2}"), format!("{standard_error:.2}")]
     });
     let mut finding = Finding::default()
         .picture(
@@ -77,31 +98,31 @@ fn run(context: &Context<'_>) -> Result<Finding> {
             &[("states", ""), ("iteration", "µs"), ("mean |e|", "mV"), ("±", "mV")],
             rows.collect(),
         );
-    for (states, micros, error, _) in &points {
+    for Point { states, micros, error, .. } in &points {
         finding = finding.timed(format!("iteration, {states} states"), *micros, "µs").figure(
             format!("mean |e|, {states} states"),
             *error,
             "mV",
         );
     }
-    let (early, late) = (first.2 - middle.2, middle.2 - last.2);
+    let (early, late) = (first.error - middle.error, middle.error - last.error);
     Ok(finding
         .part(
             "The error falls from the fewest states to the most, by more than two standard \
             errors.",
-            first.2 - last.2 > 2.0 * first.3.hypot(last.3),
+            first.error - last.error > 2.0 * first.standard_error.hypot(last.standard_error),
         )
         .part("It falls less over the upper half of the orders than over the lower.", late < early)
-        .part("An iteration takes longer with every order.", points.windows(2).all(|w| w[1].1 > w[0].1))
+        .part("An iteration takes longer with every order.", points.windows(2).all(|w| w[1].micros > w[0].micros))
         .say(format!(
             "From {} to {} states an iteration goes from {:.0} to {:.0} µs and the mean error from {:.2} to {:.2} mV, \
              of which {early:.2} mV come with the first {} states.",
-            first.0,
-            last.0,
-            first.1,
-            last.1,
-            first.2,
-            last.2,
-            middle.0 - first.0
+            first.states,
+            last.states,
+            first.micros,
+            last.micros,
+            first.error,
+            last.error,
+            middle.states - first.states
         )))
 }

@@ -1,7 +1,8 @@
 //! Fig. 4: the measured transfer function.
 
-use plid_model::FrequencyResponse;
-use plid_model::signal::{WelchOptions, welch_frf};
+use plid_lab::experiment::Experiment;
+use plid_model::signal::{WelchFrf, WelchOptions, welch_frf};
+use plid_model::{FrequencyResponse, Model};
 use plid_report::{FrfCurve, FrfPlot, frf_plot};
 use serde::Deserialize;
 
@@ -23,10 +24,9 @@ struct Vary {
     segment_samples: usize,
 }
 
-fn run(context: &Context<'_>) -> Result<Finding> {
-    let (mut experiment, vary): (_, Vary) = (context.experiment()?, context.vary()?);
-    let truth = truth(&experiment)?;
-    let truss = truss_of(&mut experiment);
+/// Measures the response from the actuator to all sensors by Welch's method.
+fn measure(experiment: &mut Experiment, vary: &Vary) -> Result<WelchFrf> {
+    let truss = truss_of(experiment);
     // Segments overlap by half.
     let samples = (vary.segments + 1) * vary.segment_samples / 2;
     truss.duration_s = samples as f64 / truss.sample_rate_hz;
@@ -34,34 +34,75 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     let options =
         WelchOptions { sample_rate_hz: simulation.sample_rate_hz, segment_length: Some(vary.segment_samples) };
     let input = simulation.commands.select(ndarray::Axis(1), &[ACTUATOR]);
-    let measured = welch_frf(input.view(), simulation.outputs[0].view(), &options)?;
+    Ok(welch_frf(input.view(), simulation.outputs[0].view(), &options)?)
+}
 
-    let level = |k: usize| 20.0 * measured.response[[k, SENSOR, 0]].norm().log10();
-    let highest = |low: f64, high: f64| {
-        let inside = (0..measured.frequency_hz.len()).filter(|&k| (low..=high).contains(&measured.frequency_hz[k]));
-        inside.max_by(|&a, &b| level(a).total_cmp(&level(b))).expect("there are lines in the band")
-    };
-    let exact = FrequencyResponse::of(&truth);
+/// The level of a measured line, dB.
+fn level(measured: &WelchFrf, k: usize) -> f64 {
+    20.0 * measured.response[[k, SENSOR, 0]].norm().log10()
+}
+
+/// The highest measured line between two frequencies in Hz.
+fn highest(measured: &WelchFrf, low: f64, high: f64) -> usize {
+    let inside = (0..measured.frequency_hz.len()).filter(|&k| (low..=high).contains(&measured.frequency_hz[k]));
+    inside.max_by(|&a, &b| level(measured, a).total_cmp(&level(measured, b))).expect("there are lines in the band")
+}
+
+/// The measured peaks of the five modes beside the true ones.
+struct Peaks {
+    rows: Vec<Vec<String>>,
+    /// The largest distance in frequency, Hz.
+    worst_hz: f64,
+    /// The largest error of a height, dB.
+    worst_db: f64,
+}
+
+fn peaks(measured: &WelchFrf, exact: &FrequencyResponse) -> Peaks {
     let (mut rows, mut worst_hz, mut worst_db) = (Vec::new(), 0.0_f64, 0.0_f64);
     for mode in MODES_HZ {
         let (low, high) = (0.98 * mode, 1.02 * mode);
-        let k = highest(low, high);
+        let k = highest(measured, low, high);
         let steps = (0..=2000).map(|i| low + (high - low) * f64::from(i) / 2000.0);
         let gain = |hz: f64| exact.magnitude(SENSOR, 0, hz);
         let peak = steps.max_by(|&a, &b| gain(a).total_cmp(&gain(b))).expect("the grid is not empty");
-        let (hz, db) = (measured.frequency_hz[k], level(k) - 20.0 * gain(peak).log10());
+        let (hz, db) = (measured.frequency_hz[k], level(measured, k) - 20.0 * gain(peak).log10());
         worst_hz = worst_hz.max((hz - peak).abs());
         worst_db = worst_db.max(db.abs());
         rows.push(vec![
             format!("{mode:.0}"),
             format!("{hz:.2}"),
             format!("{peak:.2}"),
-            format!("{:.2}", level(k)),
+            format!("{:.2}", level(measured, k)),
             format!("{db:+.2}"),
         ]);
     }
-    let (tubes, top) = (highest(55.0, 65.0), highest(BAND_HZ[0], BAND_HZ[1]));
-    let down = level(top) - level(tubes);
+    Peaks { rows, worst_hz, worst_db }
+}
+
+fn picture(measured: &WelchFrf, truth: &Model) -> String {
+    frf_plot(&FrfPlot {
+        title: "actuator 1 to sensor 2".into(),
+        unit: "V/V".into(),
+        measured: Some(FrfCurve {
+            frequency_hz: measured.frequency_hz.clone(),
+            response: (0..measured.frequency_hz.len()).map(|k| measured.response[[k, SENSOR, 0]]).collect(),
+            std: None,
+        }),
+        coherence: Some((0..measured.frequency_hz.len()).map(|k| measured.multiple_coherence[[k, SENSOR]]).collect()),
+        truth: Some(curve(truth, SENSOR, 0)),
+        range_hz: Some((BAND_HZ[0], BAND_HZ[1])),
+        ..FrfPlot::default()
+    })
+}
+
+fn run(context: &Context<'_>) -> Result<Finding> {
+    let (mut experiment, vary): (_, Vary) = (context.experiment()?, context.vary()?);
+    let truth = truth(&experiment)?;
+    let measured = measure(&mut experiment, &vary)?;
+    let exact = FrequencyResponse::of(&truth);
+    let Peaks { rows, worst_hz, worst_db } = peaks(&measured, &exact);
+    let (tubes, top) = (highest(&measured, 55.0, 65.0), highest(&measured, BAND_HZ[0], BAND_HZ[1]));
+    let down = level(&measured, top) - level(&measured, tubes);
     let gain_db = |hz: f64| 20.0 * exact.magnitude(SENSOR, 0, hz).log10();
     let most = |low: f64, high: f64| {
         (0..=20_000).map(|i| gain_db(low + (high - low) * f64::from(i) / 20_000.0)).fold(f64::NEG_INFINITY, f64::max)
@@ -71,19 +112,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     let inside = || (0..measured.frequency_hz.len()).filter(|&k| (100.0..=250.0).contains(&measured.frequency_hz[k]));
     let coherence = inside().map(|k| measured.multiple_coherence[[k, SENSOR]]).sum::<f64>() / inside().count() as f64;
 
-    let picture = frf_plot(&FrfPlot {
-        title: "actuator 1 to sensor 2".into(),
-        unit: "V/V".into(),
-        measured: Some(FrfCurve {
-            frequency_hz: measured.frequency_hz.clone(),
-            response: (0..measured.frequency_hz.len()).map(|k| measured.response[[k, SENSOR, 0]]).collect(),
-            std: None,
-        }),
-        coherence: Some((0..measured.frequency_hz.len()).map(|k| measured.multiple_coherence[[k, SENSOR]]).collect()),
-        truth: Some(curve(&truth, SENSOR, 0)),
-        range_hz: Some((BAND_HZ[0], BAND_HZ[1])),
-        ..FrfPlot::default()
-    });
+    let picture = picture(&measured, &truth);
     Ok(Finding::default()
         .figure("group of tube modes below the highest peak", down, "dB")
         .figure("the same of the true plant", truly_down, "dB")

@@ -1,7 +1,9 @@
 //! Fig. 5: the actuator signal.
 
+use ndarray::Array2;
 use plid_model::signal::{WelchOptions, welch_spectra};
 use plid_report::{Axis, Chart, Series, chart};
+use plid_testbed::TrussConfig;
 use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};
@@ -26,6 +28,82 @@ const ORDER: i32 = 6;
 const CORNER_HZ: f64 = 200.0;
 const SEGMENT: usize = 512;
 
+/// Densities of white noise, V²/Hz.
+struct Floors {
+    amplifier: f64,
+    rounding: f64,
+}
+
+impl Floors {
+    fn of(truss: &TrussConfig) -> Self {
+        // White noise of a given RMS, spread over all frequencies up to half the rate.
+        let white = |rms_v: f64| rms_v * rms_v / (truss.sample_rate_hz / 2.0);
+        let amplifier = white(truss.noise.amplifier_rms_v);
+        let rounding = white(truss.converters.step_v / 12.0_f64.sqrt());
+        Self { amplifier, rounding }
+    }
+}
+
+/// The paper's filter: its density in V²/Hz for white noise of density `level` at its input.
+struct Butterworth {
+    level: f64,
+    /// Sample rate, Hz.
+    rate: f64,
+}
+
+impl Butterworth {
+    fn density(&self, x: f64) -> f64 {
+        self.level / (1.0 + x.powi(2 * ORDER))
+    }
+
+    /// The program's filter is the bilinear transform, which steepens towards half the rate.
+    fn sampled(&self, hz: f64) -> f64 {
+        let warped =
+            (std::f64::consts::PI * hz / self.rate).tan() / (std::f64::consts::PI * CORNER_HZ / self.rate).tan();
+        self.density(warped)
+    }
+
+    fn analogue(&self, hz: f64) -> f64 {
+        self.density(hz / CORNER_HZ)
+    }
+}
+
+/// Frequencies from 20 Hz to 800 Hz.
+fn grid() -> impl Iterator<Item = f64> {
+    (200..8000).map(|i| f64::from(i) / 10.0)
+}
+
+fn density_chart(density: Vec<(f64, f64)>, filter: &Butterworth, floors: &Floors) -> String {
+    // What is far below both floors is not drawn.
+    let shown = |density: f64| if density > 1e-2 * floors.rounding { density } else { f64::NAN };
+    let line = |of: &dyn Fn(f64) -> f64| grid().map(|hz| (hz, shown(of(hz)))).collect();
+    chart(&Chart {
+        title: String::new(),
+        x: Axis::linear("frequency, Hz").range(0.0, filter.rate / 2.0).step(100.0),
+        y: Axis::log("density, V²/Hz"),
+        series: vec![
+            Series::line("command of actuator 1", density).colour("#8f8f8f").width(2.4),
+            Series::line("sixth-order Butterworth, sampled", line(&|hz| filter.sampled(hz))),
+            Series::line("the same, analogue", line(&|hz| filter.analogue(hz))).dashed(),
+            Series::level("amplifier noise, 5 mV", floors.amplifier),
+            Series::level("rounding of the converter", floors.rounding),
+            Series::vertical("600 Hz", 600.0).colour("#555555"),
+        ],
+        height: 260.0,
+    })
+}
+
+/// The first half second of the command (K x 1), V.
+fn time_chart(command: &Array2<f64>, rate: f64) -> String {
+    chart(&Chart {
+        title: String::new(),
+        x: Axis::linear("time, s"),
+        y: Axis::linear("command, V"),
+        series: vec![Series::line("", (0..800).map(|k| (k as f64 / rate, command[[k, 0]])).collect()).width(1.0)],
+        height: 130.0,
+    })
+}
+
 fn run(context: &Context<'_>) -> Result<Finding> {
     let (mut experiment, vary): (_, Vary) = (context.experiment()?, context.vary()?);
     let truss = truss_of(&mut experiment);
@@ -39,48 +117,20 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     let passed = density.iter().filter(|(hz, _)| (20.0..=120.0).contains(hz)).map(|p| p.1);
     let level = passed.clone().sum::<f64>() / passed.count() as f64;
 
-    // White noise of a given RMS, spread over all frequencies up to half the rate.
-    let white = |rms_v: f64| rms_v * rms_v / (rate / 2.0);
-    let amplifier = white(truss.noise.amplifier_rms_v);
-    let rounding = white(truss.converters.step_v / 12.0_f64.sqrt());
-    let butterworth = |x: f64| level / (1.0 + x.powi(2 * ORDER));
-    // The program's filter is the bilinear transform, which steepens towards half the rate; an analogue one is not.
-    let warped = |hz: f64| (std::f64::consts::PI * hz / rate).tan() / (std::f64::consts::PI * CORNER_HZ / rate).tan();
-    let digital = |hz: f64| butterworth(warped(hz));
-    let analogue = |hz: f64| butterworth(hz / CORNER_HZ);
-    let grid: Vec<f64> = (200..8000).map(|i| f64::from(i) / 10.0).collect();
-    let crossing =
-        |of: &dyn Fn(f64) -> f64, floor: f64| grid.iter().copied().find(|&hz| of(hz) < floor).unwrap_or(rate / 2.0);
+    let floors = Floors::of(truss);
+    let Floors { amplifier, rounding } = floors;
+    let filter = Butterworth { level, rate };
+    let crossing = |of: &dyn Fn(f64) -> f64, floor: f64| grid().find(|&hz| of(hz) < floor).unwrap_or(rate / 2.0);
     let measured = density.iter().filter(|p| p.0 > CORNER_HZ).find(|p| p.1 < amplifier).map_or(f64::NAN, |p| p.0);
-    let (from, ideal) = (crossing(&digital, amplifier), crossing(&analogue, amplifier));
-    let (rounded, ideal_rounded) = (crossing(&digital, rounding), crossing(&analogue, rounding));
+    let (from, ideal) = (crossing(&|hz| filter.sampled(hz), amplifier), crossing(&|hz| filter.analogue(hz), amplifier));
+    let (rounded, ideal_rounded) =
+        (crossing(&|hz| filter.sampled(hz), rounding), crossing(&|hz| filter.analogue(hz), rounding));
 
     let fit = density.iter().filter(|(hz, _)| (20.0..=350.0).contains(hz));
-    let off = fit.map(|&(hz, d)| 10.0 * (d / digital(hz)).log10()).fold(0.0, |worst: f64, db| worst.max(db.abs()));
-    // What is far below both floors is not drawn.
-    let shown = |density: f64| if density > 1e-2 * rounding { density } else { f64::NAN };
-    let line = |of: &dyn Fn(f64) -> f64| grid.iter().map(|&hz| (hz, shown(of(hz)))).collect();
-    let psd = chart(&Chart {
-        title: String::new(),
-        x: Axis::linear("frequency, Hz").range(0.0, rate / 2.0).step(100.0),
-        y: Axis::log("density, V²/Hz"),
-        series: vec![
-            Series::line("command of actuator 1", density.clone()).colour("#8f8f8f").width(2.4),
-            Series::line("sixth-order Butterworth, sampled", line(&digital)),
-            Series::line("the same, analogue", line(&analogue)).dashed(),
-            Series::level("amplifier noise, 5 mV", amplifier),
-            Series::level("rounding of the converter", rounding),
-            Series::vertical("600 Hz", 600.0).colour("#555555"),
-        ],
-        height: 260.0,
-    });
-    let time = chart(&Chart {
-        title: String::new(),
-        x: Axis::linear("time, s"),
-        y: Axis::linear("command, V"),
-        series: vec![Series::line("", (0..800).map(|k| (k as f64 / rate, command[[k, 0]])).collect()).width(1.0)],
-        height: 130.0,
-    });
+    let off =
+        fit.map(|&(hz, d)| 10.0 * (d / filter.sampled(hz)).log10()).fold(0.0, |worst: f64, db| worst.max(db.abs()));
+    let psd = density_chart(density, &filter, &floors);
+    let time = time_chart(&command, rate);
     Ok(Finding::default()
         .figure("below the amplifier's noise from", from, "Hz")
         .figure("the same, measured", measured, "Hz")
@@ -96,7 +146,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         .part(
             "From 600 Hz on the command is below the amplifier's noise of 5 \
             mV.",
-            from <= 600.0 && digital(700.0) < amplifier,
+            from <= 600.0 && filter.sampled(700.0) < amplifier,
         )
         .part(
             "It is so from about 600 Hz, 500 to 700, and not from much lower: for the sampled \

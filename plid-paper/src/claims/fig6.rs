@@ -48,6 +48,33 @@ fn end(errors: &Array2<f64>, rate: f64) -> (f64, f64) {
     (1e3 * median(last), 1e3 * last.iter().copied().fold(0.0, f64::max))
 }
 
+/// Adds the figures and the picture of the runs of one kind, and returns their row of the table.
+fn end_of_runs(mut finding: Finding, name: &str, runs: &[Array2<f64>], rate: f64) -> (Finding, Vec<String>) {
+    let (levels, peaks): (Vec<f64>, Vec<f64>) = runs.iter().map(|errors| end(errors, rate)).unzip();
+    let ((level, spread), (peak, peak_spread)) = (mean_and_spread(&levels), mean_and_spread(&peaks));
+    finding = finding
+        .figure(format!("level, {name}"), level, "mV")
+        .figure(format!("spread of the level, {name}"), spread, "mV")
+        .figure(format!("peak, {name}"), peak, "mV");
+    let row = vec![
+        name.into(),
+        format!("{level:.1}"),
+        format!("{spread:.1}"),
+        format!("{peak:.0}"),
+        format!("{peak_spread:.0}"),
+    ];
+    let plot = convergence_plot(&ConvergencePlot {
+        convergence: &convergence(runs[0].view(), 60),
+        sample_rate_hz: rate,
+        unit: "V".into(),
+        noise_floor: None,
+        time_scale: Scale::Linear,
+        error_scale: Scale::Log,
+    });
+    finding = finding.picture(plot, format!("Largest one-step error over the sensors: {name}, seed 1."));
+    (finding, row)
+}
+
 fn run(context: &Context<'_>) -> Result<Finding> {
     let (mut base, vary): (_, Vary) = (context.experiment()?, context.vary()?);
     truss_of(&mut base).duration_s = vary.duration_s;
@@ -68,28 +95,9 @@ fn run(context: &Context<'_>) -> Result<Finding> {
             .into_par_iter()
             .map(|seed| errors(context, &setting(seed, repeats, from)))
             .collect::<Result<_>>()?;
-        let (levels, peaks): (Vec<f64>, Vec<f64>) = runs.iter().map(|errors| end(errors, rate)).unzip();
-        let ((level, spread), (peak, peak_spread)) = (mean_and_spread(&levels), mean_and_spread(&peaks));
-        finding = finding
-            .figure(format!("level, {name}"), level, "mV")
-            .figure(format!("spread of the level, {name}"), spread, "mV")
-            .figure(format!("peak, {name}"), peak, "mV");
-        rows.push(vec![
-            name.into(),
-            format!("{level:.1}"),
-            format!("{spread:.1}"),
-            format!("{peak:.0}"),
-            format!("{peak_spread:.0}"),
-        ]);
-        let plot = convergence_plot(&ConvergencePlot {
-            convergence: &convergence(runs[0].view(), 60),
-            sample_rate_hz: rate,
-            unit: "V".into(),
-            noise_floor: None,
-            time_scale: Scale::Linear,
-            error_scale: Scale::Log,
-        });
-        finding = finding.picture(plot, format!("Largest one-step error over the sensors: {name}, seed 1."));
+        let row;
+        (finding, row) = end_of_runs(finding, name, &runs, rate);
+        rows.push(row);
     }
     let value = |what: &str, name: &str| finding.value(&format!("{what}, {name}"));
     let [one, ten_averages, tuned_one, tuned_ten] = kinds.map(|(name, ..)| value("level", name));

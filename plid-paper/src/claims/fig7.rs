@@ -1,13 +1,15 @@
 //! Fig. 7: the smallest model, with and without averaging.
 
+use plid_lab::experiment::Experiment;
+use plid_model::Model;
 use plid_model::signal::median;
 use rayon::prelude::*;
 use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};
 use crate::truss::{
-    ACTUATOR, MODES_HZ, ModeRow, SENSOR, modes, modes_of_all_pairs, overlay, truss_of, truth,
-    with_and_without_averages, with_seed,
+    ACTUATOR, ModeRow, SENSOR, modes, modes_of_all_pairs, overlay, truss_of, truth, with_and_without_averages,
+    with_mode_columns, with_seed,
 };
 
 pub const CLAIM: Claim = claim!("fig7",
@@ -33,6 +35,12 @@ struct Found {
     picture: String,
 }
 
+fn find(context: &Context<'_>, truth: &Model, experiment: &Experiment) -> Result<Found> {
+    let model = context.identify(experiment)?.model;
+    let pair = modes(truth, &model, SENSOR, ACTUATOR)?;
+    Ok(Found { pair, all: modes_of_all_pairs(truth, &model)?, picture: overlay(truth, &model, SENSOR, ACTUATOR) })
+}
+
 fn run(context: &Context<'_>) -> Result<Finding> {
     let (mut base, vary): (_, Vary) = (context.experiment()?, context.vary()?);
     truss_of(&mut base).duration_s = vary.duration_s;
@@ -48,13 +56,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
                 let mut experiment = with_seed(&base, vary.states, seed);
                 truss_of(&mut experiment).repeats = repeats;
                 experiment.noise.from = from;
-                let model = context.identify(&experiment)?.model;
-                let pair = modes(&truth, &model, SENSOR, ACTUATOR)?;
-                Ok(Found {
-                    pair,
-                    all: modes_of_all_pairs(&truth, &model)?,
-                    picture: overlay(&truth, &model, SENSOR, ACTUATOR),
-                })
+                find(context, &truth, &experiment)
             })
             .collect::<Result<_>>()?;
         let close = |rows: &dyn Fn(&Found) -> Vec<ModeRow>| {
@@ -77,9 +79,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     let missed = 100.0 - value("136 Hz within 3 dB", 0);
     let [one, averaged, tuned_one, tuned_ten] = [0, 1, 2, 3].map(|k| value("median error of a peak", k));
     let [close_one, close_ten] = [0, 1].map(|k| value("peaks within 3 dB", k));
-    let columns: Vec<String> = MODES_HZ.iter().map(|hz| format!("{hz:.0} Hz")).collect();
-    let columns: Vec<(&str, &str)> =
-        [("run", "")].into_iter().chain(columns.iter().map(|name| (name.as_str(), "dB off"))).collect();
+    let columns = with_mode_columns(&[("run", "")]);
     Ok(finding
         .part(
             "With the paper's covariances and one record the peak at 136 Hz is off by more than 3 dB, or not there, \

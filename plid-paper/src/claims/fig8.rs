@@ -9,8 +9,8 @@ use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};
 use crate::truss::{
-    ACTUATOR, BAND_HZ, MODES_HZ, ModeRow, SENSOR, band_error, covariances, modes, overlay, truth, with_samples,
-    with_seed,
+    ACTUATOR, BAND_HZ, MODES_HZ, ModeRow, SENSOR, band_error, covariances, modes, overlay, truth, with_mode_columns,
+    with_samples, with_seed,
 };
 
 pub const CLAIM: Claim = claim!("fig8",
@@ -44,73 +44,102 @@ fn worth(truth: &Model, model: &Model) -> Result<Worth> {
     Ok(Worth { band: band_error(truth, model, BAND_HZ), modes: modes(truth, model, SENSOR, ACTUATOR)? })
 }
 
-fn run(context: &Context<'_>) -> Result<Finding> {
-    let (base, vary): (_, Vary) = (context.experiment()?, context.vary()?);
-    let truth = truth(&base)?;
-    let experiment = |states: usize, samples: usize, seed: u64, noise: NoiseSource| -> Experiment {
-        let mut experiment = with_samples(&with_seed(&base, states, seed), samples);
-        experiment.noise.from = noise;
-        experiment
-    };
-    let mut finding = Finding::default();
-    for &noise in &vary.noise {
-        let name = covariances(noise);
+/// The experiment with a number of states and of samples.
+fn experiment(base: &Experiment, (states, samples): (usize, usize), seed: u64, noise: NoiseSource) -> Experiment {
+    let mut experiment = with_samples(&with_seed(base, states, seed), samples);
+    experiment.noise.from = noise;
+    experiment
+}
+
+/// Median over seeds of the error in the band.
+fn band(worths: &[Worth]) -> f64 {
+    median(&worths.iter().map(|w| w.band).collect::<Vec<_>>())
+}
+
+/// Median over seeds of the error of a mode's height, dB.
+fn height(worths: &[Worth], mode: usize) -> f64 {
+    median(&worths.iter().map(|w| w.modes[mode].db_off()).collect::<Vec<_>>())
+}
+
+/// Mean over seeds of the number of modes that are close.
+fn close(worths: &[Worth]) -> f64 {
+    worths.iter().flat_map(|w| &w.modes).filter(|row| row.is_close()).count() as f64 / worths.len() as f64
+}
+
+/// The models of all seeds for every number of states and of samples.
+struct Study {
+    /// Numbers of states and of samples.
+    cells: Vec<(usize, usize)>,
+    /// For every cell the models of its seeds.
+    table: Vec<Vec<Worth>>,
+}
+
+impl Study {
+    fn run(context: &Context<'_>, truth: &Model, base: &Experiment, vary: &Vary, noise: NoiseSource) -> Result<Self> {
         let cells: Vec<(usize, usize)> =
             vary.states.iter().flat_map(|&n| vary.samples.iter().map(move |&k| (n, k))).collect();
-        let table: Vec<Vec<Worth>> = cells
+        let table = cells
             .par_iter()
-            .map(|&(states, samples)| {
+            .map(|&cell| {
                 let seeds = (1..=vary.seeds).into_par_iter();
-                seeds
-                    .map(|seed| worth(&truth, &context.identify(&experiment(states, samples, seed, noise))?.model))
-                    .collect()
+                seeds.map(|seed| worth(truth, &context.identify(&experiment(base, cell, seed, noise))?.model)).collect()
             })
             .collect::<Result<_>>()?;
-        let find = |n: usize, k: usize| {
-            let place = cells.iter().position(|&cell| cell == (n, k));
-            place
-                .map(|place| &table[place])
-                .ok_or_else(|| format!("{n} states and {k} samples are not in the lists of fig8.vary.toml"))
-        };
-        let band = |worths: &[Worth]| median(&worths.iter().map(|w| w.band).collect::<Vec<_>>());
-        let height =
-            |worths: &[Worth], mode: usize| median(&worths.iter().map(|w| w.modes[mode].db_off()).collect::<Vec<_>>());
-        let close = |worths: &[Worth]| {
-            worths.iter().flat_map(|w| &w.modes).filter(|row| row.is_close()).count() as f64 / worths.len() as f64
-        };
-        for &states in &vary.states {
-            let worths = find(states, vary.at_samples)?;
-            finding = finding
-                .figure(format!("error in band, {states} states, {name}"), 100.0 * band(worths), "%")
-                .figure(format!("peaks within 3 dB, {states} states, {name}"), close(worths), "of 5");
-        }
-        for &samples in &vary.samples {
-            let worths = find(vary.at_states, samples)?;
-            finding = finding.figure(format!("168 Hz, {samples} samples, {name}"), height(worths, 1), "dB off");
-        }
+        Ok(Self { cells, table })
+    }
+
+    fn at(&self, n: usize, k: usize) -> Result<&[Worth]> {
+        let place = self.cells.iter().position(|&cell| cell == (n, k));
+        let place =
+            place.ok_or_else(|| format!("{n} states and {k} samples are not in the lists of fig8.vary.toml"))?;
+        Ok(&self.table[place])
+    }
+
+    fn picture(&self, vary: &Vary) -> Result<String> {
         let lines = vary.states.iter().map(|&n| {
-            let points =
-                vary.samples.iter().map(|&k| Ok((k as f64, 100.0 * band(find(n, k)?)))).collect::<Result<Vec<_>>>()?;
+            let points = vary
+                .samples
+                .iter()
+                .map(|&k| Ok((k as f64, 100.0 * band(self.at(n, k)?))))
+                .collect::<Result<Vec<_>>>()?;
             Ok(Series::line(format!("{n} states"), points))
         });
-        let picture = chart(&Chart {
+        Ok(chart(&Chart {
             title: String::new(),
             x: Axis::log("samples learnt from"),
             y: Axis::log("error in 50-300 Hz, %"),
             series: lines.collect::<Result<_>>()?,
             height: 230.0,
-        });
-        let rows = cells.iter().zip(&table).map(|(&(n, k), worths)| {
+        }))
+    }
+
+    /// The rows of the table, one for each cell.
+    fn rows(&self) -> Vec<Vec<String>> {
+        let rows = self.cells.iter().zip(&self.table).map(|(&(n, k), worths)| {
             let heights = (0..MODES_HZ.len()).map(|mode| format!("{:+.2}", height(worths, mode)));
             let errors =
                 [n.to_string(), k.to_string(), format!("{:.1}", 100.0 * band(worths)), format!("{:.1}", close(worths))];
             errors.into_iter().chain(heights).collect()
         });
-        let rows: Vec<Vec<String>> = rows.collect();
-        let heads: Vec<String> = MODES_HZ.iter().map(|hz| format!("{hz:.0} Hz")).collect();
-        let heads = [("states", ""), ("samples", ""), ("error in band", "%"), ("within 3 dB", "of 5")]
-            .into_iter()
-            .chain(heads.iter().map(|name| (name.as_str(), "dB off")));
+        rows.collect()
+    }
+
+    /// Adds the figures, the picture and the table of one source of covariances.
+    fn add_to(&self, mut finding: Finding, vary: &Vary, name: &str) -> Result<Finding> {
+        for &states in &vary.states {
+            let worths = self.at(states, vary.at_samples)?;
+            finding = finding
+                .figure(format!("error in band, {states} states, {name}"), 100.0 * band(worths), "%")
+                .figure(format!("peaks within 3 dB, {states} states, {name}"), close(worths), "of 5");
+        }
+        for &samples in &vary.samples {
+            let worths = self.at(vary.at_states, samples)?;
+            finding = finding.figure(format!("168 Hz, {samples} samples, {name}"), height(worths, 1), "dB off");
+        }
+        let picture = self.picture(vary)?;
+        let rows = self.rows();
+        let heads =
+            with_mode_columns(&[("states", ""), ("samples", ""), ("error in band", "%"), ("within 3 dB", "of 5")]);
         finding = finding
             .picture(
                 picture,
@@ -118,13 +147,25 @@ fn run(context: &Context<'_>) -> Result<Finding> {
             )
             .table(
                 &format!("The paper's pair, {name}, medians over seeds; +inf where a peak is not there."),
-                &heads.collect::<Vec<_>>(),
+                &heads,
                 rows,
             );
+        Ok(finding)
+    }
+}
+
+fn run(context: &Context<'_>) -> Result<Finding> {
+    let (base, vary): (_, Vary) = (context.experiment()?, context.vary()?);
+    let truth = truth(&base)?;
+    let mut finding = Finding::default();
+    for &noise in &vary.noise {
+        let name = covariances(noise);
+        let study = Study::run(context, &truth, &base, &vary, noise)?;
+        finding = study.add_to(finding, &vary, name)?;
     }
     let first = covariances(vary.noise[0]);
     for &states in vary.states.iter().filter(|&&n| n == 24 || n == 30) {
-        let model = context.identify(&experiment(states, vary.at_samples, 1, vary.noise[0]))?.model;
+        let model = context.identify(&experiment(&base, (states, vary.at_samples), 1, vary.noise[0]))?.model;
         finding = finding.picture(
             overlay(&truth, &model, SENSOR, ACTUATOR),
             format!("Actuator 1 to sensor 2, {states} states, {} samples, {first}, seed 1.", vary.at_samples),

@@ -1,14 +1,16 @@
 //! Fig. 9: one input.
 
 use ndarray::s;
-use plid_lab::experiment::NoiseSource;
+use plid_lab::experiment::{Experiment, NoiseSource};
+use plid_model::Model;
 use plid_model::signal::{median, rms};
 use rayon::prelude::*;
 use serde::Deserialize;
 
 use crate::claim::{Claim, Context, Finding, Result, claim};
 use crate::truss::{
-    MODES_HZ, ModeRow, SENSOR, covariances, modes, noise_floor, overlay, truth, with_samples, with_seed,
+    MODES_HZ, ModeRow, SENSOR, covariances, modes, noise_floor, overlay, truth, with_mode_columns, with_samples,
+    with_seed,
 };
 
 pub const CLAIM: Claim = claim!("fig9",
@@ -27,6 +29,18 @@ struct Vary {
     noise: Vec<NoiseSource>,
 }
 
+/// The modes of one run, its one-step error over the last 200 samples in mV RMS, and its response beside the true one.
+type Found = (Vec<ModeRow>, f64, String);
+
+fn find(context: &Context<'_>, truth: &Model, experiment: &Experiment) -> Result<Found> {
+    let outcome = context.identify(experiment)?;
+    let learnt = outcome.validation.training;
+    // The paper's error is that of the recursion, at its end.
+    let last = outcome.validation.innovations[0].slice(s![learnt.saturating_sub(200)..learnt, ..]).to_owned();
+    let rows = modes(truth, &outcome.model, SENSOR, 0)?;
+    Ok((rows, 1e3 * rms(last), overlay(truth, &outcome.model, SENSOR, 0)))
+}
+
 fn run(context: &Context<'_>) -> Result<Finding> {
     let (base, vary): (_, Vary) = (context.experiment()?, context.vary()?);
     let states = base.structure.states.unwrap_or(30);
@@ -36,18 +50,12 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     let mut sentences = Vec::new();
     for &noise in &vary.noise {
         let name = covariances(noise);
-        let found: Vec<(Vec<ModeRow>, f64, String)> = (1..=vary.seeds)
+        let found: Vec<Found> = (1..=vary.seeds)
             .into_par_iter()
             .map(|seed| {
                 let mut experiment = with_samples(&with_seed(&base, states, seed), vary.samples);
                 experiment.noise.from = noise;
-                let outcome = context.identify(&experiment)?;
-                let learnt = outcome.validation.training;
-                // The paper's error is that of the recursion, at its end.
-                let last =
-                    outcome.validation.innovations[0].slice(s![learnt.saturating_sub(200)..learnt, ..]).to_owned();
-                let rows = modes(&truth, &outcome.model, SENSOR, 0)?;
-                Ok((rows, 1e3 * rms(last), overlay(&truth, &outcome.model, SENSOR, 0)))
+                find(context, &truth, &experiment)
             })
             .collect::<Result<_>>()?;
         let off = |mode: usize| median(&found.iter().map(|(rows, ..)| rows[mode].db_off().abs()).collect::<Vec<_>>());
@@ -60,11 +68,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         let rows = found.iter().zip(1..).map(|((rows, error, _), seed)| {
             [format!("{seed}"), format!("{error:.1}")].into_iter().chain(rows.iter().map(ModeRow::words)).collect()
         });
-        let heads: Vec<String> = MODES_HZ.iter().map(|hz| format!("{hz:.0} Hz")).collect();
-        let heads: Vec<(&str, &str)> = [("seed", ""), ("error", "mV")]
-            .into_iter()
-            .chain(heads.iter().map(|name| (name.as_str(), "dB off")))
-            .collect();
+        let heads = with_mode_columns(&[("seed", ""), ("error", "mV")]);
         let worst = offs[..4].iter().copied().fold(0.0, f64::max);
         let last =
             if offs[4].is_finite() { format!("243 Hz by {:.1} dB", offs[4]) } else { "243 Hz has no peak".into() };

@@ -1,6 +1,7 @@
 //! Claim: models of reduced order under white and under shaped inputs.
 
 use plid_lab::experiment::Experiment;
+use plid_model::Model;
 use plid_model::signal::median;
 use plid_report::{Axis, Chart, Series, chart};
 use plid_testbed::{InputConfig, WhiteNoise};
@@ -38,6 +39,33 @@ pub fn whitened(experiment: &Experiment, cutoff_hz: f64) -> Experiment {
     other
 }
 
+/// Error in the band, in per cent, at every number of states: the median over seeds.
+fn errors(context: &Context<'_>, truth: &Model, experiment: &Experiment, vary: &Vary) -> Result<Vec<f64>> {
+    vary.states
+        .par_iter()
+        .map(|&states| {
+            let runs: Vec<f64> = (1..=vary.seeds)
+                .into_par_iter()
+                .map(|seed| {
+                    Ok(100.0 * band_error(truth, &context.identify(&with_seed(experiment, states, seed))?.model, BAND))
+                })
+                .collect::<Result<_>>()?;
+            Ok(median(&runs))
+        })
+        .collect()
+}
+
+fn picture(inputs: &[(&str, Experiment)], lines: &[Vec<f64>], states: &[usize]) -> String {
+    let points = |errors: &[f64]| states.iter().map(|&n| n as f64).zip(errors.iter().copied()).collect::<Vec<_>>();
+    chart(&Chart {
+        title: String::new(),
+        x: Axis::linear("states"),
+        y: Axis::log("error in 50-250 Hz, %"),
+        series: inputs.iter().zip(lines).map(|((name, _), errors)| Series::line(*name, points(errors))).collect(),
+        height: 230.0,
+    })
+}
+
 fn run(context: &Context<'_>) -> Result<Finding> {
     let (base, vary): (_, Vary) = (context.experiment()?, context.vary()?);
     let base = crate::truss::with_samples(&base, vary.samples);
@@ -46,33 +74,13 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     let mut finding = Finding::default();
     let mut lines = Vec::new();
     for (name, experiment) in &inputs {
-        let errors: Vec<f64> = vary
-            .states
-            .par_iter()
-            .map(|&states| {
-                let runs: Vec<f64> = (1..=vary.seeds)
-                    .into_par_iter()
-                    .map(|seed| {
-                        Ok(100.0
-                            * band_error(&truth, &context.identify(&with_seed(experiment, states, seed))?.model, BAND))
-                    })
-                    .collect::<Result<_>>()?;
-                Ok(median(&runs))
-            })
-            .collect::<Result<_>>()?;
+        let errors = errors(context, &truth, experiment, &vary)?;
         for (states, error) in vary.states.iter().zip(&errors) {
             finding = finding.figure(format!("error in band, {name}, {states} states"), *error, "%");
         }
         lines.push(errors);
     }
-    let points = |errors: &[f64]| vary.states.iter().map(|&n| n as f64).zip(errors.iter().copied()).collect::<Vec<_>>();
-    let picture = chart(&Chart {
-        title: String::new(),
-        x: Axis::linear("states"),
-        y: Axis::log("error in 50-250 Hz, %"),
-        series: inputs.iter().zip(&lines).map(|((name, _), errors)| Series::line(*name, points(errors))).collect(),
-        height: 230.0,
-    });
+    let picture = picture(&inputs, &lines, &vary.states);
     let rows = vary
         .states
         .iter()

@@ -21,6 +21,14 @@ struct Vary {
     parameter_noise: Vec<f64>,
 }
 
+fn list(values: &[f64]) -> String {
+    if values.is_empty() {
+        "none".into()
+    } else {
+        values.iter().map(|v| format!("{v:e}")).collect::<Vec<_>>().join(", ")
+    }
+}
+
 fn run(context: &Context<'_>) -> Result<Finding> {
     let (mut config, vary): (Config, Vary) = (context.config()?, context.vary()?);
     (config.states, config.steps) = (vec![vary.states], vary.steps);
@@ -56,13 +64,6 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     }
     let class = |scalar| -> Result<Class> { Ok(find(0.0, scalar)?.class) };
     let (single, double) = (class(ScalarName::F32)?, class(ScalarName::F64)?);
-    let list = |values: &[f64]| {
-        if values.is_empty() {
-            "none".into()
-        } else {
-            values.iter().map(|v| format!("{v:e}")).collect::<Vec<_>>().join(", ")
-        }
-    };
     Ok(finding
         .part("Without noise on the parameters the direct form is lost in f32.", single == Class::Lost)
         .part("Without it the direct form is not sound in f64.", double != Class::Sound)

@@ -1,5 +1,6 @@
 //! Claim: the number of samples required at each sample rate.
 
+use plid_lab::experiment::Experiment;
 use plid_model::signal::median;
 use plid_report::{Axis, Chart, Series, chart};
 use rayon::prelude::*;
@@ -44,33 +45,43 @@ fn needed(line: &[(f64, f64)], target: f64) -> Option<f64> {
     }
 }
 
+/// The error in the band during the runs of all seeds at one sample rate.
+fn lines_at(rate: f64, context: &Context<'_>, base: &Experiment, vary: &Vary) -> Result<Vec<Line>> {
+    let states = base.structure.states.unwrap_or(30);
+    let mut experiment = base.clone();
+    truss_of(&mut experiment).sample_rate_hz = rate;
+    let truth = truth(&experiment)?;
+    let noise = noise_of(&context.identify(&crate::truss::with_samples(&experiment, vary.tune_samples))?);
+    (1..=vary.seeds)
+        .into_par_iter()
+        .map(|seed| {
+            let mut run = with_seed(&experiment, states, seed);
+            truss_of(&mut run).duration_s = vary.samples as f64 / rate;
+            let simulation = plid_testbed::simulate(truss_of(&mut run))?;
+            let record = (simulation.commands.view(), simulation.outputs[0].view());
+            let done = course(record, rate, &form_and_start(states, record)?, &noise, vary.every)?;
+            Ok(done.models.iter().map(|(k, model)| (*k as f64, 100.0 * band_error(&truth, model, BAND))).collect())
+        })
+        .collect::<Result<Vec<Line>>>()
+}
+
+fn picture(series: Vec<Series>) -> String {
+    chart(&Chart {
+        title: String::new(),
+        x: Axis::log("samples"),
+        y: Axis::log("error in 100-260 Hz, %"),
+        series,
+        height: 240.0,
+    })
+}
+
 fn run(context: &Context<'_>) -> Result<Finding> {
     let (base, vary): (_, Vary) = (context.experiment()?, context.vary()?);
     let states = base.structure.states.unwrap_or(30);
     let lines = vary
         .rates_hz
         .par_iter()
-        .map(|&rate| {
-            let mut experiment = base.clone();
-            truss_of(&mut experiment).sample_rate_hz = rate;
-            let truth = truth(&experiment)?;
-            let noise = noise_of(&context.identify(&crate::truss::with_samples(&experiment, vary.tune_samples))?);
-            (1..=vary.seeds)
-                .into_par_iter()
-                .map(|seed| {
-                    let mut run = with_seed(&experiment, states, seed);
-                    truss_of(&mut run).duration_s = vary.samples as f64 / rate;
-                    let simulation = plid_testbed::simulate(truss_of(&mut run))?;
-                    let record = (simulation.commands.view(), simulation.outputs[0].view());
-                    let done = course(record, rate, &form_and_start(states, record)?, &noise, vary.every)?;
-                    Ok(done
-                        .models
-                        .iter()
-                        .map(|(k, model)| (*k as f64, 100.0 * band_error(&truth, model, BAND)))
-                        .collect())
-                })
-                .collect::<Result<Vec<Line>>>()
-        })
+        .map(|&rate| lines_at(rate, context, &base, &vary))
         .collect::<Result<Vec<Vec<Line>>>>()?;
     let mut finding = Finding::default();
     let (mut rows, mut series, mut counts) = (Vec::new(), Vec::new(), Vec::new());
@@ -98,13 +109,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
     let slower: Vec<f64> =
         vary.rates_hz.iter().zip(&counts).filter(|(rate, _)| **rate < 1600.0).map(|p| *p.1).collect();
     series.push(Series::level("converged", vary.target_percent));
-    let picture = chart(&Chart {
-        title: String::new(),
-        x: Axis::log("samples"),
-        y: Axis::log("error in 100-260 Hz, %"),
-        series,
-        height: 240.0,
-    });
+    let picture = picture(series);
     let text: Vec<String> = rows.iter().map(|row| format!("{} at {} Hz", row[1], row[0])).collect();
     Ok(finding
         .part("At 1600 Hz fewer samples are needed than at any higher rate.", faster.iter().all(|&count| paper < count))

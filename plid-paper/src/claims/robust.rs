@@ -39,6 +39,23 @@ struct Row {
     worst_db: f64,
 }
 
+impl Row {
+    /// Whether every peak of every pair is within 3 dB.
+    fn is_harmless(&self) -> bool {
+        self.close == self.peaks
+    }
+
+    fn cells(&self) -> Vec<String> {
+        vec![
+            self.name.clone(),
+            format!("{:.2}", self.free_run),
+            format!("{:.2}", self.band),
+            format!("{} of {}", self.close, self.peaks),
+            format!("{:.2}", self.worst_db),
+        ]
+    }
+}
+
 fn row(context: &Context<'_>, name: String, experiment: &Experiment) -> Result<Row> {
     let truth = truth(experiment)?;
     let outcome = context.identify(experiment)?;
@@ -56,8 +73,8 @@ fn row(context: &Context<'_>, name: String, experiment: &Experiment) -> Result<R
     })
 }
 
-fn run(context: &Context<'_>) -> Result<Finding> {
-    let (mut base, vary): (Experiment, Vary) = (context.experiment()?, context.vary()?);
+/// The experiments with their names, and the number of those that come before the misjudged covariances.
+fn settings(context: &Context<'_>, mut base: Experiment, vary: &Vary) -> Result<(Vec<(String, Experiment)>, usize)> {
     let converters = truss_of(&mut base).converters.clone();
     let noise = truss_of(&mut base).noise.clone();
     let truss = truss_of(&mut base);
@@ -108,6 +125,12 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         settings.push((format!("all, Σ wrong by {factor:e}"), told(1.0, factor)));
         settings.push((format!("all, R and Σ wrong by {factor:e}"), told(factor, factor)));
     }
+    Ok((settings, factors))
+}
+
+fn run(context: &Context<'_>) -> Result<Finding> {
+    let (base, vary): (Experiment, Vary) = (context.experiment()?, context.vary()?);
+    let (settings, factors) = settings(context, base, &vary)?;
     let rows = settings
         .into_par_iter()
         .map(|(name, experiment)| row(context, name, &experiment))
@@ -120,21 +143,12 @@ fn run(context: &Context<'_>) -> Result<Finding> {
             &format!("of {}", row.peaks),
         );
     }
-    let harmless = |row: &Row| row.close == row.peaks;
-    let table = rows.iter().map(|row| {
-        vec![
-            row.name.clone(),
-            format!("{:.2}", row.free_run),
-            format!("{:.2}", row.band),
-            format!("{} of {}", row.close, row.peaks),
-            format!("{:.2}", row.worst_db),
-        ]
-    });
+    let table = rows.iter().map(Row::cells);
     let worst = rows[factors..].iter().max_by(|a, b| a.band.total_cmp(&b.band)).ok_or("no factors")?;
-    let wrong = rows[factors..].iter().filter(|row| harmless(row)).count();
+    let wrong = rows[factors..].iter().filter(|row| row.is_harmless()).count();
     let rule = "every peak of every pair stays within 3 dB";
     for row in &rows[1..factors] {
-        finding = finding.part(format!("With {}, {rule}.", row.name), harmless(row));
+        finding = finding.part(format!("With {}, {rule}.", row.name), row.is_harmless());
     }
     let misjudged = rows.len() - factors;
     Ok(finding

@@ -104,56 +104,73 @@ fn largest(roots: &[Complex<f64>]) -> f64 {
     roots.iter().map(|root| root.norm()).fold(0.0, f64::max)
 }
 
+/// What the records of all seeds give for one plant.
+struct Found {
+    pole_errors: Vec<f64>,
+    zero_errors: Vec<f64>,
+    /// The moduli of the outermost pole and zero of each model.
+    outermost: Vec<(f64, f64)>,
+}
+
+fn find(context: &Context<'_>, base: &Experiment, plant: &Plant, seeds: u64) -> Result<Found> {
+    let truth = plant.model()?;
+    let (mut pole_errors, mut zero_errors, mut outermost) = (Vec::new(), Vec::new(), Vec::new());
+    for seed in 1..=seeds {
+        let file = format!("{}-{seed}.csv", plant.name);
+        study::write(&context.directory.join(&file), plant.csv(seed)?)?;
+        let mut experiment = base.clone();
+        experiment.data.files = vec![file.into()];
+        let model = context.identify(&experiment)?.model;
+        pole_errors.push(distance(&poles(&truth), &poles(&model)));
+        zero_errors.push(distance(&zeros(&truth), &zeros(&model)));
+        outermost.push((largest(&poles(&model)), largest(&zeros(&model))));
+    }
+    Ok(Found { pole_errors, zero_errors, outermost })
+}
+
+/// Adds the figures and the part of one plant.
+fn judge(mut finding: Finding, plant: &Plant, found: &Found, seeds: u64) -> Finding {
+    let (pole, zero) = (median(&found.pole_errors), median(&found.zero_errors));
+    let outside = |of: &dyn Fn(&(f64, f64)) -> f64| found.outermost.iter().filter(|x| of(x) > 1.0).count();
+    finding = finding.figure(format!("error of the poles, {}", plant.name), pole, "").figure(
+        format!("error of the zeros, {}", plant.name),
+        zero,
+        "",
+    );
+    let counted = if plant.name == UNSTABLE.name { outside(&|x| x.0) } else { outside(&|x| x.1) };
+    let what = if plant.name == UNSTABLE.name { "pole" } else { "zero" };
+    finding = finding
+        .figure(
+            format!("runs with a {what} outside of the unit circle, {}", plant.name),
+            counted as f64,
+            &format!("of {seeds}"),
+        )
+        .part(
+            format!(
+                "{}: in every run the model has its {what} outside of the unit circle, and poles and zeros are \
+                    right to 0.05 in the median.",
+                plant.name
+            ),
+            counted as u64 == seeds && pole < 0.05 && zero < 0.05,
+        );
+    finding
+}
+
 fn run(context: &Context<'_>) -> Result<Finding> {
     let (base, vary): (Experiment, Vary) = (context.experiment()?, context.vary()?);
     let mut finding = Finding::default();
     let mut rows = Vec::new();
     for plant in [&UNSTABLE, &NON_MINIMUM_PHASE] {
         let truth = plant.model()?;
-        let (mut pole_errors, mut zero_errors, mut outermost) = (Vec::new(), Vec::new(), Vec::new());
-        for seed in 1..=vary.seeds {
-            let file = format!("{}-{seed}.csv", plant.name);
-            study::write(&context.directory.join(&file), plant.csv(seed)?)?;
-            let mut experiment = base.clone();
-            experiment.data.files = vec![file.into()];
-            let model = context.identify(&experiment)?.model;
-            pole_errors.push(distance(&poles(&truth), &poles(&model)));
-            zero_errors.push(distance(&zeros(&truth), &zeros(&model)));
-            outermost.push((largest(&poles(&model)), largest(&zeros(&model))));
-        }
-        let (pole, zero) = (median(&pole_errors), median(&zero_errors));
-        let outside = |of: &dyn Fn(&(f64, f64)) -> f64| outermost.iter().filter(|x| of(x) > 1.0).count();
-        finding = finding.figure(format!("error of the poles, {}", plant.name), pole, "").figure(
-            format!("error of the zeros, {}", plant.name),
-            zero,
-            "",
-        );
-        let counted = if plant.name == UNSTABLE.name { outside(&|x| x.0) } else { outside(&|x| x.1) };
-        let what = if plant.name == UNSTABLE.name { "pole" } else { "zero" };
-        finding = finding
-            .figure(
-                format!(
-                    "runs with a {what} outside of the unit circle, \
-                {}",
-                    plant.name
-                ),
-                counted as f64,
-                &format!("of {}", vary.seeds),
-            )
-            .part(
-                format!(
-                    "{}: in every run the model has its {what} outside of the unit circle, and poles and zeros are \
-                    right to 0.05 in the median.",
-                    plant.name
-                ),
-                counted as u64 == vary.seeds && pole < 0.05 && zero < 0.05,
-            );
+        let found = find(context, &base, plant, vary.seeds)?;
+        let (pole, zero) = (median(&found.pole_errors), median(&found.zero_errors));
+        finding = judge(finding, plant, &found, vary.seeds);
         rows.push(vec![
             plant.name.into(),
             format!("{:.3}", largest(&poles(&truth))),
-            format!("{:.3}", median(&outermost.iter().map(|x| x.0).collect::<Vec<_>>())),
+            format!("{:.3}", median(&found.outermost.iter().map(|x| x.0).collect::<Vec<_>>())),
             format!("{:.3}", largest(&zeros(&truth))),
-            format!("{:.3}", median(&outermost.iter().map(|x| x.1).collect::<Vec<_>>())),
+            format!("{:.3}", median(&found.outermost.iter().map(|x| x.1).collect::<Vec<_>>())),
             format!("{pole:.4}"),
             format!("{zero:.4}"),
         ]);

@@ -1,5 +1,7 @@
 //! Claim: the difference between measured and predicted outputs is white.
 
+use plid_lab::experiment::Experiment;
+use plid_lab::run::Outcome;
 use plid_report::correlation_plot;
 use rayon::prelude::*;
 use serde::Deserialize;
@@ -20,13 +22,31 @@ struct Vary {
     samples: usize,
 }
 
+/// Adds the correlation functions of the residual of sensor 2.
+fn pictures(mut finding: Finding, outcomes: &[(usize, Outcome)]) -> Finding {
+    for (states, outcome) in outcomes {
+        let correlations = &outcome.validation;
+        let mut functions = vec![(format!("sensor 2 with itself, {states} states"), &correlations.whiteness[SENSOR])];
+        functions.extend(correlations.cross[SENSOR].iter().zip(1..).map(|(c, j)| (format!("with actuator {j}"), c)));
+        finding = finding.picture(
+            correlation_plot("correlation", 4, &functions),
+            format!("The residual of sensor 2 on held-out data, {states} states."),
+        );
+    }
+    finding
+}
+
+/// The number of states and the outcome of each run.
+fn outcomes(context: &Context<'_>, base: &Experiment, vary: &Vary) -> Result<Vec<(usize, Outcome)>> {
+    vary.states
+        .par_iter()
+        .map(|&states| Ok((states, context.validate(&with_samples(&with_seed(base, states, 1), vary.samples))?)))
+        .collect()
+}
+
 fn run(context: &Context<'_>) -> Result<Finding> {
     let (base, vary): (_, Vary) = (context.experiment()?, context.vary()?);
-    let outcomes = vary
-        .states
-        .par_iter()
-        .map(|&states| Ok((states, context.validate(&with_samples(&with_seed(&base, states, 1), vary.samples))?)))
-        .collect::<Result<Vec<_>>>()?;
+    let outcomes = outcomes(context, &base, &vary)?;
     let mut finding = Finding::default();
     let (mut rows, mut clean, mut whites) = (Vec::new(), Vec::new(), Vec::new());
     for (states, outcome) in &outcomes {
@@ -56,15 +76,7 @@ fn run(context: &Context<'_>) -> Result<Finding> {
         clean.push(uncorrelated == 9);
         whites.push(white == 3);
     }
-    for (states, outcome) in &outcomes {
-        let correlations = &outcome.validation;
-        let mut functions = vec![(format!("sensor 2 with itself, {states} states"), &correlations.whiteness[SENSOR])];
-        functions.extend(correlations.cross[SENSOR].iter().zip(1..).map(|(c, j)| (format!("with actuator {j}"), c)));
-        finding = finding.picture(
-            correlation_plot("correlation", 4, &functions),
-            format!("The residual of sensor 2 on held-out data, {states} states."),
-        );
-    }
+    finding = pictures(finding, &outcomes);
     let text: Vec<String> = rows.iter().map(|r| format!("{} states {}/3 and {}/9", r[0], r[1], r[2])).collect();
     let (reduced, full) = (&vary.states[..vary.states.len() - 1], vary.states.last().ok_or("no states")?);
     Ok(finding

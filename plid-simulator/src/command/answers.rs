@@ -1,4 +1,4 @@
-//! The end of a pipe at which answers arrive.
+//! The reading end of a program's standard output.
 
 use std::io::{self, Read};
 use std::process::ChildStdout;
@@ -16,12 +16,12 @@ pub(super) struct Answers {
     pipe: ChildStdout,
     /// Whether reading from the pipe does not block.
     nonblocking: bool,
-    /// Learns of every part of an answer.
+    /// Is notified of every part of an answer.
     watch: Arc<Watch>,
 }
 
 impl Answers {
-    /// Takes a pipe.
+    /// Wraps a pipe.
     pub fn new(pipe: ChildStdout, watch: Arc<Watch>) -> Self {
         let nonblocking = set_nonblocking(&pipe);
         Self { pipe, nonblocking, watch }
@@ -59,7 +59,7 @@ impl Read for Answers {
     }
 }
 
-/// Makes reads non-blocking; returns whether that worked. Only this end of the pipe changes.
+/// Makes reads non-blocking, and returns whether this succeeded. Only this end of the pipe changes.
 #[cfg(unix)]
 fn set_nonblocking(pipe: &ChildStdout) -> bool {
     use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};

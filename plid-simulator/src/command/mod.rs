@@ -1,6 +1,6 @@
-//! A simulator that is another program, over its standard input and output.
+//! A simulator that is another program, connected by its standard input and output.
 //!
-//! The program says what it has in one line of JSON, the [`Description`] with `"protocol": 1`. Then it answers requests
+//! The program first writes its [`Description`] with `"protocol": 1` as one line of JSON. Then it answers requests
 //! until its standard input ends (docs/simulator-protocol.md):
 //!
 //! - `{"run": {"parameters": [..], "samples": N}}`, a newline and N times the m inputs; the answer is `{"ok": true}`, a
@@ -12,9 +12,9 @@
 //! - The byte `s`, the m inputs and the force at each port, for one step; the answer is the byte `s`, the p outputs,
 //!   and displacement and velocity of each port.
 //!
-//! Numbers are binary, eight bytes each, little endian. Instead of its description and of any answer the program may
-//! write `{"error": "why"}` and a newline. Its standard error is kept, and its end is part of every message of a
-//! failure. [`serve()`] is the other side.
+//! Numbers are binary, eight bytes each, little endian. Instead of its description or an answer, the program may
+//! write `{"error": "why"}` and a newline. The end of its standard error is part of every error message about
+//! a failure. [`serve()`] is the other side.
 
 mod answers;
 mod process;
@@ -44,8 +44,9 @@ pub struct Command {
     folder: PathBuf,
     process: Process,
     description: Description,
-    /// What is sent and received in a step.
+    /// Buffer for the request of a step.
     sent: Vec<u8>,
+    /// Buffer for its answer.
     received: Vec<u8>,
 }
 
@@ -74,7 +75,7 @@ enum Answer {
 }
 
 impl Command {
-    /// How long a program may take to answer one request, if nothing else is said.
+    /// Default patience: the time within which a program must read a part of a request or write a part of its answer.
     pub const PATIENCE: Duration = Duration::from_secs(60);
 
     /// Starts a program with its arguments in a folder, and reads its description. A program that neither reads a
@@ -82,8 +83,8 @@ impl Command {
     /// in any case, because an interpreter loads its libraries first.
     ///
     /// # Errors
-    /// [`SimulatorError::Failed`] if the program cannot be started, ends, or writes anything but its description;
-    /// [`SimulatorError::Description`] if that contradicts itself.
+    /// Returns [`SimulatorError::Failed`] if the program cannot be started, ends, or writes something else than its
+    /// description, and [`SimulatorError::Description`] if the description is inconsistent.
     pub fn start(command: &[String], folder: &Path, patience: Duration) -> Result<Self, SimulatorError> {
         let mut process = Process::start(command, folder, patience.max(Self::PATIENCE))?;
         let line = process.answering(line)?;
@@ -109,7 +110,7 @@ impl Command {
         self.process.send(&[&text, then])
     }
 
-    /// Reads the answer to a request, and so many numbers after it.
+    /// Reads the answer to a request and the numbers after it.
     fn answer(&mut self, numbers: usize) -> Result<Vec<f64>, SimulatorError> {
         let line = self.process.answering(line)?;
         match parsed(&line).map_err(|message| self.process.failed(message))? {
@@ -123,7 +124,7 @@ impl Command {
         }
     }
 
-    /// Reads the answer of a start: the motion at each port.
+    /// Reads the answer to a start, which is the motion at each port.
     fn motions(&mut self) -> Result<Vec<Motion>, SimulatorError> {
         let motions = self.answer(2 * self.description.ports.len())?;
         Ok(motions.chunks_exact(2).map(|both| Motion { displacement: both[0], velocity: both[1] }).collect())
@@ -195,13 +196,13 @@ impl Simulator for Command {
         self.motions()
     }
 
-    /// Starts the program once more.
+    /// Starts another instance of the program.
     fn another(&self) -> Result<Option<Box<dyn Simulator>>, SimulatorError> {
         let another = Self::start(&self.command, &self.folder, self.process.patience())?;
         if another.description == self.description {
             return Ok(Some(Box::new(another)));
         }
-        Err(another.process.failed("started once more, it describes itself in another way".into()))
+        Err(another.process.failed("a second instance of it has another description".into()))
     }
 
     fn step(&mut self, u: &[f64], forces: &[f64], y: &mut [f64], motions: &mut [Motion]) -> Result<(), SimulatorError> {

@@ -18,11 +18,11 @@ const KEPT: usize = 65536;
 /// Number of lines of the log in a message.
 const LINES: usize = 8;
 
-/// How long to wait between two looks at a program that closed its pipes.
+/// Interval between two checks of a program that closed its pipes.
 const MOMENT: Duration = Duration::from_millis(20);
 
-/// Number of bytes that are written together: as many as a pipe holds, so that a program that reads slowly is seen to
-/// read.
+/// Number of bytes that are written together. It is the capacity of a pipe, so that the progress of a program that
+/// reads slowly is noticed.
 const TOGETHER: usize = 1 << 16;
 
 /// A running program.
@@ -72,17 +72,17 @@ impl Process {
         })
     }
 
-    /// Returns for how long the program may be silent.
+    /// Returns the time for which the program may be silent.
     pub fn patience(&self) -> Duration {
         self.watch.patience()
     }
 
-    /// Sets for how long the program may be silent.
+    /// Sets the time for which the program may be silent.
     pub fn set_patience(&self, patience: Duration) {
         self.watch.set_patience(patience);
     }
 
-    /// Writes all parts. They go out together.
+    /// Writes all parts together.
     pub fn send(&mut self, parts: &[&[u8]]) -> Result<(), SimulatorError> {
         let mut chunks = parts.iter().flat_map(|part| part.chunks(TOGETHER));
         let sent = chunks.try_for_each(|chunk| {
@@ -115,14 +115,14 @@ impl Process {
         SimulatorError::failed(format!("{}: {message}{log}", self.name))
     }
 
-    /// Returns what became of a program that can no longer be written to or read from.
+    /// Returns the failure of a program that can no longer be written to or read from.
     fn broken(&mut self, error: &std::io::Error) -> SimulatorError {
         if self.watch.is_overdue() {
             let message = format!("it did not answer within {} s and was stopped", self.patience().as_secs_f64());
             return self.failed(message);
         }
         let ended = Self::end(&self.child);
-        // The log is whole once the program has ended.
+        // The log is complete once the program has ended.
         if ended.is_some()
             && let Some(logger) = self.logger.take()
         {
@@ -147,7 +147,7 @@ impl Process {
 }
 
 impl Drop for Process {
-    /// No program is left behind.
+    /// Stops the program, so that it does not outlive this value.
     fn drop(&mut self) {
         self.watch.end();
         let mut child = locked(&self.child);

@@ -1,4 +1,4 @@
-//! The other side of the protocol: a simulator for another program.
+//! The other side of the protocol, which serves a simulator to another program.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, BufWriter, ErrorKind, Read, Write};
@@ -31,10 +31,11 @@ const LONGEST: u64 = 1 << 20;
 /// Number of bytes that are read together.
 const CHUNK: usize = 1 << 16;
 
-/// Serves a simulator to [`crate::Command`] over two streams, until `input` ends: docs/simulator-protocol.md.
+/// Serves a simulator to [`crate::Command`] over two streams until `input` ends (docs/simulator-protocol.md).
 ///
 /// # Errors
-/// If a stream fails, or `input` does not follow the protocol. A failure of the simulator is an answer and no error.
+/// Returns an error if a stream fails or `input` does not follow the protocol. A failure of the simulator is an answer,
+/// not an error.
 pub fn serve(simulator: &mut dyn Simulator, input: impl Read, output: impl Write) -> std::io::Result<()> {
     let mut output = BufWriter::new(output);
     let description = simulator.description().clone();
@@ -57,30 +58,30 @@ pub fn serve(simulator: &mut dyn Simulator, input: impl Read, output: impl Write
     server.run()
 }
 
-/// Tells [`crate::Command`] why there is no simulator.
+/// Reports to [`crate::Command`] why there is no simulator.
 ///
 /// # Errors
-/// If the stream fails.
+/// Returns an error if the stream fails.
 pub fn refuse(mut output: impl Write, why: &str) -> std::io::Result<()> {
     say(&mut output, &serde_json::json!({ "error": why }))
 }
 
-/// Returns a handle of standard output that remains when standard output is redirected. A program takes it for the
-/// protocol, and sends what is printed elsewhere.
+/// Returns a handle of standard output that remains valid when standard output is redirected. A program uses it for the
+/// protocol and redirects everything else that is printed.
 ///
 /// # Errors
-/// If the system has no handle left.
+/// Returns an error if the system has no handle left.
 #[cfg(unix)]
 pub fn own_output() -> std::io::Result<File> {
     use std::os::fd::AsFd;
     Ok(File::from(std::io::stdout().as_fd().try_clone_to_owned()?))
 }
 
-/// Returns a handle of standard output that remains when standard output is redirected. A program takes it for the
-/// protocol, and sends what is printed elsewhere.
+/// Returns a handle of standard output that remains valid when standard output is redirected. A program uses it for the
+/// protocol and redirects everything else that is printed.
 ///
 /// # Errors
-/// If the system has no handle left.
+/// Returns an error if the system has no handle left.
 #[cfg(not(unix))]
 pub fn own_output() -> std::io::Result<File> {
     use std::os::windows::io::AsHandle;
@@ -99,7 +100,7 @@ struct Server<'s, I, O> {
     description: Description,
     input: I,
     output: O,
-    /// What comes with a step.
+    /// The numbers of a request for a step.
     request: Vec<u8>,
     u: Vec<f64>,
     forces: Vec<f64>,
@@ -138,7 +139,7 @@ impl<I: BufRead, O: Write> Server<'_, I, O> {
     fn line(&mut self) -> std::io::Result<()> {
         let mut line = Vec::new();
         (&mut self.input).take(LONGEST).read_until(b'\n', &mut line)?;
-        let wrong = |error| std::io::Error::new(ErrorKind::InvalidData, format!("a request is no JSON: {error}"));
+        let wrong = |error| std::io::Error::new(ErrorKind::InvalidData, format!("a request is not JSON: {error}"));
         match serde_json::from_slice(&line).map_err(wrong)? {
             Request::Start { parameters } => {
                 let known = self.parameters(&parameters);
@@ -166,10 +167,10 @@ impl<I: BufRead, O: Write> Server<'_, I, O> {
         }
     }
 
-    /// Runs as a whole; the number of outputs and samples is checked.
+    /// Carries out a run, and checks the number of outputs and samples.
     fn whole(&mut self, parameters: &[f64], u: &[Vec<f64>]) -> Result<Channels, SimulatorError> {
         Checked::new(self.simulator)?.run(parameters, u).map_err(|error| match error {
-            // The other side counts its calls itself.
+            // The other side counts the calls.
             SimulatorError::Call { source, .. } => *source,
             error => error,
         })
@@ -181,7 +182,7 @@ impl<I: BufRead, O: Write> Server<'_, I, O> {
         (found == expected).then_some(()).ok_or_else(message)
     }
 
-    /// Reads the inputs of a run. The memory grows with what comes, not with what is announced.
+    /// Reads the inputs of a run. Memory is allocated for the numbers that arrive, not for the announced count.
     fn inputs(&mut self, samples: usize) -> std::io::Result<Channels> {
         let m = self.u.len();
         let mut u: Channels = vec![Vec::new(); m];
@@ -221,7 +222,7 @@ fn numbers_of(motions: &[Motion]) -> impl Iterator<Item = f64> {
     motions.iter().flat_map(|motion| [motion.displacement, motion.velocity])
 }
 
-/// The simulator's own words.
+/// Returns the message of a simulator's failure.
 fn message(error: SimulatorError) -> String {
     match error {
         SimulatorError::Failed { message } => message,
@@ -330,7 +331,7 @@ mod tests {
     fn what_does_not_follow_the_protocol_ends_it() {
         let (answers, result) = served(&[Line(r#"{"start": {"parameters": []}}"#), Line("hello")]);
         assert_eq!(answers, b"{\"error\":\"0 parameters are given, expected 1\"}\n");
-        assert!(result.unwrap_err().to_string().contains("a request is no JSON"));
+        assert!(result.unwrap_err().to_string().contains("a request is not JSON"));
         let (_, result) = served(&[Byte(STEP), Numbers(&[1.0])]);
         assert_eq!(result.unwrap_err().kind(), ErrorKind::UnexpectedEof);
     }

@@ -5,15 +5,15 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How often the watch looks.
+/// Interval between two checks.
 const INTERVAL: Duration = Duration::from_millis(20);
 
-/// What the watching thread knows. Times are in ms since the start.
+/// The state that is shared with the watching thread. Times are in ms since the start.
 pub(super) struct Watch {
     began: Instant,
-    /// For how long the program may be silent.
+    /// The time for which the program may be silent.
     patience: AtomicU64,
-    /// When it must have read or written something; zero if nothing is asked of it.
+    /// The time at which it must have read or written something; zero between requests.
     until: AtomicU64,
     overdue: AtomicBool,
     ended: AtomicBool,
@@ -35,30 +35,30 @@ impl Watch {
         watch
     }
 
-    /// Returns for how long the program may be silent.
+    /// Returns the time for which the program may be silent.
     pub fn patience(&self) -> Duration {
         Duration::from_millis(self.patience.load(Ordering::Relaxed))
     }
 
-    /// Sets for how long the program may be silent.
+    /// Sets the time for which the program may be silent.
     pub fn set_patience(&self, patience: Duration) {
         self.patience.store(patience.as_millis() as u64, Ordering::Relaxed);
     }
 
-    /// The program is to read or write something from now on.
+    /// Starts the watch: the program must read or write something from now on.
     pub fn expect(&self) {
         let until = self.began.elapsed() + self.patience();
         self.until.store(until.as_millis().max(1) as u64, Ordering::Relaxed);
     }
 
-    /// The program has written something: it has as much time again for the next part.
+    /// Notes that the program has written something, and gives it as much time again for the next part.
     pub fn has_written(&self) {
         if self.until.load(Ordering::Relaxed) > 0 {
             self.expect();
         }
     }
 
-    /// Nothing is asked of the program.
+    /// Pauses the watch until the next request.
     pub fn rest(&self) {
         self.until.store(0, Ordering::Relaxed);
     }

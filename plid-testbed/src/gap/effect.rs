@@ -187,18 +187,7 @@ fn parameters(kind: &str, channel: usize, drawn: &Drawn, signals: &Signals, rng:
             })
         }
         "stiffness-drift" => json!({ "rate_per_s": sign * 1e-4 }),
-        "actuator-saturation" => json!({ "limit_v": 4.0 }),
-        "actuator-dead-zone" => json!({ "width_v": 0.1 }),
-        "actuator-hysteresis" => json!({ "share": 0.3, "yield_v": within(0.5, 1.2) }),
-        "actuator-slew-limit" => json!({ "rate_v_per_s": 1500.0 }),
-        "actuator-lag" => {
-            let from_hz = drawn.base.actuator_poles_hz[channel];
-            json!({ "pole_hz": from_hz * (200.0 / ACTUATOR_POLE_HZ), "from_hz": from_hz })
-        }
-        "actuator-gain" => json!({ "gain": 1.0 + sign * 0.2 }),
-        "actuator-delay" => json!({ "delay_samples": 0.3 }),
-        "actuator-crosstalk" => json!({ "share": sign * 0.2 }),
-        "actuator-gain-drift" => json!({ "rate_per_s": sign * 2e-3 }),
+        actuator if actuator.starts_with("actuator-") => of_actuator(actuator, channel, sign, drawn, rng),
         "sensor-saturation" => json!({ "limit_v": 2.0 * y }),
         "sensor-gain" => json!({ "gain": 1.0 + sign * 0.05 }),
         "sensor-delay" => json!({ "delay_samples": 0.3 }),
@@ -225,6 +214,41 @@ fn parameters(kind: &str, channel: usize, drawn: &Drawn, signals: &Signals, rng:
             json!({ "amplitude_v": 0.1, "frequency_hz": within(80.0, 240.0), "phase_rad": within(0.0, TAU) })
         }
         "coloured-disturbance" => json!({ "rms_v": 0.1, "frequency_hz": within(80.0, 240.0) }),
+        outsider if outsider.starts_with("x-") => of_outsider(outsider, channel, sign, drawn, signals, rng),
+        other => unreachable!("{other} has a place and no parameters"),
+    }
+}
+
+/// Parameters of an effect of an actuator.
+fn of_actuator(kind: &str, channel: usize, sign: f64, drawn: &Drawn, rng: &mut ChaCha12Rng) -> Value {
+    match kind {
+        "actuator-saturation" => json!({ "limit_v": 4.0 }),
+        "actuator-dead-zone" => json!({ "width_v": 0.1 }),
+        "actuator-hysteresis" => json!({ "share": 0.3, "yield_v": rng.random_range(0.5..1.2) }),
+        "actuator-slew-limit" => json!({ "rate_v_per_s": 1500.0 }),
+        "actuator-lag" => {
+            let from_hz = drawn.base.actuator_poles_hz[channel];
+            json!({ "pole_hz": from_hz * (200.0 / ACTUATOR_POLE_HZ), "from_hz": from_hz })
+        }
+        "actuator-gain" => json!({ "gain": 1.0 + sign * 0.2 }),
+        "actuator-delay" => json!({ "delay_samples": 0.3 }),
+        "actuator-crosstalk" => json!({ "share": sign * 0.2 }),
+        "actuator-gain-drift" => json!({ "rate_per_s": sign * 2e-3 }),
+        other => unreachable!("{other} has a place and no parameters"),
+    }
+}
+
+/// Parameters of an effect that is not in the vocabulary.
+fn of_outsider(
+    kind: &str,
+    channel: usize,
+    sign: f64,
+    drawn: &Drawn,
+    signals: &Signals,
+    rng: &mut ChaCha12Rng,
+) -> Value {
+    let y = signals.output[channel];
+    match kind {
         "x-command-play" => json!({ "play_v": 0.1 }),
         "x-delay-jitter" => json!({ "most_samples": 0.3 }),
         "x-sticking-valve" => json!({ "stick_v": 0.1 }),
@@ -236,7 +260,7 @@ fn parameters(kind: &str, channel: usize, drawn: &Drawn, signals: &Signals, rng:
             let mode = &drawn.base.modes[rng.random_range(drawn.dominant.clone())];
             json!({ "share": 1e-3, "frequency_hz": 2.0 * mode.frequency_hz })
         }
-        "x-varying-damping" => json!({ "share": 0.3, "frequency_hz": within(0.1, 1.0) }),
+        "x-varying-damping" => json!({ "share": 0.3, "frequency_hz": rng.random_range(0.1..1.0) }),
         other => unreachable!("{other} has a place and no parameters"),
     }
 }

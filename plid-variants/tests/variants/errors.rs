@@ -113,7 +113,18 @@ fn beginnings_that_cannot_be_are_refused<S: Kernels>(variant: &Variant<S>) {
     }
     let p0 = InitialCovariance::Full(Dense::from_fn(size, size - 1, |_, _| 0.0));
     assert!(matches!(refused(&Settings { initial_covariance: p0, ..good.clone() }), IdentifierError::Length { .. }));
+}
 
+test_every_variant!(beginnings_that_cannot_be_are_refused:
+    plain_f64 = Plain<f64>,
+    plain_f32 = Plain<f32>,
+    plain_double_double = Plain<qd::Quad>,
+);
+
+fn noise_models_that_cannot_be_are_refused<S: Kernels>(variant: &Variant<S>) {
+    let form = ObservableForm::new(&[2, 1], 2).unwrap();
+    let good = Settings::new(&form, 1.0, 1.0);
+    let noise = NoiseModel::paper_squared(2, 2, 3);
     let mut indefinite = noise.clone();
     *indefinite.actuator_sensor.at_mut(1, 0) = 1.0;
     assert!(matches!(
@@ -134,7 +145,7 @@ fn beginnings_that_cannot_be_are_refused<S: Kernels>(variant: &Variant<S>) {
     assert_eq!(run.covariance().state(), other.covariance().state());
 }
 
-test_every_variant!(beginnings_that_cannot_be_are_refused:
+test_every_variant!(noise_models_that_cannot_be_are_refused:
     plain_f64 = Plain<f64>,
     plain_f32 = Plain<f32>,
     plain_double_double = Plain<qd::Quad>,
