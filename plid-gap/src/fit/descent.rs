@@ -257,7 +257,10 @@ impl Problem {
     /// then end near its minimum, but not at it, and with intervals that are too narrow.
     fn last_steps<'a>(&self, fit: &Fit<'a>) -> Fit<'a> {
         if self.few() {
-            let mut settled = self.fitted(Derivatives::WithEffects, &fit.eta, &fit.effects, self.far(SETTLED));
+            // A gain of the actuator and one of the sensor trade off against the size of an effect between them, and only
+            // their prior holds them.
+            let (derivatives, effort) = (Derivatives::WithEffects, self.far(SETTLED));
+            let mut settled = self.fitted_by(derivatives, DAMPING_LOADED, &fit.eta, &fit.effects, effort);
             let jacobian = self.jacobian_with_effects(&self.point(&settled), SETTLED.fineness);
             settled.covariance = self.robust_covariance(&jacobian, &settled, SETTLED.fineness);
             return settled;
@@ -287,6 +290,17 @@ impl Problem {
 
     fn fitted<'a>(&self, derivatives: Derivatives<'_>, eta: &[f64], effects: &[Placed<'a>], effort: Effort) -> Fit<'a> {
         let damping = if self.is_loaded(effects) { DAMPING_LOADED } else { DAMPING };
+        self.fitted_by(derivatives, damping, eta, effects, effort)
+    }
+
+    fn fitted_by<'a>(
+        &self,
+        derivatives: Derivatives<'_>,
+        damping: Damping,
+        eta: &[f64],
+        effects: &[Placed<'a>],
+        effort: Effort,
+    ) -> Fit<'a> {
         let mut search = self.search(derivatives, damping, effort);
         let Minimum { point, equations, ended, .. } = search.run(eta, effects);
         let covariance = self.model_covariance(&equations.normal, &search.linearised, &search.scales);

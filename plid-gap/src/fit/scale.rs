@@ -19,8 +19,8 @@ pub(super) enum Scale {
     /// value * e^step.
     Logarithm,
     /// value * (1 + step), for a positive parameter to which the effect is proportional: linear parameters that give way
-    /// to the effect then take their part of the same step. Downwards it is linear only to half the value, and the value
-    /// stays positive.
+    /// to the effect then take their part of the same step. Downwards it is linear only to half the value, and no step
+    /// leaves less than a fifth.
     Size,
 }
 
@@ -31,7 +31,7 @@ impl Scale {
             // No step exceeds a factor e, because the slope here says little about a shape that far away.
             Scale::Logarithm => value * step.clamp(-1.0, 1.0).exp(),
             Scale::Size if step > -0.5 => value * (1.0 + step),
-            Scale::Size => value * 0.5 * (2.0 * step + 1.0).exp(),
+            Scale::Size => value * 0.5 * (2.0 * step + 1.0).max(-1.0).exp(),
         }
     }
 

@@ -98,6 +98,14 @@ pub fn search<'a>(
         stages.push(entries);
         let tried: Vec<Candidate> = fits.iter().map(|fit| price.candidate(fit)).collect();
         let Some(top) = fits.into_iter().min_by(|a, b| price.of(a).total_cmp(&price.of(b))) else { break };
+        if problem.few() && price.of(&top) < price.of(&best) {
+            let bare = without_last(problem, &top);
+            if bare.cost < best.cost {
+                candidates.retain(|candidate| !all_same(&candidate.effects, &bare.effects));
+                candidates.push(price.candidate(&bare));
+                best = bare;
+            }
+        }
         let gain = price.of(&best) - price.of(&top);
         let material = scope.skips(Step::Material) || material(problem, &best, &top, stage);
         let accepted = gain > settings.accept_gain && material;
@@ -122,6 +130,14 @@ pub fn search<'a>(
     }
     candidates.sort_by(|a, b| a.priced.total_cmp(&b.priced));
     Search { best, candidates, stages, overlap }
+}
+
+/// Fits a further time without the last effect, from where the fit with it ended. What the linear parameters alone gain
+/// on that way is no gain of the effect.
+fn without_last<'a>(problem: &Problem, fit: &Fit<'a>) -> Fit<'a> {
+    let mut fit = fit.clone();
+    fit.effects.pop();
+    polish(problem, fit)
 }
 
 /// Adds parameters of the simulation, such as a gain or a frequency, that the refit changed beyond its other changes.

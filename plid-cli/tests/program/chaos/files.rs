@@ -30,7 +30,7 @@ fn read(root: &Path, folder: &Path, found: &mut Files) {
         let name = path.file_name().unwrap().to_string_lossy().into_owned();
         if path.is_dir() {
             read(root, &path, found);
-        } else if !LEFT_OUT.contains(&name.as_str()) && !(name == "report.html" && states_times) {
+        } else if !(LEFT_OUT.contains(&name.as_str()) || name == "report.html" && states_times) {
             let bytes = fs::read(&path).unwrap();
             let bytes = if name.ends_with(".json") { steady(&bytes) } else { bytes };
             found.insert(path.strip_prefix(root).unwrap().display().to_string(), bytes);
