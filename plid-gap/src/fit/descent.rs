@@ -86,8 +86,8 @@ enum Derivatives<'p> {
     Renewed(&'p Jacobian),
     /// They are computed at every step, without effects.
     Current,
-    /// They are computed with the effects every few steps, which takes a run for each linear parameter, and again where
-    /// no step lowers the cost.
+    /// They are computed with the effects, which takes a run for each linear parameter: at every step of a fine fit;
+    /// otherwise every few steps, and again where no step lowers the cost.
     WithEffects,
 }
 
@@ -191,8 +191,9 @@ impl<'a> plid_lsq::Problem for Search<'_, 'a> {
             Derivatives::Current => self.own.insert(problem.jacobian(plant)),
             Derivatives::WithEffects => {
                 // A load and the poles that it moves may look alike to the last digit. Derivatives of which only some
-                // are current would part them.
-                if self.steps.is_multiple_of(RENEWED) || problem.is_loaded(effects) {
+                // are current would part them. They would also end a fine fit before its minimum.
+                let current = self.effort.fineness == Fineness::FINE || problem.is_loaded(effects);
+                if current || self.steps.is_multiple_of(RENEWED) {
                     self.own = Some(problem.jacobian_with_effects(at, self.effort.fineness));
                 }
                 self.own.as_ref().expect("the first step computes them")
