@@ -2,8 +2,8 @@
 use ndarray::Array2;
 use std::fmt::Write as _;
 
-/// Returns columns under their names as CSV. [`read`](crate::read) finds the same names and numbers if no name is empty,
-/// is blank at an end or contains a control character.
+/// Returns columns under their names as CSV. [`read`](crate::read) finds the same names and numbers if no name is
+/// empty, is blank at an end or contains a control character.
 pub fn to_csv(names: &[String], values: &Array2<f64>) -> String {
     let mut text = names.iter().map(|name| header(name)).collect::<Vec<_>>().join(",");
     text.push('\n');

@@ -12,8 +12,8 @@ pub(super) struct Eigen {
     pub left: Option<DMatrix<Complex<f64>>>,
 }
 
-/// Balances A, unless its entries are too large: returns D^{-1} A D, whose rows and columns have similar norms, and the diagonal of D. Canonical forms
-/// are badly balanced.
+/// Balances A, unless its entries are too large: returns D^{-1} A D, whose rows and columns have similar norms, and the
+/// diagonal of D. Canonical forms are badly balanced.
 pub(super) fn balance(a: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
     let mut balanced = a.clone();
     if a.amax() > LARGEST {

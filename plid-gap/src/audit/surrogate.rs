@@ -208,7 +208,8 @@ fn prior_std(
     let whiteners = records.iter().map(|record| Whitener::new(record, &noise, plant.rate, masked.clone())).collect();
     let nuisance = Nuisance::new(&plant, &records, &Limits { frequency: 0.2, damping: 2.0, shape: 0.2 });
     let setting = Setting::bare(&plant, model);
-    let problem = Problem { plant, records, whiteners, nuisance, setting, settings: Arc::new(settings.clone()) };
+    let settings = Arc::new(settings.clone());
+    let problem = Problem { plant, records, whiteners, nuisance, setting, settings, strong: false };
     let normal = problem.jacobian(&problem.plant).normal;
     let Some(factor) = normal.cholesky() else { return Ok(Vec::new()) };
     let covariance = factor.inverse();

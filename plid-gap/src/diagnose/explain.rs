@@ -121,9 +121,12 @@ impl<'a> Searched<'a> {
         stage: &OnceCell<SearchStage<'a>>,
         say: &mut dyn FnMut(String),
     ) -> Self {
-        ready.problem.nuisance.ports_follow = ready.problem.few();
         let mut quick = ready.problem.head(scope.settings.first_samples, &ready.noise);
         let windows = Windows::choose(&quick, refitted);
+        ready.problem.strong = windows.is_some();
+        quick.strong = windows.is_some();
+        ready.problem.nuisance.ports_follow = ready.problem.few();
+        quick.nuisance.ports_follow = ready.problem.few();
         if let Some(Windows { samples, each }) = windows {
             say(format!("windows of {samples} samples, up to {each} of each record"));
             quick = quick.windows(samples, each, &ready.noise);

@@ -40,8 +40,8 @@ impl Fit<'_> {
 pub struct Effort {
     /// Largest number of steps.
     pub steps: usize,
-    /// A step that lowers the cost by less than this ends the fit; if the cost exceeds the number of rows, the gain
-    /// counts in proportion to it.
+    /// A step that lowers the cost by less than this ends the fit. With few linear parameters, and if the cost exceeds
+    /// the number of rows, the gain counts in proportion to the cost.
     pub gain: f64,
     /// Fineness of forces within a sample.
     pub fineness: Fineness,
@@ -86,8 +86,8 @@ enum Derivatives<'p> {
     Renewed(&'p Jacobian),
     /// They are computed at every step, without effects.
     Current,
-    /// They are computed with the effects, which takes a run for each linear parameter: at every step of a fine fit;
-    /// otherwise every few steps, and again where no step lowers the cost.
+    /// They are computed with the effects every few steps, which takes a run for each linear parameter, and again where
+    /// no step lowers the cost.
     WithEffects,
 }
 
@@ -146,8 +146,8 @@ impl<'p, 'a> Search<'p, 'a> {
         // A fit to the same records in windows has other initial states.
         eta.resize(self.problem.nuisance.len(), 0.0);
         let start = self.point(eta, effects.to_vec());
-        // Where much more than the noise is left, so much more than the gain is little.
-        let share = self.effort.gain / self.problem.rows().max(1) as f64;
+        // Far from the minimum, a search over few parameters has time, and not every gain there is worth a step.
+        let share = if self.problem.few() { self.effort.gain / self.problem.rows().max(1) as f64 } else { 0.0 };
         let mut stop = Stop { steps: self.effort.steps, gain: self.effort.gain, share, patience: 1 };
         let Ok(mut found) = minimise(self, start, self.damping, stop);
         while found.ended == Ended::Stalled && self.is_stale() && found.steps < stop.steps {
@@ -191,9 +191,8 @@ impl<'a> plid_lsq::Problem for Search<'_, 'a> {
             Derivatives::Current => self.own.insert(problem.jacobian(plant)),
             Derivatives::WithEffects => {
                 // A load and the poles that it moves may look alike to the last digit. Derivatives of which only some
-                // are current would part them. They would also end a fine fit before its minimum.
-                let current = self.effort.fineness == Fineness::FINE || problem.is_loaded(effects);
-                if current || self.steps.is_multiple_of(RENEWED) {
+                // are current would part them.
+                if self.steps.is_multiple_of(RENEWED) || problem.is_loaded(effects) {
                     self.own = Some(problem.jacobian_with_effects(at, self.effort.fineness));
                 }
                 self.own.as_ref().expect("the first step computes them")
@@ -222,7 +221,7 @@ impl Problem {
     /// those of the linear simulation, as far as effects do not move its modes. If the linear parameters are few, they
     /// are those of the simulation with its effects.
     pub fn fit<'a>(&self, jacobian: &Jacobian, eta: &[f64], effects: &[Placed<'a>], effort: Effort) -> Fit<'a> {
-        if self.few() {
+        if self.few() || self.is_loaded(effects) {
             return self.fitted(Derivatives::WithEffects, eta, effects, effort);
         }
         self.fitted(Derivatives::Renewed(jacobian), eta, effects, effort)
@@ -258,8 +257,8 @@ impl Problem {
     /// then end near its minimum, but not at it, and with intervals that are too narrow.
     fn last_steps<'a>(&self, fit: &Fit<'a>) -> Fit<'a> {
         if self.few() {
-            // A gain of the actuator and one of the sensor trade off against the size of an effect between them, and only
-            // their prior holds them.
+            // A gain of the actuator and one of the sensor trade off against the size of an effect between them, and
+            // only their prior holds them.
             let (derivatives, effort) = (Derivatives::WithEffects, self.far(SETTLED));
             let mut settled = self.fitted_by(derivatives, DAMPING_LOADED, &fit.eta, &fit.effects, effort);
             let jacobian = self.jacobian_with_effects(&self.point(&settled), SETTLED.fineness);
@@ -336,7 +335,7 @@ mod tests {
     /// Returns a problem that is fitted as one with many linear parameters.
     fn as_of_many(problem: Problem) -> Problem {
         let mut settings = (*problem.settings).clone();
-        settings.search.strong_numbers = 0;
+        (settings.search.strong_numbers, settings.search.few_numbers) = (0, 0);
         Problem { settings: Arc::new(settings), ..problem }
     }
 

@@ -39,6 +39,8 @@ pub struct Problem {
     pub setting: Setting,
     /// Thresholds of the diagnosis.
     pub settings: Arc<GapSettings>,
+    /// Whether effects change the motion so much that the search uses windows.
+    pub strong: bool,
 }
 
 impl Problem {
@@ -58,6 +60,7 @@ impl Problem {
             nuisance: self.nuisance.clone(),
             setting: self.setting.clone(),
             settings: self.settings.clone(),
+            strong: self.strong,
             records,
         }
     }
@@ -115,17 +118,18 @@ impl Problem {
         changed_modes(plant, &self.actions(effects))
     }
 
-    /// Returns whether the simulation has so few linear parameters that fits can afford its derivatives with the
-    /// effects, which take a run each. The derivatives of the linear simulation lead astray where an effect changes the
-    /// motion strongly, or where the linear parameters have absorbed nearly all of it.
+    /// Returns whether the fits use the derivatives of the simulation with the effects, which take a run for each linear
+    /// parameter: if these are few, or effects change the motion strongly. The derivatives of the linear simulation lead
+    /// astray there, and where the linear parameters have absorbed nearly all of an effect.
     pub fn few(&self) -> bool {
-        self.nuisance.of_simulation() <= self.settings.search.strong_numbers
+        self.strong || self.nuisance.of_simulation() <= self.settings.search.few_numbers
     }
 
     /// Returns whether an effect loads the plant, whose few linear parameters allow the derivatives of the simulation
     /// with its effects. A load and the poles that it moves look alike, so that derivatives without it lead astray.
     pub fn is_loaded(&self, effects: &[Placed]) -> bool {
-        self.few() && self.actions(effects).iter().any(|action| matches!(action, Action::Load(..)))
+        let few = self.nuisance.of_simulation() <= self.settings.search.strong_numbers;
+        few && self.actions(effects).iter().any(|action| matches!(action, Action::Load(..)))
     }
 
     /// Simulates the free run of one record.

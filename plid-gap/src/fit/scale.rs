@@ -18,9 +18,9 @@ pub(super) enum Scale {
     Linear(f64),
     /// value * e^step.
     Logarithm,
-    /// value * (1 + step), for a positive parameter to which the effect is proportional: linear parameters that give way
-    /// to the effect then take their part of the same step. Downwards it is linear only to half the value, and no step
-    /// leaves less than a fifth.
+    /// value * (1 + step), for a positive parameter to which the effect is proportional: linear parameters that give
+    /// way to the effect then take their part of the same step. Downwards it is linear only to half the value, and no
+    /// step leaves less than a fifth.
     Size,
 }
 

@@ -160,7 +160,7 @@ fn imagined(explained: &Explained, best: &Fit, experiment: &Experiment) -> Probl
     let nuisance = Nuisance::new(&problem.plant, &records, &Limits::default());
     let (plant, setting) = (problem.plant.clone(), problem.setting.clone());
     let settings = problem.settings.clone();
-    let made = Problem { plant, records, whiteners: vec![whitener], nuisance, setting, settings };
+    let made = Problem { plant, records, whiteners: vec![whitener], nuisance, setting, settings, strong: false };
     predicted(&made, &best.eta[..made.nuisance.len()], &best.effects)
 }
 

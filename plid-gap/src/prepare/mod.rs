@@ -114,7 +114,7 @@ pub fn prepare(model: &Model, records: &[Record], known: &Known) -> Result<Prepa
     let noise = rounded(noise, &quantisation, &declared_sensor);
     let whiteners = whiteners(&fitted, &noise, plant.rate, &quantisation);
     let nuisance = Nuisance::new(&plant, &fitted, &known.limits).with_prior_std(&known.prior_std);
-    let problem = Problem { plant, records: fitted, whiteners, nuisance, setting, settings };
+    let problem = Problem { plant, records: fitted, whiteners, nuisance, setting, settings, strong: false };
     let declares = model.noise.sensor_std.is_some();
     Ok(Prepared {
         problem,

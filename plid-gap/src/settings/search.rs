@@ -27,8 +27,11 @@ group! {
         least_window: usize = 64, "samples", 16.0..=1e9;
         /// Largest number of initial states of all windows together. The time of a fit grows with its square.
         window_states: usize = 240, "states", 1.0..=1e6;
-        /// Largest number of linear parameters for which fits use the derivatives of the simulation with its effects,
-        /// which take a run for each parameter, and for which a search may use windows.
+        /// Largest number of linear parameters for which fits always use the derivatives of the simulation with its
+        /// effects, which take a run for each parameter.
+        few_numbers: usize = 12, "parameters", 0.0..=1e6;
+        /// Largest number of linear parameters for which a search uses windows. The fits then use these derivatives,
+        /// too.
         strong_numbers: usize = 24, "parameters", 0.0..=1e6;
         /// Most effects in one explanation.
         most_effects: usize = 3, "effects", 1.0..=10.0;
