@@ -118,9 +118,9 @@ impl Problem {
         changed_modes(plant, &self.actions(effects))
     }
 
-    /// Returns whether the fits use the derivatives of the simulation with the effects, which take a run for each linear
-    /// parameter: if these are few, or effects change the motion strongly. The derivatives of the linear simulation lead
-    /// astray there, and where the linear parameters have absorbed nearly all of an effect.
+    /// Returns whether the fits use the derivatives of the simulation with the effects, which take a run for each
+    /// linear parameter: if these are few, or effects change the motion strongly. The derivatives of the linear
+    /// simulation lead astray there, and where the linear parameters have absorbed nearly all of an effect.
     pub fn few(&self) -> bool {
         self.strong || self.nuisance.of_simulation() <= self.settings.search.few_numbers
     }
