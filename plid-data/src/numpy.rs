@@ -45,22 +45,45 @@ pub(super) fn read_npz(path: &Path, bytes: &[u8], variable: Option<&str>) -> Res
 
 /// Checks that the file is long enough for as many entries as its directory announces, because `zip` allocates them
 /// first. The end of the file states twice how many there are, in 16 bits or, for a large archive, in 64.
+///
+/// As `zip` does, the search goes back from the end of the file to the first end of a directory that is sound. The data
+/// before it may hold the same marks by chance.
 fn require_directory(bytes: &[u8]) -> Result<(), String> {
     /// Bytes of an entry without its name.
     const ENTRY: u64 = 46;
-    for (at, rest) in (0..bytes.len()).map(|at| (at as u64, &bytes[at..])).filter(|(_, rest)| rest.starts_with(b"PK")) {
-        let counts = match rest.get(2..4) {
-            Some([5, 6]) => rest.get(8..12).map(|counts| [&counts[..2], &counts[2..]]),
-            Some([6, 6]) => rest.get(24..40).map(|counts| [&counts[..8], &counts[8..]]),
-            _ => None,
-        };
-        let number = |count: &[u8]| count.iter().rev().fold(0, |number, &byte| number << 8 | u64::from(byte));
-        let entries = counts.map_or(0, |counts| counts.map(number).into_iter().fold(0, u64::max));
-        if entries.saturating_mul(ENTRY) > at {
+    /// Bytes of the record that points to the directory's 64-bit end.
+    const LOCATOR: usize = 20;
+    let mut before = bytes.len();
+    while let Some(at) = bytes[..before].windows(4).rposition(|mark| mark == b"PK\x05\x06") {
+        before = at + 3;
+        let mut counts = vec![number(bytes, at + 8, 2), number(bytes, at + 10, 2)];
+        let mut directory = number(bytes, at + 16, 4);
+        let locator = at.checked_sub(LOCATOR).filter(|&locator| bytes[locator..].starts_with(b"PK\x06\x07"));
+        let large = locator.and_then(|locator| {
+            let from = usize::try_from(number(bytes, locator + 8, 8)).ok()?;
+            let found = bytes.get(from..locator)?.windows(4).position(|mark| mark == b"PK\x06\x06")?;
+            Some(from + found)
+        });
+        if let Some(large) = large {
+            counts.extend([number(bytes, large + 24, 8), number(bytes, large + 32, 8)]);
+            directory = number(bytes, large + 48, 8);
+        }
+        let entries = counts.into_iter().fold(0, u64::max);
+        if entries.saturating_mul(ENTRY) > at as u64 {
             return Err(format!("not a readable .npz archive: {entries} arrays are announced in {at} bytes"));
+        }
+        let stated = usize::try_from(directory).ok().and_then(|directory| bytes.get(directory..at));
+        if stated.is_some_and(|stated| stated.starts_with(b"PK\x01\x02")) {
+            break;
         }
     }
     Ok(())
+}
+
+/// Returns the unsigned number of some bytes, the lowest first; bytes behind the end of the file are zero.
+fn number(bytes: &[u8], at: usize, count: usize) -> u64 {
+    let there = bytes.get(at..).unwrap_or_default();
+    there.iter().take(count).rev().fold(0, |number, &byte| number << 8 | u64::from(byte))
 }
 
 /// Reads a single array; its columns are numbered.
@@ -232,6 +255,23 @@ mod tests {
         assert!(announced(&[&large[..], &locator, &ends(0, 0)].concat()));
         // The file ends within a mark.
         assert!(parse(b"PK\x03\x04 PK", None).is_err());
+    }
+
+    /// The marks of a directory's end may stand in the numbers of an array.
+    #[test]
+    fn marks_among_the_data_are_no_directory() {
+        let ends = |count: u64| [&b"PK\x06\x06"[..], &[0; 20], &count.to_le_bytes(), b"PK\x05\x06"].concat();
+        let mut data = ends(u64::MAX);
+        data.extend([0xff; 28]);
+        data.resize(8 * data.len().div_ceil(8), 0);
+        let array =
+            npy(&format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({},), }}", data.len() / 8), &data);
+        let mut archive = zip::ZipWriter::new(Cursor::new(Vec::new()));
+        let stored = zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
+        archive.start_file("y.npy", stored).unwrap();
+        std::io::Write::write_all(&mut archive, &array).unwrap();
+        let bytes = archive.finish().unwrap().into_inner();
+        assert_eq!(parse(&bytes, None).unwrap().columns.nrows(), data.len() / 8);
     }
 
     fn npy(header: &str, data: &[u8]) -> Vec<u8> {

@@ -1,6 +1,8 @@
 //! Columns as text.
-use ndarray::Array2;
+
 use std::fmt::Write as _;
+
+use ndarray::Array2;
 
 /// Returns columns under their names as CSV. [`read`](crate::read) finds the same names and numbers if no name is
 /// empty, is blank at an end or contains a control character.

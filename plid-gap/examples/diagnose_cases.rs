@@ -15,7 +15,8 @@ use std::error::Error;
 use std::path::Path;
 use std::time::Instant;
 
-use plid_data::{MissingPolicy, channels, read};
+use ndarray::Array2;
+use plid_data::{MissingPolicy, channels, read, to_csv};
 use plid_gap::answer::predict::Predictor;
 use plid_gap::case::{Case, columns};
 use plid_gap::effects::Library;
@@ -115,11 +116,7 @@ fn predict(to: &Path, label: &Path) -> Result<(), Box<dyn Error>> {
     let table = read(&label.join("test_u.csv"), None)?;
     let u = columns(&channels(&table, &predictor.model.inputs, MissingPolicy::Error)?);
     let y = predictor.run(&u, predictor.t0);
-    let mut text = format!("{}\n", predictor.model.outputs.join(","));
-    for k in 0..y[0].len() {
-        let row: Vec<String> = y.iter().map(|y| y[k].to_string()).collect();
-        text += &format!("{}\n", row.join(","));
-    }
-    std::fs::write(to.join("predicted.csv"), text)?;
+    let values = Array2::from_shape_fn((y[0].len(), y.len()), |(k, o)| y[o][k]);
+    std::fs::write(to.join("predicted.csv"), to_csv(&predictor.model.outputs, &values))?;
     Ok(())
 }

@@ -161,8 +161,8 @@ const DAMPING: Damping = Damping { start: 1e-3, shrink: 0.2, grow: 10.0, least: 
 fn gauss_newton(model: &Model, start: &DMatrix<f64>, learn: Samples<'_>, rest: &DVector<f64>) -> DMatrix<f64> {
     let mut fit = GainFit { model, learn, rest };
     let start = fit.at(start.clone());
-    let Ok(found) =
-        minimise(&mut fit, start, DAMPING, Stop { steps: STEPS, gain: SMALL_GAIN, patience: 1, ..Stop::default() });
+    let stop = Stop { steps: STEPS, gain: SMALL_GAIN, ..Stop::default() };
+    let Ok(found) = minimise(&mut fit, start, DAMPING, stop);
     found.point.gain
 }
 

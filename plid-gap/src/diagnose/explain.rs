@@ -123,10 +123,10 @@ impl<'a> Searched<'a> {
     ) -> Self {
         let mut quick = ready.problem.head(scope.settings.first_samples, &ready.noise);
         let windows = Windows::choose(&quick, refitted);
-        ready.problem.strong = windows.is_some();
-        quick.strong = windows.is_some();
-        ready.problem.nuisance.ports_follow = ready.problem.few();
-        quick.nuisance.ports_follow = ready.problem.few();
+        for problem in [&mut ready.problem, &mut quick] {
+            problem.strong = windows.is_some();
+            problem.nuisance.ports_follow = problem.few();
+        }
         if let Some(Windows { samples, each }) = windows {
             say(format!("windows of {samples} samples, up to {each} of each record"));
             quick = quick.windows(samples, each, &ready.noise);
@@ -286,9 +286,8 @@ fn admit_error(explained: &mut Explained) -> Option<String> {
     {
         return None;
     }
-    let fit = explained.fit();
+    let fit = explained.fit().clone();
     let simulated = outputs(&explained.ready.problem, &fit.eta, &fit.effects);
-    let fit = fit.clone();
     explained.ready.admit_error(&simulated);
     // With weights by noise alone, linear parameters follow every small remainder. Their true error shows only with the
     // error of the simulation.

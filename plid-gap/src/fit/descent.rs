@@ -1,5 +1,6 @@
 //! The fit of linear parameters and effects together, by least squares.
 
+use std::cell::OnceCell;
 use std::convert::Infallible;
 
 use nalgebra::{DMatrix, DVector};
@@ -74,7 +75,7 @@ const DAMPING_LOADED: Damping = Damping { start: 1e-8, grow: 100.0, ..DAMPING };
 /// The damping if every step is tried undamped first.
 const DAMPING_LINEAR: Damping = Damping { shrink: 0.0, least: UNDAMPED, tries: 7, ..DAMPING };
 
-/// Number of steps after which derivatives are computed again where effects matter to them: a plant changes little in
+/// Number of steps after which derivatives that depend on the effects are computed again: a plant changes little in
 /// three.
 const RENEWED: usize = 3;
 
@@ -133,22 +134,15 @@ impl Equations for PartlyLinear {
 }
 
 impl<'p, 'a> Search<'p, 'a> {
-    fn point(&self, eta: Vec<f64>, effects: Vec<Placed<'a>>) -> Point<'a> {
-        let plant = self.problem.nuisance.apply(&self.problem.plant, &eta);
-        let residual = self.problem.residual(&plant, &eta, &effects, self.effort.fineness);
-        let cost = sum_of_squares(&residual) + self.problem.penalty(&eta);
-        Point { eta, effects, plant, residual, cost }
-    }
-
     fn run(&mut self, eta: &[f64], effects: &[Placed<'a>]) -> Minimum<Self> {
         self.scales = self.problem.scales(effects);
         let mut eta = eta.to_vec();
         // A fit to the same records in windows has other initial states.
         eta.resize(self.problem.nuisance.len(), 0.0);
-        let start = self.point(eta, effects.to_vec());
+        let start = self.problem.point(eta, effects.to_vec(), self.effort.fineness);
         // Far from the minimum, a search over few parameters has time, and not every gain there is worth a step.
         let share = if self.problem.few() { self.effort.gain / self.problem.rows().max(1) as f64 } else { 0.0 };
-        let mut stop = Stop { steps: self.effort.steps, gain: self.effort.gain, share, patience: 1 };
+        let mut stop = Stop { steps: self.effort.steps, gain: self.effort.gain, share, ..Stop::default() };
         let Ok(mut found) = minimise(self, start, self.damping, stop);
         while found.ended == Ended::Stalled && self.is_stale() && found.steps < stop.steps {
             stop.steps -= found.steps;
@@ -208,7 +202,7 @@ impl<'a> plid_lsq::Problem for Search<'_, 'a> {
     fn advance(&self, from: &Point<'a>, step: &DVector<f64>, to: &mut Point<'a>) {
         let eta: Vec<f64> = from.eta.iter().zip(step.iter()).map(|(x, dx)| x + dx).collect();
         let effects = stepped(&from.effects, &step.as_slice()[eta.len()..], &self.scales);
-        *to = self.point(eta, effects);
+        *to = self.problem.point(eta, effects, self.effort.fineness);
     }
 
     fn cost(&self, at: &Point<'a>) -> f64 {
@@ -235,7 +229,7 @@ impl Problem {
         if fit.effects.is_empty() {
             return fit.clone();
         }
-        let jacobian = self.jacobian(&self.plant);
+        let jacobian = OnceCell::new();
         let mut settled = self.last_steps(fit);
         for _ in 0..RESTARTS {
             if self.max_prior_z(&settled.eta) <= self.settings.fit.repeated_from {
@@ -243,7 +237,8 @@ impl Problem {
             }
             let mut eta = settled.eta.clone();
             eta[..self.nuisance.of_simulation()].fill(0.0);
-            let anew = self.last_steps(&self.fit(&jacobian, &eta, &settled.effects, ANEW));
+            let jacobian = jacobian.get_or_init(|| self.jacobian(&self.plant));
+            let anew = self.last_steps(&self.fit(jacobian, &eta, &settled.effects, ANEW));
             if anew.cost > settled.cost - ANEW.gain {
                 break;
             }
@@ -261,11 +256,11 @@ impl Problem {
             // only their prior holds them.
             let (derivatives, effort) = (Derivatives::WithEffects, self.far(SETTLED));
             let mut settled = self.fitted_by(derivatives, DAMPING_LOADED, &fit.eta, &fit.effects, effort);
-            let jacobian = self.jacobian_with_effects(&self.point(&settled), SETTLED.fineness);
+            let jacobian = self.settled_jacobian(&settled);
             settled.covariance = self.robust_covariance(&jacobian, &settled, SETTLED.fineness);
             return settled;
         }
-        let jacobian = self.jacobian_with_effects(&self.point(fit), SETTLED.fineness);
+        let jacobian = self.settled_jacobian(fit);
         let mut settled = self.fitted(Derivatives::Given(&jacobian), &fit.eta, &fit.effects, SETTLED);
         settled.covariance = self.robust_covariance(&jacobian, &settled, SETTLED.fineness);
         settled
@@ -276,11 +271,18 @@ impl Problem {
         if self.few() { Effort { steps: FAR, ..effort } } else { effort }
     }
 
-    /// Returns the point at which a fit ended, with the residual of the last steps.
-    fn point<'a>(&self, fit: &Fit<'a>) -> Point<'a> {
-        let plant = self.nuisance.apply(&self.plant, &fit.eta);
-        let residual = self.residual(&plant, &fit.eta, &fit.effects, SETTLED.fineness);
-        Point { eta: fit.eta.clone(), effects: fit.effects.clone(), plant, residual, cost: fit.cost }
+    /// Returns a linear model with effects, and its residual.
+    fn point<'a>(&self, eta: Vec<f64>, effects: Vec<Placed<'a>>, fineness: Fineness) -> Point<'a> {
+        let plant = self.nuisance.apply(&self.plant, &eta);
+        let residual = self.residual(&plant, &eta, &effects, fineness);
+        let cost = sum_of_squares(&residual) + self.penalty(&eta);
+        Point { eta, effects, plant, residual, cost }
+    }
+
+    /// Returns the derivatives of the simulation with a fit's effects, where the fit ended.
+    fn settled_jacobian(&self, fit: &Fit) -> Jacobian {
+        let end = self.point(fit.eta.clone(), fit.effects.clone(), SETTLED.fineness);
+        self.jacobian_with_effects(&end, SETTLED.fineness)
     }
 
     fn search<'p, 'a>(&'p self, derivatives: Derivatives<'p>, damping: Damping, effort: Effort) -> Search<'p, 'a> {

@@ -20,7 +20,7 @@ pub(super) enum Scale {
     Logarithm,
     /// value * (1 + step), for a positive parameter to which the effect is proportional: linear parameters that give
     /// way to the effect then take their part of the same step. Downwards it is linear only to half the value, and no
-    /// step leaves less than a fifth.
+    /// step leaves less than a sixth.
     Size,
 }
 

@@ -34,7 +34,7 @@ impl<'a> Problem<'a> {
     /// fails is infinite.
     pub fn fit(&self, runs: &mut Runs, start: Fit<'a>, steps: usize, gain: f64) -> Fit<'a> {
         let mut fitting = Fitting { problem: self, runs: Mutex::new(runs) };
-        let stop = Stop { steps, gain, patience: 1, ..Stop::default() };
+        let stop = Stop { steps, gain, ..Stop::default() };
         let Ok(found) = minimise(&mut fitting, start, DAMPING, stop);
         let spread = (found.point.cost / self.rows() as f64).max(1.0);
         Fit { covariance: self.covariance(&found.equations, &found.point, spread), ..found.point }
