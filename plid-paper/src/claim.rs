@@ -6,6 +6,7 @@ use std::path::Path;
 use plid_bench::study::{ConfigError, Progress};
 use plid_lab::experiment::{Experiment, Refinement, from_toml};
 use plid_lab::run::{self, Outcome};
+use plid_work::Inner;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -114,17 +115,6 @@ impl Context<'_> {
         let mut experiment = experiment.clone();
         experiment.identification.refine = Refinement::Off;
         run::carry_out(&experiment, self.directory, None, false, &Inner(self.progress))
-    }
-}
-
-/// The progress of one part, which reports nothing but can be interrupted.
-pub struct Inner<'a>(pub &'a dyn Progress);
-
-impl Progress for Inner<'_> {
-    fn stage(&self, _name: &str) {}
-    fn advance(&self, _done: usize, _total: usize) {}
-    fn interrupted(&self) -> bool {
-        self.0.interrupted()
     }
 }
 

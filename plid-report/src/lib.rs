@@ -1,5 +1,4 @@
-//! Reports: plots as SVG strings, a self-contained page of HTML without scripts that holds them, and [`Progress`],
-//! which receives reports while a calculation runs.
+//! Reports: plots as SVG strings, and a self-contained page of HTML without scripts that holds them.
 //!
 //! Plots are drawn by `kuva` (0.6, without its optional features). It was chosen over `plotters` (0.3) because it keeps
 //! coordinates to a hundredth of a pixel where the SVG of plotters rounds to whole pixels, combines markers and
@@ -21,7 +20,6 @@ mod heat_map;
 mod mode_map;
 mod page;
 mod panel;
-mod progress;
 mod style;
 mod ticks;
 mod trace_plot;
@@ -38,6 +36,5 @@ pub use mode_map::{ModeSet, mode_map};
 pub use page::{Cell, Report, Table};
 pub use panel::{Axis, Scale, Series};
 pub use plid_file::{file_name, write_atomic};
-pub use progress::{Progress, Silent};
 pub use trace_plot::{Trace, trace_plot};
 pub use words::percent;

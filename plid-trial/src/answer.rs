@@ -30,40 +30,6 @@ pub struct Answered {
     pub files: BTreeMap<String, String>,
 }
 
-/// A shard of the cases of a trial: every `of`-th one, starting at `number`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Shard {
-    /// From 1 to `of`.
-    pub number: usize,
-    /// Shards in all.
-    pub of: usize,
-}
-
-impl Shard {
-    /// Returns whether a case belongs to the shard, by its index from 0.
-    pub fn has(self, index: usize) -> bool {
-        index % self.of == self.number - 1
-    }
-
-    /// Returns the name of the folder in T/shards.
-    pub(crate) fn folder(self) -> String {
-        format!("{}-of-{}", self.number, self.of)
-    }
-}
-
-impl std::str::FromStr for Shard {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let numbers = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
-        match numbers {
-            Some((number, of)) if (1..=of).contains(&number) => Ok(Self { number, of }),
-            _ => Err(format!("`{text}` is not a shard: give i/N, with i from 1 to N")),
-        }
-    }
-}
-
 /// The name of answer.json.
 pub(crate) const ANSWER: &str = "answer.json";
 /// The duration is stored in a file of its own and is not part of the answer, because it differs from run to run.
@@ -190,17 +156,5 @@ mod tests {
         assert!(read(at, "case-7").unwrap_err().to_string().starts_with("case-7: the answer has changed"));
         fs::remove_file(at.join("case-7/a.json")).unwrap();
         assert!(read(at, "case-7").is_err());
-    }
-
-    #[test]
-    fn shards_share_out_all_cases() {
-        assert_eq!("3/4".parse(), Ok(Shard { number: 3, of: 4 }));
-        for wrong in ["0/4", "5/4", "3", "a/b", "1/0", "-1/2"] {
-            assert!(wrong.parse::<Shard>().unwrap_err().contains("i/N"), "{wrong}");
-        }
-        for index in 0..20 {
-            let of: Vec<usize> = (1..=4).filter(|&number| Shard { number, of: 4 }.has(index)).collect();
-            assert_eq!(of, [index % 4 + 1]);
-        }
     }
 }

@@ -1,14 +1,12 @@
 //! The diagnosis of all cases of a trial, from the trial's directory alone.
 
 use plid_file::sha256;
-use std::any::Any;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
-use crate::answer::{self, Answer, Shard};
+use crate::answer::{self, Answer};
 use crate::error::TrialError;
 use crate::manifest::{MANIFEST, Manifest, OpenCase};
 use crate::program::Program;
@@ -17,7 +15,7 @@ use plid_gap::case::Case;
 use plid_gap::effects::Library;
 use plid_gap::{Groundwork, Outcome, Step};
 use plid_model::to_json;
-use plid_report::Progress;
+use plid_work::{Progress, SHARD, Shard, caught};
 use serde::{Deserialize, Serialize};
 
 /// How the work is divided; the answers do not depend on it.
@@ -53,9 +51,7 @@ pub(crate) struct ShardFile {
     pub cases: Vec<String>,
 }
 
-pub(crate) const SHARD: &str = "shard.json";
 pub(crate) const ANSWERS: &str = "answers";
-pub(crate) const SHARDS: &str = "shards";
 
 /// Answers one case, given its folder and the effects to leave out of the vocabulary for a second answer, if any.
 pub type Answerer<'a> = dyn Fn(&Path, &[String]) -> Result<Answer, String> + Sync + 'a;
@@ -87,7 +83,7 @@ pub fn diagnose_with(
     let manifest = Manifest::read(trial)?;
     let answers = match options.shard {
         None => trial.join(ANSWERS),
-        Some(shard) => trial.join(SHARDS).join(shard.folder()),
+        Some(shard) => shard.folder(trial),
     };
     let ours = manifest.cases.iter().enumerate().filter(|(index, _)| options.shard.is_none_or(|s| s.has(*index)));
     let ours: Vec<_> = ours.map(|(_, case)| case).collect();
@@ -162,8 +158,7 @@ pub(crate) fn answer_all(
             }
             let clock = Instant::now();
             let folder = case.folder(trial);
-            let given = catch_unwind(AssertUnwindSafe(|| pool.install(|| answerer(&folder, &case.without))));
-            let given = given.unwrap_or_else(|panic| Err(format!("panicked: {}", words(panic.as_ref()))));
+            let given = caught(|| pool.install(|| answerer(&folder, &case.without)));
             if let Err(error) = answer::write(&answers, &case.case, given, clock.elapsed().as_secs_f64()) {
                 fail(error);
                 break;
@@ -185,11 +180,6 @@ pub(crate) fn answer_all(
         }
     }
     Ok(Done { cases: ours.len(), before, failed, answers })
-}
-
-fn words(panic: &(dyn Any + Send)) -> String {
-    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "without a word".to_owned())
 }
 
 /// Answers a case with plid's own diagnosis and with the baselines.

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use plid_report::Progress;
 use plid_testbed::gap::{self, EffectSpec, GapCase, GapError, GapSpec, Label};
+use plid_work::Progress;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha12Rng;
 use rayon::prelude::*;

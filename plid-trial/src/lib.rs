@@ -28,12 +28,13 @@ pub mod truth;
 pub mod vocabulary;
 
 pub use ablation::{diagnose_without, score_without};
-pub use answer::{Answer, Answered, Shard};
+pub use answer::{Answer, Answered};
 pub use config::TrialConfig;
 pub use diagnose::{Done, Options, diagnose, diagnose_with};
 pub use draw::{Drawn, draw};
 pub use error::TrialError;
 pub use manifest::config_of;
 pub use merge::merge;
+pub use plid_work::Shard;
 pub use program::Program;
 pub use score::{Extent, score};

@@ -1,12 +1,12 @@
 //! Merges shards, each of which must be present exactly once.
 
 use plid_file::{sha256, write_folder};
-use std::collections::BTreeMap;
+use plid_work::{SHARD, require_whole, shard_folders};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::answer::{self, Shard};
-use crate::diagnose::{ANSWERS, SHARD, SHARDS, ShardFile};
+use crate::answer;
+use crate::diagnose::{ANSWERS, ShardFile};
 use crate::error::TrialError;
 use crate::files;
 use crate::manifest::{MANIFEST, Manifest};
@@ -19,56 +19,46 @@ use crate::manifest::{MANIFEST, Manifest};
 pub fn merge(trial: &Path, folders: &[PathBuf]) -> Result<usize, TrialError> {
     let manifest = Manifest::read(trial)?;
     let hash = sha256(&files::read(&trial.join(MANIFEST))?);
-    let found = if folders.is_empty() { list(&trial.join(SHARDS))? } else { folders.to_vec() };
-    let mut shards: BTreeMap<usize, (PathBuf, Vec<String>)> = BTreeMap::new();
-    let mut of = None;
+    let folders = match folders {
+        [] => shard_folders(trial).map_err(TrialError::file(trial))?,
+        given => given.to_vec(),
+    };
+    let mut found = Vec::new();
+    let mut answered = Vec::new();
     let mut one = None;
-    for folder in found {
+    for folder in folders {
         let path = folder.join(SHARD);
         if !path.exists() {
             let shown = folder.display();
             return Err(TrialError::Shards(format!("{shown}: this shard is not finished; run its `diagnose` again")));
         }
         let ShardFile { shard, trial_sha256, program, cases } = files::parse(&path, &files::read(&path)?)?;
-        let Shard { number, of: all } = shard;
         if trial_sha256 != hash {
-            return Err(TrialError::Shards(format!("shard {number} of {all} is of another trial")));
+            return Err(TrialError::Shards(format!("{shard} is of another trial")));
         }
         let ours = one.get_or_insert_with(|| program.clone());
         if *ours != program {
             return Err(TrialError::OtherProgram {
-                what: format!("shard {number} of {all}"),
+                what: shard.to_string(),
                 theirs: Box::new(program),
                 ours: Box::new(ours.clone()),
                 running: false,
             });
         }
-        if *of.get_or_insert(all) != all {
-            let other = of.unwrap_or(all);
-            return Err(TrialError::Shards(format!("shard {number} is one of {all}, but others are of {other}")));
-        }
         let theirs = manifest.cases.iter().enumerate().filter(|(index, _)| shard.has(*index));
         if theirs.map(|(_, case)| &case.case).ne(&cases) {
-            return Err(TrialError::Shards(format!("shard {number} of {all} does not hold the cases of its number")));
+            return Err(TrialError::Shards(format!("{shard} does not hold the cases of its number")));
         }
-        if let Some((first, _)) = shards.insert(number, (folder.clone(), cases)) {
-            let (a, b) = (first.display().to_string(), folder.display().to_string());
-            return Err(TrialError::Shards(format!("shard {number} of {all} is there twice: {a} and {b}")));
-        }
+        found.push((shard, folder.clone()));
+        answered.push((folder, cases));
     }
-    let Some(of) = of else { return Err(TrialError::Shards("there is no shard to merge".to_owned())) };
-    let missing: Vec<String> = (1..=of).filter(|i| !shards.contains_key(i)).map(|i| i.to_string()).collect();
-    if !missing.is_empty() {
-        let (word, verb) = if missing.len() == 1 { ("shard", "is") } else { ("shards", "are") };
-        return Err(TrialError::Shards(format!("{word} {} of {of} {verb} missing", missing.join(", "))));
-    }
-
-    copy_all(&trial.join(ANSWERS), shards.values())?;
+    let of = require_whole(&found).map_err(TrialError::Shards)?;
+    copy_all(&trial.join(ANSWERS), &answered)?;
     Ok(of)
 }
 
 /// Copies the answers of all shards that are not there yet; those that are there must be the same.
-fn copy_all<'a>(answers: &Path, shards: impl Iterator<Item = &'a (PathBuf, Vec<String>)>) -> Result<(), TrialError> {
+fn copy_all(answers: &Path, shards: &[(PathBuf, Vec<String>)]) -> Result<(), TrialError> {
     files::make(answers)?;
     for (folder, cases) in shards {
         for case in cases {
@@ -86,22 +76,6 @@ fn copy_all<'a>(answers: &Path, shards: impl Iterator<Item = &'a (PathBuf, Vec<S
         }
     }
     Ok(())
-}
-
-fn list(directory: &Path) -> Result<Vec<PathBuf>, TrialError> {
-    let mut found = Vec::new();
-    let entries = match fs::read_dir(directory) {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(found),
-        entries => entries.map_err(TrialError::file(directory))?,
-    };
-    for entry in entries {
-        let path = entry.map_err(TrialError::file(directory))?.path();
-        if path.is_dir() {
-            found.push(path);
-        }
-    }
-    found.sort();
-    Ok(found)
 }
 
 /// Copies a folder of plain files, whole.

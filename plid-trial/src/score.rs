@@ -12,7 +12,7 @@ use plid_gap::case::{Channels, columns};
 use plid_gap::effects::{Library, Range, Setting};
 use plid_gap::research::Plant;
 use plid_model::Model;
-use plid_report::Progress;
+use plid_work::Progress;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 

@@ -4,9 +4,9 @@
 use std::fs;
 
 use plid_gap::effects::{Action, Effect, Flexible, Library, Parameter, Place, Range, Sensor, Setting, Side};
-use plid_report::Silent;
 use plid_testbed::effects::own::{self, Level, Truth};
 use plid_trial::{Extent, Options, TrialConfig, diagnose, draw, score};
+use plid_work::Silent;
 
 #[path = "../../examples/own_effect/bent.rs"]
 mod bent;

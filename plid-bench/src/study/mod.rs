@@ -13,4 +13,4 @@ pub use files::{write, write_csv, write_json};
 pub use journal::Journal;
 pub use machine::{Cache, Machine};
 pub use plid_data::config::{ConfigError, from_toml_checked, read_checked, to_toml};
-pub use plid_report::{Progress, Silent};
+pub use plid_work::{Progress, Silent};

@@ -27,7 +27,7 @@ pub use output::write;
 pub(crate) use output::{RESULT, errors as errors_json, file_error, modes_json, peaks_json, strict_json, typed, with};
 pub use peaks::PeakRow;
 pub(crate) use peaks::compare as compare_peaks;
-pub use plid_report::{Progress, Silent};
+pub use plid_work::{Progress, Silent};
 pub use simulation::{Alternative, Path as RefinementPath, Simulation};
 pub(crate) use start::{canonical, parameters};
 pub use validate::{Errors, Validation};

@@ -16,7 +16,7 @@ use crate::experiment::{Experiment, Refinement};
 use crate::fit_predictor;
 use crate::identify::Samples;
 use plid_data::prepare::Prepared;
-use plid_report::Progress;
+use plid_work::Progress;
 
 /// Largest number of iterations of the refinement. A model of the plant's own order converges well before; a smaller
 /// model improves slowly without end.

@@ -2,9 +2,10 @@
 
 use plid_bench::expectations::{self, Config};
 use plid_report::{Axis, Chart, Series, chart};
+use plid_work::Inner;
 use serde::Deserialize;
 
-use crate::claim::{Claim, Context, Finding, Inner, Result, claim};
+use crate::claim::{Claim, Context, Finding, Result, claim};
 
 pub const CLAIM: Claim = claim!("converge",
     statement: "The estimate converges almost surely to the true parameters.",

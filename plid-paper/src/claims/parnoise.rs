@@ -2,10 +2,11 @@
 
 use plid_bench::stability::{self, Class, Config, Judged};
 use plid_catalogue::{CovarianceName, ScalarName};
+use plid_work::Inner;
 use serde::Deserialize;
 
 use super::twelve::word;
-use crate::claim::{Claim, Context, Finding, Inner, Result, claim};
+use crate::claim::{Claim, Context, Finding, Result, claim};
 
 pub const CLAIM: Claim = claim!("parnoise",
     statement: "Where neither a square root is taken nor the order is small, noise must be added to the parameters.",

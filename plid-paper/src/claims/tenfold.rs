@@ -2,9 +2,10 @@
 
 use plid_bench::speed::{self, Config, Outcome};
 use plid_catalogue::{CovarianceName, ExpectationName};
+use plid_work::Inner;
 use serde::Deserialize;
 
-use crate::claim::{Claim, Context, Finding, Inner, Result, claim};
+use crate::claim::{Claim, Context, Finding, Result, claim};
 
 pub const CLAIM: Claim = claim!("tenfold",
     statement: "Square-root propagation costs as much as ten times more computation.",

@@ -2,9 +2,10 @@
 
 use plid_bench::stability::{self, Class, Config, Judged, Part};
 use plid_catalogue::{CovarianceName, ScalarName};
+use plid_work::Inner;
 use serde::Deserialize;
 
-use crate::claim::{Claim, Context, Finding, Inner, Result, claim};
+use crate::claim::{Claim, Context, Finding, Result, claim};
 
 pub const CLAIM: Claim = claim!("twelve",
     statement: "Direct propagation of the covariance is good enough for up to 12 states; beyond, a square root is \

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use plid_gap::Step;
 use plid_gap::effects::Library;
-use plid_report::Progress;
+use plid_work::Progress;
 use serde::Serialize;
 
 use crate::answer::{Answer, Answered};

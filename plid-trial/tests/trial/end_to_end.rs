@@ -4,9 +4,9 @@ use std::fs;
 use std::path::Path;
 
 use plid_gap::effects::Library;
-use plid_report::Silent;
 use plid_trial::config::{Cases, Draw};
 use plid_trial::{Extent, Options, Shard, TrialConfig, diagnose, draw, score};
+use plid_work::Silent;
 
 const FILES: [&str; 4] = ["answer.json", "baselines.json", "diagnosis.json", "sim-with-effect.json"];
 

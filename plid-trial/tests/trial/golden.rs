@@ -4,10 +4,10 @@
 use std::fs;
 use std::path::Path;
 
-use plid_report::Silent;
 use plid_testbed::gap::{Channels, Experiment, PlantKind};
 use plid_trial::config::{Cases, Draw};
 use plid_trial::{TrialConfig, draw};
+use plid_work::Silent;
 
 /// Everything that the standard trial draws from, in few and short cases.
 fn config() -> TrialConfig {

@@ -7,12 +7,12 @@ use std::path::{Path, PathBuf};
 
 use plid_gap::Step;
 use plid_gap::effects::Library;
-use plid_report::{Progress, Silent};
 use plid_trial::ablation::diagnose_without_with;
 use plid_trial::config::{Cases, Draw};
 use plid_trial::{
     Answer, Extent, Options, Shard, TrialConfig, TrialError, diagnose_with, draw, merge, score, score_without,
 };
+use plid_work::{Progress, Silent};
 use tempfile::TempDir;
 
 fn config() -> TrialConfig {

@@ -21,3 +21,14 @@ impl Progress for Silent {
         false
     }
 }
+
+/// The progress of one part of a larger calculation, which reports nothing but can be interrupted.
+pub struct Inner<'a>(pub &'a dyn Progress);
+
+impl Progress for Inner<'_> {
+    fn stage(&self, _name: &str) {}
+    fn advance(&self, _done: usize, _total: usize) {}
+    fn interrupted(&self) -> bool {
+        self.0.interrupted()
+    }
+}
