@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use plid::lab::report::file_name;
 
 use super::Failure;
+use super::part::Part;
 
 /// The output directory of work that can be interrupted, and the content that it may already have.
 #[derive(clap::Args)]
@@ -28,9 +29,24 @@ impl Output {
     /// # Errors
     /// An input failure if the directory holds something and neither option allows that.
     pub fn directory(&self, name: &str) -> Result<PathBuf, Failure> {
+        self.directory_of(name, &Part::default(), "")
+    }
+
+    /// The same for a part of the work. All parts have one directory; that it is theirs is known by the folder `parts`
+    /// in it.
+    ///
+    /// # Errors
+    /// The same.
+    pub fn directory_of(&self, name: &str, part: &Part, parts: &str) -> Result<PathBuf, Failure> {
         let out = self.out.clone().unwrap_or_else(|| default_for(name));
-        check(&out, self.force || self.resume)?;
+        check(&out, self.force || self.resume || (part.is_one_of_several() && out.join(parts).is_dir()))?;
         Ok(out)
+    }
+
+    /// Whether finished work is kept: where that is asked for, by a shard, which a queue may start again, and by a
+    /// merge.
+    pub fn keeps(&self, part: &Part) -> bool {
+        self.resume || part.merge || (part.shard.is_some() && !self.force)
     }
 }
 

@@ -86,7 +86,8 @@ impl From<RunError> for Failure {
             | RunError::Merge(_)
             | RunError::Refine(_)
             | RunError::Signal(_)
-            | RunError::Checkpoint { .. } => Self::Input(error.into()),
+            | RunError::Checkpoint { .. }
+            | RunError::Sweep { .. } => Self::Input(error.into()),
             RunError::Identify(_) | RunError::NotFinite { .. } | RunError::Interrupted { .. } => {
                 Self::Work(error.into())
             }

@@ -7,10 +7,12 @@ mod failure;
 mod gap;
 mod identify;
 mod merge;
+mod part;
 mod progress;
 mod reproduce;
 mod run;
 mod simulate;
+mod sweep;
 mod table;
 mod validate;
 mod voice;
@@ -49,6 +51,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Run(run::Arguments),
+    Sweep(sweep::Arguments),
     Identify(Box<identify::Arguments>),
     Merge(merge::Arguments),
     Simulate(simulate::Arguments),
@@ -83,6 +86,7 @@ pub fn main_with(library: Library) -> ExitCode {
     let voice = Voice { quiet, json };
     let done = match command {
         Command::Run(arguments) => run::execute(arguments, voice),
+        Command::Sweep(arguments) => sweep::execute(&arguments, voice),
         Command::Identify(arguments) => identify::execute(*arguments, voice),
         Command::Merge(arguments) => merge::execute(arguments, voice),
         Command::Simulate(arguments) => simulate::execute(arguments, voice),

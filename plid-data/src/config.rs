@@ -64,7 +64,7 @@ pub fn from_toml_checked<T: DeserializeOwned>(
 ) -> Result<T, ConfigError> {
     let value: T = from_toml(text, name)?;
     match problems(&value).into_iter().next() {
-        Some((key, message)) => Err(at(text, name, find_key(text, key), format!("{key}: {message}"), None)),
+        Some((key, reason)) => Err(error_at(text, name, find_key(text, key), key, &reason)),
         None => Ok(value),
     }
 }
@@ -107,6 +107,12 @@ fn not_finite((key, value): (&Spanned<DeString>, &Spanned<DeValue>)) -> Option<(
 /// If the type cannot be TOML, which is a bug of the type and not of its value.
 pub fn to_toml<T: Serialize>(value: &T) -> String {
     toml::to_string_pretty(value).expect("configs are TOML by construction")
+}
+
+/// The error for a value of the document `text` that cannot be used: its place there, its key and the reason. A reason
+/// that names an unknown word gets a suggestion.
+pub fn error_at(text: &str, name: &str, place: Range<usize>, key: &str, reason: &str) -> ConfigError {
+    at(text, name, place, format!("{key}: {reason}"), suggestion(reason))
 }
 
 fn at(text: &str, name: &str, span: Range<usize>, message: String, help: Option<String>) -> ConfigError {

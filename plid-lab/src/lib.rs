@@ -1,4 +1,4 @@
-//! Experiments of plid: configs, runs, merged runs.
+//! Experiments of plid: configs, runs, merged runs, sweeps.
 pub mod experiment;
 pub mod merge;
 mod predictor;
@@ -6,6 +6,7 @@ mod predictor;
 #[path = "../../plid-data/src/real_file.rs"]
 mod real_file;
 pub mod run;
+pub mod sweep;
 
 pub use predictor::{Predictor, fit_predictor};
 

@@ -3,7 +3,6 @@
 //! `PLID_CHAOS_KILLS` sets the number of kills of each command, and `PLID_CHAOS_SEED` the seed of their times.
 
 mod commands;
-mod files;
 #[cfg(target_os = "linux")]
 mod full;
 
@@ -14,7 +13,7 @@ use std::time::{Duration, Instant};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use files::{Files, contents};
+use crate::contents::{Files, contents};
 
 /// A command that can be resumed.
 struct Work {

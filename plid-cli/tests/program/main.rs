@@ -4,9 +4,11 @@
 mod chaos;
 mod cli;
 mod common;
+mod contents;
 mod documented;
 mod fmu;
 mod gap;
 mod reproduce;
 mod simo_merge;
+mod sweep;
 mod trial;

@@ -60,6 +60,14 @@ pub enum RunError {
         /// The checkpoint file.
         checkpoint: PathBuf,
     },
+    /// The folder of a sweep cannot be used.
+    #[error("{}: {reason}", path.display())]
+    Sweep {
+        /// The file or folder.
+        path: PathBuf,
+        /// The reason why it cannot be used.
+        reason: String,
+    },
     /// A file cannot be read or written.
     #[error("{}: {source}", path.display())]
     File {

@@ -26,6 +26,18 @@ fn run() {
     chaos(&RUN);
 }
 
+pub const SWEEP: Work = Work {
+    first: &["sweep", "orders.toml", "--out", "out"],
+    again: &["--resume"],
+    results: &["out"],
+    prepare: crate::sweep::prepare,
+};
+
+#[test]
+fn sweep() {
+    chaos(&SWEEP);
+}
+
 static DATA: OnceLock<TempDir> = OnceLock::new();
 
 /// The data are in one place, because the written experiment states where they are.

@@ -78,6 +78,11 @@ fn an_experiment_needs_room() {
 }
 
 #[test]
+fn a_sweep_needs_room() {
+    full_and_read_only(&commands::SWEEP);
+}
+
+#[test]
 fn a_study_needs_room() {
     full_and_read_only(&commands::BENCH_STABILITY);
 }

@@ -1,0 +1,23 @@
+//! The part of a work that one process does.
+
+use plid_work::Shard;
+
+/// Work that several processes or machines share.
+#[derive(clap::Args, Default)]
+pub struct Part {
+    /// Do the i-th of N shards only. All shards have the same output directory, and each continues where it was
+    /// interrupted.
+    #[arg(long, value_name = "i/N")]
+    pub shard: Option<Shard>,
+    /// Join what all shards have done, and write the results. Nothing is computed: a shard that is missing or not
+    /// complete is an error.
+    #[arg(long, conflicts_with = "shard")]
+    pub merge: bool,
+}
+
+impl Part {
+    /// Whether other processes use the same output directory.
+    pub fn is_one_of_several(&self) -> bool {
+        self.shard.is_some() || self.merge
+    }
+}
