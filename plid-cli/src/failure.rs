@@ -129,7 +129,7 @@ impl From<StudyError> for Failure {
             StudyError::File { path, source } => Self::file(&path, &source),
             // Not wrapped, so that the place in the file is shown.
             StudyError::Config(error) => Self::Input(error.into()),
-            StudyError::Content { .. } => Self::input(error),
+            StudyError::Content { .. } | StudyError::Shards(_) => Self::input(error),
             StudyError::NotFinite { .. } | StudyError::Cell { .. } | StudyError::Interrupted { .. } => {
                 Self::work(error)
             }

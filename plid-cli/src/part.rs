@@ -2,6 +2,8 @@
 
 use plid_work::Shard;
 
+use super::{Failure, Voice, voice};
+
 /// Work that several processes or machines share.
 #[derive(clap::Args, Default)]
 pub struct Part {
@@ -19,5 +21,14 @@ impl Part {
     /// Whether other processes use the same output directory.
     pub fn is_one_of_several(&self) -> bool {
         self.shard.is_some() || self.merge
+    }
+
+    /// Says that a shard of a study is complete. It has no results of its own.
+    pub fn tell_shard(shard: Shard, voice: Voice) -> Result<(), Failure> {
+        match voice {
+            Voice { json: true, .. } => voice::print(&format!("{}\n", serde_json::json!({ "shard": shard }))),
+            Voice { quiet: true, .. } => Ok(()),
+            _ => voice::print(&format!("{shard} is complete; --merge joins all of them\n")),
+        }
     }
 }

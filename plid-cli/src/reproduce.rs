@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 
 use plid_paper::{CLAIMS, Line, Options};
+use plid_work::SHARDS;
 
+use super::part::Part;
 use super::progress::Bar;
 use super::{Failure, Voice, directory, voice};
 
@@ -19,6 +21,8 @@ use super::{Failure, Voice, directory, voice};
         "Examples:\n",
         "  plid reproduce --quick --out out/paper\n",
         "  plid reproduce --only fig6 --only drift\n",
+        "  plid reproduce --out out/paper --shard 3/8   # likewise all others, on any machine\n",
+        "  plid reproduce --out out/paper --merge\n",
         "then open out/paper/report.html. The configs are in experiments/paper; those that identify a model also run ",
         "by themselves, as in `plid run experiments/paper/fig8.toml`.",
     )
@@ -39,23 +43,30 @@ pub struct Arguments {
     /// Discard earlier results, and write into the directory whatever it contains.
     #[arg(long)]
     force: bool,
+    #[command(flatten)]
+    part: Part,
 }
 
 /// Runs the command.
 pub fn execute(arguments: Arguments, voice: Voice) -> Result<(), Failure> {
-    let Arguments { out, only, quick, configs, force } = arguments;
+    let Arguments { out, only, quick, configs, force, part } = arguments;
     let known: Vec<&str> = CLAIMS.iter().map(|claim| claim.id).collect();
     if let Some(id) = only.iter().find(|id| !known.contains(&id.as_str())) {
         return Err(Failure::input(format!("--only: there is no claim `{id}`; there are {}", known.join(", "))));
     }
-    directory::check(&out, force || out.join("claims.json").exists() || out.join("cells.jsonl").exists())?;
-    let options = Options { only, quick, configs, anew: force };
+    let is_ours = ["claims.json", "cells.jsonl", SHARDS].iter().any(|name| out.join(name).exists());
+    directory::check(&out, force || is_ours)?;
+    let Part { shard, merge } = part;
+    let options = Options { only, quick, configs, anew: force, shard, merge };
     let bar = Bar::new(voice.quiet || voice.json);
     let lines = directory::with(&out, || {
         let lines = plid_paper::reproduce(CLAIMS, &options, &out, &bar);
         bar.finish();
         Ok(lines?)
     })?;
+    if let Some(shard) = shard {
+        return Part::tell_shard(shard, voice);
+    }
     if voice.json {
         let path = out.join("claims.json");
         voice::print(&std::fs::read_to_string(&path).map_err(|error| Failure::file(&path, &error))?)

@@ -2,11 +2,11 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-use plid_bench::study::{Journal, Machine, Progress, StudyError, write, write_json};
+use plid_bench::study::{Journal, Machine, Progress, Shard, StudyError, merge_shards, shard, write, write_json};
 use plid_file::{executable_sha256, sha256};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -25,6 +25,10 @@ pub struct Options {
     pub configs: Option<PathBuf>,
     /// Whether to discard what the output directory contains.
     pub anew: bool,
+    /// The shard of the claims to run, in a folder of its own in the output directory; `None` for all.
+    pub shard: Option<Shard>,
+    /// Whether to take the findings from all shards in the output directory, and to run nothing.
+    pub merge: bool,
 }
 
 /// A finished claim in the journal.
@@ -42,6 +46,9 @@ struct Task {
     key: String,
 }
 
+/// The study's name in its journal, and what its cells depend on, which their keys say.
+const STUDY: (&str, &str) = ("paper", "claims");
+
 /// Runs the claims and writes DIR/ID/claim.json with plots and configs for each, and DIR/claims.json and
 /// DIR/report.html for all of them. A claim that DIR already holds for the same configs, by the same build of the
 /// program, is not repeated.
@@ -55,60 +62,43 @@ pub fn reproduce(
     directory: &Path,
     progress: &dyn Progress,
 ) -> Result<Vec<Line>, StudyError> {
+    match options.shard {
+        Some(own) => shard(directory, own, |folder| run(claims, options, folder, progress)),
+        None => run(claims, options, directory, progress),
+    }
+}
+
+fn run(
+    claims: &[Claim],
+    options: &Options,
+    directory: &Path,
+    progress: &dyn Progress,
+) -> Result<Vec<Line>, StudyError> {
     let program = executable_sha256().map_err(StudyError::file("the program's executable"))?;
     let tasks = claims.iter().map(|claim| task(claim, options, &program)).collect::<Result<Vec<Task>, _>>()?;
-    let journal: Journal<Done> = Journal::open(directory, "paper", "claims", !options.anew)?;
-    let wanted = |task: &&Task| options.only.is_empty() || options.only.iter().any(|id| id == task.claim.id);
-    let missing = |task: &&Task| journal.get(&task.key).is_none();
+    if options.merge {
+        merge_shards::<Done>(directory, STUDY.0, STUDY.1)?;
+    }
+    let journal: Journal<Done> = Journal::open(directory, STUDY.0, STUDY.1, !options.anew || options.merge)?;
+    let missing: Vec<&Task> = options.own(&tasks).filter(|task| journal.get(&task.key).is_none()).collect();
+    if let (true, Some(task)) = (options.merge, missing.first()) {
+        let id = task.claim.id;
+        return Err(StudyError::Shards(format!(
+            "{id}: no shard has run this claim with these options and configs by this build of the program"
+        )));
+    }
     // A former run in the same directory may have been quick and this one not: files follow the journal.
     for task in &tasks {
         if let Some(done) = journal.get(&task.key) {
             keep(task, &done.finding, &directory.join(task.claim.id))?;
         }
     }
-    let (timed, plain): (Vec<&Task>, Vec<&Task>) =
-        tasks.iter().filter(wanted).filter(missing).partition(|task| task.claim.timed);
-
     // The load of before, for at the end it is this program's own.
     let machine = Machine::here();
-    progress.stage("claims");
-    let (done, total) = (AtomicUsize::new(0), timed.len() + plain.len());
-    progress.advance(0, total);
-    let journal = Mutex::new(journal);
-    let carry_out = |task: &&Task| -> Result<(), StudyError> {
-        let interrupted = || journal.lock().unwrap_or_else(|e| e.into_inner()).interrupted();
-        if progress.interrupted() {
-            return Err(interrupted());
-        }
-        let at = directory.join(task.claim.id);
-        // Claims write data files there before they are done.
-        fs::create_dir_all(&at).map_err(StudyError::file(&at))?;
-        let context = Context {
-            id: task.claim.id,
-            quick: options.quick,
-            config: &task.config,
-            vary: &task.vary,
-            directory: &at,
-            progress,
-        };
-        let start = Instant::now();
-        let finding = match (task.claim.run)(&context) {
-            Ok(finding) => finding,
-            // Whatever broke off: the user asked for it.
-            Err(_) if progress.interrupted() => return Err(interrupted()),
-            Err(source) => return Err(StudyError::Cell { cell: task.claim.id.into(), source }),
-        };
-        let finished = Done { finding, seconds: start.elapsed().as_secs_f64() };
-        keep(task, &finished.finding, &at)?;
-        journal.lock().unwrap_or_else(|e| e.into_inner()).append(&task.key, finished)?;
-        progress.advance(done.fetch_add(1, Ordering::Relaxed) + 1, total);
-        Ok(())
-    };
-    // Longer ones would be better first, but nobody knows which they are; threads help each other within a claim.
-    let mut results: Vec<Result<(), StudyError>> = plain.par_iter().map(carry_out).collect();
-    // Beside other work there would be no timing.
-    results.extend(timed.iter().map(carry_out));
-    let journal = journal.into_inner().unwrap_or_else(|e| e.into_inner());
+    let (quick, journal) = (options.quick, Mutex::new(journal));
+    let work = Work { quick, directory, progress, journal, done: AtomicUsize::new(0), total: missing.len() };
+    let results = work.all(&missing);
+    let journal = work.journal.into_inner().unwrap_or_else(PoisonError::into_inner);
 
     let lines: Vec<Line> = tasks
         .into_iter()
@@ -124,6 +114,70 @@ pub fn reproduce(
     let failed = results.into_iter().filter_map(Result::err);
     let first = failed.min_by_key(|error| !matches!(error, StudyError::Interrupted { .. }));
     first.map_or(Ok(lines), Err)
+}
+
+impl Options {
+    /// The tasks that are asked for: those of `only`, and of these the shard's.
+    fn own<'t>(&self, tasks: &'t [Task]) -> impl Iterator<Item = &'t Task> {
+        let asked = tasks.iter().filter(|task| self.only.is_empty() || self.only.iter().any(|id| id == task.claim.id));
+        asked.enumerate().filter(|(index, _)| self.shard.is_none_or(|shard| shard.has(*index))).map(|(_, task)| task)
+    }
+}
+
+/// The claims that are being run.
+struct Work<'a> {
+    quick: bool,
+    directory: &'a Path,
+    progress: &'a dyn Progress,
+    journal: Mutex<Journal<Done>>,
+    done: AtomicUsize,
+    total: usize,
+}
+
+impl Work<'_> {
+    fn all(&self, tasks: &[&Task]) -> Vec<Result<(), StudyError>> {
+        self.progress.stage("claims");
+        self.progress.advance(0, self.total);
+        let (timed, plain): (Vec<&Task>, Vec<&Task>) = tasks.iter().partition(|task| task.claim.timed);
+        // Longer ones would be better first, but nobody knows which they are; threads help each other within a claim.
+        let mut results: Vec<Result<(), StudyError>> = plain.par_iter().map(|task| self.one(task)).collect();
+        // Beside other work there would be no timing.
+        results.extend(timed.iter().map(|task| self.one(task)));
+        results
+    }
+
+    fn one(&self, task: &Task) -> Result<(), StudyError> {
+        if self.progress.interrupted() {
+            return Err(self.journal().interrupted());
+        }
+        let at = self.directory.join(task.claim.id);
+        // Claims write data files there before they are done.
+        fs::create_dir_all(&at).map_err(StudyError::file(&at))?;
+        let context = Context {
+            id: task.claim.id,
+            quick: self.quick,
+            config: &task.config,
+            vary: &task.vary,
+            directory: &at,
+            progress: self.progress,
+        };
+        let start = Instant::now();
+        let finding = match (task.claim.run)(&context) {
+            Ok(finding) => finding,
+            // Whatever broke off: the user asked for it.
+            Err(_) if self.progress.interrupted() => return Err(self.journal().interrupted()),
+            Err(source) => return Err(StudyError::Cell { cell: task.claim.id.into(), source }),
+        };
+        let finished = Done { finding, seconds: start.elapsed().as_secs_f64() };
+        keep(task, &finished.finding, &at)?;
+        self.journal().append(&task.key, finished)?;
+        self.progress.advance(self.done.fetch_add(1, Ordering::Relaxed) + 1, self.total);
+        Ok(())
+    }
+
+    fn journal(&self) -> MutexGuard<'_, Journal<Done>> {
+        self.journal.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 fn task(claim: &Claim, options: &Options, program: &str) -> Result<Task, StudyError> {

@@ -19,7 +19,9 @@ use std::path::Path;
 pub use cell::{Cell, Finished, Score};
 pub use config::{Config, FULL, InClass, QUICK, Scalar, Truss};
 
-use crate::study::{Journal, Machine, Progress, StudyError, to_toml, write, write_csv, write_json};
+use crate::study::{
+    self, Journal, Machine, Progress, Shard, StudyError, merge_shards, to_toml, write, write_csv, write_json,
+};
 
 /// A finished study.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,19 +40,7 @@ pub struct Study {
 pub fn run(config: &Config, directory: &Path, resume: bool, progress: &dyn Progress) -> Result<Study, StudyError> {
     let text = to_toml(config);
     let machine = Machine::here();
-    let mut journal = Journal::<Finished>::open(directory, "expectations", &text, resume)?;
-    let cells = cell::cells(config);
-    let mut finished = Vec::new();
-    for (number, cell) in cells.iter().enumerate() {
-        let key = cell.key();
-        if journal.get(&key).is_none() {
-            progress.stage(&format!("cell {} of {}", number + 1, cells.len()));
-            let measured = cell.measure(config, progress).map_err(StudyError::cell(&key))?;
-            let Some(measured) = measured else { return Err(journal.interrupted()) };
-            journal.append(&key, measured)?;
-        }
-        finished.extend(journal.get(&key).cloned());
-    }
+    let finished = measure(config, directory, None, resume, progress)?;
     write_json(&directory.join("expectations.json"), &finished)?;
     write_csv(&directory.join("expectations.csv"), table::rows(config, &finished))?;
     write_json(&directory.join("machine.json"), &machine)?;
@@ -58,4 +48,54 @@ pub fn run(config: &Config, directory: &Path, resume: bool, progress: &dyn Progr
     let page = report::page(config, &finished, &machine, &text);
     write(&directory.join("report.html"), page.to_html())?;
     Ok(Study { verdict: verdict::sentences(&finished), cells: finished })
+}
+
+/// Runs the cells of a shard in a folder of its own in `directory`.
+///
+/// # Errors
+/// [`StudyError`]
+pub fn run_shard(
+    config: &Config,
+    directory: &Path,
+    shard: Shard,
+    resume: bool,
+    progress: &dyn Progress,
+) -> Result<(), StudyError> {
+    study::shard(directory, shard, |folder| measure(config, folder, Some(shard), resume, progress).map(|_| ()))
+}
+
+/// Takes the cells of all shards over into `directory`, where [`run`] resumes with nothing left to measure.
+///
+/// # Errors
+/// Returns [`StudyError::Shards`] if a shard is missing or not complete, or the error of a file.
+pub fn merge(config: &Config, directory: &Path) -> Result<usize, StudyError> {
+    merge_shards::<Finished>(directory, STUDY, &to_toml(config))
+}
+
+/// The study's name in its journal.
+const STUDY: &str = "expectations";
+
+/// Measures the cells of a shard, or all of them, as far as the journal in `directory` does not have them yet.
+fn measure(
+    config: &Config,
+    directory: &Path,
+    shard: Option<Shard>,
+    resume: bool,
+    progress: &dyn Progress,
+) -> Result<Vec<Finished>, StudyError> {
+    let mut journal = Journal::<Finished>::open(directory, STUDY, &to_toml(config), resume)?;
+    let cells = cell::cells(config);
+    let mut finished = Vec::new();
+    let own = cells.iter().enumerate().filter(|(index, _)| shard.is_none_or(|shard| shard.has(*index)));
+    for (index, cell) in own {
+        let key = cell.key();
+        if journal.get(&key).is_none() {
+            progress.stage(&format!("cell {} of {}", index + 1, cells.len()));
+            let measured = cell.measure(config, progress).map_err(StudyError::cell(&key))?;
+            let Some(measured) = measured else { return Err(journal.interrupted()) };
+            journal.append(&key, measured)?;
+        }
+        finished.extend(journal.get(&key).cloned());
+    }
+    Ok(finished)
 }

@@ -32,7 +32,7 @@ pub use reference::ReferenceSummary;
 pub use scenario::Scenario;
 pub use verdicts::{Claim, Recommended};
 
-use crate::study::{Progress, StudyError};
+use crate::study::{Progress, Shard, StudyError};
 
 /// Runs the study. With `resume`, cells in the journal in `directory` are not repeated.
 ///
@@ -45,7 +45,31 @@ pub fn carry_out(
     progress: &dyn Progress,
 ) -> Result<Outcome, StudyError> {
     let machine = crate::study::Machine::here();
-    Outcome::new(config.clone(), machine, study::run(config, directory, resume, progress)?)
+    Outcome::new(config.clone(), machine, study::run(config, directory, None, resume, progress)?)
+}
+
+/// Runs the cells of a shard in a folder of its own in `directory`.
+///
+/// # Errors
+/// The same.
+pub fn run_shard(
+    config: &Config,
+    directory: &Path,
+    shard: Shard,
+    resume: bool,
+    progress: &dyn Progress,
+) -> Result<(), StudyError> {
+    crate::study::shard(directory, shard, |folder| {
+        study::run(config, folder, Some(shard), resume, progress).map(|_| ())
+    })
+}
+
+/// Takes the cells of all shards over into `directory`, where [`carry_out`] resumes with nothing left to run.
+///
+/// # Errors
+/// Returns [`StudyError::Shards`] if a shard is missing or not complete, or the error of a file.
+pub fn merge(config: &Config, directory: &Path) -> Result<usize, StudyError> {
+    study::merge(config, directory)
 }
 
 /// Writes report.html, stability.csv, stability.json, machine.json and config.toml.

@@ -15,7 +15,7 @@ use super::group::Group;
 use super::problem::Problem;
 use super::record::Record;
 use super::reference::{Reference, ReferenceSummary, reference};
-use crate::study::{Journal, Progress, StudyError, to_toml};
+use crate::study::{Journal, Progress, Shard, StudyError, merge_shards, to_toml};
 
 /// An entry of the journal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -41,13 +41,24 @@ const SAY_EVERY: usize = 512;
 /// Cost of a step in double-double relative to one in double precision.
 const DEARER: usize = 25;
 
-/// Runs all cells that `directory`'s journal does not have yet.
+/// The study's name in its journal.
+const STUDY: &str = "stability";
+
+/// Runs the groups of cells of a shard, or all of them, as far as `directory`'s journal does not have them yet.
 ///
 /// # Errors
 /// [`StudyError`]; interrupted work leaves its journal.
-pub fn run(config: &Config, directory: &Path, resume: bool, progress: &dyn Progress) -> Result<Found, StudyError> {
-    let journal = Mutex::new(Journal::open(directory, "stability", &to_toml(config), resume)?);
-    let groups = config.groups();
+pub fn run(
+    config: &Config,
+    directory: &Path,
+    shard: Option<Shard>,
+    resume: bool,
+    progress: &dyn Progress,
+) -> Result<Found, StudyError> {
+    let journal = Mutex::new(Journal::open(directory, STUDY, &to_toml(config), resume)?);
+    let groups = config.groups().into_iter().enumerate();
+    let groups: Vec<Group> =
+        groups.filter(|(index, _)| shard.is_none_or(|shard| shard.has(*index))).map(|(_, group)| group).collect();
     progress.stage("stability");
     let total: usize =
         groups.iter().map(|g| config.cells(g).iter().map(|c| work(g, g.steps_of(c.1))).sum::<usize>()).sum();
@@ -69,6 +80,14 @@ pub fn run(config: &Config, directory: &Path, resume: bool, progress: &dyn Progr
         }
     }
     Ok(found)
+}
+
+/// Joins the journals of all shards in `directory`.
+///
+/// # Errors
+/// [`StudyError`]
+pub fn merge(config: &Config, directory: &Path) -> Result<usize, StudyError> {
+    merge_shards::<Entry>(directory, STUDY, &to_toml(config))
 }
 
 /// The work of so many steps, in entries of P gone through, thousands.

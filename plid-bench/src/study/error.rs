@@ -43,6 +43,9 @@ pub enum StudyError {
         /// Why.
         source: Box<dyn Error + Send + Sync>,
     },
+    /// The shards do not make a whole.
+    #[error("{0}")]
+    Shards(String),
     /// The user interrupted the study.
     #[error("interrupted; completed cells are in {}, from which --resume continues", journal.display())]
     Interrupted {

@@ -7,7 +7,7 @@ use plid_file::{require_finite, sha256};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::StudyError;
+use super::{StudyError, write};
 
 /// The finished cells of a study, saved as they are completed in DIR/cells.jsonl: a head followed by one line per cell.
 ///
@@ -64,6 +64,19 @@ impl<T: Serialize + DeserializeOwned> Journal<T> {
         Ok(Self { path, file, cells })
     }
 
+    /// Writes the journal of `study` in `directory`, in place of one that is there, with these cells.
+    ///
+    /// # Errors
+    /// [`StudyError::File`]
+    ///
+    /// # Panics
+    /// Panics if the type cannot be JSON, which is a fault of the type and not of its value.
+    pub fn replace(directory: &Path, study: &str, config: &str, cells: &BTreeMap<String, T>) -> Result<(), StudyError> {
+        let head = Head { study: study.into(), config_sha256: sha256(config) };
+        let text: String = cells.iter().map(|(key, cell)| line(&Line { key, cell })).collect();
+        write(&directory.join(NAME), line(&head) + &text)
+    }
+
     /// Appends a finished cell, which replaces an earlier one with the same key.
     ///
     /// # Errors
@@ -73,9 +86,11 @@ impl<T: Serialize + DeserializeOwned> Journal<T> {
     /// Panics if the type cannot be JSON, which is a fault of the type and not of its value.
     pub fn append(&mut self, key: &str, cell: T) -> Result<(), StudyError> {
         require_finite(&cell).map_err(StudyError::not_finite(&self.path))?;
-        let line = serde_json::to_string(&Line { key, cell: &cell }).expect("cells are JSON by construction") + "\n";
         // One write, so that what is torn is the last line.
-        self.file.write_all(line.as_bytes()).and_then(|()| self.file.flush()).map_err(StudyError::file(&self.path))?;
+        self.file
+            .write_all(line(&Line { key, cell: &cell }).as_bytes())
+            .and_then(|()| self.file.flush())
+            .map_err(StudyError::file(&self.path))?;
         self.cells.insert(key.into(), cell);
         Ok(())
     }
@@ -122,13 +137,16 @@ fn cells<T: DeserializeOwned>(path: &Path, head: &Head, bytes: &[u8]) -> Result<
         .collect()
 }
 
+fn line(content: &impl Serialize) -> String {
+    serde_json::to_string(content).expect("heads and cells are JSON by construction") + "\n"
+}
+
 /// Opens the file, truncated to its first `whole` bytes, for appending.
 fn open_at(path: &Path, whole: usize, head: &Head) -> io::Result<File> {
     let file = OpenOptions::new().create(true).append(true).open(path)?;
     file.set_len(whole as u64)?;
     if whole == 0 {
-        let line = serde_json::to_string(head).expect("a head is two strings") + "\n";
-        (&file).write_all(line.as_bytes())?;
+        (&file).write_all(line(head).as_bytes())?;
     }
     Ok(file)
 }

@@ -1,8 +1,10 @@
 //! `plid bench expectations`: which conditional expectation, and does it matter?
 
 use plid_bench::expectations::{self, Config, FULL, QUICK};
+use plid_work::SHARDS;
 
 use super::Common;
+use crate::part::Part;
 use crate::progress::Bar;
 use crate::{Failure, Voice, directory, voice};
 
@@ -23,15 +25,27 @@ use crate::{Failure, Voice, directory, voice};
 pub struct Arguments {
     #[command(flatten)]
     common: Common,
+    #[command(flatten)]
+    part: Part,
 }
 
 /// Runs the command.
 pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
     let config: Config = arguments.common.config(FULL, QUICK, Config::problems)?;
-    let out = arguments.common.output.directory("bench-expectations")?;
+    let Arguments { common, part } = arguments;
+    let out = common.output.directory_of("bench-expectations", part, SHARDS)?;
+    let resume = common.output.keeps(part);
     let bar = Bar::new(voice.quiet || voice.json);
+    if let Some(shard) = part.shard {
+        let done = directory::with(&out, || Ok(expectations::run_shard(&config, &out, shard, resume, &bar)?));
+        bar.finish();
+        return done.and_then(|()| Part::tell_shard(shard, voice));
+    }
     let study = directory::with(&out, || {
-        let study = expectations::run(&config, &out, arguments.common.output.resume, &bar);
+        if part.merge {
+            expectations::merge(&config, &out)?;
+        }
+        let study = expectations::run(&config, &out, resume, &bar);
         bar.finish();
         Ok(study?)
     })?;

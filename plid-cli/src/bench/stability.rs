@@ -2,8 +2,10 @@
 
 use plid_bench::stability::{self, Config, FULL, Outcome, QUICK};
 use plid_bench::study::StudyError;
+use plid_work::SHARDS;
 
 use super::Common;
+use crate::part::Part;
 use crate::progress::Bar;
 use crate::{Failure, Voice, directory, voice};
 
@@ -17,21 +19,35 @@ use crate::{Failure, Voice, directory, voice};
     after_help = concat!(
         "Examples:\n",
         "  plid bench stability --quick --out out/stability\n",
-        "  plid bench stability experiments/bench/stability.toml --out out/stability",
+        "  plid bench stability experiments/bench/stability.toml --out out/stability\n",
+        "  plid bench stability --out out/stability --shard 3/8   # likewise all others, on any machine\n",
+        "  plid bench stability --out out/stability --merge",
     )
 )]
 pub struct Arguments {
     #[command(flatten)]
     common: Common,
+    #[command(flatten)]
+    part: Part,
 }
 
 /// Runs the command.
 pub fn execute(arguments: &Arguments, voice: Voice) -> Result<(), Failure> {
     let config: Config = arguments.common.config(FULL, QUICK, Config::problems)?;
-    let out = arguments.common.output.directory("bench-stability")?;
+    let Arguments { common, part } = arguments;
+    let out = common.output.directory_of("bench-stability", part, SHARDS)?;
+    let resume = common.output.keeps(part);
     let bar = Bar::new(voice.quiet || voice.json);
+    if let Some(shard) = part.shard {
+        let done = directory::with(&out, || Ok(stability::run_shard(&config, &out, shard, resume, &bar)?));
+        bar.finish();
+        return done.and_then(|()| Part::tell_shard(shard, voice));
+    }
     let outcome = directory::with(&out, || {
-        let outcome = stability::carry_out(&config, &out, arguments.common.output.resume, &bar);
+        if part.merge {
+            stability::merge(&config, &out)?;
+        }
+        let outcome = stability::carry_out(&config, &out, resume, &bar);
         bar.finish();
         let outcome = outcome?;
         stability::write_all(&outcome, &out)?;

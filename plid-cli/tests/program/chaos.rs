@@ -5,6 +5,7 @@
 mod commands;
 #[cfg(target_os = "linux")]
 mod full;
+mod shards;
 
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};

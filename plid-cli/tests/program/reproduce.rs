@@ -31,3 +31,16 @@ fn a_claim_that_is_not_there_and_a_directory_of_others_are_refused() {
     let full = plid(directory.path(), &["reproduce", "--only", "sizing", "--out", &out]);
     assert_eq!(full.status.code(), Some(2));
 }
+
+/// A merge runs nothing, so a claim that no shard has run is an error.
+#[test]
+fn a_claim_that_no_shard_has_run_is_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let run = |more: &[&str]| plid(directory.path(), &[&["reproduce", "--quick", "--out", "paper"], more].concat());
+    let shard = run(&["--only", "sizing", "--shard", "1/1"]);
+    assert_eq!(shard.status.code(), Some(0), "{}", String::from_utf8_lossy(&shard.stderr));
+    let merge = run(&["--only", "sizing", "--only", "fig5", "--merge"]);
+    let message = String::from_utf8_lossy(&merge.stderr).into_owned();
+    assert!(merge.status.code() == Some(2) && message.contains("fig5: no shard has run this claim"), "{message}");
+    assert_eq!(run(&["--only", "sizing", "--merge"]).status.code(), Some(0));
+}
