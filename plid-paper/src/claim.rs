@@ -37,8 +37,8 @@ macro_rules! claim {
     ($id:literal, $($field:ident: $value:expr),+ $(,)?) => {
         $crate::claim::Claim {
             id: $id,
-            config: include_str!(concat!("../../../experiments/paper/", $id, ".toml")),
-            vary: include_str!(concat!("../../../experiments/paper/", $id, ".vary.toml")),
+            config: include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/experiments/", $id, ".toml")),
+            vary: include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/experiments/", $id, ".vary.toml")),
             run,
             $($field: $value),+
         }

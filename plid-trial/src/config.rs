@@ -114,7 +114,7 @@ impl Span {
 const MOST: usize = 1_000_000;
 
 /// The built-in trial of `--quick`.
-const QUICK: &str = include_str!("../../experiments/trials/quick.toml");
+const QUICK: &str = include_str!("../experiments/quick.toml");
 
 impl Default for Draw {
     fn default() -> Self {
@@ -294,7 +294,7 @@ mod tests {
     /// there are some.
     #[test]
     fn the_trials_that_come_with_plid_are_as_large_as_they_must_be() {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../experiments/trials");
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("experiments");
         for name in ["quick", "short", "standard", "passive", "outsiders"] {
             let config = TrialConfig::read(&folder.join(format!("{name}.toml"))).unwrap();
             assert_eq!(config.name, name);

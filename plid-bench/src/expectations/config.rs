@@ -7,9 +7,9 @@ use plid_testbed::OUTPUTS;
 use serde::{Deserialize, Serialize};
 
 /// The full study, as in experiments/bench/expectations.toml.
-pub const FULL: &str = include_str!("../../../experiments/bench/expectations.toml");
+pub const FULL: &str = include_str!("../../experiments/expectations.toml");
 /// The study of at most five minutes, as in experiments/bench/expectations-quick.toml.
-pub const QUICK: &str = include_str!("../../../experiments/bench/expectations-quick.toml");
+pub const QUICK: &str = include_str!("../../experiments/expectations-quick.toml");
 
 /// A study of expectations. A cell is a plant, a signal-to-noise ratio and an assumed Sigma; all methods of a cell
 /// see the same runs, and run k of a plant has the same random numbers in every cell.

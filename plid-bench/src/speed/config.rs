@@ -8,9 +8,9 @@ use super::cell::Cell;
 use crate::Noise;
 
 /// The full study, as in experiments/bench/speed.toml.
-pub const FULL: &str = include_str!("../../../experiments/bench/speed.toml");
+pub const FULL: &str = include_str!("../../experiments/speed.toml");
 /// The study of about two minutes, as in experiments/bench/speed-quick.toml.
-pub const QUICK: &str = include_str!("../../../experiments/bench/speed-quick.toml");
+pub const QUICK: &str = include_str!("../../experiments/speed-quick.toml");
 
 /// A speed study.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -9,12 +9,12 @@ use serde::{Deserialize, Serialize};
 use super::scenario::Scenario;
 
 /// The full study, as experiments/bench/stability.toml has it.
-pub const FULL: &str = include_str!("../../../experiments/bench/stability.toml");
+pub const FULL: &str = include_str!("../../experiments/stability.toml");
 /// The study of about two minutes, as experiments/bench/stability-quick.toml has it.
-pub const QUICK: &str = include_str!("../../../experiments/bench/stability-quick.toml");
+pub const QUICK: &str = include_str!("../../experiments/stability-quick.toml");
 
 /// The study of `cargo bench -- stability`, as experiments/bench/stability-bench.toml has it.
-pub const BENCH: &str = include_str!("../../../experiments/bench/stability-bench.toml");
+pub const BENCH: &str = include_str!("../../experiments/stability-bench.toml");
 
 /// A stability study. The defaults are the full study.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -8,7 +8,7 @@ pub const CLAIM: Claim = Claim {
     id: "sizing",
     statement: "Eq. 11-15 give a square adapter of about 0.16 in.",
     limit: "Arithmetic: it says that the printed numbers give the printed result, not that the adapter served.",
-    config: include_str!("../../../experiments/paper/sizing.toml"),
+    config: include_str!("../../experiments/sizing.toml"),
     vary: "",
     timed: false,
     run,

@@ -223,7 +223,7 @@ mod tests {
     /// The records that `plid run` takes are those of seed 1.
     #[test]
     fn the_committed_records_are_those_of_seed_1() {
-        let built_in = include_str!("../../../experiments/paper/unstable-1.csv");
+        let built_in = include_str!("../../experiments/unstable-1.csv");
         assert_eq!(UNSTABLE.csv(1).unwrap(), built_in);
     }
 }
