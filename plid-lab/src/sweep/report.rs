@@ -11,9 +11,12 @@ use plid_report::{Cell, Report, Table, percent};
 /// Returns the page.
 pub(super) fn page(sweep: &Sweep, rows: &[Row]) -> Report {
     let keys: Vec<&str> = sweep.varied.iter().map(|varied| varied.key.as_str()).collect();
-    let failed = rows.iter().filter(|row| row.error.is_some()).count();
+    let failed = match rows.iter().filter(|row| row.error.is_some()).count() {
+        0 => "Every point has a result.".to_owned(),
+        count => format!("{count} of them have no result; the last column of the table says why."),
+    };
     let mut report = Report::new(format!("Sweep: {}", sweep.name)).verdict(format!(
-        "{} points over {}; {failed} of them have no result.",
+        "{} points over {}. {failed}",
         rows.len(),
         keys.join(", ")
     ));
