@@ -344,7 +344,7 @@ def score(out, plid):
                 continue
             subprocess.run(
                 [plid, "gap", "predict", "--diagnosis", answers / "diagnosis.json", "--input",
-                 label_file.parent / "test_u.csv", "--out", answers / "predicted.csv", "--force", "--quiet"],
+                 label_file.parent / "test_u.csv", "--out", answers / "predicted.csv", "--quiet"],
                 capture_output=True,
             )
         took = time.monotonic() - began
