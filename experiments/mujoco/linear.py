@@ -186,7 +186,7 @@ def drawn(kind, plant, big, reach):
             gap = 0.35 * big * reach[last]
             return Truth(["backlash", "clearance"], far, force=(last, lost_motion(numbers["k"], gap)))
         case "sine":
-            return Truth(["cubic-stiffness", "gravity"], at)
+            return Truth(["gravity-sine", "cubic-stiffness"], at)
         case "closed loop":
             return Truth(FRICTION, at, dict(loss=0.12 * big * level), controller=60.0)
         case "sound loop":
