@@ -183,6 +183,7 @@ FORCES = {
     "backlash": lambda d, v, z, p: p["k"] * min(max(d, -p["g"]), p["g"]),
     "coulomb-friction": lambda d, v, z, p: -p["F"] * math.tanh(v / p["v0"]),
     "quadratic-damping": lambda d, v, z, p: -p["c"] * abs(v) * v,
+    "gravity-sine": lambda d, v, z, p: p["k"] * (d - math.sin(d)),
     "end-stop": lambda d, v, z, p: stop(d, v, math.copysign(1, d), p["g"], p),
     "one-sided-stop": lambda d, v, z, p: stop(d, v, math.copysign(1, p["s"]), abs(p["s"]), p),
     "stick-friction": lambda d, v, z, p: 0.0 if v == 0 else

@@ -186,7 +186,7 @@ def drawn(kind, plant, big, reach):
             gap = 0.35 * big * reach[last]
             return Truth(["backlash", "clearance"], far, force=(last, lost_motion(numbers["k"], gap)))
         case "sine":
-            return Truth(["cubic-stiffness", "gravity"], at)
+            return Truth(["gravity-sine", "cubic-stiffness"], at)
         case "closed loop":
             return Truth(FRICTION, at, dict(loss=0.12 * big * level), controller=60.0)
         case "sound loop":
@@ -344,7 +344,7 @@ def score(out, plid):
                 continue
             subprocess.run(
                 [plid, "gap", "predict", "--diagnosis", answers / "diagnosis.json", "--input",
-                 label_file.parent / "test_u.csv", "--out", answers / "predicted.csv", "--force", "--quiet"],
+                 label_file.parent / "test_u.csv", "--out", answers / "predicted.csv", "--quiet"],
                 capture_output=True,
             )
         took = time.monotonic() - began

@@ -88,13 +88,14 @@ pub const VOCABULARY: [Kind; 32] = [
 /// Effects of the diagnosis that no trial draws: they act on the axes of plants without lightly damped modes, and at
 /// declared ports. The testbed's plants are structures with modes, and many of their cases declare no port, where a
 /// mass, a damper or a spring is what it does to the frequencies and damping ratios of all modes. Stops and friction
-/// that sticks have the testbed's clearance and its Stribeck curve for near relatives.
-pub const ELSEWHERE: [Kind; 7] = [
+/// that sticks have the testbed's clearance and its Stribeck curve for near relatives, and nothing on a truss swings.
+pub const ELSEWHERE: [Kind; 8] = [
     kind("added-mass", MODAL, At::Input, &[]),
     kind("added-damping", MODAL, At::Input, &[]),
     kind("added-stiffness", MODAL, At::Input, &[]),
     kind("backlash", STRUT, At::Input, &[]),
     kind("end-stop", STRUT, At::Input, &[]),
+    kind("gravity-sine", STRUT, At::Input, &[]),
     kind("one-sided-stop", STRUT, At::Input, &[]),
     kind("stick-friction", STRUT, At::Input, &[]),
 ];

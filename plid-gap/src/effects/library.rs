@@ -1,10 +1,10 @@
 use super::{
     ActuatorCrosstalk, ActuatorDeadZone, ActuatorDelay, ActuatorGain, ActuatorGainDrift, ActuatorHysteresis,
     ActuatorLag, ActuatorSaturation, ActuatorSlewLimit, AddedDamping, AddedMass, AddedStiffness, Backlash, Clearance,
-    ColouredDisturbance, CoulombFriction, CubicStiffness, Effect, EndStop, JointHysteresis, MainsHum, MissingMode,
-    ModalDamping, ModalFrequency, NarrowbandDisturbance, OneSidedStop, QuadraticDamping, QuadraticStiffness,
-    SensorCrosstalk, SensorDelay, SensorDrift, SensorDropout, SensorGain, SensorLag, SensorNoise, SensorOffset,
-    SensorQuantisation, SensorSaturation, StickFriction, StiffnessDrift,
+    ColouredDisturbance, CoulombFriction, CubicStiffness, Effect, EndStop, GravitySine, JointHysteresis, MainsHum,
+    MissingMode, ModalDamping, ModalFrequency, NarrowbandDisturbance, OneSidedStop, QuadraticDamping,
+    QuadraticStiffness, SensorCrosstalk, SensorDelay, SensorDrift, SensorDropout, SensorGain, SensorLag, SensorNoise,
+    SensorOffset, SensorQuantisation, SensorSaturation, StickFriction, StiffnessDrift,
 };
 
 /// The effects of a diagnosis.
@@ -33,6 +33,7 @@ impl Library {
             Box::new(CoulombFriction),
             Box::new(CubicStiffness),
             Box::new(EndStop),
+            Box::new(GravitySine),
             Box::new(JointHysteresis),
             Box::new(MainsHum),
             Box::new(MissingMode),

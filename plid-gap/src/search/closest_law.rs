@@ -44,7 +44,9 @@ pub fn closest_law<'a>(
     };
     let found = curve(&effects.iter().filter(alike).cloned().collect::<Vec<_>>());
     let mut laws: Vec<(f64, Placed)> = Vec::new();
-    for effect in library.effects().filter(|effect| effect.free_shape() == Some(sibling)) {
+    let acts =
+        |effect: &&dyn Effect| effect.free_shape() == Some(sibling) && effect.places(setting).contains(&present.place);
+    for effect in library.effects().filter(acts) {
         for start in effect.starts(setting, &present.place) {
             let mut placed = Placed { effect, place: present.place.clone(), parameters: start };
             let Some((index, neutral)) = effect.amplitude().filter(|_| allowed(&placed)) else { continue };
@@ -103,7 +105,7 @@ mod tests {
         let ready = prepare(case.model.as_ref().unwrap(), &case.records, &Known::default()).unwrap();
         let (problem, library) = (&ready.problem, Library::standard());
         let rms = problem.setting.d_rms[0];
-        let at = |effect, parameters| Placed { effect, place: Place::Port(0), parameters };
+        let at = |effect, parameters| Placed { effect, place: Place::Input(0), parameters };
         let law = |name: &str, parameters: Vec<f64>| at(library.get(name).unwrap(), parameters);
         let gap = law("clearance", vec![1.0, rms]);
         // From one knot to the next, the slope of a parabola rises by twice their distance.

@@ -158,6 +158,42 @@ fn a_spring_that_moves_the_resonance_far_is_found() {
     assert!(!spring.shape_differs && found.gap.with_effect < 1.2 * found.gap.noise_floor, "{}", found.sentence);
 }
 
+/// Gravity on two pendulums of 1.5 Hz, over the torque that moves them: the light one swings far.
+const LIGHT: f64 = 0.35;
+const HEAVY: f64 = 1.2;
+
+fn pendulum(k: f64, force: fn(f64, f64) -> f64) -> Axis {
+    let w = TAU * 1.5;
+    Axis { mass: k / (w * w), c: 1.4 * k / w, k, force, position: true }
+}
+
+/// Gravity's sine is told from a cubic spring where a pendulum swings far, and is its equal where it does not.
+#[test]
+fn the_sine_of_gravity_is_told_from_a_cube_on_large_angles() {
+    fn light(d: f64, _v: f64) -> f64 {
+        LIGHT * (d - d.sin())
+    }
+    fn heavy(d: f64, _v: f64) -> f64 {
+        HEAVY * (d - d.sin())
+    }
+    let found = pendulum(LIGHT, light).diagnosed();
+    let [gravity] = found.effects.as_slice() else { panic!("{}", found.sentence) };
+    assert_eq!(
+        (gravity.effect.as_str(), gravity.location.as_str()),
+        ("gravity-sine", "input:u1"),
+        "{}",
+        found.sentence
+    );
+    let k = gravity.parameters["k"].value;
+    assert!((k / LIGHT - 1.0).abs() < 0.01, "{k}: {}", found.sentence);
+    assert!(found.not_separable.is_empty() && !gravity.shape_differs, "{}", found.sentence);
+    let found = pendulum(HEAVY, heavy).diagnosed();
+    assert_eq!(found.verdict, Verdict::Effects, "{}", found.sentence);
+    for name in ["gravity-sine@input:u1", "cubic-stiffness@input:u1"] {
+        assert!(found.not_separable.iter().flatten().any(|one| one == name), "{name}: {:?}", found.not_separable);
+    }
+}
+
 /// One number of the simulation is off: the mass, the damper or the spring of a motor, a slider and a servo, seen by
 /// their position or velocity. Each is named with its value, although a refit spreads it over poles and gains.
 #[test]

@@ -28,6 +28,9 @@ const VISIBLE: f64 = 1e-3;
 const DURATION_S: f64 = 1.0;
 const T0: f64 = 0.3;
 
+/// Factor from the displacements of the truss, about 1e-5, to angles in radians.
+const ANGLE: f64 = 1e5;
+
 /// The interpreter of the script, which is not required to build this project: Python with NumPy.
 fn python() -> bool {
     Command::new("python3").args(["-c", "import numpy"]).output().is_ok_and(|output| output.status.success())
@@ -217,8 +220,14 @@ impl Benches {
             let model = change(rig.model.clone());
             Bench::new(rig, model)
         };
+        // A displacement of the size of an angle, so that gravity-sine is visible. No other effect has a scale.
         let unnamed = |mut model: Model| {
             model.ports[1].input = None;
+            for port in &mut model.ports {
+                port.force.iter_mut().for_each(|x| *x /= ANGLE);
+                port.output.iter_mut().flatten().for_each(|x| *x /= ANGLE);
+                port.displacement.iter_mut().chain(&mut port.velocity).for_each(|x| *x *= ANGLE);
+            }
             model
         };
         let without_ports = |mut model: Model| {

@@ -32,6 +32,7 @@ pub const CHECKS: &[Check] = &[
         measure: |effect| STOP.disagreement(effect).max(bounces(effect, true)),
     },
     Check { effect: "stick-friction", limit: 1e-2, measure: sticks },
+    Check { effect: "gravity-sine", limit: 2.5e-3, measure: swings },
     Check { effect: "added-stiffness", limit: 1e-5, measure: |effect| loaded(effect, |[_, _, k]| [0.0, 0.0, 0.2 * k]) },
     Check { effect: "added-damping", limit: 1e-5, measure: |effect| loaded(effect, |[_, c, _]| [0.0, c, 0.0]) },
     Check { effect: "added-mass", limit: 1e-5, measure: |effect| loaded(effect, |[m, _, _]| [3.0 * m, 0.0, 0.0]) },
@@ -267,18 +268,25 @@ fn loaded_in(rig: &Rig, effect: &dyn Effect, load: fn([f64; 3]) -> [f64; 3]) -> 
     rig.disagreement(&simulated, &truth::linear(&built, &rig.u))
 }
 
-/// A slider of mass 2 on a damper of 3, seen by its position, and commands that are held over forty samples.
-fn slider() -> (Model, Channels) {
-    let (a, b) = held(&dmatrix![0.0, 1.0; 0.0, -1.5], &dmatrix![0.0; 0.5], 1.0 / RATE);
+/// An axis of mass 2 on a damper of 3 and a spring, seen by its position, and commands that are held over forty
+/// samples.
+fn axis(spring: f64) -> (Model, Channels) {
+    let (a, b) = held(&dmatrix![0.0, 1.0; -0.5 * spring, -1.5], &dmatrix![0.0; 0.5], 1.0 / RATE);
     let model = Model::new(RATE, a, b, dmatrix![1.0, 0.0], dmatrix![0.0]).unwrap();
     let drawn = &super::noise(17, 1, 32)[0];
     (model, vec![(0..32 * 40).map(|n| drawn[n / 40]).collect()])
 }
 
-/// Returns the disagreement on the slider between an effect and the truth, of which `step` takes position and velocity
-/// over a sample with its command.
-fn on_the_slider(effect: &dyn Effect, parameters: &[f64], step: impl Fn(f64, &mut [f64; 2])) -> f64 {
-    let (model, u) = slider();
+/// Returns the disagreement on an axis with this spring between an effect and the truth, of which `step` takes position
+/// and velocity over a sample with its command, of `loud` times the size.
+fn on_an_axis(
+    effect: &dyn Effect,
+    parameters: &[f64],
+    [spring, loud]: [f64; 2],
+    step: impl Fn(f64, &mut [f64; 2]),
+) -> f64 {
+    let (model, mut u) = axis(spring);
+    u[0].iter_mut().for_each(|u| *u *= loud);
     let plant = Plant::new(&model).unwrap();
     let setting = Setting::bare(&plant, &model);
     let actions = effect.act(&setting, &Place::Input(0), parameters);
@@ -291,13 +299,27 @@ fn on_the_slider(effect: &dyn Effect, parameters: &[f64], step: impl Fn(f64, &mu
     });
     let truth = vec![truth.collect::<Vec<f64>>()];
     let changed = truth::size(&truth::minus(&truth, &truth::linear(&model, &u)));
+    assert!(changed > 1e-3 * truth::size(&truth), "an effect too small to judge: {changed:.1e}");
     truth::size(&truth::minus(&simulated, &truth)) / changed
+}
+
+/// The slider has no spring.
+const SLIDER: [f64; 2] = [0.0, 1.0];
+
+/// A pendulum swings out to more than a right angle: its own equation has no spring but gravity.
+fn swings(effect: &dyn Effect) -> f64 {
+    const GRAVITY: f64 = 60.0;
+    on_an_axis(effect, &[GRAVITY], [GRAVITY, 60.0], |u, x| {
+        truth::advance(x, 0.0, 1.0 / RATE, truth::TOLERANCE, |_, x, rate| {
+            (rate[0], rate[1]) = (x[1], (u - 3.0 * x[1] - GRAVITY * x[0].sin()) / 2.0);
+        });
+    })
 }
 
 /// The slider bounces on hard stops, at about 50 Hz.
 fn bounces(effect: &dyn Effect, one_sided: bool) -> f64 {
     let parameters = [2e5, 300.0, 0.002];
-    on_the_slider(effect, &parameters, |u, x| {
+    on_an_axis(effect, &parameters, SLIDER, |u, x| {
         truth::advance(x, 0.0, 1.0 / RATE, truth::TOLERANCE, |_, x, rate| {
             let below = if one_sided { 0.0 } else { stop(&parameters, -x[0] - parameters[2], -x[1]) };
             let force = below - stop(&parameters, x[0] - parameters[2], x[1]);
@@ -311,7 +333,7 @@ fn bounces(effect: &dyn Effect, one_sided: bool) -> f64 {
 fn sticks(effect: &dyn Effect) -> f64 {
     const PIECES: usize = 50;
     let [slides, holds, vs] = [0.3, 0.5, 0.02];
-    on_the_slider(effect, &[slides, holds, vs], |u, x| {
+    on_an_axis(effect, &[slides, holds, vs], SLIDER, |u, x| {
         let over = |x: &[f64; 2], sign: f64, time: f64| {
             let mut to = *x;
             truth::advance(&mut to, 0.0, time, truth::TOLERANCE, |_, x, rate| {

@@ -1,0 +1,76 @@
+use super::{Action, Effect, Flexible, Force, Parameter, Place, Range, Setting, Side};
+
+/// Gravity on an axis that swings: a linear simulation holds the stiffness k of small angles, and the real axis has
+/// k sin(d). The displacement d of the port is an angle in radians, so the law has no scale of its own.
+pub struct GravitySine;
+
+/// Shares of the port's stiffness from which fits start: a small one, whose trace is proportional to it, and all of it,
+/// as in a pendulum without another spring, whose resonance may move too far to be extrapolated.
+const SHARES: [f64; 2] = [0.1, 1.0];
+
+/// Range of k over the static stiffness of the port in the simulation. Gravity is a part of that stiffness, which may
+/// itself be half too small. On a pendulum that stands on its head k is negative; with a loop or a spring that exceeds
+/// gravity by a third, a third of its size is left as stiffness. Beyond this range the law only bends another spring.
+const HELD: std::ops::Range<f64> = -3.0..1.5;
+
+/// The largest RMS angle in the linear simulation. Above it, an axis turns over; or the displacement is no angle.
+const TURNS_OVER: f64 = std::f64::consts::PI;
+
+impl Effect for GravitySine {
+    fn name(&self) -> &'static str {
+        "gravity-sine"
+    }
+
+    fn side(&self) -> Side {
+        Side::Structure
+    }
+
+    fn equation(&self) -> &'static str {
+        "f = k (d - sin(d)), d in rad; k is gravity's own stiffness"
+    }
+
+    fn parameters(&self, _setting: &Setting) -> Vec<Parameter> {
+        vec![Parameter::new("k", "force/displacement", Range::Signed)]
+    }
+
+    fn places(&self, setting: &Setting) -> Vec<Place> {
+        setting.loads().into_iter().filter(|place| setting.sees_displacement(place)).collect()
+    }
+
+    fn starts(&self, setting: &Setting, place: &Place) -> Vec<Vec<f64>> {
+        let port = setting.port(place);
+        let stiffness = setting.stiffness[port];
+        if !(stiffness > 0.0 && setting.d_rms[port] < TURNS_OVER) {
+            return Vec::new();
+        }
+        SHARES.map(|share| vec![share * stiffness]).to_vec()
+    }
+
+    fn amplitude(&self) -> Option<(usize, f64)> {
+        Some((0, 0.0))
+    }
+
+    fn free_shape(&self) -> Option<&'static Flexible> {
+        Some(&Flexible::Stiffness)
+    }
+
+    fn sound(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> bool {
+        HELD.contains(&(parameters[0] / setting.stiffness[setting.port(place)]))
+    }
+
+    fn act(&self, setting: &Setting, place: &Place, parameters: &[f64]) -> Vec<Action> {
+        let law = Sine { k: parameters[0] };
+        vec![Action::Force(setting.port(place), Box::new(law))]
+    }
+}
+
+/// What the simulation's spring has too much of: k d - k sin(d).
+struct Sine {
+    k: f64,
+}
+
+impl Force for Sine {
+    fn force(&self, d: f64, _v: f64, _state: f64) -> f64 {
+        self.k * (d - d.sin())
+    }
+}
