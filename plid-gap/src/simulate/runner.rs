@@ -69,8 +69,12 @@ pub struct Runner<'a> {
     x: Vec<Quad>,
     ports: Vec<Port<'a>>,
     pushes: Vec<Push>,
-    /// For each port, the force before a part and its change.
+    /// For each port, the force that is held over a part.
     forces: Vec<f64>,
+    /// For each port, the change of its force over the last part, which the state does not yet contain.
+    changes: Vec<f64>,
+    /// For each port, its motion after a part.
+    moved: Vec<Motion>,
 }
 
 /// The step of the rest: over each part if its continuous form is known, otherwise over a sample with the mean input.
@@ -95,30 +99,44 @@ struct Port<'a> {
     d: f64,
     v: f64,
     path: f64,
-    /// Increments by a force over a part: by a held unit and by a ramp from 0 to 1.
+    /// Increments by a force over a part: by a held unit, by a ramp from 0 to 1, and by such a ramp in the part before.
     held: Vec<Lane>,
     ramp: Vec<Lane>,
+    past: Vec<Lane>,
     held_rest: Vec<Quad>,
     ramp_rest: Vec<Quad>,
+    past_rest: Vec<Quad>,
     /// Rows of displacement and velocity.
     sees_d: Vec<Lane>,
     sees_v: Vec<Lane>,
     sees_d_rest: Vec<Quad>,
     sees_v_rest: Vec<Quad>,
-    /// Increments of displacement and velocity by each port's ramp.
-    ramps: Vec<(f64, f64)>,
+    /// Increments of displacement and velocity by each port's force.
+    coupled: Vec<Coupled>,
     /// Direct response of the outputs to a unit.
     output: Vec<f64>,
+    /// Increments of the outputs by its ramp.
+    shown: Vec<f64>,
     /// Friction that can hold the port.
     hold: Option<Hold>,
+}
+
+/// Displacement and velocity at a port.
+type Motion = [f64; 2];
+
+/// Increments of the motion at a port by a force there or elsewhere: by a held unit, by a ramp from 0 to 1, and by such
+/// a ramp in the part before.
+#[derive(Clone, Copy)]
+struct Coupled {
+    held: Motion,
+    ramp: Motion,
+    past: Motion,
 }
 
 /// Dry friction that holds a port while it stands still.
 struct Hold {
     /// The largest force.
     most: f64,
-    /// Increment of the velocity over a part by a held unit of force.
-    gain: f64,
     /// Whether the port stands still.
     stuck: bool,
     /// The force of the last part.
@@ -148,7 +166,7 @@ impl<'a> Runner<'a> {
         let rest = NonModalStep::new(plant, parts, step);
         let none = lanes::complex(std::iter::repeat_n(C::ZERO, plant.modes.len()));
         let nought = rest.next.clone();
-        let ports = forces.iter().map(|&(number, law)| Port::new(plant, number, law, step)).collect();
+        let ports = forces.iter().map(|&(number, law)| Port::new(plant, number, law, step, &rest)).collect();
         let push = |number: usize| {
             let (rest, _) = rest_force(plant, &plant.ports[number].force_rest, step);
             Push { number, modes: none.clone(), rest, output: plant.ports[number].output.clone(), value: 0.0 }
@@ -170,6 +188,8 @@ impl<'a> Runner<'a> {
             ports,
             pushes: disturbances.iter().map(|&(number, _)| push(number)).collect(),
             forces: vec![0.0; forces.len()],
+            changes: vec![0.0; forces.len()],
+            moved: vec![Motion::default(); forces.len()],
         };
         for (k, mode) in plant.modes.iter().enumerate() {
             runner.place(plant, k, mode.pole, Carried::UNMOVED);
@@ -183,7 +203,7 @@ impl<'a> Runner<'a> {
         self.z = lanes::complex(state.modes.iter().copied());
         self.x = lanes::real(&state.rest);
         for j in 0..self.ports.len() {
-            let (d, v) = self.seen(j);
+            let [d, v] = self.seen(j);
             (self.ports[j].d, self.ports[j].v, self.ports[j].path) = (d, v, d);
             self.ports[j].hold.iter_mut().for_each(|hold| hold.stuck = v == 0.0);
         }
@@ -193,7 +213,8 @@ impl<'a> Runner<'a> {
     fn place(&mut self, plant: &Plant, k: usize, pole: C, rows: Carried) {
         let mode = &plant.modes[k];
         let (held, ramp) = (phi1(pole * self.step) * self.step, phi2(pole * self.step) * self.step);
-        lanes::set(&mut self.turn, k, (pole * self.step).exp());
+        let turn = (pole * self.step).exp();
+        lanes::set(&mut self.turn, k, turn);
         for (to, b) in self.b.iter_mut().zip(mode.b.iter()) {
             lanes::set(to, k, held * b);
         }
@@ -204,6 +225,7 @@ impl<'a> Runner<'a> {
             let port = &plant.ports[to.number];
             lanes::set(&mut to.held, k, held * port.force[k]);
             lanes::set(&mut to.ramp, k, ramp * port.force[k]);
+            lanes::set(&mut to.past, k, turn * ramp * port.force[k]);
             lanes::set(&mut to.sees_d, k, 2.0 * port.displacement[k] * rows.displacement);
             lanes::set(&mut to.sees_v, k, 2.0 * port.velocity[k] * rows.velocity);
         }
@@ -212,25 +234,44 @@ impl<'a> Runner<'a> {
         }
     }
 
-    /// Computes the increments by each port's ramp at each port.
+    /// Computes the increments by each port's force at each port and at the outputs.
     fn couple(&mut self) {
+        let seen = |at: &Port, modes: &[Lane], rest: &[Quad]| {
+            let d = lanes::real_dot(&at.sees_d, modes) + lanes::dot(&at.sees_d_rest, rest);
+            let v = lanes::real_dot(&at.sees_v, modes) + lanes::dot(&at.sees_v_rest, rest);
+            [d, v]
+        };
+        let coupled = |at: &Port, by: &Port| Coupled {
+            held: seen(at, &by.held, &by.held_rest),
+            ramp: seen(at, &by.ramp, &by.ramp_rest),
+            past: seen(at, &by.past, &by.past_rest),
+        };
         for j in 0..self.ports.len() {
             let at = &self.ports[j];
-            let seen = |by: &Port| {
-                let d = lanes::real_dot(&at.sees_d, &by.ramp) + lanes::dot(&at.sees_d_rest, &by.ramp_rest);
-                let v = lanes::real_dot(&at.sees_v, &by.ramp) + lanes::dot(&at.sees_v_rest, &by.ramp_rest);
-                (d, v)
+            let coupled = self.ports.iter().map(|by| coupled(at, by)).collect();
+            let rows = self.c.iter().zip(&self.rest.c);
+            let shown = |(c, rest): (&Vec<Lane>, &Vec<Quad>)| {
+                lanes::real_dot(c, &at.ramp) + lanes::dot(rest, &at.ramp_rest)
             };
-            self.ports[j].ramps = self.ports.iter().map(seen).collect();
-            let at = &self.ports[j];
-            let gain = lanes::real_dot(&at.sees_v, &at.held) + lanes::dot(&at.sees_v_rest, &at.held_rest);
-            self.ports[j].hold.iter_mut().for_each(|hold| hold.gain = gain);
+            (self.ports[j].shown, self.ports[j].coupled) = (rows.map(shown).collect(), coupled);
+        }
+    }
+
+    /// Adds the last changes of the forces to the state.
+    fn catch_up(&mut self) {
+        for (port, change) in self.ports.iter().zip(&mut self.changes) {
+            lanes::add(&mut self.z, &port.ramp, *change);
+            if self.rest.each_part {
+                lanes::add_real(&mut self.x, &port.ramp_rest, *change);
+            }
+            *change = 0.0;
         }
     }
 
     /// Multiplies every w^2 by `factor`. The force 2 zeta w q' stays, and so does the real part of each pole; a mode's
     /// rows follow its pole. The gains of actuators and filters are those at the former pole.
     fn stiffen(&mut self, plant: &Plant, factor: f64) {
+        self.catch_up();
         for (k, mode) in plant.modes.iter().enumerate() {
             let from = mode.pole;
             let square = from.norm_sqr() * factor - from.re * from.re;
@@ -239,7 +280,7 @@ impl<'a> Runner<'a> {
         }
         self.couple();
         for j in 0..self.ports.len() {
-            (self.ports[j].d, self.ports[j].v) = self.seen(j);
+            [self.ports[j].d, self.ports[j].v] = self.seen(j);
         }
     }
 
@@ -293,7 +334,8 @@ impl<'a> Runner<'a> {
             for (i, u) in u.iter().enumerate() {
                 sum += self.d[(o, i)] * u;
             }
-            for port in &self.ports {
+            for (port, change) in self.ports.iter().zip(&self.changes) {
+                sum += port.shown[o] * change;
                 if let Some(gain) = port.output.get(o) {
                     sum += gain * port.acting();
                 }
@@ -305,16 +347,20 @@ impl<'a> Runner<'a> {
         }
     }
 
-    /// Returns displacement and velocity at a port.
+    /// Returns the motion at a port without the last changes of the forces.
     #[inline(always)]
-    fn seen(&self, j: usize) -> (f64, f64) {
+    fn seen(&self, j: usize) -> Motion {
         let port = &self.ports[j];
         let d = lanes::real_dot(&port.sees_d, &self.z) + lanes::dot(&port.sees_d_rest, &self.x);
         let v = lanes::real_dot(&port.sees_v, &self.z) + lanes::dot(&port.sees_v_rest, &self.x);
-        (d, v)
+        [d, v]
     }
 
     /// Steps by one part of a sample.
+    ///
+    /// Each force must be known before the next one, and that chain takes most of the time. The sums over modes are
+    /// therefore kept out of it: a part is stepped without forces and seen at the ports, while the forces are still
+    /// being computed, and what these add there is known from their increments ([`Coupled`]).
     #[inline(always)]
     fn step(&mut self, last: bool) {
         for ((z, turn), added) in self.z.iter_mut().zip(&self.turn).zip(&self.added) {
@@ -326,61 +372,71 @@ impl<'a> Runner<'a> {
         if self.ports.is_empty() {
             return;
         }
-        for (force, port) in self.forces.iter_mut().zip(&self.ports) {
-            *force = port.acting();
-            lanes::add(&mut self.z, &port.held, *force);
-            if self.rest.each_part {
-                lanes::add_real(&mut self.x, &port.held_rest, *force);
+        for j in 0..self.ports.len() {
+            self.moved[j] = self.seen(j);
+        }
+        for j in 0..self.ports.len() {
+            let (force, change) = (self.ports[j].acting(), self.changes[j]);
+            self.forces[j] = force;
+            self.push_on(j, force, change);
+            for (at, moved) in self.ports.iter().zip(&mut self.moved) {
+                let by = &at.coupled[j];
+                *moved = std::array::from_fn(|q| moved[q] + by.held[q] * force + by.past[q] * change);
             }
         }
         for j in 0..self.ports.len() {
-            let (d, v) = self.held_still(j);
+            self.hold_still(j);
             let port = &mut self.ports[j];
-            (port.d, port.v) = (d, v);
-            port.state = port.law.advance(port.path, d, port.state);
-            port.path = d;
+            [port.d, port.v] = self.moved[j];
+            port.state = port.law.advance(port.path, port.d, port.state);
+            port.path = port.d;
             let stuck = port.hold.as_ref().is_some_and(|hold| hold.stuck);
-            self.forces[j] = if stuck { 0.0 } else { port.law.force(d, v, port.state) - self.forces[j] };
-        }
-        for (port, &change) in self.ports.iter().zip(&self.forces) {
-            lanes::add(&mut self.z, &port.ramp, change);
-            if self.rest.each_part {
-                lanes::add_real(&mut self.x, &port.ramp_rest, change);
-            }
+            self.changes[j] = if stuck { 0.0 } else { port.law.force(port.d, port.v, port.state) - self.forces[j] };
         }
         for port in &mut self.ports {
-            for (&(d, v), &change) in port.ramps.iter().zip(&self.forces) {
-                port.d += d * change;
-                port.v += v * change;
+            for (by, &change) in port.coupled.iter().zip(&self.changes) {
+                port.d += by.ramp[0] * change;
+                port.v += by.ramp[1] * change;
             }
         }
     }
 
-    /// Returns displacement and velocity at a port after its force was held over a part. Friction that holds the port,
-    /// or on whose way the velocity passes zero, becomes the force that brings the port to rest at the end of the part,
-    /// as far as it can. (This is the time stepping of Moreau for unilateral constraints: J. J. Moreau, in Nonsmooth
-    /// Mechanics and Applications, 1988.)
+    /// Adds a force that is held over a part, and the change that the last part had, to the state.
     #[inline(always)]
-    fn held_still(&mut self, j: usize) -> (f64, f64) {
-        let (d, v) = self.seen(j);
-        let (before, held) = (self.ports[j].v, self.forces[j]);
-        let Some(hold) = &mut self.ports[j].hold else { return (d, v) };
-        hold.stuck = hold.stuck || before * v <= 0.0;
-        if !hold.stuck {
-            return (d, v);
+    fn push_on(&mut self, j: usize, force: f64, change: f64) {
+        let port = &self.ports[j];
+        lanes::add(&mut self.z, &port.held, force);
+        lanes::add(&mut self.z, &port.past, change);
+        if self.rest.each_part {
+            lanes::add_real(&mut self.x, &port.held_rest, force);
+            lanes::add_real(&mut self.x, &port.past_rest, change);
         }
-        let wanted = held - v / hold.gain;
+    }
+
+    /// Friction that holds a port, or on whose way the velocity passes zero, becomes the force that brings the port to
+    /// rest at the end of a part, as far as it can. (This is the time stepping of Moreau for unilateral constraints: J.
+    /// J. Moreau, in Nonsmooth Mechanics and Applications, 1988.)
+    #[inline(always)]
+    fn hold_still(&mut self, j: usize) {
+        let (v, held) = (self.moved[j][1], self.forces[j]);
+        let port = &mut self.ports[j];
+        let Some(hold) = &mut port.hold else { return };
+        hold.stuck = hold.stuck || port.v * v <= 0.0;
+        if !hold.stuck {
+            return;
+        }
+        let wanted = held - v / port.coupled[j].held[1];
         hold.force = wanted.clamp(-hold.most, hold.most);
         hold.stuck = hold.force == wanted;
-        let (change, stuck) = (hold.force - held, hold.stuck);
-        self.forces[j] = hold.force;
-        let port = &self.ports[j];
-        lanes::add(&mut self.z, &port.held, change);
-        if self.rest.each_part {
-            lanes::add_real(&mut self.x, &port.held_rest, change);
+        let (force, stuck) = (hold.force, hold.stuck);
+        self.forces[j] = force;
+        self.push_on(j, force - held, 0.0);
+        for (at, moved) in self.ports.iter().zip(&mut self.moved).skip(j) {
+            *moved = std::array::from_fn(|q| moved[q] + at.coupled[j].held[q] * (force - held));
         }
-        let (d, v) = self.seen(j);
-        (d, if stuck { 0.0 } else { v })
+        if stuck {
+            self.moved[j][1] = 0.0;
+        }
     }
 }
 
@@ -419,10 +475,12 @@ impl NonModalStep {
 
 impl<'a> Port<'a> {
     /// Sets all that does not depend on a mode's pole.
-    fn new(plant: &Plant, number: usize, law: &'a dyn Force, step: f64) -> Self {
+    fn new(plant: &Plant, number: usize, law: &'a dyn Force, step: f64, rest: &NonModalStep) -> Self {
         let port = &plant.ports[number];
         let none = lanes::complex(std::iter::repeat_n(C::ZERO, plant.modes.len()));
         let (held_rest, ramp_rest) = rest_force(plant, &port.force_rest, step);
+        let mut past_rest = rest.next.clone();
+        rest.a.times(&ramp_rest, &rest.next, &mut past_rest);
         Self {
             law,
             number,
@@ -432,15 +490,18 @@ impl<'a> Port<'a> {
             path: 0.0,
             held: none.clone(),
             ramp: none.clone(),
+            past: none.clone(),
             held_rest,
             ramp_rest,
+            past_rest,
             sees_d: none.clone(),
             sees_v: none,
             sees_d_rest: lanes::real(port.displacement_rest.as_slice()),
             sees_v_rest: lanes::real(port.velocity_rest.as_slice()),
-            ramps: Vec::new(),
+            coupled: Vec::new(),
             output: port.output.clone(),
-            hold: law.holds().map(|most| Hold { most, gain: 0.0, stuck: true, force: 0.0 }),
+            shown: Vec::new(),
+            hold: law.holds().map(|most| Hold { most, stuck: true, force: 0.0 }),
         }
     }
 
