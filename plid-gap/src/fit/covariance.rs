@@ -33,7 +33,8 @@ impl Problem {
             return self.model_covariance(&normal, effects, &scales);
         };
         let prior: Vec<f64> = self.nuisance.std.iter().map(|std| std.powi(-2)).collect();
-        let (blocks, most_leverage) = ([linear, columns.matrix().subcols(0, scales.len())], self.settings.fit.most_leverage);
+        let (blocks, most_leverage) =
+            ([linear, columns.matrix().subcols(0, scales.len())], self.settings.fit.most_leverage);
         let by = widened(&blocks, &prior, residual, &inverse, scales.len(), most_leverage);
         let model = in_units(&inverse, effects, &scales);
         DMatrix::from_fn(by.len(), by.len(), |i, j| by[i] * by[j] * model[(i, j)])
