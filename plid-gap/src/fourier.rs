@@ -1,18 +1,15 @@
 //! Complex numbers and Fourier transforms of real signals.
-//!
-//! The transforms are complex ones of `rustfft`. Its real transforms (`realfft`) need half the operations, but no less
-//! code here, and they round differently. The searches of a diagnosis end at a finite gain, so a difference of rounding
-//! would show in the digits that a diagnosis states.
 
 use std::cell::RefCell;
 
-use rustfft::{FftPlanner, num_complex::Complex};
+use realfft::RealFftPlanner;
+use realfft::num_complex::Complex;
 
 /// A complex number.
 pub type C = Complex<f64>;
 
 thread_local! {
-    static PLANNER: RefCell<FftPlanner<f64>> = RefCell::new(FftPlanner::new());
+    static PLANNER: RefCell<RealFftPlanner<f64>> = RefCell::new(RealFftPlanner::new());
 }
 
 /// Returns the smallest length from `least` on that has no prime factor above 5.
@@ -36,24 +33,31 @@ fn smooth(mut n: usize) -> bool {
 
 /// Returns bins 0 to n/2 of the transform of `x`, unscaled.
 pub fn forward(x: &[f64]) -> Vec<C> {
-    let mut whole: Vec<Complex<f64>> = x.iter().map(|&x| Complex::new(x, 0.0)).collect();
-    PLANNER.with(|planner| planner.borrow_mut().plan_fft_forward(x.len())).process(&mut whole);
-    whole.truncate(x.len() / 2 + 1);
-    whole.into_iter().map(|z| C::new(z.re, z.im)).collect()
+    forward_of(&mut x.to_vec())
+}
+
+/// Returns the same as [`forward`], and leaves other values in `x`.
+pub fn forward_of(x: &mut [f64]) -> Vec<C> {
+    if x.is_empty() {
+        return Vec::new();
+    }
+    let transform = PLANNER.with(|planner| planner.borrow_mut().plan_fft_forward(x.len()));
+    let mut bins = transform.make_output_vec();
+    transform.process(x, &mut bins).expect("the lengths are those of the plan");
+    bins
 }
 
 /// Returns the real signal of length `n` whose transform has these bins from 0 to n/2.
 pub fn backward(bins: &[C], n: usize) -> Vec<f64> {
-    let at = |k: usize| {
-        let z = if k < bins.len() { bins[k] } else { bins[n - k].conj() };
-        Complex::new(z.re, z.im)
-    };
-    let mut whole: Vec<Complex<f64>> = (0..n).map(at).collect();
+    let mut bins = bins.to_vec();
     // The transform of a real signal is real at zero and at half the sample rate.
-    whole[0].im = 0.0;
+    bins[0].im = 0.0;
     if n.is_multiple_of(2) {
-        whole[n / 2].im = 0.0;
+        bins[n / 2].im = 0.0;
     }
-    PLANNER.with(|planner| planner.borrow_mut().plan_fft_inverse(n)).process(&mut whole);
-    whole.iter().map(|z| z.re / n as f64).collect()
+    let transform = PLANNER.with(|planner| planner.borrow_mut().plan_fft_inverse(n));
+    let mut x = transform.make_output_vec();
+    transform.process(&mut bins, &mut x).expect("the lengths are those of the plan");
+    x.iter_mut().for_each(|x| *x /= n as f64);
+    x
 }

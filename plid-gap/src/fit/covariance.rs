@@ -28,12 +28,13 @@ impl Problem {
         let scales = self.scales(effects);
         let columns = self.effect_columns(&plant, eta, effects, residual, &scales, fineness);
         let mut normal = Normal::new(self.nuisance.len() + scales.len());
-        self.assemble(jacobian, &columns, residual, eta, &mut normal);
-        let Some(inverse) = self.inverse(&normal, effects, &scales) else {
+        self.assemble(jacobian, &columns, eta, &mut normal);
+        let (Some(inverse), Some(linear)) = (self.inverse(&normal, effects, &scales), jacobian.matrix()) else {
             return self.model_covariance(&normal, effects, &scales);
         };
         let prior: Vec<f64> = self.nuisance.std.iter().map(|std| std.powi(-2)).collect();
-        let (blocks, most_leverage) = ([jacobian.matrix(), columns.matrix()], self.settings.fit.most_leverage);
+        let (blocks, most_leverage) =
+            ([linear, columns.matrix().subcols(0, scales.len())], self.settings.fit.most_leverage);
         let by = widened(&blocks, &prior, residual, &inverse, scales.len(), most_leverage);
         let model = in_units(&inverse, effects, &scales);
         DMatrix::from_fn(by.len(), by.len(), |i, j| by[i] * by[j] * model[(i, j)])

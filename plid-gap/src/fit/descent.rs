@@ -193,7 +193,7 @@ impl<'a> plid_lsq::Problem for Search<'_, 'a> {
             }
         };
         let columns = problem.effect_columns(plant, eta, effects, residual, &self.scales, self.effort.fineness);
-        problem.assemble(jacobian, &columns, residual, eta, &mut equations.normal);
+        problem.assemble(jacobian, &columns, eta, &mut equations.normal);
         self.steps += 1;
         self.linearised.clone_from(effects);
         Ok(())

@@ -6,6 +6,8 @@ use nalgebra::{DMatrix, DVector};
 use plid_lsq::Normal;
 use rayon::prelude::*;
 
+use crate::case::record::Record;
+use crate::fit::derivatives::Derivatives;
 use crate::fit::descent::{Fit, Point};
 use crate::fit::problem::{Placed, Problem};
 use crate::fit::scale::{Scale, stepped};
@@ -15,33 +17,73 @@ use crate::simulate::Fineness;
 /// Derivatives of the whitened outputs (rows x linear parameters) at one linear model, with their normal matrix.
 #[derive(Clone)]
 pub struct Jacobian {
-    rows: usize,
-    columns: usize,
-    values: Vec<f64>,
     /// The normal matrix J'J + 1/std^2.
     pub normal: DMatrix<f64>,
+    kept: Kept,
 }
+
+/// What is kept of the derivatives for further products.
+#[derive(Clone)]
+enum Kept {
+    /// All of them.
+    Values(Columns),
+    /// The linear model to which they belong. Its derivatives are computed again for each product: whitened, those of
+    /// all parameters would take tens of times the memory of the records.
+    Model(Box<Plant>, Option<Box<Spectrum>>),
+    /// Those of each record, before they are whitened.
+    Signals(Vec<Derivatives>),
+}
+
+/// Largest number of samples of all records whose derivatives are kept: those of the first samples, to which hundreds
+/// of effects are compared.
+const KEPT: usize = 20_000;
 
 impl Jacobian {
     /// Creates the Jacobian from its columns; the parameters have a prior of these standard deviations.
     pub fn new(values: Vec<f64>, rows: usize, std: &[f64]) -> Self {
-        let columns = std.len();
-        let mut jacobian = Self { rows, columns, values, normal: DMatrix::zeros(columns, columns) };
-        jacobian.normal = jacobian.cross(&jacobian.values, columns);
-        for (j, std) in std.iter().enumerate() {
-            jacobian.normal[(j, j)] += 1.0 / (std * std);
+        let columns = Columns { rows, values };
+        let mut normal = product(columns.matrix(), columns.matrix());
+        add_prior(&mut normal, std);
+        Self { normal, kept: Kept::Values(columns) }
+    }
+
+    /// The derivatives as a matrix, where they are kept as such.
+    pub(super) fn matrix(&self) -> Option<MatRef<'_, f64>> {
+        match &self.kept {
+            Kept::Values(columns) => Some(columns.matrix()),
+            _ => None,
         }
-        jacobian
     }
 
-    /// The derivatives as a matrix.
-    pub(super) fn matrix(&self) -> MatRef<'_, f64> {
-        MatRef::from_column_major_slice(&self.values, self.rows, self.columns)
+    /// Returns J' V for V of several columns, whose rows are those of the problem.
+    pub(super) fn cross(&self, problem: &Problem, v: MatRef<'_, f64>) -> DMatrix<f64> {
+        if let Kept::Values(columns) = &self.kept {
+            return product(columns.matrix(), v);
+        }
+        let mut products = DMatrix::zeros(problem.nuisance.len(), v.ncols());
+        for index in 0..problem.records.len() {
+            let made;
+            let derivatives = match &self.kept {
+                Kept::Signals(all) => &all[index],
+                Kept::Model(plant, spectrum) => {
+                    made = problem.derivatives(plant, spectrum.as_deref(), index);
+                    &made
+                }
+                Kept::Values(_) => unreachable!("their product is formed above"),
+            };
+            for j in 0..v.ncols() {
+                let white = v.col(j).try_as_col_major().expect("columns are contiguous").as_slice();
+                let channels = problem.whiteners[index].adjoint(&white[problem.rows_of(index)]);
+                derivatives.add_products(&channels, products.column_mut(j).as_mut_slice());
+            }
+        }
+        products
     }
+}
 
-    /// Returns J' V for V of `count` columns.
-    pub fn cross(&self, v: &[f64], count: usize) -> DMatrix<f64> {
-        product(self.matrix(), MatRef::from_column_major_slice(v, self.rows, count))
+fn add_prior(normal: &mut DMatrix<f64>, std: &[f64]) {
+    for (j, std) in std.iter().enumerate() {
+        normal[(j, j)] += 1.0 / (std * std);
     }
 }
 
@@ -55,13 +97,14 @@ fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> DMatrix<f64> {
     product
 }
 
-/// Derivatives of the whitened outputs by the effects' parameters, each in its scale.
-pub(super) struct EffectColumns {
+/// Columns of the rows of a whitened residual.
+#[derive(Clone)]
+pub(super) struct Columns {
     rows: usize,
     values: Vec<f64>,
 }
 
-impl EffectColumns {
+impl Columns {
     pub(super) fn matrix(&self) -> MatRef<'_, f64> {
         MatRef::from_column_major_slice(&self.values, self.rows, self.values.len() / self.rows)
     }
@@ -70,28 +113,43 @@ impl EffectColumns {
 impl Problem {
     /// Computes the derivatives by the linear parameters at a linear model.
     pub fn jacobian(&self, plant: &Plant) -> Jacobian {
-        let (rows, columns) = (self.rows(), self.nuisance.len());
-        let mut values = vec![0.0; rows * columns];
         let spectrum = Spectrum::of(plant);
-        let blocks: Vec<Vec<(usize, Vec<f64>)>> = (0..self.records.len())
-            .into_par_iter()
-            .map(|index| {
-                let mut found = Vec::new();
-                self.nuisance.derivatives(plant, spectrum.as_ref(), &self.records[index], index, |column, outputs| {
-                    let mut white = vec![0.0; self.whiteners[index].rows()];
-                    self.whiteners[index].apply(outputs, &mut white);
-                    found.push((column, white));
-                });
-                found
-            })
-            .collect();
-        for (index, found) in blocks.into_iter().enumerate() {
-            let range = self.rows_of(index);
-            for (column, white) in found {
-                values[column * rows + range.start..column * rows + range.end].copy_from_slice(&white);
+        let mut normal = DMatrix::zeros(self.nuisance.len(), self.nuisance.len());
+        add_prior(&mut normal, &self.nuisance.std);
+        let keep = self.records.iter().map(Record::samples).sum::<usize>() <= KEPT;
+        let mut kept = Vec::new();
+        for index in 0..self.records.len() {
+            let derivatives = self.derivatives(plant, spectrum.as_ref(), index);
+            self.add_normal(index, &derivatives, &mut normal);
+            if keep {
+                kept.push(derivatives);
             }
         }
-        Jacobian::new(values, rows, &self.nuisance.std)
+        let model = || Kept::Model(Box::new(plant.clone()), spectrum.map(Box::new));
+        Jacobian { normal, kept: if keep { Kept::Signals(kept) } else { model() } }
+    }
+
+    fn derivatives(&self, plant: &Plant, spectrum: Option<&Spectrum>, index: usize) -> Derivatives {
+        self.nuisance.derivatives(plant, spectrum, &self.records[index], index)
+    }
+
+    /// Adds the information of one record.
+    fn add_normal(&self, index: usize, derivatives: &Derivatives, to: &mut DMatrix<f64>) {
+        let (whitener, columns) = (&self.whiteners[index], &derivatives.columns);
+        let rows = whitener.rows();
+        let mut values = vec![0.0; rows * columns.len()];
+        let outputs = || vec![vec![0.0; self.records[index].samples()]; self.plant.p];
+        values.par_chunks_mut(rows.max(1)).zip(columns).for_each_init(outputs, |y, (white, column)| {
+            derivatives.write(column, y);
+            whitener.apply(y, white);
+        });
+        let columns = Columns { rows, values };
+        let normal = product(columns.matrix(), columns.matrix());
+        for (i, row) in derivatives.columns.iter().enumerate() {
+            for (j, column) in derivatives.columns.iter().enumerate() {
+                to[(row.parameter, column.parameter)] += normal[(i, j)];
+            }
+        }
     }
 
     /// Computes the derivatives by the linear parameters of the simulation with a fit's effects, as differences of
@@ -126,7 +184,8 @@ impl Problem {
         Jacobian::new(values, rows, &self.nuisance.std)
     }
 
-    /// Computes the derivatives by each effect parameter, as differences of simulations.
+    /// Computes the derivatives by each effect parameter, as differences of simulations. The residual is the last
+    /// column.
     pub(super) fn effect_columns(
         &self,
         plant: &Plant,
@@ -135,37 +194,32 @@ impl Problem {
         residual: &[f64],
         scales: &[Scale],
         fineness: Fineness,
-    ) -> EffectColumns {
+    ) -> Columns {
         const STEP: f64 = 1e-3;
-        let mut values = Vec::with_capacity(residual.len() * scales.len());
+        let mut values = Vec::with_capacity(residual.len() * (scales.len() + 1));
         for j in 0..scales.len() {
             let mut step = vec![0.0; scales.len()];
             step[j] = STEP;
             let moved = self.residual(plant, eta, &stepped(effects, &step, scales), fineness);
             values.extend(residual.iter().zip(&moved).map(|(r, m)| (r - m) / STEP));
         }
-        EffectColumns { rows: residual.len(), values }
+        values.extend_from_slice(residual);
+        Columns { rows: residual.len(), values }
     }
 
-    /// Fills the normal equations of the linear parameters and the effects' parameters, with the prior.
-    pub(super) fn assemble(
-        &self,
-        jacobian: &Jacobian,
-        effects: &EffectColumns,
-        residual: &[f64],
-        eta: &[f64],
-        to: &mut Normal,
-    ) {
-        let (linear, effects) = (jacobian.matrix(), effects.matrix());
-        let (n, k) = (linear.ncols(), effects.ncols());
-        let residual = MatRef::from_column_major_slice(residual, residual.len(), 1);
-        let across = product(linear, effects);
+    /// Fills the normal equations of the linear parameters and the effects' parameters, with the prior. The last of the
+    /// columns is the residual, the others are the derivatives by the effects' parameters.
+    pub(super) fn assemble(&self, jacobian: &Jacobian, columns: &Columns, eta: &[f64], to: &mut Normal) {
+        let (all, n) = (columns.matrix(), self.nuisance.len());
+        let k = all.ncols() - 1;
+        let across = jacobian.cross(self, all);
+        let own = product(all.subcols(0, k), all);
         to.matrix.view_mut((0, 0), (n, n)).copy_from(&jacobian.normal);
-        to.matrix.view_mut((0, n), (n, k)).copy_from(&across);
-        to.matrix.view_mut((n, 0), (k, n)).copy_from(&across.transpose());
-        to.matrix.view_mut((n, n), (k, k)).copy_from(&product(effects, effects));
-        to.right.rows_mut(0, n).copy_from(&product(linear, residual));
-        to.right.rows_mut(n, k).copy_from(&product(effects, residual));
+        to.matrix.view_mut((0, n), (n, k)).copy_from(&across.columns(0, k));
+        to.matrix.view_mut((n, 0), (k, n)).copy_from(&across.columns(0, k).transpose());
+        to.matrix.view_mut((n, n), (k, k)).copy_from(&own.columns(0, k));
+        to.right.rows_mut(0, n).copy_from(&across.column(k));
+        to.right.rows_mut(n, k).copy_from(&own.column(k));
         for (i, std) in self.nuisance.std.iter().enumerate() {
             to.right[i] -= eta[i] / std.powi(2);
         }
@@ -173,11 +227,16 @@ impl Problem {
 
     /// Returns the direction of a refit from a residual: J' r less the gradient of the prior.
     pub fn gradient(&self, jacobian: &Jacobian, residual: &[f64], eta: &[f64]) -> DMatrix<f64> {
-        let mut gradient = jacobian.cross(residual, 1);
+        let mut gradient = self.cross(jacobian, residual);
         for ((g, x), std) in gradient.iter_mut().zip(eta).zip(&self.nuisance.std) {
             *g -= x / (std * std);
         }
         gradient
+    }
+
+    /// Returns J' v.
+    pub fn cross(&self, jacobian: &Jacobian, v: &[f64]) -> DMatrix<f64> {
+        jacobian.cross(self, MatRef::from_column_major_slice(v, v.len(), 1))
     }
 
     /// Returns the information of the records on a fit's linear parameters and effect parameters (each in the fit's own
@@ -186,9 +245,9 @@ impl Problem {
         let plant = self.nuisance.apply(&self.plant, &fit.eta);
         let jacobian = self.jacobian(&self.changed(&plant, &fit.effects).unwrap_or_else(|| plant.clone()));
         let scales = self.scales(&fit.effects);
-        let effects = self.effect_columns(&plant, &fit.eta, &fit.effects, residual, &scales, Fineness::COARSE);
+        let columns = self.effect_columns(&plant, &fit.eta, &fit.effects, residual, &scales, Fineness::COARSE);
         let mut normal = Normal::new(self.nuisance.len() + scales.len());
-        self.assemble(&jacobian, &effects, residual, &vec![0.0; self.nuisance.len()], &mut normal);
+        self.assemble(&jacobian, &columns, &vec![0.0; self.nuisance.len()], &mut normal);
         (normal.matrix, normal.right)
     }
 }

@@ -2,6 +2,7 @@
 
 pub(crate) mod candidate;
 mod covariance;
+pub(crate) mod derivatives;
 pub(crate) mod descent;
 pub(crate) mod free_run;
 pub(crate) mod jacobian;

@@ -185,8 +185,8 @@ mod tests {
         let found = predicted.expected(&predicted.fit(std::slice::from_ref(&offset)));
         assert!((found / expected - 1.0).abs() < 1e-3, "{found} for {expected}");
         // Both are linear in their sizes, so the result is known before any fit.
-        let before =
-            overlap(&problem.jacobian(&problem.plant), &[trace(&problem, &drift), trace(&problem, &offset)]).unwrap();
+        let traces = [trace(&problem, &drift), trace(&problem, &offset)];
+        let before = overlap(&problem, &problem.jacobian(&problem.plant), &traces).unwrap();
         assert!((before.expected[(0, 1)] / expected - 1.0).abs() < 1e-3, "{:?} for {expected}", before.expected);
         // Nothing is expected to separate a truth from itself.
         assert!(predicted.expected(&predicted.fit(&[drift])) < 1e-6);
@@ -228,7 +228,7 @@ mod tests {
                 let mut clearance = at(&Clearance, input.clone(), start);
                 let other = trace(&problem, &clearance);
                 clearance.parameters[0] *= dot(&own, &other) / sum_of_squares(&other);
-                let overlap = overlap(&jacobian, &[own.clone(), other]).unwrap();
+                let overlap = overlap(&problem, &jacobian, &[own.clone(), other]).unwrap();
                 (overlap, fit(&problem, &clearance))
             })
             .collect();

@@ -138,18 +138,59 @@ impl Whitener {
             }
         }
         for (rows, basis) in &self.taken_out {
-            let inside = basis.tr_mul(&DVectorView::from_slice(&to[rows.clone()], rows.len()));
-            DVectorViewMut::from_slice(&mut to[rows.clone()], rows.len()).gemv(-1.0, basis, &inside, 1.0);
+            take_out(basis, &mut to[rows.clone()]);
         }
+    }
+
+    /// Returns the adjoint: the channels whose products with any outputs sum to the product of `white` with the whitened
+    /// outputs. Only samples that are used are returned.
+    pub fn adjoint(&self, white: &[f64]) -> Channels {
+        let mut white = white.to_vec();
+        for (rows, basis) in self.taken_out.iter().rev() {
+            take_out(basis, &mut white[rows.clone()]);
+        }
+        // The inverse transform counts each bin between the edges twice, and divides by the length.
+        let scale = (self.length as f64).sqrt();
+        let each = self.p * (self.p + 1) / 2;
+        let mut bins = vec![vec![C::ZERO; self.length / 2 + 1]; self.p];
+        let mut rest = white.as_slice();
+        for (factors, k) in self.factors.chunks_exact(each).zip(self.bins.clone()) {
+            let edge = k == 0 || 2 * k == self.length;
+            let weight = if edge { scale } else { scale * std::f64::consts::FRAC_1_SQRT_2 };
+            let mut next = 0;
+            for i in 0..self.p {
+                let value = if edge { C::from(rest[0]) } else { C::new(rest[0], rest[1]) };
+                rest = &rest[if edge { 1 } else { 2 }..];
+                for bins in &mut bins[..=i] {
+                    bins[k] += factors[next].conj() * value * weight;
+                    next += 1;
+                }
+            }
+        }
+        let back = |(channel, bins): (usize, Vec<C>)| {
+            let mut y = fourier::backward(&bins, self.length);
+            self.masked_samples(channel).for_each(|k| y[k] = 0.0);
+            y
+        };
+        bins.into_iter().enumerate().map(back).collect()
     }
 
     fn bins(&self, y: &[f64], channel: usize) -> Vec<C> {
         let mut y = y[..self.length].to_vec();
-        for &k in self.masked[channel].iter().filter(|&&k| k < self.length) {
-            y[k] = 0.0;
-        }
-        fourier::forward(&y)
+        self.masked_samples(channel).for_each(|k| y[k] = 0.0);
+        fourier::forward_of(&mut y)
     }
+
+    fn masked_samples(&self, channel: usize) -> impl Iterator<Item = usize> {
+        self.masked[channel].iter().copied().filter(|&k| k < self.length)
+    }
+}
+
+/// Removes the space that a basis spans.
+fn take_out(basis: &DMatrix<f64>, white: &mut [f64]) {
+    let inside = basis.tr_mul(&DVectorView::from_slice(white, white.len()));
+    let rows = white.len();
+    DVectorViewMut::from_slice(white, rows).gemv(-1.0, basis, &inside, 1.0);
 }
 
 /// Returns the bins from 0 to `last` that lie in the band; all of them if none does.
@@ -208,6 +249,29 @@ mod tests {
         };
         let (leaking, clear) = (power(&leaking), power(&whitener));
         assert!(leaking > 10.0 && (0.6..1.2).contains(&clear), "{leaking}, {clear}");
+    }
+
+    /// For lines that are taken out, samples that are masked, and a band: <white, W y> = <W' white, y>.
+    #[test]
+    fn the_adjoint_gives_the_same_products() {
+        let plant = Plant::new(&truss(2)).unwrap();
+        let y: Channels = random_input(5, 403, plant.p);
+        let record = crate::testing::record(vec![vec![0.0; 403]; plant.m], y.clone());
+        let mut noise = NoiseModel::declared(&plant, &vec![1.0; plant.p], &vec![0.1; plant.m]);
+        for (band_hz, line) in [(None, false), (None, true), (Some([20.0, 0.4 * RATE]), true)] {
+            noise.band_hz = band_hz;
+            if line {
+                noise.lines = vec![(0, 60.0), (0, 75.0)];
+            }
+            let whitener = Whitener::new(&record, &noise, RATE, vec![vec![3, 50]; plant.p]);
+            let mut white = vec![0.0; whitener.rows()];
+            whitener.apply(&y, &mut white);
+            let other = random_input(6, whitener.rows(), 1).remove(0);
+            let product: f64 = white.iter().zip(&other).map(|(a, b)| a * b).sum();
+            let adjoint = whitener.adjoint(&other);
+            let same: f64 = adjoint.iter().zip(&y).flat_map(|(a, y)| a.iter().zip(y)).map(|(a, b)| a * b).sum();
+            assert!((same - product).abs() < 1e-9 * product.abs().max(1.0), "{same} {product}");
+        }
     }
 
     #[test]

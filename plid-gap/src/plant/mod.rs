@@ -24,6 +24,7 @@ use crate::fourier::C;
 use crate::settings::PlantSettings;
 
 pub use chain::SignalChain;
+pub(crate) use chain::{Actuator, Filter};
 pub use declared::CasePort;
 pub use kind::{KindSource, Sensed};
 pub use load::Load;

@@ -4,7 +4,7 @@
 use ndarray::{Array2, s};
 use plid_model::signal::{WelchFrf, WelchOptions, welch_frf};
 use plid_report::{Axis, Chart, FrfCurve, FrfPlot, Series, chart, frf_grid};
-use rustfft::num_complex::Complex64;
+use realfft::num_complex::Complex64;
 
 use super::words::{short, with};
 use crate::case::Case;

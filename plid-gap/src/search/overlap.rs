@@ -3,7 +3,7 @@
 
 use nalgebra::DMatrix;
 
-use crate::fit::problem::{Jacobian, dot};
+use crate::fit::problem::{Jacobian, Problem, dot};
 use crate::search::screen::{Base, Entry, traces};
 
 /// The similarity of the traces of some effects, after a bounded refit has absorbed what it can of them.
@@ -20,10 +20,18 @@ pub struct Overlap {
 
 /// Computes the similarity of whitened traces, each with the size at which its effect is screened. `None` if the
 /// refit's normal matrix is not positive definite.
-pub fn overlap(jacobian: &Jacobian, traces: &[Vec<f64>]) -> Option<Overlap> {
+pub fn overlap(problem: &Problem, jacobian: &Jacobian, traces: &[Vec<f64>]) -> Option<Overlap> {
+    let mut cross = DMatrix::zeros(problem.nuisance.len(), traces.len());
+    for (trace, mut column) in traces.iter().zip(cross.column_iter_mut()) {
+        column.copy_from(&problem.cross(jacobian, trace));
+    }
+    left(&jacobian.normal, &cross, traces)
+}
+
+/// The same from the refit's normal matrix and the products of its derivatives with the traces.
+fn left(normal: &DMatrix<f64>, cross: &DMatrix<f64>, traces: &[Vec<f64>]) -> Option<Overlap> {
     let count = traces.len();
-    let cross = jacobian.cross(&traces.concat(), count);
-    let solved = jacobian.normal.clone().cholesky()?.solve(&cross);
+    let solved = normal.clone().cholesky()?.solve(cross);
     let whole = DMatrix::from_fn(count, count, |i, j| dot(&traces[i], &traces[j]));
     let clear = &whole - cross.tr_mul(&solved);
     let energy = |i: usize| clear[(i, i)].max(0.0);
@@ -40,7 +48,7 @@ pub fn overlap(jacobian: &Jacobian, traces: &[Vec<f64>]) -> Option<Overlap> {
 
 /// Computes the similarity of entries of a screen, with the sizes that the screen found.
 pub fn of_screen(base: &Base, entries: &[Entry]) -> Option<Overlap> {
-    overlap(base.jacobian, &traces(base, entries))
+    overlap(base.problem, base.jacobian, &traces(base, entries))
 }
 
 #[cfg(test)]
@@ -50,8 +58,8 @@ mod tests {
     /// The refit absorbs half of the part along its one derivative, whose size equals that of its prior.
     #[test]
     fn overlap_is_that_of_what_the_refit_leaves() {
-        let jacobian = Jacobian::new(vec![1.0, 0.0, 0.0], 3, &[1.0]);
-        let found = overlap(&jacobian, &[vec![2.0, 2.0, 0.0], vec![2.0, 0.0, 1.0]]).unwrap();
+        let (normal, cross) = (DMatrix::from_element(1, 1, 2.0), DMatrix::from_row_slice(1, 2, &[2.0, 2.0]));
+        let found = left(&normal, &cross, &[vec![2.0, 2.0, 0.0], vec![2.0, 0.0, 1.0]]).unwrap();
         // The remaining energies are 4/2 + 4 of 8 and 4/2 + 1 of 5, and their product is 4/2.
         let cosine = 2.0 / 18_f64.sqrt();
         let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");

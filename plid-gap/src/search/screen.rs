@@ -104,8 +104,8 @@ struct Projected {
     solved: DMatrix<f64>,
 }
 
-fn projected(jacobian: &Jacobian, factor: &Cholesky<f64, Dyn>, v: &[f64]) -> Projected {
-    let cross = jacobian.cross(v, 1);
+fn projected(base: &Base, factor: &Cholesky<f64, Dyn>, v: &[f64]) -> Projected {
+    let cross = base.problem.cross(base.jacobian, v);
     let solved = factor.solve(&cross);
     Projected { cross, solved }
 }
@@ -125,7 +125,7 @@ fn entry<'a>(
     if !(whole.is_finite() && whole > 0.0) {
         return None;
     }
-    let own = projected(base.jacobian, factor, &trace);
+    let own = projected(base, factor, &trace);
     let clear = whole - own.cross.dot(&own.solved);
     let absorbed = 1.0 - clear / whole;
     // Derivatives show what a refit absorbs, but not a resonance that has moved further than its width.

@@ -1,140 +1,91 @@
 //! Numbers in lanes of four, padded with zeros. Loops over them have no remainder, so they vectorise.
 
-use crate::fourier::C;
+/// Numbers of a lane.
+pub const WIDE: usize = 4;
 
-const WIDE: usize = 4;
+/// Four numbers, which one load of a register reads.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[repr(align(32))]
+pub struct Quad(pub [f64; WIDE]);
 
-/// Real numbers.
-pub type Quad = [f64; WIDE];
-
-/// Complex numbers, one for each mode.
-#[derive(Debug, Clone, Copy, Default)]
-#[repr(align(64))]
-pub struct Lane {
-    re: Quad,
-    im: Quad,
+/// Some zeros.
+pub fn zeros(count: usize) -> Vec<Quad> {
+    vec![Quad::default(); count.div_ceil(WIDE)]
 }
 
-impl Lane {
-    /// self * by + more.
-    #[inline(always)]
-    pub fn turned(self, by: Self, more: Self) -> Self {
-        let mut to = more;
-        for l in 0..WIDE {
-            to.re[l] += self.re[l] * by.re[l] - self.im[l] * by.im[l];
-            to.im[l] += self.im[l] * by.re[l] + self.re[l] * by.im[l];
-        }
-        to
-    }
-
-    #[inline(always)]
-    fn add(&mut self, from: Self, factor: f64) {
-        for l in 0..WIDE {
-            self.re[l] += from.re[l] * factor;
-            self.im[l] += from.im[l] * factor;
-        }
-    }
-}
-
-/// Complex numbers in their lanes.
-pub fn complex(values: impl IntoIterator<Item = C>) -> Vec<Lane> {
-    let mut lanes = Vec::new();
-    for (k, z) in values.into_iter().enumerate() {
-        if k % WIDE == 0 {
-            lanes.push(Lane::default());
-        }
-        set(&mut lanes, k, z);
-    }
-    lanes
+/// Some numbers in their lanes.
+pub fn of(values: &[f64]) -> Vec<Quad> {
+    values.chunks(WIDE).map(|some| Quad(std::array::from_fn(|l| some.get(l).copied().unwrap_or(0.0)))).collect()
 }
 
 /// The k-th number.
-pub fn set(lanes: &mut [Lane], k: usize, z: C) {
-    (lanes[k / WIDE].re[k % WIDE], lanes[k / WIDE].im[k % WIDE]) = (z.re, z.im);
+#[inline(always)]
+pub fn get(lanes: &[Quad], k: usize) -> f64 {
+    lanes[k / WIDE].0[k % WIDE]
+}
+
+/// The k-th number.
+#[inline(always)]
+pub fn get_mut(lanes: &mut [Quad], k: usize) -> &mut f64 {
+    &mut lanes[k / WIDE].0[k % WIDE]
 }
 
 /// to += from * factor.
 #[inline(always)]
-pub fn add(to: &mut [Lane], from: &[Lane], factor: f64) {
-    for (to, from) in to.iter_mut().zip(from) {
-        to.add(*from, factor);
-    }
-}
-
-/// Real part of the sum of products.
-#[inline(always)]
-pub fn real_dot(a: &[Lane], b: &[Lane]) -> f64 {
-    let mut sum = [0.0; WIDE];
-    for (a, b) in a.iter().zip(b) {
-        for l in 0..WIDE {
-            sum[l] += a.re[l] * b.re[l] - a.im[l] * b.im[l];
-        }
-    }
-    whole(sum)
-}
-
-/// Real numbers in their lanes.
-pub fn real(values: &[f64]) -> Vec<Quad> {
-    values.chunks(WIDE).map(|some| std::array::from_fn(|l| some.get(l).copied().unwrap_or(0.0))).collect()
-}
-
-/// to += from * factor.
-#[inline(always)]
-pub fn add_real(to: &mut [Quad], from: &[Quad], factor: f64) {
+pub fn add(to: &mut [Quad], from: &[Quad], factor: f64) {
     for (to, from) in to.iter_mut().zip(from) {
         // All values are read before any is written, so the compiler need not assume that they overlap.
-        *to = std::array::from_fn(|l| to[l] + from[l] * factor);
+        *to = Quad(std::array::from_fn(|l| to.0[l] + from.0[l] * factor));
     }
 }
 
-/// The sum of products.
+/// z = z * turn + more, for complex numbers: four real parts, then the four imaginary parts.
 #[inline(always)]
-pub fn dot(a: &[Quad], b: &[Quad]) -> f64 {
-    let mut sum = [0.0; WIDE];
-    for (a, b) in a.iter().zip(b) {
-        for l in 0..WIDE {
-            sum[l] += a[l] * b[l];
-        }
+pub fn turn(z: &mut [Quad], turn: &[Quad], more: &[Quad]) {
+    for ((z, turn), more) in z.chunks_exact_mut(2).zip(turn.chunks_exact(2)).zip(more.chunks_exact(2)) {
+        let ([re, im], [c, s], [x, y]) = ([z[0].0, z[1].0], [turn[0].0, turn[1].0], [more[0].0, more[1].0]);
+        z[0] = Quad(std::array::from_fn(|l| x[l] + (re[l] * c[l] - im[l] * s[l])));
+        z[1] = Quad(std::array::from_fn(|l| y[l] + (im[l] * c[l] + re[l] * s[l])));
     }
-    whole(sum)
-}
-
-#[inline(always)]
-fn whole(sum: Quad) -> f64 {
-    (sum[0] + sum[2]) + (sum[1] + sum[3])
 }
 
 /// A matrix, in groups of four rows.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Rows {
-    columns: usize,
-    /// The columns of each group of four rows.
-    values: Vec<Quad>,
+    /// Number of columns over four.
+    fours: usize,
+    /// The columns of each group of four rows, four columns at a time.
+    values: Vec<[Quad; WIDE]>,
 }
 
 impl Rows {
-    /// Of a matrix.
-    pub fn new(matrix: &nalgebra::DMatrix<f64>) -> Self {
-        let (rows, columns) = matrix.shape();
-        let entry = |i: usize, j: usize| if i < rows { matrix[(i, j)] } else { 0.0 };
-        let values = (0..rows.div_ceil(WIDE))
-            .flat_map(|four| (0..columns).map(move |j| std::array::from_fn(|l| entry(WIDE * four + l, j))))
-            .collect();
-        Self { columns, values }
+    /// Of a matrix with these entries.
+    pub fn new(rows: usize, columns: usize, entry: impl Fn(usize, usize) -> f64) -> Self {
+        let fours = columns.div_ceil(WIDE);
+        let entry = |i: usize, j: usize| if i < rows && j < columns { entry(i, j) } else { 0.0 };
+        let column = |i: usize, j: usize| Quad(std::array::from_fn(|l| entry(WIDE * i + l, j)));
+        let four = |i: usize, j: usize| std::array::from_fn(|l| column(i, WIDE * j + l));
+        let values = (0..rows.div_ceil(WIDE)).flat_map(|i| (0..fours).map(move |j| (i, j)));
+        Self { fours, values: values.map(|(i, j)| four(i, j)).collect() }
     }
 
-    /// to = matrix * x + more, for an x in its lanes.
+    /// to += matrix * x.
     #[inline(always)]
-    pub fn times(&self, x: &[Quad], more: &[Quad], to: &mut [Quad]) {
-        let x = &x.as_flattened()[..self.columns];
-        for ((rows, more), to) in self.values.chunks_exact(self.columns.max(1)).zip(more).zip(to) {
-            let mut sum = *more;
-            for (column, x) in rows.iter().zip(x) {
+    pub fn add_times(&self, x: &[Quad], to: &mut [Quad]) {
+        for (rows, to) in self.values.chunks_exact(self.fours.max(1)).zip(to) {
+            // Two sums, so that an addition need not wait for the last one.
+            let (mut even, mut odd) = (to.0, [0.0; WIDE]);
+            for (columns, x) in rows.iter().zip(x) {
                 for l in 0..WIDE {
-                    sum[l] += column[l] * x;
+                    even[l] += columns[0].0[l] * x.0[0];
+                    odd[l] += columns[1].0[l] * x.0[1];
+                }
+                for l in 0..WIDE {
+                    even[l] += columns[2].0[l] * x.0[2];
+                    odd[l] += columns[3].0[l] * x.0[3];
                 }
             }
-            *to = sum;
+            *to = Quad(std::array::from_fn(|l| even[l] + odd[l]));
         }
     }
 }

@@ -4,6 +4,7 @@
 //! over each part of a sample, by a predictor and a corrector in continuous time (exponential time differencing, second
 //! order: Cox and Matthews, J. Comput. Phys. 176, 2002). [`Fineness`] says how many parts a sample has.
 
+mod block;
 mod lanes;
 mod runner;
 

@@ -1,12 +1,13 @@
 //! The plant stepped through time with the forces that depend on its motion. A diagnosis spends most of its time here.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 
 use crate::effects::{Drive, Force};
 use crate::fourier::C;
-use crate::plant::{Carried, Plant, phi1};
+use crate::plant::{Carried, Plant};
 use crate::simulate::State;
-use crate::simulate::lanes::{self, Lane, Quad, Rows};
+use crate::simulate::block::{Block, Maps};
+use crate::simulate::lanes::{self, Quad, Rows};
 
 /// Runs all samples. The loops over modes are short and gain from wide registers.
 #[multiversion::multiversion(targets("x86_64+avx2+fma"))]
@@ -41,72 +42,50 @@ pub fn advance(
                     runner.push(d, signal[k]);
                 }
             }
-            for part in 0..runner.parts_a_value {
-                runner.step(value + 1 == drive.parts && part + 1 == runner.parts_a_value);
-            }
+            runner.step(value + 1 == drive.parts);
         }
     }
 }
 
-/// The plant stepped over parts of a sample, with its state.
+/// The plant stepped over blocks, with its state.
 pub struct Runner<'a> {
-    /// Number of parts of a sample for each value of the command.
-    parts_a_value: usize,
-    step: f64,
-    turn: Vec<Lane>,
-    /// For each input, the increment of a unit over a part.
-    b: Vec<Vec<Lane>>,
-    /// Output row of each mode, doubled.
-    c: Vec<Vec<Lane>>,
+    block: Block,
+    maps: Maps,
+    late: Option<Late>,
+    /// Direct feedthrough of the inputs.
     d: DMatrix<f64>,
-    rest: NonModalStep,
-    /// Increment of the held input and of the disturbances over a part.
-    held: Vec<Lane>,
-    held_rest: Vec<Quad>,
-    added: Vec<Lane>,
-    added_rest: Vec<Quad>,
-    z: Vec<Lane>,
-    x: Vec<Quad>,
+    /// Increments of the state, and then of the motion, over a block: by the held input, and with the disturbances.
+    held: Vec<Quad>,
+    added: Vec<Quad>,
+    state: Vec<Quad>,
+    motion: Vec<Quad>,
+    forces: Vec<Quad>,
+    /// The next state of the rest, and the outputs.
+    next: Vec<Quad>,
+    shown: Vec<Quad>,
     ports: Vec<Port<'a>>,
     pushes: Vec<Push>,
-    /// For each port, the force before a part and its change.
-    forces: Vec<f64>,
 }
 
-/// The step of the rest: over each part if its continuous form is known, otherwise over a sample with the mean input.
-struct NonModalStep {
+/// The rest, if its continuous form is not known: it is stepped at the end of a sample with its mean input.
+struct Late {
     a: Rows,
-    /// For each input, the increment of a unit.
+    /// For each input, the increment of a unit over a sample.
     b: Vec<Vec<Quad>>,
-    /// Of each output.
-    c: Vec<Vec<Quad>>,
-    each_part: bool,
-    next: Vec<Quad>,
+    held: Vec<Quad>,
+    /// Its part in the motion at the end of a block.
+    sees: Rows,
 }
 
 /// A port over one part of a sample.
 struct Port<'a> {
     law: &'a dyn Force,
-    /// Number of the port in the plant.
-    number: usize,
     /// Of the law.
     state: f64,
     /// Displacement and velocity now, and the displacement to which the law's state belongs (that of the predictor).
     d: f64,
     v: f64,
     path: f64,
-    /// Increments by a force over a part: by a held unit and by a ramp from 0 to 1.
-    held: Vec<Lane>,
-    ramp: Vec<Lane>,
-    held_rest: Vec<Quad>,
-    ramp_rest: Vec<Quad>,
-    /// Rows of displacement and velocity.
-    sees_d: Vec<Lane>,
-    sees_v: Vec<Lane>,
-    sees_d_rest: Vec<Quad>,
-    sees_v_rest: Vec<Quad>,
-    /// Increments of displacement and velocity by each port's ramp.
-    ramps: Vec<(f64, f64)>,
     /// Direct response of the outputs to a unit.
     output: Vec<f64>,
     /// Friction that can hold the port.
@@ -117,141 +96,87 @@ struct Port<'a> {
 struct Hold {
     /// The largest force.
     most: f64,
-    /// Increment of the velocity over a part by a held unit of force.
-    gain: f64,
     /// Whether the port stands still.
     stuck: bool,
     /// The force of the last part.
     force: f64,
 }
 
-/// A disturbance at a port: the increment by a unit over a part, and its direct response.
+/// A disturbance at a port: its value, and the direct response of the outputs to a unit.
 struct Push {
-    /// Of the port in the plant.
-    number: usize,
-    modes: Vec<Lane>,
-    rest: Vec<Quad>,
-    output: Vec<f64>,
     value: f64,
+    output: Vec<f64>,
 }
 
 impl<'a> Runner<'a> {
     /// A runner at rest, with a given number of values of the command in a sample, each of a given number of parts.
     pub fn new(
         plant: &Plant,
-        (values, parts_a_value): (usize, usize),
+        parts: (usize, usize),
         forces: &[(usize, &'a dyn Force)],
         disturbances: &[(usize, Vec<f64>)],
     ) -> Self {
-        let parts = values * parts_a_value;
-        let step = 1.0 / (plant.rate * parts as f64);
-        let rest = NonModalStep::new(plant, parts, step);
-        let none = lanes::complex(std::iter::repeat_n(C::ZERO, plant.modes.len()));
-        let nought = rest.next.clone();
-        let ports = forces.iter().map(|&(number, law)| Port::new(plant, number, law, step)).collect();
-        let push = |number: usize| {
-            let (rest, _) = rest_force(plant, &plant.ports[number].force_rest, step);
-            Push { number, modes: none.clone(), rest, output: plant.ports[number].output.clone(), value: 0.0 }
-        };
-        let mut runner = Self {
-            parts_a_value,
-            step,
-            turn: none.clone(),
-            b: vec![none.clone(); plant.m],
-            c: vec![none.clone(); plant.p],
+        let numbers = forces.iter().map(|(number, _)| *number).collect();
+        let block = Block::new(plant, parts, numbers, disturbances.iter().map(|(number, _)| *number).collect());
+        let poles: Vec<_> = plant.modes.iter().map(|mode| (mode.pole, Carried::UNMOVED)).collect();
+        let output = |number: &usize| plant.ports[*number].output.clone();
+        let all = vec![Quad::default(); block.state_lanes() + block.motion_lanes()];
+        let (state, motion) = all.split_at(block.state_lanes());
+        Self {
+            maps: block.maps(plant, &poles),
+            late: block.late.then(|| Late::new(plant, &block, forces)),
             d: plant.d.clone(),
-            rest,
-            held: none.clone(),
-            held_rest: nought.clone(),
-            added: none.clone(),
-            added_rest: nought.clone(),
-            z: none.clone(),
-            x: nought,
-            ports,
-            pushes: disturbances.iter().map(|&(number, _)| push(number)).collect(),
-            forces: vec![0.0; forces.len()],
-        };
-        for (k, mode) in plant.modes.iter().enumerate() {
-            runner.place(plant, k, mode.pole, Carried::UNMOVED);
+            state: state.to_vec(),
+            motion: motion.to_vec(),
+            forces: motion.to_vec(),
+            next: lanes::zeros(plant.rest.a.nrows()),
+            shown: lanes::zeros(plant.p),
+            ports: forces.iter().map(|(number, law)| Port::new(*law, output(number))).collect(),
+            pushes: disturbances.iter().map(|(number, _)| Push { value: 0.0, output: output(number) }).collect(),
+            held: all.clone(),
+            added: all,
+            block,
         }
-        runner.couple();
-        runner
     }
 
     /// Starts from a state.
     pub fn start(&mut self, state: &State) {
-        self.z = lanes::complex(state.modes.iter().copied());
-        self.x = lanes::real(&state.rest);
-        for j in 0..self.ports.len() {
-            let (d, v) = self.seen(j);
-            (self.ports[j].d, self.ports[j].v, self.ports[j].path) = (d, v, d);
-            self.ports[j].hold.iter_mut().for_each(|hold| hold.stuck = v == 0.0);
+        self.state = self.block.state(&state.modes, &state.rest);
+        self.see();
+        for port in &mut self.ports {
+            port.path = port.d;
+            port.hold.iter_mut().for_each(|hold| hold.stuck = port.v == 0.0);
         }
     }
 
-    /// Sets a mode's pole and all that follows from it over a part.
-    fn place(&mut self, plant: &Plant, k: usize, pole: C, rows: Carried) {
-        let mode = &plant.modes[k];
-        let (held, ramp) = (phi1(pole * self.step) * self.step, phi2(pole * self.step) * self.step);
-        lanes::set(&mut self.turn, k, (pole * self.step).exp());
-        for (to, b) in self.b.iter_mut().zip(mode.b.iter()) {
-            lanes::set(to, k, held * b);
-        }
-        for ((to, c), &sensed) in self.c.iter_mut().zip(&mode.c).zip(&plant.sensed) {
-            lanes::set(to, k, 2.0 * c * rows.sensed(sensed));
-        }
-        for to in &mut self.ports {
-            let port = &plant.ports[to.number];
-            lanes::set(&mut to.held, k, held * port.force[k]);
-            lanes::set(&mut to.ramp, k, ramp * port.force[k]);
-            lanes::set(&mut to.sees_d, k, 2.0 * port.displacement[k] * rows.displacement);
-            lanes::set(&mut to.sees_v, k, 2.0 * port.velocity[k] * rows.velocity);
-        }
-        for push in &mut self.pushes {
-            lanes::set(&mut push.modes, k, held * plant.ports[push.number].force[k]);
-        }
-    }
-
-    /// Computes the increments by each port's ramp at each port.
-    fn couple(&mut self) {
-        for j in 0..self.ports.len() {
-            let at = &self.ports[j];
-            let seen = |by: &Port| {
-                let d = lanes::real_dot(&at.sees_d, &by.ramp) + lanes::dot(&at.sees_d_rest, &by.ramp_rest);
-                let v = lanes::real_dot(&at.sees_v, &by.ramp) + lanes::dot(&at.sees_v_rest, &by.ramp_rest);
-                (d, v)
-            };
-            self.ports[j].ramps = self.ports.iter().map(seen).collect();
-            let at = &self.ports[j];
-            let gain = lanes::real_dot(&at.sees_v, &at.held) + lanes::dot(&at.sees_v_rest, &at.held_rest);
-            self.ports[j].hold.iter_mut().for_each(|hold| hold.gain = gain);
+    /// Sets the motion of the ports to that of the state.
+    fn see(&mut self) {
+        let mut seen = lanes::zeros(2 * self.ports.len());
+        self.maps.seen.add_times(&self.state, &mut seen);
+        for (j, port) in self.ports.iter_mut().enumerate() {
+            (port.d, port.v) = (lanes::get(&seen, 2 * j), lanes::get(&seen, 2 * j + 1));
         }
     }
 
     /// Multiplies every w^2 by `factor`. The force 2 zeta w q' stays, and so does the real part of each pole; a mode's
     /// rows follow its pole. The gains of actuators and filters are those at the former pole.
     fn stiffen(&mut self, plant: &Plant, factor: f64) {
-        for (k, mode) in plant.modes.iter().enumerate() {
-            let from = mode.pole;
+        let pole = |from: C| {
             let square = from.norm_sqr() * factor - from.re * from.re;
-            let pole = C::new(from.re, square.max(1e-6 * from.norm_sqr()).sqrt());
-            self.place(plant, k, pole, Carried::new(from, pole));
-        }
-        self.couple();
-        for j in 0..self.ports.len() {
-            (self.ports[j].d, self.ports[j].v) = self.seen(j);
-        }
+            let to = C::new(from.re, square.max(1e-6 * from.norm_sqr()).sqrt());
+            (to, Carried::new(from, to))
+        };
+        let poles: Vec<_> = plant.modes.iter().map(|mode| pole(mode.pole)).collect();
+        self.maps = self.block.maps(plant, &poles);
+        self.see();
     }
 
     /// Sets a new held input.
     #[inline(always)]
     fn hold(&mut self, u: &[f64]) {
-        self.held.fill(Lane::default());
-        for (b, &u) in self.b.iter().zip(u) {
-            lanes::add(&mut self.held, b, u);
-        }
-        if self.rest.each_part {
-            self.rest.driven(u.iter().copied(), &mut self.held_rest);
+        self.held.fill(Quad::default());
+        for (driven, &u) in self.maps.driven.iter().zip(u) {
+            lanes::add(&mut self.held, driven, u);
         }
         self.renew();
     }
@@ -259,12 +184,9 @@ impl<'a> Runner<'a> {
     #[inline(always)]
     fn renew(&mut self) {
         self.added.copy_from_slice(&self.held);
-        self.added_rest.copy_from_slice(&self.held_rest);
-        for push in &self.pushes {
-            lanes::add(&mut self.added, &push.modes, push.value);
-            if self.rest.each_part {
-                lanes::add_real(&mut self.added_rest, &push.rest, push.value);
-            }
+        let driven = &self.maps.driven[self.maps.driven.len() - self.pushes.len()..];
+        for (push, driven) in self.pushes.iter().zip(driven) {
+            lanes::add(&mut self.added, driven, push.value);
         }
     }
 
@@ -275,21 +197,23 @@ impl<'a> Runner<'a> {
         self.renew();
     }
 
-    /// Steps the rest by a sample with its mean input, if it has no continuous form.
+    /// Sets the mean input of a sample.
     #[inline(always)]
     fn sample(&mut self, drive: &Drive, k: usize) {
-        if self.rest.each_part {
-            return;
-        }
+        let Some(late) = &mut self.late else { return };
         let mean = |u: &Vec<f64>| u[k * drive.parts..(k + 1) * drive.parts].iter().sum::<f64>() / drive.parts as f64;
-        self.rest.driven(drive.u.iter().map(mean), &mut self.held_rest);
-        self.added_rest.copy_from_slice(&self.held_rest);
+        late.held.fill(Quad::default());
+        for (b, u) in late.b.iter().zip(&drive.u) {
+            lanes::add(&mut late.held, b, mean(u));
+        }
     }
 
     #[inline(always)]
-    fn output(&self, u: &[f64], y: &mut [Vec<f64>], sample: usize) {
+    fn output(&mut self, u: &[f64], y: &mut [Vec<f64>], sample: usize) {
+        self.shown.fill(Quad::default());
+        self.maps.outputs.add_times(&self.state, &mut self.shown);
         for (o, channel) in y.iter_mut().enumerate() {
-            let mut sum = lanes::real_dot(&self.c[o], &self.z) + lanes::dot(&self.rest.c[o], &self.x);
+            let mut sum = lanes::get(&self.shown, o);
             for (i, u) in u.iter().enumerate() {
                 sum += self.d[(o, i)] * u;
             }
@@ -305,143 +229,126 @@ impl<'a> Runner<'a> {
         }
     }
 
-    /// Returns displacement and velocity at a port.
-    #[inline(always)]
-    fn seen(&self, j: usize) -> (f64, f64) {
-        let port = &self.ports[j];
-        let d = lanes::real_dot(&port.sees_d, &self.z) + lanes::dot(&port.sees_d_rest, &self.x);
-        let v = lanes::real_dot(&port.sees_v, &self.z) + lanes::dot(&port.sees_v_rest, &self.x);
-        (d, v)
-    }
-
-    /// Steps by one part of a sample.
+    /// Steps by a block; the `last` one ends a sample.
     #[inline(always)]
     fn step(&mut self, last: bool) {
-        for ((z, turn), added) in self.z.iter_mut().zip(&self.turn).zip(&self.added) {
-            *z = z.turned(*turn, *added);
+        let (to_state, to_motion) = self.added.split_at(self.state.len());
+        if !self.ports.is_empty() {
+            self.motion.copy_from_slice(to_motion);
+            self.maps.motion.add_times(&self.state, &mut self.motion);
         }
-        if self.rest.each_part || last {
-            self.rest.step(&mut self.x, &self.added_rest);
+        let modes = self.state.len() - self.next.len();
+        let (modes, rest) = self.state.split_at_mut(modes);
+        let (to_modes, to_rest) = to_state.split_at(modes.len());
+        lanes::turn(modes, &self.maps.turn, to_modes);
+        match &self.late {
+            None => {
+                self.next.copy_from_slice(to_rest);
+                self.maps.rest.add_times(rest, &mut self.next);
+                rest.copy_from_slice(&self.next);
+            }
+            Some(late) => {
+                if last {
+                    self.next.copy_from_slice(&late.held);
+                    late.a.add_times(rest, &mut self.next);
+                    rest.copy_from_slice(&self.next);
+                }
+                late.sees.add_times(rest, &mut self.motion);
+            }
         }
         if self.ports.is_empty() {
             return;
         }
-        for (force, port) in self.forces.iter_mut().zip(&self.ports) {
-            *force = port.acting();
-            lanes::add(&mut self.z, &port.held, *force);
-            if self.rest.each_part {
-                lanes::add_real(&mut self.x, &port.held_rest, *force);
-            }
+        for part in 0..self.block.parts {
+            self.part(part);
+        }
+        self.maps.forces.add_times(&self.forces, &mut self.state);
+    }
+
+    /// Finds the forces of a part. Each is held over the part first, as it was at its beginning, and then becomes what
+    /// the law says of the motion at its end.
+    #[inline(always)]
+    fn part(&mut self, part: usize) {
+        let parts = self.block.parts;
+        for j in 0..self.ports.len() {
+            let force = self.ports[j].acting();
+            *lanes::get_mut(&mut self.forces, self.block.d(j, part)) = force;
+            lanes::add(&mut self.motion, &self.maps.held[j * parts + part], force);
         }
         for j in 0..self.ports.len() {
-            let (d, v) = self.held_still(j);
+            self.hold_still(j, part);
+            let held = lanes::get(&self.forces, self.block.d(j, part));
+            let (d, v) = self.moved(j, part);
             let port = &mut self.ports[j];
-            (port.d, port.v) = (d, v);
             port.state = port.law.advance(port.path, d, port.state);
             port.path = d;
             let stuck = port.hold.as_ref().is_some_and(|hold| hold.stuck);
-            self.forces[j] = if stuck { 0.0 } else { port.law.force(d, v, port.state) - self.forces[j] };
+            let change = if stuck { 0.0 } else { port.law.force(d, v, port.state) - held };
+            *lanes::get_mut(&mut self.forces, self.block.v(j, part)) = change;
         }
-        for (port, &change) in self.ports.iter().zip(&self.forces) {
-            lanes::add(&mut self.z, &port.ramp, change);
-            if self.rest.each_part {
-                lanes::add_real(&mut self.x, &port.ramp_rest, change);
-            }
+        for j in 0..self.ports.len() {
+            let change = lanes::get(&self.forces, self.block.v(j, part));
+            lanes::add(&mut self.motion, &self.maps.ramp[j * parts + part], change);
         }
-        for port in &mut self.ports {
-            for (&(d, v), &change) in port.ramps.iter().zip(&self.forces) {
-                port.d += d * change;
-                port.v += v * change;
-            }
+        for j in 0..self.ports.len() {
+            let (d, v) = self.moved(j, part);
+            (self.ports[j].d, self.ports[j].v) = (d, v);
         }
     }
 
-    /// Returns displacement and velocity at a port after its force was held over a part. Friction that holds the port,
-    /// or on whose way the velocity passes zero, becomes the force that brings the port to rest at the end of the part,
-    /// as far as it can. (This is the time stepping of Moreau for unilateral constraints: J. J. Moreau, in Nonsmooth
-    /// Mechanics and Applications, 1988.)
+    /// Displacement and velocity at a port after a part.
     #[inline(always)]
-    fn held_still(&mut self, j: usize) -> (f64, f64) {
-        let (d, v) = self.seen(j);
-        let (before, held) = (self.ports[j].v, self.forces[j]);
-        let Some(hold) = &mut self.ports[j].hold else { return (d, v) };
-        hold.stuck = hold.stuck || before * v <= 0.0;
+    fn moved(&self, j: usize, part: usize) -> (f64, f64) {
+        (lanes::get(&self.motion, self.block.d(j, part)), lanes::get(&self.motion, self.block.v(j, part)))
+    }
+
+    /// Friction that holds a port, or on whose way the velocity passes zero, becomes the force that brings the port to
+    /// rest at the end of a part, as far as it can. (This is the time stepping of Moreau for unilateral constraints: J.
+    /// J. Moreau, in Nonsmooth Mechanics and Applications, 1988.)
+    #[inline(always)]
+    fn hold_still(&mut self, j: usize, part: usize) {
+        let (at_d, at_v) = (self.block.d(j, part), self.block.v(j, part));
+        let (v, held) = (lanes::get(&self.motion, at_v), lanes::get(&self.forces, at_d));
+        let by_held = &self.maps.held[j * self.block.parts + part];
+        let port = &mut self.ports[j];
+        let Some(hold) = &mut port.hold else { return };
+        hold.stuck = hold.stuck || port.v * v <= 0.0;
         if !hold.stuck {
-            return (d, v);
+            return;
         }
-        let wanted = held - v / hold.gain;
+        let wanted = held - v / lanes::get(by_held, at_v);
         hold.force = wanted.clamp(-hold.most, hold.most);
         hold.stuck = hold.force == wanted;
-        let (change, stuck) = (hold.force - held, hold.stuck);
-        self.forces[j] = hold.force;
-        let port = &self.ports[j];
-        lanes::add(&mut self.z, &port.held, change);
-        if self.rest.each_part {
-            lanes::add_real(&mut self.x, &port.held_rest, change);
+        *lanes::get_mut(&mut self.forces, at_d) = hold.force;
+        lanes::add(&mut self.motion, by_held, hold.force - held);
+        if hold.stuck {
+            *lanes::get_mut(&mut self.motion, at_v) = 0.0;
         }
-        let (d, v) = self.seen(j);
-        (d, if stuck { 0.0 } else { v })
     }
 }
 
-impl NonModalStep {
-    fn new(plant: &Plant, parts: usize, step: f64) -> Self {
+impl Late {
+    fn new(plant: &Plant, block: &Block, forces: &[(usize, &dyn Force)]) -> Self {
         let rest = &plant.rest;
         let r = rest.a.nrows();
-        let continuous = rest.continuous.as_ref().filter(|_| parts > 1);
-        let stepped = continuous.map(|(a, b)| held_and_ramp(a, b, step));
-        let (a, b) = stepped.as_ref().map_or((&rest.a, &rest.b), |(a, b, _)| (a, b));
+        let mut rows = vec![None; lanes::WIDE * block.motion_lanes()];
+        for (j, (number, _)) in forces.iter().enumerate() {
+            rows[block.d(j, block.parts - 1)] = Some(&plant.ports[*number].displacement_rest);
+            rows[block.v(j, block.parts - 1)] = Some(&plant.ports[*number].velocity_rest);
+        }
         Self {
-            a: Rows::new(a),
-            b: b.column_iter().map(|column| lanes::real(column.into_owned().as_slice())).collect(),
-            c: rest.c.row_iter().map(|row| lanes::real(row.transpose().as_slice())).collect(),
-            each_part: parts == 1 || continuous.is_some(),
-            next: lanes::real(&vec![0.0; r]),
+            a: Rows::new(r, r, |i, j| rest.a[(i, j)]),
+            b: rest.b.column_iter().map(|column| lanes::of(column.into_owned().as_slice())).collect(),
+            held: lanes::zeros(r),
+            sees: Rows::new(rows.len(), r, |i, j| rows[i].map_or(0.0, |row| row[j])),
         }
-    }
-
-    /// Adds the increment of a held input.
-    #[inline(always)]
-    fn driven(&self, u: impl Iterator<Item = f64>, to: &mut [Quad]) {
-        to.fill(Quad::default());
-        for (b, u) in self.b.iter().zip(u) {
-            lanes::add_real(to, b, u);
-        }
-    }
-
-    /// x = A x + increment.
-    #[inline(always)]
-    fn step(&mut self, x: &mut Vec<Quad>, added: &[Quad]) {
-        self.a.times(x, added, &mut self.next);
-        std::mem::swap(x, &mut self.next);
     }
 }
 
 impl<'a> Port<'a> {
-    /// Sets all that does not depend on a mode's pole.
-    fn new(plant: &Plant, number: usize, law: &'a dyn Force, step: f64) -> Self {
-        let port = &plant.ports[number];
-        let none = lanes::complex(std::iter::repeat_n(C::ZERO, plant.modes.len()));
-        let (held_rest, ramp_rest) = rest_force(plant, &port.force_rest, step);
-        Self {
-            law,
-            number,
-            state: 0.0,
-            d: 0.0,
-            v: 0.0,
-            path: 0.0,
-            held: none.clone(),
-            ramp: none.clone(),
-            held_rest,
-            ramp_rest,
-            sees_d: none.clone(),
-            sees_v: none,
-            sees_d_rest: lanes::real(port.displacement_rest.as_slice()),
-            sees_v_rest: lanes::real(port.velocity_rest.as_slice()),
-            ramps: Vec::new(),
-            output: port.output.clone(),
-            hold: law.holds().map(|most| Hold { most, gain: 0.0, stuck: true, force: 0.0 }),
-        }
+    fn new(law: &'a dyn Force, output: Vec<f64>) -> Self {
+        let hold = law.holds().map(|most| Hold { most, stuck: true, force: 0.0 });
+        Self { law, state: 0.0, d: 0.0, v: 0.0, path: 0.0, output, hold }
     }
 
     /// Returns the force that acts now.
@@ -451,45 +358,5 @@ impl<'a> Port<'a> {
             Some(hold) if hold.stuck => hold.force,
             _ => self.law.force(self.d, self.v, self.state),
         }
-    }
-}
-
-/// Returns the increments of the rest over a step by a held force and by a ramp from 0 to 1; zero if its continuous
-/// form is not known.
-fn rest_force(plant: &Plant, force: &DVector<f64>, step: f64) -> (Vec<Quad>, Vec<Quad>) {
-    let r = force.len();
-    match &plant.rest.continuous {
-        Some((a, _)) if r > 0 => {
-            let column = DMatrix::from_column_slice(r, 1, force.as_slice());
-            let (_, held, ramp) = held_and_ramp(a, &column, step);
-            (lanes::real(held.as_slice()), lanes::real(ramp.as_slice()))
-        }
-        _ => (lanes::real(&vec![0.0; r]), lanes::real(&vec![0.0; r])),
-    }
-}
-
-/// e^{A h}, int e^{A (h - s)} B ds and int e^{A (h - s)} B s / h ds, from one exponential (Van Loan, IEEE TAC 23,
-/// 1978).
-fn held_and_ramp(a: &DMatrix<f64>, b: &DMatrix<f64>, h: f64) -> (DMatrix<f64>, DMatrix<f64>, DMatrix<f64>) {
-    let (r, m) = b.shape();
-    let size = r + 2 * m;
-    let mut whole = DMatrix::zeros(size, size);
-    whole.view_mut((0, 0), (r, r)).copy_from(&(a * h));
-    whole.view_mut((0, r), (r, m)).copy_from(&(b * h));
-    whole.view_mut((r, r + m), (m, m)).fill_with_identity();
-    let whole = whole.exp();
-    (
-        whole.view((0, 0), (r, r)).into_owned(),
-        whole.view((0, r), (r, m)).into_owned(),
-        whole.view((0, r + m), (r, m)).into_owned(),
-    )
-}
-
-/// (e^x - 1 - x) / x^2.
-fn phi2(x: C) -> C {
-    if x.norm() < 1e-2 {
-        C::from(0.5) + x / 6.0 * (C::ONE + x / 4.0 * (C::ONE + x / 5.0 * (C::ONE + x / 6.0)))
-    } else {
-        (x.exp() - 1.0 - x) / (x * x)
     }
 }

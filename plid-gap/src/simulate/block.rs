@@ -1,0 +1,312 @@
+//! The linear maps of a block: the parts of a sample over which the command is held.
+//!
+//! A force needs to know the motion at its port and nothing else of the modes. The motion at the ends of all parts is
+//! that without forces, which is one product with the state, plus the responses to the forces of earlier parts, which
+//! are a few numbers. The forces then move the state by another product. Modes are thus visited once a block and not in
+//! every part.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::fourier::C;
+use crate::plant::{Carried, Plant, phi1};
+use crate::simulate::lanes::{self, Quad, Rows, WIDE};
+
+/// What is stepped: a plant over blocks, with forces and disturbances at ports (their numbers).
+pub struct Block {
+    /// Number of parts of a block.
+    pub parts: usize,
+    /// Length of a part in s.
+    step: f64,
+    forces: Vec<usize>,
+    pushes: Vec<usize>,
+    rest: RestStep,
+    /// Whether the rest is stepped once a sample, with its mean input, because its continuous form is not known.
+    pub late: bool,
+    /// Numbers of modes and of states of the rest.
+    modes: usize,
+    states: usize,
+}
+
+/// The step of the rest over a part.
+struct RestStep {
+    a: DMatrix<f64>,
+    /// Increments by a held unit and by a ramp from 0 to 1, of each input, then of each force and each disturbance.
+    held: DMatrix<f64>,
+    ramp: DMatrix<f64>,
+}
+
+/// The maps of a block at certain poles. A motion is that of all ports: the displacements at the ends of all parts, then
+/// the velocities. Forces stand likewise: what is held over each part, then the change over it.
+pub struct Maps {
+    /// Turn of the modes.
+    pub turn: Vec<Quad>,
+    /// State matrix of the rest.
+    pub rest: Rows,
+    /// For each input and each disturbance, the increments of the state and then of the motion by a held unit.
+    pub driven: Vec<Vec<Quad>>,
+    /// Outputs by the state.
+    pub outputs: Rows,
+    /// Displacement and velocity at each port by the state.
+    pub seen: Rows,
+    /// Motion by the state.
+    pub motion: Rows,
+    /// State by the forces.
+    pub forces: Rows,
+    /// For each force and each part, the motion by a unit that is held, and by a change of one.
+    pub held: Vec<Vec<Quad>>,
+    pub ramp: Vec<Vec<Quad>>,
+}
+
+/// A column or a row of the states.
+#[derive(Clone)]
+struct States {
+    modes: Vec<C>,
+    rest: DVector<f64>,
+}
+
+impl States {
+    fn new(modes: Vec<C>, rest: DVector<f64>) -> Self {
+        Self { modes, rest }
+    }
+
+    /// Real part of the product of a row with a column.
+    fn dot(&self, column: &Self) -> f64 {
+        self.modes.iter().zip(&column.modes).map(|(a, b)| (a * b).re).sum::<f64>() + self.rest.dot(&column.rest)
+    }
+
+    /// The same now and after each of some parts.
+    fn turned(self, turn: &[C], a: &DMatrix<f64>, count: usize) -> Vec<Self> {
+        let next = |at: &Self| {
+            let modes = at.modes.iter().zip(turn).map(|(z, turn)| z * turn).collect();
+            Some(Self::new(modes, a * &at.rest))
+        };
+        std::iter::successors(Some(self), next).take(count).collect()
+    }
+}
+
+impl Block {
+    /// A block of a plant.
+    pub fn new(plant: &Plant, (values, parts): (usize, usize), forces: Vec<usize>, pushes: Vec<usize>) -> Self {
+        let step = 1.0 / (plant.rate * (values * parts) as f64);
+        let at: Vec<usize> = forces.iter().chain(&pushes).copied().collect();
+        let rest = RestStep::new(plant, values * parts, step, &at);
+        let late = plant.rest.continuous.is_none() && values * parts > 1;
+        Self { parts, step, forces, pushes, rest, late, modes: plant.modes.len(), states: plant.rest.a.nrows() }
+    }
+
+    /// Number of lanes of the modes.
+    pub fn mode_lanes(&self) -> usize {
+        2 * self.modes.div_ceil(WIDE)
+    }
+
+    /// Number of lanes of the state.
+    pub fn state_lanes(&self) -> usize {
+        self.mode_lanes() + self.states.div_ceil(WIDE)
+    }
+
+    /// Number of lanes of a motion.
+    pub fn motion_lanes(&self) -> usize {
+        2 * self.forces.len() * self.parts.div_ceil(WIDE)
+    }
+
+    /// The place of a displacement in a motion, and of what is held among the forces.
+    pub fn d(&self, port: usize, part: usize) -> usize {
+        2 * port * self.parts.next_multiple_of(WIDE) + part
+    }
+
+    /// The place of a velocity, and of a change.
+    pub fn v(&self, port: usize, part: usize) -> usize {
+        (2 * port + 1) * self.parts.next_multiple_of(WIDE) + part
+    }
+
+    /// Returns a state in lanes.
+    pub fn state(&self, modes: &[C], rest: &[f64]) -> Vec<Quad> {
+        self.in_lanes(modes, rest, 1.0)
+    }
+
+    /// Four real parts are followed by the four imaginary parts, and all modes by the rest.
+    fn in_lanes(&self, modes: &[C], rest: &[f64], sign: f64) -> Vec<Quad> {
+        let mut lanes = lanes::zeros(WIDE * self.state_lanes());
+        for (k, z) in modes.iter().enumerate() {
+            let four = &mut lanes[2 * (k / WIDE)..];
+            (four[0].0[k % WIDE], four[1].0[k % WIDE]) = (z.re, sign * z.im);
+        }
+        let first = WIDE * self.mode_lanes();
+        rest.iter().enumerate().for_each(|(j, x)| *lanes::get_mut(&mut lanes, first + j) = *x);
+        lanes
+    }
+
+    fn rows(&self, rows: &[States]) -> Rows {
+        let rows: Vec<Vec<Quad>> =
+            rows.iter().map(|row| self.in_lanes(&row.modes, row.rest.as_slice(), -1.0)).collect();
+        Rows::new(rows.len(), WIDE * self.state_lanes(), |i, j| lanes::get(&rows[i], j))
+    }
+
+    /// Returns the maps of a plant whose modes have these poles, with the factors of their rows.
+    pub fn maps(&self, plant: &Plant, poles: &[(C, Carried)]) -> Maps {
+        let turn: Vec<C> = poles.iter().map(|(pole, _)| (pole * self.step).exp()).collect();
+        let ports: Vec<[States; 2]> = self.forces.iter().map(|&number| seen(plant, number, poles)).collect();
+        let whole: Vec<C> = poles.iter().map(|(pole, _)| (pole * self.step * self.parts as f64).exp()).collect();
+        let mut rest = self.rest.a.clone();
+        (1..self.parts).for_each(|_| rest = &rest * &self.rest.a);
+        let mut maps = Maps {
+            turn: self.in_lanes(&whole, &[], 1.0),
+            rest: Rows::new(self.states, self.states, |i, j| rest[(i, j)]),
+            driven: Vec::new(),
+            outputs: self.rows(&outputs(plant, poles)),
+            seen: self.rows(&ports.concat()),
+            motion: self.motion(&ports, &turn),
+            forces: Rows::default(),
+            held: Vec::new(),
+            ramp: Vec::new(),
+        };
+        let inputs = (0..plant.m).map(|i| plant.modes.iter().map(|mode| mode.b[i]).collect());
+        let pushes = self.pushes.iter().map(|&number| plant.ports[number].force.clone());
+        let rest = (0..plant.m).chain(plant.m + self.forces.len()..self.rest.held.ncols());
+        for (modes, column) in inputs.chain(pushes).zip(rest) {
+            let states = self.by(modes, poles, phi1, self.rest.held.column(column).into_owned());
+            maps.driven.push(self.driven(states, &ports, &turn));
+        }
+        self.set_forces(plant, poles, &ports, &turn, &mut maps);
+        maps
+    }
+
+    /// The increment of the states over a part by a unit on each of the modes, with a weight over the part.
+    fn by(&self, modes: Vec<C>, poles: &[(C, Carried)], weight: fn(C) -> C, rest: DVector<f64>) -> States {
+        let of = |(b, (pole, _)): (C, &(C, Carried))| weight(pole * self.step) * self.step * b;
+        States::new(modes.into_iter().zip(poles).map(of).collect(), rest)
+    }
+
+    /// The motion by the state, as rows.
+    fn motion(&self, ports: &[[States; 2]], turn: &[C]) -> Rows {
+        let none = States::new(vec![C::ZERO; self.modes], DVector::zeros(self.states));
+        let mut rows = vec![none; WIDE * self.motion_lanes()];
+        let a = self.rest.a.transpose();
+        for (port, [d, v]) in ports.iter().enumerate() {
+            let later = |row: &States| row.clone().turned(turn, &a, self.parts + 1).into_iter().skip(1).enumerate();
+            later(d).for_each(|(part, row)| rows[self.d(port, part)] = row);
+            later(v).for_each(|(part, row)| rows[self.v(port, part)] = row);
+            if self.late {
+                // It is stepped before its part in the last motion is added.
+                rows[self.d(port, self.parts - 1)].rest.fill(0.0);
+                rows[self.v(port, self.parts - 1)].rest.fill(0.0);
+            }
+        }
+        self.rows(&rows)
+    }
+
+    /// The motion by columns that act from some part on, each a part later.
+    fn moved(&self, ports: &[[States; 2]], columns: &[States], from: usize) -> Vec<Quad> {
+        let mut motion = lanes::zeros(WIDE * self.motion_lanes());
+        for (port, [d, v]) in ports.iter().enumerate() {
+            for (part, column) in (from..self.parts).zip(columns) {
+                *lanes::get_mut(&mut motion, self.d(port, part)) = d.dot(column);
+                *lanes::get_mut(&mut motion, self.v(port, part)) = v.dot(column);
+            }
+        }
+        motion
+    }
+
+    /// The increments of the state and of the motion by a unit that is held over all parts.
+    fn driven(&self, over_a_part: States, ports: &[[States; 2]], turn: &[C]) -> Vec<Quad> {
+        let mut sums = over_a_part.turned(turn, &self.rest.a, self.parts);
+        for part in 1..self.parts {
+            let (before, at) = sums.split_at_mut(part);
+            at[0].modes.iter_mut().zip(&before[part - 1].modes).for_each(|(sum, more)| *sum += more);
+            at[0].rest += &before[part - 1].rest;
+        }
+        let last = &sums[self.parts - 1];
+        [self.state(&last.modes, last.rest.as_slice()), self.moved(ports, &sums, 0)].concat()
+    }
+
+    /// Sets what forces do to the state and to the motion.
+    fn set_forces(&self, plant: &Plant, poles: &[(C, Carried)], ports: &[[States; 2]], turn: &[C], to: &mut Maps) {
+        let mut columns = vec![Vec::new(); WIDE * self.motion_lanes()];
+        for (port, &number) in self.forces.iter().enumerate() {
+            let force = &plant.ports[number].force;
+            let by = |weight, rest: &DMatrix<f64>| {
+                let rest = rest.column(plant.m + port).into_owned();
+                self.by(force.clone(), poles, weight, rest).turned(turn, &self.rest.a, self.parts)
+            };
+            let (held, ramp) = (by(phi1, &self.rest.held), by(phi2, &self.rest.ramp));
+            for part in 0..self.parts {
+                let state = |by: &[States]| {
+                    let last = &by[self.parts - 1 - part];
+                    self.state(&last.modes, last.rest.as_slice())
+                };
+                columns[self.d(port, part)] = state(&held);
+                columns[self.v(port, part)] = state(&ramp);
+                to.held.push(self.moved(ports, &held, part));
+                to.ramp.push(self.moved(ports, &ramp, part));
+            }
+        }
+        let entry = |i: usize, j: usize| if columns[j].is_empty() { 0.0 } else { lanes::get(&columns[j], i) };
+        to.forces = Rows::new(WIDE * self.state_lanes(), columns.len(), entry);
+    }
+}
+
+impl RestStep {
+    fn new(plant: &Plant, parts: usize, step: f64, ports: &[usize]) -> Self {
+        let rest = &plant.rest;
+        let (r, m) = rest.b.shape();
+        let none = |columns: usize| DMatrix::zeros(r, columns);
+        let force = DMatrix::from_fn(r, ports.len(), |i, j| plant.ports[ports[j]].force_rest[i]);
+        let (mut a, mut held, ramp) = match &rest.continuous {
+            Some((a, b)) if r > 0 && (parts > 1 || !ports.is_empty()) => {
+                let both =
+                    DMatrix::from_fn(r, m + ports.len(), |i, j| if j < m { b[(i, j)] } else { force[(i, j - m)] });
+                held_and_ramp(a, &both, step)
+            }
+            _ => (DMatrix::identity(r, r), none(m + ports.len()), none(m + ports.len())),
+        };
+        if parts == 1 {
+            a.copy_from(&rest.a);
+            held.columns_mut(0, m).copy_from(&rest.b);
+        }
+        Self { a, held, ramp }
+    }
+}
+
+/// The rows of the outputs.
+fn outputs(plant: &Plant, poles: &[(C, Carried)]) -> Vec<States> {
+    let row = |o: usize| {
+        let modes = plant.modes.iter().zip(poles);
+        let modes = modes.map(|(mode, (_, rows))| 2.0 * mode.c[o] * rows.sensed(plant.sensed[o])).collect();
+        States::new(modes, plant.rest.c.row(o).transpose())
+    };
+    (0..plant.p).map(row).collect()
+}
+
+/// The rows of displacement and velocity at a port.
+fn seen(plant: &Plant, number: usize, poles: &[(C, Carried)]) -> [States; 2] {
+    let port = &plant.ports[number];
+    let d = port.displacement.iter().zip(poles).map(|(d, (_, rows))| 2.0 * d * rows.displacement);
+    let v = port.velocity.iter().zip(poles).map(|(v, (_, rows))| 2.0 * v * rows.velocity);
+    [States::new(d.collect(), port.displacement_rest.clone()), States::new(v.collect(), port.velocity_rest.clone())]
+}
+
+/// e^{A h}, int e^{A (h - s)} B ds and int e^{A (h - s)} B s / h ds, from one exponential (Van Loan, IEEE TAC 23,
+/// 1978).
+fn held_and_ramp(a: &DMatrix<f64>, b: &DMatrix<f64>, h: f64) -> (DMatrix<f64>, DMatrix<f64>, DMatrix<f64>) {
+    let (r, m) = b.shape();
+    let size = r + 2 * m;
+    let mut whole = DMatrix::zeros(size, size);
+    whole.view_mut((0, 0), (r, r)).copy_from(&(a * h));
+    whole.view_mut((0, r), (r, m)).copy_from(&(b * h));
+    whole.view_mut((r, r + m), (m, m)).fill_with_identity();
+    let whole = whole.exp();
+    (
+        whole.view((0, 0), (r, r)).into_owned(),
+        whole.view((0, r), (r, m)).into_owned(),
+        whole.view((0, r + m), (r, m)).into_owned(),
+    )
+}
+
+/// (e^x - 1 - x) / x^2.
+fn phi2(x: C) -> C {
+    if x.norm() < 1e-2 {
+        C::from(0.5) + x / 6.0 * (C::ONE + x / 4.0 * (C::ONE + x / 5.0 * (C::ONE + x / 6.0)))
+    } else {
+        (x.exp() - 1.0 - x) / (x * x)
+    }
+}
