@@ -250,7 +250,8 @@ mod tests {
     }
 
     proptest::proptest! {
-        /// A damaged file is an error, or all of its variables are accounted for; nothing panics.
+        /// A damaged file is an error, or all of its variables are accounted for; nothing panics. In version 4 a matrix
+        /// has no size but its dimensions: with others it may hold exactly what follows.
         #[test]
         fn no_variable_of_a_damaged_file_is_lost_without_a_word(
             which in 0..3_usize,
@@ -269,7 +270,8 @@ mod tests {
             if let Some(end) = end {
                 bytes.truncate(end.index(original.len()));
             }
-            if let Ok(found) = variables(&bytes) && bytes.len() == original.len() {
+            let sized = which != 0 && bytes.len() == original.len();
+            if let Ok(found) = variables(&bytes) && sized {
                 proptest::prop_assert_eq!(found.len(), variables(original).unwrap().len());
             }
         }

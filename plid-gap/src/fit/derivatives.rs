@@ -120,8 +120,8 @@ impl Column {
 }
 
 impl Nuisance {
-    /// Returns the derivatives of the outputs of a record. `spectrum` is that of the plant ([`Spectrum::of`]), which all
-    /// records share; without it the parameters of the rest are left out.
+    /// Returns the derivatives of the outputs of a record. `spectrum` is that of the plant ([`Spectrum::of`]), which
+    /// all records share; without it the parameters of the rest are left out.
     pub fn derivatives(
         &self,
         plant: &Plant,

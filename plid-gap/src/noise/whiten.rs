@@ -142,8 +142,8 @@ impl Whitener {
         }
     }
 
-    /// Returns the adjoint: the channels whose products with any outputs sum to the product of `white` with the whitened
-    /// outputs. Only samples that are used are returned.
+    /// Returns the adjoint: the channels whose products with any outputs sum to the product of `white` with the
+    /// whitened outputs. Only samples that are used are returned.
     pub fn adjoint(&self, white: &[f64]) -> Channels {
         let mut white = white.to_vec();
         for (rows, basis) in self.taken_out.iter().rev() {

@@ -35,8 +35,8 @@ struct RestStep {
     ramp: DMatrix<f64>,
 }
 
-/// The maps of a block at certain poles. A motion is that of all ports: the displacements at the ends of all parts, then
-/// the velocities. Forces stand likewise: what is held over each part, then the change over it.
+/// The maps of a block at certain poles. A motion is that of all ports: the displacements at the ends of all parts,
+/// then the velocities. Forces stand likewise: what is held over each part, then the change over it.
 pub struct Maps {
     /// Turn of the modes.
     pub turn: Vec<Quad>,
